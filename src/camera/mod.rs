@@ -1,0 +1,91 @@
+//! Cameras: replay, V4L2, gphoto; the remote release.
+
+use std::time::Duration;
+
+use serde_json::{Map, Value};
+
+/// A frame as the camera delivered it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// The camera's own bytes, untouched.
+    pub bytes: Vec<u8>,
+    /// How to read them.
+    pub format: Format,
+    /// What the camera says of the shot: exposure, counter, its own time. Kept in `series.json`.
+    pub settings: Map<String, Value>,
+}
+
+/// How a frame's bytes are to be read; also gives the file's ending.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase", tag = "kind")]
+pub enum Format {
+    /// A whole JPEG file (MJPEG frames too).
+    Jpeg,
+    /// A whole PNG, PNM or TIFF file; the ending is kept.
+    File {
+        /// Without the dot.
+        extension: String,
+    },
+    /// Bare samples of a V4L2 device.
+    Raw {
+        /// FourCC such as `GREY`, `YUYV`, `BA81`, `RG10`, `RG12`.
+        fourcc: String,
+        /// px.
+        width: u32,
+        /// px.
+        height: u32,
+        /// Bytes from one row to the next.
+        stride: u32,
+    },
+}
+
+/// Why a camera did not deliver, cut by what the caller does about it.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CameraError {
+    /// Try again soon.
+    #[error("camera is busy: {0}")]
+    Busy(String),
+    /// Reopen, and look for it again.
+    #[error("camera is gone: {0}")]
+    Gone(String),
+    /// No answer within the deadline; close and reopen.
+    #[error("camera did not answer within {after_s:.1} s: {what}")]
+    Timeout {
+        /// The deadline that passed, s.
+        after_s: f64,
+        /// What was waited for.
+        what: String,
+    },
+    /// The camera refuses what is asked; a person must act.
+    #[error("camera refuses: {0}")]
+    Refused(String),
+    /// A frame came, but it is damaged or an old one.
+    #[error("camera delivered a bad frame: {0}")]
+    BadFrame(String),
+}
+
+/// What a camera says of itself when opened.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct CameraInfo {
+    /// Maker, model, serial number as far as known.
+    pub name: String,
+    /// Settings in force. Kept in `series.json`.
+    pub settings: Map<String, Value>,
+    /// Settings that are not as configured; logged and recorded.
+    pub warnings: Vec<String>,
+}
+
+/// A camera. It lives on a thread of its own; every call may block up to its deadline and no longer
+/// by design, yet the daemon keeps a hard limit of its own.
+pub trait Camera: Send {
+    /// Opens and prepares for a series; may be called again after `close`.
+    fn open(&mut self) -> Result<CameraInfo, CameraError>;
+    /// Takes one shot.
+    fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError>;
+    /// Tells the camera that our copy of its last frame is durable (it may now delete its own).
+    fn release_last(&mut self) -> Result<(), CameraError> {
+        Ok(())
+    }
+    /// Closes; errors are of no interest any more.
+    fn close(&mut self);
+}

@@ -1,0 +1,1 @@
+//! The configuration: composed of the modules own sections.

@@ -1,0 +1,1 @@
+//! The recorder: schedule, capture, processing, status, shutdown.

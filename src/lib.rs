@@ -1,0 +1,27 @@
+//! `wingd`: the shape of a wing in flight, measured with one camera at a cabin window.
+//!
+//! The layers, lowest first. A module imports only from layers below its own, and modules of one
+//! layer do not know each other (`tests/layers.rs` keeps this).
+//!
+//! | layer | modules | subject |
+//! |---|---|---|
+//! | 1 | [`measure`] | pure: pixels and surveys in, deflection out |
+//! | 2 | [`installation`], [`clock`], [`record`] | the prepared directory; time; the result as written |
+//! | 3 | [`camera`], [`store`], [`pipeline`] | shots; safe keeping; from frame bytes to a record |
+//! | 4 | [`report`], [`daemon`] | figures and tables; the recorder |
+//! | 5 | [`http`] | read-only download page |
+//! | 6 | [`config`] | composes every module's own section |
+//! | 7 | [`cli`] | one file per command |
+
+pub mod camera;
+pub mod cli;
+pub mod clock;
+pub mod config;
+pub mod daemon;
+pub mod http;
+pub mod installation;
+pub mod measure;
+pub mod pipeline;
+pub mod record;
+pub mod report;
+pub mod store;

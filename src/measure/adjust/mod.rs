@@ -1,0 +1,253 @@
+//! Observations -> deflection: profile, spatial, flight; quality, variance components.
+
+use nalgebra::{DMatrix, Matrix2, Matrix3, Vector2, Vector3};
+
+use super::setup::{Orientation, Setup};
+
+/// One marker seen in one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Observation {
+    /// Index in [`Setup::markers`].
+    pub marker: usize,
+    /// Image of the marker's centre, px.
+    pub pixel: Vector2<f64>,
+    /// Its covariance, px^2.
+    pub covariance_px2: Matrix2<f64>,
+}
+
+/// Which standard deviations are reported.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum SigmaKind {
+    /// A posteriori where the global test rejects, a priori where it accepts.
+    #[default]
+    ByTest,
+    /// A priori.
+    Prior,
+    /// A posteriori: scaled by the root of the variance factor.
+    Posterior,
+}
+
+/// Choices of an adjustment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Which standard deviations are reported.
+    pub sigma: SigmaKind,
+    /// Terms of the curvature, 1 to 4; `None`: chosen by test.
+    pub curvature_terms: Option<usize>,
+    /// Terms of the twist.
+    pub twist_terms: usize,
+    /// Estimate variance components of image and survey (Koch 1986).
+    pub variance_components: bool,
+    /// Level of significance of the global test.
+    pub global_alpha: f64,
+    /// Level of significance of the w-test; 0 switches data snooping off.
+    pub snooping_alpha: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            sigma: SigmaKind::ByTest,
+            curvature_terms: None,
+            twist_terms: 2,
+            variance_components: false,
+            global_alpha: 0.01,
+            snooping_alpha: 0.001,
+        }
+    }
+}
+
+/// The method that gave a solution.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// The paper's (MODEL.md section 2).
+    Profile,
+    /// The rigid-section beam (section 3).
+    Spatial,
+    /// Spatial, the frames of a flight together.
+    Flight,
+}
+
+/// A number with its standard deviation; `None` for one that was held fixed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// The value, in the unit that the field's name bears.
+    pub value: f64,
+    /// Its standard deviation, same unit.
+    pub sigma: Option<f64>,
+}
+
+/// A named parameter of the model, with the unit in the name.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameter {
+    /// As in the results, e.g. `a_per_m`, `curvature_per_m`.
+    pub name: &'static str,
+    /// One entry, or one per term.
+    pub values: Vec<Estimate>,
+}
+
+/// Verdict of the chi-square test on the variance factor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GlobalTest {
+    /// The variance factor is compatible with 1.
+    Passed,
+    /// It is not.
+    Rejected,
+    /// No redundancy, no verdict.
+    NotPossible,
+}
+
+/// What the adjustment says of one marker of the survey.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MarkerSolution {
+    /// Index in [`Setup::markers`].
+    pub marker: usize,
+    /// Whether its observation took part; if not, `reason`.
+    pub used: bool,
+    /// Why not, one sentence.
+    pub reason: Option<String>,
+    /// Residual (adjusted - observed), px; `None` without an observation.
+    pub residual_px: Option<Vector2<f64>>,
+    /// Redundancy numbers of u and v, 0 to 1.
+    pub redundancy: Option<Vector2<f64>>,
+    /// w-test statistic of the marker's observation.
+    pub w_test: Option<f64>,
+    /// Minimal detectable bias, px, (u, v).
+    pub minimal_detectable_bias_px: Option<Vector2<f64>>,
+    /// Distance from the projection centre, m (profile: d in the vertical plane).
+    pub distance_m: Option<Estimate>,
+    /// Survey frame, in flight, m.
+    pub position_m: Option<Vector3<f64>>,
+    /// Its covariance, m^2.
+    pub covariance_m2: Option<Matrix3<f64>>,
+    /// Vertical displacement against the survey, positive up, m.
+    pub lift_m: Option<Estimate>,
+}
+
+/// Torsion of one pair.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Torsion {
+    /// The pair's name.
+    pub name: String,
+    /// Change of the angle of attack as the paper computes it, nose up positive, rad.
+    pub angle_rad: Option<Estimate>,
+    /// Free of bending, rad; `None` with profile.
+    pub twist_rad: Option<Estimate>,
+}
+
+/// A point of the deflection or twist curve along the span.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CurvePoint {
+    /// Arc length from the bending root, m.
+    pub arc_length_m: f64,
+    /// Wing-frame X, in flight, m.
+    pub span_m: f64,
+    /// Lift of the bending axis, m.
+    pub lift_m: Estimate,
+    /// Twist of the section, nose up positive, rad; `None` with profile.
+    pub twist_rad: Option<Estimate>,
+}
+
+/// One group's variance component.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VarianceComponent {
+    /// `image` or `survey`.
+    pub group: &'static str,
+    /// The component (1: the group's standard deviations are right).
+    pub factor: f64,
+    /// The group's share of the redundancy.
+    pub redundancy: f64,
+}
+
+/// The outcome of an adjustment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Solution {
+    /// Which model.
+    pub method: Method,
+    /// A-posteriori variance factor; `None` at redundancy 0.
+    pub variance_factor: Option<f64>,
+    /// Conditions less parameters.
+    pub redundancy: usize,
+    /// Verdict on the variance factor.
+    pub global_test: GlobalTest,
+    /// True: the standard deviations here are a posteriori.
+    pub posterior: bool,
+    /// The model's parameters.
+    pub parameters: Vec<Parameter>,
+    /// Correlation of the parameters, in their order.
+    pub correlation: DMatrix<f64>,
+    /// Correlation of the mount's pitch with the amplitude of bending (spatial).
+    pub pitch_bending_correlation: Option<f64>,
+    /// One per marker of the survey, in its order.
+    pub markers: Vec<MarkerSolution>,
+    /// One per pair, in the installation's order.
+    pub torsion: Vec<Torsion>,
+    /// Curves along the span, root to tip.
+    pub curve: Vec<CurvePoint>,
+    /// Where asked for.
+    pub variance_components: Vec<VarianceComponent>,
+    /// Remarks a person should read (rejected markers, order chosen, weak separation).
+    pub remarks: Vec<String>,
+    /// Iterations until convergence.
+    pub iterations: usize,
+}
+
+/// Why no solution was found.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum AdjustError {
+    /// Fewer observations than unknowns.
+    #[error("{found} markers identified, at least {needed} are needed for this method")]
+    TooFewMarkers {
+        /// At hand.
+        found: usize,
+        /// Needed.
+        needed: usize,
+    },
+    /// The normal matrix is singular; the datum that is missing is named.
+    #[error("the adjustment has no unique solution: {missing}")]
+    Singular {
+        /// What cannot be determined, and from what it could.
+        missing: String,
+    },
+    /// The iteration did not settle.
+    #[error(
+        "the adjustment did not converge after {iterations} iterations; look for a wrong survey point or a wrong identity"
+    )]
+    NoConvergence {
+        /// Iterations done.
+        iterations: usize,
+    },
+    /// A pixel has no ray, or a number is not finite.
+    #[error("{0}")]
+    Input(String),
+}
+
+/// The paper's method (MODEL.md section 2).
+pub fn profile(
+    _setup: &Setup,
+    _orientation: &Orientation,
+    observations: &[Observation],
+    _options: &Options,
+) -> Result<Solution, AdjustError> {
+    Err(AdjustError::TooFewMarkers { found: observations.len(), needed: 2 })
+}
+
+/// The rigid-section beam, one frame (MODEL.md section 3).
+pub fn spatial(
+    _setup: &Setup,
+    _orientation: &Orientation,
+    observations: &[Observation],
+    _options: &Options,
+) -> Result<Solution, AdjustError> {
+    Err(AdjustError::TooFewMarkers { found: observations.len(), needed: 6 })
+}
+
+/// The rigid-section beam, the frames between two remounts together; one solution per frame.
+pub fn flight(
+    _setup: &Setup,
+    _orientation: &Orientation,
+    frames: &[Vec<Observation>],
+    _options: &Options,
+) -> Result<Vec<Solution>, AdjustError> {
+    Err(AdjustError::TooFewMarkers { found: frames.iter().map(Vec::len).sum(), needed: 6 })
+}

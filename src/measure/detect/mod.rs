@@ -1,0 +1,114 @@
+//! Image -> markers.
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::raster::Raster;
+use super::setup::Shape;
+
+/// A marker found in a picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Detection {
+    /// Quadrant or circle.
+    pub shape: Shape,
+    /// Quadrant: the saddle. Circle: the ellipse's own centre, perspective bias **not** removed. px.
+    pub centre_px: Vector2<f64>,
+    /// Covariance of `centre_px` from the fit's residuals and Jacobian, px^2.
+    pub covariance_px2: Matrix2<f64>,
+    /// Outline's semi-major axis, px.
+    pub semi_major_px: f64,
+    /// Outline's semi-minor axis, px.
+    pub semi_minor_px: f64,
+    /// Direction of the major axis, from u towards v, rad, in (-pi/2, pi/2].
+    pub angle_rad: f64,
+    /// Root mean square of the fit's residuals, grey levels.
+    pub fit_rms: f64,
+    /// Grey levels between white (or skin) and black.
+    pub contrast: f64,
+}
+
+/// A candidate that was looked at and turned down.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rejected {
+    /// Where, px.
+    pub centre_px: Vector2<f64>,
+    /// Rough size, px.
+    pub semi_major_px: f64,
+    /// Rough size, px.
+    pub semi_minor_px: f64,
+    /// Rough direction, rad.
+    pub angle_rad: f64,
+    /// Why.
+    pub reason: RejectReason,
+}
+
+/// Why a candidate is not a marker.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum RejectReason {
+    /// The outline touches the frame's edge.
+    TouchesEdge,
+    /// Too small to be measured.
+    TooSmall,
+    /// Flatter than 1:15 with a margin, or not an ellipse at all.
+    NotAnEllipse,
+    /// Too little contrast against the noise.
+    LowContrast,
+    /// The inside is not uniformly dark (circle) nor four quadrants.
+    Pattern,
+    /// The model's fit leaves residuals that are too large.
+    PoorFit,
+    /// The fit did not converge.
+    NoConvergence,
+    /// Another detection already explains it.
+    Duplicate,
+}
+
+impl RejectReason {
+    /// A few words for a person.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::TouchesEdge => "touches the frame's edge",
+            Self::TooSmall => "too small to measure",
+            Self::NotAnEllipse => "outline is not an ellipse",
+            Self::LowContrast => "too little contrast",
+            Self::Pattern => "inside is neither uniform nor four quadrants",
+            Self::PoorFit => "image model does not fit",
+            Self::NoConvergence => "fit did not converge",
+            Self::Duplicate => "another detection explains it",
+        }
+    }
+}
+
+/// All that one frame yields.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Detections {
+    /// In stable order: by v, then u.
+    pub markers: Vec<Detection>,
+    /// In stable order: by v, then u.
+    pub rejected: Vec<Rejected>,
+    /// Standard deviation of the frame's point spread function, px; `None` without markers.
+    pub psf_sigma_px: Option<f64>,
+    /// Standard deviation of the grey values' noise, grey levels.
+    pub noise: f64,
+}
+
+/// Where a marker is expected: the outline predicted from an earlier frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prediction {
+    /// Kind of target.
+    pub shape: Shape,
+    /// Expected centre, px.
+    pub centre_px: Vector2<f64>,
+    /// Expected semi-major axis, px.
+    pub semi_major_px: f64,
+    /// Expected semi-minor axis, px.
+    pub semi_minor_px: f64,
+    /// Expected direction, rad.
+    pub angle_rad: f64,
+    /// How far the centre may be off, px.
+    pub search_px: f64,
+}
+
+/// Finds the markers of a frame without help. Deterministic at any number of threads.
+pub fn detect(_image: &Raster) -> Detections {
+    Detections::default()
+}

@@ -1,0 +1,1 @@
+//! Refraction at the window, thermal expansion.

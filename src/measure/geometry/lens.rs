@@ -1,0 +1,231 @@
+//! Interior orientation: pinhole with Brown's distortion in OpenCV's form (MODEL.md section 1).
+
+use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, Vector2, Vector3};
+
+/// A calibrated camera. Camera frame: x right, y down, z forward. Pixel (0, 0) is the centre of
+/// the top-left pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lens {
+    /// Image width, px.
+    pub width: u32,
+    /// Image height, px.
+    pub height: u32,
+    /// Camera constant in u, px.
+    pub fx: f64,
+    /// Camera constant in v, px.
+    pub fy: f64,
+    /// Principal point u, px.
+    pub cx: f64,
+    /// Principal point v, px.
+    pub cy: f64,
+    /// Radial distortion r^2.
+    pub k1: f64,
+    /// Radial distortion r^4.
+    pub k2: f64,
+    /// Radial distortion r^6.
+    pub k3: f64,
+    /// Tangential distortion.
+    pub p1: f64,
+    /// Tangential distortion.
+    pub p2: f64,
+}
+
+/// Why a pixel has no ray.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum LensError {
+    /// The inverse of the distortion does not exist there, or the iteration did not reach it.
+    #[error(
+        "the lens distortion cannot be inverted at pixel ({u_px:.1}, {v_px:.1}); check k1 to p2 in camera.toml"
+    )]
+    NoInverse {
+        /// Column, px.
+        u_px: f64,
+        /// Row, px.
+        v_px: f64,
+    },
+}
+
+const MAX_ITERATIONS: usize = 50;
+/// Residual of the inverse in normalised coordinates; about 1e-9 px at f = 8000 px.
+const INVERSE_TOLERANCE: f64 = 1e-13;
+
+impl Lens {
+    /// A camera without distortion.
+    pub fn pinhole(width: u32, height: u32, f_px: f64, cx: f64, cy: f64) -> Self {
+        let (fx, fy) = (f_px, f_px);
+        Self { width, height, fx, fy, cx, cy, k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 }
+    }
+
+    /// Distorts normalised coordinates; also the 2x2 Jacobian d(distorted)/d(undistorted).
+    pub fn distort(&self, n: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+        let (x, y) = (n.x, n.y);
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
+        let slope = 2.0 * (self.k1 + r2 * (2.0 * self.k2 + 3.0 * r2 * self.k3));
+        let xd = x * radial + 2.0 * self.p1 * x * y + self.p2 * (r2 + 2.0 * x * x);
+        let yd = y * radial + self.p1 * (r2 + 2.0 * y * y) + 2.0 * self.p2 * x * y;
+        let cross = slope * x * y + 2.0 * self.p1 * x + 2.0 * self.p2 * y;
+        let jacobian = Matrix2::new(
+            radial + slope * x * x + 2.0 * self.p1 * y + 6.0 * self.p2 * x,
+            cross,
+            cross,
+            radial + slope * y * y + 6.0 * self.p1 * y + 2.0 * self.p2 * x,
+        );
+        (Vector2::new(xd, yd), jacobian)
+    }
+
+    /// The pixel of a camera-frame point, m; `None` behind the camera.
+    pub fn project(&self, p: &Vector3<f64>) -> Option<Vector2<f64>> {
+        (p.z > 0.0).then(|| {
+            let (d, _) = self.distort(&Vector2::new(p.x / p.z, p.y / p.z));
+            Vector2::new(self.fx * d.x + self.cx, self.fy * d.y + self.cy)
+        })
+    }
+
+    /// The pixel of a camera-frame point and the Jacobian d(pixel)/d(point), px/m.
+    pub fn project_with_jacobian(&self, p: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
+        if p.z <= 0.0 {
+            return None;
+        }
+        let n = Vector2::new(p.x / p.z, p.y / p.z);
+        let (d, distortion) = self.distort(&n);
+        let iz = 1.0 / p.z;
+        let perspective = Matrix2x3::new(iz, 0.0, -n.x * iz, 0.0, iz, -n.y * iz);
+        let focal = Matrix2::new(self.fx, 0.0, 0.0, self.fy);
+        let pixel = Vector2::new(self.fx * d.x + self.cx, self.fy * d.y + self.cy);
+        Some((pixel, focal * distortion * perspective))
+    }
+
+    /// Undistorted normalised coordinates (x/z, y/z) of a pixel, by Newton's iteration with the
+    /// exact Jacobian and step halving.
+    pub fn undistort(&self, pixel: &Vector2<f64>) -> Result<Vector2<f64>, LensError> {
+        let fail = LensError::NoInverse { u_px: pixel.x, v_px: pixel.y };
+        let target = Vector2::new((pixel.x - self.cx) / self.fx, (pixel.y - self.cy) / self.fy);
+        let mut n = target;
+        let (mut d, mut jacobian) = self.distort(&n);
+        for _ in 0..MAX_ITERATIONS {
+            let residual = target - d;
+            if residual.norm() < INVERSE_TOLERANCE {
+                // Beyond the fold of the distortion a second, mirrored solution exists.
+                let regular = jacobian.determinant() > 0.0 && jacobian.trace() > 0.0;
+                return if regular { Ok(n) } else { Err(fail) };
+            }
+            let inverse = jacobian.try_inverse().ok_or(fail)?;
+            let step = inverse * residual;
+            let mut scale = 1.0;
+            loop {
+                let candidate = n + step * scale;
+                let (next, next_jacobian) = self.distort(&candidate);
+                if (target - next).norm() < residual.norm() {
+                    (n, d, jacobian) = (candidate, next, next_jacobian);
+                    break;
+                }
+                scale *= 0.5;
+                if scale < 1e-6 {
+                    let good_enough = residual.norm() < 1e-11 && jacobian.determinant() > 0.0;
+                    return if good_enough { Ok(n) } else { Err(fail) };
+                }
+            }
+        }
+        Err(fail)
+    }
+
+    /// Unit direction in the camera frame of the ray through a pixel (paper, equation 9).
+    pub fn ray(&self, pixel: &Vector2<f64>) -> Result<Vector3<f64>, LensError> {
+        let n = self.undistort(pixel)?;
+        Ok(Vector3::new(n.x, n.y, 1.0).normalize())
+    }
+
+    /// The ray and its Jacobian d(unit direction)/d(pixel), 1/px, distortion included.
+    pub fn ray_with_jacobian(
+        &self,
+        pixel: &Vector2<f64>,
+    ) -> Result<(Vector3<f64>, Matrix3x2<f64>), LensError> {
+        let n = self.undistort(pixel)?;
+        let (_, distortion) = self.distort(&n);
+        let fail = LensError::NoInverse { u_px: pixel.x, v_px: pixel.y };
+        let normalised =
+            distortion.try_inverse().ok_or(fail)? * Matrix2::new(1.0 / self.fx, 0.0, 0.0, 1.0 / self.fy);
+        let p = Vector3::new(n.x, n.y, 1.0);
+        let length = p.norm();
+        let unit = p / length;
+        let normalise = (nalgebra::Matrix3::identity() - unit * unit.transpose()) / length;
+        let lift = Matrix3x2::new(1.0, 0.0, 0.0, 1.0, 0.0, 0.0);
+        Ok((unit, normalise * lift * normalised))
+    }
+
+    /// Whether a pixel lies on the sensor.
+    pub fn contains(&self, pixel: &Vector2<f64>) -> bool {
+        pixel.x >= -0.5
+            && pixel.y >= -0.5
+            && pixel.x <= f64::from(self.width) - 0.5
+            && pixel.y <= f64::from(self.height) - 0.5
+    }
+
+    /// Mean camera constant, px.
+    pub fn focal_px(&self) -> f64 {
+        0.5 * (self.fx + self.fy)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn lens(k1: f64, k2: f64, p1: f64, p2: f64) -> Lens {
+        Lens { k1, k2, k3: -0.02, p1, p2, fy: 7795.0, ..Lens::pinhole(4000, 3000, 7800.0, 1986.0, 1513.0) }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(200))]
+        #[test]
+        fn the_inverse_returns_the_pixel(
+            u in 0.0..3999.0f64, v in 0.0..2999.0f64, k1 in -0.3..0.3f64, k2 in -0.3..0.3f64,
+            p1 in -2e-3..2e-3f64, p2 in -2e-3..2e-3f64, depth in 1.0..50.0f64,
+        ) {
+            let lens = lens(k1, k2, p1, p2);
+            let pixel = Vector2::new(u, v);
+            let ray = lens.ray(&pixel).unwrap();
+            let back = lens.project(&(ray * depth)).unwrap();
+            prop_assert!((back - pixel).norm() < 1e-8);
+        }
+
+        #[test]
+        fn jacobians_match_differences(
+            x in -0.25..0.25f64, y in -0.19..0.19f64, k1 in -0.3..0.3f64, p1 in -2e-3..2e-3f64,
+        ) {
+            let lens = lens(k1, 0.1, p1, 1e-3);
+            let p = Vector3::new(x, y, 1.0) * 7.0;
+            let (pixel, jacobian) = lens.project_with_jacobian(&p).unwrap();
+            let (ray, ray_jacobian) = lens.ray_with_jacobian(&pixel).unwrap();
+            prop_assert!((ray - p.normalize()).norm() < 1e-11);
+            for axis in 0..3 {
+                let mut step = Vector3::zeros();
+                step[axis] = 1e-5;
+                let difference = (lens.project(&(p + step)).unwrap() - lens.project(&(p - step)).unwrap()) / 2e-5;
+                prop_assert!((difference - jacobian.column(axis)).norm() < 1e-3);
+            }
+            for axis in 0..2 {
+                let mut step = Vector2::zeros();
+                step[axis] = 1e-2;
+                let difference = (lens.ray(&(pixel + step)).unwrap() - lens.ray(&(pixel - step)).unwrap()) / 2e-2;
+                prop_assert!((difference - ray_jacobian.column(axis)).norm() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn a_folding_distortion_is_refused_not_guessed() {
+        let lens = Lens { k1: -30.0, ..Lens::pinhole(4000, 3000, 7800.0, 2000.0, 1500.0) };
+        assert!(lens.ray(&Vector2::new(3990.0, 10.0)).is_err());
+        assert!(lens.ray(&Vector2::new(2000.0, 1500.0)).is_ok());
+        assert!(lens.ray(&Vector2::new(f64::NAN, 0.0)).is_err());
+    }
+
+    #[test]
+    fn nothing_is_projected_from_behind() {
+        let lens = Lens::pinhole(4000, 3000, 7800.0, 2000.0, 1500.0);
+        assert!(lens.project(&Vector3::new(0.0, 0.0, -1.0)).is_none());
+    }
+}

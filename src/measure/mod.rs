@@ -1,0 +1,14 @@
+//! Pure measuring: pixels and surveys in, deflection out. No files, clocks, network or logs here.
+//!
+//! Units inside: metres, radians, pixels, kelvin; `f64`. Frames and symbols: `docs/conventions.md`.
+
+pub mod adjust;
+pub mod calibrate;
+pub mod detect;
+pub mod environment;
+pub mod geometry;
+pub mod identify;
+pub mod plan;
+pub mod raster;
+pub mod render;
+pub mod setup;

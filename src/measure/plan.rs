@@ -1,0 +1,1 @@
+//! Resolution, depth of field and predicted uncertainty of an installation.

@@ -1,0 +1,45 @@
+//! A grey picture in memory.
+
+/// Luma, row by row, 8 bits; (0, 0) is the centre of the top-left pixel.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Raster {
+    width: usize,
+    height: usize,
+    luma: Vec<u8>,
+}
+
+impl Raster {
+    /// `luma` holds `width * height` values; `None` where it does not, or where a side is 0.
+    pub fn new(width: usize, height: usize, luma: Vec<u8>) -> Option<Self> {
+        let area = width.checked_mul(height)?;
+        (area > 0 && luma.len() == area).then_some(Self { width, height, luma })
+    }
+
+    /// Pixels per row.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All values, row by row.
+    pub fn luma(&self) -> &[u8] {
+        &self.luma
+    }
+
+    /// One row of `width` values; empty where `y` is outside.
+    pub fn row(&self, y: usize) -> &[u8] {
+        let start = y.saturating_mul(self.width);
+        self.luma.get(start..start.saturating_add(self.width)).unwrap_or(&[])
+    }
+
+    /// The value at (`x`, `y`), clamped to the frame's edge.
+    pub fn clamped(&self, x: isize, y: isize) -> u8 {
+        let x = x.clamp(0, self.width as isize - 1) as usize;
+        let y = y.clamp(0, self.height as isize - 1) as usize;
+        self.luma[y * self.width + x]
+    }
+}

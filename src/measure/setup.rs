@@ -1,0 +1,175 @@
+//! What a user prepares once per aircraft, as numbers: camera, survey, wing. Read from disk by
+//! [`crate::installation`].
+
+use nalgebra::{Rotation3, Vector2, Vector3};
+
+use super::geometry::{Lens, WingFrame};
+
+/// The two kinds of marker (MODEL.md section 5).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Shape {
+    /// Four alternating quadrants, near the fuselage.
+    Quadrant,
+    /// A black disc, seen as a flat ellipse near the tip.
+    Circle,
+}
+
+impl Shape {
+    /// The word used in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Quadrant => "quadrant",
+            Self::Circle => "circle",
+        }
+    }
+}
+
+/// A marker as the tachymeter found it on ground.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SurveyMarker {
+    /// Unique in the survey.
+    pub id: String,
+    /// Kind of target.
+    pub shape: Shape,
+    /// Outer diameter, m.
+    pub diameter_m: f64,
+    /// Centre on ground, survey frame, m.
+    pub position_m: Vector3<f64>,
+    /// Standard deviation of each coordinate, m.
+    pub sigma_m: f64,
+}
+
+/// Height of the skin above the bending axis, linear along the span.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SkinHeight {
+    /// At the bending root, m.
+    pub root_m: f64,
+    /// At `tip_span_m`, m.
+    pub tip_m: f64,
+    /// Span from the bending root to where `tip_m` holds, m.
+    pub tip_span_m: f64,
+}
+
+/// Uniform expansion between ground and flight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Thermal {
+    /// Linear coefficient of expansion, 1/K.
+    pub expansion_per_k: f64,
+    /// Standard deviation of the coefficient, 1/K.
+    pub expansion_sigma_per_k: Option<f64>,
+    /// Wing's temperature at the survey, degrees Celsius.
+    pub ground_temperature_c: f64,
+    /// Wing's temperature in flight, degrees Celsius.
+    pub flight_temperature_c: f64,
+    /// Standard deviation of the flight temperature, K.
+    pub flight_temperature_sigma_k: Option<f64>,
+}
+
+impl Thermal {
+    /// Length in flight over length on ground.
+    pub fn scale(&self) -> f64 {
+        1.0 + self.expansion_per_k * (self.flight_temperature_c - self.ground_temperature_c)
+    }
+}
+
+/// Two markers whose lifts give the change of the angle of attack (paper, section 4.3).
+#[derive(Clone, Debug, PartialEq)]
+pub struct TorsionPair {
+    /// The user's word for it.
+    pub name: String,
+    /// Index in [`Setup::markers`] of the one near the leading edge.
+    pub leading: usize,
+    /// Index in [`Setup::markers`] of the one near the trailing edge.
+    pub trailing: usize,
+}
+
+/// A point known in the survey frame and in the CAD model's.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TiePoint {
+    /// Unique among the tie points.
+    pub id: String,
+    /// Survey frame, m.
+    pub survey_m: Vector3<f64>,
+    /// Aircraft (CAD) frame, m.
+    pub cad_m: Vector3<f64>,
+    /// Standard deviation of each survey coordinate, m.
+    pub sigma_m: f64,
+}
+
+/// State of the air on one side of the window.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Air {
+    /// Degrees Celsius.
+    pub temperature_c: f64,
+    /// Hectopascal.
+    pub pressure_hpa: f64,
+    /// Relative humidity, 0 to 1.
+    pub humidity: f64,
+    /// Carbon dioxide, micromole per mole.
+    pub co2_ppm: f64,
+}
+
+/// The cabin window, for refraction (MODEL.md section 6).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Window {
+    /// Outward normal, survey frame, unit length; refraction is applied only where it is given.
+    pub normal: Option<Vector3<f64>>,
+    /// Air in the cabin in flight.
+    pub cabin: Air,
+    /// Air outside in flight.
+    pub outside: Air,
+    /// Wavelength in vacuum, nm.
+    pub wavelength_nm: f64,
+}
+
+/// Everything known before the flight.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Setup {
+    /// The user's name of the installation.
+    pub name: String,
+    /// Interior orientation.
+    pub lens: Lens,
+    /// Projection centre, survey frame, m.
+    pub projection_centre_m: Vector3<f64>,
+    /// Standard deviation of each of its coordinates, m.
+    pub projection_centre_sigma_m: f64,
+    /// Shift of the image between two mountings, standard deviation, px.
+    pub mount_repeatability_px: f64,
+    /// Horizontal span direction, survey frame, outboard; any length.
+    pub span_direction: Vector2<f64>,
+    /// Along the span from the projection centre to where bending starts, m.
+    pub root_offset_m: f64,
+    /// Z of the bending axis in the wing frame, m; the markers' mean where not given.
+    pub axis_chord_offset_m: Option<f64>,
+    /// Skin above the bending axis; 0 where not given.
+    pub skin_height: Option<SkinHeight>,
+    /// Thermal expansion.
+    pub thermal: Option<Thermal>,
+    /// Pairs for torsion.
+    pub torsion: Vec<TorsionPair>,
+    /// The survey, in the file's order.
+    pub markers: Vec<SurveyMarker>,
+    /// CAD tie points; empty where there is no CAD model.
+    pub tie_points: Vec<TiePoint>,
+    /// Whether the CAD transform may scale.
+    pub cad_similarity: bool,
+    /// The window, for refraction.
+    pub window: Option<Window>,
+}
+
+impl Setup {
+    /// The frame of the adjustment: X outboard, Y up, Z = X x Y, origin in the projection centre.
+    pub fn wing_frame(&self) -> WingFrame {
+        WingFrame::new(self.projection_centre_m, self.span_direction)
+    }
+}
+
+/// The camera's attitude, from a ground frame; `camera_from_survey` with its standard deviations.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Orientation {
+    /// Rotates survey-frame directions into the camera frame.
+    pub camera_from_survey: Rotation3<f64>,
+    /// Covariance of the small rotation in the **camera** frame, rad^2 (left perturbation:
+    /// `exp([e]x) * camera_from_survey`); `None` where the file states none.
+    pub covariance_rad2: Option<nalgebra::Matrix3<f64>>,
+}

@@ -1,0 +1,1 @@
+//! From frame bytes and an installation to a record.
