@@ -1,0 +1,710 @@
+//! The Gauss-Helmert engine on which every adjustment stands.
+//!
+//! Conditions `f(x, d, l + v) = 0` between global parameters `x`, parameters `d` local to a group
+//! (a marker's distance, a frame's amplitude) and observations `l` with residuals `v`; minimised
+//! is `v' Q^-1 v` plus the priors' share (Koch, *Parameter Estimation and Hypothesis Testing in
+//! Linear Models*; Niemeier, *Ausgleichungsrechnung*). Work goes block by block: `(B Q B')^-1` is as
+//! large as one block, a group's local parameters leave by their Schur complement, so the cost is
+//! linear in the number of groups.
+//!
+//! ```text
+//! linearised:   A dx + L dd + B v + w = 0      w = f(x, d, l0) + B (l - l0)
+//! M = B Q B'    N = sum A' M^-1 A - (A' M^-1 L)(L' M^-1 L)^-1(L' M^-1 A) + priors
+//! v = -Q B' M^-1 (A dx + L dd + w)
+//! ```
+//!
+//! How to use it: fill a [`Problem`], give [`solve`] a closure that returns a [`Linearised`] block
+//! at a [`Point`], and read the [`Fit`]; [`Fit::propagate`] carries covariance to any function of
+//! parameters, local parameters and adjusted observations.
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+use super::AdjustError;
+
+const MAX_ITERATIONS: usize = 60;
+/// Squared length of the last step in standard deviations, and of the unclosed conditions.
+const CONVERGED: f64 = 1e-14;
+/// Smallest pivot of the normal matrix scaled to a unit diagonal.
+const SMALLEST_PIVOT: f64 = 1e-13;
+
+/// Correlated observations that enter conditions together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Block {
+    /// As observed.
+    pub observed: DVector<f64>,
+    /// Their covariance, a priori.
+    pub covariance: DMatrix<f64>,
+}
+
+/// Blocks that share local parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Group {
+    /// Start of the local parameters; may be empty.
+    pub local: DVector<f64>,
+    /// Priors on them; columns count from the group's first local parameter.
+    pub priors: Vec<Prior>,
+    /// The observations.
+    pub blocks: Vec<Block>,
+}
+
+/// Knowledge about parameters from elsewhere: a pseudo-observation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prior {
+    /// Which parameters.
+    pub columns: Vec<usize>,
+    /// Their expected values.
+    pub mean: DVector<f64>,
+    /// Covariance of the expectation.
+    pub covariance: DMatrix<f64>,
+}
+
+impl Prior {
+    /// A prior on one parameter.
+    pub fn scalar(column: usize, mean: f64, sigma: f64) -> Self {
+        Self {
+            columns: vec![column],
+            mean: DVector::from_element(1, mean),
+            covariance: DMatrix::from_element(1, 1, sigma * sigma),
+        }
+    }
+}
+
+/// One least-squares problem.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Problem {
+    /// Start of the global parameters.
+    pub start: DVector<f64>,
+    /// Per global parameter: what is missing where it cannot be determined (ends the sentence
+    /// "the adjustment has no unique solution: …").
+    pub missing: Vec<&'static str>,
+    /// Priors on global parameters.
+    pub priors: Vec<Prior>,
+    /// The groups.
+    pub groups: Vec<Group>,
+}
+
+/// Where a block is linearised.
+#[derive(Clone, Copy, Debug)]
+pub struct Point<'a> {
+    /// Index of the group.
+    pub group: usize,
+    /// Index of the block in its group.
+    pub block: usize,
+    /// Global parameters.
+    pub global: &'a DVector<f64>,
+    /// The group's local parameters.
+    pub local: &'a DVector<f64>,
+    /// Adjusted observations of the block.
+    pub observed: &'a DVector<f64>,
+}
+
+/// A block's conditions at a point, with their derivatives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Linearised {
+    /// Value of the conditions, 0 when they hold.
+    pub misclosure: DVector<f64>,
+    /// Global parameters that the block depends on, each once.
+    pub columns: Vec<usize>,
+    /// d condition / d those parameters (conditions x columns).
+    pub global: DMatrix<f64>,
+    /// d condition / d local parameters (conditions x local).
+    pub local: DMatrix<f64>,
+    /// d condition / d observations (conditions x observations).
+    pub observations: DMatrix<f64>,
+}
+
+/// State of one block at the solution.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BlockFit {
+    /// Adjusted less observed.
+    pub residuals: DVector<f64>,
+    /// The conditions' derivatives at the solution.
+    pub linearised: Linearised,
+    /// Q B' M^-1: minus the residuals' answer to the conditions.
+    gain: DMatrix<f64>,
+    /// Q - Q B' M^-1 B Q: covariance of the adjusted observations for given parameters.
+    conditional: DMatrix<f64>,
+}
+
+/// State of one group at the solution.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GroupFit {
+    /// Local parameters.
+    pub local: DVector<f64>,
+    /// d local / d global at the minimum.
+    pub sensitivity: DMatrix<f64>,
+    /// Covariance of the local parameters for given global ones.
+    pub conditional: DMatrix<f64>,
+    /// Its blocks.
+    pub blocks: Vec<BlockFit>,
+}
+
+/// A solution of a [`Problem`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fit {
+    /// Global parameters.
+    pub global: DVector<f64>,
+    /// Their covariance, a priori (variance factor 1).
+    pub covariance: DMatrix<f64>,
+    /// The groups.
+    pub groups: Vec<GroupFit>,
+    /// Weighted sum of squared residuals, priors included.
+    pub omega: f64,
+    /// The priors' share of it.
+    pub omega_priors: f64,
+    /// Conditions and priors less parameters.
+    pub redundancy: usize,
+    /// Iterations until convergence.
+    pub iterations: usize,
+}
+
+/// Derivative of a function (several rows) of the unknowns of one group.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gradient {
+    /// d function / d global parameters.
+    pub global: DMatrix<f64>,
+    /// d function / d local parameters of the group.
+    pub local: DMatrix<f64>,
+    /// (block, d function / d its adjusted observations).
+    pub observed: Vec<(usize, DMatrix<f64>)>,
+}
+
+/// Random part of a function: covariance = `total Qxx total' + own`; functions of different groups
+/// have the covariance `total_1 Qxx total_2'`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Propagated {
+    /// Total derivative to the global parameters.
+    pub total: DMatrix<f64>,
+    /// Covariance for given global parameters.
+    pub own: DMatrix<f64>,
+}
+
+impl Fit {
+    /// Variance factor a posteriori; `None` at redundancy 0.
+    pub fn variance_factor(&self) -> Option<f64> {
+        (self.redundancy > 0).then(|| self.omega / self.redundancy as f64)
+    }
+
+    /// Splits a function's derivative into its answer to the global parameters and its own noise.
+    pub fn propagate(&self, group: usize, gradient: &Gradient) -> Propagated {
+        let fit = &self.groups[group];
+        let rows = gradient.global.nrows();
+        let mut total = gradient.global.clone();
+        let mut local = gradient.local.clone();
+        let mut own = DMatrix::zeros(rows, rows);
+        for (index, derivative) in &gradient.observed {
+            let block = &fit.blocks[*index];
+            let answer = derivative * &block.gain;
+            let to_global = &answer * &block.linearised.global;
+            for (k, &column) in block.linearised.columns.iter().enumerate() {
+                let mut target = total.column_mut(column);
+                target -= to_global.column(k);
+            }
+            local -= &answer * &block.linearised.local;
+            own += derivative * &block.conditional * derivative.transpose();
+        }
+        if local.ncols() > 0 {
+            total += &local * &fit.sensitivity;
+            own += &local * &fit.conditional * local.transpose();
+        }
+        Propagated { total, own }
+    }
+
+    /// Covariance of a function.
+    pub fn covariance_of(&self, function: &Propagated) -> DMatrix<f64> {
+        &function.total * &self.covariance * function.total.transpose() + &function.own
+    }
+
+    /// Covariance of a block's adjusted observations, a priori.
+    pub fn adjusted_covariance(&self, group: usize, block: usize) -> DMatrix<f64> {
+        let n = self.groups[group].blocks[block].residuals.len();
+        let gradient = Gradient {
+            global: DMatrix::zeros(n, self.global.len()),
+            local: DMatrix::zeros(n, self.groups[group].local.len()),
+            observed: vec![(block, DMatrix::identity(n, n))],
+        };
+        self.covariance_of(&self.propagate(group, &gradient))
+    }
+}
+
+/// Minimises the problem. `linearise` gives a block's conditions at a point.
+pub fn solve(
+    problem: &Problem,
+    linearise: impl Fn(&Point) -> Result<Linearised, AdjustError>,
+) -> Result<Fit, AdjustError> {
+    let mut state = State::start(problem);
+    let mut system = System::assemble(problem, &state, &linearise)?;
+    let mut damping = 0.0;
+    for iteration in 1..=MAX_ITERATIONS {
+        let step = system.step(problem, damping)?;
+        let next_state = system.moved(problem, &state, &step);
+        let next = System::assemble(problem, &next_state, &linearise);
+        let moved = step.dot(&(&system.normal * &step)) + residual_change(problem, &state, &next_state);
+        let settled = moved <= CONVERGED;
+        // A last step below the noise of rounding may raise the sum by as much.
+        let accepted = next.as_ref().is_ok_and(|n| {
+            n.omega.is_finite() && (n.omega <= system.omega * (1.0 + 1e-12) + 1e-12 || settled)
+        });
+        if !accepted {
+            damping = if damping == 0.0 { 1e-3 } else { damping * 10.0 };
+            if damping > 1e12 {
+                return Err(next.err().unwrap_or(AdjustError::NoConvergence { iterations: iteration }));
+            }
+            continue;
+        }
+        (state, system) = (next_state, next?);
+        if settled && system.unclosed <= CONVERGED {
+            return system.finish(problem, state, iteration);
+        }
+        damping = if damping < 1e-6 { 0.0 } else { damping * 0.1 };
+    }
+    Err(AdjustError::NoConvergence { iterations: MAX_ITERATIONS })
+}
+
+/// Current values of everything unknown.
+struct State {
+    global: DVector<f64>,
+    local: Vec<DVector<f64>>,
+    residuals: Vec<Vec<DVector<f64>>>,
+}
+
+impl State {
+    fn start(problem: &Problem) -> Self {
+        let zeros = |g: &Group| g.blocks.iter().map(|b| DVector::zeros(b.observed.len())).collect();
+        Self {
+            global: problem.start.clone(),
+            local: problem.groups.iter().map(|g| g.local.clone()).collect(),
+            residuals: problem.groups.iter().map(zeros).collect(),
+        }
+    }
+}
+
+/// Squared change of the residuals, in standard deviations: they steer where the conditions are
+/// linearised, so parameters at rest are not enough.
+fn residual_change(problem: &Problem, a: &State, b: &State) -> f64 {
+    let mut sum = 0.0;
+    for (group, (ra, rb)) in problem.groups.iter().zip(a.residuals.iter().zip(&b.residuals)) {
+        for (block, (va, vb)) in group.blocks.iter().zip(ra.iter().zip(rb)) {
+            for k in 0..va.len() {
+                sum += (va[k] - vb[k]).powi(2) / block.covariance[(k, k)];
+            }
+        }
+    }
+    sum
+}
+
+/// One block's part of the normal equations.
+struct BlockSystem {
+    linearised: Linearised,
+    /// w = f(l0) + B (l - l0).
+    contradiction: DVector<f64>,
+    /// M^-1.
+    weight: DMatrix<f64>,
+}
+
+/// One group's part, local parameters still inside.
+struct GroupSystem {
+    blocks: Vec<BlockSystem>,
+    /// (L' M^-1 L)^-1.
+    local_inverse: DMatrix<f64>,
+    local_normal: DMatrix<f64>,
+    /// L' M^-1 A.
+    coupling: DMatrix<f64>,
+    /// -L' M^-1 w.
+    local_right: DVector<f64>,
+}
+
+struct System {
+    normal: DMatrix<f64>,
+    right: DVector<f64>,
+    omega: f64,
+    omega_priors: f64,
+    /// f' M^-1 f at the adjusted observations: 0 where the conditions hold exactly.
+    unclosed: f64,
+    groups: Vec<GroupSystem>,
+}
+
+impl System {
+    fn assemble(
+        problem: &Problem,
+        state: &State,
+        linearise: &impl Fn(&Point) -> Result<Linearised, AdjustError>,
+    ) -> Result<Self, AdjustError> {
+        let p = problem.start.len();
+        let mut system = Self {
+            normal: DMatrix::zeros(p, p),
+            right: DVector::zeros(p),
+            omega: 0.0,
+            omega_priors: 0.0,
+            unclosed: 0.0,
+            groups: Vec::with_capacity(problem.groups.len()),
+        };
+        for index in 0..problem.groups.len() {
+            system.add_group(problem, state, index, linearise)?;
+        }
+        for prior in &problem.priors {
+            let share = add_prior(prior, &state.global, &mut system.normal, &mut system.right)?;
+            system.omega_priors += share;
+        }
+        system.omega += system.omega_priors;
+        Ok(system)
+    }
+
+    fn add_group(
+        &mut self,
+        problem: &Problem,
+        state: &State,
+        index: usize,
+        linearise: &impl Fn(&Point) -> Result<Linearised, AdjustError>,
+    ) -> Result<(), AdjustError> {
+        let (group, local) = (&problem.groups[index], &state.local[index]);
+        let (p, q) = (problem.start.len(), local.len());
+        let mut part = GroupSystem {
+            blocks: Vec::with_capacity(group.blocks.len()),
+            local_inverse: DMatrix::zeros(q, q),
+            local_normal: DMatrix::zeros(q, q),
+            coupling: DMatrix::zeros(q, p),
+            local_right: DVector::zeros(q),
+        };
+        for (number, block) in group.blocks.iter().enumerate() {
+            let residuals = &state.residuals[index][number];
+            let observed = &block.observed + residuals;
+            let linearised = linearise(&Point {
+                group: index,
+                block: number,
+                global: &state.global,
+                local,
+                observed: &observed,
+            })?;
+            self.add_block(&mut part, block, residuals, linearised)?;
+        }
+        for prior in &group.priors {
+            self.omega_priors += add_prior(prior, local, &mut part.local_normal, &mut part.local_right)?;
+        }
+        if q > 0 {
+            part.local_inverse = inverse(&part.local_normal)
+                .ok_or_else(|| singular("the local parameters of a group of observations"))?;
+            let reduced = &part.local_inverse * &part.coupling;
+            self.normal.gemm_tr(-1.0, &part.coupling, &reduced, 1.0);
+            self.right.gemv_tr(-1.0, &reduced, &part.local_right, 1.0);
+        }
+        self.groups.push(part);
+        Ok(())
+    }
+
+    fn add_block(
+        &mut self,
+        part: &mut GroupSystem,
+        block: &Block,
+        residuals: &DVector<f64>,
+        linearised: Linearised,
+    ) -> Result<(), AdjustError> {
+        let b = &linearised.observations;
+        let contradiction = &linearised.misclosure - b * residuals;
+        let weight = inverse(&(b * &block.covariance * b.transpose()))
+            .ok_or_else(|| singular("a condition without an observation of its own"))?;
+        let wa = &weight * &linearised.global;
+        let ww = &weight * &contradiction;
+        self.omega += contradiction.dot(&ww);
+        self.unclosed += linearised.misclosure.dot(&(&weight * &linearised.misclosure));
+        let small = linearised.global.tr_mul(&wa);
+        let right = linearised.global.tr_mul(&ww);
+        for (i, &ci) in linearised.columns.iter().enumerate() {
+            self.right[ci] -= right[i];
+            for (j, &cj) in linearised.columns.iter().enumerate() {
+                self.normal[(ci, cj)] += small[(i, j)];
+            }
+        }
+        if linearised.local.ncols() > 0 {
+            let l = &linearised.local;
+            part.local_normal += l.tr_mul(&(&weight * l));
+            part.local_right -= l.tr_mul(&ww);
+            let coupling = l.tr_mul(&wa);
+            for (j, &cj) in linearised.columns.iter().enumerate() {
+                let mut column = part.coupling.column_mut(cj);
+                column += coupling.column(j);
+            }
+        }
+        part.blocks.push(BlockSystem { linearised, contradiction, weight });
+        Ok(())
+    }
+
+    /// The global step, damped after Levenberg and Marquardt.
+    fn step(&self, problem: &Problem, damping: f64) -> Result<DVector<f64>, AdjustError> {
+        let mut normal = self.normal.clone();
+        for i in 0..normal.nrows() {
+            normal[(i, i)] *= 1.0 + damping;
+        }
+        Ok(factor(&normal, &problem.missing)?.solve(&self.right))
+    }
+
+    /// All unknowns after a global step: local parameters and residuals follow from it.
+    fn moved(&self, problem: &Problem, state: &State, step: &DVector<f64>) -> State {
+        let mut next = State {
+            global: &state.global + step,
+            local: Vec::with_capacity(self.groups.len()),
+            residuals: Vec::with_capacity(self.groups.len()),
+        };
+        for ((part, group), local) in self.groups.iter().zip(&problem.groups).zip(&state.local) {
+            let local_step = &part.local_inverse * (&part.local_right - &part.coupling * step);
+            let residuals = part.blocks.iter().zip(&group.blocks).map(|(system, block)| {
+                let lin = &system.linearised;
+                let mut w = &system.contradiction + &lin.local * &local_step;
+                for (k, &column) in lin.columns.iter().enumerate() {
+                    w.axpy(step[column], &lin.global.column(k), 1.0);
+                }
+                -(&block.covariance * lin.observations.tr_mul(&(&system.weight * w)))
+            });
+            next.residuals.push(residuals.collect());
+            next.local.push(local + local_step);
+        }
+        next
+    }
+
+    fn finish(self, problem: &Problem, state: State, iterations: usize) -> Result<Fit, AdjustError> {
+        let covariance = factor(&self.normal, &problem.missing)?.inverse();
+        let priors = problem.priors.iter().chain(problem.groups.iter().flat_map(|g| &g.priors));
+        let mut conditions: usize = priors.map(|p| p.columns.len()).sum();
+        let mut unknowns = state.global.len();
+        let mut groups = Vec::with_capacity(self.groups.len());
+        let states = state.local.into_iter().zip(state.residuals);
+        for ((part, group), (local, residuals)) in self.groups.into_iter().zip(&problem.groups).zip(states) {
+            unknowns += local.len();
+            conditions += part.blocks.iter().map(|b| b.contradiction.len()).sum::<usize>();
+            let blocks = part.blocks.into_iter().zip(&group.blocks).zip(residuals);
+            let blocks = blocks.map(|((system, block), residuals)| block_fit(system, block, residuals));
+            groups.push(GroupFit {
+                local,
+                sensitivity: -(&part.local_inverse * &part.coupling),
+                conditional: part.local_inverse,
+                blocks: blocks.collect(),
+            });
+        }
+        Ok(Fit {
+            global: state.global,
+            covariance,
+            groups,
+            omega: self.omega,
+            omega_priors: self.omega_priors,
+            redundancy: conditions.saturating_sub(unknowns),
+            iterations,
+        })
+    }
+}
+
+fn block_fit(system: BlockSystem, block: &Block, residuals: DVector<f64>) -> BlockFit {
+    let q_bt = &block.covariance * system.linearised.observations.transpose();
+    let gain = &q_bt * &system.weight;
+    let conditional = &block.covariance - &gain * q_bt.transpose();
+    BlockFit { residuals, linearised: system.linearised, gain, conditional }
+}
+
+/// Adds a prior to normal equations; returns its share of the sum of squares.
+fn add_prior(
+    prior: &Prior,
+    values: &DVector<f64>,
+    normal: &mut DMatrix<f64>,
+    right: &mut DVector<f64>,
+) -> Result<f64, AdjustError> {
+    let weight = inverse(&prior.covariance).ok_or_else(|| {
+        AdjustError::Input("a prior's covariance is not positive definite; check the standard deviations".into())
+    })?;
+    let now = DVector::from_iterator(prior.columns.len(), prior.columns.iter().map(|&c| values[c]));
+    let off = now - &prior.mean;
+    let weighted = &weight * &off;
+    for (i, &ci) in prior.columns.iter().enumerate() {
+        right[ci] -= weighted[i];
+        for (j, &cj) in prior.columns.iter().enumerate() {
+            normal[(ci, cj)] += weight[(i, j)];
+        }
+    }
+    Ok(off.dot(&weighted))
+}
+
+fn singular(missing: &str) -> AdjustError {
+    AdjustError::Singular { missing: missing.into() }
+}
+
+/// Inverse of a small symmetric positive definite matrix; 1 x 1 and 2 x 2 in closed form.
+fn inverse(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    match m.nrows() {
+        1 => (m[(0, 0)] > 0.0).then(|| DMatrix::from_element(1, 1, 1.0 / m[(0, 0)])),
+        2 => {
+            let (a, b, d) = (m[(0, 0)], m[(1, 0)], m[(1, 1)]);
+            let det = a * d - b * b;
+            (a > 0.0 && det > a * d * 1e-15)
+                .then(|| DMatrix::from_row_slice(2, 2, &[d / det, -b / det, -b / det, a / det]))
+        }
+        _ => Cholesky::new(m.clone()).map(|c| c.inverse()),
+    }
+}
+
+/// Cholesky factor of the normal matrix, scaled to a unit diagonal so that pivots can be judged.
+struct Factor {
+    scale: DVector<f64>,
+    cholesky: Cholesky<f64, Dyn>,
+}
+
+impl Factor {
+    fn solve(&self, right: &DVector<f64>) -> DVector<f64> {
+        self.cholesky.solve(&right.component_mul(&self.scale)).component_mul(&self.scale)
+    }
+
+    fn inverse(&self) -> DMatrix<f64> {
+        let mut inverse = self.cholesky.inverse();
+        for j in 0..inverse.ncols() {
+            for i in 0..inverse.nrows() {
+                inverse[(i, j)] *= self.scale[i] * self.scale[j];
+            }
+        }
+        inverse
+    }
+}
+
+/// Factors the normal matrix, or names the datum that is missing.
+fn factor(normal: &DMatrix<f64>, missing: &[&'static str]) -> Result<Factor, AdjustError> {
+    let n = normal.nrows();
+    if normal.iter().any(|v| !v.is_finite()) {
+        return Err(AdjustError::Input(
+            "a number in the adjustment is not finite; check survey, camera and observations".into(),
+        ));
+    }
+    let scale = normal.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
+    let scaled = DMatrix::from_fn(n, n, |i, j| normal[(i, j)] * scale[i] * scale[j]);
+    let culprit = |column: usize| {
+        let text = missing.get(column).copied().unwrap_or("a parameter has no observation");
+        singular(text)
+    };
+    if let Some(column) = scale.iter().position(|&s| s == 0.0) {
+        return Err(culprit(column));
+    }
+    match Cholesky::new(scaled.clone()) {
+        Some(cholesky) => {
+            let l = cholesky.l_dirty();
+            match (0..n).find(|&i| l[(i, i)] * l[(i, i)] < SMALLEST_PIVOT) {
+                Some(column) => Err(culprit(column)),
+                None => Ok(Factor { scale, cholesky }),
+            }
+        }
+        None => Err(culprit(failing_column(&scaled))),
+    }
+}
+
+/// First leading minor that is not positive definite.
+fn failing_column(scaled: &DMatrix<f64>) -> usize {
+    let fails = |k: usize| Cholesky::new(scaled.view((0, 0), (k, k)).into_owned()).is_none();
+    (1..=scaled.nrows()).find(|&k| fails(k)).unwrap_or(1) - 1
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    /// Straight line y = m x + b with errors in x and y: the textbook Gauss-Helmert problem.
+    fn line(points: &[(f64, f64)], sx: f64, sy: f64) -> Problem {
+        let block = |&(x, y): &(f64, f64)| Group {
+            local: DVector::zeros(0),
+            priors: vec![],
+            blocks: vec![Block {
+                observed: DVector::from_vec(vec![x, y]),
+                covariance: DMatrix::from_diagonal(&DVector::from_vec(vec![sx * sx, sy * sy])),
+            }],
+        };
+        Problem {
+            start: DVector::from_vec(vec![0.0, 0.0]),
+            missing: vec!["slope", "offset"],
+            priors: vec![],
+            groups: points.iter().map(block).collect(),
+        }
+    }
+
+    fn line_block(p: &Point) -> Result<Linearised, AdjustError> {
+        let (m, b, x, y) = (p.global[0], p.global[1], p.observed[0], p.observed[1]);
+        Ok(Linearised {
+            misclosure: DVector::from_element(1, m * x + b - y),
+            columns: vec![0, 1],
+            global: DMatrix::from_row_slice(1, 2, &[x, 1.0]),
+            local: DMatrix::zeros(1, 0),
+            observations: DMatrix::from_row_slice(1, 2, &[m, -1.0]),
+        })
+    }
+
+    const POINTS: [(f64, f64); 6] = [(0.0, 1.1), (1.0, 2.9), (2.1, 5.2), (2.9, 7.1), (4.2, 9.0), (5.0, 11.2)];
+
+    #[test]
+    fn total_least_squares_line_is_the_principal_axis() {
+        let fit = solve(&line(&POINTS, 0.1, 0.1), line_block).unwrap();
+        // Equal variances: the orthogonal regression, in closed form.
+        let n = POINTS.len() as f64;
+        let (mx, my) = POINTS.iter().fold((0.0, 0.0), |(a, b), p| (a + p.0 / n, b + p.1 / n));
+        let (sxx, sxy, syy) = POINTS.iter().fold((0.0, 0.0, 0.0), |(a, b, c), p| {
+            let (dx, dy) = (p.0 - mx, p.1 - my);
+            (a + dx * dx, b + dx * dy, c + dy * dy)
+        });
+        let slope = (syy - sxx + ((syy - sxx).powi(2) + 4.0 * sxy * sxy).sqrt()) / (2.0 * sxy);
+        assert!((fit.global[0] - slope).abs() < 1e-8);
+        assert!((fit.global[1] - (my - slope * mx)).abs() < 1e-7);
+        assert_eq!(fit.redundancy, 4);
+        let norm: f64 = fit.groups.iter().map(|g| g.blocks[0].residuals.norm_squared() / 0.01).sum();
+        assert!((norm - fit.omega).abs() < 1e-9);
+    }
+
+    #[test]
+    fn residual_cofactors_sum_to_the_redundancy() {
+        let problem = line(&POINTS, 0.1, 0.3);
+        let fit = solve(&problem, line_block).unwrap();
+        let total: f64 = (0..POINTS.len())
+            .map(|g| {
+                let q = &problem.groups[g].blocks[0].covariance;
+                let cofactor = q - fit.adjusted_covariance(g, 0);
+                (0..2).map(|k| cofactor[(k, k)] / q[(k, k)]).sum::<f64>()
+            })
+            .sum();
+        assert!((total - 4.0).abs() < 1e-9, "{total}");
+    }
+
+    /// The same line with the adjusted x of every point as a local parameter and y, x observed.
+    #[test]
+    fn local_parameters_give_the_same_answer_as_conditions() {
+        let mut problem = line(&POINTS, 0.1, 0.3);
+        for (group, p) in problem.groups.iter_mut().zip(POINTS) {
+            group.local = DVector::from_element(1, p.0);
+        }
+        let with_local = |p: &Point| {
+            let (m, b, x) = (p.global[0], p.global[1], p.local[0]);
+            Ok(Linearised {
+                misclosure: DVector::from_vec(vec![x - p.observed[0], m * x + b - p.observed[1]]),
+                columns: vec![0, 1],
+                global: DMatrix::from_row_slice(2, 2, &[0.0, 0.0, x, 1.0]),
+                local: DMatrix::from_column_slice(2, 1, &[1.0, m]),
+                observations: -DMatrix::identity(2, 2),
+            })
+        };
+        let a = solve(&problem, with_local).unwrap();
+        let b = solve(&line(&POINTS, 0.1, 0.3), line_block).unwrap();
+        assert!((&a.global - &b.global).norm() < 1e-9);
+        assert!((a.omega - b.omega).abs() < 1e-8 && a.redundancy == b.redundancy);
+        // Covariances agree to first order in the residuals.
+        assert!((&a.covariance - &b.covariance).norm() < 1e-2 * b.covariance.norm());
+        let ca = a.adjusted_covariance(2, 0);
+        let cb = b.adjusted_covariance(2, 0);
+        assert!((&ca - &cb).norm() < 2e-2 * cb.norm());
+    }
+
+    #[test]
+    fn a_prior_counts_as_an_observation() {
+        let mut problem = line(&POINTS, 0.1, 0.1);
+        problem.priors.push(Prior::scalar(1, 1.0, 1e-9));
+        let fit = solve(&problem, line_block).unwrap();
+        assert!((fit.global[1] - 1.0).abs() < 1e-9 && fit.redundancy == 5);
+        assert!((fit.covariance[(1, 1)].sqrt() - 1e-9).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_missing_datum_is_named() {
+        let one = line(&POINTS[..1], 0.1, 0.1);
+        let error = solve(&one, line_block).unwrap_err();
+        assert!(matches!(error, AdjustError::Singular { ref missing } if missing == "offset" || missing == "slope"));
+    }
+}
