@@ -507,7 +507,9 @@ fn add_prior(
     right: &mut DVector<f64>,
 ) -> Result<f64, AdjustError> {
     let weight = inverse(&prior.covariance).ok_or_else(|| {
-        AdjustError::Input("a prior's covariance is not positive definite; check the standard deviations".into())
+        AdjustError::Input(
+            "a prior's covariance is not positive definite; check the standard deviations".into(),
+        )
     })?;
     let now = DVector::from_iterator(prior.columns.len(), prior.columns.iter().map(|&c| values[c]));
     let off = now - &prior.mean;
@@ -705,6 +707,8 @@ mod tests {
     fn the_missing_datum_is_named() {
         let one = line(&POINTS[..1], 0.1, 0.1);
         let error = solve(&one, line_block).unwrap_err();
-        assert!(matches!(error, AdjustError::Singular { ref missing } if missing == "offset" || missing == "slope"));
+        assert!(
+            matches!(error, AdjustError::Singular { ref missing } if missing == "offset" || missing == "slope")
+        );
     }
 }
