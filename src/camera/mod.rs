@@ -80,6 +80,12 @@ pub struct CameraInfo {
 pub trait Camera: Send {
     /// Opens and prepares for a series; may be called again after `close`.
     fn open(&mut self) -> Result<CameraInfo, CameraError>;
+    /// The next frame that an interrupted series left on the camera's card, `None` when there is none.
+    /// To be asked after `open` until `None`; `release_last` follows each, as after a shot.
+    fn recover(&mut self, deadline: Duration) -> Result<Option<Frame>, CameraError> {
+        let _ = deadline;
+        Ok(None)
+    }
     /// Takes one shot.
     fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError>;
     /// Tells the camera that our copy of its last frame is durable (it may now delete its own).
