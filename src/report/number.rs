@@ -1,0 +1,79 @@
+//! Numbers for people: rounded by their standard deviation, never a number where there is none.
+
+/// What stands where there is no number.
+pub const NONE: &str = "-";
+
+/// Decimals that show two significant digits of `sigma`; 0 to 12.
+pub fn decimals_for(sigma: f64) -> usize {
+    if !sigma.is_finite() || sigma <= 0.0 {
+        return 3;
+    }
+    // 0.00996 rounds to 0.010: two digits after rounding, so the exponent is taken of that.
+    let exponent = (sigma * 0.995_f64.recip()).log10().floor();
+    (1.0 - exponent).clamp(0.0, 12.0) as usize
+}
+
+/// A value with `decimals`, or [`NONE`] where it is missing or not finite.
+pub fn fixed(value: Option<f64>, decimals: usize) -> String {
+    match value.filter(|v| v.is_finite()) {
+        Some(v) => without_negative_zero(format!("{v:.decimals$}")),
+        None => NONE.to_owned(),
+    }
+}
+
+/// Value and standard deviation, both rounded to two significant digits of the latter.
+/// Without a standard deviation the value gets `fallback` decimals.
+pub fn rounded(value: Option<f64>, sigma: Option<f64>, fallback: usize) -> (String, String) {
+    match sigma.filter(|s| s.is_finite() && *s > 0.0) {
+        Some(s) => {
+            let n = decimals_for(s);
+            (fixed(value, n), fixed(Some(s), n))
+        }
+        None => (fixed(value, fallback), NONE.to_owned()),
+    }
+}
+
+/// A number for small and large magnitudes: 4 significant digits, scientific where that is shorter.
+pub fn general(value: f64) -> String {
+    let magnitude = value.abs();
+    if !value.is_finite() {
+        NONE.to_owned()
+    } else if magnitude == 0.0 {
+        "0".to_owned()
+    } else if !(1e-3..1e5).contains(&magnitude) {
+        format!("{value:.3e}")
+    } else {
+        let n = (3.0 - magnitude.log10().floor()).clamp(0.0, 6.0) as usize;
+        format!("{value:.n$}")
+    }
+}
+
+fn without_negative_zero(text: String) -> String {
+    let zero = text.starts_with('-') && text.chars().all(|c| matches!(c, '-' | '0' | '.'));
+    if zero { text.trim_start_matches('-').to_owned() } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_digits_of_sigma_decide() {
+        let pair = |v, s| rounded(Some(v), Some(s), 3);
+        assert_eq!(pair(2.93456, 0.0061), ("2.9346".into(), "0.0061".into()));
+        assert_eq!(pair(2.93456, 0.014), ("2.935".into(), "0.014".into()));
+        assert_eq!(pair(2.93456, 0.0999), ("2.93".into(), "0.10".into()));
+        assert_eq!(pair(123.4, 31.0), ("123".into(), "31".into()));
+        assert_eq!(pair(-0.0001, 0.02), ("0.000".into(), "0.020".into()));
+    }
+
+    #[test]
+    fn nothing_is_said_of_what_is_not_there() {
+        assert_eq!(rounded(None, None, 2), ("-".into(), "-".into()));
+        assert_eq!(rounded(Some(f64::NAN), Some(0.1), 2).0, "-");
+        assert_eq!(rounded(Some(1.0), Some(f64::INFINITY), 2), ("1.00".into(), "-".into()));
+        assert_eq!(general(f64::NAN), "-");
+        assert_eq!(general(0.00219), "0.002190");
+        assert_eq!(general(5.9e-6), "5.900e-6");
+    }
+}

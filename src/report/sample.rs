@@ -1,0 +1,121 @@
+//! Small made-up series for the tests of this folder.
+
+use jiff::{SignedDuration, Timestamp};
+use serde_json::{Map, json};
+
+use super::{SeriesData, ShotData};
+use crate::record::{CurveRecord, ImageRecord, MarkerRecord, Status, Tip, TorsionRecord};
+
+/// A solved image of a wing along +y with four markers, the last one hidden.
+pub fn record(image: &str, tip_lift_m: f64) -> ImageRecord {
+    let markers = (1..=4).map(|i| marker(i, tip_lift_m)).collect();
+    let model = json!({"a_per_m": {"value": 0.00219, "sigma": 5.9e-6}});
+    ImageRecord {
+        image: image.to_owned(),
+        status: Status::Ok,
+        reason: None,
+        method: "spatial".to_owned(),
+        flight: false,
+        variance_factor: Some(0.97),
+        redundancy: Some(33),
+        global_test: Some("passed".to_owned()),
+        sigma_kind: Some("prior".to_owned()),
+        model: model.as_object().cloned().unwrap_or_default(),
+        tip: Some(Tip { marker: "M03".to_owned(), lift_m: tip_lift_m, sigma_lift_m: Some(0.006) }),
+        markers,
+        torsion: vec![TorsionRecord {
+            name: "tip".to_owned(),
+            angle_deg: Some(6.3),
+            sigma_deg: Some(0.2),
+            twist_deg: Some(2.7),
+            sigma_twist_deg: Some(0.2),
+        }],
+        curve: (0..=12).map(|i| curve_point(f64::from(i) * 3.0, tip_lift_m)).collect(),
+        quality: Map::new(),
+        remarks: Vec::new(),
+        provenance: json!({"version": "0.1.0"}).as_object().cloned().unwrap_or_default(),
+        timing_ms: Map::new(),
+    }
+}
+
+fn curve_point(span_m: f64, tip_lift_m: f64) -> CurveRecord {
+    let share = (span_m / 36.0).powi(2);
+    CurveRecord {
+        arc_length_m: span_m,
+        span_m,
+        lift_m: tip_lift_m * share,
+        sigma_lift_m: Some(0.006 * share),
+        twist_deg: Some(2.7 * share),
+        sigma_twist_deg: Some(0.2 * share),
+    }
+}
+
+fn marker(number: u32, tip_lift_m: f64) -> MarkerRecord {
+    let span_m = f64::from(number) * 12.0;
+    let hidden = number == 4;
+    let lift_m = tip_lift_m * (span_m / 36.0).powi(2);
+    let some = |v: f64| (!hidden).then_some(v);
+    MarkerRecord {
+        id: format!("M0{number}"),
+        shape: if number < 2 { "quadrant" } else { "circle" }.to_owned(),
+        u_px: some(2000.0 + span_m),
+        v_px: some(1500.0 - 10.0 * lift_m),
+        sigma_u_px: some(0.03),
+        sigma_v_px: some(0.02),
+        used: !hidden,
+        reason: hidden.then(|| "hidden by glare".to_owned()),
+        residual_u_px: some(0.01),
+        residual_v_px: some(-0.02),
+        redundancy_u: some(0.6),
+        redundancy_v: some(0.4),
+        w_test: some(0.8),
+        mdb_u_px: some(0.2),
+        mdb_v_px: some(0.2),
+        distance_m: some(span_m + 2.0),
+        sigma_distance_m: some(0.004),
+        position_m: (!hidden).then_some([1.0, span_m, 3.0 + lift_m]),
+        sigma_position_m: (!hidden).then_some([0.002, 0.004, 0.006]),
+        position_cad_m: None,
+        sigma_position_cad_m: None,
+        lift_m: some(lift_m),
+        sigma_lift_m: some(0.006),
+    }
+}
+
+/// An image without a result.
+pub fn failed(image: &str, reason: &str) -> ImageRecord {
+    ImageRecord {
+        status: Status::Failed,
+        reason: Some(reason.to_owned()),
+        variance_factor: None,
+        redundancy: None,
+        global_test: None,
+        sigma_kind: None,
+        model: Map::new(),
+        tip: None,
+        markers: Vec::new(),
+        torsion: Vec::new(),
+        curve: Vec::new(),
+        ..record(image, 0.0)
+    }
+}
+
+/// A series that began `after_s` seconds after the first one, one shot per lift.
+pub fn series(name: &str, after_s: i64, lifts_m: &[f64]) -> SeriesData {
+    let start = Timestamp::UNIX_EPOCH + SignedDuration::from_secs(1_790_000_000 + after_s);
+    let image = |i: usize| format!("{name}-{i:02}.jpg");
+    let shot = |i: usize| ShotData {
+        image: Some(image(i)),
+        utc: Some(start + SignedDuration::from_secs(2 * i as i64)),
+        sha256: Some("ab".repeat(32)),
+        failure: None,
+    };
+    SeriesData {
+        flight: "flight-0001".to_owned(),
+        name: name.to_owned(),
+        begun: Some(start),
+        interrupted: false,
+        records: lifts_m.iter().enumerate().map(|(i, l)| record(&image(i), *l)).collect(),
+        shots: (0..lifts_m.len()).map(shot).collect(),
+    }
+}

@@ -1,0 +1,229 @@
+//! A series in one line: means over its shots.
+
+use jiff::Timestamp;
+
+use super::SeriesData;
+use crate::record::{CurveRecord, ImageRecord, Status};
+
+/// A mean over the shots of a series.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mean {
+    /// Mean of the shots.
+    pub value: f64,
+    /// Root mean square of the shots' own standard deviations. Survey and mount are common to all
+    /// shots, so this does not shrink with their number.
+    pub sigma: Option<f64>,
+    /// Standard deviation of one shot against the mean; `None` with one shot.
+    pub scatter: Option<f64>,
+    /// How many shots.
+    pub count: usize,
+}
+
+impl Mean {
+    /// Of (value, standard deviation); `None` without values. What is not finite is left out.
+    pub fn of(values: &[(f64, Option<f64>)]) -> Option<Self> {
+        let finite: Vec<_> = values.iter().filter(|(v, _)| v.is_finite()).collect();
+        let n = finite.len() as f64;
+        if finite.is_empty() {
+            return None;
+        }
+        let value = finite.iter().map(|(v, _)| v).sum::<f64>() / n;
+        let squares = finite.iter().map(|(v, _)| (v - value).powi(2)).sum::<f64>();
+        let variances: Option<Vec<f64>> = finite.iter().map(|(_, s)| s.map(|s| s * s)).collect();
+        let sigma = variances.map(|v| (v.iter().sum::<f64>() / n).sqrt()).filter(|s| s.is_finite());
+        let scatter = (finite.len() > 1).then(|| (squares / (n - 1.0)).sqrt());
+        Some(Self { value, sigma, scatter, count: finite.len() })
+    }
+
+    /// Standard deviation of the mean by repetition alone.
+    pub fn scatter_of_mean(&self) -> Option<f64> {
+        self.scatter.map(|s| s / (self.count as f64).sqrt())
+    }
+}
+
+/// Torsion of a pair over a series.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TorsionMean {
+    /// The pair's name.
+    pub name: String,
+    /// As the paper computes it.
+    pub angle_deg: Option<Mean>,
+    /// Free of bending.
+    pub twist_deg: Option<Mean>,
+}
+
+/// A series in one line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SeriesSummary {
+    /// Flight and series.
+    pub name: String,
+    /// First shot, where its time is known.
+    pub begun: Option<Timestamp>,
+    /// Hours since the first series.
+    pub hour: f64,
+    /// Shots asked for, failed ones included.
+    pub shots: usize,
+    /// Frames with a result.
+    pub solved: usize,
+    /// Lift of the tip marker.
+    pub tip_lift_m: Option<Mean>,
+    /// Every pair.
+    pub torsion: Vec<TorsionMean>,
+    /// Smallest and largest variance factor.
+    pub variance_factor: Option<(f64, f64)>,
+    /// Global tests that accept the model.
+    pub tests_passed: usize,
+    /// Global tests made.
+    pub tests_made: usize,
+    /// Mean curve along the span.
+    pub curve: Vec<CurveRecord>,
+}
+
+impl SeriesSummary {
+    /// Of one series; `hour` as [`hours`] gives it.
+    pub fn of(series: &SeriesData, hour: f64) -> Self {
+        let solved = solved(series);
+        let tips: Vec<_> =
+            solved.iter().filter_map(|r| r.tip.as_ref()).map(|t| (t.lift_m, t.sigma_lift_m)).collect();
+        let factors: Vec<f64> =
+            solved.iter().filter_map(|r| r.variance_factor).filter(|f| f.is_finite()).collect();
+        let tests: Vec<&str> = solved.iter().filter_map(|r| r.global_test.as_deref()).collect();
+        Self {
+            name: series.name.clone(),
+            begun: series.begun,
+            hour,
+            shots: series.records.len().max(series.shots.len()),
+            solved: solved.len(),
+            tip_lift_m: Mean::of(&tips),
+            torsion: torsion(&solved),
+            variance_factor: factors.iter().copied().fold(None, extremes),
+            tests_passed: tests.iter().filter(|t| **t == "passed").count(),
+            tests_made: tests.len(),
+            curve: mean_curve(&solved),
+        }
+    }
+
+    /// To the minute; says so where there is none.
+    pub fn begun_text(&self) -> String {
+        self.begun.map_or("unknown".to_owned(), |t| t.strftime("%Y-%m-%d %H:%M").to_string())
+    }
+
+    /// One figure, or the range.
+    pub fn variance_text(&self) -> String {
+        match self.variance_factor {
+            Some((low, high)) if format!("{low:.2}") == format!("{high:.2}") => format!("{low:.2}"),
+            Some((low, high)) => format!("{low:.2} to {high:.2}"),
+            None => super::number::NONE.to_owned(),
+        }
+    }
+}
+
+/// All series, in order of time.
+pub fn summaries(series: &[SeriesData]) -> Vec<SeriesSummary> {
+    series.iter().zip(hours(series)).map(|(s, h)| SeriesSummary::of(s, h)).collect()
+}
+
+/// Hours since the first series; by number (one per hour) where a time is unknown.
+pub fn hours(series: &[SeriesData]) -> Vec<f64> {
+    let times: Option<Vec<Timestamp>> = series.iter().map(|s| s.begun).collect();
+    match times.as_deref() {
+        Some([first, ..]) => {
+            let first = *first;
+            let since = |t: &Timestamp| (t.as_second() - first.as_second()) as f64 / 3600.0;
+            times.iter().flatten().map(since).collect()
+        }
+        _ => (0..series.len()).map(|i| i as f64).collect(),
+    }
+}
+
+/// The records with numbers.
+pub fn solved(series: &SeriesData) -> Vec<&ImageRecord> {
+    series.records.iter().filter(|r| r.status == Status::Ok).collect()
+}
+
+fn extremes(range: Option<(f64, f64)>, value: f64) -> Option<(f64, f64)> {
+    let (low, high) = range.unwrap_or((value, value));
+    Some((low.min(value), high.max(value)))
+}
+
+fn torsion(solved: &[&ImageRecord]) -> Vec<TorsionMean> {
+    let mut names: Vec<&str> = Vec::new();
+    for pair in solved.iter().flat_map(|r| &r.torsion) {
+        if !names.contains(&pair.name.as_str()) {
+            names.push(&pair.name);
+        }
+    }
+    names.iter().map(|name| torsion_of(solved, name)).collect()
+}
+
+fn torsion_of(solved: &[&ImageRecord], name: &str) -> TorsionMean {
+    let pairs: Vec<_> = solved.iter().flat_map(|r| &r.torsion).filter(|p| p.name == name).collect();
+    let angles: Vec<_> = pairs.iter().filter_map(|p| Some((p.angle_deg?, p.sigma_deg))).collect();
+    let twists: Vec<_> = pairs.iter().filter_map(|p| Some((p.twist_deg?, p.sigma_twist_deg))).collect();
+    TorsionMean { name: name.to_owned(), angle_deg: Mean::of(&angles), twist_deg: Mean::of(&twists) }
+}
+
+/// Point by point; frames whose curve has another length than the first one's are left out.
+fn mean_curve(solved: &[&ImageRecord]) -> Vec<CurveRecord> {
+    let Some(first) = solved.iter().map(|r| &r.curve).find(|c| !c.is_empty()) else {
+        return Vec::new();
+    };
+    let alike: Vec<&Vec<CurveRecord>> =
+        solved.iter().map(|r| &r.curve).filter(|c| c.len() == first.len()).collect();
+    (0..first.len()).filter_map(|i| mean_point(&alike, i)).collect()
+}
+
+fn mean_point(curves: &[&Vec<CurveRecord>], index: usize) -> Option<CurveRecord> {
+    let points: Vec<&CurveRecord> = curves.iter().filter_map(|c| c.get(index)).collect();
+    let of = |f: &dyn Fn(&CurveRecord) -> Option<(f64, Option<f64>)>| {
+        Mean::of(&points.iter().filter_map(|p| f(p)).collect::<Vec<_>>())
+    };
+    let lift = of(&|p| Some((p.lift_m, p.sigma_lift_m)))?;
+    let twist = of(&|p| Some((p.twist_deg?, p.sigma_twist_deg)));
+    Some(CurveRecord {
+        arc_length_m: of(&|p| Some((p.arc_length_m, None)))?.value,
+        span_m: of(&|p| Some((p.span_m, None)))?.value,
+        lift_m: lift.value,
+        sigma_lift_m: lift.sigma,
+        twist_deg: twist.map(|t| t.value),
+        sigma_twist_deg: twist.and_then(|t| t.sigma),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::super::sample;
+    use super::*;
+
+    #[test]
+    fn the_mean_keeps_common_errors_and_shows_the_scatter() {
+        let mean = Mean::of(&[(1.0, Some(0.3)), (3.0, Some(0.4)), (f64::NAN, None)]).unwrap();
+        assert_eq!((mean.value, mean.count), (2.0, 2));
+        assert!((mean.sigma.unwrap() - 0.125_f64.sqrt()).abs() < 1e-12);
+        assert!((mean.scatter.unwrap() - 2.0_f64.sqrt()).abs() < 1e-12);
+        assert!((mean.scatter_of_mean().unwrap() - 1.0).abs() < 1e-12);
+        assert_eq!(Mean::of(&[]), None);
+        assert_eq!(Mean::of(&[(1.0, Some(0.1))]).unwrap().scatter, None);
+    }
+
+    #[test]
+    fn failed_frames_do_not_enter_the_means() {
+        let mut series = sample::series("s1", 0, &[2.9, 3.1]);
+        series.records.push(sample::failed("x.jpg", "dark"));
+        let summary = SeriesSummary::of(&series, 0.0);
+        assert_eq!((summary.shots, summary.solved, summary.tests_passed), (3, 2, 2));
+        assert!((summary.tip_lift_m.unwrap().value - 3.0).abs() < 1e-12);
+        assert!((summary.curve.last().unwrap().lift_m - 3.0).abs() < 1e-12);
+        assert!(summary.torsion[0].twist_deg.is_some());
+    }
+
+    #[test]
+    fn hours_count_from_the_first_series_or_by_number() {
+        let mut series = vec![sample::series("a", 0, &[1.0]), sample::series("b", 5400, &[1.0])];
+        assert_eq!(hours(&series), [0.0, 1.5]);
+        series[1].begun = None;
+        assert_eq!(hours(&series), [0.0, 1.0]);
+        assert!(hours(&[]).is_empty());
+    }
+}
