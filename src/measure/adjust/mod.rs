@@ -1,6 +1,7 @@
 //! Observations -> deflection: profile, spatial, flight; quality, variance components.
 
 pub mod gauss_helmert;
+pub mod profile;
 
 use nalgebra::{DMatrix, Matrix2, Matrix3, Vector2, Vector3};
 

@@ -5,7 +5,7 @@ mod transform;
 mod wing_frame;
 
 pub use lens::{Lens, LensError};
-pub use transform::{FitError, Similarity, TransformFit};
+pub use transform::{FitError, PointPair, Similarity, TransformFit};
 pub use wing_frame::WingFrame;
 
 use nalgebra::{Matrix3, Vector3};
