@@ -4,7 +4,7 @@ mod refraction;
 mod thermal;
 
 pub use refraction::{
-    PAPER_INCIDENCE_RAD, RefractionReport, correct_observations, deflection_rad, refract, refraction_shift_px,
-    refractive_index,
+    PAPER_INCIDENCE_RAD, RefractionReport, correct_observations, deflection_rad, refract,
+    refraction_shift_px, refractive_index,
 };
 pub use thermal::{length_change_m, scale_with_sigma};

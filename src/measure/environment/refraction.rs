@@ -50,7 +50,8 @@ fn dry_molar_mass(co2_ppm: f64) -> f64 {
 fn molar_density(t: f64, pressure_pa: f64, x: f64) -> f64 {
     let kelvin = t + KELVIN;
     let ratio = pressure_pa / kelvin;
-    let first = 1.581_23e-6 - 2.9331e-8 * t + 1.1043e-10 * t * t
+    let first = 1.581_23e-6 - 2.9331e-8 * t
+        + 1.1043e-10 * t * t
         + (5.707e-6 - 2.051e-8 * t) * x
         + (1.9898e-4 - 2.376e-6 * t) * x * x;
     let compressibility = 1.0 - ratio * first + ratio * ratio * (1.83e-11 - 0.765e-8 * x * x);
@@ -103,7 +104,8 @@ pub fn refract(ray: &Vector3<f64>, outward_normal: &Vector3<f64>, index_ratio: f
 
 /// Index in the cabin over index outside.
 fn index_ratio(window: &Window) -> f64 {
-    refractive_index(&window.cabin, window.wavelength_nm) / refractive_index(&window.outside, window.wavelength_nm)
+    refractive_index(&window.cabin, window.wavelength_nm)
+        / refractive_index(&window.outside, window.wavelength_nm)
 }
 
 /// What refraction does to a frame.

@@ -77,7 +77,9 @@ impl TransformFit {
     /// Gauss-Newton for the last digits and the covariance.
     pub fn estimate(points: &[PointPair], with_scale: bool) -> Result<Self, FitError> {
         let usable = |p: &PointPair| {
-            (p.source_m + p.target_m).iter().all(|c| c.is_finite()) && p.sigma_m > 0.0 && p.sigma_m.is_finite()
+            (p.source_m + p.target_m).iter().all(|c| c.is_finite())
+                && p.sigma_m > 0.0
+                && p.sigma_m.is_finite()
         };
         if !points.iter().all(usable) {
             return Err(FitError::Input);
@@ -185,7 +187,11 @@ fn parameter_jacobian(turned: &Vector3<f64>, scale: f64, with_scale: bool) -> SM
 }
 
 /// One step and the cofactor matrix, both in (rotation, translation, scale).
-fn gauss_newton(points: &[PointPair], t: &Similarity, with_scale: bool) -> Result<(Vector7, Matrix7), FitError> {
+fn gauss_newton(
+    points: &[PointPair],
+    t: &Similarity,
+    with_scale: bool,
+) -> Result<(Vector7, Matrix7), FitError> {
     let (mut normal, mut right) = (Matrix7::zeros(), Vector7::zeros());
     for p in points {
         let jacobian = parameter_jacobian(&(t.rotation * p.source_m), t.scale, with_scale);
@@ -275,7 +281,8 @@ mod tests {
         let pair = |source_m: Vector3<f64>, target_m| PointPair { source_m, target_m, sigma_m: 0.002 };
         let mirrored: Vec<_> = cloud(1, 8).iter().map(|p| pair(*p, mirror(p))).collect();
         assert_eq!(TransformFit::estimate(&mirrored, false).unwrap_err(), FitError::Mirrored);
-        let line: Vec<_> = (0..5).map(|k| Vector3::new(1.0, 2.0, 3.0) * f64::from(k)).map(|p| pair(p, p)).collect();
+        let line: Vec<_> =
+            (0..5).map(|k| Vector3::new(1.0, 2.0, 3.0) * f64::from(k)).map(|p| pair(p, p)).collect();
         assert_eq!(TransformFit::estimate(&line, false).unwrap_err(), FitError::Degenerate);
         assert_eq!(TransformFit::estimate(&mirrored[..2], false).unwrap_err(), FitError::Degenerate);
         let same = vec![mirrored[0]; 4];

@@ -26,8 +26,7 @@ pub fn arc_length(x_m: f64, a_per_m: f64) -> ArcLength {
 
 /// g and dg/dt near 0: the binomial series of sqrt(1 + t^2), integrated term by term.
 fn series(t: f64) -> (f64, f64) {
-    const C: [f64; 6] =
-        [1.0 / 6.0, -1.0 / 40.0, 1.0 / 112.0, -5.0 / 1152.0, 7.0 / 2816.0, -21.0 / 13312.0];
+    const C: [f64; 6] = [1.0 / 6.0, -1.0 / 40.0, 1.0 / 112.0, -5.0 / 1152.0, 7.0 / 2816.0, -21.0 / 13312.0];
     let w = t * t;
     let value = C.iter().rev().fold(0.0, |sum, c| (sum + c) * w);
     let slope = C.iter().enumerate().rev().fold(0.0, |sum, (k, c)| sum * w + 2.0 * (k as f64 + 1.0) * c);
