@@ -1,8 +1,111 @@
-//! One file per command.
+//! One file per command. Results go to standard output, logs and progress to standard error.
+
+mod detect;
+mod frames;
+mod orient;
+mod solve;
 
 use std::process::ExitCode;
 
+use clap::{Parser, Subcommand};
+
+use crate::installation::Fault;
+
+/// The shape of a wing in flight, measured with one camera at a cabin window.
+#[derive(Parser)]
+#[command(name = "wingd", version, propagate_version = true, arg_required_else_help = true)]
+#[command(after_help = "Exit status: 0 all went well, 1 something could not be done, 2 wrong usage, \
+    78 configuration or installation at fault.")]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Find markers in images
+    Detect(detect::Args),
+    /// Find the camera's attitude from ground frames and write orientation.toml
+    Orient(orient::Args),
+    /// Solve bending, torsion and positions, one result per image
+    Solve(solve::Args),
+}
+
+/// How a command ends when it did not end well.
+#[derive(Debug)]
+pub enum Failure {
+    /// Something could not be done; the text says what and how to mend it. Exit status 1.
+    Undone(String),
+    /// Wrong usage that the parser cannot see. Exit status 2.
+    Usage(String),
+    /// Configuration or installation at fault. Exit status 78.
+    Faults(Vec<Fault>),
+}
+
+impl From<Vec<Fault>> for Failure {
+    fn from(faults: Vec<Fault>) -> Self {
+        Self::Faults(faults)
+    }
+}
+
+impl From<Fault> for Failure {
+    fn from(fault: Fault) -> Self {
+        Self::Faults(vec![fault])
+    }
+}
+
+/// Outcome of a command: whether everything asked for was done.
+pub enum Done {
+    /// Exit status 0.
+    All,
+    /// Some images failed, each with its own line. Exit status 1.
+    Partly,
+}
+
+impl Done {
+    fn all(ok: bool) -> Self {
+        if ok { Self::All } else { Self::Partly }
+    }
+}
+
 /// Parses the arguments and runs the command; the exit status is that of CONTRACT.md section 1.
 pub fn main() -> ExitCode {
-    ExitCode::from(2)
+    let arguments = Arguments::parse();
+    let outcome = match arguments.command {
+        Command::Detect(args) => detect::run(&args),
+        Command::Orient(args) => orient::run(&args),
+        Command::Solve(args) => solve::run(&args),
+    };
+    match outcome {
+        Ok(Done::All) => ExitCode::SUCCESS,
+        Ok(Done::Partly) => ExitCode::from(1),
+        Err(failure) => report(&failure),
+    }
+}
+
+fn report(failure: &Failure) -> ExitCode {
+    match failure {
+        Failure::Undone(text) => {
+            eprintln!("wingd: {text}");
+            ExitCode::from(1)
+        }
+        Failure::Usage(text) => {
+            eprintln!("wingd: {text}\nTry 'wingd --help'.");
+            ExitCode::from(2)
+        }
+        Failure::Faults(faults) => {
+            for fault in faults {
+                eprintln!("wingd: {fault}");
+            }
+            let plural = if faults.len() == 1 { "" } else { "s" };
+            eprintln!("wingd: {} fault{plural} to mend", faults.len());
+            ExitCode::from(78)
+        }
+    }
+}
+
+/// Prints a line of results; a closed pipe (`| head`) is no fault.
+fn print(text: &str) {
+    use std::io::Write;
+    let _ = writeln!(std::io::stdout().lock(), "{text}");
 }

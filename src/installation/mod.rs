@@ -1,6 +1,23 @@
 //! The directory a user prepares: read, validate, write back (CONTRACT.md section 2).
+//!
+//! Every fault of every file is gathered in one go; each names file, key or line, and the mend.
 
-use std::path::PathBuf;
+mod camera;
+mod document;
+mod observations;
+mod orientation;
+mod survey;
+mod tables;
+mod ties;
+
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+
+pub use camera::{CalibrationReport, write_camera};
+pub use observations::{HandObservation, read_observations};
+pub use orientation::write_orientation;
+pub use tables::Optics;
 
 use crate::measure::setup::{Orientation, Setup};
 
@@ -27,6 +44,105 @@ pub struct Installation {
     pub setup: Setup,
     /// From `orientation.toml`, where that exists.
     pub orientation: Option<Orientation>,
+    /// The lens and sensor as bought, for planning.
+    pub optics: Option<Optics>,
     /// (file name, SHA-256) of every file that was read, for provenance.
     pub digests: Vec<(String, String)>,
+}
+
+/// Name of the file that `wingd orient` writes.
+pub const ORIENTATION_FILE: &str = "orientation.toml";
+
+impl Installation {
+    /// The orientation, or the fault of not having one.
+    pub fn require_orientation(&self) -> Result<&Orientation, Fault> {
+        self.orientation.as_ref().ok_or_else(|| Fault {
+            file: self.directory.join(ORIENTATION_FILE),
+            place: "file".into(),
+            problem: "there is no orientation yet".into(),
+            mend: format!("run `wingd orient --installation {} GROUND_FRAME`", self.directory.display()),
+        })
+    }
+}
+
+/// Gathers faults while files are read, and hashes what was read.
+struct Reader {
+    directory: PathBuf,
+    faults: Vec<Fault>,
+    digests: Vec<(String, String)>,
+}
+
+impl Reader {
+    fn fault(&mut self, file: &Path, place: &str, problem: impl Into<String>, mend: impl Into<String>) {
+        let (problem, mend) = (problem.into(), mend.into());
+        self.faults.push(Fault { file: file.into(), place: place.into(), problem, mend });
+    }
+
+    /// A file's text; a fault where it cannot be read.
+    fn text(&mut self, name: &str, mend: &str) -> Option<(PathBuf, String)> {
+        let file = self.directory.join(name);
+        let bytes = match std::fs::read(&file) {
+            Ok(bytes) => bytes,
+            Err(error) => {
+                self.fault(&file, "file", format!("cannot be read ({error})"), mend);
+                return None;
+            }
+        };
+        self.digests.push((name.into(), hex::encode(Sha256::digest(&bytes))));
+        match String::from_utf8(bytes) {
+            Ok(text) => Some((file, text.trim_start_matches('\u{feff}').to_owned())),
+            Err(_) => {
+                self.fault(&file, "file", "is not UTF-8 text", "save it as plain UTF-8");
+                None
+            }
+        }
+    }
+}
+
+/// Reads and checks an installation.
+pub fn load(directory: &Path) -> Result<Installation, Vec<Fault>> {
+    read(directory, true)
+}
+
+/// Reads and checks an installation but for an orientation that is about to be written anew.
+pub fn load_without_orientation(directory: &Path) -> Result<Installation, Vec<Fault>> {
+    read(directory, false)
+}
+
+fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fault>> {
+    let mut reader = Reader { directory: directory.into(), faults: vec![], digests: vec![] };
+    let parts = document::read(&mut reader);
+    let orientation = if with_orientation { orientation::read(&mut reader) } else { None };
+    match parts {
+        Some((setup, optics)) if reader.faults.is_empty() => Ok(Installation {
+            directory: directory.into(),
+            setup,
+            orientation,
+            optics,
+            digests: reader.digests,
+        }),
+        _ => Err(reader.faults),
+    }
+}
+
+/// Reads a camera file alone (`camera.toml`).
+pub fn load_camera(file: &Path) -> Result<crate::measure::geometry::Lens, Vec<Fault>> {
+    let directory = file.parent().unwrap_or(Path::new("")).to_owned();
+    let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let mut reader = Reader { directory, faults: vec![], digests: vec![] };
+    let lens = camera::read(&mut reader, &name);
+    lens.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
+}
+
+/// Writes a file whole or not at all, durable before its name appears.
+fn write_whole(file: &Path, text: &str) -> std::io::Result<()> {
+    use std::io::Write;
+    use std::os::unix::fs::PermissionsExt;
+    let directory = file.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut temporary = tempfile::NamedTempFile::new_in(directory)?;
+    temporary.write_all(text.as_bytes())?;
+    temporary.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))?;
+    temporary.as_file().sync_all()?;
+    temporary.persist(file).map_err(|e| e.error)?;
+    std::fs::File::open(directory)?.sync_all()
 }

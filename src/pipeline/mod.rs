@@ -1,1 +1,142 @@
-//! From frame bytes and an installation to a record.
+//! From frame bytes and an installation to a record: decode, detect, identify, adjust.
+//!
+//! | stage | in | out | module |
+//! |---|---|---|---|
+//! | decode | bytes as delivered | grey picture | [`decode`] |
+//! | measure | grey picture, installation | identified markers | [`measure`](self::stages) |
+//! | adjust | identified markers | solution | [`crate::measure::adjust`] |
+//! | record | solution | the line of the results | [`recording`] |
+
+pub mod decode;
+pub mod recording;
+pub mod stages;
+
+use std::time::Instant;
+
+use serde_json::{Map, Value, json};
+
+use crate::camera::Format;
+use crate::installation::Installation;
+use crate::measure::adjust::{self, Method, Observation, Options};
+use crate::measure::setup::Orientation;
+use crate::record::ImageRecord;
+
+pub use stages::{Stage, Sighting};
+
+/// What to compute.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Job {
+    /// Profile or spatial; flight is asked for by [`solve_flight`].
+    pub method: Method,
+    /// Choices of the adjustment.
+    pub options: Options,
+}
+
+impl Default for Job {
+    fn default() -> Self {
+        Self { method: Method::Spatial, options: Options::default() }
+    }
+}
+
+impl Job {
+    /// Parameters as they enter the provenance.
+    pub fn provenance(&self) -> Value {
+        let o = &self.options;
+        json!({
+            "method": recording::method_name(self.method),
+            "curvature_terms": o.curvature_terms,
+            "twist_terms": o.twist_terms,
+            "variance_components": o.variance_components,
+            "global_alpha": o.global_alpha,
+            "snooping_alpha": o.snooping_alpha,
+            "sigma": recording::sigma_choice(o.sigma),
+        })
+    }
+}
+
+/// Solves one frame. Whatever goes wrong with the frame is in the record, with the mend.
+pub fn solve_frame(
+    name: &str,
+    bytes: &[u8],
+    format: Option<&Format>,
+    installation: &Installation,
+    orientation: &Orientation,
+    job: &Job,
+) -> ImageRecord {
+    let sighting = stages::sight(name, bytes, format, installation, Some(orientation));
+    solve_sighting(&sighting, installation, orientation, job)
+}
+
+/// Adjusts what was seen in one frame.
+pub fn solve_sighting(
+    sighting: &Sighting,
+    installation: &Installation,
+    orientation: &Orientation,
+    job: &Job,
+) -> ImageRecord {
+    let started = Instant::now();
+    let outcome = sighting.failure.clone().map_or_else(
+        || adjust_one(installation, orientation, &sighting.observations, job).map_err(|e| e.to_string()),
+        Err,
+    );
+    let mut record = recording::record(sighting, installation, job, outcome);
+    let solve_ms = 1e3 * started.elapsed().as_secs_f64();
+    record.timing_ms.insert("solve".into(), recording::milliseconds(solve_ms));
+    record
+}
+
+fn adjust_one(
+    installation: &Installation,
+    orientation: &Orientation,
+    observations: &[Observation],
+    job: &Job,
+) -> Result<adjust::Solution, adjust::AdjustError> {
+    let setup = &installation.setup;
+    match job.method {
+        Method::Profile => adjust::profile(setup, orientation, observations, &job.options),
+        Method::Spatial | Method::Flight => adjust::spatial(setup, orientation, observations, &job.options),
+    }
+}
+
+/// Adjusts the frames of a flight together; one record per frame, in order. Frames that could not be
+/// sighted fail alone.
+pub fn solve_flight(
+    sightings: &[Sighting],
+    installation: &Installation,
+    orientation: &Orientation,
+    job: &Job,
+) -> Vec<ImageRecord> {
+    let started = Instant::now();
+    let job = Job { method: Method::Flight, ..job.clone() };
+    let good: Vec<&Sighting> = sightings.iter().filter(|s| s.failure.is_none()).collect();
+    let frames: Vec<Vec<Observation>> = good.iter().map(|s| s.observations.clone()).collect();
+    let solved = adjust::flight(&installation.setup, orientation, &frames, &job.options);
+    let mut solutions = match solved {
+        Ok(solutions) => solutions.into_iter().map(Ok).collect::<Vec<_>>(),
+        Err(error) => vec![Err(error.to_string()); good.len()],
+    }
+    .into_iter();
+    let solve_ms = 1e3 * started.elapsed().as_secs_f64() / good.len().max(1) as f64;
+    let one = |sighting: &Sighting| {
+        let outcome = match &sighting.failure {
+            Some(reason) => Err(reason.clone()),
+            None => solutions.next().unwrap_or_else(|| Err("the flight adjustment left this frame out".into())),
+        };
+        let mut record = recording::record(sighting, installation, &job, outcome);
+        record.flight = true;
+        record.timing_ms.insert("solve".into(), recording::milliseconds(solve_ms));
+        record
+    };
+    sightings.iter().map(one).collect()
+}
+
+/// Hashes and versions that a result stands on.
+pub fn inputs(installation: &Installation, job: &Job) -> Map<String, Value> {
+    let mut map = Map::new();
+    map.insert("program".into(), format!("wingd {}", env!("CARGO_PKG_VERSION")).into());
+    for (file, digest) in &installation.digests {
+        map.insert(format!("{file}.sha256"), digest.clone().into());
+    }
+    map.insert("parameters".into(), job.provenance());
+    map
+}

@@ -1,0 +1,133 @@
+//! `wingd detect`: markers in images.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value, json};
+
+use super::{Done, Failure, frames, print};
+use crate::installation::{self, Installation};
+use crate::measure::detect::Detection;
+use crate::measure::raster::Raster;
+use crate::pipeline::{Sighting, recording, stages};
+use crate::report::{overlay, table};
+
+/// Markers in images.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Frames: JPEG, PNG, PNM or TIFF
+    #[arg(required = true, value_name = "IMAGE")]
+    images: Vec<PathBuf>,
+    /// Names the markers and removes the circles' perspective bias
+    #[arg(long, value_name = "DIR")]
+    installation: Option<PathBuf>,
+    /// Write each frame with outlines, ids, error ellipses and rejected candidates to DIR
+    #[arg(long, value_name = "DIR")]
+    overlay: Option<PathBuf>,
+    /// One JSON object per image
+    #[arg(long)]
+    json: bool,
+    /// Images worked on at once [default: the cores]
+    #[arg(long, default_value_t = 0, hide_default_value = true)]
+    jobs: usize,
+}
+
+pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    let installation = args.installation.as_deref().map(installation::load).transpose()?;
+    if let Some(directory) = &args.overlay {
+        std::fs::create_dir_all(directory)
+            .map_err(|e| Failure::Undone(format!("{} cannot be made ({e}); name another", directory.display())))?;
+    }
+    if installation.as_ref().is_some_and(|i| i.orientation.is_none()) {
+        eprintln!("wingd: the installation has no orientation.toml: markers stay without ids; run `wingd orient` first");
+    }
+    let overlay = args.overlay.as_deref();
+    let lines = frames::map(&args.images, args.jobs, "detecting", |name, bytes| match bytes {
+        Ok(bytes) => detect(name, bytes, installation.as_ref(), overlay),
+        Err(reason) => Sighting { image: name.into(), failure: Some(reason), ..Sighting::default() },
+    })?;
+    for sighting in &lines {
+        if args.json {
+            print(&json_line(sighting, installation.as_ref()).to_string());
+        } else {
+            print(&table::detections(&sighting.image, sighting.failure.as_deref(), &named(sighting, installation.as_ref())));
+        }
+    }
+    Ok(Done::all(lines.iter().all(|s| s.failure.is_none())))
+}
+
+fn detect(name: &str, bytes: &[u8], installation: Option<&Installation>, overlay: Option<&Path>) -> Sighting {
+    let (mut sighting, raster) = stages::detect_only(name, bytes, None);
+    if let (Some(raster), Some(installation)) = (&raster, installation) {
+        sighting.failure = stages::size_fault(raster, installation);
+        if let (None, Some(orientation)) = (&sighting.failure, &installation.orientation) {
+            stages::recognise(&mut sighting, installation, orientation);
+        }
+    }
+    if let (Some(raster), Some(directory)) = (&raster, overlay) {
+        let written = draw(raster, &sighting, installation, directory);
+        sighting.failure = sighting.failure.or(written.err());
+    }
+    sighting
+}
+
+fn draw(raster: &Raster, sighting: &Sighting, installation: Option<&Installation>, directory: &Path) -> Result<(), String> {
+    let picture = overlay::overlay(raster, &sighting.detections, &ids(sighting, installation));
+    let file = directory.join(Path::new(&sighting.image).with_extension("png"));
+    picture.save(&file).map_err(|e| format!("{} cannot be written ({e}); free space or name another DIR", file.display()))
+}
+
+/// Per detection: the survey's id.
+fn ids(sighting: &Sighting, installation: Option<&Installation>) -> Vec<Option<String>> {
+    let id = |k: usize| -> Option<String> {
+        let marker = *sighting.identities.as_ref()?.marker_of.get(k)?;
+        Some(installation?.setup.markers.get(marker?)?.id.clone())
+    };
+    (0..sighting.detections.markers.len()).map(id).collect()
+}
+
+/// The detections to list: with identities only those that are known, false ones cost nothing.
+fn named(sighting: &Sighting, installation: Option<&Installation>) -> Vec<(Option<String>, Detection)> {
+    let all = ids(sighting, installation).into_iter().zip(sighting.detections.markers.iter().cloned());
+    all.filter(|(id, _)| id.is_some() || sighting.identities.is_none()).collect()
+}
+
+fn json_line(sighting: &Sighting, installation: Option<&Installation>) -> Value {
+    let mut line = Map::new();
+    line.insert("image".into(), sighting.image.clone().into());
+    line.insert("status".into(), if sighting.failure.is_none() { "ok" } else { "failed" }.into());
+    if let Some(reason) = &sighting.failure {
+        line.insert("reason".into(), reason.clone().into());
+    }
+    line.insert("width".into(), json!(sighting.size.map(|s| s.0)));
+    line.insert("height".into(), json!(sighting.size.map(|s| s.1)));
+    let markers = named(sighting, installation);
+    line.insert("markers".into(), markers.iter().map(|(id, d)| marker(id.as_deref(), d)).collect());
+    let missing = missing(sighting, installation);
+    if !missing.is_empty() {
+        line.insert("missing".into(), missing.into());
+    }
+    let timing: Map<String, Value> =
+        sighting.stages.iter().map(|s| (s.name.into(), recording::milliseconds(s.ms))).collect();
+    line.insert("timing_ms".into(), timing.into());
+    line.into()
+}
+
+fn marker(id: Option<&str>, d: &Detection) -> Value {
+    json!({
+        "shape": d.shape.name(),
+        "id": id,
+        "u_px": d.centre_px.x,
+        "v_px": d.centre_px.y,
+        "sigma_u_px": d.covariance_px2[(0, 0)].max(0.0).sqrt(),
+        "sigma_v_px": d.covariance_px2[(1, 1)].max(0.0).sqrt(),
+        "semi_major_px": d.semi_major_px,
+        "semi_minor_px": d.semi_minor_px,
+        "angle_deg": d.angle_rad.to_degrees(),
+    })
+}
+
+fn missing(sighting: &Sighting, installation: Option<&Installation>) -> Vec<Value> {
+    let missing = sighting.identities.iter().flat_map(|i| &i.missing);
+    let id = |k: usize| installation.and_then(|i| i.setup.markers.get(k)).map(|m| m.id.clone());
+    missing.map(|(k, reason)| json!({ "id": id(*k), "reason": reason })).collect()
+}

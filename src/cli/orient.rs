@@ -1,0 +1,89 @@
+//! `wingd orient`: ground frames -> orientation.toml.
+
+use std::path::PathBuf;
+
+use super::{Done, Failure, frames, print};
+use crate::installation::{self, Installation};
+use crate::measure::identify::{self, OrientationFit};
+use crate::pipeline::{Sighting, stages};
+
+/// Find the camera's attitude from ground frames and write orientation.toml.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The installation; orientation.toml is written into it
+    #[arg(long, value_name = "DIR")]
+    installation: PathBuf,
+    /// Frames taken on ground with the mounting of the survey
+    #[arg(required = true, value_name = "IMAGE")]
+    images: Vec<PathBuf>,
+    /// The fit as one JSON object
+    #[arg(long)]
+    json: bool,
+    /// Images worked on at once [default: the cores]
+    #[arg(long, default_value_t = 0, hide_default_value = true)]
+    jobs: usize,
+}
+
+pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    let installation = installation::load_without_orientation(&args.installation)?;
+    let sightings = frames::map(&args.images, args.jobs, "detecting", |name, bytes| match bytes {
+        Ok(bytes) => stages::sight(name, bytes, None, &installation, None),
+        Err(reason) => Sighting { image: name.into(), failure: Some(reason), ..Sighting::default() },
+    })?;
+    let reasons: Vec<&str> = sightings.iter().filter_map(|s| s.failure.as_deref()).collect();
+    if !reasons.is_empty() {
+        return Err(Failure::Undone(reasons.join("\nwingd: ")));
+    }
+    let detections: Vec<_> = sightings.iter().map(|s| s.detections.markers.clone()).collect();
+    let fit = identify::orient(&installation.setup, &detections)
+        .map_err(|e| Failure::Undone(format!("no orientation: {e}")))?;
+    let images: Vec<(String, String)> = sightings.iter().map(|s| (s.image.clone(), s.digest.clone())).collect();
+    installation::write_orientation(&installation, &fit, &images).map_err(|e| {
+        let file = installation.directory.join(installation::ORIENTATION_FILE);
+        Failure::Undone(format!("{} cannot be written ({e}); check rights and space", file.display()))
+    })?;
+    print(&if args.json { json(&installation, &fit) } else { text(&installation, &fit) });
+    Ok(Done::All)
+}
+
+/// Root mean square of the residuals, px, and their number.
+fn rms(fit: &OrientationFit) -> (f64, usize) {
+    let n = fit.residuals.len();
+    let sum: f64 = fit.residuals.iter().map(|(_, _, r)| r.norm_squared()).sum();
+    ((sum / n.max(1) as f64).sqrt(), n)
+}
+
+fn sigma_mrad(fit: &OrientationFit) -> Option<[f64; 3]> {
+    fit.orientation.covariance_rad2.map(|c| [0, 1, 2].map(|k| 1e3 * c[(k, k)].max(0.0).sqrt()))
+}
+
+fn json(installation: &Installation, fit: &OrientationFit) -> String {
+    let m = fit.orientation.camera_from_survey.matrix();
+    let rows: Vec<Vec<f64>> = m.row_iter().map(|r| r.iter().copied().collect()).collect();
+    let (rms_px, markers) = rms(fit);
+    serde_json::json!({
+        "status": "ok",
+        "file": installation.directory.join(installation::ORIENTATION_FILE),
+        "camera_from_survey": rows,
+        "sigma_mrad": sigma_mrad(fit),
+        "variance_factor": fit.variance_factor,
+        "redundancy": fit.redundancy,
+        "markers": markers,
+        "rms_px": rms_px,
+    })
+    .to_string()
+}
+
+fn text(installation: &Installation, fit: &OrientationFit) -> String {
+    let (rms_px, markers) = rms(fit);
+    let file = installation.directory.join(installation::ORIENTATION_FILE);
+    let sigma = sigma_mrad(fit).map_or(String::new(), |s| {
+        format!("\nstandard deviations about camera x, y, z: {:.3}, {:.3}, {:.3} mrad", s[0], s[1], s[2])
+    });
+    format!(
+        "{}\n{markers} marker images, rms {rms_px:.3} px, variance factor {:.2} at redundancy {}{sigma}",
+        file.display(),
+        fit.variance_factor,
+        fit.redundancy
+    )
+}

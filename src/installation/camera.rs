@@ -1,0 +1,139 @@
+//! `camera.toml`: interior orientation.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
+
+use super::{Reader, document, write_whole};
+use crate::measure::geometry::Lens;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Table {
+    width: i64,
+    height: i64,
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+    #[serde(default)]
+    k1: f64,
+    #[serde(default)]
+    k2: f64,
+    #[serde(default)]
+    k3: f64,
+    #[serde(default)]
+    p1: f64,
+    #[serde(default)]
+    p2: f64,
+    // Kept in the file for other tools; the adjustment holds the interior orientation fixed.
+    #[serde(default, rename = "covariance")]
+    _covariance: Option<toml::Value>,
+    #[serde(default, rename = "calibration")]
+    _calibration: Option<toml::Table>,
+}
+
+/// What `wingd calibrate` adds under `[calibration]` (CONTRACT.md section 4).
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CalibrationReport {
+    /// Root mean square of the residuals, px.
+    pub rms_px: f64,
+    /// Pictures that took part.
+    pub images_used: usize,
+    /// Pictures in which no board was found, or that did not fit.
+    pub images_rejected: usize,
+    /// Image points that took part.
+    pub observations: usize,
+    /// Standard deviations in the order fx fy cx cy k1 k2 k3 p1 p2.
+    pub sigma: [f64; 9],
+    /// 9 x 9, same order.
+    pub covariance: Vec<Vec<f64>>,
+}
+
+const LARGEST_SIDE: i64 = 100_000;
+
+pub(super) fn read(reader: &mut Reader, name: &str) -> Option<Lens> {
+    let mend = "write it with `wingd calibrate`, or name the right file in camera.calibration";
+    let (file, text) = reader.text(name, mend)?;
+    let table: Table = document::parse_toml(reader, &file, &text)?;
+    let before = reader.faults.len();
+    for (key, side) in [("width", table.width), ("height", table.height)] {
+        if !(1..=LARGEST_SIDE).contains(&side) {
+            reader.fault(&file, key, format!("is {side} px"), "give the size of the frames in pixels");
+        }
+    }
+    for (key, f) in [("fx", table.fx), ("fy", table.fy)] {
+        if !(f.is_finite() && f > 0.0) {
+            reader.fault(&file, key, format!("is {f} px"), "give the camera constant in pixels, above 0");
+        }
+    }
+    let rest = [
+        ("cx", table.cx),
+        ("cy", table.cy),
+        ("k1", table.k1),
+        ("k2", table.k2),
+        ("k3", table.k3),
+        ("p1", table.p1),
+        ("p2", table.p2),
+    ];
+    for (key, value) in rest.into_iter().filter(|(_, v)| !v.is_finite()) {
+        reader.fault(&file, key, format!("is {value}"), "give a finite number");
+    }
+    if reader.faults.len() > before {
+        return None;
+    }
+    let lens = Lens {
+        width: table.width as u32,
+        height: table.height as u32,
+        fx: table.fx,
+        fy: table.fy,
+        cx: table.cx,
+        cy: table.cy,
+        k1: table.k1,
+        k2: table.k2,
+        k3: table.k3,
+        p1: table.p1,
+        p2: table.p2,
+    };
+    check_inverse(reader, &file, &lens);
+    Some(lens)
+}
+
+/// The distortion must be invertible over the whole image.
+fn check_inverse(reader: &mut Reader, file: &Path, lens: &Lens) {
+    let (w, h) = (f64::from(lens.width), f64::from(lens.height));
+    for k in 0..=20 {
+        let t = f64::from(k) / 20.0;
+        let edge = [(t * w, 0.0), (t * w, h), (0.0, t * h), (w, t * h)];
+        for (u, v) in edge {
+            if let Err(error) = lens.ray(&Vector2::new(u - 0.5, v - 0.5)) {
+                reader.fault(file, "k1 to p2", error.to_string(), "calibrate again with points up to the corners");
+                return;
+            }
+        }
+    }
+}
+
+/// Writes `camera.toml` with what the calibration found.
+pub fn write_camera(file: &Path, lens: &Lens, report: Option<&CalibrationReport>) -> std::io::Result<()> {
+    let mut text = format!("width = {}\nheight = {}\n", lens.width, lens.height);
+    let names = ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "p1", "p2"];
+    let values =
+        [lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.k3, lens.p1, lens.p2];
+    for (name, value) in names.iter().zip(values) {
+        let _ = writeln!(text, "{name} = {value:?}");
+    }
+    if let Some(r) = report {
+        let _ = writeln!(text, "\n[calibration]\nrms_px = {:?}\nimages_used = {}", r.rms_px, r.images_used);
+        let _ = writeln!(text, "images_rejected = {}\nobservations = {}", r.images_rejected, r.observations);
+        let sigma: Vec<String> = names.iter().zip(r.sigma).map(|(n, s)| format!("{n} = {s:?}")).collect();
+        let _ = writeln!(text, "sigma = {{ {} }}\ncovariance = [", sigma.join(", "));
+        for row in &r.covariance {
+            let _ = writeln!(text, "  {row:?},");
+        }
+        text.push_str("]\n");
+    }
+    write_whole(file, &text)
+}

@@ -1,0 +1,210 @@
+//! `installation.toml` with the files it names -> [`Setup`].
+
+use std::path::Path;
+
+use nalgebra::{Vector2, Vector3};
+
+use super::tables::{self, Document, Optics};
+use super::{Fault, Reader, camera, survey, ties};
+use crate::measure::setup::{Air, Setup, SkinHeight, SurveyMarker, Thermal, TorsionPair, Window};
+
+const FILE: &str = "installation.toml";
+/// Shift between two mountings where the user gives none, px (paper, section 3.1.3).
+const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
+
+pub(super) fn read(reader: &mut Reader) -> Option<(Setup, Option<Optics>)> {
+    let mend = "an installation is a directory with installation.toml; see docs/operations.md";
+    let (file, text) = reader.text(FILE, mend)?;
+    let document: Document = parse_toml(reader, &file, &text)?;
+    let lens = camera::read(reader, &document.camera.calibration);
+    let markers = survey::read(reader, &document.wing.survey);
+    let tie_points = match &document.cad {
+        Some(cad) => ties::read(reader, cad),
+        None => Some(vec![]),
+    };
+    check_numbers(reader, &file, &document);
+    let torsion = torsion_pairs(reader, &file, &document, markers.as_deref());
+    let window = window(reader, &file, document.window.as_ref());
+    let skin = document.wing.skin_height_m.as_ref();
+    let setup = Setup {
+        name: document.name.unwrap_or_else(|| "unnamed".into()),
+        lens: lens?,
+        projection_centre_m: Vector3::from(document.camera.projection_centre_m),
+        projection_centre_sigma_m: document.camera.projection_centre_sigma_m,
+        mount_repeatability_px: document.camera.mount_repeatability_px.unwrap_or(DEFAULT_REPEATABILITY_PX),
+        span_direction: Vector2::from(document.wing.span_direction),
+        root_offset_m: document.wing.root_offset_m,
+        axis_chord_offset_m: document.wing.axis_chord_offset_m,
+        skin_height: skin.map(|s| SkinHeight { root_m: s.root, tip_m: s.tip, tip_span_m: s.tip_span_m }),
+        thermal: document.thermal.as_ref().map(thermal),
+        torsion,
+        markers: markers?,
+        tie_points: tie_points?,
+        cad_similarity: document.cad.is_some_and(|c| c.similarity),
+        window,
+    };
+    Some((setup, document.camera.optics))
+}
+
+/// TOML into a table of ours; the fault names the line and the key as the parser saw them.
+pub(super) fn parse_toml<T: serde::de::DeserializeOwned>(
+    reader: &mut Reader,
+    file: &Path,
+    text: &str,
+) -> Option<T> {
+    match toml::from_str(text) {
+        Ok(value) => Some(value),
+        Err(error) => {
+            let fault = toml_fault(file, text, &error);
+            reader.faults.push(fault);
+            None
+        }
+    }
+}
+
+/// A parser's complaint as a [`Fault`] with its line.
+fn toml_fault(file: &Path, text: &str, error: &toml::de::Error) -> Fault {
+    let line = error.span().map(|s| 1 + text.get(..s.start).map_or(0, |t| t.matches('\n').count()));
+    let shown = line.and_then(|l| text.lines().nth(l - 1)).map(str::trim).unwrap_or_default();
+    let place = line.map_or("file".into(), |l| format!("line {l} (`{shown}`)"));
+    let problem = error.message().replace('\n', " ");
+    Fault { file: file.into(), place, problem, mend: "correct it as docs/operations.md describes the key".into() }
+}
+
+fn thermal(t: &tables::Thermal) -> Thermal {
+    Thermal {
+        expansion_per_k: t.expansion_per_k,
+        expansion_sigma_per_k: t.expansion_sigma_per_k,
+        ground_temperature_c: t.ground_temperature_c,
+        flight_temperature_c: t.flight_temperature_c,
+        flight_temperature_sigma_k: t.flight_temperature_sigma_k,
+    }
+}
+
+/// One number of the document with the range it must lie in.
+struct Check {
+    place: &'static str,
+    value: f64,
+    low: f64,
+    high: f64,
+    unit: &'static str,
+}
+
+fn check_numbers(reader: &mut Reader, file: &Path, document: &Document) {
+    let (camera, wing) = (&document.camera, &document.wing);
+    let check = |place, value, low, high, unit| Check { place, value, low, high, unit };
+    let mut checks = vec![
+        check("camera.projection_centre_sigma_m", camera.projection_centre_sigma_m, 0.0, 1.0, "m"),
+        check("wing.root_offset_m", wing.root_offset_m, -50.0, 50.0, "m"),
+    ];
+    checks.extend(camera.projection_centre_m.map(|v| check("camera.projection_centre_m", v, -1e6, 1e6, "m")));
+    checks.extend(
+        camera.mount_repeatability_px.map(|v| check("camera.mount_repeatability_px", v, 0.0, 1000.0, "px")),
+    );
+    checks.extend(wing.axis_chord_offset_m.map(|v| check("wing.axis_chord_offset_m", v, -20.0, 20.0, "m")));
+    if let Some(skin) = &wing.skin_height_m {
+        checks.push(check("wing.skin_height_m.root", skin.root, -5.0, 5.0, "m"));
+        checks.push(check("wing.skin_height_m.tip", skin.tip, -5.0, 5.0, "m"));
+        checks.push(check("wing.skin_height_m.tip_span_m", skin.tip_span_m, 0.1, 200.0, "m"));
+    }
+    if let Some(thermal) = &document.thermal {
+        checks.push(check("thermal.expansion_per_k", thermal.expansion_per_k, -1e-3, 1e-3, "1/K"));
+        checks.push(check("thermal.ground_temperature_c", thermal.ground_temperature_c, -100.0, 100.0, "C"));
+        checks.push(check("thermal.flight_temperature_c", thermal.flight_temperature_c, -100.0, 100.0, "C"));
+        let sigma = thermal.expansion_sigma_per_k.unwrap_or(0.0);
+        checks.push(check("thermal.expansion_sigma_per_k", sigma, 0.0, 1e-3, "1/K"));
+        let sigma = thermal.flight_temperature_sigma_k.unwrap_or(0.0);
+        checks.push(check("thermal.flight_temperature_sigma_k", sigma, 0.0, 100.0, "K"));
+    }
+    if let Some(optics) = &camera.optics {
+        checks.push(check("camera.optics.focal_length_mm", optics.focal_length_mm, 0.1, 5000.0, "mm"));
+        checks.push(check("camera.optics.f_number", optics.f_number, 0.5, 128.0, ""));
+        checks.push(check("camera.optics.pixel_pitch_um", optics.pixel_pitch_um, 0.1, 100.0, "um"));
+        let confusion = optics.circle_of_confusion_um.unwrap_or(1.0);
+        checks.push(check("camera.optics.circle_of_confusion_um", confusion, 0.1, 1000.0, "um"));
+    }
+    for c in checks {
+        if !(c.low..=c.high).contains(&c.value) {
+            let problem = format!("is {} {}", c.value, c.unit);
+            let mend = format!("give a number from {} to {} {}", c.low, c.high, c.unit);
+            reader.fault(file, c.place, problem.trim_end(), mend.trim_end());
+        }
+    }
+    let [dx, dy] = wing.span_direction;
+    if !(dx.is_finite() && dy.is_finite() && dx.hypot(dy) > 1e-6) {
+        let mend = "give the horizontal direction from the root to the tip in the survey frame";
+        reader.fault(file, "wing.span_direction", format!("is [{dx}, {dy}]"), mend);
+    }
+}
+
+fn torsion_pairs(
+    reader: &mut Reader,
+    file: &Path,
+    document: &Document,
+    markers: Option<&[SurveyMarker]>,
+) -> Vec<TorsionPair> {
+    let Some(markers) = markers else { return vec![] };
+    let mut pairs = vec![];
+    for (k, pair) in document.torsion.iter().enumerate() {
+        let mut find = |key: &str, id: &str| {
+            let found = markers.iter().position(|m| m.id == id);
+            if found.is_none() {
+                let place = format!("torsion[{k}].{key}");
+                let mend = format!("name a marker of {}", document.wing.survey);
+                reader.fault(file, &place, format!("marker \"{id}\" is not in the survey"), mend);
+            }
+            found
+        };
+        let (leading, trailing) = (find("leading", &pair.leading), find("trailing", &pair.trailing));
+        if let (Some(leading), Some(trailing)) = (leading, trailing) {
+            if leading == trailing {
+                let place = format!("torsion[{k}]");
+                reader.fault(file, &place, "leading and trailing are the same marker", "name two markers");
+                continue;
+            }
+            pairs.push(TorsionPair { name: pair.name.clone(), leading, trailing });
+        }
+    }
+    pairs
+}
+
+/// Cabin as at 8,000 ft, outside as in the standard atmosphere at flight level 370.
+const CABIN: Air = Air { temperature_c: 22.0, pressure_hpa: 752.6, humidity: 0.1, co2_ppm: 800.0 };
+const OUTSIDE: Air = Air { temperature_c: -56.5, pressure_hpa: 216.6, humidity: 0.0, co2_ppm: 420.0 };
+
+fn window(reader: &mut Reader, file: &Path, table: Option<&tables::Window>) -> Option<Window> {
+    let table = table?;
+    let cabin = air(reader, file, "window.cabin", table.cabin.as_ref(), CABIN);
+    let outside = air(reader, file, "window.outside", table.outside.as_ref(), OUTSIDE);
+    let wavelength_nm = table.wavelength_nm.unwrap_or(550.0);
+    if !(300.0..=1700.0).contains(&wavelength_nm) {
+        let problem = format!("is {wavelength_nm} nm");
+        reader.fault(file, "window.wavelength_nm", problem, "give a number from 300 to 1700 nm");
+    }
+    let normal = table.normal.map(Vector3::from);
+    if let Some(n) = normal.filter(|n| !(n.norm() > 1e-6 && n.norm().is_finite())) {
+        let problem = format!("is [{}, {}, {}]", n.x, n.y, n.z);
+        reader.fault(file, "window.normal", problem, "give the outward normal in the survey frame");
+    }
+    let normal = normal.map(|n| n.normalize());
+    Some(Window { normal, cabin, outside, wavelength_nm })
+}
+
+fn air(reader: &mut Reader, file: &Path, place: &str, table: Option<&tables::Air>, default: Air) -> Air {
+    let Some(table) = table else { return default };
+    let air = Air {
+        temperature_c: table.temperature_c,
+        pressure_hpa: table.pressure_hpa,
+        humidity: table.humidity.unwrap_or(default.humidity),
+        co2_ppm: table.co2_ppm.unwrap_or(default.co2_ppm),
+    };
+    let sound = (-100.0..=100.0).contains(&air.temperature_c)
+        && (10.0..=1200.0).contains(&air.pressure_hpa)
+        && (0.0..=1.0).contains(&air.humidity)
+        && (0.0..=20000.0).contains(&air.co2_ppm);
+    if !sound {
+        let mend = "temperature_c -100 to 100, pressure_hpa 10 to 1200, humidity 0 to 1, co2_ppm 0 to 20000";
+        reader.fault(file, place, format!("is out of range ({air:?})"), mend);
+    }
+    air
+}

@@ -1,0 +1,59 @@
+//! Image points measured by hand: `id,u_px,v_px,sigma_px`.
+
+use std::path::Path;
+
+use nalgebra::Vector2;
+
+use super::{Fault, Reader, survey};
+use crate::measure::setup::Setup;
+
+const COLUMNS: [&str; 4] = ["id", "u_px", "v_px", "sigma_px"];
+
+/// One marker as a person marked it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HandObservation {
+    /// Index in [`Setup::markers`].
+    pub marker: usize,
+    /// Image of the marker's centre, px.
+    pub pixel: Vector2<f64>,
+    /// Standard deviation of each coordinate, px.
+    pub sigma_px: f64,
+}
+
+/// Reads a file of hand measurements against the survey.
+pub fn read_observations(file: &Path, setup: &Setup) -> Result<Vec<HandObservation>, Vec<Fault>> {
+    let directory = file.parent().unwrap_or(Path::new("")).to_owned();
+    let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let mut reader = Reader { directory, faults: vec![], digests: vec![] };
+    let found = read(&mut reader, &name, setup);
+    found.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
+}
+
+fn read(reader: &mut Reader, name: &str, setup: &Setup) -> Option<Vec<HandObservation>> {
+    let (file, text) = reader.text(name, "name a file with the columns id,u_px,v_px,sigma_px")?;
+    let rows = survey::read_table(reader, &file, &text, COLUMNS)?;
+    let mut found: Vec<HandObservation> = vec![];
+    for (line, cells) in rows {
+        let place = format!("line {line}, column id");
+        let marker = setup.markers.iter().position(|m| m.id == cells[0]);
+        match marker {
+            None => {
+                let problem = format!("marker \"{}\" is not in the survey", cells[0]);
+                reader.fault(&file, &place, problem, "name a marker of the survey");
+            }
+            Some(m) if found.iter().any(|o| o.marker == m) => {
+                reader.fault(&file, &place, format!("\"{}\" stands twice", cells[0]), "keep one line per marker");
+            }
+            Some(_) => {}
+        }
+        let v: Vec<Option<f64>> =
+            (1..4).map(|k| survey::number(reader, &file, line, COLUMNS[k], &cells[k])).collect();
+        let ([Some(u), Some(v), Some(sigma_px)], Some(marker)) = (&v[..], marker) else { continue };
+        if !(1e-4..=1e3).contains(sigma_px) {
+            let place = format!("line {line}, column sigma_px");
+            reader.fault(&file, &place, format!("is {sigma_px} px"), "give a number from 0.0001 to 1000 px");
+        }
+        found.push(HandObservation { marker, pixel: Vector2::new(*u, *v), sigma_px: *sigma_px });
+    }
+    Some(found)
+}

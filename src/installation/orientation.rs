@@ -1,0 +1,84 @@
+//! `orientation.toml`: the camera's attitude, written by `wingd orient`.
+
+use std::fmt::Write as _;
+
+use nalgebra::{Matrix3, Rotation3};
+use serde::Deserialize;
+
+use super::{Installation, ORIENTATION_FILE, Reader, document, write_whole};
+use crate::measure::identify::OrientationFit;
+use crate::measure::setup::Orientation;
+
+#[derive(Deserialize)]
+struct Table {
+    camera_from_survey: [[f64; 3]; 3],
+    covariance_rad2: Option<[[f64; 3]; 3]>,
+}
+
+/// How far the rows may be from orthonormal: rounding in a text file, not a wrong matrix.
+const ORTHONORMAL_TOLERANCE: f64 = 1e-6;
+
+pub(super) fn read(reader: &mut Reader) -> Option<Orientation> {
+    if !reader.directory.join(ORIENTATION_FILE).exists() {
+        return None;
+    }
+    let (file, text) = reader.text(ORIENTATION_FILE, "write it with `wingd orient`")?;
+    let table: Table = document::parse_toml(reader, &file, &text)?;
+    let m = matrix(&table.camera_from_survey);
+    let defect = (m * m.transpose() - Matrix3::identity()).amax();
+    if !(defect < ORTHONORMAL_TOLERANCE && m.determinant() > 0.0) {
+        let problem = format!("is not a rotation (largest defect {defect:.1e}, determinant {:.6})", m.determinant());
+        reader.fault(&file, "camera_from_survey", problem, "write it anew with `wingd orient`");
+        return None;
+    }
+    let covariance_rad2 = table.covariance_rad2.as_ref().map(matrix);
+    if covariance_rad2.is_some_and(|c| !sound_covariance(&c)) {
+        let problem = "is not a covariance (finite, symmetric, positive variances)";
+        reader.fault(&file, "covariance_rad2", problem, "write it anew with `wingd orient`");
+    }
+    // Rounding is taken out so that products of rotations stay rotations.
+    let svd = m.svd(true, true);
+    let rotation = svd.u? * svd.v_t?;
+    Some(Orientation { camera_from_survey: Rotation3::from_matrix_unchecked(rotation), covariance_rad2 })
+}
+
+fn matrix(rows: &[[f64; 3]; 3]) -> Matrix3<f64> {
+    Matrix3::from_fn(|r, c| rows[r][c])
+}
+
+fn sound_covariance(c: &Matrix3<f64>) -> bool {
+    let finite = c.iter().all(|v| v.is_finite());
+    finite && (c - c.transpose()).amax() <= 1e-9 * c.amax() && (0..3).all(|k| c[(k, k)] >= 0.0)
+}
+
+/// Writes `orientation.toml`: rotation, standard deviations, residuals, source images.
+pub fn write_orientation(
+    installation: &Installation,
+    fit: &OrientationFit,
+    images: &[(String, String)],
+) -> std::io::Result<()> {
+    let m = fit.orientation.camera_from_survey.matrix();
+    let mut text = String::from("# Attitude of the camera on ground, written by `wingd orient`.\n");
+    let _ = writeln!(text, "camera_from_survey = {}", rows(m));
+    if let Some(c) = &fit.orientation.covariance_rad2 {
+        let sigma: Vec<String> = (0..3).map(|k| format!("{:?}", 1e3 * c[(k, k)].sqrt())).collect();
+        let _ = writeln!(text, "# small rotation about the camera's x, y, z axes");
+        let _ = writeln!(text, "sigma_mrad = [{}]\ncovariance_rad2 = {}", sigma.join(", "), rows(c));
+    }
+    let _ = writeln!(text, "variance_factor = {:?}\nredundancy = {}", fit.variance_factor, fit.redundancy);
+    for (k, (name, digest)) in images.iter().enumerate() {
+        let _ = writeln!(text, "\n[[image]]\nname = {}\nsha256 = \"{digest}\"", toml::Value::from(name.as_str()));
+        let _ = writeln!(text, "# marker, residual u, v (observed - computed), px\nresiduals = [");
+        for (_, marker, r) in fit.residuals.iter().filter(|(frame, _, _)| *frame == k) {
+            let id = installation.setup.markers.get(*marker).map_or("", |m| m.id.as_str());
+            let _ = writeln!(text, "  {{ id = {}, u_px = {:.4}, v_px = {:.4} }},", toml::Value::from(id), r.x, r.y);
+        }
+        text.push_str("]\n");
+    }
+    write_whole(&installation.directory.join(ORIENTATION_FILE), &text)
+}
+
+fn rows(m: &Matrix3<f64>) -> String {
+    let row = |r: usize| format!("[{:?}, {:?}, {:?}]", m[(r, 0)], m[(r, 1)], m[(r, 2)]);
+    format!("[\n  {},\n  {},\n  {},\n]", row(0), row(1), row(2))
+}

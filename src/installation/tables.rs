@@ -1,0 +1,103 @@
+//! `installation.toml` as serde sees it.
+
+use serde::Deserialize;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Document {
+    pub name: Option<String>,
+    pub camera: Camera,
+    pub wing: Wing,
+    pub thermal: Option<Thermal>,
+    #[serde(default)]
+    pub torsion: Vec<Torsion>,
+    pub cad: Option<Cad>,
+    pub window: Option<Window>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Camera {
+    pub calibration: String,
+    pub projection_centre_m: [f64; 3],
+    pub projection_centre_sigma_m: f64,
+    pub mount_repeatability_px: Option<f64>,
+    pub optics: Option<Optics>,
+}
+
+/// The lens and sensor as bought, for depth of field and diffraction.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Optics {
+    /// Focal length, mm.
+    pub focal_length_mm: f64,
+    /// Aperture number.
+    pub f_number: f64,
+    /// Distance of pixel centres, micrometres.
+    pub pixel_pitch_um: f64,
+    /// Circle of confusion, micrometres; two pixels where not given.
+    pub circle_of_confusion_um: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Wing {
+    pub survey: String,
+    pub span_direction: [f64; 2],
+    pub root_offset_m: f64,
+    pub axis_chord_offset_m: Option<f64>,
+    pub skin_height_m: Option<Skin>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Skin {
+    pub root: f64,
+    pub tip: f64,
+    pub tip_span_m: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Thermal {
+    pub expansion_per_k: f64,
+    pub expansion_sigma_per_k: Option<f64>,
+    pub ground_temperature_c: f64,
+    pub flight_temperature_c: f64,
+    pub flight_temperature_sigma_k: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Torsion {
+    pub name: String,
+    pub leading: String,
+    pub trailing: String,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Cad {
+    pub tie_points: String,
+    pub sigma_m: Option<f64>,
+    #[serde(default)]
+    pub similarity: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Window {
+    pub normal: Option<[f64; 3]>,
+    pub cabin: Option<Air>,
+    pub outside: Option<Air>,
+    pub wavelength_nm: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Air {
+    pub temperature_c: f64,
+    pub pressure_hpa: f64,
+    pub humidity: Option<f64>,
+    pub co2_ppm: Option<f64>,
+}

@@ -1,0 +1,247 @@
+//! A solution as the line of the results (CONTRACT.md section 3).
+
+use std::collections::HashMap;
+
+use nalgebra::Matrix3;
+use serde_json::{Map, Value, json};
+
+use super::{Job, Sighting, inputs};
+use crate::installation::Installation;
+use crate::measure::adjust::{
+    CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Observation, Parameter, SigmaKind, Solution, Torsion,
+};
+use crate::measure::setup::SurveyMarker;
+use crate::record::{CurveRecord, ImageRecord, MarkerRecord, Measured, Status, Tip, TorsionRecord};
+
+/// The method's word in results; a flight's frames are solved spatially.
+pub fn method_name(method: Method) -> &'static str {
+    match method {
+        Method::Profile => "profile",
+        Method::Spatial | Method::Flight => "spatial",
+    }
+}
+
+/// The word of `--sigma`.
+pub fn sigma_choice(kind: SigmaKind) -> &'static str {
+    match kind {
+        SigmaKind::ByTest => "by test",
+        SigmaKind::Prior => "prior",
+        SigmaKind::Posterior => "posterior",
+    }
+}
+
+/// Milliseconds, to a thousandth.
+pub fn milliseconds(ms: f64) -> Value {
+    json!((ms * 1e3).round() / 1e3)
+}
+
+/// A sighting and the outcome of its adjustment as one record.
+pub fn record(
+    sighting: &Sighting,
+    installation: &Installation,
+    job: &Job,
+    outcome: Result<Solution, String>,
+) -> ImageRecord {
+    let mut provenance = inputs(installation, job);
+    if !sighting.digest.is_empty() {
+        provenance.insert("frame.sha256".into(), sighting.digest.clone().into());
+    }
+    let mut record = ImageRecord {
+        image: sighting.image.clone(),
+        status: Status::Failed,
+        reason: None,
+        method: method_name(job.method).into(),
+        flight: false,
+        variance_factor: None,
+        redundancy: None,
+        global_test: None,
+        sigma_kind: None,
+        model: Map::new(),
+        tip: None,
+        markers: unsolved_markers(sighting, installation),
+        torsion: vec![],
+        curve: vec![],
+        quality: Map::new(),
+        remarks: vec![],
+        provenance,
+        timing_ms: sighting.stages.iter().map(|s| (s.name.into(), milliseconds(s.ms))).collect(),
+    };
+    match outcome {
+        Err(reason) => record.reason = Some(reason),
+        Ok(solution) => fill(&mut record, sighting, installation, &solution),
+    }
+    record
+}
+
+fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installation, s: &Solution) {
+    record.status = Status::Ok;
+    record.variance_factor = s.variance_factor.filter(|v| v.is_finite());
+    record.redundancy = Some(s.redundancy);
+    record.global_test = match s.global_test {
+        GlobalTest::Passed => Some("passed".into()),
+        GlobalTest::Rejected => Some("rejected".into()),
+        GlobalTest::NotPossible => None,
+    };
+    record.sigma_kind = Some(if s.posterior { "posterior" } else { "prior" }.into());
+    record.model = s.parameters.iter().map(parameter).collect();
+    let seen: HashMap<usize, &Observation> = sighting.observations.iter().map(|o| (o.marker, o)).collect();
+    let mut missing = missing_reasons(sighting);
+    for m in &s.markers {
+        if let (Some(line), Some(marker)) = (record.markers.get_mut(m.marker), installation.setup.markers.get(m.marker)) {
+            *line = solved_marker(marker, m, seen.get(&m.marker).copied(), missing.remove(&m.marker));
+        }
+    }
+    record.tip = tip(installation, s);
+    record.torsion = s.torsion.iter().map(torsion).collect();
+    record.curve = s.curve.iter().map(curve).collect();
+    record.remarks = s.remarks.clone();
+    record.quality = quality(s);
+}
+
+/// Radians inside, degrees at the edge: the name bears the unit.
+fn parameter(p: &Parameter) -> (String, Value) {
+    let (name, factor) = match p.name.strip_suffix("_rad") {
+        Some(stem) => (format!("{stem}_deg"), 180.0 / std::f64::consts::PI),
+        None => (p.name.to_owned(), 1.0),
+    };
+    let one = |e: &Estimate| json!(Measured { value: e.value * factor, sigma: e.sigma.map(|s| s * factor) });
+    let value = match p.values.as_slice() {
+        [single] if !matches!(p.name, "curvature_per_m") => one(single),
+        many => Value::Array(many.iter().map(one).collect()),
+    };
+    (name, value)
+}
+
+fn missing_reasons(sighting: &Sighting) -> HashMap<usize, String> {
+    sighting.identities.iter().flat_map(|i| i.missing.iter().cloned()).collect()
+}
+
+/// Every marker of the survey as not used, with what is known of it.
+fn unsolved_markers(sighting: &Sighting, installation: &Installation) -> Vec<MarkerRecord> {
+    let missing = missing_reasons(sighting);
+    let seen: HashMap<usize, &Observation> = sighting.observations.iter().map(|o| (o.marker, o)).collect();
+    let line = |(k, marker): (usize, &SurveyMarker)| {
+        blank(marker, seen.get(&k).copied(), missing.get(&k).cloned().or(Some("not measured in this frame".into())))
+    };
+    installation.setup.markers.iter().enumerate().map(line).collect()
+}
+
+fn blank(marker: &SurveyMarker, seen: Option<&Observation>, reason: Option<String>) -> MarkerRecord {
+    MarkerRecord {
+        id: marker.id.clone(),
+        shape: marker.shape.name().into(),
+        u_px: seen.map(|o| o.pixel.x),
+        v_px: seen.map(|o| o.pixel.y),
+        sigma_u_px: seen.map(|o| o.covariance_px2[(0, 0)].sqrt()),
+        sigma_v_px: seen.map(|o| o.covariance_px2[(1, 1)].sqrt()),
+        used: false,
+        reason,
+        residual_u_px: None,
+        residual_v_px: None,
+        redundancy_u: None,
+        redundancy_v: None,
+        w_test: None,
+        mdb_u_px: None,
+        mdb_v_px: None,
+        distance_m: None,
+        sigma_distance_m: None,
+        position_m: None,
+        sigma_position_m: None,
+        position_cad_m: None,
+        sigma_position_cad_m: None,
+        lift_m: None,
+        sigma_lift_m: None,
+    }
+}
+
+fn solved_marker(
+    marker: &SurveyMarker,
+    m: &MarkerSolution,
+    seen: Option<&Observation>,
+    missing: Option<String>,
+) -> MarkerRecord {
+    let reason = if m.used { None } else { missing.or(m.reason.clone()).or(Some("not measured in this frame".into())) };
+    let residual = m.residual_px;
+    MarkerRecord {
+        used: m.used,
+        residual_u_px: residual.map(|r| r.x),
+        residual_v_px: residual.map(|r| r.y),
+        redundancy_u: m.redundancy.map(|r| r.x),
+        redundancy_v: m.redundancy.map(|r| r.y),
+        w_test: m.w_test,
+        mdb_u_px: m.minimal_detectable_bias_px.map(|b| b.x).filter(|b| b.is_finite()),
+        mdb_v_px: m.minimal_detectable_bias_px.map(|b| b.y).filter(|b| b.is_finite()),
+        distance_m: m.distance_m.map(|d| d.value),
+        sigma_distance_m: m.distance_m.and_then(|d| d.sigma),
+        position_m: m.position_m.map(Into::into),
+        sigma_position_m: m.covariance_m2.as_ref().map(sigmas),
+        lift_m: m.lift_m.map(|l| l.value),
+        sigma_lift_m: m.lift_m.and_then(|l| l.sigma),
+        ..blank(marker, seen, reason)
+    }
+}
+
+/// Roots of a covariance's diagonal.
+pub fn sigmas(c: &Matrix3<f64>) -> [f64; 3] {
+    [0, 1, 2].map(|k| c[(k, k)].max(0.0).sqrt())
+}
+
+/// The used marker that lies farthest along the span.
+fn tip(installation: &Installation, s: &Solution) -> Option<Tip> {
+    let setup = &installation.setup;
+    let frame = setup.wing_frame();
+    let span = |m: &&MarkerSolution| setup.markers.get(m.marker).map_or(f64::MIN, |k| frame.wing_point(&k.position_m).x);
+    let outermost = s.markers.iter().filter(|m| m.used).max_by(|a, b| span(a).total_cmp(&span(b)))?;
+    let lift = outermost.lift_m?;
+    let id = setup.markers.get(outermost.marker)?.id.clone();
+    Some(Tip { marker: id, lift_m: lift.value, sigma_lift_m: lift.sigma })
+}
+
+fn torsion(t: &Torsion) -> TorsionRecord {
+    let degrees = |e: Option<Estimate>| e.map(|e| e.value.to_degrees());
+    let sigma = |e: Option<Estimate>| e.and_then(|e| e.sigma).map(f64::to_degrees);
+    TorsionRecord {
+        name: t.name.clone(),
+        angle_deg: degrees(t.angle_rad),
+        sigma_deg: sigma(t.angle_rad),
+        twist_deg: degrees(t.twist_rad),
+        sigma_twist_deg: sigma(t.twist_rad),
+    }
+}
+
+fn curve(p: &CurvePoint) -> CurveRecord {
+    CurveRecord {
+        arc_length_m: p.arc_length_m,
+        span_m: p.span_m,
+        lift_m: p.lift_m.value,
+        sigma_lift_m: p.lift_m.sigma,
+        twist_deg: p.twist_rad.map(|t| t.value.to_degrees()),
+        sigma_twist_deg: p.twist_rad.and_then(|t| t.sigma).map(f64::to_degrees),
+    }
+}
+
+fn quality(s: &Solution) -> Map<String, Value> {
+    let mut map = Map::new();
+    map.insert("iterations".into(), s.iterations.into());
+    if let Some(r) = s.pitch_bending_correlation {
+        map.insert("pitch_bending_correlation".into(), json!(r));
+    }
+    let names: Vec<String> = s
+        .parameters
+        .iter()
+        .flat_map(|p| (0..p.values.len()).map(move |k| format!("{}[{k}]", p.name)))
+        .collect();
+    if s.correlation.nrows() > 0 {
+        let rows: Vec<Vec<f64>> = s.correlation.row_iter().map(|r| r.iter().copied().collect()).collect();
+        map.insert("correlation".into(), json!({ "parameters": names, "matrix": rows }));
+    }
+    if !s.variance_components.is_empty() {
+        let list: Vec<Value> = s
+            .variance_components
+            .iter()
+            .map(|c| json!({ "group": c.group, "factor": c.factor, "redundancy": c.redundancy }))
+            .collect();
+        map.insert("variance_components".into(), Value::Array(list));
+    }
+    map
+}

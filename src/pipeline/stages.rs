@@ -1,0 +1,141 @@
+//! Decode, detect and identify one frame.
+
+use std::time::Instant;
+
+use sha2::{Digest, Sha256};
+
+use super::decode;
+use crate::camera::Format;
+use crate::installation::{HandObservation, Installation};
+use crate::measure::adjust::Observation;
+use crate::measure::detect::{self, Detection, Detections};
+use crate::measure::identify::{self, Identities};
+use crate::measure::raster::Raster;
+use crate::measure::setup::Orientation;
+
+/// A stage's duration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stage {
+    /// `decode`, `detect`, `identify`.
+    pub name: &'static str,
+    /// Milliseconds.
+    pub ms: f64,
+}
+
+/// What was seen in one frame.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Sighting {
+    /// File name of the frame.
+    pub image: String,
+    /// SHA-256 of its bytes.
+    pub digest: String,
+    /// Size, px; `None` where it could not be decoded.
+    pub size: Option<(usize, usize)>,
+    /// All that the detector says; circles' perspective bias removed where identified.
+    pub detections: Detections,
+    /// Who is who; `None` without an orientation.
+    pub identities: Option<Identities>,
+    /// For the adjustment.
+    pub observations: Vec<Observation>,
+    /// Why the frame cannot be solved; one sentence with the mend.
+    pub failure: Option<String>,
+    /// Stages and their durations.
+    pub stages: Vec<Stage>,
+}
+
+impl Sighting {
+    /// From measurements by hand.
+    pub fn by_hand(name: &str, observations: &[HandObservation]) -> Self {
+        let observe = |o: &HandObservation| Observation {
+            marker: o.marker,
+            pixel: o.pixel,
+            covariance_px2: nalgebra::Matrix2::identity() * o.sigma_px * o.sigma_px,
+        };
+        Self { image: name.into(), observations: observations.iter().map(observe).collect(), ..Self::default() }
+    }
+
+    fn timed<T>(&mut self, name: &'static str, work: impl FnOnce() -> T) -> T {
+        let started = Instant::now();
+        let result = work();
+        self.stages.push(Stage { name, ms: 1e3 * started.elapsed().as_secs_f64() });
+        result
+    }
+}
+
+/// Decodes and detects; with an orientation also identifies and removes the perspective bias.
+pub fn sight(
+    name: &str,
+    bytes: &[u8],
+    format: Option<&Format>,
+    installation: &Installation,
+    orientation: Option<&Orientation>,
+) -> Sighting {
+    let (mut sighting, raster) = detect_only(name, bytes, format);
+    if let Some(raster) = raster {
+        sighting.failure = size_fault(&raster, installation);
+    }
+    if let (None, Some(orientation)) = (&sighting.failure, orientation) {
+        recognise(&mut sighting, installation, orientation);
+    }
+    sighting
+}
+
+/// Decodes and detects, without any knowledge of the wing. The picture comes back for drawing.
+pub fn detect_only(name: &str, bytes: &[u8], format: Option<&Format>) -> (Sighting, Option<Raster>) {
+    let digest = hex::encode(Sha256::digest(bytes));
+    let mut sighting = Sighting { image: name.into(), digest, ..Sighting::default() };
+    match sighting.timed("decode", || decode::decode(bytes, format)) {
+        Err(error) => {
+            sighting.failure = Some(format!("{name}: {error}"));
+            (sighting, None)
+        }
+        Ok(raster) => {
+            sighting.size = Some((raster.width(), raster.height()));
+            sighting.detections = sighting.timed("detect", || detect::detect(&raster));
+            (sighting, Some(raster))
+        }
+    }
+}
+
+/// A sentence where the frame is not of the calibrated camera's size.
+pub fn size_fault(raster: &Raster, installation: &Installation) -> Option<String> {
+    let lens = &installation.setup.lens;
+    let fits = raster.width() == lens.width as usize && raster.height() == lens.height as usize;
+    (!fits).then(|| {
+        format!(
+            "the frame is {} x {} px, but camera.toml was calibrated for {} x {} px; use the camera's full frames",
+            raster.width(),
+            raster.height(),
+            lens.width,
+            lens.height
+        )
+    })
+}
+
+/// Identities, perspective bias, observations.
+pub fn recognise(sighting: &mut Sighting, installation: &Installation, orientation: &Orientation) {
+    let setup = &installation.setup;
+    let found = sighting.detections.markers.clone();
+    match sighting.timed("identify", || identify::identify(setup, orientation, &found)) {
+        Err(error) => sighting.failure = Some(error.to_string()),
+        Ok(identities) => {
+            let centred = identify::remove_perspective_bias(setup, orientation, &found, &identities);
+            sighting.observations = observations(&centred, &identities);
+            sighting.detections.markers = centred;
+            sighting.identities = Some(identities);
+        }
+    }
+}
+
+/// The identified detections, in the survey's order.
+fn observations(detections: &[Detection], identities: &Identities) -> Vec<Observation> {
+    let mut list: Vec<Observation> = detections
+        .iter()
+        .zip(&identities.marker_of)
+        .filter_map(|(d, marker)| {
+            marker.map(|marker| Observation { marker, pixel: d.centre_px, covariance_px2: d.covariance_px2 })
+        })
+        .collect();
+    list.sort_by_key(|o| o.marker);
+    list
+}
