@@ -30,7 +30,9 @@ pub struct Args {
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let installation = args.installation.as_deref().map(installation::load).transpose()?;
     if installation.as_ref().is_some_and(|i| i.orientation.is_none()) {
-        eprintln!("wingd: the installation has no orientation.toml: markers stay without ids; run `wingd orient` first");
+        eprintln!(
+            "wingd: the installation has no orientation.toml: markers stay without ids; run `wingd orient` first"
+        );
     }
     let lines = frames::map(&args.images, args.jobs, "detecting", |name, bytes| match bytes {
         Ok(bytes) => detect(name, bytes, installation.as_ref()),

@@ -23,11 +23,13 @@ pub fn map<T: Send>(
     work: impl Fn(&str, Result<&[u8], String>) -> T + Sync,
 ) -> Result<Vec<T>, Failure> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).build();
-    let pool = pool.map_err(|e| Failure::Undone(format!("cannot start {jobs} jobs: {e}; use fewer --jobs")))?;
+    let pool =
+        pool.map_err(|e| Failure::Undone(format!("cannot start {jobs} jobs: {e}; use fewer --jobs")))?;
     let bar = progress(files.len(), what);
     let one = |file: &PathBuf| {
         let bytes = std::fs::read(file);
-        let readable = bytes.as_deref().map_err(|e| format!("{} cannot be read ({e}); check the path", file.display()));
+        let readable =
+            bytes.as_deref().map_err(|e| format!("{} cannot be read ({e}); check the path", file.display()));
         let result = work(&name(file), readable);
         bar.inc(1);
         result

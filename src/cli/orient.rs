@@ -37,7 +37,8 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let detections: Vec<_> = sightings.iter().map(|s| s.detections.markers.clone()).collect();
     let fit = identify::orient(&installation.setup, &detections)
         .map_err(|e| Failure::Undone(format!("no orientation: {e}")))?;
-    let images: Vec<(String, String)> = sightings.iter().map(|s| (s.image.clone(), s.digest.clone())).collect();
+    let images: Vec<(String, String)> =
+        sightings.iter().map(|s| (s.image.clone(), s.digest.clone())).collect();
     installation::write_orientation(&installation, &fit, &images).map_err(|e| {
         let file = installation.directory.join(installation::ORIENTATION_FILE);
         Failure::Undone(format!("{} cannot be written ({e}); check rights and space", file.display()))

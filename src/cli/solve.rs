@@ -65,7 +65,9 @@ pub struct Args {
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     if args.flight && matches!(args.method, MethodName::Profile) {
-        return Err(Failure::Usage("--flight adjusts with the spatial method; leave --method profile out".into()));
+        return Err(Failure::Usage(
+            "--flight adjusts with the spatial method; leave --method profile out".into(),
+        ));
     }
     let installation = installation::load(&args.installation)?;
     let orientation = installation.require_orientation()?;
@@ -93,8 +95,12 @@ fn job(args: &Args) -> Job {
         MethodName::Spatial => Method::Spatial,
     };
     let curvature_terms = args.curvature_terms.map(usize::from);
-    let options =
-        Options { sigma, curvature_terms, variance_components: args.variance_components, ..Options::default() };
+    let options = Options {
+        sigma,
+        curvature_terms,
+        variance_components: args.variance_components,
+        ..Options::default()
+    };
     Job { method, options }
 }
 

@@ -109,7 +109,12 @@ fn check_inverse(reader: &mut Reader, file: &Path, lens: &Lens) {
         let edge = [(t * w, 0.0), (t * w, h), (0.0, t * h), (w, t * h)];
         for (u, v) in edge {
             if let Err(error) = lens.ray(&Vector2::new(u - 0.5, v - 0.5)) {
-                reader.fault(file, "k1 to p2", error.to_string(), "calibrate again with points up to the corners");
+                reader.fault(
+                    file,
+                    "k1 to p2",
+                    error.to_string(),
+                    "calibrate again with points up to the corners",
+                );
                 return;
             }
         }
@@ -120,8 +125,7 @@ fn check_inverse(reader: &mut Reader, file: &Path, lens: &Lens) {
 pub fn write_camera(file: &Path, lens: &Lens, report: Option<&CalibrationReport>) -> std::io::Result<()> {
     let mut text = format!("width = {}\nheight = {}\n", lens.width, lens.height);
     let names = ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "p1", "p2"];
-    let values =
-        [lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.k3, lens.p1, lens.p2];
+    let values = [lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.k3, lens.p1, lens.p2];
     for (name, value) in names.iter().zip(values) {
         let _ = writeln!(text, "{name} = {value:?}");
     }

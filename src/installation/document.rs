@@ -68,7 +68,12 @@ fn toml_fault(file: &Path, text: &str, error: &toml::de::Error) -> Fault {
     let shown = line.and_then(|l| text.lines().nth(l - 1)).map(str::trim).unwrap_or_default();
     let place = line.map_or("file".into(), |l| format!("line {l} (`{shown}`)"));
     let problem = error.message().replace('\n', " ");
-    Fault { file: file.into(), place, problem, mend: "correct it as docs/operations.md describes the key".into() }
+    Fault {
+        file: file.into(),
+        place,
+        problem,
+        mend: "correct it as docs/operations.md describes the key".into(),
+    }
 }
 
 fn thermal(t: &tables::Thermal) -> Thermal {

@@ -42,7 +42,12 @@ fn read(reader: &mut Reader, name: &str, setup: &Setup) -> Option<Vec<HandObserv
                 reader.fault(&file, &place, problem, "name a marker of the survey");
             }
             Some(m) if found.iter().any(|o| o.marker == m) => {
-                reader.fault(&file, &place, format!("\"{}\" stands twice", cells[0]), "keep one line per marker");
+                reader.fault(
+                    &file,
+                    &place,
+                    format!("\"{}\" stands twice", cells[0]),
+                    "keep one line per marker",
+                );
             }
             Some(_) => {}
         }

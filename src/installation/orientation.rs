@@ -27,7 +27,8 @@ pub(super) fn read(reader: &mut Reader) -> Option<Orientation> {
     let m = matrix(&table.camera_from_survey);
     let defect = (m * m.transpose() - Matrix3::identity()).amax();
     if !(defect < ORTHONORMAL_TOLERANCE && m.determinant() > 0.0) {
-        let problem = format!("is not a rotation (largest defect {defect:.1e}, determinant {:.6})", m.determinant());
+        let problem =
+            format!("is not a rotation (largest defect {defect:.1e}, determinant {:.6})", m.determinant());
         reader.fault(&file, "camera_from_survey", problem, "write it anew with `wingd orient`");
         return None;
     }
@@ -67,11 +68,18 @@ pub fn write_orientation(
     }
     let _ = writeln!(text, "variance_factor = {:?}\nredundancy = {}", fit.variance_factor, fit.redundancy);
     for (k, (name, digest)) in images.iter().enumerate() {
-        let _ = writeln!(text, "\n[[image]]\nname = {}\nsha256 = \"{digest}\"", toml::Value::from(name.as_str()));
+        let _ =
+            writeln!(text, "\n[[image]]\nname = {}\nsha256 = \"{digest}\"", toml::Value::from(name.as_str()));
         let _ = writeln!(text, "# marker, residual u, v (observed - computed), px\nresiduals = [");
         for (_, marker, r) in fit.residuals.iter().filter(|(frame, _, _)| *frame == k) {
             let id = installation.setup.markers.get(*marker).map_or("", |m| m.id.as_str());
-            let _ = writeln!(text, "  {{ id = {}, u_px = {:.4}, v_px = {:.4} }},", toml::Value::from(id), r.x, r.y);
+            let _ = writeln!(
+                text,
+                "  {{ id = {}, u_px = {:.4}, v_px = {:.4} }},",
+                toml::Value::from(id),
+                r.x,
+                r.y
+            );
         }
         text.push_str("]\n");
     }

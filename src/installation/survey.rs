@@ -17,11 +17,20 @@ pub(super) fn read_table<const N: usize>(
     text: &str,
     columns: [&str; N],
 ) -> Option<Vec<(u64, [String; N])>> {
-    let mut csv = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).comment(Some(b'#')).from_reader(text.as_bytes());
+    let mut csv = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .flexible(true)
+        .comment(Some(b'#'))
+        .from_reader(text.as_bytes());
     let header = match csv.headers() {
         Ok(header) => header.clone(),
         Err(error) => {
-            reader.fault(file, "line 1", error.to_string(), format!("begin with the header {}", columns.join(",")));
+            reader.fault(
+                file,
+                "line 1",
+                error.to_string(),
+                format!("begin with the header {}", columns.join(",")),
+            );
             return None;
         }
     };
@@ -64,7 +73,12 @@ pub(super) fn number(reader: &mut Reader, file: &Path, line: u64, column: &str, 
     let value = text.parse::<f64>().ok().filter(|v| v.is_finite());
     if value.is_none() {
         let place = format!("line {line}, column {column}");
-        reader.fault(file, &place, format!("\"{text}\" is not a finite number"), "give a decimal number with a point");
+        reader.fault(
+            file,
+            &place,
+            format!("\"{text}\" is not a finite number"),
+            "give a decimal number with a point",
+        );
     }
     value
 }
@@ -111,10 +125,17 @@ fn marker(reader: &mut Reader, file: &Path, line: u64, cells: &[String; 7]) -> O
     let mut cell = |k: usize| number(reader, file, line, COLUMNS[k], &cells[k]);
     let (diameter, x, y, z, sigma) = (cell(2), cell(3), cell(4), cell(5), cell(6));
     let (diameter_m, sigma_m) = (diameter?, sigma?);
-    for (column, value, low, high) in [("diameter_m", diameter_m, 0.001, 10.0), ("sigma_m", sigma_m, 1e-6, 10.0)] {
+    for (column, value, low, high) in
+        [("diameter_m", diameter_m, 0.001, 10.0), ("sigma_m", sigma_m, 1e-6, 10.0)]
+    {
         if !(low..=high).contains(&value) {
             let place = format!("line {line}, column {column}");
-            reader.fault(file, &place, format!("is {value} m"), format!("give a number from {low} to {high} m"));
+            reader.fault(
+                file,
+                &place,
+                format!("is {value} m"),
+                format!("give a number from {low} to {high} m"),
+            );
         }
     }
     let position_m = Vector3::new(x?, y?, z?);

@@ -10,19 +10,30 @@ const COLUMNS: [&str; 7] = ["id", "x_m", "y_m", "z_m", "cad_x_m", "cad_y_m", "ca
 const DEFAULT_SIGMA_M: f64 = 0.005;
 
 pub(super) fn read(reader: &mut Reader, cad: &tables::Cad) -> Option<Vec<TiePoint>> {
-    let (file, text) = reader.text(&cad.tie_points, "name the file in cad.tie_points of installation.toml")?;
+    let (file, text) =
+        reader.text(&cad.tie_points, "name the file in cad.tie_points of installation.toml")?;
     let rows = survey::read_table(reader, &file, &text, COLUMNS)?;
     let sigma_m = cad.sigma_m.unwrap_or(DEFAULT_SIGMA_M);
     if !(1e-6..=10.0).contains(&sigma_m) {
         let installation = reader.directory.join("installation.toml");
-        reader.fault(&installation, "cad.sigma_m", format!("is {sigma_m} m"), "give a number from 1e-6 to 10 m");
+        reader.fault(
+            &installation,
+            "cad.sigma_m",
+            format!("is {sigma_m} m"),
+            "give a number from 1e-6 to 10 m",
+        );
     }
     let before = reader.faults.len();
     let mut points: Vec<TiePoint> = vec![];
     for (line, cells) in rows {
         if points.iter().any(|p| p.id == cells[0]) {
             let place = format!("line {line}, column id");
-            reader.fault(&file, &place, format!("\"{}\" stands twice", cells[0]), "give every tie point a name of its own");
+            reader.fault(
+                &file,
+                &place,
+                format!("\"{}\" stands twice", cells[0]),
+                "give every tie point a name of its own",
+            );
         }
         let v: Vec<Option<f64>> =
             (1..7).map(|k| survey::number(reader, &file, line, COLUMNS[k], &cells[k])).collect();

@@ -119,7 +119,11 @@ mod tests {
         let raster = decode(&whole, None).unwrap();
         assert_eq!((raster.width(), raster.height()), (64, 48));
         for cut in 0..whole.len() - 1 {
-            assert!(decode(&whole[..cut], None).is_err(), "cut at {cut} of {} was taken as whole", whole.len());
+            assert!(
+                decode(&whole[..cut], None).is_err(),
+                "cut at {cut} of {} was taken as whole",
+                whole.len()
+            );
         }
     }
 

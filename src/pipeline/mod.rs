@@ -21,7 +21,7 @@ use crate::measure::adjust::{self, Method, Observation, Options};
 use crate::measure::setup::Orientation;
 use crate::record::ImageRecord;
 
-pub use stages::{Stage, Sighting};
+pub use stages::{Sighting, Stage};
 
 /// What to compute.
 #[derive(Clone, Debug, PartialEq)]
@@ -120,7 +120,9 @@ pub fn solve_flight(
     let one = |sighting: &Sighting| {
         let outcome = match &sighting.failure {
             Some(reason) => Err(reason.clone()),
-            None => solutions.next().unwrap_or_else(|| Err("the flight adjustment left this frame out".into())),
+            None => {
+                solutions.next().unwrap_or_else(|| Err("the flight adjustment left this frame out".into()))
+            }
         };
         let mut record = recording::record(sighting, installation, &job, outcome);
         record.flight = true;

@@ -8,7 +8,8 @@ use serde_json::{Map, Value, json};
 use super::{Job, Sighting, inputs};
 use crate::installation::Installation;
 use crate::measure::adjust::{
-    CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Observation, Parameter, SigmaKind, Solution, Torsion,
+    CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Observation, Parameter, SigmaKind, Solution,
+    Torsion,
 };
 use crate::measure::setup::SurveyMarker;
 use crate::record::{CurveRecord, ImageRecord, MarkerRecord, Measured, Status, Tip, TorsionRecord};
@@ -87,7 +88,9 @@ fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installati
     let seen: HashMap<usize, &Observation> = sighting.observations.iter().map(|o| (o.marker, o)).collect();
     let mut missing = missing_reasons(sighting);
     for m in &s.markers {
-        if let (Some(line), Some(marker)) = (record.markers.get_mut(m.marker), installation.setup.markers.get(m.marker)) {
+        if let (Some(line), Some(marker)) =
+            (record.markers.get_mut(m.marker), installation.setup.markers.get(m.marker))
+        {
             *line = solved_marker(marker, m, seen.get(&m.marker).copied(), missing.remove(&m.marker));
         }
     }
@@ -121,7 +124,11 @@ fn unsolved_markers(sighting: &Sighting, installation: &Installation) -> Vec<Mar
     let missing = missing_reasons(sighting);
     let seen: HashMap<usize, &Observation> = sighting.observations.iter().map(|o| (o.marker, o)).collect();
     let line = |(k, marker): (usize, &SurveyMarker)| {
-        blank(marker, seen.get(&k).copied(), missing.get(&k).cloned().or(Some("not measured in this frame".into())))
+        blank(
+            marker,
+            seen.get(&k).copied(),
+            missing.get(&k).cloned().or(Some("not measured in this frame".into())),
+        )
     };
     installation.setup.markers.iter().enumerate().map(line).collect()
 }
@@ -160,7 +167,11 @@ fn solved_marker(
     seen: Option<&Observation>,
     missing: Option<String>,
 ) -> MarkerRecord {
-    let reason = if m.used { None } else { missing.or(m.reason.clone()).or(Some("not measured in this frame".into())) };
+    let reason = if m.used {
+        None
+    } else {
+        missing.or(m.reason.clone()).or(Some("not measured in this frame".into()))
+    };
     let residual = m.residual_px;
     MarkerRecord {
         used: m.used,
@@ -190,7 +201,9 @@ pub fn sigmas(c: &Matrix3<f64>) -> [f64; 3] {
 fn tip(installation: &Installation, s: &Solution) -> Option<Tip> {
     let setup = &installation.setup;
     let frame = setup.wing_frame();
-    let span = |m: &&MarkerSolution| setup.markers.get(m.marker).map_or(f64::MIN, |k| frame.wing_point(&k.position_m).x);
+    let span = |m: &&MarkerSolution| {
+        setup.markers.get(m.marker).map_or(f64::MIN, |k| frame.wing_point(&k.position_m).x)
+    };
     let outermost = s.markers.iter().filter(|m| m.used).max_by(|a, b| span(a).total_cmp(&span(b)))?;
     let lift = outermost.lift_m?;
     let id = setup.markers.get(outermost.marker)?.id.clone();

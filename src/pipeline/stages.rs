@@ -51,7 +51,11 @@ impl Sighting {
             pixel: o.pixel,
             covariance_px2: nalgebra::Matrix2::identity() * o.sigma_px * o.sigma_px,
         };
-        Self { image: name.into(), observations: observations.iter().map(observe).collect(), ..Self::default() }
+        Self {
+            image: name.into(),
+            observations: observations.iter().map(observe).collect(),
+            ..Self::default()
+        }
     }
 
     fn timed<T>(&mut self, name: &'static str, work: impl FnOnce() -> T) -> T {
