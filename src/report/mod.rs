@@ -8,6 +8,7 @@
 
 pub mod grid;
 pub mod number;
+pub mod overlay;
 pub mod summary;
 pub mod table;
 
