@@ -55,12 +55,7 @@ fn draw_marker(canvas: &mut Canvas, m: &Detection, id: Option<&str>, enlarged: f
     let (semi, angle) = principal(&m.covariance_px2);
     canvas.ellipse(m.centre_px, semi.map(|s| s * enlarged), angle, ERROR);
     let half = reach(m);
-    Area([
-        m.centre_px.x - half.x,
-        m.centre_px.y - half.y,
-        m.centre_px.x + half.x,
-        m.centre_px.y + half.y,
-    ])
+    Area([m.centre_px.x - half.x, m.centre_px.y - half.y, m.centre_px.x + half.x, m.centre_px.y + half.y])
 }
 
 fn reach(m: &Detection) -> Vector2<f64> {
