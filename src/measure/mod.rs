@@ -11,4 +11,5 @@ pub mod identify;
 pub mod plan;
 pub mod raster;
 pub mod render;
+pub mod samples;
 pub mod setup;
