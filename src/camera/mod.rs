@@ -1,5 +1,11 @@
 //! Cameras: replay, V4L2, gphoto; the remote release.
 
+pub mod deadline;
+pub mod freshness;
+pub mod jpeg;
+#[cfg(feature = "v4l")]
+pub mod v4l;
+
 use std::time::Duration;
 
 use serde_json::{Map, Value};

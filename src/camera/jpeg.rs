@@ -1,0 +1,85 @@
+//! Whether a JPEG file is whole, without decoding it.
+
+/// Walks the markers from SOI to EOI (ITU-T T.81, annex B); `Err` says what is missing. Bytes after
+/// EOI are allowed: cameras pad, and append previews.
+pub fn whole(bytes: &[u8]) -> Result<(), String> {
+    if !bytes.starts_with(&[0xFF, 0xD8]) {
+        return Err(format!("not a JPEG file: {} bytes without its first marker", bytes.len()));
+    }
+    let cut = || format!("JPEG file ends early, after {} bytes", bytes.len());
+    let mut at = 2;
+    let mut scans = 0;
+    loop {
+        let marker = loop {
+            match (bytes.get(at), bytes.get(at + 1)) {
+                (Some(0xFF), Some(0xFF)) => at += 1,
+                (Some(0xFF), Some(marker)) => break *marker,
+                (Some(_), _) => return Err(format!("JPEG file is damaged at byte {at}")),
+                _ => return Err(cut()),
+            }
+        };
+        at += 2;
+        match marker {
+            0xD9 if scans > 0 => return Ok(()),
+            0xD9 => return Err("JPEG file holds no picture".to_owned()),
+            0x01 | 0xD0..=0xD7 => continue,
+            _ => {}
+        }
+        let length = match (bytes.get(at), bytes.get(at + 1)) {
+            (Some(high), Some(low)) => usize::from(u16::from_be_bytes([*high, *low])),
+            _ => return Err(cut()),
+        };
+        at += length.max(2);
+        if marker == 0xDA {
+            scans += 1;
+            at = end_of_scan(bytes, at).ok_or_else(cut)?;
+        }
+    }
+}
+
+/// The next marker after entropy-coded data that is neither a stuffed byte nor a restart.
+fn end_of_scan(bytes: &[u8], from: usize) -> Option<usize> {
+    let data = bytes.get(from..)?;
+    let is_marker = |pair: &[u8]| pair[0] == 0xFF && !matches!(pair[1], 0 | 0xD0..=0xD7 | 0xFF);
+    data.windows(2).position(is_marker).map(|offset| from + offset)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn picture() -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let grey: Vec<u8> = (0..64 * 48).map(|i| (i * 7 % 251) as u8).collect();
+        jpeg_encoder::Encoder::new(&mut bytes, 90).encode(&grey, 64, 48, jpeg_encoder::ColorType::Luma).unwrap();
+        bytes
+    }
+
+    #[test]
+    fn a_file_is_whole_only_at_its_full_length() {
+        let bytes = picture();
+        assert_eq!(whole(&bytes), Ok(()));
+        for length in 0..bytes.len() {
+            assert!(whole(&bytes[..length]).is_err(), "{length} of {}", bytes.len());
+        }
+        let padded: Vec<u8> = bytes.iter().copied().chain([0; 100]).collect();
+        assert_eq!(whole(&padded), Ok(()));
+    }
+
+    #[test]
+    fn a_hole_of_zeros_in_the_headers_is_seen() {
+        let mut bytes = picture();
+        bytes[20..200].fill(0);
+        assert!(whole(&bytes).is_err());
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn any_bytes_are_survived(bytes in proptest::collection::vec(proptest::num::u8::ANY, 0..300)) {
+            let _ = whole(&bytes);
+            let with_start: Vec<u8> = [0xFF, 0xD8].into_iter().chain(bytes).collect();
+            let _ = whole(&with_start);
+        }
+    }
+}

@@ -1,0 +1,240 @@
+//! A camera behind Video for Linux (V4L2): USB video class, CSI, frame grabbers.
+
+pub mod controls;
+mod find;
+mod stream;
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde::Deserialize;
+use serde_json::{Map, Value, json};
+use v4l::video::Capture;
+use v4l::{Device, FourCC};
+
+use crate::camera::deadline::Deadline;
+use crate::camera::freshness::Freshness;
+use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
+use crate::clock::Clock;
+
+/// `[camera]` with `kind = "v4l"`. One of `device`, `serial` and `card` names the camera.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct V4lSection {
+    /// Device node; best one of `/dev/v4l/by-id/…`, which keeps its name.
+    pub device: Option<PathBuf>,
+    /// Serial number of the USB device.
+    pub serial: Option<String>,
+    /// Name of the card, as `v4l2-ctl --list-devices` prints it.
+    pub card: Option<String>,
+    /// FourCC, such as `GREY`, `YUYV`, `MJPG`, `RG10`.
+    pub format: String,
+    /// px.
+    pub width: u32,
+    /// px.
+    pub height: u32,
+    /// Frames thrown away before each shot, while exposure and white level settle.
+    #[serde(default = "default_settle")]
+    pub settle_frames: u32,
+    /// Control -> value, set before each series and read back.
+    #[serde(default)]
+    pub controls: BTreeMap<String, i64>,
+}
+
+fn default_settle() -> u32 {
+    4
+}
+
+impl V4lSection {
+    /// What is wrong with the section: (key, problem, mend).
+    pub fn faults(&self) -> Vec<(String, String, String)> {
+        let mut faults = Vec::new();
+        let mut fault = |key: &str, problem: String, mend: &str| faults.push((key.to_owned(), problem, mend.to_owned()));
+        if self.device.is_none() && self.serial.is_none() && self.card.is_none() {
+            fault("device", "no camera is named".to_owned(), "give device, serial or card");
+        }
+        if fourcc(&self.format).is_none() {
+            fault("format", format!("{:?} is not a FourCC", self.format), "use four letters such as GREY, YUYV, MJPG or RG10");
+        }
+        if self.width < 16 || self.height < 16 {
+            fault("width", format!("{} x {} px is no picture", self.width, self.height), "give the camera's full size");
+        }
+        for name in self.controls.keys().filter(|name| controls::id(name).is_none()) {
+            let mend = format!("use 0x and the control's id, or one of: {}", controls::names());
+            fault(&format!("controls.{name}"), "no such control is known".to_owned(), &mend);
+        }
+        faults
+    }
+}
+
+/// `Y10` is short for `Y10 `, as the kernel pads it.
+fn fourcc(name: &str) -> Option<FourCC> {
+    let mut code = [b' '; 4];
+    let bytes = name.as_bytes();
+    (bytes.is_ascii() && (3..=4).contains(&bytes.len())).then(|| code[..bytes.len()].copy_from_slice(bytes))?;
+    Some(FourCC::new(&code))
+}
+
+/// The camera; see [`Camera`].
+pub struct V4lCamera {
+    section: V4lSection,
+    clock: Arc<dyn Clock>,
+    opened: Option<Opened>,
+    freshness: Freshness,
+}
+
+struct Opened {
+    device: Device,
+    format: Format,
+    /// Bytes that a whole frame has at least.
+    shortest: usize,
+}
+
+impl V4lCamera {
+    /// Nothing is touched before `open`.
+    pub fn new(section: V4lSection, clock: Arc<dyn Clock>) -> Self {
+        Self { section, clock, opened: None, freshness: Freshness::default() }
+    }
+
+    fn prepare(&mut self) -> Result<CameraInfo, CameraError> {
+        let path = find::device(&self.section)?;
+        let node = path.display().to_string();
+        let device = Device::with_path(&path).map_err(|e| stream::sort(&e, &node))?;
+        let caps = device.query_caps().map_err(|e| stream::sort(&e, &node))?;
+        if !caps.capabilities.contains(v4l::capability::Flags::VIDEO_CAPTURE | v4l::capability::Flags::STREAMING) {
+            return Err(CameraError::Refused(format!("{node} ({}) does not stream pictures; name another node", caps.card)));
+        }
+        let (format, shortest) = negotiate(&device, &self.section, &node)?;
+        let (mut settings, warnings) = controls::apply(&device, &self.section.controls);
+        settings.insert("device".to_owned(), node.into());
+        settings.insert("bus".to_owned(), caps.bus.clone().into());
+        settings.insert("format".to_owned(), json!(format));
+        self.opened = Some(Opened { device, format, shortest });
+        Ok(CameraInfo { name: format!("{} ({}, {})", caps.card, caps.driver, caps.bus), settings, warnings })
+    }
+
+    fn take(&mut self, deadline: &Deadline) -> Result<Frame, CameraError> {
+        let closed = || CameraError::Gone("the camera is not open".to_owned());
+        let opened = self.opened.as_ref().ok_or_else(closed)?;
+        let (mut settings, mut drift) = controls::read_back(&opened.device, &self.section.controls);
+        if !drift.is_empty() {
+            // A camera that lost its settings, by a brown-out for instance, gets them again.
+            let (again, still) = controls::apply(&opened.device, &self.section.controls);
+            settings = again;
+            drift.extend(still);
+        }
+        let got = stream::grab(&opened.device, self.section.settle_frames, opened.shortest, deadline)?;
+        if opened.format == Format::Jpeg {
+            jpeg::whole(&got.bytes).map_err(CameraError::BadFrame)?;
+        }
+        self.freshness.check(&got.bytes, None)?;
+        describe(&mut settings, &got, drift);
+        Ok(Frame { bytes: got.bytes, format: opened.format.clone(), settings })
+    }
+}
+
+fn describe(settings: &mut Map<String, Value>, got: &stream::Grabbed, drift: Vec<String>) {
+    settings.insert("sequence".to_owned(), got.sequence.into());
+    settings.insert("driver_time_s".to_owned(), got.time_s.into());
+    settings.insert("dropped_frames".to_owned(), got.dropped.into());
+    settings.insert("damaged_frames".to_owned(), got.damaged.into());
+    if !drift.is_empty() {
+        settings.insert("warnings".to_owned(), drift.into());
+    }
+}
+
+/// Sets the format and compares: a driver silently gives another one where it cannot do as asked.
+fn negotiate(device: &Device, section: &V4lSection, node: &str) -> Result<(Format, usize), CameraError> {
+    let wrong = || CameraError::Refused(format!("format {:?} is not a FourCC; mend camera.format", section.format));
+    let code = fourcc(&section.format).ok_or_else(wrong)?;
+    // A new value, with stride and size 0: those in force would be carried over to the new format.
+    let asked = v4l::Format::new(section.width, section.height, code);
+    let got = device.set_format(&asked).map_err(|e| stream::sort(&e, &format!("{node}: format {code}")))?;
+    if (got.fourcc, got.width, got.height) != (code, section.width, section.height) {
+        return Err(CameraError::Refused(format!(
+            "{node} gives {} {} x {} px instead of {code} {} x {} px; it offers {}",
+            got.fourcc, got.width, got.height, section.width, section.height, offers(device)
+        )));
+    }
+    if matches!(&code.repr, b"MJPG" | b"JPEG") {
+        return Ok((Format::Jpeg, 4));
+    }
+    let raw = Format::Raw {
+        fourcc: code.to_string().trim_end().to_owned(),
+        width: got.width,
+        height: got.height,
+        stride: got.stride,
+    };
+    let shortest = (got.stride as usize).saturating_mul(got.height as usize);
+    Ok((raw, shortest))
+}
+
+/// Formats and sizes of a device, for the message.
+fn offers(device: &Device) -> String {
+    let formats = device.enum_formats().unwrap_or_default();
+    let list: Vec<_> = formats
+        .iter()
+        .map(|format| {
+            let sizes = device.enum_framesizes(format.fourcc).unwrap_or_default();
+            let sizes: Vec<_> = sizes.iter().map(|size| size.size.to_string()).collect();
+            format!("{} ({})", format.fourcc, sizes.join(", "))
+        })
+        .collect();
+    list.join("; ")
+}
+
+/// The binding panics on some answers of a driver (texts that are not UTF-8, new colour spaces): that
+/// camera then fails, and not the recorder.
+fn walled<T>(call: impl FnOnce() -> Result<T, CameraError>) -> Result<T, CameraError> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(call))
+        .unwrap_or_else(|_| Err(CameraError::Refused("the driver gave an answer that cannot be read".to_owned())))
+}
+
+impl Camera for V4lCamera {
+    fn open(&mut self) -> Result<CameraInfo, CameraError> {
+        self.close();
+        walled(|| self.prepare())
+    }
+
+    fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
+        let deadline = Deadline::after(&self.clock, deadline);
+        let shot = walled(|| self.take(&deadline));
+        if matches!(shot, Err(CameraError::Gone(_))) {
+            self.close();
+        }
+        shot
+    }
+
+    fn close(&mut self) {
+        self.opened = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn a_section_is_read_and_its_faults_are_named() {
+        let text = "card='Wing cam'\nformat='RG10'\nwidth=4000\nheight=3000\n[controls]\nauto_exposure=1\ngain=0\n";
+        let section: V4lSection = toml::from_str(text).unwrap();
+        assert_eq!(section.faults(), []);
+        assert_eq!(section.settle_frames, 4);
+        let bad = "format='GREYISH'\nwidth=4000\nheight=0\n[controls]\nexposur=1\n";
+        let keys: Vec<_> = toml::from_str::<V4lSection>(bad).unwrap().faults().into_iter().map(|f| f.0).collect();
+        assert_eq!(keys, ["device", "format", "width", "controls.exposur"]);
+        assert!(toml::from_str::<V4lSection>("format='GREY'\nwidth=1\nheight=1\nwidht=2").is_err());
+        assert_eq!(fourcc("Y10").unwrap().repr, *b"Y10 ");
+        assert!(fourcc("Ä10").is_none());
+    }
+
+    #[test]
+    fn a_missing_camera_is_gone_and_a_panic_stays_inside() {
+        let section: V4lSection = toml::from_str("device='/dev/no-such'\nformat='GREY'\nwidth=16\nheight=16").unwrap();
+        assert!(matches!(find::device(&section), Err(CameraError::Gone(_))));
+        assert!(matches!(walled::<()>(|| unreachable!()), Err(CameraError::Refused(_))));
+    }
+}

@@ -1,0 +1,104 @@
+//! One frame from an open device.
+//!
+//! Every shot starts a stream of its own: buffers that were filled in an idle hour are old pictures,
+//! and the binding's stream cannot be used again after a time-out.
+
+use std::io;
+
+use v4l::Device;
+use v4l::buffer::{Flags, Metadata, Type};
+use v4l::io::mmap::Stream;
+use v4l::io::traits::{CaptureStream, Stream as _};
+
+use crate::camera::CameraError;
+use crate::camera::deadline::Deadline;
+
+/// Buffers asked for; each is a whole frame of kernel memory.
+const BUFFERS: u32 = 3;
+/// Damaged frames in a row before the shot fails.
+const DAMAGED: u32 = 10;
+
+/// Bytes of one frame and what the driver says of it.
+pub struct Grabbed {
+    /// Cut at the length that the driver gives.
+    pub bytes: Vec<u8>,
+    /// The driver's counter since the stream started.
+    pub sequence: u32,
+    /// The driver's time, s.
+    pub time_s: f64,
+    /// Frames that the driver counted and did not deliver.
+    pub dropped: u32,
+    /// Frames that came flagged as damaged, or too short, before this one.
+    pub damaged: u32,
+}
+
+/// Discards `settle` frames, then takes the first whole one.
+pub fn grab(device: &Device, settle: u32, shortest: usize, deadline: &Deadline) -> Result<Grabbed, CameraError> {
+    let mut stream = Stream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(|e| sort(&e, "buffers"))?;
+    let result = first_whole(&mut stream, settle, shortest, deadline);
+    // Stopped here, since dropping a stream that cannot be stopped panics. What cannot be stopped is
+    // left to the kernel, which frees it when the camera is closed.
+    match stream.stop() {
+        Ok(()) => drop(stream),
+        Err(error) if error.raw_os_error() == Some(rustix::io::Errno::NODEV.raw_os_error()) => drop(stream),
+        Err(error) => {
+            tracing::warn!(%error, "the video stream could not be stopped");
+            std::mem::forget(stream);
+        }
+    }
+    result
+}
+
+fn first_whole(
+    stream: &mut Stream<'_>,
+    settle: u32,
+    shortest: usize,
+    deadline: &Deadline,
+) -> Result<Grabbed, CameraError> {
+    let (mut seen, mut damaged, mut dropped, mut expected) = (0, 0, 0, None);
+    loop {
+        // At least a millisecond: 0 would not wait at all.
+        stream.set_timeout(deadline.left("a frame")?.max(std::time::Duration::from_millis(1)));
+        let (bytes, meta) = stream.next().map_err(|error| match error.kind() {
+            io::ErrorKind::TimedOut => deadline.passed(&format!("a frame; {seen} came and were discarded")),
+            _ => sort(&error, "a frame"),
+        })?;
+        dropped += expected.map_or(0, |expected| meta.sequence.wrapping_sub(expected).min(1 << 16));
+        expected = Some(meta.sequence.wrapping_add(1));
+        let used = bytes.get(..meta.bytesused as usize).unwrap_or(bytes);
+        if meta.flags.contains(Flags::ERROR) || used.len() < shortest {
+            damaged += 1;
+            if damaged > DAMAGED {
+                return Err(CameraError::BadFrame(format!("{damaged} frames in a row, {}", fault(meta, shortest))));
+            }
+        } else if seen < settle {
+            seen += 1;
+        } else {
+            let time_s = meta.timestamp.sec as f64 + meta.timestamp.usec as f64 * 1e-6;
+            return Ok(Grabbed { bytes: used.to_vec(), sequence: meta.sequence, time_s, dropped, damaged });
+        }
+    }
+}
+
+fn fault(meta: &Metadata, shortest: usize) -> String {
+    match meta.flags.contains(Flags::ERROR) {
+        true => "marked as damaged by the driver; check cable and USB bandwidth".to_owned(),
+        false => format!("the last of {} bytes where {shortest} are needed", meta.bytesused),
+    }
+}
+
+/// An error by what the caller does about it.
+pub fn sort(error: &io::Error, what: &str) -> CameraError {
+    use rustix::io::Errno;
+    let text = format!("{what}: {error}");
+    match error.raw_os_error().map(Errno::from_raw_os_error) {
+        Some(Errno::BUSY) => CameraError::Busy(format!("{text}; another program has the camera (see: fuser -v /dev/video*)")),
+        Some(Errno::NODEV | Errno::NXIO | Errno::NOENT | Errno::IO | Errno::PIPE | Errno::PROTO) => {
+            CameraError::Gone(format!("{text}; unplugged, or its power or cable is bad"))
+        }
+        Some(Errno::ACCESS | Errno::PERM) => {
+            CameraError::Refused(format!("{text}; add the user that runs wingd to the group video"))
+        }
+        _ => CameraError::Refused(text),
+    }
+}
