@@ -52,7 +52,9 @@ mod tests {
     fn picture() -> Vec<u8> {
         let mut bytes = Vec::new();
         let grey: Vec<u8> = (0..64 * 48).map(|i| (i * 7 % 251) as u8).collect();
-        jpeg_encoder::Encoder::new(&mut bytes, 90).encode(&grey, 64, 48, jpeg_encoder::ColorType::Luma).unwrap();
+        jpeg_encoder::Encoder::new(&mut bytes, 90)
+            .encode(&grey, 64, 48, jpeg_encoder::ColorType::Luma)
+            .unwrap();
         bytes
     }
 

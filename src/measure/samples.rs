@@ -117,7 +117,13 @@ fn unpack_mipi<const GROUP: usize>(row: &[u8], out: &mut [u16], low: u32) {
 }
 
 /// Luma of bare samples; `stride` is the bytes from one row to the next.
-pub fn luma(fourcc: &str, width: usize, height: usize, stride: usize, bytes: &[u8]) -> Result<Raster, SamplesError> {
+pub fn luma(
+    fourcc: &str,
+    width: usize,
+    height: usize,
+    stride: usize,
+    bytes: &[u8],
+) -> Result<Raster, SamplesError> {
     let (packing, mosaic) = layout(fourcc).ok_or_else(|| SamplesError::Format(fourcc.to_owned()))?;
     let row_bytes = packing.row_bytes(width);
     let need = height.saturating_sub(1).saturating_mul(stride).saturating_add(row_bytes);
@@ -133,7 +139,9 @@ pub fn luma(fourcc: &str, width: usize, height: usize, stride: usize, bytes: &[u
         let mut samples = vec![0; width];
         for (y, line) in out.chunks_mut(width).enumerate() {
             packing.unpack(row(y), &mut samples);
-            line.iter_mut().zip(&samples).for_each(|(luma, sample)| *luma = (sample >> (packing.bits() - 8)) as u8);
+            line.iter_mut()
+                .zip(&samples)
+                .for_each(|(luma, sample)| *luma = (sample >> (packing.bits() - 8)) as u8);
         }
     }
     Raster::new(width, height, out).ok_or(short)
@@ -141,7 +149,13 @@ pub fn luma(fourcc: &str, width: usize, height: usize, stride: usize, bytes: &[u
 
 /// Three rows at a time: unpacked, blended along, then across. Beyond the edge the mosaic is mirrored
 /// at the outermost sample, which keeps its colours in step.
-fn blend_mosaic<'a>(packing: Packing, width: usize, height: usize, row: impl Fn(usize) -> &'a [u8], out: &mut [u8]) {
+fn blend_mosaic<'a>(
+    packing: Packing,
+    width: usize,
+    height: usize,
+    row: impl Fn(usize) -> &'a [u8],
+    out: &mut [u8],
+) {
     let mut samples = vec![0; width];
     let mut along = |y: usize, target: &mut Vec<u32>| {
         packing.unpack(row(y), &mut samples);

@@ -45,7 +45,8 @@ pub fn names() -> String {
 
 /// Sets every control and reads it back; a warning for each that is not as wanted, naming it.
 pub fn apply(device: &Device, wanted: &BTreeMap<String, i64>) -> (Map<String, Value>, Vec<String>) {
-    let mut order: Vec<_> = wanted.iter().filter_map(|(name, value)| Some((id(name)?, name, *value))).collect();
+    let mut order: Vec<_> =
+        wanted.iter().filter_map(|(name, value)| Some((id(name)?, name, *value))).collect();
     order.sort();
     let mut warnings = Vec::new();
     for ((_, id), name, value) in &order {

@@ -32,7 +32,8 @@ fn in_class(section: &V4lSection, class: &Path) -> Result<PathBuf, CameraError> 
         .map(|node| node.path)
         .ok_or_else(|| {
             let wanted = section.serial.iter().map(|serial| format!("serial {serial}"));
-            let wanted: Vec<_> = wanted.chain(section.card.iter().map(|card| format!("card {card:?}"))).collect();
+            let wanted: Vec<_> =
+                wanted.chain(section.card.iter().map(|card| format!("card {card:?}"))).collect();
             CameraError::Gone(format!("no camera with {}; {}", wanted.join(" and "), present(class)))
         })
 }
@@ -88,7 +89,9 @@ mod tests {
 
     fn class() -> tempfile::TempDir {
         let class = tempfile::tempdir().unwrap();
-        for (name, card, index, serial) in [("video3", "Wing cam", "0", "A7"), ("video4", "Wing cam", "1", "A7")] {
+        for (name, card, index, serial) in
+            [("video3", "Wing cam", "0", "A7"), ("video4", "Wing cam", "1", "A7")]
+        {
             let interface = class.path().join(name).join("device");
             fs::create_dir_all(&interface).unwrap();
             fs::write(class.path().join(name).join("name"), format!("{card}\n")).unwrap();
@@ -112,6 +115,9 @@ mod tests {
         assert_eq!(found(Some("A7"), None).unwrap(), Path::new("/dev/video3"));
         assert_eq!(found(None, Some("Wing cam")).unwrap(), Path::new("/dev/video3"));
         let message = found(Some("B8"), None).unwrap_err().to_string();
-        assert!(message.contains("serial B8") && message.contains("/dev/video3") && message.contains("A7"), "{message}");
+        assert!(
+            message.contains("serial B8") && message.contains("/dev/video3") && message.contains("A7"),
+            "{message}"
+        );
     }
 }

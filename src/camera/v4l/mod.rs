@@ -51,15 +51,24 @@ impl V4lSection {
     /// What is wrong with the section: (key, problem, mend).
     pub fn faults(&self) -> Vec<(String, String, String)> {
         let mut faults = Vec::new();
-        let mut fault = |key: &str, problem: String, mend: &str| faults.push((key.to_owned(), problem, mend.to_owned()));
+        let mut fault =
+            |key: &str, problem: String, mend: &str| faults.push((key.to_owned(), problem, mend.to_owned()));
         if self.device.is_none() && self.serial.is_none() && self.card.is_none() {
             fault("device", "no camera is named".to_owned(), "give device, serial or card");
         }
         if fourcc(&self.format).is_none() {
-            fault("format", format!("{:?} is not a FourCC", self.format), "use four letters such as GREY, YUYV, MJPG or RG10");
+            fault(
+                "format",
+                format!("{:?} is not a FourCC", self.format),
+                "use four letters such as GREY, YUYV, MJPG or RG10",
+            );
         }
         if self.width < 16 || self.height < 16 {
-            fault("width", format!("{} x {} px is no picture", self.width, self.height), "give the camera's full size");
+            fault(
+                "width",
+                format!("{} x {} px is no picture", self.width, self.height),
+                "give the camera's full size",
+            );
         }
         for name in self.controls.keys().filter(|name| controls::id(name).is_none()) {
             let mend = format!("use 0x and the control's id, or one of: {}", controls::names());
@@ -73,7 +82,8 @@ impl V4lSection {
 fn fourcc(name: &str) -> Option<FourCC> {
     let mut code = [b' '; 4];
     let bytes = name.as_bytes();
-    (bytes.is_ascii() && (3..=4).contains(&bytes.len())).then(|| code[..bytes.len()].copy_from_slice(bytes))?;
+    (bytes.is_ascii() && (3..=4).contains(&bytes.len()))
+        .then(|| code[..bytes.len()].copy_from_slice(bytes))?;
     Some(FourCC::new(&code))
 }
 
@@ -103,8 +113,14 @@ impl V4lCamera {
         let node = path.display().to_string();
         let device = Device::with_path(&path).map_err(|e| stream::sort(&e, &node))?;
         let caps = device.query_caps().map_err(|e| stream::sort(&e, &node))?;
-        if !caps.capabilities.contains(v4l::capability::Flags::VIDEO_CAPTURE | v4l::capability::Flags::STREAMING) {
-            return Err(CameraError::Refused(format!("{node} ({}) does not stream pictures; name another node", caps.card)));
+        if !caps
+            .capabilities
+            .contains(v4l::capability::Flags::VIDEO_CAPTURE | v4l::capability::Flags::STREAMING)
+        {
+            return Err(CameraError::Refused(format!(
+                "{node} ({}) does not stream pictures; name another node",
+                caps.card
+            )));
         }
         let (format, shortest) = negotiate(&device, &self.section, &node)?;
         let (mut settings, warnings) = controls::apply(&device, &self.section.controls);
@@ -147,7 +163,8 @@ fn describe(settings: &mut Map<String, Value>, got: &stream::Grabbed, drift: Vec
 
 /// Sets the format and compares: a driver silently gives another one where it cannot do as asked.
 fn negotiate(device: &Device, section: &V4lSection, node: &str) -> Result<(Format, usize), CameraError> {
-    let wrong = || CameraError::Refused(format!("format {:?} is not a FourCC; mend camera.format", section.format));
+    let wrong =
+        || CameraError::Refused(format!("format {:?} is not a FourCC; mend camera.format", section.format));
     let code = fourcc(&section.format).ok_or_else(wrong)?;
     // A new value, with stride and size 0: those in force would be carried over to the new format.
     let asked = v4l::Format::new(section.width, section.height, code);
@@ -155,7 +172,12 @@ fn negotiate(device: &Device, section: &V4lSection, node: &str) -> Result<(Forma
     if (got.fourcc, got.width, got.height) != (code, section.width, section.height) {
         return Err(CameraError::Refused(format!(
             "{node} gives {} {} x {} px instead of {code} {} x {} px; it offers {}",
-            got.fourcc, got.width, got.height, section.width, section.height, offers(device)
+            got.fourcc,
+            got.width,
+            got.height,
+            section.width,
+            section.height,
+            offers(device)
         )));
     }
     if matches!(&code.repr, b"MJPG" | b"JPEG") {
@@ -188,8 +210,9 @@ fn offers(device: &Device) -> String {
 /// The binding panics on some answers of a driver (texts that are not UTF-8, new colour spaces): that
 /// camera then fails, and not the recorder.
 fn walled<T>(call: impl FnOnce() -> Result<T, CameraError>) -> Result<T, CameraError> {
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(call))
-        .unwrap_or_else(|_| Err(CameraError::Refused("the driver gave an answer that cannot be read".to_owned())))
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(call)).unwrap_or_else(|_| {
+        Err(CameraError::Refused("the driver gave an answer that cannot be read".to_owned()))
+    })
 }
 
 impl Camera for V4lCamera {
@@ -219,12 +242,14 @@ mod tests {
 
     #[test]
     fn a_section_is_read_and_its_faults_are_named() {
-        let text = "card='Wing cam'\nformat='RG10'\nwidth=4000\nheight=3000\n[controls]\nauto_exposure=1\ngain=0\n";
+        let text =
+            "card='Wing cam'\nformat='RG10'\nwidth=4000\nheight=3000\n[controls]\nauto_exposure=1\ngain=0\n";
         let section: V4lSection = toml::from_str(text).unwrap();
         assert_eq!(section.faults(), []);
         assert_eq!(section.settle_frames, 4);
         let bad = "format='GREYISH'\nwidth=4000\nheight=0\n[controls]\nexposur=1\n";
-        let keys: Vec<_> = toml::from_str::<V4lSection>(bad).unwrap().faults().into_iter().map(|f| f.0).collect();
+        let keys: Vec<_> =
+            toml::from_str::<V4lSection>(bad).unwrap().faults().into_iter().map(|f| f.0).collect();
         assert_eq!(keys, ["device", "format", "width", "controls.exposur"]);
         assert!(toml::from_str::<V4lSection>("format='GREY'\nwidth=1\nheight=1\nwidht=2").is_err());
         assert_eq!(fourcc("Y10").unwrap().repr, *b"Y10 ");
@@ -233,7 +258,8 @@ mod tests {
 
     #[test]
     fn a_missing_camera_is_gone_and_a_panic_stays_inside() {
-        let section: V4lSection = toml::from_str("device='/dev/no-such'\nformat='GREY'\nwidth=16\nheight=16").unwrap();
+        let section: V4lSection =
+            toml::from_str("device='/dev/no-such'\nformat='GREY'\nwidth=16\nheight=16").unwrap();
         assert!(matches!(find::device(&section), Err(CameraError::Gone(_))));
         assert!(matches!(walled::<()>(|| unreachable!()), Err(CameraError::Refused(_))));
     }

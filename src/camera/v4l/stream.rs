@@ -33,8 +33,14 @@ pub struct Grabbed {
 }
 
 /// Discards `settle` frames, then takes the first whole one.
-pub fn grab(device: &Device, settle: u32, shortest: usize, deadline: &Deadline) -> Result<Grabbed, CameraError> {
-    let mut stream = Stream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(|e| sort(&e, "buffers"))?;
+pub fn grab(
+    device: &Device,
+    settle: u32,
+    shortest: usize,
+    deadline: &Deadline,
+) -> Result<Grabbed, CameraError> {
+    let mut stream =
+        Stream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(|e| sort(&e, "buffers"))?;
     let result = first_whole(&mut stream, settle, shortest, deadline);
     // Stopped here, since dropping a stream that cannot be stopped panics. What cannot be stopped is
     // left to the kernel, which frees it when the camera is closed.
@@ -69,7 +75,10 @@ fn first_whole(
         if meta.flags.contains(Flags::ERROR) || used.len() < shortest {
             damaged += 1;
             if damaged > DAMAGED {
-                return Err(CameraError::BadFrame(format!("{damaged} frames in a row, {}", fault(meta, shortest))));
+                return Err(CameraError::BadFrame(format!(
+                    "{damaged} frames in a row, {}",
+                    fault(meta, shortest)
+                )));
             }
         } else if seen < settle {
             seen += 1;
@@ -92,7 +101,9 @@ pub fn sort(error: &io::Error, what: &str) -> CameraError {
     use rustix::io::Errno;
     let text = format!("{what}: {error}");
     match error.raw_os_error().map(Errno::from_raw_os_error) {
-        Some(Errno::BUSY) => CameraError::Busy(format!("{text}; another program has the camera (see: fuser -v /dev/video*)")),
+        Some(Errno::BUSY) => {
+            CameraError::Busy(format!("{text}; another program has the camera (see: fuser -v /dev/video*)"))
+        }
         Some(Errno::NODEV | Errno::NXIO | Errno::NOENT | Errno::IO | Errno::PIPE | Errno::PROTO) => {
             CameraError::Gone(format!("{text}; unplugged, or its power or cable is bad"))
         }
