@@ -7,11 +7,12 @@
 //! |---|---|---|
 //! | 1 | [`measure`] | pure: pixels and surveys in, deflection out |
 //! | 2 | [`installation`], [`clock`], [`record`] | the prepared directory; time; the result as written |
-//! | 3 | [`camera`], [`store`], [`pipeline`] | shots; safe keeping; from frame bytes to a record |
-//! | 4 | [`report`], [`daemon`] | figures and tables; the recorder |
-//! | 5 | [`http`] | read-only download page |
-//! | 6 | [`config`] | composes every module's own section |
-//! | 7 | [`cli`] | one file per command |
+//! | 3 | [`camera`], [`store`] | shots; safe keeping |
+//! | 4 | [`pipeline`] | from frame bytes and an installation to a record |
+//! | 5 | [`report`], [`daemon`] | figures and tables; the recorder |
+//! | 6 | [`http`] | read-only download page |
+//! | 7 | [`config`] | composes every module's own section |
+//! | 8 | [`cli`] | one file per command |
 
 pub mod camera;
 pub mod cli;
