@@ -22,8 +22,17 @@ const LAYERS: [(&str, usize); 12] = [
 ];
 
 /// What `measure` may not touch.
-const IMPURE: [&str; 9] =
-    ["std::fs", "std::net", "std::time", "std::thread", "std::process", "std::env", "tokio", "tracing", "jiff"];
+const IMPURE: [&str; 9] = [
+    "std::fs",
+    "std::net",
+    "std::time",
+    "std::thread",
+    "std::process",
+    "std::env",
+    "tokio",
+    "tracing",
+    "jiff",
+];
 
 fn layer(module: &str) -> Option<usize> {
     LAYERS.iter().find(|(name, _)| *name == module).map(|(_, layer)| *layer)
@@ -105,7 +114,9 @@ fn no_import_points_up_and_measure_is_pure() {
             continue;
         }
         let source = std::fs::read_to_string(&file).unwrap();
-        found.extend(faults(module, &source).into_iter().map(|f| format!("{}: {} {}", inside.display(), f.0, f.1)));
+        found.extend(
+            faults(module, &source).into_iter().map(|f| format!("{}: {} {}", inside.display(), f.0, f.1)),
+        );
     }
     assert!(found.is_empty(), "{}", found.join("\n"));
 }
