@@ -35,8 +35,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         return Err(Failure::Undone(reasons.join("\nwingd: ")));
     }
     let detections: Vec<_> = sightings.iter().map(|s| s.detections.markers.clone()).collect();
-    let fit = identify::orient(&installation.setup, &detections)
+    let mut fit = identify::orient(&installation.setup, &detections)
         .map_err(|e| Failure::Undone(format!("no orientation: {e}")))?;
+    fit.orientation.ground = stages::ground_sights(&installation.setup, &detections, &fit);
     let images: Vec<(String, String)> =
         sightings.iter().map(|s| (s.image.clone(), s.digest.clone())).collect();
     installation::write_orientation(&installation, &fit, &images).map_err(|e| {

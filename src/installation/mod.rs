@@ -112,7 +112,8 @@ pub fn load_without_orientation(directory: &Path) -> Result<Installation, Vec<Fa
 fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fault>> {
     let mut reader = Reader { directory: directory.into(), faults: vec![], digests: vec![] };
     let parts = document::read(&mut reader);
-    let orientation = if with_orientation { orientation::read(&mut reader) } else { None };
+    let markers = parts.as_ref().map_or(&[][..], |(setup, _)| &setup.markers);
+    let orientation = if with_orientation { orientation::read(&mut reader, markers) } else { None };
     match parts {
         Some((setup, optics)) if reader.faults.is_empty() => Ok(Installation {
             directory: directory.into(),

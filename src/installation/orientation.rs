@@ -2,23 +2,35 @@
 
 use std::fmt::Write as _;
 
-use nalgebra::{Matrix3, Rotation3};
+use std::path::Path;
+
+use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2};
 use serde::Deserialize;
 
 use super::{Installation, ORIENTATION_FILE, Reader, document, write_whole};
 use crate::measure::identify::OrientationFit;
-use crate::measure::setup::Orientation;
+use crate::measure::setup::{GroundSight, Orientation, SurveyMarker};
 
 #[derive(Deserialize)]
 struct Table {
     camera_from_survey: [[f64; 3]; 3],
     covariance_rad2: Option<[[f64; 3]; 3]>,
+    #[serde(default)]
+    ground: Vec<Sight>,
+}
+
+#[derive(Deserialize)]
+struct Sight {
+    id: String,
+    u_px: f64,
+    v_px: f64,
+    covariance_px2: [f64; 3],
 }
 
 /// How far the rows may be from orthonormal: rounding in a text file, not a wrong matrix.
 const ORTHONORMAL_TOLERANCE: f64 = 1e-6;
 
-pub(super) fn read(reader: &mut Reader) -> Option<Orientation> {
+pub(super) fn read(reader: &mut Reader, markers: &[SurveyMarker]) -> Option<Orientation> {
     if !reader.directory.join(ORIENTATION_FILE).exists() {
         return None;
     }
@@ -37,10 +49,29 @@ pub(super) fn read(reader: &mut Reader) -> Option<Orientation> {
         let problem = "is not a covariance (finite, symmetric, positive variances)";
         reader.fault(&file, "covariance_rad2", problem, "write it anew with `wingd orient`");
     }
+    let ground = table.ground.iter().filter_map(|s| sight(reader, &file, s, markers)).collect();
     // Rounding is taken out so that products of rotations stay rotations.
     let svd = m.svd(true, true);
     let rotation = svd.u? * svd.v_t?;
-    Some(Orientation { camera_from_survey: Rotation3::from_matrix_unchecked(rotation), covariance_rad2 })
+    let camera_from_survey = Rotation3::from_matrix_unchecked(rotation);
+    Some(Orientation { camera_from_survey, covariance_rad2, ground })
+}
+
+fn sight(reader: &mut Reader, file: &Path, s: &Sight, markers: &[SurveyMarker]) -> Option<GroundSight> {
+    let [uu, uv, vv] = s.covariance_px2;
+    let covariance_px2 = Matrix2::new(uu, uv, uv, vv);
+    let finite = s.u_px.is_finite() && s.v_px.is_finite();
+    let marker = markers.iter().position(|m| m.id == s.id);
+    let sound = finite && uu > 0.0 && covariance_px2.determinant() > 0.0;
+    let problem = match (marker, sound) {
+        (Some(marker), true) => {
+            return Some(GroundSight { marker, pixel: Vector2::new(s.u_px, s.v_px), covariance_px2 });
+        }
+        (None, _) => "is not in the survey",
+        (_, false) => "has no finite pixel with a positive covariance",
+    };
+    reader.fault(file, "ground", format!("marker \"{}\" {problem}", s.id), "write it anew with `wingd orient`");
+    None
 }
 
 fn matrix(rows: &[[f64; 3]; 3]) -> Matrix3<f64> {
@@ -83,7 +114,19 @@ pub fn write_orientation(
         }
         text.push_str("]\n");
     }
+    write_ground(&mut text, installation, &fit.orientation.ground);
     write_whole(&installation.directory.join(ORIENTATION_FILE), &text)
+}
+
+/// Where the ground frames showed the markers: the adjustment in flight measures against them.
+fn write_ground(text: &mut String, installation: &Installation, ground: &[GroundSight]) {
+    for s in ground {
+        let id = installation.setup.markers.get(s.marker).map_or("", |m| m.id.as_str());
+        let c = &s.covariance_px2;
+        let _ = writeln!(text, "\n[[ground]]\nid = {}", toml::Value::from(id));
+        let _ = writeln!(text, "u_px = {:.5}\nv_px = {:.5}", s.pixel.x, s.pixel.y);
+        let _ = writeln!(text, "covariance_px2 = [{:e}, {:e}, {:e}]", c[(0, 0)], c[(0, 1)], c[(1, 1)]);
+    }
 }
 
 fn rows(m: &Matrix3<f64>) -> String {

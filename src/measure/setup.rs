@@ -172,4 +172,19 @@ pub struct Orientation {
     /// Covariance of the small rotation in the **camera** frame, rad^2 (left perturbation:
     /// `exp([e]x) * camera_from_survey`); `None` where the file states none.
     pub covariance_rad2: Option<nalgebra::Matrix3<f64>>,
+    /// Where the ground frames showed the markers. The survey's errors and the wing's unbent image
+    /// are then known to a fraction of a pixel, which parts the mount's pitch from bending; empty
+    /// where only the rotation is known.
+    pub ground: Vec<GroundSight>,
+}
+
+/// The image of one marker's centre on ground, perspective bias removed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GroundSight {
+    /// Index in [`Setup::markers`].
+    pub marker: usize,
+    /// px, the mean where there are several frames.
+    pub pixel: Vector2<f64>,
+    /// Its covariance, px^2.
+    pub covariance_px2: nalgebra::Matrix2<f64>,
 }
