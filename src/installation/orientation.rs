@@ -70,7 +70,12 @@ fn sight(reader: &mut Reader, file: &Path, s: &Sight, markers: &[SurveyMarker]) 
         (None, _) => "is not in the survey",
         (_, false) => "has no finite pixel with a positive covariance",
     };
-    reader.fault(file, "ground", format!("marker \"{}\" {problem}", s.id), "write it anew with `wingd orient`");
+    reader.fault(
+        file,
+        "ground",
+        format!("marker \"{}\" {problem}", s.id),
+        "write it anew with `wingd orient`",
+    );
     None
 }
 
