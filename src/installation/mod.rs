@@ -19,6 +19,7 @@ pub use observations::{HandObservation, read_observations};
 pub use orientation::write_orientation;
 pub use tables::Optics;
 
+use crate::measure::geometry::TransformFit;
 use crate::measure::setup::{Orientation, Setup};
 
 /// A fault in something a user wrote: names the file, the key or line, the value and the mend.
@@ -44,6 +45,8 @@ pub struct Installation {
     pub setup: Setup,
     /// From `orientation.toml`, where that exists.
     pub orientation: Option<Orientation>,
+    /// CAD frame from survey frame, from the tie points.
+    pub cad: Option<TransformFit>,
     /// The lens and sensor as bought, for planning.
     pub optics: Option<Optics>,
     /// (file name, SHA-256) of every file that was read, for provenance.
@@ -114,11 +117,13 @@ fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fa
     let parts = document::read(&mut reader);
     let markers = parts.as_ref().map_or(&[][..], |(setup, _)| &setup.markers);
     let orientation = if with_orientation { orientation::read(&mut reader, markers) } else { None };
+    let cad = parts.as_ref().and_then(|(setup, _)| ties::transform(&mut reader, setup));
     match parts {
         Some((setup, optics)) if reader.faults.is_empty() => Ok(Installation {
             directory: directory.into(),
             setup,
             orientation,
+            cad,
             optics,
             digests: reader.digests,
         }),

@@ -3,7 +3,8 @@
 use nalgebra::Vector3;
 
 use super::{Reader, survey, tables};
-use crate::measure::setup::TiePoint;
+use crate::measure::geometry::{PointPair, TransformFit};
+use crate::measure::setup::{Setup, TiePoint};
 
 const COLUMNS: [&str; 7] = ["id", "x_m", "y_m", "z_m", "cad_x_m", "cad_y_m", "cad_z_m"];
 /// Standard deviation of a tie point's coordinate where the user gives none, m.
@@ -47,4 +48,22 @@ pub(super) fn read(reader: &mut Reader, cad: &tables::Cad) -> Option<Vec<TiePoin
         reader.fault(&file, "file", problem, "a transform needs at least 3 that are not on one line");
     }
     (reader.faults.len() == before).then_some(points)
+}
+
+/// The transform that the tie points give; a fault where they give none.
+pub(super) fn transform(reader: &mut Reader, setup: &Setup) -> Option<TransformFit> {
+    if setup.tie_points.is_empty() {
+        return None;
+    }
+    let pair = |t: &TiePoint| PointPair { source_m: t.survey_m, target_m: t.cad_m, sigma_m: t.sigma_m };
+    let pairs: Vec<PointPair> = setup.tie_points.iter().map(pair).collect();
+    match TransformFit::estimate(&pairs, setup.cad_similarity) {
+        Ok(fit) => Some(fit),
+        Err(error) => {
+            let installation = reader.directory.join("installation.toml");
+            let mend = "correct the tie points, or leave [cad] out";
+            reader.fault(&installation, "cad.tie_points", error.to_string(), mend);
+            None
+        }
+    }
 }

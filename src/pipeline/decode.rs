@@ -6,6 +6,7 @@ use zune_core::options::DecoderOptions;
 
 use crate::camera::Format;
 use crate::measure::raster::Raster;
+use crate::measure::samples;
 
 /// Why a frame cannot be read; each says what to do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -33,7 +34,10 @@ pub fn decode(bytes: &[u8], format: Option<&Format>) -> Result<Raster, DecodeErr
         return Err(DecodeError::Empty);
     }
     match format {
-        Some(Format::Raw { fourcc, width, height, stride }) => raw(bytes, fourcc, *width, *height, *stride),
+        Some(Format::Raw { fourcc, width, height, stride }) => {
+            let size = (*width as usize, *height as usize, *stride as usize);
+            samples::luma(fourcc, size.0, size.1, size.2, bytes).map_err(|e| DecodeError::Raw(e.to_string()))
+        }
         _ if bytes.starts_with(&[0xff, 0xd8]) => jpeg(bytes),
         _ => picture(bytes),
     }
@@ -73,23 +77,6 @@ fn picture(bytes: &[u8]) -> Result<Raster, DecodeError> {
     let (width, height) = luma.dimensions();
     Raster::new(width as usize, height as usize, luma.into_raw())
         .ok_or_else(|| DecodeError::Picture("it has no pixels".into()))
-}
-
-fn raw(bytes: &[u8], fourcc: &str, width: u32, height: u32, stride: u32) -> Result<Raster, DecodeError> {
-    let (width, height, stride) = (width as usize, height as usize, stride as usize);
-    let step = match fourcc {
-        "GREY" => 1,
-        "YUYV" => 2,
-        other => return Err(DecodeError::Raw(format!("format {other} is not known"))),
-    };
-    let needed = height.checked_sub(1).and_then(|h| h.checked_mul(stride)?.checked_add(width * step));
-    if needed.is_none_or(|n| n > bytes.len()) || stride < width * step {
-        let text = format!("{} bytes for {width} x {height} px, stride {stride}", bytes.len());
-        return Err(DecodeError::Raw(text));
-    }
-    let rows = bytes.chunks(stride).take(height);
-    let luma = rows.flat_map(|row| row.iter().step_by(step).take(width).copied()).collect();
-    Raster::new(width, height, luma).ok_or_else(|| DecodeError::Raw("it has no pixels".into()))
 }
 
 /// The first line of a foreign message, so that a reason stays one sentence.

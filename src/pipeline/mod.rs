@@ -18,6 +18,7 @@ use serde_json::{Map, Value, json};
 use crate::camera::Format;
 use crate::installation::Installation;
 use crate::measure::adjust::{self, Method, Observation, Options};
+use crate::measure::environment::{RefractionReport, correct_observations};
 use crate::measure::setup::Orientation;
 use crate::record::ImageRecord;
 
@@ -75,14 +76,29 @@ pub fn solve_sighting(
     job: &Job,
 ) -> ImageRecord {
     let started = Instant::now();
-    let outcome = sighting.failure.clone().map_or_else(
-        || adjust_one(installation, orientation, &sighting.observations, job).map_err(|e| e.to_string()),
-        Err,
-    );
+    let corrected = corrected(sighting, installation, orientation);
+    let outcome = corrected.and_then(|(observations, report)| {
+        let solution = adjust_one(installation, orientation, &observations, job);
+        solution.map(|s| (s, report)).map_err(|e| e.to_string())
+    });
     let mut record = recording::record(sighting, installation, job, outcome);
     let solve_ms = 1e3 * started.elapsed().as_secs_f64();
     record.timing_ms.insert("solve".into(), recording::milliseconds(solve_ms));
     record
+}
+
+/// A sighting's observations without the window's refraction; the failure of a sighting that has none.
+fn corrected(
+    sighting: &Sighting,
+    installation: &Installation,
+    orientation: &Orientation,
+) -> Result<(Vec<Observation>, Option<RefractionReport>), String> {
+    if let Some(reason) = &sighting.failure {
+        return Err(reason.clone());
+    }
+    let mut observations = sighting.observations.clone();
+    let report = correct_observations(&installation.setup, orientation, &mut observations);
+    report.map(|report| (observations, report)).map_err(|e| e.to_string())
 }
 
 fn adjust_one(
@@ -108,28 +124,27 @@ pub fn solve_flight(
 ) -> Vec<ImageRecord> {
     let started = Instant::now();
     let job = Job { method: Method::Flight, ..job.clone() };
-    let good: Vec<&Sighting> = sightings.iter().filter(|s| s.failure.is_none()).collect();
-    let frames: Vec<Vec<Observation>> = good.iter().map(|s| s.observations.clone()).collect();
+    let corrected: Vec<_> = sightings.iter().map(|s| corrected(s, installation, orientation)).collect();
+    let frames: Vec<Vec<Observation>> = corrected.iter().flatten().map(|(o, _)| o.clone()).collect();
     let solved = adjust::flight(&installation.setup, orientation, &frames, &job.options);
     let mut solutions = match solved {
         Ok(solutions) => solutions.into_iter().map(Ok).collect::<Vec<_>>(),
-        Err(error) => vec![Err(error.to_string()); good.len()],
+        Err(error) => vec![Err(error.to_string()); frames.len()],
     }
     .into_iter();
-    let solve_ms = 1e3 * started.elapsed().as_secs_f64() / good.len().max(1) as f64;
-    let one = |sighting: &Sighting| {
-        let outcome = match &sighting.failure {
-            Some(reason) => Err(reason.clone()),
-            None => {
-                solutions.next().unwrap_or_else(|| Err("the flight adjustment left this frame out".into()))
-            }
-        };
+    let solve_ms = 1e3 * started.elapsed().as_secs_f64() / frames.len().max(1) as f64;
+    let mut records = vec![];
+    for (sighting, corrected) in sightings.iter().zip(corrected) {
+        let outcome = corrected.and_then(|(_, report)| {
+            let left_out = || Err("the flight adjustment left this frame out".into());
+            solutions.next().unwrap_or_else(left_out).map(|s| (s, report))
+        });
         let mut record = recording::record(sighting, installation, &job, outcome);
         record.flight = true;
         record.timing_ms.insert("solve".into(), recording::milliseconds(solve_ms));
-        record
-    };
-    sightings.iter().map(one).collect()
+        records.push(record);
+    }
+    records
 }
 
 /// Hashes and versions that a result stands on.

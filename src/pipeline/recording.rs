@@ -11,6 +11,8 @@ use crate::measure::adjust::{
     CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Observation, Parameter, SigmaKind, Solution,
     Torsion,
 };
+use crate::measure::environment::RefractionReport;
+use crate::measure::geometry::TransformFit;
 use crate::measure::setup::SurveyMarker;
 use crate::record::{CurveRecord, ImageRecord, MarkerRecord, Measured, Status, Tip, TorsionRecord};
 
@@ -41,7 +43,7 @@ pub fn record(
     sighting: &Sighting,
     installation: &Installation,
     job: &Job,
-    outcome: Result<Solution, String>,
+    outcome: Result<(Solution, Option<RefractionReport>), String>,
 ) -> ImageRecord {
     let mut provenance = inputs(installation, job);
     if !sighting.digest.is_empty() {
@@ -69,7 +71,10 @@ pub fn record(
     };
     match outcome {
         Err(reason) => record.reason = Some(reason),
-        Ok(solution) => fill(&mut record, sighting, installation, &solution),
+        Ok((solution, refraction)) => {
+            fill(&mut record, sighting, installation, &solution);
+            record.quality.extend(refraction.map(|r| ("refraction".into(), refraction_quality(&r))));
+        }
     }
     record
 }
@@ -92,6 +97,7 @@ fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installati
             (record.markers.get_mut(m.marker), installation.setup.markers.get(m.marker))
         {
             *line = solved_marker(marker, m, seen.get(&m.marker).copied(), missing.remove(&m.marker));
+            to_cad(line, m, installation);
         }
     }
     record.tip = tip(installation, s);
@@ -99,6 +105,9 @@ fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installati
     record.curve = s.curve.iter().map(curve).collect();
     record.remarks = s.remarks.clone();
     record.quality = quality(s);
+    if let Some(fit) = &installation.cad {
+        record.quality.insert("cad".into(), cad_quality(fit));
+    }
 }
 
 /// Radians inside, degrees at the edge: the name bears the unit.
@@ -190,6 +199,37 @@ fn solved_marker(
         sigma_lift_m: m.lift_m.and_then(|l| l.sigma),
         ..blank(marker, seen, reason)
     }
+}
+
+/// Position and standard deviations in the CAD frame, where there is one.
+fn to_cad(line: &mut MarkerRecord, m: &MarkerSolution, installation: &Installation) {
+    let (Some(fit), Some(position), Some(covariance)) = (&installation.cad, m.position_m, m.covariance_m2) else {
+        return;
+    };
+    let (position, covariance) = fit.apply_with_covariance(&position, &covariance);
+    line.position_cad_m = Some(position.into());
+    line.sigma_position_cad_m = Some(sigmas(&covariance));
+}
+
+fn refraction_quality(r: &RefractionReport) -> Value {
+    json!({
+        "applied": r.applied,
+        "max_shift_px": r.max_shift_px,
+        "index_cabin": r.index_cabin,
+        "index_outside": r.index_outside,
+    })
+}
+
+/// Quality of the CAD transform, as it stands in every result.
+fn cad_quality(fit: &TransformFit) -> Value {
+    let residuals: Vec<[f64; 3]> = fit.residuals_m.iter().map(|&r| r.into()).collect();
+    json!({
+        "variance_factor": fit.variance_factor,
+        "redundancy": fit.redundancy,
+        "global_test": fit.passes(0.01).map(|p| if p { "passed" } else { "rejected" }),
+        "scale": fit.transform.scale,
+        "residuals_m": residuals,
+    })
 }
 
 /// Roots of a covariance's diagonal.
