@@ -6,7 +6,8 @@ use std::path::Path;
 use proptest::prelude::*;
 use wingd::installation::{self, Fault};
 
-const CAMERA: &str = "width = 4000\nheight = 3000\nfx = 7800.0\nfy = 7795.0\ncx = 1986.0\ncy = 1513.0\nk1 = -0.05\n";
+const CAMERA: &str =
+    "width = 4000\nheight = 3000\nfx = 7800.0\nfy = 7795.0\ncx = 1986.0\ncy = 1513.0\nk1 = -0.05\n";
 const SURVEY: &str = "id,shape,diameter_m,x_m,y_m,z_m,sigma_m\n\
     M01,quadrant,0.32,8.0,1.0,-2.0,0.002\nM02,circle,0.36,20.0,1.5,-1.0,0.002\nM03,circle,0.36,30.0,-0.5,-0.5,0.002\n";
 const DOCUMENT: &str = "name = \"t\"\n[camera]\ncalibration = \"camera.toml\"\nprojection_centre_m = [0.0, 0.0, 0.0]\n\
@@ -34,7 +35,11 @@ fn only(found: Vec<Fault>, file: &str, words: &[&str]) {
 #[test]
 fn a_sound_installation_is_accepted() {
     assert_eq!(faults(DOCUMENT, CAMERA, SURVEY.as_bytes()), vec![]);
-    assert_eq!(faults(DOCUMENT, CAMERA, format!("\u{feff}{SURVEY}").as_bytes()), vec![], "with a byte order mark");
+    assert_eq!(
+        faults(DOCUMENT, CAMERA, format!("\u{feff}{SURVEY}").as_bytes()),
+        vec![],
+        "with a byte order mark"
+    );
 }
 
 #[test]
@@ -43,7 +48,11 @@ fn surveys() {
     only(survey("20.0", "NaN"), "survey.csv", &["line 3", "x_m", "NaN", "finite"]);
     only(survey("20.0", ""), "survey.csv", &["line 3", "x_m"]);
     only(survey(",sigma_m", ""), "survey.csv", &["sigma_m", "missing"]);
-    only(survey("M02,circle", "M02,square"), "survey.csv", &["line 3", "shape", "square", "quadrant or circle"]);
+    only(
+        survey("M02,circle", "M02,square"),
+        "survey.csv",
+        &["line 3", "shape", "square", "quadrant or circle"],
+    );
     only(survey("0.36", "-0.36"), "survey.csv", &["line 3", "diameter_m", "-0.36"]);
     let twice = faults(&DOCUMENT.replace("M03", "M01"), CAMERA, SURVEY.replacen("M03", "M02", 1).as_bytes());
     only(twice, "survey.csv", &["line 4", "M02", "line 3"]);

@@ -203,7 +203,8 @@ fn solved_marker(
 
 /// Position and standard deviations in the CAD frame, where there is one.
 fn to_cad(line: &mut MarkerRecord, m: &MarkerSolution, installation: &Installation) {
-    let (Some(fit), Some(position), Some(covariance)) = (&installation.cad, m.position_m, m.covariance_m2) else {
+    let (Some(fit), Some(position), Some(covariance)) = (&installation.cad, m.position_m, m.covariance_m2)
+    else {
         return;
     };
     let (position, covariance) = fit.apply_with_covariance(&position, &covariance);
