@@ -227,12 +227,12 @@ pub enum AdjustError {
 
 /// The paper's method (MODEL.md section 2).
 pub fn profile(
-    _setup: &Setup,
-    _orientation: &Orientation,
+    setup: &Setup,
+    orientation: &Orientation,
     observations: &[Observation],
-    _options: &Options,
+    options: &Options,
 ) -> Result<Solution, AdjustError> {
-    Err(AdjustError::TooFewMarkers { found: observations.len(), needed: 2 })
+    profile::solve(setup, orientation, observations, options)
 }
 
 /// The rigid-section beam, one frame (MODEL.md section 3).

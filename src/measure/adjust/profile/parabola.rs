@@ -24,6 +24,21 @@ pub fn arc_length(x_m: f64, a_per_m: f64) -> ArcLength {
     ArcLength { length_m: x_m * g, by_x: t.hypot(1.0), by_a: 2.0 * x_m * x_m * slope }
 }
 
+/// x at an arc length, m: the inverse of [`arc_length`] by Newton's iteration from above, where the
+/// length is convex.
+pub fn span_of(length_m: f64, a_per_m: f64) -> f64 {
+    let mut x = length_m;
+    for _ in 0..20 {
+        let arc = arc_length(x, a_per_m);
+        let step = (arc.length_m - length_m) / arc.by_x;
+        x -= step;
+        if step.abs() < 1e-13 * (1.0 + length_m.abs()) {
+            break;
+        }
+    }
+    x
+}
+
 /// g and dg/dt near 0: the binomial series of sqrt(1 + t^2), integrated term by term.
 fn series(t: f64) -> (f64, f64) {
     const C: [f64; 6] = [1.0 / 6.0, -1.0 / 40.0, 1.0 / 112.0, -5.0 / 1152.0, 7.0 / 2816.0, -21.0 / 13312.0];
@@ -84,6 +99,11 @@ mod tests {
             prop_assert!((ours.length_m - length.re).abs() < 1e-10);
             prop_assert!((ours.by_x - length.eps1).abs() < 1e-8);
             prop_assert!((ours.by_a - length.eps2).abs() < 1e-4 * (1.0 + length.eps2.abs()));
+        }
+
+        #[test]
+        fn the_span_returns_the_length(length in 0.0..60.0f64, a in -0.05..0.05f64) {
+            prop_assert!((arc_length(span_of(length, a), a).length_m - length).abs() < 1e-12 * (1.0 + length));
         }
 
         #[test]

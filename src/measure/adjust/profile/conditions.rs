@@ -1,0 +1,106 @@
+//! The paper's conditions (equations 6 and 7 in their regular form) and their derivatives.
+
+use nalgebra::{DMatrix, DVector, Matrix3x2, Rotation3, Vector2, Vector3};
+
+use super::arc_length;
+use crate::measure::adjust::AdjustError;
+use crate::measure::adjust::gauss_helmert::{Linearised, Point};
+use crate::measure::geometry::WingFrame;
+use crate::measure::setup::{Orientation, Setup};
+
+/// Observations of one marker, in this order.
+pub const ARC_LENGTH: usize = 0;
+/// Ground height in the wing frame.
+pub const HEIGHT: usize = 1;
+/// Pixel, first of two.
+pub const PIXEL: usize = 2;
+/// Their number.
+pub const PER_MARKER: usize = 4;
+
+/// What is the same for all markers.
+pub struct Geometry<'a> {
+    /// The user's numbers.
+    pub setup: &'a Setup,
+    /// Wing frame of the installation.
+    pub frame: WingFrame,
+    wing_from_camera: Rotation3<f64>,
+    /// Length in flight over length on ground.
+    thermal_scale: f64,
+}
+
+/// A ray, scaled so that its part in the vertical plane has unit length, with the derivative by the
+/// pixel (undistortion included).
+pub struct PlaneRay {
+    /// Wing frame; times d it is the marker, seen from the projection centre (equations 8 and 10).
+    pub direction: Vector3<f64>,
+    /// d direction / d pixel, 1/px.
+    pub by_pixel: Matrix3x2<f64>,
+}
+
+impl<'a> Geometry<'a> {
+    /// For one frame.
+    pub fn new(setup: &'a Setup, orientation: &Orientation) -> Self {
+        let frame = setup.wing_frame();
+        let wing_from_camera = frame.wing_from_survey * orientation.camera_from_survey.inverse();
+        let thermal_scale = setup.thermal.map_or(1.0, |t| t.scale());
+        Self { setup, frame, wing_from_camera, thermal_scale }
+    }
+
+    /// Arc length on ground from the bending root and height, wing frame, m (table 1 of the paper).
+    pub fn ground(&self, marker: usize) -> Option<(f64, f64)> {
+        let p = self.frame.wing_point(&self.setup.markers.get(marker)?.position_m);
+        Some((p.x - self.setup.root_offset_m, p.y))
+    }
+
+    /// Arc length in flight of one on ground, m.
+    pub fn in_flight(&self, ground_length_m: f64) -> f64 {
+        ground_length_m * self.thermal_scale
+    }
+
+    /// The ray of a pixel; it must point outboard.
+    pub fn ray(&self, pixel: &Vector2<f64>) -> Result<PlaneRay, AdjustError> {
+        let (ray, jacobian) =
+            self.setup.lens.ray_with_jacobian(pixel).map_err(|e| AdjustError::Input(e.to_string()))?;
+        let ray = self.wing_from_camera * ray;
+        if ray.x <= 0.0 {
+            return Err(AdjustError::Input(format!(
+                "the ray of pixel ({:.1}, {:.1}) points away from the wing; check span_direction in \
+                 installation.toml and orientation.toml",
+                pixel.x, pixel.y
+            )));
+        }
+        let jacobian = self.wing_from_camera.matrix() * jacobian;
+        let plane = ray.x.hypot(ray.y);
+        let along = (jacobian.row(0) * ray.x + jacobian.row(1) * ray.y) / plane;
+        Ok(PlaneRay { direction: ray / plane, by_pixel: (jacobian - ray / plane * along) / plane })
+    }
+
+    /// `0 = l(x'; a) - l` and `0 = y + a x'^2 - y'`, with `x' = d r_x - root offset`, `y' = d r_y`.
+    pub fn linearise(&self, point: &Point) -> Result<Linearised, AdjustError> {
+        let (a, d, seen) = (point.global[0], point.local[0], point.observed);
+        let ray = self.ray(&Vector2::new(seen[PIXEL], seen[PIXEL + 1]))?;
+        let x = d * ray.direction.x - self.setup.root_offset_m;
+        let arc = arc_length(x, a);
+        let slope = 2.0 * a * x;
+        let rise = a * x * x - d * ray.direction.y;
+        let mut observations = DMatrix::zeros(2, PER_MARKER);
+        observations[(0, ARC_LENGTH)] = -self.thermal_scale;
+        observations[(1, HEIGHT)] = 1.0;
+        for k in 0..2 {
+            let (dx, dy) = (d * ray.by_pixel[(0, k)], d * ray.by_pixel[(1, k)]);
+            observations[(0, PIXEL + k)] = arc.by_x * dx;
+            observations[(1, PIXEL + k)] = slope * dx - dy;
+        }
+        let by_distance = [arc.by_x * ray.direction.x, slope * ray.direction.x - ray.direction.y];
+        Ok(Linearised {
+            misclosure: DVector::from_vec(vec![
+                arc.length_m - self.in_flight(seen[ARC_LENGTH]),
+                seen[HEIGHT] + rise,
+            ]),
+            columns: vec![0],
+            global: DMatrix::from_column_slice(2, 1, &[arc.by_a, x * x]),
+            local: DMatrix::from_column_slice(2, 1, &by_distance),
+            observations,
+        })
+    }
+}

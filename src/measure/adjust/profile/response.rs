@@ -1,0 +1,96 @@
+//! How a and the distances answer to the observations, to first order.
+//!
+//! The paper's polar point determination (equation 8) uses the **observed** direction with the
+//! adjusted distance, so that torsion stays visible; its covariance needs their correlation.
+
+use nalgebra::{DMatrix, Matrix4, RowVector4};
+
+use super::conditions::PER_MARKER;
+use crate::measure::adjust::gauss_helmert::{Fit, Problem};
+
+/// A scalar that depends on a, on one marker's distance and on its observations.
+#[derive(Clone, Copy, Debug)]
+pub struct Function {
+    marker: usize,
+    /// Total derivative by a.
+    by_a: f64,
+    /// Derivative by the marker's own observations at fixed a.
+    by_own: RowVector4<f64>,
+}
+
+/// Linear response of one marker.
+struct MarkerResponse {
+    /// d a / d observations.
+    a: RowVector4<f64>,
+    /// d distance / d a.
+    distance_by_a: f64,
+    /// d distance / d observations at fixed a.
+    distance: RowVector4<f64>,
+    covariance: Matrix4<f64>,
+}
+
+/// Linear response of all.
+pub struct Response {
+    markers: Vec<MarkerResponse>,
+    variance_a: f64,
+}
+
+impl Response {
+    /// From the normal equations at the solution.
+    pub fn new(problem: &Problem, fit: &Fit) -> Self {
+        let variance_a = fit.covariance[(0, 0)];
+        let pairs = problem.groups.iter().zip(&fit.groups);
+        let markers = pairs.filter_map(|(group, solved)| {
+            let (block, lin) = (group.blocks.first()?, &solved.blocks.first()?.linearised);
+            let b = &lin.observations;
+            let weight = (b * &block.covariance * b.transpose()).try_inverse()?;
+            let from_local = &weight * &lin.local * &solved.conditional * lin.local.transpose() * &weight;
+            let a = lin.global.transpose() * (&weight - from_local) * b * -variance_a;
+            let distance = &solved.conditional * lin.local.transpose() * &weight * b * -1.0;
+            Some(MarkerResponse {
+                a: row(&a),
+                distance_by_a: solved.sensitivity[(0, 0)],
+                distance: row(&distance),
+                covariance: Matrix4::from_column_slice(block.covariance.as_slice()),
+            })
+        });
+        Self { markers: markers.collect(), variance_a }
+    }
+
+    /// A function of a marker's distance and of its observations.
+    pub fn function(&self, marker: usize, by_distance: f64, by_observations: RowVector4<f64>) -> Function {
+        let own = &self.markers[marker];
+        Function {
+            marker,
+            by_a: by_distance * own.distance_by_a,
+            by_own: own.distance * by_distance + by_observations,
+        }
+    }
+
+    /// Covariance of two functions, a priori.
+    pub fn covariance(&self, f: &Function, g: &Function) -> f64 {
+        let common = f.by_a * g.by_a * self.variance_a;
+        let crossed = f.by_a * self.with_a(g) + g.by_a * self.with_a(f);
+        let own = if f.marker == g.marker {
+            (f.by_own * self.markers[f.marker].covariance * g.by_own.transpose())[(0, 0)]
+        } else {
+            0.0
+        };
+        common + crossed + own
+    }
+
+    /// Covariance of a function with a.
+    pub fn covariance_with_a(&self, f: &Function) -> f64 {
+        f.by_a * self.variance_a + self.with_a(f)
+    }
+
+    /// Covariance of a with a function's own observations.
+    fn with_a(&self, f: &Function) -> f64 {
+        let marker = &self.markers[f.marker];
+        (marker.a * marker.covariance * f.by_own.transpose())[(0, 0)]
+    }
+}
+
+fn row(m: &DMatrix<f64>) -> RowVector4<f64> {
+    RowVector4::from_fn(|_, k| if k < PER_MARKER { m[(0, k)] } else { 0.0 })
+}
