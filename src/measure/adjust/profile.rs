@@ -15,7 +15,8 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::gauss_helmert::{self, Block, Fit, Group, Problem};
 use super::{
-    AdjustError, CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Observation, Options, Parameter, SigmaKind, Solution, Torsion,
+    AdjustError, CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Observation, Options, Parameter,
+    SigmaKind, Solution, Torsion,
 };
 use crate::measure::setup::{Orientation, Setup};
 use conditions::{ARC_LENGTH, Geometry, HEIGHT, PER_MARKER, PIXEL};
@@ -87,7 +88,8 @@ fn problem(geometry: &Geometry, observations: &[Observation]) -> Result<Problem,
     let mut starts = Vec::with_capacity(observations.len());
     let mut groups = Vec::with_capacity(observations.len());
     for observation in observations {
-        let unknown = || AdjustError::Input("an observation names a marker that the survey does not list".into());
+        let unknown =
+            || AdjustError::Input("an observation names a marker that the survey does not list".into());
         let (l, y) = geometry.ground(observation.marker).ok_or_else(unknown)?;
         let direction = geometry.ray(&observation.pixel)?.direction;
         let x = geometry.in_flight(l);
@@ -190,7 +192,10 @@ impl Adjusted<'_> {
     }
 
     fn remarks(&self) -> Vec<String> {
-        let strongest = self.distance_correlations().into_iter().fold(0.0, |m: f64, c| if c.abs() > m.abs() { c } else { m });
+        let strongest = self
+            .distance_correlations()
+            .into_iter()
+            .fold(0.0, |m: f64, c| if c.abs() > m.abs() { c } else { m });
         vec![format!("strongest correlation of a with a distance: {strongest:.2}")]
     }
 
@@ -275,7 +280,8 @@ impl Adjusted<'_> {
     fn image_quality(&self, index: usize, marker: usize) -> MarkerSolution {
         let residuals = &self.fit.groups[index].blocks[0].residuals;
         let before = self.problem.groups[index].blocks[0].covariance.clone();
-        let cofactor = (&before - self.fit.adjusted_covariance(index, 0)).fixed_view::<2, 2>(PIXEL, PIXEL).into_owned();
+        let cofactor =
+            (&before - self.fit.adjusted_covariance(index, 0)).fixed_view::<2, 2>(PIXEL, PIXEL).into_owned();
         let residual = Vector2::new(residuals[PIXEL], residuals[PIXEL + 1]);
         let mut solution = not_observed(marker);
         solution.residual_px = Some(residual);
@@ -289,8 +295,7 @@ impl Adjusted<'_> {
         let bias = |k: usize| (normal[(k, k)] > 0.0).then(|| NON_CENTRALITY / normal[(k, k)].sqrt());
         solution.redundancy = Some(Vector2::new(redundancy[(0, 0)], redundancy[(1, 1)]));
         solution.w_test = (normal[(k, k)] > 0.0).then(|| weighted[k] / normal[(k, k)].sqrt());
-        solution.minimal_detectable_bias_px =
-            bias(0).zip(bias(1)).map(|(u, v)| Vector2::new(u, v));
+        solution.minimal_detectable_bias_px = bias(0).zip(bias(1)).map(|(u, v)| Vector2::new(u, v));
         solution
     }
 }
@@ -300,7 +305,9 @@ const NON_CENTRALITY: f64 = 4.13;
 
 fn verdict(fit: &Fit, options: &Options) -> (GlobalTest, bool) {
     let test = match ChiSquared::new(fit.redundancy as f64) {
-        Ok(distribution) if fit.omega > distribution.inverse_cdf(1.0 - options.global_alpha) => GlobalTest::Rejected,
+        Ok(distribution) if fit.omega > distribution.inverse_cdf(1.0 - options.global_alpha) => {
+            GlobalTest::Rejected
+        }
         Ok(_) => GlobalTest::Passed,
         Err(_) => GlobalTest::NotPossible,
     };
