@@ -3,6 +3,7 @@
 pub mod deadline;
 pub mod freshness;
 pub mod jpeg;
+pub mod replay;
 #[cfg(feature = "v4l")]
 pub mod v4l;
 

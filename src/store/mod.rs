@@ -1,1 +1,443 @@
-//! The store: layout, commit, recover, verify, space. Every fsync of the project lives here.
+//! Safe keeping: layout, commit, recovery, verification, space. docs/store.md states the invariants.
+//!
+//! One directory is the only truth; what is kept in memory can be rebuilt by scanning. The store
+//! knows frames and results as bytes and JSON, not what they mean.
+
+pub mod catalogue;
+pub mod disk;
+mod error;
+pub mod fake;
+pub mod flight;
+pub mod jsonl;
+pub mod layout;
+pub mod manifest;
+mod recover;
+mod results;
+mod series;
+pub mod verify;
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+pub use catalogue::{FlightRef, SeriesRef};
+pub use disk::{Disk, RealDisk};
+pub use error::StoreError;
+pub use recover::Recovery;
+pub use results::{Inputs, sha256};
+pub use series::{NewFrame, OpenSeries};
+
+use crate::clock::Stamp;
+use manifest::{
+    Cause, Counter, FlightManifest, FrameEntry, JournalHead, Refusal, ResultLine, SeriesManifest, State,
+};
+
+/// `[store]` of the configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StoreConfig {
+    /// The directory.
+    pub path: PathBuf,
+    /// Space that is kept free; below it no series begins.
+    #[serde(default = "default_reserve_mb")]
+    pub reserve_mb: u64,
+    /// A pause longer than this begins a new flight.
+    #[serde(
+        default = "default_new_flight_after",
+        with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required"
+    )]
+    pub new_flight_after: Duration,
+    /// What another boot means for the flight.
+    #[serde(default)]
+    pub new_flight_at_boot: flight::AtBoot,
+}
+
+fn default_reserve_mb() -> u64 {
+    1000
+}
+
+fn default_new_flight_after() -> Duration {
+    Duration::from_secs(3 * 3600)
+}
+
+impl StoreConfig {
+    /// The defaults, at `path`.
+    pub fn at(path: impl Into<PathBuf>) -> Self {
+        Self {
+            path: path.into(),
+            reserve_mb: default_reserve_mb(),
+            new_flight_after: default_new_flight_after(),
+            new_flight_at_boot: flight::AtBoot::default(),
+        }
+    }
+
+    /// Every fault, as `key: what and how to mend it`.
+    pub fn faults(&self) -> Vec<String> {
+        let mut faults = Vec::new();
+        if self.path.as_os_str().is_empty() {
+            faults.push("store.path: is empty; name a directory, for example /var/lib/wingd".to_owned());
+        }
+        if self.new_flight_after.is_zero() {
+            faults.push("store.new_flight_after: must be longer than 0, for example \"3h\"".to_owned());
+        }
+        faults
+    }
+}
+
+/// What is asked for when a series begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Plan {
+    /// Why.
+    pub cause: Cause,
+    /// Shots that are wanted.
+    pub shots: u32,
+}
+
+/// A stored frame that can be read and given a result.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameRef {
+    /// Where.
+    pub series: SeriesRef,
+    /// What.
+    pub entry: FrameEntry,
+    /// When.
+    pub stamp: Stamp,
+}
+
+/// A store open for writing, by one process at a time.
+pub struct Store {
+    disk: Arc<dyn Disk>,
+    root: PathBuf,
+    config: StoreConfig,
+    index: Mutex<Index>,
+    _lock: disk::Lock,
+}
+
+/// In memory only; rebuilt by scanning.
+#[derive(Default)]
+struct Index {
+    next_flight: u64,
+    next_series: u64,
+    /// The newest flight.
+    flight: Option<String>,
+    /// The last moment recorded in it.
+    last: Option<Stamp>,
+    new_flight_wanted: bool,
+    /// Series without any frame to solve, by the inputs asked for.
+    settled: HashSet<(String, String)>,
+}
+
+impl Store {
+    /// Opens a store, making it where the directory is empty or missing, and recovers what a crash left.
+    pub fn open(disk: Arc<dyn Disk>, config: StoreConfig) -> Result<(Self, Recovery), StoreError> {
+        let root = config.path.clone();
+        if !disk.exists(&root.join(layout::STORE_FILE)) {
+            create(disk.as_ref(), &root)?;
+        }
+        catalogue::check_format(disk.as_ref(), &root)?;
+        let lock_path = root.join(layout::LOCK_FILE);
+        let lock = disk.lock(&lock_path).map_err(StoreError::io(&lock_path, "lock"))?;
+        let Some(lock) = lock else { return Err(StoreError::Locked { path: lock_path }) };
+        for name in [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL] {
+            ensure_dir(disk.as_ref(), &root, name)?;
+        }
+        let mut recovery = recover::recover(disk.as_ref(), &root)?;
+        let index = scan(disk.as_ref(), &root, &mut recovery)?;
+        Ok((Self { disk, root, config, index: Mutex::new(index), _lock: lock }, recovery))
+    }
+
+    /// The directory.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// The file system it is on.
+    pub fn disk(&self) -> &dyn Disk {
+        self.disk.as_ref()
+    }
+
+    /// Space left, MB.
+    pub fn free_mb(&self) -> Result<u64, StoreError> {
+        let free = self.disk.free_bytes(&self.root).map_err(StoreError::io(&self.root, "measure"))?;
+        Ok(free / 1_000_000)
+    }
+
+    /// Space kept free, MB.
+    pub fn reserve_mb(&self) -> u64 {
+        self.config.reserve_mb
+    }
+
+    /// The newest flight's name.
+    pub fn current_flight(&self) -> Option<String> {
+        self.index().flight.clone()
+    }
+
+    /// Makes the next series begin a new flight.
+    pub fn want_new_flight(&self) {
+        self.index().new_flight_wanted = true;
+    }
+
+    /// Begins a series; recovers first what an abandoned one left. A refusal is recorded.
+    pub fn begin_series(&self, plan: Plan, now: &Stamp) -> Result<(OpenSeries, Recovery), StoreError> {
+        let mut index = self.index();
+        let recovery = recover::recover(self.disk.as_ref(), &self.root)?;
+        let free_mb = self.free_mb()?;
+        if free_mb < self.config.reserve_mb {
+            return Err(self.refuse(free_mb, now));
+        }
+        let flight = self.flight_for(&mut index, now)?;
+        let number = index.next_series;
+        index.next_series += 1;
+        self.save_counter(&index)?;
+        let head = JournalHead { flight, started: now.clone(), cause: plan.cause, planned_shots: plan.shots };
+        index.last = Some(now.clone());
+        let open = OpenSeries::begin(self.disk.clone(), &self.root, layout::series_id(number), head)?;
+        Ok((open, recovery))
+    }
+
+    /// Closes a series: its manifest, then one rename to its flight.
+    pub fn close_series(
+        &self,
+        series: OpenSeries,
+        state: State,
+        now: &Stamp,
+        remarks: Vec<String>,
+    ) -> Result<(), StoreError> {
+        let mut index = self.index();
+        index.last = Some(now.clone());
+        series.close(state, now, remarks)
+    }
+
+    /// Records that a series could not be taken, and says why.
+    fn refuse(&self, free_mb: u64, now: &Stamp) -> StoreError {
+        let error =
+            StoreError::BelowReserve { path: self.root.clone(), free_mb, reserve_mb: self.config.reserve_mb };
+        let refusal = Refusal { stamp: now.clone(), reason: error.to_string() };
+        let path = self.root.join(layout::REFUSED_FILE);
+        let torn = self.disk.read(&path).is_ok_and(|bytes| bytes.last().is_some_and(|last| *last != b'\n'));
+        let lead: &[u8] = if torn { b"\n" } else { b"" };
+        // The record is best effort: the refusal itself reaches the caller in any case.
+        let line = jsonl::line(&refusal).map(|line| [lead, &line].concat());
+        let written = line.and_then(|line| self.disk.append(&path, &line));
+        let _ = written.and_then(|()| self.disk.sync_dir(&self.root));
+        error
+    }
+
+    fn flight_for(&self, index: &mut Index, now: &Stamp) -> Result<String, StoreError> {
+        let by_command = index.new_flight_wanted.then(|| "by command".to_owned());
+        let rule = (self.config.new_flight_after, self.config.new_flight_at_boot);
+        let because = by_command.or_else(|| flight::begins(index.last.as_ref(), now, rule.0, rule.1));
+        match (because, &index.flight) {
+            (None, Some(flight)) => Ok(flight.clone()),
+            (because, _) => {
+                let because = because.unwrap_or_else(|| "the last flight is not here any more".to_owned());
+                self.new_flight(index, now, because)
+            }
+        }
+    }
+
+    fn new_flight(&self, index: &mut Index, now: &Stamp, because: String) -> Result<String, StoreError> {
+        let flight = layout::flight_id(index.next_flight);
+        index.next_flight += 1;
+        self.save_counter(index)?;
+        let manifest = FlightManifest { flight: flight.clone(), started: now.clone(), because };
+        recover::make_flight(self.disk.as_ref(), &self.root, &manifest)?;
+        index.flight = Some(flight.clone());
+        index.new_flight_wanted = false;
+        Ok(flight)
+    }
+
+    fn save_counter(&self, index: &Index) -> Result<(), StoreError> {
+        save_counter(self.disk.as_ref(), &self.root, index.next_flight, index.next_series)
+    }
+
+    /// The frames to solve of one series, newest series first: in the newest flight those without a
+    /// result for these inputs, in older flights those without any result, because the camera may
+    /// have been mounted anew since. Empty where nothing is left to do.
+    pub fn unsolved(&self, inputs: &Inputs) -> Result<Vec<FrameRef>, StoreError> {
+        let newest = self.current_flight();
+        for flight in catalogue::flights(self.disk(), &self.root)?.iter().rev() {
+            let any_result_will_do = Some(&flight.id) != newest.as_ref();
+            for series in catalogue::series(self.disk(), flight)?.into_iter().rev() {
+                let settled = (series.id.clone(), inputs.key(""));
+                if self.index().settled.contains(&settled) {
+                    continue;
+                }
+                let frames = self.unsolved_in(&series, inputs, any_result_will_do).unwrap_or_default();
+                if !frames.is_empty() {
+                    return Ok(frames);
+                }
+                self.index().settled.insert(settled);
+            }
+        }
+        Ok(Vec::new())
+    }
+
+    /// A series whose manifest cannot be read has nothing to solve; `verify` reports it.
+    fn unsolved_in(
+        &self,
+        series: &SeriesRef,
+        inputs: &Inputs,
+        any_result_will_do: bool,
+    ) -> Result<Vec<FrameRef>, StoreError> {
+        let manifest = catalogue::manifest(self.disk(), series)?;
+        let keys = results::keys(self.disk(), &series.folder)?;
+        let solved = |frame: &FrameEntry| {
+            let key = inputs.key(&frame.sha256);
+            keys.iter().any(|k| k.frame == frame.file && (any_result_will_do || k.inputs == key))
+        };
+        let mut frames = frames(series, manifest);
+        frames.retain(|frame| !solved(&frame.entry));
+        Ok(frames)
+    }
+
+    /// A frame's bytes, as delivered; an error where they are not what the manifest says.
+    pub fn read_frame(&self, frame: &FrameRef) -> Result<Vec<u8>, StoreError> {
+        read_frame(self.disk(), frame)
+    }
+
+    /// Writes a result durably, once: `false` where this frame has one for these inputs already.
+    pub fn add_result(&self, frame: &FrameRef, inputs: &Inputs, record: Value) -> Result<bool, StoreError> {
+        let _one_writer = self.index();
+        let line = ResultLine {
+            frame: frame.entry.file.clone(),
+            frame_sha256: frame.entry.sha256.clone(),
+            inputs: inputs.key(&frame.entry.sha256),
+            provenance: inputs.provenance.clone(),
+            record,
+        };
+        results::append(self.disk(), &self.root, &frame.series.folder, &line)
+    }
+
+    fn index(&self) -> MutexGuard<'_, Index> {
+        self.index.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A series' frames, in order.
+pub fn frames(series: &SeriesRef, manifest: SeriesManifest) -> Vec<FrameRef> {
+    let shots = manifest.shots.into_iter();
+    shots
+        .filter_map(|shot| {
+            let entry = shot.frame.filter(|frame| layout::is_frame_name(&frame.file))?;
+            Some(FrameRef { series: series.clone(), entry, stamp: shot.stamp })
+        })
+        .collect()
+}
+
+/// A frame's bytes, as delivered; an error where they are not what the manifest says.
+pub fn read_frame(disk: &dyn Disk, frame: &FrameRef) -> Result<Vec<u8>, StoreError> {
+    let path = frame.series.folder.join(&frame.entry.file);
+    let bytes = disk.read(&path).map_err(StoreError::io(&path, "read"))?;
+    if sha256(&bytes) == frame.entry.sha256 {
+        return Ok(bytes);
+    }
+    let what = "its bytes do not have the hash of series.json".to_owned();
+    Err(StoreError::Damaged { path, what, mend: "take this frame from a backup or an export" })
+}
+
+/// Makes a store; its mark is written last, so that a crash leaves an empty directory that counts as none.
+fn create(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
+    make_root(disk, root)?;
+    refuse_foreign(disk, root)?;
+    for name in [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL] {
+        ensure_dir(disk, root, name)?;
+    }
+    save_counter(disk, root, 1, 1)?;
+    let path = root.join(layout::STORE_FILE);
+    let text = format!(
+        "# A store of wingd; docs/store.md says what is where.\nformat = {}\ncreated_by = \"wingd {}\"\n",
+        layout::FORMAT,
+        env!("CARGO_PKG_VERSION")
+    );
+    disk::replace(disk, &path, text.as_bytes()).map_err(StoreError::io(&path, "write"))
+}
+
+fn make_root(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
+    if disk.exists(root) {
+        return Ok(());
+    }
+    let parent = root.parent().filter(|parent| !parent.as_os_str().is_empty());
+    if let Some(parent) = parent {
+        make_root(disk, parent)?;
+    }
+    disk.create_dir(root).map_err(StoreError::io(root, "create"))?;
+    let parent = parent.unwrap_or(Path::new("."));
+    disk.sync_dir(parent).map_err(StoreError::io(parent, "sync"))
+}
+
+/// A directory without a mark may hold what a broken-off creation leaves, and nothing else.
+fn refuse_foreign(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
+    for entry in disk.list(root).map_err(StoreError::io(root, "list"))? {
+        let name = entry.name.trim_end_matches(layout::PART_ENDING);
+        let ours = [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL, layout::COUNTER_FILE];
+        let known = ours.contains(&name) || [layout::STORE_FILE, layout::LOCK_FILE].contains(&name);
+        let empty = !entry.is_dir || disk.list(&root.join(&entry.name)).is_ok_and(|list| list.is_empty());
+        let harmless = name == "lost+found" || (known && empty);
+        if !harmless {
+            let why = format!("it has no {} but holds {}", layout::STORE_FILE, entry.name);
+            return Err(StoreError::NotAStore { path: root.to_owned(), why });
+        }
+    }
+    Ok(())
+}
+
+fn ensure_dir(disk: &dyn Disk, root: &Path, name: &str) -> Result<(), StoreError> {
+    let path = root.join(name);
+    if !disk.exists(&path) {
+        disk.create_dir(&path).map_err(StoreError::io(&path, "create"))?;
+        disk.sync_dir(root).map_err(StoreError::io(root, "sync"))?;
+    }
+    Ok(())
+}
+
+fn save_counter(disk: &dyn Disk, root: &Path, next_flight: u64, next_series: u64) -> Result<(), StoreError> {
+    let path = root.join(layout::COUNTER_FILE);
+    let text = jsonl::line(&Counter { next_flight, next_series }).map_err(StoreError::io(&path, "write"))?;
+    disk::replace(disk, &path, &text).map_err(StoreError::io(&path, "write"))
+}
+
+/// Reads the counter and the newest flight. Ids on disk win over a counter that was lost or set back.
+fn scan(disk: &dyn Disk, root: &Path, recovery: &mut Recovery) -> Result<Index, StoreError> {
+    let mut index = Index { next_flight: 1, next_series: 1, ..Index::default() };
+    let path = root.join(layout::COUNTER_FILE);
+    let counter = disk.read(&path).ok().and_then(|bytes| serde_json::from_slice::<Counter>(&bytes).ok());
+    for flight in catalogue::flights(disk, root)? {
+        index.next_flight = layout::flight_number(&flight.id).unwrap_or(0).saturating_add(1);
+        for series in catalogue::series(disk, &flight)? {
+            let next = layout::series_number(&series.id).unwrap_or(0).saturating_add(1);
+            index.next_series = index.next_series.max(next);
+        }
+        index.last = last_moment(disk, &flight).or(index.last);
+        index.flight = Some(flight.id);
+    }
+    for entry in disk.list(&root.join(layout::INCOMING)).unwrap_or_default() {
+        let next = layout::series_number(&entry.name).unwrap_or(0).saturating_add(1);
+        index.next_series = index.next_series.max(next);
+    }
+    let on_disk = (index.next_flight, index.next_series);
+    if let Some(counter) = counter {
+        index.next_flight = index.next_flight.max(counter.next_flight);
+        index.next_series = index.next_series.max(counter.next_series);
+    }
+    if counter.is_none_or(|c| c.next_flight < on_disk.0 || c.next_series < on_disk.1) {
+        recovery.remarks.push("counter.json was damaged or behind; mended from the ids on disk".to_owned());
+        save_counter(disk, root, index.next_flight, index.next_series)?;
+    }
+    Ok(index)
+}
+
+/// The last moment recorded in a flight.
+fn last_moment(disk: &dyn Disk, flight: &FlightRef) -> Option<Stamp> {
+    let series = catalogue::series(disk, flight).ok()?;
+    let last = series.iter().rev().find_map(|series| catalogue::manifest(disk, series).ok());
+    let of_series = last.and_then(|manifest| {
+        let shot = manifest.shots.last().map(|shot| shot.stamp.clone());
+        manifest.ended.or(shot).or(manifest.started)
+    });
+    of_series.or_else(|| catalogue::flight_manifest(disk, flight).ok().map(|manifest| manifest.started))
+}

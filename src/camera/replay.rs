@@ -1,0 +1,421 @@
+//! A camera that delivers frames from files, with faults on request. It is a real camera of the
+//! product: the demo flies with it, and tests use it to be hard on the daemon.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use super::{Camera, CameraError, CameraInfo, Format, Frame};
+use crate::clock::Clock;
+
+/// `[camera] kind = "replay"` of the configuration.
+#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ReplayConfig {
+    /// A folder whose pictures are delivered in order of their names.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub folder: Option<PathBuf>,
+    /// Or a list: TOML with `[[frame]] file = "…"` and optionally `at = "1h"`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub list: Option<PathBuf>,
+    /// Begin again after the last frame; otherwise the camera is gone then.
+    #[serde(default = "yes", rename = "loop")]
+    pub repeat: bool,
+    /// Machine time from trigger to delivery.
+    #[serde(default, with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    pub delay: Duration,
+    /// Faults, each at one shot.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub fault: Vec<ScriptedFault>,
+}
+
+fn yes() -> bool {
+    true
+}
+
+/// A fault and the call it befalls.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScriptedFault {
+    /// The how-manieth call for a shot, from 1, repeats included.
+    pub shot: u64,
+    /// What happens.
+    pub kind: FaultKind,
+    /// How long a hang lasts, machine time.
+    #[serde(default = "an_hour", with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    pub lasting: Duration,
+}
+
+fn an_hour() -> Duration {
+    Duration::from_secs(3600)
+}
+
+/// What can go wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FaultKind {
+    /// Answers that it is busy.
+    Busy,
+    /// Unplugged: answers so until it is opened again.
+    Gone,
+    /// Refuses.
+    Refused,
+    /// Gives up at the deadline.
+    Timeout,
+    /// Does not return, deadline or not.
+    Hang,
+    /// Delivers the first half of a frame.
+    Truncated,
+    /// Delivers the last frame again.
+    Stale,
+    /// The driver panics.
+    Panic,
+}
+
+impl ReplayConfig {
+    /// Replays a folder, endlessly and without faults.
+    pub fn folder(folder: impl Into<PathBuf>) -> Self {
+        Self { folder: Some(folder.into()), repeat: true, ..Self::default() }
+    }
+
+    /// Replays a list, endlessly and without faults.
+    pub fn list(list: impl Into<PathBuf>) -> Self {
+        Self { list: Some(list.into()), repeat: true, ..Self::default() }
+    }
+
+    /// Every fault, as `key: what and how to mend it`.
+    pub fn faults(&self) -> Vec<String> {
+        let mut faults = Vec::new();
+        if self.folder.is_some() == self.list.is_some() {
+            faults
+                .push("camera: a replay camera needs either folder = \"…\" or list = \"….toml\"".to_owned());
+        }
+        if self.fault.iter().any(|fault| fault.shot == 0) {
+            faults.push("camera.fault.shot: shots count from 1".to_owned());
+        }
+        faults
+    }
+}
+
+/// A file to deliver.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Item {
+    file: PathBuf,
+    /// Since the replay's origin; from then on this item and its equals are delivered in turn.
+    #[serde(default, with = "jiff::fmt::serde::unsigned_duration::friendly::compact::optional")]
+    at: Option<Duration>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct List {
+    #[serde(default)]
+    frame: Vec<Item>,
+}
+
+/// What outlives one camera object, so that a camera made anew after a hang goes on where it was.
+#[derive(Default)]
+struct Progress {
+    calls: u64,
+    /// Frames delivered of the present group.
+    position: usize,
+    group: Option<Duration>,
+    last: Option<Frame>,
+}
+
+/// Makes replay cameras that share their progress.
+#[derive(Clone)]
+pub struct ReplayFactory {
+    config: ReplayConfig,
+    clock: Arc<dyn Clock>,
+    origin: Duration,
+    progress: Arc<Mutex<Progress>>,
+}
+
+impl ReplayFactory {
+    /// `at` of a list counts from `origin`, a time since boot.
+    pub fn new(config: ReplayConfig, clock: Arc<dyn Clock>, origin: Duration) -> Self {
+        Self { config, clock, origin, progress: Arc::default() }
+    }
+
+    /// A camera, closed.
+    pub fn make(&self) -> Replay {
+        Replay { shared: self.clone(), items: Vec::new(), open: false }
+    }
+}
+
+/// The camera.
+pub struct Replay {
+    shared: ReplayFactory,
+    items: Vec<Item>,
+    open: bool,
+}
+
+impl Camera for Replay {
+    fn open(&mut self) -> Result<CameraInfo, CameraError> {
+        if let Some(fault) = self.shared.config.faults().first() {
+            return Err(CameraError::Refused(fault.clone()));
+        }
+        self.items = read_items(&self.shared.config)?;
+        self.open = true;
+        let source = self.shared.config.folder.as_ref().or(self.shared.config.list.as_ref());
+        let mut settings = Map::new();
+        settings.insert("source".to_owned(), Value::from(source.map(|p| p.display().to_string())));
+        settings.insert("frames".to_owned(), Value::from(self.items.len()));
+        Ok(CameraInfo { name: "replay".to_owned(), settings, warnings: Vec::new() })
+    }
+
+    fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
+        if !self.open {
+            return Err(CameraError::Gone("the replay camera is not open".to_owned()));
+        }
+        let config = &self.shared.config;
+        let call = self.progress(|progress| {
+            progress.calls += 1;
+            progress.calls
+        });
+        if config.delay > deadline {
+            std::thread::sleep(deadline);
+            return Err(timeout(deadline));
+        }
+        std::thread::sleep(config.delay);
+        match config.fault.iter().find(|fault| fault.shot == call) {
+            Some(fault) => self.fail(fault.kind, fault.lasting, deadline),
+            None => self.deliver(),
+        }
+    }
+
+    fn close(&mut self) {
+        self.open = false;
+    }
+}
+
+fn timeout(deadline: Duration) -> CameraError {
+    CameraError::Timeout { after_s: deadline.as_secs_f64(), what: "the replayed frame".to_owned() }
+}
+
+impl Replay {
+    fn progress<T>(&self, f: impl FnOnce(&mut Progress) -> T) -> T {
+        f(&mut self.shared.progress.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    #[allow(clippy::panic)] // asked for by the script
+    fn fail(&mut self, kind: FaultKind, lasting: Duration, deadline: Duration) -> Result<Frame, CameraError> {
+        match kind {
+            FaultKind::Busy => Err(CameraError::Busy("as the script asks".to_owned())),
+            FaultKind::Refused => Err(CameraError::Refused("as the script asks".to_owned())),
+            FaultKind::Gone => {
+                self.open = false;
+                Err(CameraError::Gone("as the script asks".to_owned()))
+            }
+            FaultKind::Timeout => {
+                std::thread::sleep(deadline);
+                Err(timeout(deadline))
+            }
+            FaultKind::Hang => {
+                std::thread::sleep(lasting);
+                self.deliver()
+            }
+            FaultKind::Truncated => {
+                let mut frame = self.deliver()?;
+                frame.bytes.truncate(frame.bytes.len() / 2);
+                Ok(frame)
+            }
+            FaultKind::Stale => match self.progress(|progress| progress.last.clone()) {
+                Some(frame) => Ok(frame),
+                None => self.deliver(),
+            },
+            FaultKind::Panic => panic!("the replay camera panics, as the script asks"),
+        }
+    }
+
+    fn deliver(&mut self) -> Result<Frame, CameraError> {
+        let item = self.next_item()?;
+        let bytes = std::fs::read(&item.file)
+            .map_err(|error| CameraError::BadFrame(format!("{}: {error}", item.file.display())))?;
+        let format = format_of(&item.file).unwrap_or(Format::Jpeg);
+        let mut settings = Map::new();
+        let name = item.file.file_name().unwrap_or_default().to_string_lossy();
+        settings.insert("source".to_owned(), Value::from(name.into_owned()));
+        let frame = Frame { bytes, format, settings };
+        self.progress(|progress| progress.last = Some(frame.clone()));
+        Ok(frame)
+    }
+
+    /// The next item of the group whose time has come last.
+    fn next_item(&mut self) -> Result<Item, CameraError> {
+        let elapsed = self.shared.clock.since_boot().saturating_sub(self.shared.origin);
+        let due = |item: &&Item| item.at.is_none_or(|at| at <= elapsed);
+        let group = self.items.iter().filter(due).map(|item| item.at.unwrap_or_default()).max();
+        let of_group: Vec<&Item> =
+            self.items.iter().filter(|item| Some(item.at.unwrap_or_default()) == group).collect();
+        let position = self.progress(|progress| {
+            if progress.group != group {
+                (progress.group, progress.position) = (group, 0);
+            }
+            progress.position += 1;
+            progress.position - 1
+        });
+        let index = if self.shared.config.repeat { position % of_group.len().max(1) } else { position };
+        of_group.get(index).map(|item| (*item).clone()).ok_or_else(|| {
+            CameraError::Gone("all frames are replayed (set loop = true to begin again)".to_owned())
+        })
+    }
+}
+
+fn read_items(config: &ReplayConfig) -> Result<Vec<Item>, CameraError> {
+    let (items, source) = match (&config.folder, &config.list) {
+        (Some(folder), _) => (read_folder(folder)?, folder),
+        (None, Some(list)) => (read_list(list)?, list),
+        (None, None) => return Err(CameraError::Refused("camera: set folder or list".to_owned())),
+    };
+    if items.is_empty() {
+        let what = "holds no frames; put .jpg, .png, .pgm or .tiff files there";
+        return Err(CameraError::Refused(format!("{}: {what}", source.display())));
+    }
+    Ok(items)
+}
+
+fn read_folder(folder: &Path) -> Result<Vec<Item>, CameraError> {
+    let fault = |error| {
+        let what = format!("{}: {error}; set [camera] folder to the frames", folder.display());
+        CameraError::Refused(what)
+    };
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(fault)? {
+        let path = entry.map_err(fault)?.path();
+        if path.is_file() && format_of(&path).is_some() {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok(files.into_iter().map(|file| Item { file, at: None }).collect())
+}
+
+fn read_list(path: &Path) -> Result<Vec<Item>, CameraError> {
+    let refused = |what: String| CameraError::Refused(format!("{}: {what}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;
+    let list: List = toml::from_str(&text).map_err(|error| refused(error.to_string()))?;
+    let base = path.parent().unwrap_or(Path::new("."));
+    let mut items = list.frame;
+    for item in &mut items {
+        item.file = base.join(&item.file);
+        if format_of(&item.file).is_none() {
+            return Err(refused(format!("{} is no .jpg, .png, .pgm or .tiff", item.file.display())));
+        }
+        if !item.file.is_file() {
+            return Err(refused(format!("{} does not exist", item.file.display())));
+        }
+    }
+    Ok(items)
+}
+
+fn format_of(path: &Path) -> Option<Format> {
+    let extension = path.extension()?.to_str()?.to_ascii_lowercase();
+    match extension.as_str() {
+        "jpg" | "jpeg" => Some(Format::Jpeg),
+        "png" | "pgm" | "ppm" | "pnm" | "tif" | "tiff" => Some(Format::File { extension }),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use crate::clock::Simulated;
+
+    fn folder(count: u8) -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        for i in 0..count {
+            std::fs::write(dir.path().join(format!("f{i}.jpg")), [0xff, 0xd8, i, 0, 0xff, 0xd9]).unwrap();
+        }
+        dir
+    }
+
+    fn clock() -> Arc<Simulated> {
+        Arc::new(Simulated::new("b", "2026-03-01T06:00:00Z".parse().unwrap(), None))
+    }
+
+    fn shots(camera: &mut Replay, count: usize) -> Vec<Result<u8, String>> {
+        let shoot = |_| camera.shoot(Duration::from_millis(10));
+        let name = |frame: Frame| frame.bytes[2];
+        (0..count).map(shoot).map(|r| r.map(name).map_err(|e| e.to_string())).collect()
+    }
+
+    #[test]
+    fn frames_come_in_order_and_begin_again_or_end() {
+        let dir = folder(2);
+        let mut config = ReplayConfig::folder(dir.path());
+        let mut camera = ReplayFactory::new(config.clone(), clock(), Duration::ZERO).make();
+        camera.open().unwrap();
+        assert_eq!(shots(&mut camera, 3), [Ok(0), Ok(1), Ok(0)]);
+        config.repeat = false;
+        let mut camera = ReplayFactory::new(config, clock(), Duration::ZERO).make();
+        camera.open().unwrap();
+        assert!(shots(&mut camera, 3)[2].as_ref().unwrap_err().contains("loop = true"));
+    }
+
+    #[test]
+    fn faults_befall_the_shot_they_name_and_survive_a_new_camera() {
+        let dir = folder(4);
+        let script = r#"
+            folder = "?"
+            [[fault]]
+            shot = 2
+            kind = "stale"
+            [[fault]]
+            shot = 4
+            kind = "truncated"
+            [[fault]]
+            shot = 5
+            kind = "gone"
+        "#;
+        let mut config: ReplayConfig = toml::from_str(script).unwrap();
+        config.folder = Some(dir.path().to_owned());
+        let factory = ReplayFactory::new(config, clock(), Duration::ZERO);
+        let mut camera = factory.make();
+        camera.open().unwrap();
+        assert_eq!(shots(&mut camera, 3), [Ok(0), Ok(0), Ok(1)]);
+        let mut camera = factory.make();
+        camera.open().unwrap();
+        assert_eq!(camera.shoot(Duration::ZERO).unwrap().bytes.len(), 3);
+        assert!(matches!(camera.shoot(Duration::ZERO), Err(CameraError::Gone(_))));
+        assert!(matches!(camera.shoot(Duration::ZERO), Err(CameraError::Gone(_))));
+        camera.open().unwrap();
+        assert_eq!(camera.shoot(Duration::ZERO).unwrap().bytes[2], 3);
+    }
+
+    #[test]
+    fn a_list_follows_the_clock() {
+        let dir = folder(3);
+        let list = "[[frame]]\nfile = \"f0.jpg\"\n[[frame]]\nfile = \"f1.jpg\"\nat = \"1h\"\n\
+                    [[frame]]\nfile = \"f2.jpg\"\nat = \"1h\"\n";
+        let path = dir.path().join("list.toml");
+        std::fs::write(&path, list).unwrap();
+        let clock = clock();
+        let mut camera =
+            ReplayFactory::new(ReplayConfig::list(&path), clock.clone(), clock.since_boot()).make();
+        camera.open().unwrap();
+        assert_eq!(shots(&mut camera, 2), [Ok(0), Ok(0)]);
+        clock.sleep(Duration::from_secs(3600));
+        assert_eq!(shots(&mut camera, 3), [Ok(1), Ok(2), Ok(1)]);
+    }
+
+    #[test]
+    fn faulty_settings_are_refused_with_the_name() {
+        let missing = ReplayConfig::folder("/nonexistent/frames");
+        let error = ReplayFactory::new(missing, clock(), Duration::ZERO).make().open().unwrap_err();
+        assert!(error.to_string().contains("/nonexistent/frames"), "{error}");
+        let dir = folder(1);
+        let list = dir.path().join("list.toml");
+        std::fs::write(&list, "[[frame]]\nfile = \"f9.jpg\"\n").unwrap();
+        let config = ReplayConfig::list(&list);
+        let error = ReplayFactory::new(config, clock(), Duration::ZERO).make().open().unwrap_err();
+        assert!(error.to_string().contains("f9.jpg does not exist"), "{error}");
+    }
+}

@@ -1,0 +1,115 @@
+//! What a store holds, read without a lock: for reports, pages, exports and the daemon itself.
+
+use std::path::{Path, PathBuf};
+
+use super::disk::Disk;
+use super::error::StoreError;
+use super::manifest::{FlightManifest, ResultLine, SeriesManifest};
+use super::{jsonl, layout};
+
+/// A flight's place.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FlightRef {
+    /// Its name.
+    pub id: String,
+    /// Its folder.
+    pub folder: PathBuf,
+}
+
+/// A finished series' place.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SeriesRef {
+    /// Its flight's name.
+    pub flight: String,
+    /// Its name.
+    pub id: String,
+    /// Its folder.
+    pub folder: PathBuf,
+}
+
+/// Checks that `root` is a store of our format.
+pub fn check_format(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
+    let path = root.join(layout::STORE_FILE);
+    if !disk.exists(&path) {
+        let why = format!("it has no {}", layout::STORE_FILE);
+        return Err(StoreError::NotAStore { path: root.to_owned(), why });
+    }
+    let bytes = disk.read(&path).map_err(StoreError::io(&path, "read"))?;
+    let table = std::str::from_utf8(&bytes).ok().and_then(|text| text.parse::<toml::Table>().ok());
+    let found = table.as_ref().and_then(|table| table.get("format"));
+    match found {
+        Some(format) if format.as_integer() == Some(layout::FORMAT.into()) => Ok(()),
+        Some(format) => {
+            Err(StoreError::Version { path, found: format.to_string(), supported: layout::FORMAT })
+        }
+        None => Err(StoreError::Damaged {
+            path,
+            what: "holds no format number".to_owned(),
+            mend: "write `format = 1` into it if the store was made by wingd 0.x",
+        }),
+    }
+}
+
+/// The flights, in order.
+pub fn flights(disk: &dyn Disk, root: &Path) -> Result<Vec<FlightRef>, StoreError> {
+    let folder = root.join(layout::FLIGHTS);
+    let mut found: Vec<(u64, FlightRef)> = Vec::new();
+    for entry in disk.list(&folder).map_err(StoreError::io(&folder, "list"))? {
+        if let Some(number) = layout::flight_number(&entry.name).filter(|_| entry.is_dir) {
+            found.push((number, FlightRef { folder: folder.join(&entry.name), id: entry.name }));
+        }
+    }
+    found.sort_by_key(|(number, _)| *number);
+    Ok(found.into_iter().map(|(_, flight)| flight).collect())
+}
+
+/// The finished series of a flight, in order.
+pub fn series(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<SeriesRef>, StoreError> {
+    let mut found: Vec<(u64, SeriesRef)> = Vec::new();
+    for entry in disk.list(&flight.folder).map_err(StoreError::io(&flight.folder, "list"))? {
+        if let Some(number) = layout::series_number(&entry.name).filter(|_| entry.is_dir) {
+            let folder = flight.folder.join(&entry.name);
+            found.push((number, SeriesRef { flight: flight.id.clone(), id: entry.name, folder }));
+        }
+    }
+    found.sort_by_key(|(number, _)| *number);
+    Ok(found.into_iter().map(|(_, series)| series).collect())
+}
+
+/// `flight.json`.
+pub fn flight_manifest(disk: &dyn Disk, flight: &FlightRef) -> Result<FlightManifest, StoreError> {
+    read_json(disk, &flight.folder.join(layout::FLIGHT_FILE))
+}
+
+/// `series.json`.
+pub fn manifest(disk: &dyn Disk, series: &SeriesRef) -> Result<SeriesManifest, StoreError> {
+    read_json(disk, &series.folder.join(layout::SERIES_FILE))
+}
+
+/// The whole lines of `results.jsonl`, in the order written; empty where there are none.
+pub fn results(disk: &dyn Disk, series: &SeriesRef) -> Result<Vec<ResultLine>, StoreError> {
+    let path = series.folder.join(layout::RESULTS_FILE);
+    if !disk.exists(&path) {
+        return Ok(Vec::new());
+    }
+    let bytes = disk.read(&path).map_err(StoreError::io(&path, "read"))?;
+    Ok(jsonl::parse(&bytes).good.into_iter().map(|(_, line)| line).collect())
+}
+
+/// The last result of each frame, in the frames' order.
+pub fn latest_results(disk: &dyn Disk, series: &SeriesRef) -> Result<Vec<ResultLine>, StoreError> {
+    let mut latest = std::collections::BTreeMap::new();
+    for line in results(disk, series)? {
+        latest.insert(line.frame.clone(), line);
+    }
+    Ok(latest.into_values().collect())
+}
+
+fn read_json<T: serde::de::DeserializeOwned>(disk: &dyn Disk, path: &Path) -> Result<T, StoreError> {
+    let bytes = disk.read(path).map_err(StoreError::io(path, "read"))?;
+    serde_json::from_slice(&bytes).map_err(|error| StoreError::Damaged {
+        path: path.to_owned(),
+        what: error.to_string(),
+        mend: "copy it from an export or a backup; `wingd verify` lists what else is damaged",
+    })
+}

@@ -1,0 +1,57 @@
+//! Files of JSON lines that grow at their end and may be torn there by a power cut.
+
+use serde::de::DeserializeOwned;
+
+/// What a file of lines holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lines<T> {
+    /// Lines that could be read, with their numbers from 1.
+    pub good: Vec<(usize, T)>,
+    /// Numbers of damaged lines that have a good line after them.
+    pub damaged: Vec<usize>,
+    /// Where the good part ends: all bytes from here on are a torn tail.
+    pub good_length: usize,
+}
+
+/// Reads lines; never fails. A line counts when it is ended by a newline and parses.
+pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Lines<T> {
+    let mut lines = Lines { good: Vec::new(), damaged: Vec::new(), good_length: 0 };
+    let mut pending = Vec::new();
+    let mut end = 0;
+    for (index, line) in bytes.split_inclusive(|byte| *byte == b'\n').enumerate() {
+        end += line.len();
+        let value = line.strip_suffix(b"\n").and_then(|line| serde_json::from_slice(line).ok());
+        match value {
+            Some(value) => {
+                lines.good.push((index + 1, value));
+                lines.damaged.append(&mut pending);
+                lines.good_length = end;
+            }
+            None => pending.push(index + 1),
+        }
+    }
+    lines
+}
+
+/// One value as a line, with its newline.
+pub fn line<T: serde::Serialize>(value: &T) -> std::io::Result<Vec<u8>> {
+    let mut bytes = serde_json::to_vec(value)?;
+    bytes.push(b'\n');
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    #[test]
+    fn a_torn_tail_is_told_from_a_damaged_middle() {
+        let lines = parse::<u32>(b"1\n2\nx\n4\n5");
+        assert_eq!(lines.good, [(1, 1), (2, 2), (4, 4)]);
+        assert_eq!(lines.damaged, [3]);
+        assert_eq!(lines.good_length, 8);
+        let torn = parse::<u32>(b"1\n\0\0\0\n");
+        assert_eq!((torn.good_length, torn.damaged.len()), (2, 0));
+    }
+}

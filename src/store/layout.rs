@@ -1,0 +1,98 @@
+//! Names and places in a store.
+
+use std::path::{Path, PathBuf};
+
+/// Written by this program; another number is refused.
+pub const FORMAT: u32 = 1;
+
+/// The mark of a store, with its format.
+pub const STORE_FILE: &str = "store.toml";
+/// The next ids.
+pub const COUNTER_FILE: &str = "counter.json";
+/// Held by the one writer.
+pub const LOCK_FILE: &str = "lock";
+/// One line per refused series.
+pub const REFUSED_FILE: &str = "refused.jsonl";
+/// A series being taken.
+pub const INCOMING: &str = "incoming";
+/// Finished series, by flight.
+pub const FLIGHTS: &str = "flights";
+/// Half frames and torn lines; listed, never deleted.
+pub const PARTIAL: &str = "partial";
+/// In a flight: when and why it began.
+pub const FLIGHT_FILE: &str = "flight.json";
+/// In a finished series: its manifest.
+pub const SERIES_FILE: &str = "series.json";
+/// In an incoming series: one line per shot.
+pub const JOURNAL_FILE: &str = "journal.jsonl";
+/// In a finished series: one line per frame and inputs.
+pub const RESULTS_FILE: &str = "results.jsonl";
+/// Ending of a file that is being written.
+pub const PART_ENDING: &str = ".part";
+
+/// Name of a flight.
+pub fn flight_id(number: u64) -> String {
+    format!("f{number:04}")
+}
+
+/// Name of a series; unique in the store.
+pub fn series_id(number: u64) -> String {
+    format!("s{number:06}")
+}
+
+/// The number in a flight's name.
+pub fn flight_number(id: &str) -> Option<u64> {
+    number(id, 'f').filter(|n| flight_id(*n) == id)
+}
+
+/// The number in a series' name.
+pub fn series_number(id: &str) -> Option<u64> {
+    number(id, 's').filter(|n| series_id(*n) == id)
+}
+
+fn number(id: &str, letter: char) -> Option<u64> {
+    id.strip_prefix(letter)?.parse().ok()
+}
+
+/// File name of a shot's frame. The ending is cut to what is safe in a file name.
+pub fn frame_name(shot: u32, extension: &str) -> String {
+    let clean: String = extension.chars().filter(char::is_ascii_alphanumeric).take(8).collect();
+    let ending = if clean.is_empty() { "bin".to_owned() } else { clean.to_ascii_lowercase() };
+    format!("{shot:04}.{ending}")
+}
+
+/// Whether a name is one that [`frame_name`] can give; keeps names read from files from leaving the folder.
+pub fn is_frame_name(name: &str) -> bool {
+    name.split_once('.').is_some_and(|(number, ending)| {
+        number.parse().is_ok_and(|shot: u32| frame_name(shot, ending) == name)
+    })
+}
+
+/// `incoming/<series>`.
+pub fn incoming(root: &Path, series: &str) -> PathBuf {
+    root.join(INCOMING).join(series)
+}
+
+/// `flights/<flight>/<series>`.
+pub fn finished(root: &Path, flight: &str, series: &str) -> PathBuf {
+    root.join(FLIGHTS).join(flight).join(series)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    #[test]
+    fn ids_and_frame_names_round_trip_and_nothing_else_passes() {
+        assert_eq!(series_number(&series_id(12_345_678)), Some(12_345_678));
+        assert_eq!(flight_number("f0001"), Some(1));
+        for bad in ["f1", "s1", "f00001", "s+00001", "..", "s-00001", "", "x0001"] {
+            assert_eq!(flight_number(bad).or(series_number(bad)), None, "{bad}");
+        }
+        assert!(is_frame_name(&frame_name(3, "JPG")));
+        for bad in ["../0001.jpg", "0001", "0001.jpg.part", "1.jpg", "series.json", "0001./x"] {
+            assert!(!is_frame_name(bad), "{bad}");
+        }
+    }
+}

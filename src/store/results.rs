@@ -1,0 +1,142 @@
+//! Results: one line for each frame and inputs, written once.
+
+use std::path::Path;
+
+use serde::Deserialize;
+use serde_json::{Map, Value};
+use sha2::{Digest, Sha256};
+
+use super::disk::Disk;
+use super::error::StoreError;
+use super::manifest::ResultLine;
+use super::{jsonl, layout};
+
+/// SHA-256, hex.
+pub fn sha256(bytes: &[u8]) -> String {
+    hex::encode(Sha256::digest(bytes))
+}
+
+/// What a result is computed from, the frame apart: digests of the installation, program version, parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Inputs {
+    /// As it goes into the result's line.
+    pub provenance: Map<String, Value>,
+    canonical: String,
+}
+
+impl Inputs {
+    /// The order of the keys does not matter.
+    pub fn new(provenance: Map<String, Value>) -> Self {
+        let mut canonical = String::new();
+        write_canonical(&Value::Object(provenance.clone()), &mut canonical);
+        Self { provenance, canonical }
+    }
+
+    /// The key under which a frame's result is written once.
+    pub fn key(&self, frame_sha256: &str) -> String {
+        sha256(format!("{frame_sha256}\n{}", self.canonical).as_bytes())
+    }
+}
+
+/// JSON with sorted keys and no spaces.
+fn write_canonical(value: &Value, out: &mut String) {
+    match value {
+        Value::Object(map) => {
+            let mut keys: Vec<&String> = map.keys().collect();
+            keys.sort();
+            out.push('{');
+            for key in keys {
+                out.push_str(&Value::String(key.clone()).to_string());
+                out.push(':');
+                write_canonical(map.get(key).unwrap_or(&Value::Null), out);
+                out.push(',');
+            }
+            out.push('}');
+        }
+        Value::Array(items) => {
+            out.push('[');
+            for item in items {
+                write_canonical(item, out);
+                out.push(',');
+            }
+            out.push(']');
+        }
+        plain => out.push_str(&plain.to_string()),
+    }
+}
+
+/// The identity of a result, without its numbers.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+pub(crate) struct ResultKey {
+    pub frame: String,
+    pub inputs: String,
+}
+
+/// The keys of a series' results; empty where there are none.
+pub(crate) fn keys(disk: &dyn Disk, series: &Path) -> Result<Vec<ResultKey>, StoreError> {
+    let path = series.join(layout::RESULTS_FILE);
+    if !disk.exists(&path) {
+        return Ok(Vec::new());
+    }
+    let bytes = disk.read(&path).map_err(StoreError::io(&path, "read"))?;
+    Ok(jsonl::parse(&bytes).good.into_iter().map(|(_, key)| key).collect())
+}
+
+/// Appends a result durably; a torn last line is set aside first (`false` where there is one already).
+pub(crate) fn append(
+    disk: &dyn Disk,
+    root: &Path,
+    series: &Path,
+    line: &ResultLine,
+) -> Result<bool, StoreError> {
+    let path = series.join(layout::RESULTS_FILE);
+    let existed = disk.exists(&path);
+    if existed {
+        mend(disk, root, series)?;
+    }
+    if keys(disk, series)?.iter().any(|key| key.frame == line.frame && key.inputs == line.inputs) {
+        return Ok(false);
+    }
+    let bytes = jsonl::line(line).map_err(StoreError::io(&path, "write"))?;
+    disk.append(&path, &bytes).map_err(StoreError::io(&path, "write"))?;
+    if !existed {
+        disk.sync_dir(series).map_err(StoreError::io(series, "sync"))?;
+    }
+    Ok(true)
+}
+
+/// Moves a torn tail to `partial/` and cuts the file to its whole lines.
+fn mend(disk: &dyn Disk, root: &Path, series: &Path) -> Result<(), StoreError> {
+    let path = series.join(layout::RESULTS_FILE);
+    let bytes = disk.read(&path).map_err(StoreError::io(&path, "read"))?;
+    let good = jsonl::parse::<ResultKey>(&bytes).good_length;
+    let Some(tail) = bytes.get(good..).filter(|tail| !tail.is_empty()) else { return Ok(()) };
+    let name = series.file_name().unwrap_or_default().to_string_lossy();
+    set_aside(disk, root, &format!("{name}-results-{good}.torn"), tail)?;
+    disk.truncate(&path, good as u64).map_err(StoreError::io(&path, "mend"))
+}
+
+/// Keeps bytes that are not whole under `partial/`, in place of an older copy of the same name.
+pub(crate) fn set_aside(disk: &dyn Disk, root: &Path, name: &str, bytes: &[u8]) -> Result<(), StoreError> {
+    let partial = root.join(layout::PARTIAL);
+    let path = partial.join(name);
+    disk.write(&path, bytes).map_err(StoreError::io(&path, "write"))?;
+    disk.sync_dir(&partial).map_err(StoreError::io(&partial, "sync"))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    #[test]
+    fn the_key_follows_every_input_and_not_their_order() {
+        let map = |text: &str| serde_json::from_str::<Map<String, Value>>(text).unwrap();
+        let a = Inputs::new(map(r#"{"version":"1","camera":{"x":1,"y":2}}"#));
+        let b = Inputs::new(map(r#"{"camera":{"y":2,"x":1},"version":"1"}"#));
+        let c = Inputs::new(map(r#"{"camera":{"y":2,"x":3},"version":"1"}"#));
+        assert_eq!(a.key("f"), b.key("f"));
+        assert_ne!(a.key("f"), c.key("f"));
+        assert_ne!(a.key("f"), a.key("g"));
+    }
+}

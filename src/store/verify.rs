@@ -1,0 +1,358 @@
+//! Checks the invariants of docs/store.md, by their numbers, on a store or on a copy of a part of it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use super::catalogue::{self, FlightRef, SeriesRef};
+use super::disk::{Disk, Entry};
+use super::manifest::{
+    Counter, FlightManifest, JournalLine, Refusal, ResultLine, SeriesManifest, Shot, State,
+};
+use super::results::{Inputs, sha256};
+use super::{jsonl, layout};
+use crate::clock::Stamp;
+
+/// A broken invariant.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Fault {
+    /// Its number in docs/store.md.
+    pub invariant: u8,
+    /// Where.
+    pub path: PathBuf,
+    /// What is wrong, one sentence.
+    pub what: String,
+}
+
+/// What was checked and found.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Report {
+    /// Broken invariants; none in a sound store.
+    pub faults: Vec<Fault>,
+    /// What a person should know: interrupted series, what lies in `incoming/` and `partial/`.
+    pub notes: Vec<String>,
+    /// Flights seen.
+    pub flights: usize,
+    /// Series seen.
+    pub series: usize,
+    /// Frames whose hash was computed.
+    pub frames: usize,
+    /// Bytes of those.
+    pub bytes: u64,
+    /// Results seen.
+    pub results: usize,
+}
+
+impl Report {
+    /// Whether every invariant holds.
+    pub fn is_sound(&self) -> bool {
+        self.faults.is_empty()
+    }
+
+    fn fault(&mut self, invariant: u8, path: &Path, what: impl Into<String>) {
+        self.faults.push(Fault { invariant, path: path.to_owned(), what: what.into() });
+    }
+}
+
+/// Checks a store, or a copied flight or series (told by the files in it).
+pub fn verify(disk: &dyn Disk, path: &Path) -> Report {
+    let mut checker = Checker { disk, report: Report::default(), seen: BTreeMap::new(), last: None };
+    if disk.exists(&path.join(layout::STORE_FILE)) || disk.exists(&path.join(layout::FLIGHTS)) {
+        checker.store(path);
+    } else if disk.exists(&path.join(layout::FLIGHT_FILE)) {
+        let id = folder_name(path);
+        checker.flight(&FlightRef { id, folder: path.to_owned() });
+    } else if disk.exists(&path.join(layout::SERIES_FILE)) {
+        let series = SeriesRef { flight: String::new(), id: folder_name(path), folder: path.to_owned() };
+        checker.series(&series);
+    } else {
+        let what = format!(
+            "is not a store, flight or series: it has no {}, {} or {}",
+            layout::STORE_FILE,
+            layout::FLIGHT_FILE,
+            layout::SERIES_FILE
+        );
+        checker.report.fault(1, path, what);
+    }
+    checker.report
+}
+
+fn folder_name(path: &Path) -> String {
+    let full = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    full.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+struct Checker<'a> {
+    disk: &'a dyn Disk,
+    report: Report,
+    /// Series ids and where they were seen.
+    seen: BTreeMap<String, PathBuf>,
+    /// The last moment of the series before.
+    last: Option<Stamp>,
+}
+
+impl Checker<'_> {
+    fn store(&mut self, root: &Path) {
+        if let Err(error) = catalogue::check_format(self.disk, root) {
+            self.report.fault(1, &root.join(layout::STORE_FILE), error.to_string());
+        }
+        let flights = root.join(layout::FLIGHTS);
+        for entry in self.list(&flights, 3) {
+            let folder = flights.join(&entry.name);
+            if entry.is_dir && layout::flight_number(&entry.name).is_some() {
+                self.flight(&FlightRef { id: entry.name, folder });
+            } else {
+                self.report.fault(3, &folder, "is not a flight; only folders f0001, f0002, … belong here");
+            }
+        }
+        self.incoming(root);
+        self.counter(root);
+        self.refusals(root);
+        if let Ok(entries) = self.disk.list(&root.join(layout::PARTIAL)) {
+            let names = entries.iter().map(|entry| entry.name.as_str());
+            self.report.notes.extend(names.map(|name| format!("partial/{name}: half data, kept")));
+        }
+    }
+
+    fn list(&mut self, directory: &Path, invariant: u8) -> Vec<Entry> {
+        match self.disk.list(directory) {
+            Ok(entries) => entries,
+            Err(error) => {
+                self.report.fault(invariant, directory, format!("cannot be listed: {error}"));
+                Vec::new()
+            }
+        }
+    }
+
+    fn counter(&mut self, root: &Path) {
+        let path = root.join(layout::COUNTER_FILE);
+        let read = self.disk.read(&path).map_err(|e| e.to_string());
+        let counter =
+            read.and_then(|bytes| serde_json::from_slice::<Counter>(&bytes).map_err(|e| e.to_string()));
+        let counter = match counter {
+            Ok(counter) => counter,
+            Err(error) => return self.report.fault(2, &path, format!("cannot be read: {error}")),
+        };
+        let series = self.seen.keys().filter_map(|id| layout::series_number(id)).max();
+        let folder = |path: &PathBuf| path.parent().map(folder_name).unwrap_or_default();
+        let flight = self.seen.values().filter_map(|path| layout::flight_number(&folder(path))).max();
+        if series.is_some_and(|last| counter.next_series <= last) {
+            self.report.fault(2, &path, "next_series is not above the series that are here");
+        }
+        if flight.is_some_and(|last| counter.next_flight <= last) {
+            self.report.fault(2, &path, "next_flight is not above the flights that are here");
+        }
+    }
+
+    fn flight(&mut self, flight: &FlightRef) {
+        self.report.flights += 1;
+        let path = flight.folder.join(layout::FLIGHT_FILE);
+        match self.json::<FlightManifest>(&path) {
+            Ok(manifest) if manifest.flight == flight.id => {}
+            Ok(manifest) => {
+                let what = format!("names flight {}, its folder is {}", manifest.flight, flight.id);
+                self.report.fault(3, &path, what);
+            }
+            Err(error) => self.report.fault(3, &path, error),
+        }
+        for entry in self.list(&flight.folder, 3) {
+            let folder = flight.folder.join(&entry.name);
+            if entry.is_dir && layout::series_number(&entry.name).is_some() {
+                self.series(&SeriesRef { flight: flight.id.clone(), id: entry.name, folder });
+            } else if entry.name != layout::FLIGHT_FILE {
+                self.report.fault(3, &folder, "is not a series; it does not belong into a flight's folder");
+            }
+        }
+    }
+
+    fn series(&mut self, series: &SeriesRef) {
+        self.report.series += 1;
+        if let Some(other) = self.seen.insert(series.id.clone(), series.folder.clone()) {
+            self.report.fault(4, &series.folder, format!("has the same id as {}", other.display()));
+        }
+        let path = series.folder.join(layout::SERIES_FILE);
+        let manifest = match self.json::<SeriesManifest>(&path) {
+            Ok(manifest) => manifest,
+            Err(error) => return self.report.fault(4, &path, error),
+        };
+        if manifest.format != layout::FORMAT {
+            let what = format!("has format {}, expected {}", manifest.format, layout::FORMAT);
+            self.report.fault(4, &path, what);
+        }
+        let foreign = !series.flight.is_empty() && manifest.flight != series.flight;
+        if manifest.series != series.id || foreign {
+            let what = format!(
+                "says {}/{}, the folder is {}/{}",
+                manifest.flight, manifest.series, series.flight, series.id
+            );
+            self.report.fault(4, &path, what);
+        }
+        if manifest.state == State::Interrupted {
+            self.report.notes.push(format!("{}: interrupted; its whole frames are kept", series.id));
+        }
+        self.frames(series, &manifest);
+        self.nothing_else(series, &manifest);
+        self.shots(&path, &manifest);
+        self.times(&path, &manifest);
+        self.results(series, &manifest);
+    }
+
+    fn frames(&mut self, series: &SeriesRef, manifest: &SeriesManifest) {
+        for entry in manifest.shots.iter().filter_map(|shot| shot.frame.as_ref()) {
+            let path = series.folder.join(&entry.file);
+            if !layout::is_frame_name(&entry.file) {
+                self.report.fault(5, &series.folder, format!("{:?} is not a frame's name", entry.file));
+                continue;
+            }
+            match self.disk.read(&path) {
+                Err(error) => self.report.fault(5, &path, format!("cannot be read: {error}")),
+                Ok(bytes) => {
+                    self.report.frames += 1;
+                    self.report.bytes += bytes.len() as u64;
+                    if bytes.len() as u64 != entry.bytes {
+                        let what = format!("has {} bytes, series.json says {}", bytes.len(), entry.bytes);
+                        self.report.fault(5, &path, what);
+                    } else if sha256(&bytes) != entry.sha256 {
+                        self.report.fault(5, &path, "does not have the SHA-256 of series.json");
+                    }
+                }
+            }
+        }
+    }
+
+    fn nothing_else(&mut self, series: &SeriesRef, manifest: &SeriesManifest) {
+        let mut names: BTreeSet<&str> =
+            manifest.shots.iter().filter_map(|shot| shot.frame.as_ref()).map(|f| f.file.as_str()).collect();
+        names.extend([layout::SERIES_FILE, layout::RESULTS_FILE]);
+        for entry in self.list(&series.folder, 6) {
+            if entry.is_dir || !names.contains(entry.name.as_str()) {
+                let path = series.folder.join(&entry.name);
+                self.report.fault(6, &path, "is not named in series.json");
+            }
+        }
+    }
+
+    fn shots(&mut self, path: &Path, manifest: &SeriesManifest) {
+        let numbers: Vec<u32> = manifest.shots.iter().map(|shot| shot.shot).collect();
+        if numbers.first().is_some_and(|first| *first == 0) || !numbers.is_sorted_by(|a, b| a < b) {
+            self.report.fault(7, path, "its shots are not numbered in order from 1");
+        }
+        if manifest.state == State::Complete && !numbers.iter().copied().eq(1..=manifest.planned_shots) {
+            let what =
+                format!("is complete, but not every one of its {} shots is in it", manifest.planned_shots);
+            self.report.fault(7, path, what);
+        }
+        let empty = |shot: &&Shot| shot.frame.is_none() && shot.failures.is_empty();
+        if let Some(shot) = manifest.shots.iter().find(empty) {
+            self.report.fault(7, path, format!("shot {} has neither a frame nor a reason", shot.shot));
+        }
+    }
+
+    /// Time since boot does not go back within a boot, nor from one series to the next.
+    fn times(&mut self, path: &Path, manifest: &SeriesManifest) {
+        let shots = manifest.shots.iter().map(|shot| &shot.stamp);
+        for stamp in manifest.started.iter().chain(shots).chain(manifest.ended.iter()) {
+            let earlier = self.last.as_ref().filter(|last| last.boot_id == stamp.boot_id);
+            if earlier.is_some_and(|last| stamp.since_boot_s < last.since_boot_s) {
+                let what = format!("time since boot goes back to {:.3} s", stamp.since_boot_s);
+                self.report.fault(8, path, what);
+            }
+            self.last = Some(stamp.clone());
+        }
+    }
+
+    fn results(&mut self, series: &SeriesRef, manifest: &SeriesManifest) {
+        let path = series.folder.join(layout::RESULTS_FILE);
+        if !self.disk.exists(&path) {
+            return;
+        }
+        let bytes = match self.disk.read(&path) {
+            Ok(bytes) => bytes,
+            Err(error) => return self.report.fault(9, &path, format!("cannot be read: {error}")),
+        };
+        let lines = jsonl::parse::<ResultLine>(&bytes);
+        for number in &lines.damaged {
+            self.report.fault(9, &path, format!("line {number} is damaged"));
+        }
+        if lines.good_length < bytes.len() {
+            let count = bytes.len() - lines.good_length;
+            self.report.notes.push(format!(
+                "{}: its last {count} bytes are torn; mended when the frame is solved again",
+                path.display()
+            ));
+        }
+        let mut seen = BTreeSet::new();
+        for (number, line) in lines.good {
+            self.report.results += 1;
+            self.result(&path, number, &line, manifest);
+            if !seen.insert((line.frame.clone(), line.inputs.clone())) {
+                let what = format!("line {number}: {} has a result for these inputs already", line.frame);
+                self.report.fault(11, &path, what);
+            }
+        }
+    }
+
+    fn result(&mut self, path: &Path, number: usize, line: &ResultLine, manifest: &SeriesManifest) {
+        let mut frames = manifest.shots.iter().filter_map(|shot| shot.frame.as_ref());
+        let frame = frames.find(|frame| frame.file == line.frame);
+        if frame.is_none_or(|frame| frame.sha256 != line.frame_sha256) {
+            let what = format!("line {number}: {} with that hash is not in this series", line.frame);
+            self.report.fault(10, path, what);
+        }
+        if Inputs::new(line.provenance.clone()).key(&line.frame_sha256) != line.inputs {
+            let what = format!("line {number}: inputs is not the hash of frame and provenance");
+            self.report.fault(12, path, what);
+        }
+    }
+
+    /// What lies there is a series being taken, or is recovered at the daemon's next start.
+    fn incoming(&mut self, root: &Path) {
+        let incoming = root.join(layout::INCOMING);
+        for entry in self.disk.list(&incoming).unwrap_or_default() {
+            let folder = incoming.join(&entry.name);
+            if layout::series_number(&entry.name).is_some() {
+                if let Some(other) = self.seen.insert(entry.name.clone(), folder.clone()) {
+                    self.report.fault(4, &folder, format!("has the same id as {}", other.display()));
+                }
+            }
+            let what = "being taken, or recovered at the daemon's next start";
+            self.report.notes.push(format!("incoming/{}: {what}", entry.name));
+            self.acknowledged(&folder);
+        }
+    }
+
+    /// Every frame in a journal but the last, which may be under way, is whole.
+    fn acknowledged(&mut self, folder: &Path) {
+        let Ok(bytes) = self.disk.read(&folder.join(layout::JOURNAL_FILE)) else { return };
+        let lines = jsonl::parse::<JournalLine>(&bytes).good;
+        let shots: Vec<Shot> = lines
+            .into_iter()
+            .filter_map(|(_, line)| match line {
+                JournalLine::Shot(shot) => Some(shot),
+                _ => None,
+            })
+            .collect();
+        let Some((_, acknowledged)) = shots.split_last() else { return };
+        for entry in acknowledged.iter().filter_map(|shot| shot.frame.as_ref()) {
+            let path = folder.join(&entry.file);
+            if !self.disk.read(&path).is_ok_and(|bytes| sha256(&bytes) == entry.sha256) {
+                self.report.fault(13, &path, "is in the journal but not whole");
+            }
+        }
+    }
+
+    fn refusals(&mut self, root: &Path) {
+        let path = root.join(layout::REFUSED_FILE);
+        let Ok(bytes) = self.disk.read(&path) else { return };
+        let lines = jsonl::parse::<Refusal>(&bytes);
+        self.report.notes.extend(lines.good.iter().map(|(_, refusal)| {
+            format!("a series was refused at {}: {}", refusal.stamp.utc, refusal.reason)
+        }));
+    }
+
+    fn json<T: serde::de::DeserializeOwned>(&self, path: &Path) -> Result<T, String> {
+        let bytes = self.disk.read(path).map_err(|error| format!("cannot be read: {error}"))?;
+        serde_json::from_slice(&bytes).map_err(|error| format!("is damaged: {error}"))
+    }
+}
