@@ -54,7 +54,7 @@ impl Grid {
     pub fn html(&self) -> Markup {
         html! {
             table {
-                thead { tr { @for c in &self.columns { th.n[c.right] { (c.title) } } } }
+                thead { tr { @for c in &self.columns { th.n[c.right] { (c.title.replace("sigma", "σ")) } } } }
                 tbody {
                     @for row in &self.rows {
                         tr { @for (cell, c) in row.iter().zip(&self.columns) { td.n[c.right] { (cell) } } }

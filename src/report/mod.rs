@@ -7,6 +7,8 @@
 //! | `overlay` | a frame and its detections | a picture to look at |
 
 pub mod grid;
+pub mod html;
+pub mod labels;
 pub mod number;
 pub mod overlay;
 pub mod summary;
@@ -17,6 +19,9 @@ mod sample;
 
 use jiff::Timestamp;
 
+use crate::camera::Format;
+use crate::measure::geometry::WingFrame;
+use crate::measure::setup::{Setup, SurveyMarker};
 use crate::record::ImageRecord;
 
 /// A series as the report needs it.
@@ -34,6 +39,8 @@ pub struct SeriesData {
     pub records: Vec<ImageRecord>,
     /// Every shot asked for, failed ones included.
     pub shots: Vec<ShotData>,
+    /// What a person should read.
+    pub remarks: Vec<String>,
 }
 
 /// A shot as the series' manifest keeps it.
@@ -45,6 +52,63 @@ pub struct ShotData {
     pub utc: Option<Timestamp>,
     /// SHA-256 of the frame, hexadecimal.
     pub sha256: Option<String>,
-    /// Why there is no frame.
-    pub failure: Option<String>,
+    /// Attempts that failed, before the frame or instead of it.
+    pub failures: Vec<String>,
+}
+
+/// A marker as surveyed on ground.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GroundMarker {
+    /// Survey id.
+    pub id: String,
+    /// Survey frame, m.
+    pub position_m: [f64; 3],
+}
+
+/// What an installation adds to the results: the ground shape and the camera's place.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Site {
+    /// The user's name of it.
+    pub name: String,
+    /// Origin in the projection centre.
+    pub wing: WingFrame,
+    /// The survey.
+    pub ground: Vec<GroundMarker>,
+}
+
+impl From<&Setup> for Site {
+    fn from(setup: &Setup) -> Self {
+        let marker = |m: &SurveyMarker| GroundMarker { id: m.id.clone(), position_m: m.position_m.into() };
+        Self {
+            name: setup.name.clone(),
+            wing: setup.wing_frame(),
+            ground: setup.markers.iter().map(marker).collect(),
+        }
+    }
+}
+
+/// A stored frame to be shown.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Picture {
+    /// Its series.
+    pub series: String,
+    /// Its file name.
+    pub image: String,
+    /// As delivered.
+    pub bytes: Vec<u8>,
+    /// How to read them, where that is known.
+    pub format: Option<Format>,
+}
+
+/// All that a report shows.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ReportData {
+    /// In order of time.
+    pub series: Vec<SeriesData>,
+    /// The installation, where it is at hand.
+    pub site: Option<Site>,
+    /// The frame to be shown.
+    pub picture: Option<Picture>,
+    /// What could not be read, and series that were refused.
+    pub notes: Vec<String>,
 }

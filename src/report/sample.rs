@@ -108,7 +108,7 @@ pub fn series(name: &str, after_s: i64, lifts_m: &[f64]) -> SeriesData {
         image: Some(image(i)),
         utc: Some(start + SignedDuration::from_secs(2 * i as i64)),
         sha256: Some("ab".repeat(32)),
-        failure: None,
+        failures: Vec::new(),
     };
     SeriesData {
         flight: "flight-0001".to_owned(),
@@ -117,5 +117,6 @@ pub fn series(name: &str, after_s: i64, lifts_m: &[f64]) -> SeriesData {
         interrupted: false,
         records: lifts_m.iter().enumerate().map(|(i, l)| record(&image(i), *l)).collect(),
         shots: (0..lifts_m.len()).map(shot).collect(),
+        remarks: Vec::new(),
     }
 }

@@ -117,7 +117,8 @@ fn scatter(value: Option<&Mean>) -> String {
     }
 }
 
-fn images(records: &[ImageRecord]) -> Grid {
+/// One row per image; the terminal's and the report's.
+pub fn images(records: &[ImageRecord]) -> Grid {
     let mut grid = Grid::new(&[
         "<image",
         "<status",

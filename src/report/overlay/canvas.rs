@@ -3,26 +3,9 @@
 use image::{Rgb, RgbImage};
 use nalgebra::{Vector2, vector};
 
+use super::super::labels::Area;
 use super::font;
 use crate::measure::raster::Raster;
-
-/// A rectangle of px: left, top, right, bottom.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Area(pub [f64; 4]);
-
-impl Area {
-    /// Whether the two have a point in common.
-    pub fn meets(&self, other: &Self) -> bool {
-        let ([l, t, r, b], [l2, t2, r2, b2]) = (self.0, other.0);
-        l < r2 && l2 < r && t < b2 && t2 < b
-    }
-
-    /// Whether it lies within a picture of this size.
-    pub fn within(&self, width: f64, height: f64) -> bool {
-        let [l, t, r, b] = self.0;
-        l >= 0.0 && t >= 0.0 && r <= width && b <= height
-    }
-}
 
 /// A picture that is being drawn on.
 pub struct Canvas {
@@ -33,7 +16,6 @@ pub struct Canvas {
 
 impl Canvas {
     /// The grey frame as background; lines and letters grow with it.
-
     pub fn new(frame: &Raster) -> Self {
         let (width, height) = (frame.width() as u32, frame.height() as u32);
         let rgb: Vec<u8> = frame.luma().iter().flat_map(|g| [*g, *g, *g]).collect();

@@ -8,9 +8,10 @@ use std::collections::BTreeMap;
 use image::{Rgb, RgbImage};
 use nalgebra::{Matrix2, Vector2, vector};
 
+use super::labels::{Area, Labels, leader};
 use crate::measure::detect::{Detection, Detections, Rejected};
 use crate::measure::raster::Raster;
-use canvas::{Area, Canvas};
+use canvas::Canvas;
 
 const KNOWN: Rgb<u8> = Rgb([70, 235, 110]);
 const UNKNOWN: Rgb<u8> = Rgb([80, 200, 255]);
@@ -25,11 +26,13 @@ const MANY: usize = 150;
 /// Draws on a copy of the frame. `ids` in the order of the markers; may be shorter or empty.
 pub fn overlay(frame: &Raster, found: &Detections, ids: &[Option<String>]) -> RgbImage {
     let mut canvas = Canvas::new(frame);
-    let enlarged = enlargement(&found.markers, canvas.scale);
-    let mut taken = vec![legend(&mut canvas, found, enlarged)];
+    let enlarged = enlargement(&found.markers, ERROR_SIZE * canvas.scale as f64);
+    let (width, height) = canvas.size();
+    let mut labels = Labels::new(Area([0.0, 0.0, width, height]));
+    labels.occupy(legend(&mut canvas, found, enlarged));
     for (i, marker) in found.markers.iter().enumerate() {
         let id = ids.get(i).and_then(Option::as_deref);
-        taken.push(draw_marker(&mut canvas, marker, id, enlarged));
+        labels.occupy(draw_marker(&mut canvas, marker, id, enlarged));
     }
     for rejected in &found.rejected {
         let semi = [rejected.semi_major_px.max(3.0), rejected.semi_minor_px.max(3.0)];
@@ -39,11 +42,11 @@ pub fn overlay(frame: &Raster, found: &Detections, ids: &[Option<String>]) -> Rg
         let known = ids.get(i).and_then(Option::as_deref);
         let text = known.unwrap_or(marker.shape.name());
         let colour = if known.is_some() { KNOWN } else { UNKNOWN };
-        label(&mut canvas, &mut taken, marker.centre_px, reach(marker), text, colour);
+        label(&mut canvas, &mut labels, marker.centre_px, reach(marker), text, colour);
     }
     for r in found.rejected.iter().take(MANY) {
         let text = r.reason.text();
-        label(&mut canvas, &mut taken, r.centre_px, rejected_reach(r), text, TURNED_DOWN);
+        label(&mut canvas, &mut labels, r.centre_px, rejected_reach(r), text, TURNED_DOWN);
     }
     canvas.finish()
 }
@@ -67,28 +70,28 @@ fn rejected_reach(r: &Rejected) -> Vector2<f64> {
 }
 
 /// Half width and half height of an ellipse's bounding box.
-fn extent(major: f64, minor: f64, angle: f64) -> Vector2<f64> {
+pub(super) fn extent(major: f64, minor: f64, angle: f64) -> Vector2<f64> {
     let (sin, cos) = angle.sin_cos();
     vector![(major * cos).hypot(minor * sin), (major * sin).hypot(minor * cos)]
 }
 
 /// Standard deviations along the principal axes, larger first, and the direction of the larger.
-fn principal(covariance: &Matrix2<f64>) -> ([f64; 2], f64) {
+pub(super) fn principal(covariance: &Matrix2<f64>) -> ([f64; 2], f64) {
     let (a, b, c) = (covariance.m11, covariance.m12, covariance.m22);
     let (mean, half) = ((a + c) / 2.0, ((a - c) / 2.0).hypot(b));
     let sigma = |v: f64| v.max(0.0).sqrt();
     ([sigma(mean + half), sigma(mean - half)], 0.5 * (2.0 * b).atan2(a - c))
 }
 
-/// 1, 2 or 5 times a power of ten, so that the median error ellipse can be seen.
-fn enlargement(markers: &[Detection], scale: usize) -> f64 {
+/// 1, 2 or 5 times a power of ten, so that the median error ellipse comes near `wanted_px`.
+pub(super) fn enlargement(markers: &[Detection], wanted_px: f64) -> f64 {
     let mut sigmas: Vec<f64> = markers.iter().map(|m| principal(&m.covariance_px2).0[0]).collect();
     sigmas.retain(|s| s.is_finite() && *s > 0.0);
     sigmas.sort_by(f64::total_cmp);
     let Some(median) = sigmas.get(sigmas.len() / 2) else {
         return 1.0;
     };
-    let wanted = ERROR_SIZE * scale as f64 / median;
+    let wanted = wanted_px / median;
     let decade = 10f64.powf(wanted.log10().floor());
     [5.0, 2.0, 1.0].into_iter().find(|f| f * decade <= wanted).unwrap_or(1.0) * decade
 }
@@ -117,43 +120,17 @@ fn legend(canvas: &mut Canvas, found: &Detections, enlarged: f64) -> Area {
 /// Puts a text beside an outline where nothing else is; leaves it out where there is no room.
 fn label(
     canvas: &mut Canvas,
-    taken: &mut Vec<Area>,
+    labels: &mut Labels,
     at: Vector2<f64>,
     half: Vector2<f64>,
     text: &str,
     colour: Rgb<u8>,
 ) {
-    let s = canvas.scale as f64;
-    let (width, height) = canvas.size();
     let [_, _, w, h] = canvas.text_area(0.0, 0.0, text).0;
-    let near = |away: f64| {
-        let gap = vector![half.x + away * s, half.y + away * s];
-        [
-            vector![at.x + gap.x, at.y - h / 2.0],
-            vector![at.x - gap.x - w, at.y - h / 2.0],
-            vector![at.x - w / 2.0, at.y - gap.y - h],
-            vector![at.x - w / 2.0, at.y + gap.y],
-            vector![at.x + gap.x, at.y - gap.y - h],
-            vector![at.x + gap.x, at.y + gap.y],
-        ]
-    };
-    let places = [3.0, 14.0, 30.0].into_iter().flat_map(near);
-    for place in places {
-        let area = canvas.text_area(place.x, place.y, text);
-        if area.within(width, height) && !taken.iter().any(|t| t.meets(&area)) {
-            let anchor = vector![at.x.clamp(place.x, place.x + w), at.y.clamp(place.y, place.y + h)];
-            canvas.line(at + edge(anchor - at, half), anchor, colour);
-            canvas.text(place.x, place.y, text, colour);
-            taken.push(area);
-            return;
-        }
-    }
-}
-
-/// From an ellipse's centre to about its outline, towards `direction`.
-fn edge(direction: Vector2<f64>, half: Vector2<f64>) -> Vector2<f64> {
-    let reach = (direction.x / half.x.max(1.0)).hypot(direction.y / half.y.max(1.0));
-    if reach > 1.0 { direction / reach } else { direction }
+    let Some(place) = labels.place(at, half, vector![w, h], 3.0 * canvas.scale as f64) else { return };
+    let [from, to] = leader(at, half, place, vector![w, h]);
+    canvas.line(from, to, colour);
+    canvas.text(place.x, place.y, text, colour);
 }
 
 #[cfg(test)]

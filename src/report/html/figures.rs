@@ -1,0 +1,235 @@
+//! Deflection and twist along the span; lift and torsion over time.
+
+use jiff::Timestamp;
+use maud::{Markup, html};
+
+use super::super::SeriesData;
+use super::super::number::fixed;
+use super::super::summary::{Mean, SeriesSummary, solved};
+use super::plot::{Axis, Plot, drawing, px, series_colour, spread};
+use crate::record::{CurveRecord, ImageRecord};
+
+const WIDTH: f64 = 1040.0;
+const LEFT: f64 = 64.0;
+/// Room at the right for the series' names.
+const NAMES: f64 = 190.0;
+
+type Column<'a> = &'a dyn Fn(&CurveRecord) -> (f64, Option<f64>);
+
+/// Lift of the bending axis along the span, one curve per series, with 1-sigma bands.
+pub fn deflection(summaries: &[SeriesSummary]) -> Markup {
+    let lift = |p: &CurveRecord| (p.lift_m, p.sigma_lift_m);
+    curves(summaries, "Deflection curves", "lift of the bending axis / m", 400.0, &lift, 2)
+}
+
+/// How sure the lift is along the span, mm.
+pub fn uncertainty(summaries: &[SeriesSummary]) -> Markup {
+    let sigma = |p: &CurveRecord| (1e3 * p.sigma_lift_m.unwrap_or(f64::NAN), None);
+    curves(summaries, "Standard deviation of the lift", "std. dev. of the lift / mm", 170.0, &sigma, 1)
+}
+
+/// Twist along the span, with 1-sigma bands; `None` where no frame has one.
+pub fn twist(summaries: &[SeriesSummary]) -> Option<Markup> {
+    let any = summaries.iter().flat_map(|s| &s.curve).any(|p| p.twist_deg.is_some());
+    let twist = |p: &CurveRecord| (p.twist_deg.unwrap_or(f64::NAN), p.sigma_twist_deg);
+    any.then(|| curves(summaries, "Twist along the span", "twist, nose up / deg", 260.0, &twist, 2))
+}
+
+fn curves(
+    summaries: &[SeriesSummary],
+    name: &str,
+    label: &str,
+    height: f64,
+    column: Column,
+    decimals: usize,
+) -> Markup {
+    let shown: Vec<&SeriesSummary> = summaries.iter().filter(|s| !s.curve.is_empty()).collect();
+    let values = |p: &CurveRecord| {
+        let (v, s) = column(p);
+        [v - s.unwrap_or(0.0), v + s.unwrap_or(0.0)]
+    };
+    let points = || shown.iter().flat_map(|s| &s.curve);
+    let zero = std::iter::once(0.0);
+    let plot = Plot {
+        area: [LEFT, 12.0, WIDTH - LEFT - NAMES, height],
+        x: Axis::over(points().map(|p| p.span_m), "span, outboard from the camera / m"),
+        y: Axis::over(points().flat_map(values).chain(zero), label),
+    };
+    let colour = |i: usize| series_colour(i, shown.len());
+    let content = html! {
+        (plot.frame())
+        @for (i, s) in shown.iter().enumerate() {
+            (plot.band(&banded(s, column), &colour(i)))
+            (plot.line(&lined(s, column), &colour(i), false))
+        }
+        (names(&plot, &shown, column, decimals))
+    };
+    drawing(WIDTH, height + 60.0, name, &content)
+}
+
+fn banded(s: &SeriesSummary, column: Column) -> Vec<(f64, f64, Option<f64>)> {
+    let point = |p: &CurveRecord| {
+        let (v, sigma) = column(p);
+        (p.span_m, v, sigma)
+    };
+    s.curve.iter().map(point).filter(|p| p.1.is_finite()).collect()
+}
+
+fn lined(s: &SeriesSummary, column: Column) -> Vec<(f64, f64)> {
+    s.curve.iter().map(|p| (p.span_m, column(p).0)).collect()
+}
+
+/// Each series' name and last value at the end of its curve.
+fn names(plot: &Plot, shown: &[&SeriesSummary], column: Column, decimals: usize) -> Markup {
+    let last =
+        |s: &&SeriesSummary| s.curve.iter().rev().map(|p| (p.span_m, column(p).0)).find(|p| p.1.is_finite());
+    let ends: Vec<(usize, (f64, f64))> =
+        shown.iter().enumerate().filter_map(|(i, s)| Some((i, last(s)?))).collect();
+    let [left, top, width, height] = plot.area;
+    let wanted: Vec<f64> = ends.iter().map(|(_, (x, y))| plot.at(*x, *y).1).collect();
+    let gap = (height / ends.len().max(1) as f64).min(14.0);
+    let placed = spread(&wanted, gap, top + 4.0, top + height - 2.0);
+    let right = left + width;
+    html! {
+        @for ((i, (x, y)), at) in ends.iter().zip(&placed) {
+            @let colour = series_colour(*i, shown.len());
+            @let (from, level) = plot.at(*x, *y);
+            polyline.leader points=(format!("{},{} {},{} {},{}", px(from + 2.0), px(level), px(right + 4.0), px(*at), px(right + 10.0), px(*at))) {}
+            text.name x=(px(right + 13.0)) y=(px(at + 4.0)) fill=(colour) {
+                (short_name(shown, *i)) ": " (fixed(Some(*y), decimals))
+            }
+        }
+    }
+}
+
+/// Hour of flight, and the series' number where it is short.
+fn short_name(shown: &[&SeriesSummary], index: usize) -> String {
+    shown.get(index).map_or(String::new(), |s| {
+        let name: String = s.name.rsplit('/').next().unwrap_or(&s.name).chars().take(14).collect();
+        format!("{name}, {:.1} h", s.hour)
+    })
+}
+
+/// Lift of the tip marker over time: shots, means with their standard deviations.
+pub fn tip_lift(series: &[SeriesData], summaries: &[SeriesSummary]) -> Markup {
+    let shot = |r: &ImageRecord| r.tip.as_ref().map(|t| t.lift_m);
+    let mean = |s: &SeriesSummary| s.tip_lift_m;
+    let track = Track { name: "tip lift", colour: "#17456f", dashed: false, shot: &shot, mean: &mean };
+    over_time(series, summaries, "Tip lift over time", "lift of the tip marker / m", 260.0, &[track])
+}
+
+/// Torsion and twist of one pair over time.
+pub fn torsion(series: &[SeriesData], summaries: &[SeriesSummary], pair: &str) -> Markup {
+    let of = |r: &ImageRecord| r.torsion.iter().find(|t| t.name == pair).cloned();
+    let mean_of = |s: &SeriesSummary| s.torsion.iter().find(|t| t.name == pair).cloned();
+    let angle = |r: &ImageRecord| of(r).and_then(|t| t.angle_deg);
+    let twist = |r: &ImageRecord| of(r).and_then(|t| t.twist_deg);
+    let mean_angle = |s: &SeriesSummary| mean_of(s).and_then(|t| t.angle_deg);
+    let mean_twist = |s: &SeriesSummary| mean_of(s).and_then(|t| t.twist_deg);
+    let tracks = [
+        Track {
+            name: "torsion from the two lifts",
+            colour: "#b3541e",
+            dashed: true,
+            shot: &angle,
+            mean: &mean_angle,
+        },
+        Track {
+            name: "twist, free of bending",
+            colour: "#1d6b4f",
+            dashed: false,
+            shot: &twist,
+            mean: &mean_twist,
+        },
+    ];
+    over_time(series, summaries, "Torsion over time", "nose up / deg", 240.0, &tracks)
+}
+
+/// One quantity over time.
+struct Track<'a> {
+    name: &'a str,
+    colour: &'a str,
+    dashed: bool,
+    shot: &'a dyn Fn(&ImageRecord) -> Option<f64>,
+    mean: &'a dyn Fn(&SeriesSummary) -> Option<Mean>,
+}
+
+impl Track<'_> {
+    fn means(&self, summaries: &[SeriesSummary]) -> Vec<(f64, Mean)> {
+        summaries.iter().filter_map(|s| Some((s.hour, (self.mean)(s)?))).collect()
+    }
+
+    fn shots(&self, series: &[SeriesData], summaries: &[SeriesSummary]) -> Vec<(f64, f64, String)> {
+        let of = |(s, summary): (&SeriesData, &SeriesSummary)| {
+            let one = |r: &&ImageRecord| Some((hour(s, summary, &r.image), (self.shot)(r)?, r.image.clone()));
+            solved(s).iter().filter_map(one).collect::<Vec<_>>()
+        };
+        series.iter().zip(summaries).flat_map(of).collect()
+    }
+
+    fn draw(&self, plot: &Plot, means: &[(f64, Mean)], shots: &[(f64, f64, String)]) -> Markup {
+        let band: Vec<_> = means.iter().map(|(h, m)| (*h, m.value, m.sigma)).collect();
+        let line: Vec<_> = means.iter().map(|(h, m)| (*h, m.value)).collect();
+        html! {
+            (plot.band(&band, self.colour))
+            (plot.line(&line, self.colour, self.dashed))
+            @for (x, y, image) in shots { (plot.shot(*x, *y, self.colour, image)) }
+            @for (h, m) in means {
+                (plot.value(*h, m.value, m.sigma, self.colour, &format!("{:.4} after {h:.2} h", m.value)))
+            }
+        }
+    }
+}
+
+/// When a shot was taken, hours since the first series; the series' own hour where unknown.
+fn hour(series: &SeriesData, summary: &SeriesSummary, image: &str) -> f64 {
+    let shot = series.shots.iter().find(|s| s.image.as_deref() == Some(image));
+    let seconds = |t: Timestamp| t.as_millisecond() as f64 / 1e3;
+    match (shot.and_then(|s| s.utc), series.begun) {
+        (Some(at), Some(begun)) => summary.hour + (seconds(at) - seconds(begun)) / 3600.0,
+        _ => summary.hour,
+    }
+}
+
+fn over_time(
+    series: &[SeriesData],
+    summaries: &[SeriesSummary],
+    name: &str,
+    label: &str,
+    height: f64,
+    tracks: &[Track],
+) -> Markup {
+    let drawn: Vec<_> = tracks.iter().map(|t| (t, t.means(summaries), t.shots(series, summaries))).collect();
+    let ends = |(_, m): &(f64, Mean)| [m.value - m.sigma.unwrap_or(0.0), m.value + m.sigma.unwrap_or(0.0)];
+    let means = || drawn.iter().flat_map(|d| d.1.iter());
+    let shots = || drawn.iter().flat_map(|d| d.2.iter());
+    let hours = means().map(|m| m.0).chain(shots().map(|s| s.0));
+    let plot = Plot {
+        area: [LEFT, 12.0, WIDTH - LEFT - NAMES, height],
+        x: Axis::over(hours, "time since the first series / h"),
+        y: Axis::over(means().flat_map(ends).chain(shots().map(|s| s.1)), label),
+    };
+    let content = html! {
+        (plot.frame())
+        @for (track, means, shots) in &drawn { (track.draw(&plot, means, shots)) }
+        (key(tracks))
+    };
+    drawing(WIDTH, height + 60.0, name, &content)
+}
+
+fn key(tracks: &[Track]) -> Markup {
+    let x = WIDTH - NAMES + 14.0;
+    html! {
+        @for (i, t) in tracks.iter().enumerate() {
+            @let y = 24.0 + 20.0 * i as f64;
+            @let dash = t.dashed.then_some("5 4");
+            line.curve x1=(px(x)) y1=(px(y)) x2=(px(x + 22.0)) y2=(px(y)) stroke=(t.colour) stroke-dasharray=[dash] {}
+            text.name x=(px(x + 28.0)) y=(px(y + 4.0)) fill=(t.colour) { (t.name) }
+        }
+        @let y = 24.0 + 20.0 * tracks.len() as f64;
+        circle.shot cx=(px(x + 11.0)) cy=(px(y)) r="2" stroke="#555" {}
+        text.name x=(px(x + 28.0)) y=(px(y + 4.0)) fill="#555" { "single frames" }
+        rect.band x=(px(x)) y=(px(y + 13.0)) width="22" height="12" fill="#555" {}
+        text.name x=(px(x + 28.0)) y=(px(y + 24.0)) fill="#555" { "1 sigma of one frame" }
+    }
+}

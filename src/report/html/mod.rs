@@ -1,0 +1,226 @@
+//! The report: one page that opens offline and prints well.
+
+mod figures;
+mod picture;
+mod plot;
+mod tables;
+mod views;
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use super::number::{NONE, fixed, rounded};
+use super::summary::{SeriesSummary, summaries};
+use super::{ReportData, table};
+use crate::record::{ImageRecord, Status};
+
+/// The whole page. Nothing in it comes from outside the file.
+pub fn page(data: &ReportData) -> String {
+    let summaries = summaries(&data.series);
+    let shown = shown_record(data);
+    let markup = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width";
+                title { "Wing deflection: " (title(data)) }
+                style { (PreEscaped(include_str!("style.css"))) }
+            }
+            body {
+                main {
+                    (head(data, &summaries))
+                    (notes(data))
+                    (deflection(&summaries))
+                    (over_time(data, &summaries))
+                    (tables::series(data, &summaries))
+                    (orthographic(data, shown))
+                    (frame(data, shown))
+                    (tables::solution(shown))
+                    (tables::quality(data))
+                    (tables::provenance(data))
+                    footer { "Written by wingd " (env!("CARGO_PKG_VERSION")) ". Lengths in metres, angles in degrees, image coordinates in pixels; sigma is one standard deviation." }
+                }
+            }
+        }
+    };
+    markup.into_string()
+}
+
+/// The record of the picture, or the first one with numbers.
+fn shown_record(data: &ReportData) -> Option<&ImageRecord> {
+    let records = || data.series.iter().flat_map(|s| s.records.iter().map(move |r| (s, r)));
+    let pictured = data
+        .picture
+        .as_ref()
+        .and_then(|p| records().find(|(s, r)| s.name == p.series && r.image == p.image).map(|(_, r)| r));
+    pictured
+        .filter(|r| r.status == Status::Ok)
+        .or_else(|| records().map(|(_, r)| r).find(|r| r.status == Status::Ok))
+}
+
+fn title(data: &ReportData) -> String {
+    let mut flights: Vec<&str> = data.series.iter().map(|s| s.flight.as_str()).collect();
+    flights.dedup();
+    let flights = match flights.as_slice() {
+        [] => "empty store".to_owned(),
+        [one] => format!("flight {one}"),
+        [first, .., last] => format!("flights {first} to {last}"),
+    };
+    data.site.as_ref().map_or(flights.clone(), |s| format!("{}, {flights}", s.name))
+}
+
+fn head(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
+    let dates: Vec<_> = data.series.iter().filter_map(|s| s.begun).collect();
+    let period = match (dates.iter().min(), dates.iter().max()) {
+        (Some(a), Some(b)) => {
+            format!("{} to {} UTC", a.strftime("%Y-%m-%d %H:%M"), b.strftime("%Y-%m-%d %H:%M"))
+        }
+        _ => "times unknown".to_owned(),
+    };
+    html! {
+        header {
+            h1 { "Wing deflection in flight" }
+            p.sub { (title(data)) " | " (period) }
+        }
+        (tiles(summaries))
+    }
+}
+
+fn tiles(summaries: &[SeriesSummary]) -> Markup {
+    let lifts: Vec<_> = summaries.iter().filter_map(|s| s.tip_lift_m).collect();
+    let largest = lifts.iter().max_by(|a, b| a.value.total_cmp(&b.value));
+    let (lift, sigma) = rounded(largest.map(|l| l.value), largest.and_then(|l| l.sigma), 3);
+    let change = lifts.first().zip(lifts.last()).filter(|_| lifts.len() > 1).map(|(a, b)| b.value - a.value);
+    let sum = |f: fn(&SeriesSummary) -> usize| summaries.iter().map(f).sum::<usize>();
+    let (frames, solved) = (sum(|s| s.shots), sum(|s| s.solved));
+    let (passed, made) = (sum(|s| s.tests_passed), sum(|s| s.tests_made));
+    html! {
+        div.tiles {
+            div.tile { b { (lift) @if sigma != NONE { " ± " (sigma) } " m" } span { "largest tip lift, mean of a series ± 1 sigma" } }
+            div.tile { b { (fixed(change, 3)) " m" } span { "change of the tip lift, first to last series" } }
+            div.tile.warn[solved < frames] { b { (solved) " of " (frames) } span { "frames solved, in " (summaries.len()) " series" } }
+            div.tile.warn[passed < made] { b { (passed) " of " (made) } span { "global tests passed" } }
+        }
+    }
+}
+
+fn notes(data: &ReportData) -> Markup {
+    html! {
+        @if data.series.is_empty() {
+            p.warning { "The store holds no series yet." }
+        } @else if !data.series.iter().flat_map(|s| &s.records).any(|r| r.status == Status::Ok) {
+            p.warning { "No frame has been solved; the reasons stand under Quality." }
+        }
+        @for note in &data.notes { p.warning { (note) } }
+    }
+}
+
+fn deflection(summaries: &[SeriesSummary]) -> Markup {
+    if summaries.iter().all(|s| s.curve.is_empty()) {
+        return html! { h2 { "Deflection along the span" } p { "No frame has a deflection curve." } };
+    }
+    html! {
+        h2 { "Deflection along the span" }
+        figure {
+            (figures::deflection(summaries))
+            p.caption { "Mean curve of every series, vertical lift against the ground shape. Band: 1 sigma of one frame (survey and mount are common to all frames of a series, so it does not shrink with their number); where it is narrower than the line, see the next figure." }
+        }
+        figure {
+            (figures::uncertainty(summaries))
+            p.caption { "Standard deviation of the lift in the figure above." }
+        }
+        @if let Some(twist) = figures::twist(summaries) {
+            figure {
+                (twist)
+                p.caption { "Rotation of the sections, free of bending, with 1-sigma bands." }
+            }
+        }
+    }
+}
+
+fn over_time(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
+    if summaries.iter().all(|s| s.solved == 0) {
+        return html! { h2 { "Lift and torsion over time" } p { "No frame has been solved." } };
+    }
+    let mut pairs: Vec<&str> = Vec::new();
+    for pair in summaries.iter().flat_map(|s| &s.torsion) {
+        if !pairs.contains(&pair.name.as_str()) {
+            pairs.push(&pair.name);
+        }
+    }
+    html! {
+        h2 { "Lift and torsion over time" }
+        figure {
+            (figures::tip_lift(&data.series, summaries))
+            p.caption { "Lift of the outermost marker: single frames (circles), means of the series with 1 sigma of one frame." }
+        }
+        @for pair in pairs {
+            figure {
+                (figures::torsion(&data.series, summaries, pair))
+                p.caption { "Pair '" (pair) "'. Torsion from the two lifts alone contains bending where the two markers do not share a spanwise station; twist is the adjusted rotation of the section." }
+            }
+        }
+    }
+}
+
+fn orthographic(data: &ReportData, shown: Option<&ImageRecord>) -> Markup {
+    let views = shown.and_then(|r| Some((r, views::views(r, data.site.as_ref())?)));
+    html! {
+        h2 { "Positions in three views" }
+        @if let Some((record, views)) = views {
+            figure {
+                (views.drawing)
+                p.caption {
+                    (record.image) ", true scale. "
+                    @if views.surveyed { "Wing frame: origin in the camera's projection centre, X outboard, Y up, Z = X x Y." }
+                    @else { "Without the installation (option --installation): axes along the row of markers, ground as flight less lift, no camera." }
+                }
+            }
+        } @else { p { "No frame has positions." } }
+    }
+}
+
+fn frame(data: &ReportData, shown: Option<&ImageRecord>) -> Markup {
+    html! {
+        h2 { "A frame and its markers" }
+        @match &data.picture {
+            Some(p) => (picture::picture(p, shown)),
+            None => p { "No frame is at hand." },
+        }
+        @if let Some(record) = shown {
+            h3 { "Markers of " (record.image) }
+            div.scroll { (table::markers(record).html()) }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::sample;
+    use super::*;
+
+    fn data() -> ReportData {
+        let mut series = sample::series("s000001", 0, &[2.93, 2.95]);
+        series.records[0].image = "<b>&\"x.jpg".to_owned();
+        ReportData { series: vec![series, sample::series("s000002", 3600, &[2.5])], ..ReportData::default() }
+    }
+
+    #[test]
+    fn hostile_names_are_escaped() {
+        let html = page(&data());
+        assert!(html.contains("&lt;b&gt;&amp;&quot;x.jpg") && !html.contains("<b>&\"x"));
+    }
+
+    #[test]
+    fn empty_and_failed_stores_give_a_page_without_numbers_out_of_nothing() {
+        let failed = super::super::SeriesData {
+            records: vec![sample::failed("a.jpg", "too dark; set the exposure")],
+            name: "s1".into(),
+            ..Default::default()
+        };
+        for series in [vec![], vec![failed]] {
+            let html = page(&ReportData { series, ..ReportData::default() });
+            assert!(!html.contains("NaN") && !html.contains("inf") && html.contains("</html>"));
+        }
+    }
+}

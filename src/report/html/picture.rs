@@ -1,0 +1,139 @@
+//! A frame, embedded, with the markers drawn on it.
+
+use base64::Engine;
+use maud::{Markup, html};
+use nalgebra::{Vector2, vector};
+
+use super::super::Picture;
+use super::super::labels::{Area, Labels, leader};
+use super::super::number::fixed;
+use super::super::overlay::{enlargement, extent};
+use super::plot::px;
+use crate::measure::detect::{Detection, Detections, detect};
+use crate::measure::raster::Raster;
+use crate::pipeline::decode::decode;
+use crate::record::{ImageRecord, MarkerRecord};
+
+/// The embedded picture is at most this wide and high, px.
+const LARGEST: usize = 1600;
+const USED: &str = "#3dea6d";
+const UNUSED: &str = "#ffd23d";
+const UNKNOWN: &str = "#57c8ff";
+const TURNED_DOWN: &str = "#ffa528";
+const ERROR: &str = "#ff58c8";
+/// Candidates turned down that are drawn at most; the caption counts all.
+const MANY: usize = 200;
+
+/// The frame with its markers and a line on what is drawn; a sentence where it cannot be read.
+pub fn picture(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
+    let raster = match decode(&picture.bytes, picture.format.as_ref()) {
+        Ok(raster) => raster,
+        Err(error) => return html! { p.warning { (picture.image) ": " (error) } },
+    };
+    let Some(jpeg) = small_jpeg(&raster) else {
+        return html! { p.warning { (picture.image) ": the frame is too large to be shown" } };
+    };
+    let found = detect(&raster);
+    let markers = record.map_or(&[][..], |r| &r.markers[..]);
+    let enlarged = enlargement(&found.markers, raster.width().max(raster.height()) as f64 / 150.0);
+    let (w, h) = (raster.width() as f64, raster.height() as f64);
+    let data = format!("data:image/jpeg;base64,{}", base64::engine::general_purpose::STANDARD.encode(jpeg));
+    html! {
+        svg.photo viewBox=(format!("0 0 {w} {h}")) role="img" aria-label="Frame with detected markers"
+            style=(format!("font-size:{}px;stroke-width:{}px", px(w / 75.0), px(w / 900.0))) {
+            image href=(data) x="-0.5" y="-0.5" width=(w) height=(h) {}
+            (outlines(&found, markers, enlarged))
+            (names(&found, markers, w, h))
+        }
+        p.caption {
+            (picture.series) "/" (picture.image) ": " (found.markers.len()) " markers detected ("
+            span style="color:#0d8a35" { "used" } ", " span style="color:#a07a00" { "not used" } ", "
+            span style="color:#0d6fa8" { "without identity" } "), "
+            (found.rejected.len()) " candidates turned down (" span style="color:#b46a00" { "dashed" } "). "
+            @if !found.markers.is_empty() {
+                "Error ellipses (" span style="color:#b3177f" { "pink" } "): 1 sigma, enlarged " (fixed(Some(enlarged), 0)) " times."
+            }
+        }
+    }
+}
+
+/// Averages blocks of pixels down to at most [`LARGEST`].
+fn small_jpeg(raster: &Raster) -> Option<Vec<u8>> {
+    let block = raster.width().max(raster.height()).div_ceil(LARGEST);
+    let (w, h) = (raster.width() / block, raster.height() / block);
+    let mean = |x: usize, y: usize| {
+        let rows = (0..block).map(|dy| raster.row(y * block + dy));
+        let sum: usize =
+            rows.flat_map(|r| r.iter().skip(x * block).take(block)).map(|v| usize::from(*v)).sum();
+        (sum / (block * block)) as u8
+    };
+    let luma: Vec<u8> = (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
+    let mut jpeg = Vec::new();
+    let encoder = jpeg_encoder::Encoder::new(&mut jpeg, 82);
+    let size = (u16::try_from(w).ok()?, u16::try_from(h).ok()?);
+    encoder.encode(&luma, size.0, size.1, jpeg_encoder::ColorType::Luma).ok()?;
+    Some(jpeg)
+}
+
+fn outlines(found: &Detections, markers: &[MarkerRecord], enlarged: f64) -> Markup {
+    html! {
+        @for r in found.rejected.iter().take(MANY) {
+            (ellipse(r.centre_px, [r.semi_major_px.max(4.0), r.semi_minor_px.max(4.0)], r.angle_rad, TURNED_DOWN, r.reason.text(), true))
+        }
+        @for d in &found.markers {
+            @let (text, colour) = known(d, markers);
+            (ellipse(d.centre_px, [d.semi_major_px, d.semi_minor_px], d.angle_rad, colour, &text, false))
+            @let (semi, angle) = super::super::overlay::principal(&d.covariance_px2);
+            (ellipse(d.centre_px, semi.map(|s| s * enlarged), angle, ERROR, "error ellipse", false))
+        }
+    }
+}
+
+fn ellipse(at: Vector2<f64>, semi: [f64; 2], angle: f64, colour: &str, title: &str, dashed: bool) -> Markup {
+    if !(at.iter().chain(&semi).all(|v| v.is_finite()) && angle.is_finite()) {
+        return html! {};
+    }
+    let turn = format!("translate({} {}) rotate({})", px(at.x), px(at.y), px(angle.to_degrees()));
+    html! {
+        ellipse rx=(px(semi[0])) ry=(px(semi[1])) transform=(turn) fill="none" stroke=(colour)
+            stroke-dasharray=[dashed.then_some("8 6")] { title { (title) } }
+    }
+}
+
+/// The marker of the results that this detection became.
+fn known(d: &Detection, markers: &[MarkerRecord]) -> (String, &'static str) {
+    let distance = |m: &MarkerRecord| {
+        let at = vector![m.u_px?, m.v_px?];
+        Some((at - d.centre_px).norm()).filter(|v| v.is_finite())
+    };
+    let nearest = markers.iter().filter_map(|m| Some((distance(m)?, m))).min_by(|a, b| a.0.total_cmp(&b.0));
+    // The perspective bias moves a centre by less than a pixel or two, never by a marker's size.
+    match nearest.filter(|(away, _)| *away < 3.0_f64.max(0.1 * d.semi_minor_px)) {
+        Some((_, m)) if m.used => (m.id.clone(), USED),
+        Some((_, m)) => (m.id.clone(), UNUSED),
+        None => (d.shape.name().to_owned(), UNKNOWN),
+    }
+}
+
+fn names(found: &Detections, markers: &[MarkerRecord], width: f64, height: f64) -> Markup {
+    let letter = width / 75.0;
+    let mut labels = Labels::new(Area([0.0, 0.0, width, height]));
+    for d in &found.markers {
+        let half = extent(d.semi_major_px, d.semi_minor_px, d.angle_rad);
+        let (low, high) = (d.centre_px - half, d.centre_px + half);
+        labels.occupy(Area([low.x, low.y, high.x, high.y]));
+    }
+    html! {
+        @for d in &found.markers {
+            @let (text, colour) = known(d, markers);
+            @let half = extent(d.semi_major_px, d.semi_minor_px, d.angle_rad);
+            @let size = vector![text.chars().count() as f64 * letter * 0.66 + letter * 0.3, letter * 1.15];
+            @if let Some(place) = labels.place(d.centre_px, half, size, letter * 0.4) {
+                @let [from, to] = leader(d.centre_px, half, place, size);
+                line x1=(px(from.x)) y1=(px(from.y)) x2=(px(to.x)) y2=(px(to.y)) stroke=(colour) {}
+                rect x=(px(place.x)) y=(px(place.y)) width=(px(size.x)) height=(px(size.y)) fill="#10141c" fill-opacity="0.75" {}
+                text x=(px(place.x + letter * 0.15)) y=(px(place.y + letter * 0.93)) fill=(colour) stroke="none" { (text) }
+            }
+        }
+    }
+}

@@ -1,0 +1,221 @@
+//! The report's tables: series, solution, quality, provenance.
+
+use maud::{Markup, html};
+use serde_json::{Map, Value};
+
+use super::super::grid::Grid;
+use super::super::number::{NONE, fixed, general};
+use super::super::summary::SeriesSummary;
+use super::super::{ReportData, SeriesData, table};
+use crate::record::{ImageRecord, Status};
+
+/// Means of the series and every frame.
+pub fn series(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
+    html! {
+        h2 { "Series" }
+        div.scroll { (table::series_grid(summaries).html()) }
+        p.caption { "Mean over the solved frames of a series. sigma: standard deviation of one frame by the adjustment; scatter: standard deviation of single frames against the series' mean. Torsion and twist: first pair of the installation." }
+        @for s in data.series.iter().filter(|s| !s.records.is_empty()) {
+            h3 { "Frames of " (s.flight) "/" (s.name) @if s.interrupted { " (interrupted)" } }
+            div.scroll { (table::images(&s.records).html()) }
+        }
+    }
+}
+
+/// Parameters of one solution.
+pub fn solution(record: Option<&ImageRecord>) -> Markup {
+    let Some(record) = record else { return html! {} };
+    let mut grid = Grid::new(&["<parameter", "value", "sigma"]);
+    for (name, value) in record.model.iter().chain(&record.quality) {
+        parameter(&mut grid, name, value);
+    }
+    if grid.rows.is_empty() {
+        return html! {};
+    }
+    html! {
+        h3 { "Parameters of " (record.image) }
+        div.scroll { (grid.html()) }
+    }
+}
+
+/// One row per number; a value with its sigma in one row.
+fn parameter(grid: &mut Grid, name: &str, value: &Value) {
+    let number = |v: Option<&Value>| v.and_then(Value::as_f64).map_or(NONE.to_owned(), general);
+    match value {
+        Value::Object(map) if map.contains_key("value") => {
+            grid.push(vec![name.to_owned(), number(map.get("value")), number(map.get("sigma"))]);
+        }
+        Value::Object(map) => {
+            for (key, inner) in map {
+                parameter(grid, &format!("{name}, {key}"), inner);
+            }
+        }
+        Value::Array(items) => {
+            for (i, inner) in items.iter().enumerate() {
+                parameter(grid, &format!("{name} [{}]", i + 1), inner);
+            }
+        }
+        Value::Number(_) => grid.push(vec![name.to_owned(), number(Some(value)), NONE.to_owned()]),
+        other => grid.push(vec![name.to_owned(), words(other), NONE.to_owned()]),
+    }
+}
+
+fn words(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        Value::Null => NONE.to_owned(),
+        other => other.to_string(),
+    }
+}
+
+/// What was turned down and what failed.
+pub fn quality(data: &ReportData) -> Markup {
+    let records: Vec<ImageRecord> = data.series.iter().flat_map(|s| s.records.clone()).collect();
+    let (unused, failed, camera, remarks) =
+        (table::unused(&records), failed(data), camera(data), remarks(data));
+    html! {
+        h2 { "Quality" }
+        (tests(&records))
+        (section("Markers not used", "Every marker of the survey was used in every solved frame.", &unused))
+        (section("Frames without a result", "Every frame has a result.", &failed))
+        (section("Camera failures", "The camera delivered every shot at the first attempt.", &camera))
+        @if !remarks.rows.is_empty() {
+            h3 { "Remarks" }
+            div.scroll { (remarks.html()) }
+        }
+    }
+}
+
+fn section(title: &str, none: &str, grid: &Grid) -> Markup {
+    html! {
+        h3 { (title) }
+        @if grid.rows.is_empty() { p { (none) } } @else { div.scroll { (grid.html()) } }
+    }
+}
+
+fn tests(records: &[ImageRecord]) -> Markup {
+    let count = |verdict: &str| records.iter().filter(|r| r.global_test.as_deref() == Some(verdict)).count();
+    let (passed, rejected) = (count("passed"), count("rejected"));
+    html! {
+        @if passed + rejected == 0 {
+            p { "No global test could be made." }
+        } @else if rejected == 0 {
+            p { "All " (passed) " global tests passed: the variance factors are compatible with 1, the model and the stated standard deviations hold." }
+        } @else {
+            p.warning { (rejected) " of " (passed + rejected) " global tests rejected the model or the stated standard deviations; unless fixed otherwise, the standard deviations of those frames are a posteriori." }
+        }
+    }
+}
+
+fn failed(data: &ReportData) -> Grid {
+    let mut grid = Grid::new(&["<series", "<frame", "<reason"]);
+    for s in &data.series {
+        for r in s.records.iter().filter(|r| r.status == Status::Failed) {
+            let reason = r.reason.clone().unwrap_or_else(|| "no reason recorded".to_owned());
+            grid.push(vec![s.name.clone(), r.image.clone(), reason]);
+        }
+        for image in unsolved(s) {
+            grid.push(vec![s.name.clone(), image.to_owned(), "not solved yet".to_owned()]);
+        }
+    }
+    grid
+}
+
+fn unsolved(s: &SeriesData) -> impl Iterator<Item = &str> {
+    let images = s.shots.iter().filter_map(|shot| shot.image.as_deref());
+    images.filter(|image| !s.records.iter().any(|r| r.image == *image))
+}
+
+fn camera(data: &ReportData) -> Grid {
+    let mut grid = Grid::new(&["<series", "shot", "<time (UTC)", "<frame", "<what happened"]);
+    for s in &data.series {
+        for (i, shot) in s.shots.iter().enumerate() {
+            for failure in &shot.failures {
+                let time = shot.utc.map_or(NONE.to_owned(), |t| t.strftime("%Y-%m-%d %H:%M:%S").to_string());
+                let image = shot.image.clone().unwrap_or_else(|| "none".to_owned());
+                grid.push(vec![s.name.clone(), (i + 1).to_string(), time, image, failure.clone()]);
+            }
+        }
+    }
+    grid
+}
+
+/// The same remark once, with its frames counted.
+fn remarks(data: &ReportData) -> Grid {
+    let mut seen: Vec<(&str, usize, String)> = Vec::new();
+    for s in &data.series {
+        let of_frames =
+            s.records.iter().flat_map(|r| r.remarks.iter().map(move |t| (t.as_str(), r.image.as_str())));
+        for (text, image) in s.remarks.iter().map(|t| (t.as_str(), "")).chain(of_frames) {
+            match seen.iter_mut().find(|known| known.0 == text) {
+                Some(known) => known.1 += 1,
+                None => seen.push((text, 1, format!("{}/{image}", s.name))),
+            }
+        }
+    }
+    let mut grid = Grid::new(&["<remark", "times", "<first in"]);
+    for (text, count, first) in seen {
+        grid.push(vec![text.to_owned(), count.to_string(), first]);
+    }
+    grid
+}
+
+/// Inputs of the results, then every frame with its hash.
+pub fn provenance(data: &ReportData) -> Markup {
+    let mut sets: Vec<(Map<String, Value>, usize)> = Vec::new();
+    for record in data.series.iter().flat_map(|s| &s.records) {
+        let mut map = record.provenance.clone();
+        map.remove("frame.sha256");
+        match sets.iter_mut().find(|known| known.0 == map) {
+            Some(known) => known.1 += 1,
+            None => sets.push((map, 1)),
+        }
+    }
+    html! {
+        h2 { "Provenance" }
+        @if sets.is_empty() { p { "There are no results." } }
+        @for (map, count) in &sets {
+            h3 { "Inputs of " (count) " results" }
+            div.scroll { (inputs(map).html()) }
+        }
+        @let frames = frames(data);
+        @if !frames.rows.is_empty() {
+            h3 { "Frames, SHA-256" }
+            div.scroll.hashes { (frames.html()) }
+        }
+    }
+}
+
+fn inputs(map: &Map<String, Value>) -> Grid {
+    let mut grid = Grid::new(&["<input", "<value"]);
+    for (key, value) in map {
+        match value {
+            Value::Object(inner) => {
+                for (name, value) in inner {
+                    grid.push(vec![format!("{key}, {name}"), words(value)]);
+                }
+            }
+            other => grid.push(vec![key.clone(), words(other)]),
+        }
+    }
+    grid
+}
+
+fn frames(data: &ReportData) -> Grid {
+    let mut grid = Grid::new(&["<series", "<frame", "<UTC", "<SHA-256", "solve / ms"]);
+    for s in &data.series {
+        for shot in &s.shots {
+            let Some(image) = &shot.image else { continue };
+            let record = s.records.iter().find(|r| r.image == *image);
+            let ms = record.map(|r| r.timing_ms.values().filter_map(Value::as_f64).sum::<f64>());
+            grid.push(vec![
+                s.name.clone(),
+                image.clone(),
+                shot.utc.map_or(NONE.to_owned(), |t| t.strftime("%Y-%m-%d %H:%M:%S").to_string()),
+                shot.sha256.clone().unwrap_or_else(|| NONE.to_owned()),
+                fixed(ms, 0),
+            ]);
+        }
+    }
+    grid
+}
