@@ -5,6 +5,8 @@ mod frames;
 mod orient;
 mod solve;
 
+pub mod simulate;
+
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};

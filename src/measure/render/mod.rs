@@ -1,1 +1,35 @@
-//! Scenes with known truth: for tests, benches, `simulate`, `demo`.
+//! Frames of a wing with known truth, for tests, benches, `simulate` and `demo`.
+//!
+//! | stage | in | out | file |
+//! |---|---|---|---|
+//! | beam | load, wanted tip lift | slopes, twist | `beam` |
+//! | wing | planform, slopes | skin in space | `wing` |
+//! | trace | ray | first point of the skin | `trace` |
+//! | decals, markers | point of the skin | reflectance | `decals`, `markers` |
+//! | light | point, normal | radiance | `light` |
+//! | picture | camera | radiance of every pixel, anti-aliased | `picture` |
+//! | sensor | radiance | grey values | `sensor` |
+//! | scene, truth | seed, shot | all of it; what a perfect measurement would say | `scene`, `truth` |
+
+mod beam;
+mod decals;
+mod layout;
+mod light;
+mod markers;
+mod picture;
+mod random;
+mod scene;
+mod sensor;
+mod trace;
+mod truth;
+mod wing;
+
+pub use beam::{Beam, Bent, LoadShape};
+pub use layout::Options;
+pub use light::Light;
+pub use markers::Marker;
+pub use random::Random;
+pub use scene::{Scene, Shot};
+pub use sensor::Sensor;
+pub use truth::{FrameTruth, MarkerTruth};
+pub use wing::{Linear, Pose, Side, State, Wing};

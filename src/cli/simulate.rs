@@ -1,0 +1,160 @@
+//! `wingd simulate`: frames with known truth (format: `fixtures/dev`).
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result, anyhow};
+use nalgebra::{Rotation3, Vector2};
+use serde_json::{Value, json};
+
+use crate::measure::geometry::Lens;
+use crate::measure::raster::Raster;
+use crate::measure::render::{FrameTruth, MarkerTruth, Scene, Shot};
+use crate::measure::setup::Setup;
+
+/// A frame of a set.
+pub struct SetFrame {
+    /// File name below `frames/`.
+    pub image: String,
+    /// What to render.
+    pub shot: Shot,
+    /// JPEG quality, 1 to 100.
+    pub quality: u8,
+}
+
+/// Writes `installation/`, `frames/` and `truth.json` below `directory`.
+pub fn write_set(directory: &Path, name: &str, scene: &Scene, frames: &[SetFrame]) -> Result<()> {
+    write_installation(&directory.join("installation"), &scene.setup)?;
+    let folder = directory.join("frames");
+    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let mut entries = Vec::new();
+    for frame in frames {
+        let raster = scene.render(&frame.shot).ok_or_else(|| anyhow!("the lens has no pixels"))?;
+        write_jpeg(&folder.join(&frame.image), &raster, frame.quality)?;
+        entries.push(frame_json(&frame.image, &scene.truth(&frame.shot)));
+    }
+    let truth = json!({ "set": name, "frames": entries });
+    write_text(&directory.join("truth.json"), &serde_json::to_string_pretty(&truth)?)
+}
+
+/// Writes a raster as a grey JPEG.
+pub fn write_jpeg(path: &Path, raster: &Raster, quality: u8) -> Result<()> {
+    let (width, height) = (u16::try_from(raster.width())?, u16::try_from(raster.height())?);
+    jpeg_encoder::Encoder::new_file(path, quality)
+        .and_then(|encoder| encoder.encode(raster.luma(), width, height, jpeg_encoder::ColorType::Luma))
+        .with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn write_text(path: &Path, text: &str) -> Result<()> {
+    fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn write_installation(directory: &Path, setup: &Setup) -> Result<()> {
+    fs::create_dir_all(directory).with_context(|| format!("cannot make {}", directory.display()))?;
+    write_text(&directory.join("installation.toml"), &installation_toml(setup))?;
+    write_text(&directory.join("camera.toml"), &camera_toml(&setup.lens))?;
+    write_text(&directory.join("survey.csv"), &survey_csv(setup))
+}
+
+fn installation_toml(setup: &Setup) -> String {
+    let c = setup.projection_centre_m;
+    let mut text = format!(
+        "name = {:?}\n\n[camera]\ncalibration = \"camera.toml\"\nprojection_centre_m = [{}, {}, {}]\n\
+         projection_centre_sigma_m = {}\nmount_repeatability_px = {:?}\n\n[wing]\nsurvey = \"survey.csv\"\n\
+         span_direction = [{}, {}]\nroot_offset_m = {}\n",
+        setup.name,
+        c.x,
+        c.y,
+        c.z,
+        setup.projection_centre_sigma_m,
+        setup.mount_repeatability_px,
+        setup.span_direction.x,
+        setup.span_direction.y,
+        setup.root_offset_m,
+    );
+    if let Some(z) = setup.axis_chord_offset_m {
+        let _ = writeln!(text, "axis_chord_offset_m = {z:?}");
+    }
+    if let Some(skin) = setup.skin_height {
+        let _ = writeln!(
+            text,
+            "skin_height_m = {{ root = {:?}, tip = {:?}, tip_span_m = {:?} }}",
+            skin.root_m, skin.tip_m, skin.tip_span_m
+        );
+    }
+    if let Some(thermal) = setup.thermal {
+        let _ = writeln!(
+            text,
+            "\n[thermal]\nexpansion_per_k = {:e}\nground_temperature_c = {:?}\nflight_temperature_c = {:?}",
+            thermal.expansion_per_k, thermal.ground_temperature_c, thermal.flight_temperature_c
+        );
+    }
+    for pair in &setup.torsion {
+        let id = |i: usize| setup.markers.get(i).map_or("", |marker| marker.id.as_str());
+        let _ = writeln!(
+            text,
+            "\n[[torsion]]\nname = {:?}\nleading = {:?}\ntrailing = {:?}",
+            pair.name,
+            id(pair.leading),
+            id(pair.trailing)
+        );
+    }
+    text
+}
+
+fn camera_toml(lens: &Lens) -> String {
+    format!(
+        "width = {}\nheight = {}\nfx = {:?}\nfy = {:?}\ncx = {:?}\ncy = {:?}\nk1 = {:?}\nk2 = {:?}\nk3 = {:?}\n\
+         p1 = {:?}\np2 = {:?}\n",
+        lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.k3, lens.p1, lens.p2
+    )
+}
+
+fn survey_csv(setup: &Setup) -> String {
+    let mut text = String::from("id,shape,diameter_m,x_m,y_m,z_m,sigma_m\n");
+    for marker in &setup.markers {
+        let p = marker.position_m;
+        let _ = writeln!(
+            text,
+            "{},{},{},{:.4},{:.4},{:.4},{}",
+            marker.id,
+            marker.shape.name(),
+            marker.diameter_m,
+            p.x,
+            p.y,
+            p.z,
+            marker.sigma_m
+        );
+    }
+    text
+}
+
+fn frame_json(image: &str, truth: &FrameTruth) -> Value {
+    json!({
+        "image": image,
+        "tip_lift_m": truth.tip_lift_m,
+        "markers": truth.markers.iter().map(marker_json).collect::<Vec<_>>(),
+        "camera_from_survey": rows(&truth.camera_from_survey),
+        "torsion_deg": truth.torsion_rad.map(f64::to_degrees),
+    })
+}
+
+fn marker_json(marker: &MarkerTruth) -> Value {
+    let pixel = |axis: fn(&Vector2<f64>) -> f64| marker.pixel.as_ref().map(axis);
+    json!({
+        "id": marker.id,
+        "shape": marker.shape.name(),
+        "u": pixel(|p| p.x),
+        "v": pixel(|p| p.y),
+        "width": marker.size_px.x,
+        "height": marker.size_px.y,
+        "visible": marker.visible,
+        "position_m": marker.position_m.as_slice(),
+        "lift_m": marker.lift_m,
+    })
+}
+
+fn rows(rotation: &Rotation3<f64>) -> Vec<Vec<f64>> {
+    rotation.matrix().row_iter().map(|row| row.iter().copied().collect()).collect()
+}

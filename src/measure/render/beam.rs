@@ -1,0 +1,179 @@
+//! The tapered cantilever that bends the rendered wing: physics, not the polynomial that
+//! [`crate::measure::adjust`] fits.
+//!
+//! Euler and Bernoulli: curvature = M / EI with EI ~ chord^p. The net load (lift less the relief of
+//! the fuel) is vertical, the lever arm is the horizontal one of the bent axis, and the axis keeps
+//! its length. The amplitude is the one that gives the wanted lift of the tip.
+
+/// Intervals along the beam.
+const INTERVALS: usize = 800;
+const ITERATIONS: usize = 60;
+
+/// Distribution of the net load along the span.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LoadShape {
+    /// Share of a triangular load in an otherwise elliptic lift, 0 to 1.
+    pub triangular: f64,
+    /// Weight of the fuel that relieves the inner wing, as a share of the lift at the root.
+    pub relief: f64,
+}
+
+impl LoadShape {
+    /// Load per length at the relative span `eta`, any unit.
+    pub fn load(&self, eta: f64) -> f64 {
+        let elliptic = (1.0 - eta * eta).max(0.0).sqrt();
+        let lift = (1.0 - self.triangular) * elliptic + self.triangular * (1.0 - eta);
+        // Tanks end near 80 % of the span.
+        let fuel = (1.0 - (eta / 0.8).powi(4)).max(0.0);
+        lift - self.relief * fuel
+    }
+}
+
+/// A cantilever with linear taper.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Beam {
+    /// Length of the axis, m.
+    pub length_m: f64,
+    /// Chord at the tip over chord at the root.
+    pub taper: f64,
+    /// Exponent p of EI ~ chord^p.
+    pub stiffness_power: f64,
+}
+
+/// A bent beam at equally spaced stations, root to tip.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bent {
+    /// Between stations, m.
+    pub step_m: f64,
+    /// Change of slope against the unbent axis, rad.
+    pub slope_rad: Vec<f64>,
+    /// Bending moment, any unit.
+    pub moment: Vec<f64>,
+    /// Change of curvature, 1/m.
+    pub curvature_per_m: Vec<f64>,
+}
+
+impl Beam {
+    /// Stations along the beam.
+    pub fn stations(&self) -> usize {
+        INTERVALS + 1
+    }
+
+    /// Between stations, m.
+    pub fn step_m(&self) -> f64 {
+        self.length_m / INTERVALS as f64
+    }
+
+    fn chord(&self, eta: f64) -> f64 {
+        1.0 - (1.0 - self.taper) * eta
+    }
+
+    /// Bends the axis whose unbent slope is `ground_slope_rad` so that the tip rises by `tip_lift_m`.
+    pub fn bend(&self, ground_slope_rad: &[f64], load: &LoadShape, tip_lift_m: f64) -> Bent {
+        let step = self.step_m();
+        let shear = self.integrated_from_tip(|i| load.load(i as f64 / INTERVALS as f64));
+        let mut slope = vec![0.0; INTERVALS + 1];
+        let mut moment = slope.clone();
+        let mut curvature = slope.clone();
+        let mut amplitude = 0.0;
+        for _ in 0..ITERATIONS {
+            moment = self.integrated_from_tip(|i| shear[i] * (ground_slope_rad[i] + slope[i]).cos());
+            let unit = |i: usize| {
+                moment[i] / self.chord(i as f64 / INTERVALS as f64).powf(self.stiffness_power)
+            };
+            if amplitude == 0.0 {
+                // First guess by small slopes; the loop sets it right.
+                let mut unit_slope = integrated(step, (0..=INTERVALS).map(unit));
+                unit_slope = integrated(step, unit_slope.into_iter());
+                amplitude = tip_lift_m / unit_slope[INTERVALS];
+            }
+            curvature = (0..=INTERVALS).map(|i| amplitude * unit(i)).collect();
+            slope = integrated(step, curvature.iter().copied());
+            let lift = tip_lift(step, ground_slope_rad, &slope);
+            if (lift - tip_lift_m).abs() < 1e-12 || lift == 0.0 {
+                break;
+            }
+            amplitude *= tip_lift_m / lift;
+        }
+        Bent { step_m: step, slope_rad: slope, moment, curvature_per_m: curvature }
+    }
+
+    /// Twist along the span: torque of an aerodynamic moment ~ chord^2 over GJ ~ chord^3, scaled to
+    /// `tip_rad`.
+    pub fn twist(&self, tip_rad: f64) -> Vec<f64> {
+        let torque = self.integrated_from_tip(|i| self.chord(i as f64 / INTERVALS as f64).powi(2));
+        let rate = |i: usize| torque[i] / self.chord(i as f64 / INTERVALS as f64).powi(3);
+        let twist = integrated(self.step_m(), (0..=INTERVALS).map(rate));
+        let scale = tip_rad / twist[INTERVALS];
+        twist.into_iter().map(|phi| phi * scale).collect()
+    }
+
+    fn integrated_from_tip(&self, value: impl Fn(usize) -> f64) -> Vec<f64> {
+        let mut sums = integrated(self.step_m(), (0..=INTERVALS).rev().map(value));
+        sums.reverse();
+        sums
+    }
+}
+
+/// Trapezoidal running integral, starting with 0.
+pub fn integrated(step: f64, values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut last = None;
+    let mut sum = 0.0;
+    values
+        .map(|value| {
+            sum += last.map_or(0.0, |previous| 0.5 * step * (previous + value));
+            last = Some(value);
+            sum
+        })
+        .collect()
+}
+
+fn tip_lift(step: f64, ground_slope: &[f64], slope: &[f64]) -> f64 {
+    let rise = ground_slope.iter().zip(slope).map(|(&ground, &bent)| (ground + bent).sin() - ground.sin());
+    integrated(step, rise).last().copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn beam(taper: f64) -> Beam {
+        Beam { length_m: 33.0, taper, stiffness_power: 3.5 }
+    }
+
+    fn flat(beam: &Beam) -> Vec<f64> {
+        vec![0.0; beam.stations()]
+    }
+
+    #[test]
+    fn the_tip_rises_as_asked_and_its_end_is_free_of_moment() {
+        let beam = beam(0.3);
+        for lift in [3.1, -0.8, 0.0] {
+            let bent = beam.bend(&flat(&beam), &LoadShape { triangular: 0.3, relief: 0.2 }, lift);
+            let rise = tip_lift(bent.step_m, &flat(&beam), &bent.slope_rad);
+            assert!((rise - lift).abs() < 1e-9, "{rise} for {lift}");
+            assert_eq!(*bent.moment.last().unwrap(), 0.0);
+            assert_eq!(*bent.curvature_per_m.last().unwrap(), 0.0);
+            assert_eq!(bent.slope_rad[0], 0.0);
+        }
+    }
+
+    #[test]
+    fn a_uniform_beam_under_a_triangular_load_follows_the_text_book() {
+        // EI w = q0 L^4 (10 x^2 - 10 x^3 + 5 x^4 - x^5) / 120 for q = q0 (1 - x): slope at the tip
+        // over tip deflection times L is 5/4.
+        let beam = Beam { taper: 1.0, ..beam(1.0) };
+        let bent = beam.bend(&flat(&beam), &LoadShape { triangular: 1.0, relief: 0.0 }, 0.01);
+        let ratio = bent.slope_rad.last().unwrap() * beam.length_m / 0.01;
+        assert!((ratio - 1.25).abs() < 1e-4, "{ratio}");
+    }
+
+    #[test]
+    fn twist_grows_from_nothing_to_the_tip() {
+        let twist = beam(0.3).twist(0.05);
+        assert_eq!(twist[0], 0.0);
+        assert!((twist.last().unwrap() - 0.05).abs() < 1e-15);
+        assert!(twist.windows(2).all(|pair| pair[1] >= pair[0]));
+    }
+}

@@ -1,0 +1,268 @@
+//! Radiance of every pixel: tiles of rays, sampled finely where edges are.
+
+use nalgebra::{Rotation3, Vector2, Vector3};
+use rayon::prelude::*;
+
+use super::decals::{Clutter, Footprint};
+use super::light::{Illumination, Lit};
+use super::markers::Placed;
+use super::trace::Hit;
+use super::wing::Pose;
+use crate::measure::geometry::Lens;
+
+/// Side of a tile, px. Over it directions are bilinear to 1e-4 px.
+const TILE: usize = 8;
+/// Samples of a pixel with an edge of a marker: a lattice of Fibonacci numbers.
+const FINE: (usize, usize) = (233, 144);
+/// Samples of a pixel at the wing's outline.
+const COARSE: (usize, usize) = (13, 8);
+
+/// Everything that one frame shows.
+pub struct View<'a> {
+    /// The deformed wing.
+    pub pose: &'a Pose,
+    /// The camera.
+    pub lens: &'a Lens,
+    /// Its attitude.
+    pub wing_from_camera: Rotation3<f64>,
+    /// Markers that are there.
+    pub markers: &'a [Placed],
+    /// Everything else on the skin.
+    pub clutter: &'a Clutter,
+    /// The light.
+    pub light: &'a Illumination,
+}
+
+#[derive(Clone, Copy)]
+struct Corner {
+    direction: Vector3<f64>,
+    hit: Option<Hit>,
+    lit: Lit,
+    paint: f64,
+    sky: f64,
+}
+
+/// Markers with the box of their image, px.
+struct Boxed<'a> {
+    marker: &'a Placed,
+    low: Vector2<f64>,
+    high: Vector2<f64>,
+}
+
+/// The patch of the picture that is being filled.
+struct Tile<'a> {
+    corners: [Corner; 4],
+    markers: Vec<&'a Placed>,
+}
+
+impl View<'_> {
+    /// Radiance row by row; 1 saturates.
+    pub fn radiance(&self) -> Vec<f32> {
+        let (width, height) = (self.lens.width as usize, self.lens.height as usize);
+        let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
+        let corners: Vec<Vec<Corner>> = (0..=rows)
+            .into_par_iter()
+            .map(|j| (0..=columns).map(|i| self.corner(edge(i), edge(j))).collect())
+            .collect();
+        let boxes = self.boxes();
+        let mut radiance = vec![0.0f32; width * height];
+        radiance.par_chunks_mut(TILE * width).enumerate().for_each(|(j, band)| {
+            for i in 0..columns {
+                let (above, below) = (&corners[j], &corners[j + 1]);
+                let tile = Tile {
+                    corners: [above[i], above[i + 1], below[i], below[i + 1]],
+                    markers: touching(&boxes, edge(i), edge(j)),
+                };
+                self.fill(&tile, band, width, i);
+            }
+        });
+        radiance
+    }
+
+    fn direction(&self, u: f64, v: f64) -> Vector3<f64> {
+        let pixel = Vector2::new(u, v);
+        let pinhole = || Vector2::new((u - self.lens.cx) / self.lens.fx, (v - self.lens.cy) / self.lens.fy);
+        let n = self.lens.undistort(&pixel).unwrap_or_else(|_| pinhole());
+        self.wing_from_camera * Vector3::new(n.x, n.y, 1.0)
+    }
+
+    fn corner(&self, u: f64, v: f64) -> Corner {
+        let direction = self.direction(u, v);
+        let hit = self.pose.first_hit(&direction);
+        let lit = hit.map_or(Lit::default(), |hit| self.light.at(self.pose, &hit));
+        let paint = hit.map_or(0.0, |hit| self.clutter.paint(hit.s, hit.z));
+        Corner { direction, hit, lit, paint, sky: self.light.sky(&direction) }
+    }
+
+    fn boxes(&self) -> Vec<Boxed<'_>> {
+        let camera_from_wing = self.wing_from_camera.inverse();
+        let boxed = |marker| outline_box(marker, &camera_from_wing, self.lens);
+        self.markers.iter().filter_map(|marker| boxed(marker).map(|(low, high)| Boxed { marker, low, high })).collect()
+    }
+
+    fn fill(&self, tile: &Tile, band: &mut [f32], width: usize, column: usize) {
+        let hits = tile.corners.map(|corner| corner.hit);
+        let patch = match hits {
+            [None, None, None, None] => None,
+            [Some(a), Some(b), Some(c), Some(d)] => Patch::new(self.clutter, [a, b, c, d]),
+            _ => return self.fill_outline(tile, band, width, column),
+        };
+        if hits[0].is_some() && patch.is_none() {
+            return self.fill_outline(tile, band, width, column);
+        }
+        for_pixels(band, width, column, |x, y| match &patch {
+            None => tile.mix(x, y, |corner| corner.sky),
+            Some(patch) => self.skin(tile, patch, x, y),
+        });
+    }
+
+    fn fill_outline(&self, tile: &Tile, band: &mut [f32], width: usize, column: usize) {
+        let lattice = if tile.markers.is_empty() { COARSE } else { FINE };
+        for_pixels(band, width, column, |x, y| mean(lattice, |dx, dy| self.sample(tile, x + dx, y + dy)));
+    }
+
+    /// One ray with all that it meets, without help from the tile's neighbours.
+    fn sample(&self, tile: &Tile, x: f64, y: f64) -> f64 {
+        let direction = tile.mix_direction(x, y);
+        let Some(hit) = self.pose.first_hit(&direction) else {
+            return self.light.sky(&direction);
+        };
+        let lit = self.light.at(self.pose, &hit);
+        let printed = tile
+            .markers
+            .iter()
+            .filter(|m| m.covers(hit.s))
+            .find_map(|m| m.reflectance(m.plane_point(&direction)));
+        let reflectance = printed.unwrap_or_else(|| self.clutter.paint(hit.s, hit.z));
+        reflectance * lit.diffuse + lit.added
+    }
+
+    fn skin(&self, tile: &Tile, patch: &Patch, x: f64, y: f64) -> f64 {
+        let direction = tile.mix_direction(x, y);
+        let guess = patch.mix(x, y, |hit| hit.s);
+        let Some(hit) = self.pose.near_hit(guess, patch.reach_m, &direction) else {
+            return mean(COARSE, |dx, dy| self.sample(tile, x + dx, y + dy));
+        };
+        let lines = self.clutter.lines(&self.pose.wing, hit.s, hit.z, &patch.footprint);
+        let spots = self.clutter.spots(&patch.spots, hit.s, hit.z, &patch.footprint);
+        let paint = tile.mix(x, y, |corner| corner.paint) * lines * spots;
+        let reflectance = tile
+            .markers
+            .iter()
+            .filter(|m| m.covers(hit.s))
+            .fold(paint, |below, m| printed(m, below, tile, patch, x, y));
+        reflectance * tile.mix(x, y, |corner| corner.lit.diffuse) + tile.mix(x, y, |corner| corner.lit.added)
+    }
+}
+
+/// Reflectance of a pixel of a marker over the paint `below`.
+fn printed(marker: &Placed, below: f64, tile: &Tile, patch: &Patch, x: f64, y: f64) -> f64 {
+    let at = |x: f64, y: f64| marker.plane_point(&tile.mix_direction(x, y));
+    let centre = at(x, y);
+    if !marker.edge_within(centre, patch.half_pixel_m) {
+        return marker.reflectance(centre).unwrap_or(below);
+    }
+    mean(FINE, |dx, dy| marker.reflectance(at(x + dx, y + dy)).unwrap_or(below))
+}
+
+/// Skin within a tile.
+struct Patch {
+    hits: [Hit; 4],
+    footprint: Footprint,
+    /// Furthest a point of a pixel can be from its centre, with a margin.
+    half_pixel_m: f64,
+    reach_m: f64,
+    spots: Vec<usize>,
+}
+
+impl Patch {
+    /// `None` where the corners are not on one sheet of the skin.
+    fn new(clutter: &Clutter, hits: [Hit; 4]) -> Option<Self> {
+        let [a, b, c, d] = hits;
+        let n = 2.0 * TILE as f64;
+        let (su, sv) = ((b.s - a.s + d.s - c.s).abs() / n, (c.s - a.s + d.s - b.s).abs() / n);
+        let (zu, zv) = ((b.z - a.z + d.z - c.z).abs() / n, (c.z - a.z + d.z - b.z).abs() / n);
+        let range = |value: fn(&Hit) -> f64| {
+            let values = hits.map(|hit| value(&hit));
+            values.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)))
+        };
+        let (s, z) = (range(|hit| hit.s), range(|hit| hit.z));
+        // A sheet is nearly flat over a tile: opposite sides have the same length.
+        let torn = (b.s + c.s - a.s - d.s).abs() > 0.3 * (s.1 - s.0) + 0.01;
+        (!torn).then(|| Self {
+            hits,
+            footprint: Footprint { s: su + sv, z: zu + zv },
+            half_pixel_m: 1.3 * 0.5 * (su.hypot(zu) + sv.hypot(zv)),
+            reach_m: 0.5 * (s.1 - s.0) + 0.01,
+            spots: clutter.spots_in(s, z),
+        })
+    }
+
+    fn mix(&self, x: f64, y: f64, value: impl Fn(&Hit) -> f64) -> f64 {
+        bilinear(self.hits.map(|hit| value(&hit)), x, y)
+    }
+}
+
+impl Tile<'_> {
+    fn mix(&self, x: f64, y: f64, value: impl Fn(&Corner) -> f64) -> f64 {
+        bilinear(self.corners.map(|corner| value(&corner)), x, y)
+    }
+
+    fn mix_direction(&self, x: f64, y: f64) -> Vector3<f64> {
+        let [a, b, c, d] = self.corners.map(|corner| corner.direction);
+        let (p, q) = (x / TILE as f64, y / TILE as f64);
+        let (top, bottom) = (a + (b - a) * p, c + (d - c) * p);
+        top + (bottom - top) * q
+    }
+}
+
+fn bilinear([a, b, c, d]: [f64; 4], x: f64, y: f64) -> f64 {
+    let (p, q) = (x / TILE as f64, y / TILE as f64);
+    let (top, bottom) = (a + (b - a) * p, c + (d - c) * p);
+    top + (bottom - top) * q
+}
+
+/// Pixel coordinate of a tile's edge.
+fn edge(index: usize) -> f64 {
+    (index * TILE) as f64 - 0.5
+}
+
+/// Mean over a pixel by a rank-1 lattice, whose projections are even in every direction.
+fn mean((count, generator): (usize, usize), value: impl Fn(f64, f64) -> f64) -> f64 {
+    let n = count as f64;
+    let place = |i: usize| (i as f64 + 0.5) / n - 0.5;
+    (0..count).map(|i| value(place(i), place(i * generator % count))).sum::<f64>() / n
+}
+
+/// Calls `value` with every pixel's centre, in px from the tile's corner.
+fn for_pixels(band: &mut [f32], width: usize, column: usize, value: impl Fn(f64, f64) -> f64) {
+    let (start, end) = (column * TILE, (column * TILE + TILE).min(width));
+    for (y, row) in band.chunks_mut(width).enumerate() {
+        for (x, pixel) in row[start..end].iter_mut().enumerate() {
+            *pixel = value(x as f64 + 0.5, y as f64 + 0.5) as f32;
+        }
+    }
+}
+
+fn touching<'a>(boxes: &[Boxed<'a>], u: f64, v: f64) -> Vec<&'a Placed> {
+    let size = TILE as f64 + 2.0;
+    let near = |b: &&Boxed<'a>| {
+        b.high.x > u - 2.0 && b.low.x < u + size && b.high.y > v - 2.0 && b.low.y < v + size
+    };
+    boxes.iter().filter(near).map(|b| b.marker).collect()
+}
+
+/// Box of a marker's image, px; `None` where part of it is behind the camera.
+pub fn outline_box(
+    marker: &Placed,
+    camera_from_wing: &Rotation3<f64>,
+    lens: &Lens,
+) -> Option<(Vector2<f64>, Vector2<f64>)> {
+    let mut low = Vector2::repeat(f64::INFINITY);
+    let mut high = Vector2::repeat(f64::NEG_INFINITY);
+    for point in marker.outline(72) {
+        let pixel = lens.project(&(camera_from_wing * point))?;
+        (low, high) = (low.inf(&pixel), high.sup(&pixel));
+    }
+    Some((low, high))
+}

@@ -1,0 +1,124 @@
+//! A wing with its camera, and one shot of it.
+
+use nalgebra::Rotation3;
+
+use super::beam::LoadShape;
+use super::decals::Clutter;
+use super::light::{Illumination, Light};
+use super::markers::{Marker, Placed};
+use super::picture::View;
+use super::random::Random;
+use super::sensor::Sensor;
+use super::wing::{Pose, State, Wing};
+use crate::measure::geometry::WingFrame;
+use crate::measure::raster::Raster;
+use crate::measure::setup::Setup;
+
+/// An installation together with the truth that its survey only approximates.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// What the user would have prepared: with the survey's noise.
+    pub setup: Setup,
+    /// The wing at rest.
+    pub wing: Wing,
+    /// True places of the markers, in the survey's order.
+    pub markers: Vec<Marker>,
+    /// True wing frame: its origin is the true projection centre.
+    pub frame: WingFrame,
+    /// True attitude of the camera when the ground frame was taken.
+    pub camera_from_survey: Rotation3<f64>,
+    /// Load in flight.
+    pub load: LoadShape,
+    /// Nose up, rad per metre of tip lift.
+    pub twist_rad_per_m: f64,
+    pub(super) clutter: Clutter,
+}
+
+/// One frame to be rendered.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shot {
+    /// Shape and temperature of the wing.
+    pub state: State,
+    /// Kind of light; its details follow from `seed`.
+    pub light: Light,
+    /// Blur, noise, tone.
+    pub sensor: Sensor,
+    /// Shift of the mount: rotates the camera frame, `exp([mount]x) * camera_from_survey`.
+    pub mount: Rotation3<f64>,
+    /// Indices of markers that are not there.
+    pub hidden: Vec<usize>,
+    /// Of the light and the noise.
+    pub seed: u64,
+}
+
+impl Scene {
+    /// The wing at rest in even light.
+    pub fn ground_shot(&self, seed: u64) -> Shot {
+        Shot {
+            state: State::ground(self.load),
+            light: Light::Plain,
+            sensor: Sensor::default(),
+            mount: Rotation3::identity(),
+            hidden: Vec::new(),
+            seed,
+        }
+    }
+
+    /// The wing in flight, its tip bent up by `tip_lift_m`.
+    pub fn flight_shot(&self, tip_lift_m: f64, light: Light, seed: u64) -> Shot {
+        let state = State {
+            tip_lift_m,
+            load: self.load,
+            tip_twist_rad: self.twist_rad_per_m * tip_lift_m,
+            thermal_scale: self.setup.thermal.map_or(1.0, |thermal| thermal.scale()),
+        };
+        Shot { state, light, ..self.ground_shot(seed) }
+    }
+
+    /// A remount: pitch and yaw by the mount's repeatability, a little roll.
+    pub fn remount(&self, random: &mut Random) -> Rotation3<f64> {
+        let angle = self.setup.mount_repeatability_px / self.setup.lens.focal_px();
+        Rotation3::from_euler_angles(
+            angle * random.normal(),
+            angle * random.normal(),
+            0.3 * angle * random.normal(),
+        )
+    }
+
+    /// Renders a shot; `None` for a lens without pixels.
+    pub fn render(&self, shot: &Shot) -> Option<Raster> {
+        let pose = self.wing.pose(&shot.state);
+        let light = self.illumination(shot, &pose);
+        let placed: Vec<Placed> = self.placed(&pose).into_iter().enumerate()
+            .filter_map(|(i, marker)| (!shot.hidden.contains(&i)).then_some(marker))
+            .collect();
+        let lens = &self.setup.lens;
+        let radiance = View {
+            pose: &pose,
+            lens,
+            wing_from_camera: self.camera_from_wing(shot).inverse(),
+            markers: &placed,
+            clutter: &self.clutter,
+            light: &light,
+        }
+        .radiance();
+        shot.sensor.develop(radiance, lens.width as usize, lens.height as usize, shot.seed)
+    }
+
+    pub(super) fn illumination(&self, shot: &Shot, pose: &Pose) -> Illumination {
+        Illumination::random(shot.light, &mut Random::new(shot.seed, 1), pose)
+    }
+
+    pub(super) fn placed(&self, pose: &Pose) -> Vec<Placed> {
+        self.markers.iter().map(|marker| marker.placed(pose)).collect()
+    }
+
+    /// True attitude of the camera in a shot.
+    pub fn camera_from_survey(&self, shot: &Shot) -> Rotation3<f64> {
+        shot.mount * self.camera_from_survey
+    }
+
+    pub(super) fn camera_from_wing(&self, shot: &Shot) -> Rotation3<f64> {
+        self.camera_from_survey(shot) * self.frame.wing_from_survey.inverse()
+    }
+}

@@ -1,0 +1,104 @@
+//! Where a ray meets the skin first.
+
+use nalgebra::Vector3;
+
+use super::wing::Pose;
+
+/// A point of the skin, material coordinates, m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Along the axis.
+    pub s: f64,
+    /// Across it.
+    pub z: f64,
+}
+
+/// Stations of the first search; a crest narrower than this may be cut.
+const SEARCH_STEP_M: f64 = 0.4;
+const BISECTIONS: usize = 40;
+
+impl Pose {
+    /// The first point of the skin on a ray from the origin, with hidden parts behind crests left
+    /// out; `None` where it passes the wing.
+    pub fn first_hit(&self, direction: &Vector3<f64>) -> Option<Hit> {
+        let length = self.wing.beam.length_m;
+        let steps = (length / SEARCH_STEP_M).ceil() as usize;
+        let mut before = 0.0;
+        for i in 1..=steps {
+            let s = length * i as f64 / steps as f64;
+            if self.inside(s, direction).is_some() {
+                return Some(self.bisect(before, s, direction));
+            }
+            before = s;
+        }
+        None
+    }
+
+    /// z where the ray is below the skin and between the edges.
+    fn inside(&self, s: f64, direction: &Vector3<f64>) -> Option<f64> {
+        let (gap, z) = self.gap(s, direction);
+        let (low, high) = self.wing.edges(s);
+        (gap <= 0.0 && z >= low && z <= high).then_some(z)
+    }
+
+    fn bisect(&self, mut outside: f64, mut inside: f64, direction: &Vector3<f64>) -> Hit {
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (outside + inside);
+            match self.inside(middle, direction) {
+                Some(_) => inside = middle,
+                None => outside = middle,
+            }
+        }
+        Hit { s: inside, z: self.gap(inside, direction).1 }
+    }
+
+    /// The hit near a guess, by two secant steps; `None` where it moves further than `reach_m` or
+    /// leaves the skin.
+    pub fn near_hit(&self, guess_s: f64, reach_m: f64, direction: &Vector3<f64>) -> Option<Hit> {
+        let first = self.gap(guess_s, direction);
+        let second_s = guess_s + 0.02;
+        let second = self.gap(second_s, direction);
+        let slope = (second.0 - first.0) / 0.02;
+        // Seen from above, the ray sinks towards the skin.
+        if slope >= 0.0 {
+            return None;
+        }
+        let s = guess_s - first.0 / slope;
+        let (rest, z) = self.gap(s, direction);
+        let correction = -rest / slope;
+        let hit = Hit { s: s + correction, z: z + correction * (second.1 - first.1) / 0.02 };
+        let (low, high) = self.wing.edges(hit.s);
+        let on_skin = hit.z >= low && hit.z <= high && hit.s <= self.wing.beam.length_m;
+        ((hit.s - guess_s).abs() <= reach_m && correction.abs() < 0.02 && on_skin).then_some(hit)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::super::beam::LoadShape;
+    use super::super::wing::{Linear, State, tests::wing};
+
+    const LOAD: LoadShape = LoadShape { triangular: 0.3, relief: 0.2 };
+
+    #[test]
+    fn rays_return_to_the_points_they_were_shot_at() {
+        let state = State { tip_lift_m: 2.5, ..State::ground(LOAD) };
+        let pose = wing().pose(&state);
+        for (s, z) in [(6.0, 1.0), (15.0, -1.4), (24.0, 0.0), (32.0, 0.8)] {
+            let direction = pose.point(s, z).normalize();
+            let hit = pose.first_hit(&direction).unwrap();
+            assert!((hit.s - s).abs() < 1e-6 && (hit.z - z).abs() < 1e-6, "{hit:?}");
+            let near = pose.near_hit(s + 0.1, 0.5, &direction).unwrap();
+            assert!((near.s - s).abs() < 1e-5 && (near.z - z).abs() < 1e-6, "{near:?} {s} {z}");
+        }
+    }
+
+    #[test]
+    fn what_lies_behind_the_crest_of_a_drooping_wing_is_hidden() {
+        let wing = super::super::wing::Wing { slope_rad: Linear { root: 0.1, tip: -0.25 }, ..wing() };
+        let pose = wing.pose(&State::ground(LOAD));
+        let hit = pose.first_hit(&pose.point(31.0, 0.0).normalize());
+        assert!(hit.is_none_or(|hit| hit.s < 30.0), "{hit:?}");
+    }
+}

@@ -1,0 +1,109 @@
+//! What a perfect measurement of a shot would say.
+
+use nalgebra::{Rotation3, Vector2, Vector3};
+
+use super::light::Lit;
+use super::markers::Placed;
+use super::picture::outline_box;
+use super::scene::{Scene, Shot};
+use super::trace::Hit;
+use super::wing::{Pose, State};
+use crate::measure::setup::Shape;
+
+/// Truth of one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameTruth {
+    /// Rise of the axis at its tip by bending, m.
+    pub tip_lift_m: f64,
+    /// Attitude in this frame.
+    pub camera_from_survey: Rotation3<f64>,
+    /// Of the installation's first pair, as the paper computes it, rad.
+    pub torsion_rad: Option<f64>,
+    /// In the survey's order.
+    pub markers: Vec<MarkerTruth>,
+}
+
+/// Truth of one marker in one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MarkerTruth {
+    /// As in the survey.
+    pub id: String,
+    /// Quadrant or circle.
+    pub shape: Shape,
+    /// Image of the centre, px; `None` behind the camera.
+    pub pixel: Option<Vector2<f64>>,
+    /// Width and height of the outline's box, px.
+    pub size_px: Vector2<f64>,
+    /// Whole, in the frame, not hidden and not drowned in glare.
+    pub visible: bool,
+    /// Centre, survey frame, m.
+    pub position_m: Vector3<f64>,
+    /// Against the true place on ground, m.
+    pub lift_m: f64,
+}
+
+/// Added light over diffuse light beyond which a marker's contrast is gone.
+const DROWNED: f64 = 0.9;
+
+impl Scene {
+    /// The truth of a shot.
+    pub fn truth(&self, shot: &Shot) -> FrameTruth {
+        let ground = self.positions(&self.wing.pose(&State::ground(shot.state.load)));
+        let pose = self.wing.pose(&shot.state);
+        let flight = self.positions(&pose);
+        let lift: Vec<f64> = flight.iter().zip(&ground).map(|(f, g)| f.z - g.z).collect();
+        let light = self.illumination(shot, &pose);
+        let markers = self.markers.iter().zip(self.placed(&pose)).enumerate();
+        FrameTruth {
+            tip_lift_m: shot.state.tip_lift_m,
+            camera_from_survey: self.camera_from_survey(shot),
+            torsion_rad: self.setup.torsion.first().map(|pair| {
+                let arm = (ground[pair.leading] - ground[pair.trailing]).xy().norm();
+                (lift[pair.leading] - lift[pair.trailing]).atan2(arm)
+            }),
+            markers: markers
+                .map(|(i, (marker, placed))| {
+                    let (pixel, size_px, in_view) = self.seen(shot, &pose, &placed);
+                    let lit = light.at(&pose, &Hit { s: marker.s_m, z: marker.z_m });
+                    MarkerTruth {
+                        id: marker.id.clone(),
+                        shape: marker.shape,
+                        pixel,
+                        size_px,
+                        visible: in_view && !drowned(&lit) && !shot.hidden.contains(&i),
+                        position_m: flight[i],
+                        lift_m: lift[i],
+                    }
+                })
+                .collect(),
+        }
+    }
+
+    fn positions(&self, pose: &Pose) -> Vec<Vector3<f64>> {
+        self.placed(pose).iter().map(|placed| self.frame.survey_point(&placed.centre_m)).collect()
+    }
+
+    /// Image of the centre, box of the outline, and whether all of it can be seen.
+    pub(super) fn seen(
+        &self,
+        shot: &Shot,
+        pose: &Pose,
+        placed: &Placed,
+    ) -> (Option<Vector2<f64>>, Vector2<f64>, bool) {
+        let camera_from_wing = self.camera_from_wing(shot);
+        let lens = &self.setup.lens;
+        let pixel = lens.project(&(camera_from_wing * placed.centre_m));
+        let Some((low, high)) = outline_box(placed, &camera_from_wing, lens) else {
+            return (pixel, Vector2::zeros(), false);
+        };
+        let facing = placed.normal.dot(&placed.centre_m) < 0.0;
+        let clear = |point: &Vector3<f64>| pose.first_hit(point).is_some_and(|hit| placed.covers(hit.s));
+        let in_frame = lens.contains(&low) && lens.contains(&high);
+        let visible = facing && in_frame && clear(&placed.centre_m) && placed.outline(16).all(|p| clear(&p));
+        (pixel, high - low, visible)
+    }
+}
+
+fn drowned(lit: &Lit) -> bool {
+    lit.added > DROWNED || (lit.added > 0.2 && lit.added + 0.045 * lit.diffuse > 0.97)
+}

@@ -1,0 +1,277 @@
+//! The wing: planform and skin on ground, and the same in flight.
+//!
+//! Material coordinates: `s` along the bending axis from its root and `z` across it, m, at ground
+//! temperature. Sections across the axis are rigid. Points are in the wing frame (MODEL.md
+//! section 1), origin in the projection centre.
+
+use nalgebra::Vector3;
+
+use super::beam::{Beam, LoadShape, integrated};
+
+/// Which side the wing is on, seen by the pilot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// Z points forward.
+    Left,
+    /// Z points aft.
+    Right,
+}
+
+impl Side {
+    /// +1 where Z points aft.
+    pub fn aft(self) -> f64 {
+        match self {
+            Self::Left => -1.0,
+            Self::Right => 1.0,
+        }
+    }
+}
+
+/// A value that changes linearly from the root to the tip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Linear {
+    /// At the root.
+    pub root: f64,
+    /// At the tip.
+    pub tip: f64,
+}
+
+impl Linear {
+    /// At the relative span `eta`.
+    pub fn at(&self, eta: f64) -> f64 {
+        self.root + (self.tip - self.root) * eta
+    }
+}
+
+/// A wing at rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wing {
+    /// Left or right.
+    pub side: Side,
+    /// X of the bending root, m.
+    pub root_x_m: f64,
+    /// Y of the bending root, m.
+    pub root_y_m: f64,
+    /// Z of the bending axis, m.
+    pub axis_z_m: f64,
+    /// Slope of the axis (dihedral), rad.
+    pub slope_rad: Linear,
+    /// Edge towards negative Z, from the axis, m.
+    pub edge_low_m: Linear,
+    /// Edge towards positive Z, from the axis, m.
+    pub edge_high_m: Linear,
+    /// Skin above the axis, m.
+    pub skin_m: Linear,
+    /// Drop of the skin from mid-chord to the edges, in chords.
+    pub crown: f64,
+    /// Waviness of the skin, m.
+    pub wave_m: f64,
+    /// Bending.
+    pub beam: Beam,
+}
+
+impl Wing {
+    /// Relative span of a station.
+    pub fn eta(&self, s: f64) -> f64 {
+        s / self.beam.length_m
+    }
+
+    /// Both edges at a station, m from the axis.
+    pub fn edges(&self, s: f64) -> (f64, f64) {
+        let eta = self.eta(s);
+        (self.edge_low_m.at(eta), self.edge_high_m.at(eta))
+    }
+
+    /// Height of the skin above the axis, m.
+    pub fn skin(&self, s: f64, z: f64) -> f64 {
+        let (low, high) = self.edges(s);
+        let chord = high - low;
+        let q = z / chord;
+        // The axis lies near mid-chord; the quartic term keeps the crown from being a parabola.
+        let drop = self.crown * chord * 4.0 * q * q * (1.0 + 0.3 * q * q);
+        self.skin_m.at(self.eta(s)) - drop + self.wave_m * (1.1 * s + 0.7 * z).sin()
+    }
+
+    /// The wing in flight.
+    pub fn pose(&self, state: &State) -> Pose {
+        let step = self.beam.step_m();
+        let stations = self.beam.stations();
+        let last = (stations - 1) as f64;
+        let ground: Vec<f64> = (0..stations).map(|i| self.slope_rad.at(i as f64 / last)).collect();
+        let bent = self.beam.bend(&ground, &state.load, state.tip_lift_m);
+        let twist = self.beam.twist(state.tip_twist_rad);
+        let slope: Vec<f64> = ground.iter().zip(&bent.slope_rad).map(|(g, b)| g + b).collect();
+        let x = integrated(step, slope.iter().map(|t| t.cos()));
+        let y = integrated(step, slope.iter().map(|t| t.sin()));
+        let sections = (0..stations)
+            .map(|i| Section {
+                x: self.root_x_m + state.thermal_scale * x[i],
+                y: self.root_y_m + state.thermal_scale * y[i],
+                cos: slope[i].cos(),
+                sin: slope[i].sin(),
+                twist_cos: twist[i].cos(),
+                twist_sin: self.side.aft() * twist[i].sin(),
+            })
+            .collect();
+        Pose { wing: *self, scale: state.thermal_scale, step_m: step, sections }
+    }
+}
+
+/// What changes between ground and flight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    /// Rise of the axis at its tip by bending, m.
+    pub tip_lift_m: f64,
+    /// Shape of the load.
+    pub load: LoadShape,
+    /// Nose up positive, rad.
+    pub tip_twist_rad: f64,
+    /// Length over length on ground.
+    pub thermal_scale: f64,
+}
+
+impl State {
+    /// At rest, at the temperature of the survey.
+    pub fn ground(load: LoadShape) -> Self {
+        Self { tip_lift_m: 0.0, load, tip_twist_rad: 0.0, thermal_scale: 1.0 }
+    }
+}
+
+/// A section of the deformed wing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Section {
+    /// Axis, m.
+    pub x: f64,
+    /// Axis, m.
+    pub y: f64,
+    /// Of the slope.
+    pub cos: f64,
+    /// Of the slope.
+    pub sin: f64,
+    /// Of the twist.
+    pub twist_cos: f64,
+    /// Of the twist, positive from Y towards Z: nose up on a right wing, nose down on a left one.
+    pub twist_sin: f64,
+}
+
+/// A deformed wing.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pose {
+    /// The wing at rest.
+    pub wing: Wing,
+    /// Length over length on ground.
+    pub scale: f64,
+    step_m: f64,
+    sections: Vec<Section>,
+}
+
+impl Pose {
+    /// The section at `s`, linear between stations; held beyond the ends.
+    pub fn section(&self, s: f64) -> Section {
+        let last = self.sections.len() - 2;
+        let position = s / self.step_m;
+        let i = (position.max(0.0) as usize).min(last);
+        let f = position - i as f64;
+        let (a, b) = (&self.sections[i], &self.sections[i + 1]);
+        let mix = |p: f64, q: f64| p + f * (q - p);
+        Section {
+            x: mix(a.x, b.x),
+            y: mix(a.y, b.y),
+            cos: mix(a.cos, b.cos),
+            sin: mix(a.sin, b.sin),
+            twist_cos: mix(a.twist_cos, b.twist_cos),
+            twist_sin: mix(a.twist_sin, b.twist_sin),
+        }
+    }
+
+    /// The skin at material coordinates, wing frame, m.
+    pub fn point(&self, s: f64, z: f64) -> Vector3<f64> {
+        let section = self.section(s);
+        let n = self.wing.skin(s, z);
+        let (cos, sin) = (section.twist_cos, section.twist_sin);
+        let up = self.scale * (n * cos - z * sin);
+        let across = self.scale * (z * cos + n * sin);
+        Vector3::new(
+            section.x - section.sin * up,
+            section.y + section.cos * up,
+            self.wing.axis_z_m + across,
+        )
+    }
+
+    /// Derivatives of the skin's point along s and z, and the outward unit normal.
+    pub fn tangents(&self, s: f64, z: f64) -> (Vector3<f64>, Vector3<f64>, Vector3<f64>) {
+        // One station wide, so that the table's kinks do not show.
+        let h = self.step_m;
+        let ds = (self.point(s + h, z) - self.point(s - h, z)) / (2.0 * h);
+        let dz = (self.point(s, z + 1e-4) - self.point(s, z - 1e-4)) / 2e-4;
+        (ds, dz, dz.cross(&ds).normalize())
+    }
+
+    /// Height above the skin (m, ground scale) and z where the ray `direction * t` from the
+    /// origin crosses the section plane at `s`.
+    pub fn gap(&self, s: f64, direction: &Vector3<f64>) -> (f64, f64) {
+        let section = self.section(s);
+        let towards = direction.x * section.cos + direction.y * section.sin;
+        let t = (section.x * section.cos + section.y * section.sin) / towards;
+        let (px, py) = (t * direction.x - section.x, t * direction.y - section.y);
+        let up = (py * section.cos - px * section.sin) / self.scale;
+        let across = (t * direction.z - self.wing.axis_z_m) / self.scale;
+        let (cos, sin) = (section.twist_cos, section.twist_sin);
+        let z = across * cos - up * sin;
+        (up * cos + across * sin - self.wing.skin(s, z), z)
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    pub fn wing() -> Wing {
+        Wing {
+            side: Side::Right,
+            root_x_m: 0.5,
+            root_y_m: -2.2,
+            axis_z_m: 0.1,
+            slope_rad: Linear { root: 0.08, tip: 0.09 },
+            edge_low_m: Linear { root: -3.6, tip: -1.2 },
+            edge_high_m: Linear { root: 3.6, tip: 1.2 },
+            skin_m: Linear { root: 0.5, tip: 0.14 },
+            crown: 0.05,
+            wave_m: 0.0005,
+            beam: Beam { length_m: 33.0, taper: 0.3, stiffness_power: 3.5 },
+        }
+    }
+
+    const LOAD: LoadShape = LoadShape { triangular: 0.3, relief: 0.2 };
+
+    #[test]
+    fn the_axis_keeps_its_length_but_for_temperature() {
+        let state = State { tip_lift_m: 3.0, thermal_scale: 0.9984, ..State::ground(LOAD) };
+        let pose = wing().pose(&state);
+        let length: f64 = pose.sections.windows(2).map(|p| (p[1].x - p[0].x).hypot(p[1].y - p[0].y)).sum();
+        assert!((length - 33.0 * 0.9984).abs() < 1e-6, "{length}");
+    }
+
+    #[test]
+    fn twist_lifts_the_leading_edge_on_both_sides() {
+        for side in [Side::Left, Side::Right] {
+            let wing = Wing { side, ..wing() };
+            let state = State { tip_twist_rad: 0.05, ..State::ground(LOAD) };
+            let (ground, flight) = (wing.pose(&State::ground(LOAD)), wing.pose(&state));
+            let leading = -side.aft();
+            let lift = flight.point(32.0, leading).y - ground.point(32.0, leading).y;
+            assert!(lift > 0.03, "{side:?} {lift}");
+        }
+    }
+
+    #[test]
+    fn the_gap_is_nothing_on_the_skin() {
+        let state = State { tip_lift_m: 2.0, tip_twist_rad: 0.03, thermal_scale: 0.9984, load: LOAD };
+        let pose = wing().pose(&state);
+        for (s, z) in [(6.0, 1.0), (20.03, -1.3), (32.5, 0.4)] {
+            let point = pose.point(s, z);
+            let (gap, across) = pose.gap(s, &point.normalize());
+            assert!(gap.abs() < 1e-7 && (across - z).abs() < 1e-7, "{gap} {across}");
+        }
+    }
+}
