@@ -107,7 +107,17 @@ fn camera_toml(lens: &Lens) -> String {
     format!(
         "width = {}\nheight = {}\nfx = {:?}\nfy = {:?}\ncx = {:?}\ncy = {:?}\nk1 = {:?}\nk2 = {:?}\nk3 = {:?}\n\
          p1 = {:?}\np2 = {:?}\n",
-        lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.k3, lens.p1, lens.p2
+        lens.width,
+        lens.height,
+        lens.fx,
+        lens.fy,
+        lens.cx,
+        lens.cy,
+        lens.k1,
+        lens.k2,
+        lens.k3,
+        lens.p1,
+        lens.p2
     )
 }
 

@@ -78,9 +78,8 @@ impl Beam {
         let mut amplitude = 0.0;
         for _ in 0..ITERATIONS {
             moment = self.integrated_from_tip(|i| shear[i] * (ground_slope_rad[i] + slope[i]).cos());
-            let unit = |i: usize| {
-                moment[i] / self.chord(i as f64 / INTERVALS as f64).powf(self.stiffness_power)
-            };
+            let unit =
+                |i: usize| moment[i] / self.chord(i as f64 / INTERVALS as f64).powf(self.stiffness_power);
             if amplitude == 0.0 {
                 // First guess by small slopes; the loop sets it right.
                 let mut unit_slope = integrated(step, (0..=INTERVALS).map(unit));

@@ -168,8 +168,7 @@ impl Spot {
                 1.0 - depth * overlap(r - radius, 0.5 * width, pixel)
             }
             Kind::Block { depth } => {
-                let share =
-                    overlap(ds, self.reach_s, footprint.s) * overlap(dz, self.reach_z, footprint.z);
+                let share = overlap(ds, self.reach_s, footprint.s) * overlap(dz, self.reach_z, footprint.z);
                 1.0 - depth * share
             }
             Kind::Blob { depth } => {

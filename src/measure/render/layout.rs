@@ -94,9 +94,8 @@ impl Scene {
             frame,
             camera_from_survey: camera_from_wing * frame.wing_from_survey,
             load,
-            twist_rad_per_m: (random.between(0.2, 1.2)
-                * if random.unit() < 0.3 { -1.0 } else { 1.0 })
-            .to_radians(),
+            twist_rad_per_m: (random.between(0.2, 1.2) * if random.unit() < 0.3 { -1.0 } else { 1.0 })
+                .to_radians(),
         };
         scene.lay_out(&mut random, options);
         scene.survey(&mut random, options);
@@ -219,10 +218,7 @@ fn random_wing(random: &mut Random, options: &Options) -> Wing {
         axis_z_m: random.between(-0.25, 0.25),
         slope_rad: Linear { root: slope, tip: slope + random.between(-0.005, 0.025) },
         edge_low_m: Linear { root: -forward * root_chord, tip: -forward * root_chord * taper },
-        edge_high_m: Linear {
-            root: (1.0 - forward) * root_chord,
-            tip: (1.0 - forward) * root_chord * taper,
-        },
+        edge_high_m: Linear { root: (1.0 - forward) * root_chord, tip: (1.0 - forward) * root_chord * taper },
         skin_m: skin,
         crown: random.between(0.03, 0.055),
         wave_m: random.between(0.0, 0.001),

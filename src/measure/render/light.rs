@@ -27,15 +27,8 @@ pub enum Light {
 
 impl Light {
     /// All kinds.
-    pub const ALL: [Self; 7] = [
-        Self::Plain,
-        Self::Gradient,
-        Self::Shadow,
-        Self::Glare,
-        Self::Dusk,
-        Self::Backlight,
-        Self::Haze,
-    ];
+    pub const ALL: [Self; 7] =
+        [Self::Plain, Self::Gradient, Self::Shadow, Self::Glare, Self::Dusk, Self::Backlight, Self::Haze];
 
     /// The word used in files.
     pub fn name(self) -> &'static str {
@@ -139,8 +132,11 @@ impl Illumination {
                 lit.ambient = 0.8;
                 lit.sky = random.between(0.9, 1.3);
                 lit.stray = random.between(0.04, 0.10);
-                lit.specular =
-                    Some(Specular { gain: random.between(0.08, 0.2), spread_along: 0.5, spread_across: 0.25 });
+                lit.specular = Some(Specular {
+                    gain: random.between(0.08, 0.2),
+                    spread_along: 0.5,
+                    spread_across: 0.25,
+                });
                 lit.sun = Vector3::new(1.0, 0.35, side * 0.2).normalize();
             }
             Light::Haze => {

@@ -90,9 +90,8 @@ impl Placed {
     pub fn edge_within(&self, (a, b): (f64, f64), reach_m: f64) -> bool {
         let r = a.hypot(b);
         let rim = (r - self.radius_m).abs() <= reach_m;
-        let inner = self.shape == Shape::Quadrant
-            && r < self.radius_m
-            && (a.abs() <= reach_m || b.abs() <= reach_m);
+        let inner =
+            self.shape == Shape::Quadrant && r < self.radius_m && (a.abs() <= reach_m || b.abs() <= reach_m);
         rim || inner
     }
 

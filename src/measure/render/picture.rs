@@ -51,7 +51,12 @@ struct Boxed<'a> {
 
 /// The patch of the picture that is being filled.
 struct Tile<'a> {
-    corners: [Corner; 4],
+    hits: [Option<Hit>; 4],
+    directions: [Vector3<f64>; 4],
+    diffuse: [f64; 4],
+    added: [f64; 4],
+    paint: [f64; 4],
+    sky: [f64; 4],
     markers: Vec<&'a Placed>,
 }
 
@@ -69,10 +74,8 @@ impl View<'_> {
         radiance.par_chunks_mut(TILE * width).enumerate().for_each(|(j, band)| {
             for i in 0..columns {
                 let (above, below) = (&corners[j], &corners[j + 1]);
-                let tile = Tile {
-                    corners: [above[i], above[i + 1], below[i], below[i + 1]],
-                    markers: touching(&boxes, edge(i), edge(j)),
-                };
+                let corners = [&above[i], &above[i + 1], &below[i], &below[i + 1]];
+                let tile = Tile::new(corners, touching(&boxes, edge(i), edge(j)));
                 self.fill(&tile, band, width, i);
             }
         });
@@ -97,21 +100,23 @@ impl View<'_> {
     fn boxes(&self) -> Vec<Boxed<'_>> {
         let camera_from_wing = self.wing_from_camera.inverse();
         let boxed = |marker| outline_box(marker, &camera_from_wing, self.lens);
-        self.markers.iter().filter_map(|marker| boxed(marker).map(|(low, high)| Boxed { marker, low, high })).collect()
+        self.markers
+            .iter()
+            .filter_map(|marker| boxed(marker).map(|(low, high)| Boxed { marker, low, high }))
+            .collect()
     }
 
     fn fill(&self, tile: &Tile, band: &mut [f32], width: usize, column: usize) {
-        let hits = tile.corners.map(|corner| corner.hit);
-        let patch = match hits {
+        let patch = match tile.hits {
             [None, None, None, None] => None,
             [Some(a), Some(b), Some(c), Some(d)] => Patch::new(self.clutter, [a, b, c, d]),
             _ => return self.fill_outline(tile, band, width, column),
         };
-        if hits[0].is_some() && patch.is_none() {
+        if tile.hits[0].is_some() && patch.is_none() {
             return self.fill_outline(tile, band, width, column);
         }
         for_pixels(band, width, column, |x, y| match &patch {
-            None => tile.mix(x, y, |corner| corner.sky),
+            None => bilinear(&tile.sky, x, y),
             Some(patch) => self.skin(tile, patch, x, y),
         });
     }
@@ -123,7 +128,7 @@ impl View<'_> {
 
     /// One ray with all that it meets, without help from the tile's neighbours.
     fn sample(&self, tile: &Tile, x: f64, y: f64) -> f64 {
-        let direction = tile.mix_direction(x, y);
+        let direction = tile.direction(x, y);
         let Some(hit) = self.pose.first_hit(&direction) else {
             return self.light.sky(&direction);
         };
@@ -138,26 +143,26 @@ impl View<'_> {
     }
 
     fn skin(&self, tile: &Tile, patch: &Patch, x: f64, y: f64) -> f64 {
-        let direction = tile.mix_direction(x, y);
-        let guess = patch.mix(x, y, |hit| hit.s);
+        let direction = tile.direction(x, y);
+        let guess = bilinear(&patch.s, x, y);
         let Some(hit) = self.pose.near_hit(guess, patch.reach_m, &direction) else {
             return mean(COARSE, |dx, dy| self.sample(tile, x + dx, y + dy));
         };
         let lines = self.clutter.lines(&self.pose.wing, hit.s, hit.z, &patch.footprint);
         let spots = self.clutter.spots(&patch.spots, hit.s, hit.z, &patch.footprint);
-        let paint = tile.mix(x, y, |corner| corner.paint) * lines * spots;
+        let paint = bilinear(&tile.paint, x, y) * lines * spots;
         let reflectance = tile
             .markers
             .iter()
             .filter(|m| m.covers(hit.s))
             .fold(paint, |below, m| printed(m, below, tile, patch, x, y));
-        reflectance * tile.mix(x, y, |corner| corner.lit.diffuse) + tile.mix(x, y, |corner| corner.lit.added)
+        reflectance * bilinear(&tile.diffuse, x, y) + bilinear(&tile.added, x, y)
     }
 }
 
 /// Reflectance of a pixel of a marker over the paint `below`.
 fn printed(marker: &Placed, below: f64, tile: &Tile, patch: &Patch, x: f64, y: f64) -> f64 {
-    let at = |x: f64, y: f64| marker.plane_point(&tile.mix_direction(x, y));
+    let at = |x: f64, y: f64| marker.plane_point(&tile.direction(x, y));
     let centre = at(x, y);
     if !marker.edge_within(centre, patch.half_pixel_m) {
         return marker.reflectance(centre).unwrap_or(below);
@@ -167,7 +172,7 @@ fn printed(marker: &Placed, below: f64, tile: &Tile, patch: &Patch, x: f64, y: f
 
 /// Skin within a tile.
 struct Patch {
-    hits: [Hit; 4],
+    s: [f64; 4],
     footprint: Footprint,
     /// Furthest a point of a pixel can be from its centre, with a margin.
     half_pixel_m: f64,
@@ -190,33 +195,37 @@ impl Patch {
         // A sheet is nearly flat over a tile: opposite sides have the same length.
         let torn = (b.s + c.s - a.s - d.s).abs() > 0.3 * (s.1 - s.0) + 0.01;
         (!torn).then(|| Self {
-            hits,
+            s: hits.map(|hit| hit.s),
             footprint: Footprint { s: su + sv, z: zu + zv },
             half_pixel_m: 1.3 * 0.5 * (su.hypot(zu) + sv.hypot(zv)),
             reach_m: 0.5 * (s.1 - s.0) + 0.01,
             spots: clutter.spots_in(s, z),
         })
     }
-
-    fn mix(&self, x: f64, y: f64, value: impl Fn(&Hit) -> f64) -> f64 {
-        bilinear(self.hits.map(|hit| value(&hit)), x, y)
-    }
 }
 
-impl Tile<'_> {
-    fn mix(&self, x: f64, y: f64, value: impl Fn(&Corner) -> f64) -> f64 {
-        bilinear(self.corners.map(|corner| value(&corner)), x, y)
+impl<'a> Tile<'a> {
+    fn new(corners: [&Corner; 4], markers: Vec<&'a Placed>) -> Self {
+        Self {
+            hits: corners.map(|corner| corner.hit),
+            directions: corners.map(|corner| corner.direction),
+            diffuse: corners.map(|corner| corner.lit.diffuse),
+            added: corners.map(|corner| corner.lit.added),
+            paint: corners.map(|corner| corner.paint),
+            sky: corners.map(|corner| corner.sky),
+            markers,
+        }
     }
 
-    fn mix_direction(&self, x: f64, y: f64) -> Vector3<f64> {
-        let [a, b, c, d] = self.corners.map(|corner| corner.direction);
+    fn direction(&self, x: f64, y: f64) -> Vector3<f64> {
+        let [a, b, c, d] = &self.directions;
         let (p, q) = (x / TILE as f64, y / TILE as f64);
         let (top, bottom) = (a + (b - a) * p, c + (d - c) * p);
         top + (bottom - top) * q
     }
 }
 
-fn bilinear([a, b, c, d]: [f64; 4], x: f64, y: f64) -> f64 {
+fn bilinear([a, b, c, d]: &[f64; 4], x: f64, y: f64) -> f64 {
     let (p, q) = (x / TILE as f64, y / TILE as f64);
     let (top, bottom) = (a + (b - a) * p, c + (d - c) * p);
     top + (bottom - top) * q
@@ -246,9 +255,8 @@ fn for_pixels(band: &mut [f32], width: usize, column: usize, value: impl Fn(f64,
 
 fn touching<'a>(boxes: &[Boxed<'a>], u: f64, v: f64) -> Vec<&'a Placed> {
     let size = TILE as f64 + 2.0;
-    let near = |b: &&Boxed<'a>| {
-        b.high.x > u - 2.0 && b.low.x < u + size && b.high.y > v - 2.0 && b.low.y < v + size
-    };
+    let near =
+        |b: &&Boxed<'a>| b.high.x > u - 2.0 && b.low.x < u + size && b.high.y > v - 2.0 && b.low.y < v + size;
     boxes.iter().filter(near).map(|b| b.marker).collect()
 }
 

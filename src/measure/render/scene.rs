@@ -89,7 +89,10 @@ impl Scene {
     pub fn render(&self, shot: &Shot) -> Option<Raster> {
         let pose = self.wing.pose(&shot.state);
         let light = self.illumination(shot, &pose);
-        let placed: Vec<Placed> = self.placed(&pose).into_iter().enumerate()
+        let placed: Vec<Placed> = self
+            .placed(&pose)
+            .into_iter()
+            .enumerate()
             .filter_map(|(i, marker)| (!shot.hidden.contains(&i)).then_some(marker))
             .collect();
         let lens = &self.setup.lens;

@@ -34,9 +34,8 @@ impl Sensor {
     pub fn develop(&self, radiance: Vec<f32>, width: usize, height: usize, seed: u64) -> Option<Raster> {
         let moved = moved(radiance, width, &self.motion_px);
         let blurred = blurred(moved, width, self.blur_px);
-        let tones: Vec<f32> = (0..=TONES)
-            .map(|i| 255.0 * (i as f64 / TONES as f64).powf(1.0 / self.gamma) as f32)
-            .collect();
+        let tones: Vec<f32> =
+            (0..=TONES).map(|i| 255.0 * (i as f64 / TONES as f64).powf(1.0 / self.gamma) as f32).collect();
         let mut luma = vec![0; width * height];
         luma.par_chunks_mut(width).zip(blurred.par_chunks(width)).enumerate().for_each(|(y, (out, row))| {
             // A stream per row: the same at any number of threads.
@@ -78,9 +77,8 @@ fn blurred(image: Vec<f32>, width: usize, sigma: f64) -> Vec<f32> {
     let radius = kernel.len() / 2;
     let mut across = vec![0.0; image.len()];
     across.par_chunks_mut(width).zip(image.par_chunks(width)).for_each(|(out, row)| {
-        let padded: Vec<f32> = (0..width + 2 * radius)
-            .map(|x| row[x.saturating_sub(radius).min(width - 1)])
-            .collect();
+        let padded: Vec<f32> =
+            (0..width + 2 * radius).map(|x| row[x.saturating_sub(radius).min(width - 1)]).collect();
         for (k, weight) in kernel.iter().enumerate() {
             out.iter_mut().zip(&padded[k..]).for_each(|(o, p)| *o += weight * p);
         }

@@ -23,30 +23,49 @@ impl Pose {
     pub fn first_hit(&self, direction: &Vector3<f64>) -> Option<Hit> {
         let length = self.wing.beam.length_m;
         let steps = (length / SEARCH_STEP_M).ceil() as usize;
-        let mut before = 0.0;
+        let (mut before, mut gap_before) = (0.0, self.gap(0.0, direction).0);
         for i in 1..=steps {
             let s = length * i as f64 / steps as f64;
-            if self.inside(s, direction).is_some() {
-                return Some(self.bisect(before, s, direction));
+            let gap = self.gap(s, direction).0;
+            if gap <= 0.0 {
+                if gap_before > 0.0 {
+                    let below = |s: f64| self.gap(s, direction).0 <= 0.0;
+                    let hit = self.bisect(before, s, direction, below);
+                    if self.inside(hit.s, direction) {
+                        return Some(hit);
+                    }
+                }
+                // From the side, through an edge.
+                if self.inside(s, direction) {
+                    return Some(self.bisect(before, s, direction, |s| self.inside(s, direction)));
+                }
             }
-            before = s;
+            (before, gap_before) = (s, gap);
         }
         None
     }
 
-    /// z where the ray is below the skin and between the edges.
-    fn inside(&self, s: f64, direction: &Vector3<f64>) -> Option<f64> {
+    /// Whether the ray is below the skin and between the edges.
+    fn inside(&self, s: f64, direction: &Vector3<f64>) -> bool {
         let (gap, z) = self.gap(s, direction);
         let (low, high) = self.wing.edges(s);
-        (gap <= 0.0 && z >= low && z <= high).then_some(z)
+        gap <= 0.0 && z >= low && z <= high
     }
 
-    fn bisect(&self, mut outside: f64, mut inside: f64, direction: &Vector3<f64>) -> Hit {
+    /// The place where `entered` turns true.
+    fn bisect(
+        &self,
+        mut outside: f64,
+        mut inside: f64,
+        direction: &Vector3<f64>,
+        entered: impl Fn(f64) -> bool,
+    ) -> Hit {
         for _ in 0..BISECTIONS {
             let middle = 0.5 * (outside + inside);
-            match self.inside(middle, direction) {
-                Some(_) => inside = middle,
-                None => outside = middle,
+            if entered(middle) {
+                inside = middle;
+            } else {
+                outside = middle;
             }
         }
         Hit { s: inside, z: self.gap(inside, direction).1 }

@@ -191,11 +191,7 @@ impl Pose {
         let (cos, sin) = (section.twist_cos, section.twist_sin);
         let up = self.scale * (n * cos - z * sin);
         let across = self.scale * (z * cos + n * sin);
-        Vector3::new(
-            section.x - section.sin * up,
-            section.y + section.cos * up,
-            self.wing.axis_z_m + across,
-        )
+        Vector3::new(section.x - section.sin * up, section.y + section.cos * up, self.wing.axis_z_m + across)
     }
 
     /// Derivatives of the skin's point along s and z, and the outward unit normal.
