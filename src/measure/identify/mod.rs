@@ -1,8 +1,36 @@
 //! Markers -> identities and orientation.
+//!
+//! | stage | in | out | file |
+//! |---|---|---|---|
+//! | consensus | detections of a ground frame | rotation, rough | `consensus.rs`, `attitude.rs` |
+//! | adjustment | ground frames with identities | rotation with covariance | `ground.rs`, `refine.rs` |
+//! | scan | detections in flight | deflections and shifts worth a try | `scan.rs` |
+//! | matching | one of these | pairs and a fitted state | `matching.rs`, `fit.rs` |
+//! | decision | pairs | identities beyond doubt, reasons for the others | `decide.rs`, `flight.rs` |
+//! | bias | identified outlines | images of the centres | `bias.rs`, `outline.rs` |
+//! | prediction | one frame's identities | where to look in the next | `known.rs` |
+//!
+//! The wing behind all of them is in `skin.rs`, `beam.rs` and `scene.rs`.
+
+mod attitude;
+mod beam;
+mod bias;
+mod consensus;
+mod decide;
+mod fit;
+mod flight;
+mod ground;
+mod known;
+mod matching;
+mod outline;
+mod refine;
+mod scan;
+mod scene;
+mod skin;
 
 use nalgebra::Vector2;
 
-use super::detect::Detection;
+use super::detect::{Detection, Prediction};
 use super::setup::{Orientation, Setup};
 
 /// Which detection is which marker.
@@ -64,29 +92,40 @@ pub struct OrientationFit {
     pub identities: Vec<Identities>,
 }
 
-/// Orientation from ground frames with no initial guess (MODEL.md section 4).
-pub fn orient(_setup: &Setup, frames: &[Vec<Detection>]) -> Result<OrientationFit, IdentifyError> {
-    let found = frames.iter().map(Vec::len).sum();
-    Err(IdentifyError::TooFew { found, needed: 4 })
+/// Orientation from ground frames with no initial guess (MODEL.md section 4). All frames show the
+/// wing as surveyed, from one mounting of the camera.
+pub fn orient(setup: &Setup, frames: &[Vec<Detection>]) -> Result<OrientationFit, IdentifyError> {
+    ground::orient(setup, frames)
 }
 
 /// Identities in flight, from the orientation and the consensus over the tip lift.
 pub fn identify(
-    _setup: &Setup,
-    _orientation: &Orientation,
+    setup: &Setup,
+    orientation: &Orientation,
     detections: &[Detection],
 ) -> Result<Identities, IdentifyError> {
-    Err(IdentifyError::TooFew { found: detections.len(), needed: 4 })
+    flight::identify_in(&scene::Scene::new(setup, orientation, true), detections)
 }
 
 /// Image of each identified marker's true centre: the ellipse's perspective bias removed with the
 /// surveyed diameter and the local normal (MODEL.md section 5). Same order and length as
 /// `detections`; unidentified ones come back unchanged.
 pub fn remove_perspective_bias(
-    _setup: &Setup,
-    _orientation: &Orientation,
+    setup: &Setup,
+    orientation: &Orientation,
     detections: &[Detection],
-    _identities: &Identities,
+    identities: &Identities,
 ) -> Vec<Detection> {
-    detections.to_vec()
+    known::unbiased(&scene::Scene::new(setup, orientation, true), detections, identities)
+}
+
+/// Where the markers of the next frame are expected, from one frame's detections and identities:
+/// every marker that should be in the frame, found or not. Empty where the identities are too few.
+pub fn predict(
+    setup: &Setup,
+    orientation: &Orientation,
+    detections: &[Detection],
+    identities: &Identities,
+) -> Vec<Prediction> {
+    known::predictions(&scene::Scene::new(setup, orientation, true), detections, identities)
 }

@@ -1,0 +1,196 @@
+//! Where the markers are when the wing bends and twists: rigid sections on an axis that keeps its
+//! length (MODEL.md section 3), as fine as telling markers apart needs it.
+
+use nalgebra::{SVector, Vector2, Vector3};
+
+use super::skin::Skin;
+use crate::measure::geometry::WingFrame;
+use crate::measure::setup::Setup;
+
+/// Curvature (3 terms, 1/m), twist (2 terms, rad), mount (3 small rotations, camera frame, rad).
+pub(super) type State = SVector<f64, 8>;
+
+const INTERVALS: usize = 48;
+/// The axis is drawn on beyond the outermost marker, m.
+const MARGIN_M: f64 = 0.5;
+
+/// A marker held by its section: foot on the axis and arm.
+#[derive(Clone, Copy, Debug)]
+struct Arm {
+    /// Arc length of the foot from the bending root, m; negative inboard of it.
+    foot_m: f64,
+    /// Along the axis, normal to it, chordwise; m.
+    arm_m: Vector3<f64>,
+}
+
+/// The wing on ground, ready to be bent.
+#[derive(Clone, Debug)]
+pub(super) struct Beam {
+    /// The frame of everything here.
+    pub(super) frame: WingFrame,
+    /// The skin on ground.
+    pub(super) skin: Skin,
+    /// Markers on ground, wing frame, m.
+    pub(super) ground_m: Vec<Vector3<f64>>,
+    /// Arc length of the axis, m.
+    pub(super) length_m: f64,
+    chord_axis_m: f64,
+    root: Vector2<f64>,
+    slopes: [f64; INTERVALS + 1],
+    arms: Vec<Arm>,
+}
+
+/// A section in flight.
+struct Section {
+    axis: Vector2<f64>,
+    slope: f64,
+}
+
+impl Beam {
+    /// From the survey.
+    pub(super) fn new(setup: &Setup) -> Self {
+        let frame = setup.wing_frame();
+        let ground_m: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
+        let sigma_m: Vec<_> = setup.markers.iter().map(|m| m.sigma_m).collect();
+        let skin = Skin::fit(&ground_m, &sigma_m);
+        let count = ground_m.len().max(1) as f64;
+        let mean_z = ground_m.iter().map(|p| p.z).sum::<f64>() / count;
+        let chord_axis_m = setup.axis_chord_offset_m.unwrap_or(mean_z);
+        let root_x = setup.root_offset_m;
+        let height = |x: f64| skin.height(x, chord_axis_m) - skin_height(setup, x - root_x);
+        let tip_x = ground_m.iter().map(|p| p.x).fold(root_x + 1.0, f64::max) + MARGIN_M;
+        let (length_m, slopes) = ground_axis(&height, root_x, tip_x);
+        let root = Vector2::new(root_x, height(root_x));
+        let mut beam = Self { frame, skin, ground_m, length_m, chord_axis_m, root, slopes, arms: Vec::new() };
+        beam.arms = beam.ground_m.iter().map(|p| beam.arm(p)).collect();
+        beam
+    }
+
+    /// Foot and arm of a ground point.
+    fn arm(&self, p: &Vector3<f64>) -> Arm {
+        let nodes = self.nodes(&self.slopes, 1.0);
+        let target = Vector2::new(p.x, p.y);
+        let mut foot_m = p.x - self.root.x;
+        for _ in 0..6 {
+            let section = self.section(&nodes, &self.slopes, foot_m, 1.0);
+            foot_m += (target - section.axis).dot(&direction(section.slope));
+        }
+        let section = self.section(&nodes, &self.slopes, foot_m, 1.0);
+        let offset = target - section.axis;
+        let tangent = direction(section.slope);
+        let arm_m = Vector3::new(offset.dot(&tangent), tangent.perp(&offset), p.z - self.chord_axis_m);
+        Arm { foot_m, arm_m }
+    }
+
+    /// Markers in flight, wing frame, m. `scale`: thermal.
+    pub(super) fn place(&self, state: &State, scale: f64) -> Vec<Vector3<f64>> {
+        let slopes = self.bent(state);
+        let nodes = self.nodes(&slopes, scale);
+        self.arms
+            .iter()
+            .zip(&self.ground_m)
+            .map(|(arm, ground)| {
+                if arm.foot_m <= 0.0 {
+                    return *ground;
+                }
+                let section = self.section(&nodes, &slopes, arm.foot_m, scale);
+                let (sin, cos) = self.twist(state, arm.foot_m).sin_cos();
+                let (n, z) = (arm.arm_m.y, arm.arm_m.z);
+                let tangent = direction(section.slope);
+                let normal = Vector2::new(-tangent.y, tangent.x);
+                let p = section.axis + (tangent * arm.arm_m.x + normal * (n * cos + z * sin)) * scale;
+                Vector3::new(p.x, p.y, self.chord_axis_m + (z * cos - n * sin) * scale)
+            })
+            .collect()
+    }
+
+    /// Normal and chordwise direction of the skin at a marker in flight, wing frame.
+    pub(super) fn attitude(&self, state: &State, marker: usize) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let (arm, ground) = (self.arms.get(marker)?, self.ground_m.get(marker)?);
+        let normal = self.skin.normal(ground.x, ground.z);
+        let s = arm.foot_m.clamp(0.0, self.length_m);
+        let (about_z, about_x) = (self.added_slope(state, s), -self.twist(state, s));
+        let turn = nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), about_z)
+            * nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), about_x);
+        let chord = (Vector3::z() - normal * normal.z).normalize();
+        Some((turn * normal, turn * chord))
+    }
+
+    /// Slope that bending adds at arc length s, rad.
+    fn added_slope(&self, state: &State, s_m: f64) -> f64 {
+        let x = s_m / self.length_m;
+        let x2 = x * x;
+        let integrals = [x - 0.5 * x2, 0.5 * x2, 0.5 * x2 - x2 * x / 3.0];
+        self.length_m * (state[0] * integrals[0] + state[1] * integrals[1] + state[2] * integrals[2])
+    }
+
+    /// Twist at arc length s, rad; lifts the side of positive Z.
+    fn twist(&self, state: &State, s_m: f64) -> f64 {
+        let x = (s_m / self.length_m).clamp(0.0, 1.0);
+        x * (state[3] + x * state[4])
+    }
+
+    fn bent(&self, state: &State) -> [f64; INTERVALS + 1] {
+        let step = self.length_m / INTERVALS as f64;
+        std::array::from_fn(|i| self.slopes[i] + self.added_slope(state, i as f64 * step))
+    }
+
+    fn nodes(&self, slopes: &[f64; INTERVALS + 1], scale: f64) -> [Vector2<f64>; INTERVALS + 1] {
+        let step = scale * self.length_m / INTERVALS as f64;
+        let mut nodes = [self.root; INTERVALS + 1];
+        for i in 0..INTERVALS {
+            nodes[i + 1] = nodes[i] + direction(0.5 * (slopes[i] + slopes[i + 1])) * step;
+        }
+        nodes
+    }
+
+    /// `s_m` counts on ground; the axis is straight beyond both ends.
+    fn section(
+        &self,
+        nodes: &[Vector2<f64>; INTERVALS + 1],
+        slopes: &[f64; INTERVALS + 1],
+        s_m: f64,
+        scale: f64,
+    ) -> Section {
+        let at = s_m / self.length_m * INTERVALS as f64;
+        let i = (at.max(0.0) as usize).min(INTERVALS - 1);
+        let fraction = at - i as f64;
+        let inside = fraction.clamp(0.0, 1.0);
+        let step = scale * self.length_m / INTERVALS as f64;
+        let slope = slopes[i] + (slopes[i + 1] - slopes[i]) * inside;
+        let axis =
+            nodes[i] + (nodes[i + 1] - nodes[i]) * inside + direction(slope) * ((fraction - inside) * step);
+        Section { axis, slope }
+    }
+}
+
+fn direction(slope: f64) -> Vector2<f64> {
+    let (sin, cos) = slope.sin_cos();
+    Vector2::new(cos, sin)
+}
+
+/// Skin above the bending axis, m.
+fn skin_height(setup: &Setup, span_m: f64) -> f64 {
+    setup.skin_height.map_or(0.0, |h| {
+        let fraction = if h.tip_span_m > 0.0 { span_m / h.tip_span_m } else { 0.0 };
+        h.root_m + (h.tip_m - h.root_m) * fraction
+    })
+}
+
+/// Length and slopes of the axis between two stations, at equal arc lengths.
+fn ground_axis(height: &impl Fn(f64) -> f64, root_x: f64, tip_x: f64) -> (f64, [f64; INTERVALS + 1]) {
+    let fine = 4 * INTERVALS;
+    let dx = (tip_x - root_x) / fine as f64;
+    let xs: Vec<f64> = (0..=fine).map(|i| root_x + dx * i as f64).collect();
+    let slope = |x: f64| ((height(x + 0.05) - height(x - 0.05)) / 0.1).atan();
+    let length_m: f64 = xs.windows(2).map(|w| dx.hypot(height(w[1]) - height(w[0]))).sum();
+    let step = length_m / INTERVALS as f64;
+    let mut slopes = [slope(root_x); INTERVALS + 1];
+    let mut x = root_x;
+    for node in slopes.iter_mut().skip(1) {
+        let half = x + 0.5 * step * slope(x).cos();
+        x += step * slope(half).cos();
+        *node = slope(x);
+    }
+    (length_m, slopes)
+}

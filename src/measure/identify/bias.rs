@@ -1,0 +1,52 @@
+//! From the ellipse's centre to the image of the disc's centre (MODEL.md section 5).
+
+use nalgebra::Vector2;
+
+use super::Identities;
+use super::beam::State;
+use super::outline::Disc;
+use super::scene::Scene;
+use crate::measure::detect::Detection;
+use crate::measure::geometry::Lens;
+use crate::measure::setup::Shape;
+
+/// Standard deviation of the local normal about each axis: the smooth skin and the fitted bending
+/// and twist against the true ones, rad.
+const NORMAL_SIGMA: f64 = 0.015;
+/// Standard deviation of the skin's chordwise curvature, 1/m.
+const CROWN_SIGMA_PER_M: f64 = 0.015;
+
+/// Detections with their centres at the discs' centres. A quadrant target's saddle is where two
+/// straight edges through its centre meet: on a curved skin too they meet at the centre's image,
+/// so nothing is due.
+pub(super) fn centred(
+    scene: &Scene<'_>,
+    state: &State,
+    detections: &[Detection],
+    identities: &Identities,
+) -> Vec<Detection> {
+    let markers = identities.marker_of.iter().copied().chain(std::iter::repeat(None));
+    detections
+        .iter()
+        .zip(markers)
+        .map(|(detection, marker)| {
+            let circle = marker.filter(|_| detection.shape == Shape::Circle);
+            let disc = circle.and_then(|j| scene.disc(state, j));
+            disc.and_then(|d| corrected(&scene.setup.lens, detection, &d))
+                .unwrap_or_else(|| detection.clone())
+        })
+        .collect()
+}
+
+fn corrected(lens: &Lens, detection: &Detection, disc: &Disc) -> Option<Detection> {
+    let bias = disc.bias(lens)?;
+    let span = disc.chord.cross(&disc.normal);
+    let crowned = Disc { crown_per_m: disc.crown_per_m + CROWN_SIGMA_PER_M, ..*disc };
+    let others = [disc.tilted(&disc.chord, NORMAL_SIGMA), disc.tilted(&span, NORMAL_SIGMA), crowned];
+    let mut covariance_px2 = detection.covariance_px2;
+    for other in others {
+        let change: Vector2<f64> = other.bias(lens).map_or(bias, |b| b - bias);
+        covariance_px2 += change * change.transpose();
+    }
+    Some(Detection { centre_px: detection.centre_px - bias, covariance_px2, ..detection.clone() })
+}

@@ -1,0 +1,212 @@
+//! A ground frame's rotation with no initial guess: two matched directions fix one, the others vote.
+
+use nalgebra::{Rotation3, Vector3};
+
+use super::IdentifyError;
+use super::attitude::{from_many, from_two};
+use super::fit::Pair;
+use super::scene::{looks_like, usable};
+use crate::measure::detect::Detection;
+use crate::measure::setup::Setup;
+
+/// Directions nearer than this to each other fix no rotation well, rad.
+const LEAST_ANGLE: f64 = 0.03;
+/// Standard deviations allowed between a pair's angles, and between a vote and its prediction.
+const ANGLE_GATE: f64 = 4.0;
+const VOTE_GATE: f64 = 4.5;
+/// Perspective bias and a coarse outline, px.
+const EXTRA_PX: f64 = 1.0;
+const KEPT: usize = 24;
+/// ln of the odds one reading must have over the next, and over chance.
+const CLEAR: f64 = 12.0;
+const CERTAIN: f64 = 9.0;
+
+/// Directions of both sides with their standard deviations.
+struct Directions<'a> {
+    detections: &'a [Detection],
+    setup: &'a Setup,
+    /// Per detection: ray, camera frame; `None` where there is none.
+    rays: Vec<Option<Vector3<f64>>>,
+    /// Per marker: direction, survey frame, and its sigma, rad.
+    targets: Vec<(Vector3<f64>, f64)>,
+    /// Per marker: detections that look like it.
+    alike: Vec<Vec<usize>>,
+    /// Sigma of a detection's ray, rad.
+    rays_sigma: Vec<f64>,
+}
+
+/// A rotation with its pairs.
+#[derive(Clone, Debug)]
+pub(super) struct Consensus {
+    pub(super) camera_from_survey: Rotation3<f64>,
+    pub(super) pairs: Vec<Pair>,
+    score: f64,
+}
+
+/// The rotation most detections agree on; refuses what could be told in two ways.
+pub(super) fn consensus(setup: &Setup, detections: &[Detection]) -> Result<Consensus, IdentifyError> {
+    let found = detections.iter().filter(|d| usable(d)).count();
+    if found < super::flight::NEEDED {
+        return Err(IdentifyError::TooFew { found, needed: super::flight::NEEDED });
+    }
+    let directions = Directions::new(setup, detections);
+    let (hypotheses, tried) = directions.hypotheses();
+    let mut refined: Vec<Consensus> = Vec::new();
+    for hypothesis in hypotheses {
+        let next = directions.refine(hypothesis);
+        let known = |c: &&mut Consensus| same(c, &next);
+        match refined.iter_mut().find(known) {
+            Some(old) if old.score < next.score => *old = next,
+            Some(_) => {}
+            None => refined.push(next),
+        }
+    }
+    refined.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let Some(best) = refined.first() else {
+        return Err(IdentifyError::NoConsensus { matched: 0, found });
+    };
+    // Two pairs are used up by the rotation; every hypothesis is a chance for a false one.
+    let per_pair = best.score / best.pairs.len().max(1) as f64;
+    if best.pairs.len() < super::flight::NEEDED
+        || best.score - 2.0 * per_pair - (tried as f64).max(1.0).ln() < CERTAIN
+    {
+        return Err(IdentifyError::NoConsensus { matched: best.pairs.len(), found });
+    }
+    let alike = refined.iter().filter(|c| c.score > best.score - CLEAR).count();
+    if alike > 1 {
+        return Err(IdentifyError::Ambiguous { solutions: alike });
+    }
+    Ok(best.clone())
+}
+
+/// Whether two solutions are one: nearly the same rotation.
+fn same(a: &Consensus, b: &Consensus) -> bool {
+    a.camera_from_survey.angle_to(&b.camera_from_survey) < 5e-3
+}
+
+impl<'a> Directions<'a> {
+    fn new(setup: &'a Setup, detections: &'a [Detection]) -> Self {
+        let focal = setup.lens.focal_px();
+        let rays = detections
+            .iter()
+            .map(|d| if usable(d) { setup.lens.ray(&d.centre_px).ok() } else { None })
+            .collect();
+        let rays_sigma = detections
+            .iter()
+            .map(|d| (0.5 * d.covariance_px2.trace() + EXTRA_PX * EXTRA_PX).sqrt() / focal)
+            .collect();
+        let targets: Vec<_> = setup
+            .markers
+            .iter()
+            .map(|m| {
+                let to = m.position_m - setup.projection_centre_m;
+                (to.normalize(), m.sigma_m.hypot(setup.projection_centre_sigma_m) / to.norm())
+            })
+            .collect();
+        let alike = setup
+            .markers
+            .iter()
+            .map(|m| {
+                let range = (m.position_m - setup.projection_centre_m).norm();
+                let major = 0.5 * m.diameter_m * focal / range;
+                (0..detections.len()).filter(|i| looks_like(&detections[*i], m.shape, major)).collect()
+            })
+            .collect();
+        Self { detections, setup, rays, targets, alike, rays_sigma }
+    }
+
+    /// Rotations from pairs of markers and pairs of detections under the same angle, the most
+    /// voted first; and how many were tried.
+    fn hypotheses(&self) -> (Vec<Consensus>, usize) {
+        let mut best: Vec<Consensus> = Vec::new();
+        let mut tried = 0;
+        for a in 0..self.targets.len() {
+            for b in 0..a {
+                let ((da, sa), (db, sb)) = (self.targets[a], self.targets[b]);
+                let angle = da.angle(&db);
+                if angle < LEAST_ANGLE {
+                    continue;
+                }
+                for &i in &self.alike[a] {
+                    for &k in &self.alike[b] {
+                        let (Some(ri), Some(rk)) = (self.rays[i], self.rays[k]) else { continue };
+                        let sigma2 =
+                            sa * sa + sb * sb + self.rays_sigma[i].powi(2) + self.rays_sigma[k].powi(2);
+                        if i == k || (ri.angle(&rk) - angle).abs() > ANGLE_GATE * sigma2.sqrt() {
+                            continue;
+                        }
+                        let Some(rotation) = from_two([&da, &db], [&ri, &rk]) else { continue };
+                        tried += 1;
+                        // Errors of two near directions grow with the distance from them.
+                        let slack = 1.0 + 0.1 / angle;
+                        keep(&mut best, self.vote(&rotation, slack));
+                    }
+                }
+            }
+        }
+        (best, tried)
+    }
+
+    /// Pairs under a rotation, one-to-one, nearest first, with their score.
+    fn vote(&self, rotation: &Rotation3<f64>, slack: f64) -> Consensus {
+        let mut all: Vec<(f64, Pair)> = Vec::new();
+        for (j, (target, sigma)) in self.targets.iter().enumerate() {
+            let predicted = rotation * target;
+            for &i in &self.alike[j] {
+                let Some(ray) = self.rays[i] else { continue };
+                let off2 = (ray - predicted).norm_squared();
+                let sigma2 = (sigma * sigma + self.rays_sigma[i].powi(2)) * slack * slack;
+                if off2 < VOTE_GATE * VOTE_GATE * sigma2 {
+                    all.push((off2 / sigma2, (i, j)));
+                }
+            }
+        }
+        all.sort_by(|x, y| x.0.total_cmp(&y.0));
+        let mut pairs: Vec<Pair> = Vec::with_capacity(all.len());
+        let mut score = 0.0;
+        for (off2, (i, j)) in all {
+            if pairs.iter().all(|p| p.0 != i && p.1 != j) {
+                pairs.push((i, j));
+                score += self.gain((i, j)) - 0.5 * off2;
+            }
+        }
+        Consensus { camera_from_survey: *rotation, pairs, score }
+    }
+
+    /// ln of the odds of a perfect hit against clutter.
+    fn gain(&self, (i, j): Pair) -> f64 {
+        let lens = &self.setup.lens;
+        let area = f64::from(lens.width) * f64::from(lens.height);
+        let density = 10.0 * (self.detections.len() as f64 + 3.0) / area.max(1.0);
+        let sigma_px = self.targets[j].1.hypot(self.rays_sigma[i]) * lens.focal_px();
+        (2.0 / (density * std::f64::consts::TAU * sigma_px * sigma_px)).ln().max(0.5)
+    }
+
+    /// Arun's rotation from all pairs and their vote, in turns.
+    fn refine(&self, mut consensus: Consensus) -> Consensus {
+        for slack in [1.5, 1.0, 1.0, 1.0] {
+            let directions = consensus.pairs.iter().filter_map(|&(i, j)| {
+                let (target, sigma) = self.targets[j];
+                let weight = 1.0 / (sigma * sigma + self.rays_sigma[i].powi(2));
+                Some((target, self.rays[i]?, weight))
+            });
+            let Some(rotation) = from_many(directions) else { break };
+            consensus = self.vote(&rotation, slack);
+        }
+        consensus
+    }
+}
+
+/// Keeps the best hypotheses, one per neighbourhood.
+fn keep(best: &mut Vec<Consensus>, next: Consensus) {
+    if next.pairs.len() < 3 || (best.len() == KEPT && best[KEPT - 1].score >= next.score) {
+        return;
+    }
+    match best.iter().position(|c| c.camera_from_survey.angle_to(&next.camera_from_survey) < 3e-3) {
+        Some(at) if best[at].score >= next.score => return,
+        Some(at) => best[at] = next,
+        None => best.push(next),
+    }
+    best.sort_by(|a, b| b.score.total_cmp(&a.score));
+    best.truncate(KEPT);
+}

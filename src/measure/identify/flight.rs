@@ -1,0 +1,131 @@
+//! Identities in flight: scan, refine, decide, report.
+
+use super::decide::{CLEAR, Decision, Doubt, decide};
+use super::fit::Pair;
+use super::matching::{Problem, Refined};
+use super::scan::{Guess, scan};
+use super::scene::{Scene, usable};
+use super::{IdentifyError, Identities};
+use crate::measure::detect::Detection;
+use crate::measure::geometry::Lens;
+
+/// Fewer pairs leave nothing to check a solution with.
+pub(super) const NEEDED: usize = 4;
+/// ln of the odds against "nothing but clutter", over some hundred guesses.
+const CERTAIN: f64 = 16.0;
+
+/// Identities of one frame, and the fitted state they stand on.
+pub(super) fn identify_in(scene: &Scene<'_>, detections: &[Detection]) -> Result<Identities, IdentifyError> {
+    let found = detections.iter().filter(|d| usable(d)).count();
+    if found < NEEDED {
+        return Err(IdentifyError::TooFew { found, needed: NEEDED });
+    }
+    let problem = Problem::new(scene, detections);
+    let solutions = solutions(&problem);
+    let Some(best) = solutions.first() else {
+        return Err(IdentifyError::NoConsensus { matched: 0, found });
+    };
+    if best.evidence < CERTAIN {
+        return Err(IdentifyError::NoConsensus { matched: best.pairs.len(), found });
+    }
+    let mut decision = decide(&problem, best.clone());
+    let rivals = doubt_by_rivals(&mut decision, &solutions);
+    let identities = report(&problem, &decision);
+    let certain = identities.marker_of.iter().flatten().count();
+    if certain < NEEDED {
+        return Err(IdentifyError::Ambiguous { solutions: rivals + 2 });
+    }
+    Ok(identities)
+}
+
+/// Refined guesses, the strongest evidence first.
+fn solutions(problem: &Problem<'_>) -> Vec<Refined> {
+    let mut solutions: Vec<Refined> = Vec::new();
+    for guess in scan(problem) {
+        let most = solutions.iter().map(|s| s.pairs.len()).max().unwrap_or(0);
+        if 2 * guess.pairs.len() < most || solutions.iter().any(|s| leads_to(&guess, s)) {
+            continue;
+        }
+        if let Some(refined) = problem.refine(&guess.prior, &guess.pairs) {
+            if solutions.iter().all(|s| s.pairs != refined.pairs) {
+                solutions.push(refined);
+            }
+        }
+    }
+    solutions.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    solutions
+}
+
+/// Whether a guess is but another start to a solution that is already there.
+fn leads_to(guess: &Guess, solution: &Refined) -> bool {
+    let common = guess.pairs.iter().filter(|p| solution.pairs.contains(p)).count();
+    10 * common >= 8 * guess.pairs.len()
+}
+
+/// Other solutions with about the same evidence put in doubt what they tell otherwise.
+fn doubt_by_rivals(decision: &mut Decision, solutions: &[Refined]) -> usize {
+    let limit = decision.refined.evidence - CLEAR;
+    let mut rivals = 0;
+    for rival in solutions.iter().filter(|s| s.evidence > limit) {
+        let mut differs = false;
+        for &(i, j) in &decision.refined.pairs {
+            if let Some(doubt) = contradiction(&rival.pairs, (i, j)) {
+                differs = true;
+                if !decision.doubtful.iter().any(|d| d.0 == j) {
+                    decision.doubtful.push((j, doubt));
+                }
+            }
+        }
+        rivals += usize::from(differs);
+    }
+    rivals
+}
+
+fn contradiction(pairs: &[Pair], (i, j): Pair) -> Option<Doubt> {
+    pairs.iter().find_map(|&(a, b)| match (a == i, b == j) {
+        (true, false) => Some(Doubt::Marker(b)),
+        (false, true) => Some(Doubt::Detection),
+        _ => None,
+    })
+}
+
+pub(super) fn report(problem: &Problem<'_>, decision: &Decision) -> Identities {
+    let refined = &decision.refined;
+    let mut identities = Identities {
+        marker_of: vec![None; problem.detections.len()],
+        missing: Vec::new(),
+        tip_lift_m: problem.scene.lift_m(&refined.state, problem.scene.outermost()),
+    };
+    for j in 0..problem.scene.setup.markers.len() {
+        let detection = refined.pairs.iter().find(|p| p.1 == j).map(|p| p.0);
+        let doubt = decision.doubtful.iter().find(|d| d.0 == j).map(|d| d.1);
+        match (detection, doubt) {
+            (Some(i), None) => identities.marker_of[i] = Some(j),
+            (_, Some(doubt)) => identities.missing.push((j, doubt_text(problem, doubt))),
+            (None, None) => {
+                let pixel = refined.predicted.get(j).copied().flatten().map(|p| p.pixel);
+                identities.missing.push((j, absence_text(&problem.scene.setup.lens, pixel)));
+            }
+        }
+    }
+    identities
+}
+
+fn doubt_text(problem: &Problem<'_>, doubt: Doubt) -> String {
+    match doubt {
+        Doubt::Detection => "two detections fit alike".to_string(),
+        Doubt::Marker(other) => {
+            let id = problem.scene.setup.markers.get(other).map_or("another marker", |m| m.id.as_str());
+            format!("its detection fits {id} alike")
+        }
+    }
+}
+
+/// Why a marker without a detection has none.
+pub(super) fn absence_text(lens: &Lens, pixel: Option<nalgebra::Vector2<f64>>) -> String {
+    match pixel {
+        None => "behind the camera".to_string(),
+        Some(p) if lens.contains(&p) => format!("not found near the predicted ({:.0}, {:.0}) px", p.x, p.y),
+        Some(p) => format!("outside the frame: predicted at ({:.0}, {:.0}) px", p.x, p.y),
+    }
+}

@@ -1,0 +1,129 @@
+//! Orientation from ground frames: consensus, identities, then one adjustment of all frames.
+
+use nalgebra::{Rotation3, Vector3};
+
+use super::beam::State;
+use super::bias::centred;
+use super::consensus::{Consensus, consensus};
+use super::decide::decide;
+use super::fit::Prior;
+use super::flight::{NEEDED, report};
+use super::matching::Problem;
+use super::refine::{Sight, adjust};
+use super::scene::Scene;
+use super::{IdentifyError, Identities, OrientationFit};
+use crate::measure::detect::Detection;
+use crate::measure::setup::{Orientation, Setup};
+
+/// How well the consensus knows the rotation, rad.
+const CONSENSUS_SIGMA: f64 = 2e-3;
+const TAKEN_OUT: &str =
+    "its image disagrees with the survey and the other markers; check the survey of this marker";
+
+/// See [`super::orient`].
+pub(super) fn orient(setup: &Setup, frames: &[Vec<Detection>]) -> Result<OrientationFit, IdentifyError> {
+    let first = start(setup, frames)?;
+    let mut orientation = Orientation { camera_from_survey: first.camera_from_survey, covariance_rad2: None };
+    let mut identities: Vec<Identities> =
+        frames.iter().map(|f| identities_on_ground(setup, &orientation, f)).collect();
+    let mut fitted = None;
+    // The bias of the outlines hangs on the attitude: two passes.
+    for _ in 0..2 {
+        let scene = Scene::new(setup, &orientation, false);
+        let corrected: Vec<_> =
+            frames.iter().zip(&identities).map(|(f, i)| centred(&scene, &State::zeros(), f, i)).collect();
+        let sights = sights(&corrected, &identities);
+        let adjusted = adjust(setup, &orientation.camera_from_survey, sights);
+        let Some(adjusted) = adjusted.filter(|a| a.used.len() >= NEEDED) else {
+            let found = frames.iter().map(Vec::len).sum();
+            return Err(IdentifyError::NoConsensus { matched: first.pairs.len(), found });
+        };
+        orientation = adjusted.orientation.clone();
+        fitted = Some(adjusted);
+    }
+    let Some(fitted) = fitted else {
+        return Err(IdentifyError::TooFew { found: 0, needed: NEEDED });
+    };
+    for sight in &fitted.taken_out {
+        if let Some(of) = identities.get_mut(sight.frame) {
+            if let Some(slot) = of.marker_of.get_mut(sight.detection) {
+                *slot = None;
+            }
+            of.missing.push((sight.marker, TAKEN_OUT.to_string()));
+        }
+    }
+    Ok(OrientationFit {
+        orientation,
+        variance_factor: fitted.variance_factor,
+        redundancy: fitted.redundancy,
+        residuals: fitted.used.iter().map(|(s, v)| (s.frame, s.marker, *v)).collect(),
+        identities,
+    })
+}
+
+/// The best frame's consensus; the reason of the most promising failure where none has one.
+fn start(setup: &Setup, frames: &[Vec<Detection>]) -> Result<Consensus, IdentifyError> {
+    let mut best: Option<Consensus> = None;
+    let mut failure = IdentifyError::TooFew { found: 0, needed: NEEDED };
+    for frame in frames {
+        match consensus(setup, frame) {
+            Ok(next) => {
+                if best.as_ref().is_none_or(|b| b.pairs.len() < next.pairs.len()) {
+                    best = Some(next);
+                }
+            }
+            Err(error) => failure = worse(failure, error),
+        }
+    }
+    best.ok_or(failure)
+}
+
+fn worse(a: IdentifyError, b: IdentifyError) -> IdentifyError {
+    let rank = |e: &IdentifyError| match e {
+        IdentifyError::TooFew { found, .. } => *found,
+        IdentifyError::NoConsensus { matched, .. } => 1_000 + matched,
+        IdentifyError::Ambiguous { .. } => 10_000,
+    };
+    if rank(&b) > rank(&a) { b } else { a }
+}
+
+/// The flight's matching with a wing that cannot bend.
+fn identities_on_ground(setup: &Setup, orientation: &Orientation, detections: &[Detection]) -> Identities {
+    let scene = Scene::new(setup, orientation, false);
+    let problem = Problem::new(&scene, detections);
+    let fixed = 1e-9;
+    let turn = CONSENSUS_SIGMA;
+    let sigma = State::from([fixed, fixed, fixed, fixed, fixed, turn, turn, turn]);
+    let prior = Prior { mean: State::zeros(), sigma };
+    let all: Vec<_> = (0..setup.markers.len()).map(|j| (0, j)).collect();
+    match problem.refine(&prior, &all) {
+        Some(refined) => report(&problem, &decide(&problem, refined)),
+        None => Identities {
+            marker_of: vec![None; detections.len()],
+            missing: (0..setup.markers.len()).map(|j| (j, "this frame fits no orientation".into())).collect(),
+            tip_lift_m: 0.0,
+        },
+    }
+}
+
+fn sights(frames: &[Vec<Detection>], identities: &[Identities]) -> Vec<Sight> {
+    let mut sights = Vec::new();
+    for (frame, (detections, of)) in frames.iter().zip(identities).enumerate() {
+        for (detection, (d, marker)) in detections.iter().zip(&of.marker_of).enumerate() {
+            if let Some(marker) = *marker {
+                let (pixel, covariance_px2) = (d.centre_px, d.covariance_px2);
+                sights.push(Sight { frame, detection, marker, pixel, covariance_px2 });
+            }
+        }
+    }
+    sights
+}
+
+/// Rotation and position of a surveyed point, camera frame.
+pub(super) fn camera_point(
+    rotation: &Rotation3<f64>,
+    survey_m: &Vector3<f64>,
+    centre_m: &Vector3<f64>,
+) -> Vector3<f64> {
+    rotation * (survey_m - centre_m)
+}

@@ -1,0 +1,87 @@
+//! With the identities known: the state of the wing, and what follows from it.
+
+use super::Identities;
+use super::beam::State;
+use super::bias::centred;
+use super::fit::{Clutter, Pair, Prior, solve};
+use super::scene::{Scene, usable};
+use crate::measure::detect::{Detection, Prediction};
+
+/// How far the wing may move from one frame to the next: change of the tip's lift, m.
+const NEXT_LIFT_M: f64 = 0.2;
+/// How far the image may shift, px.
+const NEXT_SHIFT_PX: f64 = 8.0;
+
+/// The state that fits identified detections, and `None` where they are too few or do not fit.
+pub(super) fn state_of(
+    scene: &Scene<'_>,
+    detections: &[Detection],
+    identities: &Identities,
+) -> Option<State> {
+    let pairs: Vec<Pair> = identities
+        .marker_of
+        .iter()
+        .enumerate()
+        .filter_map(|(i, j)| Some((i, (*j)?)))
+        .filter(|(i, _)| detections.get(*i).is_some_and(usable))
+        .collect();
+    if pairs.len() < super::flight::NEEDED {
+        return None;
+    }
+    let setup = scene.setup;
+    let turn = setup.mount_repeatability_px.max(20.0) / setup.lens.focal_px();
+    let sigma = State::from([0.01, 0.005, 0.005, 0.06, 0.05, turn, turn, turn.max(5e-3)]);
+    let prior = Prior { mean: State::zeros(), sigma };
+    let mut state = prior.mean;
+    for _ in 0..15 {
+        let predicted = scene.linearise(&state);
+        let step = solve(&pairs, &predicted, detections, &prior, &state, Clutter::new(0, 1.0))?;
+        state += step.delta;
+        if step.delta.amax() < 1e-7 {
+            break;
+        }
+    }
+    state.iter().all(|v| v.is_finite()).then_some(state)
+}
+
+/// See [`super::remove_perspective_bias`].
+pub(super) fn unbiased(
+    scene: &Scene<'_>,
+    detections: &[Detection],
+    identities: &Identities,
+) -> Vec<Detection> {
+    let Some(first) = state_of(scene, detections, identities) else { return detections.to_vec() };
+    let once = centred(scene, &first, detections, identities);
+    match state_of(scene, &once, identities) {
+        Some(second) => centred(scene, &second, detections, identities),
+        None => once,
+    }
+}
+
+/// See [`super::predict`].
+pub(super) fn predictions(
+    scene: &Scene<'_>,
+    detections: &[Detection],
+    identities: &Identities,
+) -> Vec<Prediction> {
+    let Some(state) = state_of(scene, detections, identities) else { return Vec::new() };
+    let mut lifted = state;
+    // Curvature that falls to 0 at the tip: the usual change of a load.
+    lifted[0] += 3.0 * NEXT_LIFT_M / scene.beam.length_m.powi(2);
+    let moved = scene.pixels(&lifted);
+    let markers = scene.setup.markers.iter().zip(scene.outlines(&state)).zip(moved);
+    markers
+        .filter_map(|((marker, outline), moved)| {
+            let outline = outline?;
+            let travel = moved.map_or(0.0, |m| (m - outline.point_px).norm());
+            scene.setup.lens.contains(&outline.ellipse_px).then_some(Prediction {
+                shape: marker.shape,
+                centre_px: outline.ellipse_px,
+                semi_major_px: outline.semi_major_px,
+                semi_minor_px: outline.semi_minor_px,
+                angle_rad: outline.angle_rad,
+                search_px: travel + NEXT_SHIFT_PX,
+            })
+        })
+        .collect()
+}

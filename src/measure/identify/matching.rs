@@ -1,0 +1,204 @@
+//! From a first guess to pairs: gated one-to-one matching and fitting in turns.
+
+use super::beam::State;
+use super::fit::{Clutter, Pair, Prior, Step, distance2, solve};
+use super::outline::Outline;
+use super::scene::{Matrix8, Predicted, Scene, looks_like, outline_fits, usable};
+use crate::measure::detect::Detection;
+
+/// Chi-square of two degrees of freedom, 1e-4: beyond this a pair is none.
+pub(super) const GATE: f64 = 18.4;
+const ROUNDS: usize = 12;
+
+/// One frame in flight.
+pub(super) struct Problem<'a> {
+    pub(super) scene: &'a Scene<'a>,
+    pub(super) detections: &'a [Detection],
+    pub(super) clutter: Clutter,
+    candidates: Vec<Vec<usize>>,
+}
+
+/// A fitted set of pairs.
+#[derive(Clone, Debug)]
+pub(super) struct Refined {
+    pub(super) state: State,
+    pub(super) covariance: Matrix8,
+    pub(super) pairs: Vec<Pair>,
+    pub(super) evidence: f64,
+    pub(super) prior: Prior,
+    pub(super) predicted: Vec<Option<Predicted>>,
+    pub(super) outlines: Vec<Option<Outline>>,
+}
+
+impl<'a> Problem<'a> {
+    pub(super) fn new(scene: &'a Scene<'a>, detections: &'a [Detection]) -> Self {
+        let lens = &scene.setup.lens;
+        let area = f64::from(lens.width) * f64::from(lens.height);
+        // The major axis of a disc's image hangs on distance and size alone, and distance changes
+        // little by bending.
+        let candidates = scene
+            .setup
+            .markers
+            .iter()
+            .zip(&scene.beam.ground_m)
+            .map(|(marker, p)| {
+                let major = 0.5 * marker.diameter_m * lens.focal_px() / p.norm();
+                let fits = |d: &Detection| usable(d) && looks_like(d, marker.shape, major);
+                (0..detections.len()).filter(|i| fits(&detections[*i])).collect()
+            })
+            .collect();
+        Self { scene, detections, clutter: Clutter::new(detections.len(), area), candidates }
+    }
+
+    /// Detections that look like a marker.
+    pub(super) fn candidates(&self, marker: usize) -> &[usize] {
+        self.candidates.get(marker).map_or(&[], Vec::as_slice)
+    }
+
+    pub(super) fn solve(
+        &self,
+        pairs: &[Pair],
+        predicted: &[Option<Predicted>],
+        prior: &Prior,
+        state: &State,
+    ) -> Option<Step> {
+        solve(pairs, predicted, self.detections, prior, state, self.clutter)
+    }
+
+    /// Matches and fits in turns until nothing changes; `None` below four pairs.
+    pub(super) fn refine(&self, prior: &Prior, start: &[Pair]) -> Option<Refined> {
+        let mut state = prior.mean;
+        let mut predicted = self.scene.linearise(&state);
+        let mut outlines = self.scene.outlines(&state);
+        let mut pairs = self.from_the_surest(prior, &predicted, start);
+        let mut step = self.solve(&pairs, &predicted, prior, &state)?;
+        for round in 0..ROUNDS {
+            state += step.delta;
+            predicted = self.scene.linearise(&state);
+            if round < 4 {
+                outlines = self.scene.outlines(&state);
+            }
+            let inflation = (step.cost / (2.0 * pairs.len() as f64).max(1.0)).clamp(1.0, 9.0);
+            let next = self.nearest(&predicted, &outlines, &(step.covariance * inflation), &pairs);
+            let settled = next == pairs && moved_px(&predicted, &step) < 0.1;
+            pairs = next;
+            step = self.solve(&pairs, &predicted, prior, &state)?;
+            if settled {
+                break;
+            }
+        }
+        let (pairs, step) = self.without_outliers(pairs, &predicted, prior, &state)?;
+        (pairs.len() >= 4).then_some(Refined {
+            state: state + step.delta,
+            covariance: step.covariance,
+            pairs,
+            evidence: step.evidence,
+            prior: prior.clone(),
+            predicted: shifted(&predicted, &step),
+            outlines,
+        })
+    }
+
+    /// First pairs, one marker after the other, the surest prediction first, each one sharpening
+    /// the next.
+    fn from_the_surest(&self, prior: &Prior, predicted: &[Option<Predicted>], start: &[Pair]) -> Vec<Pair> {
+        let mut covariance = prior.covariance();
+        let mut shift = State::zeros();
+        let mut order: Vec<usize> = start.iter().map(|p| p.1).collect();
+        let area = |j: usize| {
+            predicted.get(j).and_then(Option::as_ref).map_or(f64::MAX, |p| {
+                (p.jacobian * covariance * p.jacobian.transpose() + p.covariance).determinant()
+            })
+        };
+        order.sort_by(|a, b| area(*a).total_cmp(&area(*b)));
+        let mut pairs: Vec<Pair> = Vec::new();
+        for j in order {
+            let Some(Some(p)) = predicted.get(j) else { continue };
+            let spread = p.jacobian * covariance * p.jacobian.transpose() + p.covariance;
+            let Some(inverse) = spread.try_inverse() else { continue };
+            let off = |i: usize| {
+                let v = self.detections[i].centre_px - p.pixel - p.jacobian * shift;
+                (v, v.dot(&(inverse * v)))
+            };
+            let free = |i: &&usize| pairs.iter().all(|q| q.0 != **i);
+            let best =
+                self.candidates(j).iter().filter(free).min_by(|a, b| off(**a).1.total_cmp(&off(**b).1));
+            let Some(&i) = best.filter(|i| off(**i).1 < GATE) else { continue };
+            let gain = covariance * p.jacobian.transpose() * inverse;
+            shift += gain * off(i).0;
+            covariance -= gain * p.jacobian * covariance;
+            pairs.push((i, j));
+        }
+        pairs
+    }
+
+    /// One-to-one, nearest first, within the gate; `old` pairs are held against their residual's test.
+    fn nearest(
+        &self,
+        predicted: &[Option<Predicted>],
+        outlines: &[Option<Outline>],
+        covariance: &Matrix8,
+        old: &[Pair],
+    ) -> Vec<Pair> {
+        let mut all: Vec<(f64, Pair)> = Vec::new();
+        for j in 0..predicted.len() {
+            for &i in self.candidates(j) {
+                if self.outline_fits((i, j), outlines) {
+                    let d = distance2((i, j), predicted, self.detections, covariance, false);
+                    let loyal = if old.contains(&(i, j)) { 1.5 } else { 1.0 };
+                    if d < GATE * loyal {
+                        all.push((d, (i, j)));
+                    }
+                }
+            }
+        }
+        all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut pairs: Vec<Pair> = Vec::new();
+        for (_, (i, j)) in all {
+            if pairs.iter().all(|p| p.0 != i && p.1 != j) {
+                pairs.push((i, j));
+            }
+        }
+        pairs.sort_by_key(|p| p.1);
+        pairs
+    }
+
+    pub(super) fn outline_fits(&self, (i, j): Pair, outlines: &[Option<Outline>]) -> bool {
+        let (Some(marker), Some(Some(outline)), Some(detection)) =
+            (self.scene.setup.markers.get(j), outlines.get(j), self.detections.get(i))
+        else {
+            return false;
+        };
+        outline_fits(detection, marker.shape, outline)
+    }
+
+    /// Takes the worst pair out while its residual fails the test.
+    pub(super) fn without_outliers(
+        &self,
+        mut pairs: Vec<Pair>,
+        predicted: &[Option<Predicted>],
+        prior: &Prior,
+        state: &State,
+    ) -> Option<(Vec<Pair>, Step)> {
+        loop {
+            let step = self.solve(&pairs, predicted, prior, state)?;
+            let shifted = shifted(predicted, &step);
+            let test = |pair: Pair| distance2(pair, &shifted, self.detections, &step.covariance, true);
+            let worst =
+                pairs.iter().enumerate().map(|(k, pair)| (test(*pair), k)).max_by(|a, b| a.0.total_cmp(&b.0));
+            match worst {
+                Some((t, k)) if t > GATE => drop(pairs.remove(k)),
+                _ => return Some((pairs, step)),
+            }
+        }
+    }
+}
+
+/// Predictions after a linear step.
+pub(super) fn shifted(predicted: &[Option<Predicted>], step: &Step) -> Vec<Option<Predicted>> {
+    predicted.iter().map(|p| p.map(|p| Predicted { pixel: p.pixel + p.jacobian * step.delta, ..p })).collect()
+}
+
+fn moved_px(predicted: &[Option<Predicted>], step: &Step) -> f64 {
+    predicted.iter().flatten().map(|p| (p.jacobian * step.delta).norm()).fold(0.0, f64::max)
+}

@@ -1,0 +1,109 @@
+//! The image of a disc: its ellipse, and by how much the ellipse's centre misses the image of the
+//! disc's centre.
+
+use nalgebra::{Matrix2, Rotation3, SMatrix, SVector, SymmetricEigen, Unit, Vector2, Vector3};
+
+use crate::measure::geometry::Lens;
+
+/// A disc on a slightly curved skin, camera frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Disc {
+    /// Centre, m.
+    pub(super) centre_m: Vector3<f64>,
+    /// Unit normal.
+    pub(super) normal: Vector3<f64>,
+    /// Unit chordwise direction, in the disc's plane.
+    pub(super) chord: Vector3<f64>,
+    /// m.
+    pub(super) radius_m: f64,
+    /// Chordwise curvature of the skin, along the normal, 1/m.
+    pub(super) crown_per_m: f64,
+}
+
+/// The disc's image.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Outline {
+    /// Image of the disc's centre, px.
+    pub(super) point_px: Vector2<f64>,
+    /// Centre of the ellipse, px.
+    pub(super) ellipse_px: Vector2<f64>,
+    /// px.
+    pub(super) semi_major_px: f64,
+    /// px.
+    pub(super) semi_minor_px: f64,
+    /// From u towards v, rad, in (-pi/2, pi/2].
+    pub(super) angle_rad: f64,
+}
+
+/// An ellipse is exact from five points on; more average the lens distortion.
+const BOUNDARY: usize = 24;
+
+impl Disc {
+    /// `None` where a part is behind the camera or the disc is seen edge-on.
+    pub(super) fn outline(&self, lens: &Lens) -> Option<Outline> {
+        let span = self.chord.cross(&self.normal);
+        let mut points = [Vector2::zeros(); BOUNDARY];
+        for (i, point) in points.iter_mut().enumerate() {
+            let (sin, cos) = (std::f64::consts::TAU * i as f64 / BOUNDARY as f64).sin_cos();
+            let across = self.radius_m * sin;
+            let sag = 0.5 * self.crown_per_m * across * across;
+            let p = self.centre_m + span * (self.radius_m * cos) + self.chord * across + self.normal * sag;
+            *point = lens.project(&p)?;
+        }
+        let (ellipse_px, shape) = ellipse(&points)?;
+        let eigen = SymmetricEigen::new(shape);
+        let (large, small) = if eigen.eigenvalues[0] >= eigen.eigenvalues[1] { (0, 1) } else { (1, 0) };
+        let axis = eigen.eigenvectors.column(large);
+        let angle = axis[1].atan2(axis[0]);
+        let half = std::f64::consts::FRAC_PI_2;
+        let angle_rad = if angle > half {
+            angle - 2.0 * half
+        } else if angle <= -half {
+            angle + 2.0 * half
+        } else {
+            angle
+        };
+        Some(Outline {
+            point_px: lens.project(&self.centre_m)?,
+            ellipse_px,
+            semi_major_px: eigen.eigenvalues[large].max(0.0).sqrt(),
+            semi_minor_px: eigen.eigenvalues[small].max(0.0).sqrt(),
+            angle_rad,
+        })
+    }
+
+    /// Ellipse's centre less the centre's image, px.
+    pub(super) fn bias(&self, lens: &Lens) -> Option<Vector2<f64>> {
+        self.outline(lens).map(|o| o.ellipse_px - o.point_px)
+    }
+
+    /// The same disc with its normal turned about an axis of its plane.
+    pub(super) fn tilted(&self, axis: &Vector3<f64>, angle_rad: f64) -> Self {
+        let turn = Rotation3::from_axis_angle(&Unit::new_normalize(*axis), angle_rad);
+        Self { normal: turn * self.normal, chord: turn * self.chord, ..*self }
+    }
+}
+
+/// Conic through points, as centre and shape matrix: (p - c)' shape^-1 (p - c) = 1.
+fn ellipse(points: &[Vector2<f64>]) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+    let count = points.len() as f64;
+    let mean = points.iter().sum::<Vector2<f64>>() / count;
+    let spread = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum::<Matrix2<f64>>() / count;
+    // Whitened, the flattest ellipse is a circle and the equations are well conditioned.
+    let root = spread.cholesky()?.l();
+    let whiten = root.try_inverse()?;
+    let mut normal = SMatrix::<f64, 5, 5>::zeros();
+    let mut right = SVector::<f64, 5>::zeros();
+    for p in points {
+        let q = whiten * (p - mean);
+        let row = SVector::<f64, 5>::new(q.x * q.x, q.x * q.y, q.y * q.y, q.x, q.y);
+        normal += row * row.transpose();
+        right += row;
+    }
+    let c = normal.cholesky()?.solve(&right);
+    let quadratic = Matrix2::new(c[0], 0.5 * c[1], 0.5 * c[1], c[2]);
+    let centre = quadratic.try_inverse()? * Vector2::new(c[3], c[4]) * -0.5;
+    let level = 1.0 + centre.dot(&(quadratic * centre));
+    let shape = root * (quadratic.try_inverse()? * level) * root.transpose();
+    Some((mean + root * centre, shape))
+}

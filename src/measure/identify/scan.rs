@@ -1,0 +1,138 @@
+//! First guesses in flight: one family of deflections, any shift of the mount.
+
+use nalgebra::Vector2;
+
+use super::beam::State;
+use super::fit::{Pair, Prior};
+use super::matching::Problem;
+
+/// Cells of the vote over the image shift, px; a vote counts in a block of 3 x 3.
+const CELL_PX: f64 = 20.0;
+const MAX_CELLS: usize = 31;
+/// Motion of the outermost marker between two deflections of the scan, px.
+const STEP_PX: f64 = 25.0;
+/// Tip lift over span.
+const LIFT_RANGE: (f64, f64) = (-0.11, 0.22);
+/// Curvature (1 - s/L)^p as coefficients, and L^2 * curvature / tip lift.
+const FAMILY: [([f64; 3], f64); 3] =
+    [([1.0, 1.0, 0.0], 2.0), ([1.0, 0.0, 0.0], 3.0), ([1.0, 0.0, -1.0], 4.0)];
+const KEPT: usize = 8;
+
+/// A deflection and a shift with the pairs that agree on it.
+#[derive(Clone, Debug)]
+pub(super) struct Guess {
+    pub(super) prior: Prior,
+    pub(super) pairs: Vec<Pair>,
+    cell: usize,
+}
+
+/// Half width of the vote: mounts shift by 40 px, more where the installation says so.
+fn window_px(mount_repeatability_px: f64) -> f64 {
+    (3.0 * mount_repeatability_px).clamp(60.0, 0.5 * CELL_PX * (MAX_CELLS - 3) as f64)
+}
+
+/// The best guesses, best first.
+pub(super) fn scan(problem: &Problem<'_>) -> Vec<Guess> {
+    let beam = &problem.scene.beam;
+    let setup = problem.scene.setup;
+    let tip = problem.scene.outermost();
+    let span_m = beam.length_m;
+    let range_m = beam.ground_m.get(tip).map_or(span_m, |p| p.norm());
+    let step_m = STEP_PX * range_m / setup.lens.focal_px();
+    let steps = (((LIFT_RANGE.1 - LIFT_RANGE.0) * span_m / step_m).ceil()).clamp(8.0, 400.0) as usize;
+    let window = window_px(setup.mount_repeatability_px);
+    let mut guesses: Vec<Guess> = Vec::new();
+    for step in 0..=steps {
+        let fraction = step as f64 / steps as f64;
+        let lift_m = span_m * (LIFT_RANGE.0 + (LIFT_RANGE.1 - LIFT_RANGE.0) * fraction);
+        let best = FAMILY
+            .iter()
+            .filter_map(|(shape, unit)| {
+                let amplitude = unit * lift_m / (span_m * span_m);
+                let mut state = State::zeros();
+                for (k, s) in shape.iter().enumerate() {
+                    state[k] = s * amplitude;
+                }
+                vote(problem, &state, amplitude, window, step)
+            })
+            .max_by_key(|g| g.pairs.len());
+        guesses.extend(best);
+    }
+    best_apart(guesses)
+}
+
+/// The best guesses that are not each other's neighbours in lift.
+fn best_apart(mut guesses: Vec<Guess>) -> Vec<Guess> {
+    guesses.sort_by_key(|g| (std::cmp::Reverse(g.pairs.len()), g.cell));
+    let mut kept: Vec<Guess> = Vec::new();
+    for guess in guesses {
+        if kept.iter().all(|k| k.cell.abs_diff(guess.cell) > 1) {
+            kept.push(guess);
+        }
+        if kept.len() == KEPT {
+            break;
+        }
+    }
+    kept
+}
+
+/// The shift that most markers agree on.
+fn vote(problem: &Problem<'_>, state: &State, amplitude: f64, window: f64, cell: usize) -> Option<Guess> {
+    let pixels = problem.scene.pixels(state);
+    let cells = (2.0 * window / CELL_PX).ceil() as usize + 2;
+    let cells = cells.min(MAX_CELLS);
+    let mut votes = [0u16; MAX_CELLS * MAX_CELLS];
+    let mut last = [u16::MAX; MAX_CELLS * MAX_CELLS];
+    for (j, pixel) in pixels.iter().enumerate() {
+        let Some(pixel) = pixel else { continue };
+        for &i in problem.candidates(j) {
+            let shift = problem.detections[i].centre_px - pixel;
+            let Some((a, b)) = cell_of(&shift, window, cells) else { continue };
+            for at in (a - 1..=a + 1).flat_map(|a| (b - 1..=b + 1).map(move |b| a * MAX_CELLS + b)) {
+                if last[at] != j as u16 {
+                    last[at] = j as u16;
+                    votes[at] += 1;
+                }
+            }
+        }
+    }
+    let (best, count) = votes.iter().enumerate().max_by_key(|(at, n)| (**n, usize::MAX - at))?;
+    if *count < 3 {
+        return None;
+    }
+    let coordinate = |cell: usize| (cell as f64 - 0.5) * CELL_PX - window;
+    let centre = Vector2::new(coordinate(best / MAX_CELLS), coordinate(best % MAX_CELLS));
+    Some(Guess { prior: prior(problem, state, amplitude), pairs: agreeing(problem, &pixels, &centre), cell })
+}
+
+fn cell_of(shift: &Vector2<f64>, window: f64, cells: usize) -> Option<(usize, usize)> {
+    if shift.x.abs() >= window || shift.y.abs() >= window {
+        return None;
+    }
+    let index = |s: f64| 1 + ((s + window) / CELL_PX) as usize;
+    let (a, b) = (index(shift.x), index(shift.y));
+    (a + 1 < cells.max(3) && b + 1 < cells.max(3)).then_some((a, b))
+}
+
+/// Per marker the detection nearest to the common shift.
+fn agreeing(problem: &Problem<'_>, pixels: &[Option<Vector2<f64>>], shift: &Vector2<f64>) -> Vec<Pair> {
+    let mut pairs = Vec::new();
+    for (j, pixel) in pixels.iter().enumerate() {
+        let Some(pixel) = pixel else { continue };
+        let off = |i: &usize| (problem.detections[*i].centre_px - pixel - shift).amax();
+        let best = problem.candidates(j).iter().min_by(|a, b| off(a).total_cmp(&off(b)));
+        if let Some(&i) = best.filter(|i| off(i) < 1.5 * CELL_PX) {
+            pairs.push((i, j));
+        }
+    }
+    pairs
+}
+
+fn prior(problem: &Problem<'_>, state: &State, amplitude: f64) -> Prior {
+    let setup = problem.scene.setup;
+    let a = amplitude.abs();
+    let turn = setup.mount_repeatability_px.max(20.0) / setup.lens.focal_px();
+    let sigma =
+        State::from([0.4 * a + 6e-4, 0.5 * a + 4e-4, 0.9 * a + 6e-4, 0.06, 0.05, turn, turn, turn.max(5e-3)]);
+    Prior { mean: *state, sigma }
+}
