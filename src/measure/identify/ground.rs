@@ -23,7 +23,11 @@ const TAKEN_OUT: &str =
 /// See [`super::orient`].
 pub(super) fn orient(setup: &Setup, frames: &[Vec<Detection>]) -> Result<OrientationFit, IdentifyError> {
     let first = start(setup, frames)?;
-    let mut orientation = Orientation { camera_from_survey: first.camera_from_survey, covariance_rad2: None };
+    let mut orientation = Orientation {
+        camera_from_survey: first.camera_from_survey,
+        covariance_rad2: None,
+        ground: Vec::new(),
+    };
     let mut identities: Vec<Identities> =
         frames.iter().map(|f| identities_on_ground(setup, &orientation, f)).collect();
     let mut fitted = None;

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector, Matrix2, Rotation3, SMatrix, Vector2, Vector3};
 use super::ground::camera_point;
 use super::scene::mahalanobis;
 use crate::measure::geometry::skew;
-use crate::measure::setup::{Orientation, Setup};
+use crate::measure::setup::{GroundSight, Orientation, Setup};
 
 /// Chi-square of two degrees of freedom, 1e-4.
 const GATE: f64 = 18.4;
@@ -82,12 +82,32 @@ fn conclude(
         setup.lens.project(&p).map_or(Vector2::zeros(), |pixel| pixel - s.pixel)
     };
     Adjusted {
-        orientation: Orientation { camera_from_survey: unknowns.rotation, covariance_rad2: Some(covariance) },
+        orientation: Orientation {
+            camera_from_survey: unknowns.rotation,
+            covariance_rad2: Some(covariance),
+            ground: means(setup.markers.len(), &sights),
+        },
         variance_factor: system.cost / redundancy.max(1) as f64,
         redundancy,
         used: sights.into_iter().map(|s| (s.clone(), residual(&s))).collect(),
         taken_out,
     }
+}
+
+/// Per marker the weighted mean over the frames.
+fn means(markers: usize, sights: &[Sight]) -> Vec<GroundSight> {
+    (0..markers)
+        .filter_map(|marker| {
+            let (mut weights, mut sum) = (Matrix2::zeros(), Vector2::zeros());
+            for sight in sights.iter().filter(|s| s.marker == marker) {
+                let weight = sight.covariance_px2.try_inverse()?;
+                weights += weight;
+                sum += weight * sight.pixel;
+            }
+            let covariance_px2 = weights.try_inverse()?;
+            Some(GroundSight { marker, pixel: covariance_px2 * sum, covariance_px2 })
+        })
+        .collect()
 }
 
 fn converge(setup: &Setup, start: &Rotation3<f64>, sights: &[Sight]) -> Option<(Unknowns, System)> {
