@@ -3,6 +3,7 @@
 mod detect;
 mod frames;
 mod orient;
+mod report;
 mod solve;
 
 pub mod simulate;
@@ -31,6 +32,8 @@ enum Command {
     Orient(orient::Args),
     /// Solve bending, torsion and positions, one result per image
     Solve(solve::Args),
+    /// Write a flight's figures and tables as one HTML file
+    Report(report::Args),
 }
 
 /// How a command ends when it did not end well.
@@ -77,15 +80,16 @@ pub fn main() -> ExitCode {
         Command::Detect(args) => detect::run(&args),
         Command::Orient(args) => orient::run(&args),
         Command::Solve(args) => solve::run(&args),
+        Command::Report(args) => report::run(&args),
     };
     match outcome {
         Ok(Done::All) => ExitCode::SUCCESS,
         Ok(Done::Partly) => ExitCode::from(1),
-        Err(failure) => report(&failure),
+        Err(failure) => complain(&failure),
     }
 }
 
-fn report(failure: &Failure) -> ExitCode {
+fn complain(failure: &Failure) -> ExitCode {
     match failure {
         Failure::Undone(text) => {
             eprintln!("wingd: {text}");

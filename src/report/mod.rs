@@ -4,6 +4,9 @@
 //! |---|---|---|
 //! | `summary` | the records of a series | means, standard deviations, scatter |
 //! | `table` | records, detections, summaries | text for a terminal |
+//! | `source` | a store | what the report shows |
+//! | `html` | that | one page that opens offline |
+//! | `export` | that | CSV, Parquet, VTK |
 //! | `overlay` | a frame and its detections | a picture to look at |
 
 pub mod grid;
@@ -11,15 +14,15 @@ pub mod html;
 pub mod labels;
 pub mod number;
 pub mod overlay;
+pub mod source;
 pub mod summary;
 pub mod table;
 
 #[cfg(test)]
 mod sample;
 
-use jiff::Timestamp;
-
 use crate::camera::Format;
+use crate::clock::Stamp;
 use crate::measure::geometry::WingFrame;
 use crate::measure::setup::{Setup, SurveyMarker};
 use crate::record::ImageRecord;
@@ -31,10 +34,12 @@ pub struct SeriesData {
     pub flight: String,
     /// Unique in the store.
     pub name: String,
-    /// UTC of the first shot, where it is known.
-    pub begun: Option<Timestamp>,
+    /// When it began, where that is known.
+    pub begun: Option<Stamp>,
     /// A crash or a power cut ended it early.
     pub interrupted: bool,
+    /// Shots that were wanted.
+    pub planned: usize,
     /// Results in the order of the shots.
     pub records: Vec<ImageRecord>,
     /// Every shot asked for, failed ones included.
@@ -46,12 +51,16 @@ pub struct SeriesData {
 /// A shot as the series' manifest keeps it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ShotData {
+    /// From 1.
+    pub number: u32,
     /// File name of the frame; `None` where the camera gave none.
     pub image: Option<String>,
-    /// UTC as the machine believed it.
-    pub utc: Option<Timestamp>,
+    /// When the camera was asked.
+    pub stamp: Option<Stamp>,
     /// SHA-256 of the frame, hexadecimal.
     pub sha256: Option<String>,
+    /// How to read the frame.
+    pub format: Option<Format>,
     /// Attempts that failed, before the frame or instead of it.
     pub failures: Vec<String>,
 }

@@ -4,6 +4,7 @@ use jiff::{SignedDuration, Timestamp};
 use serde_json::{Map, json};
 
 use super::{SeriesData, ShotData};
+use crate::clock::Stamp;
 use crate::record::{CurveRecord, ImageRecord, MarkerRecord, Status, Tip, TorsionRecord};
 
 /// A solved image of a wing along +y with four markers, the last one hidden.
@@ -102,21 +103,32 @@ pub fn failed(image: &str, reason: &str) -> ImageRecord {
 
 /// A series that began `after_s` seconds after the first one, one shot per lift.
 pub fn series(name: &str, after_s: i64, lifts_m: &[f64]) -> SeriesData {
-    let start = Timestamp::UNIX_EPOCH + SignedDuration::from_secs(1_790_000_000 + after_s);
     let image = |i: usize| format!("{name}-{i:02}.jpg");
     let shot = |i: usize| ShotData {
         image: Some(image(i)),
-        utc: Some(start + SignedDuration::from_secs(2 * i as i64)),
+        number: i as u32 + 1,
+        stamp: Some(stamp(after_s + 2 * i as i64)),
+        format: None,
         sha256: Some("ab".repeat(32)),
         failures: Vec::new(),
     };
     SeriesData {
         flight: "flight-0001".to_owned(),
         name: name.to_owned(),
-        begun: Some(start),
+        begun: Some(stamp(after_s)),
         interrupted: false,
+        planned: lifts_m.len(),
         records: lifts_m.iter().enumerate().map(|(i, l)| record(&image(i), *l)).collect(),
         shots: (0..lifts_m.len()).map(shot).collect(),
         remarks: Vec::new(),
+    }
+}
+
+fn stamp(after_s: i64) -> Stamp {
+    Stamp {
+        utc: Timestamp::UNIX_EPOCH + SignedDuration::from_secs(1_790_000_000 + after_s),
+        utc_synchronised: true,
+        boot_id: "boot".to_owned(),
+        since_boot_s: 100.0 + after_s as f64,
     }
 }

@@ -1,8 +1,7 @@
 //! A series in one line: means over its shots.
 
-use jiff::Timestamp;
-
 use super::SeriesData;
+use crate::clock::Stamp;
 use crate::record::{CurveRecord, ImageRecord, Status};
 
 /// A mean over the shots of a series.
@@ -57,8 +56,8 @@ pub struct TorsionMean {
 pub struct SeriesSummary {
     /// Flight and series.
     pub name: String,
-    /// First shot, where its time is known.
-    pub begun: Option<Timestamp>,
+    /// Its beginning, where that is known.
+    pub begun: Option<Stamp>,
     /// Hours since the first series.
     pub hour: f64,
     /// Shots asked for, failed ones included.
@@ -90,9 +89,9 @@ impl SeriesSummary {
         let tests: Vec<&str> = solved.iter().filter_map(|r| r.global_test.as_deref()).collect();
         Self {
             name: series.name.clone(),
-            begun: series.begun,
+            begun: series.begun.clone(),
             hour,
-            shots: series.records.len().max(series.shots.len()),
+            shots: series.records.len().max(series.shots.len()).max(series.planned),
             solved: solved.len(),
             tip_lift_m: Mean::of(&tips),
             torsion: torsion(&solved),
@@ -105,7 +104,7 @@ impl SeriesSummary {
 
     /// To the minute; says so where there is none.
     pub fn begun_text(&self) -> String {
-        self.begun.map_or("unknown".to_owned(), |t| t.strftime("%Y-%m-%d %H:%M").to_string())
+        self.begun.as_ref().map_or("unknown".to_owned(), |t| t.utc.strftime("%Y-%m-%d %H:%M").to_string())
     }
 
     /// One figure, or the range.
@@ -125,15 +124,21 @@ pub fn summaries(series: &[SeriesData]) -> Vec<SeriesSummary> {
 
 /// Hours since the first series; by number (one per hour) where a time is unknown.
 pub fn hours(series: &[SeriesData]) -> Vec<f64> {
-    let times: Option<Vec<Timestamp>> = series.iter().map(|s| s.begun).collect();
-    match times.as_deref() {
-        Some([first, ..]) => {
-            let first = *first;
-            let since = |t: &Timestamp| (t.as_second() - first.as_second()) as f64 / 3600.0;
-            times.iter().flatten().map(since).collect()
-        }
+    let begun: Option<Vec<&Stamp>> = series.iter().map(|s| s.begun.as_ref()).collect();
+    match begun.as_deref() {
+        Some(stamps @ [first, ..]) => stamps.iter().map(|s| hours_between(first, s)).collect(),
         _ => (0..series.len()).map(|i| i as f64).collect(),
     }
+}
+
+/// By the time since boot within one boot, which no setting of the clock disturbs; by UTC otherwise.
+pub fn hours_between(from: &Stamp, to: &Stamp) -> f64 {
+    let seconds = if from.boot_id == to.boot_id {
+        to.since_boot_s - from.since_boot_s
+    } else {
+        to.utc.duration_since(from.utc).as_secs_f64()
+    };
+    seconds / 3600.0
 }
 
 /// The records with numbers.
@@ -222,6 +227,8 @@ mod tests {
     fn hours_count_from_the_first_series_or_by_number() {
         let mut series = vec![sample::series("a", 0, &[1.0]), sample::series("b", 5400, &[1.0])];
         assert_eq!(hours(&series), [0.0, 1.5]);
+        series[1].begun.as_mut().unwrap().utc = jiff::Timestamp::UNIX_EPOCH;
+        assert_eq!(hours(&series), [0.0, 1.5], "a set clock within one boot changes nothing");
         series[1].begun = None;
         assert_eq!(hours(&series), [0.0, 1.0]);
         assert!(hours(&[]).is_empty());

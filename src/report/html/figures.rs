@@ -1,11 +1,10 @@
 //! Deflection and twist along the span; lift and torsion over time.
 
-use jiff::Timestamp;
 use maud::{Markup, html};
 
 use super::super::SeriesData;
 use super::super::number::fixed;
-use super::super::summary::{Mean, SeriesSummary, solved};
+use super::super::summary::{Mean, SeriesSummary, hours_between, solved};
 use super::plot::{Axis, Plot, drawing, px, series_colour, spread};
 use crate::record::{CurveRecord, ImageRecord};
 
@@ -184,9 +183,8 @@ impl Track<'_> {
 /// When a shot was taken, hours since the first series; the series' own hour where unknown.
 fn hour(series: &SeriesData, summary: &SeriesSummary, image: &str) -> f64 {
     let shot = series.shots.iter().find(|s| s.image.as_deref() == Some(image));
-    let seconds = |t: Timestamp| t.as_millisecond() as f64 / 1e3;
-    match (shot.and_then(|s| s.utc), series.begun) {
-        (Some(at), Some(begun)) => summary.hour + (seconds(at) - seconds(begun)) / 3600.0,
+    match (shot.and_then(|s| s.stamp.as_ref()), &series.begun) {
+        (Some(at), Some(begun)) => summary.hour + hours_between(begun, at),
         _ => summary.hour,
     }
 }

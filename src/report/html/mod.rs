@@ -70,7 +70,7 @@ fn title(data: &ReportData) -> String {
 }
 
 fn head(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
-    let dates: Vec<_> = data.series.iter().filter_map(|s| s.begun).collect();
+    let dates: Vec<_> = data.series.iter().filter_map(|s| s.begun.as_ref()).map(|s| s.utc).collect();
     let period = match (dates.iter().min(), dates.iter().max()) {
         (Some(a), Some(b)) => {
             format!("{} to {} UTC", a.strftime("%Y-%m-%d %H:%M"), b.strftime("%Y-%m-%d %H:%M"))

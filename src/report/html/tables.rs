@@ -6,7 +6,8 @@ use serde_json::{Map, Value};
 use super::super::grid::Grid;
 use super::super::number::{NONE, fixed, general};
 use super::super::summary::SeriesSummary;
-use super::super::{ReportData, SeriesData, table};
+use super::super::{ReportData, SeriesData, ShotData, table};
+use crate::clock::Stamp;
 use crate::record::{ImageRecord, Status};
 
 /// Means of the series and every frame.
@@ -129,15 +130,20 @@ fn unsolved(s: &SeriesData) -> impl Iterator<Item = &str> {
 fn camera(data: &ReportData) -> Grid {
     let mut grid = Grid::new(&["<series", "shot", "<time (UTC)", "<frame", "<what happened"]);
     for s in &data.series {
-        for (i, shot) in s.shots.iter().enumerate() {
+        for shot in &s.shots {
             for failure in &shot.failures {
-                let time = shot.utc.map_or(NONE.to_owned(), |t| t.strftime("%Y-%m-%d %H:%M:%S").to_string());
+                let time = time(shot);
                 let image = shot.image.clone().unwrap_or_else(|| "none".to_owned());
-                grid.push(vec![s.name.clone(), (i + 1).to_string(), time, image, failure.clone()]);
+                grid.push(vec![s.name.clone(), shot.number.to_string(), time, image, failure.clone()]);
             }
         }
     }
     grid
+}
+
+fn time(shot: &ShotData) -> String {
+    let text = |s: &Stamp| s.utc.strftime("%Y-%m-%d %H:%M:%S").to_string();
+    shot.stamp.as_ref().map_or(NONE.to_owned(), text)
 }
 
 /// The same remark once, with its frames counted.
@@ -211,7 +217,7 @@ fn frames(data: &ReportData) -> Grid {
             grid.push(vec![
                 s.name.clone(),
                 image.clone(),
-                shot.utc.map_or(NONE.to_owned(), |t| t.strftime("%Y-%m-%d %H:%M:%S").to_string()),
+                time(shot),
                 shot.sha256.clone().unwrap_or_else(|| NONE.to_owned()),
                 fixed(ms, 0),
             ]);

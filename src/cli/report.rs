@@ -1,0 +1,41 @@
+//! `wingd report`: a flight's figures and tables as one HTML file.
+
+use std::path::PathBuf;
+
+use super::{Done, Failure, print};
+use crate::installation;
+use crate::report::{html, source, summary, table};
+
+/// Write a flight's figures and tables as one HTML file.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The store
+    store: PathBuf,
+    /// Which flight, for example f0001 [default: the newest]
+    #[arg(long)]
+    flight: Option<String>,
+    /// The installation, for the ground shape and the lines of sight
+    #[arg(long, value_name = "DIR")]
+    installation: Option<PathBuf>,
+    /// Where the page goes
+    #[arg(long, short, value_name = "FILE", default_value = "report.html")]
+    output: PathBuf,
+}
+
+pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    let installation = args.installation.as_deref().map(installation::load_without_orientation);
+    let installation = installation.transpose()?;
+    let setup = installation.as_ref().map(|i| &i.setup);
+    let data = source::flight(&args.store, args.flight.as_deref(), setup)
+        .map_err(|e| Failure::Undone(e.to_string()))?;
+    for note in &data.notes {
+        eprintln!("wingd: {note}");
+    }
+    std::fs::write(&args.output, html::page(&data)).map_err(|e| {
+        let file = args.output.display();
+        Failure::Undone(format!("{file}: could not write: {e}; choose another place with --output"))
+    })?;
+    print(table::series(&summary::summaries(&data.series)).trim_end());
+    print(&format!("\nReport: {}", args.output.display()));
+    Ok(Done::all(data.notes.is_empty()))
+}
