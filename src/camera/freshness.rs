@@ -10,13 +10,25 @@ use crate::camera::CameraError;
 const REMEMBERED: usize = 16;
 
 /// The last frames of a camera; outlives a reconnection.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Freshness {
     hashes: VecDeque<[u8; 32]>,
     last_name: Option<String>,
+    remembered: usize,
+}
+
+impl Default for Freshness {
+    fn default() -> Self {
+        Self::remembering(REMEMBERED)
+    }
 }
 
 impl Freshness {
+    /// Remembers so many frames.
+    pub fn remembering(remembered: usize) -> Self {
+        Self { hashes: VecDeque::new(), last_name: None, remembered }
+    }
+
     /// Accepts a frame that differs from all that are remembered. `name` is the camera's own name or
     /// counter for the shot, where there is one: it must change too.
     pub fn check(&mut self, bytes: &[u8], name: Option<&str>) -> Result<(), CameraError> {
@@ -34,7 +46,7 @@ impl Freshness {
             return Err(CameraError::BadFrame(format!("the camera names it {name}, as the shot before")));
         }
         self.hashes.push_front(hash);
-        self.hashes.truncate(REMEMBERED);
+        self.hashes.truncate(self.remembered);
         self.last_name = name.map(str::to_owned);
         Ok(())
     }

@@ -181,6 +181,19 @@ impl Store {
         self.index().new_flight_wanted = true;
     }
 
+    /// When the scheduled series of the newest flight began in this boot, since boot, in order.
+    pub fn series_of_boot(&self, boot_id: &str) -> Vec<Duration> {
+        let Some(id) = self.current_flight() else { return Vec::new() };
+        let flight = FlightRef { folder: self.root.join(layout::FLIGHTS).join(&id), id };
+        let series = catalogue::series(self.disk(), &flight).unwrap_or_default();
+        let manifests = series.iter().filter_map(|series| catalogue::manifest(self.disk(), series).ok());
+        let began = manifests.filter(|manifest| manifest.cause == Cause::Scheduled).filter_map(|m| m.started);
+        began
+            .filter(|stamp| stamp.boot_id == boot_id)
+            .filter_map(|stamp| Duration::try_from_secs_f64(stamp.since_boot_s).ok())
+            .collect()
+    }
+
     /// Begins a series; recovers first what an abandoned one left. A refusal is recorded.
     pub fn begin_series(&self, plan: Plan, now: &Stamp) -> Result<(OpenSeries, Recovery), StoreError> {
         let mut index = self.index();

@@ -1,0 +1,367 @@
+//! Capturing: waits for the schedule, takes series, stores every frame before anything computes on it.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
+use std::time::Duration;
+
+use serde_json::{Map, Value};
+
+use super::capture::Host;
+use super::schedule::{self, Moment, Next, Progress};
+use super::status::{Activity, Board};
+use super::{Event, Observer, SeriesConfig};
+use crate::camera::freshness::Freshness;
+use crate::camera::{CameraError, CameraInfo, Format, Frame, jpeg};
+use crate::clock::{Clock, Stamp};
+use crate::store::manifest::{Cause, Failure, Shot, State};
+use crate::store::{NewFrame, OpenSeries, Plan, Recovery, Store, StoreError};
+
+/// What others ask of the recorder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Command {
+    /// An extra series, soon.
+    Trigger,
+    /// The same, as the first of a new flight.
+    NewFlight,
+    /// Finish the shot, close the series, end.
+    Stop,
+}
+
+/// Waits are cut into such pieces: a clock that was set and the watchdog are looked at in between.
+const SLICE: Duration = Duration::from_secs(5);
+/// Before a busy or lost camera is asked again.
+const BACKOFF: Duration = Duration::from_millis(500);
+
+/// What the recorder's thread works with.
+pub(crate) struct Recorder {
+    pub config: SeriesConfig,
+    pub store: Arc<Store>,
+    pub clock: Arc<dyn Clock>,
+    pub board: Board,
+    pub observer: Observer,
+    pub inbox: Receiver<Command>,
+    /// Wakes the processing; dropped at the end.
+    pub wake: Sender<()>,
+    pub camera: Host,
+    pub freshness: Freshness,
+    pub triggered: bool,
+    pub stopping: bool,
+}
+
+impl Recorder {
+    /// Until the timetable is over or a stop is asked for.
+    pub fn run(mut self) {
+        let timetable = self.config.timetable();
+        let mut progress = self.beginning();
+        self.board.expect_frames(self.config.interval);
+        while !self.stopping {
+            if std::mem::take(&mut self.triggered) {
+                self.series(Cause::Triggered);
+                continue;
+            }
+            let (next, state) = schedule::next(&timetable, progress, self.moment());
+            progress = state;
+            match next {
+                Next::Over => break,
+                Next::Begin(slot) => {
+                    progress.last_slot = Some(slot);
+                    self.series(Cause::Scheduled);
+                }
+                Next::Wait(wait) => {
+                    self.board.update(|status| status.activity = Activity::Waiting);
+                    self.board.next_series_in(Some(wait));
+                    self.wait(wait.min(SLICE), true);
+                }
+            }
+        }
+        self.board.next_series_in(None);
+    }
+
+    /// After a restart within one boot the slots go on where they were.
+    fn beginning(&self) -> Progress {
+        let (timetable, now) = (self.config.timetable(), self.moment());
+        let began = self.store.series_of_boot(&self.clock.stamp().boot_id);
+        match (began.first(), began.last()) {
+            (Some(first), Some(last)) => Progress::continuing(&timetable, *first, *last, now),
+            _ => Progress::beginning(&timetable, now),
+        }
+    }
+
+    fn moment(&self) -> Moment {
+        let utc_s = self.clock.stamp().utc.as_millisecond() as f64 / 1e3;
+        Moment { since_boot: self.clock.since_boot(), utc_s }
+    }
+
+    /// Waits on the clock and listens; returns early to stop, and where asked to on a trigger.
+    fn wait(&mut self, duration: Duration, until_triggered: bool) {
+        let end = self.clock.since_boot() + duration;
+        while !self.stopping && !(until_triggered && self.triggered) {
+            self.board.beat();
+            let slice = end.saturating_sub(self.clock.since_boot()).min(SLICE);
+            if slice.is_zero() {
+                return;
+            }
+            match self.inbox.recv_timeout(self.clock.machine_time(slice)) {
+                Ok(command) => self.obey(command),
+                Err(RecvTimeoutError::Timeout) => self.clock.advance(slice),
+                Err(RecvTimeoutError::Disconnected) => self.stopping = true,
+            }
+        }
+    }
+
+    fn obey(&mut self, command: Command) {
+        match command {
+            Command::Trigger => self.triggered = true,
+            Command::NewFlight => {
+                self.store.want_new_flight();
+                self.triggered = true;
+            }
+            Command::Stop => self.stopping = true,
+        }
+        if self.stopping {
+            self.board.update(|status| status.activity = Activity::Stopping);
+        }
+    }
+
+    fn series(&mut self, cause: Cause) {
+        let plan = Plan { cause, shots: self.config.shots };
+        let begun = self.store.begin_series(plan, &self.clock.stamp());
+        let (mut series, recovery) = match begun {
+            Ok(begun) => begun,
+            Err(error) => return self.refused(&error),
+        };
+        log_recovery(&recovery);
+        tracing::info!(series = series.id(), flight = series.flight(), ?cause, "series begins");
+        self.board.update(|status| {
+            status.activity = Activity::Capturing;
+            status.flight = Some(series.flight().to_owned());
+            status.series = Some(series.id().to_owned());
+            status.shot = 0;
+            status.shots_per_series = plan.shots;
+        });
+        let (id, flight) = (series.id().to_owned(), series.flight().to_owned());
+        (self.observer)(&Event::SeriesBegan { series: id.clone(), flight });
+        let taken = self.shots(&mut series, plan.shots);
+        let board = self.board.clone();
+        self.camera.close(&|| board.beat());
+        let complete = series.shots().len() == plan.shots as usize;
+        let closed = taken.and_then(|()| self.close(series, complete));
+        self.note_end(&id, complete, closed);
+        let _ = self.wake.send(());
+    }
+
+    fn refused(&mut self, error: &StoreError) {
+        tracing::error!(%error, "series refused by the store");
+        self.board.fault(&error.to_string());
+        self.board.update(|status| {
+            status.counts.series_refused += 1;
+            status.store.free_mb = self.store.free_mb().ok();
+        });
+        (self.observer)(&Event::Refused { reason: error.to_string() });
+    }
+
+    fn close(&mut self, series: OpenSeries, complete: bool) -> Result<(), StoreError> {
+        let state = if complete { State::Complete } else { State::Interrupted };
+        let remarks = if complete { Vec::new() } else { vec!["the daemon was asked to stop".to_owned()] };
+        self.store.close_series(series, state, &self.clock.stamp(), remarks)
+    }
+
+    fn note_end(&mut self, id: &str, complete: bool, closed: Result<(), StoreError>) {
+        let complete = complete && closed.is_ok();
+        match &closed {
+            Ok(()) => tracing::info!(series = id, complete, "series closed"),
+            Err(error) => {
+                tracing::error!(series = id, %error, "series broken off; recovered before the next one");
+                self.board.fault(&error.to_string());
+            }
+        }
+        self.board.update(|status| {
+            let counts = &mut status.counts;
+            *(if complete { &mut counts.series_complete } else { &mut counts.series_interrupted }) += 1;
+            status.camera.open = false;
+            status.store.free_mb = self.store.free_mb().ok();
+        });
+        (self.observer)(&Event::SeriesClosed { series: id.to_owned(), complete });
+    }
+
+    fn shots(&mut self, series: &mut OpenSeries, count: u32) -> Result<(), StoreError> {
+        for number in 1..=count {
+            self.listen();
+            if self.stopping {
+                break;
+            }
+            self.shot(series, number)?;
+            if number < count {
+                self.wait(self.config.gap, false);
+            }
+        }
+        Ok(())
+    }
+
+    fn listen(&mut self) {
+        while let Ok(command) = self.inbox.try_recv() {
+            self.obey(command);
+        }
+    }
+
+    /// One shot with its repeats, stored with its frame or with the reasons why there is none.
+    fn shot(&mut self, series: &mut OpenSeries, number: u32) -> Result<(), StoreError> {
+        let mut failures = Vec::new();
+        let mut stamp = self.clock.stamp();
+        let mut frame = None;
+        while frame.is_none() {
+            stamp = self.clock.stamp();
+            let (failure, again) = match self.attempt(series)? {
+                Ok(delivered) => match self.judge(&delivered) {
+                    Ok(()) => {
+                        frame = Some(delivered);
+                        break;
+                    }
+                    Err(mut failure) => {
+                        let name = series.set_aside(number, failures.len() + 1, &delivered.bytes)?;
+                        failure.kept_as = Some(name);
+                        (failure, true)
+                    }
+                },
+                Err(error) => (failure_of(&error), worth_another(&error)),
+            };
+            tracing::warn!(series = series.id(), shot = number, kind = failure.kind, reason = failure.reason);
+            self.note_failure(&failure);
+            failures.push(failure);
+            if !again || failures.len() > self.config.retries as usize || self.stopping {
+                break;
+            }
+            self.wait(BACKOFF, false);
+        }
+        let duration_s = self.clock.stamp().since_boot_s - stamp.since_boot_s;
+        let shot = Shot { shot: number, stamp, duration_s: Some(duration_s), frame: None, failures };
+        self.keep(series, shot, frame)
+    }
+
+    fn attempt(&mut self, series: &mut OpenSeries) -> Result<Result<Frame, CameraError>, StoreError> {
+        let board = self.board.clone();
+        let beat = || board.beat();
+        let opened = self.camera.ensure_open(&beat);
+        let outcome = match opened {
+            Ok(info) => {
+                if let Some(info) = info {
+                    self.note_camera(series, info)?;
+                }
+                self.camera.shoot(self.config.shot_deadline, &beat)
+            }
+            Err(error) => Err(error),
+        };
+        self.board.update(|status| {
+            status.counts.hangs = self.camera.hangs();
+            status.camera.hanging_calls = self.camera.hanging();
+        });
+        Ok(outcome)
+    }
+
+    fn note_camera(&mut self, series: &mut OpenSeries, info: CameraInfo) -> Result<(), StoreError> {
+        for warning in &info.warnings {
+            tracing::warn!(camera = info.name, warning);
+        }
+        let mut camera = Map::new();
+        camera.insert("name".to_owned(), Value::from(info.name.clone()));
+        camera.insert("settings".to_owned(), Value::Object(info.settings));
+        camera.insert("warnings".to_owned(), Value::from(info.warnings.clone()));
+        self.board.update(|status| {
+            status.camera.name = Some(info.name);
+            status.camera.open = true;
+            status.camera.warnings = info.warnings;
+        });
+        series.note_camera(camera)
+    }
+
+    /// A frame that came without an error may still be half or old.
+    fn judge(&mut self, frame: &Frame) -> Result<(), Failure> {
+        let whole = match &frame.format {
+            Format::Jpeg => jpeg::whole(&frame.bytes),
+            _ if frame.bytes.is_empty() => Err("it is empty".to_owned()),
+            _ => Ok(()),
+        };
+        let bad = |kind: &str, reason: String| Failure { kind: kind.to_owned(), reason, kept_as: None };
+        whole.map_err(|reason| bad("bad_frame", format!("camera delivered a bad frame: {reason}")))?;
+        self.freshness.check(&frame.bytes, None).map_err(|error| bad("stale", error.to_string()))
+    }
+
+    fn note_failure(&mut self, failure: &Failure) {
+        self.board.fault(&failure.reason);
+        self.board.update(|status| {
+            status.counts.failed_attempts += 1;
+            status.counts.stale_frames += u64::from(failure.kind == "stale");
+        });
+    }
+
+    fn keep(&mut self, series: &mut OpenSeries, shot: Shot, frame: Option<Frame>) -> Result<(), StoreError> {
+        let stamp: Stamp = shot.stamp.clone();
+        let number = shot.shot;
+        let new = match &frame {
+            Some(frame) => Some(NewFrame {
+                bytes: &frame.bytes,
+                extension: extension(&frame.format),
+                format: serde_json::to_value(&frame.format).unwrap_or(Value::Null),
+                settings: frame.settings.clone(),
+            }),
+            None => None,
+        };
+        let id = series.id().to_owned();
+        let stored = series.add_shot(shot, new)?.frame.clone();
+        self.board.update(|status| status.shot = number);
+        match stored {
+            Some(entry) => {
+                // From here on the frame is promised: tests and people may count on this line.
+                tracing::info!(series = id, file = entry.file, sha256 = entry.sha256, "frame is durable");
+                self.board.frame_stored(&stamp);
+                let (file, sha256) = (entry.file, entry.sha256);
+                (self.observer)(&Event::FrameStored { series: id, shot: number, file, sha256 });
+                let board = self.board.clone();
+                self.camera.release_last(&|| board.beat());
+            }
+            None => {
+                tracing::error!(series = id, shot = number, "shot without a frame");
+                self.board.update(|status| status.counts.failed_shots += 1);
+                (self.observer)(&Event::ShotFailed { series: id, shot: number });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Writes into the log what was recovered.
+pub(crate) fn log_recovery(recovery: &Recovery) {
+    for series in &recovery.series {
+        tracing::warn!(series, "recovered");
+    }
+    for name in &recovery.set_aside {
+        tracing::warn!(name, "half data kept under partial/");
+    }
+    for remark in &recovery.remarks {
+        tracing::warn!(remark, "recovery");
+    }
+}
+
+fn extension(format: &Format) -> &str {
+    match format {
+        Format::Jpeg => "jpg",
+        Format::File { extension } => extension,
+        Format::Raw { fourcc, .. } => fourcc.trim(),
+    }
+}
+
+/// Another attempt at the same shot may help. A camera that did not answer has cost its time already.
+fn worth_another(error: &CameraError) -> bool {
+    matches!(error, CameraError::Busy(_) | CameraError::Gone(_) | CameraError::BadFrame(_))
+}
+
+fn failure_of(error: &CameraError) -> Failure {
+    let kind = match error {
+        CameraError::Busy(_) => "busy",
+        CameraError::Gone(_) => "gone",
+        CameraError::Timeout { .. } => "timeout",
+        CameraError::Refused(_) => "refused",
+        CameraError::BadFrame(_) => "bad_frame",
+    };
+    Failure { kind: kind.to_owned(), reason: error.to_string(), kept_as: None }
+}
