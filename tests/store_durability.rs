@@ -63,8 +63,7 @@ fn take_series(store: &Store, time: &mut f64, n: u32, said: &mut Acknowledged) -
         };
         let bytes = format!("frame {n} {shot} {time} ").repeat(20 + n as usize).into_bytes();
         let shot = Shot { shot, stamp: stamp(*time), duration_s: Some(0.1), frame: None, failures };
-        let frame =
-            NewFrame { bytes: &bytes, extension: "jpg", format: Value::Null, settings: Map::new() };
+        let frame = NewFrame { bytes: &bytes, extension: "jpg", format: Value::Null, settings: Map::new() };
         series.add_shot(shot, (!failed).then_some(frame))?;
         if !failed {
             said.frames.insert(sha256(&bytes));

@@ -93,8 +93,14 @@ impl SeriesConfig {
         };
         must(!self.interval.is_zero(), "series.interval: must be longer than 0, for example \"1h\"");
         must((1..=9999).contains(&self.shots), "series.shots: must be 1 to 9999");
-        must(!self.shot_deadline.is_zero(), "series.shot_deadline: must be longer than 0, for example \"20s\"");
-        must(!self.open_deadline.is_zero(), "series.open_deadline: must be longer than 0, for example \"30s\"");
+        must(
+            !self.shot_deadline.is_zero(),
+            "series.shot_deadline: must be longer than 0, for example \"20s\"",
+        );
+        must(
+            !self.open_deadline.is_zero(),
+            "series.open_deadline: must be longer than 0, for example \"30s\"",
+        );
         must(self.retries <= 10, "series.retries: must be at most 10");
         let least = self.gap.saturating_mul(self.shots.saturating_sub(1));
         must(
