@@ -131,31 +131,55 @@ impl Clutter {
         self.base * (1.0 + self.mottle * (slow + 0.4 * fine))
     }
 
-    /// The factor of panel lines.
-    pub fn lines(&self, wing: &Wing, s: f64, z: f64, footprint: &Footprint) -> f64 {
-        let (low, high) = wing.edges(s);
-        let chord = (z - low) / (high - low);
-        let share = |distance: f64, pixel: f64| overlap(distance, 0.5 * self.line_m, pixel);
-        let rib = self.ribs_m.iter().map(|rib| share(s - rib, footprint.s)).fold(0.0, f64::max);
-        let place = |stringer: &f64| share((chord - stringer) * (high - low), footprint.z);
-        let stringer = self.stringers.iter().map(place).fold(0.0, f64::max);
-        1.0 - self.line_depth * f64::max(rib, stringer)
-    }
-
-    /// Indices of the spots that may touch a patch of skin.
-    pub fn spots_in(&self, s: (f64, f64), z: (f64, f64)) -> Vec<usize> {
-        let near = |spot: &Spot| {
+    /// What may touch a patch of skin.
+    pub fn near(&self, wing: &Wing, s: (f64, f64), z: (f64, f64), footprint: &Footprint) -> Near {
+        let reaches = |spot: &Spot| {
             let soft = if matches!(spot.kind, Kind::Blob { .. }) { 3.0 } else { 1.2 };
             let (ds, dz) = (soft * spot.reach_s, soft * spot.reach_z);
             spot.s + ds > s.0 && spot.s - ds < s.1 && spot.z + dz > z.0 && spot.z - dz < z.1
         };
-        (0..self.spots.len()).filter(|&i| near(&self.spots[i])).collect()
+        let wide = self.line_m + footprint.s;
+        let rib = |rib: &&f64| **rib > s.0 - wide && **rib < s.1 + wide;
+        let (low, high) = wing.edges(0.5 * (s.0 + s.1));
+        let chord = high - low;
+        // Taper within the patch is covered by a margin.
+        let wide = (self.line_m + footprint.z + 0.3 * (s.1 - s.0)) / chord;
+        let (from, to) = ((z.0 - low) / chord - wide, (z.1 - low) / chord + wide);
+        let stringer = |place: &&f64| **place > from && **place < to;
+        Near {
+            ribs_m: self.ribs_m.iter().filter(rib).copied().collect(),
+            stringers: self.stringers.iter().filter(stringer).copied().collect(),
+            spots: (0..self.spots.len()).filter(|&i| reaches(&self.spots[i])).collect(),
+        }
     }
 
-    /// The factor of the given spots.
-    pub fn spots(&self, indices: &[usize], s: f64, z: f64, footprint: &Footprint) -> f64 {
+    /// The factor of panel lines and spots.
+    pub fn factor(&self, near: &Near, wing: &Wing, s: f64, z: f64, footprint: &Footprint) -> f64 {
+        self.lines(near, wing, s, z, footprint) * self.spots(&near.spots, s, z, footprint)
+    }
+
+    fn lines(&self, near: &Near, wing: &Wing, s: f64, z: f64, footprint: &Footprint) -> f64 {
+        let share = |distance: f64, pixel: f64| overlap(distance, 0.5 * self.line_m, pixel);
+        let mut cover = near.ribs_m.iter().map(|rib| share(s - rib, footprint.s)).fold(0.0, f64::max);
+        if !near.stringers.is_empty() {
+            let (low, high) = wing.edges(s);
+            let place = |stringer: &f64| share(z - low - stringer * (high - low), footprint.z);
+            cover = near.stringers.iter().map(place).fold(cover, f64::max);
+        }
+        1.0 - self.line_depth * cover
+    }
+
+    fn spots(&self, indices: &[usize], s: f64, z: f64, footprint: &Footprint) -> f64 {
         indices.iter().filter_map(|&i| self.spots.get(i)).map(|spot| spot.factor(s, z, footprint)).product()
     }
+}
+
+/// Indices and places of what a patch of skin may show.
+#[derive(Clone, Debug, Default)]
+pub struct Near {
+    ribs_m: Vec<f64>,
+    stringers: Vec<f64>,
+    spots: Vec<usize>,
 }
 
 impl Spot {

@@ -227,7 +227,7 @@ fn random_wing(random: &mut Random, options: &Options) -> Wing {
 }
 
 /// Looks along the wing so that the highest tip is near the frame's upper edge.
-fn aim(random: &mut Random, wing: &Wing, options: &Options) -> Rotation3<f64> {
+pub(super) fn aim(random: &mut Random, wing: &Wing, options: &Options) -> Rotation3<f64> {
     let load = LoadShape { triangular: 0.3, relief: 0.1 };
     let state = super::wing::State { tip_lift_m: options.tip_lift_m, ..super::wing::State::ground(load) };
     let tip = wing.pose(&state).point(wing.beam.length_m, 0.0);

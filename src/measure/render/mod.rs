@@ -14,6 +14,7 @@
 mod beam;
 mod decals;
 mod layout;
+mod fitted;
 mod light;
 mod markers;
 mod picture;
@@ -25,6 +26,7 @@ mod truth;
 mod wing;
 
 pub use beam::{Beam, Bent, LoadShape};
+pub use fitted::FitFault;
 pub use layout::Options;
 pub use light::Light;
 pub use markers::Marker;

@@ -3,10 +3,10 @@
 use nalgebra::{Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
 
-use super::decals::{Clutter, Footprint};
+use super::decals::{Clutter, Footprint, Near};
 use super::light::{Illumination, Lit};
 use super::markers::Placed;
-use super::trace::Hit;
+use super::trace::{Hit, Rates};
 use super::wing::Pose;
 use crate::measure::geometry::Lens;
 
@@ -109,7 +109,7 @@ impl View<'_> {
     fn fill(&self, tile: &Tile, band: &mut [f32], width: usize, column: usize) {
         let patch = match tile.hits {
             [None, None, None, None] => None,
-            [Some(a), Some(b), Some(c), Some(d)] => Patch::new(self.clutter, [a, b, c, d]),
+            [Some(a), Some(b), Some(c), Some(d)] => Patch::new(self, tile, [a, b, c, d]),
             _ => return self.fill_outline(tile, band, width, column),
         };
         if tile.hits[0].is_some() && patch.is_none() {
@@ -121,18 +121,30 @@ impl View<'_> {
         });
     }
 
+    /// A tile with the wing's outline or a crest: rays one by one, finely where they differ.
     fn fill_outline(&self, tile: &Tile, band: &mut [f32], width: usize, column: usize) {
-        let lattice = if tile.markers.is_empty() { COARSE } else { FINE };
-        for_pixels(band, width, column, |x, y| mean(lattice, |dx, dy| self.sample(tile, x + dx, y + dy)));
+        let sheets: Vec<Option<Hit>> = (0..(TILE + 1) * (TILE + 1))
+            .map(|i| self.pose.first_hit(&tile.direction((i % (TILE + 1)) as f64, (i / (TILE + 1)) as f64)))
+            .collect();
+        let lit = tile.mean_lit();
+        for_pixels(band, width, column, |x, y| {
+            let corner = y as usize * (TILE + 1) + x as usize;
+            let around = [0, 1, TILE + 1, TILE + 2].map(|k| sheets[corner + k]);
+            let lattice = match (tile.markers.is_empty(), torn(&around)) {
+                (false, _) => FINE,
+                (true, true) => COARSE,
+                (true, false) => (1, 1),
+            };
+            mean(lattice, |dx, dy| self.sample(tile, &lit, x + dx, y + dy))
+        });
     }
 
-    /// One ray with all that it meets, without help from the tile's neighbours.
-    fn sample(&self, tile: &Tile, x: f64, y: f64) -> f64 {
+    /// One ray with all that it meets.
+    fn sample(&self, tile: &Tile, lit: &Lit, x: f64, y: f64) -> f64 {
         let direction = tile.direction(x, y);
         let Some(hit) = self.pose.first_hit(&direction) else {
-            return self.light.sky(&direction);
+            return bilinear(&tile.sky, x, y);
         };
-        let lit = self.light.at(self.pose, &hit);
         let printed = tile
             .markers
             .iter()
@@ -145,18 +157,27 @@ impl View<'_> {
     fn skin(&self, tile: &Tile, patch: &Patch, x: f64, y: f64) -> f64 {
         let direction = tile.direction(x, y);
         let guess = bilinear(&patch.s, x, y);
-        let Some(hit) = self.pose.near_hit(guess, patch.reach_m, &direction) else {
-            return mean(COARSE, |dx, dy| self.sample(tile, x + dx, y + dy));
+        let Some(hit) = self.pose.near_hit(guess, &patch.rates, patch.reach_m, &direction) else {
+            let lit = tile.mean_lit();
+            return mean(COARSE, |dx, dy| self.sample(tile, &lit, x + dx, y + dy));
         };
-        let lines = self.clutter.lines(&self.pose.wing, hit.s, hit.z, &patch.footprint);
-        let spots = self.clutter.spots(&patch.spots, hit.s, hit.z, &patch.footprint);
-        let paint = bilinear(&tile.paint, x, y) * lines * spots;
+        let clutter = self.clutter.factor(&patch.near, &self.pose.wing, hit.s, hit.z, &patch.footprint);
+        let paint = bilinear(&tile.paint, x, y) * clutter;
         let reflectance = tile
             .markers
             .iter()
             .filter(|m| m.covers(hit.s))
             .fold(paint, |below, m| printed(m, below, tile, patch, x, y));
         reflectance * bilinear(&tile.diffuse, x, y) + bilinear(&tile.added, x, y)
+    }
+}
+
+/// Whether rays meet different sheets of skin, or some meet none.
+fn torn(hits: &[Option<Hit>; 4]) -> bool {
+    match hits {
+        [None, None, None, None] => false,
+        [Some(a), Some(b), Some(c), Some(d)] => (b.s + c.s - a.s - d.s).abs() > 0.5,
+        _ => true,
     }
 }
 
@@ -177,12 +198,13 @@ struct Patch {
     /// Furthest a point of a pixel can be from its centre, with a margin.
     half_pixel_m: f64,
     reach_m: f64,
-    spots: Vec<usize>,
+    rates: Rates,
+    near: Near,
 }
 
 impl Patch {
     /// `None` where the corners are not on one sheet of the skin.
-    fn new(clutter: &Clutter, hits: [Hit; 4]) -> Option<Self> {
+    fn new(view: &View, tile: &Tile, hits: [Hit; 4]) -> Option<Self> {
         let [a, b, c, d] = hits;
         let n = 2.0 * TILE as f64;
         let (su, sv) = ((b.s - a.s + d.s - c.s).abs() / n, (c.s - a.s + d.s - b.s).abs() / n);
@@ -194,12 +216,17 @@ impl Patch {
         let (s, z) = (range(|hit| hit.s), range(|hit| hit.z));
         // A sheet is nearly flat over a tile: opposite sides have the same length.
         let torn = (b.s + c.s - a.s - d.s).abs() > 0.3 * (s.1 - s.0) + 0.01;
-        (!torn).then(|| Self {
+        if torn {
+            return None;
+        }
+        let footprint = Footprint { s: su + sv, z: zu + zv };
+        Some(Self {
             s: hits.map(|hit| hit.s),
-            footprint: Footprint { s: su + sv, z: zu + zv },
             half_pixel_m: 1.3 * 0.5 * (su.hypot(zu) + sv.hypot(zv)),
             reach_m: 0.5 * (s.1 - s.0) + 0.01,
-            spots: clutter.spots_in(s, z),
+            rates: view.pose.rates(a.s, &tile.directions[0])?,
+            near: view.clutter.near(&view.pose.wing, s, z, &footprint),
+            footprint,
         })
     }
 }
@@ -215,6 +242,18 @@ impl<'a> Tile<'a> {
             sky: corners.map(|corner| corner.sky),
             markers,
         }
+    }
+
+    /// Mean light of the corners on the skin.
+    fn mean_lit(&self) -> Lit {
+        let mut sum = Lit::default();
+        let mut count = 0.0;
+        for i in (0..4).filter(|&i| self.hits[i].is_some()) {
+            sum = Lit { diffuse: sum.diffuse + self.diffuse[i], added: sum.added + self.added[i] };
+            count += 1.0;
+        }
+        let count = f64::max(count, 1.0);
+        Lit { diffuse: sum.diffuse / count, added: sum.added / count }
     }
 
     fn direction(&self, x: f64, y: f64) -> Vector3<f64> {

@@ -14,7 +14,7 @@ pub struct Hit {
 }
 
 /// Stations of the first search; a crest narrower than this may be cut.
-const SEARCH_STEP_M: f64 = 0.4;
+const SEARCH_STEP_M: f64 = 0.6;
 const BISECTIONS: usize = 40;
 
 impl Pose {
@@ -71,25 +71,33 @@ impl Pose {
         Hit { s: inside, z: self.gap(inside, direction).1 }
     }
 
-    /// The hit near a guess, by two secant steps; `None` where it moves further than `reach_m` or
+    /// How gap and z change along s near a hit; `None` where the ray does not sink towards the skin.
+    pub fn rates(&self, s: f64, direction: &Vector3<f64>) -> Option<Rates> {
+        let ((g0, z0), (g1, z1)) = (self.gap(s - 0.02, direction), self.gap(s + 0.02, direction));
+        let rates = Rates { gap: (g1 - g0) / 0.04, z: (z1 - z0) / 0.04 };
+        (rates.gap < 0.0).then_some(rates)
+    }
+
+    /// The hit near a guess, by two chord steps; `None` where it moves further than `reach_m` or
     /// leaves the skin.
-    pub fn near_hit(&self, guess_s: f64, reach_m: f64, direction: &Vector3<f64>) -> Option<Hit> {
-        let first = self.gap(guess_s, direction);
-        let second_s = guess_s + 0.02;
-        let second = self.gap(second_s, direction);
-        let slope = (second.0 - first.0) / 0.02;
-        // Seen from above, the ray sinks towards the skin.
-        if slope >= 0.0 {
-            return None;
-        }
-        let s = guess_s - first.0 / slope;
+    pub fn near_hit(&self, guess_s: f64, rates: &Rates, reach_m: f64, direction: &Vector3<f64>) -> Option<Hit> {
+        let s = guess_s - self.gap(guess_s, direction).0 / rates.gap;
         let (rest, z) = self.gap(s, direction);
-        let correction = -rest / slope;
-        let hit = Hit { s: s + correction, z: z + correction * (second.1 - first.1) / 0.02 };
+        let correction = -rest / rates.gap;
+        let hit = Hit { s: s + correction, z: z + correction * rates.z };
         let (low, high) = self.wing.edges(hit.s);
         let on_skin = hit.z >= low && hit.z <= high && hit.s <= self.wing.beam.length_m;
         ((hit.s - guess_s).abs() <= reach_m && correction.abs() < 0.02 && on_skin).then_some(hit)
     }
+}
+
+/// Derivatives along s on one ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rates {
+    /// Of the height above the skin.
+    pub gap: f64,
+    /// Of z.
+    pub z: f64,
 }
 
 #[cfg(test)]
@@ -108,7 +116,8 @@ mod tests {
             let direction = pose.point(s, z).normalize();
             let hit = pose.first_hit(&direction).unwrap();
             assert!((hit.s - s).abs() < 1e-6 && (hit.z - z).abs() < 1e-6, "{hit:?}");
-            let near = pose.near_hit(s + 0.1, 0.5, &direction).unwrap();
+            let rates = pose.rates(s + 0.02, &direction).unwrap();
+            let near = pose.near_hit(s + 0.02, &rates, 0.5, &direction).unwrap();
             assert!((near.s - s).abs() < 1e-5 && (near.z - z).abs() < 1e-6, "{near:?} {s} {z}");
         }
     }

@@ -1,4 +1,4 @@
-//! `wingd simulate`: frames with known truth (format: `fixtures/dev`).
+//! Writes a set: installation, frames, truth (format: `fixtures/dev`).
 
 use std::fmt::Write as _;
 use std::fs;
@@ -23,8 +23,15 @@ pub struct SetFrame {
     pub quality: u8,
 }
 
-/// Writes `installation/`, `frames/` and `truth.json` below `directory`.
-pub fn write_set(directory: &Path, name: &str, scene: &Scene, frames: &[SetFrame]) -> Result<()> {
+/// Writes `installation/`, `frames/` and `truth.json` below `directory`; `done` is called after
+/// every frame.
+pub fn write_set(
+    directory: &Path,
+    name: &str,
+    scene: &Scene,
+    frames: &[SetFrame],
+    done: impl Fn(),
+) -> Result<()> {
     write_installation(&directory.join("installation"), &scene.setup)?;
     let folder = directory.join("frames");
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
@@ -32,7 +39,8 @@ pub fn write_set(directory: &Path, name: &str, scene: &Scene, frames: &[SetFrame
     for frame in frames {
         let raster = scene.render(&frame.shot).ok_or_else(|| anyhow!("the lens has no pixels"))?;
         write_jpeg(&folder.join(&frame.image), &raster, frame.quality)?;
-        entries.push(frame_json(&frame.image, &scene.truth(&frame.shot)));
+        entries.push(frame_json(frame, &scene.truth(&frame.shot)));
+        done();
     }
     let truth = json!({ "set": name, "frames": entries });
     write_text(&directory.join("truth.json"), &serde_json::to_string_pretty(&truth)?)
@@ -140,9 +148,10 @@ fn survey_csv(setup: &Setup) -> String {
     text
 }
 
-fn frame_json(image: &str, truth: &FrameTruth) -> Value {
+fn frame_json(frame: &SetFrame, truth: &FrameTruth) -> Value {
     json!({
-        "image": image,
+        "image": frame.image,
+        "light": frame.shot.light.name(),
         "tip_lift_m": truth.tip_lift_m,
         "markers": truth.markers.iter().map(marker_json).collect::<Vec<_>>(),
         "camera_from_survey": rows(&truth.camera_from_survey),

@@ -1,0 +1,256 @@
+//! `wingd simulate`: frames of a wing with known truth.
+
+mod writer;
+
+use std::path::PathBuf;
+
+use nalgebra::Vector2;
+
+use super::{Done, Failure, frames, print};
+use crate::installation;
+use crate::measure::render::{Light, Options, Random, Scene, Shot, Side};
+use crate::measure::setup::{Orientation, Setup};
+use writer::{SetFrame, write_set};
+
+/// Render frames of a wing with known truth
+#[derive(clap::Args)]
+pub struct Args {
+    /// Folder for installation/, frames/ and truth.json
+    #[arg(long, value_name = "DIR")]
+    output: PathBuf,
+    /// Use this installation's camera, survey and orientation instead of a random wing
+    #[arg(long, value_name = "DIR")]
+    installation: Option<PathBuf>,
+    /// Everything random follows from it
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Tip lift of each flight frame, m
+    #[arg(long, value_delimiter = ',', allow_hyphen_values = true, default_value = "2.6,2.3,2.0,1.7,1.4")]
+    tip_lifts: Vec<f64>,
+    /// Light of the flight frames in turn: plain, gradient, shadow, glare, dusk, backlight, haze
+    #[arg(long, value_delimiter = ',', default_value = "plain", value_parser = light)]
+    lights: Vec<Light>,
+    #[command(flatten)]
+    wing: WingArgs,
+    #[command(flatten)]
+    picture: PictureArgs,
+    /// Markers missing in each flight frame
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    hide: usize,
+    /// Change of the load's shape over the flight, e.g. 0.05
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    shape_change: f64,
+    /// The camera is mounted anew before this flight frame, counted from 1
+    #[arg(long, value_name = "N")]
+    remount: Option<usize>,
+}
+
+/// The random wing and its camera
+#[derive(clap::Args)]
+#[command(next_help_heading = "Random wing (not with --installation)")]
+struct WingArgs {
+    /// Side of the wing [default: by seed]
+    #[arg(long, value_parser = side)]
+    side: Option<Side>,
+    /// Length of the wing, m
+    #[arg(long)]
+    length: Option<f64>,
+    /// Markers, the pair at the tip included
+    #[arg(long)]
+    markers: Option<usize>,
+    /// How many of them are quadrants
+    #[arg(long)]
+    quadrants: Option<usize>,
+    /// Diameter of the markers, m
+    #[arg(long)]
+    diameter: Option<f64>,
+    /// Camera above the skin at the root, m
+    #[arg(long)]
+    camera_height: Option<f64>,
+    /// Noise of the survey, m
+    #[arg(long)]
+    survey_sigma: Option<f64>,
+    /// Clutter on the skin: 1 usual, 0 none
+    #[arg(long)]
+    clutter: Option<f64>,
+    /// Size of the frames, px
+    #[arg(long, num_args = 2, value_names = ["WIDTH", "HEIGHT"])]
+    size: Option<Vec<u32>>,
+    /// Camera constant, px
+    #[arg(long)]
+    focal: Option<f64>,
+    /// Distortion k1,k2,k3,p1,p2
+    #[arg(long, value_delimiter = ',', num_args = 5, allow_hyphen_values = true)]
+    distortion: Option<Vec<f64>>,
+}
+
+/// Sensor and file
+#[derive(clap::Args)]
+#[command(next_help_heading = "Picture")]
+struct PictureArgs {
+    /// Standard deviation of the point spread, px
+    #[arg(long, default_value_t = 0.8)]
+    blur: f64,
+    /// Movement during the exposure, px
+    #[arg(long, num_args = 2, value_names = ["U", "V"], allow_hyphen_values = true)]
+    motion: Option<Vec<f64>>,
+    /// Noise at white, grey levels
+    #[arg(long, default_value_t = 1.5)]
+    noise: f64,
+    /// Exponent of the tone curve
+    #[arg(long, default_value_t = 2.2)]
+    gamma: f64,
+    /// JPEG quality
+    #[arg(long, default_value_t = 90, value_parser = clap::value_parser!(u8).range(1..=100))]
+    quality: u8,
+}
+
+fn light(name: &str) -> Result<Light, String> {
+    let words = Light::ALL.map(Light::name).join(", ");
+    Light::named(name).ok_or_else(|| format!("one of {words}"))
+}
+
+fn side(name: &str) -> Result<Side, String> {
+    match name {
+        "left" => Ok(Side::Left),
+        "right" => Ok(Side::Right),
+        _ => Err("left or right".into()),
+    }
+}
+
+pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    let scene = scene(args)?;
+    let frames = shots(args, &scene);
+    let name = args.output.file_name().map_or("set".into(), |name| name.to_string_lossy());
+    let bar = frames::progress(frames.len(), "rendering");
+    write_set(&args.output, &name, &scene, &frames, || bar.inc(1))
+        .map_err(|e| Failure::Undone(format!("{e:#}")))?;
+    bar.finish_and_clear();
+    print(&format!("{} frames with their truth in {}", frames.len(), args.output.display()));
+    Ok(Done::All)
+}
+
+fn scene(args: &Args) -> Result<Scene, Failure> {
+    let highest = args.tip_lifts.iter().copied().fold(0.5, f64::max);
+    let Some(directory) = &args.installation else {
+        let options = args.wing.options(args.seed, highest);
+        check(&options)?;
+        return Ok(Scene::random(args.seed, &options));
+    };
+    let (setup, orientation) = load(directory)?;
+    let attitude = orientation.map(|orientation| orientation.camera_from_survey);
+    Scene::fitted(&setup, attitude, args.seed, highest)
+        .map_err(|e| Failure::Undone(format!("{}: {e}", directory.display())))
+}
+
+/// The orientation is used where there is one, and not needed.
+fn load(directory: &std::path::Path) -> Result<(Setup, Option<Orientation>), Failure> {
+    let read = if directory.join(installation::ORIENTATION_FILE).exists() {
+        installation::load(directory)?
+    } else {
+        installation::load_without_orientation(directory)?
+    };
+    Ok((read.setup, read.orientation))
+}
+
+fn check(options: &Options) -> Result<(), Failure> {
+    let wrong = |what: &str| Err(Failure::Usage(what.into()));
+    let positive = |x: f64| x.is_finite() && x > 0.0;
+    if options.lens.width < 64 || options.lens.height < 64 || options.lens.width.max(options.lens.height) > 65_000 {
+        return wrong("--size: give sides between 64 and 65000 px");
+    }
+    if !positive(options.lens.fx) || !positive(options.diameter_m) || !positive(options.camera_height_m) {
+        return wrong("--focal, --diameter and --camera-height must be above 0");
+    }
+    if !(5.0..=80.0).contains(&options.length_m) {
+        return wrong("--length: give 5 to 80 m");
+    }
+    if !(4..=200).contains(&options.markers) {
+        return wrong("--markers: give 4 to 200");
+    }
+    if !(options.survey_sigma_m >= 0.0 && options.clutter >= 0.0 && options.clutter <= 20.0) {
+        return wrong("--survey-sigma must not be negative, --clutter is 0 to 20");
+    }
+    Ok(())
+}
+
+impl WingArgs {
+    fn options(&self, seed: u64, highest_lift_m: f64) -> Options {
+        let by_seed = if seed.is_multiple_of(2) { Side::Right } else { Side::Left };
+        let mut options = Options::random(seed, self.side.unwrap_or(by_seed));
+        options.tip_lift_m = 1.03 * highest_lift_m;
+        set(&mut options.length_m, self.length);
+        set(&mut options.markers, self.markers);
+        set(&mut options.quadrants, self.quadrants);
+        set(&mut options.diameter_m, self.diameter);
+        set(&mut options.camera_height_m, self.camera_height);
+        set(&mut options.survey_sigma_m, self.survey_sigma);
+        set(&mut options.clutter, self.clutter);
+        let lens = &mut options.lens;
+        if let Some([width, height]) = self.size.as_deref() {
+            let scale = f64::from(*width) / f64::from(lens.width);
+            (lens.fx, lens.fy) = (lens.fx * scale, lens.fy * scale);
+            (lens.cx, lens.cy) = (0.5 * f64::from(*width), 0.5 * f64::from(*height));
+            (lens.width, lens.height) = (*width, *height);
+        }
+        if let Some(focal) = self.focal {
+            (lens.fx, lens.fy) = (focal, focal * lens.fy / lens.fx);
+        }
+        if let Some([k1, k2, k3, p1, p2]) = self.distortion.as_deref() {
+            (lens.k1, lens.k2, lens.k3, lens.p1, lens.p2) = (*k1, *k2, *k3, *p1, *p2);
+        }
+        options
+    }
+}
+
+fn set<T>(target: &mut T, value: Option<T>) {
+    if let Some(value) = value {
+        *target = value;
+    }
+}
+
+fn shots(args: &Args, scene: &Scene) -> Vec<SetFrame> {
+    let mut random = Random::new(args.seed, 20);
+    let mount = scene.remount(&mut random);
+    let count = args.tip_lifts.len();
+    let digits = count.to_string().len();
+    let quality = args.picture.quality;
+    let seed = |i: usize| args.seed.wrapping_mul(1000).wrapping_add(i as u64);
+    let ground = args.picture.applied(scene.ground_shot(seed(0)));
+    let mut frames = vec![SetFrame { image: "ground.jpg".into(), shot: ground, quality }];
+    for (i, &lift) in args.tip_lifts.iter().enumerate() {
+        let light = args.lights.get(i % args.lights.len().max(1)).copied().unwrap_or(Light::Plain);
+        let mut shot = args.picture.applied(scene.flight_shot(lift, light, seed(i + 1)));
+        // Burning fuel changes the load slowly and steadily.
+        let progress = i as f64 / count.max(2) as f64 - 0.5;
+        shot.state.load.relief += args.shape_change * progress;
+        shot.state.load.triangular -= args.shape_change * progress;
+        if args.remount.is_some_and(|first| i + 1 >= first) {
+            shot.mount = mount;
+        }
+        shot.hidden = hidden(&mut random, args.hide, scene.markers.len());
+        frames.push(SetFrame { image: format!("flight-{:0digits$}.jpg", i + 1), shot, quality });
+    }
+    frames
+}
+
+fn hidden(random: &mut Random, count: usize, of: usize) -> Vec<usize> {
+    let mut left: Vec<usize> = (0..of).collect();
+    (0..count.min(of)).map(|_| left.swap_remove(random.integer(0, left.len() - 1))).collect()
+}
+
+impl PictureArgs {
+    fn applied(&self, mut shot: Shot) -> Shot {
+        shot.sensor.blur_px = self.blur.clamp(0.0, 20.0);
+        shot.sensor.noise = self.noise.max(0.0);
+        // Less light, more gain.
+        if shot.light == Light::Dusk {
+            shot.sensor.noise *= 2.5;
+        }
+        shot.sensor.gamma = self.gamma.clamp(0.5, 5.0);
+        if let Some([u, v]) = self.motion.as_deref() {
+            shot.sensor.motion_px = Vector2::new(u.clamp(-50.0, 50.0), v.clamp(-50.0, 50.0));
+        }
+        shot
+    }
+}

@@ -1,0 +1,189 @@
+//! A scene for an installation that exists: a wing whose skin passes through the surveyed markers.
+
+use nalgebra::{Matrix4, Rotation3, Vector3, Vector4};
+
+use super::beam::{Beam, LoadShape};
+use super::decals::Clutter;
+use super::layout::{Options, aim};
+use super::markers::Marker;
+use super::random::Random;
+use super::scene::Scene;
+use super::wing::{Linear, Pose, Side, State, Wing};
+use crate::measure::setup::Setup;
+
+/// Why no scene can be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FitFault {
+    /// Too little to fit the skin to.
+    #[error("{0} markers in the survey, at least 4 are needed to find the skin")]
+    TooFew(usize),
+    /// The skin does not pass through the markers.
+    #[error("no smooth wing passes through marker {id}: it is {off_mm:.0} mm away; check its survey and span_direction")]
+    OffSkin {
+        /// The worst marker.
+        id: String,
+        /// Its height over the fitted skin, mm.
+        off_mm: f64,
+    },
+}
+
+const LOAD: LoadShape = LoadShape { triangular: 0.35, relief: 0.15 };
+const LARGEST_OFFSET_M: f64 = 0.15;
+
+impl Scene {
+    /// The installation's wing, taken as surveyed without error. What a survey does not tell
+    /// (load, twist, clutter) follows from the seed; so does the attitude where none is given.
+    pub fn fitted(
+        setup: &Setup,
+        camera_from_survey: Option<Rotation3<f64>>,
+        seed: u64,
+        tip_lift_m: f64,
+    ) -> Result<Self, FitFault> {
+        let mut random = Random::new(seed, 12);
+        let frame = setup.wing_frame();
+        let points: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
+        if points.len() < 4 {
+            return Err(FitFault::TooFew(points.len()));
+        }
+        let wing = fit_skin(first_wing(setup, &points), &points);
+        let pose = wing.pose(&State::ground(LOAD));
+        let markers: Vec<Marker> = setup
+            .markers
+            .iter()
+            .zip(&points)
+            .map(|(surveyed, point)| {
+                let marker = Marker {
+                    id: surveyed.id.clone(),
+                    shape: surveyed.shape,
+                    diameter_m: surveyed.diameter_m,
+                    s_m: 0.0,
+                    z_m: 0.0,
+                    rotation_rad: random.between(0.0, std::f64::consts::FRAC_PI_2),
+                    height_m: 0.0,
+                };
+                put(marker, &pose, point)
+            })
+            .collect();
+        let off = |marker: &&Marker| marker.height_m.abs() > LARGEST_OFFSET_M;
+        if let Some(marker) = markers.iter().find(off) {
+            return Err(FitFault::OffSkin { id: marker.id.clone(), off_mm: 1e3 * marker.height_m });
+        }
+        let options = Options { lens: setup.lens, tip_lift_m, ..Options::random(seed, wing.side) };
+        let attitude = camera_from_survey
+            .unwrap_or_else(|| aim(&mut random, &wing, &options) * frame.wing_from_survey);
+        Ok(Self {
+            setup: setup.clone(),
+            clutter: Clutter::random(&mut random, &wing, 1.0),
+            wing,
+            markers,
+            frame,
+            camera_from_survey: attitude,
+            load: LoadShape { triangular: random.between(0.15, 0.6), relief: random.between(0.05, 0.3) },
+            twist_rad_per_m: random.between(0.2, 1.0).to_radians(),
+        })
+    }
+}
+
+/// Everything that the survey gives directly; root height, slopes and crown are guesses.
+fn first_wing(setup: &Setup, points: &[Vector3<f64>]) -> Wing {
+    let n = points.len() as f64;
+    let furthest = points.iter().map(|p| p.x).fold(0.0, f64::max);
+    let length_m = setup.skin_height.map_or(0.0, |skin| skin.tip_span_m);
+    let length_m = length_m.max(1.02 * (furthest - setup.root_offset_m));
+    let axis_z_m = setup.axis_chord_offset_m.unwrap_or(points.iter().map(|p| p.z).sum::<f64>() / n);
+    let eta = |p: &Vector3<f64>| (p.x - setup.root_offset_m) / length_m;
+    // Wide enough for every marker: the taper is a usual one, the size follows.
+    let taper = 0.3;
+    let half = points
+        .iter()
+        .map(|p| (p.z - axis_z_m).abs() * 1.25 / (1.0 - (1.0 - taper) * eta(p)))
+        .fold(0.1 * length_m, f64::max);
+    let leading = |pair: &crate::measure::setup::TorsionPair| {
+        let z = |i: usize| points.get(i).map_or(0.0, |p| p.z);
+        z(pair.leading) < z(pair.trailing)
+    };
+    let side = if setup.torsion.first().is_none_or(leading) { Side::Right } else { Side::Left };
+    let skin = setup.skin_height.map_or(Linear { root: 0.0, tip: 0.0 }, |skin| Linear {
+        root: skin.root_m,
+        tip: skin.root_m + (skin.tip_m - skin.root_m) * length_m / skin.tip_span_m,
+    });
+    Wing {
+        side,
+        root_x_m: setup.root_offset_m,
+        root_y_m: points.iter().map(|p| p.y - 0.08 * p.x).sum::<f64>() / n - skin.root,
+        axis_z_m,
+        slope_rad: Linear { root: 0.08, tip: 0.08 },
+        edge_low_m: Linear { root: -half, tip: -half * taper },
+        edge_high_m: Linear { root: half, tip: half * taper },
+        skin_m: skin,
+        crown: 0.04,
+        wave_m: 0.0,
+        beam: Beam { length_m, taper, stiffness_power: 3.5 },
+    }
+}
+
+fn with(wing: &Wing, change: &Vector4<f64>) -> Wing {
+    Wing {
+        root_y_m: wing.root_y_m + change[0],
+        slope_rad: Linear { root: wing.slope_rad.root + change[1], tip: wing.slope_rad.tip + change[2] },
+        crown: wing.crown + change[3],
+        ..*wing
+    }
+}
+
+/// Root height, slopes and crown by least squares on the markers' heights, held softly near usual
+/// values where the markers do not tell.
+fn fit_skin(mut wing: Wing, points: &[Vector3<f64>]) -> Wing {
+    const STEP: [f64; 4] = [1e-4, 1e-5, 1e-5, 1e-4];
+    for _ in 0..6 {
+        let base = heights(&wing, points);
+        let columns: Vec<Vec<f64>> = (0..4)
+            .map(|k| {
+                let moved = heights(&with(&wing, &(Vector4::ith(k, STEP[k]))), points);
+                moved.iter().zip(&base).map(|(m, b)| (m - b) / STEP[k]).collect()
+            })
+            .collect();
+        let mut normal = Matrix4::zeros();
+        let mut right = Vector4::zeros();
+        for (i, residual) in base.iter().enumerate() {
+            let row = Vector4::from_fn(|k, _| columns[k][i]);
+            normal += row * row.transpose() / 1e-6;
+            right -= row * *residual / 1e-6;
+        }
+        // Crown 0.04 +- 0.03; change of slope 0 +- 0.05.
+        normal[(3, 3)] += 1.0 / 9e-4;
+        right[3] -= (wing.crown - 0.04) / 9e-4;
+        let bow = Vector4::new(0.0, 1.0, -1.0, 0.0);
+        normal += bow * bow.transpose() / 2.5e-3;
+        right -= bow * (wing.slope_rad.root - wing.slope_rad.tip) / 2.5e-3;
+        let Some(change) = normal.lu().solve(&right) else { break };
+        wing = with(&wing, &change);
+    }
+    wing
+}
+
+/// Height of the skin above each point, m.
+fn heights(wing: &Wing, points: &[Vector3<f64>]) -> Vec<f64> {
+    let pose = wing.pose(&State::ground(LOAD));
+    let height = |point: &Vector3<f64>| {
+        let mut s = point.x - wing.root_x_m;
+        for _ in 0..8 {
+            s += point.x - pose.point(s, point.z - wing.axis_z_m).x;
+        }
+        pose.point(s, point.z - wing.axis_z_m).y - point.y
+    };
+    points.iter().map(height).collect()
+}
+
+/// Moves a marker so that its centre on ground is the given point.
+fn put(mut marker: Marker, pose: &Pose, point: &Vector3<f64>) -> Marker {
+    marker.s_m = point.x - pose.wing.root_x_m;
+    marker.z_m = point.z - pose.wing.axis_z_m;
+    for _ in 0..25 {
+        let miss = point - marker.placed(pose).centre_m;
+        marker.s_m += miss.x;
+        marker.height_m += miss.y;
+        marker.z_m += miss.z;
+    }
+    marker
+}
