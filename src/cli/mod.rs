@@ -4,9 +4,8 @@ mod detect;
 mod frames;
 mod orient;
 mod report;
+mod simulate;
 mod solve;
-
-pub mod simulate;
 
 use std::process::ExitCode;
 
@@ -34,6 +33,8 @@ enum Command {
     Solve(solve::Args),
     /// Write a flight's figures and tables as one HTML file
     Report(report::Args),
+    /// Render frames of a wing with known truth
+    Simulate(simulate::Args),
 }
 
 /// How a command ends when it did not end well.
@@ -81,6 +82,7 @@ pub fn main() -> ExitCode {
         Command::Orient(args) => orient::run(&args),
         Command::Solve(args) => solve::run(&args),
         Command::Report(args) => report::run(&args),
+        Command::Simulate(args) => simulate::run(&args),
     };
     match outcome {
         Ok(Done::All) => ExitCode::SUCCESS,

@@ -156,7 +156,10 @@ fn load(directory: &std::path::Path) -> Result<(Setup, Option<Orientation>), Fai
 fn check(options: &Options) -> Result<(), Failure> {
     let wrong = |what: &str| Err(Failure::Usage(what.into()));
     let positive = |x: f64| x.is_finite() && x > 0.0;
-    if options.lens.width < 64 || options.lens.height < 64 || options.lens.width.max(options.lens.height) > 65_000 {
+    if options.lens.width < 64
+        || options.lens.height < 64
+        || options.lens.width.max(options.lens.height) > 65_000
+    {
         return wrong("--size: give sides between 64 and 65000 px");
     }
     if !positive(options.lens.fx) || !positive(options.diameter_m) || !positive(options.camera_height_m) {

@@ -18,7 +18,9 @@ pub enum FitFault {
     #[error("{0} markers in the survey, at least 4 are needed to find the skin")]
     TooFew(usize),
     /// The skin does not pass through the markers.
-    #[error("no smooth wing passes through marker {id}: it is {off_mm:.0} mm away; check its survey and span_direction")]
+    #[error(
+        "no smooth wing passes through marker {id}: it is {off_mm:.0} mm away; check its survey and span_direction"
+    )]
     OffSkin {
         /// The worst marker.
         id: String,
@@ -69,8 +71,8 @@ impl Scene {
             return Err(FitFault::OffSkin { id: marker.id.clone(), off_mm: 1e3 * marker.height_m });
         }
         let options = Options { lens: setup.lens, tip_lift_m, ..Options::random(seed, wing.side) };
-        let attitude = camera_from_survey
-            .unwrap_or_else(|| aim(&mut random, &wing, &options) * frame.wing_from_survey);
+        let attitude =
+            camera_from_survey.unwrap_or_else(|| aim(&mut random, &wing, &options) * frame.wing_from_survey);
         Ok(Self {
             setup: setup.clone(),
             clutter: Clutter::random(&mut random, &wing, 1.0),

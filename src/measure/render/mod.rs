@@ -13,8 +13,8 @@
 
 mod beam;
 mod decals;
-mod layout;
 mod fitted;
+mod layout;
 mod light;
 mod markers;
 mod picture;

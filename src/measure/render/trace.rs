@@ -80,7 +80,13 @@ impl Pose {
 
     /// The hit near a guess, by two chord steps; `None` where it moves further than `reach_m` or
     /// leaves the skin.
-    pub fn near_hit(&self, guess_s: f64, rates: &Rates, reach_m: f64, direction: &Vector3<f64>) -> Option<Hit> {
+    pub fn near_hit(
+        &self,
+        guess_s: f64,
+        rates: &Rates,
+        reach_m: f64,
+        direction: &Vector3<f64>,
+    ) -> Option<Hit> {
         let s = guess_s - self.gap(guess_s, direction).0 / rates.gap;
         let (rest, z) = self.gap(s, direction);
         let correction = -rest / rates.gap;
