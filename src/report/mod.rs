@@ -7,6 +7,7 @@
 //! | `source` | a store | what the report shows |
 //! | `html` | that | one page that opens offline |
 //! | `export` | that | CSV, Parquet, VTK |
+//! | `protocol` | the record of an image | its adjustment as a text to read |
 //! | `overlay` | a frame and its detections | a picture to look at |
 
 pub mod grid;
@@ -15,6 +16,7 @@ pub mod labels;
 pub mod number;
 pub mod overlay;
 pub mod source;
+pub mod protocol;
 pub mod summary;
 pub mod table;
 
