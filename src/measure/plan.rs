@@ -1,1 +1,215 @@
-//! Resolution, depth of field and predicted uncertainty of an installation.
+//! Before an installation: resolution on the wing, depth of field, predicted uncertainty of a layout
+//! of markers (MODEL.md section 7).
+
+mod optics;
+mod prediction;
+mod resolution;
+
+pub use optics::{Optics, OpticsPlan};
+pub use prediction::{Change, Expected, MarkerSigma, Prediction};
+pub use resolution::{Footprint, footprint};
+
+use nalgebra::Vector3;
+use serde::Serialize;
+
+use super::adjust::{Observation, Options};
+use super::setup::{Orientation, Setup};
+use prediction::Rehearsal;
+
+/// What is assumed of the flight to come.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlanOptions {
+    /// Lift of the outermost marker, m.
+    pub tip_lift_m: f64,
+    /// Standard deviation of each image coordinate, px.
+    pub pixel_sigma: f64,
+    /// Lens and sensor, for depth of field and diffraction.
+    pub optics: Option<Optics>,
+    /// Terms of the curvature.
+    pub curvature_terms: usize,
+}
+
+impl Default for PlanOptions {
+    fn default() -> Self {
+        Self { tip_lift_m: 2.5, pixel_sigma: 0.1, optics: None, curvature_terms: 3 }
+    }
+}
+
+/// Resolution and size of one marker's image.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MarkerPlan {
+    /// Survey id.
+    pub id: String,
+    /// `quadrant` or `circle`.
+    pub shape: &'static str,
+    /// Along the span from the projection centre, on ground, m.
+    pub span_m: f64,
+    /// From the projection centre, on ground, m.
+    pub distance_m: f64,
+    /// On the sensor, on ground and in flight.
+    pub visible: bool,
+    /// On ground, the skin taken as level.
+    pub ground: Footprint,
+    /// In flight, the skin sloping with the bending.
+    pub flight: Footprint,
+    /// Extent of the marker's image along and across the view on ground, px.
+    pub image_px: [f64; 2],
+    /// Predicted standard deviations.
+    pub sigma: Option<MarkerSigma>,
+}
+
+/// A point along the span.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SpanPlan {
+    /// From the projection centre, m.
+    pub span_m: f64,
+    /// On ground, at the markers' mean height.
+    pub ground: Footprint,
+    /// Standard deviation of the lift of the bending axis, m.
+    pub sigma_lift_m: Option<f64>,
+    /// Standard deviation of the twist, degrees.
+    pub sigma_twist_deg: Option<f64>,
+}
+
+/// All that can be said beforehand.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Plan {
+    /// Horizontal, vertical and diagonal angle of view, degrees.
+    pub field_of_view_deg: [f64; 3],
+    /// Mean camera constant, px.
+    pub focal_px: f64,
+    /// Assumed lift of the tip, m.
+    pub tip_lift_m: f64,
+    /// Assumed standard deviation of an image coordinate, px.
+    pub pixel_sigma: f64,
+    /// Every marker of the survey.
+    pub markers: Vec<MarkerPlan>,
+    /// From the bending root to the outermost marker.
+    pub span: Vec<SpanPlan>,
+    /// Where the lens was described.
+    pub optics: Option<OpticsPlan>,
+    /// Predicted uncertainty, and what one marker more or less changes.
+    pub prediction: Option<Prediction>,
+    /// What a person should read.
+    pub remarks: Vec<String>,
+}
+
+/// Points of [`Plan::span`].
+const SPAN_POINTS: usize = 33;
+/// Smallest image of a circle that is measured well, px across its small axis.
+const SMALLEST_IMAGE_PX: f64 = 5.0;
+
+/// Plans an installation. Without an orientation the camera is taken to look at the middle of the wing.
+pub fn plan(setup: &Setup, orientation: Option<&Orientation>, options: &PlanOptions) -> Plan {
+    let rehearsal = Rehearsal::new(setup, orientation, options);
+    let (prediction, failure) = match rehearsal.predict() {
+        Ok(prediction) => (Some(prediction), None),
+        Err(error) => (None, Some(format!("no uncertainty can be predicted: {error}"))),
+    };
+    let markers = markers(setup, &rehearsal, prediction.as_ref());
+    let optics = options.optics.map(|o| {
+        let distances = markers.iter().filter(|m| m.visible).map(|m| m.distance_m);
+        OpticsPlan::new(&o, distances.clone().fold(f64::INFINITY, f64::min), distances.fold(0.0, f64::max))
+    });
+    let mut plan = Plan {
+        field_of_view_deg: field_of_view_deg(setup),
+        focal_px: setup.lens.focal_px(),
+        tip_lift_m: options.tip_lift_m,
+        pixel_sigma: options.pixel_sigma,
+        span: span(setup, &markers, prediction.as_ref()),
+        markers,
+        optics,
+        prediction,
+        remarks: failure.into_iter().collect(),
+    };
+    let remarks = remarks(&plan);
+    plan.remarks.extend(remarks);
+    plan
+}
+
+fn field_of_view_deg(setup: &Setup) -> [f64; 3] {
+    let lens = &setup.lens;
+    let (x, y) = (0.5 * f64::from(lens.width) / lens.fx, 0.5 * f64::from(lens.height) / lens.fy);
+    [x, y, x.hypot(y)].map(|tangent| (2.0 * tangent.atan()).to_degrees())
+}
+
+fn markers(setup: &Setup, rehearsal: &Rehearsal, prediction: Option<&Prediction>) -> Vec<MarkerPlan> {
+    let c = setup.lens.focal_px();
+    let one = |(index, marker): (usize, &super::setup::SurveyMarker)| {
+        let ground = rehearsal.ground[index];
+        let flight = rehearsal.flight[index];
+        let on_ground = footprint(&ground, 0.0, c);
+        let seen = |o: &Observation| o.marker == index;
+        MarkerPlan {
+            id: marker.id.clone(),
+            shape: marker.shape.name(),
+            span_m: ground.x,
+            distance_m: ground.norm(),
+            visible: rehearsal.observations.iter().any(seen)
+                && rehearsal.orientation.ground.iter().any(|g| g.marker == index),
+            flight: footprint(&flight, rehearsal.slope_at(&flight), c),
+            image_px: [
+                1e3 * marker.diameter_m / on_ground.spanwise_mm,
+                1e3 * marker.diameter_m / on_ground.streamwise_mm,
+            ],
+            ground: on_ground,
+            sigma: prediction.and_then(|p| p.markers.iter().find(|m| m.marker == index).copied()),
+        }
+    };
+    setup.markers.iter().enumerate().map(one).collect()
+}
+
+fn span(setup: &Setup, markers: &[MarkerPlan], prediction: Option<&Prediction>) -> Vec<SpanPlan> {
+    let tip = markers.iter().fold(0.0, |tip: f64, m| tip.max(m.span_m));
+    let frame = setup.wing_frame();
+    let heights: Vec<f64> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m).y).collect();
+    let height = heights.iter().sum::<f64>() / heights.len().max(1) as f64;
+    let root = setup.root_offset_m.max(0.0);
+    let point = |k: usize| {
+        let span_m = root + (tip - root) * k as f64 / (SPAN_POINTS - 1) as f64;
+        let curve = prediction.and_then(|p| p.at(span_m));
+        SpanPlan {
+            span_m,
+            ground: footprint(&Vector3::new(span_m, height, 0.0), 0.0, setup.lens.focal_px()),
+            sigma_lift_m: curve.map(|c| c.0),
+            sigma_twist_deg: curve.and_then(|c| c.1),
+        }
+    };
+    (0..SPAN_POINTS).map(point).filter(|p| p.ground.spanwise_mm.is_finite()).collect()
+}
+
+fn remarks(plan: &Plan) -> Vec<String> {
+    let mut remarks = Vec::new();
+    let ids = |wanted: &dyn Fn(&MarkerPlan) -> bool| {
+        let found: Vec<&str> = plan.markers.iter().filter(|m| wanted(m)).map(|m| m.id.as_str()).collect();
+        (!found.is_empty()).then(|| found.join(", "))
+    };
+    if let Some(hidden) = ids(&|m| !m.visible) {
+        remarks.push(format!(
+            "outside the picture on ground or in flight: {hidden}; turn the camera or move the markers"
+        ));
+    }
+    if let Some(small) = ids(&|m| m.shape == "circle" && m.image_px[0] < SMALLEST_IMAGE_PX) {
+        remarks.push(format!(
+            "image less than {SMALLEST_IMAGE_PX} px along the view: {small}; use larger circles or a higher camera"
+        ));
+    }
+    if let Some(optics) = plan.optics.as_ref().filter(|o| !o.sharp) {
+        remarks.push(format!(
+            "the depth of field does not cover the markers: the blur disc is {:.1} um at both ends when focused at \
+             {:.1} m; stop down or allow a larger circle of confusion",
+            optics.blur_um, optics.best_focus_m
+        ));
+    }
+    remarks
+}
+
+/// Options of the rehearsed adjustment: exact observations, so that nothing is rejected or chosen.
+fn adjustment_options(options: &PlanOptions) -> Options {
+    Options {
+        sigma: super::adjust::SigmaKind::Prior,
+        curvature_terms: Some(options.curvature_terms),
+        snooping_alpha: 0.0,
+        ..Options::default()
+    }
+}

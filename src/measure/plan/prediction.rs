@@ -1,0 +1,291 @@
+//! The adjustment rehearsed with exact observations: its covariance is the prediction.
+
+use nalgebra::{Matrix2, Matrix3, Rotation3, Vector3};
+use serde::Serialize;
+
+use super::{PlanOptions, adjustment_options};
+use crate::measure::adjust::{self, AdjustError, Observation, Solution};
+use crate::measure::setup::{GroundSight, Orientation, Setup, SurveyMarker};
+
+/// Predicted standard deviations of one marker.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct MarkerSigma {
+    /// Index in the survey.
+    pub marker: usize,
+    /// Of the lift, m.
+    pub lift_m: f64,
+    /// Of the position along the span, m.
+    pub span_m: f64,
+    /// Of the position along the flow, m.
+    pub chord_m: f64,
+    /// Of the height, m.
+    pub height_m: f64,
+}
+
+/// What a layout is worth.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Expected {
+    /// Standard deviation of the lift of the bending axis at the tip, m.
+    pub sigma_tip_lift_m: f64,
+    /// Mean square root of that along the span, m.
+    pub sigma_mean_lift_m: f64,
+    /// Standard deviation of the twist at the tip, degrees.
+    pub sigma_tip_twist_deg: Option<f64>,
+    /// Largest standard deviation of a marker along the span, m.
+    pub sigma_span_m: f64,
+}
+
+/// A layout with one marker more or one less.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Change {
+    /// The marker left out; `None` for one more.
+    pub without: Option<String>,
+    /// Where the marker stands or would stand, along the span from the projection centre, m.
+    pub span_m: f64,
+    /// What the layout is worth then; `None` where it could not be adjusted.
+    pub expected: Option<Expected>,
+}
+
+/// Predicted uncertainty of a layout.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Prediction {
+    /// Conditions less parameters.
+    pub redundancy: usize,
+    /// The layout as it is.
+    pub expected: Expected,
+    /// Every visible marker.
+    pub markers: Vec<MarkerSigma>,
+    /// Pairs of the installation: name, standard deviations of angle and twist, degrees.
+    pub torsion: Vec<(String, Option<f64>, Option<f64>)>,
+    /// Correlation of the mount's pitch with bending.
+    pub pitch_bending_correlation: Option<f64>,
+    /// Without each marker, then with one more in the largest gap.
+    pub changes: Vec<Change>,
+    /// (span from the projection centre, sigma of lift m, sigma of twist degrees).
+    curve: Vec<(f64, f64, Option<f64>)>,
+}
+
+impl Prediction {
+    /// Standard deviations of lift (m) and twist (degrees) at a span, by linear interpolation.
+    pub fn at(&self, span_m: f64) -> Option<(f64, Option<f64>)> {
+        let next = self.curve.iter().position(|p| p.0 >= span_m).or(self.curve.len().checked_sub(1))?;
+        let (b, a) = (self.curve.get(next)?, self.curve.get(next.saturating_sub(1))?);
+        let share = if b.0 > a.0 { ((span_m - a.0) / (b.0 - a.0)).clamp(0.0, 1.0) } else { 1.0 };
+        let mix = |x: f64, y: f64| x + share * (y - x);
+        Some((mix(a.1, b.1), a.2.zip(b.2).map(|(x, y)| mix(x, y))))
+    }
+}
+
+/// A flight that has not taken place.
+pub struct Rehearsal<'a> {
+    setup: &'a Setup,
+    options: &'a PlanOptions,
+    /// Markers on ground, wing frame, m.
+    pub ground: Vec<Vector3<f64>>,
+    /// Markers in flight, wing frame, m.
+    pub flight: Vec<Vector3<f64>>,
+    /// The camera, with the ground frame that will have been taken.
+    pub orientation: Orientation,
+    /// Exact images of the visible markers.
+    pub observations: Vec<Observation>,
+    a_per_m: f64,
+}
+
+impl<'a> Rehearsal<'a> {
+    /// Bends the wing to a parabola. Its shape matters little: the covariance depends on it weakly.
+    pub fn new(setup: &'a Setup, orientation: Option<&Orientation>, options: &'a PlanOptions) -> Self {
+        let frame = setup.wing_frame();
+        let ground: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
+        let reach = |p: &Vector3<f64>| (p.x - setup.root_offset_m).max(0.0);
+        let tip = ground.iter().map(reach).fold(0.0, f64::max);
+        let a_per_m = if tip > 0.0 { options.tip_lift_m / (tip * tip) } else { 0.0 };
+        let slope = mean_slope(&ground);
+        let flight: Vec<_> = ground
+            .iter()
+            .map(|p| {
+                let x = reach(p);
+                // Arc length is kept: the parabola's own shortening and that of the sloping ground.
+                let shorter = 2.0 / 3.0 * a_per_m * a_per_m * x.powi(3) + slope * a_per_m * x * x;
+                p + Vector3::new(-shorter, a_per_m * x * x, 0.0)
+            })
+            .collect();
+        let mut rehearsal = Self {
+            setup,
+            options,
+            orientation: Orientation {
+                camera_from_survey: looking_at(&ground, &flight) * frame.wing_from_survey,
+                covariance_rad2: None,
+                ground: Vec::new(),
+            },
+            ground,
+            flight,
+            observations: Vec::new(),
+            a_per_m,
+        };
+        if let Some(known) = orientation {
+            rehearsal.orientation = known.clone();
+        }
+        rehearsal.look();
+        rehearsal
+    }
+
+    /// Takes the ground frame, unless one was taken, and the frame in flight.
+    fn look(&mut self) {
+        let variance = self.options.pixel_sigma * self.options.pixel_sigma;
+        let covariance_px2 = Matrix2::identity() * variance;
+        let see = |p: &Vector3<f64>| {
+            let survey = self.setup.wing_frame().wing_from_survey.inverse() * p;
+            let pixel = self.setup.lens.project(&(self.orientation.camera_from_survey * survey))?;
+            self.setup.lens.contains(&pixel).then_some(pixel)
+        };
+        let flight = self.flight.iter().enumerate();
+        let observations: Vec<_> = flight
+            .filter_map(|(marker, p)| Some(Observation { marker, pixel: see(p)?, covariance_px2 }))
+            .collect();
+        let ground = self.ground.iter().enumerate();
+        let sights: Vec<_> = ground
+            .filter_map(|(marker, p)| Some(GroundSight { marker, pixel: see(p)?, covariance_px2 }))
+            .collect();
+        self.observations = observations;
+        if self.orientation.ground.is_empty() {
+            self.orientation.ground = sights;
+        }
+    }
+
+    /// Slope of the skin in flight where the wing was level on ground.
+    pub fn slope_at(&self, flight: &Vector3<f64>) -> f64 {
+        2.0 * self.a_per_m * (flight.x - self.setup.root_offset_m).max(0.0)
+    }
+
+    /// Adjusts the rehearsed frame, then each changed layout.
+    pub fn predict(&self) -> Result<Prediction, AdjustError> {
+        let solution = self.solve(&self.observations)?;
+        let mut changes: Vec<_> = self.observations.iter().map(|o| self.without(o.marker)).collect();
+        changes.extend(self.one_more());
+        let degrees = |e: Option<adjust::Estimate>| e.and_then(|e| e.sigma).map(f64::to_degrees);
+        Ok(Prediction {
+            redundancy: solution.redundancy,
+            expected: expected(&solution, self.setup)
+                .ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))?,
+            markers: marker_sigmas(&solution, self.setup),
+            torsion: solution
+                .torsion
+                .iter()
+                .map(|t| (t.name.clone(), degrees(t.angle_rad), degrees(t.twist_rad)))
+                .collect(),
+            pitch_bending_correlation: solution.pitch_bending_correlation,
+            changes,
+            curve: solution
+                .curve
+                .iter()
+                .filter_map(|p| {
+                    let twist = p.twist_rad.and_then(|t| t.sigma).map(f64::to_degrees);
+                    Some((p.span_m, p.lift_m.sigma?, twist))
+                })
+                .collect(),
+        })
+    }
+
+    fn solve(&self, observations: &[Observation]) -> Result<Solution, AdjustError> {
+        adjust::spatial(self.setup, &self.orientation, observations, &adjustment_options(self.options))
+    }
+
+    /// The marker is neither glued on nor surveyed.
+    fn without(&self, marker: usize) -> Change {
+        let mut setup = self.setup.clone();
+        let removed = setup.markers.remove(marker);
+        let shift = |k: usize| if k > marker { k - 1 } else { k };
+        setup.torsion.retain(|t| t.leading != marker && t.trailing != marker);
+        for pair in &mut setup.torsion {
+            (pair.leading, pair.trailing) = (shift(pair.leading), shift(pair.trailing));
+        }
+        let mut orientation = self.orientation.clone();
+        orientation.ground.retain(|g| g.marker != marker);
+        orientation.ground.iter_mut().for_each(|g| g.marker = shift(g.marker));
+        Change {
+            span_m: self.ground[marker].x,
+            without: Some(removed.id),
+            expected: self.replayed(&setup, &orientation),
+        }
+    }
+
+    /// One more marker in the middle of the largest gap along the span.
+    fn one_more(&self) -> Option<Change> {
+        let mut order: Vec<usize> = self.observations.iter().map(|o| o.marker).collect();
+        order.sort_by(|&a, &b| self.ground[a].x.total_cmp(&self.ground[b].x));
+        let gap = |pair: &&[usize]| self.ground[pair[1]].x - self.ground[pair[0]].x;
+        let widest = order.windows(2).max_by(|a, b| gap(a).total_cmp(&gap(b)))?;
+        let (a, b) = (self.setup.markers.get(widest[0])?, self.setup.markers.get(widest[1])?);
+        let mut setup = self.setup.clone();
+        let position_m = 0.5 * (a.position_m + b.position_m);
+        setup.markers.push(SurveyMarker { id: "one more".into(), position_m, ..b.clone() });
+        let mut orientation = self.orientation.clone();
+        let frame = setup.wing_frame();
+        let seen = orientation.camera_from_survey * (position_m - frame.origin_m);
+        let variance = self.options.pixel_sigma * self.options.pixel_sigma;
+        let covariance_px2 = Matrix2::identity() * variance;
+        let pixel = setup.lens.project(&seen)?;
+        orientation.ground.push(GroundSight { marker: setup.markers.len() - 1, pixel, covariance_px2 });
+        Some(Change {
+            without: None,
+            span_m: frame.wing_point(&position_m).x,
+            expected: self.replayed(&setup, &orientation),
+        })
+    }
+
+    fn replayed(&self, setup: &Setup, orientation: &Orientation) -> Option<Expected> {
+        let other = Rehearsal::new(setup, Some(orientation), self.options);
+        expected(&other.solve(&other.observations).ok()?, setup)
+    }
+}
+
+/// Middle of the wing on ground and in flight; the camera upright.
+fn looking_at(ground: &[Vector3<f64>], flight: &[Vector3<f64>]) -> Rotation3<f64> {
+    let mut range = [(f64::INFINITY, f64::NEG_INFINITY); 2];
+    for p in ground.iter().chain(flight) {
+        for (r, angle) in range.iter_mut().zip([p.z.atan2(p.x), p.y.atan2(p.x.hypot(p.z))]) {
+            *r = (r.0.min(angle), r.1.max(angle));
+        }
+    }
+    let [azimuth, elevation] = range.map(|(low, high)| if low <= high { 0.5 * (low + high) } else { 0.0 });
+    let forward =
+        Vector3::new(elevation.cos() * azimuth.cos(), elevation.sin(), elevation.cos() * azimuth.sin());
+    let right = forward.cross(&Vector3::y()).normalize();
+    let down = forward.cross(&right);
+    let rows = Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()]);
+    Rotation3::from_matrix_unchecked(rows)
+}
+
+/// Of height over span, by regression.
+fn mean_slope(points: &[Vector3<f64>]) -> f64 {
+    let n = points.len().max(1) as f64;
+    let mean = points.iter().sum::<Vector3<f64>>() / n;
+    let (up, down) = points.iter().fold((0.0, 0.0), |(u, d), p| {
+        let x = p.x - mean.x;
+        (u + x * (p.y - mean.y), d + x * x)
+    });
+    if down > 0.0 { up / down } else { 0.0 }
+}
+
+fn marker_sigmas(solution: &Solution, setup: &Setup) -> Vec<MarkerSigma> {
+    let turn = setup.wing_frame().wing_from_survey;
+    let one = |m: &adjust::MarkerSolution| {
+        let wing = turn * m.covariance_m2? * turn.inverse();
+        let sigma = |k: usize| wing[(k, k)].max(0.0).sqrt();
+        let (span_m, height_m, chord_m) = (sigma(0), sigma(1), sigma(2));
+        Some(MarkerSigma { marker: m.marker, lift_m: m.lift_m?.sigma?, span_m, chord_m, height_m })
+    };
+    solution.markers.iter().filter_map(one).collect()
+}
+
+fn expected(solution: &Solution, setup: &Setup) -> Option<Expected> {
+    let tip = solution.curve.last()?;
+    let sigmas: Vec<f64> = solution.curve.iter().filter_map(|p| p.lift_m.sigma).collect();
+    let square = sigmas.iter().map(|s| s * s).sum::<f64>() / sigmas.len().max(1) as f64;
+    Some(Expected {
+        sigma_tip_lift_m: tip.lift_m.sigma?,
+        sigma_mean_lift_m: square.sqrt(),
+        sigma_tip_twist_deg: tip.twist_rad.and_then(|t| t.sigma).map(f64::to_degrees),
+        sigma_span_m: marker_sigmas(solution, setup).iter().fold(0.0, |m, s| m.max(s.span_m)),
+    })
+}
