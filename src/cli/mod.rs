@@ -3,6 +3,7 @@
 mod detect;
 mod frames;
 mod orient;
+mod plan;
 mod report;
 mod simulate;
 mod solve;
@@ -29,6 +30,8 @@ enum Command {
     Detect(detect::Args),
     /// Find the camera's attitude from ground frames and write orientation.toml
     Orient(orient::Args),
+    /// Resolution, depth of field and predicted uncertainty of an installation
+    Plan(plan::Args),
     /// Solve bending, torsion and positions, one result per image
     Solve(solve::Args),
     /// Write a flight's figures and tables as one HTML file
@@ -80,6 +83,7 @@ pub fn main() -> ExitCode {
     let outcome = match arguments.command {
         Command::Detect(args) => detect::run(&args),
         Command::Orient(args) => orient::run(&args),
+        Command::Plan(args) => plan::run(&args),
         Command::Solve(args) => solve::run(&args),
         Command::Report(args) => report::run(&args),
         Command::Simulate(args) => simulate::run(&args),

@@ -8,6 +8,7 @@
 //! | `html` | that | one page that opens offline |
 //! | `export` | that | CSV, Parquet, VTK |
 //! | `protocol` | the record of an image | its adjustment as a text to read |
+//! | `plan_figure` | a plan | resolution and predicted uncertainty along the span, SVG |
 //! | `overlay` | a frame and its detections | a picture to look at |
 
 pub mod grid;
@@ -15,8 +16,9 @@ pub mod html;
 pub mod labels;
 pub mod number;
 pub mod overlay;
-pub mod source;
+pub mod plan_figure;
 pub mod protocol;
+pub mod source;
 pub mod summary;
 pub mod table;
 

@@ -2,7 +2,7 @@
 
 mod figures;
 mod picture;
-mod plot;
+pub(in crate::report) mod plot;
 mod tables;
 mod views;
 

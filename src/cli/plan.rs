@@ -1,0 +1,199 @@
+//! `wingd plan`: what an installation will be able to see.
+
+use std::path::PathBuf;
+
+use super::{Done, Failure, print};
+use crate::installation::{self, Installation};
+use crate::measure::plan::{self, Expected, MarkerPlan, Optics, Plan, PlanOptions, Prediction};
+use crate::report::grid::Grid;
+use crate::report::number::fixed;
+use crate::report::plan_figure;
+
+/// Resolution, depth of field and predicted uncertainty of an installation.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The installation; without orientation.toml the camera is taken to look at the wing's middle
+    #[arg(long, value_name = "DIR")]
+    installation: PathBuf,
+    /// Lift of the outermost marker to plan for, m
+    #[arg(long, value_name = "M", default_value_t = PlanOptions::default().tip_lift_m, allow_negative_numbers = true)]
+    tip_lift: f64,
+    /// Standard deviation of an image coordinate to plan for, px
+    #[arg(long, value_name = "PX", default_value_t = PlanOptions::default().pixel_sigma)]
+    pixel_sigma: f64,
+    /// Terms of the curvature, 1 to 4
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(1..=4))]
+    curvature_terms: u8,
+    /// Draw the plan as SVG
+    #[arg(long, value_name = "FILE.svg")]
+    figure: Option<PathBuf>,
+    /// One JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    let sensible = args.pixel_sigma > 0.0 && args.pixel_sigma <= 100.0 && args.tip_lift.abs() <= 100.0;
+    if !sensible {
+        return Err(Failure::Usage("--pixel-sigma must be in (0, 100] px, --tip-lift within 100 m".into()));
+    }
+    let installation = installation::load(&args.installation)?;
+    let plan =
+        plan::plan(&installation.setup, installation.orientation.as_ref(), &options(args, &installation));
+    if let Some(file) = &args.figure {
+        std::fs::write(file, plan_figure::figure(&plan)).map_err(|e| {
+            Failure::Undone(format!("{} cannot be written ({e}); check rights and space", file.display()))
+        })?;
+    }
+    if args.json {
+        let line = serde_json::to_string(&plan)
+            .map_err(|e| Failure::Undone(format!("the plan cannot be written as JSON: {e}")))?;
+        print(&line);
+    } else {
+        print(&text(&plan));
+    }
+    Ok(if plan.prediction.is_some() { Done::All } else { Done::Partly })
+}
+
+fn options(args: &Args, installation: &Installation) -> PlanOptions {
+    let optics = installation.optics.as_ref().map(|o| Optics {
+        focal_length_mm: o.focal_length_mm,
+        f_number: o.f_number,
+        pixel_pitch_um: o.pixel_pitch_um,
+        circle_of_confusion_um: o.circle_of_confusion_um,
+    });
+    PlanOptions {
+        tip_lift_m: args.tip_lift,
+        pixel_sigma: args.pixel_sigma,
+        optics,
+        curvature_terms: usize::from(args.curvature_terms),
+    }
+}
+
+fn text(plan: &Plan) -> String {
+    let mut out = format!(
+        "Planned for a tip lift of {} m and {} px in the image.\n\nField of view {:.2} x {:.2} deg, camera constant {:.0} px\n",
+        plan.tip_lift_m,
+        plan.pixel_sigma,
+        plan.field_of_view_deg[0],
+        plan.field_of_view_deg[1],
+        plan.focal_px
+    );
+    out.push_str(&optics(plan));
+    out.push_str(&format!("\n{}", markers(&plan.markers).text()));
+    if let Some(prediction) = &plan.prediction {
+        out.push_str(&format!("\n{}", predicted(prediction)));
+        out.push_str(&format!("\nOne marker less, one marker more\n{}", changes(prediction).text()));
+    }
+    for remark in &plan.remarks {
+        out.push_str(&format!("\n{remark}\n"));
+    }
+    out
+}
+
+fn optics(plan: &Plan) -> String {
+    let Some(o) = &plan.optics else {
+        return "Depth of field and diffraction: give [camera.optics] in installation.toml\n".into();
+    };
+    let far = o.far_limit_m.map_or("infinity".to_owned(), |f| format!("{f:.1} m"));
+    format!(
+        "Hyperfocal distance {:.2} m; markers from {:.1} to {:.1} m: focus at {:.2} m, sharp from {:.2} m to {far} \
+         (circle of confusion {:.2} um; blur at both ends {:.2} um)\nAiry disc {:.1} um = {:.1} px\n",
+        o.hyperfocal_m,
+        o.nearest_m,
+        o.farthest_m,
+        o.best_focus_m,
+        o.near_limit_m,
+        o.circle_of_confusion_um,
+        o.blur_um,
+        o.airy_um,
+        o.airy_px
+    )
+}
+
+fn markers(markers: &[MarkerPlan]) -> Grid {
+    let mut grid = Grid::new(&[
+        "<marker",
+        "<shape",
+        "span / m",
+        "distance / m",
+        "spanwise / (mm/px)",
+        "in flight",
+        "streamwise / (mm/px)",
+        "image / px",
+        "sigma lift / mm",
+        "sigma span / mm",
+        "<seen",
+    ]);
+    for m in markers {
+        let sigma =
+            |pick: &dyn Fn(&plan::MarkerSigma) -> f64| fixed(m.sigma.as_ref().map(|s| 1e3 * pick(s)), 1);
+        grid.push(vec![
+            m.id.clone(),
+            m.shape.to_owned(),
+            fixed(Some(m.span_m), 2),
+            fixed(Some(m.distance_m), 2),
+            fixed(Some(m.ground.spanwise_mm), 1),
+            fixed(Some(m.flight.spanwise_mm), 1),
+            fixed(Some(m.ground.streamwise_mm), 2),
+            format!("{:.1} x {:.1}", m.image_px[1], m.image_px[0]),
+            sigma(&|s| s.lift_m),
+            sigma(&|s| s.span_m),
+            if m.visible { "yes" } else { "no" }.to_owned(),
+        ]);
+    }
+    grid
+}
+
+fn predicted(prediction: &Prediction) -> String {
+    let e = &prediction.expected;
+    let mut out = format!(
+        "Predicted standard deviations (spatial, one frame, redundancy {}): tip lift {:.1} mm, lift along the span \
+         {:.1} mm (root mean square), position along the span {:.1} mm at worst, tip twist {} deg\n",
+        prediction.redundancy,
+        1e3 * e.sigma_tip_lift_m,
+        1e3 * e.sigma_mean_lift_m,
+        1e3 * e.sigma_span_m,
+        fixed(e.sigma_tip_twist_deg, 3)
+    );
+    for (name, angle, twist) in &prediction.torsion {
+        let (angle, twist) = (fixed(*angle, 3), fixed(*twist, 3));
+        out.push_str(&format!("Torsion '{name}': angle {angle} deg, twist free of bending {twist} deg\n"));
+    }
+    if let Some(r) = prediction.pitch_bending_correlation {
+        out.push_str(&format!("Correlation of the mount's pitch with bending: {r:.3}\n"));
+    }
+    out
+}
+
+fn changes(prediction: &Prediction) -> Grid {
+    let mut grid = Grid::new(&[
+        "<layout",
+        "span / m",
+        "tip lift / mm",
+        "mean lift / mm",
+        "tip twist / deg",
+        "along span / mm",
+        "tip lift changes by",
+    ]);
+    let before = prediction.expected.sigma_tip_lift_m;
+    let mut row = |name: String, span: Option<f64>, e: Option<Expected>| {
+        let mm = |pick: fn(&Expected) -> f64| fixed(e.as_ref().map(|e| 1e3 * pick(e)), 2);
+        let change = e.map(|e| 100.0 * (e.sigma_tip_lift_m / before - 1.0));
+        grid.push(vec![
+            name,
+            fixed(span, 2),
+            mm(|e| e.sigma_tip_lift_m),
+            mm(|e| e.sigma_mean_lift_m),
+            fixed(e.and_then(|e| e.sigma_tip_twist_deg), 3),
+            mm(|e| e.sigma_span_m),
+            change.map_or_else(|| fixed(None, 0), |c| format!("{c:+.1} %")),
+        ]);
+    };
+    row("as surveyed".into(), None, Some(prediction.expected));
+    for change in &prediction.changes {
+        let name = change.without.as_ref().map_or("one more".to_owned(), |id| format!("without {id}"));
+        row(name, Some(change.span_m), change.expected);
+    }
+    grid
+}
