@@ -7,6 +7,8 @@ mod plan;
 mod report;
 mod simulate;
 mod solve;
+mod status;
+mod verify;
 
 use std::process::ExitCode;
 
@@ -36,6 +38,12 @@ enum Command {
     Solve(solve::Args),
     /// Write a flight's figures and tables as one HTML file
     Report(report::Args),
+    /// Check every checksum and every invariant of a store
+    Verify(verify::Args),
+    /// Ask the running daemon how it is
+    Status(status::StatusArgs),
+    /// Ask the running daemon for an extra series
+    Trigger(status::TriggerArgs),
     /// Render frames of a wing with known truth
     Simulate(simulate::Args),
 }
@@ -86,6 +94,9 @@ pub fn main() -> ExitCode {
         Command::Plan(args) => plan::run(&args),
         Command::Solve(args) => solve::run(&args),
         Command::Report(args) => report::run(&args),
+        Command::Verify(args) => verify::run(&args),
+        Command::Status(args) => status::status(&args),
+        Command::Trigger(args) => status::trigger(&args),
         Command::Simulate(args) => simulate::run(&args),
     };
     match outcome {

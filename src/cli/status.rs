@@ -1,0 +1,124 @@
+//! `wingd status` and `wingd trigger`: ask the running daemon.
+
+use std::path::PathBuf;
+
+use super::{Done, Failure, print};
+use crate::daemon::{self, Health, Status, StatusConfig};
+
+/// Ask the running daemon how it is.
+#[derive(clap::Args)]
+pub struct StatusArgs {
+    #[command(flatten)]
+    socket: SocketArgs,
+    /// The whole state as one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Ask the running daemon for an extra series.
+#[derive(clap::Args)]
+pub struct TriggerArgs {
+    #[command(flatten)]
+    socket: SocketArgs,
+    /// Begin a new flight with it
+    #[arg(long)]
+    new_flight: bool,
+}
+
+#[derive(clap::Args)]
+struct SocketArgs {
+    /// The daemon's socket, [status] socket of its configuration [default: /run/wingd/wingd.sock]
+    #[arg(long, value_name = "PATH")]
+    socket: Option<PathBuf>,
+}
+
+impl SocketArgs {
+    fn path(&self) -> PathBuf {
+        self.socket.clone().unwrap_or_else(|| StatusConfig::default().socket)
+    }
+}
+
+/// Exit status 1 where the daemon is there but its last good frame is too old.
+pub(super) fn status(args: &StatusArgs) -> Result<Done, Failure> {
+    let value = daemon::ask(&args.socket.path(), "status").map_err(Failure::Undone)?;
+    if args.json {
+        print(&value.to_string());
+    }
+    let status: Status = serde_json::from_value(value)
+        .map_err(|error| Failure::Undone(format!("the daemon is of another version: {error}")))?;
+    if !args.json {
+        print(&text(&status));
+    }
+    Ok(Done::all(status.health != Health::Stale))
+}
+
+pub(super) fn trigger(args: &TriggerArgs) -> Result<Done, Failure> {
+    let command = if args.new_flight { "new-flight" } else { "trigger" };
+    let answer = daemon::ask(&args.socket.path(), command).map_err(Failure::Undone)?;
+    print(answer.get("answer").and_then(|answer| answer.as_str()).unwrap_or("done"));
+    Ok(Done::All)
+}
+
+/// For a person with one look.
+fn text(status: &Status) -> String {
+    let counts = &status.counts;
+    let or_none = |text: &Option<String>| text.clone().unwrap_or_else(|| "none yet".to_owned());
+    let free = status.store.free_mb.map_or("unknown".to_owned(), |mb| format!("{mb} MB"));
+    let mut lines = vec![
+        format!("wingd {}: {}", status.version, word(&status.activity)),
+        format!("health       {}", health(status)),
+        format!("flight       {}", or_none(&status.flight)),
+        format!(
+            "series       {}, shot {} of {}",
+            or_none(&status.series),
+            status.shot,
+            status.shots_per_series
+        ),
+        format!(
+            "next series  {}",
+            status.next_series_s.map_or("none planned".to_owned(), |s| format!("in {}", span(s)))
+        ),
+        format!(
+            "since start  {} frames, {} shots failed, {} series complete, {} interrupted, {} refused",
+            counts.frames,
+            counts.failed_shots,
+            counts.series_complete,
+            counts.series_interrupted,
+            counts.series_refused
+        ),
+        format!(
+            "solving      {} solved, {} not solvable, {} waiting",
+            counts.solved, counts.unsolvable, status.to_solve
+        ),
+        format!("camera       {}", or_none(&status.camera.name)),
+        format!("store        {}, {free} free, {} MB reserve", status.store.path, status.store.reserve_mb),
+    ];
+    lines.extend(status.camera.warnings.iter().map(|warning| format!("warning      camera: {warning}")));
+    if let Some(fault) = &status.last_fault {
+        lines.push(format!("last fault   {} ({})", fault.what, fault.stamp.utc));
+    }
+    lines.join("\n")
+}
+
+fn word<T: serde::Serialize>(value: &T) -> String {
+    let value = serde_json::to_value(value).unwrap_or_default();
+    value.as_str().unwrap_or_default().to_owned()
+}
+
+fn health(status: &Status) -> String {
+    match (status.health, status.last_frame_age_s) {
+        (Health::Young, _) => "no frame due yet".to_owned(),
+        (Health::Good, age) => format!("good, last frame {} ago", span(age.unwrap_or(0.0))),
+        (Health::Stale, Some(age)) => format!("LOOK AT THE CAMERA: last good frame {} ago", span(age)),
+        (Health::Stale, None) => "LOOK AT THE CAMERA: no good frame since the start".to_owned(),
+    }
+}
+
+fn span(seconds: f64) -> String {
+    let whole = seconds.round() as u64;
+    match (whole / 3600, whole / 60 % 60, whole % 60) {
+        (0, 0, s) => format!("{s} s"),
+        (0, m, s) => format!("{m} min {s} s"),
+        (h, m, _) => format!("{h} h {m} min"),
+    }
+}

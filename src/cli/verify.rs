@@ -1,0 +1,54 @@
+//! `wingd verify`: every checksum and every invariant of a store or of a copy.
+
+use std::path::PathBuf;
+
+use super::{Done, Failure, print};
+use crate::store::RealDisk;
+use crate::store::verify::{Report, verify};
+
+/// Check every checksum and every invariant of a store, or of a copied flight or series.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The store, or a flight's or series' folder of it
+    #[arg(value_name = "STORE")]
+    store: PathBuf,
+    /// The report as one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    if !args.store.is_dir() {
+        let what = format!("{}: is not a directory; name a store", args.store.display());
+        return Err(Failure::Undone(what));
+    }
+    let report = verify(&RealDisk, &args.store);
+    if args.json {
+        print(&serde_json::to_string(&report).unwrap_or_default());
+    } else {
+        for note in &report.notes {
+            eprintln!("note: {note}");
+        }
+        print(&text(&report));
+    }
+    Ok(Done::all(report.is_sound()))
+}
+
+fn text(report: &Report) -> String {
+    let fault = |fault: &crate::store::verify::Fault| {
+        format!("invariant {}: {}: {}\n", fault.invariant, fault.path.display(), fault.what)
+    };
+    let faults: String = report.faults.iter().map(fault).collect();
+    let verdict = match report.faults.len() {
+        0 => "all invariants hold".to_owned(),
+        n => format!("{n} faults (docs/store.md says what each invariant means and how to mend it)"),
+    };
+    format!(
+        "{faults}{} flights, {} series, {} frames ({:.1} MB) with their checksums, {} results: {verdict}",
+        report.flights,
+        report.series,
+        report.frames,
+        report.bytes as f64 / 1e6,
+        report.results
+    )
+}
