@@ -79,9 +79,21 @@ pub(super) fn consensus(setup: &Setup, detections: &[Detection]) -> Result<Conse
     Ok(best.clone())
 }
 
+/// Pairs of a frame under a rotation that another frame gave.
+pub(super) fn pairs_under(setup: &Setup, detections: &[Detection], rotation: &Rotation3<f64>) -> Vec<Pair> {
+    let mut pairs = Directions::new(setup, detections).vote(rotation, 1.0).pairs;
+    pairs.sort_by_key(|p| p.1);
+    pairs
+}
+
 /// Whether two solutions are one: nearly the same rotation.
 fn same(a: &Consensus, b: &Consensus) -> bool {
-    a.camera_from_survey.angle_to(&b.camera_from_survey) < 5e-3
+    apart(&a.camera_from_survey, &b.camera_from_survey) < 5e-3
+}
+
+/// Angle between two rotations, rad; safe where they are equal.
+fn apart(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
+    (a.matrix() - b.matrix()).norm() / std::f64::consts::SQRT_2
 }
 
 impl<'a> Directions<'a> {
@@ -202,7 +214,7 @@ fn keep(best: &mut Vec<Consensus>, next: Consensus) {
     if next.pairs.len() < 3 || (best.len() == KEPT && best[KEPT - 1].score >= next.score) {
         return;
     }
-    match best.iter().position(|c| c.camera_from_survey.angle_to(&next.camera_from_survey) < 3e-3) {
+    match best.iter().position(|c| apart(&c.camera_from_survey, &next.camera_from_survey) < 3e-3) {
         Some(at) if best[at].score >= next.score => return,
         Some(at) => best[at] = next,
         None => best.push(next),

@@ -4,7 +4,7 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::beam::State;
 use super::bias::centred;
-use super::consensus::{Consensus, consensus};
+use super::consensus::{Consensus, consensus, pairs_under};
 use super::decide::decide;
 use super::fit::Prior;
 use super::flight::{NEEDED, report};
@@ -99,8 +99,8 @@ fn identities_on_ground(setup: &Setup, orientation: &Orientation, detections: &[
     let turn = CONSENSUS_SIGMA;
     let sigma = State::from([fixed, fixed, fixed, fixed, fixed, turn, turn, turn]);
     let prior = Prior { mean: State::zeros(), sigma };
-    let all: Vec<_> = (0..setup.markers.len()).map(|j| (0, j)).collect();
-    match problem.refine(&prior, &all) {
+    let start = pairs_under(setup, detections, &orientation.camera_from_survey);
+    match problem.refine(&prior, &start) {
         Some(refined) => report(&problem, &decide(&problem, refined)),
         None => Identities {
             marker_of: vec![None; detections.len()],

@@ -124,7 +124,7 @@ fn converge(setup: &Setup, start: &Rotation3<f64>, sights: &[Sight]) -> Option<(
         for (j, m) in unknowns.markers_m.iter_mut().enumerate() {
             *m += system.step.fixed_rows::<3>(6 + 3 * j);
         }
-        if turn.norm() < 1e-11 {
+        if turn.norm() < 1e-9 {
             unknowns.rotation.renormalize();
             let system = assemble(setup, &unknowns, sights)?;
             return Some((unknowns, system));

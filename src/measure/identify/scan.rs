@@ -13,9 +13,10 @@ const MAX_CELLS: usize = 31;
 const STEP_PX: f64 = 25.0;
 /// Tip lift over span.
 const LIFT_RANGE: (f64, f64) = (-0.11, 0.22);
-/// Curvature (1 - s/L)^p as coefficients, and L^2 * curvature / tip lift.
-const FAMILY: [([f64; 3], f64); 3] =
-    [([1.0, 1.0, 0.0], 2.0), ([1.0, 0.0, 0.0], 3.0), ([1.0, 0.0, -1.0], 4.0)];
+/// Curvature over the span as coefficients, and L^2 * curvature / tip lift: (1 - x)(1 + 3x) for a
+/// strong taper, 1, 1 - x, (1 - x)^2.
+const FAMILY: [([f64; 3], f64); 4] =
+    [([1.0, 0.0, 3.0], 12.0 / 7.0), ([1.0, 1.0, 0.0], 2.0), ([1.0, 0.0, 0.0], 3.0), ([1.0, 0.0, -1.0], 4.0)];
 const KEPT: usize = 8;
 
 /// A deflection and a shift with the pairs that agree on it.
@@ -114,7 +115,7 @@ fn cell_of(shift: &Vector2<f64>, window: f64, cells: usize) -> Option<(usize, us
     (a + 1 < cells.max(3) && b + 1 < cells.max(3)).then_some((a, b))
 }
 
-/// Per marker the detection nearest to the common shift.
+/// Per marker the detection nearest to the common shift, each detection once.
 fn agreeing(problem: &Problem<'_>, pixels: &[Option<Vector2<f64>>], shift: &Vector2<f64>) -> Vec<Pair> {
     let mut pairs = Vec::new();
     for (j, pixel) in pixels.iter().enumerate() {
@@ -122,10 +123,18 @@ fn agreeing(problem: &Problem<'_>, pixels: &[Option<Vector2<f64>>], shift: &Vect
         let off = |i: &usize| (problem.detections[*i].centre_px - pixel - shift).amax();
         let best = problem.candidates(j).iter().min_by(|a, b| off(a).total_cmp(&off(b)));
         if let Some(&i) = best.filter(|i| off(i) < 1.5 * CELL_PX) {
-            pairs.push((i, j));
+            pairs.push((off(&i), (i, j)));
         }
     }
-    pairs
+    pairs.sort_by(|a: &(f64, Pair), b| a.0.total_cmp(&b.0));
+    let mut once: Vec<Pair> = Vec::new();
+    for (_, pair) in pairs {
+        if once.iter().all(|p| p.0 != pair.0) {
+            once.push(pair);
+        }
+    }
+    once.sort_by_key(|p| p.1);
+    once
 }
 
 fn prior(problem: &Problem<'_>, state: &State, amplitude: f64) -> Prior {
