@@ -1,29 +1,26 @@
-//! A moment by which something must be done.
+//! A moment by which a device must have answered. Hardware does not follow a simulated clock, hence
+//! the machine's own monotonic one.
 
-use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::camera::CameraError;
-use crate::clock::Clock;
 
 /// Counts down from its start.
-#[derive(Clone)]
+#[derive(Clone, Copy, Debug)]
 pub struct Deadline {
-    clock: Arc<dyn Clock>,
-    start: Duration,
+    start: Instant,
     span: Duration,
 }
 
 impl Deadline {
     /// `span` from now.
-    pub fn after(clock: &Arc<dyn Clock>, span: Duration) -> Self {
-        Self { clock: clock.clone(), start: clock.since_boot(), span }
+    pub fn after(span: Duration) -> Self {
+        Self { start: Instant::now(), span }
     }
 
     /// What is left; past the deadline the error says `what` was waited for.
     pub fn left(&self, what: &str) -> Result<Duration, CameraError> {
-        let gone = self.clock.since_boot().saturating_sub(self.start);
-        match self.span.checked_sub(gone) {
+        match self.span.checked_sub(self.start.elapsed()) {
             Some(left) if !left.is_zero() => Ok(left),
             _ => Err(self.passed(what)),
         }

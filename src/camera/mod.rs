@@ -2,6 +2,8 @@
 
 pub mod deadline;
 pub mod freshness;
+#[cfg(feature = "gphoto")]
+pub mod gphoto;
 pub mod jpeg;
 pub mod replay;
 #[cfg(feature = "v4l")]
@@ -47,7 +49,7 @@ pub enum Format {
 }
 
 /// Why a camera did not deliver, cut by what the caller does about it.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error, serde::Serialize, serde::Deserialize)]
 pub enum CameraError {
     /// Try again soon.
     #[error("camera is busy: {0}")]

@@ -6,7 +6,6 @@ mod stream;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 
 use serde::Deserialize;
@@ -17,7 +16,6 @@ use v4l::{Device, FourCC};
 use crate::camera::deadline::Deadline;
 use crate::camera::freshness::Freshness;
 use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
-use crate::clock::Clock;
 
 /// `[camera]` with `kind = "v4l"`. One of `device`, `serial` and `card` names the camera.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -90,7 +88,6 @@ fn fourcc(name: &str) -> Option<FourCC> {
 /// The camera; see [`Camera`].
 pub struct V4lCamera {
     section: V4lSection,
-    clock: Arc<dyn Clock>,
     opened: Option<Opened>,
     freshness: Freshness,
 }
@@ -104,8 +101,8 @@ struct Opened {
 
 impl V4lCamera {
     /// Nothing is touched before `open`.
-    pub fn new(section: V4lSection, clock: Arc<dyn Clock>) -> Self {
-        Self { section, clock, opened: None, freshness: Freshness::default() }
+    pub fn new(section: V4lSection) -> Self {
+        Self { section, opened: None, freshness: Freshness::default() }
     }
 
     fn prepare(&mut self) -> Result<CameraInfo, CameraError> {
@@ -222,7 +219,7 @@ impl Camera for V4lCamera {
     }
 
     fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
-        let deadline = Deadline::after(&self.clock, deadline);
+        let deadline = Deadline::after(deadline);
         let shot = walled(|| self.take(&deadline));
         if matches!(shot, Err(CameraError::Gone(_))) {
             self.close();

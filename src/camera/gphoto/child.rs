@@ -1,0 +1,50 @@
+//! The camera process: reads questions, drives the camera, answers.
+
+use std::io::{self, Write};
+use std::sync::mpsc;
+use std::time::Duration;
+
+use crate::camera::CameraError;
+use crate::camera::gphoto::driver::Driver;
+use crate::camera::gphoto::protocol::{self, Answer, Request};
+
+/// Serves until the recorder closes the pipe; then the process ends, even from within a hung call.
+pub fn serve() -> io::Result<()> {
+    let (sender, requests) = mpsc::channel();
+    std::thread::spawn(move || {
+        let mut input = io::stdin().lock();
+        while let Ok((request, _)) = protocol::read::<Request>(&mut input) {
+            if sender.send(request).is_err() {
+                break;
+            }
+        }
+        std::process::exit(0);
+    });
+    let mut driver = None;
+    let mut output = io::BufWriter::new(io::stdout().lock());
+    for request in requests {
+        let (answer, body) =
+            handle(&mut driver, request).unwrap_or_else(|error| (Answer::Failed { error }, Vec::new()));
+        protocol::write(&mut output, &answer, &body)?;
+        output.flush()?;
+    }
+    Ok(())
+}
+
+fn handle(driver: &mut Option<Driver>, request: Request) -> Result<(Answer, Vec<u8>), CameraError> {
+    if let Request::Open { section } = &request {
+        *driver = None;
+        let (opened, answer) = Driver::open(section)?;
+        *driver = Some(opened);
+        return Ok((answer, Vec::new()));
+    }
+    let closed = || CameraError::Gone("the camera is not open".to_owned());
+    let driver = driver.as_mut().ok_or_else(closed)?;
+    match request {
+        Request::Recover => driver.recover(),
+        Request::Shoot { deadline_s, trigger } => {
+            driver.shoot(Duration::try_from_secs_f64(deadline_s).unwrap_or_default(), trigger)
+        }
+        Request::Release | Request::Open { .. } => driver.release().map(|()| (Answer::Nothing, Vec::new())),
+    }
+}

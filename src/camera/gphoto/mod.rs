@@ -1,0 +1,177 @@
+//! A still camera on USB, through libgphoto2.
+//!
+//! The library keeps one global thread, and a call into it cannot be cancelled: a hung camera would hang
+//! the recorder. It therefore runs in a process of its own, the same program again, which is killed at
+//! its deadline and started anew. Between series no such process exists.
+
+pub mod child;
+mod driver;
+mod faults;
+mod process;
+mod protocol;
+mod settings;
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::camera::freshness::Freshness;
+use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
+use process::Process;
+use protocol::{Answer, Request};
+
+/// The hidden command that makes this program a camera process.
+pub const CHILD_COMMAND: &str = "camera-child";
+/// The running program, even if an upgrade has replaced its file.
+const PROGRAM: &str = "/proc/self/exe";
+/// The camera process keeps deadlines too; it is killed this much later.
+const GRACE: Duration = Duration::from_secs(2);
+
+/// `[camera]` with `kind = "gphoto"`. Without `model` and `port`, the only camera there is.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GphotoSection {
+    /// Part of the model's name, as `gphoto2 --auto-detect` prints it.
+    pub model: Option<String>,
+    /// Port, such as `usb:001,004`; it changes from plug to plug.
+    pub port: Option<String>,
+    /// Setting -> value, as `gphoto2 --get-config NAME` prints it; set and read back before each series.
+    #[serde(default)]
+    pub settings: BTreeMap<String, String>,
+    /// Longest time for finding and setting up the camera, s.
+    #[serde(default = "default_open")]
+    pub open_s: f64,
+    /// Delete a picture on the card once our copy is durable.
+    #[serde(default = "default_true")]
+    pub delete: bool,
+    /// Take over pictures found on the card, at most this many at a time; more are taken for somebody
+    /// else's and left alone. 0: never.
+    #[serde(default = "default_recover")]
+    pub recover: usize,
+}
+
+fn default_open() -> f64 {
+    30.0
+}
+
+fn default_true() -> bool {
+    true
+}
+
+fn default_recover() -> usize {
+    40
+}
+
+impl GphotoSection {
+    /// What is wrong with the section: (key, problem, mend).
+    pub fn faults(&self) -> Vec<(String, String, String)> {
+        let sane = (1.0..=600.0).contains(&self.open_s);
+        let fault = ("open_s".to_owned(), format!("{} s", self.open_s), "use 1 to 600 s".to_owned());
+        if sane { Vec::new() } else { vec![fault] }
+    }
+}
+
+/// The camera; see [`Camera`].
+pub struct GphotoCamera {
+    section: GphotoSection,
+    process: Option<Process>,
+    freshness: Freshness,
+}
+
+impl GphotoCamera {
+    /// Nothing is touched before `open`.
+    pub fn new(section: GphotoSection) -> Self {
+        Self { section, process: None, freshness: Freshness::default() }
+    }
+
+    /// Asks the camera process; one that is of no more use is dropped.
+    fn ask(&mut self, request: &Request, limit: Duration, what: &str) -> Result<(Answer, Vec<u8>), CameraError> {
+        let process = self.process.as_mut().ok_or_else(|| CameraError::Gone("the camera is not open".to_owned()))?;
+        let answer = process.ask(request, limit, what);
+        if matches!(answer, Err(CameraError::Gone(_))) || !process.alive() {
+            self.process = None;
+        }
+        answer
+    }
+
+    /// Takes a shot, or with `trigger` false waits for one that something else released.
+    pub fn shoot_or_wait(&mut self, deadline: Duration, trigger: bool) -> Result<Frame, CameraError> {
+        let request = Request::Shoot { deadline_s: deadline.as_secs_f64(), trigger };
+        match self.ask(&request, deadline + GRACE, "a shot; the camera process was killed")? {
+            (Answer::Picture { path, settings }, bytes) => {
+                jpeg::whole(&bytes).map_err(CameraError::BadFrame)?;
+                self.freshness.check(&bytes, Some(&path))?;
+                Ok(Frame { bytes, format: Format::Jpeg, settings })
+            }
+            (answer, _) => Err(odd(&answer)),
+        }
+    }
+}
+
+fn odd(answer: &Answer) -> CameraError {
+    CameraError::Gone(format!("the camera process gave an answer to another question: {answer:?}"))
+}
+
+impl Camera for GphotoCamera {
+    fn open(&mut self) -> Result<CameraInfo, CameraError> {
+        self.close();
+        self.process = Some(Process::start(PROGRAM, &[CHILD_COMMAND])?);
+        let request = Request::Open { section: self.section.clone() };
+        let limit = Duration::try_from_secs_f64(self.section.open_s).unwrap_or(GRACE);
+        match self.ask(&request, limit, "the camera to be set up; the camera process was killed") {
+            Ok((Answer::Opened { name, settings, warnings }, _)) => Ok(CameraInfo { name, settings, warnings }),
+            Ok((answer, _)) => Err(odd(&answer)),
+            Err(error) => {
+                self.close();
+                Err(error)
+            }
+        }
+    }
+
+    fn recover(&mut self, deadline: Duration) -> Result<Option<Frame>, CameraError> {
+        match self.ask(&Request::Recover, deadline, "a picture from the card; the camera process was killed")? {
+            (Answer::Nothing, _) => Ok(None),
+            (Answer::Picture { settings, .. }, bytes) => Ok(Some(Frame { bytes, format: Format::Jpeg, settings })),
+            (answer, _) => Err(odd(&answer)),
+        }
+    }
+
+    fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
+        self.shoot_or_wait(deadline, true)
+    }
+
+    fn release_last(&mut self) -> Result<(), CameraError> {
+        let limit = Duration::from_secs(10);
+        self.ask(&Request::Release, limit, "a picture to be deleted on the card; the camera process was killed")?;
+        Ok(())
+    }
+
+    fn close(&mut self) {
+        self.process = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn a_section_is_read_and_its_faults_are_named() {
+        let section: GphotoSection = toml::from_str("model='D750'\n[settings]\nfocusmode='Manual'\n'f-number'='f/8'").unwrap();
+        assert_eq!(section.settings["f-number"], "f/8");
+        assert!(section.delete && section.recover > 0);
+        assert_eq!(section.faults(), []);
+        let odd = GphotoSection { open_s: f64::NAN, ..GphotoSection::default() };
+        assert_eq!(odd.faults().len(), 1);
+        assert!(toml::from_str::<GphotoSection>("modle='D750'").is_err());
+    }
+
+    #[test]
+    fn a_closed_camera_is_gone() {
+        let mut camera = GphotoCamera::new(GphotoSection::default());
+        assert!(matches!(camera.shoot(GRACE), Err(CameraError::Gone(_))));
+        assert!(matches!(camera.release_last(), Err(CameraError::Gone(_))));
+    }
+}

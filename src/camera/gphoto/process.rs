@@ -1,0 +1,120 @@
+//! The recorder's side of the camera process: start, ask with a deadline, kill.
+
+use std::ffi::OsStr;
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::time::Duration;
+
+use crate::camera::CameraError;
+use crate::camera::gphoto::protocol::{self, Answer, ProtocolError, Request};
+
+type Message = Result<(Answer, Vec<u8>), ProtocolError>;
+
+/// A running camera process. Dropped, it is killed.
+pub struct Process {
+    child: Child,
+    requests: ChildStdin,
+    answers: Receiver<Message>,
+}
+
+impl Process {
+    /// Starts `program` with `arguments`; it speaks [`protocol`] on its standard input and output.
+    pub fn start<A: AsRef<OsStr>>(program: &str, arguments: &[A]) -> Result<Self, CameraError> {
+        let refused = |error: &dyn std::fmt::Display| {
+            CameraError::Refused(format!("the camera process {program} could not be started: {error}"))
+        };
+        let mut child = Command::new(program)
+            .args(arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .map_err(|error| refused(&error))?;
+        let (requests, output) = (child.stdin.take(), child.stdout.take());
+        let (requests, mut output) = requests.zip(output).ok_or_else(|| refused(&"it has no pipes"))?;
+        let (sender, answers) = mpsc::sync_channel(1);
+        // Ends with the pipe, hence at the latest when the process is killed.
+        std::thread::spawn(move || {
+            loop {
+                let message = protocol::read(&mut output);
+                let last = message.is_err();
+                if sender.send(message).is_err() || last {
+                    return;
+                }
+            }
+        });
+        Ok(Self { child, requests, answers })
+    }
+
+    /// One question and its answer. After an error that is not an answer the process is of no use.
+    pub fn ask(&mut self, request: &Request, limit: Duration, what: &str) -> Result<(Answer, Vec<u8>), CameraError> {
+        if let Err(error) = protocol::write(&mut self.requests, request, &[]) {
+            return Err(self.ended(&error.to_string()));
+        }
+        match self.answers.recv_timeout(limit) {
+            Ok(Ok((Answer::Failed { error }, _))) => Err(error),
+            Ok(Ok(message)) => Ok(message),
+            Ok(Err(error)) => Err(self.ended(&error.to_string())),
+            Err(RecvTimeoutError::Disconnected) => Err(self.ended("the pipe was closed")),
+            Err(RecvTimeoutError::Timeout) => {
+                self.kill();
+                Err(CameraError::Timeout { after_s: limit.as_secs_f64(), what: what.to_owned() })
+            }
+        }
+    }
+
+    /// Whether it can be asked again.
+    pub fn alive(&mut self) -> bool {
+        matches!(self.child.try_wait(), Ok(None))
+    }
+
+    /// Why it ended. It is killed first where it still runs.
+    fn ended(&mut self, why: &str) -> CameraError {
+        self.kill();
+        let status = self.child.wait().map_or_else(|error| error.to_string(), |status| status.to_string());
+        CameraError::Gone(format!("the camera process ended: {why}, {status}"))
+    }
+
+    fn kill(&mut self) {
+        // Both fail only where it has ended already.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use std::time::Instant;
+
+    fn ask(script: &str) -> (CameraError, bool, Duration) {
+        let start = Instant::now();
+        let mut process = Process::start("/bin/sh", &["-c", script]).unwrap();
+        let error = process.ask(&Request::Recover, Duration::from_millis(300), "nothing").unwrap_err();
+        (error, process.alive(), start.elapsed())
+    }
+
+    #[test]
+    fn a_hung_process_is_killed_at_its_deadline() {
+        let (error, alive, took) = ask("exec sleep 100");
+        assert!(matches!(error, CameraError::Timeout { .. }), "{error}");
+        assert!(!alive && took < Duration::from_secs(5), "{took:?}");
+    }
+
+    #[test]
+    fn a_crash_and_nonsense_are_told_apart_from_an_answer() {
+        let (error, alive, _) = ask("kill -SEGV $$");
+        assert!(matches!(&error, CameraError::Gone(why) if why.contains("signal: 11")), "{error}");
+        assert!(!alive);
+        let (error, alive, _) = ask("echo hello, this is not a message; sleep 100");
+        assert!(matches!(&error, CameraError::Gone(why) if why.contains("not a message")), "{error}");
+        assert!(!alive);
+        assert!(Process::start::<&str>("/no/such/program", &[]).is_err());
+    }
+}
