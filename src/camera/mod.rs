@@ -5,7 +5,10 @@ pub mod freshness;
 #[cfg(feature = "gphoto")]
 pub mod gphoto;
 pub mod jpeg;
+#[cfg(feature = "gpio")]
+pub mod release;
 pub mod replay;
+pub mod section;
 #[cfg(feature = "v4l")]
 pub mod v4l;
 

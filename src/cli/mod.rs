@@ -1,5 +1,8 @@
 //! One file per command. Results go to standard output, logs and progress to standard error.
 
+#[cfg(feature = "gphoto")]
+mod camera_child;
+mod camera_test;
 mod detect;
 mod frames;
 mod orient;
@@ -28,6 +31,12 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Be the camera process of a recorder
+    #[cfg(feature = "gphoto")]
+    #[command(hide = true)]
+    CameraChild,
+    /// Take pictures with the configured camera, without the recorder
+    CameraTest(camera_test::Args),
     /// Find markers in images
     Detect(detect::Args),
     /// Find the camera's attitude from ground frames and write orientation.toml
@@ -89,6 +98,9 @@ impl Done {
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let outcome = match arguments.command {
+        #[cfg(feature = "gphoto")]
+        Command::CameraChild => camera_child::run(),
+        Command::CameraTest(args) => camera_test::run(&args),
         Command::Detect(args) => detect::run(&args),
         Command::Orient(args) => orient::run(&args),
         Command::Plan(args) => plan::run(&args),

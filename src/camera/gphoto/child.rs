@@ -45,6 +45,7 @@ fn handle(driver: &mut Option<Driver>, request: Request) -> Result<(Answer, Vec<
         Request::Shoot { deadline_s, trigger } => {
             driver.shoot(Duration::try_from_secs_f64(deadline_s).unwrap_or_default(), trigger)
         }
+        Request::Drain => Ok((driver.unexpected(), Vec::new())),
         Request::Release | Request::Open { .. } => driver.release().map(|()| (Answer::Nothing, Vec::new())),
     }
 }

@@ -105,6 +105,11 @@ impl Driver {
         Ok((Answer::Picture { path, settings }, bytes))
     }
 
+    /// Pictures that came without a shot.
+    pub fn unexpected(&mut self) -> Answer {
+        Answer::Files { paths: self.drain().iter().map(OnCard::path).collect() }
+    }
+
     /// The last picture is safe.
     pub fn release(&mut self) -> Result<(), CameraError> {
         match self.last.take().filter(|_| self.delete) {
@@ -135,7 +140,9 @@ impl Driver {
             match self.camera.trigger_capture().wait().map_err(|e| faults::sort(&e, "release")) {
                 // Still writing the last picture, most of the time.
                 Err(CameraError::Busy(why)) => match deadline.left("") {
-                    Ok(left) if left > Duration::from_secs(2) => std::thread::sleep(Duration::from_millis(200)),
+                    Ok(left) if left > Duration::from_secs(2) => {
+                        std::thread::sleep(Duration::from_millis(200))
+                    }
                     _ => return Err(CameraError::Busy(why)),
                 },
                 other => return other,
@@ -148,7 +155,12 @@ impl Driver {
         let mut others = Vec::new();
         loop {
             let left = deadline.left("the picture after the release")?.min(Duration::from_secs(1));
-            match self.camera.wait_event(left).wait().map_err(|e| faults::sort(&e, "waiting for the picture"))? {
+            match self
+                .camera
+                .wait_event(left)
+                .wait()
+                .map_err(|e| faults::sort(&e, "waiting for the picture"))?
+            {
                 CameraEvent::NewFile(path) => {
                     let file = on_card(&path);
                     if file.is_jpeg() {
@@ -159,7 +171,10 @@ impl Driver {
                 CameraEvent::CaptureComplete if !others.is_empty() => {
                     let names: Vec<_> = others.iter().map(OnCard::path).collect();
                     let mend = "set imagequality or imageformat to a JPEG format";
-                    return Err(CameraError::Refused(format!("the camera wrote {} and no JPEG; {mend}", names.join(", "))));
+                    return Err(CameraError::Refused(format!(
+                        "the camera wrote {} and no JPEG; {mend}",
+                        names.join(", ")
+                    )));
                 }
                 _ => {}
             }
@@ -178,7 +193,8 @@ impl Driver {
 
     /// A full card shows as an error without a name.
     fn or_card_full(&self, error: CameraError) -> CameraError {
-        let full = matches!(&error, CameraError::Gone(_) | CameraError::Timeout { .. }) && card_full(&self.camera);
+        let full =
+            matches!(&error, CameraError::Gone(_) | CameraError::Timeout { .. }) && card_full(&self.camera);
         if full { CameraError::Refused(faults::card_full(&error.to_string())) } else { error }
     }
 
@@ -189,7 +205,9 @@ impl Driver {
         while let Some(folder) = folders.pop() {
             if folder.contains("/DCIM") {
                 let files = self.camera.fs().list_files(&folder).wait()?;
-                found.extend(files.map(|name| OnCard { folder: folder.clone(), name }).filter(OnCard::is_jpeg));
+                found.extend(
+                    files.map(|name| OnCard { folder: folder.clone(), name }).filter(OnCard::is_jpeg),
+                );
             }
             let inner = self.camera.fs().list_folders(&folder).wait()?;
             folders.extend(inner.map(|name| format!("{}/{name}", folder.trim_end_matches('/'))));
@@ -204,7 +222,8 @@ fn on_card(path: &gphoto2::file::CameraFilePath) -> OnCard {
 }
 
 fn find(context: &Context, section: &GphotoSection) -> Result<(Camera, String), CameraError> {
-    let all: Vec<_> = context.list_cameras().wait().map_err(|e| faults::sort(&e, "looking for cameras"))?.collect();
+    let all: Vec<_> =
+        context.list_cameras().wait().map_err(|e| faults::sort(&e, "looking for cameras"))?.collect();
     let names: Vec<_> = all.iter().map(|camera| format!("{} on {}", camera.model, camera.port)).collect();
     let mut matching = all.iter().filter(|camera| {
         section.model.as_ref().is_none_or(|model| camera.model.contains(model))
@@ -221,7 +240,9 @@ fn find(context: &Context, section: &GphotoSection) -> Result<(Camera, String), 
         return Err(CameraError::Refused(format!("several cameras: {}; {mend}", names.join(", "))));
     }
     let opened = context.get_camera(camera).wait();
-    opened.map(|open| (open, camera.model.clone())).map_err(|e| faults::sort(&e, &format!("opening {}", camera.model)))
+    opened
+        .map(|open| (open, camera.model.clone()))
+        .map_err(|e| faults::sort(&e, &format!("opening {}", camera.model)))
 }
 
 /// Free space, for the record; a camera that cannot say has none in it.
@@ -243,6 +264,7 @@ fn card_full(camera: &Camera) -> bool {
     let storages = camera.storages().wait().unwrap_or_default();
     !storages.is_empty()
         && storages.iter().all(|storage| {
-            storage.free_images() == Some(0) || storage.free_kb().is_some_and(|bytes| bytes < LEAST_FREE_BYTES)
+            storage.free_images() == Some(0)
+                || storage.free_kb().is_some_and(|bytes| bytes < LEAST_FREE_BYTES)
         })
 }

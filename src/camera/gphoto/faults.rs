@@ -17,7 +17,9 @@ pub fn sort(error: &gphoto2::Error, what: &str) -> CameraError {
         )),
         ErrorKind::Timeout => CameraError::Timeout { after_s: 0.0, what: text },
         ErrorKind::NoSpace | ErrorKind::FixedLimitExceeded => CameraError::Refused(card_full(&text)),
-        ErrorKind::NotSupported => CameraError::Refused(format!("{text}; this camera cannot do that over USB")),
+        ErrorKind::NotSupported => {
+            CameraError::Refused(format!("{text}; this camera cannot do that over USB"))
+        }
         // What is left is mostly a camera that no longer answers; the caller reopens it.
         _ => CameraError::Gone(format!(
             "{text}; unplugged, switched off, asleep or out of power: check cable and battery, switch off the \

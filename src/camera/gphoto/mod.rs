@@ -81,18 +81,32 @@ pub struct GphotoCamera {
 
 impl GphotoCamera {
     /// Nothing is touched before `open`.
-    pub fn new(section: GphotoSection) -> Self {
-        Self { section, process: None, freshness: Freshness::default() }
+    pub fn new(section: GphotoSection, freshness: Freshness) -> Self {
+        Self { section, process: None, freshness }
     }
 
     /// Asks the camera process; one that is of no more use is dropped.
-    fn ask(&mut self, request: &Request, limit: Duration, what: &str) -> Result<(Answer, Vec<u8>), CameraError> {
-        let process = self.process.as_mut().ok_or_else(|| CameraError::Gone("the camera is not open".to_owned()))?;
+    fn ask(
+        &mut self,
+        request: &Request,
+        limit: Duration,
+        what: &str,
+    ) -> Result<(Answer, Vec<u8>), CameraError> {
+        let process =
+            self.process.as_mut().ok_or_else(|| CameraError::Gone("the camera is not open".to_owned()))?;
         let answer = process.ask(request, limit, what);
         if matches!(answer, Err(CameraError::Gone(_))) || !process.alive() {
             self.process = None;
         }
         answer
+    }
+
+    /// Pictures that came without a shot; to be asked just before somebody else releases the shutter.
+    pub fn drain(&mut self) -> Result<Vec<String>, CameraError> {
+        match self.ask(&Request::Drain, GRACE * 5, "the camera's events; the camera process was killed")? {
+            (Answer::Files { paths }, _) => Ok(paths),
+            (answer, _) => Err(odd(&answer)),
+        }
     }
 
     /// Takes a shot, or with `trigger` false waits for one that something else released.
@@ -120,7 +134,9 @@ impl Camera for GphotoCamera {
         let request = Request::Open { section: self.section.clone() };
         let limit = Duration::try_from_secs_f64(self.section.open_s).unwrap_or(GRACE);
         match self.ask(&request, limit, "the camera to be set up; the camera process was killed") {
-            Ok((Answer::Opened { name, settings, warnings }, _)) => Ok(CameraInfo { name, settings, warnings }),
+            Ok((Answer::Opened { name, settings, warnings }, _)) => {
+                Ok(CameraInfo { name, settings, warnings })
+            }
             Ok((answer, _)) => Err(odd(&answer)),
             Err(error) => {
                 self.close();
@@ -130,9 +146,15 @@ impl Camera for GphotoCamera {
     }
 
     fn recover(&mut self, deadline: Duration) -> Result<Option<Frame>, CameraError> {
-        match self.ask(&Request::Recover, deadline, "a picture from the card; the camera process was killed")? {
+        match self.ask(
+            &Request::Recover,
+            deadline,
+            "a picture from the card; the camera process was killed",
+        )? {
             (Answer::Nothing, _) => Ok(None),
-            (Answer::Picture { settings, .. }, bytes) => Ok(Some(Frame { bytes, format: Format::Jpeg, settings })),
+            (Answer::Picture { settings, .. }, bytes) => {
+                Ok(Some(Frame { bytes, format: Format::Jpeg, settings }))
+            }
             (answer, _) => Err(odd(&answer)),
         }
     }
@@ -143,7 +165,11 @@ impl Camera for GphotoCamera {
 
     fn release_last(&mut self) -> Result<(), CameraError> {
         let limit = Duration::from_secs(10);
-        self.ask(&Request::Release, limit, "a picture to be deleted on the card; the camera process was killed")?;
+        self.ask(
+            &Request::Release,
+            limit,
+            "a picture to be deleted on the card; the camera process was killed",
+        )?;
         Ok(())
     }
 
@@ -159,7 +185,8 @@ mod tests {
 
     #[test]
     fn a_section_is_read_and_its_faults_are_named() {
-        let section: GphotoSection = toml::from_str("model='D750'\n[settings]\nfocusmode='Manual'\n'f-number'='f/8'").unwrap();
+        let section: GphotoSection =
+            toml::from_str("model='D750'\n[settings]\nfocusmode='Manual'\n'f-number'='f/8'").unwrap();
         assert_eq!(section.settings["f-number"], "f/8");
         assert!(section.delete && section.recover > 0);
         assert_eq!(section.faults(), []);
@@ -170,7 +197,7 @@ mod tests {
 
     #[test]
     fn a_closed_camera_is_gone() {
-        let mut camera = GphotoCamera::new(GphotoSection::default());
+        let mut camera = GphotoCamera::new(GphotoSection::default(), Freshness::default());
         assert!(matches!(camera.shoot(GRACE), Err(CameraError::Gone(_))));
         assert!(matches!(camera.release_last(), Err(CameraError::Gone(_))));
     }

@@ -46,7 +46,12 @@ impl Process {
     }
 
     /// One question and its answer. After an error that is not an answer the process is of no use.
-    pub fn ask(&mut self, request: &Request, limit: Duration, what: &str) -> Result<(Answer, Vec<u8>), CameraError> {
+    pub fn ask(
+        &mut self,
+        request: &Request,
+        limit: Duration,
+        what: &str,
+    ) -> Result<(Answer, Vec<u8>), CameraError> {
         if let Err(error) = protocol::write(&mut self.requests, request, &[]) {
             return Err(self.ended(&error.to_string()));
         }

@@ -30,6 +30,8 @@ pub enum Request {
     },
     /// Next leftover of the card.
     Recover,
+    /// Files that appeared without having been asked for.
+    Drain,
     /// One shot.
     Shoot {
         /// s, for trigger, exposure and download.
@@ -60,6 +62,11 @@ pub enum Answer {
         path: String,
         /// What the camera says of it.
         settings: Map<String, Value>,
+    },
+    /// Paths on the card.
+    Files {
+        /// Of pictures that nobody asked for.
+        paths: Vec<String>,
     },
     /// There is none, or nothing is to be said.
     Nothing,

@@ -8,8 +8,20 @@ use serde_json::{Map, Value};
 
 /// Always recorded where the camera has them.
 const RECORDED: [&str; 14] = [
-    "serialnumber", "lensname", "focallength", "batterylevel", "focusmode", "f-number", "aperture",
-    "shutterspeed", "iso", "imageformat", "imagequality", "capturetarget", "whitebalance", "expprogram",
+    "serialnumber",
+    "lensname",
+    "focallength",
+    "batterylevel",
+    "focusmode",
+    "f-number",
+    "aperture",
+    "shutterspeed",
+    "iso",
+    "imageformat",
+    "imagequality",
+    "capturetarget",
+    "whitebalance",
+    "expprogram",
 ];
 
 /// Sets what differs from `wanted`; settings in force, and a warning for each that is not as wanted.
@@ -41,7 +53,9 @@ fn set(camera: &Camera, name: &str, value: &str) -> Result<String, String> {
     }
     change(&widget, value)
         .and_then(|()| camera.set_config(&widget).wait().map_err(|error| error.to_string()))
-        .map_err(|why| format!("setting {name} is {}, and cannot be set to {value}: {why}{}", text(&widget), hint(name)))?;
+        .map_err(|why| {
+            format!("setting {name} is {}, and cannot be set to {value}: {why}{}", text(&widget), hint(name))
+        })?;
     let now = read().map(|widget| text(&widget)).map_err(|error| format!("setting {name}: {error}"))?;
     match same(&now, value) {
         true => Ok(now),
@@ -65,7 +79,9 @@ fn text(widget: &Widget) -> String {
     match widget {
         Widget::Text(widget) => widget.value(),
         Widget::Range(widget) => widget.value().to_string(),
-        Widget::Toggle(widget) => widget.toggled().map_or("unknown", |on| if on { "1" } else { "0" }).to_owned(),
+        Widget::Toggle(widget) => {
+            widget.toggled().map_or("unknown", |on| if on { "1" } else { "0" }).to_owned()
+        }
         Widget::Radio(widget) => widget.choice(),
         Widget::Date(widget) => widget.timestamp().to_string(),
         _ => String::new(),

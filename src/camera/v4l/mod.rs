@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use v4l::video::Capture;
 use v4l::{Device, FourCC};
@@ -18,7 +18,7 @@ use crate::camera::freshness::Freshness;
 use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
 
 /// `[camera]` with `kind = "v4l"`. One of `device`, `serial` and `card` names the camera.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct V4lSection {
     /// Device node; best one of `/dev/v4l/by-id/…`, which keeps its name.
@@ -101,8 +101,8 @@ struct Opened {
 
 impl V4lCamera {
     /// Nothing is touched before `open`.
-    pub fn new(section: V4lSection) -> Self {
-        Self { section, opened: None, freshness: Freshness::default() }
+    pub fn new(section: V4lSection, freshness: Freshness) -> Self {
+        Self { section, opened: None, freshness }
     }
 
     fn prepare(&mut self) -> Result<CameraInfo, CameraError> {

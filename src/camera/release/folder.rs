@@ -1,0 +1,161 @@
+//! Frames that arrive as files: a Wi-Fi card's or a camera's folder, mounted or synchronised here. The
+//! folder is polled, since a network mount announces nothing.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use std::{fs, io};
+
+use serde::{Deserialize, Serialize};
+use serde_json::Map;
+
+use crate::camera::deadline::Deadline;
+use crate::camera::{CameraError, Format, Frame, jpeg};
+
+/// Between two looks. A file counts when two looks agree on its size and it is whole.
+const LOOK: Duration = Duration::from_millis(200);
+/// Folders within folders, as on a camera's card.
+const DEPTH: usize = 4;
+
+/// `[camera.frames]` with `kind = "folder"`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FolderSection {
+    /// Where the files appear; folders in it are looked through too.
+    pub path: PathBuf,
+    /// Delete a file there once our copy is durable.
+    #[serde(default)]
+    pub delete: bool,
+}
+
+/// A watched folder.
+pub struct Folder {
+    section: FolderSection,
+    known: BTreeSet<PathBuf>,
+    last: Option<PathBuf>,
+}
+
+impl Folder {
+    /// What is there already is old.
+    pub fn open(section: FolderSection) -> Result<Self, CameraError> {
+        let known = list(&section.path)?.into_keys().collect();
+        Ok(Self { section, known, last: None })
+    }
+
+    /// Files that came without having been asked for; they are old from now on.
+    pub fn unexpected(&mut self) -> Result<Vec<String>, CameraError> {
+        let mut files: Vec<_> = list(&self.section.path)?.into_keys().collect();
+        files.retain(|file| self.known.insert(file.clone()));
+        Ok(files.iter().map(|file| file.display().to_string()).collect())
+    }
+
+    /// Waits for the next new file.
+    pub fn wait(&mut self, deadline: &Deadline) -> Result<Frame, CameraError> {
+        let mut before = BTreeMap::new();
+        loop {
+            let left = deadline.left(&format!("a new JPEG file in {}", self.section.path.display()))?;
+            let now = list(&self.section.path)?;
+            for (file, size) in now.iter().filter(|(file, _)| !self.known.contains(*file)) {
+                if before.get(file) == Some(size) {
+                    let bytes = fs::read(file).map_err(|error| gone(file, &error))?;
+                    if jpeg::whole(&bytes).is_ok() {
+                        self.known.insert(file.clone());
+                        self.last = Some(file.clone());
+                        return Ok(frame(file, bytes));
+                    }
+                }
+            }
+            before = now;
+            std::thread::sleep(LOOK.min(left));
+        }
+    }
+
+    /// Our copy of the last file is durable.
+    pub fn release(&mut self) -> Result<(), CameraError> {
+        match self.last.take().filter(|_| self.section.delete) {
+            Some(file) => fs::remove_file(&file).map_err(|error| gone(&file, &error)),
+            None => Ok(()),
+        }
+    }
+}
+
+fn frame(file: &Path, bytes: Vec<u8>) -> Frame {
+    let settings = Map::from_iter([("camera_path".to_owned(), file.display().to_string().into())]);
+    Frame { bytes, format: Format::Jpeg, settings }
+}
+
+fn gone(path: &Path, error: &io::Error) -> CameraError {
+    CameraError::Gone(format!("{}: {error}; is the card's folder mounted?", path.display()))
+}
+
+/// JPEG files and their sizes.
+fn list(path: &Path) -> Result<BTreeMap<PathBuf, u64>, CameraError> {
+    let mut files = BTreeMap::new();
+    collect(path, DEPTH, &mut files).map_err(|error| gone(path, &error))?;
+    Ok(files)
+}
+
+fn collect(path: &Path, depth: usize, into: &mut BTreeMap<PathBuf, u64>) -> io::Result<()> {
+    for entry in fs::read_dir(path)? {
+        let entry = entry?;
+        let kind = entry.file_type()?;
+        if kind.is_dir() && depth > 0 {
+            collect(&entry.path(), depth - 1, into)?;
+        } else if kind.is_file() && is_jpeg(&entry.path()) {
+            // Gone again in the meantime: not there.
+            if let Ok(data) = entry.metadata() {
+                into.insert(entry.path(), data.len());
+            }
+        }
+    }
+    Ok(())
+}
+
+fn is_jpeg(path: &Path) -> bool {
+    let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
+    ending.is_some_and(|ending| ending == "jpg" || ending == "jpeg")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn picture(seed: usize) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let grey: Vec<u8> = (0..64 * 48).map(|i| (i * seed % 251) as u8).collect();
+        jpeg_encoder::Encoder::new(&mut bytes, 90)
+            .encode(&grey, 64, 48, jpeg_encoder::ColorType::Luma)
+            .unwrap();
+        bytes
+    }
+
+    #[test]
+    fn a_file_counts_once_it_is_whole_and_old_ones_do_not() {
+        let dir = tempfile::tempdir().unwrap();
+        let card = dir.path().join("DCIM/100");
+        fs::create_dir_all(&card).unwrap();
+        fs::write(card.join("old.jpg"), picture(3)).unwrap();
+        let section = FolderSection { path: dir.path().to_owned(), delete: true };
+        let mut folder = Folder::open(section).unwrap();
+
+        let late = picture(7);
+        let (whole, half) = (late.clone(), late[..late.len() / 2].to_vec());
+        let target = card.join("new.JPG");
+        let writer = std::thread::spawn(move || {
+            fs::write(&target, half).unwrap();
+            std::thread::sleep(LOOK * 4);
+            fs::write(&target, whole).unwrap();
+        });
+        let frame = folder.wait(&Deadline::after(Duration::from_secs(20))).unwrap();
+        writer.join().unwrap();
+        assert_eq!(frame.bytes, late);
+        folder.release().unwrap();
+        assert!(!card.join("new.JPG").exists() && card.join("old.jpg").exists());
+
+        let none = folder.wait(&Deadline::after(LOOK * 3));
+        assert!(matches!(none, Err(CameraError::Timeout { .. })), "{none:?}");
+        fs::write(card.join("stray.jpg"), picture(5)).unwrap();
+        assert_eq!(folder.unexpected().unwrap().len(), 1);
+        assert!(folder.unexpected().unwrap().is_empty());
+    }
+}

@@ -1,0 +1,94 @@
+//! A GPIO line that works a camera's remote release.
+
+use std::path::PathBuf;
+
+use gpiocdev::line::{Info, Offset, Value};
+use gpiocdev::{Chip, FoundLine, Request};
+use serde::{Deserialize, Serialize};
+
+use crate::camera::CameraError;
+
+/// A line by its name, or by chip and offset.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LineSection {
+    /// As `gpioinfo` prints it, such as `GPIO17`.
+    pub name: Option<String>,
+    /// Device of the chip, such as `/dev/gpiochip0`.
+    pub chip: Option<PathBuf>,
+    /// Number of the line on its chip.
+    pub offset: Option<Offset>,
+    /// The release is pressed while the line is low.
+    #[serde(default)]
+    pub active_low: bool,
+}
+
+impl LineSection {
+    /// Whether it names one line.
+    pub fn is_clear(&self) -> bool {
+        matches!((&self.name, &self.chip, self.offset), (Some(_), None, None) | (None, Some(_), Some(_)))
+    }
+
+    fn label(&self) -> String {
+        match (&self.name, &self.chip, self.offset) {
+            (Some(name), ..) => format!("line {name}"),
+            (None, Some(chip), Some(offset)) => format!("line {offset} of {}", chip.display()),
+            _ => "a line without name".to_owned(),
+        }
+    }
+
+    fn find(&self) -> Result<FoundLine, CameraError> {
+        let missing = |why: String| CameraError::Refused(format!("{}: {why}; see gpioinfo", self.label()));
+        match (&self.name, &self.chip, self.offset) {
+            (Some(name), ..) => {
+                gpiocdev::find_named_line(name).ok_or_else(|| missing("no such GPIO line".to_owned()))
+            }
+            (None, Some(chip), Some(offset)) => {
+                let info: Info = Chip::from_path(chip)
+                    .and_then(|open| open.line_info(offset))
+                    .map_err(|error| missing(error.to_string()))?;
+                Ok(FoundLine { chip: chip.clone(), info })
+            }
+            _ => Err(missing("name it, or give chip and offset".to_owned())),
+        }
+    }
+}
+
+/// A line of ours, not pressed unless told. The kernel lets go of it when it is dropped.
+pub struct Line {
+    request: Request,
+    label: String,
+}
+
+impl Line {
+    /// Takes the line as an output, not pressed.
+    pub fn take(section: &LineSection) -> Result<Self, CameraError> {
+        let label = section.label();
+        let found = section.find()?;
+        if found.info.used {
+            return Err(CameraError::Busy(format!(
+                "{label} is held by {:?}; stop that program",
+                found.info.consumer
+            )));
+        }
+        let mut builder = Request::builder();
+        builder.with_found_line(&found).with_consumer("wingd").as_output(Value::Inactive);
+        if section.active_low {
+            builder.as_active_low();
+        }
+        // Between the look above and this somebody else may have taken it.
+        let request = builder.request().map_err(|error| match error.to_string() {
+            text if text.contains("busy") => CameraError::Busy(format!("{label}: {text}")),
+            text => CameraError::Refused(format!("{label}: {text}; the user needs the group gpio")),
+        })?;
+        Ok(Self { request, label })
+    }
+
+    /// Presses or lets go.
+    pub fn set(&self, pressed: bool) -> Result<(), CameraError> {
+        let value = if pressed { Value::Active } else { Value::Inactive };
+        self.request
+            .set_lone_value(value)
+            .map_err(|error| CameraError::Gone(format!("{}: {error}", self.label)))
+    }
+}

@@ -1,0 +1,72 @@
+//! `[camera]` of the configuration: which camera, and how it is to be set.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::camera::Camera;
+use crate::camera::freshness::Freshness;
+use crate::camera::replay::{ReplayConfig, ReplayFactory};
+use crate::clock::Clock;
+
+/// One camera, chosen by `kind`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase")]
+pub enum CameraSection {
+    /// Files instead of a camera.
+    Replay(ReplayConfig),
+    /// Video for Linux.
+    #[cfg(feature = "v4l")]
+    V4l(crate::camera::v4l::V4lSection),
+    /// A still camera on USB.
+    #[cfg(feature = "gphoto")]
+    Gphoto(crate::camera::gphoto::GphotoSection),
+    /// A camera on a remote release.
+    #[cfg(feature = "gpio")]
+    Release(crate::camera::release::ReleaseSection),
+}
+
+/// Makes the camera anew, as often as one had to be abandoned.
+pub type CameraFactory = Box<dyn Fn() -> Box<dyn Camera> + Send>;
+
+impl CameraSection {
+    /// Every fault, as `camera.key: what; how to mend it`.
+    pub fn faults(&self) -> Vec<String> {
+        let faults: Vec<(String, String, String)> = match self {
+            Self::Replay(section) => return section.faults(),
+            #[cfg(feature = "v4l")]
+            Self::V4l(section) => section.faults(),
+            #[cfg(feature = "gphoto")]
+            Self::Gphoto(section) => section.faults(),
+            #[cfg(feature = "gpio")]
+            Self::Release(section) => section.faults(),
+        };
+        faults.into_iter().map(|(key, problem, mend)| format!("camera.{key}: {problem}; {mend}")).collect()
+    }
+
+    /// Nothing is touched before a camera is opened. The cameras of one factory remember the last
+    /// frames together. `origin`: the time since boot from which a replay list counts.
+    pub fn factory(&self, clock: Arc<dyn Clock>, origin: Duration) -> CameraFactory {
+        #[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
+        let memory = Freshness::default();
+        match self.clone() {
+            Self::Replay(section) => {
+                let replay = ReplayFactory::new(section, clock, origin);
+                Box::new(move || Box::new(replay.make()))
+            }
+            #[cfg(feature = "v4l")]
+            Self::V4l(section) => {
+                Box::new(move || Box::new(crate::camera::v4l::V4lCamera::new(section.clone(), memory.clone())))
+            }
+            #[cfg(feature = "gphoto")]
+            Self::Gphoto(section) => {
+                Box::new(move || Box::new(crate::camera::gphoto::GphotoCamera::new(section.clone(), memory.clone())))
+            }
+            #[cfg(feature = "gpio")]
+            Self::Release(section) => {
+                Box::new(move || Box::new(crate::camera::release::ReleaseCamera::new(section.clone(), memory.clone())))
+            }
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! Takes shots with the configured camera, without recorder and store: for mounting and for tests.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use clap::Args as ClapArgs;
+use serde::Deserialize;
+use serde_json::json;
+
+use crate::camera::section::CameraSection;
+use crate::camera::{Camera, CameraError, Frame};
+use crate::cli::{Done, Failure};
+use crate::clock::System;
+
+/// Arguments.
+#[derive(ClapArgs)]
+pub struct Args {
+    /// Configuration; only its [camera] is used
+    #[arg(long)]
+    config: PathBuf,
+    /// Shots to take
+    #[arg(long, default_value_t = 1)]
+    shots: u32,
+    /// Longest time for a shot, s
+    #[arg(long, default_value_t = 20.0)]
+    deadline: f64,
+    /// Attempts for a shot; the camera is reopened in between
+    #[arg(long, default_value_t = 1)]
+    attempts: u32,
+    /// Existing directory that takes the frames, as delivered
+    #[arg(long)]
+    output: PathBuf,
+}
+
+/// Other sections are not looked at here.
+#[derive(Deserialize)]
+struct Config {
+    camera: CameraSection,
+}
+
+/// One line of JSON on standard output for each shot.
+pub fn run(args: &Args) -> Result<Done, Failure> {
+    let name = args.config.display();
+    let text =
+        std::fs::read_to_string(&args.config).map_err(|error| Failure::Undone(format!("{name}: {error}")))?;
+    let config: Config =
+        toml::from_str(&text).map_err(|error| Failure::Undone(format!("{name}: {error}")))?;
+    let mut bench = Bench { camera: config.camera.factory(Arc::new(System::new()), Duration::ZERO)(), args, open: false, saved: 0 };
+    let mut good = 0;
+    for number in 0..args.shots {
+        let start = Instant::now();
+        let shot = bench.shot();
+        let (error, settings) = match shot {
+            Ok(frame) => (None, json!({"format": frame.format, "settings": frame.settings})),
+            Err(error) => (Some(error.to_string()), json!(null)),
+        };
+        good += u32::from(error.is_none());
+        println!(
+            "{}",
+            json!({"shot": number, "seconds": start.elapsed().as_secs_f64(), "error": error, "frame": settings})
+        );
+    }
+    bench.camera.close();
+    Ok(Done::all(good == args.shots))
+}
+
+struct Bench<'a> {
+    camera: Box<dyn Camera>,
+    args: &'a Args,
+    open: bool,
+    saved: u32,
+}
+
+impl Bench<'_> {
+    fn deadline(&self) -> Duration {
+        Duration::try_from_secs_f64(self.args.deadline).unwrap_or(Duration::from_secs(20))
+    }
+
+    /// Up to the given number of attempts, reopening after each that failed.
+    fn shot(&mut self) -> Result<Frame, CameraError> {
+        let mut result = self.attempt();
+        for attempt in 1..self.args.attempts {
+            let Err(error) = &result else { break };
+            eprintln!("attempt {attempt}: {error}");
+            self.camera.close();
+            self.open = false;
+            std::thread::sleep(Duration::from_millis(300));
+            result = self.attempt();
+        }
+        result
+    }
+
+    fn attempt(&mut self) -> Result<Frame, CameraError> {
+        if !self.open {
+            let info = self.camera.open()?;
+            self.open = true;
+            println!(
+                "{}",
+                json!({"camera": info.name, "settings": info.settings, "warnings": info.warnings})
+            );
+            while let Some(frame) = self.camera.recover(self.deadline())? {
+                self.save(&frame, "recovered")?;
+            }
+        }
+        let frame = self.camera.shoot(self.deadline())?;
+        self.save(&frame, "shot")?;
+        Ok(frame)
+    }
+
+    fn save(&mut self, frame: &Frame, kind: &str) -> Result<(), CameraError> {
+        let path = self.args.output.join(format!("{kind}-{:03}", self.saved));
+        self.saved += 1;
+        std::fs::write(&path, &frame.bytes)
+            .map_err(|error| CameraError::Refused(format!("{}: {error}", path.display())))?;
+        self.camera.release_last()
+    }
+}
