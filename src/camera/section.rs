@@ -56,17 +56,17 @@ impl CameraSection {
                 Box::new(move || Box::new(replay.make()))
             }
             #[cfg(feature = "v4l")]
-            Self::V4l(section) => {
-                Box::new(move || Box::new(crate::camera::v4l::V4lCamera::new(section.clone(), memory.clone())))
-            }
+            Self::V4l(section) => Box::new(move || {
+                Box::new(crate::camera::v4l::V4lCamera::new(section.clone(), memory.clone()))
+            }),
             #[cfg(feature = "gphoto")]
-            Self::Gphoto(section) => {
-                Box::new(move || Box::new(crate::camera::gphoto::GphotoCamera::new(section.clone(), memory.clone())))
-            }
+            Self::Gphoto(section) => Box::new(move || {
+                Box::new(crate::camera::gphoto::GphotoCamera::new(section.clone(), memory.clone()))
+            }),
             #[cfg(feature = "gpio")]
-            Self::Release(section) => {
-                Box::new(move || Box::new(crate::camera::release::ReleaseCamera::new(section.clone(), memory.clone())))
-            }
+            Self::Release(section) => Box::new(move || {
+                Box::new(crate::camera::release::ReleaseCamera::new(section.clone(), memory.clone()))
+            }),
         }
     }
 }

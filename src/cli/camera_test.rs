@@ -46,7 +46,12 @@ pub fn run(args: &Args) -> Result<Done, Failure> {
         std::fs::read_to_string(&args.config).map_err(|error| Failure::Undone(format!("{name}: {error}")))?;
     let config: Config =
         toml::from_str(&text).map_err(|error| Failure::Undone(format!("{name}: {error}")))?;
-    let mut bench = Bench { camera: config.camera.factory(Arc::new(System::new()), Duration::ZERO)(), args, open: false, saved: 0 };
+    let mut bench = Bench {
+        camera: config.camera.factory(Arc::new(System::new()), Duration::ZERO)(),
+        args,
+        open: false,
+        saved: 0,
+    };
     let mut good = 0;
     for number in 0..args.shots {
         let start = Instant::now();

@@ -79,6 +79,8 @@ __attribute__((unused)) static char *card_shot(const char *card, const char *dir
 	if (in) fclose(in);
 	if (out) fclose(out);
 	card_log("shot", to);
+	snprintf(to + sizeof(to) / 2, 3, "%02d", view);
+	card_log("view", to + sizeof(to) / 2);
 	return strdup(to);
 }
 

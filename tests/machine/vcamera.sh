@@ -39,6 +39,7 @@ patch vcamera.c 's|^\tsprintf(newcur->name,"GPH_%04d.JPG", capcnt++);|\tsprintf(
 patch vcamera.c 's|^\(\t*\)free_dirent (cur);|\1card_log("delete", cur->fsname); unlink(cur->fsname);\n&|'
 patch vcamera.c 's|^static int vcam_write(.*|&\n\tif (fault_write(data, bytes)) return GP_ERROR_IO_WRITE;|'
 patch vcamera.c 's|^\tunsigned int\ttoread = bytes;|&\n\tif (fault_read(cam->nrinbulk)) return GP_ERROR_IO_READ;|'
+patch vcamera.c 's|put_32bit_le (data+x, 150);|put_32bit_le (data+x, fault_is("full") ? 0 : 150);|'
 patch vusb.c 's|^#include "vcamera.h"|&\n#include "vcamera-faults.h"|'
 patch vusb.c '/^gp_port_vusb_find_device.*_lib(/,/{/ s|^{|{\n\tif (fault_is("gone")) return GP_ERROR_IO_USB_FIND;|'
 patch vusb.c '/^gp_port_vusb_open /,/isopen)/ s|^{|{\n\tif (fault_is("claimed")) return GP_ERROR_IO_USB_CLAIM;|'

@@ -126,7 +126,9 @@ impl ReleaseCamera {
     pub fn new(section: ReleaseSection, freshness: Freshness) -> Self {
         let frames = match section.frames.clone() {
             #[cfg(feature = "gphoto")]
-            FramesSection::Gphoto(section) => Frames::Gphoto(Box::new(GphotoCamera::new(section, freshness.clone()))),
+            FramesSection::Gphoto(section) => {
+                Frames::Gphoto(Box::new(GphotoCamera::new(section, freshness.clone())))
+            }
             FramesSection::Folder(section) => Frames::Folder(section, None),
             #[cfg(feature = "v4l")]
             FramesSection::V4l(section) => Frames::V4l(Box::new(V4lCamera::new(section, freshness.clone()))),
