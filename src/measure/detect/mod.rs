@@ -1,5 +1,14 @@
 //! Image -> markers.
 
+mod blob;
+mod candidate;
+mod coarse;
+mod fit;
+mod measure;
+mod model;
+mod noise;
+mod normal;
+
 use nalgebra::{Matrix2, Vector2};
 
 use super::raster::Raster;
@@ -108,7 +117,76 @@ pub struct Prediction {
     pub search_px: f64,
 }
 
+/// Most regions that are taken up at full resolution, and most rejected that are reported.
+const MAX_REGIONS: usize = 600;
+const MAX_REJECTED: usize = 200;
+
 /// Finds the markers of a frame without help. Deterministic at any number of threads.
-pub fn detect(_image: &Raster) -> Detections {
-    Detections::default()
+pub fn detect(image: &Raster) -> Detections {
+    let coarse = coarse::reduce(image);
+    let noise = noise::estimate(image);
+    let blobs = find_blobs(image, &coarse);
+    let candidates = sort_blobs(&blobs);
+    let mut found = Vec::new();
+    let mut rejected = Vec::new();
+    for candidate in &candidates {
+        match measure::measure(image, &blobs, candidate, noise) {
+            Ok(measured) => found.push((candidate, measured)),
+            Err(reason) => rejected.push(Rejected {
+                centre_px: candidate.outline.centre,
+                semi_major_px: candidate.outline.major,
+                semi_minor_px: candidate.outline.minor,
+                angle_rad: candidate.outline.angle,
+                reason,
+            }),
+        }
+    }
+    let mut markers: Vec<Detection> = found.into_iter().map(|f| f.1.detection).collect();
+    markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
+    rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
+    rejected.truncate(MAX_REJECTED);
+    Detections { markers, rejected, psf_sigma_px: None, noise }
+}
+
+fn by_place(a: &Vector2<f64>, b: &Vector2<f64>) -> std::cmp::Ordering {
+    a.y.total_cmp(&b.y).then(a.x.total_cmp(&b.x))
+}
+
+/// Blobs of all levels, each once.
+fn find_blobs(image: &Raster, coarse: &coarse::Coarse) -> Vec<blob::Blob> {
+    let mut out: Vec<blob::Blob> = Vec::new();
+    let limit = coarse.width * coarse.height / 8;
+    for level in coarse::LEVELS {
+        let mut regions = coarse.regions(level);
+        regions.retain(|r| (r.x1 - r.x0 + 1) * (r.y1 - r.y0 + 1) <= limit.max(64));
+        regions.sort_by_key(|r| std::cmp::Reverse(r.area));
+        regions.truncate(MAX_REGIONS);
+        for region in &regions {
+            for blob in blob::blobs(image, coarse, region) {
+                let same = |b: &blob::Blob| {
+                    (b.centroid - blob.centroid).norm() < 2.0 && (0.75..1.33).contains(&(b.area / blob.area))
+                };
+                if !out.iter().any(same) {
+                    out.push(blob);
+                }
+            }
+        }
+    }
+    out
+}
+
+/// Quadrants first; what is left may be discs.
+fn sort_blobs(blobs: &[blob::Blob]) -> Vec<candidate::Candidate> {
+    let mut out: Vec<candidate::Candidate> = Vec::new();
+    let single = (0..blobs.len()).map(|i| vec![i]);
+    let double = candidate::pairs(blobs).into_iter().map(|p| p.to_vec());
+    for indices in single.chain(double) {
+        out.extend(candidate::quadrants(&indices, blobs));
+    }
+    for (i, blob) in blobs.iter().enumerate() {
+        if !out.iter().any(|c| c.blobs.contains(&i)) {
+            out.extend(candidate::disc(i, blob));
+        }
+    }
+    out
 }

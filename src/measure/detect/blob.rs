@@ -1,0 +1,172 @@
+//! Stage 2: dark regions taken up again at full resolution, with their moments.
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::super::raster::Raster;
+use super::coarse::{Coarse, Region};
+
+/// A connected set of full-resolution pixels darker than half way to the background.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Blob {
+    /// Bounding box, px, inclusive: x0, y0, x1, y1.
+    pub bounds: [usize; 4],
+    /// Runs of the blob: row, first column, last column.
+    pub runs: Vec<[u32; 3]>,
+    /// Pixels.
+    pub area: f64,
+    /// Centroid, px.
+    pub centroid: Vector2<f64>,
+    /// Second central moments, px^2.
+    pub covariance: Matrix2<f64>,
+    /// Darkest over background.
+    pub darkness: f64,
+    /// Whether it reaches the frame's edge.
+    pub at_edge: bool,
+}
+
+/// A window's pixels, with what is below the threshold.
+struct Window {
+    x0: usize,
+    y0: usize,
+    width: usize,
+    height: usize,
+    below: Vec<u8>,
+}
+
+/// The blobs of one region; none where the region is too large for a marker's window.
+pub fn blobs(image: &Raster, coarse: &Coarse, region: &Region) -> Vec<Blob> {
+    let (mut window, darkness) = threshold(image, coarse, region);
+    let mut out = Vec::new();
+    let mut stack = Vec::new();
+    for start in 0..window.below.len() {
+        if window.below[start] != 0 {
+            let pixels = window.fill(start, &mut stack);
+            if pixels.len() >= 6 && !window.cuts(image, &pixels) {
+                out.push(window.blob(image, pixels, darkness));
+            }
+        }
+    }
+    out
+}
+
+/// Marks the pixels below half way between the region's darkest and the local background.
+fn threshold(image: &Raster, coarse: &Coarse, region: &Region) -> (Window, f64) {
+    let f = coarse.factor;
+    let pad = 2 * f;
+    let x0 = (region.x0 * f).saturating_sub(pad);
+    let y0 = (region.y0 * f).saturating_sub(pad);
+    let x1 = ((region.x1 + 1) * f + pad).min(image.width());
+    let y1 = ((region.y1 + 1) * f + pad).min(image.height());
+    let least = f64::from(region.least) / 256.0;
+    let half = ((0.5 * (1.0 + least)) * 256.0) as u32;
+    let width = x1 - x0;
+    let mut below = vec![0u8; width * (y1 - y0)];
+    for (y, out) in (y0..y1).zip(below.chunks_exact_mut(width)) {
+        let row = &image.row(y)[x0..x1];
+        let background = &coarse.background[(y / f).min(coarse.height - 1) * coarse.width..][..coarse.width];
+        for (x, (o, &v)) in (x0..).zip(out.iter_mut().zip(row)) {
+            let b = u32::from(background[(x / f).min(coarse.width - 1)]);
+            *o = u8::from(u32::from(v) * 256 < b * half);
+        }
+    }
+    (Window { x0, y0, width, height: y1 - y0, below }, least)
+}
+
+impl Window {
+    /// Takes the 4-connected set around `start` out of the mask, in scan order.
+    fn fill(&mut self, start: usize, stack: &mut Vec<usize>) -> Vec<usize> {
+        let mut pixels = Vec::new();
+        self.below[start] = 0;
+        stack.push(start);
+        while let Some(i) = stack.pop() {
+            pixels.push(i);
+            let (x, y) = (i % self.width, i / self.width);
+            let next = [
+                (x > 0).then(|| i - 1),
+                (x + 1 < self.width).then(|| i + 1),
+                (y > 0).then(|| i - self.width),
+                (y + 1 < self.height).then(|| i + self.width),
+            ];
+            for n in next.into_iter().flatten() {
+                if self.below[n] != 0 {
+                    self.below[n] = 0;
+                    stack.push(n);
+                }
+            }
+        }
+        pixels.sort_unstable();
+        pixels
+    }
+
+    /// Whether the set goes on outside the window; a laxer level then has it whole.
+    fn cuts(&self, image: &Raster, pixels: &[usize]) -> bool {
+        let (right, low) = (self.x0 + self.width < image.width(), self.y0 + self.height < image.height());
+        pixels.iter().any(|&i| {
+            let (x, y) = (i % self.width, i / self.width);
+            (x == 0 && self.x0 > 0)
+                || (y == 0 && self.y0 > 0)
+                || (x + 1 == self.width && right)
+                || (y + 1 == self.height && low)
+        })
+    }
+
+    fn blob(&self, image: &Raster, pixels: Vec<usize>, darkness: f64) -> Blob {
+        let mut runs: Vec<[u32; 3]> = Vec::new();
+        for i in pixels {
+            let (x, y) = ((self.x0 + i % self.width) as u32, (self.y0 + i / self.width) as u32);
+            match runs.last_mut() {
+                Some(run) if run[0] == y && run[2] + 1 == x => run[2] = x,
+                _ => runs.push([y, x, x]),
+            }
+        }
+        let mut blob = Blob {
+            bounds: [0; 4],
+            area: 0.0,
+            centroid: Vector2::zeros(),
+            covariance: Matrix2::zeros(),
+            darkness,
+            at_edge: false,
+            runs,
+        };
+        blob.measure();
+        let b = blob.bounds;
+        blob.at_edge = b[0] == 0 || b[1] == 0 || b[2] + 1 >= image.width() || b[3] + 1 >= image.height();
+        blob
+    }
+}
+
+impl Blob {
+    /// Centres of its pixels.
+    pub fn points(&self) -> impl Iterator<Item = Vector2<f64>> + '_ {
+        (self.runs.iter()).flat_map(|r| (r[1]..=r[2]).map(move |x| Vector2::new(f64::from(x), f64::from(r[0]))))
+    }
+
+    /// Bounds and moments from the runs, each run integrated in closed form.
+    fn measure(&mut self) {
+        let (mut n, mut first, mut second) = (0.0, Vector2::zeros(), Matrix2::zeros());
+        let mut bounds = [usize::MAX, usize::MAX, 0, 0];
+        for r in &self.runs {
+            let length = f64::from(r[2] - r[1] + 1);
+            let at = Vector2::new(0.5 * (f64::from(r[1]) + f64::from(r[2])), f64::from(r[0]));
+            n += length;
+            first += at * length;
+            second += at * at.transpose() * length;
+            second[(0, 0)] += length * length * length / 12.0;
+            second[(1, 1)] += length / 12.0;
+            bounds[0] = bounds[0].min(r[1] as usize);
+            bounds[1] = bounds[1].min(r[0] as usize);
+            bounds[2] = bounds[2].max(r[2] as usize);
+            bounds[3] = bounds[3].max(r[0] as usize);
+        }
+        self.bounds = bounds;
+        self.area = n;
+        self.centroid = first / n;
+        self.covariance = second / n - self.centroid * self.centroid.transpose();
+    }
+
+    /// Pixels over those of the ellipse with the same second moments: 1 for an ellipse.
+    pub fn fill(&self) -> f64 {
+        let det = self.covariance.determinant().max(1e-9);
+        self.area / (4.0 * std::f64::consts::PI * det.sqrt())
+    }
+}

@@ -1,0 +1,200 @@
+//! Stage 3: blobs sorted into discs and pairs of black quadrants, with a first geometry.
+
+use std::f64::consts::PI;
+
+use nalgebra::{Matrix2, SymmetricEigen, Vector2};
+
+use super::blob::Blob;
+use super::model::Pattern;
+
+/// A flat ellipse in the picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outline {
+    /// Centre, px.
+    pub centre: Vector2<f64>,
+    /// Semi-major axis, px.
+    pub major: f64,
+    /// Semi-minor axis, px.
+    pub minor: f64,
+    /// Direction of the major axis, rad.
+    pub angle: f64,
+}
+
+/// What stage 4 starts from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Candidate {
+    /// Disc or quadrants.
+    pub pattern: Pattern,
+    /// The marker's outline.
+    pub outline: Outline,
+    /// Quadrants: direction of s, and tangent of half the angle between the edges.
+    pub edges: Option<(f64, f64)>,
+    /// Blobs that it is made of.
+    pub blobs: Vec<usize>,
+    /// Darkest over background.
+    pub darkness: f64,
+}
+
+impl Outline {
+    /// From a covariance, whose unit ellipse is scaled by `factor`.
+    pub fn from_moments(centre: Vector2<f64>, covariance: Matrix2<f64>, factor: f64) -> Self {
+        let eigen = SymmetricEigen::new(covariance);
+        let (big, small) = if eigen.eigenvalues[0] >= eigen.eigenvalues[1] { (0, 1) } else { (1, 0) };
+        let axis = eigen.eigenvectors.column(big);
+        Self {
+            centre,
+            major: factor * eigen.eigenvalues[big].max(0.0).sqrt(),
+            minor: factor * eigen.eigenvalues[small].max(0.0).sqrt(),
+            angle: half_turn(axis[1].atan2(axis[0])),
+        }
+    }
+
+    /// Coordinates along and across.
+    pub fn local(&self, at: Vector2<f64>) -> (f64, f64) {
+        let (sin, cos) = self.angle.sin_cos();
+        let d = at - self.centre;
+        (d.x * cos + d.y * sin, d.y * cos - d.x * sin)
+    }
+
+    /// Half the extent in u and v.
+    pub fn extent(&self) -> Vector2<f64> {
+        let (sin, cos) = self.angle.sin_cos();
+        let (a, b) = (self.major, self.minor);
+        Vector2::new((a * cos).hypot(b * sin), (a * sin).hypot(b * cos))
+    }
+}
+
+/// Into (-pi/2, pi/2].
+pub fn half_turn(angle: f64) -> f64 {
+    let turned = angle.rem_euclid(PI);
+    if turned > PI / 2.0 { turned - PI } else { turned }
+}
+
+/// The shape of one blob or of several together, when only moments are asked.
+struct Shape {
+    area: f64,
+    centre: Vector2<f64>,
+    covariance: Matrix2<f64>,
+}
+
+fn together(blobs: &[&Blob]) -> Shape {
+    let area: f64 = blobs.iter().map(|b| b.area).sum();
+    let centre = blobs.iter().map(|b| b.centroid * b.area).sum::<Vector2<f64>>() / area;
+    let covariance = (blobs.iter())
+        .map(|b| {
+            let d = b.centroid - centre;
+            (b.covariance + d * d.transpose()) * b.area
+        })
+        .sum::<Matrix2<f64>>()
+        / area;
+    Shape { area, centre, covariance }
+}
+
+/// A disc, where the blob fills its ellipse of inertia.
+pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
+    let outline = Outline::from_moments(blob.centroid, blob.covariance, 2.0);
+    (0.80..1.12).contains(&blob.fill()).then(|| Candidate {
+        pattern: Pattern::Disc,
+        outline,
+        edges: None,
+        blobs: vec![index],
+        darkness: blob.darkness,
+    })
+}
+
+/// Share of the second moments of two opposite quadrants of the unit disc along their own
+/// direction (1, 1)/sqrt 2, and across it.
+const ALONG: f64 = 0.25 + 0.5 / PI;
+const ACROSS: f64 = 0.25 - 0.5 / PI;
+
+/// Two opposite quadrants, from one blob or two: an affine image of the unit disc's is sought
+/// whose area, centroids and second moments are those seen.
+pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Candidate> {
+    let blobs: Vec<&Blob> = indices.iter().filter_map(|&i| all.get(i)).collect();
+    let shape = together(&blobs);
+    let det = shape.covariance.determinant();
+    if det <= 1e-6 || !(0.50..0.80).contains(&(shape.area / (4.0 * PI * det.sqrt()))) {
+        return None;
+    }
+    let halves = split(&blobs, &shape)?;
+    let p = (halves.1 - halves.0) * (0.5 * 3.0 * PI / 4.0);
+    let rest = (shape.covariance - p * p.transpose() * (0.5 * ALONG)) * (2.0 / ACROSS);
+    let eigen = SymmetricEigen::new(rest);
+    let k = if eigen.eigenvalues[0] >= eigen.eigenvalues[1] { 0 } else { 1 };
+    let (large, small) = (eigen.eigenvalues[k], eigen.eigenvalues[1 - k]);
+    if large <= 0.0 || small.abs() > 0.45 * large {
+        return None;
+    }
+    let q = eigen.eigenvectors.column(k) * large.sqrt();
+    let (e1, e2) = ((p + q) * 0.5, (p - q) * 0.5);
+    let affine = Matrix2::from_columns(&[e1, e2]);
+    let expected = 0.5 * PI * affine.determinant().abs();
+    if !(0.75..1.3).contains(&(shape.area / expected)) {
+        return None;
+    }
+    let outline = Outline::from_moments(shape.centre, affine * affine.transpose(), 1.0);
+    let (u1, u2) = (e1.normalize(), e2.normalize());
+    let half = 0.5 * u1.dot(&u2).clamp(-1.0, 1.0).acos();
+    let bisector = u1 + u2;
+    let along = bisector.y.atan2(bisector.x);
+    let (pattern, edges) = if half <= PI / 4.0 {
+        (Pattern::BlackAlong, (along, half.tan()))
+    } else {
+        (Pattern::WhiteAlong, (along + PI / 2.0, (PI / 2.0 - half).tan()))
+    };
+    let darkness = blobs.iter().map(|b| b.darkness).fold(f64::INFINITY, f64::min);
+    Some(Candidate { pattern, outline, edges: Some(edges), blobs: indices.to_vec(), darkness })
+}
+
+/// Centroids of the two wedges. After whitening, the direction in which two opposite wedges lie
+/// is the one of least kurtosis; a disc has 2 everywhere, two quadrants 1.38.
+fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Vector2<f64>, Vector2<f64>)> {
+    let inverse = shape.covariance.try_inverse()?;
+    let eigen = SymmetricEigen::new(inverse);
+    let scale = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()));
+    let whiten = scale * eigen.eigenvectors.transpose();
+    // Fourth moments in whitened coordinates: x^4, x^3 y, x^2 y^2, x y^3, y^4.
+    let mut fourth = [0.0; 5];
+    for at in blobs.iter().flat_map(|b| b.points()) {
+        let w = whiten * (at - shape.centre);
+        let (xx, xy, yy) = (w.x * w.x, w.x * w.y, w.y * w.y);
+        for (f, v) in fourth.iter_mut().zip([xx * xx, xx * xy, xy * xy, xy * yy, yy * yy]) {
+            *f += v / shape.area;
+        }
+    }
+    let kurtosis = |k: usize| {
+        let (s, c) = (k as f64 * PI / 36.0).sin_cos();
+        let [a, b, d, e, f] = fourth;
+        c.powi(4) * a + 4.0 * c.powi(3) * s * b + 6.0 * c * c * s * s * d + 4.0 * c * s.powi(3) * e + s.powi(4) * f
+    };
+    let best = (0..36).min_by(|&i, &j| kurtosis(i).total_cmp(&kurtosis(j)))?;
+    if kurtosis(best) > 1.62 {
+        return None;
+    }
+    let (s, c) = (best as f64 * PI / 36.0).sin_cos();
+    let direction = whiten.transpose() * Vector2::new(c, s);
+    let mut sums = [(0.0, Vector2::zeros()), (0.0, Vector2::zeros())];
+    for at in blobs.iter().flat_map(|b| b.points()) {
+        let side = &mut sums[usize::from(direction.dot(&(at - shape.centre)) > 0.0)];
+        side.0 += 1.0;
+        side.1 += at;
+    }
+    let [(n0, s0), (n1, s1)] = sums;
+    (n0 > 0.35 * shape.area && n1 > 0.35 * shape.area).then(|| (s0 / n0, s1 / n1))
+}
+
+/// Pairs of blobs close enough to be the two black quadrants of one marker.
+pub fn pairs(blobs: &[Blob]) -> Vec<[usize; 2]> {
+    let reach: Vec<f64> = blobs.iter().map(|b| 2.6 * b.covariance.trace().sqrt()).collect();
+    let mut out = Vec::new();
+    for (i, one) in blobs.iter().enumerate() {
+        for (j, other) in blobs.iter().enumerate().skip(i + 1) {
+            let near = (one.centroid - other.centroid).norm() < reach[i] + reach[j] + 6.0;
+            let ratio = one.area / other.area;
+            if near && (0.4..2.5).contains(&ratio) {
+                out.push([i, j]);
+            }
+        }
+    }
+    out
+}

@@ -1,0 +1,200 @@
+//! Stage 4: the image model fitted to grey values, robustly, with covariance.
+
+use nalgebra::{Cholesky, SMatrix, SVector};
+
+use super::model::{ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, Pixel, X, Y, grey_rotated};
+
+type Square = SMatrix<f64, N, N>;
+type Column = SVector<f64, N>;
+
+/// A converged fit.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// Parameters.
+    pub parameters: Parameters,
+    /// Their covariance; zero for those held fixed.
+    pub covariance: Square,
+    /// Weighted root mean square of the residuals, grey levels.
+    pub rms: f64,
+    /// Mean robust weight, 0 to 1.
+    pub inliers: f64,
+    /// Pixels.
+    pub pixels: usize,
+}
+
+/// One linearisation: normal equations and residual statistics.
+struct Step {
+    normal: Square,
+    right: Column,
+    scale: f64,
+    weight: f64,
+    square: f64,
+}
+
+const MAX_ITERATIONS: usize = 15;
+/// Residuals beyond this many scales have no weight (Tukey's biweight; 95 % efficient at 4.7).
+const CUT: f64 = 6.0;
+
+/// Unevenness of a real outline and of its sampling, px, that is no reason to distrust a pixel.
+const EDGE_JITTER: f64 = 0.08;
+/// The tone curve of pictures made for the eye, and how far cameras depart from it.
+const USUAL_GAMMA: f64 = 1.0 / 2.2;
+const GAMMA_SPREAD: f64 = 0.15;
+
+/// Fits the `free` parameters from `start`; `None` where it does not settle.
+pub fn fit(pattern: Pattern, pixels: &[Pixel], start: &Parameters, free: &[bool; N], floor: f64) -> Option<Fit> {
+    let count = free.iter().filter(|&&f| f).count();
+    if pixels.len() < 2 * count {
+        return None;
+    }
+    let mut m = *start;
+    let contrast = m[LIGHT] * (1.0 - (1.0 - m[DARK]).powf(m[GAMMA]));
+    let floor = floor.max(0.02 * contrast);
+    // Most pixels are flat and say nothing of an edge that is still off: the scale comes down slowly.
+    let mut scale = 0.25 * contrast;
+    let mut residuals = Vec::with_capacity(pixels.len());
+    for iteration in 0..MAX_ITERATIONS {
+        let step = linearise(pattern, pixels, &m, free, scale, floor, &mut residuals);
+        let damping = if iteration < 2 { 1e-2 } else { 1e-7 };
+        let mut damped = step.normal;
+        for i in 0..N {
+            damped[(i, i)] *= 1.0 + damping;
+            damped[(i, i)] += 1e-12;
+        }
+        let change = limit(Cholesky::new(damped)?.solve(&step.right), &m, pattern);
+        for i in 0..N {
+            m[i] += change[i];
+        }
+        if !plausible(pattern, &m) {
+            return None;
+        }
+        let settled = change[X].abs().max(change[Y].abs()) < 2e-3
+            && (pattern != Pattern::Disc || change[FIRST].abs() < 0.02)
+            && (step.scale / scale - 1.0).abs() < 0.2;
+        scale = step.scale.max(0.5 * scale);
+        if settled {
+            return finish(pattern, pixels, m, free, scale, floor, &mut residuals, count);
+        }
+    }
+    None
+}
+
+#[allow(clippy::too_many_arguments)]
+fn finish(
+    pattern: Pattern,
+    pixels: &[Pixel],
+    mut m: Parameters,
+    free: &[bool; N],
+    scale: f64,
+    floor: f64,
+    residuals: &mut Vec<f64>,
+    count: usize,
+) -> Option<Fit> {
+    let step = linearise(pattern, pixels, &m, free, scale, floor, residuals);
+    let mut regular = step.normal;
+    for i in 0..N {
+        regular[(i, i)] *= 1.0 + 1e-10;
+        regular[(i, i)] += 1e-12;
+    }
+    let factor = Cholesky::new(regular)?;
+    let change = limit(factor.solve(&step.right), &m, pattern);
+    for i in 0..N {
+        m[i] += change[i];
+    }
+    let variance = step.square / (step.weight - count as f64).max(1.0);
+    let mut covariance = factor.inverse() * variance;
+    for i in (0..N).filter(|&i| !free[i]) {
+        covariance.row_mut(i).fill(0.0);
+        covariance.column_mut(i).fill(0.0);
+    }
+    let rms = (step.square / step.weight.max(1e-9)).sqrt();
+    let inliers = step.weight / pixels.len() as f64;
+    Some(Fit { parameters: m, covariance, rms, inliers, pixels: pixels.len() })
+}
+
+/// Normal equations at `m`, with biweights for residuals against `scale`.
+fn linearise(
+    pattern: Pattern,
+    pixels: &[Pixel],
+    m: &Parameters,
+    free: &[bool; N],
+    scale: f64,
+    floor: f64,
+    residuals: &mut Vec<f64>,
+) -> Step {
+    let trig = m[ANGLE].sin_cos();
+    let mut normal = [[0.0f64; N]; N];
+    let mut right = [0.0f64; N];
+    let (mut weight, mut square) = (0.0, 0.0);
+    residuals.clear();
+    for pixel in pixels {
+        let (value, gradient) = grey_rotated(pattern, m, trig, pixel);
+        let r = pixel.value - value;
+        residuals.push(r.abs());
+        let jitter = EDGE_JITTER * gradient[X].hypot(gradient[Y]);
+        let z = r / (CUT * (scale * scale + jitter * jitter).sqrt());
+        if z.abs() >= 1.0 {
+            continue;
+        }
+        let w = (1.0 - z * z) * (1.0 - z * z);
+        weight += w;
+        square += w * r * r;
+        for i in 0..N {
+            let g = w * gradient[i];
+            right[i] += g * r;
+            for (h, gj) in normal[i].iter_mut().zip(&gradient) {
+                *h += g * gj;
+            }
+        }
+    }
+    let prior = scale * scale / (GAMMA_SPREAD * GAMMA_SPREAD);
+    normal[GAMMA][GAMMA] += prior;
+    right[GAMMA] += prior * (USUAL_GAMMA - m[GAMMA]);
+    let mut square_matrix = Square::from_fn(|i, j| normal[i][j]);
+    let mut column = Column::from(right);
+    for i in (0..N).filter(|&i| !free[i]) {
+        square_matrix.row_mut(i).fill(0.0);
+        square_matrix.column_mut(i).fill(0.0);
+        square_matrix[(i, i)] = 1.0;
+        column[i] = 0.0;
+    }
+    Step { normal: square_matrix, right: column, scale: spread(residuals).max(floor), weight, square }
+}
+
+/// Robust standard deviation from absolute residuals.
+fn spread(residuals: &mut [f64]) -> f64 {
+    let middle = residuals.len() / 2;
+    let (_, median, _) = residuals.select_nth_unstable_by(middle, f64::total_cmp);
+    1.4826 * *median
+}
+
+/// Keeps a step within what the linearisation can bear.
+fn limit(mut change: Column, m: &Parameters, pattern: Pattern) -> Column {
+    let mut factor: f64 = 1.0;
+    let mut bound = |step: f64, most: f64| factor = factor.min(most / step.abs().max(1e-12));
+    bound(change[X], 3.0);
+    bound(change[Y], 3.0);
+    bound(change[ANGLE], 0.2);
+    bound(change[BLUR], 0.5);
+    bound(change[GAMMA], 0.2);
+    bound(change[DARK], 0.1);
+    if pattern == Pattern::Disc {
+        bound(change[FIRST], 0.2 * m[FIRST]);
+        bound(change[FIRST + 1], 0.3 * m[FIRST + 1]);
+    } else {
+        bound(change[FIRST], 0.2);
+    }
+    change *= factor.min(1.0);
+    change
+}
+
+fn plausible(pattern: Pattern, m: &Parameters) -> bool {
+    let common = m.iter().all(|v| v.is_finite()) && m[BLUR] > 0.2 && m[BLUR] < 12.0;
+    let lit = m[LIGHT] > 1.0 && m[LIGHT] < 1500.0 && m[DARK] > 0.02 && m[DARK] < 1.5;
+    let lit = lit && m[GAMMA] > 0.15 && m[GAMMA] < 3.0;
+    let shape = match pattern {
+        Pattern::Disc => m[FIRST] > 1.0 && m[FIRST + 1] > 0.2,
+        _ => m[FIRST] > 0.005 && m[FIRST] < 2.5,
+    };
+    common && lit && shape
+}

@@ -1,0 +1,249 @@
+//! Stages 4 and 5: a candidate's pixels, the fit, and the decision.
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::super::raster::Raster;
+use super::super::setup::Shape;
+use super::blob::Blob;
+use super::candidate::{Candidate, Outline, half_turn};
+use super::fit::{Fit, fit};
+use super::model::{
+    ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, Pixel, SECOND, THIRD, X, Y,
+};
+use super::{Detection, RejectReason};
+
+/// Standard deviations beyond which a bend of axis or edges is believed.
+const BEND_TEST: f64 = 3.0;
+
+/// A fitted marker with its blur.
+pub struct Measured {
+    /// The answer.
+    pub detection: Detection,
+    /// Blur of its edges, pixel included, px.
+    pub blur: f64,
+    /// Mean robust weight.
+    pub inliers: f64,
+}
+
+/// Fits the model to a candidate.
+pub fn measure(
+    image: &Raster,
+    blobs: &[Blob],
+    candidate: &Candidate,
+    noise: f64,
+) -> Result<Measured, RejectReason> {
+    let outline = &candidate.outline;
+    let too_small = outline.major < 3.5 || outline.minor < 0.7;
+    if too_small {
+        return Err(RejectReason::TooSmall);
+    }
+    if outline.major > 22.0 * outline.minor {
+        return Err(RejectReason::NotAnEllipse);
+    }
+    let mut blur: f64 = 1.0;
+    for round in 0..2 {
+        let pixels = pixels(image, blobs, candidate, blur);
+        let start = start(candidate, &pixels, blur).ok_or(RejectReason::LowContrast)?;
+        let result = bent_or_straight(candidate, &pixels, &start, noise).ok_or(RejectReason::NoConvergence)?;
+        let found = result.parameters[BLUR];
+        if round == 0 && found > 1.5 * blur {
+            blur = found.min(4.0);
+            continue;
+        }
+        return judge(image, candidate, &result, noise);
+    }
+    Err(RejectReason::NoConvergence)
+}
+
+/// The bent model where its bend is significant, else the straight one, which knows more.
+fn bent_or_straight(candidate: &Candidate, pixels: &[Pixel], start: &Parameters, noise: f64) -> Option<Fit> {
+    let outline = &candidate.outline;
+    let mut free = [true; N];
+    let thick = outline.minor >= 2.5;
+    free[DARK + 1] = thick;
+    free[DARK + 2] = outline.minor >= 6.0;
+    free[GAMMA] = thick;
+    free[LIGHT + 3] = thick && outline.major >= 15.0;
+    let bends: &[usize] = if candidate.pattern == Pattern::Disc { &[THIRD] } else { &[SECOND, THIRD] };
+    let floor = 0.5f64.max(0.8 * noise);
+    let mut straight = free;
+    bends.iter().for_each(|&k| straight[k] = false);
+    if !thick || outline.major < 12.0 {
+        return fit(candidate.pattern, pixels, start, &straight, floor);
+    }
+    let bent = fit(candidate.pattern, pixels, start, &free, floor);
+    let Some(bent) = bent else {
+        return fit(candidate.pattern, pixels, start, &straight, floor);
+    };
+    let significant = bends.iter().any(|&k| {
+        bent.parameters[k].abs() > BEND_TEST * bent.covariance[(k, k)].max(0.0).sqrt()
+    });
+    if significant {
+        return Some(bent);
+    }
+    let mut again = bent.parameters;
+    bends.iter().for_each(|&k| again[k] = 0.0);
+    fit(candidate.pattern, pixels, &again, &straight, floor).or(Some(bent))
+}
+
+/// Accepts or turns down a fit.
+fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result<Measured, RejectReason> {
+    let m = &fit.parameters;
+    let contrast = m[LIGHT] * (1.0 - (1.0 - m[DARK]).max(0.0).powf(m[GAMMA]));
+    let outline = match candidate.pattern {
+        Pattern::Disc => {
+            let (centre, angle) = (Vector2::new(m[X], m[Y]), m[ANGLE]);
+            let (major, minor, angle) = if m[FIRST] >= m[SECOND] {
+                (m[FIRST], m[SECOND], angle)
+            } else {
+                (m[SECOND], m[FIRST], angle + std::f64::consts::FRAC_PI_2)
+            };
+            Outline { centre, major, minor, angle: half_turn(angle) }
+        }
+        _ => Outline { centre: Vector2::new(m[X], m[Y]), ..candidate.outline },
+    };
+    let moved = (outline.centre - candidate.outline.centre).norm();
+    if moved > 0.25 * candidate.outline.major + 2.0 {
+        return Err(RejectReason::PoorFit);
+    }
+    let extent = outline.extent();
+    let (w, h) = (image.width() as f64, image.height() as f64);
+    let c = outline.centre;
+    if c.x - extent.x < 0.5 || c.y - extent.y < 0.5 || c.x + extent.x > w - 1.5 || c.y + extent.y > h - 1.5 {
+        return Err(RejectReason::TouchesEdge);
+    }
+    if outline.minor < 0.8 || outline.major < 3.5 {
+        return Err(RejectReason::TooSmall);
+    }
+    if outline.major > 20.0 * outline.minor {
+        return Err(RejectReason::NotAnEllipse);
+    }
+    if m[DARK] < 0.15 || contrast < 8.0 || contrast < 4.0 * noise {
+        return Err(RejectReason::LowContrast);
+    }
+    if m[BLUR] > 3.2 || fit.inliers < 0.55 || fit.rms > 1.6 * noise + 0.05 * contrast {
+        return Err(RejectReason::PoorFit);
+    }
+    let covariance = fit.covariance.fixed_view::<2, 2>(0, 0).into_owned();
+    Ok(Measured {
+        detection: Detection {
+            shape: if candidate.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant },
+            centre_px: outline.centre,
+            covariance_px2: Matrix2::from_fn(|i, j| covariance[(i, j)]),
+            semi_major_px: outline.major,
+            semi_minor_px: outline.minor,
+            angle_rad: outline.angle,
+            fit_rms: fit.rms,
+            contrast,
+        },
+        blur: m[BLUR],
+        inliers: fit.inliers,
+    })
+}
+
+/// First parameters: geometry of the candidate, grey levels of its pixels.
+fn start(candidate: &Candidate, pixels: &[Pixel], blur: f64) -> Option<Parameters> {
+    let outline = &candidate.outline;
+    let mut m = [0.0; N];
+    m[X] = outline.centre.x;
+    m[Y] = outline.centre.y;
+    match candidate.edges {
+        None => {
+            m[ANGLE] = outline.angle;
+            m[FIRST] = outline.major;
+            m[SECOND] = outline.minor;
+        }
+        Some((angle, half)) => {
+            m[ANGLE] = angle;
+            m[FIRST] = half.max(0.02);
+        }
+    }
+    m[BLUR] = blur;
+    if pixels.len() < 20 {
+        return None;
+    }
+    let mut values: Vec<f64> = pixels.iter().map(|p| p.value).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    let (low, high) = (values[values.len() / 40], values[values.len() * 8 / 10]);
+    m[LIGHT] = high.max(1.0);
+    m[GAMMA] = 1.0 / 2.2;
+    m[DARK] = 1.0 - (low.max(1.0) / high.max(1.0)).powf(2.2);
+    (m[DARK] > 0.08 && high - low > 6.0).then_some(m)
+}
+
+/// The pixels that tell where the marker is: along its outline, or along the edges between the
+/// quadrants. Those near other dark things are left out.
+fn pixels(image: &Raster, blobs: &[Blob], candidate: &Candidate, blur: f64) -> Vec<Pixel> {
+    let outline = &candidate.outline;
+    let band = 3.5 * blur + 2.0;
+    let reach = outline.extent().add_scalar(band + 1.0);
+    let c = outline.centre;
+    let x0 = (c.x - reach.x).floor().max(0.0) as usize;
+    let y0 = (c.y - reach.y).floor().max(0.0) as usize;
+    let x1 = ((c.x + reach.x).ceil().max(0.0) as usize).min(image.width() - 1);
+    let y1 = ((c.y + reach.y).ceil().max(0.0) as usize).min(image.height() - 1);
+    let taken = foreign(blobs, candidate, [x0, y0, x1, y1]);
+    let mut out = Vec::new();
+    for y in y0..=y1 {
+        let row = image.row(y);
+        for (x, &v) in row.iter().enumerate().take(x1 + 1).skip(x0) {
+            let (s, t) = outline.local(Vector2::new(x as f64, y as f64));
+            let wanted = match candidate.edges {
+                None => near_outline(outline, s, t, band),
+                Some(edges) => near_edges(outline, edges, s, t, band, blur),
+            };
+            if wanted && !taken.as_ref().is_some_and(|m| m[(y - y0) * (x1 - x0 + 1) + x - x0]) {
+                let (p, q) = (s / outline.major, t / outline.minor);
+                out.push(Pixel { x: x as f64, y: y as f64, value: f64::from(v), p, q });
+            }
+        }
+    }
+    out
+}
+
+fn near_outline(outline: &Outline, s: f64, t: f64, band: f64) -> bool {
+    let within = |a: f64, b: f64| a > 0.0 && b > 0.0 && (s / a).powi(2) + (t / b).powi(2) < 1.0;
+    within(outline.major + band, outline.minor + band) && !within(outline.major - band, outline.minor - band)
+}
+
+fn near_edges(outline: &Outline, edges: (f64, f64), s: f64, t: f64, band: f64, blur: f64) -> bool {
+    let margin = (3.0 * blur).min(0.3 * outline.minor).max(1.0);
+    let (a, b) = (outline.major - margin, outline.minor - margin);
+    if a <= 0.0 || b <= 0.0 || (s / a).powi(2) + (t / b).powi(2) >= 1.0 {
+        return false;
+    }
+    let (sin, cos) = (edges.0 - outline.angle).sin_cos();
+    let (s, t) = (s * cos + t * sin, t * cos - s * sin);
+    let norm = edges.1.hypot(1.0);
+    ((t - edges.1 * s) / norm).abs() < band || ((t + edges.1 * s) / norm).abs() < band
+}
+
+/// Pixels of the window within 3 px of a blob that is not the candidate's; `None` where no such
+/// blob is near.
+fn foreign(blobs: &[Blob], candidate: &Candidate, window: [usize; 4]) -> Option<Vec<bool>> {
+    const MARGIN: usize = 3;
+    let outline = &candidate.outline;
+    let [x0, y0, x1, y1] = window;
+    let width = x1 - x0 + 1;
+    let mut mask: Option<Vec<bool>> = None;
+    for (i, blob) in blobs.iter().enumerate() {
+        let b = blob.bounds;
+        let apart = b[0] > x1 + MARGIN || b[2] + MARGIN < x0 || b[1] > y1 + MARGIN || b[3] + MARGIN < y0;
+        let (s, t) = outline.local(blob.centroid);
+        let own = (s / outline.major).powi(2) + (t / outline.minor).powi(2) < 1.0;
+        if apart || own || candidate.blobs.contains(&i) {
+            continue;
+        }
+        let mask = mask.get_or_insert_with(|| vec![false; width * (y1 - y0 + 1)]);
+        for run in &blob.runs {
+            let [y, from, to] = run.map(|v| v as usize);
+            let (from, to) = (from.saturating_sub(MARGIN).max(x0), (to + MARGIN).min(x1));
+            for row in y.saturating_sub(MARGIN).max(y0)..=(y + MARGIN).min(y1) {
+                if from <= to {
+                    mask[(row - y0) * width + from - x0..=(row - y0) * width + to - x0].fill(true);
+                }
+            }
+        }
+    }
+    mask
+}
