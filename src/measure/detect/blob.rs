@@ -138,7 +138,8 @@ impl Window {
 impl Blob {
     /// Centres of its pixels.
     pub fn points(&self) -> impl Iterator<Item = Vector2<f64>> + '_ {
-        (self.runs.iter()).flat_map(|r| (r[1]..=r[2]).map(move |x| Vector2::new(f64::from(x), f64::from(r[0]))))
+        (self.runs.iter())
+            .flat_map(|r| (r[1]..=r[2]).map(move |x| Vector2::new(f64::from(x), f64::from(r[0]))))
     }
 
     /// Bounds and moments from the runs, each run integrated in closed form.

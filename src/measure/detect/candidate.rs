@@ -6,6 +6,7 @@ use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use super::blob::Blob;
 use super::model::Pattern;
+use super::{RejectReason, Rejected};
 
 /// A flat ellipse in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,6 +34,19 @@ pub struct Candidate {
     pub blobs: Vec<usize>,
     /// Darkest over background.
     pub darkness: f64,
+}
+
+impl Candidate {
+    /// What is said of it when it is turned down.
+    pub fn rejected(&self, reason: RejectReason) -> Rejected {
+        Rejected {
+            centre_px: self.outline.centre,
+            semi_major_px: self.outline.major,
+            semi_minor_px: self.outline.minor,
+            angle_rad: self.outline.angle,
+            reason,
+        }
+    }
 }
 
 impl Outline {
@@ -93,7 +107,9 @@ fn together(blobs: &[&Blob]) -> Shape {
 /// A disc, where the blob fills its ellipse of inertia.
 pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
     let outline = Outline::from_moments(blob.centroid, blob.covariance, 2.0);
-    (0.80..1.12).contains(&blob.fill()).then(|| Candidate {
+    // Few pixels across make steps in the outline.
+    let most = 0.33 + 0.5 / (outline.minor * outline.minor).max(0.5);
+    ((0.80..1.12).contains(&blob.fill()) && squareness(blob) < most).then(|| Candidate {
         pattern: Pattern::Disc,
         outline,
         edges: None,
@@ -116,16 +132,17 @@ pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Candidate> {
     if det <= 1e-6 || !(0.50..0.80).contains(&(shape.area / (4.0 * PI * det.sqrt()))) {
         return None;
     }
-    let halves = split(&blobs, &shape)?;
-    let p = (halves.1 - halves.0) * (0.5 * 3.0 * PI / 4.0);
-    let rest = (shape.covariance - p * p.transpose() * (0.5 * ALONG)) * (2.0 / ACROSS);
-    let eigen = SymmetricEigen::new(rest);
-    let k = if eigen.eigenvalues[0] >= eigen.eigenvalues[1] { 0 } else { 1 };
-    let (large, small) = (eigen.eigenvalues[k], eigen.eigenvalues[1 - k]);
-    if large <= 0.0 || small.abs() > 0.45 * large {
+    let (whiten, halves) = split(&blobs, &shape)?;
+    // Whitened, the diagonals (1, 1) and (1, -1) of the pattern are orthogonal and of known length.
+    let diagonal = (whiten * (halves.1 - halves.0)) * (0.5 * 3.0 * PI / 4.0);
+    let length = (2.0 / ALONG).sqrt();
+    if !(0.85..1.15).contains(&(diagonal.norm() / length)) {
         return None;
     }
-    let q = eigen.eigenvectors.column(k) * large.sqrt();
+    let unit = diagonal.normalize();
+    let back = whiten.try_inverse()?;
+    let p = back * unit * length;
+    let q = back * Vector2::new(-unit.y, unit.x) * (2.0 / ACROSS).sqrt();
     let (e1, e2) = ((p + q) * 0.5, (p - q) * 0.5);
     let affine = Matrix2::from_columns(&[e1, e2]);
     let expected = 0.5 * PI * affine.determinant().abs();
@@ -146,9 +163,8 @@ pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Candidate> {
     Some(Candidate { pattern, outline, edges: Some(edges), blobs: indices.to_vec(), darkness })
 }
 
-/// Centroids of the two wedges. After whitening, the direction in which two opposite wedges lie
-/// is the one of least kurtosis; a disc has 2 everywhere, two quadrants 1.38.
-fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Vector2<f64>, Vector2<f64>)> {
+/// Whitening transform of a shape, and its kurtosis in 36 whitened directions.
+fn kurtosis(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, [f64; 36])> {
     let inverse = shape.covariance.try_inverse()?;
     let eigen = SymmetricEigen::new(inverse);
     let scale = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()));
@@ -162,13 +178,32 @@ fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Vector2<f64>, Vector2<f64>)>
             *f += v / shape.area;
         }
     }
-    let kurtosis = |k: usize| {
+    let [a, b, d, e, f] = fourth;
+    let along = |k: usize| {
         let (s, c) = (k as f64 * PI / 36.0).sin_cos();
-        let [a, b, d, e, f] = fourth;
-        c.powi(4) * a + 4.0 * c.powi(3) * s * b + 6.0 * c * c * s * s * d + 4.0 * c * s.powi(3) * e + s.powi(4) * f
+        c.powi(4) * a
+            + 4.0 * c.powi(3) * s * b
+            + 6.0 * c * c * s * s * d
+            + 4.0 * c * s.powi(3) * e
+            + s.powi(4) * f
     };
-    let best = (0..36).min_by(|&i, &j| kurtosis(i).total_cmp(&kurtosis(j)))?;
-    if kurtosis(best) > 1.62 {
+    Some((whiten, std::array::from_fn(along)))
+}
+
+/// How far the kurtosis changes with direction: 0 for an ellipse, 0.6 for a parallelogram.
+pub fn squareness(blob: &Blob) -> f64 {
+    let Some((_, k)) = kurtosis(&[blob], &together(&[blob])) else { return 0.0 };
+    let (low, high) = k.iter().fold((f64::MAX, f64::MIN), |(l, h), &v| (l.min(v), h.max(v)));
+    high - low
+}
+
+/// The whitening transform and the centroids of the two wedges. After whitening, the direction in
+/// which two opposite wedges lie is the one of least kurtosis; a disc has 2 everywhere, two
+/// quadrants 1.38.
+fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, (Vector2<f64>, Vector2<f64>))> {
+    let (whiten, kurtosis) = kurtosis(blobs, shape)?;
+    let best = (0..36).min_by(|&i, &j| kurtosis[i].total_cmp(&kurtosis[j]))?;
+    if kurtosis[best] > 1.62 {
         return None;
     }
     let (s, c) = (best as f64 * PI / 36.0).sin_cos();
@@ -180,7 +215,7 @@ fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Vector2<f64>, Vector2<f64>)>
         side.1 += at;
     }
     let [(n0, s0), (n1, s1)] = sums;
-    (n0 > 0.35 * shape.area && n1 > 0.35 * shape.area).then(|| (s0 / n0, s1 / n1))
+    (n0 > 0.35 * shape.area && n1 > 0.35 * shape.area).then(|| (whiten, (s0 / n0, s1 / n1)))
 }
 
 /// Pairs of blobs close enough to be the two black quadrants of one marker.

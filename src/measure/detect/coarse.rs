@@ -42,9 +42,13 @@ pub struct Region {
     pub least: u16,
 }
 
+/// Side of a block that suits a frame's size, px.
+pub fn factor(image: &Raster) -> usize {
+    if image.width() * image.height() > 3_000_000 { 4 } else { 2 }
+}
+
 /// Block means of `image`; an incomplete block at the right or lower edge is left out.
-pub fn reduce(image: &Raster) -> Coarse {
-    let factor = if image.width() * image.height() > 3_000_000 { 4 } else { 2 };
+pub fn reduce(image: &Raster, factor: usize) -> Coarse {
     let (width, height) = (image.width() / factor, image.height() / factor);
     let mut mean = vec![0u8; width * height];
     let mut columns = vec![0u16; width * factor];

@@ -2,7 +2,9 @@
 
 use nalgebra::{Cholesky, SMatrix, SVector};
 
-use super::model::{ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, Pixel, X, Y, grey_rotated};
+use super::model::{
+    ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, Pixel, X, Y, grey_rotated,
+};
 
 type Square = SMatrix<f64, N, N>;
 type Column = SVector<f64, N>;
@@ -18,8 +20,6 @@ pub struct Fit {
     pub rms: f64,
     /// Mean robust weight, 0 to 1.
     pub inliers: f64,
-    /// Pixels.
-    pub pixels: usize,
 }
 
 /// One linearisation: normal equations and residual statistics.
@@ -31,7 +31,7 @@ struct Step {
     square: f64,
 }
 
-const MAX_ITERATIONS: usize = 15;
+const MAX_ITERATIONS: usize = 20;
 /// Residuals beyond this many scales have no weight (Tukey's biweight; 95 % efficient at 4.7).
 const CUT: f64 = 6.0;
 
@@ -42,7 +42,13 @@ const USUAL_GAMMA: f64 = 1.0 / 2.2;
 const GAMMA_SPREAD: f64 = 0.15;
 
 /// Fits the `free` parameters from `start`; `None` where it does not settle.
-pub fn fit(pattern: Pattern, pixels: &[Pixel], start: &Parameters, free: &[bool; N], floor: f64) -> Option<Fit> {
+pub fn fit(
+    pattern: Pattern,
+    pixels: &[Pixel],
+    start: &Parameters,
+    free: &[bool; N],
+    floor: f64,
+) -> Option<Fit> {
     let count = free.iter().filter(|&&f| f).count();
     if pixels.len() < 2 * count {
         return None;
@@ -71,6 +77,7 @@ pub fn fit(pattern: Pattern, pixels: &[Pixel], start: &Parameters, free: &[bool;
         let settled = change[X].abs().max(change[Y].abs()) < 2e-3
             && (pattern != Pattern::Disc || change[FIRST].abs() < 0.02)
             && (step.scale / scale - 1.0).abs() < 0.2;
+        let settled = settled || (iteration + 1 == MAX_ITERATIONS && change[X].hypot(change[Y]) < 0.02);
         scale = step.scale.max(0.5 * scale);
         if settled {
             return finish(pattern, pixels, m, free, scale, floor, &mut residuals, count);
@@ -109,7 +116,7 @@ fn finish(
     }
     let rms = (step.square / step.weight.max(1e-9)).sqrt();
     let inliers = step.weight / pixels.len() as f64;
-    Some(Fit { parameters: m, covariance, rms, inliers, pixels: pixels.len() })
+    Some(Fit { parameters: m, covariance, rms, inliers })
 }
 
 /// Normal equations at `m`, with biweights for residuals against `scale`.

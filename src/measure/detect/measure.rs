@@ -21,8 +21,6 @@ pub struct Measured {
     pub detection: Detection,
     /// Blur of its edges, pixel included, px.
     pub blur: f64,
-    /// Mean robust weight.
-    pub inliers: f64,
 }
 
 /// Fits the model to a candidate.
@@ -33,6 +31,9 @@ pub fn measure(
     noise: f64,
 ) -> Result<Measured, RejectReason> {
     let outline = &candidate.outline;
+    if candidate.blobs.iter().any(|&i| blobs.get(i).is_some_and(|b| b.at_edge)) {
+        return Err(RejectReason::TouchesEdge);
+    }
     let too_small = outline.major < 3.5 || outline.minor < 0.7;
     if too_small {
         return Err(RejectReason::TooSmall);
@@ -44,7 +45,8 @@ pub fn measure(
     for round in 0..2 {
         let pixels = pixels(image, blobs, candidate, blur);
         let start = start(candidate, &pixels, blur).ok_or(RejectReason::LowContrast)?;
-        let result = bent_or_straight(candidate, &pixels, &start, noise).ok_or(RejectReason::NoConvergence)?;
+        let result =
+            bent_or_straight(candidate, &pixels, &start, noise).ok_or(RejectReason::NoConvergence)?;
         let found = result.parameters[BLUR];
         if round == 0 && found > 1.5 * blur {
             blur = found.min(4.0);
@@ -75,9 +77,8 @@ fn bent_or_straight(candidate: &Candidate, pixels: &[Pixel], start: &Parameters,
     let Some(bent) = bent else {
         return fit(candidate.pattern, pixels, start, &straight, floor);
     };
-    let significant = bends.iter().any(|&k| {
-        bent.parameters[k].abs() > BEND_TEST * bent.covariance[(k, k)].max(0.0).sqrt()
-    });
+    let significant =
+        bends.iter().any(|&k| bent.parameters[k].abs() > BEND_TEST * bent.covariance[(k, k)].max(0.0).sqrt());
     if significant {
         return Some(bent);
     }
@@ -125,6 +126,10 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
         return Err(RejectReason::PoorFit);
     }
     let covariance = fit.covariance.fixed_view::<2, 2>(0, 0).into_owned();
+    let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
+    if !(spread > 0.0 && spread < 0.6) {
+        return Err(RejectReason::PoorFit);
+    }
     Ok(Measured {
         detection: Detection {
             shape: if candidate.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant },
@@ -137,7 +142,6 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
             contrast,
         },
         blur: m[BLUR],
-        inliers: fit.inliers,
     })
 }
 

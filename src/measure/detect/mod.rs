@@ -4,6 +4,7 @@ mod blob;
 mod candidate;
 mod coarse;
 mod fit;
+mod guided;
 mod measure;
 mod model;
 mod noise;
@@ -123,29 +124,55 @@ const MAX_REJECTED: usize = 200;
 
 /// Finds the markers of a frame without help. Deterministic at any number of threads.
 pub fn detect(image: &Raster) -> Detections {
-    let coarse = coarse::reduce(image);
     let noise = noise::estimate(image);
+    let mut found = search(image, coarse::factor(image), noise);
+    found.rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
+    found.rejected.truncate(MAX_REJECTED);
+    let psf_sigma_px = middle(found.measured.iter().map(|m| m.blur).collect());
+    let mut markers: Vec<Detection> = found.measured.into_iter().map(|m| m.detection).collect();
+    markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
+    Detections { markers, rejected: found.rejected, psf_sigma_px, noise }
+}
+
+/// Finds the predicted markers, looking only at windows around them. Those that are not there are
+/// missing from the answer; the caller then turns to [`detect`].
+pub fn detect_guided(image: &Raster, predictions: &[Prediction]) -> Detections {
+    guided::detect(image, predictions, coarse::factor(image), noise::estimate(image))
+}
+
+/// What a search yields, in order of discovery.
+struct Found {
+    measured: Vec<measure::Measured>,
+    rejected: Vec<Rejected>,
+}
+
+/// All stages on one picture or window.
+fn search(image: &Raster, factor: usize, noise: f64) -> Found {
+    let coarse = coarse::reduce(image, factor);
     let blobs = find_blobs(image, &coarse);
-    let candidates = sort_blobs(&blobs);
-    let mut found = Vec::new();
-    let mut rejected = Vec::new();
-    for candidate in &candidates {
-        match measure::measure(image, &blobs, candidate, noise) {
-            Ok(measured) => found.push((candidate, measured)),
-            Err(reason) => rejected.push(Rejected {
-                centre_px: candidate.outline.centre,
-                semi_major_px: candidate.outline.major,
-                semi_minor_px: candidate.outline.minor,
-                angle_rad: candidate.outline.angle,
-                reason,
-            }),
+    let mut taken = vec![false; blobs.len()];
+    let mut found = Found { measured: Vec::new(), rejected: Vec::new() };
+    for candidates in [quadrants(&blobs), discs(&blobs)] {
+        for candidate in &candidates {
+            if candidate.blobs.iter().any(|&i| taken[i]) {
+                continue;
+            }
+            match measure::measure(image, &blobs, candidate, noise) {
+                Ok(measured) => {
+                    candidate.blobs.iter().for_each(|&i| taken[i] = true);
+                    found.measured.push(measured);
+                }
+                Err(reason) => found.rejected.push(candidate.rejected(reason)),
+            }
         }
     }
-    let mut markers: Vec<Detection> = found.into_iter().map(|f| f.1.detection).collect();
-    markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
-    rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
-    rejected.truncate(MAX_REJECTED);
-    Detections { markers, rejected, psf_sigma_px: None, noise }
+    found
+}
+
+/// The median.
+fn middle(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
 }
 
 fn by_place(a: &Vector2<f64>, b: &Vector2<f64>) -> std::cmp::Ordering {
@@ -175,18 +202,14 @@ fn find_blobs(image: &Raster, coarse: &coarse::Coarse) -> Vec<blob::Blob> {
     out
 }
 
-/// Quadrants first; what is left may be discs.
-fn sort_blobs(blobs: &[blob::Blob]) -> Vec<candidate::Candidate> {
-    let mut out: Vec<candidate::Candidate> = Vec::new();
+/// Blobs and pairs of blobs that may be two black quadrants.
+fn quadrants(blobs: &[blob::Blob]) -> Vec<candidate::Candidate> {
     let single = (0..blobs.len()).map(|i| vec![i]);
     let double = candidate::pairs(blobs).into_iter().map(|p| p.to_vec());
-    for indices in single.chain(double) {
-        out.extend(candidate::quadrants(&indices, blobs));
-    }
-    for (i, blob) in blobs.iter().enumerate() {
-        if !out.iter().any(|c| c.blobs.contains(&i)) {
-            out.extend(candidate::disc(i, blob));
-        }
-    }
-    out
+    single.chain(double).filter_map(|indices| candidate::quadrants(&indices, blobs)).collect()
+}
+
+/// Blobs that may be discs.
+fn discs(blobs: &[blob::Blob]) -> Vec<candidate::Candidate> {
+    blobs.iter().enumerate().filter_map(|(i, blob)| candidate::disc(i, blob)).collect()
 }

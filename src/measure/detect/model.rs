@@ -72,13 +72,15 @@ struct Share {
     blur: f64,
 }
 
-/// The grey value at a pixel and its derivatives; clipped, with zero derivatives, at 255.
-pub fn grey(pattern: Pattern, m: &Parameters, pixel: &Pixel) -> (f64, Parameters) {
+/// As [`grey_rotated`], from the parameters alone.
+#[cfg(test)]
+fn grey(pattern: Pattern, m: &Parameters, pixel: &Pixel) -> (f64, Parameters) {
     let (sin, cos) = m[ANGLE].sin_cos();
     grey_rotated(pattern, m, (sin, cos), pixel)
 }
 
-/// As [`grey`], with the angle's sine and cosine at hand.
+/// The grey value at a pixel and its derivatives; clipped, with zero derivatives, at 255. The sine
+/// and cosine of the angle come from the caller, once for all pixels.
 pub fn grey_rotated(
     pattern: Pattern,
     m: &Parameters,
@@ -238,8 +240,7 @@ fn disc_by_quadrature(s: f64, t: f64, a: f64, b: f64, sigma: f64) -> Share {
         share.t += measure * (dl - du) / sigma;
         share.second += measure * by_height * cos;
         share.first += weight * density * by_height * b * sin * sin;
-        share.blur += measure
-            * (inside * (along * along - 1.0) / sigma + (upper * du - lower * dl) / sigma);
+        share.blur += measure * (inside * (along * along - 1.0) / sigma + (upper * du - lower * dl) / sigma);
     }
     share
 }
@@ -358,11 +359,9 @@ mod tests {
 
     #[test]
     fn the_closed_forms_match_a_sampled_blur() {
-        for (pattern, sets) in [
-            (Pattern::Disc, discs()),
-            (Pattern::BlackAlong, quadrants()),
-            (Pattern::WhiteAlong, quadrants()),
-        ] {
+        for (pattern, sets) in
+            [(Pattern::Disc, discs()), (Pattern::BlackAlong, quadrants()), (Pattern::WhiteAlong, quadrants())]
+        {
             for m in sets {
                 for i in 0..60 {
                     let at = pixel(f64::from(i * 7 % 60) - 8.0, f64::from(i * 3 % 29) + 6.3);
@@ -390,7 +389,8 @@ mod tests {
                         let scale = difference.abs().max(if step < 1e-5 { 2000.0 } else { 10.0 });
                         assert!(
                             (gradient[k] - difference).abs() < 0.06 * scale,
-                            "{pattern:?} {m:?} {at:?} parameter {k}: {} against {difference}", gradient[k]
+                            "{pattern:?} {m:?} {at:?} parameter {k}: {} against {difference}",
+                            gradient[k]
                         );
                     }
                 }

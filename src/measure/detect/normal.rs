@@ -30,7 +30,7 @@ const GAUSS_16: [(f64, f64); 8] = [
 /// Nodes and weights on [`from`, `to`].
 pub fn gauss(from: f64, to: f64) -> impl Iterator<Item = (f64, f64)> {
     let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
-    GAUSS_16.into_iter().flat_map(move |(x, w)| {
-        [(middle - half * x, half * w), (middle + half * x, half * w)]
-    })
+    GAUSS_16
+        .into_iter()
+        .flat_map(move |(x, w)| [(middle - half * x, half * w), (middle + half * x, half * w)])
 }
