@@ -1,1 +1,123 @@
-//! The configuration: composed of the modules own sections.
+//! `wingd.toml`: composed of each module's own section.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use crate::camera::section::CameraSection;
+use crate::daemon::{SeriesConfig, StatusConfig};
+use crate::installation::Fault;
+use crate::measure::adjust::{Method, Options};
+use crate::pipeline::Job;
+use crate::store::StoreConfig;
+
+/// The daemon's configuration.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// The prepared directory; without it frames are recorded only.
+    pub installation: Option<PathBuf>,
+    /// `[camera]`.
+    pub camera: CameraSection,
+    /// `[series]`.
+    #[serde(default)]
+    pub series: SeriesConfig,
+    /// `[store]`.
+    pub store: StoreConfig,
+    /// `[status]`.
+    #[serde(default)]
+    pub status: StatusConfig,
+    /// `[solve]`.
+    #[serde(default)]
+    pub solve: SolveConfig,
+}
+
+/// `[solve]`: how frames are solved on board.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SolveConfig {
+    /// `spatial` (default) or `profile`.
+    #[serde(default)]
+    pub method: SolveMethod,
+    /// Terms of the curvature, 1 to 4; chosen by test where not given.
+    pub curvature_terms: Option<usize>,
+}
+
+/// Words of `[solve] method`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SolveMethod {
+    /// The rigid-section beam.
+    #[default]
+    Spatial,
+    /// The published method.
+    Profile,
+}
+
+impl SolveConfig {
+    /// What to compute.
+    pub fn job(&self) -> Job {
+        let method = match self.method {
+            SolveMethod::Spatial => Method::Spatial,
+            SolveMethod::Profile => Method::Profile,
+        };
+        Job { method, options: Options { curvature_terms: self.curvature_terms, ..Options::default() } }
+    }
+}
+
+/// Reads and checks a configuration; every fault in one go. Relative paths count from the file's folder.
+pub fn load(file: &Path) -> Result<Config, Vec<Fault>> {
+    let text = std::fs::read_to_string(file).map_err(|e| {
+        let problem = format!("cannot be read ({e})");
+        vec![fault(file, "file", problem, "name it with --config; config/wingd.toml is a commented default")]
+    })?;
+    let config: Config = toml::from_str(&text).map_err(|e| vec![syntax(file, &text, &e)])?;
+    let config = config.resolved(file.parent().unwrap_or(Path::new("")));
+    let faults = config.faults(file);
+    if faults.is_empty() { Ok(config) } else { Err(faults) }
+}
+
+impl Config {
+    fn resolved(mut self, folder: &Path) -> Self {
+        let absolute = |path: &mut PathBuf| *path = folder.join(&*path);
+        absolute(&mut self.store.path);
+        absolute(&mut self.status.socket);
+        self.installation.iter_mut().for_each(absolute);
+        if let CameraSection::Replay(replay) = &mut self.camera {
+            replay.folder.iter_mut().chain(replay.list.iter_mut()).for_each(absolute);
+        }
+        self
+    }
+
+    fn faults(&self, file: &Path) -> Vec<Fault> {
+        let mut texts = self.camera.faults();
+        texts.extend(self.series.faults());
+        texts.extend(self.store.faults());
+        let mut faults: Vec<Fault> = texts.iter().map(|text| split(file, text)).collect();
+        if let Some(terms) = self.solve.curvature_terms.filter(|n| !(1..=4).contains(n)) {
+            faults.push(fault(
+                file,
+                "solve.curvature_terms",
+                format!("is {terms}"),
+                "give 1 to 4, or leave it out",
+            ));
+        }
+        faults
+    }
+}
+
+fn fault(file: &Path, place: &str, problem: impl Into<String>, mend: &str) -> Fault {
+    Fault { file: file.into(), place: place.into(), problem: problem.into(), mend: mend.into() }
+}
+
+/// A section's `key: what; how to mend it`.
+fn split(file: &Path, text: &str) -> Fault {
+    let (place, rest) = text.split_once(": ").unwrap_or(("file", text));
+    let (problem, mend) =
+        rest.split_once("; ").or_else(|| rest.split_once(", ")).unwrap_or((rest, "correct it"));
+    fault(file, place, problem, mend)
+}
+
+fn syntax(file: &Path, text: &str, error: &toml::de::Error) -> Fault {
+    crate::installation::toml_fault(file, text, error, "compare it with config/wingd.toml")
+}

@@ -1,14 +1,15 @@
 //! `wingd detect`: markers in images.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
 use super::{Done, Failure, frames, print};
 use crate::installation::{self, Installation};
 use crate::measure::detect::Detection;
+use crate::measure::raster::Raster;
 use crate::pipeline::{Sighting, recording, stages};
-use crate::report::table;
+use crate::report::{overlay, table};
 
 /// Markers in images.
 #[derive(clap::Args)]
@@ -19,6 +20,9 @@ pub struct Args {
     /// Names the markers and removes the circles' perspective bias
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
+    /// Write each frame with outlines, ids, error ellipses and rejected candidates to DIR
+    #[arg(long, value_name = "DIR")]
+    overlay: Option<PathBuf>,
     /// One JSON object per image
     #[arg(long)]
     json: bool,
@@ -29,13 +33,19 @@ pub struct Args {
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let installation = args.installation.as_deref().map(installation::load).transpose()?;
+    if let Some(directory) = &args.overlay {
+        std::fs::create_dir_all(directory).map_err(|e| {
+            Failure::Undone(format!("{} cannot be made ({e}); name another", directory.display()))
+        })?;
+    }
+    let overlay = args.overlay.as_deref();
     if installation.as_ref().is_some_and(|i| i.orientation.is_none()) {
         eprintln!(
             "wingd: the installation has no orientation.toml: markers stay without ids; run `wingd orient` first"
         );
     }
     let lines = frames::map(&args.images, args.jobs, "detecting", |name, bytes| match bytes {
-        Ok(bytes) => detect(name, bytes, installation.as_ref()),
+        Ok(bytes) => detect(name, bytes, installation.as_ref(), overlay),
         Err(reason) => Sighting { image: name.into(), failure: Some(reason), ..Sighting::default() },
     })?;
     for sighting in &lines {
@@ -48,7 +58,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     Ok(Done::all(lines.iter().all(|s| s.failure.is_none())))
 }
 
-fn detect(name: &str, bytes: &[u8], installation: Option<&Installation>) -> Sighting {
+fn detect(name: &str, bytes: &[u8], installation: Option<&Installation>, overlay: Option<&Path>) -> Sighting {
     let (mut sighting, raster) = stages::detect_only(name, bytes, None);
     if let (Some(raster), Some(installation)) = (&raster, installation) {
         sighting.failure = stages::size_fault(raster, installation);
@@ -56,7 +66,24 @@ fn detect(name: &str, bytes: &[u8], installation: Option<&Installation>) -> Sigh
             stages::recognise(&mut sighting, installation, orientation);
         }
     }
+    if let (Some(raster), Some(directory)) = (&raster, overlay) {
+        let written = draw(raster, &sighting, installation, directory);
+        sighting.failure = sighting.failure.or(written.err());
+    }
     sighting
+}
+
+fn draw(
+    raster: &Raster,
+    sighting: &Sighting,
+    installation: Option<&Installation>,
+    directory: &Path,
+) -> Result<(), String> {
+    let picture = overlay::overlay(raster, &sighting.detections, &ids(sighting, installation));
+    let file = directory.join(Path::new(&sighting.image).with_extension("png"));
+    picture
+        .save(&file)
+        .map_err(|e| format!("{} cannot be written ({e}); free space or name another DIR", file.display()))
 }
 
 /// Per detection: the survey's id.

@@ -1,13 +1,18 @@
 //! One file per command. Results go to standard output, logs and progress to standard error.
 
+mod calibrate;
 #[cfg(feature = "gphoto")]
 mod camera_child;
 mod camera_test;
+mod check;
 mod detect;
 mod frames;
+mod logging;
 mod orient;
 mod plan;
 mod report;
+mod run;
+mod service;
 mod simulate;
 mod solve;
 mod status;
@@ -37,6 +42,12 @@ enum Command {
     CameraChild,
     /// Take pictures with the configured camera, without the recorder
     CameraTest(camera_test::Args),
+    /// Record series and solve them until told to stop
+    Run(run::Args),
+    /// Validate configuration, installation and store, and open the camera if there is one
+    Check(check::Args),
+    /// Interior orientation from pictures of a board
+    Calibrate(calibrate::Args),
     /// Find markers in images
     Detect(detect::Args),
     /// Find the camera's attitude from ground frames and write orientation.toml
@@ -101,6 +112,9 @@ pub fn main() -> ExitCode {
         #[cfg(feature = "gphoto")]
         Command::CameraChild => camera_child::run(),
         Command::CameraTest(args) => camera_test::run(&args),
+        Command::Run(args) => run::run(&args),
+        Command::Check(args) => check::run(&args),
+        Command::Calibrate(args) => calibrate::run(&args),
         Command::Detect(args) => detect::run(&args),
         Command::Orient(args) => orient::run(&args),
         Command::Plan(args) => plan::run(&args),

@@ -10,7 +10,7 @@ use crate::measure::adjust::{Method, Options, SigmaKind};
 use crate::measure::setup::Orientation;
 use crate::pipeline::{self, Job, Sighting, stages};
 use crate::record::{ImageRecord, Status};
-use crate::report::table;
+use crate::report::{protocol, table};
 
 #[derive(Clone, Copy, ValueEnum)]
 enum MethodName {
@@ -52,6 +52,9 @@ pub struct Args {
     /// Estimate variance components of image and survey
     #[arg(long)]
     variance_components: bool,
+    /// Print the readable protocol of each adjustment
+    #[arg(long, conflicts_with = "json")]
+    protocol: bool,
     /// One JSON object per image
     #[arg(long)]
     json: bool,
@@ -124,7 +127,9 @@ fn solve_images(
 }
 
 fn write(args: &Args, records: &[ImageRecord]) {
-    if args.json {
+    if args.protocol {
+        records.iter().for_each(|r| print(&protocol::protocol(r)));
+    } else if args.json {
         for record in records {
             match serde_json::to_string(record) {
                 Ok(line) => print(&line),

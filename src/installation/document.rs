@@ -5,7 +5,7 @@ use std::path::Path;
 use nalgebra::{Vector2, Vector3};
 
 use super::tables::{self, Document, Optics};
-use super::{Fault, Reader, camera, survey, ties};
+use super::{Reader, camera, survey, ties};
 use crate::measure::setup::{Air, Setup, SkinHeight, SurveyMarker, Thermal, TorsionPair, Window};
 
 const FILE: &str = "installation.toml";
@@ -55,24 +55,11 @@ pub(super) fn parse_toml<T: serde::de::DeserializeOwned>(
     match toml::from_str(text) {
         Ok(value) => Some(value),
         Err(error) => {
-            let fault = toml_fault(file, text, &error);
+            let fault =
+                super::toml_fault(file, text, &error, "correct it as docs/operations.md describes the key");
             reader.faults.push(fault);
             None
         }
-    }
-}
-
-/// A parser's complaint as a [`Fault`] with its line.
-fn toml_fault(file: &Path, text: &str, error: &toml::de::Error) -> Fault {
-    let line = error.span().map(|s| 1 + text.get(..s.start).map_or(0, |t| t.matches('\n').count()));
-    let shown = line.and_then(|l| text.lines().nth(l - 1)).map(str::trim).unwrap_or_default();
-    let place = line.map_or("file".into(), |l| format!("line {l} (`{shown}`)"));
-    let problem = error.message().replace('\n', " ");
-    Fault {
-        file: file.into(),
-        place,
-        problem,
-        mend: "correct it as docs/operations.md describes the key".into(),
     }
 }
 

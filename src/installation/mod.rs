@@ -2,6 +2,7 @@
 //!
 //! Every fault of every file is gathered in one go; each names file, key or line, and the mend.
 
+mod board;
 mod camera;
 mod document;
 mod observations;
@@ -14,6 +15,7 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
+pub use board::load_board;
 pub use camera::{CalibrationReport, write_camera};
 pub use observations::{HandObservation, read_observations};
 pub use orientation::write_orientation;
@@ -138,6 +140,14 @@ pub fn load_camera(file: &Path) -> Result<crate::measure::geometry::Lens, Vec<Fa
     let mut reader = Reader { directory, faults: vec![], digests: vec![] };
     let lens = camera::read(&mut reader, &name);
     lens.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
+}
+
+/// A TOML parser's complaint as a fault with its line.
+pub fn toml_fault(file: &Path, text: &str, error: &toml::de::Error, mend: &str) -> Fault {
+    let line = error.span().map(|s| 1 + text.get(..s.start).map_or(0, |t| t.matches('\n').count()));
+    let shown = line.and_then(|l| text.lines().nth(l - 1)).map(str::trim).unwrap_or_default();
+    let place = line.map_or("file".into(), |l| format!("line {l} (`{shown}`)"));
+    Fault { file: file.into(), place, problem: error.message().replace('\n', " "), mend: mend.into() }
 }
 
 /// Writes a file whole or not at all, durable before its name appears.

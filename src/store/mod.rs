@@ -176,6 +176,11 @@ impl Store {
         self.index().flight.clone()
     }
 
+    /// The last moment recorded in the newest flight.
+    pub fn last_moment(&self) -> Option<Stamp> {
+        self.index().last.clone()
+    }
+
     /// Makes the next series begin a new flight.
     pub fn want_new_flight(&self) {
         self.index().new_flight_wanted = true;

@@ -1,1 +1,297 @@
-//! Board pictures -> interior orientation.
+//! Pictures of a board -> interior orientation.
+//!
+//! | stage | in | out | file |
+//! |---|---|---|---|
+//! | find | grey picture, board | board points and their pixels | `checkerboard.rs`, `aprilgrid.rs` |
+//! | refine | pixels | saddle points | `saddle.rs` |
+//! | start | views | camera constant, poses | `start.rs` |
+//! | adjust | views, start | camera, covariance | here, on the Gauss-Helmert engine |
+
+#[cfg(feature = "aprilgrid")]
+mod aprilgrid;
+mod board;
+mod checkerboard;
+mod saddle;
+mod start;
+
+use nalgebra::{DMatrix, DVector, Rotation3, Vector2, Vector3};
+
+pub use board::{Board, BoardError};
+
+use super::adjust::AdjustError;
+use super::adjust::gauss_helmert::{self, Block, Fit, Group, Linearised, Point, Problem};
+use super::geometry::{Lens, skew};
+
+/// A board point (board plane, m) and its image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoardPoint {
+    /// In the board's plane, m.
+    pub board_m: Vector2<f64>,
+    /// px.
+    pub pixel: Vector2<f64>,
+}
+
+/// One picture's points.
+pub type View = Vec<BoardPoint>;
+
+/// A calibrated camera with its quality.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    /// The estimate.
+    pub lens: Lens,
+    /// 9 x 9, order fx fy cx cy k1 k2 k3 p1 p2; scaled by the residuals.
+    pub covariance: DMatrix<f64>,
+    /// Root mean square of the residual vectors, px.
+    pub rms_px: f64,
+    /// Per view: the root mean square of its residual vectors, px; `None` where it was rejected.
+    pub view_rms_px: Vec<Option<f64>>,
+    /// Image points that took part.
+    pub observations: usize,
+}
+
+/// Why there is no calibration.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CalibrateError {
+    /// Too few pictures with a board.
+    #[error("{found} pictures show the board, at least {needed} in different attitudes are needed")]
+    TooFewViews {
+        /// With a board.
+        found: usize,
+        /// Needed.
+        needed: usize,
+    },
+    /// All boards parallel to the sensor, or the like.
+    #[error(
+        "the pictures do not determine the camera constant; tilt the board by 20 to 40 degrees in several of them"
+    )]
+    NoStart,
+    /// The adjustment failed.
+    #[error("{0}")]
+    Adjust(#[from] AdjustError),
+}
+
+/// Views needed: below, the nine interior parameters are barely checked.
+const LEAST_VIEWS: usize = 4;
+/// Points of one view needed for its pose and a check.
+const LEAST_POINTS: usize = 8;
+/// A view or point whose residual is this many times the rms is a gross error (a moved board, a wrong corner).
+const GROSS: f64 = 4.0;
+/// Rounds of rejecting gross errors.
+const ROUNDS: usize = 5;
+/// Unit weight of an image coordinate, px; the covariance is scaled by the residuals.
+const UNIT_SIGMA_PX: f64 = 0.1;
+
+/// Calibrates from views of a plane board; `width` and `height` of the pictures, px.
+pub fn calibrate(views: &[View], width: u32, height: u32) -> Result<Calibration, CalibrateError> {
+    let mut used: Vec<(usize, View)> =
+        views.iter().cloned().enumerate().filter(|(_, v)| v.len() >= LEAST_POINTS).collect();
+    for _ in 0..ROUNDS {
+        let (lens, fit, poses) = adjust(&used, width, height)?;
+        let residuals = residuals(&lens, &poses, &used);
+        if !reject(&mut used, &residuals) {
+            return Ok(outcome(lens, &fit, &used, &residuals, views.len()));
+        }
+    }
+    let (lens, fit, poses) = adjust(&used, width, height)?;
+    let residuals = residuals(&lens, &poses, &used);
+    Ok(outcome(lens, &fit, &used, &residuals, views.len()))
+}
+
+/// The board's pose in the camera frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Pose {
+    camera_from_board: Rotation3<f64>,
+    translation_m: Vector3<f64>,
+}
+
+impl Pose {
+    /// Camera-frame point, m.
+    fn apply(&self, board_m: &Vector2<f64>) -> Vector3<f64> {
+        self.camera_from_board * Vector3::new(board_m.x, board_m.y, 0.0) + self.translation_m
+    }
+
+    /// Moved by a small rotation (left) and a shift.
+    fn moved(&self, local: &DVector<f64>) -> Self {
+        let turn = Rotation3::new(Vector3::new(local[0], local[1], local[2]));
+        let shift = Vector3::new(local[3], local[4], local[5]);
+        Self { camera_from_board: turn * self.camera_from_board, translation_m: self.translation_m + shift }
+    }
+}
+
+fn parameters(lens: &Lens) -> [f64; 9] {
+    [lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.k3, lens.p1, lens.p2]
+}
+
+fn with_parameters(size: (u32, u32), p: &DVector<f64>) -> Lens {
+    let (width, height) = size;
+    Lens {
+        width,
+        height,
+        fx: p[0],
+        fy: p[1],
+        cx: p[2],
+        cy: p[3],
+        k1: p[4],
+        k2: p[5],
+        k3: p[6],
+        p1: p[7],
+        p2: p[8],
+    }
+}
+
+const MISSING: &str =
+    "the views do not determine the camera; tilt the board and cover the corners of the image";
+
+fn adjust(used: &[(usize, View)], width: u32, height: u32) -> Result<(Lens, Fit, Vec<Pose>), CalibrateError> {
+    if used.len() < LEAST_VIEWS {
+        return Err(CalibrateError::TooFewViews { found: used.len(), needed: LEAST_VIEWS });
+    }
+    let views: Vec<&View> = used.iter().map(|(_, v)| v).collect();
+    let (lens, poses) = start::start(&views, width, height).ok_or(CalibrateError::NoStart)?;
+    let block = |p: &BoardPoint| Block {
+        observed: DVector::from_column_slice(p.pixel.as_slice()),
+        covariance: DMatrix::identity(2, 2) * UNIT_SIGMA_PX * UNIT_SIGMA_PX,
+    };
+    let group =
+        |v: &&View| Group { local: DVector::zeros(6), priors: vec![], blocks: v.iter().map(block).collect() };
+    let problem = Problem {
+        start: DVector::from_column_slice(&parameters(&lens)),
+        missing: vec![MISSING; 9],
+        priors: vec![],
+        groups: views.iter().map(group).collect(),
+    };
+    let fit = gauss_helmert::solve(&problem, |at| {
+        let pose = poses[at.group].moved(at.local);
+        linearise(at, (width, height), &pose, &views[at.group][at.block].board_m)
+    })?;
+    let poses = poses.iter().zip(&fit.groups).map(|(p, g)| p.moved(&g.local)).collect();
+    Ok((with_parameters((width, height), &fit.global), fit, poses))
+}
+
+/// observed - projected = 0.
+fn linearise(
+    at: &Point,
+    size: (u32, u32),
+    pose: &Pose,
+    board_m: &Vector2<f64>,
+) -> Result<Linearised, AdjustError> {
+    let lens = with_parameters(size, at.global);
+    let point = pose.apply(board_m);
+    let behind =
+        || AdjustError::Input("a board came to lie behind the camera; leave poor pictures out".into());
+    let (pixel, by_point) = lens.project_with_jacobian(&point).ok_or_else(behind)?;
+    // The left perturbation acts around the camera-frame point without the translation.
+    let arm = point - pose.translation_m;
+    let mut by_pose = DMatrix::zeros(3, 6);
+    by_pose.view_mut((0, 0), (3, 3)).copy_from(&(-skew(&arm) * left_jacobian(at.local)));
+    by_pose.view_mut((0, 3), (3, 3)).fill_with_identity();
+    let by_point = DMatrix::from_iterator(2, 3, by_point.iter().copied());
+    Ok(Linearised {
+        misclosure: at.observed - DVector::from_column_slice(pixel.as_slice()),
+        columns: (0..9).collect(),
+        global: -by_interior(&lens, &point),
+        local: -(by_point * by_pose),
+        observations: DMatrix::identity(2, 2),
+    })
+}
+
+/// d exp(w) in the left perturbation: the left Jacobian of SO(3) (Barfoot, *State Estimation*, 7.77).
+fn left_jacobian(local: &DVector<f64>) -> nalgebra::Matrix3<f64> {
+    let w = Vector3::new(local[0], local[1], local[2]);
+    let angle = w.norm();
+    let k = skew(&w);
+    let (a, b) = if angle < 1e-6 {
+        (0.5, 1.0 / 6.0)
+    } else {
+        ((1.0 - angle.cos()) / (angle * angle), (angle - angle.sin()) / (angle * angle * angle))
+    };
+    nalgebra::Matrix3::identity() + k * a + k * k * b
+}
+
+/// d pixel / d (fx fy cx cy k1 k2 k3 p1 p2).
+fn by_interior(lens: &Lens, p: &Vector3<f64>) -> DMatrix<f64> {
+    let (x, y) = (p.x / p.z, p.y / p.z);
+    let r2 = x * x + y * y;
+    let (d, _) = lens.distort(&Vector2::new(x, y));
+    let (fx, fy) = (lens.fx, lens.fy);
+    let radial = [r2, r2 * r2, r2 * r2 * r2];
+    DMatrix::from_row_slice(
+        2,
+        9,
+        &[
+            d.x,
+            0.0,
+            1.0,
+            0.0,
+            fx * x * radial[0],
+            fx * x * radial[1],
+            fx * x * radial[2],
+            fx * 2.0 * x * y,
+            fx * (r2 + 2.0 * x * x), //
+            0.0,
+            d.y,
+            0.0,
+            1.0,
+            fy * y * radial[0],
+            fy * y * radial[1],
+            fy * y * radial[2],
+            fy * (r2 + 2.0 * y * y),
+            fy * 2.0 * x * y,
+        ],
+    )
+}
+
+/// Per view, per point: observed - projected, px.
+fn residuals(lens: &Lens, poses: &[Pose], used: &[(usize, View)]) -> Vec<Vec<Vector2<f64>>> {
+    // Behind the camera: as gross as an error can be, and still finite when squared.
+    let far = Vector2::new(1e6, 1e6);
+    let one =
+        |pose: &Pose, p: &BoardPoint| lens.project(&pose.apply(&p.board_m)).map_or(far, |q| p.pixel - q);
+    poses.iter().zip(used).map(|(pose, (_, view))| view.iter().map(|p| one(pose, p)).collect()).collect()
+}
+
+/// Root mean square of vectors' lengths.
+fn rms<'a>(vectors: impl Iterator<Item = &'a Vector2<f64>>) -> f64 {
+    let (sum, n) = vectors.fold((0.0, 0usize), |(s, n), r| (s + r.norm_squared(), n + 1));
+    (sum / n.max(1) as f64).sqrt()
+}
+
+/// Takes gross errors out; whether there were any. The median stands for the scale, for a gross
+/// error blows up the mean.
+fn reject(used: &mut Vec<(usize, View)>, residuals: &[Vec<Vector2<f64>>]) -> bool {
+    let mut lengths: Vec<f64> = residuals.iter().flatten().map(|r| r.norm()).collect();
+    lengths.sort_by(f64::total_cmp);
+    // The median of a Rayleigh distribution is 1.177 standard deviations, its rms 1.414.
+    let scale = lengths.get(lengths.len() / 2).copied().unwrap_or(0.0) * 1.414 / 1.177;
+    let limit = GROSS * scale.max(0.02);
+    let before: usize = used.iter().map(|(_, v)| v.len()).sum();
+    let views = std::mem::take(used);
+    for ((index, view), r) in views.into_iter().zip(residuals) {
+        let kept: View = view.into_iter().zip(r).filter(|(_, r)| r.norm() <= limit).map(|(p, _)| p).collect();
+        if kept.len() >= LEAST_POINTS.max(r.len() / 2) {
+            used.push((index, kept));
+        }
+    }
+    used.iter().map(|(_, v)| v.len()).sum::<usize>() < before
+}
+
+fn outcome(
+    lens: Lens,
+    fit: &Fit,
+    used: &[(usize, View)],
+    residuals: &[Vec<Vector2<f64>>],
+    views: usize,
+) -> Calibration {
+    let mut view_rms_px = vec![None; views];
+    for ((index, _), r) in used.iter().zip(residuals) {
+        view_rms_px[*index] = Some(rms(r.iter()));
+    }
+    let factor = fit.variance_factor().unwrap_or(1.0);
+    Calibration {
+        lens,
+        covariance: &fit.covariance * factor,
+        rms_px: rms(residuals.iter().flatten()),
+        view_rms_px,
+        observations: residuals.iter().map(Vec::len).sum(),
+    }
+}

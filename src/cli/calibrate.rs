@@ -1,0 +1,150 @@
+//! `wingd calibrate`: interior orientation from pictures of a board.
+
+use std::path::PathBuf;
+
+use super::{Done, Failure, frames, print};
+use crate::installation::{self, CalibrationReport};
+use crate::measure::calibrate::{self, Board, Calibration, View};
+use crate::pipeline::decode;
+
+/// Interior orientation from pictures of a board.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The board: pattern, columns, rows and sizes
+    #[arg(long, value_name = "BOARD.toml")]
+    board: PathBuf,
+    /// Where the camera is written
+    #[arg(long, value_name = "camera.toml")]
+    output: PathBuf,
+    /// The result as one JSON object
+    #[arg(long)]
+    json: bool,
+    /// Images worked on at once [default: the cores]
+    #[arg(long, default_value_t = 0, hide_default_value = true)]
+    jobs: usize,
+    /// Pictures of the board in different attitudes, up to the corners of the image
+    #[arg(required = true, value_name = "IMAGE")]
+    images: Vec<PathBuf>,
+}
+
+/// One picture: its size and points, or why there are none.
+struct Picture {
+    name: String,
+    size: Option<(u32, u32)>,
+    view: Result<View, String>,
+}
+
+pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    let board = installation::load_board(&args.board)?;
+    let mut pictures =
+        frames::map(&args.images, args.jobs, "finding boards", |name, bytes| picture(name, bytes, &board))?;
+    let size = common_size(&mut pictures)?;
+    let views: Vec<View> = pictures.iter().map(|p| p.view.clone().unwrap_or_default()).collect();
+    let calibration = calibrate::calibrate(&views, size.0, size.1).map_err(|e| {
+        let reasons: String = pictures
+            .iter()
+            .filter_map(|p| p.view.as_ref().err().map(|r| format!("\n  {}: {r}", p.name)))
+            .collect();
+        Failure::Undone(format!("no calibration: {e}{reasons}"))
+    })?;
+    let report = report(&calibration);
+    installation::write_camera(&args.output, &calibration.lens, Some(&report)).map_err(|e| {
+        Failure::Undone(format!("{} cannot be written ({e}); check rights and space", args.output.display()))
+    })?;
+    for (picture, rms) in pictures.iter().zip(&calibration.view_rms_px) {
+        match (&picture.view, rms) {
+            (Err(reason), _) => eprintln!("{}: left out: {reason}", picture.name),
+            (Ok(_), None) => eprintln!("{}: left out: its points do not fit the others", picture.name),
+            (Ok(_), Some(_)) => {}
+        }
+    }
+    print(&if args.json {
+        json(&calibration, &report, &pictures)
+    } else {
+        text(args, &calibration, &report)
+    });
+    Ok(Done::All)
+}
+
+fn picture(name: &str, bytes: Result<&[u8], String>, board: &Board) -> Picture {
+    let raster = bytes.and_then(|b| decode::decode(b, None).map_err(|e| e.to_string()));
+    let size = raster.as_ref().ok().map(|r| (r.width() as u32, r.height() as u32));
+    let view = raster.and_then(|r| board.find(&r).map_err(|e| e.to_string()));
+    Picture { name: name.into(), size, view }
+}
+
+/// The size of most pictures; others are left out with a reason, as they come from another camera
+/// or another cropping.
+fn common_size(pictures: &mut [Picture]) -> Result<(u32, u32), Failure> {
+    let sizes: Vec<(u32, u32)> = pictures.iter().filter(|p| p.view.is_ok()).filter_map(|p| p.size).collect();
+    let count = |s: &(u32, u32)| sizes.iter().filter(|o| *o == s).count();
+    let size = sizes.iter().copied().max_by_key(|s| (count(s), *s));
+    let Some(size) = size else {
+        let reasons: String = pictures
+            .iter()
+            .filter_map(|p| p.view.as_ref().err().map(|r| format!("\n  {}: {r}", p.name)))
+            .collect();
+        return Err(Failure::Undone(format!("no picture shows the board{reasons}")));
+    };
+    for picture in pictures.iter_mut().filter(|p| p.view.is_ok()) {
+        if let Some(own) = picture.size.filter(|own| *own != size) {
+            picture.view =
+                Err(format!("its size is {} x {} px, the others' {} x {} px", own.0, own.1, size.0, size.1));
+        }
+    }
+    Ok(size)
+}
+
+fn report(calibration: &Calibration) -> CalibrationReport {
+    let c = &calibration.covariance;
+    let used = calibration.view_rms_px.iter().flatten().count();
+    CalibrationReport {
+        rms_px: calibration.rms_px,
+        images_used: used,
+        images_rejected: calibration.view_rms_px.len() - used,
+        observations: calibration.observations,
+        sigma: std::array::from_fn(|k| c[(k, k)].max(0.0).sqrt()),
+        covariance: c.row_iter().map(|r| r.iter().copied().collect()).collect(),
+    }
+}
+
+const NAMES: [&str; 9] = ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "p1", "p2"];
+
+fn values(c: &Calibration) -> [f64; 9] {
+    let l = &c.lens;
+    [l.fx, l.fy, l.cx, l.cy, l.k1, l.k2, l.k3, l.p1, l.p2]
+}
+
+fn json(calibration: &Calibration, report: &CalibrationReport, pictures: &[Picture]) -> String {
+    let mut camera = serde_json::Map::new();
+    camera.insert("width".into(), calibration.lens.width.into());
+    camera.insert("height".into(), calibration.lens.height.into());
+    for (name, value) in NAMES.iter().zip(values(calibration)) {
+        camera.insert((*name).into(), value.into());
+    }
+    let images: Vec<_> = pictures
+        .iter()
+        .zip(&calibration.view_rms_px)
+        .map(|(p, rms)| {
+            serde_json::json!({ "image": p.name, "used": rms.is_some(), "rms_px": rms, "reason": p.view.as_ref().err() })
+        })
+        .collect();
+    serde_json::json!({ "status": "ok", "camera": camera, "calibration": report, "images": images })
+        .to_string()
+}
+
+fn text(args: &Args, calibration: &Calibration, report: &CalibrationReport) -> String {
+    let mut text = format!(
+        "{}\n{} of {} pictures, {} points, rms {:.4} px\n",
+        args.output.display(),
+        report.images_used,
+        report.images_used + report.images_rejected,
+        report.observations,
+        report.rms_px
+    );
+    for ((name, value), sigma) in NAMES.iter().zip(values(calibration)).zip(report.sigma) {
+        let digits = if value.abs() > 10.0 { 3 } else { 6 };
+        text.push_str(&format!("{name:>3} {value:>12.digits$} +- {sigma:.digits$}\n"));
+    }
+    text.trim_end().to_owned()
+}

@@ -1,0 +1,108 @@
+//! `wingd check`: every fault of configuration, installation, store and camera in one go.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::{Done, Failure, print};
+use crate::camera::section::CameraSection;
+use crate::clock::System;
+use crate::config::{self, Config};
+use crate::installation::{self, Fault};
+use crate::store::{RealDisk, verify};
+
+/// Validate configuration, installation and store, and open the camera if there is one.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The configuration
+    #[arg(long, value_name = "wingd.toml")]
+    config: PathBuf,
+    /// Leave the camera alone
+    #[arg(long)]
+    no_camera: bool,
+}
+
+pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    let config = config::load(&args.config)?;
+    let mut faults = vec![];
+    let mut said = vec![format!("configuration  {}", args.config.display())];
+    check_installation(&config, &mut said, &mut faults);
+    check_store(&config, &args.config, &mut said, &mut faults);
+    if !args.no_camera {
+        check_camera(&config, &args.config, &mut said, &mut faults);
+    }
+    print(&said.join("\n"));
+    if faults.is_empty() { Ok(Done::All) } else { Err(Failure::Faults(faults)) }
+}
+
+fn check_installation(config: &Config, said: &mut Vec<String>, faults: &mut Vec<Fault>) {
+    let Some(directory) = &config.installation else {
+        said.push("installation   none configured: frames are recorded, not solved".into());
+        return;
+    };
+    match installation::load(directory) {
+        Err(found) => faults.extend(found),
+        Ok(installation) => {
+            let markers = installation.setup.markers.len();
+            let pairs = installation.setup.torsion.len();
+            said.push(format!(
+                "installation   {}: {markers} markers, {pairs} torsion pairs",
+                directory.display()
+            ));
+            match installation.require_orientation() {
+                Ok(_) => said.push("orientation    there".into()),
+                Err(fault) => faults.push(fault),
+            }
+        }
+    }
+}
+
+fn check_store(config: &Config, file: &std::path::Path, said: &mut Vec<String>, faults: &mut Vec<Fault>) {
+    let path = &config.store.path;
+    if !path.exists() {
+        said.push(format!("store          {} will be made", path.display()));
+        let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
+        if parent.is_some_and(|p| !p.is_dir()) {
+            let problem = format!("the folder above {} does not exist", path.display());
+            faults.push(fault(file, "store.path", problem, "make it, or name another place"));
+        }
+        return;
+    }
+    let report = verify::verify(&RealDisk, path);
+    let found: Vec<Fault> = report
+        .faults
+        .iter()
+        .map(|f| fault(&f.path, &format!("invariant {}", f.invariant), f.what.clone(), "see docs/store.md"))
+        .collect();
+    if found.is_empty() {
+        said.push(format!("store          {}: sound", path.display()));
+    }
+    faults.extend(found);
+}
+
+fn check_camera(config: &Config, file: &std::path::Path, said: &mut Vec<String>, faults: &mut Vec<Fault>) {
+    let make = config.camera.factory(Arc::new(System::new()), Duration::ZERO);
+    let mut camera = make();
+    match camera.open() {
+        Ok(info) => {
+            said.push(format!("camera         {}", info.name));
+            for warning in &info.warnings {
+                let mend = "set it by hand, or correct the configuration";
+                faults.push(fault(file, "camera", warning.clone(), mend));
+            }
+        }
+        Err(error) => {
+            let mend = if matches!(config.camera, CameraSection::Replay(_)) {
+                "name a folder or a list with pictures"
+            } else {
+                "see docs/operations.md, or check without it: --no-camera"
+            };
+            faults.push(fault(file, "camera", error.to_string(), mend));
+        }
+    }
+    camera.close();
+}
+
+fn fault(file: &std::path::Path, place: &str, problem: String, mend: &str) -> Fault {
+    Fault { file: file.into(), place: place.into(), problem, mend: mend.into() }
+}

@@ -1,0 +1,23 @@
+//! Logs: to the journal where the service manager listens, to standard error otherwise.
+
+use tracing_subscriber::EnvFilter;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
+
+/// Level from `WINGD_LOG` (as `info` or `wingd::daemon=debug`), `info` where it is not set.
+pub fn start() {
+    start_at("info");
+}
+
+/// The same with another level by default.
+pub fn start_at(level: &str) {
+    let filter = EnvFilter::try_from_env("WINGD_LOG").unwrap_or_else(|_| EnvFilter::new(level));
+    let registry = tracing_subscriber::registry().with(filter);
+    let journal = std::env::var_os("JOURNAL_STREAM").and_then(|_| tracing_journald::layer().ok());
+    let started = match journal {
+        Some(journal) => registry.with(journal).try_init(),
+        None => registry.with(tracing_subscriber::fmt::layer().with_writer(std::io::stderr)).try_init(),
+    };
+    // A second start, as in a test, keeps the first.
+    drop(started);
+}

@@ -1,0 +1,36 @@
+//! `wingd run`: the daemon.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use super::{Done, Failure, service};
+use crate::clock::{Clock, System};
+use crate::config;
+
+/// Record series and solve them until told to stop.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The configuration
+    #[arg(long, value_name = "wingd.toml")]
+    config: PathBuf,
+}
+
+pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    super::logging::start();
+    let config = config::load(&args.config)?;
+    let clock: Arc<dyn Clock> = Arc::new(System::new());
+    // A fault of the installation must not keep the frames from being recorded: they are solved later.
+    let solver = config.installation.as_deref().and_then(|directory| {
+        service::solver(directory, config.solve.job())
+            .map_err(|faults| {
+                for fault in &faults {
+                    tracing::error!(%fault, "frames are recorded but not solved until this is mended");
+                }
+            })
+            .ok()
+    });
+    let opened = service::open_store(&config)?;
+    let origin = clock.since_boot();
+    service::run(&config, clock, origin, opened, solver, Arc::new(|_| ()))?;
+    Ok(Done::All)
+}

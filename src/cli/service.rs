@@ -1,0 +1,55 @@
+//! What `wingd run` and `wingd demo` share: the daemon's parts from a configuration.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::Failure;
+use crate::clock::Clock;
+use crate::config::Config;
+use crate::daemon::{self, Board, Observer, Parts, Solver, Status};
+use crate::installation::{self, Fault};
+use crate::pipeline::{self, Job};
+use crate::store::{Inputs, RealDisk, Recovery, Store};
+
+/// Opens the store, making it where there is none.
+pub fn open_store(config: &Config) -> Result<(Arc<Store>, Recovery), Failure> {
+    let opened = Store::open(Arc::new(RealDisk), config.store.clone());
+    opened.map(|(store, recovery)| (Arc::new(store), recovery)).map_err(|e| Failure::Undone(e.to_string()))
+}
+
+/// Solves on board where there is an installation with an orientation.
+pub fn solver(directory: &Path, job: Job) -> Result<Solver, Vec<Fault>> {
+    let installation = installation::load(directory)?;
+    let orientation = installation.require_orientation().map_err(|f| vec![f])?.clone();
+    let inputs = Inputs::new(pipeline::inputs(&installation, &job));
+    let solve = move |name: &str, bytes: &[u8], format: &crate::camera::Format| {
+        pipeline::solve_frame(name, bytes, Some(format), &installation, &orientation, &job)
+    };
+    Ok(Solver { inputs, solve: Arc::new(solve) })
+}
+
+/// Runs the daemon until its timetable is over or it is told to stop.
+pub fn run(
+    config: &Config,
+    clock: Arc<dyn Clock>,
+    origin: Duration,
+    opened: (Arc<Store>, Recovery),
+    solver: Option<Solver>,
+    observer: Observer,
+) -> Result<Status, Failure> {
+    let make = config.camera.factory(clock.clone(), origin);
+    let (store, recovery) = opened;
+    let board = Board::new(clock.clone());
+    let parts = Parts {
+        series: config.series.clone(),
+        status: Some(config.status.clone()),
+        store,
+        recovery,
+        clock,
+        cameras: Box::new(move || Ok(make())),
+        solver,
+        observer,
+    };
+    daemon::run(parts, &board).map_err(|e| Failure::Undone(e.to_string()))
+}

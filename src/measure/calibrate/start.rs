@@ -1,0 +1,80 @@
+//! Where the adjustment begins: camera constant and poses from homographies (Zhang 2000).
+
+use nalgebra::{DMatrix, Matrix3, Rotation3, Vector2, Vector3};
+
+use super::{BoardPoint, Pose, View};
+use crate::measure::geometry::Lens;
+
+/// A lens without distortion, its principal point in the middle, and the views' poses.
+pub(super) fn start(views: &[&View], width: u32, height: u32) -> Option<(Lens, Vec<Pose>)> {
+    let middle = Vector2::new(0.5 * (f64::from(width) - 1.0), 0.5 * (f64::from(height) - 1.0));
+    let homographies: Vec<Matrix3<f64>> =
+        views.iter().map(|v| homography(v, &middle)).collect::<Option<Vec<_>>>()?;
+    let f = camera_constant(&homographies)?;
+    let poses = homographies.iter().map(|h| pose(h, f)).collect::<Option<Vec<_>>>()?;
+    Some((Lens::pinhole(width, height, f, middle.x, middle.y), poses))
+}
+
+/// Centred pixel from board plane, by the direct linear transform with normalised coordinates.
+fn homography(view: &[BoardPoint], middle: &Vector2<f64>) -> Option<Matrix3<f64>> {
+    let n = view.len() as f64;
+    let mean = view.iter().map(|p| p.board_m).sum::<Vector2<f64>>() / n;
+    let spread = (view.iter().map(|p| (p.board_m - mean).norm_squared()).sum::<f64>() / n).sqrt();
+    let scale = 0.25 * (middle.x + middle.y);
+    let mut rows = DMatrix::zeros(2 * view.len(), 9);
+    for (k, p) in view.iter().enumerate() {
+        let b = (p.board_m - mean) / spread;
+        let q = (p.pixel - middle) / scale;
+        let (x, y) = (b.x, b.y);
+        let u = [x, y, 1.0, 0.0, 0.0, 0.0, -q.x * x, -q.x * y, -q.x];
+        let v = [0.0, 0.0, 0.0, x, y, 1.0, -q.y * x, -q.y * y, -q.y];
+        for c in 0..9 {
+            rows[(2 * k, c)] = u[c];
+            rows[(2 * k + 1, c)] = v[c];
+        }
+    }
+    let eigen = (rows.transpose() * rows).symmetric_eigen();
+    let smallest = eigen.eigenvalues.imin();
+    let h = eigen.eigenvectors.column(smallest);
+    let h = Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], h[8]);
+    let board =
+        Matrix3::new(1.0 / spread, 0.0, -mean.x / spread, 0.0, 1.0 / spread, -mean.y / spread, 0.0, 0.0, 1.0);
+    let pixel = Matrix3::new(scale, 0.0, 0.0, 0.0, scale, 0.0, 0.0, 0.0, 1.0);
+    let h = pixel * h * board;
+    h.iter().all(|v| v.is_finite()).then_some(h)
+}
+
+/// From h1' w h2 = 0 and h1' w h1 = h2' w h2 with w = diag(1/f^2, 1/f^2, 1), least squares over all
+/// views; `None` where every board is parallel to the sensor.
+fn camera_constant(homographies: &[Matrix3<f64>]) -> Option<f64> {
+    let (mut top, mut bottom) = (0.0, 0.0);
+    for h in homographies {
+        let h = h / h.norm();
+        let (a, b) = (h.column(0), h.column(1));
+        let conditions = [
+            (a[0] * b[0] + a[1] * b[1], a[2] * b[2]),
+            (a[0] * a[0] + a[1] * a[1] - b[0] * b[0] - b[1] * b[1], a[2] * a[2] - b[2] * b[2]),
+        ];
+        for (image, depth) in conditions {
+            top += image * image;
+            bottom -= image * depth;
+        }
+    }
+    let squared = top / bottom;
+    (squared.is_finite() && squared > 0.0).then(|| squared.sqrt())
+}
+
+fn pose(h: &Matrix3<f64>, f: f64) -> Option<Pose> {
+    let k = Matrix3::new(1.0 / f, 0.0, 0.0, 0.0, 1.0 / f, 0.0, 0.0, 0.0, 1.0);
+    let m = k * h;
+    let scale = 2.0 / (m.column(0).norm() + m.column(1).norm());
+    // In front of the camera.
+    let m = m * if m[(2, 2)] < 0.0 { -scale } else { scale };
+    let (a, b): (Vector3<f64>, Vector3<f64>) = (m.column(0).into(), m.column(1).into());
+    let svd = Matrix3::from_columns(&[a, b, a.cross(&b)]).svd(true, true);
+    let r = svd.u? * svd.v_t?;
+    (r.determinant() > 0.0).then(|| Pose {
+        camera_from_board: Rotation3::from_matrix_unchecked(r),
+        translation_m: m.column(2).into(),
+    })
+}
