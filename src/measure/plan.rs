@@ -7,7 +7,7 @@ mod resolution;
 
 pub use optics::{Optics, OpticsPlan};
 pub use prediction::{Change, Expected, MarkerSigma, Prediction};
-pub use resolution::{Footprint, footprint};
+pub use resolution::{Footprint, Skin, footprint};
 
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -48,7 +48,7 @@ pub struct MarkerPlan {
     pub distance_m: f64,
     /// On the sensor, on ground and in flight.
     pub visible: bool,
-    /// On ground, the skin taken as level.
+    /// On ground.
     pub ground: Footprint,
     /// In flight, the skin sloping with the bending.
     pub flight: Footprint,
@@ -63,7 +63,7 @@ pub struct MarkerPlan {
 pub struct SpanPlan {
     /// From the projection centre, m.
     pub span_m: f64,
-    /// On ground, at the markers' mean height.
+    /// On ground.
     pub ground: Footprint,
     /// Standard deviation of the lift of the bending axis, m.
     pub sigma_lift_m: Option<f64>,
@@ -116,7 +116,7 @@ pub fn plan(setup: &Setup, orientation: Option<&Orientation>, options: &PlanOpti
         focal_px: setup.lens.focal_px(),
         tip_lift_m: options.tip_lift_m,
         pixel_sigma: options.pixel_sigma,
-        span: span(setup, &markers, prediction.as_ref()),
+        span: span(setup, &rehearsal.skin, &markers, prediction.as_ref()),
         markers,
         optics,
         prediction,
@@ -138,7 +138,7 @@ fn markers(setup: &Setup, rehearsal: &Rehearsal, prediction: Option<&Prediction>
     let one = |(index, marker): (usize, &super::setup::SurveyMarker)| {
         let ground = rehearsal.ground[index];
         let flight = rehearsal.flight[index];
-        let on_ground = footprint(&ground, 0.0, c);
+        let on_ground = footprint(&ground, rehearsal.skin.slope(ground.x), c);
         let seen = |o: &Observation| o.marker == index;
         MarkerPlan {
             id: marker.id.clone(),
@@ -159,23 +159,29 @@ fn markers(setup: &Setup, rehearsal: &Rehearsal, prediction: Option<&Prediction>
     setup.markers.iter().enumerate().map(one).collect()
 }
 
-fn span(setup: &Setup, markers: &[MarkerPlan], prediction: Option<&Prediction>) -> Vec<SpanPlan> {
+fn span(
+    setup: &Setup,
+    skin: &Skin,
+    markers: &[MarkerPlan],
+    prediction: Option<&Prediction>,
+) -> Vec<SpanPlan> {
     let tip = markers.iter().fold(0.0, |tip: f64, m| tip.max(m.span_m));
-    let frame = setup.wing_frame();
-    let heights: Vec<f64> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m).y).collect();
-    let height = heights.iter().sum::<f64>() / heights.len().max(1) as f64;
     let root = setup.root_offset_m.max(0.0);
     let point = |k: usize| {
         let span_m = root + (tip - root) * k as f64 / (SPAN_POINTS - 1) as f64;
         let curve = prediction.and_then(|p| p.at(span_m));
         SpanPlan {
             span_m,
-            ground: footprint(&Vector3::new(span_m, height, 0.0), 0.0, setup.lens.focal_px()),
+            ground: footprint(
+                &Vector3::new(span_m, skin.height_m(span_m), 0.0),
+                skin.slope(span_m),
+                setup.lens.focal_px(),
+            ),
             sigma_lift_m: curve.map(|c| c.0),
             sigma_twist_deg: curve.and_then(|c| c.1),
         }
     };
-    (0..SPAN_POINTS).map(point).filter(|p| p.ground.spanwise_mm.is_finite()).collect()
+    (0..SPAN_POINTS).map(point).collect()
 }
 
 fn remarks(plan: &Plan) -> Vec<String> {

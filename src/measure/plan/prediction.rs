@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector3};
 use serde::Serialize;
 
-use super::{PlanOptions, adjustment_options};
+use super::{PlanOptions, Skin, adjustment_options};
 use crate::measure::adjust::{self, AdjustError, Observation, Solution};
 use crate::measure::setup::{GroundSight, Orientation, Setup, SurveyMarker};
 
@@ -88,6 +88,8 @@ pub struct Rehearsal<'a> {
     pub orientation: Orientation,
     /// Exact images of the visible markers.
     pub observations: Vec<Observation>,
+    /// Height and slope along the span on ground.
+    pub skin: Skin,
     a_per_m: f64,
 }
 
@@ -99,13 +101,14 @@ impl<'a> Rehearsal<'a> {
         let reach = |p: &Vector3<f64>| (p.x - setup.root_offset_m).max(0.0);
         let tip = ground.iter().map(reach).fold(0.0, f64::max);
         let a_per_m = if tip > 0.0 { options.tip_lift_m / (tip * tip) } else { 0.0 };
-        let slope = mean_slope(&ground);
+        let skin = Skin::through(&ground);
         let flight: Vec<_> = ground
             .iter()
             .map(|p| {
                 let x = reach(p);
                 // Arc length is kept: the parabola's own shortening and that of the sloping ground.
-                let shorter = 2.0 / 3.0 * a_per_m * a_per_m * x.powi(3) + slope * a_per_m * x * x;
+                let shorter =
+                    2.0 / 3.0 * a_per_m * a_per_m * x.powi(3) + skin.slope(0.5 * p.x) * a_per_m * x * x;
                 p + Vector3::new(-shorter, a_per_m * x * x, 0.0)
             })
             .collect();
@@ -120,6 +123,7 @@ impl<'a> Rehearsal<'a> {
             ground,
             flight,
             observations: Vec::new(),
+            skin,
             a_per_m,
         };
         if let Some(known) = orientation {
@@ -152,9 +156,9 @@ impl<'a> Rehearsal<'a> {
         }
     }
 
-    /// Slope of the skin in flight where the wing was level on ground.
+    /// Slope of the skin in flight.
     pub fn slope_at(&self, flight: &Vector3<f64>) -> f64 {
-        2.0 * self.a_per_m * (flight.x - self.setup.root_offset_m).max(0.0)
+        self.skin.slope(flight.x) + 2.0 * self.a_per_m * (flight.x - self.setup.root_offset_m).max(0.0)
     }
 
     /// Adjusts the rehearsed frame, then each changed layout.
@@ -254,17 +258,6 @@ fn looking_at(ground: &[Vector3<f64>], flight: &[Vector3<f64>]) -> Rotation3<f64
     let down = forward.cross(&right);
     let rows = Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()]);
     Rotation3::from_matrix_unchecked(rows)
-}
-
-/// Of height over span, by regression.
-fn mean_slope(points: &[Vector3<f64>]) -> f64 {
-    let n = points.len().max(1) as f64;
-    let mean = points.iter().sum::<Vector3<f64>>() / n;
-    let (up, down) = points.iter().fold((0.0, 0.0), |(u, d), p| {
-        let x = p.x - mean.x;
-        (u + x * (p.y - mean.y), d + x * x)
-    });
-    if down > 0.0 { up / down } else { 0.0 }
 }
 
 fn marker_sigmas(solution: &Solution, setup: &Setup) -> Vec<MarkerSigma> {

@@ -1,6 +1,6 @@
 //! What one pixel covers on the skin.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 
 /// Distance between two neighbouring pixels on the skin.
@@ -23,9 +23,64 @@ pub fn footprint(point: &Vector3<f64>, slope: f64, focal_px: f64) -> Footprint {
     }
 }
 
+/// The skin on ground along the span: height = c0 + c1 X + c2 X^2 through points of the wing frame,
+/// by regression; a straight line or a level one where the points allow no more.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Skin {
+    coefficients: Vector3<f64>,
+}
+
+impl Skin {
+    /// Through the markers.
+    pub fn through(points: &[Vector3<f64>]) -> Self {
+        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+        for p in points {
+            let row = Vector3::new(1.0, p.x, p.x * p.x);
+            normal += row * row.transpose();
+            right += row * p.y;
+        }
+        let order =
+            (1..=points.len().min(3)).rev().find(|&n| normal.view((0, 0), (n, n)).determinant() > 1e-6);
+        let mut coefficients = Vector3::zeros();
+        if let Some(n) = order {
+            let inverse = normal.view((0, 0), (n, n)).into_owned().try_inverse();
+            if let Some(inverse) = inverse {
+                coefficients.rows_mut(0, n).copy_from(&(inverse * right.rows(0, n)));
+            }
+        }
+        Self { coefficients }
+    }
+
+    /// Height at a span, m.
+    pub fn height_m(&self, span_m: f64) -> f64 {
+        self.coefficients.dot(&Vector3::new(1.0, span_m, span_m * span_m))
+    }
+
+    /// dY/dX at a span.
+    pub fn slope(&self, span_m: f64) -> f64 {
+        self.coefficients.y + 2.0 * self.coefficients.z * span_m
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_skin_is_found_from_few_points_and_many() {
+        let on = |x: f64| Vector3::new(x, -2.0 + 0.08 * x - 0.001 * x * x, 0.3);
+        let many: Vec<_> = (0..9).map(|k| on(6.0 + 3.0 * f64::from(k))).collect();
+        let skin = Skin::through(&many);
+        assert!((skin.slope(20.0) - 0.04).abs() < 1e-9 && (skin.height_m(20.0) + 0.8).abs() < 1e-9);
+        let line = Skin::through(&many[..2]);
+        assert!(
+            (line.height_m(6.0) - many[0].y).abs() < 1e-9
+                && (line.slope(0.0) - line.slope(9.0)).abs() < 1e-12
+        );
+        assert_eq!(Skin::through(&many[..1]).slope(3.0), 0.0);
+        assert_eq!(Skin::through(&[]).height_m(3.0), 0.0);
+        assert_eq!(Skin::through(&[many[0], many[0], many[0]]).slope(3.0), 0.0);
+    }
 
     #[test]
     fn the_papers_table_3() {
