@@ -10,7 +10,7 @@ use crate::measure::setup::Setup;
 /// Curvature (3 terms, 1/m), twist (2 terms, rad), mount (3 small rotations, camera frame, rad).
 pub(super) type State = SVector<f64, 8>;
 
-const INTERVALS: usize = 48;
+const INTERVALS: usize = 32;
 /// The axis is drawn on beyond the outermost marker, m.
 const MARGIN_M: f64 = 0.5;
 

@@ -56,10 +56,11 @@ fn solutions(problem: &Problem<'_>) -> Vec<Refined> {
     solutions
 }
 
-/// Whether a guess is but another start to a solution that is already there.
+/// Whether a guess is but another start to a solution that is already there. A reading that could
+/// rival it contradicts it in many pairs; a few are looked at one by one later.
 fn leads_to(guess: &Guess, solution: &Refined) -> bool {
-    let common = guess.pairs.iter().filter(|p| solution.pairs.contains(p)).count();
-    10 * common >= 8 * guess.pairs.len()
+    let against = guess.pairs.iter().filter(|p| contradiction(&solution.pairs, **p).is_some()).count();
+    against < 3 || 10 * against < 3 * solution.pairs.len()
 }
 
 /// Other solutions with about the same evidence put in doubt what they tell otherwise.

@@ -10,7 +10,7 @@ use super::matching::Problem;
 const CELL_PX: f64 = 20.0;
 const MAX_CELLS: usize = 31;
 /// Motion of the outermost marker between two deflections of the scan, px.
-const STEP_PX: f64 = 25.0;
+const STEP_PX: f64 = 30.0;
 /// Tip lift over span.
 const LIFT_RANGE: (f64, f64) = (-0.11, 0.22);
 /// Curvature over the span as coefficients, and L^2 * curvature / tip lift: (1 - x)(1 + 3x) for a
@@ -82,27 +82,25 @@ fn vote(problem: &Problem<'_>, state: &State, amplitude: f64, window: f64, cell:
     let pixels = problem.scene.pixels(state);
     let cells = (2.0 * window / CELL_PX).ceil() as usize + 2;
     let cells = cells.min(MAX_CELLS);
-    let mut votes = [0u16; MAX_CELLS * MAX_CELLS];
-    let mut last = [u16::MAX; MAX_CELLS * MAX_CELLS];
+    let mut votes = vec![(0u16, usize::MAX); cells * cells];
     for (j, pixel) in pixels.iter().enumerate() {
         let Some(pixel) = pixel else { continue };
         for &i in problem.candidates(j) {
             let shift = problem.detections[i].centre_px - pixel;
             let Some((a, b)) = cell_of(&shift, window, cells) else { continue };
-            for at in (a - 1..=a + 1).flat_map(|a| (b - 1..=b + 1).map(move |b| a * MAX_CELLS + b)) {
-                if last[at] != j as u16 {
-                    last[at] = j as u16;
-                    votes[at] += 1;
-                }
+            for at in (a - 1..=a + 1).flat_map(|a| (b - 1..=b + 1).map(move |b| a * cells + b)) {
+                let (count, last) = &mut votes[at];
+                *count += u16::from(*last != j);
+                *last = j;
             }
         }
     }
-    let (best, count) = votes.iter().enumerate().max_by_key(|(at, n)| (**n, usize::MAX - at))?;
-    if *count < 3 {
+    let (count, best) = votes.iter().enumerate().map(|(at, v)| (v.0, at)).max_by_key(|(n, at)| (*n, usize::MAX - at))?;
+    if count < 3 {
         return None;
     }
     let coordinate = |cell: usize| (cell as f64 - 0.5) * CELL_PX - window;
-    let centre = Vector2::new(coordinate(best / MAX_CELLS), coordinate(best % MAX_CELLS));
+    let centre = Vector2::new(coordinate(best / cells), coordinate(best % cells));
     Some(Guess { prior: prior(problem, state, amplitude), pairs: agreeing(problem, &pixels, &centre), cell })
 }
 
