@@ -172,7 +172,7 @@ fn the_perspective_bias_is_removed() {
             count += 1.0;
         }
     }
-    let (before, after) = ((before / count as f64).sqrt(), (after / count as f64).sqrt());
+    let (before, after) = ((before / count).sqrt(), (after / count).sqrt());
     eprintln!("bias: rms {before:.4} px before, {after:.4} px after");
     assert!(after < 0.03 && after < 0.3 * before);
 }

@@ -217,7 +217,7 @@ impl World {
         let mut rng = StdRng::seed_from_u64(seed);
         let rng = &mut rng;
         let wing = Wing::random(rng);
-        let side = if seed % 2 == 0 { 1.0 } else { -1.0 };
+        let side = if seed.is_multiple_of(2) { 1.0 } else { -1.0 };
         let count = rng.random_range(14..25usize);
         let first = wing.root_x + rng.random_range(4.0..6.5);
         let last = wing.root_x + wing.length_m * 0.98;

@@ -46,11 +46,8 @@ fn solutions(problem: &Problem<'_>) -> Vec<Refined> {
         if 2 * guess.pairs.len() < most || solutions.iter().any(|s| leads_to(&guess, s)) {
             continue;
         }
-        if let Some(refined) = problem.refine(&guess.prior, &guess.pairs) {
-            if solutions.iter().all(|s| s.pairs != refined.pairs) {
-                solutions.push(refined);
-            }
-        }
+        let refined = problem.refine(&guess.prior, &guess.pairs);
+        solutions.extend(refined.filter(|r| solutions.iter().all(|s| s.pairs != r.pairs)));
     }
     solutions.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     solutions

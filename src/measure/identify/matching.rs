@@ -82,7 +82,7 @@ impl<'a> Problem<'a> {
     /// that differs, from those that a walk from marker to marker makes of them; the better one.
     pub(super) fn refine(&self, prior: &Prior, start: &[Pair]) -> Option<Refined> {
         let as_given = self.refine_from(prior, start.to_vec());
-        let mut walked = self.from_the_surest(prior, &self.scene.linearise(&prior.mean), start);
+        let mut walked = self.walk(prior, &self.scene.linearise(&prior.mean), start);
         walked.sort_by_key(|p| p.1);
         if as_given.as_ref().is_some_and(|a| walked.iter().all(|p| a.pairs.contains(p))) {
             return as_given;
@@ -134,7 +134,7 @@ impl<'a> Problem<'a> {
 
     /// First pairs, one marker after the other, the surest prediction first, each one sharpening
     /// the next.
-    fn from_the_surest(&self, prior: &Prior, predicted: &[Option<Predicted>], start: &[Pair]) -> Vec<Pair> {
+    fn walk(&self, prior: &Prior, predicted: &[Option<Predicted>], start: &[Pair]) -> Vec<Pair> {
         let mut covariance = prior.covariance();
         let mut shift = State::zeros();
         let mut order: Vec<usize> = start.iter().map(|p| p.1).collect();

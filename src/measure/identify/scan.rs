@@ -95,7 +95,8 @@ fn vote(problem: &Problem<'_>, state: &State, amplitude: f64, window: f64, cell:
             }
         }
     }
-    let (count, best) = votes.iter().enumerate().map(|(at, v)| (v.0, at)).max_by_key(|(n, at)| (*n, usize::MAX - at))?;
+    let (count, best) =
+        votes.iter().enumerate().map(|(at, v)| (v.0, at)).max_by_key(|(n, at)| (*n, usize::MAX - at))?;
     if count < 3 {
         return None;
     }

@@ -1,0 +1,37 @@
+//! Orientation and identification of one frame with false candidates and hidden markers.
+#![allow(missing_docs, clippy::unwrap_used)]
+
+#[path = "../tests/synthetic/mod.rs"]
+mod synthetic;
+
+use std::hint::black_box;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use synthetic::{Conditions, World};
+use wingd::measure::identify::{identify, orient, predict, remove_perspective_bias};
+use wingd::measure::setup::Orientation;
+
+fn stages(c: &mut Criterion) {
+    let conditions =
+        Conditions { noise_px: 0.1, hidden: 0.1, false_ones: 10, mount_px: 20.0, lift_m: (2.0, 2.0) };
+    let world = World::random(5, &conditions);
+    let ground = vec![world.ground_view(5, &conditions).detections];
+    let flight = world.flight_view(2.0, 5, &conditions).detections;
+    let setup = &world.setup;
+    let known =
+        Orientation { camera_from_survey: world.camera_from_survey, covariance_rad2: None, ground: vec![] };
+    c.bench_function("orient", |b| b.iter(|| orient(black_box(setup), black_box(&ground)).unwrap()));
+    c.bench_function("identify", |b| {
+        b.iter(|| identify(black_box(setup), &known, black_box(&flight)).unwrap())
+    });
+    let identities = identify(setup, &known, &flight).unwrap();
+    c.bench_function("remove_perspective_bias", |b| {
+        b.iter(|| remove_perspective_bias(black_box(setup), &known, black_box(&flight), &identities))
+    });
+    c.bench_function("predict", |b| {
+        b.iter(|| predict(black_box(setup), &known, black_box(&flight), &identities))
+    });
+}
+
+criterion_group!(benches, stages);
+criterion_main!(benches);
