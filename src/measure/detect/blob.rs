@@ -18,8 +18,6 @@ pub struct Blob {
     pub centroid: Vector2<f64>,
     /// Second central moments, px^2.
     pub covariance: Matrix2<f64>,
-    /// Darkest over background.
-    pub darkness: f64,
     /// Whether it reaches the frame's edge.
     pub at_edge: bool,
 }
@@ -35,14 +33,14 @@ struct Window {
 
 /// The blobs of one region; none where the region is too large for a marker's window.
 pub fn blobs(image: &Raster, coarse: &Coarse, region: &Region) -> Vec<Blob> {
-    let (mut window, darkness) = threshold(image, coarse, region);
+    let mut window = threshold(image, coarse, region);
     let mut out = Vec::new();
     let mut stack = Vec::new();
     for start in 0..window.below.len() {
         if window.below[start] != 0 {
             let pixels = window.fill(start, &mut stack);
             if pixels.len() >= 6 && !window.cuts(image, &pixels) {
-                out.push(window.blob(image, pixels, darkness));
+                out.push(window.blob(image, pixels));
             }
         }
     }
@@ -50,7 +48,7 @@ pub fn blobs(image: &Raster, coarse: &Coarse, region: &Region) -> Vec<Blob> {
 }
 
 /// Marks the pixels below half way between the region's darkest and the local background.
-fn threshold(image: &Raster, coarse: &Coarse, region: &Region) -> (Window, f64) {
+fn threshold(image: &Raster, coarse: &Coarse, region: &Region) -> Window {
     let f = coarse.factor;
     let pad = 2 * f;
     let x0 = (region.x0 * f).saturating_sub(pad);
@@ -69,7 +67,7 @@ fn threshold(image: &Raster, coarse: &Coarse, region: &Region) -> (Window, f64) 
             *o = u8::from(u32::from(v) * 256 < b * half);
         }
     }
-    (Window { x0, y0, width, height: y1 - y0, below }, least)
+    Window { x0, y0, width, height: y1 - y0, below }
 }
 
 impl Window {
@@ -110,7 +108,7 @@ impl Window {
         })
     }
 
-    fn blob(&self, image: &Raster, pixels: Vec<usize>, darkness: f64) -> Blob {
+    fn blob(&self, image: &Raster, pixels: Vec<usize>) -> Blob {
         let mut runs: Vec<[u32; 3]> = Vec::new();
         for i in pixels {
             let (x, y) = ((self.x0 + i % self.width) as u32, (self.y0 + i / self.width) as u32);
@@ -124,7 +122,6 @@ impl Window {
             area: 0.0,
             centroid: Vector2::zeros(),
             covariance: Matrix2::zeros(),
-            darkness,
             at_edge: false,
             runs,
         };

@@ -32,8 +32,8 @@ pub struct Candidate {
     pub edges: Option<(f64, f64)>,
     /// Blobs that it is made of.
     pub blobs: Vec<usize>,
-    /// Darkest over background.
-    pub darkness: f64,
+    /// Boxes whose pixels may show something else: first and last column and row.
+    pub hidden: Vec<[f64; 4]>,
 }
 
 impl Candidate {
@@ -108,13 +108,13 @@ fn together(blobs: &[&Blob]) -> Shape {
 pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
     let outline = Outline::from_moments(blob.centroid, blob.covariance, 2.0);
     // Few pixels across make steps in the outline.
-    let most = 0.33 + 0.5 / (outline.minor * outline.minor).max(0.5);
+    let most = 0.36 + 0.5 / (outline.minor * outline.minor).max(0.5);
     ((0.80..1.12).contains(&blob.fill()) && squareness(blob) < most).then(|| Candidate {
         pattern: Pattern::Disc,
         outline,
         edges: None,
         blobs: vec![index],
-        darkness: blob.darkness,
+        hidden: Vec::new(),
     })
 }
 
@@ -159,8 +159,7 @@ pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Candidate> {
     } else {
         (Pattern::WhiteAlong, (along + PI / 2.0, (PI / 2.0 - half).tan()))
     };
-    let darkness = blobs.iter().map(|b| b.darkness).fold(f64::INFINITY, f64::min);
-    Some(Candidate { pattern, outline, edges: Some(edges), blobs: indices.to_vec(), darkness })
+    Some(Candidate { pattern, outline, edges: Some(edges), blobs: indices.to_vec(), hidden: Vec::new() })
 }
 
 /// Whitening transform of a shape, and its kurtosis in 36 whitened directions.

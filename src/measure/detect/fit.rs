@@ -41,6 +41,9 @@ const EDGE_JITTER: f64 = 0.08;
 const USUAL_GAMMA: f64 = 1.0 / 2.2;
 const GAMMA_SPREAD: f64 = 0.15;
 
+/// Pixels that the iteration starts with; all of them only refine its result.
+const FIRST_PIXELS: usize = 450;
+
 /// Fits the `free` parameters from `start`; `None` where it does not settle.
 pub fn fit(
     pattern: Pattern,
@@ -53,15 +56,33 @@ pub fn fit(
     if pixels.len() < 2 * count {
         return None;
     }
-    let mut m = *start;
-    let contrast = m[LIGHT] * (1.0 - (1.0 - m[DARK]).powf(m[GAMMA]));
+    let contrast = start[LIGHT] * (1.0 - (1.0 - start[DARK]).powf(start[GAMMA]));
     let floor = floor.max(0.02 * contrast);
-    // Most pixels are flat and say nothing of an edge that is still off: the scale comes down slowly.
-    let mut scale = 0.25 * contrast;
     let mut residuals = Vec::with_capacity(pixels.len());
+    // Most pixels are flat and say nothing of an edge that is still off: the scale comes down slowly.
+    let (mut m, mut scale) = (*start, 0.25 * contrast);
+    if pixels.len() > 2 * FIRST_PIXELS {
+        let stride = pixels.len() / FIRST_PIXELS;
+        let some: Vec<Pixel> = pixels.iter().step_by(stride).copied().collect();
+        (m, scale) = iterate(pattern, &some, m, scale, free, floor, &mut residuals)?;
+    }
+    let (m, scale) = iterate(pattern, pixels, m, scale, free, floor, &mut residuals)?;
+    finish(pattern, pixels, m, free, scale, floor, &mut residuals, count)
+}
+
+/// Repeats the linear solution until the centre stands still; the parameters and the scale.
+fn iterate(
+    pattern: Pattern,
+    pixels: &[Pixel],
+    mut m: Parameters,
+    mut scale: f64,
+    free: &[bool; N],
+    floor: f64,
+    residuals: &mut Vec<f64>,
+) -> Option<(Parameters, f64)> {
     for iteration in 0..MAX_ITERATIONS {
-        let step = linearise(pattern, pixels, &m, free, scale, floor, &mut residuals);
-        let damping = if iteration < 2 { 1e-2 } else { 1e-7 };
+        let step = linearise(pattern, pixels, &m, free, scale, floor, residuals);
+        let damping = if iteration < 2 { 1e-3 } else { 1e-7 };
         let mut damped = step.normal;
         for i in 0..N {
             damped[(i, i)] *= 1.0 + damping;
@@ -74,13 +95,13 @@ pub fn fit(
         if !plausible(pattern, &m) {
             return None;
         }
-        let settled = change[X].abs().max(change[Y].abs()) < 2e-3
+        let moved = change[X].hypot(change[Y]);
+        let settled = moved < 4e-3
             && (pattern != Pattern::Disc || change[FIRST].abs() < 0.02)
             && (step.scale / scale - 1.0).abs() < 0.2;
-        let settled = settled || (iteration + 1 == MAX_ITERATIONS && change[X].hypot(change[Y]) < 0.02);
         scale = step.scale.max(0.5 * scale);
-        if settled {
-            return finish(pattern, pixels, m, free, scale, floor, &mut residuals, count);
+        if settled || (iteration + 1 == MAX_ITERATIONS && moved < 0.02) {
+            return Some((m, scale));
         }
     }
     None
@@ -119,6 +140,41 @@ fn finish(
     Some(Fit { parameters: m, covariance, rms, inliers })
 }
 
+/// Rows of the weighted Jacobian that wait for their products, column by column.
+struct Block {
+    columns: [[f64; BLOCK]; N + 1],
+    rows: usize,
+}
+
+/// Rows per block: enough for the products to run in vector registers.
+const BLOCK: usize = 32;
+
+impl Block {
+    /// Adds the products of all pairs of the first `n` columns and the residuals, and empties it.
+    fn flush(&mut self, n: usize, normal: &mut [[f64; N]; N], right: &mut [f64; N]) {
+        for column in &mut self.columns[..=n] {
+            column[self.rows..].fill(0.0);
+        }
+        for i in 0..n {
+            for j in i..n {
+                normal[i][j] += dot(&self.columns[i], &self.columns[j]);
+            }
+            right[i] += dot(&self.columns[i], &self.columns[n]);
+        }
+        self.rows = 0;
+    }
+}
+
+fn dot(a: &[f64; BLOCK], b: &[f64; BLOCK]) -> f64 {
+    let mut lanes = [0.0; 4];
+    for (x, y) in a.chunks_exact(4).zip(b.chunks_exact(4)) {
+        for (lane, (p, q)) in lanes.iter_mut().zip(x.iter().zip(y)) {
+            *lane += p * q;
+        }
+    }
+    (lanes[0] + lanes[1]) + (lanes[2] + lanes[3])
+}
+
 /// Normal equations at `m`, with biweights for residuals against `scale`.
 fn linearise(
     pattern: Pattern,
@@ -130,42 +186,49 @@ fn linearise(
     residuals: &mut Vec<f64>,
 ) -> Step {
     let trig = m[ANGLE].sin_cos();
-    let mut normal = [[0.0f64; N]; N];
-    let mut right = [0.0f64; N];
+    let list: Vec<usize> = (0..N).filter(|&i| free[i]).collect();
+    let n = list.len();
+    let mut packed = [[0.0f64; N]; N];
+    let mut packed_right = [0.0f64; N];
+    let mut block = Block { columns: [[0.0; BLOCK]; N + 1], rows: 0 };
     let (mut weight, mut square) = (0.0, 0.0);
     residuals.clear();
     for pixel in pixels {
         let (value, gradient) = grey_rotated(pattern, m, trig, pixel);
         let r = pixel.value - value;
         residuals.push(r.abs());
-        let jitter = EDGE_JITTER * gradient[X].hypot(gradient[Y]);
-        let z = r / (CUT * (scale * scale + jitter * jitter).sqrt());
-        if z.abs() >= 1.0 {
+        let jitter2 = EDGE_JITTER * EDGE_JITTER * (gradient[X] * gradient[X] + gradient[Y] * gradient[Y]);
+        let z2 = r * r / (CUT * CUT * (scale * scale + jitter2));
+        if z2 >= 1.0 {
             continue;
         }
-        let w = (1.0 - z * z) * (1.0 - z * z);
-        weight += w;
-        square += w * r * r;
-        for i in 0..N {
-            let g = w * gradient[i];
-            right[i] += g * r;
-            for (h, gj) in normal[i].iter_mut().zip(&gradient) {
-                *h += g * gj;
-            }
+        let root = 1.0 - z2;
+        weight += root * root;
+        square += root * root * r * r;
+        for (column, &k) in block.columns.iter_mut().zip(&list) {
+            column[block.rows] = root * gradient[k];
+        }
+        block.columns[n][block.rows] = root * r;
+        block.rows += 1;
+        if block.rows == BLOCK {
+            block.flush(n, &mut packed, &mut packed_right);
         }
     }
-    let prior = scale * scale / (GAMMA_SPREAD * GAMMA_SPREAD);
-    normal[GAMMA][GAMMA] += prior;
-    right[GAMMA] += prior * (USUAL_GAMMA - m[GAMMA]);
-    let mut square_matrix = Square::from_fn(|i, j| normal[i][j]);
-    let mut column = Column::from(right);
-    for i in (0..N).filter(|&i| !free[i]) {
-        square_matrix.row_mut(i).fill(0.0);
-        square_matrix.column_mut(i).fill(0.0);
-        square_matrix[(i, i)] = 1.0;
-        column[i] = 0.0;
+    block.flush(n, &mut packed, &mut packed_right);
+    let mut normal = Square::identity();
+    let mut right = Column::zeros();
+    for (i, &k) in list.iter().enumerate() {
+        right[k] = packed_right[i];
+        for (j, &l) in list.iter().enumerate() {
+            normal[(k, l)] = packed[i.min(j)][i.max(j)];
+        }
     }
-    Step { normal: square_matrix, right: column, scale: spread(residuals).max(floor), weight, square }
+    if free[GAMMA] {
+        let prior = scale * scale / (GAMMA_SPREAD * GAMMA_SPREAD);
+        normal[(GAMMA, GAMMA)] += prior;
+        right[GAMMA] += prior * (USUAL_GAMMA - m[GAMMA]);
+    }
+    Step { normal, right, scale: spread(residuals).max(floor), weight, square }
 }
 
 /// Robust standard deviation from absolute residuals.

@@ -1,5 +1,6 @@
 //! Image -> markers.
 
+mod arc;
 mod blob;
 mod candidate;
 mod coarse;
@@ -157,7 +158,8 @@ fn search(image: &Raster, factor: usize, noise: f64) -> Found {
             if candidate.blobs.iter().any(|&i| taken[i]) {
                 continue;
             }
-            match measure::measure(image, &blobs, candidate, noise) {
+            let result = measure_whole_or_hidden(image, &blobs, candidate, noise);
+            match result {
                 Ok(measured) => {
                     candidate.blobs.iter().for_each(|&i| taken[i] = true);
                     found.measured.push(measured);
@@ -167,6 +169,27 @@ fn search(image: &Raster, factor: usize, noise: f64) -> Found {
         }
     }
     found
+}
+
+/// A disc whose outline is not an ellipse's may have a part hidden by its neighbour.
+fn measure_whole_or_hidden(
+    image: &Raster,
+    blobs: &[blob::Blob],
+    candidate: &candidate::Candidate,
+    noise: f64,
+) -> Result<measure::Measured, RejectReason> {
+    let blob = match candidate.blobs[..] {
+        [index] if candidate.pattern == model::Pattern::Disc => blobs.get(index),
+        _ => None,
+    };
+    let minor = candidate.outline.minor.max(0.5);
+    match blob {
+        Some(blob) if candidate::squareness(blob) > 0.13 + 0.75 / (minor * minor) => {
+            let whole = arc::completed(candidate, blob, blobs).ok_or(RejectReason::NotAnEllipse)?;
+            measure::measure(image, blobs, &whole, noise)
+        }
+        _ => measure::measure(image, blobs, candidate, noise),
+    }
 }
 
 /// The median.

@@ -5,10 +5,10 @@
 //! `g` is the tone curve's exponent, for blur acts on light and not on grey values. Both shapes
 //! give `c` in their own frame: `s` along the main direction, `t` across it.
 
-use super::normal::{gauss, normal};
+use super::normal::{gauss, gauss_8, normal};
 
 /// Parameters of either shape.
-pub const N: usize = 15;
+pub const N: usize = 16;
 /// Centre u.
 pub const X: usize = 0;
 /// Centre v.
@@ -30,6 +30,9 @@ pub const DARK: usize = 11;
 
 /// Exponent of the tone curve.
 pub const GAMMA: usize = 14;
+
+/// Ellipse: relative change of its thickness from the centre to its end.
+pub const EGG: usize = 15;
 
 /// Parameters of a marker's image.
 pub type Parameters = [f64; N];
@@ -70,6 +73,7 @@ struct Share {
     second: f64,
     third: f64,
     blur: f64,
+    egg: f64,
 }
 
 /// As [`grey_rotated`], from the parameters alone.
@@ -123,6 +127,7 @@ pub fn grey_rotated(
         by_dark * p,
         by_dark * q,
         value * log,
+        by_share * share.egg,
     ];
     (value, gradient)
 }
@@ -137,15 +142,19 @@ impl Share {
             second: -self.second,
             third: -self.third,
             blur: -self.blur,
+            egg: -self.egg,
         }
     }
 }
 
-/// A blurred ellipse, its long axis bent by a parabola: on a curved skin the flat ellipse sags.
+/// A blurred ellipse, its long axis bent by a parabola and its thickness changing along it: what a
+/// curved skin makes of a flat ellipse, where the line of sight is along or across the curvature.
 fn disc(s: f64, t: f64, m: &Parameters) -> Share {
     let (a, b, sag, sigma) = (m[FIRST], m[SECOND], m[THIRD], m[BLUR]);
     let along = s / a;
-    let straight = t - sag * along * along;
+    let thin = 1.0 - m[EGG] * along;
+    let level = t - sag * along * along;
+    let straight = level * thin;
     let reach = 5.5 * sigma;
     if s.abs() > a + reach || straight.abs() > b + reach {
         return Share::default();
@@ -157,9 +166,12 @@ fn disc(s: f64, t: f64, m: &Parameters) -> Share {
     } else {
         disc_by_quadrature(s, straight, a, b, sigma)
     };
+    share.egg = -share.t * level * along;
+    let by_along = -share.t * (thin * 2.0 * sag * along + level * m[EGG]);
+    share.t *= thin;
     share.third = -share.t * along * along;
-    share.s -= share.t * 2.0 * sag * along / a;
-    share.first += share.t * 2.0 * sag * along * along / a;
+    share.s += by_along / a;
+    share.first -= by_along * along / a;
     share
 }
 
@@ -192,6 +204,7 @@ fn disc_by_distance(s: f64, t: f64, a: f64, b: f64, sigma: f64) -> Share {
         first: edge * ns * cos,
         second: edge * nt * sin,
         third: 0.0,
+        egg: 0.0,
         blur: density * (distance / (sigma * sigma) - 0.5 * curvature),
     }
 }
@@ -216,6 +229,7 @@ fn disc_by_chord(s: f64, t: f64, a: f64, b: f64, sigma: f64) -> Share {
         first: by_height * b * s * s / (a * a * a * root),
         second: by_height * root,
         third: 0.0,
+        egg: 0.0,
         blur: (upper * du - lower * dl) / sigma + by_height * bend * sigma,
     }
 }
@@ -248,13 +262,13 @@ fn disc_by_quadrature(s: f64, t: f64, a: f64, b: f64, sigma: f64) -> Share {
 /// The blurred share between two crossing edges `t = +-f s + k s^2`, `f <= 1`, around the s axis.
 fn wedge(s: f64, t: f64, m: &Parameters) -> Share {
     let sigma = m[BLUR];
-    if s.abs() > 4.6 * sigma {
+    if s.abs() > 3.6 * sigma {
         return wedge_side(s, t, m, true);
     }
     let mut share = Share::default();
-    let reach = 4.6 * sigma;
+    let reach = 4.2 * sigma;
     for (from, to) in [(s - reach, 0.0), (0.0, s + reach)] {
-        for (at, weight) in gauss(from, to) {
+        for (at, weight) in gauss_8(from, to) {
             let along = (s - at) / sigma;
             let density = 0.398_942_280_401_432_7 * (-0.5 * along * along).exp() / sigma;
             let here = wedge_side(at, t, m, false);
@@ -282,13 +296,19 @@ fn wedge_side(s: f64, t: f64, m: &Parameters, tilted: bool) -> Share {
     let ((d1, c1), (d2, c2)) = (normal(z1), normal(z2));
     let side = if s >= 0.0 { 1.0 } else { -1.0 };
     let (e1, e2) = (side * d1 / spread1, side * d2 / spread2);
+    // The blur across a tilted edge changes with its slope.
+    let turn = |d: f64, z: f64, slope: f64| {
+        if tilted { side * d * z * slope / (1.0 + slope * slope) } else { 0.0 }
+    };
+    let (turn1, turn2) = (turn(d1, z1, slope1), turn(d2, z2, slope2));
     Share {
         c: side * (c2 - c1),
         s: e1 * slope1 - e2 * slope2,
         t: e2 - e1,
-        first: (e1 + e2) * s,
-        second: e1 * s * s,
-        third: -e2 * s * s,
+        first: (e1 + e2) * s + turn1 + turn2,
+        second: e1 * s * s + 2.0 * turn1 * s,
+        third: -e2 * s * s - 2.0 * turn2 * s,
+        egg: 0.0,
         blur: side * (z1 * d1 - z2 * d2) / sigma,
     }
 }
@@ -302,7 +322,7 @@ mod tests {
     }
 
     fn discs() -> Vec<Parameters> {
-        let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5];
+        let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
         let shapes: [[f64; 7]; 4] = [
             [20.3, 19.8, 0.3, 30.0, 15.0, 0.0, 0.8],
             [20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.8],
@@ -313,7 +333,7 @@ mod tests {
     }
 
     fn quadrants() -> Vec<Parameters> {
-        let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5];
+        let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
         let shapes: [[f64; 7]; 3] = [
             [20.3, 19.8, 0.3, 0.9, 0.0, 0.0, 0.8],
             [20.3, 19.8, -0.4, 0.1, 4e-4, 2e-4, 0.8],
@@ -353,7 +373,7 @@ mod tests {
 
     fn share(pattern: Pattern, m: &Parameters, pixel: &Pixel) -> f64 {
         let mut flat = *m;
-        flat[LIGHT..].copy_from_slice(&[100.0, 0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 1.0]);
+        flat[LIGHT..].copy_from_slice(&[100.0, 0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 1.0, 0.0]);
         (1.0 - grey(pattern, &flat, pixel).0 / 100.0) / 0.9
     }
 
