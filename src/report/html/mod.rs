@@ -32,11 +32,12 @@ pub fn page(data: &ReportData) -> String {
                     (notes(data))
                     (deflection(&summaries))
                     (over_time(data, &summaries))
-                    (tables::series(data, &summaries))
+                    (tables::series(&summaries))
                     (orthographic(data, shown))
                     (frame(data, shown))
                     (tables::solution(shown))
                     (tables::quality(data))
+                    (tables::results(data))
                     (tables::provenance(data))
                     footer { "Written by wingd " (env!("CARGO_PKG_VERSION")) ". Lengths in metres, angles in degrees, image coordinates in pixels; sigma is one standard deviation." }
                 }

@@ -25,7 +25,8 @@ impl Axis {
         let (low, high) = range.unwrap_or((0.0, 1.0));
         let width = if high - low > 1e-9 * (1.0 + high.abs()) { high - low } else { 1.0 };
         let step = round_step(width / 6.0);
-        let (low, high) = ((low / step + 1e-9).floor() * step, (high / step - 1e-9).ceil() * step);
+        // A band that reaches over a tick by a hair does not open another interval.
+        let (low, high) = ((low / step + 0.04).floor() * step, (high / step - 0.04).ceil() * step);
         let high = if high > low { high } else { low + step };
         Self { low, high, step, label: label.to_owned(), turned: false }
     }

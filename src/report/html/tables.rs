@@ -10,14 +10,22 @@ use super::super::{ReportData, SeriesData, ShotData, table};
 use crate::clock::Stamp;
 use crate::record::{ImageRecord, Status};
 
-/// Means of the series and every frame.
-pub fn series(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
+/// Means of the series.
+pub fn series(summaries: &[SeriesSummary]) -> Markup {
     html! {
         h2 { "Series" }
         div.scroll { (table::series_grid(summaries).html()) }
         p.caption { "Mean over the solved frames of a series. sigma: standard deviation of one frame by the adjustment; scatter: standard deviation of single frames against the series' mean. Torsion and twist: first pair of the installation." }
+    }
+}
+
+/// Every frame's result.
+pub fn results(data: &ReportData) -> Markup {
+    html! {
+        h2 { "Results of every frame" }
+        @if data.series.iter().all(|s| s.records.is_empty()) { p { "There are no results." } }
         @for s in data.series.iter().filter(|s| !s.records.is_empty()) {
-            h3 { "Frames of " (s.flight) "/" (s.name) @if s.interrupted { " (interrupted)" } }
+            h3 { "Series " (s.flight) "/" (s.name) @if s.interrupted { " (interrupted)" } }
             div.scroll { (table::images(&s.records).html()) }
         }
     }

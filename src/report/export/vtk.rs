@@ -1,0 +1,140 @@
+//! Mean marker positions of a series as legacy VTK PolyData, for ParaView and its like.
+
+use std::fmt::Write;
+
+use super::super::SeriesData;
+use super::super::summary::{Mean, solved};
+use crate::record::{ImageRecord, MarkerRecord};
+
+/// A marker over the solved frames of a series.
+struct Point {
+    id: String,
+    position_m: [f64; 3],
+    sigma_m: [Option<f64>; 3],
+    lift_m: Option<Mean>,
+    frames: usize,
+}
+
+/// Points with lift and standard deviation as vectors; `None` where the series has no positions.
+/// VTK has no missing number: a standard deviation that is not known is `nan`.
+pub fn vtk(series: &SeriesData) -> Option<String> {
+    let points = points(&solved(series));
+    if points.is_empty() {
+        return None;
+    }
+    let n = points.len();
+    let title: String = format!("wingd {}/{}, survey frame, m", series.flight, series.name);
+    let title: String = title.chars().filter(|c| !c.is_control()).take(200).collect();
+    let mut out = format!("# vtk DataFile Version 3.0\n{title}\nASCII\nDATASET POLYDATA\nPOINTS {n} double\n");
+    for p in &points {
+        line(&mut out, &p.position_m);
+    }
+    let _ = writeln!(out, "VERTICES {n} {}", 2 * n);
+    for i in 0..n {
+        let _ = writeln!(out, "1 {i}");
+    }
+    let _ = writeln!(out, "POINT_DATA {n}\nVECTORS lift_m double");
+    for p in &points {
+        line(&mut out, &[0.0, 0.0, p.lift_m.map_or(f64::NAN, |l| l.value)]);
+    }
+    let _ = writeln!(out, "VECTORS sigma_position_m double");
+    for p in &points {
+        line(&mut out, &p.sigma_m.map(|s| s.unwrap_or(f64::NAN)));
+    }
+    fields(&mut out, &points);
+    Some(out)
+}
+
+fn fields(out: &mut String, points: &[Point]) {
+    let n = points.len();
+    let _ = writeln!(out, "FIELD FieldData 3\nsigma_lift_m 1 {n} double");
+    for p in points {
+        line(out, &[p.lift_m.and_then(|l| l.sigma).unwrap_or(f64::NAN)]);
+    }
+    let _ = writeln!(out, "frames 1 {n} int");
+    for p in points {
+        let _ = writeln!(out, "{}", p.frames);
+    }
+    let _ = writeln!(out, "marker 1 {n} string");
+    for p in points {
+        let _ = writeln!(out, "{}", encoded(&p.id));
+    }
+}
+
+fn line(out: &mut String, numbers: &[f64]) {
+    let word = |v: &f64| if v.is_finite() { v.to_string() } else { "nan".to_owned() };
+    let _ = writeln!(out, "{}", numbers.iter().map(word).collect::<Vec<_>>().join(" "));
+}
+
+/// VTK reads `%` codes in strings; blanks and line ends may not stand in them.
+fn encoded(text: &str) -> String {
+    let code = |b: u8| if b.is_ascii_graphic() && b != b'%' && b != b'"' { (b as char).to_string() } else { format!("%{b:02X}") };
+    text.bytes().map(code).collect()
+}
+
+fn points(records: &[&ImageRecord]) -> Vec<Point> {
+    let mut ids: Vec<&str> = Vec::new();
+    for m in records.iter().flat_map(|r| &r.markers) {
+        if !ids.contains(&m.id.as_str()) {
+            ids.push(&m.id);
+        }
+    }
+    ids.iter().filter_map(|id| point(records, id)).collect()
+}
+
+fn point(records: &[&ImageRecord], id: &str) -> Option<Point> {
+    let markers = records.iter().filter_map(|r| r.markers.iter().find(|m| m.id == id));
+    let placed: Vec<&MarkerRecord> = markers.filter(|m| m.position_m.is_some()).collect();
+    let axis = |k: usize| {
+        let value = |m: &&MarkerRecord| Some((m.position_m?[k], m.sigma_position_m.map(|s| s[k])));
+        Mean::of(&placed.iter().filter_map(value).collect::<Vec<_>>())
+    };
+    let lifts: Vec<_> = placed.iter().filter_map(|m| Some((m.lift_m?, m.sigma_lift_m))).collect();
+    let (x, y, z) = (axis(0)?, axis(1)?, axis(2)?);
+    Some(Point {
+        id: id.to_owned(),
+        position_m: [x.value, y.value, z.value],
+        sigma_m: [x.sigma, y.sigma, z.sigma],
+        lift_m: Mean::of(&lifts),
+        frames: x.count,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::super::super::sample;
+    use super::*;
+
+    /// The numbers after a line that starts with `head`.
+    fn block(text: &str, head: &str, lines: usize) -> Vec<Vec<f64>> {
+        let after = text.lines().skip_while(|l| !l.starts_with(head)).skip(1);
+        after.take(lines).map(|l| l.split(' ').map(|v| v.parse().unwrap()).collect()).collect()
+    }
+
+    #[test]
+    fn the_file_holds_mean_positions_lifts_and_names() {
+        let mut series = sample::series("s000001", 0, &[2.9, 3.1]);
+        for record in &mut series.records {
+            record.markers[0].id = "M 1%\n".to_owned();
+        }
+        let text = vtk(&series).unwrap();
+        assert!(text.starts_with("# vtk DataFile Version 3.0\nwingd flight-0001/s000001"));
+        assert!(text.contains("POINTS 3 double\n") && text.contains("VERTICES 3 6\n1 0\n1 1\n1 2\n"));
+        assert_eq!(block(&text, "POINTS", 3)[2], [1.0, 36.0, 6.0]);
+        let lift = &block(&text, "VECTORS lift_m", 3)[2];
+        assert!((lift[2] - 3.0).abs() < 1e-12 && lift[0] == 0.0);
+        let sigma = &block(&text, "VECTORS sigma_position_m", 3)[2];
+        assert!(sigma.iter().zip([0.002, 0.004, 0.006]).all(|(a, b)| (a - b).abs() < 1e-12));
+        assert_eq!(block(&text, "frames", 3), [[2.0], [2.0], [2.0]]);
+        assert!(text.contains("marker 1 3 string\nM%201%25%0A\nM02\nM03\n"));
+    }
+
+    #[test]
+    fn a_series_without_positions_gives_no_file() {
+        let mut series = sample::series("s000001", 0, &[]);
+        assert_eq!(vtk(&series), None);
+        series.records.push(sample::failed("x.jpg", "dark"));
+        assert_eq!(vtk(&series), None);
+    }
+}
