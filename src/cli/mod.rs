@@ -6,6 +6,7 @@ mod camera_child;
 mod camera_test;
 mod check;
 mod detect;
+mod export;
 mod frames;
 mod logging;
 mod orient;
@@ -64,6 +65,8 @@ enum Command {
     Status(status::StatusArgs),
     /// Ask the running daemon for an extra series
     Trigger(status::TriggerArgs),
+    /// Export a store's results for other tools
+    Export(export::Args),
     /// Render frames of a wing with known truth
     Simulate(simulate::Args),
 }
@@ -123,6 +126,7 @@ pub fn main() -> ExitCode {
         Command::Verify(args) => verify::run(&args),
         Command::Status(args) => status::status(&args),
         Command::Trigger(args) => status::trigger(&args),
+        Command::Export(args) => export::run(&args),
         Command::Simulate(args) => simulate::run(&args),
     };
     match outcome {
