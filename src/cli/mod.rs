@@ -13,6 +13,7 @@ mod orient;
 mod plan;
 mod report;
 mod run;
+mod serve;
 mod service;
 mod simulate;
 mod solve;
@@ -67,6 +68,8 @@ enum Command {
     Trigger(status::TriggerArgs),
     /// Export a store's results for other tools
     Export(export::Args),
+    /// Serve the download page for a store, without the daemon
+    Serve(serve::Args),
     /// Render frames of a wing with known truth
     Simulate(simulate::Args),
 }
@@ -127,6 +130,7 @@ pub fn main() -> ExitCode {
         Command::Status(args) => status::status(&args),
         Command::Trigger(args) => status::trigger(&args),
         Command::Export(args) => export::run(&args),
+        Command::Serve(args) => serve::run(&args),
         Command::Simulate(args) => simulate::run(&args),
     };
     match outcome {

@@ -25,7 +25,8 @@ pub fn vtk(series: &SeriesData) -> Option<String> {
     let n = points.len();
     let title: String = format!("wingd {}/{}, survey frame, m", series.flight, series.name);
     let title: String = title.chars().filter(|c| !c.is_control()).take(200).collect();
-    let mut out = format!("# vtk DataFile Version 3.0\n{title}\nASCII\nDATASET POLYDATA\nPOINTS {n} double\n");
+    let mut out =
+        format!("# vtk DataFile Version 3.0\n{title}\nASCII\nDATASET POLYDATA\nPOINTS {n} double\n");
     for p in &points {
         line(&mut out, &p.position_m);
     }
@@ -68,7 +69,13 @@ fn line(out: &mut String, numbers: &[f64]) {
 
 /// VTK reads `%` codes in strings; blanks and line ends may not stand in them.
 fn encoded(text: &str) -> String {
-    let code = |b: u8| if b.is_ascii_graphic() && b != b'%' && b != b'"' { (b as char).to_string() } else { format!("%{b:02X}") };
+    let code = |b: u8| {
+        if b.is_ascii_graphic() && b != b'%' && b != b'"' {
+            (b as char).to_string()
+        } else {
+            format!("%{b:02X}")
+        }
+    };
     text.bytes().map(code).collect()
 }
 

@@ -13,6 +13,9 @@ use super::summary::{SeriesSummary, summaries};
 use super::{ReportData, table};
 use crate::record::{ImageRecord, Status};
 
+/// The look of the report and of the served pages.
+pub const STYLE: &str = include_str!("style.css");
+
 /// The whole page. Nothing in it comes from outside the file.
 pub fn page(data: &ReportData) -> String {
     let summaries = summaries(&data.series);
@@ -24,7 +27,7 @@ pub fn page(data: &ReportData) -> String {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width";
                 title { "Wing deflection: " (title(data)) }
-                style { (PreEscaped(include_str!("style.css"))) }
+                style { (PreEscaped(STYLE)) }
             }
             body {
                 main {
