@@ -98,6 +98,19 @@ pub struct Point<'a> {
     pub observed: &'a DVector<f64>,
 }
 
+/// Where a whole group is linearised.
+#[derive(Clone, Copy, Debug)]
+pub struct GroupPoint<'a> {
+    /// Index of the group.
+    pub group: usize,
+    /// Global parameters.
+    pub global: &'a DVector<f64>,
+    /// The group's local parameters.
+    pub local: &'a DVector<f64>,
+    /// Adjusted observations, per block.
+    pub observed: &'a [DVector<f64>],
+}
+
 /// A block's conditions at a point, with their derivatives.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Linearised {
@@ -232,6 +245,17 @@ pub fn solve(
     problem: &Problem,
     linearise: impl Fn(&Point) -> Result<Linearised, AdjustError>,
 ) -> Result<Fit, AdjustError> {
+    solve_groups(problem, |at| {
+        let point = |(block, observed)| Point { group: at.group, block, global: at.global, local: at.local, observed };
+        at.observed.iter().enumerate().map(|b| linearise(&point(b))).collect()
+    })
+}
+
+/// As [`solve`], for models whose blocks share work: `linearise` gives all blocks of a group.
+pub fn solve_groups(
+    problem: &Problem,
+    linearise: impl Fn(&GroupPoint) -> Result<Vec<Linearised>, AdjustError>,
+) -> Result<Fit, AdjustError> {
     let mut state = State::start(problem);
     let mut system = System::assemble(problem, &state, &linearise)?;
     let mut damping = 0.0;
@@ -328,7 +352,7 @@ impl System {
     fn assemble(
         problem: &Problem,
         state: &State,
-        linearise: &impl Fn(&Point) -> Result<Linearised, AdjustError>,
+        linearise: &impl Fn(&GroupPoint) -> Result<Vec<Linearised>, AdjustError>,
     ) -> Result<Self, AdjustError> {
         let p = problem.start.len();
         let mut system = Self {
@@ -355,7 +379,7 @@ impl System {
         problem: &Problem,
         state: &State,
         index: usize,
-        linearise: &impl Fn(&Point) -> Result<Linearised, AdjustError>,
+        linearise: &impl Fn(&GroupPoint) -> Result<Vec<Linearised>, AdjustError>,
     ) -> Result<(), AdjustError> {
         let (group, local) = (&problem.groups[index], &state.local[index]);
         let (p, q) = (problem.start.len(), local.len());
@@ -366,16 +390,10 @@ impl System {
             coupling: DMatrix::zeros(q, p),
             local_right: DVector::zeros(q),
         };
-        for (number, block) in group.blocks.iter().enumerate() {
-            let residuals = &state.residuals[index][number];
-            let observed = &block.observed + residuals;
-            let linearised = linearise(&Point {
-                group: index,
-                block: number,
-                global: &state.global,
-                local,
-                observed: &observed,
-            })?;
+        let residuals = &state.residuals[index];
+        let observed: Vec<_> = group.blocks.iter().zip(residuals).map(|(b, v)| &b.observed + v).collect();
+        let blocks = linearise(&GroupPoint { group: index, global: &state.global, local, observed: &observed })?;
+        for ((block, residuals), linearised) in group.blocks.iter().zip(residuals).zip(blocks) {
             self.add_block(&mut part, block, residuals, linearised)?;
         }
         for prior in &group.priors {

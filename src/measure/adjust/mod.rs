@@ -1,7 +1,15 @@
 //! Observations -> deflection: profile, spatial, flight; quality, variance components.
 
+pub mod beam;
 pub mod gauss_helmert;
+pub mod ground;
+mod layout;
+mod outcome;
 pub mod profile;
+pub mod quality;
+mod scene;
+mod snooping;
+mod spatial;
 
 use nalgebra::{DMatrix, Matrix2, Matrix3, Vector2, Vector3};
 
@@ -35,7 +43,7 @@ pub enum SigmaKind {
 pub struct Options {
     /// Which standard deviations are reported.
     pub sigma: SigmaKind,
-    /// Terms of the curvature, 1 to 4; `None`: chosen by test.
+    /// Terms of the curvature, 1 to 10; `None`: chosen by test.
     pub curvature_terms: Option<usize>,
     /// Terms of the twist.
     pub twist_terms: usize,
@@ -45,6 +53,9 @@ pub struct Options {
     pub global_alpha: f64,
     /// Level of significance of the w-test; 0 switches data snooping off.
     pub snooping_alpha: f64,
+    /// The mounting's rotation against the ground frame's (camera frame, rad) with its covariance,
+    /// where earlier frames of the same mounting tell it; `None`: the mount's repeatability.
+    pub mount_prior: Option<(Vector3<f64>, Matrix3<f64>)>,
 }
 
 impl Default for Options {
@@ -52,10 +63,11 @@ impl Default for Options {
         Self {
             sigma: SigmaKind::ByTest,
             curvature_terms: None,
-            twist_terms: 2,
+            twist_terms: 3,
             variance_components: false,
             global_alpha: 0.01,
             snooping_alpha: 0.001,
+            mount_prior: None,
         }
     }
 }
@@ -117,6 +129,9 @@ pub struct MarkerSolution {
     pub w_test: Option<f64>,
     /// Minimal detectable bias, px, (u, v).
     pub minimal_detectable_bias_px: Option<Vector2<f64>>,
+    /// Minimal detectable bias of the surveyed position, m, wing frame's axes (X outboard, Y up);
+    /// infinite where a bias cannot be seen at all.
+    pub minimal_detectable_bias_m: Option<Vector3<f64>>,
     /// Distance from the projection centre, m (profile: d in the vertical plane).
     pub distance_m: Option<Estimate>,
     /// Survey frame, in flight, m.
@@ -125,6 +140,26 @@ pub struct MarkerSolution {
     pub covariance_m2: Option<Matrix3<f64>>,
     /// Vertical displacement against the survey, positive up, m.
     pub lift_m: Option<Estimate>,
+}
+
+impl MarkerSolution {
+    /// A marker without numbers.
+    pub fn unused(marker: usize, reason: String) -> Self {
+        Self {
+            marker,
+            used: false,
+            reason: Some(reason),
+            residual_px: None,
+            redundancy: None,
+            w_test: None,
+            minimal_detectable_bias_px: None,
+            minimal_detectable_bias_m: None,
+            distance_m: None,
+            position_m: None,
+            covariance_m2: None,
+            lift_m: None,
+        }
+    }
 }
 
 /// Torsion of one pair.
@@ -237,12 +272,12 @@ pub fn profile(
 
 /// The rigid-section beam, one frame (MODEL.md section 3).
 pub fn spatial(
-    _setup: &Setup,
-    _orientation: &Orientation,
+    setup: &Setup,
+    orientation: &Orientation,
     observations: &[Observation],
-    _options: &Options,
+    options: &Options,
 ) -> Result<Solution, AdjustError> {
-    Err(AdjustError::TooFewMarkers { found: observations.len(), needed: 6 })
+    spatial::solve(setup, orientation, observations, options)
 }
 
 /// The rigid-section beam, the frames between two remounts together; one solution per frame.

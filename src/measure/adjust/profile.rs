@@ -260,19 +260,7 @@ impl Adjusted<'_> {
 }
 
 fn not_observed(marker: usize) -> MarkerSolution {
-    MarkerSolution {
-        marker,
-        used: false,
-        reason: Some("not found in the image".into()),
-        residual_px: None,
-        redundancy: None,
-        w_test: None,
-        minimal_detectable_bias_px: None,
-        distance_m: None,
-        position_m: None,
-        covariance_m2: None,
-        lift_m: None,
-    }
+    MarkerSolution::unused(marker, "not found in the image".into())
 }
 
 impl Adjusted<'_> {

@@ -1,0 +1,188 @@
+//! The wing on ground: bending axis, stations and rigid arms (MODEL.md section 3).
+
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+use super::AdjustError;
+use crate::measure::geometry::WingFrame;
+use crate::measure::setup::{Setup, SkinHeight};
+
+/// Points of the axis' table.
+const AXIS_POINTS: usize = 257;
+/// The axis' table reaches this far beyond the outermost marker, m.
+const OVERHANG_M: f64 = 2.0;
+/// Wing tip over the outermost marker's station where the installation does not say.
+const TIP_OVER_LAST_MARKER: f64 = 1.03;
+
+/// The bending axis on ground as slope over arc length, wing frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    /// Where bending starts, wing frame, m.
+    pub root_m: Vector3<f64>,
+    /// Arc length from the root to the tip, where bending moment and curvature end, m.
+    pub length_m: f64,
+    arc_m: Vec<f64>,
+    x_m: Vec<f64>,
+    y_m: Vec<f64>,
+    slope_rad: Vec<f64>,
+}
+
+/// One marker's section.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Station {
+    /// Arc length of the foot point, m.
+    pub arc_m: f64,
+    /// As surveyed, wing frame, m.
+    pub surveyed_m: Vector3<f64>,
+}
+
+/// The wing as surveyed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GroundShape {
+    /// The frame of the adjustment.
+    pub frame: WingFrame,
+    /// The bending axis.
+    pub axis: Axis,
+    /// One per marker of the survey.
+    pub stations: Vec<Station>,
+    /// +1 where Z points aft (right wing), -1 where it points forward: sign of a nose-up twist.
+    pub nose: f64,
+}
+
+impl GroundShape {
+    /// Axis through the surveyed markers, lowered by the skin height, crown kept out.
+    pub fn new(setup: &Setup) -> Result<Self, AdjustError> {
+        let frame = setup.wing_frame();
+        let points: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
+        if points.len() < 2 || points.iter().any(|p| !p.iter().all(|v| v.is_finite())) {
+            return Err(AdjustError::TooFewMarkers { found: points.len(), needed: 6 });
+        }
+        let mean = points.iter().map(|p| p.z).sum::<f64>() / points.len() as f64;
+        let axis_z = setup.axis_chord_offset_m.unwrap_or(mean);
+        let axis = Axis::through(&points, axis_z, setup.root_offset_m, setup.skin_height)?;
+        let stations = points
+            .iter()
+            .map(|p| Station { arc_m: axis.foot(p), surveyed_m: *p })
+            .collect();
+        Ok(Self { frame, axis, stations, nose: nose(setup, &points) })
+    }
+}
+
+/// The torsion pairs tell which way the nose points; a right wing where there is none.
+fn nose(setup: &Setup, points: &[Vector3<f64>]) -> f64 {
+    let aft = |pair: &crate::measure::setup::TorsionPair| {
+        Some(points.get(pair.trailing)?.z - points.get(pair.leading)?.z)
+    };
+    if setup.torsion.first().and_then(aft).is_some_and(|d| d < 0.0) { -1.0 } else { 1.0 }
+}
+
+impl Axis {
+    fn through(
+        points: &[Vector3<f64>],
+        axis_z: f64,
+        root_x: f64,
+        skin: Option<SkinHeight>,
+    ) -> Result<Self, AdjustError> {
+        let last = points.iter().fold(f64::MIN, |a, p| a.max(p.x));
+        let reach = last - root_x;
+        if !(reach > 0.5) {
+            return Err(AdjustError::Input(format!(
+                "the outermost marker lies {reach:.2} m outboard of the bending root; check span_direction and root_offset_m"
+            )));
+        }
+        let surface = Surface::fit(points, axis_z, root_x);
+        let skin = skin.unwrap_or(SkinHeight { root_m: 0.0, tip_m: 0.0, tip_span_m: 1.0 });
+        let skin_slope = (skin.tip_m - skin.root_m) / skin.tip_span_m;
+        let step = (reach + OVERHANG_M) / (AXIS_POINTS - 1) as f64;
+        let mut axis = Self {
+            root_m: Vector3::new(root_x, surface.height(0.0) - skin.root_m, axis_z),
+            length_m: 0.0,
+            arc_m: vec![],
+            x_m: vec![],
+            y_m: vec![],
+            slope_rad: vec![],
+        };
+        let mut arc = 0.0;
+        for k in 0..AXIS_POINTS {
+            let x = step * k as f64;
+            let slope = (surface.slope(x) - skin_slope).atan();
+            if let Some(before) = axis.slope_rad.last() {
+                arc += step / (0.5 * (slope + before)).cos();
+            }
+            axis.arc_m.push(arc);
+            axis.x_m.push(root_x + x);
+            axis.y_m.push(surface.height(x) - skin.root_m - skin_slope * x);
+            axis.slope_rad.push(slope);
+        }
+        let last_arc = interpolate(&axis.x_m, &axis.arc_m, last);
+        let told = skin.tip_span_m;
+        let believable = (1.0..1.25).contains(&(told / last_arc));
+        axis.length_m = if believable { told } else { TIP_OVER_LAST_MARKER * last_arc };
+        Ok(axis)
+    }
+
+    /// Slope at an arc length, rad.
+    pub fn slope_rad(&self, arc_m: f64) -> f64 {
+        interpolate(&self.arc_m, &self.slope_rad, arc_m)
+    }
+
+    /// Arc length of the section that a point belongs to, m; not inboard of the root.
+    fn foot(&self, p: &Vector3<f64>) -> f64 {
+        let mut arc = interpolate(&self.x_m, &self.arc_m, p.x);
+        for _ in 0..4 {
+            let (sin, cos) = self.slope_rad(arc).sin_cos();
+            let (x, y) = (interpolate(&self.arc_m, &self.x_m, arc), interpolate(&self.arc_m, &self.y_m, arc));
+            arc += (p.x - x) * cos + (p.y - y) * sin;
+        }
+        arc.max(0.0)
+    }
+}
+
+/// Rotation from section axes (tangent, normal, chord) at a slope to the wing frame.
+pub fn wing_from_section(slope_rad: f64) -> Matrix3<f64> {
+    let (sin, cos) = slope_rad.sin_cos();
+    Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0)
+}
+
+/// The skin through the markers: a parabola along the span, a chordwise slope that may change along
+/// the span, and a crown.
+struct Surface {
+    along: [f64; 3],
+}
+
+impl Surface {
+    /// `axis_z`: crown and chordwise slope count from there, so they do not enter the axis.
+    fn fit(points: &[Vector3<f64>], axis_z: f64, root_x: f64) -> Self {
+        let terms = match points.len() {
+            0..=4 => 2,
+            5..=7 => 4,
+            _ => 6,
+        };
+        let row = |p: &Vector3<f64>| {
+            let (x, z) = (p.x - root_x, p.z - axis_z);
+            [1.0, x, z, x * x, z * z, z * x]
+        };
+        let a = DMatrix::from_fn(points.len(), terms, |i, j| row(&points[i])[j]);
+        let y = DVector::from_iterator(points.len(), points.iter().map(|p| p.y));
+        // A column without spread (all markers on one line) is left out by the pseudo-inverse.
+        let scale = DVector::from_iterator(terms, a.column_iter().map(|c| c.norm().max(1e-300)));
+        let scaled = DMatrix::from_fn(points.len(), terms, |i, j| a[(i, j)] / scale[j]);
+        let solution = scaled.svd(true, true).solve(&y, 1e-6).unwrap_or_else(|_| DVector::zeros(terms));
+        let c = |j: usize| if j < terms { solution[j] / scale[j] } else { 0.0 };
+        Self { along: [c(0), c(1), c(3)] }
+    }
+
+    fn height(&self, x: f64) -> f64 {
+        self.along[0] + x * (self.along[1] + x * self.along[2])
+    }
+
+    fn slope(&self, x: f64) -> f64 {
+        self.along[1] + 2.0 * x * self.along[2]
+    }
+}
+
+/// Linear in a table with rising abscissae; carried on beyond its ends.
+fn interpolate(x: &[f64], y: &[f64], at: f64) -> f64 {
+    let k = x.partition_point(|&v| v < at).clamp(1, x.len() - 1);
+    let t = (at - x[k - 1]) / (x[k] - x[k - 1]);
+    y[k - 1] + t * (y[k] - y[k - 1])
+}

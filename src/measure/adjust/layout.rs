@@ -1,0 +1,260 @@
+//! Where each unknown of the spatial methods stands, and a marker's conditions written into it.
+
+use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Vector2, Vector3};
+
+use super::AdjustError;
+use super::beam::{Bending, Section};
+use super::gauss_helmert::{Gradient, Linearised};
+use super::scene::{MarkerState, Pose, Predicted, Scene};
+
+/// First column of a set of unknowns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// Among the global parameters.
+    Global(usize),
+    /// Among the group's local parameters.
+    Local(usize),
+}
+
+/// Where the markers' positions on ground stand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Survey {
+    /// The first three observations of the marker's block.
+    Observed,
+    /// Global parameters, three per marker, from this column to the last.
+    Global(usize),
+}
+
+/// The unknowns of one frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Layout {
+    /// Coefficients of the curvature, 1/m.
+    pub curvature: Place,
+    /// Their number.
+    pub curvature_terms: usize,
+    /// Coefficients of the twist, rad.
+    pub twist: Place,
+    /// Their number.
+    pub twist_terms: usize,
+    /// Rotation of the mounting, rad.
+    pub mount: Place,
+    /// Correction of the ground rotation, rad; `None`: held.
+    pub ground: Option<Place>,
+    /// Correction of the projection centre, m; `None`: held.
+    pub centre: Option<Place>,
+    /// Thermal scale less its expected value; `None`: held.
+    pub scale: Option<Place>,
+    /// Expected thermal scale.
+    pub nominal_scale: f64,
+    /// The markers on ground.
+    pub survey: Survey,
+    /// Number of global parameters that are not the survey's.
+    pub head: usize,
+    /// Number of local parameters.
+    pub local: usize,
+}
+
+/// A frame's unknowns, read from the vectors.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Values {
+    /// 1/m.
+    pub curvature_per_m: Vec<f64>,
+    /// rad.
+    pub twist_rad: Vec<f64>,
+    /// Camera.
+    pub pose: Pose,
+    /// Length in flight over length on ground.
+    pub scale: f64,
+}
+
+impl Values {
+    /// What bends the wing.
+    pub fn bending(&self) -> Bending<'_> {
+        Bending { curvature_per_m: &self.curvature_per_m, twist_rad: &self.twist_rad, scale: self.scale }
+    }
+}
+
+impl Layout {
+    /// Reads a frame's unknowns.
+    pub fn values(&self, global: &DVector<f64>, local: &DVector<f64>) -> Values {
+        let at = |place: Place, k: usize| match place {
+            Place::Global(first) => global[first + k],
+            Place::Local(first) => local[first + k],
+        };
+        let vector = |place: Option<Place>| {
+            place.map_or(Vector3::zeros(), |p| Vector3::new(at(p, 0), at(p, 1), at(p, 2)))
+        };
+        Values {
+            curvature_per_m: (0..self.curvature_terms).map(|k| at(self.curvature, k)).collect(),
+            twist_rad: (0..self.twist_terms).map(|k| at(self.twist, k)).collect(),
+            pose: Pose {
+                mount_rad: vector(Some(self.mount)),
+                ground_rad: vector(self.ground),
+                centre_m: vector(self.centre),
+            },
+            scale: self.nominal_scale + self.scale.map_or(0.0, |p| at(p, 0)),
+        }
+    }
+
+    /// The marker's place on ground, wing frame, m.
+    pub fn on_ground(&self, marker: usize, global: &DVector<f64>, observed: &DVector<f64>) -> Vector3<f64> {
+        match self.survey {
+            Survey::Observed => Vector3::new(observed[0], observed[1], observed[2]),
+            Survey::Global(first) => {
+                let c = first + 3 * marker;
+                Vector3::new(global[c], global[c + 1], global[c + 2])
+            }
+        }
+    }
+
+    /// Global columns of a marker's conditions: all of the head, and the marker's own three.
+    fn columns(&self, marker: usize) -> Vec<usize> {
+        let own = match self.survey {
+            Survey::Observed => 0..0,
+            Survey::Global(first) => first + 3 * marker..first + 3 * marker + 3,
+        };
+        (0..self.head).chain(own).collect()
+    }
+
+    /// Derivatives of a marker's position in flight for [`super::gauss_helmert::Fit::propagate`].
+    pub fn position_gradient(&self, state: &MarkerState, row: usize, sign: f64, gradient: &mut Gradient) {
+        let mut put = |place: Place, k: usize, v: Vector3<f64>| {
+            let (target, column) = match place {
+                Place::Global(first) => (&mut gradient.global, first + k),
+                Place::Local(first) => (&mut gradient.local, first + k),
+            };
+            for axis in 0..3 {
+                target[(row + axis, column)] += sign * v[axis];
+            }
+        };
+        for k in 0..self.curvature_terms {
+            put(self.curvature, k, state.by_curvature[k]);
+        }
+        for k in 0..self.twist_terms {
+            put(self.twist, k, state.by_twist[k]);
+        }
+        if let Some(place) = self.scale {
+            put(place, 0, state.by_scale);
+        }
+    }
+}
+
+/// A block's conditions under construction.
+pub struct Rows<'a> {
+    layout: &'a Layout,
+    out: Linearised,
+}
+
+impl<'a> Rows<'a> {
+    /// `conditions` rows over `observations` columns, all zero.
+    pub fn new(layout: &'a Layout, marker: usize, conditions: usize, observations: usize) -> Self {
+        let columns = layout.columns(marker);
+        let out = Linearised {
+            misclosure: DVector::zeros(conditions),
+            global: DMatrix::zeros(conditions, columns.len()),
+            local: DMatrix::zeros(conditions, layout.local),
+            observations: DMatrix::zeros(conditions, observations),
+            columns,
+        };
+        Self { layout, out }
+    }
+
+    /// The finished block.
+    pub fn finish(self) -> Linearised {
+        self.out
+    }
+
+    fn put(&mut self, place: Option<Place>, row: usize, k: usize, v: Vector2<f64>) {
+        let (target, column) = match place {
+            None => return,
+            Some(Place::Global(first)) => (&mut self.out.global, first + k),
+            Some(Place::Local(first)) => (&mut self.out.local, first + k),
+        };
+        target[(row, column)] = v.x;
+        target[(row + 1, column)] = v.y;
+    }
+
+    fn put3(&mut self, place: Option<Place>, row: usize, m: &Matrix2x3<f64>) {
+        for k in 0..3 {
+            self.put(place, row, k, m.column(k).into_owned());
+        }
+    }
+
+    /// Derivative to the marker's place on ground.
+    fn put_survey(&mut self, row: usize, m: &Matrix2x3<f64>) {
+        match self.layout.survey {
+            Survey::Observed => self.out.observations.fixed_view_mut::<2, 3>(row, 0).copy_from(m),
+            Survey::Global(_) => self.out.global.fixed_view_mut::<2, 3>(row, self.layout.head).copy_from(m),
+        }
+    }
+
+    fn put_pixel(&mut self, row: usize, observation: usize, predicted: &Predicted, observed: &DVector<f64>) {
+        for k in 0..2 {
+            self.out.misclosure[row + k] = predicted.pixel[k] - observed[observation + k];
+            self.out.observations[(row + k, observation + k)] = -1.0;
+        }
+    }
+
+    /// Two conditions: the image of a marker in flight.
+    pub fn flight(&mut self, row: usize, seen: &Seen, scene: &Scene) -> Result<(), AdjustError> {
+        let state = scene.marker(seen.marker, seen.section, &seen.ground_m, seen.values.scale);
+        let predicted = scene.project(&state.carried.position_m, &seen.values.pose).ok_or_else(behind)?;
+        self.put_pixel(row, seen.observation, &predicted, seen.observed);
+        let by = predicted.by_point;
+        for k in 0..self.layout.curvature_terms {
+            self.put(Some(self.layout.curvature), row, k, by * state.by_curvature[k]);
+        }
+        for k in 0..self.layout.twist_terms {
+            self.put(Some(self.layout.twist), row, k, by * state.by_twist[k]);
+        }
+        self.put3(Some(self.layout.mount), row, &predicted.by_mount);
+        self.put3(self.layout.ground, row, &predicted.by_ground_rotation);
+        self.put3(self.layout.centre, row, &-by);
+        self.put(self.layout.scale, row, 0, by * state.by_scale);
+        self.put_survey(row, &(by * state.carried.by_ground));
+        Ok(())
+    }
+
+    /// Two conditions: the image of a marker on ground.
+    pub fn ground(&mut self, row: usize, seen: &Seen, scene: &Scene) -> Result<(), AdjustError> {
+        let pose = Pose { mount_rad: Vector3::zeros(), ..seen.values.pose };
+        let predicted = scene.project(&seen.ground_m, &pose).ok_or_else(behind)?;
+        self.put_pixel(row, seen.observation, &predicted, seen.observed);
+        self.put3(self.layout.ground, row, &predicted.by_ground_rotation);
+        self.put3(self.layout.centre, row, &-predicted.by_point);
+        self.put_survey(row, &predicted.by_point);
+        Ok(())
+    }
+
+    /// Three conditions: a surveyed position (first three observations) is the parameter.
+    pub fn surveyed(&mut self, row: usize, ground_m: &Vector3<f64>, observed: &DVector<f64>) {
+        let identity = Matrix3::identity();
+        for k in 0..3 {
+            self.out.misclosure[row + k] = ground_m[k] - observed[k];
+        }
+        self.out.observations.fixed_view_mut::<3, 3>(row, 0).copy_from(&-identity);
+        self.out.global.fixed_view_mut::<3, 3>(row, self.layout.head).copy_from(&identity);
+    }
+}
+
+/// One marker's observation at a point of the iteration.
+pub struct Seen<'a> {
+    /// Index in the survey.
+    pub marker: usize,
+    /// Its section in flight.
+    pub section: &'a Section,
+    /// The frame's unknowns.
+    pub values: &'a Values,
+    /// Its place on ground, wing frame, m.
+    pub ground_m: Vector3<f64>,
+    /// The block's adjusted observations.
+    pub observed: &'a DVector<f64>,
+    /// First of the pixel's two among them.
+    pub observation: usize,
+}
+
+fn behind() -> AdjustError {
+    AdjustError::Input(
+        "a marker comes to lie behind the camera; check projection_centre_m, span_direction and orientation.toml".into(),
+    )
+}

@@ -1,0 +1,324 @@
+//! A fit of the spatial methods as a [`Solution`]: positions, lifts, torsion, curves, each with its
+//! standard deviation.
+
+use nalgebra::{DMatrix, Matrix3, Vector2, Vector3};
+
+use super::beam::{Bending, Grid, Section};
+use super::gauss_helmert::{Fit, Gradient, Problem};
+use super::layout::{Layout, Place, Survey, Values};
+use super::quality::{self, Reliability};
+use super::scene::{MarkerState, Scene};
+use super::{CurvePoint, Estimate, MarkerSolution, Options, Parameter, Torsion};
+use crate::measure::setup::{Setup, TorsionPair};
+
+/// Intervals of the curves along the span.
+const CURVE_INTERVALS: usize = 40;
+
+/// Which marker a block belongs to, and where its observations stand in the block.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Member {
+    /// Index in the survey.
+    pub marker: usize,
+    /// First of the two pixel coordinates in flight.
+    pub flight: Option<usize>,
+    /// First of the two pixel coordinates on ground.
+    pub ground: Option<usize>,
+}
+
+/// One frame's part of a fit.
+pub struct Outcome<'a> {
+    /// The installation.
+    pub setup: &'a Setup,
+    /// The same, prepared.
+    pub scene: &'a Scene,
+    /// Where the unknowns stand.
+    pub layout: &'a Layout,
+    /// What was solved.
+    pub problem: &'a Problem,
+    /// Its solution.
+    pub fit: &'a Fit,
+    /// The frame's group.
+    pub group: usize,
+    /// Its blocks.
+    pub members: &'a [Member],
+    /// Choices.
+    pub options: &'a Options,
+    /// Factor of the standard deviations: 1 a priori.
+    pub scale: f64,
+    values: Values,
+    sections: Vec<Section>,
+}
+
+impl<'a> Outcome<'a> {
+    /// Evaluates the model at the solution.
+    #[expect(clippy::too_many_arguments, reason = "a view of eight things, built in two places")]
+    pub fn new(
+        setup: &'a Setup,
+        scene: &'a Scene,
+        layout: &'a Layout,
+        problem: &'a Problem,
+        fit: &'a Fit,
+        group: usize,
+        members: &'a [Member],
+        options: &'a Options,
+        scale: f64,
+    ) -> Self {
+        let values = layout.values(&fit.global, &fit.groups[group].local);
+        let sections = scene.grid.bend(&values.bending());
+        Self { setup, scene, layout, problem, fit, group, members, options, scale, values, sections }
+    }
+
+    fn gradient(&self, rows: usize) -> Gradient {
+        let (p, q) = (self.fit.global.len(), self.layout.local);
+        Gradient { global: DMatrix::zeros(rows, p), local: DMatrix::zeros(rows, q), observed: vec![] }
+    }
+
+    fn covariance(&self, gradient: &Gradient) -> DMatrix<f64> {
+        self.fit.covariance_of(&self.fit.propagate(self.group, gradient)) * (self.scale * self.scale)
+    }
+
+    fn sigma(&self, gradient: &Gradient) -> Option<f64> {
+        Some(self.covariance(gradient)[(0, 0)].max(0.0).sqrt())
+    }
+
+    fn block_of(&self, marker: usize) -> Option<usize> {
+        self.members.iter().position(|m| m.marker == marker && m.flight.is_some())
+    }
+
+    fn on_ground(&self, block: usize) -> Vector3<f64> {
+        let observed = &self.problem.groups[self.group].blocks[block].observed
+            + &self.fit.groups[self.group].blocks[block].residuals;
+        self.layout.on_ground(self.members[block].marker, &self.fit.global, &observed)
+    }
+
+    fn state(&self, block: usize) -> (Vector3<f64>, MarkerState) {
+        let marker = self.members[block].marker;
+        let ground = self.on_ground(block);
+        (ground, self.scene.marker(marker, &self.sections[marker], &ground, self.values.scale))
+    }
+
+    /// Adds `rows * d(position in flight) + ground_rows * d(position on ground)` to a gradient.
+    fn add(
+        &self,
+        gradient: &mut Gradient,
+        block: usize,
+        state: &MarkerState,
+        rows: &DMatrix<f64>,
+        ground_rows: &DMatrix<f64>,
+    ) {
+        let mut own = self.gradient(3);
+        self.layout.position_gradient(state, 0, 1.0, &mut own);
+        gradient.global += rows * own.global;
+        gradient.local += rows * own.local;
+        let by_survey = rows * state.carried.by_ground + ground_rows;
+        match self.layout.survey {
+            Survey::Observed => {
+                let n = self.problem.groups[self.group].blocks[block].observed.len();
+                let mut derivative = DMatrix::zeros(rows.nrows(), n);
+                derivative.columns_mut(0, 3).copy_from(&by_survey);
+                gradient.observed.push((block, derivative));
+            }
+            Survey::Global(first) => {
+                let mut view = gradient.global.columns_mut(first + 3 * self.members[block].marker, 3);
+                view += by_survey;
+            }
+        }
+    }
+
+    /// Every marker of the survey; those without an observation stay without numbers.
+    pub fn markers(&self) -> Vec<MarkerSolution> {
+        let unseen = |marker| MarkerSolution::unused(marker, "not measured in this frame".into());
+        let mut markers: Vec<_> = (0..self.setup.markers.len()).map(unseen).collect();
+        for (block, member) in self.members.iter().enumerate() {
+            if member.flight.is_some() {
+                markers[member.marker] = self.marker(block);
+            }
+        }
+        markers
+    }
+
+    fn marker(&self, block: usize) -> MarkerSolution {
+        let member = self.members[block];
+        let (ground, state) = self.state(block);
+        let position = state.carried.position_m;
+        let distance = position.norm();
+        let towards = position / distance;
+        // Rows: position, lift, distance.
+        let mut rows = DMatrix::zeros(5, 3);
+        let mut ground_rows = DMatrix::zeros(5, 3);
+        rows.fixed_view_mut::<3, 3>(0, 0).copy_from(&Matrix3::identity());
+        rows[(3, 1)] = 1.0;
+        ground_rows[(3, 1)] = -1.0;
+        rows.fixed_view_mut::<1, 3>(4, 0).copy_from(&towards.transpose());
+        let mut gradient = self.gradient(5);
+        self.add(&mut gradient, block, &state, &rows, &ground_rows);
+        let covariance = self.covariance(&gradient);
+        let survey_from_wing = self.scene.ground.frame.wing_from_survey.inverse();
+        let in_wing = covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        let sigma = |k: usize| Some(covariance[(k, k)].max(0.0).sqrt());
+        let solution = MarkerSolution {
+            used: true,
+            reason: None,
+            distance_m: Some(Estimate { value: distance, sigma: sigma(4) }),
+            position_m: Some(self.scene.ground.frame.survey_point(&position)),
+            covariance_m2: Some(survey_from_wing.matrix() * in_wing * survey_from_wing.matrix().transpose()),
+            lift_m: Some(Estimate { value: position.y - ground.y, sigma: sigma(3) }),
+            ..MarkerSolution::unused(member.marker, String::new())
+        };
+        self.with_quality(solution, block)
+    }
+
+    fn with_quality(&self, mut solution: MarkerSolution, block: usize) -> MarkerSolution {
+        let member = self.members[block];
+        let Some(first) = member.flight else { return solution };
+        let residuals = &self.fit.groups[self.group].blocks[block].residuals;
+        let all =
+            quality::reliability(self.problem, self.fit, self.group, block, self.options.snooping_alpha);
+        let (u, v) = (all[first], all[first + 1]);
+        let bias = |r: &Reliability| r.minimal_detectable_bias.unwrap_or(f64::INFINITY);
+        solution.residual_px = Some(Vector2::new(residuals[first], residuals[first + 1]));
+        solution.redundancy = Some(Vector2::new(u.redundancy, v.redundancy));
+        solution.w_test = all.iter().filter_map(|r| r.w).reduce(|a, b| if b.abs() > a.abs() { b } else { a });
+        solution.minimal_detectable_bias_px = Some(Vector2::new(bias(&u), bias(&v)));
+        solution.minimal_detectable_bias_m = (self.layout.survey == Survey::Observed).then(|| {
+            // Along the survey's axes: a bias there is one in two or three wing coordinates.
+            Vector3::new(bias(&all[0]), bias(&all[1]), bias(&all[2]))
+        });
+        solution
+    }
+
+    /// Torsion of every pair.
+    pub fn torsion(&self) -> Vec<Torsion> {
+        let one = |pair: &TorsionPair| Torsion {
+            name: pair.name.clone(),
+            angle_rad: self.angle(pair),
+            twist_rad: self.section_twist(pair),
+        };
+        self.setup.torsion.iter().map(one).collect()
+    }
+
+    /// From the lifts of the two markers (paper, section 4.3).
+    fn angle(&self, pair: &TorsionPair) -> Option<Estimate> {
+        let blocks = [self.block_of(pair.leading)?, self.block_of(pair.trailing)?];
+        let markers = &self.setup.markers;
+        let apart = markers[pair.leading].position_m - markers[pair.trailing].position_m;
+        let base = apart.xy().norm();
+        let mut gradient = self.gradient(1);
+        let mut difference = 0.0;
+        for (block, sign) in blocks.into_iter().zip([1.0, -1.0]) {
+            let (ground, state) = self.state(block);
+            difference += sign * (state.carried.position_m.y - ground.y);
+            let up = DMatrix::from_row_slice(1, 3, &[0.0, sign, 0.0]);
+            self.add(&mut gradient, block, &state, &up, &-&up);
+        }
+        let by_difference = base / (base * base + difference * difference);
+        let sigma = self.sigma(&gradient).map(|s| s * by_difference);
+        Some(Estimate { value: difference.atan2(base), sigma })
+    }
+
+    /// Rotation of the section half-way between the two stations.
+    fn section_twist(&self, pair: &TorsionPair) -> Option<Estimate> {
+        let station = |m: usize| self.scene.ground.stations.get(m).map(|s| s.arc_m);
+        let arc = 0.5 * (station(pair.leading)? + station(pair.trailing)?);
+        let grid = Grid::new(&self.scene.ground, &[arc]);
+        let section = grid.bend(&self.values.bending()).pop()?;
+        Some(self.twist_estimate(&section))
+    }
+
+    fn twist_estimate(&self, section: &Section) -> Estimate {
+        let mut gradient = self.gradient(1);
+        for k in 0..self.layout.twist_terms {
+            put(&mut gradient, self.layout.twist, k, 0, section.twist_by_terms[k]);
+        }
+        Estimate { value: section.twist_rad, sigma: self.sigma(&gradient) }
+    }
+
+    /// Lift of the axis and twist from the root to the outermost marker, and `a_per_m` fitted to it.
+    pub fn curve(&self) -> (Vec<CurvePoint>, Gradient, f64) {
+        let reach = self.scene.ground.stations.iter().fold(0.0, |a: f64, s| a.max(s.arc_m));
+        let arcs: Vec<f64> =
+            (0..=CURVE_INTERVALS).map(|k| reach * k as f64 / CURVE_INTERVALS as f64).collect();
+        let grid = Grid::new(&self.scene.ground, &arcs);
+        let flat = grid.bend(&Bending { curvature_per_m: &[], twist_rad: &[], scale: 1.0 });
+        let bent = grid.bend(&self.values.bending());
+        let root = grid.root_m();
+        let (mut parabola, mut moment, mut fourth) = (self.gradient(1), 0.0, 0.0);
+        let mut points = Vec::with_capacity(arcs.len());
+        for ((arc, flat), bent) in arcs.iter().zip(&flat).zip(&bent) {
+            let gradient = self.lift_gradient(bent, root.y);
+            let lift = bent.axis_m.y - flat.axis_m.y;
+            let x2 = (bent.axis_m.x - root.x).powi(2);
+            parabola.global += &gradient.global * x2;
+            parabola.local += &gradient.local * x2;
+            moment += lift * x2;
+            fourth += x2 * x2;
+            points.push(CurvePoint {
+                arc_length_m: *arc,
+                span_m: bent.axis_m.x,
+                lift_m: Estimate { value: lift, sigma: self.sigma(&gradient) },
+                twist_rad: Some(self.twist_estimate(bent)),
+            });
+        }
+        parabola.global /= fourth;
+        parabola.local /= fourth;
+        (points, parabola, moment / fourth)
+    }
+
+    fn lift_gradient(&self, section: &Section, root_y: f64) -> Gradient {
+        let mut gradient = self.gradient(1);
+        for k in 0..self.layout.curvature_terms {
+            put(&mut gradient, self.layout.curvature, k, 0, section.axis_by_curvature[k].y);
+        }
+        if let Some(place) = self.layout.scale {
+            put(&mut gradient, place, 0, 0, (section.axis_m.y - root_y) / self.values.scale);
+        }
+        gradient
+    }
+
+    /// Parameters, their correlation, and the correlation of the mount's pitch with bending.
+    pub fn parameters(&self, parabola: &Gradient, a: f64) -> (Vec<Parameter>, DMatrix<f64>, Option<f64>) {
+        let (n, t) = (self.layout.curvature_terms, self.layout.twist_terms);
+        let count = n + t + 4;
+        // One row more for pitch, which is not among the results' parameters.
+        let mut gradient = self.gradient(count + 1);
+        for k in 0..n {
+            put(&mut gradient, self.layout.curvature, k, k, 1.0);
+        }
+        for k in 0..t {
+            put(&mut gradient, self.layout.twist, k, n + k, 1.0);
+        }
+        let pitch_axis = self.scene.camera_from_wing * Vector3::z();
+        for k in 0..3 {
+            put(&mut gradient, self.layout.mount, k, n + t + k, 1.0);
+            put(&mut gradient, self.layout.mount, k, count, pitch_axis[k]);
+        }
+        gradient.global.row_mut(count - 1).copy_from(&parabola.global.row(0));
+        if self.layout.local > 0 {
+            gradient.local.row_mut(count - 1).copy_from(&parabola.local.row(0));
+        }
+        let covariance = self.covariance(&gradient);
+        let sigma = |k: usize| covariance[(k, k)].max(0.0).sqrt();
+        let correlation =
+            DMatrix::from_fn(count + 1, count + 1, |i, j| covariance[(i, j)] / (sigma(i) * sigma(j)));
+        let list = |values: &[f64], first: usize| {
+            let one = |(k, &value): (usize, &f64)| Estimate { value, sigma: Some(sigma(first + k)) };
+            values.iter().enumerate().map(one).collect()
+        };
+        let v = &self.values;
+        let parameters = vec![
+            Parameter { name: "curvature_per_m", values: list(&v.curvature_per_m, 0) },
+            Parameter { name: "twist_rad", values: list(&v.twist_rad, n) },
+            Parameter { name: "mount_rotation_rad", values: list(v.pose.mount_rad.as_slice(), n + t) },
+            Parameter { name: "a_per_m", values: list(&[a], count - 1) },
+        ];
+        let pitch = Some(correlation[(count, count - 1)]).filter(|c| c.is_finite());
+        (parameters, correlation.view((0, 0), (count, count)).into_owned(), pitch)
+    }
+}
+
+fn put(gradient: &mut Gradient, place: Place, k: usize, row: usize, value: f64) {
+    match place {
+        Place::Global(first) => gradient.global[(row, first + k)] += value,
+        Place::Local(first) => gradient.local[(row, first + k)] += value,
+    }
+}

@@ -1,0 +1,133 @@
+//! From unknowns to pixels: the observation equation of the spatial methods with all derivatives.
+
+use nalgebra::{Matrix2x3, Matrix3, Rotation3, Vector2, Vector3};
+
+use super::beam::{Carried, Grid, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS, Mount, Section};
+use super::ground::GroundShape;
+use super::{AdjustError, Observation};
+use crate::measure::geometry::{Lens, skew};
+use crate::measure::setup::{Orientation, Setup};
+
+/// Everything about an installation that no adjustment changes.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// The wing as surveyed.
+    pub ground: GroundShape,
+    /// The beam at the markers' stations.
+    pub grid: Grid,
+    /// How each marker sits on its section.
+    pub mounts: Vec<Mount>,
+    /// Sights of the ground frames, per marker of the survey.
+    pub ground_sights: Vec<Option<Observation>>,
+    lens: Lens,
+    /// On ground, before corrections.
+    pub camera_from_wing: Matrix3<f64>,
+}
+
+/// The camera and the temperature: what is the same for all markers of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Pose {
+    /// Small rotation of the mounting against the ground frame's, camera frame, rad.
+    pub mount_rad: Vector3<f64>,
+    /// Correction of the ground frame's rotation, camera frame, rad.
+    pub ground_rad: Vector3<f64>,
+    /// Correction of the projection centre, wing frame, m.
+    pub centre_m: Vector3<f64>,
+}
+
+/// A predicted pixel with its derivatives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Predicted {
+    /// px.
+    pub pixel: Vector2<f64>,
+    /// d pixel / d point, wing frame, px/m.
+    pub by_point: Matrix2x3<f64>,
+    /// d pixel / d mounting rotation, px/rad.
+    pub by_mount: Matrix2x3<f64>,
+    /// d pixel / d ground rotation, px/rad.
+    pub by_ground_rotation: Matrix2x3<f64>,
+}
+
+/// A marker in flight with the derivatives of its position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MarkerState {
+    /// Position and its answer to slope, twist and ground position.
+    pub carried: Carried,
+    /// d position / d curvature coefficients, m^2.
+    pub by_curvature: [Vector3<f64>; MAX_CURVATURE_TERMS],
+    /// d position / d twist coefficients, m.
+    pub by_twist: [Vector3<f64>; MAX_TWIST_TERMS],
+    /// d position / d scale, m.
+    pub by_scale: Vector3<f64>,
+}
+
+impl Scene {
+    /// Prepares an installation.
+    pub fn new(setup: &Setup, orientation: &Orientation) -> Result<Self, AdjustError> {
+        let ground = GroundShape::new(setup)?;
+        let arcs: Vec<f64> = ground.stations.iter().map(|s| s.arc_m).collect();
+        let grid = Grid::new(&ground, &arcs);
+        let mounts = grid.mounts(&ground.stations);
+        let mut ground_sights = vec![None; setup.markers.len()];
+        for s in &orientation.ground {
+            if let Some(slot) = ground_sights.get_mut(s.marker) {
+                *slot =
+                    Some(Observation { marker: s.marker, pixel: s.pixel, covariance_px2: s.covariance_px2 });
+            }
+        }
+        // Two or three sights fix the rotation without a check; the stated rotation is better then.
+        if ground_sights.iter().flatten().count() < 4 {
+            ground_sights.fill(None);
+        }
+        let wing_from_survey = ground.frame.wing_from_survey.matrix();
+        let camera_from_wing = orientation.camera_from_survey.matrix() * wing_from_survey.transpose();
+        Ok(Self { ground, grid, mounts, ground_sights, lens: setup.lens, camera_from_wing })
+    }
+
+    /// Whether the ground frame's sights take part.
+    pub fn has_ground_sights(&self) -> bool {
+        self.ground_sights.iter().any(Option::is_some)
+    }
+
+    /// The pixel of a point (wing frame, m); `None` behind the camera.
+    pub fn project(&self, point_m: &Vector3<f64>, pose: &Pose) -> Option<Predicted> {
+        let seen_m = self.camera_from_wing * (point_m - pose.centre_m);
+        let on_ground = Rotation3::new(pose.ground_rad) * seen_m;
+        let mount = Rotation3::new(pose.mount_rad);
+        let in_camera = mount * on_ground;
+        let (pixel, by_camera) = self.lens.project_with_jacobian(&in_camera)?;
+        let by_ground_rotation =
+            by_camera * mount.matrix() * -(skew(&on_ground) * left_jacobian(&pose.ground_rad));
+        let rotation = mount.matrix() * Rotation3::new(pose.ground_rad).matrix() * self.camera_from_wing;
+        Some(Predicted {
+            pixel,
+            by_point: by_camera * rotation,
+            by_mount: by_camera * -(skew(&in_camera) * left_jacobian(&pose.mount_rad)),
+            by_ground_rotation,
+        })
+    }
+
+    /// Carries a marker from its place on ground (wing frame, m) into flight.
+    pub fn marker(&self, index: usize, section: &Section, ground_m: &Vector3<f64>, scale: f64) -> MarkerState {
+        let carried = self.mounts[index].carry(section, ground_m, scale);
+        let by_curvature = std::array::from_fn(|k| {
+            section.axis_by_curvature[k] + carried.by_slope * section.slope_by_curvature[k]
+        });
+        let by_twist = section.twist_by_terms.map(|t| carried.by_twist * t);
+        let by_scale = (carried.position_m - self.grid.root_m()) / scale;
+        MarkerState { carried, by_curvature, by_twist, by_scale }
+    }
+}
+
+/// exp(w + dw) = exp(J dw) exp(w) to first order.
+fn left_jacobian(w: &Vector3<f64>) -> Matrix3<f64> {
+    let angle2 = w.norm_squared();
+    let k = skew(w);
+    let (a, b) = if angle2 < 1e-6 {
+        (0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0)
+    } else {
+        let angle = angle2.sqrt();
+        ((1.0 - angle.cos()) / angle2, (angle - angle.sin()) / (angle2 * angle))
+    };
+    Matrix3::identity() + k * a + k * k * b
+}
