@@ -28,11 +28,8 @@ const TABLE: usize = 1025;
 /// Longest panel of the integration, m.
 const PANEL_M: f64 = 2.5;
 /// Gauss-Legendre, three points on (0, 1).
-const GAUSS: [(f64, f64); 3] = [
-    (0.112_701_665_379_258_3, 5.0 / 18.0),
-    (0.5, 8.0 / 18.0),
-    (0.887_298_334_620_741_7, 5.0 / 18.0),
-];
+const GAUSS: [(f64, f64); 3] =
+    [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
 
 type Integrals = [f64; MAX_CURVATURE_TERMS];
 
@@ -173,8 +170,11 @@ impl Grid {
             let width = (to - from) / panels.max(1) as f64;
             for (panel, (at, weight)) in (0..panels).flat_map(|p| GAUSS.map(|g| (p, g))) {
                 let arc = from + width * (panel as f64 + at);
-                let node =
-                    Node { weight_m: weight * width, slope_rad: axis.slope_rad(arc), integrals: integrals(arc) };
+                let node = Node {
+                    weight_m: weight * width,
+                    slope_rad: axis.slope_rad(arc),
+                    integrals: integrals(arc),
+                };
                 grid.nodes.push(node);
             }
             grid.stops.push(Stop {

@@ -1,6 +1,6 @@
 //! The wing on ground: bending axis, stations and rigid arms (MODEL.md section 3).
 
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::AdjustError;
 use crate::measure::geometry::WingFrame;
@@ -59,10 +59,7 @@ impl GroundShape {
         let mean = points.iter().map(|p| p.z).sum::<f64>() / points.len() as f64;
         let axis_z = setup.axis_chord_offset_m.unwrap_or(mean);
         let axis = Axis::through(&points, axis_z, setup.root_offset_m, setup.skin_height)?;
-        let stations = points
-            .iter()
-            .map(|p| Station { arc_m: axis.foot(p), surveyed_m: *p })
-            .collect();
+        let stations = points.iter().map(|p| Station { arc_m: axis.foot(p), surveyed_m: *p }).collect();
         Ok(Self { frame, axis, stations, nose: nose(setup, &points) })
     }
 }
@@ -143,40 +140,54 @@ pub fn wing_from_section(slope_rad: f64) -> Matrix3<f64> {
     Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0)
 }
 
-/// The skin through the markers: a parabola along the span, a chordwise slope that may change along
-/// the span, and a crown.
+/// The skin through the markers, heights over (x from the root, z from the axis):
+/// `a0 + a1 x + a2 x^2 + a3 x^3 + b z + c z x + d z^2 / (1 - (1 - taper) x / reach)`; the last is the
+/// crown, flatter where the chord is longer.
 struct Surface {
-    along: [f64; 3],
+    along: [f64; 4],
 }
+
+/// What wings look like, as mean and standard deviation of the surface's coefficients: it decides
+/// only what the markers leave open, such as crown against curvature where they sit on two lines.
+const USUAL_SURFACE: [(f64, f64); 7] =
+    [(0.0, 100.0), (0.0, 1.0), (0.0, 2e-3), (0.0, 3e-5), (0.0, 0.1), (0.0, 5e-3), (-0.03, 0.02)];
+/// Survey and waviness of the skin, m.
+const SURFACE_NOISE_M: f64 = 0.003;
+const TAPER: f64 = 0.3;
 
 impl Surface {
     /// `axis_z`: crown and chordwise slope count from there, so they do not enter the axis.
     fn fit(points: &[Vector3<f64>], axis_z: f64, root_x: f64) -> Self {
-        let terms = match points.len() {
-            0..=4 => 2,
-            5..=7 => 4,
-            _ => 6,
-        };
-        let row = |p: &Vector3<f64>| {
+        let reach = points.iter().fold(0.0, |a: f64, p| a.max(p.x - root_x));
+        let mut normal = SMatrix::<f64, 7, 7>::zeros();
+        let mut right = SVector::<f64, 7>::zeros();
+        for (k, (mean, sigma)) in USUAL_SURFACE.into_iter().enumerate() {
+            normal[(k, k)] = (SURFACE_NOISE_M / sigma).powi(2);
+            right[k] = normal[(k, k)] * mean;
+        }
+        for p in points {
             let (x, z) = (p.x - root_x, p.z - axis_z);
-            [1.0, x, z, x * x, z * z, z * x]
-        };
-        let a = DMatrix::from_fn(points.len(), terms, |i, j| row(&points[i])[j]);
-        let y = DVector::from_iterator(points.len(), points.iter().map(|p| p.y));
-        // A column without spread (all markers on one line) is left out by the pseudo-inverse.
-        let scale = DVector::from_iterator(terms, a.column_iter().map(|c| c.norm().max(1e-300)));
-        let scaled = DMatrix::from_fn(points.len(), terms, |i, j| a[(i, j)] / scale[j]);
-        let solution = scaled.svd(true, true).solve(&y, 1e-6).unwrap_or_else(|_| DVector::zeros(terms));
-        let c = |j: usize| if j < terms { solution[j] / scale[j] } else { 0.0 };
-        Self { along: [c(0), c(1), c(3)] }
+            let chord = 1.0 - (1.0 - TAPER) * (x / reach).clamp(0.0, 1.0);
+            let row = SVector::<f64, 7>::from([1.0, x, x * x, x * x * x, z, z * x, z * z / chord]);
+            normal += row * row.transpose();
+            right += row * p.y;
+        }
+        let scale = normal.diagonal().map(|d| 1.0 / d.sqrt());
+        let scaled = SMatrix::<f64, 7, 7>::from_fn(|i, j| normal[(i, j)] * scale[i] * scale[j]);
+        let c = scaled
+            .cholesky()
+            .map_or_else(SVector::zeros, |f| f.solve(&right.component_mul(&scale)).component_mul(&scale));
+        Self { along: [c[0], c[1], c[2], c[3]] }
     }
 
     fn height(&self, x: f64) -> f64 {
-        self.along[0] + x * (self.along[1] + x * self.along[2])
+        let [a, b, c, d] = self.along;
+        a + x * (b + x * (c + x * d))
     }
 
     fn slope(&self, x: f64) -> f64 {
-        self.along[1] + 2.0 * x * self.along[2]
+        let [_, b, c, d] = self.along;
+        b + x * (2.0 * c + x * 3.0 * d)
     }
 }
 

@@ -44,6 +44,8 @@ pub struct Layout {
     pub centre: Option<Place>,
     /// Thermal scale less its expected value; `None`: held.
     pub scale: Option<Place>,
+    /// Height of the bending axis over the installation's, m.
+    pub axis: Place,
     /// Expected thermal scale.
     pub nominal_scale: f64,
     /// The markers on ground.
@@ -65,6 +67,8 @@ pub struct Values {
     pub pose: Pose,
     /// Length in flight over length on ground.
     pub scale: f64,
+    /// Height of the bending axis over the installation's, m.
+    pub axis_m: f64,
 }
 
 impl Values {
@@ -92,6 +96,7 @@ impl Layout {
                 ground_rad: vector(self.ground),
                 centre_m: vector(self.centre),
             },
+            axis_m: at(self.axis, 0),
             scale: self.nominal_scale + self.scale.map_or(0.0, |p| at(p, 0)),
         }
     }
@@ -133,6 +138,7 @@ impl Layout {
         for k in 0..self.twist_terms {
             put(self.twist, k, state.by_twist[k]);
         }
+        put(self.axis, 0, state.by_axis);
         if let Some(place) = self.scale {
             put(place, 0, state.by_scale);
         }
@@ -197,7 +203,8 @@ impl<'a> Rows<'a> {
 
     /// Two conditions: the image of a marker in flight.
     pub fn flight(&mut self, row: usize, seen: &Seen, scene: &Scene) -> Result<(), AdjustError> {
-        let state = scene.marker(seen.marker, seen.section, &seen.ground_m, seen.values.scale);
+        let state =
+            scene.marker(seen.marker, seen.section, &seen.ground_m, seen.values.scale, seen.values.axis_m);
         let predicted = scene.project(&state.carried.position_m, &seen.values.pose).ok_or_else(behind)?;
         self.put_pixel(row, seen.observation, &predicted, seen.observed);
         let by = predicted.by_point;
@@ -210,6 +217,7 @@ impl<'a> Rows<'a> {
         self.put3(Some(self.layout.mount), row, &predicted.by_mount);
         self.put3(self.layout.ground, row, &predicted.by_ground_rotation);
         self.put3(self.layout.centre, row, &-by);
+        self.put(Some(self.layout.axis), row, 0, by * state.by_axis);
         self.put(self.layout.scale, row, 0, by * state.by_scale);
         self.put_survey(row, &(by * state.carried.by_ground));
         Ok(())

@@ -94,7 +94,10 @@ impl<'a> Outcome<'a> {
     fn state(&self, block: usize) -> (Vector3<f64>, MarkerState) {
         let marker = self.members[block].marker;
         let ground = self.on_ground(block);
-        (ground, self.scene.marker(marker, &self.sections[marker], &ground, self.values.scale))
+        (
+            ground,
+            self.scene.marker(marker, &self.sections[marker], &ground, self.values.scale, self.values.axis_m),
+        )
     }
 
     /// Adds `rows * d(position in flight) + ground_rows * d(position on ground)` to a gradient.

@@ -59,6 +59,8 @@ pub struct MarkerState {
     pub by_twist: [Vector3<f64>; MAX_TWIST_TERMS],
     /// d position / d scale, m.
     pub by_scale: Vector3<f64>,
+    /// d position / d height of the axis.
+    pub by_axis: Vector3<f64>,
 }
 
 impl Scene {
@@ -108,14 +110,25 @@ impl Scene {
     }
 
     /// Carries a marker from its place on ground (wing frame, m) into flight.
-    pub fn marker(&self, index: usize, section: &Section, ground_m: &Vector3<f64>, scale: f64) -> MarkerState {
-        let carried = self.mounts[index].carry(section, ground_m, scale);
+    /// `axis_m`: how much higher the bending axis lies than the installation says.
+    pub fn marker(
+        &self,
+        index: usize,
+        section: &Section,
+        ground_m: &Vector3<f64>,
+        scale: f64,
+        axis_m: f64,
+    ) -> MarkerState {
+        let raised = Vector3::y() * axis_m;
+        let mut carried = self.mounts[index].carry(section, &(ground_m - raised), scale);
         let by_curvature = std::array::from_fn(|k| {
             section.axis_by_curvature[k] + carried.by_slope * section.slope_by_curvature[k]
         });
         let by_twist = section.twist_by_terms.map(|t| carried.by_twist * t);
         let by_scale = (carried.position_m - self.grid.root_m()) / scale;
-        MarkerState { carried, by_curvature, by_twist, by_scale }
+        let by_axis = Vector3::y() - carried.by_ground * Vector3::y();
+        carried.position_m += raised;
+        MarkerState { carried, by_curvature, by_twist, by_scale, by_axis }
     }
 }
 

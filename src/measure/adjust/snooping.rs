@@ -104,12 +104,16 @@ fn suspect(
             let size = w * r.minimal_detectable_bias? / shift;
             Some(Suspect { marker: member.marker, target, w, size, apart: member.ground.is_some() })
         };
-        all.get(first..first + n)?.iter().filter_map(one).reduce(|a, b| if b.w.abs() > a.w.abs() { b } else { a })
+        all.get(first..first + n)?
+            .iter()
+            .filter_map(one)
+            .reduce(|a, b| if b.w.abs() > a.w.abs() { b } else { a })
     };
     let flight = member.flight.and_then(|k| largest(k, 2, Target::Flight));
     let ground = member.ground.and_then(|k| largest(k, 2, Target::Ground));
     let survey = largest(0, 3, Target::Survey).map(|s| (s.w.abs() / SURVEY_LEAD, s));
-    let image = [flight, ground].into_iter().flatten().reduce(|a, b| if b.w.abs() > a.w.abs() { b } else { a });
+    let image =
+        [flight, ground].into_iter().flatten().reduce(|a, b| if b.w.abs() > a.w.abs() { b } else { a });
     match (image, survey) {
         (Some(image), Some((lead, _))) if image.w.abs() >= lead => Some(image),
         (_, Some((_, survey))) => Some(survey),

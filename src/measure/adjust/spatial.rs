@@ -28,19 +28,23 @@ const USUAL_CURVATURE_PER_M: f64 = 5e-3;
 const TWIST_SIGMA_RAD: f64 = 0.1;
 /// Of the further ones, rad.
 const TWIST_DETAIL_SIGMA_RAD: f64 = 0.02;
+/// How well the height of the bending axis below the skin is known, m: the stated skin height and the
+/// separation of crown from dihedral.
+const AXIS_SIGMA_M: f64 = 0.01;
 /// Orders of the curvature that are weighed against one another where none is given.
-const ORDERS: [usize; 3] = [6, 8, 10];
+const ORDERS: [usize; 2] = [8, 10];
 /// The order that blunders are looked for with.
 const USUAL_ORDER: usize = 8;
 
 /// Names of what is missing where the normal equations are singular, in the layout's order.
-const MISSING: [&str; 6] = [
+const MISSING: [&str; 7] = [
     "bending cannot be determined from the markers at hand; markers along the whole span are needed",
     "twist cannot be determined; markers near the leading and the trailing edge are needed",
     "the mounting's rotation cannot be determined; give camera.mount_repeatability_px or more markers near the root",
     "the rotation on ground cannot be determined; more markers in the ground frame are needed",
     "the projection centre cannot be determined; give camera.projection_centre_sigma_m",
     "the thermal scale cannot be determined; give its standard deviation",
+    "the height of the bending axis cannot be determined",
 ];
 
 /// Which observations take part.
@@ -97,6 +101,7 @@ pub(super) struct Common {
     pub ground: Option<usize>,
     pub centre: Option<usize>,
     pub scale: Option<usize>,
+    pub axis: usize,
     pub priors: Vec<Prior>,
 }
 
@@ -113,7 +118,9 @@ pub(super) fn common(input: &Input, columns: &mut Columns) -> Common {
     let sigma = setup.thermal.as_ref().map_or(0.0, scale_sigma);
     let scale = (sigma > 0.0).then(|| columns.take(1, MISSING[5]));
     priors.extend(scale.map(|column| Prior::scalar(column, 0.0, sigma)));
-    Common { ground, centre, scale, priors }
+    let axis = columns.take(1, MISSING[6]);
+    priors.push(Prior::scalar(axis, 0.0, AXIS_SIGMA_M));
+    Common { ground, centre, scale, axis, priors }
 }
 
 /// What is known of the mounting's rotation before a frame is seen, camera frame, rad.
@@ -196,6 +203,7 @@ impl<'a> Frame<'a> {
             ground: common.ground.map(Place::Global),
             centre: common.centre.map(Place::Global),
             scale: common.scale.map(Place::Global),
+            axis: Place::Global(common.axis),
             nominal_scale: input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
             survey: Survey::Observed,
             head: columns.missing.len(),
@@ -222,7 +230,8 @@ impl<'a> Frame<'a> {
         let values = self.layout.values(at.global, at.local);
         let sections = self.scene.grid.bend(&values.bending());
         let block = |(member, observed): (&Member, &DVector<f64>)| {
-            let conditions = 2 * (usize::from(member.flight.is_some()) + usize::from(member.ground.is_some()));
+            let conditions =
+                2 * (usize::from(member.flight.is_some()) + usize::from(member.ground.is_some()));
             let mut rows = Rows::new(&self.layout, member.marker, conditions, observed.len());
             let ground_m = self.layout.on_ground(member.marker, at.global, observed);
             let seen = |observation| Seen {
@@ -272,7 +281,12 @@ struct Solved<'a> {
 
 impl<'a> Solved<'a> {
     /// Two passes: the first finds the amplitude that the shape ratios are weighed with.
-    fn new(input: &Input<'a>, usage: &Usage, terms: usize, before: Option<&Solved>) -> Result<Self, AdjustError> {
+    fn new(
+        input: &Input<'a>,
+        usage: &Usage,
+        terms: usize,
+        before: Option<&Solved>,
+    ) -> Result<Self, AdjustError> {
         let mut amplitude = before.map_or(USUAL_CURVATURE_PER_M, |b| b.amplitude);
         let mut solved: Option<Self> = None;
         for _ in 0..3 {
@@ -295,7 +309,8 @@ impl<'a> Solved<'a> {
         let shape: f64 = (1..self.frame.layout.curvature_terms)
             .map(|k| 2.0 * (SHAPE_RATIO_SIGMA[k - 1] * self.amplitude).ln())
             .sum();
-        let determinant = self.fit.covariance.clone().cholesky().map_or(f64::NEG_INFINITY, |c| c.ln_determinant());
+        let determinant =
+            self.fit.covariance.clone().cholesky().map_or(f64::NEG_INFINITY, |c| c.ln_determinant());
         self.fit.omega - determinant + shape
     }
 }
@@ -338,7 +353,11 @@ pub(super) fn by_marker<'a>(
 }
 
 /// Adjusts, removing blunders one by one, the worst first; a removed one that fits later comes back.
-fn adjust<'a>(input: &Input<'a>, usage: &mut Usage, terms: usize) -> Result<(Solved<'a>, Vec<Suspect>), AdjustError> {
+fn adjust<'a>(
+    input: &Input<'a>,
+    usage: &mut Usage,
+    terms: usize,
+) -> Result<(Solved<'a>, Vec<Suspect>), AdjustError> {
     let mut removed: Vec<Suspect> = vec![];
     let mut solved = Solved::new(input, usage, terms, None)?;
     let allowed = input.flight.iter().flatten().count() / 3;
@@ -387,8 +406,14 @@ fn readmit<'a>(
         let again = Solved::new(input, &with, terms, Some(&solved));
         match again {
             Ok(again)
-                if snooping::worst(&again.frame.problem, &again.fit, 0, &again.frame.members, input.options)
-                    .is_none() =>
+                if snooping::worst(
+                    &again.frame.problem,
+                    &again.fit,
+                    0,
+                    &again.frame.members,
+                    input.options,
+                )
+                .is_none() =>
             {
                 *usage = with;
                 solved = again;
@@ -446,8 +471,17 @@ fn dress(input: &Input, mut solved: Solved, removed: &[Suspect]) -> Result<Solut
     let factor = fit.variance_factor();
     let scale = if posterior { factor.map_or(1.0, f64::sqrt) } else { 1.0 };
     let frame = &solved.frame;
-    let outcome =
-        Outcome::new(setup, input.scene, &frame.layout, &frame.problem, fit, 0, &frame.members, options, scale);
+    let outcome = Outcome::new(
+        setup,
+        input.scene,
+        &frame.layout,
+        &frame.problem,
+        fit,
+        0,
+        &frame.members,
+        options,
+        scale,
+    );
     let mut markers = outcome.markers();
     let mut remarks = vec![];
     for suspect in removed {
@@ -492,4 +526,123 @@ pub(super) fn separation(scene: &Scene, correlation: Option<f64>) -> Option<Cow<
         "the mounting's pitch and bending are hardly separated in this frame; an orientation written by `wingd orient` \
          (with the ground frame's sights) or several frames with --flight tell them apart",
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use crate::measure::geometry::Lens;
+    use crate::measure::setup::{GroundSight, Shape, SkinHeight, SurveyMarker};
+    use nalgebra::{Matrix2, Rotation3, Vector2};
+
+    fn setup() -> Setup {
+        let marker = |k: usize| SurveyMarker {
+            id: format!("M{k}"),
+            shape: Shape::Circle,
+            diameter_m: 0.3,
+            position_m: Vector3::new(
+                6.0 + 3.0 * k as f64,
+                if k % 2 == 0 { 1.5 } else { -1.2 },
+                -1.3 + 0.2 * k as f64,
+            ),
+            sigma_m: 0.002,
+        };
+        Setup {
+            name: "t".into(),
+            lens: Lens {
+                k1: -0.05,
+                k2: 0.09,
+                p1: -3e-4,
+                ..Lens::pinhole(4000, 3000, 7800.0, 1986.0, 1513.0)
+            },
+            projection_centre_m: Vector3::zeros(),
+            projection_centre_sigma_m: 0.002,
+            mount_repeatability_px: 10.0,
+            span_direction: Vector2::new(1.0, 0.0),
+            root_offset_m: 0.5,
+            axis_chord_offset_m: Some(0.1),
+            skin_height: Some(SkinHeight { root_m: 0.5, tip_m: 0.1, tip_span_m: 33.0 }),
+            thermal: Some(Thermal {
+                expansion_per_k: 23e-6,
+                expansion_sigma_per_k: Some(1e-6),
+                ground_temperature_c: 15.0,
+                flight_temperature_c: -55.0,
+                flight_temperature_sigma_k: Some(5.0),
+            }),
+            torsion: vec![],
+            markers: (0..9).map(marker).collect(),
+            tie_points: vec![],
+            cad_similarity: false,
+            window: None,
+        }
+    }
+
+    fn orientation() -> Orientation {
+        let camera_from_survey =
+            Rotation3::from_matrix_unchecked(Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0));
+        let sight = |marker| GroundSight {
+            marker,
+            pixel: Vector2::new(1900.0, 1500.0),
+            covariance_px2: Matrix2::identity(),
+        };
+        Orientation { camera_from_survey, covariance_rad2: None, ground: (0..9).map(sight).collect() }
+    }
+
+    #[test]
+    fn derivatives_match_differences() {
+        let (setup, orientation) = (setup(), orientation());
+        let scene = Scene::new(&setup, &orientation).unwrap();
+        let options = Options::default();
+        let observation = |marker| Observation {
+            marker,
+            pixel: Vector2::new(1900.0, 1500.0),
+            covariance_px2: Matrix2::identity(),
+        };
+        let observations: Vec<_> = (0..9).map(observation).collect();
+        let flight = by_marker(&setup, &observations).unwrap();
+        let input =
+            Input { setup: &setup, orientation: &orientation, scene: &scene, options: &options, flight };
+        let usage = Usage { flight: vec![true; 9], ground: vec![true; 9] };
+        let frame = Frame::new(&input, &usage, &Start { curvature_terms: 5, amplitude: 0.005, from: None });
+        let p = frame.problem.start.len();
+        let global = DVector::from_fn(p, |k, _| match k {
+            0..5 => 0.004 / (1.0 + k as f64),
+            5..8 => 0.03,
+            _ => 2e-3 * (1.0 + (k % 3) as f64),
+        });
+        let local = DVector::zeros(0);
+        let observed: Vec<_> = frame.problem.groups[0].blocks.iter().map(|b| b.observed.clone()).collect();
+        let at = |global: &DVector<f64>, observed: &[DVector<f64>]| {
+            frame.linearise(&GroupPoint { group: 0, global, local: &local, observed }).unwrap()
+        };
+        let here = at(&global, &observed);
+        for column in 0..p {
+            let mut step = DVector::zeros(p);
+            step[column] = 1e-6;
+            let (up, down) = (at(&(&global + &step), &observed), at(&(&global - &step), &observed));
+            for (b, block) in here.iter().enumerate() {
+                let difference = (&up[b].misclosure - &down[b].misclosure) / 2e-6;
+                let error = (&difference - block.global.column(column)).norm();
+                assert!(
+                    error < 1e-5 * (1.0 + difference.norm()),
+                    "column {column} block {b}: {difference} {}",
+                    block.global.column(column)
+                );
+            }
+        }
+        for k in 0..7 {
+            let shifted = |d: f64| {
+                let mut list = observed.clone();
+                list.iter_mut().for_each(|o| o[k] += d);
+                at(&global, &list)
+            };
+            let (up, down) = (shifted(1e-6), shifted(-1e-6));
+            for (b, block) in here.iter().enumerate() {
+                let difference = (&up[b].misclosure - &down[b].misclosure) / 2e-6;
+                let error = (&difference - block.observations.column(k)).norm();
+                assert!(error < 1e-5 * (1.0 + difference.norm()), "observation {k} block {b}");
+            }
+        }
+    }
 }
