@@ -1,0 +1,50 @@
+#!/bin/sh
+# Builds the Debian package from an existing release build: target/package/wingd_VERSION_ARCH.deb
+#   packaging/build.sh [BINARY [ARCHITECTURE]]
+set -eu
+cd "$(dirname "$0")/.."
+binary=${1:-target/release/wingd}
+architecture=${2:-$(dpkg --print-architecture)}
+version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
+[ -x "$binary" ] || { echo "$binary is missing; run make build" >&2; exit 1; }
+
+root=$(mktemp -d)
+trap 'rm -rf "$root"' EXIT
+put() { install -D -m "$1" "$2" "$root/$3"; }
+put 755 "$binary" usr/bin/wingd
+put 644 systemd/wingd.service lib/systemd/system/wingd.service
+put 644 config/99-wingd.rules lib/udev/rules.d/99-wingd.rules
+put 644 config/wingd.toml etc/wingd/wingd.toml
+for page in README.md LICENSE* CHANGELOG.md docs/operations.md docs/licences.md docs/store.md; do
+    [ ! -f "$page" ] || put 644 "$page" "usr/share/doc/wingd/$(basename "$page")"
+done
+mv "$root/usr/share/doc/wingd/LICENSE" "$root/usr/share/doc/wingd/copyright" 2>/dev/null ||
+    cat LICENSE* >"$root/usr/share/doc/wingd/copyright" 2>/dev/null || true
+
+install -d -m 755 "$root/DEBIAN"
+for script in postinst prerm postrm; do install -m 755 "packaging/debian/$script" "$root/DEBIAN/$script"; done
+echo /etc/wingd/wingd.toml >"$root/DEBIAN/conffiles"
+# What it links, from the binary itself; names of Debian 12, and of 13 and later.
+needs="libc6 (>= 2.34), libgcc-s1"
+if objdump -p "$binary" 2>/dev/null | grep -q 'NEEDED *libgphoto2\.'; then
+    needs="$needs, libgphoto2-6 | libgphoto2-6t64, libgphoto2-port12 | libgphoto2-port12t64"
+fi
+cat >"$root/DEBIAN/control" <<END
+Package: wingd
+Version: $version
+Architecture: $architecture
+Maintainer: wingd <root@localhost>
+Section: science
+Priority: optional
+Installed-Size: $(du -ks "$root" | cut -f1)
+Depends: $needs, adduser
+Recommends: udev, systemd
+Description: measures the shape of a wing in flight
+ A recorder and evaluation for one camera at a cabin window: deflection and
+ torsion of the wing from markers on its upper surface, with uncertainties.
+END
+(cd "$root" && find . -path ./DEBIAN -prune -o -type f -printf '%P\0' | sort -z | xargs -0 md5sum >DEBIAN/md5sums)
+mkdir -p target/package
+package="target/package/wingd_${version}_${architecture}.deb"
+dpkg-deb --root-owner-group -Zxz --build "$root" "$package" >/dev/null
+echo "$package"
