@@ -20,9 +20,17 @@ fn main() {
     let files: Vec<Vec<u8>> = frames.iter().map(|frame| std::fs::read(frame).expect("a frame")).collect();
     let first = decode(&files[0], None).expect("a picture");
     let (width, height) = (first.width() as u32, first.height() as u32);
-    let payload = |number: usize| match fourcc.as_str() {
-        "GREY" => decode(&files[number], None).expect("a picture").luma().to_vec(),
-        _ => files[number].clone(),
+    // Each number gives another picture, even where there are fewer files: a comment segment in a JPEG,
+    // the first pixel of bare samples.
+    let payload = |number: usize| {
+        let file = &files[number % files.len()];
+        if fourcc == "GREY" {
+            let mut luma = decode(file, None).expect("a picture").luma().to_vec();
+            luma[0] = number as u8;
+            return luma;
+        }
+        let comment = [0xFF, 0xFE, 0, 3, number as u8];
+        [&file[..2], &comment, &file[2..]].concat()
     };
     let mut device = Device::with_path(device).expect("the loopback device");
     let format = Format::new(width, height, FourCC::new(&code));
@@ -34,7 +42,7 @@ fn main() {
         if text.trim() == "stop" {
             return;
         }
-        let wanted = text.trim().parse().unwrap_or(0) % files.len();
+        let wanted = text.trim().parse().unwrap_or(0);
         if wanted != number {
             (number, bytes) = (wanted, payload(wanted));
             std::fs::write(format!("{sent}/{number:02}"), &bytes).expect("the folder for what is sent");
