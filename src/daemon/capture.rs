@@ -17,6 +17,7 @@ const BEAT: Duration = Duration::from_secs(1);
 
 enum Request {
     Open,
+    Recover(Duration),
     Shoot(Duration),
     Release,
     Close,
@@ -24,6 +25,7 @@ enum Request {
 
 enum Reply {
     Opened(Result<CameraInfo, CameraError>),
+    Recovered(Result<Option<Frame>, CameraError>),
     Shot(Result<Frame, CameraError>),
     Done,
 }
@@ -74,10 +76,17 @@ impl Host {
         }
     }
 
+    /// A frame that an interrupted series left in the camera, until there is none.
+    pub fn recover(&mut self, deadline: Duration, beat: &dyn Fn()) -> Result<Option<Frame>, CameraError> {
+        match self.call(Request::Recover(deadline), hard(deadline), "a frame left in it", beat)? {
+            Reply::Recovered(result) => result,
+            _ => Err(self.out_of_step()),
+        }
+    }
+
     /// Takes one shot. The camera gets `deadline`; a quarter more and it is given up.
     pub fn shoot(&mut self, deadline: Duration, beat: &dyn Fn()) -> Result<Frame, CameraError> {
-        let limit = deadline + deadline / 4 + Duration::from_millis(250);
-        match self.call(Request::Shoot(deadline), limit, "the frame", beat)? {
+        match self.call(Request::Shoot(deadline), hard(deadline), "the frame", beat)? {
             Reply::Shot(result) => {
                 if matches!(result, Err(CameraError::Gone(_) | CameraError::Timeout { .. })) {
                     self.reset(beat);
@@ -172,10 +181,16 @@ impl Host {
     }
 }
 
+/// The limit that a call has, when its camera was given this deadline.
+fn hard(deadline: Duration) -> Duration {
+    deadline + deadline / 4 + Duration::from_millis(250)
+}
+
 fn serve(mut camera: Box<dyn Camera>, inbox: &Receiver<Request>, outbox: &Sender<Reply>) {
     while let Ok(request) = inbox.recv() {
         let reply = match request {
             Request::Open => Reply::Opened(camera.open()),
+            Request::Recover(deadline) => Reply::Recovered(camera.recover(deadline)),
             Request::Shoot(deadline) => Reply::Shot(camera.shoot(deadline)),
             Request::Release => {
                 let _ = camera.release_last();

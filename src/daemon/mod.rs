@@ -242,6 +242,7 @@ pub fn run(parts: Parts, board: &Board) -> Result<Status, DaemonError> {
         observer: parts.observer,
         inbox,
         wake,
+        opened: None,
         triggered: false,
         stopping: false,
     };

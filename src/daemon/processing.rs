@@ -13,6 +13,9 @@ use crate::camera::Format;
 use crate::record::{ImageRecord, Status};
 use crate::store::{FrameRef, Store, StoreError};
 
+/// Beginnings of one frame after which the frame is taken to bring the program down.
+const MAX_BEGINNINGS: u32 = 5;
+
 /// What the processing thread works with.
 pub(crate) struct Processing {
     pub store: Arc<Store>,
@@ -59,7 +62,12 @@ impl Processing {
 
     /// Whatever comes of it is written: a frame that cannot be solved must not be tried for ever.
     fn solve(&self, frame: &FrameRef) -> Result<(), StoreError> {
+        let beginnings = self.store.begin_solving(frame, &self.solver.inputs)?;
         let record = match self.store.read_frame(frame) {
+            Ok(_) if beginnings > MAX_BEGINNINGS => {
+                let what = format!("wingd ended {MAX_BEGINNINGS} times while solving this frame");
+                failed(&frame.entry.file, format!("{what}; solve it with `wingd solve`, which says more"))
+            }
             Ok(bytes) => self.compute(frame, &bytes),
             Err(error) => failed(&frame.entry.file, error.to_string()),
         };

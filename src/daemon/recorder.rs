@@ -29,6 +29,8 @@ pub(crate) enum Command {
 
 /// Waits are cut into such pieces: a clock that was set and the watchdog are looked at in between.
 const SLICE: Duration = Duration::from_secs(5);
+/// Frames fetched from a camera's card before one series.
+const MAX_LEFT_OVER: u32 = 200;
 /// Before a busy or lost camera is asked again.
 const BACKOFF: Duration = Duration::from_millis(500);
 
@@ -44,6 +46,8 @@ pub(crate) struct Recorder {
     pub wake: Sender<()>,
     pub camera: Host,
     pub freshness: Freshness,
+    /// What the camera said when it was opened, until a series has noted it.
+    pub opened: Option<CameraInfo>,
     pub triggered: bool,
     pub stopping: bool,
 }
@@ -124,6 +128,10 @@ impl Recorder {
     }
 
     fn series(&mut self, cause: Cause) {
+        if let Err(error) = self.fetch_left_over() {
+            tracing::error!(%error, "frames left in the camera could not be stored; tried again");
+            self.board.fault(&error.to_string());
+        }
         let plan = Plan { cause, shots: self.config.shots };
         let begun = self.store.begin_series(plan, &self.clock.stamp());
         let (mut series, recovery) = match begun {
@@ -152,6 +160,8 @@ impl Recorder {
 
     fn refused(&mut self, error: &StoreError) {
         tracing::error!(%error, "series refused by the store");
+        let board = self.board.clone();
+        self.camera.close(&|| board.beat());
         self.board.fault(&error.to_string());
         self.board.update(|status| {
             status.counts.series_refused += 1;
@@ -196,6 +206,38 @@ impl Recorder {
             }
         }
         Ok(())
+    }
+
+    /// Frames that an interrupted series left on the camera's card become a series of their own.
+    fn fetch_left_over(&mut self) -> Result<(), StoreError> {
+        let board = self.board.clone();
+        let beat = || board.beat();
+        match self.camera.ensure_open(&beat) {
+            Ok(Some(info)) => self.opened = Some(info),
+            // The shots will say why it does not open.
+            Ok(None) | Err(_) => return Ok(()),
+        }
+        let mut series: Option<OpenSeries> = None;
+        for number in 1..=MAX_LEFT_OVER {
+            let Ok(Some(frame)) = self.camera.recover(self.config.shot_deadline, &beat) else { break };
+            if self.store.holds(&frame.bytes) {
+                self.camera.release_last(&beat);
+                continue;
+            }
+            let stamp = self.clock.stamp();
+            let open = match &mut series {
+                Some(open) => open,
+                none => {
+                    let plan = Plan { cause: Cause::Recovered, shots: 0 };
+                    none.insert(self.store.begin_series(plan, &stamp)?.0)
+                }
+            };
+            let shot = Shot { shot: number, stamp, duration_s: None, frame: None, failures: Vec::new() };
+            self.keep(open, shot, Some(frame))?;
+        }
+        let Some(series) = series else { return Ok(()) };
+        let remark = "found on the camera's card; the times are those of finding".to_owned();
+        self.store.close_series(series, State::Interrupted, &self.clock.stamp(), vec![remark])
     }
 
     fn listen(&mut self) {
@@ -244,7 +286,7 @@ impl Recorder {
         let opened = self.camera.ensure_open(&beat);
         let outcome = match opened {
             Ok(info) => {
-                if let Some(info) = info {
+                if let Some(info) = info.or_else(|| self.opened.take()) {
                     self.note_camera(series, info)?;
                 }
                 self.camera.shoot(self.config.shot_deadline, &beat)

@@ -13,6 +13,8 @@ pub const COUNTER_FILE: &str = "counter.json";
 pub const LOCK_FILE: &str = "lock";
 /// One line per refused series.
 pub const REFUSED_FILE: &str = "refused.jsonl";
+/// The frame being solved.
+pub const SOLVING_FILE: &str = "solving.json";
 /// A series being taken.
 pub const INCOMING: &str = "incoming";
 /// Finished series, by flight.

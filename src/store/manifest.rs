@@ -23,6 +23,8 @@ pub enum Cause {
     Scheduled,
     /// By `wingd trigger`.
     Triggered,
+    /// Frames that an interrupted series left on the camera's card.
+    Recovered,
 }
 
 /// `series.json`.
@@ -142,6 +144,15 @@ pub struct Counter {
     pub next_flight: u64,
     /// Of a series.
     pub next_series: u64,
+}
+
+/// `solving.json`: the frame under work, so that one that brings the program down is not tried for ever.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Solving {
+    /// Key of its result.
+    pub inputs: String,
+    /// Beginnings so far.
+    pub attempts: u32,
 }
 
 /// A line of `refused.jsonl`.

@@ -33,7 +33,7 @@ pub use series::{NewFrame, OpenSeries};
 
 use crate::clock::Stamp;
 use manifest::{
-    Cause, Counter, FlightManifest, FrameEntry, JournalHead, Refusal, ResultLine, SeriesManifest, State,
+    Cause, Counter, FlightManifest, FrameEntry, JournalHead, Refusal, ResultLine, SeriesManifest, Solving, State,
 };
 
 /// `[store]` of the configuration.
@@ -188,15 +188,17 @@ impl Store {
 
     /// When the scheduled series of the newest flight began in this boot, since boot, in order.
     pub fn series_of_boot(&self, boot_id: &str) -> Vec<Duration> {
+        let scheduled = self.newest_manifests().into_iter().filter(|m| m.cause == Cause::Scheduled);
+        let began = scheduled.filter_map(|m| m.started).filter(|stamp| stamp.boot_id == boot_id);
+        began.filter_map(|stamp| Duration::try_from_secs_f64(stamp.since_boot_s).ok()).collect()
+    }
+
+    /// The readable manifests of the newest flight, in order.
+    fn newest_manifests(&self) -> Vec<SeriesManifest> {
         let Some(id) = self.current_flight() else { return Vec::new() };
         let flight = FlightRef { folder: self.root.join(layout::FLIGHTS).join(&id), id };
         let series = catalogue::series(self.disk(), &flight).unwrap_or_default();
-        let manifests = series.iter().filter_map(|series| catalogue::manifest(self.disk(), series).ok());
-        let began = manifests.filter(|manifest| manifest.cause == Cause::Scheduled).filter_map(|m| m.started);
-        began
-            .filter(|stamp| stamp.boot_id == boot_id)
-            .filter_map(|stamp| Duration::try_from_secs_f64(stamp.since_boot_s).ok())
-            .collect()
+        series.iter().filter_map(|series| catalogue::manifest(self.disk(), series).ok()).collect()
     }
 
     /// Begins a series; recovers first what an abandoned one left. A refusal is recorded.
@@ -316,6 +318,26 @@ impl Store {
     /// A frame's bytes, as delivered; an error where they are not what the manifest says.
     pub fn read_frame(&self, frame: &FrameRef) -> Result<Vec<u8>, StoreError> {
         read_frame(self.disk(), frame)
+    }
+
+    /// Says that a frame is about to be solved; returns the how-manieth beginning in a row it is. More
+    /// than one means that the program ended while it solved the frame.
+    pub fn begin_solving(&self, frame: &FrameRef, inputs: &Inputs) -> Result<u32, StoreError> {
+        let path = self.root.join(layout::SOLVING_FILE);
+        let key = inputs.key(&frame.entry.sha256);
+        let last = self.disk.read(&path).ok().and_then(|b| serde_json::from_slice::<Solving>(&b).ok());
+        let before = last.filter(|last| last.inputs == key).map_or(0, |last| last.attempts);
+        let now = Solving { inputs: key, attempts: before.saturating_add(1) };
+        let text = jsonl::line(&now).map_err(StoreError::io(&path, "write"))?;
+        self.disk.write(&path, &text).map_err(StoreError::io(&path, "write"))?;
+        Ok(now.attempts)
+    }
+
+    /// Whether the newest flight holds a frame with these bytes.
+    pub fn holds(&self, bytes: &[u8]) -> bool {
+        let hash = sha256(bytes);
+        let manifests = self.newest_manifests();
+        manifests.iter().flat_map(|m| &m.shots).filter_map(|s| s.frame.as_ref()).any(|f| f.sha256 == hash)
     }
 
     /// Writes a result durably, once: `false` where this frame has one for these inputs already.
