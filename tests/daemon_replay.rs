@@ -7,12 +7,12 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use serde_json::{Map, Value, json};
-use wingd::camera::Camera;
-use wingd::camera::replay::{FaultKind, ReplayConfig, ReplayFactory, ScriptedFault};
+use wingd::camera::replay::{FaultKind, Replay, ReplayConfig, ReplayFactory, ScriptedFault};
+use wingd::camera::{Camera, CameraError, CameraInfo, Format, Frame};
 use wingd::clock::{Clock, Simulated};
 use wingd::daemon::{self, Board, Event, Health, Parts, SeriesConfig, Solver, Status, StatusConfig};
 use wingd::record::ImageRecord;
-use wingd::store::manifest::{SeriesManifest, State};
+use wingd::store::manifest::{Cause, SeriesManifest, State};
 use wingd::store::verify::verify;
 use wingd::store::{Inputs, RealDisk, Store, StoreConfig, catalogue};
 
@@ -40,7 +40,38 @@ fn record(image: &str) -> ImageRecord {
     .unwrap()
 }
 
+/// A replay camera with frames on its card; one is deleted when our copy is durable.
+struct WithCard {
+    replay: Replay,
+    card: Arc<Mutex<Vec<Vec<u8>>>>,
+    fetched: bool,
+}
+
+impl Camera for WithCard {
+    fn open(&mut self) -> Result<CameraInfo, CameraError> {
+        self.replay.open()
+    }
+    fn recover(&mut self, _deadline: Duration) -> Result<Option<Frame>, CameraError> {
+        let left = self.card.lock().unwrap().last().cloned();
+        self.fetched = left.is_some();
+        Ok(left.map(|bytes| Frame { bytes, format: Format::Jpeg, settings: Map::new() }))
+    }
+    fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
+        self.replay.shoot(deadline)
+    }
+    fn release_last(&mut self) -> Result<(), CameraError> {
+        if std::mem::take(&mut self.fetched) {
+            self.card.lock().unwrap().pop();
+        }
+        Ok(())
+    }
+    fn close(&mut self) {
+        self.replay.close();
+    }
+}
+
 struct Flight {
+    card: Arc<Mutex<Vec<Vec<u8>>>>,
     dir: tempfile::TempDir,
     clock: Arc<Simulated>,
     series: SeriesConfig,
@@ -67,7 +98,7 @@ impl Flight {
         };
         let clock = Arc::new(Simulated::new("boot", "2026-03-01T06:00:00Z".parse().unwrap(), None));
         let solve = Arc::new(|image: &str| record(image));
-        Self { dir, clock, series, replay, solve, status: None, events: Arc::default() }
+        Self { card: Arc::default(), dir, clock, series, replay, solve, status: None, events: Arc::default() }
     }
 
     fn root(&self) -> std::path::PathBuf {
@@ -81,6 +112,8 @@ impl Flight {
         let replay = ReplayFactory::new(self.replay.clone(), self.clock.clone(), self.clock.since_boot());
         let solve = self.solve.clone();
         let events = self.events.clone();
+        let card = self.card.clone();
+        let camera = move || WithCard { replay: replay.make(), card: card.clone(), fetched: false };
         let board = Board::new(self.clock.clone());
         let mut provenance = Map::new();
         provenance.insert("installation".to_owned(), Value::from("test"));
@@ -90,7 +123,7 @@ impl Flight {
             store: Arc::new(store),
             recovery,
             clock: self.clock.clone(),
-            cameras: Box::new(move || Ok(Box::new(replay.make()) as Box<dyn Camera>)),
+            cameras: Box::new(move || Ok(Box::new(camera()) as Box<dyn Camera>)),
             solver: Some(Solver {
                 inputs: Inputs::new(provenance),
                 solve: Arc::new(move |image, _, _| solve(image)),
@@ -283,4 +316,45 @@ fn the_socket_answers_and_triggers_a_series() {
     assert_eq!(flight.manifests().len(), 4);
     assert!(daemon::ask(&socket, "status").unwrap_err().contains("no daemon is running"));
     flight.sound();
+}
+
+#[test]
+fn frames_left_on_the_cameras_card_are_fetched_once() {
+    let flight = Flight::new(Vec::new());
+    let picture = |name: &str| std::fs::read(flight.dir.path().join("frames").join(name)).unwrap();
+    *flight.card.lock().unwrap() = vec![picture("f38.jpg"), picture("f39.jpg")];
+    flight.fly();
+    let manifests = flight.manifests();
+    assert_eq!(manifests.len(), 4);
+    assert_eq!((manifests[0].cause, manifests[0].shots.len()), (Cause::Recovered, 2));
+    assert!(flight.card.lock().unwrap().is_empty(), "deleted on the camera once durable");
+    assert_eq!(flight.sound().results, 14);
+    // Stored, but the power went before it was deleted on the card.
+    *flight.card.lock().unwrap() = vec![picture("f39.jpg")];
+    flight.clock.sleep(Duration::from_secs(1));
+    let mut flight = flight;
+    flight.series.until = Some(Duration::from_secs(4 * 3600));
+    flight.fly();
+    assert!(flight.card.lock().unwrap().is_empty());
+    assert!(flight.manifests().iter().skip(4).all(|m| m.cause == Cause::Scheduled));
+}
+
+#[test]
+fn a_frame_that_brings_the_program_down_is_given_up() {
+    let flight = Flight::new(Vec::new());
+    let mut config = StoreConfig::at(flight.root());
+    config.reserve_mb = 0;
+    // A flight that was recorded, and five starts that ended while its first frame was solved.
+    flight.fly();
+    for path in ["s000001", "s000002", "s000003"] {
+        std::fs::remove_file(flight.root().join("flights/f0001").join(path).join("results.jsonl")).unwrap();
+    }
+    let inputs = Inputs::new(Map::from_iter([("installation".to_owned(), Value::from("test"))]));
+    for beginning in 1..=5 {
+        let (store, _) = Store::open(Arc::new(RealDisk), config.clone()).unwrap();
+        let first = store.unsolved(&inputs).unwrap().remove(0);
+        assert_eq!(store.begin_solving(&first, &inputs).unwrap(), beginning);
+    }
+    let status = flight.fly();
+    assert_eq!((status.counts.solved, status.counts.unsolvable), (11, 1));
 }

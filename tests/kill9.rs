@@ -112,7 +112,10 @@ fn twenty_kills_lose_nothing_acknowledged_and_nothing_is_solved_twice() {
     reader.join().unwrap();
     let report = verify(&RealDisk, &root);
     assert!(report.is_sound(), "{:#?}", report.faults);
-    assert!(std::fs::read_dir(root.join("incoming")).unwrap().next().is_none(), "nothing is left in incoming");
+    assert!(
+        std::fs::read_dir(root.join("incoming")).unwrap().next().is_none(),
+        "nothing is left in incoming"
+    );
     let (frames, series, results, interrupted) = holdings(&root);
     let acknowledged = acknowledged.lock().unwrap();
     let missing: Vec<_> = acknowledged.difference(&frames).collect();

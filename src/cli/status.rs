@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::{Done, Failure, print};
+use crate::config;
 use crate::daemon::{self, Health, Status, StatusConfig};
 
 /// Ask the running daemon how it is.
@@ -30,17 +31,24 @@ struct SocketArgs {
     /// The daemon's socket, [status] socket of its configuration [default: /run/wingd/wingd.sock]
     #[arg(long, value_name = "PATH")]
     socket: Option<PathBuf>,
+    /// The daemon's configuration, to find its socket
+    #[arg(long, value_name = "wingd.toml", conflicts_with = "socket")]
+    config: Option<PathBuf>,
 }
 
 impl SocketArgs {
-    fn path(&self) -> PathBuf {
-        self.socket.clone().unwrap_or_else(|| StatusConfig::default().socket)
+    fn path(&self) -> Result<PathBuf, Failure> {
+        match (&self.socket, &self.config) {
+            (Some(socket), _) => Ok(socket.clone()),
+            (None, Some(file)) => Ok(config::load(file)?.status.socket),
+            (None, None) => Ok(StatusConfig::default().socket),
+        }
     }
 }
 
 /// Exit status 1 where the daemon is there but its last good frame is too old.
 pub(super) fn status(args: &StatusArgs) -> Result<Done, Failure> {
-    let value = daemon::ask(&args.socket.path(), "status").map_err(Failure::Undone)?;
+    let value = daemon::ask(&args.socket.path()?, "status").map_err(Failure::Undone)?;
     if args.json {
         print(&value.to_string());
     }
@@ -54,7 +62,7 @@ pub(super) fn status(args: &StatusArgs) -> Result<Done, Failure> {
 
 pub(super) fn trigger(args: &TriggerArgs) -> Result<Done, Failure> {
     let command = if args.new_flight { "new-flight" } else { "trigger" };
-    let answer = daemon::ask(&args.socket.path(), command).map_err(Failure::Undone)?;
+    let answer = daemon::ask(&args.socket.path()?, command).map_err(Failure::Undone)?;
     print(answer.get("answer").and_then(|answer| answer.as_str()).unwrap_or("done"));
     Ok(Done::All)
 }

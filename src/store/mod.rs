@@ -33,7 +33,8 @@ pub use series::{NewFrame, OpenSeries};
 
 use crate::clock::Stamp;
 use manifest::{
-    Cause, Counter, FlightManifest, FrameEntry, JournalHead, Refusal, ResultLine, SeriesManifest, Solving, State,
+    Cause, Counter, FlightManifest, FrameEntry, JournalHead, Refusal, ResultLine, SeriesManifest, Solving,
+    State,
 };
 
 /// `[store]` of the configuration.
