@@ -1,6 +1,9 @@
-//! Markers as flat discs on the skin.
+//! Markers as thin discs that follow the skin.
+//!
+//! A crowned skin bends the disc: at the tip of a wing the centre of its image lies up to a pixel
+//! beside the image of a flat disc's centre.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::wing::Pose;
 use crate::measure::setup::Shape;
@@ -42,6 +45,7 @@ impl Marker {
             normal,
             first: along * cos + across * sin,
             second: across * cos - along * sin,
+            form: second_form(pose, self, &normal, cos, sin),
             radius_m: 0.5 * self.diameter_m * pose.scale,
             shape: self.shape,
         }
@@ -59,6 +63,8 @@ pub struct Placed {
     pub normal: Vector3<f64>,
     first: Vector3<f64>,
     second: Vector3<f64>,
+    /// Curvature of the skin along the pattern's axes, 1/m.
+    form: Matrix2<f64>,
     /// m.
     pub radius_m: f64,
     shape: Shape,
@@ -70,14 +76,24 @@ impl Placed {
         (s - self.s_m).abs() < 1.5 * self.radius_m + 0.3
     }
 
-    /// Where a ray from the origin meets the disc's plane, along the pattern's axes, m.
-    pub fn plane_point(&self, direction: &Vector3<f64>) -> (f64, f64) {
-        let t = self.centre_m.dot(&self.normal) / direction.dot(&self.normal);
-        let arm = direction * t - self.centre_m;
-        (arm.dot(&self.first), arm.dot(&self.second))
+    /// Where a ray from the origin meets the disc, along the pattern's axes, m.
+    pub fn pattern_point(&self, direction: &Vector3<f64>) -> (f64, f64) {
+        let (distance, sink) = (self.centre_m.dot(&self.normal), direction.dot(&self.normal));
+        let mut at = Vector2::zeros();
+        // The skin leaves its tangent plane by millimetres: this converges by a factor of 20 or more.
+        for _ in 0..5 {
+            let arm = direction * ((distance + self.rise(&at)) / sink) - self.centre_m;
+            at = Vector2::new(arm.dot(&self.first), arm.dot(&self.second));
+        }
+        (at.x, at.y)
     }
 
-    /// Reflectance at a point of the plane; `None` beside the disc.
+    /// Of the skin over its tangent plane, m.
+    fn rise(&self, at: &Vector2<f64>) -> f64 {
+        0.5 * at.dot(&(self.form * at))
+    }
+
+    /// Reflectance at a point of the pattern; `None` beside the disc.
     pub fn reflectance(&self, (a, b): (f64, f64)) -> Option<f64> {
         if a * a + b * b > self.radius_m * self.radius_m {
             return None;
@@ -86,7 +102,7 @@ impl Placed {
         Some(if white { WHITE } else { BLACK })
     }
 
-    /// Whether the pattern has an edge within `reach_m` of a point of the plane.
+    /// Whether the pattern has an edge within `reach_m` of a point.
     pub fn edge_within(&self, (a, b): (f64, f64), reach_m: f64) -> bool {
         let r = a.hypot(b);
         let rim = (r - self.radius_m).abs() <= reach_m;
@@ -99,7 +115,31 @@ impl Placed {
     pub fn outline(&self, count: usize) -> impl Iterator<Item = Vector3<f64>> + '_ {
         (0..count).map(move |i| {
             let (sin, cos) = (std::f64::consts::TAU * i as f64 / count as f64).sin_cos();
-            self.centre_m + (self.first * cos + self.second * sin) * self.radius_m
+            let at = Vector2::new(cos, sin) * self.radius_m;
+            self.centre_m + self.first * at.x + self.second * at.y + self.normal * self.rise(&at)
         })
+    }
+}
+
+/// Second fundamental form of the skin at a marker, along axes turned by the marker's rotation.
+fn second_form(pose: &Pose, marker: &Marker, normal: &Vector3<f64>, cos: f64, sin: f64) -> Matrix2<f64> {
+    const H: f64 = 0.15;
+    let at = |i: f64, j: f64| pose.point(marker.s_m + i * H, marker.z_m + j * H);
+    let (centre, before, after) = (at(0.0, 0.0), at(-1.0, 0.0), at(1.0, 0.0));
+    let (left, right) = (at(0.0, -1.0), at(0.0, 1.0));
+    let along = (after - before) / (2.0 * H);
+    let across = (right - left) / (2.0 * H);
+    let twice = (at(1.0, 1.0) - at(1.0, -1.0) - at(-1.0, 1.0) + at(-1.0, -1.0)) / 4.0;
+    let bend = |v: Vector3<f64>| v.dot(normal) / (H * H);
+    let mixed = bend(twice);
+    let material =
+        Matrix2::new(bend(after + before - centre * 2.0), mixed, mixed, bend(left + right - centre * 2.0));
+    let first = (along - normal * along.dot(normal)).normalize();
+    let second = normal.cross(&first);
+    let tangent = Matrix2::new(along.dot(&first), across.dot(&first), along.dot(&second), across.dot(&second));
+    let turn = Matrix2::new(cos, sin, -sin, cos);
+    match tangent.try_inverse() {
+        Some(inverse) => turn * inverse.transpose() * material * inverse * turn.transpose(),
+        None => Matrix2::zeros(),
     }
 }

@@ -149,7 +149,7 @@ impl View<'_> {
             .markers
             .iter()
             .filter(|m| m.covers(hit.s))
-            .find_map(|m| m.reflectance(m.plane_point(&direction)));
+            .find_map(|m| m.reflectance(m.pattern_point(&direction)));
         let reflectance = printed.unwrap_or_else(|| self.clutter.paint(hit.s, hit.z));
         reflectance * lit.diffuse + lit.added
     }
@@ -183,7 +183,7 @@ fn torn(hits: &[Option<Hit>; 4]) -> bool {
 
 /// Reflectance of a pixel of a marker over the paint `below`.
 fn printed(marker: &Placed, below: f64, tile: &Tile, patch: &Patch, x: f64, y: f64) -> f64 {
-    let at = |x: f64, y: f64| marker.plane_point(&tile.direction(x, y));
+    let at = |x: f64, y: f64| marker.pattern_point(&tile.direction(x, y));
     let centre = at(x, y);
     if !marker.edge_within(centre, patch.half_pixel_m) {
         return marker.reflectance(centre).unwrap_or(below);
