@@ -83,6 +83,13 @@ impl Clutter {
         clutter
     }
 
+    /// Even paint and nothing on it.
+    #[cfg(test)]
+    pub(super) fn bare(base: f64) -> Self {
+        let (ribs_m, stringers, spots) = (Vec::new(), Vec::new(), Vec::new());
+        Self { seed: 0, base, mottle: 0.0, ribs_m, stringers, line_m: 0.0, line_depth: 0.0, spots }
+    }
+
     fn place(random: &mut Random, wing: &Wing) -> (f64, f64) {
         // Near the fuselage more is seen.
         let s = 4.0 + (wing.beam.length_m - 5.0) * random.unit().powf(1.5);

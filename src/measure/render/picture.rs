@@ -313,3 +313,98 @@ pub fn outline_box(
     }
     Some((low, high))
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::super::light::Light;
+    use super::super::random::Random;
+    use super::super::{Options, Scene, Shot, Side};
+    use super::*;
+    use crate::measure::setup::Shape;
+
+    const PAINT: f64 = 0.5;
+
+    fn scene() -> Scene {
+        let mut options = Options::random(5, Side::Left);
+        options.lens = Lens { k1: -0.06, k2: 0.05, ..Lens::pinhole(1600, 1200, 3200.0, 803.0, 597.0) };
+        let mut scene = Scene::random(5, &options);
+        scene.clutter = Clutter::bare(PAINT);
+        scene
+    }
+
+    /// Radiance with the given markers over radiance without any.
+    fn reflectance(scene: &Scene, shot: &Shot, markers: &[Placed]) -> Vec<f64> {
+        let pose = scene.wing.pose(&shot.state);
+        let light = Illumination::random(Light::Plain, &mut Random::new(1, 1), &pose);
+        let wing_from_camera = scene.camera_from_wing(shot).inverse();
+        let view = |markers| View {
+            pose: &pose,
+            lens: &scene.setup.lens,
+            wing_from_camera,
+            markers,
+            clutter: &scene.clutter,
+            light: &light,
+        };
+        let (with, without) = (view(markers).radiance(), view(&[]).radiance());
+        with.iter().zip(&without).map(|(a, b)| f64::from(*a) / f64::from(*b) - 1.0).collect()
+    }
+
+    /// Area and first moments of a polygon (signed).
+    fn moments(polygon: &[Vector2<f64>]) -> [f64; 3] {
+        let mut sums = [0.0; 3];
+        for (i, a) in polygon.iter().enumerate() {
+            let b = polygon[(i + 1) % polygon.len()];
+            let cross = a.x * b.y - b.x * a.y;
+            sums[0] += cross / 2.0;
+            sums[1] += cross * (a.x + b.x) / 6.0;
+            sums[2] += cross * (a.y + b.y) / 6.0;
+        }
+        sums
+    }
+
+    /// Projected sectors of the outline, each with the sign of its print.
+    fn expected(scene: &Scene, shot: &Shot, placed: &Placed, shape: Shape) -> [f64; 3] {
+        let camera_from_wing = scene.camera_from_wing(shot);
+        let project = |p: Vector3<f64>| scene.setup.lens.project(&(camera_from_wing * p)).unwrap();
+        let outline: Vec<_> = placed.outline(4000).map(project).collect();
+        let centre = project(placed.centre_m);
+        let mut sums = [0.0; 3];
+        for quarter in 0..4 {
+            let mut sector = vec![centre];
+            sector.extend((0..=1000).map(|i| outline[(quarter * 1000 + i) % 4000]));
+            let white = shape == Shape::Quadrant && quarter % 2 == 0;
+            let weight = if white { 0.82 } else { 0.045 } / PAINT - 1.0;
+            let part = moments(&sector);
+            let sign = weight * part[0].signum();
+            (0..3).for_each(|k| sums[k] += sign * part[k]);
+        }
+        sums
+    }
+
+    #[test]
+    fn every_marker_is_drawn_where_the_truth_says() {
+        let scene = scene();
+        for shot in [scene.ground_shot(1), scene.flight_shot(2.0, Light::Plain, 2)] {
+            let pose = scene.wing.pose(&shot.state);
+            for (marker, placed) in scene.markers.iter().zip(scene.placed(&pose)).step_by(3) {
+                let image = reflectance(&scene, &shot, std::slice::from_ref(&placed));
+                let mut drawn = [0.0; 3];
+                for (i, value) in image.iter().enumerate() {
+                    let (x, y) = ((i % 1600) as f64, (i / 1600) as f64);
+                    [1.0, x, y].iter().zip(&mut drawn).for_each(|(m, sum)| *sum += m * value);
+                }
+                let expected = expected(&scene, &shot, &placed, marker.shape);
+                // Displacement of the whole marker that would explain the first moments.
+                let pixel = scene.truth(&shot).markers.iter().find(|m| m.id == marker.id).unwrap().pixel.unwrap();
+                let area = std::f64::consts::PI
+                    * scene.seen(&shot, &pose, &placed).1.fold(0.25, |product, side| product * side);
+                let off = |k: usize| {
+                    let about = |sums: &[f64; 3]| sums[k] - pixel[k - 1] * sums[0];
+                    (about(&drawn) - about(&expected)) / area
+                };
+                assert!(off(1).abs() < 0.005 && off(2).abs() < 0.005, "{} {} {}", marker.id, off(1), off(2));
+            }
+        }
+    }
+}
