@@ -115,9 +115,13 @@ impl Placed {
     pub fn outline(&self, count: usize) -> impl Iterator<Item = Vector3<f64>> + '_ {
         (0..count).map(move |i| {
             let (sin, cos) = (std::f64::consts::TAU * i as f64 / count as f64).sin_cos();
-            let at = Vector2::new(cos, sin) * self.radius_m;
-            self.centre_m + self.first * at.x + self.second * at.y + self.normal * self.rise(&at)
+            self.surface(&(Vector2::new(cos, sin) * self.radius_m))
         })
+    }
+
+    /// A point of the disc from its place along the pattern's axes, m.
+    pub fn surface(&self, at: &Vector2<f64>) -> Vector3<f64> {
+        self.centre_m + self.first * at.x + self.second * at.y + self.normal * self.rise(at)
     }
 }
 

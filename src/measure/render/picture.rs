@@ -367,12 +367,17 @@ mod tests {
     fn expected(scene: &Scene, shot: &Shot, placed: &Placed, shape: Shape) -> [f64; 3] {
         let camera_from_wing = scene.camera_from_wing(shot);
         let project = |p: Vector3<f64>| scene.setup.lens.project(&(camera_from_wing * p)).unwrap();
-        let outline: Vec<_> = placed.outline(4000).map(project).collect();
-        let centre = project(placed.centre_m);
+        // Edges are curved with the skin: polar coordinates of each sector's outline.
+        let polar = |share: f64, angle: f64| {
+            project(placed.surface(&(Vector2::new(angle.cos(), angle.sin()) * (share * placed.radius_m))))
+        };
+        let steps = || (0..500).map(|i| f64::from(i) / 500.0);
         let mut sums = [0.0; 3];
         for quarter in 0..4 {
-            let mut sector = vec![centre];
-            sector.extend((0..=1000).map(|i| outline[(quarter * 1000 + i) % 4000]));
+            let turn = |share: f64| (f64::from(quarter) + share) * std::f64::consts::FRAC_PI_2;
+            let mut sector: Vec<_> = steps().map(|r| polar(r, turn(0.0))).collect();
+            sector.extend(steps().map(|q| polar(1.0, turn(q))));
+            sector.extend(steps().map(|r| polar(1.0 - r, turn(1.0))));
             let white = shape == Shape::Quadrant && quarter % 2 == 0;
             let weight = if white { 0.82 } else { 0.045 } / PAINT - 1.0;
             let part = moments(&sector);
