@@ -140,7 +140,8 @@ fn second_form(pose: &Pose, marker: &Marker, normal: &Vector3<f64>, cos: f64, si
         Matrix2::new(bend(after + before - centre * 2.0), mixed, mixed, bend(left + right - centre * 2.0));
     let first = (along - normal * along.dot(normal)).normalize();
     let second = normal.cross(&first);
-    let tangent = Matrix2::new(along.dot(&first), across.dot(&first), along.dot(&second), across.dot(&second));
+    let tangent =
+        Matrix2::new(along.dot(&first), across.dot(&first), along.dot(&second), across.dot(&second));
     let turn = Matrix2::new(cos, sin, -sin, cos);
     match tangent.try_inverse() {
         Some(inverse) => turn * inverse.transpose() * material * inverse * turn.transpose(),

@@ -401,7 +401,8 @@ mod tests {
                 }
                 let expected = expected(&scene, &shot, &placed, marker.shape);
                 // Displacement of the whole marker that would explain the first moments.
-                let pixel = scene.truth(&shot).markers.iter().find(|m| m.id == marker.id).unwrap().pixel.unwrap();
+                let pixel =
+                    scene.truth(&shot).markers.iter().find(|m| m.id == marker.id).unwrap().pixel.unwrap();
                 let area = std::f64::consts::PI
                     * scene.seen(&shot, &pose, &placed).1.fold(0.25, |product, side| product * side);
                 let off = |k: usize| {
