@@ -118,11 +118,6 @@ impl Wing {
         Vector3::new(-dx, 1.0, -dz).normalize()
     }
 
-    /// Chordwise curvature, 1/m.
-    fn bow(&self, x: f64) -> f64 {
-        2.0 * self.crown * (1.0 + 0.8 * (x - self.root_x) / self.length_m)
-    }
-
     fn axis(&self, x: f64) -> f64 {
         self.skin(x, self.z_axis) - self.skin_height(x)
     }
@@ -301,11 +296,6 @@ impl World {
         self.view(&placed, &self.mount, seed, conditions)
     }
 
-    /// Direction in the skin across the span.
-    fn wing_chord(&self, normal: &Vector3<f64>) -> Vector3<f64> {
-        (Vector3::z() - normal * normal.z).normalize()
-    }
-
     fn view(
         &self,
         placed: &[(Vector3<f64>, Vector3<f64>)],
@@ -320,10 +310,7 @@ impl World {
         let mut view = View { detections: vec![], truth: vec![], centres_px: vec![], visible: vec![] };
         for (j, (p, n)) in placed.iter().enumerate() {
             let marker = &self.setup.markers[j];
-            let chord = self.wing_chord(n);
-            let bow = self.wing.bow(self.ground[j].x);
-            let disc = Disc { centre: rotation * p, normal: rotation * n, chord: rotation * chord, bow };
-            let image = image_of_disc(lens, &disc, 0.5 * marker.diameter_m);
+            let image = image_of_disc(lens, &(rotation * p), &(rotation * n), 0.5 * marker.diameter_m);
             let hidden = rng.random::<f64>() < conditions.hidden;
             let (noise_u, noise_v) = (normal(rng), normal(rng));
             view.centres_px.push(image.map(|i| i.point));
@@ -426,25 +413,18 @@ pub struct DiscImage {
     pub angle: f64,
 }
 
-/// A disc that follows a skin curved across the span.
-pub struct Disc {
-    pub centre: Vector3<f64>,
-    pub normal: Vector3<f64>,
-    pub chord: Vector3<f64>,
-    pub bow: f64,
-}
-
-/// Outline of a disc: centroid of area of a dense polygon, axes from its second moments.
-pub fn image_of_disc(lens: &Lens, disc: &Disc, radius: f64) -> Option<DiscImage> {
-    let span = disc.chord.cross(&disc.normal);
+/// Outline of a flat disc (a detector allows for the bend that a crowned skin gives it): centroid of
+/// area of a dense polygon, axes from its second moments.
+pub fn image_of_disc(lens: &Lens, p: &Vector3<f64>, n: &Vector3<f64>, radius: f64) -> Option<DiscImage> {
+    let e1 = n.cross(&Vector3::new(0.31, 0.2, 0.93)).normalize();
+    let e2 = n.cross(&e1);
     let count = 720;
     let mut points = Vec::with_capacity(count);
     for k in 0..count {
         let (s, c) = (std::f64::consts::TAU * k as f64 / count as f64).sin_cos();
-        let sag = 0.5 * disc.bow * (radius * s).powi(2);
-        points.push(lens.project(&(disc.centre + (span * c + disc.chord * s) * radius + disc.normal * sag))?);
+        points.push(lens.project(&(p + (e1 * c + e2 * s) * radius))?);
     }
-    let point = lens.project(&disc.centre)?;
+    let point = lens.project(p)?;
     let (mut area, mut first) = (0.0, Vector2::zeros());
     let mut second = Matrix2::zeros();
     for k in 0..count {

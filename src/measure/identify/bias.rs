@@ -13,8 +13,9 @@ use crate::measure::setup::Shape;
 /// Standard deviation of the local normal about each axis: the smooth skin and the fitted bending
 /// and twist against the true ones, rad.
 const NORMAL_SIGMA: f64 = 0.015;
-/// Standard deviation of the skin's chordwise curvature, 1/m.
-const CROWN_SIGMA_PER_M: f64 = 0.015;
+/// Standard deviation of the skin's warp, 1/m: 2 degrees of twist over 20 m, a crown that grows along
+/// the span. Seen at a grazing angle it shifts the ellipse along its major axis.
+const WARP_SIGMA_PER_M: f64 = 0.002;
 
 /// Detections with their centres at the discs' centres. A quadrant target's saddle is where two
 /// straight edges through its centre meet: on a curved skin too they meet at the centre's image,
@@ -40,9 +41,9 @@ pub(super) fn centred(
 
 fn corrected(lens: &Lens, detection: &Detection, disc: &Disc) -> Option<Detection> {
     let bias = disc.bias(lens)?;
-    let span = disc.chord.cross(&disc.normal);
-    let crowned = Disc { crown_per_m: disc.crown_per_m + CROWN_SIGMA_PER_M, ..*disc };
-    let others = [disc.tilted(&disc.chord, NORMAL_SIGMA), disc.tilted(&span, NORMAL_SIGMA), crowned];
+    let outboard = disc.normal.cross(&disc.chord);
+    let warped = Disc { warp_per_m: WARP_SIGMA_PER_M, ..*disc };
+    let others = [disc.tilted(&disc.chord, NORMAL_SIGMA), disc.tilted(&outboard, NORMAL_SIGMA), warped];
     let mut covariance_px2 = detection.covariance_px2;
     for other in others {
         let change: Vector2<f64> = other.bias(lens).map_or(bias, |b| b - bias);

@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Rotation3, SMatrix, SVector, SymmetricEigen, Unit, Vecto
 
 use crate::measure::geometry::Lens;
 
-/// A disc on a slightly curved skin, camera frame.
+/// A disc on a slightly warped skin, camera frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Disc {
     /// Centre, m.
@@ -16,8 +16,9 @@ pub(super) struct Disc {
     pub(super) chord: Vector3<f64>,
     /// m.
     pub(super) radius_m: f64,
-    /// Chordwise curvature of the skin, along the normal, 1/m.
-    pub(super) crown_per_m: f64,
+    /// Warp of the skin, d2(normal)/d(outboard)d(chordwise), 1/m. Its crown is not here: it bends
+    /// the image's axis about the disc's centre, and the detector fits that bend.
+    pub(super) warp_per_m: f64,
 }
 
 /// The disc's image.
@@ -41,13 +42,13 @@ const BOUNDARY: usize = 24;
 impl Disc {
     /// `None` where a part is behind the camera or the disc is seen edge-on.
     pub(super) fn outline(&self, lens: &Lens) -> Option<Outline> {
-        let span = self.chord.cross(&self.normal);
+        let outboard = self.normal.cross(&self.chord);
         let mut points = [Vector2::zeros(); BOUNDARY];
         for (i, point) in points.iter_mut().enumerate() {
             let (sin, cos) = (std::f64::consts::TAU * i as f64 / BOUNDARY as f64).sin_cos();
-            let across = self.radius_m * sin;
-            let sag = 0.5 * self.crown_per_m * across * across;
-            let p = self.centre_m + span * (self.radius_m * cos) + self.chord * across + self.normal * sag;
+            let (along, across) = (self.radius_m * cos, self.radius_m * sin);
+            let rise = self.normal * (self.warp_per_m * along * across);
+            let p = self.centre_m + outboard * along + self.chord * across + rise;
             *point = lens.project(&p)?;
         }
         let (ellipse_px, shape) = ellipse(&points)?;

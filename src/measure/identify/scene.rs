@@ -102,13 +102,12 @@ impl<'a> Scene<'a> {
         diameter_m: f64,
     ) -> Option<Disc> {
         let (normal, chord) = self.beam.attitude(state, marker)?;
-        let ground_x = self.beam.ground_m.get(marker)?.x;
         Some(Disc {
             centre_m: rotation * position,
             normal: rotation * normal,
             chord: rotation * chord,
             radius_m: 0.5 * diameter_m * self.scale,
-            crown_per_m: self.beam.skin.crown(ground_x),
+            warp_per_m: 0.0,
         })
     }
 

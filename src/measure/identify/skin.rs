@@ -57,12 +57,6 @@ impl Skin {
         })
     }
 
-    /// Chordwise curvature d2Y/dZ2, 1/m.
-    pub(super) fn crown(&self, x_m: f64) -> f64 {
-        let x = (x_m - self.mid_m) / self.half_m;
-        2.0 * (self.coefficients[6] + self.coefficients[7] * x)
-    }
-
     /// Unit normal at (X, Z), wing frame, upwards.
     pub(super) fn normal(&self, x_m: f64, z_m: f64) -> Vector3<f64> {
         let [(along, _), (across, _)] = self.slopes(x_m, z_m);
