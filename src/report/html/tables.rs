@@ -79,7 +79,11 @@ fn words(value: &Value) -> String {
 
 /// What was turned down and what failed.
 pub fn quality(data: &ReportData) -> Markup {
-    let records: Vec<ImageRecord> = data.series.iter().flat_map(|s| s.records.clone()).collect();
+    let named = |s: &SeriesData, r: &ImageRecord| {
+        ImageRecord { image: format!("{}/{}", s.name, r.image), ..r.clone() }
+    };
+    let records: Vec<ImageRecord> =
+        data.series.iter().flat_map(|s| s.records.iter().map(move |r| named(s, r))).collect();
     let (unused, failed, camera, remarks) =
         (table::unused(&records), failed(data), camera(data), remarks(data));
     html! {
