@@ -131,7 +131,7 @@ pub fn status(site: &Site) -> Result<Value, Refusal> {
         "frames": frames().count(),
         "solved": records().filter(|r| r.status == Status::Ok).count(),
         "failed": records().filter(|r| r.status == Status::Failed).count(),
-        "last_frame_utc": frames().last().and_then(|s| s.stamp.as_ref()).map(|s| s.utc),
+        "last_frame_utc": frames().next_back().and_then(|s| s.stamp.as_ref()).map(|s| s.utc),
         "notes": data.notes,
         "daemon": site.status.as_ref().map(|ask| ask()),
     }))

@@ -178,9 +178,12 @@ fn mean_curve(solved: &[&ImageRecord]) -> Vec<CurveRecord> {
     (0..first.len()).filter_map(|i| mean_point(&alike, i)).collect()
 }
 
+/// A value with its standard deviation.
+type Column<'a> = &'a dyn Fn(&CurveRecord) -> Option<(f64, Option<f64>)>;
+
 fn mean_point(curves: &[&Vec<CurveRecord>], index: usize) -> Option<CurveRecord> {
     let points: Vec<&CurveRecord> = curves.iter().filter_map(|c| c.get(index)).collect();
-    let of = |f: &dyn Fn(&CurveRecord) -> Option<(f64, Option<f64>)>| {
+    let of = |f: Column| {
         Mean::of(&points.iter().filter_map(|p| f(p)).collect::<Vec<_>>())
     };
     let lift = of(&|p| Some((p.lift_m, p.sigma_lift_m)))?;
