@@ -183,9 +183,7 @@ type Column<'a> = &'a dyn Fn(&CurveRecord) -> Option<(f64, Option<f64>)>;
 
 fn mean_point(curves: &[&Vec<CurveRecord>], index: usize) -> Option<CurveRecord> {
     let points: Vec<&CurveRecord> = curves.iter().filter_map(|c| c.get(index)).collect();
-    let of = |f: Column| {
-        Mean::of(&points.iter().filter_map(|p| f(p)).collect::<Vec<_>>())
-    };
+    let of = |f: Column| Mean::of(&points.iter().filter_map(|p| f(p)).collect::<Vec<_>>());
     let lift = of(&|p| Some((p.lift_m, p.sigma_lift_m)))?;
     let twist = of(&|p| Some((p.twist_deg?, p.sigma_twist_deg)));
     Some(CurveRecord {

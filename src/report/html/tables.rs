@@ -79,8 +79,9 @@ fn words(value: &Value) -> String {
 
 /// What was turned down and what failed.
 pub fn quality(data: &ReportData) -> Markup {
-    let named = |s: &SeriesData, r: &ImageRecord| {
-        ImageRecord { image: format!("{}/{}", s.name, r.image), ..r.clone() }
+    let named = |s: &SeriesData, r: &ImageRecord| ImageRecord {
+        image: format!("{}/{}", s.name, r.image),
+        ..r.clone()
     };
     let records: Vec<ImageRecord> =
         data.series.iter().flat_map(|s| s.records.iter().map(move |r| named(s, r))).collect();
