@@ -45,11 +45,11 @@ impl CameraSection {
         faults.into_iter().map(|(key, problem, mend)| format!("camera.{key}: {problem}; {mend}")).collect()
     }
 
-    /// Nothing is touched before a camera is opened. The cameras of one factory remember the last
-    /// frames together. `origin`: the time since boot from which a replay list counts.
+    /// Nothing is touched before a camera is opened. The cameras of one factory remember the camera's name
+    /// for the last shot together; the recorder compares the bytes. `origin`: the time since boot from which a replay list counts.
     pub fn factory(&self, clock: Arc<dyn Clock>, origin: Duration) -> CameraFactory {
         #[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
-        let memory = Freshness::default();
+        let memory = Freshness::remembering(0);
         match self.clone() {
             Self::Replay(section) => {
                 let replay = ReplayFactory::new(section, clock, origin);

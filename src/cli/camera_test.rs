@@ -8,6 +8,7 @@ use clap::Args as ClapArgs;
 use serde::Deserialize;
 use serde_json::json;
 
+use crate::camera::freshness::Freshness;
 use crate::camera::section::CameraSection;
 use crate::camera::{Camera, CameraError, Frame};
 use crate::cli::{Done, Failure};
@@ -51,6 +52,7 @@ pub fn run(args: &Args) -> Result<Done, Failure> {
         args,
         open: false,
         saved: 0,
+        freshness: Freshness::default(),
     };
     let mut good = 0;
     for number in 0..args.shots {
@@ -75,6 +77,7 @@ struct Bench<'a> {
     args: &'a Args,
     open: bool,
     saved: u32,
+    freshness: Freshness,
 }
 
 impl Bench<'_> {
@@ -109,6 +112,7 @@ impl Bench<'_> {
             }
         }
         let frame = self.camera.shoot(self.deadline())?;
+        self.freshness.check(&frame.bytes, None)?;
         self.save(&frame, "shot")?;
         Ok(frame)
     }

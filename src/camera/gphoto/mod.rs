@@ -25,8 +25,11 @@ use protocol::{Answer, Request};
 pub const CHILD_COMMAND: &str = "camera-child";
 /// The running program, even if an upgrade has replaced its file.
 const PROGRAM: &str = "/proc/self/exe";
-/// The camera process keeps deadlines too; it is killed this much later.
-const GRACE: Duration = Duration::from_secs(2);
+/// The camera process keeps deadlines too; it is killed a little later, and before the recorder gives
+/// the whole camera up.
+fn grace(deadline: Duration) -> Duration {
+    deadline + (deadline / 8).max(Duration::from_millis(150))
+}
 
 /// `[camera]` with `kind = "gphoto"`. Without `model` and `port`, the only camera there is.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -103,7 +106,11 @@ impl GphotoCamera {
 
     /// Pictures that came without a shot; to be asked just before somebody else releases the shutter.
     pub fn drain(&mut self) -> Result<Vec<String>, CameraError> {
-        match self.ask(&Request::Drain, GRACE * 5, "the camera's events; the camera process was killed")? {
+        match self.ask(
+            &Request::Drain,
+            Duration::from_secs(10),
+            "the camera's events; the camera process was killed",
+        )? {
             (Answer::Files { paths }, _) => Ok(paths),
             (answer, _) => Err(odd(&answer)),
         }
@@ -112,7 +119,7 @@ impl GphotoCamera {
     /// Takes a shot, or with `trigger` false waits for one that something else released.
     pub fn shoot_or_wait(&mut self, deadline: Duration, trigger: bool) -> Result<Frame, CameraError> {
         let request = Request::Shoot { deadline_s: deadline.as_secs_f64(), trigger };
-        match self.ask(&request, deadline + GRACE, "a shot; the camera process was killed")? {
+        match self.ask(&request, grace(deadline), "a shot; the camera process was killed")? {
             (Answer::Picture { path, settings }, bytes) => {
                 jpeg::whole(&bytes).map_err(CameraError::BadFrame)?;
                 self.freshness.check(&bytes, Some(&path))?;
@@ -132,7 +139,7 @@ impl Camera for GphotoCamera {
         self.close();
         self.process = Some(Process::start(PROGRAM, &[CHILD_COMMAND])?);
         let request = Request::Open { section: self.section.clone() };
-        let limit = Duration::try_from_secs_f64(self.section.open_s).unwrap_or(GRACE);
+        let limit = Duration::try_from_secs_f64(self.section.open_s).unwrap_or(Duration::from_secs(30));
         match self.ask(&request, limit, "the camera to be set up; the camera process was killed") {
             Ok((Answer::Opened { name, settings, warnings }, _)) => {
                 Ok(CameraInfo { name, settings, warnings })
@@ -198,7 +205,7 @@ mod tests {
     #[test]
     fn a_closed_camera_is_gone() {
         let mut camera = GphotoCamera::new(GphotoSection::default(), Freshness::default());
-        assert!(matches!(camera.shoot(GRACE), Err(CameraError::Gone(_))));
+        assert!(matches!(camera.shoot(Duration::from_secs(1)), Err(CameraError::Gone(_))));
         assert!(matches!(camera.release_last(), Err(CameraError::Gone(_))));
     }
 }
