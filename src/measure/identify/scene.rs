@@ -139,25 +139,34 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Whether a detection can be the image of a marker of this kind and major axis. Quadrant targets
-/// have white fields at their rim, which leave the outline less sure.
+/// Whether a detection can be the image of a marker of this kind and major axis, told from its
+/// distance on ground alone.
 pub(super) fn looks_like(detection: &Detection, shape: Shape, semi_major_px: f64) -> bool {
-    let limit: f64 = match shape {
+    let limit = match shape {
         Shape::Circle => 1.35,
         Shape::Quadrant => 1.5,
     };
-    let ratio = detection.semi_major_px / semi_major_px;
-    detection.shape == shape && ratio < limit && ratio * limit > 1.0
+    detection.shape == shape && alike(detection.semi_major_px, semi_major_px, limit)
 }
 
-/// Whether the whole outline can be the predicted one; the minor axis of a grazing view hangs on a
-/// degree of slope and is given room.
+fn alike(a: f64, b: f64, limit: f64) -> bool {
+    a < b * limit && b < a * limit
+}
+
+/// Whether the whole outline can be the predicted one. The major axis hangs on size and distance,
+/// both known to a few per cent; quadrant targets have white fields at their rim and are less
+/// sure. The minor axis of a grazing view hangs on a degree of slope and is given room.
 pub(super) fn outline_fits(detection: &Detection, shape: Shape, outline: &Outline) -> bool {
+    let limit = match shape {
+        Shape::Circle => 1.15,
+        Shape::Quadrant => 1.2,
+    };
     let minor = detection.semi_minor_px;
     let predicted = outline.semi_minor_px;
-    looks_like(detection, shape, outline.semi_major_px)
-        && minor < 1.6 * predicted + 2.5
-        && minor > predicted / 1.6 - 2.5
+    detection.shape == shape
+        && alike(detection.semi_major_px, outline.semi_major_px, limit)
+        && minor < 1.4 * predicted + 2.0
+        && minor > predicted / 1.4 - 2.0
 }
 
 /// A finite detection: what the input may not hold back.
