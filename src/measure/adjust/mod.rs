@@ -1,6 +1,7 @@
 //! Observations -> deflection: profile, spatial, flight; quality, variance components.
 
 pub mod beam;
+mod flight;
 pub mod gauss_helmert;
 pub mod ground;
 mod layout;
@@ -282,10 +283,10 @@ pub fn spatial(
 
 /// The rigid-section beam, the frames between two remounts together; one solution per frame.
 pub fn flight(
-    _setup: &Setup,
-    _orientation: &Orientation,
+    setup: &Setup,
+    orientation: &Orientation,
     frames: &[Vec<Observation>],
-    _options: &Options,
+    options: &Options,
 ) -> Result<Vec<Solution>, AdjustError> {
-    Err(AdjustError::TooFewMarkers { found: frames.iter().map(Vec::len).sum(), needed: 6 })
+    flight::solve(setup, orientation, frames, options)
 }
