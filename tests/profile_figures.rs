@@ -72,8 +72,9 @@ impl Case {
         Self::new(&parabola_points(a, markers, 1.0, 0.03))
     }
 
+    /// Without data snooping, so that every marker has its numbers.
     fn solve(&self, sigma: SigmaKind) -> Solution {
-        let options = Options { sigma, ..Options::default() };
+        let options = Options { sigma, snooping_alpha: 0.0, ..Options::default() };
         adjust::profile(&self.setup, &self.orientation, &self.observations, &options).unwrap()
     }
 
@@ -308,6 +309,46 @@ fn the_papers_tip_lift_needs_a_longer_wing() {
     let solution = Case::parabola(PAPER_A, 22).solve(SigmaKind::Prior);
     let lift = solution.markers[21].lift_m.unwrap().value;
     assert!((lift - 2.745).abs() < 0.01, "{lift}");
+}
+
+#[test]
+fn a_blunder_is_found_and_named() {
+    let mut rng = StdRng::seed_from_u64(4);
+    let mut case = Case::parabola(PAPER_A, 22).noisy(&mut rng);
+    let detectable = case.solve(SigmaKind::Prior).markers[7].minimal_detectable_bias_px.unwrap().y;
+    assert!((15.0..40.0).contains(&detectable), "{detectable}");
+    case.observations[7].pixel.y += 2.0 * detectable;
+    let before = case.solve(SigmaKind::Prior);
+    assert_eq!(before.global_test, GlobalTest::Rejected);
+    let solution =
+        adjust::profile(&case.setup, &case.orientation, &case.observations, &Options::default()).unwrap();
+    let unused: Vec<_> = solution.markers.iter().filter(|m| !m.used).collect();
+    assert_eq!(unused.len(), 1);
+    assert_eq!(unused[0].marker, 7);
+    let reason = unused[0].reason.as_ref().unwrap();
+    assert!(reason.contains("marker P07 was left out"), "{reason}");
+    assert_eq!((solution.global_test, solution.redundancy), (GlobalTest::Passed, 20));
+}
+
+/// Image noise stated twice too small. The survey's share of the redundancy is small, its component loose.
+#[test]
+fn variance_components_find_wrong_standard_deviations() {
+    let mut rng = StdRng::seed_from_u64(9);
+    let runs = 40;
+    let (mut image, mut survey) = (0.0, 0.0);
+    for _ in 0..runs {
+        let mut case = Case::parabola(PAPER_A, 27).noisy(&mut rng);
+        case.observations.iter_mut().for_each(|o| o.covariance_px2 /= 4.0);
+        let options = Options { variance_components: true, snooping_alpha: 0.0, ..Options::default() };
+        let s = adjust::profile(&case.setup, &case.orientation, &case.observations, &options).unwrap();
+        let of = |name| s.variance_components.iter().find(|c| c.group == name).unwrap();
+        let total = of("image").redundancy + of("survey").redundancy;
+        assert!((total - s.redundancy as f64).abs() < 1e-3, "{total}");
+        image += of("image").factor / f64::from(runs);
+        survey += of("survey").factor / f64::from(runs);
+    }
+    println!("variance components: image {image:.2} (true 4), survey {survey:.2} (true 1)");
+    assert!((image - 4.0).abs() < 0.8, "{image}");
 }
 
 #[test]

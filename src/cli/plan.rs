@@ -38,8 +38,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         return Err(Failure::Usage("--pixel-sigma must be in (0, 100] px, --tip-lift within 100 m".into()));
     }
     let installation = installation::load(&args.installation)?;
-    let plan =
-        plan::plan(&installation.setup, installation.orientation.as_ref(), &options(args, &installation));
+    let options = options(args, &installation);
+    let plan = plan::plan(&installation.setup, installation.orientation.as_ref(), &options)
+        .map_err(|e| Failure::Undone(format!("no plan: {e}")))?;
     if let Some(file) = &args.figure {
         std::fs::write(file, plan_figure::figure(&plan)).map_err(|e| {
             Failure::Undone(format!("{} cannot be written ({e}); check rights and space", file.display()))

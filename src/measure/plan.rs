@@ -12,7 +12,7 @@ pub use resolution::{Footprint, Skin, footprint};
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::adjust::{Observation, Options};
+use super::adjust::{AdjustError, Observation, Options};
 use super::setup::{Orientation, Setup};
 use prediction::Rehearsal;
 
@@ -100,8 +100,13 @@ const SPAN_POINTS: usize = 33;
 const SMALLEST_IMAGE_PX: f64 = 5.0;
 
 /// Plans an installation. Without an orientation the camera is taken to look at the middle of the wing.
-pub fn plan(setup: &Setup, orientation: Option<&Orientation>, options: &PlanOptions) -> Plan {
-    let rehearsal = Rehearsal::new(setup, orientation, options);
+/// Fails where the survey gives no wing at all.
+pub fn plan(
+    setup: &Setup,
+    orientation: Option<&Orientation>,
+    options: &PlanOptions,
+) -> Result<Plan, AdjustError> {
+    let rehearsal = Rehearsal::new(setup, orientation, options)?;
     let (prediction, failure) = match rehearsal.predict() {
         Ok(prediction) => (Some(prediction), None),
         Err(error) => (None, Some(format!("no uncertainty can be predicted: {error}"))),
@@ -124,7 +129,7 @@ pub fn plan(setup: &Setup, orientation: Option<&Orientation>, options: &PlanOpti
     };
     let remarks = remarks(&plan);
     plan.remarks.extend(remarks);
-    plan
+    Ok(plan)
 }
 
 fn field_of_view_deg(setup: &Setup) -> [f64; 3] {

@@ -11,14 +11,15 @@ mod response;
 pub use parabola::{ArcLength, arc_length};
 
 use nalgebra::{DMatrix, DVector, Matrix3, RowVector4, Vector2, Vector3};
-use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-use super::gauss_helmert::{self, Block, Fit, Group, Problem};
+use super::gauss_helmert::{self, Block, Fit, Group, GroupPoint, Linearised, Point, Problem};
+use super::quality::{self, Reliability, VarianceGroup};
+use super::snooping;
 use super::{
-    AdjustError, CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Observation, Options, Parameter,
-    SigmaKind, Solution, Torsion,
+    AdjustError, CurvePoint, Estimate, MarkerSolution, Method, Observation, Options, Parameter, Solution,
+    Torsion, VarianceComponent,
 };
-use crate::measure::setup::{Orientation, Setup};
+use crate::measure::setup::{Orientation, Setup, TorsionPair};
 use conditions::{ARC_LENGTH, Geometry, HEIGHT, PER_MARKER, PIXEL};
 use response::{Function, Response};
 
@@ -30,29 +31,56 @@ const CURVE_INTERVALS: u32 = 40;
 const MISSING: &str = "the bending (a) cannot be determined because no marker lies outboard of the bending root; \
     check root_offset_m and span_direction, or mark more of the wing";
 
+/// Observations that data snooping leaves at least.
+const LEFT_AT_LEAST: usize = 4;
+
 /// One adjustment, before it is dressed for the results.
 struct Adjusted<'a> {
     geometry: Geometry<'a>,
-    observations: &'a [Observation],
+    observations: Vec<Observation>,
     problem: Problem,
     fit: Fit,
     response: Response,
+    components: Vec<VarianceComponent>,
 }
 
 impl<'a> Adjusted<'a> {
     fn new(
         setup: &'a Setup,
-        orientation: &'a Orientation,
-        observations: &'a [Observation],
+        orientation: &Orientation,
+        observations: Vec<Observation>,
     ) -> Result<Self, AdjustError> {
         if observations.len() < 2 {
             return Err(AdjustError::TooFewMarkers { found: observations.len(), needed: 2 });
         }
         let geometry = Geometry::new(setup, orientation);
-        let problem = problem(&geometry, observations)?;
+        let problem = problem(&geometry, &observations)?;
         let fit = gauss_helmert::solve(&problem, |point| geometry.linearise(point))?;
         let response = Response::new(&problem, &fit);
-        Ok(Self { geometry, observations, problem, fit, response })
+        Ok(Self { geometry, observations, problem, fit, response, components: Vec::new() })
+    }
+
+    /// Scales the standard deviations of image and survey by their variance components (Koch 1986).
+    fn with_components(mut self) -> Result<Self, AdjustError> {
+        let image = |_: usize, _: usize| vec![PIXEL, PIXEL + 1];
+        let survey = |_: usize, _: usize| vec![ARC_LENGTH, HEIGHT];
+        let groups = [
+            VarianceGroup { name: "image", members: &image },
+            VarianceGroup { name: "survey", members: &survey },
+        ];
+        let linearise = |at: &GroupPoint| -> Result<Vec<Linearised>, AdjustError> {
+            let point = |(block, observed)| Point {
+                group: at.group,
+                block,
+                global: at.global,
+                local: at.local,
+                observed,
+            };
+            at.observed.iter().enumerate().map(|b| self.geometry.linearise(&point(b))).collect()
+        };
+        (self.fit, self.components) = quality::variance_components(&mut self.problem, &groups, linearise)?;
+        self.response = Response::new(&self.problem, &self.fit);
+        Ok(self)
     }
 
     fn a_per_m(&self) -> f64 {
@@ -70,7 +98,7 @@ pub fn correlations_with_distances(
     orientation: &Orientation,
     observations: &[Observation],
 ) -> Result<Vec<f64>, AdjustError> {
-    Ok(Adjusted::new(setup, orientation, observations)?.distance_correlations())
+    Ok(Adjusted::new(setup, orientation, observations.to_vec())?.distance_correlations())
 }
 
 /// The paper's method, one frame.
@@ -80,8 +108,19 @@ pub(super) fn solve(
     observations: &[Observation],
     options: &Options,
 ) -> Result<Solution, AdjustError> {
-    let adjusted = Adjusted::new(setup, orientation, observations)?;
-    adjusted.solution(options)
+    let mut adjusted = Adjusted::new(setup, orientation, observations.to_vec())?;
+    let mut blunders = Vec::new();
+    let least = LEFT_AT_LEAST.max(observations.len() * 2 / 3);
+    while adjusted.observations.len() > least {
+        let Some((index, sentence)) = adjusted.blunder(options) else { break };
+        let mut left = adjusted.observations.clone();
+        blunders.push((left.remove(index).marker, sentence));
+        adjusted = Adjusted::new(setup, orientation, left)?;
+    }
+    if options.variance_components {
+        adjusted = adjusted.with_components()?;
+    }
+    adjusted.solution(options, &blunders)
 }
 
 fn problem(geometry: &Geometry, observations: &[Observation]) -> Result<Problem, AdjustError> {
@@ -167,9 +206,10 @@ impl Adjusted<'_> {
         survey_from_wing * wing * survey_from_wing.inverse()
     }
 
-    fn solution(&self, options: &Options) -> Result<Solution, AdjustError> {
+    fn solution(&self, options: &Options, blunders: &[(usize, String)]) -> Result<Solution, AdjustError> {
         let placed: Vec<_> = (0..self.observations.len()).map(|k| self.place(k)).collect::<Result<_, _>>()?;
-        let (global_test, posterior) = verdict(&self.fit, options);
+        let global_test = quality::global_test(self.fit.omega, self.fit.redundancy, options.global_alpha);
+        let posterior = quality::is_posterior(options.sigma, global_test);
         let scale = if posterior { self.fit.variance_factor().unwrap_or(1.0).sqrt() } else { 1.0 };
         let sigma_a = scale * self.fit.covariance[(0, 0)].sqrt();
         let a = Estimate { value: self.a_per_m(), sigma: Some(sigma_a) };
@@ -182,37 +222,42 @@ impl Adjusted<'_> {
             parameters: vec![Parameter { name: "a_per_m", values: vec![a] }],
             correlation: DMatrix::identity(1, 1),
             pitch_bending_correlation: None,
-            markers: self.markers(&placed, scale),
+            markers: self.markers(&placed, scale, options, blunders),
             torsion: self.torsion(&placed, scale),
             curve: self.curve(sigma_a),
-            variance_components: Vec::new(),
-            remarks: self.remarks(),
+            variance_components: self.components.clone(),
+            remarks: self.remarks(blunders),
             iterations: self.fit.iterations,
         })
     }
 
-    fn remarks(&self) -> Vec<String> {
-        let strongest = self
-            .distance_correlations()
-            .into_iter()
-            .fold(0.0, |m: f64, c| if c.abs() > m.abs() { c } else { m });
-        vec![format!("strongest correlation of a with a distance: {strongest:.2}")]
+    fn remarks(&self, blunders: &[(usize, String)]) -> Vec<String> {
+        let stronger = |m: f64, c: f64| if c.abs() > m.abs() { c } else { m };
+        let strongest = self.distance_correlations().into_iter().fold(0.0, stronger);
+        let correlation = format!("strongest correlation of a with a distance: {strongest:.2}");
+        blunders.iter().map(|(_, sentence)| sentence.clone()).chain([correlation]).collect()
     }
 
-    fn markers(&self, placed: &[Placed], scale: f64) -> Vec<MarkerSolution> {
-        let mut markers: Vec<_> = (0..self.geometry.setup.markers.len()).map(not_observed).collect();
+    fn markers(
+        &self,
+        placed: &[Placed],
+        scale: f64,
+        options: &Options,
+        blunders: &[(usize, String)],
+    ) -> Vec<MarkerSolution> {
+        let unseen = |marker| MarkerSolution::unused(marker, "not found in the image".into());
+        let mut markers: Vec<_> = (0..self.geometry.setup.markers.len()).map(unseen).collect();
+        for (marker, sentence) in blunders {
+            markers[*marker] = MarkerSolution::unused(*marker, sentence.clone());
+        }
         for (index, (observation, placed)) in self.observations.iter().zip(placed).enumerate() {
+            let value = self.distance_m(index);
             markers[observation.marker] = MarkerSolution {
-                used: true,
-                reason: None,
-                distance_m: Some(Estimate {
-                    value: self.distance_m(index),
-                    sigma: self.sigma(&placed.distance, scale),
-                }),
+                distance_m: Some(Estimate { value, sigma: self.sigma(&placed.distance, scale) }),
                 position_m: Some(placed.position_m),
                 covariance_m2: Some(self.position_covariance(placed) * (scale * scale)),
                 lift_m: Some(Estimate { value: placed.lift_m, sigma: self.sigma(&placed.lift, scale) }),
-                ..self.image_quality(index, observation.marker)
+                ..self.controlled(index, observation.marker, options)
             };
         }
         markers
@@ -221,7 +266,7 @@ impl Adjusted<'_> {
     /// Change of the angle of attack from the lifts of two markers (paper, section 4.3).
     fn torsion(&self, placed: &[Placed], scale: f64) -> Vec<Torsion> {
         let find = |marker| Some(&placed[self.observations.iter().position(|o| o.marker == marker)?]);
-        let pair = |pair: &crate::measure::setup::TorsionPair| {
+        let pair = |pair: &TorsionPair| {
             let (leading, trailing) = (find(pair.leading)?, find(pair.trailing)?);
             let markers = &self.geometry.setup.markers;
             let ground = markers[pair.leading].position_m - markers[pair.trailing].position_m;
@@ -259,50 +304,55 @@ impl Adjusted<'_> {
     }
 }
 
-fn not_observed(marker: usize) -> MarkerSolution {
-    MarkerSolution::unused(marker, "not found in the image".into())
-}
-
 impl Adjusted<'_> {
-    /// Residual, redundancy numbers, w-test and minimal detectable bias of the pixel.
-    fn image_quality(&self, index: usize, marker: usize) -> MarkerSolution {
+    fn reliability(&self, index: usize, options: &Options) -> Vec<Reliability> {
+        quality::reliability(&self.problem, &self.fit, index, 0, options.snooping_alpha)
+    }
+
+    /// A used marker with residual, redundancy numbers, w-test and minimal detectable biases.
+    fn controlled(&self, index: usize, marker: usize, options: &Options) -> MarkerSolution {
         let residuals = &self.fit.groups[index].blocks[0].residuals;
-        let before = self.problem.groups[index].blocks[0].covariance.clone();
-        let cofactor =
-            (&before - self.fit.adjusted_covariance(index, 0)).fixed_view::<2, 2>(PIXEL, PIXEL).into_owned();
-        let residual = Vector2::new(residuals[PIXEL], residuals[PIXEL + 1]);
-        let mut solution = not_observed(marker);
-        solution.residual_px = Some(residual);
-        let Some(weight) = self.observations[index].covariance_px2.try_inverse() else { return solution };
-        let redundancy = cofactor * weight;
-        // One condition sees the pixel: its weighted residual has one direction, so that either
-        // component gives the test; the larger one is the safer.
-        let normal = weight * cofactor * weight;
-        let weighted = weight * residual;
-        let k = if normal[(0, 0)] > normal[(1, 1)] { 0 } else { 1 };
-        let bias = |k: usize| (normal[(k, k)] > 0.0).then(|| NON_CENTRALITY / normal[(k, k)].sqrt());
-        solution.redundancy = Some(Vector2::new(redundancy[(0, 0)], redundancy[(1, 1)]));
-        solution.w_test = (normal[(k, k)] > 0.0).then(|| weighted[k] / normal[(k, k)].sqrt());
-        solution.minimal_detectable_bias_px = bias(0).zip(bias(1)).map(|(u, v)| Vector2::new(u, v));
-        solution
+        let all = self.reliability(index, options);
+        let bias = |k: usize| all[k].minimal_detectable_bias.unwrap_or(f64::INFINITY);
+        MarkerSolution {
+            used: true,
+            reason: None,
+            residual_px: Some(Vector2::new(residuals[PIXEL], residuals[PIXEL + 1])),
+            redundancy: Some(Vector2::new(all[PIXEL].redundancy, all[PIXEL + 1].redundancy)),
+            w_test: larger(&all[PIXEL..]).and_then(|r| r.w),
+            minimal_detectable_bias_px: Some(Vector2::new(bias(PIXEL), bias(PIXEL + 1))),
+            // The method does not look along the chord.
+            minimal_detectable_bias_m: Some(Vector3::new(bias(ARC_LENGTH), bias(HEIGHT), f64::INFINITY)),
+            ..MarkerSolution::unused(marker, String::new())
+        }
+    }
+
+    /// The observation that most probably holds a blunder, with a sentence. One redundant condition
+    /// per marker cannot tell its image from its survey.
+    fn blunder(&self, options: &Options) -> Option<(usize, String)> {
+        let limit = quality::critical_w(options.snooping_alpha);
+        let shift = quality::detectable_shift(options.snooping_alpha);
+        let suspects = (0..self.observations.len()).filter_map(|index| {
+            let all = self.reliability(index, options);
+            let image = larger(&all[PIXEL..])?;
+            Some((index, larger(&all)?.w?.abs(), image.w? * image.minimal_detectable_bias? / shift))
+        });
+        let (index, w, size) = suspects.reduce(|a, b| if b.1 > a.1 { b } else { a })?;
+        let w = w / snooping::spread(&self.fit, w, options);
+        let id = &self.geometry.setup.markers[self.observations[index].marker].id;
+        (w > limit).then(|| {
+            let sentence = format!(
+                "marker {id} was left out: its image or its surveyed position does not fit the parabola of the \
+                 others, about {:.1} px in the image (w = {w:.1}, limit {limit:.1})",
+                size.abs()
+            );
+            (index, sentence)
+        })
     }
 }
 
-/// Shift of the w statistic that is found with 80 % power at a level of 0.1 % (Baarda).
-const NON_CENTRALITY: f64 = 4.13;
-
-fn verdict(fit: &Fit, options: &Options) -> (GlobalTest, bool) {
-    let test = match ChiSquared::new(fit.redundancy as f64) {
-        Ok(distribution) if fit.omega > distribution.inverse_cdf(1.0 - options.global_alpha) => {
-            GlobalTest::Rejected
-        }
-        Ok(_) => GlobalTest::Passed,
-        Err(_) => GlobalTest::NotPossible,
-    };
-    let posterior = match options.sigma {
-        SigmaKind::ByTest => test == GlobalTest::Rejected,
-        SigmaKind::Prior => false,
-        SigmaKind::Posterior => test != GlobalTest::NotPossible,
-    };
-    (test, posterior)
+/// The one with the larger test statistic.
+fn larger(all: &[Reliability]) -> Option<&Reliability> {
+    let w = |r: &Reliability| r.w.map_or(-1.0, f64::abs);
+    all.iter().reduce(|a, b| if w(b) > w(a) { b } else { a })
 }

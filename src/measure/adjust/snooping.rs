@@ -79,7 +79,7 @@ pub fn worst(
 }
 
 /// Root of the variance factor without the suspect, not below 1.
-fn spread(fit: &Fit, w: f64, options: &Options) -> f64 {
+pub(super) fn spread(fit: &Fit, w: f64, options: &Options) -> f64 {
     if fit.redundancy < 2
         || quality::global_test(fit.omega, fit.redundancy, options.global_alpha) == GlobalTest::Passed
     {

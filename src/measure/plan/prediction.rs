@@ -4,6 +4,8 @@ use nalgebra::{Matrix2, Matrix3, Rotation3, Vector3};
 use serde::Serialize;
 
 use super::{PlanOptions, Skin, adjustment_options};
+use crate::measure::adjust::beam::{Bending, Grid};
+use crate::measure::adjust::ground::GroundShape;
 use crate::measure::adjust::{self, AdjustError, Observation, Solution};
 use crate::measure::setup::{GroundSight, Orientation, Setup, SurveyMarker};
 
@@ -76,6 +78,9 @@ impl Prediction {
     }
 }
 
+/// Steps to the curvature of a tip lift; each leaves a hundredth of the error.
+const PROPORTIONS: usize = 4;
+
 /// A flight that has not taken place.
 pub struct Rehearsal<'a> {
     setup: &'a Setup,
@@ -94,29 +99,25 @@ pub struct Rehearsal<'a> {
 }
 
 impl<'a> Rehearsal<'a> {
-    /// Bends the wing to a parabola. Its shape matters little: the covariance depends on it weakly.
-    pub fn new(setup: &'a Setup, orientation: Option<&Orientation>, options: &'a PlanOptions) -> Self {
-        let frame = setup.wing_frame();
-        let ground: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
+    /// Bends the wing as a tapered beam under an elliptic load until the outermost marker is lifted as
+    /// asked. The load's shape matters little: the covariance depends on it weakly.
+    pub fn new(
+        setup: &'a Setup,
+        orientation: Option<&Orientation>,
+        options: &'a PlanOptions,
+    ) -> Result<Self, AdjustError> {
+        let shape = GroundShape::new(setup)?;
+        let ground: Vec<_> = shape.stations.iter().map(|s| s.surveyed_m).collect();
+        let flight = bent(setup, &shape, options.tip_lift_m);
         let reach = |p: &Vector3<f64>| (p.x - setup.root_offset_m).max(0.0);
         let tip = ground.iter().map(reach).fold(0.0, f64::max);
         let a_per_m = if tip > 0.0 { options.tip_lift_m / (tip * tip) } else { 0.0 };
         let skin = Skin::through(&ground);
-        let flight: Vec<_> = ground
-            .iter()
-            .map(|p| {
-                let x = reach(p);
-                // Arc length is kept: the parabola's own shortening and that of the sloping ground.
-                let shorter =
-                    2.0 / 3.0 * a_per_m * a_per_m * x.powi(3) + skin.slope(0.5 * p.x) * a_per_m * x * x;
-                p + Vector3::new(-shorter, a_per_m * x * x, 0.0)
-            })
-            .collect();
         let mut rehearsal = Self {
             setup,
             options,
             orientation: Orientation {
-                camera_from_survey: looking_at(&ground, &flight) * frame.wing_from_survey,
+                camera_from_survey: looking_at(&ground, &flight) * shape.frame.wing_from_survey,
                 covariance_rad2: None,
                 ground: Vec::new(),
             },
@@ -130,7 +131,7 @@ impl<'a> Rehearsal<'a> {
             rehearsal.orientation = known.clone();
         }
         rehearsal.look();
-        rehearsal
+        Ok(rehearsal)
     }
 
     /// Takes the ground frame, unless one was taken, and the frame in flight.
@@ -238,9 +239,33 @@ impl<'a> Rehearsal<'a> {
     }
 
     fn replayed(&self, setup: &Setup, orientation: &Orientation) -> Option<Expected> {
-        let other = Rehearsal::new(setup, Some(orientation), self.options);
+        let other = Rehearsal::new(setup, Some(orientation), self.options).ok()?;
         expected(&other.solve(&other.observations).ok()?, setup)
     }
+}
+
+/// Markers in flight, wing frame, m: one coefficient of curvature, found by the rule of proportion.
+fn bent(setup: &Setup, shape: &GroundShape, tip_lift_m: f64) -> Vec<Vector3<f64>> {
+    let arcs: Vec<f64> = shape.stations.iter().map(|s| s.arc_m).collect();
+    let grid = Grid::new(shape, &arcs);
+    let mounts = grid.mounts(&shape.stations);
+    let scale = setup.thermal.map_or(1.0, |t| t.scale());
+    let place = |curvature: f64| -> Vec<Vector3<f64>> {
+        let sections = grid.bend(&Bending { curvature_per_m: &[curvature], twist_rad: &[], scale });
+        let carried = sections.iter().zip(&mounts).zip(&shape.stations);
+        carried.map(|((section, mount), s)| mount.carry(section, &s.surveyed_m, scale).position_m).collect()
+    };
+    let outermost = (0..arcs.len()).max_by(|&a, &b| arcs[a].total_cmp(&arcs[b]));
+    let lift =
+        |points: &[Vector3<f64>]| outermost.map_or(0.0, |k| points[k].y - shape.stations[k].surveyed_m.y);
+    let mut curvature = 2.0 * tip_lift_m / shape.axis.length_m.powi(2);
+    for _ in 0..PROPORTIONS {
+        let reached = lift(&place(curvature)) - lift(&place(0.0));
+        if reached.abs() > 1e-9 {
+            curvature *= (tip_lift_m - lift(&place(0.0))) / reached;
+        }
+    }
+    place(curvature)
 }
 
 /// Middle of the wing on ground and in flight; the camera upright.
