@@ -330,27 +330,6 @@ fn a_blunder_is_found_and_named() {
     assert_eq!((solution.global_test, solution.redundancy), (GlobalTest::Passed, 20));
 }
 
-/// Image noise stated twice too small. The survey's share of the redundancy is small, its component loose.
-#[test]
-fn variance_components_find_wrong_standard_deviations() {
-    let mut rng = StdRng::seed_from_u64(9);
-    let runs = 40;
-    let (mut image, mut survey) = (0.0, 0.0);
-    for _ in 0..runs {
-        let mut case = Case::parabola(PAPER_A, 27).noisy(&mut rng);
-        case.observations.iter_mut().for_each(|o| o.covariance_px2 /= 4.0);
-        let options = Options { variance_components: true, snooping_alpha: 0.0, ..Options::default() };
-        let s = adjust::profile(&case.setup, &case.orientation, &case.observations, &options).unwrap();
-        let of = |name| s.variance_components.iter().find(|c| c.group == name).unwrap();
-        let total = of("image").redundancy + of("survey").redundancy;
-        assert!((total - s.redundancy as f64).abs() < 1e-3, "{total}");
-        image += of("image").factor / f64::from(runs);
-        survey += of("survey").factor / f64::from(runs);
-    }
-    println!("variance components: image {image:.2} (true 4), survey {survey:.2} (true 1)");
-    assert!((image - 4.0).abs() < 0.8, "{image}");
-}
-
 #[test]
 fn too_little_is_refused_with_the_datum_named() {
     let case = Case::parabola(PAPER_A, 22);
