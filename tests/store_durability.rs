@@ -55,7 +55,7 @@ fn take_series(store: &Store, time: &mut f64, n: u32, said: &mut Acknowledged) -
     series.note_camera(json!({"name": "fake"}).as_object().cloned().unwrap())?;
     for shot in 1..=3 {
         *time += 1.0;
-        let failed = (n + shot) % 5 == 0;
+        let failed = (n + shot).is_multiple_of(5);
         let failures = if failed {
             vec![Failure { kind: "busy".to_owned(), reason: "busy".to_owned(), kept_as: None }]
         } else {

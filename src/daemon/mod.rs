@@ -115,13 +115,16 @@ impl SeriesConfig {
     }
 }
 
+/// File name, bytes, how to read them -> the result.
+pub type Solve = Arc<dyn Fn(&str, &[u8], &Format) -> ImageRecord + Send + Sync>;
+
 /// How frames are solved. Called on the processing thread only.
 #[derive(Clone)]
 pub struct Solver {
     /// What the results depend on beside the frame.
     pub inputs: Inputs,
-    /// File name, bytes, how to read them -> the result.
-    pub solve: Arc<dyn Fn(&str, &[u8], &Format) -> ImageRecord + Send + Sync>,
+    /// Does it.
+    pub solve: Solve,
 }
 
 /// Something that a progress display may show.

@@ -99,7 +99,7 @@ impl Recorder {
     /// Waits on the clock and listens; returns early to stop, and where asked to on a trigger.
     fn wait(&mut self, duration: Duration, until_triggered: bool) {
         let end = self.clock.since_boot() + duration;
-        while !self.stopping && !(until_triggered && self.triggered) {
+        while !(self.stopping || until_triggered && self.triggered) {
             self.board.beat();
             let slice = end.saturating_sub(self.clock.since_boot()).min(SLICE);
             if slice.is_zero() {
@@ -339,15 +339,12 @@ impl Recorder {
     fn keep(&mut self, series: &mut OpenSeries, shot: Shot, frame: Option<Frame>) -> Result<(), StoreError> {
         let stamp: Stamp = shot.stamp.clone();
         let number = shot.shot;
-        let new = match &frame {
-            Some(frame) => Some(NewFrame {
-                bytes: &frame.bytes,
-                extension: extension(&frame.format),
-                format: serde_json::to_value(&frame.format).unwrap_or(Value::Null),
-                settings: frame.settings.clone(),
-            }),
-            None => None,
-        };
+        let new = frame.as_ref().map(|frame| NewFrame {
+            bytes: &frame.bytes,
+            extension: extension(&frame.format),
+            format: serde_json::to_value(&frame.format).unwrap_or(Value::Null),
+            settings: frame.settings.clone(),
+        });
         let id = series.id().to_owned();
         let stored = series.add_shot(shot, new)?.frame.clone();
         self.board.update(|status| status.shot = number);

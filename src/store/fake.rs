@@ -66,15 +66,15 @@ impl Change {
     }
 
     fn apply(&self, nodes: &mut [Node], side: fn(&mut Node) -> Option<&mut BTreeMap<String, Id>>) {
-        if let Some((directory, name)) = &self.from {
-            if let Some(map) = nodes.get_mut(*directory).and_then(side) {
-                map.remove(name);
-            }
+        if let Some((directory, name)) = &self.from
+            && let Some(map) = nodes.get_mut(*directory).and_then(side)
+        {
+            map.remove(name);
         }
-        if let Some((directory, name, id)) = &self.to {
-            if let Some(map) = nodes.get_mut(*directory).and_then(side) {
-                map.insert(name.clone(), *id);
-            }
+        if let Some((directory, name, id)) = &self.to
+            && let Some(map) = nodes.get_mut(*directory).and_then(side)
+        {
+            map.insert(name.clone(), *id);
         }
     }
 }
@@ -177,7 +177,7 @@ impl State {
     }
 
     fn toss(&mut self) -> bool {
-        self.next_random() % 2 == 0
+        self.next_random().is_multiple_of(2)
     }
 
     /// Counts a step; `Err` where it is the one that fails. `writing` says that it needs space.

@@ -123,7 +123,7 @@ pub enum JournalLine {
     /// The camera opened.
     Camera(Map<String, Value>),
     /// Written **before** the frame's bytes: a frame is whole when its hash says so.
-    Shot(Shot),
+    Shot(Box<Shot>),
 }
 
 /// `flight.json`.

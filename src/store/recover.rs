@@ -103,7 +103,7 @@ fn rebuild(
         match line {
             JournalLine::Head(_) => {}
             JournalLine::Camera(camera) => manifest.camera = camera,
-            JournalLine::Shot(shot) => manifest.shots.push(judge(disk, root, &folder, id, shot, found)?),
+            JournalLine::Shot(shot) => manifest.shots.push(judge(disk, root, &folder, id, *shot, found)?),
         }
     }
     if let Some(tail) = bytes.get(lines.good_length..).filter(|tail| !tail.is_empty()) {

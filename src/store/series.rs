@@ -93,7 +93,7 @@ impl OpenSeries {
                 settings: frame.settings.clone(),
             });
         }
-        self.journal(&JournalLine::Shot(shot.clone()))?;
+        self.journal(&JournalLine::Shot(Box::new(shot.clone())))?;
         if let (Some(frame), Some(entry)) = (frame, &shot.frame) {
             self.write_frame(&entry.file, frame.bytes)?;
         }

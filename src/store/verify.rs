@@ -311,10 +311,10 @@ impl Checker<'_> {
         let incoming = root.join(layout::INCOMING);
         for entry in self.disk.list(&incoming).unwrap_or_default() {
             let folder = incoming.join(&entry.name);
-            if layout::series_number(&entry.name).is_some() {
-                if let Some(other) = self.seen.insert(entry.name.clone(), folder.clone()) {
-                    self.report.fault(4, &folder, format!("has the same id as {}", other.display()));
-                }
+            if layout::series_number(&entry.name).is_some()
+                && let Some(other) = self.seen.insert(entry.name.clone(), folder.clone())
+            {
+                self.report.fault(4, &folder, format!("has the same id as {}", other.display()));
             }
             let what = "being taken, or recovered at the daemon's next start";
             self.report.notes.push(format!("incoming/{}: {what}", entry.name));
@@ -329,7 +329,7 @@ impl Checker<'_> {
         let shots: Vec<Shot> = lines
             .into_iter()
             .filter_map(|(_, line)| match line {
-                JournalLine::Shot(shot) => Some(shot),
+                JournalLine::Shot(shot) => Some(*shot),
                 _ => None,
             })
             .collect();
