@@ -1,0 +1,116 @@
+//! Making a store, and finding out at opening what it holds.
+
+use std::path::Path;
+
+use super::disk::{self, Disk};
+use super::error::StoreError;
+use super::manifest::Counter;
+use super::{FlightRef, Index, Recovery, catalogue, jsonl, layout};
+use crate::clock::Stamp;
+
+/// Makes a store; its mark is written last, so that a crash leaves an empty directory that counts as none.
+pub(super) fn create(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
+    make_root(disk, root)?;
+    refuse_foreign(disk, root)?;
+    for name in [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL] {
+        ensure_dir(disk, root, name)?;
+    }
+    save_counter(disk, root, 1, 1)?;
+    let path = root.join(layout::STORE_FILE);
+    let text = format!(
+        "# A store of wingd; docs/store.md says what is where.\nformat = {}\ncreated_by = \"wingd {}\"\n",
+        layout::FORMAT,
+        env!("CARGO_PKG_VERSION")
+    );
+    disk::replace(disk, &path, text.as_bytes()).map_err(StoreError::io(&path, "write"))
+}
+
+fn make_root(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
+    if disk.exists(root) {
+        return Ok(());
+    }
+    let parent = root.parent().filter(|parent| !parent.as_os_str().is_empty());
+    if let Some(parent) = parent {
+        make_root(disk, parent)?;
+    }
+    disk.create_dir(root).map_err(StoreError::io(root, "create"))?;
+    let parent = parent.unwrap_or(Path::new("."));
+    disk.sync_dir(parent).map_err(StoreError::io(parent, "sync"))
+}
+
+/// A directory without a mark may hold what a broken-off creation leaves, and nothing else.
+fn refuse_foreign(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
+    for entry in disk.list(root).map_err(StoreError::io(root, "list"))? {
+        let name = entry.name.trim_end_matches(layout::PART_ENDING);
+        let ours = [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL, layout::COUNTER_FILE];
+        let known = ours.contains(&name) || [layout::STORE_FILE, layout::LOCK_FILE].contains(&name);
+        let empty = !entry.is_dir || disk.list(&root.join(&entry.name)).is_ok_and(|list| list.is_empty());
+        let harmless = name == "lost+found" || (known && empty);
+        if !harmless {
+            let why = format!("it has no {} but holds {}", layout::STORE_FILE, entry.name);
+            return Err(StoreError::NotAStore { path: root.to_owned(), why });
+        }
+    }
+    Ok(())
+}
+
+pub(super) fn ensure_dir(disk: &dyn Disk, root: &Path, name: &str) -> Result<(), StoreError> {
+    let path = root.join(name);
+    if !disk.exists(&path) {
+        disk.create_dir(&path).map_err(StoreError::io(&path, "create"))?;
+        disk.sync_dir(root).map_err(StoreError::io(root, "sync"))?;
+    }
+    Ok(())
+}
+
+pub(super) fn save_counter(
+    disk: &dyn Disk,
+    root: &Path,
+    next_flight: u64,
+    next_series: u64,
+) -> Result<(), StoreError> {
+    let path = root.join(layout::COUNTER_FILE);
+    let text = jsonl::line(&Counter { next_flight, next_series }).map_err(StoreError::io(&path, "write"))?;
+    disk::replace(disk, &path, &text).map_err(StoreError::io(&path, "write"))
+}
+
+/// Reads the counter and the newest flight. Ids on disk win over a counter that was lost or set back.
+pub(super) fn scan(disk: &dyn Disk, root: &Path, recovery: &mut Recovery) -> Result<Index, StoreError> {
+    let mut index = Index { next_flight: 1, next_series: 1, ..Index::default() };
+    let path = root.join(layout::COUNTER_FILE);
+    let counter = disk.read(&path).ok().and_then(|bytes| serde_json::from_slice::<Counter>(&bytes).ok());
+    for flight in catalogue::flights(disk, root)? {
+        index.next_flight = layout::flight_number(&flight.id).unwrap_or(0).saturating_add(1);
+        for series in catalogue::series(disk, &flight)? {
+            let next = layout::series_number(&series.id).unwrap_or(0).saturating_add(1);
+            index.next_series = index.next_series.max(next);
+        }
+        index.last = last_moment(disk, &flight).or(index.last);
+        index.flight = Some(flight.id);
+    }
+    for entry in disk.list(&root.join(layout::INCOMING)).unwrap_or_default() {
+        let next = layout::series_number(&entry.name).unwrap_or(0).saturating_add(1);
+        index.next_series = index.next_series.max(next);
+    }
+    let on_disk = (index.next_flight, index.next_series);
+    if let Some(counter) = counter {
+        index.next_flight = index.next_flight.max(counter.next_flight);
+        index.next_series = index.next_series.max(counter.next_series);
+    }
+    if counter.is_none_or(|c| c.next_flight < on_disk.0 || c.next_series < on_disk.1) {
+        recovery.remarks.push("counter.json was damaged or behind; mended from the ids on disk".to_owned());
+        save_counter(disk, root, index.next_flight, index.next_series)?;
+    }
+    Ok(index)
+}
+
+/// The last moment recorded in a flight.
+fn last_moment(disk: &dyn Disk, flight: &FlightRef) -> Option<Stamp> {
+    let series = catalogue::series(disk, flight).ok()?;
+    let last = series.iter().rev().find_map(|series| catalogue::manifest(disk, series).ok());
+    let of_series = last.and_then(|manifest| {
+        let shot = manifest.shots.last().map(|shot| shot.stamp.clone());
+        manifest.ended.or(shot).or(manifest.started)
+    });
+    of_series.or_else(|| catalogue::flight_manifest(disk, flight).ok().map(|manifest| manifest.started))
+}
