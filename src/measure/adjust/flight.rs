@@ -27,7 +27,7 @@ const SMALLEST_CURVATURE_PER_M: f64 = 2e-4;
 /// Departure of a frame's shape from the shared one, over the usual spread of shapes: to begin with,
 /// and bounds.
 const DEPARTURE: f64 = 0.03;
-const DEPARTURE_BOUNDS: (f64, f64) = (0.015, 1.0);
+const DEPARTURE_BOUNDS: (f64, f64) = (0.006, 1.0);
 const DEPARTURE_ROUNDS: usize = 4;
 /// Level of the test that finds a remounted camera between two frames.
 const REMOUNT_ALPHA: f64 = 1e-4;

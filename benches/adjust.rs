@@ -1,0 +1,41 @@
+//! Speed of the adjustments: 21 markers; the spatial problem is also written out for
+//! `benches/scipy_peer.py`.
+#![allow(missing_docs, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+#[path = "../tests/beam_truth/mod.rs"]
+mod beam_truth;
+
+use beam_truth::{Truth, Wing, remounted, rng};
+use criterion::{Criterion, criterion_group, criterion_main};
+use wingd::measure::adjust::{self, Observation, Options};
+
+fn adjustments(c: &mut Criterion) {
+    let mut rng = rng(1);
+    let truth = Truth::new(Wing::default(), 21);
+    let mount = remounted(&mut rng, &truth.setup);
+    let setup = truth.surveyed(&mut rng, 0.002, 0.002);
+    let orientation = truth.orientation(&mut rng, 0.05, true);
+    let options = Options::default();
+    let mut frame = |k: usize, n: usize| -> Vec<Observation> {
+        let points = truth.in_flight(3.0 - 1.2 * k as f64 / n as f64, truth.fuel());
+        truth.observations(&mut rng, &points, mount, 0.05)
+    };
+    let one = frame(0, 1);
+    c.bench_function("profile, 21 markers", |b| {
+        b.iter(|| adjust::profile(&setup, &orientation, &one, &options).unwrap())
+    });
+    c.bench_function("spatial, 21 markers", |b| {
+        b.iter(|| adjust::spatial(&setup, &orientation, &one, &options).unwrap())
+    });
+    for n in [10, 85, 100, 1000] {
+        let frames: Vec<_> = (0..n).map(|k| frame(k, n)).collect();
+        let mut group = c.benchmark_group("flight");
+        group.sample_size(10);
+        group.bench_function(format!("{n} frames"), |b| {
+            b.iter(|| adjust::flight(&setup, &orientation, &frames, &options).unwrap())
+        });
+    }
+}
+
+criterion_group!(benches, adjustments);
+criterion_main!(benches);
