@@ -6,13 +6,15 @@ WINGD=${WINGD:-$ROOT/target/release/wingd}
 verdict() { if [ "$1" = 0 ]; then echo "passed: package: $2"; else echo "failed: package: $2"; [ ! -e "$log" ] || tail -n 5 "$log"; fi; }
 log=$(mktemp)
 [ "$(id -u)" = 0 ] || { echo "failed: package: needs root for a chroot"; exit 1; }
-package=$(cd "$ROOT" && sh packaging/build.sh "$WINGD" 2>"$log"); verdict $? "built"
+package=$(cd "$ROOT" && sh packaging/build.sh "$WINGD" 2>"$log"); status=$?; verdict $status "built"
+[ $status = 0 ] || exit 1
 tar=$("$MACHINE/rootfs.sh") || { echo "failed: package: no root file system"; exit 1; }
 root=$(mktemp -d); trap 'rm -rf "$root" "$log"' EXIT
 tar -C "$root" -xf "$tar"
 cp "$ROOT/$package" "$root/wingd.deb"
 inside() { chroot "$root" env PATH=/usr/sbin:/usr/bin:/sbin:/bin DEBIAN_FRONTEND=noninteractive "$@" >>"$log" 2>&1; }
-inside dpkg -i /wingd.deb; verdict $? "installs on Debian with its dependencies"
+inside dpkg -i /wingd.deb; status=$?; verdict $status "installs on Debian with its dependencies"
+[ $status = 0 ] || exit 1
 inside wingd --version; verdict $? "the binary runs there"
 inside sh -c 'id -nG wingd | grep -w video && id -nG wingd | grep -w plugdev && [ "$(id -u wingd)" -lt 1000 ]'
 verdict $? "user wingd, in video and plugdev"
