@@ -8,6 +8,7 @@
 //! | main | signals, the status socket, the service manager | all of these |
 
 mod capture;
+mod metrics;
 mod processing;
 mod recorder;
 pub mod schedule;

@@ -1,4 +1,4 @@
-//! The status socket: one command per line in, one line of JSON out.
+//! The status socket: one command per line in, one line of JSON out (`metrics`: Prometheus text).
 
 use std::io::{self, BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream as BlockingStream;
@@ -83,10 +83,11 @@ async fn answer(mut stream: UnixStream, board: &Board, recorder: &Sender<Command
 fn reply(command: &str, board: &Board, recorder: &Sender<Command>) -> String {
     let asked = match command {
         "status" => return serde_json::to_string(&board.snapshot()).unwrap_or_default(),
+        "metrics" => return super::metrics::exposition(&board.snapshot()),
         "trigger" => recorder.send(Command::Trigger).map(|()| "an extra series begins"),
         "new-flight" => recorder.send(Command::NewFlight).map(|()| "an extra series begins a new flight"),
         _ => {
-            let error = format!("unknown command {command:?}; known: status, trigger, new-flight");
+            let error = format!("unknown command {command:?}; known: status, metrics, trigger, new-flight");
             return serde_json::json!({ "error": error }).to_string();
         }
     };

@@ -1,4 +1,5 @@
 #!/bin/bash
+[ -n "${BASH_VERSION:-}" ] || exec bash "$0" "$@"
 # The hardware paths in virtual machines; see README.md. Ends with a line `N passed, N failed`.
 . "$(dirname "$0")/common.sh"
 set +e
@@ -14,11 +15,12 @@ lines=$(mktemp); trap 'rm -f "$lines"' EXIT
 "$MACHINE/gphoto.sh" 2>&1 | grep -v '^[0-9,]*: No such file' | tee -a "$lines"
 "$MACHINE/uml.sh" "$MACHINE/v4l-guest.sh" "wingd=$WINGD" "feed=$FEED" "frames=$FRAMES" "rounds=$FAULT_ROUNDS" \
     "installation=$FRAMES/../installation/camera.toml" 2>&1 | tee -a "$lines"
+"$MACHINE/daemon.sh" 2>&1 | grep -v "^[0-9,]*: No such file" | tee -a "$lines"
 "$MACHINE/package.sh" 2>&1 | tee -a "$lines"
 
 passed=$(grep -c '^passed: ' "$lines"); failed=$(grep -c '^failed: ' "$lines")
 # Every part must have spoken: silence is a failure.
-for part in unit: gphoto: v4l: release: package:; do
+for part in unit: gphoto: v4l: release: daemon: package:; do
     grep -q "^\(passed\|failed\): $part" "$lines" || { echo "failed: $part said nothing"; failed=$((failed + 1)); }
 done
 echo "$passed passed, $failed failed"

@@ -1,0 +1,69 @@
+#!/bin/bash
+# The whole recorder on the virtual PTP camera: a series of ten, stored unchanged and solved; then the same
+# with a camera that dies in the middle. Prints the recorder's memory and CPU.
+. "$(dirname "$0")/common.sh"
+set +e
+WINGD=${WINGD:-$ROOT/target/release/wingd}
+FRAMES=${FRAMES:-$ROOT/fixtures/dev/frames}
+IOLIBS=$("$MACHINE/vcamera.sh") || { echo "failed: daemon: no virtual camera"; exit 1; }; export IOLIBS
+work=$(mktemp -d); trap 'rm -rf "$work"' EXIT
+verdict() { if [ "$1" = 0 ]; then echo "passed: daemon: $2"; else echo "failed: daemon: $2"; tail -n 5 "$work/log"; fi; }
+cp -r "$FRAMES/../installation" "$work/installation"; chmod -R u+w "$work/installation"
+mapfile -t flight < <(find "$FRAMES" -name 'flight*.jpg' | sort)
+"$WINGD" orient --installation "$work/installation" "$FRAMES"/ground*.jpg >"$work/log" 2>&1; verdict $? "the ground frame orients the camera"
+
+fresh() {
+    rm -rf "$work/cam" "$work/store"; mkdir -p "$work/cam"/{card/DCIM,shots,state}
+    local i frame
+    for ((i = 0; i < 16; i++)); do
+        frame=${flight[i % ${#flight[@]}]}
+        { head -c 2 "$frame"; printf '\xff\xfe\x00\x08%06d' "$i"; tail -c +3 "$frame"; } >"$work/cam/shots/$(printf %02d "$i").jpg"
+    done
+    cp "$work/cam/shots/00.jpg" "$work/cam/card/dummy.jpg"
+    export VCAMERADIR=$work/cam/card VCAMERA_SHOTS=$work/cam/shots VCAMERA_STATE=$work/cam/state
+    cat >"$work/wingd.toml" <<END
+installation = "installation"
+[camera]
+kind = "gphoto"
+[camera.settings]
+focusmode = "Manual"
+iso = "100"
+[series]
+interval = "1m"
+shots = 10
+gap = "200ms"
+shot_deadline = "5s"
+until = "20s"
+[store]
+path = "store"
+[status]
+socket = "wingd.sock"
+END
+}
+record() {
+    "$WINGD" run --config "$work/wingd.toml" >"$work/log" 2>&1 & daemon=$!
+    peak=0
+    for _ in $(seq 2400); do
+        kill -0 $daemon 2>/dev/null || break
+        rss=$(sed -n 's/^VmHWM: *\([0-9]*\).*/\1/p' /proc/$daemon/status 2>/dev/null); [ "${rss:-0}" -gt "$peak" ] && peak=$rss
+        sleep 0.1
+    done
+    wait $daemon
+}
+stored() { find "$work/store/flights" -name '*.jpg' -exec sha256sum {} + | cut -d' ' -f1 | sort; }
+
+fresh; record; verdict $? "a series of ten ends by itself"
+[ "$(stored | wc -l)" = 10 ] && [ "$(stored)" = "$(sha256sum "$work"/cam/shots/0?.jpg | cut -d' ' -f1 | sort)" ]
+verdict $? "10 frames stored, bytes as the camera sent them"
+"$WINGD" verify "$work/store" >"$work/verify" 2>&1; verdict $? "the store verifies"
+solved=$(cat "$(find "$work/store" -name results.jsonl | head -n 1)" 2>/dev/null | grep -c '"status":"ok"')
+[ "$solved" = 10 ]; verdict $? "$solved of 10 frames solved; peak memory of the recorder $((peak / 1024)) MB"
+[ -z "$(find "$work/cam/card/DCIM" -name '*.JPG')" ]; verdict $? "the card is empty again"
+
+fresh; (sleep 1; echo die >"$work/cam/state/fault") & record; verdict $? "a camera that dies mid-download does not end the recorder"
+missing=0
+for view in $(sed -n 's/^view //p' "$work/cam/state/log" | sort -u); do
+    stored | grep -q "$(sha256sum "$work/cam/shots/$view.jpg" | cut -d' ' -f1)" || missing=$((missing + 1))
+done
+grep -q 'fault die' "$work/cam/state/log" || missing=$((missing + 100))
+verdict $missing "every picture that the camera took is in the store, $(stored | wc -l) frames"
