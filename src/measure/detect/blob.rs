@@ -31,21 +31,29 @@ struct Window {
     below: Vec<u8>,
 }
 
-/// The blobs of one region; none where the region is too large for a marker's window.
-pub fn blobs(image: &Raster, coarse: &Coarse, region: &Region) -> Vec<Blob> {
+/// The blobs of one region, and whether one of them goes on outside its window.
+pub fn blobs(image: &Raster, coarse: &Coarse, region: &Region) -> (Vec<Blob>, bool) {
     let mut window = threshold(image, coarse, region);
     let mut out = Vec::new();
     let mut stack = Vec::new();
+    let mut cut = false;
     for start in 0..window.below.len() {
-        if window.below[start] != 0 {
-            let pixels = window.fill(start, &mut stack);
-            if pixels.len() >= 6 && !window.cuts(image, &pixels) {
-                out.push(window.blob(image, pixels));
+        if window.below[start] == DARK {
+            let (bounds, area) = window.fill(start, &mut stack);
+            let cuts = window.cuts(image, bounds);
+            cut |= cuts;
+            let blob = window.blob(image, bounds);
+            if area >= 6 && !cuts {
+                out.push(blob);
             }
         }
     }
-    out
+    (out, cut)
 }
+
+/// Marks in a window: dark, and of the set at hand.
+const DARK: u8 = 1;
+const TAKEN: u8 = 2;
 
 /// Marks the pixels below half way between the region's darkest and the local background.
 fn threshold(image: &Raster, coarse: &Coarse, region: &Region) -> Window {
@@ -71,50 +79,55 @@ fn threshold(image: &Raster, coarse: &Coarse, region: &Region) -> Window {
 }
 
 impl Window {
-    /// Takes the 4-connected set around `start` out of the mask, in scan order.
-    fn fill(&mut self, start: usize, stack: &mut Vec<usize>) -> Vec<usize> {
-        let mut pixels = Vec::new();
-        self.below[start] = 0;
+    /// Marks the 8-connected set around `start` as taken; its bounds in the window and its size.
+    fn fill(&mut self, start: usize, stack: &mut Vec<usize>) -> ([usize; 4], usize) {
+        let mut bounds = [usize::MAX, usize::MAX, 0, 0];
+        let mut area = 0;
+        self.below[start] = TAKEN;
         stack.push(start);
         while let Some(i) = stack.pop() {
-            pixels.push(i);
+            area += 1;
             let (x, y) = (i % self.width, i / self.width);
-            let next = [
-                (x > 0).then(|| i - 1),
-                (x + 1 < self.width).then(|| i + 1),
-                (y > 0).then(|| i - self.width),
-                (y + 1 < self.height).then(|| i + self.width),
-            ];
-            for n in next.into_iter().flatten() {
-                if self.below[n] != 0 {
-                    self.below[n] = 0;
-                    stack.push(n);
+            bounds = [bounds[0].min(x), bounds[1].min(y), bounds[2].max(x), bounds[3].max(y)];
+            for ny in y.saturating_sub(1)..=(y + 1).min(self.height - 1) {
+                for nx in x.saturating_sub(1)..=(x + 1).min(self.width - 1) {
+                    let n = ny * self.width + nx;
+                    if self.below[n] == DARK {
+                        self.below[n] = TAKEN;
+                        stack.push(n);
+                    }
                 }
             }
         }
-        pixels.sort_unstable();
-        pixels
+        (bounds, area)
     }
 
     /// Whether the set goes on outside the window; a laxer level then has it whole.
-    fn cuts(&self, image: &Raster, pixels: &[usize]) -> bool {
+    fn cuts(&self, image: &Raster, [x0, y0, x1, y1]: [usize; 4]) -> bool {
         let (right, low) = (self.x0 + self.width < image.width(), self.y0 + self.height < image.height());
-        pixels.iter().any(|&i| {
-            let (x, y) = (i % self.width, i / self.width);
-            (x == 0 && self.x0 > 0)
-                || (y == 0 && self.y0 > 0)
-                || (x + 1 == self.width && right)
-                || (y + 1 == self.height && low)
-        })
+        (x0 == 0 && self.x0 > 0)
+            || (y0 == 0 && self.y0 > 0)
+            || (x1 + 1 == self.width && right)
+            || (y1 + 1 == self.height && low)
     }
 
-    fn blob(&self, image: &Raster, pixels: Vec<usize>) -> Blob {
+    /// The taken set within `bounds`, which is wiped, as a blob.
+    fn blob(&mut self, image: &Raster, [x0, y0, x1, y1]: [usize; 4]) -> Blob {
         let mut runs: Vec<[u32; 3]> = Vec::new();
-        for i in pixels {
-            let (x, y) = ((self.x0 + i % self.width) as u32, (self.y0 + i / self.width) as u32);
-            match runs.last_mut() {
-                Some(run) if run[0] == y && run[2] + 1 == x => run[2] = x,
-                _ => runs.push([y, x, x]),
+        for y in y0..=y1 {
+            let row = &mut self.below[y * self.width..][..self.width];
+            let mut open: Option<usize> = None;
+            for x in x0..=x1 + 1 {
+                let taken = x <= x1 && row[x] == TAKEN;
+                match (taken, open) {
+                    (true, None) => open = Some(x),
+                    (false, Some(from)) => {
+                        row[from..x].fill(0);
+                        runs.push([self.y0 + y, self.x0 + from, self.x0 + x - 1].map(|v| v as u32));
+                        open = None;
+                    }
+                    _ => {}
+                }
             }
         }
         let mut blob = Blob {

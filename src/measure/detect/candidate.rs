@@ -108,8 +108,8 @@ fn together(blobs: &[&Blob]) -> Shape {
 pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
     let outline = Outline::from_moments(blob.centroid, blob.covariance, 2.0);
     // Few pixels across make steps in the outline.
-    let most = 0.36 + 0.5 / (outline.minor * outline.minor).max(0.5);
-    ((0.80..1.12).contains(&blob.fill()) && squareness(blob) < most).then(|| Candidate {
+    let most = 0.36 + 0.6 / (outline.minor * outline.minor).max(0.5);
+    ((0.72..1.2).contains(&blob.fill()) && squareness(blob) < most).then(|| Candidate {
         pattern: Pattern::Disc,
         outline,
         edges: None,

@@ -42,6 +42,18 @@ pub struct Region {
     pub least: u16,
 }
 
+impl Region {
+    /// Whether `other`, of a laxer level, is the same thing with a fringe.
+    pub fn stands_for(&self, other: &Self) -> bool {
+        let fringe = |a: usize, b: usize| a.abs_diff(b) <= 2;
+        self.least == other.least
+            && fringe(self.x0, other.x0)
+            && fringe(self.y0, other.y0)
+            && fringe(self.x1, other.x1)
+            && fringe(self.y1, other.y1)
+    }
+}
+
 /// Side of a block that suits a frame's size, px.
 pub fn factor(image: &Raster) -> usize {
     if image.width() * image.height() > 3_000_000 { 4 } else { 2 }

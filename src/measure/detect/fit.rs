@@ -22,6 +22,26 @@ pub struct Fit {
     pub inliers: f64,
 }
 
+impl Fit {
+    /// The same fit under the condition that the parameters `zero` are 0: exact for a linear model,
+    /// and the parameters in question are small.
+    pub fn without(&self, zero: &[usize]) -> Self {
+        let mut out = self.clone();
+        for &k in zero {
+            let (column, variance) = (out.covariance.column(k).into_owned(), out.covariance[(k, k)]);
+            if variance > 0.0 {
+                let value = out.parameters[k];
+                for i in 0..N {
+                    out.parameters[i] -= column[i] * value / variance;
+                }
+                out.covariance -= column * column.transpose() / variance;
+            }
+            out.parameters[k] = 0.0;
+        }
+        out
+    }
+}
+
 /// One linearisation: normal equations and residual statistics.
 struct Step {
     normal: Square,
@@ -42,35 +62,45 @@ const USUAL_GAMMA: f64 = 1.0 / 2.2;
 const GAMMA_SPREAD: f64 = 0.15;
 
 /// Pixels that the iteration starts with; all of them only refine its result.
-const FIRST_PIXELS: usize = 450;
+const FIRST_PIXELS: usize = 320;
 
-/// Fits the `free` parameters from `start`; `None` where it does not settle.
-pub fn fit(
+/// Fits the `free` parameters from `start` to every so-manieth pixel, to a hundredth of a pixel.
+pub fn rough(
     pattern: Pattern,
     pixels: &[Pixel],
     start: &Parameters,
     free: &[bool; N],
     floor: f64,
-) -> Option<Fit> {
+) -> Option<Parameters> {
+    let stride = (pixels.len() / FIRST_PIXELS).max(1);
+    let some: Vec<Pixel> = pixels.iter().step_by(stride).copied().collect();
+    let contrast = contrast(start);
+    let mut residuals = Vec::with_capacity(some.len());
+    // Most pixels are flat and say nothing of an edge that is still off: the scale comes down slowly.
+    let scale = 0.25 * contrast;
+    Some(iterate(pattern, &some, *start, scale, free, floor.max(0.02 * contrast), &mut residuals, 1e-2)?.0)
+}
+
+/// Fits the `free` parameters from near the solution; `None` where it does not settle.
+pub fn fit(pattern: Pattern, pixels: &[Pixel], start: &Parameters, free: &[bool; N], floor: f64) -> Option<Fit> {
     let count = free.iter().filter(|&&f| f).count();
     if pixels.len() < 2 * count {
         return None;
     }
-    let contrast = start[LIGHT] * (1.0 - (1.0 - start[DARK]).powf(start[GAMMA]));
+    let contrast = contrast(start);
     let floor = floor.max(0.02 * contrast);
     let mut residuals = Vec::with_capacity(pixels.len());
-    // Most pixels are flat and say nothing of an edge that is still off: the scale comes down slowly.
-    let (mut m, mut scale) = (*start, 0.25 * contrast);
-    if pixels.len() > 2 * FIRST_PIXELS {
-        let stride = pixels.len() / FIRST_PIXELS;
-        let some: Vec<Pixel> = pixels.iter().step_by(stride).copied().collect();
-        (m, scale) = iterate(pattern, &some, m, scale, free, floor, &mut residuals)?;
-    }
-    let (m, scale) = iterate(pattern, pixels, m, scale, free, floor, &mut residuals)?;
+    let (m, scale) = iterate(pattern, pixels, *start, 2.0 * floor, free, floor, &mut residuals, 1e-3)?;
     finish(pattern, pixels, m, free, scale, floor, &mut residuals, count)
 }
 
+/// Grey levels between white or skin and black.
+pub fn contrast(m: &Parameters) -> f64 {
+    m[LIGHT] * (1.0 - (1.0 - m[DARK]).max(0.0).powf(m[GAMMA]))
+}
+
 /// Repeats the linear solution until the centre stands still; the parameters and the scale.
+#[allow(clippy::too_many_arguments)]
 fn iterate(
     pattern: Pattern,
     pixels: &[Pixel],
@@ -79,6 +109,7 @@ fn iterate(
     free: &[bool; N],
     floor: f64,
     residuals: &mut Vec<f64>,
+    tolerance: f64,
 ) -> Option<(Parameters, f64)> {
     for iteration in 0..MAX_ITERATIONS {
         let step = linearise(pattern, pixels, &m, free, scale, floor, residuals);
@@ -96,9 +127,9 @@ fn iterate(
             return None;
         }
         let moved = change[X].hypot(change[Y]);
-        let settled = moved < 4e-3
+        let settled = moved < tolerance
             && (pattern != Pattern::Disc || change[FIRST].abs() < 0.02)
-            && (step.scale / scale - 1.0).abs() < 0.2;
+            && (step.scale / scale - 1.0).abs() < 20.0 * tolerance;
         scale = step.scale.max(0.5 * scale);
         if settled || (iteration + 1 == MAX_ITERATIONS && moved < 0.02) {
             return Some((m, scale));
@@ -259,7 +290,7 @@ fn limit(mut change: Column, m: &Parameters, pattern: Pattern) -> Column {
 }
 
 fn plausible(pattern: Pattern, m: &Parameters) -> bool {
-    let common = m.iter().all(|v| v.is_finite()) && m[BLUR] > 0.2 && m[BLUR] < 12.0;
+    let common = m.iter().all(|v| v.is_finite()) && m[BLUR] > 0.2 && m[BLUR] < 4.0;
     let lit = m[LIGHT] > 1.0 && m[LIGHT] < 1500.0 && m[DARK] > 0.02 && m[DARK] < 1.5;
     let lit = lit && m[GAMMA] > 0.15 && m[GAMMA] < 3.0;
     let shape = match pattern {

@@ -7,7 +7,7 @@ use super::super::setup::Shape;
 use super::arc::within;
 use super::blob::Blob;
 use super::candidate::{Candidate, Outline, half_turn};
-use super::fit::{Fit, fit};
+use super::fit::{Fit, contrast, fit, rough};
 use super::model::{
     ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, Pixel, SECOND, THIRD, X, Y,
 };
@@ -20,7 +20,7 @@ const BEND_TEST: f64 = 3.0;
 /// the sag times the skin's slope, for which one in ten stands.
 const LAID: f64 = 0.1;
 /// Pixels of a fit: more would only cost time.
-const MAX_PIXELS: usize = 1800;
+const MAX_PIXELS: usize = 1400;
 
 /// A fitted marker with its blur.
 pub struct Measured {
@@ -48,57 +48,71 @@ pub fn measure(
     if outline.major > 22.0 * outline.minor {
         return Err(RejectReason::NotAnEllipse);
     }
-    let mut blur: f64 = 1.0;
-    for round in 0..2 {
-        let pixels = pixels(image, blobs, candidate, blur);
-        let start = start(candidate, &pixels, blur).ok_or(RejectReason::LowContrast)?;
-        let result =
-            bent_or_straight(candidate, &pixels, &start, noise).ok_or(RejectReason::NoConvergence)?;
-        let found = result.parameters[BLUR];
-        if round == 0 && found > 1.5 * blur {
-            blur = found.min(4.0);
-            continue;
-        }
-        return judge(image, candidate, &result, noise);
-    }
-    Err(RejectReason::NoConvergence)
+    let (free, bends) = unknowns(candidate);
+    let floor = 0.5f64.max(0.8 * noise);
+    let first = pixels(image, blobs, candidate, 1.0);
+    let start = start(candidate, &first, 1.0).ok_or(RejectReason::LowContrast)?;
+    let near = rough(candidate.pattern, &first, &start, &free, floor).ok_or(RejectReason::NoConvergence)?;
+    let settled = settle(candidate, &near);
+    let pixels = pixels(image, blobs, &settled, to_grid(near[BLUR], 4.0).clamp(0.5, 3.5));
+    let bent = fit(candidate.pattern, &pixels, &near, &free, floor).ok_or(RejectReason::NoConvergence)?;
+    // The straight model knows more, where the bend is not significant.
+    let significant = (bends.iter()).any(|&k| {
+        bent.parameters[k].abs() > BEND_TEST * bent.covariance[(k, k)].max(0.0).sqrt()
+    });
+    let result = if significant { bent } else { bent.without(bends) };
+    judge(image, candidate, &result, noise)
 }
 
-/// The bent model where its bend is significant, else the straight one, which knows more.
-fn bent_or_straight(candidate: &Candidate, pixels: &[Pixel], start: &Parameters, noise: f64) -> Option<Fit> {
+/// Which parameters a marker of this size can tell, and which of them are bends.
+fn unknowns(candidate: &Candidate) -> ([bool; N], &'static [usize]) {
     let outline = &candidate.outline;
-    let mut free = [true; N];
+    let disc = candidate.pattern == Pattern::Disc;
+    let bends: &[usize] = if disc { &[THIRD, EGG] } else { &[SECOND, THIRD] };
     let thick = outline.minor >= 2.5;
+    let mut free = [true; N];
     free[DARK + 1] = thick;
     free[DARK + 2] = outline.minor >= 6.0;
     free[GAMMA] = thick;
     free[LIGHT + 3] = thick && outline.major >= 15.0;
-    let bends: &[usize] = if candidate.pattern == Pattern::Disc { &[THIRD, EGG] } else { &[SECOND, THIRD] };
-    let floor = 0.5f64.max(0.8 * noise);
-    free[EGG] = candidate.pattern == Pattern::Disc;
-    let mut straight = free;
-    bends.iter().for_each(|&k| straight[k] = false);
+    free[EGG] = disc;
     if !thick || outline.major < 12.0 {
-        return fit(candidate.pattern, pixels, start, &straight, floor);
+        bends.iter().for_each(|&k| free[k] = false);
     }
-    let bent = fit(candidate.pattern, pixels, start, &free, floor);
-    let Some(bent) = bent else {
-        return fit(candidate.pattern, pixels, start, &straight, floor);
-    };
-    let significant =
-        bends.iter().any(|&k| bent.parameters[k].abs() > BEND_TEST * bent.covariance[(k, k)].max(0.0).sqrt());
-    if significant {
-        return Some(bent);
+    (free, bends)
+}
+
+/// The candidate with the geometry of a rough fit, on a grid, so that the choice of pixels does
+/// not depend on how the fit was reached.
+fn settle(candidate: &Candidate, m: &Parameters) -> Candidate {
+    let mut out = candidate.clone();
+    let outline = &mut out.outline;
+    match candidate.edges {
+        None => {
+            outline.centre = Vector2::new(to_grid(m[X], 4.0), to_grid(m[Y], 4.0));
+            outline.major = to_grid(m[FIRST], 4.0).max(1.0);
+            outline.minor = to_grid(m[SECOND], 4.0).max(0.5);
+            outline.angle = to_grid(m[ANGLE], 128.0);
+        }
+        Some(_) => {
+            outline.centre = outline.centre.map(|v| v.round());
+            outline.major = outline.major.round().max(1.0);
+            outline.minor = outline.minor.round().max(1.0);
+            outline.angle = to_grid(outline.angle, 64.0);
+            out.edges = Some((to_grid(m[ANGLE], 128.0), to_grid(m[FIRST], 128.0)));
+        }
     }
-    let mut again = bent.parameters;
-    bends.iter().for_each(|&k| again[k] = 0.0);
-    fit(candidate.pattern, pixels, &again, &straight, floor).or(Some(bent))
+    out
+}
+
+fn to_grid(value: f64, per_unit: f64) -> f64 {
+    (value * per_unit).round() / per_unit
 }
 
 /// Accepts or turns down a fit.
 fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result<Measured, RejectReason> {
     let m = &fit.parameters;
-    let contrast = m[LIGHT] * (1.0 - (1.0 - m[DARK]).max(0.0).powf(m[GAMMA]));
+    let contrast = contrast(m);
     let outline = match candidate.pattern {
         Pattern::Disc => {
             let (centre, angle) = (Vector2::new(m[X], m[Y]), m[ANGLE]);
@@ -133,6 +147,9 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
     if m[BLUR] > 3.2 || fit.inliers < 0.55 || fit.rms > 1.6 * noise + 0.05 * contrast {
         return Err(RejectReason::PoorFit);
     }
+    if candidate.edges.is_some_and(|edges| !ends_in_arcs(image, candidate, edges.0, m)) {
+        return Err(RejectReason::Pattern);
+    }
     let mut covariance = fit.covariance.fixed_view::<2, 2>(0, 0).into_owned();
     if candidate.pattern == Pattern::Disc {
         let axis = Vector2::new(m[ANGLE].cos(), m[ANGLE].sin());
@@ -160,6 +177,21 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
         },
         blur: m[BLUR],
     })
+}
+
+/// Whether the black quadrants end at the outline: the corner of a checkerboard's squares goes on.
+fn ends_in_arcs(image: &Raster, candidate: &Candidate, along: f64, m: &Parameters) -> bool {
+    let outline = &candidate.outline;
+    let turn = if candidate.pattern == Pattern::WhiteAlong { std::f64::consts::FRAC_PI_2 } else { 0.0 };
+    let direction = Vector2::new((along + turn).cos(), (along + turn).sin());
+    let (s, t) = outline.local(outline.centre + direction);
+    let radius = 1.0 / (s / outline.major).hypot(t / outline.minor);
+    let half = 0.5 * m[LIGHT] * (1.0 + (1.0 - m[DARK]).max(0.0).powf(m[GAMMA]));
+    let grey = |factor: f64| {
+        let at = outline.centre + direction * (factor * radius);
+        f64::from(image.clamped(at.x.round() as isize, at.y.round() as isize))
+    };
+    [-1.0, 1.0].iter().all(|side| grey(side * 1.2) > half && grey(side * 0.75) < half)
 }
 
 /// First parameters: geometry of the candidate, grey levels of its pixels.
@@ -196,7 +228,8 @@ fn start(candidate: &Candidate, pixels: &[Pixel], blur: f64) -> Option<Parameter
 /// quadrants. Those near other dark things are left out.
 fn pixels(image: &Raster, blobs: &[Blob], candidate: &Candidate, blur: f64) -> Vec<Pixel> {
     let outline = &candidate.outline;
-    // Flat pixels only tell the levels: one in four will do.
+    // Flat pixels only tell the levels: of a large marker's, one in four will do.
+    let flat = if outline.major > 40.0 { 2 } else { 8 };
     let (edge, band) = (2.2 * blur + 0.7, 3.5 * blur + 2.0);
     let reach = outline.extent().add_scalar(band + 1.0);
     let c = outline.centre;
@@ -214,7 +247,7 @@ fn pixels(image: &Raster, blobs: &[Blob], candidate: &Candidate, blur: f64) -> V
                 None => near_outline(outline, s, t, band),
                 Some(edges) => near_edges(outline, edges, s, t, band, blur),
             };
-            let wanted = near(band) && ((x * 5 + y * 3) % 8 < 2 || near(edge));
+            let wanted = near(band) && ((x * 5 + y * 3) % 8 < flat || near(edge));
             if wanted
                 && !candidate.hidden.iter().any(|h| within(h, &Vector2::new(x as f64, y as f64)))
                 && !taken.as_ref().is_some_and(|m| m[(y - y0) * (x1 - x0 + 1) + x - x0])

@@ -184,7 +184,7 @@ fn measure_whole_or_hidden(
     };
     let minor = candidate.outline.minor.max(0.5);
     match blob {
-        Some(blob) if candidate::squareness(blob) > 0.13 + 0.75 / (minor * minor) => {
+        Some(blob) if !blob.at_edge && candidate::squareness(blob) > 0.13 + 1.3 / (minor * minor) => {
             let whole = arc::completed(candidate, blob, blobs).ok_or(RejectReason::NotAnEllipse)?;
             measure::measure(image, blobs, &whole, noise)
         }
@@ -205,20 +205,28 @@ fn by_place(a: &Vector2<f64>, b: &Vector2<f64>) -> std::cmp::Ordering {
 /// Blobs of all levels, each once.
 fn find_blobs(image: &Raster, coarse: &coarse::Coarse) -> Vec<blob::Blob> {
     let mut out: Vec<blob::Blob> = Vec::new();
+    let mut done: Vec<coarse::Region> = Vec::new();
     let limit = coarse.width * coarse.height / 8;
     for level in coarse::LEVELS {
         let mut regions = coarse.regions(level);
         regions.retain(|r| (r.x1 - r.x0 + 1) * (r.y1 - r.y0 + 1) <= limit.max(64));
         regions.sort_by_key(|r| std::cmp::Reverse(r.area));
         regions.truncate(MAX_REGIONS);
-        for region in &regions {
-            for blob in blob::blobs(image, coarse, region) {
+        for region in regions {
+            if done.iter().any(|d| d.stands_for(&region)) {
+                continue;
+            }
+            let (blobs, cut) = blob::blobs(image, coarse, &region);
+            for blob in blobs {
                 let same = |b: &blob::Blob| {
                     (b.centroid - blob.centroid).norm() < 2.0 && (0.75..1.33).contains(&(b.area / blob.area))
                 };
                 if !out.iter().any(same) {
                     out.push(blob);
                 }
+            }
+            if !cut {
+                done.push(region);
             }
         }
     }

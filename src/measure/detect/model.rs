@@ -102,8 +102,12 @@ pub fn grey_rotated(
     let light = m[LIGHT] + m[LIGHT + 1] * p + m[LIGHT + 2] * q + m[LIGHT + 3] * p * p;
     let dark = m[DARK] + m[DARK + 1] * p + m[DARK + 2] * q;
     let linear = (1.0 - dark * share.c).max(1e-3);
-    let log = linear.ln();
-    let through = (m[GAMMA] * log).exp();
+    let (log, through) = if share.c < 1e-7 {
+        (0.0, 1.0)
+    } else {
+        let log = linear.ln();
+        (log, (m[GAMMA] * log).exp())
+    };
     let value = light * through;
     if value >= 255.0 {
         return (255.0, [0.0; N]);

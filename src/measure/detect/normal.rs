@@ -3,7 +3,7 @@
 /// Density and cumulative probability of the standard normal; the latter by Abramowitz and
 /// Stegun 26.2.17, error below 7.5e-8.
 pub fn normal(z: f64) -> (f64, f64) {
-    if z.abs() > 6.5 {
+    if z.abs() > 5.0 {
         return (0.0, if z > 0.0 { 1.0 } else { 0.0 });
     }
     let density = 0.398_942_280_401_432_7 * (-0.5 * z * z).exp();

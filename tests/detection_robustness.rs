@@ -1,0 +1,123 @@
+//! Promise: the detector answers every picture, alike at any number of threads, and says why it
+//! turned something down.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use nalgebra::Vector2;
+use rand::rngs::StdRng;
+use rand::{Rng, SeedableRng};
+use wingd::measure::detect::{Prediction, RejectReason, detect, detect_guided};
+use wingd::measure::raster::Raster;
+use wingd::measure::setup::Shape;
+
+/// A picture of black ellipses on grey, anti-aliased, with noise: centre, semi-axes, direction.
+fn picture(width: usize, height: usize, discs: &[[f64; 5]], seed: u64) -> Raster {
+    let mut random = StdRng::seed_from_u64(seed);
+    let mut luma = Vec::with_capacity(width * height);
+    for y in 0..height {
+        for x in 0..width {
+            let mut value: f64 = 180.0;
+            for &[cx, cy, a, b, angle] in discs {
+                let (dx, dy) = (x as f64 - cx, y as f64 - cy);
+                let (s, t) = (dx * angle.cos() + dy * angle.sin(), dy * angle.cos() - dx * angle.sin());
+                let r = (s / a).hypot(t / b).max(1e-9);
+                let slope = (s / a / a / r).hypot(t / b / b / r);
+                let share = 1.0 / (1.0 + ((r - 1.0) / slope * 2.2).exp());
+                value -= 125.0 * share;
+            }
+            luma.push((value + random.random_range(-2.0..2.0)).round().clamp(0.0, 255.0) as u8);
+        }
+    }
+    Raster::new(width, height, luma).unwrap()
+}
+
+#[test]
+fn no_picture_makes_it_panic() {
+    let mut random = StdRng::seed_from_u64(3);
+    for (width, height) in [(1, 1), (1, 300), (300, 1), (2, 2), (7, 5), (64, 64), (333, 217)] {
+        for fill in [0u8, 255, 77] {
+            let found = detect(&Raster::new(width, height, vec![fill; width * height]).unwrap());
+            assert!(found.markers.is_empty());
+        }
+        for _ in 0..4 {
+            let noise = (0..width * height).map(|_| random.random::<u8>()).collect();
+            let image = Raster::new(width, height, noise).unwrap();
+            assert!(detect(&image).rejected.len() <= 200);
+            let prediction = Prediction {
+                shape: Shape::Circle,
+                centre_px: Vector2::new(random.random_range(-9e3..9e3), f64::NAN),
+                semi_major_px: 1e9,
+                semi_minor_px: -3.0,
+                angle_rad: 9.0,
+                search_px: 1e9,
+            };
+            let _ = detect_guided(&image, &[prediction]);
+        }
+    }
+    for fill in [0u8, 255] {
+        let found = detect(&Raster::new(5000, 4000, vec![fill; 20_000_000]).unwrap());
+        assert!(found.markers.is_empty());
+    }
+}
+
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    let image = picture(900, 600, &[[200.3, 150.6, 40.0, 8.0, 0.2], [600.0, 400.0, 30.0, 12.0, -0.4]], 5);
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| detect(&image))
+    };
+    let one = with(1);
+    assert_eq!(one.markers.len(), 2);
+    for threads in [2, 5] {
+        assert_eq!(one, with(threads));
+    }
+}
+
+#[test]
+fn a_marker_at_the_frames_edge_is_turned_down_with_the_reason() {
+    let image = picture(500, 400, &[[10.0, 200.0, 40.0, 9.0, 0.1], [300.0, 200.0, 40.0, 9.0, 0.1]], 6);
+    let found = detect(&image);
+    assert_eq!(found.markers.len(), 1);
+    assert!((found.markers[0].centre_px - Vector2::new(300.0, 200.0)).norm() < 0.1);
+    let edge = found.rejected.iter().find(|r| r.centre_px.x < 60.0).expect("the cut marker is named");
+    assert_eq!(edge.reason, RejectReason::TouchesEdge);
+}
+
+#[test]
+fn squares_and_letters_are_not_markers() {
+    let mut luma = vec![180u8; 600 * 400];
+    for (x0, y0, w, h) in [(50, 50, 30, 18), (120, 60, 16, 8), (300, 200, 60, 14), (400, 300, 12, 12)] {
+        for y in y0..y0 + h {
+            luma[y * 600 + x0..y * 600 + x0 + w].fill(60);
+        }
+    }
+    let found = detect(&Raster::new(600, 400, luma).unwrap());
+    assert!(found.markers.is_empty(), "{:?}", found.markers);
+}
+
+#[test]
+fn windows_give_the_answers_of_the_whole_frame() {
+    let discs = [[400.4, 350.6, 60.0, 12.0, 0.2], [1500.2, 800.7, 45.0, 6.0, -0.1], [2100.0, 1500.5, 30.0, 4.0, 0.0]];
+    let image = picture(2400, 1800, &discs, 8);
+    let whole = detect(&image);
+    assert_eq!(whole.markers.len(), 3);
+    let predictions: Vec<Prediction> = (whole.markers.iter())
+        .map(|m| Prediction {
+            shape: m.shape,
+            centre_px: m.centre_px + Vector2::new(6.0, -4.0),
+            semi_major_px: m.semi_major_px * 1.03,
+            semi_minor_px: m.semi_minor_px * 0.95,
+            angle_rad: m.angle_rad,
+            search_px: 12.0,
+        })
+        .collect();
+    let guided = detect_guided(&image, &predictions);
+    assert_eq!(guided.markers.len(), 3);
+    for (one, other) in whole.markers.iter().zip(&guided.markers) {
+        for k in 0..2 {
+            let sigma = one.covariance_px2[(k, k)].sqrt();
+            let off = (one.centre_px[k] - other.centre_px[k]).abs() / sigma;
+            assert!(off < 0.01, "{:?}: {off} standard deviations", one.centre_px);
+        }
+    }
+}
