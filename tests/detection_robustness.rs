@@ -97,7 +97,8 @@ fn squares_and_letters_are_not_markers() {
 
 #[test]
 fn windows_give_the_answers_of_the_whole_frame() {
-    let discs = [[400.4, 350.6, 60.0, 12.0, 0.2], [1500.2, 800.7, 45.0, 6.0, -0.1], [2100.0, 1500.5, 30.0, 4.0, 0.0]];
+    let discs =
+        [[400.4, 350.6, 60.0, 12.0, 0.2], [1500.2, 800.7, 45.0, 6.0, -0.1], [2100.0, 1500.5, 30.0, 4.0, 0.0]];
     let image = picture(2400, 1800, &discs, 8);
     let whole = detect(&image);
     assert_eq!(whole.markers.len(), 3);

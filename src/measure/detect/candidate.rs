@@ -108,7 +108,7 @@ fn together(blobs: &[&Blob]) -> Shape {
 pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
     let outline = Outline::from_moments(blob.centroid, blob.covariance, 2.0);
     // Few pixels across make steps in the outline.
-    let most = 0.36 + 0.6 / (outline.minor * outline.minor).max(0.5);
+    let most = if outline.minor < 1.8 { 1.3 } else { 0.36 + 0.6 / (outline.minor * outline.minor) };
     ((0.72..1.2).contains(&blob.fill()) && squareness(blob) < most).then(|| Candidate {
         pattern: Pattern::Disc,
         outline,

@@ -82,7 +82,13 @@ pub fn rough(
 }
 
 /// Fits the `free` parameters from near the solution; `None` where it does not settle.
-pub fn fit(pattern: Pattern, pixels: &[Pixel], start: &Parameters, free: &[bool; N], floor: f64) -> Option<Fit> {
+pub fn fit(
+    pattern: Pattern,
+    pixels: &[Pixel],
+    start: &Parameters,
+    free: &[bool; N],
+    floor: f64,
+) -> Option<Fit> {
     let count = free.iter().filter(|&&f| f).count();
     if pixels.len() < 2 * count {
         return None;

@@ -6,8 +6,9 @@ use super::super::raster::Raster;
 use super::candidate::Outline;
 use super::{Detections, Prediction, Rejected, by_place, search};
 
-/// Windows start at multiples of this, so that their blocks are those of the whole frame.
-const GRID: usize = 4;
+/// Windows start at multiples of this, so that their blocks and the choice of their pixels are those
+/// of the whole frame.
+const GRID: usize = 8;
 /// Skin around a marker that the background needs, px.
 const SKIRT: f64 = 48.0;
 

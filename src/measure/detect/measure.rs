@@ -57,9 +57,8 @@ pub fn measure(
     let pixels = pixels(image, blobs, &settled, to_grid(near[BLUR], 4.0).clamp(0.5, 3.5));
     let bent = fit(candidate.pattern, &pixels, &near, &free, floor).ok_or(RejectReason::NoConvergence)?;
     // The straight model knows more, where the bend is not significant.
-    let significant = (bends.iter()).any(|&k| {
-        bent.parameters[k].abs() > BEND_TEST * bent.covariance[(k, k)].max(0.0).sqrt()
-    });
+    let significant = (bends.iter())
+        .any(|&k| bent.parameters[k].abs() > BEND_TEST * bent.covariance[(k, k)].max(0.0).sqrt());
     let result = if significant { bent } else { bent.without(bends) };
     judge(image, candidate, &result, noise)
 }
@@ -257,7 +256,8 @@ fn pixels(image: &Raster, blobs: &[Blob], candidate: &Candidate, blur: f64) -> V
             }
         }
     }
-    let stride = out.len().div_ceil(MAX_PIXELS).max(1);
+    let most = if outline.major > 40.0 { MAX_PIXELS } else { 2 * MAX_PIXELS };
+    let stride = out.len().div_ceil(most).max(1);
     out.into_iter().step_by(stride).collect()
 }
 
