@@ -45,7 +45,7 @@ record() {
     peak=0
     for _ in $(seq 2400); do
         kill -0 $daemon 2>/dev/null || break
-        rss=$(sed -n 's/^VmHWM: *\([0-9]*\).*/\1/p' /proc/$daemon/status 2>/dev/null); [ "${rss:-0}" -gt "$peak" ] && peak=$rss
+        rss=$(sed -n 's/^VmHWM:[[:space:]]*\([0-9]*\).*/\1/p' /proc/$daemon/status 2>/dev/null); [ "${rss:-0}" -gt "$peak" ] && peak=$rss
         sleep 0.1
     done
     wait $daemon
