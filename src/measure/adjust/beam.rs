@@ -64,9 +64,8 @@ fn shape_integrals() -> Vec<Integrals> {
     let mut sums = vec![[0.0; MAX_CURVATURE_TERMS]; TABLE];
     for k in 1..TABLE {
         let (a, b) = (value(k - 1), value(k));
-        for j in 0..MAX_CURVATURE_TERMS {
-            sums[k][j] = sums[k - 1][j] + 0.5 * step * (a[j] + b[j]);
-        }
+        let before = sums[k - 1];
+        sums[k] = std::array::from_fn(|j| before[j] + 0.5 * step * (a[j] + b[j]));
     }
     sums
 }
@@ -203,9 +202,9 @@ impl Grid {
                 let ds = bending.scale * node.weight_m;
                 axis.x += ds * cos;
                 axis.y += ds * sin;
-                for k in 0..c.len() {
-                    by_curvature[k].x -= ds * sin * node.integrals[k];
-                    by_curvature[k].y += ds * cos * node.integrals[k];
+                for (by, integral) in by_curvature.iter_mut().zip(&node.integrals).take(c.len()) {
+                    by.x -= ds * sin * integral;
+                    by.y += ds * cos * integral;
                 }
             }
             done = stop.nodes;

@@ -28,7 +28,7 @@ const SMALLEST_CURVATURE_PER_M: f64 = 2e-4;
 /// and bounds.
 const DEPARTURE: f64 = 0.03;
 const DEPARTURE_BOUNDS: (f64, f64) = (0.006, 1.0);
-const DEPARTURE_ROUNDS: usize = 4;
+const DEPARTURE_ROUNDS: usize = 3;
 /// Level of the test that finds a remounted camera between two frames.
 const REMOUNT_ALPHA: f64 = 1e-4;
 /// A mounting moves by less than this between two shots, rad (0.1 px at 8000 px).
@@ -41,6 +41,9 @@ const MISSING_RATIO: &str =
 const MISSING_MOUNT: &str =
     "the mounting's rotation cannot be determined; give camera.mount_repeatability_px";
 const MISSING_GROUND: &str = "a marker on ground is not determined";
+
+/// A solution and what data snooping took out of it: (group, suspect).
+type Snooped = (Setting, Fit, Vec<(usize, Suspect)>);
 
 /// Which mounting each frame belongs to; `None`: each frame has a rotation of its own.
 type Mountings = Option<Vec<usize>>;
@@ -353,10 +356,7 @@ impl Flight<'_> {
     }
 
     /// Removes at most one observation per frame and round; returns what was removed.
-    fn snoop(
-        &mut self,
-        mut last: (Setting, Fit),
-    ) -> Result<(Setting, Fit, Vec<(usize, Suspect)>), AdjustError> {
+    fn snoop(&mut self, mut last: (Setting, Fit)) -> Result<Snooped, AdjustError> {
         let mut removed = vec![];
         let options = self.input.options;
         for _ in 0..SNOOPING_ROUNDS {
@@ -430,11 +430,8 @@ pub(super) fn solve(
     let mut flight = Flight::new(setup, orientation, &scene, frames, options)?;
     let (_, first) = flight.solve(None)?;
     let last = flight.solve(Some(&first))?;
-    let (_, fit, removed) = flight.snoop(last)?;
-    let (setting, fit) = {
-        let again = flight.solve(Some(&fit))?;
-        flight.tune_departure(again)?
-    };
+    let (setting, fit, removed) = flight.snoop(last)?;
+    let (setting, fit) = flight.tune_departure((setting, fit))?;
     flight.find_mountings(&setting, &fit);
     let last = flight.solve(Some(&fit))?;
     let (setting, fit) = flight.tune_departure(last)?;

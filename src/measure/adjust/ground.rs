@@ -81,7 +81,7 @@ impl Axis {
     ) -> Result<Self, AdjustError> {
         let last = points.iter().fold(f64::MIN, |a, p| a.max(p.x));
         let reach = last - root_x;
-        if !(reach > 0.5) {
+        if reach.is_nan() || reach <= 0.5 {
             return Err(AdjustError::Input(format!(
                 "the outermost marker lies {reach:.2} m outboard of the bending root; check span_direction and root_offset_m"
             )));

@@ -494,7 +494,7 @@ fn dress(input: &Input, mut solved: Solved, removed: &[Suspect]) -> Result<Solut
     let (curve, parabola, a) = outcome.curve();
     let (parameters, correlation, pitch_bending_correlation) = outcome.parameters(&parabola, a);
     if options.curvature_terms.is_none() {
-        remarks.push(format!("curvature of {} terms, chosen by test", frame.layout.curvature_terms).into());
+        remarks.push(format!("curvature of {} terms, chosen by test", frame.layout.curvature_terms));
     }
     remarks.extend(separation(input.scene, pitch_bending_correlation).map(Cow::into_owned));
     Ok(Solution {
