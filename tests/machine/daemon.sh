@@ -63,7 +63,7 @@ solved=$(cat "$(find "$work/store" -name results.jsonl | head -n 1)" 2>/dev/null
 fresh; (sleep 1; echo die >"$work/cam/state/fault") & record; verdict $? "a camera that dies mid-download does not end the recorder"
 missing=0
 for view in $(sed -n 's/^view //p' "$work/cam/state/log" | sort -u); do
-    stored | grep -q "$(sha256sum "$work/cam/shots/$view.jpg" | cut -d' ' -f1)" || missing=$((missing + 1))
+    { stored; find "$work/cam/card/DCIM" -name '*.JPG' -exec sha256sum {} +; } | grep -q "$(sha256sum "$work/cam/shots/$view.jpg" | cut -d' ' -f1)" || missing=$((missing + 1))
 done
 grep -q 'fault die' "$work/cam/state/log" || missing=$((missing + 100))
-verdict $missing "every picture that the camera took is in the store, $(stored | wc -l) frames"
+verdict $missing "every picture that the camera took is in the store ($(stored | wc -l) frames) or whole on the card for the next series"
