@@ -75,7 +75,12 @@ fn unknowns(candidate: &Candidate) -> ([bool; N], &'static [usize]) {
     free[GAMMA] = thick;
     free[LIGHT + 3] = thick && outline.major >= 15.0;
     free[EGG] = disc;
-    if !thick || outline.major < 12.0 {
+    let part = !candidate.hidden.is_empty();
+    if part {
+        // The outline that is left tells an ellipse, and no more.
+        [LIGHT + 3, DARK + 1, DARK + 2, GAMMA].iter().for_each(|&k| free[k] = false);
+    }
+    if part || !thick || outline.major < 12.0 {
         bends.iter().for_each(|&k| free[k] = false);
     }
     (free, bends)
@@ -185,12 +190,16 @@ fn ends_in_arcs(image: &Raster, candidate: &Candidate, along: f64, m: &Parameter
     let direction = Vector2::new((along + turn).cos(), (along + turn).sin());
     let (s, t) = outline.local(outline.centre + direction);
     let radius = 1.0 / (s / outline.major).hypot(t / outline.minor);
-    let half = 0.5 * m[LIGHT] * (1.0 + (1.0 - m[DARK]).max(0.0).powf(m[GAMMA]));
+    let (light, black) = (m[LIGHT], m[LIGHT] - contrast(m));
     let grey = |factor: f64| {
         let at = outline.centre + direction * (factor * radius);
         f64::from(image.clamped(at.x.round() as isize, at.y.round() as isize))
     };
-    [-1.0, 1.0].iter().all(|side| grey(side * 1.2) > half && grey(side * 0.75) < half)
+    // Skin may be darker than half way from white to black: it need only be lighter than black.
+    [-1.0, 1.0].iter().all(|side| {
+        let (inside, outside) = (grey(side * 0.75), grey(side * 1.2));
+        inside < 0.5 * (light + black) && outside > inside + 0.25 * (light - black)
+    })
 }
 
 /// First parameters: geometry of the candidate, grey levels of its pixels.

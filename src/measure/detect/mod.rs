@@ -158,8 +158,10 @@ fn search(image: &Raster, factor: usize, noise: f64) -> Found {
             if candidate.blobs.iter().any(|&i| taken[i]) {
                 continue;
             }
-            let result = measure_whole_or_hidden(image, &blobs, candidate, noise);
-            match result {
+            if candidate.pattern != model::Pattern::Disc && are_discs(image, &blobs, candidate, noise) {
+                continue;
+            }
+            match measure_whole_or_hidden(image, &blobs, candidate, noise) {
                 Ok(measured) => {
                     candidate.blobs.iter().for_each(|&i| taken[i] = true);
                     found.measured.push(measured);
@@ -169,6 +171,21 @@ fn search(image: &Raster, factor: usize, noise: f64) -> Found {
         }
     }
     found
+}
+
+/// Whether the two blobs of a pair are whole discs side by side: the image model tells.
+fn are_discs(image: &Raster, blobs: &[blob::Blob], candidate: &candidate::Candidate, noise: f64) -> bool {
+    let disc = |&i: &usize| {
+        let round = blobs.get(i).filter(|b| !looks_cut(b)).and_then(|b| candidate::disc(i, b));
+        round.is_some_and(|c| measure::measure(image, blobs, &c, noise).is_ok())
+    };
+    candidate.blobs.len() == 2 && candidate.blobs.iter().all(disc)
+}
+
+/// Whether a blob is too square for a whole disc of its size.
+fn looks_cut(blob: &blob::Blob) -> bool {
+    let minor = candidate::Outline::from_moments(blob.centroid, blob.covariance, 2.0).minor.max(0.5);
+    candidate::squareness(blob) > 0.13 + 1.3 / (minor * minor)
 }
 
 /// A disc whose outline is not an ellipse's may have a part hidden by its neighbour.
@@ -182,9 +199,8 @@ fn measure_whole_or_hidden(
         [index] if candidate.pattern == model::Pattern::Disc => blobs.get(index),
         _ => None,
     };
-    let minor = candidate.outline.minor.max(0.5);
     match blob {
-        Some(blob) if !blob.at_edge && candidate::squareness(blob) > 0.13 + 1.3 / (minor * minor) => {
+        Some(blob) if !blob.at_edge && looks_cut(blob) => {
             let whole = arc::completed(candidate, blob, blobs).ok_or(RejectReason::NotAnEllipse)?;
             measure::measure(image, blobs, &whole, noise)
         }
