@@ -5,7 +5,8 @@
 mod beam_truth;
 
 use beam_truth::{Truth, Wing, normal, random_wing, remounted, rms, rng};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+use rand::rngs::StdRng;
 use wingd::measure::adjust::gauss_helmert::{Block, Group, Linearised, Problem, solve};
 use wingd::measure::adjust::quality::global_test;
 use wingd::measure::adjust::{self, GlobalTest, Options, SigmaKind};
@@ -50,6 +51,57 @@ fn predicted_covariance_covers_sampled_errors() {
         assert!((0.8..1.25).contains(&ratio), "{ratio}");
     }
     assert!(rate < 0.03);
+}
+
+/// Standard deviations of a detector, px: quadrants near the root, flat discs towards the tip.
+fn detector_sigma_px(marker: usize) -> (f64, f64) {
+    if marker < 10 { (0.015, 0.0045) } else { (0.085, 0.0145) }
+}
+
+fn detected(rng: &mut StdRng, marker: usize, pixel: &mut Vector2<f64>) -> Matrix2<f64> {
+    let (u, v) = detector_sigma_px(marker);
+    *pixel += Vector2::new(u * normal(rng), v * normal(rng));
+    Matrix2::new(u * u, 0.0, 0.0, v * v)
+}
+
+/// Images far sharper than the model: its standard deviations must not follow them down.
+#[test]
+fn covariance_holds_where_the_images_are_sharper_than_the_model() {
+    let mut rng = rng(78);
+    let (mut position, mut lift, mut torsion) = (vec![], vec![], vec![]);
+    let options = Options { sigma: SigmaKind::Prior, ..Options::default() };
+    for _ in 0..200 {
+        let truth = Truth::new(random_wing(&mut rng), 21);
+        let flight = truth.in_flight(2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0), truth.fuel());
+        let mount = remounted(&mut rng, &truth.setup);
+        let setup = truth.surveyed(&mut rng, 0.002, 0.002);
+        let mut orientation = truth.orientation(&mut rng, 0.0, true);
+        for sight in &mut orientation.ground {
+            sight.covariance_px2 = detected(&mut rng, sight.marker, &mut sight.pixel);
+        }
+        let mut seen = truth.observations(&mut rng, &flight, mount, 0.0);
+        for o in &mut seen {
+            o.covariance_px2 = detected(&mut rng, o.marker, &mut o.pixel);
+        }
+        let s = adjust::spatial(&setup, &orientation, &seen, &options).unwrap();
+        for m in s.markers.iter().filter(|m| m.used) {
+            let (p, c, l) = (m.position_m.unwrap(), m.covariance_m2.unwrap(), m.lift_m.unwrap());
+            let d = p - flight[m.marker];
+            position.extend((0..3).map(|k| d[k] / c[(k, k)].sqrt()));
+            let e = l.value - (flight[m.marker].z - truth.ground_m[m.marker].z);
+            lift.push(e / l.sigma.unwrap());
+        }
+        let up = |k: usize| flight[k].z - truth.ground_m[k].z;
+        let base = (truth.ground_m[19] - truth.ground_m[20]).xy().norm();
+        let Some(angle) = s.torsion[0].angle_rad else { continue };
+        torsion.push((angle.value - (up(19) - up(20)).atan2(base)) / angle.sigma.unwrap());
+    }
+    let ratios = [rms(&position), rms(&lift), rms(&torsion)];
+    println!("sharp images: sampled over predicted: position, lift, torsion {ratios:.2?}");
+    assert!(torsion.len() > 180);
+    for ratio in ratios {
+        assert!((0.8..1.25).contains(&ratio), "{ratio}");
+    }
 }
 
 #[test]

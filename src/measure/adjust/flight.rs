@@ -11,6 +11,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use super::beam::MAX_TWIST_TERMS;
 use super::gauss_helmert::{Block, Fit, Group, GroupPoint, Linearised, Problem, solve_groups};
 use super::layout::{Layout, Place, Rows, Seen, Survey};
+use super::model_error::image_covariance;
 use super::outcome::{Member, Outcome};
 use super::scene::Scene;
 use super::snooping::{self, Suspect, Target};
@@ -193,7 +194,7 @@ impl<'a> Flight<'a> {
             observed.extend(sight.iter().flat_map(|s| [s.pixel.x, s.pixel.y]));
             let mut covariance = DMatrix::identity(observed.len(), observed.len()) * surveyed.sigma_m.powi(2);
             if let Some(sight) = sight {
-                covariance.fixed_view_mut::<2, 2>(3, 3).copy_from(&sight.covariance_px2);
+                covariance.fixed_view_mut::<2, 2>(3, 3).copy_from(&image_covariance(&sight.covariance_px2));
             }
             members.push(Member { marker, flight: None, ground: sight.map(|_| 3) });
             blocks.push(Block { observed: DVector::from_vec(observed), covariance });
@@ -205,7 +206,7 @@ impl<'a> Flight<'a> {
 fn image_block(seen: &Observation) -> Block {
     Block {
         observed: DVector::from_column_slice(seen.pixel.as_slice()),
-        covariance: DMatrix::from_column_slice(2, 2, seen.covariance_px2.as_slice()),
+        covariance: DMatrix::from_column_slice(2, 2, image_covariance(&seen.covariance_px2).as_slice()),
     }
 }
 

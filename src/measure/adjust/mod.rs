@@ -5,6 +5,7 @@ mod flight;
 pub mod gauss_helmert;
 pub mod ground;
 mod layout;
+mod model_error;
 mod outcome;
 pub mod profile;
 pub mod quality;

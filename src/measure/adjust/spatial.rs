@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use super::beam::{MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
 use super::gauss_helmert::{Block, Fit, Group, GroupPoint, Linearised, Prior, Problem, solve_groups};
 use super::layout::{Layout, Place, Rows, Seen, Survey};
+use super::model_error::image_covariance;
 use super::outcome::{Member, Outcome};
 use super::scene::Scene;
 use super::snooping::{self, Suspect, Target};
@@ -169,7 +170,9 @@ fn block(input: &Input, member: &mut Member, with_flight: bool, with_ground: boo
         covariance[(k, k)] = marker.sigma_m * marker.sigma_m;
     }
     for (k, image) in images.iter().enumerate() {
-        covariance.fixed_view_mut::<2, 2>(3 + 2 * k, 3 + 2 * k).copy_from(&image.covariance_px2);
+        covariance
+            .fixed_view_mut::<2, 2>(3 + 2 * k, 3 + 2 * k)
+            .copy_from(&image_covariance(&image.covariance_px2));
     }
     Block { observed: DVector::from_vec(observed), covariance }
 }
