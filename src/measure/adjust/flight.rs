@@ -9,7 +9,7 @@
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::beam::MAX_TWIST_TERMS;
-use super::gauss_helmert::{Block, Fit, Group, GroupPoint, Linearised, Problem, solve_groups};
+use super::gauss_helmert::{Block, Course, Fit, Group, GroupPoint, Linearised, Problem, solve_from};
 use super::layout::{Layout, Place, Rows, Seen, Survey};
 use super::model_error::image_covariance;
 use super::outcome::{Member, Outcome};
@@ -284,15 +284,16 @@ impl Setting {
         self.ground_members.iter().zip(at.observed).map(block).collect()
     }
 
-    fn solve(&self, scene: &Scene) -> Result<Fit, AdjustError> {
-        solve_groups(&self.problem, |at| self.linearise(scene, at))
+    fn solve(&self, scene: &Scene, course: &Course) -> Result<Fit, AdjustError> {
+        solve_from(&self.problem, course, |at| self.linearise(scene, at))
     }
 }
 
 impl Flight<'_> {
+    /// A rough solution, near enough for the decisions that follow from it.
     fn solve(&mut self, from: Option<&Fit>) -> Result<(Setting, Fit), AdjustError> {
         let setting = self.setting(from);
-        let fit = setting.solve(self.input.scene)?;
+        let fit = setting.solve(self.input.scene, &Course { rough: true, residuals: from })?;
         for (amplitude, group) in self.amplitudes.iter_mut().zip(&fit.groups) {
             *amplitude = group.local[0].abs().max(SMALLEST_CURVATURE_PER_M);
         }
@@ -435,7 +436,9 @@ pub(super) fn solve(
     let (setting, fit) = flight.tune_departure((setting, fit))?;
     flight.find_mountings(&setting, &fit);
     let last = flight.solve(Some(&fit))?;
-    let (setting, fit) = flight.tune_departure(last)?;
+    let (_, rough) = flight.tune_departure(last)?;
+    let setting = flight.setting(Some(&rough));
+    let fit = setting.solve(&scene, &Course { rough: false, residuals: Some(&rough) })?;
     Ok(dress(&flight, &setting, &fit, &removed))
 }
 

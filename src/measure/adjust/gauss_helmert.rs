@@ -24,6 +24,8 @@ use super::AdjustError;
 const MAX_ITERATIONS: usize = 60;
 /// Squared length of the last step in standard deviations, and of the unclosed conditions.
 const CONVERGED: f64 = 1e-14;
+/// The same for a solution that only decides what the next one looks like.
+const ROUGH: f64 = 1e-4;
 /// Rise of the sum of squares that a step may cause, over the sum that is still open.
 const OPEN_SHARE: f64 = 0.1;
 /// Relative rise of the sum of squares that rounding may cause.
@@ -152,6 +154,10 @@ pub struct GroupFit {
     pub sensitivity: DMatrix<f64>,
     /// Covariance of the local parameters for given global ones.
     pub conditional: DMatrix<f64>,
+    /// Covariance of local with global parameters (local x global).
+    cross: DMatrix<f64>,
+    /// Covariance of the local parameters.
+    covariance: DMatrix<f64>,
     /// Its blocks.
     pub blocks: Vec<BlockFit>,
 }
@@ -202,34 +208,53 @@ impl Fit {
         (self.redundancy > 0).then(|| self.omega / self.redundancy as f64)
     }
 
-    /// Splits a function's derivative into its answer to the global parameters and its own noise.
-    pub fn propagate(&self, group: usize, gradient: &Gradient) -> Propagated {
-        let fit = &self.groups[group];
+    /// A function of parameters alone, and its noise through the adjusted observations.
+    fn by_parameters(&self, group: usize, gradient: &Gradient) -> (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>) {
         let rows = gradient.global.nrows();
-        let mut total = gradient.global.clone();
-        let mut local = gradient.local.clone();
+        let (mut global, mut local) = (gradient.global.clone(), gradient.local.clone());
         let mut own = DMatrix::zeros(rows, rows);
         for (index, derivative) in &gradient.observed {
-            let block = &fit.blocks[*index];
+            let block = &self.groups[group].blocks[*index];
             let answer = derivative * &block.gain;
             let to_global = &answer * &block.linearised.global;
             for (k, &column) in block.linearised.columns.iter().enumerate() {
-                let mut target = total.column_mut(column);
+                let mut target = global.column_mut(column);
                 target -= to_global.column(k);
             }
-            local -= &answer * &block.linearised.local;
+            if local.ncols() > 0 {
+                local -= &answer * &block.linearised.local;
+            }
             own += derivative * &block.conditional * derivative.transpose();
         }
+        (global, local, own)
+    }
+
+    /// Splits a function's derivative into its answer to the global parameters and its own noise.
+    pub fn propagate(&self, group: usize, gradient: &Gradient) -> Propagated {
+        let (mut total, local, mut own) = self.by_parameters(group, gradient);
         if local.ncols() > 0 {
-            total += &local * &fit.sensitivity;
-            own += &local * &fit.conditional * local.transpose();
+            total += &local * &self.groups[group].sensitivity;
+            own += &local * &self.groups[group].conditional * local.transpose();
         }
         Propagated { total, own }
     }
 
-    /// Covariance of a function.
-    pub fn covariance_of(&self, function: &Propagated) -> DMatrix<f64> {
-        &function.total * &self.covariance * function.total.transpose() + &function.own
+    /// Covariance of a function of one group. Most functions depend on few of the global parameters;
+    /// only those columns are multiplied.
+    pub fn covariance_of(&self, group: usize, gradient: &Gradient) -> DMatrix<f64> {
+        let (global, local, mut covariance) = self.by_parameters(group, gradient);
+        let columns: Vec<usize> =
+            (0..global.ncols()).filter(|&k| global.column(k).iter().any(|&v| v != 0.0)).collect();
+        let global = global.select_columns(&columns);
+        let n = columns.len();
+        let shared = DMatrix::from_fn(n, n, |i, j| self.covariance[(columns[i], columns[j])]);
+        covariance += &global * shared * global.transpose();
+        if local.ncols() > 0 {
+            let fit = &self.groups[group];
+            let mixed = &local * fit.cross.select_columns(&columns) * global.transpose();
+            covariance += &local * &fit.covariance * local.transpose() + mixed.transpose() + mixed;
+        }
+        covariance
     }
 
     /// Covariance of a block's adjusted observations, a priori.
@@ -240,7 +265,7 @@ impl Fit {
             local: DMatrix::zeros(n, self.groups[group].local.len()),
             observed: vec![(block, DMatrix::identity(n, n))],
         };
-        self.covariance_of(&self.propagate(group, &gradient))
+        self.covariance_of(group, &gradient)
     }
 }
 
@@ -266,7 +291,26 @@ pub fn solve_groups(
     problem: &Problem,
     linearise: impl Fn(&GroupPoint) -> Result<Vec<Linearised>, AdjustError>,
 ) -> Result<Fit, AdjustError> {
-    let mut state = State::start(problem);
+    solve_from(problem, &Course::default(), linearise)
+}
+
+/// How far a solution is carried, and what is known before.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Course<'a> {
+    /// Stop at a hundredth of a standard deviation.
+    pub rough: bool,
+    /// Residuals of an earlier solution to start from, where its blocks are the same.
+    pub residuals: Option<&'a Fit>,
+}
+
+/// As [`solve_groups`], on a given course.
+pub fn solve_from(
+    problem: &Problem,
+    course: &Course,
+    linearise: impl Fn(&GroupPoint) -> Result<Vec<Linearised>, AdjustError>,
+) -> Result<Fit, AdjustError> {
+    let converged = if course.rough { ROUGH } else { CONVERGED };
+    let mut state = State::start(problem, course.residuals);
     let mut system = System::assemble(problem, &state, &linearise)?;
     let mut damping = 0.0;
     for iteration in 1..=MAX_ITERATIONS {
@@ -274,7 +318,7 @@ pub fn solve_groups(
         let next_state = system.moved(problem, &state, &step);
         let next = System::assemble(problem, &next_state, &linearise);
         let moved = step.dot(&(&system.normal * &step)) + residual_change(problem, &state, &next_state);
-        let settled = moved <= CONVERGED;
+        let settled = moved <= converged;
         // The sum of squares holds to first order in the conditions that are still open, and rounding
         // lets it waver far below what a standard deviation can tell.
         let limit = system.omega + OPEN_SHARE * system.unclosed + ROUNDING * (1.0 + system.omega);
@@ -287,7 +331,7 @@ pub fn solve_groups(
             continue;
         }
         (state, system) = (next_state, next?);
-        if settled && system.unclosed <= CONVERGED {
+        if settled && system.unclosed <= converged {
             return system.finish(problem, state, iteration);
         }
         damping = if damping < 1e-6 { 0.0 } else { damping * 0.1 };
@@ -303,12 +347,20 @@ struct State {
 }
 
 impl State {
-    fn start(problem: &Problem) -> Self {
-        let zeros = |g: &Group| g.blocks.iter().map(|b| DVector::zeros(b.observed.len())).collect();
+    fn start(problem: &Problem, before: Option<&Fit>) -> Self {
+        let residuals = |(index, group): (usize, &Group)| {
+            let before = before.and_then(|fit| fit.groups.get(index));
+            let before = before.filter(|b| b.blocks.len() == group.blocks.len());
+            let of_block = |(k, block): (usize, &Block)| {
+                let old = before.map(|b| &b.blocks[k].residuals).filter(|v| v.len() == block.observed.len());
+                old.cloned().unwrap_or_else(|| DVector::zeros(block.observed.len()))
+            };
+            group.blocks.iter().enumerate().map(of_block).collect()
+        };
         Self {
             global: problem.start.clone(),
             local: problem.groups.iter().map(|g| g.local.clone()).collect(),
-            residuals: problem.groups.iter().map(zeros).collect(),
+            residuals: problem.groups.iter().enumerate().map(residuals).collect(),
         }
     }
 }
@@ -414,7 +466,8 @@ impl System {
             part.local_inverse = inverse(&part.local_normal)
                 .ok_or_else(|| singular("the local parameters of a group of observations"))?;
             let reduced = &part.local_inverse * &part.coupling;
-            self.normal.gemm_tr(-1.0, &part.coupling, &reduced, 1.0);
+            // Transposed first: nalgebra's product is many times faster than its `gemm_tr`.
+            self.normal.gemm(-1.0, &part.coupling.transpose(), &reduced, 1.0);
             self.right.gemv_tr(-1.0, &reduced, &part.local_right, 1.0);
         }
         self.groups.push(part);
@@ -436,23 +489,17 @@ impl System {
         let ww = &weight * &contradiction;
         self.omega += contradiction.dot(&ww);
         self.unclosed += linearised.misclosure.dot(&(&weight * &linearised.misclosure));
-        let small = linearised.global.tr_mul(&wa);
+        let columns = &linearised.columns;
         let right = linearised.global.tr_mul(&ww);
-        for (i, &ci) in linearised.columns.iter().enumerate() {
+        for (i, &ci) in columns.iter().enumerate() {
             self.right[ci] -= right[i];
-            for (j, &cj) in linearised.columns.iter().enumerate() {
-                self.normal[(ci, cj)] += small[(i, j)];
-            }
         }
+        add_product(&mut self.normal, Some(columns), Some(columns), &linearised.global, &wa);
         if linearised.local.ncols() > 0 {
             let l = &linearised.local;
-            part.local_normal += l.tr_mul(&(&weight * l));
             part.local_right -= l.tr_mul(&ww);
-            let coupling = l.tr_mul(&wa);
-            for (j, &cj) in linearised.columns.iter().enumerate() {
-                let mut column = part.coupling.column_mut(cj);
-                column += coupling.column(j);
-            }
+            add_product(&mut part.local_normal, None, None, l, &(&weight * l));
+            add_product(&mut part.coupling, None, Some(columns), l, &wa);
         }
         part.blocks.push(BlockSystem { linearised, contradiction, weight });
         Ok(())
@@ -502,9 +549,13 @@ impl System {
             conditions += part.blocks.iter().map(|b| b.contradiction.len()).sum::<usize>();
             let blocks = part.blocks.into_iter().zip(&group.blocks).zip(residuals);
             let blocks = blocks.map(|((system, block), residuals)| block_fit(system, block, residuals));
+            let sensitivity = -(&part.local_inverse * &part.coupling);
+            let cross = &sensitivity * &covariance;
             groups.push(GroupFit {
                 local,
-                sensitivity: -(&part.local_inverse * &part.coupling),
+                covariance: &cross * sensitivity.transpose() + &part.local_inverse,
+                cross,
+                sensitivity,
                 conditional: part.local_inverse,
                 blocks: blocks.collect(),
             });
@@ -526,6 +577,24 @@ fn block_fit(system: BlockSystem, block: &Block, residuals: DVector<f64>) -> Blo
     let gain = &q_bt * &system.weight;
     let conditional = &block.covariance - &gain * q_bt.transpose();
     BlockFit { residuals, linearised: system.linearised, gain, conditional }
+}
+
+/// `target[rows, columns] += a' b` for few and short rows of a and b (`None`: all of them).
+fn add_product(
+    target: &mut DMatrix<f64>,
+    rows: Option<&[usize]>,
+    columns: Option<&[usize]>,
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+) {
+    let n = a.nrows().max(1);
+    for (j, right) in b.as_slice().chunks_exact(n).enumerate() {
+        let mut column = target.column_mut(columns.map_or(j, |c| c[j]));
+        for (i, left) in a.as_slice().chunks_exact(n).enumerate() {
+            let product: f64 = left.iter().zip(right).map(|(x, y)| x * y).sum();
+            column[rows.map_or(i, |r| r[i])] += product;
+        }
+    }
 }
 
 /// Adds a prior to normal equations; returns its share of the sum of squares.

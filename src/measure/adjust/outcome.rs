@@ -74,7 +74,7 @@ impl<'a> Outcome<'a> {
     }
 
     fn covariance(&self, gradient: &Gradient) -> DMatrix<f64> {
-        self.fit.covariance_of(&self.fit.propagate(self.group, gradient)) * (self.scale * self.scale)
+        self.fit.covariance_of(self.group, gradient) * (self.scale * self.scale)
     }
 
     fn sigma(&self, gradient: &Gradient) -> Option<f64> {

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use super::beam::{MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
-use super::gauss_helmert::{Block, Fit, Group, GroupPoint, Linearised, Prior, Problem, solve_groups};
+use super::gauss_helmert::{Block, Course, Fit, Group, GroupPoint, Linearised, Prior, Problem, solve_from};
 use super::layout::{Layout, Place, Rows, Seen, Survey};
 use super::model_error::image_covariance;
 use super::outcome::{Member, Outcome};
@@ -256,8 +256,8 @@ impl<'a> Frame<'a> {
         self.members.iter().zip(at.observed).map(block).collect()
     }
 
-    pub fn solve(&self) -> Result<Fit, AdjustError> {
-        solve_groups(&self.problem, |at| self.linearise(at))
+    pub fn solve(&self, course: &Course) -> Result<Fit, AdjustError> {
+        solve_from(&self.problem, course, |at| self.linearise(at))
     }
 }
 
@@ -293,9 +293,10 @@ impl<'a> Solved<'a> {
         let mut amplitude = before.map_or(USUAL_CURVATURE_PER_M, |b| b.amplitude);
         let mut solved: Option<Self> = None;
         for _ in 0..3 {
-            let from = solved.as_ref().or(before).map(|s| (&s.frame.layout, &s.fit.global));
+            let last = solved.as_ref().or(before);
+            let from = last.map(|s| (&s.frame.layout, &s.fit.global));
             let frame = Frame::new(input, usage, &Start { curvature_terms: terms, amplitude, from });
-            let fit = frame.solve()?;
+            let fit = frame.solve(&Course { rough: true, residuals: last.map(|s| &s.fit) })?;
             let found = fit.global[0].abs().max(SMALLEST_CURVATURE_PER_M);
             let settled = (found / amplitude).ln().abs() < 0.05;
             solved = Some(Self { frame, fit, amplitude: if settled { amplitude } else { found } });
@@ -305,6 +306,13 @@ impl<'a> Solved<'a> {
             amplitude = found;
         }
         solved.ok_or(AdjustError::NoConvergence { iterations: 0 })
+    }
+
+    /// From rough to converged.
+    fn finish(&mut self) -> Result<(), AdjustError> {
+        self.frame.problem.start = self.fit.global.clone();
+        self.fit = self.frame.solve(&Course { rough: false, residuals: Some(&self.fit) })?;
+        Ok(())
     }
 
     /// Minus twice the logarithm of the evidence of this order, but for terms that all orders share.
@@ -325,7 +333,7 @@ fn choose_order<'a>(input: &Input<'a>, usage: &Usage, usual: Solved<'a>) -> Resu
     for terms in ORDERS.into_iter().filter(|&t| t != USUAL_ORDER) {
         let from = Some((&best.frame.layout, &best.fit.global));
         let frame = Frame::new(input, usage, &Start { curvature_terms: terms, amplitude, from });
-        let fit = frame.solve()?;
+        let fit = frame.solve(&Course { rough: true, residuals: Some(&best.fit) })?;
         let other = Solved { frame, fit, amplitude };
         if other.misfit() < best.misfit() {
             best = other;
@@ -448,6 +456,7 @@ pub(super) fn solve(
     if options.curvature_terms.is_none() {
         solved = choose_order(&input, &usage, solved)?;
     }
+    solved.finish()?;
     dress(&input, solved, &removed)
 }
 
