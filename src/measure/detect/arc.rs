@@ -1,41 +1,119 @@
 //! A disc that a neighbour's sheet hides in part: the ellipse through the outline that is left.
 
-use nalgebra::{Cholesky, Matrix2, SMatrix, SVector, SymmetricEigen, Vector2};
+use nalgebra::{Cholesky, Matrix2, Matrix3, SMatrix, SVector, SymmetricEigen, Vector2, Vector3};
 
 use super::blob::Blob;
 use super::candidate::{Candidate, Outline};
 
 /// How far a neighbour's sheet reaches beyond its print, px.
 const SHEET_PX: f64 = 7.0;
-/// Share of the outline that must be seen.
-const SHARE: f64 = 0.55;
+/// How far a cut edge is blurred into what it leaves, px.
+const BLUR_PX: f64 = 2.5;
+/// Relative difference below which a neighbour is taken to be of the same size.
+const SAME_SIZE: f64 = 0.12;
+/// Share of the outline that must be seen, beside a disc of the same size, and without.
+const SHARE: f64 = 0.35;
+const SHARE_ALONE: f64 = 0.55;
 
 type Conic = SVector<f64, 5>;
 
-/// The candidate with the outline of its whole disc, and the boxes where it may be hidden.
+/// The candidate with the outline of its whole disc, and the boxes where it may be hidden. Discs
+/// side by side look alike, so the neighbour's shape is where the fit starts from.
 pub fn completed(candidate: &Candidate, blob: &Blob, others: &[Blob]) -> Option<Candidate> {
-    let hidden: Vec<[f64; 4]> = (others.iter())
-        .filter(|o| *o != blob && o.area > 0.3 * blob.area && o.area < 3.0 * blob.area)
-        .map(|o| o.bounds.map(|v| v as f64))
-        .map(|[x0, y0, x1, y1]| [x0 - SHEET_PX, y0 - SHEET_PX, x1 + SHEET_PX, y1 + SHEET_PX])
+    let own = blob.bounds.map(|v| v as f64);
+    let near: Vec<(&Blob, [f64; 4])> = (others.iter())
+        .filter(|o| o.area > 0.3 * blob.area && o.area < 6.0 * blob.area && !overlap(o, blob))
+        .map(|o| (o, sheet(o.bounds.map(|v| v as f64), own)))
+        .filter(|(_, h)| h[0] <= own[2] && own[0] <= h[2] && h[1] <= own[3] && own[1] <= h[3])
         .collect();
-    let covered = |p: &Vector2<f64>| hidden.iter().any(|h| within(h, p));
-    let inverse = blob.covariance.try_inverse()?;
-    let eigen = SymmetricEigen::new(inverse);
-    let whiten = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()))
-        * eigen.eigenvectors.transpose();
+    let hidden: Vec<[f64; 4]> = near.iter().map(|n| n.1).collect();
     let rim = rim(blob);
     let seen: Vec<Vector2<f64>> =
-        rim.iter().filter(|p| !covered(p)).map(|p| whiten * (p - blob.centroid)).collect();
-    if seen.len() == rim.len() || (seen.len() as f64) < SHARE * rim.len() as f64 || seen.len() < 30 {
+        rim.iter().filter(|p| !hidden.iter().any(|h| within(h, p))).copied().collect();
+    if seen.len() == rim.len() || (seen.len() as f64) < SHARE * rim.len() as f64 || seen.len() < 40 {
         return None;
     }
-    let (centre, moments) = ellipse(&through(&seen)?)?;
+    let alike = (near.iter())
+        .filter(|(o, _)| !o.at_edge && (0.95..1.05).contains(&o.fill()))
+        .min_by(|a, b| distance(a.0, blob).total_cmp(&distance(b.0, blob)));
+    let (like, free) = alike.map_or((blob, true), |(o, _)| (*o, false));
+    let mut outline = if free { any_ellipse(&seen, like) } else { same_ellipse(&seen, like) }?;
+    let size = Outline::from_moments(like.centroid, like.covariance, 2.0).major;
+    let same_size = !free && (outline.major / size - 1.0).abs() < SAME_SIZE;
+    if same_size {
+        outline.major = size;
+    } else if (seen.len() as f64) < SHARE_ALONE * rim.len() as f64 {
+        return None;
+    }
+    let fits = outline.major < 2.0 * candidate.outline.major && outline.minor < 3.0 * candidate.outline.minor;
+    fits.then(|| Candidate { outline, hidden, alike: same_size, ..candidate.clone() })
+}
+
+/// Whether two blobs are one thing at two levels: the centroid of one lies in the other.
+fn overlap(one: &Blob, other: &Blob) -> bool {
+    let inside = |a: &Blob, b: &Blob| {
+        let outline = Outline::from_moments(a.centroid, a.covariance, 2.0);
+        let (s, t) = outline.local(b.centroid);
+        (s / outline.major.max(0.5)).hypot(t / outline.minor.max(0.5)) < 1.0
+    };
+    inside(one, other) || inside(other, one)
+}
+
+fn distance(one: &Blob, other: &Blob) -> f64 {
+    (one.centroid - other.centroid).norm()
+}
+
+/// The transform that makes a circle of a blob's ellipse.
+fn whitening(blob: &Blob) -> Option<Matrix2<f64>> {
+    let eigen = SymmetricEigen::new(blob.covariance.try_inverse()?);
+    let scale = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()));
+    Some(scale * eigen.eigenvectors.transpose())
+}
+
+/// The ellipse through the points; `blob` only conditions it.
+fn any_ellipse(points: &[Vector2<f64>], blob: &Blob) -> Option<Outline> {
+    let whiten = whitening(blob)?;
+    let white: Vec<Vector2<f64>> = points.iter().map(|p| whiten * (p - blob.centroid)).collect();
+    let (centre, moments) = ellipse(&through(&white)?)?;
     let back = whiten.try_inverse()?;
-    let outline =
-        Outline::from_moments(blob.centroid + back * centre, back * moments * back.transpose(), 1.0);
-    let near = outline.major < 2.0 * candidate.outline.major && outline.minor < 3.0 * candidate.outline.minor;
-    near.then(|| Candidate { outline, hidden, ..candidate.clone() })
+    Some(Outline::from_moments(blob.centroid + back * centre, back * moments * back.transpose(), 1.0))
+}
+
+/// The ellipse through the points that has the axis ratio and direction of `like`.
+fn same_ellipse(points: &[Vector2<f64>], like: &Blob) -> Option<Outline> {
+    let whiten = whitening(like)?;
+    let middle = points.iter().sum::<Vector2<f64>>() / points.len() as f64;
+    let (mut normal, mut right) = (Matrix3::identity() * 1e-9, Vector3::zeros());
+    for p in points {
+        let w = whiten * (p - middle);
+        let row = Vector3::new(2.0 * w.x, 2.0 * w.y, 1.0);
+        normal += row * row.transpose();
+        right += row * w.norm_squared();
+    }
+    let circle = Cholesky::new(normal)?.solve(&right);
+    let centre = circle.xy();
+    let radius2 = circle.z + centre.norm_squared();
+    let back = whiten.try_inverse()?;
+    (radius2 > 0.0)
+        .then(|| Outline::from_moments(middle + back * centre, back * back.transpose() * radius2, 1.0))
+}
+
+/// The box that a neighbour's sheet may cover: a rim about its print, and where the blob ends near
+/// it, the blob's last rows or columns too, for blur mixes them with the sheet.
+fn sheet(print: [f64; 4], blob: [f64; 4]) -> [f64; 4] {
+    let mut out = print;
+    for k in 0..2 {
+        out[k] -= SHEET_PX;
+        out[k + 2] += SHEET_PX;
+        let (before, after) = (print[k] - blob[k + 2], blob[k] - print[k + 2]);
+        if (0.0..2.0 * SHEET_PX).contains(&before) {
+            out[k] = out[k].min(blob[k + 2] - BLUR_PX);
+        }
+        if (0.0..2.0 * SHEET_PX).contains(&after) {
+            out[k + 2] = out[k + 2].max(blob[k] + BLUR_PX);
+        }
+    }
+    out
 }
 
 /// Whether a box holds a point.

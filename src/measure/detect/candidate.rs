@@ -34,6 +34,8 @@ pub struct Candidate {
     pub blobs: Vec<usize>,
     /// Boxes whose pixels may show something else: first and last column and row.
     pub hidden: Vec<[f64; 4]>,
+    /// Whether size, direction and thickness are those of a disc beside it.
+    pub alike: bool,
 }
 
 impl Candidate {
@@ -115,6 +117,7 @@ pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
         edges: None,
         blobs: vec![index],
         hidden: Vec::new(),
+        alike: false,
     })
 }
 
@@ -159,7 +162,14 @@ pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Candidate> {
     } else {
         (Pattern::WhiteAlong, (along + PI / 2.0, (PI / 2.0 - half).tan()))
     };
-    Some(Candidate { pattern, outline, edges: Some(edges), blobs: indices.to_vec(), hidden: Vec::new() })
+    Some(Candidate {
+        pattern,
+        outline,
+        edges: Some(edges),
+        blobs: indices.to_vec(),
+        hidden: Vec::new(),
+        alike: false,
+    })
 }
 
 /// Whitening transform of a shape, and its kurtosis in 36 whitened directions.

@@ -42,6 +42,15 @@ impl Fit {
     }
 }
 
+/// What is sought, and what is known of it beforehand.
+#[derive(Clone, Debug)]
+pub struct Unknowns {
+    /// Parameters that are sought.
+    pub free: [bool; N],
+    /// Usual value and its standard deviation, infinite where nothing is known.
+    pub usual: [(f64, f64); N],
+}
+
 /// One linearisation: normal equations and residual statistics.
 struct Step {
     normal: Square,
@@ -57,10 +66,6 @@ const CUT: f64 = 6.0;
 
 /// Unevenness of a real outline and of its sampling, px, that is no reason to distrust a pixel.
 const EDGE_JITTER: f64 = 0.08;
-/// The tone curve of pictures made for the eye, and how far cameras depart from it.
-const USUAL_GAMMA: f64 = 1.0 / 2.2;
-const GAMMA_SPREAD: f64 = 0.15;
-
 /// Pixels that the iteration starts with; all of them only refine its result.
 const FIRST_PIXELS: usize = 320;
 
@@ -69,7 +74,7 @@ pub fn rough(
     pattern: Pattern,
     pixels: &[Pixel],
     start: &Parameters,
-    free: &[bool; N],
+    unknowns: &Unknowns,
     floor: f64,
 ) -> Option<Parameters> {
     let stride = (pixels.len() / FIRST_PIXELS).max(1);
@@ -78,7 +83,9 @@ pub fn rough(
     let mut residuals = Vec::with_capacity(some.len());
     // Most pixels are flat and say nothing of an edge that is still off: the scale comes down slowly.
     let scale = 0.25 * contrast;
-    Some(iterate(pattern, &some, *start, scale, free, floor.max(0.02 * contrast), &mut residuals, 1e-2)?.0)
+    Some(
+        iterate(pattern, &some, *start, scale, unknowns, floor.max(0.02 * contrast), &mut residuals, 1e-2)?.0,
+    )
 }
 
 /// Fits the `free` parameters from near the solution; `None` where it does not settle.
@@ -86,18 +93,18 @@ pub fn fit(
     pattern: Pattern,
     pixels: &[Pixel],
     start: &Parameters,
-    free: &[bool; N],
+    unknowns: &Unknowns,
     floor: f64,
 ) -> Option<Fit> {
-    let count = free.iter().filter(|&&f| f).count();
+    let count = unknowns.free.iter().filter(|&&f| f).count();
     if pixels.len() < 2 * count {
         return None;
     }
     let contrast = contrast(start);
     let floor = floor.max(0.02 * contrast);
     let mut residuals = Vec::with_capacity(pixels.len());
-    let (m, scale) = iterate(pattern, pixels, *start, 2.0 * floor, free, floor, &mut residuals, 1e-3)?;
-    finish(pattern, pixels, m, free, scale, floor, &mut residuals, count)
+    let (m, scale) = iterate(pattern, pixels, *start, 2.0 * floor, unknowns, floor, &mut residuals, 1e-3)?;
+    finish(pattern, pixels, m, unknowns, scale, floor, &mut residuals, count)
 }
 
 /// Grey levels between white or skin and black.
@@ -112,13 +119,13 @@ fn iterate(
     pixels: &[Pixel],
     mut m: Parameters,
     mut scale: f64,
-    free: &[bool; N],
+    unknowns: &Unknowns,
     floor: f64,
     residuals: &mut Vec<f64>,
     tolerance: f64,
 ) -> Option<(Parameters, f64)> {
     for iteration in 0..MAX_ITERATIONS {
-        let step = linearise(pattern, pixels, &m, free, scale, floor, residuals);
+        let step = linearise(pattern, pixels, &m, unknowns, scale, floor, residuals);
         let damping = if iteration < 2 { 1e-3 } else { 1e-7 };
         let mut damped = step.normal;
         for i in 0..N {
@@ -149,13 +156,13 @@ fn finish(
     pattern: Pattern,
     pixels: &[Pixel],
     mut m: Parameters,
-    free: &[bool; N],
+    unknowns: &Unknowns,
     scale: f64,
     floor: f64,
     residuals: &mut Vec<f64>,
     count: usize,
 ) -> Option<Fit> {
-    let step = linearise(pattern, pixels, &m, free, scale, floor, residuals);
+    let step = linearise(pattern, pixels, &m, unknowns, scale, floor, residuals);
     let mut regular = step.normal;
     for i in 0..N {
         regular[(i, i)] *= 1.0 + 1e-10;
@@ -168,7 +175,7 @@ fn finish(
     }
     let variance = step.square / (step.weight - count as f64).max(1.0);
     let mut covariance = factor.inverse() * variance;
-    for i in (0..N).filter(|&i| !free[i]) {
+    for i in (0..N).filter(|&i| !unknowns.free[i]) {
         covariance.row_mut(i).fill(0.0);
         covariance.column_mut(i).fill(0.0);
     }
@@ -217,13 +224,13 @@ fn linearise(
     pattern: Pattern,
     pixels: &[Pixel],
     m: &Parameters,
-    free: &[bool; N],
+    unknowns: &Unknowns,
     scale: f64,
     floor: f64,
     residuals: &mut Vec<f64>,
 ) -> Step {
     let trig = m[ANGLE].sin_cos();
-    let list: Vec<usize> = (0..N).filter(|&i| free[i]).collect();
+    let list: Vec<usize> = (0..N).filter(|&i| unknowns.free[i]).collect();
     let n = list.len();
     let mut packed = [[0.0f64; N]; N];
     let mut packed_right = [0.0f64; N];
@@ -260,10 +267,11 @@ fn linearise(
             normal[(k, l)] = packed[i.min(j)][i.max(j)];
         }
     }
-    if free[GAMMA] {
-        let prior = scale * scale / (GAMMA_SPREAD * GAMMA_SPREAD);
-        normal[(GAMMA, GAMMA)] += prior;
-        right[GAMMA] += prior * (USUAL_GAMMA - m[GAMMA]);
+    for &k in &list {
+        let (usual, deviation) = unknowns.usual[k];
+        let weight = (scale / deviation).powi(2);
+        normal[(k, k)] += weight;
+        right[k] += weight * (usual - m[k]);
     }
     Step { normal, right, scale: spread(residuals).max(floor), weight, square }
 }

@@ -7,7 +7,7 @@ use super::super::setup::Shape;
 use super::arc::within;
 use super::blob::Blob;
 use super::candidate::{Candidate, Outline, half_turn};
-use super::fit::{Fit, contrast, fit, rough};
+use super::fit::{Fit, Unknowns, contrast, fit, rough};
 use super::model::{
     ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, Pixel, SECOND, THIRD, X, Y,
 };
@@ -19,6 +19,16 @@ const BEND_TEST: f64 = 3.0;
 /// How a sheet lies on a curved skin is not known: stretched or not, it differs along the marker by
 /// the sag times the skin's slope, for which one in ten stands.
 const LAID: f64 = 0.1;
+/// The tone curve of pictures made for the eye, and how far cameras depart from it.
+const USUAL_GAMMA: (f64, f64) = (1.0 / 2.2, 0.15);
+/// A disc's sag over its semi-major axis, and the change of its thickness, on the skin of a wing. A
+/// whole outline tells them better; half an outline needs to know that they are small.
+const SAG_SPREAD: f64 = 0.01;
+const EGG_SPREAD: f64 = 0.05;
+/// How far discs side by side differ: direction, rad, relative length and thickness.
+const ALIKE_ANGLE: f64 = 0.02;
+const ALIKE_MAJOR: f64 = 0.03;
+const ALIKE_MINOR: f64 = 0.1;
 /// Pixels of a fit: more would only cost time.
 const MAX_PIXELS: usize = 1400;
 
@@ -48,23 +58,25 @@ pub fn measure(
     if outline.major > 22.0 * outline.minor {
         return Err(RejectReason::NotAnEllipse);
     }
-    let (free, bends) = unknowns(candidate);
+    let (unknowns, bends) = unknowns(candidate);
     let floor = 0.5f64.max(0.8 * noise);
     let first = pixels(image, blobs, candidate, 1.0);
     let start = start(candidate, &first, 1.0).ok_or(RejectReason::LowContrast)?;
-    let near = rough(candidate.pattern, &first, &start, &free, floor).ok_or(RejectReason::NoConvergence)?;
+    let near =
+        rough(candidate.pattern, &first, &start, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
     let settled = settle(candidate, &near);
     let pixels = pixels(image, blobs, &settled, to_grid(near[BLUR], 4.0).clamp(0.5, 3.5));
-    let bent = fit(candidate.pattern, &pixels, &near, &free, floor).ok_or(RejectReason::NoConvergence)?;
+    let bent = fit(candidate.pattern, &pixels, &near, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
     // The straight model knows more, where the bend is not significant.
-    let significant = (bends.iter())
-        .any(|&k| bent.parameters[k].abs() > BEND_TEST * bent.covariance[(k, k)].max(0.0).sqrt());
+    let significant = !candidate.hidden.is_empty()
+        || (bends.iter())
+            .any(|&k| bent.parameters[k].abs() > BEND_TEST * bent.covariance[(k, k)].max(0.0).sqrt());
     let result = if significant { bent } else { bent.without(bends) };
     judge(image, candidate, &result, noise)
 }
 
 /// Which parameters a marker of this size can tell, and which of them are bends.
-fn unknowns(candidate: &Candidate) -> ([bool; N], &'static [usize]) {
+fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
     let outline = &candidate.outline;
     let disc = candidate.pattern == Pattern::Disc;
     let bends: &[usize] = if disc { &[THIRD, EGG] } else { &[SECOND, THIRD] };
@@ -80,10 +92,27 @@ fn unknowns(candidate: &Candidate) -> ([bool; N], &'static [usize]) {
         // The outline that is left tells an ellipse, and no more.
         [LIGHT + 3, DARK + 1, DARK + 2, GAMMA].iter().for_each(|&k| free[k] = false);
     }
-    if part || !thick || outline.major < 12.0 {
+    if !thick || outline.major < 12.0 {
         bends.iter().for_each(|&k| free[k] = false);
     }
-    (free, bends)
+    (Unknowns { free, usual: usual(candidate) }, bends)
+}
+
+/// What is known before the fit.
+fn usual(candidate: &Candidate) -> [(f64, f64); N] {
+    let mut out = [(0.0, f64::INFINITY); N];
+    let outline = &candidate.outline;
+    out[GAMMA] = USUAL_GAMMA;
+    if candidate.pattern == Pattern::Disc {
+        out[THIRD] = (0.0, SAG_SPREAD * outline.major);
+        out[EGG] = (0.0, EGG_SPREAD);
+    }
+    if candidate.alike {
+        out[ANGLE] = (outline.angle, ALIKE_ANGLE);
+        out[FIRST] = (outline.major, ALIKE_MAJOR * outline.major);
+        out[SECOND] = (outline.minor, ALIKE_MINOR * outline.minor);
+    }
+    out
 }
 
 /// The candidate with the geometry of a rough fit, on a grid, so that the choice of pixels does
@@ -160,11 +189,8 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
         covariance += axis * axis.transpose() * (LAID * m[THIRD]).powi(2);
     }
     let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
-    // The rest of a hidden outline is a guess of the model's: twice the standard deviation.
-    let most = if candidate.hidden.is_empty() { 0.6 } else { 1.0 };
-    if !candidate.hidden.is_empty() {
-        covariance *= 4.0;
-    }
+    // A part of an outline tells the centre less well, and says so.
+    let most = if candidate.hidden.is_empty() { 0.6 } else { 2.0 };
     if !(spread > 0.0 && spread < most) {
         return Err(RejectReason::PoorFit);
     }
