@@ -171,7 +171,8 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
     if outline.minor < 0.8 || outline.major < 3.5 {
         return Err(RejectReason::TooSmall);
     }
-    if outline.major > 20.0 * outline.minor {
+    let lopsided = candidate.pattern == Pattern::Disc && m[EGG].abs() > 4.0 * EGG_SPREAD;
+    if lopsided || outline.major > 20.0 * outline.minor {
         return Err(RejectReason::NotAnEllipse);
     }
     if m[DARK] < 0.15 || contrast < 8.0 || contrast < 4.0 * noise {
