@@ -23,9 +23,10 @@ use super::AdjustError;
 
 const MAX_ITERATIONS: usize = 60;
 /// Squared length of the last step in standard deviations, and of the unclosed conditions.
-const CONVERGED: f64 = 1e-14;
-/// The same for a solution that only decides what the next one looks like.
-const ROUGH: f64 = 1e-4;
+const CONVERGED: f64 = 1e-12;
+/// The same for a solution that only decides what the next one looks like: the last step is a tenth
+/// of a standard deviation, what it leaves is a hundredth.
+const ROUGH: f64 = 1e-2;
 /// Rise of the sum of squares that a step may cause, over the sum that is still open.
 const OPEN_SHARE: f64 = 0.1;
 /// Relative rise of the sum of squares that rounding may cause.
@@ -297,7 +298,7 @@ pub fn solve_groups(
 /// How far a solution is carried, and what is known before.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Course<'a> {
-    /// Stop at a hundredth of a standard deviation.
+    /// Stop within a hundredth of a standard deviation.
     pub rough: bool,
     /// Residuals of an earlier solution to start from, where its blocks are the same.
     pub residuals: Option<&'a Fit>,
@@ -481,6 +482,7 @@ impl System {
         residuals: &DVector<f64>,
         linearised: Linearised,
     ) -> Result<(), AdjustError> {
+        let linearised = trimmed(linearised);
         let b = &linearised.observations;
         let contradiction = &linearised.misclosure - b * residuals;
         let weight = inverse(&(b * &block.covariance * b.transpose()))
@@ -587,14 +589,46 @@ fn add_product(
     a: &DMatrix<f64>,
     b: &DMatrix<f64>,
 ) {
-    let n = a.nrows().max(1);
-    for (j, right) in b.as_slice().chunks_exact(n).enumerate() {
-        let mut column = target.column_mut(columns.map_or(j, |c| c[j]));
-        for (i, left) in a.as_slice().chunks_exact(n).enumerate() {
-            let product: f64 = left.iter().zip(right).map(|(x, y)| x * y).sum();
-            column[rows.map_or(i, |r| r[i])] += product;
+    match a.nrows() {
+        // Images: the bulk of the work.
+        2 => add_product_of::<2>(target, rows, columns, a.as_slice(), b.as_slice()),
+        4 => add_product_of::<4>(target, rows, columns, a.as_slice(), b.as_slice()),
+        n => {
+            for k in 0..n {
+                let (a, b) = (a.row(k).transpose(), b.row(k).transpose());
+                add_product_of::<1>(target, rows, columns, a.as_slice(), b.as_slice());
+            }
         }
     }
+}
+
+fn add_product_of<const N: usize>(
+    target: &mut DMatrix<f64>,
+    rows: Option<&[usize]>,
+    columns: Option<&[usize]>,
+    a: &[f64],
+    b: &[f64],
+) {
+    let (left, right) = (a.as_chunks::<N>().0, b.as_chunks::<N>().0);
+    let dot = |x: &[f64; N], y: &[f64; N]| (0..N).map(|k| x[k] * y[k]).sum::<f64>();
+    for (j, y) in right.iter().enumerate() {
+        let mut column = target.column_mut(columns.map_or(j, |c| c[j]));
+        match rows {
+            None => column.iter_mut().zip(left).for_each(|(t, x)| *t += dot(x, y)),
+            Some(rows) => rows.iter().zip(left).for_each(|(&i, x)| column[i] += dot(x, y)),
+        }
+    }
+}
+
+/// Without the parameters that the block does not depend on here.
+fn trimmed(mut linearised: Linearised) -> Linearised {
+    let used = |k: &usize| linearised.global.column(*k).iter().any(|&v| v != 0.0);
+    let keep: Vec<usize> = (0..linearised.columns.len()).filter(used).collect();
+    if keep.len() < linearised.columns.len() {
+        linearised.global = linearised.global.select_columns(&keep);
+        linearised.columns = keep.into_iter().map(|k| linearised.columns[k]).collect();
+    }
+    linearised
 }
 
 /// Adds a prior to normal equations; returns its share of the sum of squares.
