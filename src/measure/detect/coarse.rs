@@ -4,7 +4,11 @@ use super::super::raster::Raster;
 
 /// Distances, in reduced pixels, at which both sides of a dark pixel are looked at. The longest
 /// bounds the thickness of what can be found.
-const REACH: [usize; 7] = [2, 4, 8, 16, 24, 40, 64];
+const REACH: [usize; 5] = [2, 4, 8, 16, 24];
+/// Farther ones, for thick markers only: between two stretches of sky the whole wing is dark.
+const FAR: [usize; 2] = [40, 64];
+/// Least thickness, reduced px, of a region that is taken up against the far background.
+pub const THICK: usize = 24;
 
 /// Grey over local background below which a reduced pixel is dark, in 1/256, strictest first.
 /// Several levels, so that a faint line that touches a marker does not swallow it.
@@ -25,6 +29,13 @@ pub struct Coarse {
     pub background: Vec<u8>,
 }
 
+impl Coarse {
+    /// Raises the background to that of the farther distances.
+    pub fn look_far(&mut self) {
+        raise_by(&FAR, &mut self.background, &self.mean, self.width, self.height);
+    }
+}
+
 /// A connected set of dark reduced pixels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Region {
@@ -43,6 +54,16 @@ pub struct Region {
 }
 
 impl Region {
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.x1 - self.x0 + 1
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.y1 - self.y0 + 1
+    }
+
     /// Whether `other`, of a laxer level, is the same thing with a fringe.
     pub fn stands_for(&self, other: &Self) -> bool {
         let fringe = |a: usize, b: usize| a.abs_diff(b) <= 2;
@@ -77,14 +98,14 @@ pub fn reduce(image: &Raster, factor: usize) -> Coarse {
             *o = ((block.iter().sum::<u16>() + half) >> shift) as u8;
         }
     }
-    let background = background(&mean, width, height);
+    let mut background = mean.clone();
+    raise_by(&REACH, &mut background, &mean, width, height);
     Coarse { factor, width, height, mean, background }
 }
 
 /// For every pixel the greatest, over distances and directions, of the lesser of both sides.
-fn background(mean: &[u8], width: usize, height: usize) -> Vec<u8> {
-    let mut out = mean.to_vec();
-    for d in REACH {
+fn raise_by(reach: &[usize], out: &mut [u8], mean: &[u8], width: usize, height: usize) {
+    for &d in reach {
         if width > 2 * d {
             for (row, o) in mean.chunks_exact(width).zip(out.chunks_exact_mut(width)) {
                 raise(&mut o[d..width - d], &row[..width - 2 * d], &row[2 * d..]);
@@ -95,7 +116,6 @@ fn background(mean: &[u8], width: usize, height: usize) -> Vec<u8> {
             raise(&mut out[shift..end], &mean[..end - shift], &mean[2 * shift..]);
         }
     }
-    out
 }
 
 fn raise(out: &mut [u8], one: &[u8], other: &[u8]) {

@@ -149,8 +149,7 @@ struct Found {
 
 /// All stages on one picture or window.
 fn search(image: &Raster, factor: usize, noise: f64) -> Found {
-    let coarse = coarse::reduce(image, factor);
-    let blobs = find_blobs(image, &coarse);
+    let blobs = find_blobs(image, &mut coarse::reduce(image, factor));
     let mut taken = vec![false; blobs.len()];
     let mut found = Found { measured: Vec::new(), rejected: Vec::new() };
     for candidates in [quadrants(&blobs), discs(&blobs)] {
@@ -218,14 +217,19 @@ fn by_place(a: &Vector2<f64>, b: &Vector2<f64>) -> std::cmp::Ordering {
     a.y.total_cmp(&b.y).then(a.x.total_cmp(&b.x))
 }
 
-/// Blobs of all levels, each once.
-fn find_blobs(image: &Raster, coarse: &coarse::Coarse) -> Vec<blob::Blob> {
+/// Blobs of all levels, each once; against the near background, then thick ones against the far.
+fn find_blobs(image: &Raster, coarse: &mut coarse::Coarse) -> Vec<blob::Blob> {
     let mut out: Vec<blob::Blob> = Vec::new();
     let mut done: Vec<coarse::Region> = Vec::new();
-    let limit = coarse.width * coarse.height / 8;
-    for level in coarse::LEVELS {
+    let largest = (coarse.width * coarse.height / 8).max(64);
+    for (far, level) in [false, true].into_iter().flat_map(|far| coarse::LEVELS.map(|level| (far, level))) {
+        if far && level == coarse::LEVELS[0] {
+            coarse.look_far();
+            done.clear();
+        }
         let mut regions = coarse.regions(level);
-        regions.retain(|r| (r.x1 - r.x0 + 1) * (r.y1 - r.y0 + 1) <= limit.max(64));
+        let least = if far { coarse::THICK } else { 0 };
+        regions.retain(|r| r.width() * r.height() <= largest && r.width().min(r.height()) >= least);
         regions.sort_by_key(|r| std::cmp::Reverse(r.area));
         regions.truncate(MAX_REGIONS);
         for region in regions {
@@ -233,20 +237,22 @@ fn find_blobs(image: &Raster, coarse: &coarse::Coarse) -> Vec<blob::Blob> {
                 continue;
             }
             let (blobs, cut) = blob::blobs(image, coarse, &region);
-            for blob in blobs {
-                let same = |b: &blob::Blob| {
-                    (b.centroid - blob.centroid).norm() < 2.0 && (0.75..1.33).contains(&(b.area / blob.area))
-                };
-                if !out.iter().any(same) {
-                    out.push(blob);
-                }
-            }
+            blobs.into_iter().for_each(|blob| add_once(&mut out, blob));
             if !cut {
                 done.push(region);
             }
         }
     }
     out
+}
+
+fn add_once(out: &mut Vec<blob::Blob>, blob: blob::Blob) {
+    let same = |b: &blob::Blob| {
+        (b.centroid - blob.centroid).norm() < 2.0 && (0.75..1.33).contains(&(b.area / blob.area))
+    };
+    if !out.iter().any(same) {
+        out.push(blob);
+    }
 }
 
 /// Blobs and pairs of blobs that may be two black quadrants.
