@@ -17,10 +17,12 @@ const RUNS: usize = 500;
 fn predicted_covariance_covers_sampled_errors() {
     let mut rng = rng(77);
     let (mut position, mut lift, mut torsion, mut rejected) = (vec![], vec![], vec![], 0);
+    let mut twist = vec![];
     let options = Options { sigma: SigmaKind::Prior, snooping_alpha: 0.0, ..Options::default() };
     for _ in 0..RUNS {
         let truth = Truth::new(random_wing(&mut rng), 21);
-        let flight = truth.in_flight(2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0), truth.fuel());
+        let tip_lift_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
+        let flight = truth.in_flight(tip_lift_m, truth.fuel());
         let mount = remounted(&mut rng, &truth.setup);
         let setup = truth.surveyed(&mut rng, 0.002, 0.002);
         let orientation = truth.orientation(&mut rng, 0.05, true);
@@ -38,16 +40,19 @@ fn predicted_covariance_covers_sampled_errors() {
         let base = (truth.ground_m[19] - truth.ground_m[20]).xy().norm();
         let angle = s.torsion[0].angle_rad.unwrap();
         torsion.push((angle.value - (up(19) - up(20)).atan2(base)) / angle.sigma.unwrap());
+        let section = s.torsion[0].twist_rad.unwrap();
+        twist.push((section.value - truth.pair_twist_rad(tip_lift_m)) / section.sigma.unwrap());
     }
     let rate = rejected as f64 / RUNS as f64;
     println!(
-        "sampled over predicted: position {:.2}, lift {:.2}, torsion {:.2}; global test rejects {:.1} %",
+        "sampled over predicted: position {:.2}, lift {:.2}, torsion {:.2}, twist {:.2}; global test rejects {:.1} %",
         rms(&position),
         rms(&lift),
         rms(&torsion),
+        rms(&twist),
         1e2 * rate
     );
-    for ratio in [rms(&position), rms(&lift), rms(&torsion)] {
+    for ratio in [rms(&position), rms(&lift), rms(&torsion), rms(&twist)] {
         assert!((0.8..1.25).contains(&ratio), "{ratio}");
     }
     assert!(rate < 0.03);
@@ -72,7 +77,8 @@ fn covariance_holds_where_the_images_are_sharper_than_the_model() {
     let options = Options { sigma: SigmaKind::Prior, ..Options::default() };
     for _ in 0..200 {
         let truth = Truth::new(random_wing(&mut rng), 21);
-        let flight = truth.in_flight(2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0), truth.fuel());
+        let tip_lift_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
+        let flight = truth.in_flight(tip_lift_m, truth.fuel());
         let mount = remounted(&mut rng, &truth.setup);
         let setup = truth.surveyed(&mut rng, 0.002, 0.002);
         let mut orientation = truth.orientation(&mut rng, 0.0, true);

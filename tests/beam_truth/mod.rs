@@ -267,6 +267,13 @@ impl Truth {
         carried.iter().map(|p| frame.survey_point(p)).collect()
     }
 
+    /// Twist of the section midway between the torsion pair, nose up positive, rad.
+    pub fn pair_twist_rad(&self, tip_lift_m: f64) -> f64 {
+        let pair = &self.setup.torsion[0];
+        let eta = 0.5 * (self.stations[pair.leading].0 + self.stations[pair.trailing].0);
+        tip_lift_m / 2.5 * self.wing.twist_tip_rad * eta.powf(self.wing.twist_power)
+    }
+
     pub fn fuel(&self) -> f64 {
         self.wing.fuel
     }
