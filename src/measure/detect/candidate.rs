@@ -39,6 +39,11 @@ pub struct Candidate {
 }
 
 impl Candidate {
+    /// Product of the semi-axes, px^2.
+    pub fn size(&self) -> f64 {
+        self.outline.major * self.outline.minor
+    }
+
     /// What is said of it when it is turned down.
     pub fn rejected(&self, reason: RejectReason) -> Rejected {
         Rejected {

@@ -120,8 +120,14 @@ pub struct Prediction {
 }
 
 /// Most regions that are taken up at full resolution, and most rejected that are reported.
-const MAX_REGIONS: usize = 600;
+const MAX_REGIONS: usize = 400;
 const MAX_REJECTED: usize = 200;
+
+/// Most blobs, pairs of blobs and candidates of a kind: far above what a wing shows, so that clutter
+/// cannot take for ever. The largest are kept.
+const MAX_BLOBS: usize = 500;
+const MAX_PAIRS: usize = 1500;
+const MAX_CANDIDATES: usize = 100;
 
 /// Finds the markers of a frame without help. Deterministic at any number of threads.
 pub fn detect(image: &Raster) -> Detections {
@@ -217,10 +223,11 @@ fn by_place(a: &Vector2<f64>, b: &Vector2<f64>) -> std::cmp::Ordering {
     a.y.total_cmp(&b.y).then(a.x.total_cmp(&b.x))
 }
 
-/// Blobs of all levels, each once; against the near background, then thick ones against the far.
+/// Blobs of all levels, each once, from windows that together hold no more than the frame; against the near background, then thick ones against the far.
 fn find_blobs(image: &Raster, coarse: &mut coarse::Coarse) -> Vec<blob::Blob> {
     let mut out: Vec<blob::Blob> = Vec::new();
     let mut done: Vec<coarse::Region> = Vec::new();
+    let mut budget = coarse.width * coarse.height;
     let largest = (coarse.width * coarse.height / 8).max(64);
     for (far, level) in [false, true].into_iter().flat_map(|far| coarse::LEVELS.map(|level| (far, level))) {
         if far && level == coarse::LEVELS[0] {
@@ -236,6 +243,8 @@ fn find_blobs(image: &Raster, coarse: &mut coarse::Coarse) -> Vec<blob::Blob> {
             if done.iter().any(|d| d.stands_for(&region)) {
                 continue;
             }
+            let Some(left) = budget.checked_sub(region.width() * region.height()) else { continue };
+            budget = left;
             let (blobs, cut) = blob::blobs(image, coarse, &region);
             blobs.into_iter().for_each(|blob| add_once(&mut out, blob));
             if !cut {
@@ -243,14 +252,24 @@ fn find_blobs(image: &Raster, coarse: &mut coarse::Coarse) -> Vec<blob::Blob> {
             }
         }
     }
+    keep_largest(&mut out, MAX_BLOBS, |blob| blob.area);
     out
+}
+
+/// The `most` largest; the order changes only where there are more.
+fn keep_largest<T>(items: &mut Vec<T>, most: usize, size: impl Fn(&T) -> f64) {
+    if items.len() > most {
+        items.sort_by(|a, b| size(b).total_cmp(&size(a)));
+        items.truncate(most);
+    }
 }
 
 fn add_once(out: &mut Vec<blob::Blob>, blob: blob::Blob) {
     let same = |b: &blob::Blob| {
         (b.centroid - blob.centroid).norm() < 2.0 && (0.75..1.33).contains(&(b.area / blob.area))
     };
-    if !out.iter().any(same) {
+    // Comparing all with all must not take for ever.
+    if out.len() < 4 * MAX_BLOBS && !out.iter().any(same) {
         out.push(blob);
     }
 }
@@ -258,11 +277,17 @@ fn add_once(out: &mut Vec<blob::Blob>, blob: blob::Blob) {
 /// Blobs and pairs of blobs that may be two black quadrants.
 fn quadrants(blobs: &[blob::Blob]) -> Vec<candidate::Candidate> {
     let single = (0..blobs.len()).map(|i| vec![i]);
-    let double = candidate::pairs(blobs).into_iter().map(|p| p.to_vec());
-    single.chain(double).filter_map(|indices| candidate::quadrants(&indices, blobs)).collect()
+    let mut pairs = candidate::pairs(blobs);
+    keep_largest(&mut pairs, MAX_PAIRS, |p| p.iter().filter_map(|&i| blobs.get(i)).map(|b| b.area).sum());
+    let double = pairs.into_iter().map(|p| p.to_vec());
+    let mut out = single.chain(double).filter_map(|i| candidate::quadrants(&i, blobs)).collect();
+    keep_largest(&mut out, MAX_CANDIDATES, candidate::Candidate::size);
+    out
 }
 
 /// Blobs that may be discs.
 fn discs(blobs: &[blob::Blob]) -> Vec<candidate::Candidate> {
-    blobs.iter().enumerate().filter_map(|(i, blob)| candidate::disc(i, blob)).collect()
+    let mut out = blobs.iter().enumerate().filter_map(|(i, blob)| candidate::disc(i, blob)).collect();
+    keep_largest(&mut out, MAX_CANDIDATES, candidate::Candidate::size);
+    out
 }
