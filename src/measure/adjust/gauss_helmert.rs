@@ -17,8 +17,11 @@
 //! at a [`Point`], and read the [`Fit`]; [`Fit::propagate`] carries covariance to any function of
 //! parameters, local parameters and adjusted observations.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+mod linear;
 
+use nalgebra::{DMatrix, DVector};
+
+use self::linear::{add_product, factor, inverse, singular};
 use super::AdjustError;
 
 const MAX_ITERATIONS: usize = 60;
@@ -31,8 +34,6 @@ const ROUGH: f64 = 1e-2;
 const OPEN_SHARE: f64 = 0.1;
 /// Relative rise of the sum of squares that rounding may cause.
 const ROUNDING: f64 = 1e-9;
-/// Smallest pivot of the normal matrix scaled to a unit diagonal.
-const SMALLEST_PIVOT: f64 = 1e-13;
 
 /// Correlated observations that enter conditions together.
 #[derive(Clone, Debug, PartialEq)]
@@ -581,45 +582,6 @@ fn block_fit(system: BlockSystem, block: &Block, residuals: DVector<f64>) -> Blo
     BlockFit { residuals, linearised: system.linearised, gain, conditional }
 }
 
-/// `target[rows, columns] += a' b` for few and short rows of a and b (`None`: all of them).
-fn add_product(
-    target: &mut DMatrix<f64>,
-    rows: Option<&[usize]>,
-    columns: Option<&[usize]>,
-    a: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-) {
-    match a.nrows() {
-        // Images: the bulk of the work.
-        2 => add_product_of::<2>(target, rows, columns, a.as_slice(), b.as_slice()),
-        4 => add_product_of::<4>(target, rows, columns, a.as_slice(), b.as_slice()),
-        n => {
-            for k in 0..n {
-                let (a, b) = (a.row(k).transpose(), b.row(k).transpose());
-                add_product_of::<1>(target, rows, columns, a.as_slice(), b.as_slice());
-            }
-        }
-    }
-}
-
-fn add_product_of<const N: usize>(
-    target: &mut DMatrix<f64>,
-    rows: Option<&[usize]>,
-    columns: Option<&[usize]>,
-    a: &[f64],
-    b: &[f64],
-) {
-    let (left, right) = (a.as_chunks::<N>().0, b.as_chunks::<N>().0);
-    let dot = |x: &[f64; N], y: &[f64; N]| (0..N).map(|k| x[k] * y[k]).sum::<f64>();
-    for (j, y) in right.iter().enumerate() {
-        let mut column = target.column_mut(columns.map_or(j, |c| c[j]));
-        match rows {
-            None => column.iter_mut().zip(left).for_each(|(t, x)| *t += dot(x, y)),
-            Some(rows) => rows.iter().zip(left).for_each(|(&i, x)| column[i] += dot(x, y)),
-        }
-    }
-}
-
 /// Without the parameters that the block does not depend on here.
 fn trimmed(mut linearised: Linearised) -> Linearised {
     let used = |k: &usize| linearised.global.column(*k).iter().any(|&v| v != 0.0);
@@ -655,192 +617,5 @@ fn add_prior(
     Ok(off.dot(&weighted))
 }
 
-fn singular(missing: &str) -> AdjustError {
-    AdjustError::Singular { missing: missing.into() }
-}
-
-/// Inverse of a small symmetric positive definite matrix; 1 x 1 and 2 x 2 in closed form.
-fn inverse(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-    match m.nrows() {
-        1 => (m[(0, 0)] > 0.0).then(|| DMatrix::from_element(1, 1, 1.0 / m[(0, 0)])),
-        2 => {
-            let (a, b, d) = (m[(0, 0)], m[(1, 0)], m[(1, 1)]);
-            let det = a * d - b * b;
-            (a > 0.0 && det > a * d * 1e-15)
-                .then(|| DMatrix::from_row_slice(2, 2, &[d / det, -b / det, -b / det, a / det]))
-        }
-        _ => Cholesky::new(m.clone()).map(|c| c.inverse()),
-    }
-}
-
-/// Cholesky factor of the normal matrix, scaled to a unit diagonal so that pivots can be judged.
-struct Factor {
-    scale: DVector<f64>,
-    cholesky: Cholesky<f64, Dyn>,
-}
-
-impl Factor {
-    fn solve(&self, right: &DVector<f64>) -> DVector<f64> {
-        self.cholesky.solve(&right.component_mul(&self.scale)).component_mul(&self.scale)
-    }
-
-    fn inverse(&self) -> DMatrix<f64> {
-        let mut inverse = self.cholesky.inverse();
-        for j in 0..inverse.ncols() {
-            for i in 0..inverse.nrows() {
-                inverse[(i, j)] *= self.scale[i] * self.scale[j];
-            }
-        }
-        inverse
-    }
-}
-
-/// Factors the normal matrix, or names the datum that is missing.
-fn factor(normal: &DMatrix<f64>, missing: &[&'static str]) -> Result<Factor, AdjustError> {
-    let n = normal.nrows();
-    if normal.iter().any(|v| !v.is_finite()) {
-        return Err(AdjustError::Input(
-            "a number in the adjustment is not finite; check survey, camera and observations".into(),
-        ));
-    }
-    let scale = normal.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
-    let scaled = DMatrix::from_fn(n, n, |i, j| normal[(i, j)] * scale[i] * scale[j]);
-    let culprit = |column: usize| {
-        let text = missing.get(column).copied().unwrap_or("a parameter has no observation");
-        singular(text)
-    };
-    if let Some(column) = scale.iter().position(|&s| s == 0.0) {
-        return Err(culprit(column));
-    }
-    match Cholesky::new(scaled.clone()) {
-        Some(cholesky) => {
-            let l = cholesky.l_dirty();
-            match (0..n).find(|&i| l[(i, i)] * l[(i, i)] < SMALLEST_PIVOT) {
-                Some(column) => Err(culprit(column)),
-                None => Ok(Factor { scale, cholesky }),
-            }
-        }
-        None => Err(culprit(failing_column(&scaled))),
-    }
-}
-
-/// First leading minor that is not positive definite.
-fn failing_column(scaled: &DMatrix<f64>) -> usize {
-    let fails = |k: usize| Cholesky::new(scaled.view((0, 0), (k, k)).into_owned()).is_none();
-    (1..=scaled.nrows()).find(|&k| fails(k)).unwrap_or(1) - 1
-}
-
 #[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-    use super::*;
-
-    /// Straight line y = m x + b with errors in x and y: the textbook Gauss-Helmert problem.
-    fn line(points: &[(f64, f64)], sx: f64, sy: f64) -> Problem {
-        let block = |&(x, y): &(f64, f64)| Group {
-            local: DVector::zeros(0),
-            priors: vec![],
-            blocks: vec![Block {
-                observed: DVector::from_vec(vec![x, y]),
-                covariance: DMatrix::from_diagonal(&DVector::from_vec(vec![sx * sx, sy * sy])),
-            }],
-        };
-        Problem {
-            start: DVector::from_vec(vec![0.0, 0.0]),
-            missing: vec!["slope", "offset"],
-            priors: vec![],
-            groups: points.iter().map(block).collect(),
-        }
-    }
-
-    fn line_block(p: &Point) -> Result<Linearised, AdjustError> {
-        let (m, b, x, y) = (p.global[0], p.global[1], p.observed[0], p.observed[1]);
-        Ok(Linearised {
-            misclosure: DVector::from_element(1, m * x + b - y),
-            columns: vec![0, 1],
-            global: DMatrix::from_row_slice(1, 2, &[x, 1.0]),
-            local: DMatrix::zeros(1, 0),
-            observations: DMatrix::from_row_slice(1, 2, &[m, -1.0]),
-        })
-    }
-
-    const POINTS: [(f64, f64); 6] = [(0.0, 1.1), (1.0, 2.9), (2.1, 5.2), (2.9, 7.1), (4.2, 9.0), (5.0, 11.2)];
-
-    #[test]
-    fn total_least_squares_line_is_the_principal_axis() {
-        let fit = solve(&line(&POINTS, 0.1, 0.1), line_block).unwrap();
-        // Equal variances: the orthogonal regression, in closed form.
-        let n = POINTS.len() as f64;
-        let (mx, my) = POINTS.iter().fold((0.0, 0.0), |(a, b), p| (a + p.0 / n, b + p.1 / n));
-        let (sxx, sxy, syy) = POINTS.iter().fold((0.0, 0.0, 0.0), |(a, b, c), p| {
-            let (dx, dy) = (p.0 - mx, p.1 - my);
-            (a + dx * dx, b + dx * dy, c + dy * dy)
-        });
-        let slope = (syy - sxx + ((syy - sxx).powi(2) + 4.0 * sxy * sxy).sqrt()) / (2.0 * sxy);
-        assert!((fit.global[0] - slope).abs() < 1e-8);
-        assert!((fit.global[1] - (my - slope * mx)).abs() < 1e-7);
-        assert_eq!(fit.redundancy, 4);
-        let norm: f64 = fit.groups.iter().map(|g| g.blocks[0].residuals.norm_squared() / 0.01).sum();
-        assert!((norm - fit.omega).abs() < 1e-9);
-    }
-
-    #[test]
-    fn residual_cofactors_sum_to_the_redundancy() {
-        let problem = line(&POINTS, 0.1, 0.3);
-        let fit = solve(&problem, line_block).unwrap();
-        let total: f64 = (0..POINTS.len())
-            .map(|g| {
-                let q = &problem.groups[g].blocks[0].covariance;
-                let cofactor = q - fit.adjusted_covariance(g, 0);
-                (0..2).map(|k| cofactor[(k, k)] / q[(k, k)]).sum::<f64>()
-            })
-            .sum();
-        assert!((total - 4.0).abs() < 1e-9, "{total}");
-    }
-
-    /// The same line with the adjusted x of every point as a local parameter and y, x observed.
-    #[test]
-    fn local_parameters_give_the_same_answer_as_conditions() {
-        let mut problem = line(&POINTS, 0.1, 0.3);
-        for (group, p) in problem.groups.iter_mut().zip(POINTS) {
-            group.local = DVector::from_element(1, p.0);
-        }
-        let with_local = |p: &Point| {
-            let (m, b, x) = (p.global[0], p.global[1], p.local[0]);
-            Ok(Linearised {
-                misclosure: DVector::from_vec(vec![x - p.observed[0], m * x + b - p.observed[1]]),
-                columns: vec![0, 1],
-                global: DMatrix::from_row_slice(2, 2, &[0.0, 0.0, x, 1.0]),
-                local: DMatrix::from_column_slice(2, 1, &[1.0, m]),
-                observations: -DMatrix::identity(2, 2),
-            })
-        };
-        let a = solve(&problem, with_local).unwrap();
-        let b = solve(&line(&POINTS, 0.1, 0.3), line_block).unwrap();
-        assert!((&a.global - &b.global).norm() < 1e-9);
-        assert!((a.omega - b.omega).abs() < 1e-8 && a.redundancy == b.redundancy);
-        // Covariances agree to first order in the residuals.
-        assert!((&a.covariance - &b.covariance).norm() < 1e-2 * b.covariance.norm());
-        let ca = a.adjusted_covariance(2, 0);
-        let cb = b.adjusted_covariance(2, 0);
-        assert!((&ca - &cb).norm() < 2e-2 * cb.norm());
-    }
-
-    #[test]
-    fn a_prior_counts_as_an_observation() {
-        let mut problem = line(&POINTS, 0.1, 0.1);
-        problem.priors.push(Prior::scalar(1, 1.0, 1e-9));
-        let fit = solve(&problem, line_block).unwrap();
-        assert!((fit.global[1] - 1.0).abs() < 1e-9 && fit.redundancy == 5);
-        assert!((fit.covariance[(1, 1)].sqrt() - 1e-9).abs() < 1e-12);
-    }
-
-    #[test]
-    fn the_missing_datum_is_named() {
-        let one = line(&POINTS[..1], 0.1, 0.1);
-        let error = solve(&one, line_block).unwrap_err();
-        assert!(
-            matches!(error, AdjustError::Singular { ref missing } if missing == "offset" || missing == "slope")
-        );
-    }
-}
+mod tests;
