@@ -225,7 +225,7 @@ fn ends_in_arcs(image: &Raster, candidate: &Candidate, along: f64, m: &Parameter
     // Skin may be darker than half way from white to black: it need only be lighter than black.
     [-1.0, 1.0].iter().all(|side| {
         let (inside, outside) = (grey(side * 0.75), grey(side * 1.2));
-        inside < 0.5 * (light + black) && outside > inside + 0.25 * (light - black)
+        inside < 0.5 * (light + black) && outside > inside + 0.4 * (light - black)
     })
 }
 
