@@ -36,8 +36,9 @@ pub(super) fn find(raster: &Raster, columns: usize, rows: usize, square_m: f64) 
             }
         }
     }
-    // A few corners may be lost to glare; half a board is another board.
-    if view.len() * 10 < expected * 9 {
+    // Where on the grid a part of the board lies does not matter to a calibration, but half a board
+    // may be another pattern.
+    if view.len() * 2 < expected {
         return Err(BoardError::Partial { found: view.len(), expected });
     }
     Ok(view)

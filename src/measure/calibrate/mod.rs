@@ -75,7 +75,7 @@ const LEAST_VIEWS: usize = 4;
 /// Points of one view needed for its pose and a check.
 const LEAST_POINTS: usize = 8;
 /// A view or point whose residual is this many times the rms is a gross error (a moved board, a wrong corner).
-const GROSS: f64 = 4.0;
+const GROSS: f64 = 6.0;
 /// Rounds of rejecting gross errors.
 const ROUNDS: usize = 5;
 /// Unit weight of an image coordinate, px; the covariance is scaled by the residuals.

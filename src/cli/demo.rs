@@ -1,0 +1,134 @@
+//! `wingd demo`: a bundled flight through the real daemon, with no hardware and no configuration.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use rust_embed::RustEmbed;
+
+use super::{Done, Failure, logging, print, service};
+use crate::camera::replay::ReplayConfig;
+use crate::camera::section::CameraSection;
+use crate::clock::{Clock, Simulated};
+use crate::config::{Config, SolveConfig};
+use crate::daemon::{Event, Observer, SeriesConfig, StatusConfig};
+use crate::installation;
+use crate::measure::identify;
+use crate::pipeline::stages;
+use crate::report::{html, source, summary, table};
+use crate::store::{RealDisk, StoreConfig, verify};
+
+/// A bundled flight of 8.5 hours through the real daemon: ends with a store and a report.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Where input, store and report go
+    #[arg(long, value_name = "DIR", default_value = "wingd-demo")]
+    output: PathBuf,
+}
+
+#[derive(RustEmbed)]
+#[folder = "fixtures/demo"]
+struct Bundle;
+
+/// The flight of the demonstration.
+const FLIGHT: Duration = Duration::from_secs(8 * 3600 + 1800);
+const SHOTS: u32 = 4;
+/// Simulated seconds per second: an hour between two series passes in a moment.
+const SPEED_UP: f64 = 20_000.0;
+const TAKE_OFF: i64 = 1_780_300_800;
+
+pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    logging::start_at("warn");
+    let input = args.output.join("input");
+    unpack(&input)?;
+    let installation = input.join("installation");
+    orient(&installation, &input.join("frames/ground.jpg"))?;
+    fly(&args.output, &input, &installation)?;
+    finish(&args.output, &installation)
+}
+
+/// Writes the bundled files; those that are there already and equal stay.
+fn unpack(input: &Path) -> Result<(), Failure> {
+    for name in Bundle::iter() {
+        let Some(file) = Bundle::get(&name) else { continue };
+        let path = input.join(&*name);
+        if std::fs::read(&path).is_ok_and(|there| there == *file.data) {
+            continue;
+        }
+        let made = path.parent().map_or(Ok(()), std::fs::create_dir_all);
+        made.and_then(|()| std::fs::write(&path, &file.data)).map_err(|e| {
+            Failure::Undone(format!("{} cannot be written ({e}); name another --output", path.display()))
+        })?;
+    }
+    Ok(())
+}
+
+/// The ground frame's orientation, as `wingd orient` finds it.
+fn orient(directory: &Path, ground: &Path) -> Result<(), Failure> {
+    if installation::load(directory).is_ok_and(|i| i.orientation.is_some()) {
+        return Ok(());
+    }
+    let undone = |text: String| Failure::Undone(format!("{}: {text}", ground.display()));
+    let installation = installation::load_without_orientation(directory)?;
+    let bytes = std::fs::read(ground).map_err(|e| undone(e.to_string()))?;
+    let sighting = stages::sight("ground.jpg", &bytes, None, &installation, None);
+    if let Some(reason) = sighting.failure {
+        return Err(undone(reason));
+    }
+    let fit = identify::orient(&installation.setup, &[sighting.detections.markers])
+        .map_err(|e| undone(e.to_string()))?;
+    installation::write_orientation(&installation, &fit, &[(sighting.image, sighting.digest)])
+        .map_err(|e| undone(e.to_string()))
+}
+
+/// The daemon, until its timetable is over. A demo that was broken off goes on where it stopped.
+fn fly(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
+    let config = Config {
+        installation: Some(directory.to_owned()),
+        camera: CameraSection::Replay(ReplayConfig::list(input.join("frames.toml"))),
+        series: SeriesConfig { shots: SHOTS, until: Some(FLIGHT), ..SeriesConfig::default() },
+        store: StoreConfig { reserve_mb: 100, ..StoreConfig::at(output.join("store")) },
+        status: StatusConfig { socket: output.join("wingd.sock") },
+        solve: SolveConfig::default(),
+    };
+    let solver = service::solver(directory, config.solve.job())?;
+    let opened = service::open_store(&config)?;
+    let begun = opened.0.last_moment();
+    let take_off = jiff::Timestamp::from_second(TAKE_OFF).unwrap_or_default();
+    let clock: Arc<dyn Clock> = Arc::new(match &begun {
+        Some(last) => Simulated::starting_at(last, Some(SPEED_UP)),
+        None => Simulated::new("demo", take_off, Some(SPEED_UP)),
+    });
+    let origin = opened.0.series_of_boot("demo").first().copied().unwrap_or_else(|| clock.since_boot());
+    service::run(&config, clock, origin, opened, Some(solver), progress())?;
+    Ok(())
+}
+
+/// A bar on standard error: frames stored, and how many of them are solved.
+fn progress() -> Observer {
+    let series = FLIGHT.as_secs() / 3600 + 1;
+    let bar = super::frames::progress((series * u64::from(SHOTS)) as usize, "flying");
+    Arc::new(move |event| match event {
+        Event::SeriesBegan { series, .. } => bar.set_message(format!("series {series}")),
+        Event::Solved { .. } => bar.inc(1),
+        _ => (),
+    })
+}
+
+/// Verifies, writes the report, says where things are.
+fn finish(output: &Path, directory: &Path) -> Result<Done, Failure> {
+    let store = output.join("store");
+    let checked = verify::verify(&RealDisk, &store);
+    let setup = installation::load(directory)?.setup;
+    let data = source::flight(&store, None, Some(&setup)).map_err(|e| Failure::Undone(e.to_string()))?;
+    let page = output.join("report.html");
+    std::fs::write(&page, html::page(&data))
+        .map_err(|e| Failure::Undone(format!("{} cannot be written ({e}); free space", page.display())))?;
+    print(table::series(&summary::summaries(&data.series)).trim_end());
+    for fault in &checked.faults {
+        eprintln!("wingd: invariant {}: {}: {}", fault.invariant, fault.path.display(), fault.what);
+    }
+    let sound = if checked.is_sound() { "sound" } else { "NOT SOUND" };
+    print(&format!("\nStore: {} ({sound}, {} frames)   Report: {}", store.display(), checked.frames, page.display()));
+    Ok(Done::all(checked.is_sound()))
+}
