@@ -32,7 +32,7 @@ struct Bundle;
 
 /// The flight of the demonstration.
 const FLIGHT: Duration = Duration::from_secs(8 * 3600 + 1800);
-const SHOTS: u32 = 4;
+const SHOTS: u32 = 2;
 /// Simulated seconds per second: an hour between two series passes in a moment.
 const SPEED_UP: f64 = 20_000.0;
 const TAKE_OFF: i64 = 1_780_300_800;

@@ -5,6 +5,7 @@ mod calibrate;
 mod camera_child;
 mod camera_test;
 mod check;
+mod demo;
 mod detect;
 mod export;
 mod frames;
@@ -44,6 +45,8 @@ enum Command {
     CameraChild,
     /// Take pictures with the configured camera, without the recorder
     CameraTest(camera_test::Args),
+    /// A bundled flight of 8.5 hours through the real daemon: ends with a store and a report
+    Demo(demo::Args),
     /// Record series and solve them until told to stop
     Run(run::Args),
     /// Validate configuration, installation and store, and open the camera if there is one
@@ -118,6 +121,7 @@ pub fn main() -> ExitCode {
         #[cfg(feature = "gphoto")]
         Command::CameraChild => camera_child::run(),
         Command::CameraTest(args) => camera_test::run(&args),
+        Command::Demo(args) => demo::run(&args),
         Command::Run(args) => run::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Calibrate(args) => calibrate::run(&args),
