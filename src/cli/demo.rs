@@ -33,6 +33,8 @@ struct Bundle;
 /// The flight of the demonstration.
 const FLIGHT: Duration = Duration::from_secs(8 * 3600 + 1800);
 const SHOTS: u32 = 2;
+/// The bundle shows the wing every two hours.
+const INTERVAL: Duration = Duration::from_secs(2 * 3600);
 /// Simulated seconds per second: an hour between two series passes in a moment.
 const SPEED_UP: f64 = 20_000.0;
 const TAKE_OFF: i64 = 1_780_300_800;
@@ -86,7 +88,7 @@ fn fly(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
     let config = Config {
         installation: Some(directory.to_owned()),
         camera: CameraSection::Replay(ReplayConfig::list(input.join("frames.toml"))),
-        series: SeriesConfig { shots: SHOTS, until: Some(FLIGHT), ..SeriesConfig::default() },
+        series: SeriesConfig { interval: INTERVAL, shots: SHOTS, until: Some(FLIGHT), ..SeriesConfig::default() },
         store: StoreConfig { reserve_mb: 100, ..StoreConfig::at(output.join("store")) },
         status: StatusConfig { socket: output.join("wingd.sock") },
         solve: SolveConfig::default(),
@@ -106,7 +108,7 @@ fn fly(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
 
 /// A bar on standard error: frames stored, and how many of them are solved.
 fn progress() -> Observer {
-    let series = FLIGHT.as_secs() / 3600 + 1;
+    let series = FLIGHT.as_secs() / INTERVAL.as_secs() + 1;
     let bar = super::frames::progress((series * u64::from(SHOTS)) as usize, "flying");
     Arc::new(move |event| match event {
         Event::SeriesBegan { series, .. } => bar.set_message(format!("series {series}")),
