@@ -95,7 +95,8 @@ impl Reader {
         };
         self.digests.push((name.into(), hex::encode(Sha256::digest(&bytes))));
         match String::from_utf8(bytes) {
-            Ok(text) => Some((file, text.trim_start_matches('\u{feff}').to_owned())),
+            // Line ends of other systems would put the line numbers of faults out.
+            Ok(text) => Some((file, text.trim_start_matches('\u{feff}').replace("\r\n", "\n"))),
             Err(_) => {
                 self.fault(&file, "file", "is not UTF-8 text", "save it as plain UTF-8");
                 None

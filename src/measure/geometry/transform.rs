@@ -151,10 +151,8 @@ fn closed_form(points: &[PointPair], with_scale: bool) -> Result<Similarity, Fit
         cross += t * s.transpose() * weight(p);
         spread += s.norm_squared() * weight(p);
     }
-    let svd = cross.svd(true, true);
-    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else { return Err(FitError::Degenerate) };
+    let (u, values, v_t) = super::singular_values(&cross).ok_or(FitError::Degenerate)?;
     let sign = (u * v_t).determinant().signum();
-    let values = svd.singular_values;
     if sign < 0.0 && values[2] > MIRROR_RATIO * values[1] {
         return Err(FitError::Mirrored);
     }

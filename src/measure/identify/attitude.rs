@@ -2,6 +2,8 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
+use crate::measure::geometry::singular_values;
+
 /// The rotation that takes `source` to `target`, exact for the first direction and for the plane
 /// of both; `None` for parallel directions.
 pub(super) fn from_two(source: [&Vector3<f64>; 2], target: [&Vector3<f64>; 2]) -> Option<Rotation3<f64>> {
@@ -29,9 +31,8 @@ pub(super) fn from_many(
     for (source, target, weight) in directions {
         moment += target * source.transpose() * weight;
     }
-    let svd = moment.svd(true, true);
-    let (u, v_t) = (svd.u?, svd.v_t?);
-    if svd.singular_values[1] < 1e-12 * svd.singular_values[0] {
+    let (u, values, v_t) = singular_values(&moment)?;
+    if values[1] < 1e-12 * values[0] {
         return None;
     }
     let guard = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v_t).determinant().signum()));
