@@ -10,12 +10,14 @@ use wingd::pipeline::decode::decode;
 
 fn benches(c: &mut Criterion) {
     let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev");
-    let read = |name: &str| std::fs::read(fixture.join("frames").join(name)).expect("a frame of the fixtures");
+    let read =
+        |name: &str| std::fs::read(fixture.join("frames").join(name)).expect("a frame of the fixtures");
     let (ground, flight) = (read("ground.jpg"), read("flight-1.jpg"));
     let raster = decode(&flight, None).expect("decodes");
     let setup = installation::load_without_orientation(&fixture.join("installation")).expect("sound").setup;
     let on_ground = detect::detect(&decode(&ground, None).expect("decodes")).markers;
-    let orientation = identify::orient(&setup, std::slice::from_ref(&on_ground)).expect("orients").orientation;
+    let orientation =
+        identify::orient(&setup, std::slice::from_ref(&on_ground)).expect("orients").orientation;
     let markers = detect::detect(&raster).markers;
     let identities = identify::identify(&setup, &orientation, &markers).expect("identifies");
     let predictions = identify::predict(&setup, &orientation, &markers, &identities);
@@ -30,7 +32,9 @@ fn benches(c: &mut Criterion) {
     group.bench_function("orient", |b| {
         b.iter(|| identify::orient(&setup, std::slice::from_ref(&on_ground)).is_ok());
     });
-    group.bench_function("identify", |b| b.iter(|| identify::identify(&setup, &orientation, &markers).is_ok()));
+    group.bench_function("identify", |b| {
+        b.iter(|| identify::identify(&setup, &orientation, &markers).is_ok())
+    });
     group.bench_function("remove perspective bias", |b| {
         b.iter(|| identify::remove_perspective_bias(&setup, &orientation, &markers, &identities));
     });

@@ -31,7 +31,8 @@ fn installation(file: &str, from: &str, to: &str) -> tempfile::TempDir {
 
 #[track_caller]
 fn expect(output: &Output, status: i32, words: &[&str]) {
-    let said = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    let said =
+        format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert_eq!(output.status.code(), Some(status), "{said}");
     assert!(!said.contains("panicked"), "{said}");
     for word in words {
@@ -71,7 +72,11 @@ fn damaged_frames_fail_alone_and_say_what_to_do() {
             .collect();
         assert_eq!(lines.len(), images.len(), "each image gets its line");
         let names: Vec<&str> = lines.iter().filter_map(|l| l["image"].as_str()).collect();
-        assert_eq!(names, ["cut.jpg", "empty.jpg", "text.jpg", "small.jpg", "missing.jpg"], "in the order given");
+        assert_eq!(
+            names,
+            ["cut.jpg", "empty.jpg", "text.jpg", "small.jpg", "missing.jpg"],
+            "in the order given"
+        );
         for line in &lines {
             assert_eq!(line["status"], "failed");
             assert!(line["reason"].as_str().is_some_and(|r| r.len() > 20), "{line}");
@@ -93,7 +98,12 @@ fn faults_of_the_installation() {
         ("camera.toml", "k1 = -0.05", "k1 = inf", &["camera.toml", "k1", "inf"]),
         ("installation.toml", "\"M20\"", "\"M77\"", &["installation.toml", "torsion[0].leading", "M77"]),
         ("installation.toml", "root_offset_m", "rot_offset_m", &["installation.toml", "rot_offset_m"]),
-        ("orientation.toml", "[1, 0, 0]", "[1, 1, 0]", &["orientation.toml", "not a rotation", "wingd orient"]),
+        (
+            "orientation.toml",
+            "[1, 0, 0]",
+            "[1, 1, 0]",
+            &["orientation.toml", "not a rotation", "wingd orient"],
+        ),
     ];
     for (file, from, to, words) in cases {
         let directory = installation(file, from, to);
@@ -137,6 +147,10 @@ fn configurations() {
 fn wrong_usage() {
     expect(&wingd(&["solve"]), 2, &["--installation"]);
     expect(&wingd(&["fly"]), 2, &["fly"]);
-    expect(&wingd(&["solve", "--flight", "--method", "profile", "--installation", "d", "a.jpg"]), 2, &["spatial"]);
+    expect(
+        &wingd(&["solve", "--flight", "--method", "profile", "--installation", "d", "a.jpg"]),
+        2,
+        &["spatial"],
+    );
     expect(&wingd(&["--help"]), 0, &["Exit status"]);
 }

@@ -1,6 +1,6 @@
 //! The profile method meets the figures that a correct implementation of the paper gives
 //! (MODEL.md section 2), and shows its hidden bias.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![allow(clippy::needless_range_loop, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 use rand::{Rng, SeedableRng, rngs::StdRng};
@@ -100,7 +100,7 @@ impl Case {
 fn parabola_points(a: f64, markers: usize, scale: f64, slope: f64) -> Vec<(Vector3<f64>, Vector3<f64>)> {
     let point = |k: usize| {
         let x = 7.71 + (35.37 - 7.71) * k as f64 / (markers - 1) as f64;
-        let z = if k % 2 == 0 { 0.05 } else { -0.05 } * x;
+        let z = if k.is_multiple_of(2) { 0.05 } else { -0.05 } * x;
         let ground_height = -2.0 + slope * x;
         let ground = Vector3::new(arc_length(x, a).length_m / scale, ground_height, z);
         (ground, Vector3::new(x, ground_height + a * x * x, z))
@@ -276,7 +276,7 @@ fn sloped(a: f64, slope: f64) -> Case {
     };
     let point = |k: usize| {
         let x = 7.6 + (34.75 - 7.6) * k as f64 / 21.0;
-        let z = if k % 2 == 0 { 0.05 } else { -0.05 } * x;
+        let z = if k.is_multiple_of(2) { 0.05 } else { -0.05 } * x;
         let ground_x = length(x) / slope.hypot(1.0);
         let ground = Vector3::new(ground_x, -2.0 + slope * ground_x, z);
         (ground, Vector3::new(x, -2.0 + slope * x + a * x * x, z))

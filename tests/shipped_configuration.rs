@@ -46,7 +46,9 @@ fn the_comments_of_the_default_are_the_defaults() {
     let shown: Vec<String> = text
         .lines()
         .map(|line| match line.strip_prefix("# ") {
-            Some(rest) if rest.contains(" = ") && !examples.iter().any(|e| rest.starts_with(e)) => rest.to_owned(),
+            Some(rest) if rest.contains(" = ") && !examples.iter().any(|e| rest.starts_with(e)) => {
+                rest.to_owned()
+            }
             _ => line.to_owned(),
         })
         .collect();

@@ -88,7 +88,12 @@ fn fly(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
     let config = Config {
         installation: Some(directory.to_owned()),
         camera: CameraSection::Replay(ReplayConfig::list(input.join("frames.toml"))),
-        series: SeriesConfig { interval: INTERVAL, shots: SHOTS, until: Some(FLIGHT), ..SeriesConfig::default() },
+        series: SeriesConfig {
+            interval: INTERVAL,
+            shots: SHOTS,
+            until: Some(FLIGHT),
+            ..SeriesConfig::default()
+        },
         store: StoreConfig { reserve_mb: 100, ..StoreConfig::at(output.join("store")) },
         status: StatusConfig { socket: output.join("wingd.sock") },
         solve: SolveConfig::default(),
@@ -131,6 +136,11 @@ fn finish(output: &Path, directory: &Path) -> Result<Done, Failure> {
         eprintln!("wingd: invariant {}: {}: {}", fault.invariant, fault.path.display(), fault.what);
     }
     let sound = if checked.is_sound() { "sound" } else { "NOT SOUND" };
-    print(&format!("\nStore: {} ({sound}, {} frames)   Report: {}", store.display(), checked.frames, page.display()));
+    print(&format!(
+        "\nStore: {} ({sound}, {} frames)   Report: {}",
+        store.display(),
+        checked.frames,
+        page.display()
+    ));
     Ok(Done::all(checked.is_sound()))
 }

@@ -37,6 +37,8 @@ struct Arguments {
     command: Command,
 }
 
+// One command exists per run: its size does not matter.
+#[allow(clippy::large_enum_variant)]
 #[derive(Subcommand)]
 enum Command {
     /// Be the camera process of a recorder

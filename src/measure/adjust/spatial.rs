@@ -555,7 +555,7 @@ mod tests {
             diameter_m: 0.3,
             position_m: Vector3::new(
                 6.0 + 3.0 * k as f64,
-                if k % 2 == 0 { 1.5 } else { -1.2 },
+                if k.is_multiple_of(2) { 1.5 } else { -1.2 },
                 -1.3 + 0.2 * k as f64,
             ),
             sigma_m: 0.002,

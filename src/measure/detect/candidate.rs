@@ -214,6 +214,7 @@ pub fn squareness(blob: &Blob) -> f64 {
 /// The whitening transform and the centroids of the two wedges. After whitening, the direction in
 /// which two opposite wedges lie is the one of least kurtosis; a disc has 2 everywhere, two
 /// quadrants 1.38.
+#[allow(clippy::type_complexity)]
 fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, (Vector2<f64>, Vector2<f64>))> {
     let (whiten, kurtosis) = kurtosis(blobs, shape)?;
     let best = (0..36).min_by(|&i, &j| kurtosis[i].total_cmp(&kurtosis[j]))?;

@@ -200,6 +200,7 @@ impl Block {
             column[self.rows..].fill(0.0);
         }
         for i in 0..n {
+            #[allow(clippy::needless_range_loop)]
             for j in i..n {
                 normal[i][j] += dot(&self.columns[i], &self.columns[j]);
             }

@@ -112,7 +112,9 @@ impl Scene {
             for attempt in 0..80 {
                 let spread = 1.0 - attempt as f64 / 100.0;
                 let (s, outer) = match i.checked_sub(single) {
-                    None => (first + (0.975 * length - first) * i as f64 / (single - 1) as f64, i % 2 == 0),
+                    None => {
+                        (first + (0.975 * length - first) * i as f64 / (single.max(2) - 1) as f64, i % 2 == 0)
+                    }
                     Some(k) => (0.93 * length + random.between(-0.5, 0.5), k == 0),
                 };
                 let (low, high) = self.wing.edges(s);
