@@ -239,7 +239,10 @@ fn too_little_or_nothing_but_clutter_is_refused() {
     let view = world.ground_view(4, &PLAIN);
     assert!(matches!(orient(&world.setup, &[]), Err(IdentifyError::TooFew { .. })));
     let three = view.detections[..3].to_vec();
-    assert!(matches!(orient(&world.setup, &[three.clone()]), Err(IdentifyError::TooFew { found: 3, .. })));
+    assert!(matches!(
+        orient(&world.setup, std::slice::from_ref(&three)),
+        Err(IdentifyError::TooFew { found: 3, .. })
+    ));
     assert!(matches!(identify(&world.setup, &known(&world), &three), Err(IdentifyError::TooFew { .. })));
     for seed in 0..20 {
         let mut rng = StdRng::seed_from_u64(seed);

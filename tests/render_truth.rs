@@ -34,7 +34,8 @@ fn the_truth_hangs_together() {
         let (ground, flight) = (scene.truth(&scene.ground_shot(4)), scene.truth(&shot));
         assert!(ground.markers.iter().all(|m| m.lift_m == 0.0 && m.visible));
         assert_eq!(ground.torsion_rad, Some(0.0));
-        assert!(scene.markers.len() >= 16, "seed {seed}: {} markers", scene.markers.len());
+        // Markers that no frame would show whole are left out: 18 to 27 are asked for.
+        assert!((12..=27).contains(&scene.markers.len()), "seed {seed}: {} markers", scene.markers.len());
         assert!(scene.markers.iter().any(|m| m.shape == Shape::Circle));
         for (marker, survey) in ground.markers.iter().zip(&scene.setup.markers) {
             assert_eq!(marker.id, survey.id);
