@@ -8,7 +8,6 @@ use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2};
 use serde::Deserialize;
 
 use super::{Installation, ORIENTATION_FILE, Reader, document, write_whole};
-use crate::measure::geometry::singular_values;
 use crate::measure::identify::OrientationFit;
 use crate::measure::setup::{GroundSight, Orientation, SurveyMarker};
 
@@ -52,8 +51,8 @@ pub(super) fn read(reader: &mut Reader, markers: &[SurveyMarker]) -> Option<Orie
     }
     let ground = table.ground.iter().filter_map(|s| sight(reader, &file, s, markers)).collect();
     // Rounding is taken out so that products of rotations stay rotations.
-    let (u, _, v_t) = singular_values(&m)?;
-    let rotation = u * v_t;
+    let svd = m.svd(true, true);
+    let rotation = svd.u? * svd.v_t?;
     let camera_from_survey = Rotation3::from_matrix_unchecked(rotation);
     Some(Orientation { camera_from_survey, covariance_rad2, ground })
 }

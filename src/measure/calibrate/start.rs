@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, Matrix3, Rotation3, Vector2, Vector3};
 
 use super::{BoardPoint, Pose, View};
-use crate::measure::geometry::{Lens, singular_values};
+use crate::measure::geometry::Lens;
 
 /// A lens without distortion, its principal point in the middle, and the views' poses.
 pub(super) fn start(views: &[&View], width: u32, height: u32) -> Option<(Lens, Vec<Pose>)> {
@@ -71,8 +71,8 @@ fn pose(h: &Matrix3<f64>, f: f64) -> Option<Pose> {
     // In front of the camera.
     let m = m * if m[(2, 2)] < 0.0 { -scale } else { scale };
     let (a, b): (Vector3<f64>, Vector3<f64>) = (m.column(0).into(), m.column(1).into());
-    let (u, _, v_t) = singular_values(&Matrix3::from_columns(&[a, b, a.cross(&b)]))?;
-    let r = u * v_t;
+    let svd = Matrix3::from_columns(&[a, b, a.cross(&b)]).svd(true, true);
+    let r = svd.u? * svd.v_t?;
     (r.determinant() > 0.0).then(|| Pose {
         camera_from_board: Rotation3::from_matrix_unchecked(r),
         translation_m: m.column(2).into(),

@@ -151,8 +151,10 @@ fn closed_form(points: &[PointPair], with_scale: bool) -> Result<Similarity, Fit
         cross += t * s.transpose() * weight(p);
         spread += s.norm_squared() * weight(p);
     }
-    let (u, values, v_t) = super::singular_values(&cross).ok_or(FitError::Degenerate)?;
+    let svd = cross.svd(true, true);
+    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else { return Err(FitError::Degenerate) };
     let sign = (u * v_t).determinant().signum();
+    let values = svd.singular_values;
     if sign < 0.0 && values[2] > MIRROR_RATIO * values[1] {
         return Err(FitError::Mirrored);
     }
@@ -303,7 +305,8 @@ mod tests {
                 .collect();
             let fit = TransformFit::estimate(&points, false).unwrap();
             assert!((fit.transform.rotation.matrix().determinant() - 1.0).abs() < 1e-9);
-            assert!(fit.transform.rotation.angle_to(&rotation) < 5e-3);
+            // The library's angle_to is not a number for equal rotations.
+            assert!((fit.transform.rotation.matrix() - rotation.matrix()).amax() < 5e-3);
         }
     }
 
