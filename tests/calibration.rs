@@ -25,7 +25,8 @@ fn views(random: &mut StdRng, count: usize) -> Vec<View> {
             let mut angle = |most: f64| random.random_range(-most..most);
             let turn = Rotation3::from_euler_angles(angle(0.7), angle(0.7), angle(0.5));
             let centre = Vector3::new(angle(0.45), angle(0.3), 3.0 + angle(0.6));
-            let corners = (0..63).map(|k| Vector2::new(f64::from(k % 9) - 4.0, f64::from(k / 9) - 3.0) * 0.06);
+            let corners =
+                (0..63).map(|k| Vector2::new(f64::from(k % 9) - 4.0, f64::from(k / 9) - 3.0) * 0.06);
             corners
                 .filter_map(|board_m| {
                     let pixel = lens.project(&(turn * Vector3::new(board_m.x, board_m.y, 0.0) + centre))?;

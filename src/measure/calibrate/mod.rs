@@ -76,6 +76,8 @@ const LEAST_VIEWS: usize = 4;
 const LEAST_POINTS: usize = 8;
 /// A view or point whose residual is this many times the rms is a gross error (a moved board, a wrong corner).
 const GROSS: f64 = 6.0;
+/// A view whose misfit to a plane is this many times the median's shows another thing.
+const FOREIGN: f64 = 5.0;
 /// Rounds of rejecting gross errors.
 const ROUNDS: usize = 5;
 /// Unit weight of an image coordinate, px; the covariance is scaled by the residuals.
@@ -85,6 +87,7 @@ const UNIT_SIGMA_PX: f64 = 0.1;
 pub fn calibrate(views: &[View], width: u32, height: u32) -> Result<Calibration, CalibrateError> {
     let mut used: Vec<(usize, View)> =
         views.iter().cloned().enumerate().filter(|(_, v)| v.len() >= LEAST_POINTS).collect();
+    drop_foreign(&mut used, width, height);
     for _ in 0..ROUNDS {
         let (lens, fit, poses) = adjust(&used, width, height)?;
         let residuals = residuals(&lens, &poses, &used);
@@ -95,6 +98,18 @@ pub fn calibrate(views: &[View], width: u32, height: u32) -> Result<Calibration,
     let (lens, fit, poses) = adjust(&used, width, height)?;
     let residuals = residuals(&lens, &poses, &used);
     Ok(outcome(lens, &fit, &used, &residuals, views.len()))
+}
+
+/// Leaves out views that no plane board explains: with them the adjustment may not converge.
+fn drop_foreign(used: &mut Vec<(usize, View)>, width: u32, height: u32) {
+    let views: Vec<&View> = used.iter().map(|(_, v)| v).collect();
+    let misfits: Vec<f64> = views.iter().map(|v| start::misfit_px(v, width, height)).collect();
+    let mut sorted = misfits.clone();
+    sorted.sort_by(f64::total_cmp);
+    // Lens distortion is in every view's misfit alike.
+    let limit = FOREIGN * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0) + 1.0;
+    let mut keep = misfits.iter().map(|m| *m <= limit);
+    used.retain(|_| keep.next().unwrap_or(true));
 }
 
 /// The board's pose in the camera frame.

@@ -15,6 +15,18 @@ pub(super) fn start(views: &[&View], width: u32, height: u32) -> Option<(Lens, V
     Some((Lens::pinhole(width, height, f, middle.x, middle.y), poses))
 }
 
+/// Root mean square distance of a view's points from the best plane image without distortion, px;
+/// infinite where there is none.
+pub(super) fn misfit_px(view: &View, width: u32, height: u32) -> f64 {
+    let middle = Vector2::new(0.5 * (f64::from(width) - 1.0), 0.5 * (f64::from(height) - 1.0));
+    let Some(h) = homography(view, &middle) else { return f64::INFINITY };
+    let squared = |p: &BoardPoint| {
+        let q = h * Vector3::new(p.board_m.x, p.board_m.y, 1.0);
+        (q.xy() / q.z + middle - p.pixel).norm_squared()
+    };
+    (view.iter().map(squared).sum::<f64>() / view.len() as f64).sqrt()
+}
+
 /// Centred pixel from board plane, by the direct linear transform with normalised coordinates.
 fn homography(view: &[BoardPoint], middle: &Vector2<f64>) -> Option<Matrix3<f64>> {
     let n = view.len() as f64;
