@@ -1,4 +1,4 @@
-//! The result of one image, as written to disk and to standard output (CONTRACT.md section 3).
+//! The result of one image, as written to disk and to standard output (docs/interface.md).
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};

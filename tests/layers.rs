@@ -81,7 +81,7 @@ fn faults(module: &str, source: &str) -> Vec<(String, &'static str)> {
             }
         }
         let hit = |root: &&str| path == **root || path.starts_with(&format!("{root}::"));
-        if module == "measure" && IMPURE.iter().any(|root| hit(&root)) {
+        if module == "measure" && IMPURE.iter().any(hit) {
             found.push((path, "is not pure"));
         }
     }

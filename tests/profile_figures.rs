@@ -1,5 +1,5 @@
 //! The profile method meets the figures that a correct implementation of the paper gives
-//! (MODEL.md section 2), and shows its hidden bias.
+//! (docs/model.md), and shows its hidden bias.
 #![allow(clippy::needless_range_loop, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};

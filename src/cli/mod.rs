@@ -116,7 +116,7 @@ impl Done {
     }
 }
 
-/// Parses the arguments and runs the command; the exit status is that of CONTRACT.md section 1.
+/// Parses the arguments and runs the command; the exit status is that of docs/interface.md.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let outcome = match arguments.command {

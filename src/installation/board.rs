@@ -1,4 +1,4 @@
-//! `BOARD.toml`: a calibration board (CONTRACT.md section 4).
+//! `BOARD.toml`: a calibration board (docs/interface.md).
 
 use std::path::Path;
 

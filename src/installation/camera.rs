@@ -35,7 +35,7 @@ struct Table {
     _calibration: Option<toml::Table>,
 }
 
-/// What `wingd calibrate` adds under `[calibration]` (CONTRACT.md section 4).
+/// What `wingd calibrate` adds under `[calibration]` (docs/interface.md).
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CalibrationReport {
     /// Root mean square of the residuals, px.

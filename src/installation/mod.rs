@@ -1,4 +1,4 @@
-//! The directory a user prepares: read, validate, write back (CONTRACT.md section 2).
+//! The directory a user prepares: read, validate, write back (docs/interface.md).
 //!
 //! Every fault of every file is gathered in one go; each names file, key or line, and the mend.
 

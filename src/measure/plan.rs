@@ -1,5 +1,5 @@
 //! Before an installation: resolution on the wing, depth of field, predicted uncertainty of a layout
-//! of markers (MODEL.md section 7).
+//! of markers (docs/model.md).
 
 mod optics;
 mod prediction;

@@ -5,7 +5,7 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 
 use super::geometry::{Lens, WingFrame};
 
-/// The two kinds of marker (MODEL.md section 5).
+/// The two kinds of marker (docs/model.md).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Shape {
     /// Four alternating quadrants, near the fuselage.
@@ -109,7 +109,7 @@ pub struct Air {
     pub co2_ppm: f64,
 }
 
-/// The cabin window, for refraction (MODEL.md section 6).
+/// The cabin window, for refraction (docs/model.md).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Window {
     /// Outward normal, survey frame, unit length; refraction is applied only where it is given.

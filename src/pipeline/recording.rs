@@ -1,4 +1,4 @@
-//! A solution as the line of the results (CONTRACT.md section 3).
+//! A solution as the line of the results (docs/interface.md).
 
 use std::collections::HashMap;
 

@@ -1,4 +1,4 @@
-//! The beam in flight: curvature and twist to positions, with derivatives (MODEL.md section 3).
+//! The beam in flight: curvature and twist to positions, with derivatives (docs/model.md).
 //!
 //! ```text
 //! kappa(s) = m(s/L) sum c_k P_k(2 s/L - 1)      theta(s) = theta_ground(s) + integral kappa

@@ -1,4 +1,4 @@
-//! The frames of a flight adjusted together (MODEL.md section 3).
+//! The frames of a flight adjusted together (docs/model.md).
 //!
 //! Shared: the markers on ground, camera and ground rotation, one rotation per mounting, the ratios
 //! of the curvature's coefficients. Per frame, local to its group: coefficients of curvature and

@@ -1,4 +1,4 @@
-//! The wing on ground: bending axis, stations and rigid arms (MODEL.md section 3).
+//! The wing on ground: bending axis, stations and rigid arms (docs/model.md).
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 

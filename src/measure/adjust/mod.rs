@@ -77,9 +77,9 @@ impl Default for Options {
 /// The method that gave a solution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// The paper's (MODEL.md section 2).
+    /// The paper's (docs/model.md).
     Profile,
-    /// The rigid-section beam (section 3).
+    /// The rigid-section beam .
     Spatial,
     /// Spatial, the frames of a flight together.
     Flight,
@@ -262,7 +262,7 @@ pub enum AdjustError {
     Input(String),
 }
 
-/// The paper's method (MODEL.md section 2).
+/// The paper's method (docs/model.md).
 pub fn profile(
     setup: &Setup,
     orientation: &Orientation,
@@ -272,7 +272,7 @@ pub fn profile(
     profile::solve(setup, orientation, observations, options)
 }
 
-/// The rigid-section beam, one frame (MODEL.md section 3).
+/// The rigid-section beam, one frame (docs/model.md).
 pub fn spatial(
     setup: &Setup,
     orientation: &Orientation,

@@ -1,4 +1,4 @@
-//! The paper's method (MODEL.md section 2): a parabola in the vertical plane through the projection
+//! The paper's method (docs/model.md): a parabola in the vertical plane through the projection
 //! centre, one distance per marker, arc length preserved.
 //!
 //! Like the paper it takes the camera's orientation and the projection centre as free of error and

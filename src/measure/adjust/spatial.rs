@@ -1,4 +1,4 @@
-//! The rigid-section beam, one frame (MODEL.md section 3).
+//! The rigid-section beam, one frame (docs/model.md).
 
 use std::borrow::Cow;
 

@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use super::{View, checkerboard};
 use crate::measure::raster::Raster;
 
-/// A calibration board (CONTRACT.md section 4).
+/// A calibration board (docs/interface.md).
 #[derive(Clone, Debug, PartialEq)]
 pub enum Board {
     /// Black and white squares.

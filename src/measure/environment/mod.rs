@@ -1,4 +1,4 @@
-//! What the air and the cold do: refraction at the window, thermal expansion (MODEL.md section 6).
+//! What the air and the cold do: refraction at the window, thermal expansion (docs/model.md).
 
 mod refraction;
 mod thermal;

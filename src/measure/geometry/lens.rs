@@ -1,4 +1,4 @@
-//! Interior orientation: pinhole with Brown's distortion in OpenCV's form (MODEL.md section 1).
+//! Interior orientation: pinhole with Brown's distortion in OpenCV's form (docs/model.md).
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, Vector2, Vector3};
 

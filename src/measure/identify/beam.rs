@@ -1,5 +1,5 @@
 //! Where the markers are when the wing bends and twists: rigid sections on an axis that keeps its
-//! length (MODEL.md section 3), as fine as telling markers apart needs it.
+//! length (docs/model.md), as fine as telling markers apart needs it.
 
 use nalgebra::{SVector, Vector2, Vector3};
 

@@ -1,4 +1,4 @@
-//! From the ellipse's centre to the image of the disc's centre (MODEL.md section 5).
+//! From the ellipse's centre to the image of the disc's centre (docs/model.md).
 
 use nalgebra::Vector2;
 

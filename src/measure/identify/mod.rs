@@ -92,7 +92,7 @@ pub struct OrientationFit {
     pub identities: Vec<Identities>,
 }
 
-/// Orientation from ground frames with no initial guess (MODEL.md section 4). All frames show the
+/// Orientation from ground frames with no initial guess (docs/model.md). All frames show the
 /// wing as surveyed, from one mounting of the camera.
 pub fn orient(setup: &Setup, frames: &[Vec<Detection>]) -> Result<OrientationFit, IdentifyError> {
     ground::orient(setup, frames)
@@ -108,7 +108,7 @@ pub fn identify(
 }
 
 /// Image of each identified marker's true centre: the ellipse's perspective bias removed with the
-/// surveyed diameter and the local normal (MODEL.md section 5). Same order and length as
+/// surveyed diameter and the local normal (docs/model.md). Same order and length as
 /// `detections`; unidentified ones come back unchanged.
 pub fn remove_perspective_bias(
     setup: &Setup,

@@ -1,8 +1,8 @@
 //! The wing: planform and skin on ground, and the same in flight.
 //!
 //! Material coordinates: `s` along the bending axis from its root and `z` across it, m, at ground
-//! temperature. Sections across the axis are rigid. Points are in the wing frame (MODEL.md
-//! section 1), origin in the projection centre.
+//! temperature. Sections across the axis are rigid. Points are in the wing frame (docs/conventions.md),
+//! origin in the projection centre.
 
 use nalgebra::Vector3;
 
