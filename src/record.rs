@@ -4,12 +4,13 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 /// Whether an image could be solved.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Status {
     /// All numbers are there.
     Ok,
     /// `reason` says what to do.
+    #[default]
     Failed,
 }
 
@@ -23,7 +24,7 @@ pub struct Measured {
 }
 
 /// One image's result.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ImageRecord {
     /// File name of the frame.
     pub image: String,
@@ -67,6 +68,13 @@ pub struct ImageRecord {
     pub provenance: Map<String, Value>,
     /// Stages and their durations, ms.
     pub timing_ms: Map<String, Value>,
+}
+
+impl ImageRecord {
+    /// An image without numbers, and the sentence that says what to do.
+    pub fn failed(image: &str, method: &str, reason: impl Into<String>) -> Self {
+        Self { image: image.into(), method: method.into(), reason: Some(reason.into()), ..Self::default() }
+    }
 }
 
 /// Lift of the outermost used marker.

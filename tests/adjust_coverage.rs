@@ -5,19 +5,47 @@
 mod beam_truth;
 
 use beam_truth::{Truth, Wing, normal, random_wing, remounted, rms, rng};
-use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::gauss_helmert::{Block, Group, Linearised, Problem, solve};
 use wingd::measure::adjust::quality::global_test;
-use wingd::measure::adjust::{self, GlobalTest, Options, SigmaKind};
+use wingd::measure::adjust::{self, GlobalTest, Options, SigmaKind, Solution};
 
 const RUNS: usize = 500;
+
+/// Errors over their standard deviations.
+#[derive(Default)]
+struct Errors {
+    position: Vec<f64>,
+    lift: Vec<f64>,
+    torsion: Vec<f64>,
+}
+
+impl Errors {
+    fn add(&mut self, truth: &Truth, flight: &[Vector3<f64>], s: &Solution) {
+        let risen = |k: usize| flight[k].z - truth.ground_m[k].z;
+        for m in s.markers.iter().filter(|m| m.used) {
+            let (p, c, l) = (m.position_m.unwrap(), m.covariance_m2.unwrap(), m.lift_m.unwrap());
+            let d = p - flight[m.marker];
+            self.position.extend((0..3).map(|k| d[k] / c[(k, k)].sqrt()));
+            self.lift.push((l.value - risen(m.marker)) / l.sigma.unwrap());
+        }
+        let base = (truth.ground_m[19] - truth.ground_m[20]).xy().norm();
+        if let Some(angle) = s.torsion[0].angle_rad {
+            let expected = (risen(19) - risen(20)).atan2(base);
+            self.torsion.push((angle.value - expected) / angle.sigma.unwrap());
+        }
+    }
+
+    fn ratios(&self) -> [f64; 3] {
+        [rms(&self.position), rms(&self.lift), rms(&self.torsion)]
+    }
+}
 
 #[test]
 fn predicted_covariance_covers_sampled_errors() {
     let mut rng = rng(77);
-    let (mut position, mut lift, mut torsion, mut rejected) = (vec![], vec![], vec![], 0);
-    let mut twist = vec![];
+    let (mut errors, mut twist, mut rejected) = (Errors::default(), vec![], 0);
     let options = Options { sigma: SigmaKind::Prior, snooping_alpha: 0.0, ..Options::default() };
     for _ in 0..RUNS {
         let truth = Truth::new(random_wing(&mut rng), 21);
@@ -29,30 +57,20 @@ fn predicted_covariance_covers_sampled_errors() {
         let seen = truth.observations(&mut rng, &flight, mount, 0.05);
         let s = adjust::spatial(&setup, &orientation, &seen, &options).unwrap();
         rejected += usize::from(s.global_test == GlobalTest::Rejected);
-        for m in &s.markers {
-            let (p, c, l) = (m.position_m.unwrap(), m.covariance_m2.unwrap(), m.lift_m.unwrap());
-            let d = p - flight[m.marker];
-            position.extend((0..3).map(|k| d[k] / c[(k, k)].sqrt()));
-            let e = l.value - (flight[m.marker].z - truth.ground_m[m.marker].z);
-            lift.push(e / l.sigma.unwrap());
-        }
-        let up = |k: usize| flight[k].z - truth.ground_m[k].z;
-        let base = (truth.ground_m[19] - truth.ground_m[20]).xy().norm();
-        let angle = s.torsion[0].angle_rad.unwrap();
-        torsion.push((angle.value - (up(19) - up(20)).atan2(base)) / angle.sigma.unwrap());
+        errors.add(&truth, &flight, &s);
         let section = s.torsion[0].twist_rad.unwrap();
         twist.push((section.value - truth.pair_twist_rad(tip_lift_m)) / section.sigma.unwrap());
     }
     let rate = rejected as f64 / RUNS as f64;
     println!(
         "sampled over predicted: position {:.2}, lift {:.2}, torsion {:.2}, twist {:.2}; global test rejects {:.1} %",
-        rms(&position),
-        rms(&lift),
-        rms(&torsion),
+        rms(&errors.position),
+        rms(&errors.lift),
+        rms(&errors.torsion),
         rms(&twist),
         1e2 * rate
     );
-    for ratio in [rms(&position), rms(&lift), rms(&torsion), rms(&twist)] {
+    for ratio in errors.ratios().into_iter().chain([rms(&twist)]) {
         assert!((0.8..1.25).contains(&ratio), "{ratio}");
     }
     assert!(rate < 0.03);
@@ -73,7 +91,7 @@ fn detected(rng: &mut StdRng, marker: usize, pixel: &mut Vector2<f64>) -> Matrix
 #[test]
 fn covariance_holds_where_the_images_are_sharper_than_the_model() {
     let mut rng = rng(78);
-    let (mut position, mut lift, mut torsion) = (vec![], vec![], vec![]);
+    let mut errors = Errors::default();
     let options = Options { sigma: SigmaKind::Prior, ..Options::default() };
     for _ in 0..200 {
         let truth = Truth::new(random_wing(&mut rng), 21);
@@ -90,21 +108,11 @@ fn covariance_holds_where_the_images_are_sharper_than_the_model() {
             o.covariance_px2 = detected(&mut rng, o.marker, &mut o.pixel);
         }
         let s = adjust::spatial(&setup, &orientation, &seen, &options).unwrap();
-        for m in s.markers.iter().filter(|m| m.used) {
-            let (p, c, l) = (m.position_m.unwrap(), m.covariance_m2.unwrap(), m.lift_m.unwrap());
-            let d = p - flight[m.marker];
-            position.extend((0..3).map(|k| d[k] / c[(k, k)].sqrt()));
-            let e = l.value - (flight[m.marker].z - truth.ground_m[m.marker].z);
-            lift.push(e / l.sigma.unwrap());
-        }
-        let up = |k: usize| flight[k].z - truth.ground_m[k].z;
-        let base = (truth.ground_m[19] - truth.ground_m[20]).xy().norm();
-        let Some(angle) = s.torsion[0].angle_rad else { continue };
-        torsion.push((angle.value - (up(19) - up(20)).atan2(base)) / angle.sigma.unwrap());
+        errors.add(&truth, &flight, &s);
     }
-    let ratios = [rms(&position), rms(&lift), rms(&torsion)];
+    let ratios = errors.ratios();
     println!("sharp images: sampled over predicted: position, lift, torsion {ratios:.2?}");
-    assert!(torsion.len() > 180);
+    assert!(errors.torsion.len() > 180);
     for ratio in ratios {
         assert!((0.8..1.25).contains(&ratio), "{ratio}");
     }

@@ -5,7 +5,9 @@
 use nalgebra::Vector2;
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
-use wingd::measure::detect::{Prediction, RejectReason, detect, detect_guided};
+use wingd::measure::detect::{
+    Detection, Prediction, RejectReason, detect, detect_guided, detect_guided_or_full,
+};
 use wingd::measure::raster::Raster;
 use wingd::measure::setup::Shape;
 
@@ -95,6 +97,30 @@ fn squares_and_letters_are_not_markers() {
     assert!(found.markers.is_empty(), "{:?}", found.markers);
 }
 
+/// What might be expected of a marker that is there.
+fn a_little_off(marker: &Detection) -> Prediction {
+    Prediction {
+        shape: marker.shape,
+        centre_px: marker.centre_px + Vector2::new(6.0, -4.0),
+        semi_major_px: marker.semi_major_px * 1.03,
+        semi_minor_px: marker.semi_minor_px * 0.95,
+        angle_rad: marker.angle_rad,
+        search_px: 12.0,
+    }
+}
+
+#[test]
+fn where_a_prediction_fails_the_whole_frame_is_searched() {
+    let image = picture(900, 600, &[[200.3, 150.6, 40.0, 8.0, 0.2], [600.0, 400.0, 30.0, 12.0, -0.4]], 5);
+    let whole = detect(&image);
+    let mut predictions: Vec<Prediction> = whole.markers.iter().map(a_little_off).collect();
+    assert_eq!(detect_guided_or_full(&image, &predictions), detect_guided(&image, &predictions));
+    predictions[1].centre_px.y -= 150.0;
+    assert_eq!(detect_guided(&image, &predictions).markers.len(), 1);
+    assert_eq!(detect_guided_or_full(&image, &predictions), whole);
+    assert_eq!(detect_guided_or_full(&image, &[]), whole);
+}
+
 #[test]
 fn windows_give_the_answers_of_the_whole_frame() {
     let discs =
@@ -102,16 +128,7 @@ fn windows_give_the_answers_of_the_whole_frame() {
     let image = picture(2400, 1800, &discs, 8);
     let whole = detect(&image);
     assert_eq!(whole.markers.len(), 3);
-    let predictions: Vec<Prediction> = (whole.markers.iter())
-        .map(|m| Prediction {
-            shape: m.shape,
-            centre_px: m.centre_px + Vector2::new(6.0, -4.0),
-            semi_major_px: m.semi_major_px * 1.03,
-            semi_minor_px: m.semi_minor_px * 0.95,
-            angle_rad: m.angle_rad,
-            search_px: 12.0,
-        })
-        .collect();
+    let predictions: Vec<Prediction> = whole.markers.iter().map(a_little_off).collect();
     let guided = detect_guided(&image, &predictions);
     assert_eq!(guided.markers.len(), 3);
     for (one, other) in whole.markers.iter().zip(&guided.markers) {

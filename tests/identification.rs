@@ -361,3 +361,41 @@ fn the_independent_set_is_oriented_and_identified() {
         assert_eq!(identities.marker_of, view.truth, "{name}");
     }
 }
+
+/// The ground frame of the fixture, its pixels known without error, one detection per visible marker.
+fn exact(view: &View) -> Vec<Detection> {
+    let mut detections = view.detections.clone();
+    for (detection, marker) in detections.iter_mut().zip(view.truth.iter().flatten()) {
+        detection.centre_px = view.centres_px[*marker].unwrap();
+        detection.covariance_px2 = Matrix2::identity() * 0.02f64.powi(2);
+    }
+    detections
+}
+
+/// What stands between the orientation and the truth is the survey, not the picture
+/// (docs/validation/2026-11-orientation.md).
+#[test]
+fn the_picture_orients_as_well_as_pixels_without_error() {
+    let dev = dev();
+    let (_, view, rotation) = &dev.frames[0];
+    let truth = Rotation3::from_matrix(rotation);
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/frames/ground.jpg");
+    let picture = wingd::pipeline::decode::decode(&std::fs::read(file).unwrap(), None).unwrap();
+    let found = wingd::measure::detect::detect(&picture).markers;
+    let off = |detections: Vec<Detection>| {
+        let fit = orient(&dev.setup, &[detections]).unwrap();
+        let turn = truth.inverse() * fit.orientation.camera_from_survey;
+        (1e3 * turn.scaled_axis().norm(), fit.identities[0].marker_of.clone())
+    };
+    let (all, _) = off(exact(view));
+    let (seen, markers) = off(found);
+    let sought: Vec<usize> = markers.iter().flatten().copied().collect();
+    let same =
+        exact(view).into_iter().zip(&view.truth).filter(|(_, m)| m.is_some_and(|m| sought.contains(&m)));
+    let (same, _) = off(same.map(|(d, _)| d).collect());
+    eprintln!(
+        "orientation, mrad: exact pixels of all markers {all:.3}, of those found {same:.3}, picture {seen:.3}"
+    );
+    assert!((seen - same).abs() < 0.03, "{seen} {same}");
+    assert!(sought.len() + 1 >= view.truth.len(), "{} of {}", sought.len(), view.truth.len());
+}

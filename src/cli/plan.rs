@@ -21,8 +21,8 @@ pub struct Args {
     /// Standard deviation of an image coordinate to plan for, px
     #[arg(long, value_name = "PX", default_value_t = PlanOptions::default().pixel_sigma)]
     pixel_sigma: f64,
-    /// Terms of the curvature, 1 to 4
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(1..=4))]
+    /// Terms of the curvature, 1 to 10; an adjustment takes 8 or 10 where none are given
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=10))]
     curvature_terms: u8,
     /// Draw the plan as SVG
     #[arg(long, value_name = "FILE.svg")]

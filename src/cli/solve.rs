@@ -46,8 +46,8 @@ pub struct Args {
     /// Which standard deviations [default: posterior where the global test rejects]
     #[arg(long, value_enum)]
     sigma: Option<SigmaName>,
-    /// Terms of the curvature, 1 to 4 [default: chosen by test]
-    #[arg(long, value_parser = clap::value_parser!(u8).range(1..=4))]
+    /// Terms of the curvature, 1 to 10 [default: 8 or 10, chosen by test; with --flight 8]
+    #[arg(long, value_parser = clap::value_parser!(u8).range(1..=10))]
     curvature_terms: Option<u8>,
     /// Estimate variance components of image and survey
     #[arg(long)]

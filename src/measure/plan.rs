@@ -31,7 +31,7 @@ pub struct PlanOptions {
 
 impl Default for PlanOptions {
     fn default() -> Self {
-        Self { tip_lift_m: 2.5, pixel_sigma: 0.1, optics: None, curvature_terms: 3 }
+        Self { tip_lift_m: 2.5, pixel_sigma: 0.1, optics: None, curvature_terms: 8 }
     }
 }
 

@@ -51,23 +51,11 @@ pub fn record(
     }
     let mut record = ImageRecord {
         image: sighting.image.clone(),
-        status: Status::Failed,
-        reason: None,
         method: method_name(job.method).into(),
-        flight: false,
-        variance_factor: None,
-        redundancy: None,
-        global_test: None,
-        sigma_kind: None,
-        model: Map::new(),
-        tip: None,
         markers: unsolved_markers(sighting, installation),
-        torsion: vec![],
-        curve: vec![],
-        quality: Map::new(),
-        remarks: vec![],
         provenance,
         timing_ms: sighting.stages.iter().map(|s| (s.name.into(), milliseconds(s.ms))).collect(),
+        ..ImageRecord::default()
     };
     match outcome {
         Err(reason) => record.reason = Some(reason),

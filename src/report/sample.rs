@@ -1,7 +1,7 @@
 //! Small made-up series for the tests of this folder.
 
 use jiff::{SignedDuration, Timestamp};
-use serde_json::{Map, json};
+use serde_json::json;
 
 use super::{SeriesData, ShotData};
 use crate::clock::Stamp;
@@ -14,9 +14,7 @@ pub fn record(image: &str, tip_lift_m: f64) -> ImageRecord {
     ImageRecord {
         image: image.to_owned(),
         status: Status::Ok,
-        reason: None,
         method: "spatial".to_owned(),
-        flight: false,
         variance_factor: Some(0.97),
         redundancy: Some(33),
         global_test: Some("passed".to_owned()),
@@ -32,10 +30,8 @@ pub fn record(image: &str, tip_lift_m: f64) -> ImageRecord {
             sigma_twist_deg: Some(0.2),
         }],
         curve: (0..=12).map(|i| curve_point(f64::from(i) * 3.0, tip_lift_m)).collect(),
-        quality: Map::new(),
-        remarks: Vec::new(),
         provenance: json!({"version": "0.1.0"}).as_object().cloned().unwrap_or_default(),
-        timing_ms: Map::new(),
+        ..ImageRecord::default()
     }
 }
 
@@ -85,20 +81,7 @@ fn marker(number: u32, tip_lift_m: f64) -> MarkerRecord {
 
 /// An image without a result.
 pub fn failed(image: &str, reason: &str) -> ImageRecord {
-    ImageRecord {
-        status: Status::Failed,
-        reason: Some(reason.to_owned()),
-        variance_factor: None,
-        redundancy: None,
-        global_test: None,
-        sigma_kind: None,
-        model: Map::new(),
-        tip: None,
-        markers: Vec::new(),
-        torsion: Vec::new(),
-        curve: Vec::new(),
-        ..record(image, 0.0)
-    }
+    ImageRecord { provenance: record(image, 0.0).provenance, ..ImageRecord::failed(image, "spatial", reason) }
 }
 
 /// A series that began `after_s` seconds after the first one, one shot per lift.

@@ -5,91 +5,26 @@
 //! phi(s)   = s/L sum t_j P_j(2 s/L - 1)         axis(s)  = root + scale * integral (cos, sin) theta
 //! ```
 //!
-//! `P_k`: Legendre's polynomials. `m`: curvature of a tapered cantilever under an elliptic load,
-//! mean 1. It carries the free end (no moment, hence no curvature) and the taper, so that few terms
-//! follow a real wing to a millimetre where a plain polynomial of four terms leaves ten.
-
-use std::sync::LazyLock;
+//! `P_k`: Legendre's polynomials; `m`: the reference curvature ([`super::shapes`]), mean 1.
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::ground::{Axis, GroundShape, Station, wing_from_section};
+use super::shapes::{Integrals, legendre, shapes_at};
 
-/// Largest number of terms of the curvature.
-pub const MAX_CURVATURE_TERMS: usize = 10;
+pub use super::shapes::MAX_CURVATURE_TERMS;
+/// Terms of the correction of the axis' height: powers of s/L, from the constant on.
+pub const RAISE_TERMS: usize = 4;
 /// Largest number of terms of the twist.
 pub const MAX_TWIST_TERMS: usize = 6;
 
-/// Chord at the tip over chord at the root, of the reference beam.
-const TAPER: f64 = 0.3;
-/// Bending stiffness goes with this power of the chord: skins of constant thickness.
-const STIFFNESS_POWER: i32 = 3;
-const TABLE: usize = 1025;
 /// Longest panel of the integration, m.
 const PANEL_M: f64 = 2.5;
 /// Gauss-Legendre, three points on (0, 1).
 const GAUSS: [(f64, f64); 3] =
     [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
 
-type Integrals = [f64; MAX_CURVATURE_TERMS];
-
-/// Integrals of m P_k from 0 to eta, per unit of length.
-static SHAPES: LazyLock<Vec<Integrals>> = LazyLock::new(shape_integrals);
-
-/// Reference curvature over the span, not yet normalised: bending moment over stiffness.
-fn reference_curvature() -> Vec<f64> {
-    let step = 1.0 / (TABLE - 1) as f64;
-    let load = |eta: f64| (1.0 - eta * eta).max(0.0).sqrt();
-    let (mut shear, mut moment) = (0.0, 0.0);
-    let mut curvature = vec![0.0; TABLE];
-    for k in (0..TABLE - 1).rev() {
-        let eta = k as f64 * step;
-        let added = step * load(eta + 0.5 * step);
-        moment += step * (shear + 0.5 * added);
-        shear += added;
-        let chord: f64 = 1.0 - (1.0 - TAPER) * eta;
-        curvature[k] = moment / chord.powi(STIFFNESS_POWER);
-    }
-    curvature
-}
-
-fn shape_integrals() -> Vec<Integrals> {
-    let step = 1.0 / (TABLE - 1) as f64;
-    let curvature = reference_curvature();
-    let mean = curvature.iter().sum::<f64>() * step;
-    let value = |k: usize| {
-        let p = legendre::<MAX_CURVATURE_TERMS>(2.0 * k as f64 * step - 1.0);
-        p.map(|p| p * curvature[k] / mean)
-    };
-    let mut sums = vec![[0.0; MAX_CURVATURE_TERMS]; TABLE];
-    for k in 1..TABLE {
-        let (a, b) = (value(k - 1), value(k));
-        let before = sums[k - 1];
-        sums[k] = std::array::from_fn(|j| before[j] + 0.5 * step * (a[j] + b[j]));
-    }
-    sums
-}
-
-fn shapes_at(eta: f64) -> Integrals {
-    let table = &*SHAPES;
-    let at = eta.clamp(0.0, 1.0) * (TABLE - 1) as f64;
-    let k = (at as usize).min(TABLE - 2);
-    let t = at - k as f64;
-    std::array::from_fn(|j| table[k][j] + t * (table[k + 1][j] - table[k][j]))
-}
-
-/// Legendre's polynomials of degree 0 to N - 1.
-pub fn legendre<const N: usize>(x: f64) -> [f64; N] {
-    let mut p = [1.0; N];
-    if N > 1 {
-        p[1] = x;
-    }
-    for k in 2..N {
-        let n = k as f64;
-        p[k] = ((2.0 * n - 1.0) * x * p[k - 1] - (n - 1.0) * p[k - 2]) / n;
-    }
-    p
-}
+type Raises = [f64; RAISE_TERMS];
 
 /// Basis of the twist at an arc length: s/L P_j(2 s/L - 1).
 pub fn twist_basis(axis: &Axis, arc_m: f64) -> [f64; MAX_TWIST_TERMS] {
@@ -103,6 +38,8 @@ struct Node {
     weight_m: f64,
     slope_rad: f64,
     integrals: Integrals,
+    /// Slopes of the axis' height corrections, 1/m.
+    raise_slopes: Raises,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -112,6 +49,7 @@ struct Stop {
     slope_rad: f64,
     integrals: Integrals,
     twist: [f64; MAX_TWIST_TERMS],
+    raises: Raises,
 }
 
 /// Arc lengths where the beam is wanted, with everything about them that does not change in flight.
@@ -140,6 +78,12 @@ pub struct Section {
     pub twist_rad: f64,
     /// d twist / d twist coefficients.
     pub twist_by_terms: [f64; MAX_TWIST_TERMS],
+    /// Height of the axis on ground over the surveyed one, m.
+    pub raise_m: f64,
+    /// d raise / d its coefficients.
+    pub raise_by_terms: Raises,
+    /// d axis / d the raise's coefficients.
+    pub axis_by_raise: [Vector3<f64>; RAISE_TERMS],
 }
 
 /// What bends the wing.
@@ -151,6 +95,14 @@ pub struct Bending<'a> {
     pub twist_rad: &'a [f64],
     /// Length in flight over length on ground.
     pub scale: f64,
+    /// Height of the axis on ground over the surveyed one: coefficients of the powers of s/L, m.
+    pub raise_m: Raises,
+}
+
+impl Bending<'_> {
+    /// As on ground.
+    pub const NONE: Self =
+        Self { curvature_per_m: &[], twist_rad: &[], scale: 1.0, raise_m: [0.0; RAISE_TERMS] };
 }
 
 impl Grid {
@@ -159,6 +111,13 @@ impl Grid {
         let axis = &ground.axis;
         let mut order: Vec<usize> = (0..arcs_m.len()).collect();
         order.sort_by(|&a, &b| arcs_m[a].total_cmp(&arcs_m[b]));
+        let raises = |arc: f64| std::array::from_fn(|j| (arc / axis.length_m).powi(j as i32));
+        let raise_slopes = |arc: f64| {
+            std::array::from_fn(|j| match j {
+                0 => 0.0,
+                _ => j as f64 * (arc / axis.length_m).powi(j as i32 - 1) / axis.length_m,
+            })
+        };
         let integrals = |arc: f64| shapes_at(arc / axis.length_m).map(|v| v * axis.length_m);
         let mut grid =
             Self { root_m: axis.root_m, nose: ground.nose, nodes: vec![], stops: vec![], order: vec![] };
@@ -173,6 +132,7 @@ impl Grid {
                     weight_m: weight * width,
                     slope_rad: axis.slope_rad(arc),
                     integrals: integrals(arc),
+                    raise_slopes: raise_slopes(arc),
                 };
                 grid.nodes.push(node);
             }
@@ -181,6 +141,7 @@ impl Grid {
                 slope_rad: axis.slope_rad(to),
                 integrals: integrals(to),
                 twist: twist_basis(axis, to),
+                raises: raises(to),
             });
             from = to;
         }
@@ -190,39 +151,23 @@ impl Grid {
 
     /// The bent axis at every stop, in the order asked for at [`Grid::new`].
     pub fn bend(&self, bending: &Bending) -> Vec<Section> {
-        let c = bending.curvature_per_m;
-        let dot = |integrals: &Integrals| c.iter().zip(integrals).map(|(a, b)| a * b).sum::<f64>();
-        let mut axis = self.root_m;
-        let mut by_curvature = [Vector3::zeros(); MAX_CURVATURE_TERMS];
+        let mut at =
+            Walk { axis_m: self.root_m, by_curvature: Default::default(), by_raise: Default::default() };
+        at.axis_m.y += bending.raise_m[0];
+        at.by_raise[0].y = 1.0;
         let mut done = 0;
         let mut sections: Vec<Option<Section>> = vec![None; self.stops.len()];
         for (stop, &index) in self.stops.iter().zip(&self.order) {
-            for node in &self.nodes[done..stop.nodes] {
-                let (sin, cos) = (node.slope_rad + dot(&node.integrals)).sin_cos();
-                let ds = bending.scale * node.weight_m;
-                axis.x += ds * cos;
-                axis.y += ds * sin;
-                for (by, integral) in by_curvature.iter_mut().zip(&node.integrals).take(c.len()) {
-                    by.x -= ds * sin * integral;
-                    by.y += ds * cos * integral;
-                }
-            }
+            self.nodes[done..stop.nodes].iter().for_each(|node| at.step(node, bending));
             done = stop.nodes;
-            sections[index] = Some(Section {
-                axis_m: axis,
-                axis_by_curvature: by_curvature,
-                slope_rad: stop.slope_rad + dot(&stop.integrals),
-                slope_by_curvature: stop.integrals,
-                twist_rad: bending.twist_rad.iter().zip(&stop.twist).map(|(a, b)| a * b).sum(),
-                twist_by_terms: stop.twist,
-            });
+            sections[index] = Some(at.section(stop, bending));
         }
         sections.into_iter().flatten().collect()
     }
 
     /// Arms on ground in section axes (tangent, normal, chord), m, per stop as asked for.
     pub fn mounts(&self, stations: &[Station]) -> Vec<Mount> {
-        let ground = self.bend(&Bending { curvature_per_m: &[], twist_rad: &[], scale: 1.0 });
+        let ground = self.bend(&Bending::NONE);
         let mount = |(section, _): (&Section, &Station)| Mount {
             section_from_wing: wing_from_section(section.slope_rad).transpose(),
             axis_m: section.axis_m,
@@ -234,6 +179,53 @@ impl Grid {
     /// Where bending starts, wing frame, m.
     pub fn root_m(&self) -> Vector3<f64> {
         self.root_m
+    }
+}
+
+/// The axis on its way from the root to the tip.
+struct Walk {
+    axis_m: Vector3<f64>,
+    by_curvature: [Vector3<f64>; MAX_CURVATURE_TERMS],
+    by_raise: [Vector3<f64>; RAISE_TERMS],
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+impl Walk {
+    /// The ground axis' tangent, raised, is turned by the bending.
+    fn step(&mut self, node: &Node, bending: &Bending) {
+        let (c, length) = (bending.curvature_per_m, bending.scale * node.weight_m);
+        let bent = dot(c, &node.integrals);
+        let (sin, cos) = (node.slope_rad + bent).sin_cos();
+        let (bent_sin, bent_cos) = bent.sin_cos();
+        let raised = dot(&bending.raise_m, &node.raise_slopes);
+        let (dx, dy) = (length * (cos - raised * bent_sin), length * (sin + raised * bent_cos));
+        self.axis_m.x += dx;
+        self.axis_m.y += dy;
+        for (by, integral) in self.by_curvature.iter_mut().zip(&node.integrals).take(c.len()) {
+            by.x -= dy * integral;
+            by.y += dx * integral;
+        }
+        for (by, slope) in self.by_raise.iter_mut().zip(&node.raise_slopes).skip(1) {
+            by.x -= length * slope * bent_sin;
+            by.y += length * slope * bent_cos;
+        }
+    }
+
+    fn section(&self, stop: &Stop, bending: &Bending) -> Section {
+        Section {
+            axis_m: self.axis_m,
+            axis_by_curvature: self.by_curvature,
+            slope_rad: stop.slope_rad + dot(bending.curvature_per_m, &stop.integrals),
+            slope_by_curvature: stop.integrals,
+            twist_rad: dot(bending.twist_rad, &stop.twist),
+            twist_by_terms: stop.twist,
+            raise_m: dot(&bending.raise_m, &stop.raises),
+            raise_by_terms: stop.raises,
+            axis_by_raise: self.by_raise,
+        }
     }
 }
 
@@ -261,7 +253,8 @@ pub struct Carried {
 impl Mount {
     /// Carries a point that is at `ground_m` (wing frame) on ground along with its section.
     pub fn carry(&self, section: &Section, ground_m: &Vector3<f64>, scale: f64) -> Carried {
-        let arm = self.section_from_wing * (ground_m - self.axis_m);
+        let axis_m = self.axis_m + Vector3::y() * section.raise_m;
+        let arm = self.section_from_wing * (ground_m - axis_m);
         let (sin, cos) = (self.nose * section.twist_rad).sin_cos();
         let twist = Matrix3::new(1.0, 0.0, 0.0, 0.0, cos, -sin, 0.0, sin, cos);
         let wing = wing_from_section(section.slope_rad) * scale;

@@ -6,20 +6,21 @@
 //! found from the data. Frames leave the normal equations by their Schur complement, so the cost is
 //! linear in their number.
 
+mod setting;
+
 use nalgebra::{DMatrix, DVector, Vector3};
 
-use super::beam::MAX_TWIST_TERMS;
-use super::gauss_helmert::{Block, Course, Fit, Group, GroupPoint, Linearised, Problem, solve_from};
-use super::layout::{Layout, Place, Rows, Seen, Survey};
-use super::model_error::image_covariance;
-use super::outcome::{Member, Outcome};
+use self::setting::Setting;
+use super::gauss_helmert::{Course, Fit, Gradient};
+use super::layout::Place;
+use super::outcome::Outcome;
 use super::scene::Scene;
 use super::snooping::{self, Suspect, Target};
-use super::spatial::{self, Columns, Input, by_marker};
-use super::{AdjustError, Estimate, Method, Observation, Options, Solution, quality};
-use crate::measure::setup::{Orientation, Setup, Thermal};
+use super::unknowns::{Input, by_marker};
+use super::{AdjustError, Estimate, Method, Observation, Options, Parameter, Solution, quality};
+use crate::measure::setup::{Orientation, Setup};
 
-/// Terms of the curvature.
+/// Terms of the curvature where none are given.
 const TERMS: usize = 8;
 /// Fewest markers in one frame.
 const FEWEST: usize = 4;
@@ -28,7 +29,8 @@ const SMALLEST_CURVATURE_PER_M: f64 = 2e-4;
 /// Departure of a frame's shape from the shared one, over the usual spread of shapes: to begin with,
 /// and bounds.
 const DEPARTURE: f64 = 0.03;
-const DEPARTURE_BOUNDS: (f64, f64) = (0.006, 1.0);
+const DEPARTURE_BOUNDS: (f64, f64) = (0.002, 1.0);
+
 const DEPARTURE_ROUNDS: usize = 3;
 /// Level of the test that finds a remounted camera between two frames.
 const REMOUNT_ALPHA: f64 = 1e-4;
@@ -36,12 +38,6 @@ const REMOUNT_ALPHA: f64 = 1e-4;
 const STEADY_RAD: f64 = 1.2e-5;
 /// Rounds of data snooping, each removing at most one observation per frame.
 const SNOOPING_ROUNDS: usize = 4;
-
-const MISSING_RATIO: &str =
-    "the shape of bending cannot be determined; markers along the whole span are needed";
-const MISSING_MOUNT: &str =
-    "the mounting's rotation cannot be determined; give camera.mount_repeatability_px";
-const MISSING_GROUND: &str = "a marker on ground is not determined";
 
 /// A solution and what data snooping took out of it: (group, suspect).
 type Snooped = (Setting, Fit, Vec<(usize, Suspect)>);
@@ -58,15 +54,6 @@ struct Flight<'a> {
     amplitudes: Vec<f64>,
     departure: f64,
     mountings: Mountings,
-}
-
-/// A flight set up for the engine.
-struct Setting {
-    layouts: Vec<Layout>,
-    members: Vec<Vec<Member>>,
-    ground_members: Vec<Member>,
-    problem: Problem,
-    ratios: usize,
 }
 
 impl<'a> Flight<'a> {
@@ -95,198 +82,6 @@ impl<'a> Flight<'a> {
             mountings: None,
         })
     }
-
-    fn setting(&self, from: Option<&Fit>) -> Setting {
-        let mut columns = Columns::default();
-        let terms = self.input.options.curvature_terms.map_or(TERMS, |t| t.clamp(2, TERMS));
-        let twist_terms = self.input.options.twist_terms.min(MAX_TWIST_TERMS);
-        let common = spatial::common(&self.input, &mut columns);
-        let mut priors = common.priors;
-        let ratios = columns.take(terms - 1, MISSING_RATIO);
-        for k in 1..terms {
-            priors.push(super::gauss_helmert::Prior::scalar(ratios + k - 1, 0.0, spatial::ratio_sigma(k)));
-        }
-        let own_mount = self.mountings.is_none();
-        let count = self.mountings.as_ref().map_or(0, |m| m.iter().max().map_or(0, |m| m + 1));
-        let mounts = columns.take(3 * count, MISSING_MOUNT);
-        priors.extend((0..count).map(|m| spatial::mount_prior(&self.input, mounts + 3 * m)));
-        let head = columns.missing.len();
-        let markers = &self.input.setup.markers;
-        let survey = columns.take(3 * markers.len(), MISSING_GROUND);
-        let local = terms + twist_terms + if own_mount { 3 } else { 0 };
-        let layout = |frame: usize| Layout {
-            curvature: Place::Local(0),
-            curvature_terms: terms,
-            twist: Place::Local(terms),
-            twist_terms,
-            mount: match &self.mountings {
-                None => Place::Local(terms + twist_terms),
-                Some(list) => Place::Global(mounts + 3 * list[frame]),
-            },
-            ground: common.ground.map(Place::Global),
-            centre: common.centre.map(Place::Global),
-            scale: common.scale.map(Place::Global),
-            axis: Place::Global(common.axis),
-            nominal_scale: self.input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
-            survey: Survey::Global(survey),
-            head,
-            local,
-        };
-        let layouts: Vec<Layout> = (0..self.frames.len()).map(layout).collect();
-        let mut start = DVector::zeros(columns.missing.len());
-        for (k, station) in self.input.scene.ground.stations.iter().enumerate() {
-            start.rows_mut(survey + 3 * k, 3).copy_from(&station.surveyed_m);
-        }
-        if let Some(fit) = from {
-            let (shared, tail) = (ratios + terms - 1, 3 * markers.len());
-            start.rows_mut(0, shared).copy_from(&fit.global.rows(0, shared));
-            start.rows_mut(survey, tail).copy_from(&fit.global.rows(fit.global.len() - tail, tail));
-        }
-        let mut groups = vec![];
-        let mut members = vec![];
-        for (frame, layout) in layouts.iter().enumerate() {
-            let (group, list) = self.frame_group(frame, layout, from);
-            groups.push(group);
-            members.push(list);
-        }
-        let (ground, ground_members) = self.ground_group();
-        groups.push(ground);
-        let problem = Problem { start, missing: columns.missing, priors, groups };
-        Setting { layouts, members, ground_members, problem, ratios }
-    }
-
-    /// One frame: the images, and last the tie of its curvature to the shared shape.
-    fn frame_group(&self, frame: usize, layout: &Layout, from: Option<&Fit>) -> (Group, Vec<Member>) {
-        let mut members = vec![];
-        let mut blocks = vec![];
-        for (marker, seen) in self.frames[frame].iter().enumerate() {
-            if let Some(seen) = seen.filter(|_| self.used[frame][marker]) {
-                members.push(Member { marker, flight: Some(0), ground: None });
-                blocks.push(image_block(seen));
-            }
-        }
-        let n = layout.curvature_terms;
-        let spread = self.departure * self.amplitudes[frame];
-        let sigma = DVector::from_fn(n - 1, |k, _| (spread * spatial::ratio_sigma(k + 1)).powi(2));
-        blocks.push(Block { observed: DVector::zeros(n - 1), covariance: DMatrix::from_diagonal(&sigma) });
-        let mut local = DVector::zeros(layout.local);
-        if let Some(fit) = from {
-            let old = &fit.groups[frame].local;
-            for k in 0..local.len().min(old.len()) {
-                local[k] = old[k];
-            }
-        }
-        let mut priors: Vec<_> = spatial::twist_priors(n, layout.twist_terms).collect();
-        if let Place::Local(first) = layout.mount {
-            priors.push(spatial::mount_prior(&self.input, first));
-        }
-        (Group { local, priors, blocks }, members)
-    }
-
-    /// Survey and ground frame.
-    fn ground_group(&self) -> (Group, Vec<Member>) {
-        let mut members = vec![];
-        let mut blocks = vec![];
-        for (marker, surveyed) in self.input.setup.markers.iter().enumerate() {
-            let sight = self.input.scene.ground_sights[marker].as_ref().filter(|_| self.ground_used[marker]);
-            let station = self.input.scene.ground.stations[marker].surveyed_m;
-            let mut observed = station.as_slice().to_vec();
-            observed.extend(sight.iter().flat_map(|s| [s.pixel.x, s.pixel.y]));
-            let mut covariance = DMatrix::identity(observed.len(), observed.len()) * surveyed.sigma_m.powi(2);
-            if let Some(sight) = sight {
-                covariance.fixed_view_mut::<2, 2>(3, 3).copy_from(&image_covariance(&sight.covariance_px2));
-            }
-            members.push(Member { marker, flight: None, ground: sight.map(|_| 3) });
-            blocks.push(Block { observed: DVector::from_vec(observed), covariance });
-        }
-        (Group { local: DVector::zeros(0), priors: vec![], blocks }, members)
-    }
-}
-
-fn image_block(seen: &Observation) -> Block {
-    Block {
-        observed: DVector::from_column_slice(seen.pixel.as_slice()),
-        covariance: DMatrix::from_column_slice(2, 2, image_covariance(&seen.covariance_px2).as_slice()),
-    }
-}
-
-impl Setting {
-    fn linearise(&self, scene: &Scene, at: &GroupPoint) -> Result<Vec<Linearised>, AdjustError> {
-        match self.layouts.get(at.group) {
-            Some(layout) => self.frame(scene, layout, at),
-            None => self.ground(scene, at),
-        }
-    }
-
-    fn frame(&self, scene: &Scene, layout: &Layout, at: &GroupPoint) -> Result<Vec<Linearised>, AdjustError> {
-        let values = layout.values(at.global, at.local);
-        let sections = scene.grid.bend(&values.bending());
-        let mut blocks = Vec::with_capacity(at.observed.len());
-        for (member, observed) in self.members[at.group].iter().zip(at.observed) {
-            let mut rows = Rows::new(layout, member.marker, 2, 2);
-            let seen = Seen {
-                marker: member.marker,
-                section: &sections[member.marker],
-                values: &values,
-                ground_m: layout.on_ground(member.marker, at.global, observed),
-                observed,
-                observation: 0,
-            };
-            rows.flight(0, &seen, scene)?;
-            blocks.push(rows.finish());
-        }
-        blocks.extend(at.observed.last().map(|departure| self.shape(layout, at, departure)));
-        Ok(blocks)
-    }
-
-    /// c_k = r_k c_0 + departure.
-    fn shape(&self, layout: &Layout, at: &GroupPoint, departure: &DVector<f64>) -> Linearised {
-        let n = layout.curvature_terms - 1;
-        let amplitude = at.local[0];
-        let mut local = DMatrix::zeros(n, layout.local);
-        for k in 0..n {
-            local[(k, 0)] = -at.global[self.ratios + k];
-            local[(k, k + 1)] = 1.0;
-        }
-        Linearised {
-            misclosure: DVector::from_fn(n, |k, _| {
-                at.local[k + 1] - at.global[self.ratios + k] * amplitude - departure[k]
-            }),
-            columns: (self.ratios..self.ratios + n).collect(),
-            global: DMatrix::identity(n, n) * -amplitude,
-            local,
-            observations: -DMatrix::identity(n, n),
-        }
-    }
-
-    fn ground(&self, scene: &Scene, at: &GroupPoint) -> Result<Vec<Linearised>, AdjustError> {
-        let Some(frame) = self.layouts.first() else { return Ok(vec![]) };
-        // The ground frame knows neither bending nor mounting.
-        let layout =
-            Layout { local: 0, curvature_terms: 0, twist_terms: 0, mount: Place::Global(0), ..*frame };
-        let values = layout.values(at.global, at.local);
-        let flat = scene.grid.bend(&values.bending());
-        let block = |(member, observed): (&Member, &DVector<f64>)| {
-            let sights = member.ground.map_or(0, |_| 2);
-            let mut rows = Rows::new(&layout, member.marker, 3 + sights, 3 + sights);
-            let ground_m = layout.on_ground(member.marker, at.global, observed);
-            rows.surveyed(0, &ground_m, observed);
-            if let Some(observation) = member.ground {
-                let (marker, section) = (member.marker, &flat[member.marker]);
-                rows.ground(
-                    3,
-                    &Seen { marker, section, values: &values, ground_m, observed, observation },
-                    scene,
-                )?;
-            }
-            Ok(rows.finish())
-        };
-        self.ground_members.iter().zip(at.observed).map(block).collect()
-    }
-
-    fn solve(&self, scene: &Scene, course: &Course) -> Result<Fit, AdjustError> {
-        solve_from(&self.problem, course, |at| self.linearise(scene, at))
-    }
 }
 
 impl Flight<'_> {
@@ -301,19 +96,23 @@ impl Flight<'_> {
     }
 
     /// Sets the departure from the shared shape to what its own residuals show (Koch's estimate of
-    /// one variance component).
-    fn tune_departure(&mut self, mut last: (Setting, Fit)) -> Result<(Setting, Fit), AdjustError> {
-        for _ in 0..DEPARTURE_ROUNDS {
+    /// one variance component). The last change waits for the caller's next solution.
+    fn tune_departure(
+        &mut self,
+        mut last: (Setting, Fit),
+        rounds: usize,
+    ) -> Result<(Setting, Fit), AdjustError> {
+        for round in 1..=rounds {
             let (setting, fit) = &last;
             let (mut omega, mut redundancy) = (0.0, 0.0);
             for frame in 0..self.frames.len() {
                 let block = setting.members[frame].len();
-                let variance = setting.problem.groups[frame].blocks[block].covariance.diagonal();
-                let adjusted = fit.adjusted_covariance(frame, block);
-                for k in 0..variance.len() {
-                    omega += fit.groups[frame].blocks[block].residuals[k].powi(2) / variance[k];
-                    redundancy += 1.0 - adjusted[(k, k)] / variance[k];
-                }
+                let covariance = &setting.problem.groups[frame].blocks[block].covariance;
+                let Some(factor) = covariance.clone().cholesky() else { continue };
+                let residuals = &fit.groups[frame].blocks[block].residuals;
+                omega += residuals.dot(&factor.solve(residuals));
+                let adjusted = factor.solve(&fit.adjusted_covariance(frame, block));
+                redundancy += residuals.len() as f64 - adjusted.trace();
             }
             if redundancy < 0.5 {
                 break;
@@ -322,10 +121,10 @@ impl Flight<'_> {
             let next = (self.departure * factor).clamp(DEPARTURE_BOUNDS.0, DEPARTURE_BOUNDS.1);
             let settled = (next / self.departure).ln().abs() < 0.3;
             self.departure = next;
-            last = self.solve(Some(&last.1))?;
-            if settled {
+            if settled || round == rounds {
                 break;
             }
+            last = self.solve(Some(&last.1))?;
         }
         Ok(last)
     }
@@ -396,7 +195,7 @@ fn chi_square_limit(freedom: f64, alpha: f64) -> f64 {
 fn rotation_distance(setting: &Setting, fit: &Fit, a: usize, b: usize) -> f64 {
     let part = |frame: usize| {
         let Place::Local(first) = setting.layouts[frame].mount else { return None };
-        let mut gradient = super::gauss_helmert::Gradient {
+        let mut gradient = Gradient {
             global: DMatrix::zeros(3, fit.global.len()),
             local: DMatrix::zeros(3, setting.layouts[frame].local),
             observed: vec![],
@@ -430,13 +229,12 @@ pub(super) fn solve(
     }
     let scene = Scene::new(setup, orientation)?;
     let mut flight = Flight::new(setup, orientation, &scene, frames, options)?;
-    let (_, first) = flight.solve(None)?;
-    let last = flight.solve(Some(&first))?;
+    let last = flight.solve(None)?;
     let (setting, fit, removed) = flight.snoop(last)?;
-    let (setting, fit) = flight.tune_departure((setting, fit))?;
+    let (setting, fit) = flight.tune_departure((setting, fit), 1)?;
     flight.find_mountings(&setting, &fit);
     let last = flight.solve(Some(&fit))?;
-    let (_, rough) = flight.tune_departure(last)?;
+    let (_, rough) = flight.tune_departure(last, DEPARTURE_ROUNDS)?;
     let setting = flight.setting(Some(&rough));
     let fit = setting.solve(&scene, &Course { rough: false, residuals: Some(&rough) })?;
     Ok(dress(&flight, &setting, &fit, &removed))
@@ -462,7 +260,7 @@ fn dress(flight: &Flight, setting: &Setting, fit: &Fit, removed: &[(usize, Suspe
         );
         let (curve, parabola, a) = outcome.curve();
         let (mut parameters, correlation, pitch) = outcome.parameters(&parabola, a);
-        parameters.push(super::Parameter {
+        parameters.push(Parameter {
             name: "shape_departure",
             values: vec![Estimate { value: flight.departure, sigma: None }],
         });

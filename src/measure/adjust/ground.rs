@@ -1,6 +1,6 @@
 //! The wing on ground: bending axis, stations and rigid arms (docs/model.md).
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
 use super::AdjustError;
 use crate::measure::geometry::WingFrame;
@@ -44,6 +44,8 @@ pub struct GroundShape {
     pub axis: Axis,
     /// One per marker of the survey.
     pub stations: Vec<Station>,
+    /// Covariance of the axis' height, coefficients of the powers of s/L, m^2.
+    pub axis_covariance: Matrix4<f64>,
     /// +1 where Z points aft (right wing), -1 where it points forward: sign of a nose-up twist.
     pub nose: f64,
 }
@@ -58,10 +60,16 @@ impl GroundShape {
         }
         let mean = points.iter().map(|p| p.z).sum::<f64>() / points.len() as f64;
         let axis_z = setup.axis_chord_offset_m.unwrap_or(mean);
-        let axis = Axis::through(&points, axis_z, setup.root_offset_m, setup.skin_height)?;
+        let (axis, axis_covariance) =
+            Axis::through(&points, &weights(setup), axis_z, setup.root_offset_m, setup.skin_height)?;
         let stations = points.iter().map(|p| Station { arc_m: axis.foot(p), surveyed_m: *p }).collect();
-        Ok(Self { frame, axis, stations, nose: nose(setup, &points) })
+        Ok(Self { frame, axis, stations, axis_covariance, nose: nose(setup, &points) })
     }
+}
+
+/// Weights of the markers' heights over a smooth skin, 1/m^2.
+fn weights(setup: &Setup) -> Vec<f64> {
+    setup.markers.iter().map(|m| 1.0 / (m.sigma_m * m.sigma_m + WAVINESS_M * WAVINESS_M)).collect()
 }
 
 /// The torsion pairs tell which way the nose points; a right wing where there is none.
@@ -75,10 +83,11 @@ fn nose(setup: &Setup, points: &[Vector3<f64>]) -> f64 {
 impl Axis {
     fn through(
         points: &[Vector3<f64>],
+        weights: &[f64],
         axis_z: f64,
         root_x: f64,
         skin: Option<SkinHeight>,
-    ) -> Result<Self, AdjustError> {
+    ) -> Result<(Self, Matrix4<f64>), AdjustError> {
         let last = points.iter().fold(f64::MIN, |a, p| a.max(p.x));
         let reach = last - root_x;
         if reach.is_nan() || reach <= 0.5 {
@@ -86,7 +95,7 @@ impl Axis {
                 "the outermost marker lies {reach:.2} m outboard of the bending root; check span_direction and root_offset_m"
             )));
         }
-        let surface = Surface::fit(points, axis_z, root_x);
+        let surface = Surface::fit(points, weights, axis_z, root_x);
         let skin = skin.unwrap_or(SkinHeight { root_m: 0.0, tip_m: 0.0, tip_span_m: 1.0 });
         let skin_slope = (skin.tip_m - skin.root_m) / skin.tip_span_m;
         let step = (reach + OVERHANG_M) / (AXIS_POINTS - 1) as f64;
@@ -114,7 +123,9 @@ impl Axis {
         let told = skin.tip_span_m;
         let believable = (1.0..1.25).contains(&(told / last_arc));
         axis.length_m = if believable { told } else { TIP_OVER_LAST_MARKER * last_arc };
-        Ok(axis)
+        let powers = SVector::<f64, 4>::from_fn(|j, _| axis.length_m.powi(j as i32));
+        let covariance = surface.covariance.component_mul(&(powers * powers.transpose()));
+        Ok((axis, covariance))
     }
 
     /// Slope at an arc length, rad.
@@ -145,39 +156,41 @@ pub fn wing_from_section(slope_rad: f64) -> Matrix3<f64> {
 /// crown, flatter where the chord is longer.
 struct Surface {
     along: [f64; 4],
+    covariance: Matrix4<f64>,
 }
 
 /// What wings look like, as mean and standard deviation of the surface's coefficients: it decides
 /// only what the markers leave open, such as crown against curvature where they sit on two lines.
 const USUAL_SURFACE: [(f64, f64); 7] =
     [(0.0, 100.0), (0.0, 1.0), (0.0, 2e-3), (0.0, 3e-5), (0.0, 0.1), (0.0, 5e-3), (-0.03, 0.02)];
-/// Survey and waviness of the skin, m.
-const SURFACE_NOISE_M: f64 = 0.003;
+/// Waviness of the skin on top of the survey's noise, m.
+const WAVINESS_M: f64 = 0.001;
 const TAPER: f64 = 0.3;
 
 impl Surface {
     /// `axis_z`: crown and chordwise slope count from there, so they do not enter the axis.
-    fn fit(points: &[Vector3<f64>], axis_z: f64, root_x: f64) -> Self {
+    fn fit(points: &[Vector3<f64>], weights: &[f64], axis_z: f64, root_x: f64) -> Self {
         let reach = points.iter().fold(0.0, |a: f64, p| a.max(p.x - root_x));
         let mut normal = SMatrix::<f64, 7, 7>::zeros();
         let mut right = SVector::<f64, 7>::zeros();
         for (k, (mean, sigma)) in USUAL_SURFACE.into_iter().enumerate() {
-            normal[(k, k)] = (SURFACE_NOISE_M / sigma).powi(2);
+            normal[(k, k)] = (1.0_f64 / sigma).powi(2);
             right[k] = normal[(k, k)] * mean;
         }
-        for p in points {
+        for (p, &weight) in points.iter().zip(weights) {
             let (x, z) = (p.x - root_x, p.z - axis_z);
             let chord = 1.0 - (1.0 - TAPER) * (x / reach).clamp(0.0, 1.0);
             let row = SVector::<f64, 7>::from([1.0, x, x * x, x * x * x, z, z * x, z * z / chord]);
-            normal += row * row.transpose();
-            right += row * p.y;
+            normal += row * row.transpose() * weight;
+            right += row * (p.y * weight);
         }
         let scale = normal.diagonal().map(|d| 1.0 / d.sqrt());
         let scaled = SMatrix::<f64, 7, 7>::from_fn(|i, j| normal[(i, j)] * scale[i] * scale[j]);
-        let c = scaled
-            .cholesky()
-            .map_or_else(SVector::zeros, |f| f.solve(&right.component_mul(&scale)).component_mul(&scale));
-        Self { along: [c[0], c[1], c[2], c[3]] }
+        let inverse = scaled.cholesky().map_or_else(SMatrix::zeros, |f| f.inverse());
+        let inverse = inverse.component_mul(&(scale * scale.transpose()));
+        let c = inverse * right;
+        let covariance = inverse.fixed_view::<4, 4>(0, 0).into_owned();
+        Self { along: [c[0], c[1], c[2], c[3]], covariance }
     }
 
     fn height(&self, x: f64) -> f64 {

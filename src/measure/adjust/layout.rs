@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
 use super::AdjustError;
-use super::beam::{Bending, Section};
+use super::beam::{Bending, RAISE_TERMS, Section};
 use super::gauss_helmert::{Gradient, Linearised};
 use super::scene::{MarkerState, Pose, Predicted, Scene};
 
@@ -44,8 +44,8 @@ pub struct Layout {
     pub centre: Option<Place>,
     /// Thermal scale less its expected value; `None`: held.
     pub scale: Option<Place>,
-    /// Height of the bending axis over the installation's, m.
-    pub axis: Place,
+    /// Height of the bending axis over the surveyed one, [`RAISE_TERMS`] coefficients, m.
+    pub raise: Place,
     /// Expected thermal scale.
     pub nominal_scale: f64,
     /// The markers on ground.
@@ -67,14 +67,19 @@ pub struct Values {
     pub pose: Pose,
     /// Length in flight over length on ground.
     pub scale: f64,
-    /// Height of the bending axis over the installation's, m.
-    pub axis_m: f64,
+    /// Height of the bending axis over the surveyed one, coefficients, m.
+    pub raise_m: [f64; RAISE_TERMS],
 }
 
 impl Values {
     /// What bends the wing.
     pub fn bending(&self) -> Bending<'_> {
-        Bending { curvature_per_m: &self.curvature_per_m, twist_rad: &self.twist_rad, scale: self.scale }
+        Bending {
+            curvature_per_m: &self.curvature_per_m,
+            twist_rad: &self.twist_rad,
+            scale: self.scale,
+            raise_m: self.raise_m,
+        }
     }
 }
 
@@ -96,7 +101,7 @@ impl Layout {
                 ground_rad: vector(self.ground),
                 centre_m: vector(self.centre),
             },
-            axis_m: at(self.axis, 0),
+            raise_m: std::array::from_fn(|j| at(self.raise, j)),
             scale: self.nominal_scale + self.scale.map_or(0.0, |p| at(p, 0)),
         }
     }
@@ -138,7 +143,9 @@ impl Layout {
         for k in 0..self.twist_terms {
             put(self.twist, k, state.by_twist[k]);
         }
-        put(self.axis, 0, state.by_axis);
+        for j in 0..RAISE_TERMS {
+            put(self.raise, j, state.by_raise[j]);
+        }
         if let Some(place) = self.scale {
             put(place, 0, state.by_scale);
         }
@@ -203,8 +210,7 @@ impl<'a> Rows<'a> {
 
     /// Two conditions: the image of a marker in flight.
     pub fn flight(&mut self, row: usize, seen: &Seen, scene: &Scene) -> Result<(), AdjustError> {
-        let state =
-            scene.marker(seen.marker, seen.section, &seen.ground_m, seen.values.scale, seen.values.axis_m);
+        let state = scene.marker(seen.marker, seen.section, &seen.ground_m, &seen.values.bending());
         let predicted = scene.project(&state.carried.position_m, &seen.values.pose).ok_or_else(behind)?;
         self.put_pixel(row, seen.observation, &predicted, seen.observed);
         let by = predicted.by_point;
@@ -217,7 +223,9 @@ impl<'a> Rows<'a> {
         self.put3(Some(self.layout.mount), row, &predicted.by_mount);
         self.put3(self.layout.ground, row, &predicted.by_ground_rotation);
         self.put3(self.layout.centre, row, &-by);
-        self.put(Some(self.layout.axis), row, 0, by * state.by_axis);
+        for j in 0..RAISE_TERMS {
+            self.put(Some(self.layout.raise), row, j, by * state.by_raise[j]);
+        }
         self.put(self.layout.scale, row, 0, by * state.by_scale);
         self.put_survey(row, &(by * state.carried.by_ground));
         Ok(())

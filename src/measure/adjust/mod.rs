@@ -1,6 +1,8 @@
 //! Observations -> deflection: profile, spatial, flight; quality, variance components.
 
 pub mod beam;
+#[cfg(test)]
+mod example;
 mod flight;
 pub mod gauss_helmert;
 pub mod ground;
@@ -10,8 +12,10 @@ mod outcome;
 pub mod profile;
 pub mod quality;
 mod scene;
+mod shapes;
 mod snooping;
 mod spatial;
+mod unknowns;
 
 use nalgebra::{DMatrix, Matrix2, Matrix3, Vector2, Vector3};
 
@@ -65,7 +69,7 @@ impl Default for Options {
         Self {
             sigma: SigmaKind::ByTest,
             curvature_terms: None,
-            twist_terms: 3,
+            twist_terms: 5,
             variance_components: false,
             global_alpha: 0.01,
             snooping_alpha: 0.001,

@@ -3,7 +3,7 @@
 
 use nalgebra::{DMatrix, Matrix3, Vector2, Vector3};
 
-use super::beam::{Bending, Grid, Section};
+use super::beam::{Bending, Grid, RAISE_TERMS, Section};
 use super::gauss_helmert::{Fit, Gradient, Problem};
 use super::layout::{Layout, Place, Survey, Values};
 use super::quality::{self, Reliability};
@@ -94,10 +94,7 @@ impl<'a> Outcome<'a> {
     fn state(&self, block: usize) -> (Vector3<f64>, MarkerState) {
         let marker = self.members[block].marker;
         let ground = self.on_ground(block);
-        (
-            ground,
-            self.scene.marker(marker, &self.sections[marker], &ground, self.values.scale, self.values.axis_m),
-        )
+        (ground, self.scene.marker(marker, &self.sections[marker], &ground, &self.values.bending()))
     }
 
     /// Adds `rows * d(position in flight) + ground_rows * d(position on ground)` to a gradient.
@@ -242,9 +239,9 @@ impl<'a> Outcome<'a> {
         let arcs: Vec<f64> =
             (0..=CURVE_INTERVALS).map(|k| reach * k as f64 / CURVE_INTERVALS as f64).collect();
         let grid = Grid::new(&self.scene.ground, &arcs);
-        let flat = grid.bend(&Bending { curvature_per_m: &[], twist_rad: &[], scale: 1.0 });
+        let flat = grid.bend(&Bending { raise_m: self.values.raise_m, ..Bending::NONE });
         let bent = grid.bend(&self.values.bending());
-        let root = grid.root_m();
+        let root = grid.root_m() + Vector3::y() * self.values.raise_m[0];
         let (mut parabola, mut moment, mut fourth) = (self.gradient(1), 0.0, 0.0);
         let mut points = Vec::with_capacity(arcs.len());
         for ((arc, flat), bent) in arcs.iter().zip(&flat).zip(&bent) {
@@ -271,6 +268,10 @@ impl<'a> Outcome<'a> {
         let mut gradient = self.gradient(1);
         for k in 0..self.layout.curvature_terms {
             put(&mut gradient, self.layout.curvature, k, 0, section.axis_by_curvature[k].y);
+        }
+        for j in 0..RAISE_TERMS {
+            let by = section.axis_by_raise[j].y - section.raise_by_terms[j];
+            put(&mut gradient, self.layout.raise, j, 0, by);
         }
         if let Some(place) = self.layout.scale {
             put(&mut gradient, place, 0, 0, (section.axis_m.y - root_y) / self.values.scale);

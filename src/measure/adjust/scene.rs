@@ -2,7 +2,9 @@
 
 use nalgebra::{Matrix2x3, Matrix3, Rotation3, Vector2, Vector3};
 
-use super::beam::{Carried, Grid, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS, Mount, Section};
+use super::beam::{
+    Bending, Carried, Grid, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS, Mount, RAISE_TERMS, Section,
+};
 use super::ground::GroundShape;
 use super::{AdjustError, Observation};
 use crate::measure::geometry::{Lens, skew};
@@ -59,8 +61,8 @@ pub struct MarkerState {
     pub by_twist: [Vector3<f64>; MAX_TWIST_TERMS],
     /// d position / d scale, m.
     pub by_scale: Vector3<f64>,
-    /// d position / d height of the axis.
-    pub by_axis: Vector3<f64>,
+    /// d position / d coefficients of the axis' height.
+    pub by_raise: [Vector3<f64>; RAISE_TERMS],
 }
 
 impl Scene {
@@ -110,25 +112,23 @@ impl Scene {
     }
 
     /// Carries a marker from its place on ground (wing frame, m) into flight.
-    /// `axis_m`: how much higher the bending axis lies than the installation says.
     pub fn marker(
         &self,
         index: usize,
         section: &Section,
         ground_m: &Vector3<f64>,
-        scale: f64,
-        axis_m: f64,
+        bending: &Bending,
     ) -> MarkerState {
-        let raised = Vector3::y() * axis_m;
-        let mut carried = self.mounts[index].carry(section, &(ground_m - raised), scale);
+        let carried = self.mounts[index].carry(section, ground_m, bending.scale);
         let by_curvature = std::array::from_fn(|k| {
             section.axis_by_curvature[k] + carried.by_slope * section.slope_by_curvature[k]
         });
         let by_twist = section.twist_by_terms.map(|t| carried.by_twist * t);
-        let by_scale = (carried.position_m - self.grid.root_m()) / scale;
-        let by_axis = Vector3::y() - carried.by_ground * Vector3::y();
-        carried.position_m += raised;
-        MarkerState { carried, by_curvature, by_twist, by_scale, by_axis }
+        let root_m = self.grid.root_m() + Vector3::y() * bending.raise_m[0];
+        let by_scale = (carried.position_m - root_m) / bending.scale;
+        let up = carried.by_ground * Vector3::y();
+        let by_raise = std::array::from_fn(|j| section.axis_by_raise[j] - up * section.raise_by_terms[j]);
+        MarkerState { carried, by_curvature, by_twist, by_scale, by_raise }
     }
 }
 
@@ -144,3 +144,6 @@ fn left_jacobian(w: &Vector3<f64>) -> Matrix3<f64> {
     };
     Matrix3::identity() + k * a + k * k * b
 }
+
+#[cfg(test)]
+mod tests;

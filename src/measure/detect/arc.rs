@@ -2,6 +2,8 @@
 
 use nalgebra::{Cholesky, Matrix2, Matrix3, SMatrix, SVector, SymmetricEigen, Vector2, Vector3};
 
+use super::super::setup::Shape;
+use super::Detection;
 use super::blob::Blob;
 use super::candidate::{Candidate, Outline};
 
@@ -49,6 +51,28 @@ pub fn completed(candidate: &Candidate, blob: &Blob, others: &[Blob]) -> Option<
     fits.then(|| Candidate { outline, hidden, alike: same_size, ..candidate.clone() })
 }
 
+/// The semi-major axis of a disc at a place, px, from the whole ones nearest to it: on a surface that
+/// is about plane, the scale of what lies on it changes linearly over the picture.
+pub fn foretold_major<'a>(whole: impl Iterator<Item = &'a Detection>, at: Vector2<f64>) -> Option<f64> {
+    const NEAREST: usize = 6;
+    const ENOUGH: usize = 5;
+    const UNLIKE: f64 = 0.015;
+    let certain = |d: &&Detection| d.shape == Shape::Circle && d.covariance_px2.trace() < 0.1;
+    let mut near: Vec<&Detection> = whole.filter(certain).collect();
+    near.sort_by(|a, b| (a.centre_px - at).norm_squared().total_cmp(&(b.centre_px - at).norm_squared()));
+    near.truncate(NEAREST);
+    let row =
+        |d: &Detection| Vector3::new(1.0, (d.centre_px.x - at.x) / 100.0, (d.centre_px.y - at.y) / 100.0);
+    let (mut normal, mut right) = (Matrix3::identity() * 1e-9, Vector3::zeros());
+    for d in &near {
+        normal += row(d) * row(d).transpose();
+        right += row(d) * d.semi_major_px;
+    }
+    let plane = Cholesky::new(normal)?.solve(&right);
+    let fits = |d: &&Detection| (row(d).dot(&plane) - d.semi_major_px).abs() < UNLIKE * d.semi_major_px;
+    (near.len() >= ENOUGH && near.iter().all(fits)).then_some(plane.x)
+}
+
 /// Whether two blobs are one thing at two levels: the centroid of one lies in the other.
 fn overlap(one: &Blob, other: &Blob) -> bool {
     let inside = |a: &Blob, b: &Blob| {
@@ -71,7 +95,7 @@ fn whitening(blob: &Blob) -> Option<Matrix2<f64>> {
 }
 
 /// The ellipse through the points; `blob` only conditions it.
-fn any_ellipse(points: &[Vector2<f64>], blob: &Blob) -> Option<Outline> {
+pub fn any_ellipse(points: &[Vector2<f64>], blob: &Blob) -> Option<Outline> {
     let whiten = whitening(blob)?;
     let white: Vec<Vector2<f64>> = points.iter().map(|p| whiten * (p - blob.centroid)).collect();
     let (centre, moments) = ellipse(&through(&white)?)?;
@@ -122,7 +146,7 @@ pub fn within(&[x0, y0, x1, y1]: &[f64; 4], p: &Vector2<f64>) -> bool {
 }
 
 /// Points half a pixel outside the first and last pixel of each row and column.
-fn rim(blob: &Blob) -> Vec<Vector2<f64>> {
+pub fn rim(blob: &Blob) -> Vec<Vector2<f64>> {
     let [x0, y0, x1, y1] = blob.bounds;
     let mut rows = vec![(u32::MAX, 0); y1 - y0 + 1];
     let mut columns = vec![(u32::MAX, 0); x1 - x0 + 1];

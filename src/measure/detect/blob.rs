@@ -4,6 +4,7 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::super::raster::Raster;
 use super::coarse::{Coarse, Region};
+use super::runs::{self, Run};
 
 /// A connected set of full-resolution pixels darker than half way to the background.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,130 +23,182 @@ pub struct Blob {
     pub at_edge: bool,
 }
 
-/// A window's pixels, with what is below the threshold.
+/// The window of a region: first and last column and row, the last excluded.
+#[derive(Clone, Copy)]
 struct Window {
     x0: usize,
     y0: usize,
-    width: usize,
-    height: usize,
-    below: Vec<u8>,
+    x1: usize,
+    y1: usize,
 }
+
+/// Fewer pixels are noise.
+const LEAST_AREA: u32 = 6;
 
 /// The blobs of one region, and whether one of them goes on outside its window.
 pub fn blobs(image: &Raster, coarse: &Coarse, region: &Region) -> (Vec<Blob>, bool) {
-    let mut window = threshold(image, coarse, region);
-    let mut out = Vec::new();
-    let mut stack = Vec::new();
-    let mut cut = false;
-    for start in 0..window.below.len() {
-        if window.below[start] == DARK {
-            let (bounds, area) = window.fill(start, &mut stack);
-            let cuts = window.cuts(image, bounds);
-            cut |= cuts;
-            let blob = window.blob(image, bounds);
-            if area >= 6 && !cuts {
-                out.push(blob);
-            }
-        }
+    let least = f64::from(region.least) / 256.0;
+    let at = |share: f64| {
+        let level = ((least + share * (1.0 - least)) * 256.0) as u32;
+        below(image, coarse, region, PAD, move |background| (background * level).div_ceil(256))
+    };
+    let (mut out, cut) = at(0.5);
+    if out.iter().any(Blob::is_ragged) {
+        out.extend(at(STRICT).0.into_iter().filter(|blob| blob.area > RAGGED_AREA));
     }
     (out, cut)
 }
 
-/// Marks in a window: dark, and of the set at hand.
-const DARK: u8 = 1;
-const TAKEN: u8 = 2;
+/// Where a line touches a disc, the threshold's share of the way from black to the background at
+/// which they come apart.
+const STRICT: f64 = 0.3;
+/// Least area of a blob that is looked at again.
+const RAGGED_AREA: f64 = 100.0;
 
-/// Marks the pixels below half way between the region's darkest and the local background.
-fn threshold(image: &Raster, coarse: &Coarse, region: &Region) -> Window {
-    let f = coarse.factor;
-    let pad = 2 * f;
-    let x0 = (region.x0 * f).saturating_sub(pad);
-    let y0 = (region.y0 * f).saturating_sub(pad);
-    let x1 = ((region.x1 + 1) * f + pad).min(image.width());
-    let y1 = ((region.y1 + 1) * f + pad).min(image.height());
-    let least = f64::from(region.least) / 256.0;
-    let half = ((0.5 * (1.0 + least)) * 256.0) as u32;
-    let width = x1 - x0;
-    let mut below = vec![0u8; width * (y1 - y0)];
-    for (y, out) in (y0..y1).zip(below.chunks_exact_mut(width)) {
-        let row = &image.row(y)[x0..x1];
-        let background = &coarse.background[(y / f).min(coarse.height - 1) * coarse.width..][..coarse.width];
-        for (x, (o, &v)) in (x0..).zip(out.iter_mut().zip(row)) {
-            let b = u32::from(background[(x / f).min(coarse.width - 1)]);
-            *o = u8::from(u32::from(v) * 256 < b * half);
+/// The blobs of a region that went on outside its window at every level: the local background was too
+/// bright, as beside a quadrant's white or below the sky, and the skin passed for dark. Here what
+/// surrounds the region bounds it, and the window is wider, for faint tips are not in the region.
+pub fn blobs_against_surround(image: &Raster, coarse: &Coarse, region: &Region) -> Vec<Blob> {
+    let (dark, skin) = levels(coarse, region);
+    let pad = PAD + region.width().max(region.height()) / 4;
+    below(image, coarse, region, pad, |background| (dark + background.min(skin)).div_ceil(2)).0
+}
+
+/// Reduced pixels by which a window is wider than its region, on each side.
+const PAD: usize = 2;
+
+/// The darkest reduced pixel of a region, and the median of those two beyond its bounds.
+fn levels(coarse: &Coarse, region: &Region) -> (u32, u32) {
+    let (x0, y0) = (region.x0.saturating_sub(2), region.y0.saturating_sub(2));
+    let (x1, y1) = ((region.x1 + 2).min(coarse.width - 1), (region.y1 + 2).min(coarse.height - 1));
+    let (mut dark, mut ring) = (255, Vec::new());
+    for y in y0..=y1 {
+        let row = &coarse.mean[y * coarse.width..][..coarse.width];
+        dark = row[x0..=x1].iter().fold(dark, |d, &v| d.min(v));
+        if y == y0 || y == y1 {
+            ring.extend_from_slice(&row[x0..=x1]);
+        } else {
+            ring.extend([row[x0], row[x1]]);
         }
     }
-    Window { x0, y0, width, height: y1 - y0, below }
+    let middle = ring.len() / 2;
+    (u32::from(dark), u32::from(*ring.select_nth_unstable(middle).1))
+}
+
+/// The blobs of pixels below a level that lie wholly in a box.
+pub fn darker_than(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, level: u8) -> Vec<Blob> {
+    let end = |v: f64, most: usize| (v.ceil().max(0.0) as usize).saturating_add(1).min(most);
+    let window = Window {
+        x0: low.x.floor().max(0.0) as usize,
+        y0: low.y.floor().max(0.0) as usize,
+        x1: end(high.x, image.width()),
+        y1: end(high.y, image.height()),
+    };
+    if window.x0 >= window.x1 || window.y0 >= window.y1 {
+        return Vec::new();
+    }
+    let mut runs = Vec::new();
+    let mut below = vec![0u8; window.x1 - window.x0];
+    for y in window.y0..window.y1 {
+        let row = &image.row(y)[window.x0..window.x1];
+        below.iter_mut().zip(row).for_each(|(b, &v)| *b = u8::from(v < level));
+        runs::find(&below, y, &mut runs);
+    }
+    window.blobs(image, &mut runs).0
+}
+
+/// The connected sets below a threshold that depends on the local background, and whether one of
+/// them goes on outside the region's window.
+fn below(
+    image: &Raster,
+    coarse: &Coarse,
+    region: &Region,
+    pad: usize,
+    threshold: impl Fn(u32) -> u32,
+) -> (Vec<Blob>, bool) {
+    let window = Window::around(image, coarse, region, pad);
+    window.blobs(image, &mut window.dark_runs(image, coarse, threshold))
 }
 
 impl Window {
-    /// Marks the 8-connected set around `start` as taken; its bounds in the window and its size.
-    fn fill(&mut self, start: usize, stack: &mut Vec<usize>) -> ([usize; 4], usize) {
-        let mut bounds = [usize::MAX, usize::MAX, 0, 0];
-        let mut area = 0;
-        self.below[start] = TAKEN;
-        stack.push(start);
-        while let Some(i) = stack.pop() {
-            area += 1;
-            let (x, y) = (i % self.width, i / self.width);
-            bounds = [bounds[0].min(x), bounds[1].min(y), bounds[2].max(x), bounds[3].max(y)];
-            for ny in y.saturating_sub(1)..=(y + 1).min(self.height - 1) {
-                for nx in x.saturating_sub(1)..=(x + 1).min(self.width - 1) {
-                    let n = ny * self.width + nx;
-                    if self.below[n] == DARK {
-                        self.below[n] = TAKEN;
-                        stack.push(n);
-                    }
+    fn around(image: &Raster, coarse: &Coarse, region: &Region, pad: usize) -> Self {
+        let f = coarse.factor;
+        let pad = pad * f;
+        Self {
+            x0: (region.x0 * f).saturating_sub(pad),
+            y0: (region.y0 * f).saturating_sub(pad),
+            x1: ((region.x1 + 1) * f + pad).min(image.width()),
+            y1: ((region.y1 + 1) * f + pad).min(image.height()),
+        }
+    }
+
+    /// Runs of pixels below the threshold of their background.
+    fn dark_runs(&self, image: &Raster, coarse: &Coarse, threshold: impl Fn(u32) -> u32) -> Vec<Run> {
+        let f = coarse.factor;
+        let mut runs = Vec::new();
+        let mut limits = vec![0u8; self.x1 - self.x0];
+        let mut below = limits.clone();
+        for y in self.y0..self.y1 {
+            if y == self.y0 || y % f == 0 {
+                let row = (y / f).min(coarse.height - 1) * coarse.width;
+                // Windows begin with a block; pixels beyond the last whole one are as the last.
+                let last = coarse.background[row + coarse.width - 1];
+                let more = coarse.background[row + self.x0 / f..row + coarse.width].iter();
+                for (limits, background) in limits.chunks_mut(f).zip(more.chain(std::iter::repeat(&last))) {
+                    limits.fill(threshold(u32::from(*background)).min(255) as u8);
                 }
             }
+            let row = &image.row(y)[self.x0..self.x1];
+            for (out, (&v, &limit)) in below.iter_mut().zip(row.iter().zip(&limits)) {
+                *out = u8::from(v < limit);
+            }
+            runs::find(&below, y, &mut runs);
         }
-        (bounds, area)
+        runs
+    }
+
+    /// The blobs of runs whose columns count from the window's, and whether some go on outside it.
+    fn blobs(&self, image: &Raster, runs: &mut [Run]) -> (Vec<Blob>, bool) {
+        for run in &mut *runs {
+            run.from += self.x0 as u32;
+            run.to += self.x0 as u32;
+        }
+        let sets = runs::connected(runs);
+        let whole: Vec<&Vec<Run>> = sets.iter().filter(|set| !self.cuts(image, set)).collect();
+        let large =
+            whole.iter().filter(|set| set.iter().map(|r| r.to + 1 - r.from).sum::<u32>() >= LEAST_AREA);
+        (large.map(|set| Blob::new(image, set)).collect(), whole.len() < sets.len())
     }
 
     /// Whether the set goes on outside the window; a laxer level then has it whole.
-    fn cuts(&self, image: &Raster, [x0, y0, x1, y1]: [usize; 4]) -> bool {
-        let (right, low) = (self.x0 + self.width < image.width(), self.y0 + self.height < image.height());
-        (x0 == 0 && self.x0 > 0)
-            || (y0 == 0 && self.y0 > 0)
-            || (x1 + 1 == self.width && right)
-            || (y1 + 1 == self.height && low)
+    fn cuts(&self, image: &Raster, set: &[Run]) -> bool {
+        let (left, top) = (self.x0 > 0, self.y0 > 0);
+        let (right, low) = (self.x1 < image.width(), self.y1 < image.height());
+        set.iter().any(|r| {
+            (left && r.from as usize == self.x0)
+                || (right && r.to as usize + 1 == self.x1)
+                || (top && r.y as usize == self.y0)
+                || (low && r.y as usize + 1 == self.y1)
+        })
     }
+}
 
-    /// The taken set within `bounds`, which is wiped, as a blob.
-    fn blob(&mut self, image: &Raster, [x0, y0, x1, y1]: [usize; 4]) -> Blob {
-        let mut runs: Vec<[u32; 3]> = Vec::new();
-        for y in y0..=y1 {
-            let row = &mut self.below[y * self.width..][..self.width];
-            let mut open: Option<usize> = None;
-            for x in x0..=x1 + 1 {
-                let taken = x <= x1 && row[x] == TAKEN;
-                match (taken, open) {
-                    (true, None) => open = Some(x),
-                    (false, Some(from)) => {
-                        row[from..x].fill(0);
-                        runs.push([self.y0 + y, self.x0 + from, self.x0 + x - 1].map(|v| v as u32));
-                        open = None;
-                    }
-                    _ => {}
-                }
-            }
-        }
-        let mut blob = Blob {
+impl Blob {
+    fn new(image: &Raster, set: &[Run]) -> Self {
+        let mut blob = Self {
             bounds: [0; 4],
             area: 0.0,
             centroid: Vector2::zeros(),
             covariance: Matrix2::zeros(),
             at_edge: false,
-            runs,
+            runs: set.iter().map(|r| [r.y, r.from, r.to]).collect(),
         };
         blob.measure();
         let b = blob.bounds;
         blob.at_edge = b[0] == 0 || b[1] == 0 || b[2] + 1 >= image.width() || b[3] + 1 >= image.height();
         blob
     }
-}
 
-impl Blob {
     /// Centres of its pixels.
     pub fn points(&self) -> impl Iterator<Item = Vector2<f64>> + '_ {
         (self.runs.iter())
@@ -173,6 +226,11 @@ impl Blob {
         self.area = n;
         self.centroid = first / n;
         self.covariance = second / n - self.centroid * self.centroid.transpose();
+    }
+
+    /// Neither an ellipse nor two quadrants: perhaps a disc with a line that touches it.
+    fn is_ragged(&self) -> bool {
+        self.area > RAGGED_AREA && (0.78..0.95).contains(&self.fill())
     }
 
     /// Pixels over those of the ellipse with the same second moments: 1 for an ellipse.

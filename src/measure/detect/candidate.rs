@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
+use super::arc::within;
 use super::blob::Blob;
 use super::model::Pattern;
 use super::{RejectReason, Rejected};
@@ -34,11 +35,38 @@ pub struct Candidate {
     pub blobs: Vec<usize>,
     /// Boxes whose pixels may show something else: first and last column and row.
     pub hidden: Vec<[f64; 4]>,
+    /// Bands in which glare hides the marker.
+    pub bands: Vec<Band>,
     /// Whether size, direction and thickness are those of a disc beside it.
     pub alike: bool,
+    /// Whether the major axis is that which whole discs about it foretell.
+    pub foretold: bool,
+}
+
+/// A strip of the picture across a marker's axis, px.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Band {
+    /// Unit vector of the axis.
+    pub axis: Vector2<f64>,
+    /// Where it begins along the axis, counted from the picture's origin.
+    pub from: f64,
+    /// Where it ends.
+    pub to: f64,
+}
+
+impl Band {
+    /// Whether it holds a point.
+    pub fn holds(&self, at: &Vector2<f64>) -> bool {
+        (self.from..=self.to).contains(&self.axis.dot(at))
+    }
 }
 
 impl Candidate {
+    /// Whether a point of the picture may show something else than the marker.
+    pub fn hides(&self, at: &Vector2<f64>) -> bool {
+        self.hidden.iter().any(|h| within(h, at)) || self.bands.iter().any(|b| b.holds(at))
+    }
+
     /// Product of the semi-axes, px^2.
     pub fn size(&self) -> f64 {
         self.outline.major * self.outline.minor
@@ -122,7 +150,9 @@ pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
         edges: None,
         blobs: vec![index],
         hidden: Vec::new(),
+        bands: Vec::new(),
         alike: false,
+        foretold: false,
     })
 }
 
@@ -134,7 +164,7 @@ const ACROSS: f64 = 0.25 - 0.5 / PI;
 /// Two opposite quadrants, from one blob or two: an affine image of the unit disc's is sought
 /// whose area, centroids and second moments are those seen.
 pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Candidate> {
-    let blobs: Vec<&Blob> = indices.iter().filter_map(|&i| all.get(i)).collect();
+    let blobs: Vec<&Blob> = indices.iter().map(|&i| all.get(i)).collect::<Option<_>>()?;
     let shape = together(&blobs);
     let det = shape.covariance.determinant();
     if det <= 1e-6 || !(0.50..0.80).contains(&(shape.area / (4.0 * PI * det.sqrt()))) {
@@ -173,7 +203,9 @@ pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Candidate> {
         edges: Some(edges),
         blobs: indices.to_vec(),
         hidden: Vec::new(),
+        bands: Vec::new(),
         alike: false,
+        foretold: false,
     })
 }
 
@@ -235,7 +267,7 @@ fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, (Vector2<f64>,
 
 /// Pairs of blobs close enough to be the two black quadrants of one marker.
 pub fn pairs(blobs: &[Blob]) -> Vec<[usize; 2]> {
-    let reach: Vec<f64> = blobs.iter().map(|b| 2.6 * b.covariance.trace().sqrt()).collect();
+    let reach: Vec<f64> = blobs.iter().map(|b| 3.0 * b.covariance.trace().sqrt()).collect();
     let mut out = Vec::new();
     for (i, one) in blobs.iter().enumerate() {
         for (j, other) in blobs.iter().enumerate().skip(i + 1) {

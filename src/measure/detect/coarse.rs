@@ -1,6 +1,7 @@
 //! Stage 1: the frame reduced by block means, the local background, and dark regions against it.
 
 use super::super::raster::Raster;
+use super::runs::{self, Run};
 
 /// Distances, in reduced pixels, at which both sides of a dark pixel are looked at. The longest
 /// bounds the thickness of what can be found.
@@ -12,7 +13,9 @@ pub const THICK: usize = 24;
 
 /// Grey over local background below which a reduced pixel is dark, in 1/256, strictest first.
 /// Several levels, so that a faint line that touches a marker does not swallow it.
-pub const LEVELS: [u16; 4] = [115, 160, 195, 225];
+const LEVELS: [u16; 4] = [115, 160, 195, 225];
+/// The same for a frame whose contrast haze or stray light take away with distance.
+const FAINT_LEVELS: [u16; 5] = [115, 160, 195, 225, 240];
 
 /// The reduced frame.
 pub struct Coarse {
@@ -84,23 +87,40 @@ pub fn factor(image: &Raster) -> usize {
 pub fn reduce(image: &Raster, factor: usize) -> Coarse {
     let (width, height) = (image.width() / factor, image.height() / factor);
     let mut mean = vec![0u8; width * height];
-    let mut columns = vec![0u16; width * factor];
     for (y, out) in mean.chunks_exact_mut(width.max(1)).enumerate() {
-        columns.fill(0);
-        for row in 0..factor {
-            for (sum, &v) in columns.iter_mut().zip(image.row(y * factor + row)) {
-                *sum += u16::from(v);
-            }
-        }
-        let half = (factor * factor / 2) as u16;
-        let shift = (factor * factor).trailing_zeros();
-        for (o, block) in out.iter_mut().zip(columns.chunks_exact(factor)) {
-            *o = ((block.iter().sum::<u16>() + half) >> shift) as u8;
+        let row = |k: usize| image.row(y * factor + k);
+        if factor == 4 {
+            means_of_16([row(0), row(1), row(2), row(3)], out);
+        } else {
+            means_of_4([row(0), row(1)], out);
         }
     }
     let mut background = mean.clone();
     raise_by(&REACH, &mut background, &mean, width, height);
     Coarse { factor, width, height, mean, background }
+}
+
+/// Means of blocks of 4 x 4 px: four bytes of a row are summed as two halves of a word.
+fn means_of_16(rows: [&[u8]; 4], out: &mut [u8]) {
+    const LOW: u32 = 0x00ff_00ff;
+    let [a, b, c, d] = rows.map(|row| row.as_chunks::<4>().0);
+    let halves = |four: &[u8; 4]| {
+        let word = u32::from_le_bytes(*four);
+        (word & LOW) + ((word >> 8) & LOW)
+    };
+    for ((o, (a, b)), (c, d)) in out.iter_mut().zip(a.iter().zip(b)).zip(c.iter().zip(d)) {
+        let sum = (halves(a) + halves(b)) + (halves(c) + halves(d));
+        *o = (((sum & 0xffff) + (sum >> 16) + 8) >> 4) as u8;
+    }
+}
+
+/// Means of blocks of 2 x 2 px.
+fn means_of_4(rows: [&[u8]; 2], out: &mut [u8]) {
+    let [a, b] = rows.map(|row| row.as_chunks::<2>().0);
+    let both = |two: &[u8; 2]| u16::from(two[0]) + u16::from(two[1]);
+    for (o, (a, b)) in out.iter_mut().zip(a.iter().zip(b)) {
+        *o = ((both(a) + both(b) + 2) >> 2) as u8;
+    }
 }
 
 /// For every pixel the greatest, over distances and directions, of the lesser of both sides.
@@ -124,45 +144,49 @@ fn raise(out: &mut [u8], one: &[u8], other: &[u8]) {
     }
 }
 
+/// How many levels there are.
+pub fn levels(faint: bool) -> usize {
+    if faint { FAINT_LEVELS.len() } else { LEVELS.len() }
+}
+
 impl Coarse {
-    /// Dark regions at one level, in the order of their first pixel.
-    pub fn regions(&self, level: u16) -> Vec<Region> {
-        let mut mask: Vec<u8> = (self.mean.iter().zip(&self.background))
-            .map(|(&v, &b)| u8::from(u16::from(v) * 256 < u16::from(b).saturating_sub(2) * level))
-            .collect();
-        let mut out = Vec::new();
-        let mut stack = Vec::new();
-        for start in 0..mask.len() {
-            if mask[start] != 0 {
-                out.push(self.fill(&mut mask, start, &mut stack));
-            }
-        }
-        out
+    /// How many of the levels each pixel passes.
+    pub fn darkness(&self, faint: bool) -> Vec<u8> {
+        if faint { self.passed(&FAINT_LEVELS) } else { self.passed(&LEVELS) }
     }
 
-    /// Takes the 8-connected region around `start` out of the mask.
-    fn fill(&self, mask: &mut [u8], start: usize, stack: &mut Vec<usize>) -> Region {
-        let (sx, sy) = (start % self.width, start / self.width);
-        let mut region = Region { x0: sx, y0: sy, x1: sx, y1: sy, area: 0, least: 256 };
-        mask[start] = 0;
-        stack.push(start);
-        while let Some(i) = stack.pop() {
-            let (x, y) = (i % self.width, i / self.width);
-            let ratio = u16::from(self.mean[i]) * 255 / u16::from(self.background[i]).max(1);
-            region.least = region.least.min(ratio);
-            region.area += 1;
-            region.x0 = region.x0.min(x);
-            region.x1 = region.x1.max(x);
+    fn passed<const COUNT: usize>(&self, levels: &[u16; COUNT]) -> Vec<u8> {
+        let passed = |(&v, &b): (&u8, &u8)| {
+            let (grey, bright) = (u16::from(v) * 256, u16::from(b.saturating_sub(2)));
+            levels.iter().map(|&level| u8::from(grey < bright * level)).sum()
+        };
+        self.mean.iter().zip(&self.background).map(passed).collect()
+    }
+
+    /// Dark regions at the `level`-th level, in the order of their first pixel.
+    pub fn regions(&self, darkness: &[u8], level: usize, faint: bool) -> Vec<Region> {
+        let least = (levels(faint) - level) as u8;
+        let mut runs = Vec::new();
+        let mut dark = vec![0u8; self.width];
+        for (y, row) in darkness.chunks_exact(self.width.max(1)).enumerate() {
+            dark.iter_mut().zip(row).for_each(|(d, &v)| *d = u8::from(v >= least));
+            runs::find(&dark, y, &mut runs);
+        }
+        runs::connected(&runs).iter().map(|set| self.region(set)).collect()
+    }
+
+    fn region(&self, runs: &[Run]) -> Region {
+        let mut region = Region { x0: usize::MAX, y0: usize::MAX, x1: 0, y1: 0, area: 0, least: 256 };
+        for &Run { y, from, to } in runs {
+            let [y, from, to] = [y, from, to].map(|v| v as usize);
+            region.area += to + 1 - from;
+            region.x0 = region.x0.min(from);
+            region.x1 = region.x1.max(to);
             region.y0 = region.y0.min(y);
             region.y1 = region.y1.max(y);
-            for ny in y.saturating_sub(1)..=(y + 1).min(self.height - 1) {
-                for nx in x.saturating_sub(1)..=(x + 1).min(self.width - 1) {
-                    let n = ny * self.width + nx;
-                    if mask[n] != 0 {
-                        mask[n] = 0;
-                        stack.push(n);
-                    }
-                }
+            let pixels = y * self.width + from..=y * self.width + to;
+            for (&v, &b) in self.mean[pixels.clone()].iter().zip(&self.background[pixels]) {
+                region.least = region.least.min(u16::from(v) * 255 / u16::from(b).max(1));
             }
         }
         region

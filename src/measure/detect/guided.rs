@@ -1,79 +1,114 @@
-//! Detection in windows around predicted markers.
+//! Detection around predicted markers: no search, but the same fit on the same pixels.
 
 use nalgebra::Vector2;
 
 use super::super::raster::Raster;
-use super::candidate::Outline;
-use super::{Detections, Prediction, Rejected, by_place, search};
+use super::super::setup::Shape;
+use super::blob::{self, Blob};
+use super::candidate::{self, Candidate, Outline};
+use super::measure::{Measured, measure};
+use super::{Detections, Prediction, by_place, cut_by, keep_largest};
 
-/// Windows start at multiples of this, so that their blocks and the choice of their pixels are those
-/// of the whole frame.
-const GRID: usize = 8;
-/// Skin around a marker that the background needs, px.
-const SKIRT: f64 = 48.0;
+/// How much a marker may differ from its prediction: axes, as a ratio, and beside that the minor, px.
+const ALIKE: f64 = 1.3;
+const ALIKE_PX: f64 = 1.0;
+/// Skin around a marker that tells its grey level, px.
+const SKIRT: f64 = 12.0;
+/// Pixels that tell the grey levels.
+const SAMPLES: usize = 4096;
+/// Most blobs of a window that are looked at.
+const MAX_BLOBS: usize = 40;
 
-/// A part of the frame: first and last column and row, the last excluded.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Window {
-    x0: usize,
-    y0: usize,
-    x1: usize,
-    y1: usize,
-}
-
-/// Markers in the windows of the predictions, each once.
-pub fn detect(image: &Raster, predictions: &[Prediction], factor: usize, noise: f64) -> Detections {
+/// The predicted markers that are there, each once.
+pub fn detect(image: &Raster, predictions: &[Prediction], noise: f64) -> Detections {
     let mut out = Detections { noise, ..Detections::default() };
     let mut blurs = Vec::new();
     for prediction in predictions {
-        let Some((window, part)) = cut(image, prediction) else { continue };
-        let shift = Vector2::new(window.x0 as f64, window.y0 as f64);
-        let found = search(&part, factor, noise);
-        for measured in found.measured {
-            let mut marker = measured.detection;
-            marker.centre_px += shift;
-            let expected = marker.shape == prediction.shape
-                && (marker.centre_px - prediction.centre_px).norm() <= prediction.search_px;
-            let known = out.markers.iter().any(|m| (m.centre_px - marker.centre_px).norm() < 1.0);
-            if expected && !known {
-                blurs.push(measured.blur);
-                out.markers.push(marker);
-            }
+        let Some(Measured { detection, blur, .. }) = find(image, prediction, noise) else { continue };
+        let near = (detection.centre_px - prediction.centre_px).norm() <= prediction.search_px;
+        let known = out.markers.iter().any(|m| (m.centre_px - detection.centre_px).norm() < 1.0);
+        if near && !known {
+            blurs.push(blur);
+            out.markers.push(detection);
         }
-        let near = |r: &Rejected| (r.centre_px - prediction.centre_px).norm() <= prediction.search_px;
-        let shifted = found.rejected.into_iter().map(|r| Rejected { centre_px: r.centre_px + shift, ..r });
-        out.rejected.extend(shifted.filter(near));
     }
     out.markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
-    out.rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
-    out.rejected.dedup();
     out.psf_sigma_px = super::middle(blurs);
     out
 }
 
-/// The window of a prediction and its pixels; `None` where it lies outside.
-fn cut(image: &Raster, prediction: &Prediction) -> Option<(Window, Raster)> {
+/// The marker of one prediction.
+fn find(image: &Raster, prediction: &Prediction, noise: f64) -> Option<Measured> {
     let outline = Outline {
         centre: prediction.centre_px,
-        major: prediction.semi_major_px.clamp(1.0, 2000.0),
-        minor: prediction.semi_minor_px.clamp(1.0, 2000.0),
+        major: prediction.semi_major_px,
+        minor: prediction.semi_minor_px,
         angle: prediction.angle_rad,
     };
-    let reach = outline.extent().add_scalar(prediction.search_px.clamp(0.0, 500.0) + SKIRT);
+    let numbers = [outline.centre.x, outline.centre.y, outline.angle, prediction.search_px];
+    let sound = numbers.iter().all(|v| v.is_finite())
+        && (1.0..2000.0).contains(&outline.major)
+        && (0.5..2000.0).contains(&outline.minor);
+    if !sound {
+        return None;
+    }
+    let reach = outline.extent() * 1.1;
+    let reach = reach.add_scalar(prediction.search_px.clamp(0.0, 500.0) + SKIRT);
     let (low, high) = (outline.centre - reach, outline.centre + reach);
-    if !low.iter().chain(high.iter()).all(|v| v.is_finite()) {
-        return None;
-    }
-    let window = Window {
-        x0: low.x.max(0.0) as usize / GRID * GRID,
-        y0: low.y.max(0.0) as usize / GRID * GRID,
-        x1: (high.x.max(0.0) as usize).div_ceil(GRID).saturating_mul(GRID).min(image.width()),
-        y1: (high.y.max(0.0) as usize).div_ceil(GRID).saturating_mul(GRID).min(image.height()),
+    let mut blobs = blob::darker_than(image, low, high, level(image, low, high, &outline)?);
+    // A quadrant is a quarter of its marker.
+    let whole = std::f64::consts::PI * outline.major * outline.minor;
+    blobs.retain(|b| (0.1 * whole..1.7 * whole + 20.0).contains(&b.area));
+    keep_largest(&mut blobs, MAX_BLOBS, |b| b.area);
+    let candidates = match prediction.shape {
+        Shape::Circle => discs(&blobs),
+        Shape::Quadrant => super::quadrants(&blobs),
     };
-    if window.x0 >= window.x1 || window.y0 >= window.y1 {
+    let off = |c: &Candidate| (c.outline.centre - outline.centre).norm();
+    let alike =
+        candidates.into_iter().filter(|c| is_alike(&c.outline, &outline) && off(c) <= prediction.search_px);
+    let best = alike.min_by(|a, b| off(a).total_cmp(&off(b)))?;
+    measure(image, &blobs, &best, noise).ok()
+}
+
+/// Discs of which clearly nothing is hidden: what may be in doubt is for the full search.
+fn discs(blobs: &[Blob]) -> Vec<Candidate> {
+    let clear = |(i, b): (usize, &Blob)| candidate::disc(i, b).filter(|_| !b.at_edge && cut_by(b) < 0.8);
+    blobs.iter().enumerate().filter_map(clear).collect()
+}
+
+fn is_alike(one: &Outline, other: &Outline) -> bool {
+    let within = |a: f64, b: f64, px: f64| a < b * ALIKE + px && b < a * ALIKE + px;
+    within(one.major, other.major, ALIKE_PX) && within(one.minor, other.minor, ALIKE_PX)
+}
+
+/// Half way between the grey levels of the marker and of what surrounds it.
+fn level(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, outline: &Outline) -> Option<u8> {
+    let (x0, y0) = (low.x.max(0.0) as usize, low.y.max(0.0) as usize);
+    let x1 = (high.x.max(0.0) as usize).min(image.width());
+    let y1 = (high.y.max(0.0) as usize).min(image.height());
+    if x0 >= x1 || y0 >= y1 {
         return None;
     }
-    let rows = (window.y0..window.y1).filter_map(|y| image.row(y).get(window.x0..window.x1));
-    let luma: Vec<u8> = rows.flatten().copied().collect();
-    Some((window, Raster::new(window.x1 - window.x0, window.y1 - window.y0, luma)?))
+    let step = ((x1 - x0) * (y1 - y0)).div_ceil(SAMPLES);
+    // A step along rows that is no divisor of theirs would leave out columns.
+    let (across, down) = if step < 4 { (1, step) } else { (2, step.div_ceil(2)) };
+    let mut histogram = [0usize; 256];
+    for y in (y0..y1).step_by(down) {
+        for &v in image.row(y)[x0..x1].iter().step_by(across) {
+            histogram[usize::from(v)] += 1;
+        }
+    }
+    let total: usize = histogram.iter().sum();
+    let at = |rank: usize| {
+        let mut below = 0;
+        histogram.iter().position(|&n| {
+            below += n;
+            below > rank
+        })
+    };
+    // A quarter of a quadrants' half.
+    let dark = 0.125 * std::f64::consts::PI * outline.major * outline.minor / (across * down) as f64;
+    let (black, skin) = (at(dark as usize)?, at(total / 2)?);
+    (skin > black + 10).then(|| (black + skin).div_ceil(2) as u8)
 }

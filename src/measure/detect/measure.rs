@@ -4,21 +4,23 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::super::raster::Raster;
 use super::super::setup::Shape;
-use super::arc::within;
-use super::blob::Blob;
-use super::candidate::{Candidate, Outline, half_turn};
-use super::fit::{Fit, Unknowns, contrast, fit, rough};
+use super::blob::{self, Blob};
+use super::candidate::{self, Candidate, Outline, half_turn};
+use super::fit::{Fit, Unknowns, contrast, fit, rough, settle};
+use super::grid;
+use super::linear::CUT;
 use super::model::{
     ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, Pixel, SECOND, THIRD, X, Y,
 };
-use super::{Detection, RejectReason};
+use super::select::{ALL, EVERY, FEW, Masked, pixels};
+use super::{Detection, RejectReason, uneven};
 
 /// Standard deviations beyond which a bend of axis or edges is believed.
 const BEND_TEST: f64 = 3.0;
 
 /// How a sheet lies on a curved skin is not known: stretched or not, it differs along the marker by
-/// the sag times the skin's slope, for which one in ten stands.
-const LAID: f64 = 0.1;
+/// the sag times the skin's slope, for which one in fourteen stands.
+const LAID: f64 = 0.07;
 /// The tone curve of pictures made for the eye, and how far cameras depart from it.
 const USUAL_GAMMA: (f64, f64) = (1.0 / 2.2, 0.15);
 /// A disc's sag over its semi-major axis, and the change of its thickness, on the skin of a wing. A
@@ -28,9 +30,12 @@ const EGG_SPREAD: f64 = 0.05;
 /// How far discs side by side differ: direction, rad, relative length and thickness.
 const ALIKE_ANGLE: f64 = 0.02;
 const ALIKE_MAJOR: f64 = 0.03;
+/// How far a disc's major axis is from what the whole discs about it foretell, relatively.
+const FORETOLD_MAJOR: f64 = 0.007;
 const ALIKE_MINOR: f64 = 0.1;
-/// Pixels of a fit: more would only cost time.
-const MAX_PIXELS: usize = 1400;
+
+/// Share of a marker's contrast by which what is darker than the skin around it is foreign.
+const FOREIGN: f64 = 0.25;
 
 /// A fitted marker with its blur.
 pub struct Measured {
@@ -38,6 +43,8 @@ pub struct Measured {
     pub detection: Detection,
     /// Blur of its edges, pixel included, px.
     pub blur: f64,
+    /// Contrast over the grey of white or skin.
+    pub darkness: f64,
 }
 
 /// Fits the model to a candidate.
@@ -58,20 +65,47 @@ pub fn measure(
     if outline.major > 22.0 * outline.minor {
         return Err(RejectReason::NotAnEllipse);
     }
-    let (unknowns, bends) = unknowns(candidate);
     let floor = 0.5f64.max(0.8 * noise);
-    let first = pixels(image, blobs, candidate, 1.0);
+    let (few, all) = if candidate.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
+    let first = pixels(image, Masked::Blobs(blobs), candidate, outline.centre, 1.0, few);
     let start = start(candidate, &first, 1.0).ok_or(RejectReason::LowContrast)?;
-    let near =
-        rough(candidate.pattern, &first, &start, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
-    let settled = settle(candidate, &near);
-    let pixels = pixels(image, blobs, &settled, to_grid(near[BLUR], 4.0).clamp(0.5, 3.5));
-    let bent = fit(candidate.pattern, &pixels, &near, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
+    let (near, scale) = rough(candidate.pattern, &first, &start, &unknowns(candidate).0, floor)
+        .ok_or(RejectReason::NoConvergence)?;
+    let masked = |place: &Candidate, m: &Parameters| match candidate.hidden[..] {
+        [] => Masked::DarkerThan(place.outline, *m, (CUT * floor).max(FOREIGN * contrast(m))),
+        _ => Masked::Blobs(blobs),
+    };
+    let choose = |place: &Candidate, mask: Masked, m: &Parameters| {
+        pixels(image, mask, place, Vector2::new(m[X], m[Y]), m[BLUR].clamp(0.5, 3.5), all)
+    };
+    // What is known of a disc from its like beside it is known beforehand.
+    let known = |place: &Candidate| unknowns(if candidate.alike { candidate } else { place });
+    let place = place(candidate, &near);
+    let chosen = choose(&place, masked(candidate, &near), &near);
+    let (near, scale) = settle(candidate.pattern, &chosen, &near, scale, &known(&place).0, floor)
+        .ok_or(RejectReason::NoConvergence)?;
+    // From here on nothing depends on how the candidate was found.
+    let (near, scale) = (grid::put(candidate.pattern, &near), grid::put_scale(scale));
+    let place = self::place(&outlined(image, &place, &near), &near);
+    let (unknowns, bends) = known(&place);
+    let candidate = &place;
+    let pixels = choose(candidate, masked(candidate, &near), &near);
+    let bent =
+        fit(candidate.pattern, &pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
     // The straight model knows more, where the bend is not significant.
     let significant = !candidate.hidden.is_empty()
         || (bends.iter())
             .any(|&k| bent.parameters[k].abs() > BEND_TEST * bent.covariance[(k, k)].max(0.0).sqrt());
-    let result = if significant { bent } else { bent.without(bends) };
+    let mut unknowns = unknowns;
+    let result = if significant {
+        bent
+    } else {
+        bends.iter().for_each(|&k| unknowns.free[k] = false);
+        bent.without(bends)
+    };
+    let floor = floor.max(0.02 * contrast(&near));
+    let whole = candidate.hidden.is_empty();
+    let result = uneven::improve(candidate.pattern, &pixels, result, &unknowns, floor, whole);
     judge(image, candidate, &result, noise)
 }
 
@@ -92,7 +126,8 @@ fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
         // The outline that is left tells an ellipse, and no more.
         [LIGHT + 3, DARK + 1, DARK + 2, GAMMA].iter().for_each(|&k| free[k] = false);
     }
-    if !thick || outline.major < 12.0 {
+    // An end that is not seen tells no bend.
+    if !thick || outline.major < 12.0 || !candidate.bands.is_empty() {
         bends.iter().for_each(|&k| free[k] = false);
     }
     (Unknowns { free, usual: usual(candidate) }, bends)
@@ -112,34 +147,45 @@ fn usual(candidate: &Candidate) -> [(f64, f64); N] {
         out[FIRST] = (outline.major, ALIKE_MAJOR * outline.major);
         out[SECOND] = (outline.minor, ALIKE_MINOR * outline.minor);
     }
-    out
-}
-
-/// The candidate with the geometry of a rough fit, on a grid, so that the choice of pixels does
-/// not depend on how the fit was reached.
-fn settle(candidate: &Candidate, m: &Parameters) -> Candidate {
-    let mut out = candidate.clone();
-    let outline = &mut out.outline;
-    match candidate.edges {
-        None => {
-            outline.centre = Vector2::new(to_grid(m[X], 4.0), to_grid(m[Y], 4.0));
-            outline.major = to_grid(m[FIRST], 4.0).max(1.0);
-            outline.minor = to_grid(m[SECOND], 4.0).max(0.5);
-            outline.angle = to_grid(m[ANGLE], 128.0);
-        }
-        Some(_) => {
-            outline.centre = outline.centre.map(|v| v.round());
-            outline.major = outline.major.round().max(1.0);
-            outline.minor = outline.minor.round().max(1.0);
-            outline.angle = to_grid(outline.angle, 64.0);
-            out.edges = Some((to_grid(m[ANGLE], 128.0), to_grid(m[FIRST], 128.0)));
-        }
+    if candidate.foretold {
+        out[FIRST] = (outline.major, FORETOLD_MAJOR * outline.major);
     }
     out
 }
 
-fn to_grid(value: f64, per_unit: f64) -> f64 {
-    (value * per_unit).round() / per_unit
+/// Quadrants with the outline of what is nearer to black than to white: that does not depend on how the candidate was found.
+fn outlined(image: &Raster, candidate: &Candidate, m: &Parameters) -> Candidate {
+    if candidate.edges.is_none() {
+        return candidate.clone();
+    }
+    let outline = &candidate.outline;
+    let reach = outline.extent() * 1.3;
+    let inside = |b: &Blob| {
+        let (s, t) = outline.local(b.centroid);
+        (s / outline.major).hypot(t / outline.minor) < 1.0
+    };
+    // Skin is darker than white: nearer to black it does not run into the quadrants.
+    let found = [0.65, 0.8].iter().find_map(|share| {
+        let level = (m[LIGHT] - share * contrast(m)).round().clamp(0.0, 255.0) as u8;
+        let mut own = blob::darker_than(image, outline.centre - reach, outline.centre + reach, level);
+        own.retain(inside);
+        own.sort_by(|a, b| b.area.total_cmp(&a.area));
+        candidate::quadrants(&[0, 1], &own).or_else(|| candidate::quadrants(&[0], &own))
+    });
+    found.map_or_else(|| candidate.clone(), |f| Candidate { outline: f.outline, ..candidate.clone() })
+}
+
+/// The candidate with the geometry of a rough fit.
+fn place(candidate: &Candidate, m: &Parameters) -> Candidate {
+    let mut out = candidate.clone();
+    match candidate.edges {
+        None => {
+            let (major, minor) = (m[FIRST].max(1.0), m[SECOND].max(0.5));
+            out.outline = Outline { centre: Vector2::new(m[X], m[Y]), major, minor, angle: m[ANGLE] };
+        }
+        Some(_) => out.edges = Some((m[ANGLE], m[FIRST])),
+    }
+    out
 }
 
 /// Accepts or turns down a fit.
@@ -190,8 +236,10 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
         covariance += axis * axis.transpose() * (LAID * m[THIRD]).powi(2);
     }
     let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
-    // A part of an outline tells the centre less well, and says so.
-    let most = if candidate.hidden.is_empty() { 0.6 } else { 2.0 };
+    // A part of an outline, or one in uneven light, tells the centre less well, and says so.
+    let whole = candidate.hidden.is_empty() && candidate.bands.is_empty();
+    let most = if whole { (0.02 * outline.major).max(0.6) } else { 2.0 };
+    let most = most.min(0.05 * outline.major).min(2.0);
     if !(spread > 0.0 && spread < most) {
         return Err(RejectReason::PoorFit);
     }
@@ -207,6 +255,7 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
             contrast,
         },
         blur: m[BLUR],
+        darkness: contrast / m[LIGHT].max(1.0),
     })
 }
 
@@ -222,10 +271,14 @@ fn ends_in_arcs(image: &Raster, candidate: &Candidate, along: f64, m: &Parameter
         let at = outline.centre + direction * (factor * radius);
         f64::from(image.clamped(at.x.round() as isize, at.y.round() as isize))
     };
-    // Skin may be darker than half way from white to black: it need only be lighter than black.
+    // Skin may be darker than half way from white to black: it need only be lighter than black. The
+    // outline is rough, and a line may cross it: most of three places beyond it decide, all short of
+    // the corner at 1.25 radii that a square of the same size has.
+    let first = 1.0 + (2.0 * m[BLUR] / radius).clamp(0.1, 0.2);
     [-1.0, 1.0].iter().all(|side| {
-        let (inside, outside) = (grey(side * 0.75), grey(side * 1.2));
-        inside < 0.5 * (light + black) && outside > inside + 0.4 * (light - black)
+        let inside = grey(side * 0.75);
+        let lighter = |step: &&f64| grey(side * (first + **step)) > inside + 0.28 * (light - black);
+        inside < 0.5 * (light + black) && [0.0, 0.04, 0.08].iter().filter(lighter).count() >= 2
     })
 }
 
@@ -257,89 +310,4 @@ fn start(candidate: &Candidate, pixels: &[Pixel], blur: f64) -> Option<Parameter
     m[GAMMA] = 1.0 / 2.2;
     m[DARK] = 1.0 - (low.max(1.0) / high.max(1.0)).powf(2.2);
     (m[DARK] > 0.08 && high - low > 6.0).then_some(m)
-}
-
-/// The pixels that tell where the marker is: along its outline, or along the edges between the
-/// quadrants. Those near other dark things are left out.
-fn pixels(image: &Raster, blobs: &[Blob], candidate: &Candidate, blur: f64) -> Vec<Pixel> {
-    let outline = &candidate.outline;
-    // Flat pixels only tell the levels: of a large marker's, one in four will do.
-    let flat = if outline.major > 40.0 { 2 } else { 8 };
-    let (edge, band) = (2.2 * blur + 0.7, 3.5 * blur + 2.0);
-    let reach = outline.extent().add_scalar(band + 1.0);
-    let c = outline.centre;
-    let x0 = (c.x - reach.x).floor().max(0.0) as usize;
-    let y0 = (c.y - reach.y).floor().max(0.0) as usize;
-    let x1 = ((c.x + reach.x).ceil().max(0.0) as usize).min(image.width() - 1);
-    let y1 = ((c.y + reach.y).ceil().max(0.0) as usize).min(image.height() - 1);
-    let taken = foreign(blobs, candidate, [x0, y0, x1, y1]);
-    let mut out = Vec::new();
-    for y in y0..=y1 {
-        let row = image.row(y);
-        for (x, &v) in row.iter().enumerate().take(x1 + 1).skip(x0) {
-            let (s, t) = outline.local(Vector2::new(x as f64, y as f64));
-            let near = |band: f64| match candidate.edges {
-                None => near_outline(outline, s, t, band),
-                Some(edges) => near_edges(outline, edges, s, t, band, blur),
-            };
-            let wanted = near(band) && ((x * 5 + y * 3) % 8 < flat || near(edge));
-            if wanted
-                && !candidate.hidden.iter().any(|h| within(h, &Vector2::new(x as f64, y as f64)))
-                && !taken.as_ref().is_some_and(|m| m[(y - y0) * (x1 - x0 + 1) + x - x0])
-            {
-                let (p, q) = (s / outline.major, t / outline.minor);
-                out.push(Pixel { x: x as f64, y: y as f64, value: f64::from(v), p, q });
-            }
-        }
-    }
-    let most = if outline.major > 40.0 { MAX_PIXELS } else { 2 * MAX_PIXELS };
-    let stride = out.len().div_ceil(most).max(1);
-    out.into_iter().step_by(stride).collect()
-}
-
-fn near_outline(outline: &Outline, s: f64, t: f64, band: f64) -> bool {
-    let within = |a: f64, b: f64| a > 0.0 && b > 0.0 && (s / a).powi(2) + (t / b).powi(2) < 1.0;
-    within(outline.major + band, outline.minor + band) && !within(outline.major - band, outline.minor - band)
-}
-
-fn near_edges(outline: &Outline, edges: (f64, f64), s: f64, t: f64, band: f64, blur: f64) -> bool {
-    let margin = (3.0 * blur).min(0.3 * outline.minor).max(1.0);
-    let (a, b) = (outline.major - margin, outline.minor - margin);
-    if a <= 0.0 || b <= 0.0 || (s / a).powi(2) + (t / b).powi(2) >= 1.0 {
-        return false;
-    }
-    let (sin, cos) = (edges.0 - outline.angle).sin_cos();
-    let (s, t) = (s * cos + t * sin, t * cos - s * sin);
-    let norm = edges.1.hypot(1.0);
-    ((t - edges.1 * s) / norm).abs() < band || ((t + edges.1 * s) / norm).abs() < band
-}
-
-/// Pixels of the window within 3 px of a blob that is not the candidate's; `None` where no such
-/// blob is near.
-fn foreign(blobs: &[Blob], candidate: &Candidate, window: [usize; 4]) -> Option<Vec<bool>> {
-    const MARGIN: usize = 3;
-    let outline = &candidate.outline;
-    let [x0, y0, x1, y1] = window;
-    let width = x1 - x0 + 1;
-    let mut mask: Option<Vec<bool>> = None;
-    for (i, blob) in blobs.iter().enumerate() {
-        let b = blob.bounds;
-        let apart = b[0] > x1 + MARGIN || b[2] + MARGIN < x0 || b[1] > y1 + MARGIN || b[3] + MARGIN < y0;
-        let (s, t) = outline.local(blob.centroid);
-        let own = (s / outline.major).powi(2) + (t / outline.minor).powi(2) < 1.0;
-        if apart || own || candidate.blobs.contains(&i) {
-            continue;
-        }
-        let mask = mask.get_or_insert_with(|| vec![false; width * (y1 - y0 + 1)]);
-        for run in &blob.runs {
-            let [y, from, to] = run.map(|v| v as usize);
-            let (from, to) = (from.saturating_sub(MARGIN).max(x0), (to + MARGIN).min(x1));
-            for row in y.saturating_sub(MARGIN).max(y0)..=(y + MARGIN).min(y1) {
-                if from <= to {
-                    mask[(row - y0) * width + from - x0..=(row - y0) * width + to - x0].fill(true);
-                }
-            }
-        }
-    }
-    mask
 }

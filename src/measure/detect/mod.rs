@@ -4,12 +4,21 @@ mod arc;
 mod blob;
 mod candidate;
 mod coarse;
+mod disc;
+mod distinct;
 mod fit;
+mod glare;
+mod grid;
 mod guided;
+mod linear;
 mod measure;
 mod model;
 mod noise;
 mod normal;
+mod runs;
+mod select;
+mod uneven;
+mod wedge;
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -71,6 +80,10 @@ pub enum RejectReason {
     NoConvergence,
     /// Another detection already explains it.
     Duplicate,
+    /// Its edge is far softer than those of the frame's markers.
+    Soft,
+    /// Far smaller than all the frame's markers, which are of about one size at like distances.
+    Speck,
 }
 
 impl RejectReason {
@@ -85,6 +98,8 @@ impl RejectReason {
             Self::PoorFit => "image model does not fit",
             Self::NoConvergence => "fit did not converge",
             Self::Duplicate => "another detection explains it",
+            Self::Soft => "edge softer than the other markers'",
+            Self::Speck => "far smaller than the other markers",
         }
     }
 }
@@ -132,7 +147,13 @@ const MAX_CANDIDATES: usize = 100;
 /// Finds the markers of a frame without help. Deterministic at any number of threads.
 pub fn detect(image: &Raster) -> Detections {
     let noise = noise::estimate(image);
-    let mut found = search(image, coarse::factor(image), noise);
+    let factor = coarse::factor(image);
+    let mut found = search(image, factor, noise, false);
+    if is_faint(&found) {
+        found = search(image, factor, noise, true);
+    }
+    distinct::without_soft(&mut found);
+    distinct::without_specks(&mut found);
     found.rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     found.rejected.truncate(MAX_REJECTED);
     let psf_sigma_px = middle(found.measured.iter().map(|m| m.blur).collect());
@@ -141,10 +162,18 @@ pub fn detect(image: &Raster) -> Detections {
     Detections { markers, rejected: found.rejected, psf_sigma_px, noise }
 }
 
-/// Finds the predicted markers, looking only at windows around them. Those that are not there are
-/// missing from the answer; the caller then turns to [`detect`].
+/// Finds the predicted markers, looking only around them: for each that is there the answer of
+/// [`detect`]. Those that are not, or that are in doubt, are missing.
 pub fn detect_guided(image: &Raster, predictions: &[Prediction]) -> Detections {
-    guided::detect(image, predictions, coarse::factor(image), noise::estimate(image))
+    guided::detect(image, predictions, noise::estimate(image))
+}
+
+/// The predicted markers; where one of them is not found, all that the whole frame shows. A marker that
+/// nobody expects is only seen by [`detect`].
+pub fn detect_guided_or_full(image: &Raster, predictions: &[Prediction]) -> Detections {
+    let found = detect_guided(image, predictions);
+    let complete = !predictions.is_empty() && found.markers.len() == predictions.len();
+    if complete { found } else { detect(image) }
 }
 
 /// What a search yields, in order of discovery.
@@ -153,11 +182,20 @@ struct Found {
     rejected: Vec<Rejected>,
 }
 
-/// All stages on one picture or window.
-fn search(image: &Raster, factor: usize, noise: f64) -> Found {
-    let blobs = find_blobs(image, &mut coarse::reduce(image, factor));
+/// Whether black is so light in some marker that farther ones may be too faint for the usual levels:
+/// haze and stray light take contrast away with distance. Black on white leaves a quarter, at most two
+/// fifths, of the grey.
+fn is_faint(found: &Found) -> bool {
+    const LEAST: f64 = 0.45;
+    found.measured.iter().any(|m| m.darkness < LEAST)
+}
+
+/// All stages on one picture.
+fn search(image: &Raster, factor: usize, noise: f64, faint: bool) -> Found {
+    let blobs = find_blobs(image, &mut coarse::reduce(image, factor), faint);
     let mut taken = vec![false; blobs.len()];
     let mut found = Found { measured: Vec::new(), rejected: Vec::new() };
+    let mut hidden = Vec::new();
     for candidates in [quadrants(&blobs), discs(&blobs)] {
         for candidate in &candidates {
             if candidate.blobs.iter().any(|&i| taken[i]) {
@@ -166,7 +204,10 @@ fn search(image: &Raster, factor: usize, noise: f64) -> Found {
             if candidate.pattern != model::Pattern::Disc && are_discs(image, &blobs, candidate, noise) {
                 continue;
             }
-            match measure_whole_or_hidden(image, &blobs, candidate, noise) {
+            let (measured, part) = measure_whole_or_hidden(image, &blobs, candidate, noise);
+            let index = measured.is_ok().then_some(found.measured.len());
+            hidden.extend(part.map(|part| (index, part)));
+            match measured {
                 Ok(measured) => {
                     candidate.blobs.iter().for_each(|&i| taken[i] = true);
                     found.measured.push(measured);
@@ -175,7 +216,32 @@ fn search(image: &Raster, factor: usize, noise: f64) -> Found {
             }
         }
     }
+    again_with_size(image, &blobs, &mut found, hidden, noise);
+    distinct::distinct(&mut found);
     found
+}
+
+/// Measures discs that are hidden in part once more, when the whole ones about them have told how
+/// large they are; also those of which too little was seen before.
+fn again_with_size(
+    image: &Raster,
+    blobs: &[blob::Blob],
+    found: &mut Found,
+    hidden: Vec<(Option<usize>, candidate::Candidate)>,
+    noise: f64,
+) {
+    for (index, mut candidate) in hidden {
+        let whole =
+            found.measured.iter().enumerate().filter(|(i, _)| Some(*i) != index).map(|(_, m)| &m.detection);
+        let Some(major) = arc::foretold_major(whole, candidate.outline.centre) else { continue };
+        candidate.outline.major = major;
+        candidate.foretold = true;
+        let Ok(again) = measure::measure(image, blobs, &candidate, noise) else { continue };
+        match index.and_then(|i| found.measured.get_mut(i)) {
+            Some(slot) => *slot = again,
+            None => found.measured.push(again),
+        }
+    }
 }
 
 /// Whether the two blobs of a pair are whole discs side by side: the image model tells.
@@ -189,27 +255,48 @@ fn are_discs(image: &Raster, blobs: &[blob::Blob], candidate: &candidate::Candid
 
 /// Whether a blob is too square for a whole disc of its size.
 fn looks_cut(blob: &blob::Blob) -> bool {
-    let minor = candidate::Outline::from_moments(blob.centroid, blob.covariance, 2.0).minor.max(0.5);
-    candidate::squareness(blob) > 0.13 + 1.3 / (minor * minor)
+    cut_by(blob) > 1.0
 }
 
-/// A disc whose outline is not an ellipse's may have a part hidden by its neighbour.
+/// How square a blob is against what a whole disc of its size may be.
+fn cut_by(blob: &blob::Blob) -> f64 {
+    let minor = candidate::Outline::from_moments(blob.centroid, blob.covariance, 2.0).minor.max(0.5);
+    candidate::squareness(blob) / (0.13 + 1.3 / (minor * minor))
+}
+
+/// A disc whose outline is not an ellipse's may have a part hidden by its neighbour, or by glare. With
+/// what was measured the candidate of its whole outline, where size alone is missing to do it better.
 fn measure_whole_or_hidden(
     image: &Raster,
     blobs: &[blob::Blob],
     candidate: &candidate::Candidate,
     noise: f64,
-) -> Result<measure::Measured, RejectReason> {
-    let blob = match candidate.blobs[..] {
-        [index] if candidate.pattern == model::Pattern::Disc => blobs.get(index),
+) -> (Result<measure::Measured, RejectReason>, Option<candidate::Candidate>) {
+    let measured = |candidate: &candidate::Candidate| measure::measure(image, blobs, candidate, noise);
+    let single = match candidate.blobs[..] {
+        [index] if candidate.pattern == model::Pattern::Disc => blobs.get(index).map(|b| (index, b)),
         _ => None,
     };
-    match blob {
-        Some(blob) if !blob.at_edge && looks_cut(blob) => {
-            let whole = arc::completed(candidate, blob, blobs).ok_or(RejectReason::NotAnEllipse)?;
-            measure::measure(image, blobs, &whole, noise)
-        }
-        _ => measure::measure(image, blobs, candidate, noise),
+    let Some((index, blob)) = single.filter(|(_, b)| !b.at_edge) else {
+        return (measured(candidate), None);
+    };
+    let whole = if looks_cut(blob) { Err(RejectReason::NotAnEllipse) } else { measured(candidate) };
+    // A disc that is measured badly although it looks whole may end in glare.
+    if whole.as_ref().is_ok_and(|m| m.detection.covariance_px2.trace() < 0.1) {
+        return (whole, None);
+    }
+    let drowned = glare::completed(image, candidate, index, blobs);
+    match drowned.as_ref().map(measured) {
+        Some(Ok(part)) => (Ok(part), drowned),
+        _ if whole.is_ok() => (whole, None),
+        _ if !looks_cut(blob) => (whole, drowned),
+        failed => match arc::completed(candidate, blob, blobs) {
+            None => (failed.unwrap_or(whole), drowned),
+            Some(hidden) => match measured(&hidden) {
+                Ok(part) => (Ok(part), hidden.alike.then_some(hidden)),
+                reason => (reason, drowned),
+            },
+        },
     }
 }
 
@@ -224,17 +311,21 @@ fn by_place(a: &Vector2<f64>, b: &Vector2<f64>) -> std::cmp::Ordering {
 }
 
 /// Blobs of all levels, each once, from windows that together hold no more than the frame; against the near background, then thick ones against the far.
-fn find_blobs(image: &Raster, coarse: &mut coarse::Coarse) -> Vec<blob::Blob> {
+fn find_blobs(image: &Raster, coarse: &mut coarse::Coarse, faint: bool) -> Vec<blob::Blob> {
     let mut out: Vec<blob::Blob> = Vec::new();
     let mut done: Vec<coarse::Region> = Vec::new();
+    let laxest = coarse::levels(faint) - 1;
     let mut budget = coarse.width * coarse.height;
     let largest = (coarse.width * coarse.height / 8).max(64);
-    for (far, level) in [false, true].into_iter().flat_map(|far| coarse::LEVELS.map(|level| (far, level))) {
-        if far && level == coarse::LEVELS[0] {
+    let mut darkness = coarse.darkness(faint);
+    for (far, level) in [false, true].into_iter().flat_map(|far| (0..=laxest).map(move |level| (far, level)))
+    {
+        if far && level == 0 {
             coarse.look_far();
+            darkness = coarse.darkness(faint);
             done.clear();
         }
-        let mut regions = coarse.regions(level);
+        let mut regions = coarse.regions(&darkness, level, faint);
         let least = if far { coarse::THICK } else { 0 };
         regions.retain(|r| r.width() * r.height() <= largest && r.width().min(r.height()) >= least);
         regions.sort_by_key(|r| std::cmp::Reverse(r.area));
@@ -247,6 +338,10 @@ fn find_blobs(image: &Raster, coarse: &mut coarse::Coarse) -> Vec<blob::Blob> {
             budget = left;
             let (blobs, cut) = blob::blobs(image, coarse, &region);
             blobs.into_iter().for_each(|blob| add_once(&mut out, blob));
+            if cut && level == laxest {
+                let again = blob::blobs_against_surround(image, coarse, &region);
+                again.into_iter().for_each(|blob| add_once(&mut out, blob));
+            }
             if !cut {
                 done.push(region);
             }

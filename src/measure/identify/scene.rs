@@ -155,19 +155,24 @@ fn alike(a: f64, b: f64, limit: f64) -> bool {
 
 /// Whether the whole outline can be the predicted one. The major axis hangs on size and distance,
 /// both known to a few per cent; quadrant targets have white fields at their rim and are less
-/// sure. The minor axis of a grazing view hangs on a degree of slope and is given room.
+/// sure, and blur takes the thin tips off their black, more of a flatter one. The minor axis of a
+/// grazing view hangs on a degree of slope and is given room.
 pub(super) fn outline_fits(detection: &Detection, shape: Shape, outline: &Outline) -> bool {
-    let limit = match shape {
-        Shape::Circle => 1.15,
-        Shape::Quadrant => 1.2,
-    };
     let minor = detection.semi_minor_px;
-    let predicted = outline.semi_minor_px;
+    let (longer, shorter) = match shape {
+        Shape::Circle => (1.15, 1.15),
+        Shape::Quadrant => (1.2, 1.2 + TIPS_PX / minor.max(1.0)),
+    };
+    let (major, predicted) = (detection.semi_major_px, outline.semi_minor_px);
     detection.shape == shape
-        && alike(detection.semi_major_px, outline.semi_major_px, limit)
+        && major < outline.semi_major_px * longer
+        && outline.semi_major_px < major * shorter
         && minor < 1.4 * predicted + 2.0
         && minor > predicted / 1.4 - 2.0
 }
+
+/// Relative loss of a quadrant target's major axis times its minor axis, at the widest blur (2 px).
+const TIPS_PX: f64 = 1.6;
 
 /// A finite detection: what the input may not hold back.
 pub(super) fn usable(detection: &Detection) -> bool {

@@ -251,7 +251,7 @@ fn bent(setup: &Setup, shape: &GroundShape, tip_lift_m: f64) -> Vec<Vector3<f64>
     let mounts = grid.mounts(&shape.stations);
     let scale = setup.thermal.map_or(1.0, |t| t.scale());
     let place = |curvature: f64| -> Vec<Vector3<f64>> {
-        let sections = grid.bend(&Bending { curvature_per_m: &[curvature], twist_rad: &[], scale });
+        let sections = grid.bend(&Bending { curvature_per_m: &[curvature], scale, ..Bending::NONE });
         let carried = sections.iter().zip(&mounts).zip(&shape.stations);
         carried.map(|((section, mount), s)| mount.carry(section, &s.surveyed_m, scale).position_m).collect()
     };

@@ -1,0 +1,57 @@
+//! A small wing for the tests of the spatial methods.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
+
+use crate::measure::geometry::Lens;
+use crate::measure::setup::{GroundSight, Orientation, Setup, Shape, SkinHeight, SurveyMarker, Thermal};
+
+/// Nine markers on 30 m.
+pub fn setup() -> Setup {
+    let marker = |k: usize| SurveyMarker {
+        id: format!("M{k}"),
+        shape: Shape::Circle,
+        diameter_m: 0.3,
+        position_m: Vector3::new(
+            6.0 + 3.0 * k as f64,
+            if k.is_multiple_of(2) { 1.5 } else { -1.2 },
+            -1.3 + 0.2 * k as f64,
+        ),
+        sigma_m: 0.002,
+    };
+    Setup {
+        name: "t".into(),
+        lens: Lens { k1: -0.05, k2: 0.09, p1: -3e-4, ..Lens::pinhole(4000, 3000, 7800.0, 1986.0, 1513.0) },
+        projection_centre_m: Vector3::zeros(),
+        projection_centre_sigma_m: 0.002,
+        mount_repeatability_px: 10.0,
+        span_direction: Vector2::new(1.0, 0.0),
+        root_offset_m: 0.5,
+        axis_chord_offset_m: Some(0.1),
+        skin_height: Some(SkinHeight { root_m: 0.5, tip_m: 0.1, tip_span_m: 33.0 }),
+        thermal: Some(Thermal {
+            expansion_per_k: 23e-6,
+            expansion_sigma_per_k: Some(1e-6),
+            ground_temperature_c: 15.0,
+            flight_temperature_c: -55.0,
+            flight_temperature_sigma_k: Some(5.0),
+        }),
+        torsion: vec![],
+        markers: (0..9).map(marker).collect(),
+        tie_points: vec![],
+        cad_similarity: false,
+        window: None,
+    }
+}
+
+/// Looks along the wing.
+pub fn orientation() -> Orientation {
+    let camera_from_survey =
+        Rotation3::from_matrix_unchecked(Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0));
+    let sight = |marker| GroundSight {
+        marker,
+        pixel: Vector2::new(1900.0, 1500.0),
+        covariance_px2: Matrix2::identity(),
+    };
+    Orientation { camera_from_survey, covariance_rad2: None, ground: (0..9).map(sight).collect() }
+}

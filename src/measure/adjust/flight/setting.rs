@@ -1,0 +1,223 @@
+//! A flight set up for the engine: shared unknowns, one group per frame, survey and ground frame last.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::{Flight, TERMS};
+use crate::measure::adjust::beam::{MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
+use crate::measure::adjust::gauss_helmert::{
+    Block, Course, Fit, Group, GroupPoint, Linearised, Problem, solve_from,
+};
+use crate::measure::adjust::layout::{Layout, Place, Rows, Seen, Survey};
+use crate::measure::adjust::model_error::image_covariance;
+use crate::measure::adjust::outcome::Member;
+use crate::measure::adjust::scene::Scene;
+use crate::measure::adjust::unknowns::{self, Columns};
+use crate::measure::adjust::{AdjustError, Observation};
+use crate::measure::setup::Thermal;
+
+const MISSING_RATIO: &str =
+    "the shape of bending cannot be determined; markers along the whole span are needed";
+const MISSING_MOUNT: &str =
+    "the mounting's rotation cannot be determined; give camera.mount_repeatability_px";
+const MISSING_GROUND: &str = "a marker on ground is not determined";
+
+/// A flight set up for the engine.
+pub(super) struct Setting {
+    pub(super) layouts: Vec<Layout>,
+    pub(super) members: Vec<Vec<Member>>,
+    pub(super) ground_members: Vec<Member>,
+    pub(super) problem: Problem,
+    pub(super) ratios: usize,
+}
+
+impl Flight<'_> {
+    pub(super) fn setting(&self, from: Option<&Fit>) -> Setting {
+        let mut columns = Columns::default();
+        let terms = self.input.options.curvature_terms.map_or(TERMS, |t| t.clamp(2, MAX_CURVATURE_TERMS));
+        let twist_terms = self.input.options.twist_terms.min(MAX_TWIST_TERMS);
+        let common = unknowns::common(&self.input, &mut columns);
+        let mut priors = common.priors;
+        let ratios = columns.take(terms - 1, MISSING_RATIO);
+        priors.extend(unknowns::shape_prior(ratios, terms, 1.0));
+        let own_mount = self.mountings.is_none();
+        let count = self.mountings.as_ref().map_or(0, |m| m.iter().max().map_or(0, |m| m + 1));
+        let mounts = columns.take(3 * count, MISSING_MOUNT);
+        priors.extend((0..count).map(|m| unknowns::mount_prior(&self.input, mounts + 3 * m)));
+        let head = columns.missing.len();
+        let markers = &self.input.setup.markers;
+        let survey = columns.take(3 * markers.len(), MISSING_GROUND);
+        let local = terms + twist_terms + if own_mount { 3 } else { 0 };
+        let layout = |frame: usize| Layout {
+            curvature: Place::Local(0),
+            curvature_terms: terms,
+            twist: Place::Local(terms),
+            twist_terms,
+            mount: match &self.mountings {
+                None => Place::Local(terms + twist_terms),
+                Some(list) => Place::Global(mounts + 3 * list[frame]),
+            },
+            ground: common.ground.map(Place::Global),
+            centre: common.centre.map(Place::Global),
+            scale: common.scale.map(Place::Global),
+            raise: Place::Global(common.raise),
+            nominal_scale: self.input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
+            survey: Survey::Global(survey),
+            head,
+            local,
+        };
+        let layouts: Vec<Layout> = (0..self.frames.len()).map(layout).collect();
+        let mut start = DVector::zeros(columns.missing.len());
+        for (k, station) in self.input.scene.ground.stations.iter().enumerate() {
+            start.rows_mut(survey + 3 * k, 3).copy_from(&station.surveyed_m);
+        }
+        if let Some(fit) = from {
+            let (shared, tail) = (ratios + terms - 1, 3 * markers.len());
+            start.rows_mut(0, shared).copy_from(&fit.global.rows(0, shared));
+            start.rows_mut(survey, tail).copy_from(&fit.global.rows(fit.global.len() - tail, tail));
+        }
+        let mut groups = vec![];
+        let mut members = vec![];
+        for (frame, layout) in layouts.iter().enumerate() {
+            let (group, list) = self.frame_group(frame, layout, from);
+            groups.push(group);
+            members.push(list);
+        }
+        let (ground, ground_members) = self.ground_group();
+        groups.push(ground);
+        let problem = Problem { start, missing: columns.missing, priors, groups };
+        Setting { layouts, members, ground_members, problem, ratios }
+    }
+
+    /// One frame: the images, and last the tie of its curvature to the shared shape.
+    fn frame_group(&self, frame: usize, layout: &Layout, from: Option<&Fit>) -> (Group, Vec<Member>) {
+        let mut members = vec![];
+        let mut blocks = vec![];
+        for (marker, seen) in self.frames[frame].iter().enumerate() {
+            if let Some(seen) = seen.filter(|_| self.used[frame][marker]) {
+                members.push(Member { marker, flight: Some(0), ground: None });
+                blocks.push(image_block(seen));
+            }
+        }
+        let n = layout.curvature_terms;
+        let spread = self.departure * self.amplitudes[frame];
+        let covariance = unknowns::shape_covariance(n) * (spread * spread);
+        blocks.push(Block { observed: DVector::zeros(n - 1), covariance });
+        let mut local = DVector::zeros(layout.local);
+        if let Some(fit) = from {
+            let old = &fit.groups[frame].local;
+            for k in 0..local.len().min(old.len()) {
+                local[k] = old[k];
+            }
+        }
+        let mut priors: Vec<_> = unknowns::twist_priors(n, layout.twist_terms).collect();
+        if let Place::Local(first) = layout.mount {
+            priors.push(unknowns::mount_prior(&self.input, first));
+        }
+        (Group { local, priors, blocks }, members)
+    }
+
+    /// Survey and ground frame.
+    fn ground_group(&self) -> (Group, Vec<Member>) {
+        let mut members = vec![];
+        let mut blocks = vec![];
+        for (marker, surveyed) in self.input.setup.markers.iter().enumerate() {
+            let sight = self.input.scene.ground_sights[marker].as_ref().filter(|_| self.ground_used[marker]);
+            let station = self.input.scene.ground.stations[marker].surveyed_m;
+            let mut observed = station.as_slice().to_vec();
+            observed.extend(sight.iter().flat_map(|s| [s.pixel.x, s.pixel.y]));
+            let mut covariance = DMatrix::identity(observed.len(), observed.len()) * surveyed.sigma_m.powi(2);
+            if let Some(sight) = sight {
+                covariance.fixed_view_mut::<2, 2>(3, 3).copy_from(&image_covariance(&sight.covariance_px2));
+            }
+            members.push(Member { marker, flight: None, ground: sight.map(|_| 3) });
+            blocks.push(Block { observed: DVector::from_vec(observed), covariance });
+        }
+        (Group { local: DVector::zeros(0), priors: vec![], blocks }, members)
+    }
+}
+
+fn image_block(seen: &Observation) -> Block {
+    Block {
+        observed: DVector::from_column_slice(seen.pixel.as_slice()),
+        covariance: DMatrix::from_column_slice(2, 2, image_covariance(&seen.covariance_px2).as_slice()),
+    }
+}
+
+impl Setting {
+    fn linearise(&self, scene: &Scene, at: &GroupPoint) -> Result<Vec<Linearised>, AdjustError> {
+        match self.layouts.get(at.group) {
+            Some(layout) => self.frame(scene, layout, at),
+            None => self.ground(scene, at),
+        }
+    }
+
+    fn frame(&self, scene: &Scene, layout: &Layout, at: &GroupPoint) -> Result<Vec<Linearised>, AdjustError> {
+        let values = layout.values(at.global, at.local);
+        let sections = scene.grid.bend(&values.bending());
+        let mut blocks = Vec::with_capacity(at.observed.len());
+        for (member, observed) in self.members[at.group].iter().zip(at.observed) {
+            let mut rows = Rows::new(layout, member.marker, 2, 2);
+            let seen = Seen {
+                marker: member.marker,
+                section: &sections[member.marker],
+                values: &values,
+                ground_m: layout.on_ground(member.marker, at.global, observed),
+                observed,
+                observation: 0,
+            };
+            rows.flight(0, &seen, scene)?;
+            blocks.push(rows.finish());
+        }
+        blocks.extend(at.observed.last().map(|departure| self.shape(layout, at, departure)));
+        Ok(blocks)
+    }
+
+    /// c_k = r_k c_0 + departure.
+    fn shape(&self, layout: &Layout, at: &GroupPoint, departure: &DVector<f64>) -> Linearised {
+        let n = layout.curvature_terms - 1;
+        let amplitude = at.local[0];
+        let mut local = DMatrix::zeros(n, layout.local);
+        for k in 0..n {
+            local[(k, 0)] = -at.global[self.ratios + k];
+            local[(k, k + 1)] = 1.0;
+        }
+        Linearised {
+            misclosure: DVector::from_fn(n, |k, _| {
+                at.local[k + 1] - at.global[self.ratios + k] * amplitude - departure[k]
+            }),
+            columns: (self.ratios..self.ratios + n).collect(),
+            global: DMatrix::identity(n, n) * -amplitude,
+            local,
+            observations: -DMatrix::identity(n, n),
+        }
+    }
+
+    fn ground(&self, scene: &Scene, at: &GroupPoint) -> Result<Vec<Linearised>, AdjustError> {
+        let Some(frame) = self.layouts.first() else { return Ok(vec![]) };
+        // The ground frame knows neither bending nor mounting.
+        let layout =
+            Layout { local: 0, curvature_terms: 0, twist_terms: 0, mount: Place::Global(0), ..*frame };
+        let values = layout.values(at.global, at.local);
+        let flat = scene.grid.bend(&values.bending());
+        let block = |(member, observed): (&Member, &DVector<f64>)| {
+            let sights = member.ground.map_or(0, |_| 2);
+            let mut rows = Rows::new(&layout, member.marker, 3 + sights, 3 + sights);
+            let ground_m = layout.on_ground(member.marker, at.global, observed);
+            rows.surveyed(0, &ground_m, observed);
+            if let Some(observation) = member.ground {
+                let (marker, section) = (member.marker, &flat[member.marker]);
+                rows.ground(
+                    3,
+                    &Seen { marker, section, values: &values, ground_m, observed, observation },
+                    scene,
+                )?;
+            }
+            Ok(rows.finish())
+        };
+        self.ground_members.iter().zip(at.observed).map(block).collect()
+    }
+
+    pub(super) fn solve(&self, scene: &Scene, course: &Course) -> Result<Fit, AdjustError> {
+        solve_from(&self.problem, course, |at| self.linearise(scene, at))
+    }
+}

@@ -1,0 +1,159 @@
+//! What bent wings look like: the reference curvature `m`, the curvatures that grow from it, and how
+//! far the wings of a fleet spread around it.
+//!
+//! A cantilever's curvature is its bending moment over its stiffness. The reference carries the free
+//! end (no moment, hence no curvature) and the taper, so that few polynomials times it follow a real
+//! wing to a millimetre where a plain polynomial of four terms leaves ten.
+
+use std::sync::LazyLock;
+
+use nalgebra::{SMatrix, SVector};
+
+/// Largest number of terms of the curvature.
+pub const MAX_CURVATURE_TERMS: usize = 10;
+const RATIOS: usize = MAX_CURVATURE_TERMS - 1;
+
+/// One value per term.
+pub type Integrals = [f64; MAX_CURVATURE_TERMS];
+
+const TABLE: usize = 1025;
+/// Every so many points of the table are enough to compare beams.
+const STRIDE: usize = 8;
+
+/// A tapered cantilever and its load.
+#[derive(Clone, Copy, Debug)]
+struct Beam {
+    /// Chord at the tip over chord at the root.
+    taper: f64,
+    /// Bending stiffness goes with this power of the chord; 3: skins of constant thickness.
+    power: f64,
+    /// Share of a triangular load in an otherwise elliptic lift.
+    triangular: f64,
+    /// Weight of the fuel over the lift at the root, proportional to the chord.
+    relief: f64,
+    /// Where the tanks end, over the span.
+    reach: f64,
+}
+
+const REFERENCE: Beam = Beam { taper: 0.3, power: 3.0, triangular: 0.0, relief: 0.0, reach: 0.0 };
+
+/// What the beams of a fleet have between them, low to high.
+const FLEET: [Beam; 2] = [
+    Beam { taper: 0.2, power: 2.5, triangular: 0.0, relief: 0.0, reach: 0.55 },
+    Beam { taper: 0.45, power: 4.0, triangular: 1.0, relief: 0.35, reach: 0.85 },
+];
+
+/// What a beam of the fleet still leaves out (steps of the stiffness, engines, stores): standard
+/// deviations of the coefficients' ratios.
+const BEYOND_FLEET: [f64; RATIOS] = [0.1, 0.07, 0.05, 0.035, 0.025, 0.02, 0.015, 0.012, 0.01];
+
+impl Beam {
+    fn load(&self, eta: f64) -> f64 {
+        let elliptic = (1.0 - eta * eta).max(0.0).sqrt();
+        let lift = elliptic + self.triangular * (1.0 - eta - elliptic);
+        lift - if eta < self.reach { self.relief * self.chord(eta) } else { 0.0 }
+    }
+
+    fn chord(&self, eta: f64) -> f64 {
+        1.0 - (1.0 - self.taper) * eta
+    }
+
+    /// Bending moment over stiffness at `count` points from the root to the tip, any unit.
+    fn curvature(&self, count: usize) -> Vec<f64> {
+        let step = 1.0 / (count - 1) as f64;
+        let (mut shear, mut moment) = (0.0, 0.0);
+        let mut curvature = vec![0.0; count];
+        for k in (0..count - 1).rev() {
+            let eta = k as f64 * step;
+            let added = step * self.load(eta + 0.5 * step);
+            moment += step * (shear + 0.5 * added);
+            shear += added;
+            curvature[k] = moment / self.chord(eta).powf(self.power);
+        }
+        curvature
+    }
+}
+
+/// Integrals of m P_k from 0 to eta, per unit of length.
+static SHAPES: LazyLock<Vec<Integrals>> = LazyLock::new(shape_integrals);
+
+/// Covariance of c_k / c_0, k = 1.., over the fleet and beyond.
+static SPREAD: LazyLock<SMatrix<f64, RATIOS, RATIOS>> = LazyLock::new(fleet_spread);
+
+/// Covariance of the ratios c_k / c_0, k = 1 to 9: what is known of a wing's shape beforehand.
+pub fn spread() -> &'static SMatrix<f64, RATIOS, RATIOS> {
+    &SPREAD
+}
+
+/// m P_k at `count` points; m has mean 1.
+fn basis(count: usize) -> Vec<Integrals> {
+    let curvature = REFERENCE.curvature(count);
+    let mean = curvature.iter().sum::<f64>() / (count - 1) as f64;
+    let at = |k: usize| legendre(2.0 * k as f64 / (count - 1) as f64 - 1.0).map(|p| p * curvature[k] / mean);
+    (0..count).map(at).collect()
+}
+
+fn shape_integrals() -> Vec<Integrals> {
+    let step = 1.0 / (TABLE - 1) as f64;
+    let values = basis(TABLE);
+    let mut sums = vec![[0.0; MAX_CURVATURE_TERMS]; TABLE];
+    for k in 1..TABLE {
+        let before = sums[k - 1];
+        sums[k] = std::array::from_fn(|j| before[j] + 0.5 * step * (values[k - 1][j] + values[k][j]));
+    }
+    sums
+}
+
+/// Beams all over the fleet, each fitted with the basis.
+fn fleet_spread() -> SMatrix<f64, RATIOS, RATIOS> {
+    let count = TABLE / STRIDE + 1;
+    let basis: Vec<SVector<f64, MAX_CURVATURE_TERMS>> = basis(count).into_iter().map(SVector::from).collect();
+    let normal = basis.iter().fold(SMatrix::zeros(), |sum, b| sum + b * b.transpose());
+    let inverse = normal.try_inverse().unwrap_or_else(SMatrix::zeros);
+    let mut spread = SMatrix::from_diagonal(&SVector::from(BEYOND_FLEET).map(|s| s * s));
+    let beams = fleet();
+    for beam in &beams {
+        let curvature = beam.curvature(count);
+        let right = basis.iter().zip(&curvature).fold(SVector::zeros(), |sum, (b, k)| sum + b * *k);
+        let c: SVector<f64, MAX_CURVATURE_TERMS> = inverse * right;
+        let ratios = c.fixed_rows::<RATIOS>(1) / c[0];
+        spread += ratios * ratios.transpose() / beams.len() as f64;
+    }
+    spread
+}
+
+fn fleet() -> Vec<Beam> {
+    let [low, high] = FLEET;
+    // Three points with nearly the spread of a uniform law.
+    let between = |a: f64, b: f64, k: usize| a + (b - a) * [0.11, 0.5, 0.89][k % 3];
+    let beam = |k: usize| Beam {
+        taper: between(low.taper, high.taper, k),
+        power: between(low.power, high.power, k / 3),
+        triangular: between(low.triangular, high.triangular, k / 9),
+        relief: between(low.relief, high.relief, k / 27),
+        reach: between(low.reach, high.reach, k / 81),
+    };
+    (0..243).map(beam).collect()
+}
+
+/// Integrals of m P_k from the root to `eta`, per unit of length.
+pub fn shapes_at(eta: f64) -> Integrals {
+    let table = &*SHAPES;
+    let at = eta.clamp(0.0, 1.0) * (TABLE - 1) as f64;
+    let k = (at as usize).min(TABLE - 2);
+    let t = at - k as f64;
+    std::array::from_fn(|j| table[k][j] + t * (table[k + 1][j] - table[k][j]))
+}
+
+/// Legendre's polynomials of degree 0 to N - 1.
+pub fn legendre<const N: usize>(x: f64) -> [f64; N] {
+    let mut p = [1.0; N];
+    if N > 1 {
+        p[1] = x;
+    }
+    for k in 2..N {
+        let n = k as f64;
+        p[k] = ((2.0 * n - 1.0) * x * p[k - 1] - (n - 1.0) * p[k - 2]) / n;
+    }
+    p
+}

@@ -1,0 +1,63 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use nalgebra::{DVector, Matrix2, Vector2};
+
+use super::*;
+use crate::measure::adjust::example::{orientation, setup};
+use crate::measure::adjust::gauss_helmert::GroupPoint;
+
+#[test]
+fn derivatives_match_differences() {
+    let (setup, orientation) = (setup(), orientation());
+    let scene = Scene::new(&setup, &orientation).unwrap();
+    let options = Options::default();
+    let observation = |marker| Observation {
+        marker,
+        pixel: Vector2::new(1900.0, 1500.0),
+        covariance_px2: Matrix2::identity(),
+    };
+    let observations: Vec<_> = (0..9).map(observation).collect();
+    let flight = by_marker(&setup, &observations).unwrap();
+    let input = Input { setup: &setup, orientation: &orientation, scene: &scene, options: &options, flight };
+    let usage = Usage { flight: vec![true; 9], ground: vec![true; 9] };
+    let frame = Frame::new(&input, &usage, &Start { curvature_terms: 5, amplitude: 0.005, from: None });
+    let p = frame.problem.start.len();
+    let global = DVector::from_fn(p, |k, _| match k {
+        0..5 => 0.004 / (1.0 + k as f64),
+        5..8 => 0.03,
+        _ => 2e-3 * (1.0 + (k % 3) as f64),
+    });
+    let local = DVector::zeros(0);
+    let observed: Vec<_> = frame.problem.groups[0].blocks.iter().map(|b| b.observed.clone()).collect();
+    let at = |global: &DVector<f64>, observed: &[DVector<f64>]| {
+        frame.linearise(&GroupPoint { group: 0, global, local: &local, observed }).unwrap()
+    };
+    let here = at(&global, &observed);
+    for column in 0..p {
+        let mut step = DVector::zeros(p);
+        step[column] = 1e-6;
+        let (up, down) = (at(&(&global + &step), &observed), at(&(&global - &step), &observed));
+        for (b, block) in here.iter().enumerate() {
+            let difference = (&up[b].misclosure - &down[b].misclosure) / 2e-6;
+            let error = (&difference - block.global.column(column)).norm();
+            assert!(
+                error < 1e-5 * (1.0 + difference.norm()),
+                "column {column} block {b}: {difference} {}",
+                block.global.column(column)
+            );
+        }
+    }
+    for k in 0..7 {
+        let shifted = |d: f64| {
+            let mut list = observed.clone();
+            list.iter_mut().for_each(|o| o[k] += d);
+            at(&global, &list)
+        };
+        let (up, down) = (shifted(1e-6), shifted(-1e-6));
+        for (b, block) in here.iter().enumerate() {
+            let difference = (&up[b].misclosure - &down[b].misclosure) / 2e-6;
+            let error = (&difference - block.observations.column(k)).norm();
+            assert!(error < 1e-5 * (1.0 + difference.norm()), "observation {k} block {b}");
+        }
+    }
+}

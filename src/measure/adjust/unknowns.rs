@@ -1,0 +1,152 @@
+//! What the spatial methods do not know, and what is known of it beforehand.
+
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+use super::beam::RAISE_TERMS;
+use super::gauss_helmert::Prior;
+use super::ground::GroundShape;
+use super::scene::Scene;
+use super::{AdjustError, Observation, Options, shapes};
+use crate::measure::setup::{Orientation, Setup, Thermal};
+
+/// Standard deviation of the first two terms of the twist, rad: a few degrees.
+const TWIST_SIGMA_RAD: f64 = 0.1;
+/// Of the further ones, rad.
+const TWIST_DETAIL_SIGMA_RAD: f64 = 0.02;
+/// How well the stated height of the skin over the bending axis is known, m: drawings, read to a few
+/// millimetres. Ten would cost a single frame a third of its accuracy.
+const SKIN_HEIGHT_SIGMA_M: f64 = 0.003;
+
+/// Names of what is missing where the normal equations are singular, in the layout's order.
+pub(super) const MISSING: [&str; 7] = [
+    "bending cannot be determined from the markers at hand; markers along the whole span are needed",
+    "twist cannot be determined; markers near the leading and the trailing edge are needed",
+    "the mounting's rotation cannot be determined; give camera.mount_repeatability_px or more markers near the root",
+    "the rotation on ground cannot be determined; more markers in the ground frame are needed",
+    "the projection centre cannot be determined; give camera.projection_centre_sigma_m",
+    "the thermal scale cannot be determined; give its standard deviation",
+    "the height of the bending axis cannot be determined",
+];
+
+/// What a frame is set up from.
+pub(super) struct Input<'a> {
+    pub setup: &'a Setup,
+    pub orientation: &'a Orientation,
+    pub scene: &'a Scene,
+    pub options: &'a Options,
+    /// Per marker of the survey.
+    pub flight: Vec<Option<&'a Observation>>,
+}
+
+/// Reads observations into the survey's order.
+pub(super) fn by_marker<'a>(
+    setup: &Setup,
+    observations: &'a [Observation],
+) -> Result<Vec<Option<&'a Observation>>, AdjustError> {
+    let mut list = vec![None; setup.markers.len()];
+    for o in observations {
+        let finite = o.pixel.iter().chain(o.covariance_px2.iter()).all(|v| v.is_finite());
+        if !finite || o.covariance_px2.cholesky().is_none() {
+            return Err(AdjustError::Input(
+                "an image coordinate or its standard deviation is not a finite, positive number".into(),
+            ));
+        }
+        let slot = list.get_mut(o.marker).ok_or_else(|| {
+            AdjustError::Input("an observation names a marker that the survey does not list".into())
+        })?;
+        *slot = Some(o);
+    }
+    Ok(list)
+}
+
+/// Standard deviation of the thermal scale, where it is known.
+pub(super) fn scale_sigma(thermal: &Thermal) -> f64 {
+    let difference = thermal.flight_temperature_c - thermal.ground_temperature_c;
+    let coefficient = thermal.expansion_sigma_per_k.unwrap_or(0.0) * difference;
+    let temperature = thermal.flight_temperature_sigma_k.unwrap_or(0.0) * thermal.expansion_per_k;
+    coefficient.hypot(temperature)
+}
+
+/// Columns handed out one after the other.
+#[derive(Default)]
+pub(super) struct Columns {
+    pub missing: Vec<&'static str>,
+}
+
+impl Columns {
+    pub fn take(&mut self, n: usize, missing: &'static str) -> usize {
+        let first = self.missing.len();
+        self.missing.extend(std::iter::repeat_n(missing, n));
+        first
+    }
+}
+
+/// The unknowns of camera and temperature, with their priors.
+pub(super) struct Common {
+    pub ground: Option<usize>,
+    pub centre: Option<usize>,
+    pub scale: Option<usize>,
+    pub raise: usize,
+    pub priors: Vec<Prior>,
+}
+
+/// Takes columns for what all frames share.
+pub(super) fn common(input: &Input, columns: &mut Columns) -> Common {
+    let setup = input.setup;
+    let mut priors = vec![];
+    let ground = input.scene.has_ground_sights().then(|| columns.take(3, MISSING[3]));
+    let centre_sigma = setup.projection_centre_sigma_m;
+    let centre = (centre_sigma > 0.0).then(|| columns.take(3, MISSING[4]));
+    priors.extend(
+        centre.iter().flat_map(|&first| (0..3).map(move |k| Prior::scalar(first + k, 0.0, centre_sigma))),
+    );
+    let sigma = setup.thermal.as_ref().map_or(0.0, scale_sigma);
+    let scale = (sigma > 0.0).then(|| columns.take(1, MISSING[5]));
+    priors.extend(scale.map(|column| Prior::scalar(column, 0.0, sigma)));
+    let raise = columns.take(RAISE_TERMS, MISSING[6]);
+    priors.push(raise_prior(&input.scene.ground, raise));
+    Common { ground, centre, scale, raise, priors }
+}
+
+/// Height of the bending axis: the surface through the markers as it was fitted, and the skin height.
+fn raise_prior(ground: &GroundShape, first: usize) -> Prior {
+    let mut covariance =
+        DMatrix::from_column_slice(RAISE_TERMS, RAISE_TERMS, ground.axis_covariance.as_slice());
+    covariance[(0, 0)] += SKIN_HEIGHT_SIGMA_M * SKIN_HEIGHT_SIGMA_M;
+    Prior { columns: (first..first + RAISE_TERMS).collect(), mean: DVector::zeros(RAISE_TERMS), covariance }
+}
+
+/// What is known of the mounting's rotation before a frame is seen, camera frame, rad.
+pub(super) fn mount_prior(input: &Input, first: usize) -> Prior {
+    let shift = input.setup.mount_repeatability_px.max(1e-3) / input.setup.lens.focal_px();
+    let stated = input.orientation.covariance_rad2.filter(|_| !input.scene.has_ground_sights());
+    let own = Matrix3::identity() * (shift * shift) + stated.unwrap_or_else(Matrix3::zeros);
+    let (mean, covariance) = input.options.mount_prior.unwrap_or((Vector3::zeros(), own));
+    Prior {
+        columns: (first..first + 3).collect(),
+        mean: DVector::from_column_slice(mean.as_slice()),
+        covariance: DMatrix::from_column_slice(3, 3, covariance.as_slice()),
+    }
+}
+
+/// Prior on the ratios of the curvature's coefficients, times an amplitude; from the second term on.
+pub(super) fn shape_prior(first: usize, terms: usize, amplitude: f64) -> Option<Prior> {
+    let n = terms.saturating_sub(1);
+    (n > 0).then(|| Prior {
+        columns: (first..first + n).collect(),
+        mean: DVector::zeros(n),
+        covariance: shape_covariance(terms) * (amplitude * amplitude),
+    })
+}
+
+/// Covariance of the ratios of the curvature's coefficients, from the second term on.
+pub(super) fn shape_covariance(terms: usize) -> DMatrix<f64> {
+    let n = terms.saturating_sub(1);
+    DMatrix::from_fn(n, n, |i, j| shapes::spread()[(i, j)])
+}
+
+/// Loose priors on the twist.
+pub(super) fn twist_priors(twist: usize, t: usize) -> impl Iterator<Item = Prior> {
+    let sigma = |k: usize| if k < 2 { TWIST_SIGMA_RAD } else { TWIST_DETAIL_SIGMA_RAD };
+    (0..t).map(move |k| Prior::scalar(twist + k, 0.0, sigma(k)))
+}

@@ -1,0 +1,91 @@
+//! Stage 6: among a frame's detections, each thing once, and nothing far smaller than the markers.
+
+use super::candidate::Outline;
+use super::measure::Measured;
+use super::{Detection, Found, RejectReason, Rejected};
+
+impl Found {
+    /// Moves a detection to those turned down.
+    fn turn_down(&mut self, index: usize, reason: RejectReason) {
+        let d = self.measured.remove(index).detection;
+        self.rejected.push(Rejected {
+            centre_px: d.centre_px,
+            semi_major_px: d.semi_major_px,
+            semi_minor_px: d.semi_minor_px,
+            angle_rad: d.angle_rad,
+            reason,
+        });
+    }
+
+    /// Moves all that are not wanted.
+    fn turn_down_all(&mut self, reason: RejectReason, unwanted: impl Fn(&Measured) -> bool) {
+        let mut i = 0;
+        while let Some(measured) = self.measured.get(i) {
+            if unwanted(measured) {
+                self.turn_down(i, reason);
+            } else {
+                i += 1;
+            }
+        }
+    }
+}
+
+/// Turns down a detection whose centre lies well within the outline of another one that is better:
+/// one thing was seen at two levels.
+pub fn distinct(found: &mut Found) {
+    let within = |one: &Detection, other: &Detection| {
+        let (s, t) = outline(other).local(one.centre_px);
+        (s / other.semi_major_px).hypot(t / other.semi_minor_px)
+            < if one.shape == other.shape { 0.5 } else { 0.8 }
+    };
+    let better = |one: &Detection, other: &Detection| {
+        let size = |d: &Detection| d.semi_major_px * d.semi_minor_px;
+        let alike = one.shape == other.shape && (0.5..2.0).contains(&(size(one) / size(other)));
+        if alike {
+            one.covariance_px2.determinant() <= other.covariance_px2.determinant()
+        } else {
+            size(one) >= size(other)
+        }
+    };
+    let mut i = 0;
+    while let Some(one) = found.measured.get(i).map(|m| m.detection.clone()) {
+        let beaten = found.measured.iter().enumerate().any(|(j, other)| {
+            let near = within(&one, &other.detection) || within(&other.detection, &one);
+            j != i && near && (better(&other.detection, &one) && (j < i || !better(&one, &other.detection)))
+        });
+        if beaten {
+            found.turn_down(i, RejectReason::Duplicate);
+        } else {
+            i += 1;
+        }
+    }
+}
+
+/// One lens makes all the edges of a frame: one that is far softer than the middle of them belongs to
+/// dirt or to a shadow.
+pub fn without_soft(found: &mut Found) {
+    const SOFTER: f64 = 2.0;
+    const ENOUGH: usize = 5;
+    let blurs: Vec<f64> = found.measured.iter().map(|m| m.blur).collect();
+    if blurs.len() < ENOUGH {
+        return;
+    }
+    let Some(usual) = super::middle(blurs) else { return };
+    found.turn_down_all(RejectReason::Soft, |m| m.blur > SOFTER * usual);
+}
+
+/// A frame's markers are prints of about one diameter along one wing: seen at less than half the size of
+/// the next larger one, one would have to be more than twice as far away as all the others.
+pub fn without_specks(found: &mut Found) {
+    const GAP: f64 = 2.5;
+    const ENOUGH: usize = 4;
+    let mut sizes: Vec<f64> = found.measured.iter().map(|m| m.detection.semi_major_px).collect();
+    sizes.sort_unstable_by(|a, b| b.total_cmp(a));
+    let gap = sizes.windows(2).skip(ENOUGH - 1).find(|w| w[0] > GAP * w[1]);
+    let Some(least) = gap.map(|w| w[0]) else { return };
+    found.turn_down_all(RejectReason::Speck, |m| m.detection.semi_major_px < least);
+}
+
+fn outline(d: &Detection) -> Outline {
+    Outline { centre: d.centre_px, major: d.semi_major_px, minor: d.semi_minor_px, angle: d.angle_rad }
+}

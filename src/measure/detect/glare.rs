@@ -1,0 +1,165 @@
+//! A disc that glare drowns in part: the ellipse through the outline that is left. Where light is
+//! mirrored, black is no darker than the skin, and the blob ends before the disc does.
+
+use nalgebra::Vector2;
+
+use super::super::raster::Raster;
+use super::arc::{any_ellipse, rim};
+use super::blob::Blob;
+use super::candidate::{Band, Candidate, Outline};
+
+/// How far on either side of the outline the step from black to skin is taken, px.
+const REACH: f64 = 3.0;
+/// Share of the usual step below which an outline is not the disc's.
+const STEP: f64 = 0.6;
+/// How much lighter than the skin the glare is.
+const LIGHTER: f64 = 1.15;
+/// Rim points that must be missing at an end, and those that must be left.
+const MISSING: i32 = 5;
+const LEFT: usize = 40;
+/// What glare blurs into what it leaves, px.
+const MARGIN: f64 = 2.0;
+
+/// A point of a blob's rim, px: where, along the blob's axis, the step across it and the grey outside.
+struct Rim {
+    at: Vector2<f64>,
+    along: f64,
+    step: f64,
+    outside: f64,
+}
+
+/// A blob with what glare has left of its rim.
+struct Part {
+    axis: Vector2<f64>,
+    left: Vec<Vector2<f64>>,
+    /// Bands along the axis that glare hides: before the first, after the second.
+    ends: [Option<f64>; 2],
+}
+
+/// The candidate with the outline of its whole disc, where glare hides an end of it; together with
+/// the part on the other side of the glare, if there is one.
+pub fn completed(image: &Raster, candidate: &Candidate, index: usize, blobs: &[Blob]) -> Option<Candidate> {
+    let blob = blobs.get(index)?;
+    let part = part(image, blob, LEFT)?;
+    let far = (blobs.iter().enumerate())
+        .filter(|&(i, other)| i != index && opposite(&part, blob, other))
+        .find_map(|(i, other)| together(image, &part, i, other, candidate, blob));
+    far.or_else(|| {
+        let outline = sound(any_ellipse(&part.left, blob)?, blob)?;
+        let bands = bands(&part);
+        Some(Candidate { outline, bands, ..candidate.clone() })
+    })
+}
+
+fn bands(part: &Part) -> Vec<Band> {
+    let band = |from: f64, to: f64| Band { axis: part.axis, from, to };
+    let before = part.ends[0].map(|end| band(f64::NEG_INFINITY, end));
+    before.into_iter().chain(part.ends[1].map(|end| band(end, f64::INFINITY))).collect()
+}
+
+/// Whether a blob may be the rest of the disc: across the glare, on the axis, and of no other size.
+fn opposite(part: &Part, blob: &Blob, other: &Blob) -> bool {
+    let d = other.centroid - blob.centroid;
+    let own = Outline::from_moments(blob.centroid, blob.covariance, 2.0);
+    let (along, across) = (d.dot(&part.axis), d.perp(&part.axis).abs());
+    let side = if along > 0.0 { part.ends[1] } else { part.ends[0] };
+    side.is_some()
+        && other.area > 30.0
+        && other.area < 3.0 * blob.area
+        && along.abs() > own.major
+        && along.abs() < 5.0 * own.major
+        && across < own.minor + 0.1 * along.abs()
+}
+
+/// Both parts of a disc that a band of glare crosses.
+fn together(
+    image: &Raster,
+    one: &Part,
+    index: usize,
+    other: &Blob,
+    candidate: &Candidate,
+    blob: &Blob,
+) -> Option<Candidate> {
+    let far = part(image, other, LEFT / 3)?;
+    let after = (other.centroid - blob.centroid).dot(&one.axis) > 0.0;
+    let facing = if after == (far.axis.dot(&one.axis) > 0.0) { far.ends[0] } else { far.ends[1] };
+    facing?;
+    let points: Vec<Vector2<f64>> = one.left.iter().chain(&far.left).copied().collect();
+    let outline = any_ellipse(&points, blob)?;
+    // One ellipse passes through both.
+    let off = |p: &Vector2<f64>| {
+        let (s, t) = outline.local(*p);
+        ((s / outline.major).hypot(t / outline.minor) - 1.0).abs() * outline.minor
+    };
+    let mean = points.iter().map(off).sum::<f64>() / points.len() as f64;
+    let along = |p: &Vector2<f64>| p.dot(&one.axis);
+    let ends = |points: &[Vector2<f64>]| {
+        points.iter().map(along).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)))
+    };
+    let (near, far_ends) = (ends(&one.left), ends(&far.left));
+    let (from, to) = if after { (near.1, far_ends.0) } else { (far_ends.1, near.0) };
+    if mean > 1.0 || from >= to {
+        return None;
+    }
+    let blobs = candidate.blobs.iter().copied().chain([index]).collect();
+    let bands = vec![Band { axis: one.axis, from: from - MARGIN, to: to + MARGIN }];
+    Some(Candidate { outline, bands, blobs, ..candidate.clone() })
+}
+
+/// What glare has left of a blob; `None` where no end of it is drowned.
+fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
+    let outline = Outline::from_moments(blob.centroid, blob.covariance, 2.0);
+    let axis = Vector2::new(outline.angle.cos(), outline.angle.sin());
+    let inverse = blob.covariance.try_inverse()?;
+    let grey = |at: Vector2<f64>| f64::from(image.clamped(at.x.round() as isize, at.y.round() as isize));
+    let points: Vec<Rim> = (rim(blob).into_iter())
+        .map(|at| {
+            let normal = (inverse * (at - blob.centroid)).normalize() * REACH;
+            let (inside, outside) = (grey(at - normal), grey(at + normal));
+            Rim { at, along: at.dot(&axis), step: outside - inside, outside }
+        })
+        .collect();
+    let usual = middle_of(points.iter().map(|p| p.step))?;
+    let skin = middle_of(points.iter().filter(|p| p.step > STEP * usual).map(|p| p.outside))?;
+    let drowned = |sign: f64| {
+        let end = end(&points, sign, STEP * usual)?;
+        let last = points.iter().map(|p| sign * p.along).fold(f64::MIN, f64::max);
+        let middle = blob.centroid - axis * blob.centroid.dot(&axis);
+        let beyond = [6.0, 10.0, 15.0, 20.0].map(|d| grey(middle + axis * (sign * (last + d))));
+        (beyond.into_iter().fold(0.0, f64::max) > LIGHTER * skin).then_some(sign * end)
+    };
+    let ends = [drowned(-1.0), drowned(1.0)];
+    if usual < 8.0 || ends == [None, None] {
+        return None;
+    }
+    let open = |p: &&Rim| {
+        p.step > STEP * usual && ends[0].is_none_or(|e| p.along > e) && ends[1].is_none_or(|e| p.along < e)
+    };
+    let left: Vec<Vector2<f64>> = points.iter().filter(open).map(|p| p.at).collect();
+    (left.len() >= least).then_some(Part { axis, left, ends })
+}
+
+/// The place along the axis, times `sign`, beyond which most of the rim has no step.
+fn end(points: &[Rim], sign: f64, least: f64) -> Option<f64> {
+    let mut sorted: Vec<&Rim> = points.iter().collect();
+    sorted.sort_by(|a, b| (sign * b.along).total_cmp(&(sign * a.along)));
+    let (mut score, mut best) = (0, (0, 0.0));
+    for point in sorted {
+        score += if point.step > least { -1 } else { 1 };
+        if score > best.0 {
+            best = (score, sign * point.along);
+        }
+    }
+    (best.0 >= MISSING).then_some(best.1 - MARGIN)
+}
+
+fn middle_of(values: impl Iterator<Item = f64>) -> Option<f64> {
+    super::middle(values.collect())
+}
+
+/// The outline, if it is not much larger than what is seen of it.
+fn sound(outline: Outline, blob: &Blob) -> Option<Outline> {
+    let seen = Outline::from_moments(blob.centroid, blob.covariance, 2.0);
+    let fits = outline.major < 2.0 * seen.major && outline.minor < 1.6 * seen.minor;
+    (fits && outline.major > seen.major).then_some(outline)
+}

@@ -1,0 +1,252 @@
+//! The image model linearised on a fit's pixels: normal equations with robust weights.
+
+use nalgebra::{SMatrix, SVector};
+
+use super::disc::{END, from_ellipse, is_beyond};
+use super::fit::Unknowns;
+use super::model::{
+    ANGLE, BLUR, Batch, FIRST, LANES, Lanes, N, Parameters, Pattern, Pixel, SECOND, X, Y, along_and_across,
+    each, grey,
+};
+use super::select::Bands;
+use super::wedge::{NEAR, from_edges};
+
+pub type Square = SMatrix<f64, N, N>;
+pub type Column = SVector<f64, N>;
+
+/// Residuals beyond this many scales have no weight (Tukey's biweight; 95 % efficient at 4.7).
+pub const CUT: f64 = 6.0;
+
+/// Unevenness of a real outline and of its sampling, px, that is no reason to distrust a pixel.
+pub const EDGE_JITTER: f64 = 0.08;
+
+/// One linearisation: normal equations and residual statistics.
+pub struct Step {
+    pub normal: Square,
+    pub right: Column,
+    pub scale: f64,
+    pub weight: f64,
+    /// Sum of the influence function's derivative, where the weights' sum would stand.
+    curvature: f64,
+    pub square: f64,
+}
+
+impl Step {
+    /// Variance of a residual of weight 1, `count` parameters being sought.
+    pub fn variance(&self, count: usize) -> f64 {
+        self.square / (self.weight - count as f64).max(1.0)
+    }
+
+    /// By how much a step falls short because the weights follow the residuals.
+    pub fn gain(&self) -> f64 {
+        (self.weight / self.curvature.max(1e-9)).clamp(1.0, 1.5)
+    }
+}
+
+/// What it takes to know a pixel's share of black.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// Nothing: it is 0.
+    Beyond,
+    /// A sum.
+    Dear,
+    /// A closed form.
+    Cheap,
+}
+
+/// The pixels of a fit in batches, sorted so that few batches hold two kinds.
+pub struct Pixels {
+    pattern: Pattern,
+    origin: [f64; 2],
+    pub batches: Vec<Batch>,
+}
+
+impl Pixels {
+    /// Sorted for a geometry near the one at hand.
+    pub fn new(pattern: Pattern, pixels: &[Pixel], m: &Parameters) -> Self {
+        let (sin, cos) = m[ANGLE].sin_cos();
+        let kind = |p: &Pixel| {
+            let (dx, dy) = (p.x - m[X], p.y - m[Y]);
+            let (s, t) = (dx * cos + dy * sin, dy * cos - dx * sin);
+            match pattern {
+                Pattern::Disc if s.abs() <= m[FIRST] - END * m[BLUR] - 0.2 => Kind::Cheap,
+                Pattern::Disc if is_beyond(m, s, t, 0.3) => Kind::Beyond,
+                Pattern::Disc => Kind::Dear,
+                _ if s.abs() < NEAR * m[BLUR] + 0.2 => Kind::Dear,
+                _ => Kind::Cheap,
+            }
+        };
+        let kinds: Vec<Kind> = pixels.iter().map(kind).collect();
+        let mut sorted = Vec::with_capacity(pixels.len());
+        for wanted in [Kind::Beyond, Kind::Dear, Kind::Cheap] {
+            sorted.extend(pixels.iter().zip(&kinds).filter(|(_, kind)| **kind == wanted).map(|(p, _)| *p));
+        }
+        let origin = [m[X].round(), m[Y].round()];
+        let batches = sorted.chunks(LANES).map(|some| Batch::new(some, origin)).collect();
+        Self { pattern, origin, batches }
+    }
+
+    /// Sum of the weights.
+    pub fn count(&self) -> f64 {
+        self.batches.iter().map(|b| total(&each(|i| b.root[i] * b.root[i]))).sum()
+    }
+
+    /// Lets the weights follow the geometry.
+    pub fn weigh(&mut self, m: &Parameters) {
+        let (bands, trig) = (Bands::of(m[BLUR]), m[ANGLE].sin_cos());
+        for batch in &mut self.batches {
+            let (s, t) = along_and_across(m, self.origin, trig, batch);
+            let distance = match self.pattern {
+                Pattern::Disc => from_ellipse(m[FIRST] as f32, m[SECOND] as f32, &s, &t),
+                _ => from_edges(m[FIRST] as f32, &s, &t),
+            };
+            batch.root = each(|i| {
+                let weight = bands.weight([batch.keep[0][i], batch.keep[1][i]], distance[i]);
+                if i < batch.len { weight.sqrt() } else { 0.0 }
+            });
+        }
+    }
+}
+
+/// Rows of the weighted Jacobian, column by column, residuals last, that wait for their products.
+pub struct Block {
+    columns: [[f32; BLOCK]; N + 1],
+    rows: usize,
+}
+
+/// Rows per block.
+const BLOCK: usize = 4 * LANES;
+
+/// Sums of products of two columns, a part in each lane; residuals are the last column.
+pub type Products = [[Lanes; N + 1]; N];
+
+impl Block {
+    /// Without rows.
+    pub fn new() -> Self {
+        Self { columns: [[0.0; BLOCK]; N + 1], rows: 0 }
+    }
+
+    /// Takes up one row with its residual; whether it is full.
+    pub fn push(&mut self, row: impl Iterator<Item = f32>) -> bool {
+        for (column, value) in self.columns.iter_mut().zip(row) {
+            column[self.rows] = value;
+        }
+        self.rows += 1;
+        self.rows == BLOCK
+    }
+
+    /// Adds the products of the first `n` columns with one another and the residuals; empties it.
+    pub fn flush(&mut self, n: usize, sums: &mut Products) {
+        for column in &mut self.columns[..=n] {
+            column[self.rows..].fill(0.0);
+        }
+        for (i, sums) in sums.iter_mut().enumerate().take(n) {
+            for (sum, column) in sums[i..=n].iter_mut().zip(&self.columns[i..=n]) {
+                add_products(sum, &self.columns[i], column);
+            }
+        }
+        self.rows = 0;
+    }
+}
+
+#[inline(always)]
+fn add_products(sum: &mut Lanes, one: &[f32; BLOCK], other: &[f32; BLOCK]) {
+    let mut lanes = *sum;
+    for (x, y) in one.chunks_exact(LANES).zip(other.chunks_exact(LANES)) {
+        for (lane, (p, q)) in lanes.iter_mut().zip(x.iter().zip(y)) {
+            *lane += p * q;
+        }
+    }
+    *sum = lanes;
+}
+
+/// The sum over the lanes.
+pub fn total(lanes: &Lanes) -> f64 {
+    lanes.iter().map(|&v| f64::from(v)).sum()
+}
+
+impl Pixels {
+    /// Normal equations at `m`, with biweights for residuals against `scale`.
+    pub fn linearise(
+        &self,
+        m: &Parameters,
+        unknowns: &Unknowns,
+        scale: f64,
+        floor: f64,
+        residuals: &mut Vec<f32>,
+    ) -> Step {
+        let trig = m[ANGLE].sin_cos();
+        let list: Vec<usize> = (0..N).filter(|&i| unknowns.free[i]).collect();
+        let n = list.len();
+        let mut sums: Products = [[[0.0; LANES]; N + 1]; N];
+        let mut block = Block::new();
+        let (mut weight, mut curvature, mut square) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        residuals.clear();
+        for batch in &self.batches {
+            let image = grey(self.pattern, m, self.origin, trig, batch);
+            let r = each(|i| batch.value[i] - image.value[i]);
+            let tukey = biweights(&r, &image.gradient[X], &image.gradient[Y], scale);
+            let root = each(|i| batch.root[i] * tukey[i]);
+            residuals.extend(r.iter().zip(&batch.root).filter(|(_, w)| **w > 0.7).map(|(r, _)| r.abs()));
+            for i in 0..LANES {
+                weight[i] += root[i] * root[i];
+                curvature[i] += batch.root[i] * root[i] * (5.0 * tukey[i] - 4.0);
+                square[i] += (root[i] * r[i]) * (root[i] * r[i]);
+            }
+            let rows = block.rows..block.rows + LANES;
+            for (column, &k) in block.columns.iter_mut().zip(&list) {
+                column[rows.clone()].copy_from_slice(&each(|i| root[i] * image.gradient[k][i]));
+            }
+            block.columns[n][rows].copy_from_slice(&each(|i| root[i] * r[i]));
+            block.rows += LANES;
+            if block.rows == BLOCK {
+                block.flush(n, &mut sums);
+            }
+        }
+        block.flush(n, &mut sums);
+        let mut normal = Square::identity();
+        let mut right = Column::zeros();
+        for (i, &k) in list.iter().enumerate() {
+            right[k] = total(&sums[i][n]);
+            for (j, &l) in list.iter().enumerate() {
+                normal[(k, l)] = total(&sums[i.min(j)][i.max(j)]);
+            }
+        }
+        for &k in &list {
+            let (usual, deviation) = unknowns.usual[k];
+            let weight = (scale / deviation).powi(2);
+            normal[(k, k)] += weight;
+            right[k] += weight * (usual - m[k]);
+        }
+        let scale = spread(residuals).max(floor);
+        Step {
+            normal,
+            right,
+            scale,
+            weight: total(&weight),
+            curvature: total(&curvature),
+            square: total(&square),
+        }
+    }
+}
+
+/// Roots of the biweights.
+pub fn biweights(r: &Lanes, by_x: &Lanes, by_y: &Lanes, scale: f64) -> Lanes {
+    let (scale2, jitter2) = ((scale * scale) as f32, (EDGE_JITTER * EDGE_JITTER) as f32);
+    let cut2 = (CUT * CUT) as f32;
+    each(|i| {
+        let edge2 = jitter2 * (by_x[i] * by_x[i] + by_y[i] * by_y[i]);
+        let root = 1.0 - r[i] * r[i] / (cut2 * (scale2 + edge2));
+        if root > 0.0 { root } else { 0.0 }
+    })
+}
+
+/// Robust standard deviation from absolute residuals.
+pub fn spread(residuals: &mut [f32]) -> f64 {
+    if residuals.is_empty() {
+        return 0.0;
+    }
+    let middle = residuals.len() / 2;
+    let (_, median, _) = residuals.select_nth_unstable_by(middle, f32::total_cmp);
+    1.4826 * f64::from(*median)
+}

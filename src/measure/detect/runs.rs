@@ -1,0 +1,151 @@
+//! Connected sets of marked pixels, by runs: whatever is unmarked costs next to nothing.
+
+/// Marked pixels side by side.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Run {
+    /// Row.
+    pub y: u32,
+    /// First column.
+    pub from: u32,
+    /// Last column.
+    pub to: u32,
+}
+
+/// Appends the runs of ones of row `y`, which holds ones and zeros.
+pub fn find(row: &[u8], y: usize, out: &mut Vec<Run>) {
+    let mut open: Option<usize> = None;
+    let (words, rest) = row.as_chunks::<WORD>();
+    for (k, word) in words.iter().enumerate() {
+        // One bit of each byte, the first pixel lowest.
+        let bits = (u64::from_le_bytes(*word).wrapping_mul(0x0102_0408_1020_4080) >> 56) as u8;
+        let plain = if open.is_some() { u8::MAX } else { 0 };
+        if bits != plain {
+            split(bits, WORD, k * WORD, y, &mut open, out);
+        }
+    }
+    let bits = rest.iter().enumerate().fold(0, |bits, (i, &v)| bits | v << i);
+    split(bits, rest.len(), words.len() * WORD, y, &mut open, out);
+    close(&mut open, row.len(), y, out);
+}
+
+/// Pixels that are looked at together.
+const WORD: usize = 8;
+
+/// Opens and closes runs in the `count` pixels from `x` on, one bit each.
+fn split(bits: u8, count: usize, x: usize, y: usize, open: &mut Option<usize>, out: &mut Vec<Run>) {
+    for i in 0..count {
+        if bits >> i & 1 == 1 {
+            open.get_or_insert(x + i);
+        } else {
+            close(open, x + i, y, out);
+        }
+    }
+}
+
+fn close(open: &mut Option<usize>, end: usize, y: usize, out: &mut Vec<Run>) {
+    if let Some(from) = open.take() {
+        out.push(Run { y: y as u32, from: from as u32, to: end as u32 - 1 });
+    }
+}
+
+/// The runs of each 8-connected set, in the order of the sets' first pixels; `runs` come row by row.
+pub fn connected(runs: &[Run]) -> Vec<Vec<Run>> {
+    let mut parent: Vec<usize> = (0..runs.len()).collect();
+    let mut above = 0;
+    for (i, run) in runs.iter().enumerate() {
+        while above < i && (runs[above].y + 1 < run.y || ends_before(&runs[above], run)) {
+            above += 1;
+        }
+        let touching = runs[above..i].iter().take_while(|r| r.y < run.y && r.from <= run.to + 1);
+        for k in above..above + touching.count() {
+            join(&mut parent, i, k);
+        }
+    }
+    let mut place = vec![usize::MAX; runs.len()];
+    let mut out: Vec<Vec<Run>> = Vec::new();
+    for (i, run) in runs.iter().enumerate() {
+        let root = root(&mut parent, i);
+        if place[root] == usize::MAX {
+            place[root] = out.len();
+            out.push(Vec::new());
+        }
+        out[place[root]].push(*run);
+    }
+    out
+}
+
+/// Whether a run of the row above ends before one begins.
+fn ends_before(above: &Run, run: &Run) -> bool {
+    above.y + 1 == run.y && above.to + 1 < run.from
+}
+
+fn root(parent: &mut [usize], mut i: usize) -> usize {
+    while parent[i] != i {
+        parent[i] = parent[parent[i]];
+        i = parent[i];
+    }
+    i
+}
+
+fn join(parent: &mut [usize], one: usize, other: usize) {
+    let (a, b) = (root(parent, one), root(parent, other));
+    parent[a.max(b)] = a.min(b);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sets_are_those_of_a_flood_fill() {
+        let mut seed = 7u64;
+        for density in [1, 3, 6, 12] {
+            let (width, height) = (53, 31);
+            let marks: Vec<u8> = (0..width * height)
+                .map(|_| {
+                    seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                    u8::from((seed >> 33) % 20 < density)
+                })
+                .collect();
+            let mut runs = Vec::new();
+            marks.chunks(width).enumerate().for_each(|(y, row)| find(row, y, &mut runs));
+            let sets = connected(&runs);
+            let mut label = vec![0usize; marks.len()];
+            for (k, set) in sets.iter().enumerate() {
+                for r in set {
+                    (r.from..=r.to).for_each(|x| label[r.y as usize * width + x as usize] = k + 1);
+                }
+            }
+            assert!(label.iter().zip(&marks).all(|(&l, &m)| (l > 0) == (m > 0)));
+            assert_eq!(flooded(&marks, width), sets.len());
+            // Neighbours have one label.
+            for i in 0..marks.len() {
+                for n in neighbours(i, width, height) {
+                    assert!(label[i] == 0 || label[n] == 0 || label[i] == label[n]);
+                }
+            }
+        }
+    }
+
+    fn neighbours(i: usize, width: usize, height: usize) -> Vec<usize> {
+        let (x, y) = (i % width, i / width);
+        let rows = y.saturating_sub(1)..=(y + 1).min(height - 1);
+        rows.flat_map(|v| (x.saturating_sub(1)..=(x + 1).min(width - 1)).map(move |u| v * width + u))
+            .collect()
+    }
+
+    fn flooded(marks: &[u8], width: usize) -> usize {
+        let (mut left, mut count) = (marks.to_vec(), 0);
+        while let Some(start) = left.iter().position(|&m| m > 0) {
+            count += 1;
+            let mut stack = vec![start];
+            while let Some(i) = stack.pop() {
+                if left[i] > 0 {
+                    left[i] = 0;
+                    stack.extend(neighbours(i, width, marks.len() / width));
+                }
+            }
+        }
+        count
+    }
+}

@@ -1,0 +1,369 @@
+//! Which pixels a fit uses, and how much: along the outline, or along the edges between the quadrants.
+//!
+//! Weights fall to zero smoothly with the distance from the outline, and where not all pixels are
+//! needed, the share that is used changes smoothly with the marker's size. So the choice, and with it
+//! the answer, hardly depends on how the geometry it follows was reached.
+
+use nalgebra::Vector2;
+
+use super::super::raster::Raster;
+use super::blob::Blob;
+use super::candidate::{Candidate, Outline};
+use super::model::{LIGHT, Parameters, Pixel};
+
+/// About how many pixels are wanted: at the edges, where they tell the place, and beside them, where
+/// they only tell the levels.
+#[derive(Clone, Copy)]
+pub struct Wanted {
+    pub edge: f64,
+    pub flat: f64,
+}
+
+/// Pixels of a fit: more would only cost time.
+pub const ALL: Wanted = Wanted { edge: 450.0, flat: 550.0 };
+/// Enough for a first geometry.
+pub const FEW: Wanted = Wanted { edge: 130.0, flat: 70.0 };
+
+/// All that there are, where much of the outline is hidden.
+pub const EVERY: Wanted = Wanted { edge: 1e9, flat: 1e9 };
+
+/// Width over which a weight falls to zero, px.
+const FADE: f64 = 1.0;
+
+/// How far a geometry may still move, px.
+const SLACK: f64 = 0.3;
+
+/// Length from which on an edge's pixels are not all used, px.
+const LONG: f64 = 150.0;
+
+/// Band of a sharp edge, px.
+const SHARP: f64 = 1.5;
+
+/// Bands about an edge, px: where its blur reaches, and flat ground beside it.
+#[derive(Clone, Copy)]
+pub struct Bands {
+    edge: f32,
+    flat: f32,
+}
+
+impl Bands {
+    /// For an edge with this blur, px. Within 1.9 times the blur is all but a hundredth of what an edge
+    /// tells of its place.
+    pub fn of(blur: f64) -> Self {
+        let blur = blur.clamp(0.5, 3.5) as f32;
+        Self { edge: 1.4 * blur + 0.4, flat: 3.5 * blur + 2.0 }
+    }
+
+    /// The weight of a pixel at a distance from the edge.
+    #[inline(always)]
+    pub fn weight(self, keep: [f32; 2], distance: f32) -> f32 {
+        let fade = |band: f32| {
+            let share = (band - distance) / FADE as f32 + 0.5;
+            let share = if share > 0.0 { share } else { 0.0 };
+            if share < 1.0 { share } else { 1.0 }
+        };
+        let (edge, flat) = (keep[0] * fade(self.edge), keep[1] * fade(self.flat));
+        if edge > flat { edge } else { flat }
+    }
+}
+
+/// Of 16 pixels in a pattern, how many are used.
+#[derive(Clone, Copy)]
+struct Keep {
+    edge: f64,
+    flat: f64,
+}
+
+impl Keep {
+    /// For an edge of some length, px, seen on both sides.
+    fn new(wanted: Wanted, bands: Bands, length: f64) -> Self {
+        let (edge, flat) = (f64::from(bands.edge), f64::from(bands.flat));
+        // A blurred edge spreads what it tells over more pixels.
+        let more = (edge / SHARP).max(1.0);
+        let share =
+            |wanted: f64, width: f64| 16.0 * (more * wanted / (2.0 * width * length).max(1.0)).min(1.0);
+        // Where an edge is long, there is enough of it to know the levels less well.
+        let levels = wanted.flat * (LONG / length.max(1.0)).clamp(0.5, 1.0);
+        Self { edge: share(wanted.edge, edge), flat: share(levels, flat - edge) }
+    }
+
+    /// How much a pixel would count at the edge and beside it.
+    fn of(self, x: usize, y: usize) -> [f32; 2] {
+        let turn = ((x * 5 + y * 7) % 16) as f64;
+        [self.edge, self.flat].map(|keep| (keep - turn).clamp(0.0, 1.0) as f32)
+    }
+}
+
+/// An ellipse that is asked row by row.
+struct Oval<'a> {
+    outline: &'a Outline,
+    sin: f64,
+    cos: f64,
+}
+
+impl<'a> Oval<'a> {
+    fn new(outline: &'a Outline) -> Self {
+        let (sin, cos) = outline.angle.sin_cos();
+        Self { outline, sin, cos }
+    }
+
+    /// Coordinates along and across.
+    fn local(&self, x: f64, y: f64) -> (f64, f64) {
+        let (dx, dy) = (x - self.outline.centre.x, y - self.outline.centre.y);
+        (dx * self.cos + dy * self.sin, dy * self.cos - dx * self.sin)
+    }
+
+    /// Where a row passes through the ellipse grown by `by` on all sides.
+    fn row(&self, y: f64, by: f64) -> Option<(f64, f64)> {
+        let (a, b) = (self.outline.major + by, self.outline.minor + by);
+        if a <= 0.0 || b <= 0.0 {
+            return None;
+        }
+        let dy = y - self.outline.centre.y;
+        let (p, q) = (1.0 / (a * a), 1.0 / (b * b));
+        let square = self.cos * self.cos * p + self.sin * self.sin * q;
+        let mixed = self.sin * self.cos * (p - q) * dy;
+        let rest = (self.sin * self.sin * p + self.cos * self.cos * q) * dy * dy - 1.0;
+        let root = mixed * mixed - square * rest;
+        let middle = self.outline.centre.x - mixed / square;
+        (root > 0.0).then(|| (middle - root.sqrt() / square, middle + root.sqrt() / square))
+    }
+
+    /// Distance from the outline, px, to within a factor of two at most; positive outside.
+    fn distance(&self, s: f64, t: f64) -> f64 {
+        let (a, b) = (self.outline.major, self.outline.minor);
+        let (p, q) = (s / a, t / b);
+        let r = (p * p + q * q).sqrt().max(1e-6);
+        let by_radius = (r - 1.0) * r / ((p / a).powi(2) + (q / b).powi(2)).sqrt().max(1e-9);
+        if r >= 1.0 {
+            return by_radius;
+        }
+        // In a flat ellipse the outline across is nearer than the one outwards.
+        let u = (1.0 - p * p).max(1e-9);
+        let across = (t.abs() - b * u.sqrt()) * (u / (u + (b / a * p).powi(2))).sqrt();
+        by_radius.max(across)
+    }
+}
+
+/// What of the frame a fit must not use.
+pub enum Masked<'a> {
+    /// Near these blobs, where they are not the candidate's.
+    Blobs(&'a [Blob]),
+    /// Near pixels that are darker than the light of a first fit, in the outline it was made with, by
+    /// so many grey levels. These do not depend on how the candidate was found.
+    DarkerThan(Outline, Parameters, f64),
+}
+
+/// Part of the frame about a candidate: first and last column and row.
+type Box = [usize; 4];
+
+/// The pixels for a candidate whose edges have this blur, px; quadrants' edges cross at `crossing`.
+pub fn pixels(
+    image: &Raster,
+    masked: Masked,
+    candidate: &Candidate,
+    crossing: Vector2<f64>,
+    blur: f64,
+    wanted: Wanted,
+) -> Vec<Pixel> {
+    let bands = Bands::of(blur);
+    let flat = f64::from(bands.flat);
+    let outline = &candidate.outline;
+    let reach = outline.extent().add_scalar(flat + 2.0);
+    let (low, high) = (outline.centre - reach, outline.centre + reach);
+    let x0 = low.x.floor().max(0.0) as usize;
+    let y0 = low.y.floor().max(0.0) as usize;
+    let x1 = (high.x.ceil().max(0.0) as usize).min(image.width() - 1);
+    let y1 = (high.y.ceil().max(0.0) as usize).min(image.height() - 1);
+    if x0 > x1 || y0 > y1 {
+        return Vec::new();
+    }
+    let area = [x0, y0, x1, y1];
+    let taken = match masked {
+        Masked::Blobs(blobs) => foreign(blobs, candidate, area),
+        Masked::DarkerThan(..) if candidate.edges.is_some() => None,
+        Masked::DarkerThan(frame, m, limit) => darker(image, outline, bands, area, &frame, &m, limit),
+    };
+    let mut out = Vec::with_capacity(2 * (wanted.edge + wanted.flat).min(2000.0) as usize);
+    let mut take = |x: usize, y: usize, value: u8, (s, t): (f64, f64), keep: [f32; 2], distance: f64| {
+        let masked = taken.as_ref().is_some_and(|m| m[(y - y0) * (x1 - x0 + 1) + x - x0]);
+        let at = Vector2::new(x as f64, y as f64);
+        // A little farther than there is weight, for the geometry is not the last yet.
+        let far = bands.weight(keep, (distance - SLACK) as f32) <= 0.0;
+        if !far && !masked && !candidate.hides(&at) {
+            let (p, q) = (s / outline.major, t / outline.minor);
+            let weight = f64::from(bands.weight(keep, distance as f32));
+            out.push(Pixel { x: at.x, y: at.y, value: f64::from(value), p, q, weight, keep });
+        }
+    };
+    let columns = |from: f64, to: f64| columns(from, to, area);
+    let oval = Oval::new(outline);
+    match candidate.edges {
+        None => {
+            let shares = Keep::new(wanted, bands, around(outline));
+            for y in y0..=y1 {
+                let Some((from, to)) = oval.row(y as f64, flat + 1.0) else { continue };
+                let hole = oval.row(y as f64, -flat - 1.0).unwrap_or((to, to));
+                for x in columns(from, hole.0).chain(columns(hole.1, to)) {
+                    let keep = shares.of(x, y);
+                    if keep != [0.0; 2] {
+                        let local = oval.local(x as f64, y as f64);
+                        take(x, y, image.row(y)[x], local, keep, oval.distance(local.0, local.1).abs());
+                    }
+                }
+            }
+        }
+        Some(edges) => {
+            let lines = lines(edges, crossing);
+            let margin = (2.5 * blur).min(0.45 * outline.minor).max(1.0);
+            let length: f64 = lines.iter().map(|l| 2.0 * radius(outline, l)).sum();
+            let shares = Keep::new(wanted, bands, length);
+            for y in y0..=y1 {
+                let Some((from, to)) = oval.row(y as f64, FADE - margin) else { continue };
+                let near = lines.map(|l| l.row(y as f64, flat + FADE));
+                for x in columns(from, to) {
+                    let inside = |n: &(f64, f64)| (n.0..=n.1).contains(&(x as f64));
+                    let keep = shares.of(x, y);
+                    if keep == [0.0; 2] || !near.iter().any(inside) {
+                        continue;
+                    }
+                    let local = oval.local(x as f64, y as f64);
+                    let depth = -margin - oval.distance(local.0, local.1);
+                    let rim = (depth / FADE + 0.5).clamp(0.0, 1.0) as f32;
+                    let distance =
+                        lines.iter().map(|l| l.distance(x as f64, y as f64)).fold(f64::MAX, f64::min);
+                    take(x, y, image.row(y)[x], local, keep.map(|k| k * rim), distance);
+                }
+            }
+        }
+    }
+    out
+}
+
+/// Length of an ellipse's outline, px, by Ramanujan's formula.
+fn around(outline: &Outline) -> f64 {
+    let (a, b) = (outline.major, outline.minor);
+    std::f64::consts::PI * (3.0 * (a + b) - ((3.0 * a + b) * (a + 3.0 * b)).sqrt())
+}
+
+/// A straight edge between quadrants: a point, and the direction across it.
+#[derive(Clone, Copy)]
+struct Line {
+    at: Vector2<f64>,
+    across: Vector2<f64>,
+}
+
+/// The two edges, from the direction of their bisector and the tangent of half their angle.
+fn lines((along, half): (f64, f64), crossing: Vector2<f64>) -> [Line; 2] {
+    [half.atan(), -half.atan()].map(|turn| {
+        let (sin, cos) = (along + turn).sin_cos();
+        Line { at: crossing, across: Vector2::new(-sin, cos) }
+    })
+}
+
+impl Line {
+    fn distance(&self, x: f64, y: f64) -> f64 {
+        ((x - self.at.x) * self.across.x + (y - self.at.y) * self.across.y).abs()
+    }
+
+    /// The part of a row that is within `reach`.
+    fn row(&self, y: f64, reach: f64) -> (f64, f64) {
+        let steep = self.across.x.abs().max(1e-6);
+        let middle = self.at.x - (y - self.at.y) * self.across.y * self.across.x.signum() / steep;
+        (middle - reach / steep, middle + reach / steep)
+    }
+}
+
+/// From an ellipse's centre to its outline along a line, px.
+fn radius(outline: &Outline, line: &Line) -> f64 {
+    let (s, t) = outline.local(outline.centre + Vector2::new(line.across.y, -line.across.x));
+    1.0 / (s / outline.major).hypot(t / outline.minor)
+}
+
+/// The columns of an interval that lie in the area.
+fn columns(from: f64, to: f64, [x0, _, x1, _]: Box) -> std::ops::Range<usize> {
+    from.ceil().max(x0 as f64) as usize..(to.floor() + 1.0).min((x1 + 1) as f64).max(0.0) as usize
+}
+
+/// How far what is near a thing is not used either, px.
+const MARGIN: usize = 3;
+
+/// Pixels of an area that are not used.
+struct Mask {
+    area: Box,
+    marks: Option<Vec<bool>>,
+}
+
+impl Mask {
+    /// Marks what is near a run of pixels.
+    fn add(&mut self, y: usize, from: usize, to: usize) {
+        let [x0, y0, x1, y1] = self.area;
+        let width = x1 - x0 + 1;
+        let marks = self.marks.get_or_insert_with(|| vec![false; width * (y1 - y0 + 1)]);
+        let (from, to) = (from.saturating_sub(MARGIN).max(x0), (to + MARGIN).min(x1));
+        for row in y.saturating_sub(MARGIN).max(y0)..=(y + MARGIN).min(y1) {
+            if from <= to {
+                marks[(row - y0) * width + from - x0..=(row - y0) * width + to - x0].fill(true);
+            }
+        }
+    }
+}
+
+/// Pixels near others outside the disc's outline that are darker than the light by more than `limit`.
+fn darker(
+    image: &Raster,
+    outline: &Outline,
+    bands: Bands,
+    area: Box,
+    frame: &Outline,
+    m: &Parameters,
+    limit: f64,
+) -> Option<Vec<bool>> {
+    let mut mask = Mask { area, marks: None };
+    let (oval, frame_oval) = (Oval::new(outline), Oval::new(frame));
+    for y in area[1]..=area[3] {
+        let Some((from, to)) = oval.row(y as f64, f64::from(bands.flat) + MARGIN as f64) else { continue };
+        let inside = oval.row(y as f64, f64::from(bands.edge) + 1.0).unwrap_or((to, to));
+        let row = image.row(y);
+        for x in columns(from, inside.0, area).chain(columns(inside.1, to, area)) {
+            let (s, t) = frame_oval.local(x as f64, y as f64);
+            let (p, q) = (s / frame.major, t / frame.minor);
+            let light = m[LIGHT] + m[LIGHT + 1] * p + m[LIGHT + 2] * q + m[LIGHT + 3] * p * p;
+            if f64::from(row[x]) < light - limit {
+                mask.add(y, x, x);
+            }
+        }
+    }
+    mask.marks
+}
+
+/// Pixels of the area near a blob that is not the candidate's; `None` where no such blob is near.
+fn foreign(blobs: &[Blob], candidate: &Candidate, area: Box) -> Option<Vec<bool>> {
+    let outline = &candidate.outline;
+    let [x0, y0, x1, y1] = area;
+    let mut mask = Mask { area, marks: None };
+    for (i, blob) in blobs.iter().enumerate() {
+        let b = blob.bounds;
+        let apart = b[0] > x1 + MARGIN || b[2] + MARGIN < x0 || b[1] > y1 + MARGIN || b[3] + MARGIN < y0;
+        let (s, t) = outline.local(blob.centroid);
+        let own = (s / outline.major).powi(2) + (t / outline.minor).powi(2) < 1.0;
+        if apart || own || candidate.blobs.contains(&i) || own_at_laxer_level(blobs, candidate, blob) {
+            continue;
+        }
+        for run in &blob.runs {
+            let [y, from, to] = run.map(|v| v as usize);
+            mask.add(y, from, to);
+        }
+    }
+    mask.marks
+}
+
+/// Whether a blob holds the candidate's own one: with a line that touches it at a laxer level.
+fn own_at_laxer_level(blobs: &[Blob], candidate: &Candidate, other: &Blob) -> bool {
+    let middle = |blob: &Blob| blob.runs.get(blob.runs.len() / 2).copied();
+    let own = candidate.blobs.iter().filter_map(|&i| blobs.get(i)).filter_map(middle);
+    own.into_iter().any(|[y, from, to]| {
+        let at = (from + to) / 2;
+        other.runs.iter().any(|r| r[0] == y && (r[1]..=r[2]).contains(&at))
+    })
+}

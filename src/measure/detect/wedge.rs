@@ -1,0 +1,115 @@
+//! The blurred share of black of two opposite quadrants, for a batch of pixels.
+
+use super::model::{BLUR, Batch, FIRST, LANES, Lanes, Parameters, SECOND, Share, THIRD, each};
+use super::normal::{GAUSS_8, PEAK, exp, normal};
+
+/// Standard deviations of blur from the crossing beyond which its two edges are apart.
+pub const NEAR: f64 = 3.6;
+
+/// The edges' parameters in single precision.
+#[derive(Clone, Copy)]
+struct Edges {
+    f: f32,
+    k1: f32,
+    k2: f32,
+    sigma: f32,
+    by_sigma: f32,
+}
+
+/// Share and derivatives at one place: c, s, t, FIRST, SECOND, THIRD, BLUR.
+type One = [f32; 7];
+
+/// The blurred share between two crossing edges `t = +-f s + k s^2`, `f <= 1`, around the s axis.
+pub fn wedge(batch: &Batch, s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
+    let sigma = m[BLUR] as f32;
+    let e =
+        Edges { f: m[FIRST] as f32, k1: m[SECOND] as f32, k2: m[THIRD] as f32, sigma, by_sigma: 1.0 / sigma };
+    let mut share = Share::default();
+    let far = |s: f32| s.abs() > NEAR as f32 * e.sigma;
+    let mut apart = [[0.0; LANES]; 7];
+    for i in 0..LANES {
+        let one = side::<true>(s[i], t[i], e);
+        for (lanes, value) in apart.iter_mut().zip(one) {
+            lanes[i] = value;
+        }
+    }
+    let all_far = (0..batch.len).all(|i| far(s[i]));
+    if !all_far {
+        crossing(s, t, e, &mut share);
+    }
+    let lanes = [
+        &mut share.c,
+        &mut share.s,
+        &mut share.t,
+        &mut share.first,
+        &mut share.second,
+        &mut share.third,
+        &mut share.blur,
+    ];
+    for (lanes, apart) in lanes.into_iter().zip(&apart) {
+        for i in (0..LANES).filter(|&i| all_far || far(s[i])) {
+            lanes[i] = apart[i];
+        }
+    }
+    share
+}
+
+/// Distance from the nearer of two edges `t = +-f s`, px.
+pub fn from_edges(f: f32, s: &Lanes, t: &Lanes) -> Lanes {
+    let norm = 1.0 / (1.0 + f * f).sqrt();
+    each(|i| {
+        let (one, other) = ((t[i] - f * s[i]).abs(), (t[i] + f * s[i]).abs());
+        norm * if one < other { one } else { other }
+    })
+}
+
+/// Near the crossing: summed along s on both sides of it, in closed form across.
+fn crossing(s: &Lanes, t: &Lanes, e: Edges, share: &mut Share) {
+    let reach = 4.2 * e.sigma;
+    for before in [true, false] {
+        for (node, weight) in GAUSS_8 {
+            for i in 0..LANES {
+                let low = if s[i] - reach < 0.0 { s[i] - reach } else { 0.0 };
+                let high = if s[i] + reach > 0.0 { s[i] + reach } else { 0.0 };
+                let half = 0.5 * if before { -low } else { high };
+                let at = if before { half * (node - 1.0) } else { half * (node + 1.0) };
+                let along = (s[i] - at) * e.by_sigma;
+                let w = half * weight * PEAK * exp(-0.5 * along * along) * e.by_sigma;
+                let [c, _, across, first, second, third, blur] = side::<false>(at, t[i], e);
+                share.c[i] += w * c;
+                share.s[i] -= w * c * along * e.by_sigma;
+                share.t[i] += w * across;
+                share.first[i] += w * first;
+                share.second[i] += w * second;
+                share.third[i] += w * third;
+                share.blur[i] += w * (c * (along * along - 1.0) * e.by_sigma + blur);
+            }
+        }
+    }
+}
+
+/// Between the edges at `s`, blurred along both directions (`TILTED`) or across only.
+#[inline(always)]
+fn side<const TILTED: bool>(s: f32, t: f32, Edges { f, k1, k2, by_sigma, .. }: Edges) -> One {
+    let (slope1, slope2) = (f + 2.0 * k1 * s, -f + 2.0 * k2 * s);
+    let (steep1, steep2) = (1.0 + slope1 * slope1, 1.0 + slope2 * slope2);
+    // The blur across a tilted edge changes with its slope.
+    let (tilt1, tilt2) = if TILTED { (1.0 / steep1.sqrt(), 1.0 / steep2.sqrt()) } else { (1.0, 1.0) };
+    let (by_spread1, by_spread2) = (by_sigma * tilt1, by_sigma * tilt2);
+    let z1 = (t - f * s - k1 * s * s) * by_spread1;
+    let z2 = (t + f * s - k2 * s * s) * by_spread2;
+    let ((d1, c1), (d2, c2)) = (normal(z1), normal(z2));
+    let side = if s >= 0.0 { 1.0 } else { -1.0 };
+    let (e1, e2) = (side * d1 * by_spread1, side * d2 * by_spread2);
+    let turn1 = if TILTED { side * d1 * z1 * slope1 * tilt1 * tilt1 } else { 0.0 };
+    let turn2 = if TILTED { side * d2 * z2 * slope2 * tilt2 * tilt2 } else { 0.0 };
+    [
+        side * (c2 - c1),
+        e1 * slope1 - e2 * slope2,
+        e2 - e1,
+        (e1 + e2) * s + turn1 + turn2,
+        e1 * s * s + 2.0 * turn1 * s,
+        -e2 * s * s - 2.0 * turn2 * s,
+        side * (z1 * d1 - z2 * d2) * by_sigma,
+    ]
+}
