@@ -1,6 +1,7 @@
 //! `wingd.toml`: composed of each module's own section.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use serde::Deserialize;
 
@@ -33,14 +34,22 @@ pub struct Config {
 }
 
 /// `[solve]`: how frames are solved on board.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct SolveConfig {
     /// `spatial` (default) or `profile`.
-    #[serde(default)]
     pub method: SolveMethod,
-    /// Terms of the curvature, 1 to 4; chosen by test where not given.
+    /// Terms of the curvature, 1 to 10; chosen by test where not given.
     pub curvature_terms: Option<usize>,
+    /// A frame that takes longer is recorded as failed. Machine time.
+    #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    pub deadline: Duration,
+}
+
+impl Default for SolveConfig {
+    fn default() -> Self {
+        Self { method: SolveMethod::default(), curvature_terms: None, deadline: Duration::from_secs(60) }
+    }
 }
 
 /// Words of `[solve] method`.
@@ -94,13 +103,17 @@ impl Config {
         texts.extend(self.series.faults());
         texts.extend(self.store.faults());
         let mut faults: Vec<Fault> = texts.iter().map(|text| split(file, text)).collect();
-        if let Some(terms) = self.solve.curvature_terms.filter(|n| !(1..=4).contains(n)) {
+        if let Some(terms) = self.solve.curvature_terms.filter(|n| !(1..=10).contains(n)) {
             faults.push(fault(
                 file,
                 "solve.curvature_terms",
                 format!("is {terms}"),
-                "give 1 to 4, or leave it out",
+                "give 1 to 10, or leave it out",
             ));
+        }
+        if self.solve.deadline < Duration::from_secs(1) {
+            let problem = format!("is {:?}", self.solve.deadline);
+            faults.push(fault(file, "solve.deadline", problem, "give at least \"1s\", or leave it out"));
         }
         faults
     }

@@ -1,6 +1,7 @@
 //! Promise: whatever the camera does, the daemon goes on, and the store says what happened.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
+use std::io::{Read, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -77,6 +78,7 @@ struct Flight {
     series: SeriesConfig,
     replay: ReplayConfig,
     solve: Arc<dyn Fn(&str) -> ImageRecord + Send + Sync>,
+    solver_deadline: Duration,
     status: Option<StatusConfig>,
     events: Arc<Mutex<Vec<Event>>>,
 }
@@ -98,7 +100,9 @@ impl Flight {
         };
         let clock = Arc::new(Simulated::new("boot", "2026-03-01T06:00:00Z".parse().unwrap(), None));
         let solve = Arc::new(|image: &str| record(image));
-        Self { card: Arc::default(), dir, clock, series, replay, solve, status: None, events: Arc::default() }
+        let solver_deadline = Duration::from_secs(60);
+        let (card, events) = (Arc::default(), Arc::default());
+        Self { card, dir, clock, series, replay, solve, solver_deadline, status: None, events }
     }
 
     fn root(&self) -> std::path::PathBuf {
@@ -127,6 +131,7 @@ impl Flight {
             solver: Some(Solver {
                 inputs: Inputs::new(provenance),
                 solve: Arc::new(move |image, _, _| solve(image)),
+                deadline: self.solver_deadline,
             }),
             observer: Arc::new(move |event| events.lock().unwrap().push(event.clone())),
         };
@@ -273,6 +278,39 @@ fn a_solver_that_panics_gives_a_failed_result_once() {
 }
 
 #[test]
+fn a_solver_that_never_returns_costs_its_frame_only() {
+    let mut flight = Flight::new(Vec::new());
+    flight.solver_deadline = Duration::from_millis(300);
+    let calls = Arc::new(AtomicUsize::new(0));
+    flight.solve = Arc::new(move |image| {
+        if calls.fetch_add(1, Ordering::Relaxed) == 1 {
+            std::thread::sleep(Duration::from_secs(3600));
+        }
+        record(image)
+    });
+    let status = flight.fly();
+    assert_eq!((status.counts.frames, status.counts.solved, status.counts.unsolvable), (12, 11, 1));
+    assert_eq!(status.counts.solver_hangs, 1);
+    assert_eq!(flight.sound().results, 12);
+    let results = flight.root().join("flights/f0001/s000001/results.jsonl");
+    assert!(std::fs::read_to_string(results).unwrap().contains("no result after 300ms"));
+}
+
+#[test]
+fn solvers_that_all_hang_end_the_solving_and_not_the_recording() {
+    let mut flight = Flight::new(Vec::new());
+    flight.solver_deadline = Duration::from_millis(200);
+    flight.solve = Arc::new(|image| {
+        std::thread::sleep(Duration::from_secs(3600));
+        record(image)
+    });
+    let status = flight.fly();
+    assert_eq!((status.counts.frames, status.counts.solver_hangs), (12, 2));
+    assert!(status.last_fault.unwrap().what.contains("solvers hang"));
+    flight.sound();
+}
+
+#[test]
 fn a_restart_within_the_flight_goes_on_with_the_timetable() {
     let mut flight = Flight::new(Vec::new());
     flight.series.until = Some(Duration::from_secs(3600));
@@ -285,6 +323,17 @@ fn a_restart_within_the_flight_goes_on_with_the_timetable() {
     assert_eq!(started, [30.0, 3630.0, 7230.0, 10830.0]);
     assert_eq!(status.flight.as_deref(), Some("f0001"));
     flight.sound();
+}
+
+/// Name -> value, from the socket's Prometheus text; a line of another form fails.
+fn metrics(socket: &Path) -> std::collections::BTreeMap<String, f64> {
+    let mut stream = std::os::unix::net::UnixStream::connect(socket).unwrap();
+    stream.write_all(b"metrics\n").unwrap();
+    let mut text = String::new();
+    stream.read_to_string(&mut text).unwrap();
+    let samples = text.lines().filter(|line| !line.is_empty() && !line.starts_with("# "));
+    let parsed = samples.map(|line| line.split_once(' ').unwrap());
+    parsed.map(|(name, value)| (name.to_owned(), value.parse().unwrap())).collect()
 }
 
 #[test]
@@ -307,6 +356,9 @@ fn the_socket_answers_and_triggers_a_series() {
         }
         let status: Status = serde_json::from_value(answer.unwrap()).unwrap();
         assert_eq!(status.flight.as_deref(), Some("f0001"));
+        let metrics = metrics(&socket);
+        assert_eq!(metrics["wingd_healthy"], 1.0);
+        assert!(metrics["wingd_frames_total"] >= 4.0 && metrics["wingd_last_frame_age_seconds"] >= 0.0);
         assert!(daemon::ask(&socket, "new-flight").is_ok());
         assert!(daemon::ask(&socket, "dance").unwrap_err().contains("unknown command"));
         flying.join().unwrap();

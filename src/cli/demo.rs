@@ -98,7 +98,7 @@ fn fly(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
         status: StatusConfig { socket: output.join("wingd.sock") },
         solve: SolveConfig::default(),
     };
-    let solver = service::solver(directory, config.solve.job())?;
+    let solver = service::solver(directory, &config.solve)?;
     let opened = service::open_store(&config)?;
     let begun = opened.0.last_moment();
     let take_off = jiff::Timestamp::from_second(TAKE_OFF).unwrap_or_default();

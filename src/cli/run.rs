@@ -21,7 +21,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let clock: Arc<dyn Clock> = Arc::new(System::new());
     // A fault of the installation must not keep the frames from being recorded: they are solved later.
     let solver = config.installation.as_deref().and_then(|directory| {
-        service::solver(directory, config.solve.job())
+        service::solver(directory, &config.solve)
             .map_err(|faults| {
                 for fault in &faults {
                     tracing::error!(%fault, "frames are recorded but not solved until this is mended");

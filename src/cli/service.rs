@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use super::Failure;
 use crate::clock::Clock;
-use crate::config::Config;
+use crate::config::{Config, SolveConfig};
 use crate::daemon::{self, Board, Observer, Parts, Solver, Status};
 use crate::installation::{self, Fault};
-use crate::pipeline::{self, Job};
+use crate::pipeline;
 use crate::store::{Inputs, RealDisk, Recovery, Store};
 
 /// Opens the store, making it where there is none.
@@ -19,14 +19,15 @@ pub fn open_store(config: &Config) -> Result<(Arc<Store>, Recovery), Failure> {
 }
 
 /// Solves on board where there is an installation with an orientation.
-pub fn solver(directory: &Path, job: Job) -> Result<Solver, Vec<Fault>> {
+pub fn solver(directory: &Path, config: &SolveConfig) -> Result<Solver, Vec<Fault>> {
     let installation = installation::load(directory)?;
     let orientation = installation.require_orientation().map_err(|f| vec![f])?.clone();
+    let job = config.job();
     let inputs = Inputs::new(pipeline::inputs(&installation, &job));
     let solve = move |name: &str, bytes: &[u8], format: &crate::camera::Format| {
         pipeline::solve_frame(name, bytes, Some(format), &installation, &orientation, &job)
     };
-    Ok(Solver { inputs, solve: Arc::new(solve) })
+    Ok(Solver { inputs, solve: Arc::new(solve), deadline: config.deadline })
 }
 
 /// Runs the daemon until its timetable is over or it is told to stop.

@@ -56,6 +56,7 @@ fn metrics(status: &Status) -> Vec<Metric> {
         total("series_refused_total", "Series that the store did not take.", counts.series_refused),
         total("solved_total", "Frames solved.", counts.solved),
         total("unsolvable_total", "Frames that could not be solved.", counts.unsolvable),
+        total("solver_hangs_total", "Frames given up after the solver's deadline.", counts.solver_hangs),
     ]
 }
 

@@ -4,12 +4,14 @@
 //! |---|---|---|
 //! | recorder | schedule, series, store | the clock, commands, the camera up to its hard limit |
 //! | camera | the driver's calls | the hardware; given up where it does not return |
-//! | processing | solves what the store says is unsolved | the end of a series |
+//! | processing | solves what the store says is unsolved | the end of a series, the solver up to its deadline |
+//! | solver | one frame; given up where it does not return | |
 //! | main | signals, the status socket, the service manager | all of these |
 
 mod capture;
 mod metrics;
 mod processing;
+mod pulse;
 mod recorder;
 pub mod schedule;
 mod socket;
@@ -33,6 +35,7 @@ use crate::camera::freshness::Freshness;
 use crate::clock::Clock;
 use crate::record::ImageRecord;
 use crate::store::{Inputs, Recovery, Store};
+use pulse::Pulse;
 use recorder::{Command, Recorder};
 
 /// `[series]` of the configuration.
@@ -119,13 +122,15 @@ impl SeriesConfig {
 /// File name, bytes, how to read them -> the result.
 pub type Solve = Arc<dyn Fn(&str, &[u8], &Format) -> ImageRecord + Send + Sync>;
 
-/// How frames are solved. Called on the processing thread only.
+/// How frames are solved, one at a time.
 #[derive(Clone)]
 pub struct Solver {
     /// What the results depend on beside the frame.
     pub inputs: Inputs,
     /// Does it.
     pub solve: Solve,
+    /// A frame that takes longer is given up and recorded as failed. Machine time.
+    pub deadline: Duration,
 }
 
 /// Something that a progress display may show.
@@ -235,6 +240,7 @@ pub fn run(parts: Parts, board: &Board) -> Result<Status, DaemonError> {
         board: board.clone(),
         observer: parts.observer.clone(),
         stop: stop.clone(),
+        running: Arc::new(()),
     });
     let recorder = Recorder {
         camera: capture::Host::new(parts.cameras, parts.series.open_deadline),
@@ -331,17 +337,15 @@ async fn stop_signal() {
     }
 }
 
-/// READY once the threads run; WATCHDOG only while the recorder makes progress.
+/// READY once the threads run; WATCHDOG only while all that has work makes progress.
 async fn tell_service_manager(board: Board) {
     let _ = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
     let Some(watchdog) = sd_notify::watchdog_enabled() else { return };
-    let mut seen = None;
+    let mut pulse = Pulse::default();
     loop {
-        let beats = board.beats();
-        if seen != Some(beats) {
+        if pulse.moved(board.beats()) {
             let _ = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]);
         }
-        seen = Some(beats);
         tokio::time::sleep(watchdog / 3).await;
     }
 }

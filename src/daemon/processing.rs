@@ -1,11 +1,11 @@
 //! Solving: asks the store for frames without a result, so that a restart needs no other recovery of work.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::Receiver;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::Duration;
 
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 use super::status::{Activity, Board};
 use super::{Event, Observer, Solver};
@@ -15,6 +15,10 @@ use crate::store::{FrameRef, Store, StoreError};
 
 /// Beginnings of one frame after which the frame is taken to bring the program down.
 const MAX_BEGINNINGS: u32 = 5;
+/// Solvers given up that may run on at a time; each holds a thread, at worst a core.
+const MAX_HANGING: usize = 2;
+/// The longest wait without a sign of life.
+const BEAT: Duration = Duration::from_secs(1);
 
 /// What the processing thread works with.
 pub(crate) struct Processing {
@@ -23,6 +27,8 @@ pub(crate) struct Processing {
     pub board: Board,
     pub observer: Observer,
     pub stop: Arc<AtomicBool>,
+    /// One count per solver that runs, and ours.
+    pub running: Arc<()>,
 }
 
 impl Processing {
@@ -34,6 +40,7 @@ impl Processing {
                 tracing::error!(%error, "results cannot be stored; tried again with the next series");
                 self.board.fault(&error.to_string());
             }
+            self.board.beat_processing(false);
             if self.stop.load(Ordering::Relaxed) || wake.recv().is_err() {
                 break;
             }
@@ -46,13 +53,21 @@ impl Processing {
 
     fn solve_all(&self) -> Result<(), StoreError> {
         loop {
+            self.board.beat_processing(true);
             let frames = self.store.unsolved(&self.solver.inputs)?;
             self.board.update(|status| status.to_solve = frames.len());
             if frames.is_empty() {
                 return Ok(());
             }
             for frame in frames {
+                self.board.beat_processing(true);
                 if self.stop.load(Ordering::Relaxed) {
+                    return Ok(());
+                }
+                if self.hanging() >= MAX_HANGING {
+                    let what = "solvers hang; frames are recorded and solved after a restart of wingd";
+                    tracing::error!(hanging = self.hanging(), what);
+                    self.board.fault(what);
                     return Ok(());
                 }
                 self.solve(&frame)?;
@@ -66,15 +81,19 @@ impl Processing {
         let record = match self.store.read_frame(frame) {
             Ok(_) if beginnings > MAX_BEGINNINGS => {
                 let what = format!("wingd ended {MAX_BEGINNINGS} times while solving this frame");
-                failed(&frame.entry.file, format!("{what}; solve it with `wingd solve`, which says more"))
+                ImageRecord::failed(
+                    &frame.entry.file,
+                    "",
+                    format!("{what}; solve it with `wingd solve`, which says more"),
+                )
             }
-            Ok(bytes) => self.compute(frame, &bytes),
-            Err(error) => failed(&frame.entry.file, error.to_string()),
+            Ok(bytes) => self.compute(frame, bytes),
+            Err(error) => ImageRecord::failed(&frame.entry.file, "", error.to_string()),
         };
         let ok = record.status == Status::Ok;
         let value = serde_json::to_value(&record).unwrap_or_else(|error| {
             let reason = format!("the result cannot be written as JSON: {error}");
-            serde_json::to_value(failed(&frame.entry.file, reason)).unwrap_or(Value::Null)
+            serde_json::to_value(ImageRecord::failed(&frame.entry.file, "", reason)).unwrap_or(Value::Null)
         });
         let new = self.store.add_result(frame, &self.solver.inputs, value)?;
         let (series, file) = (frame.series.id.as_str(), frame.entry.file.as_str());
@@ -92,38 +111,64 @@ impl Processing {
         Ok(())
     }
 
-    fn compute(&self, frame: &FrameRef, bytes: &[u8]) -> ImageRecord {
+    /// Solvers that were given up and run still.
+    fn hanging(&self) -> usize {
+        Arc::strong_count(&self.running) - 1
+    }
+
+    fn compute(&self, frame: &FrameRef, bytes: Vec<u8>) -> ImageRecord {
         let file = &frame.entry.file;
         let format = match serde_json::from_value::<Format>(frame.entry.format.clone()) {
             Ok(format) => format,
-            Err(error) => return failed(file, format!("series.json does not say how to read it: {error}")),
+            Err(error) => {
+                return ImageRecord::failed(
+                    file,
+                    "",
+                    format!("series.json does not say how to read it: {error}"),
+                );
+            }
         };
-        catch_unwind(AssertUnwindSafe(|| (self.solver.solve)(file, bytes, &format))).unwrap_or_else(|_| {
-            failed(file, "the solver broke off on this frame; send the frame to the developers".to_owned())
-        })
+        let deadline = self.solver.deadline;
+        match self.within_deadline(file.clone(), bytes, format) {
+            Ok(Some(record)) => record,
+            Ok(None) => {
+                self.board.update(|status| status.counts.solver_hangs += 1);
+                let what = format!("the solver had no result after {deadline:?} and was given up");
+                ImageRecord::failed(file, "", format!("{what}; send the frame to the developers"))
+            }
+            Err(why) => ImageRecord::failed(file, "", why),
+        }
     }
-}
 
-/// A record without numbers.
-fn failed(image: &str, reason: String) -> ImageRecord {
-    ImageRecord {
-        image: image.to_owned(),
-        status: Status::Failed,
-        reason: Some(reason),
-        method: String::new(),
-        flight: false,
-        variance_factor: None,
-        redundancy: None,
-        global_test: None,
-        sigma_kind: None,
-        model: Map::new(),
-        tip: None,
-        markers: Vec::new(),
-        torsion: Vec::new(),
-        curve: Vec::new(),
-        quality: Map::new(),
-        remarks: Vec::new(),
-        provenance: Map::new(),
-        timing_ms: Map::new(),
+    /// The solver on a thread of its own, which is left behind (`None`) where it does not return in time.
+    fn within_deadline(
+        &self,
+        file: String,
+        bytes: Vec<u8>,
+        format: Format,
+    ) -> Result<Option<ImageRecord>, String> {
+        let (solve, running) = (self.solver.solve.clone(), self.running.clone());
+        let (done, result) = channel();
+        let thread = std::thread::Builder::new().name("solver".to_owned()).spawn(move || {
+            let running = running;
+            let record = solve(&file, &bytes, &format);
+            // Before the answer, or the next frame would count this thread as hanging.
+            drop(running);
+            let _ = done.send(record);
+        });
+        thread.map_err(|error| format!("no thread to solve it on: {error}; solve it with `wingd solve`"))?;
+        let mut left = self.solver.deadline;
+        loop {
+            self.board.beat_processing(true);
+            let slice = left.min(BEAT);
+            match result.recv_timeout(slice) {
+                Ok(record) => return Ok(Some(record)),
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err("the solver broke off on this frame; send the frame to the developers".into());
+                }
+                Err(RecvTimeoutError::Timeout) if left <= slice => return Ok(None),
+                Err(RecvTimeoutError::Timeout) => left -= slice,
+            }
+        }
     }
 }

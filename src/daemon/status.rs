@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
+use super::pulse::Beats;
 use crate::clock::{Clock, Stamp};
 
 /// What the daemon is doing.
@@ -96,6 +97,9 @@ pub struct Counts {
     pub solved: u64,
     /// Frames that could not be solved; the reasons are in the results.
     pub unsolvable: u64,
+    /// Of those, frames given up because the solver did not return in time.
+    #[serde(default)]
+    pub solver_hangs: u64,
 }
 
 /// The camera, as far as the daemon sees it.
@@ -146,8 +150,7 @@ struct State {
     next_series_at_s: Option<f64>,
     /// A good frame is due by then, since boot, s.
     frame_due_s: Option<f64>,
-    /// Counts the recorder's steps; the watchdog is fed while it moves.
-    beats: u64,
+    beats: Beats,
     interval_s: f64,
 }
 
@@ -214,11 +217,19 @@ impl Board {
 
     /// The recorder makes progress.
     pub(crate) fn beat(&self) {
-        self.with(|state| state.beats += 1);
+        self.with(|state| state.beats.recorder += 1);
     }
 
-    /// Steps of the recorder so far.
-    pub(crate) fn beats(&self) -> u64 {
+    /// The processing makes progress; `busy` until it says that it has no work.
+    pub(crate) fn beat_processing(&self, busy: bool) {
+        self.with(|state| {
+            state.beats.processing += 1;
+            state.beats.processing_busy = busy;
+        });
+    }
+
+    /// Steps so far.
+    pub(crate) fn beats(&self) -> Beats {
         self.with(|state| state.beats)
     }
 

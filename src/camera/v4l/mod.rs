@@ -153,6 +153,7 @@ fn describe(settings: &mut Map<String, Value>, got: &stream::Grabbed, drift: Vec
     settings.insert("driver_time_s".to_owned(), got.time_s.into());
     settings.insert("dropped_frames".to_owned(), got.dropped.into());
     settings.insert("damaged_frames".to_owned(), got.damaged.into());
+    settings.insert("stale_frames".to_owned(), got.stale.into());
     if !drift.is_empty() {
         settings.insert("warnings".to_owned(), drift.into());
     }

@@ -30,6 +30,8 @@ pub struct Grabbed {
     pub dropped: u32,
     /// Frames that came flagged as damaged, or too short, before this one.
     pub damaged: u32,
+    /// Frames from before the shot that came first.
+    pub stale: u32,
 }
 
 /// Discards `settle` frames, then takes the first whole one.
@@ -39,9 +41,10 @@ pub fn grab(
     shortest: usize,
     deadline: &Deadline,
 ) -> Result<Grabbed, CameraError> {
+    let begun_s = monotonic_s();
     let mut stream =
-        Stream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(|e| sort(&e, "buffers"))?;
-    let result = first_whole(&mut stream, settle, shortest, deadline);
+        Stream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(|e| streaming(&e, "buffers"))?;
+    let result = first_whole(&mut stream, Wanted { settle, shortest, begun_s }, deadline);
     // Stopped here, since dropping a stream that cannot be stopped panics. What cannot be stopped is
     // left to the kernel, which frees it when the camera is closed.
     match stream.stop() {
@@ -55,19 +58,29 @@ pub fn grab(
     result
 }
 
-fn first_whole(
-    stream: &mut Stream<'_>,
+/// The clock of the drivers' times.
+fn monotonic_s() -> f64 {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+    now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
+}
+
+/// What makes a frame the one that is wanted.
+struct Wanted {
     settle: u32,
     shortest: usize,
-    deadline: &Deadline,
-) -> Result<Grabbed, CameraError> {
-    let (mut seen, mut damaged, mut dropped, mut expected) = (0, 0, 0, None);
+    /// An older frame was taken before the shot.
+    begun_s: f64,
+}
+
+fn first_whole(stream: &mut Stream<'_>, wanted: Wanted, deadline: &Deadline) -> Result<Grabbed, CameraError> {
+    let Wanted { settle, shortest, begun_s } = wanted;
+    let (mut seen, mut damaged, mut dropped, mut expected, mut stale) = (0, 0, 0, None, 0);
     loop {
         // At least a millisecond: 0 would not wait at all.
         stream.set_timeout(deadline.left("a frame")?.max(std::time::Duration::from_millis(1)));
         let (bytes, meta) = stream.next().map_err(|error| match error.kind() {
             io::ErrorKind::TimedOut => deadline.passed(&format!("a frame; {seen} came and were discarded")),
-            _ => sort(&error, "a frame"),
+            _ => streaming(&error, "a frame"),
         })?;
         dropped += expected.map_or(0, |expected| meta.sequence.wrapping_sub(expected).min(1 << 16));
         expected = Some(meta.sequence.wrapping_add(1));
@@ -80,11 +93,23 @@ fn first_whole(
                     fault(meta, shortest)
                 )));
             }
+            continue;
+        }
+        let time_s = meta.timestamp.sec as f64 + meta.timestamp.usec as f64 * 1e-6;
+        // No more than there are buffers: a driver's clock may be wrong.
+        if stale < BUFFERS && meta.flags.contains(Flags::TIMESTAMP_MONOTONIC) && time_s < begun_s {
+            stale += 1;
         } else if seen < settle {
             seen += 1;
         } else {
-            let time_s = meta.timestamp.sec as f64 + meta.timestamp.usec as f64 * 1e-6;
-            return Ok(Grabbed { bytes: used.to_vec(), sequence: meta.sequence, time_s, dropped, damaged });
+            return Ok(Grabbed {
+                bytes: used.to_vec(),
+                sequence: meta.sequence,
+                time_s,
+                dropped,
+                damaged,
+                stale,
+            });
         }
     }
 }
@@ -93,6 +118,14 @@ fn fault(meta: &Metadata, shortest: usize) -> String {
     match meta.flags.contains(Flags::ERROR) {
         true => "marked as damaged by the driver; check cable and USB bandwidth".to_owned(),
         false => format!("the last of {} bytes where {shortest} are needed", meta.bytesused),
+    }
+}
+
+/// The same of an open device: what was accepted before and is invalid now may be mended by opening anew.
+fn streaming(error: &io::Error, what: &str) -> CameraError {
+    match error.raw_os_error() == Some(rustix::io::Errno::INVAL.raw_os_error()) {
+        true => CameraError::Gone(format!("{what}: {error}; its driver lost its buffers, it is opened anew")),
+        false => sort(error, what),
     }
 }
 
