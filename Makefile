@@ -1,9 +1,12 @@
 # The two commands: make demo, make test. Everything else is below `make help`.
 CARGO ?= cargo
 PACKAGES := build-essential pkg-config libclang-dev libgphoto2-dev
+MACHINE_PACKAGES := flex bison bc xz-utils dpkg-dev libexif-dev mmdebstrap e2fsprogs kmod systemd
+# --cached: without the parts that need the virtual machine's kernel, where it is not built yet.
+MACHINE_OPTIONS ?=
 DEMO_OUTPUT ?= demo-output
 
-.PHONY: help demo test lint bench package test-machine build dependencies
+.PHONY: help demo test lint bench package test-machine build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
@@ -32,9 +35,12 @@ bench: build
 package: build
 	sh packaging/build.sh
 
-test-machine: build
-	sh tests/machine/run.sh
+test-machine: machine-dependencies build
+	bash tests/machine/run.sh $(MACHINE_OPTIONS)
 
 # Installs the Debian packages that are missing, as root or through sudo; elsewhere says which.
 dependencies:
 	@sh packaging/dependencies.sh $(PACKAGES)
+
+machine-dependencies:
+	@sh packaging/dependencies.sh $(PACKAGES) $(MACHINE_PACKAGES)

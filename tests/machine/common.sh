@@ -16,6 +16,20 @@ need() { command -v "$1" >/dev/null || die "$1 is missing; apt-get install $2"; 
 # candidate PACKAGE: the version that apt would fetch.
 candidate() { apt-cache policy "$1" | sed -n 's/^ *Candidate: //p'; }
 
+# fresh_camera DIRECTORY N FRAMES…: the virtual PTP camera there, with an empty card and N different views. Each
+# view bears its number in a comment segment (marker FFFE) behind the start marker, so that no two are alike.
+fresh_camera() {
+    local cam=$1 count=$2 i frame; shift 2
+    local frames=("$@")
+    rm -rf "$cam"; mkdir -p "$cam"/{card/DCIM,shots,state}
+    for ((i = 0; i < count; i++)); do
+        frame=${frames[i % ${#frames[@]}]}
+        { head -c 2 "$frame"; printf '\xff\xfe\x00\x08%06d' "$i"; tail -c +3 "$frame"; } >"$cam/shots/$(printf %02d "$i").jpg"
+    done
+    cp "$cam/shots/00.jpg" "$cam/card/dummy.jpg"
+    export VCAMERADIR=$cam/card VCAMERA_SHOTS=$cam/shots VCAMERA_STATE=$cam/state
+}
+
 # fetch_deb PACKAGE DIRECTORY: unpacks a binary package without installing it.
 fetch_deb() {
     local work; work=$(mktemp -d "$CACHE/fetch.XXXXXX")
@@ -29,7 +43,7 @@ fetch_source() {
     local apt="$CACHE/apt"
     mkdir -p "$apt/parts" "$apt/lists/partial" "$2"
     local file
-    for file in /etc/apt/sources.list.d/debian.sources; do
+    for file in /etc/apt/sources.list.d/*debian.sources; do
         [ -e "$file" ] && sed 's/^Types:.*/Types: deb-src/' "$file" >"$apt/parts/$(basename "$file")"
     done
     [ -s /etc/apt/sources.list ] && sed -n 's/^deb /deb-src /p' /etc/apt/sources.list >"$apt/parts/main.list"
@@ -38,3 +52,15 @@ fetch_source() {
     apt-get "${options[@]}" update
     (cd "$2" && apt-get "${options[@]}" source --download-only "$1" && dpkg-source --no-check -x ./*.dsc source >/dev/null)
 }
+
+# uml KERNEL_DIRECTORY WORD…: runs the kernel of a virtual machine until it switches itself off; its console
+# is our output. UML_LIMIT (s), UML_MEMORY.
+uml() {
+    local kernel=$1 shim; shift
+    shim="$CACHE/uml-xstate-$(sha256sum "$MACHINE/uml-xstate.c" | cut -c1-12).so"
+    [ -e "$shim" ] || gcc -O1 -shared -fPIC "$MACHINE/uml-xstate.c" -o "$shim" -ldl
+    LD_PRELOAD=$shim timeout -k 5 "${UML_LIMIT:-1500}" "$kernel/linux" "mem=${UML_MEMORY:-2500M}" "$@" \
+        con=null con0=fd:0,fd:1 quiet panic=1 </dev/null 2>&1 | stdbuf -oL tr -d '\r' || true
+}
+# The guest kernel keeps fewer registers than AVX-512 has; the guest's C library must not use those.
+TUNABLES=glibc.cpu.hwcaps=-AVX512F,-AVX512VL,-AVX512BW,-AVX512CD,-AVX512DQ,-AVX512_VL

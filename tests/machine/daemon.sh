@@ -1,8 +1,9 @@
 #!/bin/bash
-# The whole recorder on the virtual PTP camera: a series of ten, stored unchanged and solved; then the same
-# with a camera that dies in the middle. Prints the recorder's memory and CPU.
+# The whole recorder on the virtual PTP camera: a series of ten, stored unchanged and solved; the same with a
+# camera that dies in the middle; then every fault again and again in one running recorder.
 . "$(dirname "$0")/common.sh"
 set +e
+export NO_COLOR=1
 WINGD=${WINGD:-$ROOT/target/release/wingd}
 FRAMES=${FRAMES:-$ROOT/fixtures/dev/frames}
 IOLIBS=$("$MACHINE/vcamera.sh") || { echo "failed: daemon: no virtual camera"; exit 1; }; export IOLIBS
@@ -12,15 +13,8 @@ cp -r "$FRAMES/../installation" "$work/installation"; chmod -R u+w "$work/instal
 mapfile -t flight < <(find "$FRAMES" -name 'flight*.jpg' | sort)
 "$WINGD" orient --installation "$work/installation" "$FRAMES"/ground*.jpg >"$work/log" 2>&1; verdict $? "the ground frame orients the camera"
 
-fresh() {
-    rm -rf "$work/cam" "$work/store"; mkdir -p "$work/cam"/{card/DCIM,shots,state}
-    local i frame
-    for ((i = 0; i < 16; i++)); do
-        frame=${flight[i % ${#flight[@]}]}
-        { head -c 2 "$frame"; printf '\xff\xfe\x00\x08%06d' "$i"; tail -c +3 "$frame"; } >"$work/cam/shots/$(printf %02d "$i").jpg"
-    done
-    cp "$work/cam/shots/00.jpg" "$work/cam/card/dummy.jpg"
-    export VCAMERADIR=$work/cam/card VCAMERA_SHOTS=$work/cam/shots VCAMERA_STATE=$work/cam/state
+fresh() { # VIEWS
+    rm -rf "$work/store"; fresh_camera "$work/cam" "$1" "${flight[@]}"
     cat >"$work/wingd.toml" <<END
 installation = "installation"
 [camera]
@@ -52,7 +46,7 @@ record() {
 }
 stored() { find "$work/store/flights" -name '*.jpg' -exec sha256sum {} + | cut -d' ' -f1 | sort; }
 
-fresh; record; verdict $? "a series of ten ends by itself"
+fresh 16; record; verdict $? "a series of ten ends by itself"
 [ "$(stored | wc -l)" = 10 ] && [ "$(stored)" = "$(sha256sum "$work"/cam/shots/0?.jpg | cut -d' ' -f1 | sort)" ]
 verdict $? "10 frames stored, bytes as the camera sent them"
 "$WINGD" verify "$work/store" >"$work/verify" 2>&1; verdict $? "the store verifies"
@@ -60,10 +54,27 @@ solved=$(cat "$(find "$work/store" -name results.jsonl | head -n 1)" 2>/dev/null
 [ "$solved" = 10 ]; verdict $? "$solved of 10 frames solved; peak memory of the recorder $((peak / 1024)) MB"
 [ -z "$(find "$work/cam/card/DCIM" -name '*.JPG')" ]; verdict $? "the card is empty again"
 
-fresh; (sleep 1; echo die >"$work/cam/state/fault") & record; verdict $? "a camera that dies mid-download does not end the recorder"
+fresh 16; (sleep 1; echo die >"$work/cam/state/fault") & record; verdict $? "a camera that dies mid-download does not end the recorder"
 missing=0
+{ stored; find "$work/cam/card/DCIM" -name '*.JPG' -exec sha256sum {} +; } >"$work/kept"
 for view in $(sed -n 's/^view //p' "$work/cam/state/log" | sort -u); do
-    { stored; find "$work/cam/card/DCIM" -name '*.JPG' -exec sha256sum {} +; } | grep -q "$(sha256sum "$work/cam/shots/$view.jpg" | cut -d' ' -f1)" || missing=$((missing + 1))
+    grep -q "$(sha256sum "$work/cam/shots/$view.jpg" | cut -d' ' -f1)" "$work/kept" || missing=$((missing + 1))
 done
 grep -q 'fault die' "$work/cam/state/log" || missing=$((missing + 100))
 verdict $missing "every picture that the camera took is in the store ($(stored | wc -l) frames) or whole on the card for the next series"
+
+# Faults of the camera on USB. The views repeat after 40, far more than the recorder compares with.
+wingd=$WINGD W=$work rounds=${FAULT_ROUNDS:-20}
+. "$MACHINE/faults.sh"
+fresh 40; export VCAMERA_VIEWS=40
+sed -i -e '/^installation/d' -e 's/^interval.*/interval = "1s"/' -e 's/^shots = .*/shots = 20/' -e 's/^gap.*/gap = "50ms"/' \
+    -e 's/^shot_deadline.*/shot_deadline = "2s"/' -e '/^until/d' "$work/wingd.toml"
+printf 'reserve_mb = 0\n' | sed -i '/^path = "store"/r /dev/stdin' "$work/wingd.toml"
+# strike FAULT: brings it on and waits until the recorder has felt it.
+strike() { local before; before=$(failures); echo "$1" >"$work/cam/state/fault"; wait_more failures "$before" 10; }
+lift() { rm -f "$work/cam/state/fault"; }
+for fault in hang die truncate stale gone full busy claimed; do
+    eval "inject() { strike $fault; }"
+    rm -rf "$work/cam/card/DCIM"; mkdir "$work/cam/card/DCIM"
+    campaign "USB" "$fault" inject lift
+done

@@ -1,53 +1,104 @@
-//! Plays pictures into a video loopback device, as a camera would: the picture whose number stands in a
-//! control file, again and again.
+//! Plays pictures into a video loopback device, as a camera would; sets a control of a video device.
 //!
-//! `feed DEVICE FOURCC CONTROL SENT FRAME.jpg…`; what is written goes to the folder SENT too, as 00, 01, …
+//! `feed DEVICE FOURCC CONTROL SENT FRAME.jpg…`: the file CONTROL says what is shown: `auto`, one picture
+//! after the other; `N`, picture N again and again; `hold`, the present one; `once N`, picture N in a
+//! burst of eight; `stop`. The hash of every picture is added to the file SENT before it is shown.
+//! `feed set DEVICE ID VALUE`
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+use std::fs::OpenOptions;
 use std::io::Write;
 use std::time::Duration;
 
+use sha2::{Digest, Sha256};
+use v4l::control::{Control, Value};
 use v4l::video::Output;
 use v4l::{Device, Format, FourCC};
 use wingd::pipeline::decode::decode;
 
-fn main() {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [device, fourcc, control, sent, frames @ ..] = arguments.as_slice() else {
-        panic!("feed DEVICE FOURCC CONTROL SENT FRAME.jpg…");
-    };
-    let code: [u8; 4] = fourcc.as_bytes().try_into().expect("a FourCC has four letters");
-    let files: Vec<Vec<u8>> = frames.iter().map(|frame| std::fs::read(frame).expect("a frame")).collect();
-    let first = decode(&files[0], None).expect("a picture");
-    let (width, height) = (first.width() as u32, first.height() as u32);
-    // Each number gives another picture, even where there are fewer files: a comment segment in a JPEG,
-    // the first pixel of bare samples.
-    let payload = |number: usize| {
-        let file = &files[number % files.len()];
-        if fourcc == "GREY" {
-            let mut luma = decode(file, None).expect("a picture").luma().to_vec();
-            luma[0] = number as u8;
-            return luma;
+/// Between two frames, besides what they take.
+const PAUSE: Duration = Duration::from_millis(20);
+
+/// Pictures to show; no two numbers give the same.
+struct Pictures {
+    /// Whole JPEG files, or bare samples.
+    payloads: Vec<Vec<u8>>,
+    jpeg: bool,
+    size: (u32, u32),
+}
+
+impl Pictures {
+    fn read(files: &[String], jpeg: bool) -> Self {
+        let mut size = (0, 0);
+        let read = |file: &String| {
+            let bytes = std::fs::read(file).expect("a frame");
+            let picture = decode(&bytes, None).expect("a picture");
+            size = (picture.width() as u32, picture.height() as u32);
+            if jpeg { bytes } else { picture.luma().to_vec() }
+        };
+        Self { payloads: files.iter().map(read).collect(), jpeg, size }
+    }
+
+    /// The number goes into a JPEG comment, or into the first pixels.
+    fn number(&self, number: usize) -> Vec<u8> {
+        let file = &self.payloads[number % self.payloads.len()];
+        let digits = (number as u32).to_be_bytes();
+        match self.jpeg {
+            true => [&file[..2], &[0xFF, 0xFE, 0, 6], &digits, &file[2..]].concat(),
+            false => [&digits, &file[4..]].concat(),
         }
-        let comment = [0xFF, 0xFE, 0, 3, number as u8];
-        [&file[..2], &comment, &file[2..]].concat()
-    };
+    }
+}
+
+fn play(device: &str, fourcc: &str, control: &str, sent: &str, files: &[String]) {
+    let code: [u8; 4] = fourcc.as_bytes().try_into().expect("a FourCC has four letters");
+    let pictures = Pictures::read(files, fourcc == "MJPG");
     let mut device = Device::with_path(device).expect("the loopback device");
-    let format = Format::new(width, height, FourCC::new(&code));
+    let format = Format::new(pictures.size.0, pictures.size.1, FourCC::new(&code));
     let got = device.set_format(&format).expect("the format");
-    assert_eq!((got.width, got.height, got.fourcc), (width, height, format.fourcc), "the device gives {got}");
-    let (mut number, mut bytes) = (usize::MAX, Vec::new());
+    assert_eq!(
+        (got.width, got.height, got.fourcc),
+        (format.width, format.height, format.fourcc),
+        "the device gives {got}"
+    );
+    let mut log = OpenOptions::new().create(true).append(true).open(sent).expect("the list of what is sent");
+    let (mut number, mut bytes, mut shown) = (0, Vec::new(), None);
     loop {
         let text = std::fs::read_to_string(control).unwrap_or_default();
-        if text.trim() == "stop" {
-            return;
+        let once = text.strip_prefix("once ").and_then(|number| number.trim().parse().ok());
+        let next = match (text.trim(), once) {
+            ("stop", _) => return,
+            ("hold" | "", _) if !bytes.is_empty() => Some(number),
+            (text, None) if text.parse::<usize>().is_ok() => text.parse().ok(),
+            (_, Some(wanted)) => (shown != Some(wanted)).then_some(wanted),
+            _ => Some(number + 1),
+        };
+        if let Some(next) = next {
+            if next != number || bytes.is_empty() {
+                (number, bytes) = (next, pictures.number(next));
+                writeln!(log, "{}", hex::encode(Sha256::digest(&bytes))).expect("the list of what is sent");
+            }
+            for _ in 0..if once.is_some() { 8 } else { 1 } {
+                device.write_all(&bytes).expect("the loopback device takes a frame");
+                std::thread::sleep(PAUSE);
+            }
+            shown = Some(next);
         }
-        let wanted = text.trim().parse().unwrap_or(0);
-        if wanted != number {
-            (number, bytes) = (wanted, payload(wanted));
-            std::fs::write(format!("{sent}/{number:02}"), &bytes).expect("the folder for what is sent");
-        }
-        device.write_all(&bytes).expect("the loopback device takes a frame");
-        std::thread::sleep(Duration::from_millis(60));
+        std::thread::sleep(PAUSE);
+    }
+}
+
+fn set(device: &str, id: &str, value: &str) {
+    let id = u32::from_str_radix(id.trim_start_matches("0x"), 16).expect("the control's id");
+    let value = Value::Integer(value.parse().expect("a number"));
+    Device::with_path(device).expect("the device").set_control(Control { id, value }).expect("the control");
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    match arguments.as_slice() {
+        [set_, device, id, value] if set_ == "set" => set(device, id, value),
+        [device, fourcc, control, sent, frames @ ..] => play(device, fourcc, control, sent, frames),
+        _ => panic!("feed DEVICE FOURCC CONTROL SENT FRAME.jpg…, or feed set DEVICE ID VALUE"),
     }
 }

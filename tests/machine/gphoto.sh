@@ -5,24 +5,17 @@
 set +e
 WINGD=${WINGD:?path of the wingd binary}
 FRAMES=${FRAMES:?directory of JPEG frames}
-ROUNDS=${FAULT_ROUNDS:-20}
+# The camera alone; daemon.sh does more of it with the whole recorder.
+ROUNDS=$(((${FAULT_ROUNDS:-20} + 3) / 4))
 IOLIBS=$("$MACHINE/vcamera.sh"); export IOLIBS
 work=$(mktemp -d); trap 'rm -rf "$work"' EXIT
 RANDOM=${SEED:-1}
 mapfile -t frames < <(find "$FRAMES" -name '*.jpg' | sort)
 [ "${#frames[@]}" -ge 5 ] || die "at least 5 frames are needed in $FRAMES"
 
-# A fresh camera with N different views. Each view bears its number in a comment segment (marker FFFE)
-# behind the start marker, so that no two are alike.
+# fresh VIEWS: a fresh camera, and what talks to it.
 fresh() {
-    rm -rf "$work/cam"; mkdir -p "$work/cam"/{card/DCIM,shots,state,out}
-    local i frame
-    for ((i = 0; i < $1; i++)); do
-        frame=${frames[i % ${#frames[@]}]}
-        { head -c 2 "$frame"; printf '\xff\xfe\x00\x08%06d' "$i"; tail -c +3 "$frame"; } >"$work/cam/shots/$(printf %02d "$i").jpg"
-    done
-    cp "$work/cam/shots/00.jpg" "$work/cam/card/dummy.jpg"
-    export VCAMERADIR=$work/cam/card VCAMERA_SHOTS=$work/cam/shots VCAMERA_STATE=$work/cam/state
+    fresh_camera "$work/cam" "$1" "${frames[@]}"; mkdir "$work/cam/out"
     printf '%s\n' '[camera]' 'kind = "gphoto"' 'open_s = 10.0' '[camera.settings]' 'focusmode = "Manual"' \
         'f-number = "f/8"' 'iso = "100"' 'imagequality = "JPEG Fine"' >"$work/cam/wingd.toml"
 }

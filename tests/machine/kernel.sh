@@ -1,13 +1,19 @@
 #!/bin/bash
 # Builds a User-Mode Linux kernel with vivid, v4l2loopback and gpio-sim; prints its directory:
-# `linux` and `modules/`. Cached by source version, configuration and this script.
+# `linux` and `modules/`. Cached by source version, configuration and recipe. With --cached it
+# builds nothing and fails where there is none.
 . "$(dirname "$0")/common.sh"
 for pair in flex:flex bison:bison bc:bc gcc:gcc make:make xz:xz-utils; do need "${pair%%:*}" "${pair##*:}"; done
 version=$(candidate linux-source-6.1)
+case ${version:-(none)} in "(none)") apt-get -qq update; version=$(candidate linux-source-6.1) ;; esac
 loopback=$(candidate v4l2loopback-dkms)
 [ -n "$version" ] && [ "$version" != "(none)" ] || die "linux-source-6.1 is unknown to apt; run apt-get update"
-key=$( (echo "$version $loopback"; cat "$MACHINE/um.cfg" "$0") | sha256sum | cut -c1-12)
+recipe=1 # to be raised where the steps below give another kernel
+key=$( (echo "$version $loopback $recipe"; cat "$MACHINE/um.cfg") | sha256sum | cut -c1-12)
 out="$CACHE/kernel-$key"
+if [ -x "$out/linux" ] && [ -e "$out/modules/v4l2loopback.ko" ]; then echo "$out"; exit 0; fi
+[ "${1:-}" != --cached ] || exit 1
+exec 9>"$CACHE/kernel.lock"; flock 9 # one at a time
 if [ -x "$out/linux" ] && [ -e "$out/modules/v4l2loopback.ko" ]; then echo "$out"; exit 0; fi
 
 say "kernel: building $version for User-Mode Linux, about 10 minutes, once"

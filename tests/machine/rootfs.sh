@@ -8,7 +8,7 @@ key=$( (date +%Y-%m; echo "$packages $VERSION_CODENAME"; cat "$0") | sha256sum |
 out="$CACHE/rootfs-$key.tar"
 if [ ! -s "$out" ]; then
     say "rootfs: fetching Debian $VERSION_CODENAME, about a minute, once"
-    sources=(/etc/apt/sources.list.d/debian.sources)
+    sources=(/etc/apt/sources.list.d/*debian.sources)
     [ -e "${sources[0]}" ] || sources=(/etc/apt/sources.list)
     nice mmdebstrap --quiet --variant=minbase "--include=$packages" "$VERSION_CODENAME" "$out.part" "${sources[@]}" \
         --format=tar >"$CACHE/rootfs.log" 2>&1 || die "see $CACHE/rootfs.log"

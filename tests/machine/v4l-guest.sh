@@ -1,70 +1,56 @@
-# In the guest: the V4L2 camera and the remote release. Prints `passed:` and `failed:` lines.
+# In the guest: the V4L2 camera. Prints `passed:` and `failed:` lines.
 # shellcheck shell=bash disable=SC2154
-wingd=$G_wingd feed=$G_feed rounds=$G_rounds
-mapfile -t frames < <(find "$G_frames" -name '*.jpg' | sort)
-verdict() { if [ "$1" = 0 ]; then echo "passed: $2"; else echo "failed: $2"; tail -n 4 /mnt/feed.log /mnt/errors /mnt/lines 2>/dev/null | cut -c1-400; fi; }
-config() { printf '%s\n' '[camera]' "$@" >/mnt/wingd.toml; }
-shoot() { "$wingd" camera-test --config /mnt/wingd.toml --deadline "${DEADLINE:-8}" --output /mnt/out "$@" >/mnt/lines 2>/mnt/errors; }
-now() { date +%s%N; }
-ms() { echo $((($(now) - $1) / 1000000)); }
-size() { sed -n 's/.*'"$1"' *= *\([0-9]*\).*/\1/p' "$G_installation" | head -n 1; }
-width=$(size width) height=$(size height)
+. "${G_script%/*}/guest-lib.sh"
+load_loopback || { echo "failed: v4l: v4l2loopback does not load"; exit 1; }
+cp -r "$G_installation" /mnt/installation; chmod -R u+w /mnt/installation
+"$wingd" orient --installation /mnt/installation "$G_frames"/ground*.jpg >/mnt/lines 2>&1; verdict $? "v4l: the ground frame orients the camera"
 
-load v4l2loopback max_width=8192 max_height=8192 card_label=wing exclusive_caps=0 || { echo "failed: v4l2loopback does not load"; exit 1; }
-start_feed() { rm -rf /mnt/sent; mkdir /mnt/sent; echo "${2:-0}" >/mnt/control; "$feed" /dev/video0 "$1" /mnt/control /mnt/sent "${frames[@]}" 2>/mnt/feed.log & feeder=$!; for _ in $(seq 200); do [ -n "$(ls /mnt/sent)" ] && break; sleep 0.1; done; sleep 0.3; }
-stop_feed() { echo stop >/mnt/control; wait "$feeder"; }
-
-# Ten pictures through the loopback, each once, unchanged. The shown picture moves on when a shot is in.
-ten() {
-    local format=$1 status=0 line k=0 begin
-    rm -rf /mnt/out; mkdir /mnt/out
-    start_feed "$format"
-    config 'kind = "v4l"' 'card = "wing"' "format = \"$format\"" "width = $width" "height = $height" 'settle_frames = 3'
-    begin=$(now)
-    "$wingd" camera-test --config /mnt/wingd.toml --shots 10 --attempts 4 --deadline 8 --output /mnt/out 2>/mnt/errors | while read -r line; do
-        case $line in *'"shot"'*) k=$((k + 1)); echo "$k" >/mnt/control ;; esac
-        echo "$line"
-    done >/mnt/lines || status=1
-    took=$(ms "$begin")
+# Ten pictures through the loopback and the whole recorder: stored unchanged, and solved.
+flight() {
+    local format=$1 status=0 stored solved begin
+    start_feed "$format" 0
+    INSTALLATION=/mnt/installation recorder_config 'interval = "10m"\nuntil = "1s"\nshots = 10\ngap = "200ms"\nshot_deadline = "10s"\nretries = 10' \
+        'kind = "v4l"' 'card = "wing"' "format = \"$format\"" "width = $width" "height = $height" 'settle_frames = 3'
+    rm -rf /mnt/store; begin=$(now_ms)
+    "$wingd" run --config /mnt/wingd.toml >/mnt/log 2>&1 & recorder=$!
+    # The next picture once the last one is stored: the loopback device overwrites what is being read.
+    for _ in $(seq 2400); do durable >/mnt/control; grep -q 'series closed' /mnt/log && break; sleep 0.05; done
+    kill -STOP "$feeder"
+    wait $recorder || status=1
     stop_feed
-    [ "$(grep -c '"error":null' /mnt/lines)" = 10 ] || status=1
-    for k in 00 01 02 03 04 05 06 07 08 09; do
-        grep -lq . /mnt/sent/$k && cmp -s "/mnt/out/shot-0$k" /mnt/sent/$k || { echo "picture $k is not as sent"; status=1; }
-    done
-    verdict $status "v4l: 10 frames of $width x $height px as $format unchanged in $took ms"
+    mapfile -t stored < <(find /mnt/store/flights -type f \( -iname '*.grey' -o -name '*.jpg' \) | sort)
+    [ ${#stored[@]} = 10 ] && all_as_sent "${stored[@]}"
+    verdict $? "v4l: 10 frames of $width x $height px as $format stored, bytes as sent"
+    solved=$(cat "$(find /mnt/store -name results.jsonl | head -n 1)" | grep -c '"status":"ok"')
+    [ "$solved" = 10 ] && [ $status = 0 ]; verdict $? "v4l: $solved of 10 $format frames solved, $(($(now_ms) - begin)) ms with one core"
 }
-ten GREY
-ten MJPG
+flight GREY
+flight MJPG
 
 # Without a camera: named, at once.
 config 'kind = "v4l"' 'serial = "no-such"' 'format = "GREY"' 'width = 64' 'height = 64'
-begin=$(now); ! shoot --shots 1 && grep -q 'no camera with serial no-such.*connected: /dev/video0' /mnt/lines && [ "$(ms "$begin")" -lt 3000 ]
+begin=$(now_ms); ! shoot --shots 1 && grep -q 'no camera with serial no-such.*connected: /dev/video0' /mnt/lines && [ $(($(now_ms) - begin)) -lt 3000 ]
 verdict $? "v4l: a missing camera is named, and what is there instead"
 
-# A camera that stops in the middle: never longer than its deadline; afterwards it goes on.
-bad=0 longest=0
-for ((i = 0; i < rounds; i++)); do
-    rm -rf /mnt/out; mkdir /mnt/out
-    start_feed GREY $((i % 5)) 2>/dev/null
-    config 'kind = "v4l"' 'card = "wing"' 'format = "GREY"' "width = $width" "height = $height" 'settle_frames = 2'
-    kill -STOP "$feeder"
-    (sleep "1.$((RANDOM % 10))"; kill -CONT "$feeder") & waker=$!
-    begin=$(now)
-    DEADLINE=1 shoot --shots 1 --attempts 20 || bad=$((bad + 1))
-    took=$(ms "$begin"); [ "$took" -gt "$longest" ] && longest=$took
-    wait $waker; stop_feed
-    cmp -s /mnt/out/shot-000 "/mnt/sent/$(printf %02d $((i % 5)))" || bad=$((bad + 1))
-done
-[ "$longest" -lt 8000 ] || bad=$((bad + 1))
-verdict $bad "v4l: a camera that stalls, $rounds times: series completed, longest $longest ms"
+# A camera that stalls or repeats itself, in the midst of a recording.
+recorder_config 'interval = "2s"\nshots = 20\ngap = "50ms"\nshot_deadline = "1500ms"\nretries = 5' \
+    'kind = "v4l"' 'card = "wing"' 'format = "MJPG"' "width = $width" "height = $height" 'settle_frames = 1'
+start_feed MJPG auto
+stall() { kill -STOP "$feeder"; }
+go_on() { kill -CONT "$feeder"; echo auto >/mnt/control; }
+repeat() { echo hold >/mnt/control; }
+campaign v4l "a camera that stalls" stall go_on
+campaign v4l "a camera that repeats its picture" repeat go_on
+stop_feed
 rmmod v4l2loopback
 
-# vivid: controls, Bayer, dropped buffers, unplugging and coming back under another number.
+# vivid: controls, Bayer, dropped and damaged buffers, unplugging and coming back under another number.
 for m in v4l2-tpg videobuf2-common videobuf2-memops videobuf2-v4l2 videobuf2-vmalloc videobuf2-dma-contig cfbcopyarea cfbfillrect cfbimgblt font; do load $m; done
-load vivid n_devs=1 node_types=0x1 input_types=0xff num_inputs=1 || { echo "failed: vivid does not load"; exit 1; }
-node=$(basename "$(dirname "$(grep -l vivid /sys/class/video4linux/video*/name | head -n 1)")")
-[ -c "/dev/$node" ] || { echo "failed: vivid has no video node"; exit 1; }
-card=$(cat "/sys/class/video4linux/$node/name")
+load_vivid() { load vivid n_devs=1 node_types=0x1 input_types=0xff num_inputs=1 vid_cap_nr="$1"; }
+load_vivid 0 || { echo "failed: v4l: vivid does not load"; exit 1; }
+node() { basename "$(dirname "$(grep -l vivid /sys/class/video4linux/video*/name | head -n 1)")"; }
+[ -c "/dev/$(node)" ] || { echo "failed: v4l: vivid has no video node"; exit 1; }
+card=$(cat "/sys/class/video4linux/$(node)/name")
 vivid() { config 'kind = "v4l"' "card = \"$card\"" "format = \"$1\"" 'width = 4000' 'height = 3000' 'settle_frames = 2' '[camera.controls]' "${@:2}"; }
 for format in GREY YUYV BA81 RG10 RG12; do
     vivid $format 'brightness = 77' 'gain = 33' 'autogain = 0'
@@ -80,47 +66,40 @@ vivid MJPG 'gain = 33'; rm -rf /mnt/out; mkdir /mnt/out
 ! shoot --shots 1 && grep -q 'instead of MJPG' /mnt/lines; verdict $? "v4l: another format than asked for is refused, with what there is"
 vivid GREY 'focus_absolute = 3'; rm -rf /mnt/out; mkdir /mnt/out
 shoot --shots 1 && grep -q 'control focus_absolute cannot be' /mnt/lines; verdict $? "v4l: a control that the camera lacks is reported"
-vivid GREY '0x00f0f0a0 = 30' # vivid: percentage of dropped buffers
-drops=0 bad=0
-for ((i = 0; i < rounds; i++)); do
-    rm -rf /mnt/out; mkdir /mnt/out
-    shoot --shots 1 --attempts 3 || bad=$((bad + 1))
-    drops=$((drops + $(sed -n 's/.*"dropped_frames":\([0-9]*\).*/\1/p' /mnt/lines | head -n 1)))
-done
-verdict $bad "v4l: $rounds shots with 30 % of the buffers dropped by the driver, $drops drops counted"
 
-# Remote release: a simulated GPIO line, frames as files in a watched folder.
-load gpio-sim 2>/dev/null
-sim=/sys/kernel/config/gpio-sim/wing
-mkdir -p $sim/bank0 && echo 8 >$sim/bank0/num_lines && mkdir $sim/bank0/line3 && echo release >$sim/bank0/line3/name && echo 1 >$sim/live \
-    || { echo "failed: gpio-sim is missing"; exit 1; }
-value=$(find /sys/devices/platform/gpio-sim.*/gpiochip*/sim_gpio3 -name value | head -n 1)
-[ -e "$value" ] || { echo "failed: gpio-sim shows no line"; exit 1; }
-config 'kind = "release"' 'full_press = { name = "release" }' 'full_press_s = 1.0' '[camera.frames]' 'kind = "folder"' 'path = "/mnt/card"' 'delete = true'
-# A camera that takes a picture for every press that it sees.
-camera() { local last=0 v; n=0; while :; do v=$(cat "$value"); [ "$v$last" = 10 ] && { n=$((n + 1)); cp "${frames[n % ${#frames[@]}]}" "/mnt/card/part"; mv /mnt/card/part "/mnt/card/IMG_$(printf %04d $n).JPG"; }; last=$v; sleep 0.02; done; }
-rm -rf /mnt/card /mnt/out; mkdir /mnt/card /mnt/out
-camera & sim_camera=$!
-status=0
-for k in 1 2 3 4 5; do
-    DEADLINE=5 shoot --shots 1 || status=1
-    cmp -s /mnt/out/shot-000 "${frames[k % ${#frames[@]}]}" || status=1
-    sleep 1 # the simulated camera looks at the line now and then only
-done
-[ -z "$(ls /mnt/card)" ] || status=1
-verdict $status "release: 5 presses of a GPIO line, 5 frames from the watched folder, unchanged, then deleted there"
-kill $sim_camera; wait $sim_camera 2>/dev/null
-DEADLINE=1 shoot --shots 1; grep -q 'release was pressed and no frame came' /mnt/lines; verdict $? "release: a shot without a frame is named"
-bad=0
-for ((i = 0; i < rounds; i++)); do
-    "$wingd" camera-test --config /mnt/wingd.toml --deadline 10 --output /mnt/out >/dev/null 2>&1 & holder=$!
-    named=1
-    for _ in 1 2 3 4 5 6; do
-        sleep 0.3
-        DEADLINE=0.1 shoot --shots 1; grep -q 'camera is busy: line release is held by' /mnt/lines && { named=0; break; }
-    done
-    bad=$((bad + named))
-    kill $holder 2>/dev/null; wait $holder 2>/dev/null
-done
-verdict $bad "release: a line that another program holds, $rounds times: named"
+# Faults of the driver; the numbers are vivid's own controls.
+series='interval = "3s"\nshots = 40\ngap = "50ms"\nshot_deadline = "2s"\nretries = 10'
+small=('kind = "v4l"' "card = \"$card\"" 'format = "GREY"' 'width = 640' 'height = 360' 'settle_frames = 1')
+# Noise, so that no two frames are alike: the numbers in vivid's pictures begin anew with each stream.
+noise=('[camera.controls]' '0x00f0f000 = 21')
+recorder_config "$series" "${small[@]}" "${noise[@]}"
+press() { "$feed" set "/dev/$(node)" "$1" 1 2>>/mnt/feed.log; }
+# A fault that is set while no stream runs is without effect: again, until it is felt.
+hammer() { local before; before=$(failures); for _ in $(seq 40); do press "$1"; [ "$(failures)" -eq "$before" ] || return; sleep 0.02; done; }
+disconnect() { hammer 0xf0f041; }
+fatal() { hammer 0xf0f046; }
+no_start() { hammer 0xf0f045; }
+no_buffers() { hammer 0xf0f043; }
+campaign v4l "unplugged" disconnect
+campaign v4l "streaming broken off by the driver" fatal
+campaign v4l "streaming cannot be started" no_start
+campaign v4l "no buffers to be had" no_buffers
+number=0
+# Gone for a moment; the module can be taken away only while the recorder has let go of the device.
+unplug() { disconnect; for _ in $(seq 200); do rmmod vivid 2>/dev/null && return; sleep 0.02; done; }
+replug() { number=$(((number + 1) % 8)); load_vivid $number; }
+campaign v4l "unplugged and back under another number" unplug replug
+
+# Damaged and dropped buffers are passed over within the shot, and counted with it.
+counted() { cat /mnt/store/flights/*/*/series.json | tr ',{}' '\n\n\n' | sed -n 's/^ *"'"$1"'": *\([0-9]*\).*/\1/p' | awk '{sum += $1} END {print sum + 0}'; }
+start_recorder; status=$?
+for ((i = 0; i < rounds; i++)); do sleep "0.$(printf %03d $((RANDOM % 400 + 100)))"; press 0xf0f042; done
+before=$(durable); wait_more durable "$before" 20 && stop_recorder && nothing_stored_lost || status=1
+damaged=$(counted damaged_frames); [ "$damaged" -ge $((rounds / 4)) ] && [ "$(failures)" = 0 ] || status=1
+verdict $status "v4l: a buffer flagged as damaged, $rounds times: $damaged of them hit a shot and were passed over, $(durable) shots completed, none failed"
+recorder_config "$series" "${small[@]}" "${noise[@]}" '0x00f0f040 = 30'
+start_recorder; status=$?
+wait_more durable "$rounds" 60 && stop_recorder && nothing_stored_lost || status=1
+dropped=$(counted dropped_frames); [ "$dropped" -gt 0 ] && [ "$(failures)" = 0 ] || status=1
+verdict $status "v4l: 30 % of the buffers dropped by the driver: $(durable) shots completed, $dropped drops counted, none failed"
 true

@@ -3,7 +3,9 @@
  *
  * VCAMERADIR     the card: DCIM/ and one .jpg beside it (the camera's own code wants one to exist)
  * VCAMERA_SHOTS  directory with 00.jpg, 01.jpg, ..: what the lens sees, one after the other
+ * VCAMERA_VIEWS  how many there are; after the last one the first again (default: no end)
  * VCAMERA_STATE  directory with `counter`, `log`, and `fault` (one word, written by the harness):
+ *   press                        a picture is taken without a command, at once
  *   hang, die, truncate, stale   once, at the next shot; the file is removed when it strikes
  *   gone, full, busy, claimed, autofocus   for as long as the file is there
  */
@@ -62,8 +64,10 @@ __attribute__((unused)) static char *card_shot(const char *card, const char *dir
 	long left = -1;
 	size_t got;
 	FILE *in, *out;
+	int views = getenv("VCAMERA_VIEWS") ? atoi(getenv("VCAMERA_VIEWS")) : 0;
 	int view = (count - 98) / 2;
 	if (view > 0 && fault_once("stale")) view--;
+	if (views > 0) view %= views;
 	snprintf(from, sizeof(from), "%s/%02d.jpg", shots ? shots : "/nonexistent", view);
 	snprintf(to, sizeof(to), "%s/DCIM/%s", card, directory);
 	mkdir(to, 0755);
