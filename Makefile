@@ -1,7 +1,7 @@
 # The two commands: make demo, make test. Everything else is below `make help`.
 CARGO ?= cargo
 PACKAGES := build-essential pkg-config libclang-dev libgphoto2-dev
-MACHINE_PACKAGES := flex bison bc xz-utils dpkg-dev libexif-dev mmdebstrap e2fsprogs kmod systemd
+MACHINE_PACKAGES := flex bison bc xz-utils dpkg-dev libexif-dev mmdebstrap e2fsprogs kmod procps systemd
 # --cached: without the parts that need the virtual machine's kernel, where it is not built yet.
 MACHINE_OPTIONS ?=
 DEMO_OUTPUT ?= demo-output

@@ -53,14 +53,29 @@ fetch_source() {
     (cd "$2" && apt-get "${options[@]}" source --download-only "$1" && dpkg-source --no-check -x ./*.dsc source >/dev/null)
 }
 
-# uml KERNEL_DIRECTORY WORD…: runs the kernel of a virtual machine until it switches itself off; its console
-# is our output. UML_LIMIT (s), UML_MEMORY.
+# uml KERNEL_DIRECTORY WORD…: runs the kernel of a virtual machine until it switches itself off; its console is our
+# output. It is killed after UML_LIMIT (s), and where it stays on for 10 s after the line UML_END. UML_MEMORY.
 uml() {
-    local kernel=$1 shim; shift
+    local kernel=$1 shim console guest shown begin=$SECONDS over=; shift
     shim="$CACHE/uml-xstate-$(sha256sum "$MACHINE/uml-xstate.c" | cut -c1-12).so"
     [ -e "$shim" ] || gcc -O1 -shared -fPIC "$MACHINE/uml-xstate.c" -o "$shim" -ldl
-    LD_PRELOAD=$shim timeout -k 5 "${UML_LIMIT:-1500}" "$kernel/linux" "mem=${UML_MEMORY:-2500M}" "$@" \
-        con=null con0=fd:0,fd:1 quiet panic=1 </dev/null 2>&1 | stdbuf -oL tr -d '\r' || true
+    console=$(mktemp "$CACHE/console.XXXXXX")
+    # In a session of its own, and without our output: one that hangs can be killed whole, and holds nobody up.
+    LD_PRELOAD=$shim setsid "$kernel/linux" "mem=${UML_MEMORY:-2500M}" "$@" con=null con0=fd:0,fd:1 quiet panic=1 \
+        </dev/null > >(exec cat >"$console" 2>/dev/null) 2>&1 & guest=$!
+    tail -n +1 -f -s 0.2 --pid=$guest "$console" | stdbuf -oL tr -d '\r' & shown=$!
+    while kill -0 "$guest" 2>/dev/null && [ $((SECONDS - begin)) -lt "${UML_LIMIT:-900}" ]; do
+        [ -n "$over" ] || ! grep -qa "${UML_END:-^guest: end}" "$console" || over=$SECONDS
+        [ -z "$over" ] || [ $((SECONDS - over)) -lt 10 ] || break
+        sleep 0.5
+    done
+    if kill -0 "$guest" 2>/dev/null; then
+        say "the virtual machine is still on after $((SECONDS - begin)) s, and is killed:"
+        ps -s "$guest" -o pid,stat,wchan:20,time,comm >&2 || true
+    fi
+    pkill -KILL -s "$guest" || true
+    wait "$guest" "$shown" 2>/dev/null || true
+    rm -f "$console"
 }
 # The guest kernel keeps fewer registers than AVX-512 has; the guest's C library must not use those.
 TUNABLES=glibc.cpu.hwcaps=-AVX512F,-AVX512VL,-AVX512BW,-AVX512CD,-AVX512DQ,-AVX512_VL
