@@ -117,7 +117,7 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &Document) {
     }
     for c in checks {
         if !(c.low..=c.high).contains(&c.value) {
-            let problem = format!("is {} {}", c.value, c.unit);
+            let problem = format!("is {:?} {}", c.value, c.unit);
             let mend = format!("give a number from {} to {} {}", c.low, c.high, c.unit);
             reader.fault(file, c.place, problem.trim_end(), mend.trim_end());
         }

@@ -133,7 +133,7 @@ fn marker(reader: &mut Reader, file: &Path, line: u64, cells: &[String; 7]) -> O
             reader.fault(
                 file,
                 &place,
-                format!("is {value} m"),
+                format!("is {value:?} m"),
                 format!("give a number from {low} to {high} m"),
             );
         }
