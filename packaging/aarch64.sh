@@ -11,7 +11,7 @@ inputs=(Cargo.toml Cargo.lock src fixtures/demo)
 key=$( (find "${inputs[@]}" -type f -print0 | sort -z | xargs -0 sha256sum; cat packaging/aarch64.sh) | sha256sum | cut -c1-12)
 binary=$base/wingd-$key
 if [ ! -x "$binary" ]; then
-    say "aarch64: building, 5 to 10 minutes"
+    say "aarch64: building, 10 to 40 minutes the first time, later a third of that"
     # The crates come as this machine's cargo is set up to fetch them; the build itself needs no network.
     for system in $target x86_64-unknown-linux-gnu; do
         "${CARGO:-cargo}" fetch --quiet --locked --target $system || die "cargo fetch failed"
