@@ -6,13 +6,14 @@ MACHINE_PACKAGES := flex bison bc xz-utils dpkg-dev libexif-dev mmdebstrap e2fsp
 MACHINE_OPTIONS ?=
 DEMO_OUTPUT ?= demo-output
 
-.PHONY: help demo test lint bench package test-machine build dependencies machine-dependencies
+.PHONY: help demo test lint bench package package-aarch64 test-machine build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
 	@echo 'make test          formatting, lints, every test (Debian 12: installs what it lacks)'
 	@echo 'make bench         the figures of docs/performance.md'
 	@echo 'make package       a Debian package in target/package'
+	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
 	@echo 'make test-machine  cameras, GPIO and systemd in virtual machines'
 
 demo: build
@@ -34,6 +35,9 @@ bench: build
 
 package: build
 	sh packaging/build.sh
+
+package-aarch64: machine-dependencies
+	bash packaging/aarch64.sh
 
 test-machine: machine-dependencies build
 	bash tests/machine/run.sh $(MACHINE_OPTIONS)

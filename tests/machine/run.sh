@@ -1,7 +1,7 @@
 #!/bin/bash
 [ -n "${BASH_VERSION:-}" ] || exec bash "$0" "$@"
 # The hardware paths in virtual machines; see README.md. Ends with a line `N passed, N failed`.
-#   run.sh [--cached] [PART…]; --cached: the parts in the virtual machine only where its kernel is built.
+#   run.sh [--cached] [PART…]; --cached: the parts that need a kernel or a Debian of their own only where it is there.
 . "$(dirname "$0")/common.sh"
 set +e
 WINGD=${WINGD:-$ROOT/target/release/wingd}; export WINGD
@@ -10,7 +10,7 @@ FEED=${FEED:-$ROOT/target/release/examples/feed}
 FAULT_ROUNDS=${FAULT_ROUNDS:-20}; export FAULT_ROUNDS
 [ -x "$WINGD" ] || die "$WINGD is missing; run make build"
 cached=; [ "${1:-}" != --cached ] || { cached=yes; shift; }
-[ $# -gt 0 ] || set -- unit gphoto daemon package start v4l release boot
+[ $# -gt 0 ] || set -- unit gphoto daemon package start v4l release boot aarch64
 lines=$(mktemp); trap 'rm -f "$lines"' EXIT
 
 guest() { # SCRIPT: in the virtual machine, with what it needs
@@ -18,13 +18,17 @@ guest() { # SCRIPT: in the virtual machine, with what it needs
     "$MACHINE/uml.sh" "$MACHINE/$1-guest.sh" "wingd=$WINGD" "feed=$FEED" "frames=$FRAMES" "rounds=$FAULT_ROUNDS" \
         "installation=$(dirname "$FRAMES")/installation" "iolibs=$("$MACHINE/vcamera.sh")"
 }
-skipped=
+skipped= uncrossed=
 for part in "$@"; do
     begin=$SECONDS
     case $part in
         start | v4l | release | boot)
             if [ -n "$cached" ] && ! "$MACHINE/kernel.sh" --cached >/dev/null 2>&1; then
                 skipped="$skipped $part"; continue
+            fi ;;
+        aarch64)
+            if [ -n "$cached" ] && ! "$ROOT/packaging/aarch64-root.sh" --cached >/dev/null 2>&1; then
+                uncrossed=yes; continue
             fi ;;
     esac
     case $part in
@@ -39,5 +43,6 @@ done
 passed=$(grep -c '^passed: ' "$lines"); failed=$(grep -c '^failed: ' "$lines")
 grep '^failed: ' "$lines"
 [ -z "$skipped" ] || echo "NOT RUN:$skipped: the virtual machine's kernel is not built here (10 to 25 minutes, once); run make test-machine"
+[ -z "$uncrossed" ] || echo "NOT RUN: aarch64: the Debian for cross builds is not made here (3 to 9 minutes, once); run make test-machine"
 echo "$passed passed, $failed failed"
 [ "$failed" = 0 ]

@@ -1,0 +1,29 @@
+#!/bin/bash
+# Cross-builds wingd for aarch64 and makes its Debian package, target/package/wingd_VERSION_arm64.deb; prints its path.
+# As root, on Debian 12 for amd64; the first time it fetches a Debian to build in (aarch64-root.sh). The binary is kept
+# in the cache, keyed by what it is made of.
+. "$(dirname "$0")/../tests/machine/common.sh"
+cd "$ROOT"
+target=aarch64-unknown-linux-gnu
+base=$(dirname "$(packaging/aarch64-root.sh)")
+exec 9>"$base/lock"; flock 9 # one at a time
+inputs=(Cargo.toml Cargo.lock src fixtures/demo)
+key=$( (find "${inputs[@]}" -type f -print0 | sort -z | xargs -0 sha256sum; cat packaging/aarch64.sh) | sha256sum | cut -c1-12)
+binary=$base/wingd-$key
+if [ ! -x "$binary" ]; then
+    say "aarch64: building, 10 to 40 minutes the first time, later a third of that"
+    # The crates come as this machine's cargo is set up to fetch them; the build itself needs no network.
+    for system in $target x86_64-unknown-linux-gnu; do
+        "${CARGO:-cargo}" fetch --quiet --locked --target $system || die "cargo fetch failed"
+    done
+    nice packaging/aarch64-run.sh env PKG_CONFIG_ALLOW_CROSS=1 \
+        PKG_CONFIG_LIBDIR=/usr/lib/aarch64-linux-gnu/pkgconfig:/usr/share/pkgconfig \
+        CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc \
+        cargo build --release --locked --offline --target $target --bin wingd >&2
+    built=$base/target/$target/release/wingd
+    # Cargo's own list of what went into it.
+    strange=$(tr ' ' '\n' <"$built.d" | grep "^$ROOT/" | grep -vE "^$ROOT/(src|fixtures/demo)/") && die "not in the key: $strange"
+    rm -f "$base"/wingd-* # of other sources
+    cp "$built" "$binary.part"; mv "$binary.part" "$binary"
+fi
+sh packaging/build.sh "$binary" arm64
