@@ -1,16 +1,17 @@
 #!/bin/bash
 # Cross-builds wingd for aarch64 and makes its Debian package, target/package/wingd_VERSION_arm64.deb; prints its path.
 # As root, on Debian 12 for amd64; the first time it fetches a Debian to build in (aarch64-root.sh). The binary is kept
-# in the cache, keyed by what it is made of.
+# in the cache, keyed by what it is made of. With --cached it builds nothing and fails where there is none.
 . "$(dirname "$0")/../tests/machine/common.sh"
 cd "$ROOT"
 target=aarch64-unknown-linux-gnu
-base=$(dirname "$(packaging/aarch64-root.sh)")
+base=$(packaging/aarch64-root.sh "$@"); base=${base%/root}
 exec 9>"$base/lock"; flock 9 # one at a time
 inputs=(Cargo.toml Cargo.lock src fixtures/demo)
 key=$( (find "${inputs[@]}" -type f -print0 | sort -z | xargs -0 sha256sum; cat packaging/aarch64.sh) | sha256sum | cut -c1-12)
 binary=$base/wingd-$key
 if [ ! -x "$binary" ]; then
+    [ "${1:-}" != --cached ] || exit 1
     say "aarch64: building, 10 to 40 minutes the first time, later a third of that"
     # The crates come as this machine's cargo is set up to fetch them; the build itself needs no network.
     for system in $target x86_64-unknown-linux-gnu; do
