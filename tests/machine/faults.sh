@@ -33,11 +33,12 @@ nothing_stored_lost() {
 }
 kinds() { sed -n 's/.* kind="\([a-z_]*\)".*/\1/p' "$W/log" | sort | uniq -c | awk '{printf "%s%s %s", (NR > 1 ? ", " : ""), $1, $2}'; }
 # campaign PART NAME INJECT [LIFT]: the fault at `rounds` random moments. INJECT brings it on, and is asked
-# again until it has struck; LIFT takes it away a moment later. Recovery counts from there to the next frame.
+# again until it has struck; LIFT takes it away a moment later. Recovery counts from there to the next frame. After
+# two bad rounds no more are asked for.
 campaign() {
     local part=$1 name=$2 inject=$3 lift=${4:-true} round bad=0 longest=0 sum=0 took before struck begin end
     start_recorder || { verdict 1 "$part: $name: no frame at the beginning"; stop_recorder; return; }
-    for ((round = 0; round < rounds; round++)); do
+    for ((round = 0; round < rounds && bad < 2; round++)); do
         sleep "0.$(printf %03d $((RANDOM % 1000)))"
         before=$(failures); struck=1; end=$(($(now_ms) + 60000))
         while [ "$(now_ms)" -lt $end ]; do
@@ -55,7 +56,7 @@ campaign() {
     done
     stop_recorder || bad=$((bad + 1))
     nothing_stored_lost || bad=$((bad + 1))
-    verdict $bad "$part: $name, $rounds times: $(durable) shots completed, $(grep -c 'shot without a frame' "$W/log") recorded as failed ($(kinds)); next frame after $((sum / rounds)) ms, at most $longest ms; nothing stored lost, recorder never down"
+    verdict $bad "$part: $name, $rounds times: $(durable) shots completed, $(grep -c 'shot without a frame' "$W/log") recorded as failed ($(kinds)); next frame after $((sum / round)) ms, at most $longest ms; nothing stored lost, recorder never down"
     # One reason of each kind, as it is in the store.
     sed -n 's/.* \(kind="[a-z_]*" reason=".*\)$/    \1/p' "$W/log" | sort -u -k1,1 | cut -c1-240
 }
