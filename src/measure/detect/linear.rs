@@ -10,6 +10,7 @@ use super::model::{
 };
 use super::select::Bands;
 use super::wedge::{NEAR, from_edges};
+use super::wide::wide;
 
 pub type Square = SMatrix<f64, N, N>;
 pub type Column = SVector<f64, N>;
@@ -91,8 +92,8 @@ impl Pixels {
         self.batches.iter().map(|b| total(&each(|i| b.root[i] * b.root[i]))).sum()
     }
 
-    /// Lets the weights follow the geometry.
-    pub fn weigh(&mut self, m: &Parameters) {
+    #[inline(always)]
+    fn weighed(&mut self, m: &Parameters) {
         let (bands, trig) = (Bands::of(m[BLUR]), m[ANGLE].sin_cos());
         for batch in &mut self.batches {
             let (s, t) = along_and_across(m, self.origin, trig, batch);
@@ -136,6 +137,7 @@ impl Block {
     }
 
     /// Adds the products of the first `n` columns with one another and the residuals; empties it.
+    #[inline(always)]
     pub fn flush(&mut self, n: usize, sums: &mut Products) {
         for column in &mut self.columns[..=n] {
             column[self.rows..].fill(0.0);
@@ -166,8 +168,8 @@ pub fn total(lanes: &Lanes) -> f64 {
 }
 
 impl Pixels {
-    /// Normal equations at `m`, with biweights for residuals against `scale`.
-    pub fn linearise(
+    #[inline(always)]
+    fn linearised(
         &self,
         m: &Parameters,
         unknowns: &Unknowns,
@@ -230,7 +232,19 @@ impl Pixels {
     }
 }
 
+wide! {
+    /// Lets the weights follow the geometry.
+    pub fn weigh(pixels: &mut Pixels, m: &Parameters) = Pixels::weighed
+}
+
+wide! {
+    /// Normal equations at `m`, with biweights for residuals against `scale`.
+    pub fn linearise(pixels: &Pixels, m: &Parameters, unknowns: &Unknowns, scale: f64, floor: f64, residuals: &mut Vec<f32>) -> Step
+        = Pixels::linearised
+}
+
 /// Roots of the biweights.
+#[inline(always)]
 pub fn biweights(r: &Lanes, by_x: &Lanes, by_y: &Lanes, scale: f64) -> Lanes {
     let (scale2, jitter2) = ((scale * scale) as f32, (EDGE_JITTER * EDGE_JITTER) as f32);
     let cut2 = (CUT * CUT) as f32;

@@ -19,6 +19,7 @@ mod runs;
 mod select;
 mod uneven;
 mod wedge;
+mod wide;
 
 use nalgebra::{Matrix2, Vector2};
 

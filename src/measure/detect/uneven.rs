@@ -10,6 +10,7 @@ use super::model::{
     ANGLE, BLUR, Batch, DARK, EGG, FIRST, GAMMA, LANES, LIGHT, N, Parameters, Pattern, Pixel, SECOND, THIRD,
     X, Y, each, grey,
 };
+use super::wide::wide;
 
 /// Knots of the field of light along and across the marker, and of its darkness along it.
 const ALONG: usize = 9;
@@ -85,9 +86,31 @@ pub fn improve(
     out
 }
 
-/// The covariance of a fit's centre, at least that which its residuals show, and the greatest ratio
-/// of the two.
-fn deserved(pattern: Pattern, pixels: &[Pixel], fit: &Fit, scale: f64) -> Option<(Matrix2<f64>, f64, f64)> {
+wide! {
+    /// The covariance of a fit's centre, at least that which its residuals show, the greatest ratio of
+    /// the two, and the share of pixels that the fit has left out.
+    fn deserved(pattern: Pattern, pixels: &[Pixel], fit: &Fit, scale: f64) -> Option<(Matrix2<f64>, f64, f64)>
+        = deserved_by
+}
+
+wide! {
+    /// Residuals and derivatives of all pixels.
+    fn rows_under(field: &Field, pattern: Pattern, pixels: &[Pixel], scale: f64) -> Vec<Row> = Field::rows_of
+}
+
+wide! {
+    /// Normal equations over the parameters and the field.
+    fn normal(rows: &[Row], unknowns: &Unknowns, field: &Field, scale: f64) -> (DMatrix<f64>, DVector<f64>)
+        = normal_of
+}
+
+#[inline(always)]
+fn deserved_by(
+    pattern: Pattern,
+    pixels: &[Pixel],
+    fit: &Fit,
+    scale: f64,
+) -> Option<(Matrix2<f64>, f64, f64)> {
     let m = &fit.parameters;
     let influence = [X, Y].map(|k| fit.covariance.column(k).map(|v| v / fit.variance));
     let list: Vec<usize> = (0..N).filter(|&k| fit.covariance[(k, k)] > 0.0).collect();
@@ -182,7 +205,7 @@ fn freed(
     let chosen = |p: &&Pixel| (p.x as u64 * 5 + p.y as u64 * 3).is_multiple_of(stride);
     let some: Vec<Pixel> = pixels.iter().filter(chosen).copied().collect();
     let mut field = Field { m: fit.parameters, extra: [0.0; FIELD] };
-    let rows = field.rows(pattern, &some, floor.max(fit.rms));
+    let rows = rows_under(&field, pattern, &some, floor.max(fit.rms));
     let own = own(&some, &rows, field.m[BLUR]);
     if own.len() < 3 * N {
         return None;
@@ -190,7 +213,7 @@ fn freed(
     let mut residuals: Vec<f32> = Vec::with_capacity(own.len());
     let mut scale = 3.0 * floor.max(spread_of(&rows, &mut residuals));
     for iteration in 0..MAX_ITERATIONS {
-        let rows = field.rows(pattern, &own, scale);
+        let rows = rows_under(&field, pattern, &own, scale);
         let (normal, right) = normal(&rows, unknowns, &field, scale);
         let mut damped = normal;
         for i in 0..damped.nrows() {
@@ -211,7 +234,7 @@ fn freed(
         }
         scale = new.max(0.5 * scale);
     }
-    let rows = field.rows(pattern, &own, scale);
+    let rows = rows_under(&field, pattern, &own, scale);
     let sound = field.m.iter().all(|v| v.is_finite()) && field.m[BLUR] > 0.2 && field.m[BLUR] < 4.0;
     let cov = covariance(&rows, &own, unknowns, &field, scale).filter(|_| sound)?;
     let weight: f64 = rows.iter().map(|r| r.root * r.root).sum();
@@ -250,8 +273,8 @@ fn hats(at: f64, count: usize) -> [(usize, f64); 2] {
 }
 
 impl Field {
-    /// Residuals and derivatives of all pixels.
-    fn rows(&self, pattern: Pattern, pixels: &[Pixel], scale: f64) -> Vec<Row> {
+    #[inline(always)]
+    fn rows_of(&self, pattern: Pattern, pixels: &[Pixel], scale: f64) -> Vec<Row> {
         let m = &self.m;
         // Under light and darkness that are known and the same everywhere, the share of black shows.
         let mut bare = *m;
@@ -271,6 +294,7 @@ impl Field {
         out
     }
 
+    #[inline(always)]
     /// One pixel's row from its share of black and that share's derivatives.
     fn row(&self, pixel: &Pixel, share: f64, by: impl Fn(usize) -> f64, scale: f64) -> Row {
         let (m, p, q) = (&self.m, pixel.p, pixel.q);
@@ -315,8 +339,8 @@ impl Field {
     }
 }
 
-/// Normal equations over the parameters and the field.
-fn normal(rows: &[Row], unknowns: &Unknowns, field: &Field, scale: f64) -> (DMatrix<f64>, DVector<f64>) {
+#[inline(always)]
+fn normal_of(rows: &[Row], unknowns: &Unknowns, field: &Field, scale: f64) -> (DMatrix<f64>, DVector<f64>) {
     const SIZE: usize = N + FIELD;
     let list: Vec<usize> = (0..N).filter(|&k| unknowns.free[k]).collect();
     let (mut lower, mut right) = (vec![[0.0; SIZE]; SIZE], [0.0; SIZE]);
