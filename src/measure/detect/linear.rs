@@ -80,10 +80,10 @@ impl Pixels {
         let kinds: Vec<Kind> = pixels.iter().map(kind).collect();
         let mut sorted = Vec::with_capacity(pixels.len());
         for wanted in [Kind::Beyond, Kind::Dear, Kind::Cheap] {
-            sorted.extend(pixels.iter().zip(&kinds).filter(|(_, kind)| **kind == wanted).map(|(p, _)| *p));
+            sorted.extend(pixels.iter().zip(&kinds).filter(|(_, kind)| **kind == wanted).map(|(p, _)| p));
         }
         let origin = [m[X].round(), m[Y].round()];
-        let batches = sorted.chunks(LANES).map(|some| Batch::new(some, origin)).collect();
+        let batches = sorted.chunks(LANES).map(|some| Batch::of(some.iter().copied(), origin)).collect();
         Self { pattern, origin, batches }
     }
 
@@ -169,27 +169,20 @@ pub fn total(lanes: &Lanes) -> f64 {
 
 impl Pixels {
     #[inline(always)]
-    fn linearised(
-        &self,
-        m: &Parameters,
-        unknowns: &Unknowns,
-        scale: f64,
-        floor: f64,
-        residuals: &mut Vec<f32>,
-    ) -> Step {
+    fn linearised(&self, m: &Parameters, unknowns: &Unknowns, scale: f64, floor: f64) -> Step {
         let trig = m[ANGLE].sin_cos();
         let list: Vec<usize> = (0..N).filter(|&i| unknowns.free[i]).collect();
         let n = list.len();
         let mut sums: Products = [[[0.0; LANES]; N + 1]; N];
         let mut block = Block::new();
         let (mut weight, mut curvature, mut square) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-        residuals.clear();
+        let mut sizes = Sizes::new(scale);
         for batch in &self.batches {
             let image = grey(self.pattern, m, self.origin, trig, batch);
             let r = each(|i| batch.value[i] - image.value[i]);
             let tukey = biweights(&r, &image.gradient[X], &image.gradient[Y], scale);
             let root = each(|i| batch.root[i] * tukey[i]);
-            residuals.extend(r.iter().zip(&batch.root).filter(|(_, w)| **w > 0.7).map(|(r, _)| r.abs()));
+            sizes.add(&r, &batch.root);
             for i in 0..LANES {
                 weight[i] += root[i] * root[i];
                 curvature[i] += batch.root[i] * root[i] * (5.0 * tukey[i] - 4.0);
@@ -220,7 +213,7 @@ impl Pixels {
             normal[(k, k)] += weight;
             right[k] += weight * (usual - m[k]);
         }
-        let scale = spread(residuals).max(floor);
+        let scale = sizes.spread().max(floor);
         Step {
             normal,
             right,
@@ -239,7 +232,7 @@ wide! {
 
 wide! {
     /// Normal equations at `m`, with biweights for residuals against `scale`.
-    pub fn linearise(pixels: &Pixels, m: &Parameters, unknowns: &Unknowns, scale: f64, floor: f64, residuals: &mut Vec<f32>) -> Step
+    pub fn linearise(pixels: &Pixels, m: &Parameters, unknowns: &Unknowns, scale: f64, floor: f64) -> Step
         = Pixels::linearised
 }
 
@@ -253,6 +246,50 @@ pub fn biweights(r: &Lanes, by_x: &Lanes, by_y: &Lanes, scale: f64) -> Lanes {
         let root = 1.0 - r[i] * r[i] / (cut2 * (scale2 + edge2));
         if root > 0.0 { root } else { 0.0 }
     })
+}
+
+/// How many residuals there are of each size.
+struct Sizes {
+    count: [u32; SIZES],
+    per_level: f32,
+}
+
+/// Bins of sizes, and how many of them make one scale.
+const SIZES: usize = 256;
+const PER_SCALE: f32 = 32.0;
+
+impl Sizes {
+    fn new(scale: f64) -> Self {
+        Self { count: [0; SIZES], per_level: PER_SCALE / scale as f32 }
+    }
+
+    /// Takes up a batch's residuals of pixels that have at least half their weight.
+    #[inline(always)]
+    fn add(&mut self, r: &Lanes, root: &Lanes) {
+        // Adding this leaves the nearest whole number in the last bits.
+        const MAGIC: f32 = 8_388_608.0;
+        let bins = each(|i| {
+            let bin = r[i].abs() * self.per_level;
+            (if bin < (SIZES - 1) as f32 { bin } else { (SIZES - 1) as f32 }) + MAGIC
+        });
+        for i in 0..LANES {
+            self.count[(bins[i].to_bits() & (SIZES as u32 - 1)) as usize] += u32::from(root[i] > 0.7);
+        }
+    }
+
+    /// Robust standard deviation, grey levels: from the median size, evenly placed within its bin.
+    fn spread(&self) -> f64 {
+        let half = 0.5 * self.count.iter().map(|&n| f64::from(n)).sum::<f64>();
+        let mut below = 0.0;
+        for (k, n) in self.count.iter().map(|&n| f64::from(n)).enumerate() {
+            if n > 0.0 && below + n >= half {
+                let bins = (k as f64 - 0.5 + (half - below) / n).max(0.0);
+                return 1.4826 * bins / f64::from(self.per_level);
+            }
+            below += n;
+        }
+        0.0
+    }
 }
 
 /// Robust standard deviation from absolute residuals.
