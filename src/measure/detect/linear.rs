@@ -55,35 +55,41 @@ enum Kind {
     Cheap,
 }
 
-/// The pixels of a fit in batches, sorted so that few batches hold two kinds.
+/// The pixels of a fit in batches.
 pub struct Pixels {
     pattern: Pattern,
     origin: [f64; 2],
     pub batches: Vec<Batch>,
 }
 
-impl Pixels {
-    /// Sorted for a geometry near the one at hand.
-    pub fn new(pattern: Pattern, pixels: &[Pixel], m: &Parameters) -> Self {
-        let (sin, cos) = m[ANGLE].sin_cos();
-        let kind = |p: &Pixel| {
-            let (dx, dy) = (p.x - m[X], p.y - m[Y]);
-            let (s, t) = (dx * cos + dy * sin, dy * cos - dx * sin);
-            match pattern {
-                Pattern::Disc if s.abs() <= m[FIRST] - END * m[BLUR] - 0.2 => Kind::Cheap,
-                Pattern::Disc if is_beyond(m, s, t, 0.3) => Kind::Beyond,
-                Pattern::Disc => Kind::Dear,
-                _ if s.abs() < NEAR * m[BLUR] + 0.2 => Kind::Dear,
-                _ => Kind::Cheap,
-            }
-        };
-        let kinds: Vec<Kind> = pixels.iter().map(kind).collect();
-        let mut sorted = Vec::with_capacity(pixels.len());
-        for wanted in [Kind::Beyond, Kind::Dear, Kind::Cheap] {
-            sorted.extend(pixels.iter().zip(&kinds).filter(|(_, kind)| **kind == wanted).map(|(p, _)| p));
+/// The pixels in the order of what they take for a geometry near the one at hand, so that few batches
+/// hold two kinds.
+pub fn sorted(pattern: Pattern, pixels: &[Pixel], m: &Parameters) -> Vec<Pixel> {
+    let (sin, cos) = m[ANGLE].sin_cos();
+    let kind = |p: &Pixel| {
+        let (dx, dy) = (p.x - m[X], p.y - m[Y]);
+        let (s, t) = (dx * cos + dy * sin, dy * cos - dx * sin);
+        match pattern {
+            Pattern::Disc if s.abs() <= m[FIRST] - END * m[BLUR] - 0.2 => Kind::Cheap,
+            Pattern::Disc if is_beyond(m, s, t, 0.3) => Kind::Beyond,
+            Pattern::Disc => Kind::Dear,
+            _ if s.abs() < NEAR * m[BLUR] + 0.2 => Kind::Dear,
+            _ => Kind::Cheap,
         }
+    };
+    let kinds: Vec<Kind> = pixels.iter().map(kind).collect();
+    let mut sorted = Vec::with_capacity(pixels.len());
+    for wanted in [Kind::Beyond, Kind::Dear, Kind::Cheap] {
+        sorted.extend(pixels.iter().zip(&kinds).filter(|(_, kind)| **kind == wanted).map(|(p, _)| *p));
+    }
+    sorted
+}
+
+impl Pixels {
+    /// In their own order, which should be that of [`sorted`].
+    pub fn new(pattern: Pattern, pixels: &[Pixel], m: &Parameters) -> Self {
         let origin = [m[X].round(), m[Y].round()];
-        let batches = sorted.chunks(LANES).map(|some| Batch::of(some.iter().copied(), origin)).collect();
+        let batches = pixels.chunks(LANES).map(|some| Batch::new(some, origin)).collect();
         Self { pattern, origin, batches }
     }
 

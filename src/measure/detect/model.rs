@@ -109,15 +109,10 @@ pub struct Batch {
 impl Batch {
     /// The first [`LANES`] of `pixels`.
     pub fn new(pixels: &[Pixel], origin: [f64; 2]) -> Self {
-        Self::of(pixels.iter(), origin)
-    }
-
-    /// The first [`LANES`] of `pixels`.
-    pub fn of<'a>(pixels: impl ExactSizeIterator<Item = &'a Pixel>, origin: [f64; 2]) -> Self {
         let zero = [0.0; LANES];
         let [x, y, value, p, q, root] = [zero; 6];
         let mut out = Self { x, y, value, p, q, root, keep: [zero; 2], len: pixels.len().min(LANES) };
-        for (i, pixel) in pixels.take(LANES).enumerate() {
+        for (i, pixel) in pixels.iter().take(LANES).enumerate() {
             out.x[i] = (pixel.x - origin[0]) as f32;
             out.y[i] = (pixel.y - origin[1]) as f32;
             out.value[i] = pixel.value as f32;

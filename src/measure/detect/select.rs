@@ -93,9 +93,14 @@ impl Keep {
     }
 }
 
-/// A pixel's place in the pattern.
-fn turn(x: usize, y: usize) -> usize {
-    (x * 5 + y * 7) % 16
+/// Takes the columns of a row that may count.
+fn take(shares: &[[f32; 2]; 16], y: usize, columns: std::ops::Range<usize>, out: &mut Vec<Spot>) {
+    for x in columns {
+        let keep = shares[(x * 5 + y * 7) % 16];
+        if keep[0] + keep[1] > 0.0 {
+            out.push(Spot { x, y, keep });
+        }
+    }
 }
 
 /// An ellipse that is asked row by row.
@@ -173,7 +178,6 @@ pub fn pixels(
         Masked::DarkerThan(..) if candidate.edges.is_some() => None,
         Masked::DarkerThan(frame, m, limit) => darker(image, outline, bands, area, &frame, &m, limit),
     };
-    let columns = |from: f64, to: f64| columns(from, to, area);
     let oval = Oval::new(outline);
     let mut spots = Vec::with_capacity(2 * (wanted.edge + wanted.flat).min(2000.0) as usize);
     let ruler = match candidate.edges {
@@ -182,12 +186,8 @@ pub fn pixels(
             for y in y0..=y1 {
                 let Some((from, to)) = oval.row(y as f64, flat + 1.0) else { continue };
                 let hole = oval.row(y as f64, -flat - 1.0).unwrap_or((to, to));
-                for x in columns(from, hole.0).chain(columns(hole.1, to)) {
-                    let keep = shares[turn(x, y)];
-                    if keep != [0.0; 2] {
-                        spots.push(Spot { x, y, keep });
-                    }
-                }
+                take(&shares, y, columns(from, hole.0, area), &mut spots);
+                take(&shares, y, columns(hole.1, to, area), &mut spots);
             }
             Ruler { bands, outline, edges: None }
         }
@@ -199,13 +199,12 @@ pub fn pixels(
             for y in y0..=y1 {
                 let Some((from, to)) = oval.row(y as f64, FADE - margin) else { continue };
                 let near = lines.map(|l| l.row(y as f64, flat + FADE));
-                for x in columns(from, to) {
-                    let keep = shares[turn(x, y)];
-                    let inside = |n: &(f64, f64)| (n.0..=n.1).contains(&(x as f64));
-                    if keep != [0.0; 2] && near.iter().any(inside) {
-                        spots.push(Spot { x, y, keep });
-                    }
-                }
+                let [one, other] = near.map(|n| columns(from.max(n.0), to.min(n.1), area));
+                let (first, second) = if one.start <= other.start { (one, other) } else { (other, one) };
+                // Where both edges are near, once.
+                let second = second.start.max(first.end)..second.end;
+                take(&shares, y, first, &mut spots);
+                take(&shares, y, second, &mut spots);
             }
             Ruler { bands, outline, edges: Some((lines, margin)) }
         }
