@@ -307,3 +307,50 @@ pub fn spread(residuals: &mut [f32]) -> f64 {
     let (_, median, _) = residuals.select_nth_unstable_by(middle, f32::total_cmp);
     1.4826 * f64::from(*median)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::model::LIGHT;
+    use super::*;
+
+    #[test]
+    fn every_processor_gives_the_same_bits() {
+        let shapes = [
+            (Pattern::Disc, [20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.8]),
+            (Pattern::Disc, [20.3, 19.8, 0.3, 20.0, 15.0, 0.0, 0.8]),
+            (Pattern::WhiteAlong, [20.3, 19.8, -0.4, 0.1, 4e-4, 2e-4, 0.8]),
+        ];
+        for (pattern, shape) in shapes {
+            let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
+            let m: Parameters = std::array::from_fn(|i| if i < LIGHT { shape[i] } else { light[i - LIGHT] });
+            let pixel = |i: u32| {
+                let (x, y) = (f64::from(i % 60) - 8.3, f64::from(i / 60) + 6.7);
+                let (p, q) = ((x - 20.0) / 30.0, (y - 20.0) / 10.0);
+                let value = f64::from(i * 7919 % 190);
+                Pixel { x, y, value, p, q, weight: f64::from(i % 5) / 4.0, keep: [1.0; 2] }
+            };
+            let pixels: Vec<Pixel> = (0..1500).map(pixel).collect();
+            let pixels = Pixels::new(pattern, &sorted(pattern, &pixels, &m), &m);
+            let unknowns = Unknowns { free: [true; N], usual: [(0.0, f64::INFINITY); N] };
+            let wide = linearise(&pixels, &m, &unknowns, 30.0, 0.5);
+            let plain = pixels.linearised(&m, &unknowns, 30.0, 0.5);
+            assert_eq!((wide.normal, wide.right), (plain.normal, plain.right), "{pattern:?}");
+            assert_eq!((wide.scale, wide.weight, wide.square), (plain.scale, plain.weight, plain.square));
+            assert!(wide.weight > 100.0 && wide.normal[(X, X)] > 1.0, "{pattern:?}: nothing was summed");
+        }
+    }
+
+    #[test]
+    fn bins_give_the_median() {
+        let sizes: Vec<f32> = (0..4 * LANES).map(|i| (i * 37 % 64) as f32 * 0.11).collect();
+        for scale in [2.0, 5.0, 9.0] {
+            let mut bins = Sizes::new(scale);
+            for some in sizes.chunks(LANES) {
+                bins.add(&each(|i| if i % 2 == 0 { some[i] } else { -some[i] }), &[1.0; LANES]);
+                bins.add(&[1e6; LANES], &[0.5; LANES]);
+            }
+            let exact = spread(&mut sizes.clone());
+            assert!((bins.spread() - exact).abs() < 0.04 * scale, "{} against {exact}", bins.spread());
+        }
+    }
+}
