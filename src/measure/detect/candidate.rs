@@ -268,10 +268,24 @@ fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, (Vector2<f64>,
     let (s, c) = (best as f64 * PI / 36.0).sin_cos();
     let direction = whiten.transpose() * Vector2::new(c, s);
     let mut sums = [(0.0, Vector2::zeros()), (0.0, Vector2::zeros())];
-    for at in blobs.iter().flat_map(|b| b.points()) {
-        let side = &mut sums[usize::from(direction.dot(&(at - shape.centre)) > 0.0)];
-        side.0 += 1.0;
-        side.1 += at;
+    for run in blobs.iter().flat_map(|b| &b.runs) {
+        let [y, from, to] = run.map(f64::from);
+        // Along a run the side changes once.
+        let level = direction.y * (y - shape.centre.y);
+        let turn = shape.centre.x - level / direction.x;
+        let (before, last) = if direction.x > 0.0 {
+            (0, turn.floor())
+        } else if direction.x < 0.0 {
+            (1, turn.ceil() - 1.0)
+        } else {
+            (usize::from(level > 0.0), to)
+        };
+        let last = last.clamp(from - 1.0, to);
+        for (side, from, to) in [(before, from, last), (1 - before, last + 1.0, to)] {
+            let count = to - from + 1.0;
+            sums[side].0 += count;
+            sums[side].1 += Vector2::new(0.5 * (from + to), y) * count;
+        }
     }
     let [(n0, s0), (n1, s1)] = sums;
     (n0 > 0.35 * shape.area && n1 > 0.35 * shape.area).then(|| (whiten, (s0 / n0, s1 / n1)))
