@@ -199,12 +199,6 @@ impl Blob {
         blob
     }
 
-    /// Centres of its pixels.
-    pub fn points(&self) -> impl Iterator<Item = Vector2<f64>> + '_ {
-        (self.runs.iter())
-            .flat_map(|r| (r[1]..=r[2]).map(move |x| Vector2::new(f64::from(x), f64::from(r[0]))))
-    }
-
     /// Bounds and moments from the runs, each run integrated in closed form.
     fn measure(&mut self) {
         let (mut n, mut first, mut second) = (0.0, Vector2::zeros(), Matrix2::zeros());

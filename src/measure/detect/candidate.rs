@@ -217,14 +217,26 @@ fn kurtosis(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, [f64; 36])>
     let whiten = scale * eigen.eigenvectors.transpose();
     // Fourth moments in whitened coordinates: x^4, x^3 y, x^2 y^2, x y^3, y^4.
     let mut fourth = [0.0; 5];
-    for at in blobs.iter().flat_map(|b| b.points()) {
-        let w = whiten * (at - shape.centre);
+    let (p, q) = (whiten[(0, 0)], whiten[(1, 0)]);
+    let (pp, pq, qq) = (p * p, p * q, q * q);
+    for &[y, from, to] in blobs.iter().flat_map(|b| &b.runs) {
+        // A run's pixels lie at `middle + k (p, q)`, k from `-(n - 1) / 2` on: odd powers of k cancel.
+        let middle = Vector2::new(0.5 * (f64::from(from) + f64::from(to)), f64::from(y));
+        let w = whiten * (middle - shape.centre);
         let (xx, xy, yy) = (w.x * w.x, w.x * w.y, w.y * w.y);
-        for (f, v) in fourth.iter_mut().zip([xx * xx, xx * xy, xy * xy, xy * yy, yy * yy]) {
-            *f += v / shape.area;
-        }
+        let n = f64::from(to - from + 1);
+        let second = n * (n * n - 1.0) / 12.0;
+        let fourth_power = second * (3.0 * n * n - 7.0) / 20.0;
+        let sums = [
+            n * xx * xx + 6.0 * second * xx * pp + fourth_power * pp * pp,
+            n * xx * xy + 3.0 * second * (xy * pp + xx * pq) + fourth_power * pp * pq,
+            n * xx * yy + second * (xx * qq + 4.0 * xy * pq + yy * pp) + fourth_power * pp * qq,
+            n * xy * yy + 3.0 * second * (xy * qq + yy * pq) + fourth_power * pq * qq,
+            n * yy * yy + 6.0 * second * yy * qq + fourth_power * qq * qq,
+        ];
+        fourth.iter_mut().zip(sums).for_each(|(f, v)| *f += v);
     }
-    let [a, b, d, e, f] = fourth;
+    let [a, b, d, e, f] = fourth.map(|v| v / shape.area);
     let along = |k: usize| {
         let (s, c) = (k as f64 * PI / 36.0).sin_cos();
         c.powi(4) * a
@@ -256,10 +268,24 @@ fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, (Vector2<f64>,
     let (s, c) = (best as f64 * PI / 36.0).sin_cos();
     let direction = whiten.transpose() * Vector2::new(c, s);
     let mut sums = [(0.0, Vector2::zeros()), (0.0, Vector2::zeros())];
-    for at in blobs.iter().flat_map(|b| b.points()) {
-        let side = &mut sums[usize::from(direction.dot(&(at - shape.centre)) > 0.0)];
-        side.0 += 1.0;
-        side.1 += at;
+    for run in blobs.iter().flat_map(|b| &b.runs) {
+        let [y, from, to] = run.map(f64::from);
+        // Along a run the side changes once.
+        let level = direction.y * (y - shape.centre.y);
+        let turn = shape.centre.x - level / direction.x;
+        let (before, last) = if direction.x > 0.0 {
+            (0, turn.floor())
+        } else if direction.x < 0.0 {
+            (1, turn.ceil() - 1.0)
+        } else {
+            (usize::from(level > 0.0), to)
+        };
+        let last = last.clamp(from - 1.0, to);
+        for (side, from, to) in [(before, from, last), (1 - before, last + 1.0, to)] {
+            let count = to - from + 1.0;
+            sums[side].0 += count;
+            sums[side].1 += Vector2::new(0.5 * (from + to), y) * count;
+        }
     }
     let [(n0, s0), (n1, s1)] = sums;
     (n0 > 0.35 * shape.area && n1 > 0.35 * shape.area).then(|| (whiten, (s0 / n0, s1 / n1)))

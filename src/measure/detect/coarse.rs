@@ -2,6 +2,7 @@
 
 use super::super::raster::Raster;
 use super::runs::{self, Run};
+use super::wide::wide;
 
 /// Distances, in reduced pixels, at which both sides of a dark pixel are looked at. The longest
 /// bounds the thickness of what can be found.
@@ -13,9 +14,11 @@ pub const THICK: usize = 24;
 
 /// Grey over local background below which a reduced pixel is dark, in 1/256, strictest first.
 /// Several levels, so that a faint line that touches a marker does not swallow it.
-const LEVELS: [u16; 4] = [115, 160, 195, 225];
-/// The same for a frame whose contrast haze or stray light take away with distance.
-const FAINT_LEVELS: [u16; 5] = [115, 160, 195, 225, 240];
+/// The last is for frames whose contrast haze or stray light take away with distance.
+const LEVELS: [u16; FAINT] = [115, 160, 195, 225, 240];
+/// Levels of a frame, and of a faint one.
+const USUAL: usize = 4;
+const FAINT: usize = 5;
 
 /// The reduced frame.
 pub struct Coarse {
@@ -100,8 +103,14 @@ pub fn reduce(image: &Raster, factor: usize) -> Coarse {
     Coarse { factor, width, height, mean, background }
 }
 
-/// Means of blocks of 4 x 4 px: four bytes of a row are summed as two halves of a word.
-fn means_of_16(rows: [&[u8]; 4], out: &mut [u8]) {
+wide! {
+    /// Means of blocks of 4 x 4 px.
+    fn means_of_16(rows: [&[u8]; 4], out: &mut [u8]) = means_by_word
+}
+
+/// Four bytes of a row are summed as two halves of a word.
+#[inline(always)]
+fn means_by_word(rows: [&[u8]; 4], out: &mut [u8]) {
     const LOW: u32 = 0x00ff_00ff;
     let [a, b, c, d] = rows.map(|row| row.as_chunks::<4>().0);
     let halves = |four: &[u8; 4]| {
@@ -138,7 +147,13 @@ fn raise_by(reach: &[usize], out: &mut [u8], mean: &[u8], width: usize, height: 
     }
 }
 
-fn raise(out: &mut [u8], one: &[u8], other: &[u8]) {
+wide! {
+    /// The lesser of both sides, where it is more than what is there.
+    fn raise(out: &mut [u8], one: &[u8], other: &[u8]) = raised
+}
+
+#[inline(always)]
+fn raised(out: &mut [u8], one: &[u8], other: &[u8]) {
     for ((o, &a), &b) in out.iter_mut().zip(one).zip(other) {
         *o = (*o).max(a.min(b));
     }
@@ -146,32 +161,49 @@ fn raise(out: &mut [u8], one: &[u8], other: &[u8]) {
 
 /// How many levels there are.
 pub fn levels(faint: bool) -> usize {
-    if faint { FAINT_LEVELS.len() } else { LEVELS.len() }
+    if faint { FAINT } else { USUAL }
+}
+
+/// How many levels each pixel passes, and the runs of those that pass any.
+pub struct Darkness {
+    passed: Vec<u8>,
+    runs: Vec<Run>,
+}
+
+wide! {
+    fn pass(mean: &[u8], background: &[u8], out: &mut [u8]) = passed::<USUAL>
+}
+
+wide! {
+    fn pass_faint(mean: &[u8], background: &[u8], out: &mut [u8]) = passed::<FAINT>
+}
+
+/// How many of the first levels each pixel passes.
+#[inline(always)]
+fn passed<const COUNT: usize>(mean: &[u8], background: &[u8], out: &mut [u8]) {
+    let levels: [u16; COUNT] = std::array::from_fn(|i| LEVELS[i]);
+    for ((o, &v), &b) in out.iter_mut().zip(mean).zip(background) {
+        let (grey, bright) = (u16::from(v) * 256, u16::from(b.saturating_sub(2)));
+        *o = levels.iter().map(|&level| u8::from(grey < bright * level)).sum();
+    }
 }
 
 impl Coarse {
     /// How many of the levels each pixel passes.
-    pub fn darkness(&self, faint: bool) -> Vec<u8> {
-        if faint { self.passed(&FAINT_LEVELS) } else { self.passed(&LEVELS) }
-    }
-
-    fn passed<const COUNT: usize>(&self, levels: &[u16; COUNT]) -> Vec<u8> {
-        let passed = |(&v, &b): (&u8, &u8)| {
-            let (grey, bright) = (u16::from(v) * 256, u16::from(b.saturating_sub(2)));
-            levels.iter().map(|&level| u8::from(grey < bright * level)).sum()
-        };
-        self.mean.iter().zip(&self.background).map(passed).collect()
+    pub fn darkness(&self, faint: bool) -> Darkness {
+        let (mut passed, mut runs) = (vec![0u8; self.mean.len()], Vec::new());
+        let pass = if faint { pass_faint } else { pass };
+        pass(&self.mean, &self.background, &mut passed);
+        for (y, row) in passed.chunks_exact(self.width.max(1)).enumerate() {
+            runs::find(row, y, &mut runs);
+        }
+        Darkness { passed, runs }
     }
 
     /// Dark regions at the `level`-th level, in the order of their first pixel.
-    pub fn regions(&self, darkness: &[u8], level: usize, faint: bool) -> Vec<Region> {
+    pub fn regions(&self, dark: &Darkness, level: usize, faint: bool) -> Vec<Region> {
         let least = (levels(faint) - level) as u8;
-        let mut runs = Vec::new();
-        let mut dark = vec![0u8; self.width];
-        for (y, row) in darkness.chunks_exact(self.width.max(1)).enumerate() {
-            dark.iter_mut().zip(row).for_each(|(d, &v)| *d = u8::from(v >= least));
-            runs::find(&dark, y, &mut runs);
-        }
+        let runs = runs::at_least(&dark.runs, &dark.passed, self.width, least);
         runs::connected(&runs).iter().map(|set| self.region(set)).collect()
     }
 

@@ -27,6 +27,7 @@ pub fn is_beyond(m: &Parameters, s: f64, t: f64, margin: f64) -> bool {
 
 /// A blurred ellipse, its long axis bent by a parabola and its thickness changing along it: what a
 /// curved skin makes of a flat ellipse, where the line of sight is along or across the curvature.
+#[inline(always)]
 pub fn disc(batch: &Batch, s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
     let d = Disc {
         a: m[FIRST] as f32,
@@ -63,6 +64,7 @@ pub fn disc(batch: &Batch, s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
 }
 
 /// Distance from an ellipse, px, to within a factor of two at most; positive.
+#[inline(always)]
 pub fn from_ellipse(a: f32, b: f32, s: &Lanes, t: &Lanes) -> Lanes {
     let (by_a, by_b) = (1.0 / a, 1.0 / b);
     each(|i| {
@@ -81,6 +83,7 @@ pub fn from_ellipse(a: f32, b: f32, s: &Lanes, t: &Lanes) -> Lanes {
 
 /// Where the outline's radius of curvature is well above the blur everywhere: the distance to the
 /// outline decides, with the first-order effect of curvature (the blurred edge moves inwards).
+#[inline(always)]
 fn by_distance(s: &Lanes, t: &Lanes, Disc { a, b, sigma, .. }: Disc, share: &mut Share) {
     let unlike = b * b - a * a;
     let (by_a, by_b, by_sigma) = (1.0 / a, 1.0 / b, 1.0 / sigma);
@@ -118,6 +121,7 @@ fn by_distance(s: &Lanes, t: &Lanes, Disc { a, b, sigma, .. }: Disc, share: &mut
 
 /// Away from the ends of a flat ellipse: both edges are straight within the blur, up to their
 /// curvature; exact also where they lie within one another's blur.
+#[inline(always)]
 fn by_chord(s: &Lanes, t: &Lanes, Disc { a, b, sigma, .. }: Disc, share: &mut Share) {
     let (by_a, by_sigma) = (1.0 / a, 1.0 / sigma);
     let flat = b * by_a;
@@ -145,6 +149,7 @@ fn by_chord(s: &Lanes, t: &Lanes, Disc { a, b, sigma, .. }: Disc, share: &mut Sh
 
 /// Near the ends of a flat ellipse: chords across it, blurred across in closed form, summed along
 /// it. The eccentric angle as the variable takes away the chord's infinite slope at the end.
+#[inline(always)]
 fn by_sum(s: &Lanes, t: &Lanes, Disc { a, b, sigma, .. }: Disc, share: &mut Share) {
     let reach = 4.4 * sigma;
     let (by_a, by_sigma) = (1.0 / a, 1.0 / sigma);

@@ -2,8 +2,8 @@
 
 use nalgebra::Cholesky;
 
-use super::linear::{Column, Pixels, Square, Step};
-use super::model::{ANGLE, BLUR, DARK, FIRST, GAMMA, LANES, LIGHT, N, Parameters, Pattern, Pixel, X, Y};
+use super::linear::{Column, Pixels, Square, Step, linearise, weigh};
+use super::model::{ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, Pixel, X, Y};
 
 /// A converged fit.
 #[derive(Clone, Debug)]
@@ -150,12 +150,11 @@ impl<'a> Problem<'a> {
 
     /// Repeats the linear solution until the centre stands still.
     fn solve(&mut self, mut m: Parameters, mut scale: f64, until: Until) -> Option<End> {
-        let mut residuals = Vec::with_capacity(self.pixels.batches.len() * LANES);
         for iteration in 0..MAX_ITERATIONS {
             if until == Until::Settled && iteration > 0 {
-                self.pixels.weigh(&m);
+                weigh(&mut self.pixels, &m);
             }
-            let step = self.pixels.linearise(&m, self.unknowns, scale, self.floor, &mut residuals);
+            let step = linearise(&self.pixels, &m, self.unknowns, scale, self.floor);
             let damping = if until == Until::Near && iteration < 2 { 1e-3 } else { 1e-10 };
             let mut damped = step.normal;
             for i in 0..N {

@@ -10,6 +10,7 @@ use super::model::{
 };
 use super::select::Bands;
 use super::wedge::{NEAR, from_edges};
+use super::wide::wide;
 
 pub type Square = SMatrix<f64, N, N>;
 pub type Column = SVector<f64, N>;
@@ -54,35 +55,41 @@ enum Kind {
     Cheap,
 }
 
-/// The pixels of a fit in batches, sorted so that few batches hold two kinds.
+/// The pixels of a fit in batches.
 pub struct Pixels {
     pattern: Pattern,
     origin: [f64; 2],
     pub batches: Vec<Batch>,
 }
 
-impl Pixels {
-    /// Sorted for a geometry near the one at hand.
-    pub fn new(pattern: Pattern, pixels: &[Pixel], m: &Parameters) -> Self {
-        let (sin, cos) = m[ANGLE].sin_cos();
-        let kind = |p: &Pixel| {
-            let (dx, dy) = (p.x - m[X], p.y - m[Y]);
-            let (s, t) = (dx * cos + dy * sin, dy * cos - dx * sin);
-            match pattern {
-                Pattern::Disc if s.abs() <= m[FIRST] - END * m[BLUR] - 0.2 => Kind::Cheap,
-                Pattern::Disc if is_beyond(m, s, t, 0.3) => Kind::Beyond,
-                Pattern::Disc => Kind::Dear,
-                _ if s.abs() < NEAR * m[BLUR] + 0.2 => Kind::Dear,
-                _ => Kind::Cheap,
-            }
-        };
-        let kinds: Vec<Kind> = pixels.iter().map(kind).collect();
-        let mut sorted = Vec::with_capacity(pixels.len());
-        for wanted in [Kind::Beyond, Kind::Dear, Kind::Cheap] {
-            sorted.extend(pixels.iter().zip(&kinds).filter(|(_, kind)| **kind == wanted).map(|(p, _)| *p));
+/// The pixels in the order of what they take for a geometry near the one at hand, so that few batches
+/// hold two kinds.
+pub fn sorted(pattern: Pattern, pixels: &[Pixel], m: &Parameters) -> Vec<Pixel> {
+    let (sin, cos) = m[ANGLE].sin_cos();
+    let kind = |p: &Pixel| {
+        let (dx, dy) = (p.x - m[X], p.y - m[Y]);
+        let (s, t) = (dx * cos + dy * sin, dy * cos - dx * sin);
+        match pattern {
+            Pattern::Disc if s.abs() <= m[FIRST] - END * m[BLUR] - 0.2 => Kind::Cheap,
+            Pattern::Disc if is_beyond(m, s, t, 0.3) => Kind::Beyond,
+            Pattern::Disc => Kind::Dear,
+            _ if s.abs() < NEAR * m[BLUR] + 0.2 => Kind::Dear,
+            _ => Kind::Cheap,
         }
+    };
+    let kinds: Vec<Kind> = pixels.iter().map(kind).collect();
+    let mut sorted = Vec::with_capacity(pixels.len());
+    for wanted in [Kind::Beyond, Kind::Dear, Kind::Cheap] {
+        sorted.extend(pixels.iter().zip(&kinds).filter(|(_, kind)| **kind == wanted).map(|(p, _)| *p));
+    }
+    sorted
+}
+
+impl Pixels {
+    /// In their own order, which should be that of [`sorted`].
+    pub fn new(pattern: Pattern, pixels: &[Pixel], m: &Parameters) -> Self {
         let origin = [m[X].round(), m[Y].round()];
-        let batches = sorted.chunks(LANES).map(|some| Batch::new(some, origin)).collect();
+        let batches = pixels.chunks(LANES).map(|some| Batch::new(some, origin)).collect();
         Self { pattern, origin, batches }
     }
 
@@ -91,8 +98,8 @@ impl Pixels {
         self.batches.iter().map(|b| total(&each(|i| b.root[i] * b.root[i]))).sum()
     }
 
-    /// Lets the weights follow the geometry.
-    pub fn weigh(&mut self, m: &Parameters) {
+    #[inline(always)]
+    fn weighed(&mut self, m: &Parameters) {
         let (bands, trig) = (Bands::of(m[BLUR]), m[ANGLE].sin_cos());
         for batch in &mut self.batches {
             let (s, t) = along_and_across(m, self.origin, trig, batch);
@@ -136,6 +143,7 @@ impl Block {
     }
 
     /// Adds the products of the first `n` columns with one another and the residuals; empties it.
+    #[inline(always)]
     pub fn flush(&mut self, n: usize, sums: &mut Products) {
         for column in &mut self.columns[..=n] {
             column[self.rows..].fill(0.0);
@@ -166,28 +174,21 @@ pub fn total(lanes: &Lanes) -> f64 {
 }
 
 impl Pixels {
-    /// Normal equations at `m`, with biweights for residuals against `scale`.
-    pub fn linearise(
-        &self,
-        m: &Parameters,
-        unknowns: &Unknowns,
-        scale: f64,
-        floor: f64,
-        residuals: &mut Vec<f32>,
-    ) -> Step {
+    #[inline(always)]
+    fn linearised(&self, m: &Parameters, unknowns: &Unknowns, scale: f64, floor: f64) -> Step {
         let trig = m[ANGLE].sin_cos();
         let list: Vec<usize> = (0..N).filter(|&i| unknowns.free[i]).collect();
         let n = list.len();
         let mut sums: Products = [[[0.0; LANES]; N + 1]; N];
         let mut block = Block::new();
         let (mut weight, mut curvature, mut square) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-        residuals.clear();
+        let mut sizes = Sizes::new(scale);
         for batch in &self.batches {
             let image = grey(self.pattern, m, self.origin, trig, batch);
             let r = each(|i| batch.value[i] - image.value[i]);
             let tukey = biweights(&r, &image.gradient[X], &image.gradient[Y], scale);
             let root = each(|i| batch.root[i] * tukey[i]);
-            residuals.extend(r.iter().zip(&batch.root).filter(|(_, w)| **w > 0.7).map(|(r, _)| r.abs()));
+            sizes.add(&r, &batch.root);
             for i in 0..LANES {
                 weight[i] += root[i] * root[i];
                 curvature[i] += batch.root[i] * root[i] * (5.0 * tukey[i] - 4.0);
@@ -218,7 +219,7 @@ impl Pixels {
             normal[(k, k)] += weight;
             right[k] += weight * (usual - m[k]);
         }
-        let scale = spread(residuals).max(floor);
+        let scale = sizes.spread().max(floor);
         Step {
             normal,
             right,
@@ -230,7 +231,19 @@ impl Pixels {
     }
 }
 
+wide! {
+    /// Lets the weights follow the geometry.
+    pub fn weigh(pixels: &mut Pixels, m: &Parameters) = Pixels::weighed
+}
+
+wide! {
+    /// Normal equations at `m`, with biweights for residuals against `scale`.
+    pub fn linearise(pixels: &Pixels, m: &Parameters, unknowns: &Unknowns, scale: f64, floor: f64) -> Step
+        = Pixels::linearised
+}
+
 /// Roots of the biweights.
+#[inline(always)]
 pub fn biweights(r: &Lanes, by_x: &Lanes, by_y: &Lanes, scale: f64) -> Lanes {
     let (scale2, jitter2) = ((scale * scale) as f32, (EDGE_JITTER * EDGE_JITTER) as f32);
     let cut2 = (CUT * CUT) as f32;
@@ -241,6 +254,50 @@ pub fn biweights(r: &Lanes, by_x: &Lanes, by_y: &Lanes, scale: f64) -> Lanes {
     })
 }
 
+/// How many residuals there are of each size.
+struct Sizes {
+    count: [u32; SIZES],
+    per_level: f32,
+}
+
+/// Bins of sizes, and how many of them make one scale.
+const SIZES: usize = 256;
+const PER_SCALE: f32 = 32.0;
+
+impl Sizes {
+    fn new(scale: f64) -> Self {
+        Self { count: [0; SIZES], per_level: PER_SCALE / scale as f32 }
+    }
+
+    /// Takes up a batch's residuals of pixels that have at least half their weight.
+    #[inline(always)]
+    fn add(&mut self, r: &Lanes, root: &Lanes) {
+        // Adding this leaves the nearest whole number in the last bits.
+        const MAGIC: f32 = 8_388_608.0;
+        let bins = each(|i| {
+            let bin = r[i].abs() * self.per_level;
+            (if bin < (SIZES - 1) as f32 { bin } else { (SIZES - 1) as f32 }) + MAGIC
+        });
+        for i in 0..LANES {
+            self.count[(bins[i].to_bits() & (SIZES as u32 - 1)) as usize] += u32::from(root[i] > 0.7);
+        }
+    }
+
+    /// Robust standard deviation, grey levels: from the median size, evenly placed within its bin.
+    fn spread(&self) -> f64 {
+        let half = 0.5 * self.count.iter().map(|&n| f64::from(n)).sum::<f64>();
+        let mut below = 0.0;
+        for (k, n) in self.count.iter().map(|&n| f64::from(n)).enumerate() {
+            if n > 0.0 && below + n >= half {
+                let bins = (k as f64 - 0.5 + (half - below) / n).max(0.0);
+                return 1.4826 * bins / f64::from(self.per_level);
+            }
+            below += n;
+        }
+        0.0
+    }
+}
+
 /// Robust standard deviation from absolute residuals.
 pub fn spread(residuals: &mut [f32]) -> f64 {
     if residuals.is_empty() {
@@ -249,4 +306,51 @@ pub fn spread(residuals: &mut [f32]) -> f64 {
     let middle = residuals.len() / 2;
     let (_, median, _) = residuals.select_nth_unstable_by(middle, f32::total_cmp);
     1.4826 * f64::from(*median)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::model::LIGHT;
+    use super::*;
+
+    #[test]
+    fn every_processor_gives_the_same_bits() {
+        let shapes = [
+            (Pattern::Disc, [20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.8]),
+            (Pattern::Disc, [20.3, 19.8, 0.3, 20.0, 15.0, 0.0, 0.8]),
+            (Pattern::WhiteAlong, [20.3, 19.8, -0.4, 0.1, 4e-4, 2e-4, 0.8]),
+        ];
+        for (pattern, shape) in shapes {
+            let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
+            let m: Parameters = std::array::from_fn(|i| if i < LIGHT { shape[i] } else { light[i - LIGHT] });
+            let pixel = |i: u32| {
+                let (x, y) = (f64::from(i % 60) - 8.3, f64::from(i / 60) + 6.7);
+                let (p, q) = ((x - 20.0) / 30.0, (y - 20.0) / 10.0);
+                let value = f64::from(i * 7919 % 190);
+                Pixel { x, y, value, p, q, weight: f64::from(i % 5) / 4.0, keep: [1.0; 2] }
+            };
+            let pixels: Vec<Pixel> = (0..1500).map(pixel).collect();
+            let pixels = Pixels::new(pattern, &sorted(pattern, &pixels, &m), &m);
+            let unknowns = Unknowns { free: [true; N], usual: [(0.0, f64::INFINITY); N] };
+            let wide = linearise(&pixels, &m, &unknowns, 30.0, 0.5);
+            let plain = pixels.linearised(&m, &unknowns, 30.0, 0.5);
+            assert_eq!((wide.normal, wide.right), (plain.normal, plain.right), "{pattern:?}");
+            assert_eq!((wide.scale, wide.weight, wide.square), (plain.scale, plain.weight, plain.square));
+            assert!(wide.weight > 100.0 && wide.normal[(X, X)] > 1.0, "{pattern:?}: nothing was summed");
+        }
+    }
+
+    #[test]
+    fn bins_give_the_median() {
+        let sizes: Vec<f32> = (0..4 * LANES).map(|i| (i * 37 % 64) as f32 * 0.11).collect();
+        for scale in [2.0, 5.0, 9.0] {
+            let mut bins = Sizes::new(scale);
+            for some in sizes.chunks(LANES) {
+                bins.add(&each(|i| if i % 2 == 0 { some[i] } else { -some[i] }), &[1.0; LANES]);
+                bins.add(&[1e6; LANES], &[0.5; LANES]);
+            }
+            let exact = spread(&mut sizes.clone());
+            assert!((bins.spread() - exact).abs() < 0.04 * scale, "{} against {exact}", bins.spread());
+        }
+    }
 }

@@ -8,7 +8,7 @@ use super::blob::{self, Blob};
 use super::candidate::{self, Candidate, Outline, half_turn};
 use super::fit::{Fit, Unknowns, contrast, fit, rough, settle};
 use super::grid;
-use super::linear::CUT;
+use super::linear::{CUT, sorted};
 use super::model::{
     ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, Pixel, SECOND, THIRD, X, Y,
 };
@@ -69,6 +69,7 @@ pub fn measure(
     let (few, all) = if candidate.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
     let first = pixels(image, Masked::Blobs(blobs), candidate, outline.centre, 1.0, few);
     let start = start(candidate, &first, 1.0).ok_or(RejectReason::LowContrast)?;
+    let first = sorted(candidate.pattern, &first, &start);
     let (near, scale) = rough(candidate.pattern, &first, &start, &unknowns(candidate).0, floor)
         .ok_or(RejectReason::NoConvergence)?;
     let masked = |place: &Candidate, m: &Parameters| match candidate.hidden[..] {
@@ -76,7 +77,8 @@ pub fn measure(
         _ => Masked::Blobs(blobs),
     };
     let choose = |place: &Candidate, mask: Masked, m: &Parameters| {
-        pixels(image, mask, place, Vector2::new(m[X], m[Y]), m[BLUR].clamp(0.5, 3.5), all)
+        let chosen = pixels(image, mask, place, Vector2::new(m[X], m[Y]), m[BLUR].clamp(0.5, 3.5), all);
+        sorted(place.pattern, &chosen, m)
     };
     // What is known of a disc from its like beside it is known beforehand.
     let known = |place: &Candidate| unknowns(if candidate.alike { candidate } else { place });

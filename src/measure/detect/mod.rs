@@ -2,6 +2,7 @@
 
 mod arc;
 mod blob;
+mod blocks;
 mod candidate;
 mod coarse;
 mod disc;
@@ -19,6 +20,8 @@ mod runs;
 mod select;
 mod uneven;
 mod wedge;
+mod weigh;
+mod wide;
 
 use nalgebra::{Matrix2, Vector2};
 

@@ -159,6 +159,7 @@ pub struct Grey {
 
 /// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 255. The sine
 /// and cosine of the angle come from the caller, once for all batches.
+#[inline(always)]
 pub fn grey(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64), batch: &Batch) -> Grey {
     let (sin, cos) = (trig.0 as f32, trig.1 as f32);
     let (s, t) = along_and_across(m, origin, trig, batch);
@@ -208,6 +209,7 @@ pub fn grey(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64)
 }
 
 impl Share {
+    #[inline(always)]
     fn complement(&mut self) {
         self.c = each(|i| 1.0 - self.c[i]);
         for lanes in [&mut self.s, &mut self.t, &mut self.first, &mut self.second, &mut self.third] {

@@ -11,21 +11,45 @@ pub struct Run {
     pub to: u32,
 }
 
-/// Appends the runs of ones of row `y`, which holds ones and zeros.
+/// Appends the runs of row `y`, whose marked pixels hold 1 to 127 and the others 0.
 pub fn find(row: &[u8], y: usize, out: &mut Vec<Run>) {
     let mut open: Option<usize> = None;
     let (words, rest) = row.as_chunks::<WORD>();
     for (k, word) in words.iter().enumerate() {
+        let word = u64::from_le_bytes(*word);
+        if word == 0 && open.is_none() {
+            continue;
+        }
         // One bit of each byte, the first pixel lowest.
-        let bits = (u64::from_le_bytes(*word).wrapping_mul(0x0102_0408_1020_4080) >> 56) as u8;
+        let ones = (word + 0x7f7f_7f7f_7f7f_7f7f) >> 7 & 0x0101_0101_0101_0101;
+        let bits = (ones.wrapping_mul(0x0102_0408_1020_4080) >> 56) as u8;
         let plain = if open.is_some() { u8::MAX } else { 0 };
         if bits != plain {
             split(bits, WORD, k * WORD, y, &mut open, out);
         }
     }
-    let bits = rest.iter().enumerate().fold(0, |bits, (i, &v)| bits | v << i);
+    let bits = rest.iter().enumerate().fold(0, |bits, (i, &v)| bits | u8::from(v > 0) << i);
     split(bits, rest.len(), words.len() * WORD, y, &mut open, out);
     close(&mut open, row.len(), y, out);
+}
+
+/// The parts of runs whose pixels hold `least` or more, in rows of `width` pixels.
+pub fn at_least(runs: &[Run], pixels: &[u8], width: usize, least: u8) -> Vec<Run> {
+    let mut out = Vec::new();
+    for run in runs {
+        let (first, last) = (run.from as usize, run.to as usize);
+        let row = &pixels[run.y as usize * width..][..width];
+        let mut open = None;
+        for (x, &v) in (first..).zip(&row[first..=last]) {
+            if v >= least {
+                open.get_or_insert(x);
+            } else {
+                close(&mut open, x, run.y as usize, &mut out);
+            }
+        }
+        close(&mut open, last + 1, run.y as usize, &mut out);
+    }
+    out
 }
 
 /// Pixels that are looked at together.
@@ -115,6 +139,13 @@ mod tests {
                 for r in set {
                     (r.from..=r.to).for_each(|x| label[r.y as usize * width + x as usize] = k + 1);
                 }
+            }
+            let level: Vec<u8> = marks.iter().enumerate().map(|(i, m)| m * (1 + (i % 3) as u8)).collect();
+            for least in 1..=3 {
+                let dark: Vec<u8> = level.iter().map(|&v| u8::from(v >= least)).collect();
+                let mut want = Vec::new();
+                dark.chunks(width).enumerate().for_each(|(y, row)| find(row, y, &mut want));
+                assert_eq!(at_least(&runs, &level, width, least), want);
             }
             assert!(label.iter().zip(&marks).all(|(&l, &m)| (l > 0) == (m > 0)));
             assert_eq!(flooded(&marks, width), sets.len());

@@ -10,6 +10,7 @@ use super::super::raster::Raster;
 use super::blob::Blob;
 use super::candidate::{Candidate, Outline};
 use super::model::{LIGHT, Parameters, Pixel};
+use super::weigh::{Line, Ruler, Spot, weigh};
 
 /// About how many pixels are wanted: at the edges, where they tell the place, and beside them, where
 /// they only tell the levels.
@@ -28,10 +29,7 @@ pub const FEW: Wanted = Wanted { edge: 130.0, flat: 70.0 };
 pub const EVERY: Wanted = Wanted { edge: 1e9, flat: 1e9 };
 
 /// Width over which a weight falls to zero, px.
-const FADE: f64 = 1.0;
-
-/// How far a geometry may still move, px.
-const SLACK: f64 = 0.3;
+pub const FADE: f64 = 1.0;
 
 /// Length from which on an edge's pixels are not all used, px.
 const LONG: f64 = 150.0;
@@ -87,10 +85,21 @@ impl Keep {
         Self { edge: share(wanted.edge, edge), flat: share(levels, flat - edge) }
     }
 
-    /// How much a pixel would count at the edge and beside it.
-    fn of(self, x: usize, y: usize) -> [f32; 2] {
-        let turn = ((x * 5 + y * 7) % 16) as f64;
-        [self.edge, self.flat].map(|keep| (keep - turn).clamp(0.0, 1.0) as f32)
+    /// How much a pixel would count at the edge and beside it, for each place in the pattern.
+    fn table(self) -> [[f32; 2]; 16] {
+        std::array::from_fn(|turn| {
+            [self.edge, self.flat].map(|keep| (keep - turn as f64).clamp(0.0, 1.0) as f32)
+        })
+    }
+}
+
+/// Takes the columns of a row that may count.
+fn take(shares: &[[f32; 2]; 16], y: usize, columns: std::ops::Range<usize>, out: &mut Vec<Spot>) {
+    for x in columns {
+        let keep = shares[(x * 5 + y * 7) % 16];
+        if keep[0] + keep[1] > 0.0 {
+            out.push(Spot { x, y, keep });
+        }
     }
 }
 
@@ -127,21 +136,6 @@ impl<'a> Oval<'a> {
         let root = mixed * mixed - square * rest;
         let middle = self.outline.centre.x - mixed / square;
         (root > 0.0).then(|| (middle - root.sqrt() / square, middle + root.sqrt() / square))
-    }
-
-    /// Distance from the outline, px, to within a factor of two at most; positive outside.
-    fn distance(&self, s: f64, t: f64) -> f64 {
-        let (a, b) = (self.outline.major, self.outline.minor);
-        let (p, q) = (s / a, t / b);
-        let r = (p * p + q * q).sqrt().max(1e-6);
-        let by_radius = (r - 1.0) * r / ((p / a).powi(2) + (q / b).powi(2)).sqrt().max(1e-9);
-        if r >= 1.0 {
-            return by_radius;
-        }
-        // In a flat ellipse the outline across is nearer than the one outwards.
-        let u = (1.0 - p * p).max(1e-9);
-        let across = (t.abs() - b * u.sqrt()) * (u / (u + (b / a * p).powi(2))).sqrt();
-        by_radius.max(across)
     }
 }
 
@@ -184,73 +178,49 @@ pub fn pixels(
         Masked::DarkerThan(..) if candidate.edges.is_some() => None,
         Masked::DarkerThan(frame, m, limit) => darker(image, outline, bands, area, &frame, &m, limit),
     };
-    let mut out = Vec::with_capacity(2 * (wanted.edge + wanted.flat).min(2000.0) as usize);
-    let mut take = |x: usize, y: usize, value: u8, (s, t): (f64, f64), keep: [f32; 2], distance: f64| {
-        let masked = taken.as_ref().is_some_and(|m| m[(y - y0) * (x1 - x0 + 1) + x - x0]);
-        let at = Vector2::new(x as f64, y as f64);
-        // A little farther than there is weight, for the geometry is not the last yet.
-        let far = bands.weight(keep, (distance - SLACK) as f32) <= 0.0;
-        if !far && !masked && !candidate.hides(&at) {
-            let (p, q) = (s / outline.major, t / outline.minor);
-            let weight = f64::from(bands.weight(keep, distance as f32));
-            out.push(Pixel { x: at.x, y: at.y, value: f64::from(value), p, q, weight, keep });
-        }
-    };
-    let columns = |from: f64, to: f64| columns(from, to, area);
     let oval = Oval::new(outline);
-    match candidate.edges {
+    let mut spots = Vec::with_capacity(2 * (wanted.edge + wanted.flat).min(2000.0) as usize);
+    let ruler = match candidate.edges {
         None => {
-            let shares = Keep::new(wanted, bands, around(outline));
+            let shares = Keep::new(wanted, bands, around(outline)).table();
             for y in y0..=y1 {
                 let Some((from, to)) = oval.row(y as f64, flat + 1.0) else { continue };
                 let hole = oval.row(y as f64, -flat - 1.0).unwrap_or((to, to));
-                for x in columns(from, hole.0).chain(columns(hole.1, to)) {
-                    let keep = shares.of(x, y);
-                    if keep != [0.0; 2] {
-                        let local = oval.local(x as f64, y as f64);
-                        take(x, y, image.row(y)[x], local, keep, oval.distance(local.0, local.1).abs());
-                    }
-                }
+                take(&shares, y, columns(from, hole.0, area), &mut spots);
+                take(&shares, y, columns(hole.1, to, area), &mut spots);
             }
+            Ruler { bands, outline, edges: None }
         }
         Some(edges) => {
             let lines = lines(edges, crossing);
             let margin = (2.5 * blur).min(0.45 * outline.minor).max(1.0);
             let length: f64 = lines.iter().map(|l| 2.0 * radius(outline, l)).sum();
-            let shares = Keep::new(wanted, bands, length);
+            let shares = Keep::new(wanted, bands, length).table();
             for y in y0..=y1 {
                 let Some((from, to)) = oval.row(y as f64, FADE - margin) else { continue };
                 let near = lines.map(|l| l.row(y as f64, flat + FADE));
-                for x in columns(from, to) {
-                    let inside = |n: &(f64, f64)| (n.0..=n.1).contains(&(x as f64));
-                    let keep = shares.of(x, y);
-                    if keep == [0.0; 2] || !near.iter().any(inside) {
-                        continue;
-                    }
-                    let local = oval.local(x as f64, y as f64);
-                    let depth = -margin - oval.distance(local.0, local.1);
-                    let rim = (depth / FADE + 0.5).clamp(0.0, 1.0) as f32;
-                    let distance =
-                        lines.iter().map(|l| l.distance(x as f64, y as f64)).fold(f64::MAX, f64::min);
-                    take(x, y, image.row(y)[x], local, keep.map(|k| k * rim), distance);
-                }
+                let [one, other] = near.map(|n| columns(from.max(n.0), to.min(n.1), area));
+                let (first, second) = if one.start <= other.start { (one, other) } else { (other, one) };
+                // Where both edges are near, once.
+                let second = second.start.max(first.end)..second.end;
+                take(&shares, y, first, &mut spots);
+                take(&shares, y, second, &mut spots);
             }
+            Ruler { bands, outline, edges: Some((lines, margin)) }
         }
+    };
+    let masked = |s: &Spot| taken.as_ref().is_some_and(|m| m[(s.y - y0) * (x1 - x0 + 1) + s.x - x0]);
+    let hides = |s: &Spot| candidate.hides(&Vector2::new(s.x as f64, s.y as f64));
+    if taken.is_some() || !candidate.hidden.is_empty() || !candidate.bands.is_empty() {
+        spots.retain(|spot| !masked(spot) && !hides(spot));
     }
-    out
+    weigh(image, &spots, &ruler)
 }
 
 /// Length of an ellipse's outline, px, by Ramanujan's formula.
 fn around(outline: &Outline) -> f64 {
     let (a, b) = (outline.major, outline.minor);
     std::f64::consts::PI * (3.0 * (a + b) - ((3.0 * a + b) * (a + 3.0 * b)).sqrt())
-}
-
-/// A straight edge between quadrants: a point, and the direction across it.
-#[derive(Clone, Copy)]
-struct Line {
-    at: Vector2<f64>,
-    across: Vector2<f64>,
 }
 
 /// The two edges, from the direction of their bisector and the tangent of half their angle.
@@ -262,10 +232,6 @@ fn lines((along, half): (f64, f64), crossing: Vector2<f64>) -> [Line; 2] {
 }
 
 impl Line {
-    fn distance(&self, x: f64, y: f64) -> f64 {
-        ((x - self.at.x) * self.across.x + (y - self.at.y) * self.across.y).abs()
-    }
-
     /// The part of a row that is within `reach`.
     fn row(&self, y: f64, reach: f64) -> (f64, f64) {
         let steep = self.across.x.abs().max(1e-6);

@@ -2,14 +2,16 @@
 //! say that the light is more uneven than a plane, or that something else lies across the marker:
 //! then the light is freed, the foreign pixels are left out, and the covariance grows by what stays.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Matrix2, SymmetricEigen};
+use nalgebra::{Cholesky, DMatrix, DVector, Matrix2};
 
+use super::blocks::Blocks;
 use super::fit::{Fit, Unknowns};
 use super::linear::{Block, CUT, EDGE_JITTER, Products, biweights, spread, total};
 use super::model::{
     ANGLE, BLUR, Batch, DARK, EGG, FIRST, GAMMA, LANES, LIGHT, N, Parameters, Pattern, Pixel, SECOND, THIRD,
     X, Y, each, grey,
 };
+use super::wide::wide;
 
 /// Knots of the field of light along and across the marker, and of its darkness along it.
 const ALONG: usize = 9;
@@ -20,19 +22,11 @@ const FIELD: usize = ALONG * ACROSS + DARKS;
 const UNEVEN_LIGHT: f64 = 0.15;
 const UNEVEN_DARK: f64 = 0.15;
 /// The fields reach this far, in semi-axes.
-const REACH: f64 = 1.1;
+pub const REACH: f64 = 1.1;
 /// Times its own variance beyond which a centre's variance from blocks of residuals is not chance.
 const CORRELATED: f64 = 4.0;
 /// Share of pixels that the fit has left out, beyond which they are looked into.
 const FOREIGN: f64 = 0.01;
-/// Side of the squares whose residuals may hang together, px: those of JPEG, and whole multiples of
-/// them on a marker with a longer major axis than this many semi-axes.
-const SQUARE_PX: f64 = 8.0;
-const SQUARES: f64 = 11.0;
-/// Up to this ratio the variance from blocks is not told from the fit's own: there are few blocks.
-const CHANCE: f64 = 2.4;
-/// Sectors along the marker, on each side of its axis, whose residuals may hang together.
-const SECTORS: usize = 24;
 /// What a field of light must leave of the residuals: forty more unknowns always leave less.
 const BETTER: f64 = 0.95;
 const MAX_ITERATIONS: usize = 4;
@@ -85,9 +79,31 @@ pub fn improve(
     out
 }
 
-/// The covariance of a fit's centre, at least that which its residuals show, and the greatest ratio
-/// of the two.
-fn deserved(pattern: Pattern, pixels: &[Pixel], fit: &Fit, scale: f64) -> Option<(Matrix2<f64>, f64, f64)> {
+wide! {
+    /// The covariance of a fit's centre, at least that which its residuals show, the greatest ratio of
+    /// the two, and the share of pixels that the fit has left out.
+    fn deserved(pattern: Pattern, pixels: &[Pixel], fit: &Fit, scale: f64) -> Option<(Matrix2<f64>, f64, f64)>
+        = deserved_by
+}
+
+wide! {
+    /// Residuals and derivatives of all pixels.
+    fn rows_under(field: &Field, pattern: Pattern, pixels: &[Pixel], scale: f64) -> Vec<Row> = Field::rows_of
+}
+
+wide! {
+    /// Normal equations over the parameters and the field.
+    fn normal(rows: &[Row], unknowns: &Unknowns, field: &Field, scale: f64) -> (DMatrix<f64>, DVector<f64>)
+        = normal_of
+}
+
+#[inline(always)]
+fn deserved_by(
+    pattern: Pattern,
+    pixels: &[Pixel],
+    fit: &Fit,
+    scale: f64,
+) -> Option<(Matrix2<f64>, f64, f64)> {
     let m = &fit.parameters;
     let influence = [X, Y].map(|k| fit.covariance.column(k).map(|v| v / fit.variance));
     let list: Vec<usize> = (0..N).filter(|&k| fit.covariance[(k, k)] > 0.0).collect();
@@ -118,56 +134,6 @@ fn deserved(pattern: Pattern, pixels: &[Pixel], fit: &Fit, scale: f64) -> Option
     Some((raised, ratio, foreign as f64 / pixels.len() as f64))
 }
 
-/// What the residuals of pixels that lie together did to the centre, px: in squares, and in sectors
-/// along the marker on each side of its axis.
-struct Blocks {
-    origin: [f64; 2],
-    side: f64,
-    width: usize,
-    squares: Vec<[f64; 2]>,
-    sectors: Vec<[f64; 2]>,
-}
-
-impl Blocks {
-    fn new(pixels: &[Pixel], m: &Parameters) -> Self {
-        // The pixels' own extent, for quadrants have no axes.
-        let reach = pixels.iter().map(|p| (p.x - m[X]).abs().max((p.y - m[Y]).abs())).fold(1.0, f64::max);
-        let side = SQUARE_PX * (reach / (SQUARE_PX * SQUARES)).ceil();
-        let origin = [m[X], m[Y]].map(|c| ((c - reach) / side).floor() * side);
-        let width = (2.0 * reach / side) as usize + 2;
-        let none = |count: usize| vec![[0.0; 2]; count];
-        Self { origin, side, width, squares: none(width * width), sectors: none(2 * SECTORS) }
-    }
-
-    fn add(&mut self, pixel: &Pixel, moved: [f64; 2]) {
-        let place = |v: f64, k: usize| ((v - self.origin[k]) / self.side).max(0.0) as usize;
-        let square =
-            place(pixel.y, 1).min(self.width - 1) * self.width + place(pixel.x, 0).min(self.width - 1);
-        let sector =
-            ((pixel.p / REACH + 1.0) * 0.5 * SECTORS as f64).clamp(0.0, SECTORS as f64 - 1.0) as usize;
-        let sector = 2 * sector + usize::from(pixel.q > 0.0);
-        for (k, moved) in moved.into_iter().enumerate() {
-            self.squares[square][k] += moved;
-            self.sectors[sector][k] += moved;
-        }
-    }
-
-    /// `white`, at least what the blocks show.
-    fn raise(&self, white: &Matrix2<f64>, count: usize) -> Option<(Matrix2<f64>, f64)> {
-        let (raised, one) = at_least(white, &scatter(&self.squares, count))?;
-        let (raised, other) = at_least(&raised, &scatter(&self.sectors, count))?;
-        Some((raised, one.max(other)))
-    }
-}
-
-/// The centre's covariance from blocks that are independent of each other.
-fn scatter(blocks: &[[f64; 2]], count: usize) -> Matrix2<f64> {
-    let seen: Matrix2<f64> = blocks.iter().map(|&[x, y]| Matrix2::new(x * x, x * y, x * y, y * y)).sum();
-    // The parameters take up part of what is common to a block.
-    let number = blocks.iter().filter(|b| **b != [0.0; 2]).count() as f64;
-    seen * (number / (number - count as f64).max(1.0)).min(2.5)
-}
-
 /// The fit with the light freed, without the pixels of things that are not the marker's.
 #[allow(clippy::type_complexity)]
 fn freed(
@@ -182,7 +148,7 @@ fn freed(
     let chosen = |p: &&Pixel| (p.x as u64 * 5 + p.y as u64 * 3).is_multiple_of(stride);
     let some: Vec<Pixel> = pixels.iter().filter(chosen).copied().collect();
     let mut field = Field { m: fit.parameters, extra: [0.0; FIELD] };
-    let rows = field.rows(pattern, &some, floor.max(fit.rms));
+    let rows = rows_under(&field, pattern, &some, floor.max(fit.rms));
     let own = own(&some, &rows, field.m[BLUR]);
     if own.len() < 3 * N {
         return None;
@@ -190,7 +156,7 @@ fn freed(
     let mut residuals: Vec<f32> = Vec::with_capacity(own.len());
     let mut scale = 3.0 * floor.max(spread_of(&rows, &mut residuals));
     for iteration in 0..MAX_ITERATIONS {
-        let rows = field.rows(pattern, &own, scale);
+        let rows = rows_under(&field, pattern, &own, scale);
         let (normal, right) = normal(&rows, unknowns, &field, scale);
         let mut damped = normal;
         for i in 0..damped.nrows() {
@@ -211,7 +177,7 @@ fn freed(
         }
         scale = new.max(0.5 * scale);
     }
-    let rows = field.rows(pattern, &own, scale);
+    let rows = rows_under(&field, pattern, &own, scale);
     let sound = field.m.iter().all(|v| v.is_finite()) && field.m[BLUR] > 0.2 && field.m[BLUR] < 4.0;
     let cov = covariance(&rows, &own, unknowns, &field, scale).filter(|_| sound)?;
     let weight: f64 = rows.iter().map(|r| r.root * r.root).sum();
@@ -250,8 +216,8 @@ fn hats(at: f64, count: usize) -> [(usize, f64); 2] {
 }
 
 impl Field {
-    /// Residuals and derivatives of all pixels.
-    fn rows(&self, pattern: Pattern, pixels: &[Pixel], scale: f64) -> Vec<Row> {
+    #[inline(always)]
+    fn rows_of(&self, pattern: Pattern, pixels: &[Pixel], scale: f64) -> Vec<Row> {
         let m = &self.m;
         // Under light and darkness that are known and the same everywhere, the share of black shows.
         let mut bare = *m;
@@ -271,6 +237,7 @@ impl Field {
         out
     }
 
+    #[inline(always)]
     /// One pixel's row from its share of black and that share's derivatives.
     fn row(&self, pixel: &Pixel, share: f64, by: impl Fn(usize) -> f64, scale: f64) -> Row {
         let (m, p, q) = (&self.m, pixel.p, pixel.q);
@@ -315,8 +282,8 @@ impl Field {
     }
 }
 
-/// Normal equations over the parameters and the field.
-fn normal(rows: &[Row], unknowns: &Unknowns, field: &Field, scale: f64) -> (DMatrix<f64>, DVector<f64>) {
+#[inline(always)]
+fn normal_of(rows: &[Row], unknowns: &Unknowns, field: &Field, scale: f64) -> (DMatrix<f64>, DVector<f64>) {
     const SIZE: usize = N + FIELD;
     let list: Vec<usize> = (0..N).filter(|&k| unknowns.free[k]).collect();
     let (mut lower, mut right) = (vec![[0.0; SIZE]; SIZE], [0.0; SIZE]);
@@ -395,14 +362,4 @@ fn covariance(
     let variance = square / (weight - list.len() as f64).max(1.0);
     let white = Matrix2::new(influence[0][X], influence[0][Y], influence[1][X], influence[1][Y]) * variance;
     Some(blocks.raise(&white, list.len())?.0)
-}
-
-/// `white` raised, in its own units, to `seen` in the directions in which that is clearly greater.
-fn at_least(white: &Matrix2<f64>, seen: &Matrix2<f64>) -> Option<(Matrix2<f64>, f64)> {
-    let root = Cholesky::new(*white)?.l();
-    let inverse = root.try_inverse()?;
-    let eigen = SymmetricEigen::new(inverse * seen * inverse.transpose());
-    let raised = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| if v > CHANCE { v } else { 1.0 }));
-    let back = root * eigen.eigenvectors;
-    Some((back * raised * back.transpose(), eigen.eigenvalues.max()))
 }

@@ -20,6 +20,7 @@ struct Edges {
 type One = [f32; 7];
 
 /// The blurred share between two crossing edges `t = +-f s + k s^2`, `f <= 1`, around the s axis.
+#[inline(always)]
 pub fn wedge(batch: &Batch, s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
     let sigma = m[BLUR] as f32;
     let e =
@@ -55,6 +56,7 @@ pub fn wedge(batch: &Batch, s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
 }
 
 /// Distance from the nearer of two edges `t = +-f s`, px.
+#[inline(always)]
 pub fn from_edges(f: f32, s: &Lanes, t: &Lanes) -> Lanes {
     let norm = 1.0 / (1.0 + f * f).sqrt();
     each(|i| {
@@ -64,6 +66,7 @@ pub fn from_edges(f: f32, s: &Lanes, t: &Lanes) -> Lanes {
 }
 
 /// Near the crossing: summed along s on both sides of it, in closed form across.
+#[inline(always)]
 fn crossing(s: &Lanes, t: &Lanes, e: Edges, share: &mut Share) {
     let reach = 4.2 * e.sigma;
     for before in [true, false] {
