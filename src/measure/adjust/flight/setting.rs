@@ -37,13 +37,13 @@ impl Flight<'_> {
         let twist_terms = self.input.options.twist_terms.min(MAX_TWIST_TERMS);
         let common = unknowns::common(&self.input, &mut columns);
         let mut priors = common.priors;
+        let head = columns.missing.len();
         let ratios = columns.take(terms - 1, MISSING_RATIO);
         priors.extend(unknowns::shape_prior(ratios, terms, 1.0));
         let own_mount = self.mountings.is_none();
         let count = self.mountings.as_ref().map_or(0, |m| m.iter().max().map_or(0, |m| m + 1));
         let mounts = columns.take(3 * count, MISSING_MOUNT);
         priors.extend((0..count).map(|m| unknowns::mount_prior(&self.input, mounts + 3 * m)));
-        let head = columns.missing.len();
         let markers = &self.input.setup.markers;
         let survey = columns.take(3 * markers.len(), MISSING_GROUND);
         let local = terms + twist_terms + if own_mount { 3 } else { 0 };
