@@ -56,7 +56,7 @@ fn predicted_standard_deviations_are_those_of_sampled_errors() {
     let mut rng = rng(31);
     let (mut lift, mut span) = (vec![], vec![]);
     let options = Options { sigma: SigmaKind::Prior, snooping_alpha: 0.0, ..Options::default() };
-    for _ in 0..150 {
+    for _ in 0..220 {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let tip_lift_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
         let setup = truth.surveyed(&mut rng, 0.002, 0.002);
@@ -98,7 +98,7 @@ fn variance_components_of_the_spatial_method_are_recovered() {
         seen.iter_mut().for_each(|o| o.covariance_px2 /= 4.0);
         let options = Options { variance_components: true, snooping_alpha: 0.0, ..Options::default() };
         let s = adjust::spatial(&setup, &orientation, &seen, &options).unwrap();
-        let of = |name| s.variance_components.iter().find(|c| c.group == name).unwrap().factor;
+        let of = |name| s.variance_components.iter().find(|c| c.group == name).unwrap().factor.unwrap().value;
         image.push(of("image"));
         survey.push(of("survey"));
     }

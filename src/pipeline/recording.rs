@@ -281,7 +281,14 @@ fn quality(s: &Solution) -> Map<String, Value> {
         let list: Vec<Value> = s
             .variance_components
             .iter()
-            .map(|c| json!({ "group": c.group, "factor": c.factor, "redundancy": c.redundancy }))
+            .map(|c| {
+                json!({
+                    "group": c.group,
+                    "factor": c.factor.map(|f| f.value),
+                    "sigma_factor": c.factor.and_then(|f| f.sigma),
+                    "redundancy": c.redundancy,
+                })
+            })
             .collect();
         map.insert("variance_components".into(), Value::Array(list));
     }

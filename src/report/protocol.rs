@@ -156,7 +156,7 @@ fn matrix(record: &ImageRecord) -> Option<(Vec<String>, Vec<Vec<f64>>)> {
 
 fn variance_components(record: &ImageRecord) -> String {
     let Some(Value::Array(list)) = record.quality.get("variance_components") else { return String::new() };
-    let mut grid = Grid::new(&["<group", "component", "sigma scaled by", "redundancy"]);
+    let mut grid = Grid::new(&["<group", "component", "its sigma", "sigma scaled by", "redundancy"]);
     for one in list {
         let number = |key: &str| one.get(key).and_then(Value::as_f64);
         let root = number("factor").filter(|f| *f >= 0.0).map(f64::sqrt);
@@ -164,6 +164,7 @@ fn variance_components(record: &ImageRecord) -> String {
         grid.push(vec![
             group.to_owned(),
             fixed(number("factor"), 3),
+            fixed(number("sigma_factor"), 3),
             fixed(root, 3),
             fixed(number("redundancy"), 2),
         ]);

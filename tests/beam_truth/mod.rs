@@ -1,16 +1,21 @@
 //! An independent wing for the tests of the adjustment: Euler-Bernoulli cantilever with tapered
 //! stiffness under a fuel-relieved lift load, dihedral, crowned skin, twist, thermal shrinkage. It
 //! shares no code and no shape functions with the model that is fitted.
-#![allow(dead_code, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![allow(dead_code, unused_imports, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
+use rand::Rng;
 use rand::rngs::StdRng;
-use rand::{Rng, SeedableRng};
 use wingd::measure::adjust::Observation;
 use wingd::measure::geometry::Lens;
 use wingd::measure::setup::{
     GroundSight, Orientation, Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair,
 };
+
+#[path = "../random/mod.rs"]
+mod random;
+
+pub use random::{normal, normal2, normal3, rng};
 
 const STEPS: usize = 2000;
 
@@ -327,24 +332,6 @@ impl Truth {
         };
         self.pixels(points_m, mount_rad).into_iter().enumerate().map(one).collect()
     }
-}
-
-pub fn rng(seed: u64) -> StdRng {
-    StdRng::seed_from_u64(seed)
-}
-
-/// Box and Muller.
-pub fn normal(rng: &mut StdRng) -> f64 {
-    let (a, b): (f64, f64) = (rng.random(), rng.random());
-    (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
-}
-
-pub fn normal2(rng: &mut StdRng) -> Vector2<f64> {
-    Vector2::new(normal(rng), normal(rng))
-}
-
-pub fn normal3(rng: &mut StdRng) -> Vector3<f64> {
-    Vector3::new(normal(rng), normal(rng), normal(rng))
 }
 
 /// A mounting that is off by the stated repeatability.

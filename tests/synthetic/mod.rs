@@ -1,13 +1,18 @@
 //! Random wings and cameras with known truth, independent of the models under test: a tapered
 //! cantilever under a fuel-relieved load, its curvature integrated numerically.
-#![allow(dead_code)]
+#![allow(dead_code, unused_imports)]
 
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
+use rand::Rng;
 use rand::rngs::StdRng;
-use rand::{Rng, SeedableRng};
 use wingd::measure::detect::Detection;
 use wingd::measure::geometry::Lens;
 use wingd::measure::setup::{Setup, Shape, SkinHeight, SurveyMarker, Thermal};
+
+#[path = "../random/mod.rs"]
+mod random;
+
+pub use random::{normal, normal3, rng};
 
 const STATIONS: usize = 400;
 
@@ -65,15 +70,6 @@ pub struct View {
     /// Per marker: image of its centre.
     pub centres_px: Vec<Option<Vector2<f64>>>,
     pub visible: Vec<bool>,
-}
-
-pub fn normal(rng: &mut StdRng) -> f64 {
-    let (a, b): (f64, f64) = (rng.random_range(1e-12..1.0), rng.random());
-    (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos()
-}
-
-fn normal3(rng: &mut StdRng) -> Vector3<f64> {
-    Vector3::new(normal(rng), normal(rng), normal(rng))
 }
 
 impl Wing {
@@ -209,7 +205,7 @@ impl Wing {
 impl World {
     /// A wing with 14 to 24 markers; even seeds give right wings.
     pub fn random(seed: u64, conditions: &Conditions) -> Self {
-        let mut rng = StdRng::seed_from_u64(seed);
+        let mut rng = rng(seed);
         let rng = &mut rng;
         let wing = Wing::random(rng);
         let side = if seed.is_multiple_of(2) { 1.0 } else { -1.0 };
@@ -303,7 +299,7 @@ impl World {
         seed: u64,
         conditions: &Conditions,
     ) -> View {
-        let mut rng = StdRng::seed_from_u64(seed ^ 0x5eed);
+        let mut rng = rng(seed ^ 0x5eed);
         let rng = &mut rng;
         let lens = &self.setup.lens;
         let rotation = mount * self.camera_from_survey * self.wing_from_survey.inverse();

@@ -19,6 +19,7 @@
 
 mod fit;
 mod linear;
+mod stack;
 mod system;
 
 pub use fit::{BlockFit, Fit, Gradient, GroupFit, Propagated};

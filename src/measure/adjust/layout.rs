@@ -50,7 +50,7 @@ pub struct Layout {
     pub nominal_scale: f64,
     /// The markers on ground.
     pub survey: Survey,
-    /// Number of global parameters that are not the survey's.
+    /// Number of leading global parameters that all blocks depend on.
     pub head: usize,
     /// Number of local parameters.
     pub local: usize,
@@ -117,13 +117,21 @@ impl Layout {
         }
     }
 
-    /// Global columns of a marker's conditions: all of the head, and the marker's own three.
+    /// The mounting's columns, where they are not among the head's.
+    fn own_mount(&self) -> std::ops::Range<usize> {
+        match self.mount {
+            Place::Global(first) if first >= self.head => first..first + 3,
+            _ => 0..0,
+        }
+    }
+
+    /// Global columns of a marker's conditions: all of the head, the mounting's, the marker's own three.
     fn columns(&self, marker: usize) -> Vec<usize> {
         let own = match self.survey {
             Survey::Observed => 0..0,
             Survey::Global(first) => first + 3 * marker..first + 3 * marker + 3,
         };
-        (0..self.head).chain(own).collect()
+        (0..self.head).chain(self.own_mount()).chain(own).collect()
     }
 
     /// Derivatives of a marker's position in flight for [`super::gauss_helmert::Fit::propagate`].
@@ -180,7 +188,8 @@ impl<'a> Rows<'a> {
     fn put(&mut self, place: Option<Place>, row: usize, k: usize, v: Vector2<f64>) {
         let (target, column) = match place {
             None => return,
-            Some(Place::Global(first)) => (&mut self.out.global, first + k),
+            Some(Place::Global(first)) if first < self.layout.head => (&mut self.out.global, first + k),
+            Some(Place::Global(_)) => (&mut self.out.global, self.layout.head + k),
             Some(Place::Local(first)) => (&mut self.out.local, first + k),
         };
         target[(row, column)] = v.x;
@@ -193,11 +202,17 @@ impl<'a> Rows<'a> {
         }
     }
 
+    fn survey_column(&self) -> usize {
+        self.layout.head + self.layout.own_mount().len()
+    }
+
     /// Derivative to the marker's place on ground.
     fn put_survey(&mut self, row: usize, m: &Matrix2x3<f64>) {
         match self.layout.survey {
             Survey::Observed => self.out.observations.fixed_view_mut::<2, 3>(row, 0).copy_from(m),
-            Survey::Global(_) => self.out.global.fixed_view_mut::<2, 3>(row, self.layout.head).copy_from(m),
+            Survey::Global(_) => {
+                self.out.global.fixed_view_mut::<2, 3>(row, self.survey_column()).copy_from(m)
+            }
         }
     }
 
@@ -249,7 +264,7 @@ impl<'a> Rows<'a> {
             self.out.misclosure[row + k] = ground_m[k] - observed[k];
         }
         self.out.observations.fixed_view_mut::<3, 3>(row, 0).copy_from(&-identity);
-        self.out.global.fixed_view_mut::<3, 3>(row, self.layout.head).copy_from(&identity);
+        self.out.global.fixed_view_mut::<3, 3>(row, self.survey_column()).copy_from(&identity);
     }
 }
 

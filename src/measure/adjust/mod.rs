@@ -1,6 +1,7 @@
 //! Observations -> deflection: profile, spatial, flight; quality, variance components.
 
 pub mod beam;
+mod components;
 #[cfg(test)]
 mod example;
 mod flight;
@@ -197,8 +198,9 @@ pub struct CurvePoint {
 pub struct VarianceComponent {
     /// `image` or `survey`.
     pub group: &'static str,
-    /// The component (1: the group's standard deviations are right).
-    pub factor: f64,
+    /// The component (1: the group's standard deviations are right); `None` where the observations do
+    /// not show it and the stated standard deviations were kept.
+    pub factor: Option<Estimate>,
     /// The group's share of the redundancy.
     pub redundancy: f64,
 }

@@ -222,15 +222,9 @@ impl<'a> Outcome<'a> {
         let arc = 0.5 * (station(pair.leading)? + station(pair.trailing)?);
         let grid = Grid::new(&self.scene.ground, &[arc]);
         let section = grid.bend(&self.values.bending()).pop()?;
-        Some(self.twist_estimate(&section))
-    }
-
-    fn twist_estimate(&self, section: &Section) -> Estimate {
         let mut gradient = self.gradient(1);
-        for k in 0..self.layout.twist_terms {
-            put(&mut gradient, self.layout.twist, k, 0, section.twist_by_terms[k]);
-        }
-        Estimate { value: section.twist_rad, sigma: self.sigma(&gradient) }
+        self.put_twist(&mut gradient, 0, &section);
+        Some(Estimate { value: section.twist_rad, sigma: self.sigma(&gradient) })
     }
 
     /// Lift of the axis and twist from the root to the outermost marker, and `a_per_m` fitted to it.
@@ -242,41 +236,53 @@ impl<'a> Outcome<'a> {
         let flat = grid.bend(&Bending { raise_m: self.values.raise_m, ..Bending::NONE });
         let bent = grid.bend(&self.values.bending());
         let root = grid.root_m() + Vector3::y() * self.values.raise_m[0];
-        let (mut parabola, mut moment, mut fourth) = (self.gradient(1), 0.0, 0.0);
-        let mut points = Vec::with_capacity(arcs.len());
-        for ((arc, flat), bent) in arcs.iter().zip(&flat).zip(&bent) {
-            let gradient = self.lift_gradient(bent, root.y);
-            let lift = bent.axis_m.y - flat.axis_m.y;
+        let count = arcs.len();
+        // Rows: lifts, then twists.
+        let mut gradient = self.gradient(2 * count);
+        let mut by_lift = DMatrix::zeros(1, 2 * count);
+        let (mut moment, mut fourth) = (0.0, 0.0);
+        for (k, (flat, bent)) in flat.iter().zip(&bent).enumerate() {
+            self.put_lift(&mut gradient, k, bent, root.y);
+            self.put_twist(&mut gradient, count + k, bent);
             let x2 = (bent.axis_m.x - root.x).powi(2);
-            parabola.global += &gradient.global * x2;
-            parabola.local += &gradient.local * x2;
-            moment += lift * x2;
+            by_lift[k] = x2;
+            moment += (bent.axis_m.y - flat.axis_m.y) * x2;
             fourth += x2 * x2;
-            points.push(CurvePoint {
-                arc_length_m: *arc,
-                span_m: bent.axis_m.x,
-                lift_m: Estimate { value: lift, sigma: self.sigma(&gradient) },
-                twist_rad: Some(self.twist_estimate(bent)),
-            });
         }
-        parabola.global /= fourth;
-        parabola.local /= fourth;
-        (points, parabola, moment / fourth)
+        by_lift /= fourth;
+        let variances = self.covariance(&gradient).diagonal();
+        let sigma = |row: usize| Some(variances[row].max(0.0).sqrt());
+        let point = |k: usize| CurvePoint {
+            arc_length_m: arcs[k],
+            span_m: bent[k].axis_m.x,
+            lift_m: Estimate { value: bent[k].axis_m.y - flat[k].axis_m.y, sigma: sigma(k) },
+            twist_rad: Some(Estimate { value: bent[k].twist_rad, sigma: sigma(count + k) }),
+        };
+        let parabola = Gradient {
+            global: &by_lift * &gradient.global,
+            local: &by_lift * &gradient.local,
+            observed: vec![],
+        };
+        ((0..count).map(point).collect(), parabola, moment / fourth)
     }
 
-    fn lift_gradient(&self, section: &Section, root_y: f64) -> Gradient {
-        let mut gradient = self.gradient(1);
+    fn put_twist(&self, gradient: &mut Gradient, row: usize, section: &Section) {
+        for k in 0..self.layout.twist_terms {
+            put(gradient, self.layout.twist, k, row, section.twist_by_terms[k]);
+        }
+    }
+
+    fn put_lift(&self, gradient: &mut Gradient, row: usize, section: &Section, root_y: f64) {
         for k in 0..self.layout.curvature_terms {
-            put(&mut gradient, self.layout.curvature, k, 0, section.axis_by_curvature[k].y);
+            put(gradient, self.layout.curvature, k, row, section.axis_by_curvature[k].y);
         }
         for j in 0..RAISE_TERMS {
             let by = section.axis_by_raise[j].y - section.raise_by_terms[j];
-            put(&mut gradient, self.layout.raise, j, 0, by);
+            put(gradient, self.layout.raise, j, row, by);
         }
         if let Some(place) = self.layout.scale {
-            put(&mut gradient, place, 0, 0, (section.axis_m.y - root_y) / self.values.scale);
+            put(gradient, place, 0, row, (section.axis_m.y - root_y) / self.values.scale);
         }
-        gradient
     }
 
     /// Parameters, their correlation, and the correlation of the mount's pitch with bending.

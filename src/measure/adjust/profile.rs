@@ -12,8 +12,9 @@ pub use parabola::{ArcLength, arc_length};
 
 use nalgebra::{DMatrix, DVector, Matrix3, RowVector4, Vector2, Vector3};
 
+use super::components::{VarianceGroup, variance_components};
 use super::gauss_helmert::{self, Block, Fit, Group, GroupPoint, Linearised, Point, Problem};
-use super::quality::{self, Reliability, VarianceGroup};
+use super::quality::{self, Reliability};
 use super::snooping;
 use super::{
     AdjustError, CurvePoint, Estimate, MarkerSolution, Method, Observation, Options, Parameter, Solution,
@@ -41,7 +42,10 @@ struct Adjusted<'a> {
     problem: Problem,
     fit: Fit,
     response: Response,
+    /// Per marker, per observation.
+    reliability: Vec<Vec<Reliability>>,
     components: Vec<VarianceComponent>,
+    component_remarks: Vec<String>,
 }
 
 impl<'a> Adjusted<'a> {
@@ -49,6 +53,7 @@ impl<'a> Adjusted<'a> {
         setup: &'a Setup,
         orientation: &Orientation,
         observations: Vec<Observation>,
+        alpha: f64,
     ) -> Result<Self, AdjustError> {
         if observations.len() < 2 {
             return Err(AdjustError::TooFewMarkers { found: observations.len(), needed: 2 });
@@ -57,11 +62,21 @@ impl<'a> Adjusted<'a> {
         let problem = problem(&geometry, &observations)?;
         let fit = gauss_helmert::solve(&problem, |point| geometry.linearise(point))?;
         let response = Response::new(&problem, &fit);
-        Ok(Self { geometry, observations, problem, fit, response, components: Vec::new() })
+        let reliability = reliability(&problem, &fit, alpha);
+        Ok(Self {
+            geometry,
+            observations,
+            problem,
+            fit,
+            response,
+            reliability,
+            components: Vec::new(),
+            component_remarks: Vec::new(),
+        })
     }
 
     /// Scales the standard deviations of image and survey by their variance components (Koch 1986).
-    fn with_components(mut self) -> Result<Self, AdjustError> {
+    fn with_components(mut self, alpha: f64) -> Result<Self, AdjustError> {
         let image = |_: usize, _: usize| vec![PIXEL, PIXEL + 1];
         let survey = |_: usize, _: usize| vec![ARC_LENGTH, HEIGHT];
         let groups = [
@@ -78,8 +93,10 @@ impl<'a> Adjusted<'a> {
             };
             at.observed.iter().enumerate().map(|b| self.geometry.linearise(&point(b))).collect()
         };
-        (self.fit, self.components) = quality::variance_components(&mut self.problem, &groups, linearise)?;
+        let found = variance_components(&mut self.problem, &groups, linearise)?;
+        (self.fit, self.components, self.component_remarks) = (found.fit, found.components, found.remarks);
         self.response = Response::new(&self.problem, &self.fit);
+        self.reliability = reliability(&self.problem, &self.fit, alpha);
         Ok(self)
     }
 
@@ -98,7 +115,7 @@ pub fn correlations_with_distances(
     orientation: &Orientation,
     observations: &[Observation],
 ) -> Result<Vec<f64>, AdjustError> {
-    Ok(Adjusted::new(setup, orientation, observations.to_vec())?.distance_correlations())
+    Ok(Adjusted::new(setup, orientation, observations.to_vec(), 0.0)?.distance_correlations())
 }
 
 /// The paper's method, one frame.
@@ -108,17 +125,17 @@ pub(super) fn solve(
     observations: &[Observation],
     options: &Options,
 ) -> Result<Solution, AdjustError> {
-    let mut adjusted = Adjusted::new(setup, orientation, observations.to_vec())?;
+    let mut adjusted = Adjusted::new(setup, orientation, observations.to_vec(), options.snooping_alpha)?;
     let mut blunders = Vec::new();
     let least = LEFT_AT_LEAST.max(observations.len() * 2 / 3);
     while adjusted.observations.len() > least {
         let Some((index, sentence)) = adjusted.blunder(options) else { break };
         let mut left = adjusted.observations.clone();
         blunders.push((left.remove(index).marker, sentence));
-        adjusted = Adjusted::new(setup, orientation, left)?;
+        adjusted = Adjusted::new(setup, orientation, left, options.snooping_alpha)?;
     }
     if options.variance_components {
-        adjusted = adjusted.with_components()?;
+        adjusted = adjusted.with_components(options.snooping_alpha)?;
     }
     adjusted.solution(options, &blunders)
 }
@@ -222,7 +239,7 @@ impl Adjusted<'_> {
             parameters: vec![Parameter { name: "a_per_m", values: vec![a] }],
             correlation: DMatrix::identity(1, 1),
             pitch_bending_correlation: None,
-            markers: self.markers(&placed, scale, options, blunders),
+            markers: self.markers(&placed, scale, blunders),
             torsion: self.torsion(&placed, scale),
             curve: self.curve(sigma_a),
             variance_components: self.components.clone(),
@@ -235,16 +252,11 @@ impl Adjusted<'_> {
         let stronger = |m: f64, c: f64| if c.abs() > m.abs() { c } else { m };
         let strongest = self.distance_correlations().into_iter().fold(0.0, stronger);
         let correlation = format!("strongest correlation of a with a distance: {strongest:.2}");
-        blunders.iter().map(|(_, sentence)| sentence.clone()).chain([correlation]).collect()
+        let blunders = blunders.iter().map(|(_, sentence)| sentence.clone());
+        blunders.chain(self.component_remarks.iter().cloned()).chain([correlation]).collect()
     }
 
-    fn markers(
-        &self,
-        placed: &[Placed],
-        scale: f64,
-        options: &Options,
-        blunders: &[(usize, String)],
-    ) -> Vec<MarkerSolution> {
+    fn markers(&self, placed: &[Placed], scale: f64, blunders: &[(usize, String)]) -> Vec<MarkerSolution> {
         let unseen = |marker| MarkerSolution::unused(marker, "not found in the image".into());
         let mut markers: Vec<_> = (0..self.geometry.setup.markers.len()).map(unseen).collect();
         for (marker, sentence) in blunders {
@@ -257,7 +269,7 @@ impl Adjusted<'_> {
                 position_m: Some(placed.position_m),
                 covariance_m2: Some(self.position_covariance(placed) * (scale * scale)),
                 lift_m: Some(Estimate { value: placed.lift_m, sigma: self.sigma(&placed.lift, scale) }),
-                ..self.controlled(index, observation.marker, options)
+                ..self.controlled(index, observation.marker)
             };
         }
         markers
@@ -305,14 +317,10 @@ impl Adjusted<'_> {
 }
 
 impl Adjusted<'_> {
-    fn reliability(&self, index: usize, options: &Options) -> Vec<Reliability> {
-        quality::reliability(&self.problem, &self.fit, index, 0, options.snooping_alpha)
-    }
-
     /// A used marker with residual, redundancy numbers, w-test and minimal detectable biases.
-    fn controlled(&self, index: usize, marker: usize, options: &Options) -> MarkerSolution {
+    fn controlled(&self, index: usize, marker: usize) -> MarkerSolution {
         let residuals = &self.fit.groups[index].blocks[0].residuals;
-        let all = self.reliability(index, options);
+        let all = &self.reliability[index];
         let bias = |k: usize| all[k].minimal_detectable_bias.unwrap_or(f64::INFINITY);
         MarkerSolution {
             used: true,
@@ -333,9 +341,9 @@ impl Adjusted<'_> {
         let limit = quality::critical_w(options.snooping_alpha);
         let shift = quality::detectable_shift(options.snooping_alpha);
         let suspects = (0..self.observations.len()).filter_map(|index| {
-            let all = self.reliability(index, options);
+            let all = &self.reliability[index];
             let image = larger(&all[PIXEL..])?;
-            Some((index, larger(&all)?.w?.abs(), image.w? * image.minimal_detectable_bias? / shift))
+            Some((index, larger(all)?.w?.abs(), image.w? * image.minimal_detectable_bias? / shift))
         });
         let (index, w, size) = suspects.reduce(|a, b| if b.1 > a.1 { b } else { a })?;
         let w = w / snooping::spread(&self.fit, w, options);
@@ -349,6 +357,10 @@ impl Adjusted<'_> {
             (index, sentence)
         })
     }
+}
+
+fn reliability(problem: &Problem, fit: &Fit, alpha: f64) -> Vec<Vec<Reliability>> {
+    (0..problem.groups.len()).map(|index| quality::reliability(problem, fit, index, 0, alpha)).collect()
 }
 
 /// The one with the larger test statistic.

@@ -47,6 +47,12 @@ const FLEET: [Beam; 2] = [
 /// deviations of the coefficients' ratios.
 const BEYOND_FLEET: [f64; RATIOS] = [0.1, 0.07, 0.05, 0.035, 0.025, 0.02, 0.015, 0.012, 0.01];
 
+/// The same for the change of a beam's shape while it loses its fuel, over the above.
+const BEYOND_BURNING: f64 = 0.05;
+
+/// Mean square of the share of its fuel that a flight burns: any share is as likely as another.
+const BURNT: f64 = 1.0 / 3.0;
+
 impl Beam {
     fn load(&self, eta: f64) -> f64 {
         let elliptic = (1.0 - eta * eta).max(0.0).sqrt();
@@ -85,6 +91,15 @@ pub fn spread() -> &'static SMatrix<f64, RATIOS, RATIOS> {
     &SPREAD
 }
 
+/// Covariance of the change of c_k / c_0, k = 1.., while a flight burns its fuel.
+static BURNING: LazyLock<SMatrix<f64, RATIOS, RATIOS>> = LazyLock::new(burning_spread);
+
+/// Covariance of the change of the ratios c_k / c_0, k = 1 to 9, from the heaviest frame of a flight to
+/// the lightest: anything between nothing and all the fuel may have been burnt.
+pub fn burning() -> &'static SMatrix<f64, RATIOS, RATIOS> {
+    &BURNING
+}
+
 /// m P_k at `count` points; m has mean 1.
 fn basis(count: usize) -> Vec<Integrals> {
     let curvature = REFERENCE.curvature(count);
@@ -106,20 +121,45 @@ fn shape_integrals() -> Vec<Integrals> {
 
 /// Beams all over the fleet, each fitted with the basis.
 fn fleet_spread() -> SMatrix<f64, RATIOS, RATIOS> {
-    let count = TABLE / STRIDE + 1;
-    let basis: Vec<SVector<f64, MAX_CURVATURE_TERMS>> = basis(count).into_iter().map(SVector::from).collect();
-    let normal = basis.iter().fold(SMatrix::zeros(), |sum, b| sum + b * b.transpose());
-    let inverse = normal.try_inverse().unwrap_or_else(SMatrix::zeros);
-    let mut spread = SMatrix::from_diagonal(&SVector::from(BEYOND_FLEET).map(|s| s * s));
+    let ratios = Ratios::new();
     let beams = fleet();
-    for beam in &beams {
-        let curvature = beam.curvature(count);
-        let right = basis.iter().zip(&curvature).fold(SVector::zeros(), |sum, (b, k)| sum + b * *k);
-        let c: SVector<f64, MAX_CURVATURE_TERMS> = inverse * right;
-        let ratios = c.fixed_rows::<RATIOS>(1) / c[0];
-        spread += ratios * ratios.transpose() / beams.len() as f64;
+    let squares = beams.iter().map(|beam| ratios.of(beam)).map(|r| r * r.transpose() / beams.len() as f64);
+    squares.fold(beyond_fleet(1.0), |sum, square| sum + square)
+}
+
+/// The same beams with their fuel against without; a flight burns any share of it.
+fn burning_spread() -> SMatrix<f64, RATIOS, RATIOS> {
+    let ratios = Ratios::new();
+    let beams = fleet();
+    let change = |beam: &Beam| ratios.of(beam) - ratios.of(&Beam { relief: 0.0, ..*beam });
+    let squares = beams.iter().map(change).map(|r| r * r.transpose() * (BURNT / beams.len() as f64));
+    squares.fold(beyond_fleet(BEYOND_BURNING), |sum, square| sum + square)
+}
+
+fn beyond_fleet(share: f64) -> SMatrix<f64, RATIOS, RATIOS> {
+    SMatrix::from_diagonal(&SVector::from(BEYOND_FLEET).map(|s| (s * share).powi(2)))
+}
+
+/// Fits curvatures with the basis.
+struct Ratios {
+    basis: Vec<SVector<f64, MAX_CURVATURE_TERMS>>,
+    inverse: SMatrix<f64, MAX_CURVATURE_TERMS, MAX_CURVATURE_TERMS>,
+}
+
+impl Ratios {
+    fn new() -> Self {
+        let basis: Vec<_> = basis(TABLE / STRIDE + 1).into_iter().map(SVector::from).collect();
+        let normal: SMatrix<f64, MAX_CURVATURE_TERMS, MAX_CURVATURE_TERMS> =
+            basis.iter().fold(SMatrix::zeros(), |sum, b| sum + b * b.transpose());
+        Self { basis, inverse: normal.try_inverse().unwrap_or_else(SMatrix::zeros) }
     }
-    spread
+
+    fn of(&self, beam: &Beam) -> SVector<f64, RATIOS> {
+        let curvature = beam.curvature(self.basis.len());
+        let right = self.basis.iter().zip(&curvature).fold(SVector::zeros(), |sum, (b, k)| sum + b * *k);
+        let c: SVector<f64, MAX_CURVATURE_TERMS> = self.inverse * right;
+        c.fixed_rows::<RATIOS>(1) / c[0]
+    }
 }
 
 fn fleet() -> Vec<Beam> {

@@ -75,7 +75,8 @@ pub fn worst(
         .enumerate()
         .filter_map(|(block, member)| suspect(problem, fit, group, block, member, options))
         .reduce(|a, b| if b.w.abs() > a.w.abs() { b } else { a })?;
-    (best.w.abs() / spread(fit, best.w, options) > limit).then_some(best)
+    // The spread is not below 1 and costs more than all the rest.
+    (best.w.abs() > limit && best.w.abs() / spread(fit, best.w, options) > limit).then_some(best)
 }
 
 /// Root of the variance factor without the suspect, not below 1.

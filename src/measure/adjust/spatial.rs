@@ -8,6 +8,7 @@ use nalgebra::DMatrix;
 
 use self::frame::{Frame, Start, Usage};
 use super::beam::MAX_CURVATURE_TERMS;
+use super::components::{VarianceGroup, variance_components};
 use super::gauss_helmert::{Course, Fit};
 use super::outcome::Outcome;
 use super::scene::Scene;
@@ -193,20 +194,18 @@ pub(super) fn solve(
 
 fn dress(input: &Input, mut solved: Solved, removed: &[Suspect]) -> Result<Solution, AdjustError> {
     let (setup, options) = (input.setup, input.options);
-    let mut components = vec![];
+    let (mut components, mut remarks) = (vec![], vec![]);
     if options.variance_components {
         let mut problem = solved.frame.problem.clone();
         let image = |_: usize, block: usize| (3..problem_size(&solved.frame, block)).collect();
         let survey = |_: usize, _: usize| vec![0, 1, 2];
         let groups = [
-            quality::VarianceGroup { name: "image", members: &image },
-            quality::VarianceGroup { name: "survey", members: &survey },
+            VarianceGroup { name: "image", members: &image },
+            VarianceGroup { name: "survey", members: &survey },
         ];
-        let (fit, found) =
-            quality::variance_components(&mut problem, &groups, |at| solved.frame.linearise(at))?;
-        components = found;
+        let found = variance_components(&mut problem, &groups, |at| solved.frame.linearise(at))?;
+        (solved.fit, components, remarks) = (found.fit, found.components, found.remarks);
         solved.frame.problem = problem;
-        solved.fit = fit;
     }
     let fit = &solved.fit;
     let test = quality::global_test(fit.omega, fit.redundancy, options.global_alpha);
@@ -226,7 +225,6 @@ fn dress(input: &Input, mut solved: Solved, removed: &[Suspect]) -> Result<Solut
         scale,
     );
     let mut markers = outcome.markers();
-    let mut remarks = vec![];
     for suspect in removed {
         let sentence = suspect.sentence(setup, options);
         if suspect.target != Target::Ground {

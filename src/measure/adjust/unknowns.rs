@@ -139,6 +139,16 @@ pub(super) fn shape_prior(first: usize, terms: usize, amplitude: f64) -> Option<
     })
 }
 
+/// Prior on the change of the ratios from a flight's heaviest frame to its lightest.
+pub(super) fn burning_prior(first: usize, terms: usize) -> Prior {
+    let n = terms.saturating_sub(1);
+    Prior {
+        columns: (first..first + n).collect(),
+        mean: DVector::zeros(n),
+        covariance: DMatrix::from_fn(n, n, |i, j| shapes::burning()[(i, j)]),
+    }
+}
+
 /// Covariance of the ratios of the curvature's coefficients, from the second term on.
 pub(super) fn shape_covariance(terms: usize) -> DMatrix<f64> {
     let n = terms.saturating_sub(1);

@@ -21,6 +21,9 @@ const MISSING_MOUNT: &str =
     "the mounting's rotation cannot be determined; give camera.mount_repeatability_px";
 const MISSING_GROUND: &str = "a marker on ground is not determined";
 
+/// A flight whose amplitudes spread less, over the largest, burns no fuel worth speaking of.
+const SMALLEST_RANGE: f64 = 0.1;
+
 /// A flight set up for the engine.
 pub(super) struct Setting {
     pub(super) layouts: Vec<Layout>,
@@ -28,6 +31,10 @@ pub(super) struct Setting {
     pub(super) ground_members: Vec<Member>,
     pub(super) problem: Problem,
     pub(super) ratios: usize,
+    /// Changes of the ratios from the heaviest frame to the lightest.
+    changes: usize,
+    /// Per frame: where it stands between the two, -0.5 to 0.5.
+    progress: Vec<f64>,
 }
 
 impl Flight<'_> {
@@ -37,13 +44,15 @@ impl Flight<'_> {
         let twist_terms = self.input.options.twist_terms.min(MAX_TWIST_TERMS);
         let common = unknowns::common(&self.input, &mut columns);
         let mut priors = common.priors;
+        let head = columns.missing.len();
         let ratios = columns.take(terms - 1, MISSING_RATIO);
         priors.extend(unknowns::shape_prior(ratios, terms, 1.0));
+        let changes = columns.take(terms - 1, MISSING_RATIO);
+        priors.push(unknowns::burning_prior(changes, terms));
         let own_mount = self.mountings.is_none();
         let count = self.mountings.as_ref().map_or(0, |m| m.iter().max().map_or(0, |m| m + 1));
         let mounts = columns.take(3 * count, MISSING_MOUNT);
         priors.extend((0..count).map(|m| unknowns::mount_prior(&self.input, mounts + 3 * m)));
-        let head = columns.missing.len();
         let markers = &self.input.setup.markers;
         let survey = columns.take(3 * markers.len(), MISSING_GROUND);
         let local = terms + twist_terms + if own_mount { 3 } else { 0 };
@@ -71,7 +80,7 @@ impl Flight<'_> {
             start.rows_mut(survey + 3 * k, 3).copy_from(&station.surveyed_m);
         }
         if let Some(fit) = from {
-            let (shared, tail) = (ratios + terms - 1, 3 * markers.len());
+            let (shared, tail) = (changes + terms - 1, 3 * markers.len());
             start.rows_mut(0, shared).copy_from(&fit.global.rows(0, shared));
             start.rows_mut(survey, tail).copy_from(&fit.global.rows(fit.global.len() - tail, tail));
         }
@@ -85,7 +94,18 @@ impl Flight<'_> {
         let (ground, ground_members) = self.ground_group();
         groups.push(ground);
         let problem = Problem { start, missing: columns.missing, priors, groups };
-        Setting { layouts, members, ground_members, problem, ratios }
+        Setting { layouts, members, ground_members, problem, ratios, changes, progress: self.progress() }
+    }
+
+    /// Fuel burns while the lift falls: what its loss does to the shape goes with the amplitude, and
+    /// nothing but knowledge of beams tells that from another shape seen with another pitch.
+    fn progress(&self) -> Vec<f64> {
+        let (low, high) = self
+            .amplitudes
+            .iter()
+            .fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), &a| (low.min(a), high.max(a)));
+        let range = (high - low).max(SMALLEST_RANGE * high);
+        self.amplitudes.iter().map(|a| (a - 0.5 * (low + high)) / range).collect()
     }
 
     /// One frame: the images, and last the tie of its curvature to the shared shape.
@@ -172,21 +192,25 @@ impl Setting {
         Ok(blocks)
     }
 
-    /// c_k = r_k c_0 + departure.
+    /// c_k = (r_k + progress * change_k) c_0 + departure.
     fn shape(&self, layout: &Layout, at: &GroupPoint, departure: &DVector<f64>) -> Linearised {
         let n = layout.curvature_terms - 1;
-        let amplitude = at.local[0];
+        let (amplitude, progress) = (at.local[0], self.progress[at.group]);
+        let ratio = |k: usize| at.global[self.ratios + k] + progress * at.global[self.changes + k];
         let mut local = DMatrix::zeros(n, layout.local);
         for k in 0..n {
-            local[(k, 0)] = -at.global[self.ratios + k];
+            local[(k, 0)] = -ratio(k);
             local[(k, k + 1)] = 1.0;
         }
+        let by = |k: usize, j: usize| match j.checked_sub(n) {
+            None if j == k => -amplitude,
+            Some(j) if j == k => -amplitude * progress,
+            _ => 0.0,
+        };
         Linearised {
-            misclosure: DVector::from_fn(n, |k, _| {
-                at.local[k + 1] - at.global[self.ratios + k] * amplitude - departure[k]
-            }),
-            columns: (self.ratios..self.ratios + n).collect(),
-            global: DMatrix::identity(n, n) * -amplitude,
+            misclosure: DVector::from_fn(n, |k, _| at.local[k + 1] - ratio(k) * amplitude - departure[k]),
+            columns: (self.ratios..self.ratios + n).chain(self.changes..self.changes + n).collect(),
+            global: DMatrix::from_fn(n, 2 * n, by),
             local,
             observations: -DMatrix::identity(n, n),
         }

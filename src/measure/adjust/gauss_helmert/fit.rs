@@ -120,23 +120,30 @@ impl Fit {
         let global = global.select_columns(&columns);
         let n = columns.len();
         let shared = DMatrix::from_fn(n, n, |i, j| self.covariance[(columns[i], columns[j])]);
-        covariance += &global * shared * global.transpose();
+        covariance += &global * (shared * global.transpose());
         if local.ncols() > 0 {
             let fit = &self.groups[group];
-            let mixed = &local * fit.cross.select_columns(&columns) * global.transpose();
-            covariance += &local * &fit.covariance * local.transpose() + mixed.transpose() + mixed;
+            let mixed = &local * (fit.cross.select_columns(&columns) * global.transpose());
+            covariance += &local * (&fit.covariance * local.transpose()) + mixed.transpose() + mixed;
         }
         covariance
     }
 
     /// Covariance of a block's adjusted observations, a priori.
     pub fn adjusted_covariance(&self, group: usize, block: usize) -> DMatrix<f64> {
-        let n = self.groups[group].blocks[block].residuals.len();
-        let gradient = Gradient {
-            global: DMatrix::zeros(n, self.global.len()),
-            local: DMatrix::zeros(n, self.groups[group].local.len()),
-            observed: vec![(block, DMatrix::identity(n, n))],
-        };
-        self.covariance_of(group, &gradient)
+        let fit = &self.groups[group];
+        let block = &fit.blocks[block];
+        let (lin, n) = (&block.linearised, block.linearised.columns.len());
+        let global = &block.gain * &lin.global;
+        let shared = DMatrix::from_fn(n, n, |i, j| self.covariance[(lin.columns[i], lin.columns[j])]);
+        // From the right: nalgebra is slow at products from the left with few rows.
+        let mut covariance = &block.conditional + &global * (shared * global.transpose());
+        if lin.local.ncols() > 0 {
+            let local = &block.gain * &lin.local;
+            let cross = DMatrix::from_fn(local.ncols(), n, |i, j| fit.cross[(i, lin.columns[j])]);
+            let mixed = &local * (cross * global.transpose());
+            covariance += &local * (&fit.covariance * local.transpose()) + mixed.transpose() + mixed;
+        }
+        covariance
     }
 }

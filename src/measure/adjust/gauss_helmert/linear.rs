@@ -7,42 +7,48 @@ use crate::measure::adjust::AdjustError;
 /// Smallest pivot of the normal matrix scaled to a unit diagonal.
 const SMALLEST_PIVOT: f64 = 1e-13;
 
-/// `target[rows, columns] += a' b` for few and short rows of a and b (`None`: all of them).
-pub(super) fn add_product(
-    target: &mut DMatrix<f64>,
-    rows: Option<&[usize]>,
-    columns: Option<&[usize]>,
-    a: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-) {
-    match a.nrows() {
-        // Images: the bulk of the work.
-        2 => add_product_of::<2>(target, rows, columns, a.as_slice(), b.as_slice()),
-        4 => add_product_of::<4>(target, rows, columns, a.as_slice(), b.as_slice()),
-        n => {
-            for k in 0..n {
-                let (a, b) = (a.row(k).transpose(), b.row(k).transpose());
-                add_product_of::<1>(target, rows, columns, a.as_slice(), b.as_slice());
+/// `B Q B'`, for matrices too small for a library's product.
+pub(super) fn sandwich(b: &DMatrix<f64>, q: &DMatrix<f64>) -> DMatrix<f64> {
+    let (n, m) = b.shape();
+    let mut out = DMatrix::zeros(n, n);
+    for l in 0..m {
+        for k in (0..m).filter(|&k| q[(k, l)] != 0.0) {
+            for j in (0..n).filter(|&j| b[(j, l)] != 0.0) {
+                let factor = q[(k, l)] * b[(j, l)];
+                for i in 0..n {
+                    out[(i, j)] += b[(i, k)] * factor;
+                }
             }
         }
     }
+    out
 }
 
-fn add_product_of<const N: usize>(
-    target: &mut DMatrix<f64>,
-    rows: Option<&[usize]>,
-    columns: Option<&[usize]>,
-    a: &[f64],
-    b: &[f64],
-) {
-    let (left, right) = (a.as_chunks::<N>().0, b.as_chunks::<N>().0);
-    let dot = |x: &[f64; N], y: &[f64; N]| (0..N).map(|k| x[k] * y[k]).sum::<f64>();
-    for (j, y) in right.iter().enumerate() {
-        let mut column = target.column_mut(columns.map_or(j, |c| c[j]));
-        match rows {
-            None => column.iter_mut().zip(left).for_each(|(t, x)| *t += dot(x, y)),
-            Some(rows) => rows.iter().zip(left).for_each(|(&i, x)| column[i] += dot(x, y)),
-        }
+/// `W` with `W' W = M^-1`, lower triangular.
+pub(super) fn whitener(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let n = m.nrows();
+    if n == 2 {
+        let first = m[(0, 0)].sqrt();
+        let mixed = m[(1, 0)] / first;
+        let rest = m[(1, 1)] - mixed * mixed;
+        let regular = m[(0, 0)] > 0.0 && rest > m[(1, 1)] * 1e-15;
+        let second = rest.sqrt();
+        return regular.then(|| {
+            DMatrix::from_column_slice(2, 2, &[1.0 / first, -mixed / (first * second), 0.0, 1.0 / second])
+        });
+    }
+    let factor = Cholesky::new(m.clone())?;
+    factor.l_dirty().solve_lower_triangular(&DMatrix::identity(n, n))
+}
+
+/// `into = lower * column`; images come in pairs.
+pub(super) fn lower_times(lower: &DMatrix<f64>, column: &[f64], into: &mut [f64]) {
+    if let ([a, b], [x, y], &[first, mixed, _, second]) = (column, &mut *into, lower.as_slice()) {
+        (*x, *y) = (first * a, mixed * a + second * b);
+        return;
+    }
+    for (i, target) in into.iter_mut().enumerate() {
+        *target = (0..=i).map(|j| lower[(i, j)] * column[j]).sum();
     }
 }
 

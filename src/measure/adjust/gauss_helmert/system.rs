@@ -3,7 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::fit::{BlockFit, Fit, GroupFit};
-use super::linear::{add_product, factor, inverse, singular};
+use super::linear::{factor, inverse, singular};
+use super::stack::{Stack, Stacked};
 use super::{Block, Group, GroupPoint, Linearised, Prior, Problem};
 use crate::measure::adjust::AdjustError;
 
@@ -48,12 +49,12 @@ pub(super) fn residual_change(problem: &Problem, a: &State, b: &State) -> f64 {
 }
 
 /// One block's part of the normal equations.
-struct BlockSystem {
-    linearised: Linearised,
+pub(super) struct BlockSystem {
+    pub(super) linearised: Linearised,
     /// w = f(l0) + B (l - l0).
-    contradiction: DVector<f64>,
-    /// M^-1.
-    weight: DMatrix<f64>,
+    pub(super) contradiction: DVector<f64>,
+    /// W, lower triangular; M^-1 = W' W.
+    pub(super) whitener: DMatrix<f64>,
 }
 
 /// One group's part, local parameters still inside.
@@ -124,9 +125,12 @@ impl System {
         let observed: Vec<_> = group.blocks.iter().zip(residuals).map(|(b, v)| &b.observed + v).collect();
         let blocks =
             linearise(&GroupPoint { group: index, global: &state.global, local, observed: &observed })?;
+        let mut stack = Stack::new(q);
         for ((block, residuals), linearised) in group.blocks.iter().zip(residuals).zip(blocks) {
-            self.add_block(&mut part, block, residuals, linearised)?;
+            part.blocks.push(stack.push(block, residuals, linearised)?);
         }
+        let stacked = stack.finish(&part.blocks);
+        self.add_stacked(&mut part, &stacked);
         for prior in &group.priors {
             self.omega_priors += add_prior(prior, local, &mut part.local_normal, &mut part.local_right)?;
         }
@@ -142,36 +146,37 @@ impl System {
         Ok(())
     }
 
-    fn add_block(
-        &mut self,
-        part: &mut GroupSystem,
-        block: &Block,
-        residuals: &DVector<f64>,
-        linearised: Linearised,
-    ) -> Result<(), AdjustError> {
-        let linearised = trimmed(linearised);
-        let b = &linearised.observations;
-        let contradiction = &linearised.misclosure - b * residuals;
-        let weight = inverse(&(b * &block.covariance * b.transpose()))
-            .ok_or_else(|| singular("a condition without an observation of its own"))?;
-        let wa = &weight * &linearised.global;
-        let ww = &weight * &contradiction;
-        self.omega += contradiction.dot(&ww);
-        self.unclosed += linearised.misclosure.dot(&(&weight * &linearised.misclosure));
-        let columns = &linearised.columns;
-        let right = linearised.global.tr_mul(&ww);
-        for (i, &ci) in columns.iter().enumerate() {
-            self.right[ci] -= right[i];
+    /// Adds a group's products to the normal equations.
+    fn add_stacked(&mut self, part: &mut GroupSystem, stacked: &Stacked) {
+        let (q, columns) = (part.local_right.len(), &stacked.shared);
+        let product = &stacked.product;
+        let last = q + columns.len();
+        self.omega += product[(last, last)];
+        self.unclosed += stacked.unclosed;
+        part.local_normal.copy_from(&product.view((0, 0), (q, q)));
+        part.local_right.copy_from(&product.view((0, last), (q, 1)));
+        part.local_right.neg_mut();
+        for (j, &column) in columns.iter().enumerate() {
+            let from = product.column(q + j);
+            self.right[column] -= product[(last, q + j)];
+            part.coupling.column_mut(column).copy_from(&from.rows(0, q));
+            columns.iter().enumerate().for_each(|(i, &row)| self.normal[(row, column)] += from[q + i]);
         }
-        add_product(&mut self.normal, Some(columns), Some(columns), &linearised.global, &wa);
-        if linearised.local.ncols() > 0 {
-            let l = &linearised.local;
-            part.local_right -= l.tr_mul(&ww);
-            add_product(&mut part.local_normal, None, None, l, &(&weight * l));
-            add_product(&mut part.coupling, None, Some(columns), l, &wa);
+        for own in &stacked.own {
+            for (a, &column) in own.columns.iter().enumerate() {
+                let with = own.with_stack.column(a);
+                self.right[column] -= with[last];
+                let mut coupling = part.coupling.column_mut(column);
+                coupling += with.rows(0, q);
+                for (i, &row) in columns.iter().enumerate() {
+                    self.normal[(row, column)] += with[q + i];
+                    self.normal[(column, row)] += with[q + i];
+                }
+                for (b, &row) in own.columns.iter().enumerate() {
+                    self.normal[(row, column)] += own.square[(b, a)];
+                }
+            }
         }
-        part.blocks.push(BlockSystem { linearised, contradiction, weight });
-        Ok(())
     }
 
     /// The global step, damped after Levenberg and Marquardt.
@@ -198,7 +203,8 @@ impl System {
                 for (k, &column) in lin.columns.iter().enumerate() {
                     w.axpy(step[column], &lin.global.column(k), 1.0);
                 }
-                -(&block.covariance * lin.observations.tr_mul(&(&system.weight * w)))
+                let weighted = system.whitener.tr_mul(&(&system.whitener * w));
+                -(&block.covariance * lin.observations.tr_mul(&weighted))
             });
             next.residuals.push(residuals.collect());
             next.local.push(local + local_step);
@@ -248,20 +254,9 @@ impl System {
 
 fn block_fit(system: BlockSystem, block: &Block, residuals: DVector<f64>) -> BlockFit {
     let q_bt = &block.covariance * system.linearised.observations.transpose();
-    let gain = &q_bt * &system.weight;
+    let gain = &q_bt * system.whitener.tr_mul(&system.whitener);
     let conditional = &block.covariance - &gain * q_bt.transpose();
     BlockFit { residuals, linearised: system.linearised, gain, conditional }
-}
-
-/// Without the parameters that the block does not depend on here.
-fn trimmed(mut linearised: Linearised) -> Linearised {
-    let used = |k: &usize| linearised.global.column(*k).iter().any(|&v| v != 0.0);
-    let keep: Vec<usize> = (0..linearised.columns.len()).filter(used).collect();
-    if keep.len() < linearised.columns.len() {
-        linearised.global = linearised.global.select_columns(&keep);
-        linearised.columns = keep.into_iter().map(|k| linearised.columns[k]).collect();
-    }
-    linearised
 }
 
 /// Adds a prior to normal equations; returns its share of the sum of squares.
