@@ -56,7 +56,12 @@ fn read(reader: &mut Reader, name: &str, setup: &Setup) -> Option<Vec<HandObserv
         let ([Some(u), Some(v), Some(sigma_px)], Some(marker)) = (&v[..], marker) else { continue };
         if !(1e-4..=1e3).contains(sigma_px) {
             let place = format!("line {line}, column sigma_px");
-            reader.fault(&file, &place, format!("is {sigma_px:?} px"), "give a number from 0.0001 to 1000 px");
+            reader.fault(
+                &file,
+                &place,
+                format!("is {sigma_px:?} px"),
+                "give a number from 0.0001 to 1000 px",
+            );
         }
         found.push(HandObservation { marker, pixel: Vector2::new(*u, *v), sigma_px: *sigma_px });
     }
