@@ -61,7 +61,8 @@ DEADLINE=2 shoot --shots 1; grep -q 'release was pressed and no frame came' /mnt
 
 # The line is held by somebody else, in the midst of a recording.
 fresh; camera to_card & sim_camera=$!
-recorder_config 'interval = "1s"\nshots = 20\ngap = "50ms"\nshot_deadline = "3s"\nretries = 0' \
+# Three shots take more than a second; between the series the line is free to be taken.
+recorder_config 'interval = "2s"\nshots = 20\ngap = "50ms"\nshot_deadline = "3s"\nretries = 0' \
     'kind = "release"' 'full_press = { name = "release" }' 'full_press_s = 0.3' '[camera.frames]' 'kind = "folder"' 'path = "/mnt/card"' 'delete = true'
 sed 's/^shots = .*/shots = 3/' -i /mnt/wingd.toml
 mkdir /mnt/other /mnt/held
