@@ -64,7 +64,7 @@ grep -q 'fault die' "$work/cam/state/log" || missing=$((missing + 100))
 verdict $missing "every picture that the camera took is in the store ($(stored | wc -l) frames) or whole on the card for the next series"
 
 # Faults of the camera on USB. The views repeat after 40, far more than the recorder compares with.
-wingd=$WINGD W=$work rounds=${FAULT_ROUNDS:-20}
+wingd=$WINGD W=$work rounds=${FAULT_ROUNDS:-2}
 . "$MACHINE/faults.sh"
 fresh 40; export VCAMERA_VIEWS=40
 sed -i -e '/^installation/d' -e 's/^interval.*/interval = "1s"/' -e 's/^shots = .*/shots = 20/' -e 's/^gap.*/gap = "50ms"/' \

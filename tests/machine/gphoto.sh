@@ -6,7 +6,7 @@ set +e
 WINGD=${WINGD:?path of the wingd binary}
 FRAMES=${FRAMES:?directory of JPEG frames}
 # The camera alone; daemon.sh does more of it with the whole recorder.
-ROUNDS=$(((${FAULT_ROUNDS:-20} + 3) / 4))
+ROUNDS=$(((${FAULT_ROUNDS:-2} + 3) / 4))
 IOLIBS=$("$MACHINE/vcamera.sh"); export IOLIBS
 work=$(mktemp -d); trap 'rm -rf "$work"' EXIT
 RANDOM=${SEED:-1}

@@ -7,7 +7,7 @@ set +e
 WINGD=${WINGD:-$ROOT/target/release/wingd}; export WINGD
 FRAMES=${FRAMES:-$ROOT/fixtures/dev/frames}; export FRAMES
 FEED=${FEED:-$ROOT/target/release/examples/feed}
-FAULT_ROUNDS=${FAULT_ROUNDS:-20}; export FAULT_ROUNDS
+FAULT_ROUNDS=${FAULT_ROUNDS:-2}; export FAULT_ROUNDS
 [ -x "$WINGD" ] || die "$WINGD is missing; run make build"
 cached=; [ "${1:-}" != --cached ] || { cached=yes; shift; }
 [ $# -gt 0 ] || set -- unit gphoto daemon package start v4l release boot aarch64

@@ -5,7 +5,7 @@
 script=$1; shift
 part=$(basename "$script" -guest.sh)
 kernel=$("$MACHINE/kernel.sh") || { echo "failed: $part: no kernel for the virtual machine"; exit 1; }
-export UML_LIMIT=${UML_LIMIT:-$((240 + 90 * ${FAULT_ROUNDS:-20}))}
+export UML_LIMIT=${UML_LIMIT:-$((240 + 90 * ${FAULT_ROUNDS:-2}))}
 out=$(mktemp); trap 'rm -f "$out"' EXIT
 # The words reach the script by /proc/cmdline.
 boot() {
