@@ -25,8 +25,7 @@ sed -i 's#^\# installation = .*#installation = "/var/lib/wingd/installation"#' "
 grep -q '^installation' "$root/etc/wingd/wingd.toml" || { echo "failed: boot: the package's configuration names no installation"; exit 1; }
 mapfile -t flight < <(find "$FRAMES" -name 'flight*.jpg' | sort)
 for ((i = 0; i < 30; i++)); do
-    frame=${flight[i % ${#flight[@]}]}
-    { head -c 2 "$frame"; printf '\xff\xfe\x00\x08%06d' "$i"; tail -c +3 "$frame"; } >"$state/frames/$(printf %02d "$i").jpg"
+    numbered "$i" "${flight[i % ${#flight[@]}]}" >"$state/frames/$(printf %02d "$i").jpg"
 done
 chroot "$root" chown -R wingd:wingd /var/lib/wingd
 

@@ -16,15 +16,15 @@ need() { command -v "$1" >/dev/null || die "$1 is missing; apt-get install $2"; 
 # candidate PACKAGE: the version that apt would fetch.
 candidate() { apt-cache policy "$1" | sed -n 's/^ *Candidate: //p'; }
 
-# fresh_camera DIRECTORY N FRAMES…: the virtual PTP camera there, with an empty card and N different views. Each
-# view bears its number in a comment segment (marker FFFE) behind the start marker, so that no two are alike.
+. "$MACHINE/pictures.sh"
+# fresh_camera DIRECTORY N FRAMES…: the virtual PTP camera there, with an empty card and N different views.
 fresh_camera() {
     local cam=$1 count=$2 i frame; shift 2
     local frames=("$@")
     rm -rf "$cam"; mkdir -p "$cam"/{card/DCIM,shots,state}
     for ((i = 0; i < count; i++)); do
         frame=${frames[i % ${#frames[@]}]}
-        { head -c 2 "$frame"; printf '\xff\xfe\x00\x08%06d' "$i"; tail -c +3 "$frame"; } >"$cam/shots/$(printf %02d "$i").jpg"
+        numbered "$i" "$frame" >"$cam/shots/$(printf %02d "$i").jpg"
     done
     cp "$cam/shots/00.jpg" "$cam/card/dummy.jpg"
     export VCAMERADIR=$cam/card VCAMERA_SHOTS=$cam/shots VCAMERA_STATE=$cam/state

@@ -19,6 +19,7 @@ recorder_config() {
 size() { sed -n 's/.*'"$1"' *= *\([0-9]*\).*/\1/p' "$G_installation/camera.toml" | head -n 1; }
 width=$(size width) height=$(size height)
 . "${G_script%/*}/faults.sh"
+. "${G_script%/*}/pictures.sh"
 
 # A camera on the video loopback device: start_feed FORMAT WHAT; see feed.rs.
 load_loopback() { load v4l2loopback max_width=8192 max_height=8192 card_label=wing exclusive_caps=0; }

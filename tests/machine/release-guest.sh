@@ -15,8 +15,8 @@ camera() { local last=0 v n=0; while :; do v=$(<"$value"); [ "$v$last" = 10 ] &&
 fresh() { rm -rf /mnt/card /mnt/out; mkdir /mnt/card /mnt/out; }
 
 # Files in a watched folder.
-# picture N FILE: no two alike, by a comment behind the start marker.
-picture() { local frame=${frames[$1 % ${#frames[@]}]}; { head -c 2 "$frame"; printf '\xff\xfe\x00\x08%06d' "$1"; tail -c +3 "$frame"; } >"$2"; }
+# picture N FILE
+picture() { numbered "$1" "${frames[$1 % ${#frames[@]}]}" >"$2"; }
 to_card() { picture "$1" /mnt/part; cp /mnt/part /mnt/card/part; mv /mnt/card/part "/mnt/card/IMG_$(printf %04d "$1").JPG"; }
 config "${press[@]}" 'kind = "folder"' 'path = "/mnt/card"' 'delete = true'
 fresh; camera to_card & sim_camera=$!
