@@ -21,6 +21,7 @@ mod picture;
 mod random;
 mod scene;
 mod sensor;
+mod tile;
 mod trace;
 mod truth;
 mod wing;

@@ -3,15 +3,14 @@
 use nalgebra::{Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
 
-use super::decals::{Clutter, Footprint, Near};
+use super::decals::Clutter;
 use super::light::{Illumination, Lit};
 use super::markers::Placed;
-use super::trace::{Hit, Rates};
+use super::tile::{Corner, Patch, TILE, Tile, bilinear, edge};
+use super::trace::Hit;
 use super::wing::Pose;
 use crate::measure::geometry::Lens;
 
-/// Side of a tile, px. Over it directions are bilinear to 1e-4 px.
-const TILE: usize = 8;
 /// Samples of a pixel with an edge of a marker: a lattice of Fibonacci numbers.
 const FINE: (usize, usize) = (233, 144);
 /// Samples of a pixel at the wing's outline.
@@ -33,31 +32,11 @@ pub struct View<'a> {
     pub light: &'a Illumination,
 }
 
-#[derive(Clone, Copy)]
-struct Corner {
-    direction: Vector3<f64>,
-    hit: Option<Hit>,
-    lit: Lit,
-    paint: f64,
-    sky: f64,
-}
-
 /// Markers with the box of their image, px.
 struct Boxed<'a> {
     marker: &'a Placed,
     low: Vector2<f64>,
     high: Vector2<f64>,
-}
-
-/// The patch of the picture that is being filled.
-struct Tile<'a> {
-    hits: [Option<Hit>; 4],
-    directions: [Vector3<f64>; 4],
-    diffuse: [f64; 4],
-    added: [f64; 4],
-    paint: [f64; 4],
-    sky: [f64; 4],
-    markers: Vec<&'a Placed>,
 }
 
 impl View<'_> {
@@ -189,90 +168,6 @@ fn printed(marker: &Placed, below: f64, tile: &Tile, patch: &Patch, x: f64, y: f
         return marker.reflectance(centre).unwrap_or(below);
     }
     mean(FINE, |dx, dy| marker.reflectance(at(x + dx, y + dy)).unwrap_or(below))
-}
-
-/// Skin within a tile.
-struct Patch {
-    s: [f64; 4],
-    footprint: Footprint,
-    /// Furthest a point of a pixel can be from its centre, with a margin.
-    half_pixel_m: f64,
-    reach_m: f64,
-    rates: Rates,
-    near: Near,
-}
-
-impl Patch {
-    /// `None` where the corners are not on one sheet of the skin.
-    fn new(view: &View, tile: &Tile, hits: [Hit; 4]) -> Option<Self> {
-        let [a, b, c, d] = hits;
-        let n = 2.0 * TILE as f64;
-        let (su, sv) = ((b.s - a.s + d.s - c.s).abs() / n, (c.s - a.s + d.s - b.s).abs() / n);
-        let (zu, zv) = ((b.z - a.z + d.z - c.z).abs() / n, (c.z - a.z + d.z - b.z).abs() / n);
-        let range = |value: fn(&Hit) -> f64| {
-            let values = hits.map(|hit| value(&hit));
-            values.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)))
-        };
-        let (s, z) = (range(|hit| hit.s), range(|hit| hit.z));
-        // A sheet is nearly flat over a tile: opposite sides have the same length.
-        let torn = (b.s + c.s - a.s - d.s).abs() > 0.3 * (s.1 - s.0) + 0.01;
-        if torn {
-            return None;
-        }
-        let footprint = Footprint { s: su + sv, z: zu + zv };
-        Some(Self {
-            s: hits.map(|hit| hit.s),
-            half_pixel_m: 1.3 * 0.5 * (su.hypot(zu) + sv.hypot(zv)),
-            reach_m: 0.5 * (s.1 - s.0) + 0.01,
-            rates: view.pose.rates(a.s, &tile.directions[0])?,
-            near: view.clutter.near(&view.pose.wing, s, z, &footprint),
-            footprint,
-        })
-    }
-}
-
-impl<'a> Tile<'a> {
-    fn new(corners: [&Corner; 4], markers: Vec<&'a Placed>) -> Self {
-        Self {
-            hits: corners.map(|corner| corner.hit),
-            directions: corners.map(|corner| corner.direction),
-            diffuse: corners.map(|corner| corner.lit.diffuse),
-            added: corners.map(|corner| corner.lit.added),
-            paint: corners.map(|corner| corner.paint),
-            sky: corners.map(|corner| corner.sky),
-            markers,
-        }
-    }
-
-    /// Mean light of the corners on the skin.
-    fn mean_lit(&self) -> Lit {
-        let mut sum = Lit::default();
-        let mut count = 0.0;
-        for i in (0..4).filter(|&i| self.hits[i].is_some()) {
-            sum = Lit { diffuse: sum.diffuse + self.diffuse[i], added: sum.added + self.added[i] };
-            count += 1.0;
-        }
-        let count = f64::max(count, 1.0);
-        Lit { diffuse: sum.diffuse / count, added: sum.added / count }
-    }
-
-    fn direction(&self, x: f64, y: f64) -> Vector3<f64> {
-        let [a, b, c, d] = &self.directions;
-        let (p, q) = (x / TILE as f64, y / TILE as f64);
-        let (top, bottom) = (a + (b - a) * p, c + (d - c) * p);
-        top + (bottom - top) * q
-    }
-}
-
-fn bilinear([a, b, c, d]: &[f64; 4], x: f64, y: f64) -> f64 {
-    let (p, q) = (x / TILE as f64, y / TILE as f64);
-    let (top, bottom) = (a + (b - a) * p, c + (d - c) * p);
-    top + (bottom - top) * q
-}
-
-/// Pixel coordinate of a tile's edge.
-fn edge(index: usize) -> f64 {
-    (index * TILE) as f64 - 0.5
 }
 
 /// Mean over a pixel by a rank-1 lattice, whose projections are even in every direction.

@@ -1,0 +1,131 @@
+//! A small patch of the picture: what its corners see, and what lies between.
+
+use nalgebra::Vector3;
+
+use super::decals::{Footprint, Near};
+use super::light::Lit;
+use super::markers::Placed;
+use super::picture::View;
+use super::trace::{Hit, Rates};
+
+/// Side of a tile, px. Over it directions are bilinear to 1e-4 px.
+pub const TILE: usize = 8;
+
+/// What one ray sees.
+#[derive(Clone, Copy)]
+pub struct Corner {
+    /// Of the ray, wing frame, not of unit length.
+    pub direction: Vector3<f64>,
+    /// Where it meets the skin.
+    pub hit: Option<Hit>,
+    /// The light there.
+    pub lit: Lit,
+    /// The reflectance of the paint there.
+    pub paint: f64,
+    /// Radiance of the sky in this direction.
+    pub sky: f64,
+}
+
+/// The patch of the picture that is being filled: its corners' values (as in [`Corner`]), row by row.
+pub struct Tile<'a> {
+    pub hits: [Option<Hit>; 4],
+    pub directions: [Vector3<f64>; 4],
+    pub diffuse: [f64; 4],
+    pub added: [f64; 4],
+    pub paint: [f64; 4],
+    pub sky: [f64; 4],
+    /// Those that may reach into it.
+    pub markers: Vec<&'a Placed>,
+}
+
+impl<'a> Tile<'a> {
+    /// From its corners, row by row.
+    pub fn new(corners: [&Corner; 4], markers: Vec<&'a Placed>) -> Self {
+        Self {
+            hits: corners.map(|corner| corner.hit),
+            directions: corners.map(|corner| corner.direction),
+            diffuse: corners.map(|corner| corner.lit.diffuse),
+            added: corners.map(|corner| corner.lit.added),
+            paint: corners.map(|corner| corner.paint),
+            sky: corners.map(|corner| corner.sky),
+            markers,
+        }
+    }
+
+    /// Mean light of the corners on the skin.
+    pub fn mean_lit(&self) -> Lit {
+        let mut sum = Lit::default();
+        let mut count = 0.0;
+        for i in (0..4).filter(|&i| self.hits[i].is_some()) {
+            sum = Lit { diffuse: sum.diffuse + self.diffuse[i], added: sum.added + self.added[i] };
+            count += 1.0;
+        }
+        let count = f64::max(count, 1.0);
+        Lit { diffuse: sum.diffuse / count, added: sum.added / count }
+    }
+
+    /// Of the ray at (`x`, `y`) px from the first corner.
+    pub fn direction(&self, x: f64, y: f64) -> Vector3<f64> {
+        let [a, b, c, d] = &self.directions;
+        let (p, q) = (x / TILE as f64, y / TILE as f64);
+        let (top, bottom) = (a + (b - a) * p, c + (d - c) * p);
+        top + (bottom - top) * q
+    }
+}
+
+/// Between the values of the corners; `x` and `y` in px from the first.
+pub fn bilinear([a, b, c, d]: &[f64; 4], x: f64, y: f64) -> f64 {
+    let (p, q) = (x / TILE as f64, y / TILE as f64);
+    let (top, bottom) = (a + (b - a) * p, c + (d - c) * p);
+    top + (bottom - top) * q
+}
+
+/// Skin within a tile.
+pub struct Patch {
+    /// Arc length at the corners, m.
+    pub s: [f64; 4],
+    /// What a pixel covers on the skin.
+    pub footprint: Footprint,
+    /// Furthest a point of a pixel can be from its centre, with a margin.
+    pub half_pixel_m: f64,
+    /// How far a ray's hit may lie from the bilinear guess, along the wing.
+    pub reach_m: f64,
+    /// How the hit moves with the ray.
+    pub rates: Rates,
+    /// What lies on the skin about here.
+    pub near: Near,
+}
+
+impl Patch {
+    /// `None` where the corners are not on one sheet of the skin.
+    pub fn new(view: &View, tile: &Tile, hits: [Hit; 4]) -> Option<Self> {
+        let [a, b, c, d] = hits;
+        let n = 2.0 * TILE as f64;
+        let (su, sv) = ((b.s - a.s + d.s - c.s).abs() / n, (c.s - a.s + d.s - b.s).abs() / n);
+        let (zu, zv) = ((b.z - a.z + d.z - c.z).abs() / n, (c.z - a.z + d.z - b.z).abs() / n);
+        let range = |value: fn(&Hit) -> f64| {
+            let values = hits.map(|hit| value(&hit));
+            values.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)))
+        };
+        let (s, z) = (range(|hit| hit.s), range(|hit| hit.z));
+        // A sheet is nearly flat over a tile: opposite sides have the same length.
+        let torn = (b.s + c.s - a.s - d.s).abs() > 0.3 * (s.1 - s.0) + 0.01;
+        if torn {
+            return None;
+        }
+        let footprint = Footprint { s: su + sv, z: zu + zv };
+        Some(Self {
+            s: hits.map(|hit| hit.s),
+            half_pixel_m: 1.3 * 0.5 * (su.hypot(zu) + sv.hypot(zv)),
+            reach_m: 0.5 * (s.1 - s.0) + 0.01,
+            rates: view.pose.rates(a.s, &tile.directions[0])?,
+            near: view.clutter.near(&view.pose.wing, s, z, &footprint),
+            footprint,
+        })
+    }
+}
+
+/// Pixel coordinate of a tile's edge.
+pub fn edge(index: usize) -> f64 {
+    (index * TILE) as f64 - 0.5
+}
