@@ -2,8 +2,11 @@
 
 use nalgebra::{Cholesky, Matrix2, SymmetricEigen};
 
-use super::model::{Parameters, Pixel, X, Y};
-use super::uneven::REACH;
+use super::batch::{Batch, Pixels};
+use super::model::{LANES, Lanes, Parameters, X, Y, each};
+
+/// Markers reach this far, in semi-axes, for sectors and fields of light.
+pub const REACH: f64 = 1.1;
 
 /// Side of the squares whose residuals may hang together, px: those of JPEG, and whole multiples of
 /// them on a marker with a longer major axis than this many semi-axes.
@@ -17,36 +20,50 @@ const SECTORS: usize = 24;
 /// What the residuals of pixels that lie together did to the centre, px: in squares, and in sectors
 /// along the marker on each side of its axis.
 pub struct Blocks {
-    origin: [f64; 2],
-    side: f64,
+    origin: [f32; 2],
+    per_px: f32,
     width: usize,
     squares: Vec<[f64; 2]>,
     sectors: Vec<[f64; 2]>,
 }
 
 impl Blocks {
-    /// None yet.
-    pub fn new(pixels: &[Pixel], m: &Parameters) -> Self {
+    /// None yet. Squares are counted from the picture's origin, those of JPEG.
+    pub fn new(pixels: &Pixels, m: &Parameters) -> Self {
         // The pixels' own extent, for quadrants have no axes.
-        let reach = pixels.iter().map(|p| (p.x - m[X]).abs().max((p.y - m[Y]).abs())).fold(1.0, f64::max);
+        let (cx, cy) = ((m[X] - pixels.origin[0]) as f32, (m[Y] - pixels.origin[1]) as f32);
+        let mut far = [1.0f32; LANES];
+        for batch in &pixels.batches {
+            far = each(|i| far[i].max((batch.x[i] - cx).abs()).max((batch.y[i] - cy).abs()));
+        }
+        let reach = f64::from(far.iter().fold(1.0, |a: f32, &b| a.max(b)));
         let side = SQUARE_PX * (reach / (SQUARE_PX * SQUARES)).ceil();
-        let origin = [m[X], m[Y]].map(|c| ((c - reach) / side).floor() * side);
+        let origin = [X, Y].map(|k| (((m[k] - reach) / side).floor() * side - pixels.origin[k]) as f32);
         let width = (2.0 * reach / side) as usize + 2;
         let none = |count: usize| vec![[0.0; 2]; count];
-        Self { origin, side, width, squares: none(width * width), sectors: none(2 * SECTORS) }
+        let per_px = 1.0 / side as f32;
+        Self { origin, per_px, width, squares: none(width * width), sectors: none(2 * SECTORS) }
     }
 
-    /// Takes up what a pixel's residual did.
-    pub fn add(&mut self, pixel: &Pixel, moved: [f64; 2]) {
-        let place = |v: f64, k: usize| ((v - self.origin[k]) / self.side).max(0.0) as usize;
-        let square =
-            place(pixel.y, 1).min(self.width - 1) * self.width + place(pixel.x, 0).min(self.width - 1);
-        let sector =
-            ((pixel.p / REACH + 1.0) * 0.5 * SECTORS as f64).clamp(0.0, SECTORS as f64 - 1.0) as usize;
-        let sector = 2 * sector + usize::from(pixel.q > 0.0);
-        for (k, moved) in moved.into_iter().enumerate() {
-            self.squares[square][k] += moved;
-            self.sectors[sector][k] += moved;
+    /// Takes up what the residuals of a batch did.
+    #[inline(always)]
+    pub fn add(&mut self, batch: &Batch, moved: [Lanes; 2]) {
+        let last = (self.width - 1) as f32;
+        let place = |v: f32, from: f32| ((v - from) * self.per_px).clamp(0.0, last).floor();
+        let square = each(|i| {
+            place(batch.y[i], self.origin[1]) * self.width as f32 + place(batch.x[i], self.origin[0])
+        });
+        let sector = each(|i| {
+            let along = (batch.p[i] / REACH as f32 + 1.0) * 0.5 * SECTORS as f32;
+            2.0 * along.clamp(0.0, SECTORS as f32 - 1.0).floor() + if batch.q[i] > 0.0 { 1.0 } else { 0.0 }
+        });
+        for i in 0..batch.len {
+            let moved = [f64::from(moved[0][i]), f64::from(moved[1][i])];
+            let blocks = [(&mut self.squares, square[i]), (&mut self.sectors, sector[i])];
+            for block in blocks.into_iter().filter_map(|(blocks, k)| blocks.get_mut(k as usize)) {
+                block[0] += moved[0];
+                block[1] += moved[1];
+            }
         }
     }
 

@@ -1,6 +1,6 @@
 //! The blurred share of black of a disc seen as an ellipse, for a batch of pixels.
 
-use super::model::{BLUR, Batch, EGG, FIRST, LANES, Lanes, Parameters, SECOND, Share, THIRD, each};
+use super::model::{BLUR, EGG, FIRST, LANES, Lanes, Parameters, SECOND, Share, THIRD, each};
 use super::normal::{GAUSS_12, PEAK, asin, exp, normal, sin_quarter};
 
 /// Standard deviations of blur within which the end of a flat ellipse needs the sum along it.
@@ -16,19 +16,31 @@ struct Disc {
     sigma: f32,
 }
 
-/// Whether a place is beyond the end of a flat ellipse, so far that it is white, by a margin, px.
-pub fn is_beyond(m: &Parameters, s: f64, t: f64, margin: f64) -> bool {
-    const FAR: f64 = 4.2;
-    let reach = FAR * m[BLUR] + margin;
-    // The thickest that the ellipse is within reach along it.
-    let along = ((s.abs() - reach) / m[FIRST]).max(0.0);
-    along >= 1.0 || t.abs() > m[SECOND] * (1.0 - along * along).sqrt() + reach + m[THIRD].abs()
+/// 1 for places beyond the end of a flat ellipse, so far that they are white, else 0.
+#[inline(always)]
+pub fn beyond(s: &Lanes, t: &Lanes, [a, b]: [f32; 2], sag: f32, reach: f32) -> Lanes {
+    let by_a = 1.0 / a;
+    each(|i| {
+        // The thickest that the ellipse is within reach along it.
+        let along = (s[i].abs() - reach) * by_a;
+        let along = if along > 0.0 { along } else { 0.0 };
+        let square = 1.0 - along * along;
+        let thick = b * (if square > 0.0 { square } else { 0.0 }).sqrt();
+        let out = if t[i].abs() > thick + reach + sag.abs() { 1.0 } else { 0.0 };
+        if along >= 1.0 { 1.0 } else { out }
+    })
+}
+
+/// Whether a test holds for all lanes, in one sweep.
+#[inline(always)]
+fn all(test: impl Fn(usize) -> bool) -> bool {
+    (0..LANES).map(|i| u32::from(test(i))).sum::<u32>() == LANES as u32
 }
 
 /// A blurred ellipse, its long axis bent by a parabola and its thickness changing along it: what a
 /// curved skin makes of a flat ellipse, where the line of sight is along or across the curvature.
 #[inline(always)]
-pub fn disc(batch: &Batch, s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
+pub fn disc(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
     let d = Disc {
         a: m[FIRST] as f32,
         b: m[SECOND] as f32,
@@ -40,12 +52,13 @@ pub fn disc(batch: &Batch, s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
     let level = each(|i| t[i] - d.sag * (s[i] / d.a) * (s[i] / d.a));
     let straight = each(|i| level[i] * thin[i]);
     let mut share = Share::default();
-    if (0..batch.len).all(|i| is_beyond(m, f64::from(s[i]), f64::from(t[i]), 0.0)) {
+    let nothing = beyond(s, t, [d.a, d.b], d.sag, END as f32 * d.sigma);
+    if all(|i| nothing[i] > 0.0) {
         return share;
     }
     if m[SECOND] * m[SECOND] > 3.0 * m[BLUR] * m[FIRST] && m[FIRST] < 3.0 * m[SECOND] {
         by_distance(s, &straight, d, &mut share);
-    } else if (0..batch.len).all(|i| s[i].abs() < d.a - END as f32 * d.sigma) {
+    } else if all(|i| s[i].abs() < d.a - END as f32 * d.sigma) {
         by_chord(s, &straight, d, &mut share);
     } else {
         by_sum(s, &straight, d, &mut share);

@@ -2,8 +2,9 @@
 
 use nalgebra::Cholesky;
 
-use super::linear::{Column, Pixels, Square, Step, linearise, weigh};
-use super::model::{ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, Pixel, X, Y};
+use super::batch::Pixels;
+use super::linear::{Column, Images, Square, Step, linearise, weigh};
+use super::model::{ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, X, Y};
 
 /// A converged fit.
 #[derive(Clone, Debug)]
@@ -18,13 +19,17 @@ pub struct Fit {
     pub rms: f64,
     /// Mean robust weight, 0 to 1.
     pub inliers: f64,
+    /// Where it was linearised.
+    pub start: Parameters,
+    /// What the model says there.
+    pub images: Images,
 }
 
 impl Fit {
     /// The same fit under the condition that the parameters `zero` are 0: exact for a linear model,
     /// and the parameters in question are small.
-    pub fn without(&self, zero: &[usize]) -> Self {
-        let mut out = self.clone();
+    pub fn without(self, zero: &[usize]) -> Self {
+        let mut out = self;
         for &k in zero {
             let (column, variance) = (out.covariance.column(k).into_owned(), out.covariance[(k, k)]);
             if variance > 0.0 {
@@ -52,8 +57,8 @@ pub struct Unknowns {
 const MAX_ITERATIONS: usize = 20;
 /// What a fit is made of.
 struct Problem<'a> {
-    pattern: Pattern,
-    pixels: Pixels,
+    pixels: &'a mut Pixels,
+    images: Option<Images>,
     unknowns: &'a Unknowns,
     floor: f64,
 }
@@ -61,6 +66,7 @@ struct Problem<'a> {
 /// Where an iteration ended: the parameters, and the linearisation that the last step came from.
 struct End {
     parameters: Parameters,
+    start: Parameters,
     scale: f64,
     step: Step,
     factor: Cholesky<f64, nalgebra::Const<N>>,
@@ -79,13 +85,12 @@ enum Until {
 
 /// Fits the `free` parameters from `start` to a hundredth of a pixel; with the residuals' scale.
 pub fn rough(
-    pattern: Pattern,
-    pixels: &[Pixel],
+    pixels: &mut Pixels,
     start: &Parameters,
     unknowns: &Unknowns,
     floor: f64,
 ) -> Option<(Parameters, f64)> {
-    let mut problem = Problem::new(pattern, pixels, start, unknowns, floor)?;
+    let mut problem = Problem::new(pixels, start, unknowns, floor)?;
     // Most pixels are flat and say nothing of an edge that is still off: the scale comes down slowly.
     let end = problem.solve(*start, 0.15 * contrast(start), Until::Near)?;
     Some((end.parameters, end.scale))
@@ -94,30 +99,29 @@ pub fn rough(
 /// Fits the `free` parameters from near the solution, where residuals have about this scale, until the
 /// centre stands still; `None` where it does not settle. The pixels' weights follow the geometry.
 pub fn settle(
-    pattern: Pattern,
-    pixels: &[Pixel],
+    pixels: &mut Pixels,
     start: &Parameters,
     scale: f64,
     unknowns: &Unknowns,
     floor: f64,
 ) -> Option<(Parameters, f64)> {
-    let mut problem = Problem::new(pattern, pixels, start, unknowns, floor)?;
+    let mut problem = Problem::new(pixels, start, unknowns, floor)?;
     let end = problem.solve(*start, scale.clamp(problem.floor, 2.0 * problem.floor), Until::Settled)?;
     Some((end.parameters, end.scale))
 }
 
 /// The last step, from a solution that is known to a part of its standard deviation: the answer.
 pub fn fit(
-    pattern: Pattern,
-    pixels: &[Pixel],
+    pixels: &mut Pixels,
     start: &Parameters,
     scale: f64,
     unknowns: &Unknowns,
     floor: f64,
 ) -> Option<Fit> {
-    let mut problem = Problem::new(pattern, pixels, start, unknowns, floor)?;
+    let mut problem = Problem::new(pixels, start, unknowns, floor)?;
+    problem.images = Some(Images::with_capacity(problem.pixels.batches.len()));
     let count = problem.unknowns.free.iter().filter(|&&f| f).count();
-    let End { parameters, step, factor, .. } =
+    let End { parameters, start, step, factor, .. } =
         problem.solve(*start, scale.clamp(problem.floor, 2.0 * problem.floor), Until::Once)?;
     let variance = step.variance(count);
     let mut covariance = factor.inverse() * variance;
@@ -126,8 +130,9 @@ pub fn fit(
         covariance.column_mut(i).fill(0.0);
     }
     let rms = (step.square / step.weight.max(1e-9)).sqrt();
-    let inliers = step.weight / problem.pixels.count();
-    Some(Fit { parameters, covariance, variance, rms, inliers })
+    let inliers = step.weight / problem.pixels.weight();
+    let images = problem.images.unwrap_or_default();
+    Some(Fit { parameters, covariance, variance, rms, inliers, start, images })
 }
 
 /// Grey levels between white or skin and black.
@@ -137,24 +142,23 @@ pub fn contrast(m: &Parameters) -> f64 {
 
 impl<'a> Problem<'a> {
     fn new(
-        pattern: Pattern,
-        pixels: &[Pixel],
+        pixels: &'a mut Pixels,
         start: &Parameters,
         unknowns: &'a Unknowns,
         floor: f64,
     ) -> Option<Self> {
         let count = unknowns.free.iter().filter(|&&f| f).count();
-        let pixels = (pixels.len() >= 2 * count).then(|| Pixels::new(pattern, pixels, start))?;
-        Some(Self { pattern, pixels, unknowns, floor: floor.max(0.02 * contrast(start)) })
+        let enough = pixels.count() >= 2 * count;
+        enough.then(|| Self { pixels, images: None, unknowns, floor: floor.max(0.02 * contrast(start)) })
     }
 
     /// Repeats the linear solution until the centre stands still.
     fn solve(&mut self, mut m: Parameters, mut scale: f64, until: Until) -> Option<End> {
         for iteration in 0..MAX_ITERATIONS {
             if until == Until::Settled && iteration > 0 {
-                weigh(&mut self.pixels, &m);
+                weigh(self.pixels, &m);
             }
-            let step = linearise(&self.pixels, &m, self.unknowns, scale, self.floor);
+            let step = linearise(self.pixels, &m, self.unknowns, scale, self.floor, self.images.as_mut());
             let damping = if until == Until::Near && iteration < 2 { 1e-3 } else { 1e-10 };
             let mut damped = step.normal;
             for i in 0..N {
@@ -166,16 +170,17 @@ impl<'a> Problem<'a> {
             if moved < 0.05 {
                 change *= step.gain();
             }
-            let change = limit(change, &m, self.pattern);
+            let change = limit(change, &m, self.pixels.pattern);
+            let start = m;
             for i in 0..N {
                 m[i] += change[i];
             }
-            if !plausible(self.pattern, &m) {
+            if !plausible(self.pixels.pattern, &m) {
                 return None;
             }
             let ratio = (step.scale / scale - 1.0).abs();
             scale = step.scale.max(0.4 * scale);
-            let calm = self.pattern != Pattern::Disc || change[FIRST].abs() < 0.02;
+            let calm = self.pixels.pattern != Pattern::Disc || change[FIRST].abs() < 0.02;
             let settled = match until {
                 Until::Once => moved < 0.1,
                 Until::Near => moved < 0.02 && ratio < 0.2,
@@ -184,7 +189,7 @@ impl<'a> Problem<'a> {
             if (settled && (calm || until == Until::Once))
                 || (iteration + 1 == MAX_ITERATIONS && moved < 0.02)
             {
-                return Some(End { parameters: m, scale, step, factor });
+                return Some(End { parameters: m, start, scale, step, factor });
             }
         }
         None

@@ -2,14 +2,14 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::disc::{END, from_ellipse, is_beyond};
+use super::batch::{Batch, Pixels, total};
+use super::disc::from_ellipse;
 use super::fit::Unknowns;
 use super::model::{
-    ANGLE, BLUR, Batch, FIRST, LANES, Lanes, N, Parameters, Pattern, Pixel, SECOND, X, Y, along_and_across,
-    each, grey,
+    ANGLE, BLUR, FIRST, Grey, LANES, Lanes, N, Parameters, Pattern, SECOND, X, Y, along_and_across, each, grey,
 };
 use super::select::Bands;
-use super::wedge::{NEAR, from_edges};
+use super::wedge::from_edges;
 use super::wide::wide;
 
 pub type Square = SMatrix<f64, N, N>;
@@ -44,60 +44,7 @@ impl Step {
     }
 }
 
-/// What it takes to know a pixel's share of black.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    /// Nothing: it is 0.
-    Beyond,
-    /// A sum.
-    Dear,
-    /// A closed form.
-    Cheap,
-}
-
-/// The pixels of a fit in batches.
-pub struct Pixels {
-    pattern: Pattern,
-    origin: [f64; 2],
-    pub batches: Vec<Batch>,
-}
-
-/// The pixels in the order of what they take for a geometry near the one at hand, so that few batches
-/// hold two kinds.
-pub fn sorted(pattern: Pattern, pixels: &[Pixel], m: &Parameters) -> Vec<Pixel> {
-    let (sin, cos) = m[ANGLE].sin_cos();
-    let kind = |p: &Pixel| {
-        let (dx, dy) = (p.x - m[X], p.y - m[Y]);
-        let (s, t) = (dx * cos + dy * sin, dy * cos - dx * sin);
-        match pattern {
-            Pattern::Disc if s.abs() <= m[FIRST] - END * m[BLUR] - 0.2 => Kind::Cheap,
-            Pattern::Disc if is_beyond(m, s, t, 0.3) => Kind::Beyond,
-            Pattern::Disc => Kind::Dear,
-            _ if s.abs() < NEAR * m[BLUR] + 0.2 => Kind::Dear,
-            _ => Kind::Cheap,
-        }
-    };
-    let kinds: Vec<Kind> = pixels.iter().map(kind).collect();
-    let mut sorted = Vec::with_capacity(pixels.len());
-    for wanted in [Kind::Beyond, Kind::Dear, Kind::Cheap] {
-        sorted.extend(pixels.iter().zip(&kinds).filter(|(_, kind)| **kind == wanted).map(|(p, _)| *p));
-    }
-    sorted
-}
-
 impl Pixels {
-    /// In their own order, which should be that of [`sorted`].
-    pub fn new(pattern: Pattern, pixels: &[Pixel], m: &Parameters) -> Self {
-        let origin = [m[X].round(), m[Y].round()];
-        let batches = pixels.chunks(LANES).map(|some| Batch::new(some, origin)).collect();
-        Self { pattern, origin, batches }
-    }
-
-    /// Sum of the weights.
-    pub fn count(&self) -> f64 {
-        self.batches.iter().map(|b| total(&each(|i| b.root[i] * b.root[i]))).sum()
-    }
-
     #[inline(always)]
     fn weighed(&mut self, m: &Parameters) {
         let (bands, trig) = (Bands::of(m[BLUR]), m[ANGLE].sin_cos());
@@ -108,8 +55,7 @@ impl Pixels {
                 _ => from_edges(m[FIRST] as f32, &s, &t),
             };
             batch.root = each(|i| {
-                let weight = bands.weight([batch.keep[0][i], batch.keep[1][i]], distance[i]);
-                if i < batch.len { weight.sqrt() } else { 0.0 }
+                bands.weight([batch.keep[0][i], batch.keep[1][i]], distance[i]).sqrt()
             });
         }
     }
@@ -117,41 +63,72 @@ impl Pixels {
 
 /// Rows of the weighted Jacobian, column by column, residuals last, that wait for their products.
 pub struct Block {
-    columns: [[f32; BLOCK]; N + 1],
+    columns: [[f32; BLOCK]; COLUMNS],
     rows: usize,
 }
+
+/// Most columns: the parameters, a field's about a pixel, and residuals.
+const COLUMNS: usize = N + 7;
 
 /// Rows per block.
 const BLOCK: usize = 4 * LANES;
 
-/// Sums of products of two columns, a part in each lane; residuals are the last column.
-pub type Products = [[Lanes; N + 1]; N];
+/// Sums of products of two columns, a part in each lane: for each column those with itself and the later
+/// ones; residuals are the last column.
+pub struct Products {
+    columns: usize,
+    sums: Vec<Lanes>,
+}
+
+impl Products {
+    /// None yet of so many columns and residuals.
+    pub fn new(columns: usize) -> Self {
+        Self { columns, sums: vec![[0.0; LANES]; (columns + 1) * columns / 2 + columns] }
+    }
+
+    /// Their totals, column by column.
+    pub fn totals(&self) -> impl Iterator<Item = f64> {
+        self.sums.iter().map(total)
+    }
+
+    /// Forgets those of the first columns.
+    pub fn forget(&mut self, columns: usize) {
+        let first = (0..columns).map(|i| self.columns + 1 - i).sum();
+        self.sums.iter_mut().take(first).for_each(|sum| *sum = [0.0; LANES]);
+    }
+}
 
 impl Block {
     /// Without rows.
     pub fn new() -> Self {
-        Self { columns: [[0.0; BLOCK]; N + 1], rows: 0 }
+        Self { columns: [[0.0; BLOCK]; COLUMNS], rows: 0 }
     }
 
-    /// Takes up one row with its residual; whether it is full.
-    pub fn push(&mut self, row: impl Iterator<Item = f32>) -> bool {
-        for (column, value) in self.columns.iter_mut().zip(row) {
-            column[self.rows] = value;
+    /// Takes up a batch's weighted columns, residuals last; whether it is full.
+    #[inline(always)]
+    pub fn push<'a>(&mut self, root: &Lanes, columns: impl Iterator<Item = &'a Lanes>) -> bool {
+        let rows = self.rows..self.rows + LANES;
+        for (out, column) in self.columns.iter_mut().zip(columns) {
+            out[rows.clone()].copy_from_slice(&each(|i| root[i] * column[i]));
         }
-        self.rows += 1;
+        self.rows = rows.end;
         self.rows == BLOCK
     }
 
-    /// Adds the products of the first `n` columns with one another and the residuals; empties it.
+    /// Adds the products of the columns with one another and the residuals; empties it.
     #[inline(always)]
-    pub fn flush(&mut self, n: usize, sums: &mut Products) {
+    pub fn flush(&mut self, sums: &mut Products) {
+        let n = sums.columns;
+        let mut rest = &mut sums.sums[..];
         for column in &mut self.columns[..=n] {
             column[self.rows..].fill(0.0);
         }
-        for (i, sums) in sums.iter_mut().enumerate().take(n) {
-            for (sum, column) in sums[i..=n].iter_mut().zip(&self.columns[i..=n]) {
+        for i in 0..n {
+            let (own, later) = rest.split_at_mut(n + 1 - i);
+            for (sum, column) in own.iter_mut().zip(&self.columns[i..=n]) {
                 add_products(sum, &self.columns[i], column);
             }
+            rest = later;
         }
         self.rows = 0;
     }
@@ -168,18 +145,31 @@ fn add_products(sum: &mut Lanes, one: &[f32; BLOCK], other: &[f32; BLOCK]) {
     *sum = lanes;
 }
 
-/// The sum over the lanes.
-pub fn total(lanes: &Lanes) -> f64 {
-    lanes.iter().map(|&v| f64::from(v)).sum()
-}
+/// What the image model says of a fit's batches: grey values and derivatives.
+pub type Images = Vec<Grey>;
 
 impl Pixels {
     #[inline(always)]
-    fn linearised(&self, m: &Parameters, unknowns: &Unknowns, scale: f64, floor: f64) -> Step {
+    fn linearised(
+        &self,
+        m: &Parameters,
+        unknowns: &Unknowns,
+        scale: f64,
+        floor: f64,
+        mut images: Option<&mut Images>,
+    ) -> Step {
+        if let Some(images) = &mut images {
+            images.clear();
+        }
         let trig = m[ANGLE].sin_cos();
-        let list: Vec<usize> = (0..N).filter(|&i| unknowns.free[i]).collect();
-        let n = list.len();
-        let mut sums: Products = [[[0.0; LANES]; N + 1]; N];
+        let mut list = [0; N];
+        let mut n = 0;
+        for k in (0..N).filter(|&k| unknowns.free[k]) {
+            list[n] = k;
+            n += 1;
+        }
+        let list = &list[..n];
+        let mut sums = Products::new(n);
         let mut block = Block::new();
         let (mut weight, mut curvature, mut square) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         let mut sizes = Sizes::new(scale);
@@ -194,26 +184,26 @@ impl Pixels {
                 curvature[i] += batch.root[i] * root[i] * (5.0 * tukey[i] - 4.0);
                 square[i] += (root[i] * r[i]) * (root[i] * r[i]);
             }
-            let rows = block.rows..block.rows + LANES;
-            for (column, &k) in block.columns.iter_mut().zip(&list) {
-                column[rows.clone()].copy_from_slice(&each(|i| root[i] * image.gradient[k][i]));
+            let columns = list.iter().map(|&k| &image.gradient[k]).chain([&r]);
+            if block.push(&root, columns) {
+                block.flush(&mut sums);
             }
-            block.columns[n][rows].copy_from_slice(&each(|i| root[i] * r[i]));
-            block.rows += LANES;
-            if block.rows == BLOCK {
-                block.flush(n, &mut sums);
+            if let Some(images) = &mut images {
+                images.push(image);
             }
         }
-        block.flush(n, &mut sums);
+        block.flush(&mut sums);
         let mut normal = Square::identity();
         let mut right = Column::zeros();
+        let mut totals = sums.totals();
         for (i, &k) in list.iter().enumerate() {
-            right[k] = total(&sums[i][n]);
-            for (j, &l) in list.iter().enumerate() {
-                normal[(k, l)] = total(&sums[i.min(j)][i.max(j)]);
+            for (&l, sum) in list[i..].iter().zip(&mut totals) {
+                normal[(k, l)] = sum;
+                normal[(l, k)] = sum;
             }
+            right[k] = totals.next().unwrap_or(0.0);
         }
-        for &k in &list {
+        for &k in list {
             let (usual, deviation) = unknowns.usual[k];
             let weight = (scale / deviation).powi(2);
             normal[(k, k)] += weight;
@@ -237,9 +227,15 @@ wide! {
 }
 
 wide! {
-    /// Normal equations at `m`, with biweights for residuals against `scale`.
-    pub fn linearise(pixels: &Pixels, m: &Parameters, unknowns: &Unknowns, scale: f64, floor: f64) -> Step
-        = Pixels::linearised
+    /// Normal equations at `m`, with biweights for residuals against `scale`; and what they came from.
+    pub fn linearise(
+        pixels: &Pixels,
+        m: &Parameters,
+        unknowns: &Unknowns,
+        scale: f64,
+        floor: f64,
+        images: Option<&mut Images>,
+    ) -> Step = Pixels::linearised
 }
 
 /// Roots of the biweights.

@@ -4,15 +4,16 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::super::raster::Raster;
 use super::super::setup::Shape;
+use super::batch::Pixels;
 use super::blob::{self, Blob};
 use super::candidate::{self, Candidate, Outline, half_turn};
 use super::fit::{Fit, Unknowns, contrast, fit, rough, settle};
 use super::grid;
-use super::linear::{CUT, sorted};
+use super::linear::CUT;
 use super::model::{
-    ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, Pixel, SECOND, THIRD, X, Y,
+    ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y,
 };
-use super::select::{ALL, EVERY, FEW, Masked, pixels};
+use super::select::{ALL, EVERY, FEW, Look, Masked, pixels};
 use super::{Detection, RejectReason, uneven};
 
 /// Standard deviations beyond which a bend of axis or edges is believed.
@@ -67,33 +68,34 @@ pub fn measure(
     }
     let floor = 0.5f64.max(0.8 * noise);
     let (few, all) = if candidate.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
-    let first = pixels(image, Masked::Blobs(blobs), candidate, outline.centre, 1.0, few);
+    let look = Look { crossing: outline.centre, blur: 1.0, sag: 0.0 };
+    let mut first = pixels(image, Masked::Blobs(blobs), candidate, look, few).ok_or(RejectReason::LowContrast)?;
     let start = start(candidate, &first, 1.0).ok_or(RejectReason::LowContrast)?;
-    let first = sorted(candidate.pattern, &first, &start);
-    let (near, scale) = rough(candidate.pattern, &first, &start, &unknowns(candidate).0, floor)
-        .ok_or(RejectReason::NoConvergence)?;
-    let masked = |place: &Candidate, m: &Parameters| match candidate.hidden[..] {
-        [] => Masked::DarkerThan(place.outline, *m, (CUT * floor).max(FOREIGN * contrast(m))),
+    let (near, scale) =
+        rough(&mut first, &start, &unknowns(candidate).0, floor).ok_or(RejectReason::NoConvergence)?;
+    let masked = |m: &Parameters| match candidate.hidden[..] {
+        [] => Masked::DarkerThan(*m, (CUT * floor).max(FOREIGN * contrast(m))),
         _ => Masked::Blobs(blobs),
     };
     let choose = |place: &Candidate, mask: Masked, m: &Parameters| {
-        let chosen = pixels(image, mask, place, Vector2::new(m[X], m[Y]), m[BLUR].clamp(0.5, 3.5), all);
-        sorted(place.pattern, &chosen, m)
+        let sag = if place.edges.is_none() { m[THIRD] } else { 0.0 };
+        let look = Look { crossing: Vector2::new(m[X], m[Y]), blur: m[BLUR], sag };
+        pixels(image, mask, place, look, all).ok_or(RejectReason::NoConvergence)
     };
     // What is known of a disc from its like beside it is known beforehand.
     let known = |place: &Candidate| unknowns(if candidate.alike { candidate } else { place });
     let place = place(candidate, &near);
-    let chosen = choose(&place, masked(candidate, &near), &near);
-    let (near, scale) = settle(candidate.pattern, &chosen, &near, scale, &known(&place).0, floor)
+    let mut chosen = choose(&place, masked(&near), &near)?;
+    let (near, scale) = settle(&mut chosen, &near, scale, &known(&place).0, floor)
         .ok_or(RejectReason::NoConvergence)?;
     // From here on nothing depends on how the candidate was found.
     let (near, scale) = (grid::put(candidate.pattern, &near), grid::put_scale(scale));
     let place = self::place(&outlined(image, &place, &near), &near);
     let (unknowns, bends) = known(&place);
     let candidate = &place;
-    let pixels = choose(candidate, masked(candidate, &near), &near);
+    let mut pixels = choose(candidate, masked(&near), &near)?;
     let bent =
-        fit(candidate.pattern, &pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
+        fit(&mut pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
     // The straight model knows more, where the bend is not significant.
     let significant = !candidate.hidden.is_empty()
         || (bends.iter())
@@ -107,7 +109,7 @@ pub fn measure(
     };
     let floor = floor.max(0.02 * contrast(&near));
     let whole = candidate.hidden.is_empty();
-    let result = uneven::improve(candidate.pattern, &pixels, result, &unknowns, floor, whole);
+    let result = uneven::improve(&pixels, result, &unknowns, floor, whole);
     judge(image, candidate, &result, noise)
 }
 
@@ -285,7 +287,7 @@ fn ends_in_arcs(image: &Raster, candidate: &Candidate, along: f64, m: &Parameter
 }
 
 /// First parameters: geometry of the candidate, grey levels of its pixels.
-fn start(candidate: &Candidate, pixels: &[Pixel], blur: f64) -> Option<Parameters> {
+fn start(candidate: &Candidate, pixels: &Pixels, blur: f64) -> Option<Parameters> {
     let outline = &candidate.outline;
     let mut m = [0.0; N];
     m[X] = outline.centre.x;
@@ -302,12 +304,23 @@ fn start(candidate: &Candidate, pixels: &[Pixel], blur: f64) -> Option<Parameter
         }
     }
     m[BLUR] = blur;
-    if pixels.len() < 20 {
+    let mut count = [0usize; 256];
+    for batch in &pixels.batches {
+        batch.value.iter().take(batch.len).for_each(|&v| count[usize::from(v as u8)] += 1);
+    }
+    let total: usize = count.iter().sum();
+    if total < 20 {
         return None;
     }
-    let mut values: Vec<f64> = pixels.iter().map(|p| p.value).collect();
-    values.sort_unstable_by(f64::total_cmp);
-    let (low, high) = (values[values.len() / 40], values[values.len() * 8 / 10]);
+    let at = |rank: usize| {
+        let mut below = 0;
+        let beyond = |&n: &usize| {
+            below += n;
+            below > rank
+        };
+        count.iter().position(beyond).map(|grey| grey as f64)
+    };
+    let (low, high) = (at(total / 40)?, at(total * 8 / 10)?);
     m[LIGHT] = high.max(1.0);
     m[GAMMA] = 1.0 / 2.2;
     m[DARK] = 1.0 - (low.max(1.0) / high.max(1.0)).powf(2.2);

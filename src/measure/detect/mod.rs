@@ -1,12 +1,14 @@
 //! Image -> markers.
 
 mod arc;
+mod batch;
 mod blob;
 mod blocks;
 mod candidate;
 mod coarse;
 mod disc;
 mod distinct;
+mod field;
 mod fit;
 mod glare;
 mod grid;

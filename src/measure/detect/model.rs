@@ -5,6 +5,7 @@
 //! `g` is the tone curve's exponent, for blur acts on light and not on grey values. Both shapes
 //! give `c` in their own frame: `s` along the main direction, `t` across it.
 
+use super::batch::Batch;
 use super::disc::disc;
 use super::normal::{exp, ln};
 use super::wedge::wedge;
@@ -50,25 +51,6 @@ pub enum Pattern {
     WhiteAlong,
 }
 
-/// A grey value with its place in the marker's fixed frame for light and darkness.
-#[derive(Clone, Copy, Debug)]
-pub struct Pixel {
-    /// Column.
-    pub x: f64,
-    /// Row.
-    pub y: f64,
-    /// Grey value.
-    pub value: f64,
-    /// Along the marker over its semi-major axis.
-    pub p: f64,
-    /// Across the marker over its semi-minor axis.
-    pub q: f64,
-    /// How much it counts, 0 to 1.
-    pub weight: f64,
-    /// How much it would count at an edge and beside it, 0 to 1.
-    pub keep: [f32; 2],
-}
-
 /// Pixels that are worked on together.
 pub const LANES: usize = 16;
 
@@ -83,47 +65,6 @@ pub fn each(value: impl Fn(usize) -> f32) -> Lanes {
         *o = value(i);
     }
     out
-}
-
-/// Pixels that are worked on together; those after the first `len` are empty.
-#[derive(Clone, Debug)]
-pub struct Batch {
-    /// Column, counted from the batches' origin.
-    pub x: Lanes,
-    /// Row, counted from the batches' origin.
-    pub y: Lanes,
-    /// Grey value.
-    pub value: Lanes,
-    /// As in [`Pixel`].
-    pub p: Lanes,
-    /// As in [`Pixel`].
-    pub q: Lanes,
-    /// Root of the pixel's weight; 0 for those that are empty.
-    pub root: Lanes,
-    /// As in [`Pixel`].
-    pub keep: [Lanes; 2],
-    /// Pixels.
-    pub len: usize,
-}
-
-impl Batch {
-    /// The first [`LANES`] of `pixels`.
-    pub fn new(pixels: &[Pixel], origin: [f64; 2]) -> Self {
-        let zero = [0.0; LANES];
-        let [x, y, value, p, q, root] = [zero; 6];
-        let mut out = Self { x, y, value, p, q, root, keep: [zero; 2], len: pixels.len().min(LANES) };
-        for (i, pixel) in pixels.iter().take(LANES).enumerate() {
-            out.x[i] = (pixel.x - origin[0]) as f32;
-            out.y[i] = (pixel.y - origin[1]) as f32;
-            out.value[i] = pixel.value as f32;
-            out.p[i] = pixel.p as f32;
-            out.q[i] = pixel.q as f32;
-            out.root[i] = (pixel.weight as f32).sqrt();
-            out.keep[0][i] = pixel.keep[0];
-            out.keep[1][i] = pixel.keep[1];
-        }
-        out
-    }
 }
 
 /// Coordinates of a batch along s and across it, from the centre; sine and cosine of the angle come
@@ -150,6 +91,19 @@ pub struct Share {
     pub egg: Lanes,
 }
 
+/// The blurred share of black of either shape.
+#[inline(always)]
+pub fn share(pattern: Pattern, m: &Parameters, s: &Lanes, t: &Lanes) -> Share {
+    let mut share = match pattern {
+        Pattern::Disc => disc(s, t, m),
+        _ => wedge(s, t, m),
+    };
+    if pattern == Pattern::WhiteAlong {
+        share.complement();
+    }
+    share
+}
+
 /// Grey values and their derivatives.
 #[derive(Clone, Debug)]
 pub struct Grey {
@@ -163,13 +117,7 @@ pub struct Grey {
 pub fn grey(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64), batch: &Batch) -> Grey {
     let (sin, cos) = (trig.0 as f32, trig.1 as f32);
     let (s, t) = along_and_across(m, origin, trig, batch);
-    let mut share = match pattern {
-        Pattern::Disc => disc(batch, &s, &t, m),
-        _ => wedge(batch, &s, &t, m),
-    };
-    if pattern == Pattern::WhiteAlong {
-        share.complement();
-    }
+    let share = share(pattern, m, &s, &t);
     let k = m.map(|v| v as f32);
     let mut out = Grey { value: [0.0; LANES], gradient: [[0.0; LANES]; N] };
     for i in 0..LANES {

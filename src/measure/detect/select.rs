@@ -7,10 +7,11 @@
 use nalgebra::Vector2;
 
 use super::super::raster::Raster;
+use super::batch::Pixels;
 use super::blob::Blob;
 use super::candidate::{Candidate, Outline};
-use super::model::{LIGHT, Parameters, Pixel};
-use super::weigh::{Line, Ruler, Spot, weigh};
+use super::model::{LIGHT, Parameters};
+use super::weigh::{Edges, Line, Ruler, Taker};
 
 /// About how many pixels are wanted: at the edges, where they tell the place, and beside them, where
 /// they only tell the levels.
@@ -93,13 +94,45 @@ impl Keep {
     }
 }
 
-/// Takes the columns of a row that may count.
-fn take(shares: &[[f32; 2]; 16], y: usize, columns: std::ops::Range<usize>, out: &mut Vec<Spot>) {
-    for x in columns {
-        let keep = shares[(x * 5 + y * 7) % 16];
-        if keep[0] + keep[1] > 0.0 {
-            out.push(Spot { x, y, keep });
+/// The pixels of a frame that may be used, and those of them that are not.
+struct Source<'a> {
+    image: &'a Raster,
+    candidate: &'a Candidate,
+    area: Box,
+    shares: [[f32; 2]; 16],
+    masked: Option<Vec<bool>>,
+}
+
+impl Source<'_> {
+    /// Takes the columns of a row that may count.
+    fn take(&self, y: usize, columns: std::ops::Range<usize>, taker: &mut Taker) {
+        let row = self.image.row(y);
+        if self.is_clear() {
+            for (x, &value) in columns.clone().zip(row.get(columns).unwrap_or(&[])) {
+                let keep = self.shares[(x * 5 + y * 7) % 16];
+                if keep[0] + keep[1] > 0.0 {
+                    taker.push(x, y, value, keep);
+                }
+            }
+            return;
         }
+        for (x, &value) in columns.clone().zip(row.get(columns).unwrap_or(&[])) {
+            let keep = self.shares[(x * 5 + y * 7) % 16];
+            if keep[0] + keep[1] > 0.0 && !self.hides(x, y) {
+                taker.push(x, y, value, keep);
+            }
+        }
+    }
+
+    /// Whether all pixels may be used.
+    fn is_clear(&self) -> bool {
+        self.masked.is_none() && self.candidate.hidden.is_empty() && self.candidate.bands.is_empty()
+    }
+
+    fn hides(&self, x: usize, y: usize) -> bool {
+        let [x0, y0, x1, _] = self.area;
+        self.masked.as_ref().is_some_and(|m| m[(y - y0) * (x1 - x0 + 1) + x - x0])
+            || self.candidate.hides(&Vector2::new(x as f64, y as f64))
     }
 }
 
@@ -143,23 +176,34 @@ impl<'a> Oval<'a> {
 pub enum Masked<'a> {
     /// Near these blobs, where they are not the candidate's.
     Blobs(&'a [Blob]),
-    /// Near pixels that are darker than the light of a first fit, in the outline it was made with, by
-    /// so many grey levels. These do not depend on how the candidate was found.
-    DarkerThan(Outline, Parameters, f64),
+    /// Near pixels that are darker than the light of a first fit with the same outline, by so many grey
+    /// levels. These do not depend on how the candidate was found.
+    DarkerThan(Parameters, f64),
 }
 
 /// Part of the frame about a candidate: first and last column and row.
 type Box = [usize; 4];
 
-/// The pixels for a candidate whose edges have this blur, px; quadrants' edges cross at `crossing`.
+/// How a candidate's edges look.
+#[derive(Clone, Copy)]
+pub struct Look {
+    /// Where quadrants' edges cross, px.
+    pub crossing: Vector2<f64>,
+    /// Blur, px.
+    pub blur: f64,
+    /// A disc's sag, px.
+    pub sag: f64,
+}
+
+/// The pixels for a candidate; `None` where it lies outside the frame.
 pub fn pixels(
     image: &Raster,
     masked: Masked,
     candidate: &Candidate,
-    crossing: Vector2<f64>,
-    blur: f64,
+    look: Look,
     wanted: Wanted,
-) -> Vec<Pixel> {
+) -> Option<Pixels> {
+    let blur = look.blur.clamp(0.5, 3.5);
     let bands = Bands::of(blur);
     let flat = f64::from(bands.flat);
     let outline = &candidate.outline;
@@ -170,51 +214,49 @@ pub fn pixels(
     let x1 = (high.x.ceil().max(0.0) as usize).min(image.width() - 1);
     let y1 = (high.y.ceil().max(0.0) as usize).min(image.height() - 1);
     if x0 > x1 || y0 > y1 {
-        return Vec::new();
+        return None;
     }
     let area = [x0, y0, x1, y1];
-    let taken = match masked {
+    let masked = match masked {
         Masked::Blobs(blobs) => foreign(blobs, candidate, area),
         Masked::DarkerThan(..) if candidate.edges.is_some() => None,
-        Masked::DarkerThan(frame, m, limit) => darker(image, outline, bands, area, &frame, &m, limit),
+        Masked::DarkerThan(m, limit) => darker(image, outline, bands, area, &m, limit),
     };
     let oval = Oval::new(outline);
-    let mut spots = Vec::with_capacity(2 * (wanted.edge + wanted.flat).min(2000.0) as usize);
-    let ruler = match candidate.edges {
-        None => {
-            let shares = Keep::new(wanted, bands, around(outline)).table();
-            for y in y0..=y1 {
+    let edges = candidate.edges.map(|edges| Edges {
+        lines: lines(edges, look.crossing),
+        margin: (2.5 * blur).min(0.45 * outline.minor).max(1.0),
+        along: edges.0,
+    });
+    let length = edges.map_or_else(
+        || around(outline),
+        |e: Edges| e.lines.iter().map(|l| 2.0 * radius(outline, l)).sum::<f64>(),
+    );
+    let shares = Keep::new(wanted, bands, length).table();
+    let source = Source { image, candidate, area, shares, masked };
+    let mut taker =
+        Taker::new(Ruler { pattern: candidate.pattern, bands, outline, edges, blur, sag: look.sag });
+    for y in y0..=y1 {
+        let [one, other] = match edges {
+            None => {
                 let Some((from, to)) = oval.row(y as f64, flat + 1.0) else { continue };
                 let hole = oval.row(y as f64, -flat - 1.0).unwrap_or((to, to));
-                take(&shares, y, columns(from, hole.0, area), &mut spots);
-                take(&shares, y, columns(hole.1, to, area), &mut spots);
+                [columns(from, hole.0, area), columns(hole.1, to, area)]
             }
-            Ruler { bands, outline, edges: None }
-        }
-        Some(edges) => {
-            let lines = lines(edges, crossing);
-            let margin = (2.5 * blur).min(0.45 * outline.minor).max(1.0);
-            let length: f64 = lines.iter().map(|l| 2.0 * radius(outline, l)).sum();
-            let shares = Keep::new(wanted, bands, length).table();
-            for y in y0..=y1 {
+            Some(Edges { lines, margin, .. }) => {
                 let Some((from, to)) = oval.row(y as f64, FADE - margin) else { continue };
                 let near = lines.map(|l| l.row(y as f64, flat + FADE));
                 let [one, other] = near.map(|n| columns(from.max(n.0), to.min(n.1), area));
                 let (first, second) = if one.start <= other.start { (one, other) } else { (other, one) };
                 // Where both edges are near, once.
                 let second = second.start.max(first.end)..second.end;
-                take(&shares, y, first, &mut spots);
-                take(&shares, y, second, &mut spots);
+                [first, second]
             }
-            Ruler { bands, outline, edges: Some((lines, margin)) }
-        }
-    };
-    let masked = |s: &Spot| taken.as_ref().is_some_and(|m| m[(s.y - y0) * (x1 - x0 + 1) + s.x - x0]);
-    let hides = |s: &Spot| candidate.hides(&Vector2::new(s.x as f64, s.y as f64));
-    if taken.is_some() || !candidate.hidden.is_empty() || !candidate.bands.is_empty() {
-        spots.retain(|spot| !masked(spot) && !hides(spot));
+        };
+        source.take(y, one, &mut taker);
+        source.take(y, other, &mut taker);
     }
-    weigh(image, &spots, &ruler)
+    Some(taker.finish())
 }
 
 /// Length of an ellipse's outline, px, by Ramanujan's formula.
@@ -281,22 +323,29 @@ fn darker(
     outline: &Outline,
     bands: Bands,
     area: Box,
-    frame: &Outline,
     m: &Parameters,
     limit: f64,
 ) -> Option<Vec<bool>> {
     let mut mask = Mask { area, marks: None };
-    let (oval, frame_oval) = (Oval::new(outline), Oval::new(frame));
+    let oval = Oval::new(outline);
+    let reach = f64::from(bands.flat) + MARGIN as f64;
+    // No pixel that is lighter than this is darker than the light anywhere near.
+    let (p, q) = (1.0 + reach / outline.major, 1.0 + reach / outline.minor);
+    let most = m[LIGHT] + (m[LIGHT + 1].abs() + m[LIGHT + 3].abs() * p) * p + m[LIGHT + 2].abs() * q - limit;
+    let most = most.ceil().clamp(0.0, 255.0) as u8;
     for y in area[1]..=area[3] {
-        let Some((from, to)) = oval.row(y as f64, f64::from(bands.flat) + MARGIN as f64) else { continue };
+        let Some((from, to)) = oval.row(y as f64, reach) else { continue };
         let inside = oval.row(y as f64, f64::from(bands.edge) + 1.0).unwrap_or((to, to));
         let row = image.row(y);
-        for x in columns(from, inside.0, area).chain(columns(inside.1, to, area)) {
-            let (s, t) = frame_oval.local(x as f64, y as f64);
-            let (p, q) = (s / frame.major, t / frame.minor);
-            let light = m[LIGHT] + m[LIGHT + 1] * p + m[LIGHT + 2] * q + m[LIGHT + 3] * p * p;
-            if f64::from(row[x]) < light - limit {
-                mask.add(y, x, x);
+        for columns in [columns(from, inside.0, area), columns(inside.1, to, area)] {
+            let dark = row.get(columns.clone()).is_some_and(|some| some.iter().fold(255, |l, &v| v.min(l)) < most);
+            for x in columns.filter(|_| dark) {
+                let (s, t) = oval.local(x as f64, y as f64);
+                let (p, q) = (s / outline.major, t / outline.minor);
+                let light = m[LIGHT] + m[LIGHT + 1] * p + m[LIGHT + 2] * q + m[LIGHT + 3] * p * p;
+                if f64::from(row[x]) < light - limit {
+                    mask.add(y, x, x);
+                }
             }
         }
     }

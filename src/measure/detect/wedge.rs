@@ -1,6 +1,6 @@
 //! The blurred share of black of two opposite quadrants, for a batch of pixels.
 
-use super::model::{BLUR, Batch, FIRST, LANES, Lanes, Parameters, SECOND, Share, THIRD, each};
+use super::model::{BLUR, FIRST, LANES, Lanes, Parameters, SECOND, Share, THIRD, each};
 use super::normal::{GAUSS_8, PEAK, exp, normal};
 
 /// Standard deviations of blur from the crossing beyond which its two edges are apart.
@@ -21,38 +21,36 @@ type One = [f32; 7];
 
 /// The blurred share between two crossing edges `t = +-f s + k s^2`, `f <= 1`, around the s axis.
 #[inline(always)]
-pub fn wedge(batch: &Batch, s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
+pub fn wedge(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
     let sigma = m[BLUR] as f32;
     let e =
         Edges { f: m[FIRST] as f32, k1: m[SECOND] as f32, k2: m[THIRD] as f32, sigma, by_sigma: 1.0 / sigma };
-    let mut share = Share::default();
-    let far = |s: f32| s.abs() > NEAR as f32 * e.sigma;
-    let mut apart = [[0.0; LANES]; 7];
+    let far = each(|i| if s[i].abs() > NEAR as f32 * e.sigma { 1.0 } else { 0.0 });
+    let mut apart = Share::default();
     for i in 0..LANES {
         let one = side::<true>(s[i], t[i], e);
-        for (lanes, value) in apart.iter_mut().zip(one) {
+        for (lanes, value) in apart.lanes().into_iter().zip(one) {
             lanes[i] = value;
         }
     }
-    let all_far = (0..batch.len).all(|i| far(s[i]));
-    if !all_far {
-        crossing(s, t, e, &mut share);
+    if far.iter().map(|&v| u32::from(v > 0.0)).sum::<u32>() == LANES as u32 {
+        return apart;
     }
-    let lanes = [
-        &mut share.c,
-        &mut share.s,
-        &mut share.t,
-        &mut share.first,
-        &mut share.second,
-        &mut share.third,
-        &mut share.blur,
-    ];
-    for (lanes, apart) in lanes.into_iter().zip(&apart) {
-        for i in (0..LANES).filter(|&i| all_far || far(s[i])) {
-            lanes[i] = apart[i];
-        }
+    let mut share = Share::default();
+    crossing(s, t, e, &mut share);
+    for (lanes, apart) in share.lanes().into_iter().zip(apart.lanes()) {
+        *lanes = each(|i| if far[i] > 0.0 { apart[i] } else { lanes[i] });
     }
     share
+}
+
+impl Share {
+    /// In the order of [`One`].
+    #[inline(always)]
+    fn lanes(&mut self) -> [&mut Lanes; 7] {
+        let Self { c, s, t, first, second, third, blur, .. } = self;
+        [c, s, t, first, second, third, blur]
+    }
 }
 
 /// Distance from the nearer of two edges `t = +-f s`, px.

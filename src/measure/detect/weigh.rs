@@ -2,15 +2,18 @@
 
 use nalgebra::Vector2;
 
-use super::super::raster::Raster;
+use super::batch::{Batch, Kind, Pixels, Sorter};
 use super::candidate::Outline;
-use super::disc::from_ellipse;
-use super::model::{LANES, Pixel, each};
+use super::disc::{END, beyond, from_ellipse};
+use super::model::{LANES, Pattern, each};
 use super::select::{Bands, FADE};
+use super::wedge::NEAR;
 use super::wide::wide;
 
 /// How far a geometry may still move, px.
 const SLACK: f32 = 0.3;
+/// How far ends and crossing may move before pixels are of another kind than they were sorted by, px.
+const MOVE: f32 = 0.2;
 
 /// A straight edge between quadrants: a point, and the direction across it.
 #[derive(Clone, Copy)]
@@ -19,69 +22,116 @@ pub struct Line {
     pub across: Vector2<f64>,
 }
 
-/// A pixel that may be used, and how much it would count.
-pub struct Spot {
-    pub x: usize,
-    pub y: usize,
-    pub keep: [f32; 2],
+/// Two edges that end a margin inside the outline, px, and the direction of their bisector.
+#[derive(Clone, Copy)]
+pub struct Edges {
+    pub lines: [Line; 2],
+    pub margin: f64,
+    pub along: f64,
 }
 
-/// Tells how far pixels are from an outline, or from two edges that end a margin inside it.
+/// Tells how far pixels are from an outline, or from two edges, and of what kind they are.
 pub struct Ruler<'a> {
+    pub pattern: Pattern,
     pub bands: Bands,
     pub outline: &'a Outline,
-    pub edges: Option<([Line; 2], f64)>,
+    pub edges: Option<Edges>,
+    /// Blur and sag, px.
+    pub blur: f64,
+    pub sag: f64,
+}
+
+/// Pixels that may be used, on their way to those that are.
+pub struct Taker<'a> {
+    ruler: Ruler<'a>,
+    origin: [f64; 2],
+    waiting: Batch,
+    sorter: Sorter,
+}
+
+impl<'a> Taker<'a> {
+    /// Without pixels.
+    pub fn new(ruler: Ruler<'a>) -> Self {
+        let middle = ruler.edges.map_or(ruler.outline.centre, |e| e.lines[0].at);
+        let origin = [middle.x.round(), middle.y.round()];
+        let sorter = Sorter::new(ruler.pattern, origin);
+        Self { ruler, origin, waiting: Batch::new(), sorter }
+    }
+
+    /// Takes up a pixel and how much it would count at an edge and beside it.
+    #[inline(always)]
+    pub fn push(&mut self, x: usize, y: usize, value: u8, keep: [f32; 2]) {
+        let (x, y) = ((x as f64 - self.origin[0]) as f32, (y as f64 - self.origin[1]) as f32);
+        self.waiting.push(x, y, f32::from(value), keep);
+        if self.waiting.is_full() {
+            weigh(&mut self.waiting, &mut self.sorter, &self.ruler, self.origin);
+            self.waiting.len = 0;
+        }
+    }
+
+    /// The pixels that have weight, or would if the geometry moved a little: it is not the last yet.
+    pub fn finish(mut self) -> Pixels {
+        if self.waiting.len > 0 {
+            self.waiting.fill();
+            weigh(&mut self.waiting, &mut self.sorter, &self.ruler, self.origin);
+        }
+        self.sorter.finish()
+    }
 }
 
 wide! {
-    /// The pixels that have weight, or would if the geometry moved a little: it is not the last yet.
-    pub fn weigh(image: &Raster, spots: &[Spot], ruler: &Ruler) -> Vec<Pixel> = weighed
+    /// Sorts the pixels of a batch that count.
+    fn weigh(batch: &mut Batch, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 2]) = weighed
 }
 
 #[inline(always)]
-fn weighed(image: &Raster, spots: &[Spot], ruler: &Ruler) -> Vec<Pixel> {
-    let Ruler { bands, outline, edges } = ruler;
+fn weighed(batch: &mut Batch, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 2]) {
+    let Ruler { bands, outline, edges, .. } = ruler;
     let (sin, cos) = outline.angle.sin_cos();
+    let (sin, cos) = (sin as f32, cos as f32);
     let (a, b, centre) = (outline.major as f32, outline.minor as f32, outline.centre);
-    let mut out = Vec::with_capacity(spots.len());
-    for some in spots.chunks(LANES) {
-        let of = |value: &dyn Fn(&Spot) -> f64| each(|i| some.get(i).map_or(0.0, |s| value(s) as f32));
-        let (dx, dy) = (of(&|s| s.x as f64 - centre.x), of(&|s| s.y as f64 - centre.y));
-        let (sin, cos) = (sin as f32, cos as f32);
-        let s = each(|i| dx[i] * cos + dy[i] * sin);
-        let t = each(|i| dy[i] * cos - dx[i] * sin);
-        let mut keep = [
-            each(|i| some.get(i).map_or(0.0, |s| s.keep[0])),
-            each(|i| some.get(i).map_or(0.0, |s| s.keep[1])),
-        ];
-        let mut distance = from_ellipse(a, b, &s, &t);
-        if let Some((lines, margin)) = edges {
-            let rim = each(|i| {
-                let share = (distance[i] - *margin as f32) / FADE as f32 + 0.5;
-                let share = if share > 0.0 { share } else { 0.0 };
-                if share < 1.0 { share } else { 1.0 }
-            });
-            keep = keep.map(|keep| each(|i| keep[i] * rim[i]));
-            let [one, other] = lines.map(|l| {
-                let off = (centre - l.at).dot(&l.across) as f32;
-                let (u, v) = (l.across.x as f32, l.across.y as f32);
-                each(|i| (off + dx[i] * u + dy[i] * v).abs())
-            });
-            distance = each(|i| if one[i] < other[i] { one[i] } else { other[i] });
-        }
-        let weight = each(|i| bands.weight([keep[0][i], keep[1][i]], distance[i]));
-        let near = each(|i| bands.weight([keep[0][i], keep[1][i]], distance[i] - SLACK));
-        for (i, spot) in some.iter().enumerate().filter(|&(i, _)| near[i] > 0.0) {
-            out.push(Pixel {
-                x: spot.x as f64,
-                y: spot.y as f64,
-                value: f64::from(image.row(spot.y)[spot.x]),
-                p: f64::from(s[i]) / outline.major,
-                q: f64::from(t[i]) / outline.minor,
-                weight: f64::from(weight[i]),
-                keep: [keep[0][i], keep[1][i]],
-            });
-        }
+    let (cx, cy) = ((centre.x - origin[0]) as f32, (centre.y - origin[1]) as f32);
+    let (dx, dy) = (each(|i| batch.x[i] - cx), each(|i| batch.y[i] - cy));
+    let s = each(|i| dx[i] * cos + dy[i] * sin);
+    let t = each(|i| dy[i] * cos - dx[i] * sin);
+    let (by_a, by_b) = (1.0 / a, 1.0 / b);
+    batch.p = each(|i| s[i] * by_a);
+    batch.q = each(|i| t[i] * by_b);
+    let mut distance = from_ellipse(a, b, &s, &t);
+    let blur = ruler.blur as f32;
+    let dear;
+    let mut nothing = [0.0; LANES];
+    if let Some(Edges { lines, margin, along }) = edges {
+        let rim = each(|i| {
+            let share = (distance[i] - *margin as f32) / FADE as f32 + 0.5;
+            let share = if share > 0.0 { share } else { 0.0 };
+            if share < 1.0 { share } else { 1.0 }
+        });
+        batch.keep = batch.keep.map(|keep| each(|i| keep[i] * rim[i]));
+        let [one, other] = lines.map(|l| {
+            let off = (centre - l.at).dot(&l.across) as f32;
+            let (u, v) = (l.across.x as f32, l.across.y as f32);
+            each(|i| (off + dx[i] * u + dy[i] * v).abs())
+        });
+        distance = each(|i| if one[i] < other[i] { one[i] } else { other[i] });
+        let (v, u) = along.sin_cos();
+        let off = (centre - lines[0].at).dot(&Vector2::new(u, v)) as f32;
+        let (u, v) = (u as f32, v as f32);
+        let near = NEAR as f32 * blur + MOVE;
+        dear = each(|i| if (off + dx[i] * u + dy[i] * v).abs() < near { 1.0 } else { 0.0 });
+    } else {
+        let end = a - END as f32 * blur - MOVE;
+        dear = each(|i| if s[i].abs() > end { 1.0 } else { 0.0 });
+        nothing = beyond(&s, &t, [a, b], ruler.sag as f32, END as f32 * blur + MOVE);
     }
-    out
+    batch.root = each(|i| bands.weight([batch.keep[0][i], batch.keep[1][i]], distance[i]).sqrt());
+    let near = each(|i| bands.weight([batch.keep[0][i], batch.keep[1][i]], distance[i] - SLACK));
+    for i in (0..batch.len).filter(|&i| near[i] > 0.0) {
+        let kind = match () {
+            () if nothing[i] > 0.0 => Kind::Beyond,
+            () if dear[i] > 0.0 => Kind::Dear,
+            () => Kind::Cheap,
+        };
+        sorter.push(kind, batch, i);
+    }
 }

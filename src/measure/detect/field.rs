@@ -1,0 +1,382 @@
+//! The fit with the light freed: a field of knots for light and darkness beside the model's parameters.
+
+use nalgebra::{Cholesky, DMatrix, DVector, Matrix2};
+
+use super::batch::{Batch, Pixels, total};
+use super::blocks::{Blocks, REACH};
+use super::fit::{Fit, Unknowns};
+use super::linear::{Block, Products, biweights, spread};
+use super::model::{
+    ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LANES, LIGHT, Lanes, N, Parameters, Pattern, SECOND, THIRD, X, Y,
+    along_and_across, each, share,
+};
+use super::normal::{exp, ln};
+use super::uneven::Deserved;
+use super::wide::wide;
+
+/// Knots of the field of light along and across the marker, and of its darkness along it.
+const ALONG: usize = 9;
+const ACROSS: usize = 3;
+const DARKS: usize = 6;
+const FIELD: usize = ALONG * ACROSS + DARKS;
+/// How far light, as a share, and darkness are thought to depart from planes.
+const UNEVEN_LIGHT: f64 = 0.15;
+const UNEVEN_DARK: f64 = 0.15;
+const MAX_ITERATIONS: usize = 4;
+/// Knots about a pixel: four of light, two of darkness.
+const ABOUT: usize = 6;
+
+/// A fit with a field of light: the model's parameters, then the field's.
+struct Field {
+    m: Parameters,
+    extra: [f64; FIELD],
+}
+
+/// The answer with the light freed.
+pub struct Freed {
+    /// The model's parameters.
+    pub parameters: Parameters,
+    /// The centre's covariance, at least that which the residuals show, px^2.
+    pub covariance: Matrix2<f64>,
+    /// Weighted root mean square of the residuals, grey levels.
+    pub rms: f64,
+    /// Mean robust weight, 0 to 1.
+    pub inliers: f64,
+}
+
+/// Pixels between the same knots.
+struct Cell {
+    knots: [usize; ABOUT],
+    batches: Vec<Batch>,
+}
+
+/// What the residuals of a linearisation show.
+struct Residuals {
+    sizes: Vec<f32>,
+    weight: f64,
+    square: f64,
+}
+
+/// One batch's part in the normal equations.
+struct Rows {
+    r: Lanes,
+    /// Roots of the weights, robust ones included.
+    root: Lanes,
+    /// Derivatives by the parameters.
+    gradient: [Lanes; N],
+    /// Derivatives by the knots about.
+    field: [Lanes; ABOUT],
+}
+
+/// The fit with the light freed, without the pixels of things that are not the marker's.
+pub fn freed(pixels: &Pixels, fit: &Fit, seen: &Deserved, unknowns: &Unknowns, floor: f64) -> Option<Freed> {
+    let mut list = Vec::with_capacity(N);
+    list.extend((0..N).filter(|&k| unknowns.free[k]));
+    let own = own(pixels, seen, fit.parameters[BLUR]);
+    let cells = cells(pixels, &own);
+    if own.len() < 3 * N {
+        return None;
+    }
+    let mut field = Field { m: fit.parameters, extra: [0.0; FIELD] };
+    let mut sizes: Vec<f32> = Vec::with_capacity(pixels.count());
+    for (batch, r) in pixels.batches.iter().zip(&seen.residuals) {
+        sizes.extend(r.iter().take(batch.len).map(|r| r.abs()));
+    }
+    let mut scale = 3.0 * floor.max(spread(&mut sizes));
+    let origin = pixels.origin;
+    for iteration in 0..MAX_ITERATIONS {
+        let (mut normal, right, mut seen) =
+            normal(&cells, pixels.pattern, origin, &field, unknowns, &list, scale);
+        for i in 0..normal.nrows() {
+            normal[(i, i)] *= 1.0 + if iteration < 2 { 1e-3 } else { 1e-7 };
+        }
+        let change = Cholesky::new(normal)?.solve(&right);
+        let place = |k: usize| list.iter().position(|&l| l == k).map_or(0.0, |i| change[i]);
+        let worst = place(X).hypot(place(Y));
+        let factor = (2.0 / worst.max(1e-9)).min(1.0);
+        for (i, &k) in list.iter().enumerate() {
+            field.m[k] += factor * change[i];
+        }
+        for (i, extra) in field.extra.iter_mut().enumerate() {
+            *extra += factor * change[list.len() + i];
+        }
+        let new = floor.max(spread(&mut seen.sizes));
+        if worst < 1e-3 && new > 0.9 * scale {
+            break;
+        }
+        scale = new.max(0.5 * scale);
+    }
+    let m = field.m;
+    let sound = m.iter().all(|v| v.is_finite()) && m[BLUR] > 0.2 && m[BLUR] < 4.0;
+    let (normal, _, seen) = normal(&cells, pixels.pattern, origin, &field, unknowns, &list, scale);
+    let factor = Cholesky::new(normal).filter(|_| sound)?;
+    let influence = [X, Y].map(|k| {
+        let place = list.iter().position(|&l| l == k);
+        factor.solve(&DVector::from_fn(list.len() + FIELD, |i, _| if Some(i) == place { 1.0 } else { 0.0 }))
+    });
+    let (mut blocks, mut white) = (Blocks::new(pixels, &m), Matrix2::zeros());
+    moved(&cells, pixels.pattern, origin, &field, &list, &influence, scale, &mut blocks);
+    let variance = seen.square / (seen.weight - list.len() as f64).max(1.0);
+    for (i, row) in list.iter().enumerate().filter(|(_, k)| [X, Y].contains(k)) {
+        for (j, influence) in influence.iter().enumerate() {
+            white[(*row, j)] = influence[i] * variance;
+        }
+    }
+    Some(Freed {
+        parameters: m,
+        covariance: blocks.raise(&white, list.len())?.0,
+        rms: (seen.square / seen.weight.max(1e-9)).sqrt(),
+        inliers: seen.weight / pixels.weight(),
+    })
+}
+
+/// Batch and lane of the pixels that are not within the blur of two others that the fit took for foreign:
+/// a line that touches the marker also darkens the pixels beside it, too little to be seen in each.
+fn own(pixels: &Pixels, seen: &Deserved, blur: f64) -> Vec<[usize; 2]> {
+    let mut foreign = Vec::new();
+    for (batch, tukey) in pixels.batches.iter().zip(&seen.biweights) {
+        foreign.extend((0..batch.len).filter(|&i| tukey[i] <= 0.0).map(|i| [batch.x[i], batch.y[i]]));
+    }
+    let reach2 = (2.5 * blur + 1.0).powi(2) as f32;
+    let near = |x: f32, y: f32| {
+        foreign.iter().filter(|f| (f[0] - x).powi(2) + (f[1] - y).powi(2) < reach2).take(3).count() >= 3
+    };
+    let mut out = Vec::with_capacity(pixels.count());
+    for (k, batch) in pixels.batches.iter().enumerate() {
+        out.extend((0..batch.len).filter(|&i| !near(batch.x[i], batch.y[i])).map(|i| [k, i]));
+    }
+    out
+}
+
+/// The knot before a place on [-REACH, REACH], of `count`, and the share of the one behind it.
+#[inline(always)]
+fn hat(at: f32, count: usize) -> (f32, f32) {
+    let place = (at * (0.5 / REACH as f32) + 0.5) * (count - 1) as f32;
+    let place = place.clamp(0.0, (count - 1) as f32);
+    let low = place.floor().min((count - 2) as f32);
+    (low, place - low)
+}
+
+/// The pixels by the knots about them.
+fn cells(pixels: &Pixels, own: &[[usize; 2]]) -> Vec<Cell> {
+    let knots = |p: f32, q: f32| [hat(p, ALONG), hat(q, ACROSS), hat(p, DARKS)].map(|h| h.0 as usize);
+    let mut out: Vec<Cell> = Vec::new();
+    let mut place = [usize::MAX; ALONG * ACROSS * DARKS];
+    for &[k, i] in own {
+        let batch = &pixels.batches[k];
+        let [along, across, dark] = knots(batch.p[i], batch.q[i]);
+        let key = (along * ACROSS + across) * DARKS + dark;
+        if place[key] == usize::MAX {
+            place[key] = out.len();
+            let first = along * ACROSS + across;
+            let dark = ALONG * ACROSS + dark;
+            let knots = [first, first + 1, first + ACROSS, first + ACROSS + 1, dark, dark + 1];
+            out.push(Cell { knots, batches: Vec::new() });
+        }
+        let cell = &mut out[place[key]];
+        if cell.batches.last().is_none_or(Batch::is_full) {
+            cell.batches.push(Batch::new());
+        }
+        if let Some(to) = cell.batches.last_mut() {
+            let n = to.len;
+            (to.p[n], to.q[n], to.root[n]) = (batch.p[i], batch.q[i], batch.root[i]);
+            to.push(batch.x[i], batch.y[i], batch.value[i], [0.0; 2]);
+        }
+    }
+    out.iter_mut().flat_map(|cell| &mut cell.batches).for_each(Batch::fill);
+    out
+}
+
+impl Field {
+    /// One batch's rows.
+    #[inline(always)]
+    fn rows(
+        &self,
+        pattern: Pattern,
+        origin: [f64; 2],
+        trig: (f64, f64),
+        cell: &Cell,
+        batch: &Batch,
+        scale: f64,
+    ) -> Rows {
+        let m = self.m.map(|v| v as f32);
+        let (s, t) = along_and_across(&self.m, origin, trig, batch);
+        let share = share(pattern, &self.m, &s, &t);
+        let (sin, cos) = (trig.0 as f32, trig.1 as f32);
+        let extra = cell.knots.map(|k| self.extra[k] as f32);
+        let mut out = Rows {
+            r: [0.0; LANES],
+            root: [0.0; LANES],
+            gradient: [[0.0; LANES]; N],
+            field: [[0.0; LANES]; ABOUT],
+        };
+        for i in 0..LANES {
+            let (p, q, c) = (batch.p[i], batch.q[i], share.c[i]);
+            let (u, v, w) = (hat(p, ALONG).1, hat(q, ACROSS).1, hat(p, DARKS).1);
+            let hats = [(1.0 - u) * (1.0 - v), (1.0 - u) * v, u * (1.0 - v), u * v, 1.0 - w, w];
+            let plane = m[LIGHT] + m[LIGHT + 1] * p + m[LIGHT + 2] * q + m[LIGHT + 3] * p * p;
+            let uneven =
+                hats[0] * extra[0] + hats[1] * extra[1] + hats[2] * extra[2] + hats[3] * extra[3];
+            let light = plane + m[LIGHT] * uneven;
+            let dark = m[DARK] + m[DARK + 1] * p + m[DARK + 2] * q + hats[4] * extra[4] + hats[5] * extra[5];
+            let linear = 1.0 - dark * c;
+            let linear = if linear > 1e-3 { linear } else { 1e-3 };
+            let log = ln(linear);
+            let through = exp(m[GAMMA] * log);
+            let value = light * through;
+            let open = if value < 255.0 { 1.0 } else { 0.0 };
+            out.r[i] = batch.value[i] - if value < 255.0 { value } else { 255.0 };
+            let (value, through) = (open * value, open * through);
+            let slope = m[GAMMA] * value / linear;
+            let (by_share, by_dark) = (-slope * dark, -slope * c);
+            out.gradient[X][i] = by_share * (share.t[i] * sin - share.s[i] * cos);
+            out.gradient[Y][i] = -by_share * (share.s[i] * sin + share.t[i] * cos);
+            out.gradient[ANGLE][i] = by_share * (share.s[i] * t[i] - share.t[i] * s[i]);
+            out.gradient[FIRST][i] = by_share * share.first[i];
+            out.gradient[SECOND][i] = by_share * share.second[i];
+            out.gradient[THIRD][i] = by_share * share.third[i];
+            out.gradient[BLUR][i] = by_share * share.blur[i];
+            out.gradient[LIGHT][i] = through;
+            out.gradient[LIGHT + 1][i] = through * p;
+            out.gradient[LIGHT + 2][i] = through * q;
+            out.gradient[LIGHT + 3][i] = through * p * p;
+            out.gradient[DARK][i] = by_dark;
+            out.gradient[DARK + 1][i] = by_dark * p;
+            out.gradient[DARK + 2][i] = by_dark * q;
+            out.gradient[GAMMA][i] = value * log;
+            out.gradient[EGG][i] = by_share * share.egg[i];
+            for (k, hat) in hats.into_iter().enumerate() {
+                out.field[k][i] = hat * if k < 4 { through * m[LIGHT] } else { by_dark };
+            }
+        }
+        let tukey = biweights(&out.r, &out.gradient[X], &out.gradient[Y], scale);
+        out.root = each(|i| batch.root[i] * tukey[i]);
+        out
+    }
+}
+
+wide! {
+    /// Normal equations over the parameters of a list and the field.
+    fn normal(
+        cells: &[Cell],
+        pattern: Pattern,
+        origin: [f64; 2],
+        field: &Field,
+        unknowns: &Unknowns,
+        list: &[usize],
+        scale: f64,
+    ) -> (DMatrix<f64>, DVector<f64>, Residuals) = normal_of
+}
+
+#[inline(always)]
+fn normal_of(
+    cells: &[Cell],
+    pattern: Pattern,
+    origin: [f64; 2],
+    field: &Field,
+    unknowns: &Unknowns,
+    list: &[usize],
+    scale: f64,
+) -> (DMatrix<f64>, DVector<f64>, Residuals) {
+    let n = list.len();
+    let trig = field.m[ANGLE].sin_cos();
+    let (mut normal, mut right) = (DMatrix::zeros(n + FIELD, n + FIELD), DVector::zeros(n + FIELD));
+    let mut seen = Residuals { sizes: Vec::new(), weight: 0.0, square: 0.0 };
+    let (mut weight, mut square) = ([0.0; LANES], [0.0; LANES]);
+    let (mut block, mut sums) = (Block::new(), Products::new(ABOUT + n));
+    for cell in cells {
+        for batch in &cell.batches {
+            let rows = field.rows(pattern, origin, trig, cell, batch, scale);
+            weight = each(|i| weight[i] + rows.root[i] * rows.root[i]);
+            square = each(|i| square[i] + (rows.root[i] * rows.r[i]) * (rows.root[i] * rows.r[i]));
+            seen.sizes.extend(rows.r.iter().take(batch.len).map(|r| r.abs()));
+            let own = list.iter().map(|&k| &rows.gradient[k]);
+            if block.push(&rows.root, rows.field.iter().chain(own).chain([&rows.r])) {
+                block.flush(&mut sums);
+            }
+        }
+        block.flush(&mut sums);
+        let mut totals = sums.totals();
+        let knots = cell.knots.map(|k| n + k);
+        for (i, &a) in knots.iter().enumerate() {
+            for &b in &knots[i..] {
+                normal[(a.max(b), a.min(b))] += totals.next().unwrap_or(0.0);
+            }
+            for k in 0..n {
+                normal[(a, k)] += totals.next().unwrap_or(0.0);
+            }
+            right[a] += totals.next().unwrap_or(0.0);
+        }
+        drop(totals);
+        sums.forget(ABOUT);
+    }
+    let mut totals = sums.totals().skip((0..ABOUT).map(|i| ABOUT + n + 1 - i).sum());
+    for i in 0..n {
+        for j in i..n {
+            normal[(j, i)] = totals.next().unwrap_or(0.0);
+        }
+        right[i] = totals.next().unwrap_or(0.0);
+    }
+    for (i, &k) in list.iter().enumerate() {
+        let (usual, deviation) = unknowns.usual[k];
+        let weight = (scale / deviation).powi(2);
+        normal[(i, i)] += weight + 1e-12;
+        right[i] += weight * (usual - field.m[k]);
+    }
+    for k in 0..FIELD {
+        let deviation = if k < ALONG * ACROSS { UNEVEN_LIGHT } else { UNEVEN_DARK };
+        let weight = (scale / deviation).powi(2);
+        normal[(n + k, n + k)] += weight;
+        right[n + k] -= weight * field.extra[k];
+    }
+    normal.fill_upper_triangle_with_lower_triangle();
+    (seen.weight, seen.square) = (total(&weight), total(&square));
+    (normal, right, seen)
+}
+
+wide! {
+    /// What the residuals of each batch did to the centre.
+    #[allow(clippy::too_many_arguments)]
+    fn moved(
+        cells: &[Cell],
+        pattern: Pattern,
+        origin: [f64; 2],
+        field: &Field,
+        list: &[usize],
+        influence: &[DVector<f64>; 2],
+        scale: f64,
+        blocks: &mut Blocks,
+    ) = moved_by
+}
+
+#[allow(clippy::too_many_arguments)]
+#[inline(always)]
+fn moved_by(
+    cells: &[Cell],
+    pattern: Pattern,
+    origin: [f64; 2],
+    field: &Field,
+    list: &[usize],
+    influence: &[DVector<f64>; 2],
+    scale: f64,
+    blocks: &mut Blocks,
+) {
+    let trig = field.m[ANGLE].sin_cos();
+    for cell in cells {
+        for batch in &cell.batches {
+            let rows = field.rows(pattern, origin, trig, cell, batch, scale);
+            let by = influence.each_ref().map(|h| {
+                let mut sum = [0.0f32; LANES];
+                let knots = cell.knots.iter().map(|k| h[list.len() + k]);
+                for (g, h) in rows.field.iter().zip(knots) {
+                    sum = each(|i| sum[i] + h as f32 * g[i]);
+                }
+                for (k, h) in list.iter().zip(h.iter()) {
+                    sum = each(|i| sum[i] + *h as f32 * rows.gradient[*k][i]);
+                }
+                each(|i| sum[i] * rows.root[i] * rows.root[i] * rows.r[i])
+            });
+            blocks.add(batch, by);
+        }
+    }
+}
