@@ -55,6 +55,11 @@ pub struct Unknowns {
 }
 
 const MAX_ITERATIONS: usize = 20;
+/// Steps after which a fit that leaves a fifth of the contrast, or moves by a pixel, is none of a
+/// marker's.
+const EARLY: usize = 5;
+const LATE: usize = 8;
+
 /// What a fit is made of.
 struct Problem<'a> {
     pixels: &'a mut Pixels,
@@ -154,6 +159,7 @@ impl<'a> Problem<'a> {
 
     /// Repeats the linear solution until the centre stands still.
     fn solve(&mut self, mut m: Parameters, mut scale: f64, until: Until) -> Option<End> {
+        let mut last = scale;
         for iteration in 0..MAX_ITERATIONS {
             if until == Until::Settled && iteration > 0 {
                 weigh(self.pixels, &m);
@@ -179,17 +185,23 @@ impl<'a> Problem<'a> {
                 return None;
             }
             let ratio = (step.scale / scale - 1.0).abs();
+            let steady = (step.scale / last - 1.0).abs() < 0.2;
+            last = step.scale;
             scale = step.scale.max(0.4 * scale);
             let calm = self.pixels.pattern != Pattern::Disc || change[FIRST].abs() < 0.02;
             let settled = match until {
                 Until::Once => moved < 0.1,
-                Until::Near => moved < 0.02 && ratio < 0.2,
+                Until::Near => moved < 0.02 && steady,
                 Until::Settled => ratio < 0.05 && moved < 0.05 && moved < 0.05 * self.spread(&step, &factor),
             };
             if (settled && (calm || until == Until::Once))
                 || (iteration + 1 == MAX_ITERATIONS && moved < 0.02)
             {
                 return Some(End { parameters: m, start, scale, step, factor });
+            }
+            let far = iteration >= LATE && moved > 1.0;
+            if far || (iteration >= EARLY && step.scale > 0.2 * contrast(&m)) {
+                return None;
             }
         }
         None

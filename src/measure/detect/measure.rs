@@ -39,6 +39,7 @@ const ALIKE_MINOR: f64 = 0.1;
 const FOREIGN: f64 = 0.25;
 
 /// A fitted marker with its blur.
+#[derive(Clone)]
 pub struct Measured {
     /// The answer.
     pub detection: Detection,

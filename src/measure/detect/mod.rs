@@ -199,6 +199,8 @@ fn is_faint(found: &Found) -> bool {
 fn search(image: &Raster, factor: usize, noise: f64, faint: bool) -> Found {
     let blobs = find_blobs(image, &mut coarse::reduce(image, factor), faint);
     let mut taken = vec![false; blobs.len()];
+    let known = (0..blobs.len()).map(|_| None).collect();
+    let mut whole = Whole { image, blobs: &blobs, noise, known };
     let mut found = Found { measured: Vec::new(), rejected: Vec::new() };
     let mut hidden = Vec::new();
     for candidates in [quadrants(&blobs), discs(&blobs)] {
@@ -206,10 +208,10 @@ fn search(image: &Raster, factor: usize, noise: f64, faint: bool) -> Found {
             if candidate.blobs.iter().any(|&i| taken[i]) {
                 continue;
             }
-            if candidate.pattern != model::Pattern::Disc && are_discs(image, &blobs, candidate, noise) {
+            if candidate.pattern != model::Pattern::Disc && whole.are_discs(candidate) {
                 continue;
             }
-            let (measured, part) = measure_whole_or_hidden(image, &blobs, candidate, noise);
+            let (measured, part) = measure_whole_or_hidden(&mut whole, candidate);
             let index = measured.is_ok().then_some(found.measured.len());
             hidden.extend(part.map(|part| (index, part)));
             match measured {
@@ -249,13 +251,32 @@ fn again_with_size(
     }
 }
 
-/// Whether the two blobs of a pair are whole discs side by side: the image model tells.
-fn are_discs(image: &Raster, blobs: &[blob::Blob], candidate: &candidate::Candidate, noise: f64) -> bool {
-    let disc = |&i: &usize| {
-        let round = blobs.get(i).filter(|b| !looks_cut(b)).and_then(|b| candidate::disc(i, b));
-        round.is_some_and(|c| measure::measure(image, blobs, &c, noise).is_ok())
-    };
-    candidate.blobs.len() == 2 && candidate.blobs.iter().all(disc)
+/// Blobs measured as whole discs, each once.
+struct Whole<'a> {
+    image: &'a Raster,
+    blobs: &'a [blob::Blob],
+    noise: f64,
+    known: Vec<Option<Result<measure::Measured, RejectReason>>>,
+}
+
+impl Whole<'_> {
+    /// What the blob of a disc's candidate measures, whose place is not known to be hidden.
+    fn measure(&mut self, index: usize, candidate: &candidate::Candidate) -> Result<measure::Measured, RejectReason> {
+        let measured = || measure::measure(self.image, self.blobs, candidate, self.noise);
+        match self.known.get_mut(index) {
+            Some(known) => known.get_or_insert_with(measured).clone(),
+            None => measured(),
+        }
+    }
+
+    /// Whether the two blobs of a pair are whole discs side by side: the image model tells.
+    fn are_discs(&mut self, candidate: &candidate::Candidate) -> bool {
+        let mut disc = |&i: &usize| {
+            let round = self.blobs.get(i).filter(|b| !looks_cut(b)).and_then(|b| candidate::disc(i, b));
+            round.is_some_and(|c| self.measure(i, &c).is_ok())
+        };
+        candidate.blobs.len() == 2 && candidate.blobs.iter().all(&mut disc)
+    }
 }
 
 /// Whether a blob is too square for a whole disc of its size.
@@ -272,11 +293,10 @@ fn cut_by(blob: &blob::Blob) -> f64 {
 /// A disc whose outline is not an ellipse's may have a part hidden by its neighbour, or by glare. With
 /// what was measured the candidate of its whole outline, where size alone is missing to do it better.
 fn measure_whole_or_hidden(
-    image: &Raster,
-    blobs: &[blob::Blob],
+    known: &mut Whole,
     candidate: &candidate::Candidate,
-    noise: f64,
 ) -> (Result<measure::Measured, RejectReason>, Option<candidate::Candidate>) {
+    let Whole { image, blobs, noise, .. } = *known;
     let measured = |candidate: &candidate::Candidate| measure::measure(image, blobs, candidate, noise);
     let single = match candidate.blobs[..] {
         [index] if candidate.pattern == model::Pattern::Disc => blobs.get(index).map(|b| (index, b)),
@@ -285,7 +305,7 @@ fn measure_whole_or_hidden(
     let Some((index, blob)) = single.filter(|(_, b)| !b.at_edge) else {
         return (measured(candidate), None);
     };
-    let whole = if looks_cut(blob) { Err(RejectReason::NotAnEllipse) } else { measured(candidate) };
+    let whole = if looks_cut(blob) { Err(RejectReason::NotAnEllipse) } else { known.measure(index, candidate) };
     // A disc that is measured badly although it looks whole may end in glare.
     if whole.as_ref().is_ok_and(|m| m.detection.covariance_px2.trace() < 0.1) {
         return (whole, None);
