@@ -129,9 +129,14 @@ impl Sorter {
 /// The sum over the lanes.
 #[inline(always)]
 pub fn total(lanes: &Lanes) -> f64 {
-    let mut four = [0.0; 4];
-    for some in lanes.as_chunks::<4>().0 {
-        four.iter_mut().zip(some).for_each(|(sum, &v)| *sum += f64::from(v));
+    let mut eight = [0.0f32; LANES / 2];
+    for i in 0..LANES / 2 {
+        eight[i] = lanes[i] + lanes[i + LANES / 2];
     }
+    let mut four = [0.0f32; LANES / 4];
+    for i in 0..LANES / 4 {
+        four[i] = eight[i] + eight[i + LANES / 4];
+    }
+    let four = four.map(f64::from);
     (four[0] + four[1]) + (four[2] + four[3])
 }

@@ -172,7 +172,7 @@ impl Pixels {
         let mut sums = Products::new(n);
         let mut block = Block::new();
         let (mut weight, mut curvature, mut square) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-        let mut sizes = Sizes::new(scale);
+        let mut sizes = Sizes::new(self.batches.len());
         for batch in &self.batches {
             let image = grey(self.pattern, m, self.origin, trig, batch);
             let r = each(|i| batch.value[i] - image.value[i]);
@@ -209,7 +209,7 @@ impl Pixels {
             normal[(k, k)] += weight;
             right[k] += weight * (usual - m[k]);
         }
-        let scale = sizes.spread().max(floor);
+        let scale = sizes.spread(scale).max(floor);
         Step {
             normal,
             right,
@@ -250,47 +250,40 @@ pub fn biweights(r: &Lanes, by_x: &Lanes, by_y: &Lanes, scale: f64) -> Lanes {
     })
 }
 
-/// How many residuals there are of each size.
+/// The sizes of residuals.
 struct Sizes {
-    count: [u32; SIZES],
-    per_level: f32,
+    sizes: Vec<Lanes>,
+    count: Lanes,
 }
 
-/// Bins of sizes, and how many of them make one scale.
-const SIZES: usize = 256;
-const PER_SCALE: f32 = 32.0;
-
 impl Sizes {
-    fn new(scale: f64) -> Self {
-        Self { count: [0; SIZES], per_level: PER_SCALE / scale as f32 }
+    fn new(batches: usize) -> Self {
+        Self { sizes: Vec::with_capacity(batches), count: [0.0; LANES] }
     }
 
     /// Takes up a batch's residuals of pixels that have at least half their weight.
     #[inline(always)]
     fn add(&mut self, r: &Lanes, root: &Lanes) {
-        // Adding this leaves the nearest whole number in the last bits.
-        const MAGIC: f32 = 8_388_608.0;
-        let bins = each(|i| {
-            let bin = r[i].abs() * self.per_level;
-            (if bin < (SIZES - 1) as f32 { bin } else { (SIZES - 1) as f32 }) + MAGIC
-        });
-        for i in 0..LANES {
-            self.count[(bins[i].to_bits() & (SIZES as u32 - 1)) as usize] += u32::from(root[i] > 0.7);
-        }
+        self.sizes.push(each(|i| if root[i] > 0.7 { r[i].abs() } else { f32::MAX }));
+        self.count = each(|i| self.count[i] + if root[i] > 0.7 { 1.0 } else { 0.0 });
     }
 
-    /// Robust standard deviation, grey levels: from the median size, evenly placed within its bin.
-    fn spread(&self) -> f64 {
-        let half = 0.5 * self.count.iter().map(|&n| f64::from(n)).sum::<f64>();
-        let mut below = 0.0;
-        for (k, n) in self.count.iter().map(|&n| f64::from(n)).enumerate() {
-            if n > 0.0 && below + n >= half {
-                let bins = (k as f64 - 0.5 + (half - below) / n).max(0.0);
-                return 1.4826 * bins / f64::from(self.per_level);
+    /// Robust standard deviation, grey levels: from the median size, to a thousandth of `scale`.
+    #[inline(always)]
+    fn spread(&self, scale: f64) -> f64 {
+        const STEPS: usize = 13;
+        let half = (0.5 * total(&self.count)) as f32;
+        let (mut low, mut high) = (0.0, 8.0 * scale as f32);
+        for _ in 0..STEPS {
+            let middle = 0.5 * (low + high);
+            let mut below = [0.0; LANES];
+            for size in &self.sizes {
+                below = each(|i| below[i] + if size[i] < middle { 1.0 } else { 0.0 });
             }
-            below += n;
+            let under = below.iter().sum::<f32>() < half;
+            (low, high) = if under { (middle, high) } else { (low, middle) };
         }
-        0.0
+        1.4826 * f64::from(0.5 * (low + high))
     }
 }
 
@@ -340,7 +333,7 @@ mod tests {
     fn bins_give_the_median() {
         let sizes: Vec<f32> = (0..4 * LANES).map(|i| (i * 37 % 64) as f32 * 0.11).collect();
         for scale in [2.0, 5.0, 9.0] {
-            let mut bins = Sizes::new(scale);
+            let mut bins = Sizes::new(self.batches.len());
             for some in sizes.chunks(LANES) {
                 bins.add(&each(|i| if i % 2 == 0 { some[i] } else { -some[i] }), &[1.0; LANES]);
                 bins.add(&[1e6; LANES], &[0.5; LANES]);

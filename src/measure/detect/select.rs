@@ -193,7 +193,12 @@ pub struct Look {
     pub blur: f64,
     /// A disc's sag, px.
     pub sag: f64,
+    /// How far the geometry may still move while the weights follow it, px.
+    pub slack: f32,
 }
+
+/// How far a geometry moves that a rough fit has found, px.
+pub const SLACK: f32 = 0.3;
 
 /// The pixels for a candidate; `None` where it lies outside the frame.
 pub fn pixels(
@@ -235,7 +240,7 @@ pub fn pixels(
     let shares = Keep::new(wanted, bands, length).table();
     let source = Source { image, candidate, area, shares, masked };
     let mut taker =
-        Taker::new(Ruler { pattern: candidate.pattern, bands, outline, edges, blur, sag: look.sag });
+        Taker::new(Ruler { pattern: candidate.pattern, bands, outline, edges, blur, sag: look.sag, slack: look.slack });
     for y in y0..=y1 {
         let [one, other] = match edges {
             None => {

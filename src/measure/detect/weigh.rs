@@ -10,8 +10,6 @@ use super::select::{Bands, FADE};
 use super::wedge::NEAR;
 use super::wide::wide;
 
-/// How far a geometry may still move, px.
-const SLACK: f32 = 0.3;
 /// How far ends and crossing may move before pixels are of another kind than they were sorted by, px.
 const MOVE: f32 = 0.2;
 
@@ -39,6 +37,8 @@ pub struct Ruler<'a> {
     /// Blur and sag, px.
     pub blur: f64,
     pub sag: f64,
+    /// How far the geometry may still move, px.
+    pub slack: f32,
 }
 
 /// Pixels that may be used, on their way to those that are.
@@ -125,7 +125,7 @@ fn weighed(batch: &mut Batch, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 
         nothing = beyond(&s, &t, [a, b], ruler.sag as f32, END as f32 * blur + MOVE);
     }
     batch.root = each(|i| bands.weight([batch.keep[0][i], batch.keep[1][i]], distance[i]).sqrt());
-    let near = each(|i| bands.weight([batch.keep[0][i], batch.keep[1][i]], distance[i] - SLACK));
+    let near = each(|i| bands.weight([batch.keep[0][i], batch.keep[1][i]], distance[i] - ruler.slack));
     for i in (0..batch.len).filter(|&i| near[i] > 0.0) {
         let kind = match () {
             () if nothing[i] > 0.0 => Kind::Beyond,
