@@ -64,14 +64,17 @@ pub fn distinct(found: &mut Found) {
 /// One lens makes all the edges of a frame: one that is far softer than the middle of them belongs to
 /// dirt or to a shadow.
 pub fn without_soft(found: &mut Found) {
+    if let Some(softest) = softest(found) {
+        found.turn_down_all(RejectReason::Soft, |m| m.blur > softest);
+    }
+}
+
+/// The greatest blur of an edge that the frame's other ones allow, px, where there are some.
+pub fn softest(found: &Found) -> Option<f64> {
     const SOFTER: f64 = 2.0;
     const ENOUGH: usize = 5;
     let blurs: Vec<f64> = found.measured.iter().map(|m| m.blur).collect();
-    if blurs.len() < ENOUGH {
-        return;
-    }
-    let Some(usual) = super::middle(blurs) else { return };
-    found.turn_down_all(RejectReason::Soft, |m| m.blur > SOFTER * usual);
+    (blurs.len() >= ENOUGH).then(|| super::middle(blurs))?.map(|usual| SOFTER * usual)
 }
 
 /// A frame's markers are prints of about one diameter along one wing: seen at less than half the size of

@@ -54,7 +54,9 @@ pub struct Unknowns {
     pub usual: [(f64, f64); N],
 }
 
+/// Most steps, and most of those from a rough fit on.
 const MAX_ITERATIONS: usize = 20;
+const MAX_SETTLING: usize = 12;
 /// Steps after which a fit that leaves a fifth of the contrast, or moves by a pixel, is none of a
 /// marker's.
 const EARLY: usize = 5;
@@ -160,7 +162,8 @@ impl<'a> Problem<'a> {
     /// Repeats the linear solution until the centre stands still.
     fn solve(&mut self, mut m: Parameters, mut scale: f64, until: Until) -> Option<End> {
         let mut last = scale;
-        for iteration in 0..MAX_ITERATIONS {
+        let most = if until == Until::Near { MAX_ITERATIONS } else { MAX_SETTLING };
+        for iteration in 0..most {
             if until == Until::Settled && iteration > 0 {
                 weigh(self.pixels, &m);
             }
@@ -195,7 +198,7 @@ impl<'a> Problem<'a> {
                 Until::Settled => ratio < 0.05 && moved < 0.05 && moved < 0.05 * self.spread(&step, &factor),
             };
             if (settled && (calm || until == Until::Once))
-                || (iteration + 1 == MAX_ITERATIONS && moved < 0.02)
+                || (iteration + 1 == most && moved < 0.02)
             {
                 return Some(End { parameters: m, start, scale, step, factor });
             }

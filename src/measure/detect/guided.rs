@@ -6,7 +6,7 @@ use super::super::raster::Raster;
 use super::super::setup::Shape;
 use super::blob::{self, Blob};
 use super::candidate::{self, Candidate, Outline};
-use super::measure::{Measured, measure};
+use super::measure::{Bounds, Measured, measure};
 use super::{Detections, Prediction, by_place, cut_by, keep_largest};
 
 /// How much a marker may differ from its prediction: axes, as a ratio, and beside that the minor, px.
@@ -68,7 +68,7 @@ fn find(image: &Raster, prediction: &Prediction, noise: f64) -> Option<Measured>
     let alike =
         candidates.into_iter().filter(|c| is_alike(&c.outline, &outline) && off(c) <= prediction.search_px);
     let best = alike.min_by(|a, b| off(a).total_cmp(&off(b)))?;
-    measure(image, &blobs, &best, noise).ok()
+    measure(image, &blobs, &best, Bounds::of(noise)).ok()
 }
 
 /// Discs of which clearly nothing is hidden: what may be in doubt is for the full search.

@@ -49,13 +49,33 @@ pub struct Measured {
     pub darkness: f64,
 }
 
+/// What a frame's markers can be like.
+#[derive(Clone, Copy)]
+pub struct Bounds {
+    /// Standard deviation of the grey values' noise, grey levels.
+    pub noise: f64,
+    /// Greatest blur, px.
+    pub blur: f64,
+}
+
+impl Bounds {
+    /// Of a frame in which nothing has been measured.
+    pub fn of(noise: f64) -> Self {
+        Self { noise, blur: SOFTEST }
+    }
+}
+
+/// Greatest blur that is measured, px.
+const SOFTEST: f64 = 3.2;
+
 /// Fits the model to a candidate.
 pub fn measure(
     image: &Raster,
     blobs: &[Blob],
     candidate: &Candidate,
-    noise: f64,
+    bounds: Bounds,
 ) -> Result<Measured, RejectReason> {
+    let noise = bounds.noise;
     let outline = &candidate.outline;
     if candidate.blobs.iter().any(|&i| blobs.get(i).is_some_and(|b| b.at_edge)) {
         return Err(RejectReason::TouchesEdge);
@@ -73,7 +93,14 @@ pub fn measure(
     let mut first = pixels(image, Masked::Blobs(blobs), candidate, look, few).ok_or(RejectReason::LowContrast)?;
     let start = start(candidate, &first, 1.0).ok_or(RejectReason::LowContrast)?;
     let (near, scale) =
-        rough(&mut first, &start, &unknowns(candidate).0, floor).ok_or(RejectReason::NoConvergence)?;
+        rough(&mut first, &start, &few_unknowns(candidate), floor).ok_or(RejectReason::NoConvergence)?;
+    // A rough fit leaves at most twice what the last one may.
+    if scale > 2.0 * largest_rms(noise, contrast(&near)) {
+        return Err(RejectReason::PoorFit);
+    }
+    if near[BLUR] > bounds.blur {
+        return Err(RejectReason::Soft);
+    }
     let masked = |m: &Parameters| match candidate.hidden[..] {
         [] => Masked::DarkerThan(*m, (CUT * floor).max(FOREIGN * contrast(m))),
         _ => Masked::Blobs(blobs),
@@ -138,6 +165,13 @@ fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
     (Unknowns { free, usual: usual(candidate) }, bends)
 }
 
+/// What a first geometry takes: an outline or two lines, their blur, and planes of light.
+fn few_unknowns(candidate: &Candidate) -> Unknowns {
+    let (mut unknowns, _) = unknowns(candidate);
+    [LIGHT + 3, DARK + 1, DARK + 2, GAMMA].iter().for_each(|&k| unknowns.free[k] = false);
+    unknowns
+}
+
 /// What is known before the fit.
 fn usual(candidate: &Candidate) -> [(f64, f64); N] {
     let mut out = [(0.0, f64::INFINITY); N];
@@ -193,6 +227,11 @@ fn place(candidate: &Candidate, m: &Parameters) -> Candidate {
     out
 }
 
+/// The greatest residuals of a marker, root mean square, grey levels.
+fn largest_rms(noise: f64, contrast: f64) -> f64 {
+    1.6 * noise + 0.05 * contrast
+}
+
 /// Accepts or turns down a fit.
 fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result<Measured, RejectReason> {
     let m = &fit.parameters;
@@ -229,7 +268,7 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
     if m[DARK] < 0.15 || contrast < 8.0 || contrast < 4.0 * noise {
         return Err(RejectReason::LowContrast);
     }
-    if m[BLUR] > 3.2 || fit.inliers < 0.55 || fit.rms > 1.6 * noise + 0.05 * contrast {
+    if m[BLUR] > SOFTEST || fit.inliers < 0.55 || fit.rms > largest_rms(noise, contrast) {
         return Err(RejectReason::PoorFit);
     }
     if candidate.edges.is_some_and(|edges| !ends_in_arcs(image, candidate, edges.0, m)) {

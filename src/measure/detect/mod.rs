@@ -153,12 +153,16 @@ const MAX_CANDIDATES: usize = 100;
 pub fn detect(image: &Raster) -> Detections {
     let noise = noise::estimate(image);
     let factor = coarse::factor(image);
-    let mut found = search(image, factor, noise, false);
+    let sound = |faint: bool| {
+        let mut found = search(image, factor, noise, faint);
+        distinct::without_soft(&mut found);
+        distinct::without_specks(&mut found);
+        found
+    };
+    let mut found = sound(false);
     if is_faint(&found) {
-        found = search(image, factor, noise, true);
+        found = sound(true);
     }
-    distinct::without_soft(&mut found);
-    distinct::without_specks(&mut found);
     found.rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     found.rejected.truncate(MAX_REJECTED);
     let psf_sigma_px = middle(found.measured.iter().map(|m| m.blur).collect());
@@ -195,12 +199,16 @@ fn is_faint(found: &Found) -> bool {
     found.measured.iter().any(|m| m.darkness < LEAST)
 }
 
+/// A rough fit's blur is that of the last one to this factor.
+const MARGIN: f64 = 1.25;
+
 /// All stages on one picture.
 fn search(image: &Raster, factor: usize, noise: f64, faint: bool) -> Found {
     let blobs = find_blobs(image, &mut coarse::reduce(image, factor), faint);
     let mut taken = vec![false; blobs.len()];
     let known = (0..blobs.len()).map(|_| None).collect();
-    let mut whole = Whole { image, blobs: &blobs, noise, known };
+    let bounds = measure::Bounds::of(noise);
+    let mut whole = Whole { image, blobs: &blobs, bounds, known };
     let mut found = Found { measured: Vec::new(), rejected: Vec::new() };
     let mut hidden = Vec::new();
     for candidates in [quadrants(&blobs), discs(&blobs)] {
@@ -218,12 +226,13 @@ fn search(image: &Raster, factor: usize, noise: f64, faint: bool) -> Found {
                 Ok(measured) => {
                     candidate.blobs.iter().for_each(|&i| taken[i] = true);
                     found.measured.push(measured);
+                    whole.bounds.blur = distinct::softest(&found).map_or(whole.bounds.blur, |b| MARGIN * b);
                 }
                 Err(reason) => found.rejected.push(candidate.rejected(reason)),
             }
         }
     }
-    again_with_size(image, &blobs, &mut found, hidden, noise);
+    again_with_size(&whole, &mut found, hidden);
     distinct::distinct(&mut found);
     found
 }
@@ -231,11 +240,9 @@ fn search(image: &Raster, factor: usize, noise: f64, faint: bool) -> Found {
 /// Measures discs that are hidden in part once more, when the whole ones about them have told how
 /// large they are; also those of which too little was seen before.
 fn again_with_size(
-    image: &Raster,
-    blobs: &[blob::Blob],
+    known: &Whole,
     found: &mut Found,
     hidden: Vec<(Option<usize>, candidate::Candidate)>,
-    noise: f64,
 ) {
     for (index, mut candidate) in hidden {
         let whole =
@@ -243,7 +250,7 @@ fn again_with_size(
         let Some(major) = arc::foretold_major(whole, candidate.outline.centre) else { continue };
         candidate.outline.major = major;
         candidate.foretold = true;
-        let Ok(again) = measure::measure(image, blobs, &candidate, noise) else { continue };
+        let Ok(again) = measure::measure(known.image, known.blobs, &candidate, known.bounds) else { continue };
         match index.and_then(|i| found.measured.get_mut(i)) {
             Some(slot) => *slot = again,
             None => found.measured.push(again),
@@ -255,14 +262,14 @@ fn again_with_size(
 struct Whole<'a> {
     image: &'a Raster,
     blobs: &'a [blob::Blob],
-    noise: f64,
+    bounds: measure::Bounds,
     known: Vec<Option<Result<measure::Measured, RejectReason>>>,
 }
 
 impl Whole<'_> {
     /// What the blob of a disc's candidate measures, whose place is not known to be hidden.
     fn measure(&mut self, index: usize, candidate: &candidate::Candidate) -> Result<measure::Measured, RejectReason> {
-        let measured = || measure::measure(self.image, self.blobs, candidate, self.noise);
+        let measured = || measure::measure(self.image, self.blobs, candidate, self.bounds);
         match self.known.get_mut(index) {
             Some(known) => known.get_or_insert_with(measured).clone(),
             None => measured(),
@@ -296,8 +303,8 @@ fn measure_whole_or_hidden(
     known: &mut Whole,
     candidate: &candidate::Candidate,
 ) -> (Result<measure::Measured, RejectReason>, Option<candidate::Candidate>) {
-    let Whole { image, blobs, noise, .. } = *known;
-    let measured = |candidate: &candidate::Candidate| measure::measure(image, blobs, candidate, noise);
+    let Whole { image, blobs, bounds, .. } = *known;
+    let measured = |candidate: &candidate::Candidate| measure::measure(image, blobs, candidate, bounds);
     let single = match candidate.blobs[..] {
         [index] if candidate.pattern == model::Pattern::Disc => blobs.get(index).map(|b| (index, b)),
         _ => None,
