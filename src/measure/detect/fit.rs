@@ -86,8 +86,8 @@ enum Until {
     Near,
     /// Within a small part of the centre's standard deviation.
     Settled,
-    /// After one step.
-    Once,
+    /// Within so small a part that the way there does not show.
+    Fixed,
 }
 
 /// Fits the `free` parameters from `start` to a hundredth of a pixel; with the residuals' scale.
@@ -113,11 +113,11 @@ pub fn settle(
     floor: f64,
 ) -> Option<(Parameters, f64)> {
     let mut problem = Problem::new(pixels, start, unknowns, floor)?;
-    let end = problem.solve(*start, scale.clamp(problem.floor, 2.0 * problem.floor), Until::Settled)?;
+    let end = problem.solve(*start, scale.max(problem.floor), Until::Settled)?;
     Some((end.parameters, end.scale))
 }
 
-/// The last step, from a solution that is known to a part of its standard deviation: the answer.
+/// The last steps, from a solution that is known to a part of its standard deviation: the answer.
 pub fn fit(
     pixels: &mut Pixels,
     start: &Parameters,
@@ -129,7 +129,7 @@ pub fn fit(
     problem.images = Some(Images::with_capacity(problem.pixels.batches.len()));
     let count = problem.unknowns.free.iter().filter(|&&f| f).count();
     let End { parameters, start, step, factor, .. } =
-        problem.solve(*start, scale.clamp(problem.floor, 2.0 * problem.floor), Until::Once)?;
+        problem.solve(*start, scale.max(problem.floor), Until::Fixed)?;
     let variance = step.variance(count);
     let mut covariance = factor.inverse() * variance;
     for i in (0..N).filter(|&i| !unknowns.free[i]) {
@@ -192,14 +192,13 @@ impl<'a> Problem<'a> {
             last = step.scale;
             scale = step.scale.max(0.4 * scale);
             let calm = self.pixels.pattern != Pattern::Disc || change[FIRST].abs() < 0.02;
+            let part = |part: f64| moved < 0.05 && moved < part * self.spread(&step, &factor);
             let settled = match until {
-                Until::Once => moved < 0.1,
                 Until::Near => moved < 0.02 && steady,
-                Until::Settled => ratio < 0.05 && moved < 0.05 && moved < 0.05 * self.spread(&step, &factor),
+                Until::Settled => ratio < 0.3 && part(0.5),
+                Until::Fixed => ratio < 0.02 && part(0.03),
             };
-            if (settled && (calm || until == Until::Once))
-                || (iteration + 1 == most && moved < 0.02)
-            {
+            if (settled && calm) || (iteration + 1 == most && moved < 0.02) {
                 return Some(End { parameters: m, start, scale, step, factor });
             }
             let far = iteration >= LATE && moved > 1.0;
