@@ -215,8 +215,7 @@ impl Field {
             let (u, v, w) = (hat(p, ALONG).1, hat(q, ACROSS).1, hat(p, DARKS).1);
             let hats = [(1.0 - u) * (1.0 - v), (1.0 - u) * v, u * (1.0 - v), u * v, 1.0 - w, w];
             let plane = m[LIGHT] + m[LIGHT + 1] * p + m[LIGHT + 2] * q + m[LIGHT + 3] * p * p;
-            let uneven =
-                hats[0] * extra[0] + hats[1] * extra[1] + hats[2] * extra[2] + hats[3] * extra[3];
+            let uneven = hats[0] * extra[0] + hats[1] * extra[1] + hats[2] * extra[2] + hats[3] * extra[3];
             let light = plane + m[LIGHT] * uneven;
             let dark = m[DARK] + m[DARK + 1] * p + m[DARK + 2] * q + hats[4] * extra[4] + hats[5] * extra[5];
             let linear = 1.0 - dark * c;

@@ -148,12 +148,7 @@ pub fn contrast(m: &Parameters) -> f64 {
 }
 
 impl<'a> Problem<'a> {
-    fn new(
-        pixels: &'a mut Pixels,
-        start: &Parameters,
-        unknowns: &'a Unknowns,
-        floor: f64,
-    ) -> Option<Self> {
+    fn new(pixels: &'a mut Pixels, start: &Parameters, unknowns: &'a Unknowns, floor: f64) -> Option<Self> {
         let count = unknowns.free.iter().filter(|&&f| f).count();
         let enough = pixels.count() >= 2 * count;
         enough.then(|| Self { pixels, images: None, unknowns, floor: floor.max(0.02 * contrast(start)) })

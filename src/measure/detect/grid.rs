@@ -26,6 +26,12 @@ pub fn put(pattern: Pattern, m: &Parameters) -> Parameters {
     std::array::from_fn(|k| (m[k] * steps[k]).round() / steps[k])
 }
 
+/// The nearest level that grey values are compared with, which are whole numbers: it is coarse.
+pub fn put_level(level: f64) -> f64 {
+    const STEP: f64 = 4.0;
+    (level / STEP).round() * STEP
+}
+
 /// The nearest scale of residuals on the grid, grey levels.
 pub fn put_scale(scale: f64) -> f64 {
     (scale * GREY).round() / GREY

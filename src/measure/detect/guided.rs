@@ -7,7 +7,8 @@ use super::super::setup::Shape;
 use super::blob::{self, Blob};
 use super::candidate::{self, Candidate, Outline};
 use super::measure::{Bounds, Measured, measure};
-use super::{Detections, Prediction, by_place, cut_by, keep_largest};
+use super::whole::cut_by;
+use super::{Detections, Prediction, by_place, keep_largest};
 
 /// How much a marker may differ from its prediction: axes, as a ratio, and beside that the minor, px.
 const ALIKE: f64 = 1.3;

@@ -90,7 +90,8 @@ pub fn measure(
     let floor = 0.5f64.max(0.8 * noise);
     let (few, all) = if candidate.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
     let look = Look { crossing: outline.centre, blur: 1.0, sag: 0.0, slack: 0.0 };
-    let mut first = pixels(image, Masked::Blobs(blobs), candidate, look, few).ok_or(RejectReason::LowContrast)?;
+    let mut first =
+        pixels(image, Masked::Blobs(blobs), candidate, look, few).ok_or(RejectReason::LowContrast)?;
     let start = start(candidate, &first, 1.0).ok_or(RejectReason::LowContrast)?;
     let (near, scale) =
         rough(&mut first, &start, &few_unknowns(candidate), floor).ok_or(RejectReason::NoConvergence)?;
@@ -114,16 +115,15 @@ pub fn measure(
     let known = |place: &Candidate| unknowns(if candidate.alike { candidate } else { place });
     let place = place(candidate, &near);
     let mut chosen = choose(&place, masked(&near), &near, SLACK)?;
-    let (near, scale) = settle(&mut chosen, &near, scale, &known(&place).0, floor)
-        .ok_or(RejectReason::NoConvergence)?;
+    let (near, scale) =
+        settle(&mut chosen, &near, scale, &known(&place).0, floor).ok_or(RejectReason::NoConvergence)?;
     // From here on nothing depends on how the candidate was found.
     let (near, scale) = (grid::put(candidate.pattern, &near), grid::put_scale(scale));
     let place = self::place(&outlined(image, &place, &near), &near);
     let (unknowns, bends) = known(&place);
     let candidate = &place;
     let mut pixels = choose(candidate, masked(&near), &near, 0.0)?;
-    let bent =
-        fit(&mut pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
+    let bent = fit(&mut pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
     // The straight model knows more, where the bend is not significant.
     let significant = !candidate.hidden.is_empty()
         || (bends.iter())
@@ -205,7 +205,7 @@ fn outlined(image: &Raster, candidate: &Candidate, m: &Parameters) -> Candidate 
     };
     // Skin is darker than white: nearer to black it does not run into the quadrants.
     let found = [0.65, 0.8].iter().find_map(|share| {
-        let level = (m[LIGHT] - share * contrast(m)).round().clamp(0.0, 255.0) as u8;
+        let level = grid::put_level(m[LIGHT] - share * contrast(m)).clamp(0.0, 255.0) as u8;
         let mut own = blob::darker_than(image, outline.centre - reach, outline.centre + reach, level);
         own.retain(inside);
         own.sort_by(|a, b| b.area.total_cmp(&a.area));

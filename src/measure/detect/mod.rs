@@ -23,9 +23,12 @@ mod select;
 mod uneven;
 mod wedge;
 mod weigh;
+mod whole;
 mod wide;
 
 use nalgebra::{Matrix2, Vector2};
+
+use whole::{Whole, again_with_size, measure_whole_or_hidden};
 
 use super::raster::Raster;
 use super::setup::Shape;
@@ -206,9 +209,7 @@ const MARGIN: f64 = 1.25;
 fn search(image: &Raster, factor: usize, noise: f64, faint: bool) -> Found {
     let blobs = find_blobs(image, &mut coarse::reduce(image, factor), faint);
     let mut taken = vec![false; blobs.len()];
-    let known = (0..blobs.len()).map(|_| None).collect();
-    let bounds = measure::Bounds::of(noise);
-    let mut whole = Whole { image, blobs: &blobs, bounds, known };
+    let mut whole = Whole::new(image, &blobs, measure::Bounds::of(noise));
     let mut found = Found { measured: Vec::new(), rejected: Vec::new() };
     let mut hidden = Vec::new();
     for candidates in [quadrants(&blobs), discs(&blobs)] {
@@ -235,101 +236,6 @@ fn search(image: &Raster, factor: usize, noise: f64, faint: bool) -> Found {
     again_with_size(&whole, &mut found, hidden);
     distinct::distinct(&mut found);
     found
-}
-
-/// Measures discs that are hidden in part once more, when the whole ones about them have told how
-/// large they are; also those of which too little was seen before.
-fn again_with_size(
-    known: &Whole,
-    found: &mut Found,
-    hidden: Vec<(Option<usize>, candidate::Candidate)>,
-) {
-    for (index, mut candidate) in hidden {
-        let whole =
-            found.measured.iter().enumerate().filter(|(i, _)| Some(*i) != index).map(|(_, m)| &m.detection);
-        let Some(major) = arc::foretold_major(whole, candidate.outline.centre) else { continue };
-        candidate.outline.major = major;
-        candidate.foretold = true;
-        let Ok(again) = measure::measure(known.image, known.blobs, &candidate, known.bounds) else { continue };
-        match index.and_then(|i| found.measured.get_mut(i)) {
-            Some(slot) => *slot = again,
-            None => found.measured.push(again),
-        }
-    }
-}
-
-/// Blobs measured as whole discs, each once.
-struct Whole<'a> {
-    image: &'a Raster,
-    blobs: &'a [blob::Blob],
-    bounds: measure::Bounds,
-    known: Vec<Option<Result<measure::Measured, RejectReason>>>,
-}
-
-impl Whole<'_> {
-    /// What the blob of a disc's candidate measures, whose place is not known to be hidden.
-    fn measure(&mut self, index: usize, candidate: &candidate::Candidate) -> Result<measure::Measured, RejectReason> {
-        let measured = || measure::measure(self.image, self.blobs, candidate, self.bounds);
-        match self.known.get_mut(index) {
-            Some(known) => known.get_or_insert_with(measured).clone(),
-            None => measured(),
-        }
-    }
-
-    /// Whether the two blobs of a pair are whole discs side by side: the image model tells.
-    fn are_discs(&mut self, candidate: &candidate::Candidate) -> bool {
-        let mut disc = |&i: &usize| {
-            let round = self.blobs.get(i).filter(|b| !looks_cut(b)).and_then(|b| candidate::disc(i, b));
-            round.is_some_and(|c| self.measure(i, &c).is_ok())
-        };
-        candidate.blobs.len() == 2 && candidate.blobs.iter().all(&mut disc)
-    }
-}
-
-/// Whether a blob is too square for a whole disc of its size.
-fn looks_cut(blob: &blob::Blob) -> bool {
-    cut_by(blob) > 1.0
-}
-
-/// How square a blob is against what a whole disc of its size may be.
-fn cut_by(blob: &blob::Blob) -> f64 {
-    let minor = candidate::Outline::from_moments(blob.centroid, blob.covariance, 2.0).minor.max(0.5);
-    candidate::squareness(blob) / (0.13 + 1.3 / (minor * minor))
-}
-
-/// A disc whose outline is not an ellipse's may have a part hidden by its neighbour, or by glare. With
-/// what was measured the candidate of its whole outline, where size alone is missing to do it better.
-fn measure_whole_or_hidden(
-    known: &mut Whole,
-    candidate: &candidate::Candidate,
-) -> (Result<measure::Measured, RejectReason>, Option<candidate::Candidate>) {
-    let Whole { image, blobs, bounds, .. } = *known;
-    let measured = |candidate: &candidate::Candidate| measure::measure(image, blobs, candidate, bounds);
-    let single = match candidate.blobs[..] {
-        [index] if candidate.pattern == model::Pattern::Disc => blobs.get(index).map(|b| (index, b)),
-        _ => None,
-    };
-    let Some((index, blob)) = single.filter(|(_, b)| !b.at_edge) else {
-        return (measured(candidate), None);
-    };
-    let whole = if looks_cut(blob) { Err(RejectReason::NotAnEllipse) } else { known.measure(index, candidate) };
-    // A disc that is measured badly although it looks whole may end in glare.
-    if whole.as_ref().is_ok_and(|m| m.detection.covariance_px2.trace() < 0.1) {
-        return (whole, None);
-    }
-    let drowned = glare::completed(image, candidate, index, blobs);
-    match drowned.as_ref().map(measured) {
-        Some(Ok(part)) => (Ok(part), drowned),
-        _ if whole.is_ok() => (whole, None),
-        _ if !looks_cut(blob) => (whole, drowned),
-        failed => match arc::completed(candidate, blob, blobs) {
-            None => (failed.unwrap_or(whole), drowned),
-            Some(hidden) => match measured(&hidden) {
-                Ok(part) => (Ok(part), hidden.alike.then_some(hidden)),
-                reason => (reason, drowned),
-            },
-        },
-    }
 }
 
 /// The median.

@@ -171,8 +171,15 @@ impl Share {
 mod tests {
     use super::*;
 
-    fn pixel(x: f64, y: f64) -> Pixel {
-        Pixel { x, y, value: 0.0, p: (x - 20.0) / 30.0, q: (y - 20.0) / 10.0, weight: 1.0, keep: [1.0; 2] }
+    /// A place with its coordinates in the marker's fixed frame.
+    #[derive(Clone, Copy, Debug)]
+    struct Place {
+        x: f64,
+        y: f64,
+    }
+
+    fn pixel(x: f64, y: f64) -> Place {
+        Place { x, y }
     }
 
     fn discs() -> Vec<Parameters> {
@@ -197,14 +204,17 @@ mod tests {
     }
 
     /// Value and derivatives at one pixel.
-    fn one(pattern: Pattern, m: &Parameters, pixel: &Pixel) -> (f64, Parameters) {
-        let batch = Batch::new(&[*pixel], [20.0, 20.0]);
+    fn one(pattern: Pattern, m: &Parameters, pixel: &Place) -> (f64, Parameters) {
+        let mut batch = Batch::new();
+        batch.push((pixel.x - 20.0) as f32, (pixel.y - 20.0) as f32, 0.0, [1.0; 2]);
+        (batch.p[0], batch.q[0]) = (((pixel.x - 20.0) / 30.0) as f32, ((pixel.y - 20.0) / 10.0) as f32);
+        batch.fill();
         let out = grey(pattern, m, [20.0, 20.0], m[ANGLE].sin_cos(), &batch);
         (f64::from(out.value[0]), out.gradient.map(|lanes| f64::from(lanes[0])))
     }
 
     /// The share of black by brute force: the sharp pattern, sampled finely, blurred.
-    fn sampled(pattern: Pattern, m: &Parameters, pixel: &Pixel) -> f64 {
+    fn sampled(pattern: Pattern, m: &Parameters, pixel: &Place) -> f64 {
         let (sin, cos) = m[ANGLE].sin_cos();
         let (mut sum, mut weights) = (0.0, 0.0);
         let n = 160;
@@ -232,7 +242,7 @@ mod tests {
         sum / weights
     }
 
-    fn share(pattern: Pattern, m: &Parameters, pixel: &Pixel) -> f64 {
+    fn black(pattern: Pattern, m: &Parameters, pixel: &Place) -> f64 {
         let mut flat = *m;
         flat[LIGHT..].copy_from_slice(&[100.0, 0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 1.0, 0.0]);
         (1.0 - one(pattern, &flat, pixel).0 / 100.0) / 0.9
@@ -246,7 +256,7 @@ mod tests {
             for m in sets {
                 for i in 0..60 {
                     let at = pixel(f64::from(i * 7 % 60) - 8.0, f64::from(i * 3 % 29) + 6.3);
-                    let (got, want) = (share(pattern, &m, &at), sampled(pattern, &m, &at));
+                    let (got, want) = (black(pattern, &m, &at), sampled(pattern, &m, &at));
                     assert!((got - want).abs() < 6e-3, "{pattern:?} {m:?} {at:?}: {got} against {want}");
                 }
             }

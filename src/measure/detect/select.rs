@@ -106,21 +106,16 @@ struct Source<'a> {
 impl Source<'_> {
     /// Takes the columns of a row that may count.
     fn take(&self, y: usize, columns: std::ops::Range<usize>, taker: &mut Taker) {
-        let row = self.image.row(y);
-        if self.is_clear() {
-            for (x, &value) in columns.clone().zip(row.get(columns).unwrap_or(&[])) {
-                let keep = self.shares[(x * 5 + y * 7) % 16];
-                if keep[0] + keep[1] > 0.0 {
-                    taker.push(x, y, value, keep);
-                }
+        let Some(row) = self.image.row(y).get(columns.clone()) else { return };
+        let clear = self.is_clear();
+        let (mut turn, mut place) = (columns.start * 5 + y * 7, taker.place(columns.start, y));
+        for (x, &value) in columns.zip(row) {
+            let keep = self.shares[turn % 16];
+            if keep[0] + keep[1] > 0.0 && (clear || !self.hides(x, y)) {
+                taker.push(place, value, keep);
             }
-            return;
-        }
-        for (x, &value) in columns.clone().zip(row.get(columns).unwrap_or(&[])) {
-            let keep = self.shares[(x * 5 + y * 7) % 16];
-            if keep[0] + keep[1] > 0.0 && !self.hides(x, y) {
-                taker.push(x, y, value, keep);
-            }
+            turn += 5;
+            place[0] += 1.0;
         }
     }
 
@@ -239,8 +234,15 @@ pub fn pixels(
     );
     let shares = Keep::new(wanted, bands, length).table();
     let source = Source { image, candidate, area, shares, masked };
-    let mut taker =
-        Taker::new(Ruler { pattern: candidate.pattern, bands, outline, edges, blur, sag: look.sag, slack: look.slack });
+    let mut taker = Taker::new(Ruler {
+        pattern: candidate.pattern,
+        bands,
+        outline,
+        edges,
+        blur,
+        sag: look.sag,
+        slack: look.slack,
+    });
     for y in y0..=y1 {
         let [one, other] = match edges {
             None => {
@@ -343,7 +345,8 @@ fn darker(
         let inside = oval.row(y as f64, f64::from(bands.edge) + 1.0).unwrap_or((to, to));
         let row = image.row(y);
         for columns in [columns(from, inside.0, area), columns(inside.1, to, area)] {
-            let dark = row.get(columns.clone()).is_some_and(|some| some.iter().fold(255, |l, &v| v.min(l)) < most);
+            let dark =
+                row.get(columns.clone()).is_some_and(|some| some.iter().fold(255, |l, &v| v.min(l)) < most);
             for x in columns.filter(|_| dark) {
                 let (s, t) = oval.local(x as f64, y as f64);
                 let (p, q) = (s / outline.major, t / outline.minor);

@@ -58,10 +58,14 @@ impl<'a> Taker<'a> {
         Self { ruler, origin, waiting: Batch::new(), sorter }
     }
 
+    /// A pixel's column and row from the pixels' origin.
+    pub fn place(&self, x: usize, y: usize) -> [f32; 2] {
+        [x as f64 - self.origin[0], y as f64 - self.origin[1]].map(|v| v as f32)
+    }
+
     /// Takes up a pixel and how much it would count at an edge and beside it.
     #[inline(always)]
-    pub fn push(&mut self, x: usize, y: usize, value: u8, keep: [f32; 2]) {
-        let (x, y) = ((x as f64 - self.origin[0]) as f32, (y as f64 - self.origin[1]) as f32);
+    pub fn push(&mut self, [x, y]: [f32; 2], value: u8, keep: [f32; 2]) {
         self.waiting.push(x, y, f32::from(value), keep);
         if self.waiting.is_full() {
             weigh(&mut self.waiting, &mut self.sorter, &self.ruler, self.origin);

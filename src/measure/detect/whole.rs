@@ -1,0 +1,107 @@
+//! Stage 3: what a blob measures as a whole disc, and what is tried where a part of it is hidden.
+
+use super::super::raster::Raster;
+use super::blob::Blob;
+use super::candidate::{self, Candidate};
+use super::measure::{Bounds, Measured, measure};
+use super::model::Pattern;
+use super::{Found, RejectReason, arc, glare};
+
+/// Measures discs that are hidden in part once more, when the whole ones about them have told how
+/// large they are; also those of which too little was seen before.
+pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usize>, Candidate)>) {
+    for (index, mut candidate) in hidden {
+        let whole =
+            found.measured.iter().enumerate().filter(|(i, _)| Some(*i) != index).map(|(_, m)| &m.detection);
+        let Some(major) = arc::foretold_major(whole, candidate.outline.centre) else { continue };
+        candidate.outline.major = major;
+        candidate.foretold = true;
+        let Ok(again) = measure(known.image, known.blobs, &candidate, known.bounds) else {
+            continue;
+        };
+        match index.and_then(|i| found.measured.get_mut(i)) {
+            Some(slot) => *slot = again,
+            None => found.measured.push(again),
+        }
+    }
+}
+
+/// Blobs measured as whole discs, each once.
+pub struct Whole<'a> {
+    pub image: &'a Raster,
+    pub blobs: &'a [Blob],
+    pub bounds: Bounds,
+    known: Vec<Option<Result<Measured, RejectReason>>>,
+}
+
+impl<'a> Whole<'a> {
+    /// Nothing measured yet.
+    pub fn new(image: &'a Raster, blobs: &'a [Blob], bounds: Bounds) -> Self {
+        Self { image, blobs, bounds, known: (0..blobs.len()).map(|_| None).collect() }
+    }
+
+    /// What the blob of a disc's candidate measures, whose place is not known to be hidden.
+    pub fn measure(&mut self, index: usize, candidate: &Candidate) -> Result<Measured, RejectReason> {
+        let measured = || measure(self.image, self.blobs, candidate, self.bounds);
+        match self.known.get_mut(index) {
+            Some(known) => known.get_or_insert_with(measured).clone(),
+            None => measured(),
+        }
+    }
+
+    /// Whether the two blobs of a pair are whole discs side by side: the image model tells.
+    pub fn are_discs(&mut self, candidate: &Candidate) -> bool {
+        let mut disc = |&i: &usize| {
+            let round = self.blobs.get(i).filter(|b| !looks_cut(b)).and_then(|b| candidate::disc(i, b));
+            round.is_some_and(|c| self.measure(i, &c).is_ok())
+        };
+        candidate.blobs.len() == 2 && candidate.blobs.iter().all(&mut disc)
+    }
+}
+
+/// Whether a blob is too square for a whole disc of its size.
+fn looks_cut(blob: &Blob) -> bool {
+    cut_by(blob) > 1.0
+}
+
+/// How square a blob is against what a whole disc of its size may be.
+pub fn cut_by(blob: &Blob) -> f64 {
+    let minor = candidate::Outline::from_moments(blob.centroid, blob.covariance, 2.0).minor.max(0.5);
+    candidate::squareness(blob) / (0.13 + 1.3 / (minor * minor))
+}
+
+/// A disc whose outline is not an ellipse's may have a part hidden by its neighbour, or by glare. With
+/// what was measured the candidate of its whole outline, where size alone is missing to do it better.
+pub fn measure_whole_or_hidden(
+    known: &mut Whole,
+    candidate: &Candidate,
+) -> (Result<Measured, RejectReason>, Option<Candidate>) {
+    let Whole { image, blobs, bounds, .. } = *known;
+    let measured = |candidate: &Candidate| measure(image, blobs, candidate, bounds);
+    let single = match candidate.blobs[..] {
+        [index] if candidate.pattern == Pattern::Disc => blobs.get(index).map(|b| (index, b)),
+        _ => None,
+    };
+    let Some((index, blob)) = single.filter(|(_, b)| !b.at_edge) else {
+        return (measured(candidate), None);
+    };
+    let whole =
+        if looks_cut(blob) { Err(RejectReason::NotAnEllipse) } else { known.measure(index, candidate) };
+    // A disc that is measured badly although it looks whole may end in glare.
+    if whole.as_ref().is_ok_and(|m| m.detection.covariance_px2.trace() < 0.1) {
+        return (whole, None);
+    }
+    let drowned = glare::completed(image, candidate, index, blobs);
+    match drowned.as_ref().map(measured) {
+        Some(Ok(part)) => (Ok(part), drowned),
+        _ if whole.is_ok() => (whole, None),
+        _ if !looks_cut(blob) => (whole, drowned),
+        failed => match arc::completed(candidate, blob, blobs) {
+            None => (failed.unwrap_or(whole), drowned),
+            Some(hidden) => match measured(&hidden) {
+                Ok(part) => (Ok(part), hidden.alike.then_some(hidden)),
+                reason => (reason, drowned),
+            },
+        },
+    }
+}
