@@ -2,7 +2,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::batch::{Batch, Pixels, total};
+use super::batch::{Pixels, total};
 use super::disc::from_ellipse;
 use super::fit::Unknowns;
 use super::model::{
@@ -298,7 +298,7 @@ pub fn spread(residuals: &mut [f32]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::batch::{Kind, Sorter};
+    use super::super::batch::{Batch, Kind, Sorter};
     use super::super::model::LIGHT;
     use super::*;
 

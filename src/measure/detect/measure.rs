@@ -65,6 +65,11 @@ impl Bounds {
     }
 }
 
+/// Semi-minor axis from which on a marker tells more of its light, and its bends, px; and from which on a
+/// rough fit is sure of that.
+const THICK: f64 = 2.5;
+const CLEARLY_THICK: f64 = 4.0;
+
 /// Greatest blur that is measured, px.
 const SOFTEST: f64 = 3.2;
 
@@ -115,8 +120,8 @@ pub fn measure(
     let known = |place: &Candidate| unknowns(if candidate.alike { candidate } else { place });
     let place = place(candidate, &near);
     let mut chosen = choose(&place, masked(&near), &near, SLACK)?;
-    let (near, scale) =
-        settle(&mut chosen, &near, scale, &known(&place).0, floor).ok_or(RejectReason::NoConvergence)?;
+    let (near, scale) = settle(&mut chosen, &near, scale, &settling(&place, known(&place).0), floor)
+        .ok_or(RejectReason::NoConvergence)?;
     // From here on nothing depends on how the candidate was found.
     let (near, scale) = (grid::put(candidate.pattern, &near), grid::put_scale(scale));
     let place = self::place(&outlined(image, &place, &near), &near);
@@ -146,7 +151,7 @@ fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
     let outline = &candidate.outline;
     let disc = candidate.pattern == Pattern::Disc;
     let bends: &[usize] = if disc { &[THIRD, EGG] } else { &[SECOND, THIRD] };
-    let thick = outline.minor >= 2.5;
+    let thick = outline.minor >= THICK;
     let mut free = [true; N];
     free[DARK + 1] = thick;
     free[DARK + 2] = outline.minor >= 6.0;
@@ -169,6 +174,17 @@ fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
 fn few_unknowns(candidate: &Candidate) -> Unknowns {
     let (mut unknowns, _) = unknowns(candidate);
     [LIGHT + 3, DARK + 1, DARK + 2, GAMMA].iter().for_each(|&k| unknowns.free[k] = false);
+    unknowns
+}
+
+/// What is sought of a marker that may turn out thin or thick: no more light, for then how it was found
+/// would tell which, and a disc's bends, which are known beforehand to be small.
+fn settling(candidate: &Candidate, mut unknowns: Unknowns) -> Unknowns {
+    let whole = candidate.hidden.is_empty() && candidate.bands.is_empty();
+    if whole && candidate.pattern == Pattern::Disc && candidate.outline.minor < CLEARLY_THICK {
+        [LIGHT + 3, DARK + 1, DARK + 2, GAMMA].iter().for_each(|&k| unknowns.free[k] = false);
+        [THIRD, EGG].iter().for_each(|&k| unknowns.free[k] = true);
+    }
     unknowns
 }
 
