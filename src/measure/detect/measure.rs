@@ -13,7 +13,7 @@ use super::linear::CUT;
 use super::model::{
     ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y,
 };
-use super::select::{ALL, EVERY, FEW, Look, Masked, SLACK, pixels};
+use super::select::{ALL, EVERY, FEW, HALF, Look, Masked, SLACK, Wanted, pixels};
 use super::{Detection, RejectReason, uneven};
 
 /// Standard deviations beyond which a bend of axis or edges is believed.
@@ -93,7 +93,7 @@ pub fn measure(
         return Err(RejectReason::NotAnEllipse);
     }
     let floor = 0.5f64.max(0.8 * noise);
-    let (few, all) = if candidate.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
+    let (few, half, all) = if candidate.hidden.is_empty() { (FEW, HALF, ALL) } else { (EVERY, EVERY, EVERY) };
     let look = Look { crossing: outline.centre, blur: 1.0, sag: 0.0, slack: 0.0 };
     let mut first =
         pixels(image, Masked::Blobs(blobs), candidate, look, few).ok_or(RejectReason::LowContrast)?;
@@ -111,15 +111,15 @@ pub fn measure(
         [] => Masked::DarkerThan(*m, (CUT * floor).max(FOREIGN * contrast(m))),
         _ => Masked::Blobs(blobs),
     };
-    let choose = |place: &Candidate, mask: Masked, m: &Parameters, slack: f32| {
+    let choose = |place: &Candidate, mask: Masked, m: &Parameters, slack: f32, wanted: Wanted| {
         let sag = if place.edges.is_none() { m[THIRD] } else { 0.0 };
         let look = Look { crossing: Vector2::new(m[X], m[Y]), blur: m[BLUR], sag, slack };
-        pixels(image, mask, place, look, all).ok_or(RejectReason::NoConvergence)
+        pixels(image, mask, place, look, wanted).ok_or(RejectReason::NoConvergence)
     };
     // What is known of a disc from its like beside it is known beforehand.
     let known = |place: &Candidate| unknowns(if candidate.alike { candidate } else { place });
     let place = place(candidate, &near);
-    let mut chosen = choose(&place, masked(&near), &near, SLACK)?;
+    let mut chosen = choose(&place, masked(&near), &near, SLACK, half)?;
     let (near, scale) = settle(&mut chosen, &near, scale, &settling(&place, known(&place).0), floor)
         .ok_or(RejectReason::NoConvergence)?;
     // From here on nothing depends on how the candidate was found.
@@ -127,7 +127,7 @@ pub fn measure(
     let place = self::place(&outlined(image, &place, &near), &near);
     let (unknowns, bends) = known(&place);
     let candidate = &place;
-    let mut pixels = choose(candidate, masked(&near), &near, 0.0)?;
+    let mut pixels = choose(candidate, masked(&near), &near, 0.0, all)?;
     let bent = fit(&mut pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
     // The straight model knows more, where the bend is not significant.
     let significant = !candidate.hidden.is_empty()

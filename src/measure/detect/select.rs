@@ -23,6 +23,8 @@ pub struct Wanted {
 
 /// Pixels of a fit: more would only cost time.
 pub const ALL: Wanted = Wanted { edge: 450.0, flat: 550.0 };
+/// Enough for the geometry that the pixels of the last stage are chosen by.
+pub const HALF: Wanted = Wanted { edge: 260.0, flat: 240.0 };
 /// Enough for a first geometry.
 pub const FEW: Wanted = Wanted { edge: 130.0, flat: 70.0 };
 
