@@ -57,11 +57,17 @@ const RAGGED_AREA: f64 = 100.0;
 
 /// The blobs of a region that went on outside its window at every level: the local background was too
 /// bright, as beside a quadrant's white or below the sky, and the skin passed for dark. Here what
-/// surrounds the region bounds it, and the window is wider, for faint tips are not in the region.
+/// surrounds the region bounds it, and the window is wider, for faint tips are not in the region: of a
+/// flat marker they may be half of it.
 pub fn blobs_against_surround(image: &Raster, coarse: &Coarse, region: &Region) -> Vec<Blob> {
     let (dark, skin) = levels(coarse, region);
-    let pad = PAD + region.width().max(region.height()) / 4;
-    below(image, coarse, region, pad, |background| (dark + background.min(skin)).div_ceil(2)).0
+    let longest = region.width().max(region.height());
+    let flat = 3 * region.area < longest * longest;
+    let pad = PAD + if flat { longest } else { longest / 4 };
+    let mut out = below(image, coarse, region, pad, |background| (dark + background.min(skin)).div_ceil(2)).0;
+    // A wide window shows other things too.
+    out.retain(|blob| region.meets(&blob.bounds, coarse.factor));
+    out
 }
 
 /// Reduced pixels by which a window is wider than its region, on each side.

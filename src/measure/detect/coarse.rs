@@ -70,6 +70,12 @@ impl Region {
         self.y1 - self.y0 + 1
     }
 
+    /// Whether a box of pixels (first column, first row, last column, last row) shares one with the region's.
+    pub fn meets(&self, [x0, y0, x1, y1]: &[usize; 4], factor: usize) -> bool {
+        let [left, top, right, low] = [x0, y0, x1, y1].map(|v| v / factor);
+        left <= self.x1 && right >= self.x0 && top <= self.y1 && low >= self.y0
+    }
+
     /// Whether `other`, of a laxer level, is the same thing with a fringe.
     pub fn stands_for(&self, other: &Self) -> bool {
         let fringe = |a: usize, b: usize| a.abs_diff(b) <= 2;

@@ -336,8 +336,9 @@ fn ends_in_arcs(image: &Raster, candidate: &Candidate, along: f64, m: &Parameter
     // the corner at 1.25 radii that a square of the same size has.
     let first = 1.0 + (2.0 * m[BLUR] / radius).clamp(0.1, 0.2);
     [-1.0, 1.0].iter().all(|side| {
+        // Blur lifts a thin tip, and leaves less to tell it from the skin.
         let inside = grey(side * 0.75);
-        let lighter = |step: &&f64| grey(side * (first + **step)) > inside + 0.28 * (light - black);
+        let lighter = |step: &&f64| grey(side * (first + **step)) > inside + 0.28 * (light - inside);
         inside < 0.5 * (light + black) && [0.0, 0.04, 0.08].iter().filter(lighter).count() >= 2
     })
 }

@@ -54,6 +54,16 @@ pub struct Detection {
     pub contrast: f64,
 }
 
+impl Detection {
+    /// Whether a point, px, lies within the outline.
+    fn holds(&self, at: &Vector2<f64>) -> bool {
+        let (sin, cos) = self.angle_rad.sin_cos();
+        let d = at - self.centre_px;
+        let (along, across) = (d.x * cos + d.y * sin, d.y * cos - d.x * sin);
+        (along / self.semi_major_px).hypot(across / self.semi_minor_px) < 1.0
+    }
+}
+
 /// A candidate that was looked at and turned down.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rejected {
@@ -156,15 +166,15 @@ const MAX_CANDIDATES: usize = 100;
 pub fn detect(image: &Raster) -> Detections {
     let noise = noise::estimate(image);
     let factor = coarse::factor(image);
-    let sound = |faint: bool| {
-        let mut found = search(image, factor, noise, faint);
+    let sound = |faint: bool, known: Vec<measure::Measured>| {
+        let mut found = search(image, factor, noise, faint, known);
         distinct::without_soft(&mut found);
         distinct::without_specks(&mut found);
         found
     };
-    let mut found = sound(false);
+    let mut found = sound(false, Vec::new());
     if is_faint(&found) {
-        found = sound(true);
+        found = sound(true, found.measured);
     }
     found.rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     found.rejected.truncate(MAX_REJECTED);
@@ -205,12 +215,13 @@ fn is_faint(found: &Found) -> bool {
 /// A rough fit's blur is that of the last one to this factor.
 const MARGIN: f64 = 1.25;
 
-/// All stages on one picture.
-fn search(image: &Raster, factor: usize, noise: f64, faint: bool) -> Found {
+/// All stages on one picture. What was measured before stays, and its blobs are not looked at again.
+fn search(image: &Raster, factor: usize, noise: f64, faint: bool, before: Vec<measure::Measured>) -> Found {
     let blobs = find_blobs(image, &mut coarse::reduce(image, factor), faint);
-    let mut taken = vec![false; blobs.len()];
+    let within = |blob: &blob::Blob| before.iter().any(|m| m.detection.holds(&blob.centroid));
+    let mut taken: Vec<bool> = blobs.iter().map(within).collect();
     let mut whole = Whole::new(image, &blobs, measure::Bounds::of(noise));
-    let mut found = Found { measured: Vec::new(), rejected: Vec::new() };
+    let mut found = Found { measured: before, rejected: Vec::new() };
     let mut hidden = Vec::new();
     for candidates in [quadrants(&blobs), discs(&blobs)] {
         for candidate in &candidates {
