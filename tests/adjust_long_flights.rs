@@ -139,7 +139,7 @@ fn a_wrong_survey_point_is_found_in_85_frames() {
         flight.setup.markers[marker].position_m.z += 2.0 * bias.y;
         let solutions = flight.solve();
         println!("{:.1} mm: {:?}", 2e3 * bias.y, blamed(&solutions));
-        // A point beside it may be blamed too: a flight gives no second chance.
+        // A point beside it may be blamed too, and was not cleared by a second chance.
         assert!(blamed(&solutions).contains(&marker) && blamed(&solutions).len() <= 2);
         assert_eq!(mountings(&solutions), 1);
     }

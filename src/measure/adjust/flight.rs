@@ -2,9 +2,10 @@
 //!
 //! Shared: the markers on ground, camera and ground rotation, one rotation per mounting, the ratios
 //! of the curvature's coefficients. Per frame, local to its group: coefficients of curvature and
-//! twist. Until mountings are found, each frame may leave the rotation that all have in common. A frame's curvature may leave the shared shape by a share of its amplitude; that share is
-//! found from the data. Frames leave the normal equations by their Schur complement, so the cost is
-//! linear in their number.
+//! twist. Until mountings are found, each frame may leave the rotation that all have in common. A
+//! frame's curvature may leave the shared shape by a share of its amplitude; that share is found from
+//! the data. Frames leave the normal equations by their Schur complement, so the cost is linear in
+//! their number.
 
 mod setting;
 
