@@ -2,9 +2,10 @@
 //!
 //! Shared: the markers on ground, camera and ground rotation, one rotation per mounting, the ratios
 //! of the curvature's coefficients. Per frame, local to its group: coefficients of curvature and
-//! twist. A frame's curvature may leave the shared shape by a share of its amplitude; that share is
-//! found from the data. Frames leave the normal equations by their Schur complement, so the cost is
-//! linear in their number.
+//! twist. Until mountings are found, each frame may leave the rotation that all have in common. A
+//! frame's curvature may leave the shared shape by a share of its amplitude; that share is found from
+//! the data. Frames leave the normal equations by their Schur complement, so the cost is linear in
+//! their number.
 
 mod setting;
 
@@ -32,7 +33,7 @@ const DEPARTURE: f64 = 0.03;
 const DEPARTURE_BOUNDS: (f64, f64) = (0.002, 1.0);
 
 const DEPARTURE_ROUNDS: usize = 3;
-/// Level of the test that finds a remounted camera between two frames.
+/// Level of the test that finds a remounted camera, for a flight as a whole.
 const REMOUNT_ALPHA: f64 = 1e-4;
 /// A mounting moves by less than this between two shots, rad (0.1 px at 8000 px).
 const STEADY_RAD: f64 = 1.2e-5;
@@ -131,7 +132,7 @@ impl Flight<'_> {
 
     /// Splits the flight where the rotation changes by more than chance.
     fn find_mountings(&mut self, setting: &Setting, fit: &Fit) {
-        let limit = chi_square_limit(3.0, REMOUNT_ALPHA);
+        let limit = chi_square_limit(3.0, REMOUNT_ALPHA / self.frames.len() as f64);
         let mut list = vec![0];
         let mut first = 0;
         for frame in 1..self.frames.len() {

@@ -38,6 +38,9 @@ pub struct Layout {
     pub twist_terms: usize,
     /// Rotation of the mounting, rad.
     pub mount: Place,
+    /// What counts on top of it: the part that a flight's frames have in common while each has a
+    /// rotation of its own.
+    pub common_mount: Option<Place>,
     /// Correction of the ground rotation, rad; `None`: held.
     pub ground: Option<Place>,
     /// Correction of the projection centre, m; `None`: held.
@@ -97,7 +100,7 @@ impl Layout {
             curvature_per_m: (0..self.curvature_terms).map(|k| at(self.curvature, k)).collect(),
             twist_rad: (0..self.twist_terms).map(|k| at(self.twist, k)).collect(),
             pose: Pose {
-                mount_rad: vector(Some(self.mount)),
+                mount_rad: vector(Some(self.mount)) + vector(self.common_mount),
                 ground_rad: vector(self.ground),
                 centre_m: vector(self.centre),
             },
@@ -119,7 +122,7 @@ impl Layout {
 
     /// The mounting's columns, where they are not among the head's.
     fn own_mount(&self) -> std::ops::Range<usize> {
-        match self.mount {
+        match self.common_mount.unwrap_or(self.mount) {
             Place::Global(first) if first >= self.head => first..first + 3,
             _ => 0..0,
         }
@@ -236,6 +239,7 @@ impl<'a> Rows<'a> {
             self.put(Some(self.layout.twist), row, k, by * state.by_twist[k]);
         }
         self.put3(Some(self.layout.mount), row, &predicted.by_mount);
+        self.put3(self.layout.common_mount, row, &predicted.by_mount);
         self.put3(self.layout.ground, row, &predicted.by_ground_rotation);
         self.put3(self.layout.centre, row, &-by);
         for j in 0..RAISE_TERMS {

@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use super::{Flight, TERMS};
 use crate::measure::adjust::beam::{MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
 use crate::measure::adjust::gauss_helmert::{
-    Block, Course, Fit, Group, GroupPoint, Linearised, Problem, solve_from,
+    Block, Course, Fit, Group, GroupPoint, Linearised, Prior, Problem, solve_from,
 };
 use crate::measure::adjust::layout::{Layout, Place, Rows, Seen, Survey};
 use crate::measure::adjust::model_error::image_covariance;
@@ -50,7 +50,7 @@ impl Flight<'_> {
         let changes = columns.take(terms - 1, MISSING_RATIO);
         priors.push(unknowns::burning_prior(changes, terms));
         let own_mount = self.mountings.is_none();
-        let count = self.mountings.as_ref().map_or(0, |m| m.iter().max().map_or(0, |m| m + 1));
+        let count = self.mountings.as_ref().map_or(1, |m| m.iter().max().map_or(0, |m| m + 1));
         let mounts = columns.take(3 * count, MISSING_MOUNT);
         priors.extend((0..count).map(|m| unknowns::mount_prior(&self.input, mounts + 3 * m)));
         let markers = &self.input.setup.markers;
@@ -65,6 +65,7 @@ impl Flight<'_> {
                 None => Place::Local(terms + twist_terms),
                 Some(list) => Place::Global(mounts + 3 * list[frame]),
             },
+            common_mount: own_mount.then_some(Place::Global(mounts)),
             ground: common.ground.map(Place::Global),
             centre: common.centre.map(Place::Global),
             scale: common.scale.map(Place::Global),
@@ -82,6 +83,11 @@ impl Flight<'_> {
         if let Some(fit) = from {
             let (shared, tail) = (changes + terms - 1, 3 * markers.len());
             start.rows_mut(0, shared).copy_from(&fit.global.rows(0, shared));
+            let others = terms + twist_terms;
+            for mounting in 0..count {
+                let from = self.mount_from(fit, mounting, mounts, others);
+                start.rows_mut(mounts + 3 * mounting, 3).copy_from(&from);
+            }
             start.rows_mut(survey, tail).copy_from(&fit.global.rows(fit.global.len() - tail, tail));
         }
         let mut groups = vec![];
@@ -95,6 +101,18 @@ impl Flight<'_> {
         groups.push(ground);
         let problem = Problem { start, missing: columns.missing, priors, groups };
         Setting { layouts, members, ground_members, problem, ratios, changes, progress: self.progress() }
+    }
+
+    /// A mounting's rotation in an earlier solution, whose frames may have had rotations of their own
+    /// behind their other local unknowns.
+    fn mount_from(&self, fit: &Fit, mounting: usize, mounts: usize, others: usize) -> DVector<f64> {
+        let frame = self.mountings.as_ref().and_then(|list| list.iter().position(|&m| m == mounting));
+        let local = &fit.groups[frame.unwrap_or(0)].local;
+        match (frame, local.len() > others) {
+            (Some(_), true) => fit.global.rows(mounts, 3) + local.rows(others, 3),
+            (None, true) => fit.global.rows(mounts, 3).into_owned(),
+            (_, false) => fit.global.rows(mounts + 3 * mounting, 3).into_owned(),
+        }
     }
 
     /// Fuel burns while the lift falls: what its loss does to the shape goes with the amplitude, and
@@ -131,7 +149,9 @@ impl Flight<'_> {
         }
         let mut priors: Vec<_> = unknowns::twist_priors(n, layout.twist_terms).collect();
         if let Place::Local(first) = layout.mount {
-            priors.push(unknowns::mount_prior(&self.input, first));
+            // Where the mount's repeatability puts them all is counted once, not once for each.
+            let prior = unknowns::mount_prior(&self.input, first);
+            priors.push(Prior { mean: DVector::zeros(3), ..prior });
         }
         (Group { local, priors, blocks }, members)
     }
@@ -219,8 +239,14 @@ impl Setting {
     fn ground(&self, scene: &Scene, at: &GroupPoint) -> Result<Vec<Linearised>, AdjustError> {
         let Some(frame) = self.layouts.first() else { return Ok(vec![]) };
         // The ground frame knows neither bending nor mounting.
-        let layout =
-            Layout { local: 0, curvature_terms: 0, twist_terms: 0, mount: Place::Global(0), ..*frame };
+        let layout = Layout {
+            local: 0,
+            curvature_terms: 0,
+            twist_terms: 0,
+            mount: Place::Global(0),
+            common_mount: None,
+            ..*frame
+        };
         let values = layout.values(at.global, at.local);
         let flat = scene.grid.bend(&values.bending());
         let block = |(member, observed): (&Member, &DVector<f64>)| {

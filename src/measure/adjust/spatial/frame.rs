@@ -60,6 +60,7 @@ impl<'a> Frame<'a> {
             twist: Place::Global(twist),
             twist_terms: t,
             mount: Place::Global(mount),
+            common_mount: None,
             ground: common.ground.map(Place::Global),
             centre: common.centre.map(Place::Global),
             scale: common.scale.map(Place::Global),
