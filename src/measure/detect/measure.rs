@@ -24,6 +24,9 @@ const BEND_TEST: f64 = 3.0;
 const LAID: f64 = 0.07;
 /// The tone curve of pictures made for the eye, and how far cameras depart from it.
 const USUAL_GAMMA: (f64, f64) = (1.0 / 2.2, 0.15);
+/// Share of white or skin below which a contrast does not tell the exponent from the darkness: the grey half way
+/// up an edge then changes by less than half a percent with the exponent, and both run away together.
+const TELLS_GAMMA: f64 = 0.3;
 /// A disc's sag over its semi-major axis, and the change of its thickness, on the skin of a wing. A
 /// whole outline tells them better; half an outline needs to know that they are small.
 const SAG_SPREAD: f64 = 0.01;
@@ -117,15 +120,19 @@ pub fn measure(
         pixels(image, mask, place, look, wanted).ok_or(RejectReason::NoConvergence)
     };
     // What is known of a disc from its like beside it is known beforehand.
-    let known = |place: &Candidate| unknowns(if candidate.alike { candidate } else { place });
+    let known = |place: &Candidate, m: &Parameters| {
+        let (mut unknowns, bends) = unknowns(if candidate.alike { candidate } else { place });
+        unknowns.free[GAMMA] &= contrast(m) > TELLS_GAMMA * m[LIGHT];
+        (unknowns, bends)
+    };
     let place = place(candidate, &near);
     let mut chosen = choose(&place, masked(&near), &near, SLACK, half)?;
-    let (near, scale) = settle(&mut chosen, &near, scale, &settling(&place, known(&place).0), floor)
+    let (near, scale) = settle(&mut chosen, &near, scale, &settling(&place, known(&place, &near).0), floor)
         .ok_or(RejectReason::NoConvergence)?;
     // From here on nothing depends on how the candidate was found.
     let (near, scale) = (grid::put(candidate.pattern, &near), grid::put_scale(scale));
     let place = self::place(&outlined(image, &place, &near), &near);
-    let (unknowns, bends) = known(&place);
+    let (unknowns, bends) = known(&place, &near);
     let candidate = &place;
     let mut pixels = choose(candidate, masked(&near), &near, 0.0, all)?;
     let bent = fit(&mut pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
