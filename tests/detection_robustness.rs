@@ -13,18 +13,24 @@ use wingd::measure::setup::Shape;
 
 /// A picture of black ellipses on grey, anti-aliased, with noise: centre, semi-axes, direction.
 fn picture(width: usize, height: usize, discs: &[[f64; 5]], seed: u64) -> Raster {
+    let black: Vec<([f64; 5], f64)> = discs.iter().map(|&disc| (disc, 125.0)).collect();
+    hazy_picture(width, height, 0, &black, seed)
+}
+
+/// The same with so many rows of bright sky above, and with each ellipse's own darkness.
+fn hazy_picture(width: usize, height: usize, sky: usize, discs: &[([f64; 5], f64)], seed: u64) -> Raster {
     let mut random = StdRng::seed_from_u64(seed);
     let mut luma = Vec::with_capacity(width * height);
     for y in 0..height {
         for x in 0..width {
-            let mut value: f64 = 180.0;
-            for &[cx, cy, a, b, angle] in discs {
+            let mut value: f64 = if y < sky { 215.0 } else { 180.0 };
+            for &([cx, cy, a, b, angle], dark) in discs {
                 let (dx, dy) = (x as f64 - cx, y as f64 - cy);
                 let (s, t) = (dx * angle.cos() + dy * angle.sin(), dy * angle.cos() - dx * angle.sin());
                 let r = (s / a).hypot(t / b).max(1e-9);
                 let slope = (s / a / a / r).hypot(t / b / b / r);
                 let share = 1.0 / (1.0 + ((r - 1.0) / slope * 2.2).exp());
-                value -= 125.0 * share;
+                value -= dark * share;
             }
             luma.push((value + random.random_range(-2.0..2.0)).round().clamp(0.0, 255.0) as u8);
         }
@@ -58,6 +64,23 @@ fn no_picture_makes_it_panic() {
     for fill in [0u8, 255] {
         let found = detect(&Raster::new(5000, 4000, vec![fill; 20_000_000]).unwrap());
         assert!(found.markers.is_empty());
+    }
+}
+
+/// Haze takes contrast away with distance: of the last discs the tips are hardly darker than the skin.
+#[test]
+fn flat_discs_in_haze_are_found() {
+    let far =
+        [[250.0, 230.0, 45.0, 3.4, 0.1], [560.0, 236.0, 42.0, 2.9, 0.14], [820.0, 240.0, 44.0, 2.9, 0.12]];
+    for seed in 0..20 {
+        let mut discs = vec![([450.0, 520.0, 70.0, 14.0, 0.05], 60.0)];
+        discs.extend(far.map(|disc| (disc, 22.0)));
+        let found = detect(&hazy_picture(1000, 700, 200, &discs, seed));
+        for [x, y, ..] in far {
+            let off = |m: &Detection| (m.centre_px - Vector2::new(x, y)).norm();
+            assert!(found.markers.iter().any(|m| off(m) < 1.0), "seed {seed}: none at {x}, {y}");
+        }
+        assert_eq!(found.markers.len(), 4, "seed {seed}");
     }
 }
 
