@@ -13,7 +13,7 @@ pub const REACH: f64 = 1.1;
 const SQUARE_PX: f64 = 8.0;
 const SQUARES: f64 = 11.0;
 /// Up to this ratio the variance from blocks is not told from the fit's own: there are few blocks.
-const CHANCE: f64 = 2.4;
+pub const CHANCE: f64 = 2.4;
 /// Sectors along the marker, on each side of its axis, whose residuals may hang together.
 const SECTORS: usize = 24;
 
@@ -67,11 +67,13 @@ impl Blocks {
         }
     }
 
-    /// `white`, at least what the blocks show, and the greatest ratio of the two.
-    pub fn raise(&self, white: &Matrix2<f64>, count: usize) -> Option<(Matrix2<f64>, f64)> {
-        let (raised, one) = at_least(white, &scatter(&self.squares, count))?;
+    /// `white`, at least what the blocks show, the greatest ratio of the two, and their mean ratio in squares.
+    pub fn raise(&self, white: &Matrix2<f64>, count: usize) -> Option<(Matrix2<f64>, f64, f64)> {
+        let squares = scatter(&self.squares, count);
+        let (raised, one) = at_least(white, &squares)?;
         let (raised, other) = at_least(&raised, &scatter(&self.sectors, count))?;
-        Some((raised, one.max(other)))
+        let mean = 0.5 * (Cholesky::new(*white)?.inverse() * squares).trace();
+        Some((raised, one.max(other), mean))
     }
 }
 

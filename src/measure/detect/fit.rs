@@ -23,6 +23,10 @@ pub struct Fit {
     pub start: Parameters,
     /// What the model says there.
     pub images: Images,
+    /// The centre's variance from blocks of residuals over that of the fit.
+    pub clumped: f64,
+    /// Whether the covariance allows for that.
+    pub raised: bool,
 }
 
 impl Fit {
@@ -139,7 +143,7 @@ pub fn fit(
     let rms = (step.square / step.weight.max(1e-9)).sqrt();
     let inliers = step.weight / problem.pixels.weight();
     let images = problem.images.unwrap_or_default();
-    Some(Fit { parameters, covariance, variance, rms, inliers, start, images })
+    Some(Fit { parameters, covariance, variance, rms, inliers, start, images, clumped: 1.0, raised: false })
 }
 
 /// Grey levels between white or skin and black.

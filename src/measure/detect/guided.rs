@@ -8,7 +8,7 @@ use super::blob::{self, Blob};
 use super::candidate::{self, Candidate, Outline};
 use super::measure::{Bounds, Measured, measure};
 use super::whole::cut_by;
-use super::{Detections, Prediction, by_place, keep_largest};
+use super::{Detection, Detections, Prediction, by_place, keep_largest};
 
 /// How much a marker may differ from its prediction: axes, as a ratio, and beside that the minor, px.
 const ALIKE: f64 = 1.3;
@@ -22,20 +22,20 @@ const MAX_BLOBS: usize = 40;
 
 /// The predicted markers that are there, each once.
 pub fn detect(image: &Raster, predictions: &[Prediction], noise: f64) -> Detections {
-    let mut out = Detections { noise, ..Detections::default() };
-    let mut blurs = Vec::new();
+    let mut found: Vec<Measured> = Vec::new();
     for prediction in predictions {
-        let Some(Measured { detection, blur, .. }) = find(image, prediction, noise) else { continue };
-        let near = (detection.centre_px - prediction.centre_px).norm() <= prediction.search_px;
-        let known = out.markers.iter().any(|m| (m.centre_px - detection.centre_px).norm() < 1.0);
-        if near && !known {
-            blurs.push(blur);
-            out.markers.push(detection);
+        let Some(measured) = find(image, prediction, noise) else { continue };
+        let centre = measured.detection.centre_px;
+        let near = (centre - prediction.centre_px).norm() <= prediction.search_px;
+        if near && !found.iter().any(|m| (m.detection.centre_px - centre).norm() < 1.0) {
+            found.push(measured);
         }
     }
-    out.markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
-    out.psf_sigma_px = super::middle(blurs);
-    out
+    super::clumped::raise(&mut found);
+    let psf_sigma_px = super::middle(found.iter().map(|m| m.blur).collect());
+    let mut markers: Vec<Detection> = found.into_iter().map(|m| m.detection).collect();
+    markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
+    Detections { markers, psf_sigma_px, noise, ..Detections::default() }
 }
 
 /// The marker of one prediction.

@@ -50,6 +50,10 @@ pub struct Measured {
     pub blur: f64,
     /// Contrast over the grey of white or skin.
     pub darkness: f64,
+    /// The centre's variance from blocks of residuals over that of the fit.
+    pub clumped: f64,
+    /// Whether the covariance allows for that.
+    pub raised: bool,
 }
 
 /// What a frame's markers can be like.
@@ -323,6 +327,8 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
         },
         blur: m[BLUR],
         darkness: contrast / m[LIGHT].max(1.0),
+        clumped: fit.clumped,
+        raised: fit.raised,
     })
 }
 

@@ -5,6 +5,7 @@ mod batch;
 mod blob;
 mod blocks;
 mod candidate;
+mod clumped;
 mod coarse;
 mod disc;
 mod distinct;
@@ -176,6 +177,7 @@ pub fn detect(image: &Raster) -> Detections {
     if is_faint(&found) {
         found = sound(true, found.measured);
     }
+    clumped::raise(&mut found.measured);
     found.rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     found.rejected.truncate(MAX_REJECTED);
     let psf_sigma_px = middle(found.measured.iter().map(|m| m.blur).collect());

@@ -5,7 +5,7 @@
 use nalgebra::Matrix2;
 
 use super::batch::Pixels;
-use super::blocks::Blocks;
+use super::blocks::{Blocks, CHANCE};
 use super::field::freed;
 use super::fit::{Fit, Unknowns};
 use super::linear::biweights;
@@ -25,6 +25,8 @@ pub struct Deserved {
     covariance: Matrix2<f64>,
     /// The greatest ratio of the two.
     ratio: f64,
+    /// Their mean ratio in squares.
+    mean: f64,
     /// Residuals of each batch, grey levels.
     pub residuals: Vec<Lanes>,
     /// Roots of their robust weights.
@@ -41,13 +43,16 @@ pub fn improve(pixels: &Pixels, fit: Fit, unknowns: &Unknowns, floor: f64, whole
     let foreign = left_out as f64 / pixels.count() as f64;
     let suspect = whole && (seen.ratio > CORRELATED || foreign > FOREIGN);
     let freed = if suspect { freed(pixels, &fit, &seen, unknowns, floor) } else { None };
-    let mut out = fit;
+    let mut out = Fit { clumped: seen.mean, ..fit };
     let centre = match freed {
         Some(freed) if freed.rms < BETTER * out.rms => {
             (out.parameters, out.rms, out.inliers) = (freed.parameters, freed.rms, freed.inliers);
             freed.covariance
         }
-        _ => seen.covariance,
+        _ => {
+            out.raised = seen.ratio > CHANCE;
+            seen.covariance
+        }
     };
     out.covariance.fixed_view_mut::<2, 2>(X, X).copy_from(&centre);
     out
@@ -88,6 +93,6 @@ fn deserved_by(pixels: &Pixels, fit: &Fit, scale: f64) -> Option<Deserved> {
     }
     let white = fit.covariance.fixed_view::<2, 2>(X, X).into_owned();
     let free = (0..N).filter(|&k| fit.covariance[(k, k)] > 0.0).count();
-    let (covariance, ratio) = blocks.raise(&white, free)?;
-    Some(Deserved { covariance, ratio, residuals, biweights: roots })
+    let (covariance, ratio, mean) = blocks.raise(&white, free)?;
+    Some(Deserved { covariance, ratio, mean, residuals, biweights: roots })
 }
