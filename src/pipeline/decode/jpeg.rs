@@ -35,7 +35,15 @@ pub fn luma(bytes: &[u8]) -> Option<Result<Raster, DecodeError>> {
     let quantisation = header.frame.components[0].quant_table_index;
     let steps = &header.quant_tables.get(usize::from(quantisation))?.as_ref()?.values;
     let scan = bytes.get(header.entropy_data_offset..)?;
-    Some(layout.decode(scan, &plan, steps, usize::from(header.restart_interval)))
+    let coding = Coding { plan, steps, transform: simd::detect().idct_islow };
+    Some(layout.decode(scan, &coding, usize::from(header.restart_interval)))
+}
+
+/// How the blocks are coded: the Huffman tables of each component, luma's quantisation, and the inverse transform.
+struct Coding<'a> {
+    plan: Vec<McuComponentPlan<'a>>,
+    steps: &'a [u16; BLOCK * BLOCK],
+    transform: fn(&[i16; BLOCK * BLOCK], &[u16; BLOCK * BLOCK], &mut [u8; BLOCK * BLOCK]),
 }
 
 /// How the blocks lie in the picture.
@@ -88,13 +96,7 @@ impl Layout {
     }
 
     /// Every interval between restart markers (the whole scan where there are none).
-    fn decode(
-        &self,
-        scan: &[u8],
-        plan: &[McuComponentPlan],
-        steps: &[u16; 64],
-        interval: usize,
-    ) -> Result<Raster, DecodeError> {
+    fn decode(&self, scan: &[u8], coding: &Coding, interval: usize) -> Result<Raster, DecodeError> {
         let mut luma = vec![0; self.width * self.height];
         let mut rows = luma.chunks_exact_mut(self.width);
         let mut line = vec![[0; BLOCK * BLOCK]; self.columns * self.across * self.down];
@@ -113,7 +115,7 @@ impl Layout {
             data.extend_from_slice(&rest[..size]);
             data.extend_from_slice(&ONES);
             rest = next;
-            self.interval(&data, start..end, plan, steps, &mut line, &mut rows)
+            self.interval(&data, start..end, coding, &mut line, &mut rows)
                 .map_err(|e| DecodeError::Jpeg(format!("{e} near row {}", self.height - rows.len())))?;
         }
         Raster::new(self.width, self.height, luma).ok_or_else(|| damaged("it has no pixels"))
@@ -124,19 +126,17 @@ impl Layout {
         &self,
         data: &[u8],
         units: Range<usize>,
-        plan: &[McuComponentPlan],
-        steps: &[u16; 64],
+        coding: &Coding,
         line: &mut [[u8; BLOCK * BLOCK]],
         rows: &mut ChunksExactMut<u8>,
     ) -> Result<(), JpegError> {
-        let transform = simd::detect().idct_islow;
         let wide = self.columns * self.across;
         let mut reader = BitReader::new(data);
-        let mut decoder = McuDecoder::new(plan.len());
+        let mut decoder = McuDecoder::new(coding.plan.len());
         let mut coefficients = [0; BLOCK * BLOCK];
         let mut column = units.start % self.columns;
         for _ in units {
-            for (k, part) in plan.iter().enumerate() {
+            for (k, part) in coding.plan.iter().enumerate() {
                 let blocks = if k == 0 { self.across * self.down } else { part.num_blocks };
                 for b in 0..blocks {
                     decoder.decode_block(
@@ -148,7 +148,7 @@ impl Layout {
                     )?;
                     if k == 0 {
                         let at = b / self.across * wide + column * self.across + b % self.across;
-                        transform(&coefficients, steps, &mut line[at]);
+                        (coding.transform)(&coefficients, coding.steps, &mut line[at]);
                     }
                 }
             }
