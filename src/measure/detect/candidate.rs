@@ -105,6 +105,12 @@ impl Outline {
         (d.x * cos + d.y * sin, d.y * cos - d.x * sin)
     }
 
+    /// Whether a point, px, lies within.
+    pub fn holds(&self, at: Vector2<f64>) -> bool {
+        let (s, t) = self.local(at);
+        (s / self.major).hypot(t / self.minor) < 1.0
+    }
+
     /// Half the extent in u and v.
     pub fn extent(&self) -> Vector2<f64> {
         let (sin, cos) = self.angle.sin_cos();

@@ -7,8 +7,8 @@ use super::blocks::{Blocks, REACH};
 use super::fit::{Fit, Unknowns};
 use super::linear::{Block, Products, biweights, spread};
 use super::model::{
-    ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LANES, LIGHT, Lanes, N, Parameters, Pattern, SECOND, THIRD, X, Y,
-    along_and_across, each, share,
+    ANGLE, BLUR, DARK, GAMMA, LANES, LIGHT, Lanes, N, Parameters, Pattern, Slopes, X, Y, along_and_across,
+    each, share,
 };
 use super::normal::{exp, ln};
 use super::uneven::Deserved;
@@ -202,7 +202,6 @@ impl Field {
         let m = self.m.map(|v| v as f32);
         let (s, t) = along_and_across(&self.m, origin, trig, batch);
         let share = share(pattern, &self.m, &s, &t);
-        let (sin, cos) = (trig.0 as f32, trig.1 as f32);
         let extra = cell.knots.map(|k| self.extra[k] as f32);
         let mut out = Rows {
             r: [0.0; LANES],
@@ -228,22 +227,8 @@ impl Field {
             let (value, through) = (open * value, open * through);
             let slope = m[GAMMA] * value / linear;
             let (by_share, by_dark) = (-slope * dark, -slope * c);
-            out.gradient[X][i] = by_share * (share.t[i] * sin - share.s[i] * cos);
-            out.gradient[Y][i] = -by_share * (share.s[i] * sin + share.t[i] * cos);
-            out.gradient[ANGLE][i] = by_share * (share.s[i] * t[i] - share.t[i] * s[i]);
-            out.gradient[FIRST][i] = by_share * share.first[i];
-            out.gradient[SECOND][i] = by_share * share.second[i];
-            out.gradient[THIRD][i] = by_share * share.third[i];
-            out.gradient[BLUR][i] = by_share * share.blur[i];
-            out.gradient[LIGHT][i] = through;
-            out.gradient[LIGHT + 1][i] = through * p;
-            out.gradient[LIGHT + 2][i] = through * q;
-            out.gradient[LIGHT + 3][i] = through * p * p;
-            out.gradient[DARK][i] = by_dark;
-            out.gradient[DARK + 1][i] = by_dark * p;
-            out.gradient[DARK + 2][i] = by_dark * q;
-            out.gradient[GAMMA][i] = value * log;
-            out.gradient[EGG][i] = by_share * share.egg[i];
+            let slopes = Slopes { share: by_share, dark: by_dark, light: through, gamma: value * log };
+            slopes.put(i, &share, trig, [&s, &t], [p, q], &mut out.gradient);
             for (k, hat) in hats.into_iter().enumerate() {
                 out.field[k][i] = hat * if k < 4 { through * m[LIGHT] } else { by_dark };
             }

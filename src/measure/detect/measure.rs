@@ -157,6 +157,9 @@ pub fn measure(
     judge(image, candidate, &result, noise)
 }
 
+/// What only a whole thick marker tells of its light.
+const FINE_LIGHT: [usize; 4] = [LIGHT + 3, DARK + 1, DARK + 2, GAMMA];
+
 /// Which parameters a marker of this size can tell, and which of them are bends.
 fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
     let outline = &candidate.outline;
@@ -172,7 +175,7 @@ fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
     let part = !candidate.hidden.is_empty();
     if part {
         // The outline that is left tells an ellipse, and no more.
-        [LIGHT + 3, DARK + 1, DARK + 2, GAMMA].iter().for_each(|&k| free[k] = false);
+        FINE_LIGHT.iter().for_each(|&k| free[k] = false);
     }
     // An end that is not seen tells no bend.
     if !thick || outline.major < 12.0 || !candidate.bands.is_empty() {
@@ -184,7 +187,7 @@ fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
 /// What a first geometry takes: an outline or two lines, their blur, and planes of light.
 fn few_unknowns(candidate: &Candidate) -> Unknowns {
     let (mut unknowns, _) = unknowns(candidate);
-    [LIGHT + 3, DARK + 1, DARK + 2, GAMMA].iter().for_each(|&k| unknowns.free[k] = false);
+    FINE_LIGHT.iter().for_each(|&k| unknowns.free[k] = false);
     unknowns
 }
 
@@ -193,7 +196,7 @@ fn few_unknowns(candidate: &Candidate) -> Unknowns {
 fn settling(candidate: &Candidate, mut unknowns: Unknowns) -> Unknowns {
     let whole = candidate.hidden.is_empty() && candidate.bands.is_empty();
     if whole && candidate.pattern == Pattern::Disc && candidate.outline.minor < CLEARLY_THICK {
-        [LIGHT + 3, DARK + 1, DARK + 2, GAMMA].iter().for_each(|&k| unknowns.free[k] = false);
+        FINE_LIGHT.iter().for_each(|&k| unknowns.free[k] = false);
         [THIRD, EGG].iter().for_each(|&k| unknowns.free[k] = true);
     }
     unknowns
@@ -226,10 +229,7 @@ fn outlined(image: &Raster, candidate: &Candidate, m: &Parameters) -> Candidate 
     }
     let outline = &candidate.outline;
     let reach = outline.extent() * 1.3;
-    let inside = |b: &Blob| {
-        let (s, t) = outline.local(b.centroid);
-        (s / outline.major).hypot(t / outline.minor) < 1.0
-    };
+    let inside = |b: &Blob| outline.holds(b.centroid);
     // Skin is darker than white: nearer to black it does not run into the quadrants.
     let found = [0.65, 0.8].iter().find_map(|share| {
         let level = grid::put_level(m[LIGHT] - share * contrast(m)).clamp(0.0, 255.0) as u8;

@@ -56,12 +56,9 @@ pub struct Detection {
 }
 
 impl Detection {
-    /// Whether a point, px, lies within the outline.
-    fn holds(&self, at: &Vector2<f64>) -> bool {
-        let (sin, cos) = self.angle_rad.sin_cos();
-        let d = at - self.centre_px;
-        let (along, across) = (d.x * cos + d.y * sin, d.y * cos - d.x * sin);
-        (along / self.semi_major_px).hypot(across / self.semi_minor_px) < 1.0
+    fn outline(&self) -> candidate::Outline {
+        let (major, minor) = (self.semi_major_px, self.semi_minor_px);
+        candidate::Outline { centre: self.centre_px, major, minor, angle: self.angle_rad }
     }
 }
 
@@ -220,7 +217,7 @@ const MARGIN: f64 = 1.25;
 /// All stages on one picture. What was measured before stays, and its blobs are not looked at again.
 fn search(image: &Raster, factor: usize, noise: f64, faint: bool, before: Vec<measure::Measured>) -> Found {
     let blobs = find_blobs(image, &mut coarse::reduce(image, factor), faint);
-    let within = |blob: &blob::Blob| before.iter().any(|m| m.detection.holds(&blob.centroid));
+    let within = |blob: &blob::Blob| before.iter().any(|m| m.detection.outline().holds(blob.centroid));
     let mut taken: Vec<bool> = blobs.iter().map(within).collect();
     let mut whole = Whole::new(image, &blobs, measure::Bounds::of(noise));
     let mut found = Found { measured: before, rejected: Vec::new() };

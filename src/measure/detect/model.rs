@@ -115,7 +115,6 @@ pub struct Grey {
 /// and cosine of the angle come from the caller, once for all batches.
 #[inline(always)]
 pub fn grey(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64), batch: &Batch) -> Grey {
-    let (sin, cos) = (trig.0 as f32, trig.1 as f32);
     let (s, t) = along_and_across(m, origin, trig, batch);
     let share = share(pattern, m, &s, &t);
     let k = m.map(|v| v as f32);
@@ -136,24 +135,51 @@ pub fn grey(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64)
         let by_share = -slope * dark;
         let by_dark = -slope * c;
         out.value[i] = value;
-        out.gradient[X][i] = by_share * (share.t[i] * sin - share.s[i] * cos);
-        out.gradient[Y][i] = -by_share * (share.s[i] * sin + share.t[i] * cos);
-        out.gradient[ANGLE][i] = by_share * (share.s[i] * t[i] - share.t[i] * s[i]);
-        out.gradient[FIRST][i] = by_share * share.first[i];
-        out.gradient[SECOND][i] = by_share * share.second[i];
-        out.gradient[THIRD][i] = by_share * share.third[i];
-        out.gradient[BLUR][i] = by_share * share.blur[i];
-        out.gradient[LIGHT][i] = through;
-        out.gradient[LIGHT + 1][i] = through * p;
-        out.gradient[LIGHT + 2][i] = through * q;
-        out.gradient[LIGHT + 3][i] = through * p * p;
-        out.gradient[DARK][i] = by_dark;
-        out.gradient[DARK + 1][i] = by_dark * p;
-        out.gradient[DARK + 2][i] = by_dark * q;
-        out.gradient[GAMMA][i] = open * value * log;
-        out.gradient[EGG][i] = by_share * share.egg[i];
+        let slopes = Slopes { share: by_share, dark: by_dark, light: through, gamma: open * value * log };
+        slopes.put(i, &share, trig, [&s, &t], [p, q], &mut out.gradient);
     }
     out
+}
+
+/// Derivatives of one pixel's grey value by its share of black, its darkness, the light and the exponent.
+pub struct Slopes {
+    pub share: f32,
+    pub dark: f32,
+    pub light: f32,
+    pub gamma: f32,
+}
+
+impl Slopes {
+    /// The derivatives by the parameters, into lane `i`: from those of the share, the angle's sine and cosine, and
+    /// the pixel's place along and across the marker, in px and in semi-axes.
+    #[inline(always)]
+    pub fn put(
+        &self,
+        i: usize,
+        share: &Share,
+        trig: (f64, f64),
+        [s, t]: [&Lanes; 2],
+        [p, q]: [f32; 2],
+        gradient: &mut [Lanes; N],
+    ) {
+        let (sin, cos) = (trig.0 as f32, trig.1 as f32);
+        gradient[X][i] = self.share * (share.t[i] * sin - share.s[i] * cos);
+        gradient[Y][i] = -self.share * (share.s[i] * sin + share.t[i] * cos);
+        gradient[ANGLE][i] = self.share * (share.s[i] * t[i] - share.t[i] * s[i]);
+        gradient[FIRST][i] = self.share * share.first[i];
+        gradient[SECOND][i] = self.share * share.second[i];
+        gradient[THIRD][i] = self.share * share.third[i];
+        gradient[BLUR][i] = self.share * share.blur[i];
+        gradient[LIGHT][i] = self.light;
+        gradient[LIGHT + 1][i] = self.light * p;
+        gradient[LIGHT + 2][i] = self.light * q;
+        gradient[LIGHT + 3][i] = self.light * p * p;
+        gradient[DARK][i] = self.dark;
+        gradient[DARK + 1][i] = self.dark * p;
+        gradient[DARK + 2][i] = self.dark * q;
+        gradient[GAMMA][i] = self.gamma;
+        gradient[EGG][i] = self.share * share.egg[i];
+    }
 }
 
 impl Share {
