@@ -1,7 +1,7 @@
 //! The blurred share of black of a disc seen as an ellipse, for a batch of pixels.
 
 use super::model::{BLUR, EGG, FIRST, LANES, Lanes, Parameters, SECOND, Share, THIRD, each};
-use super::normal::{GAUSS_12, PEAK, asin, exp, normal, sin_quarter};
+use super::normal::{GAUSS_12, PEAK, asin, exp, normal, normals, sin_quarter};
 
 /// Standard deviations of blur within which the end of a flat ellipse needs the sum along it.
 pub const END: f64 = 4.2;
@@ -33,8 +33,10 @@ pub fn beyond(s: &Lanes, t: &Lanes, [a, b]: [f32; 2], sag: f32, reach: f32) -> L
 
 /// Whether a test holds for all lanes, in one sweep.
 #[inline(always)]
-fn all(test: impl Fn(usize) -> bool) -> bool {
-    (0..LANES).map(|i| u32::from(test(i))).sum::<u32>() == LANES as u32
+pub fn all(test: impl Fn(usize) -> bool) -> bool {
+    let mut all = true;
+    (0..LANES).for_each(|i| all &= test(i));
+    all
 }
 
 /// A blurred ellipse, its long axis bent by a parabola and its thickness changing along it: what a
@@ -149,7 +151,7 @@ fn by_chord(s: &Lanes, t: &Lanes, Disc { a, b, sigma, .. }: Disc, share: &mut Sh
         let by_spread = by_sigma / (1.0 + slope * slope).sqrt();
         let edge = b * root + 0.5 * bend * sigma * sigma;
         let (upper, lower) = ((t - edge) * by_spread, (t + edge) * by_spread);
-        let ((du, cu), (dl, cl)) = (normal(upper), normal(lower));
+        let [(du, cu), (dl, cl)] = normals([upper, lower]);
         let by_height = (du + dl) * by_spread;
         share.c[i] = cl - cu;
         share.s[i] = by_height * slope;
@@ -168,25 +170,38 @@ fn by_sum(s: &Lanes, t: &Lanes, Disc { a, b, sigma, .. }: Disc, share: &mut Shar
     let (by_a, by_sigma) = (1.0 / a, 1.0 / sigma);
     let from = each(|i| asin((s[i] - reach) * by_a));
     let to = each(|i| asin((s[i] + reach) * by_a));
+    let (middle, half) = (each(|i| 0.5 * (from[i] + to[i])), each(|i| 0.5 * (to[i] - from[i])));
+    let [mut black, mut by_s, mut by_t, mut by_a, mut by_b, mut by_blur] = [[0.0f32; LANES]; 6];
     for (node, weight) in GAUSS_12 {
         for i in 0..LANES {
-            let (middle, half) = (0.5 * (from[i] + to[i]), 0.5 * (to[i] - from[i]));
-            let theta = middle + half * node;
+            let theta = half[i].mul_add(node, middle[i]);
             let sin = sin_quarter(theta);
             let cos = sin_quarter(std::f32::consts::FRAC_PI_2 - theta.abs());
-            let along = (s[i] - a * sin) * by_sigma;
-            let density = half * weight * PEAK * by_sigma * exp(-0.5 * along * along);
-            let measure = a * cos * density;
-            let (upper, lower) = ((t[i] - b * cos) * by_sigma, (t[i] + b * cos) * by_sigma);
-            let ((du, cu), (dl, cl)) = (normal(upper), normal(lower));
-            let (inside, by_height) = (cl - cu, (du + dl) * by_sigma);
-            let scaled = measure * by_sigma;
-            share.c[i] += measure * inside;
-            share.s[i] -= scaled * inside * along;
-            share.t[i] += scaled * (dl - du);
-            share.second[i] += measure * by_height * cos;
-            share.first[i] += density * by_height * b * sin * sin;
-            share.blur[i] += scaled * (inside * (along * along - 1.0) + upper * du - lower * dl);
+            let along = a.mul_add(-sin, s[i]) * by_sigma;
+            let square = along * along;
+            let density = half[i] * weight * exp(-0.5 * square);
+            let measure = cos * density;
+            let upper = b.mul_add(-cos, t[i]) * by_sigma;
+            let lower = b.mul_add(cos, t[i]) * by_sigma;
+            let [(du, cu), (dl, cl)] = normals([upper, lower]);
+            let both = du + dl;
+            let inside = measure * (cl - cu);
+            black[i] += inside;
+            by_s[i] = along.mul_add(inside, by_s[i]);
+            by_t[i] = measure.mul_add(dl - du, by_t[i]);
+            by_b[i] = (measure * cos).mul_add(both, by_b[i]);
+            by_a[i] = (density * both).mul_add(sin * sin, by_a[i]);
+            let blurred = measure.mul_add(upper.mul_add(du, -lower * dl), by_blur[i]);
+            by_blur[i] = inside.mul_add(square - 1.0, blurred);
         }
     }
+    // What all terms of a sum have in common.
+    let by_width = PEAK * by_sigma;
+    let (common, slope) = (a * by_width, a * by_width * by_sigma);
+    share.c = each(|i| common * black[i]);
+    share.s = each(|i| -slope * by_s[i]);
+    share.t = each(|i| slope * by_t[i]);
+    share.second = each(|i| slope * by_b[i]);
+    share.first = each(|i| b * by_width * by_sigma * by_a[i]);
+    share.blur = each(|i| slope * by_blur[i]);
 }

@@ -349,17 +349,17 @@ fn moved_by(
     for cell in cells {
         for batch in &cell.batches {
             let rows = field.rows(pattern, origin, trig, cell, batch, scale);
-            let by = influence.each_ref().map(|h| {
-                let mut sum = [0.0f32; LANES];
+            let mut by = [[0.0f32; LANES]; 2];
+            for (sum, h) in by.iter_mut().zip(influence) {
                 let knots = cell.knots.iter().map(|k| h[list.len() + k]);
                 for (g, h) in rows.field.iter().zip(knots) {
-                    sum = each(|i| sum[i] + h as f32 * g[i]);
+                    *sum = each(|i| sum[i] + h as f32 * g[i]);
                 }
                 for (k, h) in list.iter().zip(h.iter()) {
-                    sum = each(|i| sum[i] + *h as f32 * rows.gradient[*k][i]);
+                    *sum = each(|i| sum[i] + *h as f32 * rows.gradient[*k][i]);
                 }
-                each(|i| sum[i] * rows.root[i] * rows.root[i] * rows.r[i])
-            });
+                *sum = each(|i| sum[i] * rows.root[i] * rows.root[i] * rows.r[i]);
+            }
             blocks.add(batch, by);
         }
     }

@@ -122,10 +122,21 @@ impl Block {
         for column in &mut self.columns[..=n] {
             column[self.rows..].fill(0.0);
         }
-        for i in 0..n {
+        // Two columns at a time: the later ones are read half as often.
+        for i in (0..n).step_by(2) {
             let (own, later) = rest.split_at_mut(n + 1 - i);
-            for (sum, column) in own.iter_mut().zip(&self.columns[i..=n]) {
-                add_products(sum, &self.columns[i], column);
+            let (next, later) = later.split_at_mut(if i + 1 < n { n - i } else { 0 });
+            let (one, others) = (&self.columns[i], &self.columns[i..=n]);
+            if let [square, own @ ..] = own {
+                add_products(square, one, one);
+                if next.is_empty() {
+                    for (sum, column) in own.iter_mut().zip(&others[1..]) {
+                        add_products(sum, one, column);
+                    }
+                }
+                for ((sum, next), column) in own.iter_mut().zip(next).zip(&others[1..]) {
+                    add_both(sum, next, [one, &others[1]], column);
+                }
             }
             rest = later;
         }
@@ -138,10 +149,23 @@ fn add_products(sum: &mut Lanes, one: &[f32; BLOCK], other: &[f32; BLOCK]) {
     let mut lanes = *sum;
     for (x, y) in one.chunks_exact(LANES).zip(other.chunks_exact(LANES)) {
         for (lane, (p, q)) in lanes.iter_mut().zip(x.iter().zip(y)) {
-            *lane += p * q;
+            *lane = p.mul_add(*q, *lane);
         }
     }
     *sum = lanes;
+}
+
+/// Adds the products of two columns with a third.
+#[inline(always)]
+fn add_both(sum: &mut Lanes, next: &mut Lanes, [one, two]: [&[f32; BLOCK]; 2], other: &[f32; BLOCK]) {
+    let (mut lanes, mut lanes_next) = (*sum, *next);
+    for k in (0..BLOCK).step_by(LANES) {
+        for i in 0..LANES {
+            lanes[i] = one[k + i].mul_add(other[k + i], lanes[i]);
+            lanes_next[i] = two[k + i].mul_add(other[k + i], lanes_next[i]);
+        }
+    }
+    (*sum, *next) = (lanes, lanes_next);
 }
 
 /// What the image model says of a fit's batches: grey values and derivatives.

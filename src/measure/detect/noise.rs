@@ -5,7 +5,7 @@ use super::super::raster::Raster;
 /// Standard deviation of the grey values' noise, grey levels; at least that of rounding.
 pub fn estimate(image: &Raster) -> f64 {
     let mut histogram = [0u32; 511];
-    let step = (image.height() / 96).max(1);
+    let step = (image.height() / 48).max(1);
     for y in (step / 2..image.height()).step_by(step) {
         let row = image.row(y);
         for w in row.windows(3).step_by(3) {

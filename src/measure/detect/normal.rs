@@ -1,6 +1,12 @@
 //! Elementary functions in single precision, without branches, so that loops over lanes run in vector
 //! registers; and Gauss-Legendre nodes.
 
+/// A polynomial in `x`, its highest coefficient first. Its sums and products are rounded once, on every processor.
+#[inline(always)]
+fn polynomial<const K: usize>(x: f32, coefficients: [f32; K]) -> f32 {
+    coefficients.into_iter().skip(1).fold(coefficients[0], |sum, c| sum.mul_add(x, c))
+}
+
 /// e to the power `x`, relative error below 2e-7; `x` is kept within -80 and 80.
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
@@ -8,17 +14,15 @@ pub fn exp(x: f32) -> f32 {
     const MAGIC: f32 = 12_582_912.0;
     let x = if x < 80.0 { x } else { 80.0 };
     let x = if x > -80.0 { x } else { -80.0 };
-    let shifted = x * std::f32::consts::LOG2_E + MAGIC;
+    let shifted = x.mul_add(std::f32::consts::LOG2_E, MAGIC);
     let whole = shifted - MAGIC;
-    let r = (x - whole * 0.693_359_4) + whole * 2.121_944_4e-4;
-    let p = 1.987_569_1e-4;
-    let p = p * r + 1.398_199_9e-3;
-    let p = p * r + 8.333_452e-3;
-    let p = p * r + 4.166_579_6e-2;
-    let p = p * r + 1.666_666_5e-1;
-    let p = p * r + 0.5;
+    let r = whole.mul_add(2.121_944_4e-4, whole.mul_add(-0.693_359_4, x));
+    let p = polynomial(
+        r,
+        [1.987_569_1e-4, 1.398_199_9e-3, 8.333_452e-3, 4.166_579_6e-2, 1.666_666_5e-1, 0.5, 1.0, 1.0],
+    );
     let power = shifted.to_bits().wrapping_sub(MAGIC.to_bits()).wrapping_add(127) << 23;
-    (p * r * r + r + 1.0) * f32::from_bits(power)
+    p * f32::from_bits(power)
 }
 
 /// Natural logarithm of a positive, normal `x`; absolute error below 1e-7 near 1.
@@ -29,29 +33,31 @@ pub fn ln(x: f32) -> f32 {
     let bits = x.to_bits() as i32;
     let power = bits.wrapping_sub(ROOT_HALF) >> 23;
     let r = f32::from_bits(bits.wrapping_sub(power << 23) as u32) - 1.0;
-    let p = 7.037_683_6e-2;
-    let p = p * r - 1.151_461e-1;
-    let p = p * r + 1.167_699_9e-1;
-    let p = p * r - 1.242_014_1e-1;
-    let p = p * r + 1.424_932_3e-1;
-    let p = p * r - 1.666_805_8e-1;
-    let p = p * r + 2.000_071_5e-1;
-    let p = p * r - 2.499_999_4e-1;
-    let p = p * r + 3.333_333e-1;
-    let square = r * r;
-    (p * r * square - 0.5 * square + r) + power as f32 * std::f32::consts::LN_2
+    let p = polynomial(
+        r,
+        [
+            7.037_683_6e-2,
+            -1.151_461e-1,
+            1.167_699_9e-1,
+            -1.242_014_1e-1,
+            1.424_932_3e-1,
+            -1.666_805_8e-1,
+            2.000_071_5e-1,
+            -2.499_999_4e-1,
+            3.333_333e-1,
+            -0.5,
+        ],
+    );
+    let log = (p * r).mul_add(r, r);
+    (power as f32).mul_add(std::f32::consts::LN_2, log)
 }
 
 /// Sine of an angle between -pi/2 and pi/2, rad.
 #[inline(always)]
 pub fn sin_quarter(x: f32) -> f32 {
     let y = x * x;
-    let p = -2.505_210_8e-8;
-    let p = p * y + 2.755_731_9e-6;
-    let p = p * y - 1.984_127e-4;
-    let p = p * y + 8.333_333e-3;
-    let p = p * y - 1.666_666_7e-1;
-    x + x * y * p
+    let p = polynomial(y, [-2.505_210_8e-8, 2.755_731_9e-6, -1.984_127e-4, 8.333_333e-3, -1.666_666_7e-1]);
+    (x * y).mul_add(p, x)
 }
 
 /// Inverse sine, rad; `x` is kept within -1 and 1.
@@ -61,12 +67,8 @@ pub fn asin(x: f32) -> f32 {
     let large = size > 0.5;
     let square = if large { 0.5 * (1.0 - size) } else { size * size };
     let base = if large { square.sqrt() } else { size };
-    let p = 4.216_32e-2;
-    let p = p * square + 2.418_131e-2;
-    let p = p * square + 4.547_002_6e-2;
-    let p = p * square + 7.495_303e-2;
-    let p = p * square + 1.666_675_2e-1;
-    let angle = base + base * square * p;
+    let p = polynomial(square, [4.216_32e-2, 2.418_131e-2, 4.547_002_6e-2, 7.495_303e-2, 1.666_675_2e-1]);
+    let angle = (base * square).mul_add(p, base);
     let angle = if large { std::f32::consts::FRAC_PI_2 - 2.0 * angle } else { angle };
     angle.copysign(x)
 }
@@ -78,13 +80,23 @@ pub const PEAK: f32 = 0.398_942_3;
 /// Stegun 26.2.17, error below 2e-7.
 #[inline(always)]
 pub fn normal(z: f32) -> (f32, f32) {
+    below(z, 1.0 / FALL.mul_add(z.abs(), 1.0))
+}
+
+/// The same of two numbers, for one division.
+#[inline(always)]
+pub fn normals(z: [f32; 2]) -> [(f32, f32); 2] {
+    let [one, other] = z.map(|z| FALL.mul_add(z.abs(), 1.0));
+    let by_both = 1.0 / (one * other);
+    [below(z[0], by_both * other), below(z[1], by_both * one)]
+}
+
+const FALL: f32 = 0.231_641_9;
+
+#[inline(always)]
+fn below(z: f32, k: f32) -> (f32, f32) {
     let density = PEAK * exp(-0.5 * z * z);
-    let k = 1.0 / (1.0 + 0.231_641_9 * z.abs());
-    let p = 1.330_274_4;
-    let p = p * k - 1.821_256;
-    let p = p * k + 1.781_477_9;
-    let p = p * k - 0.356_563_78;
-    let p = p * k + 0.319_381_53;
+    let p = polynomial(k, [1.330_274_4, -1.821_256, 1.781_477_9, -0.356_563_78, 0.319_381_53]);
     let tail = density * p * k;
     (density, if z > 0.0 { 1.0 - tail } else { tail })
 }

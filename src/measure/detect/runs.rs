@@ -14,23 +14,40 @@ pub struct Run {
 /// Appends the runs of row `y`, whose marked pixels hold 1 to 127 and the others 0.
 pub fn find(row: &[u8], y: usize, out: &mut Vec<Run>) {
     let mut open: Option<usize> = None;
-    let (words, rest) = row.as_chunks::<WORD>();
-    for (k, word) in words.iter().enumerate() {
-        let word = u64::from_le_bytes(*word);
-        if word == 0 && open.is_none() {
+    for (k, pixels) in row.chunks(u64::BITS as usize).enumerate() {
+        if open.is_none() && is_plain(pixels) {
             continue;
         }
-        // One bit of each byte, the first pixel lowest.
-        let ones = (word + 0x7f7f_7f7f_7f7f_7f7f) >> 7 & 0x0101_0101_0101_0101;
-        let bits = (ones.wrapping_mul(0x0102_0408_1020_4080) >> 56) as u8;
-        let plain = if open.is_some() { u8::MAX } else { 0 };
-        if bits != plain {
-            split(bits, WORD, k * WORD, y, &mut open, out);
+        let marks = marks(pixels);
+        let before = u64::from(open.is_some());
+        let mut changes = marks ^ (marks << 1 | before);
+        while changes != 0 {
+            let x = k * u64::BITS as usize + changes.trailing_zeros() as usize;
+            changes &= changes - 1;
+            match open {
+                Some(_) => close(&mut open, x, y, out),
+                None => open = Some(x),
+            }
         }
     }
-    let bits = rest.iter().enumerate().fold(0, |bits, (i, &v)| bits | u8::from(v > 0) << i);
-    split(bits, rest.len(), words.len() * WORD, y, &mut open, out);
     close(&mut open, row.len(), y, out);
+}
+
+/// Whether none of up to 64 pixels is marked.
+fn is_plain(pixels: &[u8]) -> bool {
+    pixels.iter().fold(0, |all, v| all | v) == 0
+}
+
+/// One bit for each of up to 64 pixels, the first lowest.
+fn marks(pixels: &[u8]) -> u64 {
+    let (words, rest) = pixels.as_chunks::<8>();
+    let mut marks = 0;
+    for (k, word) in words.iter().enumerate() {
+        let ones = (u64::from_le_bytes(*word) + 0x7f7f_7f7f_7f7f_7f7f) >> 7 & 0x0101_0101_0101_0101;
+        marks |= (ones.wrapping_mul(0x0102_0408_1020_4080) >> 56) << (8 * k);
+    }
+    let one = |(i, &v): (usize, &u8)| u64::from(v > 0) << (8 * words.len() + i);
+    rest.iter().enumerate().map(one).fold(marks, |marks, one| marks | one)
 }
 
 /// The parts of runs whose pixels hold `least` or more, in rows of `width` pixels.
@@ -50,20 +67,6 @@ pub fn at_least(runs: &[Run], pixels: &[u8], width: usize, least: u8) -> Vec<Run
         close(&mut open, last + 1, run.y as usize, &mut out);
     }
     out
-}
-
-/// Pixels that are looked at together.
-const WORD: usize = 8;
-
-/// Opens and closes runs in the `count` pixels from `x` on, one bit each.
-fn split(bits: u8, count: usize, x: usize, y: usize, open: &mut Option<usize>, out: &mut Vec<Run>) {
-    for i in 0..count {
-        if bits >> i & 1 == 1 {
-            open.get_or_insert(x + i);
-        } else {
-            close(open, x + i, y, out);
-        }
-    }
 }
 
 fn close(open: &mut Option<usize>, end: usize, y: usize, out: &mut Vec<Run>) {

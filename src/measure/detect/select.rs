@@ -68,7 +68,12 @@ impl Bands {
     }
 }
 
-/// Of 16 pixels in a pattern, how many are used.
+/// Pixels of a pattern, and by how much it is shifted from column to column and from row to row.
+const PERIOD: usize = 16;
+const ACROSS: usize = 5;
+const DOWN: usize = 7;
+
+/// Of a pattern's pixels, how many are used.
 #[derive(Clone, Copy)]
 struct Keep {
     edge: f64,
@@ -81,15 +86,16 @@ impl Keep {
         let (edge, flat) = (f64::from(bands.edge), f64::from(bands.flat));
         // A blurred edge spreads what it tells over more pixels.
         let more = (edge / SHARP).max(1.0);
-        let share =
-            |wanted: f64, width: f64| 16.0 * (more * wanted / (2.0 * width * length).max(1.0)).min(1.0);
+        let share = |wanted: f64, width: f64| {
+            PERIOD as f64 * (more * wanted / (2.0 * width * length).max(1.0)).min(1.0)
+        };
         // Where an edge is long, there is enough of it to know the levels less well.
         let levels = wanted.flat * (LONG / length.max(1.0)).clamp(0.5, 1.0);
         Self { edge: share(wanted.edge, edge), flat: share(levels, flat - edge) }
     }
 
     /// How much a pixel would count at the edge and beside it, for each place in the pattern.
-    fn table(self) -> [[f32; 2]; 16] {
+    fn table(self) -> [[f32; 2]; PERIOD] {
         std::array::from_fn(|turn| {
             [self.edge, self.flat].map(|keep| (keep - turn as f64).clamp(0.0, 1.0) as f32)
         })
@@ -101,7 +107,7 @@ struct Source<'a> {
     image: &'a Raster,
     candidate: &'a Candidate,
     area: Box,
-    shares: [[f32; 2]; 16],
+    shares: [[f32; 2]; PERIOD],
     masked: Option<Vec<bool>>,
 }
 
@@ -110,14 +116,23 @@ impl Source<'_> {
     fn take(&self, y: usize, columns: std::ops::Range<usize>, taker: &mut Taker) {
         let Some(row) = self.image.row(y).get(columns.clone()) else { return };
         let clear = self.is_clear();
-        let (mut turn, mut place) = (columns.start * 5 + y * 7, taker.place(columns.start, y));
-        for (x, &value) in columns.zip(row) {
-            let keep = self.shares[turn % 16];
-            if keep[0] + keep[1] > 0.0 && (clear || !self.hides(x, y)) {
-                taker.push(place, value, keep);
+        let turn = (columns.start * ACROSS + y * DOWN) % PERIOD;
+        // The columns of a period that count, and how much.
+        let mut places = [(0, [0.0; 2]); PERIOD];
+        let mut count = 0;
+        for place in 0..PERIOD {
+            let keep = self.shares[(turn + ACROSS * place) % PERIOD];
+            places[count] = (place, keep);
+            count += usize::from(keep[0] + keep[1] > 0.0);
+        }
+        for first in (0..row.len()).step_by(PERIOD) {
+            for &(place, keep) in &places[..count] {
+                let Some(&value) = row.get(first + place) else { break };
+                let x = columns.start + first + place;
+                if clear || !self.hides(x, y) {
+                    taker.push(taker.place(x, y), value, keep);
+                }
             }
-            turn += 5;
-            place[0] += 1.0;
         }
     }
 
@@ -228,7 +243,7 @@ pub fn pixels(
     let edges = candidate.edges.map(|edges| Edges {
         lines: lines(edges, look.crossing),
         margin: (2.5 * blur).min(0.45 * outline.minor).max(1.0),
-        along: edges.0,
+        along: Vector2::new(edges.0.cos(), edges.0.sin()),
     });
     let length = edges.map_or_else(
         || around(outline),
@@ -241,6 +256,7 @@ pub fn pixels(
         bands,
         outline,
         edges,
+        trig: (oval.sin, oval.cos),
         blur,
         sag: look.sag,
         slack: look.slack,

@@ -1,7 +1,8 @@
 //! The blurred share of black of two opposite quadrants, for a batch of pixels.
 
+use super::disc::all;
 use super::model::{BLUR, FIRST, LANES, Lanes, Parameters, SECOND, Share, THIRD, each};
-use super::normal::{GAUSS_8, PEAK, exp, normal};
+use super::normal::{GAUSS_8, PEAK, exp, normals};
 
 /// Standard deviations of blur from the crossing beyond which its two edges are apart.
 pub const NEAR: f64 = 3.6;
@@ -33,7 +34,7 @@ pub fn wedge(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
             lanes[i] = value;
         }
     }
-    if far.iter().map(|&v| u32::from(v > 0.0)).sum::<u32>() == LANES as u32 {
+    if all(|i| far[i] > 0.0) {
         return apart;
     }
     let mut share = Share::default();
@@ -99,7 +100,7 @@ fn side<const TILTED: bool>(s: f32, t: f32, Edges { f, k1, k2, by_sigma, .. }: E
     let (by_spread1, by_spread2) = (by_sigma * tilt1, by_sigma * tilt2);
     let z1 = (t - f * s - k1 * s * s) * by_spread1;
     let z2 = (t + f * s - k2 * s * s) * by_spread2;
-    let ((d1, c1), (d2, c2)) = (normal(z1), normal(z2));
+    let [(d1, c1), (d2, c2)] = normals([z1, z2]);
     let side = if s >= 0.0 { 1.0 } else { -1.0 };
     let (e1, e2) = (side * d1 * by_spread1, side * d2 * by_spread2);
     let turn1 = if TILTED { side * d1 * z1 * slope1 * tilt1 * tilt1 } else { 0.0 };

@@ -20,12 +20,12 @@ pub struct Line {
     pub across: Vector2<f64>,
 }
 
-/// Two edges that end a margin inside the outline, px, and the direction of their bisector.
+/// Two edges that end a margin inside the outline, px, and a unit vector along their bisector.
 #[derive(Clone, Copy)]
 pub struct Edges {
     pub lines: [Line; 2],
     pub margin: f64,
-    pub along: f64,
+    pub along: Vector2<f64>,
 }
 
 /// Tells how far pixels are from an outline, or from two edges, and of what kind they are.
@@ -34,6 +34,8 @@ pub struct Ruler<'a> {
     pub bands: Bands,
     pub outline: &'a Outline,
     pub edges: Option<Edges>,
+    /// Sine and cosine of the outline's direction.
+    pub trig: (f64, f64),
     /// Blur and sag, px.
     pub blur: f64,
     pub sag: f64,
@@ -91,8 +93,7 @@ wide! {
 #[inline(always)]
 fn weighed(batch: &mut Batch, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 2]) {
     let Ruler { bands, outline, edges, .. } = ruler;
-    let (sin, cos) = outline.angle.sin_cos();
-    let (sin, cos) = (sin as f32, cos as f32);
+    let (sin, cos) = (ruler.trig.0 as f32, ruler.trig.1 as f32);
     let (a, b, centre) = (outline.major as f32, outline.minor as f32, outline.centre);
     let (cx, cy) = ((centre.x - origin[0]) as f32, (centre.y - origin[1]) as f32);
     let (dx, dy) = (each(|i| batch.x[i] - cx), each(|i| batch.y[i] - cy));
@@ -111,16 +112,18 @@ fn weighed(batch: &mut Batch, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 
             let share = if share > 0.0 { share } else { 0.0 };
             if share < 1.0 { share } else { 1.0 }
         });
-        batch.keep = batch.keep.map(|keep| each(|i| keep[i] * rim[i]));
-        let [one, other] = lines.map(|l| {
+        for keep in &mut batch.keep {
+            *keep = each(|i| keep[i] * rim[i]);
+        }
+        let [mut one, mut other] = [[0.0; LANES]; 2];
+        for (distance, l) in [&mut one, &mut other].into_iter().zip(lines) {
             let off = (centre - l.at).dot(&l.across) as f32;
             let (u, v) = (l.across.x as f32, l.across.y as f32);
-            each(|i| (off + dx[i] * u + dy[i] * v).abs())
-        });
+            *distance = each(|i| (off + dx[i] * u + dy[i] * v).abs());
+        }
         distance = each(|i| if one[i] < other[i] { one[i] } else { other[i] });
-        let (v, u) = along.sin_cos();
-        let off = (centre - lines[0].at).dot(&Vector2::new(u, v)) as f32;
-        let (u, v) = (u as f32, v as f32);
+        let off = (centre - lines[0].at).dot(along) as f32;
+        let (u, v) = (along.x as f32, along.y as f32);
         let near = NEAR as f32 * blur + MOVE;
         dear = each(|i| if (off + dx[i] * u + dy[i] * v).abs() < near { 1.0 } else { 0.0 });
     } else {
