@@ -37,6 +37,8 @@ pub struct Candidate {
     pub hidden: Vec<[f64; 4]>,
     /// Bands in which glare hides the marker.
     pub bands: Vec<Band>,
+    /// Bands in which a seam of the skin meets the marker.
+    pub seams: Vec<Band>,
     /// Whether size, direction and thickness are those of a disc beside it.
     pub alike: bool,
     /// Whether the major axis is that which whole discs about it foretell.
@@ -64,7 +66,7 @@ impl Band {
 impl Candidate {
     /// Whether a point of the picture may show something else than the marker.
     pub fn hides(&self, at: &Vector2<f64>) -> bool {
-        self.hidden.iter().any(|h| within(h, at)) || self.bands.iter().any(|b| b.holds(at))
+        self.hidden.iter().any(|h| within(h, at)) || self.bands.iter().chain(&self.seams).any(|b| b.holds(at))
     }
 
     /// Product of the semi-axes, px^2.
@@ -157,6 +159,7 @@ pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
         blobs: vec![index],
         hidden: Vec::new(),
         bands: Vec::new(),
+        seams: Vec::new(),
         alike: false,
         foretold: false,
     })
@@ -210,6 +213,7 @@ pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Candidate> {
         blobs: indices.to_vec(),
         hidden: Vec::new(),
         bands: Vec::new(),
+        seams: Vec::new(),
         alike: false,
         foretold: false,
     })

@@ -14,7 +14,7 @@ use super::model::{
     ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y,
 };
 use super::select::{ALL, EVERY, FEW, HALF, Look, Masked, SLACK, Wanted, pixels};
-use super::{Detection, RejectReason, uneven};
+use super::{Detection, RejectReason, seam, uneven};
 
 /// Standard deviations beyond which a bend of axis or edges is believed.
 const BEND_TEST: f64 = 3.0;
@@ -135,7 +135,10 @@ pub fn measure(
         .ok_or(RejectReason::NoConvergence)?;
     // From here on nothing depends on how the candidate was found.
     let (near, scale) = (grid::put(candidate.pattern, &near), grid::put_scale(scale));
-    let place = self::place(&outlined(image, &place, &near), &near);
+    let mut place = self::place(&outlined(image, &place, &near), &near);
+    if place.pattern == Pattern::Disc && place.hidden.is_empty() && place.bands.is_empty() {
+        place.seams = seam::find(image, &place.outline, &near, scale.max(floor));
+    }
     let (unknowns, bends) = known(&place, &near);
     let candidate = &place;
     let mut pixels = choose(candidate, masked(&near), &near, 0.0, all)?;

@@ -10,7 +10,9 @@ use super::super::raster::Raster;
 use super::batch::Pixels;
 use super::blob::Blob;
 use super::candidate::{Candidate, Outline};
-use super::model::{LIGHT, Parameters};
+use super::mask::{darker, foreign};
+use super::model::Parameters;
+use super::oval::{Box, Oval, columns};
 use super::weigh::{Edges, Line, Ruler, Taker};
 
 /// About how many pixels are wanted: at the edges, where they tell the place, and beside them, where
@@ -43,8 +45,8 @@ const SHARP: f64 = 1.5;
 /// Bands about an edge, px: where its blur reaches, and flat ground beside it.
 #[derive(Clone, Copy)]
 pub struct Bands {
-    edge: f32,
-    flat: f32,
+    pub edge: f32,
+    pub flat: f32,
 }
 
 impl Bands {
@@ -138,49 +140,14 @@ impl Source<'_> {
 
     /// Whether all pixels may be used.
     fn is_clear(&self) -> bool {
-        self.masked.is_none() && self.candidate.hidden.is_empty() && self.candidate.bands.is_empty()
+        let Candidate { hidden, bands, seams, .. } = self.candidate;
+        self.masked.is_none() && hidden.is_empty() && bands.is_empty() && seams.is_empty()
     }
 
     fn hides(&self, x: usize, y: usize) -> bool {
         let [x0, y0, x1, _] = self.area;
         self.masked.as_ref().is_some_and(|m| m[(y - y0) * (x1 - x0 + 1) + x - x0])
             || self.candidate.hides(&Vector2::new(x as f64, y as f64))
-    }
-}
-
-/// An ellipse that is asked row by row.
-struct Oval<'a> {
-    outline: &'a Outline,
-    sin: f64,
-    cos: f64,
-}
-
-impl<'a> Oval<'a> {
-    fn new(outline: &'a Outline) -> Self {
-        let (sin, cos) = outline.angle.sin_cos();
-        Self { outline, sin, cos }
-    }
-
-    /// Coordinates along and across.
-    fn local(&self, x: f64, y: f64) -> (f64, f64) {
-        let (dx, dy) = (x - self.outline.centre.x, y - self.outline.centre.y);
-        (dx * self.cos + dy * self.sin, dy * self.cos - dx * self.sin)
-    }
-
-    /// Where a row passes through the ellipse grown by `by` on all sides.
-    fn row(&self, y: f64, by: f64) -> Option<(f64, f64)> {
-        let (a, b) = (self.outline.major + by, self.outline.minor + by);
-        if a <= 0.0 || b <= 0.0 {
-            return None;
-        }
-        let dy = y - self.outline.centre.y;
-        let (p, q) = (1.0 / (a * a), 1.0 / (b * b));
-        let square = self.cos * self.cos * p + self.sin * self.sin * q;
-        let mixed = self.sin * self.cos * (p - q) * dy;
-        let rest = (self.sin * self.sin * p + self.cos * self.cos * q) * dy * dy - 1.0;
-        let root = mixed * mixed - square * rest;
-        let middle = self.outline.centre.x - mixed / square;
-        (root > 0.0).then(|| (middle - root.sqrt() / square, middle + root.sqrt() / square))
     }
 }
 
@@ -192,9 +159,6 @@ pub enum Masked<'a> {
     /// levels. These do not depend on how the candidate was found.
     DarkerThan(Parameters, f64),
 }
-
-/// Part of the frame about a candidate: first and last column and row.
-type Box = [usize; 4];
 
 /// How a candidate's edges look.
 #[derive(Clone, Copy)]
@@ -311,100 +275,4 @@ impl Line {
 fn radius(outline: &Outline, line: &Line) -> f64 {
     let (s, t) = outline.local(outline.centre + Vector2::new(line.across.y, -line.across.x));
     1.0 / (s / outline.major).hypot(t / outline.minor)
-}
-
-/// The columns of an interval that lie in the area.
-fn columns(from: f64, to: f64, [x0, _, x1, _]: Box) -> std::ops::Range<usize> {
-    from.ceil().max(x0 as f64) as usize..(to.floor() + 1.0).min((x1 + 1) as f64).max(0.0) as usize
-}
-
-/// How far what is near a thing is not used either, px.
-const MARGIN: usize = 3;
-
-/// Pixels of an area that are not used.
-struct Mask {
-    area: Box,
-    marks: Option<Vec<bool>>,
-}
-
-impl Mask {
-    /// Marks what is near a run of pixels.
-    fn add(&mut self, y: usize, from: usize, to: usize) {
-        let [x0, y0, x1, y1] = self.area;
-        let width = x1 - x0 + 1;
-        let marks = self.marks.get_or_insert_with(|| vec![false; width * (y1 - y0 + 1)]);
-        let (from, to) = (from.saturating_sub(MARGIN).max(x0), (to + MARGIN).min(x1));
-        for row in y.saturating_sub(MARGIN).max(y0)..=(y + MARGIN).min(y1) {
-            if from <= to {
-                marks[(row - y0) * width + from - x0..=(row - y0) * width + to - x0].fill(true);
-            }
-        }
-    }
-}
-
-/// Pixels near others outside the disc's outline that are darker than the light by more than `limit`.
-fn darker(
-    image: &Raster,
-    outline: &Outline,
-    bands: Bands,
-    area: Box,
-    m: &Parameters,
-    limit: f64,
-) -> Option<Vec<bool>> {
-    let mut mask = Mask { area, marks: None };
-    let oval = Oval::new(outline);
-    let reach = f64::from(bands.flat) + MARGIN as f64;
-    // No pixel that is lighter than this is darker than the light anywhere near.
-    let (p, q) = (1.0 + reach / outline.major, 1.0 + reach / outline.minor);
-    let most = m[LIGHT] + (m[LIGHT + 1].abs() + m[LIGHT + 3].abs() * p) * p + m[LIGHT + 2].abs() * q - limit;
-    let most = most.ceil().clamp(0.0, 255.0) as u8;
-    for y in area[1]..=area[3] {
-        let Some((from, to)) = oval.row(y as f64, reach) else { continue };
-        let inside = oval.row(y as f64, f64::from(bands.edge) + 1.0).unwrap_or((to, to));
-        let row = image.row(y);
-        for columns in [columns(from, inside.0, area), columns(inside.1, to, area)] {
-            let dark =
-                row.get(columns.clone()).is_some_and(|some| some.iter().fold(255, |l, &v| v.min(l)) < most);
-            for x in columns.filter(|_| dark) {
-                let (s, t) = oval.local(x as f64, y as f64);
-                let (p, q) = (s / outline.major, t / outline.minor);
-                let light = m[LIGHT] + m[LIGHT + 1] * p + m[LIGHT + 2] * q + m[LIGHT + 3] * p * p;
-                if f64::from(row[x]) < light - limit {
-                    mask.add(y, x, x);
-                }
-            }
-        }
-    }
-    mask.marks
-}
-
-/// Pixels of the area near a blob that is not the candidate's; `None` where no such blob is near.
-fn foreign(blobs: &[Blob], candidate: &Candidate, area: Box) -> Option<Vec<bool>> {
-    let outline = &candidate.outline;
-    let [x0, y0, x1, y1] = area;
-    let mut mask = Mask { area, marks: None };
-    for (i, blob) in blobs.iter().enumerate() {
-        let b = blob.bounds;
-        let apart = b[0] > x1 + MARGIN || b[2] + MARGIN < x0 || b[1] > y1 + MARGIN || b[3] + MARGIN < y0;
-        let (s, t) = outline.local(blob.centroid);
-        let own = (s / outline.major).powi(2) + (t / outline.minor).powi(2) < 1.0;
-        if apart || own || candidate.blobs.contains(&i) || own_at_laxer_level(blobs, candidate, blob) {
-            continue;
-        }
-        for run in &blob.runs {
-            let [y, from, to] = run.map(|v| v as usize);
-            mask.add(y, from, to);
-        }
-    }
-    mask.marks
-}
-
-/// Whether a blob holds the candidate's own one: with a line that touches it at a laxer level.
-fn own_at_laxer_level(blobs: &[Blob], candidate: &Candidate, other: &Blob) -> bool {
-    let middle = |blob: &Blob| blob.runs.get(blob.runs.len() / 2).copied();
-    let own = candidate.blobs.iter().filter_map(|&i| blobs.get(i)).filter_map(middle);
-    own.into_iter().any(|[y, from, to]| {
-        let at = (from + to) / 2;
-        other.runs.iter().any(|r| r[0] == y && (r[1]..=r[2]).contains(&at))
-    })
 }

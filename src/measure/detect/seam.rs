@@ -1,0 +1,201 @@
+//! Stage 4: seams of the skin that meet a disc. A thin dark line that ends in a flat disc's tip makes it look longer,
+//! by too little in each pixel for the robust weights; beside the disc the whole of it tells where it runs.
+
+use nalgebra::{Matrix2, SymmetricEigen, Vector2};
+
+use super::super::raster::Raster;
+use super::candidate::{Band, Outline};
+use super::model::{BLUR, LIGHT, Parameters};
+use super::oval::{Oval, columns};
+
+/// The ring beside a disc that is searched, px from its outline: from where its blur has ended (in parts of the blur)
+/// outwards.
+const CLEAR: f64 = 3.0;
+const REACH: f64 = 14.0;
+/// Residual scales by which a pixel is darker than the skin, to be a sign of a seam, and by which all of a seam's are.
+const SIGN: f32 = 2.5;
+const DARKER: f64 = 1.5;
+/// Signs on one line, those that are looked at, and how far apart two of them must be to tell a line, px.
+const LEAST: usize = 8;
+const MOST: usize = 40;
+const APART: f64 = 6.0;
+/// Half the width of a seam in which signs lie, px.
+const NARROW: f64 = 1.2;
+/// Where the skin beside a seam is looked at, px from it; bins of its profile, px.
+const BESIDE: (f64, f64) = (4.5, 7.5);
+const BIN: f64 = 0.5;
+const BINS: usize = 9;
+/// Standard deviations of a seam's darkness, and share of its length that must be dark, for chance lines up signs, and
+/// letters and dirt are not lines.
+const CERTAIN: f64 = 8.0;
+const PIECE: f64 = 4.0;
+const UNBROKEN: f64 = 0.75;
+/// Pieces that must be seen.
+const PIECES: usize = 4;
+/// Share of the outline that a seam may hide: more could not be missed.
+const HIDES: f64 = 0.35;
+/// Most seams at a disc.
+const SEAMS: usize = 2;
+
+/// A pixel of the ring: place, px, and how much darker it is than the skin, in residual scales.
+struct Spot {
+    at: Vector2<f64>,
+    darker: f32,
+}
+
+/// The seams beside a disc whose image is known to `m`, with residuals of this scale, as bands of the picture.
+pub fn find(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Vec<Band> {
+    let spots = ring(image, outline, m, scale);
+    let mut signs: Vec<Vector2<f64>> = spots.iter().filter(|s| s.darker > SIGN).map(|s| s.at).collect();
+    let mut out = Vec::new();
+    while out.len() < SEAMS {
+        let Some(line) = straightest(&signs) else { break };
+        let before = signs.len();
+        signs.retain(|at| (line.across.dot(at) - line.at).abs() > 2.0 * NARROW);
+        if let Some(half) = half_width(&spots, &line) {
+            let band = Band { axis: line.across, from: line.at - half, to: line.at + half };
+            if hidden_share(outline, &band) <= HIDES {
+                out.push(band);
+            }
+        }
+        if signs.len() == before {
+            break;
+        }
+    }
+    out
+}
+
+/// The pixels of the ring.
+fn ring(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Vec<Spot> {
+    let mut out = Vec::new();
+    let reach = outline.extent().add_scalar(REACH + 1.0);
+    let (low, high) = (outline.centre - reach, outline.centre + reach);
+    let row = |v: f64| (v.max(0.0) as usize).min(image.height() - 1);
+    let all = [0, 0, image.width() - 1, image.height() - 1];
+    let (oval, by_scale) = (Oval::new(outline), 1.0 / scale.max(0.1));
+    let [light, along, across, bent] = [0, 1, 2, 3].map(|k| m[LIGHT + k]);
+    for y in row(low.y)..=row(high.y) {
+        let Some((from, to)) = oval.row(y as f64, REACH) else { continue };
+        let hole = oval.row(y as f64, CLEAR * m[BLUR]).unwrap_or((to, to));
+        let pixels = image.row(y);
+        for columns in [columns(from, hole.0, all), columns(hole.1.max(hole.0), to, all)] {
+            for x in columns {
+                let Some(&value) = pixels.get(x) else { break };
+                let (s, t) = oval.local(x as f64, y as f64);
+                let (p, q) = (s / outline.major, t / outline.minor);
+                let skin = light + (along + bent * p) * p + across * q;
+                let darker = ((skin - f64::from(value)) * by_scale) as f32;
+                out.push(Spot { at: Vector2::new(x as f64, y as f64), darker });
+            }
+        }
+    }
+    out
+}
+
+/// A straight line: the points whose product with a unit vector is `at`, px.
+#[derive(Clone, Copy)]
+struct Line {
+    across: Vector2<f64>,
+    at: f64,
+}
+
+impl Line {
+    fn distance(&self, at: &Vector2<f64>) -> f64 {
+        (self.across.dot(at) - self.at).abs()
+    }
+}
+
+/// The line that most of the signs lie on.
+fn straightest(signs: &[Vector2<f64>]) -> Option<Line> {
+    if signs.len() < LEAST {
+        return None;
+    }
+    let few: Vec<&Vector2<f64>> = signs.iter().step_by(signs.len().div_ceil(MOST)).collect();
+    let (mut best, mut most) = (None, 0);
+    for (i, one) in few.iter().enumerate() {
+        for other in &few[i + 1..] {
+            let along = *other - *one;
+            let length = along.norm();
+            if length < APART {
+                continue;
+            }
+            let across = Vector2::new(-along.y, along.x) / length;
+            let line = Line { across, at: across.dot(one) };
+            let count = few.iter().filter(|at| line.distance(at) < NARROW).count();
+            if count > most {
+                (best, most) = (Some(line), count);
+            }
+        }
+    }
+    let mut line = best?;
+    for _ in 0..2 {
+        line = through(signs.iter().filter(|at| line.distance(at) < NARROW))?;
+    }
+    (signs.iter().filter(|at| line.distance(at) < NARROW).count() >= LEAST).then_some(line)
+}
+
+/// The line through points that has the least squares of distances.
+fn through<'a>(points: impl Iterator<Item = &'a Vector2<f64>> + Clone) -> Option<Line> {
+    let count = points.clone().count() as f64;
+    if count < 2.0 {
+        return None;
+    }
+    let middle = points.clone().sum::<Vector2<f64>>() / count;
+    let scatter: Matrix2<f64> = points.map(|at| (at - middle) * (at - middle).transpose()).sum();
+    let eigen = SymmetricEigen::new(scatter);
+    let across = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
+    Some(Line { across, at: across.dot(&middle) })
+}
+
+/// Half the width of what is dark along a line, px, if it is a seam: darker than what is beside it, all along.
+fn half_width(spots: &[Spot], line: &Line) -> Option<f64> {
+    let along = Vector2::new(-line.across.y, line.across.x);
+    let mut profile = [[0.0f64; 2]; BINS];
+    let mut beside = [0.0f64; 3];
+    let mut pieces: Vec<(i32, [f64; 2])> = Vec::new();
+    for spot in spots {
+        let (distance, darker) = (line.distance(&spot.at), f64::from(spot.darker));
+        if let Some(bin) = profile.get_mut((distance / BIN) as usize) {
+            bin[0] += darker;
+            bin[1] += 1.0;
+        }
+        if (BESIDE.0..BESIDE.1).contains(&distance) {
+            // Something else that is dark is no skin.
+            let darker = darker.clamp(-4.0, 4.0);
+            beside = [beside[0] + darker, beside[1] + 1.0, beside[2] + darker * darker];
+        }
+        if distance < 1.0 {
+            let piece = (along.dot(&spot.at) / PIECE).floor() as i32;
+            match pieces.iter_mut().find(|(k, _)| *k == piece) {
+                Some((_, sum)) => *sum = [sum[0] + darker, sum[1] + 1.0],
+                None => pieces.push((piece, [darker, 1.0])),
+            }
+        }
+    }
+    let (sum, count) = (profile[0][0] + profile[1][0], profile[0][1] + profile[1][1]);
+    if count < LEAST as f64 || beside[1] < LEAST as f64 || pieces.len() < PIECES {
+        return None;
+    }
+    let skin = beside[0] / beside[1];
+    let noise = (beside[2] / beside[1] - skin * skin).max(0.25).sqrt();
+    let peak = sum / count - skin;
+    let dark = pieces.iter().filter(|(_, [sum, count])| sum / count - skin > 0.4 * peak).count();
+    let certain = peak > DARKER
+        && peak * count.sqrt() > CERTAIN * noise
+        && dark as f64 >= UNBROKEN * pieces.len() as f64;
+    let ended = |&[sum, count]: &[f64; 2]| count > 0.0 && sum / count - skin < 0.12 * peak;
+    let half = (profile.iter().position(ended)? as f64 + 0.5) * BIN;
+    certain.then_some(half.max(1.0))
+}
+
+/// Share of an outline that a band holds.
+fn hidden_share(outline: &Outline, band: &Band) -> f64 {
+    const POINTS: usize = 64;
+    let (sin, cos) = outline.angle.sin_cos();
+    let held = (0..POINTS).filter(|&k| {
+        let (b, a) = (std::f64::consts::TAU * k as f64 / POINTS as f64).sin_cos();
+        let (s, t) = (outline.major * a, outline.minor * b);
+        band.holds(&(outline.centre + Vector2::new(s * cos - t * sin, s * sin + t * cos)))
+    });
+    held.count() as f64 / POINTS as f64
+}
