@@ -70,8 +70,8 @@ impl Blocks {
     /// `white`, at least what the blocks show, the greatest ratio of the two, and their mean ratio in squares.
     pub fn raise(&self, white: &Matrix2<f64>, count: usize) -> Option<(Matrix2<f64>, f64, f64)> {
         let squares = scatter(&self.squares, count);
-        let (raised, one) = at_least(white, &squares)?;
-        let (raised, other) = at_least(&raised, &scatter(&self.sectors, count))?;
+        let (raised, one) = at_least(white, &squares, CHANCE)?;
+        let (raised, other) = at_least(&raised, &scatter(&self.sectors, count), CHANCE)?;
         let mean = 0.5 * (Cholesky::new(*white)?.inverse() * squares).trace();
         Some((raised, one.max(other), mean))
     }
@@ -85,12 +85,13 @@ fn scatter(blocks: &[[f64; 2]], count: usize) -> Matrix2<f64> {
     seen * (number / (number - count as f64).max(1.0)).min(2.5)
 }
 
-/// `white` raised, in its own units, to `seen` in the directions in which that is clearly greater.
-fn at_least(white: &Matrix2<f64>, seen: &Matrix2<f64>) -> Option<(Matrix2<f64>, f64)> {
+/// `white` raised to `seen` in the directions in which that is greater by more than a factor, and the greatest of their
+/// ratios.
+pub fn at_least(white: &Matrix2<f64>, seen: &Matrix2<f64>, factor: f64) -> Option<(Matrix2<f64>, f64)> {
     let root = Cholesky::new(*white)?.l();
     let inverse = root.try_inverse()?;
     let eigen = SymmetricEigen::new(inverse * seen * inverse.transpose());
-    let raised = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| if v > CHANCE { v } else { 1.0 }));
+    let raised = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| if v > factor { v } else { 1.0 }));
     let back = root * eigen.eigenvectors;
     Some((back * raised * back.transpose(), eigen.eigenvalues.max()))
 }

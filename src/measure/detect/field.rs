@@ -38,6 +38,8 @@ pub struct Freed {
     pub parameters: Parameters,
     /// The centre's covariance, at least that which the residuals show, px^2.
     pub covariance: Matrix2<f64>,
+    /// The same if no residuals hung together.
+    pub white: Matrix2<f64>,
     /// Weighted root mean square of the residuals, grey levels.
     pub rms: f64,
     /// Mean robust weight, 0 to 1.
@@ -125,6 +127,7 @@ pub fn freed(pixels: &Pixels, fit: &Fit, seen: &Deserved, unknowns: &Unknowns, f
     Some(Freed {
         parameters: m,
         covariance: blocks.raise(&white, list.len())?.0,
+        white,
         rms: (seen.square / seen.weight.max(1e-9)).sqrt(),
         inliers: seen.weight / pixels.weight(),
     })

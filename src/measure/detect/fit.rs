@@ -1,6 +1,6 @@
 //! Stage 4: the image model fitted to grey values, robustly, with covariance.
 
-use nalgebra::Cholesky;
+use nalgebra::{Cholesky, Matrix2};
 
 use super::batch::Pixels;
 use super::linear::{Column, Images, Square, Step, linearise, weigh};
@@ -25,8 +25,8 @@ pub struct Fit {
     pub images: Images,
     /// The centre's variance from blocks of residuals over that of the fit.
     pub clumped: f64,
-    /// Whether the covariance allows for that.
-    pub raised: bool,
+    /// The centre's covariance if no residuals hung together, px^2.
+    pub white: Matrix2<f64>,
 }
 
 impl Fit {
@@ -143,7 +143,8 @@ pub fn fit(
     let rms = (step.square / step.weight.max(1e-9)).sqrt();
     let inliers = step.weight / problem.pixels.weight();
     let images = problem.images.unwrap_or_default();
-    Some(Fit { parameters, covariance, variance, rms, inliers, start, images, clumped: 1.0, raised: false })
+    let white = covariance.fixed_view::<2, 2>(X, X).into_owned();
+    Some(Fit { parameters, covariance, variance, rms, inliers, start, images, clumped: 1.0, white })
 }
 
 /// Grey levels between white or skin and black.

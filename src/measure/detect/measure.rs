@@ -52,8 +52,8 @@ pub struct Measured {
     pub darkness: f64,
     /// The centre's variance from blocks of residuals over that of the fit.
     pub clumped: f64,
-    /// Whether the covariance allows for that.
-    pub raised: bool,
+    /// The centre's covariance if no residuals hung together, px^2.
+    pub white: Matrix2<f64>,
 }
 
 /// What a frame's markers can be like.
@@ -331,7 +331,7 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
         blur: m[BLUR],
         darkness: contrast / m[LIGHT].max(1.0),
         clumped: fit.clumped,
-        raised: fit.raised,
+        white: fit.white,
     })
 }
 

@@ -5,7 +5,7 @@
 use nalgebra::Matrix2;
 
 use super::batch::Pixels;
-use super::blocks::{Blocks, CHANCE};
+use super::blocks::Blocks;
 use super::field::freed;
 use super::fit::{Fit, Unknowns};
 use super::linear::biweights;
@@ -43,16 +43,15 @@ pub fn improve(pixels: &Pixels, fit: Fit, unknowns: &Unknowns, floor: f64, whole
     let foreign = left_out as f64 / pixels.count() as f64;
     let suspect = whole && (seen.ratio > CORRELATED || foreign > FOREIGN);
     let freed = if suspect { freed(pixels, &fit, &seen, unknowns, floor) } else { None };
-    let mut out = Fit { clumped: seen.mean, ..fit };
+    let white = fit.covariance.fixed_view::<2, 2>(X, X).into_owned();
+    let mut out = Fit { clumped: seen.mean, white, ..fit };
     let centre = match freed {
         Some(freed) if freed.rms < BETTER * out.rms => {
             (out.parameters, out.rms, out.inliers) = (freed.parameters, freed.rms, freed.inliers);
+            out.white = freed.white;
             freed.covariance
         }
-        _ => {
-            out.raised = seen.ratio > CHANCE;
-            seen.covariance
-        }
+        _ => seen.covariance,
     };
     out.covariance.fixed_view_mut::<2, 2>(X, X).copy_from(&centre);
     out
