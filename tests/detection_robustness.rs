@@ -84,6 +84,66 @@ fn flat_discs_in_haze_are_found() {
     }
 }
 
+/// A black disc on skin with a seam, blurred by 0.8 px in light, with noise: centre, semi-axes, direction; the
+/// seam's distance from the centre along the disc, its direction and its share of the skin's light.
+fn seamed_picture([cx, cy, a, b, angle]: [f64; 5], [beyond, turn, dark]: [f64; 3], seed: u64) -> Raster {
+    const WIDTH: usize = 200;
+    const HEIGHT: usize = 100;
+    const TONE: f64 = 2.2;
+    let (blur, half_width) = (0.8, 0.9);
+    let steps: Vec<(f64, f64)> =
+        (-11..=11).map(|k| 0.3 * f64::from(k)).map(|z: f64| (z * blur, (-0.5 * z * z).exp())).collect();
+    let (sin, cos) = angle.sin_cos();
+    let (across_x, across_y) = (-(angle + turn).sin(), (angle + turn).cos());
+    let sharp = |x: f64, y: f64| {
+        let (dx, dy) = (x - cx, y - cy);
+        let (s, t) = (dx * cos + dy * sin, dy * cos - dx * sin);
+        let off = (dx - beyond * cos) * across_x + (dy - beyond * sin) * across_y;
+        let skin = if off.abs() < half_width { 190.0 * (1.0 - dark) } else { 190.0 };
+        let grey: f64 = if (s / a).hypot(t / b) < 1.0 { 50.0 } else { skin };
+        grey.powf(TONE)
+    };
+    let mut random = StdRng::seed_from_u64(seed);
+    let mut luma = Vec::with_capacity(WIDTH * HEIGHT);
+    for i in 0..WIDTH * HEIGHT {
+        let (x, y) = ((i % WIDTH) as f64, (i / WIDTH) as f64);
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for &(dx, one) in &steps {
+            for &(dy, other) in &steps {
+                sum += one * other * sharp(x + dx, y + dy);
+                weights += one * other;
+            }
+        }
+        let noise: f64 = (0..4).map(|_| random.random_range(-1.0..1.0)).sum();
+        luma.push(((sum / weights).powf(1.0 / TONE) + noise).round().clamp(0.0, 255.0) as u8);
+    }
+    Raster::new(WIDTH, HEIGHT, luma).unwrap()
+}
+
+#[test]
+fn a_seam_that_meets_a_tip_does_not_shift_the_disc() {
+    for turn in [1.0, -0.7] {
+        let (mut shift, mut square, mut count) = (0.0, 0.0, 0.0);
+        for seed in 0..20 {
+            let angle = 0.11 + 0.01 * seed as f64;
+            let centre = Vector2::new(95.3 + 0.13 * seed as f64, 46.6 + 0.07 * seed as f64);
+            let image = seamed_picture([centre.x, centre.y, 44.0, 5.0, angle], [45.0, turn, 0.16], seed);
+            let found = detect(&image);
+            assert_eq!(found.markers.len(), 1, "turn {turn}, seed {seed}");
+            let axis = Vector2::new(angle.cos(), angle.sin());
+            let along = (found.markers[0].centre_px - centre).dot(&axis);
+            let variance = axis.dot(&(found.markers[0].covariance_px2 * axis));
+            shift += along;
+            square += along * along / variance;
+            count += 1.0;
+        }
+        let (mean, normalised): (f64, f64) = (shift / count, (square / count).sqrt());
+        println!("turn {turn}: mean shift {mean:.3} px, normalised {normalised:.2}");
+        assert!(mean.abs() < 0.02, "turn {turn}: discs are shifted by {mean} px");
+        assert!((0.5..1.5).contains(&normalised), "turn {turn}: {normalised} standard deviations");
+    }
+}
+
 #[test]
 fn the_number_of_threads_changes_nothing() {
     let image = picture(900, 600, &[[200.3, 150.6, 40.0, 8.0, 0.2], [600.0, 400.0, 30.0, 12.0, -0.4]], 5);

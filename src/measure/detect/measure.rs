@@ -7,13 +7,14 @@ use super::super::setup::Shape;
 use super::batch::Pixels;
 use super::blob::{self, Blob};
 use super::candidate::{self, Candidate, Outline, half_turn};
-use super::fit::{Fit, Unknowns, contrast, fit, rough, settle};
+use super::fit::{Fit, contrast, fit, rough, settle};
 use super::grid;
 use super::linear::CUT;
 use super::model::{
     ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y,
 };
 use super::select::{ALL, EVERY, FEW, HALF, Look, Masked, SLACK, Wanted, pixels};
+use super::sought::{EGG_SPREAD, few_unknowns, settling, unknowns};
 use super::{Detection, RejectReason, seam, uneven};
 
 /// Standard deviations beyond which a bend of axis or edges is believed.
@@ -22,22 +23,9 @@ const BEND_TEST: f64 = 3.0;
 /// How a sheet lies on a curved skin is not known: stretched or not, it differs along the marker by
 /// the sag times the skin's slope, for which one in fourteen stands.
 const LAID: f64 = 0.07;
-/// The tone curve of pictures made for the eye, and how far cameras depart from it.
-const USUAL_GAMMA: (f64, f64) = (1.0 / 2.2, 0.15);
 /// Share of white or skin below which a contrast does not tell the exponent from the darkness: the grey half way
 /// up an edge then changes by less than half a percent with the exponent, and both run away together.
 const TELLS_GAMMA: f64 = 0.3;
-/// A disc's sag over its semi-major axis, and the change of its thickness, on the skin of a wing. A
-/// whole outline tells them better; half an outline needs to know that they are small.
-const SAG_SPREAD: f64 = 0.01;
-const EGG_SPREAD: f64 = 0.05;
-/// How far discs side by side differ: direction, rad, relative length and thickness.
-const ALIKE_ANGLE: f64 = 0.02;
-const ALIKE_MAJOR: f64 = 0.03;
-/// How far a disc's major axis is from what the whole discs about it foretell, relatively.
-const FORETOLD_MAJOR: f64 = 0.007;
-const ALIKE_MINOR: f64 = 0.1;
-
 /// Share of a marker's contrast by which what is darker than the skin around it is foreign.
 const FOREIGN: f64 = 0.25;
 
@@ -71,11 +59,6 @@ impl Bounds {
         Self { noise, blur: SOFTEST }
     }
 }
-
-/// Semi-minor axis from which on a marker tells more of its light, and its bends, px; and from which on a
-/// rough fit is sure of that.
-const THICK: f64 = 2.5;
-const CLEARLY_THICK: f64 = 4.0;
 
 /// Greatest blur that is measured, px.
 const SOFTEST: f64 = 3.2;
@@ -135,94 +118,35 @@ pub fn measure(
         .ok_or(RejectReason::NoConvergence)?;
     // From here on nothing depends on how the candidate was found.
     let (near, scale) = (grid::put(candidate.pattern, &near), grid::put_scale(scale));
-    let mut place = self::place(&outlined(image, &place, &near), &near);
-    if place.pattern == Pattern::Disc && place.hidden.is_empty() && place.bands.is_empty() {
-        place.seams = seam::find(image, &place.outline, &near, scale.max(floor));
-    }
-    let (unknowns, bends) = known(&place, &near);
-    let candidate = &place;
-    let mut pixels = choose(candidate, masked(&near), &near, 0.0, all)?;
-    let bent = fit(&mut pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
-    // The straight model knows more, where the bend is not significant.
-    let significant = !candidate.hidden.is_empty()
-        || (bends.iter())
-            .any(|&k| bent.parameters[k].abs() > BEND_TEST * bent.covariance[(k, k)].max(0.0).sqrt());
-    let mut unknowns = unknowns;
-    let result = if significant {
-        bent
-    } else {
-        bends.iter().for_each(|&k| unknowns.free[k] = false);
-        bent.without(bends)
+    let place = self::place(&outlined(image, &place, &near), &near);
+    let last = |candidate: &Candidate| {
+        let (mut unknowns, bends) = known(candidate, &near);
+        let mut pixels = choose(candidate, masked(&near), &near, 0.0, all)?;
+        let bent = fit(&mut pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
+        // The straight model knows more, where the bend is not significant.
+        let significant = !candidate.hidden.is_empty()
+            || (bends.iter())
+                .any(|&k| bent.parameters[k].abs() > BEND_TEST * bent.covariance[(k, k)].max(0.0).sqrt());
+        let result = if significant {
+            bent
+        } else {
+            bends.iter().for_each(|&k| unknowns.free[k] = false);
+            bent.without(bends)
+        };
+        let floor = floor.max(0.02 * contrast(&near));
+        let whole = candidate.hidden.is_empty();
+        let result = uneven::improve(&pixels, result, &unknowns, floor, whole);
+        judge(image, candidate, &result, noise)
     };
-    let floor = floor.max(0.02 * contrast(&near));
-    let whole = candidate.hidden.is_empty();
-    let result = uneven::improve(&pixels, result, &unknowns, floor, whole);
-    judge(image, candidate, &result, noise)
-}
-
-/// What only a whole thick marker tells of its light.
-const FINE_LIGHT: [usize; 4] = [LIGHT + 3, DARK + 1, DARK + 2, GAMMA];
-
-/// Which parameters a marker of this size can tell, and which of them are bends.
-fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
-    let outline = &candidate.outline;
-    let disc = candidate.pattern == Pattern::Disc;
-    let bends: &[usize] = if disc { &[THIRD, EGG] } else { &[SECOND, THIRD] };
-    let thick = outline.minor >= THICK;
-    let mut free = [true; N];
-    free[DARK + 1] = thick;
-    free[DARK + 2] = outline.minor >= 6.0;
-    free[GAMMA] = thick;
-    free[LIGHT + 3] = thick && outline.major >= 15.0;
-    free[EGG] = disc;
-    let part = !candidate.hidden.is_empty();
-    if part {
-        // The outline that is left tells an ellipse, and no more.
-        FINE_LIGHT.iter().for_each(|&k| free[k] = false);
+    if place.pattern == Pattern::Disc && place.hidden.is_empty() && place.bands.is_empty() {
+        let seams = seam::find(image, &place.outline, &near, scale.max(floor));
+        let without = Candidate { seams, ..place.clone() };
+        // What is left may be too little; with the seam's pixels it is at least found.
+        if let (false, Ok(measured)) = (without.seams.is_empty(), last(&without)) {
+            return Ok(measured);
+        }
     }
-    // An end that is not seen tells no bend.
-    if !thick || outline.major < 12.0 || !candidate.bands.is_empty() {
-        bends.iter().for_each(|&k| free[k] = false);
-    }
-    (Unknowns { free, usual: usual(candidate) }, bends)
-}
-
-/// What a first geometry takes: an outline or two lines, their blur, and planes of light.
-fn few_unknowns(candidate: &Candidate) -> Unknowns {
-    let (mut unknowns, _) = unknowns(candidate);
-    FINE_LIGHT.iter().for_each(|&k| unknowns.free[k] = false);
-    unknowns
-}
-
-/// What is sought of a marker that may turn out thin or thick: no more light, for then how it was found
-/// would tell which, and a disc's bends, which are known beforehand to be small.
-fn settling(candidate: &Candidate, mut unknowns: Unknowns) -> Unknowns {
-    let whole = candidate.hidden.is_empty() && candidate.bands.is_empty();
-    if whole && candidate.pattern == Pattern::Disc && candidate.outline.minor < CLEARLY_THICK {
-        FINE_LIGHT.iter().for_each(|&k| unknowns.free[k] = false);
-        [THIRD, EGG].iter().for_each(|&k| unknowns.free[k] = true);
-    }
-    unknowns
-}
-
-/// What is known before the fit.
-fn usual(candidate: &Candidate) -> [(f64, f64); N] {
-    let mut out = [(0.0, f64::INFINITY); N];
-    let outline = &candidate.outline;
-    out[GAMMA] = USUAL_GAMMA;
-    if candidate.pattern == Pattern::Disc {
-        out[THIRD] = (0.0, SAG_SPREAD * outline.major);
-        out[EGG] = (0.0, EGG_SPREAD);
-    }
-    if candidate.alike {
-        out[ANGLE] = (outline.angle, ALIKE_ANGLE);
-        out[FIRST] = (outline.major, ALIKE_MAJOR * outline.major);
-        out[SECOND] = (outline.minor, ALIKE_MINOR * outline.minor);
-    }
-    if candidate.foretold {
-        out[FIRST] = (outline.major, FORETOLD_MAJOR * outline.major);
-    }
-    out
+    last(&place)
 }
 
 /// Quadrants with the outline of what is nearer to black than to white: that does not depend on how the candidate was found.

@@ -24,6 +24,7 @@ mod oval;
 mod runs;
 mod seam;
 mod select;
+mod sought;
 mod uneven;
 mod wedge;
 mod weigh;

@@ -25,6 +25,8 @@ const NARROW: f64 = 1.2;
 const BESIDE: (f64, f64) = (4.5, 7.5);
 const BIN: f64 = 0.5;
 const BINS: usize = 9;
+/// What a seam's blur still darkens beyond where it seems to end, px.
+const SKIRT: f64 = 1.0;
 /// Standard deviations of a seam's darkness, and share of its length that must be dark, for chance lines up signs, and
 /// letters and dirt are not lines.
 const CERTAIN: f64 = 8.0;
@@ -185,7 +187,7 @@ fn half_width(spots: &[Spot], line: &Line) -> Option<f64> {
         && dark as f64 >= UNBROKEN * pieces.len() as f64;
     let ended = |&[sum, count]: &[f64; 2]| count > 0.0 && sum / count - skin < 0.12 * peak;
     let half = (profile.iter().position(ended)? as f64 + 0.5) * BIN;
-    certain.then_some(half.max(1.0))
+    certain.then_some(half.max(1.0) + SKIRT)
 }
 
 /// Share of an outline that a band holds.

@@ -1,0 +1,88 @@
+//! Which of the image model's parameters are sought of a marker, and what is known of them beforehand.
+
+use super::candidate::Candidate;
+use super::fit::Unknowns;
+use super::model::{ANGLE, DARK, EGG, FIRST, GAMMA, LIGHT, N, Pattern, SECOND, THIRD};
+
+/// The tone curve of pictures made for the eye, and how far cameras depart from it.
+const USUAL_GAMMA: (f64, f64) = (1.0 / 2.2, 0.15);
+/// A disc's sag over its semi-major axis, and the change of its thickness, on the skin of a wing. A
+/// whole outline tells them better; half an outline needs to know that they are small.
+const SAG_SPREAD: f64 = 0.01;
+pub const EGG_SPREAD: f64 = 0.05;
+/// How far discs side by side differ: direction, rad, relative length and thickness.
+const ALIKE_ANGLE: f64 = 0.02;
+const ALIKE_MAJOR: f64 = 0.03;
+/// How far a disc's major axis is from what the whole discs about it foretell, relatively.
+const FORETOLD_MAJOR: f64 = 0.007;
+const ALIKE_MINOR: f64 = 0.1;
+
+/// Semi-minor axis from which on a marker tells more of its light, and its bends, px; and from which on a
+/// rough fit is sure of that.
+const THICK: f64 = 2.5;
+const CLEARLY_THICK: f64 = 4.0;
+
+/// What only a whole thick marker tells of its light.
+const FINE_LIGHT: [usize; 4] = [LIGHT + 3, DARK + 1, DARK + 2, GAMMA];
+
+/// Which parameters a marker of this size can tell, and which of them are bends.
+pub fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
+    let outline = &candidate.outline;
+    let disc = candidate.pattern == Pattern::Disc;
+    let bends: &[usize] = if disc { &[THIRD, EGG] } else { &[SECOND, THIRD] };
+    let thick = outline.minor >= THICK;
+    let mut free = [true; N];
+    free[DARK + 1] = thick;
+    free[DARK + 2] = outline.minor >= 6.0;
+    free[GAMMA] = thick;
+    free[LIGHT + 3] = thick && outline.major >= 15.0;
+    free[EGG] = disc;
+    let part = !candidate.hidden.is_empty();
+    if part {
+        // The outline that is left tells an ellipse, and no more.
+        FINE_LIGHT.iter().for_each(|&k| free[k] = false);
+    }
+    // An end that is not seen tells no bend.
+    if !thick || outline.major < 12.0 || !candidate.bands.is_empty() {
+        bends.iter().for_each(|&k| free[k] = false);
+    }
+    (Unknowns { free, usual: usual(candidate) }, bends)
+}
+
+/// What a first geometry takes: an outline or two lines, their blur, and planes of light.
+pub fn few_unknowns(candidate: &Candidate) -> Unknowns {
+    let (mut unknowns, _) = unknowns(candidate);
+    FINE_LIGHT.iter().for_each(|&k| unknowns.free[k] = false);
+    unknowns
+}
+
+/// What is sought of a marker that may turn out thin or thick: no more light, for then how it was found
+/// would tell which, and a disc's bends, which are known beforehand to be small.
+pub fn settling(candidate: &Candidate, mut unknowns: Unknowns) -> Unknowns {
+    let whole = candidate.hidden.is_empty() && candidate.bands.is_empty();
+    if whole && candidate.pattern == Pattern::Disc && candidate.outline.minor < CLEARLY_THICK {
+        FINE_LIGHT.iter().for_each(|&k| unknowns.free[k] = false);
+        [THIRD, EGG].iter().for_each(|&k| unknowns.free[k] = true);
+    }
+    unknowns
+}
+
+/// What is known before the fit.
+fn usual(candidate: &Candidate) -> [(f64, f64); N] {
+    let mut out = [(0.0, f64::INFINITY); N];
+    let outline = &candidate.outline;
+    out[GAMMA] = USUAL_GAMMA;
+    if candidate.pattern == Pattern::Disc {
+        out[THIRD] = (0.0, SAG_SPREAD * outline.major);
+        out[EGG] = (0.0, EGG_SPREAD);
+    }
+    if candidate.alike {
+        out[ANGLE] = (outline.angle, ALIKE_ANGLE);
+        out[FIRST] = (outline.major, ALIKE_MAJOR * outline.major);
+        out[SECOND] = (outline.minor, ALIKE_MINOR * outline.minor);
+    }
+    if candidate.foretold {
+        out[FIRST] = (outline.major, FORETOLD_MAJOR * outline.major);
+    }
+    out
+}
