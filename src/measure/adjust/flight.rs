@@ -196,13 +196,9 @@ fn chi_square_limit(freedom: f64, alpha: f64) -> f64 {
 fn rotation_distance(setting: &Setting, fit: &Fit, a: usize, b: usize) -> f64 {
     let part = |frame: usize| {
         let Place::Local(first) = setting.layouts[frame].mount else { return None };
-        let mut gradient = Gradient {
-            global: DMatrix::zeros(3, fit.global.len()),
-            local: DMatrix::zeros(3, setting.layouts[frame].local),
-            observed: vec![],
-        };
+        let mut gradient = Gradient::empty(vec![], setting.layouts[frame].local, 3);
         for k in 0..3 {
-            gradient.local[(k, first + k)] = 1.0;
+            gradient.local[(first + k, k)] = 1.0;
         }
         let value = fit.groups[frame].local.fixed_rows::<3>(first).into_owned();
         Some((fit.propagate(frame, &gradient), value))

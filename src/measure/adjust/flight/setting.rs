@@ -184,19 +184,29 @@ fn image_block(seen: &Observation) -> Block {
 }
 
 impl Setting {
-    fn linearise(&self, scene: &Scene, at: &GroupPoint) -> Result<Vec<Linearised>, AdjustError> {
+    fn linearise(
+        &self,
+        scene: &Scene,
+        at: &GroupPoint,
+        blocks: &mut Vec<Linearised>,
+    ) -> Result<(), AdjustError> {
         match self.layouts.get(at.group) {
-            Some(layout) => self.frame(scene, layout, at),
-            None => self.ground(scene, at),
+            Some(layout) => self.frame(scene, layout, at, blocks),
+            None => self.ground(scene, at, blocks),
         }
     }
 
-    fn frame(&self, scene: &Scene, layout: &Layout, at: &GroupPoint) -> Result<Vec<Linearised>, AdjustError> {
+    fn frame(
+        &self,
+        scene: &Scene,
+        layout: &Layout,
+        at: &GroupPoint,
+        blocks: &mut Vec<Linearised>,
+    ) -> Result<(), AdjustError> {
         let values = layout.values(at.global, at.local);
         let sections = scene.grid.bend(&values.bending());
-        let mut blocks = Vec::with_capacity(at.observed.len());
-        for (member, observed) in self.members[at.group].iter().zip(at.observed) {
-            let mut rows = Rows::new(layout, member.marker, 2, 2);
+        let camera = scene.camera(&values.pose);
+        for (block, (member, observed)) in self.members[at.group].iter().zip(at.observed).enumerate() {
             let seen = Seen {
                 marker: member.marker,
                 section: &sections[member.marker],
@@ -205,39 +215,47 @@ impl Setting {
                 observed,
                 observation: 0,
             };
-            rows.flight(0, &seen, scene)?;
-            blocks.push(rows.finish());
+            Rows::new(layout, (blocks, block), member.marker, 2, 2).flight(0, &seen, scene, &camera)?;
         }
-        blocks.extend(at.observed.last().map(|departure| self.shape(layout, at, departure)));
-        Ok(blocks)
+        let Some(departure) = at.observed.last() else { return Ok(()) };
+        let last = self.members[at.group].len();
+        if blocks.len() == last {
+            blocks.push(self.empty_shape(layout));
+        }
+        self.shape(layout, at, departure, &mut blocks[last]);
+        Ok(())
+    }
+
+    /// Conditions of the departures, less the derivatives that change.
+    fn empty_shape(&self, layout: &Layout) -> Linearised {
+        let n = layout.curvature_terms - 1;
+        let columns = (self.ratios..self.ratios + n).chain(self.changes..self.changes + n).collect();
+        let mut empty = Linearised::empty(n, columns, layout.local, n);
+        empty.observations = -DMatrix::identity(n, n);
+        (0..n).for_each(|k| empty.local[(k, k + 1)] = 1.0);
+        empty
     }
 
     /// c_k = (r_k + progress * change_k) c_0 + departure.
-    fn shape(&self, layout: &Layout, at: &GroupPoint, departure: &DVector<f64>) -> Linearised {
+    fn shape(&self, layout: &Layout, at: &GroupPoint, departure: &DVector<f64>, out: &mut Linearised) {
         let n = layout.curvature_terms - 1;
         let (amplitude, progress) = (at.local[0], self.progress[at.group]);
-        let ratio = |k: usize| at.global[self.ratios + k] + progress * at.global[self.changes + k];
-        let mut local = DMatrix::zeros(n, layout.local);
         for k in 0..n {
-            local[(k, 0)] = -ratio(k);
-            local[(k, k + 1)] = 1.0;
-        }
-        let by = |k: usize, j: usize| match j.checked_sub(n) {
-            None if j == k => -amplitude,
-            Some(j) if j == k => -amplitude * progress,
-            _ => 0.0,
-        };
-        Linearised {
-            misclosure: DVector::from_fn(n, |k, _| at.local[k + 1] - ratio(k) * amplitude - departure[k]),
-            columns: (self.ratios..self.ratios + n).chain(self.changes..self.changes + n).collect(),
-            global: DMatrix::from_fn(n, 2 * n, by),
-            local,
-            observations: -DMatrix::identity(n, n),
+            let ratio = at.global[self.ratios + k] + progress * at.global[self.changes + k];
+            out.misclosure[k] = at.local[k + 1] - ratio * amplitude - departure[k];
+            out.local[(k, 0)] = -ratio;
+            out.global[(k, k)] = -amplitude;
+            out.global[(k, n + k)] = -amplitude * progress;
         }
     }
 
-    fn ground(&self, scene: &Scene, at: &GroupPoint) -> Result<Vec<Linearised>, AdjustError> {
-        let Some(frame) = self.layouts.first() else { return Ok(vec![]) };
+    fn ground(
+        &self,
+        scene: &Scene,
+        at: &GroupPoint,
+        blocks: &mut Vec<Linearised>,
+    ) -> Result<(), AdjustError> {
+        let Some(frame) = self.layouts.first() else { return Ok(()) };
         // The ground frame knows neither bending nor mounting.
         let layout = Layout {
             local: 0,
@@ -249,25 +267,22 @@ impl Setting {
         };
         let values = layout.values(at.global, at.local);
         let flat = scene.grid.bend(&values.bending());
-        let block = |(member, observed): (&Member, &DVector<f64>)| {
+        let camera = scene.camera(&values.pose.on_ground());
+        for (block, (member, observed)) in self.ground_members.iter().zip(at.observed).enumerate() {
             let sights = member.ground.map_or(0, |_| 2);
-            let mut rows = Rows::new(&layout, member.marker, 3 + sights, 3 + sights);
+            let mut rows = Rows::new(&layout, (blocks, block), member.marker, 3 + sights, 3 + sights);
             let ground_m = layout.on_ground(member.marker, at.global, observed);
             rows.surveyed(0, &ground_m, observed);
             if let Some(observation) = member.ground {
                 let (marker, section) = (member.marker, &flat[member.marker]);
-                rows.ground(
-                    3,
-                    &Seen { marker, section, values: &values, ground_m, observed, observation },
-                    scene,
-                )?;
+                let seen = Seen { marker, section, values: &values, ground_m, observed, observation };
+                rows.ground(3, &seen, scene, &camera)?;
             }
-            Ok(rows.finish())
-        };
-        self.ground_members.iter().zip(at.observed).map(block).collect()
+        }
+        Ok(())
     }
 
     pub(super) fn solve(&self, scene: &Scene, course: &Course) -> Result<Fit, AdjustError> {
-        solve_from(&self.problem, course, |at| self.linearise(scene, at))
+        solve_from(&self.problem, course, |at, blocks| self.linearise(scene, at, blocks))
     }
 }
