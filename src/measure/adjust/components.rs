@@ -53,7 +53,7 @@ pub struct Components {
 pub fn variance_components(
     problem: &mut Problem,
     groups: &[VarianceGroup],
-    linearise: impl Fn(&GroupPoint) -> Result<Vec<Linearised>, AdjustError>,
+    linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), AdjustError>,
 ) -> Result<Components, AdjustError> {
     let stated = problem.clone();
     let mut free = vec![true; groups.len()];

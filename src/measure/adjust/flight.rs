@@ -146,6 +146,13 @@ impl Flight<'_> {
         self.mountings = Some(list);
     }
 
+    /// Everything takes part but what was removed.
+    fn use_all_but(&mut self, removed: &[(usize, Suspect)]) {
+        self.used.iter_mut().for_each(|frame| frame.fill(true));
+        self.ground_used.fill(true);
+        removed.iter().for_each(|(group, suspect)| self.remove(*group, suspect));
+    }
+
     /// A wrong image leaves its frame, a wrong surveyed position takes its marker out everywhere.
     fn remove(&mut self, group: usize, suspect: &Suspect) {
         match self.used.get_mut(group) {
@@ -185,6 +192,50 @@ impl Flight<'_> {
         }
         Ok((last.0, last.1, removed))
     }
+
+    /// Images that were tested while a wrong surveyed position was still in are tested again without it.
+    fn snoop_again(&mut self, (setting, fit, mut removed): Snooped) -> Result<Snooped, AdjustError> {
+        let last = removed.iter().rposition(|(_, s)| s.target == Target::Survey);
+        let early = |(k, (_, s)): &(usize, &(usize, Suspect))| {
+            last.is_some_and(|l| *k <= l) && s.target == Target::Flight
+        };
+        if !removed.iter().enumerate().any(|r| early(&r)) {
+            return Ok((setting, fit, removed));
+        }
+        removed.retain(|(_, s)| s.target != Target::Flight);
+        self.use_all_but(&removed);
+        let next = self.solve(Some(&fit))?;
+        let (setting, fit, mut found) = self.snoop(next)?;
+        removed.append(&mut found);
+        Ok((setting, fit, removed))
+    }
+
+    /// Backward step: each marker that was taken out as a whole, the least suspect first, is put back
+    /// and tested with all the others out; it stays if it fits.
+    fn readmit(
+        &mut self,
+        mut last: (Setting, Fit),
+        removed: &mut Vec<(usize, Suspect)>,
+    ) -> Result<(Setting, Fit), AdjustError> {
+        let ground = self.frames.len();
+        let mut queue: Vec<_> = removed.iter().filter(|(_, s)| s.target != Target::Flight).copied().collect();
+        queue.sort_by(|(_, a), (_, b)| a.w.abs().total_cmp(&b.w.abs()));
+        for suspect in queue {
+            let others: Vec<_> = removed.iter().filter(|r| **r != suspect).copied().collect();
+            self.use_all_but(&others);
+            let with = self.solve(Some(&last.1))?;
+            let blocks =
+                with.0.ground_members.iter().enumerate().filter(|(_, m)| m.marker == suspect.1.marker);
+            let (problem, options) = (&with.0.problem, self.input.options);
+            if snooping::worst_of(problem, &with.1, ground, blocks, options).is_some() {
+                self.use_all_but(removed);
+            } else {
+                *removed = others;
+                last = with;
+            }
+        }
+        Ok(last)
+    }
 }
 
 fn chi_square_limit(freedom: f64, alpha: f64) -> f64 {
@@ -196,13 +247,9 @@ fn chi_square_limit(freedom: f64, alpha: f64) -> f64 {
 fn rotation_distance(setting: &Setting, fit: &Fit, a: usize, b: usize) -> f64 {
     let part = |frame: usize| {
         let Place::Local(first) = setting.layouts[frame].mount else { return None };
-        let mut gradient = Gradient {
-            global: DMatrix::zeros(3, fit.global.len()),
-            local: DMatrix::zeros(3, setting.layouts[frame].local),
-            observed: vec![],
-        };
+        let mut gradient = Gradient::empty(vec![], setting.layouts[frame].local, 3);
         for k in 0..3 {
-            gradient.local[(k, first + k)] = 1.0;
+            gradient.local[(first + k, k)] = 1.0;
         }
         let value = fit.groups[frame].local.fixed_rows::<3>(first).into_owned();
         Some((fit.propagate(frame, &gradient), value))
@@ -231,10 +278,12 @@ pub(super) fn solve(
     let scene = Scene::new(setup, orientation)?;
     let mut flight = Flight::new(setup, orientation, &scene, frames, options)?;
     let last = flight.solve(None)?;
-    let (setting, fit, removed) = flight.snoop(last)?;
+    let snooped = flight.snoop(last)?;
+    let (setting, fit, mut removed) = flight.snoop_again(snooped)?;
     let (setting, fit) = flight.tune_departure((setting, fit), 1)?;
     flight.find_mountings(&setting, &fit);
     let last = flight.solve(Some(&fit))?;
+    let last = flight.readmit(last, &mut removed)?;
     let (_, rough) = flight.tune_departure(last, DEPARTURE_ROUNDS)?;
     let setting = flight.setting(Some(&rough));
     let fit = setting.solve(&scene, &Course { rough: false, residuals: Some(&rough) })?;

@@ -139,12 +139,25 @@ pub struct Linearised {
     pub observations: DMatrix<f64>,
 }
 
+impl Linearised {
+    /// Conditions that depend on nothing yet.
+    pub fn empty(conditions: usize, columns: Vec<usize>, local: usize, observations: usize) -> Self {
+        Self {
+            misclosure: DVector::zeros(conditions),
+            global: DMatrix::zeros(conditions, columns.len()),
+            local: DMatrix::zeros(conditions, local),
+            observations: DMatrix::zeros(conditions, observations),
+            columns,
+        }
+    }
+}
+
 /// Minimises the problem. `linearise` gives a block's conditions at a point.
 pub fn solve(
     problem: &Problem,
     linearise: impl Fn(&Point) -> Result<Linearised, AdjustError>,
 ) -> Result<Fit, AdjustError> {
-    solve_groups(problem, |at| {
+    solve_groups(problem, |at, blocks| {
         let point = |(block, observed)| Point {
             group: at.group,
             block,
@@ -152,14 +165,19 @@ pub fn solve(
             local: at.local,
             observed,
         };
-        at.observed.iter().enumerate().map(|b| linearise(&point(b))).collect()
+        blocks.clear();
+        for b in at.observed.iter().enumerate() {
+            blocks.push(linearise(&point(b))?);
+        }
+        Ok(())
     })
 }
 
-/// As [`solve`], for models whose blocks share work: `linearise` gives all blocks of a group.
+/// As [`solve`], for models whose blocks share work: `linearise` gives all blocks of a group. It may
+/// find those of another point in the list, with the same columns and sizes, and write over them.
 pub fn solve_groups(
     problem: &Problem,
-    linearise: impl Fn(&GroupPoint) -> Result<Vec<Linearised>, AdjustError>,
+    linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), AdjustError>,
 ) -> Result<Fit, AdjustError> {
     solve_from(problem, &Course::default(), linearise)
 }
@@ -177,30 +195,32 @@ pub struct Course<'a> {
 pub fn solve_from(
     problem: &Problem,
     course: &Course,
-    linearise: impl Fn(&GroupPoint) -> Result<Vec<Linearised>, AdjustError>,
+    linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), AdjustError>,
 ) -> Result<Fit, AdjustError> {
     let converged = if course.rough { ROUGH } else { CONVERGED };
     let mut state = State::start(problem, course.residuals);
-    let mut system = System::assemble(problem, &state, &linearise)?;
+    let mut next = state.clone();
+    let mut system = System::new(problem)?;
+    system.assemble(problem, &state, &linearise)?;
     let mut damping = 0.0;
     for iteration in 1..=MAX_ITERATIONS {
         let step = system.step(problem, damping)?;
-        let next_state = system.moved(problem, &state, &step);
-        let next = System::assemble(problem, &next_state, &linearise);
-        let moved = step.dot(&(&system.normal * &step)) + residual_change(problem, &state, &next_state);
+        system.moved(problem, &state, &step, &mut next);
+        let moved = step.dot(&(&system.normal * &step)) + residual_change(problem, &state, &next);
         let settled = moved <= converged;
         // The sum of squares holds to first order in the conditions that are still open, and rounding
         // lets it waver far below what a standard deviation can tell.
         let limit = system.omega + OPEN_SHARE * system.unclosed + ROUNDING * (1.0 + system.omega);
-        let accepted = next.as_ref().is_ok_and(|n| n.omega.is_finite() && (n.omega <= limit || settled));
-        if !accepted {
+        let tried = system.assemble(problem, &next, &linearise);
+        if tried.is_err() || !system.omega.is_finite() || (system.omega > limit && !settled) {
             damping = if damping == 0.0 { 1e-3 } else { damping * 10.0 };
             if damping > 1e12 {
-                return Err(next.err().unwrap_or(AdjustError::NoConvergence { iterations: iteration }));
+                return Err(tried.err().unwrap_or(AdjustError::NoConvergence { iterations: iteration }));
             }
+            system.assemble(problem, &state, &linearise)?;
             continue;
         }
-        (state, system) = (next_state, next?);
+        std::mem::swap(&mut state, &mut next);
         if settled && system.unclosed <= converged {
             return system.finish(problem, state, iteration);
         }

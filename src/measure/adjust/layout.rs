@@ -1,11 +1,11 @@
 //! Where each unknown of the spatial methods stands, and a marker's conditions written into it.
 
-use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Vector2, Vector3};
+use nalgebra::{DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
 use super::AdjustError;
 use super::beam::{Bending, RAISE_TERMS, Section};
 use super::gauss_helmert::{Gradient, Linearised};
-use super::scene::{MarkerState, Pose, Predicted, Scene};
+use super::scene::{Camera, MarkerState, Pose, Predicted, Scene};
 
 /// First column of a set of unknowns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -128,37 +128,48 @@ impl Layout {
         }
     }
 
-    /// Global columns of a marker's conditions: all of the head, the mounting's, the marker's own three.
-    fn columns(&self, marker: usize) -> Vec<usize> {
-        let own = match self.survey {
+    /// Global columns of conditions on markers: all of the head, the mounting's, three of each marker.
+    pub fn columns(&self, markers: &[usize]) -> Vec<usize> {
+        let own = markers.iter().flat_map(|marker| match self.survey {
             Survey::Observed => 0..0,
             Survey::Global(first) => first + 3 * marker..first + 3 * marker + 3,
-        };
+        });
         (0..self.head).chain(self.own_mount()).chain(own).collect()
     }
 
-    /// Derivatives of a marker's position in flight for [`super::gauss_helmert::Fit::propagate`].
-    pub fn position_gradient(&self, state: &MarkerState, row: usize, sign: f64, gradient: &mut Gradient) {
-        let mut put = |place: Place, k: usize, v: Vector3<f64>| {
-            let (target, column) = match place {
-                Place::Global(first) => (&mut gradient.global, first + k),
-                Place::Local(first) => (&mut gradient.local, first + k),
-            };
-            for axis in 0..3 {
-                target[(row + axis, column)] += sign * v[axis];
+    /// First of the columns of the first marker among [`Layout::columns`].
+    pub fn survey_column(&self) -> usize {
+        self.head + self.own_mount().len()
+    }
+
+    /// Adds `value` to the derivative of a function by an unknown; the gradient's columns are
+    /// [`Layout::columns`].
+    pub fn put(&self, gradient: &mut Gradient, place: Place, k: usize, function: usize, value: f64) {
+        match place {
+            Place::Global(first) if first < self.head => gradient.global[(first + k, function)] += value,
+            Place::Global(_) => gradient.global[(self.head + k, function)] += value,
+            Place::Local(first) => gradient.local[(first + k, function)] += value,
+        }
+    }
+
+    /// Adds `directions * d(position in flight)`, a function for each direction.
+    pub fn put_position(&self, gradient: &mut Gradient, state: &MarkerState, directions: &[Vector3<f64>]) {
+        let mut put = |place: Place, k: usize, v: &Vector3<f64>| {
+            for (function, direction) in directions.iter().enumerate() {
+                self.put(gradient, place, k, function, direction.dot(v));
             }
         };
         for k in 0..self.curvature_terms {
-            put(self.curvature, k, state.by_curvature[k]);
+            put(self.curvature, k, &state.by_curvature[k]);
         }
         for k in 0..self.twist_terms {
-            put(self.twist, k, state.by_twist[k]);
+            put(self.twist, k, &state.by_twist[k]);
         }
         for j in 0..RAISE_TERMS {
-            put(self.raise, j, state.by_raise[j]);
+            put(self.raise, j, &state.by_raise[j]);
         }
         if let Some(place) = self.scale {
-            put(place, 0, state.by_scale);
+            put(place, 0, &state.by_scale);
         }
     }
 }
@@ -166,26 +177,23 @@ impl Layout {
 /// A block's conditions under construction.
 pub struct Rows<'a> {
     layout: &'a Layout,
-    out: Linearised,
+    out: &'a mut Linearised,
 }
 
 impl<'a> Rows<'a> {
+    /// Block `index` of a group's list, where it may stand from another point; else it is new:
     /// `conditions` rows over `observations` columns, all zero.
-    pub fn new(layout: &'a Layout, marker: usize, conditions: usize, observations: usize) -> Self {
-        let columns = layout.columns(marker);
-        let out = Linearised {
-            misclosure: DVector::zeros(conditions),
-            global: DMatrix::zeros(conditions, columns.len()),
-            local: DMatrix::zeros(conditions, layout.local),
-            observations: DMatrix::zeros(conditions, observations),
-            columns,
-        };
-        Self { layout, out }
-    }
-
-    /// The finished block.
-    pub fn finish(self) -> Linearised {
-        self.out
+    pub fn new(
+        layout: &'a Layout,
+        (blocks, index): (&'a mut Vec<Linearised>, usize),
+        marker: usize,
+        conditions: usize,
+        observations: usize,
+    ) -> Self {
+        if index == blocks.len() {
+            blocks.push(Linearised::empty(conditions, layout.columns(&[marker]), layout.local, observations));
+        }
+        Self { layout, out: &mut blocks[index] }
     }
 
     fn put(&mut self, place: Option<Place>, row: usize, k: usize, v: Vector2<f64>) {
@@ -195,8 +203,8 @@ impl<'a> Rows<'a> {
             Some(Place::Global(_)) => (&mut self.out.global, self.layout.head + k),
             Some(Place::Local(first)) => (&mut self.out.local, first + k),
         };
-        target[(row, column)] = v.x;
-        target[(row + 1, column)] = v.y;
+        let first = column * target.nrows() + row;
+        target.as_mut_slice()[first..first + 2].copy_from_slice(v.as_slice());
     }
 
     fn put3(&mut self, place: Option<Place>, row: usize, m: &Matrix2x3<f64>) {
@@ -205,16 +213,12 @@ impl<'a> Rows<'a> {
         }
     }
 
-    fn survey_column(&self) -> usize {
-        self.layout.head + self.layout.own_mount().len()
-    }
-
     /// Derivative to the marker's place on ground.
     fn put_survey(&mut self, row: usize, m: &Matrix2x3<f64>) {
         match self.layout.survey {
             Survey::Observed => self.out.observations.fixed_view_mut::<2, 3>(row, 0).copy_from(m),
             Survey::Global(_) => {
-                self.out.global.fixed_view_mut::<2, 3>(row, self.survey_column()).copy_from(m)
+                self.out.global.fixed_view_mut::<2, 3>(row, self.layout.survey_column()).copy_from(m)
             }
         }
     }
@@ -227,9 +231,15 @@ impl<'a> Rows<'a> {
     }
 
     /// Two conditions: the image of a marker in flight.
-    pub fn flight(&mut self, row: usize, seen: &Seen, scene: &Scene) -> Result<(), AdjustError> {
+    pub fn flight(
+        &mut self,
+        row: usize,
+        seen: &Seen,
+        scene: &Scene,
+        camera: &Camera,
+    ) -> Result<(), AdjustError> {
         let state = scene.marker(seen.marker, seen.section, &seen.ground_m, &seen.values.bending());
-        let predicted = scene.project(&state.carried.position_m, &seen.values.pose).ok_or_else(behind)?;
+        let predicted = scene.project(&state.carried.position_m, camera).ok_or_else(behind)?;
         self.put_pixel(row, seen.observation, &predicted, seen.observed);
         let by = predicted.by_point;
         for k in 0..self.layout.curvature_terms {
@@ -251,9 +261,14 @@ impl<'a> Rows<'a> {
     }
 
     /// Two conditions: the image of a marker on ground.
-    pub fn ground(&mut self, row: usize, seen: &Seen, scene: &Scene) -> Result<(), AdjustError> {
-        let pose = Pose { mount_rad: Vector3::zeros(), ..seen.values.pose };
-        let predicted = scene.project(&seen.ground_m, &pose).ok_or_else(behind)?;
+    pub fn ground(
+        &mut self,
+        row: usize,
+        seen: &Seen,
+        scene: &Scene,
+        camera: &Camera,
+    ) -> Result<(), AdjustError> {
+        let predicted = scene.project(&seen.ground_m, camera).ok_or_else(behind)?;
         self.put_pixel(row, seen.observation, &predicted, seen.observed);
         self.put3(self.layout.ground, row, &predicted.by_ground_rotation);
         self.put3(self.layout.centre, row, &-predicted.by_point);
@@ -268,7 +283,7 @@ impl<'a> Rows<'a> {
             self.out.misclosure[row + k] = ground_m[k] - observed[k];
         }
         self.out.observations.fixed_view_mut::<3, 3>(row, 0).copy_from(&-identity);
-        self.out.global.fixed_view_mut::<3, 3>(row, self.survey_column()).copy_from(&identity);
+        self.out.global.fixed_view_mut::<3, 3>(row, self.layout.survey_column()).copy_from(&identity);
     }
 }
 

@@ -1,11 +1,11 @@
 //! A fit of the spatial methods as a [`Solution`]: positions, lifts, torsion, curves, each with its
 //! standard deviation.
 
-use nalgebra::{DMatrix, Matrix3, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 
 use super::beam::{Bending, Grid, RAISE_TERMS, Section};
 use super::gauss_helmert::{Fit, Gradient, Problem};
-use super::layout::{Layout, Place, Survey, Values};
+use super::layout::{Layout, Survey, Values};
 use super::quality::{self, Reliability};
 use super::scene::{MarkerState, Scene};
 use super::{CurvePoint, Estimate, MarkerSolution, Options, Parameter, Torsion};
@@ -68,17 +68,18 @@ impl<'a> Outcome<'a> {
         Self { setup, scene, layout, problem, fit, group, members, options, scale, values, sections }
     }
 
-    fn gradient(&self, rows: usize) -> Gradient {
-        let (p, q) = (self.fit.global.len(), self.layout.local);
-        Gradient { global: DMatrix::zeros(rows, p), local: DMatrix::zeros(rows, q), observed: vec![] }
+    /// Of functions of the frame's unknowns and of the places of some markers on ground.
+    fn gradient(&self, functions: usize, markers: &[usize]) -> Gradient {
+        Gradient::empty(self.layout.columns(markers), self.layout.local, functions)
     }
 
     fn covariance(&self, gradient: &Gradient) -> DMatrix<f64> {
         self.fit.covariance_of(self.group, gradient) * (self.scale * self.scale)
     }
 
-    fn sigma(&self, gradient: &Gradient) -> Option<f64> {
-        Some(self.covariance(gradient)[(0, 0)].max(0.0).sqrt())
+    fn sigmas(&self, gradient: &Gradient) -> Vec<f64> {
+        let sigma = |variance: f64| self.scale * variance.max(0.0).sqrt();
+        self.fit.variances_of(self.group, gradient).into_iter().map(sigma).collect()
     }
 
     fn block_of(&self, marker: usize) -> Option<usize> {
@@ -97,30 +98,32 @@ impl<'a> Outcome<'a> {
         (ground, self.scene.marker(marker, &self.sections[marker], &ground, &self.values.bending()))
     }
 
-    /// Adds `rows * d(position in flight) + ground_rows * d(position on ground)` to a gradient.
+    /// Adds `directions * d(position in flight) + ground * d(position on ground)` to a gradient, a function
+    /// for each direction. The marker is the `nth` of those that the gradient was set up for.
     fn add(
         &self,
         gradient: &mut Gradient,
-        block: usize,
+        (block, nth): (usize, usize),
         state: &MarkerState,
-        rows: &DMatrix<f64>,
-        ground_rows: &DMatrix<f64>,
+        directions: &[Vector3<f64>],
+        ground: &[Vector3<f64>],
     ) {
-        let mut own = self.gradient(3);
-        self.layout.position_gradient(state, 0, 1.0, &mut own);
-        gradient.global += rows * own.global;
-        gradient.local += rows * own.local;
-        let by_survey = rows * state.carried.by_ground + ground_rows;
+        self.layout.put_position(gradient, state, directions);
+        let by_ground = directions.iter().zip(ground).map(|(d, g)| state.carried.by_ground.tr_mul(d) + g);
         match self.layout.survey {
             Survey::Observed => {
                 let n = self.problem.groups[self.group].blocks[block].observed.len();
-                let mut derivative = DMatrix::zeros(rows.nrows(), n);
-                derivative.columns_mut(0, 3).copy_from(&by_survey);
+                let mut derivative = DMatrix::zeros(n, directions.len());
+                for (f, by) in by_ground.enumerate() {
+                    (0..3).for_each(|k| derivative[(k, f)] = by[k]);
+                }
                 gradient.observed.push((block, derivative));
             }
-            Survey::Global(first) => {
-                let mut view = gradient.global.columns_mut(first + 3 * self.members[block].marker, 3);
-                view += by_survey;
+            Survey::Global(_) => {
+                let first = self.layout.survey_column() + 3 * nth;
+                for (f, by) in by_ground.enumerate() {
+                    (0..3).for_each(|k| gradient.global[(first + k, f)] += by[k]);
+                }
             }
         }
     }
@@ -143,15 +146,12 @@ impl<'a> Outcome<'a> {
         let position = state.carried.position_m;
         let distance = position.norm();
         let towards = position / distance;
-        // Rows: position, lift, distance.
-        let mut rows = DMatrix::zeros(5, 3);
-        let mut ground_rows = DMatrix::zeros(5, 3);
-        rows.fixed_view_mut::<3, 3>(0, 0).copy_from(&Matrix3::identity());
-        rows[(3, 1)] = 1.0;
-        ground_rows[(3, 1)] = -1.0;
-        rows.fixed_view_mut::<1, 3>(4, 0).copy_from(&towards.transpose());
-        let mut gradient = self.gradient(5);
-        self.add(&mut gradient, block, &state, &rows, &ground_rows);
+        // Position, lift, distance.
+        let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
+        let none = Vector3::zeros();
+        let mut gradient = self.gradient(5, &[member.marker]);
+        let directions = [x, y, z, y, towards];
+        self.add(&mut gradient, (block, 0), &state, &directions, &[none, none, none, -y, none]);
         let covariance = self.covariance(&gradient);
         let survey_from_wing = self.scene.ground.frame.wing_from_survey.inverse();
         let in_wing = covariance.fixed_view::<3, 3>(0, 0).into_owned();
@@ -203,16 +203,16 @@ impl<'a> Outcome<'a> {
         let markers = &self.setup.markers;
         let apart = markers[pair.leading].position_m - markers[pair.trailing].position_m;
         let base = apart.xy().norm();
-        let mut gradient = self.gradient(1);
+        let mut gradient = self.gradient(1, &[pair.leading, pair.trailing]);
         let mut difference = 0.0;
-        for (block, sign) in blocks.into_iter().zip([1.0, -1.0]) {
+        for (nth, (block, sign)) in blocks.into_iter().zip([1.0, -1.0]).enumerate() {
             let (ground, state) = self.state(block);
             difference += sign * (state.carried.position_m.y - ground.y);
-            let up = DMatrix::from_row_slice(1, 3, &[0.0, sign, 0.0]);
-            self.add(&mut gradient, block, &state, &up, &-&up);
+            let up = Vector3::y() * sign;
+            self.add(&mut gradient, (block, nth), &state, &[up], &[-up]);
         }
         let by_difference = base / (base * base + difference * difference);
-        let sigma = self.sigma(&gradient).map(|s| s * by_difference);
+        let sigma = self.sigmas(&gradient).first().map(|s| s * by_difference);
         Some(Estimate { value: difference.atan2(base), sigma })
     }
 
@@ -222,9 +222,9 @@ impl<'a> Outcome<'a> {
         let arc = 0.5 * (station(pair.leading)? + station(pair.trailing)?);
         let grid = Grid::new(&self.scene.ground, &[arc]);
         let section = grid.bend(&self.values.bending()).pop()?;
-        let mut gradient = self.gradient(1);
+        let mut gradient = self.gradient(1, &[]);
         self.put_twist(&mut gradient, 0, &section);
-        Some(Estimate { value: section.twist_rad, sigma: self.sigma(&gradient) })
+        Some(Estimate { value: section.twist_rad, sigma: self.sigmas(&gradient).first().copied() })
     }
 
     /// Lift of the axis and twist from the root to the outermost marker, and `a_per_m` fitted to it.
@@ -237,9 +237,9 @@ impl<'a> Outcome<'a> {
         let bent = grid.bend(&self.values.bending());
         let root = grid.root_m() + Vector3::y() * self.values.raise_m[0];
         let count = arcs.len();
-        // Rows: lifts, then twists.
-        let mut gradient = self.gradient(2 * count);
-        let mut by_lift = DMatrix::zeros(1, 2 * count);
+        // Lifts, then twists.
+        let mut gradient = self.gradient(2 * count, &[]);
+        let mut by_lift = DVector::zeros(2 * count);
         let (mut moment, mut fourth) = (0.0, 0.0);
         for (k, (flat, bent)) in flat.iter().zip(&bent).enumerate() {
             self.put_lift(&mut gradient, k, bent, root.y);
@@ -250,8 +250,8 @@ impl<'a> Outcome<'a> {
             fourth += x2 * x2;
         }
         by_lift /= fourth;
-        let variances = self.covariance(&gradient).diagonal();
-        let sigma = |row: usize| Some(variances[row].max(0.0).sqrt());
+        let sigmas = self.sigmas(&gradient);
+        let sigma = |k: usize| sigmas.get(k).copied();
         let point = |k: usize| CurvePoint {
             arc_length_m: arcs[k],
             span_m: bent[k].axis_m.x,
@@ -259,29 +259,29 @@ impl<'a> Outcome<'a> {
             twist_rad: Some(Estimate { value: bent[k].twist_rad, sigma: sigma(count + k) }),
         };
         let parabola = Gradient {
-            global: &by_lift * &gradient.global,
-            local: &by_lift * &gradient.local,
-            observed: vec![],
+            global: DMatrix::from_columns(&[&gradient.global * &by_lift]),
+            local: DMatrix::from_columns(&[&gradient.local * &by_lift]),
+            ..gradient
         };
         ((0..count).map(point).collect(), parabola, moment / fourth)
     }
 
     fn put_twist(&self, gradient: &mut Gradient, row: usize, section: &Section) {
         for k in 0..self.layout.twist_terms {
-            put(gradient, self.layout.twist, k, row, section.twist_by_terms[k]);
+            self.layout.put(gradient, self.layout.twist, k, row, section.twist_by_terms[k]);
         }
     }
 
     fn put_lift(&self, gradient: &mut Gradient, row: usize, section: &Section, root_y: f64) {
         for k in 0..self.layout.curvature_terms {
-            put(gradient, self.layout.curvature, k, row, section.axis_by_curvature[k].y);
+            self.layout.put(gradient, self.layout.curvature, k, row, section.axis_by_curvature[k].y);
         }
         for j in 0..RAISE_TERMS {
             let by = section.axis_by_raise[j].y - section.raise_by_terms[j];
-            put(gradient, self.layout.raise, j, row, by);
+            self.layout.put(gradient, self.layout.raise, j, row, by);
         }
         if let Some(place) = self.layout.scale {
-            put(gradient, place, 0, row, (section.axis_m.y - root_y) / self.values.scale);
+            self.layout.put(gradient, place, 0, row, (section.axis_m.y - root_y) / self.values.scale);
         }
     }
 
@@ -290,22 +290,20 @@ impl<'a> Outcome<'a> {
         let (n, t) = (self.layout.curvature_terms, self.layout.twist_terms);
         let count = n + t + 4;
         // One row more for pitch, which is not among the results' parameters.
-        let mut gradient = self.gradient(count + 1);
+        let mut gradient = self.gradient(count + 1, &[]);
         for k in 0..n {
-            put(&mut gradient, self.layout.curvature, k, k, 1.0);
+            self.layout.put(&mut gradient, self.layout.curvature, k, k, 1.0);
         }
         for k in 0..t {
-            put(&mut gradient, self.layout.twist, k, n + k, 1.0);
+            self.layout.put(&mut gradient, self.layout.twist, k, n + k, 1.0);
         }
         let pitch_axis = self.scene.camera_from_wing * Vector3::z();
         for k in 0..3 {
-            put(&mut gradient, self.layout.mount, k, n + t + k, 1.0);
-            put(&mut gradient, self.layout.mount, k, count, pitch_axis[k]);
+            self.layout.put(&mut gradient, self.layout.mount, k, n + t + k, 1.0);
+            self.layout.put(&mut gradient, self.layout.mount, k, count, pitch_axis[k]);
         }
-        gradient.global.row_mut(count - 1).copy_from(&parabola.global.row(0));
-        if self.layout.local > 0 {
-            gradient.local.row_mut(count - 1).copy_from(&parabola.local.row(0));
-        }
+        gradient.global.column_mut(count - 1).copy_from(&parabola.global.column(0));
+        gradient.local.column_mut(count - 1).copy_from(&parabola.local.column(0));
         let covariance = self.covariance(&gradient);
         let sigma = |k: usize| covariance[(k, k)].max(0.0).sqrt();
         let correlation =
@@ -323,12 +321,5 @@ impl<'a> Outcome<'a> {
         ];
         let pitch = Some(correlation[(count, count - 1)]).filter(|c| c.is_finite());
         (parameters, correlation.view((0, 0), (count, count)).into_owned(), pitch)
-    }
-}
-
-fn put(gradient: &mut Gradient, place: Place, k: usize, row: usize, value: f64) {
-    match place {
-        Place::Global(first) => gradient.global[(row, first + k)] += value,
-        Place::Local(first) => gradient.local[(row, first + k)] += value,
     }
 }

@@ -13,7 +13,7 @@ pub use parabola::{ArcLength, arc_length};
 use nalgebra::{DMatrix, DVector, Matrix3, RowVector4, Vector2, Vector3};
 
 use super::components::{VarianceGroup, variance_components};
-use super::gauss_helmert::{self, Block, Fit, Group, GroupPoint, Linearised, Point, Problem};
+use super::gauss_helmert::{self, Block, Fit, Group, Problem};
 use super::quality::{self, Reliability};
 use super::snooping;
 use super::{
@@ -60,7 +60,7 @@ impl<'a> Adjusted<'a> {
         }
         let geometry = Geometry::new(setup, orientation);
         let problem = problem(&geometry, &observations)?;
-        let fit = gauss_helmert::solve(&problem, |point| geometry.linearise(point))?;
+        let fit = gauss_helmert::solve_groups(&problem, |at, blocks| geometry.linearise(at, blocks))?;
         let response = Response::new(&problem, &fit);
         let reliability = reliability(&problem, &fit, alpha);
         Ok(Self {
@@ -83,17 +83,9 @@ impl<'a> Adjusted<'a> {
             VarianceGroup { name: "image", members: &image },
             VarianceGroup { name: "survey", members: &survey },
         ];
-        let linearise = |at: &GroupPoint| -> Result<Vec<Linearised>, AdjustError> {
-            let point = |(block, observed)| Point {
-                group: at.group,
-                block,
-                global: at.global,
-                local: at.local,
-                observed,
-            };
-            at.observed.iter().enumerate().map(|b| self.geometry.linearise(&point(b))).collect()
-        };
-        let found = variance_components(&mut self.problem, &groups, linearise)?;
+        let geometry = &self.geometry;
+        let found =
+            variance_components(&mut self.problem, &groups, |at, blocks| geometry.linearise(at, blocks))?;
         (self.fit, self.components, self.component_remarks) = (found.fit, found.components, found.remarks);
         self.response = Response::new(&self.problem, &self.fit);
         self.reliability = reliability(&self.problem, &self.fit, alpha);

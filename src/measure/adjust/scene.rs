@@ -37,6 +37,25 @@ pub struct Pose {
     pub centre_m: Vector3<f64>,
 }
 
+impl Pose {
+    /// The same before the camera was remounted.
+    pub fn on_ground(&self) -> Self {
+        Self { mount_rad: Vector3::zeros(), ..*self }
+    }
+}
+
+/// A pose, prepared for many points.
+#[derive(Clone, Copy, Debug)]
+pub struct Camera {
+    centre_m: Vector3<f64>,
+    /// On ground, corrections included.
+    ground_from_wing: Matrix3<f64>,
+    mount: Matrix3<f64>,
+    camera_from_wing: Matrix3<f64>,
+    mount_jacobian: Matrix3<f64>,
+    ground_jacobian: Matrix3<f64>,
+}
+
 /// A predicted pixel with its derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Predicted {
@@ -93,21 +112,31 @@ impl Scene {
         self.ground_sights.iter().any(Option::is_some)
     }
 
+    /// The camera at a pose.
+    pub fn camera(&self, pose: &Pose) -> Camera {
+        let ground_from_wing = Rotation3::new(pose.ground_rad).matrix() * self.camera_from_wing;
+        let mount = *Rotation3::new(pose.mount_rad).matrix();
+        Camera {
+            centre_m: pose.centre_m,
+            ground_from_wing,
+            mount,
+            camera_from_wing: mount * ground_from_wing,
+            mount_jacobian: left_jacobian(&pose.mount_rad),
+            ground_jacobian: left_jacobian(&pose.ground_rad),
+        }
+    }
+
     /// The pixel of a point (wing frame, m); `None` behind the camera.
-    pub fn project(&self, point_m: &Vector3<f64>, pose: &Pose) -> Option<Predicted> {
-        let seen_m = self.camera_from_wing * (point_m - pose.centre_m);
-        let on_ground = Rotation3::new(pose.ground_rad) * seen_m;
-        let mount = Rotation3::new(pose.mount_rad);
-        let in_camera = mount * on_ground;
+    pub fn project(&self, point_m: &Vector3<f64>, camera: &Camera) -> Option<Predicted> {
+        let on_ground = camera.ground_from_wing * (point_m - camera.centre_m);
+        let in_camera = camera.mount * on_ground;
         let (pixel, by_camera) = self.lens.project_with_jacobian(&in_camera)?;
-        let by_ground_rotation =
-            by_camera * mount.matrix() * -(skew(&on_ground) * left_jacobian(&pose.ground_rad));
-        let rotation = mount.matrix() * Rotation3::new(pose.ground_rad).matrix() * self.camera_from_wing;
+        let turned = by_camera * camera.mount;
         Some(Predicted {
             pixel,
-            by_point: by_camera * rotation,
-            by_mount: by_camera * -(skew(&in_camera) * left_jacobian(&pose.mount_rad)),
-            by_ground_rotation,
+            by_point: by_camera * camera.camera_from_wing,
+            by_mount: -(by_camera * skew(&in_camera)) * camera.mount_jacobian,
+            by_ground_rotation: -(turned * skew(&on_ground)) * camera.ground_jacobian,
         })
     }
 

@@ -11,7 +11,8 @@ use nalgebra::{SMatrix, SVector};
 
 /// Largest number of terms of the curvature.
 pub const MAX_CURVATURE_TERMS: usize = 10;
-const RATIOS: usize = MAX_CURVATURE_TERMS - 1;
+/// Ratios of the terms to the first.
+pub const RATIOS: usize = MAX_CURVATURE_TERMS - 1;
 
 /// One value per term.
 pub type Integrals = [f64; MAX_CURVATURE_TERMS];
@@ -53,6 +54,11 @@ const BEYOND_BURNING: f64 = 0.05;
 /// Mean square of the share of its fuel that a flight burns: any share is as likely as another.
 const BURNT: f64 = 1.0 / 3.0;
 
+/// Bending up to which the shortening is followed, 1/m: 4 m at the tip of 33 m.
+const STRONG_CURVATURE_PER_M: f64 = 0.01;
+/// Each gains two digits.
+const SHORTENING_PASSES: usize = 4;
+
 impl Beam {
     fn load(&self, eta: f64) -> f64 {
         let elliptic = (1.0 - eta * eta).max(0.0).sqrt();
@@ -66,13 +72,18 @@ impl Beam {
 
     /// Bending moment over stiffness at `count` points from the root to the tip, any unit.
     fn curvature(&self, count: usize) -> Vec<f64> {
+        self.curvature_with(count, |_| 1.0)
+    }
+
+    /// The same where an interval of the axis counts in the lever arms by its horizontal share only.
+    fn curvature_with(&self, count: usize, horizontal: impl Fn(usize) -> f64) -> Vec<f64> {
         let step = 1.0 / (count - 1) as f64;
         let (mut shear, mut moment) = (0.0, 0.0);
         let mut curvature = vec![0.0; count];
         for k in (0..count - 1).rev() {
             let eta = k as f64 * step;
             let added = step * self.load(eta + 0.5 * step);
-            moment += step * (shear + 0.5 * added);
+            moment += step * horizontal(k) * (shear + 0.5 * added);
             shear += added;
             curvature[k] = moment / self.chord(eta).powf(self.power);
         }
@@ -155,11 +166,47 @@ impl Ratios {
     }
 
     fn of(&self, beam: &Beam) -> SVector<f64, RATIOS> {
-        let curvature = beam.curvature(self.basis.len());
-        let right = self.basis.iter().zip(&curvature).fold(SVector::zeros(), |sum, (b, k)| sum + b * *k);
-        let c: SVector<f64, MAX_CURVATURE_TERMS> = self.inverse * right;
+        let c = self.coefficients(&beam.curvature(self.basis.len()));
         c.fixed_rows::<RATIOS>(1) / c[0]
     }
+
+    fn coefficients(&self, curvature: &[f64]) -> SVector<f64, MAX_CURVATURE_TERMS> {
+        let right = self.basis.iter().zip(curvature).fold(SVector::zeros(), |sum, (b, k)| sum + b * *k);
+        self.inverse * right
+    }
+}
+
+/// Half the second derivatives of the ratios c_k / c_0 by the amplitude c_0, m^2, where the load stays
+/// vertical while the beam turns: its lever arms shorten. Of the reference beam on an unbent axis of this
+/// length with these slopes (over s/L).
+pub fn shortening(length_m: f64, slope_rad: impl Fn(f64) -> f64) -> [f64; RATIOS] {
+    let fit = Ratios::new();
+    let at = |share: f64| shortened_ratios(&fit, length_m, &slope_rad, share * STRONG_CURVATURE_PER_M);
+    let bend = at(0.0) - at(0.5) * 2.0 + at(1.0);
+    (bend * (2.0 / STRONG_CURVATURE_PER_M.powi(2))).into()
+}
+
+/// Ratios of a vertically loaded reference beam that is bent to an amplitude.
+fn shortened_ratios(
+    fit: &Ratios,
+    length_m: f64,
+    slope_rad: impl Fn(f64) -> f64,
+    amplitude: f64,
+) -> SVector<f64, RATIOS> {
+    let count = fit.basis.len();
+    let step = 1.0 / (count - 1) as f64;
+    let mut bent = vec![0.0; count];
+    let mut ratios = SVector::zeros();
+    for _ in 0..SHORTENING_PASSES {
+        let curvature = REFERENCE.curvature_with(count, |k| (slope_rad(k as f64 * step) + bent[k]).cos());
+        let c = fit.coefficients(&curvature);
+        ratios = c.fixed_rows::<RATIOS>(1) / c[0];
+        let scale = amplitude * length_m * step / c[0];
+        for k in 1..count {
+            bent[k] = bent[k - 1] + 0.5 * scale * (curvature[k - 1] + curvature[k]);
+        }
+    }
+    ratios
 }
 
 fn fleet() -> Vec<Beam> {

@@ -69,10 +69,20 @@ pub fn worst(
     members: &[Member],
     options: &Options,
 ) -> Option<Suspect> {
+    let blocks = members.iter().enumerate();
+    worst_of(problem, fit, group, blocks, options)
+}
+
+/// The same of some blocks only, given with their markers.
+pub fn worst_of<'a>(
+    problem: &Problem,
+    fit: &Fit,
+    group: usize,
+    blocks: impl Iterator<Item = (usize, &'a Member)>,
+    options: &Options,
+) -> Option<Suspect> {
     let limit = quality::critical_w(options.snooping_alpha);
-    let best = members
-        .iter()
-        .enumerate()
+    let best = blocks
         .filter_map(|(block, member)| suspect(problem, fit, group, block, member, options))
         .reduce(|a, b| if b.w.abs() > a.w.abs() { b } else { a })?;
     // The spread is not below 1 and costs more than all the rest.

@@ -203,7 +203,8 @@ fn dress(input: &Input, mut solved: Solved, removed: &[Suspect]) -> Result<Solut
             VarianceGroup { name: "image", members: &image },
             VarianceGroup { name: "survey", members: &survey },
         ];
-        let found = variance_components(&mut problem, &groups, |at| solved.frame.linearise(at))?;
+        let found =
+            variance_components(&mut problem, &groups, |at, blocks| solved.frame.linearise(at, blocks))?;
         (solved.fit, components, remarks) = (found.fit, found.components, found.remarks);
         solved.frame.problem = problem;
     }

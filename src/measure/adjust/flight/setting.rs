@@ -11,6 +11,7 @@ use crate::measure::adjust::layout::{Layout, Place, Rows, Seen, Survey};
 use crate::measure::adjust::model_error::image_covariance;
 use crate::measure::adjust::outcome::Member;
 use crate::measure::adjust::scene::Scene;
+use crate::measure::adjust::shapes::{RATIOS, shortening};
 use crate::measure::adjust::unknowns::{self, Columns};
 use crate::measure::adjust::{AdjustError, Observation};
 use crate::measure::setup::Thermal;
@@ -24,6 +25,11 @@ const MISSING_GROUND: &str = "a marker on ground is not determined";
 /// A flight whose amplitudes spread less, over the largest, burns no fuel worth speaking of.
 const SMALLEST_RANGE: f64 = 0.1;
 
+/// What is known of the share of the net load that stays vertical while the wing bends: weight does, lift
+/// turns with the wing.
+const VERTICAL_SHARE: f64 = 0.5;
+const VERTICAL_SHARE_SIGMA: f64 = 0.5;
+
 /// A flight set up for the engine.
 pub(super) struct Setting {
     pub(super) layouts: Vec<Layout>,
@@ -33,6 +39,13 @@ pub(super) struct Setting {
     pub(super) ratios: usize,
     /// Changes of the ratios from the heaviest frame to the lightest.
     changes: usize,
+    /// Share of the load that stays vertical while the wing bends.
+    lever: usize,
+    /// What that does to the ratios, times the square of the amplitude's distance from the middle, m^2. What goes
+    /// with the distance itself is far below what burning fuel may do, and left to that.
+    shortening: [f64; RATIOS],
+    /// Amplitude half-way between the heaviest frame and the lightest, 1/m.
+    middle: f64,
     /// Per frame: where it stands between the two, -0.5 to 0.5.
     progress: Vec<f64>,
 }
@@ -49,6 +62,8 @@ impl Flight<'_> {
         priors.extend(unknowns::shape_prior(ratios, terms, 1.0));
         let changes = columns.take(terms - 1, MISSING_RATIO);
         priors.push(unknowns::burning_prior(changes, terms));
+        let lever = columns.take(1, MISSING_RATIO);
+        priors.push(Prior::scalar(lever, VERTICAL_SHARE, VERTICAL_SHARE_SIGMA));
         let own_mount = self.mountings.is_none();
         let count = self.mountings.as_ref().map_or(1, |m| m.iter().max().map_or(0, |m| m + 1));
         let mounts = columns.take(3 * count, MISSING_MOUNT);
@@ -80,8 +95,9 @@ impl Flight<'_> {
         for (k, station) in self.input.scene.ground.stations.iter().enumerate() {
             start.rows_mut(survey + 3 * k, 3).copy_from(&station.surveyed_m);
         }
+        start[lever] = VERTICAL_SHARE;
         if let Some(fit) = from {
-            let (shared, tail) = (changes + terms - 1, 3 * markers.len());
+            let (shared, tail) = (lever + 1, 3 * markers.len());
             start.rows_mut(0, shared).copy_from(&fit.global.rows(0, shared));
             let others = terms + twist_terms;
             for mounting in 0..count {
@@ -100,7 +116,26 @@ impl Flight<'_> {
         let (ground, ground_members) = self.ground_group();
         groups.push(ground);
         let problem = Problem { start, missing: columns.missing, priors, groups };
-        Setting { layouts, members, ground_members, problem, ratios, changes, progress: self.progress() }
+        let axis = &self.input.scene.ground.axis;
+        // It counts from the middle amplitude, which nothing tells before the first solution.
+        let shortening = match from {
+            Some(_) => shortening(axis.length_m, |eta| axis.slope_rad(eta * axis.length_m)),
+            None => [0.0; RATIOS],
+        };
+        let (low, high) = self.range();
+        let (middle, progress) = (0.5 * (low + high), self.progress());
+        Setting {
+            layouts,
+            members,
+            ground_members,
+            problem,
+            ratios,
+            changes,
+            lever,
+            shortening,
+            middle,
+            progress,
+        }
     }
 
     /// A mounting's rotation in an earlier solution, whose frames may have had rotations of their own
@@ -115,13 +150,15 @@ impl Flight<'_> {
         }
     }
 
+    /// Smallest and largest amplitude.
+    fn range(&self) -> (f64, f64) {
+        self.amplitudes.iter().fold((f64::INFINITY, 0.0), |(low, high), &a| (low.min(a), high.max(a)))
+    }
+
     /// Fuel burns while the lift falls: what its loss does to the shape goes with the amplitude, and
     /// nothing but knowledge of beams tells that from another shape seen with another pitch.
     fn progress(&self) -> Vec<f64> {
-        let (low, high) = self
-            .amplitudes
-            .iter()
-            .fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), &a| (low.min(a), high.max(a)));
+        let (low, high) = self.range();
         let range = (high - low).max(SMALLEST_RANGE * high);
         self.amplitudes.iter().map(|a| (a - 0.5 * (low + high)) / range).collect()
     }
@@ -184,19 +221,29 @@ fn image_block(seen: &Observation) -> Block {
 }
 
 impl Setting {
-    fn linearise(&self, scene: &Scene, at: &GroupPoint) -> Result<Vec<Linearised>, AdjustError> {
+    fn linearise(
+        &self,
+        scene: &Scene,
+        at: &GroupPoint,
+        blocks: &mut Vec<Linearised>,
+    ) -> Result<(), AdjustError> {
         match self.layouts.get(at.group) {
-            Some(layout) => self.frame(scene, layout, at),
-            None => self.ground(scene, at),
+            Some(layout) => self.frame(scene, layout, at, blocks),
+            None => self.ground(scene, at, blocks),
         }
     }
 
-    fn frame(&self, scene: &Scene, layout: &Layout, at: &GroupPoint) -> Result<Vec<Linearised>, AdjustError> {
+    fn frame(
+        &self,
+        scene: &Scene,
+        layout: &Layout,
+        at: &GroupPoint,
+        blocks: &mut Vec<Linearised>,
+    ) -> Result<(), AdjustError> {
         let values = layout.values(at.global, at.local);
         let sections = scene.grid.bend(&values.bending());
-        let mut blocks = Vec::with_capacity(at.observed.len());
-        for (member, observed) in self.members[at.group].iter().zip(at.observed) {
-            let mut rows = Rows::new(layout, member.marker, 2, 2);
+        let camera = scene.camera(&values.pose);
+        for (block, (member, observed)) in self.members[at.group].iter().zip(at.observed).enumerate() {
             let seen = Seen {
                 marker: member.marker,
                 section: &sections[member.marker],
@@ -205,39 +252,53 @@ impl Setting {
                 observed,
                 observation: 0,
             };
-            rows.flight(0, &seen, scene)?;
-            blocks.push(rows.finish());
+            Rows::new(layout, (blocks, block), member.marker, 2, 2).flight(0, &seen, scene, &camera)?;
         }
-        blocks.extend(at.observed.last().map(|departure| self.shape(layout, at, departure)));
-        Ok(blocks)
+        let Some(departure) = at.observed.last() else { return Ok(()) };
+        let last = self.members[at.group].len();
+        if blocks.len() == last {
+            blocks.push(self.empty_shape(layout));
+        }
+        self.shape(layout, at, departure, &mut blocks[last]);
+        Ok(())
     }
 
-    /// c_k = (r_k + progress * change_k) c_0 + departure.
-    fn shape(&self, layout: &Layout, at: &GroupPoint, departure: &DVector<f64>) -> Linearised {
+    /// Conditions of the departures, less the derivatives that change.
+    fn empty_shape(&self, layout: &Layout) -> Linearised {
         let n = layout.curvature_terms - 1;
-        let (amplitude, progress) = (at.local[0], self.progress[at.group]);
-        let ratio = |k: usize| at.global[self.ratios + k] + progress * at.global[self.changes + k];
-        let mut local = DMatrix::zeros(n, layout.local);
+        let columns = (self.ratios..self.ratios + n).chain(self.changes..self.changes + n);
+        let columns = columns.chain([self.lever]).collect();
+        let mut empty = Linearised::empty(n, columns, layout.local, n);
+        empty.observations = -DMatrix::identity(n, n);
+        (0..n).for_each(|k| empty.local[(k, k + 1)] = 1.0);
+        empty
+    }
+
+    /// c_k = (r_k + progress * change_k + lever * shortening_k * (c_0 - middle)^2) c_0 + departure.
+    fn shape(&self, layout: &Layout, at: &GroupPoint, departure: &DVector<f64>, out: &mut Linearised) {
+        let n = layout.curvature_terms - 1;
+        let (amplitude, progress, lever) = (at.local[0], self.progress[at.group], at.global[self.lever]);
+        let off = amplitude - self.middle;
         for k in 0..n {
-            local[(k, 0)] = -ratio(k);
-            local[(k, k + 1)] = 1.0;
-        }
-        let by = |k: usize, j: usize| match j.checked_sub(n) {
-            None if j == k => -amplitude,
-            Some(j) if j == k => -amplitude * progress,
-            _ => 0.0,
-        };
-        Linearised {
-            misclosure: DVector::from_fn(n, |k, _| at.local[k + 1] - ratio(k) * amplitude - departure[k]),
-            columns: (self.ratios..self.ratios + n).chain(self.changes..self.changes + n).collect(),
-            global: DMatrix::from_fn(n, 2 * n, by),
-            local,
-            observations: -DMatrix::identity(n, n),
+            let shortened = self.shortening[k] * off * off;
+            let by_amplitude = 2.0 * self.shortening[k] * off;
+            let ratio =
+                at.global[self.ratios + k] + progress * at.global[self.changes + k] + lever * shortened;
+            out.misclosure[k] = at.local[k + 1] - ratio * amplitude - departure[k];
+            out.local[(k, 0)] = -ratio - lever * by_amplitude * amplitude;
+            out.global[(k, k)] = -amplitude;
+            out.global[(k, n + k)] = -amplitude * progress;
+            out.global[(k, 2 * n)] = -amplitude * shortened;
         }
     }
 
-    fn ground(&self, scene: &Scene, at: &GroupPoint) -> Result<Vec<Linearised>, AdjustError> {
-        let Some(frame) = self.layouts.first() else { return Ok(vec![]) };
+    fn ground(
+        &self,
+        scene: &Scene,
+        at: &GroupPoint,
+        blocks: &mut Vec<Linearised>,
+    ) -> Result<(), AdjustError> {
+        let Some(frame) = self.layouts.first() else { return Ok(()) };
         // The ground frame knows neither bending nor mounting.
         let layout = Layout {
             local: 0,
@@ -249,25 +310,22 @@ impl Setting {
         };
         let values = layout.values(at.global, at.local);
         let flat = scene.grid.bend(&values.bending());
-        let block = |(member, observed): (&Member, &DVector<f64>)| {
+        let camera = scene.camera(&values.pose.on_ground());
+        for (block, (member, observed)) in self.ground_members.iter().zip(at.observed).enumerate() {
             let sights = member.ground.map_or(0, |_| 2);
-            let mut rows = Rows::new(&layout, member.marker, 3 + sights, 3 + sights);
+            let mut rows = Rows::new(&layout, (blocks, block), member.marker, 3 + sights, 3 + sights);
             let ground_m = layout.on_ground(member.marker, at.global, observed);
             rows.surveyed(0, &ground_m, observed);
             if let Some(observation) = member.ground {
                 let (marker, section) = (member.marker, &flat[member.marker]);
-                rows.ground(
-                    3,
-                    &Seen { marker, section, values: &values, ground_m, observed, observation },
-                    scene,
-                )?;
+                let seen = Seen { marker, section, values: &values, ground_m, observed, observation };
+                rows.ground(3, &seen, scene, &camera)?;
             }
-            Ok(rows.finish())
-        };
-        self.ground_members.iter().zip(at.observed).map(block).collect()
+        }
+        Ok(())
     }
 
     pub(super) fn solve(&self, scene: &Scene, course: &Course) -> Result<Fit, AdjustError> {
-        solve_from(&self.problem, course, |at| self.linearise(scene, at))
+        solve_from(&self.problem, course, |at, blocks| self.linearise(scene, at, blocks))
     }
 }

@@ -7,10 +7,63 @@ use crate::measure::adjust::AdjustError;
 /// Smallest pivot of the normal matrix scaled to a unit diagonal.
 const SMALLEST_PIVOT: f64 = 1e-13;
 
+/// `W` with `W' W = (B Q B')^-1`, lower triangular, and the `B` that it holds for: most conditions
+/// answer to their observations in the same way at every point.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Whitener {
+    lower: DMatrix<f64>,
+    by: DMatrix<f64>,
+}
+
+impl Whitener {
+    /// For these derivatives by observations of this covariance.
+    pub(super) fn update(&mut self, by: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Result<(), AdjustError> {
+        if self.by.shape() == by.shape() && self.by.as_slice() == by.as_slice() {
+            return Ok(());
+        }
+        self.by.clone_from(by);
+        sandwich(by, covariance, &mut self.lower);
+        let regular = cholesky(&mut self.lower);
+        if regular {
+            invert_lower(&mut self.lower);
+        }
+        regular.then_some(()).ok_or_else(|| singular("a condition without an observation of its own"))
+    }
+
+    /// Entry `i` of W times a vector.
+    pub(super) fn row_times(&self, i: usize, values: &[f64]) -> f64 {
+        let row = self.lower.as_slice()[i..].iter().step_by(self.lower.nrows().max(1));
+        row.zip(&values[..=i]).map(|(w, v)| w * v).sum()
+    }
+
+    /// W by rows, where it has N of them.
+    pub(super) fn rows<const N: usize>(&self) -> Option<[[f64; N]; N]> {
+        let square = self.lower.nrows() == N;
+        square.then(|| std::array::from_fn(|i| std::array::from_fn(|j| self.lower[(i, j)])))
+    }
+
+    /// Square of W times a vector.
+    pub(super) fn weighted_square(&self, values: &[f64]) -> f64 {
+        (0..values.len()).map(|i| self.row_times(i, values).powi(2)).sum()
+    }
+
+    /// W' W times a vector.
+    pub(super) fn weigh(&self, values: &mut [f64]) {
+        let n = values.len();
+        for i in (0..n).rev() {
+            values[i] = self.row_times(i, values);
+        }
+        for j in 0..n {
+            values[j] = dot(&self.lower.as_slice()[j * n + j..(j + 1) * n], &values[j..]);
+        }
+    }
+}
+
 /// `B Q B'`, for matrices too small for a library's product.
-pub(super) fn sandwich(b: &DMatrix<f64>, q: &DMatrix<f64>) -> DMatrix<f64> {
+fn sandwich(b: &DMatrix<f64>, q: &DMatrix<f64>, out: &mut DMatrix<f64>) {
     let (n, m) = b.shape();
-    let mut out = DMatrix::zeros(n, n);
+    out.resize_mut(n, n, 0.0);
+    out.as_mut_slice().fill(0.0);
     for l in 0..m {
         for k in (0..m).filter(|&k| q[(k, l)] != 0.0) {
             for j in (0..n).filter(|&j| b[(j, l)] != 0.0) {
@@ -21,35 +74,54 @@ pub(super) fn sandwich(b: &DMatrix<f64>, q: &DMatrix<f64>) -> DMatrix<f64> {
             }
         }
     }
-    out
 }
 
-/// `W` with `W' W = M^-1`, lower triangular.
-pub(super) fn whitener(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+/// Cholesky's factor in place of the lower triangle; `false` where a pivot is lost in rounding.
+pub(super) fn cholesky(m: &mut DMatrix<f64>) -> bool {
     let n = m.nrows();
-    if n == 2 {
-        let first = m[(0, 0)].sqrt();
-        let mixed = m[(1, 0)] / first;
-        let rest = m[(1, 1)] - mixed * mixed;
-        let regular = m[(0, 0)] > 0.0 && rest > m[(1, 1)] * 1e-15;
-        let second = rest.sqrt();
-        return regular.then(|| {
-            DMatrix::from_column_slice(2, 2, &[1.0 / first, -mixed / (first * second), 0.0, 1.0 / second])
-        });
+    for j in 0..n {
+        let all = m[(j, j)];
+        let (left, right) = m.as_mut_slice().split_at_mut(j * n);
+        let column = &mut right[j..n];
+        for done in left.chunks_exact(n) {
+            add_scaled(column, -done[j], &done[j..]);
+        }
+        let pivot = column[0];
+        if !(all > 0.0 && pivot > all * 1e-15) {
+            return false;
+        }
+        let inverse = 1.0 / pivot.sqrt();
+        column.iter_mut().for_each(|v| *v *= inverse);
     }
-    let factor = Cholesky::new(m.clone())?;
-    factor.l_dirty().solve_lower_triangular(&DMatrix::identity(n, n))
+    true
 }
 
-/// `into = lower * column`; images come in pairs.
-pub(super) fn lower_times(lower: &DMatrix<f64>, column: &[f64], into: &mut [f64]) {
-    if let ([a, b], [x, y], &[first, mixed, _, second]) = (column, &mut *into, lower.as_slice()) {
-        (*x, *y) = (first * a, mixed * a + second * b);
-        return;
+/// Inverse of a lower triangular matrix in its place; what stands above the diagonal goes.
+pub(super) fn invert_lower(m: &mut DMatrix<f64>) {
+    let n = m.nrows();
+    for j in 0..n {
+        for i in 0..j {
+            m[(i, j)] = 0.0;
+        }
+        m[(j, j)] = 1.0 / m[(j, j)];
+        for i in j + 1..n {
+            // Row i still holds the factor, rows above it the inverse.
+            let sum: f64 = (j..i).map(|k| m[(i, k)] * m[(k, j)]).sum();
+            m[(i, j)] = -sum / m[(i, i)];
+        }
     }
-    for (i, target) in into.iter_mut().enumerate() {
-        *target = (0..=i).map(|j| lower[(i, j)] * column[j]).sum();
+}
+
+/// `into += factor * column`.
+pub(super) fn add_scaled(into: &mut [f64], factor: f64, column: &[f64]) {
+    for (target, value) in into.iter_mut().zip(column) {
+        *target += factor * value;
     }
+}
+
+/// Sum of products.
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 pub(super) fn singular(missing: &str) -> AdjustError {
@@ -95,7 +167,7 @@ impl Factor {
 /// Factors the normal matrix, or names the datum that is missing.
 pub(super) fn factor(normal: &DMatrix<f64>, missing: &[&'static str]) -> Result<Factor, AdjustError> {
     let n = normal.nrows();
-    if normal.iter().any(|v| !v.is_finite()) {
+    if normal.as_slice().iter().any(|v| !v.is_finite()) {
         return Err(AdjustError::Input(
             "a number in the adjustment is not finite; check survey, camera and observations".into(),
         ));

@@ -1,10 +1,10 @@
 //! The paper's conditions (equations 6 and 7 in their regular form) and their derivatives.
 
-use nalgebra::{DMatrix, DVector, Matrix3x2, Rotation3, Vector2, Vector3};
+use nalgebra::{DVector, Matrix3x2, Rotation3, Vector2, Vector3};
 
 use super::arc_length;
 use crate::measure::adjust::AdjustError;
-use crate::measure::adjust::gauss_helmert::{Linearised, Point};
+use crate::measure::adjust::gauss_helmert::{GroupPoint, Linearised};
 use crate::measure::geometry::WingFrame;
 use crate::measure::setup::{Orientation, Setup};
 
@@ -75,32 +75,35 @@ impl<'a> Geometry<'a> {
         Ok(PlaneRay { direction: ray / plane, by_pixel: (jacobian - ray / plane * along) / plane })
     }
 
+    /// All markers' conditions; each is a group of its own.
+    pub fn linearise(&self, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> Result<(), AdjustError> {
+        if blocks.is_empty() {
+            let empty = Linearised::empty(2, vec![0], 1, PER_MARKER);
+            blocks.extend(at.observed.iter().map(|_| empty.clone()));
+        }
+        let (a, d) = (at.global[0], at.local[0]);
+        blocks.iter_mut().zip(at.observed).try_for_each(|(block, seen)| self.block(a, d, seen, block))
+    }
+
     /// `0 = l(x'; a) - l` and `0 = y + a x'^2 - y'`, with `x' = d r_x - root offset`, `y' = d r_y`.
-    pub fn linearise(&self, point: &Point) -> Result<Linearised, AdjustError> {
-        let (a, d, seen) = (point.global[0], point.local[0], point.observed);
+    fn block(&self, a: f64, d: f64, seen: &DVector<f64>, out: &mut Linearised) -> Result<(), AdjustError> {
         let ray = self.ray(&Vector2::new(seen[PIXEL], seen[PIXEL + 1]))?;
         let x = d * ray.direction.x - self.setup.root_offset_m;
         let arc = arc_length(x, a);
         let slope = 2.0 * a * x;
         let rise = a * x * x - d * ray.direction.y;
-        let mut observations = DMatrix::zeros(2, PER_MARKER);
-        observations[(0, ARC_LENGTH)] = -self.thermal_scale;
-        observations[(1, HEIGHT)] = 1.0;
+        out.misclosure[0] = arc.length_m - self.in_flight(seen[ARC_LENGTH]);
+        out.misclosure[1] = seen[HEIGHT] + rise;
+        (out.global[0], out.global[1]) = (arc.by_a, x * x);
+        (out.local[0], out.local[1]) =
+            (arc.by_x * ray.direction.x, slope * ray.direction.x - ray.direction.y);
+        out.observations[(0, ARC_LENGTH)] = -self.thermal_scale;
+        out.observations[(1, HEIGHT)] = 1.0;
         for k in 0..2 {
             let (dx, dy) = (d * ray.by_pixel[(0, k)], d * ray.by_pixel[(1, k)]);
-            observations[(0, PIXEL + k)] = arc.by_x * dx;
-            observations[(1, PIXEL + k)] = slope * dx - dy;
+            out.observations[(0, PIXEL + k)] = arc.by_x * dx;
+            out.observations[(1, PIXEL + k)] = slope * dx - dy;
         }
-        let by_distance = [arc.by_x * ray.direction.x, slope * ray.direction.x - ray.direction.y];
-        Ok(Linearised {
-            misclosure: DVector::from_vec(vec![
-                arc.length_m - self.in_flight(seen[ARC_LENGTH]),
-                seen[HEIGHT] + rise,
-            ]),
-            columns: vec![0],
-            global: DMatrix::from_column_slice(2, 1, &[arc.by_a, x * x]),
-            local: DMatrix::from_column_slice(2, 1, &by_distance),
-            observations,
-        })
+        Ok(())
     }
 }

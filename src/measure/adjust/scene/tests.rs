@@ -106,7 +106,7 @@ fn coded(scene: &Scene, marker: usize, x: &[f64; ALL]) -> (Vector2<f64>, Vec<Vec
     };
     let section = scene.grid.bend(&bending).swap_remove(marker);
     let state = scene.marker(marker, &section, &at(first + 9), &bending);
-    let seen = scene.project(&state.carried.position_m, &pose).unwrap();
+    let seen = scene.project(&state.carried.position_m, &scene.camera(&pose)).unwrap();
     let by = seen.by_point;
     let mut list: Vec<Vector2<f64>> = state.by_curvature[..C].iter().map(|d| by * d).collect();
     list.extend(state.by_twist[..T].iter().chain(&state.by_raise).map(|d| by * d));

@@ -87,35 +87,38 @@ impl<'a> Frame<'a> {
     }
 
     /// All blocks of the frame at a point.
-    pub fn linearise(&self, at: &GroupPoint) -> Result<Vec<Linearised>, AdjustError> {
+    pub fn linearise(&self, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> Result<(), AdjustError> {
         let values = self.layout.values(at.global, at.local);
         let sections = self.scene.grid.bend(&values.bending());
-        let block = |(member, observed): (&Member, &DVector<f64>)| {
+        let camera = self.scene.camera(&values.pose);
+        let on_ground = self.scene.camera(&values.pose.on_ground());
+        for (block, (member, observed)) in self.members.iter().zip(at.observed).enumerate() {
             let conditions =
                 2 * (usize::from(member.flight.is_some()) + usize::from(member.ground.is_some()));
-            let mut rows = Rows::new(&self.layout, member.marker, conditions, observed.len());
+            let mut rows =
+                Rows::new(&self.layout, (blocks, block), member.marker, conditions, observed.len());
             let ground_m = self.layout.on_ground(member.marker, at.global, observed);
+            let section = &sections[member.marker];
             let seen = |observation| Seen {
                 marker: member.marker,
-                section: &sections[member.marker],
+                section,
                 values: &values,
                 ground_m,
                 observed,
                 observation,
             };
             if let Some(first) = member.flight {
-                rows.flight(0, &seen(first), self.scene)?;
+                rows.flight(0, &seen(first), self.scene, &camera)?;
             }
             if let Some(first) = member.ground {
-                rows.ground(conditions - 2, &seen(first), self.scene)?;
+                rows.ground(conditions - 2, &seen(first), self.scene, &on_ground)?;
             }
-            Ok(rows.finish())
-        };
-        self.members.iter().zip(at.observed).map(block).collect()
+        }
+        Ok(())
     }
 
     pub fn solve(&self, course: &Course) -> Result<Fit, AdjustError> {
-        solve_from(&self.problem, course, |at| self.linearise(at))
+        solve_from(&self.problem, course, |at, blocks| self.linearise(at, blocks))
     }
 }
 

@@ -30,7 +30,9 @@ fn derivatives_match_differences() {
     let local = DVector::zeros(0);
     let observed: Vec<_> = frame.problem.groups[0].blocks.iter().map(|b| b.observed.clone()).collect();
     let at = |global: &DVector<f64>, observed: &[DVector<f64>]| {
-        frame.linearise(&GroupPoint { group: 0, global, local: &local, observed }).unwrap()
+        let mut blocks = vec![];
+        frame.linearise(&GroupPoint { group: 0, global, local: &local, observed }, &mut blocks).unwrap();
+        blocks
     };
     let here = at(&global, &observed);
     for column in 0..p {
