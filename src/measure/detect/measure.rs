@@ -60,6 +60,11 @@ impl Bounds {
     }
 }
 
+/// Axis ratio of the flattest ellipse that is taken for a disc: near the tip of a wing that bends downwards they are 1:21,
+/// and seams are far flatter; and that of a blob which is none whatever a fit would say.
+const FLATTEST: f64 = 26.0;
+const SURELY_FLATTER: f64 = 28.0;
+
 /// Greatest blur that is measured, px.
 const SOFTEST: f64 = 3.2;
 
@@ -79,7 +84,7 @@ pub fn measure(
     if too_small {
         return Err(RejectReason::TooSmall);
     }
-    if outline.major > 22.0 * outline.minor {
+    if outline.major > SURELY_FLATTER * outline.minor {
         return Err(RejectReason::NotAnEllipse);
     }
     let floor = 0.5f64.max(0.8 * noise);
@@ -216,7 +221,7 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
         return Err(RejectReason::TooSmall);
     }
     let lopsided = candidate.pattern == Pattern::Disc && m[EGG].abs() > 4.0 * EGG_SPREAD;
-    if lopsided || outline.major > 20.0 * outline.minor {
+    if lopsided || outline.major > FLATTEST * outline.minor {
         return Err(RejectReason::NotAnEllipse);
     }
     if m[DARK] < 0.15 || contrast < 8.0 || contrast < 4.0 * noise {

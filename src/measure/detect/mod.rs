@@ -88,7 +88,7 @@ pub enum RejectReason {
     TouchesEdge,
     /// Too small to be measured.
     TooSmall,
-    /// Flatter than 1:15 with a margin, or not an ellipse at all.
+    /// Flatter than 1:26, or not an ellipse at all.
     NotAnEllipse,
     /// Too little contrast against the noise.
     LowContrast,
