@@ -123,7 +123,7 @@ pub fn measure(
         .ok_or(RejectReason::NoConvergence)?;
     // From here on nothing depends on how the candidate was found.
     let (near, scale) = (grid::put(candidate.pattern, &near), grid::put_scale(scale));
-    let place = self::place(&outlined(image, &place, &near), &near);
+    let mut place = self::place(&outlined(image, &place, &near), &near);
     let last = |candidate: &Candidate| {
         let (mut unknowns, bends) = known(candidate, &near);
         let mut pixels = choose(candidate, masked(&near), &near, 0.0, all)?;
@@ -144,12 +144,15 @@ pub fn measure(
         judge(image, candidate, &result, noise)
     };
     if place.pattern == Pattern::Disc && place.hidden.is_empty() && place.bands.is_empty() {
-        let seams = seam::find(image, &place.outline, &near, scale.max(floor));
-        let without = Candidate { seams, ..place.clone() };
-        // What is left may be too little; with the seam's pixels it is at least found.
-        if let (false, Ok(measured)) = (without.seams.is_empty(), last(&without)) {
-            return Ok(measured);
+        place.seams = seam::find(image, &place.outline, &near, scale.max(floor));
+    }
+    if !place.seams.is_empty() {
+        let without = last(&place);
+        if without.is_ok() {
+            return without;
         }
+        // What is left may be too little; with the seam's pixels it is at least found.
+        place.seams.clear();
     }
     last(&place)
 }
