@@ -36,8 +36,9 @@ const UNBROKEN: f64 = 0.75;
 const PIECES: usize = 4;
 /// Share of the outline that a seam may hide: more could not be missed.
 const HIDES: f64 = 0.35;
-/// Most seams at a disc.
+/// Most seams at a disc, and most lines that are tried.
 const SEAMS: usize = 2;
+const TRIES: usize = 3;
 
 /// A pixel of the ring: place, px, and how much darker it is than the skin, in residual scales.
 struct Spot {
@@ -50,18 +51,14 @@ pub fn find(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Ve
     let spots = ring(image, outline, m, scale);
     let mut signs: Vec<Vector2<f64>> = spots.iter().filter(|s| s.darker > SIGN).map(|s| s.at).collect();
     let mut out = Vec::new();
-    while out.len() < SEAMS {
-        let Some(line) = straightest(&signs) else { break };
-        let before = signs.len();
+    for _ in 0..TRIES {
+        let Some(line) = straightest(&signs).filter(|_| out.len() < SEAMS) else { break };
         signs.retain(|at| (line.across.dot(at) - line.at).abs() > 2.0 * NARROW);
         if let Some(half) = half_width(&spots, &line) {
             let band = Band { axis: line.across, from: line.at - half, to: line.at + half };
             if hidden_share(outline, &band) <= HIDES {
                 out.push(band);
             }
-        }
-        if signs.len() == before {
-            break;
         }
     }
     out
