@@ -13,7 +13,7 @@ pub const REACH: f64 = 1.1;
 const SQUARE_PX: f64 = 8.0;
 const SQUARES: f64 = 11.0;
 /// Up to this ratio the variance from blocks is not told from the fit's own: there are few blocks.
-pub const CHANCE: f64 = 2.4;
+const CHANCE: f64 = 2.4;
 /// Sectors along the marker, on each side of its axis, whose residuals may hang together.
 const SECTORS: usize = 24;
 

@@ -69,6 +69,11 @@ impl Candidate {
         self.hidden.iter().any(|h| within(h, at)) || self.bands.iter().chain(&self.seams).any(|b| b.holds(at))
     }
 
+    /// Whether no part of the marker is thought to be hidden.
+    pub fn is_whole(&self) -> bool {
+        self.hidden.is_empty() && self.bands.is_empty()
+    }
+
     /// Product of the semi-axes, px^2.
     pub fn size(&self) -> f64 {
         self.outline.major * self.outline.minor

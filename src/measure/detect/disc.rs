@@ -1,6 +1,6 @@
 //! The blurred share of black of a disc seen as an ellipse, for a batch of pixels.
 
-use super::model::{BLUR, EGG, FIRST, LANES, Lanes, Parameters, SECOND, Share, THIRD, each};
+use super::model::{BLUR, EGG, FIRST, LANES, Lanes, Parameters, SECOND, Share, THIRD, all, each};
 use super::normal::{GAUSS_12, PEAK, asin, exp, normal, normals, sin_quarter};
 
 /// Standard deviations of blur within which the end of a flat ellipse needs the sum along it.
@@ -29,14 +29,6 @@ pub fn beyond(s: &Lanes, t: &Lanes, [a, b]: [f32; 2], sag: f32, reach: f32) -> L
         let out = if t[i].abs() > thick + reach + sag.abs() { 1.0 } else { 0.0 };
         if along >= 1.0 { 1.0 } else { out }
     })
-}
-
-/// Whether a test holds for all lanes, in one sweep.
-#[inline(always)]
-pub fn all(test: impl Fn(usize) -> bool) -> bool {
-    let mut all = true;
-    (0..LANES).for_each(|i| all &= test(i));
-    all
 }
 
 /// A blurred ellipse, its long axis bent by a parabola and its thickness changing along it: what a

@@ -3,7 +3,7 @@
 use super::super::raster::Raster;
 use super::blob::Blob;
 use super::candidate::{Candidate, Outline};
-use super::model::{LIGHT, Parameters};
+use super::model::{LIGHT, Parameters, light_at};
 use super::oval::{Box, Oval, columns};
 use super::select::Bands;
 
@@ -57,8 +57,7 @@ pub fn darker(
             for x in columns.filter(|_| dark) {
                 let (s, t) = oval.local(x as f64, y as f64);
                 let (p, q) = (s / outline.major, t / outline.minor);
-                let light = m[LIGHT] + m[LIGHT + 1] * p + m[LIGHT + 2] * q + m[LIGHT + 3] * p * p;
-                if f64::from(row[x]) < light - limit {
+                if f64::from(row[x]) < light_at(m, p, q) - limit {
                     mask.add(y, x, x);
                 }
             }

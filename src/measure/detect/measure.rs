@@ -143,7 +143,7 @@ pub fn measure(
         let result = uneven::improve(&pixels, result, &unknowns, floor, whole);
         judge(image, candidate, &result, noise)
     };
-    if place.pattern == Pattern::Disc && place.hidden.is_empty() && place.bands.is_empty() {
+    if place.pattern == Pattern::Disc && place.is_whole() {
         place.seams = seam::find(image, &place.outline, &near, scale.max(floor));
     }
     if !place.seams.is_empty() {
@@ -243,8 +243,7 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
     }
     let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
     // A part of an outline, or one in uneven light, tells the centre less well, and says so.
-    let whole = candidate.hidden.is_empty() && candidate.bands.is_empty();
-    let most = if whole { (0.02 * outline.major).max(0.6) } else { 2.0 };
+    let most = if candidate.is_whole() { (0.02 * outline.major).max(0.6) } else { 2.0 };
     let most = most.min(0.05 * outline.major).min(2.0);
     if !(spread > 0.0 && spread < most) {
         return Err(RejectReason::PoorFit);

@@ -40,6 +40,11 @@ pub const EGG: usize = 15;
 /// Parameters of a marker's image.
 pub type Parameters = [f64; N];
 
+/// The light `L` of a place, in semi-axes along and across the marker, grey levels.
+pub fn light_at(m: &Parameters, p: f64, q: f64) -> f64 {
+    m[LIGHT] + m[LIGHT + 1] * p + m[LIGHT + 2] * q + m[LIGHT + 3] * p * p
+}
+
 /// Which pattern `c` describes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pattern {
@@ -65,6 +70,14 @@ pub fn each(value: impl Fn(usize) -> f32) -> Lanes {
         *o = value(i);
     }
     out
+}
+
+/// Whether a test holds for all lanes, in one sweep.
+#[inline(always)]
+pub fn all(test: impl Fn(usize) -> bool) -> bool {
+    let mut all = true;
+    (0..LANES).for_each(|i| all &= test(i));
+    all
 }
 
 /// Coordinates of a batch along s and across it, from the centre; sine and cosine of the angle come

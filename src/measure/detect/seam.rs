@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use super::super::raster::Raster;
 use super::candidate::{Band, Outline};
-use super::model::{BLUR, LIGHT, Parameters};
+use super::model::{BLUR, Parameters, light_at};
 use super::oval::{Oval, columns};
 
 /// The ring beside a disc that is searched, px from its outline: from where its blur has ended (in parts of the blur)
@@ -53,7 +53,7 @@ pub fn find(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Ve
     let mut out = Vec::new();
     for _ in 0..TRIES {
         let Some(line) = straightest(&signs).filter(|_| out.len() < SEAMS) else { break };
-        signs.retain(|at| (line.across.dot(at) - line.at).abs() > 2.0 * NARROW);
+        signs.retain(|at| line.distance(at) > 2.0 * NARROW);
         if let Some(half) = half_width(&spots, &line) {
             let band = Band { axis: line.across, from: line.at - half, to: line.at + half };
             if hidden_share(outline, &band) <= HIDES {
@@ -72,7 +72,6 @@ fn ring(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Vec<Sp
     let row = |v: f64| (v.max(0.0) as usize).min(image.height() - 1);
     let all = [0, 0, image.width() - 1, image.height() - 1];
     let (oval, by_scale) = (Oval::new(outline), 1.0 / scale.max(0.1));
-    let [light, along, across, bent] = [0, 1, 2, 3].map(|k| m[LIGHT + k]);
     for y in row(low.y)..=row(high.y) {
         let Some((from, to)) = oval.row(y as f64, REACH) else { continue };
         let hole = oval.row(y as f64, CLEAR * m[BLUR]).unwrap_or((to, to));
@@ -82,8 +81,7 @@ fn ring(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Vec<Sp
                 let Some(&value) = pixels.get(x) else { break };
                 let (s, t) = oval.local(x as f64, y as f64);
                 let (p, q) = (s / outline.major, t / outline.minor);
-                let skin = light + (along + bent * p) * p + across * q;
-                let darker = ((skin - f64::from(value)) * by_scale) as f32;
+                let darker = ((light_at(m, p, q) - f64::from(value)) * by_scale) as f32;
                 out.push(Spot { at: Vector2::new(x as f64, y as f64), darker });
             }
         }

@@ -59,8 +59,7 @@ pub fn few_unknowns(candidate: &Candidate) -> Unknowns {
 /// What is sought of a marker that may turn out thin or thick: no more light, for then how it was found
 /// would tell which, and a disc's bends, which are known beforehand to be small.
 pub fn settling(candidate: &Candidate, mut unknowns: Unknowns) -> Unknowns {
-    let whole = candidate.hidden.is_empty() && candidate.bands.is_empty();
-    if whole && candidate.pattern == Pattern::Disc && candidate.outline.minor < CLEARLY_THICK {
+    if candidate.is_whole() && candidate.pattern == Pattern::Disc && candidate.outline.minor < CLEARLY_THICK {
         FINE_LIGHT.iter().for_each(|&k| unknowns.free[k] = false);
         [THIRD, EGG].iter().for_each(|&k| unknowns.free[k] = true);
     }

@@ -1,7 +1,6 @@
 //! The blurred share of black of two opposite quadrants, for a batch of pixels.
 
-use super::disc::all;
-use super::model::{BLUR, FIRST, LANES, Lanes, Parameters, SECOND, Share, THIRD, each};
+use super::model::{BLUR, FIRST, LANES, Lanes, Parameters, SECOND, Share, THIRD, all, each};
 use super::normal::{GAUSS_8, PEAK, exp, normals};
 
 /// Standard deviations of blur from the crossing beyond which its two edges are apart.
