@@ -51,12 +51,16 @@ pub fn completed(candidate: &Candidate, blob: &Blob, others: &[Blob]) -> Option<
     fits.then(|| Candidate { outline, hidden, alike: same_size, ..candidate.clone() })
 }
 
-/// The semi-major axis of a disc at a place, px, from the whole ones nearest to it: on a surface that
-/// is about plane, the scale of what lies on it changes linearly over the picture.
-pub fn foretold_major<'a>(whole: impl Iterator<Item = &'a Detection>, at: Vector2<f64>) -> Option<f64> {
+/// The semi-major axis of a disc at a place and its standard deviation, px, from the whole ones nearest to it: on a
+/// surface that is about plane, the scale of what lies on it changes linearly over the picture.
+pub fn foretold_major<'a>(
+    whole: impl Iterator<Item = &'a Detection>,
+    at: Vector2<f64>,
+) -> Option<(f64, f64)> {
     const NEAREST: usize = 6;
     const ENOUGH: usize = 5;
-    const UNLIKE: f64 = 0.015;
+    const SPREAD: f64 = 0.007;
+    const UNLIKE: f64 = 0.02;
     let certain = |d: &&Detection| d.shape == Shape::Circle && d.covariance_px2.trace() < 0.1;
     let mut near: Vec<&Detection> = whole.filter(certain).collect();
     near.sort_by(|a, b| (a.centre_px - at).norm_squared().total_cmp(&(b.centre_px - at).norm_squared()));
@@ -69,8 +73,9 @@ pub fn foretold_major<'a>(whole: impl Iterator<Item = &'a Detection>, at: Vector
         right += row(d) * d.semi_major_px;
     }
     let plane = Cholesky::new(normal)?.solve(&right);
-    let fits = |d: &&Detection| (row(d).dot(&plane) - d.semi_major_px).abs() < UNLIKE * d.semi_major_px;
-    (near.len() >= ENOUGH && near.iter().all(fits)).then_some(plane.x)
+    let squares: f64 = near.iter().map(|d| (row(d).dot(&plane) / d.semi_major_px - 1.0).powi(2)).sum();
+    let spread = (squares / (near.len() as f64 - 3.0)).sqrt();
+    (near.len() >= ENOUGH && spread < UNLIKE).then_some((plane.x, plane.x * spread.max(SPREAD)))
 }
 
 /// Whether two blobs are one thing at two levels: the centroid of one lies in the other.

@@ -41,8 +41,8 @@ pub struct Candidate {
     pub seams: Vec<Band>,
     /// Whether size, direction and thickness are those of a disc beside it.
     pub alike: bool,
-    /// Whether the major axis is that which whole discs about it foretell.
-    pub foretold: bool,
+    /// Standard deviation of the major axis, px, where whole discs about it foretell it.
+    pub foretold: Option<f64>,
 }
 
 /// A strip of the picture across a marker's axis, px.
@@ -118,6 +118,18 @@ impl Outline {
         (s / self.major).hypot(t / self.minor) < 1.0
     }
 
+    /// Share of the outline for which a test of the place, px, holds.
+    pub fn share(&self, test: impl Fn(&Vector2<f64>) -> bool) -> f64 {
+        const POINTS: usize = 64;
+        let (sin, cos) = self.angle.sin_cos();
+        let count = (0..POINTS).filter(|&k| {
+            let (b, a) = (std::f64::consts::TAU * k as f64 / POINTS as f64).sin_cos();
+            let (s, t) = (self.major * a, self.minor * b);
+            test(&(self.centre + Vector2::new(s * cos - t * sin, s * sin + t * cos)))
+        });
+        count.count() as f64 / POINTS as f64
+    }
+
     /// Half the extent in u and v.
     pub fn extent(&self) -> Vector2<f64> {
         let (sin, cos) = self.angle.sin_cos();
@@ -166,7 +178,7 @@ pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
         bands: Vec::new(),
         seams: Vec::new(),
         alike: false,
-        foretold: false,
+        foretold: None,
     })
 }
 
@@ -220,7 +232,7 @@ pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Candidate> {
         bands: Vec::new(),
         seams: Vec::new(),
         alike: false,
-        foretold: false,
+        foretold: None,
     })
 }
 

@@ -12,20 +12,22 @@ use super::candidate::{Band, Candidate, Outline};
 const REACH: f64 = 3.0;
 /// Share of the usual step below which an outline is not the disc's.
 const STEP: f64 = 0.6;
-/// How much lighter than the skin the glare is.
+/// How much lighter than the skin the glare is, and where it begins.
 const LIGHTER: f64 = 1.15;
-/// Rim points that must be missing at an end, and those that must be left.
-const MISSING: i32 = 5;
+const BEGINS: f64 = 1.10;
+/// Where the skin beside a blob is looked at, px from its outline; and how far beyond its ends.
+const BESIDE: [f64; 4] = [4.0, 5.0, 6.0, 7.0];
+const BEYOND: i32 = 20;
+/// Rim points that must be left.
 const LEFT: usize = 40;
 /// What glare blurs into what it leaves, px.
 const MARGIN: f64 = 2.0;
 
-/// A point of a blob's rim, px: where, along the blob's axis, the step across it and the grey outside.
+/// A point of a blob's rim, px: where, along the blob's axis, and the step across it, grey levels.
 struct Rim {
     at: Vector2<f64>,
     along: f64,
     step: f64,
-    outside: f64,
 }
 
 /// A blob with what glare has left of its rim.
@@ -45,7 +47,9 @@ pub fn completed(image: &Raster, candidate: &Candidate, index: usize, blobs: &[B
         .filter(|&(i, other)| i != index && opposite(&part, blob, other))
         .find_map(|(i, other)| together(image, &part, i, other, candidate, blob));
     far.or_else(|| {
-        let outline = sound(any_ellipse(&part.left, blob)?, blob)?;
+        // Too little of the rim may be left: then only the discs about it tell the size.
+        let seen = Outline::from_moments(blob.centroid, blob.covariance, 2.0);
+        let outline = any_ellipse(&part.left, blob).and_then(|o| sound(o, blob)).unwrap_or(seen);
         let bands = bands(&part);
         Some(Candidate { outline, bands, ..candidate.clone() })
     })
@@ -116,19 +120,11 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
         .map(|at| {
             let normal = (inverse * (at - blob.centroid)).normalize() * REACH;
             let (inside, outside) = (grey(at - normal), grey(at + normal));
-            Rim { at, along: at.dot(&axis), step: outside - inside, outside }
+            Rim { at, along: at.dot(&axis), step: outside - inside }
         })
         .collect();
     let usual = middle_of(points.iter().map(|p| p.step))?;
-    let skin = middle_of(points.iter().filter(|p| p.step > STEP * usual).map(|p| p.outside))?;
-    let drowned = |sign: f64| {
-        let end = end(&points, sign, STEP * usual)?;
-        let last = points.iter().map(|p| sign * p.along).fold(f64::MIN, f64::max);
-        let middle = blob.centroid - axis * blob.centroid.dot(&axis);
-        let beyond = [6.0, 10.0, 15.0, 20.0].map(|d| grey(middle + axis * (sign * (last + d))));
-        (beyond.into_iter().fold(0.0, f64::max) > LIGHTER * skin).then_some(sign * end)
-    };
-    let ends = [drowned(-1.0), drowned(1.0)];
+    let ends = drowned(image, blob, &outline, axis);
     if usual < 8.0 || ends == [None, None] {
         return None;
     }
@@ -139,18 +135,26 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
     (left.len() >= least).then_some(Part { axis, left, ends })
 }
 
-/// The place along the axis, times `sign`, beyond which most of the rim has no step.
-fn end(points: &[Rim], sign: f64, least: f64) -> Option<f64> {
-    let mut sorted: Vec<&Rim> = points.iter().collect();
-    sorted.sort_by(|a, b| (sign * b.along).total_cmp(&(sign * a.along)));
-    let (mut score, mut best) = (0, (0, 0.0));
-    for point in sorted {
-        score += if point.step > least { -1 } else { 1 };
-        if score > best.0 {
-            best = (score, sign * point.along);
-        }
-    }
-    (best.0 >= MISSING).then_some(best.1 - MARGIN)
+/// Where along the axis glare begins before a blob's middle, and after it, if it reaches the blob: the skin beside it
+/// tells, for the blob's own outline fades as the skin lights up.
+fn drowned(image: &Raster, blob: &Blob, outline: &Outline, axis: Vector2<f64>) -> [Option<f64>; 2] {
+    let across = Vector2::new(-axis.y, axis.x);
+    let grey = |at: Vector2<f64>| f64::from(image.clamped(at.x.round() as isize, at.y.round() as isize));
+    let skin = |s: i32| {
+        let at = blob.centroid + axis * f64::from(s);
+        let beside = BESIDE.map(|d| across * (outline.minor + d));
+        beside.iter().map(|d| grey(at + d) + grey(at - d)).sum::<f64>() / (2 * BESIDE.len()) as f64
+    };
+    let last = outline.major.ceil() as i32 + BEYOND;
+    let skin: Vec<f64> = (-last..=last).map(skin).collect();
+    let at = |s: i32| skin.get((s + last) as usize).copied().unwrap_or(0.0);
+    let half = outline.major as i32;
+    let Some(usual) = middle_of((-half..=half).map(at)) else { return [None; 2] };
+    [-1, 1].map(|sign| {
+        let peak = (0..=last).find(|&s| at(sign * s) > LIGHTER * usual)?;
+        let begin = (0..=peak).rev().find(|&s| at(sign * s) < BEGINS * usual)?;
+        (begin < half + 2).then(|| blob.centroid.dot(&axis) + f64::from(sign) * (f64::from(begin) - MARGIN))
+    })
 }
 
 fn middle_of(values: impl Iterator<Item = f64>) -> Option<f64> {

@@ -26,6 +26,10 @@ const LAID: f64 = 0.07;
 /// Share of white or skin below which a contrast does not tell the exponent from the darkness: the grey half way
 /// up an edge then changes by less than half a percent with the exponent, and both run away together.
 const TELLS_GAMMA: f64 = 0.3;
+/// Share of the outline that glare may hide; and what its fringe, up to a tenth of the skin's light before it is seen,
+/// does to the edges beside it, px: about a tenth of an edge's width.
+const DROWNED: f64 = 0.64;
+const VEIL_PX: f64 = 0.1;
 /// Share of a marker's contrast by which what is darker than the skin around it is foreign.
 const FOREIGN: f64 = 0.25;
 
@@ -227,6 +231,10 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
     if lopsided || outline.major > FLATTEST * outline.minor {
         return Err(RejectReason::NotAnEllipse);
     }
+    let glare = !candidate.bands.is_empty();
+    if glare && outline.share(|at| candidate.bands.iter().any(|b| b.holds(at))) > DROWNED {
+        return Err(RejectReason::Drowned);
+    }
     if m[DARK] < 0.15 || contrast < 8.0 || contrast < 4.0 * noise {
         return Err(RejectReason::LowContrast);
     }
@@ -240,6 +248,9 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
     if candidate.pattern == Pattern::Disc {
         let axis = Vector2::new(m[ANGLE].cos(), m[ANGLE].sin());
         covariance += axis * axis.transpose() * (LAID * m[THIRD]).powi(2);
+    }
+    if glare {
+        covariance += Matrix2::identity() * VEIL_PX.powi(2);
     }
     let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
     // A part of an outline, or one in uneven light, tells the centre less well, and says so.

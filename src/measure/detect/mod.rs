@@ -100,6 +100,8 @@ pub enum RejectReason {
     NoConvergence,
     /// Another detection already explains it.
     Duplicate,
+    /// Glare leaves too little of it.
+    Drowned,
     /// Its edge is far softer than those of the frame's markers.
     Soft,
     /// Far smaller than all the frame's markers, which are of about one size at like distances.
@@ -118,6 +120,7 @@ impl RejectReason {
             Self::PoorFit => "image model does not fit",
             Self::NoConvergence => "fit did not converge",
             Self::Duplicate => "another detection explains it",
+            Self::Drowned => "glare leaves too little of it",
             Self::Soft => "edge softer than the other markers'",
             Self::Speck => "far smaller than the other markers",
         }
@@ -168,8 +171,10 @@ const MAX_CANDIDATES: usize = 100;
 pub fn detect(image: &Raster) -> Detections {
     let noise = noise::estimate(image);
     let factor = coarse::factor(image);
+    let smoothed = if noise > noise::FRAYING { noise::smoothed(image) } else { None };
+    let seen = smoothed.as_ref().unwrap_or(image);
     let sound = |faint: bool, known: Vec<measure::Measured>| {
-        let mut found = search(image, factor, noise, faint, known);
+        let mut found = search(image, seen, factor, noise, faint, known);
         distinct::without_soft(&mut found);
         distinct::without_specks(&mut found);
         found
@@ -218,9 +223,17 @@ fn is_faint(found: &Found) -> bool {
 /// A rough fit's blur is that of the last one to this factor.
 const MARGIN: f64 = 1.25;
 
-/// All stages on one picture. What was measured before stays, and its blobs are not looked at again.
-fn search(image: &Raster, factor: usize, noise: f64, faint: bool, before: Vec<measure::Measured>) -> Found {
-    let blobs = find_blobs(image, &mut coarse::reduce(image, factor), faint);
+/// All stages on one picture, whose blobs are sought in the one that is `seen`. What was measured before stays, and its
+/// blobs are not looked at again.
+fn search(
+    image: &Raster,
+    seen: &Raster,
+    factor: usize,
+    noise: f64,
+    faint: bool,
+    before: Vec<measure::Measured>,
+) -> Found {
+    let blobs = find_blobs(seen, &mut coarse::reduce(seen, factor), faint);
     let within = |blob: &blob::Blob| before.iter().any(|m| m.detection.outline().holds(blob.centroid));
     let mut taken: Vec<bool> = blobs.iter().map(within).collect();
     let mut whole = Whole::new(image, &blobs, measure::Bounds::of(noise));

@@ -56,7 +56,7 @@ pub fn find(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Ve
         signs.retain(|at| line.distance(at) > 2.0 * NARROW);
         if let Some(half) = half_width(&spots, &line) {
             let band = Band { axis: line.across, from: line.at - half, to: line.at + half };
-            if hidden_share(outline, &band) <= HIDES {
+            if outline.share(|at| band.holds(at)) <= HIDES {
                 out.push(band);
             }
         }
@@ -183,16 +183,4 @@ fn half_width(spots: &[Spot], line: &Line) -> Option<f64> {
     let ended = |&[sum, count]: &[f64; 2]| count > 0.0 && sum / count - skin < 0.12 * peak;
     let half = (profile.iter().position(ended)? as f64 + 0.5) * BIN;
     certain.then_some(half.max(1.0) + SKIRT)
-}
-
-/// Share of an outline that a band holds.
-fn hidden_share(outline: &Outline, band: &Band) -> f64 {
-    const POINTS: usize = 64;
-    let (sin, cos) = outline.angle.sin_cos();
-    let held = (0..POINTS).filter(|&k| {
-        let (b, a) = (std::f64::consts::TAU * k as f64 / POINTS as f64).sin_cos();
-        let (s, t) = (outline.major * a, outline.minor * b);
-        band.holds(&(outline.centre + Vector2::new(s * cos - t * sin, s * sin + t * cos)))
-    });
-    held.count() as f64 / POINTS as f64
 }

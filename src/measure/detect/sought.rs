@@ -13,8 +13,6 @@ pub const EGG_SPREAD: f64 = 0.05;
 /// How far discs side by side differ: direction, rad, relative length and thickness.
 const ALIKE_ANGLE: f64 = 0.02;
 const ALIKE_MAJOR: f64 = 0.03;
-/// How far a disc's major axis is from what the whole discs about it foretell, relatively.
-const FORETOLD_MAJOR: f64 = 0.007;
 const ALIKE_MINOR: f64 = 0.1;
 
 /// Semi-minor axis from which on a marker tells more of its light, and its bends, px; and from which on a
@@ -80,8 +78,8 @@ fn usual(candidate: &Candidate) -> [(f64, f64); N] {
         out[FIRST] = (outline.major, ALIKE_MAJOR * outline.major);
         out[SECOND] = (outline.minor, ALIKE_MINOR * outline.minor);
     }
-    if candidate.foretold {
-        out[FIRST] = (outline.major, FORETOLD_MAJOR * outline.major);
+    if let Some(deviation) = candidate.foretold {
+        out[FIRST] = (outline.major, deviation);
     }
     out
 }

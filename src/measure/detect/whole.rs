@@ -1,5 +1,7 @@
 //! Stage 3: what a blob measures as a whole disc, and what is tried where a part of it is hidden.
 
+use nalgebra::Vector2;
+
 use super::super::raster::Raster;
 use super::blob::Blob;
 use super::candidate::{self, Candidate};
@@ -13,9 +15,18 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
     for (index, mut candidate) in hidden {
         let whole =
             found.measured.iter().enumerate().filter(|(i, _)| Some(*i) != index).map(|(_, m)| &m.detection);
-        let Some(major) = arc::foretold_major(whole, candidate.outline.centre) else { continue };
+        let Some((major, deviation)) = arc::foretold_major(whole, candidate.outline.centre) else { continue };
+        // The end that is seen stays where it is.
+        for band in &candidate.bands {
+            let longer = band.axis * (major - candidate.outline.major);
+            candidate.outline.centre += match (band.from.is_finite(), band.to.is_finite()) {
+                (true, false) => longer,
+                (false, true) => -longer,
+                _ => Vector2::zeros(),
+            };
+        }
         candidate.outline.major = major;
-        candidate.foretold = true;
+        candidate.foretold = Some(deviation);
         let Ok(again) = measure(known.image, known.blobs, &candidate, known.bounds) else {
             continue;
         };
@@ -94,7 +105,7 @@ pub fn measure_whole_or_hidden(
     let drowned = glare::completed(image, candidate, index, blobs);
     match drowned.as_ref().map(measured) {
         Some(Ok(part)) => (Ok(part), drowned),
-        _ if whole.is_ok() => (whole, None),
+        _ if whole.is_ok() => (whole, drowned),
         _ if !looks_cut(blob) => (whole, drowned),
         failed => match arc::completed(candidate, blob, blobs) {
             None => (failed.unwrap_or(whole), drowned),

@@ -172,7 +172,7 @@ pub(super) fn outline_fits(detection: &Detection, shape: Shape, outline: &Outlin
 }
 
 /// Relative loss of a quadrant target's major axis times its minor axis, at the widest blur (2 px).
-const TIPS_PX: f64 = 1.6;
+const TIPS_PX: f64 = 2.4;
 
 /// A finite detection: what the input may not hold back.
 pub(super) fn usable(detection: &Detection) -> bool {
