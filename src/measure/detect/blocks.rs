@@ -14,8 +14,8 @@ const SQUARE_PX: f64 = 8.0;
 const SQUARES: f64 = 11.0;
 /// Up to this ratio the variance from blocks is not told from the fit's own: there are few blocks.
 const CHANCE: f64 = 2.4;
-/// Sectors along the marker, on each side of its axis, whose residuals may hang together.
-const SECTORS: usize = 24;
+/// Sectors along the marker, on both sides of its axis, whose residuals may hang together.
+pub const SECTORS: usize = 48;
 
 /// What the residuals of pixels that lie together did to the centre, px: in squares, and in sectors
 /// along the marker on each side of its axis.
@@ -42,7 +42,7 @@ impl Blocks {
         let width = (2.0 * reach / side) as usize + 2;
         let none = |count: usize| vec![[0.0; 2]; count];
         let per_px = 1.0 / side as f32;
-        Self { origin, per_px, width, squares: none(width * width), sectors: none(2 * SECTORS) }
+        Self { origin, per_px, width, squares: none(width * width), sectors: none(SECTORS) }
     }
 
     /// Takes up what the residuals of a batch did.
@@ -53,10 +53,7 @@ impl Blocks {
         let square = each(|i| {
             place(batch.y[i], self.origin[1]) * self.width as f32 + place(batch.x[i], self.origin[0])
         });
-        let sector = each(|i| {
-            let along = (batch.p[i] / REACH as f32 + 1.0) * 0.5 * SECTORS as f32;
-            2.0 * along.clamp(0.0, SECTORS as f32 - 1.0).floor() + if batch.q[i] > 0.0 { 1.0 } else { 0.0 }
-        });
+        let sector = sectors(batch);
         for i in 0..batch.len {
             let moved = [f64::from(moved[0][i]), f64::from(moved[1][i])];
             let blocks = [(&mut self.squares, square[i]), (&mut self.sectors, sector[i])];
@@ -75,6 +72,16 @@ impl Blocks {
         let mean = 0.5 * (Cholesky::new(*white)?.inverse() * squares).trace();
         Some((raised, one.max(other), mean))
     }
+}
+
+/// The sectors of a batch's pixels.
+#[inline(always)]
+pub fn sectors(batch: &Batch) -> Lanes {
+    const ALONG: f32 = (SECTORS / 2) as f32;
+    each(|i| {
+        let along = (batch.p[i] / REACH as f32 + 1.0) * 0.5 * ALONG;
+        2.0 * along.clamp(0.0, ALONG - 1.0).floor() + if batch.q[i] > 0.0 { 1.0 } else { 0.0 }
+    })
 }
 
 /// The centre's covariance from blocks that are independent of each other.

@@ -5,7 +5,7 @@
 use nalgebra::Matrix2;
 
 use super::batch::Pixels;
-use super::blocks::Blocks;
+use super::blocks::{Blocks, SECTORS, sectors};
 use super::field::freed;
 use super::fit::{Fit, Unknowns};
 use super::linear::biweights;
@@ -14,10 +14,13 @@ use super::wide::wide;
 
 /// Times its own variance beyond which a centre's variance from blocks of residuals is not chance.
 const CORRELATED: f64 = 4.0;
+/// Mean square of residuals by sectors, over that of white ones, beyond which the light is uneven.
+const UNEVEN: f64 = 1.5;
 /// Share of pixels that the fit has left out, beyond which they are looked into.
 const FOREIGN: f64 = 0.01;
-/// What a field of light must leave of the residuals: forty more unknowns always leave less.
-const BETTER: f64 = 0.95;
+/// What a field of light must take off the residuals' squares, in variances of one: its 33 unknowns take off as many by
+/// chance, and several times as many where residuals hang together, as JPEG leaves them.
+const BETTER: f64 = 200.0;
 
 /// What a fit's residuals show.
 pub struct Deserved {
@@ -27,6 +30,8 @@ pub struct Deserved {
     ratio: f64,
     /// Their mean ratio in squares.
     mean: f64,
+    /// Mean square of residuals by sectors, over that of white ones.
+    uneven: f64,
     /// Residuals of each batch, grey levels.
     pub residuals: Vec<Lanes>,
     /// Roots of their robust weights.
@@ -41,12 +46,12 @@ pub fn improve(pixels: &Pixels, fit: Fit, unknowns: &Unknowns, floor: f64, whole
     let left_out = seen.biweights.iter().zip(&pixels.batches);
     let left_out: usize = left_out.map(|(t, b)| t.iter().take(b.len).filter(|&&t| t <= 0.0).count()).sum();
     let foreign = left_out as f64 / pixels.count() as f64;
-    let suspect = whole && (seen.ratio > CORRELATED || foreign > FOREIGN);
+    let suspect = whole && (seen.uneven > UNEVEN || seen.ratio > CORRELATED || foreign > FOREIGN);
     let freed = if suspect { freed(pixels, &fit, &seen, unknowns, floor) } else { None };
     let white = fit.covariance.fixed_view::<2, 2>(X, X).into_owned();
     let mut out = Fit { clumped: seen.mean, white, ..fit };
     let centre = match freed {
-        Some(freed) if freed.rms < BETTER * out.rms => {
+        Some(freed) if (1.0 - (freed.rms / out.rms).powi(2)) * pixels.weight() > BETTER => {
             (out.parameters, out.rms, out.inliers) = (freed.parameters, freed.rms, freed.inliers);
             out.white = freed.white;
             freed.covariance
@@ -73,6 +78,8 @@ fn deserved_by(pixels: &Pixels, fit: &Fit, scale: f64) -> Option<Deserved> {
         count += 1;
     }
     let mut blocks = Blocks::new(pixels, m);
+    // Of each sector the sum of its weighted residuals, and of the weights' squares.
+    let mut common = [[0.0f64; 2]; SECTORS];
     let mut residuals = Vec::with_capacity(pixels.batches.len());
     let mut roots = Vec::with_capacity(pixels.batches.len());
     for (batch, image) in pixels.batches.iter().zip(&fit.images) {
@@ -87,11 +94,21 @@ fn deserved_by(pixels: &Pixels, fit: &Fit, scale: f64) -> Option<Deserved> {
         let tukey = biweights(&r, &image.gradient[X], &image.gradient[Y], scale);
         let pull = each(|i| (batch.root[i] * tukey[i]) * (batch.root[i] * tukey[i]) * r[i]);
         blocks.add(batch, [each(|i| sums[1][i] * pull[i]), each(|i| sums[2][i] * pull[i])]);
+        let sector = sectors(batch);
+        for i in 0..batch.len {
+            if let Some(sum) = common.get_mut(sector[i] as usize) {
+                let weight = f64::from((batch.root[i] * tukey[i]).powi(4));
+                *sum = [sum[0] + f64::from(pull[i]), sum[1] + weight];
+            }
+        }
         residuals.push(r);
         roots.push(tukey);
     }
     let white = fit.covariance.fixed_view::<2, 2>(X, X).into_owned();
     let free = (0..N).filter(|&k| fit.covariance[(k, k)] > 0.0).count();
     let (covariance, ratio, mean) = blocks.raise(&white, free)?;
-    Some(Deserved { covariance, ratio, mean, residuals, biweights: roots })
+    let seen = common.iter().filter(|sum| sum[1] > 2.0);
+    let (sum, count) = seen.fold((0.0, 0.0), |(s, n), [r, w]| (s + r * r / w, n + 1.0));
+    let uneven = sum / (fit.variance * f64::max(count, 1.0));
+    Some(Deserved { covariance, ratio, mean, uneven, residuals, biweights: roots })
 }
