@@ -5,8 +5,9 @@ use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use super::super::raster::Raster;
 use super::candidate::{Band, Outline};
-use super::model::{BLUR, Parameters, light_at};
+use super::model::{BLUR, LANES, Lanes, Parameters, each, light_at};
 use super::oval::{Oval, columns};
+use super::wide::wide;
 
 /// The ring beside a disc that is searched, px from its outline: from where its blur has ended (in parts of the blur)
 /// outwards.
@@ -17,7 +18,7 @@ const SIGN: f32 = 2.5;
 const DARKER: f64 = 1.5;
 /// Signs on one line, those that are looked at, and how far apart two of them must be to tell a line, px.
 const LEAST: usize = 8;
-const MOST: usize = 40;
+const MOST: usize = 48;
 const APART: f64 = 6.0;
 /// Half the width of a seam in which signs lie, px.
 const NARROW: f64 = 1.2;
@@ -72,6 +73,7 @@ fn ring(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Vec<Sp
     let row = |v: f64| (v.max(0.0) as usize).min(image.height() - 1);
     let all = [0, 0, image.width() - 1, image.height() - 1];
     let (oval, by_scale) = (Oval::new(outline), 1.0 / scale.max(0.1));
+    let (by_a, by_b) = (1.0 / outline.major, 1.0 / outline.minor);
     for y in row(low.y)..=row(high.y) {
         let Some((from, to)) = oval.row(y as f64, REACH) else { continue };
         let hole = oval.row(y as f64, CLEAR * m[BLUR]).unwrap_or((to, to));
@@ -80,8 +82,7 @@ fn ring(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Vec<Sp
             for x in columns {
                 let Some(&value) = pixels.get(x) else { break };
                 let (s, t) = oval.local(x as f64, y as f64);
-                let (p, q) = (s / outline.major, t / outline.minor);
-                let darker = ((light_at(m, p, q) - f64::from(value)) * by_scale) as f32;
+                let darker = ((light_at(m, s * by_a, t * by_b) - f64::from(value)) * by_scale) as f32;
                 out.push(Spot { at: Vector2::new(x as f64, y as f64), darker });
             }
         }
@@ -108,27 +109,59 @@ fn straightest(signs: &[Vector2<f64>]) -> Option<Line> {
         return None;
     }
     let few: Vec<&Vector2<f64>> = signs.iter().step_by(signs.len().div_ceil(MOST)).collect();
-    let (mut best, mut most) = (None, 0);
-    for (i, one) in few.iter().enumerate() {
-        for other in &few[i + 1..] {
-            let along = *other - *one;
-            let length = along.norm();
-            if length < APART {
-                continue;
-            }
-            let across = Vector2::new(-along.y, along.x) / length;
-            let line = Line { across, at: across.dot(one) };
-            let count = few.iter().filter(|at| line.distance(at) < NARROW).count();
-            if count > most {
-                (best, most) = (Some(line), count);
-            }
-        }
+    let origin = *few.first()?;
+    let mut places = [[[f32::MAX; LANES]; MOST / LANES]; 2];
+    for (k, at) in few.iter().enumerate() {
+        let at = *at - origin;
+        (places[0][k / LANES][k % LANES], places[1][k / LANES][k % LANES]) = (at.x as f32, at.y as f32);
     }
-    let mut line = best?;
+    let [i, j] = best_pair(&places, few.len())?;
+    let along = few.get(j)?.to_owned() - few.get(i)?.to_owned();
+    let across = Vector2::new(-along.y, along.x).normalize();
+    let mut line = Line { across, at: across.dot(few.get(i)?) };
     for _ in 0..2 {
         line = through(signs.iter().filter(|at| line.distance(at) < NARROW))?;
     }
     (signs.iter().filter(|at| line.distance(at) < NARROW).count() >= LEAST).then_some(line)
+}
+
+/// Columns and rows of signs, px from the first; those that are not there are far away.
+type Places = [[Lanes; MOST / LANES]; 2];
+
+wide! {
+    /// The two of the first `count` places whose line passes by most of them.
+    fn best_pair(places: &Places, count: usize) -> Option<[usize; 2]> = pair_by_count
+}
+
+#[inline(always)]
+fn pair_by_count([x, y]: &Places, count: usize) -> Option<[usize; 2]> {
+    let at = |k: usize| (x[k / LANES][k % LANES], y[k / LANES][k % LANES]);
+    let (mut best, mut most) = (None, 0.0);
+    for i in 0..count {
+        let one = at(i);
+        for j in i + 1..count {
+            let other = at(j);
+            let (u, v) = (other.0 - one.0, other.1 - one.1);
+            let square = u * u + v * v;
+            if square < (APART * APART) as f32 {
+                continue;
+            }
+            // Distances from the line are shorter than this, times the pair's.
+            let reach = (NARROW * NARROW) as f32 * square;
+            let mut near = [0.0; LANES];
+            for (x, y) in x.iter().zip(y) {
+                near = each(|k| {
+                    let off = (x[k] - one.0) * v - (y[k] - one.1) * u;
+                    near[k] + if off * off < reach { 1.0 } else { 0.0 }
+                });
+            }
+            let near = near.iter().sum::<f32>();
+            if near > most {
+                (best, most) = (Some([i, j]), near);
+            }
+        }
+    }
+    best
 }
 
 /// The line through points that has the least squares of distances.

@@ -104,31 +104,65 @@ impl Keep {
     }
 }
 
+/// The columns of a period that count.
+#[derive(Clone, Copy)]
+struct Places {
+    list: [u8; PERIOD],
+    count: u8,
+}
+
+impl Places {
+    /// For a row that begins at this turn of the pattern; those that count `beside` the edge only, or anywhere.
+    fn new(shares: &[[f32; 2]; PERIOD], turn: usize, beside: bool) -> Self {
+        let mut out = Self { list: [0; PERIOD], count: 0 };
+        for place in 0..PERIOD {
+            let keep = shares[(turn + ACROSS * place) % PERIOD];
+            out.list[usize::from(out.count)] = place as u8;
+            out.count += u8::from(keep[1] > 0.0 || (!beside && keep[0] > 0.0));
+        }
+        out
+    }
+}
+
+type Columns = std::ops::Range<usize>;
+
 /// The pixels of a frame that may be used, and those of them that are not.
 struct Source<'a> {
     image: &'a Raster,
     candidate: &'a Candidate,
     area: Box,
     shares: [[f32; 2]; PERIOD],
+    /// For each turn of the pattern, near an edge and beside it.
+    places: [[Places; 2]; PERIOD],
     masked: Option<Vec<bool>>,
 }
 
 impl Source<'_> {
-    /// Takes the columns of a row that may count.
-    fn take(&self, y: usize, columns: std::ops::Range<usize>, taker: &mut Taker) {
+    /// Takes the columns of a row that may count, of which some are near an edge.
+    fn take(&self, y: usize, columns: Columns, near: &[Columns; 2], taker: &mut Taker) {
+        let mut start = columns.start;
+        for near in near {
+            let within = |x: usize| x.clamp(start, columns.end.max(start));
+            let (from, to) = (within(near.start), within(near.end));
+            self.take_all(y, start..from, true, taker);
+            self.take_all(y, from..to, false, taker);
+            start = to.max(from);
+        }
+        self.take_all(y, start..columns.end, true, taker);
+    }
+
+    fn take_all(&self, y: usize, columns: Columns, beside: bool, taker: &mut Taker) {
+        if columns.is_empty() {
+            return;
+        }
         let Some(row) = self.image.row(y).get(columns.clone()) else { return };
         let clear = self.is_clear();
         let turn = (columns.start * ACROSS + y * DOWN) % PERIOD;
-        // The columns of a period that count, and how much.
-        let mut places = [(0, [0.0; 2]); PERIOD];
-        let mut count = 0;
-        for place in 0..PERIOD {
-            let keep = self.shares[(turn + ACROSS * place) % PERIOD];
-            places[count] = (place, keep);
-            count += usize::from(keep[0] + keep[1] > 0.0);
-        }
+        let Places { list, count } = &self.places[turn][usize::from(beside)];
         for first in (0..row.len()).step_by(PERIOD) {
-            for &(place, keep) in &places[..count] {
+            for &place in &list[..usize::from(*count)] {
+                let place = usize::from(place);
+                let keep = self.shares[(turn + ACROSS * place) % PERIOD];
                 let Some(&value) = row.get(first + place) else { break };
                 let x = columns.start + first + place;
                 if clear || !self.hides(x, y) {
@@ -214,7 +248,10 @@ pub fn pixels(
         |e: Edges| e.lines.iter().map(|l| 2.0 * radius(outline, l)).sum::<f64>(),
     );
     let shares = Keep::new(wanted, bands, length).table();
-    let source = Source { image, candidate, area, shares, masked };
+    let places = std::array::from_fn(|turn| [false, true].map(|beside| Places::new(&shares, turn, beside)));
+    let source = Source { image, candidate, area, shares, places, masked };
+    // How far from an edge a pixel may count as one at it.
+    let near = f64::from(bands.edge + look.slack) + 0.5 * FADE + 1.0;
     let mut taker = Taker::new(Ruler {
         pattern: candidate.pattern,
         bands,
@@ -226,24 +263,34 @@ pub fn pixels(
         slack: look.slack,
     });
     for y in y0..=y1 {
-        let [one, other] = match edges {
+        let (both, near) = match edges {
             None => {
                 let Some((from, to)) = oval.row(y as f64, flat + 1.0) else { continue };
-                let hole = oval.row(y as f64, -flat - 1.0).unwrap_or((to, to));
-                [columns(from, hole.0, area), columns(hole.1, to, area)]
+                let parts = |by: f64, (from, to): (f64, f64)| {
+                    let hole = oval.row(y as f64, -by).unwrap_or((to, to));
+                    [columns(from, hole.0, area), columns(hole.1, to, area)]
+                };
+                let near = oval.row(y as f64, near).map_or([0..0, 0..0], |outer| parts(near, outer));
+                (parts(flat + 1.0, (from, to)), near)
             }
             Some(Edges { lines, margin, .. }) => {
                 let Some((from, to)) = oval.row(y as f64, FADE - margin) else { continue };
-                let near = lines.map(|l| l.row(y as f64, flat + FADE));
-                let [one, other] = near.map(|n| columns(from.max(n.0), to.min(n.1), area));
-                let (first, second) = if one.start <= other.start { (one, other) } else { (other, one) };
-                // Where both edges are near, once.
-                let second = second.start.max(first.end)..second.end;
-                [first, second]
+                let parts = |reach: f64| {
+                    let [one, other] = lines.map(|l| {
+                        let part = l.row(y as f64, reach);
+                        columns(from.max(part.0), to.min(part.1), area)
+                    });
+                    let (first, second) = if one.start <= other.start { (one, other) } else { (other, one) };
+                    // Where both edges are near, once.
+                    let second = second.start.max(first.end)..second.end;
+                    [first, second]
+                };
+                (parts(flat + FADE), parts(near))
             }
         };
-        source.take(y, one, &mut taker);
-        source.take(y, other, &mut taker);
+        for columns in both {
+            source.take(y, columns, &near, &mut taker);
+        }
     }
     Some(taker.finish())
 }
