@@ -3,9 +3,9 @@
 use super::blocks::at_least;
 use super::measure::Measured;
 
-/// How far the median ratio of a frame's markers exceeds 1 by chance: with twenty of them, a standard
-/// deviation.
-const CHANCE: f64 = 1.15;
+/// How far the median ratio of a frame's markers exceeds 1 by chance: with twenty of them, two standard
+/// deviations.
+const CHANCE: f64 = 1.25;
 /// Fewer markers do not tell.
 const LEAST: usize = 8;
 

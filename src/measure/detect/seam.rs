@@ -50,11 +50,12 @@ struct Spot {
 /// The seams beside a disc whose image is known to `m`, with residuals of this scale, as bands of the picture.
 pub fn find(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Vec<Band> {
     let spots = ring(image, outline, m, scale);
-    let mut signs: Vec<Vector2<f64>> = spots.iter().filter(|s| s.darker > SIGN).map(|s| s.at).collect();
+    let mut signs: Vec<&Spot> = spots.iter().filter(|s| s.darker > SIGN).collect();
+    signs.sort_by(|one, other| other.darker.total_cmp(&one.darker));
     let mut out = Vec::new();
     for _ in 0..TRIES {
         let Some(line) = straightest(&signs).filter(|_| out.len() < SEAMS) else { break };
-        signs.retain(|at| line.distance(at) > 2.0 * NARROW);
+        signs.retain(|s| line.distance(&s.at) > 2.0 * NARROW);
         if let Some(half) = half_width(&spots, &line) {
             let band = Band { axis: line.across, from: line.at - half, to: line.at + half };
             if outline.share(|at| band.holds(at)) <= HIDES {
@@ -103,12 +104,12 @@ impl Line {
     }
 }
 
-/// The line that most of the signs lie on.
-fn straightest(signs: &[Vector2<f64>]) -> Option<Line> {
+/// The line that most of the darkest signs lie on; the darkest come first.
+fn straightest(signs: &[&Spot]) -> Option<Line> {
     if signs.len() < LEAST {
         return None;
     }
-    let few: Vec<&Vector2<f64>> = signs.iter().step_by(signs.len().div_ceil(MOST)).collect();
+    let few: Vec<&Vector2<f64>> = signs.iter().take(MOST).map(|s| &s.at).collect();
     let origin = *few.first()?;
     let mut places = [[[f32::MAX; LANES]; MOST / LANES]; 2];
     for (k, at) in few.iter().enumerate() {
@@ -120,9 +121,9 @@ fn straightest(signs: &[Vector2<f64>]) -> Option<Line> {
     let across = Vector2::new(-along.y, along.x).normalize();
     let mut line = Line { across, at: across.dot(few.get(i)?) };
     for _ in 0..2 {
-        line = through(signs.iter().filter(|at| line.distance(at) < NARROW))?;
+        line = through(signs.iter().map(|s| &s.at).filter(|at| line.distance(at) < NARROW))?;
     }
-    (signs.iter().filter(|at| line.distance(at) < NARROW).count() >= LEAST).then_some(line)
+    (signs.iter().filter(|s| line.distance(&s.at) < NARROW).count() >= LEAST).then_some(line)
 }
 
 /// Columns and rows of signs, px from the first; those that are not there are far away.

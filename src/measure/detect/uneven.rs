@@ -2,7 +2,7 @@
 //! say that the light is more uneven than a plane, or that something else lies across the marker:
 //! then the light is freed, the foreign pixels are left out, and the covariance grows by what stays.
 
-use nalgebra::Matrix2;
+use nalgebra::{Matrix2, Vector2};
 
 use super::batch::Pixels;
 use super::blocks::{Blocks, SECTORS, sectors};
@@ -19,8 +19,9 @@ const UNEVEN: f64 = 1.5;
 /// Share of pixels that the fit has left out, beyond which they are looked into.
 const FOREIGN: f64 = 0.01;
 /// What a field of light must take off the residuals' squares, in variances of one: its 33 unknowns take off as many by
-/// chance, and several times as many where residuals hang together, as JPEG leaves them.
-const BETTER: f64 = 200.0;
+/// chance, and several times as many where residuals hang together, as JPEG leaves them: to be heard, and to be believed.
+const DOUBTFUL: f64 = 120.0;
+const CERTAIN: f64 = 280.0;
 
 /// What a fit's residuals show.
 pub struct Deserved {
@@ -50,14 +51,22 @@ pub fn improve(pixels: &Pixels, fit: Fit, unknowns: &Unknowns, floor: f64, whole
     let freed = if suspect { freed(pixels, &fit, &seen, unknowns, floor) } else { None };
     let white = fit.covariance.fixed_view::<2, 2>(X, X).into_owned();
     let mut out = Fit { clumped: seen.mean, white, ..fit };
-    let centre = match freed {
-        Some(freed) if (1.0 - (freed.rms / out.rms).powi(2)) * pixels.weight() > BETTER => {
-            (out.parameters, out.rms, out.inliers) = (freed.parameters, freed.rms, freed.inliers);
-            out.white = freed.white;
-            freed.covariance
+    let mut centre = seen.covariance;
+    if let Some(freed) = freed {
+        let gain = (1.0 - (freed.rms / out.rms).powi(2)) * pixels.weight();
+        // Between the two limits both stand, so that a small difference of a pixel or two decides nothing.
+        let share = ((gain - DOUBTFUL) / (CERTAIN - DOUBTFUL)).clamp(0.0, 1.0);
+        let between = |one: f64, other: f64| one + share * (other - one);
+        let apart = [X, Y].map(|k| freed.parameters[k] - out.parameters[k]);
+        let apart = Vector2::from(apart) * (share * (1.0 - share)).sqrt();
+        centre = centre.zip_map(&freed.covariance, between) + apart * apart.transpose();
+        out.white = out.white.zip_map(&freed.white, between);
+        for (own, other) in out.parameters.iter_mut().zip(freed.parameters) {
+            *own = between(*own, other);
         }
-        _ => seen.covariance,
-    };
+        out.rms = between(out.rms, freed.rms);
+        out.inliers = between(out.inliers, freed.inliers);
+    }
     out.covariance.fixed_view_mut::<2, 2>(X, X).copy_from(&centre);
     out
 }
