@@ -195,7 +195,7 @@ impl<'a> Problem<'a> {
             let part = |part: f64| moved < 0.05 && moved < part * self.spread(&step, &factor);
             let settled = match until {
                 Until::Near => moved < 0.02 && steady,
-                Until::Settled => ratio < 0.3 && part(0.5),
+                Until::Settled => ratio < 0.3 && part(0.1),
                 Until::Fixed => ratio < 0.02 && part(0.03),
             };
             if (settled && calm) || (iteration + 1 == most && moved < 0.02) {
