@@ -62,7 +62,15 @@ pub fn foretold_major<'a>(
     const SPREAD: f64 = 0.007;
     const UNLIKE: f64 = 0.02;
     let certain = |d: &&Detection| d.shape == Shape::Circle && d.covariance_px2.trace() < 0.1;
-    let mut near: Vec<&Detection> = whole.filter(certain).collect();
+    let whole: Vec<&Detection> = whole.filter(certain).collect();
+    // Letters and dots are discs too, but far smaller.
+    let usual = super::middle(whole.iter().map(|d| d.semi_major_px).collect())?;
+    let mut near: Vec<&Detection> = Vec::new();
+    for d in whole.into_iter().filter(|d| d.semi_major_px > 0.5 * usual) {
+        if near.iter().all(|other| (other.centre_px - d.centre_px).norm() > 2.0) {
+            near.push(d);
+        }
+    }
     near.sort_by(|a, b| (a.centre_px - at).norm_squared().total_cmp(&(b.centre_px - at).norm_squared()));
     near.truncate(NEAREST);
     let row =
@@ -72,10 +80,13 @@ pub fn foretold_major<'a>(
         normal += row(d) * row(d).transpose();
         right += row(d) * d.semi_major_px;
     }
-    let plane = Cholesky::new(normal)?.solve(&right);
+    let factor = Cholesky::new(normal)?;
+    let plane = factor.solve(&right);
+    // Far from them all the plane itself is less certain.
+    let far = 1.0 + factor.solve(&Vector3::x()).x;
     let squares: f64 = near.iter().map(|d| (row(d).dot(&plane) / d.semi_major_px - 1.0).powi(2)).sum();
     let spread = (squares / (near.len() as f64 - 3.0)).sqrt();
-    (near.len() >= ENOUGH && spread < UNLIKE).then_some((plane.x, plane.x * spread.max(SPREAD)))
+    (near.len() >= ENOUGH && spread < UNLIKE).then_some((plane.x, plane.x * spread.max(SPREAD) * far.sqrt()))
 }
 
 /// Whether two blobs are one thing at two levels: the centroid of one lies in the other.

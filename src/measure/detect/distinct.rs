@@ -6,7 +6,7 @@ use super::{Detection, Found, RejectReason, Rejected};
 
 impl Found {
     /// Moves a detection to those turned down.
-    fn turn_down(&mut self, index: usize, reason: RejectReason) {
+    pub fn turn_down(&mut self, index: usize, reason: RejectReason) {
         let d = self.measured.remove(index).detection;
         self.rejected.push(Rejected {
             centre_px: d.centre_px,

@@ -257,7 +257,7 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
     let most = if candidate.is_whole() { (0.02 * outline.major).max(0.6) } else { 2.0 };
     let most = most.min(0.05 * outline.major).min(2.0);
     if !(spread > 0.0 && spread < most) {
-        return Err(RejectReason::PoorFit);
+        return Err(RejectReason::Uncertain);
     }
     Ok(Measured {
         detection: Detection {

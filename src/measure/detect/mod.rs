@@ -100,6 +100,8 @@ pub enum RejectReason {
     NoConvergence,
     /// Another detection already explains it.
     Duplicate,
+    /// A marker, but its place is told too badly.
+    Uncertain,
     /// Glare leaves too little of it.
     Drowned,
     /// Its edge is far softer than those of the frame's markers.
@@ -120,6 +122,7 @@ impl RejectReason {
             Self::PoorFit => "image model does not fit",
             Self::NoConvergence => "fit did not converge",
             Self::Duplicate => "another detection explains it",
+            Self::Uncertain => "place too uncertain",
             Self::Drowned => "glare leaves too little of it",
             Self::Soft => "edge softer than the other markers'",
             Self::Speck => "far smaller than the other markers",

@@ -9,9 +9,14 @@ use super::measure::{Bounds, Measured, measure};
 use super::model::Pattern;
 use super::{Found, RejectReason, arc, glare};
 
+/// Standard deviations of the size that discs about it foretell beyond which a disc is another thing.
+const UNLIKE: f64 = 4.0;
+
 /// Measures discs that are hidden in part once more, when the whole ones about them have told how
-/// large they are; also those of which too little was seen before.
+/// large they are; also those of which too little was seen before. One of quite another size is turned down: something
+/// else passes for its hidden end.
 pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usize>, Candidate)>) {
+    let mut wrong: Vec<usize> = Vec::new();
     for (index, mut candidate) in hidden {
         let whole =
             found.measured.iter().enumerate().filter(|(i, _)| Some(*i) != index).map(|(_, m)| &m.detection);
@@ -27,14 +32,19 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
         }
         candidate.outline.major = major;
         candidate.foretold = Some(deviation);
-        let Ok(again) = measure(known.image, known.blobs, &candidate, known.bounds) else {
-            continue;
-        };
-        match index.and_then(|i| found.measured.get_mut(i)) {
-            Some(slot) => *slot = again,
-            None => found.measured.push(again),
+        let like = |m: &Measured| (m.detection.semi_major_px - major).abs() < UNLIKE * deviation;
+        let again = measure(known.image, known.blobs, &candidate, known.bounds).ok().filter(like);
+        let slot = index.and_then(|i| found.measured.get_mut(i));
+        match (again, slot) {
+            (Some(again), Some(slot)) => *slot = again,
+            (Some(again), None) => found.measured.push(again),
+            (None, Some(slot)) if !like(slot) => wrong.extend(index),
+            (None, _) => {}
         }
     }
+    wrong.sort_unstable();
+    wrong.dedup();
+    wrong.into_iter().rev().for_each(|i| found.turn_down(i, RejectReason::Uncertain));
 }
 
 /// Blobs measured as whole discs, each once.
@@ -64,7 +74,7 @@ impl<'a> Whole<'a> {
     pub fn are_discs(&mut self, candidate: &Candidate) -> bool {
         let mut disc = |&i: &usize| {
             let round = self.blobs.get(i).filter(|b| !looks_cut(b)).and_then(|b| candidate::disc(i, b));
-            round.is_some_and(|c| self.measure(i, &c).is_ok())
+            round.is_some_and(|c| matches!(self.measure(i, &c), Ok(_) | Err(RejectReason::Uncertain)))
         };
         candidate.blobs.len() == 2 && candidate.blobs.iter().all(&mut disc)
     }
