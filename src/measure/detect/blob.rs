@@ -93,6 +93,15 @@ fn levels(coarse: &Coarse, region: &Region) -> (u32, u32) {
 
 /// The blobs of pixels below a level that lie wholly in a box.
 pub fn darker_than(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, level: u8) -> Vec<Blob> {
+    blobs_of(image, low, high, |v| v < level)
+}
+
+/// The blobs of pixels above a level that lie wholly in a box.
+pub fn lighter_than(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, level: u8) -> Vec<Blob> {
+    blobs_of(image, low, high, |v| v > level)
+}
+
+fn blobs_of(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, test: impl Fn(u8) -> bool) -> Vec<Blob> {
     let end = |v: f64, most: usize| (v.ceil().max(0.0) as usize).saturating_add(1).min(most);
     let window = Window {
         x0: low.x.floor().max(0.0) as usize,
@@ -107,7 +116,7 @@ pub fn darker_than(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, level:
     let mut below = vec![0u8; window.x1 - window.x0];
     for y in window.y0..window.y1 {
         let row = &image.row(y)[window.x0..window.x1];
-        below.iter_mut().zip(row).for_each(|(b, &v)| *b = u8::from(v < level));
+        below.iter_mut().zip(row).for_each(|(b, &v)| *b = u8::from(test(v)));
         runs::find(&below, y, &mut runs);
     }
     window.blobs(image, &mut runs).0

@@ -30,6 +30,10 @@ const TELLS_GAMMA: f64 = 0.3;
 /// does to the edges beside it, px: about a tenth of an edge's width.
 const DROWNED: f64 = 0.64;
 const VEIL_PX: f64 = 0.1;
+/// How much longer quadrants' white must be than their black to tell their length, and its least contrast against the skin,
+/// as a share of theirs.
+const LONGER: f64 = 1.1;
+const WHITER: f64 = 0.12;
 /// Share of a marker's contrast by which what is darker than the skin around it is foreign.
 const FOREIGN: f64 = 0.25;
 
@@ -177,7 +181,49 @@ fn outlined(image: &Raster, candidate: &Candidate, m: &Parameters) -> Candidate 
         own.sort_by(|a, b| b.area.total_cmp(&a.area));
         candidate::quadrants(&[0, 1], &own).or_else(|| candidate::quadrants(&[0], &own))
     });
-    found.map_or_else(|| candidate.clone(), |f| Candidate { outline: f.outline, ..candidate.clone() })
+    let mut out = found.map_or(*outline, |f| f.outline);
+    if let Some(longer) = length_of_white(image, &out, m).filter(|longer| *longer > LONGER * out.major) {
+        out.major = longer;
+    }
+    Candidate { outline: out, ..candidate.clone() }
+}
+
+/// Half the length of quadrants' white along their outline's axis, px, which is the whole marker's: of a flat marker blur
+/// takes the thin ends of the black, where the white is thickest.
+fn length_of_white(image: &Raster, outline: &Outline, m: &Parameters) -> Option<f64> {
+    let centre = Vector2::new(m[X], m[Y]);
+    let reach = outline.extent() * 2.2;
+    let (low, high) = (centre - reach, centre + reach);
+    let mut around: Vec<f64> = Vec::new();
+    for y in (low.y.max(0.0) as usize..high.y.max(0.0) as usize).step_by(2) {
+        let (from, to) = (low.x.max(0.0) as usize, high.x.max(0.0) as usize);
+        around.extend(image.row(y).iter().take(to).skip(from).step_by(2).map(|&v| f64::from(v)));
+    }
+    let skin = super::middle(around)?;
+    let level = grid::put_level(0.5 * (skin + m[LIGHT]));
+    if m[LIGHT] - skin < WHITER * contrast(m) {
+        return None;
+    }
+    let own = |s: f64, t: f64| s.abs() < 2.2 * outline.major && t.abs() < outline.minor + 2.0;
+    let place = |at: Vector2<f64>| Outline { centre, ..*outline }.local(at);
+    let (mut least, mut most) = (0.0f64, 0.0f64);
+    for blob in blob::lighter_than(image, low, high, level.clamp(0.0, 254.0) as u8) {
+        let (s, t) = place(blob.centroid);
+        if !own(s, t) || blob.area < 0.05 * outline.major * outline.minor {
+            continue;
+        }
+        for &[y, from, to] in &blob.runs {
+            for x in [from, to] {
+                let (s, _) = place(Vector2::new(f64::from(x), f64::from(y)));
+                (least, most) = (least.min(s), most.max(s));
+            }
+        }
+    }
+    let even = least < -0.7 * outline.major
+        && most > 0.7 * outline.major
+        && most < -1.25 * least
+        && -least < 1.25 * most;
+    even.then_some(0.5 * (most - least))
 }
 
 /// The candidate with the geometry of a rough fit.
