@@ -72,6 +72,8 @@ impl Bounds {
 /// and seams are far flatter; and that of a blob which is none whatever a fit would say.
 const FLATTEST: f64 = 26.0;
 const SURELY_FLATTER: f64 = 28.0;
+/// That of quadrants, which are near the fuselage: flatter ones are two discs side by side.
+const FLATTEST_QUADRANTS: f64 = 16.0;
 
 /// Greatest blur that is measured, px.
 const SOFTEST: f64 = 3.2;
@@ -104,7 +106,7 @@ pub fn measure(
     let (near, scale) =
         rough(&mut first, &start, &few_unknowns(candidate), floor).ok_or(RejectReason::NoConvergence)?;
     // A rough fit leaves at most twice what the last one may.
-    if scale > 2.0 * largest_rms(noise, contrast(&near)) {
+    if scale > 2.0 * largest_rms(candidate, noise, contrast(&near)) {
         return Err(RejectReason::PoorFit);
     }
     if near[BLUR] > bounds.blur {
@@ -125,7 +127,7 @@ pub fn measure(
         unknowns.free[GAMMA] &= contrast(m) > TELLS_GAMMA * m[LIGHT];
         (unknowns, bends)
     };
-    let place = place(candidate, &near);
+    let place = outlined(image, &place(candidate, &near), &near);
     let mut chosen = choose(&place, masked(&near), &near, SLACK, half)?;
     let (near, scale) = settle(&mut chosen, &near, scale, &settling(&place, known(&place, &near).0), floor)
         .ok_or(RejectReason::NoConvergence)?;
@@ -239,9 +241,14 @@ fn place(candidate: &Candidate, m: &Parameters) -> Candidate {
     out
 }
 
+/// What noise may be at edges, grey levels, where JPEG has left none of it beside them.
+const LOST: f64 = 1.0;
+
 /// The greatest residuals of a marker, root mean square, grey levels.
-fn largest_rms(noise: f64, contrast: f64) -> f64 {
-    1.6 * noise + 0.05 * contrast
+fn largest_rms(candidate: &Candidate, noise: f64, contrast: f64) -> f64 {
+    // Letters are taken for quadrants rather than for discs.
+    let least = if candidate.pattern == Pattern::Disc { LOST } else { 0.0 };
+    1.6 * noise.max(least) + 0.05 * contrast
 }
 
 /// Accepts or turns down a fit.
@@ -274,7 +281,8 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
         return Err(RejectReason::TooSmall);
     }
     let lopsided = candidate.pattern == Pattern::Disc && m[EGG].abs() > 4.0 * EGG_SPREAD;
-    if lopsided || outline.major > FLATTEST * outline.minor {
+    let flattest = if candidate.pattern == Pattern::Disc { FLATTEST } else { FLATTEST_QUADRANTS };
+    if lopsided || outline.major > flattest * outline.minor {
         return Err(RejectReason::NotAnEllipse);
     }
     let glare = !candidate.bands.is_empty();
@@ -284,7 +292,7 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
     if m[DARK] < 0.15 || contrast < 8.0 || contrast < 4.0 * noise {
         return Err(RejectReason::LowContrast);
     }
-    if m[BLUR] > SOFTEST || fit.inliers < 0.55 || fit.rms > largest_rms(noise, contrast) {
+    if m[BLUR] > SOFTEST || fit.inliers < 0.55 || fit.rms > largest_rms(candidate, noise, contrast) {
         return Err(RejectReason::PoorFit);
     }
     if candidate.edges.is_some_and(|edges| !ends_in_arcs(image, candidate, edges.0, m)) {
