@@ -1,0 +1,197 @@
+//! Promise: strong noise, glare and dirt cost neither a marker nor its standard deviations their truth.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use nalgebra::{Cholesky, Vector2};
+use rand::rngs::StdRng;
+use rand::{Rng, SeedableRng};
+use wingd::measure::detect::{Detection, detect};
+use wingd::measure::raster::Raster;
+
+const WIDTH: usize = 900;
+const HEIGHT: usize = 420;
+const TONE: f64 = 2.2;
+/// Samples per pixel and direction.
+const FINE: usize = 3;
+
+/// An ellipse: centre, semi-axes, direction; px, rad.
+type Ellipse = [f64; 5];
+
+/// Along and across an ellipse, in semi-axes.
+fn local([cx, cy, a, b, angle]: Ellipse, x: f64, y: f64) -> (f64, f64) {
+    let (sin, cos) = angle.sin_cos();
+    let (dx, dy) = (x - cx, y - cy);
+    ((dx * cos + dy * sin) / a, (dy * cos - dx * sin) / b)
+}
+
+fn within(ellipse: Ellipse, x: f64, y: f64) -> bool {
+    let (s, t) = local(ellipse, x, y);
+    s.hypot(t) < 1.0
+}
+
+/// A sharp scene of grey values, blurred in light (px), with normal noise (grey levels).
+fn picture(scene: impl Fn(f64, f64) -> f64, blur: f64, noise: f64, seed: u64) -> Raster {
+    let mut light = vec![0.0; WIDTH * HEIGHT];
+    for (i, light) in light.iter_mut().enumerate() {
+        for k in 0..FINE * FINE {
+            let part = |k: usize| (k as f64 + 0.5) / FINE as f64 - 0.5;
+            let (x, y) = ((i % WIDTH) as f64 + part(k % FINE), (i / WIDTH) as f64 + part(k / FINE));
+            *light += scene(x, y).powf(TONE) / (FINE * FINE) as f64;
+        }
+    }
+    let weights: Vec<(isize, f64)> =
+        (-8..=8).map(|k: isize| (k, (-0.5 * (k as f64 / blur).powi(2)).exp())).collect();
+    let total: f64 = weights.iter().map(|w| w.1).sum();
+    let passed = |from: &[f64], along_x: bool| -> Vec<f64> {
+        let at = |x: isize, y: isize| {
+            from[y.clamp(0, HEIGHT as isize - 1) as usize * WIDTH + x.clamp(0, WIDTH as isize - 1) as usize]
+        };
+        (0..WIDTH * HEIGHT)
+            .map(|i| {
+                let (x, y) = ((i % WIDTH) as isize, (i / WIDTH) as isize);
+                let one = |&(k, w): &(isize, f64)| w * if along_x { at(x + k, y) } else { at(x, y + k) };
+                weights.iter().map(one).sum::<f64>() / total
+            })
+            .collect()
+    };
+    let blurred = passed(&passed(&light, true), false);
+    let mut random = StdRng::seed_from_u64(seed);
+    let luma = blurred.iter().map(|v| {
+        let normal: f64 = (0..12).map(|_| random.random_range(-0.5..0.5)).sum();
+        (v.powf(1.0 / TONE) + noise * normal).round().clamp(0.0, 255.0) as u8
+    });
+    Raster::new(WIDTH, HEIGHT, luma.collect()).unwrap()
+}
+
+fn nearest(found: &[Detection], ellipse: Ellipse) -> Option<(&Detection, Vector2<f64>)> {
+    let off = |m: &Detection| m.centre_px - Vector2::new(ellipse[0], ellipse[1]);
+    let best = found.iter().min_by(|a, b| off(a).norm().total_cmp(&off(b).norm()))?;
+    (off(best).norm() < 5.0).then(|| (best, off(best)))
+}
+
+/// The error's square over what is stated, per coordinate.
+fn normalised_square(m: &Detection, error: Vector2<f64>) -> f64 {
+    0.5 * error.dot(&Cholesky::new(m.covariance_px2).unwrap().solve(&error))
+}
+
+/// Discs that shrink upwards and to the right, as on a wing.
+fn discs() -> Vec<Ellipse> {
+    (0..9)
+        .map(|k| {
+            let (x, y) = (130.3 + 300.1 * f64::from(k % 3), 80.4 + 120.2 * f64::from(k / 3));
+            let a = 36.0 + 0.05 * y - 0.006 * x;
+            [x, y, a, 0.12 * a, 0.12 - 0.02 * f64::from(k % 3)]
+        })
+        .collect()
+}
+
+/// Black on skin, grey levels.
+fn on_skin(discs: &[Ellipse], skin: f64, black: f64) -> impl Fn(f64, f64) -> f64 {
+    move |x, y| if discs.iter().any(|&d| within(d, x, y)) { black } else { skin }
+}
+
+#[test]
+fn discs_whose_outline_noise_frays_are_found() {
+    let discs = discs();
+    let (mut found, mut square) = (0, 0.0);
+    for seed in 0..6 {
+        let image = picture(on_skin(&discs, 80.0, 26.0), 1.5, 6.0, seed);
+        let markers = detect(&image).markers;
+        assert!(markers.len() <= discs.len(), "seed {seed}: {} markers", markers.len());
+        for &disc in &discs {
+            let Some((m, error)) = nearest(&markers, disc) else { continue };
+            found += 1;
+            square += normalised_square(m, error);
+        }
+    }
+    let normalised = (square / f64::from(found)).sqrt();
+    println!("{found} of 54 found, normalised error {normalised:.2}");
+    assert!(found >= 53, "{found} of 54 discs are found");
+    assert!((0.7..1.3).contains(&normalised), "{normalised} standard deviations");
+}
+
+/// Light that is mirrored: added to everything from some column on, with a slope of so many px.
+fn with_glare(scene: impl Fn(f64, f64) -> f64, from: f64, to: f64, slope: f64) -> impl Fn(f64, f64) -> f64 {
+    move |x, y| {
+        let x = x + 0.3 * (y - 200.0);
+        let share = 1.0 / (1.0 + (-(x - from) / slope).exp()) / (1.0 + ((x - to) / slope).exp());
+        (scene(x - 0.3 * (y - 200.0), y).powf(TONE) + share * 420f64.powf(TONE)).powf(1.0 / TONE)
+    }
+}
+
+#[test]
+fn a_disc_that_ends_in_glare_is_measured_and_says_how_well() {
+    let discs = discs();
+    // The middle one of the second row.
+    let drowned = discs[4];
+    let mut square = 0.0;
+    for (seed, share) in [0.35f64, 0.2, 0.05].into_iter().enumerate() {
+        let from = drowned[0] + share * drowned[2] + 0.3 * (drowned[1] - 200.0);
+        let scene = with_glare(on_skin(&discs, 160.0, 55.0), from, from + 80.0, 3.0);
+        let markers = detect(&picture(scene, 0.9, 1.5, seed as u64)).markers;
+        let (m, error) = nearest(&markers, drowned).expect("the disc is found");
+        println!("glare from {share}: {error:.2?}, variances {:.3?}", m.covariance_px2.diagonal());
+        assert!(error.norm() < 2.0, "glare from {share}: off by {error}");
+        square += normalised_square(m, error) / 3.0;
+        assert!(nearest(&markers, discs[3]).is_some_and(|(_, error)| error.norm() < 0.3), "its neighbour");
+    }
+    assert!(square.sqrt() < 2.0, "{} standard deviations", square.sqrt());
+    // Of what is drowned as a whole, nothing is said.
+    let from = drowned[0] - 0.7 * drowned[2] + 0.3 * (drowned[1] - 200.0);
+    let scene = with_glare(on_skin(&discs, 160.0, 55.0), from, from + 90.0, 3.0);
+    let markers = detect(&picture(scene, 0.9, 1.5, 9)).markers;
+    let near = |m: &&Detection| (m.centre_px - Vector2::new(drowned[0], drowned[1])).norm() < drowned[2];
+    assert_eq!(markers.iter().find(near), None);
+}
+
+#[test]
+fn dirt_beside_a_disc_does_not_shift_it() {
+    let discs = discs();
+    let stained = |x: f64, y: f64| {
+        // A soft spot above the middle of each.
+        let spot = |d: &Ellipse| {
+            let (s, t) = local([d[0], d[1], 16.0, 4.0, d[4]], x, y);
+            (-(s - 0.3).powi(2) - (t + 1.9).powi(2)).exp()
+        };
+        let skin = 165.0 - 16.0 * discs.iter().map(spot).sum::<f64>();
+        if discs.iter().any(|&d| within(d, x, y)) { 60.0 } else { skin }
+    };
+    let (mut sum, mut square, mut count) = (Vector2::zeros(), 0.0, 0.0);
+    for seed in 0..4 {
+        let markers = detect(&picture(stained, 1.0, 2.0, seed)).markers;
+        for &disc in &discs {
+            let (m, error) = nearest(&markers, disc).expect("the disc is found");
+            sum += error;
+            square += normalised_square(m, error);
+            count += 1.0;
+        }
+    }
+    let (mean, normalised) = (sum / count, f64::sqrt(square / count));
+    println!("mean shift {:.3} {:.3} px, normalised {normalised:.2}", mean.x, mean.y);
+    assert!(mean.y.abs() < 0.02, "shifted by {} px across", mean.y);
+    assert!(normalised < 1.6, "{normalised} standard deviations");
+}
+
+#[test]
+fn the_white_tells_the_length_of_flat_quadrants() {
+    // Black where both coordinates of the sheet have one sign: two thin crescents along the outline.
+    let target: Ellipse = [450.2, 200.7, 70.0, 8.5, -0.1];
+    let scene = |x: f64, y: f64| {
+        let (s, t) = local(target, x, y);
+        let turned = (s * 0.64 + t * 0.77, t * 0.64 - s * 0.77);
+        match (s.hypot(t) < 1.0, turned.0 * turned.1 > 0.0) {
+            (false, _) => 160.0,
+            (true, true) => 45.0,
+            (true, false) => 225.0,
+        }
+    };
+    for seed in 0..3 {
+        let markers = detect(&picture(scene, 1.7, 2.0, seed)).markers;
+        let (m, error) = nearest(&markers, target).expect("the target is found");
+        println!(
+            "{:.1} x {:.1} px, off by {:.3} {:.3} px",
+            m.semi_major_px, m.semi_minor_px, error.x, error.y
+        );
+        assert!((m.semi_major_px / 70.0 - 1.0).abs() < 0.1, "{} px long", m.semi_major_px);
+        assert!(normalised_square(m, error) < 9.0, "off by {error}");
+    }
+}
