@@ -74,14 +74,12 @@ fn normalised_square(m: &Detection, error: Vector2<f64>) -> f64 {
 }
 
 /// Discs that shrink upwards and to the right, as on a wing.
-fn discs() -> Vec<Ellipse> {
-    (0..9)
-        .map(|k| {
-            let (x, y) = (130.3 + 300.1 * f64::from(k % 3), 80.4 + 120.2 * f64::from(k / 3));
-            let a = 36.0 + 0.05 * y - 0.006 * x;
-            [x, y, a, 0.12 * a, 0.12 - 0.02 * f64::from(k % 3)]
-        })
-        .collect()
+fn discs() -> [Ellipse; 9] {
+    std::array::from_fn(|k| {
+        let (x, y) = (130.3 + 300.1 * (k % 3) as f64, 80.4 + 120.2 * (k / 3) as f64);
+        let a = 36.0 + 0.05 * y - 0.006 * x;
+        [x, y, a, 0.12 * a, 0.12 - 0.02 * (k % 3) as f64]
+    })
 }
 
 /// Black on skin, grey levels.
@@ -91,13 +89,13 @@ fn on_skin(discs: &[Ellipse], skin: f64, black: f64) -> impl Fn(f64, f64) -> f64
 
 #[test]
 fn discs_whose_outline_noise_frays_are_found() {
-    let discs = discs();
+    let flat = discs().map(|[x, y, a, _, angle]| [x, y, a, 0.095 * a, angle]);
     let (mut found, mut square) = (0, 0.0);
     for seed in 0..6 {
-        let image = picture(on_skin(&discs, 80.0, 26.0), 1.5, 6.0, seed);
+        let image = picture(on_skin(&flat, 76.0, 30.0), 1.5, 8.0, seed);
         let markers = detect(&image).markers;
-        assert!(markers.len() <= discs.len(), "seed {seed}: {} markers", markers.len());
-        for &disc in &discs {
+        assert!(markers.len() <= flat.len(), "seed {seed}: {} markers", markers.len());
+        for disc in flat {
             let Some((m, error)) = nearest(&markers, disc) else { continue };
             found += 1;
             square += normalised_square(m, error);
@@ -105,7 +103,7 @@ fn discs_whose_outline_noise_frays_are_found() {
     }
     let normalised = (square / f64::from(found)).sqrt();
     println!("{found} of 54 found, normalised error {normalised:.2}");
-    assert!(found >= 53, "{found} of 54 discs are found");
+    assert!(found >= 51, "{found} of 54 discs are found");
     assert!((0.7..1.3).contains(&normalised), "{normalised} standard deviations");
 }
 

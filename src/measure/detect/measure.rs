@@ -33,6 +33,8 @@ const VEIL_PX: f64 = 0.1;
 /// How much longer quadrants' white must be than their black to tell their length, and its least contrast against the skin,
 /// as a share of theirs.
 const LONGER: f64 = 1.1;
+/// Semi-minor axis from which on blur takes too little of quadrants to tell, px.
+const THICK: f64 = 20.0;
 const WHITER: f64 = 0.12;
 /// Share of a marker's contrast by which what is darker than the skin around it is foreign.
 const FOREIGN: f64 = 0.25;
@@ -193,15 +195,18 @@ fn outlined(image: &Raster, candidate: &Candidate, m: &Parameters) -> Candidate 
 /// Half the length of quadrants' white along their outline's axis, px, which is the whole marker's: of a flat marker blur
 /// takes the thin ends of the black, where the white is thickest.
 fn length_of_white(image: &Raster, outline: &Outline, m: &Parameters) -> Option<f64> {
+    if outline.minor > THICK {
+        return None;
+    }
     let centre = Vector2::new(m[X], m[Y]);
     let reach = outline.extent() * 2.2;
     let (low, high) = (centre - reach, centre + reach);
-    let mut around: Vec<f64> = Vec::new();
-    for y in (low.y.max(0.0) as usize..high.y.max(0.0) as usize).step_by(2) {
-        let (from, to) = (low.x.max(0.0) as usize, high.x.max(0.0) as usize);
-        around.extend(image.row(y).iter().take(to).skip(from).step_by(2).map(|&v| f64::from(v)));
+    let [x0, y0, x1, y1] = [low.x, low.y, high.x, high.y].map(|v| v.max(0.0) as usize);
+    let mut count = [0usize; 256];
+    for y in (y0..y1).step_by(2) {
+        image.row(y).iter().take(x1).skip(x0).step_by(2).for_each(|&v| count[usize::from(v)] += 1);
     }
-    let skin = super::middle(around)?;
+    let skin = middle_grey(&count)?;
     let level = grid::put_level(0.5 * (skin + m[LIGHT]));
     if m[LIGHT] - skin < WHITER * contrast(m) {
         return None;
@@ -226,6 +231,17 @@ fn length_of_white(image: &Raster, outline: &Outline, m: &Parameters) -> Option<
         && most < -1.25 * least
         && -least < 1.25 * most;
     even.then_some(0.5 * (most - least))
+}
+
+/// The median of grey values that are counted.
+fn middle_grey(count: &[usize; 256]) -> Option<f64> {
+    let total: usize = count.iter().sum();
+    let mut below = 0;
+    let beyond = |&n: &usize| {
+        below += n;
+        2 * below > total
+    };
+    count.iter().position(beyond).map(|grey| grey as f64)
 }
 
 /// The candidate with the geometry of a rough fit.
