@@ -14,7 +14,7 @@ pub const THICK: usize = 24;
 
 /// Grey over local background below which a reduced pixel is dark, in 1/256, strictest first.
 /// Several levels, so that a faint line that touches a marker does not swallow it.
-/// The last is for frames whose contrast haze or stray light take away with distance.
+/// The last two are for frames whose contrast haze or stray light take away with distance.
 const LEVELS: [u16; FAINT] = [115, 160, 195, 225, 240, 248];
 /// Levels of a frame, and of a faint one.
 const USUAL: usize = 4;

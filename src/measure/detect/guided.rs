@@ -6,6 +6,7 @@ use super::super::raster::Raster;
 use super::super::setup::Shape;
 use super::blob::{self, Blob};
 use super::candidate::{self, Candidate, Outline};
+use super::counts::Counts;
 use super::measure::{Bounds, Measured, measure};
 use super::whole::cut_by;
 use super::{Detection, Detections, Prediction, by_place, keep_largest};
@@ -94,22 +95,10 @@ fn level(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, outline: &Outlin
     let step = ((x1 - x0) * (y1 - y0)).div_ceil(SAMPLES);
     // A step along rows that is no divisor of theirs would leave out columns.
     let (across, down) = if step < 4 { (1, step) } else { (2, step.div_ceil(2)) };
-    let mut histogram = [0usize; 256];
-    for y in (y0..y1).step_by(down) {
-        for &v in image.row(y)[x0..x1].iter().step_by(across) {
-            histogram[usize::from(v)] += 1;
-        }
-    }
-    let total: usize = histogram.iter().sum();
-    let at = |rank: usize| {
-        let mut below = 0;
-        histogram.iter().position(|&n| {
-            below += n;
-            below > rank
-        })
-    };
+    let row = |y: usize| image.row(y)[x0..x1].iter().step_by(across).copied();
+    let counts = Counts::of((y0..y1).step_by(down).flat_map(row));
     // A quarter of a quadrants' half.
     let dark = 0.125 * std::f64::consts::PI * outline.major * outline.minor / (across * down) as f64;
-    let (black, skin) = (at(dark as usize)?, at(total / 2)?);
+    let (black, skin) = (counts.at(dark as usize)?, counts.middle()?);
     (skin > black + 10).then(|| (black + skin).div_ceil(2) as u8)
 }

@@ -5,14 +5,16 @@ use nalgebra::{Matrix2, Vector2};
 use super::super::raster::Raster;
 use super::super::setup::Shape;
 use super::batch::Pixels;
-use super::blob::{self, Blob};
-use super::candidate::{self, Candidate, Outline, half_turn};
+use super::blob::Blob;
+use super::candidate::{Candidate, Outline, half_turn};
+use super::counts::Counts;
 use super::fit::{Fit, contrast, fit, rough, settle};
 use super::grid;
 use super::linear::CUT;
 use super::model::{
     ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y,
 };
+use super::outlined::outlined;
 use super::select::{ALL, EVERY, FEW, HALF, Look, Masked, SLACK, Wanted, pixels};
 use super::sought::{EGG_SPREAD, few_unknowns, settling, unknowns};
 use super::{Detection, RejectReason, seam, uneven};
@@ -30,12 +32,6 @@ const TELLS_GAMMA: f64 = 0.3;
 /// does to the edges beside it, px: about a tenth of an edge's width.
 const DROWNED: f64 = 0.64;
 const VEIL_PX: f64 = 0.1;
-/// How much longer quadrants' white must be than their black to tell their length, and its least contrast against the skin,
-/// as a share of theirs.
-const LONGER: f64 = 1.1;
-/// Semi-minor axis from which on blur takes too little of quadrants to tell, px.
-const THICK: f64 = 20.0;
-const WHITER: f64 = 0.12;
 /// Share of a marker's contrast by which what is darker than the skin around it is foreign.
 const FOREIGN: f64 = 0.25;
 
@@ -167,81 +163,6 @@ pub fn measure(
         place.seams.clear();
     }
     last(&place)
-}
-
-/// Quadrants with the outline of what is nearer to black than to white: that does not depend on how the candidate was found.
-fn outlined(image: &Raster, candidate: &Candidate, m: &Parameters) -> Candidate {
-    if candidate.edges.is_none() {
-        return candidate.clone();
-    }
-    let outline = &candidate.outline;
-    let reach = outline.extent() * 1.3;
-    let inside = |b: &Blob| outline.holds(b.centroid);
-    // Skin is darker than white: nearer to black it does not run into the quadrants.
-    let found = [0.65, 0.8].iter().find_map(|share| {
-        let level = grid::put_level(m[LIGHT] - share * contrast(m)).clamp(0.0, 255.0) as u8;
-        let mut own = blob::darker_than(image, outline.centre - reach, outline.centre + reach, level);
-        own.retain(inside);
-        own.sort_by(|a, b| b.area.total_cmp(&a.area));
-        candidate::quadrants(&[0, 1], &own).or_else(|| candidate::quadrants(&[0], &own))
-    });
-    let mut out = found.map_or(*outline, |f| f.outline);
-    if let Some(longer) = length_of_white(image, &out, m).filter(|longer| *longer > LONGER * out.major) {
-        out.major = longer;
-    }
-    Candidate { outline: out, ..candidate.clone() }
-}
-
-/// Half the length of quadrants' white along their outline's axis, px, which is the whole marker's: of a flat marker blur
-/// takes the thin ends of the black, where the white is thickest.
-fn length_of_white(image: &Raster, outline: &Outline, m: &Parameters) -> Option<f64> {
-    if outline.minor > THICK {
-        return None;
-    }
-    let centre = Vector2::new(m[X], m[Y]);
-    let reach = outline.extent() * 2.2;
-    let (low, high) = (centre - reach, centre + reach);
-    let [x0, y0, x1, y1] = [low.x, low.y, high.x, high.y].map(|v| v.max(0.0) as usize);
-    let mut count = [0usize; 256];
-    for y in (y0..y1).step_by(2) {
-        image.row(y).iter().take(x1).skip(x0).step_by(2).for_each(|&v| count[usize::from(v)] += 1);
-    }
-    let skin = middle_grey(&count)?;
-    let level = grid::put_level(0.5 * (skin + m[LIGHT]));
-    if m[LIGHT] - skin < WHITER * contrast(m) {
-        return None;
-    }
-    let own = |s: f64, t: f64| s.abs() < 2.2 * outline.major && t.abs() < outline.minor + 2.0;
-    let place = |at: Vector2<f64>| Outline { centre, ..*outline }.local(at);
-    let (mut least, mut most) = (0.0f64, 0.0f64);
-    for blob in blob::lighter_than(image, low, high, level.clamp(0.0, 254.0) as u8) {
-        let (s, t) = place(blob.centroid);
-        if !own(s, t) || blob.area < 0.05 * outline.major * outline.minor {
-            continue;
-        }
-        for &[y, from, to] in &blob.runs {
-            for x in [from, to] {
-                let (s, _) = place(Vector2::new(f64::from(x), f64::from(y)));
-                (least, most) = (least.min(s), most.max(s));
-            }
-        }
-    }
-    let even = least < -0.7 * outline.major
-        && most > 0.7 * outline.major
-        && most < -1.25 * least
-        && -least < 1.25 * most;
-    even.then_some(0.5 * (most - least))
-}
-
-/// The median of grey values that are counted.
-fn middle_grey(count: &[usize; 256]) -> Option<f64> {
-    let total: usize = count.iter().sum();
-    let mut below = 0;
-    let beyond = |&n: &usize| {
-        below += n;
-        2 * below > total
-    };
-    count.iter().position(beyond).map(|grey| grey as f64)
 }
 
 /// The candidate with the geometry of a rough fit.
@@ -389,22 +310,13 @@ fn start(candidate: &Candidate, pixels: &Pixels, blur: f64) -> Option<Parameters
         }
     }
     m[BLUR] = blur;
-    let mut count = [0usize; 256];
-    for batch in &pixels.batches {
-        batch.value.iter().take(batch.len).for_each(|&v| count[usize::from(v as u8)] += 1);
-    }
-    let total: usize = count.iter().sum();
+    let greys = pixels.batches.iter().flat_map(|b| b.value.iter().take(b.len).map(|&v| v as u8));
+    let count = Counts::of(greys);
+    let total = count.total();
     if total < 20 {
         return None;
     }
-    let at = |rank: usize| {
-        let mut below = 0;
-        let beyond = |&n: &usize| {
-            below += n;
-            below > rank
-        };
-        count.iter().position(beyond).map(|grey| grey as f64)
-    };
+    let at = |rank: usize| count.at(rank).map(|grey| grey as f64);
     let (low, high) = (at(total / 40)?, at(total * 8 / 10)?);
     m[LIGHT] = high.max(1.0);
     m[GAMMA] = 1.0 / 2.2;
