@@ -36,6 +36,11 @@ impl Raster {
         self.luma.get(start..start.saturating_add(self.width)).unwrap_or(&[])
     }
 
+    /// The value nearest to a place, px, clamped to the frame's edge.
+    pub fn nearest(&self, x: f64, y: f64) -> u8 {
+        self.clamped(x.round() as isize, y.round() as isize)
+    }
+
     /// The value at (`x`, `y`), clamped to the frame's edge.
     pub fn clamped(&self, x: isize, y: isize) -> u8 {
         let x = x.clamp(0, self.width as isize - 1) as usize;

@@ -40,7 +40,7 @@ pub fn completed(candidate: &Candidate, blob: &Blob, others: &[Blob]) -> Option<
         .min_by(|a, b| distance(a.0, blob).total_cmp(&distance(b.0, blob)));
     let (like, free) = alike.map_or((blob, true), |(o, _)| (*o, false));
     let mut outline = if free { any_ellipse(&seen, like) } else { same_ellipse(&seen, like) }?;
-    let size = Outline::from_moments(like.centroid, like.covariance, 2.0).major;
+    let size = Outline::of(like).major;
     let same_size = !free && (outline.major / size - 1.0).abs() < SAME_SIZE;
     if same_size {
         outline.major = size;
@@ -92,7 +92,7 @@ pub fn foretold_major<'a>(
 /// Whether two blobs are one thing at two levels: the centroid of one lies in the other.
 fn overlap(one: &Blob, other: &Blob) -> bool {
     let inside = |a: &Blob, b: &Blob| {
-        let outline = Outline::from_moments(a.centroid, a.covariance, 2.0);
+        let outline = Outline::of(a);
         let (s, t) = outline.local(b.centroid);
         (s / outline.major.max(0.5)).hypot(t / outline.minor.max(0.5)) < 1.0
     };

@@ -113,11 +113,11 @@ fn blobs_of(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, test: impl Fn
         return Vec::new();
     }
     let mut runs = Vec::new();
-    let mut below = vec![0u8; window.x1 - window.x0];
+    let mut marks = vec![0u8; window.x1 - window.x0];
     for y in window.y0..window.y1 {
         let row = &image.row(y)[window.x0..window.x1];
-        below.iter_mut().zip(row).for_each(|(b, &v)| *b = u8::from(test(v)));
-        runs::find(&below, y, &mut runs);
+        marks.iter_mut().zip(row).for_each(|(mark, &v)| *mark = u8::from(test(v)));
+        runs::find(&marks, y, &mut runs);
     }
     window.blobs(image, &mut runs).0
 }

@@ -105,6 +105,11 @@ impl Outline {
         }
     }
 
+    /// A blob's ellipse of inertia.
+    pub fn of(blob: &Blob) -> Self {
+        Self::from_moments(blob.centroid, blob.covariance, 2.0)
+    }
+
     /// Coordinates along and across.
     pub fn local(&self, at: Vector2<f64>) -> (f64, f64) {
         let (sin, cos) = self.angle.sin_cos();
@@ -166,7 +171,7 @@ fn together(blobs: &[&Blob]) -> Shape {
 
 /// A disc, where the blob fills its ellipse of inertia.
 pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
-    let outline = Outline::from_moments(blob.centroid, blob.covariance, 2.0);
+    let outline = Outline::of(blob);
     // Few pixels across make steps in the outline.
     let most = if outline.minor < 1.8 { 1.3 } else { 0.36 + 0.6 / (outline.minor * outline.minor) };
     ((0.72..1.2).contains(&blob.fill()) && squareness(blob) < most).then(|| Candidate {

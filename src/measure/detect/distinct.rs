@@ -1,6 +1,5 @@
 //! Stage 6: among a frame's detections, each thing once, and nothing far smaller than the markers.
 
-use super::candidate::Outline;
 use super::measure::Measured;
 use super::{Detection, Found, RejectReason, Rejected};
 
@@ -34,7 +33,7 @@ impl Found {
 /// one thing was seen at two levels.
 pub fn distinct(found: &mut Found) {
     let within = |one: &Detection, other: &Detection| {
-        let (s, t) = outline(other).local(one.centre_px);
+        let (s, t) = other.outline().local(one.centre_px);
         (s / other.semi_major_px).hypot(t / other.semi_minor_px)
             < if one.shape == other.shape { 0.5 } else { 0.8 }
     };
@@ -87,8 +86,4 @@ pub fn without_specks(found: &mut Found) {
     let gap = sizes.windows(2).skip(ENOUGH - 1).find(|w| w[0] > GAP * w[1]);
     let Some(least) = gap.map(|w| w[0]) else { return };
     found.turn_down_all(RejectReason::Speck, |m| m.detection.semi_major_px < least);
-}
-
-fn outline(d: &Detection) -> Outline {
-    Outline { centre: d.centre_px, major: d.semi_major_px, minor: d.semi_minor_px, angle: d.angle_rad }
 }

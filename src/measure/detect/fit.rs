@@ -45,6 +45,7 @@ impl Fit {
             }
             out.parameters[k] = 0.0;
         }
+        out.white = out.covariance.fixed_view::<2, 2>(X, X).into_owned();
         out
     }
 }

@@ -48,7 +48,7 @@ pub fn completed(image: &Raster, candidate: &Candidate, index: usize, blobs: &[B
         .find_map(|(i, other)| together(image, &part, i, other, candidate, blob));
     far.or_else(|| {
         // Too little of the rim may be left: then only the discs about it tell the size.
-        let seen = Outline::from_moments(blob.centroid, blob.covariance, 2.0);
+        let seen = Outline::of(blob);
         let outline = any_ellipse(&part.left, blob).and_then(|o| sound(o, blob)).unwrap_or(seen);
         let bands = bands(&part);
         Some(Candidate { outline, bands, ..candidate.clone() })
@@ -64,7 +64,7 @@ fn bands(part: &Part) -> Vec<Band> {
 /// Whether a blob may be the rest of the disc: across the glare, on the axis, and of no other size.
 fn opposite(part: &Part, blob: &Blob, other: &Blob) -> bool {
     let d = other.centroid - blob.centroid;
-    let own = Outline::from_moments(blob.centroid, blob.covariance, 2.0);
+    let own = Outline::of(blob);
     let (along, across) = (d.dot(&part.axis), d.perp(&part.axis).abs());
     let side = if along > 0.0 { part.ends[1] } else { part.ends[0] };
     side.is_some()
@@ -112,10 +112,10 @@ fn together(
 
 /// What glare has left of a blob; `None` where no end of it is drowned.
 fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
-    let outline = Outline::from_moments(blob.centroid, blob.covariance, 2.0);
+    let outline = Outline::of(blob);
     let axis = Vector2::new(outline.angle.cos(), outline.angle.sin());
     let inverse = blob.covariance.try_inverse()?;
-    let grey = |at: Vector2<f64>| f64::from(image.clamped(at.x.round() as isize, at.y.round() as isize));
+    let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
     let points: Vec<Rim> = (rim(blob).into_iter())
         .map(|at| {
             let normal = (inverse * (at - blob.centroid)).normalize() * REACH;
@@ -139,7 +139,7 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
 /// tells, for the blob's own outline fades as the skin lights up.
 fn drowned(image: &Raster, blob: &Blob, outline: &Outline, axis: Vector2<f64>) -> [Option<f64>; 2] {
     let across = Vector2::new(-axis.y, axis.x);
-    let grey = |at: Vector2<f64>| f64::from(image.clamped(at.x.round() as isize, at.y.round() as isize));
+    let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
     let skin = |s: i32| {
         let at = blob.centroid + axis * f64::from(s);
         let beside = BESIDE.map(|d| across * (outline.minor + d));
@@ -163,7 +163,7 @@ fn middle_of(values: impl Iterator<Item = f64>) -> Option<f64> {
 
 /// The outline, if it is not much larger than what is seen of it.
 fn sound(outline: Outline, blob: &Blob) -> Option<Outline> {
-    let seen = Outline::from_moments(blob.centroid, blob.covariance, 2.0);
+    let seen = Outline::of(blob);
     let fits = outline.major < 2.0 * seen.major && outline.minor < 1.6 * seen.minor;
     (fits && outline.major > seen.major).then_some(outline)
 }

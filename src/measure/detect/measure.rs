@@ -125,13 +125,13 @@ pub fn measure(
         unknowns.free[GAMMA] &= contrast(m) > TELLS_GAMMA * m[LIGHT];
         (unknowns, bends)
     };
-    let place = outlined(image, &place(candidate, &near), &near);
+    let place = outlined(image, place(candidate, &near), &near);
     let mut chosen = choose(&place, masked(&near), &near, SLACK, half)?;
     let (near, scale) = settle(&mut chosen, &near, scale, &settling(&place, known(&place, &near).0), floor)
         .ok_or(RejectReason::NoConvergence)?;
     // From here on nothing depends on how the candidate was found.
     let (near, scale) = (grid::put(candidate.pattern, &near), grid::put_scale(scale));
-    let mut place = self::place(&outlined(image, &place, &near), &near);
+    let mut place = self::place(&outlined(image, place, &near), &near);
     let last = |candidate: &Candidate| {
         let (mut unknowns, bends) = known(candidate, &near);
         let mut pixels = choose(candidate, masked(&near), &near, 0.0, all)?;
@@ -278,7 +278,7 @@ fn ends_in_arcs(image: &Raster, candidate: &Candidate, along: f64, m: &Parameter
     let (light, black) = (m[LIGHT], m[LIGHT] - contrast(m));
     let grey = |factor: f64| {
         let at = outline.centre + direction * (factor * radius);
-        f64::from(image.clamped(at.x.round() as isize, at.y.round() as isize))
+        f64::from(image.nearest(at.x, at.y))
     };
     // Skin may be darker than half way from white to black: it need only be lighter than black. The
     // outline is rough, and a line may cross it: most of three places beyond it decide, all short of

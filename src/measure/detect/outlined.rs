@@ -18,9 +18,9 @@ const WHITER: f64 = 0.12;
 const THICK: f64 = 20.0;
 
 /// Quadrants with the outline of what is nearer to black than to white: that does not depend on how the candidate was found.
-pub fn outlined(image: &Raster, candidate: &Candidate, m: &Parameters) -> Candidate {
+pub fn outlined(image: &Raster, candidate: Candidate, m: &Parameters) -> Candidate {
     if candidate.edges.is_none() {
-        return candidate.clone();
+        return candidate;
     }
     let outline = &candidate.outline;
     let reach = outline.extent() * 1.3;
@@ -37,7 +37,7 @@ pub fn outlined(image: &Raster, candidate: &Candidate, m: &Parameters) -> Candid
     if let Some(longer) = length_of_white(image, &out, m).filter(|longer| *longer > LONGER * out.major) {
         out.major = longer;
     }
-    Candidate { outline: out, ..candidate.clone() }
+    Candidate { outline: out, ..candidate }
 }
 
 /// Half the length of quadrants' white along their outline's axis, px, which is the whole marker's: of a flat marker blur

@@ -54,7 +54,10 @@ pub fn find(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Ve
     signs.sort_by(|one, other| other.darker.total_cmp(&one.darker));
     let mut out = Vec::new();
     for _ in 0..TRIES {
-        let Some(line) = straightest(&signs).filter(|_| out.len() < SEAMS) else { break };
+        if out.len() == SEAMS {
+            break;
+        }
+        let Some(line) = straightest(&signs) else { break };
         signs.retain(|s| line.distance(&s.at) > 2.0 * NARROW);
         if let Some(half) = half_width(&spots, &line) {
             let band = Band { axis: line.across, from: line.at - half, to: line.at + half };

@@ -49,8 +49,7 @@ pub fn improve(pixels: &Pixels, fit: Fit, unknowns: &Unknowns, floor: f64, whole
     let foreign = left_out as f64 / pixels.count() as f64;
     let suspect = whole && (seen.uneven > UNEVEN || seen.ratio > CORRELATED || foreign > FOREIGN);
     let freed = if suspect { freed(pixels, &fit, &seen, unknowns, floor) } else { None };
-    let white = fit.covariance.fixed_view::<2, 2>(X, X).into_owned();
-    let mut out = Fit { clumped: seen.mean, white, ..fit };
+    let mut out = Fit { clumped: seen.mean, ..fit };
     let mut centre = seen.covariance;
     if let Some(freed) = freed {
         let gain = (1.0 - (freed.rms / out.rms).powi(2)) * pixels.weight();
@@ -113,9 +112,8 @@ fn deserved_by(pixels: &Pixels, fit: &Fit, scale: f64) -> Option<Deserved> {
         residuals.push(r);
         roots.push(tukey);
     }
-    let white = fit.covariance.fixed_view::<2, 2>(X, X).into_owned();
     let free = (0..N).filter(|&k| fit.covariance[(k, k)] > 0.0).count();
-    let (covariance, ratio, mean) = blocks.raise(&white, free)?;
+    let (covariance, ratio, mean) = blocks.raise(&fit.white, free)?;
     let seen = common.iter().filter(|sum| sum[1] > 2.0);
     let (sum, count) = seen.fold((0.0, 0.0), |(s, n), [r, w]| (s + r * r / w, n + 1.0));
     let uneven = sum / (fit.variance * f64::max(count, 1.0));

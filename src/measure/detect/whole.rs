@@ -87,7 +87,7 @@ fn looks_cut(blob: &Blob) -> bool {
 
 /// How square a blob is against what a whole disc of its size may be.
 pub fn cut_by(blob: &Blob) -> f64 {
-    let minor = candidate::Outline::from_moments(blob.centroid, blob.covariance, 2.0).minor.max(0.5);
+    let minor = candidate::Outline::of(blob).minor.max(0.5);
     candidate::squareness(blob) / (0.13 + 1.3 / (minor * minor))
 }
 
