@@ -1,11 +1,13 @@
 //! Stage 4: seams of the skin that meet a disc. A thin dark line that ends in a flat disc's tip makes it look longer,
 //! by too little in each pixel for the robust weights; beside the disc the whole of it tells where it runs.
 
+use std::ops::Range;
+
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use super::super::raster::Raster;
 use super::candidate::{Band, Outline};
-use super::model::{BLUR, LANES, Lanes, Parameters, each, light_at};
+use super::model::{BLUR, LANES, LIGHT, Lanes, Parameters, each, light_at};
 use super::oval::{Oval, columns};
 use super::wide::wide;
 
@@ -49,8 +51,8 @@ struct Spot {
 
 /// The seams beside a disc whose image is known to `m`, with residuals of this scale, as bands of the picture.
 pub fn find(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Vec<Band> {
-    let spots = ring(image, outline, m, scale);
-    let mut signs: Vec<&Spot> = spots.iter().filter(|s| s.darker > SIGN).collect();
+    let ring = Ring::new(image, outline, m, scale);
+    let mut signs = ring.signs();
     signs.sort_by(|one, other| other.darker.total_cmp(&one.darker));
     let mut out = Vec::new();
     for _ in 0..TRIES {
@@ -59,7 +61,7 @@ pub fn find(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Ve
         }
         let Some(line) = straightest(&signs) else { break };
         signs.retain(|s| line.distance(&s.at) > 2.0 * NARROW);
-        if let Some(half) = half_width(&spots, &line) {
+        if let Some(half) = half_width(&ring.beside(&line), &line) {
             let band = Band { axis: line.across, from: line.at - half, to: line.at + half };
             if outline.share(|at| band.holds(at)) <= HIDES {
                 out.push(band);
@@ -69,29 +71,91 @@ pub fn find(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Ve
     out
 }
 
-/// The pixels of the ring.
-fn ring(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Vec<Spot> {
-    let mut out = Vec::new();
-    let reach = outline.extent().add_scalar(REACH + 1.0);
-    let (low, high) = (outline.centre - reach, outline.centre + reach);
-    let row = |v: f64| (v.max(0.0) as usize).min(image.height() - 1);
-    let all = [0, 0, image.width() - 1, image.height() - 1];
-    let (oval, by_scale) = (Oval::new(outline), 1.0 / scale.max(0.1));
-    let (by_a, by_b) = (1.0 / outline.major, 1.0 / outline.minor);
-    for y in row(low.y)..=row(high.y) {
-        let Some((from, to)) = oval.row(y as f64, REACH) else { continue };
-        let hole = oval.row(y as f64, CLEAR * m[BLUR]).unwrap_or((to, to));
-        let pixels = image.row(y);
-        for columns in [columns(from, hole.0, all), columns(hole.1.max(hole.0), to, all)] {
-            for x in columns {
-                let Some(&value) = pixels.get(x) else { break };
-                let (s, t) = oval.local(x as f64, y as f64);
-                let darker = ((light_at(m, s * by_a, t * by_b) - f64::from(value)) * by_scale) as f32;
-                out.push(Spot { at: Vector2::new(x as f64, y as f64), darker });
+/// The ring beside a disc, by rows.
+struct Ring<'a> {
+    image: &'a Raster,
+    outline: &'a Outline,
+    oval: Oval<'a>,
+    m: &'a Parameters,
+    scale: f64,
+    rows: Vec<(usize, [Range<usize>; 2])>,
+}
+
+impl<'a> Ring<'a> {
+    fn new(image: &'a Raster, outline: &'a Outline, m: &'a Parameters, scale: f64) -> Self {
+        let reach = outline.extent().add_scalar(REACH + 1.0);
+        let (low, high) = (outline.centre - reach, outline.centre + reach);
+        let row = |v: f64| (v.max(0.0) as usize).min(image.height() - 1);
+        let all = [0, 0, image.width() - 1, image.height() - 1];
+        let oval = Oval::new(outline);
+        let rows = (row(low.y)..=row(high.y)).filter_map(|y| {
+            let (from, to) = oval.row(y as f64, REACH)?;
+            let hole = oval.row(y as f64, CLEAR * m[BLUR]).unwrap_or((to, to));
+            Some((y, [columns(from, hole.0, all), columns(hole.1.max(hole.0), to, all)]))
+        });
+        let rows = rows.collect();
+        Self { image, outline, oval, m, scale: scale.max(0.1), rows }
+    }
+
+    /// A pixel's place in semi-axes.
+    fn place(&self, x: usize, y: usize) -> (f64, f64) {
+        let (s, t) = self.oval.local(x as f64, y as f64);
+        (s / self.outline.major, t / self.outline.minor)
+    }
+
+    fn spot(&self, x: usize, y: usize, value: u8) -> Spot {
+        let (p, q) = self.place(x, y);
+        let darker = ((light_at(self.m, p, q) - f64::from(value)) / self.scale) as f32;
+        Spot { at: Vector2::new(x as f64, y as f64), darker }
+    }
+
+    /// The signs.
+    fn signs(&self) -> Vec<Spot> {
+        let mut out = Vec::new();
+        for (y, parts) in &self.rows {
+            for part in parts {
+                let Some(pixels) = self.image.row(*y).get(part.clone()).filter(|p| !p.is_empty()) else { continue };
+                let level = self.lightest(part, *y) - f64::from(SIGN) * self.scale;
+                let level = level.ceil().clamp(0.0, 255.0) as u8;
+                for (k, some) in pixels.chunks(LANES).enumerate() {
+                    if some.iter().fold(255, |least, &v| v.min(least)) > level {
+                        continue;
+                    }
+                    let first = part.start + k * LANES;
+                    let spots = (first..).zip(some).filter(|(_, v)| **v <= level);
+                    out.extend(spots.map(|(x, &v)| self.spot(x, *y, v)).filter(|s| s.darker > SIGN));
+                }
             }
         }
+        out
     }
-    out
+
+    /// No skin along this part of a row is lighter.
+    fn lightest(&self, part: &Range<usize>, y: usize) -> f64 {
+        let mut straight = *self.m;
+        straight[LIGHT + 3] = 0.0;
+        let ends = [part.start, part.end.saturating_sub(1)].map(|x| self.place(x, y));
+        let plane = ends.map(|(p, q)| light_at(&straight, p, q));
+        let bend = ends.map(|(p, _)| self.m[LIGHT + 3].max(0.0) * p * p);
+        plane[0].max(plane[1]) + bend[0].max(bend[1])
+    }
+
+    /// The pixels so near to a line that they tell whether it is a seam.
+    fn beside(&self, line: &Line) -> Vec<Spot> {
+        let mut out = Vec::new();
+        let steep = line.across.x.abs().max(1e-6);
+        for (y, parts) in &self.rows {
+            let middle = (line.at - line.across.y * *y as f64) / steep * line.across.x.signum();
+            let reach = (BESIDE.1 + 1.0) / steep;
+            let (from, to) = ((middle - reach).max(0.0) as usize, (middle + reach).max(0.0) as usize);
+            for part in parts {
+                let near = part.start.max(from)..part.end.min(to.saturating_add(1));
+                let Some(pixels) = self.image.row(*y).get(near.clone()) else { continue };
+                out.extend(near.zip(pixels).map(|(x, &v)| self.spot(x, *y, v)));
+            }
+        }
+        out
+    }
 }
 
 /// A straight line: the points whose product with a unit vector is `at`, px.
@@ -108,7 +172,7 @@ impl Line {
 }
 
 /// The line that most of the darkest signs lie on; the darkest come first.
-fn straightest(signs: &[&Spot]) -> Option<Line> {
+fn straightest(signs: &[Spot]) -> Option<Line> {
     if signs.len() < LEAST {
         return None;
     }
