@@ -17,8 +17,6 @@ pub struct Batch {
     pub q: Lanes,
     /// Root of how much the pixel counts, 0 to 1.
     pub root: Lanes,
-    /// How much it would count at an edge and beside it, 0 to 1.
-    pub keep: [Lanes; 2],
     /// Pixels.
     pub len: usize,
 }
@@ -54,7 +52,7 @@ impl Batch {
     /// Without pixels.
     pub fn new() -> Self {
         let [x, y, value, p, q, root] = [[0.0; LANES]; 6];
-        Self { x, y, value, p, q, root, keep: [[0.0; LANES]; 2], len: 0 }
+        Self { x, y, value, p, q, root, len: 0 }
     }
 
     /// Whether it has no room.
@@ -62,12 +60,11 @@ impl Batch {
         self.len >= LANES
     }
 
-    /// Takes up a pixel by its column, row, grey value and how much it would count at an edge and beside it.
+    /// Takes up a pixel by its column, row and grey value.
     #[inline(always)]
-    pub fn push(&mut self, x: f32, y: f32, value: f32, keep: [f32; 2]) {
+    pub fn push(&mut self, x: f32, y: f32, value: f32) {
         let i = self.len % LANES;
         (self.x[i], self.y[i], self.value[i]) = (x, y, value);
-        (self.keep[0][i], self.keep[1][i]) = (keep[0], keep[1]);
         self.len = i + 1;
     }
 
@@ -77,7 +74,7 @@ impl Batch {
             for lanes in [&mut self.x, &mut self.y, &mut self.value, &mut self.p, &mut self.q] {
                 lanes[i] = lanes[0];
             }
-            (self.root[i], self.keep[0][i], self.keep[1][i]) = (0.0, 0.0, 0.0);
+            self.root[i] = 0.0;
         }
     }
 }
@@ -108,7 +105,6 @@ impl Sorter {
         let k = open.len % LANES;
         (open.x[k], open.y[k], open.value[k]) = (from.x[i], from.y[i], from.value[i]);
         (open.p[k], open.q[k], open.root[k]) = (from.p[i], from.q[i], from.root[i]);
-        (open.keep[0][k], open.keep[1][k]) = (from.keep[0][i], from.keep[1][i]);
         open.len = k + 1;
         if open.is_full() {
             self.pixels.batches.push(open.clone());

@@ -183,7 +183,7 @@ fn cells(pixels: &Pixels, own: &[[usize; 2]]) -> Vec<Cell> {
         if let Some(to) = cell.batches.last_mut() {
             let n = to.len;
             (to.p[n], to.q[n], to.root[n]) = (batch.p[i], batch.q[i], batch.root[i]);
-            to.push(batch.x[i], batch.y[i], batch.value[i], [0.0; 2]);
+            to.push(batch.x[i], batch.y[i], batch.value[i]);
         }
     }
     out.iter_mut().flat_map(|cell| &mut cell.batches).for_each(Batch::fill);

@@ -3,7 +3,7 @@
 use nalgebra::{Cholesky, Matrix2};
 
 use super::batch::Pixels;
-use super::linear::{Column, Images, Square, Step, linearise, weigh};
+use super::linear::{Column, Images, Square, Step, linearise};
 use super::model::{ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, X, Y};
 
 /// A converged fit.
@@ -69,7 +69,7 @@ const LATE: usize = 8;
 
 /// What a fit is made of.
 struct Problem<'a> {
-    pixels: &'a mut Pixels,
+    pixels: &'a Pixels,
     images: Option<Images>,
     unknowns: &'a Unknowns,
     floor: f64,
@@ -90,14 +90,12 @@ enum Until {
     /// Within a hundredth of a pixel.
     Near,
     /// Within a small part of the centre's standard deviation.
-    Settled,
-    /// Within so small a part that the way there does not show.
     Fixed,
 }
 
 /// Fits the `free` parameters from `start` to a hundredth of a pixel; with the residuals' scale.
 pub fn rough(
-    pixels: &mut Pixels,
+    pixels: &Pixels,
     start: &Parameters,
     unknowns: &Unknowns,
     floor: f64,
@@ -108,23 +106,9 @@ pub fn rough(
     Some((end.parameters, end.scale))
 }
 
-/// Fits the `free` parameters from near the solution, where residuals have about this scale, until the
-/// centre stands still; `None` where it does not settle. The pixels' weights follow the geometry.
-pub fn settle(
-    pixels: &mut Pixels,
-    start: &Parameters,
-    scale: f64,
-    unknowns: &Unknowns,
-    floor: f64,
-) -> Option<(Parameters, f64)> {
-    let mut problem = Problem::new(pixels, start, unknowns, floor)?;
-    let end = problem.solve(*start, scale.max(problem.floor), Until::Settled)?;
-    Some((end.parameters, end.scale))
-}
-
-/// The last steps, from a solution that is known to a part of its standard deviation: the answer.
+/// The answer, from a first geometry in whose solution residuals had about this scale.
 pub fn fit(
-    pixels: &mut Pixels,
+    pixels: &Pixels,
     start: &Parameters,
     scale: f64,
     unknowns: &Unknowns,
@@ -154,7 +138,7 @@ pub fn contrast(m: &Parameters) -> f64 {
 }
 
 impl<'a> Problem<'a> {
-    fn new(pixels: &'a mut Pixels, start: &Parameters, unknowns: &'a Unknowns, floor: f64) -> Option<Self> {
+    fn new(pixels: &'a Pixels, start: &Parameters, unknowns: &'a Unknowns, floor: f64) -> Option<Self> {
         let count = unknowns.free.iter().filter(|&&f| f).count();
         let enough = pixels.count() >= 2 * count;
         enough.then(|| Self { pixels, images: None, unknowns, floor: floor.max(0.02 * contrast(start)) })
@@ -165,9 +149,6 @@ impl<'a> Problem<'a> {
         let mut last = scale;
         let most = if until == Until::Near { MAX_ITERATIONS } else { MAX_SETTLING };
         for iteration in 0..most {
-            if until == Until::Settled && iteration > 0 {
-                weigh(self.pixels, &m);
-            }
             let step = linearise(self.pixels, &m, self.unknowns, scale, self.floor, self.images.as_mut());
             let damping = if until == Until::Near && iteration < 2 { 1e-3 } else { 1e-10 };
             let mut damped = step.normal;
@@ -196,7 +177,6 @@ impl<'a> Problem<'a> {
             let part = |part: f64| moved < 0.05 && moved < part * self.spread(&step, &factor);
             let settled = match until {
                 Until::Near => moved < 0.02 && steady,
-                Until::Settled => ratio < 0.3 && part(0.1),
                 Until::Fixed => ratio < 0.02 && part(0.03),
             };
             if (settled && calm) || (iteration + 1 == most && moved < 0.02) {

@@ -3,14 +3,11 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::batch::{Pixels, total};
-use super::disc::from_ellipse;
 use super::fit::Unknowns;
 use super::model::{
-    ANGLE, BLUR, FIRST, Grey, LANES, Lanes, N, Parameters, Pattern, SECOND, X, Y, along_and_across, each,
+    ANGLE, Grey, LANES, Lanes, N, Parameters, X, Y, each,
     grey,
 };
-use super::select::Bands;
-use super::wedge::from_edges;
 use super::wide::wide;
 
 pub type Square = SMatrix<f64, N, N>;
@@ -42,21 +39,6 @@ impl Step {
     /// By how much a step falls short because the weights follow the residuals.
     pub fn gain(&self) -> f64 {
         (self.weight / self.curvature.max(1e-9)).clamp(1.0, 1.5)
-    }
-}
-
-impl Pixels {
-    #[inline(always)]
-    fn weighed(&mut self, m: &Parameters) {
-        let (bands, trig) = (Bands::of(m[BLUR]), m[ANGLE].sin_cos());
-        for batch in &mut self.batches {
-            let (s, t) = along_and_across(m, self.origin, trig, batch);
-            let distance = match self.pattern {
-                Pattern::Disc => from_ellipse(m[FIRST] as f32, m[SECOND] as f32, &s, &t),
-                _ => from_edges(m[FIRST] as f32, &s, &t),
-            };
-            batch.root = each(|i| bands.weight([batch.keep[0][i], batch.keep[1][i]], distance[i]).sqrt());
-        }
     }
 }
 
@@ -245,11 +227,6 @@ impl Pixels {
 }
 
 wide! {
-    /// Lets the weights follow the geometry.
-    pub fn weigh(pixels: &mut Pixels, m: &Parameters) = Pixels::weighed
-}
-
-wide! {
     /// Normal equations at `m`, with biweights for residuals against `scale`; and what they came from.
     pub fn linearise(
         pixels: &Pixels,
@@ -341,7 +318,7 @@ mod tests {
             for i in 0..1500u32 {
                 let (x, y) = ((i % 60) as f32 - 28.3, (i / 60) as f32 - 13.3);
                 let k = batch.len;
-                batch.push(x, y, (i * 7919 % 190) as f32, [1.0; 2]);
+                batch.push(x, y, (i * 7919 % 190) as f32);
                 (batch.p[k], batch.q[k], batch.root[k]) = (x / 30.0, y / 10.0, (i % 5) as f32 / 4.0);
                 sorter.push(Kind::Cheap, &batch, k);
                 batch.len %= LANES;

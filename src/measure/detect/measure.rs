@@ -8,15 +8,14 @@ use super::batch::Pixels;
 use super::blob::Blob;
 use super::candidate::{Candidate, Outline, half_turn};
 use super::counts::Counts;
-use super::fit::{Fit, contrast, fit, rough, settle};
-use super::grid;
+use super::fit::{Fit, contrast, fit, rough};
 use super::linear::CUT;
 use super::model::{
     ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y,
 };
 use super::outlined::outlined;
-use super::select::{ALL, EVERY, FEW, HALF, Look, Masked, SLACK, Wanted, pixels};
-use super::sought::{EGG_SPREAD, few_unknowns, settling, unknowns};
+use super::select::{ALL, EVERY, FEW, Look, Masked, pixels};
+use super::sought::{EGG_SPREAD, few_unknowns, unknowns};
 use super::{Detection, RejectReason, seam, uneven};
 
 /// Standard deviations beyond which a bend of axis or edges is believed.
@@ -96,13 +95,13 @@ pub fn measure(
         return Err(RejectReason::NotAnEllipse);
     }
     let floor = 0.5f64.max(0.8 * noise);
-    let (few, half, all) = if candidate.hidden.is_empty() { (FEW, HALF, ALL) } else { (EVERY, EVERY, EVERY) };
-    let look = Look { crossing: outline.centre, blur: 1.0, sag: 0.0, slack: 0.0 };
-    let mut first =
+    let (few, all) = if candidate.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
+    let look = Look { crossing: outline.centre, blur: 1.0, sag: 0.0 };
+    let first =
         pixels(image, Masked::Blobs(blobs), candidate, look, few).ok_or(RejectReason::LowContrast)?;
     let start = start(candidate, &first, 1.0).ok_or(RejectReason::LowContrast)?;
     let (near, scale) =
-        rough(&mut first, &start, &few_unknowns(candidate), floor).ok_or(RejectReason::NoConvergence)?;
+        rough(&first, &start, &few_unknowns(candidate), floor).ok_or(RejectReason::NoConvergence)?;
     // A rough fit leaves at most twice what the last one may.
     if scale > 2.0 * largest_rms(candidate, noise, contrast(&near)) {
         return Err(RejectReason::PoorFit);
@@ -110,32 +109,19 @@ pub fn measure(
     if near[BLUR] > bounds.blur {
         return Err(RejectReason::Soft);
     }
-    let masked = |m: &Parameters| match candidate.hidden[..] {
-        [] => Masked::DarkerThan(*m, (CUT * floor).max(FOREIGN * contrast(m))),
-        _ => Masked::Blobs(blobs),
-    };
-    let choose = |place: &Candidate, mask: Masked, m: &Parameters, slack: f32, wanted: Wanted| {
-        let sag = if place.edges.is_none() { m[THIRD] } else { 0.0 };
-        let look = Look { crossing: Vector2::new(m[X], m[Y]), blur: m[BLUR], sag, slack };
-        pixels(image, mask, place, look, wanted).ok_or(RejectReason::NoConvergence)
-    };
-    // What is known of a disc from its like beside it is known beforehand.
-    let known = |place: &Candidate, m: &Parameters| {
+    let mut place = outlined(image, place(candidate, &near), &near);
+    let last = |place: &Candidate| {
+        // What is known of a disc from its like beside it is known beforehand.
         let (mut unknowns, bends) = unknowns(if candidate.alike { candidate } else { place });
-        unknowns.free[GAMMA] &= contrast(m) > TELLS_GAMMA * m[LIGHT];
-        (unknowns, bends)
-    };
-    let place = outlined(image, place(candidate, &near), &near);
-    let mut chosen = choose(&place, masked(&near), &near, SLACK, half)?;
-    let (near, scale) = settle(&mut chosen, &near, scale, &settling(&place, known(&place, &near).0), floor)
-        .ok_or(RejectReason::NoConvergence)?;
-    // From here on nothing depends on how the candidate was found.
-    let (near, scale) = (grid::put(candidate.pattern, &near), grid::put_scale(scale));
-    let mut place = self::place(&outlined(image, place, &near), &near);
-    let last = |candidate: &Candidate| {
-        let (mut unknowns, bends) = known(candidate, &near);
-        let mut pixels = choose(candidate, masked(&near), &near, 0.0, all)?;
-        let bent = fit(&mut pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
+        unknowns.free[GAMMA] &= contrast(&near) > TELLS_GAMMA * near[LIGHT];
+        let masked = match candidate.hidden[..] {
+            [] => Masked::DarkerThan(near, (CUT * floor).max(FOREIGN * contrast(&near))),
+            _ => Masked::Blobs(blobs),
+        };
+        let sag = if place.edges.is_none() { near[THIRD] } else { 0.0 };
+        let look = Look { crossing: Vector2::new(near[X], near[Y]), blur: near[BLUR], sag };
+        let pixels = pixels(image, masked, place, look, all).ok_or(RejectReason::NoConvergence)?;
+        let bent = fit(&pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
         // The straight model knows more, where the bend is not significant.
         let significant = !candidate.hidden.is_empty()
             || (bends.iter())
@@ -149,7 +135,7 @@ pub fn measure(
         let floor = floor.max(0.02 * contrast(&near));
         let whole = candidate.hidden.is_empty();
         let result = uneven::improve(&pixels, result, &unknowns, floor, whole);
-        judge(image, candidate, &result, noise)
+        judge(image, place, &result, noise)
     };
     if place.pattern == Pattern::Disc && place.is_whole() {
         place.seams = seam::find(image, &place.outline, &near, scale.max(floor));

@@ -13,7 +13,6 @@ mod distinct;
 mod field;
 mod fit;
 mod glare;
-mod grid;
 mod guided;
 mod linear;
 mod mask;

@@ -245,7 +245,7 @@ mod tests {
     /// Value and derivatives at one pixel.
     fn one(pattern: Pattern, m: &Parameters, pixel: &Place) -> (f64, Parameters) {
         let mut batch = Batch::new();
-        batch.push((pixel.x - 20.0) as f32, (pixel.y - 20.0) as f32, 0.0, [1.0; 2]);
+        batch.push((pixel.x - 20.0) as f32, (pixel.y - 20.0) as f32, 0.0);
         (batch.p[0], batch.q[0]) = (((pixel.x - 20.0) / 30.0) as f32, ((pixel.y - 20.0) / 10.0) as f32);
         batch.fill();
         let out = grey(pattern, m, [20.0, 20.0], m[ANGLE].sin_cos(), &batch);

@@ -7,7 +7,6 @@ use super::blob::{self, Blob};
 use super::candidate::{self, Candidate, Outline};
 use super::counts::Counts;
 use super::fit::contrast;
-use super::grid;
 use super::model::{LIGHT, Parameters, X, Y};
 
 /// How much longer quadrants' white must be than their black to tell their length; and its least contrast against the skin,
@@ -27,7 +26,7 @@ pub fn outlined(image: &Raster, candidate: Candidate, m: &Parameters) -> Candida
     let inside = |b: &Blob| outline.holds(b.centroid);
     // Skin is darker than white: nearer to black it does not run into the quadrants.
     let found = [0.65, 0.8].iter().find_map(|share| {
-        let level = grid::put_level(m[LIGHT] - share * contrast(m)).clamp(0.0, 255.0) as u8;
+        let level = (m[LIGHT] - share * contrast(m)).clamp(0.0, 255.0) as u8;
         let mut own = blob::darker_than(image, outline.centre - reach, outline.centre + reach, level);
         own.retain(inside);
         own.sort_by(|a, b| b.area.total_cmp(&a.area));
@@ -52,7 +51,7 @@ fn length_of_white(image: &Raster, outline: &Outline, m: &Parameters) -> Option<
     let [x0, y0, x1, y1] = [low.x, low.y, high.x, high.y].map(|v| v.max(0.0) as usize);
     let row = |y: usize| image.row(y).iter().take(x1).skip(x0).step_by(2).copied();
     let skin = Counts::of((y0..y1).step_by(2).flat_map(row)).middle()? as f64;
-    let level = grid::put_level(0.5 * (skin + m[LIGHT]));
+    let level = 0.5 * (skin + m[LIGHT]);
     if m[LIGHT] - skin < WHITER * contrast(m) {
         return None;
     }

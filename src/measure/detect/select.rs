@@ -26,8 +26,6 @@ pub struct Wanted {
 /// Pixels of a fit: more would only cost time.
 pub const ALL: Wanted = Wanted { edge: 450.0, flat: 550.0 };
 /// Enough for the geometry that the pixels of the last stage are chosen by.
-pub const HALF: Wanted = Wanted { edge: 260.0, flat: 240.0 };
-/// Enough for a first geometry.
 pub const FEW: Wanted = Wanted { edge: 130.0, flat: 70.0 };
 
 /// All that there are, where much of the outline is hidden.
@@ -203,12 +201,7 @@ pub struct Look {
     pub blur: f64,
     /// A disc's sag, px.
     pub sag: f64,
-    /// How far the geometry may still move while the weights follow it, px.
-    pub slack: f32,
 }
-
-/// How far a geometry moves that a rough fit has found, px.
-pub const SLACK: f32 = 0.3;
 
 /// The pixels for a candidate; `None` where it lies outside the frame.
 pub fn pixels(
@@ -251,7 +244,7 @@ pub fn pixels(
     let places = std::array::from_fn(|turn| [false, true].map(|beside| Places::new(&shares, turn, beside)));
     let source = Source { image, candidate, area, shares, places, masked };
     // How far from an edge a pixel may count as one at it.
-    let near = f64::from(bands.edge + look.slack) + 0.5 * FADE + 1.0;
+    let near = f64::from(bands.edge) + 0.5 * FADE + 1.0;
     let mut taker = Taker::new(Ruler {
         pattern: candidate.pattern,
         bands,
@@ -260,7 +253,6 @@ pub fn pixels(
         trig: (oval.sin, oval.cos),
         blur,
         sag: look.sag,
-        slack: look.slack,
     });
     for y in y0..=y1 {
         let (both, near) = match edges {

@@ -15,10 +15,8 @@ const ALIKE_ANGLE: f64 = 0.02;
 const ALIKE_MAJOR: f64 = 0.03;
 const ALIKE_MINOR: f64 = 0.1;
 
-/// Semi-minor axis from which on a marker tells more of its light, and its bends, px; and from which on a
-/// rough fit is sure of that.
+/// Semi-minor axis from which on a marker tells more of its light, and quadrants tell their bends, px.
 const THICK: f64 = 2.5;
-const CLEARLY_THICK: f64 = 4.0;
 
 /// What only a whole thick marker tells of its light.
 const FINE_LIGHT: [usize; 4] = [LIGHT + 3, DARK + 1, DARK + 2, GAMMA];
@@ -41,7 +39,8 @@ pub fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
         FINE_LIGHT.iter().for_each(|&k| free[k] = false);
     }
     // An end that is not seen tells no bend.
-    if !thick || outline.major < 12.0 || !candidate.bands.is_empty() {
+    let tells = thick || (disc && !part);
+    if !tells || outline.major < 12.0 || !candidate.bands.is_empty() {
         bends.iter().for_each(|&k| free[k] = false);
     }
     (Unknowns { free, usual: usual(candidate) }, bends)
@@ -51,16 +50,6 @@ pub fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
 pub fn few_unknowns(candidate: &Candidate) -> Unknowns {
     let (mut unknowns, _) = unknowns(candidate);
     FINE_LIGHT.iter().for_each(|&k| unknowns.free[k] = false);
-    unknowns
-}
-
-/// What is sought of a marker that may turn out thin or thick: no more light, for then how it was found
-/// would tell which, and a disc's bends, which are known beforehand to be small.
-pub fn settling(candidate: &Candidate, mut unknowns: Unknowns) -> Unknowns {
-    if candidate.is_whole() && candidate.pattern == Pattern::Disc && candidate.outline.minor < CLEARLY_THICK {
-        FINE_LIGHT.iter().for_each(|&k| unknowns.free[k] = false);
-        [THIRD, EGG].iter().for_each(|&k| unknowns.free[k] = true);
-    }
     unknowns
 }
 

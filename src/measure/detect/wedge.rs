@@ -53,16 +53,6 @@ impl Share {
     }
 }
 
-/// Distance from the nearer of two edges `t = +-f s`, px.
-#[inline(always)]
-pub fn from_edges(f: f32, s: &Lanes, t: &Lanes) -> Lanes {
-    let norm = 1.0 / (1.0 + f * f).sqrt();
-    each(|i| {
-        let (one, other) = ((t[i] - f * s[i]).abs(), (t[i] + f * s[i]).abs());
-        norm * if one < other { one } else { other }
-    })
-}
-
 /// Near the crossing: summed along s on both sides of it, in closed form across.
 #[inline(always)]
 fn crossing(s: &Lanes, t: &Lanes, e: Edges, share: &mut Share) {

@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use super::batch::{Batch, Kind, Pixels, Sorter};
 use super::candidate::Outline;
 use super::disc::{END, beyond, from_ellipse};
-use super::model::{LANES, Pattern, each};
+use super::model::{LANES, Lanes, Pattern, each};
 use super::select::{Bands, FADE};
 use super::wedge::NEAR;
 use super::wide::wide;
@@ -39,15 +39,19 @@ pub struct Ruler<'a> {
     /// Blur and sag, px.
     pub blur: f64,
     pub sag: f64,
-    /// How far the geometry may still move, px.
-    pub slack: f32,
+}
+
+/// Pixels of which is not yet known how much they count; at an edge and beside it, 0 to 1, they would count so much.
+struct Waiting {
+    batch: Batch,
+    keep: [Lanes; 2],
 }
 
 /// Pixels that may be used, on their way to those that are.
 pub struct Taker<'a> {
     ruler: Ruler<'a>,
     origin: [f64; 2],
-    waiting: Batch,
+    waiting: Waiting,
     sorter: Sorter,
 }
 
@@ -57,7 +61,7 @@ impl<'a> Taker<'a> {
         let middle = ruler.edges.map_or(ruler.outline.centre, |e| e.lines[0].at);
         let origin = [middle.x.round(), middle.y.round()];
         let sorter = Sorter::new(ruler.pattern, origin);
-        Self { ruler, origin, waiting: Batch::new(), sorter }
+        Self { ruler, origin, waiting: Waiting { batch: Batch::new(), keep: [[0.0; LANES]; 2] }, sorter }
     }
 
     /// A pixel's column and row from the pixels' origin.
@@ -68,17 +72,20 @@ impl<'a> Taker<'a> {
     /// Takes up a pixel and how much it would count at an edge and beside it.
     #[inline(always)]
     pub fn push(&mut self, [x, y]: [f32; 2], value: u8, keep: [f32; 2]) {
-        self.waiting.push(x, y, f32::from(value), keep);
-        if self.waiting.is_full() {
+        let Waiting { batch, keep: of_batch } = &mut self.waiting;
+        let i = batch.len % LANES;
+        (of_batch[0][i], of_batch[1][i]) = (keep[0], keep[1]);
+        batch.push(x, y, f32::from(value));
+        if batch.is_full() {
             weigh(&mut self.waiting, &mut self.sorter, &self.ruler, self.origin);
-            self.waiting.len = 0;
+            self.waiting.batch.len = 0;
         }
     }
 
-    /// The pixels that have weight, or would if the geometry moved a little: it is not the last yet.
+    /// The pixels that have weight.
     pub fn finish(mut self) -> Pixels {
-        if self.waiting.len > 0 {
-            self.waiting.fill();
+        if self.waiting.batch.len > 0 {
+            self.waiting.batch.fill();
             weigh(&mut self.waiting, &mut self.sorter, &self.ruler, self.origin);
         }
         self.sorter.finish()
@@ -87,11 +94,12 @@ impl<'a> Taker<'a> {
 
 wide! {
     /// Sorts the pixels of a batch that count.
-    fn weigh(batch: &mut Batch, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 2]) = weighed
+    fn weigh(waiting: &mut Waiting, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 2]) = weighed
 }
 
 #[inline(always)]
-fn weighed(batch: &mut Batch, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 2]) {
+fn weighed(waiting: &mut Waiting, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 2]) {
+    let Waiting { batch, keep } = waiting;
     let Ruler { bands, outline, edges, .. } = ruler;
     let (sin, cos) = (ruler.trig.0 as f32, ruler.trig.1 as f32);
     let (a, b, centre) = (outline.major as f32, outline.minor as f32, outline.centre);
@@ -112,7 +120,7 @@ fn weighed(batch: &mut Batch, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 
             let share = if share > 0.0 { share } else { 0.0 };
             if share < 1.0 { share } else { 1.0 }
         });
-        for keep in &mut batch.keep {
+        for keep in &mut *keep {
             *keep = each(|i| keep[i] * rim[i]);
         }
         let [mut one, mut other] = [[0.0; LANES]; 2];
@@ -131,9 +139,8 @@ fn weighed(batch: &mut Batch, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 
         dear = each(|i| if s[i].abs() > end { 1.0 } else { 0.0 });
         nothing = beyond(&s, &t, [a, b], ruler.sag as f32, END as f32 * blur + MOVE);
     }
-    batch.root = each(|i| bands.weight([batch.keep[0][i], batch.keep[1][i]], distance[i]).sqrt());
-    let near = each(|i| bands.weight([batch.keep[0][i], batch.keep[1][i]], distance[i] - ruler.slack));
-    for i in (0..batch.len).filter(|&i| near[i] > 0.0) {
+    batch.root = each(|i| bands.weight([keep[0][i], keep[1][i]], distance[i]).sqrt());
+    for i in (0..batch.len).filter(|&i| batch.root[i] > 0.0) {
         let kind = match () {
             () if nothing[i] > 0.0 => Kind::Beyond,
             () if dear[i] > 0.0 => Kind::Dear,
