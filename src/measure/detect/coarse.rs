@@ -1,5 +1,7 @@
 //! Stage 1: the frame reduced by block means, the local background, and dark regions against it.
 
+use std::ops::Range;
+
 use super::super::raster::Raster;
 use super::runs::{self, Run};
 use super::wide::wide;
@@ -20,6 +22,57 @@ const LEVELS: [u16; FAINT] = [115, 160, 195, 225, 240, 248];
 const USUAL: usize = 4;
 const FAINT: usize = 6;
 
+/// The part of a frame that is searched: columns of each reduced row, of which the background is wanted, and of which
+/// that takes the means.
+pub struct Part {
+    wanted: Vec<Range<usize>>,
+    means: Vec<Range<usize>>,
+    far: bool,
+}
+
+/// A box about what is sought: first and last column and row, px; and whether that is so thick that it is only seen
+/// against the far background.
+pub struct Window {
+    pub low: [f64; 2],
+    pub high: [f64; 2],
+    pub thick: bool,
+}
+
+impl Part {
+    /// All of a frame of `width` x `height` reduced pixels.
+    pub fn all(width: usize, height: usize) -> Self {
+        let rows = vec![0..width; height];
+        Self { wanted: rows.clone(), means: rows, far: true }
+    }
+
+    /// Of each row what lies between the first and the last of the windows that meet it.
+    pub fn about(windows: &[Window], factor: usize, width: usize, height: usize) -> Self {
+        let far = windows.iter().any(|w| w.thick);
+        let (mut wanted, mut means) = (vec![0..0; height], vec![0..0; height]);
+        for Window { low, high, thick } in windows {
+            let reduced = |v: f64, most: usize| ((v / factor as f64).max(0.0) as usize).min(most);
+            let columns = reduced(low[0], width)..reduced(high[0] + factor as f64, width);
+            let rows = reduced(low[1], height)..reduced(high[1] + factor as f64, height);
+            let reach = if *thick { FAR[FAR.len() - 1] } else { REACH[REACH.len() - 1] };
+            let wider = |part: &Range<usize>, most: usize| {
+                part.start.saturating_sub(reach)..(part.end + reach).min(most)
+            };
+            widen(&mut wanted[rows.clone()], &columns);
+            widen(&mut means[rows.clone()], &wider(&columns, width));
+            widen(&mut means[wider(&rows, height)], &columns);
+        }
+        Self { wanted, means, far }
+    }
+}
+
+/// Makes spans of columns hold others.
+fn widen(spans: &mut [Range<usize>], columns: &Range<usize>) {
+    for span in spans.iter_mut().filter(|_| !columns.is_empty()) {
+        let held = if span.end <= span.start { columns.clone() } else { span.clone() };
+        *span = held.start.min(columns.start)..held.end.max(columns.end);
+    }
+}
+
 /// The reduced frame.
 pub struct Coarse {
     /// Side of a block, px.
@@ -33,12 +86,16 @@ pub struct Coarse {
     /// Local background: the brightest level that both sides of the pixel reach, along a row or
     /// a column, at one of the distances.
     pub background: Vec<u8>,
+    part: Part,
 }
 
 impl Coarse {
-    /// Raises the background to that of the farther distances.
-    pub fn look_far(&mut self) {
-        raise_by(&FAR, &mut self.background, &self.mean, self.width, self.height);
+    /// Raises the background to that of the farther distances; whether anything is sought against that.
+    pub fn look_far(&mut self) -> bool {
+        if self.part.far {
+            self.raise_by(&FAR);
+        }
+        self.part.far
     }
 }
 
@@ -92,21 +149,29 @@ pub fn factor(image: &Raster) -> usize {
     if image.width() * image.height() > 3_000_000 { 4 } else { 2 }
 }
 
-/// Block means of `image`; an incomplete block at the right or lower edge is left out.
-pub fn reduce(image: &Raster, factor: usize) -> Coarse {
-    let (width, height) = (image.width() / factor, image.height() / factor);
+/// Columns and rows of a frame's block means; an incomplete block at the right or lower edge is left out.
+pub fn size(image: &Raster, factor: usize) -> (usize, usize) {
+    (image.width() / factor, image.height() / factor)
+}
+
+/// Block means of a part of `image`, 0 elsewhere, with their background.
+pub fn reduce(image: &Raster, factor: usize, part: Part) -> Coarse {
+    let (width, height) = size(image, factor);
     let mut mean = vec![0u8; width * height];
-    for (y, out) in mean.chunks_exact_mut(width.max(1)).enumerate() {
-        let row = |k: usize| image.row(y * factor + k);
+    let rows = mean.chunks_exact_mut(width.max(1)).zip(&part.means).enumerate();
+    for (y, (out, span)) in rows.filter(|(_, (_, span))| !span.is_empty()) {
+        let row = |k: usize| &image.row(y * factor + k)[span.start * factor..span.end * factor];
+        let out = &mut out[span.clone()];
         if factor == 4 {
             means_of_16([row(0), row(1), row(2), row(3)], out);
         } else {
             means_of_4([row(0), row(1)], out);
         }
     }
-    let mut background = mean.clone();
-    raise_by(&REACH, &mut background, &mean, width, height);
-    Coarse { factor, width, height, mean, background }
+    let background = mean.clone();
+    let mut coarse = Coarse { factor, width, height, mean, background, part };
+    coarse.raise_by(&REACH);
+    coarse
 }
 
 wide! {
@@ -138,17 +203,24 @@ fn means_of_4(rows: [&[u8]; 2], out: &mut [u8]) {
     }
 }
 
-/// For every pixel the greatest, over distances and directions, of the lesser of both sides.
-fn raise_by(reach: &[usize], out: &mut [u8], mean: &[u8], width: usize, height: usize) {
-    for &d in reach {
-        if width > 2 * d {
-            for (row, o) in mean.chunks_exact(width).zip(out.chunks_exact_mut(width)) {
-                raise(&mut o[d..width - d], &row[..width - 2 * d], &row[2 * d..]);
+impl Coarse {
+    /// Makes the background of every pixel the greatest, over distances and directions, of the lesser of both sides.
+    fn raise_by(&mut self, reach: &[usize]) {
+        let Self { width, height, mean, background, part, .. } = self;
+        let rows = background.chunks_exact_mut((*width).max(1)).zip(&part.wanted).enumerate();
+        for (y, (out, span)) in rows.filter(|(_, (_, span))| !span.is_empty()) {
+            let row = |y: usize| &mean[y * *width..][..*width];
+            for &d in reach {
+                let inner = span.start.max(d)..span.end.min(width.saturating_sub(d));
+                if !inner.is_empty() {
+                    let own = row(y);
+                    let (left, right) = (inner.start - d..inner.end - d, inner.start + d..inner.end + d);
+                    raise(&mut out[inner], &own[left], &own[right]);
+                }
+                if y >= d && y + d < *height {
+                    raise(&mut out[span.clone()], &row(y - d)[span.clone()], &row(y + d)[span.clone()]);
+                }
             }
-        }
-        if height > 2 * d {
-            let (shift, end) = (d * width, (height - d) * width);
-            raise(&mut out[shift..end], &mean[..end - shift], &mean[2 * shift..]);
         }
     }
 }
@@ -199,9 +271,15 @@ impl Coarse {
     pub fn darkness(&self, faint: bool) -> Darkness {
         let (mut passed, mut runs) = (vec![0u8; self.mean.len()], Vec::new());
         let pass = if faint { pass_faint } else { pass };
-        pass(&self.mean, &self.background, &mut passed);
-        for (y, row) in passed.chunks_exact(self.width.max(1)).enumerate() {
-            runs::find(row, y, &mut runs);
+        for (y, span) in self.part.wanted.iter().enumerate().filter(|(_, span)| !span.is_empty()) {
+            let part = y * self.width + span.start..y * self.width + span.end;
+            let first = runs.len();
+            pass(&self.mean[part.clone()], &self.background[part.clone()], &mut passed[part.clone()]);
+            runs::find(&passed[part], y, &mut runs);
+            for run in &mut runs[first..] {
+                run.from += span.start as u32;
+                run.to += span.start as u32;
+            }
         }
         Darkness { passed, runs }
     }

@@ -1,104 +1,82 @@
-//! Detection around predicted markers: no search, but the same fit on the same pixels.
+//! Detection around predicted markers: the same search, but only there.
 
 use nalgebra::Vector2;
 
-use super::super::raster::Raster;
-use super::super::setup::Shape;
-use super::blob::{self, Blob};
-use super::candidate::{self, Candidate, Outline};
-use super::counts::Counts;
-use super::measure::{Bounds, Measured, measure};
-use super::whole::cut_by;
-use super::{Detection, Detections, Prediction, by_place, keep_largest};
+use super::candidate::{Candidate, Outline};
+use super::coarse::{THICK, Window};
+use super::{Detection, Found, Prediction};
 
 /// How much a marker may differ from its prediction: axes, as a ratio, and beside that the minor, px.
 const ALIKE: f64 = 1.3;
 const ALIKE_PX: f64 = 1.0;
-/// Skin around a marker that tells its grey level, px.
+/// Skin around a marker, in which its threshold changes and it may still grow, px.
 const SKIRT: f64 = 12.0;
-/// Pixels that tell the grey levels.
-const SAMPLES: usize = 4096;
-/// Most blobs of a window that are looked at.
-const MAX_BLOBS: usize = 40;
 
-/// The predicted markers that are there, each once.
-pub fn detect(image: &Raster, predictions: &[Prediction], noise: f64) -> Detections {
-    let mut found: Vec<Measured> = Vec::new();
-    for prediction in predictions {
-        let Some(measured) = find(image, prediction, noise) else { continue };
-        let centre = measured.detection.centre_px;
-        let near = (centre - prediction.centre_px).norm() <= prediction.search_px;
-        if near && !found.iter().any(|m| (m.detection.centre_px - centre).norm() < 1.0) {
-            found.push(measured);
+impl Prediction {
+    /// The expected outline; `None` where a number is none of a marker's.
+    fn outline(&self) -> Option<Outline> {
+        let (major, minor) = (self.semi_major_px, self.semi_minor_px);
+        let numbers = [self.centre_px.x, self.centre_px.y, self.angle_rad, self.search_px];
+        let sound = numbers.iter().all(|v| v.is_finite())
+            && (1.0..2000.0).contains(&major)
+            && (0.5..2000.0).contains(&minor);
+        sound.then_some(Outline { centre: self.centre_px, major, minor, angle: self.angle_rad })
+    }
+
+    /// How far the centre may be off, px.
+    fn reach(&self) -> f64 {
+        self.search_px.clamp(0.0, 500.0)
+    }
+
+    /// Whether a detection may be the predicted marker.
+    fn is_like(&self, found: &Detection) -> bool {
+        let within = |a: f64, b: f64, px: f64| a < b * ALIKE + px && b < a * ALIKE + px;
+        found.shape == self.shape
+            && self.distance(&found.centre_px) <= self.reach()
+            && within(found.semi_major_px, self.semi_major_px, ALIKE_PX)
+            && within(found.semi_minor_px, self.semi_minor_px, ALIKE_PX)
+    }
+
+    fn distance(&self, at: &Vector2<f64>) -> f64 {
+        (at - self.centre_px).norm()
+    }
+}
+
+/// Where predicted markers may lie.
+pub fn windows(predictions: &[Prediction], factor: usize) -> Vec<Window> {
+    let window = |p: &Prediction| {
+        let outline = p.outline()?;
+        let extent = outline.extent() * 1.1;
+        let half = extent.add_scalar(p.reach() + SKIRT);
+        let (low, high) = (outline.centre - half, outline.centre + half);
+        let thick = 2.0 * extent.min() > (THICK * factor) as f64;
+        Some(Window { low: low.into(), high: high.into(), thick })
+    };
+    predictions.iter().filter_map(window).collect()
+}
+
+/// Whether a candidate may be a predicted marker, or a part of it.
+pub fn is_near(candidate: &Candidate, predictions: &[Prediction]) -> bool {
+    predictions.iter().any(|p| {
+        p.outline().is_some_and(|outline| {
+            let (s, t) = outline.local(candidate.outline.centre);
+            let reach = p.reach();
+            (s / (outline.major + reach)).hypot(t / (outline.minor + reach)) < 1.0
+        })
+    })
+}
+
+/// Leaves of each prediction the detection that is nearest to it and like it.
+pub fn keep_predicted(found: &mut Found, predictions: &[Prediction]) {
+    let mut kept = vec![false; found.measured.len()];
+    for prediction in predictions.iter().filter(|p| p.outline().is_some()) {
+        let distance = |i: &usize| prediction.distance(&found.measured[*i].detection.centre_px);
+        let like = (0..kept.len()).filter(|&i| prediction.is_like(&found.measured[i].detection));
+        if let Some(i) = like.min_by(|i, j| distance(i).total_cmp(&distance(j))) {
+            kept[i] = true;
         }
     }
-    super::clumped::raise(&mut found);
-    let psf_sigma_px = super::middle(found.iter().map(|m| m.blur).collect());
-    let mut markers: Vec<Detection> = found.into_iter().map(|m| m.detection).collect();
-    markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
-    Detections { markers, psf_sigma_px, noise, ..Detections::default() }
-}
-
-/// The marker of one prediction.
-fn find(image: &Raster, prediction: &Prediction, noise: f64) -> Option<Measured> {
-    let outline = Outline {
-        centre: prediction.centre_px,
-        major: prediction.semi_major_px,
-        minor: prediction.semi_minor_px,
-        angle: prediction.angle_rad,
-    };
-    let numbers = [outline.centre.x, outline.centre.y, outline.angle, prediction.search_px];
-    let sound = numbers.iter().all(|v| v.is_finite())
-        && (1.0..2000.0).contains(&outline.major)
-        && (0.5..2000.0).contains(&outline.minor);
-    if !sound {
-        return None;
-    }
-    let reach = outline.extent() * 1.1;
-    let reach = reach.add_scalar(prediction.search_px.clamp(0.0, 500.0) + SKIRT);
-    let (low, high) = (outline.centre - reach, outline.centre + reach);
-    let mut blobs = blob::darker_than(image, low, high, level(image, low, high, &outline)?);
-    // A quadrant is a quarter of its marker.
-    let whole = std::f64::consts::PI * outline.major * outline.minor;
-    blobs.retain(|b| (0.1 * whole..1.7 * whole + 20.0).contains(&b.area));
-    keep_largest(&mut blobs, MAX_BLOBS, |b| b.area);
-    let candidates = match prediction.shape {
-        Shape::Circle => discs(&blobs),
-        Shape::Quadrant => super::quadrants(&blobs),
-    };
-    let off = |c: &Candidate| (c.outline.centre - outline.centre).norm();
-    let alike =
-        candidates.into_iter().filter(|c| is_alike(&c.outline, &outline) && off(c) <= prediction.search_px);
-    let best = alike.min_by(|a, b| off(a).total_cmp(&off(b)))?;
-    measure(image, &blobs, &best, Bounds::of(noise)).ok()
-}
-
-/// Discs of which clearly nothing is hidden: what may be in doubt is for the full search.
-fn discs(blobs: &[Blob]) -> Vec<Candidate> {
-    let clear = |(i, b): (usize, &Blob)| candidate::disc(i, b).filter(|_| !b.at_edge && cut_by(b) < 0.8);
-    blobs.iter().enumerate().filter_map(clear).collect()
-}
-
-fn is_alike(one: &Outline, other: &Outline) -> bool {
-    let within = |a: f64, b: f64, px: f64| a < b * ALIKE + px && b < a * ALIKE + px;
-    within(one.major, other.major, ALIKE_PX) && within(one.minor, other.minor, ALIKE_PX)
-}
-
-/// Half way between the grey levels of the marker and of what surrounds it.
-fn level(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, outline: &Outline) -> Option<u8> {
-    let (x0, y0) = (low.x.max(0.0) as usize, low.y.max(0.0) as usize);
-    let x1 = (high.x.max(0.0) as usize).min(image.width());
-    let y1 = (high.y.max(0.0) as usize).min(image.height());
-    if x0 >= x1 || y0 >= y1 {
-        return None;
-    }
-    let step = ((x1 - x0) * (y1 - y0)).div_ceil(SAMPLES);
-    // A step along rows that is no divisor of theirs would leave out columns.
-    let (across, down) = if step < 4 { (1, step) } else { (2, step.div_ceil(2)) };
-    let row = |y: usize| image.row(y)[x0..x1].iter().step_by(across).copied();
-    let counts = Counts::of((y0..y1).step_by(down).flat_map(row));
-    // A quarter of a quadrants' half.
-    let dark = 0.125 * std::f64::consts::PI * outline.major * outline.minor / (across * down) as f64;
-    let (black, skin) = (counts.at(dark as usize)?, counts.middle()?);
-    (skin > black + 10).then(|| (black + skin).div_ceil(2) as u8)
+    let mut kept = kept.into_iter();
+    found.measured.retain(|_| kept.next().unwrap_or(false));
+    found.rejected.clear();
 }

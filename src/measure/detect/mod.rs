@@ -173,12 +173,25 @@ const MAX_CANDIDATES: usize = 100;
 
 /// Finds the markers of a frame without help. Deterministic at any number of threads.
 pub fn detect(image: &Raster) -> Detections {
+    let (found, noise) = find(image, None);
+    detections(found, noise)
+}
+
+/// Finds the predicted markers, looking only around them: for each that is there the answer of
+/// [`detect`]. Those that are not are missing.
+pub fn detect_guided(image: &Raster, predictions: &[Prediction]) -> Detections {
+    let (mut found, noise) = find(image, Some(predictions));
+    guided::keep_predicted(&mut found, predictions);
+    detections(found, noise)
+}
+
+/// What is found in the whole frame, or around predictions; and the noise.
+fn find(image: &Raster, sought: Option<&[Prediction]>) -> (Found, f64) {
     let noise = noise::estimate(image);
-    let factor = coarse::factor(image);
     let smoothed = if noise > noise::FRAYING { noise::smoothed(image) } else { None };
     let seen = smoothed.as_ref().unwrap_or(image);
     let sound = |faint: bool, known: Vec<measure::Measured>| {
-        let mut found = search(image, seen, factor, noise, faint, known);
+        let mut found = search(image, seen, sought, noise, faint, known);
         distinct::without_soft(&mut found);
         distinct::without_specks(&mut found);
         found
@@ -187,6 +200,10 @@ pub fn detect(image: &Raster) -> Detections {
     if is_faint(&found) {
         found = sound(true, found.measured);
     }
+    (found, noise)
+}
+
+fn detections(mut found: Found, noise: f64) -> Detections {
     clumped::raise(&mut found.measured);
     found.rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     found.rejected.truncate(MAX_REJECTED);
@@ -194,12 +211,6 @@ pub fn detect(image: &Raster) -> Detections {
     let mut markers: Vec<Detection> = found.measured.into_iter().map(|m| m.detection).collect();
     markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     Detections { markers, rejected: found.rejected, psf_sigma_px, noise }
-}
-
-/// Finds the predicted markers, looking only around them: for each that is there the answer of
-/// [`detect`]. Those that are not, or that are in doubt, are missing.
-pub fn detect_guided(image: &Raster, predictions: &[Prediction]) -> Detections {
-    guided::detect(image, predictions, noise::estimate(image))
 }
 
 /// The predicted markers; where one of them is not found, all that the whole frame shows. A marker that
@@ -232,12 +243,18 @@ const MARGIN: f64 = 1.25;
 fn search(
     image: &Raster,
     seen: &Raster,
-    factor: usize,
+    sought: Option<&[Prediction]>,
     noise: f64,
     faint: bool,
     before: Vec<measure::Measured>,
 ) -> Found {
-    let blobs = find_blobs(seen, &mut coarse::reduce(seen, factor), faint);
+    let factor = coarse::factor(image);
+    let (width, height) = coarse::size(image, factor);
+    let part = match sought {
+        None => coarse::Part::all(width, height),
+        Some(sought) => coarse::Part::about(&guided::windows(sought, factor), factor, width, height),
+    };
+    let blobs = find_blobs(seen, &mut coarse::reduce(seen, factor, part), faint);
     let within = |blob: &blob::Blob| before.iter().any(|m| m.detection.outline().holds(blob.centroid));
     let mut taken: Vec<bool> = blobs.iter().map(within).collect();
     let mut whole = Whole::new(image, &blobs, measure::Bounds::of(noise));
@@ -245,7 +262,8 @@ fn search(
     let mut hidden = Vec::new();
     for candidates in [quadrants(&blobs), discs(&blobs)] {
         for candidate in &candidates {
-            if candidate.blobs.iter().any(|&i| taken[i]) {
+            let wanted = sought.is_none_or(|sought| guided::is_near(candidate, sought));
+            if !wanted || candidate.blobs.iter().any(|&i| taken[i]) {
                 continue;
             }
             if candidate.pattern != model::Pattern::Disc && whole.are_discs(candidate) {
@@ -290,7 +308,9 @@ fn find_blobs(image: &Raster, coarse: &mut coarse::Coarse, faint: bool) -> Vec<b
     for (far, level) in [false, true].into_iter().flat_map(|far| (0..=laxest).map(move |level| (far, level)))
     {
         if far && level == 0 {
-            coarse.look_far();
+            if !coarse.look_far() {
+                break;
+            }
             darkness = coarse.darkness(faint);
             done.clear();
         }
