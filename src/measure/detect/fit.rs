@@ -177,7 +177,7 @@ impl<'a> Problem<'a> {
             let part = |part: f64| moved < 0.05 && moved < part * self.spread(&step, &factor);
             let settled = match until {
                 Until::Near => moved < 0.02 && steady,
-                Until::Fixed => ratio < 0.02 && part(0.03),
+                Until::Fixed => ratio < 0.15 && part(0.1),
             };
             if (settled && calm) || (iteration + 1 == most && moved < 0.02) {
                 return Some(End { parameters: m, start, scale, step, factor });

@@ -7,7 +7,7 @@ use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use super::super::raster::Raster;
 use super::candidate::{Band, Outline};
-use super::model::{BLUR, LANES, LIGHT, Lanes, Parameters, each, light_at};
+use super::model::{BLUR, LANES, LIGHT, Lanes, Parameters, all, each, light_at};
 use super::oval::{Oval, columns};
 use super::wide::wide;
 
@@ -111,33 +111,31 @@ impl<'a> Ring<'a> {
 
     /// The signs.
     fn signs(&self) -> Vec<Spot> {
-        let mut out = Vec::new();
+        let (mut out, mut some) = (Vec::new(), Vec::new());
         for (y, parts) in &self.rows {
             for part in parts {
-                let Some(pixels) = self.image.row(*y).get(part.clone()).filter(|p| !p.is_empty()) else { continue };
-                let level = self.lightest(part, *y) - f64::from(SIGN) * self.scale;
-                let level = level.ceil().clamp(0.0, 255.0) as u8;
-                for (k, some) in pixels.chunks(LANES).enumerate() {
-                    if some.iter().fold(255, |least, &v| v.min(least)) > level {
-                        continue;
-                    }
-                    let first = part.start + k * LANES;
-                    let spots = (first..).zip(some).filter(|(_, v)| **v <= level);
-                    out.extend(spots.map(|(x, &v)| self.spot(x, *y, v)).filter(|s| s.darker > SIGN));
-                }
+                let Some(pixels) = self.image.row(*y).get(part.clone()) else { continue };
+                dark(pixels, self.along(part.start, *y), &mut some);
+                let spots = some.drain(..).filter_map(|k| Some(self.spot(part.start + k, *y, *pixels.get(k)?)));
+                out.extend(spots.filter(|s| s.darker > SIGN));
             }
         }
         out
     }
 
-    /// No skin along this part of a row is lighter.
-    fn lightest(&self, part: &Range<usize>, y: usize) -> f64 {
-        let mut straight = *self.m;
-        straight[LIGHT + 3] = 0.0;
-        let ends = [part.start, part.end.saturating_sub(1)].map(|x| self.place(x, y));
-        let plane = ends.map(|(p, q)| light_at(&straight, p, q));
-        let bend = ends.map(|(p, _)| self.m[LIGHT + 3].max(0.0) * p * p);
-        plane[0].max(plane[1]) + bend[0].max(bend[1])
+    /// The grey value below which a pixel of a row may be a sign, as a polynomial of how far it is from `x`.
+    fn along(&self, x: usize, y: usize) -> [f32; 3] {
+        // What single precision may lose, grey levels.
+        const SAFE: f64 = 0.02;
+        let m = self.m;
+        let (p, q) = self.place(x, y);
+        let (by_p, by_q) = (self.oval.cos / self.outline.major, -self.oval.sin / self.outline.minor);
+        [
+            light_at(m, p, q) - f64::from(SIGN) * self.scale + SAFE,
+            (m[LIGHT + 1] + 2.0 * m[LIGHT + 3] * p) * by_p + m[LIGHT + 2] * by_q,
+            m[LIGHT + 3] * by_p * by_p,
+        ]
+        .map(|v| v as f32)
     }
 
     /// The pixels so near to a line that they tell whether it is a seam.
@@ -155,6 +153,30 @@ impl<'a> Ring<'a> {
             }
         }
         out
+    }
+}
+
+wide! {
+    /// The places in a row of the pixels below a polynomial of the place.
+    fn dark(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) = dark_of
+}
+
+#[inline(always)]
+fn dark_of(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) {
+    let [c, b, a] = below;
+    for (k, some) in pixels.chunks(LANES).enumerate() {
+        let first = (k * LANES) as f32;
+        let mut grey = [255.0; LANES];
+        for (grey, &v) in grey.iter_mut().zip(some) {
+            *grey = f32::from(v);
+        }
+        let over = each(|i| {
+            let x = first + i as f32;
+            grey[i] - (c + (b + a * x) * x)
+        });
+        if !all(|i| over[i] >= 0.0) {
+            out.extend((0..some.len()).filter(|&i| over[i] < 0.0).map(|i| k * LANES + i));
+        }
     }
 }
 
@@ -207,25 +229,26 @@ fn pair_by_count([x, y]: &Places, count: usize) -> Option<[usize; 2]> {
     let (mut best, mut most) = (None, 0.0);
     for i in 0..count {
         let one = at(i);
-        for j in i + 1..count {
-            let other = at(j);
-            let (u, v) = (other.0 - one.0, other.1 - one.1);
-            let square = u * u + v * v;
-            if square < (APART * APART) as f32 {
-                continue;
-            }
+        // Of the lines through this place and sixteen others how many each passes by.
+        for others in (i + 1) / LANES..count.div_ceil(LANES) {
+            let (u, v) = (each(|j| x[others][j] - one.0), each(|j| y[others][j] - one.1));
+            let square = each(|j| u[j] * u[j] + v[j] * v[j]);
             // Distances from the line are shorter than this, times the pair's.
-            let reach = (NARROW * NARROW) as f32 * square;
+            let reach = each(|j| (NARROW * NARROW) as f32 * square[j]);
             let mut near = [0.0; LANES];
-            for (x, y) in x.iter().zip(y) {
-                near = each(|k| {
-                    let off = (x[k] - one.0) * v - (y[k] - one.1) * u;
-                    near[k] + if off * off < reach { 1.0 } else { 0.0 }
+            for k in 0..count {
+                let (dx, dy) = (at(k).0 - one.0, at(k).1 - one.1);
+                near = each(|j| {
+                    let off = dx * v[j] - dy * u[j];
+                    near[j] + if off * off < reach[j] { 1.0 } else { 0.0 }
                 });
             }
-            let near = near.iter().sum::<f32>();
-            if near > most {
-                (best, most) = (Some([i, j]), near);
+            for j in 0..LANES {
+                let pair = [i, others * LANES + j];
+                let counts = pair[1] > i && pair[1] < count && square[j] >= (APART * APART) as f32;
+                if counts && near[j] > most {
+                    (best, most) = (Some(pair), near[j]);
+                }
             }
         }
     }
