@@ -1,5 +1,7 @@
 //! Bytes as a camera or a file delivers them -> grey picture.
 
+use std::ops::Range;
+
 use zune_core::bytestream::ZCursor;
 use zune_core::colorspace::ColorSpace;
 use zune_core::options::DecoderOptions;
@@ -30,8 +32,25 @@ pub enum DecodeError {
 /// Largest side that is decoded, px: beyond it a damaged header is likelier than a camera.
 const LARGEST_SIDE: usize = 30_000;
 
+/// Of each pixel row of a picture of some width and height, px, the columns that are wanted.
+pub type Wanted<'a> = dyn Fn(usize, usize) -> Vec<Range<usize>> + 'a;
+
 /// Decodes by `format`, or by the first bytes where none is known.
 pub fn decode(bytes: &[u8], format: Option<&Format>) -> Result<Raster, DecodeError> {
+    decode_into(bytes, format, None)
+}
+
+/// The same, but of a camera's JPEG only what is `wanted` need be there: elsewhere it may be black. The whole file is
+/// read all the same, and damage anywhere noticed.
+pub fn decode_part(bytes: &[u8], format: Option<&Format>, wanted: &Wanted) -> Result<Raster, DecodeError> {
+    decode_into(bytes, format, Some(wanted))
+}
+
+fn decode_into(
+    bytes: &[u8],
+    format: Option<&Format>,
+    wanted: Option<&Wanted>,
+) -> Result<Raster, DecodeError> {
     if bytes.is_empty() {
         return Err(DecodeError::Empty);
     }
@@ -40,14 +59,14 @@ pub fn decode(bytes: &[u8], format: Option<&Format>) -> Result<Raster, DecodeErr
             let size = (*width as usize, *height as usize, *stride as usize);
             samples::luma(fourcc, size.0, size.1, size.2, bytes).map_err(|e| DecodeError::Raw(e.to_string()))
         }
-        _ if bytes.starts_with(&[0xff, 0xd8]) => jpeg(bytes),
+        _ if bytes.starts_with(&[0xff, 0xd8]) => jpeg(bytes, wanted),
         _ => picture(bytes),
     }
 }
 
 /// As cameras write it: its luma in one pass; any other kind (progressive, arithmetic) by a general decoder.
-fn jpeg(bytes: &[u8]) -> Result<Raster, DecodeError> {
-    jpeg::luma(bytes).unwrap_or_else(|| any_jpeg(bytes))
+fn jpeg(bytes: &[u8], wanted: Option<&Wanted>) -> Result<Raster, DecodeError> {
+    jpeg::luma(bytes, wanted).unwrap_or_else(|| any_jpeg(bytes))
 }
 
 /// Strict mode: without it half a file is taken as whole.
@@ -133,7 +152,7 @@ mod tests {
         for (k, bytes) in jpeg_files(61, 43).iter().enumerate() {
             let general = any_jpeg(bytes).unwrap();
             assert_eq!((general.width(), general.height()), (61, 43));
-            match jpeg::luma(bytes) {
+            match jpeg::luma(bytes, None) {
                 Some(ours) => {
                     let ours = ours.unwrap();
                     assert_eq!((ours.width(), ours.height()), (61, 43));

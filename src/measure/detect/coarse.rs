@@ -39,14 +39,17 @@ pub struct Window {
 }
 
 impl Part {
-    /// All of a frame of `width` x `height` reduced pixels.
+    /// All of a frame of `width` x `height` px.
     pub fn all(width: usize, height: usize) -> Self {
-        let rows = vec![0..width; height];
+        let factor = factor(width, height);
+        let rows = vec![0..width / factor; height / factor];
         Self { wanted: rows.clone(), means: rows, far: true }
     }
 
-    /// Of each row what lies between the first and the last of the windows that meet it.
-    pub fn about(windows: &[Window], factor: usize, width: usize, height: usize) -> Self {
+    /// Of each row what lies between the first and the last of the windows that meet it, in a frame of `width` x `height` px.
+    pub fn about(windows: &[Window], width: usize, height: usize) -> Self {
+        let factor = factor(width, height);
+        let (width, height) = (width / factor, height / factor);
         let far = windows.iter().any(|w| w.thick);
         let (mut wanted, mut means) = (vec![0..0; height], vec![0..0; height]);
         for Window { low, high, thick } in windows {
@@ -62,6 +65,26 @@ impl Part {
             widen(&mut means[wider(&rows, height)], &columns);
         }
         Self { wanted, means, far }
+    }
+
+    /// Of each pixel row of a frame of `width` x `height` px the columns that are read, and about what is wanted a margin, px.
+    pub fn columns(&self, width: usize, height: usize, margin: usize) -> Vec<Range<usize>> {
+        let factor = factor(width, height);
+        let mut out = vec![0..0; height];
+        let pixels = |span: &Range<usize>| span.start * factor..span.end * factor;
+        let wider = |part: Range<usize>, most: usize| part.start.saturating_sub(margin)..(part.end + margin).min(most);
+        for (y, (wanted, means)) in self.wanted.iter().zip(&self.means).enumerate() {
+            let rows = y * factor..(y + 1) * factor;
+            if !wanted.is_empty() {
+                widen(&mut out[wider(rows.clone(), height)], &wider(pixels(wanted), width));
+            }
+            if !means.is_empty() {
+                // A smoothed frame is smoothed from one more.
+                let one = |part: Range<usize>, most: usize| part.start.saturating_sub(1)..(part.end + 1).min(most);
+                widen(&mut out[one(rows, height)], &one(pixels(means), width));
+            }
+        }
+        out
     }
 }
 
@@ -145,18 +168,15 @@ impl Region {
 }
 
 /// Side of a block that suits a frame's size, px.
-pub fn factor(image: &Raster) -> usize {
-    if image.width() * image.height() > 3_000_000 { 4 } else { 2 }
+pub fn factor(width: usize, height: usize) -> usize {
+    if width * height > 3_000_000 { 4 } else { 2 }
 }
 
-/// Columns and rows of a frame's block means; an incomplete block at the right or lower edge is left out.
-pub fn size(image: &Raster, factor: usize) -> (usize, usize) {
-    (image.width() / factor, image.height() / factor)
-}
-
-/// Block means of a part of `image`, 0 elsewhere, with their background.
-pub fn reduce(image: &Raster, factor: usize, part: Part) -> Coarse {
-    let (width, height) = size(image, factor);
+/// Block means of a part of `image`, 0 elsewhere, with their background; an incomplete block at the right or lower edge is
+/// left out.
+pub fn reduce(image: &Raster, part: Part) -> Coarse {
+    let factor = factor(image.width(), image.height());
+    let (width, height) = (image.width() / factor, image.height() / factor);
     let mut mean = vec![0u8; width * height];
     let rows = mean.chunks_exact_mut(width.max(1)).zip(&part.means).enumerate();
     for (y, (out, span)) in rows.filter(|(_, (_, span))| !span.is_empty()) {

@@ -1,16 +1,20 @@
 //! Detection around predicted markers: the same search, but only there.
 
+use std::ops::Range;
+
 use nalgebra::Vector2;
 
 use super::candidate::{Candidate, Outline};
-use super::coarse::{THICK, Window};
-use super::{Detection, Found, Prediction};
+use super::coarse::{self, Part, THICK, Window};
+use super::{Detection, Found, Prediction, noise};
 
 /// How much a marker may differ from its prediction: axes, as a ratio, and beside that the minor, px.
 const ALIKE: f64 = 1.3;
 const ALIKE_PX: f64 = 1.0;
 /// Skin around a marker, in which its threshold changes and it may still grow, px.
 const SKIRT: f64 = 12.0;
+/// How far beyond that a marker's fit, its seams and the skin beside it are looked at, px.
+const MARGIN: usize = 40;
 
 impl Prediction {
     /// The expected outline; `None` where a number is none of a marker's.
@@ -42,17 +46,29 @@ impl Prediction {
     }
 }
 
-/// Where predicted markers may lie.
-pub fn windows(predictions: &[Prediction], factor: usize) -> Vec<Window> {
+/// Where predicted markers may lie in a frame of `width` x `height` px.
+pub fn part(predictions: &[Prediction], width: usize, height: usize) -> Part {
+    let thickest = (THICK * coarse::factor(width, height)) as f64;
     let window = |p: &Prediction| {
         let outline = p.outline()?;
         let extent = outline.extent() * 1.1;
         let half = extent.add_scalar(p.reach() + SKIRT);
         let (low, high) = (outline.centre - half, outline.centre + half);
-        let thick = 2.0 * extent.min() > (THICK * factor) as f64;
-        Some(Window { low: low.into(), high: high.into(), thick })
+        Some(Window { low: low.into(), high: high.into(), thick: 2.0 * extent.min() > thickest })
     };
-    predictions.iter().filter_map(window).collect()
+    let windows: Vec<Window> = predictions.iter().filter_map(window).collect();
+    Part::about(&windows, width, height)
+}
+
+/// Of each row the columns that are read: about the markers, and all of the rows that tell the noise.
+pub fn columns(predictions: &[Prediction], width: usize, height: usize) -> Vec<Range<usize>> {
+    let mut out = part(predictions, width, height).columns(width, height, MARGIN);
+    for y in noise::sampled(height) {
+        if let Some(row) = out.get_mut(y) {
+            *row = 0..width;
+        }
+    }
+    out
 }
 
 /// Whether a candidate may be a predicted marker, or a part of it.

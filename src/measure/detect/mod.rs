@@ -32,8 +32,11 @@ mod weigh;
 mod whole;
 mod wide;
 
+use std::ops::Range;
+
 use nalgebra::{Matrix2, Vector2};
 
+use coarse::Part;
 use whole::{Whole, again_with_size, measure_whole_or_hidden};
 
 use super::raster::Raster;
@@ -213,6 +216,12 @@ fn detections(mut found: Found, noise: f64) -> Detections {
     Detections { markers, rejected: found.rejected, psf_sigma_px, noise }
 }
 
+/// Of each pixel row of a frame of `width` x `height` px the columns that [`detect_guided`] reads: what lies elsewhere
+/// need not be decoded.
+pub fn columns_read(predictions: &[Prediction], width: usize, height: usize) -> Vec<Range<usize>> {
+    guided::columns(predictions, width, height)
+}
+
 /// The predicted markers; where one of them is not found, all that the whole frame shows. A marker that
 /// nobody expects is only seen by [`detect`].
 pub fn detect_guided_or_full(image: &Raster, predictions: &[Prediction]) -> Detections {
@@ -248,13 +257,9 @@ fn search(
     faint: bool,
     before: Vec<measure::Measured>,
 ) -> Found {
-    let factor = coarse::factor(image);
-    let (width, height) = coarse::size(image, factor);
-    let part = match sought {
-        None => coarse::Part::all(width, height),
-        Some(sought) => coarse::Part::about(&guided::windows(sought, factor), factor, width, height),
-    };
-    let blobs = find_blobs(seen, &mut coarse::reduce(seen, factor, part), faint);
+    let (width, height) = (image.width(), image.height());
+    let part = sought.map_or_else(|| Part::all(width, height), |sought| guided::part(sought, width, height));
+    let blobs = find_blobs(seen, &mut coarse::reduce(seen, part), faint);
     let within = |blob: &blob::Blob| before.iter().any(|m| m.detection.outline().holds(blob.centroid));
     let mut taken: Vec<bool> = blobs.iter().map(within).collect();
     let mut whole = Whole::new(image, &blobs, measure::Bounds::of(noise));

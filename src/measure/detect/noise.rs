@@ -33,11 +33,16 @@ fn smoothed_row([above, row, below]: [&[u8]; 3], sums: &mut [u16], out: &mut [u8
     }
 }
 
+/// The rows of a frame that tell its noise.
+pub fn sampled(height: usize) -> impl Iterator<Item = usize> {
+    let step = (height / 48).max(1);
+    (step / 2..height).step_by(step)
+}
+
 /// Standard deviation of the grey values' noise, grey levels; at least that of rounding.
 pub fn estimate(image: &Raster) -> f64 {
     let mut histogram = [0u32; 511];
-    let step = (image.height() / 48).max(1);
-    for y in (step / 2..image.height()).step_by(step) {
+    for y in sampled(image.height()) {
         let row = image.row(y);
         for w in row.windows(3).step_by(3) {
             let saturated = w.iter().any(|&v| v == 0 || v >= 254);

@@ -10,7 +10,7 @@ use libjpeg_turbo_rs::decode::entropy::{McuComponentPlan, McuDecoder, resolve_mc
 use libjpeg_turbo_rs::decode::marker::{JpegMetadata, MarkerReader};
 use libjpeg_turbo_rs::simd;
 
-use super::{DecodeError, LARGEST_SIDE};
+use super::{DecodeError, LARGEST_SIDE, Wanted};
 use crate::measure::raster::Raster;
 
 /// Side of a block, px.
@@ -22,11 +22,14 @@ const FIRST_RESTART: u8 = 0xd0;
 /// Huffman code is all ones (ITU-T T.81, C), so that data which end early are an error and not grey blocks.
 const ONES: [u8; 16] = [0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0];
 
-/// The picture; `None` where the file is no sequential Huffman-coded picture in one scan, 8 bits, grey or
-/// luma with colour.
-pub fn luma(bytes: &[u8]) -> Option<Result<Raster, DecodeError>> {
+/// The picture, or of its pixel rows at least those columns that `wanted` tells for its width and height, and black
+/// elsewhere; `None` where the file is no sequential Huffman-coded picture in one scan, 8 bits, grey or luma with colour.
+pub fn luma(bytes: &[u8], wanted: Option<&Wanted>) -> Option<Result<Raster, DecodeError>> {
     let header = MarkerReader::new(bytes).read_markers().ok()?;
-    let layout = Layout::new(&header)?;
+    let mut layout = Layout::new(&header)?;
+    if let Some(wanted) = wanted {
+        layout.keep(&wanted(layout.width, layout.height));
+    }
     let tables = (&header.dc_huffman_tables, &header.ac_huffman_tables);
     let plan = resolve_mcu_plan(&header.frame, &header.scan, tables.0, tables.1).ok()?;
     if plan.len() != header.frame.components.len() || plan.first()?.comp_idx != 0 {
@@ -56,6 +59,8 @@ struct Layout {
     /// Units of a row, and rows of them.
     columns: usize,
     rows: usize,
+    /// Of each row of blocks those that are wanted.
+    wanted: Vec<Range<usize>>,
 }
 
 impl Layout {
@@ -85,14 +90,20 @@ impl Layout {
         }
         let (width, height) = (frame.width(), frame.height());
         let sound = (1..=LARGEST_SIDE).contains(&width) && (1..=LARGEST_SIDE).contains(&height);
-        sound.then(|| Self {
-            width,
-            height,
-            across,
-            down,
-            columns: width.div_ceil(BLOCK * across),
-            rows: height.div_ceil(BLOCK * down),
-        })
+        let (columns, rows) = (width.div_ceil(BLOCK * across), height.div_ceil(BLOCK * down));
+        let wanted = || vec![0..columns * across; rows * down];
+        sound.then(|| Self { width, height, across, down, columns, rows, wanted: wanted() })
+    }
+
+    /// Leaves out the blocks that hold none of some columns of each pixel row.
+    fn keep(&mut self, columns: &[Range<usize>]) {
+        let mut rows = columns.chunks(BLOCK);
+        for blocks in &mut self.wanted {
+            let some = rows.next().unwrap_or_default().iter().filter(|c| c.start < c.end);
+            let (from, to) = some.fold((usize::MAX, 0), |(f, t), c| (f.min(c.start), t.max(c.end)));
+            let last = to.div_ceil(BLOCK).min(blocks.end);
+            *blocks = (from / BLOCK).min(last)..last;
+        }
     }
 
     /// Every interval between restart markers (the whole scan where there are none).
@@ -134,7 +145,7 @@ impl Layout {
         let mut reader = BitReader::new(data);
         let mut decoder = McuDecoder::new(coding.plan.len());
         let mut coefficients = [0; BLOCK * BLOCK];
-        let mut column = units.start % self.columns;
+        let (mut column, mut row) = (units.start % self.columns, units.start / self.columns);
         for _ in units {
             for (k, part) in coding.plan.iter().enumerate() {
                 let blocks = if k == 0 { self.across * self.down } else { part.num_blocks };
@@ -146,9 +157,10 @@ impl Layout {
                         part.ac_table,
                         &mut coefficients,
                     )?;
-                    if k == 0 {
-                        let at = b / self.across * wide + column * self.across + b % self.across;
-                        (coding.transform)(&coefficients, coding.steps, &mut line[at]);
+                    let (down, across) = (b / self.across, column * self.across + b % self.across);
+                    if k == 0 && self.wanted[row * self.down + down].contains(&across) {
+                        let block = &mut line[down * wide + across];
+                        (coding.transform)(&coefficients, coding.steps, block);
                     }
                 }
             }
@@ -157,24 +169,25 @@ impl Layout {
             }
             column += 1;
             if column == self.columns {
-                column = 0;
-                line.chunks_exact(wide).for_each(|blocks| self.write(blocks, rows));
+                let wanted = &self.wanted[row * self.down..];
+                line.chunks_exact(wide).zip(wanted).for_each(|(blocks, wanted)| write(blocks, wanted, rows));
+                (column, row) = (0, row + 1);
             }
         }
         Ok(())
     }
+}
 
-    /// The pixel rows of one row of blocks, as far as they lie in the picture.
-    fn write(&self, blocks: &[[u8; BLOCK * BLOCK]], rows: &mut ChunksExactMut<u8>) {
-        for (y, row) in rows.take(BLOCK).enumerate() {
-            let line = |block: &[u8; BLOCK * BLOCK]| block.as_chunks::<BLOCK>().0[y];
-            let (whole, part) = row.as_chunks_mut();
-            for (pixels, block) in whole.iter_mut().zip(blocks) {
-                *pixels = line(block);
-            }
-            if let Some(block) = blocks.get(whole.len()) {
-                part.copy_from_slice(&line(block)[..part.len()]);
-            }
+/// The wanted part of the pixel rows of one row of blocks, as far as they lie in the picture.
+fn write(blocks: &[[u8; BLOCK * BLOCK]], wanted: &Range<usize>, rows: &mut ChunksExactMut<u8>) {
+    for (y, row) in rows.take(BLOCK).enumerate() {
+        let line = |block: &[u8; BLOCK * BLOCK]| block.as_chunks::<BLOCK>().0[y];
+        let (whole, part) = row.as_chunks_mut();
+        for (pixels, block) in whole.iter_mut().zip(blocks).take(wanted.end).skip(wanted.start) {
+            *pixels = line(block);
+        }
+        if let Some(block) = blocks.get(whole.len()).filter(|_| wanted.contains(&whole.len())) {
+            part.copy_from_slice(&line(block)[..part.len()]);
         }
     }
 }
