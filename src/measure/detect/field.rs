@@ -71,7 +71,14 @@ struct Rows {
 }
 
 /// The fit with the light freed, without the pixels of things that are not the marker's.
-pub fn freed(pixels: &Pixels, fit: &Fit, seen: &Deserved, unknowns: &Unknowns, floor: f64) -> Option<Freed> {
+pub fn freed(
+    pixels: &Pixels,
+    fit: &Fit,
+    seen: &Deserved,
+    unknowns: &Unknowns,
+    floor: f64,
+    least: Option<f64>,
+) -> Option<Freed> {
     let mut list = Vec::with_capacity(N);
     list.extend((0..N).filter(|&k| unknowns.free[k]));
     let own = own(pixels, seen, fit.parameters[BLUR]);
@@ -84,7 +91,8 @@ pub fn freed(pixels: &Pixels, fit: &Fit, seen: &Deserved, unknowns: &Unknowns, f
     for (batch, r) in pixels.batches.iter().zip(&seen.residuals) {
         sizes.extend(r.iter().take(batch.len).map(|r| r.abs()));
     }
-    let mut scale = 3.0 * floor.max(spread(&mut sizes));
+    // Foreign pixels pull at first.
+    let mut scale = floor.max(spread(&mut sizes)) * if least.is_none() { 3.0 } else { 1.0 };
     let origin = pixels.origin;
     for iteration in 0..MAX_ITERATIONS {
         let (mut normal, right, mut seen) =
@@ -93,6 +101,10 @@ pub fn freed(pixels: &Pixels, fit: &Fit, seen: &Deserved, unknowns: &Unknowns, f
             normal[(i, i)] *= 1.0 + if iteration < 2 { 1e-3 } else { 1e-7 };
         }
         let change = Cholesky::new(normal)?.solve(&right);
+        // What the step takes off the residuals' squares, if the model is linear.
+        if iteration == 0 && least.is_some_and(|least| change.dot(&right) < least * fit.variance) {
+            return None;
+        }
         let place = |k: usize| list.iter().position(|&l| l == k).map_or(0.0, |i| change[i]);
         let worst = place(X).hypot(place(Y));
         let factor = (2.0 / worst.max(1e-9)).min(1.0);

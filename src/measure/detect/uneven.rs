@@ -21,6 +21,8 @@ const FOREIGN: f64 = 0.01;
 /// What a field of light must take off the residuals' squares, in variances of one: its 33 unknowns take off as many by
 /// chance, and several times as many where residuals hang together, as JPEG leaves them: to be heard, and to be believed.
 const DOUBTFUL: f64 = 120.0;
+/// What a first step must promise of that to be followed.
+const HOPELESS: f64 = 60.0;
 const CERTAIN: f64 = 280.0;
 
 /// What a fit's residuals show.
@@ -48,7 +50,9 @@ pub fn improve(pixels: &Pixels, fit: Fit, unknowns: &Unknowns, floor: f64, whole
     let left_out: usize = left_out.map(|(t, b)| t.iter().take(b.len).filter(|&&t| t <= 0.0).count()).sum();
     let foreign = left_out as f64 / pixels.count() as f64;
     let suspect = whole && (seen.uneven > UNEVEN || seen.ratio > CORRELATED || foreign > FOREIGN);
-    let freed = if suspect { freed(pixels, &fit, &seen, unknowns, floor) } else { None };
+    // With few foreign pixels the first step tells.
+    let least = (foreign <= FOREIGN).then_some(HOPELESS);
+    let freed = if suspect { freed(pixels, &fit, &seen, unknowns, floor, least) } else { None };
     let mut out = Fit { clumped: seen.mean, ..fit };
     let mut centre = seen.covariance;
     if let Some(freed) = freed {
