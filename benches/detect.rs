@@ -38,6 +38,7 @@ fn benches(c: &mut Criterion) {
             semi_minor_px: m.semi_minor_px,
             angle_rad: m.angle_rad,
             search_px: 12.0,
+            seen: true,
         })
         .collect();
     let mut group = c.benchmark_group("detect");

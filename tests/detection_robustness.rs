@@ -57,6 +57,7 @@ fn no_picture_makes_it_panic() {
                 semi_minor_px: -3.0,
                 angle_rad: 9.0,
                 search_px: 1e9,
+                seen: true,
             };
             let _ = detect_guided(&image, &[prediction]);
         }
@@ -189,6 +190,7 @@ fn a_little_off(marker: &Detection) -> Prediction {
         semi_minor_px: marker.semi_minor_px * 0.95,
         angle_rad: marker.angle_rad,
         search_px: 12.0,
+        seen: true,
     }
 }
 

@@ -9,7 +9,7 @@ use super::decode;
 use crate::camera::Format;
 use crate::installation::{HandObservation, Installation};
 use crate::measure::adjust::Observation;
-use crate::measure::detect::{self, Detection, Detections};
+use crate::measure::detect::{self, Detection, Detections, Prediction};
 use crate::measure::identify::{self, Identities, OrientationFit};
 use crate::measure::raster::Raster;
 use crate::measure::setup::{GroundSight, Orientation, Setup};
@@ -59,6 +59,25 @@ impl Sighting {
         }
     }
 
+    /// Takes up what is detected in a picture, which comes back, or why there is none.
+    fn look(
+        &mut self,
+        decode: impl FnOnce() -> Result<Raster, decode::DecodeError>,
+        detect: impl FnOnce(&Raster) -> Detections,
+    ) -> Option<Raster> {
+        match self.timed("decode", decode) {
+            Err(error) => {
+                self.failure = Some(format!("{}: {error}", self.image));
+                None
+            }
+            Ok(raster) => {
+                self.size = Some((raster.width(), raster.height()));
+                self.detections = self.timed("detect", || detect(&raster));
+                Some(raster)
+            }
+        }
+    }
+
     fn timed<T>(&mut self, name: &'static str, work: impl FnOnce() -> T) -> T {
         let started = Instant::now();
         let result = work();
@@ -87,19 +106,33 @@ pub fn sight(
 
 /// Decodes and detects, without any knowledge of the wing. The picture comes back for drawing.
 pub fn detect_only(name: &str, bytes: &[u8], format: Option<&Format>) -> (Sighting, Option<Raster>) {
-    let digest = hex::encode(Sha256::digest(bytes));
-    let mut sighting = Sighting { image: name.into(), digest, ..Sighting::default() };
-    match sighting.timed("decode", || decode::decode(bytes, format)) {
-        Err(error) => {
-            sighting.failure = Some(format!("{name}: {error}"));
-            (sighting, None)
-        }
-        Ok(raster) => {
-            sighting.size = Some((raster.width(), raster.height()));
-            sighting.detections = sighting.timed("detect", || detect::detect(&raster));
-            (sighting, Some(raster))
-        }
+    let mut sighting = unseen(name, bytes);
+    let raster = sighting.look(|| decode::decode(bytes, format), detect::detect);
+    (sighting, raster)
+}
+
+/// The same of markers that an earlier frame foretells ([`identify::predict`]): only what lies about them is decoded and
+/// searched, and where one that was seen is missing, the whole frame. `rejected` stays empty unless it was.
+pub fn detect_predicted(
+    name: &str,
+    bytes: &[u8],
+    format: Option<&Format>,
+    predictions: &[Prediction],
+) -> Sighting {
+    let mut sighting = unseen(name, bytes);
+    let columns = |width, height| detect::columns_read(predictions, width, height);
+    let part = sighting.look(
+        || decode::decode_part(bytes, format, &columns),
+        |raster| detect::detect_guided(raster, predictions),
+    );
+    if part.is_some() && !detect::is_complete(&sighting.detections, predictions) {
+        sighting.look(|| decode::decode(bytes, format), detect::detect);
     }
+    sighting
+}
+
+fn unseen(name: &str, bytes: &[u8]) -> Sighting {
+    Sighting { image: name.into(), digest: hex::encode(Sha256::digest(bytes)), ..Sighting::default() }
 }
 
 /// A sentence where the frame is not of the calibrated camera's size.

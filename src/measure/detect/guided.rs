@@ -33,7 +33,7 @@ impl Prediction {
     }
 
     /// Whether a detection may be the predicted marker.
-    fn is_like(&self, found: &Detection) -> bool {
+    pub(super) fn is_like(&self, found: &Detection) -> bool {
         let within = |a: f64, b: f64, px: f64| a < b * ALIKE + px && b < a * ALIKE + px;
         found.shape == self.shape
             && self.distance(&found.centre_px) <= self.reach()

@@ -162,6 +162,8 @@ pub struct Prediction {
     pub angle_rad: f64,
     /// How far the centre may be off, px.
     pub search_px: f64,
+    /// Whether the earlier frame showed it; what is hidden for long need not be there.
+    pub seen: bool,
 }
 
 /// Most regions that are taken up at full resolution, and most rejected that are reported.
@@ -222,12 +224,17 @@ pub fn columns_read(predictions: &[Prediction], width: usize, height: usize) -> 
     guided::columns(predictions, width, height)
 }
 
-/// The predicted markers; where one of them is not found, all that the whole frame shows. A marker that
-/// nobody expects is only seen by [`detect`].
+/// Whether all of the predicted markers that the earlier frame showed are there; without any, no answer is complete.
+pub fn is_complete(found: &Detections, predictions: &[Prediction]) -> bool {
+    let there = |p: &Prediction| found.markers.iter().any(|m| p.is_like(m));
+    predictions.iter().any(|p| p.seen) && predictions.iter().all(|p| !p.seen || there(p))
+}
+
+/// The predicted markers; where one that the earlier frame showed is not found, all that the whole frame shows. A marker
+/// that nobody expects is only seen by [`detect`].
 pub fn detect_guided_or_full(image: &Raster, predictions: &[Prediction]) -> Detections {
     let found = detect_guided(image, predictions);
-    let complete = !predictions.is_empty() && found.markers.len() == predictions.len();
-    if complete { found } else { detect(image) }
+    if is_complete(&found, predictions) { found } else { detect(image) }
 }
 
 /// What a search yields, in order of discovery.

@@ -71,7 +71,8 @@ pub(super) fn predictions(
     let moved = scene.pixels(&lifted);
     let markers = scene.setup.markers.iter().zip(scene.outlines(&state)).zip(moved);
     markers
-        .filter_map(|((marker, outline), moved)| {
+        .enumerate()
+        .filter_map(|(i, ((marker, outline), moved))| {
             let outline = outline?;
             let travel = moved.map_or(0.0, |m| (m - outline.point_px).norm());
             scene.setup.lens.contains(&outline.ellipse_px).then_some(Prediction {
@@ -81,6 +82,7 @@ pub(super) fn predictions(
                 semi_minor_px: outline.semi_minor_px,
                 angle_rad: outline.angle_rad,
                 search_px: travel + NEXT_SHIFT_PX,
+                seen: identities.marker_of.contains(&Some(i)),
             })
         })
         .collect()
