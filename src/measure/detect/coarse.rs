@@ -22,11 +22,14 @@ const LEVELS: [u16; FAINT] = [115, 160, 195, 225, 240, 248];
 const USUAL: usize = 4;
 const FAINT: usize = 6;
 
-/// The part of a frame that is searched: columns of each reduced row, of which the background is wanted, and of which
-/// that takes the means.
+/// A row, and some of its columns.
+type Span = (usize, Range<usize>);
+
+/// The part of a frame that is searched, in reduced pixels: of which the background is wanted, and of which that takes
+/// the means; row by row, none twice.
 pub struct Part {
-    wanted: Vec<Range<usize>>,
-    means: Vec<Range<usize>>,
+    wanted: Vec<Span>,
+    means: Vec<Span>,
     far: bool,
 }
 
@@ -42,58 +45,66 @@ impl Part {
     /// All of a frame of `width` x `height` px.
     pub fn all(width: usize, height: usize) -> Self {
         let factor = factor(width, height);
-        let rows = vec![0..width / factor; height / factor];
+        let rows: Vec<Span> = (0..height / factor).map(|y| (y, 0..width / factor)).collect();
         Self { wanted: rows.clone(), means: rows, far: true }
     }
 
-    /// Of each row what lies between the first and the last of the windows that meet it, in a frame of `width` x `height` px.
+    /// What the windows hold of a frame of `width` x `height` px.
     pub fn about(windows: &[Window], width: usize, height: usize) -> Self {
         let factor = factor(width, height);
         let (width, height) = (width / factor, height / factor);
-        let far = windows.iter().any(|w| w.thick);
-        let (mut wanted, mut means) = (vec![0..0; height], vec![0..0; height]);
+        let (mut wanted, mut means) = (Vec::new(), Vec::new());
         for Window { low, high, thick } in windows {
             let reduced = |v: f64, most: usize| ((v / factor as f64).max(0.0) as usize).min(most);
             let columns = reduced(low[0], width)..reduced(high[0] + factor as f64, width);
             let rows = reduced(low[1], height)..reduced(high[1] + factor as f64, height);
             let reach = if *thick { FAR[FAR.len() - 1] } else { REACH[REACH.len() - 1] };
-            let wider = |part: &Range<usize>, most: usize| {
-                part.start.saturating_sub(reach)..(part.end + reach).min(most)
-            };
-            widen(&mut wanted[rows.clone()], &columns);
-            widen(&mut means[rows.clone()], &wider(&columns, width));
-            widen(&mut means[wider(&rows, height)], &columns);
+            means.push([rows.clone(), wider(&columns, reach, width)]);
+            means.push([wider(&rows, reach, height), columns.clone()]);
+            wanted.push([rows, columns]);
         }
-        Self { wanted, means, far }
+        let far = windows.iter().any(|w| w.thick);
+        Self { wanted: spans(&wanted, height), means: spans(&means, height), far }
     }
 
     /// Of each pixel row of a frame of `width` x `height` px the columns that are read, and about what is wanted a margin, px.
     pub fn columns(&self, width: usize, height: usize, margin: usize) -> Vec<Range<usize>> {
         let factor = factor(width, height);
         let mut out = vec![0..0; height];
-        let pixels = |span: &Range<usize>| span.start * factor..span.end * factor;
-        let wider = |part: Range<usize>, most: usize| part.start.saturating_sub(margin)..(part.end + margin).min(most);
-        for (y, (wanted, means)) in self.wanted.iter().zip(&self.means).enumerate() {
-            let rows = y * factor..(y + 1) * factor;
-            if !wanted.is_empty() {
-                widen(&mut out[wider(rows.clone(), height)], &wider(pixels(wanted), width));
-            }
-            if !means.is_empty() {
-                // A smoothed frame is smoothed from one more.
-                let one = |part: Range<usize>, most: usize| part.start.saturating_sub(1)..(part.end + 1).min(most);
-                widen(&mut out[one(rows, height)], &one(pixels(means), width));
+        // A smoothed frame is smoothed from one pixel more than the means take.
+        for (spans, margin) in [(&self.wanted, margin), (&self.means, 1)] {
+            for (y, span) in spans {
+                let pixels = wider(&(span.start * factor..span.end * factor), margin, width);
+                for row in &mut out[wider(&(y * factor..(y + 1) * factor), margin, height)] {
+                    let first = row.start >= row.end;
+                    *row = if first { pixels.clone() } else { row.start.min(pixels.start)..row.end.max(pixels.end) };
+                }
             }
         }
         out
     }
 }
 
-/// Makes spans of columns hold others.
-fn widen(spans: &mut [Range<usize>], columns: &Range<usize>) {
-    for span in spans.iter_mut().filter(|_| !columns.is_empty()) {
-        let held = if span.end <= span.start { columns.clone() } else { span.clone() };
-        *span = held.start.min(columns.start)..held.end.max(columns.end);
+/// A range with a margin on both sides, as far as there is something.
+fn wider(range: &Range<usize>, margin: usize, most: usize) -> Range<usize> {
+    range.start.saturating_sub(margin)..(range.end + margin).min(most)
+}
+
+/// What boxes (rows and columns) hold, row by row, none twice.
+fn spans(boxes: &[[Range<usize>; 2]], height: usize) -> Vec<Span> {
+    let mut out: Vec<Span> = Vec::new();
+    let mut row: Vec<&Range<usize>> = Vec::new();
+    for y in 0..height {
+        row.extend(boxes.iter().filter(|[rows, _]| rows.contains(&y)).map(|[_, columns]| columns));
+        row.sort_unstable_by_key(|columns| columns.start);
+        for columns in row.drain(..).filter(|columns| columns.start < columns.end) {
+            match out.last_mut() {
+                Some((last, span)) if *last == y && columns.start <= span.end => span.end = span.end.max(columns.end),
+                _ => out.push((y, columns.clone())),
+            }
+        }
     }
+    out
 }
 
 /// The reduced frame.
@@ -178,10 +189,9 @@ pub fn reduce(image: &Raster, part: Part) -> Coarse {
     let factor = factor(image.width(), image.height());
     let (width, height) = (image.width() / factor, image.height() / factor);
     let mut mean = vec![0u8; width * height];
-    let rows = mean.chunks_exact_mut(width.max(1)).zip(&part.means).enumerate();
-    for (y, (out, span)) in rows.filter(|(_, (_, span))| !span.is_empty()) {
+    for (y, span) in &part.means {
         let row = |k: usize| &image.row(y * factor + k)[span.start * factor..span.end * factor];
-        let out = &mut out[span.clone()];
+        let out = &mut mean[y * width..][span.clone()];
         if factor == 4 {
             means_of_16([row(0), row(1), row(2), row(3)], out);
         } else {
@@ -227,17 +237,17 @@ impl Coarse {
     /// Makes the background of every pixel the greatest, over distances and directions, of the lesser of both sides.
     fn raise_by(&mut self, reach: &[usize]) {
         let Self { width, height, mean, background, part, .. } = self;
-        let rows = background.chunks_exact_mut((*width).max(1)).zip(&part.wanted).enumerate();
-        for (y, (out, span)) in rows.filter(|(_, (_, span))| !span.is_empty()) {
+        for (y, span) in &part.wanted {
             let row = |y: usize| &mean[y * *width..][..*width];
+            let out = &mut background[y * *width..][..*width];
             for &d in reach {
                 let inner = span.start.max(d)..span.end.min(width.saturating_sub(d));
                 if !inner.is_empty() {
-                    let own = row(y);
+                    let own = row(*y);
                     let (left, right) = (inner.start - d..inner.end - d, inner.start + d..inner.end + d);
                     raise(&mut out[inner], &own[left], &own[right]);
                 }
-                if y >= d && y + d < *height {
+                if *y >= d && y + d < *height {
                     raise(&mut out[span.clone()], &row(y - d)[span.clone()], &row(y + d)[span.clone()]);
                 }
             }
@@ -291,11 +301,11 @@ impl Coarse {
     pub fn darkness(&self, faint: bool) -> Darkness {
         let (mut passed, mut runs) = (vec![0u8; self.mean.len()], Vec::new());
         let pass = if faint { pass_faint } else { pass };
-        for (y, span) in self.part.wanted.iter().enumerate().filter(|(_, span)| !span.is_empty()) {
+        for (y, span) in &self.part.wanted {
             let part = y * self.width + span.start..y * self.width + span.end;
             let first = runs.len();
             pass(&self.mean[part.clone()], &self.background[part.clone()], &mut passed[part.clone()]);
-            runs::find(&passed[part], y, &mut runs);
+            runs::find(&passed[part], *y, &mut runs);
             for run in &mut runs[first..] {
                 run.from += span.start as u32;
                 run.to += span.start as u32;
