@@ -52,7 +52,7 @@ pub struct Block {
 const COLUMNS: usize = N + 7;
 
 /// Rows per block.
-const BLOCK: usize = 4 * LANES;
+const BLOCK: usize = 8 * LANES;
 
 /// Sums of products of two columns, a part in each lane: for each column those with itself and the later
 /// ones; residuals are the last column.

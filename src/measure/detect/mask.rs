@@ -4,7 +4,7 @@ use super::super::raster::Raster;
 use super::blob::Blob;
 use super::candidate::{Candidate, Outline};
 use super::model::{LIGHT, Parameters, light_at};
-use super::oval::{Box, Oval, columns};
+use super::oval::{Box, Oval, columns, row_of};
 use super::select::Bands;
 
 /// How far what is near a thing is not used either, px.
@@ -47,9 +47,10 @@ pub fn darker(
     let (p, q) = (1.0 + reach / outline.major, 1.0 + reach / outline.minor);
     let most = m[LIGHT] + (m[LIGHT + 1].abs() + m[LIGHT + 3].abs() * p) * p + m[LIGHT + 2].abs() * q - limit;
     let most = most.ceil().clamp(0.0, 255.0) as u8;
+    let (outer, inner) = (oval.grown(reach), oval.grown(f64::from(bands.edge) + 1.0));
     for y in area[1]..=area[3] {
-        let Some((from, to)) = oval.row(y as f64, reach) else { continue };
-        let inside = oval.row(y as f64, f64::from(bands.edge) + 1.0).unwrap_or((to, to));
+        let Some((from, to)) = row_of(&outer, y as f64) else { continue };
+        let inside = row_of(&inner, y as f64).unwrap_or((to, to));
         let row = image.row(y);
         for columns in [columns(from, inside.0, area), columns(inside.1, to, area)] {
             let dark =

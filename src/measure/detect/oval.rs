@@ -1,16 +1,26 @@
 //! Ellipses and intervals, row by row.
 
+use nalgebra::Vector2;
+
 use super::candidate::Outline;
 
 /// Part of the frame about a candidate: first and last column and row.
 pub type Box = [usize; 4];
 
-/// An ellipse that is asked row by row.
+/// An ellipse's frame.
 pub struct Oval<'a> {
     outline: &'a Outline,
     /// Sine and cosine of its direction.
     pub sin: f64,
     pub cos: f64,
+}
+
+/// An ellipse grown on all sides that is asked row by row: the factors of its equation for the columns of a row.
+pub struct Rows {
+    centre: Vector2<f64>,
+    square: f64,
+    mixed: f64,
+    rest: f64,
 }
 
 impl<'a> Oval<'a> {
@@ -26,21 +36,38 @@ impl<'a> Oval<'a> {
         (dx * self.cos + dy * self.sin, dy * self.cos - dx * self.sin)
     }
 
-    /// Where a row passes through the ellipse grown by `by` on all sides.
-    pub fn row(&self, y: f64, by: f64) -> Option<(f64, f64)> {
+    /// The ellipse grown by `by`; `None` where nothing is left.
+    pub fn grown(&self, by: f64) -> Option<Rows> {
         let (a, b) = (self.outline.major + by, self.outline.minor + by);
         if a <= 0.0 || b <= 0.0 {
             return None;
         }
-        let dy = y - self.outline.centre.y;
         let (p, q) = (1.0 / (a * a), 1.0 / (b * b));
-        let square = self.cos * self.cos * p + self.sin * self.sin * q;
-        let mixed = self.sin * self.cos * (p - q) * dy;
-        let rest = (self.sin * self.sin * p + self.cos * self.cos * q) * dy * dy - 1.0;
-        let root = mixed * mixed - square * rest;
-        let middle = self.outline.centre.x - mixed / square;
-        (root > 0.0).then(|| (middle - root.sqrt() / square, middle + root.sqrt() / square))
+        Some(Rows {
+            centre: self.outline.centre,
+            square: self.cos * self.cos * p + self.sin * self.sin * q,
+            mixed: self.sin * self.cos * (p - q),
+            rest: self.sin * self.sin * p + self.cos * self.cos * q,
+        })
     }
+}
+
+impl Rows {
+    /// Where a row passes through it.
+    pub fn at(&self, y: f64) -> Option<(f64, f64)> {
+        let dy = y - self.centre.y;
+        let mixed = self.mixed * dy;
+        let rest = self.rest * dy * dy - 1.0;
+        let root = mixed * mixed - self.square * rest;
+        let middle = self.centre.x - mixed / self.square;
+        let half = root.max(0.0).sqrt() / self.square;
+        (root > 0.0).then(|| (middle - half, middle + half))
+    }
+}
+
+/// Where a row passes through an ellipse of which something is left.
+pub fn row_of(rows: &Option<Rows>, y: f64) -> Option<(f64, f64)> {
+    rows.as_ref()?.at(y)
 }
 
 /// The columns of an interval that lie in the area.

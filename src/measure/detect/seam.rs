@@ -8,7 +8,7 @@ use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 use super::super::raster::Raster;
 use super::candidate::{Band, Outline};
 use super::model::{BLUR, LANES, LIGHT, Lanes, Parameters, all, each, light_at};
-use super::oval::{Oval, columns};
+use super::oval::{Oval, columns, row_of};
 use super::wide::wide;
 
 /// The ring beside a disc that is searched, px from its outline: from where its blur has ended (in parts of the blur)
@@ -88,9 +88,10 @@ impl<'a> Ring<'a> {
         let row = |v: f64| (v.max(0.0) as usize).min(image.height() - 1);
         let all = [0, 0, image.width() - 1, image.height() - 1];
         let oval = Oval::new(outline);
+        let (outer, inner) = (oval.grown(REACH), oval.grown(CLEAR * m[BLUR]));
         let rows = (row(low.y)..=row(high.y)).filter_map(|y| {
-            let (from, to) = oval.row(y as f64, REACH)?;
-            let hole = oval.row(y as f64, CLEAR * m[BLUR]).unwrap_or((to, to));
+            let (from, to) = row_of(&outer, y as f64)?;
+            let hole = row_of(&inner, y as f64).unwrap_or((to, to));
             Some((y, [columns(from, hole.0, all), columns(hole.1.max(hole.0), to, all)]))
         });
         let rows = rows.collect();

@@ -12,7 +12,7 @@ use super::blob::Blob;
 use super::candidate::{Candidate, Outline};
 use super::mask::{darker, foreign};
 use super::model::Parameters;
-use super::oval::{Box, Oval, columns};
+use super::oval::{Box, Oval, Rows, columns, row_of};
 use super::weigh::{Edges, Line, Ruler, Taker};
 
 /// About how many pixels are wanted: at the edges, where they tell the place, and beside them, where
@@ -254,19 +254,22 @@ pub fn pixels(
         blur,
         sag: look.sag,
     });
+    let ring = |by: f64| [by, -by].map(|by| oval.grown(by));
+    let (far, close) = (ring(flat + 1.0), ring(near));
+    let inside = edges.and_then(|e: Edges| oval.grown(FADE - e.margin));
     for y in y0..=y1 {
         let (both, near) = match edges {
             None => {
-                let Some((from, to)) = oval.row(y as f64, flat + 1.0) else { continue };
-                let parts = |by: f64, (from, to): (f64, f64)| {
-                    let hole = oval.row(y as f64, -by).unwrap_or((to, to));
-                    [columns(from, hole.0, area), columns(hole.1, to, area)]
+                let parts = |[outer, inner]: &[Option<Rows>; 2]| {
+                    let (from, to) = row_of(outer, y as f64)?;
+                    let hole = row_of(inner, y as f64).unwrap_or((to, to));
+                    Some([columns(from, hole.0, area), columns(hole.1, to, area)])
                 };
-                let near = oval.row(y as f64, near).map_or([0..0, 0..0], |outer| parts(near, outer));
-                (parts(flat + 1.0, (from, to)), near)
+                let Some(both) = parts(&far) else { continue };
+                (both, parts(&close).unwrap_or([0..0, 0..0]))
             }
-            Some(Edges { lines, margin, .. }) => {
-                let Some((from, to)) = oval.row(y as f64, FADE - margin) else { continue };
+            Some(Edges { lines, .. }) => {
+                let Some((from, to)) = row_of(&inside, y as f64) else { continue };
                 let parts = |reach: f64| {
                     let [one, other] = lines.map(|l| {
                         let part = l.row(y as f64, reach);
