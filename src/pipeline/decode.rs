@@ -164,6 +164,28 @@ mod tests {
         }
     }
 
+    /// Columns that move from row to row, and rows of which nothing is wanted.
+    fn slanted(width: usize, height: usize) -> Vec<Range<usize>> {
+        let columns = |y: usize| (y / 2).min(width)..(y / 2 + 13).min(width);
+        (0..height).map(|y| if (16..27).contains(&y) { 0..0 } else { columns(y) }).collect()
+    }
+
+    #[test]
+    fn a_part_is_as_in_the_whole() {
+        for (k, bytes) in jpeg_files(61, 43).iter().enumerate() {
+            let whole = decode(bytes, None).unwrap();
+            let part = decode_part(bytes, None, &slanted).unwrap();
+            for (y, columns) in slanted(61, 43).into_iter().enumerate() {
+                assert_eq!(part.row(y)[columns.clone()], whole.row(y)[columns], "file {k}, row {y}");
+            }
+            // Nothing else is transformed, but by the general decoder.
+            assert_eq!(part.row(20) == [0; 61], k != 7, "file {k}");
+            let cut = &bytes[..bytes.len() - bytes.len() / 4];
+            assert!(decode_part(cut, None, &slanted).is_err(), "file {k}: the end was not read");
+            assert!(decode_part(bytes, None, &|_, _| Vec::new()).is_ok());
+        }
+    }
+
     #[test]
     fn every_truncation_is_noticed() {
         for whole in jpeg_files(61, 43) {

@@ -77,7 +77,11 @@ impl Part {
                 let pixels = wider(&(span.start * factor..span.end * factor), margin, width);
                 for row in &mut out[wider(&(y * factor..(y + 1) * factor), margin, height)] {
                     let first = row.start >= row.end;
-                    *row = if first { pixels.clone() } else { row.start.min(pixels.start)..row.end.max(pixels.end) };
+                    *row = if first {
+                        pixels.clone()
+                    } else {
+                        row.start.min(pixels.start)..row.end.max(pixels.end)
+                    };
                 }
             }
         }
@@ -99,7 +103,9 @@ fn spans(boxes: &[[Range<usize>; 2]], height: usize) -> Vec<Span> {
         row.sort_unstable_by_key(|columns| columns.start);
         for columns in row.drain(..).filter(|columns| columns.start < columns.end) {
             match out.last_mut() {
-                Some((last, span)) if *last == y && columns.start <= span.end => span.end = span.end.max(columns.end),
+                Some((last, span)) if *last == y && columns.start <= span.end => {
+                    span.end = span.end.max(columns.end)
+                }
                 _ => out.push((y, columns.clone())),
             }
         }

@@ -70,7 +70,9 @@ struct Rows {
     field: [Lanes; ABOUT],
 }
 
-/// The fit with the light freed, without the pixels of things that are not the marker's.
+/// The fit with the light freed, without the pixels of things that are not the marker's; `None` where the first step does not
+/// promise to take off the residuals' squares the `least` that is asked, in variances of one. Nothing is asked where foreign
+/// pixels pull at first.
 pub fn freed(
     pixels: &Pixels,
     fit: &Fit,
@@ -91,7 +93,6 @@ pub fn freed(
     for (batch, r) in pixels.batches.iter().zip(&seen.residuals) {
         sizes.extend(r.iter().take(batch.len).map(|r| r.abs()));
     }
-    // Foreign pixels pull at first.
     let mut scale = floor.max(spread(&mut sizes)) * if least.is_none() { 3.0 } else { 1.0 };
     let origin = pixels.origin;
     for iteration in 0..MAX_ITERATIONS {

@@ -107,13 +107,7 @@ pub fn rough(
 }
 
 /// The answer, from a first geometry in whose solution residuals had about this scale.
-pub fn fit(
-    pixels: &Pixels,
-    start: &Parameters,
-    scale: f64,
-    unknowns: &Unknowns,
-    floor: f64,
-) -> Option<Fit> {
+pub fn fit(pixels: &Pixels, start: &Parameters, scale: f64, unknowns: &Unknowns, floor: f64) -> Option<Fit> {
     let mut problem = Problem::new(pixels, start, unknowns, floor)?;
     problem.images = Some(Images::with_capacity(problem.pixels.batches.len()));
     let count = problem.unknowns.free.iter().filter(|&&f| f).count();

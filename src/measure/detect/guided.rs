@@ -33,7 +33,7 @@ impl Prediction {
     }
 
     /// Whether a detection may be the predicted marker.
-    pub(super) fn is_like(&self, found: &Detection) -> bool {
+    fn is_like(&self, found: &Detection) -> bool {
         let within = |a: f64, b: f64, px: f64| a < b * ALIKE + px && b < a * ALIKE + px;
         found.shape == self.shape
             && self.distance(&found.centre_px) <= self.reach()
@@ -82,17 +82,87 @@ pub fn is_near(candidate: &Candidate, predictions: &[Prediction]) -> bool {
     })
 }
 
-/// Leaves of each prediction the detection that is nearest to it and like it.
-pub fn keep_predicted(found: &mut Found, predictions: &[Prediction]) {
-    let mut kept = vec![false; found.measured.len()];
-    for prediction in predictions.iter().filter(|p| p.outline().is_some()) {
-        let distance = |i: &usize| prediction.distance(&found.measured[*i].detection.centre_px);
-        let like = (0..kept.len()).filter(|&i| prediction.is_like(&found.measured[i].detection));
-        if let Some(i) = like.min_by(|i, j| distance(i).total_cmp(&distance(j))) {
-            kept[i] = true;
+/// For each detection whether it is a predicted marker, and for each prediction whether one is it: the nearest pairs that
+/// are alike, none twice.
+pub fn matched(found: &[&Detection], predictions: &[Prediction]) -> (Vec<bool>, Vec<bool>) {
+    let mut pairs = Vec::new();
+    for (i, prediction) in predictions.iter().enumerate().filter(|(_, p)| p.outline().is_some()) {
+        let like = found.iter().enumerate().filter(|(_, d)| prediction.is_like(d));
+        pairs.extend(like.map(|(j, d)| (prediction.distance(&d.centre_px), i, j)));
+    }
+    pairs.sort_by(|one, other| one.0.total_cmp(&other.0));
+    let (mut taken, mut there) = (vec![false; found.len()], vec![false; predictions.len()]);
+    for (_, i, j) in pairs {
+        if !there[i] && !taken[j] {
+            (there[i], taken[j]) = (true, true);
         }
     }
-    let mut kept = kept.into_iter();
+    (taken, there)
+}
+
+/// Leaves the predicted markers.
+pub fn keep_predicted(found: &mut Found, predictions: &[Prediction]) {
+    let detections: Vec<&Detection> = found.measured.iter().map(|m| &m.detection).collect();
+    let mut kept = matched(&detections, predictions).0.into_iter();
     found.measured.retain(|_| kept.next().unwrap_or(false));
     found.rejected.clear();
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Matrix2;
+
+    use super::*;
+    use crate::measure::setup::Shape;
+
+    fn prediction(x: f64) -> Prediction {
+        Prediction {
+            shape: Shape::Circle,
+            centre_px: Vector2::new(x, 50.0),
+            semi_major_px: 20.0,
+            semi_minor_px: 4.0,
+            angle_rad: 0.0,
+            search_px: 60.0,
+            seen: true,
+        }
+    }
+
+    fn detection(x: f64, semi_major_px: f64) -> Detection {
+        Detection {
+            shape: Shape::Circle,
+            centre_px: Vector2::new(x, 50.0),
+            covariance_px2: Matrix2::identity(),
+            semi_major_px,
+            semi_minor_px: 4.0,
+            angle_rad: 0.0,
+            fit_rms: 1.0,
+            contrast: 100.0,
+        }
+    }
+
+    #[test]
+    fn one_detection_is_one_marker() {
+        let predictions = [prediction(100.0), prediction(150.0)];
+        let found = [detection(110.0, 20.0), detection(112.0, 40.0)];
+        let (taken, there) = matched(&found.iter().collect::<Vec<_>>(), &predictions);
+        // The second is of another size; the first is no answer for both.
+        assert_eq!((taken, there), (vec![true, false], vec![true, false]));
+        let found = [detection(158.0, 20.0), detection(108.0, 21.0)];
+        let (taken, there) = matched(&found.iter().collect::<Vec<_>>(), &predictions);
+        assert_eq!((taken, there), (vec![true, true], vec![true, true]));
+    }
+
+    #[test]
+    fn what_is_read_lies_about_the_predictions() {
+        let columns = columns(&[prediction(1000.0)], 4000, 3000);
+        let read: usize = columns.iter().map(|c| c.len()).sum();
+        assert!(columns[50].contains(&920) && columns[50].contains(&1080) && !columns[50].contains(&2000));
+        assert!(columns[2000].is_empty() && read < 4000 * 3000 / 20, "{read} px are read");
+        // What lies outside, or is no number, asks for nothing.
+        let absent = Prediction { centre_px: Vector2::new(-1e12, f64::NAN), ..prediction(0.0) };
+        let outside = Prediction { centre_px: Vector2::new(9e9, 9e9), ..prediction(0.0) };
+        let noise = super::columns(&[], 4000, 3000);
+        assert_eq!(super::columns(&[absent, outside], 4000, 3000), noise);
+        assert_eq!(noise.iter().filter(|c| !c.is_empty()).count(), noise::sampled(3000).count());
+    }
 }

@@ -4,10 +4,7 @@ use nalgebra::{SMatrix, SVector};
 
 use super::batch::{Pixels, total};
 use super::fit::Unknowns;
-use super::model::{
-    ANGLE, Grey, LANES, Lanes, N, Parameters, X, Y, each,
-    grey,
-};
+use super::model::{ANGLE, Grey, LANES, Lanes, N, Parameters, X, Y, each, grey};
 use super::wide::wide;
 
 pub type Square = SMatrix<f64, N, N>;
@@ -300,7 +297,7 @@ pub fn spread(residuals: &mut [f32]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::super::batch::{Batch, Kind, Sorter};
-    use super::super::model::LIGHT;
+    use super::super::model::{LIGHT, Pattern};
     use super::*;
 
     #[test]

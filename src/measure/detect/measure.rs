@@ -97,8 +97,7 @@ pub fn measure(
     let floor = 0.5f64.max(0.8 * noise);
     let (few, all) = if candidate.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
     let look = Look { crossing: outline.centre, blur: 1.0, sag: 0.0 };
-    let first =
-        pixels(image, Masked::Blobs(blobs), candidate, look, few).ok_or(RejectReason::LowContrast)?;
+    let first = pixels(image, Masked::Blobs(blobs), candidate, look, few).ok_or(RejectReason::LowContrast)?;
     let start = start(candidate, &first, 1.0).ok_or(RejectReason::LowContrast)?;
     let (near, scale) =
         rough(&first, &start, &few_unknowns(candidate), floor).ok_or(RejectReason::NoConvergence)?;

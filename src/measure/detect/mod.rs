@@ -226,8 +226,8 @@ pub fn columns_read(predictions: &[Prediction], width: usize, height: usize) -> 
 
 /// Whether all of the predicted markers that the earlier frame showed are there; without any, no answer is complete.
 pub fn is_complete(found: &Detections, predictions: &[Prediction]) -> bool {
-    let there = |p: &Prediction| found.markers.iter().any(|m| p.is_like(m));
-    predictions.iter().any(|p| p.seen) && predictions.iter().all(|p| !p.seen || there(p))
+    let there = guided::matched(&found.markers.iter().collect::<Vec<_>>(), predictions).1;
+    predictions.iter().any(|p| p.seen) && predictions.iter().zip(there).all(|(p, there)| there || !p.seen)
 }
 
 /// The predicted markers; where one that the earlier frame showed is not found, all that the whole frame shows. A marker

@@ -61,7 +61,7 @@ impl Rows {
         let root = mixed * mixed - self.square * rest;
         let middle = self.centre.x - mixed / self.square;
         let half = root.max(0.0).sqrt() / self.square;
-        (root > 0.0).then(|| (middle - half, middle + half))
+        (root > 0.0).then_some((middle - half, middle + half))
     }
 }
 

@@ -117,7 +117,8 @@ impl<'a> Ring<'a> {
             for part in parts {
                 let Some(pixels) = self.image.row(*y).get(part.clone()) else { continue };
                 dark(pixels, self.along(part.start, *y), &mut some);
-                let spots = some.drain(..).filter_map(|k| Some(self.spot(part.start + k, *y, *pixels.get(k)?)));
+                let spots =
+                    some.drain(..).filter_map(|k| Some(self.spot(part.start + k, *y, *pixels.get(k)?)));
                 out.extend(spots.filter(|s| s.darker > SIGN));
             }
         }
