@@ -193,3 +193,18 @@ fn the_white_tells_the_length_of_flat_quadrants() {
         assert!(normalised_square(m, error) < 9.0, "off by {error}");
     }
 }
+
+#[test]
+fn quadrants_seen_against_two_thresholds_are_found() {
+    // Of a rendered frame (see the README beside it): the right black part is a blob of 450 px, the left one of 600.
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pictures/quadrants.png");
+    let part = image::open(path).expect("a picture of the tests").to_luma8();
+    let (width, height, corner, skin) = (2400, 1600, (1000, 800), 195);
+    let mut luma = vec![skin; width * height];
+    for (x, y, value) in part.enumerate_pixels() {
+        luma[(y as usize + corner.1) * width + x as usize + corner.0] = value.0[0];
+    }
+    let markers = detect(&Raster::new(width, height, luma).expect("a picture")).markers;
+    let (m, error) = nearest(&markers, [1119.774, 880.201, 83.5, 12.2, -0.1]).expect("it is found");
+    assert!(normalised_square(m, error) < 12.0, "off by {error}");
+}

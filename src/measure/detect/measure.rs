@@ -13,7 +13,7 @@ use super::linear::CUT;
 use super::model::{
     ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y,
 };
-use super::outlined::outlined;
+use super::outlined::{at_one_level, outlined};
 use super::select::{ALL, EVERY, FEW, Look, Masked, pixels};
 use super::sought::{EGG_SPREAD, few_unknowns, unknowns};
 use super::{Detection, RejectReason, seam, uneven};
@@ -77,6 +77,17 @@ const SOFTEST: f64 = 3.2;
 
 /// Fits the model to a candidate.
 pub fn measure(
+    image: &Raster,
+    blobs: &[Blob],
+    candidate: &Candidate,
+    bounds: Bounds,
+) -> Result<Measured, RejectReason> {
+    let levelled = at_one_level(image, candidate, blobs);
+    let levelled = levelled.and_then(|candidate| measure_once(image, blobs, &candidate, bounds).ok());
+    levelled.map_or_else(|| measure_once(image, blobs, candidate, bounds), Ok)
+}
+
+fn measure_once(
     image: &Raster,
     blobs: &[Blob],
     candidate: &Candidate,

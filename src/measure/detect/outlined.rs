@@ -13,6 +13,8 @@ use super::model::{LIGHT, Parameters, X, Y};
 /// as a share of theirs.
 const LONGER: f64 = 1.1;
 const WHITER: f64 = 0.12;
+/// Ratio of the areas of two black quadrants beyond which they were seen against different thresholds.
+const UNEQUAL: f64 = 1.2;
 /// Semi-minor axis from which on blur takes too little of quadrants to tell, px.
 const THICK: f64 = 20.0;
 
@@ -37,6 +39,30 @@ pub fn outlined(image: &Raster, candidate: Candidate, m: &Parameters) -> Candida
         out.major = longer;
     }
     Candidate { outline: out, ..candidate }
+}
+
+/// Quadrants whose two black parts were seen against thresholds so different that one is much larger, seen once more
+/// against one; `None` where they are alike.
+pub fn at_one_level(image: &Raster, candidate: &Candidate, blobs: &[Blob]) -> Option<Candidate> {
+    let [one, other] = candidate.blobs[..] else { return None };
+    let ratio = blobs.get(one)?.area / blobs.get(other)?.area;
+    if candidate.edges.is_none() || (1.0 / UNEQUAL..UNEQUAL).contains(&ratio) {
+        return None;
+    }
+    let outline = &candidate.outline;
+    let reach = outline.extent() * 1.3;
+    let (low, high) = (outline.centre - reach, outline.centre + reach);
+    let [x0, y0, x1, y1] = [low.x, low.y, high.x, high.y].map(|v| v.max(0.0) as usize);
+    let row = |y: usize| image.row(y).iter().enumerate().take(x1).skip(x0);
+    let place = |x: usize, y: usize| Vector2::new(x as f64, y as f64);
+    let within = |y: usize| row(y).filter(move |(x, _)| outline.holds(place(*x, y))).map(|(_, &v)| v);
+    let counts = Counts::of((y0..y1).flat_map(within));
+    let (black, white) = (counts.at(counts.total() / 10)?, counts.at(counts.total() * 9 / 10)?);
+    let mut own = blob::darker_than(image, low, high, black.midpoint(white) as u8);
+    own.retain(|b| outline.holds(b.centroid));
+    own.sort_by(|a, b| b.area.total_cmp(&a.area));
+    let found = candidate::quadrants(&[0, 1], &own)?;
+    Some(Candidate { blobs: candidate.blobs.clone(), ..found })
 }
 
 /// Half the length of quadrants' white along their outline's axis, px, which is the whole marker's: of a flat marker blur
