@@ -4,13 +4,18 @@ use std::ops::Range;
 
 use nalgebra::Vector2;
 
+use super::super::setup::Shape;
 use super::candidate::{Candidate, Outline};
 use super::coarse::{self, Part, THICK, Window};
+use super::model::Pattern;
 use super::{Detection, Found, Prediction, noise};
 
 /// How much a marker may differ from its prediction: axes, as a ratio, and beside that the minor, px.
 const ALIKE: f64 = 1.3;
 const ALIKE_PX: f64 = 1.0;
+/// How much of a marker's axes must be seen of it; and how much longer it may look before it is measured.
+const PART: f64 = 0.3;
+const WIDER: f64 = 1.6;
 /// Skin around a marker, in which its threshold changes and it may still grow, px.
 const SKIRT: f64 = 12.0;
 /// How far beyond that a marker's fit, its seams and the skin beside it are looked at, px.
@@ -71,13 +76,18 @@ pub fn columns(predictions: &[Prediction], width: usize, height: usize) -> Vec<R
     out
 }
 
-/// Whether a candidate may be a predicted marker, or a part of it.
+/// Whether a candidate may be a predicted marker, or what is seen of it.
 pub fn is_near(candidate: &Candidate, predictions: &[Prediction]) -> bool {
-    predictions.iter().any(|p| {
+    let seen = &candidate.outline;
+    let shape = if candidate.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant };
+    predictions.iter().filter(|p| p.shape == shape).any(|p| {
         p.outline().is_some_and(|outline| {
-            let (s, t) = outline.local(candidate.outline.centre);
+            let (s, t) = outline.local(seen.centre);
             let reach = p.reach();
+            let part = |a: f64, b: f64| a > PART * b - ALIKE_PX && a < WIDER * b + ALIKE_PX;
             (s / (outline.major + reach)).hypot(t / (outline.minor + reach)) < 1.0
+                && part(seen.major, outline.major)
+                && part(seen.minor, outline.minor)
         })
     })
 }
@@ -113,7 +123,6 @@ mod tests {
     use nalgebra::Matrix2;
 
     use super::*;
-    use crate::measure::setup::Shape;
 
     fn prediction(x: f64) -> Prediction {
         Prediction {
