@@ -194,17 +194,30 @@ fn the_white_tells_the_length_of_flat_quadrants() {
     }
 }
 
-#[test]
-fn quadrants_seen_against_two_thresholds_are_found() {
-    // Of a rendered frame (see the README beside it): the right black part is a blob of 450 px, the left one of 600.
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pictures/quadrants.png");
+/// Part of a rendered frame (see the README beside it) on even skin, its corner at (1000, 800).
+fn on_even_skin(name: &str, skin: u8) -> Raster {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pictures").join(name);
     let part = image::open(path).expect("a picture of the tests").to_luma8();
-    let (width, height, corner, skin) = (2400, 1600, (1000, 800), 195);
+    let (width, height) = (2400, 1600);
     let mut luma = vec![skin; width * height];
     for (x, y, value) in part.enumerate_pixels() {
-        luma[(y as usize + corner.1) * width + x as usize + corner.0] = value.0[0];
+        luma[(y as usize + 800) * width + x as usize + 1000] = value.0[0];
     }
-    let markers = detect(&Raster::new(width, height, luma).expect("a picture")).markers;
+    Raster::new(width, height, luma).expect("a picture")
+}
+
+#[test]
+fn quadrants_seen_against_two_thresholds_are_found() {
+    // The right black part is a blob of 450 px, the left one of 600.
+    let markers = detect(&on_even_skin("quadrants.png", 195)).markers;
     let (m, error) = nearest(&markers, [1119.774, 880.201, 83.5, 12.2, -0.1]).expect("it is found");
+    assert!(normalised_square(m, error) < 12.0, "off by {error}");
+}
+
+#[test]
+fn a_disc_whose_tip_a_line_touches_is_found_in_back_light() {
+    // The line lowers the background there, and the threshold with it: the blob looks cut.
+    let markers = detect(&on_even_skin("disc.png", 116)).markers;
+    let (m, error) = nearest(&markers, [1175.604, 918.340, 68.2, 6.9, -0.1]).expect("it is found");
     assert!(normalised_square(m, error) < 12.0, "off by {error}");
 }

@@ -3,12 +3,15 @@
 use nalgebra::Vector2;
 
 use super::super::raster::Raster;
-use super::blob::Blob;
-use super::candidate::{self, Candidate};
+use super::blob::{self, Blob};
+use super::candidate::{self, Candidate, Outline};
+use super::counts::Counts;
 use super::measure::{Bounds, Measured, measure};
 use super::model::Pattern;
 use super::{Found, RejectReason, arc, glare};
 
+/// Skin about a disc that tells its grey, px.
+const BESIDE: f64 = 6.0;
 /// Standard deviations of the size that discs about it foretell beyond which a disc is another thing.
 const UNLIKE: f64 = 4.0;
 
@@ -87,8 +90,26 @@ fn looks_cut(blob: &Blob) -> bool {
 
 /// How square a blob is against what a whole disc of its size may be.
 pub fn cut_by(blob: &Blob) -> f64 {
-    let minor = candidate::Outline::of(blob).minor.max(0.5);
+    let minor = Outline::of(blob).minor.max(0.5);
     candidate::squareness(blob) / (0.13 + 1.3 / (minor * minor))
+}
+
+/// The candidate of a disc that only looks cut because its threshold followed a background that something beside it
+/// lowers, as a line at its tip does: seen once more against one level.
+fn at_one_level(image: &Raster, blob: &Blob, index: usize) -> Option<Candidate> {
+    let seen = Outline::of(blob);
+    let reach = (seen.extent() * 1.3).add_scalar(BESIDE);
+    let (low, high) = (seen.centre - reach, seen.centre + reach);
+    let [x0, y0, x1, y1] = [low.x, low.y, high.x, high.y].map(|v| v.max(0.0) as usize);
+    let row = |y: usize| image.row(y).iter().take(x1).skip(x0).copied();
+    let own = blob.runs.iter().flat_map(|&[y, from, to]| {
+        image.row(y as usize).iter().take(to as usize + 1).skip(from as usize).copied()
+    });
+    let (black, skin) = (Counts::of(own).middle()?, Counts::of((y0..y1).flat_map(row)).middle()?);
+    let mut found = blob::darker_than(image, low, high, black.midpoint(skin) as u8);
+    found.retain(|b| seen.holds(b.centroid) && !looks_cut(b));
+    let largest = found.iter().max_by(|a, b| a.area.total_cmp(&b.area))?;
+    candidate::disc(index, largest)
 }
 
 /// A disc whose outline is not an ellipse's may have a part hidden by its neighbour, or by glare. With
@@ -118,7 +139,13 @@ pub fn measure_whole_or_hidden(
         _ if whole.is_ok() => (whole, drowned),
         _ if !looks_cut(blob) => (whole, drowned),
         failed => match arc::completed(candidate, blob, blobs) {
-            None => (failed.unwrap_or(whole), drowned),
+            None => {
+                let again = drowned.is_none().then(|| at_one_level(image, blob, index)).flatten();
+                match again.map(|candidate| measured(&candidate)) {
+                    Some(Ok(found)) => (Ok(found), None),
+                    _ => (failed.unwrap_or(whole), drowned),
+                }
+            }
             Some(hidden) => match measured(&hidden) {
                 Ok(part) => (Ok(part), hidden.alike.then_some(hidden)),
                 reason => (reason, drowned),
