@@ -1,5 +1,7 @@
 //! A grey picture in memory.
 
+use nalgebra::Vector2;
+
 /// Luma, row by row, 8 bits; (0, 0) is the centre of the top-left pixel.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Raster {
@@ -34,6 +36,21 @@ impl Raster {
     pub fn row(&self, y: usize) -> &[u8] {
         let start = y.saturating_mul(self.width);
         self.luma.get(start..start.saturating_add(self.width)).unwrap_or(&[])
+    }
+
+    /// Column, row and value of every `step`-th pixel of a box, px, across and down, as far as it lies in the picture; its
+    /// far sides are not part of it.
+    pub fn part(
+        &self,
+        low: Vector2<f64>,
+        high: Vector2<f64>,
+        step: usize,
+    ) -> impl Iterator<Item = (usize, usize, u8)> {
+        let [x0, y0, x1, y1] = [low.x, low.y, high.x, high.y].map(|v| v.max(0.0) as usize);
+        (y0..y1.min(self.height)).step_by(step).flat_map(move |y| {
+            let row = self.row(y).iter().enumerate().take(x1).skip(x0).step_by(step);
+            row.map(move |(x, &value)| (x, y, value))
+        })
     }
 
     /// The value nearest to a place, px, clamped to the frame's edge.

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::super::raster::Raster;
+use super::candidate::Outline;
 use super::coarse::{Coarse, Region};
 use super::runs::{self, Run};
 
@@ -94,6 +95,22 @@ fn levels(coarse: &Coarse, region: &Region) -> (u32, u32) {
 /// The blobs of pixels below a level that lie wholly in a box.
 pub fn darker_than(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, level: u8) -> Vec<Blob> {
     blobs_of(image, low, high, |v| v < level)
+}
+
+/// The blobs of pixels below a level with their centre in an outline, the largest first, which lie wholly in a box about
+/// it that is larger by three tenths and a margin, px.
+pub fn dark_parts(image: &Raster, outline: &Outline, margin: f64, level: u8) -> Vec<Blob> {
+    let (low, high) = about(outline, margin);
+    let mut out = darker_than(image, low, high, level);
+    out.retain(|blob| outline.holds(blob.centroid));
+    out.sort_by(|a, b| b.area.total_cmp(&a.area));
+    out
+}
+
+/// The box about an outline that is larger by three tenths and a margin, px.
+pub fn about(outline: &Outline, margin: f64) -> (Vector2<f64>, Vector2<f64>) {
+    let reach = (outline.extent() * 1.3).add_scalar(margin);
+    (outline.centre - reach, outline.centre + reach)
 }
 
 /// The blobs of pixels above a level that lie wholly in a box.

@@ -59,9 +59,9 @@ pub struct Unknowns {
     pub usual: [(f64, f64); N],
 }
 
-/// Most steps, and most of those from a rough fit on.
-const MAX_ITERATIONS: usize = 20;
-const MAX_SETTLING: usize = 12;
+/// Most steps of a rough fit, and of the last one.
+const MOST_ROUGH: usize = 20;
+const MOST_LAST: usize = 12;
 /// Steps after which a fit that leaves a fifth of the contrast, or moves by a pixel, is none of a
 /// marker's.
 const EARLY: usize = 5;
@@ -141,7 +141,7 @@ impl<'a> Problem<'a> {
     /// Repeats the linear solution until the centre stands still.
     fn solve(&mut self, mut m: Parameters, mut scale: f64, until: Until) -> Option<End> {
         let mut last = scale;
-        let most = if until == Until::Near { MAX_ITERATIONS } else { MAX_SETTLING };
+        let most = if until == Until::Near { MOST_ROUGH } else { MOST_LAST };
         for iteration in 0..most {
             let step = linearise(self.pixels, &m, self.unknowns, scale, self.floor, self.images.as_mut());
             let damping = if until == Until::Near && iteration < 2 { 1e-3 } else { 1e-10 };
@@ -168,10 +168,9 @@ impl<'a> Problem<'a> {
             last = step.scale;
             scale = step.scale.max(0.4 * scale);
             let calm = self.pixels.pattern != Pattern::Disc || change[FIRST].abs() < 0.02;
-            let part = |part: f64| moved < 0.05 && moved < part * self.spread(&step, &factor);
             let settled = match until {
                 Until::Near => moved < 0.02 && steady,
-                Until::Fixed => ratio < 0.15 && part(0.1),
+                Until::Fixed => ratio < 0.15 && moved < 0.05 && moved < 0.1 * self.spread(&step, &factor),
             };
             if (settled && calm) || (iteration + 1 == most && moved < 0.02) {
                 return Some(End { parameters: m, start, scale, step, factor });

@@ -1,4 +1,4 @@
-//! Stage 4: the outline of quadrants, which does not depend on how they were found.
+//! Stage 4: the outline of quadrants, from one level for all of them.
 
 use nalgebra::Vector2;
 
@@ -18,20 +18,16 @@ const UNEQUAL: f64 = 1.2;
 /// Semi-minor axis from which on blur takes too little of quadrants to tell, px.
 const THICK: f64 = 20.0;
 
-/// Quadrants with the outline of what is nearer to black than to white: that does not depend on how the candidate was found.
+/// Quadrants with the outline of what is nearer to black than to white.
 pub fn outlined(image: &Raster, candidate: Candidate, m: &Parameters) -> Candidate {
     if candidate.edges.is_none() {
         return candidate;
     }
     let outline = &candidate.outline;
-    let reach = outline.extent() * 1.3;
-    let inside = |b: &Blob| outline.holds(b.centroid);
     // Skin is darker than white: nearer to black it does not run into the quadrants.
     let found = [0.65, 0.8].iter().find_map(|share| {
         let level = (m[LIGHT] - share * contrast(m)).clamp(0.0, 255.0) as u8;
-        let mut own = blob::darker_than(image, outline.centre - reach, outline.centre + reach, level);
-        own.retain(inside);
-        own.sort_by(|a, b| b.area.total_cmp(&a.area));
+        let own = blob::dark_parts(image, outline, 0.0, level);
         candidate::quadrants(&[0, 1], &own).or_else(|| candidate::quadrants(&[0], &own))
     });
     let mut out = found.map_or(*outline, |f| f.outline);
@@ -50,17 +46,11 @@ pub fn at_one_level(image: &Raster, candidate: &Candidate, blobs: &[Blob]) -> Op
         return None;
     }
     let outline = &candidate.outline;
-    let reach = outline.extent() * 1.3;
-    let (low, high) = (outline.centre - reach, outline.centre + reach);
-    let [x0, y0, x1, y1] = [low.x, low.y, high.x, high.y].map(|v| v.max(0.0) as usize);
-    let row = |y: usize| image.row(y).iter().enumerate().take(x1).skip(x0);
-    let place = |x: usize, y: usize| Vector2::new(x as f64, y as f64);
-    let within = |y: usize| row(y).filter(move |(x, _)| outline.holds(place(*x, y))).map(|(_, &v)| v);
-    let counts = Counts::of((y0..y1).flat_map(within));
+    let (low, high) = blob::about(outline, 0.0);
+    let own = image.part(low, high, 1).filter(|&(x, y, _)| outline.holds(Vector2::new(x as f64, y as f64)));
+    let counts = Counts::of(own.map(|(_, _, value)| value));
     let (black, white) = (counts.at(counts.total() / 10)?, counts.at(counts.total() * 9 / 10)?);
-    let mut own = blob::darker_than(image, low, high, black.midpoint(white) as u8);
-    own.retain(|b| outline.holds(b.centroid));
-    own.sort_by(|a, b| b.area.total_cmp(&a.area));
+    let own = blob::dark_parts(image, outline, 0.0, black.midpoint(white) as u8);
     let found = candidate::quadrants(&[0, 1], &own)?;
     Some(Candidate { blobs: candidate.blobs.clone(), ..found })
 }
@@ -74,9 +64,7 @@ fn length_of_white(image: &Raster, outline: &Outline, m: &Parameters) -> Option<
     let centre = Vector2::new(m[X], m[Y]);
     let reach = outline.extent() * 2.2;
     let (low, high) = (centre - reach, centre + reach);
-    let [x0, y0, x1, y1] = [low.x, low.y, high.x, high.y].map(|v| v.max(0.0) as usize);
-    let row = |y: usize| image.row(y).iter().take(x1).skip(x0).step_by(2).copied();
-    let skin = Counts::of((y0..y1).step_by(2).flat_map(row)).middle()? as f64;
+    let skin = Counts::of(image.part(low, high, 2).map(|(_, _, value)| value)).middle()? as f64;
     let level = 0.5 * (skin + m[LIGHT]);
     if m[LIGHT] - skin < WHITER * contrast(m) {
         return None;

@@ -9,6 +9,7 @@ use super::super::raster::Raster;
 use super::candidate::{Band, Outline};
 use super::model::{BLUR, LANES, LIGHT, Lanes, Parameters, all, each, light_at};
 use super::oval::{Oval, columns, row_of};
+use super::weigh;
 use super::wide::wide;
 
 /// The ring beside a disc that is searched, px from its outline: from where its blur has ended (in parts of the blur)
@@ -143,11 +144,10 @@ impl<'a> Ring<'a> {
     /// The pixels so near to a line that they tell whether it is a seam.
     fn beside(&self, line: &Line) -> Vec<Spot> {
         let mut out = Vec::new();
-        let steep = line.across.x.abs().max(1e-6);
+        let through = weigh::Line { at: line.across * line.at, across: line.across };
         for (y, parts) in &self.rows {
-            let middle = (line.at - line.across.y * *y as f64) / steep * line.across.x.signum();
-            let reach = (BESIDE.1 + 1.0) / steep;
-            let (from, to) = ((middle - reach).max(0.0) as usize, (middle + reach).max(0.0) as usize);
+            let (from, to) = through.row(*y as f64, BESIDE.1 + 1.0);
+            let (from, to) = (from.max(0.0) as usize, to.max(0.0) as usize);
             for part in parts {
                 let near = part.start.max(from)..part.end.min(to.saturating_add(1));
                 let Some(pixels) = self.image.row(*y).get(near.clone()) else { continue };

@@ -306,7 +306,7 @@ fn lines((along, half): (f64, f64), crossing: Vector2<f64>) -> [Line; 2] {
 
 impl Line {
     /// The part of a row that is within `reach`.
-    fn row(&self, y: f64, reach: f64) -> (f64, f64) {
+    pub fn row(&self, y: f64, reach: f64) -> (f64, f64) {
         let steep = self.across.x.abs().max(1e-6);
         let middle = self.at.x - (y - self.at.y) * self.across.y * self.across.x.signum() / steep;
         (middle - reach / steep, middle + reach / steep)

@@ -98,18 +98,14 @@ pub fn cut_by(blob: &Blob) -> f64 {
 /// lowers, as a line at its tip does: seen once more against one level.
 fn at_one_level(image: &Raster, blob: &Blob, index: usize) -> Option<Candidate> {
     let seen = Outline::of(blob);
-    let reach = (seen.extent() * 1.3).add_scalar(BESIDE);
-    let (low, high) = (seen.centre - reach, seen.centre + reach);
-    let [x0, y0, x1, y1] = [low.x, low.y, high.x, high.y].map(|v| v.max(0.0) as usize);
-    let row = |y: usize| image.row(y).iter().take(x1).skip(x0).copied();
+    let (low, high) = blob::about(&seen, BESIDE);
+    let about = image.part(low, high, 1).map(|(_, _, value)| value);
     let own = blob.runs.iter().flat_map(|&[y, from, to]| {
         image.row(y as usize).iter().take(to as usize + 1).skip(from as usize).copied()
     });
-    let (black, skin) = (Counts::of(own).middle()?, Counts::of((y0..y1).flat_map(row)).middle()?);
-    let mut found = blob::darker_than(image, low, high, black.midpoint(skin) as u8);
-    found.retain(|b| seen.holds(b.centroid) && !looks_cut(b));
-    let largest = found.iter().max_by(|a, b| a.area.total_cmp(&b.area))?;
-    candidate::disc(index, largest)
+    let (black, skin) = (Counts::of(own).middle()?, Counts::of(about).middle()?);
+    let found = blob::dark_parts(image, &seen, BESIDE, black.midpoint(skin) as u8);
+    candidate::disc(index, found.iter().find(|blob| !looks_cut(blob))?)
 }
 
 /// A disc whose outline is not an ellipse's may have a part hidden by its neighbour, or by glare. With

@@ -157,8 +157,11 @@ impl Layout {
                         part.ac_table,
                         &mut coefficients,
                     )?;
+                    if k > 0 {
+                        continue;
+                    }
                     let (down, across) = (b / self.across, column * self.across + b % self.across);
-                    if k == 0 && self.wanted[row * self.down + down].contains(&across) {
+                    if self.wanted[row * self.down + down].contains(&across) {
                         let block = &mut line[down * wide + across];
                         (coding.transform)(&coefficients, coding.steps, block);
                     }
