@@ -169,21 +169,30 @@ fn dirt_beside_a_disc_does_not_shift_it() {
     assert!(normalised < 1.6, "{normalised} standard deviations");
 }
 
+/// Grey values: skin, black, white.
+type Greys = [f64; 3];
+
+/// Quadrants on skin: black where both coordinates of the sheet, turned by an angle, have one sign.
+fn quadrants(target: Ellipse, turn: f64, [skin, black, white]: Greys) -> impl Fn(f64, f64) -> f64 {
+    let (sin, cos) = turn.sin_cos();
+    move |x, y| {
+        let (s, t) = local(target, x, y);
+        let turned = (s * cos + t * sin, t * cos - s * sin);
+        match (s.hypot(t) < 1.0, turned.0 * turned.1 > 0.0) {
+            (false, _) => skin,
+            (true, true) => black,
+            (true, false) => white,
+        }
+    }
+}
+
 #[test]
 fn the_white_tells_the_length_of_flat_quadrants() {
-    // Black where both coordinates of the sheet have one sign: two thin crescents along the outline.
+    // Two thin crescents along the outline are black.
     let target: Ellipse = [450.2, 200.7, 70.0, 8.5, -0.1];
-    let scene = |x: f64, y: f64| {
-        let (s, t) = local(target, x, y);
-        let turned = (s * 0.64 + t * 0.77, t * 0.64 - s * 0.77);
-        match (s.hypot(t) < 1.0, turned.0 * turned.1 > 0.0) {
-            (false, _) => 160.0,
-            (true, true) => 45.0,
-            (true, false) => 225.0,
-        }
-    };
+    let scene = quadrants(target, 0.877, [160.0, 45.0, 225.0]);
     for seed in 0..3 {
-        let markers = detect(&picture(scene, 1.7, 2.0, seed)).markers;
+        let markers = detect(&picture(&scene, 1.7, 2.0, seed)).markers;
         let (m, error) = nearest(&markers, target).expect("the target is found");
         println!(
             "{:.1} x {:.1} px, off by {:.3} {:.3} px",
@@ -220,4 +229,53 @@ fn a_disc_whose_tip_a_line_touches_is_found_in_back_light() {
     let markers = detect(&on_even_skin("disc.png", 116)).markers;
     let (m, error) = nearest(&markers, [1175.604, 918.340, 68.2, 6.9, -0.1]).expect("it is found");
     assert!(normalised_square(m, error) < 12.0, "off by {error}");
+}
+
+#[test]
+fn quadrants_of_whose_black_blur_leaves_the_middle_are_found() {
+    let target: Ellipse = [450.2, 200.7, 60.0, 5.6, 0.12];
+    let (mut found, mut square) = (0, 0.0);
+    for (turn, noise) in [(0.785, 2.0), (0.785, 5.0), (0.85, 3.0), (0.72, 3.0)] {
+        let scene = quadrants(target, turn, [165.0, 60.0, 215.0]);
+        for seed in 0..6 {
+            let markers = detect(&picture(&scene, 1.9, noise, seed)).markers;
+            let Some((m, error)) = nearest(&markers, target) else { continue };
+            found += 1;
+            square += normalised_square(m, error);
+        }
+    }
+    let normalised = (square / f64::from(found)).sqrt();
+    println!("{found} of 24 found, normalised error {normalised:.2}");
+    assert!(found >= 22, "{found} of 24 are found");
+    assert!((0.7..1.3).contains(&normalised), "{normalised} standard deviations");
+}
+
+#[test]
+fn pale_quadrants_before_skin_that_is_darker_than_their_white_are_found() {
+    let target: Ellipse = [450.2, 200.7, 186.0, 55.0, -0.1];
+    let scene = quadrants(target, 0.6, [125.0, 105.0, 149.0]);
+    for seed in 0..3 {
+        let markers = detect(&picture(&scene, 2.0, 2.0, seed)).markers;
+        let (m, error) = nearest(&markers, target).expect("the target is found");
+        assert!(normalised_square(m, error) < 9.0, "off by {error}");
+    }
+}
+
+#[test]
+fn discs_thinner_than_their_blur_are_found() {
+    let thin = discs().map(|[x, y, a, _, angle]| [x, y, a, 0.05 * a, angle]);
+    let (mut found, mut square) = (0, 0.0);
+    for seed in 0..6 {
+        let markers = detect(&picture(on_skin(&thin, 165.0, 60.0), 2.0, 4.0, seed)).markers;
+        assert!(markers.len() <= thin.len(), "seed {seed}: {} markers", markers.len());
+        for disc in thin {
+            let Some((m, error)) = nearest(&markers, disc) else { continue };
+            found += 1;
+            square += normalised_square(m, error);
+        }
+    }
+    let normalised = (square / f64::from(found)).sqrt();
+    println!("{found} of 54 found, normalised error {normalised:.2}");
+    assert!(found >= 53, "{found} of 54 discs are found");
+    assert!((0.7..1.3).contains(&normalised), "{normalised} standard deviations");
 }

@@ -29,6 +29,8 @@ pub struct Candidate {
     pub pattern: Pattern,
     /// The marker's outline.
     pub outline: Outline,
+    /// Whether that is of quadrants' black and white together.
+    pub against_skin: bool,
     /// Quadrants: direction of s, and tangent of half the angle between the edges.
     pub edges: Option<(f64, f64)>,
     /// Blobs that it is made of.
@@ -43,6 +45,15 @@ pub struct Candidate {
     pub alike: bool,
     /// Standard deviation of the major axis, px, where whole discs about it foretell it.
     pub foretold: Option<f64>,
+    /// What the frame's other markers tell of its edges, where it is too thin to tell them itself.
+    pub like: Option<Like>,
+}
+
+/// Usual blur, px, and darkness of a frame's markers, each with its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Like {
+    pub blur: (f64, f64),
+    pub dark: (f64, f64),
 }
 
 /// A strip of the picture across a marker's axis, px.
@@ -177,6 +188,7 @@ pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
     ((0.72..1.2).contains(&blob.fill()) && squareness(blob) < most).then(|| Candidate {
         pattern: Pattern::Disc,
         outline,
+        against_skin: false,
         edges: None,
         blobs: vec![index],
         hidden: Vec::new(),
@@ -184,6 +196,7 @@ pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
         seams: Vec::new(),
         alike: false,
         foretold: None,
+        like: None,
     })
 }
 
@@ -198,7 +211,7 @@ pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Candidate> {
     let blobs: Vec<&Blob> = indices.iter().map(|&i| all.get(i)).collect::<Option<_>>()?;
     let shape = together(&blobs);
     let det = shape.covariance.determinant();
-    if det <= 1e-6 || !(0.50..0.80).contains(&(shape.area / (4.0 * PI * det.sqrt()))) {
+    if det <= 1e-6 || !(0.50..0.85).contains(&(shape.area / (4.0 * PI * det.sqrt()))) {
         return None;
     }
     let (whiten, halves) = split(&blobs, &shape)?;
@@ -219,6 +232,11 @@ pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Candidate> {
         return None;
     }
     let outline = Outline::from_moments(shape.centre, affine * affine.transpose(), 1.0);
+    Some(between(e1, e2, outline, indices))
+}
+
+/// Quadrants whose black ones lie between two directions, and their opposites.
+pub fn between(e1: Vector2<f64>, e2: Vector2<f64>, outline: Outline, blobs: &[usize]) -> Candidate {
     let (u1, u2) = (e1.normalize(), e2.normalize());
     let half = 0.5 * u1.dot(&u2).clamp(-1.0, 1.0).acos();
     let bisector = u1 + u2;
@@ -228,17 +246,19 @@ pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Candidate> {
     } else {
         (Pattern::WhiteAlong, (along + PI / 2.0, (PI / 2.0 - half).tan()))
     };
-    Some(Candidate {
+    Candidate {
         pattern,
         outline,
+        against_skin: false,
         edges: Some(edges),
-        blobs: indices.to_vec(),
+        blobs: blobs.to_vec(),
         hidden: Vec::new(),
         bands: Vec::new(),
         seams: Vec::new(),
         alike: false,
         foretold: None,
-    })
+        like: None,
+    }
 }
 
 /// Whitening transform of a shape, and its kurtosis in 36 whitened directions.

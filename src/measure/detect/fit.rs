@@ -66,6 +66,8 @@ const MOST_LAST: usize = 12;
 /// marker's.
 const EARLY: usize = 5;
 const LATE: usize = 8;
+/// The last step of the last fit, px.
+const STILL: f64 = 0.05;
 
 /// What a fit is made of.
 struct Problem<'a> {
@@ -167,12 +169,16 @@ impl<'a> Problem<'a> {
             let steady = (step.scale / last - 1.0).abs() < 0.2;
             last = step.scale;
             scale = step.scale.max(0.4 * scale);
-            let calm = self.pixels.pattern != Pattern::Disc || change[FIRST].abs() < 0.02;
             let settled = match until {
-                Until::Near => moved < 0.02 && steady,
-                Until::Fixed => ratio < 0.15 && moved < 0.05 && moved < 0.1 * self.spread(&step, &factor),
+                Until::Near => moved < 0.02 && steady && self.is_calm(&change, 0.02),
+                Until::Fixed => {
+                    let spread = self.spread(&step, &factor);
+                    // What is known to a pixel only need not stand as still.
+                    let still = ratio < 0.15 && moved < 0.1 * spread && moved < STILL.max(0.1 * spread);
+                    still && self.is_calm(&change, 0.02f64.max(0.1 * spread))
+                }
             };
-            if (settled && calm) || (iteration + 1 == most && moved < 0.02) {
+            if settled || (iteration + 1 == most && moved < 0.02) {
                 return Some(End { parameters: m, start, scale, step, factor });
             }
             let far = iteration >= LATE && moved > 1.0;
@@ -181,6 +187,11 @@ impl<'a> Problem<'a> {
             }
         }
         None
+    }
+
+    /// Whether a disc's length, px, hardly changes.
+    fn is_calm(&self, change: &Column, most: f64) -> bool {
+        self.pixels.pattern != Pattern::Disc || change[FIRST].abs() < most
     }
 
     /// The centre's standard deviation, px.

@@ -13,7 +13,7 @@ use super::linear::CUT;
 use super::model::{
     ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y,
 };
-use super::outlined::{at_one_level, outlined};
+use super::outlined::{against_skin, at_one_level, outlined};
 use super::select::{ALL, EVERY, FEW, Look, Masked, pixels};
 use super::sought::{EGG_SPREAD, few_unknowns, unknowns};
 use super::{Detection, RejectReason, seam, uneven};
@@ -84,7 +84,11 @@ pub fn measure(
 ) -> Result<Measured, RejectReason> {
     let levelled = at_one_level(image, candidate, blobs);
     let levelled = levelled.and_then(|candidate| measure_once(image, blobs, &candidate, bounds).ok());
-    levelled.map_or_else(|| measure_once(image, blobs, candidate, bounds), Ok)
+    let measured = levelled.map_or_else(|| measure_once(image, blobs, candidate, bounds), Ok);
+    measured.or_else(|reason| {
+        let again = against_skin(image, candidate).ok_or(reason)?;
+        measure_once(image, blobs, &again, bounds).map_err(|_| reason)
+    })
 }
 
 fn measure_once(
@@ -107,9 +111,10 @@ fn measure_once(
     }
     let floor = 0.5f64.max(0.8 * noise);
     let (few, all) = if candidate.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
-    let look = Look { crossing: outline.centre, blur: 1.0, sag: 0.0 };
+    let blur = candidate.like.map_or(1.0, |like| like.blur.0);
+    let look = Look { crossing: outline.centre, blur, sag: 0.0 };
     let first = pixels(image, Masked::Blobs(blobs), candidate, look, few).ok_or(RejectReason::LowContrast)?;
-    let start = start(candidate, &first, 1.0).ok_or(RejectReason::LowContrast)?;
+    let start = start(candidate, &first, blur).ok_or(RejectReason::LowContrast)?;
     let (near, scale) =
         rough(&first, &start, &few_unknowns(candidate), floor).ok_or(RejectReason::NoConvergence)?;
     // A rough fit leaves at most twice what the last one may.
@@ -214,7 +219,12 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
         return Err(RejectReason::TooSmall);
     }
     let lopsided = candidate.pattern == Pattern::Disc && m[EGG].abs() > 4.0 * EGG_SPREAD;
-    let flattest = if candidate.pattern == Pattern::Disc { FLATTEST } else { FLATTEST_QUADRANTS };
+    let flattest = match candidate.pattern {
+        // As thin as that the thickness is told badly, and the length is known.
+        Pattern::Disc if candidate.like.is_some() => 1.5 * FLATTEST,
+        Pattern::Disc => FLATTEST,
+        _ => FLATTEST_QUADRANTS,
+    };
     if lopsided || outline.major > flattest * outline.minor {
         return Err(RejectReason::NotAnEllipse);
     }
@@ -228,7 +238,8 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
     if m[BLUR] > SOFTEST || fit.inliers < 0.55 || fit.rms > largest_rms(candidate, noise, contrast) {
         return Err(RejectReason::PoorFit);
     }
-    if candidate.edges.is_some_and(|edges| !ends_in_arcs(image, candidate, edges.0, m)) {
+    let edges = candidate.edges.filter(|_| !candidate.against_skin);
+    if edges.is_some_and(|edges| !ends_in_arcs(image, candidate.pattern, &outline, edges.0, m)) {
         return Err(RejectReason::Pattern);
     }
     let mut covariance = fit.covariance.fixed_view::<2, 2>(0, 0).into_owned();
@@ -241,8 +252,8 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
     }
     let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
     // A part of an outline, or one in uneven light, tells the centre less well, and says so.
-    let most = if candidate.is_whole() { (0.02 * outline.major).max(0.6) } else { 2.0 };
-    let most = most.min(0.05 * outline.major).min(2.0);
+    let most = if candidate.is_whole() { (0.02 * outline.major).max(0.6) } else { f64::INFINITY };
+    let most = most.min(0.05 * outline.major).min(if candidate.foretold.is_some() { 2.5 } else { 2.0 });
     if !(spread > 0.0 && spread < most) {
         return Err(RejectReason::Uncertain);
     }
@@ -265,9 +276,8 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
 }
 
 /// Whether the black quadrants end at the outline: the corner of a checkerboard's squares goes on.
-fn ends_in_arcs(image: &Raster, candidate: &Candidate, along: f64, m: &Parameters) -> bool {
-    let outline = &candidate.outline;
-    let turn = if candidate.pattern == Pattern::WhiteAlong { std::f64::consts::FRAC_PI_2 } else { 0.0 };
+fn ends_in_arcs(image: &Raster, pattern: Pattern, outline: &Outline, along: f64, m: &Parameters) -> bool {
+    let turn = if pattern == Pattern::WhiteAlong { std::f64::consts::FRAC_PI_2 } else { 0.0 };
     let direction = Vector2::new((along + turn).cos(), (along + turn).sin());
     let (s, t) = outline.local(outline.centre + direction);
     let radius = 1.0 / (s / outline.major).hypot(t / outline.minor);
@@ -283,7 +293,7 @@ fn ends_in_arcs(image: &Raster, candidate: &Candidate, along: f64, m: &Parameter
     [-1.0, 1.0].iter().all(|side| {
         // Blur lifts a thin tip, and leaves less to tell it from the skin.
         let inside = grey(side * 0.75);
-        let lighter = |step: &&f64| grey(side * (first + **step)) > inside + 0.28 * (light - inside);
+        let lighter = |step: &&f64| grey(side * (first + **step)) > inside + 0.2 * (light - inside);
         inside < 0.5 * (light + black) && [0.0, 0.04, 0.08].iter().filter(lighter).count() >= 2
     })
 }

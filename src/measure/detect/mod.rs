@@ -37,7 +37,7 @@ use std::ops::Range;
 use nalgebra::{Matrix2, Vector2};
 
 use coarse::Part;
-use whole::{Whole, again_with_size, measure_whole_or_hidden};
+use whole::{Whole, again_with_like, again_with_size, is_unsure, measure_whole_or_hidden};
 
 use super::raster::Raster;
 use super::setup::Shape;
@@ -170,6 +170,10 @@ pub struct Prediction {
 const MAX_REGIONS: usize = 400;
 const MAX_REJECTED: usize = 200;
 
+/// Grey over background, in 1/256, from which on black is so light that quadrants' white, where that is the background, takes
+/// it above the black that lies before the skin.
+const PALE: u16 = 140;
+
 /// Most blobs, pairs of blobs and candidates of a kind: far above what a wing shows, so that clutter
 /// cannot take for ever. The largest are kept.
 const MAX_BLOBS: usize = 500;
@@ -271,7 +275,7 @@ fn search(
     let mut taken: Vec<bool> = blobs.iter().map(within).collect();
     let mut whole = Whole::new(image, &blobs, measure::Bounds::of(noise));
     let mut found = Found { measured: before, rejected: Vec::new() };
-    let mut hidden = Vec::new();
+    let (mut hidden, mut unsure) = (Vec::new(), Vec::new());
     for candidates in [quadrants(&blobs), discs(&blobs)] {
         for candidate in &candidates {
             let wanted = sought.is_none_or(|sought| guided::is_near(candidate, sought));
@@ -290,11 +294,15 @@ fn search(
                     found.measured.push(measured);
                     whole.bounds.blur = distinct::softest(&found).map_or(whole.bounds.blur, |b| MARGIN * b);
                 }
-                Err(reason) => found.rejected.push(candidate.rejected(reason)),
+                Err(reason) => {
+                    found.rejected.push(candidate.rejected(reason));
+                    unsure.extend(is_unsure(reason).then(|| candidate.clone()));
+                }
             }
         }
     }
     again_with_size(&whole, &mut found, hidden);
+    again_with_like(&whole, &mut found, unsure);
     distinct::distinct(&mut found);
     found
 }
@@ -339,7 +347,8 @@ fn find_blobs(image: &Raster, coarse: &mut coarse::Coarse, faint: bool) -> Vec<b
             budget = left;
             let (blobs, cut) = blob::blobs(image, coarse, &region);
             blobs.into_iter().for_each(|blob| add_once(&mut out, blob));
-            if cut && level == laxest {
+            let pale = region.least > PALE && region.width().min(region.height()) >= coarse::THICK / 2;
+            if (cut && level == laxest) || (pale && !cut) {
                 let again = blob::blobs_against_surround(image, coarse, &region);
                 again.into_iter().for_each(|blob| add_once(&mut out, blob));
             }

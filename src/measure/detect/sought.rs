@@ -2,10 +2,10 @@
 
 use super::candidate::Candidate;
 use super::fit::Unknowns;
-use super::model::{ANGLE, DARK, EGG, FIRST, GAMMA, LIGHT, N, Pattern, SECOND, THIRD};
+use super::model::{ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Pattern, SECOND, THIRD};
 
 /// The tone curve of pictures made for the eye, and how far cameras depart from it.
-const USUAL_GAMMA: (f64, f64) = (1.0 / 2.2, 0.15);
+pub const USUAL_GAMMA: (f64, f64) = (1.0 / 2.2, 0.15);
 /// A disc's sag over its semi-major axis, and the change of its thickness, on the skin of a wing. A
 /// whole outline tells them better; half an outline needs to know that they are small.
 const SAG_SPREAD: f64 = 0.01;
@@ -69,6 +69,10 @@ fn usual(candidate: &Candidate) -> [(f64, f64); N] {
     }
     if let Some(deviation) = candidate.foretold {
         out[FIRST] = (outline.major, deviation);
+    }
+    if let Some(like) = candidate.like {
+        out[BLUR] = like.blur;
+        out[DARK] = like.dark;
     }
     out
 }

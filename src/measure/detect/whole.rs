@@ -4,16 +4,30 @@ use nalgebra::Vector2;
 
 use super::super::raster::Raster;
 use super::blob::{self, Blob};
-use super::candidate::{self, Candidate, Outline};
+use super::candidate::{self, Candidate, Like, Outline};
 use super::counts::Counts;
 use super::measure::{Bounds, Measured, measure};
 use super::model::Pattern;
+use super::noise::FRAYING;
+use super::sought::USUAL_GAMMA;
 use super::{Found, RejectReason, arc, glare};
 
 /// Skin about a disc that tells its grey, px.
 const BESIDE: f64 = 6.0;
 /// Standard deviations of the size that discs about it foretell beyond which a disc is another thing.
 const UNLIKE: f64 = 4.0;
+/// The same where a disc is so thin that it tells little more than that size.
+const UNLIKE_THIN: f64 = 2.5;
+/// Markers that tell blur and darkness of those between them, and how far these differ from one to another: the blur as a
+/// share.
+const ENOUGH: usize = 5;
+const SAME_BLUR: f64 = 0.1;
+const SAME_DARK: f64 = 0.1;
+/// Semi-minor axis, in blurs, below which a marker does not tell them apart.
+const THIN: f64 = 3.0;
+/// How much squarer than a whole disc one may look that blur, or strong noise, has frayed.
+const FRAYED: f64 = 1.15;
+const FRAYED_BY_NOISE: f64 = 1.5;
 
 /// Measures discs that are hidden in part once more, when the whole ones about them have told how
 /// large they are; also those of which too little was seen before. One of quite another size is turned down: something
@@ -35,7 +49,7 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
         }
         candidate.outline.major = major;
         candidate.foretold = Some(deviation);
-        let like = |m: &Measured| (m.detection.semi_major_px - major).abs() < UNLIKE * deviation;
+        let like = |m: &Measured| is_as_long(m, (major, deviation), UNLIKE);
         let again = measure(known.image, known.blobs, &candidate, known.bounds).ok().filter(like);
         let slot = index.and_then(|i| found.measured.get_mut(i));
         match (again, slot) {
@@ -48,6 +62,59 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
     wrong.sort_unstable();
     wrong.dedup();
     wrong.into_iter().rev().for_each(|i| found.turn_down(i, RejectReason::Uncertain));
+}
+
+/// Whether a thin marker may be turned down so only because it does not tell blur and thickness apart.
+pub fn is_unsure(reason: RejectReason) -> bool {
+    matches!(reason, RejectReason::NoConvergence | RejectReason::NotAnEllipse | RejectReason::Uncertain)
+}
+
+/// Measures what is about as thin as the blur once more, when the markers about it have told blur and darkness. Discs also
+/// need to be as long as those about them foretell.
+pub fn again_with_like(known: &Whole, found: &mut Found, unsure: Vec<Candidate>) {
+    for mut candidate in unsure {
+        let outline = candidate.outline;
+        let there = found.measured.iter().any(|m| m.detection.outline().holds(outline.centre));
+        let Some(like) = like(found, outline.centre).filter(|l| !there && outline.minor < THIN * l.blur.0)
+        else {
+            continue;
+        };
+        candidate.like = Some(like);
+        let mut size = None;
+        if candidate.pattern == Pattern::Disc {
+            size = arc::foretold_major(found.measured.iter().map(|m| &m.detection), outline.centre);
+            let Some((major, deviation)) = size else { continue };
+            candidate.outline.major = major;
+            candidate.foretold = Some(deviation);
+        }
+        let measured = measure(known.image, known.blobs, &candidate, known.bounds).ok();
+        let sure = |m: &Measured| size.is_none_or(|size| is_as_long(m, size, UNLIKE_THIN));
+        if let Some(measured) = measured.filter(sure) {
+            let own = measured.detection.outline();
+            found.rejected.retain(|r| !own.holds(r.centre_px));
+            found.measured.push(measured);
+        }
+    }
+}
+
+/// What the markers nearest to a place tell of an edge, where there are some.
+fn like(found: &Found, at: Vector2<f64>) -> Option<Like> {
+    let mut near: Vec<&Measured> = found.measured.iter().collect();
+    if near.len() < ENOUGH {
+        return None;
+    }
+    let distance = |m: &Measured| (m.detection.centre_px - at).norm_squared();
+    near.sort_by(|one, other| distance(one).total_cmp(&distance(other)));
+    near.truncate(ENOUGH);
+    let blur = super::middle(near.iter().map(|m| m.blur).collect())?;
+    let darkness = super::middle(near.iter().map(|m| m.darkness).collect())?;
+    let dark = 1.0 - (1.0 - darkness).max(0.0).powf(1.0 / USUAL_GAMMA.0);
+    Some(Like { blur: (blur, SAME_BLUR * blur), dark: (dark, SAME_DARK) })
+}
+
+/// Whether a disc is as long as was foretold with some deviation, px, to so many of them.
+fn is_as_long(disc: &Measured, (major, deviation): (f64, f64), most: f64) -> bool {
+    (disc.detection.semi_major_px - major).abs() < most * deviation
 }
 
 /// Blobs measured as whole discs, each once.
@@ -86,6 +153,11 @@ impl<'a> Whole<'a> {
 /// Whether a blob is too square for a whole disc of its size.
 fn looks_cut(blob: &Blob) -> bool {
     cut_by(blob) > 1.0
+}
+
+/// Whether a blob that looks cut by nothing may be a whole disc all the same, which blur or noise has frayed.
+fn is_frayed(blob: &Blob, noise: f64) -> bool {
+    cut_by(blob) < if noise > FRAYING { FRAYED_BY_NOISE } else { FRAYED }
 }
 
 /// How square a blob is against what a whole disc of its size may be.
@@ -139,6 +211,9 @@ pub fn measure_whole_or_hidden(
                 let again = drowned.is_none().then(|| at_one_level(image, blob, index)).flatten();
                 match again.map(|candidate| measured(&candidate)) {
                     Some(Ok(found)) => (Ok(found), None),
+                    _ if drowned.is_none() && is_frayed(blob, bounds.noise) => {
+                        (known.measure(index, candidate), Some(candidate.clone()))
+                    }
                     _ => (failed.unwrap_or(whole), drowned),
                 }
             }
