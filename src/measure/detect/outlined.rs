@@ -9,7 +9,7 @@ use super::blob::{self, Blob};
 use super::candidate::{self, Candidate, Outline};
 use super::counts::Counts;
 use super::fit::contrast;
-use super::model::{LIGHT, Parameters, X, Y};
+use super::model::{BLUR, LIGHT, Parameters, X, Y};
 
 /// How much longer quadrants' white must be than their black to tell their length; and its least contrast against the skin,
 /// as a share of theirs.
@@ -19,6 +19,8 @@ const WHITER: f64 = 0.12;
 const UNEQUAL: f64 = 1.2;
 /// Semi-minor axis from which on blur takes too little of quadrants to tell, px.
 const THICK: f64 = 20.0;
+/// Semi-minor axis, in blurs, below which black and white together tell the outline better than black alone.
+const NARROW: f64 = 8.0;
 /// How far the outline's centre may lie from where the edges of such quadrants cross, px.
 const ASIDE: f64 = 1.5;
 
@@ -48,6 +50,13 @@ pub fn outlined(image: &Raster, candidate: Candidate, m: &Parameters) -> Candida
     let mut out = found.map_or(*outline, |f| f.outline);
     if let Some(longer) = length_of_white(image, &out, m).filter(|longer| *longer > LONGER * out.major) {
         out.major = longer;
+    }
+    if out.minor < NARROW * m[BLUR] {
+        let alike = |seen: &Outline| {
+            let (longer, wider) = (seen.major / out.major, seen.minor / out.minor);
+            (0.8..1.5).contains(&longer) && (0.8..1.4).contains(&wider)
+        };
+        out = unlike_skin(image, &out).filter(alike).unwrap_or(out);
     }
     // Blur takes more of one black part's thin end than of the other's.
     if out.minor < THICK && (out.centre - saddle).norm() > ASIDE {
@@ -81,6 +90,12 @@ pub fn against_skin(image: &Raster, candidate: &Candidate) -> Option<Candidate> 
     if candidate.edges.is_none() || seen.minor > BLURRED || seen.major < FLAT * seen.minor {
         return None;
     }
+    let found = within(unlike_skin(image, seen)?, image, &candidate.blobs)?;
+    Some(Candidate { like: candidate.like, ..found })
+}
+
+/// The outline of all that is unlike the skin about what is seen of quadrants.
+fn unlike_skin(image: &Raster, seen: &Outline) -> Option<Outline> {
     let reach = (seen.extent() * HIDDEN).add_scalar(SKIN);
     let (low, high) = (seen.centre - reach, seen.centre + reach);
     let skin = Counts::of(image.part(low, high, 1).map(|(_, _, value)| value)).middle()?;
@@ -91,11 +106,7 @@ pub fn against_skin(image: &Raster, candidate: &Candidate) -> Option<Candidate> 
     let longest = Outline { major: HIDDEN * seen.major, minor: HIDDEN * seen.minor, ..*seen };
     let least = 0.1 * seen.major * seen.minor;
     let parts: Vec<&Blob> = parts.iter().filter(|b| b.area > least && longest.holds(b.centroid)).collect();
-    if parts.is_empty() {
-        return None;
-    }
-    let found = within(&parts, image, &candidate.blobs)?;
-    Some(Candidate { like: candidate.like, ..found })
+    hull(&parts).filter(|outline| outline.minor >= 1.0)
 }
 
 /// The ellipse of inertia of the convex hull of some blobs; `None` where they are too far from an ellipse. Cracks between
@@ -140,12 +151,11 @@ fn hull(parts: &[&Blob]) -> Option<Outline> {
     (own > SEEN * area && area > FULL * PI * outline.major * outline.minor).then_some(outline)
 }
 
-/// Quadrants whose outline, black and white together, is the ellipse of inertia of some parts of the picture: of the
-/// pairs of edges that are conjugate diameters the one that best parts dark from light.
-fn within(parts: &[&Blob], image: &Raster, blobs: &[usize]) -> Option<Candidate> {
+/// Quadrants with an outline that holds black and white: of the pairs of edges that are conjugate diameters the one that best
+/// parts dark from light.
+fn within(outline: Outline, image: &Raster, blobs: &[usize]) -> Option<Candidate> {
     const TURNS: usize = 36;
     const INNER: f64 = 0.85;
-    let outline = hull(parts).filter(|outline| outline.minor >= 1.0)?;
     let (sin, cos) = outline.angle.sin_cos();
     let half = Vector2::new(cos, sin) * outline.major;
     let across = Vector2::new(-sin, cos) * outline.minor;
