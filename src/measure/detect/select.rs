@@ -40,9 +40,11 @@ const LONG: f64 = 150.0;
 /// Band of a sharp edge, px.
 const SHARP: f64 = 1.5;
 
-/// How far from quadrants' rim pixels are used, in blurs. There 7 % of skin is mixed in, on opposite sides alike, so that
-/// the crossing stays; farther in less of the edges is left.
-const RIM: f64 = 1.5;
+/// How far from quadrants' rim pixels are used, in blurs; so is their semi-minor axis. At 1.5 there is 7 % of skin mixed in,
+/// on opposite sides alike, so that the crossing stays. Thick ones have edges enough farther in.
+fn rim(minor: f64) -> f64 {
+    (1.5 + (minor - 10.0) / 15.0).clamp(1.5, 2.5)
+}
 
 /// Bands about an edge, px: where its blur reaches, and flat ground beside it.
 #[derive(Clone, Copy)]
@@ -237,7 +239,7 @@ pub fn pixels(
     let oval = Oval::new(outline);
     let edges = candidate.edges.map(|edges| Edges {
         lines: lines(edges, look.crossing),
-        margin: (RIM * blur).min(0.45 * outline.minor).max(1.0),
+        margin: (rim(outline.minor / blur) * blur).min(0.45 * outline.minor).max(1.0),
         along: Vector2::new(edges.0.cos(), edges.0.sin()),
     });
     let length = edges.map_or_else(
