@@ -66,8 +66,6 @@ const MOST_LAST: usize = 12;
 /// marker's.
 const EARLY: usize = 5;
 const LATE: usize = 8;
-/// The last step of the last fit, px.
-const STILL: f64 = 0.05;
 
 /// What a fit is made of.
 struct Problem<'a> {
@@ -171,11 +169,12 @@ impl<'a> Problem<'a> {
             scale = step.scale.max(0.4 * scale);
             let settled = match until {
                 Until::Near => moved < 0.02 && steady && self.is_calm(&change, 0.02),
+                // What is known to a pixel only need not stand as still.
                 Until::Fixed => {
-                    let spread = self.spread(&step, &factor);
-                    // What is known to a pixel only need not stand as still.
-                    let still = ratio < 0.15 && moved < 0.1 * spread && moved < STILL.max(0.1 * spread);
-                    still && self.is_calm(&change, 0.02f64.max(0.1 * spread))
+                    ratio < 0.15 && {
+                        let most = 0.1 * self.spread(&step, &factor);
+                        moved < most && self.is_calm(&change, most.max(0.02))
+                    }
                 }
             };
             if settled || (iteration + 1 == most && moved < 0.02) {

@@ -86,7 +86,7 @@ pub fn measure(
     let levelled = levelled.and_then(|candidate| measure_once(image, blobs, &candidate, bounds).ok());
     let measured = levelled.map_or_else(|| measure_once(image, blobs, candidate, bounds), Ok);
     measured.or_else(|reason| {
-        let again = against_skin(image, candidate).ok_or(reason)?;
+        let again = against_skin(image, candidate, bounds.blur).ok_or(reason)?;
         measure_once(image, blobs, &again, bounds).map_err(|_| reason)
     })
 }

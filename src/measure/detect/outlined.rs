@@ -10,6 +10,7 @@ use super::candidate::{self, Candidate, Outline};
 use super::counts::Counts;
 use super::fit::contrast;
 use super::model::{BLUR, LIGHT, Parameters, X, Y};
+use super::oval::{Oval, row_of};
 
 /// How much longer quadrants' white must be than their black to tell their length; and its least contrast against the skin,
 /// as a share of theirs.
@@ -25,8 +26,9 @@ const NARROW: f64 = 8.0;
 const ASIDE: f64 = 1.5;
 
 /// Flat quadrants of whose black blur may take so much that what is left tells neither outline nor edges: greatest
-/// semi-minor axis, px, and least axis ratio of what is seen; how much larger they may be, and skin about them, px.
-const BLURRED: f64 = 14.0;
+/// semi-minor axis, over the greatest blur, and least axis ratio of what is seen; how much larger they may be, and skin about
+/// them, px.
+const BLURRED: f64 = 3.2;
 const FLAT: f64 = 3.0;
 const HIDDEN: f64 = 2.5;
 const SKIN: f64 = 8.0;
@@ -84,10 +86,10 @@ pub fn at_one_level(image: &Raster, candidate: &Candidate, blobs: &[Blob]) -> Op
 }
 
 /// Flat quadrants of whose black blur has left only the middle, seen once more by all that is unlike the skin, black and
-/// white; `None` for thick ones.
-pub fn against_skin(image: &Raster, candidate: &Candidate) -> Option<Candidate> {
+/// white; `None` for those that are too thick for the greatest blur, px.
+pub fn against_skin(image: &Raster, candidate: &Candidate, softest: f64) -> Option<Candidate> {
     let seen = &candidate.outline;
-    if candidate.edges.is_none() || seen.minor > BLURRED || seen.major < FLAT * seen.minor {
+    if candidate.edges.is_none() || seen.minor > BLURRED * softest || seen.major < FLAT * seen.minor {
         return None;
     }
     let found = within(unlike_skin(image, seen)?, image, &candidate.blobs)?;
@@ -98,9 +100,13 @@ pub fn against_skin(image: &Raster, candidate: &Candidate) -> Option<Candidate> 
 fn unlike_skin(image: &Raster, seen: &Outline) -> Option<Outline> {
     let reach = (seen.extent() * HIDDEN).add_scalar(SKIN);
     let (low, high) = (seen.centre - reach, seen.centre + reach);
-    let skin = Counts::of(image.part(low, high, 1).map(|(_, _, value)| value)).middle()?;
-    let own = image.part(low, high, 1).filter(|&(x, y, _)| seen.holds(Vector2::new(x as f64, y as f64)));
-    let black = Counts::of(own.map(|(_, _, value)| value)).at(0)?;
+    let skin = Counts::of(image.part(low, high, 2).map(|(_, _, value)| value)).middle()?;
+    let rows = Oval::new(seen).grown(0.0);
+    let own = (low.y.max(0.0) as usize..high.y.max(0.0) as usize).flat_map(|y| {
+        let (from, to) = row_of(&rows, y as f64).unwrap_or((0.0, 0.0));
+        image.row(y).iter().take(to.max(0.0) as usize).skip(from.max(0.0) as usize)
+    });
+    let black = usize::from(*own.min()?);
     let far = skin.saturating_sub(black) / 3;
     let parts = blob::blobs_of(image, low, high, |v| usize::from(v).abs_diff(skin) > far);
     let longest = Outline { major: HIDDEN * seen.major, minor: HIDDEN * seen.minor, ..*seen };
@@ -156,16 +162,16 @@ fn hull(parts: &[&Blob]) -> Option<Outline> {
 fn within(outline: Outline, image: &Raster, blobs: &[usize]) -> Option<Candidate> {
     const TURNS: usize = 36;
     const INNER: f64 = 0.85;
-    let (sin, cos) = outline.angle.sin_cos();
-    let half = Vector2::new(cos, sin) * outline.major;
-    let across = Vector2::new(-sin, cos) * outline.minor;
+    let oval = Oval::new(&outline);
+    let half = Vector2::new(oval.cos, oval.sin) * outline.major;
+    let across = Vector2::new(-oval.sin, oval.cos) * outline.minor;
     let reach = outline.extent();
     // Grey value by the direction in the outline seen as a circle; opposite ones are alike.
     let mut sums = [(0.0, 0.0); TURNS];
     for (x, y, value) in image.part(outline.centre - reach, outline.centre + reach, 1) {
-        let (s, t) = outline.local(Vector2::new(x as f64, y as f64));
+        let (s, t) = oval.local(x as f64, y as f64);
         let (p, q) = (s / outline.major, t / outline.minor);
-        if p.hypot(q) < INNER {
+        if p * p + q * q < INNER * INNER {
             let turn = (q.atan2(p).rem_euclid(PI) / PI * TURNS as f64) as usize % TURNS;
             sums[turn].0 += f64::from(value);
             sums[turn].1 += 1.0;
