@@ -112,7 +112,7 @@ fn measure_once(
     let floor = 0.5f64.max(0.8 * noise);
     let (few, all) = if candidate.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
     let blur = candidate.like.map_or(1.0, |like| like.blur.0);
-    let look = Look { crossing: outline.centre, blur, sag: 0.0 };
+    let look = Look { crossing: outline.centre, blur, sag: 0.0, rough: candidate.against_skin };
     let first = pixels(image, Masked::Blobs(blobs), candidate, look, few).ok_or(RejectReason::LowContrast)?;
     let start = start(candidate, &first, blur).ok_or(RejectReason::LowContrast)?;
     let (near, scale) =
@@ -134,7 +134,7 @@ fn measure_once(
             _ => Masked::Blobs(blobs),
         };
         let sag = if place.edges.is_none() { near[THIRD] } else { 0.0 };
-        let look = Look { crossing: Vector2::new(near[X], near[Y]), blur: near[BLUR], sag };
+        let look = Look { crossing: Vector2::new(near[X], near[Y]), blur: near[BLUR], sag, rough: false };
         let pixels = pixels(image, masked, place, look, all).ok_or(RejectReason::NoConvergence)?;
         let bent = fit(&pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
         // The straight model knows more, where the bend is not significant.

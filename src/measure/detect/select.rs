@@ -43,8 +43,11 @@ const SHARP: f64 = 1.5;
 /// How far from quadrants' rim pixels are used, in blurs; so is their semi-minor axis. At 1.5 there is 7 % of skin mixed in,
 /// on opposite sides alike, so that the crossing stays. Thick ones have edges enough farther in.
 fn rim(minor: f64) -> f64 {
-    (1.5 + (minor - 10.0) / 15.0).clamp(1.5, 2.5)
+    (1.5 + (minor - 10.0) / 15.0).clamp(1.5, RIM)
 }
+
+/// How far at most, and where the blur is not known yet.
+const RIM: f64 = 2.5;
 
 /// Bands about an edge, px: where its blur reaches, and flat ground beside it.
 #[derive(Clone, Copy)]
@@ -207,6 +210,8 @@ pub struct Look {
     pub blur: f64,
     /// A disc's sag, px.
     pub sag: f64,
+    /// Whether the blur is only supposed, and the marker so thin that this matters.
+    pub rough: bool,
 }
 
 /// The pixels for a candidate; `None` where it lies outside the frame.
@@ -239,7 +244,9 @@ pub fn pixels(
     let oval = Oval::new(outline);
     let edges = candidate.edges.map(|edges| Edges {
         lines: lines(edges, look.crossing),
-        margin: (rim(outline.minor / blur) * blur).min(0.45 * outline.minor).max(1.0),
+        margin: (if look.rough { RIM } else { rim(outline.minor / blur) } * blur)
+            .min(0.45 * outline.minor)
+            .max(1.0),
         along: Vector2::new(edges.0.cos(), edges.0.sin()),
     });
     let length = edges.map_or_else(
