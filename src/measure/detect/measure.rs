@@ -31,6 +31,10 @@ const TELLS_GAMMA: f64 = 0.3;
 /// does to the edges beside it, px: about a tenth of an edge's width.
 const DROWNED: f64 = 0.64;
 const VEIL_PX: f64 = 0.1;
+/// Greatest standard deviation of a centre, px: of any, and of one whose length its like foretell, so that no more than
+/// the place along it is in doubt.
+const VAGUEST: f64 = 2.0;
+const VAGUEST_FORETOLD: f64 = 2.5;
 /// Share of a marker's contrast by which what is darker than the skin around it is foreign.
 const FOREIGN: f64 = 0.25;
 
@@ -252,8 +256,9 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
     }
     let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
     // A part of an outline, or one in uneven light, tells the centre less well, and says so.
-    let most = if candidate.is_whole() { (0.02 * outline.major).max(0.6) } else { f64::INFINITY };
-    let most = most.min(0.05 * outline.major).min(if candidate.foretold.is_some() { 2.5 } else { 2.0 });
+    let vaguest = if candidate.foretold.is_some() { VAGUEST_FORETOLD } else { VAGUEST };
+    let most = if candidate.is_whole() { (0.02 * outline.major).max(0.6) } else { vaguest };
+    let most = most.min(0.05 * outline.major).min(vaguest);
     if !(spread > 0.0 && spread < most) {
         return Err(RejectReason::Uncertain);
     }
