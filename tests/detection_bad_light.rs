@@ -87,22 +87,26 @@ fn on_skin(discs: &[Ellipse], skin: f64, black: f64) -> impl Fn(f64, f64) -> f64
     move |x, y| if discs.iter().any(|&d| within(d, x, y)) { black } else { skin }
 }
 
-#[test]
-fn discs_whose_outline_noise_frays_are_found() {
-    let flat = discs().map(|[x, y, a, _, angle]| [x, y, a, 0.095 * a, angle]);
+/// How many of the discs, drawn with six seeds, are found, nothing else being there, and the rms of their normalised errors.
+fn found_of(discs: &[Ellipse], greys: [f64; 2], blur: f64, noise: f64) -> (usize, f64) {
     let (mut found, mut square) = (0, 0.0);
     for seed in 0..6 {
-        let image = picture(on_skin(&flat, 76.0, 30.0), 1.5, 8.0, seed);
-        let markers = detect(&image).markers;
-        assert!(markers.len() <= flat.len(), "seed {seed}: {} markers", markers.len());
-        for disc in flat {
-            let Some((m, error)) = nearest(&markers, disc) else { continue };
+        let markers = detect(&picture(on_skin(discs, greys[0], greys[1]), blur, noise, seed)).markers;
+        assert!(markers.len() <= discs.len(), "seed {seed}: {} markers", markers.len());
+        for (m, error) in discs.iter().filter_map(|&disc| nearest(&markers, disc)) {
             found += 1;
             square += normalised_square(m, error);
         }
     }
-    let normalised = (square / f64::from(found)).sqrt();
-    println!("{found} of 54 found, normalised error {normalised:.2}");
+    let normalised = (square / found as f64).sqrt();
+    println!("{found} of {} found, normalised error {normalised:.2}", 6 * discs.len());
+    (found, normalised)
+}
+
+#[test]
+fn discs_whose_outline_noise_frays_are_found() {
+    let flat = discs().map(|[x, y, a, _, angle]| [x, y, a, 0.095 * a, angle]);
+    let (found, normalised) = found_of(&flat, [76.0, 30.0], 1.5, 8.0);
     assert!(found >= 51, "{found} of 54 discs are found");
     assert!((0.7..1.3).contains(&normalised), "{normalised} standard deviations");
 }
@@ -264,18 +268,7 @@ fn pale_quadrants_before_skin_that_is_darker_than_their_white_are_found() {
 #[test]
 fn discs_thinner_than_their_blur_are_found() {
     let thin = discs().map(|[x, y, a, _, angle]| [x, y, a, 0.05 * a, angle]);
-    let (mut found, mut square) = (0, 0.0);
-    for seed in 0..6 {
-        let markers = detect(&picture(on_skin(&thin, 165.0, 60.0), 2.0, 4.0, seed)).markers;
-        assert!(markers.len() <= thin.len(), "seed {seed}: {} markers", markers.len());
-        for disc in thin {
-            let Some((m, error)) = nearest(&markers, disc) else { continue };
-            found += 1;
-            square += normalised_square(m, error);
-        }
-    }
-    let normalised = (square / f64::from(found)).sqrt();
-    println!("{found} of 54 found, normalised error {normalised:.2}");
+    let (found, normalised) = found_of(&thin, [165.0, 60.0], 2.0, 4.0);
     assert!(found >= 53, "{found} of 54 discs are found");
     assert!((0.7..1.3).contains(&normalised), "{normalised} standard deviations");
 }
