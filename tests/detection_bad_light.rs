@@ -87,28 +87,41 @@ fn on_skin(discs: &[Ellipse], skin: f64, black: f64) -> impl Fn(f64, f64) -> f64
     move |x, y| if discs.iter().any(|&d| within(d, x, y)) { black } else { skin }
 }
 
-/// How many of the discs, drawn with six seeds, are found, nothing else being there, and the rms of their normalised errors.
-fn found_of(discs: &[Ellipse], greys: [f64; 2], blur: f64, noise: f64) -> (usize, f64) {
-    let (mut found, mut square) = (0, 0.0);
+/// The squares of the normalised errors of the markers that are found in a scene, drawn with six seeds, which shows nothing
+/// else.
+fn found_of(markers: &[Ellipse], scene: impl Fn(f64, f64) -> f64, blur: f64, noise: f64) -> Vec<f64> {
+    let mut squares = Vec::new();
     for seed in 0..6 {
-        let markers = detect(&picture(on_skin(discs, greys[0], greys[1]), blur, noise, seed)).markers;
-        assert!(markers.len() <= discs.len(), "seed {seed}: {} markers", markers.len());
-        for (m, error) in discs.iter().filter_map(|&disc| nearest(&markers, disc)) {
-            found += 1;
-            square += normalised_square(m, error);
-        }
+        let found = detect(&picture(&scene, blur, noise, seed)).markers;
+        assert!(found.len() <= markers.len(), "seed {seed}: {} markers", found.len());
+        let near = markers.iter().filter_map(|&marker| nearest(&found, marker));
+        squares.extend(near.map(|(m, error)| normalised_square(m, error)));
     }
-    let normalised = (square / found as f64).sqrt();
-    println!("{found} of {} found, normalised error {normalised:.2}", 6 * discs.len());
-    (found, normalised)
+    squares
+}
+
+/// At least so many are found, and what they state is what they are off.
+fn hold(squares: &[f64], least: usize) {
+    let found = squares.len();
+    let normalised = (squares.iter().sum::<f64>() / found as f64).sqrt();
+    println!("{found} found, normalised error {normalised:.2}");
+    assert!(found >= least, "{found} are found");
+    assert!((0.7..1.3).contains(&normalised), "{normalised} standard deviations");
+}
+
+/// The marker at a place, whose normalised error's square is less than `most`.
+fn measured(image: &Raster, marker: Ellipse, most: f64) -> Detection {
+    let markers = detect(image).markers;
+    let (m, error) = nearest(&markers, marker).expect("it is found");
+    println!("{:.1} x {:.1} px, off by {:.3} {:.3} px", m.semi_major_px, m.semi_minor_px, error.x, error.y);
+    assert!(normalised_square(m, error) < most, "off by {error}");
+    m.clone()
 }
 
 #[test]
 fn discs_whose_outline_noise_frays_are_found() {
     let flat = discs().map(|[x, y, a, _, angle]| [x, y, a, 0.095 * a, angle]);
-    let (found, normalised) = found_of(&flat, [76.0, 30.0], 1.5, 8.0);
-    assert!(found >= 51, "{found} of 54 discs are found");
-    assert!((0.7..1.3).contains(&normalised), "{normalised} standard deviations");
+    hold(&found_of(&flat, on_skin(&flat, 76.0, 30.0), 1.5, 8.0), 51);
 }
 
 /// Light that is mirrored: added to everything from some column on, with a slope of so many px.
@@ -196,14 +209,8 @@ fn the_white_tells_the_length_of_flat_quadrants() {
     let target: Ellipse = [450.2, 200.7, 70.0, 8.5, -0.1];
     let scene = quadrants(target, 0.877, [160.0, 45.0, 225.0]);
     for seed in 0..3 {
-        let markers = detect(&picture(&scene, 1.7, 2.0, seed)).markers;
-        let (m, error) = nearest(&markers, target).expect("the target is found");
-        println!(
-            "{:.1} x {:.1} px, off by {:.3} {:.3} px",
-            m.semi_major_px, m.semi_minor_px, error.x, error.y
-        );
+        let m = measured(&picture(&scene, 1.7, 2.0, seed), target, 9.0);
         assert!((m.semi_major_px / 70.0 - 1.0).abs() < 0.1, "{} px long", m.semi_major_px);
-        assert!(normalised_square(m, error) < 9.0, "off by {error}");
     }
 }
 
@@ -222,36 +229,24 @@ fn on_even_skin(name: &str, skin: u8) -> Raster {
 #[test]
 fn quadrants_seen_against_two_thresholds_are_found() {
     // The right black part is a blob of 450 px, the left one of 600.
-    let markers = detect(&on_even_skin("quadrants.png", 195)).markers;
-    let (m, error) = nearest(&markers, [1119.774, 880.201, 83.5, 12.2, -0.1]).expect("it is found");
-    assert!(normalised_square(m, error) < 12.0, "off by {error}");
+    measured(&on_even_skin("quadrants.png", 195), [1119.774, 880.201, 83.5, 12.2, -0.1], 12.0);
 }
 
 #[test]
 fn a_disc_whose_tip_a_line_touches_is_found_in_back_light() {
     // The line lowers the background there, and the threshold with it: the blob looks cut.
-    let markers = detect(&on_even_skin("disc.png", 116)).markers;
-    let (m, error) = nearest(&markers, [1175.604, 918.340, 68.2, 6.9, -0.1]).expect("it is found");
-    assert!(normalised_square(m, error) < 12.0, "off by {error}");
+    measured(&on_even_skin("disc.png", 116), [1175.604, 918.340, 68.2, 6.9, -0.1], 12.0);
 }
 
 #[test]
 fn quadrants_of_whose_black_blur_leaves_the_middle_are_found() {
     let target: Ellipse = [450.2, 200.7, 60.0, 5.6, 0.12];
-    let (mut found, mut square) = (0, 0.0);
+    let mut squares = Vec::new();
     for (turn, noise) in [(0.785, 2.0), (0.785, 5.0), (0.85, 3.0), (0.72, 3.0)] {
         let scene = quadrants(target, turn, [165.0, 60.0, 215.0]);
-        for seed in 0..6 {
-            let markers = detect(&picture(&scene, 1.9, noise, seed)).markers;
-            let Some((m, error)) = nearest(&markers, target) else { continue };
-            found += 1;
-            square += normalised_square(m, error);
-        }
+        squares.extend(found_of(&[target], scene, 1.9, noise));
     }
-    let normalised = (square / f64::from(found)).sqrt();
-    println!("{found} of 24 found, normalised error {normalised:.2}");
-    assert!(found >= 22, "{found} of 24 are found");
-    assert!((0.7..1.3).contains(&normalised), "{normalised} standard deviations");
+    hold(&squares, 22);
 }
 
 #[test]
@@ -259,16 +254,12 @@ fn pale_quadrants_before_skin_that_is_darker_than_their_white_are_found() {
     let target: Ellipse = [450.2, 200.7, 186.0, 55.0, -0.1];
     let scene = quadrants(target, 0.6, [125.0, 105.0, 149.0]);
     for seed in 0..3 {
-        let markers = detect(&picture(&scene, 2.0, 2.0, seed)).markers;
-        let (m, error) = nearest(&markers, target).expect("the target is found");
-        assert!(normalised_square(m, error) < 9.0, "off by {error}");
+        measured(&picture(&scene, 2.0, 2.0, seed), target, 9.0);
     }
 }
 
 #[test]
 fn discs_thinner_than_their_blur_are_found() {
     let thin = discs().map(|[x, y, a, _, angle]| [x, y, a, 0.05 * a, angle]);
-    let (found, normalised) = found_of(&thin, [165.0, 60.0], 2.0, 4.0);
-    assert!(found >= 53, "{found} of 54 discs are found");
-    assert!((0.7..1.3).contains(&normalised), "{normalised} standard deviations");
+    hold(&found_of(&thin, on_skin(&thin, 165.0, 60.0), 2.0, 4.0), 53);
 }

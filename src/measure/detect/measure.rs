@@ -15,7 +15,7 @@ use super::model::{
 };
 use super::outlined::{against_skin, at_one_level, outlined};
 use super::select::{ALL, EVERY, FEW, Look, Masked, pixels};
-use super::sought::{EGG_SPREAD, few_unknowns, unknowns};
+use super::sought::{EGG_SPREAD, USUAL_GAMMA, few_unknowns, unknowns, usual_dark};
 use super::{Detection, RejectReason, seam, uneven};
 
 /// Standard deviations beyond which a bend of axis or edges is believed.
@@ -116,7 +116,7 @@ fn measure_once(
     let floor = 0.5f64.max(0.8 * noise);
     let (few, all) = if candidate.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
     let blur = candidate.like.map_or(1.0, |like| like.blur.0);
-    let look = Look { crossing: outline.centre, blur, sag: 0.0, rough: candidate.against_skin };
+    let look = Look { crossing: outline.centre, blur, sag: 0.0, rough: true };
     let first = pixels(image, Masked::Blobs(blobs), candidate, look, few).ok_or(RejectReason::LowContrast)?;
     let start = start(candidate, &first, blur).ok_or(RejectReason::LowContrast)?;
     let (near, scale) =
@@ -330,7 +330,7 @@ fn start(candidate: &Candidate, pixels: &Pixels, blur: f64) -> Option<Parameters
     let at = |rank: usize| count.at(rank).map(|grey| grey as f64);
     let (low, high) = (at(total / 40)?, at(total * 8 / 10)?);
     m[LIGHT] = high.max(1.0);
-    m[GAMMA] = 1.0 / 2.2;
-    m[DARK] = 1.0 - (low.max(1.0) / high.max(1.0)).powf(2.2);
+    m[GAMMA] = USUAL_GAMMA.0;
+    m[DARK] = usual_dark(low.max(1.0) / high.max(1.0));
     (m[DARK] > 0.08 && high - low > 6.0).then_some(m)
 }

@@ -10,7 +10,7 @@ use super::candidate::{self, Candidate, Outline};
 use super::counts::Counts;
 use super::fit::contrast;
 use super::model::{BLUR, LIGHT, Parameters, X, Y};
-use super::oval::{Oval, row_of};
+use super::oval::{Oval, columns, row_of};
 
 /// How much longer quadrants' white must be than their black to tell their length; and its least contrast against the skin,
 /// as a share of theirs.
@@ -76,9 +76,7 @@ pub fn at_one_level(image: &Raster, candidate: &Candidate, blobs: &[Blob]) -> Op
         return None;
     }
     let outline = &candidate.outline;
-    let (low, high) = blob::about(outline, 0.0);
-    let own = image.part(low, high, 1).filter(|&(x, y, _)| outline.holds(Vector2::new(x as f64, y as f64)));
-    let counts = Counts::of(own.map(|(_, _, value)| value));
+    let counts = Counts::of(inside(image, outline));
     let (black, white) = (counts.at(counts.total() / 10)?, counts.at(counts.total() * 9 / 10)?);
     let own = blob::dark_parts(image, outline, 0.0, black.midpoint(white) as u8);
     let found = candidate::quadrants(&[0, 1], &own)?;
@@ -96,17 +94,29 @@ pub fn against_skin(image: &Raster, candidate: &Candidate, softest: f64) -> Opti
     Some(Candidate { like: candidate.like, ..found })
 }
 
+/// Grey values of the pixels within an outline.
+fn inside(image: &Raster, outline: &Outline) -> impl Iterator<Item = u8> {
+    let rows = Oval::new(outline).grown(0.0);
+    let (reach, centre) = (outline.extent().y, outline.centre.y);
+    let area = [0, 0, image.width() - 1, image.height() - 1];
+    let lines = (centre - reach).max(0.0) as usize..(centre + reach).max(0.0) as usize + 1;
+    lines.flat_map(move |y| {
+        let columns = row_of(&rows, y as f64).map(|(from, to)| columns(from, to, area));
+        columns.and_then(|columns| image.row(y).get(columns)).unwrap_or(&[]).iter().copied()
+    })
+}
+
+/// The skin's grey value in a box of which a marker takes less than half.
+fn skin(image: &Raster, low: Vector2<f64>, high: Vector2<f64>) -> Option<usize> {
+    Counts::of(image.part(low, high, 2).map(|(_, _, value)| value)).middle()
+}
+
 /// The outline of all that is unlike the skin about what is seen of quadrants.
 fn unlike_skin(image: &Raster, seen: &Outline) -> Option<Outline> {
     let reach = (seen.extent() * HIDDEN).add_scalar(SKIN);
     let (low, high) = (seen.centre - reach, seen.centre + reach);
-    let skin = Counts::of(image.part(low, high, 2).map(|(_, _, value)| value)).middle()?;
-    let rows = Oval::new(seen).grown(0.0);
-    let own = (low.y.max(0.0) as usize..high.y.max(0.0) as usize).flat_map(|y| {
-        let (from, to) = row_of(&rows, y as f64).unwrap_or((0.0, 0.0));
-        image.row(y).iter().take(to.max(0.0) as usize).skip(from.max(0.0) as usize)
-    });
-    let black = usize::from(*own.min()?);
+    let skin = skin(image, low, high)?;
+    let black = usize::from(inside(image, seen).min()?);
     let far = skin.saturating_sub(black) / 3;
     let parts = blob::blobs_of(image, low, high, |v| usize::from(v).abs_diff(skin) > far);
     let longest = Outline { major: HIDDEN * seen.major, minor: HIDDEN * seen.minor, ..*seen };
@@ -197,7 +207,7 @@ fn length_of_white(image: &Raster, outline: &Outline, m: &Parameters) -> Option<
     let centre = Vector2::new(m[X], m[Y]);
     let reach = outline.extent() * 2.2;
     let (low, high) = (centre - reach, centre + reach);
-    let skin = Counts::of(image.part(low, high, 2).map(|(_, _, value)| value)).middle()? as f64;
+    let skin = skin(image, low, high)? as f64;
     let level = 0.5 * (skin + m[LIGHT]);
     if m[LIGHT] - skin < WHITER * contrast(m) {
         return None;

@@ -46,7 +46,7 @@ fn rim(minor: f64) -> f64 {
     (1.5 + (minor - 10.0) / 15.0).clamp(1.5, RIM)
 }
 
-/// How far at most, and where the blur is not known yet.
+/// How far at most.
 const RIM: f64 = 2.5;
 
 /// Bands about an edge, px: where its blur reaches, and flat ground beside it.
@@ -210,7 +210,7 @@ pub struct Look {
     pub blur: f64,
     /// A disc's sag, px.
     pub sag: f64,
-    /// Whether the blur is only supposed, and the marker so thin that this matters.
+    /// Whether all this is only supposed.
     pub rough: bool,
 }
 
@@ -242,11 +242,11 @@ pub fn pixels(
         Masked::DarkerThan(m, limit) => darker(image, outline, bands, area, &m, limit),
     };
     let oval = Oval::new(outline);
+    // What was seen against the skin is thin, and its blur greater than supposed.
+    let blurs = if look.rough && candidate.against_skin { RIM } else { rim(outline.minor / blur) };
     let edges = candidate.edges.map(|edges| Edges {
         lines: lines(edges, look.crossing),
-        margin: (if look.rough { RIM } else { rim(outline.minor / blur) } * blur)
-            .min(0.45 * outline.minor)
-            .max(1.0),
+        margin: (blurs * blur).min(0.45 * outline.minor).max(1.0),
         along: Vector2::new(edges.0.cos(), edges.0.sin()),
     });
     let length = edges.map_or_else(

@@ -53,6 +53,11 @@ pub fn few_unknowns(candidate: &Candidate) -> Unknowns {
     unknowns
 }
 
+/// The darkness that leaves such a share of the light's grey value, with the usual tone curve.
+pub fn usual_dark(left: f64) -> f64 {
+    1.0 - left.powf(1.0 / USUAL_GAMMA.0)
+}
+
 /// What is known before the fit.
 fn usual(candidate: &Candidate) -> [(f64, f64); N] {
     let mut out = [(0.0, f64::INFINITY); N];

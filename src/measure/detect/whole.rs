@@ -9,7 +9,7 @@ use super::counts::Counts;
 use super::measure::{Bounds, Measured, measure};
 use super::model::Pattern;
 use super::noise::FRAYING;
-use super::sought::USUAL_GAMMA;
+use super::sought::usual_dark;
 use super::{Found, RejectReason, arc, glare};
 
 /// Skin about a disc that tells its grey, px.
@@ -74,12 +74,13 @@ pub fn is_unsure(reason: RejectReason) -> bool {
 pub fn again_with_like(known: &Whole, found: &mut Found, unsure: Vec<Candidate>) {
     for mut candidate in unsure {
         let outline = candidate.outline;
-        let there = found.measured.iter().any(|m| m.detection.outline().holds(outline.centre));
-        let Some(like) = like(found, outline.centre).filter(|l| !there && outline.minor < THIN * l.blur.0)
-        else {
+        if found.measured.iter().any(|m| m.detection.outline().holds(outline.centre)) {
             continue;
-        };
-        candidate.like = Some(like);
+        }
+        candidate.like = like(found, outline.centre).filter(|like| outline.minor < THIN * like.blur.0);
+        if candidate.like.is_none() {
+            continue;
+        }
         let mut size = None;
         if candidate.pattern == Pattern::Disc {
             size = arc::foretold_major(found.measured.iter().map(|m| &m.detection), outline.centre);
@@ -108,7 +109,7 @@ fn like(found: &Found, at: Vector2<f64>) -> Option<Like> {
     near.truncate(ENOUGH);
     let blur = super::middle(near.iter().map(|m| m.blur).collect())?;
     let darkness = super::middle(near.iter().map(|m| m.darkness).collect())?;
-    let dark = 1.0 - (1.0 - darkness).max(0.0).powf(1.0 / USUAL_GAMMA.0);
+    let dark = usual_dark((1.0 - darkness).max(0.0));
     Some(Like { blur: (blur, SAME_BLUR * blur), dark: (dark, SAME_DARK) })
 }
 
