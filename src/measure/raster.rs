@@ -47,9 +47,10 @@ impl Raster {
         step: usize,
     ) -> impl Iterator<Item = (usize, usize, u8)> {
         let [x0, y0, x1, y1] = [low.x, low.y, high.x, high.y].map(|v| v.max(0.0) as usize);
+        let (first, last) = (x0.min(self.width), x1.clamp(x0.min(self.width), self.width));
         (y0..y1.min(self.height)).step_by(step).flat_map(move |y| {
-            let row = self.row(y).iter().enumerate().take(x1).skip(x0).step_by(step);
-            row.map(move |(x, &value)| (x, y, value))
+            let values = self.row(y)[first..last].iter().step_by(step);
+            values.zip((first..).step_by(step)).map(move |(&value, x)| (x, y, value))
         })
     }
 

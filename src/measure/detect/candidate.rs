@@ -180,6 +180,13 @@ fn together(blobs: &[&Blob]) -> Shape {
     Shape { area, centre, covariance }
 }
 
+/// The ellipse of inertia of some of the blobs together.
+pub fn outline_of(indices: &[usize], all: &[Blob]) -> Option<Outline> {
+    let blobs: Vec<&Blob> = indices.iter().map(|&i| all.get(i)).collect::<Option<_>>()?;
+    let shape = together(&blobs);
+    Some(Outline::from_moments(shape.centre, shape.covariance, 2.0))
+}
+
 /// A disc, where the blob fills its ellipse of inertia.
 pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
     let outline = Outline::of(blob);

@@ -13,7 +13,8 @@ use super::linear::CUT;
 use super::model::{
     ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y,
 };
-use super::outlined::{against_skin, at_one_level, outlined};
+use super::narrow::against_skin;
+use super::outlined::{at_one_level, outlined};
 use super::select::{ALL, EVERY, FEW, Look, Masked, pixels};
 use super::sought::{EGG_SPREAD, USUAL_GAMMA, few_unknowns, unknowns, usual_dark};
 use super::{Detection, RejectReason, seam, uneven};
@@ -86,7 +87,7 @@ pub fn measure(
     candidate: &Candidate,
     bounds: Bounds,
 ) -> Result<Measured, RejectReason> {
-    let levelled = at_one_level(image, candidate, blobs);
+    let levelled = if candidate.against_skin { None } else { at_one_level(image, candidate, blobs) };
     let levelled = levelled.and_then(|candidate| measure_once(image, blobs, &candidate, bounds).ok());
     let measured = levelled.map_or_else(|| measure_once(image, blobs, candidate, bounds), Ok);
     measured.or_else(|reason| {

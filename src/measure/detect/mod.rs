@@ -18,10 +18,12 @@ mod linear;
 mod mask;
 mod measure;
 mod model;
+mod narrow;
 mod noise;
 mod normal;
 mod outlined;
 mod oval;
+mod rim;
 mod runs;
 mod seam;
 mod select;
@@ -258,6 +260,14 @@ fn is_faint(found: &Found) -> bool {
 /// A rough fit's blur is that of the last one to this factor.
 const MARGIN: f64 = 1.25;
 
+/// In what order candidates are measured.
+#[derive(Clone, Copy, PartialEq)]
+enum Stage {
+    Quadrants,
+    Narrow,
+    Discs,
+}
+
 /// All stages on one picture, whose blobs are sought in the one that is `seen`. What was measured before stays, and its
 /// blobs are not looked at again.
 fn search(
@@ -276,13 +286,18 @@ fn search(
     let mut whole = Whole::new(image, &blobs, measure::Bounds::of(noise));
     let mut found = Found { measured: before, rejected: Vec::new() };
     let (mut hidden, mut unsure) = (Vec::new(), Vec::new());
-    for candidates in [quadrants(&blobs), discs(&blobs)] {
+    for stage in [Stage::Quadrants, Stage::Narrow, Stage::Discs] {
+        let candidates = match stage {
+            Stage::Quadrants => quadrants(&blobs),
+            Stage::Narrow => narrow::narrow(image, &blobs, &taken, noise),
+            Stage::Discs => discs(&blobs),
+        };
         for candidate in &candidates {
             let wanted = sought.is_none_or(|sought| guided::is_near(candidate, sought));
             if !wanted || candidate.blobs.iter().any(|&i| taken[i]) {
                 continue;
             }
-            if candidate.pattern != model::Pattern::Disc && whole.are_discs(candidate) {
+            if stage == Stage::Quadrants && whole.are_discs(candidate) {
                 continue;
             }
             let (measured, part) = measure_whole_or_hidden(&mut whole, candidate);

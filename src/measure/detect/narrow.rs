@@ -1,0 +1,206 @@
+//! Stage 4: quadrants so narrow that blur leaves too little of their black to tell them by it alone: by black and white.
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::super::raster::Raster;
+use super::blob::{self, Blob};
+use super::candidate::{self, Candidate, Outline};
+use super::counts::Counts;
+use super::outlined::{WHITER, inside, skin};
+use super::oval::Oval;
+use super::rim::{self, Greys};
+
+/// Flat quadrants of whose black blur may take so much that what is left tells neither outline nor edges: greatest
+/// semi-minor axis, over the greatest blur, and least axis ratio of what is seen; how much larger they may be, and skin about
+/// them, px.
+const BLURRED: f64 = 3.2;
+const FLAT: f64 = 3.0;
+const HIDDEN: f64 = 2.5;
+const SKIN: f64 = 8.0;
+
+/// Greatest semi-minor axis of a blob, px, and its least area, of which blur may have left what is no quadrant; and how far about
+/// it white is looked for, px.
+const THICKEST: f64 = 10.0;
+const LEAST: f64 = 30.0;
+const BESIDE: f64 = 12.0;
+/// Most of their seeds that are looked at.
+const SEEDS: usize = 60;
+/// Their blur beforehand, px.
+const USUAL_BLUR: (f64, f64) = (1.5, 0.7);
+
+/// Flat quadrants of whose black blur has left only the middle, seen once more by all that is unlike the skin, black and
+/// white; `None` for those that are too thick for the greatest blur, px.
+pub fn against_skin(image: &Raster, candidate: &Candidate, softest: f64) -> Option<Candidate> {
+    let seen = &candidate.outline;
+    if candidate.edges.is_none()
+        || candidate.against_skin
+        || seen.minor > BLURRED * softest
+        || seen.major < FLAT * seen.minor
+    {
+        return None;
+    }
+    let found = by_black_and_white(image, seen, &candidate.blobs)?;
+    Some(Candidate { like: candidate.like, ..found })
+}
+
+/// Quadrants of which two blobs or one show the black, too blurred to tell them by it alone.
+pub fn narrow(image: &Raster, blobs: &[Blob], taken: &[bool], noise: f64) -> Vec<Candidate> {
+    let may_be = |(blob, taken): (&Blob, &bool)| {
+        !taken
+            && !blob.at_edge
+            && blob.area > LEAST
+            && Outline::of(blob).minor < THICKEST
+            && has_white(image, blob, noise)
+    };
+    let free: Vec<bool> = blobs.iter().zip(taken).map(may_be).collect();
+    let pairs = candidate::pairs(blobs).into_iter().map(Vec::from);
+    let single = (0..blobs.len()).map(|i| vec![i]);
+    let mut out: Vec<Candidate> = Vec::new();
+    let seeds = pairs.chain(single).filter(|seed| seed.iter().all(|&i| free[i]));
+    let mut seeds: Vec<(Outline, Vec<usize>)> =
+        seeds.filter_map(|seed| Some((candidate::outline_of(&seed, blobs)?, seed))).collect();
+    // Two parts of a marker come before each of them.
+    seeds.sort_by(|(one, _), (other, _)| other.major.total_cmp(&one.major));
+    for (seen, seed) in seeds.into_iter().take(SEEDS) {
+        if out.iter().any(|c| seed.iter().any(|i| c.blobs.contains(i))) {
+            continue;
+        }
+        let Some(mut found) = by_black_and_white(image, &seen, &[]) else { continue };
+        found.blobs = (0..blobs.len()).filter(|&i| found.outline.holds(blobs[i].centroid)).collect();
+        out.push(found);
+    }
+    out
+}
+
+/// Whether something about a blob is lighter than the skin, as white is beside black.
+fn has_white(image: &Raster, blob: &Blob, noise: f64) -> bool {
+    let [x0, y0, x1, y1] = blob.bounds.map(|v| v as f64);
+    let low = Vector2::new(x0, y0).add_scalar(-BESIDE);
+    let high = Vector2::new(x1, y1).add_scalar(BESIDE + 1.0);
+    let counts = Counts::of(image.part(low, high, 2).map(|(_, _, value)| value));
+    let at = |share: usize| counts.at(counts.total() * share / 32).unwrap_or(0);
+    let (black, white) = (at(0), at(31));
+    let wide = (high - low) * 0.5;
+    let Some(skin) = skin(image, low - wide, high + wide) else { return false };
+    // The lightest of much skin is lighter than most of it by twice the noise.
+    white.saturating_sub(skin) as f64 > WHITER * white.saturating_sub(black) as f64 + 2.0 * noise
+}
+
+/// Quadrants with outline and edges from all that is unlike the skin about what is seen of them.
+fn by_black_and_white(image: &Raster, seen: &Outline, blobs: &[usize]) -> Option<Candidate> {
+    let (outline, greys) = unlike_skin(image, seen)?;
+    let found = within(outline, image, blobs)?;
+    rim::refined(image, &found, greys, USUAL_BLUR)
+}
+
+/// The outline of all that is unlike the skin about what is seen of quadrants, and the grey levels.
+fn unlike_skin(image: &Raster, seen: &Outline) -> Option<(Outline, Greys)> {
+    let mut seen = *seen;
+    for _ in 0..3 {
+        let reach = (seen.extent() * HIDDEN).add_scalar(SKIN);
+        let (low, high) = (seen.centre - reach, seen.centre + reach);
+        let skin = skin(image, low, high)?;
+        let black = usize::from(inside(image, &seen).min()?);
+        let grown = Outline { major: seen.major + SKIN, minor: seen.minor + 0.5 * SKIN, ..seen };
+        let white = usize::from(inside(image, &grown).max()?);
+        let (dark, light) = (skin.midpoint(black.min(skin)) as u8, skin.midpoint(white.max(skin)) as u8);
+        let mut parts = blob::darker_than(image, low, high, dark);
+        parts.extend(blob::lighter_than(image, low, high, light));
+        let longest =
+            Outline { major: HIDDEN * seen.major + SKIN, minor: HIDDEN * seen.minor + SKIN, ..seen };
+        let least = 0.1 * seen.major * seen.minor;
+        let parts: Vec<&Blob> =
+            parts.iter().filter(|b| b.area > least && longest.holds(b.centroid)).collect();
+        let found = hull(&parts).filter(|outline| outline.minor >= 1.0)?;
+        if found.major < 1.2 * seen.major {
+            let [white, black, skin] = [white, black, skin].map(|v| v as f64);
+            return Some((found, Greys { white, black, skin }));
+        }
+        seen = found;
+    }
+    None
+}
+
+/// The ellipse of inertia of the convex hull of some blobs; `None` where they are too far from an ellipse. Cracks between
+/// them, as between black and white that are both unlike the skin, do not matter.
+fn hull(parts: &[&Blob]) -> Option<Outline> {
+    /// Least share of the hull that is seen, and least of its ellipse that it fills: a parallelogram 0.95.
+    const SEEN: f64 = 0.4;
+    const FULL: f64 = 0.9;
+    let ends = |&[y, from, to]: &[u32; 3]| [from, to].map(|x| Vector2::new(f64::from(x), f64::from(y)));
+    let mut points: Vec<Vector2<f64>> = parts.iter().flat_map(|b| b.runs.iter().flat_map(ends)).collect();
+    points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+    // Lower and upper chain from left to right (Andrew's monotone chain).
+    let chain = |points: &mut dyn Iterator<Item = &Vector2<f64>>| {
+        let mut out: Vec<Vector2<f64>> = Vec::new();
+        for p in points {
+            while let [.., a, b] = out[..]
+                && (b - a).perp(&(p - a)) <= 0.0
+            {
+                out.pop();
+            }
+            out.push(*p);
+        }
+        out.pop();
+        out
+    };
+    let mut corners = chain(&mut points.iter());
+    corners.extend(chain(&mut points.iter().rev()));
+    // Moments of the triangles from the first corner, counted from there.
+    let first = *corners.first()?;
+    let (mut area, mut sum, mut square) = (0.0, Vector2::zeros(), Matrix2::zeros());
+    for pair in corners.windows(2) {
+        let (a, b) = (pair[0] - first, pair[1] - first);
+        let part = 0.5 * a.perp(&b);
+        area += part;
+        sum += (a + b) * (part / 3.0);
+        square += ((a + b) * (a + b).transpose() + a * a.transpose() + b * b.transpose()) * (part / 12.0);
+    }
+    let area = Some(area).filter(|area| *area > 1.0)?;
+    let centre = sum / area;
+    let outline = Outline::from_moments(first + centre, square / area - centre * centre.transpose(), 2.0);
+    let own: f64 = parts.iter().map(|b| b.area).sum();
+    (own > SEEN * area && area > FULL * PI * outline.major * outline.minor).then_some(outline)
+}
+
+/// Quadrants with an outline that holds black and white: of the pairs of edges that are conjugate diameters the one that best
+/// parts dark from light; `None` where both black quadrants are not darker than both white ones.
+fn within(outline: Outline, image: &Raster, blobs: &[usize]) -> Option<Candidate> {
+    const TURNS: usize = 72;
+    const QUARTER: usize = TURNS / 4;
+    const INNER: f64 = 0.85;
+    let oval = Oval::new(&outline);
+    let half = Vector2::new(oval.cos, oval.sin) * outline.major;
+    let across = Vector2::new(-oval.sin, oval.cos) * outline.minor;
+    let reach = outline.extent();
+    // Grey value by the direction in the outline seen as a circle.
+    let mut sums = [(0.0, 0.0); TURNS];
+    for (x, y, value) in image.part(outline.centre - reach, outline.centre + reach, 1) {
+        let (s, t) = oval.local(x as f64, y as f64);
+        let (p, q) = (s / outline.major, t / outline.minor);
+        if p * p + q * q < INNER * INNER {
+            let turn = (q.atan2(p).rem_euclid(TAU) / TAU * TURNS as f64) as usize % TURNS;
+            sums[turn].0 += f64::from(value);
+            sums[turn].1 += 1.0;
+        }
+    }
+    let grey = sums.map(|(sum, count)| sum / f64::max(count, 1.0));
+    let quarters: [f64; TURNS] = std::array::from_fn(|from| {
+        (0..QUARTER).map(|k| grey[(from + k) % TURNS]).sum::<f64>() / QUARTER as f64
+    });
+    let opposite = |turn: usize| [quarters[turn % TURNS], quarters[(turn + 2 * QUARTER) % TURNS]];
+    let darkest = (0..2 * QUARTER)
+        .min_by(|&i, &j| opposite(i).iter().sum::<f64>().total_cmp(&opposite(j).iter().sum::<f64>()))?;
+    let (black, white) = (opposite(darkest), opposite(darkest + QUARTER));
+    if white[0].min(white[1]) <= black[0].max(black[1]) {
+        return None;
+    }
+    let edge = |turn: usize| {
+        let (q, p) = (TAU * turn as f64 / TURNS as f64).sin_cos();
+        half * p + across * q
+    };
+    let found = candidate::between(edge(darkest), edge(darkest + QUARTER), outline, blobs);
+    Some(Candidate { against_skin: true, ..found })
+}
