@@ -5,6 +5,7 @@ use nalgebra::{Cholesky, Matrix2};
 use super::batch::Pixels;
 use super::linear::{Column, Images, Square, Step, linearise};
 use super::model::{ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, X, Y};
+use super::rim::{MAJOR, MINOR, TURN};
 
 /// A converged fit.
 #[derive(Clone, Debug)]
@@ -155,12 +156,12 @@ impl<'a> Problem<'a> {
             if moved < 0.05 {
                 change *= step.gain();
             }
-            let change = limit(change, &m, self.pixels.pattern);
+            let change = limit(change, &m, self.pixels);
             let start = m;
             for i in 0..N {
                 m[i] += change[i];
             }
-            if !plausible(self.pixels.pattern, &m) {
+            if !plausible(self.pixels, &m) {
                 return None;
             }
             let ratio = (step.scale / scale - 1.0).abs();
@@ -188,9 +189,14 @@ impl<'a> Problem<'a> {
         None
     }
 
-    /// Whether a disc's length, px, hardly changes.
+    /// Whether the length, px, of what has an outline hardly changes.
     fn is_calm(&self, change: &Column, most: f64) -> bool {
-        self.pixels.pattern != Pattern::Disc || change[FIRST].abs() < most
+        let length = match self.pixels.pattern {
+            Pattern::Disc => FIRST,
+            _ if self.pixels.rim => MAJOR,
+            _ => return true,
+        };
+        change[length].abs() < most
     }
 
     /// The centre's standard deviation, px.
@@ -202,7 +208,7 @@ impl<'a> Problem<'a> {
 }
 
 /// Keeps a step within what the linearisation can bear.
-fn limit(mut change: Column, m: &Parameters, pattern: Pattern) -> Column {
+fn limit(mut change: Column, m: &Parameters, pixels: &Pixels) -> Column {
     let mut factor: f64 = 1.0;
     let mut bound = |step: f64, most: f64| factor = factor.min(most / step.abs().max(1e-12));
     bound(change[X], 3.0);
@@ -211,23 +217,29 @@ fn limit(mut change: Column, m: &Parameters, pattern: Pattern) -> Column {
     bound(change[BLUR], 0.5);
     bound(change[GAMMA], 0.2);
     bound(change[DARK], 0.1);
-    if pattern == Pattern::Disc {
+    if pixels.pattern == Pattern::Disc {
         bound(change[FIRST], 0.2 * m[FIRST]);
         bound(change[FIRST + 1], 0.3 * m[FIRST + 1]);
     } else {
         bound(change[FIRST], 0.2);
     }
+    if pixels.rim {
+        bound(change[TURN], 0.1);
+        bound(change[MAJOR], 0.15 * m[MAJOR]);
+        bound(change[MINOR], 0.2 * m[MINOR]);
+    }
     change *= factor.min(1.0);
     change
 }
 
-fn plausible(pattern: Pattern, m: &Parameters) -> bool {
+fn plausible(pixels: &Pixels, m: &Parameters) -> bool {
     let common = m.iter().all(|v| v.is_finite()) && m[BLUR] > 0.2 && m[BLUR] < 4.0;
     let lit = m[LIGHT] > 1.0 && m[LIGHT] < 1500.0 && m[DARK] > 0.02 && m[DARK] < 1.5;
     let lit = lit && m[GAMMA] > 0.15 && m[GAMMA] < 3.0;
-    let shape = match pattern {
+    let shape = match pixels.pattern {
         Pattern::Disc => m[FIRST] > 1.0 && m[FIRST + 1] > 0.2,
         _ => m[FIRST] > 0.005 && m[FIRST] < 2.5,
     };
-    common && lit && shape
+    let rim = !pixels.rim || (m[MINOR] > 1.0 && m[MAJOR] > m[MINOR]);
+    common && lit && shape && rim
 }

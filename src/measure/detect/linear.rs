@@ -5,6 +5,7 @@ use nalgebra::{SMatrix, SVector};
 use super::batch::{Pixels, total};
 use super::fit::Unknowns;
 use super::model::{ANGLE, Grey, LANES, Lanes, N, Parameters, X, Y, each, grey};
+use super::rim;
 use super::wide::wide;
 
 pub type Square = SMatrix<f64, N, N>;
@@ -176,7 +177,11 @@ impl Pixels {
         let (mut weight, mut curvature, mut square) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         let mut sizes = Sizes::new(self.batches.len());
         for batch in &self.batches {
-            let image = grey(self.pattern, m, self.origin, trig, batch);
+            let image = if self.rim {
+                rim::grey(self.pattern, m, self.origin, trig, batch)
+            } else {
+                grey(self.pattern, m, self.origin, trig, batch)
+            };
             let r = each(|i| batch.value[i] - image.value[i]);
             let tukey = biweights(&r, &image.gradient[X], &image.gradient[Y], scale);
             let root = each(|i| batch.root[i] * tukey[i]);

@@ -14,7 +14,7 @@ use super::model::{
     ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y,
 };
 use super::narrow::against_skin;
-use super::outlined::{at_one_level, outlined};
+use super::outlined::{at_one_level, outlined, with_rim};
 use super::select::{ALL, EVERY, FEW, Look, Masked, pixels};
 use super::sought::{EGG_SPREAD, USUAL_GAMMA, few_unknowns, unknowns, usual_dark};
 use super::{Detection, RejectReason, seam, uneven};
@@ -130,6 +130,7 @@ fn measure_once(
         return Err(RejectReason::Soft);
     }
     let mut place = outlined(image, place(candidate, &near), &near);
+    place = with_rim(image, &place, &near).unwrap_or(place);
     let last = |place: &Candidate| {
         // What is known of a disc from its like beside it is known beforehand.
         let (mut unknowns, bends) = unknowns(if candidate.alike { candidate } else { place });

@@ -8,9 +8,11 @@ use super::super::raster::Raster;
 use super::blob::{self, Blob};
 use super::candidate::{self, Candidate, Outline};
 use super::counts::Counts;
+use super::model::{BLUR, DARK, LIGHT, N, Parameters};
 use super::outlined::{WHITER, inside, skin};
 use super::oval::Oval;
-use super::rim::{self, Greys};
+use super::rim;
+use super::sought::usual_dark;
 
 /// Flat quadrants of whose black blur may take so much that what is left tells neither outline nor edges: greatest
 /// semi-minor axis, over the greatest blur, and least axis ratio of what is seen; how much larger they may be, and skin about
@@ -19,6 +21,9 @@ const BLURRED: f64 = 3.2;
 const FLAT: f64 = 3.0;
 const HIDDEN: f64 = 2.5;
 const SKIN: f64 = 8.0;
+
+/// How far along a marker its white is looked for at least, px: black may be seen of its middle only.
+const HALF: f64 = 60.0;
 
 /// Greatest semi-minor axis of a blob, px, and its least area, of which blur may have left what is no quadrant; and how far about
 /// it white is looked for, px.
@@ -90,16 +95,20 @@ fn has_white(image: &Raster, blob: &Blob, noise: f64) -> bool {
 
 /// Quadrants with outline and edges from all that is unlike the skin about what is seen of them.
 fn by_black_and_white(image: &Raster, seen: &Outline, blobs: &[usize]) -> Option<Candidate> {
-    let (outline, greys) = unlike_skin(image, seen)?;
+    let (outline, m, skin) = unlike_skin(image, seen)?;
     let found = within(outline, image, blobs)?;
-    rim::refined(image, &found, greys, USUAL_BLUR)
+    let start = rim::start(&found, &m, skin)?;
+    rim::refined(image, &found, start, USUAL_BLUR)
 }
 
-/// The outline of all that is unlike the skin about what is seen of quadrants, and the grey levels.
-fn unlike_skin(image: &Raster, seen: &Outline) -> Option<(Outline, Greys)> {
+/// The outline of all that is unlike the skin about what is seen of quadrants, parameters with their grey levels, and the skin's grey
+/// level.
+fn unlike_skin(image: &Raster, seen: &Outline) -> Option<(Outline, Parameters, f64)> {
     let mut seen = *seen;
     for _ in 0..3 {
-        let reach = (seen.extent() * HIDDEN).add_scalar(SKIN);
+        let (major, minor) = ((HIDDEN * seen.major + SKIN).max(HALF), HIDDEN * seen.minor + SKIN);
+        let longest = Outline { major, minor, ..seen };
+        let reach = longest.extent();
         let (low, high) = (seen.centre - reach, seen.centre + reach);
         let skin = skin(image, low, high)?;
         let black = usize::from(inside(image, &seen).min()?);
@@ -108,15 +117,15 @@ fn unlike_skin(image: &Raster, seen: &Outline) -> Option<(Outline, Greys)> {
         let (dark, light) = (skin.midpoint(black.min(skin)) as u8, skin.midpoint(white.max(skin)) as u8);
         let mut parts = blob::darker_than(image, low, high, dark);
         parts.extend(blob::lighter_than(image, low, high, light));
-        let longest =
-            Outline { major: HIDDEN * seen.major + SKIN, minor: HIDDEN * seen.minor + SKIN, ..seen };
         let least = 0.1 * seen.major * seen.minor;
         let parts: Vec<&Blob> =
             parts.iter().filter(|b| b.area > least && longest.holds(b.centroid)).collect();
         let found = hull(&parts).filter(|outline| outline.minor >= 1.0)?;
         if found.major < 1.2 * seen.major {
-            let [white, black, skin] = [white, black, skin].map(|v| v as f64);
-            return Some((found, Greys { white, black, skin }));
+            let mut m = [0.0; N];
+            (m[LIGHT], m[BLUR]) = (white.max(1) as f64, USUAL_BLUR.0);
+            m[DARK] = usual_dark(black as f64 / m[LIGHT]);
+            return Some((found, m, skin as f64));
         }
         seen = found;
     }

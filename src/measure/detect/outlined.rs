@@ -9,7 +9,7 @@ use super::counts::Counts;
 use super::fit::contrast;
 use super::model::{BLUR, LIGHT, Parameters, X, Y};
 use super::oval::{Oval, columns, row_of};
-use super::rim::{self, Greys};
+use super::rim;
 
 /// How much longer quadrants' white must be than their black to tell their length; and its least contrast against the skin,
 /// as a share of theirs.
@@ -48,14 +48,6 @@ pub fn outlined(image: &Raster, candidate: Candidate, m: &Parameters) -> Candida
         let longer = length_of_white(image, &out, m).filter(|longer| *longer > LONGER * out.major);
         out.major = longer.unwrap_or(out.major);
     }
-    if out.minor < NARROW * m[BLUR] {
-        let centred = Candidate { outline: Outline { centre: saddle, ..out }, ..candidate.clone() };
-        let refined = greys(image, &out, m)
-            .and_then(|greys| rim::refined(image, &centred, greys, (m[BLUR], SAME_BLUR * m[BLUR])));
-        if let Some(refined) = refined {
-            return refined;
-        }
-    }
     // Blur takes more of one black part's thin end than of the other's.
     if candidate.against_skin || (out.minor < THICK && (out.centre - saddle).norm() > ASIDE) {
         out.centre = saddle;
@@ -63,11 +55,18 @@ pub fn outlined(image: &Raster, candidate: Candidate, m: &Parameters) -> Candida
     Candidate { outline: out, ..candidate }
 }
 
-/// Grey levels of a marker as a first fit has them, and of the skin about its outline.
-fn greys(image: &Raster, outline: &Outline, m: &Parameters) -> Option<Greys> {
+/// Quadrants that are narrow for their blur, with outline and edges from both together; `None` where they are not, or where
+/// that does not settle.
+pub fn with_rim(image: &Raster, candidate: &Candidate, m: &Parameters) -> Option<Candidate> {
+    let outline = &candidate.outline;
+    if candidate.edges.is_none() || outline.minor > NARROW * m[BLUR] {
+        return None;
+    }
     let reach = (outline.extent() * 1.5).add_scalar(BESIDE);
     let skin = skin(image, outline.centre - reach, outline.centre + reach)? as f64;
-    Some(Greys { white: m[LIGHT], black: m[LIGHT] - contrast(m), skin })
+    let centre = Vector2::new(m[X], m[Y]);
+    let centred = Candidate { outline: Outline { centre, ..*outline }, ..candidate.clone() };
+    rim::refined(image, &centred, rim::start(&centred, m, skin)?, (m[BLUR], SAME_BLUR * m[BLUR]))
 }
 
 /// Quadrants whose two black parts were seen against thresholds so different that one is much larger, seen once more

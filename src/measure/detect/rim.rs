@@ -1,281 +1,197 @@
 //! Narrow quadrants: edges and outline in one model, for blur mixes what lies at the one with what lies at the other.
 //!
-//! `I = s + m (w - (w - k) c - s)`: white `w`, black `k` and skin `s` in grey levels, `c` the blurred share of black of
-//! quadrants without an end, `m` the blurred share of an ellipse. Near enough for a first geometry: where edge and outline meet
-//! the blurred product is not the product of the blurred.
+//! `I = L (e (1 - k c) + (1 - e) u)^g`: as of wide quadrants ([`super::model`]), but only the share `e` of the light, that of
+//! a blurred ellipse, is the marker's; the rest is skin, whose light is `u` (a plane) times that of the white. Where edges and
+//! outline meet, the blurred product is not the product of the blurred; the error is alike on opposite sides.
 
-use nalgebra::{Cholesky, SMatrix, SVector, Vector2};
+use nalgebra::Vector2;
 
 use super::super::raster::Raster;
-use super::batch::Batch;
+use super::batch::{Batch, Kind, Pixels, Sorter};
 use super::candidate::{Candidate, Outline, half_turn};
-use super::linear::{Block, Products, biweights, spread};
+use super::fit::{Unknowns, contrast, rough};
 use super::model::{
-    ANGLE, BLUR, FIRST, LANES, Lanes, N, Parameters, Pattern, SECOND, Share, X, Y, along_and_across, each,
-    share,
+    ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, Grey, LANES, LIGHT, Lanes, N, Parameters, Pattern, SECOND, Share,
+    THIRD, X, Y, along_and_across, each, share,
 };
+use super::normal::{exp, ln};
 use super::oval::{Oval, columns, row_of};
-use super::wide::wide;
+use super::sought::USUAL_GAMMA;
 
-/// Unknowns: where the edges cross, their bisector's direction, the tangent of half their angle, the blur; the
-/// outline's centre, direction and semi-axes; white, black, skin.
-const COUNT: usize = 15;
-const HALF: usize = 3;
-const SOFT: usize = 4;
-const OUTLINE: usize = 5;
-const TURN: usize = 7;
-const MAJOR: usize = 8;
-const MINOR: usize = 9;
-const WHITE: usize = 10;
-const BLACK: usize = 11;
-const SKIN: usize = 12;
-
-type Column = SVector<f64, COUNT>;
-type Square = SMatrix<f64, COUNT, COUNT>;
-
-/// Part of a period by which the pixels of a row lie aside of those of the last.
-const GOLDEN: f64 = 0.618;
+/// The outline's semi-axes, px; its direction, rad; its centre from the crossing, px, in u and v. These parameters are those
+/// of a wide marker's bends, light and darkness.
+pub const MAJOR: usize = SECOND;
+pub const MINOR: usize = THIRD;
+pub const TURN: usize = EGG;
+pub const ASIDE: usize = LIGHT + 1;
+/// The skin's light over that of the white: constant; along the marker; across it.
+const SKIN: usize = LIGHT + 3;
+const SKIN_ALONG: usize = DARK + 1;
+const SKIN_ACROSS: usize = DARK + 2;
 
 /// How far the outline's centre is from the crossing, px.
-const ASIDE: f64 = 1.0;
+const ASIDE_SPREAD: f64 = 1.0;
+/// Pixels that are used, about.
+const WANTED: f64 = 400.0;
+/// Of pixels outside an outline, which only tell the skin, how many are used.
+const OUTSIDE: usize = 3;
+/// Part of a period by which the pixels of a row lie aside of those of the last.
+const GOLDEN: f64 = 0.618;
+/// Least scale of the residuals for the weights, as a share of the contrast: an end that the first outline has missed is no
+/// outlier; and the greatest in the end.
+const LEAST: f64 = 0.1;
+const MOST: f64 = 0.12;
 /// Least semi-major axis, px, and least contrast, grey levels, of what may be such quadrants.
 const SHORTEST: f64 = 10.0;
 const LEAST_CONTRAST: f64 = 10.0;
-/// Most steps.
-const MOST: usize = 20;
-/// Pixels that are used, about.
-const WANTED: f64 = 400.0;
-/// Scale of the residuals for the weights, as a share of the contrast: at first and at least. An end that the first outline has
-/// missed is no outlier.
-const FIRST_SCALE: f64 = 0.3;
-const LEAST_SCALE: f64 = 0.1;
-/// Greatest residuals in the end, as a share of the contrast.
-const LEFT: f64 = 0.12;
-/// How much larger than an outline its pixels reach, and how much it may grow until others are chosen.
+/// How much larger than an outline its pixels reach, and how much it may grow until others are chosen; how often that is done.
 const ROOM: f64 = 1.2;
 const GROWN: f64 = 1.1;
-/// How much longer than the first outline the marker may be: black is seen of its middle only.
-const LONGEST: f64 = 8.0;
-/// Change of an outline, px, that is none.
-const CALM: f64 = 0.1;
+const ROUNDS: usize = 5;
 
-/// Grey levels of white, black and skin.
-#[derive(Clone, Copy, Debug)]
-pub struct Greys {
-    pub white: f64,
-    pub black: f64,
-    pub skin: f64,
+/// A candidate's first parameters: its geometry, with grey levels and blur of `m`, and the skin's grey level.
+pub fn start(candidate: &Candidate, m: &Parameters, skin: f64) -> Option<Parameters> {
+    let (outline, (angle, half)) = (candidate.outline, candidate.edges?);
+    let mut out = [0.0; N];
+    (out[X], out[Y], out[ANGLE], out[FIRST]) = (outline.centre.x, outline.centre.y, angle, half);
+    (out[MAJOR], out[MINOR], out[TURN]) = (outline.major, outline.minor, outline.angle);
+    (out[BLUR], out[LIGHT], out[DARK], out[GAMMA]) = (m[BLUR], m[LIGHT], m[DARK], USUAL_GAMMA.0);
+    out[SKIN] = (skin / m[LIGHT]).max(0.0).powf(1.0 / USUAL_GAMMA.0);
+    Some(out)
 }
 
-/// Quadrants with outline and edges from both together, from those of a candidate; `None` where that does not settle near
-/// them. The blur, px, is known with some deviation.
-pub fn refined(image: &Raster, candidate: &Candidate, greys: Greys, blur: (f64, f64)) -> Option<Candidate> {
-    let (start, (angle, half)) = (candidate.outline, candidate.edges?);
-    let centre = start.centre;
-    #[rustfmt::skip]
-    let mut m = Column::from([
-        centre.x, centre.y, angle, half, blur.0,
-        centre.x, centre.y, start.angle, start.major, start.minor,
-        greys.white, greys.black, greys.skin, 0.0, 0.0,
-    ]);
-    let contrast = greys.white - greys.black;
-    if start.major < SHORTEST || contrast < LEAST_CONTRAST {
+/// What is sought of narrow quadrants, with a blur, px, that is known with some deviation.
+fn unknowns(blur: (f64, f64)) -> Unknowns {
+    let mut usual = [(0.0, f64::INFINITY); N];
+    usual[GAMMA] = USUAL_GAMMA;
+    usual[BLUR] = blur;
+    usual[ASIDE] = (0.0, ASIDE_SPREAD);
+    usual[ASIDE + 1] = (0.0, ASIDE_SPREAD);
+    let mut free = [true; N];
+    free[GAMMA] = false;
+    Unknowns { free, usual }
+}
+
+/// Quadrants with outline and edges from both together, from first parameters; `None` where that does not settle near them.
+pub fn refined(
+    image: &Raster,
+    candidate: &Candidate,
+    start: Parameters,
+    blur: (f64, f64),
+) -> Option<Candidate> {
+    if start[MAJOR] < SHORTEST || contrast(&start) < LEAST_CONTRAST {
         return None;
     }
-    let mut scale = FIRST_SCALE * contrast;
-    let mut chosen = Chosen::about(image, &start, blur.0)?;
-    for _ in 0..MOST {
-        let mut equations = linearise(candidate.pattern, &chosen, &m, scale);
-        equations.foretell(&m, scale, blur);
-        let change = equations.step(&m)?;
-        m += change;
-        if !is_plausible(&m, &start) {
-            return None;
-        }
-        scale = equations.spread.max(0.4 * scale).max(LEAST_SCALE * contrast);
+    let unknowns = unknowns(blur);
+    let mut m = start;
+    for _ in 0..ROUNDS {
         let outline = outline_of(&m);
-        let calm = [X, Y, OUTLINE, OUTLINE + 1, MAJOR, MINOR].iter().all(|&k| change[k].abs() < CALM);
-        if outline.major > GROWN * chosen.outline.major || outline.minor > GROWN * chosen.outline.minor {
-            chosen = Chosen::about(image, &outline, m[SOFT])?;
-        } else if calm {
-            let good = equations.spread < LEFT * (m[WHITE] - m[BLACK]);
-            return good.then(|| Candidate {
-                outline,
-                edges: Some((m[ANGLE], m[HALF])),
-                ..candidate.clone()
-            });
+        let pixels = pixels(image, candidate.pattern, &outline, m[BLUR])?;
+        let scale;
+        (m, scale) = rough(&pixels, &m, &unknowns, LEAST * contrast(&m))?;
+        if m[MAJOR] < GROWN * outline.major && m[MINOR] < GROWN * outline.minor {
+            let edges = Some((m[ANGLE], m[FIRST]));
+            let found = Candidate { outline: outline_of(&m), edges, ..candidate.clone() };
+            return (scale < MOST * contrast(&m)).then_some(found);
         }
     }
     None
 }
 
-fn outline_of(m: &Column) -> Outline {
-    let centre = Vector2::new(m[OUTLINE], m[OUTLINE + 1]);
+/// The outline of parameters.
+fn outline_of(m: &Parameters) -> Outline {
+    let centre = Vector2::new(m[X] + m[ASIDE], m[Y] + m[ASIDE + 1]);
     Outline { centre, major: m[MAJOR], minor: m[MINOR], angle: half_turn(m[TURN]) }
 }
 
-fn is_plausible(m: &Column, start: &Outline) -> bool {
-    m.iter().all(|v| v.is_finite())
-        && (0.3..4.0).contains(&m[SOFT])
-        && (0.005..2.5).contains(&m[HALF])
-        && m[MINOR] > 1.0
-        && (m[MINOR]..LONGEST * start.major).contains(&m[MAJOR])
-}
-
-/// Some of the pixels about an outline.
-struct Chosen {
-    outline: Outline,
-    origin: [f64; 2],
-    batches: Vec<Batch>,
-}
-
-impl Chosen {
-    fn about(image: &Raster, outline: &Outline, blur: f64) -> Option<Self> {
-        let (centre, margin) = (outline.centre, 2.5 * blur + 2.0);
-        let origin = [centre.x.round(), centre.y.round()];
-        let about = Outline { major: ROOM * outline.major, minor: ROOM * outline.minor, ..*outline };
-        let rows = Some(Oval::new(&about).grown(margin)?);
-        let reach = about.extent().y + margin;
-        let (width, height) = (image.width(), image.height());
-        let area = [0, 0, width - 1, height - 1];
-        let count = std::f64::consts::PI * (about.major + margin) * (about.minor + margin);
-        let step = (count / WANTED).round().clamp(1.0, 1024.0) as usize;
-        // Those of a row lie in the gaps of the rows beside it.
-        let shift = (GOLDEN * step as f64).round() as usize;
-        let mut batches = Vec::new();
-        let mut batch = Batch::new();
-        let lines =
-            (centre.y - reach).max(0.0) as usize..((centre.y + reach).max(0.0) as usize + 1).min(height);
-        for y in lines {
-            let Some((from, to)) = row_of(&rows, y as f64) else { continue };
-            let columns = columns(from, to, area);
-            let first = columns.start + (step - (columns.start + y * shift) % step) % step;
-            for x in (first..columns.end).step_by(step) {
-                let Some(&value) = image.row(y).get(x) else { continue };
-                batch.push((x as f64 - origin[0]) as f32, (y as f64 - origin[1]) as f32, f32::from(value));
-                // What is clipped tells nothing.
-                batch.root[batch.len - 1] = if value == 255 { 0.0 } else { 1.0 };
-                if batch.is_full() {
-                    batches.push(std::mem::replace(&mut batch, Batch::new()));
-                }
-            }
-        }
-        if batch.len > 0 {
-            batch.fill();
-            batches.push(batch);
-        }
-        (batches.len() * LANES > 4 * COUNT).then_some(Self { outline: *outline, origin, batches })
-    }
-}
-
-/// Normal equations, and the residuals' robust standard deviation.
-struct Equations {
-    normal: Square,
-    right: Column,
-    spread: f64,
-}
-
-impl Equations {
-    /// Adds what is known beforehand: the blur, and that the outline's centre is hardly aside of the crossing.
-    fn foretell(&mut self, m: &Column, scale: f64, blur: (f64, f64)) {
-        let weight = (scale / blur.1).powi(2);
-        self.normal[(SOFT, SOFT)] += weight;
-        self.right[SOFT] += weight * (blur.0 - m[SOFT]);
-        let weight = (scale / ASIDE).powi(2);
-        for (edge, rim) in [(X, OUTLINE), (Y, OUTLINE + 1)] {
-            for (i, k, sign) in [(edge, edge, 1.0), (rim, rim, 1.0), (edge, rim, -1.0), (rim, edge, -1.0)] {
-                self.normal[(i, k)] += sign * weight;
-            }
-            let apart = weight * (m[rim] - m[edge]);
-            self.right[edge] += apart;
-            self.right[rim] -= apart;
+/// Some of the pixels in and about an outline.
+fn pixels(image: &Raster, pattern: Pattern, outline: &Outline, blur: f64) -> Option<Pixels> {
+    let (centre, margin) = (outline.centre, 2.5 * blur + 2.0);
+    let origin = [centre.x.round(), centre.y.round()];
+    let about = Outline { major: ROOM * outline.major, minor: ROOM * outline.minor, ..*outline };
+    let (oval, own) = (Oval::new(&about), Oval::new(outline));
+    let (rows, inner) = (Some(oval.grown(margin)?), Some(own.grown(blur)?));
+    let count = std::f64::consts::PI * (about.major + margin) * (about.minor + margin);
+    let step = (count / WANTED).round().clamp(1.0, 1024.0) as usize;
+    // Those of a row lie in the gaps of the rows beside it.
+    let shift = (GOLDEN * (step * OUTSIDE) as f64).round() as usize;
+    let (width, height) = (image.width(), image.height());
+    let area = [0, 0, width - 1, height - 1];
+    let reach = about.extent().y + margin;
+    let lines = (centre.y - reach).max(0.0) as usize..((centre.y + reach).max(0.0) as usize + 1).min(height);
+    let mut sorter = Sorter::new(pattern, origin);
+    let mut batch = Batch::new();
+    for y in lines {
+        let Some((from, to)) = row_of(&rows, y as f64) else { continue };
+        let inside = row_of(&inner, y as f64).map_or(0..0, |(from, to)| columns(from, to, area));
+        for x in columns(from, to, area) {
+            let turn = x + y * shift;
+            let step = if inside.contains(&x) { step } else { step * OUTSIDE };
+            let Some(&value) = image.row(y).get(x).filter(|_| turn % step == 0) else { continue };
+            batch.len = 0;
+            batch.push((x as f64 - origin[0]) as f32, (y as f64 - origin[1]) as f32, f32::from(value));
+            let (s, t) = outline.local(Vector2::new(x as f64, y as f64));
+            (batch.p[0], batch.q[0]) = ((s / outline.major) as f32, (t / outline.minor) as f32);
+            batch.root[0] = 1.0;
+            sorter.push(Kind::Dear, &batch, 0);
         }
     }
-
-    /// Their solution, within what the linearisation can bear; `None` where they tell too little.
-    fn step(&self, m: &Column) -> Option<Column> {
-        let mut damped = self.normal;
-        for i in 0..COUNT {
-            damped[(i, i)] = damped[(i, i)] * 1.001 + 1e-9;
-        }
-        let mut change = Cholesky::new(damped)?.solve(&self.right);
-        let (major, minor) = (0.15 * m[MAJOR], 0.2 * m[MINOR]);
-        let most = [3.0, 3.0, 0.2, 0.2, 0.4, 3.0, 3.0, 0.1, major, minor, 40.0, 40.0, 40.0, 40.0, 40.0];
-        let share =
-            change.iter().zip(most).map(|(step, most)| most / step.abs().max(1e-12)).fold(1.0, f64::min);
-        change *= share;
-        Some(change)
-    }
+    let mut out = sorter.finish();
+    out.rim = true;
+    Some(out)
 }
 
-wide! {
-    /// Normal equations at `m`, with biweights for residuals against `scale`.
-    fn linearise(pattern: Pattern, chosen: &Chosen, m: &Column, scale: f64) -> Equations = linearised
-}
-
+/// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 255. The sine and cosine of the
+/// edges' angle come from the caller, once for all batches.
 #[inline(always)]
-fn linearised(pattern: Pattern, chosen: &Chosen, m: &Column, scale: f64) -> Equations {
+pub fn grey(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64), batch: &Batch) -> Grey {
     let (mut edges, mut rim): (Parameters, Parameters) = ([0.0; N], [0.0; N]);
-    (edges[X], edges[Y], edges[ANGLE], edges[FIRST], edges[BLUR]) = (m[X], m[Y], m[ANGLE], m[HALF], m[SOFT]);
-    (rim[X], rim[Y], rim[ANGLE], rim[BLUR]) = (m[OUTLINE], m[OUTLINE + 1], m[TURN], m[SOFT]);
+    (edges[X], edges[Y], edges[FIRST], edges[BLUR]) = (m[X], m[Y], m[FIRST], m[BLUR]);
+    (rim[X], rim[Y], rim[BLUR]) = (m[X] + m[ASIDE], m[Y] + m[ASIDE + 1], m[BLUR]);
     (rim[FIRST], rim[SECOND]) = (m[MAJOR], m[MINOR]);
-    let trigs = [edges[ANGLE].sin_cos(), rim[ANGLE].sin_cos()];
-    let [white, black, level, along, across] =
-        [m[WHITE], m[BLACK], m[SKIN], m[SKIN + 1] / m[MAJOR], m[SKIN + 2] / m[MINOR]].map(|v| v as f32);
-    let (by_a, by_b) = ((1.0 / m[MAJOR]) as f32, (1.0 / m[MINOR]) as f32);
-    let mut sums = Products::new(COUNT);
-    let mut block = Block::new();
-    let mut sizes = Vec::with_capacity(chosen.batches.len() * LANES);
-    for batch in &chosen.batches {
-        let (s, t) = along_and_across(&edges, chosen.origin, trigs[0], batch);
-        let dark = share(pattern, &edges, &s, &t);
-        let (p, q) = along_and_across(&rim, chosen.origin, trigs[1], batch);
-        let inside = share(Pattern::Disc, &rim, &p, &q);
-        let skin = each(|i| level + along * p[i] + across * q[i]);
-        let marker = each(|i| white - (white - black) * dark.c[i]);
-        let r = each(|i| batch.value[i] - skin[i] - inside.c[i] * (marker[i] - skin[i]));
-        let by_dark = each(|i| inside.c[i] * (black - white));
-        let by_inside = each(|i| marker[i] - skin[i]);
-        let outside = each(|i| 1.0 - inside.c[i]);
-        let [x, y, angle] = moved(&dark, &by_dark, trigs[0], [&s, &t]);
-        let [u, v, turn] = moved(&inside, &by_inside, trigs[1], [&p, &q]);
-        let gradient: [Lanes; COUNT] = [
-            x,
-            y,
-            angle,
-            each(|i| by_dark[i] * dark.first[i]),
-            each(|i| by_dark[i] * dark.blur[i] + by_inside[i] * inside.blur[i]),
-            u,
-            v,
-            turn,
-            each(|i| by_inside[i] * inside.first[i]),
-            each(|i| by_inside[i] * inside.second[i]),
-            each(|i| inside.c[i] * (1.0 - dark.c[i])),
-            each(|i| inside.c[i] * dark.c[i]),
-            outside,
-            each(|i| outside[i] * p[i] * by_a),
-            each(|i| outside[i] * q[i] * by_b),
-        ];
-        let tukey = biweights(&r, &gradient[X], &gradient[Y], scale);
-        let root = each(|i| batch.root[i] * tukey[i]);
-        sizes.extend((0..LANES).filter(|&i| batch.root[i] > 0.0).map(|i| r[i].abs()));
-        if block.push(&root, gradient.iter().chain([&r])) {
-            block.flush(&mut sums);
-        }
+    let rim_trig = m[TURN].sin_cos();
+    let (s, t) = along_and_across(&edges, origin, trig, batch);
+    let black = share(pattern, &edges, &s, &t);
+    let (p, q) = along_and_across(&rim, origin, rim_trig, batch);
+    let own = share(Pattern::Disc, &rim, &p, &q);
+    let k = m.map(|v| v as f32);
+    let mut out = Grey { value: [0.0; LANES], gradient: [[0.0; LANES]; N] };
+    let (mut by_black, mut by_own) = ([0.0; LANES], [0.0; LANES]);
+    let gradient = &mut out.gradient;
+    for i in 0..LANES {
+        let skin = k[SKIN] + k[SKIN_ALONG] * batch.p[i] + k[SKIN_ACROSS] * batch.q[i];
+        let marker = 1.0 - k[DARK] * black.c[i];
+        let mixed = skin + own.c[i] * (marker - skin);
+        let mixed = if mixed > 1e-3 { mixed } else { 1e-3 };
+        let log = ln(mixed);
+        let through = exp(k[GAMMA] * log);
+        let value = k[LIGHT] * through;
+        let clipped = value >= 255.0;
+        let open = if clipped { 0.0 } else { 1.0 };
+        out.value[i] = if clipped { 255.0 } else { value };
+        let slope = open * k[GAMMA] * value / mixed;
+        by_black[i] = -slope * own.c[i] * k[DARK];
+        by_own[i] = slope * (marker - skin);
+        gradient[LIGHT][i] = open * through;
+        gradient[DARK][i] = -slope * own.c[i] * black.c[i];
+        gradient[GAMMA][i] = open * value * log;
+        gradient[SKIN][i] = slope * (1.0 - own.c[i]);
+        gradient[SKIN_ALONG][i] = gradient[SKIN][i] * batch.p[i];
+        gradient[SKIN_ACROSS][i] = gradient[SKIN][i] * batch.q[i];
+        gradient[FIRST][i] = by_black[i] * black.first[i];
+        gradient[BLUR][i] = by_black[i] * black.blur[i] + by_own[i] * own.blur[i];
+        gradient[MAJOR][i] = by_own[i] * own.first[i];
+        gradient[MINOR][i] = by_own[i] * own.second[i];
     }
-    block.flush(&mut sums);
-    let (mut normal, mut right) = (Square::zeros(), Column::zeros());
-    let mut totals = sums.totals();
-    for i in 0..COUNT {
-        for (k, sum) in (i..COUNT).zip(&mut totals) {
-            (normal[(i, k)], normal[(k, i)]) = (sum, sum);
-        }
-        right[i] = totals.next().unwrap_or(0.0);
-    }
-    Equations { normal, right, spread: spread(&mut sizes) }
+    let [x, y, angle] = moved(&black, &by_black, trig, [&s, &t]);
+    let [u, v, turn] = moved(&own, &by_own, rim_trig, [&p, &q]);
+    (gradient[ANGLE], gradient[TURN], gradient[ASIDE], gradient[ASIDE + 1]) = (angle, turn, u, v);
+    gradient[X] = each(|i| x[i] + u[i]);
+    gradient[Y] = each(|i| y[i] + v[i]);
+    out
 }
 
-/// Derivatives by centre and direction of what a share's derivatives are multiplied by.
+/// Derivatives by centre and direction, from those by a share of black.
 #[inline(always)]
 fn moved(share: &Share, by_share: &Lanes, trig: (f64, f64), [s, t]: [&Lanes; 2]) -> [Lanes; 3] {
     let (sin, cos) = (trig.0 as f32, trig.1 as f32);
