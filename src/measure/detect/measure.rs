@@ -52,6 +52,8 @@ pub struct Measured {
     pub clumped: f64,
     /// The centre's covariance if no residuals hung together, px^2.
     pub white: Matrix2<f64>,
+    /// Standard deviation of a disc's semi-major axis, px; 0 of quadrants.
+    pub length: f64,
 }
 
 /// What a frame's markers can be like.
@@ -279,6 +281,11 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
         darkness: contrast / m[LIGHT].max(1.0),
         clumped: fit.clumped,
         white: fit.white,
+        length: if candidate.pattern == Pattern::Disc {
+            fit.covariance[(FIRST, FIRST)].max(0.0).sqrt()
+        } else {
+            0.0
+        },
     })
 }
 

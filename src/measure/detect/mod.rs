@@ -39,7 +39,7 @@ use std::ops::Range;
 use nalgebra::{Matrix2, Vector2};
 
 use coarse::Part;
-use whole::{Whole, again_with_like, again_with_size, is_unsure, measure_whole_or_hidden};
+use whole::{Whole, again_with_like, again_with_size, doubt_unlike, is_unsure, measure_whole_or_hidden};
 
 use super::raster::Raster;
 use super::setup::Shape;
@@ -211,6 +211,7 @@ fn find(image: &Raster, sought: Option<&[Prediction]>) -> (Found, f64) {
     if is_faint(&found) {
         found = sound(true, found.measured);
     }
+    doubt_unlike(&mut found);
     (found, noise)
 }
 

@@ -1,8 +1,9 @@
 //! Stage 3: what a blob measures as a whole disc, and what is tried where a part of it is hidden.
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 use super::super::raster::Raster;
+use super::super::setup::Shape;
 use super::blob::{self, Blob};
 use super::candidate::{self, Candidate, Like, Outline};
 use super::counts::Counts;
@@ -18,6 +19,8 @@ const BESIDE: f64 = 6.0;
 const UNLIKE: f64 = 4.0;
 /// The same where a disc is so thin that it tells little more than that size.
 const UNLIKE_THIN: f64 = 2.5;
+/// The same where its standard deviation shall say so.
+const UNLIKELY: f64 = 2.0;
 /// Markers that tell blur and darkness of those between them, and how far these differ from one to another: the blur as a
 /// share.
 const ENOUGH: usize = 5;
@@ -95,6 +98,29 @@ pub fn again_with_like(known: &Whole, found: &mut Found, unsure: Vec<Candidate>)
             found.rejected.retain(|r| !own.holds(r.centre_px));
             found.measured.push(measured);
         }
+    }
+}
+
+/// Where a thin disc is longer or shorter than those about it foretell, something at one of its ends passes for a part of
+/// it: the centre may be off along the axis by as much, which its standard deviation then says.
+pub fn doubt_unlike(found: &mut Found) {
+    let doubts: Vec<Matrix2<f64>> = (found.measured.iter().enumerate())
+        .map(|(i, own)| {
+            let d = &own.detection;
+            let others =
+                found.measured.iter().enumerate().filter(|(k, _)| *k != i).map(|(_, m)| &m.detection);
+            let thin = d.shape == Shape::Circle && d.semi_minor_px < THIN * own.blur;
+            let size = if thin { arc::foretold_major(others, d.centre_px) } else { None };
+            let Some((major, deviation)) = size else { return Matrix2::zeros() };
+            let longer = (d.semi_major_px - major).powi(2);
+            let chance = own.length.powi(2) + deviation * deviation;
+            let doubt = if longer > UNLIKELY * UNLIKELY * chance { longer - chance } else { 0.0 };
+            let axis = Vector2::new(d.angle_rad.cos(), d.angle_rad.sin());
+            axis * axis.transpose() * doubt
+        })
+        .collect();
+    for (own, doubt) in found.measured.iter_mut().zip(doubts) {
+        own.detection.covariance_px2 += doubt;
     }
 }
 
