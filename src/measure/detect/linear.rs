@@ -153,7 +153,7 @@ pub type Images = Vec<Grey>;
 
 impl Pixels {
     #[inline(always)]
-    fn linearised(
+    fn linearised<const RIM: bool>(
         &self,
         m: &Parameters,
         unknowns: &Unknowns,
@@ -177,7 +177,7 @@ impl Pixels {
         let (mut weight, mut curvature, mut square) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         let mut sizes = Sizes::new(self.batches.len());
         for batch in &self.batches {
-            let image = if self.rim {
+            let image = if RIM {
                 rim::grey(self.pattern, m, self.origin, trig, batch)
             } else {
                 grey(self.pattern, m, self.origin, trig, batch)
@@ -228,16 +228,44 @@ impl Pixels {
     }
 }
 
+/// Normal equations at `m`, with biweights for residuals against `scale`; and what they came from.
+pub fn linearise(
+    pixels: &Pixels,
+    m: &Parameters,
+    unknowns: &Unknowns,
+    scale: f64,
+    floor: f64,
+    images: Option<&mut Images>,
+) -> Step {
+    if pixels.rim {
+        with_rim(pixels, m, unknowns, scale, floor, images)
+    } else {
+        without_rim(pixels, m, unknowns, scale, floor, images)
+    }
+}
+
 wide! {
-    /// Normal equations at `m`, with biweights for residuals against `scale`; and what they came from.
-    pub fn linearise(
+    /// Of quadrants without their outline, and of discs.
+    fn without_rim(
         pixels: &Pixels,
         m: &Parameters,
         unknowns: &Unknowns,
         scale: f64,
         floor: f64,
         images: Option<&mut Images>,
-    ) -> Step = Pixels::linearised
+    ) -> Step = Pixels::linearised::<false>
+}
+
+wide! {
+    /// Of quadrants with their outline.
+    fn with_rim(
+        pixels: &Pixels,
+        m: &Parameters,
+        unknowns: &Unknowns,
+        scale: f64,
+        floor: f64,
+        images: Option<&mut Images>,
+    ) -> Step = Pixels::linearised::<true>
 }
 
 /// Roots of the biweights.
@@ -328,7 +356,7 @@ mod tests {
             let pixels = sorter.finish();
             let unknowns = Unknowns { free: [true; N], usual: [(0.0, f64::INFINITY); N] };
             let wide = linearise(&pixels, &m, &unknowns, 30.0, 0.5, None);
-            let plain = pixels.linearised(&m, &unknowns, 30.0, 0.5, None);
+            let plain = pixels.linearised::<false>(&m, &unknowns, 30.0, 0.5, None);
             assert_eq!((wide.normal, wide.right), (plain.normal, plain.right), "{pattern:?}");
             assert_eq!((wide.scale, wide.weight, wide.square), (plain.scale, plain.weight, plain.square));
             assert!(wide.weight > 100.0 && wide.normal[(X, X)] > 1.0, "{pattern:?}: nothing was summed");

@@ -86,9 +86,7 @@ fn has_white(image: &Raster, blob: &Blob, noise: f64) -> bool {
     let high = Vector2::new(x1, y1).add_scalar(BESIDE + 1.0);
     let counts = Counts::of(image.part(low, high, 2).map(|(_, _, value)| value));
     let at = |share: usize| counts.at(counts.total() * share / 32).unwrap_or(0);
-    let (black, white) = (at(0), at(31));
-    let wide = (high - low) * 0.5;
-    let Some(skin) = skin(image, low - wide, high + wide) else { return false };
+    let (black, skin, white) = (at(0), at(16), at(31));
     // The lightest of much skin is lighter than most of it by twice the noise.
     white.saturating_sub(skin) as f64 > WHITER * white.saturating_sub(black) as f64 + 2.0 * noise
 }
