@@ -250,6 +250,27 @@ fn quadrants_of_whose_black_blur_leaves_the_middle_are_found() {
 }
 
 #[test]
+fn quadrants_that_blur_makes_narrow_are_found() {
+    // Plain to the eye, but black is two slivers, two lobes that white joins, or the middle only.
+    let sizes = [[73.0, 10.0], [58.0, 6.5], [40.0, 10.0], [40.0, 7.0]];
+    // Too few to tell one another's blur.
+    let mut squares = Vec::new();
+    for first in [0.25, 0.6, 0.95, 1.3] {
+        let targets: [(Ellipse, f64); 4] = std::array::from_fn(|k| {
+            let (x, y) = (225.3 + 446.1 * (k % 2) as f64, 110.4 + 200.2 * (k / 2) as f64);
+            let [a, b] = sizes[k];
+            ([x, y, a, b, 0.17 - 0.08 * k as f64], first + 0.1 * k as f64)
+        });
+        let scene = |x: f64, y: f64| {
+            let target = targets.iter().find(|(target, _)| within(*target, x, y));
+            target.map_or(165.0, |&(target, turn)| quadrants(target, turn, [165.0, 60.0, 215.0])(x, y))
+        };
+        squares.extend(found_of(&targets.map(|t| t.0), scene, 2.0, 2.0));
+    }
+    hold(&squares, 93);
+}
+
+#[test]
 fn pale_quadrants_before_skin_that_is_darker_than_their_white_are_found() {
     let target: Ellipse = [450.2, 200.7, 186.0, 55.0, -0.1];
     let scene = quadrants(target, 0.6, [125.0, 105.0, 149.0]);
@@ -262,4 +283,17 @@ fn pale_quadrants_before_skin_that_is_darker_than_their_white_are_found() {
 fn discs_thinner_than_their_blur_are_found() {
     let thin = discs().map(|[x, y, a, _, angle]| [x, y, a, 0.05 * a, angle]);
     hold(&found_of(&thin, on_skin(&thin, 165.0, 60.0), 2.0, 4.0), 53);
+}
+
+#[test]
+fn a_thin_disc_that_a_smear_lengthens_says_so() {
+    let thin = discs().map(|[x, y, a, _, angle]| [x, y, a, 0.06 * a, angle]);
+    let [x, y, a, b, angle] = thin[4];
+    // As dark as the disc, of which it looks like an end.
+    let smear = [x + 5.0, y + 5.0 * angle, a, b, angle];
+    let both: Vec<Ellipse> = thin.into_iter().chain([smear]).collect();
+    for seed in 0..4 {
+        let m = measured(&picture(on_skin(&both, 165.0, 60.0), 2.0, 2.0, seed), thin[4], 4.0);
+        assert!(m.semi_major_px > a + 1.5, "the smear shows");
+    }
 }

@@ -336,11 +336,12 @@ mod tests {
     #[test]
     fn every_processor_gives_the_same_bits() {
         let shapes = [
-            (Pattern::Disc, [20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.8]),
-            (Pattern::Disc, [20.3, 19.8, 0.3, 20.0, 15.0, 0.0, 0.8]),
-            (Pattern::WhiteAlong, [20.3, 19.8, -0.4, 0.1, 4e-4, 2e-4, 0.8]),
+            (Pattern::Disc, false, [20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.8]),
+            (Pattern::Disc, false, [20.3, 19.8, 0.3, 20.0, 15.0, 0.0, 0.8]),
+            (Pattern::WhiteAlong, false, [20.3, 19.8, -0.4, 0.1, 4e-4, 2e-4, 0.8]),
+            (Pattern::BlackAlong, true, [20.3, 19.8, -0.4, 0.3, 30.0, 8.0, 0.8]),
         ];
-        for (pattern, shape) in shapes {
+        for (pattern, rim, shape) in shapes {
             let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
             let m: Parameters = std::array::from_fn(|i| if i < LIGHT { shape[i] } else { light[i - LIGHT] });
             let mut sorter = Sorter::new(pattern, [20.0, 20.0]);
@@ -353,10 +354,14 @@ mod tests {
                 sorter.push(Kind::Cheap, &batch, k);
                 batch.len %= LANES;
             }
-            let pixels = sorter.finish();
+            let mut pixels = sorter.finish();
+            pixels.rim = rim;
             let unknowns = Unknowns { free: [true; N], usual: [(0.0, f64::INFINITY); N] };
             let wide = linearise(&pixels, &m, &unknowns, 30.0, 0.5, None);
-            let plain = pixels.linearised::<false>(&m, &unknowns, 30.0, 0.5, None);
+            let plain = match rim {
+                true => pixels.linearised::<true>(&m, &unknowns, 30.0, 0.5, None),
+                false => pixels.linearised::<false>(&m, &unknowns, 30.0, 0.5, None),
+            };
             assert_eq!((wide.normal, wide.right), (plain.normal, plain.right), "{pattern:?}");
             assert_eq!((wide.scale, wide.weight, wide.square), (plain.scale, plain.weight, plain.square));
             assert!(wide.weight > 100.0 && wide.normal[(X, X)] > 1.0, "{pattern:?}: nothing was summed");

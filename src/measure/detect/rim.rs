@@ -201,3 +201,66 @@ fn moved(share: &Share, by_share: &Lanes, trig: (f64, f64), [s, t]: [&Lanes; 2])
         each(|i| by_share[i] * (share.s[i] * t[i] - share.t[i] * s[i])),
     ]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::model;
+    use super::*;
+
+    fn narrow() -> Parameters {
+        let mut m = [0.0; N];
+        (m[X], m[Y], m[ANGLE], m[FIRST], m[BLUR]) = (20.3, 19.8, -0.3, 0.3, 1.8);
+        (m[MAJOR], m[MINOR], m[TURN], m[ASIDE], m[ASIDE + 1]) = (30.0, 7.0, -0.15, 0.4, -0.3);
+        (m[LIGHT], m[DARK], m[GAMMA]) = (210.0, 0.9, 0.45);
+        (m[SKIN], m[SKIN_ALONG], m[SKIN_ACROSS]) = (0.5, 0.05, -0.04);
+        m
+    }
+
+    /// Value and derivatives at a place.
+    fn one(m: &Parameters, x: f64, y: f64) -> (f64, Parameters) {
+        let mut batch = Batch::new();
+        batch.push((x - 20.0) as f32, (y - 20.0) as f32, 0.0);
+        (batch.p[0], batch.q[0]) = (((x - 20.0) / 30.0) as f32, ((y - 20.0) / 7.0) as f32);
+        batch.fill();
+        let out = grey(Pattern::WhiteAlong, m, [20.0, 20.0], m[ANGLE].sin_cos(), &batch);
+        (f64::from(out.value[0]), out.gradient.map(|lanes| f64::from(lanes[0])))
+    }
+
+    #[test]
+    fn derivatives_match_differences() {
+        let m = narrow();
+        for i in 0..80 {
+            let (x, y) = (f64::from(i * 7 % 80) - 19.7, f64::from(i * 3 % 29) + 6.3);
+            let gradient = one(&m, x, y).1;
+            for k in 0..N {
+                let step = 4e-3;
+                let (mut low, mut high) = (m, m);
+                low[k] -= step;
+                high[k] += step;
+                let difference = (one(&high, x, y).0 - one(&low, x, y).0) / (2.0 * step);
+                let most = 0.05 * difference.abs().max(10.0);
+                let off = (gradient[k] - difference).abs();
+                assert!(off < most, "({x}, {y}) parameter {k}: {} against {difference}", gradient[k]);
+            }
+        }
+    }
+
+    #[test]
+    fn far_from_its_outline_there_is_skin_and_within_the_quadrants() {
+        let m = narrow();
+        let light = |share: f64| 210.0 * share.powf(0.45);
+        let skin = |x: f64, y: f64| 0.5 + 0.05 * (x - 20.0) / 30.0 - 0.04 * (y - 20.0) / 7.0;
+        assert!((one(&m, 20.0, 50.0).0 - light(skin(20.0, 50.0))).abs() < 0.1);
+        let (x, y) = (20.3 + 9.0 * 0.3f64.cos(), 19.8 - 9.0 * 0.3f64.sin());
+        let mut wide = m;
+        for k in [SECOND, THIRD, EGG, LIGHT + 1, LIGHT + 2, LIGHT + 3, DARK + 1, DARK + 2] {
+            wide[k] = 0.0;
+        }
+        let mut batch = Batch::new();
+        batch.push((x - 20.0) as f32, (y - 20.0) as f32, 0.0);
+        batch.fill();
+        let trig = m[ANGLE].sin_cos();
+        let alone = model::grey(Pattern::WhiteAlong, &wide, [20.0, 20.0], trig, &batch).value[0];
+        assert!((one(&m, x, y).0 - f64::from(alone)).abs() < 0.5, "{} of {alone}", one(&m, x, y).0);
+    }
+}
