@@ -29,8 +29,8 @@ pub struct Candidate {
     pub pattern: Pattern,
     /// The marker's outline.
     pub outline: Outline,
-    /// Whether that is of quadrants' black and white together.
-    pub against_skin: bool,
+    /// The blur, px, where that is of quadrants' black and white together.
+    pub against_skin: Option<f64>,
     /// Quadrants: direction of s, and tangent of half the angle between the edges.
     pub edges: Option<(f64, f64)>,
     /// Blobs that it is made of.
@@ -195,7 +195,7 @@ pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
     ((0.72..1.2).contains(&blob.fill()) && squareness(blob) < most).then(|| Candidate {
         pattern: Pattern::Disc,
         outline,
-        against_skin: false,
+        against_skin: None,
         edges: None,
         blobs: vec![index],
         hidden: Vec::new(),
@@ -256,7 +256,7 @@ pub fn between(e1: Vector2<f64>, e2: Vector2<f64>, outline: Outline, blobs: &[us
     Candidate {
         pattern,
         outline,
-        against_skin: false,
+        against_skin: None,
         edges: Some(edges),
         blobs: blobs.to_vec(),
         hidden: Vec::new(),

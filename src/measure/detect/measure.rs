@@ -89,7 +89,8 @@ pub fn measure(
     candidate: &Candidate,
     bounds: Bounds,
 ) -> Result<Measured, RejectReason> {
-    let levelled = if candidate.against_skin { None } else { at_one_level(image, candidate, blobs) };
+    let levelled =
+        if candidate.against_skin.is_some() { None } else { at_one_level(image, candidate, blobs) };
     let levelled = levelled.and_then(|candidate| measure_once(image, blobs, &candidate, bounds).ok());
     let measured = levelled.map_or_else(|| measure_once(image, blobs, candidate, bounds), Ok);
     measured.or_else(|reason| {
@@ -118,8 +119,8 @@ fn measure_once(
     }
     let floor = 0.5f64.max(0.8 * noise);
     let (few, all) = if candidate.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
-    let blur = candidate.like.map_or(1.0, |like| like.blur.0);
-    let look = Look { crossing: outline.centre, blur, sag: 0.0, rough: true };
+    let blur = candidate.like.map(|like| like.blur.0).or(candidate.against_skin).unwrap_or(1.0);
+    let look = Look { crossing: outline.centre, blur, sag: 0.0 };
     let first = pixels(image, Masked::Blobs(blobs), candidate, look, few).ok_or(RejectReason::LowContrast)?;
     let start = start(candidate, &first, blur).ok_or(RejectReason::LowContrast)?;
     let (near, scale) =
@@ -142,7 +143,7 @@ fn measure_once(
             _ => Masked::Blobs(blobs),
         };
         let sag = if place.edges.is_none() { near[THIRD] } else { 0.0 };
-        let look = Look { crossing: Vector2::new(near[X], near[Y]), blur: near[BLUR], sag, rough: false };
+        let look = Look { crossing: Vector2::new(near[X], near[Y]), blur: near[BLUR], sag };
         let pixels = pixels(image, masked, place, look, all).ok_or(RejectReason::NoConvergence)?;
         let bent = fit(&pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
         // The straight model knows more, where the bend is not significant.
@@ -246,7 +247,7 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
     if m[BLUR] > SOFTEST || fit.inliers < 0.55 || fit.rms > largest_rms(candidate, noise, contrast) {
         return Err(RejectReason::PoorFit);
     }
-    let edges = candidate.edges.filter(|_| !candidate.against_skin);
+    let edges = candidate.edges.filter(|_| candidate.against_skin.is_none());
     if edges.is_some_and(|edges| !ends_in_arcs(image, candidate.pattern, &outline, edges.0, m)) {
         return Err(RejectReason::Pattern);
     }

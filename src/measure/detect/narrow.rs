@@ -40,7 +40,7 @@ const USUAL_BLUR: (f64, f64) = (1.5, 0.7);
 pub fn against_skin(image: &Raster, candidate: &Candidate, softest: f64) -> Option<Candidate> {
     let seen = &candidate.outline;
     if candidate.edges.is_none()
-        || candidate.against_skin
+        || candidate.against_skin.is_some()
         || seen.minor > BLURRED * softest
         || seen.major < FLAT * seen.minor
     {
@@ -96,7 +96,8 @@ fn by_black_and_white(image: &Raster, seen: &Outline, blobs: &[usize]) -> Option
     let (outline, m, skin) = unlike_skin(image, seen)?;
     let found = within(outline, image, blobs)?;
     let start = rim::start(&found, &m, skin)?;
-    rim::refined(image, &found, start, USUAL_BLUR)
+    let (found, blur) = rim::refined(image, &found, start, USUAL_BLUR)?;
+    Some(Candidate { against_skin: Some(blur), ..found })
 }
 
 /// The outline of all that is unlike the skin about what is seen of quadrants, parameters with their grey levels, and the skin's grey
@@ -209,5 +210,5 @@ fn within(outline: Outline, image: &Raster, blobs: &[usize]) -> Option<Candidate
         half * p + across * q
     };
     let found = candidate::between(edge(darkest), edge(darkest + QUARTER), outline, blobs);
-    Some(Candidate { against_skin: true, ..found })
+    Some(found)
 }

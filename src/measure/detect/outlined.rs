@@ -37,19 +37,19 @@ pub fn outlined(image: &Raster, candidate: Candidate, m: &Parameters) -> Candida
     let saddle = Vector2::new(m[X], m[Y]);
     let outline = &candidate.outline;
     // Skin is darker than white: nearer to black it does not run into the quadrants.
-    let shares: &[f64] = if candidate.against_skin { &[] } else { &[0.65, 0.8] };
+    let shares: &[f64] = if candidate.against_skin.is_some() { &[] } else { &[0.65, 0.8] };
     let found = shares.iter().find_map(|share| {
         let level = (m[LIGHT] - share * contrast(m)).clamp(0.0, 255.0) as u8;
         let own = blob::dark_parts(image, outline, 0.0, level);
         candidate::quadrants(&[0, 1], &own).or_else(|| candidate::quadrants(&[0], &own))
     });
     let mut out = found.map_or(*outline, |f| f.outline);
-    if !candidate.against_skin {
+    if candidate.against_skin.is_none() {
         let longer = length_of_white(image, &out, m).filter(|longer| *longer > LONGER * out.major);
         out.major = longer.unwrap_or(out.major);
     }
     // Blur takes more of one black part's thin end than of the other's.
-    if candidate.against_skin || (out.minor < THICK && (out.centre - saddle).norm() > ASIDE) {
+    if candidate.against_skin.is_some() || (out.minor < THICK && (out.centre - saddle).norm() > ASIDE) {
         out.centre = saddle;
     }
     Candidate { outline: out, ..candidate }
@@ -66,7 +66,8 @@ pub fn with_rim(image: &Raster, candidate: &Candidate, m: &Parameters) -> Option
     let skin = skin(image, outline.centre - reach, outline.centre + reach)? as f64;
     let centre = Vector2::new(m[X], m[Y]);
     let centred = Candidate { outline: Outline { centre, ..*outline }, ..candidate.clone() };
-    rim::refined(image, &centred, rim::start(&centred, m, skin)?, (m[BLUR], SAME_BLUR * m[BLUR]))
+    let start = rim::start(&centred, m, skin)?;
+    rim::refined(image, &centred, start, (m[BLUR], SAME_BLUR * m[BLUR])).map(|(found, _)| found)
 }
 
 /// Quadrants whose two black parts were seen against thresholds so different that one is much larger, seen once more

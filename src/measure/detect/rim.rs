@@ -72,13 +72,13 @@ fn unknowns(blur: (f64, f64)) -> Unknowns {
     Unknowns { free, usual }
 }
 
-/// Quadrants with outline and edges from both together, from first parameters; `None` where that does not settle near them.
+/// Quadrants with outline and edges from both together, and their blur, px, from first parameters; `None` where that does not settle near them.
 pub fn refined(
     image: &Raster,
     candidate: &Candidate,
     start: Parameters,
     blur: (f64, f64),
-) -> Option<Candidate> {
+) -> Option<(Candidate, f64)> {
     if start[MAJOR] < SHORTEST || contrast(&start) < LEAST_CONTRAST {
         return None;
     }
@@ -92,7 +92,7 @@ pub fn refined(
         if m[MAJOR] < GROWN * outline.major && m[MINOR] < GROWN * outline.minor {
             let edges = Some((m[ANGLE], m[FIRST]));
             let found = Candidate { outline: outline_of(&m), edges, ..candidate.clone() };
-            return (scale < MOST * contrast(&m)).then_some(found);
+            return (scale < MOST * contrast(&m)).then_some((found, m[BLUR]));
         }
     }
     None

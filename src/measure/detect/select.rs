@@ -43,11 +43,8 @@ const SHARP: f64 = 1.5;
 /// How far from quadrants' rim pixels are used, in blurs; so is their semi-minor axis. At 1.5 there is 7 % of skin mixed in,
 /// on opposite sides alike, so that the crossing stays. Thick ones have edges enough farther in.
 fn rim(minor: f64) -> f64 {
-    (1.5 + (minor - 10.0) / 15.0).clamp(1.5, RIM)
+    (1.5 + (minor - 10.0) / 15.0).clamp(1.5, 2.5)
 }
-
-/// How far at most.
-const RIM: f64 = 2.5;
 
 /// Bands about an edge, px: where its blur reaches, and flat ground beside it.
 #[derive(Clone, Copy)]
@@ -210,8 +207,6 @@ pub struct Look {
     pub blur: f64,
     /// A disc's sag, px.
     pub sag: f64,
-    /// Whether all this is only supposed.
-    pub rough: bool,
 }
 
 /// The pixels for a candidate; `None` where it lies outside the frame.
@@ -242,11 +237,9 @@ pub fn pixels(
         Masked::DarkerThan(m, limit) => darker(image, outline, bands, area, &m, limit),
     };
     let oval = Oval::new(outline);
-    // What was seen against the skin is thin, and its blur greater than supposed.
-    let blurs = if look.rough && candidate.against_skin { RIM } else { rim(outline.minor / blur) };
     let edges = candidate.edges.map(|edges| Edges {
         lines: lines(edges, look.crossing),
-        margin: (blurs * blur).min(0.45 * outline.minor).max(1.0),
+        margin: (rim(outline.minor / blur) * blur).min(0.45 * outline.minor).max(1.0),
         along: Vector2::new(edges.0.cos(), edges.0.sin()),
     });
     let length = edges.map_or_else(
