@@ -127,7 +127,7 @@ fn pixels(image: &Raster, pattern: Pattern, outline: &Outline, blur: f64) -> Opt
         for x in columns(from, to, area) {
             let turn = x + y * shift;
             let step = if inside.contains(&x) { step } else { step * OUTSIDE };
-            let Some(&value) = image.row(y).get(x).filter(|_| turn % step == 0) else { continue };
+            let Some(&value) = image.row(y).get(x).filter(|_| turn.is_multiple_of(step)) else { continue };
             batch.len = 0;
             batch.push((x as f64 - origin[0]) as f32, (y as f64 - origin[1]) as f32, f32::from(value));
             let (s, t) = outline.local(Vector2::new(x as f64, y as f64));
