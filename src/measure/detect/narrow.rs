@@ -30,7 +30,9 @@ const HALF: f64 = 60.0;
 const THICKEST: f64 = 10.0;
 const LEAST: f64 = 30.0;
 const BESIDE: f64 = 12.0;
-/// Most of their seeds that are looked at.
+/// Greatest semi-major axis of what is looked at, px: sixteen times the thickest; and how many at most, so that clutter cannot
+/// take for ever.
+const LONGEST: f64 = 160.0;
 const SEEDS: usize = 60;
 /// Their blur beforehand, px.
 const USUAL_BLUR: (f64, f64) = (1.5, 0.7);
@@ -93,6 +95,9 @@ fn has_white(image: &Raster, blob: &Blob, noise: f64) -> bool {
 
 /// Quadrants with outline and edges from all that is unlike the skin about what is seen of them.
 fn by_black_and_white(image: &Raster, seen: &Outline, blobs: &[usize]) -> Option<Candidate> {
+    if seen.major > LONGEST {
+        return None;
+    }
     let (outline, m, skin) = unlike_skin(image, seen)?;
     let found = within(outline, image, blobs)?;
     let start = rim::start(&found, &m, skin)?;
@@ -100,8 +105,8 @@ fn by_black_and_white(image: &Raster, seen: &Outline, blobs: &[usize]) -> Option
     Some(Candidate { against_skin: Some(blur), ..found })
 }
 
-/// The outline of all that is unlike the skin about what is seen of quadrants, parameters with their grey levels, and the skin's grey
-/// level.
+/// The outline of all that is unlike the skin about what is seen of quadrants, parameters with their grey levels, and the
+/// skin's grey level.
 fn unlike_skin(image: &Raster, seen: &Outline) -> Option<(Outline, Parameters, f64)> {
     let mut seen = *seen;
     for _ in 0..3 {
