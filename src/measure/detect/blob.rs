@@ -119,12 +119,7 @@ pub fn lighter_than(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, level
 }
 
 /// The blobs of pixels that a test holds for and that lie wholly in a box.
-pub fn blobs_of(
-    image: &Raster,
-    low: Vector2<f64>,
-    high: Vector2<f64>,
-    test: impl Fn(u8) -> bool,
-) -> Vec<Blob> {
+fn blobs_of(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, test: impl Fn(u8) -> bool) -> Vec<Blob> {
     let end = |v: f64, most: usize| (v.ceil().max(0.0) as usize).saturating_add(1).min(most);
     let window = Window {
         x0: low.x.floor().max(0.0) as usize,

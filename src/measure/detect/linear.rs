@@ -2,9 +2,9 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::batch::{Pixels, total};
+use super::batch::{Batch, Pixels, total};
 use super::fit::Unknowns;
-use super::model::{ANGLE, Grey, LANES, Lanes, N, Parameters, X, Y, each, grey};
+use super::model::{ANGLE, Grey, LANES, Lanes, N, Parameters, Pattern, X, Y, each, grey};
 use super::rim;
 use super::wide::wide;
 
@@ -153,8 +153,26 @@ pub type Images = Vec<Grey>;
 
 impl Pixels {
     #[inline(always)]
-    fn linearised<const RIM: bool>(
+    fn linearised(
         &self,
+        m: &Parameters,
+        unknowns: &Unknowns,
+        scale: f64,
+        floor: f64,
+        images: Option<&mut Images>,
+    ) -> Step {
+        // A loop for each: one that knows both models is slower for both.
+        if self.rim {
+            self.linearised_by(rim::grey, m, unknowns, scale, floor, images)
+        } else {
+            self.linearised_by(grey, m, unknowns, scale, floor, images)
+        }
+    }
+
+    #[inline(always)]
+    fn linearised_by(
+        &self,
+        grey: impl Fn(Pattern, &Parameters, [f64; 2], (f64, f64), &Batch) -> Grey,
         m: &Parameters,
         unknowns: &Unknowns,
         scale: f64,
@@ -177,11 +195,7 @@ impl Pixels {
         let (mut weight, mut curvature, mut square) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         let mut sizes = Sizes::new(self.batches.len());
         for batch in &self.batches {
-            let image = if RIM {
-                rim::grey(self.pattern, m, self.origin, trig, batch)
-            } else {
-                grey(self.pattern, m, self.origin, trig, batch)
-            };
+            let image = grey(self.pattern, m, self.origin, trig, batch);
             let r = each(|i| batch.value[i] - image.value[i]);
             let tukey = biweights(&r, &image.gradient[X], &image.gradient[Y], scale);
             let root = each(|i| batch.root[i] * tukey[i]);
@@ -228,44 +242,16 @@ impl Pixels {
     }
 }
 
-/// Normal equations at `m`, with biweights for residuals against `scale`; and what they came from.
-pub fn linearise(
-    pixels: &Pixels,
-    m: &Parameters,
-    unknowns: &Unknowns,
-    scale: f64,
-    floor: f64,
-    images: Option<&mut Images>,
-) -> Step {
-    if pixels.rim {
-        with_rim(pixels, m, unknowns, scale, floor, images)
-    } else {
-        without_rim(pixels, m, unknowns, scale, floor, images)
-    }
-}
-
 wide! {
-    /// Of quadrants without their outline, and of discs.
-    fn without_rim(
+    /// Normal equations at `m`, with biweights for residuals against `scale`; and what they came from.
+    pub fn linearise(
         pixels: &Pixels,
         m: &Parameters,
         unknowns: &Unknowns,
         scale: f64,
         floor: f64,
         images: Option<&mut Images>,
-    ) -> Step = Pixels::linearised::<false>
-}
-
-wide! {
-    /// Of quadrants with their outline.
-    fn with_rim(
-        pixels: &Pixels,
-        m: &Parameters,
-        unknowns: &Unknowns,
-        scale: f64,
-        floor: f64,
-        images: Option<&mut Images>,
-    ) -> Step = Pixels::linearised::<true>
+    ) -> Step = Pixels::linearised
 }
 
 /// Roots of the biweights.
@@ -329,8 +315,8 @@ pub fn spread(residuals: &mut [f32]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::batch::{Batch, Kind, Sorter};
-    use super::super::model::{LIGHT, Pattern};
+    use super::super::batch::{Kind, Sorter};
+    use super::super::model::LIGHT;
     use super::*;
 
     #[test]
@@ -358,10 +344,7 @@ mod tests {
             pixels.rim = rim;
             let unknowns = Unknowns { free: [true; N], usual: [(0.0, f64::INFINITY); N] };
             let wide = linearise(&pixels, &m, &unknowns, 30.0, 0.5, None);
-            let plain = match rim {
-                true => pixels.linearised::<true>(&m, &unknowns, 30.0, 0.5, None),
-                false => pixels.linearised::<false>(&m, &unknowns, 30.0, 0.5, None),
-            };
+            let plain = pixels.linearised(&m, &unknowns, 30.0, 0.5, None);
             assert_eq!((wide.normal, wide.right), (plain.normal, plain.right), "{pattern:?}");
             assert_eq!((wide.scale, wide.weight, wide.square), (plain.scale, plain.weight, plain.square));
             assert!(wide.weight > 100.0 && wide.normal[(X, X)] > 1.0, "{pattern:?}: nothing was summed");

@@ -89,8 +89,7 @@ pub fn measure(
     candidate: &Candidate,
     bounds: Bounds,
 ) -> Result<Measured, RejectReason> {
-    let levelled =
-        if candidate.against_skin.is_some() { None } else { at_one_level(image, candidate, blobs) };
+    let levelled = at_one_level(image, candidate, blobs);
     let levelled = levelled.and_then(|candidate| measure_once(image, blobs, &candidate, bounds).ok());
     let measured = levelled.map_or_else(|| measure_once(image, blobs, candidate, bounds), Ok);
     measured.or_else(|reason| {

@@ -175,10 +175,10 @@ impl Slopes {
         [p, q]: [f32; 2],
         gradient: &mut [Lanes; N],
     ) {
-        let (sin, cos) = (trig.0 as f32, trig.1 as f32);
-        gradient[X][i] = self.share * (share.t[i] * sin - share.s[i] * cos);
-        gradient[Y][i] = -self.share * (share.s[i] * sin + share.t[i] * cos);
-        gradient[ANGLE][i] = self.share * (share.s[i] * t[i] - share.t[i] * s[i]);
+        let [by_x, by_y, by_angle] = share.moved(i, trig, [s, t]);
+        gradient[X][i] = self.share * by_x;
+        gradient[Y][i] = self.share * by_y;
+        gradient[ANGLE][i] = self.share * by_angle;
         gradient[FIRST][i] = self.share * share.first[i];
         gradient[SECOND][i] = self.share * share.second[i];
         gradient[THIRD][i] = self.share * share.third[i];
@@ -196,6 +196,15 @@ impl Slopes {
 }
 
 impl Share {
+    /// Derivatives of lane `i` by the centre's u and v and the direction, from the angle's sine and cosine and the places
+    /// along and across, px.
+    #[inline(always)]
+    pub fn moved(&self, i: usize, trig: (f64, f64), [s, t]: [&Lanes; 2]) -> [f32; 3] {
+        let (sin, cos) = (trig.0 as f32, trig.1 as f32);
+        let (by_s, by_t) = (self.s[i], self.t[i]);
+        [by_t * sin - by_s * cos, -(by_s * sin + by_t * cos), by_s * t[i] - by_t * s[i]]
+    }
+
     #[inline(always)]
     fn complement(&mut self) {
         self.c = each(|i| 1.0 - self.c[i]);

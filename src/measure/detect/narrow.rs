@@ -214,6 +214,5 @@ fn within(outline: Outline, image: &Raster, blobs: &[usize]) -> Option<Candidate
         let (q, p) = (TAU * turn as f64 / TURNS as f64).sin_cos();
         half * p + across * q
     };
-    let found = candidate::between(edge(darkest), edge(darkest + QUARTER), outline, blobs);
-    Some(found)
+    Some(candidate::between(edge(darkest), edge(darkest + QUARTER), outline, blobs))
 }

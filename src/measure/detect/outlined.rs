@@ -36,20 +36,21 @@ pub fn outlined(image: &Raster, candidate: Candidate, m: &Parameters) -> Candida
     }
     let saddle = Vector2::new(m[X], m[Y]);
     let outline = &candidate.outline;
+    if candidate.against_skin.is_some() {
+        return Candidate { outline: Outline { centre: saddle, ..*outline }, ..candidate };
+    }
     // Skin is darker than white: nearer to black it does not run into the quadrants.
-    let shares: &[f64] = if candidate.against_skin.is_some() { &[] } else { &[0.65, 0.8] };
-    let found = shares.iter().find_map(|share| {
+    let found = [0.65, 0.8].iter().find_map(|share| {
         let level = (m[LIGHT] - share * contrast(m)).clamp(0.0, 255.0) as u8;
         let own = blob::dark_parts(image, outline, 0.0, level);
         candidate::quadrants(&[0, 1], &own).or_else(|| candidate::quadrants(&[0], &own))
     });
     let mut out = found.map_or(*outline, |f| f.outline);
-    if candidate.against_skin.is_none() {
-        let longer = length_of_white(image, &out, m).filter(|longer| *longer > LONGER * out.major);
-        out.major = longer.unwrap_or(out.major);
+    if let Some(longer) = length_of_white(image, &out, m).filter(|longer| *longer > LONGER * out.major) {
+        out.major = longer;
     }
     // Blur takes more of one black part's thin end than of the other's.
-    if candidate.against_skin.is_some() || (out.minor < THICK && (out.centre - saddle).norm() > ASIDE) {
+    if out.minor < THICK && (out.centre - saddle).norm() > ASIDE {
         out.centre = saddle;
     }
     Candidate { outline: out, ..candidate }
@@ -75,7 +76,8 @@ pub fn with_rim(image: &Raster, candidate: &Candidate, m: &Parameters) -> Option
 pub fn at_one_level(image: &Raster, candidate: &Candidate, blobs: &[Blob]) -> Option<Candidate> {
     let [one, other] = candidate.blobs[..] else { return None };
     let ratio = blobs.get(one)?.area / blobs.get(other)?.area;
-    if candidate.edges.is_none() || (1.0 / UNEQUAL..UNEQUAL).contains(&ratio) {
+    let seen_together = candidate.edges.is_none() || candidate.against_skin.is_some();
+    if seen_together || (1.0 / UNEQUAL..UNEQUAL).contains(&ratio) {
         return None;
     }
     let outline = &candidate.outline;

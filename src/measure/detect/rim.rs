@@ -11,8 +11,8 @@ use super::batch::{Batch, Kind, Pixels, Sorter};
 use super::candidate::{Candidate, Outline, half_turn};
 use super::fit::{Unknowns, contrast, rough};
 use super::model::{
-    ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, Grey, LANES, LIGHT, Lanes, N, Parameters, Pattern, SECOND, Share,
-    THIRD, X, Y, along_and_across, each, share,
+    ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, Grey, LANES, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y,
+    along_and_across, share,
 };
 use super::normal::{exp, ln};
 use super::oval::{Oval, columns, row_of};
@@ -23,7 +23,7 @@ use super::sought::USUAL_GAMMA;
 pub const MAJOR: usize = SECOND;
 pub const MINOR: usize = THIRD;
 pub const TURN: usize = EGG;
-pub const ASIDE: usize = LIGHT + 1;
+const ASIDE: usize = LIGHT + 1;
 /// The skin's light over that of the white: constant; along the marker; across it.
 const SKIN: usize = LIGHT + 3;
 const SKIN_ALONG: usize = DARK + 1;
@@ -72,7 +72,8 @@ fn unknowns(blur: (f64, f64)) -> Unknowns {
     Unknowns { free, usual }
 }
 
-/// Quadrants with outline and edges from both together, and their blur, px, from first parameters; `None` where that does not settle near them.
+/// Quadrants with outline and edges from both together, and their blur, px, from first parameters; `None` where that does
+/// not settle near them.
 pub fn refined(
     image: &Raster,
     candidate: &Candidate,
@@ -156,9 +157,8 @@ pub fn grey(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64)
     let own = share(Pattern::Disc, &rim, &p, &q);
     let k = m.map(|v| v as f32);
     let mut out = Grey { value: [0.0; LANES], gradient: [[0.0; LANES]; N] };
-    let (mut by_black, mut by_own) = ([0.0; LANES], [0.0; LANES]);
-    let gradient = &mut out.gradient;
     for i in 0..LANES {
+        let gradient = &mut out.gradient;
         let skin = k[SKIN] + k[SKIN_ALONG] * batch.p[i] + k[SKIN_ACROSS] * batch.q[i];
         let marker = 1.0 - k[DARK] * black.c[i];
         let mixed = skin + own.c[i] * (marker - skin);
@@ -170,36 +170,24 @@ pub fn grey(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64)
         let open = if clipped { 0.0 } else { 1.0 };
         out.value[i] = if clipped { 255.0 } else { value };
         let slope = open * k[GAMMA] * value / mixed;
-        by_black[i] = -slope * own.c[i] * k[DARK];
-        by_own[i] = slope * (marker - skin);
+        let by_black = -slope * own.c[i] * k[DARK];
+        let by_own = slope * (marker - skin);
         gradient[LIGHT][i] = open * through;
         gradient[DARK][i] = -slope * own.c[i] * black.c[i];
         gradient[GAMMA][i] = open * value * log;
         gradient[SKIN][i] = slope * (1.0 - own.c[i]);
         gradient[SKIN_ALONG][i] = gradient[SKIN][i] * batch.p[i];
         gradient[SKIN_ACROSS][i] = gradient[SKIN][i] * batch.q[i];
-        gradient[FIRST][i] = by_black[i] * black.first[i];
-        gradient[BLUR][i] = by_black[i] * black.blur[i] + by_own[i] * own.blur[i];
-        gradient[MAJOR][i] = by_own[i] * own.first[i];
-        gradient[MINOR][i] = by_own[i] * own.second[i];
+        gradient[FIRST][i] = by_black * black.first[i];
+        gradient[BLUR][i] = by_black * black.blur[i] + by_own * own.blur[i];
+        gradient[MAJOR][i] = by_own * own.first[i];
+        gradient[MINOR][i] = by_own * own.second[i];
+        let [x, y, angle] = black.moved(i, trig, [&s, &t]).map(|v| by_black * v);
+        let [u, v, turn] = own.moved(i, rim_trig, [&p, &q]).map(|v| by_own * v);
+        (gradient[X][i], gradient[Y][i], gradient[ANGLE][i]) = (x + u, y + v, angle);
+        (gradient[ASIDE][i], gradient[ASIDE + 1][i], gradient[TURN][i]) = (u, v, turn);
     }
-    let [x, y, angle] = moved(&black, &by_black, trig, [&s, &t]);
-    let [u, v, turn] = moved(&own, &by_own, rim_trig, [&p, &q]);
-    (gradient[ANGLE], gradient[TURN], gradient[ASIDE], gradient[ASIDE + 1]) = (angle, turn, u, v);
-    gradient[X] = each(|i| x[i] + u[i]);
-    gradient[Y] = each(|i| y[i] + v[i]);
     out
-}
-
-/// Derivatives by centre and direction, from those by a share of black.
-#[inline(always)]
-fn moved(share: &Share, by_share: &Lanes, trig: (f64, f64), [s, t]: [&Lanes; 2]) -> [Lanes; 3] {
-    let (sin, cos) = (trig.0 as f32, trig.1 as f32);
-    [
-        each(|i| by_share[i] * (share.t[i] * sin - share.s[i] * cos)),
-        each(|i| -by_share[i] * (share.s[i] * sin + share.t[i] * cos)),
-        each(|i| by_share[i] * (share.s[i] * t[i] - share.t[i] * s[i])),
-    ]
 }
 
 #[cfg(test)]

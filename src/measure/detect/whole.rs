@@ -38,9 +38,9 @@ const FRAYED_BY_NOISE: f64 = 1.5;
 pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usize>, Candidate)>) {
     let mut wrong: Vec<usize> = Vec::new();
     for (index, mut candidate) in hidden {
-        let whole =
-            found.measured.iter().enumerate().filter(|(i, _)| Some(*i) != index).map(|(_, m)| &m.detection);
-        let Some((major, deviation)) = arc::foretold_major(whole, candidate.outline.centre) else { continue };
+        let Some((major, deviation)) = foretold_major(found, index, candidate.outline.centre) else {
+            continue;
+        };
         // The end that is seen stays where it is.
         for band in &candidate.bands {
             let longer = band.axis * (major - candidate.outline.major);
@@ -86,7 +86,7 @@ pub fn again_with_like(known: &Whole, found: &mut Found, unsure: Vec<Candidate>)
         }
         let mut size = None;
         if candidate.pattern == Pattern::Disc {
-            size = arc::foretold_major(found.measured.iter().map(|m| &m.detection), outline.centre);
+            size = foretold_major(found, None, outline.centre);
             let Some((major, deviation)) = size else { continue };
             candidate.outline.major = major;
             candidate.foretold = Some(deviation);
@@ -101,16 +101,20 @@ pub fn again_with_like(known: &Whole, found: &mut Found, unsure: Vec<Candidate>)
     }
 }
 
+/// The semi-major axis of a disc at a place and its standard deviation, px, from all that was found but itself.
+fn foretold_major(found: &Found, own: Option<usize>, at: Vector2<f64>) -> Option<(f64, f64)> {
+    let others = found.measured.iter().enumerate().filter(|(i, _)| Some(*i) != own);
+    arc::foretold_major(others.map(|(_, m)| &m.detection), at)
+}
+
 /// Where a thin disc is longer or shorter than those about it foretell, something at one of its ends passes for a part of
 /// it: the centre may be off along the axis by as much, which its standard deviation then says.
 pub fn doubt_unlike(found: &mut Found) {
     let doubts: Vec<Matrix2<f64>> = (found.measured.iter().enumerate())
         .map(|(i, own)| {
             let d = &own.detection;
-            let others =
-                found.measured.iter().enumerate().filter(|(k, _)| *k != i).map(|(_, m)| &m.detection);
             let thin = d.shape == Shape::Circle && d.semi_minor_px < THIN * own.blur;
-            let size = if thin { arc::foretold_major(others, d.centre_px) } else { None };
+            let size = if thin { foretold_major(found, Some(i), d.centre_px) } else { None };
             let Some((major, deviation)) = size else { return Matrix2::zeros() };
             let longer = (d.semi_major_px - major).powi(2);
             let chance = own.length.powi(2) + deviation * deviation;
