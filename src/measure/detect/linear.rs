@@ -2,9 +2,9 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::batch::{Batch, Pixels, total};
+use super::batch::{Pixels, total};
 use super::fit::Unknowns;
-use super::model::{ANGLE, Grey, LANES, Lanes, N, Parameters, Pattern, X, Y, each, grey};
+use super::model::{ANGLE, Grey, LANES, Lanes, N, Parameters, X, Y, each, grey};
 use super::rim;
 use super::wide::wide;
 
@@ -161,18 +161,18 @@ impl Pixels {
         floor: f64,
         images: Option<&mut Images>,
     ) -> Step {
-        // A loop for each: one that knows both models is slower for both.
+        // A loop for each: one that knows both models is slower for both, and a model that is handed over as a function
+        // is compiled without the processor's wide registers.
         if self.rim {
-            self.linearised_by(rim::grey, m, unknowns, scale, floor, images)
+            self.linearised_by::<true>(m, unknowns, scale, floor, images)
         } else {
-            self.linearised_by(grey, m, unknowns, scale, floor, images)
+            self.linearised_by::<false>(m, unknowns, scale, floor, images)
         }
     }
 
     #[inline(always)]
-    fn linearised_by(
+    fn linearised_by<const RIM: bool>(
         &self,
-        grey: impl Fn(Pattern, &Parameters, [f64; 2], (f64, f64), &Batch) -> Grey,
         m: &Parameters,
         unknowns: &Unknowns,
         scale: f64,
@@ -195,7 +195,11 @@ impl Pixels {
         let (mut weight, mut curvature, mut square) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         let mut sizes = Sizes::new(self.batches.len());
         for batch in &self.batches {
-            let image = grey(self.pattern, m, self.origin, trig, batch);
+            let image = if RIM {
+                rim::grey(self.pattern, m, self.origin, trig, batch)
+            } else {
+                grey(self.pattern, m, self.origin, trig, batch)
+            };
             let r = each(|i| batch.value[i] - image.value[i]);
             let tukey = biweights(&r, &image.gradient[X], &image.gradient[Y], scale);
             let root = each(|i| batch.root[i] * tukey[i]);
@@ -315,8 +319,8 @@ pub fn spread(residuals: &mut [f32]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::batch::{Kind, Sorter};
-    use super::super::model::LIGHT;
+    use super::super::batch::{Batch, Kind, Sorter};
+    use super::super::model::{LIGHT, Pattern};
     use super::*;
 
     #[test]
