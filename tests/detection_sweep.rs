@@ -228,3 +228,16 @@ fn quadrants_are_measured_near_the_bound_with_honest_deviations() {
         ("dusk", Marker { skin: 80.0, black: 25.0, white: 100.0, ..base }.with_quadrants(0.4)),
     ]);
 }
+
+/// Blur mixes edges and outline there.
+#[test]
+fn narrow_quadrants_under_strong_blur_are_measured_near_the_bound_with_honest_deviations() {
+    let base = Marker { a: 40.0, b: 14.0, blur: 2.0, ..BASE };
+    hold(&[
+        ("thick", base.with_quadrants(0.9)),
+        ("narrow", Marker { b: 10.0, ..base }.with_quadrants(0.4)),
+        ("narrower", Marker { b: 7.0, ..base }.with_quadrants(1.2)),
+        ("steep", Marker { b: 8.0, angle: 1.3, ..base }.with_quadrants(0.7)),
+        ("noisy", Marker { b: 9.0, noise: 5.0, ..base }.with_quadrants(0.2)),
+    ]);
+}

@@ -7,8 +7,8 @@ use super::blocks::{Blocks, REACH};
 use super::fit::{Fit, Unknowns};
 use super::linear::{Block, Products, biweights, spread};
 use super::model::{
-    ANGLE, BLUR, DARK, GAMMA, LANES, LIGHT, Lanes, N, Parameters, Pattern, Slopes, X, Y, along_and_across,
-    each, share,
+    ANGLE, BLUR, COMMON, DARK, GAMMA, LANES, LIGHT, Lanes, N, Parameters, Pattern, Slopes, X, Y,
+    along_and_across, each, share,
 };
 use super::normal::{exp, ln};
 use super::uneven::Deserved;
@@ -65,7 +65,7 @@ struct Rows {
     /// Roots of the weights, robust ones included.
     root: Lanes,
     /// Derivatives by the parameters.
-    gradient: [Lanes; N],
+    gradient: [Lanes; COMMON],
     /// Derivatives by the knots about.
     field: [Lanes; ABOUT],
 }
@@ -222,7 +222,7 @@ impl Field {
         let mut out = Rows {
             r: [0.0; LANES],
             root: [0.0; LANES],
-            gradient: [[0.0; LANES]; N],
+            gradient: [[0.0; LANES]; COMMON],
             field: [[0.0; LANES]; ABOUT],
         };
         for i in 0..LANES {

@@ -1,11 +1,12 @@
 //! Stage 4: the image model fitted to grey values, robustly, with covariance.
 
-use nalgebra::{Cholesky, Matrix2};
+use nalgebra::Matrix2;
 
 use super::batch::Pixels;
+use super::factor::Factor;
 use super::linear::{Column, Images, Square, Step, linearise};
 use super::model::{ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, X, Y};
-use super::rim::{MAJOR, MINOR, TURN};
+use super::rim::{CHORD, LENGTH, SHEAR};
 
 /// A converged fit.
 #[derive(Clone, Debug)]
@@ -82,7 +83,7 @@ struct End {
     start: Parameters,
     scale: f64,
     step: Step,
-    factor: Cholesky<f64, nalgebra::Const<N>>,
+    factor: Factor,
 }
 
 /// When an iteration ends.
@@ -115,11 +116,7 @@ pub fn fit(pixels: &Pixels, start: &Parameters, scale: f64, unknowns: &Unknowns,
     let End { parameters, start, step, factor, .. } =
         problem.solve(*start, scale.max(problem.floor), Until::Fixed)?;
     let variance = step.variance(count);
-    let mut covariance = factor.inverse() * variance;
-    for i in (0..N).filter(|&i| !unknowns.free[i]) {
-        covariance.row_mut(i).fill(0.0);
-        covariance.column_mut(i).fill(0.0);
-    }
+    let covariance = factor.inverse() * variance;
     let rms = (step.square / step.weight.max(1e-9)).sqrt();
     let inliers = step.weight / problem.pixels.weight();
     let images = problem.images.unwrap_or_default();
@@ -146,11 +143,7 @@ impl<'a> Problem<'a> {
         for iteration in 0..most {
             let step = linearise(self.pixels, &m, self.unknowns, scale, self.floor, self.images.as_mut());
             let damping = if until == Until::Near && iteration < 2 { 1e-3 } else { 1e-10 };
-            let mut damped = step.normal;
-            for i in 0..N {
-                damped[(i, i)] = damped[(i, i)] * (1.0 + damping) + 1e-12;
-            }
-            let factor = Cholesky::new(damped)?;
+            let factor = Factor::new(&step.normal, &self.unknowns.free, damping)?;
             let mut change = factor.solve(&step.right);
             let moved = change[X].hypot(change[Y]);
             if moved < 0.05 {
@@ -193,14 +186,14 @@ impl<'a> Problem<'a> {
     fn is_calm(&self, change: &Column, most: f64) -> bool {
         let length = match self.pixels.pattern {
             Pattern::Disc => FIRST,
-            _ if self.pixels.rim => MAJOR,
+            _ if self.pixels.rim => LENGTH,
             _ => return true,
         };
         change[length].abs() < most
     }
 
     /// The centre's standard deviation, px.
-    fn spread(&self, step: &Step, factor: &Cholesky<f64, nalgebra::Const<N>>) -> f64 {
+    fn spread(&self, step: &Step, factor: &Factor) -> f64 {
         let count = self.unknowns.free.iter().filter(|&&f| f).count();
         let along = |k: usize| factor.solve(&Column::ith(k, 1.0))[k];
         ((along(X) + along(Y)) * step.variance(count)).max(0.0).sqrt()
@@ -224,9 +217,9 @@ fn limit(mut change: Column, m: &Parameters, pixels: &Pixels) -> Column {
         bound(change[FIRST], 0.2);
     }
     if pixels.rim {
-        bound(change[TURN], 0.1);
-        bound(change[MAJOR], 0.15 * m[MAJOR]);
-        bound(change[MINOR], 0.2 * m[MINOR]);
+        bound(change[SHEAR], 0.1);
+        bound(change[LENGTH], 0.15 * m[LENGTH]);
+        bound(change[CHORD], 0.2 * m[CHORD]);
     }
     change *= factor.min(1.0);
     change
@@ -240,6 +233,6 @@ fn plausible(pixels: &Pixels, m: &Parameters) -> bool {
         Pattern::Disc => m[FIRST] > 1.0 && m[FIRST + 1] > 0.2,
         _ => m[FIRST] > 0.005 && m[FIRST] < 2.5,
     };
-    let rim = !pixels.rim || (m[MINOR] > 1.0 && m[MAJOR] > m[MINOR]);
+    let rim = !pixels.rim || (m[CHORD] > 1.0 && m[LENGTH] > 3.0);
     common && lit && shape && rim
 }

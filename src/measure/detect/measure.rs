@@ -17,7 +17,7 @@ use super::narrow::against_skin;
 use super::outlined::{at_one_level, outlined, with_rim};
 use super::select::{ALL, EVERY, FEW, Look, Masked, pixels};
 use super::sought::{EGG_SPREAD, USUAL_GAMMA, few_unknowns, unknowns, usual_dark};
-use super::{Detection, RejectReason, seam, uneven};
+use super::{Detection, RejectReason, rim, seam, uneven};
 
 /// Standard deviations beyond which a bend of axis or edges is believed.
 const BEND_TEST: f64 = 3.0;
@@ -116,7 +116,7 @@ fn measure_once(
     if outline.major > SURELY_FLATTER * outline.minor {
         return Err(RejectReason::NotAnEllipse);
     }
-    let floor = 0.5f64.max(0.8 * noise);
+    let floor = least_scale(noise);
     let (few, all) = if candidate.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
     let blur = candidate.like.map(|like| like.blur.0).or(candidate.against_skin).unwrap_or(1.0);
     let look = Look { crossing: outline.centre, blur, sag: 0.0 };
@@ -132,7 +132,13 @@ fn measure_once(
         return Err(RejectReason::Soft);
     }
     let mut place = outlined(image, place(candidate, &near), &near);
-    place = with_rim(image, &place, &near).unwrap_or(place);
+    if let Some((found, m)) = with_rim(image, &place, &near) {
+        let answer = measure_with_rim(image, &found, &m, scale, bounds);
+        if answer.is_ok() {
+            return answer;
+        }
+        place = found;
+    }
     let last = |place: &Candidate| {
         // What is known of a disc from its like beside it is known beforehand.
         let (mut unknowns, bends) = unknowns(if candidate.alike { candidate } else { place });
@@ -172,6 +178,27 @@ fn measure_once(
         place.seams.clear();
     }
     last(&place)
+}
+
+/// Narrow quadrants by edges and outline together, from parameters of a first fit whose residuals had about this scale.
+fn measure_with_rim(
+    image: &Raster,
+    candidate: &Candidate,
+    m: &Parameters,
+    scale: f64,
+    bounds: Bounds,
+) -> Result<Measured, RejectReason> {
+    let floor = least_scale(bounds.noise);
+    let found = rim::measured(image, candidate, m, scale, floor);
+    let (pixels, result, unknowns) = found.ok_or(RejectReason::NoConvergence)?;
+    // There is too little of them to tell a field of light.
+    let result = uneven::improve(&pixels, result, &unknowns, floor.max(0.02 * contrast(m)), false);
+    judge(image, candidate, &result, bounds.noise)
+}
+
+/// Least scale of residuals, grey levels.
+fn least_scale(noise: f64) -> f64 {
+    0.5f64.max(0.8 * noise)
 }
 
 /// The candidate with the geometry of a rough fit.

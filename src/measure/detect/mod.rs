@@ -10,6 +10,7 @@ mod coarse;
 mod counts;
 mod disc;
 mod distinct;
+mod factor;
 mod field;
 mod fit;
 mod glare;

@@ -10,8 +10,10 @@ use super::disc::disc;
 use super::normal::{exp, ln};
 use super::wedge::wedge;
 
-/// Parameters of either shape.
-pub const N: usize = 16;
+/// Parameters of all markers' images.
+pub const COMMON: usize = 16;
+/// Those, and narrow quadrants' own.
+pub const N: usize = COMMON + 8;
 /// Centre u.
 pub const X: usize = 0;
 /// Centre v.
@@ -36,6 +38,10 @@ pub const GAMMA: usize = 14;
 
 /// Ellipse: relative change of its thickness from the centre to its end.
 pub const EGG: usize = 15;
+/// Narrow quadrants' outline, five numbers ([`super::rim`]).
+pub const OUTLINE: usize = COMMON;
+/// The skin's light about narrow quadrants over that of their white: constant, along s, along t.
+pub const SKIN: usize = 21;
 
 /// Parameters of a marker's image.
 pub type Parameters = [f64; N];
@@ -121,7 +127,32 @@ pub fn share(pattern: Pattern, m: &Parameters, s: &Lanes, t: &Lanes) -> Share {
 #[derive(Clone, Debug)]
 pub struct Grey {
     pub value: Lanes,
-    pub gradient: [Lanes; N],
+    /// By the common parameters.
+    pub gradient: [Lanes; COMMON],
+    /// By those of narrow quadrants only.
+    pub rim: Option<Box<Rim>>,
+}
+
+/// Derivatives by the parameters of narrow quadrants only.
+pub type Rim = [Lanes; N - COMMON];
+
+impl Grey {
+    /// Grey value 0 everywhere.
+    #[inline(always)]
+    pub fn new() -> Self {
+        Self { value: [0.0; LANES], gradient: [[0.0; LANES]; COMMON], rim: None }
+    }
+
+    /// The derivatives by a parameter.
+    #[inline(always)]
+    pub fn by(&self, k: usize) -> &Lanes {
+        const NONE: &Lanes = &[0.0; LANES];
+        match (self.gradient.get(k), &self.rim) {
+            (Some(by), _) => by,
+            (None, Some(rim)) => &rim[k - COMMON],
+            (None, None) => NONE,
+        }
+    }
 }
 
 /// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 255. The sine
@@ -130,8 +161,8 @@ pub struct Grey {
 pub fn grey(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64), batch: &Batch) -> Grey {
     let (s, t) = along_and_across(m, origin, trig, batch);
     let share = share(pattern, m, &s, &t);
-    let k = m.map(|v| v as f32);
-    let mut out = Grey { value: [0.0; LANES], gradient: [[0.0; LANES]; N] };
+    let k: [f32; COMMON] = std::array::from_fn(|i| m[i] as f32);
+    let mut out = Grey::new();
     for i in 0..LANES {
         let (p, q, c) = (batch.p[i], batch.q[i], share.c[i]);
         let light = k[LIGHT] + k[LIGHT + 1] * p + k[LIGHT + 2] * q + k[LIGHT + 3] * p * p;
@@ -173,7 +204,7 @@ impl Slopes {
         trig: (f64, f64),
         [s, t]: [&Lanes; 2],
         [p, q]: [f32; 2],
-        gradient: &mut [Lanes; N],
+        gradient: &mut [Lanes; COMMON],
     ) {
         let [by_x, by_y, by_angle] = share.moved(i, trig, [s, t]);
         gradient[X][i] = self.share * by_x;
@@ -238,7 +269,10 @@ mod tests {
             [20.3, 19.8, 1.2, 20.0, 1.2, 0.0, 0.9],
             [20.3, 19.8, 0.1, 6.0, 5.0, 0.0, 1.6],
         ];
-        shapes.iter().map(|s| std::array::from_fn(|i| if i < 7 { s[i] } else { light[i - 7] })).collect()
+        shapes
+            .iter()
+            .map(|s| std::array::from_fn(|i| *s.iter().chain(&light).nth(i).unwrap_or(&0.0)))
+            .collect()
     }
 
     fn quadrants() -> Vec<Parameters> {
@@ -248,7 +282,10 @@ mod tests {
             [20.3, 19.8, -0.4, 0.1, 4e-4, 2e-4, 0.8],
             [20.3, 19.8, 1.2, 0.4, -1e-3, 0.0, 1.5],
         ];
-        shapes.iter().map(|s| std::array::from_fn(|i| if i < 7 { s[i] } else { light[i - 7] })).collect()
+        shapes
+            .iter()
+            .map(|s| std::array::from_fn(|i| *s.iter().chain(&light).nth(i).unwrap_or(&0.0)))
+            .collect()
     }
 
     /// Value and derivatives at one pixel.
@@ -258,7 +295,7 @@ mod tests {
         (batch.p[0], batch.q[0]) = (((pixel.x - 20.0) / 30.0) as f32, ((pixel.y - 20.0) / 10.0) as f32);
         batch.fill();
         let out = grey(pattern, m, [20.0, 20.0], m[ANGLE].sin_cos(), &batch);
-        (f64::from(out.value[0]), out.gradient.map(|lanes| f64::from(lanes[0])))
+        (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.by(k)[0])))
     }
 
     /// The share of black by brute force: the sharp pattern, sampled finely, blurred.
@@ -292,7 +329,7 @@ mod tests {
 
     fn black(pattern: Pattern, m: &Parameters, pixel: &Place) -> f64 {
         let mut flat = *m;
-        flat[LIGHT..].copy_from_slice(&[100.0, 0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 1.0, 0.0]);
+        flat[LIGHT..COMMON].copy_from_slice(&[100.0, 0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 1.0, 0.0]);
         (1.0 - one(pattern, &flat, pixel).0 / 100.0) / 0.9
     }
 
@@ -318,7 +355,7 @@ mod tests {
                 for i in 0..60 {
                     let at = pixel(f64::from(i * 7 % 60) - 8.3, f64::from(i * 3 % 29) + 6.7);
                     let (_, gradient) = one(pattern, &m, &at);
-                    for k in 0..N {
+                    for k in 0..COMMON {
                         let step = if (SECOND..=THIRD).contains(&k) && m[k] < 0.1 { 1e-5 } else { 4e-3 };
                         let (mut low, mut high) = (m, m);
                         low[k] -= step;

@@ -101,8 +101,8 @@ fn by_black_and_white(image: &Raster, seen: &Outline, blobs: &[usize]) -> Option
     let (outline, m, skin) = unlike_skin(image, seen)?;
     let found = within(outline, image, blobs)?;
     let start = rim::start(&found, &m, skin)?;
-    let (found, blur) = rim::refined(image, &found, start, USUAL_BLUR)?;
-    Some(Candidate { against_skin: Some(blur), ..found })
+    let (found, m) = rim::refined(image, &found, start, USUAL_BLUR)?;
+    Some(Candidate { against_skin: Some(m[BLUR]), ..found })
 }
 
 /// The outline of all that is unlike the skin about what is seen of quadrants, parameters with their grey levels, and the

@@ -19,8 +19,8 @@ pub const WHITER: f64 = 0.12;
 const UNEQUAL: f64 = 1.2;
 /// Semi-minor axis from which on blur takes too little of quadrants to tell, px.
 const THICK: f64 = 20.0;
-/// Semi-minor axis, in blurs, below which black and white together tell the outline better than black alone.
-const NARROW: f64 = 6.0;
+/// Semi-minor axis, in blurs, below which quadrants are measured with their outline: blur takes too much of their edges.
+const NARROW: f64 = 7.5;
 /// How far the outline's centre may lie from where the edges of such quadrants cross, px.
 const ASIDE: f64 = 1.5;
 
@@ -56,9 +56,9 @@ pub fn outlined(image: &Raster, candidate: Candidate, m: &Parameters) -> Candida
     Candidate { outline: out, ..candidate }
 }
 
-/// Quadrants that are narrow for their blur, with outline and edges from both together; `None` where they are not, or where
-/// that does not settle.
-pub fn with_rim(image: &Raster, candidate: &Candidate, m: &Parameters) -> Option<Candidate> {
+/// Quadrants that are narrow for their blur, with outline and edges from both together, and all parameters; `None` where they
+/// are not, or where that does not settle.
+pub fn with_rim(image: &Raster, candidate: &Candidate, m: &Parameters) -> Option<(Candidate, Parameters)> {
     let outline = &candidate.outline;
     if candidate.edges.is_none() || outline.minor > NARROW * m[BLUR] {
         return None;
@@ -68,7 +68,7 @@ pub fn with_rim(image: &Raster, candidate: &Candidate, m: &Parameters) -> Option
     let centre = Vector2::new(m[X], m[Y]);
     let centred = Candidate { outline: Outline { centre, ..*outline }, ..candidate.clone() };
     let start = rim::start(&centred, m, skin)?;
-    rim::refined(image, &centred, start, (m[BLUR], SAME_BLUR * m[BLUR])).map(|(found, _)| found)
+    rim::refined(image, &centred, start, (m[BLUR], SAME_BLUR * m[BLUR]))
 }
 
 /// Quadrants whose two black parts were seen against thresholds so different that one is much larger, seen once more

@@ -2,7 +2,7 @@
 
 use super::candidate::Candidate;
 use super::fit::Unknowns;
-use super::model::{ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Pattern, SECOND, THIRD};
+use super::model::{ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, OUTLINE, Pattern, SECOND, THIRD};
 
 /// The tone curve of pictures made for the eye, and how far cameras depart from it.
 pub const USUAL_GAMMA: (f64, f64) = (1.0 / 2.2, 0.15);
@@ -33,6 +33,7 @@ pub fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
     free[GAMMA] = thick;
     free[LIGHT + 3] = thick && outline.major >= 15.0;
     free[EGG] = disc;
+    (OUTLINE..N).for_each(|k| free[k] = false);
     let part = !candidate.hidden.is_empty();
     if part {
         // The outline that is left tells an ellipse, and no more.

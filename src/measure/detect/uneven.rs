@@ -97,7 +97,7 @@ fn deserved_by(pixels: &Pixels, fit: &Fit, scale: f64) -> Option<Deserved> {
     for (batch, image) in pixels.batches.iter().zip(&fit.images) {
         let mut sums = [[0.0f32; LANES]; 3];
         for (k, by) in &list[..count] {
-            let gradient = &image.gradient[*k];
+            let gradient = image.by(*k);
             for (sum, by) in sums.iter_mut().zip(by) {
                 *sum = each(|i| sum[i] + by * gradient[i]);
             }
