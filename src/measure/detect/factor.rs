@@ -78,3 +78,45 @@ impl Factor {
 fn dot(one: &[f64], other: &[f64]) -> f64 {
     one.iter().zip(other).map(|(x, y)| x * y).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn normal() -> Square {
+        // Rows of a made-up Jacobian.
+        let rows = (0..60).map(|i| Column::from_fn(|k, _| (0.7 * (i * (k + 1)) as f64 + k as f64).sin()));
+        rows.fold(Square::zeros(), |sum, row| sum + row * row.transpose())
+    }
+
+    #[test]
+    fn solves_for_what_is_free_and_leaves_the_rest() {
+        let normal = normal();
+        let free: [bool; N] = std::array::from_fn(|k| k % 3 != 1);
+        let factor = Factor::new(&normal, &free, 0.0).expect("the rows tell all");
+        let right = Column::from_fn(|k, _| 1.0 + k as f64);
+        let (solution, inverse) = (factor.solve(&right), factor.inverse());
+        let again = normal * solution;
+        for k in 0..N {
+            if free[k] {
+                assert!((again[k] - right[k]).abs() < 1e-6, "{k}: {} of {}", again[k], right[k]);
+                let unit = normal * inverse.column(k);
+                for l in (0..N).filter(|&l| free[l]) {
+                    let want = if k == l { 1.0 } else { 0.0 };
+                    assert!((unit[l] - want).abs() < 1e-6, "{k}, {l}: {}", unit[l]);
+                }
+            } else {
+                assert_eq!((solution[k], inverse[(k, k)]), (0.0, 0.0));
+            }
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_told_is_no_solution() {
+        let free = [true; N];
+        let mut flat = normal();
+        flat[(3, 3)] = f64::NAN;
+        assert!(Factor::new(&flat, &free, 0.0).is_none());
+        assert!(Factor::new(&-normal(), &free, 0.0).is_none());
+    }
+}

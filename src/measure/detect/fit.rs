@@ -3,10 +3,10 @@
 use nalgebra::Matrix2;
 
 use super::batch::Pixels;
+use super::chords::{CHORD, LENGTH, SHEAR};
 use super::factor::Factor;
 use super::linear::{Column, Images, Square, Step, linearise};
 use super::model::{ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, X, Y};
-use super::rim::{CHORD, LENGTH, SHEAR};
 
 /// A converged fit.
 #[derive(Clone, Debug)]

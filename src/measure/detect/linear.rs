@@ -3,9 +3,9 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::batch::{Pixels, total};
+use super::chords;
 use super::fit::Unknowns;
 use super::model::{ANGLE, Grey, LANES, Lanes, N, Parameters, X, Y, each, grey};
-use super::rim;
 use super::wide::wide;
 
 pub type Square = SMatrix<f64, N, N>;
@@ -171,6 +171,7 @@ pub fn linearise(
     floor: f64,
     images: Option<&mut Images>,
 ) -> Step {
+    // Counting into an array here takes the compiler minutes.
     let list: &[usize] = &(0..N).filter(|&k| unknowns.free[k]).collect::<Vec<_>>();
     let sums = summed(pixels, m, list, scale, images);
     let mut normal = Square::zeros();
@@ -235,7 +236,7 @@ impl Pixels {
         let mut sizes = Sizes::new(self.batches.len());
         for batch in &self.batches {
             let image = if RIM {
-                rim::grey(self.pattern, m, self.origin, trig, batch)
+                chords::grey(self.pattern, m, self.origin, trig, batch)
             } else {
                 grey(self.pattern, m, self.origin, trig, batch)
             };

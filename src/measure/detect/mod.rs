@@ -5,6 +5,7 @@ mod batch;
 mod blob;
 mod blocks;
 mod candidate;
+mod chords;
 mod clumped;
 mod coarse;
 mod counts;

@@ -38,7 +38,7 @@ pub const GAMMA: usize = 14;
 
 /// Ellipse: relative change of its thickness from the centre to its end.
 pub const EGG: usize = 15;
-/// Narrow quadrants' outline, five numbers ([`super::rim`]).
+/// Narrow quadrants' outline, five numbers ([`super::chords`]).
 pub const OUTLINE: usize = COMMON;
 /// The skin's light about narrow quadrants over that of their white: constant, along s, along t.
 pub const SKIN: usize = 21;
