@@ -123,11 +123,11 @@ fn circle(x: f32) -> f32 {
 
 wide! {
     /// Sums over the chords about each place.
-    fn chords(s: &Lanes, t: &Lanes, k: &[f32; N], count: i32) -> Chords = chords_by
+    fn chords(s: &Lanes, t: &Lanes, k: &[f32; N]) -> Chords = chords_by
 }
 
 #[inline(always)]
-fn chords_by(s: &Lanes, t: &Lanes, k: &[f32; N], count: i32) -> Chords {
+fn chords_by(s: &Lanes, t: &Lanes, k: &[f32; N]) -> Chords {
     let mut out = Chords { between: Blurred::default(), edges: Default::default(), own: Blurred::default() };
     let by_sigma = 1.0 / k[BLUR];
     let step = STEP * k[BLUR];
@@ -136,8 +136,8 @@ fn chords_by(s: &Lanes, t: &Lanes, k: &[f32; N], count: i32) -> Chords {
     // Over the step as a share of the length.
     let by_width = k[LENGTH] * by_step;
     let first = each(|i| (s[i] * by_step).floor());
-    for node in 0..count {
-        let turn = (node - count / 2 + 1) as f32 - 0.5;
+    for node in 0..CHORDS {
+        let turn = (node - CHORDS / 2 + 1) as f32 - 0.5;
         let at = each(|i| (first[i] + turn) * step);
         let z = each(|i| (s[i] - at[i]) * by_sigma);
         let weight = each(|i| STEP * PEAK * exp(-0.5 * z[i] * z[i]));
@@ -224,7 +224,7 @@ fn grey_by(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64),
     let (s, t) = along_and_across(m, origin, trig, batch);
     let k = m.map(|v| v as f32);
     let (sin, cos) = (trig.0 as f32, trig.1 as f32);
-    let chords = chords(&s, &t, &k, CHORDS);
+    let chords = chords(&s, &t, &k);
     let Chords { between, own, edges } = &chords;
     // Black is what lies between the edges, or the rest of what lies within the outline.
     let white_along = pattern == Pattern::WhiteAlong;
