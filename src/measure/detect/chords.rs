@@ -8,7 +8,7 @@
 use super::batch::Batch;
 use super::model::{
     ANGLE, BLUR, COMMON, DARK, FIRST, GAMMA, Grey, LANES, LIGHT, Lanes, N, OUTLINE, Parameters, Pattern, Rim,
-    SECOND, SKIN, THIRD, X, Y, along_and_across, each,
+    SECOND, SKIN, Slopes, THIRD, X, Y, along_and_across, each, moved,
 };
 use super::normal::{PEAK, asin, exp, ln, normals};
 use super::wide::wide;
@@ -223,7 +223,6 @@ wide! {
 fn grey_by(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64), batch: &Batch) -> Grey {
     let (s, t) = along_and_across(m, origin, trig, batch);
     let k = m.map(|v| v as f32);
-    let (sin, cos) = (trig.0 as f32, trig.1 as f32);
     let chords = chords(&s, &t, &k);
     let Chords { between, own, edges } = &chords;
     // Black is what lies between the edges, or the rest of what lies within the outline.
@@ -250,9 +249,7 @@ fn grey_by(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64),
         let by_own = slope * (1.0 - skin) - if white_along { slope * dark } else { 0.0 };
         let sum = |of_between: f32, of_own: f32| by_between * of_between + by_own * of_own;
         let (by_s, by_t) = (sum(between.s[i], own.s[i]), sum(between.t[i], own.t[i]));
-        gradient[X][i] = by_t * sin - by_s * cos;
-        gradient[Y][i] = -(by_s * sin + by_t * cos);
-        gradient[ANGLE][i] = by_s * t[i] - by_t * s[i];
+        [gradient[X][i], gradient[Y][i], gradient[ANGLE][i]] = moved([by_s, by_t], trig, [s[i], t[i]]);
         gradient[FIRST][i] = by_between * edges[0][i];
         let by_bend = sum(between.bend[i], own.bend[i]);
         gradient[SECOND][i] = by_between * edges[1][i] + by_bend;
@@ -261,16 +258,12 @@ fn grey_by(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64),
         for (j, (of_between, of_own)) in between.outline.iter().zip(&own.outline).enumerate() {
             rim[j][i] = sum(of_between[i], of_own[i]);
         }
-        let by_light = open * through;
-        gradient[LIGHT][i] = by_light;
-        gradient[LIGHT + 1][i] = by_light * p;
-        gradient[LIGHT + 2][i] = by_light * q;
-        gradient[LIGHT + 3][i] = by_light * p * p;
-        let by_dark = -slope * black;
-        gradient[DARK][i] = by_dark;
-        gradient[DARK + 1][i] = by_dark * p;
-        gradient[DARK + 2][i] = by_dark * q;
-        gradient[GAMMA][i] = open * value * log;
+        let light = open * through;
+        Slopes { share: by_between, dark: -slope * black, light, gamma: open * value * log }.put_light(
+            i,
+            [p, q],
+            gradient,
+        );
         let by_skin = slope * (1.0 - own.c[i]);
         rim[SKIN - COMMON][i] = by_skin;
         rim[SKIN - COMMON + 1][i] = by_skin * p;

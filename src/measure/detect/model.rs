@@ -206,7 +206,7 @@ impl Slopes {
         [p, q]: [f32; 2],
         gradient: &mut [Lanes; COMMON],
     ) {
-        let [by_x, by_y, by_angle] = share.moved(i, trig, [s, t]);
+        let [by_x, by_y, by_angle] = moved([share.s[i], share.t[i]], trig, [s[i], t[i]]);
         gradient[X][i] = self.share * by_x;
         gradient[Y][i] = self.share * by_y;
         gradient[ANGLE][i] = self.share * by_angle;
@@ -214,6 +214,13 @@ impl Slopes {
         gradient[SECOND][i] = self.share * share.second[i];
         gradient[THIRD][i] = self.share * share.third[i];
         gradient[BLUR][i] = self.share * share.blur[i];
+        self.put_light(i, [p, q], gradient);
+        gradient[EGG][i] = self.share * share.egg[i];
+    }
+
+    /// The derivatives by light, darkness and exponent, into lane `i`, for a place in semi-axes.
+    #[inline(always)]
+    pub fn put_light(&self, i: usize, [p, q]: [f32; 2], gradient: &mut [Lanes; COMMON]) {
         gradient[LIGHT][i] = self.light;
         gradient[LIGHT + 1][i] = self.light * p;
         gradient[LIGHT + 2][i] = self.light * q;
@@ -222,20 +229,18 @@ impl Slopes {
         gradient[DARK + 1][i] = self.dark * p;
         gradient[DARK + 2][i] = self.dark * q;
         gradient[GAMMA][i] = self.gamma;
-        gradient[EGG][i] = self.share * share.egg[i];
     }
 }
 
-impl Share {
-    /// Derivatives of lane `i` by the centre's u and v and the direction, from the angle's sine and cosine and the places
-    /// along and across, px.
-    #[inline(always)]
-    pub fn moved(&self, i: usize, trig: (f64, f64), [s, t]: [&Lanes; 2]) -> [f32; 3] {
-        let (sin, cos) = (trig.0 as f32, trig.1 as f32);
-        let (by_s, by_t) = (self.s[i], self.t[i]);
-        [by_t * sin - by_s * cos, -(by_s * sin + by_t * cos), by_s * t[i] - by_t * s[i]]
-    }
+/// Derivatives by the centre's u and v and the direction, from those along and across, the angle's sine and cosine and the
+/// place along and across, px.
+#[inline(always)]
+pub fn moved([by_s, by_t]: [f32; 2], trig: (f64, f64), [s, t]: [f32; 2]) -> [f32; 3] {
+    let (sin, cos) = (trig.0 as f32, trig.1 as f32);
+    [by_t * sin - by_s * cos, -(by_s * sin + by_t * cos), by_s * t - by_t * s]
+}
 
+impl Share {
     #[inline(always)]
     fn complement(&mut self) {
         self.c = each(|i| 1.0 - self.c[i]);

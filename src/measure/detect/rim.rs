@@ -68,8 +68,8 @@ fn unknowns(blur: (f64, f64)) -> Unknowns {
     Unknowns { free, usual }
 }
 
-/// Quadrants with outline and edges from both together, and their blur, px, from first parameters; `None` where that does
-/// not settle near them.
+/// Quadrants with outline and edges from both together, and all their parameters, from first ones; `None` where that does not
+/// settle near them.
 pub fn refined(
     image: &Raster,
     candidate: &Candidate,
