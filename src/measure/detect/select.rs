@@ -21,15 +21,18 @@ use super::weigh::{Edges, Line, Ruler, Taker};
 pub struct Wanted {
     pub edge: f64,
     pub flat: f64,
+    /// Share of the flat ground that is used about the thinnest disc. What lies on the skin is as foreshortened as the
+    /// disc: light that is a plane about a thick one is none about a thin one.
+    pub nearest: f64,
 }
 
 /// Pixels of a fit: more would only cost time.
-pub const ALL: Wanted = Wanted { edge: 450.0, flat: 550.0 };
+pub const ALL: Wanted = Wanted { edge: 450.0, flat: 550.0, nearest: 0.55 };
 /// Enough for the geometry that the pixels of the last stage are chosen by.
-pub const FEW: Wanted = Wanted { edge: 130.0, flat: 70.0 };
+pub const FEW: Wanted = Wanted { edge: 130.0, flat: 70.0, nearest: 1.0 };
 
 /// All that there are, where much of the outline is hidden.
-pub const EVERY: Wanted = Wanted { edge: 1e9, flat: 1e9 };
+pub const EVERY: Wanted = Wanted { edge: 1e9, flat: 1e9, nearest: 0.55 };
 
 /// Width over which a weight falls to zero, px.
 pub const FADE: f64 = 1.0;
@@ -46,6 +49,9 @@ fn rim(minor: f64) -> f64 {
     (1.5 + (minor - 10.0) / 15.0).clamp(1.5, 2.5)
 }
 
+/// Blurs below which a disc is thin.
+const THIN: f64 = 4.0;
+
 /// Bands about an edge, px: where its blur reaches, and flat ground beside it.
 #[derive(Clone, Copy)]
 pub struct Bands {
@@ -59,6 +65,12 @@ impl Bands {
     pub fn of(blur: f64) -> Self {
         let blur = blur.clamp(0.5, 3.5) as f32;
         Self { edge: 1.4 * blur + 0.4, flat: 3.5 * blur + 2.0 }
+    }
+
+    /// For a disc of this thickness with this blur, px, that uses at least a share of the flat ground.
+    pub fn of_disc(minor: f64, blur: f64, nearest: f64) -> Self {
+        let Self { edge, flat } = Self::of(blur);
+        Self { edge, flat: flat * (minor / (THIN * blur)).clamp(nearest, 1.0) as f32 }
     }
 
     /// The weight of a pixel at a distance from the edge.
@@ -218,9 +230,12 @@ pub fn pixels(
     wanted: Wanted,
 ) -> Option<Pixels> {
     let blur = look.blur.clamp(0.5, 3.5);
-    let bands = Bands::of(blur);
-    let flat = f64::from(bands.flat);
     let outline = &candidate.outline;
+    let bands = match candidate.edges {
+        None => Bands::of_disc(outline.minor, blur, wanted.nearest),
+        Some(_) => Bands::of(blur),
+    };
+    let flat = f64::from(bands.flat);
     let reach = outline.extent().add_scalar(flat + 2.0);
     let (low, high) = (outline.centre - reach, outline.centre + reach);
     let x0 = low.x.floor().max(0.0) as usize;
