@@ -134,6 +134,12 @@ impl Outline {
         (s / self.major).hypot(t / self.minor) < 1.0
     }
 
+    /// From the centre to the outline in a direction of any length, px.
+    pub fn radius(&self, direction: Vector2<f64>) -> f64 {
+        let (s, t) = self.local(self.centre + direction);
+        direction.norm() / (s / self.major).hypot(t / self.minor)
+    }
+
     /// Share of the outline for which a test of the place, px, holds.
     pub fn share(&self, test: impl Fn(&Vector2<f64>) -> bool) -> f64 {
         const POINTS: usize = 64;

@@ -1,5 +1,6 @@
 //! Stage 6: among a frame's detections, each thing once, and nothing far smaller than the markers.
 
+use super::super::setup::Shape;
 use super::measure::Measured;
 use super::{Detection, Found, RejectReason, Rejected};
 
@@ -32,6 +33,7 @@ impl Found {
 /// Turns down a detection whose centre lies well within the outline of another one that is better:
 /// one thing was seen at two levels.
 pub fn distinct(found: &mut Found) {
+    without_rows_of_discs(found);
     let within = |one: &Detection, other: &Detection| {
         let (s, t) = other.outline().local(one.centre_px);
         (s / other.semi_major_px).hypot(t / other.semi_minor_px)
@@ -60,6 +62,26 @@ pub fn distinct(found: &mut Found) {
     }
 }
 
+/// Turns down quadrants in which two discs were found with skin between them: the black of quadrants meets.
+fn without_rows_of_discs(found: &mut Found) {
+    const APART: f64 = 3.0;
+    let discs: Vec<Detection> = found.measured.iter().map(|m| m.detection.clone()).collect();
+    let discs: Vec<Detection> = discs.into_iter().filter(|d| d.shape == Shape::Circle).collect();
+    found.turn_down_all(RejectReason::Duplicate, |m| {
+        let whole = m.detection.outline();
+        let holds = |d: &&Detection| whole.holds(d.centre_px);
+        let inside: Vec<&Detection> = discs.iter().filter(holds).collect();
+        let apart = |one: &Detection, other: &Detection| {
+            let between = other.centre_px - one.centre_px;
+            let radii = one.outline().radius(between) + other.outline().radius(between);
+            between.norm() - radii > APART * m.blur
+        };
+        m.detection.shape == Shape::Quadrant
+            && (inside.iter().enumerate())
+                .any(|(i, one)| inside[i + 1..].iter().any(|other| apart(one, other)))
+    });
+}
+
 /// One lens makes all the edges of a frame: one that is far softer than the middle of them belongs to
 /// dirt or to a shadow.
 pub fn without_soft(found: &mut Found) {
@@ -86,4 +108,47 @@ pub fn without_specks(found: &mut Found) {
     let gap = sizes.windows(2).skip(ENOUGH - 1).find(|w| w[0] > GAP * w[1]);
     let Some(least) = gap.map(|w| w[0]) else { return };
     found.turn_down_all(RejectReason::Speck, |m| m.detection.semi_major_px < least);
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix2, Vector2};
+
+    use super::*;
+
+    fn measured(shape: Shape, x: f64, semi_major_px: f64) -> Measured {
+        let detection = Detection {
+            shape,
+            centre_px: Vector2::new(x, 50.0),
+            covariance_px2: Matrix2::identity(),
+            semi_major_px,
+            semi_minor_px: 5.0,
+            angle_rad: 0.0,
+            fit_rms: 1.0,
+            contrast: 100.0,
+        };
+        Measured {
+            detection,
+            blur: 1.5,
+            darkness: 0.6,
+            clumped: 1.0,
+            white: Matrix2::identity(),
+            length: 0.0,
+        }
+    }
+
+    #[test]
+    fn two_discs_with_skin_between_them_are_no_quadrants() {
+        // The discs' tips are 12 px apart, or 3 as the black of quadrants in blur.
+        for (half, kept) in [(36.0, [Shape::Circle; 2].as_slice()), (31.5, &[Shape::Quadrant])] {
+            let discs = [150.0 - half, 150.0 + half].map(|x| measured(Shape::Circle, x, 30.0));
+            let mut found =
+                Found { measured: vec![measured(Shape::Quadrant, 150.0, 66.0)], rejected: Vec::new() };
+            found.measured.extend(discs);
+            distinct(&mut found);
+            let shapes: Vec<Shape> = found.measured.iter().map(|m| m.detection.shape).collect();
+            assert_eq!(shapes, kept, "{half}");
+            assert!(found.rejected.iter().all(|r| r.reason == RejectReason::Duplicate));
+        }
+    }
 }

@@ -320,8 +320,7 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
 fn ends_in_arcs(image: &Raster, pattern: Pattern, outline: &Outline, along: f64, m: &Parameters) -> bool {
     let turn = if pattern == Pattern::WhiteAlong { std::f64::consts::FRAC_PI_2 } else { 0.0 };
     let direction = Vector2::new((along + turn).cos(), (along + turn).sin());
-    let (s, t) = outline.local(outline.centre + direction);
-    let radius = 1.0 / (s / outline.major).hypot(t / outline.minor);
+    let radius = outline.radius(direction);
     let (light, black) = (m[LIGHT], m[LIGHT] - contrast(m));
     let grey = |factor: f64| {
         let at = outline.centre + direction * (factor * radius);

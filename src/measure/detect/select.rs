@@ -259,7 +259,9 @@ pub fn pixels(
     });
     let length = edges.map_or_else(
         || around(outline),
-        |e: Edges| e.lines.iter().map(|l| 2.0 * radius(outline, l)).sum::<f64>(),
+        |e: Edges| {
+            e.lines.iter().map(|l| 2.0 * outline.radius(Vector2::new(l.across.y, -l.across.x))).sum::<f64>()
+        },
     );
     let shares = Keep::new(wanted, bands, length).table();
     let places = std::array::from_fn(|turn| [false, true].map(|beside| Places::new(&shares, turn, beside)));
@@ -332,10 +334,4 @@ impl Line {
         let middle = self.at.x - (y - self.at.y) * self.across.y * self.across.x.signum() / steep;
         (middle - reach / steep, middle + reach / steep)
     }
-}
-
-/// From an ellipse's centre to its outline along a line, px.
-fn radius(outline: &Outline, line: &Line) -> f64 {
-    let (s, t) = outline.local(outline.centre + Vector2::new(line.across.y, -line.across.x));
-    1.0 / (s / outline.major).hypot(t / outline.minor)
 }
