@@ -100,12 +100,18 @@ fn found_of(markers: &[Ellipse], scene: impl Fn(f64, f64) -> f64, blur: f64, noi
     squares
 }
 
-/// At least so many are found, and what they state is what they are off.
-fn hold(squares: &[f64], least: usize) {
+/// The normalised error of those that are found, at least so many.
+fn normalised(squares: &[f64], least: usize) -> f64 {
     let found = squares.len();
     let normalised = (squares.iter().sum::<f64>() / found as f64).sqrt();
     println!("{found} found, normalised error {normalised:.2}");
     assert!(found >= least, "{found} are found");
+    normalised
+}
+
+/// At least so many are found, and what they state is what they are off.
+fn hold(squares: &[f64], least: usize) {
+    let normalised = normalised(squares, least);
     assert!((0.7..1.3).contains(&normalised), "{normalised} standard deviations");
 }
 
@@ -310,9 +316,8 @@ fn dirt_near_thin_discs_hardly_shifts_them() {
         };
         squares.extend(found_of(&thin, stained, 1.5, 2.0));
     }
-    let normalised = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
-    println!("{} of 216 found, normalised error {normalised:.2}", squares.len());
-    assert!(squares.len() >= 214, "{} are found", squares.len());
+    // The spots' edges still reach the skin that is used.
+    let normalised = normalised(&squares, 214);
     assert!(normalised < 1.6, "{normalised} standard deviations");
 }
 

@@ -128,16 +128,20 @@ impl Outline {
         (d.x * cos + d.y * sin, d.y * cos - d.x * sin)
     }
 
-    /// Whether a point, px, lies within.
-    pub fn holds(&self, at: Vector2<f64>) -> bool {
+    /// How far out a point, px, is: 0 at the centre, 1 on the outline.
+    pub fn outwards(&self, at: Vector2<f64>) -> f64 {
         let (s, t) = self.local(at);
-        (s / self.major).hypot(t / self.minor) < 1.0
+        (s / self.major).hypot(t / self.minor)
     }
 
-    /// From the centre to the outline in a direction of any length, px.
+    /// Whether a point, px, lies within.
+    pub fn holds(&self, at: Vector2<f64>) -> bool {
+        self.outwards(at) < 1.0
+    }
+
+    /// From the centre to the outline in a direction, whatever its length, px.
     pub fn radius(&self, direction: Vector2<f64>) -> f64 {
-        let (s, t) = self.local(self.centre + direction);
-        direction.norm() / (s / self.major).hypot(t / self.minor)
+        direction.norm() / self.outwards(self.centre + direction)
     }
 
     /// Share of the outline for which a test of the place, px, holds.

@@ -1,6 +1,7 @@
 //! Stage 6: among a frame's detections, each thing once, and nothing far smaller than the markers.
 
 use super::super::setup::Shape;
+use super::candidate::Outline;
 use super::measure::Measured;
 use super::{Detection, Found, RejectReason, Rejected};
 
@@ -35,9 +36,7 @@ impl Found {
 pub fn distinct(found: &mut Found) {
     without_rows_of_discs(found);
     let within = |one: &Detection, other: &Detection| {
-        let (s, t) = other.outline().local(one.centre_px);
-        (s / other.semi_major_px).hypot(t / other.semi_minor_px)
-            < if one.shape == other.shape { 0.5 } else { 0.8 }
+        other.outline().outwards(one.centre_px) < if one.shape == other.shape { 0.5 } else { 0.8 }
     };
     let better = |one: &Detection, other: &Detection| {
         let size = |d: &Detection| d.semi_major_px * d.semi_minor_px;
@@ -62,23 +61,21 @@ pub fn distinct(found: &mut Found) {
     }
 }
 
-/// Turns down quadrants in which two discs were found with skin between them: the black of quadrants meets.
+/// Turns down quadrants in which two discs were found with skin between them: the black of quadrants meets. One of the two
+/// was seen badly, else the pair was known for discs before it was measured ([`super::whole::Whole::are_discs`]).
 fn without_rows_of_discs(found: &mut Found) {
     const APART: f64 = 3.0;
-    let discs: Vec<Detection> = found.measured.iter().map(|m| m.detection.clone()).collect();
-    let discs: Vec<Detection> = discs.into_iter().filter(|d| d.shape == Shape::Circle).collect();
+    let discs = found.measured.iter().map(|m| &m.detection).filter(|d| d.shape == Shape::Circle);
+    let discs: Vec<Outline> = discs.map(Detection::outline).collect();
     found.turn_down_all(RejectReason::Duplicate, |m| {
         let whole = m.detection.outline();
-        let holds = |d: &&Detection| whole.holds(d.centre_px);
-        let inside: Vec<&Detection> = discs.iter().filter(holds).collect();
-        let apart = |one: &Detection, other: &Detection| {
-            let between = other.centre_px - one.centre_px;
-            let radii = one.outline().radius(between) + other.outline().radius(between);
-            between.norm() - radii > APART * m.blur
+        let apart = |one: &Outline, other: &Outline| {
+            let between = other.centre - one.centre;
+            between.norm() - one.radius(between) - other.radius(between) > APART * m.blur
         };
-        m.detection.shape == Shape::Quadrant
-            && (inside.iter().enumerate())
-                .any(|(i, one)| inside[i + 1..].iter().any(|other| apart(one, other)))
+        let inside: Vec<&Outline> = discs.iter().filter(|disc| whole.holds(disc.centre)).collect();
+        let two_apart = || (1..inside.len()).any(|i| inside[..i].iter().any(|other| apart(inside[i], other)));
+        m.detection.shape == Shape::Quadrant && two_apart()
     });
 }
 

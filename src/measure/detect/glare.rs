@@ -91,10 +91,7 @@ fn together(
     let points: Vec<Vector2<f64>> = one.left.iter().chain(&far.left).copied().collect();
     let outline = any_ellipse(&points, blob)?;
     // One ellipse passes through both.
-    let off = |p: &Vector2<f64>| {
-        let (s, t) = outline.local(*p);
-        ((s / outline.major).hypot(t / outline.minor) - 1.0).abs() * outline.minor
-    };
+    let off = |p: &Vector2<f64>| (outline.outwards(*p) - 1.0).abs() * outline.minor;
     let mean = points.iter().map(off).sum::<f64>() / points.len() as f64;
     let along = |p: &Vector2<f64>| p.dot(&one.axis);
     let ends = |points: &[Vector2<f64>]| {
