@@ -173,12 +173,18 @@ impl Window {
         let mut below = limits.clone();
         for y in self.y0..self.y1 {
             if y == self.y0 || y % f == 0 {
-                let row = (y / f).min(coarse.height - 1) * coarse.width;
+                let row = &coarse.background[(y / f).min(coarse.height - 1) * coarse.width..][..coarse.width];
+                let limit = |background: &u8| threshold(u32::from(*background)).min(255) as u8;
                 // Windows begin with a block; pixels beyond the last whole one are as the last.
-                let last = coarse.background[row + coarse.width - 1];
-                let more = coarse.background[row + self.x0 / f..row + coarse.width].iter();
-                for (limits, background) in limits.chunks_mut(f).zip(more.chain(std::iter::repeat(&last))) {
-                    limits.fill(threshold(u32::from(*background)).min(255) as u8);
+                let last = row.last().map_or(0, limit);
+                let more = row[self.x0 / f..].iter().map(limit);
+                if f == 4 {
+                    let (blocks, rest) = limits.as_chunks_mut::<4>();
+                    rest.fill(last);
+                    blocks.iter_mut().zip(more.chain(std::iter::repeat(last))).for_each(|(b, v)| *b = [v; 4]);
+                } else {
+                    let blocks = limits.chunks_mut(f).zip(more.chain(std::iter::repeat(last)));
+                    blocks.for_each(|(block, v)| block.fill(v));
                 }
             }
             let row = &image.row(y)[self.x0..self.x1];

@@ -278,10 +278,10 @@ pub fn levels(faint: bool) -> usize {
     if faint { FAINT } else { USUAL }
 }
 
-/// How many levels each pixel passes, and the runs of those that pass any.
+/// The runs of pixels that pass any level, and how many levels their pixels pass, run by run.
 pub struct Darkness {
-    passed: Vec<u8>,
     runs: Vec<Run>,
+    passed: Vec<u8>,
 }
 
 wide! {
@@ -305,25 +305,26 @@ fn passed<const COUNT: usize>(mean: &[u8], background: &[u8], out: &mut [u8]) {
 impl Coarse {
     /// How many of the levels each pixel passes.
     pub fn darkness(&self, faint: bool) -> Darkness {
-        let (mut passed, mut runs) = (vec![0u8; self.mean.len()], Vec::new());
+        let (mut runs, mut passed, mut row) = (Vec::new(), Vec::new(), vec![0u8; self.width]);
         let pass = if faint { pass_faint } else { pass };
         for (y, span) in &self.part.wanted {
             let part = y * self.width + span.start..y * self.width + span.end;
-            let first = runs.len();
-            pass(&self.mean[part.clone()], &self.background[part.clone()], &mut passed[part.clone()]);
-            runs::find(&passed[part], *y, &mut runs);
+            let (first, row) = (runs.len(), &mut row[..span.len()]);
+            pass(&self.mean[part.clone()], &self.background[part], row);
+            runs::find(row, *y, &mut runs);
             for run in &mut runs[first..] {
+                passed.extend_from_slice(&row[run.from as usize..=run.to as usize]);
                 run.from += span.start as u32;
                 run.to += span.start as u32;
             }
         }
-        Darkness { passed, runs }
+        Darkness { runs, passed }
     }
 
     /// Dark regions at the `level`-th level, in the order of their first pixel.
     pub fn regions(&self, dark: &Darkness, level: usize, faint: bool) -> Vec<Region> {
         let least = (levels(faint) - level) as u8;
-        let runs = runs::at_least(&dark.runs, &dark.passed, self.width, least);
+        let runs = runs::at_least(&dark.runs, &dark.passed, least);
         runs::connected(&runs).iter().map(|set| self.region(set)).collect()
     }
 

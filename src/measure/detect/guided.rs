@@ -7,6 +7,7 @@ use nalgebra::Vector2;
 use super::super::setup::Shape;
 use super::candidate::{Candidate, Outline};
 use super::coarse::{self, Part, THICK, Window};
+use super::measure::Measured;
 use super::model::Pattern;
 use super::{Detection, Found, Prediction, noise};
 
@@ -92,6 +93,22 @@ pub fn is_near(candidate: &Candidate, predictions: &[Prediction]) -> bool {
     })
 }
 
+/// The predicted quadrants that have not been found yet.
+pub fn missing_quadrants(found: &[Measured], predictions: &[Prediction]) -> Vec<Prediction> {
+    let found: Vec<&Detection> = found.iter().map(|m| &m.detection).collect();
+    let there = matched(&found, predictions).1;
+    let missing = predictions.iter().zip(there).filter(|(p, there)| !there && p.shape == Shape::Quadrant);
+    missing.map(|(p, _)| p.clone()).collect()
+}
+
+/// Whether what is seen may be a part of one of the predicted markers.
+pub fn may_show_part_of(seen: &Outline, predictions: &[Prediction]) -> bool {
+    predictions.iter().filter_map(|p| Some((p.outline()?, p.reach()))).any(|(outline, reach)| {
+        let (s, t) = outline.local(seen.centre);
+        (s / (WIDER * outline.major + reach)).hypot(t / (WIDER * outline.minor + reach)) < 1.0
+    })
+}
+
 /// For each detection whether it is a predicted marker, and for each prediction whether one is it: the nearest pairs that
 /// are alike, none twice.
 pub fn matched(found: &[&Detection], predictions: &[Prediction]) -> (Vec<bool>, Vec<bool>) {
@@ -159,6 +176,16 @@ mod tests {
         let found = [detection(158.0, 20.0), detection(108.0, 21.0)];
         let (taken, there) = matched(&found.iter().collect::<Vec<_>>(), &predictions);
         assert_eq!((taken, there), (vec![true, true], vec![true, true]));
+    }
+
+    #[test]
+    fn only_what_is_missing_is_sought_further() {
+        let quadrants = Prediction { shape: Shape::Quadrant, ..prediction(1000.0) };
+        let missing = missing_quadrants(&[], &[prediction(100.0), quadrants.clone()]);
+        assert_eq!(missing, [quadrants]);
+        let part = |x: f64| Outline { centre: Vector2::new(x, 52.0), major: 8.0, minor: 2.0, angle: 0.0 };
+        let seen = [1060.0, 1110.0, 100.0].map(|x| may_show_part_of(&part(x), &missing));
+        assert_eq!(seen, [true, false, false]);
     }
 
     #[test]

@@ -292,7 +292,13 @@ fn search(
     for stage in [Stage::Quadrants, Stage::Narrow, Stage::Discs] {
         let candidates = match stage {
             Stage::Quadrants => quadrants(&blobs),
-            Stage::Narrow => narrow::narrow(image, &blobs, &taken, noise),
+            Stage::Narrow => {
+                let missing = sought.map(|sought| guided::missing_quadrants(&found.measured, sought));
+                let wanted = |seen: &candidate::Outline| {
+                    missing.as_ref().is_none_or(|missing| guided::may_show_part_of(seen, missing))
+                };
+                narrow::narrow(image, &blobs, &taken, noise, wanted)
+            }
             Stage::Discs => discs(&blobs),
         };
         for candidate in &candidates {

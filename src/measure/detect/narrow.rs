@@ -52,13 +52,21 @@ pub fn against_skin(image: &Raster, candidate: &Candidate, softest: f64) -> Opti
     Some(Candidate { like: candidate.like, ..found })
 }
 
-/// Quadrants of which two blobs or one show the black, too blurred to tell them by it alone.
-pub fn narrow(image: &Raster, blobs: &[Blob], taken: &[bool], noise: f64) -> Vec<Candidate> {
+/// Quadrants of which two blobs or one show the black, too blurred to tell them by it alone; only where they are wanted.
+pub fn narrow(
+    image: &Raster,
+    blobs: &[Blob],
+    taken: &[bool],
+    noise: f64,
+    wanted: impl Fn(&Outline) -> bool,
+) -> Vec<Candidate> {
     let may_be = |(blob, taken): (&Blob, &bool)| {
+        let seen = Outline::of(blob);
         !taken
             && !blob.at_edge
             && blob.area > LEAST
-            && Outline::of(blob).minor < THICKEST
+            && seen.minor < THICKEST
+            && wanted(&seen)
             && has_white(image, blob, noise)
     };
     let free: Vec<bool> = blobs.iter().zip(taken).map(may_be).collect();

@@ -50,14 +50,15 @@ fn marks(pixels: &[u8]) -> u64 {
     rest.iter().enumerate().map(one).fold(marks, |marks, one| marks | one)
 }
 
-/// The parts of runs whose pixels hold `least` or more, in rows of `width` pixels.
-pub fn at_least(runs: &[Run], pixels: &[u8], width: usize, least: u8) -> Vec<Run> {
+/// The parts of runs whose pixels, which come run by run, hold `least` or more.
+pub fn at_least(runs: &[Run], mut pixels: &[u8], least: u8) -> Vec<Run> {
     let mut out = Vec::new();
     for run in runs {
         let (first, last) = (run.from as usize, run.to as usize);
-        let row = &pixels[run.y as usize * width..][..width];
+        let (own, rest) = pixels.split_at((last + 1 - first).min(pixels.len()));
+        pixels = rest;
         let mut open = None;
-        for (x, &v) in (first..).zip(&row[first..=last]) {
+        for (x, &v) in (first..).zip(own) {
             if v >= least {
                 open.get_or_insert(x);
             } else {
@@ -145,10 +146,12 @@ mod tests {
             }
             let level: Vec<u8> = marks.iter().enumerate().map(|(i, m)| m * (1 + (i % 3) as u8)).collect();
             for least in 1..=3 {
+                let own = |r: &Run| level[r.y as usize * width..][r.from as usize..=r.to as usize].to_vec();
+                let passed: Vec<u8> = runs.iter().flat_map(own).collect();
                 let dark: Vec<u8> = level.iter().map(|&v| u8::from(v >= least)).collect();
                 let mut want = Vec::new();
                 dark.chunks(width).enumerate().for_each(|(y, row)| find(row, y, &mut want));
-                assert_eq!(at_least(&runs, &level, width, least), want);
+                assert_eq!(at_least(&runs, &passed, least), want);
             }
             assert!(label.iter().zip(&marks).all(|(&l, &m)| (l > 0) == (m > 0)));
             assert_eq!(flooded(&marks, width), sets.len());

@@ -6,6 +6,7 @@ use std::ops::Range;
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use super::super::raster::Raster;
+use super::batch::total;
 use super::candidate::{Band, Outline};
 use super::model::{BLUR, LANES, LIGHT, Lanes, Parameters, all, each, light_at};
 use super::oval::{Oval, columns, row_of};
@@ -29,6 +30,9 @@ const NARROW: f64 = 1.2;
 const BESIDE: (f64, f64) = (4.5, 7.5);
 const BIN: f64 = 0.5;
 const BINS: usize = 9;
+/// How near to a line is on it, px; and residual scales from which on what is unlike the skin is something else.
+const ON: f32 = 1.0;
+const FOREIGN: f32 = 4.0;
 /// What a seam's blur still darkens beyond where it seems to end, px.
 const SKIRT: f64 = 1.0;
 /// Standard deviations of a seam's darkness, and share of its length that must be dark, for chance lines up signs, and
@@ -38,6 +42,8 @@ const PIECE: f64 = 4.0;
 const UNBROKEN: f64 = 0.75;
 /// Pieces that must be seen.
 const PIECES: usize = 4;
+/// Share of that darkness, and of its standard deviations, from which a line is looked at more closely.
+const HINT: f64 = 0.9;
 /// Share of the outline that a seam may hide: more could not be missed.
 const HIDES: f64 = 0.35;
 /// Most seams at a disc, and most lines that are tried.
@@ -62,7 +68,8 @@ pub fn find(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Ve
         }
         let Some(line) = straightest(&signs) else { break };
         signs.retain(|s| line.distance(&s.at) > 2.0 * NARROW);
-        if let Some(half) = half_width(&ring.beside(&line), &line) {
+        let half = if ring.hints_at(&line) { half_width(&ring.beside(&line), &line) } else { None };
+        if let Some(half) = half {
             let band = Band { axis: line.across, from: line.at - half, to: line.at + half };
             if outline.share(|at| band.holds(at)) <= HIDES {
                 out.push(band);
@@ -130,32 +137,114 @@ impl<'a> Ring<'a> {
     fn along(&self, x: usize, y: usize) -> [f32; 3] {
         // What single precision may lose, grey levels.
         const SAFE: f64 = 0.02;
+        let [light, first, second] = self.light(x, y);
+        [light - f64::from(SIGN) * self.scale + SAFE, first, second].map(|v| v as f32)
+    }
+
+    /// The skin's grey value along a row, as a polynomial of how far a pixel is from `x`.
+    fn light(&self, x: usize, y: usize) -> [f64; 3] {
         let m = self.m;
         let (p, q) = self.place(x, y);
         let (by_p, by_q) = (self.oval.cos / self.outline.major, -self.oval.sin / self.outline.minor);
         [
-            light_at(m, p, q) - f64::from(SIGN) * self.scale + SAFE,
+            light_at(m, p, q),
             (m[LIGHT + 1] + 2.0 * m[LIGHT + 3] * p) * by_p + m[LIGHT + 2] * by_q,
             m[LIGHT + 3] * by_p * by_p,
         ]
-        .map(|v| v as f32)
     }
 
-    /// The pixels so near to a line that they tell whether it is a seam.
-    fn beside(&self, line: &Line) -> Vec<Spot> {
-        let mut out = Vec::new();
+    /// Calls for each row's pixels that are so near to a line that they tell whether it is a seam: row, first column and
+    /// values.
+    fn for_rows_beside(&self, line: &Line, mut call: impl FnMut(usize, usize, &[u8])) {
         let through = weigh::Line { at: line.across * line.at, across: line.across };
         for (y, parts) in &self.rows {
             let (from, to) = through.row(*y as f64, BESIDE.1 + 1.0);
             let (from, to) = (from.max(0.0) as usize, to.max(0.0) as usize);
             for part in parts {
                 let near = part.start.max(from)..part.end.min(to.saturating_add(1));
-                let Some(pixels) = self.image.row(*y).get(near.clone()) else { continue };
-                out.extend(near.zip(pixels).map(|(x, &v)| self.spot(x, *y, v)));
+                if let Some(pixels) = self.image.row(*y).get(near.clone()).filter(|p| !p.is_empty()) {
+                    call(*y, near.start, pixels);
+                }
             }
         }
+    }
+
+    /// Whether what lies on a line is dark enough against what is beside it to be looked at as a seam.
+    fn hints_at(&self, line: &Line) -> bool {
+        let mut sums = Strip { on: [[0.0; LANES]; 2], beside: [[0.0; LANES]; 3] };
+        let by_scale = 1.0 / self.scale;
+        self.for_rows_beside(line, |y, x, pixels| {
+            let off = line.across.dot(&Vector2::new(x as f64, y as f64)) - line.at;
+            let light = self.light(x, y).map(|v| (v * by_scale) as f32);
+            add_up(pixels, [off as f32, line.across.x as f32], light, by_scale as f32, &mut sums);
+        });
+        let ([sum, count], [other, others, squares]) =
+            (sums.on.map(|s| total(&s)), sums.beside.map(|s| total(&s)));
+        stands_out([sum, count], [other, others, squares], HINT).is_some()
+    }
+
+    /// The pixels so near to a line that they tell whether it is a seam.
+    fn beside(&self, line: &Line) -> Vec<Spot> {
+        let mut out = Vec::new();
+        self.for_rows_beside(line, |y, x, pixels| {
+            out.extend((x..).zip(pixels).map(|(x, &v)| self.spot(x, y, v)));
+        });
         out
     }
+}
+
+/// How much darker than the skin what lies on a line and beside it is, in residual scales: sums and counts, and beside it
+/// the sum of squares.
+struct Strip {
+    on: [Lanes; 2],
+    beside: [Lanes; 3],
+}
+
+wide! {
+    /// Adds the pixels of a row, whose distance from the line is a first one and so much more for each, px, against the light
+    /// as a polynomial of the place, in residual scales.
+    fn add_up(pixels: &[u8], distance: [f32; 2], light: [f32; 3], by_scale: f32, sums: &mut Strip) = added_up
+}
+
+#[inline(always)]
+fn added_up(pixels: &[u8], [off, more]: [f32; 2], light: [f32; 3], by_scale: f32, sums: &mut Strip) {
+    let [c, b, a] = light;
+    let Strip { on: [sum, count], beside: [other, others, squares] } = sums;
+    for (k, some) in pixels.chunks(LANES).enumerate() {
+        let first = (k * LANES) as f32;
+        let mut grey = [0.0; LANES];
+        for (grey, &v) in grey.iter_mut().zip(some) {
+            *grey = f32::from(v);
+        }
+        for i in 0..LANES {
+            let x = first + i as f32;
+            let distance = (off + more * x).abs();
+            let darker = c + (b + a * x) * x - grey[i] * by_scale;
+            let there = i < some.len();
+            let on = if there && distance < ON { 1.0 } else { 0.0 };
+            let near = distance >= BESIDE.0 as f32 && distance < BESIDE.1 as f32;
+            let beside = if there && near { 1.0 } else { 0.0 };
+            let clamped = darker.clamp(-FOREIGN, FOREIGN);
+            sum[i] += on * darker;
+            count[i] += on;
+            other[i] += beside * clamped;
+            others[i] += beside;
+            squares[i] += beside * clamped * clamped;
+        }
+    }
+}
+
+/// By how much what lies on a line is darker than what lies beside it, and than what darkness of the skin, in residual
+/// scales, from sums, counts and the sum of squares; `None` where that is less than a share of a seam's.
+fn stands_out([sum, count]: [f64; 2], [other, others, squares]: [f64; 3], share: f64) -> Option<(f64, f64)> {
+    if count < LEAST as f64 || others < LEAST as f64 {
+        return None;
+    }
+    let skin = other / others;
+    let noise = (squares / others - skin * skin).max(0.25).sqrt();
+    let peak = sum / count - skin;
+    let certain = peak > share * DARKER && peak * count.sqrt() > share * CERTAIN * noise;
+    certain.then_some((peak, skin))
 }
 
 wide! {
@@ -283,11 +372,10 @@ fn half_width(spots: &[Spot], line: &Line) -> Option<f64> {
             bin[1] += 1.0;
         }
         if (BESIDE.0..BESIDE.1).contains(&distance) {
-            // Something else that is dark is no skin.
-            let darker = darker.clamp(-4.0, 4.0);
+            let darker = darker.clamp(-f64::from(FOREIGN), f64::from(FOREIGN));
             beside = [beside[0] + darker, beside[1] + 1.0, beside[2] + darker * darker];
         }
-        if distance < 1.0 {
+        if distance < f64::from(ON) {
             let piece = (along.dot(&spot.at) / PIECE).floor() as i32;
             match pieces.iter_mut().find(|(k, _)| *k == piece) {
                 Some((_, sum)) => *sum = [sum[0] + darker, sum[1] + 1.0],
@@ -296,16 +384,9 @@ fn half_width(spots: &[Spot], line: &Line) -> Option<f64> {
         }
     }
     let (sum, count) = (profile[0][0] + profile[1][0], profile[0][1] + profile[1][1]);
-    if count < LEAST as f64 || beside[1] < LEAST as f64 || pieces.len() < PIECES {
-        return None;
-    }
-    let skin = beside[0] / beside[1];
-    let noise = (beside[2] / beside[1] - skin * skin).max(0.25).sqrt();
-    let peak = sum / count - skin;
+    let (peak, skin) = stands_out([sum, count], beside, 1.0)?;
     let dark = pieces.iter().filter(|(_, [sum, count])| sum / count - skin > 0.4 * peak).count();
-    let certain = peak > DARKER
-        && peak * count.sqrt() > CERTAIN * noise
-        && dark as f64 >= UNBROKEN * pieces.len() as f64;
+    let certain = pieces.len() >= PIECES && dark as f64 >= UNBROKEN * pieces.len() as f64;
     let ended = |&[sum, count]: &[f64; 2]| count > 0.0 && sum / count - skin < 0.12 * peak;
     let half = (profile.iter().position(ended)? as f64 + 0.5) * BIN;
     certain.then_some(half.max(1.0) + SKIRT)

@@ -120,20 +120,20 @@ impl Keep {
     }
 }
 
-/// The columns of a period that count.
+/// The columns of a period that count, and how much at the edge and beside it.
 #[derive(Clone, Copy)]
 struct Places {
-    list: [u8; PERIOD],
+    list: [(u8, [f32; 2]); PERIOD],
     count: u8,
 }
 
 impl Places {
     /// For a row that begins at this turn of the pattern; those that count `beside` the edge only, or anywhere.
     fn new(shares: &[[f32; 2]; PERIOD], turn: usize, beside: bool) -> Self {
-        let mut out = Self { list: [0; PERIOD], count: 0 };
+        let mut out = Self { list: [(0, [0.0; 2]); PERIOD], count: 0 };
         for place in 0..PERIOD {
             let keep = shares[(turn + ACROSS * place) % PERIOD];
-            out.list[usize::from(out.count)] = place as u8;
+            out.list[usize::from(out.count)] = (place as u8, keep);
             out.count += u8::from(keep[1] > 0.0 || (!beside && keep[0] > 0.0));
         }
         out
@@ -147,10 +147,11 @@ struct Source<'a> {
     image: &'a Raster,
     candidate: &'a Candidate,
     area: Box,
-    shares: [[f32; 2]; PERIOD],
     /// For each turn of the pattern, near an edge and beside it.
     places: [[Places; 2]; PERIOD],
     masked: Option<Vec<bool>>,
+    /// Whether all pixels may be used.
+    clear: bool,
 }
 
 impl Source<'_> {
@@ -172,26 +173,18 @@ impl Source<'_> {
             return;
         }
         let Some(row) = self.image.row(y).get(columns.clone()) else { return };
-        let clear = self.is_clear();
         let turn = (columns.start * ACROSS + y * DOWN) % PERIOD;
         let Places { list, count } = &self.places[turn][usize::from(beside)];
-        for first in (0..row.len()).step_by(PERIOD) {
-            for &place in &list[..usize::from(*count)] {
-                let place = usize::from(place);
-                let keep = self.shares[(turn + ACROSS * place) % PERIOD];
-                let Some(&value) = row.get(first + place) else { break };
-                let x = columns.start + first + place;
-                if clear || !self.hides(x, y) {
-                    taker.push(taker.place(x, y), value, keep);
+        let list = &list[..usize::from(*count)];
+        for (first, period) in (columns.start..).step_by(PERIOD).zip(row.chunks(PERIOD)) {
+            let [left, down] = taker.place(first, y);
+            for &(place, keep) in list {
+                let Some(&value) = period.get(usize::from(place)) else { break };
+                if self.clear || !self.hides(first + usize::from(place), y) {
+                    taker.push([left + f32::from(place), down], value, keep);
                 }
             }
         }
-    }
-
-    /// Whether all pixels may be used.
-    fn is_clear(&self) -> bool {
-        let Candidate { hidden, bands, seams, .. } = self.candidate;
-        self.masked.is_none() && hidden.is_empty() && bands.is_empty() && seams.is_empty()
     }
 
     fn hides(&self, x: usize, y: usize) -> bool {
@@ -265,7 +258,9 @@ pub fn pixels(
     );
     let shares = Keep::new(wanted, bands, length).table();
     let places = std::array::from_fn(|turn| [false, true].map(|beside| Places::new(&shares, turn, beside)));
-    let source = Source { image, candidate, area, shares, places, masked };
+    let Candidate { hidden, bands: drowned, seams, .. } = candidate;
+    let clear = masked.is_none() && hidden.is_empty() && drowned.is_empty() && seams.is_empty();
+    let source = Source { image, candidate, area, places, masked, clear };
     // How far from an edge a pixel may count as one at it.
     let near = f64::from(bands.edge) + 0.5 * FADE + 1.0;
     let mut taker = Taker::new(Ruler {
