@@ -130,12 +130,17 @@ fn discs_whose_outline_noise_frays_are_found() {
     hold(&found_of(&flat, on_skin(&flat, 76.0, 30.0), 1.5, 8.0), 51);
 }
 
-/// Light that is mirrored: added to everything from some column on, with a slope of so many px.
-fn with_glare(scene: impl Fn(f64, f64) -> f64, from: f64, to: f64, slope: f64) -> impl Fn(f64, f64) -> f64 {
+/// Light that is mirrored, as much as of a grey value: added to everything from some column on, with a slope of so many px.
+fn with_glare(
+    scene: impl Fn(f64, f64) -> f64,
+    grey: f64,
+    [from, to]: [f64; 2],
+    slope: f64,
+) -> impl Fn(f64, f64) -> f64 {
     move |x, y| {
         let x = x + 0.3 * (y - 200.0);
         let share = 1.0 / (1.0 + (-(x - from) / slope).exp()) / (1.0 + ((x - to) / slope).exp());
-        (scene(x - 0.3 * (y - 200.0), y).powf(TONE) + share * 420f64.powf(TONE)).powf(1.0 / TONE)
+        (scene(x - 0.3 * (y - 200.0), y).powf(TONE) + share * grey.powf(TONE)).powf(1.0 / TONE)
     }
 }
 
@@ -147,7 +152,7 @@ fn a_disc_that_ends_in_glare_is_measured_and_says_how_well() {
     let mut square = 0.0;
     for (seed, share) in [0.35f64, 0.2, 0.05].into_iter().enumerate() {
         let from = drowned[0] + share * drowned[2] + 0.3 * (drowned[1] - 200.0);
-        let scene = with_glare(on_skin(&discs, 160.0, 55.0), from, from + 80.0, 3.0);
+        let scene = with_glare(on_skin(&discs, 160.0, 55.0), 420.0, [from, from + 80.0], 3.0);
         let markers = detect(&picture(scene, 0.9, 1.5, seed as u64)).markers;
         let (m, error) = nearest(&markers, drowned).expect("the disc is found");
         println!("glare from {share}: {error:.2?}, variances {:.3?}", m.covariance_px2.diagonal());
@@ -158,10 +163,29 @@ fn a_disc_that_ends_in_glare_is_measured_and_says_how_well() {
     assert!(square.sqrt() < 2.0, "{} standard deviations", square.sqrt());
     // Of what is drowned as a whole, nothing is said.
     let from = drowned[0] - 0.7 * drowned[2] + 0.3 * (drowned[1] - 200.0);
-    let scene = with_glare(on_skin(&discs, 160.0, 55.0), from, from + 90.0, 3.0);
+    let scene = with_glare(on_skin(&discs, 160.0, 55.0), 420.0, [from, from + 90.0], 3.0);
     let markers = detect(&picture(scene, 0.9, 1.5, 9)).markers;
     let near = |m: &&Detection| (m.centre_px - Vector2::new(drowned[0], drowned[1])).norm() < drowned[2];
     assert_eq!(markers.iter().find(near), None);
+}
+
+#[test]
+fn a_disc_that_shows_through_glare_is_measured_through_it() {
+    let discs = discs();
+    let mut squares = Vec::new();
+    for (seed, share) in [-0.45, -0.3, 0.0, 0.2, 0.4].into_iter().enumerate() {
+        // The middle one of the first row to that of the third.
+        let veiled = discs[1 + 3 * (seed % 3)];
+        let middle = veiled[0] + share * veiled[2] + 0.3 * (veiled[1] - 200.0);
+        let scene = with_glare(on_skin(&discs, 140.0, 60.0), 300.0, [middle - 12.0, middle + 12.0], 4.0);
+        let markers = detect(&picture(scene, 0.9, 1.5, seed as u64)).markers;
+        let (m, error) = nearest(&markers, veiled).expect("the disc is found");
+        println!("glare at {share}: {error:.3?}, variances {:.4?}", m.covariance_px2.diagonal());
+        assert!(error.norm() < 0.3, "glare at {share}: off by {error}");
+        squares.push(normalised_square(m, error));
+    }
+    let square = squares.iter().sum::<f64>() / squares.len() as f64;
+    assert!(square.sqrt() < 1.6, "{} standard deviations", square.sqrt());
 }
 
 #[test]

@@ -131,6 +131,7 @@ mod tests {
             clumped: 1.0,
             white: Matrix2::identity(),
             length: 0.0,
+            through_glare: false,
         }
     }
 

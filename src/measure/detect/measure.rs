@@ -17,7 +17,7 @@ use super::narrow::against_skin;
 use super::outlined::{at_one_level, outlined, with_rim};
 use super::select::{ALL, EVERY, FEW, Look, Masked, pixels};
 use super::sought::{EGG_SPREAD, USUAL_GAMMA, few_unknowns, unknowns, usual_dark};
-use super::{Detection, RejectReason, rim, seam, uneven};
+use super::{Detection, RejectReason, mirrored, rim, seam, uneven, veil};
 
 /// Standard deviations beyond which a bend of axis or edges is believed.
 const BEND_TEST: f64 = 3.0;
@@ -36,6 +36,8 @@ const VEIL_PX: f64 = 0.1;
 /// the place along it is in doubt.
 const VAGUEST: f64 = 2.0;
 const VAGUEST_FORETOLD: f64 = 2.5;
+/// A plane of darkness.
+const FINE_DARK: [usize; 2] = [DARK + 1, DARK + 2];
 /// Share of a marker's contrast by which what is darker than the skin around it is foreign.
 const FOREIGN: f64 = 0.25;
 
@@ -54,6 +56,8 @@ pub struct Measured {
     pub white: Matrix2<f64>,
     /// Standard deviation of a disc's semi-major axis, px; 0 of quadrants.
     pub length: f64,
+    /// Whether glare lies over it, through which it was measured.
+    pub through_glare: bool,
 }
 
 /// What a frame's markers can be like.
@@ -63,12 +67,14 @@ pub struct Bounds {
     pub noise: f64,
     /// Greatest blur, px.
     pub blur: f64,
+    /// Whether discs are measured through the glare that lies over them.
+    pub through_glare: bool,
 }
 
 impl Bounds {
     /// Of a frame in which nothing has been measured.
     pub fn of(noise: f64) -> Self {
-        Self { noise, blur: SOFTEST }
+        Self { noise, blur: SOFTEST, through_glare: false }
     }
 }
 
@@ -164,7 +170,14 @@ fn measure_once(
         let floor = floor.max(0.02 * contrast(&near));
         let whole = candidate.hidden.is_empty();
         let result = uneven::improve(&pixels, result, &unknowns, floor, whole);
-        judge(image, place, &result, noise)
+        let glare = bounds.through_glare && !place.bands.is_empty();
+        let lifted = if glare { through_glare(image, place, &result, floor, noise) } else { None };
+        match (judge(image, place, &result, noise), lifted) {
+            // Of an end that is saturated the edges beside it tell less than the discs about.
+            (Ok(_), Some((lifted, true))) => Ok(lifted),
+            (Err(RejectReason::Uncertain | RejectReason::Drowned), Some((lifted, _))) => Ok(lifted),
+            (plain, _) => plain,
+        }
     };
     if place.pattern == Pattern::Disc && place.is_whole() {
         place.seams = seam::find(image, &place.outline, &near, scale.max(floor));
@@ -178,6 +191,35 @@ fn measure_once(
         place.seams.clear();
     }
     last(&place)
+}
+
+/// A disc with an end in glare, with what shows through the glare, from the fit to what glare leaves.
+fn through_glare(
+    image: &Raster,
+    candidate: &Candidate,
+    fit: &Fit,
+    floor: f64,
+    noise: f64,
+) -> Option<(Measured, bool)> {
+    let m = &fit.parameters;
+    let mut place = Candidate { bands: Vec::new(), ..place(candidate, m) };
+    for _ in 0..2 {
+        let look = Look { crossing: place.outline.centre, blur: m[BLUR], sag: 0.0 };
+        let masked = Masked::DarkerThan(*m, (CUT * floor).max(FOREIGN * contrast(m)));
+        let pixels = pixels(image, masked, &place, look, EVERY)?;
+        let (mut unknowns, _) = unknowns(&place);
+        // Glare changes the contrast along the disc far more than its own darkness does.
+        FINE_DARK.iter().for_each(|&k| unknowns.free[k] = false);
+        let lifted = veil::lifted(&pixels, &place.outline, fit, &unknowns, floor)?;
+        let found = judge(image, &place, &lifted, noise).ok()?;
+        let found = Measured { through_glare: true, ..found };
+        let moved = (found.detection.centre_px - place.outline.centre).norm();
+        if moved < 1.0 {
+            return Some((found, mirrored::shows_ends(&pixels)));
+        }
+        place.outline = found.detection.outline();
+    }
+    None
 }
 
 /// Narrow quadrants by edges and outline together, from parameters of a first fit whose residuals had about this scale.
@@ -313,6 +355,7 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
         } else {
             0.0
         },
+        through_glare: false,
     })
 }
 

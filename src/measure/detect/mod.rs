@@ -19,6 +19,7 @@ mod guided;
 mod linear;
 mod mask;
 mod measure;
+mod mirrored;
 mod model;
 mod narrow;
 mod noise;
@@ -31,6 +32,7 @@ mod seam;
 mod select;
 mod sought;
 mod uneven;
+mod veil;
 mod wedge;
 mod weigh;
 mod whole;
@@ -257,7 +259,7 @@ struct Found {
 /// fifths, of the grey.
 fn is_faint(found: &Found) -> bool {
     const LEAST: f64 = 0.45;
-    found.measured.iter().any(|m| m.darkness < LEAST)
+    found.measured.iter().any(|m| m.darkness < LEAST && !m.through_glare)
 }
 
 /// A rough fit's blur is that of the last one to this factor.

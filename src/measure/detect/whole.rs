@@ -37,6 +37,7 @@ const FRAYED_BY_NOISE: f64 = 1.5;
 /// else passes for its hidden end.
 pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usize>, Candidate)>) {
     let mut wrong: Vec<usize> = Vec::new();
+    let bounds = Bounds { through_glare: true, ..known.bounds };
     for (index, mut candidate) in hidden {
         let Some((major, deviation)) = foretold_major(found, index, candidate.outline.centre) else {
             continue;
@@ -53,7 +54,7 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
         candidate.outline.major = major;
         candidate.foretold = Some(deviation);
         let like = |m: &Measured| is_as_long(m, (major, deviation), UNLIKE);
-        let again = measure(known.image, known.blobs, &candidate, known.bounds).ok().filter(like);
+        let again = measure(known.image, known.blobs, &candidate, bounds).ok().filter(like);
         let slot = index.and_then(|i| found.measured.get_mut(i));
         match (again, slot) {
             (Some(again), Some(slot)) => *slot = again,
