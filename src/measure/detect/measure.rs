@@ -193,7 +193,8 @@ fn measure_once(
     last(&place)
 }
 
-/// A disc with an end in glare, with what shows through the glare, from the fit to what glare leaves.
+/// A disc with an end in glare, with what shows through the glare, from the fit to what glare leaves; and whether both its ends
+/// show.
 fn through_glare(
     image: &Raster,
     candidate: &Candidate,
