@@ -188,6 +188,33 @@ fn a_disc_that_shows_through_glare_is_measured_through_it() {
     assert!(square.sqrt() < 1.6, "{} standard deviations", square.sqrt());
 }
 
+/// Light that is so many times stronger in a band of 120 px from some column on, with a slope of so many px.
+fn with_light(
+    scene: impl Fn(f64, f64) -> f64,
+    times: f64,
+    from: f64,
+    slope: f64,
+) -> impl Fn(f64, f64) -> f64 {
+    move |x, y| {
+        let along = x + 0.3 * (y - 200.0) - from;
+        let share = 1.0 / (1.0 + (-along / slope).exp()) / (1.0 + ((along - 120.0) / slope).exp());
+        (scene(x, y).powf(TONE) * (1.0 + (times - 1.0) * share)).powf(1.0 / TONE)
+    }
+}
+
+#[test]
+fn a_disc_whose_end_is_saturated_is_not_taken_for_a_shorter_one() {
+    let discs = discs();
+    let cut = discs[4];
+    for (seed, share) in [0.5, 0.7, 0.8, 0.9, 1.0, 1.1].into_iter().enumerate() {
+        let from = cut[0] + share * cut[2] + 0.3 * (cut[1] - 200.0);
+        let scene = with_light(on_skin(&discs, 180.0, 62.0), 31.0, from, 3.0);
+        println!("saturated from {share} on:");
+        let m = measured(&picture(scene, 0.9, 1.5, seed as u64), cut, 8.0);
+        assert!((m.semi_major_px - cut[2]).abs() < 1.5, "{share}: {:.1} px long", m.semi_major_px);
+    }
+}
+
 #[test]
 fn dirt_beside_a_disc_does_not_shift_it() {
     let discs = discs();

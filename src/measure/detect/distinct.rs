@@ -132,6 +132,7 @@ mod tests {
             white: Matrix2::identity(),
             length: 0.0,
             through_glare: false,
+            is_whole: true,
         }
     }
 

@@ -8,6 +8,9 @@ use super::arc::{any_ellipse, rim};
 use super::blob::Blob;
 use super::candidate::{Band, Candidate, Outline};
 
+/// Grey value from which on skin is saturated, and where beyond a disc's tip it is looked at, px.
+const WHITE: u8 = 250;
+const PAST: [f64; 3] = [3.0, 4.5, 6.0];
 /// How far on either side of the outline the step from black to skin is taken, px.
 const REACH: f64 = 3.0;
 /// Share of the usual step below which an outline is not the disc's.
@@ -52,6 +55,17 @@ pub fn completed(image: &Raster, candidate: &Candidate, index: usize, blobs: &[B
         let outline = any_ellipse(&part.left, blob).and_then(|o| sound(o, blob)).unwrap_or(seen);
         let bands = bands(&part);
         Some(Candidate { outline, bands, ..candidate.clone() })
+    })
+}
+
+/// Whether the skin beyond an end of a disc is saturated: glare may have cut it.
+pub fn ends_in_white(image: &Raster, outline: &Outline) -> bool {
+    let axis = Vector2::new(outline.angle.cos(), outline.angle.sin());
+    [-1.0, 1.0].iter().any(|side| {
+        PAST.iter().all(|past| {
+            let at = outline.centre + axis * (side * (outline.major + past));
+            image.nearest(at.x, at.y) >= WHITE
+        })
     })
 }
 

@@ -58,6 +58,15 @@ pub struct Measured {
     pub length: f64,
     /// Whether glare lies over it, through which it was measured.
     pub through_glare: bool,
+    /// Whether no part of it was taken for hidden.
+    pub is_whole: bool,
+}
+
+impl Measured {
+    /// Whether its place is told so well that nothing can hide much of it.
+    pub fn is_sure(&self) -> bool {
+        self.detection.covariance_px2.trace() < 0.1
+    }
 }
 
 /// What a frame's markers can be like.
@@ -213,7 +222,7 @@ fn through_glare(
         FINE_DARK.iter().for_each(|&k| unknowns.free[k] = false);
         let lifted = veil::lifted(&pixels, &place.outline, fit, &unknowns, floor)?;
         let found = judge(image, &place, &lifted, noise).ok()?;
-        let found = Measured { through_glare: true, ..found };
+        let found = Measured { through_glare: true, is_whole: false, ..found };
         let moved = (found.detection.centre_px - place.outline.centre).norm();
         if moved < 1.0 {
             return Some((found, mirrored::shows_ends(&pixels)));
@@ -357,6 +366,7 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
             0.0
         },
         through_glare: false,
+        is_whole: candidate.is_whole(),
     })
 }
 

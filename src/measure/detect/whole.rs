@@ -56,6 +56,10 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
         let like = |m: &Measured| is_as_long(m, (major, deviation), UNLIKE);
         let again = measure(known.image, known.blobs, &candidate, bounds).ok().filter(like);
         let slot = index.and_then(|i| found.measured.get_mut(i));
+        // Whole discs may lie beside what is saturated.
+        if slot.as_ref().is_some_and(|slot| slot.is_whole && slot.is_sure() && like(slot)) {
+            continue;
+        }
         match (again, slot) {
             (Some(again), Some(slot)) => *slot = again,
             (Some(again), None) => found.measured.push(again),
@@ -230,8 +234,13 @@ pub fn measure_whole_or_hidden(
     let whole =
         if looks_cut(blob) { Err(RejectReason::NotAnEllipse) } else { known.measure(index, candidate) };
     // A disc that is measured badly although it looks whole may end in glare.
-    if whole.as_ref().is_ok_and(|m| m.detection.covariance_px2.trace() < 0.1) {
-        return (whole, None);
+    if whole.as_ref().is_ok_and(Measured::is_sure) {
+        let drowned = if glare::ends_in_white(image, &candidate.outline) {
+            glare::completed(image, candidate, index, blobs)
+        } else {
+            None
+        };
+        return (whole, drowned);
     }
     let drowned = glare::completed(image, candidate, index, blobs);
     match drowned.as_ref().map(measured) {
