@@ -61,8 +61,15 @@ pub fn foretold_major<'a>(
     const ENOUGH: usize = 5;
     const SPREAD: f64 = 0.007;
     const UNLIKE: f64 = 0.02;
-    let certain = |d: &&Detection| d.shape == Shape::Circle && d.covariance_px2.trace() < 0.1;
-    let whole: Vec<&Detection> = whole.filter(certain).collect();
+    /// Share of the usual size below which a place is too far from them all.
+    const LEAST: f64 = 0.25;
+    /// Greatest sum of variances of a place, px^2, of discs that tell; and where too few are told so well.
+    const CERTAIN: f64 = 0.1;
+    const FAIRLY: f64 = 0.3;
+    let discs: Vec<&Detection> = whole.filter(|d| d.shape == Shape::Circle).collect();
+    let within = |most: f64| discs.iter().copied().filter(move |d| d.covariance_px2.trace() < most);
+    let certain = within(CERTAIN).count() >= ENOUGH;
+    let whole: Vec<&Detection> = within(if certain { CERTAIN } else { FAIRLY }).collect();
     // Letters and dots are discs too, but far smaller.
     let usual = super::middle(whole.iter().map(|d| d.semi_major_px).collect())?;
     let mut near: Vec<&Detection> = Vec::new();
@@ -86,7 +93,8 @@ pub fn foretold_major<'a>(
     let far = 1.0 + factor.solve(&Vector3::x()).x;
     let squares: f64 = near.iter().map(|d| (row(d).dot(&plane) / d.semi_major_px - 1.0).powi(2)).sum();
     let spread = (squares / (near.len() as f64 - 3.0)).sqrt();
-    (near.len() >= ENOUGH && spread < UNLIKE).then_some((plane.x, plane.x * spread.max(SPREAD) * far.sqrt()))
+    let sound = near.len() >= ENOUGH && spread < UNLIKE && plane.x > LEAST * usual;
+    sound.then_some((plane.x, plane.x * spread.max(SPREAD) * far.sqrt()))
 }
 
 /// Whether two blobs are one thing at two levels: the centroid of one lies in the other.

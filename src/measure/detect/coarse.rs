@@ -321,6 +321,18 @@ impl Coarse {
         Darkness { runs, passed }
     }
 
+    /// Whether the background differs within a region's bounds by more than a part of it.
+    pub fn is_uneven(&self, region: &Region) -> bool {
+        const STEP: u32 = 8;
+        let (mut least, mut most) = (u8::MAX, 0);
+        for y in region.y0..=region.y1 {
+            for &v in &self.background[y * self.width..][region.x0..=region.x1] {
+                (least, most) = (least.min(v), most.max(v));
+            }
+        }
+        u32::from(most - least) * 100 > STEP * u32::from(most)
+    }
+
     /// Dark regions at the `level`-th level, in the order of their first pixel.
     pub fn regions(&self, dark: &Darkness, level: usize, faint: bool) -> Vec<Region> {
         let least = (levels(faint) - level) as u8;

@@ -92,7 +92,7 @@ impl Bounds {
 const FLATTEST: f64 = 26.0;
 const SURELY_FLATTER: f64 = 28.0;
 /// That of quadrants, which are near the fuselage: flatter ones are two discs side by side.
-const FLATTEST_QUADRANTS: f64 = 16.0;
+const FLATTEST_QUADRANTS: f64 = 18.0;
 
 /// Greatest blur that is measured, px.
 const SOFTEST: f64 = 3.2;

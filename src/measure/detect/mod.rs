@@ -43,7 +43,9 @@ use std::ops::Range;
 use nalgebra::{Matrix2, Vector2};
 
 use coarse::Part;
-use whole::{Whole, again_with_like, again_with_size, doubt_unlike, is_unsure, measure_whole_or_hidden};
+use whole::{
+    Whole, again_with_like, again_with_size, doubt_unlike, is_unsure, measure_whole_or_hidden, with_spare,
+};
 
 use super::raster::Raster;
 use super::setup::Shape;
@@ -285,7 +287,7 @@ fn search(
 ) -> Found {
     let (width, height) = (image.width(), image.height());
     let part = sought.map_or_else(|| Part::all(width, height), |sought| guided::part(sought, width, height));
-    let blobs = find_blobs(seen, &mut coarse::reduce(seen, part), faint);
+    let (blobs, spare) = find_blobs(seen, &mut coarse::reduce(seen, part), faint);
     let within = |blob: &blob::Blob| before.iter().any(|m| m.detection.outline().holds(blob.centroid));
     let mut taken: Vec<bool> = blobs.iter().map(within).collect();
     let mut whole = Whole::new(image, &blobs, measure::Bounds::of(noise));
@@ -312,6 +314,11 @@ fn search(
                 continue;
             }
             let (measured, part) = measure_whole_or_hidden(&mut whole, candidate);
+            let discs = |m: &measure::Measured| {
+                m.detection.shape == Shape::Quadrant && whole.hold_discs(&m.detection)
+            };
+            let measured =
+                if measured.as_ref().is_ok_and(discs) { Err(RejectReason::Duplicate) } else { measured };
             let index = measured.is_ok().then_some(found.measured.len());
             hidden.extend(part.map(|part| (index, part)));
             match measured {
@@ -329,6 +336,8 @@ fn search(
     }
     again_with_size(&whole, &mut found, hidden);
     again_with_like(&whole, &mut found, unsure);
+    let wanted = |disc: &candidate::Candidate| sought.is_none_or(|sought| guided::is_near(disc, sought));
+    with_spare(&whole, &mut found, &spare, wanted);
     distinct::distinct(&mut found);
     found
 }
@@ -343,9 +352,14 @@ fn by_place(a: &Vector2<f64>, b: &Vector2<f64>) -> std::cmp::Ordering {
     a.y.total_cmp(&b.y).then(a.x.total_cmp(&b.x))
 }
 
-/// Blobs of all levels, each once, from windows that together hold no more than the frame; against the near background, then thick ones against the far.
-fn find_blobs(image: &Raster, coarse: &mut coarse::Coarse, faint: bool) -> Vec<blob::Blob> {
-    let mut out: Vec<blob::Blob> = Vec::new();
+/// Blobs of all levels, each once, from windows that together hold no more than the frame; against the near background,
+/// then thick ones against the far. Beside them what may be discs where the background is uneven, against one level.
+fn find_blobs(
+    image: &Raster,
+    coarse: &mut coarse::Coarse,
+    faint: bool,
+) -> (Vec<blob::Blob>, Vec<blob::Blob>) {
+    let (mut out, mut spare): (Vec<blob::Blob>, Vec<blob::Blob>) = (Vec::new(), Vec::new());
     let mut done: Vec<coarse::Region> = Vec::new();
     let laxest = coarse::levels(faint) - 1;
     let mut budget = coarse.width * coarse.height;
@@ -372,11 +386,15 @@ fn find_blobs(image: &Raster, coarse: &mut coarse::Coarse, faint: bool) -> Vec<b
             let Some(left) = budget.checked_sub(region.width() * region.height()) else { continue };
             budget = left;
             let (blobs, cut) = blob::blobs(image, coarse, &region);
+            let shapeless = !blobs.iter().any(is_disc);
             blobs.into_iter().for_each(|blob| add_once(&mut out, blob));
             let pale = region.least > PALE && region.width().min(region.height()) >= coarse::THICK / 2;
-            if (cut && level == laxest) || (pale && !cut) {
+            let usual = (cut && level == laxest) || (pale && !cut);
+            let uneven = !usual && shapeless && coarse.is_uneven(&region);
+            if usual || uneven {
                 let again = blob::blobs_against_surround(image, coarse, &region);
-                again.into_iter().for_each(|blob| add_once(&mut out, blob));
+                let out = if usual { &mut out } else { &mut spare };
+                again.into_iter().for_each(|blob| add_once(out, blob));
             }
             if !cut {
                 done.push(region);
@@ -384,7 +402,12 @@ fn find_blobs(image: &Raster, coarse: &mut coarse::Coarse, faint: bool) -> Vec<b
         }
     }
     keep_largest(&mut out, MAX_BLOBS, |blob| blob.area);
-    out
+    (out, spare)
+}
+
+/// Whether a blob has a disc's shape.
+fn is_disc(blob: &blob::Blob) -> bool {
+    candidate::disc(0, blob).is_some()
 }
 
 /// The `most` largest; the order changes only where there are more.

@@ -11,10 +11,12 @@ use super::measure::{Bounds, Measured, measure};
 use super::model::Pattern;
 use super::noise::FRAYING;
 use super::sought::usual_dark;
-use super::{Found, RejectReason, arc, glare};
+use super::{Detection, Found, RejectReason, arc, glare};
 
 /// Skin about a disc that tells its grey, px.
 const BESIDE: f64 = 6.0;
+/// Least share of a disc's length that must be seen of it.
+const SEEN: f64 = 0.4;
 /// Standard deviations of the size that discs about it foretell beyond which a disc is another thing.
 const UNLIKE: f64 = 4.0;
 /// The same where a disc is so thin that it tells little more than that size.
@@ -40,6 +42,15 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
     let bounds = Bounds { through_glare: true, ..known.bounds };
     for (index, mut candidate) in hidden {
         let Some((major, deviation)) = foretold_major(found, index, candidate.outline.centre) else {
+            // What glare lies over may show as a whole.
+            let slot = index.and_then(|i| found.measured.get_mut(i));
+            if slot.as_ref().is_none_or(|slot| !slot.is_sure()) {
+                let shown = measure(known.image, known.blobs, &candidate, bounds).ok();
+                match (shown.filter(|m| m.through_glare), slot) {
+                    (Some(shown), Some(slot)) => *slot = shown,
+                    (shown, _) => found.measured.extend(shown),
+                }
+            }
             continue;
         };
         // The end that is seen stays where it is.
@@ -74,7 +85,13 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
 
 /// Whether a thin marker may be turned down so only because it does not tell blur and thickness apart.
 pub fn is_unsure(reason: RejectReason) -> bool {
-    matches!(reason, RejectReason::NoConvergence | RejectReason::NotAnEllipse | RejectReason::Uncertain)
+    matches!(
+        reason,
+        RejectReason::NoConvergence
+            | RejectReason::NotAnEllipse
+            | RejectReason::Uncertain
+            | RejectReason::TooSmall
+    )
 }
 
 /// Measures what is about as thin as the blur once more, when the markers about it have told blur and darkness. Discs also
@@ -92,6 +109,7 @@ pub fn again_with_like(known: &Whole, found: &mut Found, unsure: Vec<Candidate>)
         let mut size = None;
         if candidate.pattern == Pattern::Disc {
             size = foretold_major(found, None, outline.centre);
+            size = size.filter(|(major, _)| outline.major > SEEN * major);
             let Some((major, deviation)) = size else { continue };
             candidate.outline.major = major;
             candidate.foretold = Some(deviation);
@@ -103,6 +121,18 @@ pub fn again_with_like(known: &Whole, found: &mut Found, unsure: Vec<Candidate>)
             found.rejected.retain(|r| !own.holds(r.centre_px));
             found.measured.push(measured);
         }
+    }
+}
+
+/// Measures discs of spare blobs, where nothing else was found.
+pub fn with_spare(known: &Whole, found: &mut Found, spare: &[Blob], wanted: impl Fn(&Candidate) -> bool) {
+    for blob in spare.iter().filter(|b| !b.at_edge && !looks_cut(b)) {
+        if found.measured.iter().any(|m| m.detection.outline().holds(blob.centroid)) {
+            continue;
+        }
+        let disc = candidate::disc(usize::MAX, blob).filter(&wanted);
+        let measured = disc.map(|disc| measure(known.image, known.blobs, &disc, known.bounds));
+        found.measured.extend(measured.and_then(Result::ok));
     }
 }
 
@@ -183,6 +213,23 @@ impl<'a> Whole<'a> {
             round.is_some_and(|c| matches!(self.measure(i, &c), Ok(_) | Err(RejectReason::Uncertain)))
         };
         candidate.blobs.len() == 2 && candidate.blobs.iter().all(&mut disc)
+    }
+
+    /// Whether in what was measured as quadrants lie two discs or more, each of which leaves less than half the residuals.
+    pub fn hold_discs(&mut self, quadrants: &Detection) -> bool {
+        const BETTER: f64 = 0.5;
+        let whole = quadrants.outline();
+        let mut found: Vec<Outline> = Vec::new();
+        for (i, blob) in self.blobs.iter().enumerate().filter(|(_, b)| whole.holds(b.centroid)) {
+            let disc = Some(blob).filter(|b| !looks_cut(b)).and_then(|b| candidate::disc(i, b));
+            let Some(Ok(disc)) = disc.map(|disc| self.measure(i, &disc)) else { continue };
+            let outline = disc.detection.outline();
+            let better = disc.is_sure() && disc.detection.fit_rms < BETTER * quadrants.fit_rms;
+            if better && !found.iter().any(|other| other.holds(outline.centre)) {
+                found.push(outline);
+            }
+        }
+        found.len() > 1
     }
 }
 
