@@ -63,7 +63,7 @@ fn detect(name: &str, bytes: &[u8], installation: Option<&Installation>, overlay
     if let (Some(raster), Some(installation)) = (&raster, installation) {
         sighting.failure = stages::size_fault(raster, installation);
         if let (None, Some(orientation)) = (&sighting.failure, &installation.orientation) {
-            stages::recognise(&mut sighting, installation, orientation);
+            stages::recognise(&mut sighting, raster, installation, orientation);
         }
     }
     if let (Some(raster), Some(directory)) = (&raster, overlay) {

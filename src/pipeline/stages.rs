@@ -10,7 +10,7 @@ use crate::camera::Format;
 use crate::installation::{HandObservation, Installation};
 use crate::measure::adjust::Observation;
 use crate::measure::detect::{self, Detection, Detections, Prediction};
-use crate::measure::identify::{self, Identities, OrientationFit};
+use crate::measure::identify::{self, IdentifyError, Identities, OrientationFit};
 use crate::measure::raster::Raster;
 use crate::measure::setup::{GroundSight, Orientation, Setup};
 
@@ -95,11 +95,11 @@ pub fn sight(
     orientation: Option<&Orientation>,
 ) -> Sighting {
     let (mut sighting, raster) = detect_only(name, bytes, format);
-    if let Some(raster) = raster {
-        sighting.failure = size_fault(&raster, installation);
+    if let Some(raster) = &raster {
+        sighting.failure = size_fault(raster, installation);
     }
-    if let (None, Some(orientation)) = (&sighting.failure, orientation) {
-        recognise(&mut sighting, installation, orientation);
+    if let (None, Some(raster), Some(orientation)) = (&sighting.failure, &raster, orientation) {
+        recognise(&mut sighting, raster, installation, orientation);
     }
     sighting
 }
@@ -150,19 +150,42 @@ pub fn size_fault(raster: &Raster, installation: &Installation) -> Option<String
     })
 }
 
-/// Identities, perspective bias, observations.
-pub fn recognise(sighting: &mut Sighting, installation: &Installation, orientation: &Orientation) {
+/// Identities, a closer look at discs that are hidden in part or hardly seen, perspective bias, observations.
+pub fn recognise(
+    sighting: &mut Sighting,
+    raster: &Raster,
+    installation: &Installation,
+    orientation: &Orientation,
+) {
     let setup = &installation.setup;
-    let found = sighting.detections.markers.clone();
-    match sighting.timed("identify", || identify::identify(setup, orientation, &found)) {
+    let found = sighting.detections.clone();
+    match sighting.timed("identify", || identified(setup, orientation, raster, found)) {
         Err(error) => sighting.failure = Some(error.to_string()),
-        Ok(identities) => {
-            let centred = identify::remove_perspective_bias(setup, orientation, &found, &identities);
+        Ok((found, identities)) => {
+            let centred = identify::remove_perspective_bias(setup, orientation, &found.markers, &identities);
             sighting.observations = observations(&centred, &identities);
-            sighting.detections.markers = centred;
+            sighting.detections = Detections { markers: centred, ..found };
             sighting.identities = Some(identities);
         }
     }
+}
+
+/// Detections, some of them after a closer look, and who is who.
+fn identified(
+    setup: &Setup,
+    orientation: &Orientation,
+    raster: &Raster,
+    found: Detections,
+) -> Result<(Detections, Identities), IdentifyError> {
+    let identities = identify::identify(setup, orientation, &found.markers)?;
+    let expected = identify::expect(setup, orientation, &found.markers, &identities);
+    let mut closer = found.clone();
+    if detect::look_closer(raster, &mut closer, &expected)
+        && let Ok(again) = identify::identify(setup, orientation, &closer.markers)
+    {
+        return Ok((closer, again));
+    }
+    Ok((found, identities))
 }
 
 /// The identified detections, in the survey's order.

@@ -43,10 +43,25 @@ pub struct Candidate {
     pub seams: Vec<Band>,
     /// Whether size, direction and thickness are those of a disc beside it.
     pub alike: bool,
-    /// Standard deviation of the major axis, px, where whole discs about it foretell it.
-    pub foretold: Option<f64>,
+    /// How well the outline's size is known, where that is foretold.
+    pub foretold: Option<Foretold>,
     /// What the frame's other markers tell of its edges, where it is too thin to tell them itself.
     pub like: Option<Like>,
+}
+
+/// Standard deviations of a disc's semi-axes, px, and of its direction, rad; infinite where it is not foretold.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Foretold {
+    pub major: f64,
+    pub minor: f64,
+    pub angle: f64,
+}
+
+impl Foretold {
+    /// Of the major axis alone, as whole discs about it tell it, px.
+    pub fn of_major(deviation: f64) -> Self {
+        Self { major: deviation, minor: f64::INFINITY, angle: f64::INFINITY }
+    }
 }
 
 /// Usual blur, px, and darkness of a frame's markers, each with its standard deviation.
@@ -75,6 +90,23 @@ impl Band {
 }
 
 impl Candidate {
+    /// With this outline, of which nothing more is known.
+    pub fn of(pattern: Pattern, outline: Outline, blobs: Vec<usize>) -> Self {
+        Self {
+            pattern,
+            outline,
+            against_skin: None,
+            edges: None,
+            blobs,
+            hidden: Vec::new(),
+            bands: Vec::new(),
+            seams: Vec::new(),
+            alike: false,
+            foretold: None,
+            like: None,
+        }
+    }
+
     /// Whether a point of the picture may show something else than the marker.
     pub fn hides(&self, at: &Vector2<f64>) -> bool {
         self.hidden.iter().any(|h| within(h, at)) || self.bands.iter().chain(&self.seams).any(|b| b.holds(at))
@@ -202,19 +234,8 @@ pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
     let outline = Outline::of(blob);
     // Few pixels across make steps in the outline.
     let most = if outline.minor < 1.8 { 1.3 } else { 0.36 + 0.6 / (outline.minor * outline.minor) };
-    ((0.72..1.2).contains(&blob.fill()) && squareness(blob) < most).then(|| Candidate {
-        pattern: Pattern::Disc,
-        outline,
-        against_skin: None,
-        edges: None,
-        blobs: vec![index],
-        hidden: Vec::new(),
-        bands: Vec::new(),
-        seams: Vec::new(),
-        alike: false,
-        foretold: None,
-        like: None,
-    })
+    ((0.72..1.2).contains(&blob.fill()) && squareness(blob) < most)
+        .then(|| Candidate::of(Pattern::Disc, outline, vec![index]))
 }
 
 /// Share of the second moments of two opposite quadrants of the unit disc along their own
@@ -263,19 +284,7 @@ pub fn between(e1: Vector2<f64>, e2: Vector2<f64>, outline: Outline, blobs: &[us
     } else {
         (Pattern::WhiteAlong, (along + PI / 2.0, (PI / 2.0 - half).tan()))
     };
-    Candidate {
-        pattern,
-        outline,
-        against_skin: None,
-        edges: Some(edges),
-        blobs: blobs.to_vec(),
-        hidden: Vec::new(),
-        bands: Vec::new(),
-        seams: Vec::new(),
-        alike: false,
-        foretold: None,
-        like: None,
-    }
+    Candidate { edges: Some(edges), ..Candidate::of(pattern, outline, blobs.to_vec()) }
 }
 
 /// Whitening transform of a shape, and its kurtosis in 36 whitened directions.

@@ -53,7 +53,7 @@ pub fn completed(image: &Raster, candidate: &Candidate, index: usize, blobs: &[B
         // Too little of the rim may be left: then only the discs about it tell the size.
         let seen = Outline::of(blob);
         let outline = any_ellipse(&part.left, blob).and_then(|o| sound(o, blob)).unwrap_or(seen);
-        let bands = bands(&part);
+        let bands = bands(part.axis, part.ends);
         Some(Candidate { outline, bands, ..candidate.clone() })
     })
 }
@@ -69,10 +69,16 @@ pub fn ends_in_white(image: &Raster, outline: &Outline) -> bool {
     })
 }
 
-fn bands(part: &Part) -> Vec<Band> {
-    let band = |from: f64, to: f64| Band { axis: part.axis, from, to };
-    let before = part.ends[0].map(|end| band(f64::NEG_INFINITY, end));
-    before.into_iter().chain(part.ends[1].map(|end| band(end, f64::INFINITY))).collect()
+/// The bands in which glare lies over the ends of a disc.
+pub fn ends(image: &Raster, outline: &Outline) -> Vec<Band> {
+    let axis = Vector2::new(outline.angle.cos(), outline.angle.sin());
+    bands(axis, drowned(image, outline.centre, outline, axis))
+}
+
+fn bands(axis: Vector2<f64>, [first, second]: [Option<f64>; 2]) -> Vec<Band> {
+    let band = |from: f64, to: f64| Band { axis, from, to };
+    let before = first.map(|end| band(f64::NEG_INFINITY, end));
+    before.into_iter().chain(second.map(|end| band(end, f64::INFINITY))).collect()
 }
 
 /// Whether a blob may be the rest of the disc: across the glare, on the axis, and of no other size.
@@ -135,7 +141,7 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
         })
         .collect();
     let usual = middle_of(points.iter().map(|p| p.step))?;
-    let ends = drowned(image, blob, &outline, axis);
+    let ends = drowned(image, blob.centroid, &outline, axis);
     if usual < 8.0 || ends == [None, None] {
         return None;
     }
@@ -148,11 +154,11 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
 
 /// Where along the axis glare begins before a blob's middle, and after it, if it reaches the blob: the skin beside it
 /// tells, for the blob's own outline fades as the skin lights up.
-fn drowned(image: &Raster, blob: &Blob, outline: &Outline, axis: Vector2<f64>) -> [Option<f64>; 2] {
+fn drowned(image: &Raster, centre: Vector2<f64>, outline: &Outline, axis: Vector2<f64>) -> [Option<f64>; 2] {
     let across = Vector2::new(-axis.y, axis.x);
     let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
     let skin = |s: i32| {
-        let at = blob.centroid + axis * f64::from(s);
+        let at = centre + axis * f64::from(s);
         let beside = BESIDE.map(|d| across * (outline.minor + d));
         beside.iter().map(|d| grey(at + d) + grey(at - d)).sum::<f64>() / (2 * BESIDE.len()) as f64
     };
@@ -164,7 +170,7 @@ fn drowned(image: &Raster, blob: &Blob, outline: &Outline, axis: Vector2<f64>) -
     [-1, 1].map(|sign| {
         let peak = (0..=last).find(|&s| at(sign * s) > LIGHTER * usual)?;
         let begin = (0..=peak).rev().find(|&s| at(sign * s) < BEGINS * usual)?;
-        (begin < half + 2).then(|| blob.centroid.dot(&axis) + f64::from(sign) * (f64::from(begin) - MARGIN))
+        (begin < half + 2).then(|| centre.dot(&axis) + f64::from(sign) * (f64::from(begin) - MARGIN))
     })
 }
 

@@ -6,6 +6,7 @@ mod blob;
 mod blocks;
 mod candidate;
 mod chords;
+mod closer;
 mod clumped;
 mod coarse;
 mod counts;
@@ -42,6 +43,7 @@ use std::ops::Range;
 
 use nalgebra::{Matrix2, Vector2};
 
+pub use closer::{Expected, look_closer};
 use coarse::Part;
 use whole::{
     Whole, again_with_like, again_with_size, doubt_unlike, is_unsure, measure_whole_or_hidden, with_spare,
@@ -329,7 +331,7 @@ fn search(
                 }
                 Err(reason) => {
                     found.rejected.push(candidate.rejected(reason));
-                    unsure.extend(is_unsure(reason).then(|| candidate.clone()));
+                    unsure.extend(is_unsure(reason, candidate).then(|| candidate.clone()));
                 }
             }
         }
@@ -402,6 +404,7 @@ fn find_blobs(
         }
     }
     keep_largest(&mut out, MAX_BLOBS, |blob| blob.area);
+    keep_largest(&mut spare, MAX_CANDIDATES, |blob| blob.area);
     (out, spare)
 }
 

@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Vector2};
 use super::super::raster::Raster;
 use super::super::setup::Shape;
 use super::blob::{self, Blob};
-use super::candidate::{self, Candidate, Like, Outline};
+use super::candidate::{self, Candidate, Foretold, Like, Outline};
 use super::counts::Counts;
 use super::measure::{Bounds, Measured, measure};
 use super::model::Pattern;
@@ -63,7 +63,7 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
             };
         }
         candidate.outline.major = major;
-        candidate.foretold = Some(deviation);
+        candidate.foretold = Some(Foretold::of_major(deviation));
         let like = |m: &Measured| is_as_long(m, (major, deviation), UNLIKE);
         let again = measure(known.image, known.blobs, &candidate, bounds).ok().filter(like);
         let slot = index.and_then(|i| found.measured.get_mut(i));
@@ -84,14 +84,13 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
 }
 
 /// Whether a thin marker may be turned down so only because it does not tell blur and thickness apart.
-pub fn is_unsure(reason: RejectReason) -> bool {
-    matches!(
-        reason,
-        RejectReason::NoConvergence
-            | RejectReason::NotAnEllipse
-            | RejectReason::Uncertain
-            | RejectReason::TooSmall
-    )
+pub fn is_unsure(reason: RejectReason, candidate: &Candidate) -> bool {
+    use RejectReason::{NoConvergence, NotAnEllipse, TooSmall, Uncertain};
+    match reason {
+        NoConvergence | NotAnEllipse | Uncertain => true,
+        TooSmall => candidate.pattern == Pattern::Disc,
+        _ => false,
+    }
 }
 
 /// Measures what is about as thin as the blur once more, when the markers about it have told blur and darkness. Discs also
@@ -112,7 +111,7 @@ pub fn again_with_like(known: &Whole, found: &mut Found, unsure: Vec<Candidate>)
             size = size.filter(|(major, _)| outline.major > SEEN * major);
             let Some((major, deviation)) = size else { continue };
             candidate.outline.major = major;
-            candidate.foretold = Some(deviation);
+            candidate.foretold = Some(Foretold::of_major(deviation));
         }
         let measured = measure(known.image, known.blobs, &candidate, known.bounds).ok();
         let sure = |m: &Measured| size.is_none_or(|size| is_as_long(m, size, UNLIKE_THIN));

@@ -4,8 +4,10 @@ use super::Identities;
 use super::beam::State;
 use super::bias::centred;
 use super::fit::{Clutter, Pair, Prior, solve};
+use super::outline::Outline;
 use super::scene::{Scene, usable};
-use crate::measure::detect::{Detection, Prediction};
+use crate::measure::detect::{Detection, Expected, Prediction};
+use crate::measure::setup::Shape;
 
 /// How far the wing may move from one frame to the next: change of the tip's lift, m.
 const NEXT_LIFT_M: f64 = 0.2;
@@ -58,6 +60,43 @@ pub(super) fn unbiased(
     }
 }
 
+/// See [`super::expect`].
+pub(super) fn expected(
+    scene: &Scene<'_>,
+    detections: &[Detection],
+    identities: &Identities,
+) -> Vec<Expected> {
+    let Some(state) = state_of(scene, detections, identities) else { return Vec::new() };
+    let markers = scene.setup.markers.iter().zip(scene.outlines(&state)).enumerate();
+    let expected = markers.filter_map(|(i, (marker, outline))| {
+        let found = identities.marker_of.iter().position(|m| *m == Some(i));
+        Some(Expected {
+            prediction: prediction(scene, marker.shape, &outline?, 0.0, found.is_some())?,
+            found,
+        })
+    });
+    expected.collect()
+}
+
+/// A marker's image, if it lies in the frame.
+fn prediction(
+    scene: &Scene<'_>,
+    shape: Shape,
+    outline: &Outline,
+    search_px: f64,
+    seen: bool,
+) -> Option<Prediction> {
+    scene.setup.lens.contains(&outline.ellipse_px).then_some(Prediction {
+        shape,
+        centre_px: outline.ellipse_px,
+        semi_major_px: outline.semi_major_px,
+        semi_minor_px: outline.semi_minor_px,
+        angle_rad: outline.angle_rad,
+        search_px,
+        seen,
+    })
+}
+
 /// See [`super::predict`].
 pub(super) fn predictions(
     scene: &Scene<'_>,
@@ -75,15 +114,8 @@ pub(super) fn predictions(
         .filter_map(|(i, ((marker, outline), moved))| {
             let outline = outline?;
             let travel = moved.map_or(0.0, |m| (m - outline.point_px).norm());
-            scene.setup.lens.contains(&outline.ellipse_px).then_some(Prediction {
-                shape: marker.shape,
-                centre_px: outline.ellipse_px,
-                semi_major_px: outline.semi_major_px,
-                semi_minor_px: outline.semi_minor_px,
-                angle_rad: outline.angle_rad,
-                search_px: travel + NEXT_SHIFT_PX,
-                seen: identities.marker_of.contains(&Some(i)),
-            })
+            let seen = identities.marker_of.contains(&Some(i));
+            prediction(scene, marker.shape, &outline, travel + NEXT_SHIFT_PX, seen)
         })
         .collect()
 }

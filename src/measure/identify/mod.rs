@@ -30,7 +30,7 @@ mod skin;
 
 use nalgebra::Vector2;
 
-use super::detect::{Detection, Prediction};
+use super::detect::{Detection, Expected, Prediction};
 use super::setup::{Orientation, Setup};
 
 /// Which detection is which marker.
@@ -117,6 +117,17 @@ pub fn remove_perspective_bias(
     identities: &Identities,
 ) -> Vec<Detection> {
     known::unbiased(&scene::Scene::new(setup, orientation, true), detections, identities)
+}
+
+/// Where this frame should show the markers, and which of them were found: what [`crate::measure::detect::look_closer`] looks
+/// for. Empty where the identities are too few.
+pub fn expect(
+    setup: &Setup,
+    orientation: &Orientation,
+    detections: &[Detection],
+    identities: &Identities,
+) -> Vec<Expected> {
+    known::expected(&scene::Scene::new(setup, orientation, true), detections, identities)
 }
 
 /// Where the markers of the next frame are expected, from one frame's detections and identities:
