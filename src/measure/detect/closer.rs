@@ -8,7 +8,7 @@ use super::super::setup::Shape;
 use super::candidate::{Candidate, Foretold, Like, Outline, half_turn};
 use super::measure::{Bounds, Measured, measure};
 use super::model::Pattern;
-use super::{Detection, Detections, Prediction, by_place, glare, middle};
+use super::{Detection, Detections, Prediction, by_place, clumped, glare, middle};
 
 /// A marker that should be in the frame, from its orientation and the markers that are known.
 #[derive(Clone, Debug, PartialEq)]
@@ -99,7 +99,8 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
         if candidate.outline.minor < THIN * psf {
             candidate.like = Some(Like { blur: (psf, SAME_BLUR * psf), dark: (0.7, f64::INFINITY) });
         }
-        let Ok(measured) = measure(image, &[], &candidate, bounds) else { continue };
+        let Ok(mut measured) = measure(image, &[], &candidate, bounds) else { continue };
+        clumped::raise(&mut measured, found.clumping);
         let near = (measured.detection.centre_px - prediction.centre_px).norm() < NEAR;
         if near && old.is_none_or(|old| is_better(&measured.detection, old)) {
             new.push((*own, measured));

@@ -9,18 +9,17 @@ const CHANCE: f64 = 1.25;
 /// Fewer markers do not tell.
 const LEAST: usize = 8;
 
-/// Raises every covariance to what the frame's markers show in the middle, in the directions in which its own residuals
-/// do not show more. One marker alone shows it only where it is gross (`blocks.rs`): it has few blocks.
-pub fn raise(measured: &mut [Measured]) {
-    if measured.len() < LEAST {
-        return;
-    }
-    let Some(middle) = super::middle(measured.iter().map(|m| m.clumped).collect()) else { return };
-    let factor = middle / CHANCE;
-    for marker in measured.iter_mut().filter(|_| factor > 1.0) {
-        let covariance = &mut marker.detection.covariance_px2;
-        if let Some((raised, _)) = at_least(&(marker.white * factor), covariance, 1.0) {
-            *covariance = raised;
-        }
+/// By how much a frame's markers show in the middle that residuals hang together, beyond chance; at least 1.
+pub fn factor(measured: &[Measured]) -> f64 {
+    let middle = super::middle(measured.iter().map(|m| m.clumped).collect());
+    middle.filter(|_| measured.len() >= LEAST).map_or(1.0, |middle| (middle / CHANCE).max(1.0))
+}
+
+/// Raises a covariance by that, in the directions in which its own residuals do not show more. One marker alone shows it
+/// only where it is gross (`blocks.rs`): it has few blocks.
+pub fn raise(marker: &mut Measured, factor: f64) {
+    let covariance = &mut marker.detection.covariance_px2;
+    if let Some((raised, _)) = at_least(&(marker.white * factor), covariance, 1.0).filter(|_| factor > 1.0) {
+        *covariance = raised;
     }
 }

@@ -155,6 +155,8 @@ pub struct Detections {
     pub psf_sigma_px: Option<f64>,
     /// Standard deviation of the grey values' noise, grey levels.
     pub noise: f64,
+    /// By how much the markers' variances were raised because residuals hang together, as JPEG leaves them; at least 1.
+    pub clumping: f64,
 }
 
 /// Where a marker is expected: the outline predicted from an earlier frame.
@@ -224,13 +226,14 @@ fn find(image: &Raster, sought: Option<&[Prediction]>) -> (Found, f64) {
 }
 
 fn detections(mut found: Found, noise: f64) -> Detections {
-    clumped::raise(&mut found.measured);
+    let clumping = clumped::factor(&found.measured);
+    found.measured.iter_mut().for_each(|m| clumped::raise(m, clumping));
     found.rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     found.rejected.truncate(MAX_REJECTED);
     let psf_sigma_px = middle(found.measured.iter().map(|m| m.blur).collect());
     let mut markers: Vec<Detection> = found.measured.into_iter().map(|m| m.detection).collect();
     markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
-    Detections { markers, rejected: found.rejected, psf_sigma_px, noise }
+    Detections { markers, rejected: found.rejected, psf_sigma_px, noise, clumping }
 }
 
 /// Of each pixel row of a frame of `width` x `height` px the columns that [`detect_guided`] reads: what lies elsewhere
