@@ -180,12 +180,13 @@ fn identified(
     let identities = identify::identify(setup, orientation, &found.markers)?;
     let expected = identify::expect(setup, orientation, &found.markers, &identities);
     let mut closer = found.clone();
-    if detect::look_closer(raster, &mut closer, &expected)
-        && let Ok(again) = identify::identify(setup, orientation, &closer.markers)
-    {
-        return Ok((closer, again));
+    if !detect::look_closer(raster, &mut closer, &expected) {
+        return Ok((closer, identities));
     }
-    Ok((found, identities))
+    match identify::identify(setup, orientation, &closer.markers) {
+        Ok(again) => Ok((closer, again)),
+        Err(_) => Ok((found, identities)),
+    }
 }
 
 /// The identified detections, in the survey's order.

@@ -1,7 +1,7 @@
 //! Stage 7: discs whose size the orientation foretells. Where glare drowns an end, or where a disc is as thin as the blur,
 //! size and place are told badly together; with the surveyed diameter at the known distance only the place is sought.
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 use super::super::raster::Raster;
 use super::super::setup::Shape;
@@ -35,6 +35,8 @@ const UNKNOWN: f64 = 0.01;
 const NEAR: f64 = 4.0;
 /// Standard deviations by which both answers may differ.
 const ALIKE: f64 = 4.0;
+/// Standard deviations by which a size differs from the foretold one that say that something is wrong.
+const UNLIKE: f64 = 3.0;
 /// The greatest blur over the frame's.
 const SOFTER: f64 = 2.5;
 /// Semi-minor axis, in blurs, below which a disc does not tell the blur, and how far that differs in a frame, as a share.
@@ -107,6 +109,11 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
         }
     }
     let changed = !new.is_empty();
+    for Expected { prediction, found: own } in expected {
+        if let Some(disc) = own.and_then(|i| found.markers.get_mut(i)).filter(|d| d.shape == Shape::Circle) {
+            disc.covariance_px2 += sizes.doubt(prediction, disc);
+        }
+    }
     for (own, measured) in new {
         match own.and_then(|i| found.markers.get_mut(i)) {
             Some(old) => *old = measured.detection,
@@ -115,6 +122,26 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
     }
     found.markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     changed
+}
+
+impl Sizes {
+    /// What a disc that is longer or thicker than foretold is doubted by, px^2: something beside an edge passes for a part of
+    /// it, and the centre may be off by as much.
+    fn doubt(&self, expected: &Prediction, disc: &Detection) -> Matrix2<f64> {
+        let along = Vector2::new(disc.angle_rad.cos(), disc.angle_rad.sin());
+        let across = Vector2::new(-along.y, along.x);
+        let axes = [
+            (along, disc.semi_major_px, self.major, expected.semi_major_px),
+            (across, disc.semi_minor_px, self.minor, expected.semi_minor_px),
+        ];
+        let doubt = |(axis, size, (ratio, deviation), foretold): (Vector2<f64>, f64, (f64, f64), f64)| {
+            // Both ends tell the size as well as the centre.
+            let chance = axis.dot(&(disc.covariance_px2 * axis)) + (deviation * foretold).powi(2);
+            let off = (size - ratio * foretold).powi(2);
+            axis * axis.transpose() * if off > UNLIKE * UNLIKE * chance { off - chance } else { 0.0 }
+        };
+        axes.into_iter().map(doubt).sum()
+    }
 }
 
 /// Whether an answer is surer than the former one, and no other.
