@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use nalgebra::Vector2;
+
 use super::super::raster::Raster;
 use super::runs::{self, Run};
 use super::wide::wide;
@@ -165,6 +167,12 @@ impl Region {
     /// Rows.
     pub fn height(&self) -> usize {
         self.y1 - self.y0 + 1
+    }
+
+    /// The middle of its bounds, px.
+    pub fn middle(&self, factor: usize) -> Vector2<f64> {
+        let sums = Vector2::new((self.x0 + self.x1 + 1) as f64, (self.y0 + self.y1 + 1) as f64);
+        (sums * (0.5 * factor as f64)).add_scalar(-0.5)
     }
 
     /// Whether a box of pixels (first column, first row, last column, last row) shares one with the region's.

@@ -46,7 +46,7 @@ use nalgebra::{Matrix2, Vector2};
 pub use closer::{Expected, look_closer};
 use coarse::Part;
 use whole::{
-    Whole, again_with_like, again_with_size, doubt_unlike, is_unsure, measure_whole_or_hidden, with_spare,
+    Whole, again_with_like, again_with_size, doubt_unlike, is_unsure, measure_whole_or_hidden, with_uneven,
 };
 
 use super::raster::Raster;
@@ -292,7 +292,8 @@ fn search(
 ) -> Found {
     let (width, height) = (image.width(), image.height());
     let part = sought.map_or_else(|| Part::all(width, height), |sought| guided::part(sought, width, height));
-    let (blobs, spare) = find_blobs(seen, &mut coarse::reduce(seen, part), faint);
+    let mut coarse = coarse::reduce(seen, part);
+    let (blobs, uneven) = find_blobs(seen, &mut coarse, faint);
     let within = |blob: &blob::Blob| before.iter().any(|m| m.detection.outline().holds(blob.centroid));
     let mut taken: Vec<bool> = blobs.iter().map(within).collect();
     let mut whole = Whole::new(image, &blobs, measure::Bounds::of(noise));
@@ -342,7 +343,7 @@ fn search(
     again_with_size(&whole, &mut found, hidden);
     again_with_like(&whole, &mut found, unsure);
     let wanted = |disc: &candidate::Candidate| sought.is_none_or(|sought| guided::is_near(disc, sought));
-    with_spare(&whole, &mut found, &spare, wanted);
+    with_uneven(&whole, &mut found, (seen, &coarse, &uneven), wanted);
     distinct::distinct(&mut found);
     found
 }
@@ -358,13 +359,13 @@ fn by_place(a: &Vector2<f64>, b: &Vector2<f64>) -> std::cmp::Ordering {
 }
 
 /// Blobs of all levels, each once, from windows that together hold no more than the frame; against the near background,
-/// then thick ones against the far. Beside them what may be discs where the background is uneven, against one level.
+/// then thick ones against the far. Beside them the regions without a disc's shape whose background is uneven.
 fn find_blobs(
     image: &Raster,
     coarse: &mut coarse::Coarse,
     faint: bool,
-) -> (Vec<blob::Blob>, Vec<blob::Blob>) {
-    let (mut out, mut spare): (Vec<blob::Blob>, Vec<blob::Blob>) = (Vec::new(), Vec::new());
+) -> (Vec<blob::Blob>, Vec<coarse::Region>) {
+    let (mut out, mut uneven): (Vec<blob::Blob>, Vec<coarse::Region>) = (Vec::new(), Vec::new());
     let mut done: Vec<coarse::Region> = Vec::new();
     let laxest = coarse::levels(faint) - 1;
     let mut budget = coarse.width * coarse.height;
@@ -394,12 +395,11 @@ fn find_blobs(
             let shapeless = !blobs.iter().any(is_disc);
             blobs.into_iter().for_each(|blob| add_once(&mut out, blob));
             let pale = region.least > PALE && region.width().min(region.height()) >= coarse::THICK / 2;
-            let usual = (cut && level == laxest) || (pale && !cut);
-            let uneven = !usual && shapeless && coarse.is_uneven(&region);
-            if usual || uneven {
+            if (cut && level == laxest) || (pale && !cut) {
                 let again = blob::blobs_against_surround(image, coarse, &region);
-                let out = if usual { &mut out } else { &mut spare };
-                again.into_iter().for_each(|blob| add_once(out, blob));
+                again.into_iter().for_each(|blob| add_once(&mut out, blob));
+            } else if shapeless && coarse.is_uneven(&region) {
+                uneven.push(region.clone());
             }
             if !cut {
                 done.push(region);
@@ -407,8 +407,8 @@ fn find_blobs(
         }
     }
     keep_largest(&mut out, MAX_BLOBS, |blob| blob.area);
-    keep_largest(&mut spare, MAX_CANDIDATES, |blob| blob.area);
-    (out, spare)
+    keep_largest(&mut uneven, MAX_CANDIDATES, |region| region.area as f64);
+    (out, uneven)
 }
 
 /// Whether a blob has a disc's shape.

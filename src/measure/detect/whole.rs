@@ -6,6 +6,7 @@ use super::super::raster::Raster;
 use super::super::setup::Shape;
 use super::blob::{self, Blob};
 use super::candidate::{self, Candidate, Foretold, Like, Outline};
+use super::coarse::{Coarse, Region};
 use super::counts::Counts;
 use super::measure::{Bounds, Measured, measure};
 use super::model::Pattern;
@@ -123,15 +124,27 @@ pub fn again_with_like(known: &Whole, found: &mut Found, unsure: Vec<Candidate>)
     }
 }
 
-/// Measures discs of spare blobs, where nothing else was found.
-pub fn with_spare(known: &Whole, found: &mut Found, spare: &[Blob], wanted: impl Fn(&Candidate) -> bool) {
-    for blob in spare.iter().filter(|b| !b.at_edge && !looks_cut(b)) {
-        if found.measured.iter().any(|m| m.detection.outline().holds(blob.centroid)) {
+/// Measures discs in regions whose background is uneven, seen against one level, where nothing else was found.
+pub fn with_uneven(
+    known: &Whole,
+    found: &mut Found,
+    (seen, coarse, regions): (&Raster, &Coarse, &[Region]),
+    wanted: impl Fn(&Candidate) -> bool,
+) {
+    let is_known =
+        |found: &Found, at: Vector2<f64>| found.measured.iter().any(|m| m.detection.outline().holds(at));
+    for region in regions {
+        if is_known(found, region.middle(coarse.factor)) {
             continue;
         }
-        let disc = candidate::disc(usize::MAX, blob).filter(&wanted);
-        let measured = disc.map(|disc| measure(known.image, known.blobs, &disc, known.bounds));
-        found.measured.extend(measured.and_then(Result::ok));
+        for blob in blob::blobs_against_surround(seen, coarse, region) {
+            if blob.at_edge || looks_cut(&blob) || is_known(found, blob.centroid) {
+                continue;
+            }
+            let disc = candidate::disc(usize::MAX, &blob).filter(&wanted);
+            let measured = disc.map(|disc| measure(known.image, known.blobs, &disc, known.bounds));
+            found.measured.extend(measured.and_then(Result::ok));
+        }
     }
 }
 
