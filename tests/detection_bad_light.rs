@@ -6,6 +6,7 @@ use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use wingd::measure::detect::{Detection, detect};
 use wingd::measure::raster::Raster;
+use wingd::measure::setup::Shape;
 
 const WIDTH: usize = 900;
 const HEIGHT: usize = 420;
@@ -296,6 +297,32 @@ fn a_disc_whose_tip_a_line_touches_is_found_in_back_light() {
 }
 
 #[test]
+fn two_discs_in_a_row_are_not_taken_for_narrow_quadrants() {
+    let image = on_even_skin("row.png", 205);
+    for [x, y] in [[1138.604, 860.410], [1220.763, 853.861]] {
+        let m = measured(&image, [x, y, 34.4, 3.9, -0.07], 9.0);
+        assert!((m.semi_major_px - 34.4).abs() < 0.5 && m.shape == Shape::Circle);
+    }
+}
+
+#[test]
+fn a_disc_between_the_sky_and_white_is_found_in_haze() {
+    // From pixel to pixel its background is the sky, or the skin, or the white.
+    let m = measured(&on_even_skin("sky.png", 177), [1130.454, 939.438, 74.6, 5.7, -0.13], 9.0);
+    assert_eq!(m.shape, Shape::Circle);
+}
+
+#[test]
+fn quadrants_as_flat_as_one_to_seventeen_are_found() {
+    let target: Ellipse = [450.2, 200.7, 60.0, 3.6, 0.12];
+    let scene = quadrants(target, 0.785, [170.0, 100.0, 225.0]);
+    for seed in 0..3 {
+        let m = measured(&picture(&scene, 0.9, 1.5, seed), target, 9.0);
+        assert_eq!(m.shape, Shape::Quadrant);
+    }
+}
+
+#[test]
 fn quadrants_of_whose_black_blur_leaves_the_middle_are_found() {
     let target: Ellipse = [450.2, 200.7, 60.0, 5.6, 0.12];
     let mut squares = Vec::new();
@@ -334,6 +361,14 @@ fn pale_quadrants_before_skin_that_is_darker_than_their_white_are_found() {
     for seed in 0..3 {
         measured(&picture(&scene, 2.0, 2.0, seed), target, 9.0);
     }
+}
+
+/// Not one of them tells its place to a third of a pixel.
+#[test]
+fn discs_thinner_than_their_blur_are_found_in_strong_noise() {
+    let thin = discs().map(|[x, y, a, _, angle]| [x, y, a, 0.05 * a, angle]);
+    let squares = found_of(&thin, on_skin(&thin, 165.0, 60.0), 2.0, 7.0);
+    hold(&squares, 53);
 }
 
 #[test]

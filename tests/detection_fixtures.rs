@@ -6,6 +6,7 @@ use std::path::Path;
 
 use wingd::installation::{self, Installation};
 use wingd::measure::identify;
+use wingd::measure::raster::Raster;
 use wingd::measure::setup::{Orientation, Shape};
 use wingd::pipeline::stages::{Sighting, detect_only, recognise};
 
@@ -26,7 +27,7 @@ struct Frame {
 struct Set {
     installation: Installation,
     orientation: Orientation,
-    frames: Vec<(Frame, Sighting)>,
+    frames: Vec<(Frame, Sighting, Raster)>,
 }
 
 /// Errors of one kind of marker in one kind of light.
@@ -80,15 +81,15 @@ fn truth(root: &Path) -> Vec<Frame> {
 fn set(name: &str) -> Set {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name);
     let installation = installation::load_without_orientation(&root.join("installation")).unwrap();
-    let frames: Vec<(Frame, Sighting)> = (truth(&root).into_iter())
+    let frames: Vec<(Frame, Sighting, Raster)> = (truth(&root).into_iter())
         .map(|frame| {
             let bytes = std::fs::read(root.join("frames").join(&frame.name)).unwrap();
-            let sighting = detect_only(&frame.name, &bytes, None).0;
-            (frame, sighting)
+            let (sighting, raster) = detect_only(&frame.name, &bytes, None);
+            (frame, sighting, raster.unwrap())
         })
         .collect();
-    let ground = (frames.iter()).filter(|(f, _)| f.name.starts_with("ground"));
-    let ground: Vec<_> = ground.map(|(_, s)| s.detections.markers.clone()).collect();
+    let ground = (frames.iter()).filter(|(f, ..)| f.name.starts_with("ground"));
+    let ground: Vec<_> = ground.map(|(_, s, _)| s.detections.markers.clone()).collect();
     let orientation = identify::orient(&installation.setup, &ground).unwrap().orientation;
     Set { installation, orientation, frames }
 }
@@ -97,7 +98,7 @@ fn hold(name: &str) {
     let mut set = set(name);
     let (mut seen, mut missed, mut extra, mut wrong) = (0, 0, 0, 0);
     let (mut plain, mut worse) = ([Tally::default(), Tally::default()], [Tally::default(), Tally::default()]);
-    for (frame, sighting) in &mut set.frames {
+    for (frame, sighting, raster) in &mut set.frames {
         let visible = frame.markers.iter().filter(|m| m.visible).count();
         let near = |at: &[f64; 2]| {
             frame.markers.iter().any(|m| m.visible && (m.pixel[0] - at[0]).hypot(m.pixel[1] - at[1]) < 5.0)
@@ -105,7 +106,7 @@ fn hold(name: &str) {
         let places: Vec<[f64; 2]> =
             sighting.detections.markers.iter().map(|d| [d.centre_px.x, d.centre_px.y]).collect();
         extra += places.iter().filter(|p| !near(p)).count();
-        recognise(sighting, &set.installation, &set.orientation);
+        recognise(sighting, raster, &set.installation, &set.orientation);
         assert_eq!(sighting.failure, None, "{}", frame.name);
         let light = if frame.light == "plain" { &mut plain } else { &mut worse };
         let identities = sighting.identities.as_ref().unwrap();

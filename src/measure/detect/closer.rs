@@ -20,7 +20,7 @@ pub struct Expected {
 }
 
 /// Sum of a place's variances from which on a disc is looked at again, px^2.
-const UNSURE: f64 = 0.04;
+pub const UNSURE_PX2: f64 = 0.04;
 /// The same up to which a disc tells how the foretold sizes fail.
 const SURE: f64 = 0.02;
 /// Discs that tell it.
@@ -93,7 +93,7 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
     for Expected { prediction, found: own } in expected.iter().filter(|e| e.prediction.shape == Shape::Circle)
     {
         let old = own.and_then(|i| found.markers.get(i));
-        if old.is_some_and(|d| d.covariance_px2.trace() < UNSURE) {
+        if old.is_some_and(|d| d.covariance_px2.trace() < UNSURE_PX2) {
             continue;
         }
         let mut candidate = sizes.candidate(prediction);

@@ -43,7 +43,7 @@ use std::ops::Range;
 
 use nalgebra::{Matrix2, Vector2};
 
-pub use closer::{Expected, look_closer};
+pub use closer::{Expected, UNSURE_PX2, look_closer};
 use coarse::Part;
 use whole::{
     Whole, again_with_like, again_with_size, doubt_unlike, is_unsure, measure_whole_or_hidden, with_uneven,

@@ -1,0 +1,104 @@
+//! Promise: with the sizes that the orientation foretells, discs that glare hides in part are found, nearer to the truth,
+//! and say how near.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use nalgebra::{Cholesky, Vector2};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use wingd::measure::detect::{Detection, Detections, UNSURE_PX2, detect, look_closer};
+use wingd::measure::identify::{Identities, expect, identify, orient, remove_perspective_bias};
+use wingd::measure::render::{Light, Options, Scene, Side};
+use wingd::measure::setup::{Orientation, Shape};
+
+/// What is off, px, and in standard deviations, of the discs that were seen badly; and how many are missing.
+#[derive(Default)]
+struct Tally {
+    squares: f64,
+    normalised: f64,
+    count: usize,
+    missing: usize,
+}
+
+impl Tally {
+    fn add(&mut self, other: &Self) {
+        self.squares += other.squares;
+        self.normalised += other.normalised;
+        self.count += other.count;
+        self.missing += other.missing;
+    }
+
+    fn rms(&self) -> f64 {
+        (self.squares / self.count as f64).sqrt()
+    }
+}
+
+/// The discs of a frame that one look saw badly or not at all, as another one sees them.
+fn tally(scene: &Scene, truth: &[(Vector2<f64>, bool)], bad: &[usize], seen: &[Option<Detection>]) -> Tally {
+    let mut out = Tally::default();
+    for &j in bad.iter().filter(|&&j| truth[j].1 && scene.markers[j].shape == Shape::Circle) {
+        let Some(disc) = &seen[j] else {
+            out.missing += 1;
+            continue;
+        };
+        let error = disc.centre_px - truth[j].0;
+        out.squares += error.norm_squared();
+        out.normalised += 0.5 * error.dot(&Cholesky::new(disc.covariance_px2).unwrap().solve(&error));
+        out.count += 1;
+    }
+    out
+}
+
+/// Each marker's detection, its perspective bias removed.
+fn by_marker(scene: &Scene, orientation: &Orientation, found: &Detections) -> Vec<Option<Detection>> {
+    let identities = identify(&scene.setup, orientation, &found.markers).unwrap();
+    let centred = remove_perspective_bias(&scene.setup, orientation, &found.markers, &identities);
+    let of = |j: usize| identities.marker_of.iter().position(|m| *m == Some(j)).map(|i| centred[i].clone());
+    (0..scene.markers.len()).map(of).collect()
+}
+
+/// At once and after a closer look.
+fn looks(seed: u64) -> [Tally; 2] {
+    let side = if seed.is_multiple_of(2) { Side::Left } else { Side::Right };
+    let scene = Scene::random(seed, &Options::random(seed, side));
+    let ground = detect(&scene.render(&scene.ground_shot(seed)).unwrap()).markers;
+    let orientation = orient(&scene.setup, &[ground]).unwrap().orientation;
+    let shot = scene.flight_shot(1.8, Light::Glare, seed);
+    let image = scene.render(&shot).unwrap();
+    let truth: Vec<(Vector2<f64>, bool)> =
+        (scene.truth(&shot).markers.iter()).map(|m| (m.pixel.unwrap_or_default(), m.visible)).collect();
+
+    let first = detect(&image);
+    let identities: Identities = identify(&scene.setup, &orientation, &first.markers).unwrap();
+    let mut closer = first.clone();
+    look_closer(&image, &mut closer, &expect(&scene.setup, &orientation, &first.markers, &identities));
+    let [before, after] = [&first, &closer].map(|found| by_marker(&scene, &orientation, found));
+    let unsure = |j: &usize| before[*j].as_ref().is_none_or(|d| d.covariance_px2.trace() >= UNSURE_PX2);
+    let bad: Vec<usize> = (0..scene.markers.len()).filter(unsure).collect();
+    for (j, marker) in scene.markers.iter().enumerate() {
+        let off = after[j].as_ref().map(|d| (d.centre_px - truth[j].0).norm());
+        assert!(off.is_none_or(|off| off < 6.0), "seed {seed}: {} is off by {off:?} px", marker.id);
+    }
+    [before, after].map(|seen| tally(&scene, &truth, &bad, &seen))
+}
+
+#[test]
+fn discs_in_glare_are_nearer_with_their_sizes_known() {
+    let all: Vec<[Tally; 2]> = (40..52u64).into_par_iter().map(looks).collect();
+    let [mut once, mut closer] = [Tally::default(), Tally::default()];
+    for [first, second] in &all {
+        once.add(first);
+        closer.add(second);
+    }
+    let normalised = (closer.normalised / closer.count as f64).sqrt();
+    println!(
+        "at once {:.3} px of {}, {} missing; closer {:.3} px of {}, {} missing, normalised {normalised:.2}",
+        once.rms(),
+        once.count,
+        once.missing,
+        closer.rms(),
+        closer.count,
+        closer.missing
+    );
+    assert!(closer.count >= 10, "glare lies over {} discs", closer.count);
+    assert!(closer.missing <= once.missing && closer.rms() < 0.6 * once.rms());
+    assert!((0.6..1.4).contains(&normalised), "{normalised} standard deviations");
+}
