@@ -1,7 +1,7 @@
 //! The blurred share of black of a disc seen as an ellipse, for a batch of pixels.
 
 use super::model::{BLUR, EGG, FIRST, LANES, Lanes, Parameters, SECOND, Share, THIRD, all, each};
-use super::normal::{GAUSS_12, PEAK, asin, exp, normal, normals, sin_quarter};
+use super::normal::{GAUSS_12, PEAK, asin, gauss, normal, normals, sin_quarter};
 
 /// Standard deviations of blur within which the end of a flat ellipse needs the sum along it.
 pub const END: f64 = 4.2;
@@ -171,7 +171,7 @@ fn by_sum(s: &Lanes, t: &Lanes, Disc { a, b, sigma, .. }: Disc, share: &mut Shar
             let cos = sin_quarter(std::f32::consts::FRAC_PI_2 - theta.abs());
             let along = a.mul_add(-sin, s[i]) * by_sigma;
             let square = along * along;
-            let density = half[i] * weight * exp(-0.5 * square);
+            let density = half[i] * weight * gauss(along);
             let measure = cos * density;
             let upper = b.mul_add(-cos, t[i]) * by_sigma;
             let lower = b.mul_add(cos, t[i]) * by_sigma;

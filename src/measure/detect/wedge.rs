@@ -1,7 +1,7 @@
 //! The blurred share of black of two opposite quadrants, for a batch of pixels.
 
 use super::model::{BLUR, FIRST, LANES, Lanes, Parameters, SECOND, Share, THIRD, all, each};
-use super::normal::{GAUSS_8, PEAK, exp, normals};
+use super::normal::{GAUSS_8, PEAK, gauss, normals};
 
 /// Standard deviations of blur from the crossing beyond which its two edges are apart.
 pub const NEAR: f64 = 3.6;
@@ -65,7 +65,7 @@ fn crossing(s: &Lanes, t: &Lanes, e: Edges, share: &mut Share) {
                 let half = 0.5 * if before { -low } else { high };
                 let at = if before { half * (node - 1.0) } else { half * (node + 1.0) };
                 let along = (s[i] - at) * e.by_sigma;
-                let w = half * weight * PEAK * exp(-0.5 * along * along) * e.by_sigma;
+                let w = half * weight * PEAK * gauss(along) * e.by_sigma;
                 let [c, _, across, first, second, third, blur] = side::<false>(at, t[i], e);
                 share.c[i] += w * c;
                 share.s[i] -= w * c * along * e.by_sigma;
