@@ -115,6 +115,8 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
         }
     }
     for (own, measured) in new {
+        let outline = measured.detection.outline();
+        found.rejected.retain(|r| !outline.holds(r.centre_px));
         match own.and_then(|i| found.markers.get_mut(i)) {
             Some(old) => *old = measured.detection,
             None => found.markers.push(measured.detection),

@@ -22,7 +22,7 @@ fn power_of_two(x: f32) -> f32 {
     let x = if x > -115.0 { x } else { -115.0 };
     let shifted = x + MAGIC;
     let rest = x - (shifted - MAGIC);
-    let p = polynomial(rest, [9.570_101_7e-3, 5.591_786e-2, 2.402_474_5e-1, 6.931_218e-1, 9.999_992_6e-1]);
+    let p = polynomial(rest, [9.570_101e-3, 5.591_786e-2, 2.402_474_5e-1, 6.931_218e-1, 9.999_993e-1]);
     f32::from_bits(p.to_bits().wrapping_add(shifted.to_bits() << 23))
 }
 
@@ -36,7 +36,7 @@ pub fn ln(x: f32) -> f32 {
     let r = f32::from_bits(bits.wrapping_sub(power << 23) as u32) - 1.0;
     let p = polynomial(
         r,
-        [-1.432_078e-1, 2.232_924_7e-1, -2.547_203e-1, 3.322_598_8e-1, -4.998_508e-1, 1.000_012_7],
+        [-1.432_078e-1, 2.232_924_7e-1, -2.547_203e-1, 3.322_599e-1, -4.998_508e-1, 1.000_012_7],
     );
     (power as f32).mul_add(std::f32::consts::LN_2, p * r)
 }
