@@ -70,6 +70,10 @@ fn looks(seed: u64) -> [Tally; 2] {
     let identities: Identities = identify(&scene.setup, &orientation, &first.markers).unwrap();
     let mut closer = first.clone();
     look_closer(&image, &mut closer, &expect(&scene.setup, &orientation, &first.markers, &identities));
+    for (i, one) in closer.markers.iter().enumerate() {
+        let near = |other: &&Detection| (one.centre_px - other.centre_px).norm() < 5.0;
+        assert_eq!(closer.markers[..i].iter().find(near), None, "seed {seed}: one marker, one detection");
+    }
     let [before, after] = [&first, &closer].map(|found| by_marker(&scene, &orientation, found));
     let unsure = |j: &usize| before[*j].as_ref().is_none_or(|d| d.covariance_px2.trace() >= UNSURE_PX2);
     let bad: Vec<usize> = (0..scene.markers.len()).filter(unsure).collect();

@@ -70,16 +70,16 @@ impl Sizes {
     }
 
     /// The candidate of an expected disc.
-    fn candidate(&self, expected: &Prediction) -> Candidate {
-        let (major, minor) = (self.major.0 * expected.semi_major_px, self.minor.0 * expected.semi_minor_px);
-        let angle = half_turn(expected.angle_rad + self.angle.0);
-        let outline = Outline { centre: expected.centre_px, major, minor, angle };
+    fn candidate(&self, expected: &Prediction) -> Option<Candidate> {
+        let outline = expected.outline()?;
+        let (major, minor) = (self.major.0 * outline.major, self.minor.0 * outline.minor);
+        let outline = Outline { major, minor, angle: half_turn(outline.angle + self.angle.0), ..outline };
         let foretold = Foretold {
             major: self.major.1 * expected.semi_major_px,
             minor: self.minor.1 * expected.semi_minor_px,
             angle: self.angle.1,
         };
-        Candidate { foretold: Some(foretold), ..Candidate::of(Pattern::Disc, outline, Vec::new()) }
+        Some(Candidate { foretold: Some(foretold), ..Candidate::of(Pattern::Disc, outline, Vec::new()) })
     }
 }
 
@@ -96,16 +96,20 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
         if old.is_some_and(|d| d.covariance_px2.trace() < UNSURE_PX2) {
             continue;
         }
-        let mut candidate = sizes.candidate(prediction);
+        let Some(mut candidate) = sizes.candidate(prediction) else { continue };
         candidate.bands = glare::ends(image, &candidate.outline);
         if candidate.outline.minor < THIN * psf {
             candidate.like = Some(Like { blur: (psf, SAME_BLUR * psf), dark: (0.7, f64::INFINITY) });
         }
         let Ok(mut measured) = measure(image, &[], &candidate, bounds) else { continue };
         clumped::raise(&mut measured, found.clumping);
-        let near = (measured.detection.centre_px - prediction.centre_px).norm() < NEAR;
+        let centre = measured.detection.centre_px;
+        // It may have been found and left without a name.
+        let own = own.or_else(|| found.markers.iter().position(|d| d.outline().outwards(centre) < 0.5));
+        let old = own.and_then(|i| found.markers.get(i));
+        let near = (centre - prediction.centre_px).norm() < NEAR;
         if near && old.is_none_or(|old| is_better(&measured.detection, old)) {
-            new.push((*own, measured));
+            new.push((own, measured));
         }
     }
     let changed = !new.is_empty();
@@ -151,5 +155,6 @@ fn is_better(new: &Detection, old: &Detection) -> bool {
     let apart: Vector2<f64> = new.centre_px - old.centre_px;
     let both = new.covariance_px2 + old.covariance_px2;
     let off = both.try_inverse().map_or(f64::INFINITY, |inverse| apart.dot(&(inverse * apart)));
-    new.covariance_px2.trace() < old.covariance_px2.trace() && off < ALIKE * ALIKE
+    let surer = new.shape == old.shape && new.covariance_px2.trace() < old.covariance_px2.trace();
+    surer && off < ALIKE * ALIKE
 }

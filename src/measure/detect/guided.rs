@@ -24,7 +24,7 @@ const MARGIN: usize = 40;
 
 impl Prediction {
     /// The expected outline; `None` where a number is none of a marker's.
-    fn outline(&self) -> Option<Outline> {
+    pub(super) fn outline(&self) -> Option<Outline> {
         let (major, minor) = (self.semi_major_px, self.semi_minor_px);
         let numbers = [self.centre_px.x, self.centre_px.y, self.angle_rad, self.search_px];
         let sound = numbers.iter().all(|v| v.is_finite())
