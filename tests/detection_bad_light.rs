@@ -276,12 +276,30 @@ fn the_white_tells_the_length_of_flat_quadrants() {
 fn on_even_skin(name: &str, skin: u8) -> Raster {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pictures").join(name);
     let part = image::open(path).expect("a picture of the tests").to_luma8();
+    framed(part.width() as usize, part.as_raw(), skin)
+}
+
+/// A part of a frame on even skin, its corner at (1000, 800).
+fn framed(columns: usize, part: &[u8], skin: u8) -> Raster {
     let (width, height) = (2400, 1600);
     let mut luma = vec![skin; width * height];
-    for (x, y, value) in part.enumerate_pixels() {
-        luma[(y as usize + 800) * width + x as usize + 1000] = value.0[0];
+    for (y, row) in part.chunks(columns).enumerate() {
+        luma[(y + 800) * width + 1000..][..columns].copy_from_slice(row);
     }
     Raster::new(width, height, luma).expect("a picture")
+}
+
+#[test]
+fn quadrants_thicker_than_the_near_background_reaches_are_found() {
+    let target: Ellipse = [450.2, 210.7, 229.0, 71.0, -0.09];
+    let scene = quadrants(target, 0.8, [165.0, 60.0, 230.0]);
+    for seed in 0..2 {
+        let part = picture(&scene, 1.1, 1.5, seed);
+        let pixels: Vec<u8> = (0..HEIGHT).flat_map(|y| part.row(y).to_vec()).collect();
+        let [x, y, a, b, angle] = target;
+        let m = measured(&framed(WIDTH, &pixels, 165), [x + 1000.0, y + 800.0, a, b, angle], 9.0);
+        assert!((m.semi_major_px / a - 1.0).abs() < 0.05, "{} px long", m.semi_major_px);
+    }
 }
 
 #[test]
