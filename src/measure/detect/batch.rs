@@ -81,6 +81,18 @@ impl Batch {
     }
 }
 
+/// Takes up the `i`-th pixel of a batch, in the last of some batches or in a new one.
+pub fn append(batches: &mut Vec<Batch>, from: &Batch, i: usize) {
+    if batches.last().is_none_or(Batch::is_full) {
+        batches.push(Batch::new());
+    }
+    if let Some(to) = batches.last_mut() {
+        let n = to.len;
+        (to.p[n], to.q[n], to.root[n]) = (from.p[i], from.q[i], from.root[i]);
+        to.push(from.x[i], from.y[i], from.value[i]);
+    }
+}
+
 impl Pixels {
     /// Sum of the weights.
     pub fn weight(&self) -> f64 {

@@ -81,6 +81,24 @@ impl Sizes {
         };
         Some(Candidate { foretold: Some(foretold), ..Candidate::of(Pattern::Disc, outline, Vec::new()) })
     }
+
+    /// What a disc that is longer or thicker than foretold is doubted by, px^2: something beside an edge passes for a part of
+    /// it, and the centre may be off by as much.
+    fn doubt(&self, expected: &Prediction, disc: &Detection) -> Matrix2<f64> {
+        let along = Vector2::new(disc.angle_rad.cos(), disc.angle_rad.sin());
+        let across = Vector2::new(-along.y, along.x);
+        let axes = [
+            (along, disc.semi_major_px, self.major, expected.semi_major_px),
+            (across, disc.semi_minor_px, self.minor, expected.semi_minor_px),
+        ];
+        let doubt = |(axis, size, (ratio, deviation), foretold): (Vector2<f64>, f64, (f64, f64), f64)| {
+            // Both ends tell the size as well as the centre.
+            let chance = axis.dot(&(disc.covariance_px2 * axis)) + (deviation * foretold).powi(2);
+            let off = (size - ratio * foretold).powi(2);
+            axis * axis.transpose() * if off > UNLIKE * UNLIKE * chance { off - chance } else { 0.0 }
+        };
+        axes.into_iter().map(doubt).sum()
+    }
 }
 
 /// Measures the expected discs that were not found, or whose place is told badly, once more with the size that is foretold;
@@ -128,26 +146,6 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
     }
     found.markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     changed
-}
-
-impl Sizes {
-    /// What a disc that is longer or thicker than foretold is doubted by, px^2: something beside an edge passes for a part of
-    /// it, and the centre may be off by as much.
-    fn doubt(&self, expected: &Prediction, disc: &Detection) -> Matrix2<f64> {
-        let along = Vector2::new(disc.angle_rad.cos(), disc.angle_rad.sin());
-        let across = Vector2::new(-along.y, along.x);
-        let axes = [
-            (along, disc.semi_major_px, self.major, expected.semi_major_px),
-            (across, disc.semi_minor_px, self.minor, expected.semi_minor_px),
-        ];
-        let doubt = |(axis, size, (ratio, deviation), foretold): (Vector2<f64>, f64, (f64, f64), f64)| {
-            // Both ends tell the size as well as the centre.
-            let chance = axis.dot(&(disc.covariance_px2 * axis)) + (deviation * foretold).powi(2);
-            let off = (size - ratio * foretold).powi(2);
-            axis * axis.transpose() * if off > UNLIKE * UNLIKE * chance { off - chance } else { 0.0 }
-        };
-        axes.into_iter().map(doubt).sum()
-    }
 }
 
 /// Whether an answer is surer than the former one, and no other.

@@ -1,11 +1,18 @@
 //! Stage 6: among a frame's detections, each thing once, and nothing far smaller than the markers.
 
+use nalgebra::Vector2;
+
 use super::super::setup::Shape;
 use super::candidate::Outline;
 use super::measure::Measured;
 use super::{Detection, Found, RejectReason, Rejected};
 
 impl Found {
+    /// Whether a place, px, lies in something that was measured.
+    pub fn holds(&self, at: Vector2<f64>) -> bool {
+        self.measured.iter().any(|m| m.detection.outline().holds(at))
+    }
+
     /// Moves a detection to those turned down.
     pub fn turn_down(&mut self, index: usize, reason: RejectReason) {
         let d = self.measured.remove(index).detection;
@@ -109,7 +116,7 @@ pub fn without_specks(found: &mut Found) {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Matrix2, Vector2};
+    use nalgebra::Matrix2;
 
     use super::*;
 

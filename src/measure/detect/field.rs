@@ -2,8 +2,9 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix2};
 
-use super::batch::{Batch, Pixels, total};
+use super::batch::{Batch, Pixels, append, total};
 use super::blocks::{Blocks, REACH};
+use super::bordered::Bordered;
 use super::fit::{Fit, Unknowns};
 use super::linear::{Block, Products, biweights, spread};
 use super::model::{
@@ -190,14 +191,7 @@ fn cells(pixels: &Pixels, own: &[[usize; 2]]) -> Vec<Cell> {
             out.push(Cell { knots, batches: Vec::new() });
         }
         let cell = &mut out[place[key]];
-        if cell.batches.last().is_none_or(Batch::is_full) {
-            cell.batches.push(Batch::new());
-        }
-        if let Some(to) = cell.batches.last_mut() {
-            let n = to.len;
-            (to.p[n], to.q[n], to.root[n]) = (batch.p[i], batch.q[i], batch.root[i]);
-            to.push(batch.x[i], batch.y[i], batch.value[i]);
-        }
+        append(&mut cell.batches, batch, i);
     }
     out.iter_mut().flat_map(|cell| &mut cell.batches).for_each(Batch::fill);
     out
@@ -280,7 +274,7 @@ fn normal_of(
 ) -> (DMatrix<f64>, DVector<f64>, Residuals) {
     let n = list.len();
     let trig = field.m[ANGLE].sin_cos();
-    let (mut normal, mut right) = (DMatrix::zeros(n + FIELD, n + FIELD), DVector::zeros(n + FIELD));
+    let mut sought = Bordered::new(n, FIELD);
     let mut seen = Residuals { sizes: Vec::new(), weight: 0.0, square: 0.0 };
     let (mut weight, mut square) = ([0.0; LANES], [0.0; LANES]);
     let (mut block, mut sums) = (Block::new(), Products::new(ABOUT + n));
@@ -296,27 +290,10 @@ fn normal_of(
             }
         }
         block.flush(&mut sums);
-        let mut totals = sums.totals();
-        let knots = cell.knots.map(|k| n + k);
-        for (i, &a) in knots.iter().enumerate() {
-            for &b in &knots[i..] {
-                normal[(a.max(b), a.min(b))] += totals.next().unwrap_or(0.0);
-            }
-            for k in 0..n {
-                normal[(a, k)] += totals.next().unwrap_or(0.0);
-            }
-            right[a] += totals.next().unwrap_or(0.0);
-        }
-        drop(totals);
-        sums.forget(ABOUT);
+        sought.take(&mut sums, cell.knots);
     }
-    let mut totals = sums.totals().skip((0..ABOUT).map(|i| ABOUT + n + 1 - i).sum());
-    for i in 0..n {
-        for j in i..n {
-            normal[(j, i)] = totals.next().unwrap_or(0.0);
-        }
-        right[i] = totals.next().unwrap_or(0.0);
-    }
+    sought.finish(&sums, ABOUT);
+    let Bordered { mut normal, mut right, .. } = sought;
     for (i, &k) in list.iter().enumerate() {
         let (usual, deviation) = unknowns.usual[k];
         let weight = (scale / deviation).powi(2);

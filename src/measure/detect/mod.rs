@@ -4,6 +4,7 @@ mod arc;
 mod batch;
 mod blob;
 mod blocks;
+mod bordered;
 mod candidate;
 mod chords;
 mod closer;
@@ -298,22 +299,22 @@ fn search(
     let mut taken: Vec<bool> = blobs.iter().map(within).collect();
     let mut whole = Whole::new(image, &blobs, measure::Bounds::of(noise));
     let mut found = Found { measured: before, rejected: Vec::new() };
+    let wanted = |seen: &candidate::Candidate| sought.is_none_or(|sought| guided::is_near(seen, sought));
     let (mut hidden, mut unsure) = (Vec::new(), Vec::new());
     for stage in [Stage::Quadrants, Stage::Narrow, Stage::Discs] {
         let candidates = match stage {
             Stage::Quadrants => quadrants(&blobs),
             Stage::Narrow => {
                 let missing = sought.map(|sought| guided::missing_quadrants(&found.measured, sought));
-                let wanted = |seen: &candidate::Outline| {
+                let open = |seen: &candidate::Outline| {
                     missing.as_ref().is_none_or(|missing| guided::may_show_part_of(seen, missing))
                 };
-                narrow::narrow(image, &blobs, &taken, noise, wanted)
+                narrow::narrow(image, &blobs, &taken, noise, open)
             }
             Stage::Discs => discs(&blobs),
         };
         for candidate in &candidates {
-            let wanted = sought.is_none_or(|sought| guided::is_near(candidate, sought));
-            if !wanted || candidate.blobs.iter().any(|&i| taken[i]) {
+            if !wanted(candidate) || candidate.blobs.iter().any(|&i| taken[i]) {
                 continue;
             }
             if stage == Stage::Quadrants && whole.are_discs(candidate) {
@@ -342,7 +343,6 @@ fn search(
     }
     again_with_size(&whole, &mut found, hidden);
     again_with_like(&whole, &mut found, unsure);
-    let wanted = |disc: &candidate::Candidate| sought.is_none_or(|sought| guided::is_near(disc, sought));
     with_uneven(&whole, &mut found, (seen, &coarse, &uneven), wanted);
     distinct::distinct(&mut found);
     found

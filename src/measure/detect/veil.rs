@@ -4,8 +4,9 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix2};
 
-use super::batch::{Batch, Pixels, total};
+use super::batch::{Batch, Pixels, append, total};
 use super::blocks::Blocks;
+use super::bordered::Bordered;
 use super::candidate::Outline;
 use super::fit::{Fit, Unknowns};
 use super::linear::{Block, Products, Square, biweights, spread};
@@ -172,14 +173,7 @@ fn cells(pixels: &Pixels, outline: &Outline, glare: &Glare) -> Vec<Cell> {
     for batch in &pixels.batches {
         for (i, s, t) in places(batch, outline) {
             let Some(cell) = out.get_mut(glare.place(s, t) as usize) else { continue };
-            if cell.batches.last().is_none_or(Batch::is_full) {
-                cell.batches.push(Batch::new());
-            }
-            if let Some(to) = cell.batches.last_mut() {
-                let n = to.len;
-                (to.p[n], to.q[n], to.root[n]) = (batch.p[i], batch.q[i], batch.root[i]);
-                to.push(batch.x[i], batch.y[i], batch.value[i]);
-            }
+            append(&mut cell.batches, batch, i);
         }
     }
     out.retain(|cell| !cell.batches.is_empty());
@@ -210,8 +204,7 @@ fn linearised_by(
 ) -> Step {
     // The slant comes after the list's parameters, then the knots.
     let n = list.len() + 1;
-    let all = n + state.glare.knots.len();
-    let (mut normal, mut right) = (DMatrix::zeros(all, all), DVector::zeros(all));
+    let mut sought = Bordered::new(n, state.glare.knots.len());
     let mut sizes = Vec::new();
     let (mut weight, mut square) = ([0.0; LANES], [0.0; LANES]);
     let (mut block, mut sums) = (Block::new(), Products::new(4 + n));
@@ -228,27 +221,10 @@ fn linearised_by(
             }
         }
         block.flush(&mut sums);
-        let mut totals = sums.totals();
-        for i in 0..4 {
-            let at = n + first + i;
-            for j in i..4 {
-                normal[(n + first + j, at)] += totals.next().unwrap_or(0.0);
-            }
-            for k in 0..n {
-                normal[(at, k)] += totals.next().unwrap_or(0.0);
-            }
-            right[at] += totals.next().unwrap_or(0.0);
-        }
-        drop(totals);
-        sums.forget(4);
+        sought.take(&mut sums, std::array::from_fn::<_, 4, _>(|i| first + i));
     }
-    let mut totals = sums.totals().skip((0..4).map(|i| 4 + n + 1 - i).sum());
-    for i in 0..n {
-        for j in i..n {
-            normal[(j, i)] = totals.next().unwrap_or(0.0);
-        }
-        right[i] = totals.next().unwrap_or(0.0);
-    }
+    sought.finish(&sums, 4);
+    let Bordered { mut normal, right, .. } = sought;
     normal.fill_upper_triangle_with_lower_triangle();
     Step { normal, right, sizes, weight: total(&weight), square: total(&square) }
 }

@@ -99,7 +99,7 @@ pub fn is_unsure(reason: RejectReason, candidate: &Candidate) -> bool {
 pub fn again_with_like(known: &Whole, found: &mut Found, unsure: Vec<Candidate>) {
     for mut candidate in unsure {
         let outline = candidate.outline;
-        if found.measured.iter().any(|m| m.detection.outline().holds(outline.centre)) {
+        if found.holds(outline.centre) {
             continue;
         }
         candidate.like = like(found, outline.centre).filter(|like| outline.minor < THIN * like.blur.0);
@@ -131,14 +131,12 @@ pub fn with_uneven(
     (seen, coarse, regions): (&Raster, &Coarse, &[Region]),
     wanted: impl Fn(&Candidate) -> bool,
 ) {
-    let is_known =
-        |found: &Found, at: Vector2<f64>| found.measured.iter().any(|m| m.detection.outline().holds(at));
     for region in regions {
-        if is_known(found, region.middle(coarse.factor)) {
+        if found.holds(region.middle(coarse.factor)) {
             continue;
         }
         for blob in blob::blobs_against_surround(seen, coarse, region) {
-            if blob.at_edge || looks_cut(&blob) || is_known(found, blob.centroid) {
+            if blob.at_edge || looks_cut(&blob) || found.holds(blob.centroid) {
                 continue;
             }
             let disc = candidate::disc(usize::MAX, &blob).filter(&wanted);
@@ -218,12 +216,16 @@ impl<'a> Whole<'a> {
         }
     }
 
+    /// What a blob measures that looks like a whole disc; `None` for others.
+    fn measure_round(&mut self, index: usize) -> Option<Result<Measured, RejectReason>> {
+        let round = self.blobs.get(index).filter(|b| !looks_cut(b)).and_then(|b| candidate::disc(index, b));
+        round.map(|disc| self.measure(index, &disc))
+    }
+
     /// Whether the two blobs of a pair are whole discs side by side: the image model tells.
     pub fn are_discs(&mut self, candidate: &Candidate) -> bool {
-        let mut disc = |&i: &usize| {
-            let round = self.blobs.get(i).filter(|b| !looks_cut(b)).and_then(|b| candidate::disc(i, b));
-            round.is_some_and(|c| matches!(self.measure(i, &c), Ok(_) | Err(RejectReason::Uncertain)))
-        };
+        let mut disc =
+            |&i: &usize| matches!(self.measure_round(i), Some(Ok(_) | Err(RejectReason::Uncertain)));
         candidate.blobs.len() == 2 && candidate.blobs.iter().all(&mut disc)
     }
 
@@ -232,9 +234,8 @@ impl<'a> Whole<'a> {
         const BETTER: f64 = 0.5;
         let whole = quadrants.outline();
         let mut found: Vec<Outline> = Vec::new();
-        for (i, blob) in self.blobs.iter().enumerate().filter(|(_, b)| whole.holds(b.centroid)) {
-            let disc = Some(blob).filter(|b| !looks_cut(b)).and_then(|b| candidate::disc(i, b));
-            let Some(Ok(disc)) = disc.map(|disc| self.measure(i, &disc)) else { continue };
+        for (i, _) in self.blobs.iter().enumerate().filter(|(_, b)| whole.holds(b.centroid)) {
+            let Some(Ok(disc)) = self.measure_round(i) else { continue };
             let outline = disc.detection.outline();
             let better = disc.is_sure() && disc.detection.fit_rms < BETTER * quadrants.fit_rms;
             if better && !found.iter().any(|other| other.holds(outline.centre)) {
