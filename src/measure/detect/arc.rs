@@ -24,9 +24,10 @@ type Conic = SVector<f64, 5>;
 pub fn completed(candidate: &Candidate, blob: &Blob, others: &[Blob]) -> Option<Candidate> {
     let own = blob.bounds.map(|v| v as f64);
     let near: Vec<(&Blob, [f64; 4])> = (others.iter())
-        .filter(|o| o.area > 0.3 * blob.area && o.area < 6.0 * blob.area && !overlap(o, blob))
+        .filter(|o| o.area > 0.3 * blob.area && o.area < 6.0 * blob.area)
         .map(|o| (o, sheet(o.bounds.map(|v| v as f64), own)))
         .filter(|(_, h)| h[0] <= own[2] && own[0] <= h[2] && h[1] <= own[3] && own[1] <= h[3])
+        .filter(|(o, _)| !overlap(o, blob))
         .collect();
     let hidden: Vec<[f64; 4]> = near.iter().map(|n| n.1).collect();
     let rim = rim(blob);

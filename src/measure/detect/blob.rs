@@ -6,6 +6,7 @@ use super::super::raster::Raster;
 use super::candidate::Outline;
 use super::coarse::{Coarse, Region};
 use super::runs::{self, Run};
+use super::wide::wide;
 
 /// A connected set of full-resolution pixels darker than half way to the background.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,7 +42,7 @@ pub fn blobs(image: &Raster, coarse: &Coarse, region: &Region) -> (Vec<Blob>, bo
     let least = f64::from(region.least) / 256.0;
     let at = |share: f64| {
         let level = ((least + share * (1.0 - least)) * 256.0) as u32;
-        below(image, coarse, region, PAD, move |background| (background * level).div_ceil(256))
+        below(image, coarse, region, [PAD; 2], Threshold::Share(level))
     };
     let (mut out, cut) = at(0.5);
     if out.iter().any(Blob::is_ragged) {
@@ -62,10 +63,11 @@ const RAGGED_AREA: f64 = 100.0;
 /// flat marker they may be half of it.
 pub fn blobs_against_surround(image: &Raster, coarse: &Coarse, region: &Region) -> Vec<Blob> {
     let (dark, skin) = levels(coarse, region);
-    let longest = region.width().max(region.height());
+    let sides = [region.width(), region.height()];
+    let longest = sides[0].max(sides[1]);
     let flat = 3 * region.area < longest * longest;
-    let pad = PAD + if flat { longest } else { longest / 4 };
-    let mut out = below(image, coarse, region, pad, |background| (dark + background.min(skin)).div_ceil(2)).0;
+    let pad = sides.map(|side| PAD + if flat { side.max(longest / 4) } else { longest / 4 });
+    let mut out = below(image, coarse, region, pad, Threshold::Between { dark, skin }).0;
     // A wide window shows other things too.
     out.retain(|blob| region.meets(&blob.bounds, coarse.factor));
     out
@@ -94,7 +96,7 @@ fn levels(coarse: &Coarse, region: &Region) -> (u32, u32) {
 
 /// The blobs of pixels below a level that lie wholly in a box.
 pub fn darker_than(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, level: u8) -> Vec<Blob> {
-    blobs_of(image, low, high, |v| v < level)
+    blobs_of(image, low, high, Side::Darker(level))
 }
 
 /// The blobs of pixels below a level with their centre in an outline, the largest first, which lie wholly in a box about
@@ -115,11 +117,18 @@ pub fn about(outline: &Outline, margin: f64) -> (Vector2<f64>, Vector2<f64>) {
 
 /// The blobs of pixels above a level that lie wholly in a box.
 pub fn lighter_than(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, level: u8) -> Vec<Blob> {
-    blobs_of(image, low, high, |v| v > level)
+    blobs_of(image, low, high, Side::Lighter(level))
 }
 
-/// The blobs of pixels that a test holds for and that lie wholly in a box.
-fn blobs_of(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, test: impl Fn(u8) -> bool) -> Vec<Blob> {
+/// The pixels on one side of a level.
+#[derive(Clone, Copy)]
+enum Side {
+    Darker(u8),
+    Lighter(u8),
+}
+
+/// The blobs of pixels on one side of a level that lie wholly in a box.
+fn blobs_of(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, side: Side) -> Vec<Blob> {
     let end = |v: f64, most: usize| (v.ceil().max(0.0) as usize).saturating_add(1).min(most);
     let window = Window {
         x0: low.x.floor().max(0.0) as usize,
@@ -133,11 +142,70 @@ fn blobs_of(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, test: impl Fn
     let mut runs = Vec::new();
     let mut marks = vec![0u8; window.x1 - window.x0];
     for y in window.y0..window.y1 {
-        let row = &image.row(y)[window.x0..window.x1];
-        marks.iter_mut().zip(row).for_each(|(mark, &v)| *mark = u8::from(test(v)));
-        runs::find(&marks, y, &mut runs);
+        if mark_side(&image.row(y)[window.x0..window.x1], side, &mut marks) {
+            runs::find(&marks, y, &mut runs);
+        }
     }
     window.blobs(image, &mut runs).0
+}
+
+/// The grey value below which a pixel is dark, from its background.
+#[derive(Clone, Copy)]
+enum Threshold {
+    /// A share of the background, in 1/256.
+    Share(u32),
+    /// Half way from a dark level to the background, at most to the skin.
+    Between { dark: u32, skin: u32 },
+}
+
+wide! {
+    /// The thresholds for some backgrounds.
+    fn limits(backgrounds: &[u8], threshold: Threshold, out: &mut [u8]) = limits_of
+}
+
+#[inline(always)]
+fn limits_of(backgrounds: &[u8], threshold: Threshold, out: &mut [u8]) {
+    let own = out.iter_mut().zip(backgrounds.iter().map(|&b| u32::from(b)));
+    match threshold {
+        Threshold::Share(level) => own.for_each(|(o, b)| *o = (b * level).div_ceil(256).min(255) as u8),
+        Threshold::Between { dark, skin } => {
+            own.for_each(|(o, b)| *o = (dark + b.min(skin)).div_ceil(2).min(255) as u8);
+        }
+    }
+}
+
+wide! {
+    /// Marks the pixels on one side of a level; whether there are any.
+    fn mark_side(row: &[u8], side: Side, out: &mut [u8]) -> bool = marked_side
+}
+
+#[inline(always)]
+fn marked_side(row: &[u8], side: Side, out: &mut [u8]) -> bool {
+    match side {
+        Side::Darker(level) => marked(row.iter().map(|&v| v < level), out),
+        Side::Lighter(level) => marked(row.iter().map(|&v| v > level), out),
+    }
+}
+
+wide! {
+    /// Marks the pixels below their limits; whether there are any.
+    fn mark(row: &[u8], limits: &[u8], out: &mut [u8]) -> bool = marked_below
+}
+
+#[inline(always)]
+fn marked_below(row: &[u8], limits: &[u8], out: &mut [u8]) -> bool {
+    marked(row.iter().zip(limits).map(|(v, limit)| v < limit), out)
+}
+
+/// Marks what holds; whether anything does.
+#[inline(always)]
+fn marked(row: impl Iterator<Item = bool>, out: &mut [u8]) -> bool {
+    let mut any = 0;
+    for (out, holds) in out.iter_mut().zip(row) {
+        *out = u8::from(holds);
+        any |= *out;
+    }
+    any > 0
 }
 
 /// The connected sets below a threshold that depends on the local background, and whether one of
@@ -146,52 +214,59 @@ fn below(
     image: &Raster,
     coarse: &Coarse,
     region: &Region,
-    pad: usize,
-    threshold: impl Fn(u32) -> u32,
+    pad: [usize; 2],
+    threshold: Threshold,
 ) -> (Vec<Blob>, bool) {
     let window = Window::around(image, coarse, region, pad);
     window.blobs(image, &mut window.dark_runs(image, coarse, threshold))
 }
 
+/// Repeats each block's value for its `factor` pixels in a row.
+fn spread(blocks: &[u8], factor: usize, out: &mut [u8]) {
+    if factor == 4 {
+        let (whole, rest) = out.as_chunks_mut::<4>();
+        whole.iter_mut().zip(blocks).for_each(|(pixels, &v)| *pixels = [v; 4]);
+        rest.fill(blocks.last().copied().unwrap_or(0));
+    } else {
+        out.chunks_mut(factor).zip(blocks).for_each(|(pixels, &v)| pixels.fill(v));
+    }
+}
+
 impl Window {
-    fn around(image: &Raster, coarse: &Coarse, region: &Region, pad: usize) -> Self {
+    /// With so many reduced pixels about a region, to the sides and above and below.
+    fn around(image: &Raster, coarse: &Coarse, region: &Region, pad: [usize; 2]) -> Self {
         let f = coarse.factor;
-        let pad = pad * f;
+        let [beside, above] = pad.map(|pad| pad * f);
         Self {
-            x0: (region.x0 * f).saturating_sub(pad),
-            y0: (region.y0 * f).saturating_sub(pad),
-            x1: ((region.x1 + 1) * f + pad).min(image.width()),
-            y1: ((region.y1 + 1) * f + pad).min(image.height()),
+            x0: (region.x0 * f).saturating_sub(beside),
+            y0: (region.y0 * f).saturating_sub(above),
+            x1: ((region.x1 + 1) * f + beside).min(image.width()),
+            y1: ((region.y1 + 1) * f + above).min(image.height()),
         }
     }
 
     /// Runs of pixels below the threshold of their background.
-    fn dark_runs(&self, image: &Raster, coarse: &Coarse, threshold: impl Fn(u32) -> u32) -> Vec<Run> {
+    fn dark_runs(&self, image: &Raster, coarse: &Coarse, threshold: Threshold) -> Vec<Run> {
         let f = coarse.factor;
         let mut runs = Vec::new();
-        let mut limits = vec![0u8; self.x1 - self.x0];
-        let mut below = limits.clone();
+        let width = self.x1 - self.x0;
+        let (mut of_blocks, mut of_pixels, mut marks) =
+            (vec![0u8; width.div_ceil(f)], vec![0u8; width], vec![0u8; width]);
         for y in self.y0..self.y1 {
             if y == self.y0 || y % f == 0 {
-                let row = &coarse.background[(y / f).min(coarse.height - 1) * coarse.width..][..coarse.width];
-                let limit = |background: &u8| threshold(u32::from(*background)).min(255) as u8;
                 // Windows begin with a block; pixels beyond the last whole one are as the last.
-                let last = row.last().map_or(0, limit);
-                let more = row[self.x0 / f..].iter().map(limit);
-                if f == 4 {
-                    let (blocks, rest) = limits.as_chunks_mut::<4>();
-                    rest.fill(last);
-                    blocks.iter_mut().zip(more.chain(std::iter::repeat(last))).for_each(|(b, v)| *b = [v; 4]);
-                } else {
-                    let blocks = limits.chunks_mut(f).zip(more.chain(std::iter::repeat(last)));
-                    blocks.for_each(|(block, v)| block.fill(v));
+                let row = &coarse.background[(y / f).min(coarse.height - 1) * coarse.width..][..coarse.width];
+                let own = &row[self.x0 / f..];
+                let count = own.len().min(of_blocks.len());
+                limits(own, threshold, &mut of_blocks[..count]);
+                if let Some(beyond) = of_blocks.get_mut(count..).filter(|b| !b.is_empty()) {
+                    limits(&vec![row.last().copied().unwrap_or(0); beyond.len()], threshold, beyond);
                 }
+                spread(&of_blocks, f, &mut of_pixels);
             }
-            let row = &image.row(y)[self.x0..self.x1];
-            for (out, (&v, &limit)) in below.iter_mut().zip(row.iter().zip(&limits)) {
-                *out = u8::from(v < limit);
+            if mark(&image.row(y)[self.x0..self.x1], &of_pixels, &mut marks) {
+                runs::find(&marks, y, &mut runs);
             }
-            runs::find(&below, y, &mut runs);
         }
         runs
     }
@@ -202,11 +277,15 @@ impl Window {
             run.from += self.x0 as u32;
             run.to += self.x0 as u32;
         }
-        let sets = runs::connected(runs);
-        let whole: Vec<&Vec<Run>> = sets.iter().filter(|set| !self.cuts(image, set)).collect();
-        let large =
-            whole.iter().filter(|set| set.iter().map(|r| r.to + 1 - r.from).sum::<u32>() >= LEAST_AREA);
-        (large.map(|set| Blob::new(image, set)).collect(), whole.len() < sets.len())
+        let (mut out, mut cut) = (Vec::new(), false);
+        for set in runs::connected(runs).iter() {
+            if self.cuts(image, set) {
+                cut = true;
+            } else if set.iter().map(|r| r.to + 1 - r.from).sum::<u32>() >= LEAST_AREA {
+                out.push(Blob::new(image, set));
+            }
+        }
+        (out, cut)
     }
 
     /// Whether the set goes on outside the window; a laxer level then has it whole.

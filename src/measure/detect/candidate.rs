@@ -137,14 +137,19 @@ impl Candidate {
 impl Outline {
     /// From a covariance, whose unit ellipse is scaled by `factor`.
     pub fn from_moments(centre: Vector2<f64>, covariance: Matrix2<f64>, factor: f64) -> Self {
-        let eigen = SymmetricEigen::new(covariance);
-        let (big, small) = if eigen.eigenvalues[0] >= eigen.eigenvalues[1] { (0, 1) } else { (1, 0) };
-        let axis = eigen.eigenvectors.column(big);
+        // The eigenvalues of a symmetric matrix of two rows, and the direction of the greater one's vector.
+        let middle = 0.5 * covariance.trace();
+        let (half, mixed) = (0.5 * (covariance[(0, 0)] - covariance[(1, 1)]), covariance[(0, 1)]);
+        let apart = (half * half + mixed * mixed).sqrt();
+        let (great, small) = (middle + apart, middle - apart);
+        // Without the difference of nearly equal numbers.
+        let determinant = covariance.determinant();
+        let small = if great > 0.0 { determinant / great } else { small };
         Self {
             centre,
-            major: factor * eigen.eigenvalues[big].max(0.0).sqrt(),
-            minor: factor * eigen.eigenvalues[small].max(0.0).sqrt(),
-            angle: half_turn(axis[1].atan2(axis[0])),
+            major: factor * great.max(0.0).sqrt(),
+            minor: factor * small.max(0.0).sqrt(),
+            angle: half_turn(0.5 * (2.0 * mixed).atan2(2.0 * half)),
         }
     }
 

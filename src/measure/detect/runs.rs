@@ -77,7 +77,7 @@ fn close(open: &mut Option<usize>, end: usize, y: usize, out: &mut Vec<Run>) {
 }
 
 /// The runs of each 8-connected set, in the order of the sets' first pixels; `runs` come row by row.
-pub fn connected(runs: &[Run]) -> Vec<Vec<Run>> {
+pub fn connected(runs: &[Run]) -> Sets {
     let mut parent: Vec<usize> = (0..runs.len()).collect();
     let mut above = 0;
     for (i, run) in runs.iter().enumerate() {
@@ -89,17 +89,40 @@ pub fn connected(runs: &[Run]) -> Vec<Vec<Run>> {
             join(&mut parent, i, k);
         }
     }
-    let mut place = vec![usize::MAX; runs.len()];
-    let mut out: Vec<Vec<Run>> = Vec::new();
-    for (i, run) in runs.iter().enumerate() {
-        let root = root(&mut parent, i);
-        if place[root] == usize::MAX {
-            place[root] = out.len();
-            out.push(Vec::new());
-        }
-        out[place[root]].push(*run);
+    // A set's root is its first run. Of each set the number of runs, then where its next one comes.
+    let mut next = vec![0; runs.len()];
+    for i in 0..runs.len() {
+        next[root(&mut parent, i)] += 1;
     }
-    out
+    let mut ends = Vec::new();
+    let mut end = 0;
+    for place in next.iter_mut().filter(|count| **count > 0) {
+        let begin = end;
+        end += *place;
+        ends.push(end);
+        *place = begin;
+    }
+    let mut out = runs.to_vec();
+    for (i, run) in runs.iter().enumerate() {
+        let place = &mut next[root(&mut parent, i)];
+        out[*place] = *run;
+        *place += 1;
+    }
+    Sets { runs: out, ends }
+}
+
+/// Runs set by set.
+pub struct Sets {
+    runs: Vec<Run>,
+    ends: Vec<usize>,
+}
+
+impl Sets {
+    /// The runs of each set, row by row.
+    pub fn iter(&self) -> impl Iterator<Item = &[Run]> {
+        let begins = std::iter::once(0).chain(self.ends.iter().copied());
+        begins.zip(&self.ends).map(|(begin, &end)| &self.runs[begin..end])
+    }
 }
 
 /// Whether a run of the row above ends before one begins.
@@ -154,7 +177,7 @@ mod tests {
                 assert_eq!(at_least(&runs, &passed, least), want);
             }
             assert!(label.iter().zip(&marks).all(|(&l, &m)| (l > 0) == (m > 0)));
-            assert_eq!(flooded(&marks, width), sets.len());
+            assert_eq!(flooded(&marks, width), sets.iter().count());
             // Neighbours have one label.
             for i in 0..marks.len() {
                 for n in neighbours(i, width, height) {
