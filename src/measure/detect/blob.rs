@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Vector2};
 use super::super::raster::Raster;
 use super::candidate::Outline;
 use super::coarse::{Coarse, Region};
-use super::runs::{self, Run};
+use super::runs::{self, Run, WORD, marks, padded};
 use super::wide::wide;
 
 /// A connected set of full-resolution pixels darker than half way to the background.
@@ -66,12 +66,18 @@ pub fn blobs_against_surround(image: &Raster, coarse: &Coarse, region: &Region) 
     let sides = [region.width(), region.height()];
     let longest = sides[0].max(sides[1]);
     let flat = 3 * region.area < longest * longest;
-    let pad = sides.map(|side| PAD + if flat { side.max(longest / 4) } else { longest / 4 });
+    // What is longer than a marker holds one as it is.
+    let most = coarse.width.max(coarse.height) / LONGEST;
+    let more = |side: usize| if flat { side.max(longest / 4) } else { longest / 4 };
+    let pad = sides.map(|side| PAD + more(side).min(most.saturating_sub(side)));
     let mut out = below(image, coarse, region, pad, Threshold::Between { dark, skin }).0;
     // A wide window shows other things too.
     out.retain(|blob| region.meets(&blob.bounds, coarse.factor));
     out
 }
+
+/// Part of a frame's longer side that the longest marker takes.
+const LONGEST: usize = 4;
 
 /// Reduced pixels by which a window is wider than its region, on each side.
 const PAD: usize = 2;
@@ -140,11 +146,11 @@ fn blobs_of(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, side: Side) -
         return Vec::new();
     }
     let mut runs = Vec::new();
-    let mut marks = vec![0u8; window.x1 - window.x0];
+    let width = window.x1 - window.x0;
+    let mut marks = vec![0; width.div_ceil(WORD)];
     for y in window.y0..window.y1 {
-        if mark_side(&image.row(y)[window.x0..window.x1], side, &mut marks) {
-            runs::find(&marks, y, &mut runs);
-        }
+        mark_side(window.row(image, y), side, &mut marks);
+        runs::find_in(marks.iter().copied(), width, y, &mut runs);
     }
     window.blobs(image, &mut runs).0
 }
@@ -175,37 +181,40 @@ fn limits_of(backgrounds: &[u8], threshold: Threshold, out: &mut [u8]) {
 }
 
 wide! {
-    /// Marks the pixels on one side of a level; whether there are any.
-    fn mark_side(row: &[u8], side: Side, out: &mut [u8]) -> bool = marked_side
+    /// Marks the pixels of a row on one side of a level, word by word.
+    fn mark_side(row: &[u8], side: Side, out: &mut [u64]) = marked_side
 }
 
 #[inline(always)]
-fn marked_side(row: &[u8], side: Side, out: &mut [u8]) -> bool {
+fn marked_side(row: &[u8], side: Side, out: &mut [u64]) {
     match side {
-        Side::Darker(level) => marked(row.iter().map(|&v| v < level), out),
-        Side::Lighter(level) => marked(row.iter().map(|&v| v > level), out),
+        Side::Darker(level) => marked([row], out, |[v]| v < level),
+        Side::Lighter(level) => marked([row], out, |[v]| v > level),
     }
 }
 
 wide! {
-    /// Marks the pixels below their limits; whether there are any.
-    fn mark(row: &[u8], limits: &[u8], out: &mut [u8]) -> bool = marked_below
+    /// Marks the pixels of a row below their limits, word by word.
+    fn mark_below(row: &[u8], limits: &[u8], out: &mut [u64]) = marked_below
 }
 
 #[inline(always)]
-fn marked_below(row: &[u8], limits: &[u8], out: &mut [u8]) -> bool {
-    marked(row.iter().zip(limits).map(|(v, limit)| v < limit), out)
+fn marked_below(row: &[u8], limits: &[u8], out: &mut [u64]) {
+    marked([row, limits], out, |[v, limit]| v < limit);
 }
 
-/// Marks what holds; whether anything does.
+/// Marks the places of rows side by side where a test holds, word by word.
 #[inline(always)]
-fn marked(row: impl Iterator<Item = bool>, out: &mut [u8]) -> bool {
-    let mut any = 0;
-    for (out, holds) in out.iter_mut().zip(row) {
-        *out = u8::from(holds);
-        any |= *out;
+fn marked<const ROWS: usize>(rows: [&[u8]; ROWS], out: &mut [u64], holds: impl Fn([u8; ROWS]) -> bool) {
+    let parts = rows.map(|row| row.as_chunks::<WORD>());
+    let count = parts.iter().fold(out.len(), |count, (words, _)| count.min(words.len()));
+    for (k, out) in out[..count].iter_mut().enumerate() {
+        *out = marks(parts.map(|(words, _)| &words[k]), &holds);
     }
-    any > 0
+    if let Some(out) = out.get_mut(count) {
+        let rest = rows.map(|row| padded(row.get(count * WORD..).unwrap_or(&[])));
+        *out = marks(rest.each_ref(), &holds);
+    }
 }
 
 /// The connected sets below a threshold that depends on the local background, and whether one of
@@ -245,13 +254,20 @@ impl Window {
         }
     }
 
+    /// A row from where the window begins, to the end of its last word as far as the picture goes.
+    fn row<'a>(&self, image: &'a Raster, y: usize) -> &'a [u8] {
+        let end = self.x0 + (self.x1 - self.x0).next_multiple_of(WORD);
+        &image.row(y)[self.x0..end.min(image.width())]
+    }
+
     /// Runs of pixels below the threshold of their background.
     fn dark_runs(&self, image: &Raster, coarse: &Coarse, threshold: Threshold) -> Vec<Run> {
         let f = coarse.factor;
         let mut runs = Vec::new();
         let width = self.x1 - self.x0;
-        let (mut of_blocks, mut of_pixels, mut marks) =
-            (vec![0u8; width.div_ceil(f)], vec![0u8; width], vec![0u8; width]);
+        let (mut of_blocks, mut of_pixels) =
+            (vec![0u8; width.div_ceil(f)], vec![0u8; width.next_multiple_of(WORD)]);
+        let mut marks = vec![0; width.div_ceil(WORD)];
         for y in self.y0..self.y1 {
             if y == self.y0 || y % f == 0 {
                 // Windows begin with a block; pixels beyond the last whole one are as the last.
@@ -264,9 +280,8 @@ impl Window {
                 }
                 spread(&of_blocks, f, &mut of_pixels);
             }
-            if mark(&image.row(y)[self.x0..self.x1], &of_pixels, &mut marks) {
-                runs::find(&marks, y, &mut runs);
-            }
+            mark_below(self.row(image, y), &of_pixels, &mut marks);
+            runs::find_in(marks.iter().copied(), width, y, &mut runs);
         }
         runs
     }

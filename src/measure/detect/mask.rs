@@ -75,9 +75,11 @@ pub fn foreign(blobs: &[Blob], candidate: &Candidate, area: Box) -> Option<Vec<b
     for (i, blob) in blobs.iter().enumerate() {
         let b = blob.bounds;
         let apart = b[0] > x1 + MARGIN || b[2] + MARGIN < x0 || b[1] > y1 + MARGIN || b[3] + MARGIN < y0;
-        let (s, t) = outline.local(blob.centroid);
-        let own = (s / outline.major).powi(2) + (t / outline.minor).powi(2) < 1.0;
-        if apart || own || candidate.blobs.contains(&i) || own_at_laxer_level(blobs, candidate, blob) {
+        if apart
+            || outline.holds(blob.centroid)
+            || candidate.blobs.contains(&i)
+            || own_at_laxer_level(blobs, candidate, blob)
+        {
             continue;
         }
         for run in &blob.runs {

@@ -431,7 +431,8 @@ fn add_once(out: &mut Vec<blob::Blob>, blob: blob::Blob) {
     const PARTED: f64 = 0.7;
     let alike = if blob.area > THICK && blob.fill() < PARTED { 0.95 } else { 0.75 };
     let same = |b: &blob::Blob| {
-        (b.centroid - blob.centroid).norm() < 2.0 && (alike..1.0 / alike).contains(&(b.area / blob.area))
+        (b.centroid - blob.centroid).norm_squared() < 4.0
+            && (alike..1.0 / alike).contains(&(b.area / blob.area))
     };
     // Comparing all with all must not take for ever.
     if out.len() < 4 * MAX_BLOBS && !out.iter().any(same) {

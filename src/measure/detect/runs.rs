@@ -11,18 +11,27 @@ pub struct Run {
     pub to: u32,
 }
 
-/// Appends the runs of row `y`, whose marked pixels hold 1 to 127 and the others 0.
+/// Pixels of a row in one word, a bit each, the first lowest.
+pub const WORD: usize = u64::BITS as usize;
+
+/// Appends the runs of row `y`, whose marked pixels hold anything but 0.
 pub fn find(row: &[u8], y: usize, out: &mut Vec<Run>) {
+    let (words, rest) = row.as_chunks();
+    let rest = padded(rest);
+    let words = words.iter().chain([&rest]).map(|pixels| marks([pixels], |[v]| v > 0));
+    find_in(words, row.len(), y, out);
+}
+
+/// Appends the runs of row `y` of so many pixels, whose marks come word by word; those beyond do not count.
+pub fn find_in(words: impl Iterator<Item = u64>, width: usize, y: usize, out: &mut Vec<Run>) {
     let mut open: Option<usize> = None;
-    for (k, pixels) in row.chunks(u64::BITS as usize).enumerate() {
-        if open.is_none() && is_plain(pixels) {
-            continue;
-        }
-        let marks = marks(pixels);
+    for (k, marks) in words.enumerate() {
+        let left = width.saturating_sub(k * WORD);
+        let marks = if left < WORD { marks & ((1 << left) - 1) } else { marks };
         let before = u64::from(open.is_some());
         let mut changes = marks ^ (marks << 1 | before);
         while changes != 0 {
-            let x = k * u64::BITS as usize + changes.trailing_zeros() as usize;
+            let x = k * WORD + changes.trailing_zeros() as usize;
             changes &= changes - 1;
             match open {
                 Some(_) => close(&mut open, x, y, out),
@@ -30,24 +39,33 @@ pub fn find(row: &[u8], y: usize, out: &mut Vec<Run>) {
             }
         }
     }
-    close(&mut open, row.len(), y, out);
+    close(&mut open, width, y, out);
 }
 
-/// Whether none of up to 64 pixels is marked.
-fn is_plain(pixels: &[u8]) -> bool {
-    pixels.iter().fold(0, |all, v| all | v) == 0
+/// The pixels that are left of a row, and zeros.
+pub fn padded(rest: &[u8]) -> [u8; WORD] {
+    let mut out = [0; WORD];
+    out.iter_mut().zip(rest).for_each(|(out, &v)| *out = v);
+    out
 }
 
-/// One bit for each of up to 64 pixels, the first lowest.
-fn marks(pixels: &[u8]) -> u64 {
-    let (words, rest) = pixels.as_chunks::<8>();
-    let mut marks = 0;
-    for (k, word) in words.iter().enumerate() {
-        let ones = (u64::from_le_bytes(*word) + 0x7f7f_7f7f_7f7f_7f7f) >> 7 & 0x0101_0101_0101_0101;
-        marks |= (ones.wrapping_mul(0x0102_0408_1020_4080) >> 56) << (8 * k);
+/// A bit for each of 64 places in rows side by side: whether a test holds for their values.
+#[inline(always)]
+pub fn marks<const ROWS: usize>(rows: [&[u8; WORD]; ROWS], holds: impl Fn([u8; ROWS]) -> bool) -> u64 {
+    // A byte for each first: a processor's registers compare many of those in one step.
+    let mut bytes = [0u8; WORD];
+    for (i, byte) in bytes.iter_mut().enumerate() {
+        *byte = u8::from(holds(rows.map(|row| row[i])));
     }
-    let one = |(i, &v): (usize, &u8)| u64::from(v > 0) << (8 * words.len() + i);
-    rest.iter().enumerate().map(one).fold(marks, |marks, one| marks | one)
+    if bytes.iter().fold(0, |all, v| all | v) == 0 {
+        return 0;
+    }
+    let mut marks = 0;
+    for (k, word) in bytes.as_chunks::<8>().0.iter().enumerate() {
+        // The product brings the lowest bits of eight bytes side by side into the highest one.
+        marks |= (u64::from_le_bytes(*word).wrapping_mul(0x0102_0408_1020_4080) >> 56) << (8 * k);
+    }
+    marks
 }
 
 /// The parts of runs whose pixels, which come run by run, hold `least` or more.
@@ -78,7 +96,7 @@ fn close(open: &mut Option<usize>, end: usize, y: usize, out: &mut Vec<Run>) {
 
 /// The runs of each 8-connected set, in the order of the sets' first pixels; `runs` come row by row.
 pub fn connected(runs: &[Run]) -> Sets {
-    let mut parent: Vec<usize> = (0..runs.len()).collect();
+    let mut parent: Vec<u32> = (0..runs.len() as u32).collect();
     let mut above = 0;
     for (i, run) in runs.iter().enumerate() {
         while above < i && (runs[above].y + 1 < run.y || ends_before(&runs[above], run)) {
@@ -89,23 +107,25 @@ pub fn connected(runs: &[Run]) -> Sets {
             join(&mut parent, i, k);
         }
     }
-    // A set's root is its first run. Of each set the number of runs, then where its next one comes.
-    let mut next = vec![0; runs.len()];
-    for i in 0..runs.len() {
-        next[root(&mut parent, i)] += 1;
+    // A set's root is its first run, so that what comes before has found its own.
+    for i in 0..parent.len() {
+        parent[i] = parent[parent[i] as usize];
     }
+    // Of each set the number of runs, then where its next one comes.
+    let mut next = vec![0u32; runs.len()];
+    parent.iter().for_each(|&root| next[root as usize] += 1);
     let mut ends = Vec::new();
     let mut end = 0;
     for place in next.iter_mut().filter(|count| **count > 0) {
         let begin = end;
         end += *place;
-        ends.push(end);
+        ends.push(end as usize);
         *place = begin;
     }
     let mut out = runs.to_vec();
-    for (i, run) in runs.iter().enumerate() {
-        let place = &mut next[root(&mut parent, i)];
-        out[*place] = *run;
+    for (run, &root) in runs.iter().zip(&parent) {
+        let place = &mut next[root as usize];
+        out[*place as usize] = *run;
         *place += 1;
     }
     Sets { runs: out, ends }
@@ -130,17 +150,19 @@ fn ends_before(above: &Run, run: &Run) -> bool {
     above.y + 1 == run.y && above.to + 1 < run.from
 }
 
-fn root(parent: &mut [usize], mut i: usize) -> usize {
-    while parent[i] != i {
-        parent[i] = parent[parent[i]];
-        i = parent[i];
+fn root(parent: &mut [u32], i: usize) -> usize {
+    let mut i = i as u32;
+    while parent[i as usize] != i {
+        let next = parent[parent[i as usize] as usize];
+        parent[i as usize] = next;
+        i = next;
     }
-    i
+    i as usize
 }
 
-fn join(parent: &mut [usize], one: usize, other: usize) {
+fn join(parent: &mut [u32], one: usize, other: usize) {
     let (a, b) = (root(parent, one), root(parent, other));
-    parent[a.max(b)] = a.min(b);
+    parent[a.max(b)] = a.min(b) as u32;
 }
 
 #[cfg(test)]
