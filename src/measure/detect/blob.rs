@@ -5,7 +5,8 @@ use nalgebra::{Matrix2, Vector2};
 use super::super::raster::Raster;
 use super::candidate::Outline;
 use super::coarse::{Coarse, Region};
-use super::runs::{self, Run, WORD, marks, padded};
+use super::marks::{Side, WORD, mark_below, mark_side};
+use super::runs::{self, Run};
 use super::wide::wide;
 
 /// A connected set of full-resolution pixels darker than half way to the background.
@@ -126,13 +127,6 @@ pub fn lighter_than(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, level
     blobs_of(image, low, high, Side::Lighter(level))
 }
 
-/// The pixels on one side of a level.
-#[derive(Clone, Copy)]
-enum Side {
-    Darker(u8),
-    Lighter(u8),
-}
-
 /// The blobs of pixels on one side of a level that lie wholly in a box.
 fn blobs_of(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, side: Side) -> Vec<Blob> {
     let end = |v: f64, most: usize| (v.ceil().max(0.0) as usize).saturating_add(1).min(most);
@@ -177,43 +171,6 @@ fn limits_of(backgrounds: &[u8], threshold: Threshold, out: &mut [u8]) {
         Threshold::Between { dark, skin } => {
             own.for_each(|(o, b)| *o = (dark + b.min(skin)).div_ceil(2).min(255) as u8);
         }
-    }
-}
-
-wide! {
-    /// Marks the pixels of a row on one side of a level, word by word.
-    fn mark_side(row: &[u8], side: Side, out: &mut [u64]) = marked_side
-}
-
-#[inline(always)]
-fn marked_side(row: &[u8], side: Side, out: &mut [u64]) {
-    match side {
-        Side::Darker(level) => marked([row], out, |[v]| v < level),
-        Side::Lighter(level) => marked([row], out, |[v]| v > level),
-    }
-}
-
-wide! {
-    /// Marks the pixels of a row below their limits, word by word.
-    fn mark_below(row: &[u8], limits: &[u8], out: &mut [u64]) = marked_below
-}
-
-#[inline(always)]
-fn marked_below(row: &[u8], limits: &[u8], out: &mut [u64]) {
-    marked([row, limits], out, |[v, limit]| v < limit);
-}
-
-/// Marks the places of rows side by side where a test holds, word by word.
-#[inline(always)]
-fn marked<const ROWS: usize>(rows: [&[u8]; ROWS], out: &mut [u64], holds: impl Fn([u8; ROWS]) -> bool) {
-    let parts = rows.map(|row| row.as_chunks::<WORD>());
-    let count = parts.iter().fold(out.len(), |count, (words, _)| count.min(words.len()));
-    for (k, out) in out[..count].iter_mut().enumerate() {
-        *out = marks(parts.map(|(words, _)| &words[k]), &holds);
-    }
-    if let Some(out) = out.get_mut(count) {
-        let rest = rows.map(|row| padded(row.get(count * WORD..).unwrap_or(&[])));
-        *out = marks(rest.each_ref(), &holds);
     }
 }
 

@@ -137,19 +137,17 @@ impl Candidate {
 impl Outline {
     /// From a covariance, whose unit ellipse is scaled by `factor`.
     pub fn from_moments(centre: Vector2<f64>, covariance: Matrix2<f64>, factor: f64) -> Self {
-        // The eigenvalues of a symmetric matrix of two rows, and the direction of the greater one's vector.
-        let middle = 0.5 * covariance.trace();
-        let (half, mixed) = (0.5 * (covariance[(0, 0)] - covariance[(1, 1)]), covariance[(0, 1)]);
-        let apart = (half * half + mixed * mixed).sqrt();
-        let (great, small) = (middle + apart, middle - apart);
-        // Without the difference of nearly equal numbers.
-        let determinant = covariance.determinant();
-        let small = if great > 0.0 { determinant / great } else { small };
+        // Eigenvalues and direction of a symmetric matrix of two rows; the lesser one by the determinant, for it may be a
+        // small difference of large numbers.
+        let half = 0.5 * (covariance[(0, 0)] - covariance[(1, 1)]);
+        let mixed = covariance[(0, 1)];
+        let great = 0.5 * covariance.trace() + (half * half + mixed * mixed).sqrt();
+        let small = if great > 0.0 { covariance.determinant() / great } else { 0.0 };
         Self {
             centre,
             major: factor * great.max(0.0).sqrt(),
             minor: factor * small.max(0.0).sqrt(),
-            angle: half_turn(0.5 * (2.0 * mixed).atan2(2.0 * half)),
+            angle: half_turn(0.5 * mixed.atan2(half)),
         }
     }
 
@@ -388,4 +386,30 @@ pub fn pairs(blobs: &[Blob]) -> Vec<[usize; 2]> {
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn moments_tell_an_ellipse_of_any_size_and_direction() {
+        for (major, minor) in [(1.0, 1.0), (40.0, 2.0), (300.0, 299.0), (800.0, 0.6)] {
+            for k in 0..24 {
+                let angle = half_turn(0.13 + PI * f64::from(k) / 24.0);
+                let axes = Matrix2::new(angle.cos(), -angle.sin(), angle.sin(), angle.cos());
+                let squares = Matrix2::from_diagonal(&Vector2::new(major * major, minor * minor) / 4.0);
+                let seen = Outline::from_moments(Vector2::zeros(), axes * squares * axes.transpose(), 2.0);
+                assert!((seen.major - major).abs() < 1e-9 * major, "{major} x {minor} at {angle}: {seen:?}");
+                assert!((seen.minor - minor).abs() < 1e-6 * minor, "{major} x {minor} at {angle}: {seen:?}");
+                let off = half_turn(seen.angle - angle).abs();
+                assert!(major == minor || off < 1e-9 || PI - off < 1e-9, "{angle}: {seen:?}");
+            }
+        }
+        // What is no covariance is no ellipse, and no panic.
+        for none in [Matrix2::zeros(), -Matrix2::identity(), Matrix2::repeat(f64::NAN)] {
+            let seen = Outline::from_moments(Vector2::zeros(), none, 2.0);
+            assert_eq!((seen.major, seen.minor), (0.0, 0.0));
+        }
+    }
 }

@@ -19,6 +19,7 @@ mod fit;
 mod glare;
 mod guided;
 mod linear;
+mod marks;
 mod mask;
 mod measure;
 mod mirrored;

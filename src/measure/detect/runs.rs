@@ -1,5 +1,7 @@
 //! Connected sets of marked pixels, by runs: whatever is unmarked costs next to nothing.
 
+use super::marks::{WORD, marks, padded};
+
 /// Marked pixels side by side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Run {
@@ -10,9 +12,6 @@ pub struct Run {
     /// Last column.
     pub to: u32,
 }
-
-/// Pixels of a row in one word, a bit each, the first lowest.
-pub const WORD: usize = u64::BITS as usize;
 
 /// Appends the runs of row `y`, whose marked pixels hold anything but 0.
 pub fn find(row: &[u8], y: usize, out: &mut Vec<Run>) {
@@ -40,32 +39,6 @@ pub fn find_in(words: impl Iterator<Item = u64>, width: usize, y: usize, out: &m
         }
     }
     close(&mut open, width, y, out);
-}
-
-/// The pixels that are left of a row, and zeros.
-pub fn padded(rest: &[u8]) -> [u8; WORD] {
-    let mut out = [0; WORD];
-    out.iter_mut().zip(rest).for_each(|(out, &v)| *out = v);
-    out
-}
-
-/// A bit for each of 64 places in rows side by side: whether a test holds for their values.
-#[inline(always)]
-pub fn marks<const ROWS: usize>(rows: [&[u8; WORD]; ROWS], holds: impl Fn([u8; ROWS]) -> bool) -> u64 {
-    // A byte for each first: a processor's registers compare many of those in one step.
-    let mut bytes = [0u8; WORD];
-    for (i, byte) in bytes.iter_mut().enumerate() {
-        *byte = u8::from(holds(rows.map(|row| row[i])));
-    }
-    if bytes.iter().fold(0, |all, v| all | v) == 0 {
-        return 0;
-    }
-    let mut marks = 0;
-    for (k, word) in bytes.as_chunks::<8>().0.iter().enumerate() {
-        // The product brings the lowest bits of eight bytes side by side into the highest one.
-        marks |= (u64::from_le_bytes(*word).wrapping_mul(0x0102_0408_1020_4080) >> 56) << (8 * k);
-    }
-    marks
 }
 
 /// The parts of runs whose pixels, which come run by run, hold `least` or more.
