@@ -398,7 +398,7 @@ mod tests {
             for k in 0..24 {
                 let angle = half_turn(0.13 + PI * f64::from(k) / 24.0);
                 let axes = Matrix2::new(angle.cos(), -angle.sin(), angle.sin(), angle.cos());
-                let squares = Matrix2::from_diagonal(&Vector2::new(major * major, minor * minor) / 4.0);
+                let squares = Matrix2::from_diagonal(&(Vector2::new(major * major, minor * minor) / 4.0));
                 let seen = Outline::from_moments(Vector2::zeros(), axes * squares * axes.transpose(), 2.0);
                 assert!((seen.major - major).abs() < 1e-9 * major, "{major} x {minor} at {angle}: {seen:?}");
                 assert!((seen.minor - minor).abs() < 1e-6 * minor, "{major} x {minor} at {angle}: {seen:?}");
