@@ -1,9 +1,11 @@
-//! Full and guided detection on a 12 MP picture of 21 discs; `make bench` runs it.
+//! Full and guided detection on a 12 MP picture of 21 discs, full detection on a rendered wing in each light; `make bench` runs
+//! it.
 #![allow(missing_docs)]
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use wingd::measure::detect::{Prediction, detect, detect_guided};
 use wingd::measure::raster::Raster;
+use wingd::measure::render::{Light, Options, Scene, Side};
 
 /// Discs in rows on a shaded, noisy ground.
 fn picture() -> Raster {
@@ -45,6 +47,16 @@ fn benches(c: &mut Criterion) {
     group.sample_size(20);
     group.bench_function("full", |b| b.iter(|| detect(&image)));
     group.bench_function("guided", |b| b.iter(|| detect_guided(&image, &predictions)));
+    group.finish();
+    // A wing with clutter, of which most lights show more than plain light does.
+    let scene = Scene::random(51, &Options::random(51, Side::Left));
+    let mut group = c.benchmark_group("detect rendered");
+    group.sample_size(20);
+    for light in Light::ALL {
+        let shot = scene.flight_shot(2.0, light, 17);
+        let frame = scene.render(&shot).unwrap_or_else(|| unreachable!("the frame has a size"));
+        group.bench_function(light.name(), |b| b.iter(|| detect(&frame)));
+    }
     group.finish();
 }
 

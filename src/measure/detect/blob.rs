@@ -68,7 +68,7 @@ pub fn blobs_against_surround(image: &Raster, coarse: &Coarse, region: &Region) 
     let longest = sides[0].max(sides[1]);
     let flat = 3 * region.area < longest * longest;
     // What is longer than a marker holds one as it is.
-    let most = coarse.width.max(coarse.height) / LONGEST;
+    let most = LONGEST_PX.max(image.width().max(image.height()) / LONGEST) / coarse.factor;
     let more = |side: usize| if flat { side.max(longest / 4) } else { longest / 4 };
     let pad = sides.map(|side| PAD + more(side).min(most.saturating_sub(side)));
     let mut out = below(image, coarse, region, pad, Threshold::Between { dark, skin }).0;
@@ -77,8 +77,9 @@ pub fn blobs_against_surround(image: &Raster, coarse: &Coarse, region: &Region) 
     out
 }
 
-/// Part of a frame's longer side that the longest marker takes.
+/// Part of a large frame's longer side that the longest marker takes; and how long it may be in any frame, px.
 const LONGEST: usize = 4;
+const LONGEST_PX: usize = 1000;
 
 /// Reduced pixels by which a window is wider than its region, on each side.
 const PAD: usize = 2;
