@@ -48,7 +48,7 @@ fn benches(c: &mut Criterion) {
     group.bench_function("full", |b| b.iter(|| detect(&image)));
     group.bench_function("guided", |b| b.iter(|| detect_guided(&image, &predictions)));
     group.finish();
-    // A wing with clutter, of which most lights show more than plain light does.
+    // A wing with clutter; shadow, glare, back light and haze take longer than plain light.
     let scene = Scene::random(51, &Options::random(51, Side::Left));
     let mut group = c.benchmark_group("detect rendered");
     group.sample_size(20);

@@ -5,7 +5,8 @@ use nalgebra::{Cholesky, Matrix2, Matrix3, SMatrix, SVector, SymmetricEigen, Vec
 use super::super::setup::Shape;
 use super::Detection;
 use super::blob::Blob;
-use super::candidate::{Candidate, Outline};
+use super::candidate::Candidate;
+use super::outline::Outline;
 
 /// How far a neighbour's sheet reaches beyond its print, px.
 const SHEET_PX: f64 = 7.0;

@@ -3,9 +3,9 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::super::raster::Raster;
-use super::candidate::Outline;
 use super::coarse::{Coarse, Region};
 use super::marks::{Side, WORD, mark_below, mark_side};
+use super::outline::Outline;
 use super::runs::{self, Run};
 use super::wide::wide;
 
@@ -140,14 +140,7 @@ fn blobs_of(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, side: Side) -
     if window.x0 >= window.x1 || window.y0 >= window.y1 {
         return Vec::new();
     }
-    let mut runs = Vec::new();
-    let width = window.x1 - window.x0;
-    let mut marks = vec![0; width.div_ceil(WORD)];
-    for y in window.y0..window.y1 {
-        mark_side(window.row(image, y), side, &mut marks);
-        runs::find_in(marks.iter().copied(), width, y, &mut runs);
-    }
-    window.blobs(image, &mut runs).0
+    window.blobs(image, &mut window.runs(image, |_, row, marks| mark_side(row, side, marks))).0
 }
 
 /// The grey value below which a pixel is dark, from its background.
@@ -160,17 +153,18 @@ enum Threshold {
 }
 
 wide! {
-    /// The thresholds for some backgrounds.
-    fn limits(backgrounds: &[u8], threshold: Threshold, out: &mut [u8]) = limits_of
+    /// Makes thresholds of backgrounds.
+    fn limit(values: &mut [u8], threshold: Threshold) = limited
 }
 
 #[inline(always)]
-fn limits_of(backgrounds: &[u8], threshold: Threshold, out: &mut [u8]) {
-    let own = out.iter_mut().zip(backgrounds.iter().map(|&b| u32::from(b)));
+fn limited(values: &mut [u8], threshold: Threshold) {
     match threshold {
-        Threshold::Share(level) => own.for_each(|(o, b)| *o = (b * level).div_ceil(256).min(255) as u8),
+        Threshold::Share(level) => {
+            values.iter_mut().for_each(|v| *v = (u32::from(*v) * level).div_ceil(256).min(255) as u8);
+        }
         Threshold::Between { dark, skin } => {
-            own.for_each(|(o, b)| *o = (dark + b.min(skin)).div_ceil(2).min(255) as u8);
+            values.iter_mut().for_each(|v| *v = (dark + u32::from(*v).min(skin)).div_ceil(2).min(255) as u8);
         }
     }
 }
@@ -188,12 +182,10 @@ fn below(
     window.blobs(image, &mut window.dark_runs(image, coarse, threshold))
 }
 
-/// Repeats each block's value for its `factor` pixels in a row.
+/// Repeats each block's value for its `factor` pixels in a row, as far as there are blocks.
 fn spread(blocks: &[u8], factor: usize, out: &mut [u8]) {
     if factor == 4 {
-        let (whole, rest) = out.as_chunks_mut::<4>();
-        whole.iter_mut().zip(blocks).for_each(|(pixels, &v)| *pixels = [v; 4]);
-        rest.fill(blocks.last().copied().unwrap_or(0));
+        out.as_chunks_mut::<4>().0.iter_mut().zip(blocks).for_each(|(pixels, &v)| *pixels = [v; 4]);
     } else {
         out.chunks_mut(factor).zip(blocks).for_each(|(pixels, &v)| pixels.fill(v));
     }
@@ -212,36 +204,36 @@ impl Window {
         }
     }
 
-    /// A row from where the window begins, to the end of its last word as far as the picture goes.
-    fn row<'a>(&self, image: &'a Raster, y: usize) -> &'a [u8] {
-        let end = self.x0 + (self.x1 - self.x0).next_multiple_of(WORD);
-        &image.row(y)[self.x0..end.min(image.width())]
+    /// The runs of pixels that are marked, word by word, in each row; it is handed over as far as its last word reaches in the
+    /// picture.
+    fn runs(&self, image: &Raster, mut mark: impl FnMut(usize, &[u8], &mut [u64])) -> Vec<Run> {
+        let width = self.x1 - self.x0;
+        let end = (self.x0 + width.next_multiple_of(WORD)).min(image.width());
+        let (mut out, mut marks) = (Vec::new(), vec![0; width.div_ceil(WORD)]);
+        for y in self.y0..self.y1 {
+            mark(y, &image.row(y)[self.x0..end], &mut marks);
+            runs::find_in(marks.iter().copied(), width, y, &mut out);
+        }
+        out
     }
 
     /// Runs of pixels below the threshold of their background.
     fn dark_runs(&self, image: &Raster, coarse: &Coarse, threshold: Threshold) -> Vec<Run> {
         let f = coarse.factor;
-        let mut runs = Vec::new();
         let width = self.x1 - self.x0;
-        let (mut of_blocks, mut of_pixels) =
-            (vec![0u8; width.div_ceil(f)], vec![0u8; width.next_multiple_of(WORD)]);
-        let mut marks = vec![0; width.div_ceil(WORD)];
-        for y in self.y0..self.y1 {
+        let (mut blocks, mut limits) = (Vec::new(), vec![0; width.next_multiple_of(WORD)]);
+        self.runs(image, |y, pixels, marks| {
             if y == self.y0 || y % f == 0 {
                 // Windows begin with a block; pixels beyond the last whole one are as the last.
                 let row = &coarse.background[(y / f).min(coarse.height - 1) * coarse.width..][..coarse.width];
-                let own = &row[self.x0 / f..];
-                let count = own.len().min(of_blocks.len());
-                limits(own, threshold, &mut of_blocks[..count]);
-                if let Some(beyond) = of_blocks.get_mut(count..).filter(|b| !b.is_empty()) {
-                    limits(&vec![row.last().copied().unwrap_or(0); beyond.len()], threshold, beyond);
-                }
-                spread(&of_blocks, f, &mut of_pixels);
+                blocks.clear();
+                blocks.extend(row[self.x0 / f..].iter().take(width.div_ceil(f)));
+                blocks.resize(width.div_ceil(f), row.last().copied().unwrap_or(0));
+                limit(&mut blocks, threshold);
+                spread(&blocks, f, &mut limits);
             }
-            mark_below(self.row(image, y), &of_pixels, &mut marks);
-            runs::find_in(marks.iter().copied(), width, y, &mut runs);
-        }
-        runs
+            mark_below(pixels, &limits, marks);
+        })
     }
 
     /// The blobs of runs whose columns count from the window's, and whether some go on outside it.

@@ -5,9 +5,10 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::super::raster::Raster;
 use super::super::setup::Shape;
-use super::candidate::{Candidate, Foretold, Like, Outline, half_turn};
+use super::candidate::{Candidate, Foretold, Like};
 use super::measure::{Bounds, Measured, measure};
 use super::model::Pattern;
+use super::outline::{Outline, half_turn};
 use super::{Detection, Detections, Prediction, by_place, clumped, glare, middle};
 
 /// A marker that should be in the frame, from its orientation and the markers that are known.

@@ -3,8 +3,8 @@
 use nalgebra::Vector2;
 
 use super::super::setup::Shape;
-use super::candidate::Outline;
 use super::measure::Measured;
+use super::outline::Outline;
 use super::{Detection, Found, RejectReason, Rejected};
 
 impl Found {

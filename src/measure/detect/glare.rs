@@ -6,7 +6,8 @@ use nalgebra::Vector2;
 use super::super::raster::Raster;
 use super::arc::{any_ellipse, rim};
 use super::blob::Blob;
-use super::candidate::{Band, Candidate, Outline};
+use super::candidate::{Band, Candidate};
+use super::outline::Outline;
 
 /// Grey value from which on skin is saturated, and where beyond a disc's tip it is looked at, px.
 const WHITE: u8 = 250;

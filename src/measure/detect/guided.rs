@@ -5,10 +5,11 @@ use std::ops::Range;
 use nalgebra::Vector2;
 
 use super::super::setup::Shape;
-use super::candidate::{Candidate, Outline};
+use super::candidate::Candidate;
 use super::coarse::{self, Part, THICK, Window};
 use super::measure::Measured;
 use super::model::Pattern;
+use super::outline::Outline;
 use super::{Detection, Found, Prediction, noise};
 
 /// How much a marker may differ from its prediction: axes, as a ratio, and beside that the minor, px.

@@ -88,8 +88,7 @@ mod tests {
             let row: Vec<u8> = (0..width).map(value).collect();
             // Limits end with a whole word.
             let limits: Vec<u8> = (0..width.next_multiple_of(WORD)).map(|k| value(3 * k + 11)).collect();
-            let mut words =
-                [vec![0; width.div_ceil(WORD)], vec![0; width.div_ceil(WORD)], vec![0; width.div_ceil(WORD)]];
+            let mut words: [_; 3] = std::array::from_fn(|_| vec![0; width.div_ceil(WORD)]);
             mark_side(&row, Side::Darker(100), &mut words[0]);
             mark_side(&row, Side::Lighter(100), &mut words[1]);
             mark_below(&row, &limits, &mut words[2]);

@@ -2,8 +2,9 @@
 
 use super::super::raster::Raster;
 use super::blob::Blob;
-use super::candidate::{Candidate, Outline};
+use super::candidate::Candidate;
 use super::model::{LIGHT, Parameters, light_at};
+use super::outline::Outline;
 use super::oval::{Box, Oval, columns, row_of};
 use super::select::Bands;
 

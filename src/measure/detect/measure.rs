@@ -6,7 +6,7 @@ use super::super::raster::Raster;
 use super::super::setup::Shape;
 use super::batch::Pixels;
 use super::blob::Blob;
-use super::candidate::{Candidate, Outline, half_turn};
+use super::candidate::Candidate;
 use super::counts::Counts;
 use super::fit::{Fit, contrast, fit, rough};
 use super::linear::CUT;
@@ -14,6 +14,7 @@ use super::model::{
     ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y,
 };
 use super::narrow::against_skin;
+use super::outline::{Outline, half_turn};
 use super::outlined::{at_one_level, outlined, with_rim};
 use super::select::{ALL, EVERY, FEW, Look, Masked, pixels};
 use super::sought::{EGG_SPREAD, USUAL_GAMMA, few_unknowns, unknowns, usual_dark};

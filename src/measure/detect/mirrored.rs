@@ -1,8 +1,8 @@
 //! Light that the skin mirrors over a disc, as a spline along it, and what skin and black alone tell of it.
 
 use super::batch::{Batch, Pixels};
-use super::candidate::Outline;
 use super::model::{BLUR, DARK, GAMMA, Parameters, light_at};
+use super::outline::Outline;
 
 /// Distance of the spline's knots, px.
 pub const SPACING: f64 = 10.0;

@@ -16,6 +16,7 @@ mod distinct;
 mod factor;
 mod field;
 mod fit;
+mod gathered;
 mod glare;
 mod guided;
 mod linear;
@@ -27,6 +28,7 @@ mod model;
 mod narrow;
 mod noise;
 mod normal;
+mod outline;
 mod outlined;
 mod oval;
 mod rim;
@@ -76,9 +78,9 @@ pub struct Detection {
 }
 
 impl Detection {
-    fn outline(&self) -> candidate::Outline {
+    fn outline(&self) -> outline::Outline {
         let (major, minor) = (self.semi_major_px, self.semi_minor_px);
-        candidate::Outline { centre: self.centre_px, major, minor, angle: self.angle_rad }
+        outline::Outline { centre: self.centre_px, major, minor, angle: self.angle_rad }
     }
 }
 
@@ -180,19 +182,8 @@ pub struct Prediction {
     pub seen: bool,
 }
 
-/// Most regions that are taken up at full resolution, and most rejected that are reported.
-const MAX_REGIONS: usize = 400;
+/// Most rejected candidates that are reported.
 const MAX_REJECTED: usize = 200;
-
-/// Grey over background, in 1/256, from which on black is so light that quadrants' white, where that is the background, takes
-/// it above the black that lies before the skin.
-const PALE: u16 = 140;
-
-/// Most blobs, pairs of blobs and candidates of a kind: far above what a wing shows, so that clutter
-/// cannot take for ever. The largest are kept.
-const MAX_BLOBS: usize = 500;
-const MAX_PAIRS: usize = 1500;
-const MAX_CANDIDATES: usize = 100;
 
 /// Finds the markers of a frame without help. Deterministic at any number of threads.
 pub fn detect(image: &Raster) -> Detections {
@@ -295,7 +286,7 @@ fn search(
     let (width, height) = (image.width(), image.height());
     let part = sought.map_or_else(|| Part::all(width, height), |sought| guided::part(sought, width, height));
     let mut coarse = coarse::reduce(seen, part);
-    let (blobs, uneven) = find_blobs(seen, &mut coarse, faint);
+    let (blobs, uneven) = gathered::find_blobs(seen, &mut coarse, faint);
     let within = |blob: &blob::Blob| before.iter().any(|m| m.detection.outline().holds(blob.centroid));
     let mut taken: Vec<bool> = blobs.iter().map(within).collect();
     let mut whole = Whole::new(image, &blobs, measure::Bounds::of(noise));
@@ -304,15 +295,15 @@ fn search(
     let (mut hidden, mut unsure) = (Vec::new(), Vec::new());
     for stage in [Stage::Quadrants, Stage::Narrow, Stage::Discs] {
         let candidates = match stage {
-            Stage::Quadrants => quadrants(&blobs),
+            Stage::Quadrants => gathered::quadrants(&blobs),
             Stage::Narrow => {
                 let missing = sought.map(|sought| guided::missing_quadrants(&found.measured, sought));
-                let open = |seen: &candidate::Outline| {
+                let open = |seen: &outline::Outline| {
                     missing.as_ref().is_none_or(|missing| guided::may_show_part_of(seen, missing))
                 };
                 narrow::narrow(image, &blobs, &taken, noise, open)
             }
-            Stage::Discs => discs(&blobs),
+            Stage::Discs => gathered::discs(&blobs),
         };
         for candidate in &candidates {
             if !wanted(candidate) || candidate.blobs.iter().any(|&i| taken[i]) {
@@ -357,104 +348,4 @@ fn middle(mut values: Vec<f64>) -> Option<f64> {
 
 fn by_place(a: &Vector2<f64>, b: &Vector2<f64>) -> std::cmp::Ordering {
     a.y.total_cmp(&b.y).then(a.x.total_cmp(&b.x))
-}
-
-/// Blobs of all levels, each once, from windows that together hold no more than the frame; against the near background,
-/// then thick ones against the far. Beside them the regions without a disc's shape whose background is uneven.
-fn find_blobs(
-    image: &Raster,
-    coarse: &mut coarse::Coarse,
-    faint: bool,
-) -> (Vec<blob::Blob>, Vec<coarse::Region>) {
-    let (mut out, mut uneven): (Vec<blob::Blob>, Vec<coarse::Region>) = (Vec::new(), Vec::new());
-    let mut done: Vec<coarse::Region> = Vec::new();
-    let laxest = coarse::levels(faint) - 1;
-    let mut budget = coarse.width * coarse.height;
-    let largest = (coarse.width * coarse.height / 8).max(64);
-    let mut darkness = coarse.darkness(faint);
-    for (far, level) in [false, true].into_iter().flat_map(|far| (0..=laxest).map(move |level| (far, level)))
-    {
-        if far && level == 0 {
-            if !coarse.look_far() {
-                break;
-            }
-            darkness = coarse.darkness(faint);
-            done.clear();
-        }
-        let mut regions = coarse.regions(&darkness, level, faint);
-        let least = if far { coarse::THICK } else { 0 };
-        regions.retain(|r| r.width() * r.height() <= largest && r.width().min(r.height()) >= least);
-        regions.sort_by_key(|r| std::cmp::Reverse(r.area));
-        regions.truncate(MAX_REGIONS);
-        for region in regions {
-            if done.iter().any(|d| d.stands_for(&region)) {
-                continue;
-            }
-            let Some(left) = budget.checked_sub(region.width() * region.height()) else { continue };
-            budget = left;
-            let (blobs, cut) = blob::blobs(image, coarse, &region);
-            let shapeless = !blobs.iter().any(is_disc);
-            blobs.into_iter().for_each(|blob| add_once(&mut out, blob));
-            let pale = region.least > PALE && region.width().min(region.height()) >= coarse::THICK / 2;
-            if (cut && level == laxest) || (pale && !cut) {
-                let again = blob::blobs_against_surround(image, coarse, &region);
-                again.into_iter().for_each(|blob| add_once(&mut out, blob));
-            } else if shapeless && coarse.is_uneven(&region) {
-                uneven.push(region.clone());
-            }
-            if !cut {
-                done.push(region);
-            }
-        }
-    }
-    keep_largest(&mut out, MAX_BLOBS, |blob| blob.area);
-    keep_largest(&mut uneven, MAX_CANDIDATES, |region| region.area as f64);
-    (out, uneven)
-}
-
-/// Whether a blob has a disc's shape.
-fn is_disc(blob: &blob::Blob) -> bool {
-    candidate::disc(0, blob).is_some()
-}
-
-/// The `most` largest; the order changes only where there are more.
-fn keep_largest<T>(items: &mut Vec<T>, most: usize, size: impl Fn(&T) -> f64) {
-    if items.len() > most {
-        items.sort_by(|a, b| size(b).total_cmp(&size(a)));
-        items.truncate(most);
-    }
-}
-
-/// Takes up a blob unless one that is as large to a quarter is there.
-fn add_once(out: &mut Vec<blob::Blob>, blob: blob::Blob) {
-    // Of thick quadrants the near background shows the greater part only: such are told apart to a twentieth.
-    const THICK: f64 = 5000.0;
-    const PARTED: f64 = 0.7;
-    let alike = if blob.area > THICK && blob.fill() < PARTED { 0.95 } else { 0.75 };
-    let same = |b: &blob::Blob| {
-        (b.centroid - blob.centroid).norm_squared() < 4.0
-            && (alike..1.0 / alike).contains(&(b.area / blob.area))
-    };
-    // Comparing all with all must not take for ever.
-    if out.len() < 4 * MAX_BLOBS && !out.iter().any(same) {
-        out.push(blob);
-    }
-}
-
-/// Blobs and pairs of blobs that may be two black quadrants.
-fn quadrants(blobs: &[blob::Blob]) -> Vec<candidate::Candidate> {
-    let single = (0..blobs.len()).map(|i| vec![i]);
-    let mut pairs = candidate::pairs(blobs);
-    keep_largest(&mut pairs, MAX_PAIRS, |p| p.iter().filter_map(|&i| blobs.get(i)).map(|b| b.area).sum());
-    let double = pairs.into_iter().map(|p| p.to_vec());
-    let mut out = single.chain(double).filter_map(|i| candidate::quadrants(&i, blobs)).collect();
-    keep_largest(&mut out, MAX_CANDIDATES, candidate::Candidate::size);
-    out
-}
-
-/// Blobs that may be discs.
-fn discs(blobs: &[blob::Blob]) -> Vec<candidate::Candidate> {
-    let mut out = blobs.iter().enumerate().filter_map(|(i, blob)| candidate::disc(i, blob)).collect();
-    keep_largest(&mut out, MAX_CANDIDATES, candidate::Candidate::size);
-    out
 }

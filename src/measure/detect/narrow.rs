@@ -6,9 +6,10 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::super::raster::Raster;
 use super::blob::{self, Blob};
-use super::candidate::{self, Candidate, Outline};
+use super::candidate::{self, Candidate};
 use super::counts::Counts;
 use super::model::{BLUR, DARK, LIGHT, N, Parameters};
+use super::outline::Outline;
 use super::outlined::{WHITER, inside, skin};
 use super::oval::Oval;
 use super::rim;

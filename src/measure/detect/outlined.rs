@@ -4,10 +4,11 @@ use nalgebra::Vector2;
 
 use super::super::raster::Raster;
 use super::blob::{self, Blob};
-use super::candidate::{self, Candidate, Outline};
+use super::candidate::{self, Candidate};
 use super::counts::Counts;
 use super::fit::contrast;
 use super::model::{BLUR, LIGHT, Parameters, X, Y};
+use super::outline::Outline;
 use super::oval::{Oval, columns, row_of};
 use super::rim;
 

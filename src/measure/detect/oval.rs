@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use super::candidate::Outline;
+use super::outline::Outline;
 
 /// Part of the frame about a candidate: first and last column and row.
 pub type Box = [usize; 4];

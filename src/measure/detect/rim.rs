@@ -5,12 +5,13 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::super::raster::Raster;
 use super::batch::{Batch, Kind, Pixels, Sorter};
-use super::candidate::{Candidate, Outline};
+use super::candidate::Candidate;
 use super::chords::{ASIDE, CHORD, LENGTH, SHEAR};
 use super::fit::{Fit, Unknowns, contrast, fit, rough};
 use super::model::{
     ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, OUTLINE, Parameters, Pattern, SECOND, SKIN, THIRD, X, Y,
 };
+use super::outline::Outline;
 use super::oval::{Oval, columns, row_of};
 use super::sought::USUAL_GAMMA;
 

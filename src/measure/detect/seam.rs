@@ -7,8 +7,9 @@ use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use super::super::raster::Raster;
 use super::batch::total;
-use super::candidate::{Band, Outline};
+use super::candidate::Band;
 use super::model::{BLUR, LANES, LIGHT, Lanes, Parameters, all, each, light_at};
+use super::outline::Outline;
 use super::oval::{Oval, columns, row_of};
 use super::weigh;
 use super::wide::wide;

@@ -9,9 +9,10 @@ use nalgebra::Vector2;
 use super::super::raster::Raster;
 use super::batch::Pixels;
 use super::blob::Blob;
-use super::candidate::{Candidate, Outline};
+use super::candidate::Candidate;
 use super::mask::{darker, foreign};
 use super::model::Parameters;
+use super::outline::Outline;
 use super::oval::{Box, Oval, Rows, columns, row_of};
 use super::weigh::{Edges, Line, Ruler, Taker};
 

@@ -7,7 +7,6 @@ use nalgebra::{Cholesky, DMatrix, DVector, Matrix2};
 use super::batch::{Batch, Pixels, append, total};
 use super::blocks::Blocks;
 use super::bordered::Bordered;
-use super::candidate::Outline;
 use super::fit::{Fit, Unknowns};
 use super::linear::{Block, Products, Square, biweights, spread};
 use super::mirrored::{Glare, SATURATED, SPACING, places, seen, spline};
@@ -16,6 +15,7 @@ use super::model::{
     along_and_across, each, share,
 };
 use super::normal::{exp, ln};
+use super::outline::Outline;
 use super::wide::wide;
 
 /// How far the glare of a knot is known beforehand: at least, and as a share of the greatest beside it.

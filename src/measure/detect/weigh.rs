@@ -3,9 +3,9 @@
 use nalgebra::Vector2;
 
 use super::batch::{Batch, Kind, Pixels, Sorter};
-use super::candidate::Outline;
 use super::disc::{END, beyond, from_ellipse};
 use super::model::{LANES, Lanes, Pattern, each};
+use super::outline::Outline;
 use super::select::{Bands, FADE};
 use super::wedge::NEAR;
 use super::wide::wide;

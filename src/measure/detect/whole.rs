@@ -5,12 +5,13 @@ use nalgebra::{Matrix2, Vector2};
 use super::super::raster::Raster;
 use super::super::setup::Shape;
 use super::blob::{self, Blob};
-use super::candidate::{self, Candidate, Foretold, Like, Outline};
+use super::candidate::{self, Candidate, Foretold, Like};
 use super::coarse::{Coarse, Region};
 use super::counts::Counts;
 use super::measure::{Bounds, Measured, measure};
 use super::model::Pattern;
 use super::noise::FRAYING;
+use super::outline::Outline;
 use super::sought::usual_dark;
 use super::{Detection, Found, RejectReason, arc, glare};
 

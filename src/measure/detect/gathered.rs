@@ -1,0 +1,114 @@
+//! Stages 1 to 3: the blobs of all levels, each once, and what they may be; bounded, so that clutter cannot take for ever.
+
+use super::super::raster::Raster;
+use super::blob::{self, Blob};
+use super::candidate::{self, Candidate};
+use super::coarse::{self, Coarse, Region};
+
+/// Most regions of a level that are taken up at full resolution.
+const MAX_REGIONS: usize = 400;
+
+/// Grey over background, in 1/256, from which on black is so light that quadrants' white, where that is the background, takes
+/// it above the black that lies before the skin.
+const PALE: u16 = 140;
+
+/// Most blobs, pairs of blobs and candidates of a kind: far above what a wing shows. The largest are kept.
+const MAX_BLOBS: usize = 500;
+const MAX_PAIRS: usize = 1500;
+const MAX_CANDIDATES: usize = 100;
+
+/// Blobs of all levels, each once, from windows that together hold no more than the frame; against the near background,
+/// then thick ones against the far. Beside them the regions without a disc's shape whose background is uneven.
+pub fn find_blobs(image: &Raster, coarse: &mut Coarse, faint: bool) -> (Vec<Blob>, Vec<Region>) {
+    let (mut out, mut uneven): (Vec<Blob>, Vec<Region>) = (Vec::new(), Vec::new());
+    let mut done: Vec<Region> = Vec::new();
+    let laxest = coarse::levels(faint) - 1;
+    let mut budget = coarse.width * coarse.height;
+    let largest = (coarse.width * coarse.height / 8).max(64);
+    let mut darkness = coarse.darkness(faint);
+    for (far, level) in [false, true].into_iter().flat_map(|far| (0..=laxest).map(move |level| (far, level)))
+    {
+        if far && level == 0 {
+            if !coarse.look_far() {
+                break;
+            }
+            darkness = coarse.darkness(faint);
+            done.clear();
+        }
+        let mut regions = coarse.regions(&darkness, level, faint);
+        let least = if far { coarse::THICK } else { 0 };
+        regions.retain(|r| r.width() * r.height() <= largest && r.width().min(r.height()) >= least);
+        regions.sort_by_key(|r| std::cmp::Reverse(r.area));
+        regions.truncate(MAX_REGIONS);
+        for region in regions {
+            if done.iter().any(|d| d.stands_for(&region)) {
+                continue;
+            }
+            let Some(left) = budget.checked_sub(region.width() * region.height()) else { continue };
+            budget = left;
+            let (blobs, cut) = blob::blobs(image, coarse, &region);
+            let shapeless = !blobs.iter().any(is_disc);
+            blobs.into_iter().for_each(|blob| add_once(&mut out, blob));
+            let pale = region.least > PALE && region.width().min(region.height()) >= coarse::THICK / 2;
+            if (cut && level == laxest) || (pale && !cut) {
+                let again = blob::blobs_against_surround(image, coarse, &region);
+                again.into_iter().for_each(|blob| add_once(&mut out, blob));
+            } else if shapeless && coarse.is_uneven(&region) {
+                uneven.push(region.clone());
+            }
+            if !cut {
+                done.push(region);
+            }
+        }
+    }
+    keep_largest(&mut out, MAX_BLOBS, |blob| blob.area);
+    keep_largest(&mut uneven, MAX_CANDIDATES, |region| region.area as f64);
+    (out, uneven)
+}
+
+/// Whether a blob has a disc's shape.
+fn is_disc(blob: &Blob) -> bool {
+    candidate::disc(0, blob).is_some()
+}
+
+/// The `most` largest; the order changes only where there are more.
+fn keep_largest<T>(items: &mut Vec<T>, most: usize, size: impl Fn(&T) -> f64) {
+    if items.len() > most {
+        items.sort_by(|a, b| size(b).total_cmp(&size(a)));
+        items.truncate(most);
+    }
+}
+
+/// Takes up a blob unless one that is as large to a quarter is there.
+fn add_once(out: &mut Vec<Blob>, blob: Blob) {
+    // Of thick quadrants the near background shows the greater part only: such are told apart to a twentieth.
+    const THICK: f64 = 5000.0;
+    const PARTED: f64 = 0.7;
+    let alike = if blob.area > THICK && blob.fill() < PARTED { 0.95 } else { 0.75 };
+    let same = |b: &Blob| {
+        (b.centroid - blob.centroid).norm_squared() < 4.0
+            && (alike..1.0 / alike).contains(&(b.area / blob.area))
+    };
+    // Comparing all with all must not take for ever.
+    if out.len() < 4 * MAX_BLOBS && !out.iter().any(same) {
+        out.push(blob);
+    }
+}
+
+/// Blobs and pairs of blobs that may be two black quadrants.
+pub fn quadrants(blobs: &[Blob]) -> Vec<Candidate> {
+    let single = (0..blobs.len()).map(|i| vec![i]);
+    let mut pairs = candidate::pairs(blobs);
+    keep_largest(&mut pairs, MAX_PAIRS, |p| p.iter().filter_map(|&i| blobs.get(i)).map(|b| b.area).sum());
+    let double = pairs.into_iter().map(|p| p.to_vec());
+    let mut out = single.chain(double).filter_map(|i| candidate::quadrants(&i, blobs)).collect();
+    keep_largest(&mut out, MAX_CANDIDATES, Candidate::size);
+    out
+}
+
+/// Blobs that may be discs.
+pub fn discs(blobs: &[Blob]) -> Vec<Candidate> {
+    let mut out = blobs.iter().enumerate().filter_map(|(i, blob)| candidate::disc(i, blob)).collect();
+    keep_largest(&mut out, MAX_CANDIDATES, Candidate::size);
+    out
+}
