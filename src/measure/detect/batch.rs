@@ -1,9 +1,10 @@
 //! The pixels of a fit, in batches, sorted by what their share of black takes.
 
-use super::model::{LANES, Lanes, Pattern, each};
+use super::lanes::{LANES, Lanes, each, total};
+use super::model::Pattern;
 
 /// Pixels that are worked on together; those after the first `len` are copies without weight.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Batch {
     /// Column, counted from the batches' origin.
     pub x: Lanes,
@@ -53,7 +54,7 @@ pub struct Sorter {
 impl Batch {
     /// Without pixels.
     pub fn new() -> Self {
-        let [x, y, value, p, q, root] = [[0.0; LANES]; 6];
+        let [x, y, value, p, q, root] = [Lanes::of(0.0); 6];
         Self { x, y, value, p, q, root, len: 0 }
     }
 
@@ -121,7 +122,7 @@ impl Sorter {
         (open.p[k], open.q[k], open.root[k]) = (from.p[i], from.q[i], from.root[i]);
         open.len = k + 1;
         if open.is_full() {
-            self.pixels.batches.push(open.clone());
+            self.pixels.batches.extend_from_slice(std::slice::from_ref(open));
             open.len = 0;
         }
     }
@@ -134,19 +135,4 @@ impl Sorter {
         }
         self.pixels
     }
-}
-
-/// The sum over the lanes.
-#[inline(always)]
-pub fn total(lanes: &Lanes) -> f64 {
-    let mut eight = [0.0f32; LANES / 2];
-    for i in 0..LANES / 2 {
-        eight[i] = lanes[i] + lanes[i + LANES / 2];
-    }
-    let mut four = [0.0f32; LANES / 4];
-    for i in 0..LANES / 4 {
-        four[i] = eight[i] + eight[i + LANES / 4];
-    }
-    let four = four.map(f64::from);
-    (four[0] + four[1]) + (four[2] + four[3])
 }

@@ -3,7 +3,8 @@
 use nalgebra::{Cholesky, Matrix2, SymmetricEigen};
 
 use super::batch::{Batch, Pixels};
-use super::model::{LANES, Lanes, Parameters, X, Y, each};
+use super::lanes::{Lanes, each};
+use super::model::{Parameters, X, Y};
 
 /// Markers reach this far, in semi-axes, for sectors and fields of light.
 pub const REACH: f64 = 1.1;
@@ -32,7 +33,7 @@ impl Blocks {
     pub fn new(pixels: &Pixels, m: &Parameters) -> Self {
         // The pixels' own extent, for quadrants have no axes.
         let (cx, cy) = ((m[X] - pixels.origin[0]) as f32, (m[Y] - pixels.origin[1]) as f32);
-        let mut far = [1.0f32; LANES];
+        let mut far = Lanes::of(1.0);
         for batch in &pixels.batches {
             far = each(|i| far[i].max((batch.x[i] - cx).abs()).max((batch.y[i] - cy).abs()));
         }

@@ -1,6 +1,7 @@
 //! Stage 3: blobs sorted into discs and pairs of black quadrants, with a first geometry.
 
 use std::f64::consts::PI;
+use std::sync::LazyLock;
 
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
@@ -207,8 +208,24 @@ pub fn between(e1: Vector2<f64>, e2: Vector2<f64>, outline: Outline, blobs: &[us
     Candidate { edges: Some(edges), ..Candidate::of(pattern, outline, blobs.to_vec()) }
 }
 
-/// Whitening transform of a shape, and its kurtosis in 36 whitened directions.
-fn kurtosis(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, [f64; 36])> {
+/// Directions in which kurtosis is looked at, in equal steps over half a turn.
+const DIRECTIONS: usize = 36;
+
+/// For each of them what the fourth moments x^4, x^3 y, x^2 y^2, x y^3, y^4 count in it.
+static FOURTH_POWERS: LazyLock<[[f64; 5]; DIRECTIONS]> = LazyLock::new(|| {
+    std::array::from_fn(|k| {
+        let (s, c) = direction(k);
+        [c.powi(4), 4.0 * c.powi(3) * s, 6.0 * c * c * s * s, 4.0 * c * s.powi(3), s.powi(4)]
+    })
+});
+
+/// Sine and cosine of the `k`-th direction.
+fn direction(k: usize) -> (f64, f64) {
+    (k as f64 * PI / DIRECTIONS as f64).sin_cos()
+}
+
+/// Whitening transform of a shape, and its kurtosis in each of the whitened directions.
+fn kurtosis(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, [f64; DIRECTIONS])> {
     let inverse = shape.covariance.try_inverse()?;
     let eigen = SymmetricEigen::new(inverse);
     let scale = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()));
@@ -235,15 +252,9 @@ fn kurtosis(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, [f64; 36])>
         fourth.iter_mut().zip(sums).for_each(|(f, v)| *f += v);
     }
     let [a, b, d, e, f] = fourth.map(|v| v / shape.area);
-    let along = |k: usize| {
-        let (s, c) = (k as f64 * PI / 36.0).sin_cos();
-        c.powi(4) * a
-            + 4.0 * c.powi(3) * s * b
-            + 6.0 * c * c * s * s * d
-            + 4.0 * c * s.powi(3) * e
-            + s.powi(4) * f
-    };
-    Some((whiten, std::array::from_fn(along)))
+    let along =
+        |[xxxx, xxxy, xxyy, xyyy, yyyy]: [f64; 5]| xxxx * a + xxxy * b + xxyy * d + xyyy * e + yyyy * f;
+    Some((whiten, FOURTH_POWERS.map(along)))
 }
 
 /// How far the kurtosis changes with direction: 0 for an ellipse, 0.6 for a parallelogram.
@@ -259,11 +270,11 @@ pub fn squareness(blob: &Blob) -> f64 {
 #[allow(clippy::type_complexity)]
 fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, (Vector2<f64>, Vector2<f64>))> {
     let (whiten, kurtosis) = kurtosis(blobs, shape)?;
-    let best = (0..36).min_by(|&i, &j| kurtosis[i].total_cmp(&kurtosis[j]))?;
+    let best = (0..DIRECTIONS).min_by(|&i, &j| kurtosis[i].total_cmp(&kurtosis[j]))?;
     if kurtosis[best] > 1.62 {
         return None;
     }
-    let (s, c) = (best as f64 * PI / 36.0).sin_cos();
+    let (s, c) = direction(best);
     let direction = whiten.transpose() * Vector2::new(c, s);
     let mut sums = [(0.0, Vector2::zeros()), (0.0, Vector2::zeros())];
     for run in blobs.iter().flat_map(|b| &b.runs) {

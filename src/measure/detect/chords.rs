@@ -6,9 +6,10 @@
 //! the step from chord to chord, a fraction of the blur.
 
 use super::batch::Batch;
+use super::lanes::{LANES, Lanes, each};
 use super::model::{
-    ANGLE, BLUR, COMMON, DARK, FIRST, GAMMA, Grey, LANES, LIGHT, Lanes, N, OUTLINE, Parameters, Pattern, Rim,
-    SECOND, SKIN, Slopes, THIRD, X, Y, along_and_across, each, moved,
+    ANGLE, BLUR, COMMON, DARK, FIRST, GAMMA, Grey, LIGHT, N, OUTLINE, Parameters, Pattern, Rim, SECOND, SKIN,
+    Slopes, THIRD, X, Y, along_and_across, moved,
 };
 use super::normal::{PEAK, asin, exp, ln, normals};
 use super::wide::wide;
@@ -94,8 +95,13 @@ impl Blurred {
 /// What lies between two ends across, in blurs from the pixel, and its derivatives by both.
 #[inline(always)]
 fn part(low: &Lanes, high: &Lanes, by_sigma: f32) -> Part {
-    let mut out =
-        Part { c: [0.0; LANES], t: [0.0; LANES], blur: [0.0; LANES], low: [0.0; LANES], high: [0.0; LANES] };
+    let mut out = Part {
+        c: Lanes::of(0.0),
+        t: Lanes::of(0.0),
+        blur: Lanes::of(0.0),
+        low: Lanes::of(0.0),
+        high: Lanes::of(0.0),
+    };
     for i in 0..LANES {
         let [(d_low, c_low), (d_high, c_high)] = normals([low[i], high[i]]);
         out.c[i] = c_low - c_high;
@@ -216,21 +222,34 @@ fn chords_by(s: &Lanes, t: &Lanes, k: &[f32; N]) -> Chords {
 wide! {
     /// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 255. The sine and cosine of the
     /// edges' angle come from the caller, once for all batches.
-    pub fn grey(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64), batch: &Batch) -> Grey = grey_by
+    pub fn grey(
+        pattern: Pattern,
+        m: &Parameters,
+        origin: [f64; 2],
+        trig: (f64, f64),
+        batch: &Batch,
+        out: &mut Grey,
+    ) = grey_by
 }
 
 #[inline(always)]
-fn grey_by(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64), batch: &Batch) -> Grey {
+fn grey_by(
+    pattern: Pattern,
+    m: &Parameters,
+    origin: [f64; 2],
+    trig: (f64, f64),
+    batch: &Batch,
+    out: &mut Grey,
+) {
     let (s, t) = along_and_across(m, origin, trig, batch);
     let k = m.map(|v| v as f32);
     let chords = chords(&s, &t, &k);
     let Chords { between, own, edges } = &chords;
     // Black is what lies between the edges, or the rest of what lies within the outline.
     let white_along = pattern == Pattern::WhiteAlong;
-    let mut out = Grey::new();
-    let mut rim: Box<Rim> = Box::new([[0.0; LANES]; N - COMMON]);
+    let Grey { value: grey, gradient, rim } = out;
+    let rim: &mut Rim = rim.get_or_insert_with(|| Box::new([Lanes::of(0.0); N - COMMON]));
     for i in 0..LANES {
-        let gradient = &mut out.gradient;
         let (p, q) = (batch.p[i], batch.q[i]);
         let skin = k[SKIN] + k[SKIN + 1] * p + k[SKIN + 2] * q;
         let dark = k[DARK] + k[DARK + 1] * p + k[DARK + 2] * q;
@@ -243,7 +262,7 @@ fn grey_by(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64),
         let value = light * through;
         let clipped = value >= 255.0;
         let open = if clipped { 0.0 } else { 1.0 };
-        out.value[i] = if clipped { 255.0 } else { value };
+        grey[i] = if clipped { 255.0 } else { value };
         let slope = open * k[GAMMA] * value / mixed;
         let by_between = if white_along { slope * dark } else { -slope * dark };
         let by_own = slope * (1.0 - skin) - if white_along { slope * dark } else { 0.0 };
@@ -269,8 +288,6 @@ fn grey_by(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64),
         rim[SKIN - COMMON + 1][i] = by_skin * p;
         rim[SKIN - COMMON + 2][i] = by_skin * q;
     }
-    out.rim = Some(rim);
-    out
 }
 
 #[cfg(test)]
@@ -294,7 +311,8 @@ mod tests {
         batch.push((x - 20.0) as f32, (y - 20.0) as f32, 0.0);
         (batch.p[0], batch.q[0]) = (((x - 20.0) / 30.0) as f32, ((y - 20.0) / 7.0) as f32);
         batch.fill();
-        let out = grey(Pattern::WhiteAlong, m, [20.0, 20.0], m[ANGLE].sin_cos(), &batch);
+        let mut out = Grey::new();
+        grey(Pattern::WhiteAlong, m, [20.0, 20.0], m[ANGLE].sin_cos(), &batch, &mut out);
         (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.by(k)[0])))
     }
 

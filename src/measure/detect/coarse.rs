@@ -32,7 +32,8 @@ type Span = (usize, Range<usize>);
 pub struct Part {
     wanted: Vec<Span>,
     means: Vec<Span>,
-    far: bool,
+    /// What is wanted of the far background.
+    far: Vec<Span>,
 }
 
 /// A box about what is sought: first and last column and row, px; and whether that is so thick that it is only seen
@@ -48,14 +49,14 @@ impl Part {
     pub fn all(width: usize, height: usize) -> Self {
         let factor = factor(width, height);
         let rows: Vec<Span> = (0..height / factor).map(|y| (y, 0..width / factor)).collect();
-        Self { wanted: rows.clone(), means: rows, far: true }
+        Self { wanted: rows.clone(), means: rows.clone(), far: rows }
     }
 
     /// What the windows hold of a frame of `width` x `height` px.
     pub fn about(windows: &[Window], width: usize, height: usize) -> Self {
         let factor = factor(width, height);
         let (width, height) = (width / factor, height / factor);
-        let (mut wanted, mut means) = (Vec::new(), Vec::new());
+        let (mut wanted, mut means, mut far) = (Vec::new(), Vec::new(), Vec::new());
         for Window { low, high, thick } in windows {
             let reduced = |v: f64, most: usize| ((v / factor as f64).max(0.0) as usize).min(most);
             let columns = reduced(low[0], width)..reduced(high[0] + factor as f64, width);
@@ -63,10 +64,13 @@ impl Part {
             let reach = if *thick { FAR[FAR.len() - 1] } else { REACH[REACH.len() - 1] };
             means.push([rows.clone(), wider(&columns, reach, width)]);
             means.push([wider(&rows, reach, height), columns.clone()]);
+            if *thick {
+                far.push([rows.clone(), columns.clone()]);
+            }
             wanted.push([rows, columns]);
         }
-        let far = windows.iter().any(|w| w.thick);
-        Self { wanted: spans(&wanted, height), means: spans(&means, height), far }
+        let [wanted, means, far] = [wanted, means, far].map(|boxes| spans(&boxes, height));
+        Self { wanted, means, far }
     }
 
     /// Of each pixel row of a frame of `width` x `height` px the columns that are read, and about what is wanted a margin, px.
@@ -132,12 +136,12 @@ pub struct Coarse {
 }
 
 impl Coarse {
-    /// Raises the background to that of the farther distances; whether anything is sought against that.
+    /// Raises the background to that of the farther distances where anything is sought against that, and looks only there;
+    /// whether there is such a place.
     pub fn look_far(&mut self) -> bool {
-        if self.part.far {
-            self.raise_by(&FAR);
-        }
-        self.part.far
+        self.part.wanted = std::mem::take(&mut self.part.far);
+        self.raise_by(&FAR);
+        !self.part.wanted.is_empty()
     }
 }
 
@@ -276,8 +280,18 @@ wide! {
 
 #[inline(always)]
 fn raised(out: &mut [u8], one: &[u8], other: &[u8]) {
-    for ((o, &a), &b) in out.iter_mut().zip(one).zip(other) {
-        *o = (*o).max(a.min(b));
+    // In whole steps, the last of them back from the end: what is raised twice stays.
+    const STEP: usize = 32;
+    let raise = |(o, (&a, &b)): (&mut u8, (&u8, &u8))| *o = (*o).max(a.min(b));
+    let last = out.len().checked_sub(STEP);
+    for from in last.into_iter().flat_map(|last| (0..last).step_by(STEP).chain([last])) {
+        let (one, other) = (one[from..].first_chunk::<STEP>(), other[from..].first_chunk::<STEP>());
+        if let (Some(out), Some(one), Some(other)) = (out[from..].first_chunk_mut::<STEP>(), one, other) {
+            out.iter_mut().zip(one.iter().zip(other)).for_each(raise);
+        }
+    }
+    if last.is_none() {
+        out.iter_mut().zip(one.iter().zip(other)).for_each(raise);
     }
 }
 
@@ -350,6 +364,8 @@ impl Coarse {
 
     fn region(&self, runs: &[Run]) -> Region {
         let mut region = Region { x0: usize::MAX, y0: usize::MAX, x1: 0, y1: 0, area: 0, least: 256 };
+        // Grey and background of the darkest, compared by products.
+        let mut darkest = [256u32, 255];
         for &Run { y, from, to } in runs {
             let [y, from, to] = [y, from, to].map(|v| v as usize);
             region.area += to + 1 - from;
@@ -359,9 +375,13 @@ impl Coarse {
             region.y1 = region.y1.max(y);
             let pixels = y * self.width + from..=y * self.width + to;
             for (&v, &b) in self.mean[pixels.clone()].iter().zip(&self.background[pixels]) {
-                region.least = region.least.min(u16::from(v) * 255 / u16::from(b).max(1));
+                let [v, b] = [u32::from(v), u32::from(b).max(1)];
+                if v * darkest[1] < darkest[0] * b {
+                    darkest = [v, b];
+                }
             }
         }
+        region.least = (darkest[0] * 255 / darkest[1]) as u16;
         region
     }
 }

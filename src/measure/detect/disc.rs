@@ -1,6 +1,7 @@
 //! The blurred share of black of a disc seen as an ellipse, for a batch of pixels.
 
-use super::model::{BLUR, EGG, FIRST, LANES, Lanes, Parameters, SECOND, Share, THIRD, all, each};
+use super::lanes::{LANES, Lanes, all, each};
+use super::model::{BLUR, EGG, FIRST, Parameters, SECOND, Share, THIRD};
 use super::normal::{GAUSS_12, PEAK, asin, gauss, normal, normals, sin_quarter};
 
 /// Standard deviations of blur within which the end of a flat ellipse needs the sum along it.
@@ -10,6 +11,7 @@ pub const END: f64 = 4.2;
 #[derive(Clone, Copy)]
 struct Disc {
     a: f32,
+    by_a: f32,
     b: f32,
     sag: f32,
     egg: f32,
@@ -24,9 +26,8 @@ pub fn beyond(s: &Lanes, t: &Lanes, [a, b]: [f32; 2], sag: f32, reach: f32) -> L
         // The thickest that the ellipse is within reach along it.
         let along = (s[i].abs() - reach) * by_a;
         let along = if along > 0.0 { along } else { 0.0 };
-        let square = 1.0 - along * along;
-        let thick = b * (if square > 0.0 { square } else { 0.0 }).sqrt();
-        let out = if t[i].abs() > thick + reach + sag.abs() { 1.0 } else { 0.0 };
+        let off = t[i].abs() - (reach + sag.abs());
+        let out = if off > 0.0 && off * off > b * b * (1.0 - along * along) { 1.0 } else { 0.0 };
         if along >= 1.0 { 1.0 } else { out }
     })
 }
@@ -37,13 +38,16 @@ pub fn beyond(s: &Lanes, t: &Lanes, [a, b]: [f32; 2], sag: f32, reach: f32) -> L
 pub fn disc(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
     let d = Disc {
         a: m[FIRST] as f32,
+        by_a: 1.0 / m[FIRST] as f32,
         b: m[SECOND] as f32,
         sag: m[THIRD] as f32,
         egg: m[EGG] as f32,
         sigma: m[BLUR] as f32,
     };
-    let thin = each(|i| 1.0 - d.egg * s[i] / d.a);
-    let level = each(|i| t[i] - d.sag * (s[i] / d.a) * (s[i] / d.a));
+    // Divisions and roots are what a batch waits for longest: as few as can be.
+    let along = each(|i| s[i] * d.by_a);
+    let thin = each(|i| 1.0 - d.egg * along[i]);
+    let level = each(|i| t[i] - d.sag * along[i] * along[i]);
     let straight = each(|i| level[i] * thin[i]);
     let mut share = Share::default();
     let nothing = beyond(s, t, [d.a, d.b], d.sag, END as f32 * d.sigma);
@@ -58,14 +62,13 @@ pub fn disc(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
         by_sum(s, &straight, d, &mut share);
     }
     for i in 0..LANES {
-        let along = s[i] / d.a;
-        let across = share.t[i];
-        let by_along = -across * (thin[i] * 2.0 * d.sag * along + level[i] * d.egg);
+        let (along, across) = (along[i], share.t[i]);
+        let by_along = -across * (thin[i] * 2.0 * d.sag * along + level[i] * d.egg) * d.by_a;
         share.egg[i] = -across * level[i] * along;
         share.t[i] = across * thin[i];
         share.third[i] = -across * thin[i] * along * along;
-        share.s[i] += by_along / d.a;
-        share.first[i] -= by_along * along / d.a;
+        share.s[i] += by_along;
+        share.first[i] -= by_along * along;
     }
     share
 }
@@ -91,9 +94,9 @@ pub fn from_ellipse(a: f32, b: f32, s: &Lanes, t: &Lanes) -> Lanes {
 /// Where the outline's radius of curvature is well above the blur everywhere: the distance to the
 /// outline decides, with the first-order effect of curvature (the blurred edge moves inwards).
 #[inline(always)]
-fn by_distance(s: &Lanes, t: &Lanes, Disc { a, b, sigma, .. }: Disc, share: &mut Share) {
+fn by_distance(s: &Lanes, t: &Lanes, Disc { a, by_a, b, sigma, .. }: Disc, share: &mut Share) {
     let unlike = b * b - a * a;
-    let (by_a, by_b, by_sigma) = (1.0 / a, 1.0 / b, 1.0 / sigma);
+    let (by_b, by_sigma) = (1.0 / b, 1.0 / sigma);
     for i in 0..LANES {
         let (s, t) = (s[i], t[i]);
         // The eccentric angle of the nearest point of the outline, by Newton's method, as a unit vector.
@@ -129,18 +132,21 @@ fn by_distance(s: &Lanes, t: &Lanes, Disc { a, b, sigma, .. }: Disc, share: &mut
 /// Away from the ends of a flat ellipse: both edges are straight within the blur, up to their
 /// curvature; exact also where they lie within one another's blur.
 #[inline(always)]
-fn by_chord(s: &Lanes, t: &Lanes, Disc { a, b, sigma, .. }: Disc, share: &mut Share) {
-    let (by_a, by_sigma) = (1.0 / a, 1.0 / sigma);
+fn by_chord(s: &Lanes, t: &Lanes, Disc { by_a, b, sigma, .. }: Disc, share: &mut Share) {
+    let by_sigma = 1.0 / sigma;
     let flat = b * by_a;
     for i in 0..LANES {
         let (along, t) = (s[i] * by_a, t[i]);
         let u = 1.0 - along * along;
         let u = if u > 1e-3 { u } else { 1e-3 };
-        let root = u.sqrt();
-        let by_root = 1.0 / root;
-        let slope = -flat * along * by_root;
+        let rise = flat * along;
+        // The edge's slope is -rise / root: one division for both.
+        let (root, steep) = (u.sqrt(), (u + rise * rise).sqrt());
+        let by_both = 1.0 / (root * steep);
+        let by_root = steep * by_both;
+        let slope = -rise * by_root;
         let bend = -flat * by_a * by_root * by_root * by_root;
-        let by_spread = by_sigma / (1.0 + slope * slope).sqrt();
+        let by_spread = by_sigma * u * by_both;
         let edge = b * root + 0.5 * bend * sigma * sigma;
         let (upper, lower) = ((t - edge) * by_spread, (t + edge) * by_spread);
         let [(du, cu), (dl, cl)] = normals([upper, lower]);
@@ -157,13 +163,13 @@ fn by_chord(s: &Lanes, t: &Lanes, Disc { a, b, sigma, .. }: Disc, share: &mut Sh
 /// Near the ends of a flat ellipse: chords across it, blurred across in closed form, summed along
 /// it. The eccentric angle as the variable takes away the chord's infinite slope at the end.
 #[inline(always)]
-fn by_sum(s: &Lanes, t: &Lanes, Disc { a, b, sigma, .. }: Disc, share: &mut Share) {
+fn by_sum(s: &Lanes, t: &Lanes, Disc { a, by_a, b, sigma, .. }: Disc, share: &mut Share) {
     let reach = 4.4 * sigma;
-    let (by_a, by_sigma) = (1.0 / a, 1.0 / sigma);
+    let by_sigma = 1.0 / sigma;
     let from = each(|i| asin((s[i] - reach) * by_a));
     let to = each(|i| asin((s[i] + reach) * by_a));
     let (middle, half) = (each(|i| 0.5 * (from[i] + to[i])), each(|i| 0.5 * (to[i] - from[i])));
-    let [mut black, mut by_s, mut by_t, mut by_a, mut by_b, mut by_blur] = [[0.0f32; LANES]; 6];
+    let [mut black, mut by_s, mut by_t, mut by_a, mut by_b, mut by_blur] = [Lanes::of(0.0); 6];
     for (node, weight) in GAUSS_12 {
         for i in 0..LANES {
             let theta = half[i].mul_add(node, middle[i]);

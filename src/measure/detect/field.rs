@@ -2,14 +2,14 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix2};
 
-use super::batch::{Batch, Pixels, append, total};
+use super::batch::{Batch, Pixels, append};
 use super::blocks::{Blocks, REACH};
 use super::bordered::Bordered;
 use super::fit::{Fit, Unknowns};
+use super::lanes::{LANES, Lanes, each, total};
 use super::linear::{Block, Products, biweights, spread};
 use super::model::{
-    ANGLE, BLUR, COMMON, DARK, GAMMA, LANES, LIGHT, Lanes, N, Parameters, Pattern, Slopes, X, Y,
-    along_and_across, each, share,
+    ANGLE, BLUR, COMMON, DARK, GAMMA, LIGHT, N, Parameters, Pattern, Slopes, X, Y, along_and_across, share,
 };
 use super::normal::{exp, ln};
 use super::uneven::Deserved;
@@ -214,10 +214,10 @@ impl Field {
         let share = share(pattern, &self.m, &s, &t);
         let extra = cell.knots.map(|k| self.extra[k] as f32);
         let mut out = Rows {
-            r: [0.0; LANES],
-            root: [0.0; LANES],
-            gradient: [[0.0; LANES]; COMMON],
-            field: [[0.0; LANES]; ABOUT],
+            r: Lanes::of(0.0),
+            root: Lanes::of(0.0),
+            gradient: [Lanes::of(0.0); COMMON],
+            field: [Lanes::of(0.0); ABOUT],
         };
         for i in 0..LANES {
             let (p, q, c) = (batch.p[i], batch.q[i], share.c[i]);
@@ -276,7 +276,7 @@ fn normal_of(
     let trig = field.m[ANGLE].sin_cos();
     let mut sought = Bordered::new(n, FIELD);
     let mut seen = Residuals { sizes: Vec::new(), weight: 0.0, square: 0.0 };
-    let (mut weight, mut square) = ([0.0; LANES], [0.0; LANES]);
+    let (mut weight, mut square) = (Lanes::of(0.0), Lanes::of(0.0));
     let (mut block, mut sums) = (Block::new(), Products::new(ABOUT + n));
     for cell in cells {
         for batch in &cell.batches {
@@ -342,7 +342,7 @@ fn moved_by(
     for cell in cells {
         for batch in &cell.batches {
             let rows = field.rows(pattern, origin, trig, cell, batch, scale);
-            let mut by = [[0.0f32; LANES]; 2];
+            let mut by = [Lanes::of(0.0); 2];
             for (sum, h) in by.iter_mut().zip(influence) {
                 let knots = cell.knots.iter().map(|k| h[list.len() + k]);
                 for (g, h) in rows.field.iter().zip(knots) {

@@ -111,7 +111,7 @@ pub fn rough(
 /// The answer, from a first geometry in whose solution residuals had about this scale.
 pub fn fit(pixels: &Pixels, start: &Parameters, scale: f64, unknowns: &Unknowns, floor: f64) -> Option<Fit> {
     let mut problem = Problem::new(pixels, start, unknowns, floor)?;
-    problem.images = Some(Images::with_capacity(problem.pixels.batches.len()));
+    problem.images = Some(Images::new());
     let count = problem.unknowns.free.iter().filter(|&&f| f).count();
     let End { parameters, start, step, factor, .. } =
         problem.solve(*start, scale.max(problem.floor), Until::Fixed)?;
@@ -158,7 +158,8 @@ impl<'a> Problem<'a> {
                 return None;
             }
             let ratio = (step.scale / scale - 1.0).abs();
-            let steady = (step.scale / last - 1.0).abs() < 0.2;
+            // Either it stood still before this step, or the step takes next to nothing off the residuals.
+            let steady = (step.scale / last - 1.0).abs() < 0.2 || step.promise(&change) < 0.1;
             last = step.scale;
             scale = step.scale.max(0.4 * scale);
             let settled = match until {

@@ -47,14 +47,15 @@ pub fn find_blobs(image: &Raster, coarse: &mut Coarse, faint: bool) -> (Vec<Blob
             let Some(left) = budget.checked_sub(region.width() * region.height()) else { continue };
             budget = left;
             let (blobs, cut) = blob::blobs(image, coarse, &region);
-            let shapeless = !blobs.iter().any(is_disc);
-            blobs.into_iter().for_each(|blob| add_once(&mut out, blob));
             let pale = region.least > PALE && region.width().min(region.height()) >= coarse::THICK / 2;
-            if (cut && level == laxest) || (pale && !cut) {
+            let once_more = (cut && level == laxest) || (pale && !cut);
+            if !once_more && coarse.is_uneven(&region) && !blobs.iter().any(is_disc) {
+                uneven.push(region.clone());
+            }
+            blobs.into_iter().for_each(|blob| add_once(&mut out, blob));
+            if once_more {
                 let again = blob::blobs_against_surround(image, coarse, &region);
                 again.into_iter().for_each(|blob| add_once(&mut out, blob));
-            } else if shapeless && coarse.is_uneven(&region) {
-                uneven.push(region.clone());
             }
             if !cut {
                 done.push(region);

@@ -87,11 +87,16 @@ pub fn is_near(candidate: &Candidate, predictions: &[Prediction]) -> bool {
             let (s, t) = outline.local(seen.centre);
             let reach = p.reach();
             let part = |a: f64, b: f64| a > PART * b - ALIKE_PX && a < WIDER * b + ALIKE_PX;
-            (s / (outline.major + reach)).hypot(t / (outline.minor + reach)) < 1.0
+            inside(s / (outline.major + reach), t / (outline.minor + reach))
                 && part(seen.major, outline.major)
                 && part(seen.minor, outline.minor)
         })
     })
+}
+
+/// Whether a place in semi-axes lies in their ellipse.
+fn inside(p: f64, q: f64) -> bool {
+    p * p + q * q < 1.0
 }
 
 /// The predicted quadrants that have not been found yet.
@@ -106,7 +111,7 @@ pub fn missing_quadrants(found: &[Measured], predictions: &[Prediction]) -> Vec<
 pub fn may_show_part_of(seen: &Outline, predictions: &[Prediction]) -> bool {
     predictions.iter().filter_map(|p| Some((p.outline()?, p.reach()))).any(|(outline, reach)| {
         let (s, t) = outline.local(seen.centre);
-        (s / (WIDER * outline.major + reach)).hypot(t / (WIDER * outline.minor + reach)) < 1.0
+        inside(s / (WIDER * outline.major + reach), t / (WIDER * outline.minor + reach))
     })
 }
 

@@ -2,10 +2,11 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::batch::{Pixels, total};
+use super::batch::Pixels;
 use super::chords;
 use super::fit::Unknowns;
-use super::model::{ANGLE, Grey, LANES, Lanes, N, Parameters, X, Y, each, grey};
+use super::lanes::{LANES, Lanes, each, total};
+use super::model::{ANGLE, Grey, N, Parameters, X, Y, grey};
 use super::wide::wide;
 
 pub type Square = SMatrix<f64, N, N>;
@@ -34,6 +35,11 @@ impl Step {
         self.square / (self.weight - count as f64).max(1.0)
     }
 
+    /// The share of the residuals' squares that a step takes off if the model is linear.
+    pub fn promise(&self, change: &Column) -> f64 {
+        change.dot(&self.right) / self.square.max(1e-9)
+    }
+
     /// By how much a step falls short because the weights follow the residuals.
     pub fn gain(&self) -> f64 {
         (self.weight / self.curvature.max(1e-9)).clamp(1.0, 1.5)
@@ -42,15 +48,15 @@ impl Step {
 
 /// Rows of the weighted Jacobian, column by column, residuals last, that wait for their products.
 pub struct Block {
-    columns: [[f32; BLOCK]; COLUMNS],
-    rows: usize,
+    columns: [[Lanes; BLOCK]; COLUMNS],
+    batches: usize,
 }
 
 /// Most columns: the parameters, or the common ones and a field's about a pixel, and residuals.
 const COLUMNS: usize = N + 1;
 
-/// Rows per block.
-const BLOCK: usize = 8 * LANES;
+/// Batches per block.
+const BLOCK: usize = 8;
 
 /// Sums of products of two columns, a part in each lane: for each column those with itself and the later
 /// ones; residuals are the last column.
@@ -63,7 +69,7 @@ pub struct Products {
 impl Products {
     /// None yet of so many columns and residuals.
     pub fn new(columns: usize) -> Self {
-        Self { columns, sums: vec![[0.0; LANES]; (columns + 1) * columns / 2 + columns] }
+        Self { columns, sums: vec![Lanes::of(0.0); (columns + 1) * columns / 2 + columns] }
     }
 
     /// Their totals, column by column.
@@ -74,25 +80,25 @@ impl Products {
     /// Forgets those of the first columns.
     pub fn forget(&mut self, columns: usize) {
         let first = (0..columns).map(|i| self.columns + 1 - i).sum();
-        self.sums.iter_mut().take(first).for_each(|sum| *sum = [0.0; LANES]);
+        self.sums.iter_mut().take(first).for_each(|sum| *sum = Lanes::of(0.0));
     }
 }
 
 impl Block {
     /// Without rows.
     pub fn new() -> Self {
-        Self { columns: [[0.0; BLOCK]; COLUMNS], rows: 0 }
+        Self { columns: [[Lanes::of(0.0); BLOCK]; COLUMNS], batches: 0 }
     }
 
     /// Takes up a batch's weighted columns, residuals last; whether it is full.
     #[inline(always)]
     pub fn push<'a>(&mut self, root: &Lanes, columns: impl Iterator<Item = &'a Lanes>) -> bool {
-        let rows = self.rows..self.rows + LANES;
+        let k = self.batches % BLOCK;
         for (out, column) in self.columns.iter_mut().zip(columns) {
-            out[rows.clone()].copy_from_slice(&each(|i| root[i] * column[i]));
+            out[k] = each(|i| root[i] * column[i]);
         }
-        self.rows = rows.end;
-        self.rows == BLOCK
+        self.batches = k + 1;
+        self.batches == BLOCK
     }
 
     /// Adds the products of the columns with one another and the residuals; empties it.
@@ -101,7 +107,7 @@ impl Block {
         let n = sums.columns;
         let mut rest = &mut sums.sums[..];
         for column in &mut self.columns[..=n] {
-            column[self.rows..].fill(0.0);
+            column[self.batches..].fill(Lanes::of(0.0));
         }
         // Two columns at a time: the later ones are read half as often.
         for i in (0..n).step_by(2) {
@@ -121,15 +127,15 @@ impl Block {
             }
             rest = later;
         }
-        self.rows = 0;
+        self.batches = 0;
     }
 }
 
 #[inline(always)]
-fn add_products(sum: &mut Lanes, one: &[f32; BLOCK], other: &[f32; BLOCK]) {
+fn add_products(sum: &mut Lanes, one: &[Lanes; BLOCK], other: &[Lanes; BLOCK]) {
     let mut lanes = *sum;
-    for (x, y) in one.chunks_exact(LANES).zip(other.chunks_exact(LANES)) {
-        for (lane, (p, q)) in lanes.iter_mut().zip(x.iter().zip(y)) {
+    for (x, y) in one.iter().zip(other) {
+        for (lane, (p, q)) in lanes.iter_mut().zip(x.iter().zip(y.iter())) {
             *lane = p.mul_add(*q, *lane);
         }
     }
@@ -138,12 +144,12 @@ fn add_products(sum: &mut Lanes, one: &[f32; BLOCK], other: &[f32; BLOCK]) {
 
 /// Adds the products of two columns with a third.
 #[inline(always)]
-fn add_both(sum: &mut Lanes, next: &mut Lanes, [one, two]: [&[f32; BLOCK]; 2], other: &[f32; BLOCK]) {
+fn add_both(sum: &mut Lanes, next: &mut Lanes, [one, two]: [&[Lanes; BLOCK]; 2], other: &[Lanes; BLOCK]) {
     let (mut lanes, mut lanes_next) = (*sum, *next);
-    for k in (0..BLOCK).step_by(LANES) {
+    for ((x, y), z) in one.iter().zip(two).zip(other) {
         for i in 0..LANES {
-            lanes[i] = one[k + i].mul_add(other[k + i], lanes[i]);
-            lanes_next[i] = two[k + i].mul_add(other[k + i], lanes_next[i]);
+            lanes[i] = x[i].mul_add(z[i], lanes[i]);
+            lanes_next[i] = y[i].mul_add(z[i], lanes_next[i]);
         }
     }
     (*sum, *next) = (lanes, lanes_next);
@@ -227,19 +233,21 @@ impl Pixels {
         mut images: Option<&mut Images>,
     ) -> Sums {
         if let Some(images) = &mut images {
-            images.clear();
+            images.resize_with(self.batches.len(), Grey::new);
         }
+        let mut unkept = Grey::new();
         let trig = m[ANGLE].sin_cos();
         let mut sums = Products::new(list.len());
         let mut block = Block::new();
-        let (mut weight, mut curvature, mut square) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        let (mut weight, mut curvature, mut square) = (Lanes::of(0.0), Lanes::of(0.0), Lanes::of(0.0));
         let mut sizes = Sizes::new(self.batches.len());
-        for batch in &self.batches {
-            let image = if RIM {
-                chords::grey(self.pattern, m, self.origin, trig, batch)
+        for (k, batch) in self.batches.iter().enumerate() {
+            let image = images.as_mut().and_then(|images| images.get_mut(k)).unwrap_or(&mut unkept);
+            if RIM {
+                chords::grey(self.pattern, m, self.origin, trig, batch, image);
             } else {
-                grey(self.pattern, m, self.origin, trig, batch)
-            };
+                grey(self.pattern, m, self.origin, trig, batch, image);
+            }
             let r = each(|i| batch.value[i] - image.value[i]);
             let tukey = biweights(&r, &image.gradient[X], &image.gradient[Y], scale);
             let root = each(|i| batch.root[i] * tukey[i]);
@@ -252,9 +260,6 @@ impl Pixels {
             let columns = list.iter().map(|&k| image.by(k)).chain([&r]);
             if block.push(&root, columns) {
                 block.flush(&mut sums);
-            }
-            if let Some(images) = &mut images {
-                images.push(image);
             }
         }
         block.flush(&mut sums);
@@ -288,7 +293,7 @@ struct Sizes {
 
 impl Sizes {
     fn new(batches: usize) -> Self {
-        Self { sizes: Vec::with_capacity(batches), count: [0.0; LANES] }
+        Self { sizes: Vec::with_capacity(batches), count: Lanes::of(0.0) }
     }
 
     /// Takes up a batch's residuals of pixels that have at least half their weight.
@@ -306,7 +311,7 @@ impl Sizes {
         let (mut low, mut high) = (0.0, 8.0 * scale as f32);
         for _ in 0..STEPS {
             let middle = 0.5 * (low + high);
-            let mut below = [0.0; LANES];
+            let mut below = Lanes::of(0.0);
             for size in &self.sizes {
                 below = each(|i| below[i] + if size[i] < middle { 1.0 } else { 0.0 });
             }
@@ -374,8 +379,8 @@ mod tests {
         for scale in [2.0, 5.0, 9.0] {
             let mut halved = Sizes::new(8);
             for some in sizes.chunks(LANES) {
-                halved.add(&each(|i| if i % 2 == 0 { some[i] } else { -some[i] }), &[1.0; LANES]);
-                halved.add(&[1e6; LANES], &[0.5; LANES]);
+                halved.add(&each(|i| if i % 2 == 0 { some[i] } else { -some[i] }), &Lanes::of(1.0));
+                halved.add(&Lanes::of(1e6), &Lanes::of(0.5));
             }
             // Between two sizes, which are 0.11 apart, or at one of them.
             let exact = spread(&mut sizes.clone()) - 1.4826 * 0.055;

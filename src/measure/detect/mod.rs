@@ -19,6 +19,7 @@ mod fit;
 mod gathered;
 mod glare;
 mod guided;
+mod lanes;
 mod linear;
 mod marks;
 mod mask;

@@ -7,6 +7,7 @@
 
 use super::batch::Batch;
 use super::disc::disc;
+use super::lanes::{LANES, Lanes, each};
 use super::normal::{exp, ln};
 use super::wedge::wedge;
 
@@ -60,30 +61,6 @@ pub enum Pattern {
     BlackAlong,
     /// White between the edges along s, black along t.
     WhiteAlong,
-}
-
-/// Pixels that are worked on together.
-pub const LANES: usize = 16;
-
-/// One number of each pixel of a batch.
-pub type Lanes = [f32; LANES];
-
-/// One number per lane.
-#[inline(always)]
-pub fn each(value: impl Fn(usize) -> f32) -> Lanes {
-    let mut out = [0.0; LANES];
-    for (i, o) in out.iter_mut().enumerate() {
-        *o = value(i);
-    }
-    out
-}
-
-/// Whether a test holds for all lanes, in one sweep.
-#[inline(always)]
-pub fn all(test: impl Fn(usize) -> bool) -> bool {
-    let mut all = true;
-    (0..LANES).for_each(|i| all &= test(i));
-    all
 }
 
 /// Coordinates of a batch along s and across it, from the centre; sine and cosine of the angle come
@@ -140,13 +117,13 @@ impl Grey {
     /// Grey value 0 everywhere.
     #[inline(always)]
     pub fn new() -> Self {
-        Self { value: [0.0; LANES], gradient: [[0.0; LANES]; COMMON], rim: None }
+        Self { value: Lanes::of(0.0), gradient: [Lanes::of(0.0); COMMON], rim: None }
     }
 
     /// The derivatives by a parameter.
     #[inline(always)]
     pub fn by(&self, k: usize) -> &Lanes {
-        const NONE: &Lanes = &[0.0; LANES];
+        const NONE: &Lanes = &Lanes::of(0.0);
         match (self.gradient.get(k), &self.rim) {
             (Some(by), _) => by,
             (None, Some(rim)) => &rim[k - COMMON],
@@ -158,11 +135,17 @@ impl Grey {
 /// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 255. The sine
 /// and cosine of the angle come from the caller, once for all batches.
 #[inline(always)]
-pub fn grey(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64), batch: &Batch) -> Grey {
+pub fn grey(
+    pattern: Pattern,
+    m: &Parameters,
+    origin: [f64; 2],
+    trig: (f64, f64),
+    batch: &Batch,
+    out: &mut Grey,
+) {
     let (s, t) = along_and_across(m, origin, trig, batch);
     let share = share(pattern, m, &s, &t);
     let k: [f32; COMMON] = std::array::from_fn(|i| m[i] as f32);
-    let mut out = Grey::new();
     for i in 0..LANES {
         let (p, q, c) = (batch.p[i], batch.q[i], share.c[i]);
         let light = k[LIGHT] + k[LIGHT + 1] * p + k[LIGHT + 2] * q + k[LIGHT + 3] * p * p;
@@ -182,7 +165,6 @@ pub fn grey(pattern: Pattern, m: &Parameters, origin: [f64; 2], trig: (f64, f64)
         let slopes = Slopes { share: by_share, dark: by_dark, light: through, gamma: open * value * log };
         slopes.put(i, &share, trig, [&s, &t], [p, q], &mut out.gradient);
     }
-    out
 }
 
 /// Derivatives of one pixel's grey value by its share of black, its darkness, the light and the exponent.
@@ -299,7 +281,8 @@ mod tests {
         batch.push((pixel.x - 20.0) as f32, (pixel.y - 20.0) as f32, 0.0);
         (batch.p[0], batch.q[0]) = (((pixel.x - 20.0) / 30.0) as f32, ((pixel.y - 20.0) / 10.0) as f32);
         batch.fill();
-        let out = grey(pattern, m, [20.0, 20.0], m[ANGLE].sin_cos(), &batch);
+        let mut out = Grey::new();
+        grey(pattern, m, [20.0, 20.0], m[ANGLE].sin_cos(), &batch, &mut out);
         (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.by(k)[0])))
     }
 

@@ -19,6 +19,8 @@ pub struct Oval<'a> {
 pub struct Rows {
     centre: Vector2<f64>,
     square: f64,
+    /// One over that.
+    by_square: f64,
     mixed: f64,
     rest: f64,
 }
@@ -43,9 +45,11 @@ impl<'a> Oval<'a> {
             return None;
         }
         let (p, q) = (1.0 / (a * a), 1.0 / (b * b));
+        let square = self.cos * self.cos * p + self.sin * self.sin * q;
         Some(Rows {
             centre: self.outline.centre,
-            square: self.cos * self.cos * p + self.sin * self.sin * q,
+            square,
+            by_square: 1.0 / square,
             mixed: self.sin * self.cos * (p - q),
             rest: self.sin * self.sin * p + self.cos * self.cos * q,
         })
@@ -59,8 +63,8 @@ impl Rows {
         let mixed = self.mixed * dy;
         let rest = self.rest * dy * dy - 1.0;
         let root = mixed * mixed - self.square * rest;
-        let middle = self.centre.x - mixed / self.square;
-        let half = root.max(0.0).sqrt() / self.square;
+        let middle = self.centre.x - mixed * self.by_square;
+        let half = root.max(0.0).sqrt() * self.by_square;
         (root > 0.0).then_some((middle - half, middle + half))
     }
 }
@@ -72,5 +76,8 @@ pub fn row_of(rows: &Option<Rows>, y: f64) -> Option<(f64, f64)> {
 
 /// The columns of an interval that lie in the area.
 pub fn columns(from: f64, to: f64, [x0, _, x1, _]: Box) -> std::ops::Range<usize> {
-    from.ceil().max(x0 as f64) as usize..(to.floor() + 1.0).min((x1 + 1) as f64).max(0.0) as usize
+    let (from, to) = (from.max(x0 as f64), to.min(x1 as f64));
+    let first = from as usize;
+    let end = if to < 0.0 { 0 } else { to as usize + 1 };
+    first + usize::from((first as f64) < from)..end
 }

@@ -6,9 +6,9 @@ use std::ops::Range;
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use super::super::raster::Raster;
-use super::batch::total;
 use super::candidate::Band;
-use super::model::{BLUR, LANES, LIGHT, Lanes, Parameters, all, each, light_at};
+use super::lanes::{LANES, Lanes, all, each, total};
+use super::model::{BLUR, LIGHT, Parameters, light_at};
 use super::outline::Outline;
 use super::oval::{Oval, columns, row_of};
 use super::weigh;
@@ -23,7 +23,7 @@ const SIGN: f32 = 2.5;
 const DARKER: f64 = 1.5;
 /// Signs on one line, those that are looked at, and how far apart two of them must be to tell a line, px.
 const LEAST: usize = 8;
-const MOST: usize = 48;
+const MOST: usize = 32;
 const APART: f64 = 6.0;
 /// Half the width of a seam in which signs lie, px.
 const NARROW: f64 = 1.2;
@@ -172,7 +172,7 @@ impl<'a> Ring<'a> {
 
     /// Whether what lies on a line is dark enough against what is beside it to be looked at as a seam.
     fn hints_at(&self, line: &Line) -> bool {
-        let mut sums = Strip { on: [[0.0; LANES]; 2], beside: [[0.0; LANES]; 3] };
+        let mut sums = Strip { on: [Lanes::of(0.0); 2], beside: [Lanes::of(0.0); 3] };
         let by_scale = 1.0 / self.scale;
         self.for_rows_beside(line, |y, x, pixels| {
             let off = line.across.dot(&Vector2::new(x as f64, y as f64)) - line.at;
@@ -213,7 +213,7 @@ fn added_up(pixels: &[u8], [off, more]: [f32; 2], light: [f32; 3], by_scale: f32
     let Strip { on: [sum, count], beside: [other, others, squares] } = sums;
     for (k, some) in pixels.chunks(LANES).enumerate() {
         let first = (k * LANES) as f32;
-        let mut grey = [0.0; LANES];
+        let mut grey = Lanes::of(0.0);
         for (grey, &v) in grey.iter_mut().zip(some) {
             *grey = f32::from(v);
         }
@@ -258,7 +258,7 @@ fn dark_of(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) {
     let [c, b, a] = below;
     for (k, some) in pixels.chunks(LANES).enumerate() {
         let first = (k * LANES) as f32;
-        let mut grey = [255.0; LANES];
+        let mut grey = Lanes::of(255.0);
         for (grey, &v) in grey.iter_mut().zip(some) {
             *grey = f32::from(v);
         }
@@ -292,7 +292,7 @@ fn straightest(signs: &[Spot]) -> Option<Line> {
     }
     let few: Vec<&Vector2<f64>> = signs.iter().take(MOST).map(|s| &s.at).collect();
     let origin = *few.first()?;
-    let mut places = [[[f32::MAX; LANES]; MOST / LANES]; 2];
+    let mut places = [[Lanes::of(f32::MAX); MOST / LANES]; 2];
     for (k, at) in few.iter().enumerate() {
         let at = *at - origin;
         (places[0][k / LANES][k % LANES], places[1][k / LANES][k % LANES]) = (at.x as f32, at.y as f32);
@@ -327,7 +327,7 @@ fn pair_by_count([x, y]: &Places, count: usize) -> Option<[usize; 2]> {
             let square = each(|j| u[j] * u[j] + v[j] * v[j]);
             // Distances from the line are shorter than this, times the pair's.
             let reach = each(|j| (NARROW * NARROW) as f32 * square[j]);
-            let mut near = [0.0; LANES];
+            let mut near = Lanes::of(0.0);
             for k in 0..count {
                 let (dx, dy) = (at(k).0 - one.0, at(k).1 - one.1);
                 near = each(|j| {

@@ -10,6 +10,7 @@ use super::super::raster::Raster;
 use super::batch::Pixels;
 use super::blob::Blob;
 use super::candidate::Candidate;
+use super::marks::WORD;
 use super::mask::{darker, foreign};
 use super::model::Parameters;
 use super::outline::Outline;
@@ -121,24 +122,34 @@ impl Keep {
     }
 }
 
-/// The columns of a period that count, and how much at the edge and beside it.
+/// A bit for each of a word's pixels in a row that begins with the pattern: whether it counts near an edge, and whether
+/// beside it.
 #[derive(Clone, Copy)]
-struct Places {
-    list: [(u8, [f32; 2]); PERIOD],
-    count: u8,
-}
+struct Places([u64; 2]);
 
 impl Places {
-    /// For a row that begins at this turn of the pattern; those that count `beside` the edge only, or anywhere.
-    fn new(shares: &[[f32; 2]; PERIOD], turn: usize, beside: bool) -> Self {
-        let mut out = Self { list: [(0, [0.0; 2]); PERIOD], count: 0 };
-        for place in 0..PERIOD {
-            let keep = shares[(turn + ACROSS * place) % PERIOD];
-            out.list[usize::from(out.count)] = (place as u8, keep);
-            out.count += u8::from(keep[1] > 0.0 || (!beside && keep[0] > 0.0));
-        }
-        out
+    fn new(shares: &[[f32; 2]; PERIOD]) -> Self {
+        // The pattern's bits are repeated in a word.
+        const EVERY: u64 = u64::MAX / ((1 << PERIOD) - 1);
+        let bits = |counts: fn(&[f32; 2]) -> bool| -> u64 {
+            (0..PERIOD).map(|k| u64::from(counts(&shares[ACROSS * k % PERIOD])) << k).sum()
+        };
+        Self([bits(|[edge, flat]| edge.max(*flat) > 0.0), bits(|[_, flat]| *flat > 0.0)].map(|b| b * EVERY))
     }
+
+    /// In a row that begins at another turn of the pattern.
+    fn turned(self, turn: usize) -> [u64; 2] {
+        // So many columns make one turn: ACROSS times it is one more than a multiple of PERIOD.
+        const ONE: usize = 13;
+        self.0.map(|bits| bits.rotate_right((ONE * turn % PERIOD) as u32))
+    }
+}
+
+/// The bits of the pixels of a word from `first` on that lie in some columns.
+fn within(columns: &Columns, first: usize) -> u64 {
+    // All bits from a place on; a shift by all of them leaves none.
+    let from = |x: usize| u64::MAX.checked_shl(x.saturating_sub(first) as u32).unwrap_or(0);
+    from(columns.start) & !from(columns.end)
 }
 
 type Columns = std::ops::Range<usize>;
@@ -148,8 +159,9 @@ struct Source<'a> {
     image: &'a Raster,
     candidate: &'a Candidate,
     area: Box,
-    /// For each turn of the pattern, near an edge and beside it.
-    places: [[Places; 2]; PERIOD],
+    /// How much a pixel counts, by its place in the pattern; and which do.
+    shares: [[f32; 2]; PERIOD],
+    places: Places,
     masked: Option<Vec<bool>>,
     /// Whether all pixels may be used.
     clear: bool,
@@ -158,31 +170,19 @@ struct Source<'a> {
 impl Source<'_> {
     /// Takes the columns of a row that may count, of which some are near an edge.
     fn take(&self, y: usize, columns: Columns, near: &[Columns; 2], taker: &mut Taker) {
-        let mut start = columns.start;
-        for near in near {
-            let within = |x: usize| x.clamp(start, columns.end.max(start));
-            let (from, to) = (within(near.start), within(near.end));
-            self.take_all(y, start..from, true, taker);
-            self.take_all(y, from..to, false, taker);
-            start = to.max(from);
-        }
-        self.take_all(y, start..columns.end, true, taker);
-    }
-
-    fn take_all(&self, y: usize, columns: Columns, beside: bool, taker: &mut Taker) {
-        if columns.is_empty() {
-            return;
-        }
         let Some(row) = self.image.row(y).get(columns.clone()) else { return };
         let turn = (columns.start * ACROSS + y * DOWN) % PERIOD;
-        let Places { list, count } = &self.places[turn][usize::from(beside)];
-        let list = &list[..usize::from(*count)];
-        for (first, period) in (columns.start..).step_by(PERIOD).zip(row.chunks(PERIOD)) {
+        let [edge, flat] = self.places.turned(turn);
+        for (first, pixels) in (columns.start..).step_by(WORD).zip(row.chunks(WORD)) {
+            let close = within(&near[0], first) | within(&near[1], first);
+            let mut marks = (edge & close | flat & !close) & within(&(first..first + pixels.len()), first);
             let [left, down] = taker.place(first, y);
-            for &(place, keep) in list {
-                let Some(&value) = period.get(usize::from(place)) else { break };
-                if self.clear || !self.hides(first + usize::from(place), y) {
-                    taker.push([left + f32::from(place), down], value, keep);
+            while marks != 0 {
+                let k = marks.trailing_zeros() as usize;
+                marks &= marks - 1;
+                let Some(&value) = pixels.get(k) else { break };
+                if self.clear || !self.hides(first + k, y) {
+                    taker.push([left + k as f32, down], value, self.shares[(turn + ACROSS * k) % PERIOD]);
                 }
             }
         }
@@ -258,10 +258,9 @@ pub fn pixels(
         },
     );
     let shares = Keep::new(wanted, bands, length).table();
-    let places = std::array::from_fn(|turn| [false, true].map(|beside| Places::new(&shares, turn, beside)));
     let Candidate { hidden, bands: drowned, seams, .. } = candidate;
     let clear = masked.is_none() && hidden.is_empty() && drowned.is_empty() && seams.is_empty();
-    let source = Source { image, candidate, area, places, masked, clear };
+    let source = Source { image, candidate, area, shares, places: Places::new(&shares), masked, clear };
     // How far from an edge a pixel may count as one at it.
     let near = f64::from(bands.edge) + 0.5 * FADE + 1.0;
     let mut taker = Taker::new(Ruler {

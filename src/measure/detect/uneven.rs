@@ -8,8 +8,9 @@ use super::batch::Pixels;
 use super::blocks::{Blocks, SECTORS, sectors};
 use super::field::freed;
 use super::fit::{Fit, Unknowns};
+use super::lanes::{Lanes, each};
 use super::linear::biweights;
-use super::model::{LANES, Lanes, N, X, Y, each};
+use super::model::{N, X, Y};
 use super::wide::wide;
 
 /// Times its own variance beyond which a centre's variance from blocks of residuals is not chance.
@@ -95,7 +96,7 @@ fn deserved_by(pixels: &Pixels, fit: &Fit, scale: f64) -> Option<Deserved> {
     let mut residuals = Vec::with_capacity(pixels.batches.len());
     let mut roots = Vec::with_capacity(pixels.batches.len());
     for (batch, image) in pixels.batches.iter().zip(&fit.images) {
-        let mut sums = [[0.0f32; LANES]; 3];
+        let mut sums = [Lanes::of(0.0); 3];
         for (k, by) in &list[..count] {
             let gradient = image.by(*k);
             for (sum, by) in sums.iter_mut().zip(by) {

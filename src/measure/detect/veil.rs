@@ -4,15 +4,16 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix2};
 
-use super::batch::{Batch, Pixels, append, total};
+use super::batch::{Batch, Pixels, append};
 use super::blocks::Blocks;
 use super::bordered::Bordered;
 use super::fit::{Fit, Unknowns};
+use super::lanes::{LANES, Lanes, each, total};
 use super::linear::{Block, Products, Square, biweights, spread};
 use super::mirrored::{Glare, SATURATED, SPACING, places, seen, spline};
 use super::model::{
-    ANGLE, BLUR, COMMON, DARK, FIRST, GAMMA, LANES, LIGHT, Lanes, Parameters, Pattern, SECOND, Slopes, X, Y,
-    along_and_across, each, share,
+    ANGLE, BLUR, COMMON, DARK, FIRST, GAMMA, LIGHT, Parameters, Pattern, SECOND, Slopes, X, Y,
+    along_and_across, share,
 };
 use super::normal::{exp, ln};
 use super::outline::Outline;
@@ -206,7 +207,7 @@ fn linearised_by(
     let n = list.len() + 1;
     let mut sought = Bordered::new(n, state.glare.knots.len());
     let mut sizes = Vec::new();
-    let (mut weight, mut square) = ([0.0; LANES], [0.0; LANES]);
+    let (mut weight, mut square) = (Lanes::of(0.0), Lanes::of(0.0));
     let (mut block, mut sums) = (Block::new(), Products::new(4 + n));
     for Cell { first, batches } in cells {
         for batch in batches {
@@ -265,7 +266,7 @@ fn moved_by(
                 let sum = own
                     .zip(h.iter())
                     .chain(knots)
-                    .fold([0.0; LANES], |sum: Lanes, (column, h)| each(|i| sum[i] + *h as f32 * column[i]));
+                    .fold(Lanes::of(0.0), |sum: Lanes, (column, h)| each(|i| sum[i] + *h as f32 * column[i]));
                 each(|i| sum[i] * rows.root[i] * rows.root[i] * rows.r[i])
             });
             blocks.add(batch, by);
@@ -288,11 +289,11 @@ impl State {
         let (slant, by_spacing) = (glare.slant as f32, (1.0 / SPACING) as f32);
         let from = (glare.first / SPACING + first as f64) as f32;
         let mut out = Rows {
-            r: [0.0; LANES],
-            root: [0.0; LANES],
-            gradient: [[0.0; LANES]; COMMON],
-            slant: [0.0; LANES],
-            knots: [[0.0; LANES]; 4],
+            r: Lanes::of(0.0),
+            root: Lanes::of(0.0),
+            gradient: [Lanes::of(0.0); COMMON],
+            slant: Lanes::of(0.0),
+            knots: [Lanes::of(0.0); 4],
         };
         for i in 0..LANES {
             let (p, q, c) = (batch.p[i], batch.q[i], share.c[i]);
@@ -361,7 +362,7 @@ mod tests {
         let rows = |state: &State| state.rows([60.0, 20.0], &outline, 0, &batch, 1e3);
         let own = rows(&state(m, 0.2, knots));
         let close = |name: &str, by: &Lanes, low: &Rows, high: &Rows, step: f64| {
-            for (by, (low, high)) in by.iter().zip(low.r.iter().zip(high.r)) {
+            for (by, (low, high)) in by.iter().zip(low.r.iter().zip(high.r.iter())) {
                 let difference = f64::from(low - high) / (2.0 * step);
                 let off = (f64::from(*by) - difference).abs();
                 assert!(off < 0.02 * difference.abs() + 0.6, "{name}: {by} against {difference}");

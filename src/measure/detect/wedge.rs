@@ -1,6 +1,7 @@
 //! The blurred share of black of two opposite quadrants, for a batch of pixels.
 
-use super::model::{BLUR, FIRST, LANES, Lanes, Parameters, SECOND, Share, THIRD, all, each};
+use super::lanes::{LANES, Lanes, all, each};
+use super::model::{BLUR, FIRST, Parameters, SECOND, Share, THIRD};
 use super::normal::{GAUSS_8, PEAK, gauss, normals};
 
 /// Standard deviations of blur from the crossing beyond which its two edges are apart.
@@ -85,7 +86,13 @@ fn side<const TILTED: bool>(s: f32, t: f32, Edges { f, k1, k2, by_sigma, .. }: E
     let (slope1, slope2) = (f + 2.0 * k1 * s, -f + 2.0 * k2 * s);
     let (steep1, steep2) = (1.0 + slope1 * slope1, 1.0 + slope2 * slope2);
     // The blur across a tilted edge changes with its slope.
-    let (tilt1, tilt2) = if TILTED { (1.0 / steep1.sqrt(), 1.0 / steep2.sqrt()) } else { (1.0, 1.0) };
+    let (tilt1, tilt2) = if TILTED {
+        let (root1, root2) = (steep1.sqrt(), steep2.sqrt());
+        let by_both = 1.0 / (root1 * root2);
+        (root2 * by_both, root1 * by_both)
+    } else {
+        (1.0, 1.0)
+    };
     let (by_spread1, by_spread2) = (by_sigma * tilt1, by_sigma * tilt2);
     let z1 = (t - f * s - k1 * s * s) * by_spread1;
     let z2 = (t + f * s - k2 * s * s) * by_spread2;

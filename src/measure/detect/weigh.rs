@@ -4,7 +4,8 @@ use nalgebra::Vector2;
 
 use super::batch::{Batch, Kind, Pixels, Sorter};
 use super::disc::{END, beyond, from_ellipse};
-use super::model::{LANES, Lanes, Pattern, each};
+use super::lanes::{LANES, Lanes, each};
+use super::model::Pattern;
 use super::outline::Outline;
 use super::select::{Bands, FADE};
 use super::wedge::NEAR;
@@ -61,7 +62,7 @@ impl<'a> Taker<'a> {
         let middle = ruler.edges.map_or(ruler.outline.centre, |e| e.lines[0].at);
         let origin = [middle.x.round(), middle.y.round()];
         let sorter = Sorter::new(ruler.pattern, origin);
-        Self { ruler, origin, waiting: Waiting { batch: Batch::new(), keep: [[0.0; LANES]; 2] }, sorter }
+        Self { ruler, origin, waiting: Waiting { batch: Batch::new(), keep: [Lanes::of(0.0); 2] }, sorter }
     }
 
     /// A pixel's column and row from the pixels' origin.
@@ -113,7 +114,7 @@ fn weighed(waiting: &mut Waiting, sorter: &mut Sorter, ruler: &Ruler, origin: [f
     let mut distance = from_ellipse(a, b, &s, &t);
     let blur = ruler.blur as f32;
     let dear;
-    let mut nothing = [0.0; LANES];
+    let mut nothing = Lanes::of(0.0);
     if let Some(Edges { lines, margin, along }) = edges {
         let rim = each(|i| {
             let share = (distance[i] - *margin as f32) / FADE as f32 + 0.5;
@@ -123,7 +124,7 @@ fn weighed(waiting: &mut Waiting, sorter: &mut Sorter, ruler: &Ruler, origin: [f
         for keep in &mut *keep {
             *keep = each(|i| keep[i] * rim[i]);
         }
-        let [mut one, mut other] = [[0.0; LANES]; 2];
+        let [mut one, mut other] = [Lanes::of(0.0); 2];
         for (distance, l) in [&mut one, &mut other].into_iter().zip(lines) {
             let off = (centre - l.at).dot(&l.across) as f32;
             let (u, v) = (l.across.x as f32, l.across.y as f32);
