@@ -307,15 +307,22 @@ impl Sizes {
     #[inline(always)]
     fn spread(&self, scale: f64) -> f64 {
         const STEPS: usize = 13;
-        let half = (0.5 * total(&self.count)) as f32;
+        let half = 0.5 * total(&self.count);
         let (mut low, mut high) = (0.0, 8.0 * scale as f32);
         for _ in 0..STEPS {
             let middle = 0.5 * (low + high);
-            let mut below = Lanes::of(0.0);
-            for size in &self.sizes {
-                below = each(|i| below[i] + if size[i] < middle { 1.0 } else { 0.0 });
+            // Four counts side by side: none waits for the last.
+            let mut below = [Lanes::of(0.0); 4];
+            let (fours, rest) = self.sizes.as_chunks::<4>();
+            for four in fours {
+                for k in 0..4 {
+                    below[k] = each(|i| below[k][i] + if four[k][i] < middle { 1.0 } else { 0.0 });
+                }
             }
-            let under = below.iter().sum::<f32>() < half;
+            for size in rest {
+                below[0] = each(|i| below[0][i] + if size[i] < middle { 1.0 } else { 0.0 });
+            }
+            let under = below.iter().map(total).sum::<f64>() < half;
             (low, high) = if under { (middle, high) } else { (low, middle) };
         }
         1.4826 * f64::from(0.5 * (low + high))
