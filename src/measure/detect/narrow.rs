@@ -1,5 +1,6 @@
 //! Stage 4: quadrants so narrow that blur leaves too little of their black to tell them by it alone: by black and white.
 
+use std::cmp::Reverse;
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Matrix2, Vector2};
@@ -30,7 +31,7 @@ const HALF: f64 = 60.0;
 /// it white is looked for, px.
 const THICKEST: f64 = 10.0;
 const LEAST: f64 = 30.0;
-const BESIDE: f64 = 12.0;
+const BESIDE: f64 = 20.0;
 /// Greatest semi-major axis of what is looked at, px: sixteen times the thickest; and how many at most, so that clutter cannot
 /// take for ever.
 const LONGEST: f64 = 160.0;
@@ -63,23 +64,24 @@ pub fn narrow(
 ) -> Vec<Candidate> {
     let may_be = |(blob, taken): (&Blob, &bool)| {
         let seen = Outline::of(blob);
-        !taken
-            && !blob.at_edge
-            && blob.area > LEAST
-            && seen.minor < THICKEST
-            && wanted(&seen)
-            && has_white(image, blob, noise)
+        let free = !taken && !blob.at_edge && blob.area > LEAST && seen.minor < THICKEST && wanted(&seen);
+        if free { white_over_black(image, blob, noise) } else { None }
     };
-    let free: Vec<bool> = blobs.iter().zip(taken).map(may_be).collect();
+    let contrasts: Vec<Option<usize>> = blobs.iter().zip(taken).map(may_be).collect();
     let pairs = candidate::pairs(blobs).into_iter().map(Vec::from);
     let single = (0..blobs.len()).map(|i| vec![i]);
     let mut out: Vec<Candidate> = Vec::new();
-    let seeds = pairs.chain(single).filter(|seed| seed.iter().all(|&i| free[i]));
-    let mut seeds: Vec<(Outline, Vec<usize>)> =
-        seeds.filter_map(|seed| Some((candidate::outline_of(&seed, blobs)?, seed))).collect();
+    let seeds = pairs.chain(single).filter_map(|seed| {
+        let contrast = seed.iter().map(|&i| contrasts[i]).min()??;
+        Some((contrast, candidate::outline_of(&seed, blobs)?, seed))
+    });
+    let mut seeds: Vec<(usize, Outline, Vec<usize>)> = seeds.collect();
+    // Noise has less contrast than markers.
+    seeds.sort_by_key(|(contrast, ..)| Reverse(*contrast));
+    seeds.truncate(SEEDS);
     // Two parts of a marker come before each of them.
-    seeds.sort_by(|(one, _), (other, _)| other.major.total_cmp(&one.major));
-    for (seen, seed) in seeds.into_iter().take(SEEDS) {
+    seeds.sort_by(|(_, one, _), (_, other, _)| other.major.total_cmp(&one.major));
+    for (_, seen, seed) in seeds {
         if out.iter().any(|c| seed.iter().any(|i| c.blobs.contains(i))) {
             continue;
         }
@@ -90,8 +92,9 @@ pub fn narrow(
     out
 }
 
-/// Whether something about a blob is lighter than the skin, as white is beside black.
-fn has_white(image: &Raster, blob: &Blob, noise: f64) -> bool {
+/// Grey levels between the lightest and the darkest about a blob, where something is lighter than the skin, as white is beside
+/// black.
+fn white_over_black(image: &Raster, blob: &Blob, noise: f64) -> Option<usize> {
     let [x0, y0, x1, y1] = blob.bounds.map(|v| v as f64);
     let low = Vector2::new(x0, y0).add_scalar(-BESIDE);
     let high = Vector2::new(x1, y1).add_scalar(BESIDE + 1.0);
@@ -99,7 +102,8 @@ fn has_white(image: &Raster, blob: &Blob, noise: f64) -> bool {
     let at = |share: usize| counts.at(counts.total() * share / 32).unwrap_or(0);
     let (black, skin, white) = (at(0), at(16), at(31));
     // The lightest of much skin is lighter than most of it by twice the noise.
-    white.saturating_sub(skin) as f64 > WHITER * white.saturating_sub(black) as f64 + 2.0 * noise
+    let contrast = white.saturating_sub(black);
+    (white.saturating_sub(skin) as f64 > WHITER * contrast as f64 + 2.0 * noise).then_some(contrast)
 }
 
 /// Quadrants with outline and edges from all that is unlike the skin about what is seen of them.

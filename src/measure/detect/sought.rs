@@ -67,6 +67,9 @@ fn usual(candidate: &Candidate) -> [(f64, f64); N] {
     if candidate.pattern == Pattern::Disc {
         out[THIRD] = (0.0, SAG_SPREAD * outline.major);
         out[EGG] = (0.0, EGG_SPREAD);
+    } else {
+        out[SECOND] = (0.0, 2.0 * SAG_SPREAD / outline.major);
+        out[THIRD] = out[SECOND];
     }
     if candidate.alike {
         out[ANGLE] = (outline.angle, ALIKE_ANGLE);
