@@ -31,7 +31,7 @@ const HALF: f64 = 60.0;
 /// it white is looked for, px.
 const THICKEST: f64 = 10.0;
 const LEAST: f64 = 30.0;
-const BESIDE: f64 = 20.0;
+const BESIDE: f64 = 12.0;
 /// Greatest semi-major axis of what is looked at, px: sixteen times the thickest; and how many at most, so that clutter cannot
 /// take for ever.
 const LONGEST: f64 = 160.0;
@@ -96,8 +96,9 @@ pub fn narrow(
 /// black.
 fn white_over_black(image: &Raster, blob: &Blob, noise: f64) -> Option<usize> {
     let [x0, y0, x1, y1] = blob.bounds.map(|v| v as f64);
-    let low = Vector2::new(x0, y0).add_scalar(-BESIDE);
-    let high = Vector2::new(x1, y1).add_scalar(BESIDE + 1.0);
+    let margin = Outline::of(blob).extent().add_scalar(BESIDE);
+    let low = Vector2::new(x0, y0) - margin;
+    let high = Vector2::new(x1, y1).add_scalar(1.0) + margin;
     let counts = Counts::of(image.part(low, high, 2).map(|(_, _, value)| value));
     let at = |share: usize| counts.at(counts.total() * share / 32).unwrap_or(0);
     let (black, skin, white) = (at(0), at(16), at(31));

@@ -18,6 +18,9 @@ const ALIKE_MINOR: f64 = 0.1;
 /// Semi-minor axis from which on a marker tells more of its light, and quadrants tell their bends, px.
 const THICK: f64 = 2.5;
 
+/// Semi-minor axis of quadrants, px, up to which one of their edges may be too short to tell its bend.
+const NARROW: f64 = 10.0;
+
 /// What only a whole thick marker tells of its light.
 const FINE_LIGHT: [usize; 4] = [LIGHT + 3, DARK + 1, DARK + 2, GAMMA];
 
@@ -51,6 +54,10 @@ pub fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
 pub fn few_unknowns(candidate: &Candidate) -> Unknowns {
     let (mut unknowns, _) = unknowns(candidate);
     FINE_LIGHT.iter().for_each(|&k| unknowns.free[k] = false);
+    if candidate.edges.is_some() && candidate.outline.minor > NARROW {
+        // The first crossing may be far off, and long edges reach the right one by bending.
+        [SECOND, THIRD].iter().for_each(|&k| unknowns.usual[k].1 = f64::INFINITY);
+    }
     unknowns
 }
 
