@@ -352,6 +352,20 @@ fn quadrants_of_whose_black_blur_leaves_the_middle_are_found() {
 }
 
 #[test]
+fn narrow_quadrants_that_a_seam_crosses_are_found() {
+    // One edge is as long as the target, the other a few pixels: its bend must be known beforehand.
+    let m = measured(&on_even_skin("seam.png", 171), [1122.526, 865.279, 49.2, 3.1, -0.095], 9.0);
+    assert_eq!(m.shape, Shape::Quadrant);
+}
+
+#[test]
+fn quadrants_whose_white_begins_far_from_what_is_left_of_their_black_are_found() {
+    // Blur has left 20 px of black in the middle of 117.
+    let m = measured(&on_even_skin("middle.png", 167), [1123.979, 866.028, 58.0, 4.0, -0.09], 9.0);
+    assert_eq!(m.shape, Shape::Quadrant);
+}
+
+#[test]
 fn quadrants_that_blur_makes_narrow_are_found() {
     // Plain to the eye, but black is two slivers, two lobes that white joins, or the middle only.
     let sizes = [[73.0, 10.0], [58.0, 6.5], [40.0, 10.0], [40.0, 7.0]];
