@@ -121,7 +121,7 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
             candidate.like = Some(Like { blur: (psf, SAME_BLUR * psf), dark: (0.7, f64::INFINITY) });
         }
         let Ok(mut measured) = measure(image, &[], &candidate, bounds) else { continue };
-        clumped::change(&mut measured, found.clumping);
+        clumped::raise(&mut measured, found.clumping);
         let centre = measured.detection.centre_px;
         // It may have been found and left without a name.
         let own = own.or_else(|| found.markers.iter().position(|d| d.outline().outwards(centre) < 0.5));

@@ -1,23 +1,25 @@
 //! What all markers of a frame show together: residuals that hang together, as JPEG leaves them about edges.
 
+use super::blocks::at_least;
 use super::measure::Measured;
 
-/// The ratio, between a centre's variance from blocks of residuals and that of the fit, at which fits say what they are
-/// worth: what correlation adds, rounding to grey values takes off again.
-const USUAL: f64 = 1.25;
-/// How the errors' squares follow it, as a power: blocks of 8 px see more of what hangs together than moves a centre, and
-/// the middle of a frame's markers is off by chance. Found in rendered frames (docs/validation).
-const FOLLOWS: f64 = 0.5;
+/// How far the median ratio of a frame's markers exceeds 1 by chance: with twenty of them, two standard
+/// deviations.
+const CHANCE: f64 = 1.25;
 /// Fewer markers do not tell.
 const LEAST: usize = 8;
 
-/// By how much a frame's markers show in the middle that their variances are too small, or too large.
+/// By how much a frame's markers show in the middle that residuals hang together, beyond chance; at least 1.
 pub fn factor(measured: &[Measured]) -> f64 {
     let middle = super::middle(measured.iter().map(|m| m.clumped).collect());
-    middle.filter(|_| measured.len() >= LEAST).map_or(1.0, |middle| (middle / USUAL).max(0.1).powf(FOLLOWS))
+    middle.filter(|_| measured.len() >= LEAST).map_or(1.0, |middle| (middle / CHANCE).max(1.0))
 }
 
-/// Multiplies a covariance by that.
-pub fn change(marker: &mut Measured, factor: f64) {
-    marker.detection.covariance_px2 *= factor;
+/// Raises a covariance by that, in the directions in which its own residuals do not show more. One marker alone shows it
+/// only where it is gross (`blocks.rs`): it has few blocks.
+pub fn raise(marker: &mut Measured, factor: f64) {
+    let covariance = &mut marker.detection.covariance_px2;
+    if let Some((raised, _)) = at_least(&(marker.white * factor), covariance, 1.0).filter(|_| factor > 1.0) {
+        *covariance = raised;
+    }
 }

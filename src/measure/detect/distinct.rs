@@ -136,6 +136,7 @@ mod tests {
             blur: 1.5,
             darkness: 0.6,
             clumped: 1.0,
+            white: Matrix2::identity(),
             length: 0.0,
             through_glare: false,
             is_whole: true,

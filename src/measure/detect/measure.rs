@@ -53,6 +53,8 @@ pub struct Measured {
     pub darkness: f64,
     /// The centre's variance from blocks of residuals over that of the fit.
     pub clumped: f64,
+    /// The centre's covariance if no residuals hung together, px^2.
+    pub white: Matrix2<f64>,
     /// Standard deviation of a disc's semi-major axis, px; 0 of quadrants.
     pub length: f64,
     /// Whether glare lies over it, through which it was measured.
@@ -358,6 +360,7 @@ fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result
         blur: m[BLUR],
         darkness: contrast / m[LIGHT].max(1.0),
         clumped: fit.clumped,
+        white: fit.white,
         length: if candidate.pattern == Pattern::Disc {
             fit.covariance[(FIRST, FIRST)].max(0.0).sqrt()
         } else {

@@ -160,8 +160,7 @@ pub struct Detections {
     pub psf_sigma_px: Option<f64>,
     /// Standard deviation of the grey values' noise, grey levels.
     pub noise: f64,
-    /// By what the markers' variances were multiplied for residuals that hang together more than usual, as JPEG leaves them,
-    /// or less; 1 where too few markers tell.
+    /// By how much the markers' variances were raised because residuals hang together, as JPEG leaves them; at least 1.
     pub clumping: f64,
 }
 
@@ -222,7 +221,7 @@ fn find(image: &Raster, sought: Option<&[Prediction]>) -> (Found, f64) {
 
 fn detections(mut found: Found, noise: f64) -> Detections {
     let clumping = clumped::factor(&found.measured);
-    found.measured.iter_mut().for_each(|m| clumped::change(m, clumping));
+    found.measured.iter_mut().for_each(|m| clumped::raise(m, clumping));
     found.rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     found.rejected.truncate(MAX_REJECTED);
     let psf_sigma_px = middle(found.measured.iter().map(|m| m.blur).collect());
