@@ -8,10 +8,10 @@
 use super::batch::Batch;
 use super::lanes::{LANES, Lanes, each};
 use super::model::{
-    ANGLE, BLUR, COMMON, DARK, FIRST, GAMMA, Grey, LIGHT, N, OUTLINE, Parameters, Pattern, Rim, SECOND, SKIN,
-    Slopes, THIRD, X, Y, along_and_across, moved,
+    ANGLE, BLUR, COMMON, FIRST, GAMMA, Grey, Model, N, OUTLINE, Pattern, Rim, SECOND, SKIN, Slopes, THIRD,
+    Tone, X, Y,
 };
-use super::normal::{PEAK, asin, exp, ln, normals};
+use super::normal::{PEAK, asin, exp, normals};
 use super::wide::wide;
 
 /// The outline in the edges' frame: half its extent along their bisector, px; half its chord across at the centre, px; slope
@@ -220,55 +220,36 @@ fn chords_by(s: &Lanes, t: &Lanes, k: &[f32; N]) -> Chords {
 }
 
 wide! {
-    /// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 255. The sine and cosine of the
-    /// edges' angle come from the caller, once for all batches.
-    pub fn grey(
-        pattern: Pattern,
-        m: &Parameters,
-        origin: [f64; 2],
-        trig: (f64, f64),
-        batch: &Batch,
-        out: &mut Grey,
-    ) = grey_by
+    /// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 255.
+    pub fn grey(model: &Model, batch: &Batch, out: &mut Grey) = grey_by
 }
 
 #[inline(always)]
-fn grey_by(
-    pattern: Pattern,
-    m: &Parameters,
-    origin: [f64; 2],
-    trig: (f64, f64),
-    batch: &Batch,
-    out: &mut Grey,
-) {
-    let (s, t) = along_and_across(m, origin, trig, batch);
-    let k = m.map(|v| v as f32);
-    let chords = chords(&s, &t, &k);
+fn grey_by(model: &Model, batch: &Batch, out: &mut Grey) {
+    let (s, t) = model.along_and_across(batch);
+    let k = &model.k;
+    let chords = chords(&s, &t, k);
     let Chords { between, own, edges } = &chords;
     // Black is what lies between the edges, or the rest of what lies within the outline.
-    let white_along = pattern == Pattern::WhiteAlong;
+    let white_along = model.pattern == Pattern::WhiteAlong;
     let Grey { value: grey, gradient, rim } = out;
     let rim: &mut Rim = rim.get_or_insert_with(|| Box::new([Lanes::of(0.0); N - COMMON]));
     for i in 0..LANES {
         let (p, q) = (batch.p[i], batch.q[i]);
         let skin = k[SKIN] + k[SKIN + 1] * p + k[SKIN + 2] * q;
-        let dark = k[DARK] + k[DARK + 1] * p + k[DARK + 2] * q;
+        let dark = model.dark([p, q]);
         let black = if white_along { own.c[i] - between.c[i] } else { between.c[i] };
-        let mixed = skin + own.c[i] * (1.0 - skin) - dark * black;
-        let mixed = if mixed > 1e-3 { mixed } else { 1e-3 };
-        let log = ln(mixed);
-        let through = exp(k[GAMMA] * log);
-        let light = k[LIGHT] + k[LIGHT + 1] * p + k[LIGHT + 2] * q + k[LIGHT + 3] * p * p;
-        let value = light * through;
+        let Tone { linear, log, through } = model.tone(skin + own.c[i] * (1.0 - skin) - dark * black);
+        let value = model.light([p, q]) * through;
         let clipped = value >= 255.0;
         let open = if clipped { 0.0 } else { 1.0 };
         grey[i] = if clipped { 255.0 } else { value };
-        let slope = open * k[GAMMA] * value / mixed;
+        let slope = open * k[GAMMA] * value / linear;
         let by_between = if white_along { slope * dark } else { -slope * dark };
         let by_own = slope * (1.0 - skin) - if white_along { slope * dark } else { 0.0 };
         let sum = |of_between: f32, of_own: f32| by_between * of_between + by_own * of_own;
         let (by_s, by_t) = (sum(between.s[i], own.s[i]), sum(between.t[i], own.t[i]));
-        [gradient[X][i], gradient[Y][i], gradient[ANGLE][i]] = moved([by_s, by_t], trig, [s[i], t[i]]);
+        [gradient[X][i], gradient[Y][i], gradient[ANGLE][i]] = model.moved([by_s, by_t], [s[i], t[i]]);
         gradient[FIRST][i] = by_between * edges[0][i];
         let by_bend = sum(between.bend[i], own.bend[i]);
         gradient[SECOND][i] = by_between * edges[1][i] + by_bend;
@@ -292,7 +273,7 @@ fn grey_by(
 
 #[cfg(test)]
 mod tests {
-    use super::super::model::EGG;
+    use super::super::model::{DARK, EGG, LIGHT, Parameters};
     use super::*;
 
     fn narrow() -> Parameters {
@@ -312,7 +293,7 @@ mod tests {
         (batch.p[0], batch.q[0]) = (((x - 20.0) / 30.0) as f32, ((y - 20.0) / 7.0) as f32);
         batch.fill();
         let mut out = Grey::new();
-        grey(Pattern::WhiteAlong, m, [20.0, 20.0], m[ANGLE].sin_cos(), &batch, &mut out);
+        grey(&Model::new(Pattern::WhiteAlong, m, [20.0, 20.0]), &batch, &mut out);
         (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.by(k)[0])))
     }
 

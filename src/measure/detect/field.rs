@@ -8,10 +8,7 @@ use super::bordered::Bordered;
 use super::fit::{Fit, Unknowns};
 use super::lanes::{LANES, Lanes, each, total};
 use super::linear::{Block, Products, biweights, spread};
-use super::model::{
-    ANGLE, BLUR, COMMON, DARK, GAMMA, LIGHT, N, Parameters, Pattern, Slopes, X, Y, along_and_across, share,
-};
-use super::normal::{exp, ln};
+use super::model::{BLUR, COMMON, GAMMA, LIGHT, Model, N, Parameters, Pattern, Slopes, Tone, X, Y};
 use super::uneven::Deserved;
 use super::wide::wide;
 
@@ -27,8 +24,10 @@ const MAX_ITERATIONS: usize = 4;
 /// Knots about a pixel: four of light, two of darkness.
 const ABOUT: usize = 6;
 
-/// A fit with a field of light: the model's parameters, then the field's.
+/// A fit with a field of light: the model's parameters, then the field's; of pixels that count from an origin.
 struct Field {
+    pattern: Pattern,
+    origin: [f64; 2],
     m: Parameters,
     extra: [f64; FIELD],
 }
@@ -89,16 +88,15 @@ pub fn freed(
     if own.len() < 3 * N {
         return None;
     }
-    let mut field = Field { m: fit.parameters, extra: [0.0; FIELD] };
+    let Pixels { pattern, origin, .. } = *pixels;
+    let mut field = Field { pattern, origin, m: fit.parameters, extra: [0.0; FIELD] };
     let mut sizes: Vec<f32> = Vec::with_capacity(pixels.count());
     for (batch, r) in pixels.batches.iter().zip(&seen.residuals) {
         sizes.extend(r.iter().take(batch.len).map(|r| r.abs()));
     }
     let mut scale = floor.max(spread(&mut sizes)) * if least.is_none() { 3.0 } else { 1.0 };
-    let origin = pixels.origin;
     for iteration in 0..MAX_ITERATIONS {
-        let (mut normal, right, mut seen) =
-            normal(&cells, pixels.pattern, origin, &field, unknowns, &list, scale);
+        let (mut normal, right, mut seen) = normal(&cells, &field, unknowns, &list, scale);
         for i in 0..normal.nrows() {
             normal[(i, i)] *= 1.0 + if iteration < 2 { 1e-3 } else { 1e-7 };
         }
@@ -124,14 +122,14 @@ pub fn freed(
     }
     let m = field.m;
     let sound = m.iter().all(|v| v.is_finite()) && m[BLUR] > 0.2 && m[BLUR] < 4.0;
-    let (normal, _, seen) = normal(&cells, pixels.pattern, origin, &field, unknowns, &list, scale);
+    let (normal, _, seen) = normal(&cells, &field, unknowns, &list, scale);
     let factor = Cholesky::new(normal).filter(|_| sound)?;
     let influence = [X, Y].map(|k| {
         let place = list.iter().position(|&l| l == k);
         factor.solve(&DVector::from_fn(list.len() + FIELD, |i, _| if Some(i) == place { 1.0 } else { 0.0 }))
     });
     let (mut blocks, mut white) = (Blocks::new(pixels, &m), Matrix2::zeros());
-    moved(&cells, pixels.pattern, origin, &field, &list, &influence, scale, &mut blocks);
+    moved(&cells, &field, &list, &influence, scale, &mut blocks);
     let variance = seen.square / (seen.weight - list.len() as f64).max(1.0);
     for (i, row) in list.iter().enumerate().filter(|(_, k)| [X, Y].contains(k)) {
         for (j, influence) in influence.iter().enumerate() {
@@ -198,20 +196,17 @@ fn cells(pixels: &Pixels, own: &[[usize; 2]]) -> Vec<Cell> {
 }
 
 impl Field {
+    /// The marker with planes of light and darkness.
+    #[inline(always)]
+    fn model(&self) -> Model {
+        Model::new(self.pattern, &self.m, self.origin)
+    }
+
     /// One batch's rows.
     #[inline(always)]
-    fn rows(
-        &self,
-        pattern: Pattern,
-        origin: [f64; 2],
-        trig: (f64, f64),
-        cell: &Cell,
-        batch: &Batch,
-        scale: f64,
-    ) -> Rows {
-        let m = self.m.map(|v| v as f32);
-        let (s, t) = along_and_across(&self.m, origin, trig, batch);
-        let share = share(pattern, &self.m, &s, &t);
+    fn rows(&self, model: &Model, cell: &Cell, batch: &Batch, scale: f64) -> Rows {
+        let (s, t) = model.along_and_across(batch);
+        let share = model.share(&s, &t);
         let extra = cell.knots.map(|k| self.extra[k] as f32);
         let mut out = Rows {
             r: Lanes::of(0.0),
@@ -223,24 +218,20 @@ impl Field {
             let (p, q, c) = (batch.p[i], batch.q[i], share.c[i]);
             let (u, v, w) = (hat(p, ALONG).1, hat(q, ACROSS).1, hat(p, DARKS).1);
             let hats = [(1.0 - u) * (1.0 - v), (1.0 - u) * v, u * (1.0 - v), u * v, 1.0 - w, w];
-            let plane = m[LIGHT] + m[LIGHT + 1] * p + m[LIGHT + 2] * q + m[LIGHT + 3] * p * p;
             let uneven = hats[0] * extra[0] + hats[1] * extra[1] + hats[2] * extra[2] + hats[3] * extra[3];
-            let light = plane + m[LIGHT] * uneven;
-            let dark = m[DARK] + m[DARK + 1] * p + m[DARK + 2] * q + hats[4] * extra[4] + hats[5] * extra[5];
-            let linear = 1.0 - dark * c;
-            let linear = if linear > 1e-3 { linear } else { 1e-3 };
-            let log = ln(linear);
-            let through = exp(m[GAMMA] * log);
+            let light = model.light([p, q]) + model.k[LIGHT] * uneven;
+            let dark = model.dark([p, q]) + hats[4] * extra[4] + hats[5] * extra[5];
+            let Tone { linear, log, through } = model.tone(1.0 - dark * c);
             let value = light * through;
             let open = if value < 255.0 { 1.0 } else { 0.0 };
             out.r[i] = batch.value[i] - if value < 255.0 { value } else { 255.0 };
             let (value, through) = (open * value, open * through);
-            let slope = m[GAMMA] * value / linear;
+            let slope = model.k[GAMMA] * value / linear;
             let (by_share, by_dark) = (-slope * dark, -slope * c);
             let slopes = Slopes { share: by_share, dark: by_dark, light: through, gamma: value * log };
-            slopes.put(i, &share, trig, [&s, &t], [p, q], &mut out.gradient);
+            slopes.put(i, model, &share, [&s, &t], [p, q], &mut out.gradient);
             for (k, hat) in hats.into_iter().enumerate() {
-                out.field[k][i] = hat * if k < 4 { through * m[LIGHT] } else { by_dark };
+                out.field[k][i] = hat * if k < 4 { through * model.k[LIGHT] } else { by_dark };
             }
         }
         let tukey = biweights(&out.r, &out.gradient[X], &out.gradient[Y], scale);
@@ -253,8 +244,6 @@ wide! {
     /// Normal equations over the parameters of a list and the field.
     fn normal(
         cells: &[Cell],
-        pattern: Pattern,
-        origin: [f64; 2],
         field: &Field,
         unknowns: &Unknowns,
         list: &[usize],
@@ -265,22 +254,20 @@ wide! {
 #[inline(always)]
 fn normal_of(
     cells: &[Cell],
-    pattern: Pattern,
-    origin: [f64; 2],
     field: &Field,
     unknowns: &Unknowns,
     list: &[usize],
     scale: f64,
 ) -> (DMatrix<f64>, DVector<f64>, Residuals) {
     let n = list.len();
-    let trig = field.m[ANGLE].sin_cos();
+    let model = field.model();
     let mut sought = Bordered::new(n, FIELD);
     let mut seen = Residuals { sizes: Vec::new(), weight: 0.0, square: 0.0 };
     let (mut weight, mut square) = (Lanes::of(0.0), Lanes::of(0.0));
     let (mut block, mut sums) = (Block::new(), Products::new(ABOUT + n));
     for cell in cells {
         for batch in &cell.batches {
-            let rows = field.rows(pattern, origin, trig, cell, batch, scale);
+            let rows = field.rows(&model, cell, batch, scale);
             weight = each(|i| weight[i] + rows.root[i] * rows.root[i]);
             square = each(|i| square[i] + (rows.root[i] * rows.r[i]) * (rows.root[i] * rows.r[i]));
             seen.sizes.extend(rows.r.iter().take(batch.len).map(|r| r.abs()));
@@ -313,11 +300,8 @@ fn normal_of(
 
 wide! {
     /// What the residuals of each batch did to the centre.
-    #[allow(clippy::too_many_arguments)]
     fn moved(
         cells: &[Cell],
-        pattern: Pattern,
-        origin: [f64; 2],
         field: &Field,
         list: &[usize],
         influence: &[DVector<f64>; 2],
@@ -326,22 +310,19 @@ wide! {
     ) = moved_by
 }
 
-#[allow(clippy::too_many_arguments)]
 #[inline(always)]
 fn moved_by(
     cells: &[Cell],
-    pattern: Pattern,
-    origin: [f64; 2],
     field: &Field,
     list: &[usize],
     influence: &[DVector<f64>; 2],
     scale: f64,
     blocks: &mut Blocks,
 ) {
-    let trig = field.m[ANGLE].sin_cos();
+    let model = field.model();
     for cell in cells {
         for batch in &cell.batches {
-            let rows = field.rows(pattern, origin, trig, cell, batch, scale);
+            let rows = field.rows(&model, cell, batch, scale);
             let mut by = [Lanes::of(0.0); 2];
             for (sum, h) in by.iter_mut().zip(influence) {
                 let knots = cell.knots.iter().map(|k| h[list.len() + k]);

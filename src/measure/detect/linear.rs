@@ -6,7 +6,7 @@ use super::batch::Pixels;
 use super::chords;
 use super::fit::Unknowns;
 use super::lanes::{LANES, Lanes, each, total};
-use super::model::{ANGLE, Grey, N, Parameters, X, Y, grey};
+use super::model::{Grey, Model, N, Parameters, X, Y, grey};
 use super::wide::wide;
 
 pub type Square = SMatrix<f64, N, N>;
@@ -236,7 +236,7 @@ impl Pixels {
             images.resize_with(self.batches.len(), Grey::new);
         }
         let mut unkept = Grey::new();
-        let trig = m[ANGLE].sin_cos();
+        let model = Model::new(self.pattern, m, self.origin);
         let mut sums = Products::new(list.len());
         let mut block = Block::new();
         let (mut weight, mut curvature, mut square) = (Lanes::of(0.0), Lanes::of(0.0), Lanes::of(0.0));
@@ -244,9 +244,9 @@ impl Pixels {
         for (k, batch) in self.batches.iter().enumerate() {
             let image = images.as_mut().and_then(|images| images.get_mut(k)).unwrap_or(&mut unkept);
             if RIM {
-                chords::grey(self.pattern, m, self.origin, trig, batch, image);
+                chords::grey(&model, batch, image);
             } else {
-                grey(self.pattern, m, self.origin, trig, batch, image);
+                grey(&model, batch, image);
             }
             let r = each(|i| batch.value[i] - image.value[i]);
             let tukey = biweights(&r, &image.gradient[X], &image.gradient[Y], scale);

@@ -63,15 +63,91 @@ pub enum Pattern {
     WhiteAlong,
 }
 
-/// Coordinates of a batch along s and across it, from the centre; sine and cosine of the angle come
-/// from the caller.
-#[inline(always)]
-pub fn along_and_across(m: &Parameters, origin: [f64; 2], trig: (f64, f64), batch: &Batch) -> (Lanes, Lanes) {
-    let (sin, cos) = (trig.0 as f32, trig.1 as f32);
-    let (cx, cy) = ((m[X] - origin[0]) as f32, (m[Y] - origin[1]) as f32);
-    let s = each(|i| (batch.x[i] - cx) * cos + (batch.y[i] - cy) * sin);
-    let t = each(|i| (batch.y[i] - cy) * cos - (batch.x[i] - cx) * sin);
-    (s, t)
+/// A marker's image at some parameters, for batches of one origin.
+pub struct Model {
+    pub pattern: Pattern,
+    m: Parameters,
+    /// The parameters in single precision.
+    pub k: [f32; N],
+    /// Centre from the batches' origin, px.
+    centre: [f32; 2],
+    /// Sine and cosine of the angle.
+    trig: [f32; 2],
+}
+
+/// What the tone curve makes of light.
+pub struct Tone {
+    /// The light, above zero, and its logarithm.
+    pub linear: f32,
+    pub log: f32,
+    /// The light with the curve's exponent.
+    pub through: f32,
+}
+
+impl Model {
+    /// For batches that count from an origin, px.
+    #[inline(always)]
+    pub fn new(pattern: Pattern, m: &Parameters, origin: [f64; 2]) -> Self {
+        let (sin, cos) = m[ANGLE].sin_cos();
+        Self {
+            pattern,
+            m: *m,
+            k: m.map(|v| v as f32),
+            centre: [(m[X] - origin[0]) as f32, (m[Y] - origin[1]) as f32],
+            trig: [sin as f32, cos as f32],
+        }
+    }
+
+    /// Coordinates of a batch along s and across it, from the centre, px.
+    #[inline(always)]
+    pub fn along_and_across(&self, batch: &Batch) -> (Lanes, Lanes) {
+        let ([cx, cy], [sin, cos]) = (self.centre, self.trig);
+        let s = each(|i| (batch.x[i] - cx) * cos + (batch.y[i] - cy) * sin);
+        let t = each(|i| (batch.y[i] - cy) * cos - (batch.x[i] - cx) * sin);
+        (s, t)
+    }
+
+    /// The blurred share of black of either shape.
+    #[inline(always)]
+    pub fn share(&self, s: &Lanes, t: &Lanes) -> Share {
+        let mut share = match self.pattern {
+            Pattern::Disc => disc(s, t, &self.m),
+            _ => wedge(s, t, &self.m),
+        };
+        if self.pattern == Pattern::WhiteAlong {
+            share.complement();
+        }
+        share
+    }
+
+    /// The light `L` of a place in semi-axes, grey levels.
+    #[inline(always)]
+    pub fn light(&self, [p, q]: [f32; 2]) -> f32 {
+        let k = &self.k;
+        k[LIGHT] + k[LIGHT + 1] * p + k[LIGHT + 2] * q + k[LIGHT + 3] * p * p
+    }
+
+    /// The darkness `k` of a place in semi-axes.
+    #[inline(always)]
+    pub fn dark(&self, [p, q]: [f32; 2]) -> f32 {
+        let k = &self.k;
+        k[DARK] + k[DARK + 1] * p + k[DARK + 2] * q
+    }
+
+    /// What the tone curve makes of light.
+    #[inline(always)]
+    pub fn tone(&self, linear: f32) -> Tone {
+        let linear = if linear > 1e-3 { linear } else { 1e-3 };
+        let log = ln(linear);
+        Tone { linear, log, through: exp(self.k[GAMMA] * log) }
+    }
+
+    /// Derivatives by the centre's u and v and the direction, from those along and across, and the place along and across, px.
+    #[inline(always)]
+    pub fn moved(&self, [by_s, by_t]: [f32; 2], [s, t]: [f32; 2]) -> [f32; 3] {
+        let [sin, cos] = self.trig;
+        [by_t * sin - by_s * cos, -(by_s * sin + by_t * cos), by_s * t - by_t * s]
+    }
 }
 
 /// Share of black and its derivatives by s, t, FIRST, SECOND, THIRD, BLUR and EGG.
@@ -85,19 +161,6 @@ pub struct Share {
     pub third: Lanes,
     pub blur: Lanes,
     pub egg: Lanes,
-}
-
-/// The blurred share of black of either shape.
-#[inline(always)]
-pub fn share(pattern: Pattern, m: &Parameters, s: &Lanes, t: &Lanes) -> Share {
-    let mut share = match pattern {
-        Pattern::Disc => disc(s, t, m),
-        _ => wedge(s, t, m),
-    };
-    if pattern == Pattern::WhiteAlong {
-        share.complement();
-    }
-    share
 }
 
 /// Grey values and their derivatives.
@@ -132,38 +195,24 @@ impl Grey {
     }
 }
 
-/// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 255. The sine
-/// and cosine of the angle come from the caller, once for all batches.
+/// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 255.
 #[inline(always)]
-pub fn grey(
-    pattern: Pattern,
-    m: &Parameters,
-    origin: [f64; 2],
-    trig: (f64, f64),
-    batch: &Batch,
-    out: &mut Grey,
-) {
-    let (s, t) = along_and_across(m, origin, trig, batch);
-    let share = share(pattern, m, &s, &t);
-    let k: [f32; COMMON] = std::array::from_fn(|i| m[i] as f32);
+pub fn grey(model: &Model, batch: &Batch, out: &mut Grey) {
+    let (s, t) = model.along_and_across(batch);
+    let share = model.share(&s, &t);
     for i in 0..LANES {
-        let (p, q, c) = (batch.p[i], batch.q[i], share.c[i]);
-        let light = k[LIGHT] + k[LIGHT + 1] * p + k[LIGHT + 2] * q + k[LIGHT + 3] * p * p;
-        let dark = k[DARK] + k[DARK + 1] * p + k[DARK + 2] * q;
-        let linear = 1.0 - dark * c;
-        let linear = if linear > 1e-3 { linear } else { 1e-3 };
-        let log = ln(linear);
-        let through = exp(k[GAMMA] * log);
-        let value = light * through;
+        let (at, c) = ([batch.p[i], batch.q[i]], share.c[i]);
+        let dark = model.dark(at);
+        let Tone { linear, log, through } = model.tone(1.0 - dark * c);
+        let value = model.light(at) * through;
         let clipped = value >= 255.0;
         let (value, through) = if clipped { (255.0, 0.0) } else { (value, through) };
         let open = if clipped { 0.0 } else { 1.0 };
-        let slope = open * k[GAMMA] * value / linear;
-        let by_share = -slope * dark;
-        let by_dark = -slope * c;
+        let slope = open * model.k[GAMMA] * value / linear;
         out.value[i] = value;
-        let slopes = Slopes { share: by_share, dark: by_dark, light: through, gamma: open * value * log };
-        slopes.put(i, &share, trig, [&s, &t], [p, q], &mut out.gradient);
+        let slopes =
+            Slopes { share: -slope * dark, dark: -slope * c, light: through, gamma: open * value * log };
+        slopes.put(i, model, &share, [&s, &t], at, &mut out.gradient);
     }
 }
 
@@ -176,19 +225,19 @@ pub struct Slopes {
 }
 
 impl Slopes {
-    /// The derivatives by the parameters, into lane `i`: from those of the share, the angle's sine and cosine, and
-    /// the pixel's place along and across the marker, in px and in semi-axes.
+    /// The derivatives by the parameters, into lane `i`: from those of the share, and the pixel's place along and across the
+    /// marker, in px and in semi-axes.
     #[inline(always)]
     pub fn put(
         &self,
         i: usize,
+        model: &Model,
         share: &Share,
-        trig: (f64, f64),
         [s, t]: [&Lanes; 2],
         [p, q]: [f32; 2],
         gradient: &mut [Lanes; COMMON],
     ) {
-        let [by_x, by_y, by_angle] = moved([share.s[i], share.t[i]], trig, [s[i], t[i]]);
+        let [by_x, by_y, by_angle] = model.moved([share.s[i], share.t[i]], [s[i], t[i]]);
         gradient[X][i] = self.share * by_x;
         gradient[Y][i] = self.share * by_y;
         gradient[ANGLE][i] = self.share * by_angle;
@@ -212,14 +261,6 @@ impl Slopes {
         gradient[DARK + 2][i] = self.dark * q;
         gradient[GAMMA][i] = self.gamma;
     }
-}
-
-/// Derivatives by the centre's u and v and the direction, from those along and across, the angle's sine and cosine and the
-/// place along and across, px.
-#[inline(always)]
-pub fn moved([by_s, by_t]: [f32; 2], trig: (f64, f64), [s, t]: [f32; 2]) -> [f32; 3] {
-    let (sin, cos) = (trig.0 as f32, trig.1 as f32);
-    [by_t * sin - by_s * cos, -(by_s * sin + by_t * cos), by_s * t - by_t * s]
 }
 
 impl Share {
@@ -282,7 +323,7 @@ mod tests {
         (batch.p[0], batch.q[0]) = (((pixel.x - 20.0) / 30.0) as f32, ((pixel.y - 20.0) / 10.0) as f32);
         batch.fill();
         let mut out = Grey::new();
-        grey(pattern, m, [20.0, 20.0], m[ANGLE].sin_cos(), &batch, &mut out);
+        grey(&Model::new(pattern, m, [20.0, 20.0]), &batch, &mut out);
         (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.by(k)[0])))
     }
 

@@ -11,11 +11,7 @@ use super::fit::{Fit, Unknowns};
 use super::lanes::{LANES, Lanes, each, total};
 use super::linear::{Block, Products, Square, biweights, spread};
 use super::mirrored::{Glare, SATURATED, SPACING, places, seen, spline};
-use super::model::{
-    ANGLE, BLUR, COMMON, DARK, FIRST, GAMMA, LIGHT, Parameters, Pattern, SECOND, Slopes, X, Y,
-    along_and_across, share,
-};
-use super::normal::{exp, ln};
+use super::model::{BLUR, COMMON, FIRST, GAMMA, Model, Parameters, Pattern, SECOND, Slopes, Tone, X, Y};
 use super::outline::Outline;
 use super::wide::wide;
 
@@ -26,8 +22,10 @@ const MAX_ITERATIONS: usize = 30;
 /// A step of the centre, in its standard deviations, after which the iteration ends.
 const STILL: f64 = 0.03;
 
-/// The disc's parameters with the glare over it.
-struct State {
+/// The disc's parameters with the glare over it; of pixels that count from an origin, and along and across an outline.
+struct State<'a> {
+    origin: [f64; 2],
+    outline: &'a Outline,
     m: Parameters,
     glare: Glare,
 }
@@ -89,7 +87,7 @@ impl Known {
     }
 }
 
-impl State {
+impl State<'_> {
     /// Goes a step, at most a pixel and a half of the centre; how far that moves.
     fn go(&mut self, change: &DVector<f64>, list: &[usize]) -> f64 {
         let of = |k: usize| list.iter().position(|&l| l == k).map_or(0.0, |i| change[i]);
@@ -117,12 +115,13 @@ pub fn lifted(pixels: &Pixels, outline: &Outline, fit: &Fit, unknowns: &Unknowns
     let list: Vec<usize> = (0..COMMON).filter(|&k| unknowns.free[k]).collect();
     let place = |k: usize| list.iter().position(|&l| l == k);
     let (x, y) = (place(X)?, place(Y)?);
-    let mut state = State { m: fit.parameters, glare: seen(pixels, outline, &fit.parameters) };
+    let (m, origin) = (fit.parameters, pixels.origin);
+    let mut state = State { origin, outline, m, glare: seen(pixels, outline, &m) };
     let known = Known::new(&state.glare);
     let mut scale = 4.0 * floor.max(fit.rms);
     for _ in 0..MAX_ITERATIONS {
         let cells = cells(pixels, outline, &state.glare);
-        let mut step = linearised(&cells, pixels.origin, outline, &state, &list, scale);
+        let mut step = linearised(&cells, &state, &list, scale);
         known.add(&mut step, &state, &list, unknowns, scale);
         let factor = Cholesky::new(step.normal)?;
         let moved = state.go(&factor.solve(&step.right), &list);
@@ -139,7 +138,7 @@ pub fn lifted(pixels: &Pixels, outline: &Outline, fit: &Fit, unknowns: &Unknowns
             continue;
         }
         let mut blocks = Blocks::new(pixels, &state.m);
-        moved_by_blocks(&cells, pixels.origin, outline, &state, &list, &influence, new, &mut blocks);
+        moved_by_blocks(&cells, &state, &list, &influence, new, &mut blocks);
         let (centre, _, clumped) = blocks.raise(&white, list.len())?;
         let mut covariance = Square::zeros();
         covariance.fixed_view_mut::<2, 2>(X, X).copy_from(&centre);
@@ -184,34 +183,21 @@ fn cells(pixels: &Pixels, outline: &Outline, glare: &Glare) -> Vec<Cell> {
 
 wide! {
     /// The normal equations without what is known beforehand.
-    fn linearised(
-        cells: &[Cell],
-        origin: [f64; 2],
-        outline: &Outline,
-        state: &State,
-        list: &[usize],
-        scale: f64,
-    ) -> Step = linearised_by
+    fn linearised(cells: &[Cell], state: &State, list: &[usize], scale: f64) -> Step = linearised_by
 }
 
 #[inline(always)]
-fn linearised_by(
-    cells: &[Cell],
-    origin: [f64; 2],
-    outline: &Outline,
-    state: &State,
-    list: &[usize],
-    scale: f64,
-) -> Step {
+fn linearised_by(cells: &[Cell], state: &State, list: &[usize], scale: f64) -> Step {
     // The slant comes after the list's parameters, then the knots.
     let n = list.len() + 1;
+    let model = state.model();
     let mut sought = Bordered::new(n, state.glare.knots.len());
     let mut sizes = Vec::new();
     let (mut weight, mut square) = (Lanes::of(0.0), Lanes::of(0.0));
     let (mut block, mut sums) = (Block::new(), Products::new(4 + n));
     for Cell { first, batches } in cells {
         for batch in batches {
-            let rows = state.rows(origin, outline, *first, batch, scale);
+            let rows = state.rows(&model, *first, batch, scale);
             weight = each(|i| weight[i] + rows.root[i] * rows.root[i]);
             square = each(|i| square[i] + (rows.root[i] * rows.r[i]) * (rows.root[i] * rows.r[i]));
             let open = (0..batch.len).filter(|&i| batch.value[i] < SATURATED);
@@ -232,11 +218,8 @@ fn linearised_by(
 
 wide! {
     /// What the residuals of each batch did to the centre.
-    #[allow(clippy::too_many_arguments)]
     fn moved_by_blocks(
         cells: &[Cell],
-        origin: [f64; 2],
-        outline: &Outline,
         state: &State,
         list: &[usize],
         influence: &[DVector<f64>; 2],
@@ -245,21 +228,19 @@ wide! {
     ) = moved_by
 }
 
-#[allow(clippy::too_many_arguments)]
 #[inline(always)]
 fn moved_by(
     cells: &[Cell],
-    origin: [f64; 2],
-    outline: &Outline,
     state: &State,
     list: &[usize],
     influence: &[DVector<f64>; 2],
     scale: f64,
     blocks: &mut Blocks,
 ) {
+    let model = state.model();
     for Cell { first, batches } in cells {
         for batch in batches {
-            let rows = state.rows(origin, outline, *first, batch, scale);
+            let rows = state.rows(&model, *first, batch, scale);
             let by = influence.each_ref().map(|h| {
                 let own = list.iter().map(|&k| &rows.gradient[k]).chain([&rows.slant]);
                 let knots = rows.knots.iter().zip(h.iter().skip(list.len() + 1 + first));
@@ -274,18 +255,22 @@ fn moved_by(
     }
 }
 
-impl State {
+impl State<'_> {
+    /// The disc without glare.
+    #[inline(always)]
+    fn model(&self) -> Model {
+        Model::new(Pattern::Disc, &self.m, self.origin)
+    }
+
     /// One batch's rows.
     #[inline(always)]
-    fn rows(&self, origin: [f64; 2], outline: &Outline, first: usize, batch: &Batch, scale: f64) -> Rows {
-        let (m, glare) = (&self.m, &self.glare);
-        let trig = m[ANGLE].sin_cos();
-        let k = m.map(|v| v as f32);
-        let (s, t) = along_and_across(m, origin, trig, batch);
-        let share = share(Pattern::Disc, m, &s, &t);
+    fn rows(&self, model: &Model, first: usize, batch: &Batch, scale: f64) -> Rows {
+        let glare = &self.glare;
+        let (s, t) = model.along_and_across(batch);
+        let share = model.share(&s, &t);
         let heights: [f32; 4] =
             std::array::from_fn(|i| glare.knots.get(first + i).map_or(0.0, |knot| *knot as f32));
-        let (major, minor) = (outline.major as f32, outline.minor as f32);
+        let (major, minor) = (self.outline.major as f32, self.outline.minor as f32);
         let (slant, by_spacing) = (glare.slant as f32, (1.0 / SPACING) as f32);
         let from = (glare.first / SPACING + first as f64) as f32;
         let mut out = Rows {
@@ -304,17 +289,13 @@ impl State {
                 over += height * share;
                 rise += height * slope * by_spacing;
             }
-            let dark = k[DARK] + k[DARK + 1] * p + k[DARK + 2] * q;
-            let linear = 1.0 - dark * c + over;
-            let linear = if linear > 1e-3 { linear } else { 1e-3 };
-            let log = ln(linear);
-            let through = exp(k[GAMMA] * log);
-            let light = k[LIGHT] + k[LIGHT + 1] * p + k[LIGHT + 2] * q + k[LIGHT + 3] * p * p;
-            let value = light * through;
-            let slope = k[GAMMA] * value / linear;
+            let dark = model.dark([p, q]);
+            let Tone { linear, log, through } = model.tone(1.0 - dark * c + over);
+            let value = model.light([p, q]) * through;
+            let slope = model.k[GAMMA] * value / linear;
             let slopes =
                 Slopes { share: -slope * dark, dark: -slope * c, light: through, gamma: value * log };
-            slopes.put(i, &share, trig, [&s, &t], [p, q], &mut out.gradient);
+            slopes.put(i, model, &share, [&s, &t], [p, q], &mut out.gradient);
             out.slant[i] = -slope * across * rise;
             for (knot, share) in out.knots.iter_mut().zip(shares) {
                 knot[i] = slope * share;
@@ -336,6 +317,7 @@ impl State {
 mod tests {
     use nalgebra::Vector2;
 
+    use super::super::model::{DARK, LIGHT};
     use super::*;
 
     #[test]
@@ -349,6 +331,8 @@ mod tests {
         });
         let knots = [0.3, 0.9, 1.4, 0.7];
         let state = |m: Parameters, slant: f64, knots: [f64; 4]| State {
+            origin: [60.0, 20.0],
+            outline: &outline,
             m,
             glare: Glare { first: -5.0, slant, knots: knots.to_vec() },
         };
@@ -359,7 +343,7 @@ mod tests {
                 outline.local(Vector2::new(f64::from(batch.x[i]) + 60.0, f64::from(batch.y[i]) + 20.0));
             (batch.p[i], batch.q[i], batch.root[i]) = ((s / 40.0) as f32, (t / 6.0) as f32, 1.0);
         }
-        let rows = |state: &State| state.rows([60.0, 20.0], &outline, 0, &batch, 1e3);
+        let rows = |state: &State| state.rows(&state.model(), 0, &batch, 1e3);
         let own = rows(&state(m, 0.2, knots));
         let close = |name: &str, by: &Lanes, low: &Rows, high: &Rows, step: f64| {
             for (by, (low, high)) in by.iter().zip(low.r.iter().zip(high.r.iter())) {
