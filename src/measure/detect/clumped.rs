@@ -1,7 +1,7 @@
 //! What all markers of a frame show together: residuals that hang together, as JPEG leaves them about edges.
 
 use super::blocks::at_least;
-use super::measure::Measured;
+use super::judge::Measured;
 
 /// How far the median ratio of a frame's markers exceeds 1 by chance: with twenty of them, two standard
 /// deviations.

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::super::setup::Shape;
-use super::measure::Measured;
+use super::judge::Measured;
 use super::outline::Outline;
 use super::{Detection, Found, RejectReason, Rejected};
 

@@ -7,7 +7,7 @@ use nalgebra::Vector2;
 use super::super::setup::Shape;
 use super::candidate::Candidate;
 use super::coarse::{self, Part, THICK, Window};
-use super::measure::Measured;
+use super::judge::Measured;
 use super::model::Pattern;
 use super::outline::Outline;
 use super::{Detection, Found, Prediction, noise};

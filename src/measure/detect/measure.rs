@@ -1,74 +1,33 @@
-//! Stages 4 and 5: a candidate's pixels, the fit, and the decision.
+//! Stage 4: a candidate's pixels and the fit.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::Vector2;
 
 use super::super::raster::Raster;
-use super::super::setup::Shape;
 use super::batch::Pixels;
 use super::blob::Blob;
 use super::candidate::Candidate;
 use super::counts::Counts;
 use super::fit::{Fit, contrast, fit, rough};
+use super::judge::{Measured, SOFTEST, judge, largest_rms};
 use super::linear::CUT;
-use super::model::{
-    ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y,
-};
+use super::model::{ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y};
 use super::narrow::against_skin;
-use super::outline::{Outline, half_turn};
+use super::outline::Outline;
 use super::outlined::{at_one_level, outlined, with_rim};
 use super::select::{ALL, EVERY, FEW, Look, Masked, pixels};
-use super::sought::{EGG_SPREAD, USUAL_GAMMA, few_unknowns, unknowns, usual_dark};
-use super::{Detection, RejectReason, mirrored, rim, seam, uneven, veil};
+use super::sought::{USUAL_GAMMA, few_unknowns, unknowns, usual_dark};
+use super::{RejectReason, mirrored, rim, seam, uneven, veil};
 
 /// Standard deviations beyond which a bend of axis or edges is believed.
 const BEND_TEST: f64 = 3.0;
 
-/// How a sheet lies on a curved skin is not known: stretched or not, it differs along the marker by
-/// the sag times the skin's slope, for which one in fourteen stands.
-const LAID: f64 = 0.07;
 /// Share of white or skin below which a contrast does not tell the exponent from the darkness: the grey half way
 /// up an edge then changes by less than half a percent with the exponent, and both run away together.
 const TELLS_GAMMA: f64 = 0.3;
-/// Share of the outline that glare may hide; and what its fringe, up to a tenth of the skin's light before it is seen,
-/// does to the edges beside it, px: about a tenth of an edge's width.
-const DROWNED: f64 = 0.64;
-const VEIL_PX: f64 = 0.1;
-/// Greatest standard deviation of a centre, px: of any, and of one whose length its like foretell, so that no more than
-/// the place along it is in doubt.
-const VAGUEST: f64 = 2.0;
-const VAGUEST_FORETOLD: f64 = 2.5;
 /// A plane of darkness.
 const FINE_DARK: [usize; 2] = [DARK + 1, DARK + 2];
 /// Share of a marker's contrast by which what is darker than the skin around it is foreign.
 const FOREIGN: f64 = 0.25;
-
-/// A fitted marker with its blur.
-#[derive(Clone)]
-pub struct Measured {
-    /// The answer.
-    pub detection: Detection,
-    /// Blur of its edges, pixel included, px.
-    pub blur: f64,
-    /// Contrast over the grey of white or skin.
-    pub darkness: f64,
-    /// The centre's variance from blocks of residuals over that of the fit.
-    pub clumped: f64,
-    /// The centre's covariance if no residuals hung together, px^2.
-    pub white: Matrix2<f64>,
-    /// Standard deviation of a disc's semi-major axis, px; 0 of quadrants.
-    pub length: f64,
-    /// Whether glare lies over it, through which it was measured.
-    pub through_glare: bool,
-    /// Whether no part of it was taken for hidden.
-    pub is_whole: bool,
-}
-
-impl Measured {
-    /// Whether its place is told so well that nothing can hide much of it.
-    pub fn is_sure(&self) -> bool {
-        self.detection.covariance_px2.trace() < 0.1
-    }
-}
 
 /// What a frame's markers can be like.
 #[derive(Clone, Copy)]
@@ -88,15 +47,8 @@ impl Bounds {
     }
 }
 
-/// Axis ratio of the flattest ellipse that is taken for a disc: near the tip of a wing that bends downwards they are 1:21,
-/// and seams are far flatter; and that of a blob which is none whatever a fit would say.
-const FLATTEST: f64 = 26.0;
+/// Axis ratio of a blob which is no disc whatever a fit would say.
 const SURELY_FLATTER: f64 = 28.0;
-/// That of quadrants, which are near the fuselage: flatter ones are two discs side by side.
-const FLATTEST_QUADRANTS: f64 = 18.0;
-
-/// Greatest blur that is measured, px.
-const SOFTEST: f64 = 3.2;
 
 /// Fits the model to a candidate.
 pub fn measure(
@@ -265,132 +217,6 @@ fn place(candidate: &Candidate, m: &Parameters) -> Candidate {
         Some(_) => out.edges = Some((m[ANGLE], m[FIRST])),
     }
     out
-}
-
-/// What noise may be at edges, grey levels, where JPEG has left none of it beside them.
-const LOST: f64 = 1.0;
-
-/// The greatest residuals of a marker, root mean square, grey levels.
-fn largest_rms(candidate: &Candidate, noise: f64, contrast: f64) -> f64 {
-    // Letters are taken for quadrants rather than for discs.
-    let least = if candidate.pattern == Pattern::Disc { LOST } else { 0.0 };
-    1.6 * noise.max(least) + 0.05 * contrast
-}
-
-/// Accepts or turns down a fit.
-fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result<Measured, RejectReason> {
-    let m = &fit.parameters;
-    let contrast = contrast(m);
-    let outline = match candidate.pattern {
-        Pattern::Disc => {
-            let (centre, angle) = (Vector2::new(m[X], m[Y]), m[ANGLE]);
-            let (major, minor, angle) = if m[FIRST] >= m[SECOND] {
-                (m[FIRST], m[SECOND], angle)
-            } else {
-                (m[SECOND], m[FIRST], angle + std::f64::consts::FRAC_PI_2)
-            };
-            Outline { centre, major, minor, angle: half_turn(angle) }
-        }
-        _ => Outline { centre: Vector2::new(m[X], m[Y]), ..candidate.outline },
-    };
-    let moved = (outline.centre - candidate.outline.centre).norm();
-    if moved > 0.25 * candidate.outline.major + 2.0 {
-        return Err(RejectReason::PoorFit);
-    }
-    let extent = outline.extent();
-    let (w, h) = (image.width() as f64, image.height() as f64);
-    let c = outline.centre;
-    if c.x - extent.x < 0.5 || c.y - extent.y < 0.5 || c.x + extent.x > w - 1.5 || c.y + extent.y > h - 1.5 {
-        return Err(RejectReason::TouchesEdge);
-    }
-    if outline.minor < 0.8 || outline.major < 3.5 {
-        return Err(RejectReason::TooSmall);
-    }
-    let lopsided = candidate.pattern == Pattern::Disc && m[EGG].abs() > 4.0 * EGG_SPREAD;
-    let flattest = match candidate.pattern {
-        // As thin as that the thickness is told badly, and the length is known.
-        Pattern::Disc if candidate.like.is_some() => 1.5 * FLATTEST,
-        Pattern::Disc => FLATTEST,
-        _ => FLATTEST_QUADRANTS,
-    };
-    if lopsided || outline.major > flattest * outline.minor {
-        return Err(RejectReason::NotAnEllipse);
-    }
-    let glare = !candidate.bands.is_empty();
-    if glare && outline.share(|at| candidate.bands.iter().any(|b| b.holds(at))) > DROWNED {
-        return Err(RejectReason::Drowned);
-    }
-    if m[DARK] < 0.15 || contrast < 8.0 || contrast < 4.0 * noise {
-        return Err(RejectReason::LowContrast);
-    }
-    if m[BLUR] > SOFTEST || fit.inliers < 0.55 || fit.rms > largest_rms(candidate, noise, contrast) {
-        return Err(RejectReason::PoorFit);
-    }
-    let edges = candidate.edges.filter(|_| candidate.against_skin.is_none());
-    if edges.is_some_and(|edges| !ends_in_arcs(image, candidate.pattern, &outline, edges.0, m)) {
-        return Err(RejectReason::Pattern);
-    }
-    let mut covariance = fit.covariance.fixed_view::<2, 2>(0, 0).into_owned();
-    if candidate.pattern == Pattern::Disc {
-        let axis = Vector2::new(m[ANGLE].cos(), m[ANGLE].sin());
-        covariance += axis * axis.transpose() * (LAID * m[THIRD]).powi(2);
-    }
-    if glare {
-        covariance += Matrix2::identity() * VEIL_PX.powi(2);
-    }
-    let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
-    // A part of an outline, or one in uneven light, tells the centre less well, and says so.
-    let vaguest = if candidate.foretold.is_some() { VAGUEST_FORETOLD } else { VAGUEST };
-    let most = if candidate.is_whole() { (0.02 * outline.major).max(0.6) } else { vaguest };
-    let most = most.min(0.05 * outline.major).min(vaguest);
-    if !(spread > 0.0 && spread < most) {
-        return Err(RejectReason::Uncertain);
-    }
-    Ok(Measured {
-        detection: Detection {
-            shape: if candidate.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant },
-            centre_px: outline.centre,
-            covariance_px2: Matrix2::from_fn(|i, j| covariance[(i, j)]),
-            semi_major_px: outline.major,
-            semi_minor_px: outline.minor,
-            angle_rad: outline.angle,
-            fit_rms: fit.rms,
-            contrast,
-        },
-        blur: m[BLUR],
-        darkness: contrast / m[LIGHT].max(1.0),
-        clumped: fit.clumped,
-        white: fit.white,
-        length: if candidate.pattern == Pattern::Disc {
-            fit.covariance[(FIRST, FIRST)].max(0.0).sqrt()
-        } else {
-            0.0
-        },
-        through_glare: false,
-        is_whole: candidate.is_whole(),
-    })
-}
-
-/// Whether the black quadrants end at the outline: the corner of a checkerboard's squares goes on.
-fn ends_in_arcs(image: &Raster, pattern: Pattern, outline: &Outline, along: f64, m: &Parameters) -> bool {
-    let turn = if pattern == Pattern::WhiteAlong { std::f64::consts::FRAC_PI_2 } else { 0.0 };
-    let direction = Vector2::new((along + turn).cos(), (along + turn).sin());
-    let radius = outline.radius(direction);
-    let (light, black) = (m[LIGHT], m[LIGHT] - contrast(m));
-    let grey = |factor: f64| {
-        let at = outline.centre + direction * (factor * radius);
-        f64::from(image.nearest(at.x, at.y))
-    };
-    // Skin may be darker than half way from white to black: it need only be lighter than black. The
-    // outline is rough, and a line may cross it: most of three places beyond it decide, all short of
-    // the corner at 1.25 radii that a square of the same size has.
-    let first = 1.0 + (2.0 * m[BLUR] / radius).clamp(0.1, 0.2);
-    [-1.0, 1.0].iter().all(|side| {
-        // Blur lifts a thin tip, and leaves less to tell it from the skin.
-        let inside = grey(side * 0.75);
-        let lighter = |step: &&f64| grey(side * (first + **step)) > inside + 0.2 * (light - inside);
-        inside < 0.5 * (light + black) && [0.0, 0.04, 0.08].iter().filter(lighter).count() >= 2
-    })
 }
 
 /// First parameters: geometry of the candidate, grey levels of its pixels.

@@ -19,6 +19,7 @@ mod fit;
 mod gathered;
 mod glare;
 mod guided;
+mod judge;
 mod lanes;
 mod linear;
 mod marks;
@@ -205,7 +206,7 @@ fn find(image: &Raster, sought: Option<&[Prediction]>) -> (Found, f64) {
     let noise = noise::estimate(image);
     let smoothed = if noise > noise::FRAYING { noise::smoothed(image) } else { None };
     let seen = smoothed.as_ref().unwrap_or(image);
-    let sound = |faint: bool, known: Vec<measure::Measured>| {
+    let sound = |faint: bool, known: Vec<judge::Measured>| {
         let mut found = search(image, seen, sought, noise, faint, known);
         distinct::without_soft(&mut found);
         distinct::without_specks(&mut found);
@@ -251,7 +252,7 @@ pub fn detect_guided_or_full(image: &Raster, predictions: &[Prediction]) -> Dete
 
 /// What a search yields, in order of discovery.
 struct Found {
-    measured: Vec<measure::Measured>,
+    measured: Vec<judge::Measured>,
     rejected: Vec<Rejected>,
 }
 
@@ -282,7 +283,7 @@ fn search(
     sought: Option<&[Prediction]>,
     noise: f64,
     faint: bool,
-    before: Vec<measure::Measured>,
+    before: Vec<judge::Measured>,
 ) -> Found {
     let (width, height) = (image.width(), image.height());
     let part = sought.map_or_else(|| Part::all(width, height), |sought| guided::part(sought, width, height));
@@ -314,9 +315,8 @@ fn search(
                 continue;
             }
             let (measured, part) = measure_whole_or_hidden(&mut whole, candidate);
-            let discs = |m: &measure::Measured| {
-                m.detection.shape == Shape::Quadrant && whole.hold_discs(&m.detection)
-            };
+            let discs =
+                |m: &judge::Measured| m.detection.shape == Shape::Quadrant && whole.hold_discs(&m.detection);
             let measured =
                 if measured.as_ref().is_ok_and(discs) { Err(RejectReason::Duplicate) } else { measured };
             let index = measured.is_ok().then_some(found.measured.len());
