@@ -132,8 +132,9 @@ pub fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Re
     }
     let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
     // A part of an outline, or one in uneven light, tells the centre less well, and says so.
-    let vaguest = if candidate.foretold.is_some() { VAGUEST_FORETOLD } else { VAGUEST };
-    let most = if candidate.is_whole() { (0.02 * outline.major).max(0.6) } else { vaguest };
+    let foretold = candidate.foretold.is_some();
+    let vaguest = if foretold { VAGUEST_FORETOLD } else { VAGUEST };
+    let most = if candidate.is_whole() && !foretold { (0.02 * outline.major).max(0.6) } else { vaguest };
     let most = most.min(0.05 * outline.major).min(vaguest);
     if !(spread > 0.0 && spread < most) {
         return Err(RejectReason::Uncertain);

@@ -81,7 +81,7 @@ fn measure_once(
     if too_small {
         return Err(RejectReason::TooSmall);
     }
-    if outline.major > SURELY_FLATTER * outline.minor {
+    if candidate.foretold.is_none() && outline.major > SURELY_FLATTER * outline.minor {
         return Err(RejectReason::NotAnEllipse);
     }
     let floor = least_scale(noise);
