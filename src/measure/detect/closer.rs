@@ -24,7 +24,7 @@ pub struct Expected {
 /// Sum of a place's variances from which on a disc is looked at again, px^2.
 pub const UNSURE_PX2: f64 = 0.04;
 /// The same up to which a disc tells how the foretold sizes fail.
-const SURE: f64 = 0.02;
+const SURE: f64 = 0.08;
 /// Discs that tell it.
 const ENOUGH: usize = 3;
 /// How far foretold sizes fail at least, as shares: the major axis is the diameter over the distance, the minor and the
