@@ -117,7 +117,7 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
             continue;
         }
         let Some(mut candidate) = sizes.candidate(prediction) else { continue };
-        candidate.bands = glare::ends(image, &candidate.outline);
+        candidate.bands = glare::lit(image, &candidate.outline);
         if candidate.outline.minor < THIN * psf {
             candidate.like = Some(Like { blur: (psf, SAME_BLUR * psf), dark: (0.7, f64::INFINITY) });
         }

@@ -70,12 +70,6 @@ pub fn ends_in_white(image: &Raster, outline: &Outline) -> bool {
     })
 }
 
-/// The bands in which glare lies over the ends of a disc.
-pub fn ends(image: &Raster, outline: &Outline) -> Vec<Band> {
-    let axis = Vector2::new(outline.angle.cos(), outline.angle.sin());
-    bands(axis, drowned(image, outline.centre, outline, axis))
-}
-
 fn bands(axis: Vector2<f64>, [first, second]: [Option<f64>; 2]) -> Vec<Band> {
     let band = |from: f64, to: f64| Band { axis, from, to };
     let before = first.map(|end| band(f64::NEG_INFINITY, end));
@@ -153,9 +147,33 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
     (left.len() >= least).then_some(Part { axis, left, ends })
 }
 
-/// Where along the axis glare begins before a blob's middle, and after it, if it reaches the blob: the skin beside it
-/// tells, for the blob's own outline fades as the skin lights up.
-fn drowned(image: &Raster, centre: Vector2<f64>, outline: &Outline, axis: Vector2<f64>) -> [Option<f64>; 2] {
+/// The bands in which glare lies over a disc of which all is known but the exact place: over its ends or its middle.
+pub fn lit(image: &Raster, outline: &Outline) -> Vec<Band> {
+    let axis = Vector2::new(outline.angle.cos(), outline.angle.sin());
+    let skin = beside(image, outline.centre, outline, axis);
+    let mut sorted = skin.clone();
+    sorted.sort_by(f64::total_cmp);
+    // Glare may lie over most of it.
+    let usual = sorted.get(sorted.len() / 5).copied().unwrap_or(0.0);
+    let middle = outline.centre.dot(&axis);
+    let place = |i: usize| middle + i as f64 - (skin.len() / 2) as f64;
+    let mut out = Vec::new();
+    let mut first = 0;
+    for alike in skin.chunk_by(|one, other| (*one > BEGINS * usual) == (*other > BEGINS * usual)) {
+        let next = first + alike.len();
+        let from = if first == 0 { f64::NEG_INFINITY } else { place(first) - MARGIN };
+        let to = if next == skin.len() { f64::INFINITY } else { place(next) + MARGIN };
+        let over = from < middle + outline.major && to > middle - outline.major;
+        if over && alike.iter().any(|&v| v > LIGHTER * usual) {
+            out.push(Band { axis, from, to });
+        }
+        first = next;
+    }
+    out
+}
+
+/// Grey values of the skin beside a disc, at each pixel along it and beyond its ends.
+fn beside(image: &Raster, centre: Vector2<f64>, outline: &Outline, axis: Vector2<f64>) -> Vec<f64> {
     let across = Vector2::new(-axis.y, axis.x);
     let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
     let skin = |s: i32| {
@@ -164,7 +182,14 @@ fn drowned(image: &Raster, centre: Vector2<f64>, outline: &Outline, axis: Vector
         beside.iter().map(|d| grey(at + d) + grey(at - d)).sum::<f64>() / (2 * BESIDE.len()) as f64
     };
     let last = outline.major.ceil() as i32 + BEYOND;
-    let skin: Vec<f64> = (-last..=last).map(skin).collect();
+    (-last..=last).map(skin).collect()
+}
+
+/// Where along the axis glare begins before a blob's middle, and after it, if it reaches the blob: the skin beside it
+/// tells, for the blob's own outline fades as the skin lights up.
+fn drowned(image: &Raster, centre: Vector2<f64>, outline: &Outline, axis: Vector2<f64>) -> [Option<f64>; 2] {
+    let skin = beside(image, centre, outline, axis);
+    let last = (skin.len() / 2) as i32;
     let at = |s: i32| skin.get((s + last) as usize).copied().unwrap_or(0.0);
     let half = outline.major as i32;
     let Some(usual) = middle_of((-half..=half).map(at)) else { return [None; 2] };

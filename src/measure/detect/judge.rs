@@ -131,10 +131,11 @@ pub fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Re
         covariance += Matrix2::identity() * VEIL_PX.powi(2);
     }
     let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
-    // A part of an outline, or one in uneven light, tells the centre less well, and says so.
-    let foretold = candidate.foretold.is_some();
-    let vaguest = if foretold { VAGUEST_FORETOLD } else { VAGUEST };
-    let most = if candidate.is_whole() && !foretold { (0.02 * outline.major).max(0.6) } else { vaguest };
+    // A part of an outline, or one in uneven light, tells the centre less well, and says so; so does what is hardly seen, of
+    // which all is known but the place.
+    let (vaguest, vaguer) =
+        if candidate.foretold.is_some() { (VAGUEST_FORETOLD, 2.0) } else { (VAGUEST, 1.0) };
+    let most = if candidate.is_whole() { vaguer * (0.02 * outline.major).max(0.6) } else { vaguest };
     let most = most.min(0.05 * outline.major).min(vaguest);
     if !(spread > 0.0 && spread < most) {
         return Err(RejectReason::Uncertain);

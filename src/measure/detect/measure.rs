@@ -1,6 +1,6 @@
 //! Stage 4: a candidate's pixels and the fit.
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 use super::super::raster::Raster;
 use super::batch::Pixels;
@@ -24,6 +24,8 @@ const BEND_TEST: f64 = 3.0;
 /// Share of white or skin below which a contrast does not tell the exponent from the darkness: the grey half way
 /// up an edge then changes by less than half a percent with the exponent, and both run away together.
 const TELLS_GAMMA: f64 = 0.3;
+/// Mirrored light that changes across a disc too shifts what shows through it, px.
+const GLARE_PX: f64 = 0.03;
 /// A plane of darkness.
 const FINE_DARK: [usize; 2] = [DARK + 1, DARK + 2];
 /// Share of a marker's contrast by which what is darker than the skin around it is foreign.
@@ -120,7 +122,7 @@ fn measure_once(
         let pixels = pixels(image, masked, place, look, all).ok_or(RejectReason::NoConvergence)?;
         let bent = fit(&pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
         // The straight model knows more, where the bend is not significant.
-        let significant = !candidate.hidden.is_empty()
+        let significant = !candidate.is_whole()
             || (bends.iter())
                 .any(|&k| bent.parameters[k].abs() > BEND_TEST * bent.covariance[(k, k)].max(0.0).sqrt());
         let result = if significant {
@@ -175,7 +177,8 @@ fn through_glare(
         FINE_DARK.iter().for_each(|&k| unknowns.free[k] = false);
         let lifted = veil::lifted(&pixels, &place.outline, fit, &unknowns, floor)?;
         let found = judge(image, &place, &lifted, noise).ok()?;
-        let found = Measured { through_glare: true, is_whole: false, ..found };
+        let mut found = Measured { through_glare: true, is_whole: false, ..found };
+        found.detection.covariance_px2 += Matrix2::identity() * GLARE_PX.powi(2);
         let moved = (found.detection.centre_px - place.outline.centre).norm();
         if moved < 1.0 {
             return Some((found, mirrored::shows_ends(&pixels)));

@@ -44,7 +44,8 @@ pub fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
     }
     // An end that is not seen tells no bend.
     let tells = thick || (disc && !part);
-    if !tells || outline.major < 12.0 || !candidate.bands.is_empty() {
+    let cut = !candidate.bands.is_empty() && candidate.foretold.is_none();
+    if !tells || outline.major < 12.0 || cut {
         bends.iter().for_each(|&k| free[k] = false);
     }
     (Unknowns { free, usual: usual(candidate) }, bends)
