@@ -29,6 +29,10 @@ impl Tally {
     fn rms(&self) -> f64 {
         (self.squares / self.count as f64).sqrt()
     }
+
+    fn spread(&self) -> f64 {
+        (self.normalised / self.count as f64).sqrt()
+    }
 }
 
 /// The discs of a frame that one look saw badly or not at all, as another one sees them.
@@ -55,13 +59,13 @@ fn by_marker(scene: &Scene, orientation: &Orientation, found: &Detections) -> Ve
     (0..scene.markers.len()).map(of).collect()
 }
 
-/// At once and after a closer look.
-fn looks(seed: u64) -> [Tally; 2] {
+/// At once and after a closer look, at a frame in such a light with so much lift at the tip, m.
+fn looks(seed: u64, lift_m: f64, light: Light) -> [Tally; 2] {
     let side = if seed.is_multiple_of(2) { Side::Left } else { Side::Right };
     let scene = Scene::random(seed, &Options::random(seed, side));
     let ground = detect(&scene.render(&scene.ground_shot(seed)).unwrap()).markers;
     let orientation = orient(&scene.setup, &[ground]).unwrap().orientation;
-    let shot = scene.flight_shot(1.8, Light::Glare, seed);
+    let shot = scene.flight_shot(lift_m, light, seed);
     let image = scene.render(&shot).unwrap();
     let truth: Vec<(Vector2<f64>, bool)> =
         (scene.truth(&shot).markers.iter()).map(|m| (m.pixel.unwrap_or_default(), m.visible)).collect();
@@ -84,25 +88,39 @@ fn looks(seed: u64) -> [Tally; 2] {
     [before, after].map(|seen| tally(&scene, &truth, &bad, &seen))
 }
 
-#[test]
-fn discs_in_glare_are_nearer_with_their_sizes_known() {
-    let all: Vec<[Tally; 2]> = (40..52u64).into_par_iter().map(looks).collect();
+/// Both looks at so many scenes.
+fn tallies(seeds: std::ops::Range<u64>, lift_m: f64, light: Light) -> [Tally; 2] {
+    let all: Vec<[Tally; 2]> = seeds.into_par_iter().map(|seed| looks(seed, lift_m, light)).collect();
     let [mut once, mut closer] = [Tally::default(), Tally::default()];
     for [first, second] in &all {
         once.add(first);
         closer.add(second);
     }
-    let normalised = (closer.normalised / closer.count as f64).sqrt();
     println!(
-        "at once {:.3} px of {}, {} missing; closer {:.3} px of {}, {} missing, normalised {normalised:.2}",
+        "at once {:.3} px of {}, {} missing; closer {:.3} px of {}, {} missing, normalised {:.2}",
         once.rms(),
         once.count,
         once.missing,
         closer.rms(),
         closer.count,
-        closer.missing
+        closer.missing,
+        closer.spread()
     );
+    [once, closer]
+}
+
+#[test]
+fn discs_in_glare_are_nearer_with_their_sizes_known() {
+    let [once, closer] = tallies(40..70, 1.8, Light::Glare);
     assert!(closer.count >= 10, "glare lies over {} discs", closer.count);
     assert!(closer.missing <= once.missing && closer.rms() < 0.6 * once.rms());
-    assert!((0.6..1.4).contains(&normalised), "{normalised} standard deviations");
+    assert!((0.6..1.4).contains(&closer.spread()), "{} standard deviations", closer.spread());
+}
+
+/// A wing that bends downwards shows the discs near its tip as flat as 1:30.
+#[test]
+fn discs_in_haze_that_are_hardly_seen_are_found_with_their_sizes_known() {
+    let [once, closer] = tallies(80..92, -0.5, Light::Haze);
+    assert_eq!(closer.missing, 0, "of {}", closer.count);
+    assert!((0.6..1.4).contains(&closer.spread()), "{} standard deviations", closer.spread());
 }
