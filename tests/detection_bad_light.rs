@@ -128,6 +128,16 @@ fn two_discs_in_a_row_are_not_taken_for_narrow_quadrants() {
 }
 
 #[test]
+fn two_discs_in_a_row_with_no_white_between_them_are_not_taken_for_narrow_quadrants() {
+    // Dirt beside the second one: it does not look like a whole disc.
+    let image = on_even_skin("stained.png", 190);
+    for [x, y, a, angle] in [[1146.685, 934.559, 40.4, -0.13], [1244.795, 918.556, 39.8, -0.07]] {
+        let m = measured(&image, [x, y, a, 3.7, angle], 12.0);
+        assert_eq!(m.shape, Shape::Circle);
+    }
+}
+
+#[test]
 fn a_disc_between_the_sky_and_white_is_found_in_haze() {
     // From pixel to pixel its background is the sky, or the skin, or the white.
     let m = measured(&on_even_skin("sky.png", 177), [1130.454, 939.438, 74.6, 5.7, -0.13], 9.0);

@@ -121,6 +121,7 @@ fn discs_in_glare_are_nearer_with_their_sizes_known() {
 #[test]
 fn discs_in_haze_that_are_hardly_seen_are_found_with_their_sizes_known() {
     let [once, closer] = tallies(80..92, -0.5, Light::Haze);
+    assert!(once.missing > 0, "all are seen at once");
     assert_eq!(closer.missing, 0, "of {}", closer.count);
     assert!((0.6..1.4).contains(&closer.spread()), "{} standard deviations", closer.spread());
 }
