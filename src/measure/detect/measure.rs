@@ -10,12 +10,10 @@ use super::counts::Counts;
 use super::fit::{Fit, contrast, fit, rough};
 use super::judge::{Measured, SOFTEST, judge, largest_rms};
 use super::linear::CUT;
-use super::model::{
-    ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, SKIN, THIRD, X, Y,
-};
+use super::model::{ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y};
 use super::narrow::against_skin;
 use super::outline::Outline;
-use super::outlined::{WHITER, at_one_level, outlined, with_rim};
+use super::outlined::{at_one_level, outlined, with_rim};
 use super::select::{ALL, EVERY, FEW, Look, Masked, pixels};
 use super::sought::{USUAL_GAMMA, few_unknowns, unknowns, usual_dark};
 use super::{RejectReason, mirrored, rim, seam, uneven, veil};
@@ -203,16 +201,10 @@ fn measure_with_rim(
     let (pixels, result, unknowns) = found.ok_or(RejectReason::NoConvergence)?;
     // There is too little of them to tell a field of light.
     let result = uneven::improve(&pixels, result, &unknowns, floor.max(0.02 * contrast(m)), false);
-    if !has_white(&result.parameters) {
+    if !rim::has_white(&result.parameters) {
         return Err(RejectReason::Pattern);
     }
     judge(image, candidate, &result, bounds.noise)
-}
-
-/// Whether the white of narrow quadrants is lighter than the skin: between two discs in a row it is the skin itself.
-fn has_white(m: &Parameters) -> bool {
-    let skin = m[SKIN].max(0.0).powf(m[GAMMA]);
-    1.0 - skin > WHITER * contrast(m) / m[LIGHT].max(1.0)
 }
 
 /// Least scale of residuals, grey levels.

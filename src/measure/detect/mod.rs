@@ -303,7 +303,7 @@ fn search(
                 let open = |seen: &outline::Outline| {
                     missing.as_ref().is_none_or(|missing| guided::may_show_part_of(seen, missing))
                 };
-                narrow::narrow(image, &blobs, &taken, noise, open)
+                narrow::narrow(image, &blobs, &taken, noise, open, |i| whole.is_sure_disc(i))
             }
             Stage::Discs => gathered::discs(&blobs),
         };

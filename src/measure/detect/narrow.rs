@@ -54,20 +54,23 @@ pub fn against_skin(image: &Raster, candidate: &Candidate, softest: f64) -> Opti
     Some(Candidate { like: candidate.like, ..found })
 }
 
-/// Quadrants of which two blobs or one show the black, too blurred to tell them by it alone; only where they are wanted.
+/// Quadrants of which two blobs or one show the black, too blurred to tell them by it alone; only where they are wanted, and
+/// of blobs that are no discs.
 pub fn narrow(
     image: &Raster,
     blobs: &[Blob],
     taken: &[bool],
     noise: f64,
     wanted: impl Fn(&Outline) -> bool,
+    mut is_disc: impl FnMut(usize) -> bool,
 ) -> Vec<Candidate> {
-    let may_be = |(blob, taken): (&Blob, &bool)| {
+    let mut may_be = |(i, (blob, taken)): (usize, (&Blob, &bool))| {
         let seen = Outline::of(blob);
         let free = !taken && !blob.at_edge && blob.area > LEAST && seen.minor < THICKEST && wanted(&seen);
-        if free { white_over_black(image, blob, noise) } else { None }
+        let contrast = if free { white_over_black(image, blob, noise) } else { None };
+        contrast.filter(|_| !is_disc(i))
     };
-    let contrasts: Vec<Option<usize>> = blobs.iter().zip(taken).map(may_be).collect();
+    let contrasts: Vec<Option<usize>> = blobs.iter().zip(taken).enumerate().map(&mut may_be).collect();
     let pairs = candidate::pairs(blobs).into_iter().map(Vec::from);
     let single = (0..blobs.len()).map(|i| vec![i]);
     let mut out: Vec<Candidate> = Vec::new();
@@ -115,7 +118,7 @@ fn by_black_and_white(image: &Raster, seen: &Outline, blobs: &[usize]) -> Option
     let (outline, m, skin) = unlike_skin(image, seen)?;
     let found = within(outline, image, blobs)?;
     let start = rim::start(&found, &m, skin)?;
-    let (found, m) = rim::refined(image, &found, start, USUAL_BLUR)?;
+    let (found, m) = rim::refined(image, &found, start, USUAL_BLUR).filter(|(_, m)| rim::has_white(m))?;
     Some(Candidate { against_skin: Some(m[BLUR]), ..found })
 }
 

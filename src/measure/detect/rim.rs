@@ -12,6 +12,7 @@ use super::model::{
     ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, OUTLINE, Parameters, Pattern, SECOND, SKIN, THIRD, X, Y,
 };
 use super::outline::Outline;
+use super::outlined::WHITER;
 use super::oval::{Oval, columns, row_of};
 use super::sought::USUAL_GAMMA;
 
@@ -119,6 +120,12 @@ pub fn measured(
     }
     let found = fit(&pixels, m, scale, &unknowns, floor)?;
     Some((pixels, found, unknowns))
+}
+
+/// Whether the white of narrow quadrants is lighter than the skin: between two discs in a row it is the skin itself.
+pub fn has_white(m: &Parameters) -> bool {
+    let skin = m[SKIN].max(0.0).powf(m[GAMMA]);
+    1.0 - skin > WHITER * contrast(m) / m[LIGHT].max(1.0)
 }
 
 /// The outline of parameters.

@@ -224,6 +224,11 @@ impl<'a> Whole<'a> {
         round.map(|disc| self.measure(index, &disc))
     }
 
+    /// Whether a blob is a whole disc whose place is told well: the image model tells.
+    pub fn is_sure_disc(&mut self, index: usize) -> bool {
+        matches!(self.measure_round(index), Some(Ok(disc)) if disc.is_sure())
+    }
+
     /// Whether the two blobs of a pair are whole discs side by side: the image model tells.
     pub fn are_discs(&mut self, candidate: &Candidate) -> bool {
         let mut disc =
