@@ -87,7 +87,7 @@ impl Sizes {
     /// What a disc that is longer or thicker than foretold is doubted by, px^2: something beside an edge passes for a part of
     /// it, and the centre may be off by as much.
     fn doubt(&self, expected: &Prediction, disc: &Detection) -> Matrix2<f64> {
-        let along = Vector2::new(disc.angle_rad.cos(), disc.angle_rad.sin());
+        let along = disc.outline().axis();
         let across = Vector2::new(-along.y, along.x);
         let axes = [
             (along, disc.semi_major_px, self.major, expected.semi_major_px),

@@ -61,7 +61,7 @@ pub fn completed(image: &Raster, candidate: &Candidate, index: usize, blobs: &[B
 
 /// Whether the skin beyond an end of a disc is saturated: glare may have cut it.
 pub fn ends_in_white(image: &Raster, outline: &Outline) -> bool {
-    let axis = Vector2::new(outline.angle.cos(), outline.angle.sin());
+    let axis = outline.axis();
     [-1.0, 1.0].iter().any(|side| {
         PAST.iter().all(|past| {
             let at = outline.centre + axis * (side * (outline.major + past));
@@ -125,7 +125,7 @@ fn together(
 /// What glare has left of a blob; `None` where no end of it is drowned.
 fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
     let outline = Outline::of(blob);
-    let axis = Vector2::new(outline.angle.cos(), outline.angle.sin());
+    let axis = outline.axis();
     let inverse = blob.covariance.try_inverse()?;
     let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
     let points: Vec<Rim> = (rim(blob).into_iter())
@@ -136,7 +136,7 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
         })
         .collect();
     let usual = middle_of(points.iter().map(|p| p.step))?;
-    let ends = drowned(image, blob.centroid, &outline, axis);
+    let ends = drowned(image, &outline);
     if usual < 8.0 || ends == [None, None] {
         return None;
     }
@@ -149,8 +149,8 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
 
 /// The bands in which glare lies over a disc of which all is known but the exact place: over its ends or its middle.
 pub fn lit(image: &Raster, outline: &Outline) -> Vec<Band> {
-    let axis = Vector2::new(outline.angle.cos(), outline.angle.sin());
-    let skin = beside(image, outline.centre, outline, axis);
+    let axis = outline.axis();
+    let skin = beside(image, outline);
     let mut sorted = skin.clone();
     sorted.sort_by(f64::total_cmp);
     // Glare may lie over most of it.
@@ -173,11 +173,12 @@ pub fn lit(image: &Raster, outline: &Outline) -> Vec<Band> {
 }
 
 /// Grey values of the skin beside a disc, at each pixel along it and beyond its ends.
-fn beside(image: &Raster, centre: Vector2<f64>, outline: &Outline, axis: Vector2<f64>) -> Vec<f64> {
+fn beside(image: &Raster, outline: &Outline) -> Vec<f64> {
+    let axis = outline.axis();
     let across = Vector2::new(-axis.y, axis.x);
     let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
     let skin = |s: i32| {
-        let at = centre + axis * f64::from(s);
+        let at = outline.centre + axis * f64::from(s);
         let beside = BESIDE.map(|d| across * (outline.minor + d));
         beside.iter().map(|d| grey(at + d) + grey(at - d)).sum::<f64>() / (2 * BESIDE.len()) as f64
     };
@@ -187,8 +188,8 @@ fn beside(image: &Raster, centre: Vector2<f64>, outline: &Outline, axis: Vector2
 
 /// Where along the axis glare begins before a blob's middle, and after it, if it reaches the blob: the skin beside it
 /// tells, for the blob's own outline fades as the skin lights up.
-fn drowned(image: &Raster, centre: Vector2<f64>, outline: &Outline, axis: Vector2<f64>) -> [Option<f64>; 2] {
-    let skin = beside(image, centre, outline, axis);
+fn drowned(image: &Raster, outline: &Outline) -> [Option<f64>; 2] {
+    let skin = beside(image, outline);
     let last = (skin.len() / 2) as i32;
     let at = |s: i32| skin.get((s + last) as usize).copied().unwrap_or(0.0);
     let half = outline.major as i32;
@@ -196,7 +197,8 @@ fn drowned(image: &Raster, centre: Vector2<f64>, outline: &Outline, axis: Vector
     [-1, 1].map(|sign| {
         let peak = (0..=last).find(|&s| at(sign * s) > LIGHTER * usual)?;
         let begin = (0..=peak).rev().find(|&s| at(sign * s) < BEGINS * usual)?;
-        (begin < half + 2).then(|| centre.dot(&axis) + f64::from(sign) * (f64::from(begin) - MARGIN))
+        (begin < half + 2)
+            .then(|| outline.centre.dot(&outline.axis()) + f64::from(sign) * (f64::from(begin) - MARGIN))
     })
 }
 

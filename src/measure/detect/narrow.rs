@@ -118,7 +118,7 @@ fn by_black_and_white(image: &Raster, seen: &Outline, blobs: &[usize]) -> Option
     let (outline, m, skin) = unlike_skin(image, seen)?;
     let found = within(outline, image, blobs)?;
     let start = rim::start(&found, &m, skin)?;
-    let (found, m) = rim::refined(image, &found, start, USUAL_BLUR).filter(|(_, m)| rim::has_white(m))?;
+    let (found, m) = rim::refined(image, &found, start, USUAL_BLUR)?;
     Some(Candidate { against_skin: Some(m[BLUR]), ..found })
 }
 

@@ -41,6 +41,11 @@ impl Outline {
         Self::from_moments(blob.centroid, blob.covariance, 2.0)
     }
 
+    /// Unit vector along.
+    pub fn axis(&self) -> Vector2<f64> {
+        Vector2::new(self.angle.cos(), self.angle.sin())
+    }
+
     /// Coordinates along and across.
     pub fn local(&self, at: Vector2<f64>) -> (f64, f64) {
         let (sin, cos) = self.angle.sin_cos();

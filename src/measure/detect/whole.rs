@@ -166,7 +166,7 @@ pub fn doubt_unlike(found: &mut Found) {
             let longer = (d.semi_major_px - major).powi(2);
             let chance = own.length.powi(2) + deviation * deviation;
             let doubt = if longer > UNLIKELY * UNLIKELY * chance { longer - chance } else { 0.0 };
-            let axis = Vector2::new(d.angle_rad.cos(), d.angle_rad.sin());
+            let axis = d.outline().axis();
             axis * axis.transpose() * doubt
         })
         .collect();
