@@ -35,6 +35,9 @@ struct Window {
     y1: usize,
 }
 
+/// Rows that are marked before their runs are sought.
+const ROWS: usize = 16;
+
 /// Fewer pixels are noise.
 const LEAST_AREA: u32 = 6;
 
@@ -209,10 +212,17 @@ impl Window {
     fn runs(&self, image: &Raster, mut mark: impl FnMut(usize, &[u8], &mut [u64])) -> Vec<Run> {
         let width = self.x1 - self.x0;
         let end = (self.x0 + width.next_multiple_of(WORD)).min(image.width());
-        let (mut out, mut marks) = (Vec::new(), vec![0; width.div_ceil(WORD)]);
-        for y in self.y0..self.y1 {
-            mark(y, &image.row(y)[self.x0..end], &mut marks);
-            runs::find_in(marks.iter().copied(), width, y, &mut out);
+        let words = width.div_ceil(WORD).max(1);
+        let (mut out, mut marks) = (Vec::new(), vec![0; ROWS * words]);
+        // Rows are fetched side by side where nothing hangs on what they hold.
+        for first in (self.y0..self.y1).step_by(ROWS) {
+            let rows = || first..self.y1.min(first + ROWS);
+            for (y, marks) in rows().zip(marks.chunks_exact_mut(words)) {
+                mark(y, &image.row(y)[self.x0..end], marks);
+            }
+            for (y, marks) in rows().zip(marks.chunks_exact(words)) {
+                runs::find_in(marks.iter().copied(), width, y, &mut out);
+            }
         }
         out
     }
