@@ -4,10 +4,11 @@
 
 use nalgebra::{Cholesky, Vector2};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
-use wingd::measure::detect::{Detection, Detections, UNSURE_PX2, detect, look_closer};
-use wingd::measure::identify::{Identities, expect, identify, orient, remove_perspective_bias};
+use wingd::measure::detect::{Detection, Detections, UNSURE_PX2, detect};
+use wingd::measure::identify::{identify, orient, remove_perspective_bias};
 use wingd::measure::render::{Light, Options, Scene, Side};
 use wingd::measure::setup::{Orientation, Shape};
+use wingd::pipeline::stages::identified;
 
 /// What is off, px, and in standard deviations, of the discs that were seen badly; and how many are missing.
 #[derive(Default)]
@@ -71,9 +72,7 @@ fn looks(seed: u64, lift_m: f64, light: Light) -> [Tally; 2] {
         (scene.truth(&shot).markers.iter()).map(|m| (m.pixel.unwrap_or_default(), m.visible)).collect();
 
     let first = detect(&image);
-    let identities: Identities = identify(&scene.setup, &orientation, &first.markers).unwrap();
-    let mut closer = first.clone();
-    look_closer(&image, &mut closer, &expect(&scene.setup, &orientation, &first.markers, &identities));
+    let (closer, _) = identified(&scene.setup, &orientation, &image, first.clone()).unwrap();
     for (i, one) in closer.markers.iter().enumerate() {
         let near = |other: &&Detection| (one.centre_px - other.centre_px).norm() < 5.0;
         assert_eq!(closer.markers[..i].iter().find(near), None, "seed {seed}: one marker, one detection");

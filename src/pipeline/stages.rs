@@ -170,23 +170,32 @@ pub fn recognise(
     }
 }
 
-/// Detections, some of them after a closer look, and who is who.
-fn identified(
+/// Closer looks at most.
+const LOOKS: usize = 3;
+
+/// Detections, some of them after closer looks at `raster`, and who is who; perspective bias is not removed.
+///
+/// # Errors
+/// Where no consensus names the markers.
+pub fn identified(
     setup: &Setup,
     orientation: &Orientation,
     raster: &Raster,
     found: Detections,
 ) -> Result<(Detections, Identities), IdentifyError> {
-    let identities = identify::identify(setup, orientation, &found.markers)?;
-    let expected = identify::expect(setup, orientation, &found.markers, &identities);
-    let mut closer = found.clone();
-    if !detect::look_closer(raster, &mut closer, &expected) {
-        return Ok((closer, identities));
+    let mut identities = identify::identify(setup, orientation, &found.markers)?;
+    let mut found = found;
+    // What is measured better foretells the others better.
+    for _ in 0..LOOKS {
+        let expected = identify::expect(setup, orientation, &found.markers, &identities);
+        let mut closer = found.clone();
+        if !detect::look_closer(raster, &mut closer, &expected) {
+            return Ok((closer, identities));
+        }
+        let Ok(again) = identify::identify(setup, orientation, &closer.markers) else { break };
+        (found, identities) = (closer, again);
     }
-    match identify::identify(setup, orientation, &closer.markers) {
-        Ok(again) => Ok((closer, again)),
-        Err(_) => Ok((found, identities)),
-    }
+    Ok((found, identities))
 }
 
 /// The identified detections, in the survey's order.

@@ -38,18 +38,24 @@ pub struct Candidate {
     pub like: Option<Like>,
 }
 
-/// Standard deviations of a disc's semi-axes, px, and of its direction, rad; infinite where it is not foretold.
+/// A disc's semi-axes, px, and direction, rad, each with its standard deviation; minor axis and direction may not be foretold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Foretold {
-    pub major: f64,
-    pub minor: f64,
-    pub angle: f64,
+    pub major: (f64, f64),
+    pub slope: Option<Slope>,
+}
+
+/// What of a disc's shape follows the skin's slope: semi-minor axis, px, and direction, rad, each with its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slope {
+    pub minor: (f64, f64),
+    pub angle: (f64, f64),
 }
 
 impl Foretold {
     /// Of the major axis alone, as whole discs about it tell it, px.
-    pub fn of_major(deviation: f64) -> Self {
-        Self { major: deviation, minor: f64::INFINITY, angle: f64::INFINITY }
+    pub fn of_major(major: (f64, f64)) -> Self {
+        Self { major, slope: None }
     }
 }
 

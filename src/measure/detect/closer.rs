@@ -5,12 +5,12 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::super::raster::Raster;
 use super::super::setup::Shape;
-use super::candidate::{Candidate, Foretold, Like};
+use super::candidate::{Candidate, Foretold, Like, Slope};
 use super::judge::Measured;
 use super::measure::{Bounds, measure};
 use super::model::Pattern;
 use super::outline::{Outline, half_turn};
-use super::{Detection, Detections, Prediction, by_place, clumped, glare, middle};
+use super::{Detection, Detections, Prediction, by_place, clumped, glare, middle, narrow};
 
 /// A marker that should be in the frame, from its orientation and the markers that are known.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,20 +25,27 @@ pub struct Expected {
 pub const UNSURE_PX2: f64 = 0.04;
 /// The same up to which a disc tells how the foretold sizes fail.
 const SURE: f64 = 0.08;
-/// Discs that tell it.
+/// Discs that tell it at least, and how many of those alike tell what the skin's slope does.
 const ENOUGH: usize = 3;
+const LIKE: usize = 5;
 /// How far foretold sizes fail at least, as shares: the major axis is the diameter over the distance, the minor and the
 /// direction follow the skin's slope, which a bending wing changes; and the major where nothing tells it.
 const MAJOR: f64 = 0.003;
 const MINOR: f64 = 0.03;
 const ANGLE: f64 = 0.015;
 const UNKNOWN: f64 = 0.01;
-/// How far from its expected place a disc may be, px.
+/// How far from its expected place a marker may be, px, unless the sure discs are farther.
 const NEAR: f64 = 4.0;
 /// Standard deviations by which both answers may differ.
 const ALIKE: f64 = 4.0;
 /// Standard deviations by which a size differs from the foretold one that say that something is wrong.
 const UNLIKE: f64 = 3.0;
+/// Share of quadrants that is surely theirs, wherever the skin slopes a little otherwise.
+const INNER: f64 = 0.75;
+/// How far quadrants' outline may be off, px.
+const ASIDE: f64 = 8.0;
+/// How much lighter glare makes the skin where it leaves too little of an edge.
+const BLINDS: f64 = 1.3;
 /// The greatest blur over the frame's.
 const SOFTER: f64 = 2.5;
 /// Semi-minor axis, in blurs, below which a disc does not tell the blur, and how far that differs in a frame, as a share.
@@ -52,36 +59,69 @@ struct Sizes {
     angle: (f64, f64),
 }
 
-impl Sizes {
+/// The frame's sure discs, as foretold and as found.
+struct Sure(Vec<(Prediction, Detection)>);
+
+impl Sure {
     fn of(found: &[Detection], expected: &[Expected]) -> Self {
         let pair = |e: &Expected| Some((e.prediction.clone(), found.get(e.found?)?.clone()));
         let sure =
             |(_, d): &(Prediction, Detection)| d.shape == Shape::Circle && d.covariance_px2.trace() < SURE;
-        let sure: Vec<(Prediction, Detection)> = expected.iter().filter_map(pair).filter(sure).collect();
-        let spread = |value: &dyn Fn(&Prediction, &Detection) -> f64, least: f64| {
-            let all: Vec<f64> = sure.iter().map(|(p, d)| value(p, d)).collect();
+        Self(expected.iter().filter_map(pair).filter(sure).collect())
+    }
+
+    /// How the sizes of a marker fail: the major axis as all discs tell, the others as those do that are foretold in about the
+    /// same direction, for they follow the skin's slope, which is another at the leading edge than at the trailing one.
+    fn sizes(&self, expected: &Prediction) -> Sizes {
+        let mut like: Vec<_> = self.0.iter().collect();
+        let aside = |p: &Prediction| half_turn(p.angle_rad - expected.angle_rad).abs();
+        like.sort_by(|(one, _), (other, _)| aside(one).total_cmp(&aside(other)));
+        let few = like.len().min(LIKE);
+        let spread = |count: usize, value: &dyn Fn(&Prediction, &Detection) -> f64, least: f64| {
+            let all: Vec<f64> = like[..count].iter().map(|(p, d)| value(p, d)).collect();
             let usual = middle(all.clone()).filter(|_| all.len() >= ENOUGH);
             let off = usual.and_then(|usual| middle(all.iter().map(|v| (v - usual).abs()).collect()));
             Some((usual?, least.max(1.5 * off?)))
         };
-        Self {
-            major: spread(&|p, d| d.semi_major_px / p.semi_major_px, MAJOR).unwrap_or((1.0, UNKNOWN)),
-            minor: spread(&|p, d| d.semi_minor_px / p.semi_minor_px, MINOR).unwrap_or((1.0, 2.0 * MINOR)),
-            angle: spread(&|p, d| half_turn(d.angle_rad - p.angle_rad), ANGLE).unwrap_or((0.0, 2.0 * ANGLE)),
+        let major = spread(like.len(), &|p, d| d.semi_major_px / p.semi_major_px, MAJOR);
+        let minor = spread(few, &|p, d| d.semi_minor_px / p.semi_minor_px, MINOR);
+        let angle = spread(few, &|p, d| half_turn(d.angle_rad - p.angle_rad), ANGLE);
+        Sizes {
+            major: major.unwrap_or((1.0, UNKNOWN)),
+            minor: minor.unwrap_or((1.0, 2.0 * MINOR)),
+            angle: angle.unwrap_or((0.0, 2.0 * ANGLE)),
         }
     }
+}
 
-    /// The candidate of an expected disc.
-    fn candidate(&self, expected: &Prediction) -> Option<Candidate> {
+impl Sizes {
+    /// The candidate of an expected disc, and of quadrants if glare lies over them: what else hides them is not known.
+    fn candidate(&self, image: &Raster, expected: &Prediction) -> Option<Candidate> {
         let outline = expected.outline()?;
         let (major, minor) = (self.major.0 * outline.major, self.minor.0 * outline.minor);
         let outline = Outline { major, minor, angle: half_turn(outline.angle + self.angle.0), ..outline };
-        let foretold = Foretold {
-            major: self.major.1 * expected.semi_major_px,
-            minor: self.minor.1 * expected.semi_minor_px,
-            angle: self.angle.1,
+        let bands = match expected.shape {
+            Shape::Circle => glare::lit(image, &outline, glare::BEGINS),
+            // White must not pass for lit skin.
+            Shape::Quadrant => {
+                glare::lit(image, &Outline { minor: outline.minor + ASIDE, ..outline }, BLINDS)
+            }
         };
-        Some(Candidate { foretold: Some(foretold), ..Candidate::of(Pattern::Disc, outline, Vec::new()) })
+        let candidate = match expected.shape {
+            Shape::Circle => Candidate::of(Pattern::Disc, outline, Vec::new()),
+            Shape::Quadrant if bands.is_empty() => return None,
+            Shape::Quadrant => {
+                let (major, minor) = (INNER * outline.major, INNER * outline.minor);
+                narrow::placed(&Outline { major, minor, ..outline }, image, &bands)?
+            }
+        };
+        let slope = Slope {
+            minor: (outline.minor, self.minor.1 * expected.semi_minor_px),
+            angle: (outline.angle, self.angle.1),
+        };
+        let major = (outline.major, self.major.1 * expected.semi_major_px);
+        let foretold = Foretold { major, slope: Some(slope) };
+        Some(Candidate { foretold: Some(foretold), bands, ..candidate })
     }
 
     /// What a disc that is longer or thicker than foretold is doubted by, px^2: something beside an edge passes for a part of
@@ -107,35 +147,50 @@ impl Sizes {
 /// whether that is better for any. The markers stay in order.
 pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]) -> bool {
     let Some(psf) = found.psf_sigma_px else { return false };
-    let sizes = Sizes::of(&found.markers, expected);
+    let sure = Sure::of(&found.markers, expected);
+    let off = |(p, d): &(Prediction, Detection)| (d.centre_px - p.centre_px).norm();
+    let most = middle(sure.0.iter().map(off).collect()).map_or(NEAR, |usual| NEAR.max(3.0 * usual));
     let bounds = Bounds { blur: SOFTER * psf, through_glare: true, ..Bounds::of(found.noise) };
     let mut new: Vec<(Option<usize>, Measured)> = Vec::new();
-    for Expected { prediction, found: own } in expected.iter().filter(|e| e.prediction.shape == Shape::Circle)
-    {
+    for Expected { prediction, found: own } in expected {
         let old = own.and_then(|i| found.markers.get(i));
-        if old.is_some_and(|d| d.covariance_px2.trace() < UNSURE_PX2) {
+        // A crossing is told well by whatever shows it.
+        let least = if prediction.shape == Shape::Circle { UNSURE_PX2 } else { f64::INFINITY };
+        if old.is_some_and(|d| d.covariance_px2.trace() < least) {
             continue;
         }
-        let Some(mut candidate) = sizes.candidate(prediction) else { continue };
-        candidate.bands = glare::lit(image, &candidate.outline);
-        if candidate.outline.minor < THIN * psf {
+        let sizes = sure.sizes(prediction);
+        let Some(mut candidate) = sizes.candidate(image, prediction) else { continue };
+        if prediction.shape == Shape::Circle && candidate.outline.minor < THIN * psf {
             candidate.like = Some(Like { blur: (psf, SAME_BLUR * psf), dark: (0.7, f64::INFINITY) });
         }
         let Ok(mut measured) = measure(image, &[], &candidate, bounds) else { continue };
         clumped::raise(&mut measured, found.clumping);
+        if prediction.shape == Shape::Quadrant {
+            measured.detection.semi_major_px /= INNER;
+            measured.detection.semi_minor_px /= INNER;
+        }
+        if prediction.shape == Shape::Circle {
+            measured.detection.covariance_px2 += sizes.doubt(prediction, &measured.detection);
+        }
         let centre = measured.detection.centre_px;
         // It may have been found and left without a name.
         let own = own.or_else(|| found.markers.iter().position(|d| d.outline().outwards(centre) < 0.5));
-        let old = own.and_then(|i| found.markers.get(i));
-        let near = (centre - prediction.centre_px).norm() < NEAR;
-        if near && old.is_none_or(|old| is_better(&measured.detection, old)) {
+        let old = own.and_then(|i| found.markers.get(i)).map(|old| {
+            // What has another size than foretold may have another place too.
+            let doubt =
+                if old.shape == Shape::Circle { sizes.doubt(prediction, old) } else { Matrix2::zeros() };
+            Detection { covariance_px2: old.covariance_px2 + doubt, ..old.clone() }
+        });
+        let near = (centre - prediction.centre_px).norm() < most;
+        if near && old.is_none_or(|old| is_better(&measured.detection, &old)) {
             new.push((own, measured));
         }
     }
     let changed = !new.is_empty();
     for Expected { prediction, found: own } in expected {
         if let Some(disc) = own.and_then(|i| found.markers.get_mut(i)).filter(|d| d.shape == Shape::Circle) {
-            disc.covariance_px2 += sizes.doubt(prediction, disc);
+            disc.covariance_px2 += sure.sizes(prediction).doubt(prediction, disc);
         }
     }
     for (own, measured) in new {
@@ -155,6 +210,6 @@ fn is_better(new: &Detection, old: &Detection) -> bool {
     let apart: Vector2<f64> = new.centre_px - old.centre_px;
     let both = new.covariance_px2 + old.covariance_px2;
     let off = both.try_inverse().map_or(f64::INFINITY, |inverse| apart.dot(&(inverse * apart)));
-    let surer = new.shape == old.shape && new.covariance_px2.trace() < old.covariance_px2.trace();
-    surer && off < ALIKE * ALIKE
+    let surer = new.shape == Shape::Quadrant || new.covariance_px2.trace() < old.covariance_px2.trace();
+    surer && new.shape == old.shape && off < ALIKE * ALIKE
 }

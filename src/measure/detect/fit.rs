@@ -175,7 +175,7 @@ impl<'a> Problem<'a> {
             if settled || (iteration + 1 == most && moved < 0.02) {
                 return Some(End { parameters: m, start, scale, step, factor });
             }
-            let far = iteration >= LATE && moved > 1.0;
+            let far = iteration >= LATE && moved > 1.0 && step.scale > 0.05 * contrast(&m);
             if far || (iteration >= EARLY && step.scale > 0.2 * contrast(&m)) {
                 return None;
             }

@@ -18,7 +18,7 @@ const REACH: f64 = 3.0;
 const STEP: f64 = 0.6;
 /// How much lighter than the skin the glare is, and where it begins.
 const LIGHTER: f64 = 1.15;
-const BEGINS: f64 = 1.10;
+pub const BEGINS: f64 = 1.10;
 /// Where the skin beside a blob is looked at, px from its outline; and how far beyond its ends.
 const BESIDE: [f64; 4] = [4.0, 5.0, 6.0, 7.0];
 const BEYOND: i32 = 20;
@@ -147,10 +147,12 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
     (left.len() >= least).then_some(Part { axis, left, ends })
 }
 
-/// The bands in which glare lies over a disc of which all is known but the exact place: over its ends or its middle.
-pub fn lit(image: &Raster, outline: &Outline) -> Vec<Band> {
+/// The bands in which glare lies over a marker of which all is known but the exact place: over its ends or its middle; from
+/// where the skin is so many times lighter than elsewhere.
+pub fn lit(image: &Raster, outline: &Outline, begins: f64) -> Vec<Band> {
     let axis = outline.axis();
-    let skin = beside(image, outline);
+    // A place that is some px off has the marker's own black on one side.
+    let skin = beside(image, outline, f64::max);
     let mut sorted = skin.clone();
     sorted.sort_by(f64::total_cmp);
     // Glare may lie over most of it.
@@ -159,12 +161,12 @@ pub fn lit(image: &Raster, outline: &Outline) -> Vec<Band> {
     let place = |i: usize| middle + i as f64 - (skin.len() / 2) as f64;
     let mut out = Vec::new();
     let mut first = 0;
-    for alike in skin.chunk_by(|one, other| (*one > BEGINS * usual) == (*other > BEGINS * usual)) {
+    for alike in skin.chunk_by(|one, other| (*one > begins * usual) == (*other > begins * usual)) {
         let next = first + alike.len();
         let from = if first == 0 { f64::NEG_INFINITY } else { place(first) - MARGIN };
         let to = if next == skin.len() { f64::INFINITY } else { place(next) + MARGIN };
         let over = from < middle + outline.major && to > middle - outline.major;
-        if over && alike.iter().any(|&v| v > LIGHTER * usual) {
+        if over && alike.iter().any(|&v| v > LIGHTER.max(begins) * usual) {
             out.push(Band { axis, from, to });
         }
         first = next;
@@ -172,15 +174,16 @@ pub fn lit(image: &Raster, outline: &Outline) -> Vec<Band> {
     out
 }
 
-/// Grey values of the skin beside a disc, at each pixel along it and beyond its ends.
-fn beside(image: &Raster, outline: &Outline) -> Vec<f64> {
+/// Grey values of the skin beside a disc, at each pixel along it and beyond its ends, from those on both sides.
+fn beside(image: &Raster, outline: &Outline, both: impl Fn(f64, f64) -> f64) -> Vec<f64> {
     let axis = outline.axis();
     let across = Vector2::new(-axis.y, axis.x);
     let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
     let skin = |s: i32| {
         let at = outline.centre + axis * f64::from(s);
         let beside = BESIDE.map(|d| across * (outline.minor + d));
-        beside.iter().map(|d| grey(at + d) + grey(at - d)).sum::<f64>() / (2 * BESIDE.len()) as f64
+        let side = |sign: f64| beside.iter().map(|d| grey(at + d * sign)).sum::<f64>() / BESIDE.len() as f64;
+        both(side(1.0), side(-1.0))
     };
     let last = outline.major.ceil() as i32 + BEYOND;
     (-last..=last).map(skin).collect()
@@ -189,7 +192,7 @@ fn beside(image: &Raster, outline: &Outline) -> Vec<f64> {
 /// Where along the axis glare begins before a blob's middle, and after it, if it reaches the blob: the skin beside it
 /// tells, for the blob's own outline fades as the skin lights up.
 fn drowned(image: &Raster, outline: &Outline) -> [Option<f64>; 2] {
-    let skin = beside(image, outline);
+    let skin = beside(image, outline, |one, other| 0.5 * (one + other));
     let last = (skin.len() / 2) as i32;
     let at = |s: i32| skin.get((s + last) as usize).copied().unwrap_or(0.0);
     let half = outline.major as i32;

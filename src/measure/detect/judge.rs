@@ -18,6 +18,8 @@ const LAID: f64 = 0.07;
 /// does to the edges beside it, px: about a tenth of an edge's width.
 const DROWNED: f64 = 0.64;
 const VEIL_PX: f64 = 0.1;
+/// Semi-minor axis below which that shifts a disc less across its axis, px.
+const EVEN: f64 = 20.0;
 /// Greatest standard deviation of a centre, px: of any, and of one whose length its like foretell, so that no more than
 /// the place along it is in doubt.
 const VAGUEST: f64 = 2.0;
@@ -118,7 +120,7 @@ pub fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Re
     if m[BLUR] > SOFTEST || fit.inliers < 0.55 || fit.rms > largest_rms(candidate, noise, contrast) {
         return Err(RejectReason::PoorFit);
     }
-    let edges = candidate.edges.filter(|_| candidate.against_skin.is_none());
+    let edges = candidate.edges.filter(|_| candidate.against_skin.is_none() && candidate.foretold.is_none());
     if edges.is_some_and(|edges| !ends_in_arcs(image, candidate.pattern, &outline, edges.0, m)) {
         return Err(RejectReason::Pattern);
     }
@@ -127,8 +129,12 @@ pub fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Re
         let axis = Vector2::new(m[ANGLE].cos(), m[ANGLE].sin());
         covariance += axis * axis.transpose() * (LAID * m[THIRD]).powi(2);
     }
-    if glare {
-        covariance += Matrix2::identity() * VEIL_PX.powi(2);
+    // A crossing lies where glare does not.
+    if glare && candidate.pattern == Pattern::Disc {
+        // Both edges of a thin disc lie in the same light.
+        let (along, across) = (outline.axis(), VEIL_PX * (outline.minor / EVEN).min(1.0));
+        let along_too = VEIL_PX.powi(2) - across.powi(2);
+        covariance += Matrix2::identity() * across.powi(2) + along * along.transpose() * along_too;
     }
     let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
     // A part of an outline, or one in uneven light, tells the centre less well, and says so; so does what is hardly seen, of

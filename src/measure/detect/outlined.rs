@@ -37,7 +37,7 @@ pub fn outlined(image: &Raster, candidate: Candidate, m: &Parameters) -> Candida
     }
     let saddle = Vector2::new(m[X], m[Y]);
     let outline = &candidate.outline;
-    if candidate.against_skin.is_some() {
+    if candidate.against_skin.is_some() || candidate.foretold.is_some() {
         return Candidate { outline: Outline { centre: saddle, ..*outline }, ..candidate };
     }
     // Skin is darker than white: nearer to black it does not run into the quadrants.
@@ -61,7 +61,7 @@ pub fn outlined(image: &Raster, candidate: Candidate, m: &Parameters) -> Candida
 /// are not, or where that does not settle.
 pub fn with_rim(image: &Raster, candidate: &Candidate, m: &Parameters) -> Option<(Candidate, Parameters)> {
     let outline = &candidate.outline;
-    if candidate.edges.is_none() || outline.minor > NARROW * m[BLUR] {
+    if candidate.edges.is_none() || !candidate.bands.is_empty() || outline.minor > NARROW * m[BLUR] {
         return None;
     }
     let reach = (outline.extent() * 1.5).add_scalar(BESIDE);

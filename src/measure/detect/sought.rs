@@ -84,11 +84,11 @@ fn usual(candidate: &Candidate) -> [(f64, f64); N] {
         out[FIRST] = (outline.major, ALIKE_MAJOR * outline.major);
         out[SECOND] = (outline.minor, ALIKE_MINOR * outline.minor);
     }
-    if let Some(known) = candidate.foretold {
-        out[FIRST] = (outline.major, known.major);
-        if known.minor.is_finite() {
-            out[SECOND] = (outline.minor, known.minor);
-            out[ANGLE] = (outline.angle, known.angle);
+    if let Some(known) = candidate.foretold.filter(|_| candidate.pattern == Pattern::Disc) {
+        out[FIRST] = known.major;
+        if let Some(slope) = known.slope {
+            out[SECOND] = slope.minor;
+            out[ANGLE] = slope.angle;
         }
     }
     if let Some(like) = candidate.like {

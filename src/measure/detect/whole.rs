@@ -66,7 +66,7 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
             };
         }
         candidate.outline.major = major;
-        candidate.foretold = Some(Foretold::of_major(deviation));
+        candidate.foretold = Some(Foretold::of_major((major, deviation)));
         let like = |m: &Measured| is_as_long(m, (major, deviation), UNLIKE);
         let again = measure(known.image, known.blobs, &candidate, bounds).ok().filter(like);
         let slot = index.and_then(|i| found.measured.get_mut(i));
@@ -114,7 +114,7 @@ pub fn again_with_like(known: &Whole, found: &mut Found, unsure: Vec<Candidate>)
             size = size.filter(|(major, _)| outline.major > SEEN * major);
             let Some((major, deviation)) = size else { continue };
             candidate.outline.major = major;
-            candidate.foretold = Some(Foretold::of_major(deviation));
+            candidate.foretold = Some(Foretold::of_major((major, deviation)));
         }
         let measured = measure(known.image, known.blobs, &candidate, known.bounds).ok();
         let sure = |m: &Measured| size.is_none_or(|size| is_as_long(m, size, UNLIKE_THIN));
