@@ -21,9 +21,10 @@ const VEIL_PX: f64 = 0.1;
 /// Semi-minor axis below which that shifts a disc less across its axis, px.
 const EVEN: f64 = 20.0;
 /// Greatest standard deviation of a centre, px: of any, and of one whose length its like foretell, so that no more than
-/// the place along it is in doubt.
+/// the place along it is in doubt; of quadrants whose outline is foretold.
 const VAGUEST: f64 = 2.0;
 const VAGUEST_FORETOLD: f64 = 2.5;
+const VAGUEST_CROSSING: f64 = 0.5;
 /// Axis ratio of the flattest ellipse that is taken for a disc: near the tip of a wing that bends downwards they are 1:21,
 /// and seams are far flatter.
 const FLATTEST: f64 = 26.0;
@@ -139,8 +140,12 @@ pub fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Re
     let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
     // A part of an outline, or one in uneven light, tells the centre less well, and says so; so does what is hardly seen, of
     // which all is known but the place.
-    let (vaguest, vaguer) =
-        if candidate.foretold.is_some() { (VAGUEST_FORETOLD, 2.0) } else { (VAGUEST, 1.0) };
+    let (vaguest, vaguer) = match (candidate.foretold, candidate.pattern) {
+        (Some(_), Pattern::Disc) => (VAGUEST_FORETOLD, 2.0),
+        // Edges that only point at their crossing.
+        (Some(_), _) => (VAGUEST_CROSSING, 1.0),
+        (None, _) => (VAGUEST, 1.0),
+    };
     let most = if candidate.is_whole() { vaguer * (0.02 * outline.major).max(0.6) } else { vaguest };
     let most = most.min(0.05 * outline.major).min(vaguest);
     if !(spread > 0.0 && spread < most) {
