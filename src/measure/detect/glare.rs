@@ -18,6 +18,8 @@ const REACH: f64 = 3.0;
 const STEP: f64 = 0.6;
 /// How much lighter than the skin the glare is, and where it begins.
 const LIGHTER: f64 = 1.15;
+/// How much lighter at its brightest over a foretold marker, along which light may change by itself.
+const BRIGHT: f64 = 1.3;
 pub const BEGINS: f64 = 1.10;
 /// Where the skin beside a blob is looked at, px from its outline; and how far beyond its ends.
 const BESIDE: [f64; 4] = [4.0, 5.0, 6.0, 7.0];
@@ -166,7 +168,7 @@ pub fn lit(image: &Raster, outline: &Outline, begins: f64) -> Vec<Band> {
         let from = if first == 0 { f64::NEG_INFINITY } else { place(first) - MARGIN };
         let to = if next == skin.len() { f64::INFINITY } else { place(next) + MARGIN };
         let over = from < middle + outline.major && to > middle - outline.major;
-        if over && alike.iter().any(|&v| v > LIGHTER.max(begins) * usual) {
+        if over && alike.iter().any(|&v| v > BRIGHT * usual) {
             out.push(Band { axis, from, to });
         }
         first = next;
