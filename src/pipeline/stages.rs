@@ -150,7 +150,7 @@ pub fn size_fault(raster: &Raster, installation: &Installation) -> Option<String
     })
 }
 
-/// Identities, a closer look at discs that are hidden in part or hardly seen, perspective bias, observations.
+/// Identities, closer looks at markers that are hidden in part or hardly seen, perspective bias, observations.
 pub fn recognise(
     sighting: &mut Sighting,
     raster: &Raster,

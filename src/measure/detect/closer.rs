@@ -1,5 +1,6 @@
-//! Stage 7: discs whose size the orientation foretells. Where glare drowns an end, or where a disc is as thin as the blur,
-//! size and place are told badly together; with the surveyed diameter at the known distance only the place is sought.
+//! Stage 7: markers whose outline the orientation foretells. Where glare drowns an end, or where a disc is as thin as the
+//! blur, size and place are told badly together; with the surveyed diameter at the known distance only the place is sought.
+//! Quadrants that glare cuts may look like none any more; within their outline the edges that are seen tell the crossing.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -10,7 +11,7 @@ use super::judge::Measured;
 use super::measure::{Bounds, measure};
 use super::model::Pattern;
 use super::outline::{Outline, half_turn};
-use super::{Detection, Detections, Prediction, by_place, clumped, glare, middle, narrow};
+use super::{Detection, Detections, Prediction, by_place, clumped, glare, middle, parted};
 
 /// A marker that should be in the frame, from its orientation and the markers that are known.
 #[derive(Clone, Debug, PartialEq)]
@@ -112,7 +113,7 @@ impl Sizes {
             Shape::Quadrant if bands.is_empty() => return None,
             Shape::Quadrant => {
                 let (major, minor) = (INNER * outline.major, INNER * outline.minor);
-                narrow::placed(&Outline { major, minor, ..outline }, image, &bands)?
+                parted::placed(&Outline { major, minor, ..outline }, image, &bands)?
             }
         };
         let slope = Slope {
@@ -143,8 +144,8 @@ impl Sizes {
     }
 }
 
-/// Measures the expected discs that were not found, or whose place is told badly, once more with the size that is foretold;
-/// whether that is better for any. The markers stay in order.
+/// Measures the expected discs that were not found, or whose place is told badly, once more with the size that is foretold,
+/// and quadrants that were not found where glare lies over them; whether that is better for any. The markers stay in order.
 pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]) -> bool {
     let Some(psf) = found.psf_sigma_px else { return false };
     let sure = Sure::of(&found.markers, expected);
@@ -193,14 +194,19 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
             disc.covariance_px2 += sure.sizes(prediction).doubt(prediction, disc);
         }
     }
+    let mut quadrants: Vec<Outline> = Vec::new();
     for (own, measured) in new {
         let outline = measured.detection.outline();
         found.rejected.retain(|r| !outline.holds(r.centre_px));
+        quadrants.extend((measured.detection.shape == Shape::Quadrant).then_some(outline));
         match own.and_then(|i| found.markers.get_mut(i)) {
             Some(old) => *old = measured.detection,
             None => found.markers.push(measured.detection),
         }
     }
+    // A black part of them may have passed for a disc.
+    let part = |d: &Detection, q: &Outline| q.centre != d.centre_px && q.holds(d.centre_px);
+    found.markers.retain(|d| !quadrants.iter().any(|q| part(d, q)));
     found.markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     changed
 }

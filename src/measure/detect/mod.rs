@@ -33,6 +33,7 @@ mod normal;
 mod outline;
 mod outlined;
 mod oval;
+mod parted;
 mod rim;
 mod runs;
 mod seam;

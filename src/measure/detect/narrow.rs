@@ -1,18 +1,18 @@
 //! Stage 4: quadrants so narrow that blur leaves too little of their black to tell them by it alone: by black and white.
 
 use std::cmp::Reverse;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 
 use nalgebra::{Matrix2, Vector2};
 
 use super::super::raster::Raster;
 use super::blob::{self, Blob};
-use super::candidate::{self, Band, Candidate};
+use super::candidate::{self, Candidate};
 use super::counts::Counts;
 use super::model::{BLUR, DARK, LIGHT, N, Parameters};
 use super::outline::Outline;
 use super::outlined::{WHITER, inside, skin};
-use super::oval::Oval;
+use super::parted;
 use super::rim;
 use super::sought::usual_dark;
 
@@ -116,7 +116,7 @@ fn by_black_and_white(image: &Raster, seen: &Outline, blobs: &[usize]) -> Option
         return None;
     }
     let (outline, m, skin) = unlike_skin(image, seen)?;
-    let found = within(outline, image, blobs)?;
+    let found = parted::within(outline, image, blobs)?;
     let start = rim::start(&found, &m, skin)?;
     let (found, m) = rim::refined(image, &found, start, USUAL_BLUR)?;
     Some(Candidate { against_skin: Some(m[BLUR]), ..found })
@@ -193,93 +193,4 @@ fn hull(parts: &[&Blob]) -> Option<Outline> {
     let outline = Outline::from_moments(first + centre, square / area - centre * centre.transpose(), 2.0);
     let own: f64 = parts.iter().map(|b| b.area).sum();
     (own > SEEN * area && area > FULL * PI * outline.major * outline.minor).then_some(outline)
-}
-
-/// Quadrants with an outline that holds black and white: of the pairs of edges that are conjugate diameters the one that best
-/// parts dark from light; `None` where both black quadrants are not darker than both white ones.
-fn within(outline: Outline, image: &Raster, blobs: &[usize]) -> Option<Candidate> {
-    Parted::of(outline, image, &[]).candidate(blobs)
-}
-
-/// Quadrants whose outline is known but for its exact place, beside what glare hides of them: where dark is parted from light
-/// best.
-pub fn placed(outline: &Outline, image: &Raster, bands: &[Band]) -> Option<Candidate> {
-    const STEPS: i32 = 3;
-    const STEP_PX: f64 = 2.0;
-    let shifts = (-STEPS..=STEPS).flat_map(|u| (-STEPS..=STEPS).map(move |v| [u, v]));
-    let parted = shifts.map(|shift| {
-        let centre = outline.centre + Vector2::from(shift.map(f64::from)) * STEP_PX;
-        Parted::of(Outline { centre, ..*outline }, image, bands)
-    });
-    parted.max_by(|one, other| one.best().1.total_cmp(&other.best().1))?.candidate(&[])
-}
-
-/// An outline's pixels, all but the outermost, by their direction in it seen as a circle.
-struct Parted {
-    outline: Outline,
-    /// Sum of grey values and number of pixels in the quarter that begins in a direction.
-    quarters: [(f64, f64); TURNS],
-}
-
-/// Directions, and those in a quarter.
-const TURNS: usize = 72;
-const QUARTER: usize = TURNS / 4;
-/// Share of an outline's radius within which pixels count.
-const INNER: f64 = 0.85;
-
-impl Parted {
-    fn of(outline: Outline, image: &Raster, bands: &[Band]) -> Self {
-        let oval = Oval::new(&outline);
-        let reach = outline.extent();
-        let mut sums = [(0.0, 0.0); TURNS];
-        for (x, y, value) in image.part(outline.centre - reach, outline.centre + reach, 1) {
-            let (s, t) = oval.local(x as f64, y as f64);
-            let (p, q) = (s / outline.major, t / outline.minor);
-            let hidden = || bands.iter().any(|band| band.holds(&Vector2::new(x as f64, y as f64)));
-            if p * p + q * q < INNER * INNER && !hidden() {
-                let turn = (q.atan2(p).rem_euclid(TAU) / TAU * TURNS as f64) as usize % TURNS;
-                sums[turn].0 += f64::from(value);
-                sums[turn].1 += 1.0;
-            }
-        }
-        let add = |(v, n): (f64, f64), (sum, count): (f64, f64)| (v + sum, n + count);
-        let quarters =
-            std::array::from_fn(|from| (0..QUARTER).map(|k| sums[(from + k) % TURNS]).fold((0.0, 0.0), add));
-        Self { outline, quarters }
-    }
-
-    fn opposite(&self, turn: usize) -> [(f64, f64); 2] {
-        [turn, turn + 2 * QUARTER].map(|turn| self.quarters[turn % TURNS])
-    }
-
-    /// Where two opposite quarters are darkest beside the other two, and by how much, grey levels.
-    fn best(&self) -> (usize, f64) {
-        let mean = |turn: usize| {
-            let [(one, m), (other, n)] = self.opposite(turn);
-            (one + other) / f64::max(m + n, 1.0)
-        };
-        let lighter = |turn: usize| (turn, mean(turn + QUARTER) - mean(turn));
-        let better = |best: (usize, f64), other: (usize, f64)| if other.1 > best.1 { other } else { best };
-        (0..2 * QUARTER).map(lighter).fold((0, f64::MIN), better)
-    }
-
-    fn candidate(&self, blobs: &[usize]) -> Option<Candidate> {
-        let (outline, (darkest, _)) = (self.outline, self.best());
-        // What shows less than half of itself may be another's.
-        let least = 0.5 * INNER * INNER * PI / 4.0 * outline.major * outline.minor;
-        let seen = |turn: usize| {
-            let seen = self.opposite(turn).into_iter().filter(|(_, count)| *count > least);
-            seen.map(|(sum, count)| sum / count)
-        };
-        if seen(darkest + QUARTER).fold(f64::MAX, f64::min) <= seen(darkest).fold(0.0, f64::max) {
-            return None;
-        }
-        let axis = outline.axis();
-        let (half, across) = (axis * outline.major, Vector2::new(-axis.y, axis.x) * outline.minor);
-        let edge = |turn: usize| {
-            let (q, p) = (TAU * turn as f64 / TURNS as f64).sin_cos();
-            half * p + across * q
-        };
-        Some(candidate::between(edge(darkest), edge(darkest + QUARTER), outline, blobs))
-    }
 }
