@@ -14,6 +14,8 @@ const TURNS: usize = 72;
 const QUARTER: usize = TURNS / 4;
 /// Share of an outline's radius within which pixels count.
 const INNER: f64 = 0.85;
+/// Of a thicker outline not all rows and columns are looked at: semi-minor axis, px.
+const THICK: f64 = 12.0;
 
 /// Quadrants with an outline that holds black and white: of the pairs of edges that are conjugate diameters the one that best
 /// parts dark from light; `None` where both black quadrants are not darker than both white ones.
@@ -37,6 +39,8 @@ pub fn placed(outline: &Outline, image: &Raster, bands: &[Band]) -> Option<Candi
 /// An outline's pixels, all but the outermost, by their direction in it seen as a circle.
 struct Parted {
     outline: Outline,
+    /// Every how many rows and columns are looked at.
+    step: usize,
     /// Sum of grey values and number of pixels in the quarter that begins in a direction.
     quarters: [(f64, f64); TURNS],
 }
@@ -45,8 +49,9 @@ impl Parted {
     fn of(outline: Outline, image: &Raster, bands: &[Band]) -> Self {
         let oval = Oval::new(&outline);
         let reach = outline.extent();
+        let step = (outline.minor / THICK).max(1.0) as usize;
         let mut sums = [(0.0, 0.0); TURNS];
-        for (x, y, value) in image.part(outline.centre - reach, outline.centre + reach, 1) {
+        for (x, y, value) in image.part(outline.centre - reach, outline.centre + reach, step) {
             let (s, t) = oval.local(x as f64, y as f64);
             let (p, q) = (s / outline.major, t / outline.minor);
             let hidden = || bands.iter().any(|band| band.holds(&Vector2::new(x as f64, y as f64)));
@@ -59,7 +64,7 @@ impl Parted {
         let add = |(v, n): (f64, f64), (sum, count): (f64, f64)| (v + sum, n + count);
         let quarters =
             std::array::from_fn(|from| (0..QUARTER).map(|k| sums[(from + k) % TURNS]).fold((0.0, 0.0), add));
-        Self { outline, quarters }
+        Self { outline, step, quarters }
     }
 
     fn opposite(&self, turn: usize) -> [(f64, f64); 2] {
@@ -80,7 +85,8 @@ impl Parted {
     fn candidate(&self, blobs: &[usize]) -> Option<Candidate> {
         let (outline, (darkest, _)) = (self.outline, self.best());
         // What shows less than half of itself may be another's.
-        let least = 0.5 * INNER * INNER * PI / 4.0 * outline.major * outline.minor;
+        let least =
+            0.5 * INNER * INNER * PI / 4.0 * outline.major * outline.minor / (self.step * self.step) as f64;
         let seen = |turn: usize| {
             let seen = self.opposite(turn).into_iter().filter(|(_, count)| *count > least);
             seen.map(|(sum, count)| sum / count)
