@@ -101,19 +101,18 @@ impl Sizes {
         let outline = expected.outline()?;
         let (major, minor) = (self.major.0 * outline.major, self.minor.0 * outline.minor);
         let outline = Outline { major, minor, angle: half_turn(outline.angle + self.angle.0), ..outline };
-        let bands = match expected.shape {
-            Shape::Circle => glare::lit(image, &outline, glare::BEGINS),
-            // White must not pass for lit skin.
-            Shape::Quadrant => {
-                glare::lit(image, &Outline { minor: outline.minor + ASIDE, ..outline }, BLINDS)
+        let (bands, candidate) = match expected.shape {
+            Shape::Circle => {
+                let bands = glare::lit(image, &outline, glare::BEGINS);
+                (bands, Candidate::of(Pattern::Disc, outline, Vec::new()))
             }
-        };
-        let candidate = match expected.shape {
-            Shape::Circle => Candidate::of(Pattern::Disc, outline, Vec::new()),
-            Shape::Quadrant if bands.is_empty() => return None,
             Shape::Quadrant => {
+                // White must not pass for lit skin.
+                let beside = Outline { minor: outline.minor + ASIDE, ..outline };
+                let bands = Some(glare::lit(image, &beside, BLINDS)).filter(|bands| !bands.is_empty())?;
                 let (major, minor) = (INNER * outline.major, INNER * outline.minor);
-                parted::placed(&Outline { major, minor, ..outline }, image, &bands)?
+                let candidate = parted::placed(&Outline { major, minor, ..outline }, image, &bands)?;
+                (bands, candidate)
             }
         };
         let slope = Slope {
@@ -126,8 +125,11 @@ impl Sizes {
     }
 
     /// What a disc that is longer or thicker than foretold is doubted by, px^2: something beside an edge passes for a part of
-    /// it, and the centre may be off by as much.
+    /// it, and the centre may be off by as much. Nothing of quadrants, whose crossing no outline tells.
     fn doubt(&self, expected: &Prediction, disc: &Detection) -> Matrix2<f64> {
+        if disc.shape == Shape::Quadrant {
+            return Matrix2::zeros();
+        }
         let along = disc.outline().axis();
         let across = Vector2::new(-along.y, along.x);
         let axes = [
@@ -171,17 +173,14 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
             measured.detection.semi_major_px /= INNER;
             measured.detection.semi_minor_px /= INNER;
         }
-        if prediction.shape == Shape::Circle {
-            measured.detection.covariance_px2 += sizes.doubt(prediction, &measured.detection);
-        }
+        measured.detection.covariance_px2 += sizes.doubt(prediction, &measured.detection);
         let centre = measured.detection.centre_px;
         // It may have been found and left without a name.
         let own = own.or_else(|| found.markers.iter().position(|d| d.outline().outwards(centre) < 0.5));
         let old = own.and_then(|i| found.markers.get(i)).map(|old| {
             // What has another size than foretold may have another place too.
-            let doubt =
-                if old.shape == Shape::Circle { sizes.doubt(prediction, old) } else { Matrix2::zeros() };
-            Detection { covariance_px2: old.covariance_px2 + doubt, ..old.clone() }
+            let covariance_px2 = old.covariance_px2 + sizes.doubt(prediction, old);
+            Detection { covariance_px2, ..old.clone() }
         });
         let near = (centre - prediction.centre_px).norm() < most;
         if near && old.is_none_or(|old| is_better(&measured.detection, &old)) {
@@ -190,7 +189,7 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
     }
     let changed = !new.is_empty();
     for Expected { prediction, found: own } in expected {
-        if let Some(disc) = own.and_then(|i| found.markers.get_mut(i)).filter(|d| d.shape == Shape::Circle) {
+        if let Some(disc) = own.and_then(|i| found.markers.get_mut(i)) {
             disc.covariance_px2 += sure.sizes(prediction).doubt(prediction, disc);
         }
     }

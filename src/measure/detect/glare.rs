@@ -18,9 +18,9 @@ const REACH: f64 = 3.0;
 const STEP: f64 = 0.6;
 /// How much lighter than the skin the glare is, and where it begins.
 const LIGHTER: f64 = 1.15;
+pub const BEGINS: f64 = 1.10;
 /// How much lighter at its brightest over a foretold marker, along which light may change by itself.
 const BRIGHT: f64 = 1.3;
-pub const BEGINS: f64 = 1.10;
 /// Where the skin beside a blob is looked at, px from its outline; and how far beyond its ends.
 const BESIDE: [f64; 4] = [4.0, 5.0, 6.0, 7.0];
 const BEYOND: i32 = 20;
