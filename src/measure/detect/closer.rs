@@ -45,6 +45,9 @@ const UNLIKE: f64 = 3.0;
 const INNER: f64 = 0.75;
 /// How far quadrants' outline may be off, px.
 const ASIDE: f64 = 8.0;
+/// How much farther than it is seen glare is taken to reach, in ways from where it is seen to where it is bright: black is
+/// lit long before the skin is. Where too little is left then, as far as it is seen.
+const FRINGES: [f64; 2] = [1.0, 0.0];
 /// How much lighter glare makes the skin where it leaves too little of an edge.
 const BLINDS: f64 = 1.3;
 /// The greatest blur over the frame's.
@@ -97,19 +100,20 @@ impl Sure {
 
 impl Sizes {
     /// The candidate of an expected disc, and of quadrants if glare lies over them: what else hides them is not known.
-    fn candidate(&self, image: &Raster, expected: &Prediction) -> Option<Candidate> {
+    fn candidate(&self, image: &Raster, expected: &Prediction, fringe: f64) -> Option<Candidate> {
         let outline = expected.outline()?;
         let (major, minor) = (self.major.0 * outline.major, self.minor.0 * outline.minor);
         let outline = Outline { major, minor, angle: half_turn(outline.angle + self.angle.0), ..outline };
         let (bands, candidate) = match expected.shape {
             Shape::Circle => {
-                let bands = glare::lit(image, &outline, glare::BEGINS);
+                let bands = glare::lit(image, &outline, glare::BEGINS, fringe);
                 (bands, Candidate::of(Pattern::Disc, outline, Vec::new()))
             }
             Shape::Quadrant => {
                 // White must not pass for lit skin.
                 let beside = Outline { minor: outline.minor + ASIDE, ..outline };
-                let bands = Some(glare::lit(image, &beside, BLINDS)).filter(|bands| !bands.is_empty())?;
+                let bands =
+                    Some(glare::lit(image, &beside, BLINDS, 0.0)).filter(|bands| !bands.is_empty())?;
                 let (major, minor) = (INNER * outline.major, INNER * outline.minor);
                 let candidate = parted::placed(&Outline { major, minor, ..outline }, image, &bands)?;
                 (bands, candidate)
@@ -163,29 +167,33 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
             continue;
         }
         let sizes = sure.sizes(prediction);
-        let Some(mut candidate) = sizes.candidate(image, prediction) else { continue };
-        if prediction.shape == Shape::Circle && candidate.outline.minor < THIN * psf {
-            candidate.like = Some(Like { blur: (psf, SAME_BLUR * psf), dark: (0.7, f64::INFINITY) });
-        }
-        let Ok(mut measured) = measure(image, &[], &candidate, bounds) else { continue };
-        clumped::raise(&mut measured, found.clumping);
-        if prediction.shape == Shape::Quadrant {
-            measured.detection.semi_major_px /= INNER;
-            measured.detection.semi_minor_px /= INNER;
-        }
-        measured.detection.covariance_px2 += sizes.doubt(prediction, &measured.detection);
-        let centre = measured.detection.centre_px;
-        // It may have been found and left without a name.
-        let own = own.or_else(|| found.markers.iter().position(|d| d.outline().outwards(centre) < 0.5));
-        let old = own.and_then(|i| found.markers.get(i)).map(|old| {
-            // What has another size than foretold may have another place too.
-            let covariance_px2 = old.covariance_px2 + sizes.doubt(prediction, old);
-            Detection { covariance_px2, ..old.clone() }
+        let candidates = FRINGES.iter().filter_map(|fringe| sizes.candidate(image, prediction, *fringe));
+        let mut candidates: Vec<Candidate> = candidates.collect();
+        candidates.dedup();
+        let answer = candidates.into_iter().find_map(|mut candidate| {
+            if prediction.shape == Shape::Circle && candidate.outline.minor < THIN * psf {
+                candidate.like = Some(Like { blur: (psf, SAME_BLUR * psf), dark: (0.7, f64::INFINITY) });
+            }
+            let mut measured = measure(image, &[], &candidate, bounds).ok()?;
+            clumped::raise(&mut measured, found.clumping);
+            if prediction.shape == Shape::Quadrant {
+                measured.detection.semi_major_px /= INNER;
+                measured.detection.semi_minor_px /= INNER;
+            }
+            measured.detection.covariance_px2 += sizes.doubt(prediction, &measured.detection);
+            let centre = measured.detection.centre_px;
+            // It may have been found and left without a name.
+            let own = own.or_else(|| found.markers.iter().position(|d| d.outline().outwards(centre) < 0.5));
+            let old = own.and_then(|i| found.markers.get(i)).map(|old| {
+                // What has another size than foretold may have another place too.
+                let covariance_px2 = old.covariance_px2 + sizes.doubt(prediction, old);
+                Detection { covariance_px2, ..old.clone() }
+            });
+            let near = (centre - prediction.centre_px).norm() < most;
+            let better = near && old.is_none_or(|old| is_better(&measured.detection, &old));
+            better.then_some((own, measured))
         });
-        let near = (centre - prediction.centre_px).norm() < most;
-        if near && old.is_none_or(|old| is_better(&measured.detection, &old)) {
-            new.push((own, measured));
-        }
+        new.extend(answer);
     }
     let changed = !new.is_empty();
     for Expected { prediction, found: own } in expected {

@@ -150,8 +150,9 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
 }
 
 /// The bands in which glare lies over a marker of which all is known but the exact place: over its ends or its middle; from
-/// where the skin is so many times lighter than elsewhere.
-pub fn lit(image: &Raster, outline: &Outline, begins: f64) -> Vec<Band> {
+/// where the skin is so many times lighter than elsewhere, and farther out by so many times the way from there to where it is
+/// bright.
+pub fn lit(image: &Raster, outline: &Outline, begins: f64, fringe: f64) -> Vec<Band> {
     let axis = outline.axis();
     // A place that is some px off has the marker's own black on one side.
     let skin = beside(image, outline, f64::max);
@@ -165,11 +166,15 @@ pub fn lit(image: &Raster, outline: &Outline, begins: f64) -> Vec<Band> {
     let mut first = 0;
     for alike in skin.chunk_by(|one, other| (*one > begins * usual) == (*other > begins * usual)) {
         let next = first + alike.len();
-        let from = if first == 0 { f64::NEG_INFINITY } else { place(first) - MARGIN };
-        let to = if next == skin.len() { f64::INFINITY } else { place(next) + MARGIN };
-        let over = from < middle + outline.major && to > middle - outline.major;
-        if over && alike.iter().any(|&v| v > BRIGHT * usual) {
-            out.push(Band { axis, from, to });
+        let bright = |v: &f64| *v > BRIGHT * usual;
+        if let (Some(rise), Some(fall)) = (alike.iter().position(bright), alike.iter().rev().position(bright))
+        {
+            let beyond = |way: usize| MARGIN + fringe * way as f64;
+            let from = if first == 0 { f64::NEG_INFINITY } else { place(first) - beyond(rise) };
+            let to = if next == skin.len() { f64::INFINITY } else { place(next) + beyond(fall) };
+            if from < middle + outline.major && to > middle - outline.major {
+                out.push(Band { axis, from, to });
+            }
         }
         first = next;
     }

@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Vector2};
 use super::super::raster::Raster;
 use super::batch::Pixels;
 use super::blob::Blob;
-use super::candidate::Candidate;
+use super::candidate::{Band, Candidate};
 use super::counts::Counts;
 use super::fit::{Fit, contrast, fit, rough};
 use super::judge::{Measured, SOFTEST, judge, largest_rms};
@@ -16,7 +16,7 @@ use super::outline::Outline;
 use super::outlined::{at_one_level, outlined, with_rim};
 use super::select::{ALL, EVERY, FEW, Look, Masked, pixels};
 use super::sought::{USUAL_GAMMA, few_unknowns, unknowns, usual_dark};
-use super::{RejectReason, mirrored, rim, seam, uneven, veil};
+use super::{RejectReason, glare, mirrored, rim, seam, uneven, veil};
 
 /// Standard deviations beyond which a bend of axis or edges is believed.
 const BEND_TEST: f64 = 3.0;
@@ -24,8 +24,13 @@ const BEND_TEST: f64 = 3.0;
 /// Share of white or skin below which a contrast does not tell the exponent from the darkness: the grey half way
 /// up an edge then changes by less than half a percent with the exponent, and both run away together.
 const TELLS_GAMMA: f64 = 0.3;
+/// How much lighter than the skin glare is where its fringe ends: beyond, it hides a disc sooner than it shows it.
+const FRINGE: f64 = 1.2;
 /// Mirrored light that changes across a disc too shifts what shows through it, px.
 const GLARE_PX: f64 = 0.03;
+/// What an end that glare saturates does to a disc's place along its axis, px: in rendered frames such places are off by so
+/// much more than their residuals tell.
+const ONE_END_PX: f64 = 0.4;
 /// A plane of darkness.
 const FINE_DARK: [usize; 2] = [DARK + 1, DARK + 2];
 /// Share of a marker's contrast by which what is darker than the skin around it is foreign.
@@ -134,16 +139,15 @@ fn measure_once(
         let floor = floor.max(0.02 * contrast(&near));
         let whole = candidate.hidden.is_empty();
         let result = uneven::improve(&pixels, result, &unknowns, floor, whole);
-        let glare = bounds.through_glare && !place.bands.is_empty();
-        let lifted = if glare { through_glare(image, place, &result, floor, noise) } else { None };
-        match (judge(image, place, &result, noise), lifted) {
-            // Of an end that is saturated the edges beside it tell less than the discs about.
-            (Ok(_), Some((lifted, true))) => Ok(lifted),
-            (Err(RejectReason::Uncertain | RejectReason::Drowned), Some((lifted, _))) => Ok(lifted),
-            (plain, _) => plain,
+        let plain = judge(image, place, &result, noise);
+        if bounds.through_glare && !place.bands.is_empty() {
+            in_glare(image, place, &result, plain, floor, noise)
+        } else {
+            plain
         }
     };
-    if place.pattern == Pattern::Disc && place.is_whole() {
+    if place.pattern == Pattern::Disc && (place.is_whole() || place.hidden.is_empty() && is_foretold(&place))
+    {
         place.seams = seam::find(image, &place.outline, &near, scale.max(floor));
     }
     if !place.seams.is_empty() {
@@ -157,17 +161,61 @@ fn measure_once(
     last(&place)
 }
 
-/// A disc with an end in glare, with what shows through the glare, from the fit to what glare leaves; and whether both its ends
-/// show.
+/// The answer of a disc with glare over it, from the fit to what glare leaves and what that was judged: through the glare
+/// where both its ends show; else, if all of its size is foretold, through the glare's fringe.
+fn in_glare(
+    image: &Raster,
+    candidate: &Candidate,
+    fit: &Fit,
+    plain: Result<Measured, RejectReason>,
+    floor: f64,
+    noise: f64,
+) -> Result<Measured, RejectReason> {
+    if !matches!(plain, Ok(_) | Err(RejectReason::Uncertain | RejectReason::Drowned)) {
+        return plain;
+    }
+    let through = |bands: Vec<Band>| through_glare(image, candidate, fit, bands, floor, noise);
+    let all = through(Vec::new());
+    if let Some((all, true)) = all {
+        return Ok(all);
+    }
+    // Of an end that is saturated the edges beside it tell less than the discs about: it stays left out.
+    let known = is_foretold(candidate);
+    let saturated = || glare::lit(image, &candidate.outline, FRINGE, 0.0);
+    let fringe = if known { through(saturated()).map(|(fringe, _)| fringe) } else { None };
+    let variance = |m: &Measured| m.detection.covariance_px2.trace();
+    match (plain, fringe) {
+        (Ok(plain), Some(fringe)) if variance(&plain) < variance(&fringe) => Ok(plain),
+        (_, Some(fringe)) => Ok(fringe),
+        (Err(reason), None) => {
+            let (mut all, _) = all.ok_or(reason)?;
+            if !known {
+                let axis = all.detection.outline().axis();
+                all.detection.covariance_px2 += axis * axis.transpose() * ONE_END_PX.powi(2);
+            }
+            Ok(all)
+        }
+        (plain, None) => plain,
+    }
+}
+
+/// Whether all of its size is foretold.
+fn is_foretold(candidate: &Candidate) -> bool {
+    candidate.foretold.is_some_and(|foretold| foretold.slope.is_some())
+}
+
+/// A disc with glare over it, with what shows through the glare outside some bands, from the fit to what glare leaves; and
+/// whether both its ends show.
 fn through_glare(
     image: &Raster,
     candidate: &Candidate,
     fit: &Fit,
+    bands: Vec<Band>,
     floor: f64,
     noise: f64,
 ) -> Option<(Measured, bool)> {
     let m = &fit.parameters;
-    let mut place = Candidate { bands: Vec::new(), ..place(candidate, m) };
+    let mut place = Candidate { bands, ..place(candidate, m) };
     for _ in 0..2 {
         let look = Look { crossing: place.outline.centre, blur: m[BLUR], sag: 0.0 };
         let masked = Masked::DarkerThan(*m, (CUT * floor).max(FOREIGN * contrast(m)));
