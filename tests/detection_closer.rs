@@ -71,11 +71,19 @@ struct Case {
     length_m: Option<f64>,
 }
 
+/// Standard deviation of prints' diameters, as a share.
+const PRINTS: f64 = 0.0015;
+
 /// At once and after a closer look.
 fn looks(seed: u64, Case { shape, light, lift_m, length_m }: Case) -> [Tally; 2] {
     let side = if seed.is_multiple_of(2) { Side::Left } else { Side::Right };
     let usual = Options::random(seed, side);
-    let scene = Scene::random(seed, &Options { length_m: length_m.unwrap_or(usual.length_m), ..usual });
+    let mut scene = Scene::random(seed, &Options { length_m: length_m.unwrap_or(usual.length_m), ..usual });
+    // No print is quite as large as the survey says.
+    for (marker, j) in scene.setup.markers.iter_mut().zip(0u64..) {
+        let share = ((7919 * seed + 104_729 * j) % 1000) as f64 / 500.0 - 1.0;
+        marker.diameter_m *= 1.0 + 3f64.sqrt() * PRINTS * share;
+    }
     let ground = detect(&scene.render(&scene.ground_shot(seed)).unwrap()).markers;
     let orientation = orient(&scene.setup, &[ground]).unwrap().orientation;
     let shot = scene.flight_shot(lift_m, light, seed);

@@ -112,6 +112,11 @@ impl Candidate {
         self.hidden.is_empty() && self.bands.is_empty()
     }
 
+    /// Whether all of its size is foretold.
+    pub fn is_foretold(&self) -> bool {
+        self.foretold.is_some_and(|foretold| foretold.slope.is_some())
+    }
+
     /// Product of the semi-axes, px^2.
     pub fn size(&self) -> f64 {
         self.outline.major * self.outline.minor

@@ -29,9 +29,9 @@ const SURE: f64 = 0.08;
 /// Discs that tell it at least, and how many of those alike tell what the skin's slope does.
 const ENOUGH: usize = 3;
 const LIKE: usize = 5;
-/// How far foretold sizes fail at least, as shares: the major axis is the diameter over the distance, the minor and the
-/// direction follow the skin's slope, which a bending wing changes; and the major where nothing tells it.
-const MAJOR: f64 = 0.003;
+/// How far foretold sizes fail at least, as shares: the major axis is the diameter over the distance, and prints differ; the
+/// minor and the direction follow the skin's slope, which a bending wing changes; and the major where nothing tells it.
+const MAJOR: f64 = 0.0015;
 const MINOR: f64 = 0.03;
 const ANGLE: f64 = 0.015;
 const UNKNOWN: f64 = 0.01;
@@ -159,6 +159,7 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
     let most = middle(sure.0.iter().map(off).collect()).map_or(NEAR, |usual| NEAR.max(3.0 * usual));
     let bounds = Bounds { blur: SOFTER * psf, through_glare: true, ..Bounds::of(found.noise) };
     let mut new: Vec<(Option<usize>, Measured)> = Vec::new();
+    let mut unlike: Vec<(usize, Matrix2<f64>)> = Vec::new();
     for Expected { prediction, found: own } in expected {
         let old = own.and_then(|i| found.markers.get(i));
         // A crossing is told well by whatever shows it.
@@ -190,12 +191,21 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
                 Detection { covariance_px2, ..old.clone() }
             });
             let near = (centre - prediction.centre_px).norm() < most;
-            let better = near && old.is_none_or(|old| is_better(&measured.detection, &old));
+            let better = near && old.as_ref().is_none_or(|old| is_better(&measured.detection, old));
+            if let (false, true, Some(i), Some(old)) = (better, near, own, &old) {
+                unlike.extend(disagreement(&measured.detection, old).map(|doubt| (i, doubt)));
+            }
             better.then_some((own, measured))
         });
         new.extend(answer);
     }
     let changed = !new.is_empty();
+    // Else another look decides.
+    for (i, doubt) in unlike.into_iter().filter(|_| !changed) {
+        if let Some(old) = found.markers.get_mut(i) {
+            old.covariance_px2 += doubt;
+        }
+    }
     for Expected { prediction, found: own } in expected {
         if let Some(disc) = own.and_then(|i| found.markers.get_mut(i)) {
             disc.covariance_px2 += sure.sizes(prediction).doubt(prediction, disc);
@@ -216,6 +226,14 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
     found.markers.retain(|d| !quadrants.iter().any(|q| part(d, q)));
     found.markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     changed
+}
+
+/// What a former answer that stays is doubted by, px^2, where another look at the same disc sees it farther away than a
+/// standard deviation: pixels that are the same should tell the same.
+fn disagreement(new: &Detection, old: &Detection) -> Option<Matrix2<f64>> {
+    let apart: Vector2<f64> = new.centre_px - old.centre_px;
+    let off = apart.dot(&(old.covariance_px2.try_inverse()? * apart));
+    (new.shape == old.shape && off > 1.0).then(|| apart * apart.transpose())
 }
 
 /// Whether an answer is surer than the former one, and no other.

@@ -18,6 +18,8 @@ const LAID: f64 = 0.07;
 /// does to the edges beside it, px: about a tenth of an edge's width.
 const DROWNED: f64 = 0.64;
 const VEIL_PX: f64 = 0.1;
+/// The same where most of the fringe is left out, or measured.
+const VEIL_LEFT_PX: f64 = 0.06;
 /// Semi-minor axis below which that shifts a disc less across its axis, px.
 const EVEN: f64 = 20.0;
 /// Greatest standard deviation of a centre, px: of any, and of one whose length its like foretell, so that no more than
@@ -133,8 +135,9 @@ pub fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Re
     // A crossing lies where glare does not.
     if glare && candidate.pattern == Pattern::Disc {
         // Both edges of a thin disc lie in the same light.
-        let (along, across) = (outline.axis(), VEIL_PX * (outline.minor / EVEN).min(1.0));
-        let along_too = VEIL_PX.powi(2) - across.powi(2);
+        let veil = if candidate.is_foretold() { VEIL_LEFT_PX } else { VEIL_PX };
+        let (along, across) = (outline.axis(), veil * (outline.minor / EVEN).min(1.0));
+        let along_too = veil.powi(2) - across.powi(2);
         covariance += Matrix2::identity() * across.powi(2) + along * along.transpose() * along_too;
     }
     let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();

@@ -140,13 +140,13 @@ fn measure_once(
         let whole = candidate.hidden.is_empty();
         let result = uneven::improve(&pixels, result, &unknowns, floor, whole);
         let plain = judge(image, place, &result, noise);
-        if bounds.through_glare && !place.bands.is_empty() {
+        if bounds.through_glare && place.pattern == Pattern::Disc && !place.bands.is_empty() {
             in_glare(image, place, &result, plain, floor, noise)
         } else {
             plain
         }
     };
-    if place.pattern == Pattern::Disc && (place.is_whole() || place.hidden.is_empty() && is_foretold(&place))
+    if place.pattern == Pattern::Disc && (place.is_whole() || place.hidden.is_empty() && place.is_foretold())
     {
         place.seams = seam::find(image, &place.outline, &near, scale.max(floor));
     }
@@ -180,7 +180,7 @@ fn in_glare(
         return Ok(all);
     }
     // Of an end that is saturated the edges beside it tell less than the discs about: it stays left out.
-    let known = is_foretold(candidate);
+    let known = candidate.is_foretold();
     let saturated = || glare::lit(image, &candidate.outline, FRINGE, 0.0);
     let fringe = if known { through(saturated()).map(|(fringe, _)| fringe) } else { None };
     let variance = |m: &Measured| m.detection.covariance_px2.trace();
@@ -197,11 +197,6 @@ fn in_glare(
         }
         (plain, None) => plain,
     }
-}
-
-/// Whether all of its size is foretold.
-fn is_foretold(candidate: &Candidate) -> bool {
-    candidate.foretold.is_some_and(|foretold| foretold.slope.is_some())
 }
 
 /// A disc with glare over it, with what shows through the glare outside some bands, from the fit to what glare leaves; and
