@@ -99,7 +99,8 @@ impl Sure {
 }
 
 impl Sizes {
-    /// The candidate of an expected disc, and of quadrants if glare lies over them: what else hides them is not known.
+    /// The candidate of an expected disc, with glare reaching so much farther than it is seen (`FRINGES`), and of quadrants if
+    /// glare lies over them: what else hides them is not known.
     fn candidate(&self, image: &Raster, expected: &Prediction, fringe: f64) -> Option<Candidate> {
         let outline = expected.outline()?;
         let (major, minor) = (self.major.0 * outline.major, self.minor.0 * outline.minor);

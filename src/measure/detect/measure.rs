@@ -146,8 +146,8 @@ fn measure_once(
             plain
         }
     };
-    if place.pattern == Pattern::Disc && (place.is_whole() || place.hidden.is_empty() && place.is_foretold())
-    {
+    let told = place.bands.is_empty() || place.is_foretold();
+    if place.pattern == Pattern::Disc && place.hidden.is_empty() && told {
         place.seams = seam::find(image, &place.outline, &near, scale.max(floor));
     }
     if !place.seams.is_empty() {
@@ -181,8 +181,8 @@ fn in_glare(
     }
     // Of an end that is saturated the edges beside it tell less than the discs about: it stays left out.
     let known = candidate.is_foretold();
-    let saturated = || glare::lit(image, &candidate.outline, FRINGE, 0.0);
-    let fringe = if known { through(saturated()).map(|(fringe, _)| fringe) } else { None };
+    let fringe = || through(glare::lit(image, &candidate.outline, FRINGE, 0.0)).map(|(fringe, _)| fringe);
+    let fringe = if known { fringe() } else { None };
     let variance = |m: &Measured| m.detection.covariance_px2.trace();
     match (plain, fringe) {
         (Ok(plain), Some(fringe)) if variance(&plain) < variance(&fringe) => Ok(plain),
