@@ -4,8 +4,8 @@
 mod drawn;
 
 use drawn::{
-    Ellipse, HEIGHT, WIDTH, discs, found_of, hold, local, measured, nearest, normalised, normalised_square,
-    on_skin, picture, within,
+    Ellipse, discs, found_of, framed, hold, local, measured, nearest, normalised, normalised_square, on_skin,
+    picture, quadrants, within,
 };
 use nalgebra::Vector2;
 use rand::rngs::StdRng;
@@ -48,23 +48,6 @@ fn dirt_beside_a_disc_does_not_shift_it() {
     assert!(normalised < 1.6, "{normalised} standard deviations");
 }
 
-/// Grey values: skin, black, white.
-type Greys = [f64; 3];
-
-/// Quadrants on skin: black where both coordinates of the sheet, turned by an angle, have one sign.
-fn quadrants(target: Ellipse, turn: f64, [skin, black, white]: Greys) -> impl Fn(f64, f64) -> f64 {
-    let (sin, cos) = turn.sin_cos();
-    move |x, y| {
-        let (s, t) = local(target, x, y);
-        let turned = (s * cos + t * sin, t * cos - s * sin);
-        match (s.hypot(t) < 1.0, turned.0 * turned.1 > 0.0) {
-            (false, _) => skin,
-            (true, true) => black,
-            (true, false) => white,
-        }
-    }
-}
-
 #[test]
 fn the_white_tells_the_length_of_flat_quadrants() {
     // Two thin crescents along the outline are black.
@@ -81,29 +64,6 @@ fn on_even_skin(name: &str, skin: u8) -> Raster {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pictures").join(name);
     let part = image::open(path).expect("a picture of the tests").to_luma8();
     framed(part.width() as usize, part.as_raw(), skin)
-}
-
-/// A part of a frame on even skin, its corner at (1000, 800).
-fn framed(columns: usize, part: &[u8], skin: u8) -> Raster {
-    let (width, height) = (2400, 1600);
-    let mut luma = vec![skin; width * height];
-    for (y, row) in part.chunks(columns).enumerate() {
-        luma[(y + 800) * width + 1000..][..columns].copy_from_slice(row);
-    }
-    Raster::new(width, height, luma).expect("a picture")
-}
-
-#[test]
-fn quadrants_thicker_than_the_near_background_reaches_are_found() {
-    let target: Ellipse = [450.2, 210.7, 229.0, 71.0, -0.09];
-    let scene = quadrants(target, 0.8, [165.0, 60.0, 230.0]);
-    for seed in 0..2 {
-        let part = picture(&scene, 1.1, 1.5, seed);
-        let pixels: Vec<u8> = (0..HEIGHT).flat_map(|y| part.row(y).to_vec()).collect();
-        let [x, y, a, b, angle] = target;
-        let m = measured(&framed(WIDTH, &pixels, 165), [x + 1000.0, y + 800.0, a, b, angle], 9.0);
-        assert!((m.semi_major_px / a - 1.0).abs() < 0.05, "{} px long", m.semi_major_px);
-    }
 }
 
 #[test]

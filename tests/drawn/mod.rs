@@ -10,8 +10,9 @@ use wingd::measure::raster::Raster;
 pub const WIDTH: usize = 900;
 pub const HEIGHT: usize = 420;
 pub const TONE: f64 = 2.2;
-/// Samples per pixel and direction.
-const FINE: usize = 3;
+/// Samples per pixel: a Fibonacci lattice, of which no two lie in one row or column, as the edges of flat discs do.
+const SAMPLES: usize = 21;
+const NEXT_ROW: usize = 13;
 
 /// An ellipse: centre, semi-axes, direction; px, rad.
 pub type Ellipse = [f64; 5];
@@ -32,10 +33,10 @@ pub fn within(ellipse: Ellipse, x: f64, y: f64) -> bool {
 pub fn picture(scene: impl Fn(f64, f64) -> f64, blur: f64, noise: f64, seed: u64) -> Raster {
     let mut light = vec![0.0; WIDTH * HEIGHT];
     for (i, light) in light.iter_mut().enumerate() {
-        for k in 0..FINE * FINE {
-            let part = |k: usize| (k as f64 + 0.5) / FINE as f64 - 0.5;
-            let (x, y) = ((i % WIDTH) as f64 + part(k % FINE), (i / WIDTH) as f64 + part(k / FINE));
-            *light += scene(x, y).powf(TONE) / (FINE * FINE) as f64;
+        for k in 0..SAMPLES {
+            let part = |k: usize| ((k % SAMPLES) as f64 + 0.5) / SAMPLES as f64 - 0.5;
+            let (x, y) = ((i % WIDTH) as f64 + part(k), (i / WIDTH) as f64 + part(NEXT_ROW * k));
+            *light += scene(x, y).powf(TONE) / SAMPLES as f64;
         }
     }
     let weights: Vec<(isize, f64)> =
@@ -85,6 +86,33 @@ pub fn discs() -> [Ellipse; 9] {
 /// Black on skin, grey levels.
 pub fn on_skin(discs: &[Ellipse], skin: f64, black: f64) -> impl Fn(f64, f64) -> f64 {
     move |x, y| if discs.iter().any(|&d| within(d, x, y)) { black } else { skin }
+}
+
+/// Grey values: skin, black, white.
+pub type Greys = [f64; 3];
+
+/// Quadrants on skin: black where both coordinates of the sheet, turned by an angle, have one sign.
+pub fn quadrants(target: Ellipse, turn: f64, [skin, black, white]: Greys) -> impl Fn(f64, f64) -> f64 {
+    let (sin, cos) = turn.sin_cos();
+    move |x, y| {
+        let (s, t) = local(target, x, y);
+        let turned = (s * cos + t * sin, t * cos - s * sin);
+        match (s.hypot(t) < 1.0, turned.0 * turned.1 > 0.0) {
+            (false, _) => skin,
+            (true, true) => black,
+            (true, false) => white,
+        }
+    }
+}
+
+/// A part of a frame on even skin, its corner at (1000, 800).
+pub fn framed(columns: usize, part: &[u8], skin: u8) -> Raster {
+    let (width, height) = (2400, 1600);
+    let mut luma = vec![skin; width * height];
+    for (y, row) in part.chunks(columns).enumerate() {
+        luma[(y + 800) * width + 1000..][..columns].copy_from_slice(row);
+    }
+    Raster::new(width, height, luma).unwrap()
 }
 
 /// The squares of the normalised errors of the markers that are found in a scene, drawn with six seeds, which shows nothing

@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use super::super::setup::Shape;
 use super::judge::Measured;
 use super::outline::Outline;
-use super::{Detection, Found, RejectReason, Rejected};
+use super::{Detection, Found, RejectReason, Rejected, arc};
 
 impl Found {
     /// Whether a place, px, lies in something that was measured.
@@ -104,14 +104,28 @@ pub fn softest(found: &Found) -> Option<f64> {
 
 /// A frame's markers are prints of about one diameter along one wing: seen at less than half the size of
 /// the next larger one, one would have to be more than twice as far away as all the others.
+/// What is as much smaller than the discs about it foretell is none either.
 pub fn without_specks(found: &mut Found) {
     const GAP: f64 = 2.5;
+    const LONGER: f64 = 1.3;
     const ENOUGH: usize = 4;
     let mut sizes: Vec<f64> = found.measured.iter().map(|m| m.detection.semi_major_px).collect();
     sizes.sort_unstable_by(|a, b| b.total_cmp(a));
     let gap = sizes.windows(2).skip(ENOUGH - 1).find(|w| w[0] > GAP * w[1]);
-    let Some(least) = gap.map(|w| w[0]) else { return };
-    found.turn_down_all(RejectReason::Speck, |m| m.detection.semi_major_px < least);
+    let least = gap.map_or(0.0, |w| w[0]);
+    let is_speck = |m: &Measured| {
+        let Detection { semi_major_px, centre_px, .. } = m.detection;
+        // Other dots do not tell.
+        let larger =
+            found.measured.iter().map(|m| &m.detection).filter(|d| d.semi_major_px > LONGER * semi_major_px);
+        let foretold = || arc::foretold_major(larger, centre_px);
+        semi_major_px < least || foretold().is_some_and(|(major, _)| major > GAP * semi_major_px)
+    };
+    let mut specks: Vec<bool> = found.measured.iter().map(is_speck).collect();
+    while let Some(i) = specks.iter().rposition(|&speck| speck) {
+        specks.truncate(i);
+        found.turn_down(i, RejectReason::Speck);
+    }
 }
 
 #[cfg(test)]

@@ -14,7 +14,8 @@ use super::model::{ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Patter
 use super::narrow::against_skin;
 use super::outline::Outline;
 use super::outlined::{at_one_level, outlined, with_rim};
-use super::select::{ALL, EVERY, FEW, Look, Masked, pixels};
+use super::reduced::Reduced;
+use super::select::{ALL, EVERY, FEW, Look, Masked, Wanted, pixels};
 use super::sought::{USUAL_GAMMA, few_unknowns, unknowns, usual_dark};
 use super::{RejectReason, glare, mirrored, rim, seam, uneven, veil};
 
@@ -94,11 +95,12 @@ fn measure_once(
     let floor = least_scale(noise);
     let (few, all) = if candidate.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
     let blur = candidate.like.map(|like| like.blur.0).or(candidate.against_skin).unwrap_or(1.0);
+    let few = |look: Look| roughly(image, Masked::Blobs(blobs), candidate, look, few, floor);
     let look = Look { crossing: outline.centre, blur, sag: 0.0 };
-    let first = pixels(image, Masked::Blobs(blobs), candidate, look, few).ok_or(RejectReason::LowContrast)?;
-    let start = start(candidate, &first, blur).ok_or(RejectReason::LowContrast)?;
-    let (near, scale) =
-        rough(&first, &start, &few_unknowns(candidate), floor).ok_or(RejectReason::NoConvergence)?;
+    let (near, scale) = few(look).or_else(|reason| {
+        let crossing = crossing_in_small(image, candidate, floor).ok_or(reason)?;
+        few(Look { crossing, ..look })
+    })?;
     // A rough fit leaves at most twice what the last one may.
     if scale > 2.0 * largest_rms(candidate, noise, contrast(&near)) {
         return Err(RejectReason::PoorFit);
@@ -268,12 +270,34 @@ fn place(candidate: &Candidate, m: &Parameters) -> Candidate {
     out
 }
 
+/// A rough fit, with its residuals' scale.
+fn roughly(
+    image: &Raster,
+    masked: Masked,
+    candidate: &Candidate,
+    look: Look,
+    few: Wanted,
+    floor: f64,
+) -> Result<(Parameters, f64), RejectReason> {
+    let pixels = pixels(image, masked, candidate, look, few).ok_or(RejectReason::LowContrast)?;
+    let start = start(candidate, &pixels, look).ok_or(RejectReason::LowContrast)?;
+    rough(&pixels, &start, &few_unknowns(candidate), floor).ok_or(RejectReason::NoConvergence)
+}
+
+/// Where the edges of large quadrants cross in a smaller picture of them.
+fn crossing_in_small(image: &Raster, candidate: &Candidate, floor: f64) -> Option<Vector2<f64>> {
+    let small = Reduced::of(image, candidate)?;
+    let look = Look { crossing: small.candidate.outline.centre, blur: 1.0, sag: 0.0 };
+    let (m, _) = roughly(&small.image, Masked::Blobs(&[]), &small.candidate, look, FEW, floor).ok()?;
+    Some(small.back(Vector2::new(m[X], m[Y])))
+}
+
 /// First parameters: geometry of the candidate, grey levels of its pixels.
-fn start(candidate: &Candidate, pixels: &Pixels, blur: f64) -> Option<Parameters> {
+fn start(candidate: &Candidate, pixels: &Pixels, look: Look) -> Option<Parameters> {
     let outline = &candidate.outline;
     let mut m = [0.0; N];
-    m[X] = outline.centre.x;
-    m[Y] = outline.centre.y;
+    m[X] = look.crossing.x;
+    m[Y] = look.crossing.y;
     match candidate.edges {
         None => {
             m[ANGLE] = outline.angle;
@@ -285,7 +309,7 @@ fn start(candidate: &Candidate, pixels: &Pixels, blur: f64) -> Option<Parameters
             m[FIRST] = half.max(0.02);
         }
     }
-    m[BLUR] = blur;
+    m[BLUR] = look.blur;
     let greys = pixels.batches.iter().flat_map(|b| b.value.iter().take(b.len).map(|&v| v as u8));
     let count = Counts::of(greys);
     let total = count.total();

@@ -34,6 +34,7 @@ mod outline;
 mod outlined;
 mod oval;
 mod parted;
+mod reduced;
 mod rim;
 mod runs;
 mod seam;

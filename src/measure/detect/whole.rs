@@ -1,6 +1,6 @@
 //! Stage 3: what a blob measures as a whole disc, and what is tried where a part of it is hidden.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::Vector2;
 
 use super::super::raster::Raster;
 use super::super::setup::Shape;
@@ -155,23 +155,29 @@ fn foretold_major(found: &Found, own: Option<usize>, at: Vector2<f64>) -> Option
 }
 
 /// Where a thin disc is longer or shorter than those about it foretell, something at one of its ends passes for a part of
-/// it: the centre may be off along the axis by as much, which its standard deviation then says.
+/// it: the centre may be off along the axis by as much, which its standard deviation then says. What is off by a good part
+/// of its length is none of them.
 pub fn doubt_unlike(found: &mut Found) {
-    let doubts: Vec<Matrix2<f64>> = (found.measured.iter().enumerate())
+    const NONE: f64 = 0.25;
+    let doubts: Vec<f64> = (found.measured.iter().enumerate())
         .map(|(i, own)| {
             let d = &own.detection;
             let thin = d.shape == Shape::Circle && d.semi_minor_px < THIN * own.blur;
             let size = if thin { foretold_major(found, Some(i), d.centre_px) } else { None };
-            let Some((major, deviation)) = size else { return Matrix2::zeros() };
+            let Some((major, deviation)) = size else { return 0.0 };
             let longer = (d.semi_major_px - major).powi(2);
             let chance = own.length.powi(2) + deviation * deviation;
-            let doubt = if longer > UNLIKELY * UNLIKELY * chance { longer - chance } else { 0.0 };
-            let axis = d.outline().axis();
-            axis * axis.transpose() * doubt
+            if longer > UNLIKELY * UNLIKELY * chance { longer - chance } else { 0.0 }
         })
         .collect();
-    for (own, doubt) in found.measured.iter_mut().zip(doubts) {
-        own.detection.covariance_px2 += doubt;
+    for (i, doubt) in doubts.into_iter().enumerate().rev() {
+        let Some(Measured { detection: own, .. }) = found.measured.get_mut(i) else { continue };
+        if doubt > (NONE * own.semi_major_px).powi(2) {
+            found.turn_down(i, RejectReason::Uncertain);
+            continue;
+        }
+        let axis = own.outline().axis();
+        own.covariance_px2 += axis * axis.transpose() * doubt;
     }
 }
 

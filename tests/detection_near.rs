@@ -1,0 +1,72 @@
+//! Promise: what is near the camera is found where it is large, and what is written there is no marker.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod drawn;
+
+use drawn::{Ellipse, HEIGHT, WIDTH, framed, measured, on_skin, picture, quadrants, within};
+use wingd::measure::detect::detect;
+use wingd::measure::raster::Raster;
+
+/// A drawn scene in a frame, its corner at (1000, 800).
+fn in_frame(scene: impl Fn(f64, f64) -> f64, skin: u8, seed: u64) -> Raster {
+    let part = picture(scene, 1.1, 1.5, seed);
+    framed(WIDTH, part.luma(), skin)
+}
+
+#[test]
+fn quadrants_thicker_than_the_near_background_reaches_are_found() {
+    let target: Ellipse = [450.2, 210.7, 229.0, 71.0, -0.09];
+    let scene = quadrants(target, 0.8, [165.0, 60.0, 230.0]);
+    for seed in 0..2 {
+        let part = picture(&scene, 1.1, 1.5, seed);
+        let pixels: Vec<u8> = (0..HEIGHT).flat_map(|y| part.row(y).to_vec()).collect();
+        let [x, y, a, b, angle] = target;
+        let m = measured(&framed(WIDTH, &pixels, 165), [x + 1000.0, y + 800.0, a, b, angle], 6.0);
+        assert!((m.semi_major_px / a - 1.0).abs() < 0.05, "{} px long", m.semi_major_px);
+    }
+}
+
+/// How many px one radian is, how high the camera is, and the row of its horizon.
+const FOCAL: f64 = 3000.0;
+const HEIGHT_M: f64 = 1.5;
+const HORIZON: f64 = -1530.0;
+
+#[test]
+fn quadrants_that_are_not_centred_in_their_outline_are_found() {
+    // On the skin, m: aside and ahead, and the radius. Their outline's centre is 8 px below their own.
+    let [aside, ahead, radius] = [0.02, 2.58, 0.17];
+    let sheet: Ellipse = [aside, ahead, radius, radius, 0.0];
+    let on_sheet = quadrants(sheet, 0.6, [160.0, 60.0, 225.0]);
+    let scene = |x: f64, y: f64| {
+        let away = FOCAL * HEIGHT_M / (y - HORIZON);
+        on_sheet((x - 0.5 * WIDTH as f64) * away / FOCAL, away)
+    };
+    let centre = [0.5 * WIDTH as f64 + FOCAL * aside / ahead, HORIZON + FOCAL * HEIGHT_M / ahead];
+    assert!(centre[1] > 100.0 && centre[1] < HEIGHT as f64 - 100.0);
+    for seed in 0..2 {
+        let marker = [centre[0] + 1000.0, centre[1] + 800.0, 198.0, 115.0, 0.0];
+        measured(&in_frame(scene, 160, seed), marker, 6.0);
+    }
+}
+
+#[test]
+fn dots_far_smaller_than_the_discs_about_them_are_no_markers() {
+    // Discs on a plane, from 80 px down to 13; the dots beside the nearer ones are as long as farther discs.
+    let disc = |k: i32| {
+        let a = 80.0 * 0.8f64.powi(k);
+        [a / 0.111, if k % 2 == 0 { 110.0 } else { 190.0 }, a, 0.15 * a, 0.0]
+    };
+    let discs: Vec<Ellipse> = (0..9).map(disc).collect();
+    let dots = (0..3).map(|k| {
+        let [x, y, a, b, angle] = disc(k);
+        [x + 0.4 * a, y + 60.0, 0.3 * a, 0.3 * b, angle]
+    });
+    let all: Vec<Ellipse> = discs.iter().copied().chain(dots).collect();
+    let found = detect(&picture(on_skin(&all, 165.0, 60.0), 1.1, 1.5, 1)).markers;
+    let shown = |&[x0, y0, a, b, angle]: &Ellipse| {
+        let own = |x: f64, y: f64| within([x0, y0, 0.1 * a, b, angle], x, y);
+        found.iter().filter(|m| own(m.centre_px.x, m.centre_px.y)).count()
+    };
+    let near: Vec<usize> = discs.iter().map(shown).collect();
+    assert_eq!((near, found.len()), (vec![1; 9], 9));
+}
