@@ -3,8 +3,9 @@
 
 mod drawn;
 
-use drawn::{Ellipse, HEIGHT, WIDTH, framed, measured, on_skin, picture, quadrants, within};
-use wingd::measure::detect::detect;
+use drawn::{Ellipse, HEIGHT, WIDTH, discs, framed, measured, on_skin, picture, quadrants, within};
+use nalgebra::Vector2;
+use wingd::measure::detect::{RejectReason, Rejected, detect};
 use wingd::measure::raster::Raster;
 
 /// A drawn scene in a frame, its corner at (1000, 800).
@@ -69,4 +70,37 @@ fn dots_far_smaller_than_the_discs_about_them_are_no_markers() {
     };
     let near: Vec<usize> = discs.iter().map(shown).collect();
     assert_eq!((near, found.len()), (vec![1; 9], 9));
+}
+
+#[test]
+fn what_is_seen_from_little_above_the_skin_is_found() {
+    // From a metre above, 20 m and more away.
+    let flat: [Ellipse; 3] = [
+        [160.4, 120.3, 110.0, 3.6, 0.08],
+        [450.7, 130.8, 70.0, 2.0, -0.06],
+        [700.2, 140.4, 90.0, 2.4, -0.09],
+    ];
+    let target: Ellipse = [420.3, 260.6, 74.0, 3.5, 0.12];
+    let on_sheet = quadrants(target, 0.75, [160.0, 90.0, 215.0]);
+    let discs = on_skin(&flat, 160.0, 90.0);
+    let scene = |x: f64, y: f64| if within(target, x, y) { on_sheet(x, y) } else { discs(x, y) };
+    for seed in 0..3 {
+        let image = picture(scene, 1.0, 1.5, seed);
+        measured(&image, target, 6.0);
+        flat.iter().for_each(|&disc| drop(measured(&image, disc, 6.0)));
+    }
+}
+
+#[test]
+fn a_streak_across_the_discs_is_no_marker() {
+    // As long and as thin as a far disc.
+    let streak: Ellipse = [590.0, 150.0, 42.0, 1.9, 1.2];
+    let all: Vec<Ellipse> = discs().into_iter().chain([streak]).collect();
+    for seed in 0..3 {
+        let found = detect(&picture(on_skin(&all, 165.0, 60.0), 1.1, 1.5, seed));
+        assert_eq!(found.markers.len(), 9);
+        let there = |r: &&Rejected| (r.centre_px - Vector2::new(streak[0], streak[1])).norm() < 2.0;
+        let reasons: Vec<RejectReason> = found.rejected.iter().filter(there).map(|r| r.reason).collect();
+        assert!(reasons.contains(&RejectReason::Askew), "{reasons:?}");
+    }
 }

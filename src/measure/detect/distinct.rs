@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 
 use super::super::setup::Shape;
 use super::judge::Measured;
-use super::outline::Outline;
+use super::outline::{Outline, half_turn};
 use super::{Detection, Found, RejectReason, Rejected, arc};
 
 impl Found {
@@ -100,6 +100,29 @@ pub fn softest(found: &Found) -> Option<f64> {
     const ENOUGH: usize = 5;
     let blurs: Vec<f64> = found.measured.iter().map(|m| m.blur).collect();
     (blurs.len() >= ENOUGH).then(|| super::middle(blurs))?.map(|usual| SOFTER * usual)
+}
+
+/// Flat discs on a skin that is about plane lie along one direction of the picture, that of its horizon, to a few tenths:
+/// what is flat and lies across it is a seam's or a shadow's.
+pub fn without_askew(found: &mut Found) {
+    const ENOUGH: usize = 5;
+    const FLAT: f64 = 2.0;
+    const THIN: f64 = 8.0;
+    const ASKEW: f64 = 0.6;
+    let flatter = |m: &Measured, than: f64| m.detection.semi_major_px > than * m.detection.semi_minor_px;
+    let flat: Vec<f64> =
+        found.measured.iter().filter(|m| flatter(m, FLAT)).map(|m| m.detection.angle_rad).collect();
+    if flat.len() < ENOUGH {
+        return;
+    }
+    // Directions are the same after half a turn.
+    let (sin, cos) = flat.iter().fold((0.0, 0.0), |(s, c), a| (s + (2.0 * a).sin(), c + (2.0 * a).cos()));
+    let along = 0.5 * f64::atan2(sin, cos);
+    found.turn_down_all(RejectReason::Askew, |m| {
+        m.detection.shape == Shape::Circle
+            && flatter(m, THIN)
+            && half_turn(m.detection.angle_rad - along).abs() > ASKEW
+    });
 }
 
 /// A frame's markers are prints of about one diameter along one wing: seen at less than half the size of

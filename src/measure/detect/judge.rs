@@ -27,11 +27,11 @@ const EVEN: f64 = 20.0;
 const VAGUEST: f64 = 2.0;
 const VAGUEST_FORETOLD: f64 = 2.5;
 const VAGUEST_CROSSING: f64 = 0.5;
-/// Axis ratio of the flattest ellipse that is taken for a disc: near the tip of a wing that bends downwards they are 1:21,
-/// and seams are far flatter.
-const FLATTEST: f64 = 26.0;
-/// That of quadrants, which are near the fuselage: flatter ones are two discs side by side.
-const FLATTEST_QUADRANTS: f64 = 18.0;
+/// Axis ratio of the flattest ellipse that is taken for a marker: seen from a metre above the skin, discs are 1:28 on a wing
+/// that bends downwards, and seams are far flatter.
+const FLATTEST: f64 = 40.0;
+/// That of quadrants, which are nearer: flatter ones are two discs side by side.
+const FLATTEST_QUADRANTS: f64 = 26.0;
 
 /// Greatest blur that is measured, px.
 pub const SOFTEST: f64 = 3.2;
@@ -104,12 +104,7 @@ pub fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Re
         return Err(RejectReason::TooSmall);
     }
     let lopsided = candidate.pattern == Pattern::Disc && m[EGG].abs() > 4.0 * EGG_SPREAD;
-    let flattest = match candidate.pattern {
-        // As thin as that the thickness is told badly, and the length is known.
-        Pattern::Disc if candidate.like.is_some() => 1.5 * FLATTEST,
-        Pattern::Disc => FLATTEST,
-        _ => FLATTEST_QUADRANTS,
-    };
+    let flattest = if candidate.pattern == Pattern::Disc { FLATTEST } else { FLATTEST_QUADRANTS };
     if lopsided || outline.major > flattest * outline.minor {
         return Err(RejectReason::NotAnEllipse);
     }

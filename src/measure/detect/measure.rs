@@ -55,8 +55,8 @@ impl Bounds {
     }
 }
 
-/// Axis ratio of a blob which is no disc whatever a fit would say.
-const SURELY_FLATTER: f64 = 28.0;
+/// Axis ratio of a blob which is no marker whatever a fit would say.
+const SURELY_FLATTER: f64 = 45.0;
 
 /// Fits the model to a candidate.
 pub fn measure(

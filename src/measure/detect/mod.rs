@@ -110,7 +110,7 @@ pub enum RejectReason {
     TouchesEdge,
     /// Too small to be measured.
     TooSmall,
-    /// Flatter than 1:26, or not an ellipse at all.
+    /// Flatter than 1:40 (a disc) or 1:26 (quadrants), or not an ellipse at all.
     NotAnEllipse,
     /// Too little contrast against the noise.
     LowContrast,
@@ -130,6 +130,8 @@ pub enum RejectReason {
     Soft,
     /// Far smaller than all the frame's markers, which are of about one size at like distances.
     Speck,
+    /// A thin disc that lies across the frame's other markers.
+    Askew,
 }
 
 impl RejectReason {
@@ -148,6 +150,7 @@ impl RejectReason {
             Self::Drowned => "glare leaves too little of it",
             Self::Soft => "edge softer than the other markers'",
             Self::Speck => "far smaller than the other markers",
+            Self::Askew => "lies across the other markers",
         }
     }
 }
@@ -211,6 +214,7 @@ fn find(image: &Raster, sought: Option<&[Prediction]>) -> (Found, f64) {
     let sound = |faint: bool, known: Vec<judge::Measured>| {
         let mut found = search(image, seen, sought, noise, faint, known);
         distinct::without_soft(&mut found);
+        distinct::without_askew(&mut found);
         distinct::without_specks(&mut found);
         found
     };
