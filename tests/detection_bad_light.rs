@@ -73,6 +73,12 @@ fn quadrants_seen_against_two_thresholds_are_found() {
 }
 
 #[test]
+fn quadrants_whose_thin_black_ends_lie_far_from_its_middle_are_found() {
+    // Beside the white the skin passes for dark, and the dark of the reduced picture is half as long as the black.
+    measured(&on_even_skin("line.png", 146), [1080.441, 841.469, 38.0, 4.8, -0.12], 9.0);
+}
+
+#[test]
 fn a_disc_whose_tip_a_line_touches_is_found_in_back_light() {
     // The line lowers the background there, and the threshold with it: the blob looks cut.
     measured(&on_even_skin("disc.png", 116), [1175.604, 918.340, 68.2, 6.9, -0.1], 12.0);

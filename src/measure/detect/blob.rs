@@ -64,7 +64,7 @@ const RAGGED_AREA: f64 = 100.0;
 /// The blobs of a region that went on outside its window at every level: the local background was too
 /// bright, as beside a quadrant's white or below the sky, and the skin passed for dark. Here what
 /// surrounds the region bounds it, and the window is wider, for faint tips are not in the region: of a
-/// flat marker they may be half of it.
+/// flat marker they may be half of it, of flat quadrants more.
 pub fn blobs_against_surround(image: &Raster, coarse: &Coarse, region: &Region) -> Vec<Blob> {
     let (dark, skin) = levels(coarse, region);
     let sides = [region.width(), region.height()];
@@ -73,8 +73,12 @@ pub fn blobs_against_surround(image: &Raster, coarse: &Coarse, region: &Region) 
     // What is longer than a marker holds one as it is.
     let most = LONGEST_PX.max(image.width().max(image.height()) / LONGEST) / coarse.factor;
     let more = |side: usize| if flat { side.max(longest / 4) } else { longest / 4 };
-    let pad = sides.map(|side| PAD + more(side).min(most.saturating_sub(side)));
-    let mut out = below(image, coarse, region, pad, Threshold::Between { dark, skin }).0;
+    let window = |times: usize| {
+        let pad = sides.map(|side| times * (PAD + more(side).min(most.saturating_sub(side))));
+        below(image, coarse, region, pad, Threshold::Between { dark, skin })
+    };
+    let (blobs, cut) = window(1);
+    let mut out = if cut && blobs.is_empty() { window(2).0 } else { blobs };
     // A wide window shows other things too.
     out.retain(|blob| region.meets(&blob.bounds, coarse.factor));
     out
