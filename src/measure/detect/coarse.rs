@@ -32,16 +32,12 @@ type Span = (usize, Range<usize>);
 pub struct Part {
     wanted: Vec<Span>,
     means: Vec<Span>,
-    /// What is wanted of the far background.
-    far: Vec<Span>,
 }
 
-/// A box about what is sought: first and last column and row, px; and whether that is so thick that it is only seen
-/// against the far background.
+/// A box about what is sought: first and last column and row, px.
 pub struct Window {
     pub low: [f64; 2],
     pub high: [f64; 2],
-    pub thick: bool,
 }
 
 impl Part {
@@ -49,28 +45,25 @@ impl Part {
     pub fn all(width: usize, height: usize) -> Self {
         let factor = factor(width, height);
         let rows: Vec<Span> = (0..height / factor).map(|y| (y, 0..width / factor)).collect();
-        Self { wanted: rows.clone(), means: rows.clone(), far: rows }
+        Self { wanted: rows.clone(), means: rows }
     }
 
     /// What the windows hold of a frame of `width` x `height` px.
     pub fn about(windows: &[Window], width: usize, height: usize) -> Self {
         let factor = factor(width, height);
         let (width, height) = (width / factor, height / factor);
-        let (mut wanted, mut means, mut far) = (Vec::new(), Vec::new(), Vec::new());
-        for Window { low, high, thick } in windows {
+        let (mut wanted, mut means) = (Vec::new(), Vec::new());
+        for Window { low, high } in windows {
             let reduced = |v: f64, most: usize| ((v / factor as f64).max(0.0) as usize).min(most);
             let columns = reduced(low[0], width)..reduced(high[0] + factor as f64, width);
             let rows = reduced(low[1], height)..reduced(high[1] + factor as f64, height);
-            let reach = if *thick { FAR[FAR.len() - 1] } else { REACH[REACH.len() - 1] };
+            let reach = FAR[FAR.len() - 1];
             means.push([rows.clone(), wider(&columns, reach, width)]);
             means.push([wider(&rows, reach, height), columns.clone()]);
-            if *thick {
-                far.push([rows.clone(), columns.clone()]);
-            }
             wanted.push([rows, columns]);
         }
-        let [wanted, means, far] = [wanted, means, far].map(|boxes| spans(&boxes, height));
-        Self { wanted, means, far }
+        let [wanted, means] = [wanted, means].map(|boxes| spans(&boxes, height));
+        Self { wanted, means }
     }
 
     /// Of each pixel row of a frame of `width` x `height` px the columns that are read, and about what is wanted a margin, px.
@@ -136,12 +129,9 @@ pub struct Coarse {
 }
 
 impl Coarse {
-    /// Raises the background to that of the farther distances where anything is sought against that, and looks only there;
-    /// whether there is such a place.
-    pub fn look_far(&mut self) -> bool {
-        self.part.wanted = std::mem::take(&mut self.part.far);
+    /// Raises the background to that of the farther distances.
+    pub fn look_far(&mut self) {
         self.raise_by(&FAR);
-        !self.part.wanted.is_empty()
     }
 }
 

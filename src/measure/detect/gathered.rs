@@ -29,9 +29,7 @@ pub fn find_blobs(image: &Raster, coarse: &mut Coarse, faint: bool) -> (Vec<Blob
     for (far, level) in [false, true].into_iter().flat_map(|far| (0..=laxest).map(move |level| (far, level)))
     {
         if far && level == 0 {
-            if !coarse.look_far() {
-                break;
-            }
+            coarse.look_far();
             darkness = coarse.darkness(faint);
             done.clear();
         }

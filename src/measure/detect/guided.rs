@@ -6,7 +6,7 @@ use nalgebra::Vector2;
 
 use super::super::setup::Shape;
 use super::candidate::Candidate;
-use super::coarse::{self, Part, THICK, Window};
+use super::coarse::{Part, Window};
 use super::judge::Measured;
 use super::model::Pattern;
 use super::outline::Outline;
@@ -55,13 +55,12 @@ impl Prediction {
 
 /// Where predicted markers may lie in a frame of `width` x `height` px.
 pub fn part(predictions: &[Prediction], width: usize, height: usize) -> Part {
-    let thickest = (THICK * coarse::factor(width, height)) as f64;
     let window = |p: &Prediction| {
         let outline = p.outline()?;
         let extent = outline.extent() * 1.1;
         let half = extent.add_scalar(p.reach() + SKIRT);
         let (low, high) = (outline.centre - half, outline.centre + half);
-        Some(Window { low: low.into(), high: high.into(), thick: 2.0 * extent.min() > thickest })
+        Some(Window { low: low.into(), high: high.into() })
     };
     let windows: Vec<Window> = predictions.iter().filter_map(window).collect();
     Part::about(&windows, width, height)
