@@ -25,16 +25,16 @@ impl Found {
         });
     }
 
+    /// Moves those with these indices, in ascending order.
+    pub fn turn_down_these(&mut self, reason: RejectReason, indices: &[usize]) {
+        indices.iter().rev().for_each(|&i| self.turn_down(i, reason));
+    }
+
     /// Moves all that are not wanted.
     fn turn_down_all(&mut self, reason: RejectReason, unwanted: impl Fn(&Measured) -> bool) {
-        let mut i = 0;
-        while let Some(measured) = self.measured.get(i) {
-            if unwanted(measured) {
-                self.turn_down(i, reason);
-            } else {
-                i += 1;
-            }
-        }
+        let all = self.measured.iter().enumerate();
+        let indices: Vec<usize> = all.filter(|(_, m)| unwanted(m)).map(|(i, _)| i).collect();
+        self.turn_down_these(reason, &indices);
     }
 }
 
@@ -144,11 +144,9 @@ pub fn without_specks(found: &mut Found) {
         let foretold = || arc::foretold_major(larger, centre_px);
         semi_major_px < least || foretold().is_some_and(|(major, _)| major > GAP * semi_major_px)
     };
-    let mut specks: Vec<bool> = found.measured.iter().map(is_speck).collect();
-    while let Some(i) = specks.iter().rposition(|&speck| speck) {
-        specks.truncate(i);
-        found.turn_down(i, RejectReason::Speck);
-    }
+    let all = found.measured.iter().enumerate();
+    let specks: Vec<usize> = all.filter(|(_, m)| is_speck(m)).map(|(i, _)| i).collect();
+    found.turn_down_these(RejectReason::Speck, &specks);
 }
 
 #[cfg(test)]

@@ -95,11 +95,11 @@ fn measure_once(
     let floor = least_scale(noise);
     let (few, all) = if candidate.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
     let blur = candidate.like.map(|like| like.blur.0).or(candidate.against_skin).unwrap_or(1.0);
-    let few = |look: Look| roughly(image, Masked::Blobs(blobs), candidate, look, few, floor);
+    let first = |look: Look| roughly(image, Masked::Blobs(blobs), candidate, look, few, floor);
     let look = Look { crossing: outline.centre, blur, sag: 0.0 };
-    let (near, scale) = few(look).or_else(|reason| {
+    let (near, scale) = first(look).or_else(|reason| {
         let crossing = crossing_in_small(image, candidate, floor).ok_or(reason)?;
-        few(Look { crossing, ..look })
+        first(Look { crossing, ..look })
     })?;
     // A rough fit leaves at most twice what the last one may.
     if scale > 2.0 * largest_rms(candidate, noise, contrast(&near)) {

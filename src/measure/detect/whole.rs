@@ -83,7 +83,7 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
     }
     wrong.sort_unstable();
     wrong.dedup();
-    wrong.into_iter().rev().for_each(|i| found.turn_down(i, RejectReason::Uncertain));
+    found.turn_down_these(RejectReason::Uncertain, &wrong);
 }
 
 /// Whether a thin marker may be turned down so only because it does not tell blur and thickness apart.
@@ -170,15 +170,13 @@ pub fn doubt_unlike(found: &mut Found) {
             if longer > UNLIKELY * UNLIKELY * chance { longer - chance } else { 0.0 }
         })
         .collect();
-    for (i, doubt) in doubts.into_iter().enumerate().rev() {
-        let Some(Measured { detection: own, .. }) = found.measured.get_mut(i) else { continue };
-        if doubt > (NONE * own.semi_major_px).powi(2) {
-            found.turn_down(i, RejectReason::Uncertain);
-            continue;
-        }
+    let mut none = Vec::new();
+    for (i, (Measured { detection: own, .. }, doubt)) in found.measured.iter_mut().zip(doubts).enumerate() {
         let axis = own.outline().axis();
         own.covariance_px2 += axis * axis.transpose() * doubt;
+        none.extend((doubt > (NONE * own.semi_major_px).powi(2)).then_some(i));
     }
+    found.turn_down_these(RejectReason::Uncertain, &none);
 }
 
 /// What the markers nearest to a place tell of an edge, where there are some.
