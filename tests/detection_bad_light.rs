@@ -4,14 +4,13 @@
 mod drawn;
 
 use drawn::{
-    Ellipse, discs, found_of, framed, hold, local, measured, nearest, normalised, normalised_square, on_skin,
-    picture, quadrants, within,
+    Ellipse, discs, found_of, hold, local, measured, nearest, normalised, normalised_square, on_even_skin,
+    on_skin, picture, quadrants, within,
 };
 use nalgebra::Vector2;
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use wingd::measure::detect::detect;
-use wingd::measure::raster::Raster;
 use wingd::measure::setup::Shape;
 
 #[test]
@@ -57,13 +56,6 @@ fn the_white_tells_the_length_of_flat_quadrants() {
         let m = measured(&picture(&scene, 1.7, 2.0, seed), target, 9.0);
         assert!((m.semi_major_px / 70.0 - 1.0).abs() < 0.1, "{} px long", m.semi_major_px);
     }
-}
-
-/// Part of a rendered frame (see the README beside it) on even skin, its corner at (1000, 800).
-fn on_even_skin(name: &str, skin: u8) -> Raster {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pictures").join(name);
-    let part = image::open(path).expect("a picture of the tests").to_luma8();
-    framed(part.width() as usize, part.as_raw(), skin)
 }
 
 #[test]

@@ -115,6 +115,13 @@ pub fn framed(columns: usize, part: &[u8], skin: u8) -> Raster {
     Raster::new(width, height, luma).unwrap()
 }
 
+/// Part of a rendered frame (see the README beside the pictures) on even skin, its corner at (1000, 800).
+pub fn on_even_skin(name: &str, skin: u8) -> Raster {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pictures").join(name);
+    let part = image::open(path).expect("a picture of the tests").to_luma8();
+    framed(part.width() as usize, part.as_raw(), skin)
+}
+
 /// The squares of the normalised errors of the markers that are found in a scene, drawn with six seeds, which shows nothing
 /// else.
 pub fn found_of(markers: &[Ellipse], scene: impl Fn(f64, f64) -> f64, blur: f64, noise: f64) -> Vec<f64> {

@@ -171,7 +171,12 @@ fn limited(values: &mut [u8], threshold: Threshold) {
             values.iter_mut().for_each(|v| *v = (u32::from(*v) * level).div_ceil(256).min(255) as u8);
         }
         Threshold::Between { dark, skin } => {
-            values.iter_mut().for_each(|v| *v = (dark + u32::from(*v).min(skin)).div_ceil(2).min(255) as u8);
+            // What is nearer to the dark is no background: it lies there farther off than was looked.
+            let half = (dark + skin) / 2;
+            let background = |v: u32| if v < half { skin } else { v.min(skin) };
+            values
+                .iter_mut()
+                .for_each(|v| *v = (dark + background(u32::from(*v))).div_ceil(2).min(255) as u8);
         }
     }
 }
@@ -328,5 +333,18 @@ impl Blob {
     pub fn fill(&self) -> f64 {
         let det = self.covariance.determinant().max(1e-9);
         self.area / (4.0 * std::f64::consts::PI * det.sqrt())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_nearer_to_the_dark_than_to_the_skin_is_no_background() {
+        // The sky, the skin, skin in the shade, another marker.
+        let mut values = [230, 120, 90, 50];
+        limit(&mut values, Threshold::Between { dark: 40, skin: 120 });
+        assert_eq!(values, [80, 80, 65, 80]);
     }
 }

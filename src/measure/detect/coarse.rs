@@ -175,6 +175,11 @@ impl Region {
         left <= self.x1 && right >= self.x0 && top <= self.y1 && low >= self.y0
     }
 
+    /// Whether another region lies within this one's bounds.
+    pub fn contains(&self, other: &Self) -> bool {
+        self.x0 <= other.x0 && self.y0 <= other.y0 && self.x1 >= other.x1 && self.y1 >= other.y1
+    }
+
     /// Whether `other`, of a laxer level, is the same thing with a fringe.
     pub fn stands_for(&self, other: &Self) -> bool {
         let fringe = |a: usize, b: usize| a.abs_diff(b) <= 2;

@@ -12,16 +12,24 @@ const MAX_REGIONS: usize = 400;
 /// it above the black that lies before the skin.
 const PALE: u16 = 140;
 
+/// How many times larger than a region that went on outside its window what has swallowed it at the next level is, for it
+/// to be seen by itself; and how large, reduced px, and how dark, as grey over background in 1/256, it must be for that.
+const SWALLOWED: usize = 4;
+const SWALLOWED_LEAST: usize = 4;
+const SWALLOWED_DARK: u16 = 200;
+
 /// Most blobs, pairs of blobs and candidates of a kind: far above what a wing shows. The largest are kept.
 const MAX_BLOBS: usize = 500;
 const MAX_PAIRS: usize = 1500;
 const MAX_CANDIDATES: usize = 100;
 
 /// Blobs of all levels, each once, from windows that together hold no more than the frame; against the near background,
-/// then thick ones against the far. Beside them the regions without a disc's shape whose background is uneven.
+/// then thick ones against the far; last those of dark regions that something larger has swallowed. Beside them the regions
+/// without a disc's shape whose background is uneven.
 pub fn find_blobs(image: &Raster, coarse: &mut Coarse, faint: bool) -> (Vec<Blob>, Vec<Region>) {
     let (mut out, mut uneven): (Vec<Blob>, Vec<Region>) = (Vec::new(), Vec::new());
-    let mut done: Vec<Region> = Vec::new();
+    let (mut done, mut open) = (Vec::<Region>::new(), Vec::<Region>::new());
+    let mut late: Vec<Blob> = Vec::new();
     let laxest = coarse::levels(faint) - 1;
     let mut budget = coarse.width * coarse.height;
     let largest = (coarse.width * coarse.height / 8).max(64);
@@ -32,12 +40,19 @@ pub fn find_blobs(image: &Raster, coarse: &mut Coarse, faint: bool) -> (Vec<Blob
             coarse.look_far();
             darkness = coarse.darkness(faint);
             done.clear();
+            open.clear();
         }
         let mut regions = coarse.regions(&darkness, level, faint);
         let least = if far { coarse::THICK } else { 0 };
         regions.retain(|r| r.width() * r.height() <= largest && r.width().min(r.height()) >= least);
         regions.sort_by_key(|r| std::cmp::Reverse(r.area));
         regions.truncate(MAX_REGIONS);
+        // Uneven ones are seen again where nothing is found in them in the end.
+        for region in open.drain(..).filter(|region| is_swallowed(region, &regions)) {
+            if !coarse.is_uneven(&region) {
+                late.extend(blob::blobs_against_surround(image, coarse, &region));
+            }
+        }
         for region in regions {
             if done.iter().any(|d| d.stands_for(&region)) {
                 continue;
@@ -55,14 +70,21 @@ pub fn find_blobs(image: &Raster, coarse: &mut Coarse, faint: bool) -> (Vec<Blob
                 let again = blob::blobs_against_surround(image, coarse, &region);
                 again.into_iter().for_each(|blob| add_once(&mut out, blob));
             }
-            if !cut {
-                done.push(region);
-            }
+            if cut { open.push(region) } else { done.push(region) }
         }
     }
+    late.into_iter().for_each(|blob| add_once(&mut out, blob));
     keep_largest(&mut out, MAX_BLOBS, |blob| blob.area);
     keep_largest(&mut uneven, MAX_CANDIDATES, |region| region.area as f64);
     (out, uneven)
+}
+
+/// Whether a dark region has flown together with something far larger, or too large, at the next level: a disc in a shadow's
+/// band does, whose background is the light on both sides of that.
+fn is_swallowed(region: &Region, next: &[Region]) -> bool {
+    let dark = region.area >= SWALLOWED_LEAST && region.least < SWALLOWED_DARK;
+    let into = || next.iter().filter(|other| other.contains(region)).map(|other| other.area).min();
+    dark && into().is_none_or(|area| area > SWALLOWED * region.area)
 }
 
 /// Whether a blob has a disc's shape.
@@ -78,7 +100,7 @@ fn keep_largest<T>(items: &mut Vec<T>, most: usize, size: impl Fn(&T) -> f64) {
     }
 }
 
-/// Takes up a blob unless one that is as large to a quarter is there.
+/// Takes up a blob unless one that is as large to a quarter is there; but one with a disc's shape beside one without.
 fn add_once(out: &mut Vec<Blob>, blob: Blob) {
     // Of thick quadrants the near background shows the greater part only: such are told apart to a twentieth.
     const THICK: f64 = 5000.0;
@@ -89,7 +111,8 @@ fn add_once(out: &mut Vec<Blob>, blob: Blob) {
             && (alike..1.0 / alike).contains(&(b.area / blob.area))
     };
     // Comparing all with all must not take for ever.
-    if out.len() < 4 * MAX_BLOBS && !out.iter().any(same) {
+    let stands_for = |b: &Blob| same(b) && (is_disc(b) || !is_disc(&blob));
+    if out.len() < 4 * MAX_BLOBS && !out.iter().any(stands_for) {
         out.push(blob);
     }
 }
