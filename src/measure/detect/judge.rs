@@ -4,9 +4,10 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::super::raster::Raster;
 use super::super::setup::Shape;
+use super::arcs::{ends_in_arcs, have_corners};
 use super::candidate::Candidate;
 use super::fit::{Fit, contrast};
-use super::model::{ANGLE, BLUR, DARK, EGG, FIRST, LIGHT, Parameters, Pattern, SECOND, THIRD, X, Y};
+use super::model::{ANGLE, BLUR, DARK, EGG, FIRST, LIGHT, Pattern, SECOND, THIRD, X, Y};
 use super::outline::{Outline, half_turn};
 use super::sought::EGG_SPREAD;
 use super::{Detection, RejectReason};
@@ -119,7 +120,11 @@ pub fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Re
         return Err(RejectReason::PoorFit);
     }
     let edges = candidate.edges.filter(|_| candidate.against_skin.is_none() && candidate.foretold.is_none());
-    if edges.is_some_and(|edges| !ends_in_arcs(image, candidate.pattern, &outline, edges.0, m)) {
+    let is_other = |edges: (f64, f64)| {
+        !ends_in_arcs(image, candidate.pattern, &outline, edges.0, m)
+            || have_corners(image, candidate.pattern, &outline, m)
+    };
+    if edges.is_some_and(is_other) {
         return Err(RejectReason::Pattern);
     }
     let mut covariance = fit.covariance.fixed_view::<2, 2>(0, 0).into_owned();
@@ -171,27 +176,5 @@ pub fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Re
         },
         through_glare: false,
         is_whole: candidate.is_whole(),
-    })
-}
-
-/// Whether the black quadrants end at the outline: the corner of a checkerboard's squares goes on.
-fn ends_in_arcs(image: &Raster, pattern: Pattern, outline: &Outline, along: f64, m: &Parameters) -> bool {
-    let turn = if pattern == Pattern::WhiteAlong { std::f64::consts::FRAC_PI_2 } else { 0.0 };
-    let direction = Vector2::new((along + turn).cos(), (along + turn).sin());
-    let radius = outline.radius(direction);
-    let (light, black) = (m[LIGHT], m[LIGHT] - contrast(m));
-    let grey = |factor: f64| {
-        let at = outline.centre + direction * (factor * radius);
-        f64::from(image.nearest(at.x, at.y))
-    };
-    // Skin may be darker than half way from white to black: it need only be lighter than black. The
-    // outline is rough, and a line may cross it: most of three places beyond it decide, all short of
-    // the corner at 1.25 radii that a square of the same size has.
-    let first = 1.0 + (2.0 * m[BLUR] / radius).clamp(0.1, 0.2);
-    [-1.0, 1.0].iter().all(|side| {
-        // Blur lifts a thin tip, and leaves less to tell it from the skin.
-        let inside = grey(side * 0.75);
-        let lighter = |step: &&f64| grey(side * (first + **step)) > inside + 0.2 * (light - inside);
-        inside < 0.5 * (light + black) && [0.0, 0.04, 0.08].iter().filter(lighter).count() >= 2
     })
 }

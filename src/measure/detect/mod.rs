@@ -1,6 +1,7 @@
 //! Image -> markers.
 
 mod arc;
+mod arcs;
 mod batch;
 mod blob;
 mod blocks;
