@@ -94,7 +94,8 @@ fn set(name: &str) -> Set {
     Set { installation, orientation, frames }
 }
 
-fn hold(name: &str) {
+/// Holds a set's figures against what is promised; the markers that are missed, and the rms of circles in plain light, px.
+fn hold(name: &str) -> (usize, f64) {
     let mut set = set(name);
     let (mut seen, mut missed, mut extra, mut wrong) = (0, 0, 0, 0);
     let (mut plain, mut worse) = ([Tally::default(), Tally::default()], [Tally::default(), Tally::default()]);
@@ -146,14 +147,18 @@ fn hold(name: &str) {
     );
     assert!(plain_circles <= 0.15 && circles <= 0.30, "{name}: circles {plain_circles} {circles} px");
     assert!((0.8..=1.25).contains(&normalised), "{name}: normalised errors {normalised}");
+    (missed, plain_circles)
 }
 
 #[test]
 fn the_independent_set_is_measured_as_promised() {
-    hold("dev");
+    let (missed, circles) = hold("dev");
+    // The sheet of M20 lies over half of M18, and over most of it in the ground frame: with its size known it is measured
+    // all the same. Without that it is missed there and off by 0.3 px in flight, which makes 0.13 px of all circles.
+    assert!(missed == 0 && circles < 0.1, "{missed} missed, {circles} px");
 }
 
 #[test]
 fn the_flight_of_the_demo_is_measured_as_promised() {
-    hold("demo");
+    let _ = hold("demo");
 }

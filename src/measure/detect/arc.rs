@@ -9,7 +9,7 @@ use super::candidate::Candidate;
 use super::outline::Outline;
 
 /// How far a neighbour's sheet reaches beyond its print, px.
-const SHEET_PX: f64 = 7.0;
+pub const SHEET_PX: f64 = 7.0;
 /// How far a cut edge is blurred into what it leaves, px.
 const BLUR_PX: f64 = 2.5;
 /// Relative difference below which a neighbour is taken to be of the same size.

@@ -11,7 +11,7 @@ use super::judge::Measured;
 use super::measure::{Bounds, measure};
 use super::model::Pattern;
 use super::outline::{Outline, half_turn};
-use super::{Detection, Detections, Prediction, by_place, clumped, glare, middle, parted};
+use super::{Detection, Detections, Prediction, by_place, clumped, glare, middle, parted, sheets};
 
 /// A marker that should be in the frame, from its orientation and the markers that are known.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,6 +39,8 @@ const UNKNOWN: f64 = 0.01;
 const NEAR: f64 = 4.0;
 /// Standard deviations by which both answers may differ.
 const ALIKE: f64 = 4.0;
+/// Share of the former variances from which on a disc is taken for hidden that may be seen as a whole.
+const SURER: f64 = 0.5;
 /// Standard deviations by which a size differs from the foretold one that say that something is wrong.
 const UNLIKE: f64 = 3.0;
 /// Share of quadrants that is surely theirs, wherever the skin slopes a little otherwise.
@@ -172,6 +174,11 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
         let candidates = FRINGES.iter().filter_map(|fringe| sizes.candidate(image, prediction, *fringe));
         let mut candidates: Vec<Candidate> = candidates.collect();
         candidates.dedup();
+        // Only where it does not look whole is it taken for hidden.
+        let others = found.markers.iter().enumerate().filter(|(i, _)| Some(*i) != *own);
+        let others: Vec<Outline> = others.map(|(_, d)| d.outline()).collect();
+        let hidden = candidates.last().and_then(|last| sheets::beside(image, last, &others, psf));
+        candidates.extend(hidden);
         let answer = candidates.into_iter().find_map(|mut candidate| {
             if prediction.shape == Shape::Circle && candidate.outline.minor < THIN * psf {
                 candidate.like = Some(Like { blur: (psf, SAME_BLUR * psf), dark: (0.7, f64::INFINITY) });
@@ -192,8 +199,10 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
                 Detection { covariance_px2, ..old.clone() }
             });
             let near = (centre - prediction.centre_px).norm() < most;
-            let better = near && old.as_ref().is_none_or(|old| is_better(&measured.detection, old));
-            if let (false, true, Some(i), Some(old)) = (better, near, own, &old) {
+            let whole = candidate.hidden.is_empty();
+            let surer = if whole { 1.0 } else { SURER };
+            let better = near && old.as_ref().is_none_or(|old| is_better(&measured.detection, old, surer));
+            if let (false, true, Some(i), Some(old)) = (better, near && whole, own, &old) {
                 unlike.extend(disagreement(&measured.detection, old).map(|doubt| (i, doubt)));
             }
             better.then_some((own, measured))
@@ -237,11 +246,12 @@ fn disagreement(new: &Detection, old: &Detection) -> Option<Matrix2<f64>> {
     (new.shape == old.shape && off > 1.0).then(|| apart * apart.transpose())
 }
 
-/// Whether an answer is surer than the former one, and no other.
-fn is_better(new: &Detection, old: &Detection) -> bool {
+/// Whether an answer is surer than the former one, by a factor of the variances, and no other.
+fn is_better(new: &Detection, old: &Detection, factor: f64) -> bool {
     let apart: Vector2<f64> = new.centre_px - old.centre_px;
     let both = new.covariance_px2 + old.covariance_px2;
     let off = both.try_inverse().map_or(f64::INFINITY, |inverse| apart.dot(&(inverse * apart)));
-    let surer = new.shape == Shape::Quadrant || new.covariance_px2.trace() < old.covariance_px2.trace();
+    let surer =
+        new.shape == Shape::Quadrant || new.covariance_px2.trace() < factor * old.covariance_px2.trace();
     surer && new.shape == old.shape && off < ALIKE * ALIKE
 }

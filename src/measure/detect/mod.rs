@@ -40,6 +40,7 @@ mod rim;
 mod runs;
 mod seam;
 mod select;
+mod sheets;
 mod sought;
 mod uneven;
 mod veil;

@@ -1,0 +1,100 @@
+//! Where the sheets that its neighbours are printed on may hide an expected disc.
+
+use nalgebra::Vector2;
+
+use super::super::raster::Raster;
+use super::arc::{SHEET_PX, within};
+use super::candidate::Candidate;
+use super::counts::Counts;
+use super::model::Pattern;
+use super::outline::Outline;
+
+/// Share of a disc's outline that a sheet must lie over, and that may lie under sheets.
+const TOUCHES: f64 = 0.15;
+const COVERED: f64 = 0.85;
+/// How far an expected outline may be off, px.
+const ASIDE: f64 = 3.0;
+/// How far a sheet's edge is blurred into what it leaves, in blurs; half way up it lies between two pixels.
+const BLURS: f64 = 2.4;
+const HALF_WAY: f64 = 0.5;
+
+/// An expected disc that the sheets of others may hide: in boxes (first and last column and row) with a rim about each print,
+/// and where black ends near it, the last rows or columns of that too, for blur mixes them with the sheet. `None` where no
+/// sheet lies over it, or where too little is left to be seen.
+pub fn beside(image: &Raster, expected: &Candidate, others: &[Outline], blur: f64) -> Option<Candidate> {
+    let disc = &expected.outline;
+    let near = |other: &&Outline| {
+        let [x0, y0, x1, y1] = print(other);
+        let rim = [x0 - SHEET_PX, y0 - SHEET_PX, x1 + SHEET_PX, y1 + SHEET_PX];
+        disc.share(|at| within(&rim, at)) > TOUCHES
+    };
+    let hidden: Vec<[f64; 4]> = others.iter().filter(near).map(|o| sheet(image, disc, o, blur)).collect();
+    let covered = disc.share(|at| hidden.iter().any(|b| within(b, at)));
+    let useful = expected.pattern == Pattern::Disc && !hidden.is_empty() && covered < COVERED;
+    useful.then(|| Candidate { hidden, ..expected.clone() })
+}
+
+/// The bounds of a marker's print.
+fn print(of: &Outline) -> [f64; 4] {
+    let (low, high) = (of.centre - of.extent(), of.centre + of.extent());
+    [low.x, low.y, high.x, high.y]
+}
+
+/// The box that a neighbour's sheet may cover of an expected disc.
+fn sheet(image: &Raster, expected: &Outline, other: &Outline, blur: f64) -> [f64; 4] {
+    let print = print(other);
+    let reach = expected.extent().add_scalar(2.0 * SHEET_PX);
+    let around = image.part(expected.centre - reach, expected.centre + reach, 2).map(|(_, _, value)| value);
+    let skin = Counts::of(around).middle().unwrap_or(255) as u8;
+    let level = image.nearest(other.centre.x, other.centre.y).midpoint(skin);
+    let grown = Outline { major: expected.major + ASIDE, minor: expected.minor + ASIDE, ..*expected };
+    // Whether a line beside the print, so far from its middle, shows black of the expected disc.
+    let shows = |along_rows: bool, at: f64| {
+        let (from, to) = if along_rows { (print[0], print[2]) } else { (print[1], print[3]) };
+        (from.floor() as i64..=to.ceil() as i64).any(|k| {
+            let place = if along_rows { Vector2::new(k as f64, at) } else { Vector2::new(at, k as f64) };
+            grown.holds(place) && image.nearest(place.x, place.y) < level
+        })
+    };
+    let mut out = [0.0; 4];
+    for (k, out) in out.iter_mut().enumerate() {
+        let (along_rows, sign) = (k % 2 == 1, if k < 2 { -1.0 } else { 1.0 });
+        let first = (3..=(2.0 * SHEET_PX) as usize).map(|j| print[k].round() + sign * j as f64);
+        let black = first.into_iter().find(|&at| shows(along_rows, at));
+        let hidden = black.map_or(0.0, |at| sign * (at - print[k]) + BLURS * blur - HALF_WAY);
+        *out = print[k] + sign * if black.is_some() { hidden } else { SHEET_PX };
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EXPECTED: Outline =
+        Outline { centre: Vector2::new(100.0, 50.0), major: 40.0, minor: 6.0, angle: 0.0 };
+
+    /// The expected disc, and over it the sheet of one beside it, from a row on.
+    fn hidden(other: Outline, sheet_from: usize) -> Option<Vec<[f64; 4]>> {
+        let grey = |i: usize| {
+            let at = Vector2::new((i % 200) as f64, (i / 200) as f64);
+            let black = other.holds(at) || (i / 200 < sheet_from && EXPECTED.holds(at));
+            if black { 50 } else { 180 }
+        };
+        let image = Raster::new(200, 120, (0..200 * 120).map(grey).collect())?;
+        let expected = Candidate::of(Pattern::Disc, EXPECTED, Vec::new());
+        beside(&image, &expected, &[other], 1.0).map(|candidate| candidate.hidden)
+    }
+
+    #[test]
+    fn a_sheet_hides_what_lies_between_its_print_and_the_last_black() {
+        let other = |y: f64| Outline { centre: Vector2::new(95.0, y), ..EXPECTED };
+        let seen = hidden(other(61.0), 51).expect("a sheet lies over it");
+        // The last black is row 50; two blurs before its edge at 50.5 are left out.
+        let want = [95.0 - 47.0, 50.5 - BLURS, 95.0 + 47.0, 61.0 + 13.0];
+        assert!(seen.len() == 1 && seen[0].iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-9), "{seen:?}");
+        // One that is far hides nothing; of one that is hidden nearly as a whole nothing is told.
+        assert_eq!(hidden(other(75.0), 51), None);
+        assert_eq!(hidden(other(56.0), 45), None);
+    }
+}
