@@ -98,12 +98,18 @@ fn inside(p: f64, q: f64) -> bool {
     p * p + q * q < 1.0
 }
 
-/// The predicted quadrants that have not been found yet.
-pub fn missing_quadrants(found: &[Measured], predictions: &[Prediction]) -> Vec<Prediction> {
+/// The predicted markers that have not been found yet.
+pub fn missing(found: &[Measured], predictions: &[Prediction]) -> Vec<Prediction> {
     let found: Vec<&Detection> = found.iter().map(|m| &m.detection).collect();
     let there = matched(&found, predictions).1;
-    let missing = predictions.iter().zip(there).filter(|(p, there)| !there && p.shape == Shape::Quadrant);
-    missing.map(|(p, _)| p.clone()).collect()
+    predictions.iter().zip(there).filter(|(_, there)| !there).map(|(p, _)| p.clone()).collect()
+}
+
+/// Those of them that are quadrants.
+pub fn missing_quadrants(found: &[Measured], predictions: &[Prediction]) -> Vec<Prediction> {
+    let mut out = missing(found, predictions);
+    out.retain(|p| p.shape == Shape::Quadrant);
+    out
 }
 
 /// Whether what is seen may be a part of one of the predicted markers.

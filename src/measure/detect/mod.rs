@@ -211,7 +211,7 @@ pub fn detect_guided(image: &Raster, predictions: &[Prediction]) -> Detections {
 /// What is found in the whole frame, or around predictions; and the noise.
 fn find(image: &Raster, sought: Option<&[Prediction]>) -> (Found, f64) {
     let noise = noise::estimate(image);
-    let smoothed = if noise > noise::FRAYING { noise::smoothed(image) } else { None };
+    let smoothed = if noise > noise::FRAYING { smoothed(image, sought) } else { None };
     let seen = smoothed.as_ref().unwrap_or(image);
     let sound = |faint: bool, known: Vec<judge::Measured>| {
         let mut found = search(image, seen, sought, noise, faint, known);
@@ -221,11 +221,22 @@ fn find(image: &Raster, sought: Option<&[Prediction]>) -> (Found, f64) {
         found
     };
     let mut found = sound(false, Vec::new());
-    if is_faint(&found) {
+    let all_found = sought.is_some_and(|sought| guided::missing(&found.measured, sought).is_empty());
+    if !all_found && is_faint(&found) {
         found = sound(true, found.measured);
     }
     doubt_unlike(&mut found);
     (found, noise)
+}
+
+/// A frame without most of its noise, of which only that is seen which is read about predictions.
+fn smoothed(image: &Raster, sought: Option<&[Prediction]>) -> Option<Raster> {
+    let (width, height) = (image.width(), image.height());
+    let columns = match sought {
+        None => vec![0..width; height],
+        Some(sought) => columns_read(sought, width, height),
+    };
+    noise::smoothed(image, &columns)
 }
 
 fn detections(mut found: Found, noise: f64) -> Detections {

@@ -1,18 +1,31 @@
 //! The frame's noise, from second differences along sampled rows; and a picture without most of it.
 
+use std::ops::Range;
+
 use super::super::raster::Raster;
 use super::wide::wide;
 
 /// Noise from which on outlines fray, grey levels: blobs are then sought in the smoothed picture.
 pub const FRAYING: f64 = 3.0;
 
-/// The picture under the binomial filter of 3 x 3 px, which leaves three eighths of the noise; rims as they are.
-pub fn smoothed(image: &Raster) -> Option<Raster> {
+/// The picture under the binomial filter of 3 x 3 px, which leaves three eighths of the noise, of each row in some columns;
+/// rims as they are, 0 elsewhere.
+pub fn smoothed(image: &Raster, columns: &[Range<usize>]) -> Option<Raster> {
     let (width, height) = (image.width(), image.height());
-    let mut luma = image.luma().to_vec();
+    let mut luma = vec![0; width * height];
     let mut sums = vec![0u16; width];
-    for (y, out) in luma.chunks_exact_mut(width).enumerate().skip(1).take(height.saturating_sub(2)) {
-        smooth([image.row(y - 1), image.row(y), image.row(y + 1)], &mut sums, out);
+    for (y, (out, columns)) in luma.chunks_exact_mut(width).zip(columns).enumerate() {
+        // The first and the last of them are not filtered.
+        let wider = columns.start.saturating_sub(1)..(columns.end + 1).min(width);
+        if columns.is_empty() {
+            continue;
+        }
+        let row = |y: usize| &image.row(y)[wider.clone()];
+        let out = &mut out[wider.clone()];
+        out.copy_from_slice(row(y));
+        if y > 0 && y + 1 < height {
+            smooth([row(y - 1), row(y), row(y + 1)], &mut sums[..wider.len()], out);
+        }
     }
     Raster::new(width, height, luma)
 }
