@@ -17,6 +17,8 @@ const SAME_SIZE: f64 = 0.12;
 /// Share of the outline that must be seen, beside a disc of the same size, and without.
 const SHARE: f64 = 0.35;
 const SHARE_ALONE: f64 = 0.55;
+/// Points of the outline that must be seen.
+const LEAST: usize = 24;
 
 type Conic = SVector<f64, 5>;
 
@@ -34,7 +36,7 @@ pub fn completed(candidate: &Candidate, blob: &Blob, others: &[Blob]) -> Option<
     let rim = rim(blob);
     let seen: Vec<Vector2<f64>> =
         rim.iter().filter(|p| !hidden.iter().any(|h| within(h, p))).copied().collect();
-    if seen.len() == rim.len() || (seen.len() as f64) < SHARE * rim.len() as f64 || seen.len() < 40 {
+    if seen.len() == rim.len() || (seen.len() as f64) < SHARE * rim.len() as f64 || seen.len() < LEAST {
         return None;
     }
     let alike = (near.iter())

@@ -24,6 +24,8 @@ pub struct Expected {
 
 /// Sum of a place's variances from which on a disc is looked at again, px^2.
 pub const UNSURE_PX2: f64 = 0.04;
+/// The same of a disc over which another one's sheet may lie: it is less sure than it looks.
+const HIDDEN_PX2: f64 = 0.01;
 /// The same up to which a disc tells how the foretold sizes fail.
 const SURE: f64 = 0.08;
 /// Discs that tell it at least, and how many of those alike tell what the skin's slope does.
@@ -166,8 +168,10 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
     for Expected { prediction, found: own } in expected {
         let old = own.and_then(|i| found.markers.get(i));
         // A crossing is told well by whatever shows it.
-        let least = if prediction.shape == Shape::Circle { UNSURE_PX2 } else { f64::INFINITY };
-        if old.is_some_and(|d| d.covariance_px2.trace() < least) {
+        let [least, least_hidden] =
+            if prediction.shape == Shape::Circle { [UNSURE_PX2, HIDDEN_PX2] } else { [f64::INFINITY; 2] };
+        let surer = |than: f64| old.is_some_and(|d| d.covariance_px2.trace() < than);
+        if surer(least_hidden) {
             continue;
         }
         let sizes = sure.sizes(prediction);
@@ -178,6 +182,7 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
         let others = found.markers.iter().enumerate().filter(|(i, _)| Some(*i) != *own);
         let others: Vec<Outline> = others.map(|(_, d)| d.outline()).collect();
         let hidden = candidates.last().and_then(|last| sheets::beside(image, last, &others, psf));
+        candidates.retain(|_| !surer(least));
         candidates.extend(hidden);
         let answer = candidates.into_iter().find_map(|mut candidate| {
             if prediction.shape == Shape::Circle && candidate.outline.minor < THIN * psf {

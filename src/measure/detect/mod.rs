@@ -56,7 +56,7 @@ use nalgebra::{Matrix2, Vector2};
 pub use closer::{Expected, UNSURE_PX2, look_closer};
 use coarse::Part;
 use whole::{
-    Whole, again_with_like, again_with_size, doubt_unlike, is_unsure, measure_whole_or_hidden, with_uneven,
+    Whole, again_under_sheets, again_with_like, again_with_size, doubt_unlike, is_unsure, measure_whole_or_hidden, with_uneven,
 };
 
 use super::raster::Raster;
@@ -355,6 +355,7 @@ fn search(
     }
     again_with_size(&whole, &mut found, hidden);
     again_with_like(&whole, &mut found, unsure);
+    again_under_sheets(&whole, &mut found, wanted);
     with_uneven(&whole, &mut found, (seen, &coarse, &uneven), wanted);
     distinct::distinct(&mut found);
     found

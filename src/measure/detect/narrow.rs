@@ -36,6 +36,9 @@ const BESIDE: f64 = 12.0;
 /// take for ever.
 const LONGEST: f64 = 160.0;
 const SEEDS: usize = 60;
+/// How far apart two black parts in a row may be, in their semi-major axes, and how far out of the row each may point, rad.
+const APART: f64 = 2.2;
+const IN_ROW: f64 = 0.25;
 /// Their blur beforehand, px.
 const USUAL_BLUR: (f64, f64) = (1.5, 0.7);
 
@@ -71,7 +74,10 @@ pub fn narrow(
         contrast.filter(|_| !is_disc(i))
     };
     let contrasts: Vec<Option<usize>> = blobs.iter().zip(taken).enumerate().map(&mut may_be).collect();
-    let pairs = candidate::pairs(blobs).into_iter().map(Vec::from);
+    let near = candidate::pairs(blobs);
+    let far = far_pairs(blobs, |i| contrasts[i].is_some());
+    let far = far.into_iter().filter(|pair| !near.contains(pair));
+    let pairs = near.iter().copied().chain(far).map(Vec::from);
     let single = (0..blobs.len()).map(|i| vec![i]);
     let mut out: Vec<Candidate> = Vec::new();
     let seeds = pairs.chain(single).filter_map(|seed| {
@@ -91,6 +97,30 @@ pub fn narrow(
         let Some(mut found) = by_black_and_white(image, &seen, &[]) else { continue };
         found.blobs = (0..blobs.len()).filter(|&i| found.outline.holds(blobs[i].centroid)).collect();
         out.push(found);
+    }
+    out
+}
+
+/// Pairs of flat blobs that lie in a row, so far apart that blur may have taken what was between them.
+fn far_pairs(blobs: &[Blob], wanted: impl Fn(usize) -> bool) -> Vec<[usize; 2]> {
+    let flat: Vec<(usize, Outline)> = (blobs.iter().enumerate())
+        .filter(|(i, _)| wanted(*i))
+        .map(|(i, blob)| (i, Outline::of(blob)))
+        .filter(|(_, seen)| seen.major > FLAT * seen.minor)
+        .collect();
+    let in_row = |one: &Outline, other: &Outline| {
+        let between = other.centre - one.centre;
+        let along = |seen: &Outline| between.dot(&seen.axis()).abs() > IN_ROW.cos() * between.norm();
+        between.norm() < APART * (one.major + other.major) && along(one) && along(other)
+    };
+    let mut out = Vec::new();
+    for (k, (i, one)) in flat.iter().enumerate() {
+        for (j, other) in &flat[k + 1..] {
+            let ratio = blobs[*i].area / blobs[*j].area;
+            if (0.4..2.5).contains(&ratio) && in_row(one, other) {
+                out.push([*i, *j]);
+            }
+        }
     }
     out
 }

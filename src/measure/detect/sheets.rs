@@ -1,10 +1,11 @@
-//! Where the sheets that its neighbours are printed on may hide an expected disc.
+//! Discs over which the sheet lies that another one is printed on: where it may hide them, and what is left of them.
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 use super::super::raster::Raster;
-use super::arc::{SHEET_PX, within};
-use super::candidate::Candidate;
+use super::arc::{SHEET_PX, rim, within};
+use super::blob::Blob;
+use super::candidate::{Candidate, Foretold, Slope};
 use super::counts::Counts;
 use super::model::Pattern;
 use super::outline::Outline;
@@ -14,6 +15,12 @@ const TOUCHES: f64 = 0.15;
 const COVERED: f64 = 0.85;
 /// How far an expected outline may be off, px.
 const ASIDE: f64 = 3.0;
+/// How far the shapes of two discs side by side differ: minor axes, as a share, and directions, rad.
+const SAME_MINOR: f64 = 0.04;
+const SAME_ANGLE: f64 = 0.015;
+/// Points of a blob's rim that must be left of it, and how far they may lie from the outline, root mean square, px.
+const LEAST: usize = 16;
+const OFF: f64 = 0.7;
 /// How far a sheet's edge is blurred into what it leaves, in blurs; half way up it lies between two pixels.
 const BLURS: f64 = 2.4;
 const HALF_WAY: f64 = 0.5;
@@ -32,6 +39,69 @@ pub fn beside(image: &Raster, expected: &Candidate, others: &[Outline], blur: f6
     let covered = disc.share(|at| hidden.iter().any(|b| within(b, at)));
     let useful = expected.pattern == Pattern::Disc && !hidden.is_empty() && covered < COVERED;
     useful.then(|| Candidate { hidden, ..expected.clone() })
+}
+
+/// The disc of which a blob shows what the sheet of one beside it leaves: shaped like that one, for both lie on the same skin,
+/// and as long as is foretold, with a standard deviation, px.
+pub fn under(
+    image: &Raster,
+    blob: &Blob,
+    like: &Outline,
+    major: (f64, f64),
+    blur: f64,
+) -> Option<Candidate> {
+    let minor = like.minor / like.major * major.0;
+    let shape = Outline { centre: blob.centroid, major: major.0, minor, angle: like.angle };
+    let [x0, y0, x1, y1] = print(like);
+    let sheet = [x0 - SHEET_PX, y0 - SHEET_PX, x1 + SHEET_PX, y1 + SHEET_PX];
+    let seen: Vec<Vector2<f64>> = rim(blob).into_iter().filter(|at| !within(&sheet, at)).collect();
+    let centre = centre_of(&shape, &seen, like.centre)?;
+    let slope = Slope { minor: (minor, SAME_MINOR * minor), angle: (like.angle, SAME_ANGLE) };
+    let outline = Outline { centre, ..shape };
+    let foretold = Some(Foretold { major, slope: Some(slope) });
+    let whole = Candidate { foretold, ..Candidate::of(Pattern::Disc, outline, Vec::new()) };
+    beside(image, &whole, &[*like], blur)
+}
+
+/// Where an ellipse of known shape lies through points of its rim, on the side of its neighbour.
+fn centre_of(shape: &Outline, points: &[Vector2<f64>], neighbour: Vector2<f64>) -> Option<Vector2<f64>> {
+    const STEPS: usize = 12;
+    if points.len() < LEAST {
+        return None;
+    }
+    // Seen as a circle of radius 1.
+    let whole = |at: Vector2<f64>| {
+        let (s, t) = shape.local(at);
+        Vector2::new(s / shape.major, t / shape.minor)
+    };
+    let round: Vec<Vector2<f64>> = points.iter().map(|&at| whole(at)).collect();
+    let middle = round.iter().sum::<Vector2<f64>>() / round.len() as f64;
+    let mut centre = middle + 0.7 * (whole(neighbour) - middle).try_normalize(1e-9)?;
+    let mut square = f64::MAX;
+    for _ in 0..STEPS {
+        let (mut normal, mut right) = (Matrix2::identity() * 1e-9, Vector2::zeros());
+        square = 0.0;
+        for point in &round {
+            let away = point - centre;
+            let (norm, off) = (away.norm().max(1e-9), away.norm() - 1.0);
+            normal += away * away.transpose() / (norm * norm);
+            right += away * (off / norm);
+            square += off * off;
+        }
+        centre += normal.try_inverse()? * right;
+    }
+    let off = (square / round.len() as f64).sqrt() * shape.minor;
+    let back = shape.axis() * (centre.x * shape.major)
+        + Vector2::new(-shape.axis().y, shape.axis().x) * (centre.y * shape.minor);
+    (off < OFF).then(|| shape.centre + back)
+}
+
+/// Whether a sheet of a disc may lie over what a blob shows.
+pub fn may_touch(blob: &Blob, disc: &Outline) -> bool {
+    let [x0, y0, x1, y1] = print(disc);
+    let [left, top, right, low] = blob.bounds.map(|v| v as f64);
+    let reach = SHEET_PX + ASIDE;
+    left < x1 + reach && right > x0 - reach && top < y1 + reach && low > y0 - reach
 }
 
 /// The bounds of a marker's print.

@@ -14,7 +14,7 @@ use super::model::Pattern;
 use super::noise::FRAYING;
 use super::outline::Outline;
 use super::sought::usual_dark;
-use super::{Detection, Found, RejectReason, arc, glare};
+use super::{Detection, Found, RejectReason, arc, glare, sheets};
 
 /// Skin about a disc that tells its grey, px.
 const BESIDE: f64 = 6.0;
@@ -33,6 +33,12 @@ const SAME_BLUR: f64 = 0.1;
 const SAME_DARK: f64 = 0.1;
 /// Semi-minor axis, in blurs, below which a marker does not tell them apart.
 const THIN: f64 = 3.0;
+/// A disc whose sheet may hide one beside it: how far it may be, in semi-major axes; its size and contrast over the other's at
+/// most; and the least share of its area that must be left of the other.
+const BESIDE_IT: f64 = 1.5;
+const SAME_SIZE: f64 = 1.1;
+const SAME_CONTRAST: f64 = 1.3;
+const LEFT: f64 = 0.1;
 /// How much squarer than a whole disc one may look that blur, or strong noise, has frayed.
 const FRAYED: f64 = 1.15;
 const FRAYED_BY_NOISE: f64 = 1.5;
@@ -84,6 +90,60 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
     wrong.sort_unstable();
     wrong.dedup();
     found.turn_down_these(RejectReason::Uncertain, &wrong);
+}
+
+/// Measures what the sheet of a disc leaves of one beside it, with the size that the discs about foretell and the shape of that
+/// one: a blob in which nothing was found, or something of another size.
+pub fn again_under_sheets(known: &Whole, found: &mut Found, wanted: impl Fn(&Candidate) -> bool) {
+    for (i, blob) in known.blobs.iter().enumerate().filter(|(_, b)| !b.at_edge) {
+        let own = found.measured.iter().position(|m| m.detection.outline().holds(blob.centroid));
+        let is_disc = |m: &Measured| m.detection.shape == Shape::Circle;
+        if own.is_some_and(|own| found.measured.get(own).is_some_and(|m| !is_disc(m))) {
+            continue;
+        }
+        let others = found.measured.iter().enumerate().filter(|(k, _)| Some(*k) != own).map(|(_, m)| m);
+        let near = |m: &&Measured| {
+            let outline = m.detection.outline();
+            is_disc(m) && m.is_sure() && m.is_whole && sheets::may_touch(blob, &outline)
+        };
+        let apart = |m: &Measured| (m.detection.centre_px - blob.centroid).norm();
+        let like = others.filter(near).min_by(|one, other| apart(one).total_cmp(&apart(other)));
+        let Some(like) = like.filter(|m| apart(m) < BESIDE_IT * m.detection.semi_major_px) else { continue };
+        let outline = like.detection.outline();
+        let part = blob.area / (std::f64::consts::PI * outline.major * outline.minor);
+        let size = if (LEFT..1.0).contains(&part) { foretold_major(found, own, blob.centroid) } else { None };
+        let Some(size) = size.filter(|(major, _)| same(*major, outline.major, SAME_SIZE)) else { continue };
+        let slot = own.and_then(|own| found.measured.get(own));
+        let same_size = slot.filter(|slot| is_as_long(slot, size, UNLIKE));
+        if same_size.is_some_and(|slot| slot.is_whole) {
+            continue;
+        }
+        let variance = |m: &Measured| m.detection.covariance_px2.trace();
+        let least = same_size.map_or(f64::INFINITY, variance);
+        let contrast = like.detection.contrast;
+        let candidate = sheets::under(known.image, blob, &outline, size, like.blur);
+        let candidate = candidate.map(|candidate| Candidate { blobs: vec![i], ..candidate });
+        let Some(candidate) = candidate.filter(&wanted) else { continue };
+        let measured = measure(known.image, known.blobs, &candidate, known.bounds).ok();
+        let alike = |m: &Measured| {
+            is_as_long(m, size, UNLIKE)
+                && variance(m) < least
+                && same(m.detection.contrast, contrast, SAME_CONTRAST)
+                && !outline.holds(m.detection.centre_px)
+        };
+        let Some(measured) = measured.filter(alike) else { continue };
+        let own_outline = measured.detection.outline();
+        found.rejected.retain(|r| !own_outline.holds(r.centre_px));
+        match own.and_then(|own| found.measured.get_mut(own)) {
+            Some(slot) => *slot = measured,
+            None => found.measured.push(measured),
+        }
+    }
+}
+
+/// Whether two positive numbers differ by less than a factor.
+fn same(one: f64, other: f64, factor: f64) -> bool {
+    one < factor * other && other < factor * one
 }
 
 /// Whether a thin marker may be turned down so only because it does not tell blur and thickness apart.
