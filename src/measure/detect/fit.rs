@@ -61,9 +61,12 @@ pub struct Unknowns {
     pub usual: [(f64, f64); N],
 }
 
-/// Most steps of a rough fit, and of the last one.
+/// Most steps of a rough fit, and of the last one; and from how many on that moves by less than this, px: where the blur is
+/// another along than across, pixels of an end come back one by one.
 const MOST_ROUGH: usize = 20;
-const MOST_LAST: usize = 12;
+const MOST_LAST: usize = 30;
+const SLOW: usize = 12;
+const SLOW_PX: f64 = 0.1;
 /// Steps after which a fit that leaves a fifth of the contrast, or moves by a pixel, is none of a
 /// marker's.
 const EARLY: usize = 5;
@@ -174,6 +177,9 @@ impl<'a> Problem<'a> {
             };
             if settled || (iteration + 1 == most && moved < 0.02) {
                 return Some(End { parameters: m, start, scale, step, factor });
+            }
+            if until == Until::Fixed && iteration + 1 >= SLOW && moved > SLOW_PX {
+                return None;
             }
             let far = iteration >= LATE && moved > 1.0 && step.scale > 0.05 * contrast(&m);
             if far || (iteration >= EARLY && step.scale > 0.2 * contrast(&m)) {
