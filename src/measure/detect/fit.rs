@@ -6,7 +6,7 @@ use super::batch::Pixels;
 use super::chords::{CHORD, LENGTH, SHEAR};
 use super::factor::Factor;
 use super::linear::{Column, Images, Square, Step, linearise};
-use super::model::{ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, X, Y};
+use super::model::{ANGLE, BLUR, DARK, EGG, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, X, Y};
 
 /// A converged fit.
 #[derive(Clone, Debug)]
@@ -222,6 +222,7 @@ fn limit(mut change: Column, m: &Parameters, pixels: &Pixels) -> Column {
         bound(change[FIRST + 1], 0.3 * m[FIRST + 1]);
     } else {
         bound(change[FIRST], 0.2);
+        bound(change[EGG], 0.15);
     }
     if pixels.rim {
         bound(change[SHEAR], 0.1);
@@ -238,7 +239,7 @@ fn plausible(pixels: &Pixels, m: &Parameters) -> bool {
     let lit = lit && m[GAMMA] > 0.15 && m[GAMMA] < 3.0;
     let shape = match pixels.pattern {
         Pattern::Disc => m[FIRST] > 1.0 && m[FIRST + 1] > 0.2,
-        _ => m[FIRST] > 0.005 && m[FIRST] < 2.5,
+        _ => m[FIRST] > 0.005 && m[FIRST] < 2.5 && m[EGG].abs() < 0.7,
     };
     let rim = !pixels.rim || (m[CHORD] > 1.0 && m[LENGTH] > 3.0);
     common && lit && shape && rim

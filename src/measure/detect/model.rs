@@ -37,7 +37,8 @@ pub const DARK: usize = 11;
 /// Exponent of the tone curve.
 pub const GAMMA: usize = 14;
 
-/// Ellipse: relative change of its thickness from the centre to its end.
+/// Ellipse: relative change of its thickness from the centre to its end. Quadrants: by how much the first edge's blur is more
+/// than the mean of both, as a share.
 pub const EGG: usize = 15;
 /// Narrow quadrants' outline, five numbers ([`super::chords`]).
 pub const OUTLINE: usize = COMMON;
@@ -267,10 +268,10 @@ impl Share {
     #[inline(always)]
     fn complement(&mut self) {
         self.c = each(|i| 1.0 - self.c[i]);
-        for lanes in [&mut self.s, &mut self.t, &mut self.first, &mut self.second, &mut self.third] {
+        let Self { c: _, s, t, first, second, third, blur, egg } = self;
+        for lanes in [s, t, first, second, third, blur, egg] {
             lanes.iter_mut().for_each(|v| *v = -*v);
         }
-        self.blur.iter_mut().for_each(|v| *v = -*v);
     }
 }
 

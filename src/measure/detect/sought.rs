@@ -10,6 +10,8 @@ pub const USUAL_GAMMA: (f64, f64) = (1.0 / 2.2, 0.15);
 /// whole outline tells them better; half an outline needs to know that they are small.
 const SAG_SPREAD: f64 = 0.01;
 pub const EGG_SPREAD: f64 = 0.05;
+/// How far the blurs of quadrants' edges differ from their mean, as a share: motion blurs them by their direction.
+const UNEVEN_BLUR: f64 = 0.1;
 /// How far discs side by side differ: direction, rad, relative length and thickness.
 const ALIKE_ANGLE: f64 = 0.02;
 const ALIKE_MAJOR: f64 = 0.03;
@@ -35,7 +37,7 @@ pub fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
     free[DARK + 2] = outline.minor >= 6.0;
     free[GAMMA] = thick;
     free[LIGHT + 3] = thick && outline.major >= 15.0;
-    free[EGG] = disc;
+    free[EGG] = disc || thick;
     (OUTLINE..N).for_each(|k| free[k] = false);
     let part = !candidate.hidden.is_empty();
     if part {
@@ -55,6 +57,7 @@ pub fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
 pub fn few_unknowns(candidate: &Candidate) -> Unknowns {
     let (mut unknowns, _) = unknowns(candidate);
     FINE_LIGHT.iter().for_each(|&k| unknowns.free[k] = false);
+    unknowns.free[EGG] &= candidate.edges.is_none();
     if candidate.edges.is_some() && candidate.outline.minor > NARROW {
         // The first crossing may be far off, and long edges reach the right one by bending.
         [SECOND, THIRD].iter().for_each(|&k| unknowns.usual[k].1 = f64::INFINITY);
@@ -78,6 +81,7 @@ fn usual(candidate: &Candidate) -> [(f64, f64); N] {
     } else {
         out[SECOND] = (0.0, 2.0 * SAG_SPREAD / outline.major);
         out[THIRD] = out[SECOND];
+        out[EGG] = (0.0, UNEVEN_BLUR);
     }
     if candidate.alike {
         out[ANGLE] = (outline.angle, ALIKE_ANGLE);

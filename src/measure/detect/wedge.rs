@@ -1,7 +1,7 @@
 //! The blurred share of black of two opposite quadrants, for a batch of pixels.
 
 use super::lanes::{LANES, Lanes, all, each};
-use super::model::{BLUR, FIRST, Parameters, SECOND, Share, THIRD};
+use super::model::{BLUR, EGG, FIRST, Parameters, SECOND, Share, THIRD};
 use super::normal::{GAUSS_8, PEAK, gauss, normals};
 
 /// Standard deviations of blur from the crossing beyond which its two edges are apart.
@@ -15,17 +15,28 @@ struct Edges {
     k2: f32,
     sigma: f32,
     by_sigma: f32,
+    /// One over the blur of each edge over that of both.
+    by_own: [f32; 2],
 }
 
-/// Share and derivatives at one place: c, s, t, FIRST, SECOND, THIRD, BLUR.
-type One = [f32; 7];
+/// Share and derivatives at one place: c, s, t, FIRST, SECOND, THIRD, BLUR, EGG.
+type One = [f32; 8];
 
-/// The blurred share between two crossing edges `t = +-f s + k s^2`, `f <= 1`, around the s axis.
+/// The blurred share between two crossing edges `t = +-f s + k s^2`, `f <= 1`, around the s axis; motion blurs one of them
+/// more than the other.
 #[inline(always)]
 pub fn wedge(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
     let sigma = m[BLUR] as f32;
-    let e =
-        Edges { f: m[FIRST] as f32, k1: m[SECOND] as f32, k2: m[THIRD] as f32, sigma, by_sigma: 1.0 / sigma };
+    let (uneven, by_sigma) = (m[EGG] as f32, 1.0 / sigma);
+    let by_own = [1.0 / (1.0 + uneven), 1.0 / (1.0 - uneven)];
+    let e = Edges {
+        f: m[FIRST] as f32,
+        k1: m[SECOND] as f32,
+        k2: m[THIRD] as f32,
+        sigma,
+        by_sigma,
+        by_own,
+    };
     let far = each(|i| if s[i].abs() > NEAR as f32 * e.sigma { 1.0 } else { 0.0 });
     let mut apart = Share::default();
     for i in 0..LANES {
@@ -48,9 +59,9 @@ pub fn wedge(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
 impl Share {
     /// In the order of [`One`].
     #[inline(always)]
-    fn lanes(&mut self) -> [&mut Lanes; 7] {
-        let Self { c, s, t, first, second, third, blur, .. } = self;
-        [c, s, t, first, second, third, blur]
+    fn lanes(&mut self) -> [&mut Lanes; 8] {
+        let Self { c, s, t, first, second, third, blur, egg } = self;
+        [c, s, t, first, second, third, blur, egg]
     }
 }
 
@@ -67,7 +78,7 @@ fn crossing(s: &Lanes, t: &Lanes, e: Edges, share: &mut Share) {
                 let at = if before { half * (node - 1.0) } else { half * (node + 1.0) };
                 let along = (s[i] - at) * e.by_sigma;
                 let w = half * weight * PEAK * gauss(along) * e.by_sigma;
-                let [c, _, across, first, second, third, blur] = side::<false>(at, t[i], e);
+                let [c, _, across, first, second, third, blur, uneven] = side::<false>(at, t[i], e);
                 share.c[i] += w * c;
                 share.s[i] -= w * c * along * e.by_sigma;
                 share.t[i] += w * across;
@@ -75,6 +86,7 @@ fn crossing(s: &Lanes, t: &Lanes, e: Edges, share: &mut Share) {
                 share.second[i] += w * second;
                 share.third[i] += w * third;
                 share.blur[i] += w * (c * (along * along - 1.0) * e.by_sigma + blur);
+                share.egg[i] += w * uneven;
             }
         }
     }
@@ -82,7 +94,7 @@ fn crossing(s: &Lanes, t: &Lanes, e: Edges, share: &mut Share) {
 
 /// Between the edges at `s`, blurred along both directions (`TILTED`) or across only.
 #[inline(always)]
-fn side<const TILTED: bool>(s: f32, t: f32, Edges { f, k1, k2, by_sigma, .. }: Edges) -> One {
+fn side<const TILTED: bool>(s: f32, t: f32, Edges { f, k1, k2, by_sigma, by_own, .. }: Edges) -> One {
     let (slope1, slope2) = (f + 2.0 * k1 * s, -f + 2.0 * k2 * s);
     let (steep1, steep2) = (1.0 + slope1 * slope1, 1.0 + slope2 * slope2);
     // The blur across a tilted edge changes with its slope.
@@ -93,7 +105,7 @@ fn side<const TILTED: bool>(s: f32, t: f32, Edges { f, k1, k2, by_sigma, .. }: E
     } else {
         (1.0, 1.0)
     };
-    let (by_spread1, by_spread2) = (by_sigma * tilt1, by_sigma * tilt2);
+    let (by_spread1, by_spread2) = (by_sigma * tilt1 * by_own[0], by_sigma * tilt2 * by_own[1]);
     let z1 = (t - f * s - k1 * s * s) * by_spread1;
     let z2 = (t + f * s - k2 * s * s) * by_spread2;
     let [(d1, c1), (d2, c2)] = normals([z1, z2]);
@@ -109,5 +121,6 @@ fn side<const TILTED: bool>(s: f32, t: f32, Edges { f, k1, k2, by_sigma, .. }: E
         e1 * s * s + 2.0 * turn1 * s,
         -e2 * s * s - 2.0 * turn2 * s,
         side * (z1 * d1 - z2 * d2) * by_sigma,
+        side * (z1 * d1 * by_own[0] + z2 * d2 * by_own[1]),
     ]
 }
