@@ -57,7 +57,7 @@ pub fn unknowns(candidate: &Candidate) -> (Unknowns, &'static [usize]) {
 pub fn few_unknowns(candidate: &Candidate) -> Unknowns {
     let (mut unknowns, _) = unknowns(candidate);
     FINE_LIGHT.iter().for_each(|&k| unknowns.free[k] = false);
-    unknowns.free[EGG] &= candidate.edges.is_none();
+    unknowns.free[EGG] &= candidate.edges.is_none() || candidate.outline.minor > NARROW;
     if candidate.edges.is_some() && candidate.outline.minor > NARROW {
         // The first crossing may be far off, and long edges reach the right one by bending.
         [SECOND, THIRD].iter().for_each(|&k| unknowns.usual[k].1 = f64::INFINITY);
