@@ -223,3 +223,11 @@ fn a_thin_disc_that_a_smear_lengthens_says_so() {
         assert!(m.semi_major_px > a + 1.5, "the smear shows");
     }
 }
+
+/// Blur takes what lies between the black parts: what is left of them is four of its semi-minor axes apart.
+#[test]
+fn quadrants_whose_black_parts_blur_sets_far_apart_are_found() {
+    let target = [450.4, 210.3, 78.0, 7.0, 0.1];
+    let squares = found_of(&[target], quadrants(target, 0.12, [190.0, 60.0, 235.0]), 2.0, 1.0);
+    hold(&squares, 6);
+}

@@ -56,7 +56,8 @@ use nalgebra::{Matrix2, Vector2};
 pub use closer::{Expected, UNSURE_PX2, look_closer};
 use coarse::Part;
 use whole::{
-    Whole, again_under_sheets, again_with_like, again_with_size, doubt_unlike, is_unsure, measure_whole_or_hidden, with_uneven,
+    Whole, again_under_sheets, again_with_like, again_with_size, doubt_unlike, is_unsure,
+    measure_whole_or_hidden, with_uneven,
 };
 
 use super::raster::Raster;

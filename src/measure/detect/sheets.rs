@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::super::raster::Raster;
-use super::arc::{SHEET_PX, rim, within};
+use super::arc::{self, SHEET_PX, rim, within};
 use super::blob::Blob;
 use super::candidate::{Candidate, Foretold, Slope};
 use super::counts::Counts;
@@ -18,6 +18,8 @@ const ASIDE: f64 = 3.0;
 /// How far the shapes of two discs side by side differ: minor axes, as a share, and directions, rad.
 const SAME_MINOR: f64 = 0.04;
 const SAME_ANGLE: f64 = 0.015;
+/// Rows or columns of a blob that end at the sheet, px: they tell no outline.
+const CUT_PX: f64 = 0.75;
 /// Points of a blob's rim that must be left of it, and how far they may lie from the outline, root mean square, px.
 const LEAST: usize = 16;
 const OFF: f64 = 0.7;
@@ -43,17 +45,10 @@ pub fn beside(image: &Raster, expected: &Candidate, others: &[Outline], blur: f6
 
 /// The disc of which a blob shows what the sheet of one beside it leaves: shaped like that one, for both lie on the same skin,
 /// and as long as is foretold, with a standard deviation, px.
-pub fn under(
-    image: &Raster,
-    blob: &Blob,
-    like: &Outline,
-    major: (f64, f64),
-    blur: f64,
-) -> Option<Candidate> {
+pub fn under(image: &Raster, blob: &Blob, like: &Outline, major: (f64, f64), blur: f64) -> Option<Candidate> {
     let minor = like.minor / like.major * major.0;
     let shape = Outline { centre: blob.centroid, major: major.0, minor, angle: like.angle };
-    let [x0, y0, x1, y1] = print(like);
-    let sheet = [x0 - SHEET_PX, y0 - SHEET_PX, x1 + SHEET_PX, y1 + SHEET_PX];
+    let sheet = arc::sheet(print(like), blob.bounds.map(|v| v as f64), CUT_PX);
     let seen: Vec<Vector2<f64>> = rim(blob).into_iter().filter(|at| !within(&sheet, at)).collect();
     let centre = centre_of(&shape, &seen, like.centre)?;
     let slope = Slope { minor: (minor, SAME_MINOR * minor), angle: (like.angle, SAME_ANGLE) };

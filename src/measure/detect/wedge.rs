@@ -29,14 +29,7 @@ pub fn wedge(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
     let sigma = m[BLUR] as f32;
     let (uneven, by_sigma) = (m[EGG] as f32, 1.0 / sigma);
     let by_own = [1.0 / (1.0 + uneven), 1.0 / (1.0 - uneven)];
-    let e = Edges {
-        f: m[FIRST] as f32,
-        k1: m[SECOND] as f32,
-        k2: m[THIRD] as f32,
-        sigma,
-        by_sigma,
-        by_own,
-    };
+    let e = Edges { f: m[FIRST] as f32, k1: m[SECOND] as f32, k2: m[THIRD] as f32, sigma, by_sigma, by_own };
     let far = each(|i| if s[i].abs() > NEAR as f32 * e.sigma { 1.0 } else { 0.0 });
     let mut apart = Share::default();
     for i in 0..LANES {
