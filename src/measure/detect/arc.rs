@@ -28,7 +28,7 @@ pub fn completed(candidate: &Candidate, blob: &Blob, others: &[Blob]) -> Option<
     let own = blob.bounds.map(|v| v as f64);
     let near: Vec<(&Blob, [f64; 4])> = (others.iter())
         .filter(|o| o.area > 0.3 * blob.area && o.area < 6.0 * blob.area)
-        .map(|o| (o, sheet(o.bounds.map(|v| v as f64), own, BLUR_PX)))
+        .map(|o| (o, sheet(o.bounds.map(|v| v as f64), own, [SHEET_PX, BLUR_PX])))
         .filter(|(_, h)| h[0] <= own[2] && own[0] <= h[2] && h[1] <= own[3] && own[1] <= h[3])
         .filter(|(o, _)| !overlap(o, blob))
         .collect();
@@ -151,12 +151,12 @@ fn same_ellipse(points: &[Vector2<f64>], like: &Blob) -> Option<Outline> {
 }
 
 /// The box that a neighbour's sheet may cover: a rim about its print, and where the blob ends near
-/// it, the blob's last rows or columns too, for blur mixes them with the sheet: so many px.
-pub fn sheet(print: [f64; 4], blob: [f64; 4], blur_px: f64) -> [f64; 4] {
+/// it, the blob's last rows or columns too, for blur mixes them with the sheet; both are so wide, px.
+pub fn sheet(print: [f64; 4], blob: [f64; 4], [rim_px, blur_px]: [f64; 2]) -> [f64; 4] {
     let mut out = print;
     for k in 0..2 {
-        out[k] -= SHEET_PX;
-        out[k + 2] += SHEET_PX;
+        out[k] -= rim_px;
+        out[k + 2] += rim_px;
         let (before, after) = (print[k] - blob[k + 2], blob[k] - print[k + 2]);
         if (0.0..2.0 * SHEET_PX).contains(&before) {
             out[k] = out[k].min(blob[k + 2] - blur_px);

@@ -13,6 +13,8 @@ use super::outline::Outline;
 /// Share of a disc's outline that a sheet must lie over, and that may lie under sheets.
 const TOUCHES: f64 = 0.15;
 const COVERED: f64 = 0.85;
+/// The same where only its neighbour tells its slope: of a sliver the place would hang on that.
+const COVERED_ALONE: f64 = 0.64;
 /// How far an expected outline may be off, px.
 const ASIDE: f64 = 3.0;
 /// How far the shapes of two discs side by side differ: minor axes, as a share, and directions, rad.
@@ -48,14 +50,15 @@ pub fn beside(image: &Raster, expected: &Candidate, others: &[Outline], blur: f6
 pub fn under(image: &Raster, blob: &Blob, like: &Outline, major: (f64, f64), blur: f64) -> Option<Candidate> {
     let minor = like.minor / like.major * major.0;
     let shape = Outline { centre: blob.centroid, major: major.0, minor, angle: like.angle };
-    let sheet = arc::sheet(print(like), blob.bounds.map(|v| v as f64), CUT_PX);
+    let sheet = arc::sheet(print(like), blob.bounds.map(|v| v as f64), [0.0, CUT_PX]);
     let seen: Vec<Vector2<f64>> = rim(blob).into_iter().filter(|at| !within(&sheet, at)).collect();
     let centre = centre_of(&shape, &seen, like.centre)?;
     let slope = Slope { minor: (minor, SAME_MINOR * minor), angle: (like.angle, SAME_ANGLE) };
     let outline = Outline { centre, ..shape };
     let foretold = Some(Foretold { major, slope: Some(slope) });
     let whole = Candidate { foretold, ..Candidate::of(Pattern::Disc, outline, Vec::new()) };
-    beside(image, &whole, &[*like], blur)
+    let covered = outline.share(|at| within(&sheet, at));
+    if covered < COVERED_ALONE { beside(image, &whole, &[*like], blur) } else { None }
 }
 
 /// Where an ellipse of known shape lies through points of its rim, on the side of its neighbour.

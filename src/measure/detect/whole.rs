@@ -38,7 +38,7 @@ const THIN: f64 = 3.0;
 const BESIDE_IT: f64 = 1.5;
 const SAME_SIZE: f64 = 1.1;
 const SAME_CONTRAST: f64 = 1.3;
-const LEFT: f64 = 0.1;
+const LEFT: f64 = 0.25;
 /// How much squarer than a whole disc one may look that blur, or strong noise, has frayed.
 const FRAYED: f64 = 1.15;
 const FRAYED_BY_NOISE: f64 = 1.5;
