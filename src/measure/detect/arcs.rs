@@ -9,7 +9,7 @@ use super::fit::contrast;
 use super::model::{ANGLE, BLUR, FIRST, LIGHT, Parameters, Pattern};
 use super::outline::Outline;
 
-/// Whether the black quadrants end at the outline, and there in arcs: the corner of a checkerboard's squares goes on.
+/// Whether the black quadrants end at the outline: the corner of a checkerboard's squares goes on.
 pub fn ends_in_arcs(image: &Raster, pattern: Pattern, outline: &Outline, along: f64, m: &Parameters) -> bool {
     let turn = if pattern == Pattern::WhiteAlong { FRAC_PI_2 } else { 0.0 };
     let direction = Vector2::new((along + turn).cos(), (along + turn).sin());

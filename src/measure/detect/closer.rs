@@ -175,7 +175,9 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
             continue;
         }
         let sizes = sure.sizes(prediction);
-        let candidates = FRINGES.iter().filter_map(|fringe| sizes.candidate(image, prediction, *fringe));
+        // Of one that is sure enough only a sheet is asked for.
+        let fringes = if surer(least) { &FRINGES[1..] } else { &FRINGES[..] };
+        let candidates = fringes.iter().filter_map(|fringe| sizes.candidate(image, prediction, *fringe));
         let mut candidates: Vec<Candidate> = candidates.collect();
         candidates.dedup();
         // Only where it does not look whole is it taken for hidden.

@@ -15,11 +15,11 @@ pub fn smoothed(image: &Raster, columns: &[Range<usize>]) -> Option<Raster> {
     let mut luma = vec![0; width * height];
     let mut sums = vec![0u16; width];
     for (y, (out, columns)) in luma.chunks_exact_mut(width).zip(columns).enumerate() {
-        // The first and the last of them are not filtered.
-        let wider = columns.start.saturating_sub(1)..(columns.end + 1).min(width);
         if columns.is_empty() {
             continue;
         }
+        // The first and the last of them are not filtered.
+        let wider = columns.start.saturating_sub(1)..(columns.end + 1).min(width);
         let row = |y: usize| &image.row(y)[wider.clone()];
         let out = &mut out[wider.clone()];
         out.copy_from_slice(row(y));

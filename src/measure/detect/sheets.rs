@@ -94,12 +94,16 @@ fn centre_of(shape: &Outline, points: &[Vector2<f64>], neighbour: Vector2<f64>) 
     (off < OFF).then(|| shape.centre + back)
 }
 
-/// Whether a sheet of a disc may lie over what a blob shows.
-pub fn may_touch(blob: &Blob, disc: &Outline) -> bool {
-    let [x0, y0, x1, y1] = print(disc);
+/// The box (first and last column and row) in which a disc's sheet may lie over something.
+pub fn reach(disc: &Outline) -> [f64; 4] {
+    let ([x0, y0, x1, y1], by) = (print(disc), SHEET_PX + ASIDE);
+    [x0 - by, y0 - by, x1 + by, y1 + by]
+}
+
+/// Whether a blob shows something within a box.
+pub fn meets(blob: &Blob, [x0, y0, x1, y1]: &[f64; 4]) -> bool {
     let [left, top, right, low] = blob.bounds.map(|v| v as f64);
-    let reach = SHEET_PX + ASIDE;
-    left < x1 + reach && right > x0 - reach && top < y1 + reach && low > y0 - reach
+    left < *x1 && right > *x0 && top < *y1 && low > *y0
 }
 
 /// The bounds of a marker's print.
@@ -127,10 +131,10 @@ fn sheet(image: &Raster, expected: &Outline, other: &Outline, blur: f64) -> [f64
     let mut out = [0.0; 4];
     for (k, out) in out.iter_mut().enumerate() {
         let (along_rows, sign) = (k % 2 == 1, if k < 2 { -1.0 } else { 1.0 });
-        let first = (3..=(2.0 * SHEET_PX) as usize).map(|j| print[k].round() + sign * j as f64);
-        let black = first.into_iter().find(|&at| shows(along_rows, at));
-        let hidden = black.map_or(0.0, |at| sign * (at - print[k]) + BLURS * blur - HALF_WAY);
-        *out = print[k] + sign * if black.is_some() { hidden } else { SHEET_PX };
+        let mut lines = (3..=(2.0 * SHEET_PX) as usize).map(|j| print[k].round() + sign * j as f64);
+        let black = lines.find(|&at| shows(along_rows, at));
+        let hidden = black.map_or(SHEET_PX, |at| sign * (at - print[k]) + BLURS * blur - HALF_WAY);
+        *out = print[k] + sign * hidden;
     }
     out
 }

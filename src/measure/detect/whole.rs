@@ -95,17 +95,19 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
 /// Measures what the sheet of a disc leaves of one beside it, with the size that the discs about foretell and the shape of that
 /// one: a blob in which nothing was found, or something of another size.
 pub fn again_under_sheets(known: &Whole, found: &mut Found, wanted: impl Fn(&Candidate) -> bool) {
-    for (i, blob) in known.blobs.iter().enumerate().filter(|(_, b)| !b.at_edge) {
+    let is_disc = |m: &Measured| m.detection.shape == Shape::Circle;
+    let has_sheet = |m: &Measured| is_disc(m) && m.is_sure() && m.is_whole;
+    let reach = |m: &Measured| sheets::reach(&m.detection.outline());
+    // What is found here is not whole: no sheets are added.
+    let sheets: Vec<[f64; 4]> = found.measured.iter().filter(|m| has_sheet(m)).map(reach).collect();
+    let touched = |blob: &Blob| !blob.at_edge && sheets.iter().any(|sheet| sheets::meets(blob, sheet));
+    for (i, blob) in known.blobs.iter().enumerate().filter(|(_, blob)| touched(blob)) {
         let own = found.measured.iter().position(|m| m.detection.outline().holds(blob.centroid));
-        let is_disc = |m: &Measured| m.detection.shape == Shape::Circle;
         if own.is_some_and(|own| found.measured.get(own).is_some_and(|m| !is_disc(m))) {
             continue;
         }
         let others = found.measured.iter().enumerate().filter(|(k, _)| Some(*k) != own).map(|(_, m)| m);
-        let near = |m: &&Measured| {
-            let outline = m.detection.outline();
-            is_disc(m) && m.is_sure() && m.is_whole && sheets::may_touch(blob, &outline)
-        };
+        let near = |m: &&Measured| has_sheet(m) && sheets::meets(blob, &reach(m));
         let apart = |m: &Measured| (m.detection.centre_px - blob.centroid).norm();
         let like = others.filter(near).min_by(|one, other| apart(one).total_cmp(&apart(other)));
         let Some(like) = like.filter(|m| apart(m) < BESIDE_IT * m.detection.semi_major_px) else { continue };
