@@ -93,6 +93,19 @@ pub fn is_near(candidate: &Candidate, predictions: &[Prediction]) -> bool {
     })
 }
 
+/// Whether a candidate is none of the predicted markers, for each that it is near has been found beside it as a whole.
+pub fn is_beside(candidate: &Candidate, predictions: &[Prediction], found: &[Measured]) -> bool {
+    let seen = &candidate.outline;
+    let beside = |m: &&Measured| {
+        let own = m.detection.outline();
+        m.is_sure() && m.is_whole && !own.holds(seen.centre) && !seen.holds(own.centre)
+    };
+    let found: Vec<&Detection> = found.iter().filter(beside).map(|m| &m.detection).collect();
+    let there = matched(&found, predictions).1;
+    let is_near = |p: &Prediction| is_near(candidate, std::slice::from_ref(p));
+    predictions.iter().zip(there).all(|(p, there)| there || !is_near(p))
+}
+
 /// Whether a place in semi-axes lies in their ellipse.
 fn inside(p: f64, q: f64) -> bool {
     p * p + q * q < 1.0
@@ -187,6 +200,32 @@ mod tests {
         let found = [detection(158.0, 20.0), detection(108.0, 21.0)];
         let (taken, there) = matched(&found.iter().collect::<Vec<_>>(), &predictions);
         assert_eq!((taken, there), (vec![true, true], vec![true, true]));
+    }
+
+    #[test]
+    fn what_lies_beside_markers_that_are_found_is_not_measured() {
+        let found = |x: f64| Measured {
+            detection: Detection { covariance_px2: 1e-3 * Matrix2::identity(), ..detection(x, 20.0) },
+            blur: 1.0,
+            darkness: 0.6,
+            clumped: 1.0,
+            white: Matrix2::identity(),
+            length: 0.0,
+            through_glare: false,
+            is_whole: true,
+        };
+        let seen = |x: f64| {
+            let outline = Outline { centre: Vector2::new(x, 52.0), major: 8.0, minor: 3.0, angle: 0.0 };
+            Candidate::of(Pattern::Disc, outline, Vec::new())
+        };
+        let two = [prediction(100.0), prediction(150.0)];
+        let is_beside = |at: f64, found: &[Measured]| is_beside(&seen(at), &two, found);
+        assert!(is_beside(125.0, &[found(100.0), found(150.0)]));
+        // It may be the other one, or what is taken for the first is only a part of it; or that is hardly seen.
+        assert!(!is_beside(125.0, &[found(100.0)]));
+        assert!(!is_beside(105.0, &[found(100.0), found(150.0)]));
+        let vague = Measured { detection: detection(150.0, 20.0), ..found(150.0) };
+        assert!(!is_beside(125.0, &[found(100.0), vague]));
     }
 
     #[test]

@@ -331,6 +331,9 @@ fn search(
             if !wanted(candidate) || candidate.blobs.iter().any(|&i| taken[i]) {
                 continue;
             }
+            if sought.is_some_and(|sought| guided::is_beside(candidate, sought, &found.measured)) {
+                continue;
+            }
             if stage == Stage::Quadrants && whole.are_discs(candidate) {
                 continue;
             }
