@@ -10,7 +10,7 @@ use super::fit::{Fit, contrast};
 use super::model::{ANGLE, BLUR, DARK, EGG, FIRST, LIGHT, Pattern, SECOND, THIRD, X, Y};
 use super::outline::{Outline, half_turn};
 use super::sought::EGG_SPREAD;
-use super::{Detection, RejectReason};
+use super::{Detection, RejectReason, noise};
 
 /// How a sheet lies on a curved skin is not known: stretched or not, it differs along the marker by
 /// the sag times the skin's slope, for which one in fourteen stands.
@@ -40,11 +40,16 @@ pub const SOFTEST: f64 = 3.2;
 /// What noise may be at edges, grey levels, where JPEG has left none of it beside them.
 const LOST: f64 = 1.0;
 
-/// The greatest residuals of a marker, root mean square, grey levels.
-pub fn largest_rms(candidate: &Candidate, noise: f64, contrast: f64) -> f64 {
-    // Letters are taken for quadrants rather than for discs.
-    let least = if candidate.pattern == Pattern::Disc { LOST } else { 0.0 };
-    1.6 * noise.max(least) + 0.05 * contrast
+/// Whether residuals, root mean square, are larger than a marker's with the frame's noise and, of a disc, with that about it,
+/// grey levels.
+pub fn fits_poorly(image: &Raster, candidate: &Candidate, rms: f64, noise: f64, contrast: f64) -> bool {
+    let is_larger = |noise: f64| rms > 1.6 * noise + 0.05 * contrast;
+    // Letters, which are their own noise, are taken for quadrants rather than for discs.
+    if candidate.pattern == Pattern::Disc {
+        is_larger(noise.max(LOST)) && is_larger(noise::about(image, &candidate.outline))
+    } else {
+        is_larger(noise)
+    }
 }
 
 /// A fitted marker with its blur.
@@ -116,7 +121,7 @@ pub fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Re
     if m[DARK] < 0.15 || contrast < 8.0 || contrast < 4.0 * noise {
         return Err(RejectReason::LowContrast);
     }
-    if m[BLUR] > SOFTEST || fit.inliers < 0.55 || fit.rms > largest_rms(candidate, noise, contrast) {
+    if m[BLUR] > SOFTEST || fit.inliers < 0.55 || fits_poorly(image, candidate, fit.rms, noise, contrast) {
         return Err(RejectReason::PoorFit);
     }
     let edges = candidate.edges.filter(|_| candidate.against_skin.is_none() && candidate.foretold.is_none());

@@ -8,7 +8,7 @@ use super::blob::Blob;
 use super::candidate::{Band, Candidate};
 use super::counts::Counts;
 use super::fit::{Fit, contrast, fit, rough};
-use super::judge::{Measured, SOFTEST, judge, largest_rms};
+use super::judge::{Measured, SOFTEST, fits_poorly, judge};
 use super::linear::CUT;
 use super::model::{ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y};
 use super::narrow::against_skin;
@@ -102,7 +102,7 @@ fn measure_once(
         first(Look { crossing, ..look })
     })?;
     // A rough fit leaves at most twice what the last one may.
-    if scale > 2.0 * largest_rms(candidate, noise, contrast(&near)) {
+    if fits_poorly(image, candidate, 0.5 * scale, noise, contrast(&near)) {
         return Err(RejectReason::PoorFit);
     }
     if near[BLUR] > bounds.blur {

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::super::raster::Raster;
+use super::outline::Outline;
 use super::wide::wide;
 
 /// Noise from which on outlines fray, grey levels: blobs are then sought in the smoothed picture.
@@ -54,9 +55,24 @@ pub fn sampled(height: usize) -> impl Iterator<Item = usize> {
 
 /// Standard deviation of the grey values' noise, grey levels; at least that of rounding.
 pub fn estimate(image: &Raster) -> f64 {
+    from_rows(sampled(image.height()).map(|y| image.row(y)))
+}
+
+/// The same in a box about an outline: noise may differ over a frame, as where a lens's fall of light has been made good.
+pub fn about(image: &Raster, outline: &Outline) -> f64 {
+    /// Skin about the outline, px: it must be more than what is printed.
+    const BESIDE: f64 = 16.0;
+    let reach = outline.extent().add_scalar(BESIDE);
+    let [low, high] =
+        [outline.centre - reach, outline.centre + reach].map(|at| at.map(|v| v.max(0.0) as usize));
+    let columns = low.x.min(image.width())..high.x.min(image.width());
+    from_rows((low.y..high.y.min(image.height())).map(|y| &image.row(y)[columns.clone()]))
+}
+
+/// The noise of some rows of pixels.
+fn from_rows<'a>(rows: impl Iterator<Item = &'a [u8]>) -> f64 {
     let mut histogram = [0u32; 511];
-    for y in sampled(image.height()) {
-        let row = image.row(y);
+    for row in rows {
         for w in row.windows(3).step_by(3) {
             let saturated = w.iter().any(|&v| v == 0 || v >= 254);
             if !saturated {
