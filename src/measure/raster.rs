@@ -46,12 +46,21 @@ impl Raster {
         high: Vector2<f64>,
         step: usize,
     ) -> impl Iterator<Item = (usize, usize, u8)> {
-        let [x0, y0, x1, y1] = [low.x, low.y, high.x, high.y].map(|v| v.max(0.0) as usize);
-        let (first, last) = (x0.min(self.width), x1.clamp(x0.min(self.width), self.width));
-        (y0..y1.min(self.height)).step_by(step).flat_map(move |y| {
-            let values = self.row(y)[first..last].iter().step_by(step);
+        self.rows_of(low, high).step_by(step).flat_map(move |(first, y, row)| {
+            let values = row.iter().step_by(step);
             values.zip((first..).step_by(step)).map(move |(&value, x)| (x, y, value))
         })
+    }
+
+    /// The rows of a box as far as it lies in the frame: first column, row, values.
+    pub fn rows_of(
+        &self,
+        low: Vector2<f64>,
+        high: Vector2<f64>,
+    ) -> impl Iterator<Item = (usize, usize, &[u8])> {
+        let [x0, y0, x1, y1] = [low.x, low.y, high.x, high.y].map(|v| v.max(0.0) as usize);
+        let (first, last) = (x0.min(self.width), x1.clamp(x0.min(self.width), self.width));
+        (y0..y1.min(self.height)).map(move |y| (first, y, &self.row(y)[first..last]))
     }
 
     /// The value nearest to a place, px, clamped to the frame's edge.

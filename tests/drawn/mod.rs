@@ -125,9 +125,14 @@ pub fn on_even_skin(name: &str, skin: u8) -> Raster {
 /// The squares of the normalised errors of the markers that are found in a scene, drawn with six seeds, which shows nothing
 /// else.
 pub fn found_of(markers: &[Ellipse], scene: impl Fn(f64, f64) -> f64, blur: f64, noise: f64) -> Vec<f64> {
+    found_in(markers, |seed| picture(&scene, blur, noise, seed))
+}
+
+/// The same in pictures that are drawn of a seed.
+pub fn found_in(markers: &[Ellipse], drawn: impl Fn(u64) -> Raster) -> Vec<f64> {
     let mut squares = Vec::new();
     for seed in 0..6 {
-        let found = detect(&picture(&scene, blur, noise, seed)).markers;
+        let found = detect(&drawn(seed)).markers;
         assert!(found.len() <= markers.len(), "seed {seed}: {} markers", found.len());
         let near = markers.iter().filter_map(|&marker| nearest(&found, marker));
         squares.extend(near.map(|(m, error)| normalised_square(m, error)));

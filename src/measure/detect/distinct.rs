@@ -166,16 +166,7 @@ mod tests {
             fit_rms: 1.0,
             contrast: 100.0,
         };
-        Measured {
-            detection,
-            blur: 1.5,
-            darkness: 0.6,
-            clumped: 1.0,
-            white: Matrix2::identity(),
-            length: 0.0,
-            through_glare: false,
-            is_whole: true,
-        }
+        Measured::whole(detection)
     }
 
     #[test]

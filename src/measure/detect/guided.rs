@@ -204,16 +204,8 @@ mod tests {
 
     #[test]
     fn what_lies_beside_markers_that_are_found_is_not_measured() {
-        let found = |x: f64| Measured {
-            detection: Detection { covariance_px2: 1e-3 * Matrix2::identity(), ..detection(x, 20.0) },
-            blur: 1.0,
-            darkness: 0.6,
-            clumped: 1.0,
-            white: Matrix2::identity(),
-            length: 0.0,
-            through_glare: false,
-            is_whole: true,
-        };
+        let sure = |x: f64| Detection { covariance_px2: 1e-3 * Matrix2::identity(), ..detection(x, 20.0) };
+        let found = |x: f64| Measured::whole(sure(x));
         let seen = |x: f64| {
             let outline = Outline { centre: Vector2::new(x, 52.0), major: 8.0, minor: 3.0, angle: 0.0 };
             Candidate::of(Pattern::Disc, outline, Vec::new())
@@ -224,7 +216,7 @@ mod tests {
         // It may be the other one, or what is taken for the first is only a part of it; or that is hardly seen.
         assert!(!is_beside(125.0, &[found(100.0)]));
         assert!(!is_beside(105.0, &[found(100.0), found(150.0)]));
-        let vague = Measured { detection: detection(150.0, 20.0), ..found(150.0) };
+        let vague = Measured::whole(detection(150.0, 20.0));
         assert!(!is_beside(125.0, &[found(100.0), vague]));
     }
 

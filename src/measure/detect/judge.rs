@@ -78,6 +78,14 @@ impl Measured {
     pub fn is_sure(&self) -> bool {
         self.detection.covariance_px2.trace() < 0.1
     }
+
+    /// A whole marker of a test.
+    #[cfg(test)]
+    pub fn whole(detection: Detection) -> Self {
+        let white = Matrix2::identity();
+        let (blur, darkness, clumped, length) = (1.5, 0.6, 1.0, 0.0);
+        Self { detection, blur, darkness, clumped, white, length, through_glare: false, is_whole: true }
+    }
 }
 
 /// Accepts or turns down a fit.

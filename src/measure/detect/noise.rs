@@ -63,10 +63,8 @@ pub fn about(image: &Raster, outline: &Outline) -> f64 {
     /// Skin about the outline, px: it must be more than what is printed.
     const BESIDE: f64 = 16.0;
     let reach = outline.extent().add_scalar(BESIDE);
-    let [low, high] =
-        [outline.centre - reach, outline.centre + reach].map(|at| at.map(|v| v.max(0.0) as usize));
-    let columns = low.x.min(image.width())..high.x.min(image.width());
-    from_rows((low.y..high.y.min(image.height())).map(|y| &image.row(y)[columns.clone()]))
+    let rows = image.rows_of(outline.centre - reach, outline.centre + reach);
+    from_rows(rows.map(|(_, _, row)| row))
 }
 
 /// The noise of some rows of pixels.
