@@ -7,9 +7,8 @@ use super::Detection;
 use super::blob::Blob;
 use super::candidate::Candidate;
 use super::outline::Outline;
+use super::sheet::{SHEET_PX, Sheet, bounds_of};
 
-/// How far a neighbour's sheet reaches beyond its print, px.
-pub const SHEET_PX: f64 = 7.0;
 /// How far a cut edge is blurred into what it leaves, px.
 const BLUR_PX: f64 = 2.5;
 /// Relative difference below which a neighbour is taken to be of the same size.
@@ -22,25 +21,34 @@ const LEAST: usize = 24;
 
 type Conic = SVector<f64, 5>;
 
-/// The candidate with the outline of its whole disc, and the boxes where it may be hidden. Discs
-/// side by side look alike, so the neighbour's shape is where the fit starts from.
-pub fn completed(candidate: &Candidate, blob: &Blob, others: &[Blob]) -> Option<Candidate> {
-    let own = blob.bounds.map(|v| v as f64);
-    let near: Vec<(&Blob, [f64; 4])> = (others.iter())
-        .filter(|o| o.area > 0.3 * blob.area && o.area < 6.0 * blob.area)
-        .map(|o| (o, sheet(o.bounds.map(|v| v as f64), own, [SHEET_PX, BLUR_PX])))
-        .filter(|(_, h)| h[0] <= own[2] && own[0] <= h[2] && h[1] <= own[3] && own[1] <= h[3])
+/// The candidate with the outline of its whole disc, and where it may be hidden by sheets that lie in the direction of their
+/// print. Discs side by side look alike, so the neighbour's shape is where the fit starts from.
+pub fn completed(
+    candidate: &Candidate,
+    blob: &Blob,
+    others: &[Blob],
+    direction: impl Fn(&Blob) -> Vector2<f64>,
+) -> Option<Candidate> {
+    let near: Vec<(&Blob, Sheet)> = (others.iter())
+        .filter(|o| o.area > 0.3 * blob.area && o.area < 6.0 * blob.area && are_near(o, blob))
+        .filter_map(|o| {
+            let axis = direction(o);
+            let own = bounds_of(blob, axis);
+            let sheet = Sheet::over(axis, bounds_of(o, axis), own, [SHEET_PX, BLUR_PX]);
+            let h = sheet.bounds;
+            (h[0] <= own[2] && own[0] <= h[2] && h[1] <= own[3] && own[1] <= h[3]).then_some((o, sheet))
+        })
         .filter(|(o, _)| !overlap(o, blob))
         .collect();
-    let hidden: Vec<[f64; 4]> = near.iter().map(|n| n.1).collect();
+    let hidden: Vec<Sheet> = near.iter().map(|n| n.1).collect();
     let rim = rim(blob);
     let seen: Vec<Vector2<f64>> =
-        rim.iter().filter(|p| !hidden.iter().any(|h| within(h, p))).copied().collect();
+        rim.iter().filter(|p| !hidden.iter().any(|sheet| sheet.holds(p))).copied().collect();
     if seen.len() == rim.len() || (seen.len() as f64) < SHARE * rim.len() as f64 || seen.len() < LEAST {
         return None;
     }
     let alike = (near.iter())
-        .filter(|(o, _)| !o.at_edge && (0.95..1.05).contains(&o.fill()))
+        .filter(|(o, _)| is_ellipse(o))
         .min_by(|a, b| distance(a.0, blob).total_cmp(&distance(b.0, blob)));
     let (like, free) = alike.map_or((blob, true), |(o, _)| (*o, false));
     let mut outline = if free { any_ellipse(&seen, like) } else { same_ellipse(&seen, like) }?;
@@ -111,6 +119,18 @@ fn overlap(one: &Blob, other: &Blob) -> bool {
     inside(one, other) || inside(other, one)
 }
 
+/// Whether a blob is filled as an ellipse is.
+pub fn is_ellipse(blob: &Blob) -> bool {
+    !blob.at_edge && (0.95..1.05).contains(&blob.fill())
+}
+
+/// Whether the sheet of one blob can reach the other, in whatever direction it lies.
+fn are_near(one: &Blob, other: &Blob) -> bool {
+    let most = 3 * SHEET_PX as usize;
+    let (a, b) = (&one.bounds, &other.bounds);
+    (0..2).all(|k| a[k] <= b[k + 2] + most && b[k] <= a[k + 2] + most)
+}
+
 fn distance(one: &Blob, other: &Blob) -> f64 {
     (one.centroid - other.centroid).norm()
 }
@@ -148,29 +168,6 @@ fn same_ellipse(points: &[Vector2<f64>], like: &Blob) -> Option<Outline> {
     let back = whiten.try_inverse()?;
     (radius2 > 0.0)
         .then(|| Outline::from_moments(middle + back * centre, back * back.transpose() * radius2, 1.0))
-}
-
-/// The box that a neighbour's sheet may cover: a rim about its print, and where the blob ends near
-/// it, the blob's last rows or columns too, for blur mixes them with the sheet; both are so wide, px.
-pub fn sheet(print: [f64; 4], blob: [f64; 4], [rim_px, blur_px]: [f64; 2]) -> [f64; 4] {
-    let mut out = print;
-    for k in 0..2 {
-        out[k] -= rim_px;
-        out[k + 2] += rim_px;
-        let (before, after) = (print[k] - blob[k + 2], blob[k] - print[k + 2]);
-        if (0.0..2.0 * SHEET_PX).contains(&before) {
-            out[k] = out[k].min(blob[k + 2] - blur_px);
-        }
-        if (0.0..2.0 * SHEET_PX).contains(&after) {
-            out[k + 2] = out[k + 2].max(blob[k] + blur_px);
-        }
-    }
-    out
-}
-
-/// Whether a box holds a point.
-pub fn within(&[x0, y0, x1, y1]: &[f64; 4], p: &Vector2<f64>) -> bool {
-    (x0..=x1).contains(&p.x) && (y0..=y1).contains(&p.y)
 }
 
 /// Points half a pixel outside the first and last pixel of each row and column.

@@ -5,10 +5,10 @@ use std::sync::LazyLock;
 
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
-use super::arc::within;
 use super::blob::Blob;
 use super::model::Pattern;
 use super::outline::Outline;
+use super::sheet::Sheet;
 use super::{RejectReason, Rejected};
 
 /// What stage 4 starts from.
@@ -24,8 +24,8 @@ pub struct Candidate {
     pub edges: Option<(f64, f64)>,
     /// Blobs that it is made of.
     pub blobs: Vec<usize>,
-    /// Boxes whose pixels may show something else: first and last column and row.
-    pub hidden: Vec<[f64; 4]>,
+    /// Sheets that may lie over it.
+    pub hidden: Vec<Sheet>,
     /// Bands in which glare hides the marker.
     pub bands: Vec<Band>,
     /// Bands in which a seam of the skin meets the marker.
@@ -104,7 +104,8 @@ impl Candidate {
 
     /// Whether a point of the picture may show something else than the marker.
     pub fn hides(&self, at: &Vector2<f64>) -> bool {
-        self.hidden.iter().any(|h| within(h, at)) || self.bands.iter().chain(&self.seams).any(|b| b.holds(at))
+        self.hidden.iter().any(|sheet| sheet.holds(at))
+            || self.bands.iter().chain(&self.seams).any(|b| b.holds(at))
     }
 
     /// Whether no part of the marker is thought to be hidden.

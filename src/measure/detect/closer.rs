@@ -11,6 +11,7 @@ use super::judge::Measured;
 use super::measure::{Bounds, measure};
 use super::model::Pattern;
 use super::outline::{Outline, half_turn};
+use super::sheet::ROWS;
 use super::{Detection, Detections, Prediction, by_place, clumped, glare, middle, parted, sheets};
 
 /// A marker that should be in the frame, from its orientation and the markers that are known.
@@ -183,7 +184,7 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
         // Only where it does not look whole is it taken for hidden.
         let others = found.markers.iter().enumerate().filter(|(i, _)| Some(*i) != *own);
         let others: Vec<Outline> = others.map(|(_, d)| d.outline()).collect();
-        let hidden = candidates.last().and_then(|last| sheets::beside(image, last, &others, psf));
+        let hidden = candidates.last().and_then(|last| sheets::beside(image, last, &others, ROWS, psf));
         candidates.retain(|_| !surer(least));
         candidates.extend(hidden);
         let answer = candidates.into_iter().find_map(|mut candidate| {

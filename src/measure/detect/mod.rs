@@ -40,8 +40,10 @@ mod rim;
 mod runs;
 mod seam;
 mod select;
+mod sheet;
 mod sheets;
 mod sought;
+mod under;
 mod uneven;
 mod veil;
 mod wedge;
@@ -55,9 +57,9 @@ use nalgebra::{Matrix2, Vector2};
 
 pub use closer::{Expected, UNSURE_PX2, look_closer};
 use coarse::Part;
+use under::again_under_sheets;
 use whole::{
-    Whole, again_under_sheets, again_with_like, again_with_size, doubt_unlike, is_unsure,
-    measure_whole_or_hidden, with_uneven,
+    Whole, again_with_like, again_with_size, doubt_unlike, is_unsure, measure_whole_or_hidden, with_uneven,
 };
 
 use super::raster::Raster;

@@ -13,15 +13,16 @@ use super::measure::{Bounds, measure};
 use super::model::Pattern;
 use super::noise::FRAYING;
 use super::outline::Outline;
+use super::sheet::{self, ROWS};
 use super::sought::usual_dark;
-use super::{Detection, Found, RejectReason, arc, glare, sheets};
+use super::{Detection, Found, RejectReason, arc, glare};
 
 /// Skin about a disc that tells its grey, px.
 const BESIDE: f64 = 6.0;
 /// Least share of a disc's length that must be seen of it.
 const SEEN: f64 = 0.4;
 /// Standard deviations of the size that discs about it foretell beyond which a disc is another thing.
-const UNLIKE: f64 = 4.0;
+pub const UNLIKE: f64 = 4.0;
 /// The same where a disc is so thin that it tells little more than that size.
 const UNLIKE_THIN: f64 = 2.5;
 /// The same where its standard deviation shall say so.
@@ -33,12 +34,6 @@ const SAME_BLUR: f64 = 0.1;
 const SAME_DARK: f64 = 0.1;
 /// Semi-minor axis, in blurs, below which a marker does not tell them apart.
 const THIN: f64 = 3.0;
-/// A disc whose sheet may hide one beside it: how far it may be, in semi-major axes; its size and contrast over the other's at
-/// most; and the least share of its area that must be left of the other.
-const BESIDE_IT: f64 = 1.5;
-const SAME_SIZE: f64 = 1.1;
-const SAME_CONTRAST: f64 = 1.3;
-const LEFT: f64 = 0.25;
 /// How much squarer than a whole disc one may look that blur, or strong noise, has frayed.
 const FRAYED: f64 = 1.15;
 const FRAYED_BY_NOISE: f64 = 1.5;
@@ -90,62 +85,6 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
     wrong.sort_unstable();
     wrong.dedup();
     found.turn_down_these(RejectReason::Uncertain, &wrong);
-}
-
-/// Measures what the sheet of a disc leaves of one beside it, with the size that the discs about foretell and the shape of that
-/// one: a blob in which nothing was found, or something of another size.
-pub fn again_under_sheets(known: &Whole, found: &mut Found, wanted: impl Fn(&Candidate) -> bool) {
-    let is_disc = |m: &Measured| m.detection.shape == Shape::Circle;
-    let has_sheet = |m: &Measured| is_disc(m) && m.is_sure() && m.is_whole;
-    let reach = |m: &Measured| sheets::reach(&m.detection.outline());
-    // What is found here is not whole: no sheets are added.
-    let sheets: Vec<[f64; 4]> = found.measured.iter().filter(|m| has_sheet(m)).map(reach).collect();
-    let touched = |blob: &Blob| !blob.at_edge && sheets.iter().any(|sheet| sheets::meets(blob, sheet));
-    for (i, blob) in known.blobs.iter().enumerate().filter(|(_, blob)| touched(blob)) {
-        let own = found.measured.iter().position(|m| m.detection.outline().holds(blob.centroid));
-        if own.is_some_and(|own| found.measured.get(own).is_some_and(|m| !is_disc(m))) {
-            continue;
-        }
-        let others = found.measured.iter().enumerate().filter(|(k, _)| Some(*k) != own).map(|(_, m)| m);
-        let near = |m: &&Measured| has_sheet(m) && sheets::meets(blob, &reach(m));
-        let apart = |m: &Measured| (m.detection.centre_px - blob.centroid).norm();
-        let like = others.filter(near).min_by(|one, other| apart(one).total_cmp(&apart(other)));
-        let Some(like) = like.filter(|m| apart(m) < BESIDE_IT * m.detection.semi_major_px) else { continue };
-        let outline = like.detection.outline();
-        let part = blob.area / (std::f64::consts::PI * outline.major * outline.minor);
-        let size = if (LEFT..1.0).contains(&part) { foretold_major(found, own, blob.centroid) } else { None };
-        let Some(size) = size.filter(|(major, _)| same(*major, outline.major, SAME_SIZE)) else { continue };
-        let slot = own.and_then(|own| found.measured.get(own));
-        let same_size = slot.filter(|slot| is_as_long(slot, size, UNLIKE));
-        if same_size.is_some_and(|slot| slot.is_whole) {
-            continue;
-        }
-        let variance = |m: &Measured| m.detection.covariance_px2.trace();
-        let least = same_size.map_or(f64::INFINITY, variance);
-        let contrast = like.detection.contrast;
-        let candidate = sheets::under(known.image, blob, &outline, size, like.blur);
-        let candidate = candidate.map(|candidate| Candidate { blobs: vec![i], ..candidate });
-        let Some(candidate) = candidate.filter(&wanted) else { continue };
-        let measured = measure(known.image, known.blobs, &candidate, known.bounds).ok();
-        let alike = |m: &Measured| {
-            is_as_long(m, size, UNLIKE)
-                && variance(m) < least
-                && same(m.detection.contrast, contrast, SAME_CONTRAST)
-                && !outline.holds(m.detection.centre_px)
-        };
-        let Some(measured) = measured.filter(alike) else { continue };
-        let own_outline = measured.detection.outline();
-        found.rejected.retain(|r| !own_outline.holds(r.centre_px));
-        match own.and_then(|own| found.measured.get_mut(own)) {
-            Some(slot) => *slot = measured,
-            None => found.measured.push(measured),
-        }
-    }
-}
-
-/// Whether two positive numbers differ by less than a factor.
-fn same(one: f64, other: f64, factor: f64) -> bool {
-    one < factor * other && other < factor * one
 }
 
 /// Whether a thin marker may be turned down so only because it does not tell blur and thickness apart.
@@ -211,7 +150,7 @@ pub fn with_uneven(
 }
 
 /// The semi-major axis of a disc at a place and its standard deviation, px, from all that was found but itself.
-fn foretold_major(found: &Found, own: Option<usize>, at: Vector2<f64>) -> Option<(f64, f64)> {
+pub fn foretold_major(found: &Found, own: Option<usize>, at: Vector2<f64>) -> Option<(f64, f64)> {
     let others = found.measured.iter().enumerate().filter(|(i, _)| Some(*i) != own);
     arc::foretold_major(others.map(|(_, m)| &m.detection), at)
 }
@@ -257,7 +196,7 @@ fn like(found: &Found, at: Vector2<f64>) -> Option<Like> {
 }
 
 /// Whether a disc is as long as was foretold with some deviation, px, to so many of them.
-fn is_as_long(disc: &Measured, (major, deviation): (f64, f64), most: f64) -> bool {
+pub fn is_as_long(disc: &Measured, (major, deviation): (f64, f64), most: f64) -> bool {
     (disc.detection.semi_major_px - major).abs() < most * deviation
 }
 
@@ -349,6 +288,30 @@ fn at_one_level(image: &Raster, blob: &Blob, index: usize) -> Option<Candidate> 
     candidate::disc(index, found.iter().find(|blob| !looks_cut(blob))?)
 }
 
+/// A disc that a neighbour's sheet cuts, with what it measures: along rows or columns, or where that fails, along the line
+/// in which its rim ends.
+fn under_sheet(
+    candidate: &Candidate,
+    blob: &Blob,
+    blobs: &[Blob],
+    measured: impl Fn(&Candidate) -> Result<Measured, RejectReason>,
+) -> Option<(Candidate, Result<Measured, RejectReason>)> {
+    let with = |hidden: Candidate| {
+        let answer = measured(&hidden);
+        (hidden, answer)
+    };
+    let level = arc::completed(candidate, blob, blobs, |_| ROWS).map(with);
+    if matches!(level, Some((_, Ok(_)))) {
+        return level;
+    }
+    let cut =
+        |other: &Blob| if arc::is_ellipse(other) { sheet::cut(blob, &Outline::of(other)) } else { None };
+    let slanted = arc::completed(candidate, blob, blobs, |other| cut(other).unwrap_or(ROWS));
+    let is_slanted = |hidden: &Candidate| hidden.hidden.iter().any(|sheet| sheet.axis != ROWS);
+    let slanted = slanted.filter(|hidden| hidden.alike && is_slanted(hidden)).map(with);
+    slanted.filter(|(_, answer)| answer.is_ok()).or(level)
+}
+
 /// A disc whose outline is not an ellipse's may have a part hidden by its neighbour, or by glare. With
 /// what was measured the candidate of its whole outline, where size alone is missing to do it better.
 pub fn measure_whole_or_hidden(
@@ -380,7 +343,7 @@ pub fn measure_whole_or_hidden(
         Some(Ok(part)) => (Ok(part), drowned),
         _ if whole.is_ok() => (whole, drowned),
         _ if !looks_cut(blob) => (whole, drowned),
-        failed => match arc::completed(candidate, blob, blobs) {
+        failed => match under_sheet(candidate, blob, blobs, measured) {
             None => {
                 let again = drowned.is_none().then(|| at_one_level(image, blob, index)).flatten();
                 match again.map(|candidate| measured(&candidate)) {
@@ -391,10 +354,8 @@ pub fn measure_whole_or_hidden(
                     _ => (failed.unwrap_or(whole), drowned),
                 }
             }
-            Some(hidden) => match measured(&hidden) {
-                Ok(part) => (Ok(part), hidden.alike.then_some(hidden)),
-                reason => (reason, drowned),
-            },
+            Some((hidden, Ok(part))) => (Ok(part), hidden.alike.then_some(hidden)),
+            Some((_, reason)) => (reason, drowned),
         },
     }
 }
