@@ -44,7 +44,7 @@ pub fn have_corners(image: &Raster, pattern: Pattern, outline: &Outline, m: &Par
     if outline.minor < TELLS_CORNER * m[BLUR] {
         return false;
     }
-    let (along, across) = (outline.axis(), Vector2::new(-outline.axis().y, outline.axis().x));
+    let (along, across) = (outline.axis(), outline.across());
     let turned = |angle: f64| {
         let (s, t) = outline.local(outline.centre + Vector2::new(angle.cos(), angle.sin()));
         (t / outline.minor).atan2(s / outline.major)

@@ -140,8 +140,8 @@ impl Sizes {
         if disc.shape == Shape::Quadrant {
             return Matrix2::zeros();
         }
-        let along = disc.outline().axis();
-        let across = Vector2::new(-along.y, along.x);
+        let outline = disc.outline();
+        let (along, across) = (outline.axis(), outline.across());
         let axes = [
             (along, disc.semi_major_px, self.major, expected.semi_major_px),
             (across, disc.semi_minor_px, self.minor, expected.semi_minor_px),

@@ -46,6 +46,12 @@ impl Outline {
         Vector2::new(self.angle.cos(), self.angle.sin())
     }
 
+    /// Unit vector across.
+    pub fn across(&self) -> Vector2<f64> {
+        let axis = self.axis();
+        Vector2::new(-axis.y, axis.x)
+    }
+
     /// Coordinates along and across.
     pub fn local(&self, at: Vector2<f64>) -> (f64, f64) {
         let (sin, cos) = self.angle.sin_cos();

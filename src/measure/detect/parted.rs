@@ -94,8 +94,7 @@ impl Parted {
         if seen(darkest + QUARTER).fold(f64::MAX, f64::min) <= seen(darkest).fold(0.0, f64::max) {
             return None;
         }
-        let axis = outline.axis();
-        let (half, across) = (axis * outline.major, Vector2::new(-axis.y, axis.x) * outline.minor);
+        let (half, across) = (outline.axis() * outline.major, outline.across() * outline.minor);
         let edge = |turn: usize| {
             let (q, p) = (TAU * turn as f64 / TURNS as f64).sin_cos();
             half * p + across * q

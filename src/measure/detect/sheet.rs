@@ -1,6 +1,8 @@
 //! The sheet that a marker is printed on, which may lie over its neighbour.
 
-use nalgebra::{SymmetricEigen, Vector2};
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+
+use nalgebra::Vector2;
 
 use super::arc::rim;
 use super::blob::Blob;
@@ -48,7 +50,7 @@ impl Sheet {
 }
 
 /// A place along a direction and across it, px.
-pub fn turned(axis: Vector2<f64>, at: &Vector2<f64>) -> Vector2<f64> {
+fn turned(axis: Vector2<f64>, at: &Vector2<f64>) -> Vector2<f64> {
     Vector2::new(axis.dot(at), axis.perp(at))
 }
 
@@ -96,23 +98,27 @@ pub fn cut(blob: &Blob, neighbour: &Outline) -> Option<Vector2<f64>> {
         .collect();
     let points: Vec<Vector2<f64>> =
         points.iter().step_by(points.len().div_ceil(MOST).max(1)).copied().collect();
-    let mut best: Vec<Vector2<f64>> = Vec::new();
+    let on = |at: Vector2<f64>, axis: Vector2<f64>| {
+        points.iter().filter(move |&point| axis.perp(&(point - at)).abs() < OFF)
+    };
+    let (mut line, mut most) = ((Vector2::zeros(), ROWS), 0);
     for (i, one) in points.iter().enumerate() {
         for other in &points[i + 1..] {
             let Some(axis) = (other - one).try_normalize(LONG) else { continue };
-            let on = || points.iter().filter(|&at| axis.perp(&(at - one)).abs() < OFF);
-            if on().count() > best.len() {
-                best = on().copied().collect();
+            let count = on(*one, axis).count();
+            if count > most {
+                (line, most) = ((*one, axis), count);
             }
         }
     }
-    let middle = best.iter().sum::<Vector2<f64>>() / best.len().max(1) as f64;
-    let moments = best.iter().map(|at| (at - middle) * (at - middle).transpose()).sum();
-    let eigen = SymmetricEigen::new(moments);
-    let axis = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
-    let axis = if axis.x.abs() < axis.y.abs() { Vector2::new(axis.y, -axis.x) } else { axis };
-    let axis = if axis.x < 0.0 { -axis } else { axis };
-    (best.len() >= LEAST && axis.y.abs() > LEVEL).then_some(axis)
+    if most < LEAST {
+        return None;
+    }
+    let middle = on(line.0, line.1).sum::<Vector2<f64>>() / most as f64;
+    let moments = on(line.0, line.1).map(|at| (at - middle) * (at - middle).transpose()).sum();
+    let angle = Outline::from_moments(middle, moments, 1.0).angle;
+    let angle = if angle.abs() > FRAC_PI_4 { angle - FRAC_PI_2.copysign(angle) } else { angle };
+    (angle.abs() > LEVEL).then(|| Vector2::new(angle.cos(), angle.sin()))
 }
 
 #[cfg(test)]

@@ -106,8 +106,7 @@ fn centre_of(shape: &Outline, points: &[Vector2<f64>], neighbour: Vector2<f64>) 
         centre += normal.try_inverse()? * right;
     }
     let off = (square / round.len() as f64).sqrt() * shape.minor;
-    let back = shape.axis() * (centre.x * shape.major)
-        + Vector2::new(-shape.axis().y, shape.axis().x) * (centre.y * shape.minor);
+    let back = shape.axis() * (centre.x * shape.major) + shape.across() * (centre.y * shape.minor);
     (off < OFF).then(|| shape.centre + back)
 }
 

@@ -1,6 +1,6 @@
 //! Stage 3: discs over which the sheet of one beside them lies, measured once more when that one is known.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::Matrix2;
 
 use super::super::setup::Shape;
 use super::blob::Blob;
@@ -82,8 +82,7 @@ fn doubt_thin(thin: &Measured, like: &Measured) -> Option<(Outline, Matrix2<f64>
     let (outline, beside) = (thin.detection.outline(), like.detection.outline());
     let least = if thin.is_whole { FAR_THINNER } else { THINNER_PART };
     let doubted = flatness(thin) < least * flatness(like) && same(outline.major, beside.major, SAME_KIND);
-    let across = Vector2::new(-outline.axis().y, outline.axis().x);
-    let off = across * (flatness(like) * outline.major - outline.minor);
+    let off = outline.across() * (flatness(like) * outline.major - outline.minor);
     doubted.then(|| (outline, off * off.transpose()))
 }
 
