@@ -29,6 +29,13 @@ fn discs_are_found_where_a_frame_has_more_noise_than_elsewhere() {
 }
 
 #[test]
+fn markers_that_are_all_faint_are_found() {
+    // A veil of light leaves a tenth of the contrast: at the usual levels there is nothing at all.
+    let discs = discs();
+    hold(&found_of(&discs, on_skin(&discs, 180.0, 163.0), 1.0, 1.0), 54);
+}
+
+#[test]
 fn dirt_beside_a_disc_does_not_shift_it() {
     let discs = discs();
     let stained = |x: f64, y: f64| {

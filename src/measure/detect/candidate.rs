@@ -5,6 +5,7 @@ use std::sync::LazyLock;
 
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
+use super::super::raster::Raster;
 use super::blob::Blob;
 use super::model::Pattern;
 use super::outline::Outline;
@@ -121,6 +122,22 @@ impl Candidate {
     /// Product of the semi-axes, px^2.
     pub fn size(&self) -> f64 {
         self.outline.major * self.outline.minor
+    }
+
+    /// By how much the darker of its white quadrants is lighter than the lighter of its black ones, half way out in the middle
+    /// of each, grey levels; 0 for discs.
+    pub fn white_over_black(&self, image: &Raster) -> i32 {
+        let Some((direction, _)) = self.edges else { return 0 };
+        let (sin, cos) = direction.sin_cos();
+        let (along, across) = (Vector2::new(cos, sin), Vector2::new(-sin, cos));
+        let ends = |direction: Vector2<f64>| {
+            let half = direction * (0.5 * self.outline.radius(direction));
+            [half, -half].map(|off| self.outline.centre + off).map(|at| i32::from(image.nearest(at.x, at.y)))
+        };
+        let (along, across) = (ends(along), ends(across));
+        let (black, white) =
+            if self.pattern == Pattern::BlackAlong { (along, across) } else { (across, along) };
+        white[0].min(white[1]) - black[0].max(black[1])
     }
 
     /// What is said of it when it is turned down.

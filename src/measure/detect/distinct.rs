@@ -94,34 +94,50 @@ pub fn without_soft(found: &mut Found) {
     }
 }
 
-/// The greatest blur of an edge that the frame's other ones allow, px, where there are some.
+/// The greatest blur of an edge that the frame's other ones allow, px, where there are some. Long edges count more: grain
+/// beside the wing has many short ones.
 pub fn softest(found: &Found) -> Option<f64> {
     const SOFTER: f64 = 2.0;
     const ENOUGH: usize = 5;
-    let blurs: Vec<f64> = found.measured.iter().map(|m| m.blur).collect();
-    (blurs.len() >= ENOUGH).then(|| super::middle(blurs))?.map(|usual| SOFTER * usual)
+    if found.measured.len() < ENOUGH {
+        return None;
+    }
+    let mut blurs: Vec<[f64; 2]> =
+        found.measured.iter().map(|m| [m.blur, m.detection.semi_major_px]).collect();
+    blurs.sort_unstable_by(|[one, _], [other, _]| one.total_cmp(other));
+    let half = 0.5 * blurs.iter().map(|[_, length]| length).sum::<f64>();
+    let mut sum = 0.0;
+    let usual = blurs.iter().find(|[_, length]| {
+        sum += length;
+        sum >= half
+    });
+    usual.map(|[blur, _]| SOFTER * blur)
 }
 
-/// Flat discs on a skin that is about plane lie along one direction of the picture, that of its horizon, to a few tenths:
-/// what is flat and lies across it is a seam's or a shadow's.
+/// Flat markers on a skin that is about plane lie along one direction of the picture, that of its horizon, to a few tenths:
+/// what is flat and lies across it is a seam's, a shadow's, or the edge's of something beside the wing.
 pub fn without_askew(found: &mut Found) {
     const ENOUGH: usize = 5;
     const FLAT: f64 = 2.0;
-    const THIN: f64 = 8.0;
-    const ASKEW: f64 = 0.6;
-    let flatter = |m: &Measured, than: f64| m.detection.semi_major_px > than * m.detection.semi_minor_px;
-    let flat: Vec<f64> =
-        found.measured.iter().filter(|m| flatter(m, FLAT)).map(|m| m.detection.angle_rad).collect();
+    // Of each shape how flat it must be, and how far across it may lie, rad: quadrants near the camera up to 0.41.
+    const DISC: (f64, f64) = (8.0, 0.6);
+    const QUADRANTS: (f64, f64) = (2.5, 0.8);
+    let flatter = |d: &Detection, than: f64| d.semi_major_px > than * d.semi_minor_px;
+    let flat: Vec<&Detection> =
+        found.measured.iter().map(|m| &m.detection).filter(|d| flatter(d, FLAT)).collect();
     if flat.len() < ENOUGH {
         return;
     }
-    // Directions are the same after half a turn.
-    let (sin, cos) = flat.iter().fold((0.0, 0.0), |(s, c), a| (s + (2.0 * a).sin(), c + (2.0 * a).cos()));
+    // Directions are the same after half a turn. Many small things beside the wing weigh no more than the markers on it.
+    let (sin, cos) = flat.iter().fold((0.0, 0.0), |(sin, cos), d| {
+        let (s, c) = (2.0 * d.angle_rad).sin_cos();
+        let area = d.semi_major_px * d.semi_minor_px;
+        (sin + area * s, cos + area * c)
+    });
     let along = 0.5 * f64::atan2(sin, cos);
-    found.turn_down_all(RejectReason::Askew, |m| {
-        m.detection.shape == Shape::Circle
-            && flatter(m, THIN)
-            && half_turn(m.detection.angle_rad - along).abs() > ASKEW
+    found.turn_down_all(RejectReason::Askew, |Measured { detection: d, .. }| {
+        let (flat, most) = if d.shape == Shape::Circle { DISC } else { QUADRANTS };
+        flatter(d, flat) && half_turn(d.angle_rad - along).abs() > most
     });
 }
 
@@ -182,5 +198,36 @@ mod tests {
             assert_eq!(shapes, kept, "{half}");
             assert!(found.rejected.iter().all(|r| r.reason == RejectReason::Duplicate));
         }
+    }
+
+    /// Things seen at a place of their own each: shape, semi-axes, px, direction, rad, and blur, px.
+    fn seen(things: &[(Shape, [f64; 2], f64, f64)]) -> Found {
+        let one = |(k, &(shape, [major, minor], angle, blur)): (usize, &(Shape, [f64; 2], f64, f64))| {
+            let mut m = measured(shape, 500.0 * k as f64, major);
+            (m.detection.semi_minor_px, m.detection.angle_rad, m.blur) = (minor, angle, blur);
+            m
+        };
+        Found { measured: things.iter().enumerate().map(one).collect(), rejected: Vec::new() }
+    }
+
+    #[test]
+    fn many_small_things_that_lie_across_do_not_outweigh_the_markers() {
+        let discs = [(Shape::Circle, [40.0, 4.0], 0.1, 1.0); 6];
+        let quadrants = [(Shape::Quadrant, [80.0, 20.0], -0.3, 1.0); 2];
+        // Round ones have no direction.
+        let round = [(Shape::Quadrant, [20.0, 12.0], 1.5, 1.0)];
+        let grain = [(Shape::Quadrant, [9.0, 3.0], 1.4, 1.0); 40];
+        let mut found = seen(&[&discs[..], &quadrants, &round, &grain].concat());
+        without_askew(&mut found);
+        assert_eq!((found.measured.len(), found.rejected.len()), (9, 40));
+        assert!(found.rejected.iter().all(|r| r.reason == RejectReason::Askew && r.semi_major_px < 10.0));
+    }
+
+    #[test]
+    fn long_edges_tell_the_usual_blur() {
+        let markers = [(Shape::Circle, [60.0, 6.0], 0.0, 1.2); 6];
+        let grain = [(Shape::Circle, [6.0, 3.0], 0.0, 0.4); 30];
+        assert_eq!(softest(&seen(&[&markers[..], &grain].concat())), Some(2.4));
+        assert_eq!(softest(&seen(&grain[..4])), None);
     }
 }

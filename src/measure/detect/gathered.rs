@@ -6,7 +6,7 @@ use super::candidate::{self, Candidate};
 use super::coarse::{self, Coarse, Region};
 
 /// Most regions of a level that are taken up at full resolution.
-const MAX_REGIONS: usize = 400;
+const MAX_REGIONS: usize = 2000;
 
 /// Grey over background, in 1/256, from which on black is so light that quadrants' white, where that is the background, takes
 /// it above the black that lies before the skin.
@@ -18,12 +18,19 @@ const SWALLOWED: usize = 4;
 const SWALLOWED_LEAST: usize = 4;
 const SWALLOWED_DARK: u16 = 200;
 
-/// Most blobs, pairs of blobs and candidates of a kind: far above what a wing shows. The largest are kept.
-const MAX_BLOBS: usize = 500;
-const MAX_PAIRS: usize = 1500;
-const MAX_CANDIDATES: usize = 100;
+/// Most blobs, pairs of blobs and candidates of a kind: far above what a wing shows, but a town beside it, or a board, shows
+/// hundreds. The largest are kept.
+const MAX_BLOBS: usize = 3000;
+const MAX_PAIRS: usize = 30000;
+const MAX_CANDIDATES: usize = 1000;
+/// The same of quadrants whose white is no lighter than their black, and of regions whose background is uneven.
+const MAX_UNLIKELY: usize = 100;
+/// Where there are more candidates the large ones are measured first, for grain is small.
+const MANY: usize = 100;
+/// What windows may hold together, in frames.
+const WINDOWS: usize = 4;
 
-/// Blobs of all levels, each once, from windows that together hold no more than the frame; against the near background,
+/// Blobs of all levels, each once, from windows that together hold no more than some frames; against the near background,
 /// then thick ones against the far; last those of dark regions that something larger has swallowed. Beside them the regions
 /// without a disc's shape whose background is uneven.
 pub fn find_blobs(image: &Raster, coarse: &mut Coarse, faint: bool) -> (Vec<Blob>, Vec<Region>) {
@@ -31,7 +38,7 @@ pub fn find_blobs(image: &Raster, coarse: &mut Coarse, faint: bool) -> (Vec<Blob
     let (mut done, mut open) = (Vec::<Region>::new(), Vec::<Region>::new());
     let mut late: Vec<Blob> = Vec::new();
     let laxest = coarse::levels(faint) - 1;
-    let mut budget = coarse.width * coarse.height;
+    let mut budget = WINDOWS * coarse.width * coarse.height;
     let largest = (coarse.width * coarse.height / 8).max(64);
     let mut darkness = coarse.darkness(faint);
     for (far, level) in [false, true].into_iter().flat_map(|far| (0..=laxest).map(move |level| (far, level)))
@@ -75,7 +82,7 @@ pub fn find_blobs(image: &Raster, coarse: &mut Coarse, faint: bool) -> (Vec<Blob
     }
     late.into_iter().for_each(|blob| add_once(&mut out, blob));
     keep_largest(&mut out, MAX_BLOBS, |blob| blob.area);
-    keep_largest(&mut uneven, MAX_CANDIDATES, |region| region.area as f64);
+    keep_largest(&mut uneven, MAX_UNLIKELY, |region| region.area as f64);
     (out, uneven)
 }
 
@@ -112,25 +119,45 @@ fn add_once(out: &mut Vec<Blob>, blob: Blob) {
     };
     // Comparing all with all must not take for ever.
     let stands_for = |b: &Blob| same(b) && (is_disc(b) || !is_disc(&blob));
-    if out.len() < 4 * MAX_BLOBS && !out.iter().any(stands_for) {
+    if !out.iter().any(stands_for) {
         out.push(blob);
+    }
+    if out.len() >= 4 * MAX_BLOBS {
+        keep_largest(out, 2 * MAX_BLOBS, |blob| blob.area);
     }
 }
 
 /// Blobs and pairs of blobs that may be two black quadrants.
-pub fn quadrants(blobs: &[Blob]) -> Vec<Candidate> {
+pub fn quadrants(image: &Raster, blobs: &[Blob]) -> Vec<Candidate> {
     let single = (0..blobs.len()).map(|i| vec![i]);
     let mut pairs = candidate::pairs(blobs);
     keep_largest(&mut pairs, MAX_PAIRS, |p| p.iter().filter_map(|&i| blobs.get(i)).map(|b| b.area).sum());
     let double = pairs.into_iter().map(|p| p.to_vec());
-    let mut out = single.chain(double).filter_map(|i| candidate::quadrants(&i, blobs)).collect();
-    keep_largest(&mut out, MAX_CANDIDATES, Candidate::size);
+    let mut out: Vec<Candidate> =
+        single.chain(double).filter_map(|i| candidate::quadrants(&i, blobs)).collect();
+    if out.len() > MANY {
+        // Nearly all of what has the shape is lighter where it should be black; a few true ones, thin for the blur, too.
+        let (likely, mut others): (Vec<_>, Vec<_>) =
+            out.into_iter().partition(|candidate| candidate.white_over_black(image) > 0);
+        out = likely;
+        largest_first(&mut out, MAX_CANDIDATES);
+        largest_first(&mut others, MAX_UNLIKELY);
+        out.append(&mut others);
+    }
     out
 }
 
 /// Blobs that may be discs.
 pub fn discs(blobs: &[Blob]) -> Vec<Candidate> {
-    let mut out = blobs.iter().enumerate().filter_map(|(i, blob)| candidate::disc(i, blob)).collect();
-    keep_largest(&mut out, MAX_CANDIDATES, Candidate::size);
+    let mut out: Vec<Candidate> =
+        blobs.iter().enumerate().filter_map(|(i, blob)| candidate::disc(i, blob)).collect();
+    if out.len() > MANY {
+        largest_first(&mut out, MAX_CANDIDATES);
+    }
     out
+}
+
+/// The `most` largest, in that order.
+fn largest_first(candidates: &mut Vec<Candidate>, most: usize) {
+    keep_largest(candidates, most, Candidate::size);
 }

@@ -280,10 +280,11 @@ struct Found {
 
 /// Whether black is so light in some marker that farther ones may be too faint for the usual levels:
 /// haze and stray light take contrast away with distance. Black on white leaves a quarter, at most two
-/// fifths, of the grey.
+/// fifths, of the grey. So few markers that nothing can be made of them may be all so faint.
 fn is_faint(found: &Found) -> bool {
     const LEAST: f64 = 0.45;
-    found.measured.iter().any(|m| m.darkness < LEAST && !m.through_glare)
+    const TOO_FEW: usize = 4;
+    found.measured.len() < TOO_FEW || found.measured.iter().any(|m| m.darkness < LEAST && !m.through_glare)
 }
 
 /// A rough fit's blur is that of the last one to this factor.
@@ -319,7 +320,7 @@ fn search(
     let (mut hidden, mut unsure) = (Vec::new(), Vec::new());
     for stage in [Stage::Quadrants, Stage::Narrow, Stage::Discs] {
         let candidates = match stage {
-            Stage::Quadrants => gathered::quadrants(&blobs),
+            Stage::Quadrants => gathered::quadrants(seen, &blobs),
             Stage::Narrow => {
                 let missing = sought.map(|sought| guided::missing_quadrants(&found.measured, sought));
                 let open = |seen: &outline::Outline| {

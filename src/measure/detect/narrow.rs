@@ -1,6 +1,5 @@
 //! Stage 4: quadrants so narrow that blur leaves too little of their black to tell them by it alone: by black and white.
 
-use std::cmp::Reverse;
 use std::f64::consts::PI;
 
 use nalgebra::{Matrix2, Vector2};
@@ -35,7 +34,7 @@ const BESIDE: f64 = 12.0;
 /// Greatest semi-major axis of what is looked at, px: sixteen times the thickest; and how many at most, so that clutter cannot
 /// take for ever.
 const LONGEST: f64 = 160.0;
-const SEEDS: usize = 60;
+const SEEDS: usize = 250;
 /// How far apart two black parts in a row may be, in their semi-major axes, and how far out of the row each may point, rad.
 const APART: f64 = 2.2;
 const IN_ROW: f64 = 0.25;
@@ -82,11 +81,12 @@ pub fn narrow(
     let mut out: Vec<Candidate> = Vec::new();
     let seeds = pairs.chain(single).filter_map(|seed| {
         let contrast = seed.iter().map(|&i| contrasts[i]).min()??;
-        Some((contrast, candidate::outline_of(&seed, blobs)?, seed))
+        // Noise has less contrast than markers; grain of what lies beside the wing is smaller.
+        let area: f64 = seed.iter().map(|&i| blobs[i].area).sum();
+        Some((contrast as f64 * area.sqrt(), candidate::outline_of(&seed, blobs)?, seed))
     });
-    let mut seeds: Vec<(usize, Outline, Vec<usize>)> = seeds.collect();
-    // Noise has less contrast than markers.
-    seeds.sort_by_key(|(contrast, ..)| Reverse(*contrast));
+    let mut seeds: Vec<(f64, Outline, Vec<usize>)> = seeds.collect();
+    seeds.sort_by(|(one, ..), (other, ..)| other.total_cmp(one));
     seeds.truncate(SEEDS);
     // Two parts of a marker come before each of them.
     seeds.sort_by(|(_, one, _), (_, other, _)| other.major.total_cmp(&one.major));
