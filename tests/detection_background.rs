@@ -91,7 +91,7 @@ fn town(seed: u64) -> Vec<f64> {
 
 /// Dark slabs and light ones in turns, each as light or dark as it likes: where four meet, two opposite ones are dark.
 fn slabs(seed: u64) -> Vec<f64> {
-    const SIDE: (usize, usize) = (80, 50);
+    const SIDE: (usize, usize) = (150, 90);
     let (width, height) = FRAME;
     let mut random = StdRng::seed_from_u64(seed);
     let greys: Vec<f64> = (0..width.div_ceil(SIDE.0) * height.div_ceil(SIDE.1))
