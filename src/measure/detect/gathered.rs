@@ -21,12 +21,10 @@ const SWALLOWED_DARK: u16 = 200;
 /// Most blobs, pairs of blobs and candidates of a kind: far above what a wing shows, but a town beside it, or a board, shows
 /// hundreds. The largest are kept.
 const MAX_BLOBS: usize = 3000;
-const MAX_PAIRS: usize = 30000;
+const MAX_PAIRS: usize = 30_000;
 const MAX_CANDIDATES: usize = 1000;
 /// The same of quadrants whose white is no lighter than their black, and of regions whose background is uneven.
 const MAX_UNLIKELY: usize = 100;
-/// Where there are more candidates the large ones are measured first, for grain is small.
-const MANY: usize = 100;
 /// What windows may hold together, in frames.
 const WINDOWS: usize = 4;
 
@@ -117,11 +115,11 @@ fn add_once(out: &mut Vec<Blob>, blob: Blob) {
         (b.centroid - blob.centroid).norm_squared() < 4.0
             && (alike..1.0 / alike).contains(&(b.area / blob.area))
     };
-    // Comparing all with all must not take for ever.
     let stands_for = |b: &Blob| same(b) && (is_disc(b) || !is_disc(&blob));
     if !out.iter().any(stands_for) {
         out.push(blob);
     }
+    // Comparing all with all must not take for ever.
     if out.len() >= 4 * MAX_BLOBS {
         keep_largest(out, 2 * MAX_BLOBS, |blob| blob.area);
     }
@@ -135,13 +133,13 @@ pub fn quadrants(image: &Raster, blobs: &[Blob]) -> Vec<Candidate> {
     let double = pairs.into_iter().map(|p| p.to_vec());
     let mut out: Vec<Candidate> =
         single.chain(double).filter_map(|i| candidate::quadrants(&i, blobs)).collect();
-    if out.len() > MANY {
-        // Nearly all of what has the shape is lighter where it should be black; a few true ones, thin for the blur, too.
+    if out.len() > MAX_UNLIKELY {
+        // Nearly all of what has the shape is no darker where it should be black; so are a few true ones, thin for the blur.
         let (likely, mut others): (Vec<_>, Vec<_>) =
             out.into_iter().partition(|candidate| candidate.white_over_black(image) > 0);
         out = likely;
-        largest_first(&mut out, MAX_CANDIDATES);
-        largest_first(&mut others, MAX_UNLIKELY);
+        keep_largest(&mut out, MAX_CANDIDATES, Candidate::size);
+        keep_largest(&mut others, MAX_UNLIKELY, Candidate::size);
         out.append(&mut others);
     }
     out
@@ -149,15 +147,7 @@ pub fn quadrants(image: &Raster, blobs: &[Blob]) -> Vec<Candidate> {
 
 /// Blobs that may be discs.
 pub fn discs(blobs: &[Blob]) -> Vec<Candidate> {
-    let mut out: Vec<Candidate> =
-        blobs.iter().enumerate().filter_map(|(i, blob)| candidate::disc(i, blob)).collect();
-    if out.len() > MANY {
-        largest_first(&mut out, MAX_CANDIDATES);
-    }
+    let mut out = blobs.iter().enumerate().filter_map(|(i, blob)| candidate::disc(i, blob)).collect();
+    keep_largest(&mut out, MAX_CANDIDATES, Candidate::size);
     out
-}
-
-/// The `most` largest, in that order.
-fn largest_first(candidates: &mut Vec<Candidate>, most: usize) {
-    keep_largest(candidates, most, Candidate::size);
 }
