@@ -329,7 +329,7 @@ fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, (Vector2<f64>,
     (n0 > 0.35 * shape.area && n1 > 0.35 * shape.area).then(|| (whiten, (s0 / n0, s1 / n1)))
 }
 
-/// Pairs of blobs close enough to be the two black quadrants of one marker.
+/// Pairs of blobs close enough to be the two black quadrants of one marker, in ascending order.
 pub fn pairs(blobs: &[Blob]) -> Vec<[usize; 2]> {
     let reach: Vec<f64> = blobs.iter().map(|b| 3.0 * b.covariance.trace().sqrt()).collect();
     let mut out = Vec::new();

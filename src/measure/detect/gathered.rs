@@ -126,9 +126,9 @@ fn add_once(out: &mut Vec<Blob>, blob: Blob) {
 }
 
 /// Blobs and pairs of blobs that may be two black quadrants.
-pub fn quadrants(image: &Raster, blobs: &[Blob]) -> Vec<Candidate> {
+pub fn quadrants(image: &Raster, blobs: &[Blob], pairs: &[[usize; 2]]) -> Vec<Candidate> {
     let single = (0..blobs.len()).map(|i| vec![i]);
-    let mut pairs = candidate::pairs(blobs);
+    let mut pairs = pairs.to_vec();
     keep_largest(&mut pairs, MAX_PAIRS, |p| p.iter().filter_map(|&i| blobs.get(i)).map(|b| b.area).sum());
     let double = pairs.into_iter().map(|p| p.to_vec());
     let mut out: Vec<Candidate> =

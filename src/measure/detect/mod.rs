@@ -312,6 +312,7 @@ fn search(
     let part = sought.map_or_else(|| Part::all(width, height), |sought| guided::part(sought, width, height));
     let mut coarse = coarse::reduce(seen, part);
     let (blobs, uneven) = gathered::find_blobs(seen, &mut coarse, faint);
+    let pairs = candidate::pairs(&blobs);
     let within = |blob: &blob::Blob| before.iter().any(|m| m.detection.outline().holds(blob.centroid));
     let mut taken: Vec<bool> = blobs.iter().map(within).collect();
     let mut whole = Whole::new(image, &blobs, measure::Bounds::of(noise));
@@ -320,13 +321,13 @@ fn search(
     let (mut hidden, mut unsure) = (Vec::new(), Vec::new());
     for stage in [Stage::Quadrants, Stage::Narrow, Stage::Discs] {
         let candidates = match stage {
-            Stage::Quadrants => gathered::quadrants(seen, &blobs),
+            Stage::Quadrants => gathered::quadrants(seen, &blobs, &pairs),
             Stage::Narrow => {
                 let missing = sought.map(|sought| guided::missing_quadrants(&found.measured, sought));
                 let open = |seen: &outline::Outline| {
                     missing.as_ref().is_none_or(|missing| guided::may_show_part_of(seen, missing))
                 };
-                narrow::narrow(image, &blobs, &taken, noise, open, |i| whole.is_sure_disc(i))
+                narrow::narrow(image, (&blobs, &pairs), &taken, noise, open, |i| whole.is_sure_disc(i))
             }
             Stage::Discs => gathered::discs(&blobs),
         };

@@ -56,11 +56,11 @@ pub fn against_skin(image: &Raster, candidate: &Candidate, softest: f64) -> Opti
     Some(Candidate { like: candidate.like, ..found })
 }
 
-/// Quadrants of which two blobs or one show the black, too blurred to tell them by it alone; only where they are wanted, and
+/// Quadrants of which two blobs, near one another or farther, or one show the black, too blurred to tell them by it alone; only where they are wanted, and
 /// of blobs that are no discs.
 pub fn narrow(
     image: &Raster,
-    blobs: &[Blob],
+    (blobs, near): (&[Blob], &[[usize; 2]]),
     taken: &[bool],
     noise: f64,
     wanted: impl Fn(&Outline) -> bool,
@@ -73,9 +73,8 @@ pub fn narrow(
         contrast.filter(|_| !is_disc(i))
     };
     let contrasts: Vec<Option<usize>> = blobs.iter().zip(taken).enumerate().map(&mut may_be).collect();
-    let near = candidate::pairs(blobs);
     let far = far_pairs(blobs, |i| contrasts[i].is_some());
-    let far = far.into_iter().filter(|pair| !near.contains(pair));
+    let far = far.into_iter().filter(|pair| near.binary_search(pair).is_err());
     let pairs = near.iter().copied().chain(far).map(Vec::from);
     let single = (0..blobs.len()).map(|i| vec![i]);
     let mut out: Vec<Candidate> = Vec::new();
