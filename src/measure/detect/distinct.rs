@@ -69,18 +69,21 @@ pub fn distinct(found: &mut Found) {
 }
 
 /// Turns down quadrants in which two discs were found with skin between them: the black of quadrants meets. One of the two
-/// was seen badly, else the pair was known for discs before it was measured ([`super::whole::Whole::are_discs`]).
+/// was seen badly, else the pair was known for discs before it was measured ([`super::whole::Whole::are_discs`]); but no
+/// worse than the quadrants, as their black parts are that pass for discs.
 fn without_rows_of_discs(found: &mut Found) {
     const APART: f64 = 3.0;
     let discs = found.measured.iter().map(|m| &m.detection).filter(|d| d.shape == Shape::Circle);
-    let discs: Vec<Outline> = discs.map(Detection::outline).collect();
+    let discs: Vec<(Outline, f64)> = discs.map(|d| (d.outline(), d.fit_rms)).collect();
     found.turn_down_all(RejectReason::Duplicate, |m| {
         let whole = m.detection.outline();
         let apart = |one: &Outline, other: &Outline| {
             let between = other.centre - one.centre;
             between.norm() - one.radius(between) - other.radius(between) > APART * m.blur
         };
-        let inside: Vec<&Outline> = discs.iter().filter(|disc| whole.holds(disc.centre)).collect();
+        let inside =
+            discs.iter().filter(|(disc, rms)| whole.holds(disc.centre) && *rms < m.detection.fit_rms);
+        let inside: Vec<&Outline> = inside.map(|(disc, _)| disc).collect();
         let two_apart = || (1..inside.len()).any(|i| inside[..i].iter().any(|other| apart(inside[i], other)));
         m.detection.shape == Shape::Quadrant && two_apart()
     });
@@ -187,15 +190,18 @@ mod tests {
 
     #[test]
     fn two_discs_with_skin_between_them_are_no_quadrants() {
-        // The discs' tips are 12 px apart, or 3 as the black of quadrants in blur.
-        for (half, kept) in [(36.0, [Shape::Circle; 2].as_slice()), (31.5, &[Shape::Quadrant])] {
+        // The discs' tips are 12 px apart, or 3 as the black of quadrants in blur; or their black passes for discs, which
+        // then leave more than the quadrants do.
+        let cases = [(36.0, 3.0, [Shape::Circle; 2].as_slice()), (31.5, 3.0, &[Shape::Quadrant])];
+        for (half, rms, kept) in cases.into_iter().chain([(36.0, 0.3, [Shape::Quadrant].as_slice())]) {
             let discs = [150.0 - half, 150.0 + half].map(|x| measured(Shape::Circle, x, 30.0));
-            let mut found =
-                Found { measured: vec![measured(Shape::Quadrant, 150.0, 66.0)], rejected: Vec::new() };
+            let mut quadrants = measured(Shape::Quadrant, 150.0, 66.0);
+            quadrants.detection.fit_rms = rms;
+            let mut found = Found { measured: vec![quadrants], rejected: Vec::new() };
             found.measured.extend(discs);
             distinct(&mut found);
             let shapes: Vec<Shape> = found.measured.iter().map(|m| m.detection.shape).collect();
-            assert_eq!(shapes, kept, "{half}");
+            assert_eq!(shapes, kept, "{half}, {rms}");
             assert!(found.rejected.iter().all(|r| r.reason == RejectReason::Duplicate));
         }
     }
