@@ -219,6 +219,7 @@ fn symmetric_world() -> (Setup, Vec<Detection>) {
             semi_major_px: 58.5,
             semi_minor_px: 20.0,
             angle_rad: 0.0,
+            beside_px2: 0.0,
             fit_rms: 1.0,
             contrast: 100.0,
         });
@@ -330,6 +331,7 @@ fn dev() -> Dev {
                     semi_major_px: 0.5 * width,
                     semi_minor_px: 0.35 * height,
                     angle_rad: 0.0,
+                    beside_px2: 0.0,
                     fit_rms: 2.0,
                     contrast: 150.0,
                 });

@@ -323,6 +323,7 @@ impl World {
                 semi_major_px: image.major * (1.0 + 0.02 * normal(rng)),
                 semi_minor_px: (image.minor + 0.2 * normal(rng)).max(1.0),
                 angle_rad: image.angle,
+                beside_px2: 0.0,
                 fit_rms: 2.0,
                 contrast: 150.0,
             });

@@ -12,7 +12,7 @@ use super::measure::{Bounds, measure};
 use super::model::Pattern;
 use super::outline::{Outline, half_turn};
 use super::sheet::ROWS;
-use super::{Detection, Detections, Prediction, by_place, clumped, glare, middle, parted, sheets};
+use super::{Detection, Detections, Prediction, beside, by_place, clumped, glare, middle, parted, sheets};
 
 /// A marker that should be in the frame, from its orientation and the markers that are known.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,8 +53,9 @@ const ASIDE: f64 = 8.0;
 /// How much farther than it is seen glare is taken to reach, in ways from where it is seen to where it is bright: black is
 /// lit long before the skin is. Where too little is left then, as far as it is seen.
 const FRINGES: [f64; 2] = [1.0, 0.0];
-/// How much lighter glare makes the skin where it leaves too little of an edge.
-const BLINDS: f64 = 1.3;
+/// How much lighter glare makes the skin where it leaves too little of quadrants' edges; and where, if nothing is made of what
+/// is left, it leaves some of them.
+const BLINDS: [f64; 2] = [1.3, 1.6];
 /// The greatest blur over the frame's.
 const SOFTER: f64 = 2.5;
 /// Semi-minor axis, in blurs, below which a disc does not tell the blur, and how far that differs in a frame, as a share.
@@ -74,8 +75,7 @@ struct Sure(Vec<(Prediction, Detection)>);
 impl Sure {
     fn of(found: &[Detection], expected: &[Expected]) -> Self {
         let pair = |e: &Expected| Some((e.prediction.clone(), found.get(e.found?)?.clone()));
-        let sure =
-            |(_, d): &(Prediction, Detection)| d.shape == Shape::Circle && d.covariance_px2.trace() < SURE;
+        let sure = |(_, d): &(Prediction, Detection)| d.shape == Shape::Circle && d.variance() < SURE;
         Self(expected.iter().filter_map(pair).filter(sure).collect())
     }
 
@@ -104,22 +104,24 @@ impl Sure {
 }
 
 impl Sizes {
-    /// The candidate of an expected disc, with glare reaching so much farther than it is seen (`FRINGES`), and of quadrants if
-    /// glare lies over them: what else hides them is not known.
-    fn candidate(&self, image: &Raster, expected: &Prediction, fringe: f64) -> Option<Candidate> {
+    /// The candidate of an expected disc, and of quadrants if glare lies over them: what else hides them is not known. Each
+    /// look takes the glare to reach less far (`FRINGES`, `BLINDS`).
+    fn candidate(&self, image: &Raster, expected: &Prediction, look: usize) -> Option<Candidate> {
         let outline = expected.outline()?;
         let (major, minor) = (self.major.0 * outline.major, self.minor.0 * outline.minor);
         let outline = Outline { major, minor, angle: half_turn(outline.angle + self.angle.0), ..outline };
         let (bands, candidate) = match expected.shape {
             Shape::Circle => {
-                let bands = glare::lit(image, &outline, glare::BEGINS, fringe);
+                let bands = glare::lit(image, &outline, glare::BEGINS, FRINGES[look]);
                 (bands, Candidate::of(Pattern::Disc, outline, Vec::new()))
             }
             Shape::Quadrant => {
                 // White must not pass for lit skin.
                 let beside = Outline { minor: outline.minor + ASIDE, ..outline };
-                let bands =
-                    Some(glare::lit(image, &beside, BLINDS, 0.0)).filter(|bands| !bands.is_empty())?;
+                let bands = glare::lit_slanting(image, &beside, BLINDS[look]);
+                if bands.is_empty() {
+                    return None;
+                }
                 let (major, minor) = (INNER * outline.major, INNER * outline.minor);
                 let candidate = parted::placed(&Outline { major, minor, ..outline }, image, &bands)?;
                 (bands, candidate)
@@ -171,14 +173,14 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
         // A crossing is told well by whatever shows it.
         let [least, least_hidden] =
             if prediction.shape == Shape::Circle { [UNSURE_PX2, HIDDEN_PX2] } else { [f64::INFINITY; 2] };
-        let surer = |than: f64| old.is_some_and(|d| d.covariance_px2.trace() < than);
+        let surer = |than: f64| old.is_some_and(|d| d.variance() < than);
         if surer(least_hidden) {
             continue;
         }
         let sizes = sure.sizes(prediction);
         // Of one that is sure enough only a sheet is asked for.
-        let fringes = if surer(least) { &FRINGES[1..] } else { &FRINGES[..] };
-        let candidates = fringes.iter().filter_map(|fringe| sizes.candidate(image, prediction, *fringe));
+        let looks = if surer(least) { 1..2 } else { 0..2 };
+        let candidates = looks.filter_map(|look| sizes.candidate(image, prediction, look));
         let mut candidates: Vec<Candidate> = candidates.collect();
         candidates.dedup();
         // Only where it does not look whole is it taken for hidden.
@@ -191,8 +193,10 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
             if prediction.shape == Shape::Circle && candidate.outline.minor < THIN * psf {
                 candidate.like = Some(Like { blur: (psf, SAME_BLUR * psf), dark: (0.7, f64::INFINITY) });
             }
-            let mut measured = measure(image, &[], &candidate, bounds).ok()?;
+            let dbg = measure(image, &[], &candidate, bounds);
+            let mut measured = dbg.ok()?;
             clumped::raise(&mut measured, found.clumping);
+            beside::doubt(image, &mut measured, &others);
             if prediction.shape == Shape::Quadrant {
                 measured.detection.semi_major_px /= INNER;
                 measured.detection.semi_minor_px /= INNER;
@@ -200,6 +204,7 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
             measured.detection.covariance_px2 += sizes.doubt(prediction, &measured.detection);
             let centre = measured.detection.centre_px;
             // It may have been found and left without a name.
+            let named = own.is_some();
             let own = own.or_else(|| found.markers.iter().position(|d| d.outline().outwards(centre) < 0.5));
             let old = own.and_then(|i| found.markers.get(i)).map(|old| {
                 // What has another size than foretold may have another place too.
@@ -209,7 +214,8 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
             let near = (centre - prediction.centre_px).norm() < most;
             let whole = candidate.hidden.is_empty();
             let surer = if whole { 1.0 } else { SURER };
-            let better = near && old.as_ref().is_none_or(|old| is_better(&measured.detection, old, surer));
+            let better =
+                near && old.as_ref().is_none_or(|old| is_better(&measured.detection, old, surer, named));
             if let (false, true, Some(i), Some(old)) = (better, near && whole, own, &old) {
                 unlike.extend(disagreement(&measured.detection, old).map(|doubt| (i, doubt)));
             }
@@ -254,12 +260,16 @@ fn disagreement(new: &Detection, old: &Detection) -> Option<Matrix2<f64>> {
     (new.shape == old.shape && off > 1.0).then(|| apart * apart.transpose())
 }
 
-/// Whether an answer is surer than the former one, by a factor of the variances, and no other.
-fn is_better(new: &Detection, old: &Detection, factor: f64) -> bool {
+/// Whether an answer is surer than the former one, by a factor of the variances, and no other. Quadrants that were found and
+/// could not be named were measured wrongly: they have no say.
+fn is_better(new: &Detection, old: &Detection, factor: f64, named: bool) -> bool {
     let apart: Vector2<f64> = new.centre_px - old.centre_px;
     let both = new.covariance_px2 + old.covariance_px2;
     let off = both.try_inverse().map_or(f64::INFINITY, |inverse| apart.dot(&(inverse * apart)));
-    let surer =
-        new.shape == Shape::Quadrant || new.covariance_px2.trace() < factor * old.covariance_px2.trace();
-    surer && new.shape == old.shape && off < ALIKE * ALIKE
+    let is_surer = new.variance() < factor * old.variance();
+    match new.shape {
+        _ if new.shape != old.shape => false,
+        Shape::Quadrant => off < ALIKE * ALIKE || !named && is_surer,
+        Shape::Circle => is_surer && off < ALIKE * ALIKE,
+    }
 }

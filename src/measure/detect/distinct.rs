@@ -182,6 +182,7 @@ mod tests {
             semi_major_px,
             semi_minor_px: 5.0,
             angle_rad: 0.0,
+            beside_px2: 0.0,
             fit_rms: 1.0,
             contrast: 100.0,
         };

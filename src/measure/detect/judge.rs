@@ -172,6 +172,7 @@ pub fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Re
             shape: if candidate.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant },
             centre_px: outline.centre,
             covariance_px2: Matrix2::from_fn(|i, j| covariance[(i, j)]),
+            beside_px2: 0.0,
             semi_major_px: outline.major,
             semi_minor_px: outline.minor,
             angle_rad: outline.angle,

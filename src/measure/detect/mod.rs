@@ -3,6 +3,7 @@
 mod arc;
 mod arcs;
 mod batch;
+mod beside;
 mod blob;
 mod blocks;
 mod bordered;
@@ -72,8 +73,10 @@ pub struct Detection {
     pub shape: Shape,
     /// Quadrant: the saddle. Circle: the ellipse's own centre, perspective bias **not** removed. px.
     pub centre_px: Vector2<f64>,
-    /// Covariance of `centre_px` from the fit's residuals and Jacobian, px^2.
+    /// Covariance of `centre_px` from the fit's residuals and Jacobian, and from what lies beside it, px^2.
     pub covariance_px2: Matrix2<f64>,
+    /// What of that, across the axis, is for things that lie on the skin beside a disc, px^2.
+    pub beside_px2: f64,
     /// Outline's semi-major axis, px.
     pub semi_major_px: f64,
     /// Outline's semi-minor axis, px.
@@ -90,6 +93,11 @@ impl Detection {
     fn outline(&self) -> outline::Outline {
         let (major, minor) = (self.semi_major_px, self.semi_minor_px);
         outline::Outline { centre: self.centre_px, major, minor, angle: self.angle_rad }
+    }
+
+    /// Sum of the place's variances, px^2, without what is for things beside it.
+    fn variance(&self) -> f64 {
+        self.covariance_px2.trace() - self.beside_px2
     }
 }
 
@@ -200,7 +208,7 @@ const MAX_REJECTED: usize = 200;
 /// Finds the markers of a frame without help. Deterministic at any number of threads.
 pub fn detect(image: &Raster) -> Detections {
     let (found, noise) = find(image, None);
-    detections(found, noise)
+    detections(image, found, noise)
 }
 
 /// Finds the predicted markers, looking only around them: for each that is there the answer of
@@ -208,7 +216,7 @@ pub fn detect(image: &Raster) -> Detections {
 pub fn detect_guided(image: &Raster, predictions: &[Prediction]) -> Detections {
     let (mut found, noise) = find(image, Some(predictions));
     guided::keep_predicted(&mut found, predictions);
-    detections(found, noise)
+    detections(image, found, noise)
 }
 
 /// What is found in the whole frame, or around predictions; and the noise.
@@ -242,9 +250,13 @@ fn smoothed(image: &Raster, sought: Option<&[Prediction]>) -> Option<Raster> {
     noise::smoothed(image, &columns)
 }
 
-fn detections(mut found: Found, noise: f64) -> Detections {
+fn detections(image: &Raster, mut found: Found, noise: f64) -> Detections {
     let clumping = clumped::factor(&found.measured);
-    found.measured.iter_mut().for_each(|m| clumped::raise(m, clumping));
+    let outlines: Vec<outline::Outline> = found.measured.iter().map(|m| m.detection.outline()).collect();
+    for measured in &mut found.measured {
+        clumped::raise(measured, clumping);
+        beside::doubt(image, measured, &outlines);
+    }
     found.rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     found.rejected.truncate(MAX_REJECTED);
     let psf_sigma_px = middle(found.measured.iter().map(|m| m.blur).collect());

@@ -43,6 +43,8 @@ struct Parted {
     step: usize,
     /// Sum of grey values and number of pixels in the quarter that begins in a direction.
     quarters: [(f64, f64); TURNS],
+    /// Sum of squares of all grey values about their mean.
+    spread: f64,
 }
 
 impl Parted {
@@ -51,6 +53,7 @@ impl Parted {
         let reach = outline.extent();
         let step = (outline.minor / THICK).max(1.0) as usize;
         let mut sums = [(0.0, 0.0); TURNS];
+        let mut squares = 0.0;
         for (x, y, value) in image.part(outline.centre - reach, outline.centre + reach, step) {
             let (s, t) = oval.local(x as f64, y as f64);
             let (p, q) = (s / outline.major, t / outline.minor);
@@ -59,25 +62,32 @@ impl Parted {
                 let turn = (q.atan2(p).rem_euclid(TAU) / TAU * TURNS as f64) as usize % TURNS;
                 sums[turn].0 += f64::from(value);
                 sums[turn].1 += 1.0;
+                squares += f64::from(value).powi(2);
             }
         }
         let add = |(v, n): (f64, f64), (sum, count): (f64, f64)| (v + sum, n + count);
         let quarters =
             std::array::from_fn(|from| (0..QUARTER).map(|k| sums[(from + k) % TURNS]).fold((0.0, 0.0), add));
-        Self { outline, step, quarters }
+        let (sum, count) = sums.into_iter().fold((0.0, 0.0), add);
+        let spread = squares - sum * sum / f64::max(count, 1.0);
+        Self { outline, step, quarters, spread: spread.max(1.0) }
     }
 
     fn opposite(&self, turn: usize) -> [(f64, f64); 2] {
         [turn, turn + 2 * QUARTER].map(|turn| self.quarters[turn % TURNS])
     }
 
-    /// Where two opposite quarters are darkest beside the other two, and by how much, grey levels.
+    /// Where two opposite quarters are darkest beside the other two, and which share of the spread that explains.
     fn best(&self) -> (usize, f64) {
-        let mean = |turn: usize| {
+        let both = |turn: usize| {
             let [(one, m), (other, n)] = self.opposite(turn);
-            (one + other) / f64::max(m + n, 1.0)
+            (one + other, f64::max(m + n, 1.0))
         };
-        let lighter = |turn: usize| (turn, mean(turn + QUARTER) - mean(turn));
+        let lighter = |turn: usize| {
+            let ((black, m), (white, n)) = (both(turn), both(turn + QUARTER));
+            let lighter = white / n - black / m;
+            (turn, lighter * lighter.abs() * m * n / (m + n) / self.spread)
+        };
         let better = |best: (usize, f64), other: (usize, f64)| if other.1 > best.1 { other } else { best };
         (0..2 * QUARTER).map(lighter).fold((0, f64::MIN), better)
     }
@@ -100,5 +110,38 @@ impl Parted {
             half * p + across * q
         };
         Some(candidate::between(edge(darkest), edge(darkest + QUARTER), outline, blobs))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quadrants_of_which_glare_hides_an_end_are_placed_where_dark_is_parted_from_light() {
+        let truth = Outline { centre: Vector2::new(150.0, 100.0), major: 80.0, minor: 20.0, angle: 0.1 };
+        let oval = Oval::new(&truth);
+        // Edges at 40 and 130 degrees of the outline seen as a circle; white and skin beyond column 165.
+        let value = |i: usize| {
+            let (x, y) = (i % 300, i / 300);
+            let (s, t) = oval.local(x as f64, y as f64);
+            let (p, q) = (s / truth.major, t / truth.minor);
+            let turn = q.atan2(p).to_degrees().rem_euclid(180.0);
+            match (x >= 165, p * p + q * q < 1.0) {
+                (true, _) => 255,
+                (_, false) => 140,
+                _ if (40.0..130.0).contains(&turn) => 50,
+                _ => 200,
+            }
+        };
+        let image = Raster::new(300, 200, (0..300 * 200).map(value).collect()).expect("the sizes agree");
+        let bands = [Band { axis: Vector2::x(), from: 163.0, to: f64::INFINITY }];
+        for off in [Vector2::new(3.0, -1.5), Vector2::new(-4.0, 2.0), Vector2::zeros()] {
+            let inner = Outline { centre: truth.centre + off, major: 60.0, minor: 15.0, ..truth };
+            let placed = placed(&inner, &image, &bands).expect("is placed");
+            let apart = placed.outline.centre - truth.centre;
+            let (along, across) = (apart.dot(&truth.axis()), apart.dot(&truth.across()));
+            assert!(along.abs() < 3.0 && across.abs() < 1.6, "{off:?}: {along:.1} along, {across:.1} across");
+        }
     }
 }

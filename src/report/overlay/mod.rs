@@ -148,6 +148,7 @@ mod tests {
             semi_major_px: 60.0,
             semi_minor_px: 12.0,
             angle_rad: 0.2,
+            beside_px2: 0.0,
             fit_rms: 1.0,
             contrast: 100.0,
         }
