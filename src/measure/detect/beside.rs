@@ -121,6 +121,7 @@ fn spots(image: &Raster, outline: &Outline, blur: f64, others: &[Outline]) -> Ve
 /// The skin's light, as a plane with a square term along the disc, with the scale of what it leaves; `None` of too few pixels.
 fn light_of(spots: &[Spot]) -> Option<(Vector4<f64>, f64)> {
     let mut found: Option<(Vector4<f64>, f64)> = None;
+    let mut residuals = Vec::with_capacity(spots.len());
     for _ in 0..ROUNDS {
         let (mut normal, mut right) = (Matrix4::zeros(), Vector4::zeros());
         for spot in spots {
@@ -133,8 +134,10 @@ fn light_of(spots: &[Spot]) -> Option<(Vector4<f64>, f64)> {
             right += weighted * spot.value;
         }
         let light = normal.cholesky()?.solve(&right);
-        let residuals = spots.iter().map(|spot| (spot.value - light.dot(&spot.terms)).abs()).collect();
-        found = Some((light, 1.4826 * super::middle(residuals)? + FLOOR));
+        residuals.clear();
+        residuals.extend(spots.iter().map(|spot| (spot.value - light.dot(&spot.terms)).abs()));
+        let (_, usual, _) = residuals.select_nth_unstable_by(spots.len() / 2, f64::total_cmp);
+        found = Some((light, 1.4826 * *usual + FLOOR));
     }
     found
 }
