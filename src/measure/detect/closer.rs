@@ -53,9 +53,8 @@ const ASIDE: f64 = 8.0;
 /// How much farther than it is seen glare is taken to reach, in ways from where it is seen to where it is bright: black is
 /// lit long before the skin is. Where too little is left then, as far as it is seen.
 const FRINGES: [f64; 2] = [1.0, 0.0];
-/// How much lighter glare makes the skin where it leaves too little of quadrants' edges; and where, if nothing is made of what
-/// is left, it leaves some of them.
-const BLINDS: [f64; 2] = [1.3, 1.6];
+/// How much lighter glare makes the skin where it leaves too little of an edge.
+const BLINDS: f64 = 1.3;
 /// The greatest blur over the frame's.
 const SOFTER: f64 = 2.5;
 /// Semi-minor axis, in blurs, below which a disc does not tell the blur, and how far that differs in a frame, as a share.
@@ -104,21 +103,21 @@ impl Sure {
 }
 
 impl Sizes {
-    /// The candidate of an expected disc, and of quadrants if glare lies over them: what else hides them is not known. Each
-    /// look takes the glare to reach less far (`FRINGES`, `BLINDS`).
-    fn candidate(&self, image: &Raster, expected: &Prediction, look: usize) -> Option<Candidate> {
+    /// The candidate of an expected disc, with glare reaching so much farther than it is seen (`FRINGES`), and of quadrants if
+    /// glare lies over them: what else hides them is not known.
+    fn candidate(&self, image: &Raster, expected: &Prediction, fringe: f64) -> Option<Candidate> {
         let outline = expected.outline()?;
         let (major, minor) = (self.major.0 * outline.major, self.minor.0 * outline.minor);
         let outline = Outline { major, minor, angle: half_turn(outline.angle + self.angle.0), ..outline };
         let (bands, candidate) = match expected.shape {
             Shape::Circle => {
-                let bands = glare::lit(image, &outline, glare::BEGINS, FRINGES[look]);
+                let bands = glare::lit(image, &outline, glare::BEGINS, fringe);
                 (bands, Candidate::of(Pattern::Disc, outline, Vec::new()))
             }
             Shape::Quadrant => {
                 // White must not pass for lit skin.
                 let beside = Outline { minor: outline.minor + ASIDE, ..outline };
-                let bands = glare::lit_slanting(image, &beside, BLINDS[look]);
+                let bands = glare::lit_slanting(image, &beside, BLINDS);
                 if bands.is_empty() {
                     return None;
                 }
@@ -179,8 +178,8 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
         }
         let sizes = sure.sizes(prediction);
         // Of one that is sure enough only a sheet is asked for.
-        let looks = if surer(least) { 1..2 } else { 0..2 };
-        let candidates = looks.filter_map(|look| sizes.candidate(image, prediction, look));
+        let fringes = if surer(least) { &FRINGES[1..] } else { &FRINGES[..] };
+        let candidates = fringes.iter().filter_map(|fringe| sizes.candidate(image, prediction, *fringe));
         let mut candidates: Vec<Candidate> = candidates.collect();
         candidates.dedup();
         // Only where it does not look whole is it taken for hidden.

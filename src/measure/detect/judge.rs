@@ -123,7 +123,10 @@ pub fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Re
         return Err(RejectReason::NotAnEllipse);
     }
     let glare = !candidate.bands.is_empty();
-    if glare && outline.share(|at| candidate.bands.iter().any(|b| b.holds(at))) > DROWNED {
+    let is_lit = |at: Vector2<f64>| candidate.bands.iter().any(|b| b.holds(&at));
+    // Edges that only point at their crossing tell it worse than they say.
+    let crossing = candidate.pattern != Pattern::Disc && is_lit(outline.centre);
+    if crossing || glare && outline.share(|at| is_lit(*at)) > DROWNED {
         return Err(RejectReason::Drowned);
     }
     if m[DARK] < 0.15 || contrast < 8.0 || contrast < 4.0 * noise {
