@@ -192,8 +192,7 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
             if prediction.shape == Shape::Circle && candidate.outline.minor < THIN * psf {
                 candidate.like = Some(Like { blur: (psf, SAME_BLUR * psf), dark: (0.7, f64::INFINITY) });
             }
-            let dbg = measure(image, &[], &candidate, bounds);
-            let mut measured = dbg.ok()?;
+            let mut measured = measure(image, &[], &candidate, bounds).ok()?;
             clumped::raise(&mut measured, found.clumping);
             beside::doubt(image, &mut measured, &others);
             if prediction.shape == Shape::Quadrant {

@@ -198,7 +198,7 @@ fn slanting(sides: [Band; 2], outline: &Outline) -> Option<Band> {
     }
     let (along, across) = (outline.axis(), outline.across());
     let axis = (along + across * slant).normalize();
-    // Where the skin's own place lies on that axis.
+    // Places along the marker are counted from the picture's origin.
     let origin = outline.centre - along * along.dot(&outline.centre);
     let place = |s: f64, side: f64| {
         if s.is_finite() { axis.dot(&(origin + along * s + across * (side * away))) } else { s }
@@ -221,7 +221,7 @@ fn lit_along(skin: &[f64], outline: &Outline, begins: f64, fringe: f64) -> Vec<B
     let mut first = 0;
     for alike in skin.chunk_by(|one, other| (*one > begins * usual) == (*other > begins * usual)) {
         let next = first + alike.len();
-        let bright = |v: &f64| *v > BRIGHT.max(begins) * usual;
+        let bright = |v: &f64| *v > BRIGHT * usual;
         if let (Some(rise), Some(fall)) = (alike.iter().position(bright), alike.iter().rev().position(bright))
         {
             let beyond = |way: usize| MARGIN + fringe * way as f64;
