@@ -79,7 +79,7 @@ pub fn foretold_major<'a>(
     const CERTAIN: f64 = 0.1;
     const FAIRLY: f64 = 0.3;
     let discs: Vec<&Detection> = whole.filter(|d| d.shape == Shape::Circle).collect();
-    let within = |most: f64| discs.iter().copied().filter(move |d| d.covariance_px2.trace() < most);
+    let within = |most: f64| discs.iter().copied().filter(move |d| d.variance() < most);
     let certain = within(CERTAIN).count() >= ENOUGH;
     let whole: Vec<&Detection> = within(if certain { CERTAIN } else { FAIRLY }).collect();
     // Letters and dots are discs too, but far smaller.

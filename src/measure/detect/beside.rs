@@ -7,6 +7,7 @@ use super::super::raster::Raster;
 use super::super::setup::Shape;
 use super::Detection;
 use super::judge::Measured;
+use super::linear::spread;
 use super::outline::Outline;
 
 /// Where the skin is looked at: from where the edge's blur has ended, in blurs, so many pixels outwards, at every so many
@@ -135,9 +136,8 @@ fn light_of(spots: &[Spot]) -> Option<(Vector4<f64>, f64)> {
         }
         let light = normal.cholesky()?.solve(&right);
         residuals.clear();
-        residuals.extend(spots.iter().map(|spot| (spot.value - light.dot(&spot.terms)).abs()));
-        let (_, usual, _) = residuals.select_nth_unstable_by(spots.len() / 2, f64::total_cmp);
-        found = Some((light, 1.4826 * *usual + FLOOR));
+        residuals.extend(spots.iter().map(|spot| (spot.value - light.dot(&spot.terms)).abs() as f32));
+        found = Some((light, spread(&mut residuals) + FLOOR));
     }
     found
 }

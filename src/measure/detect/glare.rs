@@ -153,10 +153,12 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
 /// where the skin is so many times lighter than elsewhere, and farther out by so many times the way from there to where it is
 /// bright.
 pub fn lit(image: &Raster, outline: &Outline, begins: f64, fringe: f64) -> Vec<Band> {
-    // A place that is some px off has the marker's own black on one side.
-    let [one, other] = beside(image, outline);
-    let lighter: Vec<f64> = one.iter().zip(&other).map(|(one, other)| one.max(*other)).collect();
-    lit_along(&lighter, outline, begins, fringe)
+    lit_along(&lighter(&beside(image, outline)), outline, begins, fringe)
+}
+
+/// Of either side the lighter skin: a place that is some px off has the marker's own black on one.
+fn lighter([one, other]: &[Vec<f64>; 2]) -> Vec<f64> {
+    one.iter().zip(other).map(|(one, other)| one.max(*other)).collect()
 }
 
 /// The same of a thick marker, over which it matters that glare slants: where either side shows one band, it reaches from
@@ -169,13 +171,13 @@ pub fn lit_slanting(image: &Raster, outline: &Outline, begins: f64) -> Vec<Band>
         to: if band.to > middle + outline.major { f64::INFINITY } else { band.to },
         ..band
     };
-    let lit_on = |skin: Vec<f64>| lit_along(&skin, outline, begins, 0.0).into_iter().map(open).collect();
-    let sides: [Vec<Band>; 2] = beside(image, outline).map(lit_on);
-    let slanting = match &sides {
-        [one, other] if one.len() == 1 && other.len() == 1 => slanting([one[0], other[0]], outline),
+    let lit_on = |skin: &[f64]| lit_along(skin, outline, begins, 0.0);
+    let skin = beside(image, outline);
+    let slanting = match skin.each_ref().map(|side| lit_on(side)) {
+        [one, other] if one.len() == 1 && other.len() == 1 => slanting([one[0], other[0]].map(open), outline),
         _ => None,
     };
-    slanting.map_or_else(|| lit(image, outline, begins, 0.0), |band| vec![band])
+    slanting.map_or_else(|| lit_on(&lighter(&skin)), |band| vec![band])
 }
 
 /// The band across a marker of which the skin on either side shows a part; `None` where these are not parts of one, or where

@@ -76,7 +76,7 @@ pub struct Measured {
 impl Measured {
     /// Whether its place is told so well that nothing can hide much of it.
     pub fn is_sure(&self) -> bool {
-        self.detection.covariance_px2.trace() < 0.1
+        self.detection.variance() < 0.1
     }
 
     /// A whole marker of a test.

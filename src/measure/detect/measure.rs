@@ -185,9 +185,8 @@ fn in_glare(
     let known = candidate.is_foretold();
     let fringe = || through(glare::lit(image, &candidate.outline, FRINGE, 0.0)).map(|(fringe, _)| fringe);
     let fringe = if known { fringe() } else { None };
-    let variance = |m: &Measured| m.detection.covariance_px2.trace();
     match (plain, fringe) {
-        (Ok(plain), Some(fringe)) if variance(&plain) < variance(&fringe) => Ok(plain),
+        (Ok(plain), Some(fringe)) if plain.detection.variance() < fringe.detection.variance() => Ok(plain),
         (_, Some(fringe)) => Ok(fringe),
         (Err(reason), None) => {
             let (mut all, _) = all.ok_or(reason)?;

@@ -56,8 +56,8 @@ pub fn against_skin(image: &Raster, candidate: &Candidate, softest: f64) -> Opti
     Some(Candidate { like: candidate.like, ..found })
 }
 
-/// Quadrants of which two blobs, near one another or farther, or one show the black, too blurred to tell them by it alone; only where they are wanted, and
-/// of blobs that are no discs.
+/// Quadrants of which two blobs, near one another or farther, or one show the black, too blurred to tell them by it alone;
+/// only where they are wanted, and of blobs that are no discs.
 pub fn narrow(
     image: &Raster,
     (blobs, near): (&[Blob], &[[usize; 2]]),

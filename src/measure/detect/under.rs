@@ -55,7 +55,7 @@ impl Part<'_> {
     /// Whether an answer is one for the disc, and better than what was measured before.
     fn is_better(&self, new: &Measured) -> bool {
         let better = self.old.is_none_or(|old| {
-            let surer = !self.is_thin(old) && variance(new) < variance(old);
+            let surer = !self.is_thin(old) && new.detection.variance() < old.detection.variance();
             surer || new.detection.fit_rms < old.detection.fit_rms
         });
         better
@@ -158,11 +158,6 @@ fn doubt(found: &mut Found, doubts: &[(Outline, Matrix2<f64>)]) {
         }
     }
     found.turn_down_these(RejectReason::Uncertain, &none);
-}
-
-/// The sum of a centre's variances, px^2.
-fn variance(m: &Measured) -> f64 {
-    m.detection.covariance_px2.trace()
 }
 
 /// A disc's thickness over its length.
