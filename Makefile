@@ -26,9 +26,8 @@ lint: dependencies
 	$(CARGO) fmt --check
 	$(CARGO) clippy --release --locked --all-targets -- -D warnings
 
-# With one test, so that the dependencies get the tests' features and are not built twice.
 build: dependencies
-	$(CARGO) build --release --locked --bins --test layers
+	$(CARGO) build --release --locked --bins
 
 bench: build
 	sh benches/run.sh

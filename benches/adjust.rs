@@ -2,10 +2,10 @@
 //! `benches/scipy_peer.py`.
 #![allow(missing_docs, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-#[path = "../tests/beam_truth/mod.rs"]
-mod beam_truth;
+#[path = "../tests/common/mod.rs"]
+mod common;
 
-use beam_truth::{Truth, Wing, remounted, rng};
+use common::beam_truth::{Truth, Wing, remounted, rng};
 use criterion::{Criterion, criterion_group, criterion_main};
 use wingd::measure::adjust::{self, Observation, Options};
 

@@ -1,13 +1,13 @@
 //! Orientation and identification of one frame with false candidates and hidden markers.
 #![allow(missing_docs, clippy::unwrap_used)]
 
-#[path = "../tests/synthetic/mod.rs"]
-mod synthetic;
+#[path = "../tests/common/mod.rs"]
+mod common;
 
 use std::hint::black_box;
 
+use common::synthetic::{Conditions, World};
 use criterion::{Criterion, criterion_group, criterion_main};
-use synthetic::{Conditions, World};
 use wingd::measure::identify::{identify, orient, predict, remove_perspective_bias};
 use wingd::measure::setup::Orientation;
 

@@ -1,0 +1,13 @@
+//! Promises of orientation, identification, adjustment and planning, on wings that the models do not know.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+#[path = "../common/mod.rs"]
+mod common;
+mod coverage;
+mod flight;
+mod identification;
+mod long_flights;
+mod plan;
+mod profile_figures;
+mod spatial;
+mod variance_components;

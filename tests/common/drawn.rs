@@ -1,0 +1,164 @@
+//! Drawn scenes: ellipses on skin, blurred in light, and what is found in them against what was drawn.
+
+use nalgebra::{Cholesky, Vector2};
+use rand::rngs::StdRng;
+use rand::{Rng, SeedableRng};
+use wingd::measure::detect::{Detection, detect};
+use wingd::measure::raster::Raster;
+
+pub const WIDTH: usize = 900;
+pub const HEIGHT: usize = 420;
+pub const TONE: f64 = 2.2;
+/// Samples per pixel: a Fibonacci lattice, of which no two lie in one row or column, as the edges of flat discs do.
+const SAMPLES: usize = 21;
+const NEXT_ROW: usize = 13;
+
+/// An ellipse: centre, semi-axes, direction; px, rad.
+pub type Ellipse = [f64; 5];
+
+/// Along and across an ellipse, in semi-axes.
+pub fn local([cx, cy, a, b, angle]: Ellipse, x: f64, y: f64) -> (f64, f64) {
+    let (sin, cos) = angle.sin_cos();
+    let (dx, dy) = (x - cx, y - cy);
+    ((dx * cos + dy * sin) / a, (dy * cos - dx * sin) / b)
+}
+
+pub fn within(ellipse: Ellipse, x: f64, y: f64) -> bool {
+    let (s, t) = local(ellipse, x, y);
+    s.hypot(t) < 1.0
+}
+
+/// A sharp scene of grey values, blurred in light (px), with normal noise (grey levels).
+pub fn picture(scene: impl Fn(f64, f64) -> f64, blur: f64, noise: f64, seed: u64) -> Raster {
+    let mut light = vec![0.0; WIDTH * HEIGHT];
+    for (i, light) in light.iter_mut().enumerate() {
+        for k in 0..SAMPLES {
+            let part = |k: usize| ((k % SAMPLES) as f64 + 0.5) / SAMPLES as f64 - 0.5;
+            let (x, y) = ((i % WIDTH) as f64 + part(k), (i / WIDTH) as f64 + part(NEXT_ROW * k));
+            *light += scene(x, y).powf(TONE) / SAMPLES as f64;
+        }
+    }
+    let weights: Vec<(isize, f64)> =
+        (-8..=8).map(|k: isize| (k, (-0.5 * (k as f64 / blur).powi(2)).exp())).collect();
+    let total: f64 = weights.iter().map(|w| w.1).sum();
+    let passed = |from: &[f64], along_x: bool| -> Vec<f64> {
+        let at = |x: isize, y: isize| {
+            from[y.clamp(0, HEIGHT as isize - 1) as usize * WIDTH + x.clamp(0, WIDTH as isize - 1) as usize]
+        };
+        (0..WIDTH * HEIGHT)
+            .map(|i| {
+                let (x, y) = ((i % WIDTH) as isize, (i / WIDTH) as isize);
+                let one = |&(k, w): &(isize, f64)| w * if along_x { at(x + k, y) } else { at(x, y + k) };
+                weights.iter().map(one).sum::<f64>() / total
+            })
+            .collect()
+    };
+    let blurred = passed(&passed(&light, true), false);
+    let mut random = StdRng::seed_from_u64(seed);
+    let luma = blurred.iter().map(|v| {
+        let normal: f64 = (0..12).map(|_| random.random_range(-0.5..0.5)).sum();
+        (v.powf(1.0 / TONE) + noise * normal).round().clamp(0.0, 255.0) as u8
+    });
+    Raster::new(WIDTH, HEIGHT, luma.collect()).unwrap()
+}
+
+pub fn nearest(found: &[Detection], ellipse: Ellipse) -> Option<(&Detection, Vector2<f64>)> {
+    let off = |m: &Detection| m.centre_px - Vector2::new(ellipse[0], ellipse[1]);
+    let best = found.iter().min_by(|a, b| off(a).norm().total_cmp(&off(b).norm()))?;
+    (off(best).norm() < 5.0).then(|| (best, off(best)))
+}
+
+/// The error's square over what is stated, per coordinate.
+pub fn normalised_square(m: &Detection, error: Vector2<f64>) -> f64 {
+    0.5 * error.dot(&Cholesky::new(m.covariance_px2).unwrap().solve(&error))
+}
+
+/// Discs that shrink upwards and to the right, as on a wing.
+pub fn discs() -> [Ellipse; 9] {
+    std::array::from_fn(|k| {
+        let (x, y) = (130.3 + 300.1 * (k % 3) as f64, 80.4 + 120.2 * (k / 3) as f64);
+        let a = 36.0 + 0.05 * y - 0.006 * x;
+        [x, y, a, 0.12 * a, 0.12 - 0.02 * (k % 3) as f64]
+    })
+}
+
+/// Black on skin, grey levels.
+pub fn on_skin(discs: &[Ellipse], skin: f64, black: f64) -> impl Fn(f64, f64) -> f64 {
+    move |x, y| if discs.iter().any(|&d| within(d, x, y)) { black } else { skin }
+}
+
+/// Grey values: skin, black, white.
+pub type Greys = [f64; 3];
+
+/// Quadrants on skin: black where both coordinates of the sheet, turned by an angle, have one sign.
+pub fn quadrants(target: Ellipse, turn: f64, [skin, black, white]: Greys) -> impl Fn(f64, f64) -> f64 {
+    let (sin, cos) = turn.sin_cos();
+    move |x, y| {
+        let (s, t) = local(target, x, y);
+        let turned = (s * cos + t * sin, t * cos - s * sin);
+        match (s.hypot(t) < 1.0, turned.0 * turned.1 > 0.0) {
+            (false, _) => skin,
+            (true, true) => black,
+            (true, false) => white,
+        }
+    }
+}
+
+/// A part of a frame on even skin, its corner at (1000, 800).
+pub fn framed(columns: usize, part: &[u8], skin: u8) -> Raster {
+    let (width, height) = (2400, 1600);
+    let mut luma = vec![skin; width * height];
+    for (y, row) in part.chunks(columns).enumerate() {
+        luma[(y + 800) * width + 1000..][..columns].copy_from_slice(row);
+    }
+    Raster::new(width, height, luma).unwrap()
+}
+
+/// Part of a rendered frame (see the README beside the pictures) on even skin, its corner at (1000, 800).
+pub fn on_even_skin(name: &str, skin: u8) -> Raster {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pictures").join(name);
+    let part = image::open(path).expect("a picture of the tests").to_luma8();
+    framed(part.width() as usize, part.as_raw(), skin)
+}
+
+/// The squares of the normalised errors of the markers that are found in a scene, drawn with six seeds, which shows nothing
+/// else.
+pub fn found_of(markers: &[Ellipse], scene: impl Fn(f64, f64) -> f64, blur: f64, noise: f64) -> Vec<f64> {
+    found_in(markers, |seed| picture(&scene, blur, noise, seed))
+}
+
+/// The same in pictures that are drawn of a seed.
+pub fn found_in(markers: &[Ellipse], drawn: impl Fn(u64) -> Raster) -> Vec<f64> {
+    let mut squares = Vec::new();
+    for seed in 0..6 {
+        let found = detect(&drawn(seed)).markers;
+        assert!(found.len() <= markers.len(), "seed {seed}: {} markers", found.len());
+        let near = markers.iter().filter_map(|&marker| nearest(&found, marker));
+        squares.extend(near.map(|(m, error)| normalised_square(m, error)));
+    }
+    squares
+}
+
+/// The normalised error of those that are found, at least so many.
+pub fn normalised(squares: &[f64], least: usize) -> f64 {
+    let found = squares.len();
+    let normalised = (squares.iter().sum::<f64>() / found as f64).sqrt();
+    println!("{found} found, normalised error {normalised:.2}");
+    assert!(found >= least, "{found} are found");
+    normalised
+}
+
+/// At least so many are found, and what they state is what they are off.
+pub fn hold(squares: &[f64], least: usize) {
+    let normalised = normalised(squares, least);
+    assert!((0.7..1.3).contains(&normalised), "{normalised} standard deviations");
+}
+
+/// The marker at a place, whose normalised error's square is less than `most`.
+pub fn measured(image: &Raster, marker: Ellipse, most: f64) -> Detection {
+    let markers = detect(image).markers;
+    let (m, error) = nearest(&markers, marker).expect("it is found");
+    println!("{:.1} x {:.1} px, off by {:.3} {:.3} px", m.semi_major_px, m.semi_minor_px, error.x, error.y);
+    assert!(normalised_square(m, error) < most, "off by {error}");
+    m.clone()
+}

@@ -1,0 +1,99 @@
+//! Calibration from known views: the camera within its standard deviations, gross errors thrown out.
+
+use nalgebra::{Rotation3, Vector2, Vector3};
+use rand::{Rng, SeedableRng, rngs::StdRng};
+use wingd::measure::calibrate::{BoardPoint, CalibrateError, View, calibrate};
+use wingd::measure::geometry::Lens;
+
+const SIGMA_PX: f64 = 0.05;
+
+fn lens() -> Lens {
+    let pinhole = Lens::pinhole(4000, 3000, 7800.0, 1986.0, 1513.0);
+    Lens { fy: 7795.0, k1: -0.05, k2: 0.09, k3: -0.02, p1: -3e-4, p2: 2e-4, ..pinhole }
+}
+
+fn gauss(random: &mut StdRng) -> f64 {
+    (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
+}
+
+/// Views of a board of 9 x 7 corners, 60 mm apart, about 3 m away, tilted up to 40 degrees.
+fn views(random: &mut StdRng, count: usize) -> Vec<View> {
+    let lens = lens();
+    (0..count)
+        .map(|_| {
+            let mut angle = |most: f64| random.random_range(-most..most);
+            let turn = Rotation3::from_euler_angles(angle(0.7), angle(0.7), angle(0.5));
+            let centre = Vector3::new(angle(0.45), angle(0.3), 3.0 + angle(0.6));
+            let corners =
+                (0..63).map(|k| Vector2::new(f64::from(k % 9) - 4.0, f64::from(k / 9) - 3.0) * 0.06);
+            corners
+                .filter_map(|board_m| {
+                    let pixel = lens.project(&(turn * Vector3::new(board_m.x, board_m.y, 0.0) + centre))?;
+                    let noise = Vector2::new(gauss(random), gauss(random)) * SIGMA_PX;
+                    lens.contains(&pixel).then_some(BoardPoint { board_m, pixel: pixel + noise })
+                })
+                .collect()
+        })
+        .collect()
+}
+
+fn errors(found: &Lens) -> [f64; 9] {
+    let t = lens();
+    [
+        found.fx - t.fx,
+        found.fy - t.fy,
+        found.cx - t.cx,
+        found.cy - t.cy,
+        found.k1 - t.k1,
+        found.k2 - t.k2,
+        found.k3 - t.k3,
+        found.p1 - t.p1,
+        found.p2 - t.p2,
+    ]
+}
+
+#[test]
+fn the_camera_comes_back_within_its_standard_deviations() {
+    let mut random = StdRng::seed_from_u64(11);
+    let mut squares = [0.0; 9];
+    let runs = 40;
+    for _ in 0..runs {
+        let found = calibrate(&views(&mut random, 15), 4000, 3000).unwrap();
+        // The rms of a vector's length is root two times that of a coordinate.
+        assert!((found.rms_px / (SIGMA_PX * 2f64.sqrt()) - 1.0).abs() < 0.1, "rms {}", found.rms_px);
+        for (k, (square, error)) in squares.iter_mut().zip(errors(&found.lens)).enumerate() {
+            *square += error * error / found.covariance[(k, k)] / f64::from(runs);
+        }
+    }
+    // 40 runs know a standard deviation to 11 %: four of these.
+    for (k, square) in squares.iter().enumerate() {
+        assert!((0.55..1.45).contains(&square.sqrt()), "parameter {k}: normalised error {}", square.sqrt());
+    }
+}
+
+#[test]
+fn a_moved_corner_and_a_foreign_picture_are_thrown_out() {
+    let mut random = StdRng::seed_from_u64(12);
+    let mut views = views(&mut random, 15);
+    views[3][20].pixel.x += 4.0;
+    for point in &mut views[7] {
+        point.pixel += Vector2::new(gauss(&mut random), gauss(&mut random)) * 30.0;
+    }
+    let found = calibrate(&views, 4000, 3000).unwrap();
+    assert_eq!(found.view_rms_px[7], None);
+    assert!((found.rms_px / (SIGMA_PX * 2f64.sqrt()) - 1.0).abs() < 0.1, "rms {}", found.rms_px);
+    assert!((found.lens.fx - 7800.0).abs() < 5.0 * found.covariance[(0, 0)].sqrt());
+}
+
+#[test]
+fn too_little_is_refused() {
+    let mut random = StdRng::seed_from_u64(13);
+    let few = views(&mut random, 3);
+    assert!(matches!(calibrate(&few, 4000, 3000), Err(CalibrateError::TooFewViews { .. })));
+    assert!(matches!(calibrate(&[], 4000, 3000), Err(CalibrateError::TooFewViews { .. })));
+    // The same picture again and again determines nothing.
+    let same = vec![few[0].clone(); 6];
+    if let Ok(found) = calibrate(&same, 4000, 3000) {
+        assert!(found.covariance[(0, 0)].sqrt() > 1.0, "sigma of fx {}", found.covariance[(0, 0)].sqrt());
+    }
+}

@@ -1,0 +1,81 @@
+//! Promise: dirt that the air has drawn along a disc's edge is in its standard deviation, and costs a clean disc nothing.
+
+use crate::common::drawn::{Ellipse, discs, local, nearest, on_skin, picture};
+use nalgebra::Vector2;
+use rand::rngs::StdRng;
+use rand::{Rng, SeedableRng};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use wingd::measure::detect::{Detection, detect};
+
+/// A streak along a disc: how far beside its edge, how wide (px, one standard deviation) and how dark.
+#[derive(Clone, Copy)]
+struct Streak {
+    disc: Ellipse,
+    beside: f64,
+    width: f64,
+    depth: f64,
+}
+
+impl Streak {
+    fn of(disc: Ellipse, random: &mut StdRng) -> Self {
+        let [beside, width] = [random.random_range(0.0..5.0), random.random_range(1.0..4.0)];
+        let side = if random.random_bool(0.5) { 1.0 } else { -1.0 };
+        Self { disc, beside: side * (disc[3] + beside), width, depth: random.random_range(0.05..0.25) }
+    }
+
+    /// The share of light that it leaves at a place.
+    fn leaves(&self, x: f64, y: f64) -> f64 {
+        if (x - self.disc[0]).abs() > 400.0 || (y - self.disc[1]).abs() > 60.0 {
+            return 1.0;
+        }
+        let (s, t) = local(self.disc, x, y);
+        let (s, t) = (s / 2.0, (t * self.disc[3] - self.beside) / self.width);
+        1.0 - self.depth * (-0.5 * (s * s + t * t)).exp()
+    }
+}
+
+/// What a disc is off by across its axis, px^2, and what is stated of that.
+fn across(marker: &Detection, error: Vector2<f64>) -> [f64; 2] {
+    let axis = Vector2::new(-marker.angle_rad.sin(), marker.angle_rad.cos());
+    [error.dot(&axis).powi(2), axis.dot(&(marker.covariance_px2 * axis))]
+}
+
+/// Sums over discs: normalised squares across of dirty ones, of those without the doubt, of clean ones; clean ones that are
+/// doubted; and their number.
+fn seen(seed: u64) -> [f64; 5] {
+    let (blur, noise) = ([0.8, 1.3][seed as usize % 2], [1.5, 2.5][seed as usize / 2 % 2]);
+    let mut random = StdRng::seed_from_u64(seed);
+    let discs = discs();
+    let streaks: Vec<Streak> = discs.iter().map(|&disc| Streak::of(disc, &mut random)).collect();
+    let skin = on_skin(&discs, 170.0, 50.0);
+    let dirty = |x, y| skin(x, y) * streaks.iter().map(|s| s.leaves(x, y)).product::<f64>();
+    let dirty = detect(&picture(dirty, blur, noise, seed)).markers;
+    let clean = detect(&picture(&skin, blur, noise, seed)).markers;
+    let mut out = [0.0; 5];
+    for disc in discs {
+        let (marker, error) = nearest(&dirty, disc).expect("found");
+        let [square, stated] = across(marker, error);
+        out[0] += square / stated;
+        out[1] += square / (stated - marker.beside_px2);
+        let (marker, error) = nearest(&clean, disc).expect("found");
+        let [square, stated] = across(marker, error);
+        out[2] += square / stated;
+        out[3] += if marker.beside_px2 > 0.1 * stated { 1.0 } else { 0.0 };
+        out[4] += 1.0;
+    }
+    out
+}
+
+#[test]
+fn dirt_along_a_disc_is_in_its_standard_deviation() {
+    let all: Vec<[f64; 5]> = (0..8u64).into_par_iter().map(seen).collect();
+    let [with, without, clean, doubted, count] =
+        std::array::from_fn(|k| all.iter().map(|sums| sums[k]).sum::<f64>());
+    let [with, without, clean] = [with, without, clean].map(|sum| (sum / count).sqrt());
+    println!(
+        "{with:.2} standard deviations, {without:.2} without the doubt; clean {clean:.2}, {doubted} doubted"
+    );
+    assert!((0.7..1.4).contains(&with), "{with} standard deviations");
+    assert!(without > 2.0, "{without}: too little dirt to tell");
+    assert!((0.7..1.4).contains(&clean) && doubted <= 2.0, "{clean} standard deviations, {doubted} doubted");
+}

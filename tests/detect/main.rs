@@ -1,0 +1,19 @@
+//! Promises of detection, rendering and calibration.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod background;
+mod bad_light;
+mod calibration;
+mod closer;
+#[path = "../common/mod.rs"]
+mod common;
+mod dirt;
+mod fixtures;
+mod glare;
+mod guided;
+mod motion;
+mod near;
+mod render_truth;
+mod robustness;
+mod sheets;
+mod sweep;

@@ -1,0 +1,216 @@
+//! The read-only pages over real sockets: lists, ranges, archives, and names that try to get out.
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::path::Path;
+use std::time::Duration;
+
+use crate::common::report_store::{jpeg, solved, store_with};
+use wingd::http::{Site, serve};
+
+/// A server of its own for a test; stops when dropped.
+struct Server {
+    address: SocketAddr,
+    stop: Option<tokio::sync::oneshot::Sender<()>>,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Server {
+    fn start(root: &Path) -> Self {
+        let site = Site { root: root.to_owned(), setup: None, status: None };
+        let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
+        let (tell, told) = std::sync::mpsc::channel();
+        let thread = std::thread::spawn(move || {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+            runtime.block_on(async move {
+                let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+                tell.send(listener.local_addr().unwrap()).unwrap();
+                let shutdown = async {
+                    let _ = stopped.await;
+                };
+                serve(site, listener, shutdown).await.unwrap();
+            });
+        });
+        Self { address: told.recv().unwrap(), stop: Some(stop), thread: Some(thread) }
+    }
+
+    /// Sends the path as it is, without any cleaning.
+    fn ask(&self, method: &str, path: &str, headers: &str) -> Answer {
+        let mut stream = TcpStream::connect(self.address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        write!(stream, "{method} {path} HTTP/1.1\r\nHost: x\r\nConnection: close\r\n{headers}\r\n").unwrap();
+        let mut bytes = Vec::new();
+        stream.read_to_end(&mut bytes).unwrap();
+        Answer::parse(&bytes)
+    }
+
+    fn get(&self, path: &str) -> Answer {
+        self.ask("GET", path, "")
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.stop.take().unwrap().send(());
+        self.thread.take().unwrap().join().unwrap();
+    }
+}
+
+struct Answer {
+    status: u16,
+    head: String,
+    body: Vec<u8>,
+}
+
+impl Answer {
+    fn parse(bytes: &[u8]) -> Self {
+        let end = bytes.windows(4).position(|w| w == b"\r\n\r\n").expect("an answer with a head");
+        let head = String::from_utf8(bytes[..end].to_vec()).unwrap().to_lowercase();
+        let mut body = bytes[end + 4..].to_vec();
+        if head.contains("transfer-encoding: chunked") {
+            body = dechunked(&body);
+        }
+        Self { status: head[9..12].parse().unwrap(), head, body }
+    }
+
+    fn text(&self) -> String {
+        String::from_utf8_lossy(&self.body).into_owned()
+    }
+}
+
+fn dechunked(mut rest: &[u8]) -> Vec<u8> {
+    let mut body = Vec::new();
+    loop {
+        let line = rest.windows(2).position(|w| w == b"\r\n").unwrap();
+        let length = usize::from_str_radix(std::str::from_utf8(&rest[..line]).unwrap(), 16).unwrap();
+        if length == 0 {
+            return body;
+        }
+        body.extend_from_slice(&rest[line + 2..line + 2 + length]);
+        rest = &rest[line + 4 + length..];
+    }
+}
+
+const FRAME: &str = "/files/f0001/s000001/0001.jpg";
+
+#[test]
+fn pages_lead_from_the_flight_to_the_frame() {
+    let store = store_with(&[&[solved(2.9, 0.006)], &[solved(2.1, 0.006)]]);
+    let server = Server::start(store.path());
+    let index = server.get("/");
+    assert_eq!(index.status, 200);
+    assert!(index.text().contains("href=\"/flights/f0001\"") && index.head.contains("default-src 'none'"));
+    let flight = server.get("/flights/f0001").text();
+    assert!(flight.contains("href=\"/flights/f0001/s000002\"") && flight.contains("2.1000"));
+    let series = server.get("/flights/f0001/s000001").text();
+    assert!(series.contains(FRAME) && series.contains("tip lift 2.9000 m"));
+    assert!(server.get("/report/f0001").text().contains("Wing deflection in flight"));
+    let status: serde_json::Value = serde_json::from_slice(&server.get("/status.json").body).unwrap();
+    assert_eq!((&status["frames"], &status["solved"]), (&2.into(), &2.into()));
+}
+
+#[test]
+fn frames_come_whole_and_by_range() {
+    let store = store_with(&[&[solved(2.9, 0.006)]]);
+    let server = Server::start(store.path());
+    let jpeg = jpeg();
+    let whole = server.get(FRAME);
+    assert_eq!((whole.status, &whole.body), (200, &jpeg));
+    assert!(whole.head.contains("immutable") && whole.head.contains("accept-ranges: bytes"));
+    let part = server.ask("GET", FRAME, "Range: bytes=10-19\r\n");
+    assert_eq!((part.status, &part.body[..]), (206, &jpeg[10..20]));
+    assert!(part.head.contains(&format!("content-range: bytes 10-19/{}", jpeg.len())));
+    let tail = server.ask("GET", FRAME, &format!("Range: bytes={}-\r\n", jpeg.len() - 5));
+    assert_eq!((tail.status, &tail.body[..]), (206, &jpeg[jpeg.len() - 5..]));
+    assert_eq!(server.ask("GET", FRAME, "Range: bytes=99999999-\r\n").status, 416);
+    let head = server.ask("HEAD", FRAME, "");
+    assert_eq!((head.status, head.body.len()), (200, 0));
+}
+
+#[test]
+fn a_growing_file_is_sent_whole() {
+    let store = store_with(&[&[solved(2.9, 0.006)]]);
+    let server = Server::start(store.path());
+    let whole = std::fs::read(store.path().join("flights/f0001/s000001/results.jsonl")).unwrap();
+    let answer = server.ask("GET", "/files/f0001/s000001/results.jsonl", "Range: bytes=3-9\r\n");
+    assert_eq!((answer.status, answer.body), (200, whole));
+}
+
+#[test]
+fn an_archive_holds_every_file_of_the_flight() {
+    let store = store_with(&[&[solved(2.9, 0.006), solved(2.8, 0.006)], &[solved(2.1, 0.006)]]);
+    let server = Server::start(store.path());
+    let answer = server.get("/tar/f0001.tar");
+    assert_eq!(answer.status, 200);
+    let mut archive = tar::Archive::new(&answer.body[..]);
+    let mut names = Vec::new();
+    for entry in archive.entries().unwrap() {
+        let mut entry = entry.unwrap();
+        let name = entry.path().unwrap().to_string_lossy().into_owned();
+        let mut bytes = Vec::new();
+        entry.read_to_end(&mut bytes).unwrap();
+        assert_eq!(bytes, std::fs::read(store.path().join(&name)).unwrap(), "{name}");
+        names.push(name);
+    }
+    assert_eq!(names.len(), 1 + 2 * 2 + 3, "{names:?}");
+}
+
+#[test]
+fn no_name_leads_out_of_the_store() {
+    let store = store_with(&[&[solved(2.9, 0.006)]]);
+    std::fs::write(store.path().join("secret.json"), "secret").unwrap();
+    let series = store.path().join("flights/f0001/s000001");
+    std::fs::write(series.join("secret.txt"), "secret").unwrap();
+    std::os::unix::fs::symlink(store.path().join("secret.json"), series.join("0002.jpg")).unwrap();
+    std::os::unix::fs::symlink("/", store.path().join("flights/f0002")).unwrap();
+    let server = Server::start(store.path());
+    for path in [
+        "/files/f0001/s000001/../../../secret.json",
+        "/files/f0001/s000001/..%2f..%2f..%2fsecret.json",
+        "/files/f0001/..%2fs000001/0001.jpg",
+        "/files/f0001/s000001/%2e%2e/%2e%2e/%2e%2e/secret.json",
+        "/files/f0001/s000001//etc/passwd",
+        "/files/f0001/s000001/%2fetc%2fpasswd",
+        "/files/f0001/s000001/secret.txt",
+        "/files/f0001/s000001/0002.jpg",
+        "/files/f0001/s000001/0001.jpg%00.json",
+        "/files/f0001/s000001/0001.jpg/",
+        "/files/f0002/flight.json",
+        "/files/../secret.json",
+        "/files/f0001/secret.json",
+        "/flights/f0002",
+        "/flights/..%2f..",
+        "/report/f0002",
+        "/report/%2e%2e",
+        "/tar/f0002.tar",
+        "/tar/..%2f..tar",
+        "/tar/f0001",
+        "/store.toml",
+        "/files/f9999/flight.json",
+    ] {
+        let answer = server.get(path);
+        assert!(matches!(answer.status, 400 | 404), "{path}: {}", answer.head);
+        assert!(!answer.text().contains("secret"), "{path}");
+    }
+    assert!(!String::from_utf8_lossy(&server.get("/tar/f0001.tar").body).contains("secret"));
+}
+
+#[test]
+fn nothing_can_be_changed() {
+    let store = store_with(&[&[solved(2.9, 0.006)]]);
+    let server = Server::start(store.path());
+    for method in ["POST", "PUT", "DELETE", "PATCH"] {
+        let answer = server.ask(method, FRAME, "Content-Length: 0\r\n");
+        assert_eq!(answer.status, 405, "{method}");
+    }
+    assert_eq!(server.get(FRAME).body, jpeg());
+}
+
+#[test]
+fn a_directory_that_is_no_store_gives_a_message() {
+    let empty = tempfile::tempdir().unwrap();
+    let server = Server::start(empty.path());
+    let answer = server.get("/");
+    assert_eq!(answer.status, 500);
+    assert!(answer.text().contains("is not a store"));
+}

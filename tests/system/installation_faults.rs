@@ -1,0 +1,116 @@
+//! Bad input gets a fault that names file, key or line, and the mend; never a panic.
+
+use std::path::Path;
+
+use proptest::prelude::*;
+use wingd::installation::{self, Fault};
+
+const CAMERA: &str =
+    "width = 4000\nheight = 3000\nfx = 7800.0\nfy = 7795.0\ncx = 1986.0\ncy = 1513.0\nk1 = -0.05\n";
+const SURVEY: &str = "id,shape,diameter_m,x_m,y_m,z_m,sigma_m\n\
+    M01,quadrant,0.32,8.0,1.0,-2.0,0.002\nM02,circle,0.36,20.0,1.5,-1.0,0.002\nM03,circle,0.36,30.0,-0.5,-0.5,0.002\n";
+const DOCUMENT: &str = "name = \"t\"\n[camera]\ncalibration = \"camera.toml\"\nprojection_centre_m = [0.0, 0.0, 0.0]\n\
+    projection_centre_sigma_m = 0.002\n[wing]\nsurvey = \"survey.csv\"\nspan_direction = [1.0, 0.0]\nroot_offset_m = 0.6\n\
+    [[torsion]]\nname = \"tip\"\nleading = \"M02\"\ntrailing = \"M03\"\n";
+
+fn faults(document: &str, camera: &str, survey: &[u8]) -> Vec<Fault> {
+    let directory = tempfile::tempdir().unwrap();
+    std::fs::write(directory.path().join("installation.toml"), document).unwrap();
+    std::fs::write(directory.path().join("camera.toml"), camera).unwrap();
+    std::fs::write(directory.path().join("survey.csv"), survey).unwrap();
+    installation::load(directory.path()).err().unwrap_or_default()
+}
+
+/// The text of the only fault, which must name `file` and hold every one of `words`.
+fn only(found: Vec<Fault>, file: &str, words: &[&str]) {
+    assert_eq!(found.len(), 1, "{found:#?}");
+    assert!(found[0].file.ends_with(file), "{found:#?}");
+    let text = found[0].to_string();
+    for word in words {
+        assert!(text.contains(word), "\"{word}\" is not in: {text}");
+    }
+}
+
+#[test]
+fn a_sound_installation_is_accepted() {
+    assert_eq!(faults(DOCUMENT, CAMERA, SURVEY.as_bytes()), vec![]);
+    assert_eq!(
+        faults(DOCUMENT, CAMERA, format!("\u{feff}{SURVEY}").as_bytes()),
+        vec![],
+        "with a byte order mark"
+    );
+}
+
+#[test]
+fn surveys() {
+    let survey = |from: &str, to: &str| faults(DOCUMENT, CAMERA, SURVEY.replacen(from, to, 1).as_bytes());
+    only(survey("20.0", "NaN"), "survey.csv", &["line 3", "x_m", "NaN", "finite"]);
+    only(survey("20.0", ""), "survey.csv", &["line 3", "x_m"]);
+    only(survey(",sigma_m", ""), "survey.csv", &["sigma_m", "missing"]);
+    only(
+        survey("M02,circle", "M02,square"),
+        "survey.csv",
+        &["line 3", "shape", "square", "quadrant or circle"],
+    );
+    only(survey("0.36", "-0.36"), "survey.csv", &["line 3", "diameter_m", "-0.36"]);
+    let twice = faults(&DOCUMENT.replace("M03", "M01"), CAMERA, SURVEY.replacen("M03", "M02", 1).as_bytes());
+    only(twice, "survey.csv", &["line 4", "M02", "line 3"]);
+    only(faults(DOCUMENT, CAMERA, b"\xff\xfe"), "survey.csv", &["UTF-8"]);
+    assert!(!faults(DOCUMENT, CAMERA, b"").is_empty());
+}
+
+#[test]
+fn cameras() {
+    let camera = |from: &str, to: &str| faults(DOCUMENT, &CAMERA.replacen(from, to, 1), SURVEY.as_bytes());
+    only(camera("width = 4000", "width = 0"), "camera.toml", &["width", "0 px"]);
+    only(camera("k1 = -0.05", "k1 = inf"), "camera.toml", &["k1", "inf", "finite"]);
+    only(camera("fx = 7800.0", "fx = nan"), "camera.toml", &["fx", "NaN"]);
+    only(camera("k1 = -0.05", "k4 = 0.1"), "camera.toml", &["line 7", "k4"]);
+    only(camera("cx = 1986.0\n", ""), "camera.toml", &["cx"]);
+    only(camera("k1 = -0.05", "k1 = -20.0"), "camera.toml", &["inverted", "calibrate again"]);
+}
+
+#[test]
+fn documents() {
+    let document = |from: &str, to: &str| faults(&DOCUMENT.replacen(from, to, 1), CAMERA, SURVEY.as_bytes());
+    only(document("root_offset_m", "root_ofset_m"), "installation.toml", &["root_ofset_m", "line"]);
+    only(document("[1.0, 0.0]", "[0.0, 0.0]"), "installation.toml", &["span_direction", "horizontal"]);
+    only(document("\"M03\"", "\"M99\""), "installation.toml", &["torsion[0].trailing", "M99", "survey.csv"]);
+    only(document("\"camera.toml\"", "\"cam.toml\""), "cam.toml", &["cannot be read", "calibrate"]);
+    only(document("0.002", "inf"), "installation.toml", &["projection_centre_sigma_m", "inf"]);
+}
+
+#[test]
+fn every_fault_is_told_in_one_go() {
+    let survey = SURVEY.replace("20.0", "NaN").replace("M01,quadrant", "M01,star");
+    let found = faults(DOCUMENT, &CAMERA.replace("4000", "0"), survey.as_bytes());
+    assert_eq!(found.len(), 3, "{found:#?}");
+}
+
+#[test]
+fn an_orientation_must_be_a_rotation() {
+    let directory = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(directory.path().join(name), text).unwrap();
+    write("installation.toml", DOCUMENT);
+    write("camera.toml", CAMERA);
+    write("survey.csv", SURVEY);
+    write("orientation.toml", "camera_from_survey = [[0, -1, 0], [0, 0, -1], [1, 0, 0]]\n");
+    assert!(installation::load(directory.path()).unwrap().orientation.is_some());
+    write("orientation.toml", "camera_from_survey = [[0, -1, 0], [0, 0, 1], [1, 0, 0]]\n");
+    only(installation::load(directory.path()).err().unwrap(), "orientation.toml", &["not a rotation"]);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(256))]
+    #[test]
+    fn damaged_files_never_panic(which in 0usize..3, at in 0usize..400, value: u8) {
+        let mut files = [DOCUMENT.as_bytes().to_vec(), CAMERA.as_bytes().to_vec(), SURVEY.as_bytes().to_vec()];
+        let n = files[which].len();
+        files[which][at % n] = value;
+        let directory = tempfile::tempdir().unwrap();
+        for (name, bytes) in ["installation.toml", "camera.toml", "survey.csv"].iter().zip(&files) {
+            std::fs::write(directory.path().join(name), bytes).unwrap();
+        }
+        let _ = installation::load(Path::new(directory.path()));
+    }
+}

@@ -1,0 +1,16 @@
+//! Promises of store, recorder, pages, reports and the command line, most of them through the real binary.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+
+mod bad_input;
+#[path = "../common/mod.rs"]
+mod common;
+mod daemon_replay;
+mod http_pages;
+mod installation_faults;
+mod kill9;
+mod plan_command;
+mod report_html;
+mod shipped_configuration;
+mod store_durability;
+mod store_verify;
+mod thirty_hours;

@@ -1,0 +1,207 @@
+//! `wingd plan` through the real binary: its JSON, its drawing, and its promise against an adjustment of
+//! observations with that noise.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::Value;
+
+const PIXEL_SIGMA: f64 = 0.1;
+
+fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev").join(name)
+}
+
+/// Standard output of a run that ends well.
+fn wingd(arguments: &[&str]) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments:?}: {said}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// A copy of the installation, with rows added to the survey.
+fn installation(rows: &str) -> tempfile::TempDir {
+    let directory = tempfile::tempdir().unwrap();
+    for entry in std::fs::read_dir(fixture("installation")).unwrap() {
+        let path = entry.unwrap().path();
+        std::fs::copy(&path, directory.path().join(path.file_name().unwrap())).unwrap();
+    }
+    let survey = directory.path().join("survey.csv");
+    let text = std::fs::read_to_string(&survey).unwrap();
+    std::fs::write(&survey, format!("{}\n{rows}", text.trim_end())).unwrap();
+    directory
+}
+
+fn plan(directory: &Path, more: &[&str]) -> Value {
+    let sigma = PIXEL_SIGMA.to_string();
+    let mut arguments =
+        vec!["plan", "--installation", directory.to_str().unwrap(), "--pixel-sigma", &sigma, "--json"];
+    arguments.extend(more);
+    serde_json::from_str(&wingd(&arguments)).unwrap()
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"))
+}
+
+#[test]
+fn the_json_holds_a_finite_positive_prediction_for_every_marker_and_along_the_span() {
+    let plan = plan(installation("").path(), &[]);
+    let markers = plan["markers"].as_array().unwrap();
+    assert_eq!(markers.len(), 21);
+    for m in markers {
+        assert_eq!(m["visible"], true, "{m}");
+        for key in ["lift_m", "span_m", "chord_m", "height_m"] {
+            let sigma = number(&m["sigma"][key]);
+            assert!(sigma > 1e-5 && sigma < 0.1, "{}: {key} {sigma}", m["id"]);
+        }
+        assert!(number(&m["ground"]["spanwise_mm"]) > number(&m["ground"]["streamwise_mm"]));
+    }
+    let span = plan["span"].as_array().unwrap();
+    assert!(span.len() > 20);
+    assert!(span.windows(2).all(|w| number(&w[1]["span_m"]) > number(&w[0]["span_m"])));
+    assert!(
+        span.iter().skip(1).all(|p| number(&p["sigma_lift_m"]) > 0.0 && number(&p["sigma_twist_deg"]) > 0.0)
+    );
+    // Uncertainty grows from the root, where nothing bends.
+    assert!(number(&span[span.len() - 1]["sigma_lift_m"]) > 3.0 * number(&span[0]["sigma_lift_m"]));
+}
+
+/// Names, texts and attributes of a drawing; fails where tags do not match.
+fn tags(svg: &str) -> (Vec<String>, Vec<String>, Vec<(String, String)>) {
+    let (mut names, mut texts, mut attributes) = (vec![], vec![], vec![]);
+    let mut open: Vec<String> = vec![];
+    let mut rest = svg;
+    while let Some(start) = rest.find('<') {
+        texts.push(rest[..start].to_owned());
+        let end = start + rest[start..].find('>').expect("a tag ends");
+        let tag = &rest[start + 1..end];
+        rest = &rest[end + 1..];
+        if let Some(name) = tag.strip_prefix('/') {
+            assert_eq!(open.pop().as_deref(), Some(name));
+            continue;
+        }
+        let body = tag.trim_end_matches('/');
+        let name = body.split_whitespace().next().unwrap().to_owned();
+        let mut quoted = body[name.len()..].split('"');
+        while let (Some(key), Some(value)) = (quoted.next(), quoted.next()) {
+            attributes.push((key.trim().trim_end_matches('=').to_owned(), value.to_owned()));
+        }
+        if !tag.ends_with('/') {
+            open.push(name.clone());
+        }
+        names.push(name);
+    }
+    assert!(open.is_empty(), "left open: {open:?}");
+    (names, texts, attributes)
+}
+
+#[test]
+fn the_figure_is_a_well_formed_drawing_with_labels_and_finite_places() {
+    let directory = installation("");
+    let file = directory.path().join("plan.svg");
+    wingd(&[
+        "plan",
+        "--installation",
+        directory.path().to_str().unwrap(),
+        "--figure",
+        file.to_str().unwrap(),
+    ]);
+    let svg = std::fs::read_to_string(&file).unwrap();
+    let (names, texts, attributes) = tags(&svg);
+    assert_eq!(names[0], "svg");
+    for label in
+        ["lift / mm", "twist / deg", "footprint / mm", "span, outboard from the camera / m", "M01", "M21"]
+    {
+        assert!(texts.iter().any(|t| t.trim() == label), "no \"{label}\"");
+    }
+    let view = attributes.iter().find(|(key, _)| key == "viewBox").unwrap();
+    let size: Vec<f64> = view.1.split(' ').map(|v| v.parse().unwrap()).collect();
+    for (key, limit) in [("x", 2), ("x1", 2), ("x2", 2), ("y", 3), ("y1", 3), ("y2", 3)] {
+        for (_, value) in attributes.iter().filter(|(k, _)| k == key) {
+            let at: f64 = value.parse().unwrap_or_else(|_| panic!("{key}={value}"));
+            assert!(at.is_finite() && at >= 0.0 && at <= size[limit], "{key}={value}");
+        }
+    }
+    let curves: Vec<_> = attributes.iter().filter(|(key, _)| key == "d" || key == "points").collect();
+    assert!(curves.len() >= 4, "{} curves", curves.len());
+    for (_, places) in curves {
+        assert!(!places.contains("NaN") && !places.contains("inf"), "{places}");
+        assert!(
+            places.split(|c: char| !c.is_ascii_digit() && c != '.').filter(|n| !n.is_empty()).count() > 20
+        );
+    }
+}
+
+#[test]
+fn another_marker_makes_every_figure_smaller() {
+    let place = |text: &str, id: &str| -> Vec<f64> {
+        let row = text.lines().find(|l| l.starts_with(id)).unwrap();
+        row.split(',').skip(3).take(3).map(|v| v.parse().unwrap()).collect()
+    };
+    let survey = std::fs::read_to_string(fixture("installation/survey.csv")).unwrap();
+    // Between two neighbours of the same edge, so on the skin.
+    let (a, b) = (place(&survey, "M15"), place(&survey, "M17"));
+    let at: Vec<String> = a.iter().zip(&b).map(|(a, b)| format!("{:.4}", 0.5 * (a + b))).collect();
+    let before = plan(installation("").path(), &[]);
+    let after = plan(installation(&format!("M22,circle,0.32,{},0.002\n", at.join(","))).path(), &[]);
+    assert_eq!(after["markers"].as_array().unwrap().len(), 22);
+    for key in ["sigma_tip_lift_m", "sigma_mean_lift_m", "sigma_tip_twist_deg", "sigma_span_m"] {
+        let (b, a) =
+            (number(&before["prediction"]["expected"][key]), number(&after["prediction"]["expected"][key]));
+        println!("{key}: {b:.6} -> {a:.6}");
+        assert!(a < b, "{key}: {b} -> {a}");
+    }
+}
+
+/// The same installation, camera and lift: what was planned is what an adjustment of observations with
+/// that noise states.
+#[test]
+fn planned_standard_deviations_are_those_that_the_adjustment_states() {
+    let directory = installation("");
+    let path = directory.path().to_str().unwrap();
+    wingd(&["orient", "--installation", path, fixture("frames/ground.jpg").to_str().unwrap()]);
+    let truth: Value =
+        serde_json::from_str(&std::fs::read_to_string(fixture("truth.json")).unwrap()).unwrap();
+    let frame = truth["frames"].as_array().unwrap().iter().find(|f| number(&f["tip_lift_m"]) > 1.0).unwrap();
+    let markers = frame["markers"].as_array().unwrap();
+    let tip = markers.iter().find(|m| m["id"] == "M19").unwrap();
+    let plan = plan(directory.path(), &["--tip-lift", &number(&tip["lift_m"]).to_string()]);
+    let mut rng = crate::common::random::rng(51);
+    let mut rows = String::from("id,u_px,v_px,sigma_px\n");
+    for m in markers {
+        let at = crate::common::random::normal2(&mut rng) * PIXEL_SIGMA;
+        let (u, v) = (number(&m["u"]) + at.x, number(&m["v"]) + at.y);
+        rows.push_str(&format!("{},{u:.4},{v:.4},{PIXEL_SIGMA}\n", m["id"].as_str().unwrap()));
+    }
+    let observations = directory.path().join("observations.csv");
+    std::fs::write(&observations, rows).unwrap();
+    let solved = wingd(&[
+        "solve",
+        "--installation",
+        path,
+        "--observations",
+        observations.to_str().unwrap(),
+        "--method",
+        "spatial",
+        "--sigma",
+        "prior",
+        "--curvature-terms",
+        "8",
+        "--json",
+    ]);
+    let solved: Value = serde_json::from_str(solved.trim()).unwrap();
+    let mut compared = 0;
+    for planned in plan["markers"].as_array().unwrap() {
+        let found = solved["markers"].as_array().unwrap().iter().find(|m| m["id"] == planned["id"]).unwrap();
+        if found["used"] != true {
+            continue;
+        }
+        let ratio = number(&planned["sigma"]["lift_m"]) / number(&found["sigma_lift_m"]);
+        println!("{}: planned over stated {ratio:.3}", planned["id"]);
+        assert!((0.95..1.05).contains(&ratio), "{}: {ratio}", planned["id"]);
+        compared += 1;
+    }
+    assert!(compared >= 20);
+}

@@ -1,0 +1,113 @@
+//! The report of a store: complete, well formed, nothing from outside, hostile names harmless.
+
+use crate::common::report_store::{failed, solved, store_with};
+use wingd::report::{html, source};
+
+fn page(root: &std::path::Path) -> String {
+    html::page(&source::flight(root, None, None).unwrap())
+}
+
+/// Every tag is closed in order; attributes are quoted.
+fn check_well_formed(html: &str) {
+    let voids = ["meta", "link", "br", "img", "!DOCTYPE"];
+    let mut open: Vec<String> = Vec::new();
+    let mut rest = html;
+    while let Some(start) = rest.find('<') {
+        let end = start + rest[start..].find('>').expect("a tag ends");
+        let tag = &rest[start + 1..end];
+        assert_eq!(tag.matches('"').count() % 2, 0, "quotes in <{tag}>");
+        let name = tag.trim_start_matches('/').split_whitespace().next().unwrap();
+        if tag.starts_with('/') {
+            assert_eq!(open.pop().as_deref(), Some(name));
+        } else if !voids.contains(&name) {
+            open.push(name.to_owned());
+        }
+        rest = &rest[end + 1..];
+    }
+    assert!(open.is_empty(), "not closed: {open:?}");
+}
+
+fn check_harmless(html: &str) {
+    for outside in ["http://", "https://", "//cdn", "@import", "<script", "<iframe", "url("] {
+        assert!(!html.contains(outside), "{outside} is in the page");
+    }
+    for word in ["NaN", ">inf<", "Infinity"] {
+        assert!(!html.contains(word), "{word} is in the page");
+    }
+}
+
+#[test]
+fn a_flight_gives_all_sections_with_the_stores_numbers() {
+    let store = store_with(&[&[solved(2.9312, 0.0061), solved(2.9338, 0.0061)], &[solved(2.1234, 0.0052)]]);
+    let html = page(store.path());
+    check_well_formed(&html);
+    check_harmless(&html);
+    for section in [
+        "Deflection along the span",
+        "Lift and torsion over time",
+        "Series",
+        "Positions in three views",
+        "A frame and its markers",
+        "Quality",
+        "Provenance",
+    ] {
+        assert!(html.contains(&format!("<h2>{section}</h2>")), "{section} is missing");
+    }
+    for number in ["2.9325", "0.0061", "2.1234", "0.0052", "2.70", "hidden by glare", "survey.csv.sha256"] {
+        assert!(html.contains(number), "{number} is missing");
+    }
+    assert!(html.contains("data:image/jpeg;base64,"), "the frame is embedded");
+    assert!(html.matches("<svg").count() >= 6);
+}
+
+#[test]
+fn an_empty_store_and_one_of_failures_say_so() {
+    let empty = store_with(&[]);
+    let html = page(empty.path());
+    check_well_formed(&html);
+    check_harmless(&html);
+    assert!(html.contains("holds no series yet"));
+
+    let reason = "only 3 markers found, at least 6 are needed; check exposure and focus of the frame";
+    let dark = store_with(&[&[failed(reason), failed(reason)]]);
+    let html = page(dark.path());
+    check_well_formed(&html);
+    check_harmless(&html);
+    assert!(html.contains(reason) && html.contains("No frame has been solved"));
+}
+
+#[test]
+fn hostile_texts_stay_text() {
+    let hostile = "</style><script>alert(1)</script>\"><img src=x onerror=\u{1}>&amp;";
+    let mut record = solved(2.0, 0.01);
+    record["markers"][0]["id"] = hostile.into();
+    record["markers"][1]["reason"] = hostile.into();
+    record["torsion"][0]["name"] = hostile.into();
+    record["provenance"][hostile] = hostile.into();
+    record["remarks"] = serde_json::json!([hostile]);
+    let html = page(store_with(&[&[record, failed(hostile)]]).path());
+    check_well_formed(&html);
+    assert!(!html.contains("<script") && !html.contains("<img"));
+    assert!(html.contains("&lt;script&gt;"));
+}
+
+#[test]
+fn a_damaged_manifest_is_noted_and_the_rest_is_shown() {
+    let store = store_with(&[&[solved(2.9, 0.006)], &[solved(2.1, 0.006)]]);
+    let damaged = store.path().join("flights/f0001/s000001/series.json");
+    std::fs::write(&damaged, "{").unwrap();
+    let html = page(store.path());
+    assert!(html.contains("series.json") && html.contains("2.1000"));
+    check_well_formed(&html);
+}
+
+#[test]
+fn extreme_numbers_do_not_break_the_page() {
+    let mut record = solved(1e300, 1e-300);
+    record["curve"][3]["lift_m"] = (-1e300).into();
+    record["variance_factor"] = 1e308.into();
+    record["markers"][0]["position_m"] = serde_json::json!([1e200, -1e200, 0.0]);
+    let html = page(store_with(&[&[record]]).path());
+    check_well_formed(&html);
+    check_harmless(&html);
+}
