@@ -5,8 +5,8 @@ use std::path::Path;
 use nalgebra::{Vector2, Vector3};
 
 use super::tables::{self, Document, Optics};
-use super::{Reader, camera, survey, ties};
-use crate::measure::setup::{Air, Setup, SkinHeight, SurveyMarker, Thermal, TorsionPair, Window};
+use super::{Reader, camera, survey, ties, window};
+use crate::measure::setup::{Setup, SkinHeight, SurveyMarker, Thermal, TorsionPair};
 
 const FILE: &str = "installation.toml";
 /// Shift between two mountings where the user gives none, px (paper, section 3.1.3).
@@ -24,7 +24,7 @@ pub(super) fn read(reader: &mut Reader) -> Option<(Setup, Option<Optics>)> {
     };
     check_numbers(reader, &file, &document);
     let torsion = torsion_pairs(reader, &file, &document, markers.as_deref());
-    let window = window(reader, &file, document.window.as_ref());
+    let window = window::window(reader, &file, document.window.as_ref());
     let skin = document.wing.skin_height_m.as_ref();
     let setup = Setup {
         name: document.name.unwrap_or_else(|| "unnamed".into()),
@@ -158,45 +158,4 @@ fn torsion_pairs(
         }
     }
     pairs
-}
-
-/// Cabin as at 8,000 ft, outside as in the standard atmosphere at flight level 370.
-const CABIN: Air = Air { temperature_c: 22.0, pressure_hpa: 752.6, humidity: 0.1, co2_ppm: 800.0 };
-const OUTSIDE: Air = Air { temperature_c: -56.5, pressure_hpa: 216.6, humidity: 0.0, co2_ppm: 420.0 };
-
-fn window(reader: &mut Reader, file: &Path, table: Option<&tables::Window>) -> Option<Window> {
-    let table = table?;
-    let cabin = air(reader, file, "window.cabin", table.cabin.as_ref(), CABIN);
-    let outside = air(reader, file, "window.outside", table.outside.as_ref(), OUTSIDE);
-    let wavelength_nm = table.wavelength_nm.unwrap_or(550.0);
-    if !(300.0..=1700.0).contains(&wavelength_nm) {
-        let problem = format!("is {wavelength_nm} nm");
-        reader.fault(file, "window.wavelength_nm", problem, "give a number from 300 to 1700 nm");
-    }
-    let normal = table.normal.map(Vector3::from);
-    if let Some(n) = normal.filter(|n| !(n.norm() > 1e-6 && n.norm().is_finite())) {
-        let problem = format!("is [{}, {}, {}]", n.x, n.y, n.z);
-        reader.fault(file, "window.normal", problem, "give the outward normal in the survey frame");
-    }
-    let normal = normal.map(|n| n.normalize());
-    Some(Window { normal, cabin, outside, wavelength_nm })
-}
-
-fn air(reader: &mut Reader, file: &Path, place: &str, table: Option<&tables::Air>, default: Air) -> Air {
-    let Some(table) = table else { return default };
-    let air = Air {
-        temperature_c: table.temperature_c,
-        pressure_hpa: table.pressure_hpa,
-        humidity: table.humidity.unwrap_or(default.humidity),
-        co2_ppm: table.co2_ppm.unwrap_or(default.co2_ppm),
-    };
-    let sound = (-100.0..=100.0).contains(&air.temperature_c)
-        && (10.0..=1200.0).contains(&air.pressure_hpa)
-        && (0.0..=1.0).contains(&air.humidity)
-        && (0.0..=20000.0).contains(&air.co2_ppm);
-    if !sound {
-        let mend = "temperature_c -100 to 100, pressure_hpa 10 to 1200, humidity 0 to 1, co2_ppm 0 to 20000";
-        reader.fault(file, place, format!("is out of range ({air:?})"), mend);
-    }
-    air
 }

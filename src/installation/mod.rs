@@ -10,6 +10,7 @@ mod orientation;
 mod survey;
 mod tables;
 mod ties;
+mod window;
 
 use std::path::{Path, PathBuf};
 

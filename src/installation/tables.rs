@@ -91,6 +91,14 @@ pub(super) struct Window {
     pub cabin: Option<Air>,
     pub outside: Option<Air>,
     pub wavelength_nm: Option<f64>,
+    pub thickness_m: Option<f64>,
+    pub thickness_sigma_m: Option<f64>,
+    pub index: Option<f64>,
+    pub index_sigma: Option<f64>,
+    pub normal_sigma_deg: Option<f64>,
+    pub bow_radius_m: Option<f64>,
+    pub distance_m: Option<f64>,
+    pub same_on_ground: Option<bool>,
 }
 
 #[derive(Deserialize)]

@@ -109,7 +109,28 @@ pub struct Air {
     pub co2_ppm: f64,
 }
 
-/// The cabin window, for refraction (docs/model.md).
+/// The window's panes as one plate (docs/model.md); its normal is the window's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pane {
+    /// Of all panes together, without the air between them, m.
+    pub thickness_m: f64,
+    /// Standard deviation, m.
+    pub thickness_sigma_m: f64,
+    /// Refractive index against air.
+    pub index: f64,
+    /// Standard deviation.
+    pub index_sigma: f64,
+    /// Standard deviation of the normal about each of two axes, rad.
+    pub normal_sigma_rad: f64,
+    /// Radius of the inner face under pressure, positive where it bulges outwards, m; `None`: plane.
+    pub bow_radius_m: Option<f64>,
+    /// From the projection centre to the inner face, m; only a bow asks for it.
+    pub distance_m: f64,
+    /// Whether the ground frames were seen through it too.
+    pub same_on_ground: bool,
+}
+
+/// The cabin window (docs/model.md).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Window {
     /// Outward normal, survey frame, unit length; refraction is applied only where it is given.
@@ -120,6 +141,8 @@ pub struct Window {
     pub outside: Air,
     /// Wavelength in vacuum, nm.
     pub wavelength_nm: f64,
+    /// Its panes, with `normal` given; `None`: part of the calibration.
+    pub pane: Option<Pane>,
 }
 
 /// Everything known before the flight.
@@ -153,7 +176,7 @@ pub struct Setup {
     pub tie_points: Vec<TiePoint>,
     /// Whether the CAD transform may scale.
     pub cad_similarity: bool,
-    /// The window, for refraction.
+    /// The window, for refraction and the panes' shift.
     pub window: Option<Window>,
 }
 

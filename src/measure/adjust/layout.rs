@@ -45,6 +45,8 @@ pub struct Layout {
     pub ground: Option<Place>,
     /// Correction of the projection centre, m; `None`: held.
     pub centre: Option<Place>,
+    /// Correction of the panes' shift in flight, m; `None`: held.
+    pub window: Option<Place>,
     /// Thermal scale less its expected value; `None`: held.
     pub scale: Option<Place>,
     /// Height of the bending axis over the surveyed one, [`RAISE_TERMS`] coefficients, m.
@@ -103,6 +105,7 @@ impl Layout {
                 mount_rad: vector(Some(self.mount)) + vector(self.common_mount),
                 ground_rad: vector(self.ground),
                 centre_m: vector(self.centre),
+                window_m: vector(self.window),
             },
             raise_m: std::array::from_fn(|j| at(self.raise, j)),
             scale: self.nominal_scale + self.scale.map_or(0.0, |p| at(p, 0)),
@@ -252,6 +255,7 @@ impl<'a> Rows<'a> {
         self.put3(self.layout.common_mount, row, &predicted.by_mount);
         self.put3(self.layout.ground, row, &predicted.by_ground_rotation);
         self.put3(self.layout.centre, row, &-by);
+        self.put3(self.layout.window, row, &-by);
         for j in 0..RAISE_TERMS {
             self.put(Some(self.layout.raise), row, j, by * state.by_raise[j]);
         }

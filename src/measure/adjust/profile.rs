@@ -139,10 +139,10 @@ fn problem(geometry: &Geometry, observations: &[Observation]) -> Result<Problem,
         let unknown =
             || AdjustError::Input("an observation names a marker that the survey does not list".into());
         let (l, y) = geometry.ground(observation.marker).ok_or_else(unknown)?;
-        let direction = geometry.ray(&observation.pixel)?.direction;
+        let ray = geometry.ray(&observation.pixel)?;
         let x = geometry.in_flight(l);
-        let d = (x + geometry.setup.root_offset_m) / direction.x;
-        starts.push((x, d * direction.y - y));
+        let d = (x + geometry.setup.root_offset_m - ray.from_m.x) / ray.direction.x;
+        starts.push((x, ray.from_m.y + d * ray.direction.y - y));
         groups.push(Group {
             local: DVector::from_element(1, d),
             priors: Vec::new(),
@@ -190,7 +190,7 @@ impl Adjusted<'_> {
         let observation = &self.observations[index];
         let ray = self.geometry.ray(&observation.pixel)?;
         let d = self.distance_m(index);
-        let position_m = self.geometry.frame.survey_point(&(ray.direction * d));
+        let position_m = self.geometry.frame.survey_point(&(ray.from_m + ray.direction * d));
         let gradient = |axis: usize, height: f64| {
             let (u, v) = (d * ray.by_pixel[(axis, 0)], d * ray.by_pixel[(axis, 1)]);
             self.response.function(index, ray.direction[axis], RowVector4::new(0.0, height, u, v))

@@ -7,6 +7,7 @@ use super::beam::{
 };
 use super::ground::GroundShape;
 use super::{AdjustError, Observation};
+use crate::measure::environment::Plate;
 use crate::measure::geometry::{Lens, skew};
 use crate::measure::setup::{Orientation, Setup};
 
@@ -24,6 +25,8 @@ pub struct Scene {
     lens: Lens,
     /// On ground, before corrections.
     pub camera_from_wing: Matrix3<f64>,
+    /// The window's panes in flight and on ground, wing frame.
+    panes: [Option<Plate>; 2],
 }
 
 /// The camera and the temperature: what is the same for all markers of a frame.
@@ -35,12 +38,14 @@ pub struct Pose {
     pub ground_rad: Vector3<f64>,
     /// Correction of the projection centre, wing frame, m.
     pub centre_m: Vector3<f64>,
+    /// What the description of the panes leaves unknown of their shift, in flight, wing frame, m.
+    pub window_m: Vector3<f64>,
 }
 
 impl Pose {
     /// The same before the camera was remounted.
     pub fn on_ground(&self) -> Self {
-        Self { mount_rad: Vector3::zeros(), ..*self }
+        Self { mount_rad: Vector3::zeros(), window_m: Vector3::zeros(), ..*self }
     }
 }
 
@@ -54,6 +59,8 @@ pub struct Camera {
     camera_from_wing: Matrix3<f64>,
     mount_jacobian: Matrix3<f64>,
     ground_jacobian: Matrix3<f64>,
+    /// What it looks through, camera frame.
+    pane: Option<Plate>,
 }
 
 /// A predicted pixel with its derivatives.
@@ -104,7 +111,9 @@ impl Scene {
         }
         let wing_from_survey = ground.frame.wing_from_survey.matrix();
         let camera_from_wing = orientation.camera_from_survey.matrix() * wing_from_survey.transpose();
-        Ok(Self { ground, grid, mounts, ground_sights, lens: setup.lens, camera_from_wing })
+        let panes = [true, false]
+            .map(|flight| Plate::seen(setup.window.as_ref(), &ground.frame.wing_from_survey, flight));
+        Ok(Self { ground, grid, mounts, ground_sights, lens: setup.lens, camera_from_wing, panes })
     }
 
     /// Whether the ground frame's sights take part.
@@ -112,17 +121,36 @@ impl Scene {
         self.ground_sights.iter().any(Option::is_some)
     }
 
-    /// The camera at a pose.
+    /// What the description of the panes leaves unknown of the projection centre in flight against that on
+    /// ground, wing frame, m^2; `None` where ground and flight are seen alike.
+    pub fn window_covariance_m2(&self) -> Option<Matrix3<f64>> {
+        let axis = self.camera_from_wing.transpose() * Vector3::z();
+        let [flight, ground] = &self.panes;
+        flight.filter(|_| ground.is_none()).map(|pane| pane.shift_covariance_m2(&axis))
+    }
+
+    /// The camera at a pose in flight.
     pub fn camera(&self, pose: &Pose) -> Camera {
+        self.behind(pose, self.panes[0].as_ref())
+    }
+
+    /// The camera on ground, before it was remounted.
+    pub fn ground_camera(&self, pose: &Pose) -> Camera {
+        self.behind(&pose.on_ground(), self.panes[1].as_ref())
+    }
+
+    fn behind(&self, pose: &Pose, pane: Option<&Plate>) -> Camera {
         let ground_from_wing = Rotation3::new(pose.ground_rad).matrix() * self.camera_from_wing;
         let mount = *Rotation3::new(pose.mount_rad).matrix();
+        let camera_from_wing = mount * ground_from_wing;
         Camera {
-            centre_m: pose.centre_m,
+            centre_m: pose.centre_m + pose.window_m,
             ground_from_wing,
             mount,
-            camera_from_wing: mount * ground_from_wing,
+            camera_from_wing,
             mount_jacobian: left_jacobian(&pose.mount_rad),
             ground_jacobian: left_jacobian(&pose.ground_rad),
+            pane: pane.map(|pane| pane.turned(&camera_from_wing)),
         }
     }
 
@@ -130,7 +158,8 @@ impl Scene {
     pub fn project(&self, point_m: &Vector3<f64>, camera: &Camera) -> Option<Predicted> {
         let on_ground = camera.ground_from_wing * (point_m - camera.centre_m);
         let in_camera = camera.mount * on_ground;
-        let (pixel, by_camera) = self.lens.project_with_jacobian(&in_camera)?;
+        let seen = camera.pane.map_or(in_camera, |pane| pane.apparent(&in_camera));
+        let (pixel, by_camera) = self.lens.project_with_jacobian(&seen)?;
         let turned = by_camera * camera.mount;
         Some(Predicted {
             pixel,

@@ -16,9 +16,11 @@ const TWIST_DETAIL_SIGMA_RAD: f64 = 0.02;
 /// How well the stated height of the skin over the bending axis is known, m: drawings, read to a few
 /// millimetres. Ten would cost a single frame a third of its accuracy.
 const SKIN_HEIGHT_SIGMA_M: f64 = 0.003;
+/// A pane that is stated without error is taken at this, m: a thousandth of a pixel at 8 m, and a regular prior.
+const LEAST_WINDOW_SIGMA_M: f64 = 1e-6;
 
 /// Names of what is missing where the normal equations are singular, in the layout's order.
-pub(super) const MISSING: [&str; 7] = [
+pub(super) const MISSING: [&str; 8] = [
     "bending cannot be determined from the markers at hand; markers along the whole span are needed",
     "twist cannot be determined; markers near the leading and the trailing edge are needed",
     "the mounting's rotation cannot be determined; give camera.mount_repeatability_px or more markers near the root",
@@ -26,6 +28,7 @@ pub(super) const MISSING: [&str; 7] = [
     "the projection centre cannot be determined; give camera.projection_centre_sigma_m",
     "the thermal scale cannot be determined; give its standard deviation",
     "the height of the bending axis cannot be determined",
+    "the panes' shift cannot be determined; give its standard deviations in [window]",
 ];
 
 /// What a frame is set up from.
@@ -85,6 +88,7 @@ impl Columns {
 pub(super) struct Common {
     pub ground: Option<usize>,
     pub centre: Option<usize>,
+    pub window: Option<usize>,
     pub scale: Option<usize>,
     pub raise: usize,
     pub priors: Vec<Prior>,
@@ -100,12 +104,27 @@ pub(super) fn common(input: &Input, columns: &mut Columns) -> Common {
     priors.extend(
         centre.iter().flat_map(|&first| (0..3).map(move |k| Prior::scalar(first + k, 0.0, centre_sigma))),
     );
+    let window = window(input, columns, &mut priors);
     let sigma = setup.thermal.as_ref().map_or(0.0, scale_sigma);
     let scale = (sigma > 0.0).then(|| columns.take(1, MISSING[5]));
     priors.extend(scale.map(|column| Prior::scalar(column, 0.0, sigma)));
     let raise = columns.take(RAISE_TERMS, MISSING[6]);
     priors.push(raise_prior(&input.scene.ground, raise));
-    Common { ground, centre, scale, raise, priors }
+    Common { ground, centre, window, scale, raise, priors }
+}
+
+/// What is left of the panes' shift where only the flight is seen through them: a shift of the projection
+/// centre that all frames share. Where ground and flight are seen alike it is a part of the centre's.
+fn window(input: &Input, columns: &mut Columns, priors: &mut Vec<Prior>) -> Option<usize> {
+    let covariance = input.scene.window_covariance_m2()?;
+    let first = columns.take(3, MISSING[7]);
+    let least = DMatrix::identity(3, 3) * (LEAST_WINDOW_SIGMA_M * LEAST_WINDOW_SIGMA_M);
+    priors.push(Prior {
+        columns: (first..first + 3).collect(),
+        mean: DVector::zeros(3),
+        covariance: DMatrix::from_column_slice(3, 3, covariance.as_slice()) + least,
+    });
+    Some(first)
 }
 
 /// Height of the bending axis: the surface through the markers as it was fitted, and the skin height.

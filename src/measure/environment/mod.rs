@@ -1,8 +1,12 @@
-//! What the air and the cold do: refraction at the window, thermal expansion (docs/model.md).
+//! What the air, the window and the cold do, one term per file (docs/model.md): refraction, the pane's shift,
+//! its bow under pressure, thermal expansion.
 
+mod bow;
+mod pane;
 mod refraction;
 mod thermal;
 
+pub use pane::Plate;
 pub use refraction::{
     PAPER_INCIDENCE_RAD, RefractionReport, correct_observations, deflection_rad, refract,
     refraction_shift_px, refractive_index,

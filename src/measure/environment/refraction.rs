@@ -173,7 +173,7 @@ mod tests {
 
     /// ICAO standard atmosphere at flight level 370.
     fn cruise(cabin: Air) -> Window {
-        Window { normal: None, cabin, outside: air(-56.5, 216.6, 0.0), wavelength_nm: 550.0 }
+        Window { normal: None, cabin, outside: air(-56.5, 216.6, 0.0), wavelength_nm: 550.0, pane: None }
     }
 
     #[test]

@@ -5,6 +5,7 @@ use nalgebra::{DMatrix, DVector, Matrix2, Rotation3, SMatrix, Vector2, Vector3};
 
 use super::ground::camera_point;
 use super::scene::mahalanobis;
+use crate::measure::environment::Plate;
 use crate::measure::geometry::skew;
 use crate::measure::setup::{GroundSight, Orientation, Setup};
 
@@ -78,7 +79,7 @@ fn conclude(
     let covariance = system.inverse.fixed_view::<3, 3>(0, 0).into_owned();
     let residual = |s: &Sight| {
         let ground = setup.markers[s.marker].position_m;
-        let p = camera_point(&unknowns.rotation, &ground, &setup.projection_centre_m);
+        let p = seen(setup, &unknowns.rotation, &ground, &setup.projection_centre_m);
         setup.lens.project(&p).map_or(Vector2::zeros(), |pixel| pixel - s.pixel)
     };
     Adjusted {
@@ -133,9 +134,20 @@ fn converge(setup: &Setup, start: &Rotation3<f64>, sights: &[Sight]) -> Option<(
     None
 }
 
+/// Where the camera sees a surveyed point on ground, through the window where that is stated; camera frame.
+fn seen(
+    setup: &Setup,
+    rotation: &Rotation3<f64>,
+    survey_m: &Vector3<f64>,
+    centre_m: &Vector3<f64>,
+) -> Vector3<f64> {
+    let p = camera_point(rotation, survey_m, centre_m);
+    Plate::seen(setup.window.as_ref(), rotation, false).map_or(p, |pane| pane.apparent(&p))
+}
+
 /// Misclosure and Jacobian of a sight.
 fn rows(setup: &Setup, unknowns: &Unknowns, sight: &Sight) -> Option<(Vector2<f64>, Rows)> {
-    let p = camera_point(&unknowns.rotation, unknowns.markers_m.get(sight.marker)?, &unknowns.centre_m);
+    let p = seen(setup, &unknowns.rotation, unknowns.markers_m.get(sight.marker)?, &unknowns.centre_m);
     let (pixel, by_point) = setup.lens.project_with_jacobian(&p)?;
     let by_shift = by_point * unknowns.rotation.matrix();
     let mut rows = Rows::zeros();

@@ -5,6 +5,7 @@ use nalgebra::{Matrix2, Rotation3, SMatrix, Vector2, Vector3};
 use super::beam::{Beam, State};
 use super::outline::{Disc, Outline};
 use crate::measure::detect::Detection;
+use crate::measure::environment::Plate;
 use crate::measure::geometry::skew;
 use crate::measure::setup::{Orientation, Setup, Shape};
 
@@ -23,6 +24,8 @@ pub(super) struct Scene<'a> {
     pub(super) setup: &'a Setup,
     pub(super) beam: Beam,
     camera_from_wing: Rotation3<f64>,
+    /// What the frame is seen through, camera frame.
+    pane: Option<Plate>,
     scale: f64,
 }
 
@@ -42,7 +45,14 @@ impl<'a> Scene<'a> {
         let beam = Beam::new(setup);
         let camera_from_wing = orientation.camera_from_survey * beam.frame.wing_from_survey.inverse();
         let thermal = setup.thermal.filter(|_| in_flight);
-        Self { setup, beam, camera_from_wing, scale: thermal.map_or(1.0, |t| t.scale()) }
+        let pane = Plate::seen(setup.window.as_ref(), &orientation.camera_from_survey, in_flight);
+        Self { setup, beam, camera_from_wing, pane, scale: thermal.map_or(1.0, |t| t.scale()) }
+    }
+
+    /// Where the camera sees a point of the wing frame, camera frame.
+    fn seen(&self, rotation: &Rotation3<f64>, point_m: &Vector3<f64>) -> Vector3<f64> {
+        let p = rotation * point_m;
+        self.pane.map_or(p, |pane| pane.apparent(&p))
     }
 
     fn camera_from_wing(&self, state: &State) -> Rotation3<f64> {
@@ -53,7 +63,7 @@ impl<'a> Scene<'a> {
     pub(super) fn pixels(&self, state: &State) -> Vec<Option<Vector2<f64>>> {
         let rotation = self.camera_from_wing(state);
         let lens = &self.setup.lens;
-        self.beam.place(state, self.scale).iter().map(|p| lens.project(&(rotation * p))).collect()
+        self.beam.place(state, self.scale).iter().map(|p| lens.project(&self.seen(&rotation, p))).collect()
     }
 
     /// Pixels of all markers with Jacobians and covariances; `None` behind the camera.
@@ -69,7 +79,7 @@ impl<'a> Scene<'a> {
         let common = centre * centre + MODEL_SIGMA_M * MODEL_SIGMA_M;
         (0..placed.len())
             .map(|j| {
-                let p = rotation * placed[j];
+                let p = self.seen(&rotation, &placed[j]);
                 let (pixel, by_point) = self.setup.lens.project_with_jacobian(&p)?;
                 let mut jacobian = Jacobian::zeros();
                 for k in 0..5 {
@@ -103,7 +113,7 @@ impl<'a> Scene<'a> {
     ) -> Option<Disc> {
         let (normal, chord) = self.beam.attitude(state, marker)?;
         Some(Disc {
-            centre_m: rotation * position,
+            centre_m: self.seen(rotation, position),
             normal: rotation * normal,
             chord: rotation * chord,
             radius_m: 0.5 * diameter_m * self.scale,

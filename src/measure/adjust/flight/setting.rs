@@ -83,6 +83,7 @@ impl Flight<'_> {
             common_mount: own_mount.then_some(Place::Global(mounts)),
             ground: common.ground.map(Place::Global),
             centre: common.centre.map(Place::Global),
+            window: common.window.map(Place::Global),
             scale: common.scale.map(Place::Global),
             raise: Place::Global(common.raise),
             nominal_scale: self.input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
@@ -310,7 +311,7 @@ impl Setting {
         };
         let values = layout.values(at.global, at.local);
         let flat = scene.grid.bend(&values.bending());
-        let camera = scene.camera(&values.pose.on_ground());
+        let camera = scene.ground_camera(&values.pose);
         for (block, (member, observed)) in self.ground_members.iter().zip(at.observed).enumerate() {
             let sights = member.ground.map_or(0, |_| 2);
             let mut rows = Rows::new(&layout, (blocks, block), member.marker, 3 + sights, 3 + sights);

@@ -5,6 +5,7 @@ use nalgebra::{DVector, Matrix3x2, Rotation3, Vector2, Vector3};
 use super::arc_length;
 use crate::measure::adjust::AdjustError;
 use crate::measure::adjust::gauss_helmert::{GroupPoint, Linearised};
+use crate::measure::environment::Plate;
 use crate::measure::geometry::WingFrame;
 use crate::measure::setup::{Orientation, Setup};
 
@@ -24,16 +25,20 @@ pub struct Geometry<'a> {
     /// Wing frame of the installation.
     pub frame: WingFrame,
     wing_from_camera: Rotation3<f64>,
+    /// The window's panes in flight, camera frame.
+    pane: Option<Plate>,
     /// Length in flight over length on ground.
     thermal_scale: f64,
 }
 
-/// A ray, scaled so that its part in the vertical plane has unit length, with the derivative by the
+/// The ray outside the window, scaled so that its part in the vertical plane has unit length, with the derivative by the
 /// pixel (undistortion included).
 pub struct PlaneRay {
-    /// Wing frame; times d it is the marker, seen from the projection centre (equations 8 and 10).
+    /// A point on it, wing frame, m: the projection centre, shifted by the panes.
+    pub from_m: Vector3<f64>,
+    /// Wing frame; times d it is the marker, seen from `from_m` (equations 8 and 10).
     pub direction: Vector3<f64>,
-    /// d direction / d pixel, 1/px.
+    /// d direction / d pixel, 1/px; that of `from_m` is smaller by the panes' thickness over the distance.
     pub by_pixel: Matrix3x2<f64>,
 }
 
@@ -43,7 +48,8 @@ impl<'a> Geometry<'a> {
         let frame = setup.wing_frame();
         let wing_from_camera = frame.wing_from_survey * orientation.camera_from_survey.inverse();
         let thermal_scale = setup.thermal.map_or(1.0, |t| t.scale());
-        Self { setup, frame, wing_from_camera, thermal_scale }
+        let pane = Plate::seen(setup.window.as_ref(), &orientation.camera_from_survey, true);
+        Self { setup, frame, wing_from_camera, pane, thermal_scale }
     }
 
     /// Arc length on ground from the bending root and height, wing frame, m (table 1 of the paper).
@@ -61,7 +67,8 @@ impl<'a> Geometry<'a> {
     pub fn ray(&self, pixel: &Vector2<f64>) -> Result<PlaneRay, AdjustError> {
         let (ray, jacobian) =
             self.setup.lens.ray_with_jacobian(pixel).map_err(|e| AdjustError::Input(e.to_string()))?;
-        let ray = self.wing_from_camera * ray;
+        let (from_m, ray) = self.pane.map_or((Vector3::zeros(), ray), |pane| pane.outside(&ray));
+        let (from_m, ray) = (self.wing_from_camera * from_m, self.wing_from_camera * ray);
         if ray.x <= 0.0 {
             return Err(AdjustError::Input(format!(
                 "the ray of pixel ({:.1}, {:.1}) points away from the wing; check span_direction in \
@@ -72,7 +79,8 @@ impl<'a> Geometry<'a> {
         let jacobian = self.wing_from_camera.matrix() * jacobian;
         let plane = ray.x.hypot(ray.y);
         let along = (jacobian.row(0) * ray.x + jacobian.row(1) * ray.y) / plane;
-        Ok(PlaneRay { direction: ray / plane, by_pixel: (jacobian - ray / plane * along) / plane })
+        let by_pixel = (jacobian - ray / plane * along) / plane;
+        Ok(PlaneRay { from_m, direction: ray / plane, by_pixel })
     }
 
     /// All markers' conditions; each is a group of its own.
@@ -85,13 +93,14 @@ impl<'a> Geometry<'a> {
         blocks.iter_mut().zip(at.observed).try_for_each(|(block, seen)| self.block(a, d, seen, block))
     }
 
-    /// `0 = l(x'; a) - l` and `0 = y + a x'^2 - y'`, with `x' = d r_x - root offset`, `y' = d r_y`.
+    /// `0 = l(x'; a) - l` and `0 = y + a x'^2 - y'`, with `x' = f_x + d r_x - root offset`,
+    /// `y' = f_y + d r_y`, f the ray's point at the window.
     fn block(&self, a: f64, d: f64, seen: &DVector<f64>, out: &mut Linearised) -> Result<(), AdjustError> {
         let ray = self.ray(&Vector2::new(seen[PIXEL], seen[PIXEL + 1]))?;
-        let x = d * ray.direction.x - self.setup.root_offset_m;
+        let x = ray.from_m.x + d * ray.direction.x - self.setup.root_offset_m;
         let arc = arc_length(x, a);
         let slope = 2.0 * a * x;
-        let rise = a * x * x - d * ray.direction.y;
+        let rise = a * x * x - ray.from_m.y - d * ray.direction.y;
         out.misclosure[0] = arc.length_m - self.in_flight(seen[ARC_LENGTH]);
         out.misclosure[1] = seen[HEIGHT] + rise;
         (out.global[0], out.global[1]) = (arc.by_a, x * x);

@@ -63,6 +63,7 @@ impl<'a> Frame<'a> {
             common_mount: None,
             ground: common.ground.map(Place::Global),
             centre: common.centre.map(Place::Global),
+            window: common.window.map(Place::Global),
             scale: common.scale.map(Place::Global),
             raise: Place::Global(common.raise),
             nominal_scale: input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
@@ -91,7 +92,7 @@ impl<'a> Frame<'a> {
         let values = self.layout.values(at.global, at.local);
         let sections = self.scene.grid.bend(&values.bending());
         let camera = self.scene.camera(&values.pose);
-        let on_ground = self.scene.camera(&values.pose.on_ground());
+        let on_ground = self.scene.ground_camera(&values.pose);
         for (block, (member, observed)) in self.members.iter().zip(at.observed).enumerate() {
             let conditions =
                 2 * (usize::from(member.flight.is_some()) + usize::from(member.ground.is_some()));

@@ -1,0 +1,118 @@
+//! `[window]` of installation.toml: the air on both sides, the panes between.
+
+use std::path::Path;
+
+use nalgebra::Vector3;
+
+use super::{Reader, tables};
+use crate::measure::setup::{Air, Pane, Window};
+
+/// Cabin as at 8,000 ft, outside as in the standard atmosphere at flight level 370.
+const CABIN: Air = Air { temperature_c: 22.0, pressure_hpa: 752.6, humidity: 0.1, co2_ppm: 800.0 };
+const OUTSIDE: Air = Air { temperature_c: -56.5, pressure_hpa: 216.6, humidity: 0.0, co2_ppm: 420.0 };
+
+pub(super) fn window(reader: &mut Reader, file: &Path, table: Option<&tables::Window>) -> Option<Window> {
+    let table = table?;
+    let cabin = air(reader, file, "window.cabin", table.cabin.as_ref(), CABIN);
+    let outside = air(reader, file, "window.outside", table.outside.as_ref(), OUTSIDE);
+    let wavelength_nm = table.wavelength_nm.unwrap_or(550.0);
+    if !(300.0..=1700.0).contains(&wavelength_nm) {
+        let problem = format!("is {wavelength_nm} nm");
+        reader.fault(file, "window.wavelength_nm", problem, "give a number from 300 to 1700 nm");
+    }
+    let normal = table.normal.map(Vector3::from);
+    if let Some(n) = normal.filter(|n| !(n.norm() > 1e-6 && n.norm().is_finite())) {
+        let problem = format!("is [{}, {}, {}]", n.x, n.y, n.z);
+        reader.fault(file, "window.normal", problem, "give the outward normal in the survey frame");
+    }
+    let normal = normal.map(|n| n.normalize());
+    let pane = pane(reader, file, table);
+    Some(Window { normal, cabin, outside, wavelength_nm, pane })
+}
+
+/// Index of the acrylic that cabin windows are made of.
+const ACRYLIC: f64 = 1.49;
+/// Acrylics and their dispersion differ by some 0.005, -70 K adds 0.007.
+const INDEX_SIGMA: f64 = 0.01;
+/// Two readings of an inclinometer against the window's frame, or a drawing.
+const NORMAL_SIGMA_DEG: f64 = 1.0;
+/// Of a camera that stands as close to the inner pane as it goes, m.
+const DISTANCE_M: f64 = 0.15;
+
+/// Half the tolerance of cast acrylic sheet (ISO 7823-1: 0.4 mm and a tenth of the thickness), m.
+fn thickness_sigma_m(thickness_m: f64) -> f64 {
+    0.5 * (0.4e-3 + 0.1 * thickness_m)
+}
+
+/// The panes, with the widths of what is not stated.
+fn pane(reader: &mut Reader, file: &Path, table: &tables::Window) -> Option<Pane> {
+    let Some(thickness_m) = table.thickness_m else {
+        for (place, given) in [
+            ("window.index", table.index.is_some()),
+            ("window.bow_radius_m", table.bow_radius_m.is_some()),
+            ("window.same_on_ground", table.same_on_ground.is_some()),
+        ] {
+            if given {
+                let mend = "give window.thickness_m, of all panes together, or leave this key out";
+                reader.fault(file, place, "is given without the panes' thickness", mend);
+            }
+        }
+        return None;
+    };
+    if table.normal.is_none() {
+        let mend = "give the outward normal in the survey frame; a pane's shift is along it";
+        reader.fault(file, "window.normal", "is missing", mend);
+    }
+    let pane = Pane {
+        thickness_m,
+        thickness_sigma_m: table.thickness_sigma_m.unwrap_or(thickness_sigma_m(thickness_m)),
+        index: table.index.unwrap_or(ACRYLIC),
+        index_sigma: table.index_sigma.unwrap_or(INDEX_SIGMA),
+        normal_sigma_rad: table.normal_sigma_deg.unwrap_or(NORMAL_SIGMA_DEG).to_radians(),
+        bow_radius_m: table.bow_radius_m,
+        distance_m: table.distance_m.unwrap_or(DISTANCE_M),
+        same_on_ground: table.same_on_ground.unwrap_or(false),
+    };
+    check_pane(reader, file, &pane);
+    Some(pane)
+}
+
+fn check_pane(reader: &mut Reader, file: &Path, pane: &Pane) {
+    let checks = [
+        ("window.thickness_m", pane.thickness_m, 1e-3, 0.1, " m"),
+        ("window.thickness_sigma_m", pane.thickness_sigma_m, 0.0, 0.02, " m"),
+        ("window.index", pane.index, 1.2, 2.5, ""),
+        ("window.index_sigma", pane.index_sigma, 0.0, 0.2, ""),
+        ("window.normal_sigma_deg", pane.normal_sigma_rad.to_degrees(), 0.0, 20.0, " degrees"),
+        ("window.distance_m", pane.distance_m, 0.0, 2.0, " m"),
+    ];
+    for (place, value, low, high, unit) in checks {
+        if !(low..=high).contains(&value) {
+            let mend = format!("give a number from {low} to {high}{unit}");
+            reader.fault(file, place, format!("is {value}{unit}"), mend);
+        }
+    }
+    if let Some(radius) = pane.bow_radius_m.filter(|r| !(1.0..=1e6).contains(&r.abs())) {
+        let mend = "give 1 m to 1e6 m, positive where the pane bulges outwards; leave it out for a plane one";
+        reader.fault(file, "window.bow_radius_m", format!("is {radius} m"), mend);
+    }
+}
+
+fn air(reader: &mut Reader, file: &Path, place: &str, table: Option<&tables::Air>, default: Air) -> Air {
+    let Some(table) = table else { return default };
+    let air = Air {
+        temperature_c: table.temperature_c,
+        pressure_hpa: table.pressure_hpa,
+        humidity: table.humidity.unwrap_or(default.humidity),
+        co2_ppm: table.co2_ppm.unwrap_or(default.co2_ppm),
+    };
+    let sound = (-100.0..=100.0).contains(&air.temperature_c)
+        && (10.0..=1200.0).contains(&air.pressure_hpa)
+        && (0.0..=1.0).contains(&air.humidity)
+        && (0.0..=20000.0).contains(&air.co2_ppm);
+    if !sound {
+        let mend = "temperature_c -100 to 100, pressure_hpa 10 to 1200, humidity 0 to 1, co2_ppm 0 to 20000";
+        reader.fault(file, place, format!("is out of range ({air:?})"), mend);
+    }
+    air
+}
