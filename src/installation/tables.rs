@@ -97,6 +97,7 @@ pub(super) struct Window {
     pub index_sigma: Option<f64>,
     pub normal_sigma_deg: Option<f64>,
     pub bow_radius_m: Option<f64>,
+    pub bow_sigma: Option<f64>,
     pub distance_m: Option<f64>,
     pub same_on_ground: Option<bool>,
 }

@@ -39,6 +39,9 @@ const NORMAL_SIGMA_DEG: f64 = 1.0;
 /// Of a camera that stands as close to the inner pane as it goes, m.
 const DISTANCE_M: f64 = 0.15;
 
+/// Of a radius worked out from a plate under pressure, or from a sagitta measured to a quarter.
+const BOW_SIGMA: f64 = 0.25;
+
 /// Half the tolerance of cast acrylic sheet (ISO 7823-1: 0.4 mm and a tenth of the thickness), m.
 fn thickness_sigma_m(thickness_m: f64) -> f64 {
     0.5 * (0.4e-3 + 0.1 * thickness_m)
@@ -70,6 +73,7 @@ fn pane(reader: &mut Reader, file: &Path, table: &tables::Window) -> Option<Pane
         index_sigma: table.index_sigma.unwrap_or(INDEX_SIGMA),
         normal_sigma_rad: table.normal_sigma_deg.unwrap_or(NORMAL_SIGMA_DEG).to_radians(),
         bow_radius_m: table.bow_radius_m,
+        bow_sigma: table.bow_sigma.unwrap_or(BOW_SIGMA),
         distance_m: table.distance_m.unwrap_or(DISTANCE_M),
         same_on_ground: table.same_on_ground.unwrap_or(false),
     };
@@ -84,6 +88,7 @@ fn check_pane(reader: &mut Reader, file: &Path, pane: &Pane) {
         ("window.index", pane.index, 1.2, 2.5, ""),
         ("window.index_sigma", pane.index_sigma, 0.0, 0.2, ""),
         ("window.normal_sigma_deg", pane.normal_sigma_rad.to_degrees(), 0.0, 20.0, " degrees"),
+        ("window.bow_sigma", pane.bow_sigma, 0.0, 1.0, ""),
         ("window.distance_m", pane.distance_m, 0.0, 2.0, " m"),
     ];
     for (place, value, low, high, unit) in checks {
@@ -92,8 +97,9 @@ fn check_pane(reader: &mut Reader, file: &Path, pane: &Pane) {
             reader.fault(file, place, format!("is {value}{unit}"), mend);
         }
     }
-    if let Some(radius) = pane.bow_radius_m.filter(|r| !(1.0..=1e6).contains(&r.abs())) {
-        let mend = "give 1 m to 1e6 m, positive where the pane bulges outwards; leave it out for a plane one";
+    if let Some(radius) = pane.bow_radius_m.filter(|r| !(0.5..=1e6).contains(&r.abs())) {
+        let mend =
+            "give 0.5 m to 1e6 m, positive where the pane bulges outwards; leave it out for a plane one";
         reader.fault(file, "window.bow_radius_m", format!("is {radius} m"), mend);
     }
 }

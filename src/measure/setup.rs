@@ -122,8 +122,10 @@ pub struct Pane {
     pub index_sigma: f64,
     /// Standard deviation of the normal about each of two axes, rad.
     pub normal_sigma_rad: f64,
-    /// Radius of the inner face under pressure, positive where it bulges outwards, m; `None`: plane.
+    /// Radius of the inner face under pressure, in flight only, positive where it bulges outwards, m; `None`: plane.
     pub bow_radius_m: Option<f64>,
+    /// Its standard deviation as a share of it.
+    pub bow_sigma: f64,
     /// From the projection centre to the inner face, m; only a bow asks for it.
     pub distance_m: f64,
     /// Whether the ground frames were seen through it too.

@@ -93,6 +93,7 @@ fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installati
     record.curve = s.curve.iter().map(curve).collect();
     record.remarks = s.remarks.clone();
     record.quality = quality(s);
+    record.quality.extend(pane_quality(installation).map(|pane| ("window".into(), pane)));
     if let Some(fit) = &installation.cad {
         record.quality.insert("cad".into(), cad_quality(fit));
     }
@@ -207,6 +208,18 @@ fn refraction_quality(r: &RefractionReport) -> Value {
         "index_cabin": r.index_cabin,
         "index_outside": r.index_outside,
     })
+}
+
+/// The panes that the result allows for.
+fn pane_quality(installation: &Installation) -> Option<Value> {
+    let pane = installation.setup.window.as_ref()?.pane?;
+    Some(json!({
+        "thickness_m": pane.thickness_m,
+        "sigma_thickness_m": pane.thickness_sigma_m,
+        "index": pane.index,
+        "bow_radius_m": pane.bow_radius_m,
+        "same_on_ground": pane.same_on_ground,
+    }))
 }
 
 /// Quality of the CAD transform, as it stands in every result.

@@ -11,3 +11,4 @@ mod plan;
 mod profile_figures;
 mod spatial;
 mod variance_components;
+mod window;

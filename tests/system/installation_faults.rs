@@ -71,6 +71,30 @@ fn cameras() {
 }
 
 #[test]
+fn windows() {
+    let window = |keys: &str| {
+        faults(&DOCUMENT.replacen("[wing]", &format!("[window]\n{keys}[wing]"), 1), CAMERA, SURVEY.as_bytes())
+    };
+    let pane = "normal = [0.2, 1.0, 0.1]\nthickness_m = 0.0145\n";
+    assert_eq!(window(""), vec![]);
+    assert_eq!(window("normal = [0.0, 1.0, 0.0]\nwavelength_nm = 550.0\n"), vec![]);
+    assert_eq!(window(pane), vec![]);
+    assert_eq!(window(&format!("{pane}index = 1.5\nbow_radius_m = 12.0\nsame_on_ground = true\n")), vec![]);
+    only(window("thickness_m = 0.0145\n"), "installation.toml", &["window.normal", "missing", "outward"]);
+    only(window("index = 1.5\n"), "installation.toml", &["window.index", "window.thickness_m"]);
+    only(window("bow_radius_m = 9.0\n"), "installation.toml", &["window.bow_radius_m", "thickness_m"]);
+    only(window("same_on_ground = true\n"), "installation.toml", &["window.same_on_ground", "thickness_m"]);
+    let millimetres = window("normal = [0.0, 1.0, 0.0]\nthickness_m = 14.5\n");
+    only(millimetres, "installation.toml", &["window.thickness_m", "14.5 m"]);
+    let with = |key: &str| window(&format!("{pane}{key}\n"));
+    only(with("index = 0.67"), "installation.toml", &["window.index", "0.67"]);
+    only(with("index = nan"), "installation.toml", &["window.index", "NaN"]);
+    only(with("bow_radius_m = 0.0"), "installation.toml", &["window.bow_radius_m", "0 m", "plane"]);
+    only(with("normal_sigma_deg = -1.0"), "installation.toml", &["window.normal_sigma_deg", "-1"]);
+    only(with("thicknes_m = 0.01"), "installation.toml", &["thicknes_m", "line"]);
+}
+
+#[test]
 fn documents() {
     let document = |from: &str, to: &str| faults(&DOCUMENT.replacen(from, to, 1), CAMERA, SURVEY.as_bytes());
     only(document("root_offset_m", "root_ofset_m"), "installation.toml", &["root_ofset_m", "line"]);

@@ -47,6 +47,8 @@ pub struct Layout {
     pub centre: Option<Place>,
     /// Correction of the panes' shift in flight, m; `None`: held.
     pub window: Option<Place>,
+    /// Correction of the panes' bow, a share of its curvature; `None`: held.
+    pub bow: Option<Place>,
     /// Thermal scale less its expected value; `None`: held.
     pub scale: Option<Place>,
     /// Height of the bending axis over the surveyed one, [`RAISE_TERMS`] coefficients, m.
@@ -106,6 +108,7 @@ impl Layout {
                 ground_rad: vector(self.ground),
                 centre_m: vector(self.centre),
                 window_m: vector(self.window),
+                bow: self.bow.map_or(0.0, |p| at(p, 0)),
             },
             raise_m: std::array::from_fn(|j| at(self.raise, j)),
             scale: self.nominal_scale + self.scale.map_or(0.0, |p| at(p, 0)),
@@ -256,6 +259,7 @@ impl<'a> Rows<'a> {
         self.put3(self.layout.ground, row, &predicted.by_ground_rotation);
         self.put3(self.layout.centre, row, &-by);
         self.put3(self.layout.window, row, &-by);
+        self.put(self.layout.bow, row, 0, predicted.by_bow);
         for j in 0..RAISE_TERMS {
             self.put(Some(self.layout.raise), row, j, by * state.by_raise[j]);
         }

@@ -11,6 +11,9 @@ use crate::measure::environment::Plate;
 use crate::measure::geometry::{Lens, skew};
 use crate::measure::setup::{Orientation, Setup};
 
+/// Difference for the derivative by the bow, in which the image is linear to 1e-3 of its effect.
+const BOW_STEP: f64 = 1e-3;
+
 /// Everything about an installation that no adjustment changes.
 #[derive(Clone, Debug)]
 pub struct Scene {
@@ -40,6 +43,8 @@ pub struct Pose {
     pub centre_m: Vector3<f64>,
     /// What the description of the panes leaves unknown of their shift, in flight, wing frame, m.
     pub window_m: Vector3<f64>,
+    /// What the curvature of the panes' bow is more than stated, a share of it.
+    pub bow: f64,
 }
 
 impl Pose {
@@ -70,6 +75,8 @@ pub struct Predicted {
     pub pixel: Vector2<f64>,
     /// d pixel / d point, wing frame, px/m.
     pub by_point: Matrix2x3<f64>,
+    /// d pixel / d share of the bow's curvature, px; 0 where the panes are plane.
+    pub by_bow: Vector2<f64>,
     /// d pixel / d mounting rotation, px/rad.
     pub by_mount: Matrix2x3<f64>,
     /// d pixel / d ground rotation, px/rad.
@@ -129,6 +136,11 @@ impl Scene {
         flight.filter(|_| ground.is_none()).map(|pane| pane.shift_covariance_m2(&axis))
     }
 
+    /// Standard deviation of the bow's curvature as a share of it; `None` where the panes are plane.
+    pub fn bow_sigma(&self) -> Option<f64> {
+        self.panes[0].and_then(|plate| plate.pane.bow_radius_m.map(|_| plate.pane.bow_sigma))
+    }
+
     /// The camera at a pose in flight.
     pub fn camera(&self, pose: &Pose) -> Camera {
         self.behind(pose, self.panes[0].as_ref())
@@ -150,7 +162,7 @@ impl Scene {
             camera_from_wing,
             mount_jacobian: left_jacobian(&pose.mount_rad),
             ground_jacobian: left_jacobian(&pose.ground_rad),
-            pane: pane.map(|pane| pane.turned(&camera_from_wing)),
+            pane: pane.map(|pane| pane.bowed(pose.bow).turned(&camera_from_wing)),
         }
     }
 
@@ -160,10 +172,14 @@ impl Scene {
         let in_camera = camera.mount * on_ground;
         let seen = camera.pane.map_or(in_camera, |pane| pane.apparent(&in_camera));
         let (pixel, by_camera) = self.lens.project_with_jacobian(&seen)?;
+        let bow = camera.pane.filter(|pane| pane.pane.bow_radius_m.is_some());
+        let by_bow = bow
+            .map_or(Vector3::zeros(), |pane| (pane.bowed(BOW_STEP).apparent(&in_camera) - seen) / BOW_STEP);
         let turned = by_camera * camera.mount;
         Some(Predicted {
             pixel,
             by_point: by_camera * camera.camera_from_wing,
+            by_bow: by_camera * by_bow,
             by_mount: -(by_camera * skew(&in_camera)) * camera.mount_jacobian,
             by_ground_rotation: -(turned * skew(&on_ground)) * camera.ground_jacobian,
         })

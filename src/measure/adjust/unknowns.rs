@@ -28,7 +28,7 @@ pub(super) const MISSING: [&str; 8] = [
     "the projection centre cannot be determined; give camera.projection_centre_sigma_m",
     "the thermal scale cannot be determined; give its standard deviation",
     "the height of the bending axis cannot be determined",
-    "the panes' shift cannot be determined; give its standard deviations in [window]",
+    "the panes' shift or bow cannot be determined; give the standard deviations in [window]",
 ];
 
 /// What a frame is set up from.
@@ -89,6 +89,7 @@ pub(super) struct Common {
     pub ground: Option<usize>,
     pub centre: Option<usize>,
     pub window: Option<usize>,
+    pub bow: Option<usize>,
     pub scale: Option<usize>,
     pub raise: usize,
     pub priors: Vec<Prior>,
@@ -105,12 +106,15 @@ pub(super) fn common(input: &Input, columns: &mut Columns) -> Common {
         centre.iter().flat_map(|&first| (0..3).map(move |k| Prior::scalar(first + k, 0.0, centre_sigma))),
     );
     let window = window(input, columns, &mut priors);
+    let bow_sigma = input.scene.bow_sigma().filter(|s| *s > 0.0);
+    let bow = bow_sigma.map(|_| columns.take(1, MISSING[7]));
+    priors.extend(bow.zip(bow_sigma).map(|(column, sigma)| Prior::scalar(column, 0.0, sigma)));
     let sigma = setup.thermal.as_ref().map_or(0.0, scale_sigma);
     let scale = (sigma > 0.0).then(|| columns.take(1, MISSING[5]));
     priors.extend(scale.map(|column| Prior::scalar(column, 0.0, sigma)));
     let raise = columns.take(RAISE_TERMS, MISSING[6]);
     priors.push(raise_prior(&input.scene.ground, raise));
-    Common { ground, centre, window, scale, raise, priors }
+    Common { ground, centre, window, bow, scale, raise, priors }
 }
 
 /// What is left of the panes' shift where only the flight is seen through them: a shift of the projection

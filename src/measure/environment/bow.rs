@@ -1,13 +1,14 @@
 //! The pane that cabin pressure bows: two concentric spheres instead of two planes.
 //!
-//! Rule of thumb: a pane of 14.5 mm bowed to a radius of 10 m is a lens of -(n - 1) t / (n r^2) = -5e-5
-//! dioptres and moves the image by less than 0.1 px; it matters from about 3 m on.
+//! Rule of thumb: a slanting ray leaves the pane by t tan i / n beside where it entered, where the outer face
+//! is turned against the inner one; the pane turns it by (n - 1) t tan i / (n r). That is a change of scale:
+//! 5e-4 for 14.5 mm bowed to a radius of 10 m (0.8 mm over a window of 25 cm), 1 px at 15 degrees.
 //!
 //! Formula: the ray is traced through both faces with Snell's law. A face with its apex at the origin, outward
 //! normal m and curvature c is `m.p + c p.p / 2 = 0`, which holds for planes too and loses no digits at large
 //! radii; its normal at p is `m + c p`. The apex is taken where the normal through the projection centre meets
-//! the pane. Source: Born and Wolf, Principles of Optics, 4.4. The radius counts as known: at 10 m even half of
-//! it is below 0.1 px.
+//! the pane. Source: Born and Wolf, Principles of Optics, 4.4. The radius' error is an unknown of the
+//! adjustment, a share of the curvature.
 //!
 //! Validated against rays traced face by face with spheres about their centres (tests/adjust/window.rs).
 

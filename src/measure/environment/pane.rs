@@ -34,13 +34,21 @@ impl Plate {
     /// pane is described, or on ground without it.
     pub fn seen(window: Option<&Window>, turn: &Rotation3<f64>, in_flight: bool) -> Option<Self> {
         let window = window?;
-        let pane = window.pane.filter(|pane| in_flight || pane.same_on_ground)?;
+        let mut pane = window.pane.filter(|pane| in_flight || pane.same_on_ground)?;
+        // No pressure bows it on ground.
+        pane.bow_radius_m = pane.bow_radius_m.filter(|_| in_flight);
         Some(Self { normal: turn * window.normal?, pane })
     }
 
     /// The same plate with its normal turned into another frame.
     pub fn turned(&self, turn: &Matrix3<f64>) -> Self {
         Self { normal: turn * self.normal, ..*self }
+    }
+
+    /// The same plate with its bow's curvature changed by a share of it.
+    pub fn bowed(&self, change: f64) -> Self {
+        let radius = self.pane.bow_radius_m.map(|radius| radius / (1.0 + change));
+        Self { pane: Pane { bow_radius_m: radius, ..self.pane }, ..*self }
     }
 
     /// The ray outside that the camera sees under the unit vector `ray`: a point on it from the projection

@@ -7,6 +7,7 @@ use super::{PlanOptions, Skin, adjustment_options};
 use crate::measure::adjust::beam::{Bending, Grid};
 use crate::measure::adjust::ground::GroundShape;
 use crate::measure::adjust::{self, AdjustError, Observation, Solution};
+use crate::measure::environment::Plate;
 use crate::measure::setup::{GroundSight, Orientation, Setup, SurveyMarker};
 
 /// Predicted standard deviations of one marker.
@@ -138,18 +139,19 @@ impl<'a> Rehearsal<'a> {
     fn look(&mut self) {
         let variance = self.options.pixel_sigma * self.options.pixel_sigma;
         let covariance_px2 = Matrix2::identity() * variance;
-        let see = |p: &Vector3<f64>| {
+        let turn = &self.orientation.camera_from_survey;
+        let see = |p: &Vector3<f64>, in_flight| {
             let survey = self.setup.wing_frame().wing_from_survey.inverse() * p;
-            let pixel = self.setup.lens.project(&(self.orientation.camera_from_survey * survey))?;
+            let pixel = self.setup.lens.project(&seen(self.setup, turn, &survey, in_flight))?;
             self.setup.lens.contains(&pixel).then_some(pixel)
         };
         let flight = self.flight.iter().enumerate();
         let observations: Vec<_> = flight
-            .filter_map(|(marker, p)| Some(Observation { marker, pixel: see(p)?, covariance_px2 }))
+            .filter_map(|(marker, p)| Some(Observation { marker, pixel: see(p, true)?, covariance_px2 }))
             .collect();
         let ground = self.ground.iter().enumerate();
         let sights: Vec<_> = ground
-            .filter_map(|(marker, p)| Some(GroundSight { marker, pixel: see(p)?, covariance_px2 }))
+            .filter_map(|(marker, p)| Some(GroundSight { marker, pixel: see(p, false)?, covariance_px2 }))
             .collect();
         self.observations = observations;
         if self.orientation.ground.is_empty() {
@@ -226,7 +228,8 @@ impl<'a> Rehearsal<'a> {
         setup.markers.push(SurveyMarker { id: "one more".into(), position_m, ..b.clone() });
         let mut orientation = self.orientation.clone();
         let frame = setup.wing_frame();
-        let seen = orientation.camera_from_survey * (position_m - frame.origin_m);
+        let from_camera = position_m - frame.origin_m;
+        let seen = seen(&setup, &orientation.camera_from_survey, &from_camera, false);
         let variance = self.options.pixel_sigma * self.options.pixel_sigma;
         let covariance_px2 = Matrix2::identity() * variance;
         let pixel = setup.lens.project(&seen)?;
@@ -242,6 +245,12 @@ impl<'a> Rehearsal<'a> {
         let other = Rehearsal::new(setup, Some(orientation), self.options).ok()?;
         expected(&other.solve(&other.observations).ok()?, setup)
     }
+}
+
+/// Where the camera sees a point (from the projection centre, survey frame, m); camera frame.
+fn seen(setup: &Setup, turn: &Rotation3<f64>, point_m: &Vector3<f64>, in_flight: bool) -> Vector3<f64> {
+    let p = turn * point_m;
+    Plate::seen(setup.window.as_ref(), turn, in_flight).map_or(p, |pane| pane.apparent(&p))
 }
 
 /// Markers in flight, wing frame, m: one coefficient of curvature, found by the rule of proportion.

@@ -84,6 +84,7 @@ impl Flight<'_> {
             ground: common.ground.map(Place::Global),
             centre: common.centre.map(Place::Global),
             window: common.window.map(Place::Global),
+            bow: common.bow.map(Place::Global),
             scale: common.scale.map(Place::Global),
             raise: Place::Global(common.raise),
             nominal_scale: self.input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),

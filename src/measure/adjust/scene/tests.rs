@@ -97,7 +97,8 @@ fn pixel(scene: &Scene, marker: usize, x: &[Dual64; ALL]) -> [Dual64; 2] {
 fn coded(scene: &Scene, marker: usize, x: &[f64; ALL]) -> (Vector2<f64>, Vec<Vector2<f64>>) {
     let at = |from: usize| Vector3::new(x[from], x[from + 1], x[from + 2]);
     let first = C + T + RAISE_TERMS;
-    let pose = Pose { mount_rad: at(first), ground_rad: at(first + 3), centre_m: at(first + 6), ..Pose::default() };
+    let pose =
+        Pose { mount_rad: at(first), ground_rad: at(first + 3), centre_m: at(first + 6), ..Pose::default() };
     let bending = Bending {
         curvature_per_m: &x[..C],
         twist_rad: &x[C..C + T],

@@ -64,6 +64,7 @@ impl<'a> Frame<'a> {
             ground: common.ground.map(Place::Global),
             centre: common.centre.map(Place::Global),
             window: common.window.map(Place::Global),
+            bow: common.bow.map(Place::Global),
             scale: common.scale.map(Place::Global),
             raise: Place::Global(common.raise),
             nominal_scale: input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),

@@ -1,0 +1,359 @@
+//! The window's panes, against rays that are traced face by face here, with no line of the code under test.
+
+use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
+use rand::Rng;
+use rand::rngs::StdRng;
+use wingd::measure::adjust::{self, Observation, Options, Solution};
+use wingd::measure::environment::Plate;
+use wingd::measure::geometry::Lens;
+use wingd::measure::setup::{Air, GroundSight, Orientation, Pane, Setup, Window};
+
+use crate::common::beam_truth::{Truth, normal, normal2, random_wing, remounted, rms, rng};
+
+/// A face: plane (a point and its normal) or sphere (centre and radius), with the index behind it.
+enum Face {
+    Plane { at_m: Vector3<f64>, normal: Vector3<f64>, behind: f64 },
+    Sphere { centre_m: Vector3<f64>, radius_m: f64, outwards: f64, behind: f64 },
+}
+
+/// Through all faces, from the origin in air of index `index`; Snell's law as the tangential part's.
+fn traced(faces: &[Face], mut index: f64, ray: Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+    let (mut p, mut d) = (Vector3::zeros(), ray);
+    for face in faces {
+        let (normal, behind) = match face {
+            Face::Plane { at_m, normal, behind } => {
+                p += d * ((at_m - p).dot(normal) / d.dot(normal));
+                (*normal, *behind)
+            }
+            Face::Sphere { centre_m, radius_m, outwards, behind } => {
+                let off = p - centre_m;
+                let (half, rest) = (d.dot(&off), off.norm_squared() - radius_m * radius_m);
+                p += d * (-half + outwards * (half * half - rest).sqrt());
+                ((p - centre_m) * *outwards / *radius_m, *behind)
+            }
+        };
+        let tangential = (d - normal * d.dot(&normal)) * (index / behind);
+        d = tangential + normal * (1.0 - tangential.norm_squared()).sqrt();
+        index = behind;
+    }
+    (p, d)
+}
+
+/// Two panes of acrylic, 8.5 and 6 mm, 7 mm apart, as in the renderer.
+fn two_panes(normal: Vector3<f64>, distance_m: f64, outside: f64) -> Vec<Face> {
+    let plane = |depth: f64, behind: f64| Face::Plane { at_m: normal * (distance_m + depth), normal, behind };
+    vec![plane(0.0, 1.49), plane(0.0085, 1.0), plane(0.0155, 1.49), plane(0.0215, outside)]
+}
+
+/// One pane of 14.5 mm, its inner face bowed outwards.
+fn bowed(normal: Vector3<f64>, radius_m: f64) -> Vec<Face> {
+    let centre_m = normal * (0.15 - radius_m);
+    let sphere = |radius: f64, behind| Face::Sphere {
+        centre_m,
+        radius_m: radius.abs(),
+        outwards: radius.signum(),
+        behind,
+    };
+    vec![sphere(radius_m, 1.49), sphere(radius_m + 0.0145, 1.0)]
+}
+
+fn pane() -> Pane {
+    Pane {
+        thickness_m: 0.0145,
+        thickness_sigma_m: 0.9e-3,
+        index: 1.49,
+        index_sigma: 0.01,
+        normal_sigma_rad: 1f64.to_radians(),
+        bow_radius_m: None,
+        bow_sigma: 0.25,
+        distance_m: 0.15,
+        same_on_ground: false,
+    }
+}
+
+fn off_line(point: &Vector3<f64>, (from, direction): &(Vector3<f64>, Vector3<f64>)) -> f64 {
+    (point - from).cross(direction).norm()
+}
+
+fn some_ray(rng: &mut StdRng) -> Vector3<f64> {
+    Vector3::new(rng.random_range(-0.27..0.27), rng.random_range(-0.2..0.2), 1.0).normalize()
+}
+
+fn tilted() -> Vector3<f64> {
+    Vector3::new(0.10, 0.16, 0.982).normalize()
+}
+
+#[test]
+fn a_plate_is_the_panes_traced_face_by_face() {
+    let plate = Plate { normal: tilted(), pane: pane() };
+    let (mut rng, mut worst, mut thin) = (rng(5), 0f64, 0f64);
+    for _ in 0..1000 {
+        let ray = some_ray(&mut rng);
+        let distance = rng.random_range(0.05..0.4);
+        let truth = traced(&two_panes(plate.normal, distance, 1.0), 1.0, ray);
+        let (from, direction) = plate.outside(&ray);
+        worst = worst.max((direction - truth.1).norm()).max(off_line(&from, &truth));
+        // Thinner air outside: the direction is refraction's matter, the place is this one's.
+        let truth = traced(&two_panes(plate.normal, distance, 0.9998), 1.0, ray);
+        thin = thin.max(off_line(&from, &truth));
+        let far = truth.0 + truth.1 * rng.random_range(6.0..40.0);
+        let seen = plate.apparent(&far).normalize();
+        let (from, direction) = plate.outside(&seen);
+        worst = worst.max(off_line(&far, &(from, direction)) / far.norm());
+    }
+    println!("worst {worst:.1e}; in thin air {:.3} mm", 1e3 * thin);
+    assert!(worst < 1e-12 && thin < 0.05e-3, "{worst:e} {thin:e}");
+}
+
+#[test]
+fn a_bowed_pane_is_traced_like_spheres_about_their_centres() {
+    let (normal, mut rng) = (tilted(), rng(6));
+    for radius_m in [2.0, 10.0, 300.0, -10.0] {
+        let plate = Plate { normal, pane: Pane { bow_radius_m: Some(radius_m), ..pane() } };
+        let faces = bowed(normal, radius_m);
+        let (mut worst, mut bends, mut shift) = (0f64, 0f64, 0f64);
+        for _ in 0..300 {
+            let ray = some_ray(&mut rng);
+            let truth = traced(&faces, 1.0, ray);
+            let (from, direction) = plate.outside(&ray);
+            worst = worst.max((direction - truth.1).norm()).max(off_line(&from, &truth));
+            bends = bends.max((direction - ray).norm());
+            let plane = Plate { normal, pane: pane() }.outside(&ray).0;
+            shift = shift.max((from - plane).cross(&ray).norm());
+        }
+        println!("radius {radius_m} m: turns a ray by {:.4} px, moves it by {shift:.1e} m", 7800.0 * bends);
+        assert!(worst < 1e-9, "{radius_m}: {worst:e}");
+    }
+}
+
+#[test]
+fn a_very_large_radius_is_a_plane() {
+    let (normal, mut rng) = (tilted(), rng(7));
+    let flat = Plate { normal, pane: pane() };
+    let nearly = Plate { normal, pane: Pane { bow_radius_m: Some(1e6), ..pane() } };
+    for _ in 0..100 {
+        let ray = some_ray(&mut rng);
+        let ((a, d), (b, e)) = (flat.outside(&ray), nearly.outside(&ray));
+        // (n - 1) t tan i / (n r), i up to 25 degrees.
+        assert!((d - e).norm() < 5e-9 && off_line(&a, &(b, e)) < 1e-8);
+    }
+}
+
+/// The pixel of a point behind the panes: the ray is aimed until it meets the point.
+fn pixel_through(
+    lens: &Lens,
+    turn: &Rotation3<f64>,
+    faces: Option<Vec<Face>>,
+    p: &Vector3<f64>,
+) -> Vector2<f64> {
+    let point = turn * p;
+    let mut aimed = point;
+    if let Some(faces) = faces {
+        for _ in 0..30 {
+            let (from, direction) = traced(&faces, 1.0, aimed.normalize());
+            let miss = (point - from) - direction * (point - from).dot(&direction);
+            aimed += miss;
+        }
+    }
+    lens.project(&aimed).unwrap()
+}
+
+/// A window tilted by 11 degrees against the camera's axis and a setup that describes it.
+fn described(setup: &Setup, normal: Vector3<f64>, pane: Pane) -> Setup {
+    let air = Air { temperature_c: 15.0, pressure_hpa: 1013.25, humidity: 0.0, co2_ppm: 420.0 };
+    let window =
+        Window { normal: Some(normal), cabin: air, outside: air, wavelength_nm: 550.0, pane: Some(pane) };
+    Setup { window: Some(window), ..setup.clone() }
+}
+
+#[derive(Default)]
+struct Errors {
+    lift: Vec<f64>,
+    normalised: Vec<f64>,
+    tip_sigma: Vec<f64>,
+}
+
+impl Errors {
+    fn add(&mut self, truth: &Truth, flight: &[Vector3<f64>], solution: &Solution) {
+        for m in &solution.markers {
+            let Some(lift) = m.lift_m else { continue };
+            let error = lift.value - (flight[m.marker].z - truth.ground_m[m.marker].z);
+            self.lift.push(error);
+            self.normalised.push(error / lift.sigma.unwrap());
+            if m.marker + 1 == flight.len() {
+                self.tip_sigma.push(lift.sigma.unwrap());
+            }
+        }
+    }
+
+    fn print(&self, what: &str) {
+        let (lift, normalised) = (1e3 * rms(&self.lift), rms(&self.normalised));
+        let sigma = 1e3 * rms(&self.tip_sigma);
+        println!("{what}: lift {lift:.2} mm rms, normalised {normalised:.2}, tip's sigma {sigma:.2} mm");
+    }
+}
+
+struct Drawn {
+    truth: Truth,
+    setup: Setup,
+    normal: Vector3<f64>,
+    orientation: Orientation,
+    flight: Vec<Vector3<f64>>,
+    frame: Vec<Observation>,
+}
+
+const DETECTION_PX: f64 = 0.05;
+
+/// A wing seen through panes in flight, and on ground or not; plane, or one bowed in flight.
+fn drawn(rng: &mut StdRng, on_ground: bool, radius_m: Option<f64>) -> Drawn {
+    let truth = Truth::new(random_wing(rng), 22);
+    let setup = truth.surveyed(rng, 0.002, 0.002);
+    let normal = truth.camera_from_survey.inverse() * tilted();
+    let remount = remounted(rng, &setup);
+    let mut look = |points: &[Vector3<f64>], turn: &Rotation3<f64>, panes: bool| -> Vec<Vector2<f64>> {
+        let through = |n| radius_m.map_or_else(|| two_panes(n, 0.15, 1.0), |radius| bowed(n, radius));
+        let centre = truth.setup.projection_centre_m;
+        let pixel = |p: &Vector3<f64>| {
+            pixel_through(&setup.lens, turn, panes.then(|| through(turn * normal)), &(p - centre))
+        };
+        points.iter().map(|p| pixel(p) + normal2(rng) * DETECTION_PX).collect()
+    };
+    let covariance_px2 = Matrix2::identity() * DETECTION_PX * DETECTION_PX;
+    let ground = look(&truth.ground_m, &truth.camera_from_survey, on_ground);
+    let flight = truth.in_flight(2.0, truth.fuel());
+    let mount = Rotation3::new(remount);
+    let seen = look(&flight, &(mount * truth.camera_from_survey), true);
+    let sight = |(marker, pixel)| GroundSight { marker, pixel, covariance_px2 };
+    let orientation = Orientation {
+        camera_from_survey: truth.camera_from_survey,
+        covariance_rad2: None,
+        ground: ground.into_iter().enumerate().map(sight).collect(),
+    };
+    let frame = seen
+        .into_iter()
+        .enumerate()
+        .map(|(marker, pixel)| Observation { marker, pixel, covariance_px2 })
+        .collect();
+    Drawn { truth, setup, normal, orientation, flight, frame }
+}
+
+const WINGS: usize = 30;
+
+fn fleet(
+    seed: u64,
+    on_ground: bool,
+    radius_m: Option<f64>,
+    describe: impl Fn(&mut StdRng, &Drawn) -> Setup,
+) -> Errors {
+    let mut rng = rng(seed);
+    let mut errors = Errors::default();
+    for _ in 0..WINGS {
+        let drawn = drawn(&mut rng, on_ground, radius_m);
+        let setup = describe(&mut rng, &drawn);
+        let solution =
+            adjust::spatial(&setup, &drawn.orientation, &drawn.frame, &Options::default()).unwrap();
+        errors.add(&drawn.truth, &drawn.flight, &solution);
+    }
+    errors
+}
+
+#[test]
+fn panes_in_flight_only_cost_nothing_where_they_are_described() {
+    let without = fleet(21, false, None, |_, d| d.setup.clone());
+    without.print("in flight only, not described");
+    let with = fleet(21, false, None, |_, d| described(&d.setup, d.normal, pane()));
+    with.print("in flight only, described");
+    assert!(rms(&without.lift) > 0.015, "the panes do nothing here");
+    assert!(rms(&with.lift) < 0.004, "{}", rms(&with.lift));
+    assert!(rms(&with.normalised) < 1.3, "{}", rms(&with.normalised));
+}
+
+#[test]
+fn panes_on_ground_too() {
+    let same = Pane { same_on_ground: true, ..pane() };
+    let without = fleet(22, true, None, |_, d| d.setup.clone());
+    without.print("on ground too, not described");
+    let with = fleet(22, true, None, |_, d| described(&d.setup, d.normal, same));
+    with.print("on ground too, described");
+    assert!(rms(&with.lift) < 0.004 && rms(&with.normalised) < 1.3);
+}
+
+#[test]
+fn a_bow_under_cabin_pressure() {
+    let bow = |bow_radius_m| Pane { bow_radius_m, ..pane() };
+    for radius in [30.0, 10.0] {
+        let fleet =
+            |stated| fleet(25, false, Some(radius), move |_, d| described(&d.setup, d.normal, bow(stated)));
+        let flat = fleet(None);
+        flat.print(&format!("bowed to {radius} m, described as plane"));
+        let bowed = fleet(Some(radius));
+        bowed.print(&format!("bowed to {radius} m, described"));
+        let nearly = fleet(Some(1.25 * radius));
+        nearly.print(&format!("bowed to {radius} m, described as 1.25 times that"));
+        assert!(rms(&bowed.lift) < 0.004 && rms(&bowed.normalised) < 1.3);
+        assert!(rms(&nearly.normalised) < 1.3, "{}", rms(&nearly.normalised));
+        assert!(rms(&flat.lift) > rms(&bowed.lift));
+    }
+}
+
+#[test]
+fn a_description_as_wrong_as_it_says_is_covered() {
+    let wrong = |rng: &mut StdRng, d: &Drawn| {
+        let p = pane();
+        let tilt = Vector3::new(normal(rng), normal(rng), normal(rng)) * p.normal_sigma_rad;
+        let stated = Pane {
+            thickness_m: p.thickness_m + p.thickness_sigma_m * normal(rng),
+            index: p.index + p.index_sigma * normal(rng),
+            ..p
+        };
+        described(&d.setup, Rotation3::new(tilt) * d.normal, stated)
+    };
+    let honest = fleet(23, false, None, wrong);
+    honest.print("in flight only, described as well as stated");
+    let sure = fleet(23, false, None, |rng, d| {
+        let mut setup = wrong(rng, d);
+        let pane = setup.window.as_mut().unwrap().pane.as_mut().unwrap();
+        (pane.thickness_sigma_m, pane.index_sigma, pane.normal_sigma_rad) = (0.0, 0.0, 0.0);
+        setup
+    });
+    sure.print("the same, stated without error");
+    assert!((0.5..1.3).contains(&rms(&honest.normalised)), "{}", rms(&honest.normalised));
+    assert!(rms(&sure.normalised) > 1.2 * rms(&honest.normalised));
+}
+
+#[test]
+fn flights_and_profiles_see_the_panes_too() {
+    let mut rng = rng(24);
+    let (mut flights, mut with, mut without) = (Errors::default(), vec![], vec![]);
+    for _ in 0..6 {
+        let drawn = drawn(&mut rng, false, None);
+        let setup = described(&drawn.setup, drawn.normal, pane());
+        let frames = vec![drawn.frame.clone(); 2];
+        for solution in adjust::flight(&setup, &drawn.orientation, &frames, &Options::default()).unwrap() {
+            flights.add(&drawn.truth, &drawn.flight, &solution);
+        }
+        // The paper's method is off by more than the panes do, so the shift itself is looked at: the same
+        // pixels as without panes must give the same wing.
+        let centre = drawn.truth.setup.projection_centre_m;
+        let turn = &drawn.truth.camera_from_survey;
+        let solve = |setup: &Setup, panes: bool| {
+            let faces = || panes.then(|| two_panes(turn * drawn.normal, 0.15, 1.0));
+            let pixel = |p: &Vector3<f64>| pixel_through(&setup.lens, turn, faces(), &(p - centre));
+            let covariance_px2 = Matrix2::identity();
+            let sight = |(marker, pixel)| Observation { marker, pixel, covariance_px2 };
+            let frame: Vec<_> = drawn.flight.iter().map(pixel).enumerate().map(sight).collect();
+            let options = Options { snooping_alpha: 1e-12, ..Options::default() };
+            let solution = adjust::profile(setup, &drawn.orientation, &frame, &options).unwrap();
+            solution.markers.iter().map(|m| m.lift_m.unwrap().value).collect::<Vec<_>>()
+        };
+        let clear = solve(&drawn.truth.setup, false);
+        let seen = solve(&described(&drawn.truth.setup, drawn.normal, pane()), true);
+        let ignored = solve(&drawn.truth.setup, true);
+        with.extend(clear.iter().zip(&seen).map(|(a, b)| a - b));
+        without.extend(clear.iter().zip(&ignored).map(|(a, b)| a - b));
+    }
+    flights.print("flights of two frames, described");
+    println!("profile: {:.3} mm, not described {:.1} mm", 1e3 * rms(&with), 1e3 * rms(&without));
+    assert!(rms(&flights.lift) < 0.004 && rms(&flights.normalised) < 1.3);
+    assert!(rms(&with) < 1e-4 && rms(&without) > 1e-3, "{:e} {:e}", rms(&with), rms(&without));
+}
