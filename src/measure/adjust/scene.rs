@@ -58,14 +58,25 @@ impl Pose {
 #[derive(Clone, Copy, Debug)]
 pub struct Camera {
     centre_m: Vector3<f64>,
-    /// On ground, corrections included.
-    ground_from_wing: Matrix3<f64>,
     mount: Matrix3<f64>,
     camera_from_wing: Matrix3<f64>,
     mount_jacobian: Matrix3<f64>,
     ground_jacobian: Matrix3<f64>,
     /// What it looks through, camera frame.
     pane: Option<Plate>,
+    /// What its bow is more than stated, a share of the curvature.
+    bow: f64,
+}
+
+impl Camera {
+    /// Where a point of the camera frame is seen, m, with the derivatives by its place and by the bow.
+    fn seen(&self, point_m: &Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>, Vector3<f64>) {
+        let Some(stated) = self.pane else { return (*point_m, Matrix3::identity(), Vector3::zeros()) };
+        let (seen, by_place) = stated.bowed(self.bow).apparent_with_jacobian(point_m);
+        let more = || stated.bowed(self.bow + BOW_STEP).apparent(point_m);
+        let by_bow = stated.pane.bow_radius_m.map_or(Vector3::zeros(), |_| (more() - seen) / BOW_STEP);
+        (seen, by_place, by_bow)
+    }
 }
 
 /// A predicted pixel with its derivatives.
@@ -157,31 +168,29 @@ impl Scene {
         let camera_from_wing = mount * ground_from_wing;
         Camera {
             centre_m: pose.centre_m + pose.window_m,
-            ground_from_wing,
             mount,
             camera_from_wing,
             mount_jacobian: left_jacobian(&pose.mount_rad),
             ground_jacobian: left_jacobian(&pose.ground_rad),
-            pane: pane.map(|pane| pane.bowed(pose.bow).turned(&camera_from_wing)),
+            pane: pane.map(|pane| pane.turned(&camera_from_wing)),
+            bow: pose.bow,
         }
     }
 
     /// The pixel of a point (wing frame, m); `None` behind the camera.
     pub fn project(&self, point_m: &Vector3<f64>, camera: &Camera) -> Option<Predicted> {
-        let on_ground = camera.ground_from_wing * (point_m - camera.centre_m);
-        let in_camera = camera.mount * on_ground;
-        let seen = camera.pane.map_or(in_camera, |pane| pane.apparent(&in_camera));
-        let (pixel, by_camera) = self.lens.project_with_jacobian(&seen)?;
-        let bow = camera.pane.filter(|pane| pane.pane.bow_radius_m.is_some());
-        let by_bow = bow
-            .map_or(Vector3::zeros(), |pane| (pane.bowed(BOW_STEP).apparent(&in_camera) - seen) / BOW_STEP);
-        let turned = by_camera * camera.mount;
+        let in_camera = camera.camera_from_wing * (point_m - camera.centre_m);
+        let (seen, by_place, by_bow) = camera.seen(&in_camera);
+        let (pixel, by_seen) = self.lens.project_with_jacobian(&seen)?;
+        // Panes and point turn together, so what is seen turns with them.
+        let before_mount = camera.mount.transpose() * seen;
+        let turned = by_seen * camera.mount;
         Some(Predicted {
             pixel,
-            by_point: by_camera * camera.camera_from_wing,
-            by_bow: by_camera * by_bow,
-            by_mount: -(by_camera * skew(&in_camera)) * camera.mount_jacobian,
-            by_ground_rotation: -(turned * skew(&on_ground)) * camera.ground_jacobian,
+            by_point: by_seen * by_place * camera.camera_from_wing,
+            by_bow: by_seen * by_bow,
+            by_mount: -(by_seen * skew(&seen)) * camera.mount_jacobian,
+            by_ground_rotation: -(turned * skew(&before_mount)) * camera.ground_jacobian,
         })
     }
 

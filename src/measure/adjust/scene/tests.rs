@@ -148,3 +148,57 @@ fn derivatives_match_dual_numbers() {
         }
     }
 }
+
+#[test]
+fn derivatives_through_a_bowed_pane_match_differences() {
+    use crate::measure::setup::{Air, Pane, Setup, Window};
+    let air = Air { temperature_c: 15.0, pressure_hpa: 1013.0, humidity: 0.0, co2_ppm: 420.0 };
+    let pane = Pane {
+        thickness_m: 0.0145,
+        thickness_sigma_m: 1e-3,
+        index: 1.49,
+        index_sigma: 0.01,
+        normal_sigma_rad: 0.02,
+        bow_radius_m: Some(3.0),
+        bow_sigma: 0.25,
+        distance_m: 0.15,
+        same_on_ground: false,
+    };
+    let normal = Some(Vector3::new(1.0, 0.15, 0.1).normalize());
+    let window = Window { normal, cabin: air, outside: air, wavelength_nm: 550.0, pane: Some(pane) };
+    let scene = Scene::new(&Setup { window: Some(window), ..setup() }, &orientation()).unwrap();
+    let pose = Pose {
+        mount_rad: Vector3::new(2e-3, -1e-3, 3e-3),
+        ground_rad: Vector3::new(1e-3, 2e-3, -1e-3),
+        centre_m: Vector3::new(1e-3, 2e-3, -1e-3),
+        window_m: Vector3::new(-1e-3, 1e-3, 1e-3),
+        bow: 0.2,
+    };
+    let point = Vector3::new(9.0, -1.1, 0.8);
+    let seen = scene.project(&point, &scene.camera(&pose)).unwrap();
+    let plane = scene.project(&point, &scene.ground_camera(&pose)).unwrap();
+    assert_eq!(plane.by_bow, Vector2::zeros());
+    let difference = |change: &dyn Fn(&mut Pose, &mut Vector3<f64>, f64), step: f64| {
+        let at = |h: f64| {
+            let (mut pose, mut point) = (pose, point);
+            change(&mut pose, &mut point, h);
+            scene.project(&point, &scene.camera(&pose)).unwrap().pixel
+        };
+        (at(step) - at(-step)) / (2.0 * step)
+    };
+    let close = |found: Vector2<f64>, expected: Vector2<f64>, tolerance: f64| {
+        assert!((found - expected).norm() < tolerance * expected.norm(), "{found} {expected}");
+    };
+    for k in 0..3 {
+        let column = |m: &Matrix2x3<f64>| m.column(k).into_owned();
+        close(column(&seen.by_point), difference(&|_, p, h| p[k] += h, 1e-3), 1e-5);
+        close(-column(&seen.by_point), difference(&|pose, _, h| pose.window_m[k] += h, 1e-3), 1e-5);
+        close(column(&seen.by_mount), difference(&|pose, _, h| pose.mount_rad[k] += h, 1e-5), 1e-5);
+        close(
+            column(&seen.by_ground_rotation),
+            difference(&|pose, _, h| pose.ground_rad[k] += h, 1e-5),
+            1e-5,
+        );
+    }
+    close(seen.by_bow, difference(&|pose, _, h| pose.bow += h, 1e-3), 1e-3);
+}
