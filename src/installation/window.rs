@@ -77,14 +77,15 @@ fn pane(reader: &mut Reader, file: &Path, table: &tables::Window) -> Option<Pane
         distance_m: table.distance_m.unwrap_or(DISTANCE_M),
         same_on_ground: table.same_on_ground.unwrap_or(false),
     };
-    check_pane(reader, file, &pane);
+    check_pane(reader, file, &pane, table.thickness_sigma_m);
     Some(pane)
 }
 
-fn check_pane(reader: &mut Reader, file: &Path, pane: &Pane) {
+/// `thickness_sigma_m` as stated: what follows from a faulty thickness is no second fault.
+fn check_pane(reader: &mut Reader, file: &Path, pane: &Pane, thickness_sigma_m: Option<f64>) {
     let checks = [
         ("window.thickness_m", pane.thickness_m, 1e-3, 0.1, " m"),
-        ("window.thickness_sigma_m", pane.thickness_sigma_m, 0.0, 0.02, " m"),
+        ("window.thickness_sigma_m", thickness_sigma_m.unwrap_or(0.0), 0.0, 0.02, " m"),
         ("window.index", pane.index, 1.2, 2.5, ""),
         ("window.index_sigma", pane.index_sigma, 0.0, 0.2, ""),
         ("window.normal_sigma_deg", pane.normal_sigma_rad.to_degrees(), 0.0, 20.0, " degrees"),
