@@ -103,6 +103,8 @@ fn report(calibration: &Calibration) -> CalibrationReport {
         images_used: used,
         images_rejected: calibration.view_rms_px.len() - used,
         observations: calibration.observations,
+        board_bow_m: calibration.bow.map(|b| b.value_m),
+        board_bow_sigma_m: calibration.bow.map(|b| b.sigma_m),
         sigma: std::array::from_fn(|k| c[(k, k)].max(0.0).sqrt()),
         covariance: c.row_iter().map(|r| r.iter().copied().collect()).collect(),
     }
@@ -145,6 +147,11 @@ fn text(args: &Args, calibration: &Calibration, report: &CalibrationReport) -> S
     for ((name, value), sigma) in NAMES.iter().zip(values(calibration)).zip(report.sigma) {
         let digits = if value.abs() > 10.0 { 3 } else { 6 };
         text.push_str(&format!("{name:>3} {value:>12.digits$} +- {sigma:.digits$}\n"));
+    }
+    for (name, bow) in ["along", "across"].iter().zip(calibration.bow) {
+        let flat = if bow.significant() { "" } else { " (not significant)" };
+        let (value, sigma) = (1e3 * bow.value_m, 1e3 * bow.sigma_m);
+        text.push_str(&format!("board's bow {name} {value:.3} +- {sigma:.3} mm{flat}\n"));
     }
     text.trim_end().to_owned()
 }

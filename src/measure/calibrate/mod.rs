@@ -5,13 +5,14 @@
 //! | find | grey picture, board | board points and their pixels | `checkerboard.rs`, `aprilgrid.rs` |
 //! | refine | pixels | saddle points | `saddle.rs` |
 //! | start | views | camera constant, poses | `start.rs` |
-//! | adjust | views, start | camera, covariance | here, on the Gauss-Helmert engine |
+//! | adjust | views, start | camera, board's bow, covariance | here and `shape.rs`, on the Gauss-Helmert engine |
 
 #[cfg(feature = "aprilgrid")]
 mod aprilgrid;
 mod board;
 mod checkerboard;
 mod saddle;
+mod shape;
 mod start;
 
 use nalgebra::{DMatrix, DVector, Rotation3, Vector2, Vector3};
@@ -21,6 +22,8 @@ pub use board::{Board, BoardError};
 use super::adjust::AdjustError;
 use super::adjust::gauss_helmert::{self, Block, Fit, Group, Linearised, Point, Problem};
 use super::geometry::{Lens, skew};
+pub use shape::Bow;
+use shape::Shape;
 
 /// A board point (board plane, m) and its image.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,6 +46,8 @@ pub struct Calibration {
     pub covariance: DMatrix<f64>,
     /// Root mean square of the residual vectors, px.
     pub rms_px: f64,
+    /// The board's bow along its rows and its columns.
+    pub bow: [Bow; 2],
     /// Per view: the root mean square of its residual vectors, px; `None` where it was rejected.
     pub view_rms_px: Vec<Option<f64>>,
     /// Image points that took part.
@@ -89,15 +94,15 @@ pub fn calibrate(views: &[View], width: u32, height: u32) -> Result<Calibration,
         views.iter().cloned().enumerate().filter(|(_, v)| v.len() >= LEAST_POINTS).collect();
     drop_foreign(&mut used, width, height);
     for _ in 0..ROUNDS {
-        let (lens, fit, poses) = adjust(&used, width, height)?;
-        let residuals = residuals(&lens, &poses, &used);
+        let adjusted = adjust(&used, width, height)?;
+        let residuals = adjusted.residuals(&used);
         if !reject(&mut used, &residuals) {
-            return Ok(outcome(lens, &fit, &used, &residuals, views.len()));
+            return Ok(outcome(&adjusted, &used, &residuals, views.len()));
         }
     }
-    let (lens, fit, poses) = adjust(&used, width, height)?;
-    let residuals = residuals(&lens, &poses, &used);
-    Ok(outcome(lens, &fit, &used, &residuals, views.len()))
+    let adjusted = adjust(&used, width, height)?;
+    let residuals = adjusted.residuals(&used);
+    Ok(outcome(&adjusted, &used, &residuals, views.len()))
 }
 
 /// Leaves out views that no plane board explains: with them the adjustment may not converge.
@@ -121,8 +126,8 @@ struct Pose {
 
 impl Pose {
     /// Camera-frame point, m.
-    fn apply(&self, board_m: &Vector2<f64>) -> Vector3<f64> {
-        self.camera_from_board * Vector3::new(board_m.x, board_m.y, 0.0) + self.translation_m
+    fn apply(&self, board_m: &Vector3<f64>) -> Vector3<f64> {
+        self.camera_from_board * board_m + self.translation_m
     }
 
     /// Moved by a small rotation (left) and a shift.
@@ -157,7 +162,32 @@ fn with_parameters(size: (u32, u32), p: &DVector<f64>) -> Lens {
 const MISSING: &str =
     "the views do not determine the camera; tilt the board and cover the corners of the image";
 
-fn adjust(used: &[(usize, View)], width: u32, height: u32) -> Result<(Lens, Fit, Vec<Pose>), CalibrateError> {
+/// Interior parameters; the board's bow follows them among the global ones.
+const INTERIOR: usize = 9;
+
+/// Camera, board and poses of one adjustment.
+struct Adjusted {
+    lens: Lens,
+    shape: Shape,
+    bow_m: [f64; 2],
+    poses: Vec<Pose>,
+    fit: Fit,
+}
+
+impl Adjusted {
+    /// Per view, per point: observed - projected, px.
+    fn residuals(&self, used: &[(usize, View)]) -> Vec<Vec<Vector2<f64>>> {
+        // Behind the camera: as gross as an error can be, and still finite when squared.
+        let far = Vector2::new(1e6, 1e6);
+        let one = |pose: &Pose, p: &BoardPoint| {
+            let point = pose.apply(&self.shape.point(&p.board_m, &self.bow_m));
+            self.lens.project(&point).map_or(far, |q| p.pixel - q)
+        };
+        self.poses.iter().zip(used).map(|(pose, (_, v))| v.iter().map(|p| one(pose, p)).collect()).collect()
+    }
+}
+
+fn adjust(used: &[(usize, View)], width: u32, height: u32) -> Result<Adjusted, CalibrateError> {
     if used.len() < LEAST_VIEWS {
         return Err(CalibrateError::TooFewViews { found: used.len(), needed: LEAST_VIEWS });
     }
@@ -169,18 +199,25 @@ fn adjust(used: &[(usize, View)], width: u32, height: u32) -> Result<(Lens, Fit,
     };
     let group =
         |v: &&View| Group { local: DVector::zeros(6), priors: vec![], blocks: v.iter().map(block).collect() };
+    let shape = Shape::of(&views);
+    let start = [&parameters(&lens)[..], &[0.0; 2]].concat();
     let problem = Problem {
-        start: DVector::from_column_slice(&parameters(&lens)),
-        missing: vec![MISSING; 9],
-        priors: vec![],
+        missing: vec![MISSING; start.len()],
+        start: DVector::from_vec(start),
+        priors: shape.priors(INTERIOR),
         groups: views.iter().map(group).collect(),
     };
     let fit = gauss_helmert::solve(&problem, |at| {
         let pose = poses[at.group].moved(at.local);
-        linearise(at, (width, height), &pose, &views[at.group][at.block].board_m)
+        linearise(at, (width, height), &pose, &shape, &views[at.group][at.block].board_m)
     })?;
     let poses = poses.iter().zip(&fit.groups).map(|(p, g)| p.moved(&g.local)).collect();
-    Ok((with_parameters((width, height), &fit.global), fit, poses))
+    let lens = with_parameters((width, height), &fit.global);
+    Ok(Adjusted { lens, shape, bow_m: bow_of(&fit.global), poses, fit })
+}
+
+fn bow_of(global: &DVector<f64>) -> [f64; 2] {
+    [global[INTERIOR], global[INTERIOR + 1]]
 }
 
 /// observed - projected = 0.
@@ -188,10 +225,11 @@ fn linearise(
     at: &Point,
     size: (u32, u32),
     pose: &Pose,
+    shape: &Shape,
     board_m: &Vector2<f64>,
 ) -> Result<Linearised, AdjustError> {
     let lens = with_parameters(size, at.global);
-    let point = pose.apply(board_m);
+    let point = pose.apply(&shape.point(board_m, &bow_of(at.global)));
     let behind =
         || AdjustError::Input("a board came to lie behind the camera; leave poor pictures out".into());
     let (pixel, by_point) = lens.project_with_jacobian(&point).ok_or_else(behind)?;
@@ -200,11 +238,15 @@ fn linearise(
     let mut by_pose = DMatrix::zeros(3, 6);
     by_pose.view_mut((0, 0), (3, 3)).copy_from(&(-skew(&arm) * left_jacobian(at.local)));
     by_pose.view_mut((0, 3), (3, 3)).fill_with_identity();
+    let by_bow = by_point * pose.camera_from_board.matrix().column(2) * shape.by_bow(board_m);
     let by_point = DMatrix::from_iterator(2, 3, by_point.iter().copied());
+    let mut global = DMatrix::zeros(2, INTERIOR + 2);
+    global.columns_mut(0, INTERIOR).copy_from(&-by_interior(&lens, &point));
+    global.columns_mut(INTERIOR, 2).copy_from(&-by_bow);
     Ok(Linearised {
         misclosure: at.observed - DVector::from_column_slice(pixel.as_slice()),
-        columns: (0..9).collect(),
-        global: -by_interior(&lens, &point),
+        columns: (0..INTERIOR + 2).collect(),
+        global,
         local: -(by_point * by_pose),
         observations: DMatrix::identity(2, 2),
     })
@@ -256,15 +298,6 @@ fn by_interior(lens: &Lens, p: &Vector3<f64>) -> DMatrix<f64> {
     )
 }
 
-/// Per view, per point: observed - projected, px.
-fn residuals(lens: &Lens, poses: &[Pose], used: &[(usize, View)]) -> Vec<Vec<Vector2<f64>>> {
-    // Behind the camera: as gross as an error can be, and still finite when squared.
-    let far = Vector2::new(1e6, 1e6);
-    let one =
-        |pose: &Pose, p: &BoardPoint| lens.project(&pose.apply(&p.board_m)).map_or(far, |q| p.pixel - q);
-    poses.iter().zip(used).map(|(pose, (_, view))| view.iter().map(|p| one(pose, p)).collect()).collect()
-}
-
 /// Root mean square of vectors' lengths.
 fn rms<'a>(vectors: impl Iterator<Item = &'a Vector2<f64>>) -> f64 {
     let (sum, n) = vectors.fold((0.0, 0usize), |(s, n), r| (s + r.norm_squared(), n + 1));
@@ -291,8 +324,7 @@ fn reject(used: &mut Vec<(usize, View)>, residuals: &[Vec<Vector2<f64>>]) -> boo
 }
 
 fn outcome(
-    lens: Lens,
-    fit: &Fit,
+    adjusted: &Adjusted,
     used: &[(usize, View)],
     residuals: &[Vec<Vector2<f64>>],
     views: usize,
@@ -301,10 +333,16 @@ fn outcome(
     for ((index, _), r) in used.iter().zip(residuals) {
         view_rms_px[*index] = Some(rms(r.iter()));
     }
-    let factor = fit.variance_factor().unwrap_or(1.0);
+    let fit = &adjusted.fit;
+    let covariance = &fit.covariance * fit.variance_factor().unwrap_or(1.0);
+    let bow = |k: usize| Bow {
+        value_m: adjusted.bow_m[k],
+        sigma_m: covariance[(INTERIOR + k, INTERIOR + k)].max(0.0).sqrt(),
+    };
     Calibration {
-        lens,
-        covariance: &fit.covariance * factor,
+        lens: adjusted.lens.clone(),
+        bow: [bow(0), bow(1)],
+        covariance: covariance.view((0, 0), (INTERIOR, INTERIOR)).into(),
         rms_px: rms(residuals.iter().flatten()),
         view_rms_px,
         observations: residuals.iter().map(Vec::len).sum(),
