@@ -46,6 +46,10 @@ pub struct CalibrationReport {
     pub images_rejected: usize,
     /// Image points that took part.
     pub observations: usize,
+    /// `good` or `poor`.
+    pub verdict: &'static str,
+    /// Standard deviation of projected points at 5, 15 and 40 m, root mean square over the image, px.
+    pub projection_sigma_px: Vec<f64>,
     /// Bow of the board along its rows and its columns, m.
     pub board_bow_m: [f64; 2],
     /// Their standard deviations, m.

@@ -6,24 +6,33 @@
 //! | refine | pixels | saddle points | `saddle.rs` |
 //! | start | views | camera constant, poses | `start.rs` |
 //! | adjust | views, start | camera, board's bow, covariance | here and `shape.rs`, on the Gauss-Helmert engine |
+//! | leave out | residuals | pictures and points that fit | `outliers.rs` |
+//! | judge | covariance, residuals | projection uncertainty, verdict | `quality.rs`, `verdict.rs` |
 
 #[cfg(feature = "aprilgrid")]
 mod aprilgrid;
 mod board;
 mod checkerboard;
+mod outliers;
+mod quality;
 mod saddle;
 mod shape;
 mod start;
+mod verdict;
 
 use nalgebra::{DMatrix, DVector, Rotation3, Vector2, Vector3};
 
 pub use board::{Board, BoardError};
 
 use super::adjust::AdjustError;
-use super::adjust::gauss_helmert::{self, Block, Fit, Group, Linearised, Point, Problem};
+use super::adjust::gauss_helmert::{self, Block, Fit, Group, Linearised, Point, Prior, Problem};
 use super::geometry::{Lens, skew};
+pub use outliers::Dropped;
+use outliers::Selection;
+pub use quality::{DISTANCES_M, Projection};
 pub use shape::Bow;
 use shape::Shape;
+pub use verdict::{Verdict, judge};
 
 /// A board point (board plane, m) and its image.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,8 +59,16 @@ pub struct Calibration {
     pub bow: [Bow; 2],
     /// Per view: the root mean square of its residual vectors, px; `None` where it was rejected.
     pub view_rms_px: Vec<Option<f64>>,
+    /// Per view: why it took no part.
+    pub dropped: Vec<Option<Dropped>>,
+    /// Per view: points that took part.
+    pub view_points: Vec<usize>,
+    /// Per view that took part: angle between the board and the image plane, degrees.
+    pub tilt_deg: Vec<Option<f64>>,
     /// Image points that took part.
     pub observations: usize,
+    /// Uncertainty in the picture at [`DISTANCES_M`]; `None` where the lens has no inverse over the image.
+    pub projections: Option<Vec<Projection>>,
 }
 
 /// Why there is no calibration.
@@ -67,11 +84,12 @@ pub enum CalibrateError {
     },
     /// All boards parallel to the sensor, or the like.
     #[error(
-        "the pictures do not determine the camera constant; tilt the board by 20 to 40 degrees in several of them"
+        "the pictures do not determine the camera constant; tilt the board by 20 to 40 degrees in several of them, \
+         and count its rows and columns: a board that is not as described shows the same"
     )]
     NoStart,
     /// The adjustment failed.
-    #[error("{0}")]
+    #[error("{0}; is the board as described, are its rows, columns and gaps counted and measured?")]
     Adjust(#[from] AdjustError),
 }
 
@@ -79,42 +97,19 @@ pub enum CalibrateError {
 const LEAST_VIEWS: usize = 4;
 /// Points of one view needed for its pose and a check.
 const LEAST_POINTS: usize = 8;
-/// A view or point whose residual is this many times the rms is a gross error (a moved board, a wrong corner).
-const GROSS: f64 = 6.0;
-/// A view whose misfit to a plane is this many times the median's shows another thing.
-const FOREIGN: f64 = 5.0;
-/// Rounds of rejecting gross errors.
-const ROUNDS: usize = 5;
 /// Unit weight of an image coordinate, px; the covariance is scaled by the residuals.
 const UNIT_SIGMA_PX: f64 = 0.1;
 
 /// Calibrates from views of a plane board; `width` and `height` of the pictures, px.
 pub fn calibrate(views: &[View], width: u32, height: u32) -> Result<Calibration, CalibrateError> {
-    let mut used: Vec<(usize, View)> =
-        views.iter().cloned().enumerate().filter(|(_, v)| v.len() >= LEAST_POINTS).collect();
-    drop_foreign(&mut used, width, height);
-    for _ in 0..ROUNDS {
-        let adjusted = adjust(&used, width, height)?;
-        let residuals = adjusted.residuals(&used);
-        if !reject(&mut used, &residuals) {
-            return Ok(outcome(&adjusted, &used, &residuals, views.len()));
+    let mut selection = Selection::first(views, width, height);
+    loop {
+        let adjusted = adjust(&selection.used, width, height)?;
+        // Each round takes something out: they end.
+        if !selection.narrow(&adjusted, views) {
+            return Ok(outcome(&adjusted, selection));
         }
     }
-    let adjusted = adjust(&used, width, height)?;
-    let residuals = adjusted.residuals(&used);
-    Ok(outcome(&adjusted, &used, &residuals, views.len()))
-}
-
-/// Leaves out views that no plane board explains: with them the adjustment may not converge.
-fn drop_foreign(used: &mut Vec<(usize, View)>, width: u32, height: u32) {
-    let views: Vec<&View> = used.iter().map(|(_, v)| v).collect();
-    let misfits: Vec<f64> = views.iter().map(|v| start::misfit_px(v, width, height)).collect();
-    let mut sorted = misfits.clone();
-    sorted.sort_by(f64::total_cmp);
-    // Lens distortion is in every view's misfit alike.
-    let limit = FOREIGN * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0) + 1.0;
-    let mut keep = misfits.iter().map(|m| *m <= limit);
-    used.retain(|_| keep.next().unwrap_or(true));
 }
 
 /// The board's pose in the camera frame.
@@ -204,7 +199,7 @@ fn adjust(used: &[(usize, View)], width: u32, height: u32) -> Result<Adjusted, C
     let problem = Problem {
         missing: vec![MISSING; start.len()],
         start: DVector::from_vec(start),
-        priors: shape.priors(INTERIOR),
+        priors: [lens_priors(&lens), shape.priors(INTERIOR)].concat(),
         groups: views.iter().map(group).collect(),
     };
     let fit = gauss_helmert::solve(&problem, |at| {
@@ -214,6 +209,26 @@ fn adjust(used: &[(usize, View)], width: u32, height: u32) -> Result<Adjusted, C
     let poses = poses.iter().zip(&fit.groups).map(|(p, g)| p.moved(&g.local)).collect();
     let lens = with_parameters((width, height), &fit.global);
     Ok(Adjusted { lens, shape, bow_m: bow_of(&fit.global), poses, fit })
+}
+
+/// What every lens keeps to, for pictures that do not tell: the principal point lies within a tenth of
+/// the image's width of its middle, and no term of the distortion moves the image's corner by more
+/// than its distance from the middle (one standard deviation). It keeps few pictures from running
+/// away; where the pictures tell, it is a thousand times weaker than they are.
+fn lens_priors(start: &Lens) -> Vec<Prior> {
+    let (width, height) = (f64::from(start.width), f64::from(start.height));
+    let corner = 0.5 * width.hypot(height) / start.fx;
+    let values = parameters(start);
+    let sigmas = [
+        (2, 0.1 * width),
+        (3, 0.1 * width),
+        (4, corner.powi(-2)),
+        (5, corner.powi(-4)),
+        (6, corner.powi(-6)),
+        (7, corner.recip()),
+        (8, corner.recip()),
+    ];
+    sigmas.into_iter().map(|(k, sigma)| Prior::scalar(k, values[k], sigma)).collect()
 }
 
 fn bow_of(global: &DVector<f64>) -> [f64; 2] {
@@ -304,47 +319,32 @@ fn rms<'a>(vectors: impl Iterator<Item = &'a Vector2<f64>>) -> f64 {
     (sum / n.max(1) as f64).sqrt()
 }
 
-/// Takes gross errors out; whether there were any. The median stands for the scale, for a gross
-/// error blows up the mean.
-fn reject(used: &mut Vec<(usize, View)>, residuals: &[Vec<Vector2<f64>>]) -> bool {
-    let mut lengths: Vec<f64> = residuals.iter().flatten().map(|r| r.norm()).collect();
-    lengths.sort_by(f64::total_cmp);
-    // The median of a Rayleigh distribution is 1.177 standard deviations, its rms 1.414.
-    let scale = lengths.get(lengths.len() / 2).copied().unwrap_or(0.0) * 1.414 / 1.177;
-    let limit = GROSS * scale.max(0.02);
-    let before: usize = used.iter().map(|(_, v)| v.len()).sum();
-    let views = std::mem::take(used);
-    for ((index, view), r) in views.into_iter().zip(residuals) {
-        let kept: View = view.into_iter().zip(r).filter(|(_, r)| r.norm() <= limit).map(|(p, _)| p).collect();
-        if kept.len() >= LEAST_POINTS.max(r.len() / 2) {
-            used.push((index, kept));
-        }
-    }
-    used.iter().map(|(_, v)| v.len()).sum::<usize>() < before
-}
-
-fn outcome(
-    adjusted: &Adjusted,
-    used: &[(usize, View)],
-    residuals: &[Vec<Vector2<f64>>],
-    views: usize,
-) -> Calibration {
-    let mut view_rms_px = vec![None; views];
-    for ((index, _), r) in used.iter().zip(residuals) {
-        view_rms_px[*index] = Some(rms(r.iter()));
-    }
+fn outcome(adjusted: &Adjusted, selection: Selection) -> Calibration {
+    let Selection { used, dropped } = selection;
     let fit = &adjusted.fit;
+    let residuals = adjusted.residuals(&used);
     let covariance = &fit.covariance * fit.variance_factor().unwrap_or(1.0);
     let bow = |k: usize| Bow {
         value_m: adjusted.bow_m[k],
         sigma_m: covariance[(INTERIOR + k, INTERIOR + k)].max(0.0).sqrt(),
     };
-    Calibration {
-        lens: adjusted.lens.clone(),
+    let mut found = Calibration {
+        lens: adjusted.lens,
         bow: [bow(0), bow(1)],
         covariance: covariance.view((0, 0), (INTERIOR, INTERIOR)).into(),
         rms_px: rms(residuals.iter().flatten()),
-        view_rms_px,
+        view_rms_px: vec![None; dropped.len()],
+        view_points: vec![0; dropped.len()],
+        tilt_deg: vec![None; dropped.len()],
+        dropped,
         observations: residuals.iter().map(Vec::len).sum(),
+        projections: quality::projections(adjusted, &used, &covariance),
+    };
+    for (((index, view), r), pose) in used.iter().zip(&residuals).zip(&adjusted.poses) {
+        found.view_rms_px[*index] = Some(rms(r.iter()));
+        found.view_points[*index] = view.len();
+        let normal_z = pose.camera_from_board.matrix()[(2, 2)];
+        found.tilt_deg[*index] = Some(normal_z.abs().min(1.0).acos().to_degrees());
     }
+    found
 }
