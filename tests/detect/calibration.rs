@@ -2,7 +2,7 @@
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 use rand::{Rng, SeedableRng, rngs::StdRng};
-use wingd::measure::calibrate::{BoardPoint, CalibrateError, View, calibrate};
+use wingd::measure::calibrate::{BoardPoint, CalibrateError, Dropped, Verdict, View, calibrate, judge};
 use wingd::measure::geometry::Lens;
 
 const SIGMA_PX: f64 = 0.05;
@@ -131,4 +131,76 @@ fn too_little_is_refused() {
     if let Ok(found) = calibrate(&same, 4000, 3000) {
         assert!(found.covariance[(0, 0)].sqrt() > 1.0, "sigma of fx {}", found.covariance[(0, 0)].sqrt());
     }
+}
+
+/// Views of a board that fills half the image, moved over all of it; tilts up to `tilt`, rad.
+fn shown(random: &mut StdRng, f_factor: f64, tilt: f64, places: &[(f64, f64)]) -> Vec<View> {
+    let lens = Lens { fx: lens().fx * f_factor, fy: lens().fy * f_factor, ..lens() };
+    let one = |&(x, y): &(f64, f64)| {
+        let mut angle = |most: f64| if most > 0.0 { random.random_range(-most..most) } else { 0.0 };
+        let turn = Rotation3::from_euler_angles(angle(tilt), angle(tilt), angle(0.3));
+        let centre = Vector3::new(x, y, 3.0 + angle(0.4));
+        let mut view = View::new();
+        for k in 0..63 {
+            let board_m = Vector2::new(f64::from(k % 9) - 4.0, f64::from(k / 9) - 3.0) * 0.06;
+            let at = turn * Vector3::new(board_m.x, board_m.y, 0.0) + centre;
+            let Some(pixel) = lens.project(&at).filter(|p| lens.contains(p)) else { continue };
+            let noise = Vector2::new(gauss(random), gauss(random)) * SIGMA_PX;
+            view.push(BoardPoint { board_m, pixel: pixel + noise });
+        }
+        view
+    };
+    places.iter().map(one).collect()
+}
+
+fn everywhere() -> Vec<(f64, f64)> {
+    (0..18).map(|k| (f64::from(k % 3 - 1) * 0.5, f64::from(k / 3 % 3 - 1) * 0.36)).collect()
+}
+
+#[test]
+fn tilted_boards_all_over_the_image_are_good() {
+    // Boards at 3 m tell little about 40 m: eighteen pictures are not enough for it, three times as
+    // many halve the uncertainty.
+    let mut random = StdRng::seed_from_u64(21);
+    let few = calibrate(&shown(&mut random, 1.0, 0.6, &everywhere()), 4000, 3000).unwrap();
+    let (verdict, reasons) = judge(&few);
+    assert_eq!(verdict, Verdict::Poor);
+    assert!(reasons.len() == 1 && reasons[0].contains("a point at 40 m"), "{reasons:?}");
+    let many = calibrate(&shown(&mut random, 1.0, 0.6, &everywhere().repeat(3)), 4000, 3000).unwrap();
+    assert_eq!(judge(&many), (Verdict::Good, vec![]));
+}
+
+#[test]
+fn boards_that_are_hardly_tilted_are_no_good_and_the_reason_says_so() {
+    let mut random = StdRng::seed_from_u64(22);
+    let found = calibrate(&shown(&mut random, 1.0, 0.03, &everywhere()), 4000, 3000).unwrap();
+    let (verdict, reasons) = judge(&found);
+    assert_eq!(verdict, Verdict::Refused, "{reasons:?}");
+    assert!(reasons[0].contains("tilt it by 20 to 40"), "{reasons:?}");
+}
+
+#[test]
+fn boards_in_one_corner_alone_are_poor_and_the_reason_says_where_to_show_more() {
+    let mut random = StdRng::seed_from_u64(23);
+    let found = calibrate(&shown(&mut random, 1.0, 0.6, &[(-0.5, -0.36); 12]), 4000, 3000).unwrap();
+    let (verdict, reasons) = judge(&found);
+    assert_ne!(verdict, Verdict::Good);
+    assert!(reasons.iter().any(|r| r.contains("lower right")), "{reasons:?}");
+}
+
+#[test]
+fn a_picture_with_another_zoom_or_given_twice_is_left_out_by_name() {
+    let mut random = StdRng::seed_from_u64(24);
+    let mut views = shown(&mut random, 1.0, 0.6, &everywhere());
+    views.extend(shown(&mut random, 1.2, 0.7, &[(0.1, 0.05)]));
+    views.push(views[2].clone());
+    let found = calibrate(&views, 4000, 3000).unwrap();
+    assert!(
+        matches!(found.dropped[18], Some(Dropped::OtherCamera { .. } | Dropped::Points { .. })),
+        "{:?}",
+        found.dropped[18]
+    );
+    assert_eq!(found.dropped[19], Some(Dropped::Twice { of: 3 }));
+    assert!(found.dropped[..18].iter().all(Option::is_none), "{:?}", found.dropped);
+    assert!((found.lens.fx - lens().fx).abs() < 4.0 * found.covariance[(0, 0)].sqrt());
 }

@@ -65,6 +65,8 @@ pub struct Calibration {
     pub view_points: Vec<usize>,
     /// Per view that took part: angle between the board and the image plane, degrees.
     pub tilt_deg: Vec<Option<f64>>,
+    /// Points that took part in each ninth of the image: row, column from the upper left.
+    pub coverage: [[usize; 3]; 3],
     /// Image points that took part.
     pub observations: usize,
     /// Uncertainty in the picture at [`DISTANCES_M`]; `None` where the lens has no inverse over the image.
@@ -336,6 +338,7 @@ fn outcome(adjusted: &Adjusted, selection: Selection) -> Calibration {
         view_rms_px: vec![None; dropped.len()],
         view_points: vec![0; dropped.len()],
         tilt_deg: vec![None; dropped.len()],
+        coverage: coverage(&adjusted.lens, &used),
         dropped,
         observations: residuals.iter().map(Vec::len).sum(),
         projections: quality::projections(adjusted, &used, &covariance),
@@ -347,4 +350,13 @@ fn outcome(adjusted: &Adjusted, selection: Selection) -> Calibration {
         found.tilt_deg[*index] = Some(normal_z.abs().min(1.0).acos().to_degrees());
     }
     found
+}
+
+fn coverage(lens: &Lens, used: &[(usize, View)]) -> [[usize; 3]; 3] {
+    let ninth = |value: f64, side: u32| ((3.0 * value / f64::from(side)).max(0.0) as usize).min(2);
+    let mut counts = [[0; 3]; 3];
+    for p in used.iter().flat_map(|(_, v)| v) {
+        counts[ninth(p.pixel.y, lens.height)][ninth(p.pixel.x, lens.width)] += 1;
+    }
+    counts
 }

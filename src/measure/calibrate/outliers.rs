@@ -73,7 +73,7 @@ impl Selection {
         // Lens distortion is in every view's misfit alike.
         let limit = FOREIGN * median(rest) + 1.0;
         for (reason, misfit) in dropped.iter_mut().zip(&misfits) {
-            if reason.is_none() && !(*misfit <= limit) {
+            if reason.is_none() && (misfit.is_nan() || *misfit > limit) {
                 *reason = Some(Dropped::NoPlane { misfit_px: *misfit });
             }
         }

@@ -41,7 +41,10 @@ const TILT_DEG: f64 = 15.0;
 /// The verdict with its reasons, the gravest first.
 pub fn judge(calibration: &Calibration) -> (Verdict, Vec<String>) {
     let mut found: Vec<(Verdict, String)> =
-        [fold(calibration), misfit(calibration), left_out(calibration)].into_iter().flatten().collect();
+        [fold(calibration), misfit(calibration), left_out(calibration), uncovered(calibration)]
+            .into_iter()
+            .flatten()
+            .collect();
     found.extend(uncertain(calibration));
     found.sort_by_key(|(verdict, _)| std::cmp::Reverse(*verdict));
     let verdict = found.first().map_or(Verdict::Good, |f| f.0);
@@ -51,7 +54,8 @@ pub fn judge(calibration: &Calibration) -> (Verdict, Vec<String>) {
 fn fold(c: &Calibration) -> Option<(Verdict, String)> {
     c.projections.is_none().then(|| {
         let text = "the lens has no inverse over the whole image: no board told its distortion at the border; \
-                    show the board in all corners of the image";
+                    show the board in all corners of the image, or, where it was, take a lens that is less wide: \
+                    Brown's model cannot follow this one";
         (Verdict::Refused, text.to_owned())
     })
 }
@@ -81,6 +85,18 @@ fn left_out(c: &Calibration) -> Option<(Verdict, String)> {
             "{other} of {seen} pictures with a board do not fit the others: was zoom or focus moved? Tape both \
              rings and take all pictures again"
         );
+        (Verdict::Poor, text)
+    })
+}
+
+/// Where no board was, the distortion is the model's guess: its standard deviation holds only if the
+/// lens is exactly the model.
+fn uncovered(c: &Calibration) -> Option<(Verdict, String)> {
+    let empty: Vec<&str> =
+        (0..9).filter(|k| c.coverage[k / 3][k % 3] == 0).map(|k| region((k % 3, k / 3))).collect();
+    (!empty.is_empty()).then(|| {
+        let text =
+            format!("no board was shown in these parts of the image: {}; show it there", empty.join(", "));
         (Verdict::Poor, text)
     })
 }
