@@ -216,7 +216,7 @@ fn adjust(used: &[(usize, View)], width: u32, height: u32) -> Result<Adjusted, C
 /// What every lens keeps to, for pictures that do not tell: the principal point lies within a tenth of
 /// the image's width of its middle, and no term of the distortion moves the image's corner by more
 /// than its distance from the middle (one standard deviation). It keeps few pictures from running
-/// away; where the pictures tell, it is a thousand times weaker than they are.
+/// away. The sizes are an assumption, chosen wide.
 fn lens_priors(start: &Lens) -> Vec<Prior> {
     let (width, height) = (f64::from(start.width), f64::from(start.height));
     let corner = 0.5 * width.hypot(height) / start.fx;

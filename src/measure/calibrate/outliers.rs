@@ -7,7 +7,7 @@ use super::{Adjusted, LEAST_POINTS, View, rms, start};
 /// A point whose residual is this many times the scale is a gross error (a wrong corner).
 const GROSS: f64 = 6.0;
 /// A picture whose rms is this many times the median picture's was taken with another zoom or focus,
-/// or of another board. Distance and tilt alone change it by a factor of two.
+/// or of another board, or is blurred. Chosen, not derived: it does not tell these apart.
 const OTHER_CAMERA: f64 = 3.0;
 /// A view whose misfit to a plane is this many times the median's shows another thing.
 const FOREIGN: f64 = 5.0;

@@ -9,8 +9,8 @@ use crate::measure::raster::Raster;
 const ITERATIONS: usize = 30;
 const SETTLED_PX: f64 = 1e-4;
 
-/// Half the side of the largest window, px. The edges of a square are as straight as the lens leaves
-/// them, and the gain goes with the window's side: beyond this it costs time alone.
+/// Half the side of the largest window, px. A bound on the time, chosen; what larger windows
+/// would gain is not measured.
 const LARGEST_HALF: usize = 15;
 
 /// Half the side of the window, px: a third of the distance to the nearest neighbour.
