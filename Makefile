@@ -13,6 +13,7 @@ DEMO_FEATURES := --no-default-features
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
+	@echo 'make build         the whole program: target/release/wingd'
 	@echo 'make test          formatting, lints, every test (Debian 12: installs what it lacks)'
 	@echo 'make check         format, lints, unit tests and layers: what usually breaks, in a minute after a change'
 	@echo 'make bench         the figures of docs/performance.md'
@@ -36,8 +37,9 @@ lint: dependencies
 	$(CARGO) fmt --check
 	$(CARGO) clippy --release --locked --all-targets -- -D warnings
 
+# With one test, so that the dependencies get the tests' features and are not built twice.
 build: dependencies
-	$(CARGO) build --release --locked --bins
+	$(CARGO) build --release --locked --bins --test layers
 
 bench: build
 	sh benches/run.sh
