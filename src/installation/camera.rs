@@ -140,7 +140,8 @@ pub fn write_camera(file: &Path, lens: &Lens, report: Option<&CalibrationReport>
     if let Some(r) = report {
         let _ = writeln!(text, "\n[calibration]\nrms_px = {:?}\nimages_used = {}", r.rms_px, r.images_used);
         let _ = writeln!(text, "images_rejected = {}\nobservations = {}", r.images_rejected, r.observations);
-        let _ = writeln!(text, "verdict = {:?}\nprojection_sigma_px = {:?}", r.verdict, r.projection_sigma_px);
+        let _ =
+            writeln!(text, "verdict = {:?}\nprojection_sigma_px = {:?}", r.verdict, r.projection_sigma_px);
         let _ = writeln!(
             text,
             "board_bow_m = {:?}\nboard_bow_sigma_m = {:?}",
