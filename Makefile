@@ -6,9 +6,8 @@ MACHINE_PACKAGES := flex bison bc xz-utils dpkg-dev libexif-dev mmdebstrap e2fsp
 MACHINE_OPTIONS ?=
 DEMO_OUTPUT ?= demo-output
 
-# What the demonstration needs, and the release line, which costs nothing: no USB or video cameras, no AprilGrid,
-# no Parquet.
-DEMO_FEATURES := --no-default-features --features gpio
+# What the demonstration needs: no cameras but replay, no AprilGrid, no Parquet.
+DEMO_FEATURES := --no-default-features
 
 .PHONY: help demo test check lint bench package package-aarch64 test-machine build dependencies machine-dependencies
 
