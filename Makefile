@@ -6,28 +6,40 @@ MACHINE_PACKAGES := flex bison bc xz-utils dpkg-dev libexif-dev mmdebstrap e2fsp
 MACHINE_OPTIONS ?=
 DEMO_OUTPUT ?= demo-output
 
-.PHONY: help demo test lint bench package package-aarch64 test-machine build dependencies machine-dependencies
+# What the demonstration needs: no cameras but replay, no AprilGrid, no Parquet.
+DEMO_FEATURES := --no-default-features
+
+.PHONY: help demo test check lint bench package package-aarch64 test-machine build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
+	@echo 'make build         the whole program: target/release/wingd'
 	@echo 'make test          formatting, lints, every test (Debian 12: installs what it lacks)'
+	@echo 'make check         format, lints, unit tests and layers: what usually breaks, in a minute after a change'
 	@echo 'make bench         the figures of docs/performance.md'
 	@echo 'make package       a Debian package in target/package'
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
 	@echo 'make test-machine  cameras, GPIO and systemd in virtual machines'
 
-demo: build
+demo: dependencies
+	$(CARGO) build --release --locked --bin wingd $(DEMO_FEATURES)
 	target/release/wingd demo --output $(DEMO_OUTPUT)
 
 test: dependencies lint
 	$(CARGO) test --release --locked
 
+# Incremental: after a change only what it touches is compiled again (and a little slower code is made).
+check: export CARGO_INCREMENTAL = 1
+check: lint
+	$(CARGO) test --release --locked --lib --test layers
+
 lint: dependencies
 	$(CARGO) fmt --check
 	$(CARGO) clippy --release --locked --all-targets -- -D warnings
 
+# With one test, so that the dependencies get the tests' features and are not built twice.
 build: dependencies
-	$(CARGO) build --release --locked --bins
+	$(CARGO) build --release --locked --bins --test layers
 
 bench: build
 	sh benches/run.sh

@@ -81,8 +81,9 @@ pub fn load(file: &Path) -> Result<Config, Vec<Fault>> {
         vec![fault(file, "file", problem, "name it with --config; config/wingd.toml is a commented default")]
     })?;
     let config: Config = toml::from_str(&text).map_err(|e| vec![syntax(file, &text, &e)])?;
+    let mut faults = config.tildes(file);
     let config = config.resolved(file.parent().unwrap_or(Path::new("")));
-    let faults = config.faults(file);
+    faults.extend(config.faults(file));
     if faults.is_empty() { Ok(config) } else { Err(faults) }
 }
 
@@ -96,6 +97,21 @@ impl Config {
             replay.folder.iter_mut().chain(replay.list.iter_mut()).for_each(absolute);
         }
         self
+    }
+
+    /// Paths with the shell's word for the home directory: nobody expands it in a file.
+    fn tildes(&self, file: &Path) -> Vec<Fault> {
+        let mut paths = vec![("store.path", &self.store.path), ("status.socket", &self.status.socket)];
+        paths.extend(self.installation.iter().map(|path| ("installation", path)));
+        if let CameraSection::Replay(replay) = &self.camera {
+            paths.extend(replay.folder.iter().map(|path| ("camera.folder", path)));
+            paths.extend(replay.list.iter().map(|path| ("camera.list", path)));
+        }
+        let one = |(place, path): (&str, &PathBuf)| {
+            let problem = format!("is \"{}\"; ~ is known to shells only", path.display());
+            fault(file, place, problem, "write the whole path, beginning with /")
+        };
+        paths.into_iter().filter(|(_, path)| path.starts_with("~")).map(one).collect()
     }
 
     fn faults(&self, file: &Path) -> Vec<Fault> {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::{Done, Failure, frames, print};
 use crate::installation::{self, CalibrationReport};
-use crate::measure::calibrate::{self, Board, Calibration, View};
+use crate::measure::calibrate::{self, Board, Calibration, Verdict, View};
 use crate::pipeline::decode;
 
 /// Interior orientation from pictures of a board.
@@ -47,23 +47,40 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
             .collect();
         Failure::Undone(format!("no calibration: {e}{reasons}"))
     })?;
-    let report = report(&calibration);
-    installation::write_camera(&args.output, &calibration.lens, Some(&report)).map_err(|e| {
-        Failure::Undone(format!("{} cannot be written ({e}); check rights and space", args.output.display()))
-    })?;
-    for (picture, rms) in pictures.iter().zip(&calibration.view_rms_px) {
-        match (&picture.view, rms) {
-            (Err(reason), _) => eprintln!("{}: left out: {reason}", picture.name),
-            (Ok(_), None) => eprintln!("{}: left out: its points do not fit the others", picture.name),
-            (Ok(_), Some(_)) => {}
+    let (verdict, reasons) = calibrate::judge(&calibration);
+    let report = report(&calibration, verdict);
+    if verdict != Verdict::Refused {
+        installation::write_camera(&args.output, &calibration.lens, Some(&report)).map_err(|e| {
+            let file = args.output.display();
+            Failure::Undone(format!("{file} cannot be written ({e}); check rights and space"))
+        })?;
+    }
+    for (k, picture) in pictures.iter().enumerate() {
+        if let Some(reason) = reason(&calibration, k, picture) {
+            eprintln!("{}: left out: {reason}", picture.name);
         }
     }
     print(&if args.json {
-        json(&calibration, &report, &pictures)
+        json(&calibration, &report, &reasons, &pictures)
     } else {
         text(args, &calibration, &report)
     });
+    if verdict == Verdict::Refused {
+        let list: String = reasons.iter().map(|r| format!("\n  {r}")).collect();
+        return Err(Failure::Undone(format!("refused, {} is not written:{list}", args.output.display())));
+    }
+    for reason in &reasons {
+        eprintln!("{}: {reason}", verdict.name());
+    }
     Ok(Done::All)
+}
+
+/// Why a picture took no part.
+fn reason(calibration: &Calibration, k: usize, picture: &Picture) -> Option<String> {
+    match &picture.view {
+        Err(reason) => Some(reason.clone()),
+        Ok(_) => calibration.dropped[k].map(|d| d.to_string()),
+    }
 }
 
 fn picture(name: &str, bytes: Result<&[u8], String>, board: &Board) -> Picture {
@@ -95,7 +112,7 @@ fn common_size(pictures: &mut [Picture]) -> Result<(u32, u32), Failure> {
     Ok(size)
 }
 
-fn report(calibration: &Calibration) -> CalibrationReport {
+fn report(calibration: &Calibration, verdict: Verdict) -> CalibrationReport {
     let c = &calibration.covariance;
     let used = calibration.view_rms_px.iter().flatten().count();
     CalibrationReport {
@@ -103,6 +120,10 @@ fn report(calibration: &Calibration) -> CalibrationReport {
         images_used: used,
         images_rejected: calibration.view_rms_px.len() - used,
         observations: calibration.observations,
+        verdict: verdict.name(),
+        projection_sigma_px: calibration.projections.iter().flatten().map(|p| p.sigma_px).collect(),
+        board_bow_m: calibration.bow.map(|b| b.value_m),
+        board_bow_sigma_m: calibration.bow.map(|b| b.sigma_m),
         sigma: std::array::from_fn(|k| c[(k, k)].max(0.0).sqrt()),
         covariance: c.row_iter().map(|r| r.iter().copied().collect()).collect(),
     }
@@ -115,28 +136,52 @@ fn values(c: &Calibration) -> [f64; 9] {
     [l.fx, l.fy, l.cx, l.cy, l.k1, l.k2, l.k3, l.p1, l.p2]
 }
 
-fn json(calibration: &Calibration, report: &CalibrationReport, pictures: &[Picture]) -> String {
+fn json(
+    calibration: &Calibration,
+    report: &CalibrationReport,
+    reasons: &[String],
+    pictures: &[Picture],
+) -> String {
+    let by_name = |values: [f64; 9]| -> serde_json::Map<String, serde_json::Value> {
+        NAMES.iter().zip(values).map(|(n, v)| ((*n).to_owned(), v.into())).collect()
+    };
     let mut camera = serde_json::Map::new();
     camera.insert("width".into(), calibration.lens.width.into());
     camera.insert("height".into(), calibration.lens.height.into());
-    for (name, value) in NAMES.iter().zip(values(calibration)) {
-        camera.insert((*name).into(), value.into());
-    }
-    let images: Vec<_> = pictures
-        .iter()
-        .zip(&calibration.view_rms_px)
-        .map(|(p, rms)| {
-            serde_json::json!({ "image": p.name, "used": rms.is_some(), "rms_px": rms, "reason": p.view.as_ref().err() })
+    camera.extend(by_name(values(calibration)));
+    let image = |(k, p): (usize, &Picture)| {
+        serde_json::json!({
+            "image": p.name,
+            "used": calibration.view_rms_px[k].is_some(),
+            "reason": reason(calibration, k, p),
+            "corners": p.view.as_ref().map_or(0, Vec::len),
+            "corners_used": calibration.view_points[k],
+            "rms_px": calibration.view_rms_px[k],
+            "tilt_deg": calibration.tilt_deg[k],
         })
-        .collect();
-    serde_json::json!({ "status": "ok", "camera": camera, "calibration": report, "images": images })
-        .to_string()
+    };
+    let images: Vec<_> = pictures.iter().enumerate().map(image).collect();
+    serde_json::json!({
+        "status": if report.verdict == Verdict::Refused.name() { "refused" } else { "ok" },
+        "verdict": report.verdict,
+        "reasons": reasons,
+        "parameters": by_name(values(calibration)),
+        "sigma": by_name(report.sigma),
+        "board_bow_m": report.board_bow_m,
+        "board_bow_sigma_m": report.board_bow_sigma_m,
+        "projection_sigma_px": report.projection_sigma_px,
+        "camera": camera,
+        "calibration": report,
+        "images": images,
+    })
+    .to_string()
 }
 
 fn text(args: &Args, calibration: &Calibration, report: &CalibrationReport) -> String {
     let mut text = format!(
-        "{}\n{} of {} pictures, {} points, rms {:.4} px\n",
+        "{}: {}\n{} of {} pictures, {} points, rms {:.4} px\n",
         args.output.display(),
+        report.verdict,
         report.images_used,
         report.images_used + report.images_rejected,
         report.observations,
@@ -145,6 +190,15 @@ fn text(args: &Args, calibration: &Calibration, report: &CalibrationReport) -> S
     for ((name, value), sigma) in NAMES.iter().zip(values(calibration)).zip(report.sigma) {
         let digits = if value.abs() > 10.0 { 3 } else { 6 };
         text.push_str(&format!("{name:>3} {value:>12.digits$} +- {sigma:.digits$}\n"));
+    }
+    for (name, bow) in ["along", "across"].iter().zip(calibration.bow) {
+        let flat = if bow.significant() { "" } else { " (not significant)" };
+        let (value, sigma) = (1e3 * bow.value_m, 1e3 * bow.sigma_m);
+        text.push_str(&format!("board's bow {name} {value:.3} +- {sigma:.3} mm{flat}\n"));
+    }
+    for p in calibration.projections.iter().flatten() {
+        let (distance, sigma) = (p.distance_m, p.sigma_px);
+        text.push_str(&format!("projection at {distance} m +- {sigma:.3} px (rms over the image)\n"));
     }
     text.trim_end().to_owned()
 }

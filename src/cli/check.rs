@@ -9,7 +9,7 @@ use crate::camera::section::CameraSection;
 use crate::clock::System;
 use crate::config::{self, Config};
 use crate::installation::{self, Fault};
-use crate::store::{RealDisk, verify};
+use crate::store::{RealDisk, is_vacant, verify};
 
 /// Validate configuration, installation and store, and open the camera if there is one.
 #[derive(clap::Args)]
@@ -59,7 +59,15 @@ fn check_installation(config: &Config, said: &mut Vec<String>, faults: &mut Vec<
 
 fn check_store(config: &Config, file: &std::path::Path, said: &mut Vec<String>, faults: &mut Vec<Fault>) {
     let path = &config.store.path;
-    if !path.exists() {
+    faults.extend(unwritable(path).map(|problem| {
+        fault(
+            file,
+            "store.path",
+            problem,
+            "give the recorder's user the right to write there, or name another place",
+        )
+    }));
+    if is_vacant(&RealDisk, path) {
         said.push(format!("store          {} will be made", path.display()));
         let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
         if parent.is_some_and(|p| !p.is_dir()) {
@@ -78,6 +86,15 @@ fn check_store(config: &Config, file: &std::path::Path, said: &mut Vec<String>, 
         said.push(format!("store          {}: sound", path.display()));
     }
     faults.extend(found);
+}
+
+/// Why the recorder could not write at a path: what is there, or the nearest folder above it, refuses.
+fn unwritable(path: &std::path::Path) -> Option<String> {
+    let here = std::path::Path::new(".");
+    let there =
+        path.ancestors().map(|p| if p.as_os_str().is_empty() { here } else { p }).find(|p| p.exists())?;
+    let refused = rustix::fs::access(there, rustix::fs::Access::WRITE_OK).err()?;
+    Some(format!("{} cannot be written to ({refused})", there.display()))
 }
 
 fn check_camera(config: &Config, file: &std::path::Path, said: &mut Vec<String>, faults: &mut Vec<Fault>) {

@@ -46,6 +46,14 @@ pub struct CalibrationReport {
     pub images_rejected: usize,
     /// Image points that took part.
     pub observations: usize,
+    /// `good` or `poor`.
+    pub verdict: &'static str,
+    /// Standard deviation of projected points at 5, 15 and 40 m, root mean square over the image, px.
+    pub projection_sigma_px: Vec<f64>,
+    /// Bow of the board along its rows and its columns, m.
+    pub board_bow_m: [f64; 2],
+    /// Their standard deviations, m.
+    pub board_bow_sigma_m: [f64; 2],
     /// Standard deviations in the order fx fy cx cy k1 k2 k3 p1 p2.
     pub sigma: [f64; 9],
     /// 9 x 9, same order.
@@ -132,6 +140,13 @@ pub fn write_camera(file: &Path, lens: &Lens, report: Option<&CalibrationReport>
     if let Some(r) = report {
         let _ = writeln!(text, "\n[calibration]\nrms_px = {:?}\nimages_used = {}", r.rms_px, r.images_used);
         let _ = writeln!(text, "images_rejected = {}\nobservations = {}", r.images_rejected, r.observations);
+        let _ =
+            writeln!(text, "verdict = {:?}\nprojection_sigma_px = {:?}", r.verdict, r.projection_sigma_px);
+        let _ = writeln!(
+            text,
+            "board_bow_m = {:?}\nboard_bow_sigma_m = {:?}",
+            r.board_bow_m, r.board_bow_sigma_m
+        );
         let sigma: Vec<String> = names.iter().zip(r.sigma).map(|(n, s)| format!("{n} = {s:?}")).collect();
         let _ = writeln!(text, "sigma = {{ {} }}\ncovariance = [", sigma.join(", "));
         for row in &r.covariance {

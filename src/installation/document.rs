@@ -148,6 +148,11 @@ fn torsion_pairs(
             found
         };
         let (leading, trailing) = (find("leading", &pair.leading), find("trailing", &pair.trailing));
+        if document.torsion[..k].iter().any(|other| other.name == pair.name) {
+            let place = format!("torsion[{k}].name");
+            let problem = format!("\"{}\" names another pair already", pair.name);
+            reader.fault(file, &place, problem, "give every pair a name of its own");
+        }
         if let (Some(leading), Some(trailing)) = (leading, trailing) {
             if leading == trailing {
                 let place = format!("torsion[{k}]");

@@ -17,11 +17,8 @@ pub(super) fn read_table<const N: usize>(
     text: &str,
     columns: [&str; N],
 ) -> Option<Vec<(u64, [String; N])>> {
-    let mut csv = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .flexible(true)
-        .comment(Some(b'#'))
-        .from_reader(text.as_bytes());
+    let text = without_comments(reader, file, text, N);
+    let mut csv = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
     let header = match csv.headers() {
         Ok(header) => header.clone(),
         Err(error) => {
@@ -34,6 +31,12 @@ pub(super) fn read_table<const N: usize>(
             return None;
         }
     };
+    if let Some(separator) = foreign_separator(&header) {
+        let problem = format!("is separated by {separator}");
+        let mend = "save it with commas between the columns and points in the numbers";
+        reader.fault(file, "line 1", problem, mend);
+        return None;
+    }
     let mut index = [0; N];
     let mut whole = true;
     for (slot, name) in index.iter_mut().zip(columns) {
@@ -68,6 +71,35 @@ pub(super) fn read_table<const N: usize>(
     Some(rows)
 }
 
+/// The text with its comments as empty lines. A line that begins with `#` and is a whole row may be a
+/// comment or a name: the user must say.
+fn without_comments(reader: &mut Reader, file: &Path, text: &str, columns: usize) -> String {
+    let mut kept = String::with_capacity(text.len());
+    for (k, line) in text.lines().enumerate() {
+        let comment = line.trim_start().strip_prefix('#');
+        if comment.is_some_and(|c| !c.starts_with([' ', '\t', '#']) && c.split(',').count() >= columns) {
+            let id = line.split(',').next().unwrap_or_default().trim();
+            let mend =
+                "write a blank after # to leave the line out, or give a name that does not begin with #";
+            reader.fault(
+                file,
+                &format!("line {}", k + 1),
+                format!("\"{id}\" may be a comment or a name"),
+                mend,
+            );
+        }
+        kept.push_str(if comment.is_some() { "" } else { line });
+        kept.push('\n');
+    }
+    kept
+}
+
+/// What else than a comma stands between the columns, if the header is one cell for that reason.
+fn foreign_separator(header: &csv::StringRecord) -> Option<&'static str> {
+    let only = header.get(0).filter(|_| header.len() == 1)?;
+    [(';', "semicolons"), ('\t', "tabs")].into_iter().find(|(c, _)| only.contains(*c)).map(|(_, name)| name)
+}
+
 /// A finite number; a fault where it is not one.
 pub(super) fn number(reader: &mut Reader, file: &Path, line: u64, column: &str, text: &str) -> Option<f64> {
     let value = text.parse::<f64>().ok().filter(|v| v.is_finite());
@@ -99,7 +131,27 @@ pub(super) fn read(reader: &mut Reader, name: &str) -> Option<Vec<SurveyMarker>>
             markers.push(marker);
         }
     }
+    check_sigmas(reader, &file, &markers);
     (reader.faults.len() == before).then_some(markers)
+}
+
+/// Coarsest standard deviation of a survey that is believed, m: a tape along the wing gives some centimetres.
+const COARSEST_SIGMA_M: f64 = 0.5;
+
+/// Millimetres in a column of metres are one cause, on however many lines.
+fn check_sigmas(reader: &mut Reader, file: &Path, markers: &[SurveyMarker]) {
+    let coarse: Vec<&SurveyMarker> = markers.iter().filter(|m| m.sigma_m > COARSEST_SIGMA_M).collect();
+    if let Some(first) = coarse.first() {
+        let problem = format!(
+            "is {} m for {} of {} markers, {} first",
+            first.sigma_m,
+            coarse.len(),
+            markers.len(),
+            first.id
+        );
+        let mend = format!("give metres, at most {COARSEST_SIGMA_M}: 0.002 for 2 mm");
+        reader.fault(file, "column sigma_m", problem, mend);
+    }
 }
 
 fn check_id(reader: &mut Reader, file: &Path, line: u64, id: &str, seen: &mut HashMap<String, u64>) {

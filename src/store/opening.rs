@@ -25,6 +25,11 @@ pub(super) fn create(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     disk::replace(disk, &path, text.as_bytes()).map_err(StoreError::io(&path, "write"))
 }
 
+/// Whether opening would make a store here: nothing is there yet, or nothing but what may be.
+pub fn is_vacant(disk: &dyn Disk, root: &Path) -> bool {
+    !disk.exists(root) || (!disk.exists(&root.join(layout::STORE_FILE)) && refuse_foreign(disk, root).is_ok())
+}
+
 fn make_root(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     if disk.exists(root) {
         return Ok(());

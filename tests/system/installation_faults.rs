@@ -60,6 +60,39 @@ fn surveys() {
 }
 
 #[test]
+fn surveys_of_a_spreadsheet() {
+    let survey = |text: String| faults(DOCUMENT, CAMERA, text.as_bytes());
+    let semicolons = SURVEY.replace('.', ",").replace(",", ";").replacen("0;32", "0,32", 1);
+    only(survey(semicolons), "survey.csv", &["line 1", "semicolons", "commas"]);
+    only(survey(SURVEY.replace(',', "\t")), "survey.csv", &["line 1", "tabs"]);
+    // Every line in millimetres is one cause.
+    only(
+        survey(SURVEY.replace("0.002", "2")),
+        "survey.csv",
+        &["sigma_m", "2 m", "3 of 3", "M01", "0.002 for 2 mm"],
+    );
+}
+
+#[test]
+fn a_name_that_looks_like_a_comment_is_asked_about() {
+    let survey = |text: String| faults(DOCUMENT, CAMERA, text.as_bytes());
+    let row = "#04,circle,0.36,25.0,0.5,-0.8,0.002\n";
+    only(survey(format!("{SURVEY}{row}")), "survey.csv", &["line 5", "#04", "comment or a name"]);
+    let comments = format!("# of May, \"by hand\n{SURVEY}# {row}#\n");
+    assert_eq!(survey(comments), vec![], "comments stay comments");
+}
+
+#[test]
+fn two_pairs_of_one_name_are_a_fault() {
+    let twice = format!("{DOCUMENT}[[torsion]]\nname = \"tip\"\nleading = \"M01\"\ntrailing = \"M02\"\n");
+    only(
+        faults(&twice, CAMERA, SURVEY.as_bytes()),
+        "installation.toml",
+        &["torsion[1].name", "tip", "already"],
+    );
+}
+
+#[test]
 fn cameras() {
     let camera = |from: &str, to: &str| faults(DOCUMENT, &CAMERA.replacen(from, to, 1), SURVEY.as_bytes());
     only(camera("width = 4000", "width = 0"), "camera.toml", &["width", "0 px"]);

@@ -1,7 +1,5 @@
 //! Boards: what is printed, and where its points are.
 
-use nalgebra::Vector2;
-
 use super::{View, checkerboard};
 use crate::measure::raster::Raster;
 
@@ -73,7 +71,8 @@ impl Board {
         spacing: f64,
         id: usize,
         corner: usize,
-    ) -> Vector2<f64> {
+    ) -> nalgebra::Vector2<f64> {
+        use nalgebra::Vector2;
         let pitch = tag_m * (1.0 + spacing);
         let origin = Vector2::new((id % columns) as f64, (id / columns) as f64) * pitch;
         let offset = [(0.0, 0.0), (tag_m, 0.0), (tag_m, tag_m), (0.0, tag_m)][corner % 4];

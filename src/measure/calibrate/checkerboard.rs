@@ -25,10 +25,13 @@ pub(super) fn find(raster: &Raster, columns: usize, rows: usize, square_m: f64) 
     let expected = columns * rows;
     let (origin, turned) =
         placement(&corners, columns, rows).ok_or(BoardError::Partial { found: corners.len(), expected })?;
+    // Columns count to the right of rows in every picture: a bow towards the camera stays one.
+    let mirrored = turned == (handedness(&corners) > 0.0);
     let mut view = vec![];
     for r in 0..rows as i32 {
         for c in 0..columns as i32 {
-            let cell = if turned { (origin.0 + r, origin.1 + c) } else { (origin.0 + c, origin.1 + r) };
+            let k = if mirrored { columns as i32 - 1 - c } else { c };
+            let cell = if turned { (origin.0 + r, origin.1 + k) } else { (origin.0 + k, origin.1 + r) };
             let Some(pixel) = corners.get(&cell) else { continue };
             let half = saddle::half_window(&corners, cell);
             if let Some(pixel) = saddle::refine(raster, pixel, half) {
@@ -42,6 +45,16 @@ pub(super) fn find(raster: &Raster, columns: usize, rows: usize, square_m: f64) 
         return Err(BoardError::Partial { found: view.len(), expected });
     }
     Ok(view)
+}
+
+/// Whether the labels' second axis lies clockwise of the first in the picture (positive) or not.
+fn handedness(corners: &HashMap<(i32, i32), Vector2<f64>>) -> f64 {
+    let turn = |(cell, here): (&(i32, i32), &Vector2<f64>)| {
+        let along = corners.get(&(cell.0 + 1, cell.1))? - here;
+        let across = corners.get(&(cell.0, cell.1 + 1))? - here;
+        Some((along.x * across.y - along.y * across.x).signum())
+    };
+    corners.iter().filter_map(turn).sum()
 }
 
 /// Where on the labelled grid the board lies with most corners, and whether its rows run along v.

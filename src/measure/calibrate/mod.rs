@@ -5,22 +5,34 @@
 //! | find | grey picture, board | board points and their pixels | `checkerboard.rs`, `aprilgrid.rs` |
 //! | refine | pixels | saddle points | `saddle.rs` |
 //! | start | views | camera constant, poses | `start.rs` |
-//! | adjust | views, start | camera, covariance | here, on the Gauss-Helmert engine |
+//! | adjust | views, start | camera, board's bow, covariance | here and `shape.rs`, on the Gauss-Helmert engine |
+//! | leave out | residuals | pictures and points that fit | `outliers.rs` |
+//! | judge | covariance, residuals | projection uncertainty, verdict | `quality.rs`, `verdict.rs` |
 
 #[cfg(feature = "aprilgrid")]
 mod aprilgrid;
 mod board;
 mod checkerboard;
+mod outliers;
+mod quality;
 mod saddle;
+mod shape;
 mod start;
+mod verdict;
 
 use nalgebra::{DMatrix, DVector, Rotation3, Vector2, Vector3};
 
 pub use board::{Board, BoardError};
 
 use super::adjust::AdjustError;
-use super::adjust::gauss_helmert::{self, Block, Fit, Group, Linearised, Point, Problem};
+use super::adjust::gauss_helmert::{self, Block, Fit, Group, Linearised, Point, Prior, Problem};
 use super::geometry::{Lens, skew};
+pub use outliers::Dropped;
+use outliers::Selection;
+pub use quality::{DISTANCES_M, Projection};
+pub use shape::Bow;
+use shape::Shape;
+pub use verdict::{Verdict, judge};
 
 /// A board point (board plane, m) and its image.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,10 +55,22 @@ pub struct Calibration {
     pub covariance: DMatrix<f64>,
     /// Root mean square of the residual vectors, px.
     pub rms_px: f64,
+    /// The board's bow along its rows and its columns.
+    pub bow: [Bow; 2],
     /// Per view: the root mean square of its residual vectors, px; `None` where it was rejected.
     pub view_rms_px: Vec<Option<f64>>,
+    /// Per view: why it took no part.
+    pub dropped: Vec<Option<Dropped>>,
+    /// Per view: points that took part.
+    pub view_points: Vec<usize>,
+    /// Per view that took part: angle between the board and the image plane, degrees.
+    pub tilt_deg: Vec<Option<f64>>,
+    /// Points that took part in each ninth of the image: row, column from the upper left.
+    pub coverage: [[usize; 3]; 3],
     /// Image points that took part.
     pub observations: usize,
+    /// Uncertainty in the picture at [`DISTANCES_M`]; `None` where the lens has no inverse over the image.
+    pub projections: Option<Vec<Projection>>,
 }
 
 /// Why there is no calibration.
@@ -62,11 +86,12 @@ pub enum CalibrateError {
     },
     /// All boards parallel to the sensor, or the like.
     #[error(
-        "the pictures do not determine the camera constant; tilt the board by 20 to 40 degrees in several of them"
+        "the pictures do not determine the camera constant; tilt the board by 20 to 40 degrees in several of them, \
+         and count its rows and columns: a board that is not as described shows the same"
     )]
     NoStart,
     /// The adjustment failed.
-    #[error("{0}")]
+    #[error("{0}; is the board as described, are its rows, columns and gaps counted and measured?")]
     Adjust(#[from] AdjustError),
 }
 
@@ -74,42 +99,19 @@ pub enum CalibrateError {
 const LEAST_VIEWS: usize = 4;
 /// Points of one view needed for its pose and a check.
 const LEAST_POINTS: usize = 8;
-/// A view or point whose residual is this many times the rms is a gross error (a moved board, a wrong corner).
-const GROSS: f64 = 6.0;
-/// A view whose misfit to a plane is this many times the median's shows another thing.
-const FOREIGN: f64 = 5.0;
-/// Rounds of rejecting gross errors.
-const ROUNDS: usize = 5;
 /// Unit weight of an image coordinate, px; the covariance is scaled by the residuals.
 const UNIT_SIGMA_PX: f64 = 0.1;
 
 /// Calibrates from views of a plane board; `width` and `height` of the pictures, px.
 pub fn calibrate(views: &[View], width: u32, height: u32) -> Result<Calibration, CalibrateError> {
-    let mut used: Vec<(usize, View)> =
-        views.iter().cloned().enumerate().filter(|(_, v)| v.len() >= LEAST_POINTS).collect();
-    drop_foreign(&mut used, width, height);
-    for _ in 0..ROUNDS {
-        let (lens, fit, poses) = adjust(&used, width, height)?;
-        let residuals = residuals(&lens, &poses, &used);
-        if !reject(&mut used, &residuals) {
-            return Ok(outcome(lens, &fit, &used, &residuals, views.len()));
+    let mut selection = Selection::first(views, width, height);
+    loop {
+        let adjusted = adjust(&selection.used, width, height)?;
+        // Each round takes something out: they end.
+        if !selection.narrow(&adjusted, views) {
+            return Ok(outcome(&adjusted, selection));
         }
     }
-    let (lens, fit, poses) = adjust(&used, width, height)?;
-    let residuals = residuals(&lens, &poses, &used);
-    Ok(outcome(lens, &fit, &used, &residuals, views.len()))
-}
-
-/// Leaves out views that no plane board explains: with them the adjustment may not converge.
-fn drop_foreign(used: &mut Vec<(usize, View)>, width: u32, height: u32) {
-    let views: Vec<&View> = used.iter().map(|(_, v)| v).collect();
-    let misfits: Vec<f64> = views.iter().map(|v| start::misfit_px(v, width, height)).collect();
-    let mut sorted = misfits.clone();
-    sorted.sort_by(f64::total_cmp);
-    // Lens distortion is in every view's misfit alike.
-    let limit = FOREIGN * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0) + 1.0;
-    let mut keep = misfits.iter().map(|m| *m <= limit);
-    used.retain(|_| keep.next().unwrap_or(true));
 }
 
 /// The board's pose in the camera frame.
@@ -121,8 +123,8 @@ struct Pose {
 
 impl Pose {
     /// Camera-frame point, m.
-    fn apply(&self, board_m: &Vector2<f64>) -> Vector3<f64> {
-        self.camera_from_board * Vector3::new(board_m.x, board_m.y, 0.0) + self.translation_m
+    fn apply(&self, board_m: &Vector3<f64>) -> Vector3<f64> {
+        self.camera_from_board * board_m + self.translation_m
     }
 
     /// Moved by a small rotation (left) and a shift.
@@ -157,7 +159,32 @@ fn with_parameters(size: (u32, u32), p: &DVector<f64>) -> Lens {
 const MISSING: &str =
     "the views do not determine the camera; tilt the board and cover the corners of the image";
 
-fn adjust(used: &[(usize, View)], width: u32, height: u32) -> Result<(Lens, Fit, Vec<Pose>), CalibrateError> {
+/// Interior parameters; the board's bow follows them among the global ones.
+const INTERIOR: usize = 9;
+
+/// Camera, board and poses of one adjustment.
+struct Adjusted {
+    lens: Lens,
+    shape: Shape,
+    bow_m: [f64; 2],
+    poses: Vec<Pose>,
+    fit: Fit,
+}
+
+impl Adjusted {
+    /// Per view, per point: observed - projected, px.
+    fn residuals(&self, used: &[(usize, View)]) -> Vec<Vec<Vector2<f64>>> {
+        // Behind the camera: as gross as an error can be, and still finite when squared.
+        let far = Vector2::new(1e6, 1e6);
+        let one = |pose: &Pose, p: &BoardPoint| {
+            let point = pose.apply(&self.shape.point(&p.board_m, &self.bow_m));
+            self.lens.project(&point).map_or(far, |q| p.pixel - q)
+        };
+        self.poses.iter().zip(used).map(|(pose, (_, v))| v.iter().map(|p| one(pose, p)).collect()).collect()
+    }
+}
+
+fn adjust(used: &[(usize, View)], width: u32, height: u32) -> Result<Adjusted, CalibrateError> {
     if used.len() < LEAST_VIEWS {
         return Err(CalibrateError::TooFewViews { found: used.len(), needed: LEAST_VIEWS });
     }
@@ -169,18 +196,45 @@ fn adjust(used: &[(usize, View)], width: u32, height: u32) -> Result<(Lens, Fit,
     };
     let group =
         |v: &&View| Group { local: DVector::zeros(6), priors: vec![], blocks: v.iter().map(block).collect() };
+    let shape = Shape::of(&views);
+    let start = [&parameters(&lens)[..], &[0.0; 2]].concat();
     let problem = Problem {
-        start: DVector::from_column_slice(&parameters(&lens)),
-        missing: vec![MISSING; 9],
-        priors: vec![],
+        missing: vec![MISSING; start.len()],
+        start: DVector::from_vec(start),
+        priors: [lens_priors(&lens), shape.priors(INTERIOR)].concat(),
         groups: views.iter().map(group).collect(),
     };
     let fit = gauss_helmert::solve(&problem, |at| {
         let pose = poses[at.group].moved(at.local);
-        linearise(at, (width, height), &pose, &views[at.group][at.block].board_m)
+        linearise(at, (width, height), &pose, &shape, &views[at.group][at.block].board_m)
     })?;
     let poses = poses.iter().zip(&fit.groups).map(|(p, g)| p.moved(&g.local)).collect();
-    Ok((with_parameters((width, height), &fit.global), fit, poses))
+    let lens = with_parameters((width, height), &fit.global);
+    Ok(Adjusted { lens, shape, bow_m: bow_of(&fit.global), poses, fit })
+}
+
+/// What every lens keeps to, for pictures that do not tell: the principal point lies within a tenth of
+/// the image's width of its middle, and no term of the distortion moves the image's corner by more
+/// than its distance from the middle (one standard deviation). It keeps few pictures from running
+/// away. The sizes are an assumption, chosen wide.
+fn lens_priors(start: &Lens) -> Vec<Prior> {
+    let (width, height) = (f64::from(start.width), f64::from(start.height));
+    let corner = 0.5 * width.hypot(height) / start.fx;
+    let values = parameters(start);
+    let sigmas = [
+        (2, 0.1 * width),
+        (3, 0.1 * width),
+        (4, corner.powi(-2)),
+        (5, corner.powi(-4)),
+        (6, corner.powi(-6)),
+        (7, corner.recip()),
+        (8, corner.recip()),
+    ];
+    sigmas.into_iter().map(|(k, sigma)| Prior::scalar(k, values[k], sigma)).collect()
+}
+
+fn bow_of(global: &DVector<f64>) -> [f64; 2] {
+    [global[INTERIOR], global[INTERIOR + 1]]
 }
 
 /// observed - projected = 0.
@@ -188,10 +242,11 @@ fn linearise(
     at: &Point,
     size: (u32, u32),
     pose: &Pose,
+    shape: &Shape,
     board_m: &Vector2<f64>,
 ) -> Result<Linearised, AdjustError> {
     let lens = with_parameters(size, at.global);
-    let point = pose.apply(board_m);
+    let point = pose.apply(&shape.point(board_m, &bow_of(at.global)));
     let behind =
         || AdjustError::Input("a board came to lie behind the camera; leave poor pictures out".into());
     let (pixel, by_point) = lens.project_with_jacobian(&point).ok_or_else(behind)?;
@@ -200,11 +255,15 @@ fn linearise(
     let mut by_pose = DMatrix::zeros(3, 6);
     by_pose.view_mut((0, 0), (3, 3)).copy_from(&(-skew(&arm) * left_jacobian(at.local)));
     by_pose.view_mut((0, 3), (3, 3)).fill_with_identity();
+    let by_bow = by_point * pose.camera_from_board.matrix().column(2) * shape.by_bow(board_m);
     let by_point = DMatrix::from_iterator(2, 3, by_point.iter().copied());
+    let mut global = DMatrix::zeros(2, INTERIOR + 2);
+    global.columns_mut(0, INTERIOR).copy_from(&-by_interior(&lens, &point));
+    global.columns_mut(INTERIOR, 2).copy_from(&-by_bow);
     Ok(Linearised {
         misclosure: at.observed - DVector::from_column_slice(pixel.as_slice()),
-        columns: (0..9).collect(),
-        global: -by_interior(&lens, &point),
+        columns: (0..INTERIOR + 2).collect(),
+        global,
         local: -(by_point * by_pose),
         observations: DMatrix::identity(2, 2),
     })
@@ -256,57 +315,48 @@ fn by_interior(lens: &Lens, p: &Vector3<f64>) -> DMatrix<f64> {
     )
 }
 
-/// Per view, per point: observed - projected, px.
-fn residuals(lens: &Lens, poses: &[Pose], used: &[(usize, View)]) -> Vec<Vec<Vector2<f64>>> {
-    // Behind the camera: as gross as an error can be, and still finite when squared.
-    let far = Vector2::new(1e6, 1e6);
-    let one =
-        |pose: &Pose, p: &BoardPoint| lens.project(&pose.apply(&p.board_m)).map_or(far, |q| p.pixel - q);
-    poses.iter().zip(used).map(|(pose, (_, view))| view.iter().map(|p| one(pose, p)).collect()).collect()
-}
-
 /// Root mean square of vectors' lengths.
 fn rms<'a>(vectors: impl Iterator<Item = &'a Vector2<f64>>) -> f64 {
     let (sum, n) = vectors.fold((0.0, 0usize), |(s, n), r| (s + r.norm_squared(), n + 1));
     (sum / n.max(1) as f64).sqrt()
 }
 
-/// Takes gross errors out; whether there were any. The median stands for the scale, for a gross
-/// error blows up the mean.
-fn reject(used: &mut Vec<(usize, View)>, residuals: &[Vec<Vector2<f64>>]) -> bool {
-    let mut lengths: Vec<f64> = residuals.iter().flatten().map(|r| r.norm()).collect();
-    lengths.sort_by(f64::total_cmp);
-    // The median of a Rayleigh distribution is 1.177 standard deviations, its rms 1.414.
-    let scale = lengths.get(lengths.len() / 2).copied().unwrap_or(0.0) * 1.414 / 1.177;
-    let limit = GROSS * scale.max(0.02);
-    let before: usize = used.iter().map(|(_, v)| v.len()).sum();
-    let views = std::mem::take(used);
-    for ((index, view), r) in views.into_iter().zip(residuals) {
-        let kept: View = view.into_iter().zip(r).filter(|(_, r)| r.norm() <= limit).map(|(p, _)| p).collect();
-        if kept.len() >= LEAST_POINTS.max(r.len() / 2) {
-            used.push((index, kept));
-        }
+fn outcome(adjusted: &Adjusted, selection: Selection) -> Calibration {
+    let Selection { used, dropped } = selection;
+    let fit = &adjusted.fit;
+    let residuals = adjusted.residuals(&used);
+    let covariance = &fit.covariance * fit.variance_factor().unwrap_or(1.0);
+    let bow = |k: usize| Bow {
+        value_m: adjusted.bow_m[k],
+        sigma_m: covariance[(INTERIOR + k, INTERIOR + k)].max(0.0).sqrt(),
+    };
+    let mut found = Calibration {
+        lens: adjusted.lens,
+        bow: [bow(0), bow(1)],
+        covariance: covariance.view((0, 0), (INTERIOR, INTERIOR)).into(),
+        rms_px: rms(residuals.iter().flatten()),
+        view_rms_px: vec![None; dropped.len()],
+        view_points: vec![0; dropped.len()],
+        tilt_deg: vec![None; dropped.len()],
+        coverage: coverage(&adjusted.lens, &used),
+        dropped,
+        observations: residuals.iter().map(Vec::len).sum(),
+        projections: quality::projections(adjusted, &used, &covariance),
+    };
+    for (((index, view), r), pose) in used.iter().zip(&residuals).zip(&adjusted.poses) {
+        found.view_rms_px[*index] = Some(rms(r.iter()));
+        found.view_points[*index] = view.len();
+        let normal_z = pose.camera_from_board.matrix()[(2, 2)];
+        found.tilt_deg[*index] = Some(normal_z.abs().min(1.0).acos().to_degrees());
     }
-    used.iter().map(|(_, v)| v.len()).sum::<usize>() < before
+    found
 }
 
-fn outcome(
-    lens: Lens,
-    fit: &Fit,
-    used: &[(usize, View)],
-    residuals: &[Vec<Vector2<f64>>],
-    views: usize,
-) -> Calibration {
-    let mut view_rms_px = vec![None; views];
-    for ((index, _), r) in used.iter().zip(residuals) {
-        view_rms_px[*index] = Some(rms(r.iter()));
+fn coverage(lens: &Lens, used: &[(usize, View)]) -> [[usize; 3]; 3] {
+    let ninth = |value: f64, side: u32| ((3.0 * value / f64::from(side)).max(0.0) as usize).min(2);
+    let mut counts = [[0; 3]; 3];
+    for p in used.iter().flat_map(|(_, v)| v) {
+        counts[ninth(p.pixel.y, lens.height)][ninth(p.pixel.x, lens.width)] += 1;
     }
-    let factor = fit.variance_factor().unwrap_or(1.0);
-    Calibration {
-        lens,
-        covariance: &fit.covariance * factor,
-        rms_px: rms(residuals.iter().flatten()),
-        view_rms_px,
-        observations: residuals.iter().map(Vec::len).sum(),
-    }
+    counts
 }

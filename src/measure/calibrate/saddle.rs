@@ -9,6 +9,10 @@ use crate::measure::raster::Raster;
 const ITERATIONS: usize = 30;
 const SETTLED_PX: f64 = 1e-4;
 
+/// Half the side of the largest window, px. A bound on the time, chosen; what larger windows
+/// would gain is not measured.
+const LARGEST_HALF: usize = 15;
+
 /// Half the side of the window, px: a third of the distance to the nearest neighbour.
 pub(super) fn half_window(corners: &HashMap<(i32, i32), Vector2<f64>>, cell: (i32, i32)) -> usize {
     let Some(here) = corners.get(&cell) else { return 3 };
@@ -22,7 +26,7 @@ pub(super) fn half_window(corners: &HashMap<(i32, i32), Vector2<f64>>, cell: (i3
 
 /// The same for a known distance to the nearest neighbour, px.
 pub(super) fn half_window_for(distance_px: f64) -> usize {
-    ((distance_px / 3.0) as usize).clamp(2, 7)
+    ((distance_px / 3.0) as usize).clamp(2, LARGEST_HALF)
 }
 
 /// The point to which every edge's gradient in the window is orthogonal (Förstner and Gülch 1987),

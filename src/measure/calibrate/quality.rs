@@ -1,0 +1,100 @@
+//! What the camera's uncertainty is worth in the picture.
+//!
+//! Parameters alone say little: an error of the camera constant can hide in the boards' distances. So
+//! the camera's errors are carried into the picture of points at some distance, after the camera has
+//! taken up what a rotation and a shift of its own can explain **at the boards** (the mean-pose method
+//! of mrcal's projection uncertainty): near the boards' distance they cancel, away from it they do not.
+
+use nalgebra::{DMatrix, Matrix2x3, Matrix6, SMatrix, Vector2, Vector3};
+
+use super::{Adjusted, INTERIOR, View, by_interior};
+use crate::measure::geometry::{Lens, skew};
+
+/// Distances at which a wing's markers lie, m.
+pub const DISTANCES_M: [f64; 3] = [5.0, 15.0, 40.0];
+/// Cells over the image's width and height.
+const CELLS: usize = 9;
+
+type ByInterior = SMatrix<f64, 2, 9>;
+type Motion = SMatrix<f64, 6, 9>;
+
+/// Standard deviation of a projected point (length of its error vector) over the image, px.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Projection {
+    /// Distance of the points, m.
+    pub distance_m: f64,
+    /// Root mean square over the image, px.
+    pub sigma_px: f64,
+    /// The worst ninth of the image: column and row, 0 to 2 from the upper left.
+    pub worst: (usize, usize),
+    /// Root mean square there, px.
+    pub worst_sigma_px: f64,
+}
+
+/// At [`DISTANCES_M`]; `None` where the lens has no inverse somewhere in the image.
+pub(super) fn projections(
+    adjusted: &Adjusted,
+    used: &[(usize, View)],
+    covariance: &DMatrix<f64>,
+) -> Option<Vec<Projection>> {
+    let motion = motion(adjusted, used)?;
+    let interior = covariance.fixed_view::<INTERIOR, INTERIOR>(0, 0);
+    let at = |distance_m: f64| {
+        let mut cells = [[0.0; 3]; 3];
+        for row in 0..CELLS {
+            for column in 0..CELLS {
+                let point = cell_ray(&adjusted.lens, column, row)? * distance_m;
+                let (by_motion, by_lens) = jacobians(&adjusted.lens, &point)?;
+                let error = by_lens + by_motion * motion;
+                let variance = (error * interior * error.transpose()).trace();
+                cells[row * 3 / CELLS][column * 3 / CELLS] += variance / ((CELLS * CELLS) as f64 / 9.0);
+            }
+        }
+        Some(summary(distance_m, &cells))
+    };
+    DISTANCES_M.into_iter().map(at).collect()
+}
+
+fn summary(distance_m: f64, cells: &[[f64; 3]; 3]) -> Projection {
+    let mut worst = (0, 0);
+    for (row, column) in (0..9).map(|k| (k / 3, k % 3)) {
+        if cells[row][column] > cells[worst.1][worst.0] {
+            worst = (column, row);
+        }
+    }
+    let mean = cells.iter().flatten().sum::<f64>() / 9.0;
+    Projection { distance_m, sigma_px: mean.sqrt(), worst, worst_sigma_px: cells[worst.1][worst.0].sqrt() }
+}
+
+/// Unit ray through a cell; the outermost cells' rays run through the image's border.
+fn cell_ray(lens: &Lens, column: usize, row: usize) -> Option<Vector3<f64>> {
+    let share = |k: usize| k as f64 / (CELLS - 1) as f64;
+    let pixel = Vector2::new(
+        share(column) * (f64::from(lens.width) - 1.0),
+        share(row) * (f64::from(lens.height) - 1.0),
+    );
+    lens.ray(&pixel).ok().map(|r| r.normalize())
+}
+
+/// d pixel / d (rotation, shift of the camera) and d pixel / d interior parameters.
+fn jacobians(lens: &Lens, point: &Vector3<f64>) -> Option<(SMatrix<f64, 2, 6>, ByInterior)> {
+    let (_, by_point): (_, Matrix2x3<f64>) = lens.project_with_jacobian(point)?;
+    let mut by_motion = SMatrix::<f64, 2, 6>::zeros();
+    by_motion.fixed_columns_mut::<3>(0).copy_from(&(-by_point * skew(point)));
+    by_motion.fixed_columns_mut::<3>(3).copy_from(&by_point);
+    Some((by_motion, by_interior(lens, point).fixed_view::<2, INTERIOR>(0, 0).into()))
+}
+
+/// The camera's motion that best explains, at the boards, an error of the interior parameters.
+fn motion(adjusted: &Adjusted, used: &[(usize, View)]) -> Option<Motion> {
+    let (mut normal, mut right) = (Matrix6::zeros(), Motion::zeros());
+    for (pose, (_, view)) in adjusted.poses.iter().zip(used) {
+        for p in view {
+            let point = pose.apply(&adjusted.shape.point(&p.board_m, &adjusted.bow_m));
+            let (by_motion, by_lens) = jacobians(&adjusted.lens, &point)?;
+            normal += by_motion.transpose() * by_motion;
+            right += by_motion.transpose() * by_lens;
+        }
+    }
+    Some(-(normal.cholesky()?.solve(&right)))
+}

@@ -1,0 +1,134 @@
+//! Is it good enough to fly? In words that tell what to do.
+
+use super::quality::Projection;
+use super::{Calibration, Dropped};
+
+/// The judgement over a calibration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Verdict {
+    /// Fly with it.
+    Good,
+    /// Usable, with the reasons in mind.
+    Poor,
+    /// Not a camera.
+    Refused,
+}
+
+impl Verdict {
+    /// As written: `good`, `poor`, `refused`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Good => "good",
+            Self::Poor => "poor",
+            Self::Refused => "refused",
+        }
+    }
+}
+
+/// Markers at 15 m are measured to about a tenth of a pixel, and this is the error that the camera may
+/// add to all of them alike, px (the rms that rendered boards must keep for the small camera).
+const GOOD_PX: f64 = 0.25;
+/// Ten times that: 1 mm at 15 m becomes 1 cm, more than a survey of the ground would forgive.
+const REFUSED_PX: f64 = 2.5;
+/// A corner's fit that is this far off is no noise, px: corners come to a few hundredths, in poor
+/// light and compressed to some tenths.
+const POOR_RMS_PX: f64 = 0.75;
+/// As far off as a fisheye seen through Brown's model or a board with another spacing, px.
+const REFUSED_RMS_PX: f64 = 2.0;
+/// Board and image plane: below this tilt, perspective hardly tells camera constant from distance, degrees.
+const TILT_DEG: f64 = 15.0;
+
+/// The verdict with its reasons, the gravest first.
+pub fn judge(calibration: &Calibration) -> (Verdict, Vec<String>) {
+    let mut found: Vec<(Verdict, String)> =
+        [fold(calibration), misfit(calibration), left_out(calibration), uncovered(calibration)]
+            .into_iter()
+            .flatten()
+            .collect();
+    found.extend(uncertain(calibration));
+    found.sort_by_key(|(verdict, _)| std::cmp::Reverse(*verdict));
+    let verdict = found.first().map_or(Verdict::Good, |f| f.0);
+    (verdict, found.into_iter().map(|f| f.1).collect())
+}
+
+fn fold(c: &Calibration) -> Option<(Verdict, String)> {
+    c.projections.is_none().then(|| {
+        let text = "the lens has no inverse over the whole image: no board told its distortion at the border; \
+                    show the board in all corners of the image, or, where it was, take a lens that is less wide: \
+                    Brown's model cannot follow this one";
+        (Verdict::Refused, text.to_owned())
+    })
+}
+
+fn misfit(c: &Calibration) -> Option<(Verdict, String)> {
+    let verdict = match c.rms_px {
+        r if r > REFUSED_RMS_PX => Verdict::Refused,
+        r if r > POOR_RMS_PX => Verdict::Poor,
+        _ => return None,
+    };
+    Some((
+        verdict,
+        format!(
+            "the points are {:.2} px rms off: the board is not as described (count its rows and columns, measure \
+             a square or a tag and the gap), the pictures are blurred, or Brown's model does not fit this lens \
+             (a fisheye)",
+            c.rms_px
+        ),
+    ))
+}
+
+fn left_out(c: &Calibration) -> Option<(Verdict, String)> {
+    let other = c.dropped.iter().flatten().filter(|d| !matches!(d, Dropped::TooFewPoints { .. })).count();
+    let seen = c.dropped.iter().filter(|d| !matches!(d, Some(Dropped::TooFewPoints { .. }))).count();
+    (3 * other >= seen && other > 0).then(|| {
+        let text = format!(
+            "{other} of {seen} pictures with a board do not fit the others: was zoom or focus moved? Tape both \
+             rings and take all pictures again"
+        );
+        (Verdict::Poor, text)
+    })
+}
+
+/// Where no board was, the distortion is the model's guess: its standard deviation holds only if the
+/// lens is exactly the model.
+fn uncovered(c: &Calibration) -> Option<(Verdict, String)> {
+    let empty: Vec<&str> =
+        (0..9).filter(|k| c.coverage[k / 3][k % 3] == 0).map(|k| region((k % 3, k / 3))).collect();
+    (!empty.is_empty()).then(|| {
+        let text =
+            format!("no board was shown in these parts of the image: {}; show it there", empty.join(", "));
+        (Verdict::Poor, text)
+    })
+}
+
+/// The uncertainty in the picture, and what would lessen it.
+fn uncertain(c: &Calibration) -> Option<(Verdict, String)> {
+    let grade = |p: &&Projection| p.sigma_px > GOOD_PX || p.worst_sigma_px > 2.0 * GOOD_PX;
+    let worst =
+        c.projections.iter().flatten().filter(grade).max_by(|a, b| a.sigma_px.total_cmp(&b.sigma_px))?;
+    let verdict = if worst.sigma_px > REFUSED_PX { Verdict::Refused } else { Verdict::Poor };
+    let tilted = c.tilt_deg.iter().flatten().filter(|t| **t > TILT_DEG).count();
+    let what = if tilted < 3 {
+        format!(
+            "only {tilted} pictures show the board tilted by more than {TILT_DEG} degrees; tilt it by 20 to 40"
+        )
+    } else {
+        format!("show the board some times more in the {} of the image, tilted", region(worst.worst))
+    };
+    let text = format!(
+        "a point at {} m is projected to {:.2} px only ({:.2} px in the {}); {what}",
+        worst.distance_m,
+        worst.sigma_px,
+        worst.worst_sigma_px,
+        region(worst.worst)
+    );
+    Some((verdict, text))
+}
+
+fn region((column, row): (usize, usize)) -> &'static str {
+    [
+        ["upper left", "upper middle", "upper right"],
+        ["left", "middle", "right"],
+        ["lower left", "lower middle", "lower right"],
+    ][row.min(2)][column.min(2)]
+}

@@ -1,0 +1,86 @@
+//! `wingd check` and `wingd run` agree about the place of the store.
+
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// A configuration whose store is at `store`, beside one picture to replay.
+fn configuration(folder: &Path, store: &str) -> std::path::PathBuf {
+    let frames = folder.join("frames");
+    std::fs::create_dir_all(&frames).unwrap();
+    let frame = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/frames/ground.jpg");
+    std::fs::copy(frame, frames.join("one.jpg")).unwrap();
+    let text = format!("[store]\npath = {store:?}\n[camera]\nkind = \"replay\"\nfolder = \"frames\"\n");
+    let file = folder.join("wingd.toml");
+    std::fs::write(&file, text).unwrap();
+    file
+}
+
+fn check(mut command: Command, file: &Path) -> (Output, String) {
+    let output = command.args(["check", "--config"]).arg(file).output().unwrap();
+    let said =
+        format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    (output, said)
+}
+
+fn wingd() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_wingd"))
+}
+
+#[test]
+fn an_empty_folder_or_disk_is_a_place_for_a_store() {
+    for content in [None, Some("lost+found")] {
+        let directory = tempfile::tempdir().unwrap();
+        let store = directory.path().join("store");
+        std::fs::create_dir(&store).unwrap();
+        content.iter().for_each(|name| std::fs::create_dir(store.join(name)).unwrap());
+        let (output, said) = check(wingd(), &configuration(directory.path(), "store"));
+        assert_eq!(output.status.code(), Some(0), "{said}");
+        assert!(said.contains("will be made"), "{said}");
+    }
+}
+
+#[test]
+fn a_folder_of_other_things_is_none() {
+    let directory = tempfile::tempdir().unwrap();
+    std::fs::create_dir(directory.path().join("store")).unwrap();
+    std::fs::write(directory.path().join("store/letter.txt"), "dear").unwrap();
+    let (output, said) = check(wingd(), &configuration(directory.path(), "store"));
+    assert_eq!(output.status.code(), Some(78), "{said}");
+}
+
+#[test]
+fn the_home_sign_is_a_fault_before_anything_is_made() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = configuration(directory.path(), "~/wingstore");
+    for command in ["check", "run"] {
+        let output = wingd().args([command, "--config"]).arg(&file).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(78), "{said}");
+        assert!(said.contains("store.path") && said.contains("whole path"), "{said}");
+    }
+    assert!(!directory.path().join("~").exists());
+}
+
+#[test]
+fn a_store_that_cannot_be_written_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    std::fs::set_permissions(directory.path(), std::fs::Permissions::from_mode(0o755)).unwrap();
+    let file = configuration(directory.path(), "store");
+    let store = directory.path().join("store");
+    std::fs::create_dir(&store).unwrap();
+    std::fs::set_permissions(&store, std::fs::Permissions::from_mode(0o555)).unwrap();
+    // Root may write everywhere: another user looks then, with a copy of the program that it may read.
+    let program = directory.path().join("wingd");
+    std::fs::copy(env!("CARGO_BIN_EXE_wingd"), &program).unwrap();
+    let command = if rustix::process::geteuid().is_root() {
+        let mut other = Command::new("setpriv");
+        other.args(["--reuid=65534", "--regid=65534", "--clear-groups"]).arg(&program);
+        other
+    } else {
+        Command::new(&program)
+    };
+    let (output, said) = check(command, &file);
+    assert_eq!(output.status.code(), Some(78), "{said}");
+    assert!(said.contains("store.path") && said.contains("cannot be written"), "{said}");
+}
