@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use nalgebra::Vector2;
+use nalgebra::{SMatrix, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::{Reader, document, write_whole};
@@ -28,11 +28,14 @@ struct Table {
     p1: f64,
     #[serde(default)]
     p2: f64,
-    // Kept in the file for other tools; the adjustment holds the interior orientation fixed.
-    #[serde(default, rename = "covariance")]
-    _covariance: Option<toml::Value>,
-    #[serde(default, rename = "calibration")]
-    _calibration: Option<toml::Table>,
+    covariance: Option<Vec<Vec<f64>>>,
+    calibration: Option<Calibrated>,
+}
+
+/// What of `[calibration]` is read back.
+#[derive(Deserialize)]
+struct Calibrated {
+    covariance: Option<Vec<Vec<f64>>>,
 }
 
 /// What `wingd calibrate` adds under `[calibration]` (docs/interface.md).
@@ -62,7 +65,8 @@ pub struct CalibrationReport {
 
 const LARGEST_SIDE: i64 = 100_000;
 
-pub(super) fn read(reader: &mut Reader, name: &str) -> Option<Lens> {
+/// The lens, and the covariance of fx fy cx cy k1 k2 k3 p1 p2 where the file states one.
+pub(super) fn read(reader: &mut Reader, name: &str) -> Option<(Lens, Option<SMatrix<f64, 9, 9>>)> {
     let mend = "write it with `wingd calibrate`, or name the right file in camera.calibration";
     let (file, text) = reader.text(name, mend)?;
     let table: Table = document::parse_toml(reader, &file, &text)?;
@@ -106,7 +110,30 @@ pub(super) fn read(reader: &mut Reader, name: &str) -> Option<Lens> {
         p2: table.p2,
     };
     check_inverse(reader, &file, &lens);
-    Some(lens)
+    let stated = table.covariance.or(table.calibration.and_then(|c| c.covariance));
+    let covariance = stated.and_then(|rows| covariance(reader, &file, &rows));
+    Some((lens, covariance))
+}
+
+/// Nine by nine, finite, of variances and correlations that can be.
+fn covariance(reader: &mut Reader, file: &Path, rows: &[Vec<f64>]) -> Option<SMatrix<f64, 9, 9>> {
+    let square = rows.len() == 9 && rows.iter().all(|r| r.len() == 9 && r.iter().all(|v| v.is_finite()));
+    let matrix = square.then(|| {
+        let m = SMatrix::<f64, 9, 9>::from_fn(|i, j| rows[i][j]);
+        (m + m.transpose()) * 0.5
+    });
+    // A parameter that was held has a variance of 0.
+    let correlations = matrix.filter(|m| m.diagonal().min() >= 0.0).map(|m| {
+        let sigma = m.diagonal().map(|v| if v > 0.0 { v.sqrt() } else { 1.0 });
+        m.component_div(&(sigma * sigma.transpose()))
+    });
+    // Rounding in the file may leave eigenvalues a little below 0.
+    if correlations.is_none_or(|c| c.symmetric_eigenvalues().min() < -1e-6) {
+        let mend = "give 9 rows of 9 numbers in the order fx fy cx cy k1 k2 k3 p1 p2, as `wingd calibrate` writes them";
+        reader.fault(file, "covariance", "is no covariance of nine parameters", mend);
+        return None;
+    }
+    matrix
 }
 
 /// The distortion must be invertible over the whole image.

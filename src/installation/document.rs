@@ -6,7 +6,7 @@ use nalgebra::{Vector2, Vector3};
 
 use super::tables::{self, Document, Optics};
 use super::{Reader, camera, survey, ties, window};
-use crate::measure::setup::{Setup, SkinHeight, SurveyMarker, Thermal, TorsionPair};
+use crate::measure::setup::{Setup, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty};
 
 const FILE: &str = "installation.toml";
 /// Shift between two mountings where the user gives none, px (paper, section 3.1.3).
@@ -27,8 +27,8 @@ pub(super) fn read(reader: &mut Reader) -> Option<(Setup, Option<Optics>)> {
     let window = window::window(reader, &file, document.window.as_ref());
     let skin = document.wing.skin_height_m.as_ref();
     let setup = Setup {
-        name: document.name.unwrap_or_else(|| "unnamed".into()),
-        lens: lens?,
+        name: document.name.clone().unwrap_or_else(|| "unnamed".into()),
+        lens: lens?.0,
         projection_centre_m: Vector3::from(document.camera.projection_centre_m),
         projection_centre_sigma_m: document.camera.projection_centre_sigma_m,
         mount_repeatability_px: document.camera.mount_repeatability_px.unwrap_or(DEFAULT_REPEATABILITY_PX),
@@ -36,6 +36,7 @@ pub(super) fn read(reader: &mut Reader) -> Option<(Setup, Option<Optics>)> {
         root_offset_m: document.wing.root_offset_m,
         axis_chord_offset_m: document.wing.axis_chord_offset_m,
         skin_height: skin.map(|s| SkinHeight { root_m: s.root, tip_m: s.tip, tip_span_m: s.tip_span_m }),
+        uncertainty: Uncertainty { lens: lens?.1, ..uncertainty(&document) },
         thermal: document.thermal.as_ref().map(thermal),
         torsion,
         markers: markers?,
@@ -63,13 +64,32 @@ pub(super) fn parse_toml<T: serde::de::DeserializeOwned>(
     }
 }
 
+/// Width of a wing's temperature in flight where none is given, K: between the still air's and the air's that the
+/// wing stops, and what fuel keeps warm.
+const DEFAULT_TEMPERATURE_SIGMA_K: f64 = 15.0;
+
+fn uncertainty(document: &Document) -> Uncertainty {
+    let (camera, wing, usual) = (&document.camera, &document.wing, Uncertainty::default());
+    Uncertainty {
+        mount_shift_m: camera.mount_shift_m.unwrap_or(usual.mount_shift_m),
+        mount_drift_rad: camera.mount_drift_mrad.map_or(usual.mount_drift_rad, |v| 1e-3 * v),
+        skin_height_m: wing.skin_height_sigma_m.unwrap_or(usual.skin_height_m),
+        root_offset_m: wing.root_offset_sigma_m.unwrap_or(usual.root_offset_m),
+        axis_chord_offset_m: wing.axis_chord_offset_sigma_m.unwrap_or(usual.axis_chord_offset_m),
+        span_direction_rad: wing.span_direction_sigma_deg.map_or(usual.span_direction_rad, f64::to_radians),
+        lens: None,
+    }
+}
+
 fn thermal(t: &tables::Thermal) -> Thermal {
     Thermal {
         expansion_per_k: t.expansion_per_k,
         expansion_sigma_per_k: t.expansion_sigma_per_k,
         ground_temperature_c: t.ground_temperature_c,
         flight_temperature_c: t.flight_temperature_c,
-        flight_temperature_sigma_k: t.flight_temperature_sigma_k,
+        flight_temperature_sigma_k: Some(
+            t.sigma_k.or(t.flight_temperature_sigma_k).unwrap_or(DEFAULT_TEMPERATURE_SIGMA_K),
+        ),
     }
 }
 
@@ -93,6 +113,18 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &Document) {
     checks.extend(
         camera.mount_repeatability_px.map(|v| check("camera.mount_repeatability_px", v, 0.0, 1000.0, "px")),
     );
+    let widths = [
+        ("camera.mount_shift_m", camera.mount_shift_m, 0.5, "m"),
+        ("camera.mount_drift_mrad", camera.mount_drift_mrad, 100.0, "mrad"),
+        ("wing.skin_height_sigma_m", wing.skin_height_sigma_m, 5.0, "m"),
+        ("wing.root_offset_sigma_m", wing.root_offset_sigma_m, 5.0, "m"),
+        ("wing.axis_chord_offset_sigma_m", wing.axis_chord_offset_sigma_m, 5.0, "m"),
+        ("wing.span_direction_sigma_deg", wing.span_direction_sigma_deg, 20.0, "degrees"),
+        ("thermal.sigma_k", document.thermal.as_ref().and_then(|t| t.sigma_k), 100.0, "K"),
+    ];
+    for (place, value, high, unit) in widths {
+        checks.extend(value.map(|v| check(place, v, 0.0, high, unit)));
+    }
     checks.extend(wing.axis_chord_offset_m.map(|v| check("wing.axis_chord_offset_m", v, -20.0, 20.0, "m")));
     if let Some(skin) = &wing.skin_height_m {
         checks.push(check("wing.skin_height_m.root", skin.root, -5.0, 5.0, "m"));

@@ -141,7 +141,7 @@ pub fn load_camera(file: &Path) -> Result<crate::measure::geometry::Lens, Vec<Fa
     let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let mut reader = Reader { directory, faults: vec![], digests: vec![] };
     let lens = camera::read(&mut reader, &name);
-    lens.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
+    lens.map(|(lens, _)| lens).filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
 }
 
 /// A TOML parser's complaint as a fault with its line.

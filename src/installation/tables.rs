@@ -22,6 +22,8 @@ pub(super) struct Camera {
     pub projection_centre_m: [f64; 3],
     pub projection_centre_sigma_m: f64,
     pub mount_repeatability_px: Option<f64>,
+    pub mount_shift_m: Option<f64>,
+    pub mount_drift_mrad: Option<f64>,
     pub optics: Option<Optics>,
 }
 
@@ -45,8 +47,12 @@ pub(super) struct Wing {
     pub survey: String,
     pub span_direction: [f64; 2],
     pub root_offset_m: f64,
+    pub root_offset_sigma_m: Option<f64>,
     pub axis_chord_offset_m: Option<f64>,
+    pub axis_chord_offset_sigma_m: Option<f64>,
+    pub span_direction_sigma_deg: Option<f64>,
     pub skin_height_m: Option<Skin>,
+    pub skin_height_sigma_m: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -65,6 +71,7 @@ pub(super) struct Thermal {
     pub ground_temperature_c: f64,
     pub flight_temperature_c: f64,
     pub flight_temperature_sigma_k: Option<f64>,
+    pub sigma_k: Option<f64>,
 }
 
 #[derive(Deserialize)]

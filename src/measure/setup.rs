@@ -1,7 +1,7 @@
 //! What a user prepares once per aircraft, as numbers: camera, survey, wing. Read from disk by
 //! [`crate::installation`].
 
-use nalgebra::{Rotation3, Vector2, Vector3};
+use nalgebra::{Rotation3, SMatrix, Vector2, Vector3};
 
 use super::geometry::{Lens, WingFrame};
 
@@ -147,6 +147,55 @@ pub struct Window {
     pub pane: Option<Pane>,
 }
 
+/// How far off may be what a user can only estimate, as standard deviations. 0: held as stated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Uncertainty {
+    /// Shift of the projection centre between two mountings, each axis, m.
+    pub mount_shift_m: f64,
+    /// Rotation of the camera between two frames of one mounting, each axis, rad.
+    pub mount_drift_rad: f64,
+    /// Height of the skin above the bending axis, along the span, m.
+    pub skin_height_m: f64,
+    /// Where bending starts, along the span, m.
+    pub root_offset_m: f64,
+    /// Place of the bending axis along the chord, m.
+    pub axis_chord_offset_m: f64,
+    /// Direction of the span about the vertical, rad.
+    pub span_direction_rad: f64,
+    /// Covariance of fx, fy, cx, cy, k1, k2, k3, p1, p2 as the calibration states it; `None`: held.
+    pub lens: Option<SMatrix<f64, 9, 9>>,
+}
+
+impl Default for Uncertainty {
+    /// What holds where an installation says nothing (docs/adjustment.md has the reasons).
+    fn default() -> Self {
+        Self {
+            mount_shift_m: 0.002,
+            mount_drift_rad: 2e-5,
+            skin_height_m: 0.1,
+            root_offset_m: 0.3,
+            axis_chord_offset_m: 0.3,
+            span_direction_rad: 1f64.to_radians(),
+            lens: None,
+        }
+    }
+}
+
+impl Uncertainty {
+    /// Drawings that are right to some millimetres, a mount that neither shifts nor creeps: rendered scenes.
+    pub fn of_drawings() -> Self {
+        Self {
+            mount_shift_m: 0.0,
+            mount_drift_rad: 0.0,
+            skin_height_m: 0.003,
+            root_offset_m: 0.0,
+            axis_chord_offset_m: 0.0,
+            span_direction_rad: 0.0,
+            lens: None,
+        }
+    }
+}
+
 /// Everything known before the flight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setup {
@@ -168,6 +217,8 @@ pub struct Setup {
     pub axis_chord_offset_m: Option<f64>,
     /// Skin above the bending axis; 0 where not given.
     pub skin_height: Option<SkinHeight>,
+    /// How far off what the user states may be.
+    pub uncertainty: Uncertainty,
     /// Thermal expansion.
     pub thermal: Option<Thermal>,
     /// Pairs for torsion.

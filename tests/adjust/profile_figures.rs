@@ -9,7 +9,7 @@ use wingd::measure::adjust::{
     self, AdjustError, Estimate, GlobalTest, Observation, Options, SigmaKind, Solution,
 };
 use wingd::measure::geometry::Lens;
-use wingd::measure::setup::{Orientation, Setup, Shape, SurveyMarker, Thermal, TorsionPair};
+use wingd::measure::setup::{Orientation, Setup, Shape, SurveyMarker, Thermal, TorsionPair, Uncertainty};
 
 /// The paper's estimate, 1/m.
 const PAPER_A: f64 = 0.002_189_57;
@@ -55,6 +55,7 @@ impl Case {
             root_offset_m: 0.0,
             axis_chord_offset_m: None,
             skin_height: None,
+            uncertainty: Uncertainty::of_drawings(),
             thermal: None,
             torsion: vec![],
             markers: points.iter().enumerate().map(marker).collect(),

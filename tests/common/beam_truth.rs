@@ -8,7 +8,7 @@ use rand::rngs::StdRng;
 use wingd::measure::adjust::Observation;
 use wingd::measure::geometry::Lens;
 use wingd::measure::setup::{
-    GroundSight, Orientation, Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair,
+    GroundSight, Orientation, Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty,
 };
 
 pub use super::random::{normal, normal2, normal3, rng};
@@ -166,6 +166,7 @@ impl Truth {
                 tip_m: wing.skin_tip_m,
                 tip_span_m: wing.length_m,
             }),
+            uncertainty: Uncertainty::of_drawings(),
             thermal: Some(Thermal {
                 expansion_per_k: 23e-6,
                 expansion_sigma_per_k: None,

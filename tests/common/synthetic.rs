@@ -6,7 +6,7 @@ use rand::Rng;
 use rand::rngs::StdRng;
 use wingd::measure::detect::Detection;
 use wingd::measure::geometry::Lens;
-use wingd::measure::setup::{Setup, Shape, SkinHeight, SurveyMarker, Thermal};
+use wingd::measure::setup::{Setup, Shape, SkinHeight, SurveyMarker, Thermal, Uncertainty};
 
 use super::disc_image::image_of_disc;
 pub use super::random::{normal, normal3, rng};
@@ -373,6 +373,7 @@ fn setup(
             tip_m: wing.skin_tip,
             tip_span_m: wing.length_m,
         }),
+        uncertainty: Uncertainty::of_drawings(),
         thermal: Some(Thermal {
             expansion_per_k: 23e-6,
             expansion_sigma_per_k: None,

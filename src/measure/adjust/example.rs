@@ -4,7 +4,9 @@
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 
 use crate::measure::geometry::Lens;
-use crate::measure::setup::{GroundSight, Orientation, Setup, Shape, SkinHeight, SurveyMarker, Thermal};
+use crate::measure::setup::{
+    GroundSight, Orientation, Setup, Shape, SkinHeight, SurveyMarker, Thermal, Uncertainty,
+};
 
 /// Nine markers on 30 m.
 pub fn setup() -> Setup {
@@ -29,6 +31,7 @@ pub fn setup() -> Setup {
         root_offset_m: 0.5,
         axis_chord_offset_m: Some(0.1),
         skin_height: Some(SkinHeight { root_m: 0.5, tip_m: 0.1, tip_span_m: 33.0 }),
+        uncertainty: Uncertainty::of_drawings(),
         thermal: Some(Thermal {
             expansion_per_k: 23e-6,
             expansion_sigma_per_k: Some(1e-6),

@@ -55,6 +55,10 @@ struct Flight<'a> {
     amplitudes: Vec<f64>,
     departure: f64,
     mountings: Mountings,
+    /// Rotation of the mounting and shift of the projection centre per frame in the last solution, rad and m.
+    poses: Vec<(Vector3<f64>, Vector3<f64>)>,
+    /// Standard deviation of a frame's rotation about its mounting's, rad.
+    drift_rad: f64,
 }
 
 impl<'a> Flight<'a> {
@@ -78,9 +82,11 @@ impl<'a> Flight<'a> {
             used: vec![vec![true; n]; frames.len()],
             ground_used: vec![true; n],
             amplitudes: vec![0.005; frames.len()],
+            poses: vec![(Vector3::zeros(), Vector3::zeros()); frames.len()],
             frames,
             departure: DEPARTURE,
             mountings: None,
+            drift_rad: stated_drift(setup),
         })
     }
 }
@@ -90,8 +96,11 @@ impl Flight<'_> {
     fn solve(&mut self, from: Option<&Fit>) -> Result<(Setting, Fit), AdjustError> {
         let setting = self.setting(from);
         let fit = setting.solve(self.input.scene, &Course { rough: true, residuals: from })?;
-        for (amplitude, group) in self.amplitudes.iter_mut().zip(&fit.groups) {
-            *amplitude = group.local[0].abs().max(SMALLEST_CURVATURE_PER_M);
+        for (frame, layout) in setting.layouts.iter().enumerate() {
+            let local = &fit.groups[frame].local;
+            self.amplitudes[frame] = local[0].abs().max(SMALLEST_CURVATURE_PER_M);
+            let pose = layout.values(&fit.global, local).pose;
+            self.poses[frame] = (pose.mount_rad, pose.shift_m);
         }
         Ok((setting, fit))
     }
@@ -122,12 +131,36 @@ impl Flight<'_> {
             let next = (self.departure * factor).clamp(DEPARTURE_BOUNDS.0, DEPARTURE_BOUNDS.1);
             let settled = (next / self.departure).ln().abs() < 0.3;
             self.departure = next;
+            let settled = self.tune_drift(setting, fit) && settled;
             if settled || round == rounds {
                 break;
             }
             last = self.solve(Some(&last.1))?;
         }
         Ok(last)
+    }
+
+    /// Sets the drift to what the rotations within each mounting show, not below what is stated. Yaw and roll
+    /// tell it well; pitch, which one frame hardly tells from bending, is taken to creep as much. The stated
+    /// drift counts as one observation. Whether it changed little.
+    fn tune_drift(&mut self, setting: &Setting, fit: &Fit) -> bool {
+        if self.mountings.is_none() {
+            return true;
+        }
+        let stated = stated_drift(self.input.setup);
+        let (mut omega, mut redundancy) = ((stated / self.drift_rad).powi(2), 1.0);
+        for frame in 0..self.frames.len() {
+            let Some((gradient, value)) = own_rotation(setting, fit, frame) else { continue };
+            let covariance = fit.covariance_of(frame, &gradient);
+            omega += value.norm_squared() / self.drift_rad.powi(2);
+            redundancy += 3.0 - covariance.trace() / self.drift_rad.powi(2);
+        }
+        let loosest = self.input.setup.mount_repeatability_px.max(1e-3) / self.input.setup.lens.focal_px();
+        let next = self.drift_rad * (omega / redundancy.max(0.5)).sqrt();
+        let next = next.clamp(stated, loosest.max(stated));
+        let settled = (next / self.drift_rad).ln().abs() < 0.3;
+        self.drift_rad = next;
+        settled
     }
 
     /// Splits the flight where the rotation changes by more than chance.
@@ -238,6 +271,19 @@ impl Flight<'_> {
     }
 }
 
+/// Drift of one mounting as stated, not 0: a prior needs a width (0.001 px at 8000 px).
+fn stated_drift(setup: &Setup) -> f64 {
+    setup.uncertainty.mount_drift_rad.max(1e-7)
+}
+
+/// A frame's rotation about what its mounting's frames have in common, and the gradient that picks it.
+fn own_rotation(setting: &Setting, fit: &Fit, frame: usize) -> Option<(Gradient, Vector3<f64>)> {
+    let Place::Local(first) = setting.layouts[frame].mount else { return None };
+    let mut gradient = Gradient::empty(vec![], setting.layouts[frame].local, 3);
+    (0..3).for_each(|k| gradient.local[(first + k, k)] = 1.0);
+    Some((gradient, fit.groups[frame].local.fixed_rows::<3>(first).into_owned()))
+}
+
 fn chi_square_limit(freedom: f64, alpha: f64) -> f64 {
     use statrs::distribution::{ChiSquared, ContinuousCDF};
     ChiSquared::new(freedom).map_or(f64::INFINITY, |law| law.inverse_cdf(1.0 - alpha))
@@ -246,12 +292,7 @@ fn chi_square_limit(freedom: f64, alpha: f64) -> f64 {
 /// Squared difference of two frames' rotations in its standard deviations.
 fn rotation_distance(setting: &Setting, fit: &Fit, a: usize, b: usize) -> f64 {
     let part = |frame: usize| {
-        let Place::Local(first) = setting.layouts[frame].mount else { return None };
-        let mut gradient = Gradient::empty(vec![], setting.layouts[frame].local, 3);
-        for k in 0..3 {
-            gradient.local[(first + k, k)] = 1.0;
-        }
-        let value = fit.groups[frame].local.fixed_rows::<3>(first).into_owned();
+        let (gradient, value) = own_rotation(setting, fit, frame)?;
         Some((fit.propagate(frame, &gradient), value))
     };
     let (Some((pa, va)), Some((pb, vb))) = (part(a), part(b)) else { return 0.0 };
@@ -313,6 +354,10 @@ fn dress(flight: &Flight, setting: &Setting, fit: &Fit, removed: &[(usize, Suspe
         parameters.push(Parameter {
             name: "shape_departure",
             values: vec![Estimate { value: flight.departure, sigma: None }],
+        });
+        parameters.push(Parameter {
+            name: "mount_drift_rad",
+            values: vec![Estimate { value: flight.drift_rad, sigma: None }],
         });
         let mut markers = outcome.markers();
         let mut remarks = flight_remarks(flight, frame);

@@ -46,13 +46,16 @@ pub struct GroundShape {
     pub stations: Vec<Station>,
     /// Covariance of the axis' height, coefficients of the powers of s/L, m^2.
     pub axis_covariance: Matrix4<f64>,
+    /// Standard deviation of the height of the skin above the bending axis, m.
+    pub skin_sigma_m: f64,
     /// +1 where Z points aft (right wing), -1 where it points forward: sign of a nose-up twist.
     pub nose: f64,
 }
 
 impl GroundShape {
-    /// Axis through the surveyed markers, lowered by the skin height, crown kept out.
-    pub fn new(setup: &Setup) -> Result<Self, AdjustError> {
+    /// Axis through the surveyed markers, lowered by the skin height, crown kept out. `trusted`: per marker,
+    /// whether it may shape the surface; one that stands off the others' surface does not, whatever is said.
+    pub fn new(setup: &Setup, trusted: &[bool]) -> Result<Self, AdjustError> {
         let frame = setup.wing_frame();
         let points: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
         if points.len() < 2 || points.iter().any(|p| !p.iter().all(|v| v.is_finite())) {
@@ -60,16 +63,37 @@ impl GroundShape {
         }
         let mean = points.iter().map(|p| p.z).sum::<f64>() / points.len() as f64;
         let axis_z = setup.axis_chord_offset_m.unwrap_or(mean);
-        let (axis, axis_covariance) =
-            Axis::through(&points, &weights(setup), axis_z, setup.root_offset_m, setup.skin_height)?;
+        let (skin, skin_sigma_m) = skin(setup, &points);
+        let weights = weights(setup, trusted);
+        let (axis, axis_covariance) = Axis::through(&points, &weights, axis_z, setup.root_offset_m, skin)?;
         let stations = points.iter().map(|p| Station { arc_m: axis.foot(p), surveyed_m: *p }).collect();
-        Ok(Self { frame, axis, stations, axis_covariance, nose: nose(setup, &points) })
+        Ok(Self { frame, axis, stations, axis_covariance, skin_sigma_m, nose: nose(setup, &points) })
     }
 }
 
-/// Weights of the markers' heights over a smooth skin, 1/m^2.
-fn weights(setup: &Setup) -> Vec<f64> {
-    setup.markers.iter().map(|m| 1.0 / (m.sigma_m * m.sigma_m + WAVINESS_M * WAVINESS_M)).collect()
+/// Weights of the markers' heights over a smooth skin, 1/m^2; 0 for those that are not trusted.
+fn weights(setup: &Setup, trusted: &[bool]) -> Vec<f64> {
+    let weight = |(k, m): (usize, &crate::measure::setup::SurveyMarker)| {
+        let trusted = trusted.get(k).copied().unwrap_or(true);
+        if trusted { 1.0 / (m.sigma_m * m.sigma_m + WAVINESS_M * WAVINESS_M) } else { 0.0 }
+    };
+    setup.markers.iter().enumerate().map(weight).collect()
+}
+
+/// Height of the skin above the axis at the root and at the tip where nobody states it, and the width of
+/// that, over the length. An assumption: half the thickness of sections of 13 and 11 % on chords of 0.23 and
+/// 0.07 lengths, and a width that is half of the former, which a section's elastic axis does not exceed.
+const USUAL_HALF_THICKNESS: (f64, f64, f64) = (0.015, 0.004, 0.007);
+
+/// Height of the skin above the bending axis with its standard deviation, m: as stated, else what wings have.
+fn skin(setup: &Setup, points: &[Vector3<f64>]) -> (SkinHeight, f64) {
+    let stated = setup.uncertainty.skin_height_m;
+    if let Some(skin) = setup.skin_height {
+        return (skin, stated);
+    }
+    let reach = points.iter().fold(0.0, |a: f64, p| a.max(p.x - setup.root_offset_m));
+    let (root, tip, sigma) = USUAL_HALF_THICKNESS;
+    (SkinHeight { root_m: root * reach, tip_m: tip * reach, tip_span_m: reach }, stated.max(sigma * reach))
 }
 
 /// The torsion pairs tell which way the nose points; a right wing where there is none.
@@ -86,7 +110,7 @@ impl Axis {
         weights: &[f64],
         axis_z: f64,
         root_x: f64,
-        skin: Option<SkinHeight>,
+        skin: SkinHeight,
     ) -> Result<(Self, Matrix4<f64>), AdjustError> {
         let last = points.iter().fold(f64::MIN, |a, p| a.max(p.x));
         let reach = last - root_x;
@@ -95,8 +119,7 @@ impl Axis {
                 "the outermost marker lies {reach:.2} m outboard of the bending root; check span_direction and root_offset_m"
             )));
         }
-        let surface = Surface::fit(points, weights, axis_z, root_x);
-        let skin = skin.unwrap_or(SkinHeight { root_m: 0.0, tip_m: 0.0, tip_span_m: 1.0 });
+        let surface = Surface::robust(points, weights, axis_z, root_x);
         let skin_slope = (skin.tip_m - skin.root_m) / skin.tip_span_m;
         let step = (reach + OVERHANG_M) / (AXIS_POINTS - 1) as f64;
         let mut axis = Self {
@@ -155,6 +178,7 @@ pub fn wing_from_section(slope_rad: f64) -> Matrix3<f64> {
 /// `a0 + a1 x + a2 x^2 + a3 x^3 + b z + c z x + d z^2 / (1 - (1 - taper) x / reach)`; the last is the
 /// crown, flatter where the chord is longer.
 struct Surface {
+    coefficients: SVector<f64, 7>,
     along: [f64; 4],
     covariance: Matrix4<f64>,
 }
@@ -166,6 +190,18 @@ const USUAL_SURFACE: [(f64, f64); 7] =
 /// Waviness of the skin on top of the survey's noise, m.
 const WAVINESS_M: f64 = 0.001;
 const TAPER: f64 = 0.3;
+/// A point farther off the surface, in robust standard deviations, begins to lose its weight.
+const SMOOTH: f64 = 4.0;
+/// Rounds of either weighting; they settle in five or six.
+const ROUNDS: usize = 10;
+
+/// Robust standard deviation (the median's, normal law) of distances in their own, not below 1.
+fn spread(distances: &[f64], weights: &[f64]) -> f64 {
+    let mut trusted: Vec<f64> =
+        distances.iter().zip(weights).filter(|(_, w)| **w > 0.0).map(|(d, _)| *d).collect();
+    trusted.sort_by(f64::total_cmp);
+    trusted.get(trusted.len() / 2).map_or(1.0, |median| (1.4826 * median).max(1.0))
+}
 
 impl Surface {
     /// `axis_z`: crown and chordwise slope count from there, so they do not enter the axis.
@@ -178,9 +214,7 @@ impl Surface {
             right[k] = normal[(k, k)] * mean;
         }
         for (p, &weight) in points.iter().zip(weights) {
-            let (x, z) = (p.x - root_x, p.z - axis_z);
-            let chord = 1.0 - (1.0 - TAPER) * (x / reach).clamp(0.0, 1.0);
-            let row = SVector::<f64, 7>::from([1.0, x, x * x, x * x * x, z, z * x, z * z / chord]);
+            let row = Self::row(p, axis_z, root_x, reach);
             normal += row * row.transpose() * weight;
             right += row * (p.y * weight);
         }
@@ -190,7 +224,40 @@ impl Surface {
         let inverse = inverse.component_mul(&(scale * scale.transpose()));
         let c = inverse * right;
         let covariance = inverse.fixed_view::<4, 4>(0, 0).into_owned();
-        Self { along: [c[0], c[1], c[2], c[3]], covariance }
+        Self { coefficients: c, along: [c[0], c[1], c[2], c[3]], covariance }
+    }
+
+    fn row(p: &Vector3<f64>, axis_z: f64, root_x: f64, reach: f64) -> SVector<f64, 7> {
+        let (x, z) = (p.x - root_x, p.z - axis_z);
+        let chord = 1.0 - (1.0 - TAPER) * (x / reach).clamp(0.0, 1.0);
+        SVector::from([1.0, x, x * x, x * x * x, z, z * x, z * z / chord])
+    }
+
+    /// Without points that stand off the surface of the others: from the sum of distances (which one point
+    /// hardly bends) to Hampel's weights, 1 up to [`SMOOTH`] robust standard deviations, 0 beyond twice that.
+    fn robust(points: &[Vector3<f64>], weights: &[f64], axis_z: f64, root_x: f64) -> Self {
+        let reach = points.iter().fold(0.0, |a: f64, p| a.max(p.x - root_x));
+        let off = |surface: &Self| -> Vec<f64> {
+            let one = |(p, w): (&Vector3<f64>, &f64)| {
+                (p.y - Self::row(p, axis_z, root_x, reach).dot(&surface.coefficients)).abs() * w.sqrt()
+            };
+            points.iter().zip(weights).map(one).collect()
+        };
+        let mut surface = Self::fit(points, weights, axis_z, root_x);
+        let weighted = |factors: &dyn Fn(f64) -> f64, off: &[f64]| -> Vec<f64> {
+            weights.iter().zip(off).map(|(w, o)| w * factors(*o)).collect()
+        };
+        for _ in 0..ROUNDS {
+            let by_distance = weighted(&|o| 1.0 / o.max(1.0), &off(&surface));
+            surface = Self::fit(points, &by_distance, axis_z, root_x);
+        }
+        for _ in 0..ROUNDS {
+            let distances = off(&surface);
+            let limit = SMOOTH * spread(&distances, weights);
+            let hampel = weighted(&|o| (2.0 - o / limit).clamp(0.0, 1.0), &distances);
+            surface = Self::fit(points, &hampel, axis_z, root_x);
+        }
+        surface
     }
 
     fn height(&self, x: f64) -> f64 {

@@ -1,11 +1,12 @@
 //! Where each unknown of the spatial methods stands, and a marker's conditions written into it.
 
-use nalgebra::{DVector, Matrix2x3, Matrix3, Vector2, Vector3};
+use nalgebra::{DVector, Matrix2x3, Matrix3, SVector, Vector2, Vector3};
 
 use super::AdjustError;
-use super::beam::{Bending, RAISE_TERMS, Section};
+use super::beam::{Bending, RAISE_TERMS};
+use super::estimated::ESTIMATED;
 use super::gauss_helmert::{Gradient, Linearised};
-use super::scene::{Camera, MarkerState, Pose, Predicted, Scene};
+use super::scene::{Bent, Camera, MarkerState, Pose, Predicted, Scene};
 
 /// First column of a set of unknowns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,6 +46,12 @@ pub struct Layout {
     pub ground: Option<Place>,
     /// Correction of the projection centre, m; `None`: held.
     pub centre: Option<Place>,
+    /// Shift of the projection centre since the ground frame, m; `None`: none.
+    pub shift: Option<Place>,
+    /// Correction of the interior orientation, nine parameters; `None`: held.
+    pub lens: Option<Place>,
+    /// Corrections of what the user can only estimate; `None`: held.
+    pub estimated: [Option<Place>; ESTIMATED],
     /// Correction of the panes' shift in flight, m; `None`: held.
     pub window: Option<Place>,
     /// Correction of the panes' bow, a share of its curvature; `None`: held.
@@ -59,6 +66,8 @@ pub struct Layout {
     pub survey: Survey,
     /// Number of leading global parameters that all blocks depend on.
     pub head: usize,
+    /// The frame's own global parameters behind the head, its mounting's: first and number.
+    pub own: (usize, usize),
     /// Number of local parameters.
     pub local: usize,
 }
@@ -76,6 +85,8 @@ pub struct Values {
     pub scale: f64,
     /// Height of the bending axis over the surveyed one, coefficients, m.
     pub raise_m: [f64; RAISE_TERMS],
+    /// Corrections of what the user can only estimate.
+    pub estimated: [f64; ESTIMATED],
 }
 
 impl Values {
@@ -107,10 +118,13 @@ impl Layout {
                 mount_rad: vector(Some(self.mount)) + vector(self.common_mount),
                 ground_rad: vector(self.ground),
                 centre_m: vector(self.centre),
+                shift_m: vector(self.shift),
+                lens: self.lens.map_or(SVector::zeros(), |p| SVector::from_fn(|k, _| at(p, k))),
                 window_m: vector(self.window),
                 bow: self.bow.map_or(0.0, |p| at(p, 0)),
             },
             raise_m: std::array::from_fn(|j| at(self.raise, j)),
+            estimated: self.estimated.map(|place| place.map_or(0.0, |p| at(p, 0))),
             scale: self.nominal_scale + self.scale.map_or(0.0, |p| at(p, 0)),
         }
     }
@@ -126,12 +140,9 @@ impl Layout {
         }
     }
 
-    /// The mounting's columns, where they are not among the head's.
-    fn own_mount(&self) -> std::ops::Range<usize> {
-        match self.common_mount.unwrap_or(self.mount) {
-            Place::Global(first) if first >= self.head => first..first + 3,
-            _ => 0..0,
-        }
+    /// Column of an unknown among [`Layout::columns`].
+    fn column(&self, first: usize) -> usize {
+        if first < self.head { first } else { self.head + first - self.own.0 }
     }
 
     /// Global columns of conditions on markers: all of the head, the mounting's, three of each marker.
@@ -140,20 +151,19 @@ impl Layout {
             Survey::Observed => 0..0,
             Survey::Global(first) => first + 3 * marker..first + 3 * marker + 3,
         });
-        (0..self.head).chain(self.own_mount()).chain(own).collect()
+        (0..self.head).chain(self.own.0..self.own.0 + self.own.1).chain(own).collect()
     }
 
     /// First of the columns of the first marker among [`Layout::columns`].
     pub fn survey_column(&self) -> usize {
-        self.head + self.own_mount().len()
+        self.head + self.own.1
     }
 
     /// Adds `value` to the derivative of a function by an unknown; the gradient's columns are
     /// [`Layout::columns`].
     pub fn put(&self, gradient: &mut Gradient, place: Place, k: usize, function: usize, value: f64) {
         match place {
-            Place::Global(first) if first < self.head => gradient.global[(first + k, function)] += value,
-            Place::Global(_) => gradient.global[(self.head + k, function)] += value,
+            Place::Global(first) => gradient.global[(self.column(first) + k, function)] += value,
             Place::Local(first) => gradient.local[(first + k, function)] += value,
         }
     }
@@ -176,6 +186,9 @@ impl Layout {
         }
         if let Some(place) = self.scale {
             put(place, 0, &state.by_scale);
+        }
+        for (place, by) in self.estimated.iter().zip(&state.by_estimated) {
+            place.iter().for_each(|p| put(*p, 0, by));
         }
     }
 }
@@ -205,8 +218,7 @@ impl<'a> Rows<'a> {
     fn put(&mut self, place: Option<Place>, row: usize, k: usize, v: Vector2<f64>) {
         let (target, column) = match place {
             None => return,
-            Some(Place::Global(first)) if first < self.layout.head => (&mut self.out.global, first + k),
-            Some(Place::Global(_)) => (&mut self.out.global, self.layout.head + k),
+            Some(Place::Global(first)) => (&mut self.out.global, self.layout.column(first) + k),
             Some(Place::Local(first)) => (&mut self.out.local, first + k),
         };
         let first = column * target.nrows() + row;
@@ -216,6 +228,12 @@ impl<'a> Rows<'a> {
     fn put3(&mut self, place: Option<Place>, row: usize, m: &Matrix2x3<f64>) {
         for k in 0..3 {
             self.put(place, row, k, m.column(k).into_owned());
+        }
+    }
+
+    fn put_lens(&mut self, row: usize, predicted: &Predicted) {
+        for k in 0..9 {
+            self.put(self.layout.lens, row, k, predicted.by_lens.column(k).into_owned());
         }
     }
 
@@ -244,7 +262,8 @@ impl<'a> Rows<'a> {
         scene: &Scene,
         camera: &Camera,
     ) -> Result<(), AdjustError> {
-        let state = scene.marker(seen.marker, seen.section, &seen.ground_m, &seen.values.bending());
+        let (bending, estimated) = (seen.values.bending(), &seen.values.estimated);
+        let state = scene.marker(seen.marker, seen.bent, &seen.ground_m, &bending, estimated);
         let predicted = scene.project(&state.carried.position_m, camera).ok_or_else(behind)?;
         self.put_pixel(row, seen.observation, &predicted, seen.observed);
         let by = predicted.by_point;
@@ -258,8 +277,13 @@ impl<'a> Rows<'a> {
         self.put3(self.layout.common_mount, row, &predicted.by_mount);
         self.put3(self.layout.ground, row, &predicted.by_ground_rotation);
         self.put3(self.layout.centre, row, &-by);
+        self.put3(self.layout.shift, row, &-by);
         self.put3(self.layout.window, row, &-by);
         self.put(self.layout.bow, row, 0, predicted.by_bow);
+        self.put_lens(row, &predicted);
+        for (place, by_estimated) in self.layout.estimated.into_iter().zip(&state.by_estimated) {
+            self.put(place, row, 0, by * by_estimated);
+        }
         for j in 0..RAISE_TERMS {
             self.put(Some(self.layout.raise), row, j, by * state.by_raise[j]);
         }
@@ -280,6 +304,7 @@ impl<'a> Rows<'a> {
         self.put_pixel(row, seen.observation, &predicted, seen.observed);
         self.put3(self.layout.ground, row, &predicted.by_ground_rotation);
         self.put3(self.layout.centre, row, &-predicted.by_point);
+        self.put_lens(row, &predicted);
         self.put_survey(row, &predicted.by_point);
         Ok(())
     }
@@ -299,8 +324,8 @@ impl<'a> Rows<'a> {
 pub struct Seen<'a> {
     /// Index in the survey.
     pub marker: usize,
-    /// Its section in flight.
-    pub section: &'a Section,
+    /// The wing in flight.
+    pub bent: &'a Bent,
     /// The frame's unknowns.
     pub values: &'a Values,
     /// Its place on ground, wing frame, m.

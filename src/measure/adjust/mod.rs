@@ -2,6 +2,7 @@
 
 pub mod beam;
 mod components;
+mod estimated;
 #[cfg(test)]
 mod example;
 mod flight;

@@ -7,7 +7,7 @@ use super::beam::{Bending, Grid, RAISE_TERMS, Section};
 use super::gauss_helmert::{Fit, Gradient, Problem};
 use super::layout::{Layout, Survey, Values};
 use super::quality::{self, Reliability};
-use super::scene::{MarkerState, Scene};
+use super::scene::{Bent, MarkerState, Scene};
 use super::{CurvePoint, Estimate, MarkerSolution, Options, Parameter, Torsion};
 use crate::measure::setup::{Setup, TorsionPair};
 
@@ -46,7 +46,7 @@ pub struct Outcome<'a> {
     /// Factor of the standard deviations: 1 a priori.
     pub scale: f64,
     values: Values,
-    sections: Vec<Section>,
+    bent: Bent,
 }
 
 impl<'a> Outcome<'a> {
@@ -64,8 +64,8 @@ impl<'a> Outcome<'a> {
         scale: f64,
     ) -> Self {
         let values = layout.values(&fit.global, &fit.groups[group].local);
-        let sections = scene.grid.bend(&values.bending());
-        Self { setup, scene, layout, problem, fit, group, members, options, scale, values, sections }
+        let bent = scene.bend(&values.bending());
+        Self { setup, scene, layout, problem, fit, group, members, options, scale, values, bent }
     }
 
     /// Of functions of the frame's unknowns and of the places of some markers on ground.
@@ -95,7 +95,8 @@ impl<'a> Outcome<'a> {
     fn state(&self, block: usize) -> (Vector3<f64>, MarkerState) {
         let marker = self.members[block].marker;
         let ground = self.on_ground(block);
-        (ground, self.scene.marker(marker, &self.sections[marker], &ground, &self.values.bending()))
+        let (bending, estimated) = (self.values.bending(), &self.values.estimated);
+        (ground, self.scene.marker(marker, &self.bent, &ground, &bending, estimated))
     }
 
     /// Adds `directions * d(position in flight) + ground * d(position on ground)` to a gradient, a function
@@ -250,6 +251,7 @@ impl<'a> Outcome<'a> {
             fourth += x2 * x2;
         }
         by_lift /= fourth;
+        self.put_estimated_lifts(&mut gradient, &arcs, |k| bent[k].axis_m.y - flat[k].axis_m.y);
         let sigmas = self.sigmas(&gradient);
         let sigma = |k: usize| sigmas.get(k).copied();
         let point = |k: usize| CurvePoint {
@@ -264,6 +266,21 @@ impl<'a> Outcome<'a> {
             ..gradient
         };
         ((0..count).map(point).collect(), parabola, moment / fourth)
+    }
+
+    /// Lifts of the axis of wings that differ in what the user can only estimate, at the same places.
+    fn put_estimated_lifts(&self, gradient: &mut Gradient, arcs: &[f64], lift: impl Fn(usize) -> f64) {
+        let flat = Bending { raise_m: self.values.raise_m, ..Bending::NONE };
+        for (place, neighbour) in self.layout.estimated.iter().zip(&self.scene.neighbours) {
+            let (Some(place), Some(neighbour)) = (place, neighbour) else { continue };
+            let own: Vec<f64> = arcs.iter().map(|arc| (arc - neighbour.root_m).max(0.0)).collect();
+            let grid = Grid::new(&neighbour.ground, &own);
+            let (flat, bent) = (grid.bend(&flat), grid.bend(&self.values.bending()));
+            for (k, (flat, bent)) in flat.iter().zip(&bent).enumerate() {
+                let by = (bent.axis_m.y - flat.axis_m.y - lift(k)) / neighbour.step;
+                self.layout.put(gradient, *place, 0, k, by);
+            }
+        }
     }
 
     fn put_twist(&self, gradient: &mut Gradient, row: usize, section: &Section) {
@@ -301,6 +318,10 @@ impl<'a> Outcome<'a> {
         for k in 0..3 {
             self.layout.put(&mut gradient, self.layout.mount, k, n + t + k, 1.0);
             self.layout.put(&mut gradient, self.layout.mount, k, count, pitch_axis[k]);
+            if let Some(common) = self.layout.common_mount {
+                self.layout.put(&mut gradient, common, k, n + t + k, 1.0);
+                self.layout.put(&mut gradient, common, k, count, pitch_axis[k]);
+            }
         }
         gradient.global.column_mut(count - 1).copy_from(&parabola.global.column(0));
         gradient.local.column_mut(count - 1).copy_from(&parabola.local.column(0));

@@ -1,10 +1,11 @@
 //! From unknowns to pixels: the observation equation of the spatial methods with all derivatives.
 
-use nalgebra::{Matrix2x3, Matrix3, Rotation3, Vector2, Vector3};
+use nalgebra::{Matrix2x3, Matrix3, Rotation3, SMatrix, SVector, Vector2, Vector3};
 
 use super::beam::{
     Bending, Carried, Grid, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS, Mount, RAISE_TERMS, Section,
 };
+use super::estimated::{ESTIMATED, Neighbour};
 use super::ground::GroundShape;
 use super::{AdjustError, Observation};
 use crate::measure::environment::Plate;
@@ -23,6 +24,8 @@ pub struct Scene {
     pub grid: Grid,
     /// How each marker sits on its section.
     pub mounts: Vec<Mount>,
+    /// Wings that differ in what the user can only estimate; `None` for what is held.
+    pub neighbours: [Option<Neighbour>; ESTIMATED],
     /// Sights of the ground frames, per marker of the survey.
     pub ground_sights: Vec<Option<Observation>>,
     lens: Lens,
@@ -41,6 +44,10 @@ pub struct Pose {
     pub ground_rad: Vector3<f64>,
     /// Correction of the projection centre, wing frame, m.
     pub centre_m: Vector3<f64>,
+    /// Shift of the projection centre since the ground frame, wing frame, m.
+    pub shift_m: Vector3<f64>,
+    /// Correction of the interior orientation, in the order of [`Lens::changed`].
+    pub lens: SVector<f64, 9>,
     /// What the description of the panes leaves unknown of their shift, in flight, wing frame, m.
     pub window_m: Vector3<f64>,
     /// What the curvature of the panes' bow is more than stated, a share of it.
@@ -50,13 +57,15 @@ pub struct Pose {
 impl Pose {
     /// The same before the camera was remounted.
     pub fn on_ground(&self) -> Self {
-        Self { mount_rad: Vector3::zeros(), window_m: Vector3::zeros(), ..*self }
+        let none = Vector3::zeros();
+        Self { mount_rad: none, shift_m: none, window_m: none, ..*self }
     }
 }
 
 /// A pose, prepared for many points.
 #[derive(Clone, Copy, Debug)]
 pub struct Camera {
+    lens: Lens,
     centre_m: Vector3<f64>,
     mount: Matrix3<f64>,
     camera_from_wing: Matrix3<f64>,
@@ -92,6 +101,8 @@ pub struct Predicted {
     pub by_mount: Matrix2x3<f64>,
     /// d pixel / d ground rotation, px/rad.
     pub by_ground_rotation: Matrix2x3<f64>,
+    /// d pixel / d interior orientation, in the order of [`Lens::changed`].
+    pub by_lens: SMatrix<f64, 2, 9>,
 }
 
 /// A marker in flight with the derivatives of its position.
@@ -107,12 +118,23 @@ pub struct MarkerState {
     pub by_scale: Vector3<f64>,
     /// d position / d coefficients of the axis' height.
     pub by_raise: [Vector3<f64>; RAISE_TERMS],
+    /// d position / d what the user can only estimate; 0 for what is held.
+    pub by_estimated: [Vector3<f64>; ESTIMATED],
+}
+
+/// The wing bent, and its neighbours bent alike: sections at the markers' stations.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bent {
+    sections: Vec<Section>,
+    neighbours: [Vec<Section>; ESTIMATED],
 }
 
 impl Scene {
     /// Prepares an installation.
     pub fn new(setup: &Setup, orientation: &Orientation) -> Result<Self, AdjustError> {
-        let ground = GroundShape::new(setup)?;
+        let trusted = trusted(setup, orientation);
+        let ground = GroundShape::new(setup, &trusted)?;
+        let neighbours = Neighbour::all(setup, &trusted)?;
         let arcs: Vec<f64> = ground.stations.iter().map(|s| s.arc_m).collect();
         let grid = Grid::new(&ground, &arcs);
         let mounts = grid.mounts(&ground.stations);
@@ -131,7 +153,16 @@ impl Scene {
         let camera_from_wing = orientation.camera_from_survey.matrix() * wing_from_survey.transpose();
         let panes = [true, false]
             .map(|flight| Plate::seen(setup.window.as_ref(), &ground.frame.wing_from_survey, flight));
-        Ok(Self { ground, grid, mounts, ground_sights, lens: setup.lens, camera_from_wing, panes })
+        Ok(Self {
+            ground,
+            grid,
+            mounts,
+            neighbours,
+            ground_sights,
+            lens: setup.lens,
+            camera_from_wing,
+            panes,
+        })
     }
 
     /// Whether the ground frame's sights take part.
@@ -167,7 +198,8 @@ impl Scene {
         let mount = *Rotation3::new(pose.mount_rad).matrix();
         let camera_from_wing = mount * ground_from_wing;
         Camera {
-            centre_m: pose.centre_m + pose.window_m,
+            lens: self.lens.changed(&pose.lens),
+            centre_m: pose.centre_m + pose.shift_m + pose.window_m,
             mount,
             camera_from_wing,
             mount_jacobian: left_jacobian(&pose.mount_rad),
@@ -181,7 +213,7 @@ impl Scene {
     pub fn project(&self, point_m: &Vector3<f64>, camera: &Camera) -> Option<Predicted> {
         let in_camera = camera.camera_from_wing * (point_m - camera.centre_m);
         let (seen, by_place, by_bow) = camera.seen(&in_camera);
-        let (pixel, by_seen) = self.lens.project_with_jacobian(&seen)?;
+        let (pixel, by_seen) = camera.lens.project_with_jacobian(&seen)?;
         // Panes and point turn together, so what is seen turns with them.
         let before_mount = camera.mount.transpose() * seen;
         let turned = by_seen * camera.mount;
@@ -191,18 +223,33 @@ impl Scene {
             by_bow: by_seen * by_bow,
             by_mount: -(by_seen * skew(&seen)) * camera.mount_jacobian,
             by_ground_rotation: -(turned * skew(&before_mount)) * camera.ground_jacobian,
+            by_lens: camera.lens.by_parameters(&seen),
         })
     }
 
-    /// Carries a marker from its place on ground (wing frame, m) into flight.
+    /// The wing and its neighbours, bent.
+    pub fn bend(&self, bending: &Bending) -> Bent {
+        let neighbours = [0, 1, 2].map(|k| self.neighbours[k].as_ref().map_or(vec![], |n| n.bend(bending)));
+        Bent { sections: self.grid.bend(bending), neighbours }
+    }
+
+    /// Carries a marker from its place on ground (wing frame, m) into flight. `estimated`: by how much what
+    /// the user can only estimate differs from what is stated.
     pub fn marker(
         &self,
         index: usize,
-        section: &Section,
+        bent: &Bent,
         ground_m: &Vector3<f64>,
         bending: &Bending,
+        estimated: &[f64; ESTIMATED],
     ) -> MarkerState {
-        let carried = self.mounts[index].carry(section, ground_m, bending.scale);
+        let section = &bent.sections[index];
+        let mut carried = self.mounts[index].carry(section, ground_m, bending.scale);
+        let by_estimated = std::array::from_fn(|k| {
+            let Some(neighbour) = &self.neighbours[k] else { return Vector3::zeros() };
+            let other = neighbour.carry(index, &bent.neighbours[k][index], ground_m, bending.scale);
+            (other - carried.position_m) / neighbour.step
+        });
         let by_curvature = std::array::from_fn(|k| {
             section.axis_by_curvature[k] + carried.by_slope * section.slope_by_curvature[k]
         });
@@ -211,8 +258,31 @@ impl Scene {
         let by_scale = (carried.position_m - root_m) / bending.scale;
         let up = carried.by_ground * Vector3::y();
         let by_raise = std::array::from_fn(|j| section.axis_by_raise[j] - up * section.raise_by_terms[j]);
-        MarkerState { carried, by_curvature, by_twist, by_scale, by_raise }
+        for (by, value) in by_estimated.iter().zip(estimated) {
+            carried.position_m += by * *value;
+        }
+        MarkerState { carried, by_curvature, by_twist, by_scale, by_raise, by_estimated }
     }
+}
+
+/// A sight on ground that lies farther from where the survey puts its marker, in standard deviations,
+/// speaks against the survey: one in a million by chance.
+const TRUSTED: f64 = 5.0;
+
+/// Whether each surveyed point agrees with its own sight on ground; without a sight it does.
+fn trusted(setup: &Setup, orientation: &Orientation) -> Vec<bool> {
+    let mut trusted = vec![true; setup.markers.len()];
+    for sight in &orientation.ground {
+        let Some(marker) = setup.markers.get(sight.marker) else { continue };
+        let seen = orientation.camera_from_survey * (marker.position_m - setup.projection_centre_m);
+        let Some(pixel) = setup.lens.project(&seen) else { continue };
+        let survey = marker.sigma_m.hypot(setup.projection_centre_sigma_m);
+        let survey_px = setup.lens.focal_px() * survey / seen.norm().max(1e-3);
+        let off = pixel - sight.pixel;
+        trusted[sight.marker] = (0..2)
+            .all(|k| off[k].abs() <= TRUSTED * sight.covariance_px2[(k, k)].max(0.0).sqrt().hypot(survey_px));
+    }
+    trusted
 }
 
 /// exp(w + dw) = exp(J dw) exp(w) to first order.

@@ -1,8 +1,9 @@
 //! What the spatial methods do not know, and what is known of it beforehand.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector3};
 
 use super::beam::RAISE_TERMS;
+use super::estimated::{self, ESTIMATED};
 use super::gauss_helmert::Prior;
 use super::ground::GroundShape;
 use super::scene::Scene;
@@ -13,14 +14,20 @@ use crate::measure::setup::{Orientation, Setup, Thermal};
 const TWIST_SIGMA_RAD: f64 = 0.1;
 /// Of the further ones, rad.
 const TWIST_DETAIL_SIGMA_RAD: f64 = 0.02;
-/// How well the stated height of the skin over the bending axis is known, m: drawings, read to a few
-/// millimetres. Ten would cost a single frame a third of its accuracy.
-const SKIN_HEIGHT_SIGMA_M: f64 = 0.003;
+/// How the doubt of the axis' height is spread along the span: its mean, then Legendre's polynomials of degree
+/// 1 to 3 over the span, each a half of the one before. What one misjudges of a section's elastic axis one
+/// misjudges alike along the wing, less so its slope and bends.
+const SKIN_HEIGHT_SPREAD: [f64; RAISE_TERMS] = [1.0, 0.5, 0.25, 0.125];
+/// Rows: Legendre's polynomials of degree 0 to 3 on (0, 1); columns: powers of s/L.
+const LEGENDRE_BY_POWERS: [[f64; RAISE_TERMS]; RAISE_TERMS] =
+    [[1.0, 0.0, 0.0, 0.0], [-1.0, 2.0, 0.0, 0.0], [1.0, -6.0, 6.0, 0.0], [-1.0, 12.0, -30.0, 20.0]];
+/// Scale in flight where the installation has no `[thermal]`: all of what 70 K do to aluminium.
+const UNTOLD_SCALE_SIGMA: f64 = 23.1e-6 * 70.0;
 /// A pane that is stated without error is taken at this, m: a thousandth of a pixel at 8 m, and a regular prior.
 const LEAST_WINDOW_SIGMA_M: f64 = 1e-6;
 
 /// Names of what is missing where the normal equations are singular, in the layout's order.
-pub(super) const MISSING: [&str; 8] = [
+pub(super) const MISSING: [&str; 11] = [
     "bending cannot be determined from the markers at hand; markers along the whole span are needed",
     "twist cannot be determined; markers near the leading and the trailing edge are needed",
     "the mounting's rotation cannot be determined; give camera.mount_repeatability_px or more markers near the root",
@@ -29,6 +36,9 @@ pub(super) const MISSING: [&str; 8] = [
     "the thermal scale cannot be determined; give its standard deviation",
     "the height of the bending axis cannot be determined",
     "the panes' shift or bow cannot be determined; give the standard deviations in [window]",
+    "the mounting's shift cannot be determined; give camera.mount_shift_m",
+    "the interior orientation cannot be determined; give its covariance in camera.toml",
+    "root offset, chord offset or span direction cannot be determined; give their standard deviations in [wing]",
 ];
 
 /// What a frame is set up from.
@@ -92,6 +102,8 @@ pub(super) struct Common {
     pub bow: Option<usize>,
     pub scale: Option<usize>,
     pub raise: usize,
+    pub lens: Option<usize>,
+    pub estimated: [Option<usize>; ESTIMATED],
     pub priors: Vec<Prior>,
 }
 
@@ -109,12 +121,48 @@ pub(super) fn common(input: &Input, columns: &mut Columns) -> Common {
     let bow_sigma = input.scene.bow_sigma().filter(|s| *s > 0.0);
     let bow = bow_sigma.map(|_| columns.take(1, MISSING[7]));
     priors.extend(bow.zip(bow_sigma).map(|(column, sigma)| Prior::scalar(column, 0.0, sigma)));
-    let sigma = setup.thermal.as_ref().map_or(0.0, scale_sigma);
+    let sigma = setup.thermal.as_ref().map_or(UNTOLD_SCALE_SIGMA, scale_sigma);
     let scale = (sigma > 0.0).then(|| columns.take(1, MISSING[5]));
     priors.extend(scale.map(|column| Prior::scalar(column, 0.0, sigma)));
     let raise = columns.take(RAISE_TERMS, MISSING[6]);
     priors.push(raise_prior(&input.scene.ground, raise));
-    Common { ground, centre, window, bow, scale, raise, priors }
+    let lens = setup.uncertainty.lens.map(|covariance| {
+        let first = columns.take(9, MISSING[9]);
+        priors.push(lens_prior(&covariance, first));
+        first
+    });
+    let mut estimated = [None; ESTIMATED];
+    for (slot, sigma) in estimated.iter_mut().zip(estimated::sigmas(&setup.uncertainty)) {
+        if sigma > 0.0 {
+            let column = columns.take(1, MISSING[10]);
+            priors.push(Prior::scalar(column, 0.0, sigma));
+            *slot = Some(column);
+        }
+    }
+    Common { ground, centre, window, bow, scale, raise, lens, estimated, priors }
+}
+
+/// Variance of an interior parameter that the calibration held, in its own unit squared: none that shows.
+const HELD_LENS_VARIANCE: f64 = 1e-16;
+
+/// Interior orientation as calibrated; a thousand-millionth of each variance keeps a covariance that rounding
+/// left without an inverse regular.
+fn lens_prior(covariance: &SMatrix<f64, 9, 9>, first: usize) -> Prior {
+    let mut covariance = DMatrix::from_column_slice(9, 9, covariance.as_slice());
+    for k in 0..9 {
+        covariance[(k, k)] = (covariance[(k, k)] * (1.0 + 1e-9)).max(HELD_LENS_VARIANCE);
+    }
+    Prior { columns: (first..first + 9).collect(), mean: DVector::zeros(9), covariance }
+}
+
+/// Takes columns for a mounting's shift of the projection centre, where there may be one.
+pub(super) fn shift_columns(input: &Input, columns: &mut Columns, priors: &mut Vec<Prior>) -> Option<usize> {
+    let sigma = input.setup.uncertainty.mount_shift_m;
+    (sigma > 0.0).then(|| {
+        let first = columns.take(3, MISSING[8]);
+        priors.extend((0..3).map(|k| Prior::scalar(first + k, 0.0, sigma)));
+        first
+    })
 }
 
 /// What is left of the panes' shift where only the flight is seen through them: a shift of the projection
@@ -135,7 +183,10 @@ fn window(input: &Input, columns: &mut Columns, priors: &mut Vec<Prior>) -> Opti
 fn raise_prior(ground: &GroundShape, first: usize) -> Prior {
     let mut covariance =
         DMatrix::from_column_slice(RAISE_TERMS, RAISE_TERMS, ground.axis_covariance.as_slice());
-    covariance[(0, 0)] += SKIN_HEIGHT_SIGMA_M * SKIN_HEIGHT_SIGMA_M;
+    for (spread, powers) in SKIN_HEIGHT_SPREAD.into_iter().zip(LEGENDRE_BY_POWERS) {
+        let powers = DVector::from_column_slice(&powers) * (spread * ground.skin_sigma_m);
+        covariance += &powers * powers.transpose();
+    }
     Prior { columns: (first..first + RAISE_TERMS).collect(), mean: DVector::zeros(RAISE_TERMS), covariance }
 }
 

@@ -258,7 +258,7 @@ fn linearise(
     let by_bow = by_point * pose.camera_from_board.matrix().column(2) * shape.by_bow(board_m);
     let by_point = DMatrix::from_iterator(2, 3, by_point.iter().copied());
     let mut global = DMatrix::zeros(2, INTERIOR + 2);
-    global.columns_mut(0, INTERIOR).copy_from(&-by_interior(&lens, &point));
+    global.columns_mut(0, INTERIOR).copy_from(&-lens.by_parameters(&point));
     global.columns_mut(INTERIOR, 2).copy_from(&-by_bow);
     Ok(Linearised {
         misclosure: at.observed - DVector::from_column_slice(pixel.as_slice()),
@@ -280,39 +280,6 @@ fn left_jacobian(local: &DVector<f64>) -> nalgebra::Matrix3<f64> {
         ((1.0 - angle.cos()) / (angle * angle), (angle - angle.sin()) / (angle * angle * angle))
     };
     nalgebra::Matrix3::identity() + k * a + k * k * b
-}
-
-/// d pixel / d (fx fy cx cy k1 k2 k3 p1 p2).
-fn by_interior(lens: &Lens, p: &Vector3<f64>) -> DMatrix<f64> {
-    let (x, y) = (p.x / p.z, p.y / p.z);
-    let r2 = x * x + y * y;
-    let (d, _) = lens.distort(&Vector2::new(x, y));
-    let (fx, fy) = (lens.fx, lens.fy);
-    let radial = [r2, r2 * r2, r2 * r2 * r2];
-    DMatrix::from_row_slice(
-        2,
-        9,
-        &[
-            d.x,
-            0.0,
-            1.0,
-            0.0,
-            fx * x * radial[0],
-            fx * x * radial[1],
-            fx * x * radial[2],
-            fx * 2.0 * x * y,
-            fx * (r2 + 2.0 * x * x), //
-            0.0,
-            d.y,
-            0.0,
-            1.0,
-            fy * y * radial[0],
-            fy * y * radial[1],
-            fy * y * radial[2],
-            fy * (r2 + 2.0 * y * y),
-            fy * 2.0 * x * y,
-        ],
-    )
 }
 
 /// Root mean square of vectors' lengths.

@@ -7,7 +7,7 @@
 
 use nalgebra::{DMatrix, Matrix2x3, Matrix6, SMatrix, Vector2, Vector3};
 
-use super::{Adjusted, INTERIOR, View, by_interior};
+use super::{Adjusted, INTERIOR, View};
 use crate::measure::geometry::{Lens, skew};
 
 /// Distances at which a wing's markers lie, m.
@@ -82,7 +82,7 @@ fn jacobians(lens: &Lens, point: &Vector3<f64>) -> Option<(SMatrix<f64, 2, 6>, B
     let mut by_motion = SMatrix::<f64, 2, 6>::zeros();
     by_motion.fixed_columns_mut::<3>(0).copy_from(&(-by_point * skew(point)));
     by_motion.fixed_columns_mut::<3>(3).copy_from(&by_point);
-    Some((by_motion, by_interior(lens, point).fixed_view::<2, INTERIOR>(0, 0).into()))
+    Some((by_motion, lens.by_parameters(point)))
 }
 
 /// The camera's motion that best explains, at the boards, an error of the interior parameters.

@@ -1,6 +1,6 @@
 //! Interior orientation: pinhole with Brown's distortion in OpenCV's form (docs/model.md).
 
-use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, SMatrix, SVector, Vector2, Vector3};
 
 /// A calibrated camera. Camera frame: x right, y down, z forward. Pixel (0, 0) is the centre of
 /// the top-left pixel.
@@ -72,6 +72,38 @@ impl Lens {
             radial + slope * y * y + 6.0 * self.p1 * y + 2.0 * self.p2 * x,
         );
         (Vector2::new(xd, yd), jacobian)
+    }
+
+    /// The lens with its parameters changed, in the order fx fy cx cy k1 k2 k3 p1 p2.
+    pub fn changed(&self, by: &SVector<f64, 9>) -> Self {
+        Self {
+            fx: self.fx + by[0],
+            fy: self.fy + by[1],
+            cx: self.cx + by[2],
+            cy: self.cy + by[3],
+            k1: self.k1 + by[4],
+            k2: self.k2 + by[5],
+            k3: self.k3 + by[6],
+            p1: self.p1 + by[7],
+            p2: self.p2 + by[8],
+            ..*self
+        }
+    }
+
+    /// d pixel / d parameters at a camera-frame point, in the order of [`Lens::changed`].
+    pub fn by_parameters(&self, p: &Vector3<f64>) -> SMatrix<f64, 2, 9> {
+        let n = Vector2::new(p.x / p.z, p.y / p.z);
+        let (x, y, r2) = (n.x, n.y, n.norm_squared());
+        let (d, _) = self.distort(&n);
+        let radial = [r2, r2 * r2, r2 * r2 * r2];
+        let mut by = SMatrix::zeros();
+        (by[(0, 0)], by[(1, 1)], by[(0, 2)], by[(1, 3)]) = (d.x, d.y, 1.0, 1.0);
+        for (k, r) in radial.into_iter().enumerate() {
+            (by[(0, 4 + k)], by[(1, 4 + k)]) = (self.fx * x * r, self.fy * y * r);
+        }
+        (by[(0, 7)], by[(1, 7)]) = (self.fx * 2.0 * x * y, self.fy * (r2 + 2.0 * y * y));
+        (by[(0, 8)], by[(1, 8)]) = (self.fx * (r2 + 2.0 * x * x), self.fy * 2.0 * x * y);
+        by
     }
 
     /// The pixel of a camera-frame point, m; `None` behind the camera.

@@ -107,7 +107,7 @@ impl<'a> Rehearsal<'a> {
         orientation: Option<&Orientation>,
         options: &'a PlanOptions,
     ) -> Result<Self, AdjustError> {
-        let shape = GroundShape::new(setup)?;
+        let shape = GroundShape::new(setup, &[])?;
         let ground: Vec<_> = shape.stations.iter().map(|s| s.surveyed_m).collect();
         let flight = bent(setup, &shape, options.tip_lift_m);
         let reach = |p: &Vector3<f64>| (p.x - setup.root_offset_m).max(0.0);

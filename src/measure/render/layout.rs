@@ -10,7 +10,7 @@ use super::random::Random;
 use super::scene::Scene;
 use super::wing::{Linear, Side, Wing};
 use crate::measure::geometry::{Lens, WingFrame};
-use crate::measure::setup::{Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair};
+use crate::measure::setup::{Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty};
 
 /// What of a random scene is wanted.
 #[derive(Clone, Debug, PartialEq)]
@@ -268,6 +268,7 @@ fn bare_setup(
             tip_m: rounded_to(wing.skin_m.tip, 4),
             tip_span_m: rounded_to(wing.beam.length_m, 4),
         }),
+        uncertainty: Uncertainty::of_drawings(),
         thermal: Some(Thermal {
             expansion_per_k: 23.0e-6,
             expansion_sigma_per_k: None,

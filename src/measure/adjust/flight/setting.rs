@@ -1,6 +1,6 @@
 //! A flight set up for the engine: shared unknowns, one group per frame, survey and ground frame last.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::{Flight, TERMS};
 use crate::measure::adjust::beam::{MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
@@ -64,23 +64,28 @@ impl Flight<'_> {
         priors.push(unknowns::burning_prior(changes, terms));
         let lever = columns.take(1, MISSING_RATIO);
         priors.push(Prior::scalar(lever, VERTICAL_SHARE, VERTICAL_SHARE_SIGMA));
-        let own_mount = self.mountings.is_none();
-        let count = self.mountings.as_ref().map_or(1, |m| m.iter().max().map_or(0, |m| m + 1));
-        let mounts = columns.take(3 * count, MISSING_MOUNT);
-        priors.extend((0..count).map(|m| unknowns::mount_prior(&self.input, mounts + 3 * m)));
+        let mut mounts = vec![];
+        let mut shifts = vec![];
+        for _ in 0..self.mounting_count() {
+            let first = columns.take(3, MISSING_MOUNT);
+            priors.push(unknowns::mount_prior(&self.input, first));
+            mounts.push(first);
+            shifts.push(unknowns::shift_columns(&self.input, &mut columns, &mut priors));
+        }
         let markers = &self.input.setup.markers;
         let survey = columns.take(3 * markers.len(), MISSING_GROUND);
-        let local = terms + twist_terms + if own_mount { 3 } else { 0 };
+        let local = terms + twist_terms + 3;
         let layout = |frame: usize| Layout {
             curvature: Place::Local(0),
             curvature_terms: terms,
             twist: Place::Local(terms),
             twist_terms,
-            mount: match &self.mountings {
-                None => Place::Local(terms + twist_terms),
-                Some(list) => Place::Global(mounts + 3 * list[frame]),
-            },
-            common_mount: own_mount.then_some(Place::Global(mounts)),
+            mount: Place::Local(terms + twist_terms),
+            common_mount: Some(Place::Global(mounts[self.mounting(frame)])),
+            shift: shifts[self.mounting(frame)].map(Place::Global),
+            lens: common.lens.map(Place::Global),
+            estimated: common.estimated.map(|e| e.map(Place::Global)),
+            own: (mounts[self.mounting(frame)], if shifts[self.mounting(frame)].is_some() { 6 } else { 3 }),
             ground: common.ground.map(Place::Global),
             centre: common.centre.map(Place::Global),
             window: common.window.map(Place::Global),
@@ -101,10 +106,11 @@ impl Flight<'_> {
         if let Some(fit) = from {
             let (shared, tail) = (lever + 1, 3 * markers.len());
             start.rows_mut(0, shared).copy_from(&fit.global.rows(0, shared));
-            let others = terms + twist_terms;
-            for mounting in 0..count {
-                let from = self.mount_from(fit, mounting, mounts, others);
-                start.rows_mut(mounts + 3 * mounting, 3).copy_from(&from);
+            for (mounting, &first) in mounts.iter().enumerate() {
+                start.rows_mut(first, 3).copy_from(&self.mean_pose(mounting).0);
+                if let Some(first) = shifts[mounting] {
+                    start.rows_mut(first, 3).copy_from(&self.mean_pose(mounting).1);
+                }
             }
             start.rows_mut(survey, tail).copy_from(&fit.global.rows(fit.global.len() - tail, tail));
         }
@@ -140,16 +146,21 @@ impl Flight<'_> {
         }
     }
 
-    /// A mounting's rotation in an earlier solution, whose frames may have had rotations of their own
-    /// behind their other local unknowns.
-    fn mount_from(&self, fit: &Fit, mounting: usize, mounts: usize, others: usize) -> DVector<f64> {
-        let frame = self.mountings.as_ref().and_then(|list| list.iter().position(|&m| m == mounting));
-        let local = &fit.groups[frame.unwrap_or(0)].local;
-        match (frame, local.len() > others) {
-            (Some(_), true) => fit.global.rows(mounts, 3) + local.rows(others, 3),
-            (None, true) => fit.global.rows(mounts, 3).into_owned(),
-            (_, false) => fit.global.rows(mounts + 3 * mounting, 3).into_owned(),
-        }
+    /// Mean rotation and shift of a mounting's frames in the last solution.
+    fn mean_pose(&self, mounting: usize) -> (Vector3<f64>, Vector3<f64>) {
+        let own: Vec<_> =
+            (0..self.frames.len()).filter(|f| self.mounting(*f) == mounting).map(|f| self.poses[f]).collect();
+        let sum = own.iter().fold((Vector3::zeros(), Vector3::zeros()), |s, p| (s.0 + p.0, s.1 + p.1));
+        let count = own.len().max(1) as f64;
+        (sum.0 / count, sum.1 / count)
+    }
+
+    fn mounting_count(&self) -> usize {
+        self.mountings.iter().flatten().max().map_or(1, |m| m + 1)
+    }
+
+    fn mounting(&self, frame: usize) -> usize {
+        self.mountings.as_ref().map_or(0, |list| list[frame])
     }
 
     /// Smallest and largest amplitude.
@@ -182,16 +193,18 @@ impl Flight<'_> {
         let mut local = DVector::zeros(layout.local);
         if let Some(fit) = from {
             let old = &fit.groups[frame].local;
-            for k in 0..local.len().min(old.len()) {
-                local[k] = old[k];
-            }
+            local.copy_from(old);
+            let own = self.poses[frame].0 - self.mean_pose(self.mounting(frame)).0;
+            local.rows_mut(n + layout.twist_terms, 3).copy_from(&own);
         }
         let mut priors: Vec<_> = unknowns::twist_priors(n, layout.twist_terms).collect();
-        if let Place::Local(first) = layout.mount {
-            // Where the mount's repeatability puts them all is counted once, not once for each.
-            let prior = unknowns::mount_prior(&self.input, first);
-            priors.push(Prior { mean: DVector::zeros(3), ..prior });
-        }
+        // Where the mount's repeatability puts them all is counted once, not once for each.
+        let prior = unknowns::mount_prior(&self.input, n + layout.twist_terms);
+        let covariance = match self.mountings {
+            None => prior.covariance,
+            Some(_) => DMatrix::identity(3, 3) * (self.drift_rad * self.drift_rad),
+        };
+        priors.push(Prior { mean: DVector::zeros(3), covariance, ..prior });
         (Group { local, priors, blocks }, members)
     }
 
@@ -243,12 +256,12 @@ impl Setting {
         blocks: &mut Vec<Linearised>,
     ) -> Result<(), AdjustError> {
         let values = layout.values(at.global, at.local);
-        let sections = scene.grid.bend(&values.bending());
+        let bent = scene.bend(&values.bending());
         let camera = scene.camera(&values.pose);
         for (block, (member, observed)) in self.members[at.group].iter().zip(at.observed).enumerate() {
             let seen = Seen {
                 marker: member.marker,
-                section: &sections[member.marker],
+                bent: &bent,
                 values: &values,
                 ground_m: layout.on_ground(member.marker, at.global, observed),
                 observed,
@@ -308,10 +321,12 @@ impl Setting {
             twist_terms: 0,
             mount: Place::Global(0),
             common_mount: None,
+            shift: None,
+            own: (0, 0),
             ..*frame
         };
         let values = layout.values(at.global, at.local);
-        let flat = scene.grid.bend(&values.bending());
+        let flat = scene.bend(&values.bending());
         let camera = scene.ground_camera(&values.pose);
         for (block, (member, observed)) in self.ground_members.iter().zip(at.observed).enumerate() {
             let sights = member.ground.map_or(0, |_| 2);
@@ -319,8 +334,8 @@ impl Setting {
             let ground_m = layout.on_ground(member.marker, at.global, observed);
             rows.surveyed(0, &ground_m, observed);
             if let Some(observation) = member.ground {
-                let (marker, section) = (member.marker, &flat[member.marker]);
-                let seen = Seen { marker, section, values: &values, ground_m, observed, observation };
+                let (marker, bent) = (member.marker, &flat);
+                let seen = Seen { marker, bent, values: &values, ground_m, observed, observation };
                 rows.ground(3, &seen, scene, &camera)?;
             }
         }

@@ -6,6 +6,7 @@ use num_dual::{Dual64, DualNum};
 
 use super::*;
 use crate::measure::adjust::beam::{Bending, twist_basis};
+use crate::measure::adjust::estimated::ESTIMATED;
 use crate::measure::adjust::example::{orientation, setup};
 use crate::measure::adjust::shapes::shapes_at;
 
@@ -105,8 +106,7 @@ fn coded(scene: &Scene, marker: usize, x: &[f64; ALL]) -> (Vector2<f64>, Vec<Vec
         scale: x[ALL - 1],
         raise_m: std::array::from_fn(|j| x[C + T + j]),
     };
-    let section = scene.grid.bend(&bending).swap_remove(marker);
-    let state = scene.marker(marker, &section, &at(first + 9), &bending);
+    let state = scene.marker(marker, &scene.bend(&bending), &at(first + 9), &bending, &[0.0; ESTIMATED]);
     let seen = scene.project(&state.carried.position_m, &scene.camera(&pose)).unwrap();
     let by = seen.by_point;
     let mut list: Vec<Vector2<f64>> = state.by_curvature[..C].iter().map(|d| by * d).collect();
@@ -173,6 +173,7 @@ fn derivatives_through_a_bowed_pane_match_differences() {
         centre_m: Vector3::new(1e-3, 2e-3, -1e-3),
         window_m: Vector3::new(-1e-3, 1e-3, 1e-3),
         bow: 0.2,
+        ..Pose::default()
     };
     let point = Vector3::new(9.0, -1.1, 0.8);
     let seen = scene.project(&point, &scene.camera(&pose)).unwrap();
@@ -201,4 +202,54 @@ fn derivatives_through_a_bowed_pane_match_differences() {
         );
     }
     close(seen.by_bow, difference(&|pose, _, h| pose.bow += h, 1e-3), 1e-3);
+}
+
+/// A root, an axis and a span that lie elsewhere, held against a scene that is built there; lens against differences.
+#[test]
+fn what_is_estimated_moves_markers_as_a_scene_built_elsewhere() {
+    use crate::measure::setup::{Setup, Uncertainty};
+    let free = Setup { uncertainty: Uncertainty::default(), ..setup() };
+    let scene = Scene::new(&free, &orientation()).unwrap();
+    let bending = Bending { curvature_per_m: &[4e-3, 1e-3], twist_rad: &[0.03], ..Bending::NONE };
+    let (sin, cos) = 0.01f64.sin_cos();
+    let moved = [
+        ([0.3, 0.0, 0.0], Setup { root_offset_m: 0.8, ..setup() }),
+        ([0.0, 0.3, 0.0], Setup { axis_chord_offset_m: Some(0.4), ..setup() }),
+        ([0.0, 0.0, 0.01], Setup { span_direction: Vector2::new(cos, sin), ..setup() }),
+    ];
+    for (estimated, there) in moved {
+        let other = Scene::new(&there, &orientation()).unwrap();
+        for marker in [0, 4, 8] {
+            let here = scene.ground.stations[marker].surveyed_m;
+            let found = scene.marker(marker, &scene.bend(&bending), &here, &bending, &estimated);
+            let there = other.ground.stations[marker].surveyed_m;
+            let built = other.marker(marker, &other.bend(&bending), &there, &bending, &[0.0; ESTIMATED]);
+            let place = |s: &Scene, p: &Vector3<f64>| s.ground.frame.survey_point(p);
+            let found_m = place(&scene, &found.carried.position_m);
+            let error = found_m - place(&other, &built.carried.position_m);
+            let held = scene.marker(marker, &scene.bend(&bending), &here, &bending, &[0.0; ESTIMATED]);
+            let effect = (found_m - place(&scene, &held.carried.position_m)).norm();
+            assert!(
+                error.norm() < 2e-4 + 0.03 * effect,
+                "{estimated:?} marker {marker}: {error} of {effect}"
+            );
+        }
+    }
+}
+
+#[test]
+fn derivatives_by_the_lens_match_differences() {
+    let scene = Scene::new(&setup(), &orientation()).unwrap();
+    let point = Vector3::new(9.0, -1.1, 0.8);
+    let seen = scene.project(&point, &scene.camera(&Pose::default())).unwrap();
+    for (k, step) in [1.0, 1.0, 1.0, 1.0, 1e-4, 1e-4, 1e-4, 1e-5, 1e-5].into_iter().enumerate() {
+        let at = |sign: f64| {
+            let mut pose = Pose::default();
+            pose.lens[k] = sign * step;
+            scene.project(&point, &scene.camera(&pose)).unwrap().pixel
+        };
+        let difference = (at(1.0) - at(-1.0)) / (2.0 * step);
+        let error = (difference - seen.by_lens.column(k)).norm();
+        assert!(error < 1e-6 * (1.0 + difference.norm()), "{k}: {difference}");
+    }
 }

@@ -11,7 +11,7 @@ use crate::measure::adjust::model_error::image_covariance;
 use crate::measure::adjust::outcome::Member;
 use crate::measure::adjust::scene::Scene;
 use crate::measure::adjust::unknowns::{
-    Columns, Input, MISSING, common, mount_prior, shape_prior, twist_priors,
+    Columns, Input, MISSING, common, mount_prior, shape_prior, shift_columns, twist_priors,
 };
 use crate::measure::adjust::{AdjustError, Observation};
 use crate::measure::setup::Thermal;
@@ -54,6 +54,7 @@ impl<'a> Frame<'a> {
         priors.extend(twist_priors(twist, t));
         priors.push(mount_prior(input, mount));
         priors.extend(common.priors);
+        let shift = shift_columns(input, &mut columns, &mut priors).map(Place::Global);
         let layout = Layout {
             curvature: Place::Global(curvature),
             curvature_terms: n,
@@ -61,6 +62,9 @@ impl<'a> Frame<'a> {
             twist_terms: t,
             mount: Place::Global(mount),
             common_mount: None,
+            shift,
+            lens: common.lens.map(Place::Global),
+            estimated: common.estimated.map(|e| e.map(Place::Global)),
             ground: common.ground.map(Place::Global),
             centre: common.centre.map(Place::Global),
             window: common.window.map(Place::Global),
@@ -70,6 +74,7 @@ impl<'a> Frame<'a> {
             nominal_scale: input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
             survey: Survey::Observed,
             head: columns.missing.len(),
+            own: (columns.missing.len(), 0),
             local: 0,
         };
         let mut members = vec![];
@@ -91,7 +96,7 @@ impl<'a> Frame<'a> {
     /// All blocks of the frame at a point.
     pub fn linearise(&self, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> Result<(), AdjustError> {
         let values = self.layout.values(at.global, at.local);
-        let sections = self.scene.grid.bend(&values.bending());
+        let bent = self.scene.bend(&values.bending());
         let camera = self.scene.camera(&values.pose);
         let on_ground = self.scene.ground_camera(&values.pose);
         for (block, (member, observed)) in self.members.iter().zip(at.observed).enumerate() {
@@ -100,10 +105,9 @@ impl<'a> Frame<'a> {
             let mut rows =
                 Rows::new(&self.layout, (blocks, block), member.marker, conditions, observed.len());
             let ground_m = self.layout.on_ground(member.marker, at.global, observed);
-            let section = &sections[member.marker];
             let seen = |observation| Seen {
                 marker: member.marker,
-                section,
+                bent: &bent,
                 values: &values,
                 ground_m,
                 observed,
