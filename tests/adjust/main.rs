@@ -10,5 +10,6 @@ mod long_flights;
 mod plan;
 mod profile_figures;
 mod spatial;
+mod systematic;
 mod variance_components;
 mod window;

@@ -10,6 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::AdjustError;
 use super::beam::{Bending, Grid, Mount, Section};
 use super::ground::GroundShape;
+use super::scene::MarkerState;
 use crate::measure::setup::{Setup, Uncertainty};
 
 /// Number of such unknowns: root offset (m), chord offset of the axis (m), direction of the span (rad).
@@ -80,15 +81,16 @@ impl Neighbour {
         self.grid.bend(bending)
     }
 
-    /// Where it carries a marker from its place on ground, both in the nominal wing frame, m.
-    pub fn carry(
+    /// A marker in flight, from its place on ground, both in the nominal wing frame, m.
+    pub fn marker(
         &self,
         index: usize,
         section: &Section,
         ground_m: &Vector3<f64>,
-        scale: f64,
-    ) -> Vector3<f64> {
+        bending: &Bending,
+    ) -> MarkerState {
         let own = self.wing_from_own.transpose() * ground_m;
-        self.wing_from_own * self.mounts[index].carry(section, &own, scale).position_m
+        let state = MarkerState::of(&self.grid, &self.mounts[index], section, &own, bending);
+        state.turned(&self.wing_from_own)
     }
 }

@@ -243,25 +243,72 @@ impl Scene {
         bending: &Bending,
         estimated: &[f64; ESTIMATED],
     ) -> MarkerState {
-        let section = &bent.sections[index];
-        let mut carried = self.mounts[index].carry(section, ground_m, bending.scale);
-        let by_estimated = std::array::from_fn(|k| {
-            let Some(neighbour) = &self.neighbours[k] else { return Vector3::zeros() };
-            let other = neighbour.carry(index, &bent.neighbours[k][index], ground_m, bending.scale);
-            (other - carried.position_m) / neighbour.step
-        });
+        let mut state =
+            MarkerState::of(&self.grid, &self.mounts[index], &bent.sections[index], ground_m, bending);
+        let nominal = state;
+        for k in 0..ESTIMATED {
+            let Some(neighbour) = &self.neighbours[k] else { continue };
+            let other = neighbour.marker(index, &bent.neighbours[k][index], ground_m, bending);
+            state.by_estimated[k] = (other.carried.position_m - nominal.carried.position_m) / neighbour.step;
+            state.towards(&nominal, &other, estimated[k] / neighbour.step);
+        }
+        state
+    }
+}
+
+impl MarkerState {
+    /// On one wing, with nothing that is only estimated.
+    pub fn of(
+        grid: &Grid,
+        mount: &Mount,
+        section: &Section,
+        ground_m: &Vector3<f64>,
+        bending: &Bending,
+    ) -> Self {
+        let carried = mount.carry(section, ground_m, bending.scale);
         let by_curvature = std::array::from_fn(|k| {
             section.axis_by_curvature[k] + carried.by_slope * section.slope_by_curvature[k]
         });
         let by_twist = section.twist_by_terms.map(|t| carried.by_twist * t);
-        let root_m = self.grid.root_m() + Vector3::y() * bending.raise_m[0];
+        let root_m = grid.root_m() + Vector3::y() * bending.raise_m[0];
         let by_scale = (carried.position_m - root_m) / bending.scale;
         let up = carried.by_ground * Vector3::y();
         let by_raise = std::array::from_fn(|j| section.axis_by_raise[j] - up * section.raise_by_terms[j]);
-        for (by, value) in by_estimated.iter().zip(estimated) {
-            carried.position_m += by * *value;
+        Self { carried, by_curvature, by_twist, by_scale, by_raise, by_estimated: Default::default() }
+    }
+
+    /// Moves position and derivatives by a share of the way from one wing to another.
+    fn towards(&mut self, from: &Self, to: &Self, share: f64) {
+        self.carried.position_m += (to.carried.position_m - from.carried.position_m) * share;
+        self.carried.by_ground += (to.carried.by_ground - from.carried.by_ground) * share;
+        self.by_scale += (to.by_scale - from.by_scale) * share;
+        for k in 0..MAX_CURVATURE_TERMS {
+            self.by_curvature[k] += (to.by_curvature[k] - from.by_curvature[k]) * share;
         }
-        MarkerState { carried, by_curvature, by_twist, by_scale, by_raise, by_estimated }
+        for k in 0..MAX_TWIST_TERMS {
+            self.by_twist[k] += (to.by_twist[k] - from.by_twist[k]) * share;
+        }
+        for k in 0..RAISE_TERMS {
+            self.by_raise[k] += (to.by_raise[k] - from.by_raise[k]) * share;
+        }
+    }
+
+    /// In another frame that is turned against its own.
+    pub fn turned(&self, turn: &Matrix3<f64>) -> Self {
+        let carried = Carried {
+            position_m: turn * self.carried.position_m,
+            by_slope: turn * self.carried.by_slope,
+            by_twist: turn * self.carried.by_twist,
+            by_ground: turn * self.carried.by_ground * turn.transpose(),
+        };
+        Self {
+            carried,
+            by_curvature: self.by_curvature.map(|v| turn * v),
+            by_twist: self.by_twist.map(|v| turn * v),
+            by_scale: turn * self.by_scale,
+            by_raise: self.by_raise.map(|v| turn * v),
+            by_estimated: self.by_estimated,
+        }
     }
 }
 
@@ -269,7 +316,8 @@ impl Scene {
 /// speaks against the survey: one in a million by chance.
 const TRUSTED: f64 = 5.0;
 
-/// Whether each surveyed point agrees with its own sight on ground; without a sight it does.
+/// Whether each surveyed point agrees with its own sight on ground; without a sight it does. Where most do not,
+/// the orientation is at fault and tells nothing of single points.
 fn trusted(setup: &Setup, orientation: &Orientation) -> Vec<bool> {
     let mut trusted = vec![true; setup.markers.len()];
     for sight in &orientation.ground {
@@ -281,6 +329,9 @@ fn trusted(setup: &Setup, orientation: &Orientation) -> Vec<bool> {
         let off = pixel - sight.pixel;
         trusted[sight.marker] = (0..2)
             .all(|k| off[k].abs() <= TRUSTED * sight.covariance_px2[(k, k)].max(0.0).sqrt().hypot(survey_px));
+    }
+    if 2 * trusted.iter().filter(|t| !**t).count() > orientation.ground.len() {
+        trusted.fill(true);
     }
     trusted
 }

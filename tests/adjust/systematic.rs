@@ -1,0 +1,175 @@
+//! Promise: what is wrong outside the picture, by as much as the installation says it may be, is in the standard
+//! deviations of lift: bending axis, root, chord, span, temperature, camera, a camera mounted again.
+
+use nalgebra::{Rotation3, SMatrix, Vector3};
+use rand::rngs::StdRng;
+use wingd::measure::adjust::{self, Observation, Options, Solution};
+use wingd::measure::setup::{Orientation, Setup, SkinHeight, Thermal, Uncertainty};
+
+use crate::common::beam_truth::{Truth, normal, normal3, random_wing, remounted, rms, rng};
+
+/// What a user may state wrongly, each by one standard deviation as stated.
+const WIDTHS: Uncertainty = Uncertainty {
+    mount_shift_m: 0.002,
+    mount_drift_rad: 2e-5,
+    skin_height_m: 0.05,
+    root_offset_m: 0.3,
+    axis_chord_offset_m: 0.3,
+    span_direction_rad: 0.017_453,
+    lens: None,
+};
+const TEMPERATURE_K: f64 = 20.0;
+/// Camera constant 0.1 % in common, 1e-5 of it between u and v, principal point 10 px.
+const LENS: [f64; 3] = [7.8, 0.08, 10.0];
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Wrong {
+    Nothing,
+    Axis,
+    Root,
+    Chord,
+    Span,
+    Temperature,
+    Camera,
+    Shift,
+    All,
+}
+
+impl Wrong {
+    fn is(self, one: Wrong) -> f64 {
+        if self == one || self == Wrong::All { 1.0 } else { 0.0 }
+    }
+}
+
+/// The installation as a user states it, and what the camera really did: its true lens stays in `truth`.
+fn stated(rng: &mut StdRng, truth: &Truth, wrong: Wrong) -> Setup {
+    let mut setup = truth.surveyed(rng, 0.002, 0.002);
+    let mut draw = |one: Wrong, sigma: f64| wrong.is(one) * sigma * normal(rng);
+    let axis = draw(Wrong::Axis, WIDTHS.skin_height_m);
+    let skin = setup.skin_height.unwrap();
+    setup.skin_height = Some(SkinHeight { root_m: skin.root_m + axis, tip_m: skin.tip_m + axis, ..skin });
+    setup.root_offset_m += draw(Wrong::Root, WIDTHS.root_offset_m);
+    setup.axis_chord_offset_m =
+        setup.axis_chord_offset_m.map(|z| z + draw(Wrong::Chord, WIDTHS.axis_chord_offset_m));
+    let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), draw(Wrong::Span, WIDTHS.span_direction_rad));
+    let span = turn * Vector3::new(setup.span_direction.x, setup.span_direction.y, 0.0);
+    setup.span_direction = span.xy();
+    let thermal = setup.thermal.unwrap();
+    setup.thermal = Some(Thermal {
+        flight_temperature_c: thermal.flight_temperature_c + draw(Wrong::Temperature, TEMPERATURE_K),
+        flight_temperature_sigma_k: Some(TEMPERATURE_K),
+        ..thermal
+    });
+    let focal = draw(Wrong::Camera, LENS[0]);
+    setup.lens.fx += focal;
+    setup.lens.fy += focal + draw(Wrong::Camera, LENS[1]);
+    setup.lens.cx += draw(Wrong::Camera, LENS[2]);
+    setup.lens.cy += draw(Wrong::Camera, LENS[2]);
+    let mut lens = SMatrix::<f64, 9, 9>::zeros();
+    for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+        lens[(i, j)] = LENS[0] * LENS[0];
+    }
+    lens[(1, 1)] += LENS[1] * LENS[1];
+    (lens[(2, 2)], lens[(3, 3)]) = (LENS[2] * LENS[2], LENS[2] * LENS[2]);
+    setup.uncertainty = Uncertainty { lens: Some(lens), ..WIDTHS };
+    setup
+}
+
+/// The rotation that the ground frame gives with the stated camera: the one that meets its sights best.
+fn oriented(rng: &mut StdRng, truth: &Truth, setup: &Setup) -> Orientation {
+    let mut orientation = truth.orientation(rng, 0.05, true);
+    let mut rotation = orientation.camera_from_survey;
+    for _ in 0..6 {
+        let (mut normal, mut right) = (nalgebra::Matrix3::zeros(), Vector3::zeros());
+        for sight in &orientation.ground {
+            let ray = setup.lens.ray(&sight.pixel).unwrap();
+            let seen = rotation * (setup.markers[sight.marker].position_m - setup.projection_centre_m);
+            let seen = seen.normalize();
+            let by = -wingd::measure::geometry::skew(&seen);
+            normal += by.transpose() * by;
+            right += by.transpose() * (ray - seen);
+        }
+        rotation = Rotation3::new(normal.cholesky().unwrap().solve(&right)) * rotation;
+    }
+    orientation.camera_from_survey = rotation;
+    orientation
+}
+
+/// Frames of a flight with the true camera, its mounting turned and shifted.
+fn frames(rng: &mut StdRng, truth: &Truth, lifts: &[f64], wrong: Wrong) -> Vec<Vec<Observation>> {
+    let mount = remounted(rng, &truth.setup);
+    let shift = normal3(rng) * (wrong.is(Wrong::Shift) * WIDTHS.mount_shift_m);
+    let one = |(k, lift): (usize, &f64)| {
+        let fuel = truth.fuel() * (1.0 - 0.06 * k as f64);
+        let points: Vec<_> = truth.in_flight(*lift, fuel).iter().map(|p| p - shift).collect();
+        truth.observations(rng, &points, mount, 0.05)
+    };
+    lifts.iter().enumerate().map(one).collect()
+}
+
+/// Normalised errors of the lifts of all markers.
+fn normalised(truth: &Truth, lift: f64, fuel: f64, solution: &Solution) -> Vec<f64> {
+    let flight = truth.in_flight(lift, fuel);
+    let used = solution.markers.iter().filter(|m| m.used);
+    let one = |m: &adjust::MarkerSolution| {
+        let lift = m.lift_m.unwrap();
+        (lift.value - (flight[m.marker].z - truth.ground_m[m.marker].z)) / lift.sigma.unwrap()
+    };
+    used.map(one).collect()
+}
+
+fn errors(seed: u64, wrong: Wrong, wings: usize, flight: bool) -> Vec<f64> {
+    const LIFTS: [f64; 5] = [3.2, 2.9, 2.6, 2.3, 2.0];
+    let mut rng = rng(seed);
+    let mut all = vec![];
+    for _ in 0..wings {
+        let truth = Truth::new(random_wing(&mut rng), 21);
+        let setup = stated(&mut rng, &truth, wrong);
+        let orientation = oriented(&mut rng, &truth, &setup);
+        let lifts = if flight { &LIFTS[..] } else { &LIFTS[1..2] };
+        let frames = frames(&mut rng, &truth, lifts, wrong);
+        let solutions = if flight {
+            adjust::flight(&setup, &orientation, &frames, &Options::default()).unwrap()
+        } else {
+            vec![adjust::spatial(&setup, &orientation, &frames[0], &Options::default()).unwrap()]
+        };
+        for (k, (solution, lift)) in solutions.iter().zip(lifts).enumerate() {
+            all.extend(normalised(&truth, *lift, truth.fuel() * (1.0 - 0.06 * k as f64), solution));
+        }
+    }
+    all
+}
+
+const KINDS: [Wrong; 9] = [
+    Wrong::Nothing,
+    Wrong::Axis,
+    Wrong::Root,
+    Wrong::Chord,
+    Wrong::Span,
+    Wrong::Temperature,
+    Wrong::Camera,
+    Wrong::Shift,
+    Wrong::All,
+];
+
+fn tabulate(flight: bool, wings: usize) {
+    for (k, wrong) in KINDS.into_iter().enumerate() {
+        let found = errors(900 + k as u64, wrong, wings, flight);
+        let largest = found.iter().fold(0.0, |m: f64, e| m.max(e.abs()));
+        println!("{wrong:?}: normalised lift rms {:.2}, largest {largest:.1}", rms(&found));
+        // Errors of one wing go together, so the rms of a hundred is known to a tenth of itself.
+        let highest = if wrong == Wrong::Nothing { 1.15 } else { 1.3 };
+        assert!(rms(&found) < highest, "{wrong:?}: {}", rms(&found));
+        assert!(wrong != Wrong::All || rms(&found) > 0.7, "too wide: {}", rms(&found));
+    }
+}
+
+#[test]
+fn in_a_frame_what_the_installation_says_may_be_wrong_is_in_sigma() {
+    tabulate(false, 100);
+}
+
+#[test]
+fn in_a_flight_what_the_installation_says_may_be_wrong_is_in_sigma() {
+    tabulate(true, 40);
+}
