@@ -32,7 +32,7 @@ use super::AdjustError;
 /// The usual flight takes some twenty; one of a short wing whose frames all lack markers in glare took more than sixty.
 const MAX_ITERATIONS: usize = 400;
 /// Squared length of the last step in standard deviations, and of the unclosed conditions.
-const CONVERGED: f64 = 1e-12;
+const CONVERGED: f64 = 1e-10;
 /// The same for a solution that only decides what the next one looks like: the last step is a tenth
 /// of a standard deviation, what it leaves is a hundredth.
 const ROUGH: f64 = 1e-2;
@@ -204,8 +204,10 @@ pub fn solve_from(
     let mut system = System::new(problem)?;
     system.assemble(problem, &state, &linearise)?;
     let mut damping = 0.0;
+    let mut relaxation = Relaxation::default();
     for iteration in 1..=MAX_ITERATIONS {
         let step = system.step(problem, damping)?;
+        let step = relaxation.of(step, &system.normal, damping);
         system.moved(problem, &state, &step, &mut next);
         let moved = step.dot(&(&system.normal * &step)) + residual_change(problem, &state, &next);
         let settled = moved <= converged;
@@ -228,6 +230,39 @@ pub fn solve_from(
         damping = if damping < 1e-6 { 0.0 } else { damping * 0.1 };
     }
     Err(AdjustError::NoConvergence { iterations: MAX_ITERATIONS })
+}
+
+/// Steps that repeat themselves, turning back or not, are too long or too short by a factor that two of them tell
+/// (Aitken's; for vectors Irons and Tuck 1969). Where little tells two unknowns apart, as principal point and
+/// rotation, what Gauss's method leaves out of the second derivatives is as large as what it takes.
+#[derive(Default)]
+struct Relaxation {
+    /// The last step before its factor, and the factor.
+    last: Option<(DVector<f64>, f64)>,
+}
+
+impl Relaxation {
+    /// Steps count as repeated where the cosine between them, in standard deviations, is larger than this.
+    const ALIKE: f64 = 0.9;
+    /// Factors beyond these are no longer told by two steps.
+    const BOUNDS: (f64, f64) = (0.3, 10.0);
+
+    fn of(&mut self, step: DVector<f64>, normal: &DMatrix<f64>, damping: f64) -> DVector<f64> {
+        if damping > 0.0 {
+            self.last = None;
+            return step;
+        }
+        let factor = self.last.as_ref().map_or(1.0, |(last, factor)| {
+            let weighted = normal * &step;
+            let (both, own) = (last.dot(&weighted), step.dot(&weighted));
+            let before = last.dot(&(normal * last));
+            let alike = both.abs() > Self::ALIKE * (own * before).sqrt();
+            if alike { (factor / (1.0 - both / before)).clamp(Self::BOUNDS.0, Self::BOUNDS.1) } else { 1.0 }
+        });
+        let scaled = &step * factor;
+        self.last = Some((step, factor));
+        scaled
+    }
 }
 
 #[cfg(test)]
