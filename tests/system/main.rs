@@ -14,4 +14,5 @@ mod report_html;
 mod shipped_configuration;
 mod store_durability;
 mod store_verify;
+mod survey_typo;
 mod thirty_hours;

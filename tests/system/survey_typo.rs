@@ -1,0 +1,49 @@
+//! Promise: a surveyed point that is wrong takes no part, also not in the wing's shape on ground: the result is that
+//! of a survey without it.
+
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::Value;
+
+fn fixture(name: &str) -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev").join(name)
+}
+
+fn wingd(arguments: &[&str]) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Tip lift with its standard deviation from the first frame in flight, the survey's text changed.
+fn tip(change: impl Fn(String) -> String) -> (f64, f64) {
+    let directory = tempfile::tempdir().unwrap();
+    for name in ["installation.toml", "camera.toml", "survey.csv"] {
+        std::fs::copy(fixture("installation").join(name), directory.path().join(name)).unwrap();
+    }
+    let survey = directory.path().join("survey.csv");
+    std::fs::write(&survey, change(std::fs::read_to_string(&survey).unwrap())).unwrap();
+    let installation = directory.path().to_str().unwrap();
+    let frame = |name: &str| fixture("frames").join(name).to_str().unwrap().to_owned();
+    wingd(&["orient", "--installation", installation, &frame("ground.jpg")]);
+    let line = wingd(&["solve", "--json", "--installation", installation, &frame("flight-1.jpg")]);
+    let found: Value = serde_json::from_str(&line).unwrap();
+    assert_eq!(found["status"], "ok", "{found}");
+    let number = |key: &str| found["tip"][key].as_f64().unwrap();
+    (number("lift_m"), number("sigma_lift_m"))
+}
+
+#[test]
+fn two_digits_exchanged_are_as_good_as_left_out() {
+    let (typo, _) = tip(|survey| {
+        let wrong = survey.replace("26.4142", "24.6142");
+        assert_ne!(wrong, survey, "the fixture's M02 lies elsewhere");
+        wrong
+    });
+    let without = |survey: String| {
+        survey.lines().filter(|l| !l.starts_with("M02")).fold(String::new(), |t, l| t + l + "\n")
+    };
+    let (removed, sigma) = tip(without);
+    assert!((typo - removed).abs() < 0.1 * sigma, "{typo} {removed} +- {sigma}");
+}
