@@ -12,5 +12,6 @@ mod plan_command;
 mod report_html;
 mod shipped_configuration;
 mod store_durability;
+mod store_evidence;
 mod store_verify;
 mod thirty_hours;
