@@ -4,6 +4,7 @@
 //! knows frames and results as bytes and JSON, not what they mean.
 
 mod audit;
+pub mod bundle;
 pub mod catalogue;
 pub mod chain;
 pub mod disk;

@@ -5,6 +5,8 @@ mod bad_input;
 #[path = "../common/mod.rs"]
 mod common;
 mod daemon_replay;
+mod http_access;
+mod http_downloads;
 mod http_pages;
 mod installation_faults;
 mod kill9;
