@@ -86,7 +86,10 @@ impl Content {
         tokio::task::spawn_blocking(move || {
             let _permit = permit;
             if let Err(error) = write(&parts, from, to, &sender) {
-                tracing::warn!(%error, "an answer was broken off");
+                // A client that goes away is none of our faults; a file that cannot be read is.
+                if error.kind() != io::ErrorKind::BrokenPipe {
+                    tracing::warn!(%error, "an answer was broken off");
+                }
                 let _ = sender.blocking_send(Err(error));
             }
         });

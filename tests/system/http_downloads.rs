@@ -103,7 +103,8 @@ fn add_result(root: &Path) {
 
 #[test]
 fn what_cannot_be_sent_whole_is_an_error_that_names_it() {
-    let damages: [(&str, fn(&Path)); 4] = [
+    type Damage = fn(&Path);
+    let damages: [(&str, Damage); 4] = [
         ("0001.jpg", |series| std::fs::remove_file(series.join("0001.jpg")).unwrap()),
         ("0001.jpg", |series| std::fs::write(series.join("0001.jpg"), "short").unwrap()),
         ("results.jsonl", |series| std::fs::write(series.join("results.jsonl"), "").unwrap()),
