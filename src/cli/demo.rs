@@ -100,6 +100,7 @@ fn fly(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
     };
     let solver = service::solver(directory, &config.solve)?;
     let opened = service::open_store(&config)?;
+    service::keep_installation(&opened.0, directory);
     let begun = opened.0.last_moment();
     let take_off = jiff::Timestamp::from_second(TAKE_OFF).unwrap_or_default();
     let clock: Arc<dyn Clock> = Arc::new(match &begun {

@@ -30,6 +30,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
             .ok()
     });
     let opened = service::open_store(&config)?;
+    if let (Some(directory), true) = (config.installation.as_deref(), solver.is_some()) {
+        service::keep_installation(&opened.0, directory);
+    }
     let origin = clock.since_boot();
     service::run(&config, clock, origin, opened, solver, Arc::new(|_| ()))?;
     Ok(Done::All)

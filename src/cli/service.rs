@@ -18,6 +18,20 @@ pub fn open_store(config: &Config) -> Result<(Arc<Store>, Recovery), Failure> {
     opened.map(|(store, recovery)| (Arc::new(store), recovery)).map_err(|e| Failure::Undone(e.to_string()))
 }
 
+/// Keeps the installation in the store. A fault costs the keeping, not the results: it is logged.
+pub fn keep_installation(store: &Store, directory: &Path) {
+    let files = installation::load(directory).and_then(|i| i.files().map_err(|fault| vec![fault]));
+    match files.map(|files| store.keep_installation(&files)) {
+        Ok(Ok(())) => {}
+        Ok(Err(error)) => tracing::error!(%error, "the installation is not kept in the store"),
+        Err(faults) => {
+            for fault in faults {
+                tracing::error!(%fault, "the installation is not kept in the store");
+            }
+        }
+    }
+}
+
 /// Solves on board where there is an installation with an orientation.
 pub fn solver(directory: &Path, config: &SolveConfig) -> Result<Solver, Vec<Fault>> {
     let installation = installation::load(directory)?;

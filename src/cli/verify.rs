@@ -1,10 +1,12 @@
 //! `wingd verify`: every checksum and every invariant of a store or of a copy.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use super::{Done, Failure, print};
-use crate::store::RealDisk;
+use crate::installation;
 use crate::store::verify::{Report, verify};
+use crate::store::{self, RealDisk, StoreError, catalogue};
 
 /// Check every checksum and every invariant of a store, or of a copied flight or series.
 #[derive(clap::Args)]
@@ -12,6 +14,13 @@ pub struct Args {
     /// The store, or a flight's or series' folder of it
     #[arg(value_name = "STORE")]
     store: PathBuf,
+    /// Give a store of the old format (1) what notices changed results and missing series: an id, chains
+    /// of digests, SHA256SUMS. Only a sound store is upgraded; no file but store.toml is changed
+    #[arg(long)]
+    upgrade: bool,
+    /// With --upgrade: the installation that the results came from, to be kept in the store
+    #[arg(long, value_name = "DIR", requires = "upgrade")]
+    installation: Option<PathBuf>,
     /// The report as one JSON object
     #[arg(long)]
     json: bool,
@@ -21,6 +30,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     if !args.store.is_dir() {
         let what = format!("{}: is not a directory; name a store", args.store.display());
         return Err(Failure::Undone(what));
+    }
+    if args.upgrade {
+        upgrade(args)?;
     }
     let report = verify(&RealDisk, &args.store);
     if args.json {
@@ -32,6 +44,14 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         print(&text(&report));
     }
     Ok(Done::all(report.is_sound()))
+}
+
+fn upgrade(args: &Args) -> Result<(), Failure> {
+    let undone = |error: StoreError| Failure::Undone(error.to_string());
+    catalogue::check_format(&RealDisk, &args.store).map_err(undone)?;
+    let installation = args.installation.as_deref().map(installation::load).transpose()?;
+    let files = installation.map(|i| i.files()).transpose()?;
+    store::upgrade(Arc::new(RealDisk), &args.store, files.as_deref()).map_err(undone)
 }
 
 fn text(report: &Report) -> String {

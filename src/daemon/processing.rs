@@ -36,7 +36,9 @@ impl Processing {
     /// rest and ends; when asked to stop it ends after the frame under work.
     pub fn run(&self, wake: &Receiver<()>) {
         loop {
-            if let Err(error) = self.solve_all() {
+            let solved = self.solve_all();
+            self.store.seal();
+            if let Err(error) = solved {
                 tracing::error!(%error, "results cannot be stored; tried again with the next series");
                 self.board.fault(&error.to_string());
             }
@@ -48,6 +50,7 @@ impl Processing {
         if !self.stop.load(Ordering::Relaxed) {
             self.board.update(|status| status.activity = Activity::Finishing);
             let _ = self.solve_all();
+            self.store.seal();
         }
     }
 

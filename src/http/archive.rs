@@ -1,94 +1,60 @@
-//! A flight as one tar archive, made while it is sent.
+//! A flight as one tar archive, laid out beforehand: so it has a length, an ETag and ranges, and the
+//! same state gives the same bytes.
 
-use std::fs::File;
-use std::io::{self, Read, Write};
-use std::pin::Pin;
-use std::task::{Context, Poll};
-
-use axum::body::{Body, Bytes};
-use axum::http::header;
-use axum::response::{IntoResponse, Response};
-use http_body::Frame;
+use axum::body::Bytes;
 use tokio::sync::OwnedSemaphorePermit;
-use tokio::sync::mpsc::{Receiver, Sender, channel};
 
-use super::files::Place;
+use super::Refusal;
+use super::send::{Content, Source};
+use crate::store::bundle::{self, Bundle, Item};
 
-const CHUNK: usize = 256 * 1024;
+/// Of a tar file: head and content fill whole blocks, two empty ones end it.
+const BLOCK: u64 = 512;
 
-/// Begins the archive; it stops where the client goes away, and breaks off, without a proper end,
-/// where a file cannot be read, so that half an archive is not taken for a whole one.
-pub fn stream(flight: &str, files: Vec<Place>, permit: OwnedSemaphorePermit) -> Response {
-    let (sender, receiver) = channel(2);
-    tokio::task::spawn_blocking(move || {
-        let _permit = permit;
-        if let Err(error) = write(&files, sender.clone()) {
-            let _ = sender.blocking_send(Err(error));
-        }
-    });
-    let name = format!("attachment; filename=\"{flight}.tar\"");
-    let headers = [
-        (header::CONTENT_TYPE, "application/x-tar".to_owned()),
-        (header::CONTENT_DISPOSITION, name),
-        (header::CACHE_CONTROL, "no-cache".to_owned()),
-    ];
-    (headers, Body::new(Chunks(receiver))).into_response()
-}
-
-fn write(files: &[Place], sender: Sender<io::Result<Bytes>>) -> io::Result<()> {
-    let chunks = Writer { sender, buffer: Vec::with_capacity(CHUNK) };
-    let mut archive = tar::Builder::new(chunks);
-    for place in files {
-        append(&mut archive, place)?;
+/// The archive of a bundle. `begun_s` dates its files: seconds since 1970.
+pub fn layout(
+    flight: &str,
+    bundle: Bundle,
+    begun_s: u64,
+    permit: OwnedSemaphorePermit,
+) -> Result<Content, Refusal> {
+    let mut parts = Vec::with_capacity(3 * bundle.items.len() + 1);
+    for item in bundle.items {
+        parts.push((BLOCK, Source::Bytes(head(&item, begun_s)?)));
+        let padding = item.length.next_multiple_of(BLOCK) - item.length;
+        let source = match item.content {
+            bundle::Content::File(path) => Source::File(path),
+            bundle::Content::Bytes(bytes) => Source::Bytes(bytes.into()),
+        };
+        parts.push((item.length, source));
+        parts.push((padding, zeros(padding)));
     }
-    archive.into_inner()?.flush()
+    parts.push((2 * BLOCK, zeros(2 * BLOCK)));
+    Ok(Content {
+        parts,
+        digest: bundle.digest,
+        kind: "application/x-tar",
+        save_as: Some(format!("{flight}.tar")),
+        by_range: true,
+        permit: Some(permit),
+    })
 }
 
-/// What grows is taken as long as it is now.
-fn append(archive: &mut tar::Builder<Writer>, place: &Place) -> io::Result<()> {
-    let file = File::open(&place.path)?;
-    let about = file.metadata()?;
-    let mut head = tar::Header::new_gnu();
-    head.set_metadata_in_mode(&about, tar::HeaderMode::Deterministic);
-    let modified = about.modified().ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
-    head.set_mtime(modified.map_or(0, |age| age.as_secs()));
-    head.set_size(about.len());
-    archive.append_data(&mut head, &place.name, file.take(about.len()))
+fn zeros(length: u64) -> Source {
+    const ZEROS: [u8; 1024] = [0; 1024];
+    let length = usize::try_from(length).unwrap_or(0);
+    Source::Bytes(Bytes::from_static(ZEROS.get(..length).unwrap_or_default()))
 }
 
-/// Collects bytes to chunks for the answer; waits while the client is slow.
-struct Writer {
-    sender: Sender<io::Result<Bytes>>,
-    buffer: Vec<u8>,
-}
-
-impl Write for Writer {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.buffer.extend_from_slice(bytes);
-        if self.buffer.len() >= CHUNK {
-            self.flush()?;
-        }
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        let chunk = std::mem::replace(&mut self.buffer, Vec::with_capacity(CHUNK));
-        let gone = |_| io::Error::new(io::ErrorKind::BrokenPipe, "the client went away");
-        if chunk.is_empty() { Ok(()) } else { self.sender.blocking_send(Ok(chunk.into())).map_err(gone) }
-    }
-}
-
-/// The answer's body.
-struct Chunks(Receiver<io::Result<Bytes>>);
-
-impl http_body::Body for Chunks {
-    type Data = Bytes;
-    type Error = io::Error;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<io::Result<Frame<Bytes>>>> {
-        self.0.poll_recv(context).map(|chunk| chunk.map(|chunk| chunk.map(Frame::data)))
-    }
+fn head(item: &Item, begun_s: u64) -> Result<Bytes, Refusal> {
+    let mut head = tar::Header::new_ustar();
+    head.set_path(&item.name).map_err(|e| Refusal::Failed(format!("{}: {e}", item.name)))?;
+    head.set_size(item.length);
+    head.set_mode(0o644);
+    head.set_uid(0);
+    head.set_gid(0);
+    head.set_mtime(begun_s);
+    head.set_entry_type(tar::EntryType::Regular);
+    head.set_cksum();
+    Ok(Bytes::copy_from_slice(head.as_bytes()))
 }

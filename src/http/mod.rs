@@ -6,15 +6,18 @@
 //! | `/flights/{flight}` | its series |
 //! | `/flights/{flight}/{series}` | its frames and results |
 //! | `/files/{flight}/...` | files as they lie in the store; frames and manifests by range |
-//! | `/tar/{flight}.tar` | the flight as one archive |
+//! | `/tar/{flight}.tar` | the flight as one archive, by range: unpacked it is a store |
 //! | `/report/{flight}` | the report |
 //! | `/status.json` | what the store holds, and the daemon's state where one runs |
 //!
 //! Nothing comes from outside, nothing can be changed, and no name leads out of the store.
 
+pub mod access;
 mod archive;
 mod files;
 mod pages;
+mod send;
+mod server;
 
 use std::future::Future;
 use std::io;
@@ -22,8 +25,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use axum::Router;
-use axum::extract::{Path, Request, State};
-use axum::http::{HeaderValue, StatusCode, header};
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{Html, IntoResponse, Json, Response};
 use axum::routing::get;
 use serde_json::Value;
@@ -33,7 +36,8 @@ use tower_http::set_header::SetResponseHeaderLayer;
 
 use crate::measure::setup::Setup;
 use crate::report::{html, source};
-use crate::store::StoreError;
+use crate::store::{RealDisk, StoreError, bundle, catalogue};
+use access::Access;
 
 /// Asked for the daemon's state.
 pub type StatusSource = Arc<dyn Fn() -> Value + Send + Sync>;
@@ -52,9 +56,14 @@ pub struct Site {
 /// Archives that are streamed at once; a small computer records meanwhile.
 const ARCHIVES: usize = 2;
 
+/// Reports that are made at once: each may take a flight's worth of memory.
+const REPORTS: usize = 1;
+
 struct Shared {
     site: Site,
+    access: Arc<Access>,
     archives: Arc<Semaphore>,
+    reports: Semaphore,
 }
 
 type Context = State<Arc<Shared>>;
@@ -86,17 +95,21 @@ impl IntoResponse for Refusal {
     }
 }
 
-/// Serves until `shutdown` is done; downloads under way may end.
+/// Serves until `shutdown` is done; answers under way have a few seconds to end.
 pub async fn serve(
     site: Site,
+    access: Access,
     listener: TcpListener,
-    shutdown: impl Future<Output = ()> + Send + 'static,
+    shutdown: impl Future<Output = ()>,
 ) -> io::Result<()> {
-    axum::serve(listener, router(site)).with_graceful_shutdown(shutdown).await
+    let access = Arc::new(access);
+    server::run(router(site, access.clone()), access, listener, shutdown).await
 }
 
-fn router(site: Site) -> Router {
-    let shared = Arc::new(Shared { site, archives: Arc::new(Semaphore::new(ARCHIVES)) });
+fn router(site: Site, access: Arc<Access>) -> Router {
+    let archives = Arc::new(Semaphore::new(ARCHIVES));
+    let shared =
+        Arc::new(Shared { site, access: access.clone(), archives, reports: Semaphore::new(REPORTS) });
     let policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'";
     let header = |name, value| SetResponseHeaderLayer::overriding(name, HeaderValue::from_static(value));
     Router::new()
@@ -109,6 +122,11 @@ fn router(site: Site) -> Router {
         .route("/report/{flight}", get(report))
         .route("/status.json", get(status))
         .fallback(async || Refusal::NotFound)
+        .layer(axum::middleware::from_fn_with_state(access, access::check))
+        .layer(SetResponseHeaderLayer::if_not_present(
+            header::CACHE_CONTROL,
+            HeaderValue::from_static("no-store"),
+        ))
         .layer(header(header::CONTENT_SECURITY_POLICY, policy))
         .layer(header(header::X_CONTENT_TYPE_OPTIONS, "nosniff"))
         .layer(header(header::REFERRER_POLICY, "no-referrer"))
@@ -153,34 +171,44 @@ async fn series(
 async fn flight_file(
     State(shared): Context,
     Path((flight, file)): Path<(String, String)>,
-    request: Request,
+    method: Method,
+    headers: HeaderMap,
 ) -> Result<Response, Refusal> {
-    let place = blocking(shared, move |site| files::in_flight(site, &flight, &file)).await?;
-    files::send(place, request).await
+    let content = blocking(shared, move |site| files::in_flight(site, &flight, &file)).await?;
+    content.answer(&method, &headers)
 }
 
 async fn series_file(
     State(shared): Context,
     Path((flight, series, file)): Path<(String, String, String)>,
-    request: Request,
+    method: Method,
+    headers: HeaderMap,
 ) -> Result<Response, Refusal> {
-    let place = blocking(shared, move |site| files::in_series(site, &flight, &series, &file)).await?;
-    files::send(place, request).await
+    let content = blocking(shared, move |site| files::in_series(site, &flight, &series, &file)).await?;
+    content.answer(&method, &headers)
 }
 
-async fn tar(State(shared): Context, Path(name): Path<String>) -> Result<Response, Refusal> {
+async fn tar(
+    State(shared): Context,
+    Path(name): Path<String>,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, Refusal> {
     let flight = name.strip_suffix(".tar").ok_or(Refusal::NotFound)?.to_owned();
     let permit = shared.archives.clone().try_acquire_owned().map_err(|_| Refusal::Busy)?;
-    let (id, list) = blocking(shared, move |site| {
-        let list = files::of_flight(site, &flight)?;
-        Ok((flight, list))
+    let content = blocking(shared, move |site| {
+        let found = files::check_flight(site, &flight)?;
+        let begun = catalogue::flight_manifest(&RealDisk, &found)?.started.utc.as_second();
+        let bundle = bundle::flight(&RealDisk, &site.root, &found)?;
+        archive::layout(&flight, bundle, u64::try_from(begun).unwrap_or(0), permit)
     })
     .await?;
-    Ok(archive::stream(&id, list, permit))
+    content.answer(&method, &headers)
 }
 
 async fn report(State(shared): Context, Path(flight): Path<String>) -> Result<Html<String>, Refusal> {
-    blocking(shared, move |site| {
+    let _one_at_a_time = shared.reports.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
+    blocking(shared.clone(), move |site| {
         files::check_flight(site, &flight)?;
         Ok(Html(html::page(&source::flight(&site.root, Some(&flight), site.setup.as_ref())?)))
     })
@@ -188,5 +216,13 @@ async fn report(State(shared): Context, Path(flight): Path<String>) -> Result<Ht
 }
 
 async fn status(State(shared): Context) -> Result<Json<Value>, Refusal> {
-    blocking(shared, |site| Ok(Json(pages::status(site)?))).await
+    let refused = shared.access.refused();
+    blocking(shared, move |site| {
+        let mut status = pages::status(site)?;
+        if let Some(status) = status.as_object_mut() {
+            status.insert("refused".to_owned(), refused);
+        }
+        Ok(Json(status))
+    })
+    .await
 }

@@ -60,6 +60,22 @@ pub struct Installation {
 pub const ORIENTATION_FILE: &str = "orientation.toml";
 
 impl Installation {
+    /// (name, bytes) of every file that was read; a fault where one has changed since.
+    pub fn files(&self) -> Result<Vec<(String, Vec<u8>)>, Fault> {
+        let read = |(name, digest): &(String, String)| {
+            let file = self.directory.join(name);
+            let same = |bytes: &Vec<u8>| hex::encode(Sha256::digest(bytes)) == *digest;
+            let bytes = std::fs::read(&file).ok().filter(same).ok_or_else(|| Fault {
+                file,
+                place: "file".into(),
+                problem: "has changed while it was read".into(),
+                mend: "start again".into(),
+            })?;
+            Ok((name.clone(), bytes))
+        };
+        self.digests.iter().map(read).collect()
+    }
+
     /// The orientation, or the fault of not having one.
     pub fn require_orientation(&self) -> Result<&Orientation, Fault> {
         self.orientation.as_ref().ok_or_else(|| Fault {

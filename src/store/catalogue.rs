@@ -27,6 +27,18 @@ pub struct SeriesRef {
     pub folder: PathBuf,
 }
 
+/// Formats that are read and written.
+const KNOWN: [u32; 2] = [layout::FORMAT_WITHOUT_EVIDENCE, layout::FORMAT];
+
+/// The store's id; `None` in a store without evidence (format 1).
+pub fn store_id(disk: &dyn Disk, root: &Path) -> Option<String> {
+    let bytes = disk.read(&root.join(layout::STORE_FILE)).ok()?;
+    let table: toml::Table = std::str::from_utf8(&bytes).ok()?.parse().ok()?;
+    let format = table.get("format")?.as_integer()?;
+    let id = table.get("id").and_then(toml::Value::as_str).unwrap_or_default();
+    (format == i64::from(layout::FORMAT)).then(|| id.to_owned())
+}
+
 /// Checks that `root` is a store of our format.
 pub fn check_format(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     let path = root.join(layout::STORE_FILE);
@@ -38,7 +50,7 @@ pub fn check_format(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     let table = std::str::from_utf8(&bytes).ok().and_then(|text| text.parse::<toml::Table>().ok());
     let found = table.as_ref().and_then(|table| table.get("format"));
     match found {
-        Some(format) if format.as_integer() == Some(layout::FORMAT.into()) => Ok(()),
+        Some(format) if KNOWN.iter().any(|known| format.as_integer() == Some((*known).into())) => Ok(()),
         Some(format) => {
             Err(StoreError::Version { path, found: format.to_string(), supported: layout::FORMAT })
         }

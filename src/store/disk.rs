@@ -12,6 +12,8 @@ pub struct Entry {
     pub name: String,
     /// A directory.
     pub is_dir: bool,
+    /// A symbolic link: never ours.
+    pub is_link: bool,
     /// Length, bytes; 0 for a directory.
     pub length: u64,
 }
@@ -64,7 +66,7 @@ impl Disk for RealDisk {
             let meta = entry.metadata()?;
             let name = entry.file_name().to_string_lossy().into_owned();
             let length = if meta.is_dir() { 0 } else { meta.len() };
-            entries.push(Entry { name, is_dir: meta.is_dir(), length });
+            entries.push(Entry { name, is_dir: meta.is_dir(), is_link: meta.is_symlink(), length });
         }
         entries.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(entries)
@@ -124,6 +126,12 @@ impl Disk for RealDisk {
 fn write_and_sync(mut file: File, bytes: &[u8]) -> io::Result<()> {
     file.write_all(bytes)?;
     file.sync_all()
+}
+
+/// Fills a buffer with random bytes of the system.
+pub(crate) fn random(bytes: &mut [u8]) -> io::Result<()> {
+    use std::io::Read;
+    File::open("/dev/urandom")?.read_exact(bytes)
 }
 
 /// Replaces a small file as a whole: after a crash it holds the old bytes or the new, never a mix.

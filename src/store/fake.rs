@@ -42,8 +42,16 @@ struct State {
 
 #[derive(Clone)]
 enum Node {
-    File { now: Vec<u8>, durable: Vec<u8> },
-    Directory { now: BTreeMap<String, Id>, durable: BTreeMap<String, Id> },
+    /// `cut_off`: the last change was a truncation.
+    File {
+        now: Vec<u8>,
+        durable: Vec<u8>,
+        cut_off: bool,
+    },
+    Directory {
+        now: BTreeMap<String, Id>,
+        durable: BTreeMap<String, Id>,
+    },
 }
 
 #[derive(Clone, Debug)]
@@ -147,10 +155,14 @@ impl Node {
     fn survive(&mut self, roll: u64) {
         match self {
             Node::Directory { now, durable } => *now = durable.clone(),
-            Node::File { now, durable } => {
+            Node::File { now, durable, cut_off } => {
                 if now != durable {
-                    // Appending does not touch the bytes before; writing anew does.
-                    let safe = if now.starts_with(durable) { durable.len() } else { 0 };
+                    // Appending and cutting off do not touch the bytes before; writing anew does.
+                    let safe = match () {
+                        () if now.starts_with(durable) => durable.len(),
+                        () if *cut_off && durable.starts_with(now) => now.len(),
+                        () => 0,
+                    };
                     let cut = safe + usize::try_from(roll / 4).unwrap_or(0) % (now.len() - safe + 1);
                     *now = match roll % 4 {
                         0 => durable.clone(),
@@ -237,7 +249,7 @@ impl State {
 
     fn file(&mut self, id: Id) -> io::Result<(&mut Vec<u8>, &mut Vec<u8>)> {
         match self.nodes.get_mut(id) {
-            Some(Node::File { now, durable }) => Ok((now, durable)),
+            Some(Node::File { now, durable, .. }) => Ok((now, durable)),
             _ => Err(io::ErrorKind::IsADirectory.into()),
         }
     }
@@ -248,9 +260,12 @@ impl State {
         self.powered()?;
         let id = match self.find(path) {
             Ok(id) => id,
-            Err(_) => self.add(path, Node::File { now: Vec::new(), durable: Vec::new() })?,
+            Err(_) => self.add(path, Node::File { now: Vec::new(), durable: Vec::new(), cut_off: false })?,
         };
         let written = if outcome.is_ok() { bytes } else { bytes.get(..bytes.len() / 2).unwrap_or_default() };
+        if let Some(Node::File { cut_off, .. }) = self.nodes.get_mut(id) {
+            *cut_off = from.is_some_and(|length| length > 0) && bytes.is_empty();
+        }
         let (now, _) = self.file(id)?;
         now.truncate(from.unwrap_or(now.len()));
         now.extend_from_slice(written);
@@ -278,9 +293,9 @@ impl Disk for FakeDisk {
         };
         let entry = |(name, id): (&String, &Id)| match state.nodes.get(*id) {
             Some(Node::File { now, .. }) => {
-                Entry { name: name.clone(), is_dir: false, length: now.len() as u64 }
+                Entry { name: name.clone(), is_dir: false, is_link: false, length: now.len() as u64 }
             }
-            _ => Entry { name: name.clone(), is_dir: true, length: 0 },
+            _ => Entry { name: name.clone(), is_dir: true, is_link: false, length: 0 },
         };
         Ok(now.iter().map(entry).collect())
     }

@@ -2,8 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-/// Written by this program; another number is refused.
-pub const FORMAT: u32 = 1;
+/// Of a new store. Format 1, without chains and sums, is read and written too (`wingd verify --upgrade`).
+pub const FORMAT: u32 = 2;
+/// Of a store without evidence.
+pub const FORMAT_WITHOUT_EVIDENCE: u32 = 1;
+/// Of `series.json`.
+pub const SERIES_FORMAT: u32 = 1;
 
 /// The mark of a store, with its format.
 pub const STORE_FILE: &str = "store.toml";
@@ -17,6 +21,14 @@ pub const REFUSED_FILE: &str = "refused.jsonl";
 pub const SOLVING_FILE: &str = "solving.json";
 /// A series being taken.
 pub const INCOMING: &str = "incoming";
+/// What results were computed from, by digest.
+pub const INSTALLATIONS: &str = "installations";
+/// In a flight: one line per closed series and per result, each with the digest of the line before.
+pub const CHAIN_FILE: &str = "chain.jsonl";
+/// In a flight: every file's digest, for `sha256sum -c`.
+pub const SUMS_FILE: &str = "SHA256SUMS";
+/// The result that is about to be appended.
+pub const PENDING_FILE: &str = "pending.json";
 /// Finished series, by flight.
 pub const FLIGHTS: &str = "flights";
 /// Half frames and torn lines; listed, never deleted.
@@ -68,6 +80,29 @@ pub fn is_frame_name(name: &str) -> bool {
     name.split_once('.').is_some_and(|(number, ending)| {
         number.parse().is_ok_and(|shot: u32| frame_name(shot, ending) == name)
     })
+}
+
+/// Whether a name belongs into a store's root (`lost+found` is the file system's).
+pub fn is_root_name(name: &str) -> bool {
+    let ours = [
+        STORE_FILE,
+        COUNTER_FILE,
+        LOCK_FILE,
+        REFUSED_FILE,
+        SOLVING_FILE,
+        PENDING_FILE,
+        INCOMING,
+        FLIGHTS,
+        PARTIAL,
+        INSTALLATIONS,
+    ];
+    name == "lost+found" || ours.contains(&name.strip_suffix(PART_ENDING).unwrap_or(name))
+}
+
+/// Whether a name is that of a file of a flight, or of one that is being written anew.
+pub fn is_flight_file(name: &str) -> bool {
+    let whole = name.strip_suffix(PART_ENDING);
+    name == FLIGHT_FILE || [CHAIN_FILE, SUMS_FILE].contains(&whole.unwrap_or(name))
 }
 
 /// `incoming/<series>`.

@@ -3,11 +3,15 @@
 //! One directory is the only truth; what is kept in memory can be rebuilt by scanning. The store
 //! knows frames and results as bytes and JSON, not what they mean.
 
+mod audit;
+pub mod bundle;
 pub mod catalogue;
+pub mod chain;
 pub mod disk;
 mod error;
 pub mod fake;
 pub mod flight;
+pub mod installations;
 pub mod jsonl;
 pub mod layout;
 pub mod manifest;
@@ -15,9 +19,11 @@ mod opening;
 mod recover;
 mod results;
 mod series;
+mod sums;
+mod upgrade;
 pub mod verify;
 
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -32,6 +38,7 @@ pub use opening::is_vacant;
 pub use recover::Recovery;
 pub use results::{Inputs, sha256};
 pub use series::{NewFrame, OpenSeries};
+pub use upgrade::upgrade;
 
 use crate::clock::Stamp;
 use manifest::{
@@ -131,6 +138,10 @@ struct Index {
     new_flight_wanted: bool,
     /// Series without any frame to solve, by the inputs asked for.
     settled: HashSet<(String, String)>,
+    /// Installations that the chains name, by flight and digest.
+    installations: HashSet<(String, String)>,
+    /// Flights whose SHA256SUMS are behind their chains.
+    unsealed: BTreeSet<String>,
 }
 
 impl Store {
@@ -149,6 +160,12 @@ impl Store {
         }
         let mut recovery = recover::recover(disk.as_ref(), &root)?;
         let index = opening::scan(disk.as_ref(), &root, &mut recovery)?;
+        if catalogue::store_id(disk.as_ref(), &root).is_some() {
+            for flight in catalogue::flights(disk.as_ref(), &root)? {
+                let sealed = sums::seal(disk.as_ref(), &flight.folder);
+                recovery.remarks.extend(sealed.err().map(|error| error.to_string()));
+            }
+        }
         Ok((Self { disk, root, config, index: Mutex::new(index), _lock: lock }, recovery))
     }
 
@@ -231,7 +248,58 @@ impl Store {
     ) -> Result<(), StoreError> {
         let mut index = self.index();
         index.last = Some(now.clone());
-        series.close(state, now, remarks)
+        index.unsealed.insert(series.flight().to_owned());
+        series.close(state, now, remarks)?;
+        self.seal_all(&mut index);
+        Ok(())
+    }
+
+    /// Brings SHA256SUMS up to what was recorded and solved. Best effort: what fails is done again with
+    /// the next call or at the next opening, and the chain has it all meanwhile.
+    pub fn seal(&self) {
+        self.seal_all(&mut self.index());
+    }
+
+    fn seal_all(&self, index: &mut Index) {
+        if catalogue::store_id(self.disk(), &self.root).is_some() {
+            let flights = self.root.join(layout::FLIGHTS);
+            index.unsealed.retain(|flight| sums::seal(self.disk(), &flights.join(flight)).is_err());
+        }
+    }
+
+    /// Keeps an installation by its digest, so that results that come from it can be computed again.
+    /// A store without evidence keeps none.
+    pub fn keep_installation(&self, files: &[installations::File]) -> Result<(), StoreError> {
+        let _one_writer = self.index();
+        match catalogue::store_id(self.disk(), &self.root) {
+            Some(_) => installations::keep(self.disk(), &self.root, files).map(drop),
+            None => Ok(()),
+        }
+    }
+
+    /// Names a kept installation in the flight's chain, once, before the first result that comes from it.
+    fn chain_installation(
+        &self,
+        index: &mut Index,
+        series: &SeriesRef,
+        inputs: &Inputs,
+    ) -> Result<(), StoreError> {
+        let Some(digest) = installations::named(&inputs.provenance) else { return Ok(()) };
+        let key = (series.flight.clone(), digest.clone());
+        if index.installations.contains(&key)
+            || !self.disk.exists(&installations::folder(&self.root, &digest))
+            || catalogue::store_id(self.disk(), &self.root).is_none()
+        {
+            return Ok(());
+        }
+        let flight = self.root.join(layout::FLIGHTS).join(&series.flight);
+        let known = chain::Chain::parse(&chain::read(self.disk(), &flight)?).state(usize::MAX);
+        if !known.installations.contains(&digest) {
+            let event = chain::Event::Installation { sha256: digest };
+            chain::append(self.disk(), &self.root, &flight, event)?;
+        }
+        index.installations.insert(key);
+        Ok(())
     }
 
     /// Records that a series could not be taken, and says why.
@@ -344,7 +412,9 @@ impl Store {
 
     /// Writes a result durably, once: `false` where this frame has one for these inputs already.
     pub fn add_result(&self, frame: &FrameRef, inputs: &Inputs, record: Value) -> Result<bool, StoreError> {
-        let _one_writer = self.index();
+        let mut index = self.index();
+        self.chain_installation(&mut index, &frame.series, inputs)?;
+        index.unsealed.insert(frame.series.flight.clone());
         let line = ResultLine {
             frame: frame.entry.file.clone(),
             frame_sha256: frame.entry.sha256.clone(),
@@ -352,7 +422,7 @@ impl Store {
             provenance: inputs.provenance.clone(),
             record,
         };
-        results::append(self.disk(), &self.root, &frame.series.folder, &line)
+        results::append(self.disk(), &self.root, &frame.series, &line)
     }
 
     fn index(&self) -> MutexGuard<'_, Index> {

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::disk::{self, Disk};
 use super::error::StoreError;
 use super::manifest::Counter;
-use super::{FlightRef, Index, Recovery, catalogue, jsonl, layout};
+use super::{FlightRef, Index, Recovery, catalogue, installations, jsonl, layout};
 use crate::clock::Stamp;
 
 /// Makes a store; its mark is written last, so that a crash leaves an empty directory that counts as none.
@@ -16,13 +16,25 @@ pub(super) fn create(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
         ensure_dir(disk, root, name)?;
     }
     save_counter(disk, root, 1, 1)?;
+    write_mark(disk, root, &installations::random_id()?)
+}
+
+/// Writes `store.toml` with the place for pending results beside it.
+pub(super) fn write_mark(disk: &dyn Disk, root: &Path, id: &str) -> Result<(), StoreError> {
+    let pending = root.join(layout::PENDING_FILE);
+    disk.write(&pending, b"").map_err(StoreError::io(&pending, "write"))?;
     let path = root.join(layout::STORE_FILE);
-    let text = format!(
-        "# A store of wingd; docs/store.md says what is where.\nformat = {}\ncreated_by = \"wingd {}\"\n",
+    let text = mark(id);
+    disk::replace(disk, &path, text.as_bytes()).map_err(StoreError::io(&path, "write"))
+}
+
+/// The text of `store.toml`.
+pub(super) fn mark(id: &str) -> String {
+    format!(
+        "# A store of wingd; docs/store.md says what is where.\nformat = {}\nid = \"{id}\"\ncreated_by = \"wingd {}\"\n",
         layout::FORMAT,
         env!("CARGO_PKG_VERSION")
-    );
-    disk::replace(disk, &path, text.as_bytes()).map_err(StoreError::io(&path, "write"))
+    )
 }
 
 /// Whether opening would make a store here: nothing is there yet, or nothing but what may be.
@@ -48,7 +60,8 @@ fn refuse_foreign(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     for entry in disk.list(root).map_err(StoreError::io(root, "list"))? {
         let name = entry.name.trim_end_matches(layout::PART_ENDING);
         let ours = [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL, layout::COUNTER_FILE];
-        let known = ours.contains(&name) || [layout::STORE_FILE, layout::LOCK_FILE].contains(&name);
+        let marks = [layout::STORE_FILE, layout::LOCK_FILE, layout::PENDING_FILE];
+        let known = ours.contains(&name) || marks.contains(&name);
         let empty = !entry.is_dir || disk.list(&root.join(&entry.name)).is_ok_and(|list| list.is_empty());
         let harmless = name == "lost+found" || (known && empty);
         if !harmless {

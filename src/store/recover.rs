@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
+use super::chain::{self, Event};
 use super::disk::{Disk, Entry};
 use super::error::StoreError;
 use super::manifest::{Failure, FlightManifest, JournalHead, JournalLine, SeriesManifest, Shot, State};
 use super::results::sha256;
-use super::{jsonl, layout, series};
+use super::{catalogue, jsonl, layout, results, series, sums};
 
 /// What was found and mended.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
@@ -29,6 +30,9 @@ pub(crate) fn recover(disk: &dyn Disk, root: &Path) -> Result<Recovery, StoreErr
         if let Err(error) = recover_entry(disk, root, &entry, &mut found) {
             found.remarks.push(format!("{} stays in incoming: {error}", entry.name));
         }
+    }
+    if let Err(error) = results::settle(disk, root) {
+        found.remarks.push(format!("the last result: {error}"));
     }
     Ok(found)
 }
@@ -124,7 +128,7 @@ fn head(id: &str, lines: &[(usize, JournalLine)]) -> Option<SeriesManifest> {
     })?;
     layout::flight_number(&head.flight)?;
     Some(SeriesManifest {
-        format: layout::FORMAT,
+        format: layout::SERIES_FORMAT,
         series: id.to_owned(),
         flight: head.flight.clone(),
         state: State::Interrupted,
@@ -218,8 +222,32 @@ pub(crate) fn make_flight(disk: &dyn Disk, root: &Path, manifest: &FlightManifes
     }
     let path = made.join(layout::FLIGHT_FILE);
     let text = serde_json::to_vec_pretty(manifest).map_err(|e| StoreError::io(&path, "write")(e.into()))?;
+    // flight.json comes last: a folder that has it is whole.
+    if let Some(store) = catalogue::store_id(disk, root) {
+        begin_evidence(disk, &made, store, &manifest.flight, sha256(&text))?;
+    }
     super::disk::replace(disk, &path, &text).map_err(StoreError::io(&path, "write"))?;
     series::move_durably(disk, &made, &root.join(layout::FLIGHTS).join(&manifest.flight))
+}
+
+/// The first line of a flight's chain, and its sums.
+fn begin_evidence(
+    disk: &dyn Disk,
+    made: &Path,
+    store: String,
+    flight: &str,
+    sha256: String,
+) -> Result<(), StoreError> {
+    let begun = Event::Flight { store, flight: flight.to_owned(), sha256: sha256.clone() };
+    let path = made.join(layout::CHAIN_FILE);
+    let line = chain::lines([begun]).map_err(StoreError::io(&path, "write"))?;
+    super::disk::replace(disk, &path, &line).map_err(StoreError::io(&path, "write"))?;
+    let sums = sums::Sums::from([
+        (layout::FLIGHT_FILE.to_owned(), sha256),
+        (layout::CHAIN_FILE.to_owned(), results::sha256(&line)),
+    ]);
+    let path = made.join(layout::SUMS_FILE);
+    super::disk::replace(disk, &path, sums::text(&sums).as_bytes()).map_err(StoreError::io(&path, "write"))
 }
 
 /// Moves a file or folder to `partial/` under a name that is free there.

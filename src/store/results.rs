@@ -2,14 +2,15 @@
 
 use std::path::Path;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
+use super::chain::{self, Event};
 use super::disk::Disk;
 use super::error::StoreError;
 use super::manifest::ResultLine;
-use super::{jsonl, layout};
+use super::{SeriesRef, catalogue, jsonl, layout};
 
 /// SHA-256, hex.
 pub fn sha256(bytes: &[u8]) -> String {
@@ -82,14 +83,53 @@ pub(crate) fn keys(disk: &dyn Disk, series: &Path) -> Result<Vec<ResultKey>, Sto
     Ok(jsonl::parse(&bytes).good.into_iter().map(|(_, key)| key).collect())
 }
 
-/// Appends a result durably; a torn last line is set aside first (`false` where there is one already).
+/// `pending.json`: what `results.jsonl` of a series is about to become.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Pending {
+    pub flight: String,
+    pub series: String,
+    pub bytes: u64,
+    pub sha256: String,
+}
+
+/// What is pending; `None` where nothing is, or the file is torn and nothing was begun yet.
+pub(crate) fn pending(disk: &dyn Disk, root: &Path) -> Option<Pending> {
+    disk.read(&root.join(layout::PENDING_FILE)).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok())
+}
+
+/// Puts a result that was appended whole into the chain, where a crash came between.
+pub(crate) fn settle(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
+    let Some(pending) = pending(disk, root) else { return Ok(()) };
+    if layout::flight_number(&pending.flight).and(layout::series_number(&pending.series)).is_none() {
+        return Ok(());
+    }
+    let flight = root.join(layout::FLIGHTS).join(&pending.flight);
+    let written = disk.read(&flight.join(&pending.series).join(layout::RESULTS_FILE)).unwrap_or_default();
+    let wanted = Some((pending.bytes, pending.sha256.clone()));
+    if written.len() as u64 != pending.bytes
+        || sha256(&written) != pending.sha256
+        || chain::last_results(&chain::read(disk, &flight)?, &pending.series) == wanted
+    {
+        return Ok(());
+    }
+    let Pending { series, bytes, sha256, .. } = pending;
+    chain::append(disk, root, &flight, Event::Results { series, bytes, sha256 })
+}
+
+/// Appends a result durably (`false` where there is one already): a torn last line is set aside, what
+/// will be there is written to `pending.json`, the line to the results, its digest to the chain.
 pub(crate) fn append(
     disk: &dyn Disk,
     root: &Path,
-    series: &Path,
+    place: &SeriesRef,
     line: &ResultLine,
 ) -> Result<bool, StoreError> {
+    let series = place.folder.as_path();
+    let chained = catalogue::store_id(disk, root).is_some();
     let path = series.join(layout::RESULTS_FILE);
+    if chained {
+        settle(disk, root)?;
+    }
     let existed = disk.exists(&path);
     if existed {
         mend(disk, root, series)?;
@@ -98,15 +138,41 @@ pub(crate) fn append(
         return Ok(false);
     }
     let bytes = jsonl::line(line).map_err(StoreError::io(&path, "write"))?;
+    let pending = if chained { Some(announce(disk, root, place, &bytes)?) } else { None };
     disk.append(&path, &bytes).map_err(StoreError::io(&path, "write"))?;
     if !existed {
         disk.sync_dir(series).map_err(StoreError::io(series, "sync"))?;
     }
+    if let Some(Pending { flight, series, bytes, sha256 }) = pending {
+        let flight = root.join(layout::FLIGHTS).join(flight);
+        chain::append(disk, root, &flight, Event::Results { series, bytes, sha256 })?;
+    }
     Ok(true)
 }
 
+/// Writes `pending.json`.
+fn announce(disk: &dyn Disk, root: &Path, place: &SeriesRef, line: &[u8]) -> Result<Pending, StoreError> {
+    let path = place.folder.join(layout::RESULTS_FILE);
+    let mut whole = match disk.read(&path) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Vec::new(),
+        Err(error) => return Err(StoreError::io(&path, "read")(error)),
+    };
+    whole.extend_from_slice(line);
+    let pending = Pending {
+        flight: place.flight.clone(),
+        series: place.id.clone(),
+        bytes: whole.len() as u64,
+        sha256: sha256(&whole),
+    };
+    let path = root.join(layout::PENDING_FILE);
+    let text = jsonl::line(&pending).map_err(StoreError::io(&path, "write"))?;
+    disk.write(&path, &text).map_err(StoreError::io(&path, "write"))?;
+    Ok(pending)
+}
+
 /// Moves a torn tail to `partial/` and cuts the file to its whole lines.
-fn mend(disk: &dyn Disk, root: &Path, series: &Path) -> Result<(), StoreError> {
+pub(crate) fn mend(disk: &dyn Disk, root: &Path, series: &Path) -> Result<(), StoreError> {
     let path = series.join(layout::RESULTS_FILE);
     let bytes = disk.read(&path).map_err(StoreError::io(&path, "read"))?;
     let good = jsonl::parse::<ResultKey>(&bytes).good_length;

@@ -9,7 +9,7 @@ use super::disk::{self, Disk};
 use super::error::StoreError;
 use super::manifest::{FrameEntry, JournalHead, JournalLine, SeriesManifest, Shot, State};
 use super::results::sha256;
-use super::{jsonl, layout};
+use super::{catalogue, chain, jsonl, layout};
 use crate::clock::Stamp;
 
 /// A frame to be stored.
@@ -112,7 +112,7 @@ impl OpenSeries {
     /// Writes the manifest and moves the folder to its flight by one rename.
     pub(crate) fn close(self, state: State, ended: &Stamp, remarks: Vec<String>) -> Result<(), StoreError> {
         let manifest = SeriesManifest {
-            format: layout::FORMAT,
+            format: layout::SERIES_FORMAT,
             series: self.id,
             flight: self.head.flight,
             state,
@@ -154,13 +154,19 @@ pub(crate) fn write_manifest(
     disk::replace(disk, &path, &text).map_err(StoreError::io(&path, "write"))
 }
 
-/// Removes the journal and moves the folder to its flight, durably.
+/// Notes the series in its flight's chain, removes the journal and moves the folder to its flight, durably.
 pub(crate) fn commit(
     disk: &dyn Disk,
     root: &Path,
     folder: &Path,
     manifest: &SeriesManifest,
 ) -> Result<(), StoreError> {
+    if catalogue::store_id(disk, root).is_some() {
+        let path = folder.join(layout::SERIES_FILE);
+        let bytes = disk.read(&path).map_err(StoreError::io(&path, "read"))?;
+        let flight = root.join(layout::FLIGHTS).join(&manifest.flight);
+        chain::note_series(disk, root, &flight, &manifest.series, sha256(&bytes))?;
+    }
     let journal = folder.join(layout::JOURNAL_FILE);
     if disk.exists(&journal) {
         disk.remove_file(&journal).map_err(StoreError::io(&journal, "remove"))?;

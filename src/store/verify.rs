@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
+use super::audit::{Audit, Manifests};
 use super::catalogue::{self, FlightRef, SeriesRef};
 use super::disk::{Disk, Entry};
 use super::manifest::{
@@ -57,12 +58,18 @@ impl Report {
 
 /// Checks a store, or a copied flight or series (told by the files in it).
 pub fn verify(disk: &dyn Disk, path: &Path) -> Report {
-    let mut checker = Checker { disk, report: Report::default(), seen: BTreeMap::new(), last: None };
+    let mut checker = Checker {
+        disk,
+        report: Report::default(),
+        seen: BTreeMap::new(),
+        manifests: Manifests::new(),
+        last: None,
+    };
     if disk.exists(&path.join(layout::STORE_FILE)) || disk.exists(&path.join(layout::FLIGHTS)) {
         checker.store(path);
     } else if disk.exists(&path.join(layout::FLIGHT_FILE)) {
         let id = folder_name(path);
-        checker.flight(&FlightRef { id, folder: path.to_owned() });
+        checker.flight(None, &FlightRef { id, folder: path.to_owned() });
     } else if disk.exists(&path.join(layout::SERIES_FILE)) {
         let series = SeriesRef { flight: String::new(), id: folder_name(path), folder: path.to_owned() };
         checker.series(&series);
@@ -88,6 +95,8 @@ struct Checker<'a> {
     report: Report,
     /// Series ids and where they were seen.
     seen: BTreeMap<String, PathBuf>,
+    /// The flight's, for its audit.
+    manifests: Manifests,
     /// The last moment of the series before.
     last: Option<Stamp>,
 }
@@ -100,18 +109,68 @@ impl Checker<'_> {
         let flights = root.join(layout::FLIGHTS);
         for entry in self.list(&flights, 3) {
             let folder = flights.join(&entry.name);
-            if entry.is_dir && layout::flight_number(&entry.name).is_some() {
-                self.flight(&FlightRef { id: entry.name, folder });
+            if entry.is_link {
+                self.link(&folder);
+            } else if entry.is_dir && layout::flight_number(&entry.name).is_some() {
+                self.flight(Some(root), &FlightRef { id: entry.name, folder });
             } else {
                 self.report.fault(3, &folder, "is not a flight; only folders f0001, f0002, … belong here");
             }
         }
+        self.root_entries(root);
         self.incoming(root);
         self.counter(root);
+        self.absent_flights(root);
         self.refusals(root);
         if let Ok(entries) = self.disk.list(&root.join(layout::PARTIAL)) {
             let names = entries.iter().map(|entry| entry.name.as_str());
             self.report.notes.extend(names.map(|name| format!("partial/{name}: half data, kept")));
+        }
+    }
+
+    /// In a store with evidence nothing else lies in the root; nowhere in it is a link.
+    fn root_entries(&mut self, root: &Path) {
+        let evidence = catalogue::store_id(self.disk, root).is_some();
+        for entry in self.list(root, 3) {
+            let path = root.join(&entry.name);
+            if entry.is_link {
+                self.link(&path);
+            } else if evidence && !layout::is_root_name(&entry.name) {
+                self.report.fault(3, &path, "does not belong into a store");
+            }
+        }
+        for name in [layout::INCOMING, layout::INSTALLATIONS] {
+            self.links_below(&root.join(name));
+        }
+    }
+
+    fn links_below(&mut self, folder: &Path) {
+        for entry in self.disk.list(folder).unwrap_or_default() {
+            let path = folder.join(&entry.name);
+            match (entry.is_link, entry.is_dir) {
+                (true, _) => self.link(&path),
+                (false, true) => self.links_below(&path),
+                _ => {}
+            }
+        }
+    }
+
+    fn link(&mut self, path: &Path) {
+        self.report.fault(18, path, "is a link: what it leads to can change or go without the store");
+    }
+
+    /// Flights that were begun and are not here: moved away, or lost.
+    fn absent_flights(&mut self, root: &Path) {
+        let read = self.disk.read(&root.join(layout::COUNTER_FILE)).ok();
+        let Some(counter) = read.and_then(|bytes| serde_json::from_slice::<Counter>(&bytes).ok()) else {
+            return;
+        };
+        let here = catalogue::flights(self.disk, root).unwrap_or_default();
+        let here: BTreeSet<u64> = here.iter().filter_map(|f| layout::flight_number(&f.id)).collect();
+        let absent = counter.next_flight.saturating_sub(1).saturating_sub(here.len() as u64);
+        if absent > 0 {
+            let what = "flights that were begun are not here: moved away, or lost";
+            self.report.notes.push(format!("{absent} {what}"));
         }
     }
 
@@ -145,8 +204,9 @@ impl Checker<'_> {
         }
     }
 
-    fn flight(&mut self, flight: &FlightRef) {
+    fn flight(&mut self, root: Option<&Path>, flight: &FlightRef) {
         self.report.flights += 1;
+        self.manifests.clear();
         let path = flight.folder.join(layout::FLIGHT_FILE);
         match self.json::<FlightManifest>(&path) {
             Ok(manifest) if manifest.flight == flight.id => {}
@@ -158,11 +218,35 @@ impl Checker<'_> {
         }
         for entry in self.list(&flight.folder, 3) {
             let folder = flight.folder.join(&entry.name);
-            if entry.is_dir && layout::series_number(&entry.name).is_some() {
+            if entry.is_link {
+                self.link(&folder);
+            } else if entry.is_dir && layout::series_number(&entry.name).is_some() {
                 self.series(&SeriesRef { flight: flight.id.clone(), id: entry.name, folder });
-            } else if entry.name != layout::FLIGHT_FILE {
+            } else if !layout::is_flight_file(&entry.name) {
                 self.report.fault(3, &folder, "is not a series; it does not belong into a flight's folder");
             }
+        }
+        self.audit(root, flight);
+    }
+
+    /// A flight of an old store has no chain; one that lies alone has one where the store had.
+    fn audit(&mut self, root: Option<&Path>, flight: &FlightRef) {
+        let evidence = match root {
+            Some(root) => catalogue::store_id(self.disk, root).is_some(),
+            None => self.disk.exists(&flight.folder.join(layout::CHAIN_FILE)),
+        };
+        if evidence {
+            let audit = Audit { disk: self.disk, root, flight, manifests: &self.manifests };
+            let found = audit.run();
+            self.report.notes.extend(found.notes);
+            let fault = |(invariant, path, what)| Fault { invariant, path, what };
+            self.report.faults.extend(found.faults.into_iter().map(fault));
+        } else if root.is_some() && self.disk.exists(&flight.folder.join(layout::CHAIN_FILE)) {
+            let what = "is in a store of format 1: an upgrade was broken off (begin it again), or store.toml was changed";
+            self.report.fault(1, &flight.folder.join(layout::CHAIN_FILE), what);
+        } else {
+            let what = "has no chain: changed results and missing series do not show";
+            self.report.notes.push(format!("{}: {what} (`wingd verify --upgrade`)", flight.id));
         }
     }
 
@@ -176,8 +260,10 @@ impl Checker<'_> {
             Ok(manifest) => manifest,
             Err(error) => return self.report.fault(4, &path, error),
         };
-        if manifest.format != layout::FORMAT {
-            let what = format!("has format {}, expected {}", manifest.format, layout::FORMAT);
+        let digest = self.disk.read(&path).map(|bytes| sha256(&bytes)).unwrap_or_default();
+        self.manifests.insert(series.id.clone(), (digest, manifest.clone()));
+        if manifest.format != layout::SERIES_FORMAT {
+            let what = format!("has format {}, expected {}", manifest.format, layout::SERIES_FORMAT);
             self.report.fault(4, &path, what);
         }
         let foreign = !series.flight.is_empty() && manifest.flight != series.flight;
@@ -226,8 +312,10 @@ impl Checker<'_> {
             manifest.shots.iter().filter_map(|shot| shot.frame.as_ref()).map(|f| f.file.as_str()).collect();
         names.extend([layout::SERIES_FILE, layout::RESULTS_FILE]);
         for entry in self.list(&series.folder, 6) {
-            if entry.is_dir || !names.contains(entry.name.as_str()) {
-                let path = series.folder.join(&entry.name);
+            let path = series.folder.join(&entry.name);
+            if entry.is_link {
+                self.link(&path);
+            } else if entry.is_dir || !names.contains(entry.name.as_str()) {
                 self.report.fault(6, &path, "is not named in series.json");
             }
         }

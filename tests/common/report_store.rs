@@ -85,6 +85,7 @@ fn add_results(store: &Store, id: &str, results: &[Value]) {
     for (frame, record) in frames(&series, manifest).iter().zip(results) {
         store.add_result(frame, &Inputs::new(Map::new()), record.clone()).unwrap();
     }
+    store.seal();
 }
 
 /// A moment of one boot.

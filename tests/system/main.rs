@@ -6,6 +6,8 @@ mod check_command;
 #[path = "../common/mod.rs"]
 mod common;
 mod daemon_replay;
+mod http_access;
+mod http_downloads;
 mod http_pages;
 mod installation_faults;
 mod kill9;
@@ -13,6 +15,7 @@ mod plan_command;
 mod report_html;
 mod shipped_configuration;
 mod store_durability;
+mod store_evidence;
 mod store_verify;
 mod survey_typo;
 mod thirty_hours;

@@ -1,0 +1,186 @@
+//! Who gets in: a token beyond the loopback, and only names of this machine as Host, so that a page of
+//! another site that resolves to us cannot read the store through its visitor's browser.
+
+use std::net::{IpAddr, SocketAddr};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use base64::Engine;
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+use subtle::ConstantTimeEq;
+
+/// Shorter ones can be guessed over a network.
+const SHORTEST_TOKEN: usize = 16;
+
+/// Where a request comes from.
+#[derive(Clone, Copy, Debug)]
+pub struct Peer(pub SocketAddr);
+
+/// The rules, and what was refused by them.
+#[derive(Debug, Default)]
+pub struct Access {
+    /// SHA-256 of the token: equal lengths are compared in equal time.
+    token: Option<[u8; 32]>,
+    /// Names of this machine, lower case, besides `localhost` and addresses.
+    hosts: Vec<String>,
+    counts: Counts,
+}
+
+#[derive(Debug, Default)]
+struct Counts {
+    token: AtomicU64,
+    host: AtomicU64,
+    connections: AtomicU64,
+}
+
+impl Access {
+    /// `hosts` are the names that clients may use.
+    pub fn new(token: Option<&str>, hosts: Vec<String>) -> Self {
+        let token = token.map(|token| Sha256::digest(token).into());
+        let hosts = hosts.iter().map(|host| host.to_ascii_lowercase()).collect();
+        Self { token, hosts, counts: Counts::default() }
+    }
+
+    /// Refused so far, by reason.
+    pub fn refused(&self) -> Value {
+        let count = |n: &AtomicU64| n.load(Ordering::Relaxed);
+        json!({"token": count(&self.counts.token), "host": count(&self.counts.host),
+            "connections": count(&self.counts.connections)})
+    }
+
+    pub(super) fn count_connection(&self) -> u64 {
+        self.counts.connections.fetch_add(1, Ordering::Relaxed) + 1
+    }
+
+    fn knows_host(&self, headers: &HeaderMap) -> bool {
+        let mut hosts = headers.get_all(header::HOST).into_iter();
+        let (Some(host), None) = (hosts.next(), hosts.next()) else { return false };
+        let Some(name) = host.to_str().ok().and_then(without_port) else { return false };
+        let name = name.to_ascii_lowercase();
+        let address = name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>().is_ok();
+        address || name == "localhost" || self.hosts.contains(&name)
+    }
+
+    fn knows_token(&self, headers: &HeaderMap) -> bool {
+        let Some(wanted) = &self.token else { return true };
+        let given = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok()).and_then(token);
+        let digest: [u8; 32] = Sha256::digest(given.unwrap_or_default()).into();
+        digest.ct_eq(wanted).into()
+    }
+}
+
+/// `name`, `name:port`, `[address]:port`.
+fn without_port(host: &str) -> Option<&str> {
+    let end = if host.starts_with('[') { host.find(']')? + 1 } else { host.find(':').unwrap_or(host.len()) };
+    let (name, rest) = host.split_at(end);
+    let port = rest.strip_prefix(':').map(|port| port.bytes().all(|byte| byte.is_ascii_digit()));
+    (rest.is_empty() || port == Some(true)).then_some(name)
+}
+
+/// The token of `Bearer`, or the password of `Basic`, which browsers can ask for.
+fn token(authorization: &str) -> Option<String> {
+    let (scheme, value) = authorization.split_once(' ')?;
+    let value = value.trim();
+    if scheme.eq_ignore_ascii_case("bearer") {
+        return Some(value.to_owned());
+    }
+    let decoded = base64::engine::general_purpose::STANDARD.decode(value).ok()?;
+    let text = String::from_utf8(decoded).ok().filter(|_| scheme.eq_ignore_ascii_case("basic"))?;
+    text.split_once(':').map(|(_, password)| password.to_owned())
+}
+
+/// Reads a token; the error says what is wrong and how to mend it, and never the token.
+pub fn read_token(file: &Path) -> Result<String, (String, String)> {
+    let mend =
+        format!("write one of at least {SHORTEST_TOKEN} characters, for example `openssl rand -hex 16`");
+    let text = std::fs::read_to_string(file).map_err(|e| (format!("cannot be read ({e})"), mend.clone()))?;
+    let token = text.trim();
+    let length = token.chars().count();
+    if length < SHORTEST_TOKEN {
+        return Err((format!("holds a token of {length} characters"), mend));
+    }
+    if !token.bytes().all(|byte| byte.is_ascii_graphic()) {
+        return Err(("holds a token with spaces or characters that no header takes".to_owned(), mend));
+    }
+    Ok(token.to_owned())
+}
+
+/// Lets a request in or refuses it. What is logged holds no header of it.
+pub(super) async fn check(State(access): State<Arc<Access>>, request: Request, next: Next) -> Response {
+    let headers = request.headers();
+    let (count, reason, status) = if !access.knows_host(headers) {
+        (&access.counts.host, "the Host header does not name this machine", StatusCode::MISDIRECTED_REQUEST)
+    } else if !access.knows_token(headers) {
+        (&access.counts.token, "no token or a wrong one", StatusCode::UNAUTHORIZED)
+    } else {
+        return next.run(request).await;
+    };
+    let count = count.fetch_add(1, Ordering::Relaxed) + 1;
+    let peer = request.extensions().get::<Peer>().map(|peer| peer.0.ip().to_string());
+    tracing::warn!(peer = peer.unwrap_or_default(), reason, count, "request refused");
+    let mut response = (status, format!("{reason}\n")).into_response();
+    if status == StatusCode::UNAUTHORIZED {
+        for scheme in ["Bearer realm=\"wingd\"", "Basic realm=\"wingd: any name, the token as password\""] {
+            response.headers_mut().append(header::WWW_AUTHENTICATE, HeaderValue::from_static(scheme));
+        }
+    }
+    response
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    fn host(value: &'static str) -> bool {
+        let headers = HeaderMap::from_iter([(header::HOST, HeaderValue::from_static(value))]);
+        Access::new(None, vec!["Seat-12a.local".to_owned()]).knows_host(&headers)
+    }
+
+    #[test]
+    fn only_names_of_this_machine_are_hosts() {
+        for good in ["localhost", "127.0.0.1:8080", "[::1]:8080", "192.168.4.1", "seat-12A.local:80"] {
+            assert!(host(good), "{good}");
+        }
+        for bad in [
+            "",
+            "evil.example",
+            "localhost.evil.example",
+            "127.0.0.1.evil.example",
+            "[::1",
+            "a:b",
+            "127.0.0.1:80:80",
+        ] {
+            assert!(!host(bad), "{bad}");
+        }
+        assert!(!Access::new(None, vec![]).knows_host(&HeaderMap::new()));
+    }
+
+    #[test]
+    fn the_token_comes_as_bearer_or_as_password() {
+        let access = Access::new(Some("0123456789abcdef"), vec![]);
+        let asks = |value: &str| {
+            let value = HeaderValue::from_str(value).unwrap();
+            access.knows_token(&HeaderMap::from_iter([(header::AUTHORIZATION, value)]))
+        };
+        let basic = base64::engine::general_purpose::STANDARD.encode("me:0123456789abcdef");
+        assert!(asks("Bearer 0123456789abcdef") && asks(&format!("Basic {basic}")));
+        for bad in [
+            "Bearer",
+            "Bearer ",
+            "Bearer 0123456789abcdeg",
+            "0123456789abcdef",
+            "Digest 0123456789abcdef",
+            "Basic !",
+        ] {
+            assert!(!asks(bad), "{bad}");
+        }
+        assert!(!access.knows_token(&HeaderMap::new()));
+    }
+}

@@ -1,0 +1,158 @@
+//! Connections: how many, how long, and how they end.
+
+use std::future::Future;
+use std::io::{self, IoSlice};
+use std::net::SocketAddr;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Poll};
+use std::time::Duration;
+
+use axum::{Extension, Router};
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::server::graceful::GracefulShutdown;
+use hyper_util::service::TowerToHyperService;
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Semaphore;
+use tokio::task::JoinSet;
+use tokio::time::{Sleep, sleep};
+
+use super::access::{Access, Peer};
+
+/// A page takes six at most; more than ten visitors at once are none of a seat's.
+const CONNECTIONS: usize = 64;
+/// For a request's head, and for the next request on an open connection.
+const HEAD_TIME: Duration = Duration::from_secs(10);
+/// A client that takes no byte for so long is gone.
+const STALL_TIME: Duration = Duration::from_secs(30);
+/// For answers under way when the server stops; with what follows under 5 s.
+const STOP_TIME: Duration = Duration::from_secs(3);
+/// Pause after a failed accept: out of descriptors, for instance.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+/// A request's head at most.
+const HEAD_BYTES: usize = 16 * 1024;
+
+/// Accepts until `shutdown` is done.
+pub(super) async fn run(
+    app: Router,
+    access: Arc<Access>,
+    listener: TcpListener,
+    shutdown: impl Future<Output = ()>,
+) -> io::Result<()> {
+    let room = Arc::new(Semaphore::new(CONNECTIONS));
+    let graceful = GracefulShutdown::new();
+    let mut connections = JoinSet::new();
+    tokio::pin!(shutdown);
+    loop {
+        let (stream, peer) = tokio::select! {
+            () = &mut shutdown => break,
+            Some(_) = connections.join_next() => continue,
+            accepted = listener.accept() => match accepted {
+                Ok(accepted) => accepted,
+                Err(error) => {
+                    tracing::warn!(%error, "a connection could not be accepted");
+                    sleep(ACCEPT_PAUSE).await;
+                    continue;
+                }
+            },
+        };
+        let Ok(permit) = room.clone().try_acquire_owned() else {
+            let count = access.count_connection();
+            // One line each time the count doubles: an attack must not fill the log.
+            if count.is_power_of_two() {
+                tracing::warn!(peer = %peer.ip(), count, "connection refused: {CONNECTIONS} are open");
+            }
+            continue;
+        };
+        let connection = graceful.watch(connection(app.clone(), stream, peer));
+        connections.spawn(async move {
+            let _permit = permit;
+            // A client that breaks off is no fault of ours.
+            let _ = connection.await;
+        });
+    }
+    drop(listener);
+    let _ = tokio::time::timeout(STOP_TIME, graceful.shutdown()).await;
+    connections.shutdown().await;
+    Ok(())
+}
+
+type Connection = http1::Connection<TokioIo<Patient>, TowerToHyperService<Router>>;
+
+fn connection(app: Router, stream: TcpStream, peer: SocketAddr) -> Connection {
+    let service = TowerToHyperService::new(app.layer(Extension(Peer(peer))));
+    http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(HEAD_TIME)
+        .max_buf_size(HEAD_BYTES)
+        .serve_connection(TokioIo::new(Patient::new(stream)), service)
+}
+
+/// A stream whose writing fails where the other side takes nothing for [`STALL_TIME`].
+struct Patient {
+    stream: TcpStream,
+    stall: Pin<Box<Sleep>>,
+    waiting: bool,
+}
+
+impl Patient {
+    fn new(stream: TcpStream) -> Self {
+        Self { stream, stall: Box::pin(sleep(STALL_TIME)), waiting: false }
+    }
+
+    fn judge<T>(&mut self, poll: Poll<io::Result<T>>, context: &mut Context<'_>) -> Poll<io::Result<T>> {
+        if poll.is_ready() {
+            self.waiting = false;
+            return poll;
+        }
+        if !self.waiting {
+            self.waiting = true;
+            self.stall.as_mut().reset(tokio::time::Instant::now() + STALL_TIME);
+        }
+        self.stall.as_mut().poll(context).map(|()| Err(io::ErrorKind::TimedOut.into()))
+    }
+}
+
+impl AsyncRead for Patient {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_read(context, buffer)
+    }
+}
+
+impl AsyncWrite for Patient {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
+        let poll = Pin::new(&mut self.stream).poll_write(context, bytes);
+        self.judge(poll, context)
+    }
+
+    fn poll_write_vectored(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        slices: &[IoSlice<'_>],
+    ) -> Poll<io::Result<usize>> {
+        let poll = Pin::new(&mut self.stream).poll_write_vectored(context, slices);
+        self.judge(poll, context)
+    }
+
+    fn is_write_vectored(&self) -> bool {
+        self.stream.is_write_vectored()
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_flush(context)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_shutdown(context)
+    }
+}

@@ -1,0 +1,207 @@
+//! Whether a flight is what its chain says, and its SHA256SUMS too (invariants 14 to 17 of docs/store.md).
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+
+use super::chain::{Chain, State};
+use super::disk::Disk;
+use super::manifest::SeriesManifest;
+use super::results::{self, ResultKey, sha256};
+use super::{FlightRef, catalogue, installations, jsonl, layout, sums};
+
+/// Digest of `series.json` and what it says, by series.
+pub(crate) type Manifests = BTreeMap<String, (String, SeriesManifest)>;
+
+/// What was found.
+#[derive(Debug, Default)]
+pub(crate) struct Findings {
+    /// Number of the invariant, place, sentence.
+    pub faults: Vec<(u8, PathBuf, String)>,
+    /// What a person should know.
+    pub notes: Vec<String>,
+}
+
+/// A flight under audit.
+pub(crate) struct Audit<'a> {
+    pub disk: &'a dyn Disk,
+    /// The store, where the flight lies in one.
+    pub root: Option<&'a Path>,
+    pub flight: &'a FlightRef,
+    /// Its series that could be read.
+    pub manifests: &'a Manifests,
+}
+
+impl Audit<'_> {
+    pub fn run(&self) -> Findings {
+        let mut found = Findings::default();
+        let path = self.flight.folder.join(layout::CHAIN_FILE);
+        let bytes = match self.disk.read(&path) {
+            Ok(bytes) => bytes,
+            Err(error) => {
+                found.faults.push((14, path, format!("cannot be read: {error}")));
+                return found;
+            }
+        };
+        let chain = Chain::parse(&bytes);
+        found.faults.extend(chain.faults.iter().map(|what| (14, path.clone(), what.clone())));
+        if chain.good_length < bytes.len() {
+            found
+                .notes
+                .push(format!("{}: its last line is torn; set aside with the next one", path.display()));
+        }
+        let state = chain.state(usize::MAX);
+        self.identity(&state, &path, &mut found);
+        self.series(&state, &mut found);
+        self.results(&state, &mut found);
+        self.installations(&state, &mut found);
+        self.sums(&bytes, &chain, &mut found);
+        found
+    }
+
+    fn identity(&self, state: &State, path: &Path, found: &mut Findings) {
+        let Some((store, flight, digest)) = &state.flight else { return };
+        let id = self.root.and_then(|root| catalogue::store_id(self.disk, root));
+        if *flight != self.flight.id || id.is_some_and(|id| id != *store) {
+            let what = format!("is the chain of flight {flight} of store {store}");
+            found.faults.push((14, path.to_owned(), what));
+        }
+        let file = self.flight.folder.join(layout::FLIGHT_FILE);
+        if self.disk.read(&file).is_ok_and(|bytes| sha256(&bytes) != *digest) {
+            found.faults.push((15, file, "does not have the SHA-256 of the chain".to_owned()));
+        }
+    }
+
+    fn series(&self, state: &State, found: &mut Findings) {
+        for (id, digest) in &state.series {
+            let folder = self.flight.folder.join(id);
+            match self.manifests.get(id) {
+                Some((sha256, _)) if sha256 == digest => {}
+                Some(_) => {
+                    let what = "does not have the SHA-256 of the chain: it was changed or replaced";
+                    found.faults.push((15, folder.join(layout::SERIES_FILE), what.to_owned()));
+                }
+                // A manifest that cannot be read is reported as such.
+                None if self.disk.exists(&folder) => {}
+                None if self.is_under_way(id, digest) => {}
+                None => {
+                    let what = "this series was closed by the chain, and it is missing".to_owned();
+                    found.faults.push((15, folder, what));
+                }
+            }
+        }
+        for id in self.manifests.keys().filter(|id| !state.series.contains_key(*id)) {
+            let what = "this series is not in the chain: it was added, or the chain was cut".to_owned();
+            found.faults.push((15, self.flight.folder.join(id), what));
+        }
+    }
+
+    /// Closed, and not at its place yet: the next start finishes it.
+    fn is_under_way(&self, series: &str, digest: &str) -> bool {
+        let manifest = self.root.map(|root| layout::incoming(root, series).join(layout::SERIES_FILE));
+        manifest.and_then(|path| self.disk.read(&path).ok()).is_some_and(|bytes| sha256(&bytes) == digest)
+    }
+
+    fn results(&self, state: &State, found: &mut Findings) {
+        for id in self.manifests.keys() {
+            let path = self.flight.folder.join(id).join(layout::RESULTS_FILE);
+            let entries = state.results.get(id).map(Vec::as_slice).unwrap_or_default();
+            let bytes = match self.disk.read(&path) {
+                Ok(bytes) => bytes,
+                Err(_) if entries.is_empty() => continue,
+                Err(_) if !self.disk.exists(&path) => {
+                    let what = format!("{} results are in the chain, and the file is missing", entries.len());
+                    found.faults.push((15, path, what));
+                    continue;
+                }
+                // Reported as invariant 9.
+                Err(_) => continue,
+            };
+            match grown(&bytes, entries) {
+                Err(what) => found.faults.push((15, path, what)),
+                Ok(known) => self.unknown_tail(id, &path, &bytes, known, found),
+            }
+        }
+    }
+
+    /// Bytes after what the chain knows are sound only where they were announced.
+    fn unknown_tail(&self, series: &str, path: &Path, bytes: &[u8], known: usize, found: &mut Findings) {
+        let tail = bytes.len() - known;
+        if tail == 0 {
+            return;
+        }
+        let pending = self.root.and_then(|root| results::pending(self.disk, root));
+        let announced = pending.is_some_and(|p| {
+            let here = p.flight == self.flight.id && p.series == series;
+            let torn = jsonl::parse::<ResultKey>(bytes.get(known..).unwrap_or_default()).good.is_empty();
+            here && (p.sha256 == sha256(bytes) || (torn && p.bytes >= bytes.len() as u64))
+        });
+        if announced {
+            let what = "a result is being written, or was when the program ended; the next start settles it";
+            found.notes.push(format!("{}: {what}", path.display()));
+        } else {
+            let what = format!("its last {tail} bytes are not in the chain: they were added by hand");
+            found.faults.push((15, path.to_owned(), what));
+        }
+    }
+
+    fn installations(&self, state: &State, found: &mut Findings) {
+        let Some(root) = self.root else { return };
+        for digest in &state.installations {
+            let fault = installations::fault(self.disk, root, digest);
+            found.faults.extend(fault.map(|(path, what)| (17, path, what)));
+        }
+    }
+
+    fn sums(&self, bytes: &[u8], chain: &Chain, found: &mut Findings) {
+        let path = self.flight.folder.join(layout::SUMS_FILE);
+        let text = match self.disk.read(&path) {
+            Ok(text) => text,
+            Err(error) => return found.faults.push((16, path, format!("cannot be read: {error}"))),
+        };
+        let sums = std::str::from_utf8(&text).ok().and_then(sums::parse).unwrap_or_default();
+        let Some(end) = sums::covered(&sums, bytes, chain) else {
+            let what = "is not of this chain: one of the two was changed or cut".to_owned();
+            return found.faults.push((16, path, what));
+        };
+        let mut wanted = sums::Sums::new();
+        for (_, event) in chain.events.iter().take_while(|(at, _)| *at <= end) {
+            let manifest = |id: &str| self.manifests.get(id).map(|(_, m)| m.clone()).ok_or(());
+            // A missing series is reported above.
+            if sums::add(&mut wanted, event, manifest).is_err() {
+                return;
+            }
+        }
+        wanted.insert(layout::CHAIN_FILE.to_owned(), sha256(bytes.get(..end).unwrap_or_default()));
+        if text != sums::text(&wanted).into_bytes() {
+            found.faults.push((16, path, "does not list the files as chain and manifests do".to_owned()));
+        } else if end < chain.good_length {
+            let what = "behind the chain; brought up to it at the next start";
+            found.notes.push(format!("{}: {what}", path.display()));
+        }
+    }
+}
+
+/// Checks that a file grew as the chain says, a line at a time; returns the length that the chain
+/// knows. (The first entry may hold several lines: those from before an upgrade.)
+fn grown(bytes: &[u8], entries: &[(u64, String)]) -> Result<usize, String> {
+    let (mut hasher, mut done) = (Sha256::new(), 0);
+    for (index, (length, digest)) in entries.iter().enumerate() {
+        let end = usize::try_from(*length).unwrap_or(usize::MAX);
+        let Some(part) = bytes.get(done..end) else {
+            return Err(format!("has {} bytes, the chain had {end}: results are missing", bytes.len()));
+        };
+        hasher.update(part);
+        if hex::encode(hasher.clone().finalize()) != *digest {
+            return Err(format!(
+                "its first {end} bytes do not have the SHA-256 of the chain: it was changed"
+            ));
+        }
+        if index > 0 && part.iter().filter(|byte| **byte == b'\n').count() != 1 {
+            return Err(format!("between bytes {done} and {end} lies more than the result in the chain"));
+        }
+        done = end;
+    }
+    Ok(done)
+}

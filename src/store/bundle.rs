@@ -1,0 +1,201 @@
+//! A flight as the files that make a store of its own: for archives, downloads and copies.
+//!
+//! What grows is taken as the flight's SHA256SUMS have it, so that a bundle is one state, has one
+//! digest, and can be read piece by piece while the recorder writes on.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use super::chain::{self, Chain};
+use super::disk::Disk;
+use super::error::StoreError;
+use super::manifest::{Counter, SeriesManifest};
+use super::results::sha256;
+use super::{FlightRef, SeriesRef, catalogue, installations, jsonl, layout, sums};
+
+/// A file of a bundle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Item {
+    /// From the store's root, with `/`.
+    pub name: String,
+    /// Bytes.
+    pub length: u64,
+    /// Hex.
+    pub sha256: String,
+    /// Where the bytes are.
+    pub content: Content,
+}
+
+/// Bytes of a file.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Content {
+    /// The first `length` bytes of this file.
+    File(PathBuf),
+    /// These.
+    Bytes(Vec<u8>),
+}
+
+/// The files, in the order in which they are written, and the digest of them all.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bundle {
+    /// Each name once.
+    pub items: Vec<Item>,
+    /// SHA-256 over names, lengths and digests, hex.
+    pub digest: String,
+}
+
+/// The bundle of a flight; an error where a file is missing, a link, or shorter than it was.
+pub fn flight(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<Bundle, StoreError> {
+    let mut gather = Gather { disk, root, items: Vec::new(), last_series: 0 };
+    gather.whole(Path::new(layout::STORE_FILE))?;
+    match catalogue::store_id(disk, root) {
+        Some(_) => gather.chained(flight)?,
+        None => gather.unchained(flight)?,
+    }
+    gather.counter(flight)?;
+    let line = |item: &Item| format!("{} {} {}\n", item.sha256, item.length, item.name);
+    let digest = sha256(gather.items.iter().map(line).collect::<String>().as_bytes());
+    Ok(Bundle { items: gather.items, digest })
+}
+
+struct Gather<'a> {
+    disk: &'a dyn Disk,
+    root: &'a Path,
+    items: Vec<Item>,
+    last_series: u64,
+}
+
+impl Gather<'_> {
+    /// As the sums have it; they are of the chain up to `end`.
+    fn chained(&mut self, flight: &FlightRef) -> Result<(), StoreError> {
+        let place = Path::new(layout::FLIGHTS).join(&flight.id);
+        let sums_name = place.join(layout::SUMS_FILE);
+        let sums_bytes = self.read(&sums_name)?;
+        let bytes = chain::read(self.disk, &flight.folder)?;
+        let chain = Chain::parse(&bytes);
+        let sums = std::str::from_utf8(&sums_bytes).ok().and_then(sums::parse).unwrap_or_default();
+        let end = sums::covered(&sums, &bytes, &chain)
+            .ok_or_else(|| self.damaged(&sums_name, "is not of this flight's chain"))?;
+        let state = chain.state(end);
+        for digest in &state.installations {
+            self.installation(digest)?;
+        }
+        self.whole(&place.join(layout::FLIGHT_FILE))?;
+        for id in state.series.keys() {
+            let results = state.results.get(id).and_then(|entries| entries.last());
+            self.series(flight, id, results.map(|(length, sha256)| (*length, sha256.clone())))?;
+        }
+        let chain = bytes.get(..end).unwrap_or_default().to_vec();
+        self.bytes(&place.join(layout::CHAIN_FILE), chain);
+        self.bytes(&sums_name, sums_bytes);
+        Ok(())
+    }
+
+    /// As it lies there; results without a torn tail.
+    fn unchained(&mut self, flight: &FlightRef) -> Result<(), StoreError> {
+        let place = Path::new(layout::FLIGHTS).join(&flight.id);
+        self.whole(&place.join(layout::FLIGHT_FILE))?;
+        for series in catalogue::series(self.disk, flight)? {
+            let path = series.folder.join(layout::RESULTS_FILE);
+            let results = if self.disk.exists(&path) {
+                let bytes = self.disk.read(&path).map_err(StoreError::io(&path, "read"))?;
+                let good = jsonl::parse::<serde_json::Value>(&bytes).good_length;
+                Some((good as u64, sha256(bytes.get(..good).unwrap_or_default())))
+            } else {
+                None
+            };
+            self.series(flight, &series.id, results)?;
+        }
+        Ok(())
+    }
+
+    fn series(
+        &mut self,
+        flight: &FlightRef,
+        id: &str,
+        results: Option<(u64, String)>,
+    ) -> Result<(), StoreError> {
+        self.last_series = self.last_series.max(layout::series_number(id).unwrap_or(0));
+        let place = Path::new(layout::FLIGHTS).join(&flight.id).join(id);
+        let folder = self.root.join(&place);
+        let list = self.disk.list(&folder).map_err(StoreError::io(&folder, "list"))?;
+        let lengths: BTreeMap<&str, u64> =
+            list.iter().filter(|e| !e.is_dir && !e.is_link).map(|e| (e.name.as_str(), e.length)).collect();
+        self.whole(&place.join(layout::SERIES_FILE))?;
+        let series = SeriesRef { flight: flight.id.clone(), id: id.to_owned(), folder };
+        let manifest: SeriesManifest = catalogue::manifest(self.disk, &series)?;
+        let frames = manifest.shots.into_iter().filter_map(|shot| shot.frame);
+        let frames = frames.filter(|frame| layout::is_frame_name(&frame.file));
+        let files = frames.map(|frame| (frame.file, frame.bytes, frame.sha256));
+        let results = results.map(|(length, sha256)| (layout::RESULTS_FILE.to_owned(), length, sha256));
+        for (file, length, sha256) in files.chain(results) {
+            let name = place.join(&file);
+            let grows = file == layout::RESULTS_FILE;
+            match lengths.get(file.as_str()) {
+                Some(there) if *there == length || (grows && *there > length) => {
+                    let content = Content::File(self.root.join(&name));
+                    self.items.push(Item { name: text(&name), length, sha256, content });
+                }
+                Some(_) => return Err(self.damaged(&name, "does not have its length")),
+                None => return Err(self.damaged(&name, "is missing, or a link")),
+            }
+        }
+        Ok(())
+    }
+
+    fn installation(&mut self, digest: &str) -> Result<(), StoreError> {
+        if let Some((path, what)) = installations::fault(self.disk, self.root, digest) {
+            return Err(StoreError::Damaged { path, what, mend: MEND });
+        }
+        let folder = installations::folder(self.root, digest);
+        for entry in self.disk.list(&folder).map_err(StoreError::io(&folder, "list"))? {
+            self.whole(&Path::new(layout::INSTALLATIONS).join(digest).join(entry.name))?;
+        }
+        Ok(())
+    }
+
+    /// Above what is in the bundle, as it would be had the store no more.
+    fn counter(&mut self, flight: &FlightRef) -> Result<(), StoreError> {
+        let number = layout::flight_number(&flight.id).unwrap_or(0);
+        let counter = Counter {
+            next_flight: number.saturating_add(1),
+            next_series: self.last_series.saturating_add(1),
+        };
+        let path = Path::new(layout::COUNTER_FILE);
+        let text = jsonl::line(&counter).map_err(StoreError::io(path, "write"))?;
+        self.bytes(path, text);
+        Ok(())
+    }
+
+    /// A small file, read here.
+    fn whole(&mut self, name: &Path) -> Result<(), StoreError> {
+        let bytes = self.read(name)?;
+        self.bytes(name, bytes);
+        Ok(())
+    }
+
+    fn read(&self, name: &Path) -> Result<Vec<u8>, StoreError> {
+        let path = self.root.join(name);
+        let (folder, file) = (path.parent().unwrap_or(self.root), path.file_name().unwrap_or_default());
+        let list = self.disk.list(folder).map_err(StoreError::io(folder, "list"))?;
+        if !list.iter().any(|e| e.name.as_str() == file && !e.is_dir && !e.is_link) {
+            return Err(self.damaged(name, "is missing, or a link"));
+        }
+        self.disk.read(&path).map_err(StoreError::io(&path, "read"))
+    }
+
+    fn bytes(&mut self, name: &Path, bytes: Vec<u8>) {
+        let (length, sha256) = (bytes.len() as u64, sha256(&bytes));
+        self.items.push(Item { name: text(name), length, sha256, content: Content::Bytes(bytes) });
+    }
+
+    fn damaged(&self, name: &Path, what: &str) -> StoreError {
+        StoreError::Damaged { path: self.root.join(name), what: what.to_owned(), mend: MEND }
+    }
+}
+
+const MEND: &str = "`wingd verify` says what else is damaged; files can be taken one by one";
+
+fn text(name: &Path) -> String {
+    name.to_string_lossy().into_owned()
+}

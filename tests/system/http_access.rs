@@ -1,0 +1,124 @@
+//! Promise: beyond the loopback only a token lets anybody in, and attacks are refused, counted and survived.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use wingd::http::access::Access;
+
+use super::http_pages::Server;
+use crate::common::report_store::{solved, store_with};
+
+const TOKEN: &str = "correct-horse-battery";
+
+fn guarded(root: &std::path::Path) -> Server {
+    Server::guarded(root, Access::new(Some(TOKEN), vec!["seat12a.local".to_owned()]))
+}
+
+#[test]
+fn serving_a_network_needs_a_token_of_some_length() {
+    let store = store_with(&[&[solved(2.9, 0.006)]]);
+    let file = store.path().parent().unwrap().join(format!("token-{}", std::process::id()));
+    let serve = |arguments: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_wingd"));
+        command.arg("serve").arg(store.path()).args(arguments).output().unwrap()
+    };
+    let open = serve(&["--listen", "0.0.0.0:0"]);
+    assert_eq!(open.status.code(), Some(78));
+    assert!(String::from_utf8_lossy(&open.stderr).contains("--token-file"));
+    for text in ["", "short\n", "sixteen characters with spaces"] {
+        std::fs::write(&file, text).unwrap();
+        let refused = serve(&["--listen", "0.0.0.0:0", "--token-file", file.to_str().unwrap()]);
+        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(78), "{text}: {said}");
+        assert!(text.is_empty() || !said.contains(text.trim()), "the token is not shown: {said}");
+    }
+    std::fs::remove_file(&file).unwrap();
+    assert_eq!(serve(&["--token-file", file.to_str().unwrap()]).status.code(), Some(78), "no such file");
+}
+
+#[test]
+fn the_token_lets_in_and_nothing_else_does() {
+    let store = store_with(&[&[solved(2.9, 0.006)]]);
+    let server = guarded(store.path());
+    let paths = ["/", "/tar/f0001.tar", "/files/f0001/s000001/0001.jpg", "/status.json", "/nothing"];
+    for path in paths {
+        for headers in
+            ["", "Authorization: Bearer wrong\r\n", "Authorization: Bearer\r\n", "Cookie: token=x\r\n"]
+        {
+            let answer = server.ask("GET", path, headers);
+            assert_eq!(answer.status, 401, "{path} {headers}");
+            assert!(answer.head.contains("www-authenticate: bearer"), "{}", answer.head);
+            assert!(!answer.text().contains("f0001"), "{}", answer.text());
+        }
+    }
+    let right = format!("Authorization: Bearer {TOKEN}\r\n");
+    assert_eq!(server.ask("GET", "/tar/f0001.tar", &right).status, 200);
+    let status: serde_json::Value =
+        serde_json::from_slice(&server.ask("GET", "/status.json", &right).body).unwrap();
+    assert_eq!(status["refused"]["token"], 4 * paths.len());
+}
+
+#[test]
+fn a_foreign_host_is_refused() {
+    let store = store_with(&[&[solved(2.9, 0.006)]]);
+    let server = Server::start(store.path());
+    for host in ["evil.example", "localhost.evil.example", "", "evil.example:80"] {
+        let answer = server.ask_as(host, "GET", "/", "");
+        assert!(matches!(answer.status, 400 | 421), "{host}: {}", answer.head);
+    }
+    assert_eq!(server.ask("GET", "/", "Host: evil.example\r\n").status, 421, "two of them");
+    assert_eq!(server.ask_as("127.0.0.1:8080", "GET", "/", "").status, 200);
+    let right = format!("Authorization: Bearer {TOKEN}\r\n");
+    assert_eq!(guarded(store.path()).ask_as("Seat12a.local:80", "GET", "/", &right).status, 200);
+}
+
+#[test]
+fn oversized_heads_and_malformed_ranges_are_refused() {
+    let store = store_with(&[&[solved(2.9, 0.006)]]);
+    let server = Server::start(store.path());
+    let long = format!("X: {}\r\n", "a".repeat(60_000));
+    assert_eq!(server.ask("GET", "/", &long).status, 431);
+    let many = "X: a\r\n".repeat(500);
+    assert_eq!(server.ask("GET", "/", &many).status, 431);
+    for range in
+        ["bytes=9-1", "bytes=a-b", "bytes=-", "bytes=0-1,3-4", "bytes=18446744073709551616-", "lines=1-2"]
+    {
+        let answer = server.ask("GET", "/tar/f0001.tar", &format!("Range: {range}\r\n"));
+        assert_eq!((answer.status, answer.body.len()), (416, 0), "{range}");
+    }
+}
+
+/// A thousand clients that say nothing, some that read nothing: others are refused at once, and the
+/// server stops within its time.
+#[test]
+fn slow_clients_do_not_keep_the_server_from_stopping() {
+    let store = store_with(&[&[solved(2.9, 0.006)]]);
+    let frame = store.path().join("flights/f0001/s000001/0001.jpg");
+    std::fs::OpenOptions::new().write(true).open(frame).unwrap().set_len(1 << 26).unwrap();
+    let manifest = store.path().join("flights/f0001/s000001/series.json");
+    let text = std::fs::read_to_string(&manifest).unwrap();
+    let length = crate::common::report_store::jpeg().len();
+    let text = text.replace(&format!("\"bytes\": {length}"), &format!("\"bytes\": {}", 1 << 26));
+    std::fs::write(&manifest, text).unwrap();
+    let server = Server::start(store.path());
+    let mut slow = Vec::new();
+    for n in 0..1000 {
+        let mut stream = TcpStream::connect(server.address).unwrap();
+        let path =
+            if n < 8 { "/files/f0001/s000001/0001.jpg HTTP/1.1\r\nHost: localhost\r\n\r\n" } else { "/" };
+        let _ = write!(stream, "GET {path}");
+        slow.push(stream);
+    }
+    let mut last = slow.pop().unwrap();
+    last.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    let mut bytes = Vec::new();
+    let refused = last.read_to_end(&mut bytes);
+    assert!(refused.is_err_and(|e| e.kind() != std::io::ErrorKind::WouldBlock) || bytes.is_empty());
+    let begun = Instant::now();
+    drop(server);
+    let took = begun.elapsed();
+    assert!(took < Duration::from_secs(5), "{took:?}");
+    eprintln!("stopped in {took:?} with {} slow clients", slow.len());
+}

@@ -1,0 +1,335 @@
+//! Promise: whatever is changed in a store or a copy of it is named, and an old store is upgraded whole.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::Arc;
+
+use serde_json::{Map, Value, json};
+use wingd::store::fake::files;
+use wingd::store::manifest::{Cause, Shot, State};
+use wingd::store::verify::verify;
+use wingd::store::{Inputs, NewFrame, Plan, RealDisk, Store, StoreConfig, sha256, upgrade};
+
+use crate::common::report_store::stamp;
+
+const FLIGHT: &str = "flights/f0001";
+
+/// The installation that the results come from.
+fn installation() -> Vec<(String, Vec<u8>)> {
+    vec![("camera.toml".into(), b"fx = 1\n".to_vec()), ("survey.csv".into(), b"id\n".to_vec())]
+}
+
+fn inputs() -> Inputs {
+    let mut provenance = Map::from_iter([("program".to_owned(), Value::from("test"))]);
+    for (name, bytes) in installation() {
+        provenance.insert(format!("{name}.sha256"), sha256(&bytes).into());
+    }
+    Inputs::new(provenance)
+}
+
+fn open(root: &Path) -> Store {
+    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(root) };
+    Store::open(Arc::new(RealDisk), config).unwrap().0
+}
+
+/// Three series of two frames, all solved.
+fn make(root: &Path) {
+    let store = open(root);
+    store.keep_installation(&installation()).unwrap();
+    let begin = store.last_moment().map_or(0, |last| 1 + last.since_boot_s as u64 / 100);
+    for n in begin..begin + 3 {
+        let plan = Plan { cause: Cause::Scheduled, shots: 2 };
+        let (mut series, _) = store.begin_series(plan, &stamp(100 * n)).unwrap();
+        for shot in 1..=2_u32 {
+            let bytes = format!("frame {shot} of {n}").into_bytes();
+            let stamp = stamp(100 * n + u64::from(shot));
+            let shot = Shot { shot, stamp, duration_s: None, frame: None, failures: Vec::new() };
+            let frame =
+                NewFrame { bytes: &bytes, extension: "jpg", format: json!("jpeg"), settings: Map::new() };
+            series.add_shot(shot, Some(frame)).unwrap();
+        }
+        store.close_series(series, State::Complete, &stamp(100 * n + 9), Vec::new()).unwrap();
+        for frame in store.unsolved(&inputs()).unwrap() {
+            assert!(store.add_result(&frame, &inputs(), json!({"lift_m": 2.74})).unwrap());
+        }
+        store.seal();
+    }
+}
+
+fn made() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    make(dir.path());
+    dir
+}
+
+fn wingd(arguments: &[&str], store: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).arg(store).output().unwrap()
+}
+
+/// Exit status 1, and a line that names the place.
+fn named(damage: impl FnOnce(&Path), place: &str, what: &str) {
+    let dir = made();
+    let sound = wingd(&["verify"], dir.path());
+    assert_eq!(sound.status.code(), Some(0), "{}", String::from_utf8_lossy(&sound.stdout));
+    damage(dir.path());
+    let output = wingd(&["verify"], dir.path());
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.lines().any(|line| line.contains(place) && line.contains(what)), "{place}: {what}: {text}");
+}
+
+fn edit(root: &Path, file: &str, change: impl FnOnce(&mut Vec<u8>)) {
+    let path = root.join(file);
+    let mut bytes = std::fs::read(&path).unwrap();
+    let before = bytes.clone();
+    change(&mut bytes);
+    assert_ne!(before, bytes, "{file} was not changed");
+    std::fs::write(path, bytes).unwrap();
+}
+
+fn replace(root: &Path, file: &str, from: &str, to: &str) {
+    edit(root, file, |bytes| {
+        *bytes = String::from_utf8(bytes.clone()).unwrap().replacen(from, to, 1).into_bytes();
+    });
+}
+
+fn cut_last_line(root: &Path, file: &str) {
+    edit(root, file, |bytes| {
+        let end = bytes[..bytes.len() - 1].iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
+        bytes.truncate(end);
+    });
+}
+
+fn flip(root: &Path, file: &str) {
+    edit(root, file, |bytes| {
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+    });
+}
+
+fn move_out(root: &Path, what: &str) {
+    let away = tempfile::tempdir().unwrap().keep();
+    let done = Command::new("mv").arg(root.join(what)).arg(away).status().unwrap();
+    assert!(done.success());
+}
+
+#[test]
+fn damage_01_a_bit_in_a_frame() {
+    named(|root| flip(root, "flights/f0001/s000002/0001.jpg"), "s000002/0001.jpg", "SHA-256");
+}
+
+#[test]
+fn damage_02_a_bit_in_results() {
+    named(|root| flip(root, "flights/f0001/s000002/results.jsonl"), "s000002/results.jsonl", "changed");
+}
+
+#[test]
+fn damage_03_a_bit_in_a_manifest() {
+    // A remark that nothing else would miss.
+    let file = "flights/f0001/s000002/series.json";
+    named(|root| replace(root, file, "09", "08"), "s000002/series.json", "changed or replaced");
+    named(|root| flip(root, "flights/f0001/SHA256SUMS"), "f0001/SHA256SUMS", "");
+    named(|root| replace(root, "flights/f0001/flight.json", "first", "worst"), "flight.json", "SHA-256");
+    named(|root| replace(root, "flights/f0001/chain.jsonl", "bytes\":", "bytes\":1"), "chain.jsonl", "");
+}
+
+#[test]
+fn damage_04_a_file_edited() {
+    let file = "flights/f0001/s000001/results.jsonl";
+    named(|root| replace(root, file, "2.74", "9.74"), "s000001/results.jsonl", "it was changed");
+}
+
+#[test]
+fn damage_05_a_file_missing() {
+    for file in ["s000001/0002.jpg", "s000001/series.json", "flight.json", "SHA256SUMS", "chain.jsonl"] {
+        named(|root| move_out(root, &format!("{FLIGHT}/{file}")), file, "cannot be read");
+    }
+}
+
+#[test]
+fn damage_06_a_file_cut_at_a_line_end() {
+    let results = "flights/f0001/s000003/results.jsonl";
+    named(|root| cut_last_line(root, results), "s000003/results.jsonl", "results are missing");
+    named(|root| cut_last_line(root, "flights/f0001/chain.jsonl"), "SHA256SUMS", "is not of this chain");
+    named(|root| cut_last_line(root, "flights/f0001/SHA256SUMS"), "SHA256SUMS", "does not list");
+}
+
+#[test]
+fn damage_07_two_files_swapped() {
+    let swap = |one: &'static str, other: &'static str| {
+        move |root: &Path| {
+            let (a, b) = (std::fs::read(root.join(one)).unwrap(), std::fs::read(root.join(other)).unwrap());
+            std::fs::write(root.join(one), b).unwrap();
+            std::fs::write(root.join(other), a).unwrap();
+        }
+    };
+    let frames = swap("flights/f0001/s000001/0001.jpg", "flights/f0001/s000001/0002.jpg");
+    named(frames, "s000001/0002.jpg", "SHA-256");
+    let results = swap("flights/f0001/s000001/results.jsonl", "flights/f0001/s000002/results.jsonl");
+    named(results, "s000001/results.jsonl", "changed");
+}
+
+#[test]
+fn damage_08_a_link() {
+    for file in
+        ["flights/f0001/s000001/0001.jpg", "flights/f0001/chain.jsonl", "counter.json", "flights/f0001"]
+    {
+        let link = |root: &Path| {
+            move_out(root, file);
+            let elsewhere = made().keep();
+            std::os::unix::fs::symlink(elsewhere.join(file), root.join(file)).unwrap();
+        };
+        named(link, file, "is a link");
+    }
+}
+
+#[test]
+fn damage_09_a_file_added() {
+    for file in ["flights/f0001/s000001/0003.jpg", "flights/f0001/notes.txt", "flights/x", "notes.txt"] {
+        named(|root| std::fs::write(root.join(file), "x").unwrap(), file, "");
+    }
+    let line = |root: &Path| {
+        edit(root, "flights/f0001/s000003/results.jsonl", |bytes| {
+            let text = String::from_utf8(bytes.clone()).unwrap();
+            let inputs = Inputs::new(Map::new());
+            let frame = sha256(b"frame 2 of 2");
+            let added = json!({"frame": "0002.jpg", "frame_sha256": frame, "inputs": inputs.key(&frame),
+                "provenance": {}, "record": {"lift_m": 9.74}});
+            *bytes = format!("{text}{added}\n").into_bytes();
+        });
+    };
+    named(line, "s000003/results.jsonl", "added by hand");
+}
+
+#[test]
+fn damage_10_a_series_missing_in_the_middle() {
+    named(|root| move_out(root, "flights/f0001/s000002"), "s000002", "is missing");
+}
+
+#[test]
+fn damage_11_the_last_series_missing() {
+    named(|root| move_out(root, "flights/f0001/s000003"), "s000003", "is missing");
+    let with_the_chain = |root: &Path| {
+        move_out(root, "flights/f0001/s000003");
+        edit(root, "flights/f0001/chain.jsonl", |bytes| {
+            let text = String::from_utf8(bytes.clone()).unwrap();
+            let kept = text.split_inclusive('\n').filter(|line| !line.contains("s000003"));
+            *bytes = kept.collect::<String>().into_bytes();
+        });
+    };
+    named(with_the_chain, "SHA256SUMS", "is not of this chain");
+}
+
+#[test]
+fn damage_12_results_missing() {
+    named(|root| move_out(root, "flights/f0001/s000002/results.jsonl"), "results.jsonl", "is missing");
+}
+
+#[test]
+fn damage_13_the_counter_set_back() {
+    let back = |root: &Path| replace(root, "counter.json", "\"next_series\":4", "\"next_series\":2");
+    named(back, "counter.json", "is not above");
+}
+
+#[test]
+fn damage_14_the_installation_missing() {
+    let kept = |root: &Path| std::fs::read_dir(root.join("installations")).unwrap().next().unwrap().unwrap();
+    let all = |root: &Path| move_out(root, kept(root).path().strip_prefix(root).unwrap().to_str().unwrap());
+    named(all, "installations/", "is missing");
+    let edited = |root: &Path| std::fs::write(kept(root).path().join("survey.csv"), "x").unwrap();
+    named(edited, "survey.csv", "SHA-256");
+}
+
+#[test]
+fn a_replaced_series_is_named() {
+    let other = |root: &Path| {
+        let elsewhere = tempfile::tempdir().unwrap();
+        make(elsewhere.path());
+        let series = "flights/f0001/s000002";
+        for (path, bytes) in files(&RealDisk, &elsewhere.path().join(series)) {
+            let name = path.file_name().unwrap().to_owned();
+            let text = String::from_utf8(bytes).unwrap().replace("2.74", "2.75").replace(":01.", ":02.");
+            std::fs::write(root.join(series).join(name), text).unwrap();
+        }
+    };
+    named(other, "s000002/results.jsonl", "changed");
+}
+
+#[test]
+fn sha256sum_reads_the_sums_of_every_file_of_a_flight() {
+    let dir = made();
+    let flight = dir.path().join(FLIGHT);
+    let check = |flight: &Path| {
+        let mut command = Command::new("sha256sum");
+        command.args(["--check", "--strict", "SHA256SUMS"]).current_dir(flight).output().unwrap()
+    };
+    let output = check(&flight);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+    let listed = String::from_utf8(output.stdout).unwrap().lines().count();
+    assert_eq!(listed, files(&RealDisk, &flight).len() - 1, "every file but SHA256SUMS itself");
+    replace(&flight, "s000001/results.jsonl", "2.74", "9.74");
+    assert!(!check(&flight).status.success());
+}
+
+/// A store as format 1 has it: without id, chains, sums, installations.
+fn old() -> tempfile::TempDir {
+    let dir = made();
+    for file in ["flights/f0001/chain.jsonl", "flights/f0001/SHA256SUMS", "installations", "pending.json"] {
+        move_out(dir.path(), file);
+    }
+    std::fs::write(dir.path().join("store.toml"), "format = 1\ncreated_by = \"wingd 0.1.0\"\n").unwrap();
+    dir
+}
+
+fn content(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let all = files(&RealDisk, root).into_iter();
+    let inside = all.map(|(path, bytes)| (path.strip_prefix(root).unwrap().to_owned(), bytes));
+    inside.filter(|(path, _)| path != Path::new("store.toml") && path != Path::new("lock")).collect()
+}
+
+#[test]
+fn an_old_store_is_read_and_recorded_to_as_before() {
+    let dir = old();
+    let report = verify(&RealDisk, dir.path());
+    assert!(report.is_sound(), "{:#?}", report.faults);
+    assert!(report.notes.iter().any(|note| note.contains("--upgrade")));
+    make(dir.path());
+    let report = verify(&RealDisk, dir.path());
+    assert!(report.is_sound() && report.series == 6 && report.results == 12, "{report:#?}");
+    assert!(!dir.path().join("flights/f0001/chain.jsonl").exists());
+}
+
+#[test]
+fn an_upgrade_loses_nothing_and_what_follows_is_chained() {
+    let dir = old();
+    let before = content(dir.path());
+    let output = wingd(&["verify", "--upgrade"], dir.path());
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let after = content(dir.path());
+    for (path, bytes) in &before {
+        assert_eq!(after.get(path), Some(bytes), "{}", path.display());
+    }
+    make(dir.path());
+    let report = verify(&RealDisk, dir.path());
+    assert!(report.is_sound() && report.series == 6 && report.results == 12, "{report:#?}");
+    replace(dir.path(), "flights/f0001/s000001/results.jsonl", "2.74", "9.74");
+    assert!(!verify(&RealDisk, dir.path()).is_sound());
+}
+
+#[test]
+fn damage_is_not_upgraded_and_an_upgrade_broken_off_is_begun_again() {
+    let dir = old();
+    flip(dir.path(), "flights/f0001/s000001/0001.jpg");
+    let output = wingd(&["verify", "--upgrade"], dir.path());
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("0001.jpg"));
+    let dir = old();
+    upgrade(Arc::new(RealDisk), dir.path(), Some(&installation())).unwrap();
+    std::fs::write(dir.path().join("store.toml"), "format = 1\n").unwrap();
+    let half = verify(&RealDisk, dir.path());
+    assert!(!half.is_sound(), "a mark set back does not hide the chain");
+    upgrade(Arc::new(RealDisk), dir.path(), Some(&installation())).unwrap();
+    let report = verify(&RealDisk, dir.path());
+    assert!(report.is_sound(), "{:#?}", report.faults);
+}
