@@ -246,11 +246,11 @@ impl Scene {
         let mut state =
             MarkerState::of(&self.grid, &self.mounts[index], &bent.sections[index], ground_m, bending);
         let nominal = state;
-        for k in 0..ESTIMATED {
-            let Some(neighbour) = &self.neighbours[k] else { continue };
+        for (k, (neighbour, off)) in self.neighbours.iter().zip(estimated).enumerate() {
+            let Some(neighbour) = neighbour else { continue };
             let other = neighbour.marker(index, &bent.neighbours[k][index], ground_m, bending);
             state.by_estimated[k] = (other.carried.position_m - nominal.carried.position_m) / neighbour.step;
-            state.towards(&nominal, &other, estimated[k] / neighbour.step);
+            state.towards(&nominal, &other, off / neighbour.step);
         }
         state
     }
