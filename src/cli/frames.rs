@@ -5,6 +5,10 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use super::Failure;
+use crate::pipeline::guard::guarded;
+
+/// Of a picture at which the program itself failed.
+const BROKE_OFF: &str = "the program broke off at this picture, which is its own fault; report it with the picture";
 
 /// A progress bar on standard error; silent where that is not a terminal.
 pub fn progress(total: usize, what: &str) -> indicatif::ProgressBar {
@@ -30,7 +34,8 @@ pub fn map<T: Send>(
         let bytes = std::fs::read(file);
         let readable =
             bytes.as_deref().map_err(|e| format!("{} cannot be read ({e}); check the path", file.display()));
-        let result = work(&name(file), readable);
+        let name = name(file);
+        let result = guarded(|| work(&name, readable)).unwrap_or_else(|| work(&name, Err(BROKE_OFF.into())));
         bar.inc(1);
         result
     };

@@ -30,7 +30,8 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         Ok(bytes) => stages::sight(name, bytes, None, &installation, None),
         Err(reason) => Sighting { image: name.into(), failure: Some(reason), ..Sighting::default() },
     })?;
-    let reasons: Vec<&str> = sightings.iter().filter_map(|s| s.failure.as_deref()).collect();
+    let reasons: Vec<String> =
+        sightings.iter().filter_map(|s| Some(format!("{}: {}", s.image, s.failure.as_ref()?))).collect();
     if !reasons.is_empty() {
         return Err(Failure::Undone(reasons.join("\nwingd: ")));
     }
