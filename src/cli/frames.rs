@@ -8,7 +8,8 @@ use super::Failure;
 use crate::pipeline::guard::guarded;
 
 /// Of a picture at which the program itself failed.
-const BROKE_OFF: &str = "the program broke off at this picture, which is its own fault; report it with the picture";
+const BROKE_OFF: &str =
+    "the program broke off at this picture, which is its own fault; report it with the picture";
 
 /// A progress bar on standard error; silent where that is not a terminal.
 pub fn progress(total: usize, what: &str) -> indicatif::ProgressBar {

@@ -7,6 +7,7 @@ use crate::measure::raster::Raster;
 use crate::measure::samples;
 use crate::pipeline::guard::guarded;
 
+mod coefficients;
 mod jpeg;
 mod kind;
 mod scans;
@@ -21,7 +22,9 @@ pub enum DecodeError {
     #[error("the JPEG is damaged or cut short ({0}); copy the frame again from the camera or the store")]
     Jpeg(String),
     /// A whole JPEG of a kind that is not read.
-    #[error("this kind of JPEG ({0}) is not read; set the camera to baseline JPEG, 8 bits, YCbCr colour or grey")]
+    #[error(
+        "this kind of JPEG ({0}) is not read; set the camera to baseline JPEG, 8 bits, YCbCr colour or grey"
+    )]
     Kind(String),
     /// Something stands before the picture.
     #[error("{0} bytes stand before the JPEG's first marker; save the frame again, or cut them off")]
@@ -30,7 +33,9 @@ pub enum DecodeError {
     #[error("the picture cannot be read ({0}); use JPEG, PNG, PNM or TIFF")]
     Picture(String),
     /// A library broke off.
-    #[error("the decoder broke off at this file, which is most likely damaged; copy the frame again from the camera or the store, and report it with the file")]
+    #[error(
+        "the decoder broke off at this file, which is most likely damaged; copy the frame again from the camera or the store, and report it with the file"
+    )]
     Broken,
     /// Samples of a V4L2 device that do not make a picture.
     #[error("the raw frame cannot be read ({0}); compare series.json with the camera's format")]
@@ -65,11 +70,7 @@ fn decode_into(
     guarded(|| decode_any(bytes, format, wanted)).unwrap_or(Err(DecodeError::Broken))
 }
 
-fn decode_any(
-    bytes: &[u8],
-    format: Option<&Format>,
-    wanted: Option<&Wanted>,
-) -> Result<Raster, DecodeError> {
+fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) -> Result<Raster, DecodeError> {
     if bytes.is_empty() {
         return Err(DecodeError::Empty);
     }

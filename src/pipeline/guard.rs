@@ -37,8 +37,18 @@ mod tests {
     #[test]
     fn a_panic_ends_at_the_boundary() {
         assert_eq!(guarded(|| 7), Some(7));
-        assert_eq!(guarded(|| if INSIDE.get() { panic!("inside") }), None);
+        assert_eq!(
+            guarded(|| if INSIDE.get() {
+                panic!("inside")
+            }),
+            None
+        );
         assert!(!INSIDE.get());
-        assert_eq!(guarded(|| guarded(|| if INSIDE.get() { panic!("deeper") })), Some(None));
+        assert_eq!(
+            guarded(|| guarded(|| if INSIDE.get() {
+                panic!("deeper")
+            })),
+            Some(None)
+        );
     }
 }

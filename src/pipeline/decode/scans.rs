@@ -6,20 +6,15 @@ use std::ops::Range;
 use libjpeg_turbo_rs::JpegError;
 use libjpeg_turbo_rs::common::huffman_table::HuffmanTable;
 use libjpeg_turbo_rs::decode::bitstream::BitReader;
-use libjpeg_turbo_rs::decode::huffman::{decode_ac_coefficients, decode_dc_coefficient};
+use libjpeg_turbo_rs::decode::huffman::decode_dc_coefficient;
 use libjpeg_turbo_rs::decode::marker::{JpegMetadata, MarkerReader, ScanInfo};
-use libjpeg_turbo_rs::decode::progressive::{
-    decode_ac_first, decode_ac_refine, decode_dc_first, decode_dc_refine,
-};
 use libjpeg_turbo_rs::simd;
 
 use super::DecodeError;
+use super::coefficients::{self, Band, Block, Runs};
 use super::jpeg::{BLOCK, END, Intervals, bits_left, damaged};
 use super::kind::Colour;
 use crate::measure::raster::Raster;
-
-/// Coefficients of a block, in the order of its rows.
-type Block = [i16; BLOCK * BLOCK];
 
 /// A component's coefficients, and how far they are known.
 struct Plane {
@@ -38,17 +33,19 @@ struct Plane {
 pub fn luma(bytes: &[u8], header: &JpegMetadata, colour: Colour) -> Result<Raster, DecodeError> {
     let mut planes = planes(header);
     let units = units(header);
+    let mut runs = Runs::default();
     for scan in &header.scans {
-        Scan::new(header, scan, &mut planes, units)?.decode(bytes)?;
+        Scan::new(header, scan, &mut planes, &mut runs, units)?.decode(bytes)?;
+    }
+    if runs.out_of_step() {
+        return Err(damaged("codes are out of step: data are missing"));
+    }
+    let complete = |p: &Plane| p.lowest_bit.iter().all(|bit| *bit == Some(0));
+    if header.extraneous_bytes > 0 || !planes.iter().all(complete) {
+        return Err(damaged("a scan is missing"));
     }
     let (width, height) = (header.frame.width(), header.frame.height());
-    let pixels = |k: usize| -> Result<Vec<u8>, DecodeError> {
-        let plane = &planes[k];
-        if plane.lowest_bit.iter().any(|bit| *bit != Some(0)) {
-            return Err(damaged("a scan is missing"));
-        }
-        Ok(plane.pixels(&quantisation(bytes, header, k)?, width, height))
-    };
+    let pixels = |k: usize| Ok(planes[k].pixels(&quantisation(bytes, header, k)?, width, height));
     let luma = match colour {
         Colour::Luma => pixels(0)?,
         Colour::Red => grey(&pixels(0)?, &pixels(1)?, &pixels(2)?),
@@ -131,16 +128,6 @@ impl Plane {
     }
 }
 
-/// What a scan codes.
-#[derive(Clone, Copy)]
-enum Coding {
-    Sequential,
-    DcFirst,
-    DcRefine,
-    AcFirst,
-    AcRefine,
-}
-
 /// A component in a scan.
 struct Part<'a> {
     plane: &'a mut Plane,
@@ -153,13 +140,9 @@ struct Part<'a> {
 /// A scan that is being decoded.
 struct Scan<'a> {
     parts: Vec<Part<'a>>,
-    coding: Coding,
-    /// First and last coefficient, in the order of coding, and the lowest bit.
-    first: u8,
-    last: u8,
-    low: u8,
-    /// Blocks to come whose band holds nothing more.
-    empty: u16,
+    band: Band,
+    progressive: bool,
+    runs: &'a mut Runs,
     /// Units across and down: blocks, where the scan holds one component.
     units: [usize; 2],
     interval: usize,
@@ -171,19 +154,15 @@ impl<'a> Scan<'a> {
         header: &JpegMetadata,
         scan: &'a ScanInfo,
         planes: &'a mut [Plane],
+        runs: &'a mut Runs,
         units: [usize; 2],
     ) -> Result<Self, DecodeError> {
         let h = &scan.header;
         let progressive = header.frame.is_progressive;
         let (first, last, low) =
             if progressive { (h.spec_start, h.spec_end, h.succ_low) } else { (0, 63, 0) };
-        let coding = match (first, h.succ_high) {
-            _ if !progressive => Coding::Sequential,
-            (0, 0) => Coding::DcFirst,
-            (0, _) => Coding::DcRefine,
-            (_, 0) => Coding::AcFirst,
-            _ => Coding::AcRefine,
-        };
+        let refines = progressive && h.succ_high > 0;
+        let band = Band { first, last, low, refines };
         let one_part = h.components.len() == 1;
         let in_order = first <= last && last < 64 && low < 14;
         if progressive && (!in_order || if first == 0 { last != 0 } else { !one_part }) {
@@ -207,14 +186,14 @@ impl<'a> Scan<'a> {
         }
         let units = if one_part { parts[0].plane.own } else { units };
         let interval = usize::from(scan.restart_interval);
-        Ok(Self { parts, coding, first, last, low, empty: 0, units, interval, offset: scan.data_offset })
+        Ok(Self { parts, band, progressive, runs, units, interval, offset: scan.data_offset })
     }
 
     fn decode(&mut self, bytes: &[u8]) -> Result<(), DecodeError> {
         let data = bytes.get(self.offset..).unwrap_or_default();
         let mut intervals = Intervals::new(data, self.units[0] * self.units[1], self.interval, None);
         while let Some(units) = intervals.next()? {
-            self.empty = 0;
+            self.runs.restart();
             self.parts.iter_mut().for_each(|p| p.last = 0);
             let row = units.start / self.units[0];
             let near = |what: String| DecodeError::Jpeg(format!("{what} near block row {row}"));
@@ -223,7 +202,7 @@ impl<'a> Scan<'a> {
                 self.unit(&mut reader, unit).map_err(|e| near(e.to_string()))?;
             }
             // Neither more nor less than the last byte's rest: nothing is missing between.
-            if self.empty != 0 || !(0..8).contains(&bits_left(&reader, intervals.data())) {
+            if self.runs.left > 0 || !(0..8).contains(&bits_left(&reader, intervals.data())) {
                 return Err(near("data are missing or in the wrong place".into()));
             }
         }
@@ -249,22 +228,26 @@ impl<'a> Scan<'a> {
         let Part { plane, dc, ac, last } = &mut self.parts[k];
         let missing = || JpegError::CorruptData("a Huffman table is missing".into());
         let block = &mut plane.blocks[at];
-        match self.coding {
-            Coding::Sequential => {
+        let mut band = self.band;
+        if band.first == 0 {
+            if band.refines {
+                block[0] |= (reader.read_bits(1) << band.low) as i16;
+            } else {
                 *last = last.wrapping_add(decode_dc_coefficient(reader, dc.ok_or_else(missing)?)?);
-                block[0] = *last;
-                decode_ac_coefficients(reader, ac.ok_or_else(missing)?, block)
+                block[0] = *last << band.low;
             }
-            Coding::DcFirst => decode_dc_first(reader, dc.ok_or_else(missing)?, last, block, self.low),
-            Coding::DcRefine => decode_dc_refine(reader, block, self.low),
-            Coding::AcFirst => {
-                let table = ac.ok_or_else(missing)?;
-                decode_ac_first(reader, table, block, self.first, self.last, self.low, &mut self.empty)
-            }
-            Coding::AcRefine => {
-                let table = ac.ok_or_else(missing)?;
-                decode_ac_refine(reader, table, block, self.first, self.last, self.low, &mut self.empty)
-            }
+            band.first = 1;
         }
+        if band.last > 0 {
+            coefficients::decode(reader, ac.ok_or_else(missing)?, band, self.runs, block)?;
+        }
+        if !self.progressive {
+            // Each block ends for itself.
+            if self.runs.left > 0 {
+                return Err(JpegError::CorruptData("codes are out of step".into()));
+            }
+            *self.runs = Runs::default();
+        }
+        Ok(())
     }
 }
