@@ -31,7 +31,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     if !args.no_camera {
         check_camera(&config, &args.config, &mut said, &mut faults);
     }
-    print(&said.join("\n"));
+    print(&said.join("\n"))?;
     if faults.is_empty() { Ok(Done::All) } else { Err(Failure::Faults(faults)) }
 }
 

@@ -45,7 +45,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         let file = installation.directory.join(installation::ORIENTATION_FILE);
         Failure::Undone(format!("{} cannot be written ({e}); check rights and space", file.display()))
     })?;
-    print(&if args.json { json(&installation, &fit) } else { text(&installation, &fit) });
+    print(&if args.json { json(&installation, &fit) } else { text(&installation, &fit) })?;
     Ok(Done::All)
 }
 
