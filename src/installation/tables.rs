@@ -44,9 +44,17 @@ pub struct Optics {
 pub(super) struct Wing {
     pub survey: String,
     pub span_direction: [f64; 2],
+    pub side: Option<Side>,
     pub root_offset_m: f64,
     pub axis_chord_offset_m: Option<f64>,
     pub skin_height_m: Option<Skin>,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Side {
+    Left,
+    Right,
 }
 
 #[derive(Deserialize)]
