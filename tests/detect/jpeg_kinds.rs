@@ -10,8 +10,11 @@ fn file(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/jpeg").join(name)
 }
 
-/// Name, and size with the luma's digest where it is read.
-fn kinds() -> Vec<(String, Option<(usize, usize, String)>)> {
+/// Width and height, px, and the luma's digest.
+type Picture = (usize, usize, String);
+
+/// Name, and what it holds where it is read.
+fn kinds() -> Vec<(String, Option<Picture>)> {
     let text = std::fs::read_to_string(file("luma.csv")).unwrap();
     let row = |line: &str| {
         let cells: Vec<&str> = line.split(',').collect();
