@@ -1,8 +1,10 @@
 //! Whether a JPEG file is whole, without decoding it.
 
 /// Walks the markers from SOI to EOI (ITU-T T.81, annex B); `Err` says what is missing. Bytes after
-/// EOI are allowed: cameras pad, and append previews.
+/// EOI are allowed: cameras pad, and append previews; zeros before SOI are, as the decoder skips them.
 pub fn whole(bytes: &[u8]) -> Result<(), String> {
+    let zeros = bytes.iter().take_while(|b| **b == 0).count();
+    let bytes = &bytes[zeros..];
     if !bytes.starts_with(&[0xFF, 0xD8]) {
         return Err(format!("not a JPEG file: {} bytes without its first marker", bytes.len()));
     }
@@ -67,6 +69,7 @@ mod tests {
         }
         let padded: Vec<u8> = bytes.iter().copied().chain([0; 100]).collect();
         assert_eq!(whole(&padded), Ok(()));
+        assert_eq!(whole(&[&[0; 3], &bytes[..]].concat()), Ok(()));
     }
 
     #[test]

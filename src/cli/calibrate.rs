@@ -64,7 +64,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         json(&calibration, &report, &reasons, &pictures)
     } else {
         text(args, &calibration, &report)
-    });
+    })?;
     if verdict == Verdict::Refused {
         let list: String = reasons.iter().map(|r| format!("\n  {r}")).collect();
         return Err(Failure::Undone(format!("refused, {} is not written:{list}", args.output.display())));

@@ -1,6 +1,6 @@
 //! `wingd check`: every fault of configuration, installation, store and camera in one go.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -15,31 +15,39 @@ use crate::store::{RealDisk, is_vacant, verify};
 #[derive(clap::Args)]
 pub struct Args {
     /// The configuration
-    #[arg(long, value_name = "wingd.toml")]
-    config: PathBuf,
+    #[arg(long, value_name = "wingd.toml", required_unless_present = "installation")]
+    config: Option<PathBuf>,
+    /// An installation alone
+    #[arg(long, value_name = "DIR", conflicts_with = "config")]
+    installation: Option<PathBuf>,
     /// Leave the camera alone
     #[arg(long)]
     no_camera: bool,
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let config = config::load(&args.config)?;
-    let mut faults = vec![];
-    let mut said = vec![format!("configuration  {}", args.config.display())];
-    check_installation(&config, &mut said, &mut faults);
-    check_store(&config, &args.config, &mut said, &mut faults);
-    if !args.no_camera {
-        check_camera(&config, &args.config, &mut said, &mut faults);
+    let (mut faults, mut said) = (vec![], vec![]);
+    if let Some(directory) = &args.installation {
+        check_installation(directory, false, &mut said, &mut faults);
     }
-    print(&said.join("\n"));
+    if let Some(file) = &args.config {
+        let config = config::load(file)?;
+        said.push(format!("configuration  {}", file.display()));
+        match &config.installation {
+            Some(directory) => check_installation(directory, true, &mut said, &mut faults),
+            None => said.push("installation   none configured: frames are recorded, not solved".into()),
+        }
+        check_store(&config, file, &mut said, &mut faults);
+        if !args.no_camera {
+            check_camera(&config, file, &mut said, &mut faults);
+        }
+    }
+    print(&said.join("\n"))?;
     if faults.is_empty() { Ok(Done::All) } else { Err(Failure::Faults(faults)) }
 }
 
-fn check_installation(config: &Config, said: &mut Vec<String>, faults: &mut Vec<Fault>) {
-    let Some(directory) = &config.installation else {
-        said.push("installation   none configured: frames are recorded, not solved".into());
-        return;
-    };
+/// `flies`: it is to solve frames, and needs its orientation.
+fn check_installation(directory: &Path, flies: bool, said: &mut Vec<String>, faults: &mut Vec<Fault>) {
     match installation::load(directory) {
         Err(found) => faults.extend(found),
         Ok(installation) => {
@@ -49,9 +57,11 @@ fn check_installation(config: &Config, said: &mut Vec<String>, faults: &mut Vec<
                 "installation   {}: {markers} markers, {pairs} torsion pairs",
                 directory.display()
             ));
+            faults.extend(installation::doubtful_points(&installation));
             match installation.require_orientation() {
                 Ok(_) => said.push("orientation    there".into()),
-                Err(fault) => faults.push(fault),
+                Err(fault) if flies => faults.push(fault),
+                Err(_) => said.push("orientation    none yet: `wingd orient` writes it".into()),
             }
         }
     }

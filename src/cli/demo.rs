@@ -132,7 +132,7 @@ fn finish(output: &Path, directory: &Path) -> Result<Done, Failure> {
     let page = output.join("report.html");
     std::fs::write(&page, html::page(&data))
         .map_err(|e| Failure::Undone(format!("{} cannot be written ({e}); free space", page.display())))?;
-    print(table::series(&summary::summaries(&data.series)).trim_end());
+    print(table::series(&summary::summaries(&data.series)).trim_end())?;
     for fault in &checked.faults {
         eprintln!("wingd: invariant {}: {}: {}", fault.invariant, fault.path.display(), fault.what);
     }
@@ -142,6 +142,6 @@ fn finish(output: &Path, directory: &Path) -> Result<Done, Failure> {
         store.display(),
         checked.frames,
         page.display()
-    ));
+    ))?;
     Ok(Done::all(checked.is_sound()))
 }

@@ -44,18 +44,20 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
             "wingd: the installation has no orientation.toml: markers stay without ids; run `wingd orient` first"
         );
     }
-    let lines = frames::map(&args.images, args.jobs, "detecting", |name, bytes| match bytes {
+    let mut all_well = true;
+    let work = |name: &str, bytes: Result<&[u8], String>| match bytes {
         Ok(bytes) => detect(name, bytes, installation.as_ref(), overlay),
         Err(reason) => Sighting { image: name.into(), failure: Some(reason), ..Sighting::default() },
-    })?;
-    for sighting in &lines {
-        if args.json {
-            print(&json_line(sighting, installation.as_ref()).to_string());
+    };
+    frames::each(&args.images, args.jobs, "detecting", work, |sighting| {
+        all_well &= sighting.failure.is_none();
+        print(&if args.json {
+            json_line(&sighting, installation.as_ref()).to_string()
         } else {
-            print(&text(sighting, installation.as_ref()));
-        }
-    }
-    Ok(Done::all(lines.iter().all(|s| s.failure.is_none())))
+            text(&sighting, installation.as_ref())
+        })
+    })?;
+    Ok(Done::all(all_well))
 }
 
 fn detect(name: &str, bytes: &[u8], installation: Option<&Installation>, overlay: Option<&Path>) -> Sighting {
@@ -80,7 +82,9 @@ fn draw(
     directory: &Path,
 ) -> Result<(), String> {
     let picture = overlay::overlay(raster, &sighting.detections, &ids(sighting, installation));
-    let file = directory.join(Path::new(&sighting.image).with_extension("png"));
+    // Several folders' frames have their folder in their names.
+    let name = sighting.image.trim_start_matches('/').replace('/', "_");
+    let file = directory.join(Path::new(&name).with_extension("png"));
     picture
         .save(&file)
         .map_err(|e| format!("{} cannot be written ({e}); free space or name another DIR", file.display()))

@@ -48,10 +48,7 @@ fn csv(args: &Args, data: &ReportData) -> Result<(), Failure> {
     let text = export::csv(&export::columns(&data.series)).map_err(|e| Failure::Undone(e.to_string()))?;
     match &args.output {
         Some(file) => write(file, text.as_bytes()),
-        None => {
-            print(text.trim_end_matches('\n'));
-            Ok(())
-        }
+        None => print(text.trim_end_matches('\n')),
     }
 }
 
@@ -88,6 +85,5 @@ fn write(file: &Path, bytes: &[u8]) -> Result<(), Failure> {
     fs::write(file, bytes).map_err(|e| {
         Failure::Undone(format!("{}: could not write: {e}; choose another --output", file.display()))
     })?;
-    print(&file.display().to_string());
-    Ok(())
+    print(&file.display().to_string())
 }

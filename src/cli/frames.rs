@@ -1,10 +1,22 @@
 //! Image files of a command line: read and worked on in parallel, answered in the order given.
 
-use std::path::{Path, PathBuf};
+use std::collections::BTreeMap;
+use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::time::Duration;
 
-use rayon::prelude::*;
+use super::{Failure, interrupt};
+use crate::pipeline::guard::guarded;
 
-use super::Failure;
+/// Of a picture at which the program itself failed.
+const BROKE_OFF: &str =
+    "the program broke off at this picture, which is its own fault; report it with the picture";
+/// Jobs a core at most: more only take memory.
+const JOBS_A_CORE: usize = 4;
+/// How often a wish to stop is looked for.
+const LOOK: Duration = Duration::from_millis(100);
 
 /// A progress bar on standard error; silent where that is not a terminal.
 pub fn progress(total: usize, what: &str) -> indicatif::ProgressBar {
@@ -22,24 +34,184 @@ pub fn map<T: Send>(
     what: &str,
     work: impl Fn(&str, Result<&[u8], String>) -> T + Sync,
 ) -> Result<Vec<T>, Failure> {
+    let mut results = Vec::with_capacity(files.len());
+    each(files, jobs, what, work, |result| {
+        results.push(result);
+        Ok(())
+    })?;
+    Ok(results)
+}
+
+/// The same, but each result goes to `take` as soon as it and those before it are there. An error of `take` ends it.
+pub fn each<T: Send>(
+    files: &[PathBuf],
+    jobs: usize,
+    what: &str,
+    work: impl Fn(&str, Result<&[u8], String>) -> T + Sync,
+    mut take: impl FnMut(T) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    let jobs = capped(jobs, files.len());
     let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).build();
     let pool =
         pool.map_err(|e| Failure::Undone(format!("cannot start {jobs} jobs: {e}; use fewer --jobs")))?;
     let bar = progress(files.len(), what);
-    let one = |file: &PathBuf| {
-        let bytes = std::fs::read(file);
-        let readable =
-            bytes.as_deref().map_err(|e| format!("{} cannot be read ({e}); check the path", file.display()));
-        let result = work(&name(file), readable);
-        bar.inc(1);
-        result
-    };
-    let results = pool.install(|| files.par_iter().map(one).collect());
+    let names = names(files);
+    let ended = AtomicBool::new(false);
+    let (sender, receiver) = mpsc::channel();
+    let (work, ended_here) = (&work, &ended);
+    let outcome = pool.in_place_scope_fifo(|scope| {
+        for (k, (file, name)) in files.iter().zip(&names).enumerate() {
+            let sender = sender.clone();
+            scope.spawn_fifo(move |_| {
+                if !ended_here.load(Ordering::Relaxed) {
+                    let _ = sender.send((k, one(file, name, work)));
+                }
+            });
+        }
+        drop(sender);
+        let (mut waiting, mut next) = (BTreeMap::new(), 0);
+        let stopped = stopped();
+        loop {
+            match receiver.recv_timeout(LOOK) {
+                Ok((k, result)) => waiting.insert(k, result),
+                Err(RecvTimeoutError::Disconnected) => break,
+                Err(RecvTimeoutError::Timeout) => None,
+            };
+            while let Some(result) = waiting.remove(&next) {
+                next += 1;
+                if let Err(failure) = bar.suspend(|| take(result)) {
+                    ended.store(true, Ordering::Relaxed);
+                    return Err(failure);
+                }
+                bar.inc(1);
+            }
+            if stopped.load(Ordering::Relaxed) {
+                ended.store(true, Ordering::Relaxed);
+                let n = files.len();
+                return Err(Failure::Undone(format!(
+                    "stopped: {next} of {n} pictures are done, the rest is not"
+                )));
+            }
+        }
+        Ok(())
+    });
     bar.finish_and_clear();
-    Ok(results)
+    outcome
+}
+
+/// Set by Ctrl-C or SIGTERM, so that what is done is written; a second one ends the program at once.
+fn stopped() -> Arc<AtomicBool> {
+    let stopped = Arc::new(AtomicBool::new(false));
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    let (flag, runtime) = (stopped.clone(), runtime);
+    std::thread::spawn(move || {
+        let Ok(runtime) = runtime else { return };
+        runtime.block_on(async {
+            interrupt().await;
+            flag.store(true, Ordering::Relaxed);
+            interrupt().await;
+            std::process::exit(1);
+        });
+    });
+    stopped
+}
+
+/// Jobs that are worth their memory: no more than files, nor than some a core.
+fn capped(jobs: usize, files: usize) -> usize {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let wanted = if jobs == 0 { cores } else { jobs };
+    wanted.min(JOBS_A_CORE * cores).min(files).max(1)
+}
+
+fn one<T>(file: &Path, name: &str, work: &(impl Fn(&str, Result<&[u8], String>) -> T + Sync)) -> T {
+    let bytes = std::fs::read(file);
+    let readable =
+        bytes.as_deref().map_err(|e| format!("{} cannot be read ({e}); check the path", file.display()));
+    guarded(|| work(name, readable)).unwrap_or_else(|| work(name, Err(BROKE_OFF.into())))
 }
 
 /// The file's name as it stands in results.
 pub fn name(file: &Path) -> String {
     file.file_name().map_or_else(|| file.display().to_string(), |n| n.to_string_lossy().into_owned())
+}
+
+/// The files' names as they stand in results: each with as much of its path as tells it from the others.
+fn names(files: &[PathBuf]) -> Vec<String> {
+    let mut taken: BTreeMap<&Path, usize> = files.iter().map(|f| (f.as_path(), 1)).collect();
+    loop {
+        let mut like: BTreeMap<String, Vec<&Path>> = BTreeMap::new();
+        taken.iter().for_each(|(file, parts)| like.entry(tail(file, *parts)).or_default().push(file));
+        let alike = like.into_values().filter(|l| l.len() > 1).flatten();
+        let longer: Vec<&Path> = alike.filter(|f| taken[f] < f.components().count()).collect();
+        if longer.is_empty() {
+            return files.iter().map(|f| tail(f, taken[f.as_path()])).collect();
+        }
+        longer.into_iter().for_each(|f| *taken.entry(f).or_default() += 1);
+    }
+}
+
+/// The last parts of a path.
+fn tail(file: &Path, parts: usize) -> String {
+    if parts == 1 {
+        return name(file);
+    }
+    let all: Vec<Component> = file.components().collect();
+    let last: PathBuf = all[all.len().saturating_sub(parts)..].iter().collect();
+    last.display().to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_have_as_much_of_the_path_as_it_takes() {
+        let of = |files: &[&str]| names(&files.iter().map(PathBuf::from).collect::<Vec<_>>());
+        assert_eq!(of(&["/x/a/1.jpg", "/x/a/2.jpg"]), ["1.jpg", "2.jpg"]);
+        assert_eq!(of(&["/x/a/1.jpg", "/x/b/1.jpg", "/x/b/2.jpg"]), ["a/1.jpg", "b/1.jpg", "2.jpg"]);
+        assert_eq!(of(&["a/c/1.jpg", "b/c/1.jpg"]), ["a/c/1.jpg", "b/c/1.jpg"]);
+        assert_eq!(of(&["1.jpg", "1.jpg"]), ["1.jpg", "1.jpg"], "one file twice");
+        assert_eq!(of(&["1.jpg", "b/1.jpg"]), ["1.jpg", "b/1.jpg"]);
+    }
+
+    #[test]
+    fn results_come_in_order_and_as_they_are_done() {
+        let files: Vec<PathBuf> = (0..20).map(|k| PathBuf::from(format!("{k}.jpg"))).collect();
+        let number = |name: &str| name.trim_end_matches(".jpg").parse::<usize>().unwrap_or(99);
+        let mut seen = vec![];
+        let taken = each(
+            &files,
+            4,
+            "",
+            |name, _| number(name),
+            |k| {
+                seen.push(k);
+                if k == 12 { Err(Failure::Undone("full".into())) } else { Ok(()) }
+            },
+        );
+        assert!(matches!(taken, Err(Failure::Undone(_))));
+        assert_eq!(seen, (0..13).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_panic_costs_one_picture() {
+        let files: Vec<PathBuf> = (0..5).map(|k| PathBuf::from(format!("{k}.jpg"))).collect();
+        let work = |name: &str, bytes: Result<&[u8], String>| match bytes {
+            Err(reason) if reason == BROKE_OFF => None,
+            _ if name == "3.jpg" => panic!("inside"),
+            _ => Some(name.to_owned()),
+        };
+        let results = map(&files, 3, "", work).unwrap_or_default();
+        let there: Vec<bool> = results.iter().map(Option::is_some).collect();
+        assert_eq!(there, [true, true, true, false, true]);
+    }
+
+    #[test]
+    fn jobs_are_no_more_than_files_and_some_a_core() {
+        assert_eq!(capped(1_000_000, 3), 3);
+        assert!(
+            capped(1_000_000, 1_000_000) <= 4 * std::thread::available_parallelism().map_or(1, usize::from)
+        );
+        assert_eq!(capped(0, 0), 1);
+    }
 }

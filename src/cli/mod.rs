@@ -168,7 +168,30 @@ fn complain(failure: &Failure) -> ExitCode {
 }
 
 /// Prints a line of results; a closed pipe (`| head`) is no fault.
-fn print(text: &str) {
-    use std::io::Write;
-    let _ = writeln!(std::io::stdout().lock(), "{text}");
+///
+/// # Errors
+/// Where it cannot be written: exit status 1, for a result that is lost is no result.
+fn print(text: &str) -> Result<(), Failure> {
+    use std::io::{ErrorKind, Write};
+    let mut output = std::io::stdout().lock();
+    match writeln!(output, "{text}").and_then(|()| output.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::Undone(format!(
+            "the results cannot be written to standard output ({error}); free space, or send them elsewhere"
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// Ctrl-C or SIGTERM.
+async fn interrupt() {
+    use tokio::signal::unix::{SignalKind, signal};
+    match signal(SignalKind::terminate()) {
+        Ok(mut terminate) => tokio::select! {
+            _ = tokio::signal::ctrl_c() => {}
+            _ = terminate.recv() => {}
+        },
+        Err(_) => {
+            let _ = tokio::signal::ctrl_c().await;
+        }
+    }
 }

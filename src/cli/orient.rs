@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::{Done, Failure, frames, print};
 use crate::installation::{self, Installation};
-use crate::measure::identify::{self, OrientationFit};
+use crate::measure::identify::{self, IdentifyError, OrientationFit};
 use crate::pipeline::{Sighting, stages};
 
 /// Find the camera's attitude from ground frames and write orientation.toml.
@@ -30,13 +30,14 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         Ok(bytes) => stages::sight(name, bytes, None, &installation, None),
         Err(reason) => Sighting { image: name.into(), failure: Some(reason), ..Sighting::default() },
     })?;
-    let reasons: Vec<&str> = sightings.iter().filter_map(|s| s.failure.as_deref()).collect();
+    let reasons: Vec<String> =
+        sightings.iter().filter_map(|s| Some(format!("{}: {}", s.image, s.failure.as_ref()?))).collect();
     if !reasons.is_empty() {
         return Err(Failure::Undone(reasons.join("\nwingd: ")));
     }
     let detections: Vec<_> = sightings.iter().map(|s| s.detections.markers.clone()).collect();
     let mut fit = identify::orient(&installation.setup, &detections)
-        .map_err(|e| Failure::Undone(format!("no orientation: {e}")))?;
+        .map_err(|e| Failure::Undone(format!("no orientation: {}", named(&e, &sightings))))?;
     fit.orientation.ground = stages::ground_sights(&installation.setup, &detections, &fit);
     let images: Vec<(String, String)> =
         sightings.iter().map(|s| (s.image.clone(), s.digest.clone())).collect();
@@ -44,8 +45,25 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         let file = installation.directory.join(installation::ORIENTATION_FILE);
         Failure::Undone(format!("{} cannot be written ({e}); check rights and space", file.display()))
     })?;
-    print(&if args.json { json(&installation, &fit) } else { text(&installation, &fit) });
+    print(&if args.json { json(&installation, &fit) } else { text(&installation, &fit) })?;
     Ok(Done::All)
+}
+
+/// A failure with the name of the frame that it is about.
+fn named(error: &IdentifyError, sightings: &[Sighting]) -> String {
+    match error {
+        IdentifyError::Misfit(misfit) => {
+            let name = sightings.get(misfit.frame).map_or("a frame", |s| s.image.as_str());
+            format!("{name}: {misfit}")
+        }
+        other => other.to_string(),
+    }
+}
+
+/// Markers that were not used: id and reason.
+fn unused(installation: &Installation, fit: &OrientationFit) -> Vec<(String, String)> {
+    let id = |k: usize| installation.setup.markers.get(k).map_or_else(String::new, |m| m.id.clone());
+    fit.unused(&installation.setup).into_iter().map(|(k, reason)| (id(k), reason)).collect()
 }
 
 /// Root mean square of the residuals, px, and their number.
@@ -72,6 +90,9 @@ fn json(installation: &Installation, fit: &OrientationFit) -> String {
         "redundancy": fit.redundancy,
         "markers": markers,
         "rms_px": rms_px,
+        "unused": unused(installation, fit).into_iter().map(|(id, reason)| {
+            serde_json::json!({ "id": id, "reason": reason })
+        }).collect::<Vec<_>>(),
     })
     .to_string()
 }
@@ -82,8 +103,10 @@ fn text(installation: &Installation, fit: &OrientationFit) -> String {
     let sigma = sigma_mrad(fit).map_or(String::new(), |s| {
         format!("\nstandard deviations about camera x, y, z: {:.3}, {:.3}, {:.3} mrad", s[0], s[1], s[2])
     });
+    let not_used: String =
+        unused(installation, fit).iter().map(|(id, reason)| format!("\nnot used: {id}: {reason}")).collect();
     format!(
-        "{}\n{markers} marker images, rms {rms_px:.3} px, variance factor {:.2} at redundancy {}{sigma}",
+        "{}\n{markers} marker images, rms {rms_px:.3} px, variance factor {:.2} at redundancy {}{sigma}{not_used}",
         file.display(),
         fit.variance_factor,
         fit.redundancy

@@ -49,9 +49,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     if args.json {
         let line = serde_json::to_string(&plan)
             .map_err(|e| Failure::Undone(format!("the plan cannot be written as JSON: {e}")))?;
-        print(&line);
+        print(&line)?;
     } else {
-        print(&text(&plan));
+        print(&text(&plan))?;
     }
     Ok(if plan.prediction.is_some() { Done::All } else { Done::Partly })
 }

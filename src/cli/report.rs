@@ -35,7 +35,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         let file = args.output.display();
         Failure::Undone(format!("{file}: could not write: {e}; choose another place with --output"))
     })?;
-    print(table::series(&summary::summaries(&data.series)).trim_end());
-    print(&format!("\nReport: {}", args.output.display()));
+    print(table::series(&summary::summaries(&data.series)).trim_end())?;
+    print(&format!("\nReport: {}", args.output.display()))?;
     Ok(Done::all(data.notes.is_empty()))
 }

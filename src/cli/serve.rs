@@ -1,10 +1,10 @@
 //! `wingd serve`: the download page for a store, without the daemon.
 
-use std::net::SocketAddr;
+use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::{Done, Failure};
+use super::{Done, Failure, interrupt};
 use crate::http::access::{self, Access};
 use crate::installation::Fault;
 use crate::store::{RealDisk, catalogue};
@@ -16,7 +16,7 @@ pub struct Args {
     /// The store
     store: PathBuf,
     /// Address and port; 0.0.0.0:8080 lets other computers in, with --token-file only
-    #[arg(long, default_value = "127.0.0.1:8080")]
+    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8080", value_parser = address)]
     listen: SocketAddr,
     /// A file with a token of at least 16 characters that every request must bring
     /// (Authorization: Bearer TOKEN, or as the password that a browser asks for)
@@ -42,6 +42,15 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let done = runtime.block_on(serve(site, access, args.listen));
     runtime.shutdown_timeout(LAST_WORK);
     done
+}
+
+/// A name or number with a port; of several addresses an old-style one, which a browser tries in any case.
+fn address(text: &str) -> Result<SocketAddr, String> {
+    let found =
+        text.to_socket_addrs().map_err(|e| format!("{e}; give HOST:PORT, for example localhost:8080"))?;
+    let all: Vec<SocketAddr> = found.collect();
+    let first = all.iter().find(|a| a.is_ipv4()).or(all.first());
+    first.copied().ok_or_else(|| "has no address; give HOST:PORT".into())
 }
 
 /// For files that are being read when the server stops.
@@ -75,20 +84,6 @@ async fn serve(site: http::Site, access: Access, address: SocketAddr) -> Result<
     })?;
     let bound = listener.local_addr().unwrap_or(address);
     eprintln!("wingd: serving {} at http://{bound}/ (Ctrl-C ends)", site.root.display());
-    http::serve(site, access, listener, stopped()).await.map_err(|e| Failure::Undone(e.to_string()))?;
+    http::serve(site, access, listener, interrupt()).await.map_err(|e| Failure::Undone(e.to_string()))?;
     Ok(Done::All)
-}
-
-/// Ctrl-C or SIGTERM.
-async fn stopped() {
-    use tokio::signal::unix::{SignalKind, signal};
-    match signal(SignalKind::terminate()) {
-        Ok(mut terminate) => tokio::select! {
-            _ = tokio::signal::ctrl_c() => {}
-            _ = terminate.recv() => {}
-        },
-        Err(_) => {
-            let _ = tokio::signal::ctrl_c().await;
-        }
-    }
 }

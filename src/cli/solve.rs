@@ -75,16 +75,18 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let installation = installation::load(&args.installation)?;
     let orientation = installation.require_orientation()?;
     let job = job(args);
-    let records = match &args.observations {
+    let mut output = Output::new(args);
+    let outcome = match &args.observations {
         Some(file) => {
             let observations = installation::read_observations(file, &installation.setup)?;
             let sighting = Sighting::by_hand(&frames::name(file), &observations);
-            vec![pipeline::solve_sighting(&sighting, &installation, orientation, &job)]
+            output.take(pipeline::solve_sighting(&sighting, &installation, orientation, &job))
         }
-        None => solve_images(args, &installation, orientation, &job)?,
+        None => solve_images(args, &installation, orientation, &job, &mut output),
     };
-    write(args, &records);
-    Ok(Done::all(records.iter().all(|r| r.status == Status::Ok)))
+    // What is done is kept, also where the rest is given up.
+    let done = output.end();
+    outcome.and(done)
 }
 
 fn job(args: &Args) -> Job {
@@ -112,31 +114,54 @@ fn solve_images(
     installation: &Installation,
     orientation: &Orientation,
     job: &Job,
-) -> Result<Vec<ImageRecord>, Failure> {
+    output: &mut Output,
+) -> Result<(), Failure> {
     let sight = |name: &str, bytes: Result<&[u8], String>| match bytes {
         Ok(bytes) => stages::sight(name, bytes, None, installation, Some(orientation)),
         Err(reason) => Sighting { image: name.into(), failure: Some(reason), ..Sighting::default() },
     };
     if args.flight {
         let sightings = frames::map(&args.images, args.jobs, "measuring", sight)?;
-        return Ok(pipeline::solve_flight(&sightings, installation, orientation, job));
+        let records = pipeline::solve_flight(&sightings, installation, orientation, job);
+        return records.into_iter().try_for_each(|record| output.take(record));
     }
-    frames::map(&args.images, args.jobs, "solving", |name, bytes| {
+    let solve = |name: &str, bytes: Result<&[u8], String>| {
         pipeline::solve_sighting(&sight(name, bytes), installation, orientation, job)
-    })
+    };
+    frames::each(&args.images, args.jobs, "solving", solve, |record| output.take(record))
 }
 
-fn write(args: &Args, records: &[ImageRecord]) {
-    if args.protocol {
-        records.iter().for_each(|r| print(&protocol::protocol(r)));
-    } else if args.json {
-        for record in records {
-            match serde_json::to_string(record) {
-                Ok(line) => print(&line),
-                Err(error) => eprintln!("wingd: {}: result cannot be written as JSON: {error}", record.image),
-            }
+/// Where records go: lines and protocols at once, so that what is done is kept; the table with its widths at the end.
+struct Output<'a> {
+    args: &'a Args,
+    records: Vec<ImageRecord>,
+    all_well: bool,
+}
+
+impl<'a> Output<'a> {
+    fn new(args: &'a Args) -> Self {
+        Self { args, records: vec![], all_well: true }
+    }
+
+    fn take(&mut self, record: ImageRecord) -> Result<(), Failure> {
+        self.all_well &= record.status == Status::Ok;
+        if self.args.protocol {
+            return print(&protocol::protocol(&record));
         }
-    } else {
-        print(&table::results(records));
+        if self.args.json {
+            let line = serde_json::to_string(&record).map_err(|error| {
+                Failure::Undone(format!("{}: result cannot be written as JSON: {error}", record.image))
+            })?;
+            return print(&line);
+        }
+        self.records.push(record);
+        Ok(())
+    }
+
+    fn end(self) -> Result<Done, Failure> {
+        if !self.records.is_empty() {
+            print(&table::results(&self.records))?;
+        }
+        Ok(Done::all(self.all_well))
     }
 }

@@ -50,12 +50,12 @@ impl SocketArgs {
 pub(super) fn status(args: &StatusArgs) -> Result<Done, Failure> {
     let value = daemon::ask(&args.socket.path()?, "status").map_err(Failure::Undone)?;
     if args.json {
-        print(&value.to_string());
+        print(&value.to_string())?;
     }
     let status: Status = serde_json::from_value(value)
         .map_err(|error| Failure::Undone(format!("the daemon is of another version: {error}")))?;
     if !args.json {
-        print(&text(&status));
+        print(&text(&status))?;
     }
     Ok(Done::all(status.health != Health::Stale))
 }
@@ -63,7 +63,7 @@ pub(super) fn status(args: &StatusArgs) -> Result<Done, Failure> {
 pub(super) fn trigger(args: &TriggerArgs) -> Result<Done, Failure> {
     let command = if args.new_flight { "new-flight" } else { "trigger" };
     let answer = daemon::ask(&args.socket.path()?, command).map_err(Failure::Undone)?;
-    print(answer.get("answer").and_then(|answer| answer.as_str()).unwrap_or("done"));
+    print(answer.get("answer").and_then(|answer| answer.as_str()).unwrap_or("done"))?;
     Ok(Done::All)
 }
 

@@ -36,12 +36,12 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     }
     let report = verify(&RealDisk, &args.store);
     if args.json {
-        print(&serde_json::to_string(&report).unwrap_or_default());
+        print(&serde_json::to_string(&report).unwrap_or_default())?;
     } else {
         for note in &report.notes {
             eprintln!("note: {note}");
         }
-        print(&text(&report));
+        print(&text(&report))?;
     }
     Ok(Done::all(report.is_sound()))
 }

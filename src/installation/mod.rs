@@ -5,6 +5,7 @@
 mod board;
 mod camera;
 mod document;
+mod doubtful;
 mod observations;
 mod orientation;
 mod survey;
@@ -18,6 +19,7 @@ use sha2::{Digest, Sha256};
 
 pub use board::load_board;
 pub use camera::{CalibrationReport, write_camera};
+pub use doubtful::doubtful_points;
 pub use observations::{HandObservation, read_observations};
 pub use orientation::write_orientation;
 pub use tables::Optics;

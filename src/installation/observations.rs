@@ -63,6 +63,14 @@ fn read(reader: &mut Reader, name: &str, setup: &Setup) -> Option<Vec<HandObserv
                 "give a number from 0.0001 to 1000 px",
             );
         }
+        let lens = &setup.lens;
+        if !lens.contains(&Vector2::new(*u, *v)) {
+            let problem = format!(
+                "\"{}\" is at ({u}, {v}) px, outside the image of {} x {} px",
+                cells[0], lens.width, lens.height
+            );
+            reader.fault(&file, &format!("line {line}"), problem, "measure it again, or leave the line out");
+        }
         found.push(HandObservation { marker, pixel: Vector2::new(*u, *v), sigma_px: *sigma_px });
     }
     Some(found)

@@ -119,6 +119,11 @@ pub fn write_orientation(
         }
         text.push_str("]\n");
     }
+    for (marker, reason) in fit.unused(&installation.setup) {
+        let id = installation.setup.markers.get(marker).map_or("", |m| m.id.as_str());
+        let (id, reason) = (toml::Value::from(id), toml::Value::from(reason));
+        let _ = writeln!(text, "\n[[unused]]\nid = {id}\nreason = {reason}");
+    }
     write_ground(&mut text, installation, &fit.orientation.ground);
     write_whole(&installation.directory.join(ORIENTATION_FILE), &text)
 }

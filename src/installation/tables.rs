@@ -46,6 +46,7 @@ pub struct Optics {
 pub(super) struct Wing {
     pub survey: String,
     pub span_direction: [f64; 2],
+    pub side: Option<Side>,
     pub root_offset_m: f64,
     pub root_offset_sigma_m: Option<f64>,
     pub axis_chord_offset_m: Option<f64>,
@@ -53,6 +54,13 @@ pub(super) struct Wing {
     pub span_direction_sigma_deg: Option<f64>,
     pub skin_height_m: Option<Skin>,
     pub skin_height_sigma_m: Option<f64>,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Side {
+    Left,
+    Right,
 }
 
 #[derive(Deserialize)]

@@ -211,6 +211,8 @@ pub struct Setup {
     pub mount_repeatability_px: f64,
     /// Horizontal span direction, survey frame, outboard; any length.
     pub span_direction: Vector2<f64>,
+    /// Which wing, where the user says it; see [`Setup::side`].
+    pub stated_side: Option<Side>,
     /// Along the span from the projection centre to where bending starts, m.
     pub root_offset_m: f64,
     /// Z of the bending axis in the wing frame, m; the markers' mean where not given.
@@ -233,7 +235,46 @@ pub struct Setup {
     pub window: Option<Window>,
 }
 
+/// Which wing is looked at: on a right one the wing frame's Z points aft, on a left one forward.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// Port.
+    Left,
+    /// Starboard.
+    Right,
+}
+
+/// Least angle from the window's normal to the span for a wing that is swept back, sine: 5 degrees, beyond which
+/// neither direction is likely to be off.
+const SWEPT: f64 = 0.087;
+
 impl Setup {
+    /// Which wing, which is what a twist's sign hangs on: as stated, else by the first torsion pair, else by the sweep
+    /// of the span against the window's normal. `None` where nothing tells: a wing's shape alone looks like its mirror
+    /// image.
+    pub fn side(&self) -> Option<Side> {
+        self.stated_side.or_else(|| self.side_of_pair(self.torsion.first()?)).or_else(|| self.side_by_sweep())
+    }
+
+    /// Which wing a pair is on, by its names.
+    pub fn side_of_pair(&self, pair: &TorsionPair) -> Option<Side> {
+        let z = |k: usize| Some(self.wing_frame().wing_point(&self.markers.get(k)?.position_m).z);
+        let aft = z(pair.trailing)? - z(pair.leading)?;
+        (aft != 0.0).then_some(if aft > 0.0 { Side::Right } else { Side::Left })
+    }
+
+    fn side_by_sweep(&self) -> Option<Side> {
+        let normal = self.window.as_ref()?.normal?.xy().try_normalize(1e-6)?;
+        let span = self.span_direction.try_normalize(0.0)?;
+        // Seen from above, a right wing's sweep turns clockwise.
+        let turn = normal.perp(&span);
+        (turn.abs() > SWEPT && normal.dot(&span) > 0.0).then_some(if turn < 0.0 {
+            Side::Right
+        } else {
+            Side::Left
+        })
+    }
+
     /// The frame of the adjustment: X outboard, Y up, Z = X x Y, origin in the projection centre.
     pub fn wing_frame(&self) -> WingFrame {
         WingFrame::new(self.projection_centre_m, self.span_direction)

@@ -8,6 +8,7 @@
 //! | record | solution | the line of the results | [`recording`] |
 
 pub mod decode;
+pub mod guard;
 pub mod recording;
 pub mod stages;
 

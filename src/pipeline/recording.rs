@@ -67,6 +67,10 @@ pub fn record(
     record
 }
 
+/// Why there is no twist.
+const SIDE_UNKNOWN: &str = "which way the nose points is not known, so no twist is given; set wing.side = \"left\" or \
+     \"right\" in installation.toml, or name a [[torsion]] pair";
+
 fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installation, s: &Solution) {
     record.status = Status::Ok;
     record.variance_factor = s.variance_factor.filter(|v| v.is_finite());
@@ -92,6 +96,9 @@ fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installati
     record.torsion = s.torsion.iter().map(torsion).collect();
     record.curve = s.curve.iter().map(curve).collect();
     record.remarks = s.remarks.clone();
+    if installation.setup.side().is_none() && !s.curve.is_empty() {
+        record.remarks.push(SIDE_UNKNOWN.into());
+    }
     record.quality = quality(s);
     record.quality.extend(pane_quality(installation).map(|pane| ("window".into(), pane)));
     if let Some(fit) = &installation.cad {
@@ -107,6 +114,7 @@ fn parameter(p: &Parameter) -> (String, Value) {
     };
     let one = |e: &Estimate| json!(Measured { value: e.value * factor, sigma: e.sigma.map(|s| s * factor) });
     let value = match p.values.as_slice() {
+        [] => Value::Null,
         [single] if !matches!(p.name, "curvature_per_m") => one(single),
         many => Value::Array(many.iter().map(one).collect()),
     };

@@ -67,7 +67,7 @@ impl Sighting {
     ) -> Option<Raster> {
         match self.timed("decode", decode) {
             Err(error) => {
-                self.failure = Some(format!("{}: {error}", self.image));
+                self.failure = Some(error.to_string());
                 None
             }
             Ok(raster) => {

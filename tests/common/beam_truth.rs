@@ -159,6 +159,7 @@ impl Truth {
             projection_centre_sigma_m: 0.002,
             mount_repeatability_px: 10.0,
             span_direction: span,
+            stated_side: None,
             root_offset_m: 0.55,
             axis_chord_offset_m: Some(0.1),
             skin_height: Some(SkinHeight {

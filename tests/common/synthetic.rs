@@ -366,6 +366,7 @@ fn setup(
         projection_centre_sigma_m: 0.002,
         mount_repeatability_px: 10.0,
         span_direction: span,
+        stated_side: None,
         root_offset_m: wing.root_x,
         axis_chord_offset_m: Some(wing.z_axis),
         skin_height: Some(SkinHeight {

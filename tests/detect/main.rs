@@ -11,6 +11,7 @@ mod dirt;
 mod fixtures;
 mod glare;
 mod guided;
+mod jpeg_kinds;
 mod motion;
 mod near;
 mod render_truth;

@@ -126,7 +126,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     write_set(&args.output, &name, &scene, &frames, || bar.inc(1))
         .map_err(|e| Failure::Undone(format!("{e:#}")))?;
     bar.finish_and_clear();
-    print(&format!("{} frames with their truth in {}", frames.len(), args.output.display()));
+    print(&format!("{} frames with their truth in {}", frames.len(), args.output.display()))?;
     Ok(Done::All)
 }
 

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use crate::measure::geometry::Lens;
 use crate::measure::raster::Raster;
 use crate::measure::render::{FrameTruth, MarkerTruth, Scene, Shot};
-use crate::measure::setup::Setup;
+use crate::measure::setup::{Setup, Side};
 
 /// A frame of a set.
 pub struct SetFrame {
@@ -81,6 +81,9 @@ fn installation_toml(setup: &Setup) -> String {
         setup.span_direction.y,
         setup.root_offset_m,
     );
+    if let Some(side) = setup.stated_side {
+        let _ = writeln!(text, "side = {:?}", if side == Side::Left { "left" } else { "right" });
+    }
     if let Some(z) = setup.axis_chord_offset_m {
         let _ = writeln!(text, "axis_chord_offset_m = {z:?}");
     }

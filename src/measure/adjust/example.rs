@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 
 use crate::measure::geometry::Lens;
 use crate::measure::setup::{
-    GroundSight, Orientation, Setup, Shape, SkinHeight, SurveyMarker, Thermal, Uncertainty,
+    GroundSight, Orientation, Setup, Shape, Side, SkinHeight, SurveyMarker, Thermal, Uncertainty,
 };
 
 /// Nine markers on 30 m.
@@ -28,6 +28,7 @@ pub fn setup() -> Setup {
         projection_centre_sigma_m: 0.002,
         mount_repeatability_px: 10.0,
         span_direction: Vector2::new(1.0, 0.0),
+        stated_side: Some(Side::Right),
         root_offset_m: 0.5,
         axis_chord_offset_m: Some(0.1),
         skin_height: Some(SkinHeight { root_m: 0.5, tip_m: 0.1, tip_span_m: 33.0 }),

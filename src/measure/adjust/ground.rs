@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
 use super::AdjustError;
 use crate::measure::geometry::WingFrame;
-use crate::measure::setup::{Setup, SkinHeight};
+use crate::measure::setup::{Setup, Side, SkinHeight};
 
 /// Points of the axis' table.
 const AXIS_POINTS: usize = 257;
@@ -67,7 +67,7 @@ impl GroundShape {
         let weights = weights(setup, trusted);
         let (axis, axis_covariance) = Axis::through(&points, &weights, axis_z, setup.root_offset_m, skin)?;
         let stations = points.iter().map(|p| Station { arc_m: axis.foot(p), surveyed_m: *p }).collect();
-        Ok(Self { frame, axis, stations, axis_covariance, skin_sigma_m, nose: nose(setup, &points) })
+        Ok(Self { frame, axis, stations, axis_covariance, skin_sigma_m, nose: nose(setup) })
     }
 }
 
@@ -96,12 +96,9 @@ fn skin(setup: &Setup, points: &[Vector3<f64>]) -> (SkinHeight, f64) {
     (SkinHeight { root_m: root * reach, tip_m: tip * reach, tip_span_m: reach }, stated.max(sigma * reach))
 }
 
-/// The torsion pairs tell which way the nose points; a right wing where there is none.
-fn nose(setup: &Setup, points: &[Vector3<f64>]) -> f64 {
-    let aft = |pair: &crate::measure::setup::TorsionPair| {
-        Some(points.get(pair.trailing)?.z - points.get(pair.leading)?.z)
-    };
-    if setup.torsion.first().and_then(aft).is_some_and(|d| d < 0.0) { -1.0 } else { 1.0 }
+/// Where nothing tells the side, no twist is given, and either sign will do.
+fn nose(setup: &Setup) -> f64 {
+    if setup.side() == Some(Side::Left) { -1.0 } else { 1.0 }
 }
 
 impl Axis {
@@ -178,9 +175,18 @@ pub fn wing_from_section(slope_rad: f64) -> Matrix3<f64> {
 /// `a0 + a1 x + a2 x^2 + a3 x^3 + b z + c z x + d z^2 / (1 - (1 - taper) x / reach)`; the last is the
 /// crown, flatter where the chord is longer.
 struct Surface {
-    coefficients: SVector<f64, 7>,
     along: [f64; 4],
     covariance: Matrix4<f64>,
+    all: SVector<f64, 7>,
+    all_covariance: SMatrix<f64, 7, 7>,
+    reach: f64,
+}
+
+/// A point's functions of the surface's coefficients.
+fn row(p: &Vector3<f64>, axis_z: f64, root_x: f64, reach: f64) -> SVector<f64, 7> {
+    let (x, z) = (p.x - root_x, p.z - axis_z);
+    let chord = 1.0 - (1.0 - TAPER) * (x / reach).clamp(0.0, 1.0);
+    SVector::from([1.0, x, x * x, x * x * x, z, z * x, z * z / chord])
 }
 
 /// What wings look like, as mean and standard deviation of the surface's coefficients: it decides
@@ -203,6 +209,60 @@ fn spread(distances: &[f64], weights: &[f64]) -> f64 {
     trusted.get(trusted.len() / 2).map_or(1.0, |median| (1.4826 * median).max(1.0))
 }
 
+/// A surveyed point off the skin that the others tell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OffTheSkin {
+    /// Index in [`Setup::markers`].
+    pub marker: usize,
+    /// Above the skin, m.
+    pub height_m: f64,
+    /// Standard deviation of that height with what wings differ from such a skin by, m.
+    pub sigma_m: f64,
+}
+
+/// Standard deviations from which on a height is no chance.
+const DOUBTFUL: f64 = 6.0;
+/// Of a normal distribution: standard deviation over the median of the absolute values.
+const SIGMA_OVER_MEDIAN: f64 = 1.4826;
+
+/// The points off a smooth skin through the others, the worst first; a third of the survey at most, for of more nothing
+/// tells which are right.
+pub fn off_the_skin(setup: &Setup) -> Vec<OffTheSkin> {
+    let frame = setup.wing_frame();
+    let points: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
+    let weights = weights(setup, &[]);
+    let axis_z = points.iter().map(|p| p.z).sum::<f64>() / points.len().max(1) as f64;
+    let mut kept: Vec<usize> = (0..points.len()).collect();
+    let mut off = vec![];
+    // As many as the surface has coefficients are needed to tell anything, and as many again to tell one that is off.
+    while kept.len() >= 2 * USUAL_SURFACE.len() && 3 * off.len() < points.len() {
+        let tests: Vec<(usize, f64, f64)> = kept
+            .iter()
+            .map(|&k| {
+                let others: Vec<usize> = kept.iter().copied().filter(|o| *o != k).collect();
+                let pick = |o: &usize| points[*o];
+                let some: Vec<_> = others.iter().map(pick).collect();
+                let of: Vec<f64> = others.iter().map(|o| weights[*o]).collect();
+                let surface = Surface::fit(&some, &of, axis_z, setup.root_offset_m);
+                let (height, variance) = surface.above(&points[k], axis_z, setup.root_offset_m);
+                (k, height, (variance + 1.0 / weights[k]).sqrt())
+            })
+            .collect();
+        let mut sizes: Vec<f64> = tests.iter().map(|(_, height, sigma)| (height / sigma).abs()).collect();
+        sizes.sort_by(f64::total_cmp);
+        let spread = (SIGMA_OVER_MEDIAN * sizes[sizes.len() / 2]).max(1.0);
+        let worst = tests.iter().max_by(|a, b| (a.1 / a.2).abs().total_cmp(&(b.1 / b.2).abs()));
+        let Some(&(marker, height_m, sigma)) = worst else { break };
+        let sigma_m = sigma * spread;
+        if height_m.abs() <= DOUBTFUL * sigma_m {
+            break;
+        }
+        off.push(OffTheSkin { marker, height_m, sigma_m });
+        kept.retain(|k| *k != marker);
+    }
+    off
+}
+
 impl Surface {
     /// `axis_z`: crown and chordwise slope count from there, so they do not enter the axis.
     fn fit(points: &[Vector3<f64>], weights: &[f64], axis_z: f64, root_x: f64) -> Self {
@@ -214,7 +274,7 @@ impl Surface {
             right[k] = normal[(k, k)] * mean;
         }
         for (p, &weight) in points.iter().zip(weights) {
-            let row = Self::row(p, axis_z, root_x, reach);
+            let row = row(p, axis_z, root_x, reach);
             normal += row * row.transpose() * weight;
             right += row * (p.y * weight);
         }
@@ -224,13 +284,7 @@ impl Surface {
         let inverse = inverse.component_mul(&(scale * scale.transpose()));
         let c = inverse * right;
         let covariance = inverse.fixed_view::<4, 4>(0, 0).into_owned();
-        Self { coefficients: c, along: [c[0], c[1], c[2], c[3]], covariance }
-    }
-
-    fn row(p: &Vector3<f64>, axis_z: f64, root_x: f64, reach: f64) -> SVector<f64, 7> {
-        let (x, z) = (p.x - root_x, p.z - axis_z);
-        let chord = 1.0 - (1.0 - TAPER) * (x / reach).clamp(0.0, 1.0);
-        SVector::from([1.0, x, x * x, x * x * x, z, z * x, z * z / chord])
+        Self { along: [c[0], c[1], c[2], c[3]], covariance, all: c, all_covariance: inverse, reach }
     }
 
     /// Without points that stand off the surface of the others: from the sum of distances (which one point
@@ -239,7 +293,7 @@ impl Surface {
         let reach = points.iter().fold(0.0, |a: f64, p| a.max(p.x - root_x));
         let off = |surface: &Self| -> Vec<f64> {
             let one = |(p, w): (&Vector3<f64>, &f64)| {
-                (p.y - Self::row(p, axis_z, root_x, reach).dot(&surface.coefficients)).abs() * w.sqrt()
+                (p.y - row(p, axis_z, root_x, reach).dot(&surface.all)).abs() * w.sqrt()
             };
             points.iter().zip(weights).map(one).collect()
         };
@@ -258,6 +312,12 @@ impl Surface {
             surface = Self::fit(points, &hampel, axis_z, root_x);
         }
         surface
+    }
+
+    /// A point's height above the surface, m, and the surface's variance there, m^2.
+    fn above(&self, p: &Vector3<f64>, axis_z: f64, root_x: f64) -> (f64, f64) {
+        let row = row(p, axis_z, root_x, self.reach);
+        (p.y - row.dot(&self.all), (row.transpose() * self.all_covariance * row)[0])
     }
 
     fn height(&self, x: f64) -> f64 {

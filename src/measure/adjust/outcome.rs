@@ -254,11 +254,13 @@ impl<'a> Outcome<'a> {
         self.put_estimated_lifts(&mut gradient, &arcs, |k| bent[k].axis_m.y - flat[k].axis_m.y);
         let sigmas = self.sigmas(&gradient);
         let sigma = |k: usize| sigmas.get(k).copied();
+        // Which way is nose up hangs on it.
+        let side = self.setup.side();
         let point = |k: usize| CurvePoint {
             arc_length_m: arcs[k],
             span_m: bent[k].axis_m.x,
             lift_m: Estimate { value: bent[k].axis_m.y - flat[k].axis_m.y, sigma: sigma(k) },
-            twist_rad: Some(Estimate { value: bent[k].twist_rad, sigma: sigma(count + k) }),
+            twist_rad: side.map(|_| Estimate { value: bent[k].twist_rad, sigma: sigma(count + k) }),
         };
         let parabola = Gradient {
             global: DMatrix::from_columns(&[&gradient.global * &by_lift]),
@@ -334,9 +336,10 @@ impl<'a> Outcome<'a> {
             values.iter().enumerate().map(one).collect()
         };
         let v = &self.values;
+        let twist = self.setup.side().map_or(vec![], |_| list(&v.twist_rad, n));
         let parameters = vec![
             Parameter { name: "curvature_per_m", values: list(&v.curvature_per_m, 0) },
-            Parameter { name: "twist_rad", values: list(&v.twist_rad, n) },
+            Parameter { name: "twist_rad", values: twist },
             Parameter { name: "mount_rotation_rad", values: list(v.pose.mount_rad.as_slice(), n + t) },
             Parameter { name: "a_per_m", values: list(&[a], count - 1) },
         ];

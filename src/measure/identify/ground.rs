@@ -10,8 +10,8 @@ use super::fit::Prior;
 use super::flight::{NEEDED, report};
 use super::matching::Problem;
 use super::refine::{Sight, adjust};
-use super::scene::Scene;
-use super::{IdentifyError, Identities, OrientationFit};
+use super::scene::{Scene, usable};
+use super::{IdentifyError, Identities, Misfit, OrientationFit};
 use crate::measure::detect::Detection;
 use crate::measure::setup::{Orientation, Setup};
 
@@ -48,6 +48,10 @@ pub(super) fn orient(setup: &Setup, frames: &[Vec<Detection>]) -> Result<Orienta
     let Some(fitted) = fitted else {
         return Err(IdentifyError::TooFew { found: 0, needed: NEEDED });
     };
+    if let Some(misfit) = misfit(setup, frames, &fitted.used.iter().map(|(s, _)| s.frame).collect::<Vec<_>>())
+    {
+        return Err(IdentifyError::Misfit(misfit));
+    }
     for sight in &fitted.taken_out {
         if let Some(of) = identities.get_mut(sight.frame) {
             if let Some(slot) = of.marker_of.get_mut(sight.detection) {
@@ -63,6 +67,18 @@ pub(super) fn orient(setup: &Setup, frames: &[Vec<Detection>]) -> Result<Orienta
         residuals: fitted.used.iter().map(|(s, v)| (s.frame, s.marker, *v)).collect(),
         identities,
     })
+}
+
+/// A frame of which hardly anything fits. What clutter adds to a frame in which half of the survey is found is no
+/// misfit, nor are the few markers of a frame that hardly shows any.
+fn misfit(setup: &Setup, frames: &[Vec<Detection>], of_used: &[usize]) -> Option<Misfit> {
+    let of = |(frame, detections): (usize, &Vec<Detection>)| {
+        let matched = of_used.iter().filter(|f| **f == frame).count();
+        let found = detections.iter().filter(|d| usable(d)).count();
+        let few = 2 * matched < found && 2 * matched < setup.markers.len();
+        (matched < NEEDED || few).then_some(Misfit { frame, matched, found })
+    };
+    frames.iter().enumerate().find_map(of)
 }
 
 /// The best frame's consensus; the reason of the most promising failure where none has one.
@@ -86,7 +102,7 @@ fn worse(a: IdentifyError, b: IdentifyError) -> IdentifyError {
     let rank = |e: &IdentifyError| match e {
         IdentifyError::TooFew { found, .. } => *found,
         IdentifyError::NoConsensus { matched, .. } => 1_000 + matched,
-        IdentifyError::Ambiguous { .. } => 10_000,
+        IdentifyError::Misfit(_) | IdentifyError::Ambiguous { .. } => 10_000,
     };
     if rank(&b) > rank(&a) { b } else { a }
 }

@@ -65,6 +65,9 @@ pub enum IdentifyError {
         /// How many.
         solutions: usize,
     },
+    /// A frame among others fits nothing.
+    #[error("ground frame {}: {}", .0.frame + 1, .0)]
+    Misfit(Misfit),
     /// Nothing fits.
     #[error(
         "the detected markers fit the survey in no orientation (best: {matched} of {found}); check the survey, the projection centre and the camera calibration"
@@ -75,6 +78,21 @@ pub enum IdentifyError {
         /// Detections at hand.
         found: usize,
     },
+}
+
+/// One frame of several that does not fit.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "only {matched} of its {found} markers lie where the other frames put them; it is of another mounting, of a wing \
+     in flight or of another scene: leave it out"
+)]
+pub struct Misfit {
+    /// Which, from 0.
+    pub frame: usize,
+    /// Markers that fit.
+    pub matched: usize,
+    /// Detections at hand.
+    pub found: usize,
 }
 
 /// An orientation from one or more ground frames.
@@ -90,6 +108,18 @@ pub struct OrientationFit {
     pub residuals: Vec<(usize, usize, Vector2<f64>)>,
     /// Per frame: identities.
     pub identities: Vec<Identities>,
+}
+
+impl OrientationFit {
+    /// Every marker of the survey that no frame's image of was used, and why.
+    pub fn unused(&self, setup: &Setup) -> Vec<(usize, String)> {
+        let used = |k: usize| self.residuals.iter().any(|(_, marker, _)| *marker == k);
+        let reason = |k: usize| {
+            let told = self.identities.iter().flat_map(|i| &i.missing).find(|(marker, _)| *marker == k);
+            told.map_or_else(|| "not found in any frame".into(), |(_, reason)| reason.clone())
+        };
+        (0..setup.markers.len()).filter(|k| !used(*k)).map(|k| (k, reason(k))).collect()
+    }
 }
 
 /// Orientation from ground frames with no initial guess (docs/model.md). All frames show the

@@ -10,7 +10,9 @@ use super::random::Random;
 use super::scene::Scene;
 use super::wing::{Linear, Side, Wing};
 use crate::measure::geometry::{Lens, WingFrame};
-use crate::measure::setup::{Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty};
+use crate::measure::setup::{
+    self, Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty,
+};
 
 /// What of a random scene is wanted.
 #[derive(Clone, Debug, PartialEq)]
@@ -261,6 +263,10 @@ fn bare_setup(
         projection_centre_sigma_m: options.survey_sigma_m,
         mount_repeatability_px: 10.0,
         span_direction: span,
+        stated_side: Some(match wing.side {
+            Side::Left => setup::Side::Left,
+            Side::Right => setup::Side::Right,
+        }),
         root_offset_m: rounded_to(wing.root_x_m, 4),
         axis_chord_offset_m: Some(rounded_to(wing.axis_z_m, 4)),
         skin_height: Some(SkinHeight {

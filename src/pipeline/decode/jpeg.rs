@@ -1,5 +1,5 @@
-//! The grey values of a sequential JPEG, as cameras write it: header, codes and transform from a library, no
-//! colour, and no code of a missing stretch taken for picture.
+//! The grey values of a JPEG: sequential in one scan, as cameras write it, here; header, codes and transform from a
+//! library, no colour, and no code of a missing stretch taken for picture.
 
 use std::ops::Range;
 use std::slice::ChunksExactMut;
@@ -7,26 +7,40 @@ use std::slice::ChunksExactMut;
 use libjpeg_turbo_rs::JpegError;
 use libjpeg_turbo_rs::decode::bitstream::BitReader;
 use libjpeg_turbo_rs::decode::entropy::{McuComponentPlan, McuDecoder, resolve_mcu_plan};
-use libjpeg_turbo_rs::decode::marker::{JpegMetadata, MarkerReader};
+use libjpeg_turbo_rs::decode::marker::JpegMetadata;
 use libjpeg_turbo_rs::simd;
 
-use super::{DecodeError, LARGEST_SIDE, Wanted};
+use super::kind::{self, Colour};
+use super::{DecodeError, Wanted, scans};
 use crate::measure::raster::Raster;
 
 /// Side of a block, px.
-const BLOCK: usize = 8;
+pub const BLOCK: usize = 8;
 /// Markers: the picture's end, and the first of the eight that follow intervals in turn.
-const END: u8 = 0xd9;
+pub const END: u8 = 0xd9;
 const FIRST_RESTART: u8 = 0xd0;
 /// What follows an interval's data instead of its marker: as many one bits as the reader reads ahead. No
 /// Huffman code is all ones (ITU-T T.81, C), so that data which end early are an error and not grey blocks.
 const ONES: [u8; 16] = [0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0];
 
+/// Bits after the last block that are taken for padding: webcams are known to leave a few bytes before the end marker.
+const PADDING_BITS: i64 = 64;
+
 /// The picture, or of its pixel rows at least those columns that `wanted` tells for its width and height, and black
-/// elsewhere; `None` where the file is no sequential Huffman-coded picture in one scan, 8 bits, grey or luma with colour.
-pub fn luma(bytes: &[u8], wanted: Option<&Wanted>) -> Option<Result<Raster, DecodeError>> {
-    let header = MarkerReader::new(bytes).read_markers().ok()?;
-    let mut layout = Layout::new(&header)?;
+/// elsewhere.
+pub fn luma(bytes: &[u8], wanted: Option<&Wanted>) -> Result<Raster, DecodeError> {
+    let (header, colour) = kind::header(bytes)?;
+    one_scan(bytes, &header, colour, wanted).unwrap_or_else(|| scans::luma(bytes, &header, colour))
+}
+
+/// The same of a sequential picture in one scan, grey or luma with colour; `None` where it is of another kind.
+pub fn one_scan(
+    bytes: &[u8],
+    header: &JpegMetadata,
+    colour: Colour,
+    wanted: Option<&Wanted>,
+) -> Option<Result<Raster, DecodeError>> {
+    let mut layout = Layout::new(header, colour)?;
     if let Some(wanted) = wanted {
         layout.keep(&wanted(layout.width, layout.height));
     }
@@ -64,35 +78,21 @@ struct Layout {
 }
 
 impl Layout {
-    fn new(header: &JpegMetadata) -> Option<Self> {
+    fn new(header: &JpegMetadata, colour: Colour) -> Option<Self> {
         let frame = &header.frame;
-        let plain = frame.precision == 8
-            && !frame.is_progressive
-            && !frame.is_lossless
-            && !header.is_arithmetic
-            && header.scans.len() <= 1;
-        let first = frame.components.first()?;
-        let (across, down) = match frame.components.len() {
-            // One component: its blocks row by row, whatever its sampling says (ITU-T T.81, A.2.2).
-            1 => (1, 1),
-            3 => (usize::from(first.horizontal_sampling), usize::from(first.vertical_sampling)),
-            _ => return None,
-        };
-        let finest = |c: &libjpeg_turbo_rs::ComponentInfo| {
-            usize::from(c.horizontal_sampling) <= across && usize::from(c.vertical_sampling) <= down
-        };
-        // Red, green and blue are named so, or Adobe's marker says that nothing was transformed.
-        let ids: Vec<u8> = frame.components.iter().map(|c| c.id).collect();
-        let rgb = ids == *b"RGB" || (header.saw_adobe_marker && header.adobe_transform == 0);
-        let colour = frame.components.len() == 3;
-        if !plain || (colour && (rgb || !frame.components.iter().all(finest))) || across == 0 || down == 0 {
+        if frame.is_progressive || header.scans.len() > 1 || colour != Colour::Luma {
             return None;
         }
+        let (across, down) = match &frame.components[..] {
+            // One component: its blocks row by row, whatever its sampling says (ITU-T T.81, A.2.2).
+            [_] => (1, 1),
+            [first, ..] => (usize::from(first.horizontal_sampling), usize::from(first.vertical_sampling)),
+            [] => return None,
+        };
         let (width, height) = (frame.width(), frame.height());
-        let sound = (1..=LARGEST_SIDE).contains(&width) && (1..=LARGEST_SIDE).contains(&height);
         let (columns, rows) = (width.div_ceil(BLOCK * across), height.div_ceil(BLOCK * down));
-        let wanted = || vec![0..columns * across; rows * down];
-        sound.then(|| Self { width, height, across, down, columns, rows, wanted: wanted() })
+        let wanted = vec![0..columns * across; rows * down];
+        Some(Self { width, height, across, down, columns, rows, wanted })
     }
 
     /// Leaves out the blocks that hold none of some columns of each pixel row.
@@ -111,22 +111,9 @@ impl Layout {
         let mut luma = vec![0; self.width * self.height];
         let mut rows = luma.chunks_exact_mut(self.width);
         let mut line = vec![[0; BLOCK * BLOCK]; self.columns * self.across * self.down];
-        let units = self.columns * self.rows;
-        let length = if interval == 0 { units } else { interval };
-        let mut data = Vec::new();
-        let mut rest = scan;
-        for (number, start) in (0..units).step_by(length).enumerate() {
-            let end = (start + length).min(units);
-            let (size, marker, next) = until_marker(rest).ok_or_else(|| damaged("its end is missing"))?;
-            let after = if end == units { END } else { FIRST_RESTART + (number % 8) as u8 };
-            if marker != after {
-                return Err(damaged("data are missing or in the wrong place"));
-            }
-            data.clear();
-            data.extend_from_slice(&rest[..size]);
-            data.extend_from_slice(&ONES);
-            rest = next;
-            self.interval(&data, start..end, coding, &mut line, &mut rows)
+        let mut intervals = Intervals::new(scan, self.columns * self.rows, interval, Some(END));
+        while let Some(units) = intervals.next()? {
+            self.interval(intervals.data(), units, coding, &mut line, &mut rows)
                 .map_err(|e| DecodeError::Jpeg(format!("{e} near row {}", self.height - rows.len())))?;
         }
         Raster::new(self.width, self.height, luma).ok_or_else(|| damaged("it has no pixels"))
@@ -177,8 +164,74 @@ impl Layout {
                 (column, row) = (0, row + 1);
             }
         }
+        if bits_left(&reader, data) > PADDING_BITS {
+            return Err(JpegError::CorruptData("data are missing or in the wrong place".into()));
+        }
         Ok(())
     }
+}
+
+/// The intervals between restart markers of a scan, each with what follows it.
+pub struct Intervals<'a> {
+    rest: &'a [u8],
+    /// Units of the scan, and of an interval.
+    units: usize,
+    length: usize,
+    /// The next interval's first unit, and its number.
+    start: usize,
+    number: usize,
+    /// The marker after the last, where it is known.
+    end: Option<u8>,
+    data: Vec<u8>,
+}
+
+impl<'a> Intervals<'a> {
+    /// `interval`: units between restart markers, 0 without any. The marker after the last interval is `end`; any but
+    /// a restart marker where `None`.
+    pub fn new(scan: &'a [u8], units: usize, interval: usize, end: Option<u8>) -> Self {
+        let length = if interval == 0 { units } else { interval };
+        Self { rest: scan, units, length, start: 0, number: 0, end, data: Vec::new() }
+    }
+
+    /// The next interval's units; its data are then [`Intervals::data`].
+    ///
+    /// # Errors
+    /// Where it does not end with the marker that must follow it.
+    pub fn next(&mut self) -> Result<Option<Range<usize>>, DecodeError> {
+        if self.start >= self.units {
+            return Ok(None);
+        }
+        let units = self.start..(self.start + self.length).min(self.units);
+        let (size, marker, next) = until_marker(self.rest).ok_or_else(|| damaged("its end is missing"))?;
+        let right = if units.end < self.units {
+            marker == FIRST_RESTART + (self.number % 8) as u8
+        } else {
+            self.end.map_or(!(FIRST_RESTART..FIRST_RESTART + 8).contains(&marker), |end| marker == end)
+        };
+        if !right {
+            return Err(damaged("data are missing or in the wrong place"));
+        }
+        self.data.clear();
+        self.data.extend_from_slice(&self.rest[..size]);
+        self.data.extend_from_slice(&ONES);
+        (self.rest, self.start, self.number) = (next, units.end, self.number + 1);
+        Ok(Some(units))
+    }
+
+    /// An interval's coded bytes, and ones after them.
+    pub fn data(&self) -> &[u8] {
+        &self.data
+    }
+}
+
+/// Bits of an interval's data that were not read; negative where some of the ones after them were.
+pub fn bits_left(reader: &BitReader, data: &[u8]) -> i64 {
+    let state = reader.state();
+    let rest = data.get(state.pos..).unwrap_or_default();
+    // A byte 0xff is followed by a stuffed zero.
+    let bytes = rest.len() - memchr::memchr_iter(0xff, rest).count();
+    let ahead = i64::from(state.bits_left) - i64::from(state.stuffed_bits);
+    ahead + 8 * bytes as i64 - 8 * (ONES.len() / 2) as i64
 }
 
 /// The wanted part of the pixel rows of one row of blocks, as far as they lie in the picture.
@@ -209,6 +262,6 @@ fn until_marker(data: &[u8]) -> Option<(usize, u8, &[u8])> {
     }
 }
 
-fn damaged(what: &str) -> DecodeError {
+pub fn damaged(what: &str) -> DecodeError {
     DecodeError::Jpeg(what.into())
 }

@@ -1,0 +1,154 @@
+//! The coefficients of a block, and an error where no encoder writes such codes: libjpeg lets that pass, but nothing tells
+//! better that codes are read out of step (ITU-T T.81, F.2.2 and G.1.2).
+
+use libjpeg_turbo_rs::JpegError;
+use libjpeg_turbo_rs::common::huffman_table::HuffmanTable;
+use libjpeg_turbo_rs::common::quant_table::ZIGZAG_ORDER;
+use libjpeg_turbo_rs::decode::bitstream::BitReader;
+
+/// Coefficients in the order of their rows.
+pub type Block = [i16; 64];
+
+/// Which coefficients a scan tells, in the order of coding, and from which bit on.
+#[derive(Clone, Copy)]
+pub struct Band {
+    pub first: u8,
+    pub last: u8,
+    pub low: u8,
+    /// Whether the bits above are known.
+    pub refines: bool,
+}
+
+/// Blocks of a scan that end together, in one code.
+#[derive(Default)]
+pub struct Runs {
+    /// Blocks of this one to come.
+    pub left: u16,
+    /// Blocks of this one, and bits in them that refine.
+    length: u16,
+    refined: usize,
+    /// Whether the last one could have gone on: it was not cut by its encoder's limits.
+    open: bool,
+    /// Whether any has several blocks, and any follows on one that could have gone on.
+    joined: bool,
+    parted: bool,
+}
+
+/// Bits that refine, of a run, and blocks of one, from which on libjpeg's encoder begins another: its buffer of 1000 is
+/// to hold those of one more block.
+const MOST_REFINED: usize = 937;
+const LONGEST_RUN: u16 = 0x7fff;
+
+impl Runs {
+    fn begin(&mut self, length: u16, at_start: bool) {
+        self.joined |= length > 1;
+        self.parted |= at_start && self.open;
+        (self.left, self.length, self.refined) = (length, length, 0);
+    }
+
+    fn next(&mut self, refined: usize) {
+        self.refined += refined;
+        self.left = self.left.saturating_sub(1);
+        self.open = self.left == 0 && self.refined <= MOST_REFINED && self.length < LONGEST_RUN;
+    }
+
+    /// Begins a new interval or scan.
+    pub fn restart(&mut self) {
+        (self.left, self.open) = (0, false);
+    }
+
+    /// Of all scans: an encoder that joins blocks in runs never parts what it could join. Its codes are read out of step,
+    /// as after a stretch that was lost; no other sign remains where refined bits fall into step again.
+    pub fn out_of_step(&self) -> bool {
+        self.joined && self.parted
+    }
+}
+
+/// Takes up the band's part of a block.
+pub fn decode(
+    reader: &mut BitReader,
+    table: &HuffmanTable,
+    band: Band,
+    runs: &mut Runs,
+    block: &mut Block,
+) -> Result<(), JpegError> {
+    let (start, end) = (usize::from(band.first), usize::from(band.last) + 1);
+    let (mut k, mut zeros) = (start, false);
+    while k < end && runs.left == 0 {
+        let symbol = symbol(reader, table)?;
+        let (run, size) = (symbol >> 4, symbol & 15);
+        let value = match size {
+            0 if run == 15 => None,
+            // Sixteen zeros are only told of where more follows.
+            0 if zeros => return Err(out_of_step()),
+            0 => {
+                runs.begin((1 << run) + reader.read_bits(run), k == start);
+                break;
+            }
+            _ if band.refines && size != 1 => return Err(out_of_step()),
+            _ => Some(signed(reader.read_bits(size), size) << band.low),
+        };
+        k = skip(reader, band, k..end, run, block).0;
+        let place = ZIGZAG_ORDER[..end].get(k).ok_or_else(out_of_step)?;
+        zeros = value.is_none();
+        if let Some(value) = value {
+            block[*place] = value;
+        }
+        k += 1;
+    }
+    if runs.left > 0 {
+        let (_, refined) = skip(reader, band, k..end, u8::MAX, block);
+        runs.next(refined);
+    } else {
+        runs.open = false;
+    }
+    Ok(())
+}
+
+/// The place after `run` zeros, the band's end where there are fewer; what is not zero on the way is refined, and counted.
+fn skip(
+    reader: &mut BitReader,
+    band: Band,
+    range: std::ops::Range<usize>,
+    run: u8,
+    block: &mut Block,
+) -> (usize, usize) {
+    if !band.refines {
+        return (range.start + usize::from(run), 0);
+    }
+    let (mut left, mut refined) = (run, 0);
+    for k in range.clone() {
+        let value = &mut block[ZIGZAG_ORDER[k]];
+        if *value != 0 {
+            refined += 1;
+            if reader.read_bits(1) != 0 {
+                *value = value.wrapping_add(value.signum() << band.low);
+            }
+        } else if left == 0 {
+            return (k, refined);
+        } else {
+            left -= 1;
+        }
+    }
+    (range.end, refined)
+}
+
+fn symbol(reader: &mut BitReader, table: &HuffmanTable) -> Result<u8, JpegError> {
+    let ahead = reader.peek_bits(16);
+    let (symbol, length) = match table.lookup_fast(ahead) {
+        (_, 0) => table.lookup(ahead)?,
+        found => found,
+    };
+    reader.skip_bits(length);
+    Ok(symbol)
+}
+
+/// `size` bits as a signed number (ITU-T T.81, F.2.2.1).
+fn signed(bits: u16, size: u8) -> i16 {
+    let (bits, size) = (i32::from(bits), i32::from(size));
+    (if bits < 1 << (size - 1) { bits - (1 << size) + 1 } else { bits }) as i16
+}
+
+fn out_of_step() -> JpegError {
+    JpegError::CorruptData("codes are out of step".into())
+}

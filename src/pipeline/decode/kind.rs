@@ -1,0 +1,111 @@
+//! What kind of JPEG a file is: read, or refused with what to set in the camera.
+
+use std::sync::Arc;
+
+use libjpeg_turbo_rs::JpegError;
+use libjpeg_turbo_rs::common::huffman_table::{HuffmanTable, std_huffman_tables};
+use libjpeg_turbo_rs::decode::marker::{JpegMetadata, MarkerReader};
+
+use super::{DecodeError, LARGEST_SIDE};
+
+/// What the first component holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Colour {
+    /// Grey, or luma with two colour differences.
+    Luma,
+    /// Red, with green and blue.
+    Red,
+}
+
+/// Scans at most: a progressive file has about ten, and many of them cost time without end.
+const MOST_SCANS: usize = 200;
+
+/// The header of a picture of 8 bits, Huffman-coded by cosine transform, grey or in colour, and its colour.
+pub fn header(bytes: &[u8]) -> Result<(JpegMetadata, Colour), DecodeError> {
+    let mut reader = MarkerReader::new(bytes);
+    reader.set_scan_cap(MOST_SCANS);
+    let mut header = reader.read_markers().map_err(|error| match error {
+        JpegError::Unsupported(_) => DecodeError::Kind("hierarchical coding".into()),
+        other => DecodeError::Jpeg(other.to_string()),
+    })?;
+    let colour = kind(&header).map_err(|kind| DecodeError::Kind(kind.into()))?;
+    sound(&header, bytes.len())?;
+    standard_tables(&mut header);
+    Ok((header, colour))
+}
+
+/// The colour of a picture that is read; else the name of its kind.
+fn kind(header: &JpegMetadata) -> Result<Colour, &'static str> {
+    let frame = &header.frame;
+    if frame.is_lossless {
+        return Err("lossless coding");
+    }
+    if header.is_arithmetic {
+        return Err("arithmetic coding");
+    }
+    if frame.precision != 8 {
+        return Err("more than 8 bits");
+    }
+    let parts = &frame.components;
+    let first = match &parts[..] {
+        [_] => return Ok(Colour::Luma),
+        [first, _, _] => first,
+        [_, _, _, _] => return Err("CMYK colour"),
+        _ => return Err("two components"),
+    };
+    let finest = (first.horizontal_sampling, first.vertical_sampling);
+    let sampling = || parts.iter().map(|c| (c.horizontal_sampling, c.vertical_sampling));
+    match colour(header) {
+        Colour::Red if sampling().any(|s| s != finest) => Err("red, green and blue of several resolutions"),
+        Colour::Luma if sampling().any(|s| s.0 > finest.0 || s.1 > finest.1) => {
+            Err("colour finer than brightness")
+        }
+        colour => Ok(colour),
+    }
+}
+
+/// Of three components: JFIF is luma first, then Adobe's marker says it, then the components' names.
+fn colour(header: &JpegMetadata) -> Colour {
+    let names: Vec<u8> = header.frame.components.iter().map(|c| c.id).collect();
+    let red = match header.adobe_transform_at_first_sos {
+        _ if header.saw_jfif_marker_at_first_sos => false,
+        Some(transform) => transform == 0,
+        None => names == *b"RGB",
+    };
+    if red { Colour::Red } else { Colour::Luma }
+}
+
+/// Headers that no picture has: the likeliest damage.
+fn sound(header: &JpegMetadata, length: usize) -> Result<(), DecodeError> {
+    let damaged = |what: String| Err(DecodeError::Jpeg(what));
+    let frame = &header.frame;
+    let (width, height) = (frame.width(), frame.height());
+    if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) {
+        return damaged(format!("its size is {width} x {height} px"));
+    }
+    // A block of 8 x 8 px takes a bit at least.
+    if width.div_ceil(8) * height.div_ceil(8) > 8 * length {
+        return damaged(format!("{length} bytes are too few for {width} x {height} px"));
+    }
+    let names = frame.components.iter().map(|c| c.id);
+    if names.collect::<std::collections::BTreeSet<u8>>().len() < frame.components.len() {
+        return damaged("two components have one name".into());
+    }
+    Ok(())
+}
+
+fn fill(slots: &mut [Option<Arc<HuffmanTable>>; 4], luma: &Arc<HuffmanTable>, colour: &Arc<HuffmanTable>) {
+    slots[0].get_or_insert_with(|| luma.clone());
+    slots[1].get_or_insert_with(|| colour.clone());
+}
+
+/// The tables of ITU-T T.81, K.3 where the file brings none: the frames of MJPEG leave them out.
+fn standard_tables(header: &mut JpegMetadata) {
+    let [dc_luma, dc_colour, ac_luma, ac_colour] = std_huffman_tables();
+    fill(&mut header.dc_huffman_tables, dc_luma, dc_colour);
+    fill(&mut header.ac_huffman_tables, ac_luma, ac_colour);
+    for scan in &mut header.scans {
+        fill(&mut scan.dc_huffman_tables, dc_luma, dc_colour);
+        fill(&mut scan.ac_huffman_tables, ac_luma, ac_colour);
+    }
+}
