@@ -12,7 +12,8 @@ const FILE: &str = "installation.toml";
 /// Shift between two mountings where the user gives none, px (paper, section 3.1.3).
 const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
 
-pub(super) fn read(reader: &mut Reader) -> Option<(Setup, Option<Optics>)> {
+/// Numbers, optics, and the names of the camera's and the survey's file.
+pub(super) fn read(reader: &mut Reader) -> Option<(Setup, Option<Optics>, [String; 2])> {
     let mend = "an installation is a directory with installation.toml; see docs/operations.md";
     let (file, text) = reader.text(FILE, mend)?;
     let document: Document = parse_toml(reader, &file, &text)?;
@@ -50,7 +51,7 @@ pub(super) fn read(reader: &mut Reader) -> Option<(Setup, Option<Optics>)> {
     };
     check_direction(reader, &file, &setup);
     check_side(reader, &file, &setup);
-    Some((setup, document.camera.optics))
+    Some((setup, document.camera.optics, [document.camera.calibration, document.wing.survey]))
 }
 
 /// TOML into a table of ours; the fault names the line and the key as the parser saw them.

@@ -56,6 +56,8 @@ pub struct Installation {
     pub optics: Option<Optics>,
     /// (file name, SHA-256) of every file that was read, for provenance.
     pub digests: Vec<(String, String)>,
+    /// Names of the files with camera and survey, which an orientation is bound to.
+    pub sources: [String; 2],
 }
 
 /// Name of the file that `wingd orient` writes.
@@ -137,17 +139,18 @@ pub fn load_without_orientation(directory: &Path) -> Result<Installation, Vec<Fa
 fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fault>> {
     let mut reader = Reader { directory: directory.into(), faults: vec![], digests: vec![] };
     let parts = document::read(&mut reader);
-    let markers = parts.as_ref().map_or(&[][..], |(setup, _)| &setup.markers);
+    let markers = parts.as_ref().map_or(&[][..], |(setup, ..)| &setup.markers);
     let orientation = if with_orientation { orientation::read(&mut reader, markers) } else { None };
-    let cad = parts.as_ref().and_then(|(setup, _)| ties::transform(&mut reader, setup));
+    let cad = parts.as_ref().and_then(|(setup, ..)| ties::transform(&mut reader, setup));
     match parts {
-        Some((setup, optics)) if reader.faults.is_empty() => Ok(Installation {
+        Some((setup, optics, sources)) if reader.faults.is_empty() => Ok(Installation {
             directory: directory.into(),
             setup,
             orientation,
             cad,
             optics,
             digests: reader.digests,
+            sources,
         }),
         _ => Err(reader.faults),
     }

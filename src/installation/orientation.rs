@@ -1,5 +1,6 @@
 //! `orientation.toml`: the camera's attitude, written by `wingd orient`.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use std::path::Path;
@@ -17,6 +18,9 @@ struct Table {
     covariance_rad2: Option<[[f64; 3]; 3]>,
     #[serde(default)]
     ground: Vec<Sight>,
+    /// File name -> SHA-256 of camera and survey.
+    #[serde(default)]
+    made_with: BTreeMap<String, String>,
 }
 
 #[derive(Deserialize)]
@@ -36,6 +40,7 @@ pub(super) fn read(reader: &mut Reader, markers: &[SurveyMarker]) -> Option<Orie
     }
     let (file, text) = reader.text(ORIENTATION_FILE, "write it with `wingd orient`")?;
     let table: Table = document::parse_toml(reader, &file, &text)?;
+    check_sources(reader, &file, &table.made_with);
     let m = matrix(&table.camera_from_survey);
     let defect = (m * m.transpose() - Matrix3::identity()).amax();
     if !(defect < ORTHONORMAL_TOLERANCE && m.determinant() > 0.0) {
@@ -55,6 +60,20 @@ pub(super) fn read(reader: &mut Reader, markers: &[SurveyMarker]) -> Option<Orie
     let rotation = svd.u? * svd.v_t?;
     let camera_from_survey = Rotation3::from_matrix_unchecked(rotation);
     Some(Orientation { camera_from_survey, covariance_rad2, ground })
+}
+
+/// An attitude holds for the camera and the survey that it was made with.
+fn check_sources(reader: &mut Reader, file: &Path, made_with: &BTreeMap<String, String>) {
+    for (name, digest) in made_with {
+        let now = reader.digests.iter().find(|(n, _)| n == name).map(|(_, d)| d);
+        if now != Some(digest) {
+            let problem = match now {
+                Some(_) => format!("{name} has changed since this was made with it"),
+                None => format!("was made with {name}, which the installation no longer names"),
+            };
+            reader.fault(file, "made_with", problem, "run `wingd orient` again with the ground frames");
+        }
+    }
 }
 
 fn sight(reader: &mut Reader, file: &Path, s: &Sight, markers: &[SurveyMarker]) -> Option<GroundSight> {
@@ -103,6 +122,11 @@ pub fn write_orientation(
         let _ = writeln!(text, "sigma_mrad = [{}]\ncovariance_rad2 = {}", sigma.join(", "), rows(c));
     }
     let _ = writeln!(text, "variance_factor = {:?}\nredundancy = {}", fit.variance_factor, fit.redundancy);
+    text.push_str("\n# SHA-256 of what it holds for: another camera or survey asks for another orientation\n[made_with]\n");
+    for (name, digest) in installation.digests.iter().filter(|(name, _)| installation.sources.contains(name))
+    {
+        let _ = writeln!(text, "{} = \"{digest}\"", toml::Value::from(name.as_str()));
+    }
     for (k, (name, digest)) in images.iter().enumerate() {
         let _ =
             writeln!(text, "\n[[image]]\nname = {}\nsha256 = \"{digest}\"", toml::Value::from(name.as_str()));

@@ -7,6 +7,7 @@ mod coverage;
 mod flight;
 mod identification;
 mod long_flights;
+mod mountings;
 mod plan;
 mod profile_figures;
 mod spatial;

@@ -157,6 +157,31 @@ fn an_orientation_must_be_a_rotation() {
     only(installation::load(directory.path()).err().unwrap(), "orientation.toml", &["not a rotation"]);
 }
 
+#[test]
+fn an_orientation_holds_for_the_camera_and_survey_that_it_was_made_with() {
+    let directory = tempfile::tempdir().unwrap();
+    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev");
+    for name in ["installation.toml", "camera.toml", "survey.csv"] {
+        std::fs::copy(fixture.join("installation").join(name), directory.path().join(name)).unwrap();
+    }
+    let wingd = |command: &str, frame: &str| {
+        let mut wingd = std::process::Command::new(env!("CARGO_BIN_EXE_wingd"));
+        let wingd = wingd.args([command, "--installation"]).arg(directory.path());
+        wingd.arg(fixture.join("frames").join(frame)).output().unwrap()
+    };
+    assert_eq!(wingd("orient", "ground.jpg").status.code(), Some(0));
+    assert_eq!(wingd("solve", "flight-1.jpg").status.code(), Some(0));
+    let camera = directory.path().join("camera.toml");
+    let text = std::fs::read_to_string(&camera).unwrap();
+    std::fs::write(&camera, format!("{text}# another lens\n")).unwrap();
+    let refused = wingd("solve", "flight-1.jpg");
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(78), "{said}");
+    assert!(said.contains("orientation.toml") && said.contains("camera.toml has changed"), "{said}");
+    assert_eq!(wingd("orient", "ground.jpg").status.code(), Some(0));
+    assert_eq!(wingd("solve", "flight-1.jpg").status.code(), Some(0));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
     #[test]

@@ -2,7 +2,7 @@
 //! chord the bending axis lies, in which direction the span runs.
 //!
 //! A marker's place in flight changes with each of them nearly linearly: a root 0.3 m off moves the tip of a wing
-//! that bends by 3 m by 5 cm, and what is not linear in that by half a millimetre. So the derivative is the
+//! that bends by 3 m by 5 cm, and what is not linear in that by a millimetre at most. So the derivative is the
 //! difference to a neighbouring wing, prepared once.
 
 use nalgebra::{Matrix3, Vector3};

@@ -141,7 +141,7 @@ impl Flight<'_> {
     }
 
     /// Sets the drift to what the rotations within each mounting show, not below what is stated. Yaw and roll
-    /// tell it well; pitch, which one frame hardly tells from bending, is taken to creep as much. The stated
+    /// tell it well; pitch, which one frame hardly tells from bending, is taken to creep twice as much. The stated
     /// drift counts as one observation. Whether it changed little.
     fn tune_drift(&mut self, setting: &Setting, fit: &Fit) -> bool {
         if self.mountings.is_none() {
@@ -152,8 +152,9 @@ impl Flight<'_> {
         for frame in 0..self.frames.len() {
             let Some((gradient, value)) = own_rotation(setting, fit, frame) else { continue };
             let covariance = fit.covariance_of(frame, &gradient);
-            omega += value.norm_squared() / self.drift_rad.powi(2);
-            redundancy += 3.0 - covariance.trace() / self.drift_rad.powi(2);
+            let Some(weight) = self.drift_covariance().try_inverse() else { continue };
+            omega += value.dot(&(weight * value));
+            redundancy += 3.0 - (weight * covariance.fixed_view::<3, 3>(0, 0)).trace();
         }
         let loosest = self.input.setup.mount_repeatability_px.max(1e-3) / self.input.setup.lens.focal_px();
         let next = self.drift_rad * (omega / redundancy.max(0.5)).sqrt();
@@ -163,20 +164,27 @@ impl Flight<'_> {
         settled
     }
 
-    /// Splits the flight where the rotation changes by more than chance.
+    /// Splits the flight where the rotation changes by more than chance **and** by more than it does elsewhere: a remount
+    /// stands out among the steps from frame to frame. Where all steps are alike, large or small, the frames are of one
+    /// mounting that turns by as much as they show: to take two that hardly differ for equal costs more than it gains.
     fn find_mountings(&mut self, setting: &Setting, fit: &Fit) {
-        let limit = chi_square_limit(3.0, REMOUNT_ALPHA / self.frames.len() as f64);
-        let mut list = vec![0];
-        let mut first = 0;
-        for frame in 1..self.frames.len() {
-            if rotation_distance(setting, fit, first, frame) > limit {
-                first = frame;
-                list.push(list.last().map_or(0, |m| m + 1));
-            } else {
-                list.push(list.last().copied().unwrap_or(0));
-            }
+        let frames = self.frames.len();
+        let steps: Vec<f64> = (1..frames).map(|f| rotation_distance(setting, fit, f - 1, f)).collect();
+        let usual = (median(&steps) / chi_square_limit(3.0, 0.5)).max(1.0);
+        let limit = usual * chi_square_limit(3.0, REMOUNT_ALPHA / frames as f64);
+        let mut list = vec![0; frames];
+        for frame in 1..frames {
+            list[frame] = list[frame - 1] + usize::from(steps[frame - 1] > limit);
         }
         self.mountings = Some(list);
+        self.drift_rad = self.drift_rad.max(self.spread());
+    }
+
+    /// Root mean square of the rotations about their mountings' means, each axis, rad.
+    fn spread(&self) -> f64 {
+        let off = |f: usize| (self.poses[f].0 - self.mean_pose(self.mounting(f)).0).norm_squared();
+        let frames = self.frames.len();
+        ((0..frames).map(off).sum::<f64>() / (3 * frames.max(1)) as f64).sqrt()
     }
 
     /// Everything takes part but what was removed.
@@ -269,6 +277,13 @@ impl Flight<'_> {
         }
         Ok(last)
     }
+}
+
+/// Of no values 0.
+fn median(values: &[f64]) -> f64 {
+    let mut values = values.to_vec();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Drift of one mounting as stated, not 0: a prior needs a width (0.001 px at 8000 px).

@@ -69,7 +69,7 @@ pub(super) fn orient(setup: &Setup, frames: &[Vec<Detection>]) -> Result<Orienta
     })
 }
 
-/// A frame of which hardly anything fits. What clutter adds to a frame in which half of the survey is found is no
+/// A frame among others of which hardly anything fits; of one alone the consensus has decided. What clutter adds to a frame in which half of the survey is found is no
 /// misfit, nor are the few markers of a frame that hardly shows any.
 fn misfit(setup: &Setup, frames: &[Vec<Detection>], of_used: &[usize]) -> Option<Misfit> {
     let of = |(frame, detections): (usize, &Vec<Detection>)| {
@@ -78,7 +78,7 @@ fn misfit(setup: &Setup, frames: &[Vec<Detection>], of_used: &[usize]) -> Option
         let few = 2 * matched < found && 2 * matched < setup.markers.len();
         (matched < NEEDED || few).then_some(Misfit { frame, matched, found })
     };
-    frames.iter().enumerate().find_map(of)
+    frames.iter().enumerate().filter(|_| frames.len() > 1).find_map(of)
 }
 
 /// The best frame's consensus; the reason of the most promising failure where none has one.

@@ -1,6 +1,6 @@
 //! A flight set up for the engine: shared unknowns, one group per frame, survey and ground frame last.
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use super::{Flight, TERMS};
 use crate::measure::adjust::beam::{MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
@@ -29,6 +29,10 @@ const SMALLEST_RANGE: f64 = 0.1;
 /// turns with the wing.
 const VERTICAL_SHARE: f64 = 0.5;
 const VERTICAL_SHARE_SIGMA: f64 = 0.5;
+
+/// Drift in pitch over that about the other axes, which tell it: weight and cabin pressure load a mount in pitch
+/// above all. An assumption.
+const PITCH_DRIFT: f64 = 2.0;
 
 /// A flight set up for the engine.
 pub(super) struct Setting {
@@ -146,8 +150,15 @@ impl Flight<'_> {
         }
     }
 
+    /// Of a frame's rotation about its mounting's, camera frame, rad^2.
+    pub(super) fn drift_covariance(&self) -> Matrix3<f64> {
+        let pitch = self.input.scene.camera_from_wing * Vector3::z();
+        let more = pitch * pitch.transpose() * (PITCH_DRIFT * PITCH_DRIFT - 1.0);
+        (Matrix3::identity() + more) * (self.drift_rad * self.drift_rad)
+    }
+
     /// Mean rotation and shift of a mounting's frames in the last solution.
-    fn mean_pose(&self, mounting: usize) -> (Vector3<f64>, Vector3<f64>) {
+    pub(super) fn mean_pose(&self, mounting: usize) -> (Vector3<f64>, Vector3<f64>) {
         let own: Vec<_> =
             (0..self.frames.len()).filter(|f| self.mounting(*f) == mounting).map(|f| self.poses[f]).collect();
         let sum = own.iter().fold((Vector3::zeros(), Vector3::zeros()), |s, p| (s.0 + p.0, s.1 + p.1));
@@ -159,7 +170,7 @@ impl Flight<'_> {
         self.mountings.iter().flatten().max().map_or(1, |m| m + 1)
     }
 
-    fn mounting(&self, frame: usize) -> usize {
+    pub(super) fn mounting(&self, frame: usize) -> usize {
         self.mountings.as_ref().map_or(0, |list| list[frame])
     }
 
@@ -202,7 +213,7 @@ impl Flight<'_> {
         let prior = unknowns::mount_prior(&self.input, n + layout.twist_terms);
         let covariance = match self.mountings {
             None => prior.covariance,
-            Some(_) => DMatrix::identity(3, 3) * (self.drift_rad * self.drift_rad),
+            Some(_) => DMatrix::from_column_slice(3, 3, self.drift_covariance().as_slice()),
         };
         priors.push(Prior { mean: DVector::zeros(3), covariance, ..prior });
         (Group { local, priors, blocks }, members)
