@@ -84,7 +84,7 @@ fn a_name_that_looks_like_a_comment_is_asked_about() {
 
 #[test]
 fn two_pairs_of_one_name_are_a_fault() {
-    let twice = format!("{DOCUMENT}[[torsion]]\nname = \"tip\"\nleading = \"M01\"\ntrailing = \"M02\"\n");
+    let twice = format!("{DOCUMENT}[[torsion]]\nname = \"tip\"\nleading = \"M02\"\ntrailing = \"M03\"\n");
     only(
         faults(&twice, CAMERA, SURVEY.as_bytes()),
         "installation.toml",
