@@ -80,7 +80,7 @@ pub fn load(file: &Path) -> Result<Config, Vec<Fault>> {
         let problem = format!("cannot be read ({e})");
         vec![fault(file, "file", problem, "name it with --config; config/wingd.toml is a commented default")]
     })?;
-    let config: Config = toml::from_str(&text).map_err(|e| vec![syntax(file, &text, &e)])?;
+    let mut config: Config = toml::from_str(&text).map_err(|e| vec![syntax(file, &text, &e)])?;
     let mut faults = config.tildes(file);
     let config = config.resolved(file.parent().unwrap_or(Path::new("")));
     faults.extend(config.faults(file));
@@ -93,17 +93,17 @@ impl Config {
         absolute(&mut self.store.path);
         absolute(&mut self.status.socket);
         self.installation.iter_mut().for_each(absolute);
-        if let CameraSection::Replay(replay) = &mut self.camera {
+        if let Some(replay) = self.camera.replay() {
             replay.folder.iter_mut().chain(replay.list.iter_mut()).for_each(absolute);
         }
         self
     }
 
     /// Paths with the shell's word for the home directory: nobody expands it in a file.
-    fn tildes(&self, file: &Path) -> Vec<Fault> {
+    fn tildes(&mut self, file: &Path) -> Vec<Fault> {
         let mut paths = vec![("store.path", &self.store.path), ("status.socket", &self.status.socket)];
         paths.extend(self.installation.iter().map(|path| ("installation", path)));
-        if let CameraSection::Replay(replay) = &self.camera {
+        if let Some(replay) = self.camera.replay() {
             paths.extend(replay.folder.iter().map(|path| ("camera.folder", path)));
             paths.extend(replay.list.iter().map(|path| ("camera.list", path)));
         }

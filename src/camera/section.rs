@@ -6,6 +6,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
+#[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
 use crate::camera::freshness::Freshness;
 use crate::camera::replay::{ReplayConfig, ReplayFactory};
 use crate::clock::Clock;
@@ -33,16 +34,31 @@ pub type CameraFactory = Box<dyn Fn() -> Box<dyn Camera> + Send>;
 impl CameraSection {
     /// Every fault, as `camera.key: what; how to mend it`.
     pub fn faults(&self) -> Vec<String> {
-        let faults: Vec<(String, String, String)> = match self {
-            Self::Replay(section) => return section.faults(),
-            #[cfg(feature = "v4l")]
-            Self::V4l(section) => section.faults(),
-            #[cfg(feature = "gphoto")]
-            Self::Gphoto(section) => section.faults(),
-            #[cfg(feature = "gpio")]
-            Self::Release(section) => section.faults(),
+        #[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
+        let told = |faults: Vec<(String, String, String)>| {
+            faults
+                .into_iter()
+                .map(|(key, problem, mend)| format!("camera.{key}: {problem}; {mend}"))
+                .collect()
         };
-        faults.into_iter().map(|(key, problem, mend)| format!("camera.{key}: {problem}; {mend}")).collect()
+        match self {
+            Self::Replay(section) => section.faults(),
+            #[cfg(feature = "v4l")]
+            Self::V4l(section) => told(section.faults()),
+            #[cfg(feature = "gphoto")]
+            Self::Gphoto(section) => told(section.faults()),
+            #[cfg(feature = "gpio")]
+            Self::Release(section) => told(section.faults()),
+        }
+    }
+
+    /// The pictures that take a camera's place, where they do.
+    pub fn replay(&mut self) -> Option<&mut ReplayConfig> {
+        match self {
+            Self::Replay(section) => Some(section),
+            #[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
+            _ => None,
+        }
     }
 
     /// Nothing is touched before a camera is opened. The cameras of one factory remember the camera's name

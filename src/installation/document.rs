@@ -170,9 +170,9 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &Document) {
 
 /// The span points to where the markers are.
 fn check_direction(reader: &mut Reader, file: &Path, setup: &Setup) {
-    let frame = setup.wing_frame();
-    let markers = setup.markers.len();
-    let behind = setup.markers.iter().filter(|m| frame.wing_point(&m.position_m).x < 0.0).count();
+    let wing = setup.on_the_wing();
+    let markers = wing.len();
+    let behind = wing.iter().filter(|(_, point)| point.x < 0.0).count();
     if 2 * behind > markers {
         let [dx, dy] = [setup.span_direction.x, setup.span_direction.y];
         let problem = format!("is [{dx}, {dy}], but {behind} of {markers} markers lie the other way");
@@ -208,10 +208,14 @@ fn torsion_pairs(
     for (k, pair) in document.torsion.iter().enumerate() {
         let mut find = |key: &str, id: &str| {
             let found = markers.iter().position(|m| m.id == id);
+            let place = format!("torsion[{k}].{key}");
             if found.is_none() {
-                let place = format!("torsion[{k}].{key}");
                 let mend = format!("name a marker of {}", document.wing.survey);
                 reader.fault(file, &place, format!("marker \"{id}\" is not in the survey"), mend);
+            } else if found.is_some_and(|m| markers[m].fixed) {
+                let problem = format!("marker \"{id}\" is fixed to the cabin");
+                reader.fault(file, &place, problem, "name a marker on the wing");
+                return None;
             }
             found
         };

@@ -31,7 +31,7 @@ pub fn read_observations(file: &Path, setup: &Setup) -> Result<Vec<HandObservati
 
 fn read(reader: &mut Reader, name: &str, setup: &Setup) -> Option<Vec<HandObservation>> {
     let (file, text) = reader.text(name, "name a file with the columns id,u_px,v_px,sigma_px")?;
-    let rows = survey::read_table(reader, &file, &text, COLUMNS)?;
+    let rows = survey::read_table(reader, &file, &text, COLUMNS, &[])?;
     let mut found: Vec<HandObservation> = vec![];
     for (line, cells) in rows {
         let place = format!("line {line}, column id");

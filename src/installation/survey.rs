@@ -8,16 +8,21 @@ use nalgebra::Vector3;
 use super::Reader;
 use crate::measure::setup::{Shape, SurveyMarker};
 
-const COLUMNS: [&str; 7] = ["id", "shape", "diameter_m", "x_m", "y_m", "z_m", "sigma_m"];
+const COLUMNS: [&str; 8] = ["id", "shape", "diameter_m", "x_m", "y_m", "z_m", "sigma_m", FIXED];
+/// A column that need not be there: `yes` for a mark that is rigid to the cabin.
+const FIXED: &str = "fixed";
 
-/// A CSV file with named columns: (line number, the wanted columns' texts) per row.
+/// A CSV file with named columns: (line number, the wanted columns' texts) per row; empty texts in `optional` columns
+/// that are not there.
 pub(super) fn read_table<const N: usize>(
     reader: &mut Reader,
     file: &Path,
     text: &str,
     columns: [&str; N],
+    optional: &[&str],
 ) -> Option<Vec<(u64, [String; N])>> {
-    let text = without_comments(reader, file, text, N);
+    let needed: Vec<&str> = columns.into_iter().filter(|c| !optional.contains(c)).collect();
+    let text = without_comments(reader, file, text, needed.len());
     let mut csv = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
     let header = match csv.headers() {
         Ok(header) => header.clone(),
@@ -26,7 +31,7 @@ pub(super) fn read_table<const N: usize>(
                 file,
                 "line 1",
                 error.to_string(),
-                format!("begin with the header {}", columns.join(",")),
+                format!("begin with the header {}", needed.join(",")),
             );
             return None;
         }
@@ -37,13 +42,14 @@ pub(super) fn read_table<const N: usize>(
         reader.fault(file, "line 1", problem, mend);
         return None;
     }
-    let mut index = [0; N];
+    let mut index = [None; N];
     let mut whole = true;
     for (slot, name) in index.iter_mut().zip(columns) {
         match header.iter().position(|h| h == name) {
-            Some(k) => *slot = k,
+            Some(k) => *slot = Some(k),
+            None if optional.contains(&name) => {}
             None => {
-                let mend = format!("the header must hold {}", columns.join(","));
+                let mend = format!("the header must hold {}", needed.join(","));
                 reader.fault(file, &format!("column {name}"), "is missing", mend);
                 whole = false;
             }
@@ -60,7 +66,10 @@ pub(super) fn read_table<const N: usize>(
                 if record.iter().all(str::is_empty) {
                     continue;
                 }
-                rows.push((line, index.map(|k| record.get(k).unwrap_or_default().to_owned())));
+                rows.push((
+                    line,
+                    index.map(|k| k.and_then(|k| record.get(k)).unwrap_or_default().to_owned()),
+                ));
             }
             Err(error) => {
                 let line = error.position().map_or(0, csv::Position::line);
@@ -117,7 +126,7 @@ pub(super) fn number(reader: &mut Reader, file: &Path, line: u64, column: &str, 
 
 pub(super) fn read(reader: &mut Reader, name: &str) -> Option<Vec<SurveyMarker>> {
     let (file, text) = reader.text(name, "name the survey in wing.survey of installation.toml")?;
-    let rows = read_table(reader, &file, &text, COLUMNS)?;
+    let rows = read_table(reader, &file, &text, COLUMNS, &[FIXED])?;
     if rows.is_empty() {
         reader.fault(&file, "file", "holds no marker", "add one line per surveyed marker");
         return None;
@@ -164,7 +173,7 @@ fn check_id(reader: &mut Reader, file: &Path, line: u64, id: &str, seen: &mut Ha
     }
 }
 
-fn marker(reader: &mut Reader, file: &Path, line: u64, cells: &[String; 7]) -> Option<SurveyMarker> {
+fn marker(reader: &mut Reader, file: &Path, line: u64, cells: &[String; 8]) -> Option<SurveyMarker> {
     let shape = match cells[1].as_str() {
         "quadrant" => Some(Shape::Quadrant),
         "circle" => Some(Shape::Circle),
@@ -190,6 +199,16 @@ fn marker(reader: &mut Reader, file: &Path, line: u64, cells: &[String; 7]) -> O
             );
         }
     }
+    let fixed = match cells[7].as_str() {
+        "yes" => true,
+        "" | "no" => false,
+        other => {
+            let place = format!("line {line}, column {FIXED}");
+            let mend = "write yes for a mark that is rigid to the cabin, no or nothing for one on the wing";
+            reader.fault(file, &place, format!("\"{other}\" is not known"), mend);
+            return None;
+        }
+    };
     let position_m = Vector3::new(x?, y?, z?);
-    Some(SurveyMarker { id: cells[0].clone(), shape: shape?, diameter_m, position_m, sigma_m })
+    Some(SurveyMarker { id: cells[0].clone(), shape: shape?, diameter_m, position_m, sigma_m, fixed })
 }

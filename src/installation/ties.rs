@@ -13,7 +13,7 @@ const DEFAULT_SIGMA_M: f64 = 0.005;
 pub(super) fn read(reader: &mut Reader, cad: &tables::Cad) -> Option<Vec<TiePoint>> {
     let (file, text) =
         reader.text(&cad.tie_points, "name the file in cad.tie_points of installation.toml")?;
-    let rows = survey::read_table(reader, &file, &text, COLUMNS)?;
+    let rows = survey::read_table(reader, &file, &text, COLUMNS, &[])?;
     let sigma_m = cad.sigma_m.unwrap_or(DEFAULT_SIGMA_M);
     if !(1e-6..=10.0).contains(&sigma_m) {
         let installation = reader.directory.join("installation.toml");

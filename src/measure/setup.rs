@@ -37,6 +37,8 @@ pub struct SurveyMarker {
     pub position_m: Vector3<f64>,
     /// Standard deviation of each coordinate, m.
     pub sigma_m: f64,
+    /// Rigid to the cabin, not to the wing: tells the camera's rotation and shift in every frame.
+    pub fixed: bool,
 }
 
 /// Height of the skin above the bending axis, linear along the span.
@@ -273,6 +275,13 @@ impl Setup {
         } else {
             Side::Left
         })
+    }
+
+    /// The markers on the wing, in the survey's order: wing frame, m, with their indices in [`Setup::markers`].
+    pub fn on_the_wing(&self) -> Vec<(usize, Vector3<f64>)> {
+        let frame = self.wing_frame();
+        let wing = self.markers.iter().enumerate().filter(|(_, m)| !m.fixed);
+        wing.map(|(k, m)| (k, frame.wing_point(&m.position_m))).collect()
     }
 
     /// The frame of the adjustment: X outboard, Y up, Z = X x Y, origin in the projection centre.

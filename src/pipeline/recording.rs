@@ -254,7 +254,11 @@ fn tip(installation: &Installation, s: &Solution) -> Option<Tip> {
     let span = |m: &&MarkerSolution| {
         setup.markers.get(m.marker).map_or(f64::MIN, |k| frame.wing_point(&k.position_m).x)
     };
-    let outermost = s.markers.iter().filter(|m| m.used).max_by(|a, b| span(a).total_cmp(&span(b)))?;
+    let outermost = s
+        .markers
+        .iter()
+        .filter(|m| m.used && m.lift_m.is_some())
+        .max_by(|a, b| span(a).total_cmp(&span(b)))?;
     let lift = outermost.lift_m?;
     let id = setup.markers.get(outermost.marker)?.id.clone();
     Some(Tip { marker: id, lift_m: lift.value, sigma_lift_m: lift.sigma })

@@ -39,6 +39,7 @@ impl Case {
             diameter_m: 0.3,
             position_m: survey(ground),
             sigma_m: 0.005,
+            fixed: false,
         };
         let observe = |(marker, (_, flight)): (usize, &(Vector3<f64>, Vector3<f64>))| Observation {
             marker,

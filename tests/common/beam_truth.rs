@@ -64,6 +64,8 @@ pub struct Truth {
     pub ground_m: Vec<Vector3<f64>>,
     wing: Wing,
     stations: Vec<(f64, f64, f64)>,
+    /// Wing frame, error free.
+    fixed_m: Vec<Vector3<f64>>,
 }
 
 /// Where the markers sit: (arc length / length, chordwise Z on the axis' frame). Irregular across the
@@ -187,6 +189,7 @@ impl Truth {
             ground_m: vec![],
             wing,
             stations: vec![],
+            fixed_m: vec![],
         };
         truth.place_markers(count);
         truth.point_camera();
@@ -213,10 +216,33 @@ impl Truth {
             diameter_m: 0.32,
             position_m: *p,
             sigma_m: 0.002,
+            fixed: false,
         };
         self.setup.markers = self.ground_m.iter().enumerate().map(marker).collect();
         self.setup.torsion =
             vec![TorsionPair { name: "tip".into(), leading: count - 2, trailing: count - 1 }];
+    }
+
+    /// The same with marks that are rigid to the cabin, at most four: 3 m outboard in the frame's corners, 2 mm of
+    /// survey.
+    pub fn with_fixed_marks(mut self, count: usize) -> Self {
+        let frame = self.setup.wing_frame();
+        for (k, (y, z)) in
+            [(0.35, -0.6), (0.35, 0.6), (-0.45, 0.62), (-0.45, -0.62)].iter().take(count).enumerate()
+        {
+            let point = Vector3::new(3.0, *y, *z);
+            self.fixed_m.push(point);
+            self.ground_m.push(frame.survey_point(&point));
+            self.setup.markers.push(SurveyMarker {
+                id: format!("F{}", k + 1),
+                shape: Shape::Quadrant,
+                diameter_m: 0.06,
+                position_m: frame.survey_point(&point),
+                sigma_m: 0.002,
+                fixed: true,
+            });
+        }
+        self
     }
 
     /// Camera frame: x along Z of a right wing (aft), y down, z outboard, pitched a little.
@@ -266,7 +292,8 @@ impl Truth {
         }
         let bent = w.bend(&curvature, f1, scale);
         let frame = self.setup.wing_frame();
-        let carried = self.carried(&bent, tip_lift_m / 2.5, scale);
+        let mut carried = self.carried(&bent, tip_lift_m / 2.5, scale);
+        carried.extend(&self.fixed_m);
         carried.iter().map(|p| frame.survey_point(p)).collect()
     }
 

@@ -23,13 +23,32 @@ pub fn local([cx, cy, a, b, angle]: Ellipse, x: f64, y: f64) -> (f64, f64) {
     ((dx * cos + dy * sin) / a, (dy * cos - dx * sin) / b)
 }
 
+/// Whether a point is farther from the centre than so many of the larger semi-axis: told without an angle.
+fn beyond([cx, cy, a, b, _]: Ellipse, x: f64, y: f64, times: f64) -> bool {
+    (x - cx).powi(2) + (y - cy).powi(2) > (times * a.max(b)).powi(2)
+}
+
 pub fn within(ellipse: Ellipse, x: f64, y: f64) -> bool {
-    let (s, t) = local(ellipse, x, y);
-    s.hypot(t) < 1.0
+    let inside = |(s, t): (f64, f64)| s.hypot(t) < 1.0;
+    !beyond(ellipse, x, y, 1.0) && inside(local(ellipse, x, y))
+}
+
+/// A soft spot: 1 in its middle, nothing that shows beyond five of its axes.
+pub fn soft(spot: Ellipse, x: f64, y: f64) -> f64 {
+    if beyond(spot, x, y, 5.0) {
+        return 0.0;
+    }
+    let (s, t) = local(spot, x, y);
+    (-s * s - t * t).exp()
 }
 
 /// A sharp scene of grey values, blurred in light (px), with normal noise (grey levels).
 pub fn picture(scene: impl Fn(f64, f64) -> f64, blur: f64, noise: f64, seed: u64) -> Raster {
+    with_noise(&blurred(scene, blur), noise, seed)
+}
+
+/// The light of a scene of grey values, blurred (px).
+pub fn blurred(scene: impl Fn(f64, f64) -> f64, blur: f64) -> Vec<f64> {
     let mut light = vec![0.0; WIDTH * HEIGHT];
     for (i, light) in light.iter_mut().enumerate() {
         for k in 0..SAMPLES {
@@ -53,9 +72,13 @@ pub fn picture(scene: impl Fn(f64, f64) -> f64, blur: f64, noise: f64, seed: u64
             })
             .collect()
     };
-    let blurred = passed(&passed(&light, true), false);
+    passed(&passed(&light, true), false)
+}
+
+/// Grey values of light, with normal noise (grey levels).
+pub fn with_noise(light: &[f64], noise: f64, seed: u64) -> Raster {
     let mut random = StdRng::seed_from_u64(seed);
-    let luma = blurred.iter().map(|v| {
+    let luma = light.iter().map(|v| {
         let normal: f64 = (0..12).map(|_| random.random_range(-0.5..0.5)).sum();
         (v.powf(1.0 / TONE) + noise * normal).round().clamp(0.0, 255.0) as u8
     });
@@ -124,7 +147,8 @@ pub fn on_even_skin(name: &str, skin: u8) -> Raster {
 /// The squares of the normalised errors of the markers that are found in a scene, drawn with six seeds, which shows nothing
 /// else.
 pub fn found_of(markers: &[Ellipse], scene: impl Fn(f64, f64) -> f64, blur: f64, noise: f64) -> Vec<f64> {
-    found_in(markers, |seed| picture(&scene, blur, noise, seed))
+    let light = blurred(scene, blur);
+    found_in(markers, |seed| with_noise(&light, noise, seed))
 }
 
 /// The same in pictures that are drawn of a seed.

@@ -257,6 +257,7 @@ impl World {
                 diameter_m: if 2 * k < count { 0.32 } else { 0.36 },
                 position_m: surveyed(p, rng),
                 sigma_m: 0.002,
+                fixed: false,
             })
             .collect();
         let centre = true_centre_m + normal3(rng) * 0.002;

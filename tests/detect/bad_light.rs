@@ -1,8 +1,8 @@
 //! Promise: strong noise, blur and dirt cost neither a marker nor its standard deviations their truth.
 
 use crate::common::drawn::{
-    Ellipse, WIDTH, discs, found_in, found_of, framed, hold, local, measured, nearest, normalised,
-    normalised_square, on_even_skin, on_skin, picture, quadrants, within,
+    Ellipse, WIDTH, blurred, discs, found_in, found_of, framed, hold, measured, nearest, normalised,
+    normalised_square, on_even_skin, on_skin, quadrants, soft, with_noise, within,
 };
 use nalgebra::Vector2;
 use rand::rngs::StdRng;
@@ -19,9 +19,9 @@ fn discs_whose_outline_noise_frays_are_found() {
 #[test]
 fn discs_are_found_where_a_frame_has_more_noise_than_elsewhere() {
     // Nearly all of the frame is even: its noise is that of rounding.
-    let part = |seed: u64| picture(on_skin(&discs(), 140.0, 104.0), 0.8, 4.0, seed);
+    let light = blurred(on_skin(&discs(), 140.0, 104.0), 0.8);
     let placed = discs().map(|[x, y, a, b, angle]| [x + 1000.0, y + 800.0, a, b, angle]);
-    let squares = found_in(&placed, |seed| framed(WIDTH, part(seed).luma(), 140));
+    let squares = found_in(&placed, |seed| framed(WIDTH, with_noise(&light, 4.0, seed).luma(), 140));
     hold(&squares, 53);
 }
 
@@ -38,15 +38,21 @@ fn dirt_beside_a_disc_does_not_shift_it() {
     let stained = |x: f64, y: f64| {
         // A soft spot above the middle of each.
         let spot = |d: &Ellipse| {
-            let (s, t) = local([d[0], d[1], 16.0, 4.0, d[4]], x, y);
-            (-(s - 0.3).powi(2) - (t + 1.9).powi(2)).exp()
+            let (sin, cos) = f64::sin_cos(d[4]);
+            let (along, across) = (0.3 * 16.0, -1.9 * 4.0);
+            soft(
+                [d[0] + along * cos - across * sin, d[1] + along * sin + across * cos, 16.0, 4.0, d[4]],
+                x,
+                y,
+            )
         };
         let skin = 165.0 - 16.0 * discs.iter().map(spot).sum::<f64>();
         if discs.iter().any(|&d| within(d, x, y)) { 60.0 } else { skin }
     };
     let (mut sum, mut square, mut count) = (Vector2::zeros(), 0.0, 0.0);
+    let light = blurred(stained, 1.0);
     for seed in 0..4 {
-        let markers = detect(&picture(stained, 1.0, 2.0, seed)).markers;
+        let markers = detect(&with_noise(&light, 2.0, seed)).markers;
         for &disc in &discs {
             let (m, error) = nearest(&markers, disc).expect("the disc is found");
             sum += error;
@@ -65,8 +71,9 @@ fn the_white_tells_the_length_of_flat_quadrants() {
     // Two thin crescents along the outline are black.
     let target: Ellipse = [450.2, 200.7, 70.0, 8.5, -0.1];
     let scene = quadrants(target, 0.877, [160.0, 45.0, 225.0]);
+    let light = blurred(scene, 1.7);
     for seed in 0..3 {
-        let m = measured(&picture(&scene, 1.7, 2.0, seed), target, 9.0);
+        let m = measured(&with_noise(&light, 2.0, seed), target, 9.0);
         assert!((m.semi_major_px / 70.0 - 1.0).abs() < 0.1, "{} px long", m.semi_major_px);
     }
 }
@@ -119,8 +126,9 @@ fn a_disc_between_the_sky_and_white_is_found_in_haze() {
 fn quadrants_as_flat_as_one_to_seventeen_are_found() {
     let target: Ellipse = [450.2, 200.7, 60.0, 3.6, 0.12];
     let scene = quadrants(target, 0.785, [170.0, 100.0, 225.0]);
+    let light = blurred(scene, 0.9);
     for seed in 0..3 {
-        let m = measured(&picture(&scene, 0.9, 1.5, seed), target, 9.0);
+        let m = measured(&with_noise(&light, 1.5, seed), target, 9.0);
         assert_eq!(m.shape, Shape::Quadrant);
     }
 }
@@ -175,8 +183,9 @@ fn quadrants_that_blur_makes_narrow_are_found() {
 fn pale_quadrants_before_skin_that_is_darker_than_their_white_are_found() {
     let target: Ellipse = [450.2, 200.7, 186.0, 55.0, -0.1];
     let scene = quadrants(target, 0.6, [125.0, 105.0, 149.0]);
+    let light = blurred(scene, 2.0);
     for seed in 0..3 {
-        measured(&picture(&scene, 2.0, 2.0, seed), target, 9.0);
+        measured(&with_noise(&light, 2.0, seed), target, 9.0);
     }
 }
 
@@ -210,10 +219,7 @@ fn dirt_near_thin_discs_hardly_shifts_them() {
             ([x, y, between(0.4, 1.0) * a, 3.0, angle], between(0.03, 0.15))
         });
         let stained = |x: f64, y: f64| {
-            let dark = |(spot, depth): &(Ellipse, f64)| {
-                let (s, t) = local(*spot, x, y);
-                1.0 - depth * (-s * s - t * t).exp()
-            };
+            let dark = |(spot, depth): &(Ellipse, f64)| 1.0 - depth * soft(*spot, x, y);
             let skin = 165.0 * spots.iter().map(dark).product::<f64>();
             if thin.iter().any(|&d| within(d, x, y)) { 60.0 } else { skin }
         };
@@ -231,8 +237,9 @@ fn a_thin_disc_that_a_smear_lengthens_says_so() {
     // As dark as the disc, of which it looks like an end.
     let smear = [x + 5.0, y + 5.0 * angle, a, b, angle];
     let both: Vec<Ellipse> = thin.into_iter().chain([smear]).collect();
+    let light = blurred(on_skin(&both, 165.0, 60.0), 2.0);
     for seed in 0..4 {
-        let m = measured(&picture(on_skin(&both, 165.0, 60.0), 2.0, 2.0, seed), thin[4], 4.0);
+        let m = measured(&with_noise(&light, 2.0, seed), thin[4], 4.0);
         assert!(m.semi_major_px > a + 1.5, "the smear shows");
     }
 }

@@ -1,12 +1,12 @@
 //! Promise: with the sizes that the orientation foretells, markers that glare hides in part are found, nearer to the truth,
 //! and say how near.
 
-use nalgebra::{Cholesky, Vector2};
+use nalgebra::{Cholesky, Matrix2, Matrix3, Vector2};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use wingd::measure::detect::{Detection, Detections, UNSURE_PX2, detect};
-use wingd::measure::identify::{identify, orient, remove_perspective_bias};
-use wingd::measure::render::{Light, Options, Scene, Side};
-use wingd::measure::setup::{Orientation, Shape};
+use wingd::measure::identify::{identify, remove_perspective_bias};
+use wingd::measure::render::{Light, MarkerTruth, Options, Scene, Side};
+use wingd::measure::setup::{GroundSight, Orientation, Shape};
 use wingd::pipeline::stages::identified;
 
 /// What is off, px, and in standard deviations, of the markers that were seen badly; and how many are missing.
@@ -72,6 +72,22 @@ struct Case {
 
 /// Standard deviation of prints' diameters, as a share.
 const PRINTS: f64 = 0.0015;
+/// Of a marker's place in a ground frame, px.
+const SIGHT_PX: f64 = 0.03;
+
+/// As a ground frame tells it, which other tests render.
+fn oriented(scene: &Scene, seed: u64) -> Orientation {
+    let truth = scene.truth(&scene.ground_shot(seed)).markers;
+    let sight = |(marker, truth): (usize, &MarkerTruth)| {
+        let covariance_px2 = Matrix2::identity() * (SIGHT_PX * SIGHT_PX);
+        truth.pixel.filter(|_| truth.visible).map(|pixel| GroundSight { marker, pixel, covariance_px2 })
+    };
+    Orientation {
+        camera_from_survey: scene.camera_from_survey,
+        covariance_rad2: Some(Matrix3::identity() * (SIGHT_PX / scene.setup.lens.focal_px()).powi(2)),
+        ground: truth.iter().enumerate().filter_map(sight).collect(),
+    }
+}
 
 /// At once and after a closer look.
 fn looks(seed: u64, Case { shape, light, lift_m, length_m }: Case) -> [Tally; 2] {
@@ -83,8 +99,7 @@ fn looks(seed: u64, Case { shape, light, lift_m, length_m }: Case) -> [Tally; 2]
         let share = ((7919 * seed + 104_729 * j) % 1000) as f64 / 500.0 - 1.0;
         marker.diameter_m *= 1.0 + 3f64.sqrt() * PRINTS * share;
     }
-    let ground = detect(&scene.render(&scene.ground_shot(seed)).unwrap()).markers;
-    let orientation = orient(&scene.setup, &[ground]).unwrap().orientation;
+    let orientation = oriented(&scene, seed);
     let shot = scene.flight_shot(lift_m, light, seed);
     let image = scene.render(&shot).unwrap();
     let truth: Vec<(Vector2<f64>, bool)> =

@@ -134,19 +134,28 @@ fn camera_toml(lens: &Lens) -> String {
 }
 
 fn survey_csv(setup: &Setup) -> String {
-    let mut text = String::from("id,shape,diameter_m,x_m,y_m,z_m,sigma_m\n");
+    let any_fixed = setup.markers.iter().any(|m| m.fixed);
+    let mut text = String::from("id,shape,diameter_m,x_m,y_m,z_m,sigma_m");
+    text.push_str(if any_fixed { ",fixed\n" } else { "\n" });
     for marker in &setup.markers {
         let p = marker.position_m;
         let _ = writeln!(
             text,
-            "{},{},{},{:.4},{:.4},{:.4},{}",
+            "{},{},{},{:.4},{:.4},{:.4},{}{}",
             marker.id,
             marker.shape.name(),
             marker.diameter_m,
             p.x,
             p.y,
             p.z,
-            marker.sigma_m
+            marker.sigma_m,
+            if !any_fixed {
+                ""
+            } else if marker.fixed {
+                ",yes"
+            } else {
+                ",no"
+            }
         );
     }
     text

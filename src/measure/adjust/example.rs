@@ -20,6 +20,7 @@ pub fn setup() -> Setup {
             -1.3 + 0.2 * k as f64,
         ),
         sigma_m: 0.002,
+        fixed: false,
     };
     Setup {
         name: "t".into(),

@@ -17,13 +17,13 @@ use super::layout::Place;
 use super::outcome::Outcome;
 use super::scene::Scene;
 use super::snooping::{self, Suspect, Target};
-use super::unknowns::{Input, by_marker};
+use super::unknowns::{Input, by_marker, on_the_wing};
 use super::{AdjustError, Estimate, Method, Observation, Options, Parameter, Solution, quality};
 use crate::measure::setup::{Orientation, Setup};
 
 /// Terms of the curvature where none are given.
 const TERMS: usize = 8;
-/// Fewest markers in one frame.
+/// Fewest markers on the wing in one frame.
 const FEWEST: usize = 4;
 /// Bending below this counts as unbent, 1/m.
 const SMALLEST_CURVATURE_PER_M: f64 = 2e-4;
@@ -71,7 +71,7 @@ impl<'a> Flight<'a> {
     ) -> Result<Self, AdjustError> {
         let frames = observations.iter().map(|o| by_marker(setup, o)).collect::<Result<Vec<_>, _>>()?;
         for frame in &frames {
-            let found = frame.iter().flatten().count();
+            let found = on_the_wing(setup, frame);
             if found < FEWEST {
                 return Err(AdjustError::TooFewMarkers { found, needed: FEWEST });
             }

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
 use super::AdjustError;
 use crate::measure::geometry::WingFrame;
-use crate::measure::setup::{Setup, Side, SkinHeight};
+use crate::measure::setup::{Setup, Side, SkinHeight, SurveyMarker};
 
 /// Points of the axis' table.
 const AXIS_POINTS: usize = 257;
@@ -29,7 +29,7 @@ pub struct Axis {
 /// One marker's section.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Station {
-    /// Arc length of the foot point, m.
+    /// Arc length of the foot point, m; 0 for a fixed mark, which has none.
     pub arc_m: f64,
     /// As surveyed, wing frame, m.
     pub surveyed_m: Vector3<f64>,
@@ -57,23 +57,29 @@ impl GroundShape {
     /// whether it may shape the surface; one that stands off the others' surface does not, whatever is said.
     pub fn new(setup: &Setup, trusted: &[bool]) -> Result<Self, AdjustError> {
         let frame = setup.wing_frame();
-        let points: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
-        if points.len() < 2 || points.iter().any(|p| !p.iter().all(|v| v.is_finite())) {
+        let surveyed: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
+        let (wing, points): (Vec<usize>, Vec<_>) = setup.on_the_wing().into_iter().unzip();
+        if points.len() < 2 || surveyed.iter().any(|p| !p.iter().all(|v| v.is_finite())) {
             return Err(AdjustError::TooFewMarkers { found: points.len(), needed: 6 });
         }
         let mean = points.iter().map(|p| p.z).sum::<f64>() / points.len() as f64;
         let axis_z = setup.axis_chord_offset_m.unwrap_or(mean);
         let (skin, skin_sigma_m) = skin(setup, &points);
-        let weights = weights(setup, trusted);
+        let all = weights(setup, trusted);
+        let weights: Vec<f64> = wing.iter().map(|k| all[*k]).collect();
         let (axis, axis_covariance) = Axis::through(&points, &weights, axis_z, setup.root_offset_m, skin)?;
-        let stations = points.iter().map(|p| Station { arc_m: axis.foot(p), surveyed_m: *p }).collect();
+        let station = |(m, p): (&SurveyMarker, &Vector3<f64>)| Station {
+            arc_m: if m.fixed { 0.0 } else { axis.foot(p) },
+            surveyed_m: *p,
+        };
+        let stations = setup.markers.iter().zip(&surveyed).map(station).collect();
         Ok(Self { frame, axis, stations, axis_covariance, skin_sigma_m, nose: nose(setup) })
     }
 }
 
 /// Weights of the markers' heights over a smooth skin, 1/m^2; 0 for those that are not trusted.
 fn weights(setup: &Setup, trusted: &[bool]) -> Vec<f64> {
-    let weight = |(k, m): (usize, &crate::measure::setup::SurveyMarker)| {
+    let weight = |(k, m): (usize, &SurveyMarker)| {
         let trusted = trusted.get(k).copied().unwrap_or(true);
         if trusted { 1.0 / (m.sigma_m * m.sigma_m + WAVINESS_M * WAVINESS_M) } else { 0.0 }
     };
@@ -228,9 +234,9 @@ const SIGMA_OVER_MEDIAN: f64 = 1.4826;
 /// The points off a smooth skin through the others, the worst first; a third of the survey at most, for of more nothing
 /// tells which are right.
 pub fn off_the_skin(setup: &Setup) -> Vec<OffTheSkin> {
-    let frame = setup.wing_frame();
-    let points: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
-    let weights = weights(setup, &[]);
+    let (wing, points): (Vec<usize>, Vec<_>) = setup.on_the_wing().into_iter().unzip();
+    let all = weights(setup, &[]);
+    let weights: Vec<f64> = wing.iter().map(|k| all[*k]).collect();
     let axis_z = points.iter().map(|p| p.z).sum::<f64>() / points.len().max(1) as f64;
     let mut kept: Vec<usize> = (0..points.len()).collect();
     let mut off = vec![];
@@ -257,7 +263,7 @@ pub fn off_the_skin(setup: &Setup) -> Vec<OffTheSkin> {
         if height_m.abs() <= DOUBTFUL * sigma_m {
             break;
         }
-        off.push(OffTheSkin { marker, height_m, sigma_m });
+        off.push(OffTheSkin { marker: wing[marker], height_m, sigma_m });
         kept.retain(|k| *k != marker);
     }
     off

@@ -146,7 +146,7 @@ pub struct MarkerSolution {
     pub position_m: Option<Vector3<f64>>,
     /// Its covariance, m^2.
     pub covariance_m2: Option<Matrix3<f64>>,
-    /// Vertical displacement against the survey, positive up, m.
+    /// Vertical displacement against the survey, positive up, m; `None` for a fixed mark, too.
     pub lift_m: Option<Estimate>,
 }
 

@@ -163,7 +163,8 @@ impl<'a> Outcome<'a> {
             distance_m: Some(Estimate { value: distance, sigma: sigma(4) }),
             position_m: Some(self.scene.ground.frame.survey_point(&position)),
             covariance_m2: Some(survey_from_wing.matrix() * in_wing * survey_from_wing.matrix().transpose()),
-            lift_m: Some(Estimate { value: position.y - ground.y, sigma: sigma(3) }),
+            lift_m: (!self.setup.markers[member.marker].fixed)
+                .then(|| Estimate { value: position.y - ground.y, sigma: sigma(3) }),
             ..MarkerSolution::unused(member.marker, String::new())
         };
         self.with_quality(solution, block)

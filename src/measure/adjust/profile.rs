@@ -20,7 +20,7 @@ use super::{
     AdjustError, CurvePoint, Estimate, MarkerSolution, Method, Observation, Options, Parameter, Solution,
     Torsion, VarianceComponent,
 };
-use crate::measure::setup::{Orientation, Setup, TorsionPair};
+use crate::measure::setup::{Orientation, Setup, SurveyMarker, TorsionPair};
 use conditions::{ARC_LENGTH, Geometry, HEIGHT, PER_MARKER, PIXEL};
 use response::{Function, Response};
 
@@ -117,7 +117,10 @@ pub(super) fn solve(
     observations: &[Observation],
     options: &Options,
 ) -> Result<Solution, AdjustError> {
-    let mut adjusted = Adjusted::new(setup, orientation, observations.to_vec(), options.snooping_alpha)?;
+    // What does not move with the wing is no point of its profile.
+    let fixed = |o: &&Observation| setup.markers.get(o.marker).is_some_and(|m| m.fixed);
+    let observations: Vec<Observation> = observations.iter().filter(|o| !fixed(o)).cloned().collect();
+    let mut adjusted = Adjusted::new(setup, orientation, observations.clone(), options.snooping_alpha)?;
     let mut blunders = Vec::new();
     let least = LEFT_AT_LEAST.max(observations.len() * 2 / 3);
     while adjusted.observations.len() > least {
@@ -249,8 +252,15 @@ impl Adjusted<'_> {
     }
 
     fn markers(&self, placed: &[Placed], scale: f64, blunders: &[(usize, String)]) -> Vec<MarkerSolution> {
-        let unseen = |marker| MarkerSolution::unused(marker, "not found in the image".into());
-        let mut markers: Vec<_> = (0..self.geometry.setup.markers.len()).map(unseen).collect();
+        let unseen = |(marker, surveyed): (usize, &SurveyMarker)| {
+            let reason = if surveyed.fixed {
+                "fixed to the cabin, not used by profile"
+            } else {
+                "not found in the image"
+            };
+            MarkerSolution::unused(marker, reason.into())
+        };
+        let mut markers: Vec<_> = self.geometry.setup.markers.iter().enumerate().map(unseen).collect();
         for (marker, sentence) in blunders {
             markers[*marker] = MarkerSolution::unused(*marker, sentence.clone());
         }
@@ -289,8 +299,11 @@ impl Adjusted<'_> {
 
     /// The parabola from the bending root to the outermost marker of the survey.
     fn curve(&self, sigma_a: f64) -> Vec<CurvePoint> {
-        let markers = 0..self.geometry.setup.markers.len();
-        let tip = markers.filter_map(|m| self.geometry.ground(m)).fold(0.0, |tip: f64, (l, _)| tip.max(l));
+        let wing = self.geometry.setup.on_the_wing();
+        let tip = wing
+            .iter()
+            .filter_map(|(m, _)| self.geometry.ground(*m))
+            .fold(0.0, |tip: f64, (l, _)| tip.max(l));
         let point = |k: u32| {
             let ground = tip * f64::from(k) / f64::from(CURVE_INTERVALS);
             let (a, x) = (self.a_per_m(), parabola::span_of(self.geometry.in_flight(ground), self.a_per_m()));

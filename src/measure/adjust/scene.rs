@@ -24,6 +24,8 @@ pub struct Scene {
     pub grid: Grid,
     /// How each marker sits on its section.
     pub mounts: Vec<Mount>,
+    /// Which markers are rigid to the cabin.
+    fixed: Vec<bool>,
     /// Wings that differ in what the user can only estimate; `None` for what is held.
     pub neighbours: [Option<Neighbour>; ESTIMATED],
     /// Sights of the ground frames, per marker of the survey.
@@ -157,6 +159,7 @@ impl Scene {
             ground,
             grid,
             mounts,
+            fixed: setup.markers.iter().map(|m| m.fixed).collect(),
             neighbours,
             ground_sights,
             lens: setup.lens,
@@ -243,6 +246,9 @@ impl Scene {
         bending: &Bending,
         estimated: &[f64; ESTIMATED],
     ) -> MarkerState {
+        if self.fixed[index] {
+            return MarkerState::fixed(ground_m);
+        }
         let mut state =
             MarkerState::of(&self.grid, &self.mounts[index], &bent.sections[index], ground_m, bending);
         let nominal = state;
@@ -257,6 +263,24 @@ impl Scene {
 }
 
 impl MarkerState {
+    /// Rigid to the cabin: in flight where it is on ground (wing frame, m).
+    fn fixed(ground_m: &Vector3<f64>) -> Self {
+        let none = Vector3::zeros();
+        Self {
+            carried: Carried {
+                position_m: *ground_m,
+                by_slope: none,
+                by_twist: none,
+                by_ground: Matrix3::identity(),
+            },
+            by_curvature: [none; MAX_CURVATURE_TERMS],
+            by_twist: [none; MAX_TWIST_TERMS],
+            by_scale: none,
+            by_raise: [none; RAISE_TERMS],
+            by_estimated: [none; ESTIMATED],
+        }
+    }
+
     /// On one wing, with nothing that is only estimated.
     pub fn of(
         grid: &Grid,

@@ -13,11 +13,11 @@ use super::gauss_helmert::{Course, Fit};
 use super::outcome::Outcome;
 use super::scene::Scene;
 use super::snooping::{self, Suspect, Target};
-use super::unknowns::{Input, by_marker, shape_covariance};
+use super::unknowns::{Input, by_marker, on_the_wing, shape_covariance};
 use super::{AdjustError, Method, Observation, Options, Solution, quality};
 use crate::measure::setup::{Orientation, Setup};
 
-/// Fewest markers in flight.
+/// Fewest markers on the wing, in flight.
 const FEWEST: usize = 6;
 /// Bending below this counts as unbent when the shape ratios are weighed, 1/m (0.1 m at 32 m).
 const SMALLEST_CURVATURE_PER_M: f64 = 2e-4;
@@ -111,7 +111,8 @@ fn adjust<'a>(
             break;
         };
         apply(&suspect, usage, false);
-        if usage.flight.iter().zip(&input.flight).filter(|(u, o)| **u && o.is_some()).count() < FEWEST {
+        let left = usage.flight.iter().zip(&input.flight).map(|(used, seen)| seen.filter(|_| *used));
+        if on_the_wing(input.setup, &left.collect::<Vec<_>>()) < FEWEST {
             apply(&suspect, usage, true);
             break;
         }
@@ -176,7 +177,7 @@ pub(super) fn solve(
 ) -> Result<Solution, AdjustError> {
     let scene = Scene::new(setup, orientation)?;
     let flight = by_marker(setup, observations)?;
-    let found = flight.iter().flatten().count();
+    let found = on_the_wing(setup, &flight);
     if found < FEWEST {
         return Err(AdjustError::TooFewMarkers { found, needed: FEWEST });
     }

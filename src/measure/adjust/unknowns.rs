@@ -72,6 +72,11 @@ pub(super) fn by_marker<'a>(
     Ok(list)
 }
 
+/// How many of a frame's observations are of markers on the wing.
+pub(super) fn on_the_wing(setup: &Setup, frame: &[Option<&Observation>]) -> usize {
+    setup.markers.iter().zip(frame).filter(|(m, seen)| !m.fixed && seen.is_some()).count()
+}
+
 /// Standard deviation of the thermal scale, where it is known.
 pub(super) fn scale_sigma(thermal: &Thermal) -> f64 {
     let difference = thermal.flight_temperature_c - thermal.ground_temperature_c;

@@ -5,7 +5,7 @@ use nalgebra::{SVector, Vector2, Vector3};
 
 use super::skin::Skin;
 use crate::measure::geometry::WingFrame;
-use crate::measure::setup::Setup;
+use crate::measure::setup::{Setup, SurveyMarker};
 
 /// Curvature (3 terms, 1/m), twist (2 terms, rad), mount (3 small rotations, camera frame, rad).
 pub(super) type State = SVector<f64, 8>;
@@ -17,7 +17,8 @@ const MARGIN_M: f64 = 0.5;
 /// A marker held by its section: foot on the axis and arm.
 #[derive(Clone, Copy, Debug)]
 struct Arm {
-    /// Arc length of the foot from the bending root, m; negative inboard of it.
+    /// Arc length of the foot from the bending root, m; negative inboard of it, where nothing moves: minus infinity
+    /// for a mark that is rigid to the cabin.
     foot_m: f64,
     /// Along the axis, normal to it, chordwise; m.
     arm_m: Vector3<f64>,
@@ -46,23 +47,30 @@ struct Section {
     slope: f64,
 }
 
+impl Arm {
+    /// Of a mark that is rigid to the cabin.
+    const NONE: Self = Self { foot_m: f64::NEG_INFINITY, arm_m: Vector3::new(0.0, 0.0, 0.0) };
+}
+
 impl Beam {
     /// From the survey.
     pub(super) fn new(setup: &Setup) -> Self {
         let frame = setup.wing_frame();
         let ground_m: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
-        let sigma_m: Vec<_> = setup.markers.iter().map(|m| m.sigma_m).collect();
-        let skin = Skin::fit(&ground_m, &sigma_m);
-        let count = ground_m.len().max(1) as f64;
-        let mean_z = ground_m.iter().map(|p| p.z).sum::<f64>() / count;
+        let (wing, points): (Vec<usize>, Vec<_>) = setup.on_the_wing().into_iter().unzip();
+        let sigma_m: Vec<_> = wing.iter().map(|k| setup.markers[*k].sigma_m).collect();
+        let skin = Skin::fit(&points, &sigma_m);
+        let count = points.len().max(1) as f64;
+        let mean_z = points.iter().map(|p| p.z).sum::<f64>() / count;
         let chord_axis_m = setup.axis_chord_offset_m.unwrap_or(mean_z);
         let root_x = setup.root_offset_m;
         let height = |x: f64| skin.height(x, chord_axis_m) - skin_height(setup, x - root_x);
-        let tip_x = ground_m.iter().map(|p| p.x).fold(root_x + 1.0, f64::max) + MARGIN_M;
+        let tip_x = points.iter().map(|p| p.x).fold(root_x + 1.0, f64::max) + MARGIN_M;
         let (length_m, slopes) = ground_axis(&height, root_x, tip_x);
         let root = Vector2::new(root_x, height(root_x));
         let mut beam = Self { frame, skin, ground_m, length_m, chord_axis_m, root, slopes, arms: Vec::new() };
-        beam.arms = beam.ground_m.iter().map(|p| beam.arm(p)).collect();
+        let arm = |(m, p): (&SurveyMarker, &Vector3<f64>)| if m.fixed { Arm::NONE } else { beam.arm(p) };
+        beam.arms = setup.markers.iter().zip(&beam.ground_m).map(arm).collect();
         beam
     }
 
@@ -107,6 +115,9 @@ impl Beam {
     /// Normal and chordwise direction of the skin at a marker in flight, wing frame.
     pub(super) fn attitude(&self, state: &State, marker: usize) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let (arm, ground) = (self.arms.get(marker)?, self.ground_m.get(marker)?);
+        if arm.foot_m == f64::NEG_INFINITY {
+            return facing(ground);
+        }
         let normal = self.skin.normal(ground.x, ground.z);
         let s = arm.foot_m.clamp(0.0, self.length_m);
         let (about_z, about_x) = (self.added_slope(state, s), -self.twist(state, s));
@@ -162,6 +173,13 @@ impl Beam {
             nodes[i] + (nodes[i + 1] - nodes[i]) * inside + direction(slope) * ((fraction - inside) * step);
         Section { axis, slope }
     }
+}
+
+/// Normal and a direction across it of a mark that faces the camera, as fixed marks are put up.
+fn facing(point_m: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    let normal = -point_m.try_normalize(1e-6)?;
+    let across = (Vector3::y() - normal * normal.y).try_normalize(1e-6).unwrap_or_else(Vector3::x);
+    Some((normal, across))
 }
 
 fn direction(slope: f64) -> Vector2<f64> {

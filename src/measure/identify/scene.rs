@@ -116,9 +116,13 @@ impl<'a> Scene<'a> {
             centre_m: self.seen(rotation, position),
             normal: rotation * normal,
             chord: rotation * chord,
-            radius_m: 0.5 * diameter_m * self.scale,
+            radius_m: 0.5 * diameter_m * if self.is_fixed(marker) { 1.0 } else { self.scale },
             warp_per_m: 0.0,
         })
+    }
+
+    fn is_fixed(&self, marker: usize) -> bool {
+        self.setup.markers.get(marker).is_some_and(|m| m.fixed)
     }
 
     /// The discs' images for all markers.
@@ -144,7 +148,10 @@ impl<'a> Scene<'a> {
 
     /// The marker farthest out along the span.
     pub(super) fn outermost(&self) -> usize {
-        let span = |j: usize| self.beam.ground_m.get(j).map_or(f64::MIN, |p| p.x);
+        let span = |j: usize| match self.beam.ground_m.get(j) {
+            Some(p) if !self.is_fixed(j) => p.x,
+            _ => f64::MIN,
+        };
         (0..self.beam.ground_m.len()).max_by(|a, b| span(*a).total_cmp(&span(*b))).unwrap_or(0)
     }
 }

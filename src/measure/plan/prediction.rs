@@ -4,8 +4,8 @@ use nalgebra::{Matrix2, Matrix3, Rotation3, Vector3};
 use serde::Serialize;
 
 use super::{PlanOptions, Skin, adjustment_options};
-use crate::measure::adjust::beam::{Bending, Grid};
-use crate::measure::adjust::ground::GroundShape;
+use crate::measure::adjust::beam::{Bending, Grid, Mount, Section};
+use crate::measure::adjust::ground::{GroundShape, Station};
 use crate::measure::adjust::{self, AdjustError, Observation, Solution};
 use crate::measure::environment::Plate;
 use crate::measure::setup::{GroundSight, Orientation, Setup, SurveyMarker};
@@ -111,9 +111,10 @@ impl<'a> Rehearsal<'a> {
         let ground: Vec<_> = shape.stations.iter().map(|s| s.surveyed_m).collect();
         let flight = bent(setup, &shape, options.tip_lift_m);
         let reach = |p: &Vector3<f64>| (p.x - setup.root_offset_m).max(0.0);
-        let tip = ground.iter().map(reach).fold(0.0, f64::max);
+        let wing = setup.on_the_wing();
+        let tip = wing.iter().map(|(_, p)| reach(p)).fold(0.0, f64::max);
         let a_per_m = if tip > 0.0 { options.tip_lift_m / (tip * tip) } else { 0.0 };
-        let skin = Skin::through(&ground);
+        let skin = Skin::through(&wing.into_iter().map(|(_, p)| p).collect::<Vec<_>>());
         let mut rehearsal = Self {
             setup,
             options,
@@ -218,7 +219,8 @@ impl<'a> Rehearsal<'a> {
 
     /// One more marker in the middle of the largest gap along the span.
     fn one_more(&self) -> Option<Change> {
-        let mut order: Vec<usize> = self.observations.iter().map(|o| o.marker).collect();
+        let on_the_wing = |k: &usize| self.setup.markers.get(*k).is_some_and(|m| !m.fixed);
+        let mut order: Vec<usize> = self.observations.iter().map(|o| o.marker).filter(on_the_wing).collect();
         order.sort_by(|&a, &b| self.ground[a].x.total_cmp(&self.ground[b].x));
         let gap = |pair: &&[usize]| self.ground[pair[1]].x - self.ground[pair[0]].x;
         let widest = order.windows(2).max_by(|a, b| gap(a).total_cmp(&gap(b)))?;
@@ -262,7 +264,10 @@ fn bent(setup: &Setup, shape: &GroundShape, tip_lift_m: f64) -> Vec<Vector3<f64>
     let place = |curvature: f64| -> Vec<Vector3<f64>> {
         let sections = grid.bend(&Bending { curvature_per_m: &[curvature], scale, ..Bending::NONE });
         let carried = sections.iter().zip(&mounts).zip(&shape.stations);
-        carried.map(|((section, mount), s)| mount.carry(section, &s.surveyed_m, scale).position_m).collect()
+        let place = |((section, mount), s): ((&Section, &Mount), &Station)| {
+            mount.carry(section, &s.surveyed_m, scale).position_m
+        };
+        carried.zip(&setup.markers).map(|(of, m)| if m.fixed { of.1.surveyed_m } else { place(of) }).collect()
     };
     let outermost = (0..arcs.len()).max_by(|&a, &b| arcs[a].total_cmp(&arcs[b]));
     let lift =
@@ -296,13 +301,14 @@ fn looking_at(ground: &[Vector3<f64>], flight: &[Vector3<f64>]) -> Rotation3<f64
 
 fn marker_sigmas(solution: &Solution, setup: &Setup) -> Vec<MarkerSigma> {
     let turn = setup.wing_frame().wing_from_survey;
+    let of_the_wing = |m: &&adjust::MarkerSolution| setup.markers.get(m.marker).is_some_and(|k| !k.fixed);
     let one = |m: &adjust::MarkerSolution| {
         let wing = turn * m.covariance_m2? * turn.inverse();
         let sigma = |k: usize| wing[(k, k)].max(0.0).sqrt();
         let (span_m, height_m, chord_m) = (sigma(0), sigma(1), sigma(2));
         Some(MarkerSigma { marker: m.marker, lift_m: m.lift_m?.sigma?, span_m, chord_m, height_m })
     };
-    solution.markers.iter().filter_map(one).collect()
+    solution.markers.iter().filter(of_the_wing).filter_map(one).collect()
 }
 
 fn expected(solution: &Solution, setup: &Setup) -> Option<Expected> {

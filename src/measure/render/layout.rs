@@ -203,6 +203,7 @@ impl Scene {
                     diameter_m: marker.diameter_m,
                     position_m: rounded(position, 4),
                     sigma_m: sigma,
+                    fixed: false,
                 }
             })
             .collect();
