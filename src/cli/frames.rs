@@ -136,7 +136,7 @@ pub fn name(file: &Path) -> String {
 }
 
 /// The files' names as they stand in results: each with as much of its path as tells it from the others.
-fn names(files: &[PathBuf]) -> Vec<String> {
+pub(super) fn names(files: &[PathBuf]) -> Vec<String> {
     let mut taken: BTreeMap<&Path, usize> = files.iter().map(|f| (f.as_path(), 1)).collect();
     loop {
         let mut like: BTreeMap<String, Vec<&Path>> = BTreeMap::new();

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::{Done, Failure, print};
 use crate::installation::{self, Installation};
-use crate::measure::plan::{self, Expected, MarkerPlan, Optics, Plan, PlanOptions, Prediction};
+use crate::measure::plan::{self, Alternative, Expected, MarkerPlan, Optics, Plan, PlanOptions, Prediction};
 use crate::report::grid::Grid;
 use crate::report::number::fixed;
 use crate::report::plan_figure;
@@ -85,6 +85,13 @@ fn text(plan: &Plan) -> String {
     if let Some(prediction) = &plan.prediction {
         out.push_str(&format!("\n{}", predicted(prediction)));
         out.push_str(&format!("\nOne marker less, one marker more\n{}", changes(prediction).text()));
+        let marks = alternatives(prediction, &prediction.fixed_marks);
+        out.push_str(&format!(
+            "\nMarks more that are rigid to the cabin, in the frame's corners\n{}",
+            marks.text()
+        ));
+        let known = alternatives(prediction, &prediction.terms_known);
+        out.push_str(&format!("\nIf what the installation leaves open were known\n{}", known.text()));
     }
     for remark in &plan.remarks {
         out.push_str(&format!("\n{remark}\n"));
@@ -195,6 +202,22 @@ fn changes(prediction: &Prediction) -> Grid {
     for change in &prediction.changes {
         let name = change.without.as_ref().map_or("one more".to_owned(), |id| format!("without {id}"));
         row(name, Some(change.span_m), change.expected);
+    }
+    grid
+}
+
+fn alternatives(prediction: &Prediction, list: &[Alternative]) -> Grid {
+    let mut grid = Grid::new(&["<assumed", "tip lift / mm", "mean lift / mm", "tip lift changes by"]);
+    let before = prediction.expected.sigma_tip_lift_m;
+    for alternative in list {
+        let e = alternative.expected;
+        let change = e.map(|e| 100.0 * (e.sigma_tip_lift_m / before - 1.0));
+        grid.push(vec![
+            alternative.name.clone(),
+            fixed(e.map(|e| 1e3 * e.sigma_tip_lift_m), 2),
+            fixed(e.map(|e| 1e3 * e.sigma_mean_lift_m), 2),
+            change.map_or_else(|| fixed(None, 0), |c| format!("{c:+.1} %")),
+        ]);
     }
     grid
 }

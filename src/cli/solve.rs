@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::ValueEnum;
 
 use super::{Done, Failure, frames, print};
-use crate::installation::{self, Installation};
+use crate::installation::{self, Fault, Installation, Mountings};
 use crate::measure::adjust::{Method, Options, SigmaKind};
 use crate::measure::setup::Orientation;
 use crate::pipeline::{self, Job, Sighting, stages};
@@ -40,6 +40,10 @@ pub struct Args {
     /// Adjust all the frames together (spatial)
     #[arg(long, conflicts_with = "observations")]
     flight: bool,
+    /// Which mounting of the camera each frame belongs to (image,mounting); ground: not remounted since the ground
+    /// frames [default: remounts are looked for in the frames]
+    #[arg(long, value_name = "FILE.csv", conflicts_with = "observations")]
+    mountings: Option<PathBuf>,
     /// Image points measured by hand (id,u_px,v_px,sigma_px) instead of images
     #[arg(long, value_name = "FILE.csv", conflicts_with = "images")]
     observations: Option<PathBuf>,
@@ -116,9 +120,13 @@ fn solve_images(
     job: &Job,
     output: &mut Output,
 ) -> Result<(), Failure> {
-    let sight = |name: &str, bytes: Result<&[u8], String>| match bytes {
-        Ok(bytes) => stages::sight(name, bytes, None, installation, Some(orientation)),
-        Err(reason) => Sighting { image: name.into(), failure: Some(reason), ..Sighting::default() },
+    let mountings = mountings(args)?;
+    let sight = |name: &str, bytes: Result<&[u8], String>| {
+        let sighting = match bytes {
+            Ok(bytes) => stages::sight(name, bytes, None, installation, Some(orientation)),
+            Err(reason) => Sighting { image: name.into(), failure: Some(reason), ..Sighting::default() },
+        };
+        Sighting { mounting: mountings.as_ref().and_then(|m| m.of(name)), ..sighting }
     };
     if args.flight {
         let sightings = frames::map(&args.images, args.jobs, "measuring", sight)?;
@@ -129,6 +137,21 @@ fn solve_images(
         pipeline::solve_sighting(&sight(name, bytes), installation, orientation, job)
     };
     frames::each(&args.images, args.jobs, "solving", solve, |record| output.take(record))
+}
+
+/// The mountings as the user knows them, of every frame.
+fn mountings(args: &Args) -> Result<Option<Mountings>, Failure> {
+    let Some(file) = &args.mountings else { return Ok(None) };
+    let read = installation::read_mountings(file)?;
+    let names = frames::names(&args.images);
+    let missing: Vec<&str> = names.iter().map(String::as_str).filter(|n| read.of(n).is_none()).collect();
+    let Some(first) = missing.first() else { return Ok(Some(read)) };
+    let problem = match missing.len() {
+        1 => format!("says nothing of {first}, or names two files like it"),
+        n => format!("says nothing of {first} and {} more frames, or names several files like them", n - 1),
+    };
+    let mend = "give a line for every frame, with as much of its path as tells it from the others".into();
+    Err(Fault { file: file.clone(), place: "column image".into(), problem, mend }.into())
 }
 
 /// Where records go: lines and protocols at once, so that what is done is kept; the table with its widths at the end.

@@ -1,12 +1,14 @@
 //! Before an installation: resolution on the wing, depth of field, predicted uncertainty of a layout
 //! of markers (docs/model.md).
 
+mod fixed_marks;
 mod optics;
 mod prediction;
 mod resolution;
+mod terms;
 
 pub use optics::{Optics, OpticsPlan};
-pub use prediction::{Change, Expected, MarkerSigma, Prediction};
+pub use prediction::{Alternative, Change, Expected, MarkerSigma, Prediction};
 pub use resolution::{Footprint, Skin, footprint};
 
 use nalgebra::Vector3;

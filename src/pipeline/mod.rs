@@ -78,6 +78,9 @@ pub fn solve_sighting(
 ) -> ImageRecord {
     let started = Instant::now();
     let corrected = corrected(sighting, installation, orientation);
+    let mountings = sighting.mounting.map(|m| vec![m]);
+    let options = Options { mountings, ..job.options.clone() };
+    let job = &Job { options, ..job.clone() };
     let outcome = corrected.and_then(|(observations, report)| {
         let solution = adjust_one(installation, orientation, &observations, job);
         solution.map(|s| (s, report)).map_err(|e| e.to_string())
@@ -127,7 +130,9 @@ pub fn solve_flight(
     let job = Job { method: Method::Flight, ..job.clone() };
     let corrected: Vec<_> = sightings.iter().map(|s| corrected(s, installation, orientation)).collect();
     let frames: Vec<Vec<Observation>> = corrected.iter().flatten().map(|(o, _)| o.clone()).collect();
-    let solved = adjust::flight(&installation.setup, orientation, &frames, &job.options);
+    let of_frames = sightings.iter().zip(&corrected).filter(|(_, c)| c.is_ok()).map(|(s, _)| s.mounting);
+    let options = Options { mountings: of_frames.collect(), ..job.options.clone() };
+    let solved = adjust::flight(&installation.setup, orientation, &frames, &options);
     let mut solutions = match solved {
         Ok(solutions) => solutions.into_iter().map(Ok).collect::<Vec<_>>(),
         Err(error) => vec![Err(error.to_string()); frames.len()],

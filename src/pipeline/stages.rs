@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use super::decode;
 use crate::camera::Format;
 use crate::installation::{HandObservation, Installation};
-use crate::measure::adjust::Observation;
+use crate::measure::adjust::{Mounting, Observation};
 use crate::measure::detect::{self, Detection, Detections, Prediction};
 use crate::measure::identify::{self, IdentifyError, Identities, OrientationFit};
 use crate::measure::raster::Raster;
@@ -38,6 +38,8 @@ pub struct Sighting {
     pub identities: Option<Identities>,
     /// For the adjustment.
     pub observations: Vec<Observation>,
+    /// The camera's mounting, where it is known.
+    pub mounting: Option<Mounting>,
     /// Why the frame cannot be solved; one sentence with the mend.
     pub failure: Option<String>,
     /// Stages and their durations.

@@ -6,6 +6,7 @@ mod check_command;
 #[path = "../common/mod.rs"]
 mod common;
 mod daemon_replay;
+mod fixed_marks;
 mod http_access;
 mod http_downloads;
 mod http_pages;

@@ -67,6 +67,9 @@ struct WingArgs {
     /// Camera above the skin at the root, m
     #[arg(long)]
     camera_height: Option<f64>,
+    /// Marks rigid to the cabin, 0 to 4, in the frame's corners
+    #[arg(long, value_parser = clap::value_parser!(u8).range(0..=4))]
+    fixed_marks: Option<u8>,
     /// Noise of the survey, m
     #[arg(long)]
     survey_sigma: Option<f64>,
@@ -188,6 +191,7 @@ impl WingArgs {
         set(&mut options.diameter_m, self.diameter);
         set(&mut options.camera_height_m, self.camera_height);
         set(&mut options.survey_sigma_m, self.survey_sigma);
+        options.fixed_marks = self.fixed_marks.map_or(0, usize::from);
         set(&mut options.clutter, self.clutter);
         let lens = &mut options.lens;
         if let Some([width, height]) = self.size.as_deref() {

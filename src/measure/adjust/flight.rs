@@ -17,8 +17,8 @@ use super::layout::Place;
 use super::outcome::Outcome;
 use super::scene::Scene;
 use super::snooping::{self, Suspect, Target};
-use super::unknowns::{Input, by_marker, on_the_wing};
-use super::{AdjustError, Estimate, Method, Observation, Options, Parameter, Solution, quality};
+use super::unknowns::{Input, LEAST_DRIFT_RAD, by_marker, on_the_wing};
+use super::{AdjustError, Estimate, Method, Mounting, Observation, Options, Parameter, Solution, quality};
 use crate::measure::setup::{Orientation, Setup};
 
 /// Terms of the curvature where none are given.
@@ -37,6 +37,8 @@ const DEPARTURE_ROUNDS: usize = 3;
 const REMOUNT_ALPHA: f64 = 1e-4;
 /// A mounting moves by less than this between two shots, rad (0.1 px at 8000 px).
 const STEADY_RAD: f64 = 1.2e-5;
+/// A drift so many times what is stated is told.
+const DOUBTED_DRIFT: f64 = 3.0;
 /// Rounds of data snooping, each removing at most one observation per frame.
 const SNOOPING_ROUNDS: usize = 4;
 
@@ -55,6 +57,8 @@ struct Flight<'a> {
     amplitudes: Vec<f64>,
     departure: f64,
     mountings: Mountings,
+    /// As the user or the recorder knows them, one per frame.
+    known: Option<&'a [Mounting]>,
     /// Rotation of the mounting and shift of the projection centre per frame in the last solution, rad and m.
     poses: Vec<(Vector3<f64>, Vector3<f64>)>,
     /// Standard deviation of a frame's rotation about its mounting's, rad.
@@ -77,7 +81,12 @@ impl<'a> Flight<'a> {
             }
         }
         let n = setup.markers.len();
+        let known = options.mountings.as_deref();
+        if known.is_some_and(|list| list.len() != observations.len()) {
+            return Err(AdjustError::Input("there must be one mounting for every frame".into()));
+        }
         Ok(Self {
+            known,
             input: Input { setup, orientation, scene, options, flight: vec![None; n] },
             used: vec![vec![true; n]; frames.len()],
             ground_used: vec![true; n],
@@ -167,7 +176,13 @@ impl Flight<'_> {
     /// Splits the flight where the rotation changes by more than chance **and** by more than it does elsewhere: a remount
     /// stands out among the steps from frame to frame. Where all steps are alike, large or small, the frames are of one
     /// mounting that turns by as much as they show: to take two that hardly differ for equal costs more than it gains.
+    /// Where the mountings are known, they are what counts.
     fn find_mountings(&mut self, setting: &Setting, fit: &Fit) {
+        if let Some(known) = self.known_mountings() {
+            self.mountings = Some(known);
+            self.drift_rad = self.drift_rad.max(self.spread());
+            return;
+        }
         let frames = self.frames.len();
         let steps: Vec<f64> = (1..frames).map(|f| rotation_distance(setting, fit, f - 1, f)).collect();
         let usual = (median(&steps) / chi_square_limit(3.0, 0.5)).max(1.0);
@@ -178,6 +193,27 @@ impl Flight<'_> {
         }
         self.mountings = Some(list);
         self.drift_rad = self.drift_rad.max(self.spread());
+    }
+
+    /// The mountings that the user or the recorder knows, numbered in the frames' order.
+    fn known_mountings(&self) -> Option<Vec<usize>> {
+        let known = self.known.as_ref()?;
+        let mut seen: Vec<Mounting> = vec![];
+        let number = |mounting: &Mounting| {
+            seen.iter().position(|m| m == mounting).unwrap_or_else(|| {
+                seen.push(*mounting);
+                seen.len() - 1
+            })
+        };
+        Some(known.iter().map(number).collect())
+    }
+
+    /// Whether a mounting is known to be that of the ground frames.
+    fn stayed(&self, mounting: usize) -> bool {
+        let known = self.known.as_deref().zip(self.mountings.as_deref());
+        known.is_some_and(|(known, numbers)| {
+            known.iter().zip(numbers).any(|(k, n)| *n == mounting && *k == Mounting::OfTheGround)
+        })
     }
 
     /// Root mean square of the rotations about their mountings' means, each axis, rad.
@@ -286,9 +322,9 @@ fn median(values: &[f64]) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Drift of one mounting as stated, not 0: a prior needs a width (0.001 px at 8000 px).
+/// Drift of one mounting as stated, not 0.
 fn stated_drift(setup: &Setup) -> f64 {
-    setup.uncertainty.mount_drift_rad.max(1e-7)
+    setup.uncertainty.mount_drift_rad.max(LEAST_DRIFT_RAD)
 }
 
 /// A frame's rotation about what its mounting's frames have in common, and the gradient that picks it.
@@ -406,9 +442,21 @@ fn flight_remarks(flight: &Flight, frame: usize) -> Vec<String> {
     let mountings = flight.mountings.as_deref().unwrap_or(&[]);
     let count = mountings.iter().max().map_or(0, |m| m + 1);
     let own = mountings.get(frame).map_or(0, |m| m + 1);
-    vec![format!(
-        "adjusted with {} frames in {count} mounting(s), this one in mounting {own}; shapes depart from the shared one by {:.1} % of the usual spread",
+    let by = if flight.known.is_some() { "as stated" } else { "by evidence" };
+    let mut remarks = vec![format!(
+        "adjusted with {} frames in {count} mounting(s), {by}, this one in mounting {own}; shapes depart from the shared one by {:.1} % of the usual spread",
         flight.frames.len(),
         1e2 * flight.departure
-    )]
+    )];
+    let stated = stated_drift(flight.input.setup);
+    if flight.drift_rad > DOUBTED_DRIFT * stated {
+        remarks.push(format!(
+            "the camera turned by {:.3} mrad from frame to frame within its mountings, {:.3} are stated \
+             (camera.mount_drift_mrad): {}",
+            1e3 * flight.drift_rad,
+            1e3 * stated,
+            if flight.known.is_some() { "was it remounted within one of them?" } else { "look at its mount" }
+        ));
+    }
+    remarks
 }

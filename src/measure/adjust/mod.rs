@@ -46,6 +46,16 @@ pub enum SigmaKind {
     Posterior,
 }
 
+/// A mounting of the camera: what is between two remounts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Mounting {
+    /// That of the ground frames: the camera stayed, so its projection centre is where it was, and its rotation has
+    /// drifted at most.
+    OfTheGround,
+    /// Another one; frames of one number are of one mounting.
+    Numbered(usize),
+}
+
 /// Choices of an adjustment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
@@ -64,6 +74,16 @@ pub struct Options {
     /// The mounting's rotation against the ground frame's (camera frame, rad) with its covariance,
     /// where earlier frames of the same mounting tell it; `None`: the mount's repeatability.
     pub mount_prior: Option<(Vector3<f64>, Matrix3<f64>)>,
+    /// The mounting of each frame, where the user or the recorder knows it; `None`: a flight looks for remounts in
+    /// the frames themselves.
+    pub mountings: Option<Vec<Mounting>>,
+}
+
+impl Options {
+    /// Whether the frame of a single adjustment was taken without a remount since the ground frames.
+    fn is_of_the_ground(&self) -> bool {
+        self.mountings.as_deref() == Some(&[Mounting::OfTheGround])
+    }
 }
 
 impl Default for Options {
@@ -76,6 +96,7 @@ impl Default for Options {
             global_alpha: 0.01,
             snooping_alpha: 0.001,
             mount_prior: None,
+            mountings: None,
         }
     }
 }

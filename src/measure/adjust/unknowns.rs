@@ -23,6 +23,8 @@ const LEGENDRE_BY_POWERS: [[f64; RAISE_TERMS]; RAISE_TERMS] =
     [[1.0, 0.0, 0.0, 0.0], [-1.0, 2.0, 0.0, 0.0], [1.0, -6.0, 6.0, 0.0], [-1.0, 12.0, -30.0, 20.0]];
 /// Scale in flight where the installation has no `[thermal]`: all of what 70 K do to aluminium.
 const UNTOLD_SCALE_SIGMA: f64 = 23.1e-6 * 70.0;
+/// A mounting that is stated not to drift is taken to do so by this, rad: a prior needs a width (0.001 px at 8000 px).
+pub(super) const LEAST_DRIFT_RAD: f64 = 1e-7;
 /// A pane that is stated without error is taken at this, m: a thousandth of a pixel at 8 m, and a regular prior.
 const LEAST_WINDOW_SIGMA_M: f64 = 1e-6;
 
@@ -193,6 +195,16 @@ fn raise_prior(ground: &GroundShape, first: usize) -> Prior {
         covariance += &powers * powers.transpose();
     }
     Prior { columns: (first..first + RAISE_TERMS).collect(), mean: DVector::zeros(RAISE_TERMS), covariance }
+}
+
+/// Of the rotation where the camera stayed since the ground frames, camera frame, rad: it drifts.
+pub(super) fn stayed_prior(input: &Input, first: usize) -> Prior {
+    let drift = input.setup.uncertainty.mount_drift_rad.max(LEAST_DRIFT_RAD);
+    Prior {
+        columns: (first..first + 3).collect(),
+        mean: DVector::zeros(3),
+        covariance: DMatrix::identity(3, 3) * (drift * drift),
+    }
 }
 
 /// What is known of the mounting's rotation before a frame is seen, camera frame, rad.

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector3};
 use serde::Serialize;
 
-use super::{PlanOptions, Skin, adjustment_options};
+use super::{PlanOptions, Skin, adjustment_options, fixed_marks, terms};
 use crate::measure::adjust::beam::{Bending, Grid, Mount, Section};
 use crate::measure::adjust::ground::{GroundShape, Station};
 use crate::measure::adjust::{self, AdjustError, Observation, Solution};
@@ -49,6 +49,15 @@ pub struct Change {
     pub expected: Option<Expected>,
 }
 
+/// The same layout under another assumption.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Alternative {
+    /// What is assumed.
+    pub name: String,
+    /// What the layout is worth then; `None` where it could not be adjusted.
+    pub expected: Option<Expected>,
+}
+
 /// Predicted uncertainty of a layout.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Prediction {
@@ -64,6 +73,10 @@ pub struct Prediction {
     pub pitch_bending_correlation: Option<f64>,
     /// Without each marker, then with one more in the largest gap.
     pub changes: Vec<Change>,
+    /// With one, two, four marks more that are rigid to the cabin.
+    pub fixed_marks: Vec<Alternative>,
+    /// With each term known that the installation leaves open: what it costs.
+    pub terms_known: Vec<Alternative>,
     /// (span from the projection centre, sigma of lift m, sigma of twist degrees).
     curve: Vec<(f64, f64, Option<f64>)>,
 }
@@ -183,6 +196,8 @@ impl<'a> Rehearsal<'a> {
                 .collect(),
             pitch_bending_correlation: solution.pitch_bending_correlation,
             changes,
+            fixed_marks: fixed_marks::COUNTS.iter().map(|count| self.with_fixed_marks(*count)).collect(),
+            terms_known: self.terms_known(),
             curve: solution
                 .curve
                 .iter()
@@ -241,6 +256,24 @@ impl<'a> Rehearsal<'a> {
             span_m: frame.wing_point(&position_m).x,
             expected: self.replayed(&setup, &orientation),
         })
+    }
+
+    fn with_fixed_marks(&self, count: usize) -> Alternative {
+        let wanted = (count, self.options.pixel_sigma);
+        let other = fixed_marks::with_marks(self.setup, &self.orientation, wanted);
+        let name = format!("{count} fixed mark{}", if count == 1 { "" } else { "s" });
+        Alternative {
+            name,
+            expected: other.and_then(|(setup, orientation)| self.replayed(&setup, &orientation)),
+        }
+    }
+
+    fn terms_known(&self) -> Vec<Alternative> {
+        let one = |(name, setup): (&str, Setup)| {
+            let expected = self.replayed(&setup, &self.orientation);
+            Alternative { name: name.to_owned(), expected }
+        };
+        terms::each_known(self.setup).into_iter().map(one).collect()
     }
 
     fn replayed(&self, setup: &Setup, orientation: &Orientation) -> Option<Expected> {

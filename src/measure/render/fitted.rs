@@ -43,7 +43,7 @@ impl Scene {
     ) -> Result<Self, FitFault> {
         let mut random = Random::new(seed, 12);
         let frame = setup.wing_frame();
-        let points: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
+        let (_, points): (Vec<usize>, Vec<_>) = setup.on_the_wing().into_iter().unzip();
         if points.len() < 4 {
             return Err(FitFault::TooFew(points.len()));
         }
@@ -52,8 +52,8 @@ impl Scene {
         let markers: Vec<Marker> = setup
             .markers
             .iter()
-            .zip(&points)
-            .map(|(surveyed, point)| {
+            .map(|surveyed| {
+                let point = frame.wing_point(&surveyed.position_m);
                 let marker = Marker {
                     id: surveyed.id.clone(),
                     shape: surveyed.shape,
@@ -62,8 +62,9 @@ impl Scene {
                     z_m: 0.0,
                     rotation_rad: random.between(0.0, std::f64::consts::FRAC_PI_2),
                     height_m: 0.0,
+                    fixed_m: surveyed.fixed.then_some(point),
                 };
-                put(marker, &pose, point)
+                if surveyed.fixed { marker } else { put(marker, &pose, &point) }
             })
             .collect();
         let off = |marker: &&Marker| marker.height_m.abs() > LARGEST_OFFSET_M;
@@ -101,7 +102,8 @@ fn first_wing(setup: &Setup, points: &[Vector3<f64>]) -> Wing {
         .map(|p| (p.z - axis_z_m).abs() * 1.25 / (1.0 - (1.0 - taper) * eta(p)))
         .fold(0.1 * length_m, f64::max);
     let leading = |pair: &crate::measure::setup::TorsionPair| {
-        let z = |i: usize| points.get(i).map_or(0.0, |p| p.z);
+        let z =
+            |i: usize| setup.markers.get(i).map_or(0.0, |m| setup.wing_frame().wing_point(&m.position_m).z);
         z(pair.leading) < z(pair.trailing)
     };
     let side = if setup.torsion.first().is_none_or(leading) { Side::Right } else { Side::Left };

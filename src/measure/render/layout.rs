@@ -37,7 +37,15 @@ pub struct Options {
     pub diameter_m: f64,
     /// Clutter; 1 is usual, 0 none.
     pub clutter: f64,
+    /// Marks rigid to the cabin, at most [`FIXED_PLACES`]'s.
+    pub fixed_marks: usize,
 }
+
+/// Where in the frame fixed marks are drawn, over its width and height.
+const FIXED_PLACES: [(f64, f64); 4] = [(0.07, 0.09), (0.93, 0.09), (0.07, 0.91), (0.93, 0.91)];
+/// How far outboard, m, and how large, m.
+const FIXED_DISTANCE_M: f64 = 3.0;
+const FIXED_DIAMETER_M: f64 = 0.06;
 
 impl Options {
     /// A usual installation that differs with the seed.
@@ -72,6 +80,7 @@ impl Options {
             camera_height_m: random.between(1.6, 2.2),
             diameter_m: random.between(0.28, 0.38),
             clutter: 1.0,
+            fixed_marks: 0,
         }
     }
 }
@@ -99,13 +108,15 @@ impl Scene {
             twist_rad_per_m: (random.between(0.2, 1.2) * if random.unit() < 0.3 { -1.0 } else { 1.0 })
                 .to_radians(),
         };
-        scene.lay_out(&mut random, options);
+        let fixed = scene.fixed_marks(options);
+        scene.lay_out(&mut random, options, &fixed);
+        scene.markers.extend(fixed);
         scene.survey(&mut random, options);
         scene
     }
 
     /// Places markers one after another where ground frame and highest lift show them whole.
-    fn lay_out(&mut self, random: &mut Random, options: &Options) {
+    fn lay_out(&mut self, random: &mut Random, options: &Options, fixed: &[Marker]) {
         let single = options.markers.saturating_sub(2);
         let length = self.wing.beam.length_m;
         let first = self.nearest_station(options);
@@ -131,9 +142,10 @@ impl Scene {
                     z_m: z,
                     rotation_rad: rotation(random),
                     height_m: 0.0,
+                    fixed_m: None,
                 };
                 self.markers.push(marker);
-                if self.last_fits(options) {
+                if self.last_fits(options, fixed) {
                     break;
                 }
                 self.markers.pop();
@@ -167,7 +179,27 @@ impl Scene {
         (10..).map(|i| 0.2 * f64::from(i)).take(200).find(inside).unwrap_or(6.0)
     }
 
-    fn last_fits(&self, options: &Options) -> bool {
+    /// Marks rigid to the cabin in the corners of the frame, the upper ones first: on brackets a few metres outboard.
+    fn fixed_marks(&self, options: &Options) -> Vec<Marker> {
+        let wing_from_camera = self.camera_from_wing(&self.ground_shot(0)).inverse();
+        let (width, height) = (f64::from(options.lens.width), f64::from(options.lens.height));
+        let mark = |(k, (u, v)): (usize, &(f64, f64))| {
+            let ray = options.lens.ray(&Vector2::new(u * width, v * height)).ok()?;
+            Some(Marker {
+                id: format!("F{}", k + 1),
+                shape: Shape::Quadrant,
+                diameter_m: FIXED_DIAMETER_M,
+                s_m: 0.0,
+                z_m: 0.0,
+                rotation_rad: std::f64::consts::FRAC_PI_4,
+                height_m: 0.0,
+                fixed_m: Some(wing_from_camera * ray * FIXED_DISTANCE_M),
+            })
+        };
+        FIXED_PLACES.iter().take(options.fixed_marks).enumerate().filter_map(mark).collect()
+    }
+
+    fn last_fits(&self, options: &Options, fixed: &[Marker]) -> bool {
         let highest = self.flight_shot(options.tip_lift_m, Light::Plain, 0);
         [self.ground_shot(0), highest].iter().all(|shot| {
             let pose = self.wing.pose(&shot.state);
@@ -178,7 +210,9 @@ impl Scene {
             let framed = pixel.x > margin + 0.5 * size.x
                 && pixel.y > margin + 0.5 * size.y
                 && pixel.x < f64::from(options.lens.width) - margin - 0.5 * size.x;
-            let apart = seen[..seen.len() - 1].iter().all(|(other, other_size, _)| {
+            let plates = fixed.iter().map(|m| self.seen(shot, &pose, &m.placed(&pose)));
+            let plates: Vec<_> = plates.map(|(pixel, size, _)| (pixel, 2.0 * size, true)).collect();
+            let apart = seen[..seen.len() - 1].iter().chain(&plates).all(|(other, other_size, _)| {
                 other.is_none_or(|other| {
                     let gap = (other - pixel).abs() - 0.5 * (other_size + size);
                     gap.x > 12.0 || gap.y > 6.0
@@ -203,7 +237,7 @@ impl Scene {
                     diameter_m: marker.diameter_m,
                     position_m: rounded(position, 4),
                     sigma_m: sigma,
-                    fixed: false,
+                    fixed: marker.fixed_m.is_some(),
                 }
             })
             .collect();

@@ -12,6 +12,10 @@ use crate::measure::setup::Shape;
 const BLACK: f64 = 0.045;
 /// Reflectance of the white print.
 const WHITE: f64 = 0.82;
+/// Reflectance of the plate that a fixed mark is on.
+const PLATE: f64 = 0.45;
+/// Half a side of that plate over the mark's radius.
+const PLATE_OVER_RADIUS: f64 = 1.7;
 
 /// A marker on the wing at rest, material coordinates.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,11 +34,16 @@ pub struct Marker {
     pub rotation_rad: f64,
     /// Of the disc above the smooth skin, m.
     pub height_m: f64,
+    /// Where it is, wing frame, m, if it is rigid to the cabin and not on the wing: on a plate that faces the camera.
+    pub fixed_m: Option<Vector3<f64>>,
 }
 
 impl Marker {
     /// The marker on a deformed wing.
     pub fn placed(&self, pose: &Pose) -> Placed {
+        if let Some(point) = self.fixed_m {
+            return self.on_plate(&point);
+        }
         let (along, _, normal) = pose.tangents(self.s_m, self.z_m);
         let along = (along - normal * along.dot(&normal)).normalize();
         let across = normal.cross(&along);
@@ -48,6 +57,26 @@ impl Marker {
             form: second_form(pose, self, &normal, cos, sin),
             radius_m: 0.5 * self.diameter_m * pose.scale,
             shape: self.shape,
+            plate_m: None,
+        }
+    }
+
+    fn on_plate(&self, point_m: &Vector3<f64>) -> Placed {
+        let normal = -point_m.normalize();
+        let along = (Vector3::y() - normal * normal.y).normalize();
+        let across = normal.cross(&along);
+        let (sin, cos) = self.rotation_rad.sin_cos();
+        let radius_m = 0.5 * self.diameter_m;
+        Placed {
+            s_m: f64::NEG_INFINITY,
+            centre_m: *point_m,
+            normal,
+            first: along * cos + across * sin,
+            second: across * cos - along * sin,
+            form: Matrix2::zeros(),
+            radius_m,
+            shape: self.shape,
+            plate_m: Some(PLATE_OVER_RADIUS * radius_m),
         }
     }
 }
@@ -68,6 +97,8 @@ pub struct Placed {
     /// m.
     pub radius_m: f64,
     shape: Shape,
+    /// Half a side of the plate that it is on, m, which hides what is behind it; `None` on the wing.
+    pub plate_m: Option<f64>,
 }
 
 impl Placed {
@@ -100,6 +131,26 @@ impl Placed {
         }
         let white = self.shape == Shape::Quadrant && (a > 0.0) == (b > 0.0);
         Some(if white { WHITE } else { BLACK })
+    }
+
+    /// Reflectance of the plate with its print; `None` beside the plate and for what is on the wing.
+    pub fn plate_reflectance(&self, at: (f64, f64)) -> Option<f64> {
+        let half = self.plate_m?;
+        let on = at.0.abs() < half && at.1.abs() < half;
+        on.then(|| self.reflectance(at).unwrap_or(PLATE))
+    }
+
+    /// Whether plate or pattern have an edge within `reach_m` of a point.
+    pub fn plate_edge_within(&self, at: (f64, f64), reach_m: f64) -> bool {
+        let side = at.0.abs().max(at.1.abs());
+        self.edge_within(at, reach_m) || self.plate_m.is_some_and(|half| (side - half).abs() <= reach_m)
+    }
+
+    /// Corners of its plate, m; none on the wing.
+    pub fn plate_corners(&self) -> Vec<Vector3<f64>> {
+        let corner = |(a, b): (f64, f64), half: f64| self.surface(&(Vector2::new(a, b) * half));
+        let all = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+        self.plate_m.map_or(vec![], |half| all.map(|c| corner(c, half)).to_vec())
     }
 
     /// Whether the pattern has an edge within `reach_m` of a point.

@@ -86,6 +86,9 @@ impl View<'_> {
     }
 
     fn fill(&self, tile: &Tile, band: &mut [f32], width: usize, column: usize) {
+        if tile.markers.iter().any(|m| m.plate_m.is_some()) {
+            return self.fill_plates(tile, band, width, column);
+        }
         let patch = match tile.hits {
             [None, None, None, None] => None,
             [Some(a), Some(b), Some(c), Some(d)] => Patch::new(self, tile, [a, b, c, d]),
@@ -115,6 +118,28 @@ impl View<'_> {
                 (true, false) => (1, 1),
             };
             mean(lattice, |dx, dy| self.sample(tile, &lit, x + dx, y + dy))
+        });
+    }
+
+    /// A tile with plates that stand before everything else, in the light of the wing's root.
+    fn fill_plates(&self, tile: &Tile, band: &mut [f32], width: usize, column: usize) {
+        let lit = tile.mean_lit();
+        let on_plates = self.light.at(self.pose, &Hit { s: 0.0, z: 0.0 });
+        let plates: Vec<&Placed> = tile.markers.iter().filter(|m| m.plate_m.is_some()).copied().collect();
+        let ray = |x: f64, y: f64| {
+            let direction = tile.direction(x, y);
+            let plate = plates.iter().find_map(|m| m.plate_reflectance(m.pattern_point(&direction)));
+            plate.map_or_else(|| self.sample(tile, &lit, x, y), |r| r * on_plates.diffuse + on_plates.added)
+        };
+        for_pixels(band, width, column, |x, y| {
+            let direction = tile.direction(x, y);
+            let pixel = |m: &&&Placed| m.centre_m.norm() / self.lens.fx;
+            let edge = |m: &&Placed| m.plate_edge_within(m.pattern_point(&direction), pixel(&m));
+            let inside = |m: &&Placed| m.plate_reflectance(m.pattern_point(&direction)).is_some();
+            if plates.iter().any(|m| inside(m) && !edge(m)) {
+                return ray(x, y);
+            }
+            mean(if plates.iter().any(edge) { FINE } else { COARSE }, |dx, dy| ray(x + dx, y + dy))
         });
     }
 
@@ -202,7 +227,7 @@ pub fn outline_box(
 ) -> Option<(Vector2<f64>, Vector2<f64>)> {
     let mut low = Vector2::repeat(f64::INFINITY);
     let mut high = Vector2::repeat(f64::NEG_INFINITY);
-    for point in marker.outline(72) {
+    for point in marker.outline(72).chain(marker.plate_corners()) {
         let pixel = lens.project(&(camera_from_wing * point))?;
         (low, high) = (low.inf(&pixel), high.sup(&pixel));
     }

@@ -53,7 +53,9 @@ impl Scene {
         let flight = self.positions(&pose);
         let lift: Vec<f64> = flight.iter().zip(&ground).map(|(f, g)| f.z - g.z).collect();
         let light = self.illumination(shot, &pose);
-        let markers = self.markers.iter().zip(self.placed(&pose)).enumerate();
+        let placed = self.placed(&pose);
+        let plates = self.plates(shot, &placed);
+        let markers = self.markers.iter().zip(&placed).enumerate();
         FrameTruth {
             tip_lift_m: shot.state.tip_lift_m,
             camera_from_survey: self.camera_from_survey(shot),
@@ -63,7 +65,13 @@ impl Scene {
             }),
             markers: markers
                 .map(|(i, (marker, placed))| {
-                    let (pixel, size_px, in_view) = self.seen(shot, &pose, &placed);
+                    let (pixel, size_px, in_view) = self.seen(shot, &pose, placed);
+                    let behind = |(k, low, high): &(usize, Vector2<f64>, Vector2<f64>)| {
+                        let reach = 0.5 * size_px;
+                        let within = |p: Vector2<f64>| p > low - reach && p < high + reach;
+                        *k != i && pixel.is_some_and(within)
+                    };
+                    let in_view = in_view && !plates.iter().any(behind);
                     let lit = light.at(&pose, &Hit { s: marker.s_m, z: marker.z_m });
                     MarkerTruth {
                         id: marker.id.clone(),
@@ -77,6 +85,16 @@ impl Scene {
                 })
                 .collect(),
         }
+    }
+
+    /// Boxes of the plates that fixed marks are on, px.
+    fn plates(&self, shot: &Shot, placed: &[Placed]) -> Vec<(usize, Vector2<f64>, Vector2<f64>)> {
+        let camera_from_wing = self.camera_from_wing(shot);
+        let of = |(k, p): (usize, &Placed)| {
+            let (low, high) = outline_box(p, &camera_from_wing, &self.setup.lens)?;
+            p.plate_m.map(|_| (k, low, high))
+        };
+        placed.iter().enumerate().filter_map(of).collect()
     }
 
     fn positions(&self, pose: &Pose) -> Vec<Vector3<f64>> {
@@ -99,8 +117,11 @@ impl Scene {
         let facing = placed.normal.dot(&placed.centre_m) < 0.0;
         let clear = |point: &Vector3<f64>| pose.first_hit(point).is_some_and(|hit| placed.covers(hit.s));
         let in_frame = lens.contains(&low) && lens.contains(&high);
+        let clear = |point: &Vector3<f64>| placed.plate_m.is_some() || clear(point);
         let visible = facing && in_frame && clear(&placed.centre_m) && placed.outline(16).all(|p| clear(&p));
-        (pixel, high - low, visible)
+        // Of the print: a plate is as much larger as its outline's box.
+        let share = placed.plate_m.map_or(1.0, |half| placed.radius_m / half);
+        (pixel, (high - low) * share, visible)
     }
 }
 

@@ -70,11 +70,16 @@ impl Flight<'_> {
         priors.push(Prior::scalar(lever, VERTICAL_SHARE, VERTICAL_SHARE_SIGMA));
         let mut mounts = vec![];
         let mut shifts = vec![];
-        for _ in 0..self.mounting_count() {
+        for mounting in 0..self.mounting_count() {
             let first = columns.take(3, MISSING_MOUNT);
-            priors.push(unknowns::mount_prior(&self.input, first));
             mounts.push(first);
-            shifts.push(unknowns::shift_columns(&self.input, &mut columns, &mut priors));
+            if self.stayed(mounting) {
+                priors.push(unknowns::stayed_prior(&self.input, first));
+                shifts.push(None);
+            } else {
+                priors.push(unknowns::mount_prior(&self.input, first));
+                shifts.push(unknowns::shift_columns(&self.input, &mut columns, &mut priors));
+            }
         }
         let markers = &self.input.setup.markers;
         let survey = columns.take(3 * markers.len(), MISSING_GROUND);

@@ -11,7 +11,7 @@ use crate::measure::adjust::model_error::image_covariance;
 use crate::measure::adjust::outcome::Member;
 use crate::measure::adjust::scene::Scene;
 use crate::measure::adjust::unknowns::{
-    Columns, Input, MISSING, common, mount_prior, shape_prior, shift_columns, twist_priors,
+    Columns, Input, MISSING, common, mount_prior, shape_prior, shift_columns, stayed_prior, twist_priors,
 };
 use crate::measure::adjust::{AdjustError, Observation};
 use crate::measure::setup::Thermal;
@@ -52,9 +52,11 @@ impl<'a> Frame<'a> {
         let common = common(input, &mut columns);
         let mut priors: Vec<_> = shape_prior(curvature + 1, n, start.amplitude).into_iter().collect();
         priors.extend(twist_priors(twist, t));
-        priors.push(mount_prior(input, mount));
+        let stayed = input.options.is_of_the_ground();
+        priors.push(if stayed { stayed_prior(input, mount) } else { mount_prior(input, mount) });
         priors.extend(common.priors);
-        let shift = shift_columns(input, &mut columns, &mut priors).map(Place::Global);
+        let shift = if stayed { None } else { shift_columns(input, &mut columns, &mut priors) };
+        let shift = shift.map(Place::Global);
         let layout = Layout {
             curvature: Place::Global(curvature),
             curvature_terms: n,

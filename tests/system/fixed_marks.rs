@@ -1,0 +1,120 @@
+//! Promise: marks that are rigid to the cabin are drawn, found, named and used from simulate to solve, have no lift, and
+//! `plan` says what they bring; which frames are of one mounting can be said.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+fn run(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).output().unwrap()
+}
+
+fn wingd(arguments: &[&str]) -> String {
+    let output = run(arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// A simulated set with two fixed marks, oriented: the folder, the installation, a flight frame.
+fn set() -> (tempfile::TempDir, PathBuf, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("set");
+    let text = output.to_str().unwrap();
+    let small = ["--size", "2000", "1500", "--focal", "3900", "--fixed-marks", "2", "--tip-lifts", "2.5"];
+    let mut arguments = vec!["simulate", "--output", text, "--seed", "5"];
+    arguments.extend(small);
+    wingd(&arguments);
+    let (installation, frames) = (output.join("installation"), output.join("frames"));
+    let ground = frames.join("ground.jpg");
+    wingd(&["orient", "--installation", installation.to_str().unwrap(), ground.to_str().unwrap()]);
+    (folder, installation, frames.join("flight-1.jpg"))
+}
+
+fn solved(installation: &Path, frame: &Path, more: &[&str]) -> Value {
+    let mut arguments = vec!["solve", "--installation", installation.to_str().unwrap(), "--json"];
+    arguments.extend(more);
+    arguments.push(frame.to_str().unwrap());
+    serde_json::from_str(&wingd(&arguments)).unwrap()
+}
+
+fn sigma_of_the_tip(record: &Value) -> f64 {
+    record["tip"]["sigma_lift_m"].as_f64().unwrap()
+}
+
+#[test]
+fn fixed_marks_are_used_from_simulate_to_solve() {
+    let (folder, installation, frame) = set();
+    let with = solved(&installation, &frame, &[]);
+    for mark in
+        with["markers"].as_array().unwrap().iter().filter(|m| m["id"].as_str().unwrap().starts_with('F'))
+    {
+        assert_eq!(mark["used"], true, "{mark}");
+        assert!(mark["lift_m"].is_null(), "{mark}");
+    }
+    assert_eq!(with["global_test"], "passed", "{}", with["global_test"]);
+
+    let mountings = folder.path().join("mountings.csv");
+    std::fs::write(&mountings, "image,mounting\nflight-1.jpg,ground\n").unwrap();
+    let stayed = solved(&installation, &frame, &["--mountings", mountings.to_str().unwrap()]);
+    assert!(sigma_of_the_tip(&stayed) <= sigma_of_the_tip(&with));
+
+    // As if they were on the wing they would tell nothing of the camera: here they are not there at all.
+    let survey = installation.join("survey.csv");
+    let text = std::fs::read_to_string(&survey).unwrap();
+    assert!(text.starts_with("id,shape,diameter_m,x_m,y_m,z_m,sigma_m,fixed\n"));
+    let wing: Vec<&str> = text.lines().filter(|l| !l.starts_with('F')).collect();
+    std::fs::write(&survey, wing.join("\n")).unwrap();
+    let ground = frame.with_file_name("ground.jpg");
+    wingd(&["orient", "--installation", installation.to_str().unwrap(), ground.to_str().unwrap()]);
+    let without = solved(&installation, &frame, &[]);
+    let (with, without) = (sigma_of_the_tip(&with), sigma_of_the_tip(&without));
+    assert!(with < 0.8 * without, "{with} m with two fixed marks, {without} m without");
+}
+
+fn dev() -> String {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation").to_str().unwrap().to_owned()
+}
+
+#[test]
+fn the_plan_says_what_fixed_marks_bring_and_what_each_unknown_costs() {
+    let plan: Value = serde_json::from_str(&wingd(&["plan", "--installation", &dev(), "--json"])).unwrap();
+    let prediction = &plan["prediction"];
+    let tip = |value: &Value| value["sigma_tip_lift_m"].as_f64().unwrap();
+    let mut before = tip(&prediction["expected"]);
+    let marks = prediction["fixed_marks"].as_array().unwrap();
+    assert_eq!(marks.len(), 3);
+    for mark in marks {
+        let now = tip(&mark["expected"]);
+        assert!(now < before, "{mark}: {now} m after {before} m");
+        before = now;
+    }
+    let as_it_is = tip(&prediction["expected"]);
+    let terms = prediction["terms_known"].as_array().unwrap();
+    assert!(terms.len() >= 5, "{terms:?}");
+    for term in terms {
+        assert!(tip(&term["expected"]) <= as_it_is * (1.0 + 1e-6), "{term}");
+    }
+    let text = wingd(&["plan", "--installation", &dev()]);
+    assert!(text.contains("2 fixed marks") && text.contains("height of the bending axis"), "{text}");
+}
+
+#[test]
+fn a_frame_without_a_mounting_is_named_before_anything_is_solved() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("mountings.csv");
+    std::fs::write(&file, "image,mounting\nother.jpg,a\n").unwrap();
+    let output = run(&[
+        "solve",
+        "--installation",
+        &dev(),
+        "--flight",
+        "--mountings",
+        file.to_str().unwrap(),
+        "one.jpg",
+        "other.jpg",
+    ]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(78), "{said}");
+    assert!(said.contains("one.jpg") && said.contains("mountings.csv"), "{said}");
+}
