@@ -52,6 +52,8 @@ pub struct Installation {
     pub setup: Setup,
     /// From `orientation.toml`, where that exists.
     pub orientation: Option<Orientation>,
+    /// Markers that the ground frames of the orientation did not use (index in the survey), and why.
+    pub not_on_ground: Vec<(usize, String)>,
     /// CAD frame from survey frame, from the tie points.
     pub cad: Option<TransformFit>,
     /// The lens and sensor as bought, for planning.
@@ -143,12 +145,14 @@ fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fa
     let parts = document::read(&mut reader);
     let markers = parts.as_ref().map_or(&[][..], |(setup, ..)| &setup.markers);
     let orientation = if with_orientation { orientation::read(&mut reader, markers) } else { None };
+    let (orientation, not_on_ground) = orientation.unzip();
     let cad = parts.as_ref().and_then(|(setup, ..)| ties::transform(&mut reader, setup));
     match parts {
         Some((setup, optics, sources)) if reader.faults.is_empty() => Ok(Installation {
             directory: directory.into(),
             setup,
             orientation,
+            not_on_ground: not_on_ground.unwrap_or_default(),
             cad,
             optics,
             digests: reader.digests,

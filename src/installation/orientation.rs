@@ -18,9 +18,18 @@ struct Table {
     covariance_rad2: Option<[[f64; 3]; 3]>,
     #[serde(default)]
     ground: Vec<Sight>,
+    /// Markers that were not used, and why.
+    #[serde(default)]
+    unused: Vec<Unused>,
     /// File name -> SHA-256 of camera and survey.
     #[serde(default)]
     made_with: BTreeMap<String, String>,
+}
+
+#[derive(Deserialize)]
+struct Unused {
+    id: String,
+    reason: String,
 }
 
 #[derive(Deserialize)]
@@ -34,7 +43,11 @@ struct Sight {
 /// How far the rows may be from orthonormal: rounding in a text file, not a wrong matrix.
 const ORTHONORMAL_TOLERANCE: f64 = 1e-6;
 
-pub(super) fn read(reader: &mut Reader, markers: &[SurveyMarker]) -> Option<Orientation> {
+/// The orientation, and which markers its ground frames did not use and why.
+pub(super) fn read(
+    reader: &mut Reader,
+    markers: &[SurveyMarker],
+) -> Option<(Orientation, Vec<(usize, String)>)> {
     if !reader.directory.join(ORIENTATION_FILE).exists() {
         return None;
     }
@@ -59,7 +72,9 @@ pub(super) fn read(reader: &mut Reader, markers: &[SurveyMarker]) -> Option<Orie
     let svd = m.svd(true, true);
     let rotation = svd.u? * svd.v_t?;
     let camera_from_survey = Rotation3::from_matrix_unchecked(rotation);
-    Some(Orientation { camera_from_survey, covariance_rad2, ground })
+    let index = |u: Unused| Some((markers.iter().position(|m| m.id == u.id)?, u.reason));
+    let unused = table.unused.into_iter().filter_map(index).collect();
+    Some((Orientation { camera_from_survey, covariance_rad2, ground }, unused))
 }
 
 /// An attitude holds for the camera and the survey that it was made with.

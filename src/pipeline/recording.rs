@@ -90,6 +90,7 @@ fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installati
         {
             *line = solved_marker(marker, m, seen.get(&m.marker).copied(), missing.remove(&m.marker));
             to_cad(line, m, installation);
+            say_what_ground_says(line, m.marker, installation);
         }
     }
     record.tip = tip(installation, s);
@@ -119,6 +120,14 @@ fn parameter(p: &Parameter) -> (String, Value) {
         many => Value::Array(many.iter().map(one).collect()),
     };
     (name, value)
+}
+
+/// A marker that the ground frames turned down is not merely hidden in flight.
+fn say_what_ground_says(line: &mut MarkerRecord, marker: usize, installation: &Installation) {
+    let ground = installation.not_on_ground.iter().find(|(k, _)| *k == marker).filter(|_| !line.used);
+    if let (Some((_, ground)), Some(reason)) = (ground, &mut line.reason) {
+        reason.push_str(&format!("; not used on ground either: {ground}"));
+    }
 }
 
 fn missing_reasons(sighting: &Sighting) -> HashMap<usize, String> {

@@ -10,7 +10,7 @@ use super::fit::Prior;
 use super::flight::{NEEDED, report};
 use super::matching::Problem;
 use super::refine::{Sight, adjust};
-use super::scene::{Scene, usable};
+use super::scene::{Scene, looks_like, usable};
 use super::{IdentifyError, Identities, Misfit, OrientationFit};
 use crate::measure::detect::Detection;
 use crate::measure::setup::{Orientation, Setup};
@@ -51,6 +51,10 @@ pub(super) fn orient(setup: &Setup, frames: &[Vec<Detection>]) -> Result<Orienta
     if let Some(misfit) = misfit(setup, frames, &fitted.used.iter().map(|(s, _)| s.frame).collect::<Vec<_>>())
     {
         return Err(IdentifyError::Misfit(misfit));
+    }
+    let scene = Scene::new(setup, &orientation, false);
+    for (detections, of) in frames.iter().zip(&mut identities) {
+        say_where_its_like_is(&scene, detections, of);
     }
     for sight in &fitted.taken_out {
         if let Some(of) = identities.get_mut(sight.frame) {
@@ -123,6 +127,39 @@ fn identities_on_ground(setup: &Setup, orientation: &Orientation, detections: &[
             missing: (0..setup.markers.len()).map(|j| (j, "this frame fits no orientation".into())).collect(),
             tip_lift_m: 0.0,
         },
+    }
+}
+
+/// Says of each marker that is missing within the frame where one like it is seen that is no other marker: a
+/// survey point that is wrong is seen, but elsewhere.
+fn say_where_its_like_is(scene: &Scene<'_>, detections: &[Detection], of: &mut Identities) {
+    let pixels = scene.pixels(&State::zeros());
+    let outlines = scene.outlines(&State::zeros());
+    let free = |i: &usize| of.marker_of.get(*i).is_some_and(Option::is_none);
+    let free: Vec<&Detection> = (0..detections.len()).filter(free).map(|i| &detections[i]).collect();
+    for (marker, reason) in &mut of.missing {
+        let surveyed = &scene.setup.markers[*marker];
+        let (Some(Some(at)), Some(Some(outline))) = (pixels.get(*marker), outlines.get(*marker)) else {
+            continue;
+        };
+        if !scene.setup.lens.contains(at) {
+            continue;
+        }
+        let like = free.iter().filter(|d| usable(d) && looks_like(d, surveyed.shape, outline.semi_major_px));
+        let off = |d: &&&Detection| (d.centre_px - at).norm();
+        let Some(nearest) = like.min_by(|a, b| off(a).total_cmp(&off(b))) else { continue };
+        let (seen, off_px) = (nearest.centre_px, off(&nearest));
+        let distance_m = (surveyed.position_m - scene.setup.projection_centre_m).norm();
+        *reason = format!(
+            "expected at ({:.0}, {:.0}) px and not there; a {} like it that is no other marker is at ({:.0}, {:.0}) px: \
+             its survey may be wrong by {:.2} m or more; survey it again",
+            at.x,
+            at.y,
+            surveyed.shape.name(),
+            seen.x,
+            seen.y,
+            off_px * distance_m / scene.setup.lens.focal_px()
+        );
     }
 }
 
