@@ -8,6 +8,8 @@ use std::time::{Duration, Instant};
 
 use rand::prelude::*;
 use rand::rngs::StdRng;
+use wingd::measure::raster::Raster;
+use wingd::pipeline::decode::decode;
 
 /// Longest time of a command.
 const LIMIT: Duration = Duration::from_secs(15);
@@ -48,7 +50,7 @@ const NUMBERS: [&str; 24] = [
 
 /// Where a text holds numbers.
 fn numbers(text: &str) -> Vec<std::ops::Range<usize>> {
-    let part = |c: char| c.is_ascii_digit() || c == '.' || c == '-';
+    let part = |c: char| c.is_ascii_digit() || c == '.';
     let mut found: Vec<std::ops::Range<usize>> = vec![];
     for (at, c) in text.char_indices().filter(|(_, c)| part(*c)) {
         match found.last_mut().filter(|last| last.end == at) {
@@ -59,14 +61,14 @@ fn numbers(text: &str) -> Vec<std::ops::Range<usize>> {
     found
 }
 
-/// Another number in the place of one: a special one, or the same in another unit, or of another sign.
+/// Another number in the place of one: mostly a likely one, in another unit, of another sign, somewhat off; or a special one.
 fn other_number(rng: &mut StdRng, old: &str) -> String {
-    match (rng.random_range(0..4), old.parse::<f64>()) {
-        (0, Ok(value)) => {
-            let factors = [1e3, 1e-3, -1.0, 0.3048, 25.4, 1.1, 1e6, 57.29578];
+    match (rng.random_range(0..6), old.parse::<f64>()) {
+        (0..=2, Ok(value)) => {
+            let factors = [1e3, 1e-3, -1.0, 0.3048, 25.4, 1.1, 10.0, 57.29578];
             (value * factors.choose(rng).unwrap()).to_string()
         }
-        (1, Ok(value)) => (value + rng.random_range(-1.0..1.0)).to_string(),
+        (3 | 4, Ok(value)) => (value + value.abs().max(0.01) * rng.random_range(-0.3..0.3)).to_string(),
         _ => (*NUMBERS.choose(rng).unwrap()).to_owned(),
     }
 }
@@ -91,22 +93,49 @@ fn mutate_text(rng: &mut StdRng, text: &str) -> Vec<u8> {
     let mut text = text.to_owned();
     for _ in 0..rng.random_range(1..=3) {
         let places = numbers(&text);
-        match rng.random_range(0..6) {
-            0..=2 if !places.is_empty() => {
+        match rng.random_range(0..12) {
+            0..=7 if !places.is_empty() => {
                 let at = places.choose(rng).unwrap().clone();
                 let new = other_number(rng, &text[at.clone()]);
                 text.replace_range(at, &new);
             }
-            3 if places.len() > 1 => {
+            8 | 9 if places.len() > 1 => {
                 let (a, b) = (places.choose(rng).unwrap().clone(), places.choose(rng).unwrap().clone());
                 let new = text[b].to_owned();
                 text.replace_range(a, &new);
             }
-            4 if !text.is_empty() => text = other_lines(rng, &text),
+            10 if !text.is_empty() => text = other_lines(rng, &text),
             _ => return mutate_bytes(rng, text.into_bytes()),
         }
     }
     text.into_bytes()
+}
+
+/// A part of a picture black, white, of noise, elsewhere once more, or mirrored; a few of these.
+fn mutate_picture(rng: &mut StdRng, of: &Raster) -> Vec<u8> {
+    let (w, h) = (of.width(), of.height());
+    let mut luma = of.luma().to_vec();
+    for _ in 0..rng.random_range(1..=6) {
+        // Most of the wing takes a few hundred pixels; some mutations take all of it.
+        let side = if rng.random_bool(0.1) { w } else { rng.random_range(8..600) };
+        let (width, height) = (side.min(w), rng.random_range(8..=side).min(h));
+        let at = |rng: &mut StdRng| (rng.random_range(0..=w - width), rng.random_range(0..=h - height));
+        let ((u, v), (from_u, from_v)) = (at(rng), at(rng));
+        let (kind, grey) = (rng.random_range(0..5), rng.random::<u8>());
+        let source = luma.clone();
+        for y in 0..height {
+            for x in 0..width {
+                luma[(v + y) * w + u + x] = match kind {
+                    0 => grey,
+                    1 => rng.random(),
+                    2 => source[(from_v + y) * w + from_u + x],
+                    3 => source[(v + y) * w + u + width - 1 - x],
+                    _ => source[(v + height - 1 - y) * w + u + x],
+                };
+            }
+        }
+    }
+    [format!("P5\n{w} {h}\n255\n").as_bytes(), &luma].concat()
 }
 
 fn mutate_bytes(rng: &mut StdRng, mut bytes: Vec<u8>) -> Vec<u8> {
@@ -138,14 +167,20 @@ struct Bench {
     sound: Vec<(&'static str, Vec<u8>)>,
 }
 
-/// Files that are mutated, with the commands that read each; `@` is the folder.
-const KINDS: [(&str, &[&str]); 8] = [
+/// As files their bytes are mutated, as pictures their pixels.
+const GROUND_PICTURE: &str = "picture of ground.jpg";
+const FLIGHT_PICTURE: &str = "picture of flight.jpg";
+
+/// What is mutated, with the commands that read it.
+const KINDS: [(&str, &[&str]); 10] = [
     ("i/installation.toml", &["check", "solve-by-hand", "plan", "orient"]),
     ("i/survey.csv", &["check", "solve-by-hand", "plan", "orient"]),
     ("i/camera.toml", &["check", "solve-by-hand", "plan", "orient"]),
     ("i/orientation.toml", &["check", "solve-by-hand", "solve"]),
     ("ground.jpg", &["orient"]),
     ("flight.jpg", &["solve"]),
+    (GROUND_PICTURE, &["orient"]),
+    (FLIGHT_PICTURE, &["solve"]),
     ("hand.csv", &["solve-by-hand", "solve-profile"]),
     ("wingd.toml", &["check-config"]),
 ];
@@ -160,17 +195,20 @@ impl Bench {
         }
         std::fs::copy(fixture("dev/frames/ground.jpg"), path("ground.jpg")).unwrap();
         std::fs::copy(fixture("dev/frames/flight-1.jpg"), path("flight.jpg")).unwrap();
-        let text = "installation = \"i\"\n[camera]\nkind = \"replay\"\nlist = \"list.txt\"\n[series]\ninterval = \"1h\"\n\
+        let text = "installation = \"i\"\n[camera]\nkind = \"replay\"\nfolder = \"frames\"\n[series]\ninterval = \"1h\"\n\
                     shots = 10\n[store]\npath = \"store\"\nreserve_mb = 1000\n[solve]\nmethod = \"spatial\"\n\
                     deadline = \"60s\"\n";
         std::fs::write(path("wingd.toml"), text).unwrap();
+        std::fs::create_dir(path("frames")).unwrap();
+        std::fs::copy(fixture("jpeg/baseline-2x1.jpg"), path("frames/1.jpg")).unwrap();
         std::fs::write(path("hand.csv"), "").unwrap();
         let bench = Self { folder, sound: vec![] };
         assert_eq!(bench.run("orient").0, Some(0));
         bench.unbind();
         let (_, solved, _) = bench.run("solve");
         std::fs::write(bench.path("hand.csv"), by_hand(&solved)).unwrap();
-        let sound = KINDS.iter().map(|(name, _)| (*name, std::fs::read(bench.path(name)).unwrap())).collect();
+        let files = KINDS.iter().map(|(name, _)| *name).filter(|name| !name.starts_with("picture"));
+        let sound = files.map(|name| (name, std::fs::read(bench.path(name)).unwrap())).collect();
         Self { sound, ..bench }
     }
 
@@ -184,6 +222,17 @@ impl Bench {
         let text = std::fs::read_to_string(&path).unwrap();
         let (from, to) = (text.find("[made_with]").unwrap(), text.find("[[image]]").unwrap());
         std::fs::write(path, [&text[..from], &text[to..]].concat()).unwrap();
+    }
+
+    fn mutate(&self, rng: &mut StdRng, name: &str) {
+        let file = name.strip_prefix("picture of ").unwrap_or(name);
+        let sound = &self.sound.iter().find(|(other, _)| *other == file).unwrap().1;
+        let mutated = match std::str::from_utf8(sound) {
+            Ok(text) => mutate_text(rng, text),
+            Err(_) if file != name => mutate_picture(rng, &decode(sound, None).unwrap()),
+            Err(_) => mutate_bytes(rng, sound.clone()),
+        };
+        std::fs::write(self.path(file), mutated).unwrap();
     }
 
     /// Exit status (`None`: a signal, or no end in time), both outputs, time.
@@ -243,8 +292,13 @@ fn wrong(command: &str, (status, said, _): &(Option<i32>, String, Duration)) -> 
     if said.contains("panicked") || said.contains("broke off") || ![0, 1, 2, 78].contains(status) {
         return Some(format!("exit {status}"));
     }
-    // A list of named fields is debug text.
-    if said.contains(" { ") || said.contains("Some(") {
+    // A name of ours with a list of fields is debug text.
+    let of_ours = |before: &str| {
+        let name = before.rsplit(|c: char| !c.is_ascii_alphanumeric()).next().unwrap_or_default();
+        name.starts_with(|c: char| c.is_ascii_uppercase())
+    };
+    let parts: Vec<&str> = said.split(" { ").collect();
+    if parts[..parts.len() - 1].iter().any(|before| of_ours(before)) || said.contains("Some(") {
         return Some("debug text".into());
     }
     let json = || said.lines().find_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
@@ -265,7 +319,7 @@ fn wrong(command: &str, (status, said, _): &(Option<i32>, String, Duration)) -> 
 fn mutated_inputs_end_with_a_result_or_a_reason() {
     let wanted = std::env::var("WINGD_MUTATIONS").ok().and_then(|n| n.parse().ok()).unwrap_or(USUAL);
     let bench = Bench::new();
-    let (mut endings, mut slowest) = (std::collections::BTreeMap::new(), Duration::ZERO);
+    let (mut endings, mut slowest) = (std::collections::BTreeMap::new(), (Duration::ZERO, 0, "", ""));
     let mut failures = vec![];
     for seed in 0..wanted {
         let mut rng = StdRng::seed_from_u64(seed);
@@ -274,14 +328,9 @@ fn mutated_inputs_end_with_a_result_or_a_reason() {
         for (file, bytes) in &bench.sound {
             std::fs::write(bench.path(file), bytes).unwrap();
         }
-        let bytes = &bench.sound.iter().find(|(file, _)| *file == name).unwrap().1;
-        let mutated = match std::str::from_utf8(bytes) {
-            Ok(text) => mutate_text(&mut rng, text),
-            Err(_) => mutate_bytes(&mut rng, bytes.clone()),
-        };
-        std::fs::write(bench.path(name), mutated).unwrap();
+        bench.mutate(&mut rng, name);
         let ending = bench.run(command);
-        slowest = slowest.max(ending.2);
+        slowest = slowest.max((ending.2, seed, name, command));
         *endings.entry((name, command, ending.0)).or_insert(0) += 1;
         if let Some(what) = wrong(command, &ending) {
             let said: String = ending.1.chars().take(400).collect();
@@ -290,6 +339,6 @@ fn mutated_inputs_end_with_a_result_or_a_reason() {
         }
     }
     endings.iter().for_each(|(ending, count)| eprintln!("{ending:?}: {count}"));
-    eprintln!("{wanted} mutations, the slowest command {:.1} s", slowest.as_secs_f64());
+    eprintln!("{wanted} mutations, the slowest: {slowest:?}");
     assert!(failures.is_empty(), "{} of {wanted}: {failures:?}", failures.len());
 }
