@@ -57,8 +57,18 @@ const LEAST_BEND: f64 = 0.01;
 const LIFTS: (f64, f64) = (-0.04, 0.16);
 const LIFT_STEP: f64 = 0.02;
 
+/// Detections over markers from which on a frame is clutter: nothing is told from it, and looking takes seconds.
+const CLUTTER: usize = 3;
+
+fn is_clutter(setup: &Setup, detections: &[Detection]) -> bool {
+    detections.len() > CLUTTER * setup.markers.len()
+}
+
 /// Of a frame in flight that fits nothing under `orientation`.
 pub(super) fn in_flight(setup: &Setup, orientation: &Orientation, detections: &[Detection]) -> Option<Cause> {
+    if is_clutter(setup, detections) {
+        return None;
+    }
     turned(setup, orientation, detections)
         .or_else(|| {
             let turned = half_turned(&setup.lens, detections);
@@ -74,6 +84,9 @@ pub(super) fn in_flight(setup: &Setup, orientation: &Orientation, detections: &[
 
 /// Of a frame on ground that fits nothing, the camera's attitude unknown.
 pub(super) fn on_ground(setup: &Setup, detections: &[Detection]) -> Option<Cause> {
+    if is_clutter(setup, detections) {
+        return None;
+    }
     let mirrored = mirrored(&setup.lens, detections);
     let is_mirrored = consensus(setup, &mirrored)
         .is_ok_and(|c| convincing(setup, detections, c.pairs.iter().map(|p| p.1).collect()));
