@@ -9,12 +9,13 @@ DEMO_OUTPUT ?= demo-output
 # What the demonstration needs: no cameras but replay, no AprilGrid, no Parquet.
 DEMO_FEATURES := --no-default-features
 
-.PHONY: help demo test check lint bench package package-aarch64 test-machine build dependencies machine-dependencies
+.PHONY: help demo test test-mutations check lint bench package package-aarch64 test-machine build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
 	@echo 'make build         the whole program: target/release/wingd'
 	@echo 'make test          formatting, lints, every test (Debian 12: installs what it lacks)'
+	@echo 'make test-mutations  10,000 mutated installations, frames, measurements, configurations'
 	@echo 'make check         format, lints, unit tests and layers: what usually breaks, in a minute after a change'
 	@echo 'make bench         the figures of docs/performance.md'
 	@echo 'make package       a Debian package in target/package'
@@ -27,6 +28,10 @@ demo: dependencies
 
 test: dependencies lint
 	$(CARGO) test --release --locked
+
+# In about half an hour; WINGD_MUTATIONS=400 for a look.
+test-mutations: dependencies
+	WINGD_MUTATIONS=$${WINGD_MUTATIONS:-10000} $(CARGO) test --release --locked --test system -- --ignored --nocapture mutations
 
 # Incremental: after a change only what it touches is compiled again (and a little slower code is made).
 check: export CARGO_INCREMENTAL = 1

@@ -76,10 +76,7 @@ impl SolveConfig {
 
 /// Reads and checks a configuration; every fault in one go. Relative paths count from the file's folder.
 pub fn load(file: &Path) -> Result<Config, Vec<Fault>> {
-    let text = std::fs::read_to_string(file).map_err(|e| {
-        let problem = format!("cannot be read ({e})");
-        vec![fault(file, "file", problem, "name it with --config; config/wingd.toml is a commented default")]
-    })?;
+    let text = read(file)?;
     let mut config: Config = toml::from_str(&text).map_err(|e| vec![syntax(file, &text, &e)])?;
     let mut faults = config.tildes(file);
     let config = config.resolved(file.parent().unwrap_or(Path::new("")));
@@ -87,15 +84,44 @@ pub fn load(file: &Path) -> Result<Config, Vec<Fault>> {
     if faults.is_empty() { Ok(config) } else { Err(faults) }
 }
 
+/// Reads `[camera]` alone; other sections are not looked at.
+pub fn load_camera(file: &Path) -> Result<CameraSection, Vec<Fault>> {
+    #[derive(Deserialize)]
+    struct CameraAlone {
+        camera: CameraSection,
+    }
+    let text = read(file)?;
+    let mut camera = toml::from_str::<CameraAlone>(&text).map_err(|e| vec![syntax(file, &text, &e)])?.camera;
+    let faults: Vec<Fault> = camera.faults().iter().map(|text| split(file, text)).collect();
+    resolve_camera(&mut camera, file.parent().unwrap_or(Path::new("")));
+    if faults.is_empty() { Ok(camera) } else { Err(faults) }
+}
+
+fn read(file: &Path) -> Result<String, Vec<Fault>> {
+    std::fs::read_to_string(file).map_err(|e| {
+        let problem = format!("cannot be read ({e})");
+        vec![fault(file, "file", problem, "name it with --config; config/wingd.toml is a commented default")]
+    })
+}
+
+/// A path of the configuration as seen from its folder.
+fn resolve(folder: &Path, path: &mut PathBuf) {
+    // Collected anew, so that no `/./` stands in messages.
+    *path = folder.join(&*path).components().collect();
+}
+
+fn resolve_camera(camera: &mut CameraSection, folder: &Path) {
+    if let Some(replay) = camera.replay() {
+        replay.folder.iter_mut().chain(replay.list.iter_mut()).for_each(|path| resolve(folder, path));
+    }
+}
+
 impl Config {
     fn resolved(mut self, folder: &Path) -> Self {
-        let absolute = |path: &mut PathBuf| *path = folder.join(&*path);
-        absolute(&mut self.store.path);
-        absolute(&mut self.status.socket);
-        self.installation.iter_mut().for_each(absolute);
-        if let Some(replay) = self.camera.replay() {
-            replay.folder.iter_mut().chain(replay.list.iter_mut()).for_each(absolute);
-        }
+        resolve(folder, &mut self.store.path);
+        resolve(folder, &mut self.status.socket);
+        self.installation.iter_mut().for_each(|path| resolve(folder, path));
+        resolve_camera(&mut self.camera, folder);
         self
     }
 

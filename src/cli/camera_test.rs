@@ -5,14 +5,13 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use clap::Args as ClapArgs;
-use serde::Deserialize;
 use serde_json::json;
 
 use crate::camera::freshness::Freshness;
-use crate::camera::section::CameraSection;
 use crate::camera::{Camera, CameraError, Frame};
-use crate::cli::{Done, Failure};
+use crate::cli::{Done, Failure, print};
 use crate::clock::System;
+use crate::config;
 
 /// Arguments.
 #[derive(ClapArgs)]
@@ -34,21 +33,11 @@ pub struct Args {
     output: PathBuf,
 }
 
-/// Other sections are not looked at here.
-#[derive(Deserialize)]
-struct Config {
-    camera: CameraSection,
-}
-
 /// One line of JSON on standard output for each shot.
 pub fn run(args: &Args) -> Result<Done, Failure> {
-    let name = args.config.display();
-    let text =
-        std::fs::read_to_string(&args.config).map_err(|error| Failure::Undone(format!("{name}: {error}")))?;
-    let config: Config =
-        toml::from_str(&text).map_err(|error| Failure::Undone(format!("{name}: {error}")))?;
+    let camera = config::load_camera(&args.config)?;
     let mut bench = Bench {
-        camera: config.camera.factory(Arc::new(System::new()), Duration::ZERO)(),
+        camera: camera.factory(Arc::new(System::new()), Duration::ZERO)(),
         args,
         open: false,
         saved: 0,
@@ -63,10 +52,8 @@ pub fn run(args: &Args) -> Result<Done, Failure> {
             Err(error) => (Some(error.to_string()), json!(null)),
         };
         good += u32::from(error.is_none());
-        println!(
-            "{}",
-            json!({"shot": number, "seconds": start.elapsed().as_secs_f64(), "error": error, "frame": settings})
-        );
+        let seconds = start.elapsed().as_secs_f64();
+        print(&json!({"shot": number, "seconds": seconds, "error": error, "frame": settings}).to_string())?;
     }
     bench.camera.close();
     Ok(Done::all(good == args.shots))
@@ -103,10 +90,9 @@ impl Bench<'_> {
         if !self.open {
             let info = self.camera.open()?;
             self.open = true;
-            println!(
-                "{}",
-                json!({"camera": info.name, "settings": info.settings, "warnings": info.warnings})
-            );
+            let line = json!({"camera": info.name, "settings": info.settings, "warnings": info.warnings});
+            print(&line.to_string())
+                .map_err(|_| CameraError::Refused("standard output cannot be written".into()))?;
             while let Some(frame) = self.camera.recover(self.deadline())? {
                 self.save(&frame, "recovered")?;
             }
@@ -120,8 +106,12 @@ impl Bench<'_> {
     fn save(&mut self, frame: &Frame, kind: &str) -> Result<(), CameraError> {
         let path = self.args.output.join(format!("{kind}-{:03}", self.saved));
         self.saved += 1;
-        std::fs::write(&path, &frame.bytes)
-            .map_err(|error| CameraError::Refused(format!("{}: {error}", path.display())))?;
+        std::fs::write(&path, &frame.bytes).map_err(|error| {
+            CameraError::Refused(format!(
+                "{} cannot be written ({error}); name another --output",
+                path.display()
+            ))
+        })?;
         self.camera.release_last()
     }
 }

@@ -9,7 +9,7 @@ use crate::camera::section::CameraSection;
 use crate::clock::System;
 use crate::config::{self, Config};
 use crate::installation::{self, Fault};
-use crate::store::{RealDisk, is_vacant, verify};
+use crate::store::{RealDisk, is_vacant, unwritable, verify};
 
 /// Validate configuration, installation and store, and open the camera if there is one.
 #[derive(clap::Args)]
@@ -42,7 +42,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
             check_camera(&config, file, &mut said, &mut faults);
         }
     }
-    print(&said.join("\n"))?;
+    if !said.is_empty() {
+        print(&said.join("\n"))?;
+    }
     if faults.is_empty() { Ok(Done::All) } else { Err(Failure::Faults(faults)) }
 }
 
@@ -57,7 +59,7 @@ fn check_installation(directory: &Path, flies: bool, said: &mut Vec<String>, fau
                 "installation   {}: {markers} markers, {pairs} torsion pairs",
                 directory.display()
             ));
-            faults.extend(installation::doubtful_points(&installation));
+            super::say_doubts(&installation);
             match installation.require_orientation() {
                 Ok(_) => said.push("orientation    there".into()),
                 Err(fault) if flies => faults.push(fault),
@@ -69,13 +71,9 @@ fn check_installation(directory: &Path, flies: bool, said: &mut Vec<String>, fau
 
 fn check_store(config: &Config, file: &std::path::Path, said: &mut Vec<String>, faults: &mut Vec<Fault>) {
     let path = &config.store.path;
-    faults.extend(unwritable(path).map(|problem| {
-        fault(
-            file,
-            "store.path",
-            problem,
-            "give the recorder's user the right to write there, or name another place",
-        )
+    faults.extend(unwritable(&RealDisk, path).map(|problem| {
+        let mend = "give the recorder's user the right to write there, or name another place";
+        fault(file, "store.path", problem, mend)
     }));
     if is_vacant(&RealDisk, path) {
         said.push(format!("store          {} will be made", path.display()));
@@ -96,15 +94,6 @@ fn check_store(config: &Config, file: &std::path::Path, said: &mut Vec<String>, 
         said.push(format!("store          {}: sound", path.display()));
     }
     faults.extend(found);
-}
-
-/// Why the recorder could not write at a path: what is there, or the nearest folder above it, refuses.
-fn unwritable(path: &std::path::Path) -> Option<String> {
-    let here = std::path::Path::new(".");
-    let there =
-        path.ancestors().map(|p| if p.as_os_str().is_empty() { here } else { p }).find(|p| p.exists())?;
-    let refused = rustix::fs::access(there, rustix::fs::Access::WRITE_OK).err()?;
-    Some(format!("{} cannot be written to ({refused})", there.display()))
 }
 
 fn check_camera(config: &Config, file: &std::path::Path, said: &mut Vec<String>, faults: &mut Vec<Fault>) {

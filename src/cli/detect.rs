@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 
 use super::{Done, Failure, frames, print};
-use crate::installation::{self, Installation};
+use crate::installation::Installation;
 use crate::measure::detect::Detection;
 use crate::measure::raster::Raster;
 use crate::pipeline::{Sighting, recording, stages};
@@ -32,7 +32,7 @@ pub struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let installation = args.installation.as_deref().map(installation::load).transpose()?;
+    let installation = args.installation.as_deref().map(super::load_installation).transpose()?;
     if let Some(directory) = &args.overlay {
         std::fs::create_dir_all(directory).map_err(|e| {
             Failure::Undone(format!("{} cannot be made ({e}); name another", directory.display()))

@@ -8,11 +8,8 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
 use super::{Failure, interrupt};
-use crate::pipeline::guard::guarded;
+use crate::pipeline::guard::{BROKE_OFF, guarded};
 
-/// Of a picture at which the program itself failed.
-const BROKE_OFF: &str =
-    "the program broke off at this picture, which is its own fault; report it with the picture";
 /// Jobs a core at most: more only take memory.
 const JOBS_A_CORE: usize = 4;
 /// How often a wish to stop is looked for.

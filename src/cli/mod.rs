@@ -21,11 +21,12 @@ mod solve;
 mod status;
 mod verify;
 
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::installation::Fault;
+use crate::installation::{self, Fault, Installation};
 
 /// The shape of a wing in flight, measured with one camera at a cabin window.
 #[derive(Parser)]
@@ -180,6 +181,20 @@ fn print(text: &str) -> Result<(), Failure> {
         ))),
         _ => Ok(()),
     }
+}
+
+/// Says on standard error which surveyed points are to be looked at; that holds nothing up.
+fn say_doubts(installation: &Installation) {
+    for doubt in installation::doubts(installation) {
+        eprintln!("wingd: to be looked at: {doubt}");
+    }
+}
+
+/// An installation, with a word on its doubtful points.
+fn load_installation(directory: &Path) -> Result<Installation, Failure> {
+    let installation = installation::load(directory)?;
+    say_doubts(&installation);
+    Ok(installation)
 }
 
 /// Ctrl-C or SIGTERM.

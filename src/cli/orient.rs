@@ -2,8 +2,11 @@
 
 use std::path::PathBuf;
 
+use nalgebra::Vector3;
+
 use super::{Done, Failure, frames, print};
 use crate::installation::{self, Installation};
+use crate::measure::detect::Detection;
 use crate::measure::identify::{self, IdentifyError, OrientationFit};
 use crate::pipeline::{Sighting, stages};
 
@@ -26,6 +29,7 @@ pub struct Args {
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let installation = installation::load_without_orientation(&args.installation)?;
+    super::say_doubts(&installation);
     let sightings = frames::map(&args.images, args.jobs, "detecting", |name, bytes| match bytes {
         Ok(bytes) => stages::sight(name, bytes, None, &installation, None),
         Err(reason) => Sighting { image: name.into(), failure: Some(reason), ..Sighting::default() },
@@ -36,8 +40,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         return Err(Failure::Undone(reasons.join("\nwingd: ")));
     }
     let detections: Vec<_> = sightings.iter().map(|s| s.detections.markers.clone()).collect();
-    let mut fit = identify::orient(&installation.setup, &detections)
-        .map_err(|e| Failure::Undone(format!("no orientation: {}", named(&e, &sightings))))?;
+    let mut fit = identify::orient(&installation.setup, &detections).map_err(|e| {
+        Failure::Undone(format!("no orientation: {}", why(&installation, &detections, &e, &sightings)))
+    })?;
     fit.orientation.ground = stages::ground_sights(&installation.setup, &detections, &fit);
     let images: Vec<(String, String)> =
         sightings.iter().map(|s| (s.image.clone(), s.digest.clone())).collect();
@@ -49,16 +54,34 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     Ok(Done::All)
 }
 
-/// A failure with the name of the frame that it is about.
-fn named(error: &IdentifyError, sightings: &[Sighting]) -> String {
+/// A failure with the name of the frame that it is about, and its cause where something tells.
+fn why(
+    installation: &Installation,
+    detections: &[Vec<Detection>],
+    error: &IdentifyError,
+    sightings: &[Sighting],
+) -> String {
+    let name = |frame: usize| sightings.get(frame).map_or("a frame", |s| s.image.as_str());
     match error {
-        IdentifyError::Misfit(misfit) => {
-            let name = sightings.get(misfit.frame).map_or("a frame", |s| s.image.as_str());
-            format!("{name}: {misfit}")
-        }
-        other => other.to_string(),
+        IdentifyError::Misfit(misfit) => format!("{}: {misfit}", name(misfit.frame)),
+        IdentifyError::TooFew { .. } => error.to_string(),
+        _ => identify::explain_ground(&installation.setup, detections)
+            .map_or_else(|| error.to_string(), |(frame, cause)| format!("{}: {cause}", name(frame))),
     }
 }
+
+/// What a person is to know of an orientation that was found.
+fn remarks(fit: &OrientationFit) -> Vec<String> {
+    // The image's v points down.
+    let up = fit.orientation.camera_from_survey * Vector3::z();
+    let on_its_head = up.y > ON_ITS_HEAD;
+    let text = "the picture stands on its head; if the camera did not, turn the pictures back: camera.toml holds for \
+                them as the camera took them";
+    on_its_head.then(|| text.to_owned()).into_iter().collect()
+}
+
+/// Share of the vertical that points down in a picture: within 60 degrees of half a turn.
+const ON_ITS_HEAD: f64 = 0.5;
 
 /// Markers that were not used: id and reason.
 fn unused(installation: &Installation, fit: &OrientationFit) -> Vec<(String, String)> {
@@ -90,6 +113,7 @@ fn json(installation: &Installation, fit: &OrientationFit) -> String {
         "redundancy": fit.redundancy,
         "markers": markers,
         "rms_px": rms_px,
+        "remarks": remarks(fit),
         "unused": unused(installation, fit).into_iter().map(|(id, reason)| {
             serde_json::json!({ "id": id, "reason": reason })
         }).collect::<Vec<_>>(),
@@ -103,10 +127,11 @@ fn text(installation: &Installation, fit: &OrientationFit) -> String {
     let sigma = sigma_mrad(fit).map_or(String::new(), |s| {
         format!("\nstandard deviations about camera x, y, z: {:.3}, {:.3}, {:.3} mrad", s[0], s[1], s[2])
     });
+    let remarks: String = remarks(fit).iter().map(|remark| format!("\n{remark}")).collect();
     let not_used: String =
         unused(installation, fit).iter().map(|(id, reason)| format!("\nnot used: {id}: {reason}")).collect();
     format!(
-        "{}\n{markers} marker images, rms {rms_px:.3} px, variance factor {:.2} at redundancy {}{sigma}{not_used}",
+        "{}\n{markers} marker images, rms {rms_px:.3} px, variance factor {:.2} at redundancy {}{sigma}{not_used}{remarks}",
         file.display(),
         fit.variance_factor,
         fit.redundancy

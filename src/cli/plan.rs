@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::{Done, Failure, print};
-use crate::installation::{self, Installation};
+use crate::installation::Installation;
 use crate::measure::plan::{self, Alternative, Expected, MarkerPlan, Optics, Plan, PlanOptions, Prediction};
 use crate::report::grid::Grid;
 use crate::report::number::fixed;
@@ -37,7 +37,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     if !sensible {
         return Err(Failure::Usage("--pixel-sigma must be in (0, 100] px, --tip-lift within 100 m".into()));
     }
-    let installation = installation::load(&args.installation)?;
+    let installation = super::load_installation(&args.installation)?;
     let options = options(args, &installation);
     let plan = plan::plan(&installation.setup, installation.orientation.as_ref(), &options)
         .map_err(|e| Failure::Undone(format!("no plan: {e}")))?;

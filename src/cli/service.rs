@@ -35,6 +35,9 @@ pub fn keep_installation(store: &Store, directory: &Path) {
 /// Solves on board where there is an installation with an orientation.
 pub fn solver(directory: &Path, config: &SolveConfig) -> Result<Solver, Vec<Fault>> {
     let installation = installation::load(directory)?;
+    for doubt in installation::doubts(&installation) {
+        tracing::warn!(%doubt, "to be looked at");
+    }
     let orientation = installation.require_orientation().map_err(|f| vec![f])?.clone();
     let job = config.job();
     let inputs = Inputs::new(pipeline::inputs(&installation, &job));
@@ -67,4 +70,26 @@ pub fn run(
         observer,
     };
     daemon::run(parts, &board).map_err(|e| Failure::Undone(e.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Format;
+    use crate::record::Status;
+
+    #[test]
+    fn a_frame_at_which_the_decoder_breaks_has_a_record_on_board() {
+        let directory = tempfile::tempdir().unwrap();
+        let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
+        for name in ["installation.toml", "camera.toml", "survey.csv"] {
+            std::fs::copy(fixture.join(name), directory.path().join(name)).unwrap();
+        }
+        let any = "camera_from_survey = [[0, -1, 0], [0, 0, -1], [1, 0, 0]]\n";
+        std::fs::write(directory.path().join("orientation.toml"), any).unwrap();
+        let solver = solver(directory.path(), &SolveConfig::default()).unwrap();
+        let record = (solver.solve)("0001.jpg", crate::pipeline::decode::BREAKS, &Format::Jpeg);
+        assert_eq!(record.status, Status::Failed);
+        assert!(record.reason.unwrap().contains("decoder broke off"));
+    }
 }

@@ -76,7 +76,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
             "--flight adjusts with the spatial method; leave --method profile out".into(),
         ));
     }
-    let installation = installation::load(&args.installation)?;
+    let installation = super::load_installation(&args.installation)?;
     let orientation = installation.require_orientation()?;
     let job = job(args);
     let mut output = Output::new(args);

@@ -5,10 +5,10 @@ use std::path::Path;
 use nalgebra::{Vector2, Vector3};
 
 use super::tables::{self, Document, Optics};
-use super::{Reader, camera, survey, ties, window};
+use super::{Reader, camera, plausible, survey, ties, window};
 use crate::measure::setup::{Setup, Side, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty};
 
-const FILE: &str = "installation.toml";
+pub(super) const FILE: &str = "installation.toml";
 /// Shift between two mountings where the user gives none, px (paper, section 3.1.3).
 const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
 
@@ -23,7 +23,9 @@ pub(super) fn read(reader: &mut Reader) -> Option<(Setup, Option<Optics>, [Strin
         Some(cad) => ties::read(reader, cad),
         None => Some(vec![]),
     };
+    let before = reader.faults.len();
     check_numbers(reader, &file, &document);
+    let in_range = reader.faults.len() == before;
     let torsion = torsion_pairs(reader, &file, &document, markers.as_deref());
     let window = window::window(reader, &file, document.window.as_ref());
     let skin = document.wing.skin_height_m.as_ref();
@@ -49,8 +51,10 @@ pub(super) fn read(reader: &mut Reader) -> Option<(Setup, Option<Optics>, [Strin
         cad_similarity: document.cad.is_some_and(|c| c.similarity),
         window,
     };
-    check_direction(reader, &file, &setup);
-    check_side(reader, &file, &setup);
+    // Numbers out of their ranges say nothing together.
+    if in_range {
+        plausible::check(reader, &setup, &document.wing.survey);
+    }
     Some((setup, document.camera.optics, [document.camera.calibration, document.wing.survey]))
 }
 
@@ -165,35 +169,6 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &Document) {
     if !(dx.is_finite() && dy.is_finite() && dx.hypot(dy) > 1e-6) {
         let mend = "give the horizontal direction from the root to the tip in the survey frame";
         reader.fault(file, "wing.span_direction", format!("is [{dx}, {dy}]"), mend);
-    }
-}
-
-/// The span points to where the markers are.
-fn check_direction(reader: &mut Reader, file: &Path, setup: &Setup) {
-    let wing = setup.on_the_wing();
-    let markers = wing.len();
-    let behind = wing.iter().filter(|(_, point)| point.x < 0.0).count();
-    if 2 * behind > markers {
-        let [dx, dy] = [setup.span_direction.x, setup.span_direction.y];
-        let problem = format!("is [{dx}, {dy}], but {behind} of {markers} markers lie the other way");
-        let mend = format!(
-            "it points from the camera to the tip: [{}, {}]? else check camera.projection_centre_m",
-            -dx, -dy
-        );
-        reader.fault(file, "wing.span_direction", problem, &mend);
-    }
-}
-
-/// Leading markers lie ahead of trailing ones, and so on every pair.
-fn check_side(reader: &mut Reader, file: &Path, setup: &Setup) {
-    let Some(side) = setup.side() else { return };
-    let name = if side == Side::Left { "left" } else { "right" };
-    for (k, pair) in setup.torsion.iter().enumerate() {
-        if setup.side_of_pair(pair).is_some_and(|other| other != side) {
-            let place = format!("torsion[{k}]");
-            let problem = format!("its leading marker lies behind its trailing one on a {name} wing");
-            reader.fault(file, &place, problem, "exchange leading and trailing, or correct wing.side");
-        }
     }
 }
 

@@ -9,6 +9,7 @@ mod doubtful;
 mod mountings;
 mod observations;
 mod orientation;
+mod plausible;
 mod survey;
 mod tables;
 mod ties;
@@ -20,7 +21,7 @@ use sha2::{Digest, Sha256};
 
 pub use board::load_board;
 pub use camera::{CalibrationReport, write_camera};
-pub use doubtful::doubtful_points;
+pub use doubtful::doubts;
 pub use mountings::{Mountings, read_mountings};
 pub use observations::{HandObservation, read_observations};
 pub use orientation::write_orientation;
@@ -144,7 +145,12 @@ fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fa
     let mut reader = Reader { directory: directory.into(), faults: vec![], digests: vec![] };
     let parts = document::read(&mut reader);
     let markers = parts.as_ref().map_or(&[][..], |(setup, ..)| &setup.markers);
-    let orientation = if with_orientation { orientation::read(&mut reader, markers) } else { None };
+    // What an orientation holds for is not known where the rest is at fault.
+    let orientation = if with_orientation && reader.faults.is_empty() {
+        orientation::read(&mut reader, markers)
+    } else {
+        None
+    };
     let (orientation, not_on_ground) = orientation.unzip();
     let cad = parts.as_ref().and_then(|(setup, ..)| ties::transform(&mut reader, setup));
     match parts {
@@ -158,8 +164,33 @@ fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fa
             digests: reader.digests,
             sources,
         }),
-        _ => Err(reader.faults),
+        _ => Err(folded(reader.faults)),
     }
+}
+
+/// Faults alike that are told one by one; of more the first stands for all.
+const TOLD_ALIKE: usize = 3;
+
+/// One cause on many lines as one fault.
+fn folded(faults: Vec<Fault>) -> Vec<Fault> {
+    let kind = |f: &Fault| {
+        let place = f.place.split_once(", ").filter(|(line, _)| line.starts_with("line "));
+        let marker = if f.place.starts_with("marker ") { "marker" } else { f.place.as_str() };
+        (f.file.clone(), place.map_or(marker, |(_, column)| column).to_owned(), f.mend.clone())
+    };
+    let kinds: Vec<_> = faults.iter().map(kind).collect();
+    let mut kept: Vec<Fault> = vec![];
+    for (k, mut fault) in faults.into_iter().enumerate() {
+        let alike = kinds.iter().filter(|other| **other == kinds[k]).count();
+        if alike > TOLD_ALIKE {
+            if kinds[..k].contains(&kinds[k]) {
+                continue;
+            }
+            fault.problem = format!("{}, and {} more like it", fault.problem, alike - 1);
+        }
+        kept.push(fault);
+    }
+    kept
 }
 
 /// Reads a camera file alone (`camera.toml`).

@@ -26,7 +26,7 @@ pub fn read_observations(file: &Path, setup: &Setup) -> Result<Vec<HandObservati
     let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let mut reader = Reader { directory, faults: vec![], digests: vec![] };
     let found = read(&mut reader, &name, setup);
-    found.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
+    found.filter(|_| reader.faults.is_empty()).ok_or_else(|| super::folded(reader.faults))
 }
 
 fn read(reader: &mut Reader, name: &str, setup: &Setup) -> Option<Vec<HandObservation>> {

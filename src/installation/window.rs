@@ -113,13 +113,17 @@ fn air(reader: &mut Reader, file: &Path, place: &str, table: Option<&tables::Air
         humidity: table.humidity.unwrap_or(default.humidity),
         co2_ppm: table.co2_ppm.unwrap_or(default.co2_ppm),
     };
-    let sound = (-100.0..=100.0).contains(&air.temperature_c)
-        && (10.0..=1200.0).contains(&air.pressure_hpa)
-        && (0.0..=1.0).contains(&air.humidity)
-        && (0.0..=20000.0).contains(&air.co2_ppm);
-    if !sound {
-        let mend = "temperature_c -100 to 100, pressure_hpa 10 to 1200, humidity 0 to 1, co2_ppm 0 to 20000";
-        reader.fault(file, place, format!("is out of range ({air:?})"), mend);
+    let ranges = [
+        ("temperature_c", air.temperature_c, -100.0, 100.0),
+        ("pressure_hpa", air.pressure_hpa, 10.0, 1200.0),
+        ("humidity", air.humidity, 0.0, 1.0),
+        ("co2_ppm", air.co2_ppm, 0.0, 20_000.0),
+    ];
+    for (key, value, low, high) in ranges {
+        if !(low..=high).contains(&value) {
+            let mend = format!("give a number from {low} to {high}");
+            reader.fault(file, &format!("{place}.{key}"), format!("is {value}"), mend);
+        }
     }
     air
 }

@@ -70,7 +70,13 @@ fn decode_into(
     guarded(|| decode_any(bytes, format, wanted)).unwrap_or(Err(DecodeError::Broken))
 }
 
+/// At these bytes the decoder breaks, as a library may: tests of what that costs.
+#[cfg(test)]
+pub const BREAKS: &[u8] = b"\xff\xd8\xff breaks";
+
 fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) -> Result<Raster, DecodeError> {
+    #[cfg(test)]
+    assert_ne!(bytes, BREAKS);
     if bytes.is_empty() {
         return Err(DecodeError::Empty);
     }

@@ -4,6 +4,10 @@ use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Once;
 
+/// Of a picture at which the program itself failed.
+pub const BROKE_OFF: &str =
+    "the program broke off at this picture, which is its own fault; report it with the picture";
+
 thread_local! {
     static INSIDE: Cell<bool> = const { Cell::new(false) };
 }

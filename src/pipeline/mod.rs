@@ -22,6 +22,7 @@ use crate::measure::adjust::{self, Method, Observation, Options};
 use crate::measure::environment::{RefractionReport, correct_observations};
 use crate::measure::setup::Orientation;
 use crate::record::ImageRecord;
+use guard::{BROKE_OFF, guarded};
 
 pub use stages::{Sighting, Stage};
 
@@ -56,7 +57,7 @@ impl Job {
     }
 }
 
-/// Solves one frame. Whatever goes wrong with the frame is in the record, with the mend.
+/// Solves one frame. Whatever goes wrong with the frame is in the record, with the mend; so is a panic.
 pub fn solve_frame(
     name: &str,
     bytes: &[u8],
@@ -65,8 +66,12 @@ pub fn solve_frame(
     orientation: &Orientation,
     job: &Job,
 ) -> ImageRecord {
-    let sighting = stages::sight(name, bytes, format, installation, Some(orientation));
-    solve_sighting(&sighting, installation, orientation, job)
+    let solve = || {
+        let sighting = stages::sight(name, bytes, format, installation, Some(orientation));
+        solve_sighting(&sighting, installation, orientation, job)
+    };
+    let broken = || Sighting { image: name.into(), failure: Some(BROKE_OFF.into()), ..Sighting::default() };
+    guarded(solve).unwrap_or_else(|| recording::record(&broken(), installation, job, Err(BROKE_OFF.into())))
 }
 
 /// Adjusts what was seen in one frame.
@@ -132,10 +137,11 @@ pub fn solve_flight(
     let frames: Vec<Vec<Observation>> = corrected.iter().flatten().map(|(o, _)| o.clone()).collect();
     let of_frames = sightings.iter().zip(&corrected).filter(|(_, c)| c.is_ok()).map(|(s, _)| s.mounting);
     let options = Options { mountings: of_frames.collect(), ..job.options.clone() };
-    let solved = adjust::flight(&installation.setup, orientation, &frames, &options);
+    let solved = guarded(|| adjust::flight(&installation.setup, orientation, &frames, &options));
+    let solved = solved.ok_or_else(|| BROKE_OFF.to_owned()).and_then(|s| s.map_err(|e| e.to_string()));
     let mut solutions = match solved {
         Ok(solutions) => solutions.into_iter().map(Ok).collect::<Vec<_>>(),
-        Err(error) => vec![Err(error.to_string()); frames.len()],
+        Err(reason) => vec![Err(reason); frames.len()],
     }
     .into_iter();
     let solve_ms = 1e3 * started.elapsed().as_secs_f64() / frames.len().max(1) as f64;
@@ -162,4 +168,25 @@ pub fn inputs(installation: &Installation, job: &Job) -> Map<String, Value> {
     }
     map.insert("parameters".into(), job.provenance());
     map
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_decoder_that_breaks_costs_one_record_that_says_so() {
+        let fixture = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/installation");
+        let installation = crate::installation::load_without_orientation(&fixture).unwrap();
+        let camera_from_survey = nalgebra::Rotation3::identity();
+        let orientation = Orientation { camera_from_survey, covariance_rad2: None, ground: vec![] };
+        for format in [None, Some(Format::Jpeg)] {
+            let bytes = decode::BREAKS;
+            let record =
+                solve_frame("one.jpg", bytes, format.as_ref(), &installation, &orientation, &Job::default());
+            assert_eq!((record.image.as_str(), record.status), ("one.jpg", crate::record::Status::Failed));
+            assert!(record.reason.as_ref().is_some_and(|r| r.contains("decoder broke off")), "{record:?}");
+            assert_eq!(record.markers.len(), installation.setup.markers.len());
+        }
+    }
 }

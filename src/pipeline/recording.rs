@@ -100,11 +100,28 @@ fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installati
     if installation.setup.side().is_none() && !s.curve.is_empty() {
         record.remarks.push(SIDE_UNKNOWN.into());
     }
+    record.remarks.extend(turned_mount(installation, s));
     record.quality = quality(s);
     record.quality.extend(pane_quality(installation).map(|pane| ("window".into(), pane)));
     if let Some(fit) = &installation.cad {
         record.quality.insert("cad".into(), cad_quality(fit));
     }
+}
+
+/// Standard deviations of the mounting from which on a turn of the camera is no chance: one in 3000.
+const TURNED: f64 = 4.0;
+
+/// A camera that is turned farther against the ground frames than its mounting repeats.
+fn turned_mount(installation: &Installation, s: &Solution) -> Option<String> {
+    let about = &s.parameters.iter().find(|p| p.name == "mount_rotation_rad")?.values;
+    let (setup, [x, y]) = (&installation.setup, [about.first()?.value, about.get(1)?.value]);
+    let (shift_px, expected_px) = (setup.lens.focal_px() * x.hypot(y), setup.mount_repeatability_px);
+    (shift_px > TURNED * expected_px && expected_px > 0.0).then(|| {
+        format!(
+            "the camera is turned by {shift_px:.0} px against the ground frames, where mount_repeatability_px is \
+             {expected_px}; take a ground frame with this mounting (`wingd orient`)"
+        )
+    })
 }
 
 /// Radians inside, degrees at the edge: the name bears the unit.

@@ -141,7 +141,18 @@ fn unseen(name: &str, bytes: &[u8]) -> Sighting {
 pub fn size_fault(raster: &Raster, installation: &Installation) -> Option<String> {
     let lens = &installation.setup.lens;
     let fits = raster.width() == lens.width as usize && raster.height() == lens.height as usize;
+    let turned = raster.width() == lens.height as usize && raster.height() == lens.width as usize;
     (!fits).then(|| {
+        if turned {
+            return format!(
+                "the frame is {} x {} px, camera.toml is for {} x {} px: it was turned by 90 degrees; switch the \
+                 rotation of pictures off in the camera and in what copies them",
+                raster.width(),
+                raster.height(),
+                lens.width,
+                lens.height
+            );
+        }
         format!(
             "the frame is {} x {} px, but camera.toml was calibrated for {} x {} px; use the camera's full frames",
             raster.width(),
@@ -162,7 +173,7 @@ pub fn recognise(
     let setup = &installation.setup;
     let found = sighting.detections.clone();
     match sighting.timed("identify", || identified(setup, orientation, raster, found)) {
-        Err(error) => sighting.failure = Some(error.to_string()),
+        Err(error) => sighting.failure = Some(unidentified(setup, orientation, sighting, &error)),
         Ok((found, identities)) => {
             let centred = identify::remove_perspective_bias(setup, orientation, &found.markers, &identities);
             sighting.observations = observations(&centred, &identities);
@@ -170,6 +181,20 @@ pub fn recognise(
             sighting.identities = Some(identities);
         }
     }
+}
+
+/// Why a frame's markers have no names: what they fit after all, or the failure itself.
+fn unidentified(
+    setup: &Setup,
+    orientation: &Orientation,
+    sighting: &Sighting,
+    error: &IdentifyError,
+) -> String {
+    let cause = match error {
+        IdentifyError::TooFew { .. } => None,
+        _ => identify::explain(setup, orientation, &sighting.detections.markers),
+    };
+    cause.map_or_else(|| error.to_string(), |cause| cause.to_string())
 }
 
 /// Closer looks at most.

@@ -34,7 +34,7 @@ use serde_json::Value;
 pub use catalogue::{FlightRef, SeriesRef};
 pub use disk::{Disk, RealDisk};
 pub use error::StoreError;
-pub use opening::is_vacant;
+pub use opening::{is_vacant, unwritable};
 pub use recover::Recovery;
 pub use results::{Inputs, sha256};
 pub use series::{NewFrame, OpenSeries};

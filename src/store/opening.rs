@@ -42,6 +42,30 @@ pub fn is_vacant(disk: &dyn Disk, root: &Path) -> bool {
     !disk.exists(root) || (!disk.exists(&root.join(layout::STORE_FILE)) && refuse_foreign(disk, root).is_ok())
 }
 
+/// Why this user could not record at a path: what is there, or the nearest folder above it, refuses to be written.
+pub fn unwritable(disk: &dyn Disk, root: &Path) -> Option<String> {
+    let there = root.ancestors().map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p });
+    let refused = there.into_iter().find(|p| p.exists()).and_then(refuses);
+    refused.or_else(|| unwritable_inside(disk, root, FOLDERS_DEEP))
+}
+
+/// Store, flights, a flight: what lies in these is written again, a series' frames are not.
+const FOLDERS_DEEP: usize = 3;
+
+fn unwritable_inside(disk: &dyn Disk, folder: &Path, deep: usize) -> Option<String> {
+    let entries = disk.list(folder).unwrap_or_default();
+    let ours = entries.iter().filter(|entry| entry.name != "lost+found" && !entry.is_link);
+    ours.map(|entry| (folder.join(&entry.name), entry.is_dir)).find_map(|(path, is_dir)| {
+        let inside = || if is_dir && deep > 1 { unwritable_inside(disk, &path, deep - 1) } else { None };
+        refuses(&path).or_else(inside)
+    })
+}
+
+fn refuses(path: &Path) -> Option<String> {
+    let refused = rustix::fs::access(path, rustix::fs::Access::WRITE_OK).err()?;
+    Some(format!("{} cannot be written to ({refused})", path.display()))
+}
+
 fn make_root(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     if disk.exists(root) {
         return Ok(());

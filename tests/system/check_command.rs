@@ -70,17 +70,44 @@ fn a_store_that_cannot_be_written_is_named() {
     let store = directory.path().join("store");
     std::fs::create_dir(&store).unwrap();
     std::fs::set_permissions(&store, std::fs::Permissions::from_mode(0o555)).unwrap();
-    // Root may write everywhere: another user looks then, with a copy of the program that it may read.
-    let program = directory.path().join("wingd");
-    std::fs::copy(env!("CARGO_BIN_EXE_wingd"), &program).unwrap();
-    let command = if rustix::process::geteuid().is_root() {
-        let mut other = Command::new("setpriv");
-        other.args(["--reuid=65534", "--regid=65534", "--clear-groups"]).arg(&program);
-        other
-    } else {
-        Command::new(&program)
-    };
-    let (output, said) = check(command, &file);
+    let (output, said) = check(another_user(directory.path()), &file);
     assert_eq!(output.status.code(), Some(78), "{said}");
     assert!(said.contains("store.path") && said.contains("cannot be written"), "{said}");
+}
+
+/// Root may write everywhere: another user looks then, with a copy of the program that it may read.
+fn another_user(folder: &Path) -> Command {
+    let program = folder.join("wingd");
+    std::fs::copy(env!("CARGO_BIN_EXE_wingd"), &program).unwrap();
+    if !rustix::process::geteuid().is_root() {
+        return Command::new(&program);
+    }
+    let mut other = Command::new("setpriv");
+    other.args(["--reuid=65534", "--regid=65534", "--clear-groups"]).arg(&program);
+    other
+}
+
+/// As after a first run by hand as root: the folder is the recorder's, what lies in it is not.
+#[test]
+fn a_store_of_which_only_a_part_can_be_written_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let set = |name: &str, mode: u32| {
+        let path = directory.path().join(name);
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).unwrap();
+    };
+    set(".", 0o755);
+    let file = configuration(directory.path(), "store");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let ends = "[series]\ninterval = \"4s\"\nshots = 1\nuntil = \"1s\"\n[status]\nsocket = \"s.sock\"\n";
+    std::fs::write(&file, text + ends).unwrap();
+    let run = wingd().args(["run", "--config"]).arg(&file).output().unwrap();
+    assert_eq!(run.status.code(), Some(0), "{}", String::from_utf8_lossy(&run.stderr));
+    set("store", 0o777);
+    set("store/incoming", 0o555);
+    let (output, said) = check(another_user(directory.path()), &file);
+    assert_eq!(output.status.code(), Some(78), "{said}");
+    assert!(said.contains("store.path: ") && said.contains("cannot be written"), "{said}");
+    let parts = ["incoming", "counter.json", "flights"];
+    assert!(parts.iter().any(|part| said.contains(&format!("store/{part} cannot"))), "{said}");
+    set("store/incoming", 0o755);
 }

@@ -68,8 +68,9 @@ fn a_span_direction_of_the_wrong_sign_is_named_by_every_command() {
 fn points_that_can_hardly_be_right_are_named() {
     let typo = dev("survey.csv", "26.4142", "24.6142");
     let (status, said) = run(&["check", "--installation", typo.path().to_str().unwrap()]);
-    assert_eq!(status, Some(78), "{said}");
-    assert!(said.contains("marker \"M02\"") && said.contains("1 fault "), "{said}");
+    // Held up by nothing: where its image says the same, it takes no part.
+    assert_eq!(status, Some(0), "{said}");
+    assert!(said.contains("to be looked at") && said.contains("marker \"M02\""), "{said}");
     let survey = std::fs::read_to_string(fixture("dev/installation/survey.csv")).unwrap();
     let first = survey.lines().find(|l| l.starts_with("M01,")).unwrap();
     let twice = dev("survey.csv", first, &format!("{first}\n{}", first.replacen("M01", "M99", 1)));

@@ -1,6 +1,7 @@
 //! Every result is kept, or its loss is said.
 
 use std::fs::File;
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
@@ -22,8 +23,21 @@ fn a_full_disk_is_said() {
     let frame = picture("baseline-2x1.jpg");
     let frame = frame.to_str().unwrap();
     let directory = installation.to_str().unwrap();
-    let commands: [&[&str]; 3] =
-        [&["detect", "--json", frame, frame], &["detect", frame], &["check", "--installation", directory]];
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["installation.toml", "camera.toml", "survey.csv"] {
+        std::fs::copy(installation.join(name), folder.path().join(name)).unwrap();
+    }
+    let any = "camera_from_survey = [[0, -1, 0], [0, 0, -1], [1, 0, 0]]\n";
+    std::fs::write(folder.path().join("orientation.toml"), any).unwrap();
+    let oriented = folder.path().display().to_string();
+    let commands: [&[&str]; 6] = [
+        &["detect", "--json", frame, frame],
+        &["detect", frame],
+        &["check", "--installation", directory],
+        &["plan", "--installation", directory],
+        &["plan", "--json", "--installation", directory],
+        &["solve", "--json", "--installation", &oriented, frame],
+    ];
     for arguments in commands {
         let full = File::options().write(true).open("/dev/full").unwrap();
         let output = wingd().args(arguments).stdout(full).output().unwrap();
@@ -44,6 +58,34 @@ fn a_closed_pipe_is_silent() {
     drop(child.stdout.take());
     let output = child.wait_with_output().unwrap();
     assert_eq!((output.status.code(), said(&output).as_str()), (Some(0), ""));
+}
+
+/// What is done before Ctrl-C is there, in order, and no more is begun.
+#[test]
+fn results_come_as_they_are_done_and_an_interruption_keeps_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let frame = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/frames/flight-1.jpg");
+    let files: Vec<PathBuf> = (0..60).map(|k| folder.path().join(format!("{k:02}.jpg"))).collect();
+    files.iter().for_each(|file| std::os::unix::fs::symlink(&frame, file).unwrap());
+    let mut child = wingd()
+        .args(["detect", "--json", "--jobs", "1"])
+        .args(&files)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    let name = |line: String| serde_json::from_str::<serde_json::Value>(&line).unwrap()["image"].clone();
+    assert_eq!(name(lines.next().unwrap().unwrap()), "00.jpg", "the first, while the others are to come");
+    rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT)
+        .unwrap();
+    let rest: Vec<serde_json::Value> = lines.map(|l| name(l.unwrap())).collect();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+    let done = format!("stopped: {} of 60 pictures are done", rest.len() + 1);
+    assert!(said(&output).contains(&done), "{done}: {}", said(&output));
+    assert!(rest.len() < 59, "all were done");
+    assert!(rest.iter().enumerate().all(|(k, n)| *n == format!("{:02}.jpg", k + 1)), "{rest:?}");
 }
 
 #[test]
@@ -81,4 +123,34 @@ fn an_address_may_be_a_name() {
     let (status, text) = run("8080");
     assert_eq!(status, Some(2), "{text}");
     assert!(text.contains("localhost:8080"), "{text}");
+}
+
+/// Results of a test of the camera alone are results too.
+#[test]
+fn the_camera_s_test_says_what_is_wrong() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("frames")).unwrap();
+    std::fs::copy(picture("baseline-2x1.jpg"), folder.path().join("frames/1.jpg")).unwrap();
+    let config = folder.path().join("wingd.toml");
+    let run = |text: &str, output: Stdio| {
+        std::fs::write(&config, text).unwrap();
+        let mut command = wingd();
+        command.args(["camera-test", "--config"]).arg(&config).arg("--output").arg(folder.path());
+        command.stdout(output).output().unwrap()
+    };
+    let sound = "[camera]\nkind = \"replay\"\nfolder = \"frames\"\n";
+    let output = run(sound, Stdio::piped());
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    assert!(said(&output).contains("\"error\":null"), "{}", said(&output));
+    let full = File::options().write(true).open("/dev/full").unwrap();
+    let output = run(sound, full.into());
+    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+    assert!(said(&output).contains("cannot be written"), "{}", said(&output));
+    let output = run(&sound.replace("folder", "folders"), Stdio::piped());
+    assert_eq!(output.status.code(), Some(78), "{}", said(&output));
+    assert!(
+        said(&output).contains("wingd.toml: line") && said(&output).contains("folders"),
+        "{}",
+        said(&output)
+    );
 }

@@ -131,7 +131,14 @@ impl GphotoCamera {
 }
 
 fn odd(answer: &Answer) -> CameraError {
-    CameraError::Gone(format!("the camera process gave an answer to another question: {answer:?}"))
+    let what = match answer {
+        Answer::Opened { .. } => "opening",
+        Answer::Picture { .. } => "a shot",
+        Answer::Files { .. } => "the card's list",
+        Answer::Nothing => "something else",
+        Answer::Failed { error } => return error.clone(),
+    };
+    CameraError::Gone(format!("the camera process answered about {what}, which nobody asked"))
 }
 
 impl Camera for GphotoCamera {

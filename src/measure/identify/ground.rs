@@ -6,6 +6,7 @@ use super::beam::State;
 use super::bias::centred;
 use super::consensus::{Consensus, consensus, pairs_under};
 use super::decide::decide;
+use super::explain::among_others;
 use super::fit::Prior;
 use super::flight::{NEEDED, report};
 use super::matching::Problem;
@@ -48,9 +49,10 @@ pub(super) fn orient(setup: &Setup, frames: &[Vec<Detection>]) -> Result<Orienta
     let Some(fitted) = fitted else {
         return Err(IdentifyError::TooFew { found: 0, needed: NEEDED });
     };
-    if let Some(misfit) = misfit(setup, frames, &fitted.used.iter().map(|(s, _)| s.frame).collect::<Vec<_>>())
-    {
-        return Err(IdentifyError::Misfit(misfit));
+    let of_used: Vec<usize> = fitted.used.iter().map(|(s, _)| s.frame).collect();
+    if let Some(misfit) = misfit(setup, frames, &of_used) {
+        let cause = frames.get(misfit.frame).and_then(|f| among_others(setup, &orientation, f));
+        return Err(IdentifyError::Misfit(Misfit { cause, ..misfit }));
     }
     let scene = Scene::new(setup, &orientation, false);
     for (detections, of) in frames.iter().zip(&mut identities) {
@@ -80,7 +82,7 @@ fn misfit(setup: &Setup, frames: &[Vec<Detection>], of_used: &[usize]) -> Option
         let matched = of_used.iter().filter(|f| **f == frame).count();
         let found = detections.iter().filter(|d| usable(d)).count();
         let few = 2 * matched < found && 2 * matched < setup.markers.len();
-        (matched < NEEDED || few).then_some(Misfit { frame, matched, found })
+        (matched < NEEDED || few).then_some(Misfit { frame, matched, found, cause: None })
     };
     frames.iter().enumerate().filter(|_| frames.len() > 1).find_map(of)
 }

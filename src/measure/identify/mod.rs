@@ -8,6 +8,7 @@
 //! | matching | one of these | pairs and a fitted state | `matching.rs`, `fit.rs` |
 //! | decision | pairs | identities beyond doubt, reasons for the others | `decide.rs`, `flight.rs` |
 //! | bias | identified outlines | images of the centres | `bias.rs`, `outline.rs` |
+//! | cause | a frame that fits nothing | what it fits after all | `explain.rs` |
 //! | prediction | one frame's identities | where to look in the next | `known.rs` |
 //!
 //! The wing behind all of them is in `skin.rs`, `beam.rs` and `scene.rs`.
@@ -17,6 +18,7 @@ mod beam;
 mod bias;
 mod consensus;
 mod decide;
+mod explain;
 mod fit;
 mod flight;
 mod ground;
@@ -32,6 +34,8 @@ use nalgebra::Vector2;
 
 use super::detect::{Detection, Expected, Prediction};
 use super::setup::{Orientation, Setup};
+
+pub use explain::Cause;
 
 /// Which detection is which marker.
 #[derive(Clone, Debug, PartialEq, Default)]
@@ -70,7 +74,7 @@ pub enum IdentifyError {
     Misfit(Misfit),
     /// Nothing fits.
     #[error(
-        "the detected markers fit the survey in no orientation (best: {matched} of {found}); check the survey, the projection centre and the camera calibration"
+        "the detected markers fit the survey in no orientation (best: {matched} of {found}); check that the frame shows this wing, then the survey, the projection centre and the camera calibration"
     )]
     NoConsensus {
         /// Matched in the best try.
@@ -82,10 +86,7 @@ pub enum IdentifyError {
 
 /// One frame of several that does not fit.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error(
-    "only {matched} of its {found} markers lie where the other frames put them; it is of another mounting, of a wing \
-     in flight or of another scene: leave it out"
-)]
+#[error("only {matched} of its {found} markers lie where the other frames put them; {}: leave it out", .cause.map_or_else(|| OTHER.to_owned(), |c| c.to_string()))]
 pub struct Misfit {
     /// Which, from 0.
     pub frame: usize,
@@ -93,7 +94,12 @@ pub struct Misfit {
     pub matched: usize,
     /// Detections at hand.
     pub found: usize,
+    /// What it fits after all.
+    pub cause: Option<Cause>,
 }
+
+/// Of a frame that fits nothing.
+const OTHER: &str = "it is of another mounting, of a wing in flight or of another scene";
 
 /// An orientation from one or more ground frames.
 #[derive(Clone, Debug, PartialEq)]
@@ -135,6 +141,16 @@ pub fn identify(
     detections: &[Detection],
 ) -> Result<Identities, IdentifyError> {
     flight::identify_in(&scene::Scene::new(setup, orientation, true), detections)
+}
+
+/// What a frame fits that [`identify`] refused, if anything tells.
+pub fn explain(setup: &Setup, orientation: &Orientation, detections: &[Detection]) -> Option<Cause> {
+    explain::in_flight(setup, orientation, detections)
+}
+
+/// What one of the frames fits that [`orient`] refused, with its index, if anything tells.
+pub fn explain_ground(setup: &Setup, frames: &[Vec<Detection>]) -> Option<(usize, Cause)> {
+    frames.iter().enumerate().find_map(|(k, frame)| Some((k, explain::on_ground(setup, frame)?)))
 }
 
 /// Image of each identified marker's true centre: the ellipse's perspective bias removed with the

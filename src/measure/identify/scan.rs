@@ -15,7 +15,7 @@ const STEP_PX: f64 = 30.0;
 const LIFT_RANGE: (f64, f64) = (-0.11, 0.22);
 /// Curvature over the span as coefficients, and L^2 * curvature / tip lift: (1 - x)(1 + 3x) for a
 /// strong taper, 1, 1 - x, (1 - x)^2.
-const FAMILY: [([f64; 3], f64); 4] =
+pub(super) const FAMILY: [([f64; 3], f64); 4] =
     [([1.0, 0.0, 3.0], 12.0 / 7.0), ([1.0, 1.0, 0.0], 2.0), ([1.0, 0.0, 0.0], 3.0), ([1.0, 0.0, -1.0], 4.0)];
 const KEPT: usize = 8;
 

@@ -12,6 +12,7 @@ use super::plot::px;
 use crate::measure::detect::{Detection, Detections, detect};
 use crate::measure::raster::Raster;
 use crate::pipeline::decode::decode;
+use crate::pipeline::guard::{BROKE_OFF, guarded};
 use crate::record::{ImageRecord, MarkerRecord};
 
 /// The embedded picture is at most this wide and high, px.
@@ -24,8 +25,14 @@ const ERROR: &str = "#ff58c8";
 /// Candidates turned down that are drawn at most; the caption counts all.
 const MANY: usize = 200;
 
-/// The frame with its markers and a line on what is drawn; a sentence where it cannot be read.
+/// The frame with its markers and a line on what is drawn; a sentence where it cannot be read, or the program breaks off
+/// at it.
 pub fn picture(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
+    let broken = || html! { p.warning { (picture.image) ": " (BROKE_OFF) } };
+    guarded(|| drawn(picture, record)).unwrap_or_else(broken)
+}
+
+fn drawn(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
     let raster = match decode(&picture.bytes, picture.format.as_ref()) {
         Ok(raster) => raster,
         Err(error) => return html! { p.warning { (picture.image) ": " (error) } },
@@ -135,5 +142,17 @@ fn names(found: &Detections, markers: &[MarkerRecord], width: f64, height: f64) 
                 text x=(px(place.x + letter * 0.15)) y=(px(place.y + letter * 0.93)) fill=(colour) stroke="none" { (text) }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_at_which_the_decoder_breaks_is_a_sentence() {
+        let bytes = crate::pipeline::decode::BREAKS.to_vec();
+        let frame = Picture { bytes, ..Picture::default() };
+        assert!(picture(&frame, None).into_string().contains("decoder broke off"));
     }
 }
