@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use crate::camera::section::CameraSection;
-use crate::daemon::{SeriesConfig, StatusConfig};
+use crate::daemon::{PowerConfig, SeriesConfig, StatusConfig};
 use crate::installation::Fault;
 use crate::measure::adjust::{Method, Options};
 use crate::pipeline::Job;
@@ -28,6 +28,9 @@ pub struct Config {
     /// `[status]`.
     #[serde(default)]
     pub status: StatusConfig,
+    /// `[power]`.
+    #[serde(default)]
+    pub power: PowerConfig,
     /// `[solve]`.
     #[serde(default)]
     pub solve: SolveConfig,
@@ -92,7 +95,8 @@ impl Config {
         let absolute = |path: &mut PathBuf| *path = folder.join(&*path);
         absolute(&mut self.store.path);
         absolute(&mut self.status.socket);
-        self.installation.iter_mut().for_each(absolute);
+        let optional = [&mut self.installation, &mut self.power.file, &mut self.store.signing_key];
+        optional.into_iter().flatten().for_each(absolute);
         if let CameraSection::Replay(replay) = &mut self.camera {
             replay.folder.iter_mut().chain(replay.list.iter_mut()).for_each(absolute);
         }
@@ -103,6 +107,8 @@ impl Config {
     fn tildes(&self, file: &Path) -> Vec<Fault> {
         let mut paths = vec![("store.path", &self.store.path), ("status.socket", &self.status.socket)];
         paths.extend(self.installation.iter().map(|path| ("installation", path)));
+        paths.extend(self.power.file.iter().map(|path| ("power.file", path)));
+        paths.extend(self.store.signing_key.iter().map(|path| ("store.signing_key", path)));
         if let CameraSection::Replay(replay) = &self.camera {
             paths.extend(replay.folder.iter().map(|path| ("camera.folder", path)));
             paths.extend(replay.list.iter().map(|path| ("camera.list", path)));
@@ -118,6 +124,7 @@ impl Config {
         let mut texts = self.camera.faults();
         texts.extend(self.series.faults());
         texts.extend(self.store.faults());
+        texts.extend(self.power.faults());
         let mut faults: Vec<Fault> = texts.iter().map(|text| split(file, text)).collect();
         if let Some(terms) = self.solve.curvature_terms.filter(|n| !(1..=10).contains(n)) {
             faults.push(fault(

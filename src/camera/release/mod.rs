@@ -19,7 +19,7 @@ use crate::camera::v4l::{V4lCamera, V4lSection};
 use crate::camera::{Camera, CameraError, CameraInfo, Frame};
 use folder::Folder;
 pub use folder::FolderSection;
-use line::Line;
+pub(crate) use line::Line;
 pub use line::LineSection;
 
 /// `[camera]` with `kind = "release"`.
@@ -65,7 +65,7 @@ fn default_full() -> f64 {
 impl ReleaseSection {
     /// What is wrong with the section: (key, problem, mend).
     pub fn faults(&self) -> Vec<(String, String, String)> {
-        let mut faults = match &self.frames {
+        let mut faults: Vec<(String, String, String)> = match &self.frames {
             #[cfg(feature = "gphoto")]
             FramesSection::Gphoto(section) => section.faults(),
             #[cfg(feature = "v4l")]
