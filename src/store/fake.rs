@@ -269,7 +269,7 @@ impl State {
 
     /// Changes a file's bytes, then syncs them; half the bytes are there where the change fails.
     fn put(&mut self, path: &Path, from: Option<usize>, bytes: &[u8]) -> io::Result<()> {
-        let outcome = self.step(!from.is_some_and(|length| length > 0));
+        let outcome = self.step(from.is_none_or(|length| length == 0));
         self.powered()?;
         let id = match self.find(path) {
             Ok(id) => id,

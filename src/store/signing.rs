@@ -41,7 +41,7 @@ impl Signer {
             what: "is not an Ed25519 key (PEM, PKCS #8)".to_owned(),
             mend: "name another file; a new key is made where there is none",
         })?;
-        let public = path.with_added_extension(PUBLIC_ENDING);
+        let public = beside(path, PUBLIC_ENDING);
         if !public.exists() {
             let text = key.verifying_key().to_public_key_pem(LineEnding::LF).unwrap_or_default();
             write_new(&public, text.as_bytes(), 0o644).map_err(StoreError::io(&public, "write"))?;
@@ -90,6 +90,13 @@ impl Signer {
     }
 }
 
+fn beside(path: &Path, ending: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".");
+    name.push(ending);
+    name.into()
+}
+
 fn make(path: &Path) -> Result<String, StoreError> {
     let mut seed = [0; 32];
     disk::random(&mut seed).map_err(StoreError::io(Path::new("/dev/urandom"), "read"))?;
@@ -102,7 +109,7 @@ fn make(path: &Path) -> Result<String, StoreError> {
 /// Writes a file that must not exist yet, durably: half a key would be no key at the next start.
 #[allow(clippy::disallowed_methods)] // a key is no file of the store, and needs its own mode
 fn write_new(path: &Path, bytes: &[u8], mode: u32) -> io::Result<()> {
-    let part = path.with_added_extension("part");
+    let part = beside(path, "part");
     let mut file = OpenOptions::new().write(true).create(true).truncate(true).mode(mode).open(&part)?;
     file.write_all(bytes)?;
     file.sync_all()?;

@@ -21,6 +21,7 @@ mod shipped_configuration;
 mod store_durability;
 mod store_evidence;
 mod store_faults;
+mod store_speed;
 mod store_verify;
 mod survey_typo;
 mod thirty_hours;

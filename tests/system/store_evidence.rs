@@ -70,9 +70,10 @@ fn wingd(arguments: &[&str], store: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).arg(store).output().unwrap()
 }
 
-/// Exit status 1, and a line that names the place.
+/// Exit status 1, and a line that names the place; in a copy of the flight alone too, where that was damaged.
 fn named(damage: impl FnOnce(&Path), place: &str, what: &str) {
     let dir = made();
+    let before = files(&RealDisk, &dir.path().join(FLIGHT));
     let sound = wingd(&["verify"], dir.path());
     assert_eq!(sound.status.code(), Some(0), "{}", String::from_utf8_lossy(&sound.stdout));
     damage(dir.path());
@@ -80,6 +81,14 @@ fn named(damage: impl FnOnce(&Path), place: &str, what: &str) {
     let text = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(1), "{text}");
     assert!(text.lines().any(|line| line.contains(place) && line.contains(what)), "{place}: {what}: {text}");
+    if before != files(&RealDisk, &dir.path().join(FLIGHT)) {
+        let elsewhere = tempfile::tempdir().unwrap();
+        let copied = Command::new("cp").arg("-r").arg(dir.path().join(FLIGHT)).arg(elsewhere.path()).status();
+        assert!(copied.unwrap().success());
+        let output = wingd(&["verify"], &elsewhere.path().join("f0001"));
+        let text = String::from_utf8([output.stdout, output.stderr].concat()).unwrap();
+        assert_eq!(output.status.code(), Some(1), "a copy of the flight: {text}");
+    }
 }
 
 fn edit(root: &Path, file: &str, change: impl FnOnce(&mut Vec<u8>)) {
@@ -345,7 +354,8 @@ fn signed() -> (tempfile::TempDir, PathBuf) {
     let config = StoreConfig { reserve_mb: 0, signing_key: Some(key.clone()), ..StoreConfig::at(&root) };
     let store = Store::open(Arc::new(RealDisk), config).unwrap().0;
     fill(&store);
-    (dir, key.with_added_extension("pub"))
+    let public = PathBuf::from(format!("{}.pub", key.display()));
+    (dir, public)
 }
 
 fn verified(root: &Path, key: &Path) -> (Option<i32>, String) {

@@ -184,6 +184,7 @@ impl Camera for ReleaseCamera {
         self.close();
         let half = self.section.half_press.as_ref().map(Line::take).transpose()?;
         self.lines = Some(Lines { full: Line::take(&self.section.full_press)?, half });
+        #[cfg_attr(not(any(feature = "gphoto", feature = "v4l")), allow(irrefutable_let_patterns))]
         if let Frames::Folder(section, folder) = &mut self.frames {
             let name = format!("remote release, files in {}", section.path.display());
             *folder = Some(Folder::open(section.clone())?);
