@@ -63,7 +63,7 @@ fn broken_off(work: &mut Work) -> Result<(), StoreError> {
     let part = Path::new(ROOT).join("incoming/s000003/0002.jpg.part");
     let commit = Scenario { name: "", before: a_day, act: |work| work.take_series(&work.open()?) };
     let cut = |step| disturbed(work, &commit, Fault::PowerCut(step)).0;
-    let cuts = (1..).map(|step| cut(step)).map(|work| work.moved_to(work.disk.power_up(whole)));
+    let cuts = (1..).map(cut).map(|work| work.moved_to(work.disk.power_up(whole)));
     let mut begun = cuts.skip_while(|work| !work.disk.exists(&part));
     // With its first step the part is whole in memory, with the second on the disk.
     *work = begun.nth(1).unwrap_or_else(|| work.clone());
@@ -199,8 +199,8 @@ fn a_power_cut_in_the_recovery_from_a_power_cut_loses_nothing_acknowledged() {
 /// One step fails and the program goes on; later the power goes.
 #[test]
 fn a_failing_step_loses_nothing_acknowledged() {
-    let kinds: [(&str, fn(u64) -> Fault); 3] =
-        [("failure", Fault::Error), ("late", Fault::Late), ("disk full", Fault::Full)];
+    type Kind = (&'static str, fn(u64) -> Fault);
+    let kinds: [Kind; 3] = [("failure", Fault::Error), ("late", Fault::Late), ("disk full", Fault::Full)];
     for (kind, fault) in kinds {
         for scenario in SCENARIOS {
             let (before, steps) = begin(scenario);
