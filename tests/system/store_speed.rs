@@ -1,5 +1,5 @@
 //! How long a big store takes to verify, beside sha256sum over the same bytes. Run by hand:
-//! `cargo test --release --test system -- --ignored --nocapture store_speed`
+//! `cargo test --release --test system -- --ignored --nocapture store_speed` (WINGD: another binary)
 
 use std::path::Path;
 use std::process::Command;
@@ -69,7 +69,8 @@ fn a_store_of_100_000_frames_verifies_as_fast_as_sha256sum_reads_it() {
             .args(["-c", "cd flights/f0001 && sha256sum --check --quiet SHA256SUMS"])
             .current_dir(dir.path()),
     );
-    let verify_s = shortest(Command::new(env!("CARGO_BIN_EXE_wingd")).arg("verify").arg(dir.path()));
+    let wingd = std::env::var("WINGD").unwrap_or_else(|_| env!("CARGO_BIN_EXE_wingd").to_owned());
+    let verify_s = shortest(Command::new(wingd).arg("verify").arg(dir.path()));
     let frames = SERIES * SHOTS;
     println!(
         "{frames} frames of {FRAME_BYTES} bytes: wingd verify {verify_s:.2} s, sha256sum -c {sums_s:.2} s, ratio {:.2}",
