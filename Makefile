@@ -9,7 +9,7 @@ DEMO_OUTPUT ?= demo-output
 # What the demonstration needs: no cameras but replay, no AprilGrid, no Parquet.
 DEMO_FEATURES := --no-default-features
 
-.PHONY: help demo test test-mutations check lint bench package package-aarch64 test-machine build dependencies machine-dependencies
+.PHONY: help demo test test-mutations check lint bench package package-aarch64 test-machine test-powercut build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
@@ -21,6 +21,7 @@ help:
 	@echo 'make package       a Debian package in target/package'
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
 	@echo 'make test-machine  cameras, GPIO and systemd in virtual machines'
+	@echo 'make test-powercut  300 power cuts of a virtual machine, and the control without fsync'
 
 demo: dependencies
 	$(CARGO) build --release --locked --bin wingd $(DEMO_FEATURES)
@@ -57,6 +58,14 @@ package-aarch64: machine-dependencies
 
 test-machine: machine-dependencies build
 	bash tests/machine/run.sh $(MACHINE_OPTIONS)
+
+# CUTS, FS (ext4, vfat, exfat): see tests/powercut/README.md.
+CUTS ?= 300
+FS ?= ext4
+test-powercut: build
+	@sh packaging/dependencies.sh build-essential e2fsprogs procps
+	bash tests/powercut/run.sh --cuts $(CUTS) --fs $(FS)
+	bash tests/powercut/run.sh --cuts 20 --fs $(FS) --without-fsync
 
 # Installs the Debian packages that are missing, as root or through sudo; elsewhere says which.
 dependencies:

@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use crate::camera::section::CameraSection;
-use crate::daemon::{SeriesConfig, StatusConfig};
+use crate::daemon::{PowerConfig, SeriesConfig, StatusConfig};
 use crate::installation::Fault;
 use crate::measure::adjust::{Method, Options};
 use crate::pipeline::Job;
@@ -28,6 +28,9 @@ pub struct Config {
     /// `[status]`.
     #[serde(default)]
     pub status: StatusConfig,
+    /// `[power]`.
+    #[serde(default)]
+    pub power: PowerConfig,
     /// `[solve]`.
     #[serde(default)]
     pub solve: SolveConfig,
@@ -120,7 +123,8 @@ impl Config {
     fn resolved(mut self, folder: &Path) -> Self {
         resolve(folder, &mut self.store.path);
         resolve(folder, &mut self.status.socket);
-        self.installation.iter_mut().for_each(|path| resolve(folder, path));
+        let optional = [&mut self.installation, &mut self.power.file, &mut self.store.signing_key];
+        optional.into_iter().flatten().for_each(|path| resolve(folder, path));
         resolve_camera(&mut self.camera, folder);
         self
     }
@@ -129,6 +133,8 @@ impl Config {
     fn tildes(&mut self, file: &Path) -> Vec<Fault> {
         let mut paths = vec![("store.path", &self.store.path), ("status.socket", &self.status.socket)];
         paths.extend(self.installation.iter().map(|path| ("installation", path)));
+        paths.extend(self.power.file.iter().map(|path| ("power.file", path)));
+        paths.extend(self.store.signing_key.iter().map(|path| ("store.signing_key", path)));
         if let Some(replay) = self.camera.replay() {
             paths.extend(replay.folder.iter().map(|path| ("camera.folder", path)));
             paths.extend(replay.list.iter().map(|path| ("camera.list", path)));
@@ -144,6 +150,7 @@ impl Config {
         let mut texts = self.camera.faults();
         texts.extend(self.series.faults());
         texts.extend(self.store.faults());
+        texts.extend(self.power.faults());
         let mut faults: Vec<Fault> = texts.iter().map(|text| split(file, text)).collect();
         if let Some(terms) = self.solve.curvature_terms.filter(|n| !(1..=10).contains(n)) {
             faults.push(fault(

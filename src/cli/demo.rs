@@ -11,7 +11,7 @@ use crate::camera::replay::ReplayConfig;
 use crate::camera::section::CameraSection;
 use crate::clock::{Clock, Simulated};
 use crate::config::{Config, SolveConfig};
-use crate::daemon::{Event, Observer, SeriesConfig, StatusConfig};
+use crate::daemon::{Event, Observer, PowerConfig, SeriesConfig, StatusConfig};
 use crate::installation;
 use crate::measure::identify;
 use crate::pipeline::stages;
@@ -95,6 +95,7 @@ fn fly(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
             ..SeriesConfig::default()
         },
         store: StoreConfig { reserve_mb: 100, ..StoreConfig::at(output.join("store")) },
+        power: PowerConfig::default(),
         status: StatusConfig { socket: output.join("wingd.sock") },
         solve: SolveConfig::default(),
     };

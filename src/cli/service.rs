@@ -2,7 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::Failure;
 use crate::clock::Clock;
@@ -14,8 +14,20 @@ use crate::store::{Inputs, RealDisk, Recovery, Store};
 
 /// Opens the store, making it where there is none.
 pub fn open_store(config: &Config) -> Result<(Arc<Store>, Recovery), Failure> {
-    let opened = Store::open(Arc::new(RealDisk), config.store.clone());
-    opened.map(|(store, recovery)| (Arc::new(store), recovery)).map_err(|e| Failure::Undone(e.to_string()))
+    let begin = Instant::now();
+    let (store, recovery) = Store::open(Arc::new(RealDisk), config.store.clone())
+        .map_err(|error| Failure::Undone(error.to_string()))?;
+    let took_ms = begin.elapsed().as_millis() as u64;
+    if let Some(signer) = store.signer() {
+        tracing::info!(key = %signer.path().display(), public = signer.public(), "flights are signed");
+    }
+    tracing::info!(
+        recovered = recovery.series.len(),
+        set_aside = recovery.set_aside.len(),
+        took_ms,
+        "store is open"
+    );
+    Ok((Arc::new(store), recovery))
 }
 
 /// Keeps the installation in the store. A fault costs the keeping, not the results: it is logged.
@@ -61,6 +73,7 @@ pub fn run(
     let board = Board::new(clock.clone());
     let parts = Parts {
         series: config.series.clone(),
+        power: config.power.clone(),
         status: Some(config.status.clone()),
         store,
         recovery,

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use super::{Done, Failure, print};
 use crate::installation;
-use crate::store::verify::{Report, verify};
+use crate::store::signing::PublicKey;
+use crate::store::verify::{Report, verify, verify_signed};
 use crate::store::{self, RealDisk, StoreError, catalogue};
 
 /// Check every checksum and every invariant of a store, or of a copied flight or series.
@@ -21,6 +22,9 @@ pub struct Args {
     /// With --upgrade: the installation that the results came from, to be kept in the store
     #[arg(long, value_name = "DIR", requires = "upgrade")]
     installation: Option<PathBuf>,
+    /// Whether all of it was signed, too: with the key whose public half is in FILE (`[store] signing_key`)
+    #[arg(long, value_name = "FILE")]
+    key: Option<PathBuf>,
     /// The report as one JSON object
     #[arg(long)]
     json: bool,
@@ -34,7 +38,11 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     if args.upgrade {
         upgrade(args)?;
     }
-    let report = verify(&RealDisk, &args.store);
+    let key = args.key.as_deref().map(PublicKey::read).transpose();
+    let report = match key.map_err(|error| Failure::Undone(error.to_string()))? {
+        Some(key) => verify_signed(&RealDisk, &args.store, &key),
+        None => verify(&RealDisk, &args.store),
+    };
     if args.json {
         print(&serde_json::to_string(&report).unwrap_or_default())?;
     } else {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
+use super::halt::Halt;
 use crate::camera::{Camera, CameraError, CameraInfo, Frame};
 
 /// Makes a camera, closed. Called again after a hang, a panic or an unplug.
@@ -12,8 +13,8 @@ pub type CameraFactory = Box<dyn FnMut() -> Result<Box<dyn Camera>, CameraError>
 
 /// Calls that may hang at a time before no new camera is made: each holds a thread.
 const MAX_HANGING: usize = 8;
-/// The longest wait without a sign of life from the recorder, machine time.
-const BEAT: Duration = Duration::from_secs(1);
+/// The longest wait without a sign of life from the recorder, and without a look at the halt. Machine time.
+const BEAT: Duration = Duration::from_millis(50);
 
 enum Request {
     Open,
@@ -44,11 +45,12 @@ pub(crate) struct Host {
     alive: Arc<()>,
     hangs: u64,
     open_limit: Duration,
+    halt: Halt,
 }
 
 impl Host {
-    pub fn new(factory: CameraFactory, open_limit: Duration) -> Self {
-        Self { factory, worker: None, open: false, alive: Arc::new(()), hangs: 0, open_limit }
+    pub fn new(factory: CameraFactory, open_limit: Duration, halt: Halt) -> Self {
+        Self { factory, worker: None, open: false, alive: Arc::new(()), hangs: 0, open_limit, halt }
     }
 
     /// Calls given up so far.
@@ -137,7 +139,7 @@ impl Host {
             Ok(()) => Err(RecvTimeoutError::Timeout),
             Err(_) => Err(RecvTimeoutError::Disconnected),
         };
-        while matches!(answer, Err(RecvTimeoutError::Timeout)) && !left.is_zero() {
+        while matches!(answer, Err(RecvTimeoutError::Timeout)) && !left.is_zero() && !self.halt.over() {
             let slice = left.min(BEAT);
             beat();
             answer = worker.replies.recv_timeout(slice);
@@ -151,9 +153,14 @@ impl Host {
             Err(RecvTimeoutError::Timeout) => {
                 // Dropping our ends makes the thread end by itself, should its call ever return.
                 self.open = false;
+                let after_s = (limit - left).as_secs_f64();
+                if self.halt.over() {
+                    let what = format!("{what}; it is given up because wingd stops or the power fails");
+                    return Err(CameraError::Timeout { after_s, what });
+                }
                 self.hangs += 1;
                 let what = format!("{what}; the call hangs and is given up");
-                Err(CameraError::Timeout { after_s: limit.as_secs_f64(), what })
+                Err(CameraError::Timeout { after_s, what })
             }
             Err(RecvTimeoutError::Disconnected) => {
                 self.open = false;

@@ -6,10 +6,13 @@
 //! | camera | the driver's calls | the hardware; given up where it does not return |
 //! | processing | solves what the store says is unsolved | the end of a series, the solver up to its deadline |
 //! | solver | one frame; given up where it does not return | |
+//! | power | looks at the supply | |
 //! | main | signals, the status socket, the service manager | all of these |
 
 mod capture;
+mod halt;
 mod metrics;
+pub mod power;
 mod processing;
 mod pulse;
 mod recorder;
@@ -18,7 +21,6 @@ mod socket;
 mod status;
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -26,6 +28,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 pub use capture::CameraFactory;
+pub use power::PowerConfig;
 pub use schedule::Align;
 pub use socket::{StatusConfig, ask};
 pub use status::{Activity, Board, CameraStatus, Counts, Health, Noted, Status, StoreStatus};
@@ -35,6 +38,7 @@ use crate::camera::freshness::Freshness;
 use crate::clock::Clock;
 use crate::record::ImageRecord;
 use crate::store::{Inputs, Recovery, Store};
+use halt::Halt;
 use pulse::Pulse;
 use recorder::{Command, Recorder};
 
@@ -191,6 +195,8 @@ pub type Observer = Arc<dyn Fn(&Event) + Send + Sync>;
 pub struct Parts {
     /// `[series]`.
     pub series: SeriesConfig,
+    /// `[power]`.
+    pub power: PowerConfig,
     /// `[status]`; none, and no socket is opened.
     pub status: Option<StatusConfig>,
     /// Open for writing.
@@ -216,10 +222,18 @@ pub enum DaemonError {
     /// A fault of the program.
     #[error("the {0} thread broke off; what is stored is safe, restart wingd (and tell the developers)")]
     Broken(&'static str),
+    /// Something did not let go.
+    #[error(
+        "not stopped in good order within {within_s} s; what is stored is safe, and a series under way is recovered at the next start"
+    )]
+    Late {
+        /// The limit.
+        within_s: f64,
+    },
 }
 
-/// Runs until the timetable is over (what is left is solved then) or until SIGTERM or SIGINT (the
-/// shot under way is finished, the series closed, the frame under work solved).
+/// Runs until the timetable is over (what is left is solved then) or until SIGTERM or SIGINT: the shot and
+/// the frame under way are finished or given up, the series is closed, all within `[power] stop_within`.
 pub fn run(parts: Parts, board: &Board) -> Result<Status, DaemonError> {
     recorder::log_recovery(&parts.recovery);
     board.update(|status| {
@@ -230,7 +244,7 @@ pub fn run(parts: Parts, board: &Board) -> Result<Status, DaemonError> {
         status.shots_per_series = parts.series.shots;
     });
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let stop = Arc::new(AtomicBool::new(false));
+    let halt = Halt::default();
     let (commands, inbox) = channel();
     let (wake, woken) = channel();
     let socket = parts.status.clone();
@@ -239,11 +253,11 @@ pub fn run(parts: Parts, board: &Board) -> Result<Status, DaemonError> {
         solver,
         board: board.clone(),
         observer: parts.observer.clone(),
-        stop: stop.clone(),
+        halt: halt.clone(),
         running: Arc::new(()),
     });
     let recorder = Recorder {
-        camera: capture::Host::new(parts.cameras, parts.series.open_deadline),
+        camera: capture::Host::new(parts.cameras, parts.series.open_deadline, halt.clone()),
         freshness: Freshness::remembering(parts.series.stale_window),
         config: parts.series,
         store: parts.store,
@@ -254,16 +268,21 @@ pub fn run(parts: Parts, board: &Board) -> Result<Status, DaemonError> {
         wake,
         opened: None,
         triggered: false,
-        stopping: false,
+        halt: halt.clone(),
     };
+    let _watch = power::watch(&parts.power, &halt, commands.clone(), board);
+    let stop_within = parts.power.stop_within;
     let (done, finished) = tokio::sync::oneshot::channel();
     let threads = std::thread::Builder::new().name("wingd".to_owned()).spawn(move || {
         let result = work(recorder, processing, woken);
         let _ = done.send(());
         result
     })?;
-    runtime.block_on(attend(socket, board, commands, &stop, finished));
+    let stopped = runtime.block_on(attend(socket, board, commands, (&halt, stop_within), finished));
     runtime.shutdown_background();
+    if !stopped {
+        return Err(DaemonError::Late { within_s: stop_within.as_secs_f64() });
+    }
     join(threads, "main")??;
     Ok(board.snapshot())
 }
@@ -291,14 +310,15 @@ fn join<T>(thread: JoinHandle<T>, name: &'static str) -> Result<T, DaemonError> 
     thread.join().map_err(|_| DaemonError::Broken(name))
 }
 
-/// Signals, the socket and the service manager, until the work is done.
+/// Signals, the socket and the service manager, until the work is done (true) or the time for stopping is over.
 async fn attend(
     socket: Option<StatusConfig>,
     board: &Board,
     commands: Sender<Command>,
-    stop: &AtomicBool,
+    (halt, within): (&Halt, Duration),
     mut finished: tokio::sync::oneshot::Receiver<()>,
-) {
+) -> bool {
+    let mut in_time = true;
     if let Some(config) = &socket {
         match socket::listen(&config.socket) {
             Ok(listener) => {
@@ -315,16 +335,17 @@ async fn attend(
     tokio::select! {
         _ = &mut finished => {}
         () = stop_signal() => {
-            tracing::info!("stopping: the shot under way is finished first");
+            tracing::info!(within_s = within.as_secs_f64(), "stopping: the shot under way is finished or given up");
             let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
-            stop.store(true, Ordering::Relaxed);
-            let _ = commands.send(Command::Stop);
-            let _ = finished.await;
+            halt.end(within);
+            let _ = commands.send(Command::Look);
+            in_time = tokio::time::timeout(within, finished).await.is_ok();
         }
     }
     if let Some(config) = &socket {
         let _ = std::fs::remove_file(&config.socket);
     }
+    in_time
 }
 
 async fn stop_signal() {

@@ -1,12 +1,12 @@
 //! Solving: asks the store for frames without a result, so that a restart needs no other recovery of work.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
 use serde_json::Value;
 
+use super::halt::Halt;
 use super::status::{Activity, Board};
 use super::{Event, Observer, Solver};
 use crate::camera::Format;
@@ -17,8 +17,8 @@ use crate::store::{FrameRef, Store, StoreError};
 const MAX_BEGINNINGS: u32 = 5;
 /// Solvers given up that may run on at a time; each holds a thread, at worst a core.
 const MAX_HANGING: usize = 2;
-/// The longest wait without a sign of life.
-const BEAT: Duration = Duration::from_secs(1);
+/// The longest wait without a sign of life, and without a look at the halt.
+const BEAT: Duration = Duration::from_millis(50);
 
 /// What the processing thread works with.
 pub(crate) struct Processing {
@@ -26,7 +26,7 @@ pub(crate) struct Processing {
     pub solver: Solver,
     pub board: Board,
     pub observer: Observer,
-    pub stop: Arc<AtomicBool>,
+    pub halt: Halt,
     /// One count per solver that runs, and ours.
     pub running: Arc<()>,
 }
@@ -43,11 +43,11 @@ impl Processing {
                 self.board.fault(&error.to_string());
             }
             self.board.beat_processing(false);
-            if self.stop.load(Ordering::Relaxed) || wake.recv().is_err() {
+            if self.halt.ending() || wake.recv().is_err() {
                 break;
             }
         }
-        if !self.stop.load(Ordering::Relaxed) {
+        if !self.halt.wanted() {
             self.board.update(|status| status.activity = Activity::Finishing);
             let _ = self.solve_all();
             self.store.seal();
@@ -64,7 +64,7 @@ impl Processing {
             }
             for frame in frames {
                 self.board.beat_processing(true);
-                if self.stop.load(Ordering::Relaxed) {
+                if self.halt.wanted() {
                     return Ok(());
                 }
                 if self.hanging() >= MAX_HANGING {
@@ -90,7 +90,10 @@ impl Processing {
                     format!("{what}; solve it with `wingd solve`, which says more"),
                 )
             }
-            Ok(bytes) => self.compute(frame, bytes),
+            Ok(bytes) => match self.compute(frame, bytes) {
+                Some(record) => record,
+                None => return self.store.forget_solving(),
+            },
             Err(error) => ImageRecord::failed(&frame.entry.file, "", error.to_string()),
         };
         let ok = record.status == Status::Ok;
@@ -119,31 +122,31 @@ impl Processing {
         Arc::strong_count(&self.running) - 1
     }
 
-    fn compute(&self, frame: &FrameRef, bytes: Vec<u8>) -> ImageRecord {
+    /// `None` where it was given up because wingd stops or the power fails.
+    fn compute(&self, frame: &FrameRef, bytes: Vec<u8>) -> Option<ImageRecord> {
         let file = &frame.entry.file;
         let format = match serde_json::from_value::<Format>(frame.entry.format.clone()) {
             Ok(format) => format,
             Err(error) => {
-                return ImageRecord::failed(
-                    file,
-                    "",
-                    format!("series.json does not say how to read it: {error}"),
-                );
+                let what = format!("series.json does not say how to read it: {error}");
+                return Some(ImageRecord::failed(file, "", what));
             }
         };
         let deadline = self.solver.deadline;
-        match self.within_deadline(file.clone(), bytes, format) {
+        Some(match self.within_deadline(file.clone(), bytes, format) {
             Ok(Some(record)) => record,
+            Ok(None) if self.halt.over() => return None,
             Ok(None) => {
                 self.board.update(|status| status.counts.solver_hangs += 1);
                 let what = format!("the solver had no result after {deadline:?} and was given up");
                 ImageRecord::failed(file, "", format!("{what}; send the frame to the developers"))
             }
             Err(why) => ImageRecord::failed(file, "", why),
-        }
+        })
     }
 
-    /// The solver on a thread of its own, which is left behind (`None`) where it does not return in time.
+    /// The solver on a thread of its own, which is left behind (`None`) where it does not return in time,
+    /// or not before work is to be given up.
     fn within_deadline(
         &self,
         file: String,
@@ -169,7 +172,7 @@ impl Processing {
                 Err(RecvTimeoutError::Disconnected) => {
                     return Err("the solver broke off on this frame; send the frame to the developers".into());
                 }
-                Err(RecvTimeoutError::Timeout) if left <= slice => return Ok(None),
+                Err(RecvTimeoutError::Timeout) if left <= slice || self.halt.over() => return Ok(None),
                 Err(RecvTimeoutError::Timeout) => left -= slice,
             }
         }

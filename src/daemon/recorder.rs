@@ -7,6 +7,7 @@ use std::time::Duration;
 use serde_json::{Map, Value};
 
 use super::capture::Host;
+use super::halt::Halt;
 use super::schedule::{self, Moment, Next, Progress};
 use super::status::{Activity, Board};
 use super::{Event, Observer, SeriesConfig};
@@ -23,8 +24,8 @@ pub(crate) enum Command {
     Trigger,
     /// The same, as the first of a new flight.
     NewFlight,
-    /// Finish the shot, close the series, end.
-    Stop,
+    /// The halt has changed.
+    Look,
 }
 
 /// Waits are cut into such pieces: a clock that was set and the watchdog are looked at in between.
@@ -49,7 +50,7 @@ pub(crate) struct Recorder {
     /// What the camera said when it was opened, until a series has noted it.
     pub opened: Option<CameraInfo>,
     pub triggered: bool,
-    pub stopping: bool,
+    pub halt: Halt,
 }
 
 impl Recorder {
@@ -58,7 +59,11 @@ impl Recorder {
         let timetable = self.config.timetable();
         let mut progress = self.beginning();
         self.board.expect_frames(self.config.interval);
-        while !self.stopping {
+        while !self.halt.ending() {
+            if self.halt.paused() {
+                self.pause();
+                continue;
+            }
             if std::mem::take(&mut self.triggered) {
                 self.series(Cause::Triggered);
                 continue;
@@ -99,7 +104,8 @@ impl Recorder {
     /// Waits on the clock and listens; returns early to stop, and where asked to on a trigger.
     fn wait(&mut self, duration: Duration, until_triggered: bool) {
         let end = self.clock.since_boot() + duration;
-        while !(self.stopping || until_triggered && self.triggered) {
+        let paused = self.halt.paused();
+        while !(self.halt.ending() || self.halt.paused() != paused || until_triggered && self.triggered) {
             self.board.beat();
             let slice = end.saturating_sub(self.clock.since_boot()).min(SLICE);
             if slice.is_zero() {
@@ -108,7 +114,7 @@ impl Recorder {
             match self.inbox.recv_timeout(self.clock.machine_time(slice)) {
                 Ok(command) => self.obey(command),
                 Err(RecvTimeoutError::Timeout) => self.clock.advance(slice),
-                Err(RecvTimeoutError::Disconnected) => self.stopping = true,
+                Err(RecvTimeoutError::Disconnected) => self.halt.end(SLICE),
             }
         }
     }
@@ -120,10 +126,21 @@ impl Recorder {
                 self.store.want_new_flight();
                 self.triggered = true;
             }
-            Command::Stop => self.stopping = true,
+            Command::Look if self.halt.ending() => {
+                self.board.update(|status| status.activity = Activity::Stopping);
+            }
+            Command::Look => {}
         }
-        if self.stopping {
-            self.board.update(|status| status.activity = Activity::Stopping);
+    }
+
+    /// Until the power is back or goes, nothing is begun.
+    fn pause(&mut self) {
+        self.board.update(|status| status.activity = Activity::PowerFailing);
+        self.board.next_series_in(None);
+        self.wait(SLICE, false);
+        if !self.halt.wanted() {
+            // What was left unsolved goes on.
+            let _ = self.wake.send(());
         }
     }
 
@@ -131,6 +148,10 @@ impl Recorder {
         if let Err(error) = self.fetch_left_over() {
             tracing::error!(%error, "frames left in the camera could not be stored; tried again");
             self.board.fault(&error.to_string());
+        }
+        self.listen();
+        if self.halt.wanted() {
+            return self.close_camera();
         }
         let plan = Plan { cause, shots: self.config.shots };
         let begun = self.store.begin_series(plan, &self.clock.stamp());
@@ -150,18 +171,17 @@ impl Recorder {
         let (id, flight) = (series.id().to_owned(), series.flight().to_owned());
         (self.observer)(&Event::SeriesBegan { series: id.clone(), flight });
         let taken = self.shots(&mut series, plan.shots);
-        let board = self.board.clone();
-        self.camera.close(&|| board.beat());
         let complete = series.shots().len() == plan.shots as usize;
+        // Before the camera is closed: that may take its time, and the power may be about to go.
         let closed = taken.and_then(|()| self.close(series, complete));
+        self.close_camera();
         self.note_end(&id, complete, closed);
         let _ = self.wake.send(());
     }
 
     fn refused(&mut self, error: &StoreError) {
         tracing::error!(%error, "series refused by the store");
-        let board = self.board.clone();
-        self.camera.close(&|| board.beat());
+        self.close_camera();
         self.board.fault(&error.to_string());
         self.board.update(|status| {
             status.counts.series_refused += 1;
@@ -170,9 +190,15 @@ impl Recorder {
         (self.observer)(&Event::Refused { reason: error.to_string() });
     }
 
+    fn close_camera(&mut self) {
+        let board = self.board.clone();
+        self.camera.close(&|| board.beat());
+    }
+
     fn close(&mut self, series: OpenSeries, complete: bool) -> Result<(), StoreError> {
         let state = if complete { State::Complete } else { State::Interrupted };
-        let remarks = if complete { Vec::new() } else { vec!["the daemon was asked to stop".to_owned()] };
+        let why = if self.halt.paused() { "the power failed" } else { "the daemon was asked to stop" };
+        let remarks = if complete { Vec::new() } else { vec![why.to_owned()] };
         self.store.close_series(series, state, &self.clock.stamp(), remarks)
     }
 
@@ -197,7 +223,7 @@ impl Recorder {
     fn shots(&mut self, series: &mut OpenSeries, count: u32) -> Result<(), StoreError> {
         for number in 1..=count {
             self.listen();
-            if self.stopping {
+            if self.halt.wanted() {
                 break;
             }
             self.shot(series, number)?;
@@ -219,6 +245,10 @@ impl Recorder {
         }
         let mut series: Option<OpenSeries> = None;
         for number in 1..=MAX_LEFT_OVER {
+            self.listen();
+            if self.halt.wanted() {
+                break;
+            }
             let Ok(Some(frame)) = self.camera.recover(self.config.shot_deadline, &beat) else { break };
             if self.store.holds(&frame.bytes) {
                 self.camera.release_last(&beat);
@@ -270,7 +300,7 @@ impl Recorder {
             tracing::warn!(series = series.id(), shot = number, kind = failure.kind, reason = failure.reason);
             self.note_failure(&failure);
             failures.push(failure);
-            if !again || failures.len() > self.config.retries as usize || self.stopping {
+            if !again || failures.len() > self.config.retries as usize || self.halt.wanted() {
                 break;
             }
             self.wait(BACKOFF, false);

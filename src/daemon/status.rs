@@ -22,6 +22,9 @@ pub enum Activity {
     Finishing,
     /// Asked to stop.
     Stopping,
+    /// The supply fails: everything is durable, and nothing is begun until it is back.
+    #[serde(rename = "power_failing")]
+    PowerFailing,
 }
 
 /// Whether frames come.

@@ -58,6 +58,13 @@ pub enum Event {
         /// Its digest and folder's name.
         sha256: String,
     },
+    /// All the lines before this one were signed.
+    Signature {
+        /// The public key, Ed25519, hex.
+        key: String,
+        /// Of `wingd chain ` and this line's `before`, hex.
+        signature: String,
+    },
 }
 
 /// A chain that was read.
@@ -128,6 +135,7 @@ impl State {
                 self.results.entry(series).or_default().push((bytes, sha256));
             }
             Event::Installation { sha256 } => drop(self.installations.insert(sha256)),
+            Event::Signature { .. } => {}
         }
     }
 }
@@ -158,6 +166,16 @@ pub(crate) fn lines(events: impl IntoIterator<Item = Event>) -> std::io::Result<
 
 /// Appends a line durably; a torn last line is set aside first.
 pub(crate) fn append(disk: &dyn Disk, root: &Path, flight: &Path, event: Event) -> Result<(), StoreError> {
+    append_with(disk, root, flight, |_| event)
+}
+
+/// The same with a line that depends on the digest of the one before.
+pub(crate) fn append_with(
+    disk: &dyn Disk,
+    root: &Path,
+    flight: &Path,
+    event: impl FnOnce(&str) -> Event,
+) -> Result<(), StoreError> {
     let path = flight.join(layout::CHAIN_FILE);
     let existed = disk.exists(&path);
     let bytes = read(disk, flight)?;
@@ -168,19 +186,25 @@ pub(crate) fn append(disk: &dyn Disk, root: &Path, flight: &Path, event: Event) 
         disk::replace(disk, &path, good).map_err(StoreError::io(&path, "mend"))?;
     }
     let before = last_line(good).map_or_else(|| BEGINNING.to_owned(), digest);
+    let event = event(&before);
     let line = jsonl::line(&Link { before, event }).map_err(StoreError::io(&path, "write"))?;
-    disk.append(&path, &line).map_err(StoreError::io(&path, "write"))?;
+    disk::append(disk, &path, good.len(), &line).map_err(StoreError::io(&path, "write"))?;
     if !existed {
         disk.sync_dir(flight).map_err(StoreError::io(flight, "sync"))?;
     }
     Ok(())
 }
 
-/// The bytes without a torn last line. Only the last line is looked at: it alone can be torn.
+/// The bytes without a torn end: a torn line, or several where a block shows what was there before.
 fn whole(bytes: &[u8]) -> &[u8] {
-    let last = last_line(bytes).unwrap_or_default();
-    let sound = last.ends_with(b"\n") && serde_json::from_slice::<Link>(last).is_ok();
-    if sound { bytes } else { bytes.get(..bytes.len() - last.len()).unwrap_or_default() }
+    let mut good = bytes;
+    while let Some(last) = last_line(good) {
+        if last.ends_with(b"\n") && serde_json::from_slice::<Link>(last).is_ok() {
+            break;
+        }
+        good = good.get(..good.len() - last.len()).unwrap_or_default();
+    }
+    good
 }
 
 fn last_line(bytes: &[u8]) -> Option<&[u8]> {

@@ -134,6 +134,13 @@ pub(crate) fn random(bytes: &mut [u8]) -> io::Result<()> {
     File::open("/dev/urandom")?.read_exact(bytes)
 }
 
+/// Appends to a file that is `length` long. Where that fails the file is cut to that again, as far as the
+/// disk lets us: after a failed fsync a file shows bytes that are not on the medium, and no later fsync
+/// brings them there, so nothing may be built on them.
+pub(crate) fn append(disk: &dyn Disk, path: &Path, length: usize, bytes: &[u8]) -> io::Result<()> {
+    disk.append(path, bytes).inspect_err(|_| drop(disk.truncate(path, length as u64)))
+}
+
 /// Replaces a small file as a whole: after a crash it holds the old bytes or the new, never a mix.
 pub(crate) fn replace(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut name = path.file_name().unwrap_or_default().to_owned();

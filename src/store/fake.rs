@@ -1,8 +1,11 @@
-//! A disk in memory that behaves as badly as disks do when the power goes: it forgets what was not
-//! synced, tears writes, leaves names out of order, fails or is full at a chosen step. For tests.
+//! A disk in memory that behaves as badly as disks do when the power goes or a cable is loose: it
+//! forgets what was not synced, tears it, leaves it out of order, fails or is full at a chosen step. For tests.
 //!
-//! Every call that changes something is one or two *steps* (writing, then syncing). A plan says at
-//! which step the power goes; [`FakeDisk::power_up`] then gives the disk as the next boot finds it.
+//! Every call that changes something is one or two *steps* (writing, then syncing). A fault says at
+//! which step it happens; [`FakeDisk::power_up`] gives the disk as the next boot finds it. What it
+//! takes a medium to promise is in docs/store.md.
+
+mod content;
 
 use std::collections::BTreeMap;
 use std::io;
@@ -10,6 +13,8 @@ use std::path::{Component, Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::disk::{Disk, Entry, Lock};
+pub use content::Bytes;
+use content::{Content, Random};
 
 type Id = usize;
 
@@ -18,13 +23,50 @@ type Id = usize;
 pub enum Fault {
     /// From this step on, nothing reaches the disk and every call fails.
     PowerCut(u64),
-    /// This step alone fails, half done.
+    /// This step alone fails: a write half done, a sync with its bytes given up, the rest undone.
     Error(u64),
+    /// This step is done, and reported as failed.
+    Late(u64),
     /// From this step on the disk is full.
     Full(u64),
+    /// Syncs are answered and not done, from this step on: a medium that lies. Nothing survives this;
+    /// it shows that a test would notice.
+    Lies(u64),
+}
+
+/// What a power cut leaves of all that was not synced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Survival {
+    /// Bit i: the i-th of the [`FakeDisk::unsynced_names`] is there. A rename is there as a whole or not at all.
+    pub names: u64,
+    /// In every file; of each file's own where it is none.
+    pub bytes: Option<Bytes>,
+    /// Decides where `bytes` is none.
+    pub seed: u64,
+}
+
+impl Survival {
+    /// Any part of it.
+    pub fn random(seed: u64) -> Self {
+        Self { names: Random::new(seed).next(), bytes: None, seed }
+    }
+
+    fn of_file(self, index: usize) -> Bytes {
+        let mut random = Random::new(self.seed.wrapping_add(index as u64 * 7919));
+        let seed = random.next();
+        self.bytes.unwrap_or(match random.next() % 6 {
+            0 => Bytes::Lost,
+            1 => Bytes::Whole,
+            2 => Bytes::Half,
+            3 => Bytes::Zeros,
+            4 => Bytes::Garbage(seed),
+            _ => Bytes::Sectors(seed),
+        })
+    }
 }
 
 /// The disk.
+#[derive(Default)]
 pub struct FakeDisk {
     state: Mutex<State>,
 }
@@ -36,22 +78,20 @@ struct State {
     pending: Vec<Change>,
     steps: u64,
     faults: Vec<Fault>,
-    random: u64,
     free: u64,
+}
+
+impl Default for State {
+    fn default() -> Self {
+        let root = Node::Directory { now: BTreeMap::new(), durable: BTreeMap::new() };
+        Self { nodes: vec![root], pending: Vec::new(), steps: 0, faults: Vec::new(), free: u64::MAX }
+    }
 }
 
 #[derive(Clone)]
 enum Node {
-    /// `cut_off`: the last change was a truncation.
-    File {
-        now: Vec<u8>,
-        durable: Vec<u8>,
-        cut_off: bool,
-    },
-    Directory {
-        now: BTreeMap<String, Id>,
-        durable: BTreeMap<String, Id>,
-    },
+    File(Content),
+    Directory { now: BTreeMap<String, Id>, durable: BTreeMap<String, Id> },
 }
 
 #[derive(Clone, Debug)]
@@ -90,25 +130,23 @@ impl Change {
 fn now(node: &mut Node) -> Option<&mut BTreeMap<String, Id>> {
     match node {
         Node::Directory { now, .. } => Some(now),
-        Node::File { .. } => None,
+        Node::File(_) => None,
     }
 }
 
 fn durable(node: &mut Node) -> Option<&mut BTreeMap<String, Id>> {
     match node {
         Node::Directory { durable, .. } => Some(durable),
-        Node::File { .. } => None,
+        Node::File(_) => None,
     }
 }
 
 impl FakeDisk {
-    /// Empty, with a root directory. `seed` decides what survives a power cut.
-    pub fn new(seed: u64, faults: Vec<Fault>) -> Self {
-        let root = Node::Directory { now: BTreeMap::new(), durable: BTreeMap::new() };
-        let random = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
-        let state =
-            State { nodes: vec![root], pending: Vec::new(), steps: 0, faults, random, free: u64::MAX };
-        Self { state: Mutex::new(state) }
+    /// Empty, with a root directory.
+    pub fn new(faults: Vec<Fault>) -> Self {
+        let disk = Self::default();
+        disk.set_faults(faults);
+        disk
     }
 
     /// Steps so far.
@@ -126,22 +164,31 @@ impl FakeDisk {
         self.state().faults = faults;
     }
 
-    /// The disk as the next boot finds it: what was synced, and of the rest any part.
-    pub fn power_up(&self, faults: Vec<Fault>) -> Self {
-        let mut state = self.state().clone();
-        for change in std::mem::take(&mut state.pending) {
-            if state.toss() {
+    /// Changes of names that no sync of their directory has made durable.
+    pub fn unsynced_names(&self) -> usize {
+        self.state().pending.len()
+    }
+
+    /// The same disk once more, without faults; steps count from 0.
+    pub fn fork(&self) -> Self {
+        let state = State { steps: 0, faults: Vec::new(), ..self.state().clone() };
+        Self { state: Mutex::new(state) }
+    }
+
+    /// The disk as the next boot finds it: what was synced, and of the rest a part.
+    pub fn power_up(&self, left: Survival) -> Self {
+        let mut state = State { steps: 0, faults: Vec::new(), ..self.state().clone() };
+        for (index, change) in std::mem::take(&mut state.pending).into_iter().enumerate() {
+            if left.names >> (index % 64) & 1 == 1 {
                 change.apply(&mut state.nodes, durable);
             }
         }
-        for index in 0..state.nodes.len() {
-            let roll = state.next_random();
-            if let Some(node) = state.nodes.get_mut(index) {
-                node.survive(roll);
+        for (index, node) in state.nodes.iter_mut().enumerate() {
+            match node {
+                Node::Directory { now, durable } => now.clone_from(durable),
+                Node::File(content) => content.survive(left.of_file(index)),
             }
         }
-        state.steps = 0;
-        state.faults = faults;
         Self { state: Mutex::new(state) }
     }
 
@@ -150,64 +197,30 @@ impl FakeDisk {
     }
 }
 
-impl Node {
-    /// Of bytes that were not synced, nothing, a part, zeros or all may be there.
-    fn survive(&mut self, roll: u64) {
-        match self {
-            Node::Directory { now, durable } => *now = durable.clone(),
-            Node::File { now, durable, cut_off } => {
-                if now != durable {
-                    // Appending and cutting off do not touch the bytes before; writing anew does.
-                    let safe = match () {
-                        () if now.starts_with(durable) => durable.len(),
-                        () if *cut_off && durable.starts_with(now) => now.len(),
-                        () => 0,
-                    };
-                    let cut = safe + usize::try_from(roll / 4).unwrap_or(0) % (now.len() - safe + 1);
-                    *now = match roll % 4 {
-                        0 => durable.clone(),
-                        1 => now.get(..cut).unwrap_or_default().to_vec(),
-                        2 => {
-                            let zeros = |(i, byte): (usize, &u8)| if i < cut { *byte } else { 0 };
-                            now.iter().enumerate().map(zeros).collect()
-                        }
-                        _ => std::mem::take(now),
-                    };
-                    *durable = now.clone();
-                }
-            }
-        }
-    }
-}
-
 impl State {
-    fn next_random(&mut self) -> u64 {
-        self.random ^= self.random << 13;
-        self.random ^= self.random >> 7;
-        self.random ^= self.random << 17;
-        self.random >> 8
-    }
-
-    fn toss(&mut self) -> bool {
-        self.next_random().is_multiple_of(2)
-    }
-
-    /// Counts a step; `Err` where it is the one that fails. `writing` says that it needs space.
-    fn step(&mut self, writing: bool) -> io::Result<()> {
+    /// Counts a step. `Err`: it is not done. `Ok(Err)`: it is done, and reported as failed. `writing`
+    /// says that it needs space.
+    fn step(&mut self, writing: bool) -> io::Result<io::Result<()>> {
         self.steps += 1;
+        let broken = || io::Error::other("input/output error");
         for fault in &self.faults {
             match *fault {
                 Fault::PowerCut(at) if self.steps >= at => {
                     return Err(io::Error::other("the power is cut"));
                 }
-                Fault::Error(at) if self.steps == at => return Err(io::Error::other("input/output error")),
+                Fault::Error(at) if self.steps == at => return Err(broken()),
+                Fault::Late(at) if self.steps == at => return Ok(Err(broken())),
                 Fault::Full(at) if self.steps >= at && writing => {
                     return Err(io::ErrorKind::StorageFull.into());
                 }
                 _ => {}
             }
         }
-        Ok(())
+        Ok(Ok(()))
+    }
+
+    fn lies(&self) -> bool {
+        self.faults.iter().any(|fault| matches!(*fault, Fault::Lies(at) if self.steps >= at))
     }
 
     fn powered(&self) -> io::Result<()> {
@@ -247,33 +260,41 @@ impl State {
         Ok(id)
     }
 
-    fn file(&mut self, id: Id) -> io::Result<(&mut Vec<u8>, &mut Vec<u8>)> {
+    fn file(&mut self, id: Id) -> io::Result<&mut Content> {
         match self.nodes.get_mut(id) {
-            Some(Node::File { now, durable, .. }) => Ok((now, durable)),
+            Some(Node::File(content)) => Ok(content),
             _ => Err(io::ErrorKind::IsADirectory.into()),
         }
     }
 
     /// Changes a file's bytes, then syncs them; half the bytes are there where the change fails.
     fn put(&mut self, path: &Path, from: Option<usize>, bytes: &[u8]) -> io::Result<()> {
-        let outcome = self.step(true);
+        let outcome = self.step(from.is_none_or(|length| length == 0));
         self.powered()?;
         let id = match self.find(path) {
             Ok(id) => id,
-            Err(_) => self.add(path, Node::File { now: Vec::new(), durable: Vec::new(), cut_off: false })?,
+            Err(_) => self.add(path, Node::File(Content::default()))?,
         };
-        let written = if outcome.is_ok() { bytes } else { bytes.get(..bytes.len() / 2).unwrap_or_default() };
-        if let Some(Node::File { cut_off, .. }) = self.nodes.get_mut(id) {
-            *cut_off = from.is_some_and(|length| length > 0) && bytes.is_empty();
-        }
-        let (now, _) = self.file(id)?;
-        now.truncate(from.unwrap_or(now.len()));
-        now.extend_from_slice(written);
+        let (written, outcome) = match outcome {
+            Ok(late) => (bytes, late),
+            Err(error) => (bytes.get(..bytes.len() / 2).unwrap_or_default(), Err(error)),
+        };
+        self.file(id)?.put(from, written);
         outcome?;
-        self.step(false)?;
-        let (now, durable) = self.file(id)?;
-        durable.clone_from(now);
-        Ok(())
+        let outcome = self.step(false);
+        if self.lies() {
+            return Ok(());
+        }
+        match outcome {
+            Ok(late) => {
+                self.file(id)?.sync();
+                late
+            }
+            Err(error) => {
+                self.file(id)?.sync_failed();
+                Err(error)
+            }
+        }
     }
 }
 
@@ -282,7 +303,7 @@ impl Disk for FakeDisk {
         let mut state = self.state();
         state.powered()?;
         let id = state.find(path)?;
-        Ok(state.file(id)?.0.clone())
+        Ok(state.file(id)?.now.clone())
     }
 
     fn list(&self, directory: &Path) -> io::Result<Vec<Entry>> {
@@ -292,8 +313,9 @@ impl Disk for FakeDisk {
             return Err(io::ErrorKind::NotADirectory.into());
         };
         let entry = |(name, id): (&String, &Id)| match state.nodes.get(*id) {
-            Some(Node::File { now, .. }) => {
-                Entry { name: name.clone(), is_dir: false, is_link: false, length: now.len() as u64 }
+            Some(Node::File(content)) => {
+                let length = content.now.len() as u64;
+                Entry { name: name.clone(), is_dir: false, is_link: false, length }
             }
             _ => Entry { name: name.clone(), is_dir: true, is_link: false, length: 0 },
         };
@@ -307,12 +329,13 @@ impl Disk for FakeDisk {
 
     fn create_dir(&self, path: &Path) -> io::Result<()> {
         let mut state = self.state();
-        state.step(true)?;
+        let late = state.step(true)?;
         if state.find(path).is_ok() {
             return Err(io::ErrorKind::AlreadyExists.into());
         }
         let node = Node::Directory { now: BTreeMap::new(), durable: BTreeMap::new() };
-        state.add(path, node).map(|_| ())
+        state.add(path, node)?;
+        late
     }
 
     fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
@@ -330,7 +353,7 @@ impl Disk for FakeDisk {
 
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
         let mut state = self.state();
-        state.step(false)?;
+        let late = state.step(false)?;
         let id = state.find(from)?;
         let (old, new) = (state.place(from)?, state.place(to)?);
         let target = state.find(to).ok().and_then(|id| state.nodes.get(id));
@@ -338,22 +361,25 @@ impl Disk for FakeDisk {
             return Err(io::ErrorKind::DirectoryNotEmpty.into());
         }
         state.change(Change { from: Some(old), to: Some((new.0, new.1, id)) });
-        Ok(())
+        late
     }
 
     fn remove_file(&self, path: &Path) -> io::Result<()> {
         let mut state = self.state();
-        state.step(false)?;
+        let late = state.step(false)?;
         state.find(path)?;
         let place = state.place(path)?;
         state.change(Change { from: Some(place), to: None });
-        Ok(())
+        late
     }
 
     fn sync_dir(&self, directory: &Path) -> io::Result<()> {
         let mut state = self.state();
-        state.step(false)?;
+        let late = state.step(false)?;
         let id = state.find(directory)?;
+        if state.lies() {
+            return Ok(());
+        }
         let all = std::mem::take(&mut state.pending);
         for change in all {
             if change.touches(id) {
@@ -365,7 +391,7 @@ impl Disk for FakeDisk {
                 state.pending.push(change);
             }
         }
-        Ok(())
+        late
     }
 
     fn free_bytes(&self, _path: &Path) -> io::Result<u64> {

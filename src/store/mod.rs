@@ -19,6 +19,7 @@ mod opening;
 mod recover;
 mod results;
 mod series;
+pub mod signing;
 mod sums;
 mod upgrade;
 pub mod verify;
@@ -63,6 +64,9 @@ pub struct StoreConfig {
     /// What another boot means for the flight.
     #[serde(default)]
     pub new_flight_at_boot: flight::AtBoot,
+    /// Signs the flights with the key in this file, which is made where there is none.
+    #[serde(default)]
+    pub signing_key: Option<PathBuf>,
 }
 
 fn default_reserve_mb() -> u64 {
@@ -81,6 +85,7 @@ impl StoreConfig {
             reserve_mb: default_reserve_mb(),
             new_flight_after: default_new_flight_after(),
             new_flight_at_boot: flight::AtBoot::default(),
+            signing_key: None,
         }
     }
 
@@ -123,6 +128,7 @@ pub struct Store {
     root: PathBuf,
     config: StoreConfig,
     index: Mutex<Index>,
+    signer: Option<signing::Signer>,
     _lock: disk::Lock,
 }
 
@@ -160,18 +166,28 @@ impl Store {
         }
         let mut recovery = recover::recover(disk.as_ref(), &root)?;
         let index = opening::scan(disk.as_ref(), &root, &mut recovery)?;
-        if catalogue::store_id(disk.as_ref(), &root).is_some() {
-            for flight in catalogue::flights(disk.as_ref(), &root)? {
-                let sealed = sums::seal(disk.as_ref(), &flight.folder);
+        // Recording matters more than its signature.
+        let signer = config.signing_key.as_deref().map(signing::Signer::load_or_make).transpose();
+        recovery.remarks.extend(signer.as_ref().err().map(|error| format!("nothing is signed: {error}")));
+        let signer = signer.ok().flatten();
+        let store = Self { disk, root, config, index: Mutex::new(index), signer, _lock: lock };
+        if catalogue::store_id(store.disk(), &store.root).is_some() {
+            for flight in catalogue::flights(store.disk(), &store.root)? {
+                let sealed = store.seal_flight(&flight.folder);
                 recovery.remarks.extend(sealed.err().map(|error| error.to_string()));
             }
         }
-        Ok((Self { disk, root, config, index: Mutex::new(index), _lock: lock }, recovery))
+        Ok((store, recovery))
     }
 
     /// The directory.
     pub fn root(&self) -> &Path {
         &self.root
+    }
+
+    /// What signs its flights.
+    pub fn signer(&self) -> Option<&signing::Signer> {
+        self.signer.as_ref()
     }
 
     /// The file system it is on.
@@ -263,8 +279,15 @@ impl Store {
     fn seal_all(&self, index: &mut Index) {
         if catalogue::store_id(self.disk(), &self.root).is_some() {
             let flights = self.root.join(layout::FLIGHTS);
-            index.unsealed.retain(|flight| sums::seal(self.disk(), &flights.join(flight)).is_err());
+            index.unsealed.retain(|flight| self.seal_flight(&flights.join(flight)).is_err());
         }
+    }
+
+    /// Signs the chain, where there is a key, and brings the sums up to it.
+    fn seal_flight(&self, flight: &Path) -> Result<(), StoreError> {
+        let signed =
+            self.signer.as_ref().map_or(Ok(()), |signer| signer.sign(self.disk(), &self.root, flight));
+        signed.and(sums::seal(self.disk(), flight))
     }
 
     /// Keeps an installation by its digest, so that results that come from it can be computed again.
@@ -401,6 +424,12 @@ impl Store {
         let text = jsonl::line(&now).map_err(StoreError::io(&path, "write"))?;
         self.disk.write(&path, &text).map_err(StoreError::io(&path, "write"))?;
         Ok(now.attempts)
+    }
+
+    /// Takes a beginning back: the frame was given up in good order, and is solved another time.
+    pub fn forget_solving(&self) -> Result<(), StoreError> {
+        let path = self.root.join(layout::SOLVING_FILE);
+        self.disk.write(&path, b"").map_err(StoreError::io(&path, "write"))
     }
 
     /// Whether the newest flight holds a frame with these bytes.

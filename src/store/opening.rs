@@ -66,17 +66,20 @@ fn refuses(path: &Path) -> Option<String> {
     Some(format!("{} cannot be written to ({refused})", path.display()))
 }
 
+/// The parent is synced where the directory is there already, too: an earlier start may have failed between.
 fn make_root(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
+    let parent = root.parent().filter(|parent| !parent.as_os_str().is_empty());
+    let place = parent.unwrap_or(Path::new("."));
     if disk.exists(root) {
+        // Somebody else may have made it, in a place that this user cannot read.
+        let _ = disk.sync_dir(place);
         return Ok(());
     }
-    let parent = root.parent().filter(|parent| !parent.as_os_str().is_empty());
     if let Some(parent) = parent {
         make_root(disk, parent)?;
     }
     disk.create_dir(root).map_err(StoreError::io(root, "create"))?;
-    let parent = parent.unwrap_or(Path::new("."));
-    disk.sync_dir(parent).map_err(StoreError::io(parent, "sync"))
+    disk.sync_dir(place).map_err(StoreError::io(place, "sync"))
 }
 
 /// A directory without a mark may hold what a broken-off creation leaves, and nothing else.
@@ -96,13 +99,13 @@ fn refuse_foreign(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     Ok(())
 }
 
+/// Synced where the directory is there already, too: an earlier call may have failed between.
 pub(super) fn ensure_dir(disk: &dyn Disk, root: &Path, name: &str) -> Result<(), StoreError> {
     let path = root.join(name);
     if !disk.exists(&path) {
         disk.create_dir(&path).map_err(StoreError::io(&path, "create"))?;
-        disk.sync_dir(root).map_err(StoreError::io(root, "sync"))?;
     }
-    Ok(())
+    disk.sync_dir(root).map_err(StoreError::io(root, "sync"))
 }
 
 pub(super) fn save_counter(

@@ -47,6 +47,7 @@ fn recover_entry(
     if entry.is_dir && layout::series_number(&entry.name).is_some() {
         recover_series(disk, root, &entry.name, found)
     } else if entry.is_dir && whole_flight(disk, &folder) {
+        disk.sync_dir(&folder).map_err(StoreError::io(&folder, "sync"))?;
         series::move_durably(disk, &folder, &root.join(layout::FLIGHTS).join(&entry.name))
     } else {
         quarantine(disk, root, &folder, &entry.name, found)
@@ -154,14 +155,16 @@ fn judge(
     let Some(entry) = &shot.frame else { return Ok(shot) };
     let path = folder.join(&entry.file);
     let part = folder.join(format!("{}{}", entry.file, layout::PART_ENDING));
-    let whole = |path: &Path| disk.read(path).is_ok_and(|bytes| sha256(&bytes) == entry.sha256);
+    let whole = |path: &Path| disk.read(path).ok().filter(|bytes| sha256(bytes) == entry.sha256);
     if !layout::is_frame_name(&entry.file) {
         return Ok(Shot { frame: None, ..shot });
     }
-    if whole(&path) {
+    if whole(&path).is_some() {
         return Ok(shot);
     }
-    if whole(&part) {
+    if let Some(bytes) = whole(&part) {
+        // Written anew: its fsync may have failed, and then it is only seen to be whole.
+        super::disk::replace(disk, &part, &bytes).map_err(StoreError::io(&part, "write"))?;
         series::move_durably(disk, &part, &path)?;
         return Ok(shot);
     }

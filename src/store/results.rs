@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
 use super::chain::{self, Event};
-use super::disk::Disk;
+use super::disk::{self, Disk};
 use super::error::StoreError;
 use super::manifest::ResultLine;
 use super::{SeriesRef, catalogue, jsonl, layout};
@@ -75,11 +75,7 @@ pub(crate) struct ResultKey {
 
 /// The keys of a series' results; empty where there are none.
 pub(crate) fn keys(disk: &dyn Disk, series: &Path) -> Result<Vec<ResultKey>, StoreError> {
-    let path = series.join(layout::RESULTS_FILE);
-    if !disk.exists(&path) {
-        return Ok(Vec::new());
-    }
-    let bytes = disk.read(&path).map_err(StoreError::io(&path, "read"))?;
+    let bytes = written(disk, &series.join(layout::RESULTS_FILE))?;
     Ok(jsonl::parse(&bytes).good.into_iter().map(|(_, key)| key).collect())
 }
 
@@ -97,21 +93,25 @@ pub(crate) fn pending(disk: &dyn Disk, root: &Path) -> Option<Pending> {
     disk.read(&root.join(layout::PENDING_FILE)).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok())
 }
 
-/// Puts a result that was appended whole into the chain, where a crash came between.
+/// After a crash between a result and its line in the chain: a result that is whole gets its line, half
+/// of one is set aside. Before the next one is announced, or nothing would speak for the bytes.
 pub(crate) fn settle(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     let Some(pending) = pending(disk, root) else { return Ok(()) };
     if layout::flight_number(&pending.flight).and(layout::series_number(&pending.series)).is_none() {
         return Ok(());
     }
     let flight = root.join(layout::FLIGHTS).join(&pending.flight);
-    let written = disk.read(&flight.join(&pending.series).join(layout::RESULTS_FILE)).unwrap_or_default();
+    let folder = flight.join(&pending.series);
+    let Ok(written) = disk.read(&folder.join(layout::RESULTS_FILE)) else { return Ok(()) };
     let wanted = Some((pending.bytes, pending.sha256.clone()));
-    if written.len() as u64 != pending.bytes
-        || sha256(&written) != pending.sha256
-        || chain::last_results(&chain::read(disk, &flight)?, &pending.series) == wanted
-    {
+    if chain::last_results(&chain::read(disk, &flight)?, &pending.series) == wanted {
         return Ok(());
     }
+    if written.len() as u64 != pending.bytes || sha256(&written) != pending.sha256 {
+        return mend(disk, root, &folder);
+    }
+    // The file may be new, and its name not on the medium yet.
+    disk.sync_dir(&folder).map_err(StoreError::io(&folder, "sync"))?;
     let Pending { series, bytes, sha256, .. } = pending;
     chain::append(disk, root, &flight, Event::Results { series, bytes, sha256 })
 }
@@ -130,17 +130,18 @@ pub(crate) fn append(
     if chained {
         settle(disk, root)?;
     }
-    let existed = disk.exists(&path);
-    if existed {
+    if disk.exists(&path) {
         mend(disk, root, series)?;
     }
-    if keys(disk, series)?.iter().any(|key| key.frame == line.frame && key.inputs == line.inputs) {
+    let before = written(disk, &path)?;
+    let keys = jsonl::parse::<ResultKey>(&before).good;
+    if keys.iter().any(|(_, key)| key.frame == line.frame && key.inputs == line.inputs) {
         return Ok(false);
     }
     let bytes = jsonl::line(line).map_err(StoreError::io(&path, "write"))?;
-    let pending = if chained { Some(announce(disk, root, place, &bytes)?) } else { None };
-    disk.append(&path, &bytes).map_err(StoreError::io(&path, "write"))?;
-    if !existed {
+    let pending = if chained { Some(announce(disk, root, place, &before, &bytes)?) } else { None };
+    disk::append(disk, &path, before.len(), &bytes).map_err(StoreError::io(&path, "write"))?;
+    if before.is_empty() {
         disk.sync_dir(series).map_err(StoreError::io(series, "sync"))?;
     }
     if let Some(Pending { flight, series, bytes, sha256 }) = pending {
@@ -150,15 +151,23 @@ pub(crate) fn append(
     Ok(true)
 }
 
+/// A file's bytes; none where there is no file.
+fn written(disk: &dyn Disk, path: &Path) -> Result<Vec<u8>, StoreError> {
+    match disk.read(path) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
+        read => read.map_err(StoreError::io(path, "read")),
+    }
+}
+
 /// Writes `pending.json`.
-fn announce(disk: &dyn Disk, root: &Path, place: &SeriesRef, line: &[u8]) -> Result<Pending, StoreError> {
-    let path = place.folder.join(layout::RESULTS_FILE);
-    let mut whole = match disk.read(&path) {
-        Ok(bytes) => bytes,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Vec::new(),
-        Err(error) => return Err(StoreError::io(&path, "read")(error)),
-    };
-    whole.extend_from_slice(line);
+fn announce(
+    disk: &dyn Disk,
+    root: &Path,
+    place: &SeriesRef,
+    before: &[u8],
+    line: &[u8],
+) -> Result<Pending, StoreError> {
+    let whole = [before, line].concat();
     let pending = Pending {
         flight: place.flight.clone(),
         series: place.id.clone(),

@@ -170,8 +170,9 @@ pub(crate) fn commit(
     let journal = folder.join(layout::JOURNAL_FILE);
     if disk.exists(&journal) {
         disk.remove_file(&journal).map_err(StoreError::io(&journal, "remove"))?;
-        disk.sync_dir(folder).map_err(StoreError::io(folder, "sync"))?;
     }
+    // Without a journal too: its removal may not be on the medium yet.
+    disk.sync_dir(folder).map_err(StoreError::io(folder, "sync"))?;
     let target = layout::finished(root, &manifest.flight, &manifest.series);
     move_durably(disk, folder, &target)
 }

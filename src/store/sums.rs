@@ -41,7 +41,7 @@ pub(crate) fn add<E>(
         Event::Results { series, sha256, .. } => {
             sums.insert(format!("{series}/{}", layout::RESULTS_FILE), sha256.clone());
         }
-        Event::Installation { .. } => {}
+        Event::Installation { .. } | Event::Signature { .. } => {}
     }
     Ok(())
 }

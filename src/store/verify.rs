@@ -12,6 +12,7 @@ use super::manifest::{
     Counter, FlightManifest, JournalLine, Refusal, ResultLine, SeriesManifest, Shot, State,
 };
 use super::results::{Inputs, sha256};
+use super::signing::{self, PublicKey};
 use super::{jsonl, layout};
 use crate::clock::Stamp;
 
@@ -54,6 +55,33 @@ impl Report {
     fn fault(&mut self, invariant: u8, path: &Path, what: impl Into<String>) {
         self.faults.push(Fault { invariant, path: path.to_owned(), what: what.into() });
     }
+}
+
+/// Like [`verify`], and whether all of it was signed with this key (invariant 19).
+pub fn verify_signed(disk: &dyn Disk, path: &Path, key: &PublicKey) -> Report {
+    let mut report = verify(disk, path);
+    let flights = match catalogue::flights(disk, path) {
+        Ok(flights) if disk.exists(&path.join(layout::FLIGHTS)) => flights,
+        _ => vec![FlightRef { id: folder_name(path), folder: path.to_owned() }],
+    };
+    for flight in flights {
+        let file = flight.folder.join(layout::CHAIN_FILE);
+        let links = jsonl::parse(&disk.read(&file).unwrap_or_default()).good;
+        let signed = signing::check(links, key);
+        for what in signed.bad {
+            report.fault(19, &file, what);
+        }
+        if signed.good == 0 {
+            report.fault(19, &file, "has no signature by this key");
+        } else if signed.unsigned > 0 {
+            let what = format!(
+                "{} lines after the last signature: not signed yet (start the recorder once), or added by hand",
+                signed.unsigned
+            );
+            report.fault(19, &file, what);
+        }
+    }
+    report
 }
 
 /// Checks a store, or a copied flight or series (told by the files in it).

@@ -6,4 +6,5 @@ pub mod disc_image;
 pub mod drawn;
 pub mod random;
 pub mod report_store;
+pub mod store_work;
 pub mod synthetic;

@@ -122,6 +122,7 @@ impl Flight {
         provenance.insert("installation".to_owned(), Value::from("test"));
         let parts = Parts {
             series: self.series.clone(),
+            power: daemon::PowerConfig::default(),
             status: self.status.clone(),
             store: Arc::new(store),
             recovery,

@@ -41,7 +41,7 @@ fn the_comments_of_the_default_are_the_defaults() {
     std::fs::write(&file, &text).unwrap();
     let plain = wingd::config::load(&file).unwrap();
     // Choices that are left out by default are shown by an example, not by a default.
-    let examples = ["installation =", "until =", "curvature_terms ="];
+    let examples = ["installation =", "until =", "curvature_terms =", "signing_key =", "file =", "line ="];
     let shown: Vec<String> = text
         .lines()
         .map(|line| match line.strip_prefix("# ") {

@@ -123,6 +123,7 @@ fn fly(root: &Path, watch: Arc<Watch>) -> Status {
             until: Some(Duration::from_secs(3600 * HOURS as u64 - 1800)),
             ..SeriesConfig::default()
         },
+        power: daemon::PowerConfig::default(),
         status: None,
         store: Arc::new(store),
         recovery,

@@ -1,8 +1,9 @@
-//! A GPIO line that works a camera's remote release.
+//! A GPIO line: it works a camera's remote release, or says that the supply fails.
 
 use std::path::PathBuf;
 
 use gpiocdev::line::{Info, Offset, Value};
+use gpiocdev::request::Builder;
 use gpiocdev::{Chip, FoundLine, Request};
 use serde::{Deserialize, Serialize};
 
@@ -18,7 +19,7 @@ pub struct LineSection {
     pub chip: Option<PathBuf>,
     /// Number of the line on its chip.
     pub offset: Option<Offset>,
-    /// The release is pressed while the line is low.
+    /// The release is pressed, or the supply fails, while the line is low.
     #[serde(default)]
     pub active_low: bool,
 }
@@ -63,6 +64,15 @@ pub struct Line {
 impl Line {
     /// Takes the line as an output, not pressed.
     pub fn take(section: &LineSection) -> Result<Self, CameraError> {
+        Self::request(section, |builder| builder.as_output(Value::Inactive))
+    }
+
+    /// Takes the line as an input.
+    pub fn watch(section: &LineSection) -> Result<Self, CameraError> {
+        Self::request(section, Builder::as_input)
+    }
+
+    fn request(section: &LineSection, direct: fn(&mut Builder) -> &mut Builder) -> Result<Self, CameraError> {
         let label = section.label();
         let found = section.find()?;
         if found.info.used {
@@ -72,7 +82,8 @@ impl Line {
             )));
         }
         let mut builder = Request::builder();
-        builder.with_found_line(&found).with_consumer("wingd").as_output(Value::Inactive);
+        builder.with_found_line(&found).with_consumer("wingd");
+        direct(&mut builder);
         if section.active_low {
             builder.as_active_low();
         }
@@ -89,6 +100,14 @@ impl Line {
         let value = if pressed { Value::Active } else { Value::Inactive };
         self.request
             .set_lone_value(value)
+            .map_err(|error| CameraError::Gone(format!("{}: {error}", self.label)))
+    }
+
+    /// Whether it is active, of a line that is watched.
+    pub fn is_active(&self) -> Result<bool, CameraError> {
+        let value = self.request.lone_value();
+        value
+            .map(|value| value == Value::Active)
             .map_err(|error| CameraError::Gone(format!("{}: {error}", self.label)))
     }
 }

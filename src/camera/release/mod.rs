@@ -19,7 +19,7 @@ use crate::camera::v4l::{V4lCamera, V4lSection};
 use crate::camera::{Camera, CameraError, CameraInfo, Frame};
 use folder::Folder;
 pub use folder::FolderSection;
-use line::Line;
+pub(crate) use line::Line;
 pub use line::LineSection;
 
 /// `[camera]` with `kind = "release"`.
@@ -65,7 +65,7 @@ fn default_full() -> f64 {
 impl ReleaseSection {
     /// What is wrong with the section: (key, problem, mend).
     pub fn faults(&self) -> Vec<(String, String, String)> {
-        let mut faults = match &self.frames {
+        let mut faults: Vec<(String, String, String)> = match &self.frames {
             #[cfg(feature = "gphoto")]
             FramesSection::Gphoto(section) => section.faults(),
             #[cfg(feature = "v4l")]
@@ -184,6 +184,7 @@ impl Camera for ReleaseCamera {
         self.close();
         let half = self.section.half_press.as_ref().map(Line::take).transpose()?;
         self.lines = Some(Lines { full: Line::take(&self.section.full_press)?, half });
+        #[cfg_attr(not(any(feature = "gphoto", feature = "v4l")), allow(irrefutable_let_patterns))]
         if let Frames::Folder(section, folder) = &mut self.frames {
             let name = format!("remote release, files in {}", section.path.display());
             *folder = Some(Folder::open(section.clone())?);

@@ -1,0 +1,188 @@
+//! The supply: a file or a GPIO line that says that it fails, a little before it does.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Sender;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::halt::Halt;
+use super::recorder::Command;
+use super::status::Board;
+
+/// Between two looks; two equal ones count, so that a bounce of the contact is none.
+const LOOK: Duration = Duration::from_millis(25);
+
+/// `[power]` of the configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PowerConfig {
+    /// From SIGTERM to the program's end at most. Machine time.
+    #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    pub stop_within: Duration,
+    /// From the supply's failing to the moment when everything is durable at most. Machine time.
+    #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    pub hold_up: Duration,
+    /// Reads 0 while the supply fails, such as `/sys/class/power_supply/AC/online`.
+    pub file: Option<PathBuf>,
+    /// Active while the supply fails.
+    #[cfg(feature = "gpio")]
+    pub line: Option<crate::camera::release::LineSection>,
+}
+
+impl Default for PowerConfig {
+    fn default() -> Self {
+        Self {
+            stop_within: Duration::from_secs(30),
+            hold_up: Duration::from_secs(2),
+            file: None,
+            #[cfg(feature = "gpio")]
+            line: None,
+        }
+    }
+}
+
+impl PowerConfig {
+    /// Every fault, as `key: what; how to mend it`.
+    pub fn faults(&self) -> Vec<String> {
+        let mut faults = Vec::new();
+        for (key, time) in [("stop_within", self.stop_within), ("hold_up", self.hold_up)] {
+            if time < Duration::from_millis(200) {
+                faults.push(format!("power.{key}: is {time:?}; give at least \"200ms\", or leave it out"));
+            }
+        }
+        #[cfg(feature = "gpio")]
+        if let Some(line) = &self.line {
+            if !line.is_clear() {
+                faults.push(
+                    "power.line: no single GPIO line is named; give either name, or chip and offset"
+                        .to_owned(),
+                );
+            }
+            if self.file.is_some() {
+                faults.push("power.line: there is a file too; leave one of the two out".to_owned());
+            }
+        }
+        faults
+    }
+
+    /// What is to be looked at; `None` where nothing is named.
+    fn supply(&self) -> Result<Option<Supply>, String> {
+        #[cfg(feature = "gpio")]
+        if let Some(section) = &self.line {
+            let line = crate::camera::release::Line::watch(section).map_err(|error| error.to_string())?;
+            return Ok(Some(Supply::Line(line)));
+        }
+        Ok(self.file.clone().map(Supply::File))
+    }
+}
+
+enum Supply {
+    File(PathBuf),
+    #[cfg(feature = "gpio")]
+    Line(crate::camera::release::Line),
+}
+
+impl Supply {
+    fn fails(&self) -> Result<bool, String> {
+        match self {
+            Self::File(path) => std::fs::read_to_string(path)
+                .map(|text| text.trim() == "0")
+                .map_err(|error| format!("{}: {error}", path.display())),
+            #[cfg(feature = "gpio")]
+            Self::Line(line) => line.is_active().map_err(|error| error.to_string()),
+        }
+    }
+}
+
+/// Looks at the supply on a thread of its own until the program ends. Recording matters more than
+/// knowing of the supply: what cannot be looked at is a fault in the status, and nothing stops for it.
+pub(crate) fn watch(
+    config: &PowerConfig,
+    halt: &Halt,
+    commands: Sender<Command>,
+    board: &Board,
+) -> Option<Watch> {
+    let supply = match config.supply() {
+        Ok(None) => return None,
+        Ok(Some(supply)) => supply,
+        Err(error) => {
+            tracing::error!(%error, "the supply cannot be watched");
+            board.fault(&format!("power: {error}"));
+            return None;
+        }
+    };
+    let ended = Arc::new(AtomicBool::new(false));
+    let watcher = Watcher {
+        supply,
+        hold_up: config.hold_up,
+        halt: halt.clone(),
+        commands,
+        board: board.clone(),
+        ended: ended.clone(),
+    };
+    let thread = std::thread::Builder::new().name("power".to_owned()).spawn(move || watcher.run());
+    thread.ok().map(|_| Watch { ended })
+}
+
+/// Dropped, and the thread ends.
+pub(crate) struct Watch {
+    ended: Arc<AtomicBool>,
+}
+
+impl Drop for Watch {
+    fn drop(&mut self) {
+        self.ended.store(true, Ordering::Relaxed);
+    }
+}
+
+struct Watcher {
+    supply: Supply,
+    hold_up: Duration,
+    halt: Halt,
+    commands: Sender<Command>,
+    board: Board,
+    ended: Arc<AtomicBool>,
+}
+
+impl Watcher {
+    fn run(self) {
+        let (mut known, mut last, mut readable) = (false, false, true);
+        while !self.ended.load(Ordering::Relaxed) {
+            match self.supply.fails() {
+                Ok(fails) => {
+                    readable = true;
+                    if fails == last && fails != known {
+                        known = fails;
+                        self.tell(fails);
+                    }
+                    last = fails;
+                }
+                Err(error) => {
+                    if std::mem::take(&mut readable) {
+                        tracing::error!(%error, "the supply cannot be watched");
+                        self.board.fault(&format!("power: {error}"));
+                    }
+                }
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    fn tell(&self, fails: bool) {
+        if fails {
+            tracing::warn!(
+                hold_up_s = self.hold_up.as_secs_f64(),
+                "the power fails: everything is made durable"
+            );
+            self.halt.pause(self.hold_up);
+        } else {
+            tracing::info!("the power is back");
+            self.halt.resume();
+        }
+        // It only wakes: what to do is in the halt.
+        let _ = self.commands.send(Command::Look);
+    }
+}

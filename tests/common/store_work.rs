@@ -1,0 +1,171 @@
+//! A day's work on a store, what the store acknowledged of it, and the check that all of that is there.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::sync::Arc;
+
+use serde_json::{Map, Value, json};
+use wingd::clock::Stamp;
+use wingd::store::fake::FakeDisk;
+use wingd::store::installations::File;
+use wingd::store::manifest::{Cause, Failure, Shot, State};
+use wingd::store::verify::verify;
+use wingd::store::{Disk, Inputs, NewFrame, Plan, Store, StoreConfig, StoreError, catalogue, sha256};
+
+pub const ROOT: &str = "store";
+
+pub fn moment(since_boot_s: f64) -> Stamp {
+    let utc = jiff::Timestamp::from_millisecond((since_boot_s * 1e3) as i64).unwrap();
+    Stamp { utc, utc_synchronised: false, boot_id: "boot".to_owned(), since_boot_s }
+}
+
+/// What the results come from.
+pub fn installation() -> Vec<File> {
+    vec![("camera.toml".into(), b"fx = 1\n".to_vec()), ("survey.csv".into(), b"id\n".to_vec())]
+}
+
+pub fn inputs() -> Inputs {
+    let named = |(name, bytes): (String, Vec<u8>)| (format!("{name}.sha256"), sha256(&bytes).into());
+    Inputs::new(installation().into_iter().map(named).collect())
+}
+
+/// What the store said it has.
+#[derive(Default, Clone)]
+pub struct Acknowledged {
+    pub frames: BTreeSet<String>,
+    pub results: BTreeSet<String>,
+    pub complete: BTreeSet<String>,
+}
+
+/// A store on a bad disk, and somebody who works with it.
+#[derive(Clone)]
+pub struct Work {
+    pub disk: Arc<FakeDisk>,
+    pub said: Acknowledged,
+    pub time_s: f64,
+    /// Series begun so far; each has other frames.
+    pub begun: u32,
+}
+
+impl Work {
+    pub fn on(disk: FakeDisk) -> Self {
+        Self { disk: Arc::new(disk), said: Acknowledged::default(), time_s: 0.0, begun: 0 }
+    }
+
+    /// The same state of affairs on another disk.
+    pub fn moved_to(&self, disk: FakeDisk) -> Self {
+        Self { disk: Arc::new(disk), ..self.clone() }
+    }
+
+    pub fn disk(&self) -> Arc<dyn Disk> {
+        self.disk.clone()
+    }
+
+    pub fn open(&self) -> Result<Store, StoreError> {
+        let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(ROOT) };
+        Store::open(self.disk(), config).map(|(store, _)| store)
+    }
+
+    /// Series with frames and failures, results after each.
+    pub fn days(&mut self, store: &Store, series: u32) -> Result<(), StoreError> {
+        for _ in 0..series {
+            self.take_series(store)?;
+            self.solve(store)?;
+        }
+        Ok(())
+    }
+
+    /// Three shots; every fifth has no frame.
+    pub fn take_series(&mut self, store: &Store) -> Result<(), StoreError> {
+        let n = self.begun;
+        self.begun += 1;
+        self.time_s += 60.0;
+        let plan = Plan { cause: Cause::Scheduled, shots: 3 };
+        let (mut series, _) = store.begin_series(plan, &moment(self.time_s))?;
+        series.note_camera(json!({"name": "fake"}).as_object().cloned().unwrap())?;
+        for shot in 1..=3 {
+            self.time_s += 1.0;
+            let failed = (n + shot).is_multiple_of(5);
+            let why = Failure { kind: "busy".to_owned(), reason: "busy".to_owned(), kept_as: None };
+            let failures = if failed { vec![why] } else { Vec::new() };
+            let bytes = format!("frame {n} {shot} {} ", self.time_s).repeat(10).into_bytes();
+            let stamp = moment(self.time_s);
+            let shot = Shot { shot, stamp, duration_s: Some(0.1), frame: None, failures };
+            let frame =
+                NewFrame { bytes: &bytes, extension: "jpg", format: Value::Null, settings: Map::new() };
+            series.add_shot(shot, (!failed).then_some(frame))?;
+            if !failed {
+                self.said.frames.insert(sha256(&bytes));
+            }
+        }
+        let id = series.id().to_owned();
+        store.close_series(series, State::Complete, &moment(self.time_s), Vec::new())?;
+        self.said.complete.insert(id);
+        Ok(())
+    }
+
+    /// Everything that is unsolved.
+    pub fn solve(&mut self, store: &Store) -> Result<(), StoreError> {
+        store.keep_installation(&installation())?;
+        while self.solve_some(store, usize::MAX)? > 0 {}
+        store.seal();
+        Ok(())
+    }
+
+    /// So many frames at most of the series that comes first; how many it were.
+    pub fn solve_some(&mut self, store: &Store, most: usize) -> Result<usize, StoreError> {
+        let frames: Vec<_> = store.unsolved(&inputs())?.into_iter().take(most).collect();
+        for frame in &frames {
+            store.begin_solving(frame, &inputs())?;
+            store.read_frame(frame)?;
+            assert!(store.add_result(frame, &inputs(), json!({"lift_m": 1.25}))?, "solved twice");
+            self.said.results.insert(frame.entry.sha256.clone());
+        }
+        Ok(frames.len())
+    }
+
+    /// Whether the store is sound and has all that it acknowledged, once.
+    pub fn check(&self) -> Result<(), String> {
+        let report = verify(self.disk.as_ref(), Path::new(ROOT));
+        if !report.is_sound() {
+            return Err(format!("{:#?}", report.faults));
+        }
+        let (frames, results, states) = holdings(self.disk.as_ref())?;
+        let missing: Vec<_> = self.said.frames.difference(&frames).collect();
+        if !missing.is_empty() {
+            return Err(format!("acknowledged frames are missing: {missing:?}"));
+        }
+        if let Some(result) = self.said.results.iter().find(|result| !results.contains_key(*result)) {
+            return Err(format!("an acknowledged result is missing: {result}"));
+        }
+        if results.values().any(|count| *count != 1) {
+            return Err("solved twice".to_owned());
+        }
+        let incomplete = self.said.complete.iter().find(|id| states.get(*id) != Some(&State::Complete));
+        incomplete.map_or(Ok(()), |id| Err(format!("{id} is not there as a complete series")))
+    }
+}
+
+/// Frames, results of each, state of each series.
+type Holdings = (BTreeSet<String>, BTreeMap<String, usize>, BTreeMap<String, State>);
+
+fn holdings(disk: &dyn Disk) -> Result<Holdings, String> {
+    let (mut frames, mut results, mut states) = Holdings::default();
+    let text = |error: StoreError| error.to_string();
+    for flight in catalogue::flights(disk, Path::new(ROOT)).map_err(text)? {
+        for series in catalogue::series(disk, &flight).map_err(text)? {
+            let manifest = catalogue::manifest(disk, &series).map_err(text)?;
+            states.insert(series.id.clone(), manifest.state);
+            for frame in wingd::store::frames(&series, manifest) {
+                wingd::store::read_frame(disk, &frame).map_err(text)?;
+                if !frames.insert(frame.entry.sha256) {
+                    return Err("a frame is there twice".to_owned());
+                }
+            }
+            for line in catalogue::results(disk, &series).map_err(text)? {
+                *results.entry(line.frame_sha256).or_insert(0) += 1;
+            }
+        }
+    }
+    Ok((frames, results, states))
+}
