@@ -7,6 +7,7 @@ use serde::Deserialize;
 
 use crate::camera::section::CameraSection;
 use crate::daemon::{SeriesConfig, StatusConfig};
+use crate::http::section::ServeConfig;
 use crate::installation::Fault;
 use crate::measure::adjust::{Method, Options};
 use crate::pipeline::Job;
@@ -31,6 +32,8 @@ pub struct Config {
     /// `[solve]`.
     #[serde(default)]
     pub solve: SolveConfig,
+    /// `[serve]`; without it the recorder shows no page.
+    pub serve: Option<ServeConfig>,
 }
 
 /// `[solve]`: how frames are solved on board.
@@ -93,6 +96,7 @@ impl Config {
         absolute(&mut self.store.path);
         absolute(&mut self.status.socket);
         self.installation.iter_mut().for_each(absolute);
+        self.serve.iter_mut().flat_map(ServeConfig::paths).for_each(absolute);
         if let CameraSection::Replay(replay) = &mut self.camera {
             replay.folder.iter_mut().chain(replay.list.iter_mut()).for_each(absolute);
         }
@@ -119,6 +123,10 @@ impl Config {
         texts.extend(self.series.faults());
         texts.extend(self.store.faults());
         let mut faults: Vec<Fault> = texts.iter().map(|text| split(file, text)).collect();
+        if let Some(serve) = &self.serve {
+            let place = |key: &str| (file.to_owned(), format!("serve.{key}"));
+            faults.extend(serve.open(place).err().unwrap_or_default());
+        }
         if let Some(terms) = self.solve.curvature_terms.filter(|n| !(1..=10).contains(n)) {
             faults.push(fault(
                 file,

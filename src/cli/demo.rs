@@ -97,6 +97,7 @@ fn fly(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
         store: StoreConfig { reserve_mb: 100, ..StoreConfig::at(output.join("store")) },
         status: StatusConfig { socket: output.join("wingd.sock") },
         solve: SolveConfig::default(),
+        serve: None,
     };
     let solver = service::solver(directory, &config.solve)?;
     let opened = service::open_store(&config)?;

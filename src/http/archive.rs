@@ -7,6 +7,7 @@ use tokio::sync::OwnedSemaphorePermit;
 use super::Refusal;
 use super::send::{Content, Source};
 use crate::store::bundle::{self, Bundle, Item};
+use crate::store::receive::Listing;
 
 /// Of a tar file: head and content fill whole blocks, two empty ones end it.
 const BLOCK: u64 = 512;
@@ -38,6 +39,17 @@ pub fn layout(
         by_range: true,
         permit: Some(permit),
     })
+}
+
+/// The files of the archive, and where in it their bytes begin.
+pub fn listing(flight: &str, bundle: &Bundle) -> Listing {
+    let mut listing = Listing::of(flight, bundle);
+    let mut at = 0;
+    for item in &mut listing.items {
+        item.offset = at + BLOCK;
+        at = item.offset + item.length.next_multiple_of(BLOCK);
+    }
+    listing
 }
 
 fn zeros(length: u64) -> Source {

@@ -7,6 +7,7 @@
 //! | `/flights/{flight}/{series}` | its frames and results |
 //! | `/files/{flight}/...` | files as they lie in the store; frames and manifests by range |
 //! | `/tar/{flight}.tar` | the flight as one archive, by range: unpacked it is a store |
+//! | `/bundle/{flight}.json` | the archive's files: name, length, SHA-256, where its bytes begin |
 //! | `/report/{flight}` | the report |
 //! | `/status.json` | what the store holds, and the daemon's state where one runs |
 //!
@@ -14,10 +15,14 @@
 
 pub mod access;
 mod archive;
+pub mod client;
+pub mod fetch;
 mod files;
 mod pages;
+pub mod section;
 mod send;
 mod server;
+pub mod tls;
 
 use std::future::Future;
 use std::io;
@@ -36,6 +41,7 @@ use tower_http::set_header::SetResponseHeaderLayer;
 
 use crate::measure::setup::Setup;
 use crate::report::{html, source};
+use crate::store::receive::Listing;
 use crate::store::{RealDisk, StoreError, bundle, catalogue};
 use access::Access;
 
@@ -119,6 +125,7 @@ fn router(site: Site, access: Arc<Access>) -> Router {
         .route("/files/{flight}/{file}", get(flight_file))
         .route("/files/{flight}/{series}/{file}", get(series_file))
         .route("/tar/{name}", get(tar))
+        .route("/bundle/{name}", get(listing))
         .route("/report/{flight}", get(report))
         .route("/status.json", get(status))
         .fallback(async || Refusal::NotFound)
@@ -204,6 +211,16 @@ async fn tar(
     })
     .await?;
     content.answer(&method, &headers)
+}
+
+async fn listing(State(shared): Context, Path(name): Path<String>) -> Result<Json<Listing>, Refusal> {
+    let flight = name.strip_suffix(".json").ok_or(Refusal::NotFound)?.to_owned();
+    blocking(shared, move |site| {
+        let found = files::check_flight(site, &flight)?;
+        let bundle = bundle::flight(&RealDisk, &site.root, &found)?;
+        Ok(Json(archive::listing(&flight, &bundle)))
+    })
+    .await
 }
 
 async fn report(State(shared): Context, Path(flight): Path<String>) -> Result<Html<String>, Refusal> {

@@ -5,12 +5,14 @@
 //! | `summary` | the records of a series | means, standard deviations, scatter |
 //! | `table` | records, detections, summaries | text for a terminal |
 //! | `source` | a store | what the report shows |
+//! | `compare` | two sets of results | what changed |
 //! | `html` | that | one page that opens offline |
 //! | `export` | that | CSV, Parquet, VTK |
 //! | `protocol` | the record of an image | its adjustment as a text to read |
 //! | `plan_figure` | a plan | resolution and predicted uncertainty along the span, SVG |
 //! | `overlay` | a frame and its detections | a picture to look at |
 
+pub mod compare;
 pub mod export;
 pub mod grid;
 pub mod html;

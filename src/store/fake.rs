@@ -350,6 +350,13 @@ impl Disk for FakeDisk {
         Ok(())
     }
 
+    fn remove_dir(&self, path: &Path) -> io::Result<()> {
+        if !self.list(path)?.is_empty() {
+            return Err(io::ErrorKind::DirectoryNotEmpty.into());
+        }
+        self.remove_file(path)
+    }
+
     fn sync_dir(&self, directory: &Path) -> io::Result<()> {
         let mut state = self.state();
         state.step(false)?;

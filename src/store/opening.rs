@@ -42,7 +42,7 @@ pub fn is_vacant(disk: &dyn Disk, root: &Path) -> bool {
     !disk.exists(root) || (!disk.exists(&root.join(layout::STORE_FILE)) && refuse_foreign(disk, root).is_ok())
 }
 
-fn make_root(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
+pub(super) fn make_root(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     if disk.exists(root) {
         return Ok(());
     }
@@ -56,7 +56,7 @@ fn make_root(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
 }
 
 /// A directory without a mark may hold what a broken-off creation leaves, and nothing else.
-fn refuse_foreign(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
+pub(super) fn refuse_foreign(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     for entry in disk.list(root).map_err(StoreError::io(root, "list"))? {
         let name = entry.name.trim_end_matches(layout::PART_ENDING);
         let ours = [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL, layout::COUNTER_FILE];
