@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use super::{Done, Failure, print};
 use crate::installation;
-use crate::report::{html, source, summary, table};
+use crate::report::source::{self, Choice};
+use crate::report::{html, summary, table};
 
 /// Write a flight's figures and tables as one HTML file.
 #[derive(clap::Args)]
@@ -14,6 +15,9 @@ pub struct Args {
     /// Which flight, for example f0001 [default: the newest]
     #[arg(long)]
     flight: Option<String>,
+    /// Of a flight with results of several inputs: those whose key begins so [default: the newest whole solve]
+    #[arg(long, value_name = "KEY")]
+    inputs: Option<String>,
     /// The installation, for the ground shape and the lines of sight
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
@@ -26,9 +30,10 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let installation = args.installation.as_deref().map(installation::load_without_orientation);
     let installation = installation.transpose()?;
     let setup = installation.as_ref().map(|i| &i.setup);
-    let data = source::flight(&args.store, args.flight.as_deref(), setup)
+    let choice = Choice { flight: args.flight.as_deref(), inputs: args.inputs.as_deref() };
+    let data = source::flight(&args.store, choice, setup)
         .map_err(|e| Failure::Undone(e.to_string()))?;
-    for note in &data.notes {
+    for note in data.warnings.iter().chain(&data.notes) {
         eprintln!("wingd: {note}");
     }
     std::fs::write(&args.output, html::page(&data)).map_err(|e| {

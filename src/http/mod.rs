@@ -5,6 +5,9 @@
 //! | `/` | flights |
 //! | `/flights/{flight}` | its series |
 //! | `/flights/{flight}/{series}` | its frames and results |
+//! | `/frames/{flight}/{series}/{file}` | one frame with its markers |
+//! | `/thumb/…svg`, `/overlay/…svg` | a frame with its markers drawn, small and large |
+//! | `/results/{flight}.jsonl` | the results of all its series |
 //! | `/files/{flight}/...` | files as they lie in the store; frames and manifests by range |
 //! | `/tar/{flight}.tar` | the flight as one archive, by range: unpacked it is a store |
 //! | `/bundle/{flight}.json` | the archive's files: name, length, SHA-256, where its bytes begin |
@@ -40,9 +43,11 @@ use tokio::sync::Semaphore;
 use tower_http::set_header::SetResponseHeaderLayer;
 
 use crate::measure::setup::Setup;
-use crate::report::{html, source};
+use crate::report::html::{self, picture};
+use crate::report::source::{self, Choice};
+use crate::report::{SeriesData, overview};
 use crate::store::receive::Listing;
-use crate::store::{RealDisk, StoreError, bundle, catalogue};
+use crate::store::{RealDisk, StoreError, bundle, catalogue, heads, layout, sets};
 use access::Access;
 
 /// Asked for the daemon's state.
@@ -65,11 +70,15 @@ const ARCHIVES: usize = 2;
 /// Reports that are made at once: each may take a flight's worth of memory.
 const REPORTS: usize = 1;
 
+/// Frames that are decoded at once, to be shown.
+const PICTURES: usize = 1;
+
 struct Shared {
     site: Site,
     access: Arc<Access>,
     archives: Arc<Semaphore>,
     reports: Semaphore,
+    pictures: Semaphore,
 }
 
 type Context = State<Arc<Shared>>;
@@ -115,13 +124,23 @@ pub async fn serve(
 fn router(site: Site, access: Arc<Access>) -> Router {
     let archives = Arc::new(Semaphore::new(ARCHIVES));
     let shared =
-        Arc::new(Shared { site, access: access.clone(), archives, reports: Semaphore::new(REPORTS) });
-    let policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'";
+        Arc::new(Shared {
+            site,
+            access: access.clone(),
+            archives,
+            reports: Semaphore::new(REPORTS),
+            pictures: Semaphore::new(PICTURES),
+        });
+    let policy = "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'";
     let header = |name, value| SetResponseHeaderLayer::overriding(name, HeaderValue::from_static(value));
     Router::new()
         .route("/", get(index))
         .route("/flights/{flight}", get(flight))
         .route("/flights/{flight}/{series}", get(series))
+        .route("/frames/{flight}/{series}/{file}", get(frame))
+        .route("/thumb/{flight}/{series}/{file}", get(thumb))
+        .route("/overlay/{flight}/{series}/{file}", get(overlay))
+        .route("/results/{name}", get(results))
         .route("/files/{flight}/{file}", get(flight_file))
         .route("/files/{flight}/{series}/{file}", get(series_file))
         .route("/tar/{name}", get(tar))
@@ -153,13 +172,33 @@ async fn index(State(shared): Context) -> Result<Html<String>, Refusal> {
     blocking(shared, |site| Ok(Html(pages::index(site)?.into_string()))).await
 }
 
-async fn flight(State(shared): Context, Path(flight): Path<String>) -> Result<Html<String>, Refusal> {
+async fn flight(
+    State(shared): Context,
+    Path(flight): Path<String>,
+    headers: HeaderMap,
+) -> Result<Html<String>, Refusal> {
+    let scheme = if shared.access.tls().is_some() { "https" } else { "http" };
+    let host = headers.get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or("localhost");
+    let address = format!("{scheme}://{host}");
     blocking(shared, move |site| {
-        files::check_flight(site, &flight)?;
-        let data = source::flight(&site.root, Some(&flight), None)?;
-        Ok(Html(pages::flight(&flight, &data).into_string()))
+        let found = files::check_flight(site, &flight)?;
+        let overview = overview::flight(&RealDisk, &found)?;
+        Ok(Html(pages::flight(&overview, &address).into_string()))
     })
     .await
+}
+
+/// A series alone is read, with what is to be said of its results.
+fn one_series(site: &Site, flight: &str, series: &str) -> Result<(SeriesData, Option<String>), Refusal> {
+    let series = files::check_series(site, flight, series)?;
+    let bytes = std::fs::read(series.folder.join(layout::RESULTS_FILE)).unwrap_or_default();
+    let mut gather = sets::Gather::default();
+    gather.add(&series.id, &heads::parse(&bytes, &[]));
+    let sets = gather.end();
+    let mut notes = Vec::new();
+    let data = source::read_series(&RealDisk, &series, sets.chosen(None), &mut notes);
+    let data = data.ok_or_else(|| Refusal::Failed(notes.join("; ")))?;
+    Ok((data, sets.warning(&series.id, None)))
 }
 
 async fn series(
@@ -167,12 +206,82 @@ async fn series(
     Path((flight, series)): Path<(String, String)>,
 ) -> Result<Html<String>, Refusal> {
     blocking(shared, move |site| {
-        files::check_flight(site, &flight)?;
-        let data = source::flight(&site.root, Some(&flight), None)?;
-        let page = pages::series(&data, &series).ok_or(Refusal::NotFound)?;
-        Ok(Html(page.into_string()))
+        let (data, warning) = one_series(site, &flight, &series)?;
+        Ok(Html(pages::series(&data, warning.as_deref()).into_string()))
     })
     .await
+}
+
+async fn frame(
+    State(shared): Context,
+    Path((flight, series, file)): Path<(String, String, String)>,
+) -> Result<Html<String>, Refusal> {
+    blocking(shared, move |site| {
+        let (data, _) = one_series(site, &flight, &series)?;
+        Ok(Html(pages::frame(&data, &file).ok_or(Refusal::NotFound)?.into_string()))
+    })
+    .await
+}
+
+/// Longer side of a small picture and of a large one, px.
+const THUMB: usize = 480;
+const LARGE: usize = 1600;
+
+async fn thumb(state: Context, path: Path<(String, String, String)>, method: Method, headers: HeaderMap) -> Result<Response, Refusal> {
+    drawn(state, path, method, headers, THUMB).await
+}
+
+async fn overlay(state: Context, path: Path<(String, String, String)>, method: Method, headers: HeaderMap) -> Result<Response, Refusal> {
+    drawn(state, path, method, headers, LARGE).await
+}
+
+/// A frame with its markers, known by the digests of both: a browser that has it is told so without drawing.
+async fn drawn(
+    State(shared): Context,
+    Path((flight, series, name)): Path<(String, String, String)>,
+    method: Method,
+    headers: HeaderMap,
+    largest: usize,
+) -> Result<Response, Refusal> {
+    let file = name.strip_suffix(".svg").ok_or(Refusal::NotFound)?.to_owned();
+    // A frame takes tens of MB and of ms: one at a time, whoever asks.
+    let _one_at_a_time = shared.pictures.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
+    let (asked, with) = (method.clone(), headers.clone());
+    blocking(shared.clone(), move |site| {
+        let (data, _) = one_series(site, &flight, &series)?;
+        let shot = data.shots.iter().find(|s| s.image.as_deref() == Some(file.as_str()));
+        let shot = shot.ok_or(Refusal::NotFound)?;
+        let record = data.records.iter().find(|r| r.image == file);
+        let state = (shot.sha256.as_deref(), record.and(data.inputs.as_deref()), largest, env!("CARGO_PKG_VERSION"));
+        let digest = crate::store::sha256(format!("{state:?}").as_bytes());
+        if send::is_known(&with, &digest) {
+            return files::svg(String::new(), digest).answer(&asked, &with);
+        }
+        let path = files::check_frame(site, &flight, &series, &file)?;
+        let bytes = std::fs::read(&path).map_err(|e| Refusal::Failed(format!("{}: {e}", path.display())))?;
+        let drawn = picture::thumbnail(&bytes, shot.format.as_ref(), record, largest);
+        let why = || Refusal::Failed(format!("{}: the frame cannot be read", path.display()));
+        files::svg(drawn.ok_or_else(why)?, digest).answer(&asked, &with)
+    })
+    .await
+}
+
+/// All results of a flight, one after the other.
+async fn results(
+    State(shared): Context,
+    Path(name): Path<String>,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, Refusal> {
+    let flight = name.strip_suffix(".jsonl").ok_or(Refusal::NotFound)?.to_owned();
+    let permit = shared.archives.clone().try_acquire_owned().map_err(|_| Refusal::Busy)?;
+    let content = blocking(shared, move |site| {
+        let found = files::check_flight(site, &flight)?;
+        let bundle = bundle::flight(&RealDisk, &site.root, &found)?;
+        Ok(archive::results(&flight, bundle, permit))
+    })
+    .await?;
+    content.answer(&method, &headers)
 }
 
 async fn flight_file(
@@ -227,7 +336,7 @@ async fn report(State(shared): Context, Path(flight): Path<String>) -> Result<Ht
     let _one_at_a_time = shared.reports.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
     blocking(shared.clone(), move |site| {
         files::check_flight(site, &flight)?;
-        Ok(Html(html::page(&source::flight(&site.root, Some(&flight), site.setup.as_ref())?)))
+        Ok(Html(html::page(&source::flight(&site.root, Choice::flight(&flight), site.setup.as_ref())?)))
     })
     .await
 }

@@ -9,6 +9,7 @@ use serde_json::{Map, Value};
 use super::disk::Disk;
 use super::error::StoreError;
 use super::manifest::ResultLine;
+use super::heads::Head;
 use super::results::Inputs;
 use super::{FlightRef, SeriesRef, catalogue, heads, layout};
 
@@ -26,9 +27,16 @@ pub struct ResultSet {
     pub results: usize,
     /// Of the last one: how many sets of its series it follows, its series' number.
     last: (usize, u64),
+    /// As [`Gather::add`] counts it.
+    index: usize,
 }
 
 impl ResultSet {
+    /// Its number in what [`Gather::add`] returned.
+    pub fn index(&self) -> usize {
+        self.index
+    }
+
     /// The key's beginning.
     pub fn short(&self) -> &str {
         self.key.get(..SHORT).unwrap_or(&self.key)
@@ -86,50 +94,51 @@ pub fn of_flight(disk: &dyn Disk, flight: &FlightRef) -> Result<Sets, StoreError
         let path = series.folder.join(layout::RESULTS_FILE);
         if disk.exists(&path) {
             let bytes = disk.read(&path).map_err(StoreError::io(&path, "read"))?;
-            gather.series(&series, &bytes);
+            gather.add(&series.id, &heads::parse(&bytes, &[]));
         }
     }
     Ok(gather.end())
 }
 
+/// Sorts results into sets, series by series.
 #[derive(Default)]
-struct Gather {
+pub struct Gather {
     frames: usize,
     sets: Vec<ResultSet>,
 }
 
 impl Gather {
-    fn series(&mut self, series: &SeriesRef, bytes: &[u8]) {
-        let number = layout::series_number(&series.id).unwrap_or(0);
+    /// Takes a series' results, in the order written; returns which set each belongs to.
+    pub fn add(&mut self, series: &str, heads: &[Head]) -> Vec<usize> {
+        let number = layout::series_number(series).unwrap_or(0);
+        let sets: Vec<usize> = heads.iter().map(|head| self.set(&head.provenance)).collect();
         let mut order: Vec<usize> = Vec::new();
-        let mut frames = BTreeSet::new();
-        for head in heads::parse(bytes, &[]) {
-            let index = self.set(head.provenance);
-            if let Some(set) = self.sets.get_mut(index) {
-                set.results += 1;
-            }
-            order.retain(|known| *known != index);
-            order.push(index);
-            frames.insert(head.frame);
+        for index in &sets {
+            order.retain(|known| known != index);
+            order.push(*index);
         }
-        self.frames += frames.len();
         for (rank, index) in order.into_iter().enumerate() {
             if let Some(set) = self.sets.get_mut(index) {
                 set.last = set.last.max((rank, number));
+                set.results += sets.iter().filter(|one| **one == index).count();
             }
         }
+        self.frames += heads.iter().map(|head| head.frame.as_str()).collect::<BTreeSet<_>>().len();
+        sets
     }
 
-    fn set(&mut self, provenance: Map<String, Value>) -> usize {
-        if let Some(known) = self.sets.iter().position(|set| set.provenance == provenance) {
+    fn set(&mut self, provenance: &Map<String, Value>) -> usize {
+        if let Some(known) = self.sets.iter().position(|set| set.provenance == *provenance) {
             return known;
         }
         let key = Inputs::new(provenance.clone()).key("");
-        self.sets.push(ResultSet { key, provenance, results: 0, last: (0, 0) });
-        self.sets.len() - 1
+        let index = self.sets.len();
+        self.sets.push(ResultSet { key, provenance: provenance.clone(), results: 0, last: (0, 0), index });
+        index
     }
 
-    fn end(mut self) -> Sets {
+    /// What they are.
+    pub fn end(mut self) -> Sets {
         self.sets.sort_by_key(|set| set.last);
         Sets { frames: self.frames, sets: self.sets }
     }
@@ -168,10 +177,8 @@ mod tests {
     fn sets(series: &[&[(u32, &str)]]) -> Sets {
         let mut gather = Gather::default();
         for (number, lines) in series.iter().enumerate() {
-            let id = layout::series_id(number as u64 + 1);
-            let series = SeriesRef { flight: "f0001".into(), id, folder: "".into() };
             let text: String = lines.iter().map(|(frame, program)| line(*frame, program)).collect();
-            gather.series(&series, text.as_bytes());
+            gather.add(&layout::series_id(number as u64 + 1), &heads::parse(text.as_bytes(), &[]));
         }
         gather.end()
     }

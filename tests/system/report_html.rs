@@ -4,7 +4,7 @@ use crate::common::report_store::{failed, solved, store_with};
 use wingd::report::{html, source};
 
 fn page(root: &std::path::Path) -> String {
-    html::page(&source::flight(root, None, None).unwrap())
+    html::page(&source::flight(root, source::Choice::default(), None).unwrap())
 }
 
 /// Every tag is closed in order; attributes are quoted.

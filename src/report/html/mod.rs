@@ -1,7 +1,7 @@
 //! The report: one page that opens offline and prints well.
 
 mod figures;
-mod picture;
+pub mod picture;
 pub(in crate::report) mod plot;
 mod tables;
 mod views;
@@ -13,7 +13,9 @@ use super::summary::{SeriesSummary, summaries};
 use super::{ReportData, table};
 use crate::record::{ImageRecord, Status};
 
-/// The look of the report and of the served pages.
+pub use plot::round_step;
+
+/// The look of the report.
 pub const STYLE: &str = include_str!("style.css");
 
 /// The whole page. Nothing in it comes from outside the file.
@@ -52,6 +54,9 @@ pub fn page(data: &ReportData) -> String {
 
 /// The record of the picture, or the first one with numbers.
 fn shown_record(data: &ReportData) -> Option<&ImageRecord> {
+    if data.shown.is_some() {
+        return data.shown.as_ref();
+    }
     let records = || data.series.iter().flat_map(|s| s.records.iter().map(move |r| (s, r)));
     let pictured = data
         .picture
@@ -115,7 +120,7 @@ fn notes(data: &ReportData) -> Markup {
         } @else if !data.series.iter().flat_map(|s| &s.records).any(|r| r.status == Status::Ok) {
             p.warning { "No frame has been solved; the reasons stand under Quality." }
         }
-        @for note in &data.notes { p.warning { (note) } }
+        @for note in data.warnings.iter().chain(&data.notes) { p.warning { (note) } }
     }
 }
 

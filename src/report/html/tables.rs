@@ -26,7 +26,8 @@ pub fn results(data: &ReportData) -> Markup {
         @if data.series.iter().all(|s| s.records.is_empty()) { p { "There are no results." } }
         @for s in data.series.iter().filter(|s| !s.records.is_empty()) {
             h3 { "Series " (s.flight) "/" (s.name) @if s.interrupted { " (interrupted)" } }
-            div.scroll { (table::images(&s.records).html()) }
+            @let rows = if s.used.is_empty() { table::images(&s.records) } else { table::images_counted(&s.records, &s.used) };
+            div.scroll { (rows.html()) }
         }
     }
 }
@@ -79,17 +80,12 @@ fn words(value: &Value) -> String {
 
 /// What was turned down and what failed.
 pub fn quality(data: &ReportData) -> Markup {
-    let named = |s: &SeriesData, r: &ImageRecord| ImageRecord {
-        image: format!("{}/{}", s.name, r.image),
-        ..r.clone()
-    };
-    let records: Vec<ImageRecord> =
-        data.series.iter().flat_map(|s| s.records.iter().map(move |r| named(s, r))).collect();
-    let (unused, failed, camera, remarks) =
-        (table::unused(&records), failed(data), camera(data), remarks(data));
+    let records = || data.series.iter().flat_map(|s| s.records.iter().map(move |r| (s, r)));
+    let unused = table::unused_of(records().map(|(s, r)| (format!("{}/", s.name), r)));
+    let (failed, camera, remarks) = (failed(data), camera(data), remarks(data));
     html! {
         h2 { "Quality" }
-        (tests(&records))
+        (tests(records().map(|(_, r)| r)))
         (section("Markers not used", "Every marker of the survey was used in every solved frame.", &unused))
         (section("Frames without a result", "Every frame has a result.", &failed))
         (section("Camera failures", "The camera delivered every shot at the first attempt.", &camera))
@@ -107,9 +103,12 @@ fn section(title: &str, none: &str, grid: &Grid) -> Markup {
     }
 }
 
-fn tests(records: &[ImageRecord]) -> Markup {
-    let count = |verdict: &str| records.iter().filter(|r| r.global_test.as_deref() == Some(verdict)).count();
-    let (passed, rejected) = (count("passed"), count("rejected"));
+fn tests<'a>(records: impl Iterator<Item = &'a ImageRecord>) -> Markup {
+    let (mut passed, mut rejected) = (0, 0);
+    for verdict in records.filter_map(|r| r.global_test.as_deref()) {
+        passed += usize::from(verdict == "passed");
+        rejected += usize::from(verdict == "rejected");
+    }
     html! {
         @if passed + rejected == 0 {
             p { "No global test could be made." }
