@@ -106,7 +106,8 @@ fn common(args: &Args) -> Result<Common, Failure> {
         for series in catalogue::series(&RealDisk, &flight)? {
             let bytes = fs::read(series.folder.join(layout::RESULTS_FILE)).unwrap_or_default();
             for head in heads::parse(&bytes, &["torsion"]) {
-                let torsion = head.record.get("torsion").and_then(|t| t.as_array()).cloned().unwrap_or_default();
+                let torsion =
+                    head.record.get("torsion").and_then(|t| t.as_array()).cloned().unwrap_or_default();
                 let names = torsion.iter().filter_map(|pair| pair.get("name")?.as_str().map(str::to_owned));
                 for name in names {
                     if !pairs.contains(&name) {
@@ -213,7 +214,10 @@ fn notes(args: &Args, common: &Common) -> Result<Vec<(String, String)>, Failure>
     let mut notes = vec![
         ("program".to_owned(), format!("wingd {}", env!("CARGO_PKG_VERSION"))),
         ("recorder_id".to_owned(), common.store_id.clone().unwrap_or_default()),
-        ("units".to_owned(), "m, deg, px, s by the ending of a column's name; frames: docs/conventions.md".to_owned()),
+        (
+            "units".to_owned(),
+            "m, deg, px, s by the ending of a column's name; frames: docs/conventions.md".to_owned(),
+        ),
     ];
     for flight in source::chosen(&args.store, args.flight.as_deref())? {
         if let Some(set) = sets::of_flight(&RealDisk, &flight)?.chosen(args.inputs.as_deref()) {
@@ -255,7 +259,9 @@ fn ground(args: &Args, flight: &FlightRef) -> Result<Vec<GroundMarker>, Failure>
     };
     let Some(directory) = directory else {
         let flight = &flight.id;
-        eprintln!("wingd: {flight}: no installation is kept; name one with --installation for displacement vectors");
+        eprintln!(
+            "wingd: {flight}: no installation is kept; name one with --installation for displacement vectors"
+        );
         return Ok(Vec::new());
     };
     let installation = installation::load_without_orientation(&directory)?;

@@ -31,8 +31,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let installation = installation.transpose()?;
     let setup = installation.as_ref().map(|i| &i.setup);
     let choice = Choice { flight: args.flight.as_deref(), inputs: args.inputs.as_deref() };
-    let data = source::flight(&args.store, choice, setup)
-        .map_err(|e| Failure::Undone(e.to_string()))?;
+    let data = source::flight(&args.store, choice, setup).map_err(|e| Failure::Undone(e.to_string()))?;
     for note in data.warnings.iter().chain(&data.notes) {
         eprintln!("wingd: {note}");
     }

@@ -10,8 +10,8 @@ use crate::config::{Config, SolveConfig};
 use crate::daemon::{self, Board, Observer, Parts, Solver, Status};
 use crate::http::section::ServeConfig;
 use crate::installation::{self, Fault};
-use crate::{http, pipeline};
 use crate::store::{Inputs, RealDisk, Recovery, Store};
+use crate::{http, pipeline};
 
 /// Opens the store, making it where there is none.
 pub fn open_store(config: &Config) -> Result<(Arc<Store>, Recovery), Failure> {
@@ -113,7 +113,9 @@ impl Page {
             let served = runtime.block_on(async {
                 let listener = tokio::net::TcpListener::from_std(listener)?;
                 // It ends with the recorder, or at the signal that ends the recorder.
-                let end = async { tokio::select! { _ = stopped => {}, () = interrupt() => {} } };
+                let end = async {
+                    tokio::select! { _ = stopped => {}, () = interrupt() => {} }
+                };
                 http::serve(site, access, listener, end).await
             });
             if let Err(error) = served {

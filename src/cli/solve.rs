@@ -89,7 +89,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         return solve_store::run(args, store);
     }
     if let Some(Some(flight)) = &args.flight {
-        return Err(Failure::Usage(format!("--flight {flight} names a flight of a store; name the store too")));
+        return Err(Failure::Usage(format!(
+            "--flight {flight} names a flight of a store; name the store too"
+        )));
     }
     let Some(directory) = &args.installation else {
         return Err(Failure::Usage("name the installation: --installation DIR".into()));

@@ -13,8 +13,8 @@ use crate::measure::setup::Orientation;
 use crate::pipeline::{self, Job, Sighting, stages};
 use crate::record::ImageRecord;
 use crate::store::{
-    self, Disk, FlightRef, FrameRef, Inputs, RealDisk, Store, StoreConfig, StoreError, catalogue, installations,
-    sets,
+    self, Disk, FlightRef, FrameRef, Inputs, RealDisk, Store, StoreConfig, StoreError, catalogue,
+    installations, sets,
 };
 
 fn undone(error: StoreError) -> Failure {
@@ -160,8 +160,9 @@ impl Work<'_> {
         output: &mut Output,
     ) -> Result<(), Failure> {
         let written = ImageRecord { image: frame.entry.file.clone(), ..record.clone() };
-        let value: Value = serde_json::to_value(&written)
-            .map_err(|e| Failure::Undone(format!("{}: result cannot be written as JSON: {e}", record.image)))?;
+        let value: Value = serde_json::to_value(&written).map_err(|e| {
+            Failure::Undone(format!("{}: result cannot be written as JSON: {e}", record.image))
+        })?;
         self.store.add_result(frame, inputs, value).map_err(undone)?;
         output.take(record)
     }

@@ -166,4 +166,3 @@ where
     });
     Ok(sender)
 }
-

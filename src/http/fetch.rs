@@ -171,7 +171,8 @@ fn take(
     if answer.status == StatusCode::OK {
         return Ok(());
     }
-    let mut stretch = Stretch { answer: expected(answer, &path, StatusCode::PARTIAL_CONTENT)?, rest: Bytes::new() };
+    let mut stretch =
+        Stretch { answer: expected(answer, &path, StatusCode::PARTIAL_CONTENT)?, rest: Bytes::new() };
     let mut at = first.offset;
     for item in run {
         stretch.skip(item.offset - at).map_err(FetchError::Broken)?;

@@ -123,15 +123,15 @@ pub async fn serve(
 
 fn router(site: Site, access: Arc<Access>) -> Router {
     let archives = Arc::new(Semaphore::new(ARCHIVES));
-    let shared =
-        Arc::new(Shared {
-            site,
-            access: access.clone(),
-            archives,
-            reports: Semaphore::new(REPORTS),
-            pictures: Semaphore::new(PICTURES),
-        });
-    let policy = "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'";
+    let shared = Arc::new(Shared {
+        site,
+        access: access.clone(),
+        archives,
+        reports: Semaphore::new(REPORTS),
+        pictures: Semaphore::new(PICTURES),
+    });
+    let policy =
+        "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'";
     let header = |name, value| SetResponseHeaderLayer::overriding(name, HeaderValue::from_static(value));
     Router::new()
         .route("/", get(index))
@@ -227,11 +227,21 @@ async fn frame(
 const THUMB: usize = 480;
 const LARGE: usize = 1600;
 
-async fn thumb(state: Context, path: Path<(String, String, String)>, method: Method, headers: HeaderMap) -> Result<Response, Refusal> {
+async fn thumb(
+    state: Context,
+    path: Path<(String, String, String)>,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, Refusal> {
     drawn(state, path, method, headers, THUMB).await
 }
 
-async fn overlay(state: Context, path: Path<(String, String, String)>, method: Method, headers: HeaderMap) -> Result<Response, Refusal> {
+async fn overlay(
+    state: Context,
+    path: Path<(String, String, String)>,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, Refusal> {
     drawn(state, path, method, headers, LARGE).await
 }
 
@@ -252,7 +262,8 @@ async fn drawn(
         let shot = data.shots.iter().find(|s| s.image.as_deref() == Some(file.as_str()));
         let shot = shot.ok_or(Refusal::NotFound)?;
         let record = data.records.iter().find(|r| r.image == file);
-        let state = (shot.sha256.as_deref(), record.and(data.inputs.as_deref()), largest, env!("CARGO_PKG_VERSION"));
+        let state =
+            (shot.sha256.as_deref(), record.and(data.inputs.as_deref()), largest, env!("CARGO_PKG_VERSION"));
         let digest = crate::store::sha256(format!("{state:?}").as_bytes());
         if send::is_known(&with, &digest) {
             return files::svg(String::new(), digest).answer(&asked, &with);

@@ -33,14 +33,21 @@ impl ServeConfig {
     }
 
     /// Where to listen and by which rules; or every fault. `place` tells where a key stands.
-    pub fn open(&self, place: impl Fn(&str) -> (PathBuf, String)) -> Result<(SocketAddr, Access), Vec<Fault>> {
+    pub fn open(
+        &self,
+        place: impl Fn(&str) -> (PathBuf, String),
+    ) -> Result<(SocketAddr, Access), Vec<Fault>> {
         let mut faults = Vec::new();
         let mut fault = |key: &str, problem: String, mend: String| {
             let (file, place) = place(key);
             faults.push(Fault { file, place, problem, mend });
         };
         let address = address(&self.listen).map_err(|why| {
-            fault("listen", format!("\"{}\": {why}", self.listen), "give HOST:PORT, for example 127.0.0.1:8080".into());
+            fault(
+                "listen",
+                format!("\"{}\": {why}", self.listen),
+                "give HOST:PORT, for example 127.0.0.1:8080".into(),
+            );
         });
         let token = self.token_file.as_deref().and_then(|file| {
             let read = access::read_token(file);
@@ -52,7 +59,9 @@ impl ServeConfig {
         }
         let tls = match (&self.certificate, &self.key) {
             (Some(certificate), Some(key)) => tls::server(certificate, key)
-                .map_err(|(file, (what, mend))| fault("certificate", format!("{} {what}", file.display()), mend))
+                .map_err(|(file, (what, mend))| {
+                    fault("certificate", format!("{} {what}", file.display()), mend)
+                })
                 .ok(),
             (None, None) => None,
             _ => {

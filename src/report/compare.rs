@@ -70,7 +70,11 @@ pub fn changes(
 /// Series, frame, SHA-256.
 type Key = (String, String, String);
 
-fn records(disk: &dyn Disk, series: &SeriesRef, set: &ResultSet) -> Result<Vec<(Key, ImageRecord)>, StoreError> {
+fn records(
+    disk: &dyn Disk,
+    series: &SeriesRef,
+    set: &ResultSet,
+) -> Result<Vec<(Key, ImageRecord)>, StoreError> {
     let lines = sets::results_of(disk, series, Some(set))?.into_iter();
     let record = |value| serde_json::from_value::<ImageRecord>(value).ok();
     let lean = |r: ImageRecord| ImageRecord {
@@ -151,7 +155,8 @@ impl Summary {
     /// Of a flight's changes.
     pub fn of(changes: &[Change]) -> Self {
         let metres: Vec<f64> = changes.iter().filter_map(|c| c.change_m).collect();
-        let extreme = |values: &mut dyn Iterator<Item = f64>| values.max_by(|a, b| a.abs().total_cmp(&b.abs()));
+        let extreme =
+            |values: &mut dyn Iterator<Item = f64>| values.max_by(|a, b| a.abs().total_cmp(&b.abs()));
         let squares = metres.iter().map(|m| m * m).sum::<f64>();
         let ok = Some(Status::Ok);
         let count = |f: &dyn Fn(&Change) -> bool| changes.iter().filter(|c| f(c)).count();

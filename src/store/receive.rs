@@ -83,9 +83,7 @@ fn is_ours(name: &str, flight: &str) -> bool {
         [layout::FLIGHTS, id, file] => *id == flight && layout::is_flight_file(file),
         [layout::FLIGHTS, id, series, file] => {
             let known = [layout::SERIES_FILE, layout::RESULTS_FILE].contains(file);
-            *id == flight
-                && layout::series_number(series).is_some()
-                && (known || layout::is_frame_name(file))
+            *id == flight && layout::series_number(series).is_some() && (known || layout::is_frame_name(file))
         }
         _ => false,
     }
@@ -118,7 +116,11 @@ impl<'a> Receiver<'a> {
     pub fn missing<'l>(&self, listing: &'l Listing, thorough: bool) -> Vec<&'l Listed> {
         let there = |path: &Path, item: &Listed| {
             let frame = path.file_name().is_some_and(|name| layout::is_frame_name(&name.to_string_lossy()));
-            if frame && !thorough { self.length(path) == Some(item.length) } else { self.is_whole(path, item) }
+            if frame && !thorough {
+                self.length(path) == Some(item.length)
+            } else {
+                self.is_whole(path, item)
+            }
         };
         let here = |item: &&Listed| {
             item.name == layout::COUNTER_FILE
@@ -224,7 +226,8 @@ impl<'a> Receiver<'a> {
                 return Err(StoreError::NotAStore { path: self.root.clone(), why });
             }
             if !arrived.starts_with(&here) {
-                let what = "was changed here, for instance by `wingd solve`, and is not written over".to_owned();
+                let what =
+                    "was changed here, for instance by `wingd solve`, and is not written over".to_owned();
                 return Err(StoreError::Damaged { path, what, mend: "copy into another directory" });
             }
         }

@@ -8,8 +8,8 @@ use serde_json::{Map, Value};
 
 use super::disk::Disk;
 use super::error::StoreError;
-use super::manifest::ResultLine;
 use super::heads::Head;
+use super::manifest::ResultLine;
 use super::results::Inputs;
 use super::{FlightRef, SeriesRef, catalogue, heads, layout};
 

@@ -23,7 +23,9 @@ pub fn lift(overview: &Overview, height: f64) -> Markup {
     if points.is_empty() {
         return html! { p.soft { "No lift yet." } };
     }
-    let ends = || points.iter().flat_map(|(_, m)| [m.value - m.sigma.unwrap_or(0.0), m.value + m.sigma.unwrap_or(0.0)]);
+    let ends = || {
+        points.iter().flat_map(|(_, m)| [m.value - m.sigma.unwrap_or(0.0), m.value + m.sigma.unwrap_or(0.0)])
+    };
     let (low, high) = (ends().fold(0.0_f64, f64::min), ends().fold(f64::MIN, f64::max));
     let step = step((high - low).max(1e-6) / 3.0);
     let (low, high) = ((low / step).floor() * step, ((high / step).ceil() * step).max(low + step));

@@ -56,7 +56,10 @@ fn row(flight: &str, line: &Line) -> Markup {
 /// Commands that take the flight away; each goes on where it was broken off.
 fn recipes(id: &str, address: &str) -> Markup {
     let plain = [
-        ("wingd: resumes, checks every file, brings later additions", format!("wingd fetch {address} COPY --flight {id}")),
+        (
+            "wingd: resumes, checks every file, brings later additions",
+            format!("wingd fetch {address} COPY --flight {id}"),
+        ),
         ("curl: resumes", format!("curl -C - -o {id}.tar {address}/tar/{id}.tar")),
         ("wget: resumes", format!("wget -c {address}/tar/{id}.tar")),
         ("one file of it", format!("curl -O {address}/files/{id}/SERIES/0001.jpg")),

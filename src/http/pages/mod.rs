@@ -56,7 +56,8 @@ pub fn index(site: &Site) -> Result<Markup, Refusal> {
     catalogue::check_format(&disk, &site.root)?;
     let mut flights = catalogue::flights(&disk, &site.root)?;
     flights.reverse();
-    let drawn = flights.iter().take(DRAWN).map(|f| overview::flight(&disk, f)).collect::<Result<Vec<_>, _>>()?;
+    let drawn =
+        flights.iter().take(DRAWN).map(|f| overview::flight(&disk, f)).collect::<Result<Vec<_>, _>>()?;
     let newest = drawn.first();
     let older = flights.iter().skip(DRAWN);
     let begun = |f: &catalogue::FlightRef| {

@@ -88,7 +88,11 @@ mod tests {
     #[test]
     fn the_other_tables_have_points_parameters_and_shots() {
         let mut series = sample::series("s000001", 0, &[2.9]);
-        let lost = super::super::ShotData { number: 2, failures: vec!["gone: unplugged".into()], ..Default::default() };
+        let lost = super::super::ShotData {
+            number: 2,
+            failures: vec!["gone: unplugged".into()],
+            ..Default::default()
+        };
         series.shots.push(lost);
         let series = [series];
         let (heading, span) = rows(&text(Table::Span, &series));

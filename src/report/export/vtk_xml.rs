@@ -81,7 +81,10 @@ impl Shape {
         }
         let flat: Vec<f64> = self.points_m.iter().flatten().copied().collect();
         let points = array("Float64", "Points", 3, &bytes(&flat));
-        let _ = writeln!(out, "</PointData>\n<Points>{points}</Points>\n{cells}\n</Piece>\n</{kind}>\n</VTKFile>");
+        let _ = writeln!(
+            out,
+            "</PointData>\n<Points>{points}</Points>\n{cells}\n</Piece>\n</{kind}>\n</VTKFile>"
+        );
         out
     }
 }
@@ -158,7 +161,8 @@ pub fn series_shape(series: &SeriesData, ground: &[GroundMarker]) -> Shape {
     let (mut displacement, mut lift, mut sigma) = (Vec::new(), Vec::new(), Vec::new());
     for id in ids {
         let of = || records.iter().filter_map(move |r| r.markers.iter().find(|m| m.id == id));
-        let axis = |k: usize| Mean::of(&of().filter_map(|m| Some((m.position_m?[k], None))).collect::<Vec<_>>());
+        let axis =
+            |k: usize| Mean::of(&of().filter_map(|m| Some((m.position_m?[k], None))).collect::<Vec<_>>());
         let (Some(x), Some(y), Some(z)) = (axis(0), axis(1), axis(2)) else { continue };
         let at = [x.value, y.value, z.value];
         let mean = Mean::of(&of().filter_map(|m| Some((m.lift_m?, m.sigma_lift_m))).collect::<Vec<_>>());

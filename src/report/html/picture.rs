@@ -60,7 +60,12 @@ pub fn picture(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
 
 /// A frame at most `largest` px wide and high as an SVG file of its own, with the markers of its result;
 /// `None` where it cannot be read.
-pub fn thumbnail(bytes: &[u8], format: Option<&Format>, record: Option<&ImageRecord>, largest: usize) -> Option<String> {
+pub fn thumbnail(
+    bytes: &[u8],
+    format: Option<&Format>,
+    record: Option<&ImageRecord>,
+    largest: usize,
+) -> Option<String> {
     let raster = decode(bytes, format).ok()?;
     let jpeg = base64::engine::general_purpose::STANDARD.encode(small_jpeg(&raster, largest)?);
     let (w, h) = (raster.width() as f64, raster.height() as f64);
