@@ -56,6 +56,7 @@ fn copy(
 ) -> Result<(), StoreError> {
     let bundle = bundle::flight(disk, store, flight)?;
     let listing = Listing::of(&flight.id, &bundle);
+    receiver.prepare(&listing)?;
     let missing = receiver.missing(&listing, thorough);
     let bar = bar(missing.iter().map(|item| item.length).sum(), &flight.id);
     for (item, listed) in bundle.items.iter().zip(&listing.items) {

@@ -82,7 +82,7 @@ impl Client {
         let request = request.body(Empty::new()).map_err(io::Error::other)?;
         let kept = self.connection.take().filter(|c| !c.is_closed());
         let (host, port, connector) = (self.host.as_str(), self.port, self.connector.as_ref());
-        let asked = self.runtime.block_on(timeout(ANSWER_TIME, async {
+        let asked = async {
             let mut connection = match kept {
                 Some(connection) => connection,
                 None => connect(host, port, connector).await?,
@@ -92,7 +92,9 @@ impl Client {
             }
             let response = connection.send_request(request).await.map_err(io::Error::other)?;
             io::Result::Ok((connection, response))
-        }));
+        };
+        // The clock belongs to the runtime: the limit begins inside it.
+        let asked = self.runtime.block_on(async { timeout(ANSWER_TIME, asked).await });
         let (connection, response) = asked.map_err(|_| io::Error::from(io::ErrorKind::TimedOut))??;
         self.connection = Some(connection);
         let (head, body) = response.into_parts();
@@ -109,7 +111,7 @@ impl Answer<'_> {
     /// The next bytes; `None` at the end.
     pub fn chunk(&mut self) -> io::Result<Option<Bytes>> {
         loop {
-            let frame = self.runtime.block_on(timeout(STALL_TIME, self.body.frame()));
+            let frame = self.runtime.block_on(async { timeout(STALL_TIME, self.body.frame()).await });
             let frame = frame.map_err(|_| io::Error::from(io::ErrorKind::TimedOut))?;
             match frame {
                 None => return Ok(None),

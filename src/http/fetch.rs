@@ -124,6 +124,7 @@ pub fn flight(
         if let Some(what) = other.or_else(|| listing.fault()) {
             return Err(FetchError::Strange { path, what });
         }
+        receiver.prepare(&listing)?;
         let missing = receiver.missing(&listing, thorough);
         if missing.is_empty() {
             return Ok(receiver.commit(&listing)?);

@@ -55,7 +55,11 @@ impl ServeConfig {
         });
         if self.token_file.is_none() && address.is_ok_and(|address| !address.ip().is_loopback()) {
             let what = format!("{}: everybody on that network could read the store", self.listen);
-            fault("listen", what, "add a token file, or listen on 127.0.0.1".into());
+            fault(
+                "listen",
+                what,
+                "add a token (token_file, --token-file FILE), or listen on 127.0.0.1".into(),
+            );
         }
         let tls = match (&self.certificate, &self.key) {
             (Some(certificate), Some(key)) => tls::server(certificate, key)

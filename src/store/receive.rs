@@ -111,6 +111,26 @@ impl<'a> Receiver<'a> {
         Ok(Self { disk, root: root.to_owned(), _lock: lock })
     }
 
+    /// Refuses another store's flight. What an attempt at another left below `fetching/` goes.
+    pub fn prepare(&self, listing: &Listing) -> Result<(), StoreError> {
+        let mark = listing.items.iter().find(|item| item.name == layout::STORE_FILE);
+        let other = |path: &Path| {
+            self.disk.read(path).is_ok_and(|bytes| mark.is_none_or(|mark| sha256(&bytes) != mark.sha256))
+        };
+        let (here, staged) = (self.root.join(layout::STORE_FILE), self.staged(layout::STORE_FILE));
+        let half = !self.disk.exists(&here) && other(&staged);
+        if other(&here) || half {
+            let what = if half { "half of another store" } else { "another store" };
+            let why = format!("it is {what} than the one that arrives");
+            return Err(StoreError::NotAStore { path: self.root.clone(), why });
+        }
+        if other(&staged) {
+            remove_tree(self.disk, &self.root.join(layout::FETCHING))?;
+            opening::ensure_dir(self.disk, &self.root, layout::FETCHING)?;
+        }
+        Ok(())
+    }
+
     /// Which of the files are not here yet. Frames are told by their length, for each was checked before it
     /// got its name; `thorough` reads all of them.
     pub fn missing<'l>(&self, listing: &'l Listing, thorough: bool) -> Vec<&'l Listed> {
@@ -167,7 +187,7 @@ impl<'a> Receiver<'a> {
 
     /// Moves a flight, all of which is here, to its place.
     pub fn commit(&self, listing: &Listing) -> Result<(), StoreError> {
-        self.refuse_other(listing)?;
+        self.refuse_changed(listing)?;
         let mark = self.root.join(layout::STORE_FILE);
         let staged_mark = self.staged(layout::STORE_FILE);
         if self.disk.exists(&mark) {
@@ -208,23 +228,16 @@ impl<'a> Receiver<'a> {
         opening::save_counter(self.disk, &self.root, flight, series)
     }
 
-    /// Another store's flights, and results that were added here, are not written over.
-    fn refuse_other(&self, listing: &Listing) -> Result<(), StoreError> {
-        let mark = self.root.join(layout::STORE_FILE);
-        for item in &listing.items {
+    /// Results that were added here are not written over.
+    fn refuse_changed(&self, listing: &Listing) -> Result<(), StoreError> {
+        let grows = |name: &str| [layout::RESULTS_FILE, layout::CHAIN_FILE].contains(&name);
+        for item in listing.items.iter().filter(|item| item.name.rsplit('/').next().is_some_and(grows)) {
             let path = self.root.join(&item.name);
-            let grows = [layout::RESULTS_FILE, layout::CHAIN_FILE]
-                .iter()
-                .any(|name| path.file_name().is_some_and(|file| file == *name));
-            if !(grows || path == mark) || !self.disk.exists(&path) {
+            if !self.disk.exists(&path) {
                 continue;
             }
             let here = self.disk.read(&path).map_err(StoreError::io(&path, "read"))?;
             let arrived = self.disk.read(&self.staged(&item.name)).unwrap_or_else(|_| here.clone());
-            if path == mark && arrived != here {
-                let why = "it is another store than the one that arrives".to_owned();
-                return Err(StoreError::NotAStore { path: self.root.clone(), why });
-            }
             if !arrived.starts_with(&here) {
                 let what =
                     "was changed here, for instance by `wingd solve`, and is not written over".to_owned();

@@ -54,6 +54,7 @@ fn copy(disk: &dyn Disk) -> Result<bool, StoreError> {
     for flight in catalogue::flights(disk, Path::new(FROM))? {
         let bundle = bundle::flight(disk, Path::new(FROM), &flight)?;
         let listing = Listing::of(&flight.id, &bundle);
+        receiver.prepare(&listing)?;
         let missing = receiver.missing(&listing, false);
         for (item, listed) in bundle.items.iter().zip(&listing.items).filter(|(_, l)| missing.contains(l)) {
             let bytes = match &item.content {

@@ -48,9 +48,9 @@ pub fn picture(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
         }
         p.caption {
             (picture.series) "/" (picture.image) ": " (found.markers.len()) " markers detected ("
-            span style="color:#0d8a35" { "used" } ", " span style="color:#a07a00" { "not used" } ", "
+            span style="color:#0b7a2e" { "used" } ", " span style="color:#806200" { "not used" } ", "
             span style="color:#0d6fa8" { "without identity" } "), "
-            (found.rejected.len()) " candidates turned down (" span style="color:#b46a00" { "dashed" } "). "
+            (found.rejected.len()) " candidates turned down (" span style="color:#8f5400" { "dashed" } "). "
             @if !found.markers.is_empty() {
                 "Error ellipses (" span style="color:#b3177f" { "pink" } "): 1 sigma, enlarged " (fixed(Some(enlarged), 0)) " times."
             }
