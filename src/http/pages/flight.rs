@@ -19,7 +19,7 @@ pub fn flight(overview: &Overview, address: &str) -> Markup {
             a href={ "/results/" (id) ".jsonl" } { "results only" } ", "
             a href={ "/files/" (id) "/SHA256SUMS" } { "SHA256SUMS" }
         }
-        (curve::lift(overview, 220.0))
+        div.figure { (curve::lift(overview, 460.0, 190.0)) }
         p.caption { "Lift of the outermost marker: mean of each series, with 1 sigma of one frame." }
         @if let Some((line, lift)) = overview.greatest() { p { (greatest(line, &lift)) } }
         h2 { "What is missing" }

@@ -20,6 +20,9 @@ const STYLE: &str = include_str!("style.css");
 /// Flights whose lifts are drawn on the first page; of the others it has the name and the beginning.
 const DRAWN: usize = 6;
 
+/// Room beyond which its hours are no matter, h.
+const MANY_HOURS: f64 = 1000.0;
+
 fn page(title: &str, trail: &Markup, content: &Markup) -> Markup {
     html! {
         (DOCTYPE)
@@ -92,7 +95,7 @@ fn card(one: &Overview) -> Markup {
                 @if let Some(begun) = first { (minute(begun.utc)) ", " }
                 (one.series.len()) " series, " (one.sum(|l| l.frames)) " frames, " (one.sum(|l| l.solved)) " solved"
             }
-            (curve::lift(one, 120.0))
+            (curve::lift(one, 330.0, 110.0))
             @if let Some((line, lift)) = one.greatest() { p { (greatest(line, &lift)) } }
             @if missing > 0 { p.warn { "Something is missing in " (missing) " series." } }
             @if one.warning.is_some() { p.warn { "Results of several inputs." } }
@@ -118,7 +121,11 @@ fn tiles(site: &Site, newest: Option<&Overview>) -> Markup {
         _ => "no recorder here".to_owned(),
     };
     let last = last.map_or("none".to_owned(), |stamp| minute(stamp.utc));
-    let fits = |hours: Option<f64>| hours.map_or("room unknown".to_owned(), |h| format!("{h:.0} h"));
+    let fits = |hours: Option<f64>| match hours {
+        None => "room unknown".to_owned(),
+        Some(h) if h >= MANY_HOURS => format!("over {MANY_HOURS:.0} h"),
+        Some(h) => format!("{h:.0} h"),
+    };
     let fault = daemon.as_ref().and_then(|d| d.get("last_fault")?.get("what")?.as_str().map(str::to_owned));
     let next = daemon.as_ref().and_then(|d| d.get("next_series_s")?.as_f64());
     html! {

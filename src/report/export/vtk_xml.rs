@@ -100,10 +100,10 @@ fn index(name: &str, range: std::ops::Range<usize>) -> String {
 
 fn array(kind: &str, name: &str, components: usize, bytes: &[u8]) -> String {
     let whole = [&(bytes.len() as u64).to_le_bytes()[..], bytes].concat();
-    format!(
-        "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\" format=\"binary\">{}</DataArray>",
-        STANDARD.encode(whole)
-    )
+    // Said for one component too, some readers make a table of a list.
+    let shape = if components == 1 { String::new() } else { format!(" NumberOfComponents=\"{components}\"") };
+    let text = STANDARD.encode(whole);
+    format!("<DataArray type=\"{kind}\" Name=\"{name}\"{shape} format=\"binary\">{text}</DataArray>")
 }
 
 const UNKNOWN: [f64; 3] = [f64::NAN; 3];

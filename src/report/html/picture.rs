@@ -73,21 +73,44 @@ pub fn thumbnail(
     let seen = |m: &MarkerRecord| Some((m.u_px?, m.v_px?)).filter(|(u, v)| u.is_finite() && v.is_finite());
     let markers: Vec<(&MarkerRecord, (f64, f64))> =
         record.iter().flat_map(|r| &r.markers).filter_map(|m| Some((m, seen(m)?))).collect();
-    let named = largest >= NAMED;
+    let named = if largest >= NAMED {
+        names_of(&markers, radius, w, h)
+    } else {
+        html! {}
+    };
     let markup = html! {
         svg xmlns="http://www.w3.org/2000/svg" viewBox=(format!("0 0 {w} {h}")) width=(w) height=(h) {
             image href=(format!("data:image/jpeg;base64,{jpeg}")) x="-0.5" y="-0.5" width=(w) height=(h) {}
             @for (m, (u, v)) in &markers {
                 @let colour = if m.used { USED } else { UNUSED };
                 circle cx=(px(*u)) cy=(px(*v)) r=(px(radius)) fill="none" stroke=(colour) stroke-width=(px(radius / 4.0)) {}
-                @if named {
-                    text x=(px(u + 1.2 * radius)) y=(px(v - radius)) fill=(colour) font-size=(px(1.2 * radius))
-                        font-family="sans-serif" stroke="#10141c" stroke-width=(px(radius / 3.0)) paint-order="stroke" { (m.id) }
-                }
             }
+            (named)
         }
     };
     Some(markup.into_string())
+}
+
+/// The markers' names where there is room, none over another.
+fn names_of(markers: &[(&MarkerRecord, (f64, f64))], radius: f64, width: f64, height: f64) -> Markup {
+    let letter = 1.1 * radius;
+    let half = vector![radius, radius];
+    let mut labels = Labels::new(Area([0.0, 0.0, width, height]));
+    for (_, (u, v)) in markers {
+        labels.occupy(Area([u - radius, v - radius, u + radius, v + radius]));
+    }
+    html! {
+        @for (m, (u, v)) in markers {
+            @let colour = if m.used { USED } else { UNUSED };
+            @let size = vector![m.id.chars().count() as f64 * letter * 0.66, letter];
+            @if let Some(place) = labels.place(vector![*u, *v], half, size, letter * 0.3) {
+                @let [from, to] = leader(vector![*u, *v], half, place, size);
+                line x1=(px(from.x)) y1=(px(from.y)) x2=(px(to.x)) y2=(px(to.y)) stroke=(colour) stroke-width=(px(radius / 8.0)) {}
+                text x=(px(place.x)) y=(px(place.y + 0.85 * letter)) fill=(colour) font-size=(px(letter))
+                    font-family="sans-serif" stroke="#10141c" stroke-width=(px(radius / 3.0)) paint-order="stroke" { (m.id) }
+            }
+        }
+    }
 }
 
 /// Pictures from this size on bear the markers' names, px.
