@@ -123,6 +123,22 @@ def download(wingd, work):
     print(verified.stdout.strip())
 
 
+def unpacked(wingd, work):
+    """The demonstration's archive, unpacked: all that works on a store works on it."""
+    demo, folder = work / "demo/store", work / "unpacked-demo"
+    if not demo.exists():
+        stores.demo(wingd, work)
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    server = Server(wingd, demo, 18085)
+    subprocess.run(f"curl -sSf {server.url}/tar/f0001.tar | tar -x -C {folder}", shell=True, check=True)
+    server.stop()
+    for command in [["verify", folder], ["report", folder, "--output", work / "report.html"],
+                    ["solve", folder, "--method", "profile"], ["verify", folder], ["compare", folder]]:
+        done = subprocess.run([wingd, *command], capture_output=True, text=True)
+        print(f"{command[0]}: exit {done.returncode}; {done.stdout.strip().splitlines()[-1]}")
+
+
 def thousand(wingd, work):
     store = work / "thousand"
     if not store.exists():
@@ -228,11 +244,11 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("wingd", type=Path)
     parser.add_argument("--work", type=Path, default=Path(tempfile.gettempdir()) / "wingd-validation")
-    parser.add_argument("--part", action="append", dest="parts", choices=["download", "thousand", "attacks"])
+    parser.add_argument("--part", action="append", dest="parts", choices=["download", "unpacked", "thousand", "attacks"])
     arguments = parser.parse_args()
     arguments.work.mkdir(parents=True, exist_ok=True)
     wingd = arguments.wingd.resolve()
-    for name, part in {"download": download, "thousand": thousand, "attacks": attacks}.items():
+    for name, part in {"download": download, "unpacked": unpacked, "thousand": thousand, "attacks": attacks}.items():
         if not arguments.parts or name in arguments.parts:
             print(f"-- {name}")
             part(wingd, arguments.work)
