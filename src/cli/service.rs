@@ -123,7 +123,7 @@ impl Page {
             }
             runtime.shutdown_timeout(LAST_WORK);
         });
-        tracing::info!(%address, "page");
+        tracing::info!(address = serve.listen, "page");
         Ok(Self { stop: Some(stop), thread: Some(thread.map_err(|e| e.to_string())?) })
     }
 }

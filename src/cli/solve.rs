@@ -178,7 +178,9 @@ impl<'a> Output<'a> {
             })?;
             return print(&line);
         }
-        self.records.push(record);
+        // What the table does not show is let go: a store has thousands of records.
+        let (model, quality) = Default::default();
+        self.records.push(ImageRecord { model, quality, curve: Vec::new(), ..record });
         Ok(())
     }
 

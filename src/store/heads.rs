@@ -20,8 +20,12 @@ pub struct Head {
 
 /// The heads of the whole lines, in the order written. A line that is none is left out: `verify` names it.
 pub fn parse(bytes: &[u8], fields: &[&str]) -> Vec<Head> {
-    let whole = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
-    let lines = bytes.get(..whole).unwrap_or_default().split(|byte| *byte == b'\n');
+    let mut begin = 0;
+    let lines = memchr::memchr_iter(b'\n', bytes).filter_map(|end| {
+        let line = bytes.get(begin..end);
+        begin = end + 1;
+        line
+    });
     lines.filter_map(|line| head(line, fields)).collect()
 }
 

@@ -200,8 +200,11 @@ fn the_commands_copy_prune_and_say_what_they_freed() {
 
 #[test]
 fn what_is_not_provably_copied_stays() {
-    let damage: [(&str, fn(&Path)); 5] = [
-        ("missing, older", |to| std::fs::remove_dir_all(to.join("flights/f0001")).unwrap()),
+    type Damage = (&'static str, fn(&Path));
+    let damage: [Damage; 5] = [
+        ("missing, older", |to| {
+            assert!(Command::new("rm").arg("-r").arg(to.join("flights/f0001")).status().unwrap().success());
+        }),
         ("not sound", |to| std::fs::write(to.join("flights/f0001/s000001/0001.jpg"), "x").unwrap()),
         ("not sound", |to| std::fs::remove_file(to.join("flights/f0001/s000002/0002.jpg")).unwrap()),
         ("missing, older", |to| std::fs::write(to.join("flights/f0001/SHA256SUMS"), "x").unwrap()),
