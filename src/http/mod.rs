@@ -21,6 +21,7 @@ mod archive;
 pub mod client;
 pub mod fetch;
 mod files;
+mod frames;
 mod pages;
 pub mod section;
 mod send;
@@ -43,11 +44,11 @@ use tokio::sync::Semaphore;
 use tower_http::set_header::SetResponseHeaderLayer;
 
 use crate::measure::setup::Setup;
-use crate::report::html::{self, picture};
+use crate::report::html;
+use crate::report::overview;
 use crate::report::source::{self, Choice};
-use crate::report::{SeriesData, overview};
 use crate::store::receive::Listing;
-use crate::store::{RealDisk, StoreError, bundle, catalogue, heads, layout, sets};
+use crate::store::{RealDisk, StoreError, bundle, catalogue};
 use access::Access;
 
 /// Asked for the daemon's state.
@@ -136,10 +137,10 @@ fn router(site: Site, access: Arc<Access>) -> Router {
     Router::new()
         .route("/", get(index))
         .route("/flights/{flight}", get(flight))
-        .route("/flights/{flight}/{series}", get(series))
-        .route("/frames/{flight}/{series}/{file}", get(frame))
-        .route("/thumb/{flight}/{series}/{file}", get(thumb))
-        .route("/overlay/{flight}/{series}/{file}", get(overlay))
+        .route("/flights/{flight}/{series}", get(frames::series))
+        .route("/frames/{flight}/{series}/{file}", get(frames::frame))
+        .route("/thumb/{flight}/{series}/{file}", get(frames::thumb))
+        .route("/overlay/{flight}/{series}/{file}", get(frames::overlay))
         .route("/results/{name}", get(results))
         .route("/files/{flight}/{file}", get(flight_file))
         .route("/files/{flight}/{series}/{file}", get(series_file))
@@ -184,95 +185,6 @@ async fn flight(
         let found = files::check_flight(site, &flight)?;
         let overview = overview::flight(&RealDisk, &found)?;
         Ok(Html(pages::flight(&overview, &address).into_string()))
-    })
-    .await
-}
-
-/// A series alone is read, with what is to be said of its results.
-fn one_series(site: &Site, flight: &str, series: &str) -> Result<(SeriesData, Option<String>), Refusal> {
-    let series = files::check_series(site, flight, series)?;
-    let bytes = std::fs::read(series.folder.join(layout::RESULTS_FILE)).unwrap_or_default();
-    let mut gather = sets::Gather::default();
-    gather.add(&series.id, &heads::parse(&bytes, &[]));
-    let sets = gather.end();
-    let mut notes = Vec::new();
-    let data = source::read_series(&RealDisk, &series, sets.chosen(None), &mut notes);
-    let data = data.ok_or_else(|| Refusal::Failed(notes.join("; ")))?;
-    Ok((data, sets.warning(&series.id, None)))
-}
-
-async fn series(
-    State(shared): Context,
-    Path((flight, series)): Path<(String, String)>,
-) -> Result<Html<String>, Refusal> {
-    blocking(shared, move |site| {
-        let (data, warning) = one_series(site, &flight, &series)?;
-        Ok(Html(pages::series(&data, warning.as_deref()).into_string()))
-    })
-    .await
-}
-
-async fn frame(
-    State(shared): Context,
-    Path((flight, series, file)): Path<(String, String, String)>,
-) -> Result<Html<String>, Refusal> {
-    blocking(shared, move |site| {
-        let (data, _) = one_series(site, &flight, &series)?;
-        Ok(Html(pages::frame(&data, &file).ok_or(Refusal::NotFound)?.into_string()))
-    })
-    .await
-}
-
-/// Longer side of a small picture and of a large one, px.
-const THUMB: usize = 480;
-const LARGE: usize = 1600;
-
-async fn thumb(
-    state: Context,
-    path: Path<(String, String, String)>,
-    method: Method,
-    headers: HeaderMap,
-) -> Result<Response, Refusal> {
-    drawn(state, path, method, headers, THUMB).await
-}
-
-async fn overlay(
-    state: Context,
-    path: Path<(String, String, String)>,
-    method: Method,
-    headers: HeaderMap,
-) -> Result<Response, Refusal> {
-    drawn(state, path, method, headers, LARGE).await
-}
-
-/// A frame with its markers, known by the digests of both: a browser that has it is told so without drawing.
-async fn drawn(
-    State(shared): Context,
-    Path((flight, series, name)): Path<(String, String, String)>,
-    method: Method,
-    headers: HeaderMap,
-    largest: usize,
-) -> Result<Response, Refusal> {
-    let file = name.strip_suffix(".svg").ok_or(Refusal::NotFound)?.to_owned();
-    // A frame takes tens of MB and of ms: one at a time, whoever asks.
-    let _one_at_a_time = shared.pictures.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
-    let (asked, with) = (method.clone(), headers.clone());
-    blocking(shared.clone(), move |site| {
-        let (data, _) = one_series(site, &flight, &series)?;
-        let shot = data.shots.iter().find(|s| s.image.as_deref() == Some(file.as_str()));
-        let shot = shot.ok_or(Refusal::NotFound)?;
-        let record = data.records.iter().find(|r| r.image == file);
-        let state =
-            (shot.sha256.as_deref(), record.and(data.inputs.as_deref()), largest, env!("CARGO_PKG_VERSION"));
-        let digest = crate::store::sha256(format!("{state:?}").as_bytes());
-        if send::is_known(&with, &digest) {
-            return files::svg(String::new(), digest).answer(&asked, &with);
-        }
-        let path = files::check_frame(site, &flight, &series, &file)?;
-        let bytes = std::fs::read(&path).map_err(|e| Refusal::Failed(format!("{}: {e}", path.display())))?;
-        let drawn = picture::thumbnail(&bytes, shot.format.as_ref(), record, largest);
-        let why = || Refusal::Failed(format!("{}: the frame cannot be read", path.display()));
-        files::svg(drawn.ok_or_else(why)?, digest).answer(&asked, &with)
     })
     .await
 }
