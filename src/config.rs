@@ -7,6 +7,7 @@ use serde::Deserialize;
 
 use crate::camera::section::CameraSection;
 use crate::daemon::{PowerConfig, SeriesConfig, StatusConfig};
+use crate::http::section::ServeConfig;
 use crate::installation::Fault;
 use crate::measure::adjust::{Method, Options};
 use crate::pipeline::Job;
@@ -34,6 +35,8 @@ pub struct Config {
     /// `[solve]`.
     #[serde(default)]
     pub solve: SolveConfig,
+    /// `[serve]`; without it the recorder shows no page.
+    pub serve: Option<ServeConfig>,
 }
 
 /// `[solve]`: how frames are solved on board.
@@ -125,6 +128,7 @@ impl Config {
         resolve(folder, &mut self.status.socket);
         let optional = [&mut self.installation, &mut self.power.file, &mut self.store.signing_key];
         optional.into_iter().flatten().for_each(|path| resolve(folder, path));
+        self.serve.iter_mut().flat_map(ServeConfig::paths).for_each(|path| resolve(folder, path));
         resolve_camera(&mut self.camera, folder);
         self
     }
@@ -152,6 +156,10 @@ impl Config {
         texts.extend(self.store.faults());
         texts.extend(self.power.faults());
         let mut faults: Vec<Fault> = texts.iter().map(|text| split(file, text)).collect();
+        if let Some(serve) = &self.serve {
+            let place = |key: &str| (file.to_owned(), format!("serve.{key}"));
+            faults.extend(serve.open(place).err().unwrap_or_default());
+        }
         if let Some(terms) = self.solve.curvature_terms.filter(|n| !(1..=10).contains(n)) {
             faults.push(fault(
                 file,

@@ -98,6 +98,7 @@ fn fly(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
         power: PowerConfig::default(),
         status: StatusConfig { socket: output.join("wingd.sock") },
         solve: SolveConfig::default(),
+        serve: None,
     };
     let solver = service::solver(directory, &config.solve)?;
     let opened = service::open_store(&config)?;
@@ -129,7 +130,8 @@ fn finish(output: &Path, directory: &Path) -> Result<Done, Failure> {
     let store = output.join("store");
     let checked = verify::verify(&RealDisk, &store);
     let setup = installation::load(directory)?.setup;
-    let data = source::flight(&store, None, Some(&setup)).map_err(|e| Failure::Undone(e.to_string()))?;
+    let data = source::flight(&store, source::Choice::default(), Some(&setup))
+        .map_err(|e| Failure::Undone(e.to_string()))?;
     let page = output.join("report.html");
     std::fs::write(&page, html::page(&data))
         .map_err(|e| Failure::Undone(format!("{} cannot be written ({e}); free space", page.display())))?;

@@ -1,21 +1,52 @@
 //! `wingd export`: a store's results for other tools.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 
 use super::{Done, Failure, print};
-use crate::report::{ReportData, export, source};
+use crate::installation;
+use crate::report::export::{self, Common, Csv, Table};
+use crate::report::source::{self, Choice};
+use crate::report::{GroundMarker, ReportData, SeriesData, Site, summary};
+use crate::store::{FlightRef, RealDisk, StoreError, catalogue, heads, installations, layout, sets};
 
 #[derive(Clone, Copy, ValueEnum)]
 enum FormatName {
-    /// One row per marker per image
+    /// A table with a heading line
     Csv,
-    /// The same table, typed columns
+    /// The same table, typed columns, times as UTC timestamps
     Parquet,
-    /// Mean positions with lift and standard deviation, one file per series (ParaView)
+    /// Shapes: a .vtp per frame, a .pvd per flight, the ground, a mean .vtu and .vtk per series (ParaView)
     Vtk,
+    /// One JSON object per shot, with its whole record
+    Jsonl,
+}
+
+#[derive(Clone, Copy, Default, ValueEnum)]
+enum TableName {
+    /// One row per marker per image
+    #[default]
+    Markers,
+    /// One row per point of the curve along the span per image
+    Span,
+    /// One row per parameter of the model per image
+    Parameters,
+    /// One row per shot, those without a frame too
+    Shots,
+}
+
+impl From<TableName> for Table {
+    fn from(name: TableName) -> Self {
+        match name {
+            TableName::Markers => Self::Markers,
+            TableName::Span => Self::Span,
+            TableName::Parameters => Self::Parameters,
+            TableName::Shots => Self::Shots,
+        }
+    }
 }
 
 /// Export a store's results for other tools.
@@ -26,64 +57,255 @@ pub struct Args {
     /// Of the output
     #[arg(long, value_enum)]
     format: FormatName,
-    /// File, or folder for vtk [default: csv to standard output, export.parquet, export-vtk]
+    /// Rows of csv and parquet
+    #[arg(long, value_enum, default_value = "markers")]
+    table: TableName,
+    /// One flight, for example f0001 [default: all of them]
+    #[arg(long)]
+    flight: Option<String>,
+    /// Of a flight with results of several inputs: those whose key begins so [default: the newest whole solve]
+    #[arg(long, value_name = "KEY")]
+    inputs: Option<String>,
+    /// The installation, for the ground shape of vtk [default: the one kept in the store]
+    #[arg(long, value_name = "DIR")]
+    installation: Option<PathBuf>,
+    /// File, or folder for vtk [default: csv and jsonl to standard output, export.parquet, export-vtk]
     #[arg(long, short, value_name = "PATH")]
     output: Option<PathBuf>,
 }
 
-pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let data = source::all(&args.store).map_err(|e| Failure::Undone(e.to_string()))?;
-    for note in &data.notes {
-        eprintln!("wingd: {note}");
+impl From<StoreError> for Failure {
+    fn from(error: StoreError) -> Self {
+        Self::Undone(error.to_string())
     }
-    match args.format {
-        FormatName::Csv => csv(args, &data)?,
-        FormatName::Parquet => parquet(args, &data)?,
-        FormatName::Vtk => vtk(args, &data)?,
-    }
-    Ok(Done::all(data.notes.is_empty()))
 }
 
-fn csv(args: &Args, data: &ReportData) -> Result<(), Failure> {
-    let text = export::csv(&export::columns(&data.series)).map_err(|e| Failure::Undone(e.to_string()))?;
-    match &args.output {
-        Some(file) => write(file, text.as_bytes()),
-        None => print(text.trim_end_matches('\n')),
+impl Args {
+    fn choice(&self) -> Choice<'_> {
+        Choice { flight: self.flight.as_deref(), inputs: self.inputs.as_deref() }
     }
+}
+
+pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    let said = match args.format {
+        FormatName::Csv => csv(args)?,
+        FormatName::Parquet => parquet(args)?,
+        FormatName::Vtk => vtk(args)?,
+        FormatName::Jsonl => jsonl(args)?,
+    };
+    for note in said.warnings.iter().chain(&said.notes) {
+        eprintln!("wingd: {note}");
+    }
+    Ok(Done::all(said.notes.is_empty()))
+}
+
+/// What is common to all rows: torsion pairs are found by a first look through the results.
+fn common(args: &Args) -> Result<Common, Failure> {
+    let mut pairs: Vec<String> = Vec::new();
+    for flight in source::chosen(&args.store, args.flight.as_deref())? {
+        for series in catalogue::series(&RealDisk, &flight)? {
+            let bytes = fs::read(series.folder.join(layout::RESULTS_FILE)).unwrap_or_default();
+            for head in heads::parse(&bytes, &["torsion"]) {
+                let torsion =
+                    head.record.get("torsion").and_then(|t| t.as_array()).cloned().unwrap_or_default();
+                let names = torsion.iter().filter_map(|pair| pair.get("name")?.as_str().map(str::to_owned));
+                for name in names {
+                    if !pairs.contains(&name) {
+                        pairs.push(name);
+                    }
+                }
+            }
+        }
+    }
+    Ok(Common { store_id: catalogue::store_id(&RealDisk, &args.store), pairs })
+}
+
+/// Where text goes: the file, or standard output.
+fn text_output(args: &Args) -> Result<Box<dyn Write>, Failure> {
+    match &args.output {
+        Some(file) => Ok(Box::new(BufWriter::new(create(file)?))),
+        None => Ok(Box::new(BufWriter::new(std::io::stdout()))),
+    }
+}
+
+fn create(file: &Path) -> Result<File, Failure> {
+    File::create(file).map_err(|e| cannot_write(file, &e))
+}
+
+fn cannot_write(file: &Path, error: &dyn std::fmt::Display) -> Failure {
+    Failure::Undone(format!("{}: could not write: {error}; choose another --output", file.display()))
+}
+
+/// A closed pipe (`| head`) is no fault.
+fn ended(args: &Args, outcome: Result<ReportData, Failure>, broken: bool) -> Result<ReportData, Failure> {
+    match outcome {
+        Err(_) if broken && args.output.is_none() => Ok(ReportData::default()),
+        Err(failure) => Err(failure),
+        Ok(said) => {
+            if let Some(file) = &args.output {
+                print(&file.display().to_string())?;
+            }
+            Ok(said)
+        }
+    }
+}
+
+fn csv(args: &Args) -> Result<ReportData, Failure> {
+    let (common, table) = (common(args)?, args.table.into());
+    let empty = export::columns(table, &SeriesData::default(), &common);
+    let mut broken = false;
+    let place = args.output.clone().unwrap_or_else(|| "standard output".into());
+    let mut failed = |error: csv::Error| {
+        let pipe = |e: &std::io::Error| e.kind() == std::io::ErrorKind::BrokenPipe;
+        broken = matches!(error.kind(), csv::ErrorKind::Io(e) if pipe(e));
+        cannot_write(&place, &error)
+    };
+    let output = text_output(args)?;
+    let outcome = (|| {
+        let mut csv = Csv::begin(output, &empty).map_err(&mut failed)?;
+        let said = source::each(&args.store, args.choice(), |series| {
+            csv.add(&export::columns(table, &series, &common)).map_err(&mut failed)
+        })?;
+        csv.end().map_err(&mut failed)?;
+        Ok(said)
+    })();
+    ended(args, outcome, broken)
+}
+
+fn jsonl(args: &Args) -> Result<ReportData, Failure> {
+    let id = catalogue::store_id(&RealDisk, &args.store);
+    let mut broken = false;
+    let place = args.output.clone().unwrap_or_else(|| "standard output".into());
+    let mut failed = |error: std::io::Error| {
+        broken = error.kind() == std::io::ErrorKind::BrokenPipe;
+        cannot_write(&place, &error)
+    };
+    let mut output = text_output(args)?;
+    let outcome = (|| {
+        let said = source::each(&args.store, args.choice(), |series| {
+            export::lines(&mut output, &series, id.as_deref()).map_err(&mut failed)
+        })?;
+        output.flush().map_err(&mut failed)?;
+        Ok(said)
+    })();
+    ended(args, outcome, broken)
 }
 
 #[cfg(feature = "parquet")]
-fn parquet(args: &Args, data: &ReportData) -> Result<(), Failure> {
-    let bytes =
-        export::parquet(&export::columns(&data.series)).map_err(|e| Failure::Undone(e.to_string()))?;
-    write(args.output.as_deref().unwrap_or(Path::new("export.parquet")), &bytes)
+fn parquet(args: &Args) -> Result<ReportData, Failure> {
+    let (common, table) = (common(args)?, args.table.into());
+    let file = args.output.as_deref().unwrap_or(Path::new("export.parquet"));
+    let failed = |error: parquet::errors::ParquetError| cannot_write(file, &error);
+    let output = BufWriter::new(create(file)?);
+    let empty = export::columns(table, &SeriesData::default(), &common);
+    let mut parquet = export::ParquetFile::begin(output, empty, &notes(args, &common)?).map_err(failed)?;
+    let said = source::each(&args.store, args.choice(), |series| {
+        parquet.add(export::columns(table, &series, &common)).map_err(failed)
+    })?;
+    let mut output = parquet.end().map_err(failed)?;
+    output.flush().map_err(|e| cannot_write(file, &e))?;
+    print(&file.display().to_string())?;
+    Ok(said)
+}
+
+/// The file's own metadata: who recorded, and what the results follow from, by the key in column `inputs`.
+#[cfg(feature = "parquet")]
+fn notes(args: &Args, common: &Common) -> Result<Vec<(String, String)>, Failure> {
+    let mut notes = vec![
+        ("program".to_owned(), format!("wingd {}", env!("CARGO_PKG_VERSION"))),
+        ("recorder_id".to_owned(), common.store_id.clone().unwrap_or_default()),
+        (
+            "units".to_owned(),
+            "m, deg, px, s by the ending of a column's name; frames: docs/conventions.md".to_owned(),
+        ),
+    ];
+    for flight in source::chosen(&args.store, args.flight.as_deref())? {
+        if let Some(set) = sets::of_flight(&RealDisk, &flight)?.chosen(args.inputs.as_deref()) {
+            let provenance = serde_json::to_string(&set.provenance).unwrap_or_default();
+            let note = (format!("inputs {}", set.key), provenance);
+            if !notes.contains(&note) {
+                notes.push(note);
+            }
+        }
+    }
+    Ok(notes)
 }
 
 #[cfg(not(feature = "parquet"))]
-fn parquet(_: &Args, _: &ReportData) -> Result<(), Failure> {
+fn parquet(_: &Args) -> Result<ReportData, Failure> {
     Err(Failure::Usage("this wingd was built without Parquet; use --format csv".into()))
 }
 
-fn vtk(args: &Args, data: &ReportData) -> Result<(), Failure> {
+fn vtk(args: &Args) -> Result<ReportData, Failure> {
     let folder = args.output.as_deref().unwrap_or(Path::new("export-vtk"));
-    fs::create_dir_all(folder).map_err(|e| {
-        Failure::Undone(format!("{}: could not create: {e}; choose another --output", folder.display()))
-    })?;
-    for series in &data.series {
-        match export::vtk(series) {
-            Some(text) => {
-                write(&folder.join(format!("{}-{}.vtk", series.flight, series.name)), text.as_bytes())?
-            }
-            None => eprintln!("wingd: {}/{}: no solved frame, left out", series.flight, series.name),
-        }
+    let mut said = ReportData::default();
+    for flight in source::chosen(&args.store, args.flight.as_deref())? {
+        let one = vtk_flight(args, &flight, folder)?;
+        said.notes.extend(one.notes);
+        said.warnings.extend(one.warnings);
     }
-    Ok(())
+    Ok(said)
+}
+
+/// The survey that displacements count from.
+fn ground(args: &Args, flight: &FlightRef) -> Result<Vec<GroundMarker>, Failure> {
+    let kept = || {
+        let last = installations::of_flight(&RealDisk, flight)?.pop();
+        Result::<_, StoreError>::Ok(last.map(|digest| installations::folder(&args.store, &digest)))
+    };
+    let directory = match &args.installation {
+        Some(directory) => Some(directory.clone()),
+        None => kept()?,
+    };
+    let Some(directory) = directory else {
+        let flight = &flight.id;
+        eprintln!(
+            "wingd: {flight}: no installation is kept; name one with --installation for displacement vectors"
+        );
+        return Ok(Vec::new());
+    };
+    let installation = installation::load_without_orientation(&directory)?;
+    Ok(Site::from(&installation.setup).ground)
+}
+
+fn vtk_flight(args: &Args, flight: &FlightRef, folder: &Path) -> Result<ReportData, Failure> {
+    let ground = ground(args, flight)?;
+    let below = folder.join(&flight.id);
+    fs::create_dir_all(&below).map_err(|e| cannot_write(&below, &e))?;
+    if !ground.is_empty() {
+        write(&folder.join(format!("{}-ground.vtp", flight.id)), &export::ground_shape(&ground).vtp(None))?;
+    }
+    let (mut files, mut first) = (Vec::new(), None);
+    let choice = Choice { flight: Some(&flight.id), inputs: args.inputs.as_deref() };
+    let said = source::each(&args.store, choice, |series| {
+        if summary::solved(&series).is_empty() {
+            eprintln!("wingd: {}/{}: no solved frame, left out", series.flight, series.name);
+            return Ok(());
+        }
+        let name = format!("{}-{}", series.flight, series.name);
+        if let Some(text) = export::vtk(&series) {
+            write(&folder.join(format!("{name}.vtk")), &text)?;
+        }
+        write(&folder.join(format!("{name}.vtu")), &export::series_shape(&series, &ground).vtu())?;
+        for record in summary::solved(&series) {
+            let shot = series.shots.iter().find(|s| s.image.as_ref() == Some(&record.image));
+            let Some(stamp) = shot.and_then(|s| s.stamp.clone()) else { continue };
+            let began = first.get_or_insert_with(|| stamp.clone());
+            let time_s = 3600.0 * summary::hours_between(began, &stamp);
+            let stem = record.image.split('.').next().unwrap_or_default();
+            let file = format!("{}-{stem}.vtp", series.name);
+            let shape = export::frame_shape(record, &ground);
+            fs::write(below.join(&file), shape.vtp(Some(time_s))).map_err(|e| cannot_write(&below, &e))?;
+            files.push((time_s, format!("{}/{file}", flight.id)));
+        }
+        Result::<(), Failure>::Ok(())
+    })?;
+    write(&folder.join(format!("{}.pvd", flight.id)), &export::collection(&files))?;
+    Ok(said)
 }
 
 /// Writes a file and says where it is.
-fn write(file: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    fs::write(file, bytes).map_err(|e| {
-        Failure::Undone(format!("{}: could not write: {e}; choose another --output", file.display()))
-    })?;
+fn write(file: &Path, text: &str) -> Result<(), Failure> {
+    fs::write(file, text).map_err(|e| cannot_write(file, &e))?;
     print(&file.display().to_string())
 }

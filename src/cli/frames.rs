@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use super::{Failure, interrupt};
 use crate::pipeline::guard::{BROKE_OFF, guarded};
+use crate::store::FrameRef;
 
 /// Jobs a core at most: more only take memory.
 const JOBS_A_CORE: usize = 4;
@@ -45,23 +46,35 @@ pub fn each<T: Send>(
     jobs: usize,
     what: &str,
     work: impl Fn(&str, Result<&[u8], String>) -> T + Sync,
+    take: impl FnMut(T) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    let names = names(files);
+    let inputs: Vec<(&PathBuf, &String)> = files.iter().zip(&names).collect();
+    run(&inputs, jobs, what, |(file, name)| one(file, name, &work), take)
+}
+
+/// Runs `work` over any inputs, each on a thread of the pool; it must not panic.
+pub fn run<I: Sync, T: Send>(
+    inputs: &[I],
+    jobs: usize,
+    what: &str,
+    work: impl Fn(&I) -> T + Sync,
     mut take: impl FnMut(T) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
-    let jobs = capped(jobs, files.len());
+    let jobs = capped(jobs, inputs.len());
     let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).build();
     let pool =
         pool.map_err(|e| Failure::Undone(format!("cannot start {jobs} jobs: {e}; use fewer --jobs")))?;
-    let bar = progress(files.len(), what);
-    let names = names(files);
+    let bar = progress(inputs.len(), what);
     let ended = AtomicBool::new(false);
     let (sender, receiver) = mpsc::channel();
     let (work, ended_here) = (&work, &ended);
     let outcome = pool.in_place_scope_fifo(|scope| {
-        for (k, (file, name)) in files.iter().zip(&names).enumerate() {
+        for (k, input) in inputs.iter().enumerate() {
             let sender = sender.clone();
             scope.spawn_fifo(move |_| {
                 if !ended_here.load(Ordering::Relaxed) {
-                    let _ = sender.send((k, one(file, name, work)));
+                    let _ = sender.send((k, work(input)));
                 }
             });
         }
@@ -84,7 +97,7 @@ pub fn each<T: Send>(
             }
             if stopped.load(Ordering::Relaxed) {
                 ended.store(true, Ordering::Relaxed);
-                let n = files.len();
+                let n = inputs.len();
                 return Err(Failure::Undone(format!(
                     "stopped: {next} of {n} pictures are done, the rest is not"
                 )));
@@ -118,6 +131,22 @@ fn capped(jobs: usize, files: usize) -> usize {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let wanted = if jobs == 0 { cores } else { jobs };
     wanted.min(JOBS_A_CORE * cores).min(files).max(1)
+}
+
+/// Frames of a store in the same way: each is checked against its digest.
+pub fn stored<T: Send>(
+    store: &crate::store::Store,
+    frames: &[FrameRef],
+    jobs: usize,
+    work: impl Fn(&FrameRef, Result<&[u8], String>) -> T + Sync,
+    take: impl FnMut(T) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    let one = |frame: &FrameRef| {
+        let bytes = store.read_frame(frame).map_err(|e| e.to_string());
+        let readable = bytes.as_deref().map_err(Clone::clone);
+        guarded(|| work(frame, readable)).unwrap_or_else(|| work(frame, Err(BROKE_OFF.into())))
+    };
+    run(frames, jobs, "solving", one, take)
 }
 
 fn one<T>(file: &Path, name: &str, work: &(impl Fn(&str, Result<&[u8], String>) -> T + Sync)) -> T {

@@ -5,28 +5,35 @@ mod calibrate;
 mod camera_child;
 mod camera_test;
 mod check;
+mod compare;
+mod copy;
 mod demo;
 mod detect;
 mod export;
+mod fetch;
 mod frames;
 mod logging;
 mod orient;
 mod plan;
+mod prune;
 mod report;
 mod run;
 mod serve;
 mod service;
 mod simulate;
 mod solve;
+mod solve_store;
 mod status;
 mod verify;
 
+use std::ffi::OsString;
 use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
 use crate::installation::{self, Fault, Installation};
+use crate::store::layout;
 
 /// The shape of a wing in flight, measured with one camera at a cabin window.
 #[derive(Parser)]
@@ -68,6 +75,14 @@ enum Command {
     Report(report::Args),
     /// Check every checksum and every invariant of a store
     Verify(verify::Args),
+    /// What changed between two solves of a store, or between two stores
+    Compare(compare::Args),
+    /// A store's flights to another directory, disk or stick: goes on where it ended, checked at the end
+    Copy(copy::Args),
+    /// The same from the page that a recorder or `wingd serve` shows
+    Fetch(fetch::Args),
+    /// Delete flights of which a verified copy holds every byte
+    Prune(prune::Args),
     /// Ask the running daemon how it is
     Status(status::StatusArgs),
     /// Ask the running daemon for an extra series
@@ -119,7 +134,7 @@ impl Done {
 
 /// Parses the arguments and runs the command; the exit status is that of docs/interface.md.
 pub fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments = Arguments::parse_from(joined(std::env::args_os()));
     let outcome = match arguments.command {
         #[cfg(feature = "gphoto")]
         Command::CameraChild => camera_child::run(),
@@ -134,6 +149,10 @@ pub fn main() -> ExitCode {
         Command::Solve(args) => solve::run(&args),
         Command::Report(args) => report::run(&args),
         Command::Verify(args) => verify::run(&args),
+        Command::Compare(args) => compare::run(&args),
+        Command::Copy(args) => copy::run(&args),
+        Command::Fetch(args) => fetch::run(&args),
+        Command::Prune(args) => prune::run(&args),
         Command::Status(args) => status::status(&args),
         Command::Trigger(args) => status::trigger(&args),
         Command::Export(args) => export::run(&args),
@@ -145,6 +164,22 @@ pub fn main() -> ExitCode {
         Ok(Done::Partly) => ExitCode::from(1),
         Err(failure) => complain(&failure),
     }
+}
+
+/// `--flight f0001` as one argument: `--flight` alone stands before images too, and takes no value there.
+fn joined(arguments: impl Iterator<Item = OsString>) -> Vec<OsString> {
+    let mut all: Vec<OsString> = Vec::new();
+    for argument in arguments {
+        let flight = argument.to_str().is_some_and(|text| layout::flight_number(text).is_some());
+        match all.last_mut() {
+            Some(last) if flight && last == "--flight" => {
+                last.push("=");
+                last.push(argument);
+            }
+            _ => all.push(argument),
+        }
+    }
+    all
 }
 
 fn complain(failure: &Failure) -> ExitCode {

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use super::{Done, Failure, print};
 use crate::installation;
-use crate::report::{html, source, summary, table};
+use crate::report::source::{self, Choice};
+use crate::report::{html, overview, summary, table};
+use crate::store::{RealDisk, StoreError};
 
 /// Write a flight's figures and tables as one HTML file.
 #[derive(clap::Args)]
@@ -14,6 +16,12 @@ pub struct Args {
     /// Which flight, for example f0001 [default: the newest]
     #[arg(long)]
     flight: Option<String>,
+    /// All flights on one page: the lift over time of each
+    #[arg(long, conflicts_with_all = ["flight", "inputs", "installation"])]
+    all_flights: bool,
+    /// Of a flight with results of several inputs: those whose key begins so [default: the newest whole solve]
+    #[arg(long, value_name = "KEY")]
+    inputs: Option<String>,
     /// The installation, for the ground shape and the lines of sight
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
@@ -23,19 +31,39 @@ pub struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    if args.all_flights {
+        return all_flights(args);
+    }
     let installation = args.installation.as_deref().map(installation::load_without_orientation);
     let installation = installation.transpose()?;
     let setup = installation.as_ref().map(|i| &i.setup);
-    let data = source::flight(&args.store, args.flight.as_deref(), setup)
-        .map_err(|e| Failure::Undone(e.to_string()))?;
-    for note in &data.notes {
+    let choice = Choice { flight: args.flight.as_deref(), inputs: args.inputs.as_deref() };
+    let data = source::flight(&args.store, choice, setup).map_err(|e| Failure::Undone(e.to_string()))?;
+    for note in data.warnings.iter().chain(&data.notes) {
         eprintln!("wingd: {note}");
     }
-    std::fs::write(&args.output, html::page(&data)).map_err(|e| {
-        let file = args.output.display();
-        Failure::Undone(format!("{file}: could not write: {e}; choose another place with --output"))
-    })?;
+    write(args, &html::page(&data))?;
     print(table::series(&summary::summaries(&data.series)).trim_end())?;
     print(&format!("\nReport: {}", args.output.display()))?;
     Ok(Done::all(data.notes.is_empty()))
+}
+
+fn all_flights(args: &Args) -> Result<Done, Failure> {
+    let undone = |e: StoreError| Failure::Undone(e.to_string());
+    let flights = source::chosen(&args.store, None).map_err(undone)?;
+    let read = flights.iter().map(|flight| overview::flight(&RealDisk, flight));
+    let all = read.collect::<Result<Vec<_>, _>>().map_err(undone)?;
+    for note in all.iter().flat_map(|f| f.warning.iter().chain(&f.notes)) {
+        eprintln!("wingd: {note}");
+    }
+    write(args, &html::flights(&all))?;
+    print(&format!("Report of {} flights: {}", all.len(), args.output.display()))?;
+    Ok(Done::all(all.iter().all(|f| f.notes.is_empty())))
+}
+
+fn write(args: &Args, page: &str) -> Result<(), Failure> {
+    std::fs::write(&args.output, page).map_err(|e| {
+        let file = args.output.display();
+        Failure::Undone(format!("{file}: could not write: {e}; choose another place with --output"))
+    })
 }

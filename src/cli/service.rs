@@ -4,13 +4,14 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::Failure;
+use super::{Failure, interrupt};
 use crate::clock::Clock;
 use crate::config::{Config, SolveConfig};
 use crate::daemon::{self, Board, Observer, Parts, Solver, Status};
+use crate::http::section::ServeConfig;
 use crate::installation::{self, Fault};
-use crate::pipeline;
 use crate::store::{Inputs, RealDisk, Recovery, Store};
+use crate::{http, pipeline};
 
 /// Opens the store, making it where there is none.
 pub fn open_store(config: &Config) -> Result<(Arc<Store>, Recovery), Failure> {
@@ -71,6 +72,7 @@ pub fn run(
     let make = config.camera.factory(clock.clone(), origin);
     let (store, recovery) = opened;
     let board = Board::new(clock.clone());
+    let page = config.serve.as_ref().and_then(|serve| Page::open(serve, config, &board));
     let parts = Parts {
         series: config.series.clone(),
         power: config.power.clone(),
@@ -82,7 +84,71 @@ pub fn run(
         solver,
         observer,
     };
-    daemon::run(parts, &board).map_err(|e| Failure::Undone(e.to_string()))
+    let ended = daemon::run(parts, &board).map_err(|e| Failure::Undone(e.to_string()));
+    drop(page);
+    ended
+}
+
+/// The page of a running recorder, on a thread of its own.
+struct Page {
+    stop: Option<tokio::sync::oneshot::Sender<()>>,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+/// For files that are being read when the page ends.
+const LAST_WORK: Duration = Duration::from_secs(1);
+
+impl Page {
+    /// A page that cannot be shown costs the page, not the recording: it is logged and in the status.
+    fn open(serve: &ServeConfig, config: &Config, board: &Board) -> Option<Self> {
+        Self::start(serve, config, board)
+            .map_err(|why| {
+                tracing::error!(why, "no page");
+                board.fault(&format!("no page: {why}"));
+            })
+            .ok()
+    }
+
+    fn start(serve: &ServeConfig, config: &Config, board: &Board) -> Result<Self, String> {
+        let place = |key: &str| ("wingd.toml".into(), format!("serve.{key}"));
+        let texts = |faults: Vec<Fault>| faults.iter().map(Fault::to_string).collect::<Vec<_>>().join("; ");
+        let (address, access) = serve.open(place).map_err(texts)?;
+        let listener = std::net::TcpListener::bind(address).map_err(|e| format!("{address}: {e}"))?;
+        listener.set_nonblocking(true).map_err(|e| e.to_string())?;
+        let setup = config.installation.as_deref().map(installation::load_without_orientation);
+        let status = board.clone();
+        let site = http::Site {
+            root: config.store.path.clone(),
+            setup: setup.and_then(Result::ok).map(|installation| installation.setup),
+            status: Some(Arc::new(move || serde_json::to_value(status.snapshot()).unwrap_or_default())),
+        };
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        let runtime = runtime.map_err(|e| e.to_string())?;
+        let (stop, stopped) = tokio::sync::oneshot::channel();
+        let thread = std::thread::Builder::new().name("page".to_owned()).spawn(move || {
+            let served = runtime.block_on(async {
+                let listener = tokio::net::TcpListener::from_std(listener)?;
+                // It ends with the recorder, or at the signal that ends the recorder.
+                let end = async {
+                    tokio::select! { _ = stopped => {}, () = interrupt() => {} }
+                };
+                http::serve(site, access, listener, end).await
+            });
+            if let Err(error) = served {
+                tracing::error!(%error, "the page ended");
+            }
+            runtime.shutdown_timeout(LAST_WORK);
+        });
+        tracing::info!(address = serve.listen, "page");
+        Ok(Self { stop: Some(stop), thread: Some(thread.map_err(|e| e.to_string())?) })
+    }
+}
+
+impl Drop for Page {
+    fn drop(&mut self) {
+        let _ = self.stop.take().map(|stop| stop.send(()));
+        let _ = self.thread.take().map(std::thread::JoinHandle::join);
+    }
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::ValueEnum;
 
-use super::{Done, Failure, frames, print};
+use super::{Done, Failure, frames, print, solve_store};
 use crate::installation::{self, Fault, Installation, Mountings};
 use crate::measure::adjust::{Method, Options, SigmaKind};
 use crate::measure::setup::Orientation;
@@ -31,15 +31,19 @@ enum SigmaName {
 /// Solve bending, torsion and positions, one result per image.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The installation, with its orientation
+    /// The installation, with its orientation [of a store: the one kept there that its results came from]
     #[arg(long, value_name = "DIR")]
-    installation: PathBuf,
+    pub(super) installation: Option<PathBuf>,
     /// How the deflection is modelled
     #[arg(long, value_enum, default_value = "spatial")]
     method: MethodName,
-    /// Adjust all the frames together (spatial)
+    /// Adjust all the frames together (spatial). Of a store: name the flight to solve, for example
+    /// --flight f0001 [default: every flight]
+    #[arg(long, value_name = "FLIGHT", num_args = 0..=1, require_equals = true, conflicts_with = "observations")]
+    pub(super) flight: Option<Option<String>>,
+    /// The same as --flight without a name: also the frames of each flight of a store together
     #[arg(long, conflicts_with = "observations")]
-    flight: bool,
+    together: bool,
     /// Which mounting of the camera each frame belongs to (image,mounting); ground: not remounted since the ground
     /// frames [default: remounts are looked for in the frames]
     #[arg(long, value_name = "FILE.csv", conflicts_with = "observations")]
@@ -64,19 +68,40 @@ pub struct Args {
     json: bool,
     /// Images worked on at once [default: the cores]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
-    jobs: usize,
-    /// Frames: JPEG, PNG, PNM or TIFF
-    #[arg(required_unless_present = "observations", value_name = "IMAGE")]
+    pub(super) jobs: usize,
+    /// Frames: JPEG, PNG, PNM or TIFF; or a store, whose frames get results beside their old ones
+    #[arg(required_unless_present = "observations", value_name = "IMAGE|STORE")]
     images: Vec<PathBuf>,
 }
 
+impl Args {
+    /// Whether the frames of a flight are adjusted together.
+    pub(super) fn together(&self) -> bool {
+        self.together || self.flight == Some(None)
+    }
+}
+
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    if args.flight && matches!(args.method, MethodName::Profile) {
+    if args.together() && matches!(args.method, MethodName::Profile) {
         return Err(Failure::Usage(
             "--flight adjusts with the spatial method; leave --method profile out".into(),
         ));
     }
-    let installation = super::load_installation(&args.installation)?;
+    if let [store] = args.images.as_slice()
+        && store.is_dir()
+    {
+        return solve_store::run(args, store);
+    }
+    if let Some(Some(flight)) = &args.flight {
+        return Err(Failure::Usage(format!(
+            "--flight {flight} names a flight of a store; name the store too"
+        )));
+    }
+    let Some(directory) = &args.installation else {
+        return Err(Failure::Usage("name the installation: --installation DIR".into()));
+    };
+    let mountings = mountings(args)?;
+    let installation = super::load_installation(directory)?;
     let orientation = installation.require_orientation()?;
     let job = job(args);
     let mut output = Output::new(args);
@@ -86,14 +111,14 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
             let sighting = Sighting::by_hand(&frames::name(file), &observations);
             output.take(pipeline::solve_sighting(&sighting, &installation, orientation, &job))
         }
-        None => solve_images(args, &installation, orientation, &job, &mut output),
+        None => solve_images(args, &Known { installation: &installation, orientation, mountings }, &job, &mut output),
     };
     // What is done is kept, also where the rest is given up.
     let done = output.end();
     outcome.and(done)
 }
 
-fn job(args: &Args) -> Job {
+pub(super) fn job(args: &Args) -> Job {
     let sigma = match args.sigma {
         None => SigmaKind::ByTest,
         Some(SigmaName::Prior) => SigmaKind::Prior,
@@ -113,22 +138,23 @@ fn job(args: &Args) -> Job {
     Job { method, options }
 }
 
-fn solve_images(
-    args: &Args,
-    installation: &Installation,
-    orientation: &Orientation,
-    job: &Job,
-    output: &mut Output,
-) -> Result<(), Failure> {
-    let mountings = mountings(args)?;
+/// What is known before a frame is seen.
+struct Known<'a> {
+    installation: &'a Installation,
+    orientation: &'a Orientation,
+    mountings: Option<Mountings>,
+}
+
+fn solve_images(args: &Args, known: &Known, job: &Job, output: &mut Output) -> Result<(), Failure> {
+    let Known { installation, orientation, mountings } = known;
     let sight = |name: &str, bytes: Result<&[u8], String>| {
         let sighting = match bytes {
-            Ok(bytes) => stages::sight(name, bytes, None, installation, Some(orientation)),
+            Ok(bytes) => stages::sight(name, bytes, None, installation, Some(*orientation)),
             Err(reason) => Sighting { image: name.into(), failure: Some(reason), ..Sighting::default() },
         };
         Sighting { mounting: mountings.as_ref().and_then(|m| m.of(name)), ..sighting }
     };
-    if args.flight {
+    if args.together() {
         let sightings = frames::map(&args.images, args.jobs, "measuring", sight)?;
         let records = pipeline::solve_flight(&sightings, installation, orientation, job);
         return records.into_iter().try_for_each(|record| output.take(record));
@@ -155,18 +181,18 @@ fn mountings(args: &Args) -> Result<Option<Mountings>, Failure> {
 }
 
 /// Where records go: lines and protocols at once, so that what is done is kept; the table with its widths at the end.
-struct Output<'a> {
+pub(super) struct Output<'a> {
     args: &'a Args,
     records: Vec<ImageRecord>,
     all_well: bool,
 }
 
 impl<'a> Output<'a> {
-    fn new(args: &'a Args) -> Self {
+    pub(super) fn new(args: &'a Args) -> Self {
         Self { args, records: vec![], all_well: true }
     }
 
-    fn take(&mut self, record: ImageRecord) -> Result<(), Failure> {
+    pub(super) fn take(&mut self, record: ImageRecord) -> Result<(), Failure> {
         self.all_well &= record.status == Status::Ok;
         if self.args.protocol {
             return print(&protocol::protocol(&record));
@@ -177,11 +203,13 @@ impl<'a> Output<'a> {
             })?;
             return print(&line);
         }
-        self.records.push(record);
+        // What the table does not show is let go: a store has thousands of records.
+        let (model, quality) = Default::default();
+        self.records.push(ImageRecord { model, quality, curve: Vec::new(), ..record });
         Ok(())
     }
 
-    fn end(self) -> Result<Done, Failure> {
+    pub(super) fn end(self) -> Result<Done, Failure> {
         if !self.records.is_empty() {
             print(&table::results(&self.records))?;
         }

@@ -15,6 +15,8 @@ use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
 
+use super::tls::TlsAcceptor;
+
 /// Shorter ones can be guessed over a network.
 const SHORTEST_TOKEN: usize = 16;
 
@@ -23,13 +25,15 @@ const SHORTEST_TOKEN: usize = 16;
 pub struct Peer(pub SocketAddr);
 
 /// The rules, and what was refused by them.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub struct Access {
     /// SHA-256 of the token: equal lengths are compared in equal time.
     token: Option<[u8; 32]>,
     /// Names of this machine, lower case, besides `localhost` and addresses.
     hosts: Vec<String>,
     counts: Counts,
+    /// Pages come by TLS alone, where there is one.
+    tls: Option<TlsAcceptor>,
 }
 
 #[derive(Debug, Default)]
@@ -44,7 +48,17 @@ impl Access {
     pub fn new(token: Option<&str>, hosts: Vec<String>) -> Self {
         let token = token.map(|token| Sha256::digest(token).into());
         let hosts = hosts.iter().map(|host| host.to_ascii_lowercase()).collect();
-        Self { token, hosts, counts: Counts::default() }
+        Self { token, hosts, counts: Counts::default(), tls: None }
+    }
+
+    /// The same over TLS.
+    pub fn over_tls(self, tls: Option<TlsAcceptor>) -> Self {
+        Self { tls, ..self }
+    }
+
+    /// How connections are encrypted.
+    pub fn tls(&self) -> Option<&TlsAcceptor> {
+        self.tls.as_ref()
     }
 
     /// Refused so far, by reason.

@@ -7,6 +7,8 @@ use tokio::sync::OwnedSemaphorePermit;
 use super::Refusal;
 use super::send::{Content, Source};
 use crate::store::bundle::{self, Bundle, Item};
+use crate::store::layout as store_layout;
+use crate::store::receive::Listing;
 
 /// Of a tar file: head and content fill whole blocks, two empty ones end it.
 const BLOCK: u64 = 512;
@@ -38,6 +40,36 @@ pub fn layout(
         by_range: true,
         permit: Some(permit),
     })
+}
+
+/// The files of the archive, and where in it their bytes begin.
+pub fn listing(flight: &str, bundle: &Bundle) -> Listing {
+    let mut listing = Listing::of(flight, bundle);
+    let mut at = 0;
+    for item in &mut listing.items {
+        item.offset = at + BLOCK;
+        at = item.offset + item.length.next_multiple_of(BLOCK);
+    }
+    listing
+}
+
+/// The results of a flight's series, one after the other.
+pub fn results(flight: &str, bundle: Bundle, permit: OwnedSemaphorePermit) -> Content {
+    let ours = |item: &Item| item.name.ends_with(store_layout::RESULTS_FILE);
+    let items: Vec<Item> = bundle.items.into_iter().filter(ours).collect();
+    let digests: String = items.iter().map(|item| format!("{}\n", item.sha256)).collect();
+    let part = |item: Item| match item.content {
+        bundle::Content::File(path) => (item.length, Source::File(path)),
+        bundle::Content::Bytes(bytes) => (item.length, Source::Bytes(bytes.into())),
+    };
+    Content {
+        parts: items.into_iter().map(part).collect(),
+        digest: crate::store::sha256(digests.as_bytes()),
+        kind: "text/plain; charset=utf-8",
+        save_as: Some(format!("{flight}-results.jsonl")),
+        by_range: true,
+        permit: Some(permit),
+    }
 }
 
 fn zeros(length: u64) -> Source {

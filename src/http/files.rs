@@ -16,6 +16,27 @@ pub fn check_flight(site: &Site, flight: &str) -> Result<FlightRef, Refusal> {
     real.then(|| FlightRef { id: flight.to_owned(), folder }).ok_or(Refusal::NotFound)
 }
 
+/// The series, where the flight has it.
+pub fn check_series(site: &Site, flight: &str, series: &str) -> Result<SeriesRef, Refusal> {
+    let flight = check_flight(site, flight)?;
+    layout::series_number(series).ok_or(Refusal::NotFound)?;
+    let folder = flight.folder.join(series);
+    let real = fs::symlink_metadata(&folder).is_ok_and(|m| m.is_dir());
+    real.then(|| SeriesRef { flight: flight.id, id: series.to_owned(), folder }).ok_or(Refusal::NotFound)
+}
+
+/// A frame's place, where it is a file there.
+pub fn check_frame(site: &Site, flight: &str, series: &str, file: &str) -> Result<PathBuf, Refusal> {
+    layout::is_frame_name(file).then_some(()).ok_or(Refusal::NotFound)?;
+    place(&site.root, &format!("{}/{flight}/{series}/{file}", layout::FLIGHTS))
+}
+
+/// A drawing.
+pub fn svg(text: String, digest: String) -> Content {
+    let parts = vec![(text.len() as u64, Source::Bytes(text.into()))];
+    Content { parts, digest, kind: "image/svg+xml", save_as: None, by_range: false, permit: None }
+}
+
 /// The flight's own files: `flight.json`, its chain, its sums.
 pub fn in_flight(site: &Site, flight: &str, file: &str) -> Result<Content, Refusal> {
     layout::flight_number(flight).ok_or(Refusal::NotFound)?;

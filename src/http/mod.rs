@@ -5,8 +5,12 @@
 //! | `/` | flights |
 //! | `/flights/{flight}` | its series |
 //! | `/flights/{flight}/{series}` | its frames and results |
+//! | `/frames/{flight}/{series}/{file}` | one frame with its markers |
+//! | `/thumb/…svg`, `/overlay/…svg` | a frame with its markers drawn, small and large |
+//! | `/results/{flight}.jsonl` | the results of all its series |
 //! | `/files/{flight}/...` | files as they lie in the store; frames and manifests by range |
 //! | `/tar/{flight}.tar` | the flight as one archive, by range: unpacked it is a store |
+//! | `/bundle/{flight}.json` | the archive's files: name, length, SHA-256, where its bytes begin |
 //! | `/report/{flight}` | the report |
 //! | `/status.json` | what the store holds, and the daemon's state where one runs |
 //!
@@ -14,10 +18,15 @@
 
 pub mod access;
 mod archive;
+pub mod client;
+pub mod fetch;
 mod files;
+mod frames;
 mod pages;
+pub mod section;
 mod send;
 mod server;
+pub mod tls;
 
 use std::future::Future;
 use std::io;
@@ -35,7 +44,10 @@ use tokio::sync::Semaphore;
 use tower_http::set_header::SetResponseHeaderLayer;
 
 use crate::measure::setup::Setup;
-use crate::report::{html, source};
+use crate::report::html;
+use crate::report::overview;
+use crate::report::source::{self, Choice};
+use crate::store::receive::Listing;
 use crate::store::{RealDisk, StoreError, bundle, catalogue};
 use access::Access;
 
@@ -59,11 +71,15 @@ const ARCHIVES: usize = 2;
 /// Reports that are made at once: each may take a flight's worth of memory.
 const REPORTS: usize = 1;
 
+/// Frames that are decoded at once, to be shown.
+const PICTURES: usize = 1;
+
 struct Shared {
     site: Site,
     access: Arc<Access>,
     archives: Arc<Semaphore>,
     reports: Semaphore,
+    pictures: Semaphore,
 }
 
 type Context = State<Arc<Shared>>;
@@ -108,17 +124,28 @@ pub async fn serve(
 
 fn router(site: Site, access: Arc<Access>) -> Router {
     let archives = Arc::new(Semaphore::new(ARCHIVES));
-    let shared =
-        Arc::new(Shared { site, access: access.clone(), archives, reports: Semaphore::new(REPORTS) });
-    let policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'";
+    let shared = Arc::new(Shared {
+        site,
+        access: access.clone(),
+        archives,
+        reports: Semaphore::new(REPORTS),
+        pictures: Semaphore::new(PICTURES),
+    });
+    let policy =
+        "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'";
     let header = |name, value| SetResponseHeaderLayer::overriding(name, HeaderValue::from_static(value));
     Router::new()
         .route("/", get(index))
         .route("/flights/{flight}", get(flight))
-        .route("/flights/{flight}/{series}", get(series))
+        .route("/flights/{flight}/{series}", get(frames::series))
+        .route("/frames/{flight}/{series}/{file}", get(frames::frame))
+        .route("/thumb/{flight}/{series}/{file}", get(frames::thumb))
+        .route("/overlay/{flight}/{series}/{file}", get(frames::overlay))
+        .route("/results/{name}", get(results))
         .route("/files/{flight}/{file}", get(flight_file))
         .route("/files/{flight}/{series}/{file}", get(series_file))
         .route("/tar/{name}", get(tar))
+        .route("/bundle/{name}", get(listing))
         .route("/report/{flight}", get(report))
         .route("/status.json", get(status))
         .fallback(async || Refusal::NotFound)
@@ -146,26 +173,38 @@ async fn index(State(shared): Context) -> Result<Html<String>, Refusal> {
     blocking(shared, |site| Ok(Html(pages::index(site)?.into_string()))).await
 }
 
-async fn flight(State(shared): Context, Path(flight): Path<String>) -> Result<Html<String>, Refusal> {
+async fn flight(
+    State(shared): Context,
+    Path(flight): Path<String>,
+    headers: HeaderMap,
+) -> Result<Html<String>, Refusal> {
+    let scheme = if shared.access.tls().is_some() { "https" } else { "http" };
+    let host = headers.get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or("localhost");
+    let address = format!("{scheme}://{host}");
     blocking(shared, move |site| {
-        files::check_flight(site, &flight)?;
-        let data = source::flight(&site.root, Some(&flight), None)?;
-        Ok(Html(pages::flight(&flight, &data).into_string()))
+        let found = files::check_flight(site, &flight)?;
+        let overview = overview::flight(&RealDisk, &found)?;
+        Ok(Html(pages::flight(&overview, &address).into_string()))
     })
     .await
 }
 
-async fn series(
+/// All results of a flight, one after the other.
+async fn results(
     State(shared): Context,
-    Path((flight, series)): Path<(String, String)>,
-) -> Result<Html<String>, Refusal> {
-    blocking(shared, move |site| {
-        files::check_flight(site, &flight)?;
-        let data = source::flight(&site.root, Some(&flight), None)?;
-        let page = pages::series(&data, &series).ok_or(Refusal::NotFound)?;
-        Ok(Html(page.into_string()))
+    Path(name): Path<String>,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, Refusal> {
+    let flight = name.strip_suffix(".jsonl").ok_or(Refusal::NotFound)?.to_owned();
+    let permit = shared.archives.clone().try_acquire_owned().map_err(|_| Refusal::Busy)?;
+    let content = blocking(shared, move |site| {
+        let found = files::check_flight(site, &flight)?;
+        let bundle = bundle::flight(&RealDisk, &site.root, &found)?;
+        Ok(archive::results(&flight, bundle, permit))
     })
-    .await
+    .await?;
+    content.answer(&method, &headers)
 }
 
 async fn flight_file(
@@ -206,11 +245,21 @@ async fn tar(
     content.answer(&method, &headers)
 }
 
+async fn listing(State(shared): Context, Path(name): Path<String>) -> Result<Json<Listing>, Refusal> {
+    let flight = name.strip_suffix(".json").ok_or(Refusal::NotFound)?.to_owned();
+    blocking(shared, move |site| {
+        let found = files::check_flight(site, &flight)?;
+        let bundle = bundle::flight(&RealDisk, &site.root, &found)?;
+        Ok(Json(archive::listing(&flight, &bundle)))
+    })
+    .await
+}
+
 async fn report(State(shared): Context, Path(flight): Path<String>) -> Result<Html<String>, Refusal> {
     let _one_at_a_time = shared.reports.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
     blocking(shared.clone(), move |site| {
         files::check_flight(site, &flight)?;
-        Ok(Html(html::page(&source::flight(&site.root, Some(&flight), site.setup.as_ref())?)))
+        Ok(Html(html::page(&source::flight(&site.root, Choice::flight(&flight), site.setup.as_ref())?)))
     })
     .await
 }

@@ -131,6 +131,11 @@ impl Content {
     }
 }
 
+/// Whether the client has what has this digest.
+pub fn is_known(headers: &HeaderMap, digest: &str) -> bool {
+    matches(headers, header::IF_NONE_MATCH, &format!("\"{digest}\""))
+}
+
 /// Whether a header names this ETag. Weak ones never match: bytes are compared here.
 fn matches(headers: &HeaderMap, name: HeaderName, etag: &str) -> bool {
     let values = headers.get_all(name).into_iter().filter_map(|value| value.to_str().ok());

@@ -11,7 +11,7 @@ use std::time::Duration;
 use axum::{Extension, Router};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
-use hyper_util::server::graceful::GracefulShutdown;
+use hyper_util::server::graceful::{GracefulShutdown, Watcher};
 use hyper_util::service::TowerToHyperService;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
@@ -66,11 +66,10 @@ pub(super) async fn run(
             }
             continue;
         };
-        let connection = graceful.watch(connection(app.clone(), stream, peer));
+        let (app, access, watcher) = (app.clone(), access.clone(), graceful.watcher());
         connections.spawn(async move {
             let _permit = permit;
-            // A client that breaks off is no fault of ours.
-            let _ = connection.await;
+            talk(app, &access, stream, peer, watcher).await;
         });
     }
     drop(listener);
@@ -79,15 +78,33 @@ pub(super) async fn run(
     Ok(())
 }
 
-type Connection = http1::Connection<TokioIo<Patient>, TowerToHyperService<Router>>;
+/// One connection, to its end. A client that breaks off is no fault of ours.
+async fn talk(app: Router, access: &Access, stream: TcpStream, peer: SocketAddr, watcher: Watcher) {
+    let stream = Patient::new(stream);
+    match access.tls() {
+        None => converse(app, stream, peer, watcher).await,
+        #[cfg(feature = "tls")]
+        Some(tls) => {
+            if let Ok(Ok(stream)) = tokio::time::timeout(HEAD_TIME, tls.accept(stream)).await {
+                converse(app, stream, peer, watcher).await;
+            }
+        }
+        #[cfg(not(feature = "tls"))]
+        Some(never) => match *never {},
+    }
+}
 
-fn connection(app: Router, stream: TcpStream, peer: SocketAddr) -> Connection {
+async fn converse<S>(app: Router, stream: S, peer: SocketAddr, watcher: Watcher)
+where
+    S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+{
     let service = TowerToHyperService::new(app.layer(Extension(Peer(peer))));
-    http1::Builder::new()
+    let connection = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(HEAD_TIME)
         .max_buf_size(HEAD_BYTES)
-        .serve_connection(TokioIo::new(Patient::new(stream)), service)
+        .serve_connection(TokioIo::new(stream), service);
+    let _ = watcher.watch(connection).await;
 }
 
 /// A stream whose writing fails where the other side takes nothing for [`STALL_TIME`].

@@ -5,18 +5,22 @@
 //! | `summary` | the records of a series | means, standard deviations, scatter |
 //! | `table` | records, detections, summaries | text for a terminal |
 //! | `source` | a store | what the report shows |
+//! | `compare` | two sets of results | what changed |
+//! | `overview` | a store | a flight's series in a line each, without reading whole records |
 //! | `html` | that | one page that opens offline |
 //! | `export` | that | CSV, Parquet, VTK |
 //! | `protocol` | the record of an image | its adjustment as a text to read |
 //! | `plan_figure` | a plan | resolution and predicted uncertainty along the span, SVG |
 //! | `overlay` | a frame and its detections | a picture to look at |
 
+pub mod compare;
 pub mod export;
 pub mod grid;
 pub mod html;
 pub mod labels;
 pub mod number;
 pub mod overlay;
+pub mod overview;
 pub mod plan_figure;
 pub mod protocol;
 pub mod source;
@@ -30,7 +34,7 @@ use crate::camera::Format;
 use crate::clock::Stamp;
 use crate::measure::geometry::WingFrame;
 use crate::measure::setup::{Setup, SurveyMarker};
-use crate::record::ImageRecord;
+use crate::record::{CurveRecord, ImageRecord};
 
 /// A series as the report needs it.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -47,6 +51,12 @@ pub struct SeriesData {
     pub planned: usize,
     /// Results in the order of the shots.
     pub records: Vec<ImageRecord>,
+    /// Mean over the records; empty where it is still to be computed from them.
+    pub curve: Vec<CurveRecord>,
+    /// Markers used and surveyed, of each record; empty where the records have their markers.
+    pub used: Vec<(usize, usize)>,
+    /// Key of the inputs that the records were computed from.
+    pub inputs: Option<String>,
     /// Every shot asked for, failed ones included.
     pub shots: Vec<ShotData>,
     /// What a person should read.
@@ -123,6 +133,10 @@ pub struct ReportData {
     pub site: Option<Site>,
     /// The frame to be shown.
     pub picture: Option<Picture>,
+    /// The record of that frame, whole.
+    pub shown: Option<ImageRecord>,
     /// What could not be read, and series that were refused.
     pub notes: Vec<String>,
+    /// What is to be known of what is shown: results of other inputs.
+    pub warnings: Vec<String>,
 }

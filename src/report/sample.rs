@@ -104,6 +104,7 @@ pub fn series(name: &str, after_s: i64, lifts_m: &[f64]) -> SeriesData {
         records: lifts_m.iter().enumerate().map(|(i, l)| record(&image(i), *l)).collect(),
         shots: (0..lifts_m.len()).map(shot).collect(),
         remarks: Vec::new(),
+        ..SeriesData::default()
     }
 }
 

@@ -2,38 +2,112 @@
 
 use std::path::Path;
 
-use super::{Picture, ReportData, SeriesData, ShotData, Site};
+use super::{Picture, ReportData, SeriesData, ShotData, Site, summary};
 use crate::measure::setup::Setup;
 use crate::record::{ImageRecord, Status};
 use crate::store::manifest::{Refusal, ResultLine, SeriesManifest, Shot, State};
+use crate::store::sets::{self, ResultSet};
 use crate::store::{self, Disk, FlightRef, RealDisk, SeriesRef, StoreError, catalogue, jsonl, layout};
 
-/// Reads one flight, the newest with a series where none is named, and a frame of it to be shown.
-pub fn flight(root: &Path, flight: Option<&str>, setup: Option<&Setup>) -> Result<ReportData, StoreError> {
+/// Which results of a store are meant.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Choice<'a> {
+    /// A flight's name; its reader says what is meant without one.
+    pub flight: Option<&'a str>,
+    /// The beginning of the key of the inputs that they were computed from; without one, what
+    /// [`sets::Sets::chosen`] says.
+    pub inputs: Option<&'a str>,
+}
+
+impl<'a> Choice<'a> {
+    /// One flight, with the results that stand for it.
+    pub fn flight(flight: &'a str) -> Self {
+        Self { flight: Some(flight), inputs: None }
+    }
+}
+
+/// Reads one flight, the newest with a series where none is named, and a frame of it to be shown. Of the
+/// records only that frame's is whole: the others have what a list of them shows.
+pub fn flight(root: &Path, choice: Choice, setup: Option<&Setup>) -> Result<ReportData, StoreError> {
     let disk = RealDisk;
     catalogue::check_format(&disk, root)?;
-    let chosen = choose(&disk, root, flight)?;
     let mut data = ReportData { site: setup.map(Site::from), ..ReportData::default() };
-    for series in chosen.iter().map(|f| catalogue::series(&disk, f)).collect::<Result<Vec<_>, _>>()?.concat()
-    {
-        data.series.extend(read_series(&disk, &series, &mut data.notes));
+    let mut whole = None;
+    if let Some(chosen) = choose(&disk, root, choice.flight)? {
+        let set = pick(&disk, &chosen, choice, &mut data.warnings)?;
+        for series in catalogue::series(&disk, &chosen)? {
+            let read = read_series(&disk, &series, set.as_ref(), &mut data.notes);
+            data.series.extend(read.map(|series| lean(series, &mut whole)));
+        }
     }
     data.notes.extend(refusals(&disk, root));
     data.picture = picture(&disk, root, &data.series, &mut data.notes);
+    data.shown = whole.map(|(_, record)| record);
     Ok(data)
 }
 
-/// Reads every series of the store, without pictures.
-pub fn all(root: &Path) -> Result<ReportData, StoreError> {
+/// Hands out the series of the chosen flight, or of all flights, one at a time; what could not be read
+/// and what is to be said comes back. `take` gets the records whole.
+pub fn each<E: From<StoreError>>(
+    root: &Path,
+    choice: Choice,
+    mut take: impl FnMut(SeriesData) -> Result<(), E>,
+) -> Result<ReportData, E> {
     let disk = RealDisk;
-    catalogue::check_format(&disk, root)?;
-    let mut data = ReportData::default();
-    for flight in catalogue::flights(&disk, root)? {
+    let mut said = ReportData::default();
+    for flight in chosen(root, choice.flight)? {
+        let set = pick(&disk, &flight, choice, &mut said.warnings)?;
         for series in catalogue::series(&disk, &flight)? {
-            data.series.extend(read_series(&disk, &series, &mut data.notes));
+            if let Some(series) = read_series(&disk, &series, set.as_ref(), &mut said.notes) {
+                take(series)?;
+            }
         }
     }
-    Ok(data)
+    Ok(said)
+}
+
+/// The flight that is named, or all.
+pub fn chosen(root: &Path, wanted: Option<&str>) -> Result<Vec<FlightRef>, StoreError> {
+    catalogue::check_format(&RealDisk, root)?;
+    match wanted {
+        Some(_) => Ok(choose(&RealDisk, root, wanted)?.into_iter().collect()),
+        None => catalogue::flights(&RealDisk, root),
+    }
+}
+
+/// The results of a flight that are meant; that there are others is said.
+fn pick(
+    disk: &dyn Disk,
+    flight: &FlightRef,
+    choice: Choice,
+    warnings: &mut Vec<String>,
+) -> Result<Option<ResultSet>, StoreError> {
+    let sets = sets::of_flight(disk, flight)?;
+    warnings.extend(sets.warning(&flight.id, choice.inputs));
+    let found = sets.chosen(choice.inputs).cloned();
+    if let (None, Some(key)) = (&found, choice.inputs) {
+        let known: Vec<String> = sets.sets.iter().map(ResultSet::text).collect();
+        let why = format!("no results have inputs {key}, there are: {}", known.join(", "));
+        return Err(StoreError::NotAStore { path: flight.folder.clone(), why });
+    }
+    Ok(found)
+}
+
+/// A record as a list of records needs it; the first solved one is kept whole.
+fn lean(mut series: SeriesData, whole: &mut Option<(String, ImageRecord)>) -> SeriesData {
+    series.curve = summary::curve_of(&series.records);
+    for record in &mut series.records {
+        if whole.is_none() && record.status == Status::Ok {
+            *whole = Some((series.name.clone(), record.clone()));
+        }
+        series.used.push((record.markers.iter().filter(|m| m.used).count(), record.markers.len()));
+        record.markers.retain(|m| !m.used);
+        record.markers.shrink_to_fit();
+        record.curve = Vec::new();
+        record.model = serde_json::Map::new();
+        record.quality = serde_json::Map::new();
+    }
+    series
 }
 
 fn choose(disk: &dyn Disk, root: &Path, wanted: Option<&str>) -> Result<Option<FlightRef>, StoreError> {
@@ -48,9 +122,15 @@ fn choose(disk: &dyn Disk, root: &Path, wanted: Option<&str>) -> Result<Option<F
     Ok(flights.iter().rev().find(taken).cloned())
 }
 
-fn read_series(disk: &dyn Disk, series: &SeriesRef, notes: &mut Vec<String>) -> Option<SeriesData> {
+/// A series with the results of a set, its records whole; `None` where its manifest cannot be read.
+pub fn read_series(
+    disk: &dyn Disk,
+    series: &SeriesRef,
+    set: Option<&ResultSet>,
+    notes: &mut Vec<String>,
+) -> Option<SeriesData> {
     let manifest = catalogue::manifest(disk, series).map_err(|e| notes.push(e.to_string())).ok()?;
-    let lines = catalogue::latest_results(disk, series).unwrap_or_else(|e| {
+    let lines = sets::results_of(disk, series, set).unwrap_or_else(|e| {
         notes.push(e.to_string());
         Vec::new()
     });
@@ -61,6 +141,9 @@ fn read_series(disk: &dyn Disk, series: &SeriesRef, notes: &mut Vec<String>) -> 
         begun: begun(&manifest),
         interrupted: manifest.state == State::Interrupted,
         planned: manifest.planned_shots as usize,
+        curve: Vec::new(),
+        used: Vec::new(),
+        inputs: set.map(|set| set.key.clone()),
         records,
         remarks: manifest.remarks,
         shots: manifest.shots.into_iter().map(shot).collect(),

@@ -98,7 +98,7 @@ impl SeriesSummary {
             variance_factor: factors.iter().copied().fold(None, extremes),
             tests_passed: tests.iter().filter(|t| **t == "passed").count(),
             tests_made: tests.len(),
-            curve: mean_curve(&solved),
+            curve: if series.curve.is_empty() { mean_curve(&solved) } else { series.curve.clone() },
         }
     }
 
@@ -139,6 +139,11 @@ pub fn hours_between(from: &Stamp, to: &Stamp) -> f64 {
         to.utc.duration_since(from.utc).as_secs_f64()
     };
     seconds / 3600.0
+}
+
+/// The mean curve of the records with numbers.
+pub fn curve_of(records: &[ImageRecord]) -> Vec<CurveRecord> {
+    mean_curve(&records.iter().filter(|r| r.status == Status::Ok).collect::<Vec<_>>())
 }
 
 /// The records with numbers.

@@ -135,18 +135,24 @@ pub fn images(records: &[ImageRecord]) -> Grid {
         "<global test",
     ]);
     for r in records {
-        grid.push(image_row(r));
+        grid.push(image_row(r, (r.markers.iter().filter(|m| m.used).count(), r.markers.len())));
     }
     grid
 }
 
-fn image_row(r: &ImageRecord) -> Vec<String> {
+/// The same of records whose markers were left out, with the counts of used and surveyed ones.
+pub fn images_counted(records: &[ImageRecord], used: &[(usize, usize)]) -> Grid {
+    let mut grid = images(&[]);
+    grid.rows = records.iter().zip(used).map(|(r, used)| image_row(r, *used)).collect();
+    grid
+}
+
+fn image_row(r: &ImageRecord, (used, of): (usize, usize)) -> Vec<String> {
     let tip = r.tip.as_ref();
     let pair = r.torsion.first();
     let (lift, sigma) = rounded(tip.map(|t| t.lift_m), tip.and_then(|t| t.sigma_lift_m), 3);
     let (angle, sigma_angle) = angle(pair);
     let (twist, sigma_twist) = twist(pair);
-    let used = r.markers.iter().filter(|m| m.used).count();
     let status = if r.status == Status::Ok { "ok" } else { "failed" };
     vec![
         r.image.clone(),
@@ -159,7 +165,7 @@ fn image_row(r: &ImageRecord) -> Vec<String> {
         sigma_angle,
         twist,
         sigma_twist,
-        format!("{used}/{}", r.markers.len()),
+        format!("{used}/{of}"),
         fixed(r.variance_factor, 2),
         r.global_test.clone().unwrap_or_else(|| NONE.to_owned()),
     ]
@@ -230,14 +236,20 @@ fn remark(m: &MarkerRecord) -> String {
 
 /// Markers that took no part, with the reason; the same marker and reason once, with its frames counted.
 pub fn unused(records: &[ImageRecord]) -> Grid {
+    unused_of(records.iter().map(|r| (String::new(), r)))
+}
+
+/// The same of several series, each record with what goes before its name.
+pub fn unused_of<'a>(records: impl Iterator<Item = (String, &'a ImageRecord)>) -> Grid {
     let mut grid = Grid::new(&["<marker", "<reason", "frames", "<first in"]);
     let mut seen: Vec<(String, String, usize, String)> = Vec::new();
-    let solved = records.iter().filter(|r| r.status == Status::Ok);
-    for (r, m) in solved.flat_map(|r| r.markers.iter().filter(|m| !m.used).map(move |m| (r, m))) {
-        let reason = remark(m);
-        match seen.iter_mut().find(|s| s.0 == m.id && s.1 == reason) {
-            Some(s) => s.2 += 1,
-            None => seen.push((m.id.clone(), reason, 1, r.image.clone())),
+    for (prefix, r) in records.filter(|(_, r)| r.status == Status::Ok) {
+        for m in r.markers.iter().filter(|m| !m.used) {
+            let reason = remark(m);
+            match seen.iter_mut().find(|s| s.0 == m.id && s.1 == reason) {
+                Some(s) => s.2 += 1,
+                None => seen.push((m.id.clone(), reason, 1, format!("{prefix}{}", r.image))),
+            }
         }
     }
     seen.sort_by(|a, b| a.0.cmp(&b.0));

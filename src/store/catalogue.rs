@@ -108,15 +108,6 @@ pub fn results(disk: &dyn Disk, series: &SeriesRef) -> Result<Vec<ResultLine>, S
     Ok(jsonl::parse(&bytes).good.into_iter().map(|(_, line)| line).collect())
 }
 
-/// The last result of each frame, in the frames' order.
-pub fn latest_results(disk: &dyn Disk, series: &SeriesRef) -> Result<Vec<ResultLine>, StoreError> {
-    let mut latest = std::collections::BTreeMap::new();
-    for line in results(disk, series)? {
-        latest.insert(line.frame.clone(), line);
-    }
-    Ok(latest.into_values().collect())
-}
-
 fn read_json<T: serde::de::DeserializeOwned>(disk: &dyn Disk, path: &Path) -> Result<T, StoreError> {
     let bytes = disk.read(path).map_err(StoreError::io(path, "read"))?;
     serde_json::from_slice(&bytes).map_err(|error| StoreError::Damaged {

@@ -373,6 +373,13 @@ impl Disk for FakeDisk {
         late
     }
 
+    fn remove_dir(&self, path: &Path) -> io::Result<()> {
+        if !self.list(path)?.is_empty() {
+            return Err(io::ErrorKind::DirectoryNotEmpty.into());
+        }
+        self.remove_file(path)
+    }
+
     fn sync_dir(&self, directory: &Path) -> io::Result<()> {
         let mut state = self.state();
         let late = state.step(false)?;

@@ -7,10 +7,11 @@ use std::path::{Component, Path, PathBuf};
 
 use serde_json::{Map, Value};
 
+use super::chain::{self, Chain, Event};
 use super::disk::{self, Disk};
 use super::error::StoreError;
 use super::results::sha256;
-use super::{layout, series, sums};
+use super::{FlightRef, layout, series, sums};
 
 /// A file of an installation: its name in the folder, its bytes.
 pub type File = (String, Vec<u8>);
@@ -65,6 +66,16 @@ fn is_plain(name: &str) -> bool {
     let mut parts = Path::new(name).components();
     let plain = matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None));
     plain && name != layout::SUMS_FILE
+}
+
+/// The installations that a flight's chain names, the last one last; none without evidence.
+pub fn of_flight(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<String>, StoreError> {
+    let chain = Chain::parse(&chain::read(disk, &flight.folder)?);
+    let installation = |(_, event)| match event {
+        Event::Installation { sha256 } => Some(sha256),
+        _ => None,
+    };
+    Ok(chain.events.into_iter().filter_map(installation).collect())
 }
 
 /// What is wrong with a kept installation; `None` where it is whole.

@@ -29,6 +29,12 @@ pub const CHAIN_FILE: &str = "chain.jsonl";
 pub const SUMS_FILE: &str = "SHA256SUMS";
 /// The result that is about to be appended.
 pub const PENDING_FILE: &str = "pending.json";
+/// Flights being received, file by file.
+pub const FETCHING: &str = "fetching";
+/// Flights being deleted.
+pub const PRUNED: &str = "pruned";
+/// One line per deleted flight.
+pub const PRUNED_FILE: &str = "pruned.jsonl";
 /// Finished series, by flight.
 pub const FLIGHTS: &str = "flights";
 /// Half frames and torn lines; listed, never deleted.
@@ -95,6 +101,9 @@ pub fn is_root_name(name: &str) -> bool {
         FLIGHTS,
         PARTIAL,
         INSTALLATIONS,
+        FETCHING,
+        PRUNED,
+        PRUNED_FILE,
     ];
     name == "lost+found" || ours.contains(&name.strip_suffix(PART_ENDING).unwrap_or(name))
 }

@@ -11,14 +11,18 @@ pub mod disk;
 mod error;
 pub mod fake;
 pub mod flight;
+pub mod heads;
 pub mod installations;
 pub mod jsonl;
 pub mod layout;
 pub mod manifest;
 mod opening;
+pub mod prune;
+pub mod receive;
 mod recover;
 mod results;
 mod series;
+pub mod sets;
 pub mod signing;
 mod sums;
 mod upgrade;
@@ -388,6 +392,13 @@ impl Store {
             }
         }
         Ok(Vec::new())
+    }
+
+    /// The frames of a flight without a result for these inputs, in order.
+    pub fn unsolved_of(&self, flight: &FlightRef, inputs: &Inputs) -> Result<Vec<FrameRef>, StoreError> {
+        let series = catalogue::series(self.disk(), flight)?;
+        let of = |series: &SeriesRef| self.unsolved_in(series, inputs, false);
+        Ok(series.iter().map(of).collect::<Result<Vec<_>, _>>()?.concat())
     }
 
     /// A series whose manifest cannot be read has nothing to solve; `verify` reports it.

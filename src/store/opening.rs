@@ -67,7 +67,7 @@ fn refuses(path: &Path) -> Option<String> {
 }
 
 /// The parent is synced where the directory is there already, too: an earlier start may have failed between.
-fn make_root(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
+pub(super) fn make_root(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     let parent = root.parent().filter(|parent| !parent.as_os_str().is_empty());
     let place = parent.unwrap_or(Path::new("."));
     if disk.exists(root) {
@@ -83,7 +83,7 @@ fn make_root(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
 }
 
 /// A directory without a mark may hold what a broken-off creation leaves, and nothing else.
-fn refuse_foreign(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
+pub(super) fn refuse_foreign(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     for entry in disk.list(root).map_err(StoreError::io(root, "list"))? {
         let name = entry.name.trim_end_matches(layout::PART_ENDING);
         let ours = [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL, layout::COUNTER_FILE];

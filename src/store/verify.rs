@@ -11,9 +11,10 @@ use super::disk::{Disk, Entry};
 use super::manifest::{
     Counter, FlightManifest, JournalLine, Refusal, ResultLine, SeriesManifest, Shot, State,
 };
+use super::prune::Pruned;
 use super::results::{Inputs, sha256};
 use super::signing::{self, PublicKey};
-use super::{jsonl, layout};
+use super::{jsonl, layout, sets};
 use crate::clock::Stamp;
 
 /// A broken invariant.
@@ -145,6 +146,8 @@ impl Checker<'_> {
                 self.report.fault(3, &folder, "is not a flight; only folders f0001, f0002, … belong here");
             }
         }
+        self.report.notes.extend(sets::warnings(self.disk, root));
+        self.unfinished(root);
         self.root_entries(root);
         self.incoming(root);
         self.counter(root);
@@ -153,6 +156,19 @@ impl Checker<'_> {
         if let Ok(entries) = self.disk.list(&root.join(layout::PARTIAL)) {
             let names = entries.iter().map(|entry| entry.name.as_str());
             self.report.notes.extend(names.map(|name| format!("partial/{name}: half data, kept")));
+        }
+    }
+
+    /// What `fetch`, `copy` or `prune` left when it was broken off.
+    fn unfinished(&mut self, root: &Path) {
+        let begun = [
+            (layout::FETCHING, "a copy or fetch into this directory was broken off: repeat it"),
+            (layout::PRUNED, "files that were being deleted: `wingd prune` removes the rest"),
+        ];
+        for (name, what) in begun {
+            if self.disk.list(&root.join(name)).is_ok_and(|list| !list.is_empty()) {
+                self.report.notes.push(format!("{name}/: {what}"));
+            }
         }
     }
 
@@ -193,9 +209,17 @@ impl Checker<'_> {
         let Some(counter) = read.and_then(|bytes| serde_json::from_slice::<Counter>(&bytes).ok()) else {
             return;
         };
+        let pruned = self.disk.read(&root.join(layout::PRUNED_FILE)).unwrap_or_default();
+        let mut gone = BTreeSet::new();
+        for (_, line) in jsonl::parse::<Pruned>(&pruned).good {
+            let (id, copy) = (line.flight.flight, line.copy);
+            if !self.disk.exists(&root.join(layout::FLIGHTS).join(&id)) && gone.insert(id.clone()) {
+                self.report.notes.push(format!("{id} was pruned; its verified copy: {}", copy.display()));
+            }
+        }
         let here = catalogue::flights(self.disk, root).unwrap_or_default();
         let here: BTreeSet<u64> = here.iter().filter_map(|f| layout::flight_number(&f.id)).collect();
-        let absent = counter.next_flight.saturating_sub(1).saturating_sub(here.len() as u64);
+        let absent = counter.next_flight.saturating_sub(1 + (here.len() + gone.len()) as u64);
         if absent > 0 {
             let what = "flights that were begun are not here: moved away, or lost";
             self.report.notes.push(format!("{absent} {what}"));

@@ -122,3 +122,85 @@ fn slow_clients_do_not_keep_the_server_from_stopping() {
     assert!(took < Duration::from_secs(5), "{took:?}");
     eprintln!("stopped in {took:?} with {} slow clients", slow.len());
 }
+
+/// A recorder of bundled frames with a page, on a port that was free a moment ago.
+fn recorder(dir: &std::path::Path, listen: &str, token: &str) -> std::path::PathBuf {
+    let frames = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev/frames");
+    let text = format!(
+        "[camera]\nkind = \"replay\"\nfolder = {frames:?}\n[store]\npath = \"store\"\nreserve_mb = 0\n\
+         [status]\nsocket = \"wingd.sock\"\n\
+         [series]\ninterval = \"500ms\"\nshots = 1\ngap = \"1ms\"\nstale_window = 1\n\
+         [serve]\nlisten = \"{listen}\"\n{token}"
+    );
+    let file = dir.join("wingd.toml");
+    std::fs::write(&file, text).unwrap();
+    file
+}
+
+#[test]
+fn the_recorder_shows_its_page_and_stops_in_time_whoever_holds_on() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("token"), TOKEN).unwrap();
+    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let config = recorder(dir.path(), &free.to_string(), "token_file = \"token\"\n");
+    let mut daemon = Command::new(env!("CARGO_BIN_EXE_wingd"))
+        .args(["run", "--config"])
+        .arg(&config)
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let ask = |headers: &str| {
+        let mut stream = TcpStream::connect(free).ok()?;
+        stream.set_read_timeout(Some(Duration::from_secs(5))).ok()?;
+        write!(stream, "GET /status.json HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n{headers}\r\n")
+            .ok()?;
+        let mut text = String::new();
+        stream.read_to_string(&mut text).ok()?;
+        Some(text)
+    };
+    let right = format!("Authorization: Bearer {TOKEN}\r\n");
+    let begun = Instant::now();
+    let status = loop {
+        assert!(begun.elapsed() < Duration::from_secs(30), "no page with frames");
+        let text = ask(&right).unwrap_or_default();
+        let body = text
+            .split("\r\n\r\n")
+            .nth(1)
+            .and_then(|body| serde_json::from_str::<serde_json::Value>(body).ok());
+        match body.filter(|status| status["frames"].as_u64() > Some(1)) {
+            Some(status) => break status,
+            None => std::thread::sleep(Duration::from_millis(50)),
+        }
+    };
+    assert!(status["daemon"]["health"] == "good" && status["free_mb"].is_u64(), "{status}");
+    assert!(ask("").unwrap().starts_with("HTTP/1.1 401"));
+    // Connections that say nothing, and one in the middle of its head, keep nobody.
+    let mut held: Vec<TcpStream> = (0..40).map(|_| TcpStream::connect(free).unwrap()).collect();
+    held[0].write_all(b"GET / HTTP/1.1\r\nHost: loc").unwrap();
+    let begun = Instant::now();
+    assert!(Command::new("kill").arg(daemon.id().to_string()).status().unwrap().success());
+    assert!(daemon.wait().unwrap().success());
+    assert!(begun.elapsed() < Duration::from_secs(5), "stopped after {:?}", begun.elapsed());
+    assert!(wingd::store::verify::verify(&wingd::store::RealDisk, &dir.path().join("store")).is_sound());
+}
+
+#[test]
+fn a_page_that_everybody_could_read_is_a_fault_of_the_configuration() {
+    let dir = tempfile::tempdir().unwrap();
+    for (listen, more, named) in [
+        ("0.0.0.0:8080", "", "serve.listen"),
+        ("127.0.0.1:8080", "token_file = \"nowhere\"\n", "serve.token_file"),
+        ("127.0.0.1:8080", "certificate = \"wingd.toml\"\nkey = \"wingd.toml\"\n", "serve.certificate"),
+        ("127.0.0.1:8080", "certificate = \"wingd.toml\"\n", "serve.certificate"),
+        ("here", "", "serve.listen"),
+    ] {
+        let config = recorder(dir.path(), listen, more);
+        let checked = Command::new(env!("CARGO_BIN_EXE_wingd"))
+            .args(["check", "--config"])
+            .arg(&config)
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&checked.stderr).into_owned();
+        assert!(checked.status.code() == Some(78) && said.contains(named), "{listen} {more}: {said}");
+    }
+}

@@ -117,8 +117,19 @@ fn pages_lead_from_the_flight_to_the_frame() {
     assert!(index.text().contains("href=\"/flights/f0001\"") && index.head.contains("default-src 'none'"));
     let flight = server.get("/flights/f0001").text();
     assert!(flight.contains("href=\"/flights/f0001/s000002\"") && flight.contains("2.1000"));
+    assert!(flight.contains("wingd fetch http://localhost") && flight.contains("Nothing: every shot"));
     let series = server.get("/flights/f0001/s000001").text();
     assert!(series.contains(FRAME) && series.contains("tip lift 2.9000 m"));
+    let frame = server.get("/frames/f0001/s000001/0001.jpg").text();
+    assert!(frame.contains("/overlay/f0001/s000001/0001.jpg.svg") && frame.contains("hidden by glare"));
+    let thumb = server.get("/thumb/f0001/s000001/0001.jpg.svg");
+    assert!(
+        thumb.status == 200 && thumb.text().contains("<circle") && thumb.text().contains("data:image/jpeg")
+    );
+    let known = format!("If-None-Match: {}\r\n", thumb.header("etag").unwrap());
+    assert_eq!(server.ask("GET", "/thumb/f0001/s000001/0001.jpg.svg", &known).status, 304);
+    let results = server.get("/results/f0001.jsonl").text();
+    assert_eq!(results.lines().count(), 2);
     assert!(server.get("/report/f0001").text().contains("Wing deflection in flight"));
     let status: serde_json::Value = serde_json::from_slice(&server.get("/status.json").body).unwrap();
     assert_eq!((&status["frames"], &status["solved"]), (&2.into(), &2.into()));
@@ -199,6 +210,13 @@ fn no_name_leads_out_of_the_store() {
         "/report/f0002",
         "/report/%2e%2e",
         "/tar/f0002.tar",
+        "/bundle/f0002.json",
+        "/results/f0002.jsonl",
+        "/frames/f0001/s000001/secret.txt",
+        "/thumb/f0001/s000001/secret.txt.svg",
+        "/thumb/f0001/s000001/..%2f..%2f..%2fsecret.json.svg",
+        "/overlay/f0001/s000001/0002.jpg.svg",
+        "/flights/f0001/..%2fs000001",
         "/tar/..%2f..tar",
         "/tar/f0001",
         "/store.toml",

@@ -4,7 +4,7 @@ use crate::common::report_store::{failed, solved, store_with};
 use wingd::report::{html, source};
 
 fn page(root: &std::path::Path) -> String {
-    html::page(&source::flight(root, None, None).unwrap())
+    html::page(&source::flight(root, source::Choice::default(), None).unwrap())
 }
 
 /// Every tag is closed in order; attributes are quoted.
@@ -51,11 +51,17 @@ fn a_flight_gives_all_sections_with_the_stores_numbers() {
         "Quality",
         "Provenance",
     ] {
-        assert!(html.contains(&format!("<h2>{section}</h2>")), "{section} is missing");
+        assert!(html.contains(&format!("\">{section}</h2>")), "{section} is missing");
     }
     for number in ["2.9325", "0.0061", "2.1234", "0.0052", "2.70", "hidden by glare", "survey.csv.sha256"] {
         assert!(html.contains(number), "{number} is missing");
     }
+    assert!(html.contains("href=\"#quality\"") && html.contains("id=\"quality\""), "contents");
+    assert!(html.contains("series s000001, 2026-03-01 08:00 UTC"), "when the greatest lift was");
+    assert!(
+        html.contains("UTC, from 2026-03-01 08:00") && html.contains(">08:00</text>"),
+        "times on the axis"
+    );
     assert!(html.contains("data:image/jpeg;base64,"), "the frame is embedded");
     assert!(html.matches("<svg").count() >= 6);
 }

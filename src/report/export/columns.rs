@@ -1,19 +1,26 @@
-//! The rows of an export, column by column; units are in the names.
+//! Results as tables: rows of a series with named, typed columns.
 
-use super::super::SeriesData;
-use crate::record::{ImageRecord, MarkerRecord, Status, TorsionRecord};
+use std::collections::BTreeSet;
 
-/// A column's values; `None` where there is none.
+use serde_json::{Map, Value};
+
+use super::super::{SeriesData, ShotData};
+use crate::record::{CurveRecord, ImageRecord, MarkerRecord, Status, TorsionRecord};
+use crate::store::installations;
+
+/// Values of one column; `None` where there is none.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Values {
     /// Words.
     Text(Vec<Option<String>>),
     /// Numbers.
     Number(Vec<Option<f64>>),
-    /// Counts.
+    /// Whole numbers.
     Count(Vec<Option<i64>>),
     /// Yes or no.
     Flag(Vec<Option<bool>>),
+    /// Moments, microseconds since 1970 UTC.
+    Time(Vec<Option<i64>>),
 }
 
 impl Values {
@@ -22,7 +29,7 @@ impl Values {
         match self {
             Self::Text(v) => v.len(),
             Self::Number(v) => v.len(),
-            Self::Count(v) => v.len(),
+            Self::Count(v) | Self::Time(v) => v.len(),
             Self::Flag(v) => v.len(),
         }
     }
@@ -32,7 +39,7 @@ impl Values {
         self.len() == 0
     }
 
-    /// One value in full precision; empty where there is none.
+    /// One value in full precision; empty where there is none. A moment as RFC 3339 in UTC.
     pub fn text(&self, row: usize) -> String {
         fn plain<T: ToString>(values: &[Option<T>], row: usize) -> String {
             values.get(row).and_then(Option::as_ref).map(T::to_string).unwrap_or_default()
@@ -42,6 +49,32 @@ impl Values {
             Self::Number(v) => plain(v, row),
             Self::Count(v) => plain(v, row),
             Self::Flag(v) => plain(v, row),
+            Self::Time(v) => {
+                let moment = v.get(row).copied().flatten().map(jiff::Timestamp::from_microsecond);
+                moment.and_then(Result::ok).map(|t| t.to_string()).unwrap_or_default()
+            }
+        }
+    }
+
+    /// Takes the rows away.
+    pub fn clear(&mut self) {
+        match self {
+            Self::Text(v) => v.clear(),
+            Self::Number(v) => v.clear(),
+            Self::Count(v) | Self::Time(v) => v.clear(),
+            Self::Flag(v) => v.clear(),
+        }
+    }
+
+    /// Puts another column's rows, of the same kind, after these.
+    pub fn append(&mut self, more: Self) {
+        match (self, more) {
+            (Self::Text(v), Self::Text(m)) => v.extend(m),
+            (Self::Number(v), Self::Number(m)) => v.extend(m),
+            (Self::Count(v), Self::Count(m)) | (Self::Time(v), Self::Time(m)) => v.extend(m),
+            (Self::Flag(v), Self::Flag(m)) => v.extend(m),
+            // A table's columns have the same kinds for every series.
+            _ => {}
         }
     }
 }
@@ -55,40 +88,104 @@ pub struct Column {
     pub values: Values,
 }
 
-/// A marker of an image; images without markers have one row.
+/// Which rows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Table {
+    /// One row per marker per image; an image without markers has one row.
+    #[default]
+    Markers,
+    /// One row per point of the curve along the span per image.
+    Span,
+    /// One row per parameter of the model per image.
+    Parameters,
+    /// One row per shot that was asked for, with or without a frame.
+    Shots,
+}
+
+/// What the rows of all series have in common.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Common {
+    /// The recorder: the store's random id; `None` in a store without evidence.
+    pub store_id: Option<String>,
+    /// Names of torsion pairs, each of which has columns.
+    pub pairs: Vec<String>,
+}
+
+impl Common {
+    /// Of series that are at hand.
+    pub fn of(store_id: Option<String>, series: &[SeriesData]) -> Self {
+        let mut pairs = Vec::new();
+        let mut seen = BTreeSet::new();
+        for pair in series.iter().flat_map(|s| &s.records).flat_map(|r| &r.torsion) {
+            if seen.insert(pair.name.as_str()) {
+                pairs.push(pair.name.clone());
+            }
+        }
+        Self { store_id, pairs }
+    }
+}
+
+/// A row of any table.
+#[derive(Clone, Copy, Default)]
 struct Row<'a> {
-    series: &'a SeriesData,
-    image: &'a ImageRecord,
+    shot: Option<&'a ShotData>,
+    image: Option<&'a ImageRecord>,
     marker: Option<&'a MarkerRecord>,
+    point: Option<&'a CurveRecord>,
+    parameter: Option<(&'a str, Option<usize>, &'a Value)>,
 }
 
-impl Row<'_> {
-    fn shot(&self) -> Option<&super::super::ShotData> {
-        self.series.shots.iter().find(|s| s.image.as_deref() == Some(self.image.image.as_str()))
+/// The rows of a series.
+pub fn columns(table: Table, series: &SeriesData, common: &Common) -> Vec<Column> {
+    let rows = rows(table, series);
+    let mut columns = identity(series, common, &rows);
+    match table {
+        Table::Shots => columns.extend(shot_columns(&rows)),
+        Table::Markers => {
+            columns.extend(image_columns(&rows));
+            columns.extend(torsion_columns(&rows, &common.pairs));
+            columns.extend(marker_columns(&rows));
+            columns.extend(position_columns(&rows));
+        }
+        Table::Span => columns.extend(point_columns(&rows)),
+        Table::Parameters => columns.extend(parameter_columns(&rows)),
     }
-
-    fn pair(&self, name: &str) -> Option<&TorsionRecord> {
-        self.image.torsion.iter().find(|t| t.name == name)
-    }
-}
-
-/// One row per marker per image, with all the fields.
-pub fn columns(series: &[SeriesData]) -> Vec<Column> {
-    let rows: Vec<Row> = series.iter().flat_map(rows_of).collect();
-    let mut columns = image_columns(&rows);
-    columns.extend(torsion_columns(&rows));
-    columns.extend(marker_columns(&rows));
-    columns.extend(position_columns(&rows));
+    columns.extend(provenance(series, &rows));
     columns
 }
 
-fn rows_of(series: &SeriesData) -> Vec<Row<'_>> {
-    let of_image = |image| {
-        let row = move |marker| Row { series, image, marker };
-        let markers: Vec<Row> = image.markers.iter().map(|m| row(Some(m))).collect();
-        if markers.is_empty() { vec![row(None)] } else { markers }
-    };
-    series.records.iter().flat_map(of_image).collect()
+fn rows(table: Table, series: &SeriesData) -> Vec<Row<'_>> {
+    if table == Table::Shots {
+        return series.shots.iter().map(|shot| shot_row(series, shot)).collect();
+    }
+    series.records.iter().flat_map(|image| image_rows(table, series, image)).collect()
+}
+
+fn shot_row<'a>(series: &'a SeriesData, shot: &'a ShotData) -> Row<'a> {
+    let image = series.records.iter().find(|r| Some(&r.image) == shot.image.as_ref());
+    Row { shot: Some(shot), image, ..Row::default() }
+}
+
+fn image_rows<'a>(table: Table, series: &'a SeriesData, image: &'a ImageRecord) -> Vec<Row<'a>> {
+    let shot = series.shots.iter().find(|s| s.image.as_ref() == Some(&image.image));
+    let row = Row { shot, image: Some(image), ..Row::default() };
+    match table {
+        Table::Span => image.curve.iter().map(|p| Row { point: Some(p), ..row }).collect(),
+        Table::Parameters => {
+            let parameters = image.model.iter().flat_map(|(name, value)| parameters(name, value));
+            parameters.map(|p| Row { parameter: Some(p), ..row }).collect()
+        }
+        _ if image.markers.is_empty() => vec![row],
+        _ => image.markers.iter().map(|m| Row { marker: Some(m), ..row }).collect(),
+    }
+}
+
+/// A list of values is one parameter with an index from 1.
+fn parameters<'a>(name: &'a str, value: &'a Value) -> Vec<(&'a str, Option<usize>, &'a Value)> {
+    match value {
+        Value::Array(items) => items.iter().enumerate().map(|(i, v)| (name, Some(i + 1), v)).collect(),
+        single => vec![(name, None, single)],
+    }
 }
 
 fn text(rows: &[Row], name: &str, of: impl Fn(&Row) -> Option<String>) -> Column {
@@ -100,50 +197,88 @@ fn number(rows: &[Row], name: &str, of: impl Fn(&Row) -> Option<f64>) -> Column 
     Column { name: name.to_owned(), values: Values::Number(rows.iter().map(finite).collect()) }
 }
 
-fn marker_number(rows: &[Row], name: &str, of: impl Fn(&MarkerRecord) -> Option<f64>) -> Column {
-    number(rows, name, |row| row.marker.and_then(&of))
+fn count(rows: &[Row], name: &str, of: impl Fn(&Row) -> Option<usize>) -> Column {
+    let whole = |row: &Row| of(row).and_then(|n| i64::try_from(n).ok());
+    Column { name: name.to_owned(), values: Values::Count(rows.iter().map(whole).collect()) }
 }
 
-fn image_columns(rows: &[Row]) -> Vec<Column> {
-    let count = |row: &Row| row.image.redundancy.and_then(|r| i64::try_from(r).ok());
-    let status = |row: &Row| if row.image.status == Status::Ok { "ok" } else { "failed" };
-    let utc = |row: &Row| Some(row.shot()?.stamp.as_ref()?.utc.to_string());
-    let synchronised = |row: &Row| Some(row.shot()?.stamp.as_ref()?.utc_synchronised);
-    let counts = Values::Count(rows.iter().map(count).collect());
-    let flags = Values::Flag(rows.iter().map(synchronised).collect());
-    let together = Values::Flag(rows.iter().map(|row| Some(row.image.flight)).collect());
+fn flag(rows: &[Row], name: &str, of: impl Fn(&Row) -> Option<bool>) -> Column {
+    Column { name: name.to_owned(), values: Values::Flag(rows.iter().map(of).collect()) }
+}
+
+fn identity(series: &SeriesData, common: &Common, rows: &[Row]) -> Vec<Column> {
+    let utc = |row: &Row| Some(row.shot?.stamp.as_ref()?.utc.as_microsecond());
+    let stamp = |row: &Row| row.shot.and_then(|shot| shot.stamp.clone());
     vec![
-        text(rows, "flight", |row| Some(row.series.flight.clone())),
-        text(rows, "series", |row| Some(row.series.name.clone())),
-        text(rows, "image", |row| Some(row.image.image.clone())),
-        text(rows, "image_sha256", |row| row.shot()?.sha256.clone()),
-        text(rows, "utc", utc),
-        Column { name: "utc_synchronised".to_owned(), values: flags },
-        number(rows, "since_boot_s", |row| Some(row.shot()?.stamp.as_ref()?.since_boot_s)),
+        text(rows, "recorder_id", |_| common.store_id.clone()),
+        text(rows, "flight", |_| Some(series.flight.clone())),
+        text(rows, "series", |_| Some(series.name.clone())),
+        count(rows, "shot", |row| Some(row.shot?.number as usize)),
+        text(rows, "image", |row| {
+            row.image.map(|i| i.image.clone()).or_else(|| row.shot.and_then(|s| s.image.clone()))
+        }),
+        text(rows, "image_sha256", |row| row.shot?.sha256.clone()),
+        Column { name: "utc".to_owned(), values: Values::Time(rows.iter().map(utc).collect()) },
+        flag(rows, "utc_synchronised", |row| Some(stamp(row)?.utc_synchronised)),
+        text(rows, "boot_id", |row| Some(stamp(row)?.boot_id)),
+        number(rows, "since_boot_s", |row| Some(stamp(row)?.since_boot_s)),
         text(rows, "status", |row| Some(status(row).to_owned())),
-        text(rows, "reason", |row| row.image.reason.clone()),
-        text(rows, "method", |row| Some(row.image.method.clone())),
-        Column { name: "flight_adjustment".to_owned(), values: together },
-        number(rows, "variance_factor", |row| row.image.variance_factor),
-        Column { name: "redundancy".to_owned(), values: counts },
-        text(rows, "global_test", |row| row.image.global_test.clone()),
-        text(rows, "sigma_kind", |row| row.image.sigma_kind.clone()),
-        text(rows, "tip_marker", |row| row.image.tip.as_ref().map(|t| t.marker.clone())),
-        number(rows, "tip_lift_m", |row| row.image.tip.as_ref().map(|t| t.lift_m)),
-        number(rows, "tip_sigma_lift_m", |row| row.image.tip.as_ref()?.sigma_lift_m),
+        text(rows, "reason", |row| row.image.and_then(|i| i.reason.clone())),
     ]
 }
 
-fn torsion_columns(rows: &[Row]) -> Vec<Column> {
-    let mut names: Vec<&str> = Vec::new();
-    for pair in rows.iter().flat_map(|row| &row.image.torsion) {
-        if !names.contains(&pair.name.as_str()) {
-            names.push(&pair.name);
-        }
+fn status(row: &Row) -> &'static str {
+    match (row.image, row.shot.and_then(|shot| shot.image.as_ref())) {
+        (Some(image), _) if image.status == Status::Ok => "ok",
+        (Some(_), _) => "failed",
+        (None, Some(_)) => "not solved",
+        (None, None) => "no frame",
     }
-    let of_pair = |name: &&str| {
+}
+
+fn shot_columns(rows: &[Row]) -> Vec<Column> {
+    let mut columns = image_columns(rows);
+    let failures = |row: &Row| row.shot.map(|s| s.failures.join("; ")).filter(|text| !text.is_empty());
+    columns.push(count(rows, "failed_attempts", |row| Some(row.shot?.failures.len())));
+    columns.push(text(rows, "camera_failures", failures));
+    columns
+}
+
+/// What a result follows from. The installation's digest names its folder in the store.
+fn provenance(series: &SeriesData, rows: &[Row]) -> Vec<Column> {
+    let of = |row: &Row, key: &str| row.image.and_then(|i| i.provenance.get(key)).map(words);
+    let files = |map: &Map<String, Value>| installations::named(map);
+    vec![
+        text(rows, "program", |row| of(row, "program")),
+        text(rows, "installation_sha256", |row| row.image.and_then(|i| files(&i.provenance))),
+        text(rows, "parameters", |row| of(row, "parameters")),
+        text(rows, "inputs", |row| row.image.and(series.inputs.clone())),
+    ]
+}
+
+fn words(value: &Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}
+
+fn image_columns(rows: &[Row]) -> Vec<Column> {
+    vec![
+        text(rows, "method", |row| row.image.map(|i| i.method.clone())),
+        flag(rows, "flight_adjustment", |row| row.image.map(|i| i.flight)),
+        number(rows, "variance_factor", |row| row.image?.variance_factor),
+        count(rows, "redundancy", |row| row.image?.redundancy),
+        text(rows, "global_test", |row| row.image?.global_test.clone()),
+        text(rows, "sigma_kind", |row| row.image?.sigma_kind.clone()),
+        text(rows, "tip_marker", |row| row.image?.tip.as_ref().map(|t| t.marker.clone())),
+        number(rows, "tip_lift_m", |row| row.image?.tip.as_ref().map(|t| t.lift_m)),
+        number(rows, "tip_sigma_lift_m", |row| row.image?.tip.as_ref()?.sigma_lift_m),
+    ]
+}
+
+fn torsion_columns(rows: &[Row], names: &[String]) -> Vec<Column> {
+    let of_pair = |name: &String| {
+        let pair = |row: &Row| row.image.and_then(|i| i.torsion.iter().find(|t| t.name == *name).cloned());
         let column = |field: &str, of: fn(&TorsionRecord) -> Option<f64>| {
-            number(rows, &format!("torsion_{name}_{field}_deg"), |row| row.pair(name).and_then(of))
+            number(rows, &format!("torsion_{name}_{field}_deg"), |row| of(&pair(row)?))
         };
         [
             column("angle", |p| p.angle_deg),
@@ -155,12 +290,40 @@ fn torsion_columns(rows: &[Row]) -> Vec<Column> {
     names.iter().flat_map(of_pair).collect()
 }
 
+fn point_columns(rows: &[Row]) -> Vec<Column> {
+    let of = |name: &str, field: fn(&CurveRecord) -> Option<f64>| {
+        number(rows, name, move |row| row.point.and_then(field))
+    };
+    vec![
+        of("arc_length_m", |p| Some(p.arc_length_m)),
+        of("span_m", |p| Some(p.span_m)),
+        of("lift_m", |p| Some(p.lift_m)),
+        of("sigma_lift_m", |p| p.sigma_lift_m),
+        of("twist_deg", |p| p.twist_deg),
+        of("sigma_twist_deg", |p| p.sigma_twist_deg),
+    ]
+}
+
+fn parameter_columns(rows: &[Row]) -> Vec<Column> {
+    let field = |row: &Row, name: &str| row.parameter.and_then(|p| p.2.get(name)).and_then(Value::as_f64);
+    let value = |row: &Row| field(row, "value").or_else(|| row.parameter.and_then(|p| p.2.as_f64()));
+    vec![
+        text(rows, "parameter", |row| row.parameter.map(|p| p.0.to_owned())),
+        count(rows, "index", |row| row.parameter.and_then(|p| p.1)),
+        number(rows, "value", value),
+        number(rows, "sigma", |row| field(row, "sigma")),
+    ]
+}
+
+fn marker_number(rows: &[Row], name: &str, of: impl Fn(&MarkerRecord) -> Option<f64>) -> Column {
+    number(rows, name, |row| row.marker.and_then(&of))
+}
+
 fn marker_columns(rows: &[Row]) -> Vec<Column> {
-    let used = Values::Flag(rows.iter().map(|row| row.marker.map(|m| m.used)).collect());
     vec![
         text(rows, "marker", |row| row.marker.map(|m| m.id.clone())),
         text(rows, "shape", |row| row.marker.map(|m| m.shape.clone())),
-        Column { name: "used".to_owned(), values: used },
+        flag(rows, "used", |row| row.marker.map(|m| m.used)),
         text(rows, "marker_reason", |row| row.marker.and_then(|m| m.reason.clone())),
         marker_number(rows, "u_px", |m| m.u_px),
         marker_number(rows, "v_px", |m| m.v_px),

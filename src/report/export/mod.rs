@@ -1,48 +1,83 @@
-//! Results for other tools: one row per marker per image as CSV or Parquet, positions as VTK.
+//! Results for other tools: tables as CSV or Parquet, records as JSON Lines, shapes as VTK.
 
 mod columns;
+mod lines;
 #[cfg(feature = "parquet")]
 mod parquet_file;
 mod vtk;
+mod vtk_xml;
 
-pub use columns::{Column, Values, columns};
+use std::io::Write;
+
+pub use columns::{Column, Common, Table, Values, columns};
+pub use lines::lines;
 #[cfg(feature = "parquet")]
-pub use parquet_file::parquet;
+pub use parquet_file::ParquetFile;
 pub use vtk::vtk;
+pub use vtk_xml::{Shape, collection, frame_shape, ground_shape, series_shape};
 
-/// The table as CSV with a heading line; what is missing is an empty field.
-pub fn csv(columns: &[Column]) -> Result<String, csv::Error> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    writer.write_record(columns.iter().map(|c| c.name.as_str()))?;
-    let rows = columns.first().map_or(0, |c| c.values.len());
-    for row in 0..rows {
-        writer.write_record(columns.iter().map(|c| c.values.text(row)))?;
+/// The table as CSV; what is missing is an empty field.
+pub struct Csv<W: Write>(csv::Writer<W>);
+
+impl<W: Write> Csv<W> {
+    /// Writes the heading line and these rows.
+    pub fn begin(output: W, columns: &[Column]) -> Result<Self, csv::Error> {
+        let mut writer = csv::Writer::from_writer(output);
+        writer.write_record(columns.iter().map(|c| c.name.as_str()))?;
+        let mut csv = Self(writer);
+        csv.add(columns)?;
+        Ok(csv)
     }
-    let bytes = writer.into_inner().map_err(|e| csv::Error::from(e.into_error()))?;
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
+
+    /// Adds rows of the same columns.
+    pub fn add(&mut self, columns: &[Column]) -> Result<(), csv::Error> {
+        let rows = columns.first().map_or(0, |c| c.values.len());
+        (0..rows).try_for_each(|row| self.0.write_record(columns.iter().map(|c| c.values.text(row))))
+    }
+
+    /// Writes what is left.
+    pub fn end(mut self) -> Result<(), csv::Error> {
+        Ok(self.0.flush()?)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
-    use super::super::sample;
+    use super::super::{SeriesData, sample};
     use super::*;
+
+    fn text(table: Table, series: &[SeriesData]) -> String {
+        let common = Common::of(Some("ab".to_owned()), series);
+        let mut bytes = Vec::new();
+        let mut csv = Csv::begin(&mut bytes, &columns(table, &SeriesData::default(), &common)).unwrap();
+        for one in series {
+            csv.add(&columns(table, one, &common)).unwrap();
+        }
+        csv.end().unwrap();
+        String::from_utf8(bytes).unwrap()
+    }
+
+    fn rows(text: &str) -> (csv::StringRecord, Vec<csv::StringRecord>) {
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        let heading = reader.headers().unwrap().clone();
+        (heading, reader.records().map(Result::unwrap).collect())
+    }
 
     #[test]
     fn csv_reads_back_with_every_marker_of_every_image() {
         let mut series = sample::series("s000001", 0, &[2.9, 3.1]);
         series.records.push(sample::failed("x.jpg", "dark, \"quoted\"\nand broken"));
-        let text = csv(&columns(&[series])).unwrap();
-        let mut reader = csv::Reader::from_reader(text.as_bytes());
-        let heading = reader.headers().unwrap().clone();
+        let text = text(Table::Markers, &[series]);
+        let (heading, rows) = rows(&text);
         let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
-        let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
         assert_eq!(rows.len(), 2 * 4 + 1, "four markers twice, and the failed image");
         let tip = rows.iter().find(|r| &r[at("marker")] == "M03").unwrap();
         assert_eq!(tip[at("lift_m")].parse::<f64>().unwrap(), 2.9);
         assert_eq!(tip[at("position_z_m")].parse::<f64>().unwrap(), 3.0 + 2.9);
-        assert_eq!(&tip[at("torsion_tip_twist_deg")], "2.7");
+        assert_eq!((&tip[at("torsion_tip_twist_deg")], &tip[at("recorder_id")]), ("2.7", "ab"));
         assert_eq!(&tip[at("used")], "true");
+        assert!(tip[at("utc")].ends_with('Z'), "with its zone");
         let hidden = rows.iter().find(|r| &r[at("marker")] == "M04").unwrap();
         assert_eq!((&hidden[at("lift_m")], &hidden[at("marker_reason")]), ("", "hidden by glare"));
         let failed = rows.last().unwrap();
@@ -51,7 +86,29 @@ mod tests {
     }
 
     #[test]
+    fn the_other_tables_have_points_parameters_and_shots() {
+        let mut series = sample::series("s000001", 0, &[2.9]);
+        let lost = super::super::ShotData {
+            number: 2,
+            failures: vec!["gone: unplugged".into()],
+            ..Default::default()
+        };
+        series.shots.push(lost);
+        let series = [series];
+        let (heading, span) = rows(&text(Table::Span, &series));
+        let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
+        assert_eq!((span.len(), &span[12][at("span_m")], &span[12][at("lift_m")]), (13, "36", "2.9"));
+        let (heading, parameters) = rows(&text(Table::Parameters, &series));
+        let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
+        assert_eq!((&parameters[0][at("parameter")], &parameters[0][at("value")]), ("a_per_m", "0.00219"));
+        let (heading, shots) = rows(&text(Table::Shots, &series));
+        let at = |name: &str| heading.iter().position(|h| h == name).unwrap();
+        assert_eq!((shots.len(), &shots[1][at("status")]), (2, "no frame"));
+        assert_eq!(&shots[1][at("camera_failures")], "gone: unplugged");
+    }
+
+    #[test]
     fn an_empty_store_gives_the_heading_alone() {
-        assert_eq!(csv(&columns(&[])).unwrap().lines().count(), 1);
+        assert_eq!(text(Table::Markers, &[]).lines().count(), 1);
     }
 }

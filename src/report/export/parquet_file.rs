@@ -1,54 +1,96 @@
-//! The export's table as a Parquet file: one row group, optional columns, Snappy.
+//! A table as a Parquet file: row groups of bounded size, optional columns, Snappy, times as UTC timestamps.
 
+use std::io::Write;
 use std::sync::Arc;
 
-use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical};
+use parquet::basic::{Compression, LogicalType, Repetition, TimeUnit, Type as Physical};
 use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
 use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::Type;
 
 use super::columns::{Column, Values};
 
-/// The bytes of the file.
-pub fn parquet(columns: &[Column]) -> Result<Vec<u8>, ParquetError> {
-    let fields = columns.iter().map(|c| field(c).map(Arc::new)).collect::<Result<Vec<_>, _>>()?;
-    let schema = Type::group_type_builder("wingd").with_fields(fields).build()?;
-    let properties = WriterProperties::builder().set_compression(Compression::SNAPPY).build();
-    let mut writer = SerializedFileWriter::new(Vec::new(), Arc::new(schema), Arc::new(properties))?;
-    let mut group = writer.next_row_group()?;
-    for column in columns {
-        write(&mut group, &column.values)?;
+/// Rows of a group at most, about: a group is kept in memory while it fills, some 1 kB a row.
+const GROUP_ROWS: usize = 16_384;
+
+/// A file that is being written.
+pub struct ParquetFile<W: Write + Send> {
+    writer: SerializedFileWriter<W>,
+    /// The group that fills.
+    columns: Vec<Column>,
+}
+
+impl<W: Write + Send> ParquetFile<W> {
+    /// A file with these columns; their rows are its first. `notes` go into its metadata.
+    pub fn begin(output: W, columns: Vec<Column>, notes: &[(String, String)]) -> Result<Self, ParquetError> {
+        let fields = columns.iter().map(|c| field(c).map(Arc::new)).collect::<Result<Vec<_>, _>>()?;
+        let schema = Type::group_type_builder("wingd").with_fields(fields).build()?;
+        let notes = notes.iter().map(|(key, value)| KeyValue::new(key.clone(), value.clone())).collect();
+        let properties = WriterProperties::builder()
+            .set_compression(Compression::SNAPPY)
+            .set_created_by(format!("wingd {}", env!("CARGO_PKG_VERSION")))
+            .set_key_value_metadata(Some(notes));
+        let writer = SerializedFileWriter::new(output, Arc::new(schema), Arc::new(properties.build()))?;
+        Ok(Self { writer, columns })
     }
-    group.close()?;
-    writer.into_inner()
+
+    /// Adds rows of the same columns.
+    pub fn add(&mut self, more: Vec<Column>) -> Result<(), ParquetError> {
+        for (column, more) in self.columns.iter_mut().zip(more) {
+            column.values.append(more.values);
+        }
+        let rows = self.columns.first().map_or(0, |c| c.values.len());
+        if rows >= GROUP_ROWS { self.flush() } else { Ok(()) }
+    }
+
+    fn flush(&mut self) -> Result<(), ParquetError> {
+        if self.columns.first().is_none_or(|c| c.values.is_empty()) {
+            return Ok(());
+        }
+        let mut group = self.writer.next_row_group()?;
+        for column in &mut self.columns {
+            write(&mut group, &column.values)?;
+            column.values.clear();
+        }
+        group.close().map(drop)
+    }
+
+    /// Writes the rest and the footer.
+    pub fn end(mut self) -> Result<W, ParquetError> {
+        self.flush()?;
+        self.writer.into_inner()
+    }
 }
 
 fn field(column: &Column) -> Result<Type, ParquetError> {
+    let utc = LogicalType::timestamp(true, TimeUnit::MICROS);
     let (physical, logical) = match column.values {
         Values::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
         Values::Number(_) => (Physical::DOUBLE, None),
         Values::Count(_) => (Physical::INT64, None),
         Values::Flag(_) => (Physical::BOOLEAN, None),
+        Values::Time(_) => (Physical::INT64, Some(utc)),
     };
     let builder = Type::primitive_type_builder(&column.name, physical);
     builder.with_repetition(Repetition::OPTIONAL).with_logical_type(logical).build()
 }
 
-type Group<'a> = SerializedRowGroupWriter<'a, Vec<u8>>;
+type Group<'a, W> = SerializedRowGroupWriter<'a, W>;
 
-fn write(group: &mut Group, values: &Values) -> Result<(), ParquetError> {
+fn write<W: Write + Send>(group: &mut Group<W>, values: &Values) -> Result<(), ParquetError> {
     match values {
-        Values::Text(v) => put::<ByteArrayType, _>(group, v, |t: &String| ByteArray::from(t.as_str())),
-        Values::Number(v) => put::<DoubleType, _>(group, v, |n| *n),
-        Values::Count(v) => put::<Int64Type, _>(group, v, |n| *n),
-        Values::Flag(v) => put::<BoolType, _>(group, v, |b| *b),
+        Values::Text(v) => put::<W, ByteArrayType, _>(group, v, |t: &String| ByteArray::from(t.as_str())),
+        Values::Number(v) => put::<W, DoubleType, _>(group, v, |n| *n),
+        Values::Count(v) | Values::Time(v) => put::<W, Int64Type, _>(group, v, |n| *n),
+        Values::Flag(v) => put::<W, BoolType, _>(group, v, |b| *b),
     }
 }
 
-fn put<T: DataType, V>(
-    group: &mut Group,
+fn put<W: Write + Send, T: DataType, V>(
+    group: &mut Group<W>,
     values: &[Option<V>],
     of: impl Fn(&V) -> T::T,
 ) -> Result<(), ParquetError> {
@@ -66,16 +108,27 @@ mod tests {
     use parquet::file::reader::{FileReader, SerializedFileReader};
     use parquet::record::Field;
 
-    use super::super::super::sample;
-    use super::super::columns;
+    use super::super::super::{SeriesData, sample};
+    use super::super::{Common, Table, columns};
     use super::*;
 
+    fn file(table: Table, series: &[SeriesData]) -> SerializedFileReader<axum::body::Bytes> {
+        let common = Common::of(Some("ab".to_owned()), series);
+        let empty = SeriesData::default();
+        let notes = [("store_id".to_owned(), "ab".to_owned())];
+        let mut file = ParquetFile::begin(Vec::new(), columns(table, &empty, &common), &notes).unwrap();
+        for one in series {
+            file.add(columns(table, one, &common)).unwrap();
+        }
+        SerializedFileReader::new(axum::body::Bytes::from(file.end().unwrap())).unwrap()
+    }
+
     #[test]
-    fn the_file_reads_back_with_numbers_words_and_gaps() {
+    fn the_file_reads_back_with_numbers_words_times_and_gaps() {
         let mut series = sample::series("s000001", 0, &[2.9]);
         series.records.push(sample::failed("x.jpg", "dark"));
-        let bytes = parquet(&columns(&[series])).unwrap();
-        let reader = SerializedFileReader::new(axum::body::Bytes::from(bytes)).unwrap();
+        let utc = series.shots[0].stamp.as_ref().unwrap().utc;
+        let reader = file(Table::Markers, &[series]);
         let rows: Vec<_> = reader.get_row_iter(None).unwrap().map(Result::unwrap).collect();
         assert_eq!(rows.len(), 5);
         let value = |row: usize, name: &str| {
@@ -84,15 +137,25 @@ mod tests {
         assert_eq!(value(2, "marker"), Field::Str("M03".to_owned()));
         assert_eq!(value(2, "lift_m"), Field::Double(2.9));
         assert_eq!(value(2, "redundancy"), Field::Long(33));
+        assert_eq!(value(2, "recorder_id"), Field::Str("ab".to_owned()));
+        assert_eq!(value(2, "utc"), Field::TimestampMicros(utc.as_microsecond()));
         assert_eq!(value(3, "used"), Field::Bool(false));
         assert_eq!(value(3, "lift_m"), Field::Null);
         assert_eq!(value(4, "reason"), Field::Str("dark".to_owned()));
+        let notes = reader.metadata().file_metadata().key_value_metadata().unwrap();
+        assert!(notes.iter().any(|note| note.key == "store_id" && note.value.as_deref() == Some("ab")));
     }
 
     #[test]
     fn an_empty_table_is_a_readable_file() {
-        let bytes = parquet(&columns(&[])).unwrap();
-        let reader = SerializedFileReader::new(axum::body::Bytes::from(bytes)).unwrap();
-        assert_eq!(reader.metadata().file_metadata().num_rows(), 0);
+        assert_eq!(file(Table::Span, &[]).metadata().file_metadata().num_rows(), 0);
+    }
+
+    #[test]
+    fn row_groups_are_bounded() {
+        let series: Vec<SeriesData> = (0..40).map(|k| sample::series("s", k, &[2.9; 150])).collect();
+        let reader = file(Table::Markers, &series);
+        assert_eq!(reader.metadata().file_metadata().num_rows(), 40 * 150 * 4);
+        assert!(reader.num_row_groups() == 2, "{}", reader.num_row_groups());
     }
 }

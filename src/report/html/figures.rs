@@ -10,6 +10,8 @@ use crate::record::{CurveRecord, ImageRecord};
 
 const WIDTH: f64 = 1040.0;
 const LEFT: f64 = 64.0;
+/// From one name to the next.
+const LINE: f64 = 14.0;
 /// Room at the right for the series' names.
 const NAMES: f64 = 190.0;
 
@@ -78,15 +80,22 @@ fn lined(s: &SeriesSummary, column: Column) -> Vec<(f64, f64)> {
     s.curve.iter().map(|p| (p.span_m, column(p).0)).collect()
 }
 
-/// Each series' name and last value at the end of its curve.
+/// Each series' name and last value at the end of its curve; of more than have room, every second, third, ...
 fn names(plot: &Plot, shown: &[&SeriesSummary], column: Column, decimals: usize) -> Markup {
     let last =
         |s: &&SeriesSummary| s.curve.iter().rev().map(|p| (p.span_m, column(p).0)).find(|p| p.1.is_finite());
-    let ends: Vec<(usize, (f64, f64))> =
-        shown.iter().enumerate().filter_map(|(i, s)| Some((i, last(s)?))).collect();
     let [left, top, width, height] = plot.area;
+    let room = ((height - 6.0) / LINE).floor().max(1.0) as usize;
+    let every = shown.len().div_ceil(room);
+    let named = |i: usize| i.is_multiple_of(every) || i + 1 == shown.len();
+    let ends: Vec<(usize, (f64, f64))> = shown
+        .iter()
+        .enumerate()
+        .filter(|(i, _)| named(*i))
+        .filter_map(|(i, s)| Some((i, last(s)?)))
+        .collect();
     let wanted: Vec<f64> = ends.iter().map(|(_, (x, y))| plot.at(*x, *y).1).collect();
-    let gap = (height / ends.len().max(1) as f64).min(14.0);
+    let gap = (height / ends.len().max(1) as f64).min(LINE);
     let placed = spread(&wanted, gap, top + 4.0, top + height - 2.0);
     let right = left + width;
     html! {
@@ -204,7 +213,7 @@ fn over_time(
     let hours = means().map(|m| m.0).chain(shots().map(|s| s.0));
     let plot = Plot {
         area: [LEFT, 12.0, WIDTH - LEFT - NAMES, height],
-        x: Axis::over(hours, "time since the first series / h"),
+        x: Axis::over_hours(hours, series.first().and_then(|s| s.begun.as_ref()).map(|b| b.utc)),
         y: Axis::over(means().flat_map(ends).chain(shots().map(|s| s.1)), label),
     };
     let content = html! {

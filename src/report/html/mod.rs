@@ -1,7 +1,8 @@
 //! The report: one page that opens offline and prints well.
 
 mod figures;
-mod picture;
+mod flights;
+pub mod picture;
 pub(in crate::report) mod plot;
 mod tables;
 mod views;
@@ -13,7 +14,10 @@ use super::summary::{SeriesSummary, summaries};
 use super::{ReportData, table};
 use crate::record::{ImageRecord, Status};
 
-/// The look of the report and of the served pages.
+pub use flights::flights;
+pub use plot::round_step;
+
+/// The look of the report.
 pub const STYLE: &str = include_str!("style.css");
 
 /// The whole page. Nothing in it comes from outside the file.
@@ -32,8 +36,9 @@ pub fn page(data: &ReportData) -> String {
             body {
                 main {
                     (head(data, &summaries))
+                    (contents())
                     (notes(data))
-                    (deflection(&summaries))
+                    (deflection(&summaries, shown))
                     (over_time(data, &summaries))
                     (tables::series(&summaries))
                     (orthographic(data, shown))
@@ -52,6 +57,9 @@ pub fn page(data: &ReportData) -> String {
 
 /// The record of the picture, or the first one with numbers.
 fn shown_record(data: &ReportData) -> Option<&ImageRecord> {
+    if data.shown.is_some() {
+        return data.shown.as_ref();
+    }
     let records = || data.series.iter().flat_map(|s| s.records.iter().map(move |r| (s, r)));
     let pictured = data
         .picture
@@ -92,20 +100,36 @@ fn head(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
 
 fn tiles(summaries: &[SeriesSummary]) -> Markup {
     let lifts: Vec<_> = summaries.iter().filter_map(|s| s.tip_lift_m).collect();
-    let largest = lifts.iter().max_by(|a, b| a.value.total_cmp(&b.value));
-    let (lift, sigma) = rounded(largest.map(|l| l.value), largest.and_then(|l| l.sigma), 3);
+    let with_lift = summaries.iter().filter_map(|s| Some((s, s.tip_lift_m?)));
+    let largest = with_lift.max_by(|a, b| a.1.value.total_cmp(&b.1.value));
+    let (lift, sigma) = rounded(largest.map(|l| l.1.value), largest.and_then(|l| l.1.sigma), 3);
+    let at = largest.map_or(String::new(), |(s, _)| format!("; series {}, {} UTC", s.name, s.begun_text()));
     let change = lifts.first().zip(lifts.last()).filter(|_| lifts.len() > 1).map(|(a, b)| b.value - a.value);
     let sum = |f: fn(&SeriesSummary) -> usize| summaries.iter().map(f).sum::<usize>();
     let (frames, solved) = (sum(|s| s.shots), sum(|s| s.solved));
     let (passed, made) = (sum(|s| s.tests_passed), sum(|s| s.tests_made));
     html! {
         div.tiles {
-            div.tile { b { (lift) @if sigma != NONE { " ± " (sigma) } " m" } span { "largest tip lift, mean of a series ± 1 sigma" } }
+            div.tile { b { (lift) @if sigma != NONE { " ± " (sigma) } " m" } span { "largest tip lift, mean of a series ± 1 sigma" (at) } }
             div.tile { b { (fixed(change, 3)) " m" } span { "change of the tip lift, first to last series" } }
             div.tile.warn[solved < frames] { b { (solved) " of " (frames) } span { "frames solved, in " (summaries.len()) " series" } }
             div.tile.warn[passed < made] { b { (passed) " of " (made) } span { "global tests passed" } }
         }
     }
+}
+
+fn contents() -> Markup {
+    let parts = [
+        ("deflection", "Deflection along the span"),
+        ("time", "Lift and torsion over time"),
+        ("series", "Series"),
+        ("views", "Positions"),
+        ("frame", "A frame and its markers"),
+        ("quality", "Quality"),
+        ("results", "Results"),
+        ("provenance", "Provenance"),
+    ];
+    html! { nav aria-label="Contents" { @for (id, text) in parts { a href={ "#" (id) } { (text) } " " } } }
 }
 
 fn notes(data: &ReportData) -> Markup {
@@ -115,19 +139,20 @@ fn notes(data: &ReportData) -> Markup {
         } @else if !data.series.iter().flat_map(|s| &s.records).any(|r| r.status == Status::Ok) {
             p.warning { "No frame has been solved; the reasons stand under Quality." }
         }
-        @for note in &data.notes { p.warning { (note) } }
+        @for note in data.warnings.iter().chain(&data.notes) { p.warning { (note) } }
     }
 }
 
-fn deflection(summaries: &[SeriesSummary]) -> Markup {
+fn deflection(summaries: &[SeriesSummary], shown: Option<&ImageRecord>) -> Markup {
     if summaries.iter().all(|s| s.curve.is_empty()) {
-        return html! { h2 { "Deflection along the span" } p { "No frame has a deflection curve." } };
+        return html! { h2 id="deflection" { "Deflection along the span" } p { "No frame has a deflection curve." } };
     }
     html! {
-        h2 { "Deflection along the span" }
+        h2 id="deflection" { "Deflection along the span" }
         figure {
             (figures::deflection(summaries))
             p.caption { "Mean curve of every series, vertical lift against the ground shape. Band: 1 sigma of one frame (survey and mount are common to all frames of a series, so it does not shrink with their number); where it is narrower than the line, see the next figure." }
+            @if let Some(text) = shown.and_then(marker_and_axis) { p.caption { (text) } }
         }
         figure {
             (figures::uncertainty(summaries))
@@ -142,9 +167,26 @@ fn deflection(summaries: &[SeriesSummary]) -> Markup {
     }
 }
 
+/// A marker's lift is not the bending axis's where the section turns: said with numbers where they differ.
+fn marker_and_axis(record: &ImageRecord) -> Option<String> {
+    let tip = record.tip.as_ref()?;
+    let axis = record.curve.last()?;
+    let differ = (tip.lift_m - axis.lift_m).abs() > 3.0 * tip.sigma_lift_m.unwrap_or(0.0).max(0.001);
+    differ.then(|| {
+        format!(
+            "In {}, marker {} lifts by {} m and the bending axis, at the end of its curve, by {} m: a marker \
+             before or behind the axis also moves by the section's twist, and the curve may end at another span.",
+            record.image,
+            tip.marker,
+            fixed(Some(tip.lift_m), 3),
+            fixed(Some(axis.lift_m), 3)
+        )
+    })
+}
+
 fn over_time(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
     if summaries.iter().all(|s| s.solved == 0) {
-        return html! { h2 { "Lift and torsion over time" } p { "No frame has been solved." } };
+        return html! { h2 id="time" { "Lift and torsion over time" } p { "No frame has been solved." } };
     }
     let mut pairs: Vec<&str> = Vec::new();
     for pair in summaries.iter().flat_map(|s| &s.torsion) {
@@ -153,7 +195,7 @@ fn over_time(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
         }
     }
     html! {
-        h2 { "Lift and torsion over time" }
+        h2 id="time" { "Lift and torsion over time" }
         figure {
             (figures::tip_lift(&data.series, summaries))
             p.caption { "Lift of the outermost marker: single frames (circles), means of the series with 1 sigma of one frame." }
@@ -170,7 +212,7 @@ fn over_time(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
 fn orthographic(data: &ReportData, shown: Option<&ImageRecord>) -> Markup {
     let views = shown.and_then(|r| Some((r, views::views(r, data.site.as_ref())?)));
     html! {
-        h2 { "Positions in three views" }
+        h2 id="views" { "Positions in three views" }
         @if let Some((record, views)) = views {
             figure {
                 (views.drawing)
@@ -186,7 +228,7 @@ fn orthographic(data: &ReportData, shown: Option<&ImageRecord>) -> Markup {
 
 fn frame(data: &ReportData, shown: Option<&ImageRecord>) -> Markup {
     html! {
-        h2 { "A frame and its markers" }
+        h2 id="frame" { "A frame and its markers" }
         @match &data.picture {
             Some(p) => (picture::picture(p, shown)),
             None => p { "No frame is at hand." },

@@ -9,6 +9,7 @@ use super::super::labels::{Area, Labels, leader};
 use super::super::number::fixed;
 use super::super::overlay::{enlargement, extent};
 use super::plot::px;
+use crate::camera::Format;
 use crate::measure::detect::{Detection, Detections, detect};
 use crate::measure::raster::Raster;
 use crate::pipeline::decode::decode;
@@ -37,7 +38,7 @@ fn drawn(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
         Ok(raster) => raster,
         Err(error) => return html! { p.warning { (picture.image) ": " (error) } },
     };
-    let Some(jpeg) = small_jpeg(&raster) else {
+    let Some(jpeg) = small_jpeg(&raster, LARGEST) else {
         return html! { p.warning { (picture.image) ": the frame is too large to be shown" } };
     };
     let found = detect(&raster);
@@ -54,9 +55,9 @@ fn drawn(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
         }
         p.caption {
             (picture.series) "/" (picture.image) ": " (found.markers.len()) " markers detected ("
-            span style="color:#0d8a35" { "used" } ", " span style="color:#a07a00" { "not used" } ", "
+            span style="color:#0b7a2e" { "used" } ", " span style="color:#806200" { "not used" } ", "
             span style="color:#0d6fa8" { "without identity" } "), "
-            (found.rejected.len()) " candidates turned down (" span style="color:#b46a00" { "dashed" } "). "
+            (found.rejected.len()) " candidates turned down (" span style="color:#8f5400" { "dashed" } "). "
             @if !found.markers.is_empty() {
                 "Error ellipses (" span style="color:#b3177f" { "pink" } "): 1 sigma, enlarged " (fixed(Some(enlarged), 0)) " times."
             }
@@ -64,9 +65,67 @@ fn drawn(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
     }
 }
 
-/// Averages blocks of pixels down to at most [`LARGEST`].
-fn small_jpeg(raster: &Raster) -> Option<Vec<u8>> {
-    let block = raster.width().max(raster.height()).div_ceil(LARGEST);
+/// A frame at most `largest` px wide and high as an SVG file of its own, with the markers of its result;
+/// `None` where it cannot be read.
+pub fn thumbnail(
+    bytes: &[u8],
+    format: Option<&Format>,
+    record: Option<&ImageRecord>,
+    largest: usize,
+) -> Option<String> {
+    let raster = decode(bytes, format).ok()?;
+    let jpeg = base64::engine::general_purpose::STANDARD.encode(small_jpeg(&raster, largest)?);
+    let (w, h) = (raster.width() as f64, raster.height() as f64);
+    let radius = w.max(h) / 70.0;
+    let seen = |m: &MarkerRecord| Some((m.u_px?, m.v_px?)).filter(|(u, v)| u.is_finite() && v.is_finite());
+    let markers: Vec<(&MarkerRecord, (f64, f64))> =
+        record.iter().flat_map(|r| &r.markers).filter_map(|m| Some((m, seen(m)?))).collect();
+    let named = if largest >= NAMED {
+        names_of(&markers, radius, w, h)
+    } else {
+        html! {}
+    };
+    let markup = html! {
+        svg xmlns="http://www.w3.org/2000/svg" viewBox=(format!("0 0 {w} {h}")) width=(w) height=(h) {
+            image href=(format!("data:image/jpeg;base64,{jpeg}")) x="-0.5" y="-0.5" width=(w) height=(h) {}
+            @for (m, (u, v)) in &markers {
+                @let colour = if m.used { USED } else { UNUSED };
+                circle cx=(px(*u)) cy=(px(*v)) r=(px(radius)) fill="none" stroke=(colour) stroke-width=(px(radius / 4.0)) {}
+            }
+            (named)
+        }
+    };
+    Some(markup.into_string())
+}
+
+/// The markers' names where there is room, none over another.
+fn names_of(markers: &[(&MarkerRecord, (f64, f64))], radius: f64, width: f64, height: f64) -> Markup {
+    let letter = 1.1 * radius;
+    let half = vector![radius, radius];
+    let mut labels = Labels::new(Area([0.0, 0.0, width, height]));
+    for (_, (u, v)) in markers {
+        labels.occupy(Area([u - radius, v - radius, u + radius, v + radius]));
+    }
+    html! {
+        @for (m, (u, v)) in markers {
+            @let colour = if m.used { USED } else { UNUSED };
+            @let size = vector![m.id.chars().count() as f64 * letter * 0.66, letter];
+            @if let Some(place) = labels.place(vector![*u, *v], half, size, letter * 0.3) {
+                @let [from, to] = leader(vector![*u, *v], half, place, size);
+                line x1=(px(from.x)) y1=(px(from.y)) x2=(px(to.x)) y2=(px(to.y)) stroke=(colour) stroke-width=(px(radius / 8.0)) {}
+                text x=(px(place.x)) y=(px(place.y + 0.85 * letter)) fill=(colour) font-size=(px(letter))
+                    font-family="sans-serif" stroke="#10141c" stroke-width=(px(radius / 3.0)) paint-order="stroke" { (m.id) }
+            }
+        }
+    }
+}
+
+/// Pictures from this size on bear the markers' names, px.
+const NAMED: usize = 1000;
+
+/// Averages blocks of pixels down to at most `largest`.
+fn small_jpeg(raster: &Raster, largest: usize) -> Option<Vec<u8>> {
+    let block = raster.width().max(raster.height()).div_ceil(largest).max(1);
     let (w, h) = (raster.width() / block, raster.height() / block);
     let mean = |x: usize, y: usize| {
         let rows = (0..block).map(|dy| raster.row(y * block + dy));

@@ -13,6 +13,8 @@ pub struct Axis {
     label: String,
     /// The texts have the other sign.
     turned: bool,
+    /// The values are hours since this moment, the texts times of day.
+    clock: Option<jiff::Timestamp>,
 }
 
 impl Axis {
@@ -28,7 +30,7 @@ impl Axis {
         // A band that reaches over a tick by a hair does not open another interval.
         let (low, high) = ((low / step + 0.04).floor() * step, (high / step - 0.04).ceil() * step);
         let high = if high > low { high } else { low + step };
-        Self { low, high, step, label: label.to_owned(), turned: false }
+        Self { low, high, step, label: label.to_owned(), turned: false, clock: None }
     }
 
     /// From tick to tick around `low` to `high`.
@@ -40,7 +42,20 @@ impl Axis {
             step,
             label: label.to_owned(),
             turned: false,
+            clock: None,
         }
+    }
+
+    /// Covers hours since `zero`, with times of day (UTC) at its ticks.
+    pub fn over_hours(hours: impl Iterator<Item = f64>, zero: Option<jiff::Timestamp>) -> Self {
+        let Some(zero) = zero else { return Self::over(hours, "time since the first series / h") };
+        let label = format!("UTC, from {}", zero.strftime("%Y-%m-%d %H:%M"));
+        // Ticks stand at whole minutes: a finer axis has its hours in decimals.
+        let axis = Self::over(hours, &label);
+        if axis.step < 1.0 / 60.0 {
+            return Self { label: format!("time since {} UTC / h", zero.strftime("%Y-%m-%d %H:%M")), ..axis };
+        }
+        Self { clock: Some(zero), ..axis }
     }
 
     /// The same axis for values with the other sign: what it shows grows downwards or leftwards.
@@ -64,7 +79,12 @@ impl Axis {
         let decimals = (-self.step.log10().floor()).clamp(0.0, 9.0) as usize;
         let tick = |i: usize| self.low + i as f64 * self.step;
         let sign = if self.turned { -1.0 } else { 1.0 };
-        (0..=n.min(60)).map(|i| (tick(i), fixed(Some(sign * tick(i)), decimals))).collect()
+        let time = |hours: f64| {
+            let moment = self.clock?.checked_add(jiff::SignedDuration::from_secs_f64(3600.0 * hours)).ok()?;
+            Some(moment.strftime("%H:%M").to_string())
+        };
+        let text = |v: f64| time(v).unwrap_or_else(|| fixed(Some(sign * v), decimals));
+        (0..=n.min(60)).map(|i| (tick(i), text(tick(i)))).collect()
     }
 }
 
@@ -185,14 +205,15 @@ pub fn px(value: f64) -> String {
     fixed(Some(value.clamp(-1e6, 1e6)), 1)
 }
 
-/// Colours from dark blue over teal to orange, for `count` series in order of time.
+/// Colours from dark blue over teal to orange, for `count` series in order of time; each has a contrast
+/// of 4.5 and more against white.
 pub fn series_colour(index: usize, count: usize) -> String {
     const STOPS: [[f64; 3]; 5] = [
         [27.0, 45.0, 120.0],
-        [23.0, 105.0, 170.0],
-        [24.0, 150.0, 130.0],
-        [205.0, 140.0, 20.0],
-        [196.0, 62.0, 35.0],
+        [23.0, 95.0, 160.0],
+        [14.0, 112.0, 96.0],
+        [150.0, 90.0, 0.0],
+        [176.0, 48.0, 24.0],
     ];
     let share = if count > 1 { index as f64 / (count - 1) as f64 } else { 0.0 } * 4.0;
     let stop = (share.floor() as usize).min(3);
@@ -251,6 +272,22 @@ mod tests {
         assert_eq!(plot.at(1.0, 1.0), (110.0, 20.0));
         let line = plot.line(&[(0.0, 0.0), (f64::NAN, 1.0), (1.0, 1.0)], "#000", false);
         assert!(line.into_string().contains("points=\"10.0,70.0 110.0,20.0\""));
+    }
+
+    #[test]
+    fn hours_have_times_of_day_and_colours_contrast() {
+        let zero = "2026-03-01T08:30:00Z".parse().ok();
+        let ticks = Axis::over_hours([0.0, 6.0].into_iter(), zero).ticks();
+        assert_eq!((ticks[0].1.as_str(), ticks[1].1.as_str()), ("08:30", "09:30"));
+        let channel = |text: &str| match f64::from(u8::from_str_radix(text, 16).unwrap_or(255)) / 255.0 {
+            v if v <= 0.04045 => v / 12.92,
+            v => ((v + 0.055) / 1.055).powf(2.4),
+        };
+        for colour in (0..40).map(|i| series_colour(i, 40)) {
+            let [r, g, b] = [1, 3, 5].map(|k| channel(&colour[k..k + 2]));
+            let luminance = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+            assert!(1.05 / (luminance + 0.05) >= 4.5, "{colour}");
+        }
     }
 
     #[test]

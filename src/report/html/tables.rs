@@ -13,20 +13,27 @@ use crate::record::{ImageRecord, Status};
 /// Means of the series.
 pub fn series(summaries: &[SeriesSummary]) -> Markup {
     html! {
-        h2 { "Series" }
+        h2 id="series" { "Series" }
         div.scroll { (table::series_grid(summaries).html()) }
         p.caption { "Mean over the solved frames of a series. sigma: standard deviation of one frame by the adjustment; scatter: standard deviation of single frames against the series' mean. Torsion and twist: first pair of the installation." }
     }
 }
 
+/// Series up to which their results stand open.
+const OPEN: usize = 12;
+
 /// Every frame's result.
 pub fn results(data: &ReportData) -> Markup {
     html! {
-        h2 { "Results of every frame" }
+        h2 id="results" { "Results of every frame" }
         @if data.series.iter().all(|s| s.records.is_empty()) { p { "There are no results." } }
+        @let many = data.series.len() > OPEN;
         @for s in data.series.iter().filter(|s| !s.records.is_empty()) {
-            h3 { "Series " (s.flight) "/" (s.name) @if s.interrupted { " (interrupted)" } }
-            div.scroll { (table::images(&s.records).html()) }
+            details open[!many] {
+            summary { "Series " (s.flight) "/" (s.name) @if s.interrupted { " (interrupted)" } }
+            @let rows = if s.used.is_empty() { table::images(&s.records) } else { table::images_counted(&s.records, &s.used) };
+            div.scroll { (rows.html()) }
+            }
         }
     }
 }
@@ -34,16 +41,25 @@ pub fn results(data: &ReportData) -> Markup {
 /// Parameters of one solution.
 pub fn solution(record: Option<&ImageRecord>) -> Markup {
     let Some(record) = record else { return html! {} };
-    let mut grid = Grid::new(&["<parameter", "value", "sigma"]);
-    for (name, value) in record.model.iter().chain(&record.quality) {
+    let columns = ["<parameter", "value", "sigma"];
+    let (mut grid, mut folded) = (Grid::new(&columns), Grid::new(&columns));
+    for (name, value) in &record.model {
         parameter(&mut grid, name, value);
     }
-    if grid.rows.is_empty() {
-        return html! {};
+    for (name, value) in &record.quality {
+        parameter(if name == "correlation" { &mut folded } else { &mut grid }, name, value);
     }
     html! {
-        h3 { "Parameters of " (record.image) }
-        div.scroll { (grid.html()) }
+        @if !grid.rows.is_empty() {
+            h3 { "Parameters of " (record.image) }
+            div.scroll { (grid.html()) }
+        }
+        @if !folded.rows.is_empty() {
+            details {
+                summary { "Correlations of the parameters" }
+                div.scroll { (folded.html()) }
+            }
+        }
     }
 }
 
@@ -79,17 +95,12 @@ fn words(value: &Value) -> String {
 
 /// What was turned down and what failed.
 pub fn quality(data: &ReportData) -> Markup {
-    let named = |s: &SeriesData, r: &ImageRecord| ImageRecord {
-        image: format!("{}/{}", s.name, r.image),
-        ..r.clone()
-    };
-    let records: Vec<ImageRecord> =
-        data.series.iter().flat_map(|s| s.records.iter().map(move |r| named(s, r))).collect();
-    let (unused, failed, camera, remarks) =
-        (table::unused(&records), failed(data), camera(data), remarks(data));
+    let records = || data.series.iter().flat_map(|s| s.records.iter().map(move |r| (s, r)));
+    let unused = table::unused_of(records().map(|(s, r)| (format!("{}/", s.name), r)));
+    let (failed, camera, remarks) = (failed(data), camera(data), remarks(data));
     html! {
-        h2 { "Quality" }
-        (tests(&records))
+        h2 id="quality" { "Quality" }
+        (tests(records().map(|(_, r)| r)))
         (section("Markers not used", "Every marker of the survey was used in every solved frame.", &unused))
         (section("Frames without a result", "Every frame has a result.", &failed))
         (section("Camera failures", "The camera delivered every shot at the first attempt.", &camera))
@@ -107,9 +118,12 @@ fn section(title: &str, none: &str, grid: &Grid) -> Markup {
     }
 }
 
-fn tests(records: &[ImageRecord]) -> Markup {
-    let count = |verdict: &str| records.iter().filter(|r| r.global_test.as_deref() == Some(verdict)).count();
-    let (passed, rejected) = (count("passed"), count("rejected"));
+fn tests<'a>(records: impl Iterator<Item = &'a ImageRecord>) -> Markup {
+    let (mut passed, mut rejected) = (0, 0);
+    for verdict in records.filter_map(|r| r.global_test.as_deref()) {
+        passed += usize::from(verdict == "passed");
+        rejected += usize::from(verdict == "rejected");
+    }
     html! {
         @if passed + rejected == 0 {
             p { "No global test could be made." }
@@ -191,7 +205,7 @@ pub fn provenance(data: &ReportData) -> Markup {
         }
     }
     html! {
-        h2 { "Provenance" }
+        h2 id="provenance" { "Provenance" }
         @if sets.is_empty() { p { "There are no results." } }
         @for (map, count) in &sets {
             h3 { "Inputs of " (count) " results" }
@@ -199,8 +213,10 @@ pub fn provenance(data: &ReportData) -> Markup {
         }
         @let frames = frames(data);
         @if !frames.rows.is_empty() {
-            h3 { "Frames, SHA-256" }
-            div.scroll.hashes { (frames.html()) }
+            details {
+                summary { "Frames, SHA-256" }
+                div.scroll.hashes { (frames.html()) }
+            }
         }
     }
 }

@@ -12,9 +12,9 @@ use crate::record::ImageRecord;
 const WIDTH: f64 = 1040.0;
 const LEFT: f64 = 64.0;
 const GAP: f64 = 84.0;
-const GROUND: &str = "#8a8f98";
+const GROUND: &str = "#6d737d";
 const FLIGHT: &str = "#17456f";
-const SIGHT: &str = "#d9a441";
+const SIGHT: &str = "#a8730f";
 
 /// A marker in the wing frame, m.
 struct Placed {

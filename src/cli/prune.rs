@@ -1,0 +1,68 @@
+//! `wingd prune`: the only command that deletes recorded data.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::solve_store::flights;
+use super::{Done, Failure, print};
+use crate::store::prune::{Proof, prove};
+use crate::store::{RealDisk, Store, StoreConfig, StoreError};
+
+/// Delete flights of which a verified copy holds every byte.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The store; its recorder must be stopped
+    store: PathBuf,
+    /// The copy, as `wingd copy` or `wingd fetch` made it; every file of it is read and checked first
+    #[arg(long, value_name = "DIR")]
+    verified_copy: PathBuf,
+    /// One flight, for example f0001 [default: all but the newest]
+    #[arg(long)]
+    flight: Option<String>,
+    /// So many of the newest flights stay
+    #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "flight")]
+    keep: usize,
+    /// Say what would be deleted, and delete nothing
+    #[arg(long)]
+    dry_run: bool,
+}
+
+fn undone(error: StoreError) -> Failure {
+    Failure::Undone(error.to_string())
+}
+
+pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    let mut flights = flights(&RealDisk, &args.store, args.flight.as_deref())?;
+    if args.flight.is_none() {
+        flights.truncate(flights.len().saturating_sub(args.keep));
+    }
+    let store = if args.dry_run { None } else { Some(open(&args.store)?) };
+    let (mut freed, mut stay) = (0, 0);
+    for flight in &flights {
+        let proof = match &store {
+            Some(store) => store.prune(flight, &args.verified_copy),
+            None => prove(&RealDisk, &args.store, flight, &args.verified_copy),
+        };
+        match proof.map_err(undone)? {
+            Proof::Copied { bytes, .. } => {
+                freed += bytes;
+                let done = if args.dry_run { "would be deleted" } else { "deleted" };
+                print(&format!("{}  {done}, {:.1} MB", flight.id, bytes as f64 / 1e6))?;
+            }
+            Proof::Stays(why) => {
+                stay += 1;
+                print(&format!("{}  stays: {why}", flight.id))?;
+            }
+        }
+    }
+    let free = if args.dry_run { "would be free" } else { "freed" };
+    print(&format!("{:.1} MB {free}; {stay} flights stay for want of proof", freed as f64 / 1e6))?;
+    Ok(Done::all(stay == 0))
+}
+
+fn open(root: &Path) -> Result<Store, Failure> {
+    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(root) };
+    let (store, _) = Store::open(Arc::new(RealDisk), config).map_err(undone)?;
+    store.sweep().map_err(undone)?;
+    Ok(store)
+}

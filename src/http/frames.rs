@@ -1,0 +1,99 @@
+//! Series and frames to look at: a series alone is read, and frames are drawn one at a time.
+
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, Method};
+use axum::response::{Html, Response};
+
+use super::{Context, Refusal, Site, blocking, files, pages, send};
+use crate::report::html::picture;
+use crate::report::{SeriesData, source};
+use crate::store::{RealDisk, heads, layout, sets};
+
+/// A series alone is read, with what is to be said of its results.
+fn one_series(site: &Site, flight: &str, series: &str) -> Result<(SeriesData, Option<String>), Refusal> {
+    let series = files::check_series(site, flight, series)?;
+    let bytes = std::fs::read(series.folder.join(layout::RESULTS_FILE)).unwrap_or_default();
+    let mut gather = sets::Gather::default();
+    gather.add(&series.id, &heads::parse(&bytes, &[]));
+    let sets = gather.end();
+    let mut notes = Vec::new();
+    let data = source::read_series(&RealDisk, &series, sets.chosen(None), &mut notes);
+    let data = data.ok_or_else(|| Refusal::Failed(notes.join("; ")))?;
+    Ok((data, sets.warning(&series.id, None)))
+}
+
+pub(super) async fn series(
+    State(shared): Context,
+    Path((flight, series)): Path<(String, String)>,
+) -> Result<Html<String>, Refusal> {
+    blocking(shared, move |site| {
+        let (data, warning) = one_series(site, &flight, &series)?;
+        Ok(Html(pages::series(&data, warning.as_deref()).into_string()))
+    })
+    .await
+}
+
+pub(super) async fn frame(
+    State(shared): Context,
+    Path((flight, series, file)): Path<(String, String, String)>,
+) -> Result<Html<String>, Refusal> {
+    blocking(shared, move |site| {
+        let (data, _) = one_series(site, &flight, &series)?;
+        Ok(Html(pages::frame(&data, &file).ok_or(Refusal::NotFound)?.into_string()))
+    })
+    .await
+}
+
+/// Longer side of a small picture and of a large one, px.
+const THUMB: usize = 480;
+const LARGE: usize = 1600;
+
+pub(super) async fn thumb(
+    state: Context,
+    path: Path<(String, String, String)>,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, Refusal> {
+    drawn(state, path, method, headers, THUMB).await
+}
+
+pub(super) async fn overlay(
+    state: Context,
+    path: Path<(String, String, String)>,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, Refusal> {
+    drawn(state, path, method, headers, LARGE).await
+}
+
+/// A frame with its markers, known by the digests of both: a browser that has it is told so without drawing.
+async fn drawn(
+    State(shared): Context,
+    Path((flight, series, name)): Path<(String, String, String)>,
+    method: Method,
+    headers: HeaderMap,
+    largest: usize,
+) -> Result<Response, Refusal> {
+    let file = name.strip_suffix(".svg").ok_or(Refusal::NotFound)?.to_owned();
+    // A frame takes tens of MB and of ms: one at a time, whoever asks.
+    let _one_at_a_time = shared.pictures.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
+    let (asked, with) = (method.clone(), headers.clone());
+    blocking(shared.clone(), move |site| {
+        let (data, _) = one_series(site, &flight, &series)?;
+        let shot = data.shots.iter().find(|s| s.image.as_deref() == Some(file.as_str()));
+        let shot = shot.ok_or(Refusal::NotFound)?;
+        let record = data.records.iter().find(|r| r.image == file);
+        let state =
+            (shot.sha256.as_deref(), record.and(data.inputs.as_deref()), largest, env!("CARGO_PKG_VERSION"));
+        let digest = crate::store::sha256(format!("{state:?}").as_bytes());
+        if send::is_known(&with, &digest) {
+            return files::svg(String::new(), digest).answer(&asked, &with);
+        }
+        let path = files::check_frame(site, &flight, &series, &file)?;
+        let bytes = std::fs::read(&path).map_err(|e| Refusal::Failed(format!("{}: {e}", path.display())))?;
+        let drawn = picture::thumbnail(&bytes, shot.format.as_ref(), record, largest);
+        let why = || Refusal::Failed(format!("{}: the frame cannot be read", path.display()));
+        files::svg(drawn.ok_or_else(why)?, digest).answer(&asked, &with)
+    })
+    .await
+}

@@ -1,0 +1,78 @@
+//! A series' page with its frames, and a frame's page with its markers.
+
+use maud::{Markup, html};
+
+use super::page;
+use crate::record::{ImageRecord, Status};
+use crate::report::number::rounded;
+use crate::report::{SeriesData, ShotData, table};
+
+fn record<'a>(series: &'a SeriesData, shot: &ShotData) -> Option<&'a ImageRecord> {
+    series.records.iter().find(|r| Some(&r.image) == shot.image.as_ref())
+}
+
+/// Frames with their markers drawn, results, files.
+pub fn series(series: &SeriesData, warning: Option<&str>) -> Markup {
+    let base = format!("/files/{}/{}", series.flight, series.name);
+    let content = html! {
+        @if let Some(warning) = warning { p.warning { (warning) } }
+        @if series.interrupted { p.warning { "This series was interrupted." } }
+        @for remark in &series.remarks { p.warning { (remark) } }
+        p { a href={ (base) "/series.json" } { "series.json" } @if !series.records.is_empty() { ", " a href={ (base) "/results.jsonl" } { "results.jsonl" } } }
+        ul.cards { @for shot in &series.shots { (card(series, shot)) } }
+    };
+    page(&format!("Series {}", series.name), &trail(&series.flight), &content)
+}
+
+fn trail(flight: &str) -> Markup {
+    html! { a href={ "/flights/" (flight) } { "Flight " (flight) } }
+}
+
+fn card(series: &SeriesData, shot: &ShotData) -> Markup {
+    let place = format!("{}/{}", series.flight, series.name);
+    let time = shot.stamp.as_ref().map(|s| s.utc.strftime("%Y-%m-%d %H:%M:%S UTC").to_string());
+    html! { li {
+        @if let Some(image) = &shot.image {
+            a href={ "/frames/" (place) "/" (image) } {
+                img loading="lazy" src={ "/thumb/" (place) "/" (image) ".svg" } alt={ "Shot " (shot.number) " with its markers" };
+            }
+        }
+        h3 { "Shot " (shot.number) }
+        p.soft { (time.unwrap_or_default()) }
+        p.warn[shot.image.is_none()] { (outcome(series, shot)) }
+        @if let Some(image) = &shot.image {
+            p { a href={ "/files/" (place) "/" (image) } download { (image) } }
+        }
+        @for failure in &shot.failures { p.warn { (failure) } }
+    } }
+}
+
+fn outcome(series: &SeriesData, shot: &ShotData) -> String {
+    match (shot.image.as_ref(), record(series, shot)) {
+        (None, _) => "no frame".to_owned(),
+        (_, None) => "not solved yet".to_owned(),
+        (_, Some(r)) if r.status == Status::Failed => r.reason.clone().unwrap_or_default(),
+        (_, Some(r)) => r.tip.as_ref().map_or("solved".to_owned(), |t| {
+            let (lift, sigma) = rounded(Some(t.lift_m), t.sigma_lift_m, 3);
+            format!("tip lift {lift} m, sigma {sigma} m")
+        }),
+    }
+}
+
+/// One frame, large, with its markers' table; `None` where the series has no such frame.
+pub fn frame(series: &SeriesData, image: &str) -> Option<Markup> {
+    let shot = series.shots.iter().find(|s| s.image.as_deref() == Some(image))?;
+    let place = format!("{}/{}", series.flight, series.name);
+    let trail = html! { (trail(&series.flight)) a href={ "/flights/" (place) } { "Series " (series.name) } };
+    let content = html! {
+        p { (outcome(series, shot)) }
+        img.frame src={ "/overlay/" (place) "/" (image) ".svg" } alt="The frame with its markers";
+        p { a href={ "/files/" (place) "/" (image) } download { (image) ", as the camera delivered it" } }
+        @if let Some(sha256) = &shot.sha256 { p.caption { "SHA-256 " code { (sha256) } } }
+        @if let Some(record) = record(series, shot).filter(|r| !r.markers.is_empty()) {
+            h2 { "Markers" }
+            div.scroll tabindex="0" { (table::markers(record).html()) }
+        }
+    };
+    Some(page(&format!("{} of {}", image, series.name), &trail, &content))
+}

@@ -1,0 +1,33 @@
+//! One JSON object per shot: when and where it was taken, and the whole record.
+
+use std::io::{self, Write};
+
+use serde_json::json;
+
+use super::super::SeriesData;
+
+/// Writes the shots of a series, those without a frame or result too (`record` is `null`).
+pub fn lines(output: &mut dyn Write, series: &SeriesData, store_id: Option<&str>) -> io::Result<()> {
+    for shot in &series.shots {
+        let record = series.records.iter().find(|r| Some(&r.image) == shot.image.as_ref());
+        let stamp = shot.stamp.as_ref();
+        let line = json!({
+            "recorder_id": store_id,
+            "flight": series.flight,
+            "series": series.name,
+            "shot": shot.number,
+            "image": shot.image,
+            "image_sha256": shot.sha256,
+            "utc": stamp.map(|s| s.utc),
+            "utc_synchronised": stamp.map(|s| s.utc_synchronised),
+            "boot_id": stamp.map(|s| &s.boot_id),
+            "since_boot_s": stamp.map(|s| s.since_boot_s),
+            "camera_failures": shot.failures,
+            "inputs": record.and(series.inputs.as_ref()),
+            "record": record,
+        });
+        serde_json::to_writer(&mut *output, &line)?;
+        output.write_all(b"\n")?;
+    }
+    Ok(())
+}

@@ -1,0 +1,107 @@
+//! Several flights on one page: lift against time of each.
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use super::super::grid::Grid;
+use super::super::number::rounded;
+use super::super::overview::{Line, Overview};
+use super::super::summary::{Mean, hours_between};
+use super::STYLE;
+use super::plot::{Axis, Plot, drawing, px, series_colour};
+
+const WIDTH: f64 = 1040.0;
+
+/// Hours since the flight's first series, and each series' mean.
+fn track(flight: &Overview) -> Vec<(f64, Mean)> {
+    let first = flight.series.iter().find_map(|line| line.begun.as_ref());
+    let hour = |(index, line): (usize, &Line)| {
+        let known = first.zip(line.begun.as_ref()).map(|(first, at)| hours_between(first, at));
+        Some((known.unwrap_or(index as f64), line.tip_lift_m?))
+    };
+    flight.series.iter().enumerate().filter_map(hour).collect()
+}
+
+/// The page; nothing in it comes from outside the file.
+pub fn flights(flights: &[Overview]) -> String {
+    let warnings = flights.iter().flat_map(|f| f.warning.iter().chain(&f.notes));
+    let markup = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width";
+                title { "Wing deflection: " (flights.len()) " flights" }
+                style { (PreEscaped(STYLE)) }
+            }
+            body { main {
+                header { h1 { "Wing deflection, flight by flight" } p.sub { (flights.len()) " flights" } }
+                @for warning in warnings { p.warning { (warning) } }
+                h2 { "Lift over time" }
+                figure {
+                    (lift(flights))
+                    p.caption { "Lift of the outermost marker, mean of each series; bands: 1 sigma of one frame. Each flight from its first series." }
+                }
+                h2 { "Flights" }
+                div.scroll { (table(flights).html()) }
+                footer { "Written by wingd " (env!("CARGO_PKG_VERSION")) ". Lengths in metres; sigma is one standard deviation." }
+            } }
+        }
+    };
+    markup.into_string()
+}
+
+fn lift(flights: &[Overview]) -> Markup {
+    let tracks: Vec<(usize, Vec<(f64, Mean)>)> =
+        flights.iter().map(track).enumerate().filter(|(_, track)| !track.is_empty()).collect();
+    let points = || tracks.iter().flat_map(|(_, track)| track);
+    let ends = |m: &Mean| [m.value - m.sigma.unwrap_or(0.0), m.value + m.sigma.unwrap_or(0.0)];
+    let height = 320.0_f64.max(14.0 * tracks.len() as f64);
+    let plot = Plot {
+        area: [64.0, 12.0, WIDTH - 64.0 - 120.0, height],
+        x: Axis::over(points().map(|p| p.0), "time since the flight's first series / h"),
+        y: Axis::over(points().flat_map(|p| ends(&p.1)), "lift of the tip marker / m"),
+    };
+    let content = html! {
+        (plot.frame())
+        @for (row, (index, track)) in tracks.iter().enumerate() {
+            @let colour = series_colour(*index, flights.len());
+            @let band: Vec<_> = track.iter().map(|(h, m)| (*h, m.value, m.sigma)).collect();
+            @let line: Vec<_> = track.iter().map(|(h, m)| (*h, m.value)).collect();
+            (plot.band(&band, &colour))
+            (plot.line(&line, &colour, false))
+            @let y = 24.0 + 14.0 * row as f64;
+            line.curve x1=(px(WIDTH - 112.0)) y1=(px(y)) x2=(px(WIDTH - 92.0)) y2=(px(y)) stroke=(colour) {}
+            text.name x=(px(WIDTH - 86.0)) y=(px(y + 4.0)) fill=(colour) { (flights.get(*index).map_or("", |f| f.flight.as_str())) }
+        }
+    };
+    drawing(WIDTH, height + 60.0, "Lift over time of each flight", &content)
+}
+
+fn table(flights: &[Overview]) -> Grid {
+    let mut grid = Grid::new(&[
+        "<flight",
+        "<begun (UTC)",
+        "series",
+        "frames",
+        "solved",
+        "greatest lift / m",
+        "sigma / m",
+        "<in series",
+    ]);
+    for f in flights {
+        let begun = f.series.iter().find_map(|line| line.begun.as_ref());
+        let greatest = f.greatest();
+        let (lift, sigma) = rounded(greatest.map(|g| g.1.value), greatest.and_then(|g| g.1.sigma), 3);
+        grid.push(vec![
+            f.flight.clone(),
+            begun.map_or("unknown".to_owned(), |b| b.utc.strftime("%Y-%m-%d %H:%M").to_string()),
+            f.series.len().to_string(),
+            f.sum(|line| line.frames).to_string(),
+            f.sum(|line| line.solved).to_string(),
+            lift,
+            sigma,
+            greatest.map_or(String::new(), |g| g.0.name.clone()),
+        ]);
+    }
+    grid
+}

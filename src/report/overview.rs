@@ -1,0 +1,168 @@
+//! A flight in a line per series, for pages that must cost little: of each result only its beginning is
+//! read, so that a thousand series take a moment and no memory to speak of.
+
+use serde_json::Value;
+
+use super::summary::Mean;
+use crate::clock::Stamp;
+use crate::store::manifest::{SeriesManifest, State};
+use crate::store::sets::{Gather, Sets};
+use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue, heads, layout};
+
+/// A series.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Line {
+    /// Its name.
+    pub name: String,
+    /// When it began, where that is known.
+    pub begun: Option<Stamp>,
+    /// A crash or a power cut ended it early.
+    pub interrupted: bool,
+    /// Shots that were wanted.
+    pub planned: usize,
+    /// Frames that are there.
+    pub frames: usize,
+    /// Their bytes.
+    pub bytes: u64,
+    /// Frames solved.
+    pub solved: usize,
+    /// Frames with a result that says why not.
+    pub failed: usize,
+    /// Lift of the outermost marker.
+    pub tip_lift_m: Option<Mean>,
+}
+
+impl Line {
+    /// What is not as it should be, in words; empty where all is there.
+    pub fn missing(&self) -> Vec<String> {
+        let mut all = Vec::new();
+        let mut say = |count: usize, what: &str| {
+            if count > 0 {
+                all.push(format!("{count} {what}"));
+            }
+        };
+        say(self.planned.saturating_sub(self.frames), "shots without a frame");
+        say(self.failed, "frames not solvable");
+        say(self.frames.saturating_sub(self.solved + self.failed), "frames not solved yet");
+        if self.interrupted {
+            all.push("interrupted".to_owned());
+        }
+        all
+    }
+}
+
+/// A flight.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Overview {
+    /// Its name.
+    pub flight: String,
+    /// Its series, in order.
+    pub series: Vec<Line>,
+    /// What could not be read.
+    pub notes: Vec<String>,
+    /// Results of other inputs than those that are shown.
+    pub warning: Option<String>,
+    /// The last frame's moment.
+    pub last_frame: Option<Stamp>,
+}
+
+impl Overview {
+    /// A sum over the series.
+    pub fn sum(&self, of: impl Fn(&Line) -> usize) -> usize {
+        self.series.iter().map(of).sum()
+    }
+
+    /// The series with the greatest tip lift.
+    pub fn greatest(&self) -> Option<(&Line, Mean)> {
+        let lifts = self.series.iter().filter_map(|line| Some((line, line.tip_lift_m?)));
+        lifts.max_by(|a, b| a.1.value.total_cmp(&b.1.value))
+    }
+
+    /// Bytes of frames an hour, over the last day of series; `None` before there are two.
+    pub fn bytes_per_hour(&self) -> Option<f64> {
+        let lines: Vec<&Line> = self.series.iter().rev().take(24).collect();
+        let (last, first) = (lines.first()?.begun.as_ref()?, lines.last()?.begun.as_ref()?);
+        let hours = super::summary::hours_between(first, last);
+        // The first of them stands for the time before it.
+        let bytes: u64 = lines.iter().rev().skip(1).map(|line| line.bytes).sum();
+        (hours > 0.0).then(|| bytes as f64 / hours)
+    }
+}
+
+/// What a head says of lift and success.
+struct Seen {
+    set: usize,
+    frame: String,
+    ok: bool,
+    lift_m: Option<(f64, Option<f64>)>,
+}
+
+/// Reads a flight. Damage in one place does not hide the rest: it is noted.
+pub fn flight(disk: &dyn Disk, flight: &FlightRef) -> Result<Overview, StoreError> {
+    let mut overview = Overview { flight: flight.id.clone(), ..Overview::default() };
+    let mut gather = Gather::default();
+    let mut all = Vec::new();
+    for series in catalogue::series(disk, flight)? {
+        match catalogue::manifest(disk, &series) {
+            Err(error) => overview.notes.push(error.to_string()),
+            Ok(manifest) => {
+                let seen = seen(disk, &series, &mut gather, &mut overview.notes);
+                let shots = manifest.shots.iter().rev().filter(|shot| shot.frame.is_some());
+                overview.last_frame = shots.map(|s| s.stamp.clone()).next().or(overview.last_frame);
+                all.push((line(manifest), seen));
+            }
+        }
+    }
+    let sets: Sets = gather.end();
+    let chosen = sets.chosen(None).map(|set| set.index());
+    overview.warning = sets.warning(&flight.id, None);
+    let counted = all.into_iter().map(|(line, seen)| with_results(line, &seen, chosen));
+    overview.series = counted.collect();
+    Ok(overview)
+}
+
+fn line(manifest: SeriesManifest) -> Line {
+    let begun = manifest.started.clone().or_else(|| manifest.shots.first().map(|s| s.stamp.clone()));
+    let frames = || manifest.shots.iter().filter_map(|shot| shot.frame.as_ref());
+    Line {
+        begun,
+        interrupted: manifest.state == State::Interrupted,
+        planned: manifest.planned_shots as usize,
+        frames: frames().count(),
+        bytes: frames().map(|frame| frame.bytes).sum(),
+        name: manifest.series,
+        ..Line::default()
+    }
+}
+
+fn seen(disk: &dyn Disk, series: &SeriesRef, gather: &mut Gather, notes: &mut Vec<String>) -> Vec<Seen> {
+    let path = series.folder.join(layout::RESULTS_FILE);
+    let bytes = match disk.read(&path) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Vec::new(),
+        Err(error) => {
+            notes.push(format!("{}: cannot be read: {error}", path.display()));
+            return Vec::new();
+        }
+    };
+    let heads = heads::parse(&bytes, &["status", "tip"]);
+    let sets = gather.add(&series.id, &heads);
+    let one = |(head, set): (heads::Head, usize)| {
+        let tip = head.record.get("tip");
+        let lift_m = tip.and_then(|t| t.get("lift_m")).and_then(Value::as_f64);
+        let sigma_m = tip.and_then(|t| t.get("sigma_lift_m")).and_then(Value::as_f64);
+        let ok = head.record.get("status").and_then(Value::as_str) == Some("ok");
+        Seen { set, frame: head.frame, ok, lift_m: lift_m.map(|lift_m| (lift_m, sigma_m)) }
+    };
+    heads.into_iter().zip(sets).map(one).collect()
+}
+
+fn with_results(line: Line, seen: &[Seen], chosen: Option<usize>) -> Line {
+    let mut latest = std::collections::BTreeMap::new();
+    for one in seen.iter().filter(|one| Some(one.set) == chosen) {
+        latest.insert(&one.frame, one);
+    }
+    let lifts: Vec<_> = latest.values().filter(|s| s.ok).filter_map(|s| s.lift_m).collect();
+    let solved = latest.values().filter(|s| s.ok).count();
+    Line { solved, failed: latest.len() - solved, tip_lift_m: Mean::of(&lifts), ..line }
+}

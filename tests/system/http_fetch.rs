@@ -1,0 +1,176 @@
+//! Promise: `wingd fetch` brings a flight whole over a line that breaks, and says so only when all is there.
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::path::Path;
+use std::process::{Command, Output};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rand::rngs::StdRng;
+use rand::{Rng, SeedableRng};
+use serde_json::Map;
+use wingd::http::access::Access;
+use wingd::store::verify::verify;
+use wingd::store::{Inputs, RealDisk, Store, StoreConfig};
+
+use super::http_pages::Server;
+use crate::common::report_store::{solved, store_with};
+
+const TOKEN: &str = "correct-horse-battery";
+
+fn fetch(url: &str, to: &Path, more: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_wingd")).arg("fetch").arg(url).arg(to).args(more).output().unwrap()
+}
+
+fn text(output: &Output) -> String {
+    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+}
+
+/// Hands connections on and cuts each off after some bytes, `cuts` times; returns its address.
+fn line_that_breaks(to: SocketAddr, cuts: usize) -> (SocketAddr, Arc<AtomicUsize>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let broken = Arc::new(AtomicUsize::new(0));
+    let count = broken.clone();
+    std::thread::spawn(move || {
+        let mut random = StdRng::seed_from_u64(30);
+        for stream in listener.incoming().map_while(Result::ok) {
+            let cut = count.load(Ordering::Relaxed) < cuts;
+            // More than a listing, less than a flight.
+            let limit = if cut { random.random_range(60_000..120_000) } else { usize::MAX };
+            count.fetch_add(usize::from(cut), Ordering::Relaxed);
+            std::thread::spawn(move || pass_on(stream, TcpStream::connect(to).unwrap(), limit));
+        }
+    });
+    (address, broken)
+}
+
+fn pass_on(client: TcpStream, server: TcpStream, mut left: usize) {
+    let (mut from, mut to) = (client.try_clone().unwrap(), server.try_clone().unwrap());
+    std::thread::spawn(move || {
+        let _ = std::io::copy(&mut from, &mut to);
+    });
+    let (mut server, mut client) = (server, client);
+    let mut buffer = [0; 4096];
+    while left > 0 {
+        match server.read(&mut buffer) {
+            Ok(count) if count > 0 => {
+                let count = count.min(left);
+                if client.write_all(&buffer[..count]).is_err() {
+                    break;
+                }
+                left -= count;
+            }
+            _ => break,
+        }
+    }
+    let _ = client.shutdown(std::net::Shutdown::Both);
+    let _ = server.shutdown(std::net::Shutdown::Both);
+}
+
+#[test]
+fn a_flight_comes_whole_over_a_line_that_breaks_thirty_times() {
+    let six = |lift_m: f64| std::array::from_fn::<_, 6, _>(|_| solved(lift_m, 0.006));
+    let all: Vec<[serde_json::Value; 6]> = (0..60).map(|k| six(2.0 + f64::from(k) / 100.0)).collect();
+    let series: Vec<&[serde_json::Value]> = all.iter().map(|s| &s[..]).collect();
+    let store = store_with(&series);
+    let server = Server::start(store.path());
+    let (address, broken) = line_that_breaks(server.address, 30);
+    let to = tempfile::tempdir().unwrap();
+    let url = format!("http://{address}");
+    let mut last = fetch(&url, to.path(), &[]);
+    for _ in 0..40 {
+        if last.status.success() {
+            break;
+        }
+        last = fetch(&url, to.path(), &[]);
+    }
+    assert_eq!(last.status.code(), Some(0), "{}", text(&last));
+    assert!(broken.load(Ordering::Relaxed) >= 30, "the line broke {broken:?} times");
+    let (here, there) = (store.path().join("flights"), to.path().join("flights"));
+    let same = Command::new("diff").arg("-r").arg(here).arg(there).status().unwrap();
+    assert!(same.success());
+    assert_eq!(verify(&RealDisk, to.path()).frames, 360);
+    // Repeated: nothing is fetched again, later results are brought.
+    add_results(store.path());
+    let again = fetch(&url, to.path(), &["--flight", "f0001"]);
+    assert_eq!(again.status.code(), Some(0), "{}", text(&again));
+    assert_eq!(verify(&RealDisk, to.path()).results, 720);
+}
+
+/// All frames with other inputs.
+fn add_results(root: &Path) {
+    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(root) };
+    let (store, _) = Store::open(Arc::new(RealDisk), config).unwrap();
+    let inputs = Inputs::new(Map::from_iter([("program".to_owned(), "another".into())]));
+    loop {
+        let frames = store.unsolved(&inputs).unwrap();
+        if frames.is_empty() {
+            break;
+        }
+        for frame in frames {
+            assert!(store.add_result(&frame, &inputs, solved(2.8, 0.006)).unwrap());
+        }
+    }
+    store.seal();
+}
+
+#[test]
+fn what_does_not_come_whole_is_no_store_and_no_success() {
+    let store = store_with(&[&[solved(2.9, 0.006), solved(2.8, 0.006)]]);
+    // A frame of the right length and other bytes: the page cannot know, the receiver does.
+    let frame = store.path().join("flights/f0001/s000001/0002.jpg");
+    let mut bytes = std::fs::read(&frame).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    std::fs::write(&frame, bytes).unwrap();
+    let server = Server::start(store.path());
+    let to = tempfile::tempdir().unwrap();
+    let output = fetch(&format!("http://{}", server.address), to.path(), &[]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output));
+    assert!(
+        text(&output).contains("0002.jpg") && !to.path().join("store.toml").exists(),
+        "{}",
+        text(&output)
+    );
+    let nobody = fetch(&format!("http://{}", server.address), to.path(), &["--flight", "f0009"]);
+    assert!(nobody.status.code() == Some(1) && text(&nobody).contains("no such flight"), "{}", text(&nobody));
+}
+
+fn over_tls(store: &Path) -> Server {
+    let file = |name: &str| Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/tls").join(name);
+    let tls = wingd::http::tls::server(&file("certificate.pem"), &file("key.pem")).unwrap();
+    Server::guarded(store, Access::new(Some(TOKEN), vec![]).over_tls(Some(tls)))
+}
+
+#[test]
+#[cfg(feature = "tls")]
+fn it_comes_over_tls_with_the_right_certificate_and_token_only() {
+    let store = store_with(&[&[solved(2.9, 0.006)]]);
+    let server = over_tls(store.path());
+    let (to, dir) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let certificate = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/tls/certificate.pem");
+    let certificate = certificate.to_str().unwrap();
+    let token = dir.path().join("token");
+    std::fs::write(&token, TOKEN).unwrap();
+    let token = token.to_str().unwrap();
+    let url = format!("https://localhost:{}", server.address.port());
+    let refused = fetch(&url, to.path(), &["--certificate", certificate]);
+    assert!(refused.status.code() == Some(1) && text(&refused).contains("401"), "{}", text(&refused));
+    let unknown = fetch(&url, to.path(), &["--token-file", token]);
+    assert!(
+        unknown.status.code() == Some(1) && text(&unknown).contains("--certificate"),
+        "{}",
+        text(&unknown)
+    );
+    let plain = format!("http://localhost:{}", server.address.port());
+    assert_eq!(
+        fetch(&plain, to.path(), &["--token-file", token]).status.code(),
+        Some(1),
+        "no plain text there"
+    );
+    let done = fetch(&url, to.path(), &["--certificate", certificate, "--token", token]);
+    assert_eq!(done.status.code(), Some(0), "{}", text(&done));
+    assert!(!text(&done).contains(TOKEN));
+}

@@ -1,0 +1,120 @@
+//! Promise: a store can be solved again years later, beside its old results, and the two are never mixed.
+
+use std::path::Path;
+use std::process::{Command, Output};
+use std::sync::Arc;
+
+use serde_json::{Map, Value};
+use wingd::report::source::{self, Choice};
+use wingd::store::verify::verify;
+use wingd::store::{Inputs, RealDisk, Store, StoreConfig, catalogue};
+
+use crate::common::report_store::{solved, store_with};
+
+fn wingd(arguments: &[&str], dir: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).current_dir(dir).output().unwrap()
+}
+
+fn text(output: &Output) -> String {
+    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+}
+
+#[test]
+fn the_demonstrations_store_is_solved_again_compared_and_told_apart() {
+    let dir = tempfile::tempdir().unwrap();
+    let demo = wingd(&["demo", "--output", "demo"], dir.path());
+    assert!(demo.status.success(), "{}", text(&demo));
+    // Nothing but the store is at hand: the installation is the one that it keeps.
+    let alone =
+        Command::new("sh").args(["-c", "mv demo/store store && rm -r demo"]).current_dir(dir.path()).status();
+    assert!(alone.unwrap().success());
+    let same = wingd(&["solve", "store"], dir.path());
+    assert!(
+        same.status.success() && text(&same).contains("result of these inputs already"),
+        "{}",
+        text(&same)
+    );
+    let again = wingd(&["solve", "store", "--flight", "f0001", "--method", "profile", "--json"], dir.path());
+    assert!(again.status.success(), "{}", text(&again));
+    let lines: Vec<Value> =
+        String::from_utf8_lossy(&again.stdout).lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    assert_eq!((lines.len(), &lines[0]["image"]), (10, &"s000001/0001.jpg".into()));
+    let report = verify(&RealDisk, &dir.path().join("store"));
+    assert!(report.is_sound() && report.results == 20, "{report:#?}");
+    assert!(report.notes.iter().any(|n| n.contains("results of 2 inputs")), "{:?}", report.notes);
+    let together = wingd(&["solve", "store", "--together"], dir.path());
+    assert!(
+        together.status.success() && text(&together).contains("results of 3 inputs"),
+        "{}",
+        text(&together)
+    );
+    // The newest whole solve is shown, alone.
+    let data = source::flight(&dir.path().join("store"), Choice::default(), None).unwrap();
+    let records = || data.series.iter().flat_map(|s| &s.records);
+    assert!(records().count() == 10 && records().all(|r| r.flight));
+    assert!(data.warnings[0].contains("results of 3 inputs"));
+    let page = wingd(&["report", "store"], dir.path());
+    assert!(page.status.success() && text(&page).contains("results of 3 inputs"), "{}", text(&page));
+    let html = std::fs::read_to_string(dir.path().join("report.html")).unwrap();
+    assert!(html.contains("results of 3 inputs"));
+    let table = wingd(&["export", "store", "--format", "csv"], dir.path());
+    assert!(table.status.success() && text(&table).contains("results of 3 inputs"), "{}", text(&table));
+    let mut csv = csv::Reader::from_reader(&table.stdout[..]);
+    let inputs = csv.headers().unwrap().iter().position(|h| h == "inputs").unwrap();
+    let keys: std::collections::BTreeSet<String> =
+        csv.records().map(|r| r.unwrap()[inputs].to_owned()).collect();
+    assert_eq!(keys.len(), 1, "one solve in one table");
+    let compared = wingd(&["compare", "store"], dir.path());
+    assert!(
+        compared.status.success() && text(&compared).contains("10 frames with a tip lift"),
+        "{}",
+        text(&compared)
+    );
+    let lines = wingd(&["compare", "store", "--json"], dir.path());
+    let first: Value =
+        serde_json::from_str(String::from_utf8_lossy(&lines.stdout).lines().next().unwrap()).unwrap();
+    assert!(first["change_m"].as_f64().unwrap().abs() < 0.5 && first["sigma_m"].is_f64(), "{first}");
+    let missing = wingd(&["solve", "store", "--flight", "f0009"], dir.path());
+    assert!(
+        missing.status.code() == Some(1) && text(&missing).contains("no flight f0009"),
+        "{}",
+        text(&missing)
+    );
+}
+
+/// A solve that was broken off after `done` of the frames.
+fn broken_off(root: &Path, done: usize) {
+    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(root) };
+    let (store, _) = Store::open(Arc::new(RealDisk), config).unwrap();
+    let inputs = Inputs::new(Map::from_iter([("program".to_owned(), "another".into())]));
+    let flight = catalogue::flights(&RealDisk, root).unwrap().remove(0);
+    for frame in store.unsolved_of(&flight, &inputs).unwrap().iter().take(done) {
+        assert!(store.add_result(frame, &inputs, solved(9.9, 0.006)).unwrap());
+    }
+    store.seal();
+}
+
+#[test]
+fn a_solve_that_was_broken_off_changes_no_figure() {
+    let store = store_with(&[&[solved(2.9, 0.006), solved(2.8, 0.006)], &[solved(2.1, 0.006)]]);
+    broken_off(store.path(), 2);
+    let lifts = |choice: Choice| {
+        let data = source::flight(store.path(), choice, None).unwrap();
+        let tips =
+            data.series.iter().flat_map(|s| &s.records).filter_map(|r| r.tip.as_ref()).map(|t| t.lift_m);
+        (tips.collect::<Vec<f64>>(), data.warnings)
+    };
+    let (shown, warnings) = lifts(Choice::default());
+    assert_eq!(shown, [2.9, 2.8, 2.1]);
+    assert!(warnings[0].contains("results of 2 inputs"), "{warnings:?}");
+    broken_off(store.path(), 1);
+    let (shown, warnings) = lifts(Choice::default());
+    assert_eq!(shown, [9.9; 3], "now it is whole");
+    let key = warnings[0].split("inputs, ").nth(1).unwrap().split(' ').next().unwrap();
+    assert_eq!(
+        lifts(Choice { flight: None, inputs: Some(key) }).0,
+        [2.9, 2.8, 2.1],
+        "and the old one is there still"
+    );
+    assert!(source::flight(store.path(), Choice { flight: None, inputs: Some("zz") }, None).is_err());
+}

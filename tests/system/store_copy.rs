@@ -1,0 +1,259 @@
+//! Promise: a copy is whole or is no store, whatever breaks it off; only what is provably copied is deleted.
+
+use std::path::Path;
+use std::process::{Command, Output};
+use std::sync::Arc;
+
+use serde_json::{Map, json};
+use wingd::store::bundle::{self, Content};
+use wingd::store::fake::{FakeDisk, Fault, files};
+use wingd::store::manifest::{Cause, Shot, State};
+use wingd::store::prune::Proof;
+use wingd::store::receive::{Listing, Receiver};
+use wingd::store::verify::verify;
+use wingd::store::{Disk, Inputs, NewFrame, Plan, RealDisk, Store, StoreConfig, StoreError, catalogue};
+
+use crate::common::report_store::stamp;
+
+const FROM: &str = "from";
+const TO: &str = "to";
+
+fn open(disk: Arc<dyn Disk>, root: &Path) -> Result<Store, StoreError> {
+    Store::open(disk, StoreConfig { reserve_mb: 0, ..StoreConfig::at(root) }).map(|(store, _)| store)
+}
+
+/// `wanted` flights of two series of two frames each, solved.
+fn fill(store: &Store, wanted: u64) {
+    let inputs = Inputs::new(Map::from_iter([("program".to_owned(), "test".into())]));
+    let done = catalogue::flights(store.disk(), store.root()).unwrap().len() as u64;
+    for n in 2 * done..2 * wanted {
+        if n.is_multiple_of(2) {
+            store.want_new_flight();
+        }
+        let plan = Plan { cause: Cause::Scheduled, shots: 2 };
+        let (mut series, _) = store.begin_series(plan, &stamp(100 * n)).unwrap();
+        for shot in 1..=2_u32 {
+            let bytes = format!("frame {shot} of {n} ").repeat(9).into_bytes();
+            let stamp = stamp(100 * n + u64::from(shot));
+            let shot = Shot { shot, stamp, duration_s: None, frame: None, failures: Vec::new() };
+            let frame =
+                NewFrame { bytes: &bytes, extension: "jpg", format: json!("jpeg"), settings: Map::new() };
+            series.add_shot(shot, Some(frame)).unwrap();
+        }
+        store.close_series(series, State::Complete, &stamp(100 * n + 9), Vec::new()).unwrap();
+        for frame in store.unsolved(&inputs).unwrap() {
+            assert!(store.add_result(&frame, &inputs, json!({"lift_m": 2.74})).unwrap());
+        }
+        store.seal();
+    }
+}
+
+/// As `wingd copy` does it.
+fn copy(disk: &dyn Disk) -> Result<bool, StoreError> {
+    let receiver = Receiver::open(disk, Path::new(TO))?;
+    for flight in catalogue::flights(disk, Path::new(FROM))? {
+        let bundle = bundle::flight(disk, Path::new(FROM), &flight)?;
+        let listing = Listing::of(&flight.id, &bundle);
+        receiver.prepare(&listing)?;
+        let missing = receiver.missing(&listing, false);
+        for (item, listed) in bundle.items.iter().zip(&listing.items).filter(|(_, l)| missing.contains(l)) {
+            let bytes = match &item.content {
+                Content::Bytes(bytes) => bytes.clone(),
+                Content::File(path) => disk.read(path).map_err(|source| StoreError::Io {
+                    path: path.clone(),
+                    doing: "read",
+                    source,
+                })?,
+            };
+            receiver.accept(listed, &bytes)?;
+        }
+        receiver.commit(&listing)?;
+    }
+    Ok(receiver.finish()?.is_sound())
+}
+
+fn no_half_store(disk: &dyn Disk, when: &str) {
+    if disk.exists(&Path::new(TO).join("store.toml")) {
+        let report = verify(disk, Path::new(TO));
+        assert!(report.is_sound(), "{when}: {:#?}", report.faults);
+    }
+}
+
+/// A fault at every step of a copy; then the power comes back and the copy is made again.
+fn copy_with_faults(before: impl Fn(&Arc<FakeDisk>), fault: fn(u64) -> Fault) {
+    for step in 1.. {
+        let disk = Arc::new(FakeDisk::new(step, Vec::new()));
+        before(&disk);
+        let from = disk.steps();
+        disk.set_faults(vec![fault(from + step)]);
+        let outcome = copy(disk.as_ref());
+        let whole = disk.steps() < from + step;
+        let disk = disk.power_up(Vec::new());
+        no_half_store(&disk, &format!("step {step}"));
+        assert!(copy(&disk).unwrap(), "step {step}: repeated");
+        let report = verify(&disk, Path::new(TO));
+        assert!(report.is_sound() && report.frames == 8 && report.results == 8, "step {step}: {report:#?}");
+        if whole {
+            assert!(outcome.unwrap() && step > 60, "the last step of a copy that met no fault: {step}");
+            return;
+        }
+    }
+}
+
+#[test]
+fn a_copy_survives_a_power_cut_at_every_step() {
+    copy_with_faults(|disk| fill(&open(disk.clone(), Path::new(FROM)).unwrap(), 2), Fault::PowerCut);
+}
+
+#[test]
+fn a_copy_survives_a_failed_call_at_every_step() {
+    copy_with_faults(|disk| fill(&open(disk.clone(), Path::new(FROM)).unwrap(), 2), Fault::Error);
+}
+
+/// The first flight has been copied before it was solved anew; the second came since.
+#[test]
+fn a_copy_that_is_brought_up_survives_a_power_cut_at_every_step() {
+    let before = |disk: &Arc<FakeDisk>| {
+        let store = open(disk.clone(), Path::new(FROM)).unwrap();
+        fill(&store, 1);
+        assert!(copy(disk.as_ref()).unwrap());
+        fill(&store, 2);
+    };
+    copy_with_faults(before, Fault::PowerCut);
+}
+
+#[test]
+fn a_flight_is_pruned_whole_or_stays_whatever_breaks_it_off() {
+    for step in 1.. {
+        let disk = Arc::new(FakeDisk::new(step, Vec::new()));
+        fill(&open(disk.clone(), Path::new(FROM)).unwrap(), 2);
+        assert!(copy(disk.as_ref()).unwrap());
+        let store = open(disk.clone(), Path::new(FROM)).unwrap();
+        let flight = catalogue::flights(disk.as_ref(), Path::new(FROM)).unwrap().remove(0);
+        let from = disk.steps();
+        disk.set_faults(vec![Fault::PowerCut(from + step)]);
+        let pruned = store.prune(&flight, Path::new(TO));
+        drop(store);
+        let whole = disk.steps() < from + step;
+        let disk = Arc::new(disk.power_up(Vec::new()));
+        assert!(verify(disk.as_ref(), Path::new(TO)).is_sound());
+        let store = open(disk.clone(), Path::new(FROM)).unwrap();
+        let report = verify(disk.as_ref(), Path::new(FROM));
+        assert!(report.is_sound(), "step {step}: {:#?}", report.faults);
+        assert!([4, 8].contains(&report.frames), "a flight is there whole or not at all");
+        if disk.exists(&flight.folder) {
+            assert!(matches!(store.prune(&flight, Path::new(TO)).unwrap(), Proof::Copied { .. }));
+        }
+        store.sweep().unwrap();
+        assert_eq!(files(disk.as_ref(), &Path::new(FROM).join("pruned")).len(), 0);
+        assert_eq!(verify(disk.as_ref(), Path::new(FROM)).frames, 4);
+        if whole {
+            assert!(matches!(pruned.unwrap(), Proof::Copied { .. }) && step > 10, "{step}");
+            return;
+        }
+    }
+}
+
+fn wingd(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).output().unwrap()
+}
+
+fn text(output: &Output) -> String {
+    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+}
+
+/// A store of three flights and the place of its copy.
+fn real() -> (tempfile::TempDir, String, String) {
+    let dir = tempfile::tempdir().unwrap();
+    let (from, to) = (dir.path().join(FROM), dir.path().join(TO));
+    fill(&open(Arc::new(RealDisk), &from).unwrap(), 3);
+    let text = |path: &Path| path.to_str().unwrap().to_owned();
+    let (from, to) = (text(&from), text(&to));
+    (dir, from, to)
+}
+
+#[test]
+fn the_commands_copy_prune_and_say_what_they_freed() {
+    let (_dir, from, to) = real();
+    let copied = wingd(&["copy", &from, &to]);
+    assert_eq!(copied.status.code(), Some(0), "{}", text(&copied));
+    assert!(text(&copied).contains("whole and sound") && text(&copied).contains("3 flights"));
+    let dry = wingd(&["prune", &from, "--verified-copy", &to, "--dry-run"]);
+    assert_eq!(dry.status.code(), Some(0), "{}", text(&dry));
+    assert!(
+        text(&dry).contains("f0001  would be deleted") && !text(&dry).contains("f0003"),
+        "{}",
+        text(&dry)
+    );
+    assert_eq!(verify(&RealDisk, Path::new(&from)).flights, 3, "a dry run deletes nothing");
+    let pruned = wingd(&["prune", &from, "--verified-copy", &to]);
+    assert_eq!(pruned.status.code(), Some(0), "{}", text(&pruned));
+    assert!(text(&pruned).contains("f0002  deleted"), "{}", text(&pruned));
+    let report = verify(&RealDisk, Path::new(&from));
+    assert!(report.is_sound() && report.flights == 1, "{report:#?}");
+    assert!(report.notes.iter().any(|note| note.contains("f0001 was pruned")), "{:?}", report.notes);
+    assert!(!report.notes.iter().any(|note| note.contains("lost")), "{:?}", report.notes);
+    // The copy keeps all, also when it is made again from what is left.
+    assert_eq!(wingd(&["copy", &from, &to]).status.code(), Some(0));
+    assert_eq!(verify(&RealDisk, Path::new(&to)).flights, 3);
+}
+
+#[test]
+fn what_is_not_provably_copied_stays() {
+    type Damage = (&'static str, fn(&Path));
+    let damage: [Damage; 5] = [
+        ("missing, older", |to| {
+            assert!(Command::new("rm").arg("-r").arg(to.join("flights/f0001")).status().unwrap().success());
+        }),
+        ("not sound", |to| std::fs::write(to.join("flights/f0001/s000001/0001.jpg"), "x").unwrap()),
+        ("not sound", |to| std::fs::remove_file(to.join("flights/f0001/s000002/0002.jpg")).unwrap()),
+        ("missing, older", |to| std::fs::write(to.join("flights/f0001/SHA256SUMS"), "x").unwrap()),
+        ("none of this store", |to| {
+            let path = to.join("store.toml");
+            let text = std::fs::read_to_string(&path).unwrap();
+            std::fs::write(path, text.replace("id = \"", "id = \"00")).unwrap();
+        }),
+    ];
+    for (why, damage) in damage {
+        let (_dir, from, to) = real();
+        assert_eq!(wingd(&["copy", &from, &to]).status.code(), Some(0));
+        damage(Path::new(&to));
+        let pruned = wingd(&["prune", &from, "--verified-copy", &to, "--flight", "f0001"]);
+        assert_eq!(pruned.status.code(), Some(1), "{}", text(&pruned));
+        assert!(text(&pruned).contains("stays") && text(&pruned).contains(why), "{why}: {}", text(&pruned));
+        assert_eq!(verify(&RealDisk, Path::new(&from)).flights, 3);
+    }
+    let (_dir, from, _) = real();
+    let own = wingd(&["prune", &from, "--verified-copy", &from]);
+    assert_eq!(own.status.code(), Some(1), "{}", text(&own));
+    assert!(text(&own).contains("the store itself"), "{}", text(&own));
+}
+
+#[test]
+fn a_damaged_copy_is_mended_and_a_foreign_or_changed_one_refused() {
+    let (_dir, from, to) = real();
+    assert_eq!(wingd(&["copy", &from, &to]).status.code(), Some(0));
+    let frame = Path::new(&to).join("flights/f0001/s000001/0001.jpg");
+    let mut bytes = std::fs::read(&frame).unwrap();
+    bytes[3] ^= 1;
+    std::fs::write(&frame, bytes).unwrap();
+    let mended = wingd(&["copy", &from, &to]);
+    assert_eq!(mended.status.code(), Some(0), "{}", text(&mended));
+    let (_other_dir, other, _) = real();
+    let foreign = wingd(&["copy", &other, &to]);
+    assert_eq!(foreign.status.code(), Some(1));
+    assert!(text(&foreign).contains("another store"), "{}", text(&foreign));
+    let copy = open(Arc::new(RealDisk), Path::new(&to)).unwrap();
+    let inputs = Inputs::new(Map::from_iter([("program".to_owned(), "mine".into())]));
+    let flight = catalogue::flights(&RealDisk, Path::new(&to)).unwrap().remove(0);
+    for frame in copy.unsolved_of(&flight, &inputs).unwrap() {
+        copy.add_result(&frame, &inputs, json!({})).unwrap();
+    }
+    drop(copy);
+    let changed = wingd(&["copy", &from, &to]);
+    assert_eq!(changed.status.code(), Some(1));
+    assert!(text(&changed).contains("not written over"), "{}", text(&changed));
+    let not_empty = tempfile::tempdir().unwrap();
+    std::fs::write(not_empty.path().join("thesis.txt"), "x").unwrap();
+    assert_eq!(wingd(&["copy", &from, not_empty.path().to_str().unwrap()]).status.code(), Some(1));
+}

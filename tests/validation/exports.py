@@ -1,0 +1,79 @@
+#!/usr/bin/env python3
+"""Reads every export of a store back with the readers of the field.
+
+    pip install pandas pyarrow polars duckdb pyvista meshio
+    tests/validation/exports.py target/release/wingd STORE
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import duckdb
+import meshio
+import numpy as np
+import pandas as pd
+import polars as pl
+import pyarrow.parquet as pq
+import pyvista
+
+
+def main(wingd, store):
+    work = Path(tempfile.mkdtemp())
+    run = lambda *more: subprocess.run([wingd, "export", store, *more], check=True, capture_output=True, text=True).stdout
+    truth = [json.loads(line) for line in run("--format", "jsonl").splitlines()]
+    solved = [line for line in truth if line["record"] and line["record"]["status"] == "ok"]
+    lifts = sorted(line["record"]["tip"]["lift_m"] for line in solved)
+    rows = {"markers": sum(max(1, len(line["record"]["markers"])) for line in truth if line["record"]),
+            "span": sum(len(line["record"]["curve"]) for line in solved), "shots": len(truth)}
+    for table in ["markers", "span", "parameters", "shots"]:
+        file = work / f"{table}.parquet"
+        run("--format", "parquet", "--table", table, "--output", str(file))
+        csv = work / f"{table}.csv"
+        run("--format", "csv", "--table", table, "--output", str(csv))
+        frame, polar, text = pd.read_parquet(file), pl.read_parquet(file), pd.read_csv(csv, parse_dates=["utc"])
+        duck = duckdb.sql(f"select count(*), min(utc), count(distinct recorder_id) from '{file}'").fetchall()[0]
+        assert len(frame) == len(polar) == len(text) == duck[0] == rows.get(table, len(frame)), table
+        assert str(frame["utc"].dt.tz) == "UTC" and str(text["utc"].dt.tz) == "UTC"
+        assert polar["utc"].dtype == pl.Datetime("us", "UTC") and duck[1].tzinfo is not None and duck[2] == 1
+        assert (frame["utc"].iloc[0] == pd.Timestamp(truth[0]["utc"])) and duck[1].timestamp() == frame["utc"].min().timestamp()
+        assert list(text.columns) == list(frame.columns) == polar.columns
+        for column in frame.select_dtypes("float"):
+            assert np.allclose(frame[column], text[column], equal_nan=True, rtol=1e-15), column
+        notes = pq.read_metadata(file).metadata
+        assert notes[b"recorder_id"].decode() == truth[0]["recorder_id"]
+        key = frame["inputs"].dropna().iloc[0]
+        assert b"inputs " + key.encode() in notes, "what the results follow from"
+        print(f"{table}: {len(frame)} rows x {len(frame.columns)} columns, equal in pandas {pd.__version__}, "
+              f"polars {pl.__version__}, DuckDB {duckdb.__version__} and CSV")
+    shots = pd.read_parquet(work / "shots.parquet")
+    assert np.allclose(sorted(shots["tip_lift_m"].dropna()), lifts)
+
+    folder = work / "vtk"
+    run("--format", "vtk", "--output", str(folder))
+    frames = sorted(folder.glob("f*/*.vtp"))
+    assert len(frames) == len(solved)
+    ground = pyvista.read(sorted(folder.glob("*-ground.vtp"))[0])
+    places = dict(zip(ground["marker"], ground.points))
+    for line in solved:
+        stem = line["image"].split(".")[0]
+        mesh = pyvista.read(folder / line["flight"] / f"{line['series']}-{stem}.vtp")
+        markers = [m for m in line["record"]["markers"] if "position_m" in m and m["position_m"]]
+        assert np.allclose(mesh.points, [m["position_m"] for m in markers])
+        assert list(mesh["marker"]) == [m["id"] for m in markers] and mesh.n_verts == len(markers)
+        wanted = np.array([np.array(m["position_m"]) - places[m["id"]] for m in markers])
+        assert np.allclose(mesh["displacement_m"], wanted, atol=1e-6)
+    reader = pyvista.get_reader(sorted(folder.glob("*.pvd"))[0])
+    assert len(reader.time_values) == len(frames) and reader.time_values[0] == 0.0
+    for file in sorted(folder.glob("*.vtu")):
+        mesh, grid = meshio.read(file), pyvista.read(file)
+        assert np.allclose(mesh.points, grid.points)
+        assert np.allclose(mesh.point_data["lift_m"], grid["lift_m"], equal_nan=True)
+        assert np.allclose(mesh.point_data["displacement_m"], grid["displacement_m"], equal_nan=True)
+    print(f"{len(frames)} .vtp, 1 .pvd, ground and displacement vectors by pyvista {pyvista.__version__}; "
+          f"{len(list(folder.glob('*.vtu')))} .vtu by meshio {meshio.__version__} too")
+
+
+main(sys.argv[1], sys.argv[2])

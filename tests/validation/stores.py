@@ -1,0 +1,86 @@
+"""Large stores from bundled frames, written as plain files of format 1 and upgraded by `wingd verify --upgrade`."""
+
+import datetime
+import hashlib
+import json
+import subprocess
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+BEGUN = datetime.datetime(2026, 3, 1, 8, tzinfo=datetime.timezone.utc)
+
+
+def sha256(data):
+    return hashlib.sha256(data).hexdigest()
+
+
+def canonical(value):
+    """JSON with sorted keys, as docs/store.md's `inputs` are hashed over."""
+    if isinstance(value, dict):
+        return "{" + "".join(f"{json.dumps(k)}:{canonical(v)}," for k, v in sorted(value.items())) + "}"
+    if isinstance(value, list):
+        return "[" + "".join(canonical(v) + "," for v in value) + "]"
+    return json.dumps(value)
+
+
+def stamp(second):
+    utc = (BEGUN + datetime.timedelta(seconds=second)).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return {"utc": utc, "utc_synchronised": True, "boot_id": "boot", "since_boot_s": float(second)}
+
+
+def result(frame, digest, template, lift_m):
+    record = json.loads(json.dumps(template["record"]))
+    record["image"] = frame
+    record["tip"]["lift_m"] = lift_m
+    inputs = sha256(f"{digest}\n{canonical(template['provenance'])}".encode())
+    return {"frame": frame, "frame_sha256": digest, "inputs": inputs,
+            "provenance": template["provenance"], "record": record}
+
+
+def make(wingd, root, series, shots, frames, template=None, installation=None):
+    """A store of one flight: `series` of `shots`, frames in turn, each unlike the others by bytes after its end."""
+    root = Path(root)
+    flight = root / "flights/f0001"
+    flight.mkdir(parents=True)
+    for name in ["incoming", "partial"]:
+        (root / name).mkdir()
+    (root / "store.toml").write_text("format = 1\n")
+    (root / "counter.json").write_text(json.dumps({"next_flight": 2, "next_series": series + 1}) + "\n")
+    (flight / "flight.json").write_text(
+        json.dumps({"flight": "f0001", "started": stamp(0), "because": "first series of the store"}))
+    for number in range(1, series + 1):
+        name = f"s{number:06}"
+        folder = flight / name
+        folder.mkdir()
+        begun = 600 * number
+        taken, lines = [], []
+        for shot in range(1, shots + 1):
+            data = frames[(number * shots + shot) % len(frames)] + f"{number} {shot}".encode()
+            file = f"{shot:04}.jpg"
+            (folder / file).write_bytes(data)
+            entry = {"file": file, "sha256": sha256(data), "bytes": len(data), "format": {"kind": "jpeg"}}
+            taken.append({"shot": shot, "stamp": stamp(begun + 2 * shot), "duration_s": 0.4, "frame": entry})
+            if template:
+                lines.append(json.dumps(result(file, entry["sha256"], template, 2.5 + 0.4 * (number % 50) / 50)))
+        manifest = {"format": 1, "series": name, "flight": "f0001", "state": "complete", "cause": "scheduled",
+                    "started": stamp(begun), "ended": stamp(begun + 2 * shots + 2), "planned_shots": shots,
+                    "camera": {"name": "bundled"}, "shots": taken}
+        (folder / "series.json").write_text(json.dumps(manifest, indent=2))
+        if lines:
+            (folder / "results.jsonl").write_text("".join(line + "\n" for line in lines))
+    command = [wingd, "verify", "--upgrade"] + (["--installation", installation] if installation else [])
+    subprocess.run(command + [root], check=True, stdout=subprocess.DEVNULL)
+    return root
+
+
+def bundled_frames():
+    return [p.read_bytes() for p in sorted((REPOSITORY / "fixtures/dev/frames").glob("flight-*.jpg"))]
+
+
+def demo(wingd, work):
+    """A store of the demonstration and a result of it to copy."""
+    subprocess.run([wingd, "demo", "--output", work / "demo"], check=True,
+                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    store = work / "demo/store"
+    lines = (store / "flights/f0001/s000003/results.jsonl").read_text().splitlines()
+    return store, json.loads(lines[0])
