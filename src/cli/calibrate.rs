@@ -1,10 +1,10 @@
 //! `wingd calibrate`: interior orientation from pictures of a board.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::{Done, Failure, frames, print};
-use crate::installation::{self, CalibrationReport};
-use crate::measure::calibrate::{self, Board, Calibration, Verdict, View};
+use crate::installation::{self, CalibrationReport, PictureCorners};
+use crate::measure::calibrate::{self, Board, Calibration, Misfit, Verdict, View};
 use crate::pipeline::decode;
 
 /// Interior orientation from pictures of a board.
@@ -22,8 +22,11 @@ pub struct Args {
     /// Images worked on at once [default: the cores]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     jobs: usize,
+    /// With pictures: writes their corners to this file. Without: reads them from it
+    #[arg(long, value_name = "FILE.csv")]
+    corners: Option<PathBuf>,
     /// Pictures of the board in different attitudes, up to the corners of the image
-    #[arg(required = true, value_name = "IMAGE")]
+    #[arg(required_unless_present = "corners", value_name = "IMAGE")]
     images: Vec<PathBuf>,
 }
 
@@ -32,28 +35,29 @@ struct Picture {
     name: String,
     size: Option<(u32, u32)>,
     view: Result<View, String>,
+    misfit: Option<Misfit>,
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let board = installation::load_board(&args.board)?;
-    let mut pictures =
-        frames::map(&args.images, args.jobs, "finding boards", |name, bytes| picture(name, bytes, &board))?;
+    let mut pictures = pictures(args, &board)?;
     let size = common_size(&mut pictures)?;
     let views: Vec<View> = pictures.iter().map(|p| p.view.clone().unwrap_or_default()).collect();
+    let misfits: Vec<Option<Misfit>> = pictures.iter().filter(|p| p.view.is_ok()).map(|p| p.misfit).collect();
+    let board_reason = calibrate::misdescribed(&board, &misfits);
     let calibration = calibrate::calibrate(&views, size.0, size.1).map_err(|e| {
+        let e = board_reason.clone().unwrap_or_else(|| e.to_string());
         let reasons: String = pictures
             .iter()
             .filter_map(|p| p.view.as_ref().err().map(|r| format!("\n  {}: {r}", p.name)))
             .collect();
         Failure::Undone(format!("no calibration: {e}{reasons}"))
     })?;
-    let (verdict, reasons) = calibrate::judge(&calibration);
+    let (verdict, reasons) = calibrate::judge(&calibration, board_reason);
     let report = report(&calibration, verdict);
     if verdict != Verdict::Refused {
-        installation::write_camera(&args.output, &calibration.lens, Some(&report)).map_err(|e| {
-            let file = args.output.display();
-            Failure::Undone(format!("{file} cannot be written ({e}); check rights and space"))
-        })?;
+        installation::write_camera(&args.output, &calibration.lens, Some(&report))
+            .map_err(|e| unwritable(&args.output, &e))?;
     }
     for (k, picture) in pictures.iter().enumerate() {
         if let Some(reason) = reason(&calibration, k, picture) {
@@ -75,6 +79,34 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     Ok(Done::All)
 }
 
+/// From pictures or from a file of corners.
+fn pictures(args: &Args, board: &Board) -> Result<Vec<Picture>, Failure> {
+    if let (Some(file), true) = (&args.corners, args.images.is_empty()) {
+        let from = |c: PictureCorners| Picture {
+            name: c.image,
+            size: Some(c.size),
+            view: Ok(c.view),
+            misfit: None,
+        };
+        return Ok(installation::read_corners(file)?.into_iter().map(from).collect());
+    }
+    let pictures =
+        frames::map(&args.images, args.jobs, "finding boards", |name, bytes| picture(name, bytes, board))?;
+    if let Some(file) = &args.corners {
+        let corners = |p: &Picture| {
+            let (size, view) = (p.size?, p.view.clone().ok()?);
+            Some(PictureCorners { image: p.name.clone(), size, view })
+        };
+        let corners: Vec<PictureCorners> = pictures.iter().filter_map(corners).collect();
+        installation::write_corners(file, &corners).map_err(|e| unwritable(file, &e))?;
+    }
+    Ok(pictures)
+}
+
+fn unwritable(file: &Path, error: &std::io::Error) -> Failure {
+    Failure::Undone(format!("{} cannot be written ({error}); check rights and space", file.display()))
+}
+
 /// Why a picture took no part.
 fn reason(calibration: &Calibration, k: usize, picture: &Picture) -> Option<String> {
     match &picture.view {
@@ -86,8 +118,9 @@ fn reason(calibration: &Calibration, k: usize, picture: &Picture) -> Option<Stri
 fn picture(name: &str, bytes: Result<&[u8], String>, board: &Board) -> Picture {
     let raster = bytes.and_then(|b| decode::decode(b, None).map_err(|e| e.to_string()));
     let size = raster.as_ref().ok().map(|r| (r.width() as u32, r.height() as u32));
-    let view = raster.and_then(|r| board.find(&r).map_err(|e| e.to_string()));
-    Picture { name: name.into(), size, view }
+    let sighting = raster.and_then(|r| board.find(&r).map_err(|e| e.to_string()));
+    let misfit = sighting.as_ref().ok().and_then(|s| s.misfit);
+    Picture { name: name.into(), size, view: sighting.map(|s| s.view), misfit }
 }
 
 /// The size of most pictures; others are left out with a reason, as they come from another camera

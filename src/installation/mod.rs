@@ -4,6 +4,7 @@
 
 mod board;
 mod camera;
+mod corners;
 mod document;
 mod doubtful;
 mod observations;
@@ -19,6 +20,7 @@ use sha2::{Digest, Sha256};
 
 pub use board::load_board;
 pub use camera::{CalibrationReport, write_camera};
+pub use corners::{PictureCorners, read_corners, write_corners};
 pub use doubtful::doubtful_points;
 pub use observations::{HandObservation, read_observations};
 pub use orientation::write_orientation;

@@ -3,30 +3,32 @@
 //! | stage | in | out | file |
 //! |---|---|---|---|
 //! | find | grey picture, board | board points and their pixels | `checkerboard.rs`, `aprilgrid.rs` |
-//! | refine | pixels | saddle points | `saddle.rs` |
+//! | measure | grey values, about where | corner and its covariance | `saddle.rs`, `corner.rs` |
 //! | start | views | camera constant, poses | `start.rs` |
-//! | adjust | views, start | camera, board's bow, covariance | here and `shape.rs`, on the Gauss-Helmert engine |
+//! | adjust | views, start | camera, board's bow, covariance | `bundle.rs`, `shape.rs` |
 //! | leave out | residuals | pictures and points that fit | `outliers.rs` |
 //! | judge | covariance, residuals | projection uncertainty, verdict | `quality.rs`, `verdict.rs` |
 
 #[cfg(feature = "aprilgrid")]
 mod aprilgrid;
 mod board;
+mod bundle;
 mod checkerboard;
+mod corner;
 mod outliers;
 mod quality;
+mod reduced;
 mod saddle;
 mod shape;
 mod start;
 mod verdict;
 
-use nalgebra::{DMatrix, DVector, Rotation3, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix2, Rotation3, SVector, Vector2, Vector3, Vector6};
 
-pub use board::{Board, BoardError};
+pub use board::{Board, BoardError, Misfit, Sighting, misdescribed};
 
-use super::adjust::AdjustError;
-use super::adjust::gauss_helmert::{self, Block, Fit, Group, Linearised, Point, Prior, Problem};
-use super::geometry::{Lens, skew};
+use super::geometry::Lens;
+use bundle::{Bundle, GLOBAL, Global, INTERIOR, Prior, Solution};
 pub use outliers::Dropped;
 use outliers::Selection;
 pub use quality::{DISTANCES_M, Projection};
@@ -41,6 +43,15 @@ pub struct BoardPoint {
     pub board_m: Vector2<f64>,
     /// px.
     pub pixel: Vector2<f64>,
+    /// Of the pixel as measured, px^2.
+    pub covariance_px2: Matrix2<f64>,
+}
+
+impl BoardPoint {
+    /// A point that is alike known in all directions; standard deviation of a coordinate, px.
+    pub fn new(board_m: Vector2<f64>, pixel: Vector2<f64>, sigma_px: f64) -> Self {
+        Self { board_m, pixel, covariance_px2: Matrix2::identity() * sigma_px * sigma_px }
+    }
 }
 
 /// One picture's points.
@@ -55,6 +66,9 @@ pub struct Calibration {
     pub covariance: DMatrix<f64>,
     /// Root mean square of the residual vectors, px.
     pub rms_px: f64,
+    /// Standard deviation per coordinate that all points have beyond their own, px: what board and lens
+    /// leave over.
+    pub model_sigma_px: f64,
     /// The board's bow along its rows and its columns.
     pub bow: [Bow; 2],
     /// Per view: the root mean square of its residual vectors, px; `None` where it was rejected.
@@ -90,28 +104,55 @@ pub enum CalibrateError {
          and count its rows and columns: a board that is not as described shows the same"
     )]
     NoStart,
-    /// The adjustment failed.
-    #[error("{0}; is the board as described, are its rows, columns and gaps counted and measured?")]
-    Adjust(#[from] AdjustError),
+    /// No camera fits the pictures.
+    #[error(
+        "no camera fits the pictures; is the board as described, are its rows, columns and gaps counted and \
+         measured? Tilt it by 20 to 40 degrees and show it in all corners of the image"
+    )]
+    NoFit,
 }
 
-/// Views needed: below, the nine interior parameters are barely checked.
-const LEAST_VIEWS: usize = 4;
+/// Views needed: below, the nine interior parameters are not checked at all.
+const LEAST_VIEWS: usize = 3;
 /// Points of one view needed for its pose and a check.
 const LEAST_POINTS: usize = 8;
-/// Unit weight of an image coordinate, px; the covariance is scaled by the residuals.
-const UNIT_SIGMA_PX: f64 = 0.1;
+/// Rounds in which the points' common variance settles.
+const MODEL_ROUNDS: usize = 8;
+/// A change of the common standard deviation that no longer matters: its share, and px.
+const MODEL_SETTLED: (f64, f64) = (0.05, 1e-3);
 
 /// Calibrates from views of a plane board; `width` and `height` of the pictures, px.
 pub fn calibrate(views: &[View], width: u32, height: u32) -> Result<Calibration, CalibrateError> {
     let mut selection = Selection::first(views, width, height);
+    let mut adjusted = first(&selection.used, width, height)?;
     loop {
-        let adjusted = adjust(&selection.used, width, height)?;
+        adjusted = settled(adjusted, &selection.used)?;
+        let before: Vec<usize> = selection.used.iter().map(|(k, _)| *k).collect();
         // Each round takes something out: they end.
         if !selection.narrow(&adjusted, views) {
             return Ok(outcome(&adjusted, selection));
         }
+        if selection.used.len() < LEAST_VIEWS {
+            return Err(CalibrateError::TooFewViews { found: selection.used.len(), needed: LEAST_VIEWS });
+        }
+        let stays = |k: &usize| selection.used.iter().any(|(index, _)| index == k);
+        let mut stay = before.iter().map(stays);
+        adjusted.poses.retain(|_| stay.next().unwrap_or(false));
     }
+}
+
+/// Adjusted again until the variance that all points have in common no longer changes.
+fn settled(mut adjusted: Adjusted, used: &[(usize, View)]) -> Result<Adjusted, CalibrateError> {
+    for _ in 0..MODEL_ROUNDS {
+        let before = adjusted.model_sigma_px;
+        adjusted = adjust(used, &Start::of(&adjusted), before)?;
+        let after = adjusted.common_sigma_px(used);
+        if (after - before).abs() <= MODEL_SETTLED.0 * before.max(after) + MODEL_SETTLED.1 {
+            break;
+        }
+        adjusted.model_sigma_px = after;
+    }
+    Ok(adjusted)
 }
 
 /// The board's pose in the camera frame.
@@ -127,11 +168,14 @@ impl Pose {
         self.camera_from_board * board_m + self.translation_m
     }
 
-    /// Moved by a small rotation (left) and a shift.
-    fn moved(&self, local: &DVector<f64>) -> Self {
-        let turn = Rotation3::new(Vector3::new(local[0], local[1], local[2]));
-        let shift = Vector3::new(local[3], local[4], local[5]);
-        Self { camera_from_board: turn * self.camera_from_board, translation_m: self.translation_m + shift }
+    /// Moved by a rotation about the camera and a shift.
+    fn moved(&self, by: &Vector6<f64>) -> Self {
+        let turn = Rotation3::new(by.fixed_rows::<3>(0).clone_owned());
+        let shift = by.fixed_rows::<3>(3).clone_owned();
+        Self {
+            camera_from_board: turn * self.camera_from_board,
+            translation_m: turn * self.translation_m + shift,
+        }
     }
 }
 
@@ -139,7 +183,7 @@ fn parameters(lens: &Lens) -> [f64; 9] {
     [lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.k3, lens.p1, lens.p2]
 }
 
-fn with_parameters(size: (u32, u32), p: &DVector<f64>) -> Lens {
+fn with_parameters(size: (u32, u32), p: &Global) -> Lens {
     let (width, height) = size;
     Lens {
         width,
@@ -156,11 +200,10 @@ fn with_parameters(size: (u32, u32), p: &DVector<f64>) -> Lens {
     }
 }
 
-const MISSING: &str =
-    "the views do not determine the camera; tilt the board and cover the corners of the image";
-
-/// Interior parameters; the board's bow follows them among the global ones.
-const INTERIOR: usize = 9;
+/// A point's covariance with what all points have in common.
+fn with_common(own_px2: &Matrix2<f64>, model_sigma_px: f64) -> Matrix2<f64> {
+    own_px2 + Matrix2::identity() * model_sigma_px.powi(2)
+}
 
 /// Camera, board and poses of one adjustment.
 struct Adjusted {
@@ -168,118 +211,150 @@ struct Adjusted {
     shape: Shape,
     bow_m: [f64; 2],
     poses: Vec<Pose>,
-    fit: Fit,
+    /// Parameters that keep their start.
+    held: [bool; GLOBAL],
+    solution: Solution,
+    /// Common to all points, beyond their own, px.
+    model_sigma_px: f64,
 }
 
 impl Adjusted {
+    /// A point of a view (counted among those used), camera frame, m.
+    fn point(&self, k: usize, p: &BoardPoint) -> Vector3<f64> {
+        self.poses[k].apply(&self.shape.point(&p.board_m, &self.bow_m))
+    }
+
     /// Per view, per point: observed - projected, px.
     fn residuals(&self, used: &[(usize, View)]) -> Vec<Vec<Vector2<f64>>> {
         // Behind the camera: as gross as an error can be, and still finite when squared.
         let far = Vector2::new(1e6, 1e6);
-        let one = |pose: &Pose, p: &BoardPoint| {
-            let point = pose.apply(&self.shape.point(&p.board_m, &self.bow_m));
-            self.lens.project(&point).map_or(far, |q| p.pixel - q)
+        let one = |k: usize, p: &BoardPoint| self.lens.project(&self.point(k, p)).map_or(far, |q| p.pixel - q);
+        used.iter().enumerate().map(|(k, (_, v))| v.iter().map(|p| one(k, p)).collect()).collect()
+    }
+
+    fn covariance_px2(&self, p: &BoardPoint) -> Matrix2<f64> {
+        with_common(&p.covariance_px2, self.model_sigma_px)
+    }
+
+    /// Squared lengths of the residuals in standard deviations.
+    fn squares(&self, used: &[(usize, View)], residuals: &[Vec<Vector2<f64>>]) -> Vec<Vec<f64>> {
+        let square = |(p, r): (&BoardPoint, &Vector2<f64>)| {
+            self.covariance_px2(p).try_inverse().map_or(0.0, |w| r.dot(&(w * r)))
         };
-        self.poses.iter().zip(used).map(|(pose, (_, v))| v.iter().map(|p| one(pose, p)).collect()).collect()
+        used.iter().zip(residuals).map(|((_, v), r)| v.iter().zip(r).map(square).collect()).collect()
+    }
+
+    /// The variance that the points must have in common for the median of their squared lengths to be
+    /// what it should (Paule and Mandel 1982, with the median for the mean), by bisection.
+    fn common_sigma_px(&self, used: &[(usize, View)]) -> f64 {
+        let residuals = self.residuals(used).concat();
+        let own: Vec<f64> = used.iter().flat_map(|(_, v)| v).map(|p| 0.5 * p.covariance_px2.trace()).collect();
+        let median = |common: f64| {
+            let square = |(r, v): (&Vector2<f64>, &f64)| r.norm_squared() / (v + common);
+            outliers::median(residuals.iter().zip(&own).map(square).collect())
+        };
+        // The adjustment takes its share of the residuals.
+        let share = self.solution.redundancy as f64 / (2 * residuals.len()).max(1) as f64;
+        let goal = outliers::MEDIAN_SQUARE * share;
+        if median(0.0) <= goal {
+            return 0.0;
+        }
+        let most = outliers::median(residuals.iter().map(Vector2::norm_squared).collect()) / goal;
+        let (mut low, mut high) = (0.0, most);
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            if median(middle) > goal { low = middle } else { high = middle }
+        }
+        high.sqrt()
     }
 }
 
-fn adjust(used: &[(usize, View)], width: u32, height: u32) -> Result<Adjusted, CalibrateError> {
+/// Where an adjustment begins.
+struct Start {
+    lens: Lens,
+    bow_m: [f64; 2],
+    poses: Vec<Pose>,
+    held: [bool; GLOBAL],
+}
+
+impl Start {
+    fn of(adjusted: &Adjusted) -> Self {
+        Self { lens: adjusted.lens, bow_m: adjusted.bow_m, poses: adjusted.poses.clone(), held: adjusted.held }
+    }
+}
+
+/// Points' common standard deviation before residuals tell it, px.
+const FIRST_SIGMA_PX: f64 = 0.1;
+
+/// From nothing: the camera constant that the homographies tell, or where the adjustment does not converge
+/// from there, that of the usual lenses from which it comes closest.
+fn first(used: &[(usize, View)], width: u32, height: u32) -> Result<Adjusted, CalibrateError> {
     if used.len() < LEAST_VIEWS {
         return Err(CalibrateError::TooFewViews { found: used.len(), needed: LEAST_VIEWS });
     }
     let views: Vec<&View> = used.iter().map(|(_, v)| v).collect();
-    let (lens, poses) = start::start(&views, width, height).ok_or(CalibrateError::NoStart)?;
-    let block = |p: &BoardPoint| Block {
-        observed: DVector::from_column_slice(p.pixel.as_slice()),
-        covariance: DMatrix::identity(2, 2) * UNIT_SIGMA_PX * UNIT_SIGMA_PX,
+    let from = |f_px: Option<f64>| {
+        let (lens, poses) = start::start(&views, width, height, f_px).ok_or(CalibrateError::NoStart)?;
+        // A lens without distortion first: all at once, few pictures run away.
+        let start = Start { lens, bow_m: [0.0; 2], poses, held: [false; GLOBAL] };
+        let rough = adjust_with(used, &start, FIRST_SIGMA_PX, STIFF)?;
+        adjust(used, &Start::of(&rough), FIRST_SIGMA_PX)
     };
-    let group =
-        |v: &&View| Group { local: DVector::zeros(6), priors: vec![], blocks: v.iter().map(block).collect() };
+    let told = from(None);
+    if told.is_ok() {
+        return told;
+    }
+    let tried = start::USUAL.iter().filter_map(|f| from(Some(f * f64::from(width))).ok());
+    tried.min_by(|a, b| a.solution.omega.total_cmp(&b.solution.omega)).map_or(told, Ok)
+}
+
+/// Distortion's prior standard deviations while the camera constant is still rough, of those that hold at the end.
+const STIFF: f64 = 1e-3;
+
+fn adjust(used: &[(usize, View)], start: &Start, model_sigma_px: f64) -> Result<Adjusted, CalibrateError> {
+    adjust_with(used, start, model_sigma_px, 1.0)
+}
+
+fn adjust_with(
+    used: &[(usize, View)],
+    start: &Start,
+    model_sigma_px: f64,
+    stiff: f64,
+) -> Result<Adjusted, CalibrateError> {
+    let views: Vec<&View> = used.iter().map(|(_, v)| v).collect();
+    let size = (start.lens.width, start.lens.height);
     let shape = Shape::of(&views);
-    let start = [&parameters(&lens)[..], &[0.0; 2]].concat();
-    let problem = Problem {
-        missing: vec![MISSING; start.len()],
-        start: DVector::from_vec(start),
-        priors: [lens_priors(&lens), shape.priors(INTERIOR)].concat(),
-        groups: views.iter().map(group).collect(),
-    };
-    let fit = gauss_helmert::solve(&problem, |at| {
-        let pose = poses[at.group].moved(at.local);
-        linearise(at, (width, height), &pose, &shape, &views[at.group][at.block].board_m)
-    })?;
-    let poses = poses.iter().zip(&fit.groups).map(|(p, g)| p.moved(&g.local)).collect();
-    let lens = with_parameters((width, height), &fit.global);
-    Ok(Adjusted { lens, shape, bow_m: bow_of(&fit.global), poses, fit })
+    let priors = [lens_priors(&start.lens, stiff), shape.priors(INTERIOR)].concat();
+    let held = start.held;
+    let bundle = Bundle { views: &views, size, shape, priors, held, model_sigma_px };
+    let mut global = Global::zeros();
+    global.fixed_rows_mut::<INTERIOR>(0).copy_from(&SVector::from(parameters(&start.lens)));
+    global.fixed_rows_mut::<2>(INTERIOR).copy_from(&Vector2::from(start.bow_m));
+    let solution = bundle.solve(global, &start.poses).ok_or(CalibrateError::NoFit)?;
+    let lens = with_parameters(size, &solution.global);
+    let bow_m = [solution.global[INTERIOR], solution.global[INTERIOR + 1]];
+    Ok(Adjusted { lens, shape, bow_m, poses: solution.poses.clone(), held, solution, model_sigma_px })
 }
 
 /// What every lens keeps to, for pictures that do not tell: the principal point lies within a tenth of
 /// the image's width of its middle, and no term of the distortion moves the image's corner by more
 /// than its distance from the middle (one standard deviation). It keeps few pictures from running
 /// away. The sizes are an assumption, chosen wide.
-fn lens_priors(start: &Lens) -> Vec<Prior> {
+fn lens_priors(start: &Lens, stiff: f64) -> Vec<Prior> {
     let (width, height) = (f64::from(start.width), f64::from(start.height));
     let corner = 0.5 * width.hypot(height) / start.fx;
-    let values = parameters(start);
+    let middle = start::middle(start.width, start.height);
+    let mean = |k: usize| if k < 4 { middle[k - 2] } else { 0.0 };
     let sigmas = [
         (2, 0.1 * width),
         (3, 0.1 * width),
-        (4, corner.powi(-2)),
-        (5, corner.powi(-4)),
-        (6, corner.powi(-6)),
-        (7, corner.recip()),
-        (8, corner.recip()),
+        (4, stiff * corner.powi(-2)),
+        (5, stiff * corner.powi(-4)),
+        (6, stiff * corner.powi(-6)),
+        (7, stiff * corner.recip()),
+        (8, stiff * corner.recip()),
     ];
-    sigmas.into_iter().map(|(k, sigma)| Prior::scalar(k, values[k], sigma)).collect()
-}
-
-fn bow_of(global: &DVector<f64>) -> [f64; 2] {
-    [global[INTERIOR], global[INTERIOR + 1]]
-}
-
-/// observed - projected = 0.
-fn linearise(
-    at: &Point,
-    size: (u32, u32),
-    pose: &Pose,
-    shape: &Shape,
-    board_m: &Vector2<f64>,
-) -> Result<Linearised, AdjustError> {
-    let lens = with_parameters(size, at.global);
-    let point = pose.apply(&shape.point(board_m, &bow_of(at.global)));
-    let behind =
-        || AdjustError::Input("a board came to lie behind the camera; leave poor pictures out".into());
-    let (pixel, by_point) = lens.project_with_jacobian(&point).ok_or_else(behind)?;
-    // The left perturbation acts around the camera-frame point without the translation.
-    let arm = point - pose.translation_m;
-    let mut by_pose = DMatrix::zeros(3, 6);
-    by_pose.view_mut((0, 0), (3, 3)).copy_from(&(-skew(&arm) * left_jacobian(at.local)));
-    by_pose.view_mut((0, 3), (3, 3)).fill_with_identity();
-    let by_bow = by_point * pose.camera_from_board.matrix().column(2) * shape.by_bow(board_m);
-    let by_point = DMatrix::from_iterator(2, 3, by_point.iter().copied());
-    let mut global = DMatrix::zeros(2, INTERIOR + 2);
-    global.columns_mut(0, INTERIOR).copy_from(&-lens.by_parameters(&point));
-    global.columns_mut(INTERIOR, 2).copy_from(&-by_bow);
-    Ok(Linearised {
-        misclosure: at.observed - DVector::from_column_slice(pixel.as_slice()),
-        columns: (0..INTERIOR + 2).collect(),
-        global,
-        local: -(by_point * by_pose),
-        observations: DMatrix::identity(2, 2),
-    })
-}
-
-/// d exp(w) in the left perturbation: the left Jacobian of SO(3) (Barfoot, *State Estimation*, 7.77).
-fn left_jacobian(local: &DVector<f64>) -> nalgebra::Matrix3<f64> {
-    let w = Vector3::new(local[0], local[1], local[2]);
-    let angle = w.norm();
-    let k = skew(&w);
-    let (a, b) = if angle < 1e-6 {
-        (0.5, 1.0 / 6.0)
-    } else {
-        ((1.0 - angle.cos()) / (angle * angle), (angle - angle.sin()) / (angle * angle * angle))
-    };
-    nalgebra::Matrix3::identity() + k * a + k * k * b
+    sigmas.into_iter().map(|(index, sigma)| Prior { index, mean: mean(index), sigma }).collect()
 }
 
 /// Root mean square of vectors' lengths.
@@ -290,9 +365,9 @@ fn rms<'a>(vectors: impl Iterator<Item = &'a Vector2<f64>>) -> f64 {
 
 fn outcome(adjusted: &Adjusted, selection: Selection) -> Calibration {
     let Selection { used, dropped } = selection;
-    let fit = &adjusted.fit;
+    let solution = &adjusted.solution;
     let residuals = adjusted.residuals(&used);
-    let covariance = &fit.covariance * fit.variance_factor().unwrap_or(1.0);
+    let covariance = solution.covariance * (solution.omega / solution.redundancy as f64);
     let bow = |k: usize| Bow {
         value_m: adjusted.bow_m[k],
         sigma_m: covariance[(INTERIOR + k, INTERIOR + k)].max(0.0).sqrt(),
@@ -300,8 +375,9 @@ fn outcome(adjusted: &Adjusted, selection: Selection) -> Calibration {
     let mut found = Calibration {
         lens: adjusted.lens,
         bow: [bow(0), bow(1)],
-        covariance: covariance.view((0, 0), (INTERIOR, INTERIOR)).into(),
+        covariance: DMatrix::from_fn(INTERIOR, INTERIOR, |i, j| covariance[(i, j)]),
         rms_px: rms(residuals.iter().flatten()),
+        model_sigma_px: adjusted.model_sigma_px,
         view_rms_px: vec![None; dropped.len()],
         view_points: vec![0; dropped.len()],
         tilt_deg: vec![None; dropped.len()],

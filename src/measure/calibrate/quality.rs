@@ -5,9 +5,10 @@
 //! taken up what a rotation and a shift of its own can explain **at the boards** (the mean-pose method
 //! of mrcal's projection uncertainty): near the boards' distance they cancel, away from it they do not.
 
-use nalgebra::{DMatrix, Matrix2x3, Matrix6, SMatrix, Vector2, Vector3};
+use nalgebra::{Matrix2x3, Matrix6, SMatrix, Vector2, Vector3};
 
-use super::{Adjusted, INTERIOR, View};
+use super::bundle::{Covariance, INTERIOR};
+use super::{Adjusted, View};
 use crate::measure::geometry::{Lens, skew};
 
 /// Distances at which a wing's markers lie, m.
@@ -35,7 +36,7 @@ pub struct Projection {
 pub(super) fn projections(
     adjusted: &Adjusted,
     used: &[(usize, View)],
-    covariance: &DMatrix<f64>,
+    covariance: &Covariance,
 ) -> Option<Vec<Projection>> {
     let motion = motion(adjusted, used)?;
     let interior = covariance.fixed_view::<INTERIOR, INTERIOR>(0, 0);
@@ -77,7 +78,7 @@ fn cell_ray(lens: &Lens, column: usize, row: usize) -> Option<Vector3<f64>> {
 }
 
 /// d pixel / d (rotation, shift of the camera) and d pixel / d interior parameters.
-fn jacobians(lens: &Lens, point: &Vector3<f64>) -> Option<(SMatrix<f64, 2, 6>, ByInterior)> {
+pub(super) fn jacobians(lens: &Lens, point: &Vector3<f64>) -> Option<(SMatrix<f64, 2, 6>, ByInterior)> {
     let (_, by_point): (_, Matrix2x3<f64>) = lens.project_with_jacobian(point)?;
     let mut by_motion = SMatrix::<f64, 2, 6>::zeros();
     by_motion.fixed_columns_mut::<3>(0).copy_from(&(-by_point * skew(point)));
@@ -88,9 +89,9 @@ fn jacobians(lens: &Lens, point: &Vector3<f64>) -> Option<(SMatrix<f64, 2, 6>, B
 /// The camera's motion that best explains, at the boards, an error of the interior parameters.
 fn motion(adjusted: &Adjusted, used: &[(usize, View)]) -> Option<Motion> {
     let (mut normal, mut right) = (Matrix6::zeros(), Motion::zeros());
-    for (pose, (_, view)) in adjusted.poses.iter().zip(used) {
+    for (k, (_, view)) in used.iter().enumerate() {
         for p in view {
-            let point = pose.apply(&adjusted.shape.point(&p.board_m, &adjusted.bow_m));
+            let point = adjusted.point(k, p);
             let (by_motion, by_lens) = jacobians(&adjusted.lens, &point)?;
             normal += by_motion.transpose() * by_motion;
             right += by_motion.transpose() * by_lens;

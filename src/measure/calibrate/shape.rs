@@ -8,7 +8,7 @@
 use nalgebra::{RowVector2, Vector2, Vector3};
 
 use super::View;
-use crate::measure::adjust::gauss_helmert::Prior;
+use super::bundle::Prior;
 
 /// Height of the board's middle over the chord between two of its sides.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,7 +50,8 @@ impl Shape {
 
     /// Priors on the two bows, which are the parameters from `first` on.
     pub(super) fn priors(&self, first: usize) -> Vec<Prior> {
-        (0..2).map(|k| Prior::scalar(first + k, 0.0, SIGMA_M_PER_M * 2.0 * self.half_m[k])).collect()
+        let sigma = |k: usize| SIGMA_M_PER_M * 2.0 * self.half_m[k];
+        (0..2).map(|k| Prior { index: first + k, mean: 0.0, sigma: sigma(k) }).collect()
     }
 
     /// d height / d bow.

@@ -38,13 +38,18 @@ const REFUSED_RMS_PX: f64 = 2.0;
 /// Board and image plane: below this tilt, perspective hardly tells camera constant from distance, degrees.
 const TILT_DEG: f64 = 15.0;
 
-/// The verdict with its reasons, the gravest first.
-pub fn judge(calibration: &Calibration) -> (Verdict, Vec<String>) {
-    let mut found: Vec<(Verdict, String)> =
-        [fold(calibration), misfit(calibration), left_out(calibration), uncovered(calibration)]
-            .into_iter()
-            .flatten()
-            .collect();
+/// The verdict with its reasons, the gravest first; `board` is what shows that it is not as described.
+pub fn judge(calibration: &Calibration, board: Option<String>) -> (Verdict, Vec<String>) {
+    let mut found: Vec<(Verdict, String)> = [
+        board.map(|reason| (Verdict::Refused, reason)),
+        misfit(calibration),
+        fold(calibration),
+        left_out(calibration),
+        uncovered(calibration),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
     found.extend(uncertain(calibration));
     found.sort_by_key(|(verdict, _)| std::cmp::Reverse(*verdict));
     let verdict = found.first().map_or(Verdict::Good, |f| f.0);
