@@ -22,6 +22,9 @@ pub struct Args {
     /// Images worked on at once [default: the cores]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     jobs: usize,
+    /// Drop distortion terms that do not differ from 0 at 95 %
+    #[arg(long)]
+    select: bool,
     /// With pictures: writes their corners to this file. Without: reads them from it
     #[arg(long, value_name = "FILE.csv")]
     corners: Option<PathBuf>,
@@ -45,7 +48,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let views: Vec<View> = pictures.iter().map(|p| p.view.clone().unwrap_or_default()).collect();
     let misfits: Vec<Option<Misfit>> = pictures.iter().filter(|p| p.view.is_ok()).map(|p| p.misfit).collect();
     let board_reason = calibrate::misdescribed(&board, &misfits);
-    let calibration = calibrate::calibrate(&views, size.0, size.1).map_err(|e| {
+    let calibration = calibrate::calibrate_with(&views, size.0, size.1, args.select).map_err(|e| {
         let e = board_reason.clone().unwrap_or_else(|| e.to_string());
         let reasons: String = pictures
             .iter()
@@ -82,12 +85,8 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
 /// From pictures or from a file of corners.
 fn pictures(args: &Args, board: &Board) -> Result<Vec<Picture>, Failure> {
     if let (Some(file), true) = (&args.corners, args.images.is_empty()) {
-        let from = |c: PictureCorners| Picture {
-            name: c.image,
-            size: Some(c.size),
-            view: Ok(c.view),
-            misfit: None,
-        };
+        let from =
+            |c: PictureCorners| Picture { name: c.image, size: Some(c.size), view: Ok(c.view), misfit: None };
         return Ok(installation::read_corners(file)?.into_iter().map(from).collect());
     }
     let pictures =
@@ -157,11 +156,16 @@ fn report(calibration: &Calibration, verdict: Verdict) -> CalibrationReport {
         projection_sigma_px: calibration.projections.iter().flatten().map(|p| p.sigma_px).collect(),
         board_bow_m: calibration.bow.map(|b| b.value_m),
         board_bow_sigma_m: calibration.bow.map(|b| b.sigma_m),
-        sigma: std::array::from_fn(|k| c[(k, k)].max(0.0).sqrt()),
+        sigma: std::array::from_fn(|k| (!calibration.held[k]).then(|| c[(k, k)].max(0.0).sqrt())),
+        halves_px: calibration.halves.map(|h| [h.difference_px, h.predicted_px]),
         covariance: c.row_iter().map(|r| r.iter().copied().collect()).collect(),
     }
 }
 
+/// Index of k1 among the parameters.
+const FIRST_DISTORTION: usize = 4;
+/// Some hundred points leave Student's t at 95 % at the normal's.
+const SIGNIFICANT: f64 = 1.96;
 const NAMES: [&str; 9] = ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "p1", "p2"];
 
 fn values(c: &Calibration) -> [f64; 9] {
@@ -175,13 +179,14 @@ fn json(
     reasons: &[String],
     pictures: &[Picture],
 ) -> String {
-    let by_name = |values: [f64; 9]| -> serde_json::Map<String, serde_json::Value> {
+    let by_name = |values: [Option<f64>; 9]| -> serde_json::Map<String, serde_json::Value> {
         NAMES.iter().zip(values).map(|(n, v)| ((*n).to_owned(), v.into())).collect()
     };
+    let parameters = values(calibration).map(Some);
     let mut camera = serde_json::Map::new();
     camera.insert("width".into(), calibration.lens.width.into());
     camera.insert("height".into(), calibration.lens.height.into());
-    camera.extend(by_name(values(calibration)));
+    camera.extend(by_name(parameters));
     let image = |(k, p): (usize, &Picture)| {
         serde_json::json!({
             "image": p.name,
@@ -198,8 +203,15 @@ fn json(
         "status": if report.verdict == Verdict::Refused.name() { "refused" } else { "ok" },
         "verdict": report.verdict,
         "reasons": reasons,
-        "parameters": by_name(values(calibration)),
+        "parameters": by_name(parameters),
         "sigma": by_name(report.sigma),
+        "t_values": by_name(std::array::from_fn(|k| t_value(calibration, report, k))),
+        "correlation": correlation(calibration),
+        "halves": calibration.halves.map(|h| serde_json::json!({
+            "distance_m": h.distance_m, "difference_px": h.difference_px, "predicted_px": h.predicted_px,
+        })),
+        "pattern": { "image_px": calibration.pattern.image_px, "board_px": calibration.pattern.board_px },
+        "model_sigma_px": calibration.model_sigma_px,
         "board_bow_m": report.board_bow_m,
         "board_bow_sigma_m": report.board_bow_sigma_m,
         "projection_sigma_px": report.projection_sigma_px,
@@ -208,6 +220,20 @@ fn json(
         "images": images,
     })
     .to_string()
+}
+
+/// Value over standard deviation of a distortion term.
+fn t_value(calibration: &Calibration, report: &CalibrationReport, k: usize) -> Option<f64> {
+    report.sigma[k].filter(|s| k >= FIRST_DISTORTION && *s > 0.0).map(|s| values(calibration)[k] / s)
+}
+
+fn correlation(calibration: &Calibration) -> Vec<Vec<Option<f64>>> {
+    let c = &calibration.covariance;
+    let of = |i: usize, j: usize| {
+        let product = (c[(i, i)] * c[(j, j)]).sqrt();
+        (product > 0.0).then(|| c[(i, j)] / product)
+    };
+    (0..9).map(|i| (0..9).map(|j| of(i, j)).collect()).collect()
 }
 
 fn text(args: &Args, calibration: &Calibration, report: &CalibrationReport) -> String {
@@ -220,9 +246,12 @@ fn text(args: &Args, calibration: &Calibration, report: &CalibrationReport) -> S
         report.observations,
         report.rms_px
     );
-    for ((name, value), sigma) in NAMES.iter().zip(values(calibration)).zip(report.sigma) {
-        let digits = if value.abs() > 10.0 { 3 } else { 6 };
-        text.push_str(&format!("{name:>3} {value:>12.digits$} +- {sigma:.digits$}\n"));
+    for (k, ((name, value), sigma)) in NAMES.iter().zip(values(calibration)).zip(report.sigma).enumerate() {
+        let digits = if k < FIRST_DISTORTION { 3 } else { 6 };
+        let weak = t_value(calibration, report, k).is_some_and(|t| t.abs() < SIGNIFICANT);
+        let sigma = sigma.map_or("held".to_owned(), |s| format!("+- {s:.digits$}"));
+        let note = if weak { " (not significant)" } else { "" };
+        text.push_str(&format!("{name:>3} {value:>12.digits$} {sigma}{note}\n"));
     }
     for (name, bow) in ["along", "across"].iter().zip(calibration.bow) {
         let flat = if bow.significant() { "" } else { " (not significant)" };
@@ -232,6 +261,12 @@ fn text(args: &Args, calibration: &Calibration, report: &CalibrationReport) -> S
     for p in calibration.projections.iter().flatten() {
         let (distance, sigma) = (p.distance_m, p.sigma_px);
         text.push_str(&format!("projection at {distance} m +- {sigma:.3} px (rms over the image)\n"));
+    }
+    if let Some(h) = calibration.halves {
+        let (difference, predicted, at) = (h.difference_px, h.predicted_px, h.distance_m);
+        text.push_str(&format!(
+            "halves differ by {difference:.3} px at {at} m, predicted {predicted:.3} px\n"
+        ));
     }
     text.trim_end().to_owned()
 }

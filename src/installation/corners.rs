@@ -50,12 +50,7 @@ pub fn write_corners(file: &Path, pictures: &[PictureCorners]) -> std::io::Resul
             let _ = writeln!(
                 text,
                 "{name},{},{},{},{},{:.5},{:.5},{su:.6},{sv:.6},{correlation:.5}",
-                picture.size.0,
-                picture.size.1,
-                p.board_m.x,
-                p.board_m.y,
-                p.pixel.x,
-                p.pixel.y,
+                picture.size.0, picture.size.1, p.board_m.x, p.board_m.y, p.pixel.x, p.pixel.y,
             );
         }
     }
@@ -88,7 +83,12 @@ fn read(reader: &mut Reader, name: &str) -> Option<Vec<PictureCorners>> {
         let sigmas = (1e-6..=1e3).contains(&su) && (1e-6..=1e3).contains(&sv);
         if !sides || !sigmas || correlation.abs() > MOST_CORRELATION {
             let problem = "holds a size, standard deviation or correlation that cannot be";
-            reader.fault(&file, &format!("line {line}"), problem, "give px above 0, correlations between -1 and 1");
+            reader.fault(
+                &file,
+                &format!("line {line}"),
+                problem,
+                "give px above 0, correlations between -1 and 1",
+            );
             continue;
         }
         let cross = correlation * su * sv;

@@ -3,6 +3,8 @@
 
 mod background;
 mod bad_light;
+mod board_accuracy;
+mod board_cases;
 mod calibration;
 mod closer;
 #[path = "../common/mod.rs"]

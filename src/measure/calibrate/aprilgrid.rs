@@ -95,7 +95,8 @@ fn hint(raster: &Raster, tag: &Tag, k: usize, spacing: f64) -> Option<Hint> {
     let sine = edges[0].normalize().perp(&edges[1].normalize()).abs();
     let square = edges[0].norm().min(edges[1].norm()) * spacing.min(1.0);
     let centre = saddle::refine(raster, &tag[k], saddle::half_window_for(1.5 * square))?;
-    Some(Hint { centre, edges, curvature_per_px: [0.0; 2], radius_px: REACH * square * sine })
+    let radius_px = (REACH * square * sine).min(corner::LARGEST_PX);
+    Some(Hint { centre, edges, curvature_per_px: [0.0; 2], radius_px })
 }
 
 /// What the tags' places say of the description: each tag tells where the next lies, in sides of a tag.

@@ -78,8 +78,10 @@ pub fn misdescribed(board: &Board, misfits: &[Option<Misfit>]) -> Option<String>
     let half = |n: usize| n > 0 && 2 * n > misfits.len();
     let found = || misfits.iter().flatten();
     let larger = found().filter(|m| matches!(m, Misfit::Larger)).count();
-    let mut columns: Vec<usize> = found().filter_map(|m| if let Misfit::Columns { seen } = m { Some(*seen) } else { None }).collect();
-    let mut gaps: Vec<f64> = found().filter_map(|m| if let Misfit::Gap { seen } = m { Some(*seen) } else { None }).collect();
+    let mut columns: Vec<usize> =
+        found().filter_map(|m| if let Misfit::Columns { seen } = m { Some(*seen) } else { None }).collect();
+    let mut gaps: Vec<f64> =
+        found().filter_map(|m| if let Misfit::Gap { seen } = m { Some(*seen) } else { None }).collect();
     columns.sort_unstable();
     gaps.sort_by(f64::total_cmp);
     match *board {

@@ -96,7 +96,7 @@ fn hint(corners: &Corners, cell: Cell) -> Option<Hint> {
     let along = line(corners, cell, (1, 0))?;
     let across = line(corners, cell, (0, 1))?;
     let sine = along.0.normalize().perp(&across.0.normalize()).abs();
-    let radius_px = REACH * along.2.min(across.2) * sine;
+    let radius_px = (REACH * along.2.min(across.2) * sine).min(corner::LARGEST_PX);
     let curvature_per_px = [along.1, across.1];
     Some(Hint { centre, edges: [along.0, across.0], curvature_per_px, radius_px })
 }
@@ -163,11 +163,9 @@ fn larger(corners: &Corners, origin: Cell, size: (usize, usize)) -> Option<Misfi
         let found = cells.filter(|c| corners.contains_key(c)).count();
         found as f64 >= LINE * length as f64
     };
-    let upright = [origin.0 - 1, end_u]
-        .into_iter()
-        .any(|u| count(&mut (origin.1..end_v).map(|v| (u, v)), size.1));
-    let level = [origin.1 - 1, end_v]
-        .into_iter()
-        .any(|v| count(&mut (origin.0..end_u).map(|u| (u, v)), size.0));
+    let upright =
+        [origin.0 - 1, end_u].into_iter().any(|u| count(&mut (origin.1..end_v).map(|v| (u, v)), size.1));
+    let level =
+        [origin.1 - 1, end_v].into_iter().any(|v| count(&mut (origin.0..end_u).map(|u| (u, v)), size.0));
     (upright || level).then_some(Misfit::Larger)
 }

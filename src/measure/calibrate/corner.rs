@@ -46,6 +46,10 @@ pub(super) struct Hint {
     pub radius_px: f64,
 }
 
+/// Radius of the largest window, px: a corner is then known to a few thousandths of a pixel, below what boards
+/// are printed to, and further out a wide lens bends edges more than by their curvature.
+pub(super) const LARGEST_PX: f64 = 24.0;
+
 /// A fitted corner.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Corner {
@@ -96,27 +100,20 @@ fn outcome(hint: &Hint, at: &Unknowns, normal: &Normal, sum: f64, pixels: usize)
     plausible.then(|| Corner { pixel, covariance_px2: inverse.fixed_view::<2, 2>(0, 0) * unit })
 }
 
-/// Pixels (column, row, grey) near the edges; `None` where the window leaves the picture.
+/// Pixels (column, row, grey) near the edges; `None` where too few lie in the picture.
 fn window(raster: &Raster, hint: &Hint) -> Option<Vec<(f64, f64, f64)>> {
     let (c, r) = (hint.centre, hint.radius_px);
-    let (left, top) = ((c.x - r).ceil(), (c.y - r).ceil());
-    let (right, bottom) = ((c.x + r).floor(), (c.y + r).floor());
-    let inside = left >= 0.0
-        && top >= 0.0
-        && right < raster.width() as f64
-        && bottom < raster.height() as f64;
-    if !inside {
-        return None;
-    }
     let band = (BAND_BLURS * START_BLUR_PX).max(BAND_SHARE * r);
     let sides = hint.edges.map(|e| Vector2::new(-e.y, e.x) / e.norm());
+    let reach = Vector2::repeat(r);
     let mut pixels = vec![];
-    for y in top as usize..=bottom as usize {
-        for x in left as usize..=right as usize {
-            let d = Vector2::new(x as f64, y as f64) - c;
-            if d.norm_squared() <= r * r && sides.iter().any(|n| n.dot(&d).abs() < band) {
-                pixels.push((x as f64, y as f64, smoothed(raster, x, y)));
-            }
+    // The kernel reaches one pixel further: the picture's rim has no neighbours.
+    let inner = |at: usize, n: usize| at > 0 && at + 1 < n;
+    for (x, y, _) in raster.part(c - reach, c + reach + Vector2::repeat(1.0), 1) {
+        let d = Vector2::new(x as f64, y as f64) - c;
+        let near = d.norm_squared() <= r * r && sides.iter().any(|n| n.dot(&d).abs() < band);
+        if near && inner(x, raster.width()) && inner(y, raster.height()) {
+            pixels.push((x as f64, y as f64, smoothed(raster, x, y)));
         }
     }
     (pixels.len() > 2 * UNKNOWNS).then_some(pixels)
@@ -159,7 +156,9 @@ fn edge(d: &Vector2<f64>, angle: f64, curvature: f64, blur: f64) -> (f64, [f64; 
 fn erf(x: f64) -> (f64, f64) {
     let gauss = (-x * x).exp();
     let t = 1.0 / (1.0 + 0.327_591_1 * x.abs());
-    let series = t * (0.254_829_592 + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
+    let series = t
+        * (0.254_829_592
+            + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
     ((1.0 - series * gauss).copysign(x), gauss * std::f64::consts::FRAC_2_SQRT_PI)
 }
 

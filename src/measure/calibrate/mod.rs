@@ -7,12 +7,13 @@
 //! | start | views | camera constant, poses | `start.rs` |
 //! | adjust | views, start | camera, board's bow, covariance | `bundle.rs`, `shape.rs` |
 //! | leave out | residuals | pictures and points that fit | `outliers.rs` |
-//! | judge | covariance, residuals | projection uncertainty, verdict | `quality.rs`, `verdict.rs` |
+//! | judge | covariance, residuals | projection uncertainty, halves, patterns, verdict | `quality.rs`, `check.rs`, `verdict.rs` |
 
 #[cfg(feature = "aprilgrid")]
 mod aprilgrid;
 mod board;
 mod bundle;
+mod check;
 mod checkerboard;
 mod corner;
 mod outliers;
@@ -29,6 +30,7 @@ pub use board::{Board, BoardError, Misfit, Sighting, misdescribed};
 
 use super::geometry::Lens;
 use bundle::{Bundle, GLOBAL, Global, INTERIOR, Prior, Solution};
+pub use check::{Halves, Pattern};
 pub use outliers::Dropped;
 use outliers::Selection;
 pub use quality::{DISTANCES_M, Projection};
@@ -83,6 +85,14 @@ pub struct Calibration {
     pub coverage: [[usize; 3]; 3],
     /// Image points that took part.
     pub observations: usize,
+    /// Interior parameters that were held at 0, order as in the covariance.
+    pub held: [bool; 9],
+    /// Every second picture against the others; `None` where they are too few.
+    pub halves: Option<Halves>,
+    /// What the residuals have in common.
+    pub pattern: Pattern,
+    /// Per view that took part, per point: where it was measured, and observed - projected, px.
+    pub residuals: Vec<Vec<(Vector2<f64>, Vector2<f64>)>>,
     /// Uncertainty in the picture at [`DISTANCES_M`]; `None` where the lens has no inverse over the image.
     pub projections: Option<Vec<Projection>>,
 }
@@ -123,6 +133,17 @@ const MODEL_SETTLED: (f64, f64) = (0.05, 1e-3);
 
 /// Calibrates from views of a plane board; `width` and `height` of the pictures, px.
 pub fn calibrate(views: &[View], width: u32, height: u32) -> Result<Calibration, CalibrateError> {
+    calibrate_with(views, width, height, false)
+}
+
+/// The same; with `select`, distortion terms that do not differ from 0 at 95 % are dropped, the least first and of
+/// the radial ones the highest.
+pub fn calibrate_with(
+    views: &[View],
+    width: u32,
+    height: u32,
+    select: bool,
+) -> Result<Calibration, CalibrateError> {
     let mut selection = Selection::first(views, width, height);
     let mut adjusted = first(&selection.used, width, height)?;
     loop {
@@ -130,6 +151,7 @@ pub fn calibrate(views: &[View], width: u32, height: u32) -> Result<Calibration,
         let before: Vec<usize> = selection.used.iter().map(|(k, _)| *k).collect();
         // Each round takes something out: they end.
         if !selection.narrow(&adjusted, views) {
+            let adjusted = if select { selected(adjusted, &selection.used)? } else { adjusted };
             return Ok(outcome(&adjusted, selection));
         }
         if selection.used.len() < LEAST_VIEWS {
@@ -138,6 +160,27 @@ pub fn calibrate(views: &[View], width: u32, height: u32) -> Result<Calibration,
         let stays = |k: &usize| selection.used.iter().any(|(index, _)| index == k);
         let mut stay = before.iter().map(stays);
         adjusted.poses.retain(|_| stay.next().unwrap_or(false));
+    }
+}
+
+/// Some hundred points leave Student's t at the normal's.
+const SIGNIFICANT: f64 = 1.96;
+
+/// Without the distortion terms that do not differ from 0.
+fn selected(mut adjusted: Adjusted, used: &[(usize, View)]) -> Result<Adjusted, CalibrateError> {
+    loop {
+        let weak = check::droppable(&adjusted.held)
+            .into_iter()
+            .map(|k| (k, check::t_value(&adjusted, k)))
+            .filter(|(_, t)| *t < SIGNIFICANT)
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((k, _)) = weak else { return Ok(adjusted) };
+        let mut start = Start::of(&adjusted);
+        start.held[k] = true;
+        start.lens = start
+            .lens
+            .changed(&SVector::from_fn(|i, _| if i == k { -adjusted.solution.global[k] } else { 0.0 }));
+        adjusted = settled(adjust(used, &start, adjusted.model_sigma_px)?, used)?;
     }
 }
 
@@ -228,7 +271,8 @@ impl Adjusted {
     fn residuals(&self, used: &[(usize, View)]) -> Vec<Vec<Vector2<f64>>> {
         // Behind the camera: as gross as an error can be, and still finite when squared.
         let far = Vector2::new(1e6, 1e6);
-        let one = |k: usize, p: &BoardPoint| self.lens.project(&self.point(k, p)).map_or(far, |q| p.pixel - q);
+        let one =
+            |k: usize, p: &BoardPoint| self.lens.project(&self.point(k, p)).map_or(far, |q| p.pixel - q);
         used.iter().enumerate().map(|(k, (_, v))| v.iter().map(|p| one(k, p)).collect()).collect()
     }
 
@@ -248,7 +292,8 @@ impl Adjusted {
     /// what it should (Paule and Mandel 1982, with the median for the mean), by bisection.
     fn common_sigma_px(&self, used: &[(usize, View)]) -> f64 {
         let residuals = self.residuals(used).concat();
-        let own: Vec<f64> = used.iter().flat_map(|(_, v)| v).map(|p| 0.5 * p.covariance_px2.trace()).collect();
+        let own: Vec<f64> =
+            used.iter().flat_map(|(_, v)| v).map(|p| 0.5 * p.covariance_px2.trace()).collect();
         let median = |common: f64| {
             let square = |(r, v): (&Vector2<f64>, &f64)| r.norm_squared() / (v + common);
             outliers::median(residuals.iter().zip(&own).map(square).collect())
@@ -279,7 +324,12 @@ struct Start {
 
 impl Start {
     fn of(adjusted: &Adjusted) -> Self {
-        Self { lens: adjusted.lens, bow_m: adjusted.bow_m, poses: adjusted.poses.clone(), held: adjusted.held }
+        Self {
+            lens: adjusted.lens,
+            bow_m: adjusted.bow_m,
+            poses: adjusted.poses.clone(),
+            held: adjusted.held,
+        }
     }
 }
 
@@ -297,8 +347,11 @@ fn first(used: &[(usize, View)], width: u32, height: u32) -> Result<Adjusted, Ca
         let (lens, poses) = start::start(&views, width, height, f_px).ok_or(CalibrateError::NoStart)?;
         // A lens without distortion first: all at once, few pictures run away.
         let start = Start { lens, bow_m: [0.0; 2], poses, held: [false; GLOBAL] };
-        let rough = adjust_with(used, &start, FIRST_SIGMA_PX, STIFF)?;
-        adjust(used, &Start::of(&rough), FIRST_SIGMA_PX)
+        let mut rough = adjust_with(used, &start, FIRST_SIGMA_PX, STIFF[0])?;
+        for stiff in &STIFF[1..] {
+            rough = adjust_with(used, &Start::of(&rough), FIRST_SIGMA_PX, *stiff)?;
+        }
+        Ok(rough)
     };
     let told = from(None);
     if told.is_ok() {
@@ -308,8 +361,8 @@ fn first(used: &[(usize, View)], width: u32, height: u32) -> Result<Adjusted, Ca
     tried.min_by(|a, b| a.solution.omega.total_cmp(&b.solution.omega)).map_or(told, Ok)
 }
 
-/// Distortion's prior standard deviations while the camera constant is still rough, of those that hold at the end.
-const STIFF: f64 = 1e-3;
+/// Distortion's prior standard deviations while the camera constant is still rough, over those that hold at the end.
+const STIFF: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
 
 fn adjust(used: &[(usize, View)], start: &Start, model_sigma_px: f64) -> Result<Adjusted, CalibrateError> {
     adjust_with(used, start, model_sigma_px, 1.0)
@@ -336,16 +389,22 @@ fn adjust_with(
     Ok(Adjusted { lens, shape, bow_m, poses: solution.poses.clone(), held, solution, model_sigma_px })
 }
 
-/// What every lens keeps to, for pictures that do not tell: the principal point lies within a tenth of
-/// the image's width of its middle, and no term of the distortion moves the image's corner by more
-/// than its distance from the middle (one standard deviation). It keeps few pictures from running
+/// What every lens keeps to, for pictures that do not tell: the camera constant is within its own size of where
+/// it began, the principal point lies within a tenth of the image's width of its middle, and no term of the
+/// distortion moves the image's corner by more than its distance from the middle (one standard deviation). It keeps few pictures from running
 /// away. The sizes are an assumption, chosen wide.
 fn lens_priors(start: &Lens, stiff: f64) -> Vec<Prior> {
     let (width, height) = (f64::from(start.width), f64::from(start.height));
     let corner = 0.5 * width.hypot(height) / start.fx;
     let middle = start::middle(start.width, start.height);
-    let mean = |k: usize| if k < 4 { middle[k - 2] } else { 0.0 };
+    let mean = |k: usize| match k {
+        0 | 1 => start.fx,
+        2 | 3 => middle[k - 2],
+        _ => 0.0,
+    };
     let sigmas = [
+        (0, start.fx),
+        (1, start.fx),
         (2, 0.1 * width),
         (3, 0.1 * width),
         (4, stiff * corner.powi(-2)),
@@ -367,7 +426,7 @@ fn outcome(adjusted: &Adjusted, selection: Selection) -> Calibration {
     let Selection { used, dropped } = selection;
     let solution = &adjusted.solution;
     let residuals = adjusted.residuals(&used);
-    let covariance = solution.covariance * (solution.omega / solution.redundancy as f64);
+    let covariance = solution.covariance * solution.variance_factor();
     let bow = |k: usize| Bow {
         value_m: adjusted.bow_m[k],
         sigma_m: covariance[(INTERIOR + k, INTERIOR + k)].max(0.0).sqrt(),
@@ -384,6 +443,14 @@ fn outcome(adjusted: &Adjusted, selection: Selection) -> Calibration {
         coverage: coverage(&adjusted.lens, &used),
         dropped,
         observations: residuals.iter().map(Vec::len).sum(),
+        held: std::array::from_fn(|k| adjusted.held[k]),
+        halves: check::halves(adjusted, &used),
+        pattern: check::pattern(adjusted, &used),
+        residuals: used
+            .iter()
+            .zip(&residuals)
+            .map(|((_, v), r)| v.iter().map(|p| p.pixel).zip(r.iter().copied()).collect())
+            .collect(),
         projections: quality::projections(adjusted, &used, &covariance),
     };
     for (((index, view), r), pose) in used.iter().zip(&residuals).zip(&adjusted.poses) {

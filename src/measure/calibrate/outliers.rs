@@ -35,7 +35,9 @@ pub enum Dropped {
         found: usize,
     },
     /// The same picture twice tells nothing and passes for twice as sure.
-    #[error("its points are those of picture {of} (counted from 1): given twice, or neither board nor camera moved")]
+    #[error(
+        "its points are those of picture {of} (counted from 1): given twice, or neither board nor camera moved"
+    )]
     Twice {
         /// Index of the earlier one, counted from 1.
         of: usize,
@@ -108,7 +110,9 @@ impl Selection {
     pub(super) fn narrow(&mut self, adjusted: &Adjusted, views: &[View]) -> bool {
         let residuals = adjusted.residuals(&self.used);
         let squares = adjusted.squares(&self.used, &residuals);
-        let worst = self.zoomed(adjusted, &residuals).or_else(|| self.far_off(&residuals, &squares));
+        let zoomed = self.zoomed(adjusted, &residuals);
+        let worst = zoomed
+            .or_else(|| self.far_off(&residuals, &squares).map(|w| self.reason(adjusted, &residuals, w)));
         match worst.filter(|_| self.used.len() > LEAST_VIEWS) {
             Some((k, reason)) => {
                 let (index, _) = self.used.remove(k);
@@ -130,24 +134,41 @@ impl Selection {
         stands_out.then_some((k, Dropped::OtherZoom { percent: 100.0 * change, times: times.abs() }))
     }
 
+    /// Another camera constant, where that explains a picture that is far off.
+    fn reason(
+        &self,
+        adjusted: &Adjusted,
+        residuals: &[Vec<Vector2<f64>>],
+        (k, reason): (usize, Dropped),
+    ) -> (usize, Dropped) {
+        match own_constant(adjusted, k, &self.used[k].1, &residuals[k]) {
+            Some((change, times)) if times.abs() > limit(residuals.len(), 2.0) => {
+                (k, Dropped::OtherZoom { percent: 100.0 * change, times: times.abs() })
+            }
+            _ => (k, reason),
+        }
+    }
+
     /// The picture whose normalised residuals stand out most.
     fn far_off(&self, residuals: &[Vec<Vector2<f64>>], squares: &[Vec<f64>]) -> Option<(usize, Dropped)> {
         let logs: Vec<f64> = squares.iter().map(|s| scale(s).max(f64::MIN_POSITIVE).ln()).collect();
         let (middle, spread) = deviation(logs.iter().copied());
-        let over = |k: usize| {
-            (logs[k] - middle) / spread.hypot(MEDIAN_SCALE / (squares[k].len() as f64).sqrt())
-        };
+        let over =
+            |k: usize| (logs[k] - middle) / spread.hypot(MEDIAN_SCALE / (squares[k].len() as f64).sqrt());
         let k = (0..logs.len()).max_by(|a, b| over(*a).total_cmp(&over(*b)))?;
-        let reason = Dropped::OtherCamera { rms_px: rms(residuals[k].iter()), times: (logs[k] - middle).exp() };
+        let reason =
+            Dropped::OtherCamera { rms_px: rms(residuals[k].iter()), times: (logs[k] - middle).exp() };
         (over(k) > limit(logs.len(), 1.0)).then_some((k, reason))
     }
 
     /// A picture counts as lost by its points as found, not by what earlier rounds left of them.
     fn drop_points(&mut self, squares: &[Vec<f64>], views: &[View]) -> bool {
-        let limit = GROSS * scale(&squares.concat()).max(1.0);
+        let all = scale(&squares.concat()).max(1.0);
         let mut changed = false;
         for ((index, view), s) in std::mem::take(&mut self.used).into_iter().zip(squares) {
             let before = view.len();
+            // Whether all of a picture is off is not asked here.
+            let limit = GROSS * scale(s).max(all);
             let fits = view.into_iter().zip(s).filter(|(_, s)| s.sqrt() <= limit);
             let kept: View = fits.map(|(p, _)| p).collect();
             changed |= kept.len() < before;
@@ -164,7 +185,12 @@ impl Selection {
 
 /// Relative change of the camera constant that a picture's residuals ask for, and over its standard
 /// deviation, which the residuals that are left tell where they are larger than they should be.
-fn own_constant(adjusted: &Adjusted, k: usize, view: &View, residuals: &[Vector2<f64>]) -> Option<(f64, f64)> {
+fn own_constant(
+    adjusted: &Adjusted,
+    k: usize,
+    view: &View,
+    residuals: &[Vector2<f64>],
+) -> Option<(f64, f64)> {
     let (mut normal, mut right, mut sum) = (SMatrix::<f64, 7, 7>::zeros(), SVector::<f64, 7>::zeros(), 0.0);
     for (p, r) in view.iter().zip(residuals) {
         let point = adjusted.point(k, p);

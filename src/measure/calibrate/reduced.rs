@@ -38,6 +38,7 @@ fn halved(raster: &Raster) -> Option<Raster> {
 pub(super) fn part(raster: &Raster, left: usize, top: usize, width: usize, height: usize) -> Option<Raster> {
     let right = (left + width).min(raster.width());
     let rows = top..(top + height).min(raster.height());
-    let luma: Vec<u8> = rows.clone().flat_map(|y| raster.row(y).get(left..right).unwrap_or(&[])).copied().collect();
+    let luma: Vec<u8> =
+        rows.clone().flat_map(|y| raster.row(y).get(left..right).unwrap_or(&[])).copied().collect();
     Raster::new(right.saturating_sub(left), rows.len(), luma)
 }

@@ -48,6 +48,11 @@ impl Shape {
         Self { middle_m: 0.5 * (low + high), half_m }
     }
 
+    /// Corners of the rectangle in which the points lie, m.
+    pub(super) fn bounds_m(&self) -> (Vector2<f64>, Vector2<f64>) {
+        (self.middle_m - self.half_m, self.middle_m + self.half_m)
+    }
+
     /// Priors on the two bows, which are the parameters from `first` on.
     pub(super) fn priors(&self, first: usize) -> Vec<Prior> {
         let sigma = |k: usize| SIGMA_M_PER_M * 2.0 * self.half_m[k];
