@@ -32,24 +32,27 @@ pub struct PictureCorners {
     pub size: (u32, u32),
     /// The corners.
     pub view: View,
+    /// Per corner: whether a calibration used it; empty before one.
+    pub used: Vec<bool>,
 }
 
 /// Writes a line for each corner.
 pub fn write_corners(file: &Path, pictures: &[PictureCorners]) -> std::io::Result<()> {
-    let mut text = COLUMNS.join(",") + "\n";
+    let mut text = COLUMNS.join(",") + ",used\n";
     for picture in pictures {
         let name = if picture.image.contains([',', '"', '\n']) {
             format!("\"{}\"", picture.image.replace('"', "\"\""))
         } else {
             picture.image.clone()
         };
-        for p in &picture.view {
+        for (k, p) in picture.view.iter().enumerate() {
+            let used = picture.used.get(k).map_or("", |u| if *u { "yes" } else { "no" });
             let c = &p.covariance_px2;
             let (su, sv) = (c[(0, 0)].sqrt(), c[(1, 1)].sqrt());
             let correlation = if su * sv > 0.0 { c[(0, 1)] / (su * sv) } else { 0.0 };
             let _ = writeln!(
                 text,
-                "{name},{},{},{},{},{:.5},{:.5},{su:.6},{sv:.6},{correlation:.5}",
+                "{name},{},{},{},{},{:.5},{:.5},{su:.6},{sv:.6},{correlation:.5},{used}",
                 picture.size.0, picture.size.1, p.board_m.x, p.board_m.y, p.pixel.x, p.pixel.y,
             );
         }
@@ -100,7 +103,12 @@ fn read(reader: &mut Reader, name: &str) -> Option<Vec<PictureCorners>> {
         let size = (width as u32, height as u32);
         match pictures.iter_mut().rfind(|p| p.image == cells[0]) {
             Some(picture) => picture.view.push(point),
-            None => pictures.push(PictureCorners { image: cells[0].clone(), size, view: vec![point] }),
+            None => pictures.push(PictureCorners {
+                image: cells[0].clone(),
+                size,
+                view: vec![point],
+                used: vec![],
+            }),
         }
     }
     Some(pictures)

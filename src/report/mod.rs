@@ -11,6 +11,7 @@
 //! | `plan_figure` | a plan | resolution and predicted uncertainty along the span, SVG |
 //! | `overlay` | a frame and its detections | a picture to look at |
 
+pub mod calibration;
 pub mod export;
 pub mod grid;
 pub mod html;

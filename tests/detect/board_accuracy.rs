@@ -59,6 +59,7 @@ fn picture(lens: &Lens, k: usize, bow_m: [f64; 2], random: &mut Random) -> Board
             origin_m: middle - camera_from_board * half,
             blur_px: 0.7,
             noise: 1.5,
+            pane: None,
         };
         let edge = |n: usize| [-1.7 * SQUARE_M, (n as f64 + 0.7) * SQUARE_M];
         let inside = edge(COLUMNS).iter().all(|x| {

@@ -41,6 +41,7 @@ fn view(lens: Lens, middle_m: [f64; 3], tilt: [f64; 2], random: &mut Random) -> 
         origin_m: Vector3::from(middle_m) - camera_from_board * half,
         blur_px: 0.7,
         noise: 1.0,
+        pane: None,
     };
     let mut k = 0;
     let mut point = |pixel: Vector2<f64>| {
@@ -199,6 +200,7 @@ fn a_checkerboard_with_more_corners_than_described_is_named() {
         origin_m: Vector3::new(-0.4, -0.25, 5.0),
         blur_px: 0.7,
         noise: 1.0,
+        pane: None,
     };
     let raster = picture.render(random).unwrap();
     let board = |columns, rows| Board::Checkerboard { columns, rows, square_m: 0.1 };

@@ -4,7 +4,7 @@
 //! poses leave by their Schur complement. Steps are damped (Levenberg and Marquardt) until the sum of squares
 //! falls; at the end no damping is left in the covariance.
 
-use nalgebra::{Matrix6, SMatrix, SVector, Vector2, Vector6};
+use nalgebra::{Matrix2, Matrix6, SMatrix, SVector, Vector2, Vector6};
 
 use super::shape::Shape;
 use super::{BoardPoint, Pose, View, quality};
@@ -25,6 +25,8 @@ const ITERATIONS: usize = 500;
 const CONVERGED: f64 = 1e-6;
 /// The same where rounding or a long flat valley ends the steps before: a tenth of a standard deviation.
 const NEARLY: f64 = 1e-2;
+/// What rounding may take from a sum of squares: where nothing else is left of it, the boards were parallel.
+const ROUNDING: f64 = 1e-12;
 const FIRST_DAMPING: f64 = 1e-4;
 const LEAST_DAMPING: f64 = 1e-12;
 const MOST_DAMPING: f64 = 1e12;
@@ -45,8 +47,8 @@ pub(super) struct Bundle<'a> {
     pub priors: Vec<Prior>,
     /// Parameters that keep their start.
     pub held: [bool; GLOBAL],
-    /// Standard deviation that all points have beyond their own, px.
-    pub model_sigma_px: f64,
+    /// Per view: standard deviation that its points have beyond their own, px.
+    pub common_px: &'a [f64],
 }
 
 /// A solution.
@@ -128,11 +130,12 @@ impl Bundle<'_> {
         let lens = super::with_parameters(self.size, global);
         let mut all =
             Normal { global: Covariance::zeros(), right: Global::zeros(), views: vec![], omega: 0.0 };
-        for (pose, view) in poses.iter().zip(self.views) {
+        for ((pose, view), common_px) in poses.iter().zip(self.views).zip(self.common_px) {
             let mut own =
                 ViewNormal { own: Matrix6::zeros(), cross: Cross::zeros(), right: Vector6::zeros() };
             for p in view.iter() {
-                self.point(&lens, global, pose, p, &mut own, &mut all)?;
+                let weight = super::with_common(&p.covariance_px2, *common_px).try_inverse()?;
+                self.point(&lens, (global, pose), p, &weight, (&mut own, &mut all))?;
             }
             all.views.push(own);
         }
@@ -149,11 +152,10 @@ impl Bundle<'_> {
     fn point(
         &self,
         lens: &Lens,
-        global: &Global,
-        pose: &Pose,
+        (global, pose): (&Global, &Pose),
         p: &BoardPoint,
-        own: &mut ViewNormal,
-        all: &mut Normal,
+        weight: &Matrix2<f64>,
+        (own, all): (&mut ViewNormal, &mut Normal),
     ) -> Option<()> {
         let point = pose.apply(&self.shape.point(&p.board_m, &[global[INTERIOR], global[INTERIOR + 1]]));
         let (pixel, by_point) = lens.project_with_jacobian(&point)?;
@@ -163,7 +165,6 @@ impl Bundle<'_> {
         by.fixed_columns_mut::<INTERIOR>(0).copy_from(&by_lens);
         let by_bow = by_point * pose.camera_from_board.matrix().column(2) * self.shape.by_bow(&p.board_m);
         by.fixed_columns_mut::<2>(INTERIOR).copy_from(&by_bow);
-        let weight = super::with_common(&p.covariance_px2, self.model_sigma_px).try_inverse()?;
         let residual: Vector2<f64> = p.pixel - pixel;
         let (weighted, turned) = (by.transpose() * weight, by_motion.transpose() * weight);
         all.global += weighted * by;
@@ -180,7 +181,7 @@ impl Normal {
     /// Normal equations of the global parameters alone.
     fn reduced(&self, damping: f64) -> Option<(Covariance, Global)> {
         let mut matrix = self.global;
-        (0..GLOBAL).for_each(|k| matrix[(k, k)] *= 1.0 + damping);
+        (0..GLOBAL).for_each(|k| matrix[(k, k)] *= 1.0 + damping + ROUNDING);
         let mut right = self.right;
         for v in &self.views {
             let solved = v.damped(damping).cholesky()?;

@@ -43,11 +43,11 @@ pub(super) fn halves(adjusted: &Adjusted, used: &[(usize, View)]) -> Option<Halv
     let (a, b) = (of(0)?, of(1)?);
     let change = b.solution.global - a.solution.global;
     let scaled = |h: &Adjusted| h.solution.covariance * h.solution.variance_factor();
-    // Points in the middle of the distances at which markers lie.
-    let worth =
-        |m: &Covariance| quality::projections(adjusted, used, m).map(|p| (p[1].distance_m, p[1].sigma_px));
-    let (distance_m, difference_px) = worth(&(change * change.transpose()))?;
-    let (_, predicted_px) = worth(&(scaled(&a) + scaled(&b)))?;
+    // In the middle of the distances at which markers lie.
+    let distance_m = quality::DISTANCES_M[1];
+    let worth = |m: &Covariance| quality::projection_at(adjusted, used, m, distance_m).map(|p| p.sigma_px);
+    let difference_px = worth(&(change * change.transpose()))?;
+    let predicted_px = worth(&(scaled(&a) + scaled(&b)))?;
     Some(Halves { distance_m, difference_px, predicted_px })
 }
 

@@ -91,8 +91,10 @@ pub struct Calibration {
     pub halves: Option<Halves>,
     /// What the residuals have in common.
     pub pattern: Pattern,
-    /// Per view that took part, per point: where it was measured, and observed - projected, px.
+    /// Per view, empty where it took no part: each point's place in the image and observed - projected, px.
     pub residuals: Vec<Vec<(Vector2<f64>, Vector2<f64>)>>,
+    /// Sides of the rectangle in which the board's points lie, m.
+    pub board_side_m: [f64; 2],
     /// Uncertainty in the picture at [`DISTANCES_M`]; `None` where the lens has no inverse over the image.
     pub projections: Option<Vec<Projection>>,
 }
@@ -150,7 +152,8 @@ pub fn calibrate_with(
         adjusted = settled(adjusted, &selection.used)?;
         let before: Vec<usize> = selection.used.iter().map(|(k, _)| *k).collect();
         // Each round takes something out: they end.
-        if !selection.narrow(&adjusted, views) {
+        let apart = robust(&adjusted, &selection.used)?;
+        if !selection.narrow(&apart, views) {
             let adjusted = if select { selected(adjusted, &selection.used)? } else { adjusted };
             return Ok(outcome(&adjusted, selection));
         }
@@ -161,6 +164,26 @@ pub fn calibrate_with(
         let mut stay = before.iter().map(stays);
         adjusted.poses.retain(|_| stay.next().unwrap_or(false));
     }
+}
+
+/// Rounds in which the pictures' own variances settle.
+const ROBUST_ROUNDS: usize = 10;
+
+/// For the tests: each picture's points count as its own residuals deserve (a variance component each), so that
+/// the many that agree are not pulled by one that does not. Its common variance is that of all pictures.
+fn robust(adjusted: &Adjusted, used: &[(usize, View)]) -> Result<Adjusted, CalibrateError> {
+    let mut start = Start::of(adjusted);
+    let mut residuals = adjusted.residuals(used);
+    for round in 1.. {
+        let own: Vec<f64> = residuals.iter().map(|r| outliers::coordinate_px(r)).collect();
+        let mut found = adjust_views(used, &start, &own, 1.0)?;
+        if round == ROBUST_ROUNDS {
+            found.model_sigma_px = found.common_sigma_px(used);
+            return Ok(found);
+        }
+        (residuals, start) = (found.residuals(used), Start::of(&found));
+    }
+    Err(CalibrateError::NoFit)
 }
 
 /// Some hundred points leave Student's t at the normal's.
@@ -374,19 +397,31 @@ fn adjust_with(
     model_sigma_px: f64,
     stiff: f64,
 ) -> Result<Adjusted, CalibrateError> {
+    let found = adjust_views(used, start, &vec![model_sigma_px; used.len()], stiff)?;
+    Ok(Adjusted { model_sigma_px, ..found })
+}
+
+/// With a common standard deviation for each view, px.
+fn adjust_views(
+    used: &[(usize, View)],
+    start: &Start,
+    common_px: &[f64],
+    stiff: f64,
+) -> Result<Adjusted, CalibrateError> {
     let views: Vec<&View> = used.iter().map(|(_, v)| v).collect();
     let size = (start.lens.width, start.lens.height);
     let shape = Shape::of(&views);
     let priors = [lens_priors(&start.lens, stiff), shape.priors(INTERIOR)].concat();
     let held = start.held;
-    let bundle = Bundle { views: &views, size, shape, priors, held, model_sigma_px };
+    let bundle = Bundle { views: &views, size, shape, priors, held, common_px };
     let mut global = Global::zeros();
     global.fixed_rows_mut::<INTERIOR>(0).copy_from(&SVector::from(parameters(&start.lens)));
     global.fixed_rows_mut::<2>(INTERIOR).copy_from(&Vector2::from(start.bow_m));
     let solution = bundle.solve(global, &start.poses).ok_or(CalibrateError::NoFit)?;
     let lens = with_parameters(size, &solution.global);
     let bow_m = [solution.global[INTERIOR], solution.global[INTERIOR + 1]];
-    Ok(Adjusted { lens, shape, bow_m, poses: solution.poses.clone(), held, solution, model_sigma_px })
+    let poses = solution.poses.clone();
+    Ok(Adjusted { lens, shape, bow_m, poses, held, solution, model_sigma_px: 0.0 })
 }
 
 /// What every lens keeps to, for pictures that do not tell: the camera constant is within its own size of where
@@ -424,6 +459,7 @@ fn rms<'a>(vectors: impl Iterator<Item = &'a Vector2<f64>>) -> f64 {
 
 fn outcome(adjusted: &Adjusted, selection: Selection) -> Calibration {
     let Selection { used, dropped } = selection;
+    let dropped_count = dropped.len();
     let solution = &adjusted.solution;
     let residuals = adjusted.residuals(&used);
     let covariance = solution.covariance * solution.variance_factor();
@@ -446,16 +482,14 @@ fn outcome(adjusted: &Adjusted, selection: Selection) -> Calibration {
         held: std::array::from_fn(|k| adjusted.held[k]),
         halves: check::halves(adjusted, &used),
         pattern: check::pattern(adjusted, &used),
-        residuals: used
-            .iter()
-            .zip(&residuals)
-            .map(|((_, v), r)| v.iter().map(|p| p.pixel).zip(r.iter().copied()).collect())
-            .collect(),
+        residuals: vec![vec![]; dropped_count],
+        board_side_m: adjusted.shape.sides_m(),
         projections: quality::projections(adjusted, &used, &covariance),
     };
     for (((index, view), r), pose) in used.iter().zip(&residuals).zip(&adjusted.poses) {
         found.view_rms_px[*index] = Some(rms(r.iter()));
         found.view_points[*index] = view.len();
+        found.residuals[*index] = view.iter().map(|p| p.pixel).zip(r.iter().copied()).collect();
         let normal_z = pose.camera_from_board.matrix()[(2, 2)];
         found.tilt_deg[*index] = Some(normal_z.abs().min(1.0).acos().to_degrees());
     }

@@ -241,6 +241,11 @@ pub(super) fn scale(squares: &[f64]) -> f64 {
     (median(squares.to_vec()) / MEDIAN_SQUARE).sqrt()
 }
 
+/// Standard deviation of a coordinate that the median of the residuals' lengths tells, px.
+pub(super) fn coordinate_px(residuals: &[Vector2<f64>]) -> f64 {
+    scale(&residuals.iter().map(Vector2::norm_squared).collect::<Vec<f64>>())
+}
+
 /// Median and the standard deviation that the median absolute deviation tells.
 fn deviation(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
     let middle = median(values.clone().collect());

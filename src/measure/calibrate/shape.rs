@@ -53,6 +53,11 @@ impl Shape {
         (self.middle_m - self.half_m, self.middle_m + self.half_m)
     }
 
+    /// Its sides, m.
+    pub(super) fn sides_m(&self) -> [f64; 2] {
+        [2.0 * self.half_m.x, 2.0 * self.half_m.y]
+    }
+
     /// Priors on the two bows, which are the parameters from `first` on.
     pub(super) fn priors(&self, first: usize) -> Vec<Prior> {
         let sigma = |k: usize| SIGMA_M_PER_M * 2.0 * self.half_m[k];

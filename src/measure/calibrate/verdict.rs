@@ -113,7 +113,7 @@ fn halves(c: &Calibration) -> Option<(Verdict, String)> {
         h.distance_m,
         h.difference_px / h.predicted_px,
         if c.pattern.image_px.max(c.pattern.board_px) > PATTERN_SHARE * c.rms_px {
-            cause(c)
+            format!("the residuals of {:.2} px rms are not random: {}", c.rms_px, cause(c))
         } else {
             "zoom, focus or the board's shape changed on the way; tape the rings, use a stiff board"
                 .to_owned()

@@ -6,6 +6,7 @@
 use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
 
 use super::Random;
+use crate::measure::environment::Plate;
 use crate::measure::geometry::Lens;
 use crate::measure::raster::Raster;
 
@@ -39,6 +40,8 @@ pub struct BoardPicture {
     pub blur_px: f64,
     /// Of the noise, grey values.
     pub noise: f64,
+    /// The panes between camera and board, in the camera frame.
+    pub pane: Option<Plate>,
 }
 
 impl BoardPicture {
@@ -59,7 +62,8 @@ impl BoardPicture {
     pub fn pixels(&self) -> Vec<Vector2<f64>> {
         let (columns, rows) = self.corners;
         let cells = (0..rows).flat_map(|r| (0..columns).map(move |c| Vector2::new(c as f64, r as f64)));
-        cells.filter_map(|c| self.lens.project(&self.point(&(c * self.square_m)))).collect()
+        let seen = |p: Vector3<f64>| self.pane.map_or(p, |pane| pane.apparent(&p));
+        cells.filter_map(|c| self.lens.project(&seen(self.point(&(c * self.square_m))))).collect()
     }
 
     /// The picture; `None` where its size is 0.
@@ -107,7 +111,9 @@ impl BoardPicture {
     /// The place on the bowed board that a pixel sees.
     fn traced(&self, pixel: &Vector2<f64>) -> Option<Vector2<f64>> {
         let back = self.camera_from_board.inverse();
-        let (ray, eye) = (back * self.lens.ray(pixel).ok()?, -(back * self.origin_m));
+        let ray = self.lens.ray(pixel).ok()?;
+        let (from, ray) = self.pane.map_or((Vector3::zeros(), ray), |p| p.outside(&ray.normalize()));
+        let (ray, eye) = (back * ray, back * (from - self.origin_m));
         let mut place = Vector2::zeros();
         let mut height = 0.0;
         // The board is nearly flat: each round leaves a hundredth of the last one's error or less.
