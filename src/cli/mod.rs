@@ -6,6 +6,7 @@ mod camera_child;
 mod camera_test;
 mod check;
 mod compare;
+mod convert;
 mod copy;
 mod demo;
 mod detect;
@@ -13,6 +14,7 @@ mod export;
 mod fetch;
 mod frames;
 mod logging;
+mod mount_check;
 mod orient;
 mod plan;
 mod prune;
@@ -63,6 +65,10 @@ enum Command {
     Check(check::Args),
     /// Interior orientation from pictures of a board
     Calibrate(calibrate::Args),
+    /// A camera from and to the files of OpenCV, ROS, Kalibr and mrcal
+    Convert(convert::Args),
+    /// How far the camera moved between frames of a scene at rest
+    MountCheck(mount_check::Args),
     /// Find markers in images
     Detect(detect::Args),
     /// Find the camera's attitude from ground frames and write orientation.toml
@@ -143,6 +149,8 @@ pub fn main() -> ExitCode {
         Command::Run(args) => run::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Calibrate(args) => calibrate::run(&args),
+        Command::Convert(args) => convert::run(&args),
+        Command::MountCheck(args) => mount_check::run(&args),
         Command::Detect(args) => detect::run(&args),
         Command::Orient(args) => orient::run(&args),
         Command::Plan(args) => plan::run(&args),

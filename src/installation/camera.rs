@@ -57,8 +57,10 @@ pub struct CalibrationReport {
     pub board_bow_m: [f64; 2],
     /// Their standard deviations, m.
     pub board_bow_sigma_m: [f64; 2],
-    /// Standard deviations in the order fx fy cx cy k1 k2 k3 p1 p2.
-    pub sigma: [f64; 9],
+    /// Difference of two halves of the pictures at 15 m and its prediction, px.
+    pub halves_px: Option<[f64; 2]>,
+    /// Standard deviations in the order fx fy cx cy k1 k2 k3 p1 p2; none where held.
+    pub sigma: [Option<f64>; 9],
     /// 9 x 9, same order.
     pub covariance: Vec<Vec<f64>>,
 }
@@ -174,7 +176,11 @@ pub fn write_camera(file: &Path, lens: &Lens, report: Option<&CalibrationReport>
             "board_bow_m = {:?}\nboard_bow_sigma_m = {:?}",
             r.board_bow_m, r.board_bow_sigma_m
         );
-        let sigma: Vec<String> = names.iter().zip(r.sigma).map(|(n, s)| format!("{n} = {s:?}")).collect();
+        if let Some(halves) = r.halves_px {
+            let _ = writeln!(text, "halves_px = {halves:?}");
+        }
+        let sigma: Vec<String> =
+            names.iter().zip(r.sigma).filter_map(|(n, s)| Some(format!("{n} = {:?}", s?))).collect();
         let _ = writeln!(text, "sigma = {{ {} }}\ncovariance = [", sigma.join(", "));
         for row in &r.covariance {
             let _ = writeln!(text, "  {row:?},");

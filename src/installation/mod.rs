@@ -4,8 +4,10 @@
 
 mod board;
 mod camera;
+mod corners;
 mod document;
 mod doubtful;
+mod exchange;
 mod mountings;
 mod observations;
 mod orientation;
@@ -21,7 +23,9 @@ use sha2::{Digest, Sha256};
 
 pub use board::load_board;
 pub use camera::{CalibrationReport, write_camera};
+pub use corners::{PictureCorners, read_corners, write_corners};
 pub use doubtful::doubts;
+pub use exchange::{CameraFormat, format_of, read_exchange, write_exchange};
 pub use mountings::{Mountings, read_mountings};
 pub use observations::{HandObservation, read_observations};
 pub use orientation::write_orientation;
@@ -208,6 +212,11 @@ pub fn toml_fault(file: &Path, text: &str, error: &toml::de::Error, mend: &str) 
     let shown = line.and_then(|l| text.lines().nth(l - 1)).map(str::trim).unwrap_or_default();
     let place = line.map_or("file".into(), |l| format!("line {l} (`{shown}`)"));
     Fault { file: file.into(), place, problem: error.message().replace('\n', " "), mend: mend.into() }
+}
+
+/// Writes a page whole or not at all.
+pub fn write_page(file: &Path, text: &str) -> std::io::Result<()> {
+    write_whole(file, text)
 }
 
 /// Writes a file whole or not at all, durable before its name appears.

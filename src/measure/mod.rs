@@ -8,6 +8,7 @@ pub mod detect;
 pub mod environment;
 pub mod geometry;
 pub mod identify;
+pub mod mount;
 pub mod plan;
 pub mod raster;
 pub mod render;

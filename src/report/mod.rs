@@ -13,6 +13,7 @@
 //! | `plan_figure` | a plan | resolution and predicted uncertainty along the span, SVG |
 //! | `overlay` | a frame and its detections | a picture to look at |
 
+pub mod calibration;
 pub mod compare;
 pub mod export;
 pub mod grid;

@@ -3,6 +3,9 @@
 
 mod background;
 mod bad_light;
+mod board_accuracy;
+mod board_cases;
+mod board_pane;
 mod calibration;
 mod closer;
 #[path = "../common/mod.rs"]

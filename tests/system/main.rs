@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
 mod bad_input;
+mod calibrate_command;
 mod check_command;
 #[path = "../common/mod.rs"]
 mod common;

@@ -1,16 +1,28 @@
-//! A Kalibr AprilGrid: tags found by `aprilgrid`, corners measured by our saddle refinement.
+//! A Kalibr AprilGrid: tags found by `aprilgrid`, corners measured by our own fit.
+//!
+//! The finder's thresholds follow the strongest corner of what it is given: text or a screen beside the
+//! board blinds it. So a picture in which tags are missing is searched once more in parts.
+
+use std::collections::BTreeMap;
 
 use ::aprilgrid::TagFamily;
 use ::aprilgrid::detector::TagDetector;
 use image::{DynamicImage, GrayImage};
 use nalgebra::Vector2;
 
-use super::board::{Board, BoardError};
-use super::{BoardPoint, View, saddle};
+use super::board::{Board, BoardError, Misfit, Sighting};
+use super::checkerboard::REACH;
+use super::corner::{self, Hint};
+use super::{BoardPoint, View, reduced, saddle, start};
 use crate::measure::raster::Raster;
 
 /// Tags needed for a view.
 const LEAST_TAGS: usize = 4;
+/// Parts along each side of the picture; each overlaps half of the next, so that a tag of a quarter of the
+/// picture lies whole in one.
+const PARTS: usize = 3;
+
+type Tag = [Vector2<f64>; 4];
 
 pub(super) fn find(
     raster: &Raster,
@@ -18,13 +30,8 @@ pub(super) fn find(
     rows: usize,
     tag_m: f64,
     spacing: f64,
-) -> Result<View, BoardError> {
-    let (width, height) = (raster.width() as u32, raster.height() as u32);
-    let gray = GrayImage::from_raw(width, height, raster.luma().to_vec()).ok_or(BoardError::NotFound)?;
-    let found = TagDetector::new(&TagFamily::T36H11, None).detect(&DynamicImage::ImageLuma8(gray));
-    // The detector's order differs between runs: ours is by id.
-    let mut tags: Vec<_> = found.into_iter().filter(|(id, _)| (*id as usize) < columns * rows).collect();
-    tags.sort_by_key(|(id, _)| *id);
+) -> Result<Sighting, BoardError> {
+    let tags = tags(raster, columns * rows);
     if tags.len() < LEAST_TAGS {
         return Err(if tags.is_empty() {
             BoardError::NotFound
@@ -32,18 +39,95 @@ pub(super) fn find(
             BoardError::Partial { found: 4 * tags.len(), expected: 4 * columns * rows }
         });
     }
-    let mut view = vec![];
-    for (id, corners) in tags {
-        let corners = corners.map(|(x, y)| Vector2::new(f64::from(x), f64::from(y)));
-        for (k, corner) in corners.iter().enumerate() {
-            let side = (corners[(k + 1) % 4] - corner).norm().min((corners[(k + 3) % 4] - corner).norm());
-            // Half a gap, so that the window stays inside the small square at the tag's corner.
-            let half = saddle::half_window_for(side * spacing.min(1.0) * 1.5);
-            let board_m = Board::tag_corner(columns, tag_m, spacing, id as usize, k);
-            if let Some(pixel) = saddle::refine(raster, corner, half) {
-                view.push(BoardPoint { board_m, pixel });
+    let mut view = View::new();
+    for (&id, tag) in &tags {
+        for k in 0..4 {
+            let Some(found) = hint(raster, tag, k, spacing).and_then(|h| corner::fit(raster, &h)) else {
+                continue;
+            };
+            let board_m = Board::tag_corner(columns, tag_m, spacing, id, k);
+            view.push(BoardPoint { board_m, pixel: found.pixel, covariance_px2: found.covariance_px2 });
+        }
+    }
+    Ok(Sighting { view, misfit: misfit(&tags, columns, spacing) })
+}
+
+/// The board's tags by id, which also gives them an order: the finder's differs between runs.
+fn tags(raster: &Raster, expected: usize) -> BTreeMap<usize, Tag> {
+    let (small, scale) = reduced::reduced(raster);
+    let mut tags = BTreeMap::new();
+    search(small.as_ref().unwrap_or(raster), Vector2::zeros(), scale, expected, &mut tags);
+    let (width, height) = (2 * raster.width() / (PARTS + 1), 2 * raster.height() / (PARTS + 1));
+    for k in 0..PARTS * PARTS {
+        if tags.len() == expected {
+            break;
+        }
+        let (left, top) = (k % PARTS * width / 2, k / PARTS * height / 2);
+        if let Some(part) = reduced::part(raster, left, top, width, height) {
+            search(&part, Vector2::new(left as f64, top as f64), 1.0, expected, &mut tags);
+        }
+    }
+    tags
+}
+
+/// Adds tags not yet known.
+fn search(
+    raster: &Raster,
+    origin: Vector2<f64>,
+    scale: f64,
+    expected: usize,
+    tags: &mut BTreeMap<usize, Tag>,
+) {
+    let (width, height) = (raster.width() as u32, raster.height() as u32);
+    let Some(gray) = GrayImage::from_raw(width, height, raster.luma().to_vec()) else { return };
+    let found = TagDetector::new(&TagFamily::T36H11, None).detect(&DynamicImage::ImageLuma8(gray));
+    for (id, corners) in found.into_iter().filter(|(id, _)| (*id as usize) < expected) {
+        let place = |(x, y): (f32, f32)| {
+            Vector2::new(f64::from(x), f64::from(y)) * scale + Vector2::repeat(0.5 * (scale - 1.0)) + origin
+        };
+        tags.entry(id as usize).or_insert_with(|| corners.map(place));
+    }
+}
+
+/// A tag's corner, where the small square touches it.
+fn hint(raster: &Raster, tag: &Tag, k: usize, spacing: f64) -> Option<Hint> {
+    let edges = [tag[(k + 1) % 4] - tag[k], tag[(k + 3) % 4] - tag[k]];
+    let sine = edges[0].normalize().perp(&edges[1].normalize()).abs();
+    let square = edges[0].norm().min(edges[1].norm()) * spacing.min(1.0);
+    let centre = saddle::refine(raster, &tag[k], saddle::half_window_for(1.5 * square))?;
+    let radius_px = (REACH * square * sine).min(corner::LARGEST_PX);
+    Some(Hint { centre, edges, curvature_per_px: [0.0; 2], radius_px })
+}
+
+/// What the tags' places say of the description: each tag tells where the next lies, in sides of a tag.
+fn misfit(tags: &BTreeMap<usize, Tag>, columns: usize, spacing: f64) -> Option<Misfit> {
+    let mut gaps = vec![];
+    let mut ups: BTreeMap<usize, usize> = BTreeMap::new();
+    for (&id, tag) in tags {
+        let Some(tag_from_pixel) = start::tag_from_pixel(tag) else { continue };
+        for (&other, place) in tags.range(id + 1..) {
+            let middle = place.iter().map(&tag_from_pixel).sum::<Vector2<f64>>() / 4.0 - Vector2::repeat(0.5);
+            // The neighbour on the right or above lies between one and two sides away.
+            let next = |far: f64, aside: f64| (1.0..2.0).contains(&far) && aside.abs() < 0.3;
+            if next(middle.x, middle.y) && other == id + 1 {
+                gaps.push(middle.x - 1.0);
+            } else if next(middle.y, middle.x) {
+                *ups.entry(other - id).or_default() += 1;
             }
         }
     }
-    Ok(view)
+    let seen = ups.into_iter().max_by_key(|(_, votes)| *votes).map(|(step, _)| step);
+    if let Some(seen) = seen.filter(|s| *s != columns) {
+        return Some(Misfit::Columns { seen });
+    }
+    gaps.sort_by(f64::total_cmp);
+    let gap = *gaps.get(gaps.len() / 2)?;
+    let spread = gaps.get(3 * gaps.len() / 4)? - gaps.get(gaps.len() / 4)?;
+    // The quartiles of a normal distribution are 1.35 standard deviations apart; the median's is 1.25 / root n of one.
+    let sigma = spread / 1.35 * 1.25 / (gaps.len() as f64).sqrt();
+    let off = (gap - spacing).abs();
+    (off > 3.0 * sigma && off > GAP_TOLERANCE).then_some(Misfit::Gap { seen: gap })
 }
+
+/// A gap measured with a ruler is right to this share of a tag's side (1 mm on 100 mm).
+const GAP_TOLERANCE: f64 = 0.01;

@@ -47,9 +47,68 @@ pub enum BoardError {
     NotBuilt,
 }
 
+/// A board in a picture.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sighting {
+    /// Its points.
+    pub view: View,
+    /// What shows that it is not as described.
+    pub misfit: Option<Misfit>,
+}
+
+/// How a board differs from its description, as one picture shows it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Misfit {
+    /// A checkerboard has more lines of corners.
+    Larger,
+    /// Tags above one another count this much on.
+    Columns {
+        /// Tags along a row.
+        seen: usize,
+    },
+    /// The gap between tags.
+    Gap {
+        /// Over a tag's side.
+        seen: f64,
+    },
+}
+
+/// What most pictures say of the description, as a reason; `None` where the board is as described.
+pub fn misdescribed(board: &Board, misfits: &[Option<Misfit>]) -> Option<String> {
+    let half = |n: usize| n > 0 && 2 * n > misfits.len();
+    let found = || misfits.iter().flatten();
+    let larger = found().filter(|m| matches!(m, Misfit::Larger)).count();
+    let mut columns: Vec<usize> =
+        found().filter_map(|m| if let Misfit::Columns { seen } = m { Some(*seen) } else { None }).collect();
+    let mut gaps: Vec<f64> =
+        found().filter_map(|m| if let Misfit::Gap { seen } = m { Some(*seen) } else { None }).collect();
+    columns.sort_unstable();
+    gaps.sort_by(f64::total_cmp);
+    match *board {
+        Board::Checkerboard { columns, rows, .. } if half(larger) => Some(format!(
+            "the board is not as described: pictures show more than its {columns} x {rows} inner corners; count \
+             the corners at which four squares meet"
+        )),
+        Board::AprilGrid { columns: described, .. } if half(columns.len()) => {
+            let seen = columns[columns.len() / 2];
+            Some(format!(
+                "the board is not as described: it has {seen} tags in a row, columns = {described}; mend its description"
+            ))
+        }
+        Board::AprilGrid { spacing, .. } if half(gaps.len()) => {
+            let seen = gaps[gaps.len() / 2];
+            Some(format!(
+                "the board is not as described: the gap between its tags is {seen:.3} of a tag's side, \
+                 spacing = {spacing}; measure both"
+            ))
+        }
+        _ => None,
+    }
+}
+
 impl Board {
     /// The board's points in a picture.
-    pub fn find(&self, raster: &Raster) -> Result<View, BoardError> {
+    pub fn find(&self, raster: &Raster) -> Result<Sighting, BoardError> {
         match *self {
             Self::Checkerboard { columns, rows, square_m } => {
                 checkerboard::find(raster, columns, rows, square_m)

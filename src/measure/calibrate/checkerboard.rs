@@ -1,4 +1,4 @@
-//! A checkerboard: found and indexed by `calib-targets`, measured by our saddle refinement.
+//! A checkerboard: found and indexed by `calib-targets`, measured by our own fit.
 
 use std::collections::HashMap;
 
@@ -7,36 +7,44 @@ use calib_targets::detect;
 use calib_targets::image::GrayImage;
 use nalgebra::Vector2;
 
-use super::board::BoardError;
-use super::{BoardPoint, View, saddle};
+use super::board::{BoardError, Misfit, Sighting};
+use super::corner::{self, Hint};
+use super::{BoardPoint, View, reduced, saddle};
 use crate::measure::raster::Raster;
 
-pub(super) fn find(raster: &Raster, columns: usize, rows: usize, square_m: f64) -> Result<View, BoardError> {
-    let (width, height) = (raster.width() as u32, raster.height() as u32);
-    let gray = GrayImage::from_raw(width, height, raster.luma().to_vec()).ok_or(BoardError::NotFound)?;
-    let config = detect::default_chess_config();
-    let found = detect::detect_chessboard_best(&gray, &config, &ChessboardParams::sweep_default())
-        .map_err(|_| BoardError::NotFound)?;
-    let corners: HashMap<(i32, i32), Vector2<f64>> = found
-        .corners
-        .iter()
-        .map(|c| ((c.grid.u, c.grid.v), Vector2::new(f64::from(c.position.x), f64::from(c.position.y))))
-        .collect();
+type Cell = (i32, i32);
+type Corners = HashMap<Cell, Vector2<f64>>;
+
+/// Share of the distance to the nearest other corner that a window may reach: the rest keeps the next
+/// edge's blur out.
+pub(super) const REACH: f64 = 0.6;
+/// Share of a line beyond the described board that must be corners for it to be the board's.
+const LINE: f64 = 0.8;
+
+pub(super) fn find(
+    raster: &Raster,
+    columns: usize,
+    rows: usize,
+    square_m: f64,
+) -> Result<Sighting, BoardError> {
+    let corners = refined(raster, &labelled(raster).ok_or(BoardError::NotFound)?);
     let expected = columns * rows;
     let (origin, turned) =
         placement(&corners, columns, rows).ok_or(BoardError::Partial { found: corners.len(), expected })?;
     // Columns count to the right of rows in every picture: a bow towards the camera stays one.
     let mirrored = turned == (handedness(&corners) > 0.0);
-    let mut view = vec![];
+    let mut view = View::new();
     for r in 0..rows as i32 {
         for c in 0..columns as i32 {
             let k = if mirrored { columns as i32 - 1 - c } else { c };
             let cell = if turned { (origin.0 + r, origin.1 + k) } else { (origin.0 + k, origin.1 + r) };
-            let Some(pixel) = corners.get(&cell) else { continue };
-            let half = saddle::half_window(&corners, cell);
-            if let Some(pixel) = saddle::refine(raster, pixel, half) {
-                view.push(BoardPoint { board_m: Vector2::new(f64::from(c), f64::from(r)) * square_m, pixel });
-            }
+            let fitted = hint(&corners, cell).and_then(|h| corner::fit(raster, &h));
+            let board_m = Vector2::new(f64::from(c), f64::from(r)) * square_m;
+            view.extend(fitted.map(|f| BoardPoint {
+                board_m,
+                pixel: f.pixel,
+                covariance_px2: f.covariance_px2,
+            }));
         }
     }
     // Where on the grid a part of the board lies does not matter to a calibration, but half a board
@@ -44,12 +52,76 @@ pub(super) fn find(raster: &Raster, columns: usize, rows: usize, square_m: f64) 
     if view.len() * 2 < expected {
         return Err(BoardError::Partial { found: view.len(), expected });
     }
-    Ok(view)
+    let size = if turned { (rows, columns) } else { (columns, rows) };
+    Ok(Sighting { view, misfit: larger(&corners, origin, size) })
+}
+
+/// Corners with the labels of their squares; large pictures are searched in a smaller copy, then as they are.
+fn labelled(raster: &Raster) -> Option<Corners> {
+    let (small, scale) = reduced::reduced(raster);
+    let found = small.as_ref().and_then(searched).map(|found| {
+        found.into_iter().map(|(cell, p)| (cell, p * scale + Vector2::repeat(0.5 * (scale - 1.0)))).collect()
+    });
+    found.or_else(|| searched(raster))
+}
+
+fn searched(raster: &Raster) -> Option<Corners> {
+    let (width, height) = (raster.width() as u32, raster.height() as u32);
+    let gray = GrayImage::from_raw(width, height, raster.luma().to_vec())?;
+    let config = detect::default_chess_config();
+    let found = detect::detect_chessboard_best(&gray, &config, &ChessboardParams::sweep_default()).ok()?;
+    let corners = found.corners.iter();
+    Some(
+        corners
+            .map(|c| ((c.grid.u, c.grid.v), Vector2::new(f64::from(c.position.x), f64::from(c.position.y))))
+            .collect(),
+    )
+}
+
+/// At their saddle points, where those lie near.
+fn refined(raster: &Raster, corners: &Corners) -> Corners {
+    let one = |(cell, here): (&Cell, &Vector2<f64>)| {
+        let near = STEPS.iter().filter_map(|d| corners.get(&(cell.0 + d.0, cell.1 + d.1)));
+        let nearest = near.map(|p| (p - here).norm()).fold(f64::MAX, f64::min);
+        Some((*cell, saddle::refine(raster, here, saddle::half_window_for(nearest))?))
+    };
+    corners.iter().filter_map(one).collect()
+}
+
+const STEPS: [Cell; 4] = [(1, 0), (-1, 0), (0, 1), (0, -1)];
+
+/// The lines through a corner as its neighbours show them.
+fn hint(corners: &Corners, cell: Cell) -> Option<Hint> {
+    let centre = *corners.get(&cell)?;
+    let along = line(corners, cell, (1, 0))?;
+    let across = line(corners, cell, (0, 1))?;
+    let sine = along.0.normalize().perp(&across.0.normalize()).abs();
+    let radius_px = (REACH * along.2.min(across.2) * sine).min(corner::LARGEST_PX);
+    let curvature_per_px = [along.1, across.1];
+    Some(Hint { centre, edges: [along.0, across.0], curvature_per_px, radius_px })
+}
+
+/// Direction, curvature and shortest neighbour's distance of the board's line through a corner. At its
+/// ends the line bends as it does at the next corner.
+fn line(corners: &Corners, cell: Cell, step: Cell) -> Option<(Vector2<f64>, f64, f64)> {
+    let at = |k: i32| corners.get(&(cell.0 + k * step.0, cell.1 + k * step.1));
+    let here = at(0)?;
+    let bend = |a: &Vector2<f64>, b: &Vector2<f64>, c: &Vector2<f64>| {
+        let chord = c - a;
+        let left = Vector2::new(-chord.y, chord.x).normalize();
+        2.0 * left.dot(&(a + c - 2.0 * b)) / ((c - b).norm_squared() + (a - b).norm_squared())
+    };
+    match (at(-1), at(1)) {
+        (Some(a), Some(c)) => Some((c - a, bend(a, here, c), (a - here).norm().min((c - here).norm()))),
+        (None, Some(c)) => Some((c - here, at(2).map_or(0.0, |d| bend(here, c, d)), (c - here).norm())),
+        (Some(a), None) => Some((here - a, at(-2).map_or(0.0, |z| bend(z, a, here)), (a - here).norm())),
+        (None, None) => None,
+    }
 }
 
 /// Whether the labels' second axis lies clockwise of the first in the picture (positive) or not.
-fn handedness(corners: &HashMap<(i32, i32), Vector2<f64>>) -> f64 {
-    let turn = |(cell, here): (&(i32, i32), &Vector2<f64>)| {
+fn handedness(corners: &Corners) -> f64 {
+    let turn = |(cell, here): (&Cell, &Vector2<f64>)| {
         let along = corners.get(&(cell.0 + 1, cell.1))? - here;
         let across = corners.get(&(cell.0, cell.1 + 1))? - here;
         Some((along.x * across.y - along.y * across.x).signum())
@@ -59,23 +131,17 @@ fn handedness(corners: &HashMap<(i32, i32), Vector2<f64>>) -> f64 {
 
 /// Where on the labelled grid the board lies with most corners, and whether its rows run along v.
 /// Which of the two ends is the origin does not matter to a calibration.
-fn placement(
-    corners: &HashMap<(i32, i32), Vector2<f64>>,
-    columns: usize,
-    rows: usize,
-) -> Option<((i32, i32), bool)> {
-    let mut best: Option<(usize, (i32, i32), bool)> = None;
-    let mut cells: Vec<(i32, i32)> = corners.keys().copied().collect();
+fn placement(corners: &Corners, columns: usize, rows: usize) -> Option<(Cell, bool)> {
+    let mut best: Option<(usize, Cell, bool)> = None;
+    let mut cells: Vec<Cell> = corners.keys().copied().collect();
     cells.sort_unstable();
     let us: std::collections::BTreeSet<i32> = cells.iter().map(|c| c.0).collect();
     let vs: std::collections::BTreeSet<i32> = cells.iter().map(|c| c.1).collect();
     for turned in [false, true] {
-        let (nu, nv) = if turned { (rows, columns) } else { (columns, rows) };
+        let size = if turned { (rows, columns) } else { (columns, rows) };
         for &u in &us {
             for &v in &vs {
-                let inside =
-                    |c: &&(i32, i32)| (u..u + nu as i32).contains(&c.0) && (v..v + nv as i32).contains(&c.1);
-                let count = cells.iter().filter(inside).count();
+                let count = cells.iter().filter(|c| within(c, (u, v), size)).count();
                 if best.is_none_or(|b| count > b.0) {
                     best = Some((count, (u, v), turned));
                 }
@@ -83,4 +149,23 @@ fn placement(
         }
     }
     best.map(|(_, origin, turned)| (origin, turned))
+}
+
+fn within(cell: &Cell, origin: Cell, size: (usize, usize)) -> bool {
+    (origin.0..origin.0 + size.0 as i32).contains(&cell.0)
+        && (origin.1..origin.1 + size.1 as i32).contains(&cell.1)
+}
+
+/// A whole line of corners beside the described board.
+fn larger(corners: &Corners, origin: Cell, size: (usize, usize)) -> Option<Misfit> {
+    let (end_u, end_v) = (origin.0 + size.0 as i32, origin.1 + size.1 as i32);
+    let count = |cells: &mut dyn Iterator<Item = Cell>, length: usize| {
+        let found = cells.filter(|c| corners.contains_key(c)).count();
+        found as f64 >= LINE * length as f64
+    };
+    let upright =
+        [origin.0 - 1, end_u].into_iter().any(|u| count(&mut (origin.1..end_v).map(|v| (u, v)), size.1));
+    let level =
+        [origin.1 - 1, end_v].into_iter().any(|v| count(&mut (origin.0..end_u).map(|u| (u, v)), size.0));
+    (upright || level).then_some(Misfit::Larger)
 }

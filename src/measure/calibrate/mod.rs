@@ -3,30 +3,34 @@
 //! | stage | in | out | file |
 //! |---|---|---|---|
 //! | find | grey picture, board | board points and their pixels | `checkerboard.rs`, `aprilgrid.rs` |
-//! | refine | pixels | saddle points | `saddle.rs` |
+//! | measure | grey values, about where | corner and its covariance | `saddle.rs`, `corner.rs` |
 //! | start | views | camera constant, poses | `start.rs` |
-//! | adjust | views, start | camera, board's bow, covariance | here and `shape.rs`, on the Gauss-Helmert engine |
+//! | adjust | views, start | camera, board's bow, covariance | `bundle.rs`, `shape.rs` |
 //! | leave out | residuals | pictures and points that fit | `outliers.rs` |
-//! | judge | covariance, residuals | projection uncertainty, verdict | `quality.rs`, `verdict.rs` |
+//! | judge | covariance, residuals | projection uncertainty, halves, patterns, verdict | `quality.rs`, `check.rs`, `verdict.rs` |
 
 #[cfg(feature = "aprilgrid")]
 mod aprilgrid;
 mod board;
+mod bundle;
+mod check;
 mod checkerboard;
+mod corner;
 mod outliers;
 mod quality;
+mod reduced;
 mod saddle;
 mod shape;
 mod start;
 mod verdict;
 
-use nalgebra::{DMatrix, DVector, Rotation3, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix2, Rotation3, SVector, Vector2, Vector3, Vector6};
 
-pub use board::{Board, BoardError};
+pub use board::{Board, BoardError, Misfit, Sighting, misdescribed};
 
-use super::adjust::AdjustError;
-use super::adjust::gauss_helmert::{self, Block, Fit, Group, Linearised, Point, Prior, Problem};
-use super::geometry::{Lens, skew};
+use super::geometry::Lens;
+use bundle::{Bundle, GLOBAL, Global, INTERIOR, Prior, Solution};
+pub use check::{Halves, Pattern};
 pub use outliers::Dropped;
 use outliers::Selection;
 pub use quality::{DISTANCES_M, Projection};
@@ -41,6 +45,15 @@ pub struct BoardPoint {
     pub board_m: Vector2<f64>,
     /// px.
     pub pixel: Vector2<f64>,
+    /// Of the pixel as measured, px^2.
+    pub covariance_px2: Matrix2<f64>,
+}
+
+impl BoardPoint {
+    /// A point that is alike known in all directions; standard deviation of a coordinate, px.
+    pub fn new(board_m: Vector2<f64>, pixel: Vector2<f64>, sigma_px: f64) -> Self {
+        Self { board_m, pixel, covariance_px2: Matrix2::identity() * sigma_px * sigma_px }
+    }
 }
 
 /// One picture's points.
@@ -55,6 +68,9 @@ pub struct Calibration {
     pub covariance: DMatrix<f64>,
     /// Root mean square of the residual vectors, px.
     pub rms_px: f64,
+    /// Standard deviation per coordinate that all points have beyond their own, px: what board and lens
+    /// leave over.
+    pub model_sigma_px: f64,
     /// The board's bow along its rows and its columns.
     pub bow: [Bow; 2],
     /// Per view: the root mean square of its residual vectors, px; `None` where it was rejected.
@@ -69,6 +85,16 @@ pub struct Calibration {
     pub coverage: [[usize; 3]; 3],
     /// Image points that took part.
     pub observations: usize,
+    /// Interior parameters that were held at 0, order as in the covariance.
+    pub held: [bool; 9],
+    /// Every second picture against the others; `None` where they are too few.
+    pub halves: Option<Halves>,
+    /// What the residuals have in common.
+    pub pattern: Pattern,
+    /// Per view, empty where it took no part: each point's place in the image and observed - projected, px.
+    pub residuals: Vec<Vec<(Vector2<f64>, Vector2<f64>)>>,
+    /// Sides of the rectangle in which the board's points lie, m.
+    pub board_side_m: [f64; 2],
     /// Uncertainty in the picture at [`DISTANCES_M`]; `None` where the lens has no inverse over the image.
     pub projections: Option<Vec<Projection>>,
 }
@@ -90,28 +116,109 @@ pub enum CalibrateError {
          and count its rows and columns: a board that is not as described shows the same"
     )]
     NoStart,
-    /// The adjustment failed.
-    #[error("{0}; is the board as described, are its rows, columns and gaps counted and measured?")]
-    Adjust(#[from] AdjustError),
+    /// No camera fits the pictures.
+    #[error(
+        "no camera fits the pictures; is the board as described, are its rows, columns and gaps counted and \
+         measured? Tilt it by 20 to 40 degrees and show it in all corners of the image"
+    )]
+    NoFit,
 }
 
-/// Views needed: below, the nine interior parameters are barely checked.
-const LEAST_VIEWS: usize = 4;
+/// Views needed: below, the nine interior parameters are not checked at all.
+const LEAST_VIEWS: usize = 3;
 /// Points of one view needed for its pose and a check.
 const LEAST_POINTS: usize = 8;
-/// Unit weight of an image coordinate, px; the covariance is scaled by the residuals.
-const UNIT_SIGMA_PX: f64 = 0.1;
+/// Rounds in which the points' common variance settles.
+const MODEL_ROUNDS: usize = 8;
+/// A change of the common standard deviation that no longer matters: its share, and px.
+const MODEL_SETTLED: (f64, f64) = (0.05, 1e-3);
 
 /// Calibrates from views of a plane board; `width` and `height` of the pictures, px.
 pub fn calibrate(views: &[View], width: u32, height: u32) -> Result<Calibration, CalibrateError> {
+    calibrate_with(views, width, height, false)
+}
+
+/// The same; with `select`, distortion terms that do not differ from 0 at 95 % are dropped, the least first and of
+/// the radial ones the highest.
+pub fn calibrate_with(
+    views: &[View],
+    width: u32,
+    height: u32,
+    select: bool,
+) -> Result<Calibration, CalibrateError> {
     let mut selection = Selection::first(views, width, height);
+    let mut adjusted = first(&selection.used, width, height)?;
     loop {
-        let adjusted = adjust(&selection.used, width, height)?;
+        adjusted = settled(adjusted, &selection.used)?;
+        let before: Vec<usize> = selection.used.iter().map(|(k, _)| *k).collect();
         // Each round takes something out: they end.
-        if !selection.narrow(&adjusted, views) {
+        let apart = robust(&adjusted, &selection.used)?;
+        if !selection.narrow(&apart, views) {
+            let adjusted = if select { selected(adjusted, &selection.used)? } else { adjusted };
             return Ok(outcome(&adjusted, selection));
         }
+        if selection.used.len() < LEAST_VIEWS {
+            return Err(CalibrateError::TooFewViews { found: selection.used.len(), needed: LEAST_VIEWS });
+        }
+        let stays = |k: &usize| selection.used.iter().any(|(index, _)| index == k);
+        let mut stay = before.iter().map(stays);
+        adjusted.poses.retain(|_| stay.next().unwrap_or(false));
     }
+}
+
+/// Rounds in which the pictures' own variances settle.
+const ROBUST_ROUNDS: usize = 10;
+
+/// For the tests: each picture's points count as its own residuals deserve (a variance component each), so that
+/// the many that agree are not pulled by one that does not. Its common variance is that of all pictures.
+fn robust(adjusted: &Adjusted, used: &[(usize, View)]) -> Result<Adjusted, CalibrateError> {
+    let mut start = Start::of(adjusted);
+    let mut residuals = adjusted.residuals(used);
+    for round in 1.. {
+        let own: Vec<f64> = residuals.iter().map(|r| outliers::coordinate_px(r)).collect();
+        let mut found = adjust_views(used, &start, &own, 1.0)?;
+        if round == ROBUST_ROUNDS {
+            found.model_sigma_px = found.common_sigma_px(used);
+            return Ok(found);
+        }
+        (residuals, start) = (found.residuals(used), Start::of(&found));
+    }
+    Err(CalibrateError::NoFit)
+}
+
+/// Some hundred points leave Student's t at the normal's.
+const SIGNIFICANT: f64 = 1.96;
+
+/// Without the distortion terms that do not differ from 0.
+fn selected(mut adjusted: Adjusted, used: &[(usize, View)]) -> Result<Adjusted, CalibrateError> {
+    loop {
+        let weak = check::droppable(&adjusted.held)
+            .into_iter()
+            .map(|k| (k, check::t_value(&adjusted, k)))
+            .filter(|(_, t)| *t < SIGNIFICANT)
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((k, _)) = weak else { return Ok(adjusted) };
+        let mut start = Start::of(&adjusted);
+        start.held[k] = true;
+        start.lens = start
+            .lens
+            .changed(&SVector::from_fn(|i, _| if i == k { -adjusted.solution.global[k] } else { 0.0 }));
+        adjusted = settled(adjust(used, &start, adjusted.model_sigma_px)?, used)?;
+    }
+}
+
+/// Adjusted again until the variance that all points have in common no longer changes.
+fn settled(mut adjusted: Adjusted, used: &[(usize, View)]) -> Result<Adjusted, CalibrateError> {
+    for _ in 0..MODEL_ROUNDS {
+        let before = adjusted.model_sigma_px;
+        adjusted = adjust(used, &Start::of(&adjusted), before)?;
+        let after = adjusted.common_sigma_px(used);
+        if (after - before).abs() <= MODEL_SETTLED.0 * before.max(after) + MODEL_SETTLED.1 {
+            break;
+        }
+        adjusted.model_sigma_px = after;
+    }
+    Ok(adjusted)
 }
 
 /// The board's pose in the camera frame.
@@ -127,11 +234,14 @@ impl Pose {
         self.camera_from_board * board_m + self.translation_m
     }
 
-    /// Moved by a small rotation (left) and a shift.
-    fn moved(&self, local: &DVector<f64>) -> Self {
-        let turn = Rotation3::new(Vector3::new(local[0], local[1], local[2]));
-        let shift = Vector3::new(local[3], local[4], local[5]);
-        Self { camera_from_board: turn * self.camera_from_board, translation_m: self.translation_m + shift }
+    /// Moved by a rotation about the camera and a shift.
+    fn moved(&self, by: &Vector6<f64>) -> Self {
+        let turn = Rotation3::new(by.fixed_rows::<3>(0).clone_owned());
+        let shift = by.fixed_rows::<3>(3).clone_owned();
+        Self {
+            camera_from_board: turn * self.camera_from_board,
+            translation_m: turn * self.translation_m + shift,
+        }
     }
 }
 
@@ -139,7 +249,7 @@ fn parameters(lens: &Lens) -> [f64; 9] {
     [lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.k3, lens.p1, lens.p2]
 }
 
-fn with_parameters(size: (u32, u32), p: &DVector<f64>) -> Lens {
+fn with_parameters(size: (u32, u32), p: &Global) -> Lens {
     let (width, height) = size;
     Lens {
         width,
@@ -156,11 +266,10 @@ fn with_parameters(size: (u32, u32), p: &DVector<f64>) -> Lens {
     }
 }
 
-const MISSING: &str =
-    "the views do not determine the camera; tilt the board and cover the corners of the image";
-
-/// Interior parameters; the board's bow follows them among the global ones.
-const INTERIOR: usize = 9;
+/// A point's covariance with what all points have in common.
+fn with_common(own_px2: &Matrix2<f64>, model_sigma_px: f64) -> Matrix2<f64> {
+    own_px2 + Matrix2::identity() * model_sigma_px.powi(2)
+}
 
 /// Camera, board and poses of one adjustment.
 struct Adjusted {
@@ -168,118 +277,178 @@ struct Adjusted {
     shape: Shape,
     bow_m: [f64; 2],
     poses: Vec<Pose>,
-    fit: Fit,
+    /// Parameters that keep their start.
+    held: [bool; GLOBAL],
+    solution: Solution,
+    /// Common to all points, beyond their own, px.
+    model_sigma_px: f64,
 }
 
 impl Adjusted {
+    /// A point of a view (counted among those used), camera frame, m.
+    fn point(&self, k: usize, p: &BoardPoint) -> Vector3<f64> {
+        self.poses[k].apply(&self.shape.point(&p.board_m, &self.bow_m))
+    }
+
     /// Per view, per point: observed - projected, px.
     fn residuals(&self, used: &[(usize, View)]) -> Vec<Vec<Vector2<f64>>> {
         // Behind the camera: as gross as an error can be, and still finite when squared.
         let far = Vector2::new(1e6, 1e6);
-        let one = |pose: &Pose, p: &BoardPoint| {
-            let point = pose.apply(&self.shape.point(&p.board_m, &self.bow_m));
-            self.lens.project(&point).map_or(far, |q| p.pixel - q)
+        let one =
+            |k: usize, p: &BoardPoint| self.lens.project(&self.point(k, p)).map_or(far, |q| p.pixel - q);
+        used.iter().enumerate().map(|(k, (_, v))| v.iter().map(|p| one(k, p)).collect()).collect()
+    }
+
+    fn covariance_px2(&self, p: &BoardPoint) -> Matrix2<f64> {
+        with_common(&p.covariance_px2, self.model_sigma_px)
+    }
+
+    /// Squared lengths of the residuals in standard deviations.
+    fn squares(&self, used: &[(usize, View)], residuals: &[Vec<Vector2<f64>>]) -> Vec<Vec<f64>> {
+        let square = |(p, r): (&BoardPoint, &Vector2<f64>)| {
+            self.covariance_px2(p).try_inverse().map_or(0.0, |w| r.dot(&(w * r)))
         };
-        self.poses.iter().zip(used).map(|(pose, (_, v))| v.iter().map(|p| one(pose, p)).collect()).collect()
+        used.iter().zip(residuals).map(|((_, v), r)| v.iter().zip(r).map(square).collect()).collect()
+    }
+
+    /// The variance that the points must have in common for the median of their squared lengths to be
+    /// what it should (Paule and Mandel 1982, with the median for the mean), by bisection.
+    fn common_sigma_px(&self, used: &[(usize, View)]) -> f64 {
+        let residuals = self.residuals(used).concat();
+        let own: Vec<f64> =
+            used.iter().flat_map(|(_, v)| v).map(|p| 0.5 * p.covariance_px2.trace()).collect();
+        let median = |common: f64| {
+            let square = |(r, v): (&Vector2<f64>, &f64)| r.norm_squared() / (v + common);
+            outliers::median(residuals.iter().zip(&own).map(square).collect())
+        };
+        // The adjustment takes its share of the residuals.
+        let share = self.solution.redundancy as f64 / (2 * residuals.len()).max(1) as f64;
+        let goal = outliers::MEDIAN_SQUARE * share;
+        if median(0.0) <= goal {
+            return 0.0;
+        }
+        let most = outliers::median(residuals.iter().map(Vector2::norm_squared).collect()) / goal;
+        let (mut low, mut high) = (0.0, most);
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            if median(middle) > goal { low = middle } else { high = middle }
+        }
+        high.sqrt()
     }
 }
 
-fn adjust(used: &[(usize, View)], width: u32, height: u32) -> Result<Adjusted, CalibrateError> {
+/// Where an adjustment begins.
+struct Start {
+    lens: Lens,
+    bow_m: [f64; 2],
+    poses: Vec<Pose>,
+    held: [bool; GLOBAL],
+}
+
+impl Start {
+    fn of(adjusted: &Adjusted) -> Self {
+        Self {
+            lens: adjusted.lens,
+            bow_m: adjusted.bow_m,
+            poses: adjusted.poses.clone(),
+            held: adjusted.held,
+        }
+    }
+}
+
+/// Points' common standard deviation before residuals tell it, px.
+const FIRST_SIGMA_PX: f64 = 0.1;
+
+/// From nothing: the camera constant that the homographies tell, or where the adjustment does not converge
+/// from there, that of the usual lenses from which it comes closest.
+fn first(used: &[(usize, View)], width: u32, height: u32) -> Result<Adjusted, CalibrateError> {
     if used.len() < LEAST_VIEWS {
         return Err(CalibrateError::TooFewViews { found: used.len(), needed: LEAST_VIEWS });
     }
     let views: Vec<&View> = used.iter().map(|(_, v)| v).collect();
-    let (lens, poses) = start::start(&views, width, height).ok_or(CalibrateError::NoStart)?;
-    let block = |p: &BoardPoint| Block {
-        observed: DVector::from_column_slice(p.pixel.as_slice()),
-        covariance: DMatrix::identity(2, 2) * UNIT_SIGMA_PX * UNIT_SIGMA_PX,
+    let from = |f_px: Option<f64>| {
+        let (lens, poses) = start::start(&views, width, height, f_px).ok_or(CalibrateError::NoStart)?;
+        // A lens without distortion first: all at once, few pictures run away.
+        let start = Start { lens, bow_m: [0.0; 2], poses, held: [false; GLOBAL] };
+        let mut rough = adjust_with(used, &start, FIRST_SIGMA_PX, STIFF[0])?;
+        for stiff in &STIFF[1..] {
+            rough = adjust_with(used, &Start::of(&rough), FIRST_SIGMA_PX, *stiff)?;
+        }
+        Ok(rough)
     };
-    let group =
-        |v: &&View| Group { local: DVector::zeros(6), priors: vec![], blocks: v.iter().map(block).collect() };
-    let shape = Shape::of(&views);
-    let start = [&parameters(&lens)[..], &[0.0; 2]].concat();
-    let problem = Problem {
-        missing: vec![MISSING; start.len()],
-        start: DVector::from_vec(start),
-        priors: [lens_priors(&lens), shape.priors(INTERIOR)].concat(),
-        groups: views.iter().map(group).collect(),
-    };
-    let fit = gauss_helmert::solve(&problem, |at| {
-        let pose = poses[at.group].moved(at.local);
-        linearise(at, (width, height), &pose, &shape, &views[at.group][at.block].board_m)
-    })?;
-    let poses = poses.iter().zip(&fit.groups).map(|(p, g)| p.moved(&g.local)).collect();
-    let lens = with_parameters((width, height), &fit.global);
-    Ok(Adjusted { lens, shape, bow_m: bow_of(&fit.global), poses, fit })
+    let told = from(None);
+    if told.is_ok() {
+        return told;
+    }
+    let tried = start::USUAL.iter().filter_map(|f| from(Some(f * f64::from(width))).ok());
+    tried.min_by(|a, b| a.solution.omega.total_cmp(&b.solution.omega)).map_or(told, Ok)
 }
 
-/// What every lens keeps to, for pictures that do not tell: the principal point lies within a tenth of
-/// the image's width of its middle, and no term of the distortion moves the image's corner by more
-/// than its distance from the middle (one standard deviation). It keeps few pictures from running
+/// Distortion's prior standard deviations while the camera constant is still rough, over those that hold at the end.
+const STIFF: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
+
+fn adjust(used: &[(usize, View)], start: &Start, model_sigma_px: f64) -> Result<Adjusted, CalibrateError> {
+    adjust_with(used, start, model_sigma_px, 1.0)
+}
+
+fn adjust_with(
+    used: &[(usize, View)],
+    start: &Start,
+    model_sigma_px: f64,
+    stiff: f64,
+) -> Result<Adjusted, CalibrateError> {
+    let found = adjust_views(used, start, &vec![model_sigma_px; used.len()], stiff)?;
+    Ok(Adjusted { model_sigma_px, ..found })
+}
+
+/// With a common standard deviation for each view, px.
+fn adjust_views(
+    used: &[(usize, View)],
+    start: &Start,
+    common_px: &[f64],
+    stiff: f64,
+) -> Result<Adjusted, CalibrateError> {
+    let views: Vec<&View> = used.iter().map(|(_, v)| v).collect();
+    let size = (start.lens.width, start.lens.height);
+    let shape = Shape::of(&views);
+    let priors = [lens_priors(&start.lens, stiff), shape.priors(INTERIOR)].concat();
+    let held = start.held;
+    let bundle = Bundle { views: &views, size, shape, priors, held, common_px };
+    let mut global = Global::zeros();
+    global.fixed_rows_mut::<INTERIOR>(0).copy_from(&SVector::from(parameters(&start.lens)));
+    global.fixed_rows_mut::<2>(INTERIOR).copy_from(&Vector2::from(start.bow_m));
+    let solution = bundle.solve(global, &start.poses).ok_or(CalibrateError::NoFit)?;
+    let lens = with_parameters(size, &solution.global);
+    let bow_m = [solution.global[INTERIOR], solution.global[INTERIOR + 1]];
+    let poses = solution.poses.clone();
+    Ok(Adjusted { lens, shape, bow_m, poses, held, solution, model_sigma_px: 0.0 })
+}
+
+/// What every lens keeps to, for pictures that do not tell: the camera constant is within its own size of where
+/// it began, the principal point lies within a tenth of the image's width of its middle, and no term of the
+/// distortion moves the image's corner by more than its distance from the middle (one standard deviation). It keeps few pictures from running
 /// away. The sizes are an assumption, chosen wide.
-fn lens_priors(start: &Lens) -> Vec<Prior> {
+fn lens_priors(start: &Lens, stiff: f64) -> Vec<Prior> {
     let (width, height) = (f64::from(start.width), f64::from(start.height));
     let corner = 0.5 * width.hypot(height) / start.fx;
-    let values = parameters(start);
+    let middle = start::middle(start.width, start.height);
+    let mean = |k: usize| match k {
+        0 | 1 => start.fx,
+        2 | 3 => middle[k - 2],
+        _ => 0.0,
+    };
     let sigmas = [
+        (0, start.fx),
+        (1, start.fx),
         (2, 0.1 * width),
         (3, 0.1 * width),
-        (4, corner.powi(-2)),
-        (5, corner.powi(-4)),
-        (6, corner.powi(-6)),
-        (7, corner.recip()),
-        (8, corner.recip()),
+        (4, stiff * corner.powi(-2)),
+        (5, stiff * corner.powi(-4)),
+        (6, stiff * corner.powi(-6)),
+        (7, stiff * corner.recip()),
+        (8, stiff * corner.recip()),
     ];
-    sigmas.into_iter().map(|(k, sigma)| Prior::scalar(k, values[k], sigma)).collect()
-}
-
-fn bow_of(global: &DVector<f64>) -> [f64; 2] {
-    [global[INTERIOR], global[INTERIOR + 1]]
-}
-
-/// observed - projected = 0.
-fn linearise(
-    at: &Point,
-    size: (u32, u32),
-    pose: &Pose,
-    shape: &Shape,
-    board_m: &Vector2<f64>,
-) -> Result<Linearised, AdjustError> {
-    let lens = with_parameters(size, at.global);
-    let point = pose.apply(&shape.point(board_m, &bow_of(at.global)));
-    let behind =
-        || AdjustError::Input("a board came to lie behind the camera; leave poor pictures out".into());
-    let (pixel, by_point) = lens.project_with_jacobian(&point).ok_or_else(behind)?;
-    // The left perturbation acts around the camera-frame point without the translation.
-    let arm = point - pose.translation_m;
-    let mut by_pose = DMatrix::zeros(3, 6);
-    by_pose.view_mut((0, 0), (3, 3)).copy_from(&(-skew(&arm) * left_jacobian(at.local)));
-    by_pose.view_mut((0, 3), (3, 3)).fill_with_identity();
-    let by_bow = by_point * pose.camera_from_board.matrix().column(2) * shape.by_bow(board_m);
-    let by_point = DMatrix::from_iterator(2, 3, by_point.iter().copied());
-    let mut global = DMatrix::zeros(2, INTERIOR + 2);
-    global.columns_mut(0, INTERIOR).copy_from(&-lens.by_parameters(&point));
-    global.columns_mut(INTERIOR, 2).copy_from(&-by_bow);
-    Ok(Linearised {
-        misclosure: at.observed - DVector::from_column_slice(pixel.as_slice()),
-        columns: (0..INTERIOR + 2).collect(),
-        global,
-        local: -(by_point * by_pose),
-        observations: DMatrix::identity(2, 2),
-    })
-}
-
-/// d exp(w) in the left perturbation: the left Jacobian of SO(3) (Barfoot, *State Estimation*, 7.77).
-fn left_jacobian(local: &DVector<f64>) -> nalgebra::Matrix3<f64> {
-    let w = Vector3::new(local[0], local[1], local[2]);
-    let angle = w.norm();
-    let k = skew(&w);
-    let (a, b) = if angle < 1e-6 {
-        (0.5, 1.0 / 6.0)
-    } else {
-        ((1.0 - angle.cos()) / (angle * angle), (angle - angle.sin()) / (angle * angle * angle))
-    };
-    nalgebra::Matrix3::identity() + k * a + k * k * b
+    sigmas.into_iter().map(|(index, sigma)| Prior { index, mean: mean(index), sigma }).collect()
 }
 
 /// Root mean square of vectors' lengths.
@@ -290,9 +459,10 @@ fn rms<'a>(vectors: impl Iterator<Item = &'a Vector2<f64>>) -> f64 {
 
 fn outcome(adjusted: &Adjusted, selection: Selection) -> Calibration {
     let Selection { used, dropped } = selection;
-    let fit = &adjusted.fit;
+    let dropped_count = dropped.len();
+    let solution = &adjusted.solution;
     let residuals = adjusted.residuals(&used);
-    let covariance = &fit.covariance * fit.variance_factor().unwrap_or(1.0);
+    let covariance = solution.covariance * solution.variance_factor();
     let bow = |k: usize| Bow {
         value_m: adjusted.bow_m[k],
         sigma_m: covariance[(INTERIOR + k, INTERIOR + k)].max(0.0).sqrt(),
@@ -300,19 +470,26 @@ fn outcome(adjusted: &Adjusted, selection: Selection) -> Calibration {
     let mut found = Calibration {
         lens: adjusted.lens,
         bow: [bow(0), bow(1)],
-        covariance: covariance.view((0, 0), (INTERIOR, INTERIOR)).into(),
+        covariance: DMatrix::from_fn(INTERIOR, INTERIOR, |i, j| covariance[(i, j)]),
         rms_px: rms(residuals.iter().flatten()),
+        model_sigma_px: adjusted.model_sigma_px,
         view_rms_px: vec![None; dropped.len()],
         view_points: vec![0; dropped.len()],
         tilt_deg: vec![None; dropped.len()],
         coverage: coverage(&adjusted.lens, &used),
         dropped,
         observations: residuals.iter().map(Vec::len).sum(),
+        held: std::array::from_fn(|k| adjusted.held[k]),
+        halves: check::halves(adjusted, &used),
+        pattern: check::pattern(adjusted, &used),
+        residuals: vec![vec![]; dropped_count],
+        board_side_m: adjusted.shape.sides_m(),
         projections: quality::projections(adjusted, &used, &covariance),
     };
     for (((index, view), r), pose) in used.iter().zip(&residuals).zip(&adjusted.poses) {
         found.view_rms_px[*index] = Some(rms(r.iter()));
         found.view_points[*index] = view.len();
+        found.residuals[*index] = view.iter().map(|p| p.pixel).zip(r.iter().copied()).collect();
         let normal_z = pose.camera_from_board.matrix()[(2, 2)];
         found.tilt_deg[*index] = Some(normal_z.abs().min(1.0).acos().to_degrees());
     }

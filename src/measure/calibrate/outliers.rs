@@ -1,18 +1,29 @@
 //! Pictures and points that do not fit the others, each with its reason.
+//!
+//! Residuals count in their own standard deviations: a blurred or a far board is no outlier, its corners'
+//! covariances say so already. Two tests of a picture, each at 1 % over the whole set, against the
+//! pictures' own spread (median absolute deviation), so that a lens that Brown's model fits badly does not
+//! condemn its pictures: the camera constant that the picture alone would choose, and the size of its residuals.
 
-use nalgebra::Vector2;
+use nalgebra::{SMatrix, SVector, Vector2};
+use statrs::distribution::{ContinuousCDF, StudentsT};
 
-use super::{Adjusted, LEAST_POINTS, View, rms, start};
+use super::{Adjusted, LEAST_POINTS, LEAST_VIEWS, View, quality, rms, start};
 
 /// A point whose residual is this many times the scale is a gross error (a wrong corner).
 const GROSS: f64 = 6.0;
-/// A picture whose rms is this many times the median picture's was taken with another zoom or focus,
-/// or of another board, or is blurred. Chosen, not derived: it does not tell these apart.
-const OTHER_CAMERA: f64 = 3.0;
 /// A view whose misfit to a plane is this many times the median's shows another thing.
 const FOREIGN: f64 = 5.0;
-/// Corners are not better than this, px: below it no residual is gross.
-const LEAST_SCALE_PX: f64 = 0.02;
+/// Chance that a test leaves out a picture of a set in which all are sound.
+const LEVEL: f64 = 0.01;
+/// No hand holds a board so still between two pictures, px.
+const STILL_PX: f64 = 0.05;
+/// Median of a squared length of two standard normal coordinates.
+pub(super) const MEDIAN_SQUARE: f64 = 2.0 * std::f64::consts::LN_2;
+/// Standard deviation of a normal distribution over its median absolute deviation.
+const NORMAL_OVER_MAD: f64 = 1.4826;
+/// Relative standard deviation of a scale from the median of `n` squared lengths, times root n.
+const MEDIAN_SCALE: f64 = 0.72;
 
 /// Why a picture took no part.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -24,7 +35,9 @@ pub enum Dropped {
         found: usize,
     },
     /// The same picture twice tells nothing and passes for twice as sure.
-    #[error("its points are those of picture {of} (counted from 1): given twice")]
+    #[error(
+        "its points are those of picture {of} (counted from 1): given twice, or neither board nor camera moved"
+    )]
     Twice {
         /// Index of the earlier one, counted from 1.
         of: usize,
@@ -35,14 +48,26 @@ pub enum Dropped {
         /// Root mean square distance from the best plane image, px.
         misfit_px: f64,
     },
+    /// It alone would choose another camera constant.
+    #[error(
+        "it asks for a camera constant {percent:+.2} % from the others' ({times:.1} times its standard deviation): \
+         zoom or focus was moved"
+    )]
+    OtherZoom {
+        /// Camera constant over the others', less 1, per cent.
+        percent: f64,
+        /// Over its standard deviation.
+        times: f64,
+    },
     /// The whole picture disagrees.
     #[error(
-        "its points are {rms_px:.2} px rms off, {times:.1} times the others'; another zoom or focus, or blurred?"
+        "its points are {rms_px:.2} px rms off, {times:.1} times as far as the others' for their sharpness; another \
+         zoom or focus, a moving board, or a bent one?"
     )]
     OtherCamera {
         /// Root mean square of its residuals, px.
         rms_px: f64,
-        /// Over the median of all pictures.
+        /// Normalised residuals over the median picture's.
         times: f64,
     },
     /// Too many of its points disagree.
@@ -84,30 +109,68 @@ impl Selection {
     /// Takes out the worst picture, or where all agree, the gross points; whether there were any.
     pub(super) fn narrow(&mut self, adjusted: &Adjusted, views: &[View]) -> bool {
         let residuals = adjusted.residuals(&self.used);
-        self.drop_worst(&residuals) || self.drop_points(&residuals, views)
+        let squares = adjusted.squares(&self.used, &residuals);
+        let zoomed = self.zoomed(adjusted, &residuals);
+        let worst = zoomed
+            .or_else(|| self.far_off(&residuals, &squares).map(|w| self.reason(adjusted, &residuals, w)));
+        match worst.filter(|_| self.used.len() > LEAST_VIEWS) {
+            Some((k, reason)) => {
+                let (index, _) = self.used.remove(k);
+                self.dropped[index] = Some(reason);
+                true
+            }
+            None => self.drop_points(&squares, views),
+        }
     }
 
-    fn drop_worst(&mut self, residuals: &[Vec<Vector2<f64>>]) -> bool {
-        let all: Vec<f64> = residuals.iter().map(|r| typical(r)).collect();
-        let scale = median(all.clone()).max(LEAST_SCALE_PX);
-        let Some((k, worst)) = all.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)) else { return false };
-        if *worst <= OTHER_CAMERA * scale {
-            return false;
+    /// The picture whose own camera constant stands out most.
+    fn zoomed(&self, adjusted: &Adjusted, residuals: &[Vec<Vector2<f64>>]) -> Option<(usize, Dropped)> {
+        let of = |(k, r): (usize, &Vec<Vector2<f64>>)| own_constant(adjusted, k, &self.used[k].1, r);
+        let own: Vec<(f64, f64)> = residuals.iter().enumerate().map(of).collect::<Option<_>>()?;
+        let scale = deviation(own.iter().map(|o| o.1)).1.max(1.0);
+        let (k, (change, times)) =
+            own.into_iter().enumerate().max_by(|a, b| a.1.1.abs().total_cmp(&b.1.1.abs()))?;
+        let stands_out = times.abs() > limit(residuals.len(), 2.0) * scale;
+        stands_out.then_some((k, Dropped::OtherZoom { percent: 100.0 * change, times: times.abs() }))
+    }
+
+    /// Another camera constant, where that explains a picture that is far off.
+    fn reason(
+        &self,
+        adjusted: &Adjusted,
+        residuals: &[Vec<Vector2<f64>>],
+        (k, reason): (usize, Dropped),
+    ) -> (usize, Dropped) {
+        match own_constant(adjusted, k, &self.used[k].1, &residuals[k]) {
+            Some((change, times)) if times.abs() > limit(residuals.len(), 2.0) => {
+                (k, Dropped::OtherZoom { percent: 100.0 * change, times: times.abs() })
+            }
+            _ => (k, reason),
         }
-        let reason = Dropped::OtherCamera { rms_px: rms(residuals[k].iter()), times: worst / scale };
-        let (index, _) = self.used.remove(k);
-        self.dropped[index] = Some(reason);
-        true
+    }
+
+    /// The picture whose normalised residuals stand out most.
+    fn far_off(&self, residuals: &[Vec<Vector2<f64>>], squares: &[Vec<f64>]) -> Option<(usize, Dropped)> {
+        let logs: Vec<f64> = squares.iter().map(|s| scale(s).max(f64::MIN_POSITIVE).ln()).collect();
+        let (middle, spread) = deviation(logs.iter().copied());
+        let over =
+            |k: usize| (logs[k] - middle) / spread.hypot(MEDIAN_SCALE / (squares[k].len() as f64).sqrt());
+        let k = (0..logs.len()).max_by(|a, b| over(*a).total_cmp(&over(*b)))?;
+        let reason =
+            Dropped::OtherCamera { rms_px: rms(residuals[k].iter()), times: (logs[k] - middle).exp() };
+        (over(k) > limit(logs.len(), 1.0)).then_some((k, reason))
     }
 
     /// A picture counts as lost by its points as found, not by what earlier rounds left of them.
-    fn drop_points(&mut self, residuals: &[Vec<Vector2<f64>>], views: &[View]) -> bool {
-        let limit = GROSS * typical(&residuals.concat()).max(LEAST_SCALE_PX);
+    fn drop_points(&mut self, squares: &[Vec<f64>], views: &[View]) -> bool {
+        let all = scale(&squares.concat()).max(1.0);
         let mut changed = false;
-        for ((index, view), r) in std::mem::take(&mut self.used).into_iter().zip(residuals) {
+        for ((index, view), s) in std::mem::take(&mut self.used).into_iter().zip(squares) {
             let before = view.len();
-            let kept: View =
-                view.into_iter().zip(r).filter(|(_, r)| r.norm() <= limit).map(|(p, _)| p).collect();
+            // Whether all of a picture is off is not asked here.
+            let limit = GROSS * scale(s).max(all);
+            let fits = view.into_iter().zip(s).filter(|(_, s)| s.sqrt() <= limit);
+            let kept: View = fits.map(|(p, _)| p).collect();
             changed |= kept.len() < before;
             let of = views[index].len();
             if 2 * kept.len() >= of && kept.len() >= LEAST_POINTS {
@@ -120,20 +183,76 @@ impl Selection {
     }
 }
 
+/// Relative change of the camera constant that a picture's residuals ask for, and over its standard
+/// deviation, which the residuals that are left tell where they are larger than they should be.
+fn own_constant(
+    adjusted: &Adjusted,
+    k: usize,
+    view: &View,
+    residuals: &[Vector2<f64>],
+) -> Option<(f64, f64)> {
+    let (mut normal, mut right, mut sum) = (SMatrix::<f64, 7, 7>::zeros(), SVector::<f64, 7>::zeros(), 0.0);
+    for (p, r) in view.iter().zip(residuals) {
+        let point = adjusted.point(k, p);
+        let (by_motion, by_lens) = quality::jacobians(&adjusted.lens, &point)?;
+        let mut by = SMatrix::<f64, 2, 7>::zeros();
+        by.fixed_columns_mut::<6>(0).copy_from(&by_motion);
+        let relative = by_lens.column(0) * adjusted.lens.fx + by_lens.column(1) * adjusted.lens.fy;
+        by.set_column(6, &relative);
+        let weight = adjusted.covariance_px2(p).try_inverse()?;
+        normal += by.transpose() * weight * by;
+        right += by.transpose() * weight * r;
+        sum += r.dot(&(weight * r));
+    }
+    let inverse = normal.cholesky()?.inverse();
+    let found = inverse * right;
+    let unit = ((sum - right.dot(&found)) / (2.0 * view.len() as f64 - 7.0)).max(1.0);
+    Some((found[6], found[6] / (unit * inverse[(6, 6)]).sqrt()))
+}
+
+/// Student's t that one of `n` values passes by chance at the level; tests on one side or two.
+fn limit(n: usize, sides: f64) -> f64 {
+    let share = 1.0 - LEVEL / (sides * n.max(2) as f64);
+    StudentsT::new(0.0, 1.0, (n.max(2) - 1) as f64).map_or(f64::INFINITY, |t| t.inverse_cdf(share))
+}
+
 fn obvious(views: &[View], k: usize) -> Option<Dropped> {
     if views[k].len() < LEAST_POINTS {
         return Some(Dropped::TooFewPoints { found: views[k].len() });
     }
-    views[..k].iter().position(|v| *v == views[k]).map(|first| Dropped::Twice { of: first + 1 })
+    views[..k].iter().position(|v| same(v, &views[k])).map(|first| Dropped::Twice { of: first + 1 })
 }
 
-/// Root mean square that the median tells: a gross error blows up the mean. The median of a Rayleigh
-/// distribution is 1.177 standard deviations, its root mean square 1.414.
-fn typical(residuals: &[Vector2<f64>]) -> f64 {
-    median(residuals.iter().map(|r| r.norm()).collect()) * 1.414 / 1.177
+/// Whether two views differ by no more than their points' noise.
+fn same(a: &View, b: &View) -> bool {
+    let pairs = a.iter().filter_map(|p| b.iter().find(|q| q.board_m == p.board_m).map(|q| (p, q)));
+    let (mut squares, mut variances, mut n) = (0.0, 0.0, 0);
+    for (p, q) in pairs {
+        squares += (p.pixel - q.pixel).norm_squared();
+        variances += (p.covariance_px2 + q.covariance_px2).trace();
+        n += 1;
+    }
+    // Three standard deviations: two pictures of one moment, compressed twice, differ by about one.
+    2 * n > a.len().min(b.len()) && squares < (9.0 * variances).max((n as f64) * STILL_PX * STILL_PX)
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
+/// Scale of normalised residuals that the median of their squares tells: a gross error blows up the mean.
+pub(super) fn scale(squares: &[f64]) -> f64 {
+    (median(squares.to_vec()) / MEDIAN_SQUARE).sqrt()
+}
+
+/// Standard deviation of a coordinate that the median of the residuals' lengths tells, px.
+pub(super) fn coordinate_px(residuals: &[Vector2<f64>]) -> f64 {
+    scale(&residuals.iter().map(Vector2::norm_squared).collect::<Vec<f64>>())
+}
+
+/// Median and the standard deviation that the median absolute deviation tells.
+fn deviation(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
+    let middle = median(values.clone().collect());
+    (middle, NORMAL_OVER_MAD * median(values.map(|v| (v - middle).abs()).collect()))
+}
+
+pub(super) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }

@@ -5,9 +5,10 @@
 //! taken up what a rotation and a shift of its own can explain **at the boards** (the mean-pose method
 //! of mrcal's projection uncertainty): near the boards' distance they cancel, away from it they do not.
 
-use nalgebra::{DMatrix, Matrix2x3, Matrix6, SMatrix, Vector2, Vector3};
+use nalgebra::{Matrix2x3, Matrix6, SMatrix, Vector2, Vector3};
 
-use super::{Adjusted, INTERIOR, View};
+use super::bundle::{Covariance, INTERIOR};
+use super::{Adjusted, View};
 use crate::measure::geometry::{Lens, skew};
 
 /// Distances at which a wing's markers lie, m.
@@ -29,41 +30,74 @@ pub struct Projection {
     pub worst: (usize, usize),
     /// Root mean square there, px.
     pub worst_sigma_px: f64,
+    /// Over the image, rows from the top, px; `None` where the lens has no inverse.
+    pub cells_px: Vec<Vec<Option<f64>>>,
 }
 
 /// At [`DISTANCES_M`]; `None` where the lens has no inverse somewhere in the image.
 pub(super) fn projections(
     adjusted: &Adjusted,
     used: &[(usize, View)],
-    covariance: &DMatrix<f64>,
+    covariance: &Covariance,
 ) -> Option<Vec<Projection>> {
     let motion = motion(adjusted, used)?;
-    let interior = covariance.fixed_view::<INTERIOR, INTERIOR>(0, 0);
-    let at = |distance_m: f64| {
-        let mut cells = [[0.0; 3]; 3];
-        for row in 0..CELLS {
-            for column in 0..CELLS {
-                let point = cell_ray(&adjusted.lens, column, row)? * distance_m;
-                let (by_motion, by_lens) = jacobians(&adjusted.lens, &point)?;
-                let error = by_lens + by_motion * motion;
-                let variance = (error * interior * error.transpose()).trace();
-                cells[row * 3 / CELLS][column * 3 / CELLS] += variance / ((CELLS * CELLS) as f64 / 9.0);
-            }
-        }
-        Some(summary(distance_m, &cells))
-    };
-    DISTANCES_M.into_iter().map(at).collect()
+    let found = DISTANCES_M.into_iter().map(|d| projection(adjusted, &motion, covariance, d));
+    let whole = |p: &Projection| p.cells_px.iter().flatten().all(Option::is_some);
+    found.map(|p| p.filter(whole)).collect()
 }
 
-fn summary(distance_m: f64, cells: &[[f64; 3]; 3]) -> Projection {
-    let mut worst = (0, 0);
-    for (row, column) in (0..9).map(|k| (k / 3, k % 3)) {
-        if cells[row][column] > cells[worst.1][worst.0] {
-            worst = (column, row);
+/// At one distance, over what of the image has an inverse.
+pub(super) fn projection_at(
+    adjusted: &Adjusted,
+    used: &[(usize, View)],
+    covariance: &Covariance,
+    distance_m: f64,
+) -> Option<Projection> {
+    projection(adjusted, &motion(adjusted, used)?, covariance, distance_m)
+}
+
+fn projection(
+    adjusted: &Adjusted,
+    motion: &Motion,
+    covariance: &Covariance,
+    distance_m: f64,
+) -> Option<Projection> {
+    let interior = covariance.fixed_view::<INTERIOR, INTERIOR>(0, 0);
+    let variance = |row: usize, column: usize| {
+        let point = cell_ray(&adjusted.lens, column, row)? * distance_m;
+        let (by_motion, by_lens) = jacobians(&adjusted.lens, &point)?;
+        let error = by_lens + by_motion * motion;
+        Some((error * interior * error.transpose()).trace())
+    };
+    let mut ninths = [[(0.0, 0usize); 3]; 3];
+    let mut cells_px = vec![vec![None; CELLS]; CELLS];
+    for (row, column) in (0..CELLS * CELLS).map(|k| (k / CELLS, k % CELLS)) {
+        if let Some(v) = variance(row, column) {
+            cells_px[row][column] = Some(v.sqrt());
+            let ninth = &mut ninths[row * 3 / CELLS][column * 3 / CELLS];
+            *ninth = (ninth.0 + v, ninth.1 + 1);
         }
     }
-    let mean = cells.iter().flatten().sum::<f64>() / 9.0;
-    Projection { distance_m, sigma_px: mean.sqrt(), worst, worst_sigma_px: cells[worst.1][worst.0].sqrt() }
+    summary(distance_m, &ninths, cells_px)
+}
+
+fn summary(
+    distance_m: f64,
+    ninths: &[[(f64, usize); 3]; 3],
+    cells_px: Vec<Vec<Option<f64>>>,
+) -> Option<Projection> {
+    let mean = |(sum, n): (f64, usize)| if n > 0 { sum / n as f64 } else { 0.0 };
+    let worst = (0..9)
+        .map(|k| (k % 3, k / 3))
+        .max_by(|a, b| mean(ninths[a.1][a.0]).total_cmp(&mean(ninths[b.1][b.0])))?;
+    let (sum, n) = ninths.iter().flatten().fold((0.0, 0), |(s, n), c| (s + c.0, n + c.1));
+    (n > 0).then(|| Projection {
+        distance_m,
+        sigma_px: mean((sum, n)).sqrt(),
+        worst,
+        worst_sigma_px: mean(ninths[worst.1][worst.0]).sqrt(),
+        cells_px,
+    })
 }
 
 /// Unit ray through a cell; the outermost cells' rays run through the image's border.
@@ -77,7 +111,7 @@ fn cell_ray(lens: &Lens, column: usize, row: usize) -> Option<Vector3<f64>> {
 }
 
 /// d pixel / d (rotation, shift of the camera) and d pixel / d interior parameters.
-fn jacobians(lens: &Lens, point: &Vector3<f64>) -> Option<(SMatrix<f64, 2, 6>, ByInterior)> {
+pub(super) fn jacobians(lens: &Lens, point: &Vector3<f64>) -> Option<(SMatrix<f64, 2, 6>, ByInterior)> {
     let (_, by_point): (_, Matrix2x3<f64>) = lens.project_with_jacobian(point)?;
     let mut by_motion = SMatrix::<f64, 2, 6>::zeros();
     by_motion.fixed_columns_mut::<3>(0).copy_from(&(-by_point * skew(point)));
@@ -88,9 +122,9 @@ fn jacobians(lens: &Lens, point: &Vector3<f64>) -> Option<(SMatrix<f64, 2, 6>, B
 /// The camera's motion that best explains, at the boards, an error of the interior parameters.
 fn motion(adjusted: &Adjusted, used: &[(usize, View)]) -> Option<Motion> {
     let (mut normal, mut right) = (Matrix6::zeros(), Motion::zeros());
-    for (pose, (_, view)) in adjusted.poses.iter().zip(used) {
+    for (k, (_, view)) in used.iter().enumerate() {
         for p in view {
-            let point = pose.apply(&adjusted.shape.point(&p.board_m, &adjusted.bow_m));
+            let point = adjusted.point(k, p);
             let (by_motion, by_lens) = jacobians(&adjusted.lens, &point)?;
             normal += by_motion.transpose() * by_motion;
             right += by_motion.transpose() * by_lens;

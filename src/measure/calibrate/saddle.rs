@@ -1,6 +1,4 @@
-//! Saddle point of four alternating quadrants, to a few hundredths of a pixel.
-
-use std::collections::HashMap;
+//! Saddle point of four alternating quadrants, to a few hundredths of a pixel: where the fit of `corner.rs` begins.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -9,22 +7,10 @@ use crate::measure::raster::Raster;
 const ITERATIONS: usize = 30;
 const SETTLED_PX: f64 = 1e-4;
 
-/// Half the side of the largest window, px. A bound on the time, chosen; what larger windows
-/// would gain is not measured.
-const LARGEST_HALF: usize = 15;
+/// Half the side of the largest window, px. A bound on the time: it only has to begin the fit.
+const LARGEST_HALF: usize = 8;
 
-/// Half the side of the window, px: a third of the distance to the nearest neighbour.
-pub(super) fn half_window(corners: &HashMap<(i32, i32), Vector2<f64>>, cell: (i32, i32)) -> usize {
-    let Some(here) = corners.get(&cell) else { return 3 };
-    let nearest = [(1, 0), (-1, 0), (0, 1), (0, -1)]
-        .iter()
-        .filter_map(|d| corners.get(&(cell.0 + d.0, cell.1 + d.1)))
-        .map(|p| (p - here).norm())
-        .fold(f64::MAX, f64::min);
-    half_window_for(nearest)
-}
-
-/// The same for a known distance to the nearest neighbour, px.
+/// Half the side of the window for a known distance to the nearest other corner, px: a third of it.
 pub(super) fn half_window_for(distance_px: f64) -> usize {
     ((distance_px / 3.0) as usize).clamp(2, LARGEST_HALF)
 }

@@ -8,7 +8,7 @@
 use nalgebra::{RowVector2, Vector2, Vector3};
 
 use super::View;
-use crate::measure::adjust::gauss_helmert::Prior;
+use super::bundle::Prior;
 
 /// Height of the board's middle over the chord between two of its sides.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,9 +48,20 @@ impl Shape {
         Self { middle_m: 0.5 * (low + high), half_m }
     }
 
+    /// Corners of the rectangle in which the points lie, m.
+    pub(super) fn bounds_m(&self) -> (Vector2<f64>, Vector2<f64>) {
+        (self.middle_m - self.half_m, self.middle_m + self.half_m)
+    }
+
+    /// Its sides, m.
+    pub(super) fn sides_m(&self) -> [f64; 2] {
+        [2.0 * self.half_m.x, 2.0 * self.half_m.y]
+    }
+
     /// Priors on the two bows, which are the parameters from `first` on.
     pub(super) fn priors(&self, first: usize) -> Vec<Prior> {
-        (0..2).map(|k| Prior::scalar(first + k, 0.0, SIGMA_M_PER_M * 2.0 * self.half_m[k])).collect()
+        let sigma = |k: usize| SIGMA_M_PER_M * 2.0 * self.half_m[k];
+        (0..2).map(|k| Prior { index: first + k, mean: 0.0, sigma: sigma(k) }).collect()
     }
 
     /// d height / d bow.

@@ -5,12 +5,27 @@ use nalgebra::{DMatrix, Matrix3, Rotation3, Vector2, Vector3};
 use super::{BoardPoint, Pose, View};
 use crate::measure::geometry::Lens;
 
-/// A lens without distortion, its principal point in the middle, and the views' poses.
-pub(super) fn start(views: &[&View], width: u32, height: u32) -> Option<(Lens, Vec<Pose>)> {
-    let middle = Vector2::new(0.5 * (f64::from(width) - 1.0), 0.5 * (f64::from(height) - 1.0));
+/// Camera constants over the image's width of the lenses there are, from wide to long: each may be off by
+/// the root of its neighbours' ratio.
+pub(super) const USUAL: [f64; 6] = [0.4, 0.65, 1.0, 1.6, 2.6, 4.5];
+
+/// The middle of the image, px.
+pub(super) fn middle(width: u32, height: u32) -> Vector2<f64> {
+    Vector2::new(0.5 * (f64::from(width) - 1.0), 0.5 * (f64::from(height) - 1.0))
+}
+
+/// A lens without distortion, its principal point in the middle, and the views' poses; its camera constant as
+/// given or as the views tell it.
+pub(super) fn start(
+    views: &[&View],
+    width: u32,
+    height: u32,
+    f_px: Option<f64>,
+) -> Option<(Lens, Vec<Pose>)> {
+    let middle = middle(width, height);
     let homographies: Vec<Matrix3<f64>> =
         views.iter().map(|v| homography(v, &middle)).collect::<Option<Vec<_>>>()?;
-    let f = camera_constant(&homographies)?;
+    let f = f_px.or_else(|| camera_constant(&homographies))?;
     let poses = homographies.iter().map(|h| pose(h, f)).collect::<Option<Vec<_>>>()?;
     Some((Lens::pinhole(width, height, f, middle.x, middle.y), poses))
 }
@@ -18,7 +33,7 @@ pub(super) fn start(views: &[&View], width: u32, height: u32) -> Option<(Lens, V
 /// Root mean square distance of a view's points from the best plane image without distortion, px;
 /// infinite where there is none.
 pub(super) fn misfit_px(view: &View, width: u32, height: u32) -> f64 {
-    let middle = Vector2::new(0.5 * (f64::from(width) - 1.0), 0.5 * (f64::from(height) - 1.0));
+    let middle = middle(width, height);
     let Some(h) = homography(view, &middle) else { return f64::INFINITY };
     let squared = |p: &BoardPoint| {
         let q = h * Vector3::new(p.board_m.x, p.board_m.y, 1.0);
@@ -54,6 +69,20 @@ fn homography(view: &[BoardPoint], middle: &Vector2<f64>) -> Option<Matrix3<f64>
     let pixel = Matrix3::new(scale, 0.0, 0.0, 0.0, scale, 0.0, 0.0, 0.0, 1.0);
     let h = pixel * h * board;
     h.iter().all(|v| v.is_finite()).then_some(h)
+}
+
+/// Places in sides of a tag from pixels, the tag's first corner at 0; without distortion.
+#[cfg(feature = "aprilgrid")]
+pub(super) fn tag_from_pixel(tag: &[Vector2<f64>; 4]) -> Option<impl Fn(&Vector2<f64>) -> Vector2<f64>> {
+    let unit = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
+    let point = |(p, (x, y)): (&Vector2<f64>, (f64, f64))| BoardPoint::new(Vector2::new(x, y), *p, 1.0);
+    let view: View = tag.iter().zip(unit).map(point).collect();
+    let middle = tag.iter().sum::<Vector2<f64>>() / 4.0;
+    let back = homography(&view, &middle)?.try_inverse()?;
+    Some(move |p: &Vector2<f64>| {
+        let q = back * Vector3::new(p.x - middle.x, p.y - middle.y, 1.0);
+        q.xy() / q.z
+    })
 }
 
 /// From h1' w h2 = 0 and h1' w h1 = h2' w h2 with w = diag(1/f^2, 1/f^2, 1), least squares over all

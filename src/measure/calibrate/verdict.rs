@@ -35,16 +35,26 @@ const REFUSED_PX: f64 = 2.5;
 const POOR_RMS_PX: f64 = 0.75;
 /// As far off as a fisheye seen through Brown's model or a board with another spacing, px.
 const REFUSED_RMS_PX: f64 = 2.0;
+/// Share of the rms that must be common for the residuals to have a pattern: a tenth of the squares.
+const PATTERN_SHARE: f64 = 0.316;
+/// Ratio of two halves' difference to its prediction that chance does not reach.
+const HALVES: f64 = 3.0;
 /// Board and image plane: below this tilt, perspective hardly tells camera constant from distance, degrees.
 const TILT_DEG: f64 = 15.0;
 
-/// The verdict with its reasons, the gravest first.
-pub fn judge(calibration: &Calibration) -> (Verdict, Vec<String>) {
-    let mut found: Vec<(Verdict, String)> =
-        [fold(calibration), misfit(calibration), left_out(calibration), uncovered(calibration)]
-            .into_iter()
-            .flatten()
-            .collect();
+/// The verdict with its reasons, the gravest first; `board` is what shows that it is not as described.
+pub fn judge(calibration: &Calibration, board: Option<String>) -> (Verdict, Vec<String>) {
+    let mut found: Vec<(Verdict, String)> = [
+        board.map(|reason| (Verdict::Refused, reason)),
+        misfit(calibration),
+        fold(calibration),
+        halves(calibration),
+        left_out(calibration),
+        uncovered(calibration),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
     found.extend(uncertain(calibration));
     found.sort_by_key(|(verdict, _)| std::cmp::Reverse(*verdict));
     let verdict = found.first().map_or(Verdict::Good, |f| f.0);
@@ -54,27 +64,62 @@ pub fn judge(calibration: &Calibration) -> (Verdict, Vec<String>) {
 fn fold(c: &Calibration) -> Option<(Verdict, String)> {
     c.projections.is_none().then(|| {
         let text = "the lens has no inverse over the whole image: no board told its distortion at the border; \
-                    show the board in all corners of the image, or, where it was, take a lens that is less wide: \
-                    Brown's model cannot follow this one";
+                    show the board in all corners of the image, or let --select drop the terms that the pictures do \
+                    not tell; where the board was everywhere, Brown's model does not fit this lens: take one that is \
+                    less wide";
         (Verdict::Refused, text.to_owned())
     })
 }
 
 fn misfit(c: &Calibration) -> Option<(Verdict, String)> {
-    let verdict = match c.rms_px {
-        r if r > REFUSED_RMS_PX => Verdict::Refused,
-        r if r > POOR_RMS_PX => Verdict::Poor,
+    let verdict = match (c.rms_px, c.pattern.image_px.max(c.pattern.board_px)) {
+        (r, _) if r > REFUSED_RMS_PX => Verdict::Refused,
+        (r, _) if r > POOR_RMS_PX => Verdict::Poor,
+        (_, pattern) if pattern > GOOD_PX => Verdict::Poor,
         _ => return None,
     };
-    Some((
-        verdict,
+    Some((verdict, format!("the points are {:.2} px rms off: {}", c.rms_px, cause(c))))
+}
+
+/// What the residuals follow: the place in the image, the place on the board, or neither.
+fn cause(c: &Calibration) -> String {
+    let (image, board) = (c.pattern.image_px, c.pattern.board_px);
+    if image.max(board) < PATTERN_SHARE * c.rms_px {
+        return "they follow neither the image nor the board; the pictures are blurred, dark or compressed, or the \
+                board moved while they were taken, or it is not as described"
+            .to_owned();
+    }
+    if image > board {
         format!(
-            "the points are {:.2} px rms off: the board is not as described (count its rows and columns, measure \
-             a square or a tag and the gap), the pictures are blurred, or Brown's model does not fit this lens \
-             (a fisheye)",
-            c.rms_px
-        ),
-    ))
+            "they follow the place in the image ({image:.2} px): Brown's model does not fit this lens (a fisheye, or one \
+             that is too wide for it)"
+        )
+    } else {
+        format!(
+            "they follow the place on the board ({board:.2} px): it is not as described (count its rows and columns, \
+             measure a square or a tag and the gap), or it is bent in more than a bow"
+        )
+    }
+}
+
+/// Where two halves of the pictures differ by more than their standard deviations let expect, those are no
+/// standard deviations.
+fn halves(c: &Calibration) -> Option<(Verdict, String)> {
+    let h = c.halves.filter(|h| h.difference_px > HALVES * h.predicted_px)?;
+    let text = format!(
+        "two halves of the pictures differ by {:.2} px at {} m, {:.1} times what their standard deviations let expect: \
+         {}",
+        h.difference_px,
+        h.distance_m,
+        h.difference_px / h.predicted_px,
+        if c.pattern.image_px.max(c.pattern.board_px) > PATTERN_SHARE * c.rms_px {
+            format!("the residuals of {:.2} px rms are not random: {}", c.rms_px, cause(c))
+        } else {
+            "zoom, focus or the board's shape changed on the way; tape the rings, use a stiff board"
+                .to_owned()
+        }
+    );
+    Some((Verdict::Poor, text))
 }
 
 fn left_out(c: &Calibration) -> Option<(Verdict, String)> {

@@ -9,9 +9,11 @@
 //! | light | point, normal | radiance | `light` |
 //! | picture | camera | radiance of every pixel, anti-aliased | `picture` |
 //! | sensor | radiance | grey values | `sensor` |
+//! | board | camera, board's place and bow | picture of a checkerboard | `board` |
 //! | scene, truth | seed, shot | all of it; what a perfect measurement would say | `scene`, `truth` |
 
 mod beam;
+mod board;
 mod decals;
 mod fitted;
 mod layout;
@@ -27,6 +29,7 @@ mod truth;
 mod wing;
 
 pub use beam::{Beam, Bent, LoadShape};
+pub use board::BoardPicture;
 pub use fitted::FitFault;
 pub use layout::Options;
 pub use light::Light;

@@ -1,0 +1,83 @@
+//! Pictures by the configured camera, until the verdict is good.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde::Deserialize;
+
+use super::pictures::{Picture, picture};
+use super::{Args, Failure, judged};
+use crate::camera::freshness::Freshness;
+use crate::camera::section::CameraSection;
+use crate::clock::System;
+use crate::measure::calibrate::{Board, Verdict};
+
+/// Longest time for a shot.
+const DEADLINE: Duration = Duration::from_secs(20);
+
+/// Other sections are not looked at here.
+#[derive(Deserialize)]
+struct Config {
+    camera: CameraSection,
+}
+
+/// Pictures until the verdict is good, the camera has no more, or enough were taken.
+pub(super) fn pictures(args: &Args, config: &Path, board: &Board) -> Result<Vec<Picture>, Failure> {
+    let name = config.display();
+    let mend = "give a configuration with a [camera] section";
+    let text = std::fs::read_to_string(config)
+        .map_err(|e| Failure::Undone(format!("{name} cannot be read ({e}); {mend}")))?;
+    let config: Config =
+        toml::from_str(&text).map_err(|e| Failure::Undone(format!("{name}: {e}; {mend}")))?;
+    let mut camera = config.camera.factory(Arc::new(System::new()), Duration::ZERO)();
+    let opened = camera.open().map_err(|e| Failure::Undone(e.to_string()))?;
+    eprintln!("{}: show the board, tilted by 20 to 40 degrees, all over the image", opened.name);
+    let freshness = Freshness::default();
+    let mut taken: Vec<Picture> = vec![];
+    for shot in 1..=args.shots {
+        let frame = match camera.shoot(DEADLINE).and_then(|f| freshness.check(&f.bytes, None).map(|_| f)) {
+            Ok(frame) => frame,
+            // A replay ends, a camera is unplugged: what was taken still counts.
+            Err(error) => {
+                eprintln!("picture {shot}: {error}");
+                break;
+            }
+        };
+        // The copy here is all that is wanted of it; a camera that keeps its own does no harm.
+        let _ = camera.release_last();
+        let found = picture(&format!("shot {shot}"), Ok(&frame.bytes), board);
+        eprintln!("picture {shot}: {}", said(&found));
+        taken.push(found);
+        if good(&mut taken, board, args.select) {
+            break;
+        }
+    }
+    camera.close();
+    Ok(taken)
+}
+
+fn said(picture: &Picture) -> String {
+    match &picture.view {
+        Ok(view) => format!("{} points of the board", view.len()),
+        Err(reason) => reason.clone(),
+    }
+}
+
+/// Whether that is enough; says what is missing where it is not.
+fn good(taken: &mut [Picture], board: &Board, select: bool) -> bool {
+    if taken.last().is_none_or(|p| p.view.is_err()) {
+        return false;
+    }
+    match judged(taken, board, select) {
+        Ok(judged) => {
+            let missing = judged.reasons.first().map_or(String::new(), |r| format!(": {r}"));
+            eprintln!("{}{missing}", judged.verdict.name());
+            judged.verdict == Verdict::Good
+        }
+        Err(reason) => {
+            eprintln!("{}", reason.lines().next().unwrap_or_default());
+            false
+        }
+    }
+}

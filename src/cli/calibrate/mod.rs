@@ -1,0 +1,127 @@
+//! `wingd calibrate`: interior orientation from pictures of a board.
+
+mod live;
+mod output;
+mod pictures;
+
+use std::path::{Path, PathBuf};
+
+use self::pictures::{Picture, common_size, reason};
+use super::{Done, Failure, print};
+use crate::installation;
+use crate::measure::calibrate::{self, Board, Calibration, Misfit, Verdict, View};
+use crate::report;
+
+/// Interior orientation from pictures of a board.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The board: pattern, columns, rows and sizes
+    #[arg(long, value_name = "BOARD.toml")]
+    board: PathBuf,
+    /// Where the camera is written
+    #[arg(long, value_name = "camera.toml")]
+    output: PathBuf,
+    /// The result as one JSON object
+    #[arg(long)]
+    json: bool,
+    /// Drop distortion terms that do not differ from 0 at 95 %
+    #[arg(long)]
+    select: bool,
+    /// With pictures: writes their corners to this file. Without: reads them from it
+    #[arg(long, value_name = "FILE.csv")]
+    corners: Option<PathBuf>,
+    /// Writes figures and tables as one page that opens offline
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// Takes the pictures with the camera of --config until the verdict is good, and says what is missing
+    #[arg(long, requires = "config", conflicts_with = "images")]
+    live: bool,
+    /// Configuration whose [camera] takes the pictures
+    #[arg(long, value_name = "wingd.toml")]
+    config: Option<PathBuf>,
+    /// Pictures that --live takes at most
+    #[arg(long, default_value_t = 100)]
+    shots: usize,
+    /// Images worked on at once [default: the cores]
+    #[arg(long, default_value_t = 0, hide_default_value = true)]
+    jobs: usize,
+    /// Pictures of the board in different attitudes, up to the corners of the image
+    #[arg(required_unless_present_any = ["corners", "live"], value_name = "IMAGE")]
+    images: Vec<PathBuf>,
+}
+
+/// A calibration with its judgement.
+struct Judged {
+    calibration: Calibration,
+    verdict: Verdict,
+    reasons: Vec<String>,
+}
+
+pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    let board = installation::load_board(&args.board)?;
+    let mut pictures = match &args.config {
+        Some(config) if args.live => live::pictures(args, config, &board)?,
+        _ => pictures::pictures(args, &board)?,
+    };
+    let writes = args.corners.as_ref().filter(|_| args.live || !args.images.is_empty());
+    if let Some(file) = writes {
+        pictures::write_corners(file, &pictures, None)?;
+    }
+    let judged = judged(&mut pictures, &board, args.select).map_err(Failure::Undone)?;
+    if let Some(file) = writes {
+        pictures::write_corners(file, &pictures, Some(&judged.calibration))?;
+    }
+    finish(args, &pictures, &judged)
+}
+
+/// Calibrates and judges; the reasons of a failure begin with the gravest.
+fn judged(pictures: &mut [Picture], board: &Board, select: bool) -> Result<Judged, String> {
+    let size = common_size(pictures)?;
+    let views: Vec<View> = pictures.iter().map(|p| p.view.clone().unwrap_or_default()).collect();
+    let misfits: Vec<Option<Misfit>> = pictures.iter().filter(|p| p.view.is_ok()).map(|p| p.misfit).collect();
+    let board_reason = calibrate::misdescribed(board, &misfits);
+    let calibration = calibrate::calibrate_with(&views, size.0, size.1, select).map_err(|e| {
+        let first = board_reason.clone().unwrap_or_else(|| e.to_string());
+        format!("no calibration: {first}{}", pictures::failures(pictures))
+    })?;
+    let (verdict, reasons) = calibrate::judge(&calibration, board_reason);
+    Ok(Judged { calibration, verdict, reasons })
+}
+
+fn finish(args: &Args, pictures: &[Picture], judged: &Judged) -> Result<Done, Failure> {
+    let Judged { calibration, verdict, reasons } = judged;
+    let written = output::report(calibration, *verdict);
+    if *verdict != Verdict::Refused {
+        installation::write_camera(&args.output, &calibration.lens, Some(&written))
+            .map_err(|e| unwritable(&args.output, &e))?;
+    }
+    let left_out: Vec<Option<String>> =
+        pictures.iter().enumerate().map(|(k, p)| reason(calibration, k, p)).collect();
+    if let Some(file) = &args.report {
+        let names: Vec<&str> = pictures.iter().map(|p| p.name.as_str()).collect();
+        let page = report::calibration::page(calibration, (*verdict, reasons), &names, &left_out);
+        installation::write_page(file, &page).map_err(|e| unwritable(file, &e))?;
+    }
+    for (picture, reason) in pictures.iter().zip(&left_out) {
+        if let Some(reason) = reason {
+            eprintln!("{}: left out: {reason}", picture.name);
+        }
+    }
+    print(&if args.json {
+        output::json(calibration, &written, reasons, pictures)
+    } else {
+        output::text(&args.output, calibration, &written)
+    })?;
+    if *verdict == Verdict::Refused {
+        let list: String = reasons.iter().map(|r| format!("\n  {r}")).collect();
+        return Err(Failure::Undone(format!("refused, {} is not written:{list}", args.output.display())));
+    }
+    for reason in reasons {
+        eprintln!("{}: {reason}", verdict.name());
+    }
+    Ok(Done::All)
+}
+
+fn unwritable(file: &Path, error: &std::io::Error) -> Failure {
+    Failure::Undone(format!("{} cannot be written ({error}); check rights and space", file.display()))
+}

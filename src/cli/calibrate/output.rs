@@ -1,0 +1,134 @@
+//! What `wingd calibrate` prints and writes.
+
+use std::path::Path;
+
+use super::pictures::{Picture, reason};
+use crate::installation::CalibrationReport;
+use crate::measure::calibrate::{Calibration, Verdict};
+
+pub(super) fn report(calibration: &Calibration, verdict: Verdict) -> CalibrationReport {
+    let c = &calibration.covariance;
+    let used = calibration.view_rms_px.iter().flatten().count();
+    CalibrationReport {
+        rms_px: calibration.rms_px,
+        images_used: used,
+        images_rejected: calibration.view_rms_px.len() - used,
+        observations: calibration.observations,
+        verdict: verdict.name(),
+        projection_sigma_px: calibration.projections.iter().flatten().map(|p| p.sigma_px).collect(),
+        board_bow_m: calibration.bow.map(|b| b.value_m),
+        board_bow_sigma_m: calibration.bow.map(|b| b.sigma_m),
+        sigma: std::array::from_fn(|k| (!calibration.held[k]).then(|| c[(k, k)].max(0.0).sqrt())),
+        halves_px: calibration.halves.map(|h| [h.difference_px, h.predicted_px]),
+        covariance: c.row_iter().map(|r| r.iter().copied().collect()).collect(),
+    }
+}
+
+/// Index of k1 among the parameters.
+const FIRST_DISTORTION: usize = 4;
+/// Some hundred points leave Student's t at 95 % at the normal's.
+const SIGNIFICANT: f64 = 1.96;
+pub(super) const NAMES: [&str; 9] = ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "p1", "p2"];
+
+pub(super) fn values(c: &Calibration) -> [f64; 9] {
+    let l = &c.lens;
+    [l.fx, l.fy, l.cx, l.cy, l.k1, l.k2, l.k3, l.p1, l.p2]
+}
+
+pub(super) fn json(
+    calibration: &Calibration,
+    report: &CalibrationReport,
+    reasons: &[String],
+    pictures: &[Picture],
+) -> String {
+    let by_name = |values: [Option<f64>; 9]| -> serde_json::Map<String, serde_json::Value> {
+        NAMES.iter().zip(values).map(|(n, v)| ((*n).to_owned(), v.into())).collect()
+    };
+    let parameters = values(calibration).map(Some);
+    let mut camera = serde_json::Map::new();
+    camera.insert("width".into(), calibration.lens.width.into());
+    camera.insert("height".into(), calibration.lens.height.into());
+    camera.extend(by_name(parameters));
+    let image = |(k, p): (usize, &Picture)| {
+        serde_json::json!({
+            "image": p.name,
+            "used": calibration.view_rms_px[k].is_some(),
+            "reason": reason(calibration, k, p),
+            "corners": p.view.as_ref().map_or(0, Vec::len),
+            "corners_used": calibration.view_points[k],
+            "rms_px": calibration.view_rms_px[k],
+            "tilt_deg": calibration.tilt_deg[k],
+        })
+    };
+    let images: Vec<_> = pictures.iter().enumerate().map(image).collect();
+    serde_json::json!({
+        "status": if report.verdict == Verdict::Refused.name() { "refused" } else { "ok" },
+        "verdict": report.verdict,
+        "reasons": reasons,
+        "parameters": by_name(parameters),
+        "sigma": by_name(report.sigma),
+        "t_values": by_name(std::array::from_fn(|k| t_value(calibration, report, k))),
+        "correlation": correlation(calibration),
+        "halves": calibration.halves.map(|h| serde_json::json!({
+            "distance_m": h.distance_m, "difference_px": h.difference_px, "predicted_px": h.predicted_px,
+        })),
+        "pattern": { "image_px": calibration.pattern.image_px, "board_px": calibration.pattern.board_px },
+        "model_sigma_px": calibration.model_sigma_px,
+        "board_bow_m": report.board_bow_m,
+        "board_bow_sigma_m": report.board_bow_sigma_m,
+        "projection_sigma_px": report.projection_sigma_px,
+        "camera": camera,
+        "calibration": report,
+        "images": images,
+    })
+    .to_string()
+}
+
+/// Value over standard deviation of a distortion term.
+fn t_value(calibration: &Calibration, report: &CalibrationReport, k: usize) -> Option<f64> {
+    report.sigma[k].filter(|s| k >= FIRST_DISTORTION && *s > 0.0).map(|s| values(calibration)[k] / s)
+}
+
+fn correlation(calibration: &Calibration) -> Vec<Vec<Option<f64>>> {
+    let c = &calibration.covariance;
+    let of = |i: usize, j: usize| {
+        let product = (c[(i, i)] * c[(j, j)]).sqrt();
+        (product > 0.0).then(|| c[(i, j)] / product)
+    };
+    (0..9).map(|i| (0..9).map(|j| of(i, j)).collect()).collect()
+}
+
+pub(super) fn text(output: &Path, calibration: &Calibration, report: &CalibrationReport) -> String {
+    let mut text = format!(
+        "{}: {}\n{} of {} pictures, {} points, rms {:.4} px\n",
+        output.display(),
+        report.verdict,
+        report.images_used,
+        report.images_used + report.images_rejected,
+        report.observations,
+        report.rms_px
+    );
+    for (k, ((name, value), sigma)) in NAMES.iter().zip(values(calibration)).zip(report.sigma).enumerate() {
+        let digits = if k < FIRST_DISTORTION { 3 } else { 6 };
+        let weak = t_value(calibration, report, k).is_some_and(|t| t.abs() < SIGNIFICANT);
+        let sigma = sigma.map_or("held".to_owned(), |s| format!("+- {s:.digits$}"));
+        let note = if weak { " (not significant)" } else { "" };
+        text.push_str(&format!("{name:>3} {value:>12.digits$} {sigma}{note}\n"));
+    }
+    for (name, bow) in ["along", "across"].iter().zip(calibration.bow) {
+        let flat = if bow.significant() { "" } else { " (not significant)" };
+        let (value, sigma) = (1e3 * bow.value_m, 1e3 * bow.sigma_m);
+        text.push_str(&format!("board's bow {name} {value:.3} +- {sigma:.3} mm{flat}\n"));
+    }
+    for p in calibration.projections.iter().flatten() {
+        let (distance, sigma) = (p.distance_m, p.sigma_px);
+        text.push_str(&format!("projection at {distance} m +- {sigma:.3} px (rms over the image)\n"));
+    }
+    if let Some(h) = calibration.halves {
+        let (difference, predicted, at) = (h.difference_px, h.predicted_px, h.distance_m);
+        text.push_str(&format!(
+            "halves differ by {difference:.3} px at {at} m, predicted {predicted:.3} px\n"
+        ));
+    }
+    text.trim_end().to_owned()
+}

@@ -1,0 +1,204 @@
+//! A corner of four alternating squares, fitted to the grey values: its place with a covariance.
+//!
+//! Grey = `m + a erf(s1) erf(s2) + g (x - c)`: two edges through `c`, each blurred alike, over a lit
+//! background. The edges may bend by a known curvature, as a wide lens bends them. What the grey values
+//! leave over gives the unit weight, so that noise, poor light, blur and compression all show in the covariance.
+//! The picture is smoothed a little first: a sharp edge that jumps from pixel to pixel has no slope to follow.
+
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
+
+use crate::measure::raster::Raster;
+
+/// `c` (2), directions of the two edges, blur, mean, half the contrast, gradient (2).
+const UNKNOWNS: usize = 9;
+const ITERATIONS: usize = 30;
+/// A step of `c` that no longer matters, px.
+const SETTLED_PX: f64 = 1e-4;
+/// Blur beforehand, px: that of the smoothing (root of 1/2) and of a pixel's own width (root of 1/12).
+const START_BLUR_PX: f64 = 0.76;
+/// Smoothing along a row and down a column.
+const KERNEL: [f64; 3] = [0.25, 0.5, 0.25];
+/// 1 / (sum of the squared weights of the 3 x 3 kernel): what smoothing takes from the noise of single pixels, which
+/// it does not take from what many of them tell.
+const SMOOTHED: f64 = (64.0 / 24.0) * (64.0 / 24.0);
+/// Grey values round to integers: the variance of that.
+const ROUNDING: f64 = 1.0 / 12.0;
+/// Pixels further from both edges than this many blurs say nothing of the corner's place.
+const BAND_BLURS: f64 = 4.0;
+/// The same as a share of the window, for pictures less sharp.
+const BAND_SHARE: f64 = 1.0 / 3.0;
+/// Blurs that fit into the window at least; more blur and the edges' ends count as edges.
+const LEAST_BLURS: f64 = 1.5;
+
+type Unknowns = SVector<f64, UNKNOWNS>;
+type Normal = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
+
+/// What the corner's neighbours tell of it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Hint {
+    /// About where, px.
+    pub centre: Vector2<f64>,
+    /// Along the two edges.
+    pub edges: [Vector2<f64>; 2],
+    /// Of the two edges, to the left of their direction, 1/px.
+    pub curvature_per_px: [f64; 2],
+    /// Within it no other edge shows, px.
+    pub radius_px: f64,
+}
+
+/// Radius of the largest window, px: a corner is then known to a few thousandths of a pixel, below what boards
+/// are printed to, and further out a wide lens bends edges more than by their curvature.
+pub(super) const LARGEST_PX: f64 = 24.0;
+
+/// A fitted corner.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Corner {
+    pub pixel: Vector2<f64>,
+    pub covariance_px2: Matrix2<f64>,
+}
+
+/// `None` where the grey values are no such corner.
+pub(super) fn fit(raster: &Raster, hint: &Hint) -> Option<Corner> {
+    let pixels = window(raster, hint)?;
+    let mut at = start(hint);
+    let (mut normal, mut right, mut sum) = (Normal::zeros(), Unknowns::zeros(), 0.0);
+    // Mean, contrast and gradient are linear: one step from nothing.
+    assemble(&pixels, hint, &at, &mut normal, &mut right, &mut sum);
+    linear_start(&normal, &right, &mut at)?;
+    assemble(&pixels, hint, &at, &mut normal, &mut right, &mut sum);
+    let mut damping = 1e-3;
+    for _ in 0..ITERATIONS {
+        let mut damped = normal;
+        (0..UNKNOWNS).for_each(|k| damped[(k, k)] *= 1.0 + damping);
+        let step = damped.cholesky()?.solve(&right);
+        let next = at + step;
+        let (mut n, mut r, mut s) = (Normal::zeros(), Unknowns::zeros(), 0.0);
+        assemble(&pixels, hint, &next, &mut n, &mut r, &mut s);
+        if s > sum * (1.0 + 1e-12) || next[4] <= 0.0 {
+            damping *= 10.0;
+            if damping > 1e6 {
+                return None;
+            }
+            continue;
+        }
+        (at, normal, right, sum) = (next, n, r, s);
+        damping *= 0.1;
+        if step.fixed_rows::<2>(0).norm() < SETTLED_PX {
+            return outcome(hint, &at, &normal, sum, pixels.len());
+        }
+    }
+    None
+}
+
+fn outcome(hint: &Hint, at: &Unknowns, normal: &Normal, sum: f64, pixels: usize) -> Option<Corner> {
+    let pixel = Vector2::new(at[0], at[1]);
+    let plausible = (pixel - hint.centre).norm() < 0.5 * hint.radius_px
+        && at[4] * LEAST_BLURS < hint.radius_px
+        && at[6].abs() > 1.0;
+    let unit = (SMOOTHED * sum / (pixels - UNKNOWNS) as f64).max(ROUNDING);
+    let inverse = normal.cholesky()?.inverse();
+    plausible.then(|| Corner { pixel, covariance_px2: inverse.fixed_view::<2, 2>(0, 0) * unit })
+}
+
+/// Pixels (column, row, grey) near the edges; `None` where too few lie in the picture.
+fn window(raster: &Raster, hint: &Hint) -> Option<Vec<(f64, f64, f64)>> {
+    let (c, r) = (hint.centre, hint.radius_px);
+    let band = (BAND_BLURS * START_BLUR_PX).max(BAND_SHARE * r);
+    let sides = hint.edges.map(|e| Vector2::new(-e.y, e.x) / e.norm());
+    let reach = Vector2::repeat(r);
+    let mut pixels = vec![];
+    // The kernel reaches one pixel further: the picture's rim has no neighbours.
+    let inner = |at: usize, n: usize| at > 0 && at + 1 < n;
+    for (x, y, _) in raster.part(c - reach, c + reach + Vector2::repeat(1.0), 1) {
+        let d = Vector2::new(x as f64, y as f64) - c;
+        let near = d.norm_squared() <= r * r && sides.iter().any(|n| n.dot(&d).abs() < band);
+        if near && inner(x, raster.width()) && inner(y, raster.height()) {
+            pixels.push((x as f64, y as f64, smoothed(raster, x, y)));
+        }
+    }
+    (pixels.len() > 2 * UNKNOWNS).then_some(pixels)
+}
+
+fn smoothed(raster: &Raster, x: usize, y: usize) -> f64 {
+    let row = |dy: isize| {
+        let grey = |dx: isize| f64::from(raster.clamped(x as isize + dx, y as isize + dy));
+        KERNEL[0] * grey(-1) + KERNEL[1] * grey(0) + KERNEL[2] * grey(1)
+    };
+    KERNEL[0] * row(-1) + KERNEL[1] * row(0) + KERNEL[2] * row(1)
+}
+
+fn start(hint: &Hint) -> Unknowns {
+    let angle = |e: &Vector2<f64>| e.y.atan2(e.x);
+    let (c, e) = (hint.centre, hint.edges);
+    let blur = START_BLUR_PX;
+    Unknowns::from_column_slice(&[c.x, c.y, angle(&e[0]), angle(&e[1]), blur, 0.0, 1.0, 0.0, 0.0])
+}
+
+/// The linear unknowns with the others held.
+fn linear_start(normal: &Normal, right: &Unknowns, at: &mut Unknowns) -> Option<()> {
+    let step = normal.fixed_view::<4, 4>(5, 5).clone_owned().cholesky()?.solve(&right.fixed_rows::<4>(5));
+    (0..4).for_each(|k| at[5 + k] += step[k]);
+    Some(())
+}
+
+/// An edge at a pixel: `erf`, and its derivatives by the corner's place, the direction and the blur.
+fn edge(d: &Vector2<f64>, angle: f64, curvature: f64, blur: f64) -> (f64, [f64; 4]) {
+    let (sin, cos) = angle.sin_cos();
+    let along = cos * d.x + sin * d.y;
+    let side = cos * d.y - sin * d.x - 0.5 * curvature * along * along;
+    let q = side / blur;
+    let (erf, density) = erf(q * std::f64::consts::FRAC_1_SQRT_2);
+    let by_side = density * std::f64::consts::FRAC_1_SQRT_2 / blur;
+    (erf, [by_side * sin, -by_side * cos, -by_side * along, -by_side * q])
+}
+
+/// The error function (Abramowitz and Stegun 7.1.26, error below 1.5e-7) and its derivative, with one exponential.
+fn erf(x: f64) -> (f64, f64) {
+    let gauss = (-x * x).exp();
+    let t = 1.0 / (1.0 + 0.327_591_1 * x.abs());
+    let series = t
+        * (0.254_829_592
+            + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
+    ((1.0 - series * gauss).copysign(x), gauss * std::f64::consts::FRAC_2_SQRT_PI)
+}
+
+fn assemble(
+    pixels: &[(f64, f64, f64)],
+    hint: &Hint,
+    at: &Unknowns,
+    normal: &mut Normal,
+    right: &mut Unknowns,
+    sum: &mut f64,
+) {
+    (*normal, *right, *sum) = (Normal::zeros(), Unknowns::zeros(), 0.0);
+    let (blur, mean, contrast) = (at[4], at[5], at[6]);
+    for &(x, y, grey) in pixels {
+        let d = Vector2::new(x - at[0], y - at[1]);
+        let (e1, by1) = edge(&d, at[2], hint.curvature_per_px[0], blur);
+        let (e2, by2) = edge(&d, at[3], hint.curvature_per_px[1], blur);
+        let residual = grey - (mean + contrast * e1 * e2 + at[7] * d.x + at[8] * d.y);
+        let row = [
+            contrast * (by1[0] * e2 + e1 * by2[0]) - at[7],
+            contrast * (by1[1] * e2 + e1 * by2[1]) - at[8],
+            contrast * by1[2] * e2,
+            contrast * e1 * by2[2],
+            contrast * (by1[3] * e2 + e1 * by2[3]),
+            1.0,
+            e1 * e2,
+            d.x,
+            d.y,
+        ];
+        for i in 0..UNKNOWNS {
+            for j in 0..=i {
+                normal[(i, j)] += row[i] * row[j];
+            }
+            right[i] += row[i] * residual;
+        }
+        *sum += residual * residual;
+    }
+    for i in 0..UNKNOWNS {
+        for j in 0..i {
+            normal[(j, i)] = normal[(i, j)];
+        }
+    }
+}

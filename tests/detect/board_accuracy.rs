@@ -1,0 +1,203 @@
+//! Rendered boards: how far off the camera is, and whether its standard deviations say so.
+
+use nalgebra::{Matrix3, Rotation3, Unit, Vector2, Vector3};
+use rayon::prelude::*;
+use wingd::measure::calibrate::{Board, Calibration, View, calibrate};
+use wingd::measure::geometry::Lens;
+use wingd::measure::render::{BoardPicture, Random};
+
+const COLUMNS: usize = 12;
+const ROWS: usize = 9;
+const SQUARE_M: f64 = 0.075;
+/// The largest bow of a set, m per m of the side.
+const MOST_BOW: f64 = 1.5e-3;
+
+struct Camera {
+    width: u32,
+    height: u32,
+    c_px: f64,
+    pictures: usize,
+}
+
+const SMALL: Camera = Camera { width: 1280, height: 960, c_px: 2500.0, pictures: 16 };
+const LARGE: Camera = Camera { width: 4000, height: 3000, c_px: 7800.0, pictures: 21 };
+
+fn lens(camera: &Camera, random: &mut Random) -> Lens {
+    let (w, h) = (f64::from(camera.width), f64::from(camera.height));
+    let c = camera.c_px * random.between(0.995, 1.005);
+    let (cx, cy) = (w * random.between(0.47, 0.53), h * random.between(0.47, 0.53));
+    let (k1, k2) = (random.between(-0.12, -0.04), random.between(0.0, 0.15));
+    let (p1, p2) = (random.between(-5e-4, 5e-4), random.between(-5e-4, 5e-4));
+    Lens {
+        fy: c * random.between(0.9995, 1.0005),
+        k1,
+        k2,
+        p1,
+        p2,
+        ..Lens::pinhole(camera.width, camera.height, c, cx, cy)
+    }
+}
+
+/// A board at 4 to 6 m, tilted by 20 to 40 degrees, about in its cell of four by four; wholly in the picture.
+fn picture(lens: &Lens, k: usize, bow_m: [f64; 2], random: &mut Random) -> BoardPicture {
+    loop {
+        let azimuth = random.between(0.0, std::f64::consts::TAU);
+        let axis = Unit::new_normalize(Vector3::new(azimuth.cos(), azimuth.sin(), 0.0));
+        let tilt = random.between(20f64.to_radians(), 40f64.to_radians());
+        let camera_from_board = Rotation3::from_axis_angle(&axis, tilt)
+            * Rotation3::from_axis_angle(&Vector3::z_axis(), random.between(-0.25, 0.25));
+        let mut cell = |k: usize| (k as f64 + random.unit()) / 4.0;
+        let at = Vector2::new(cell(k % 4) * f64::from(lens.width), cell(k / 4 % 4) * f64::from(lens.height));
+        let middle = lens.ray(&at).unwrap().normalize() * random.between(4.0, 6.0);
+        let half = Vector3::new((COLUMNS - 1) as f64, (ROWS - 1) as f64, 0.0) * SQUARE_M / 2.0;
+        let found = BoardPicture {
+            lens: *lens,
+            corners: (COLUMNS, ROWS),
+            square_m: SQUARE_M,
+            bow_m,
+            camera_from_board,
+            origin_m: middle - camera_from_board * half,
+            blur_px: 0.7,
+            noise: 1.5,
+            pane: None,
+        };
+        let edge = |n: usize| [-1.7 * SQUARE_M, (n as f64 + 0.7) * SQUARE_M];
+        let inside = edge(COLUMNS).iter().all(|x| {
+            edge(ROWS)
+                .iter()
+                .all(|y| lens.project(&found.point(&Vector2::new(*x, *y))).is_some_and(|p| lens.contains(&p)))
+        });
+        if inside {
+            return found;
+        }
+        // In a cell at the border a large board may not fit: after some fifty tries another cell.
+        if random.unit() < 0.02 {
+            return picture(lens, k + 5, bow_m, random);
+        }
+    }
+}
+
+struct Outcome {
+    projection_px: f64,
+    normalised: [f64; 9],
+    found: Calibration,
+}
+
+fn one_set(camera: &Camera, seed: u64, bowed: bool) -> Outcome {
+    let mut random = Random::new(seed, 36);
+    let truth = lens(camera, &mut random);
+    let bow = |side: usize, random: &mut Random| {
+        if bowed { random.between(-MOST_BOW, MOST_BOW) * (side - 1) as f64 * SQUARE_M } else { 0.0 }
+    };
+    let bow_m = [bow(COLUMNS, &mut random), bow(ROWS, &mut random)];
+    let pictures: Vec<BoardPicture> =
+        (0..camera.pictures).map(|k| picture(&truth, k, bow_m, &mut random)).collect();
+    let board = Board::Checkerboard { columns: COLUMNS, rows: ROWS, square_m: SQUARE_M };
+    let views: Vec<View> = pictures
+        .par_iter()
+        .enumerate()
+        .map(|(k, p)| board.find(&p.render(&mut Random::new(seed, 1000 + k as u64)).unwrap()).unwrap().view)
+        .collect();
+    let found = calibrate(&views, camera.width, camera.height).unwrap();
+    let values = |l: &Lens| [l.fx, l.fy, l.cx, l.cy, l.k1, l.k2, l.k3, l.p1, l.p2];
+    let (a, b) = (values(&found.lens), values(&truth));
+    Outcome {
+        projection_px: projection_px(&truth, &found.lens),
+        normalised: std::array::from_fn(|k| (a[k] - b[k]) / found.covariance[(k, k)].sqrt()),
+        found,
+    }
+}
+
+/// Root mean square over the image of the length of the projections' difference, after the rotation that lessens it most.
+fn projection_px(truth: &Lens, found: &Lens) -> f64 {
+    let (w, h) = (f64::from(truth.width) - 1.0, f64::from(truth.height) - 1.0);
+    let pixels: Vec<Vector2<f64>> = (0..=12)
+        .flat_map(|i| (0..=9).map(move |j| Vector2::new(f64::from(i) / 12.0 * w, f64::from(j) / 9.0 * h)))
+        .collect();
+    let rays: Vec<(Vector3<f64>, Vector3<f64>)> = pixels
+        .iter()
+        .map(|p| (truth.ray(p).unwrap().normalize(), found.ray(p).unwrap().normalize()))
+        .collect();
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for (a, b) in &rays {
+        // a = b + w x b: the cross product's matrix is skew.
+        let skew = -b.cross_matrix();
+        normal += skew.transpose() * skew;
+        right += skew.transpose() * (a - b);
+    }
+    let turn = Rotation3::new(normal.cholesky().unwrap().solve(&right));
+    let squares =
+        rays.iter().zip(&pixels).map(|((_, b), p)| (truth.project(&(turn * b)).unwrap() - p).norm_squared());
+    (squares.sum::<f64>() / pixels.len() as f64).sqrt()
+}
+
+/// Twenty sets: the largest projection error, px, and the mean squared normalised error of each parameter.
+fn twenty(name: &str, camera: &Camera, bowed: bool) -> f64 {
+    let sets: Vec<Outcome> = (0..20).map(|k| one_set(camera, 500 + k, bowed)).collect();
+    let worst = sets.iter().map(|s| s.projection_px).fold(0.0, f64::max);
+    let mean = (sets.iter().map(|s| s.projection_px.powi(2)).sum::<f64>() / 20.0).sqrt();
+    let squares: [f64; 9] =
+        std::array::from_fn(|k| sets.iter().map(|s| s.normalised[k].powi(2)).sum::<f64>() / 20.0);
+    let used = sets.iter().map(|s| s.found.view_rms_px.iter().flatten().count()).sum::<usize>();
+    let rms = sets.iter().map(|s| s.found.rms_px).sum::<f64>() / 20.0;
+    let squares_text: Vec<String> = squares.iter().map(|s| format!("{s:.2}")).collect();
+    println!(
+        "{name}: projection rms {mean:.4} px, largest {worst:.4} px; residuals rms {rms:.4} px; {used} of {} pictures; \
+         mean squared normalised errors fx fy cx cy k1 k2 k3 p1 p2: {}",
+        20 * camera.pictures,
+        squares_text.join(" ")
+    );
+    // 180 of them, correlated within a set: their mean is known to about 0.2.
+    let all = squares.iter().sum::<f64>() / 9.0;
+    assert!((0.6..1.5).contains(&all), "{name}: mean squared normalised error {all}: {squares:?}");
+    worst
+}
+
+/// Slow tier: `cargo test --release --test detect -- --ignored --nocapture board_accuracy`.
+#[test]
+#[ignore = "slow tier: 20 sets of each kind, some minutes"]
+fn twenty_sets_of_the_small_camera() {
+    assert!(twenty("1280 x 960, flat", &SMALL, false) < 0.25);
+    assert!(twenty("1280 x 960, bowed", &SMALL, true) < 0.25);
+}
+
+/// Slow tier.
+#[test]
+#[ignore = "slow tier: 20 sets of 21 pictures of 12 MP of each kind, half an hour on two cores"]
+fn twenty_sets_of_the_large_camera() {
+    assert!(twenty("4000 x 3000, flat", &LARGE, false) < 0.1);
+    assert!(twenty("4000 x 3000, bowed", &LARGE, true) < 0.15);
+}
+
+#[test]
+fn rendered_boards_give_the_camera_flat_and_bowed() {
+    for bowed in [false, true] {
+        let set = one_set(&SMALL, 400, bowed);
+        assert!(set.projection_px < 0.25, "{} px", set.projection_px);
+        assert_eq!(set.found.view_rms_px.iter().flatten().count(), SMALL.pictures, "{:?}", set.found.dropped);
+        // Nine normal variables, correlated: one beyond four is no chance.
+        assert!(set.normalised.iter().all(|n| n.abs() < 4.0), "{:?}", set.normalised);
+    }
+}
+
+#[test]
+fn corners_are_as_good_as_their_covariances_say() {
+    let mut random = Random::new(77, 0);
+    let truth = lens(&SMALL, &mut random);
+    let board = Board::Checkerboard { columns: COLUMNS, rows: ROWS, square_m: SQUARE_M };
+    let (mut sum, mut n) = (0.0, 0);
+    for (k, blur_px) in [0.5, 0.8, 1.5].into_iter().enumerate() {
+        let picture = BoardPicture { blur_px, noise: 3.0, ..picture(&truth, k, [0.0; 2], &mut random) };
+        let view = board.find(&picture.render(&mut random).unwrap()).unwrap().view;
+        let pixels = picture.pixels();
+        assert!(view.len() > 100, "{} corners", view.len());
+        for p in &view {
+            let off =
+                pixels.iter().map(|t| p.pixel - t).min_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap();
+            sum += off.dot(&(p.covariance_px2.try_inverse().unwrap() * off)) / 2.0;
+            n += 1;
+        }
+    }
+    let mean = sum / f64::from(n);
+    assert!((0.6..1.5).contains(&mean), "mean squared normalised error {mean} of {n} corners");
+}

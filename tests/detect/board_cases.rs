@@ -1,0 +1,294 @@
+//! Boards that went wrong in practice: each gives a camera or the right reason.
+
+use std::path::Path;
+
+use nalgebra::{Rotation3, Vector2, Vector3};
+use wingd::installation::{PictureCorners, read_corners};
+use wingd::measure::calibrate::{
+    Board, BoardPoint, Dropped, Misfit, Verdict, View, calibrate, calibrate_with, judge, misdescribed,
+};
+use wingd::measure::geometry::Lens;
+use wingd::measure::raster::Raster;
+use wingd::measure::render::{BoardPicture, Random};
+use wingd::pipeline::decode;
+
+/// As the fit gives it in sharp pictures, px.
+const SIGMA_PX: f64 = 0.01;
+
+fn file(name: &str) -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/detect/boards").join(name)
+}
+
+fn raster(name: &str) -> Raster {
+    decode::decode(&std::fs::read(file(name)).unwrap(), None).unwrap()
+}
+
+fn lens() -> Lens {
+    let pinhole = Lens::pinhole(1280, 960, 2487.0, 625.1, 458.6);
+    Lens { fy: 2487.3, k1: -0.1107, k2: 0.0717, p1: -6e-5, p2: 3.9e-4, ..pinhole }
+}
+
+/// A board of 12 x 9 corners, 75 mm apart, whose middle lies at a place; tilted about a vertical and a level axis.
+fn view(lens: Lens, middle_m: [f64; 3], tilt: [f64; 2], random: &mut Random) -> View {
+    let camera_from_board = Rotation3::from_euler_angles(tilt[0], tilt[1], 0.1);
+    let half = Vector3::new(11.0, 8.0, 0.0) * 0.0375;
+    let board = BoardPicture {
+        lens,
+        corners: (12, 9),
+        square_m: 0.075,
+        bow_m: [0.0; 2],
+        camera_from_board,
+        origin_m: Vector3::from(middle_m) - camera_from_board * half,
+        blur_px: 0.7,
+        noise: 1.0,
+        pane: None,
+    };
+    let mut k = 0;
+    let mut point = |pixel: Vector2<f64>| {
+        let board_m = Vector2::new(f64::from(k % 12), f64::from(k / 12)) * 0.075;
+        k += 1;
+        let noise = Vector2::new(random.normal(), random.normal()) * SIGMA_PX;
+        lens.contains(&pixel).then(|| BoardPoint::new(board_m, pixel + noise, SIGMA_PX))
+    };
+    board.pixels().into_iter().filter_map(&mut point).collect()
+}
+
+/// Boards over the image at 4 to 6 m, in every direction by up to this tilt, rad.
+fn set(count: usize, tilt: f64, random: &mut Random) -> Vec<View> {
+    (0..count)
+        .map(|k| {
+            let place = [(k % 3) as f64 * 0.8 - 0.8, (k / 3 % 3) as f64 * 0.6 - 0.6];
+            let z = random.between(4.5, 6.0);
+            let turn = [random.between(-tilt, tilt), random.between(-tilt, tilt)];
+            view(lens(), [place[0], place[1], z], turn, random)
+        })
+        .collect()
+}
+
+#[test]
+fn a_zoom_that_moved_is_named_and_the_others_stay() {
+    for (seed, factor) in [(1, 1.05), (2, 1.2), (3, 0.97)] {
+        let mut random = Random::new(seed, 0);
+        let mut views = set(12, 0.6, &mut random);
+        let zoomed = Lens { fx: lens().fx * factor, fy: lens().fy * factor, ..lens() };
+        views.push(view(zoomed, [0.1, 0.0, 5.0], [0.4, -0.3], &mut random));
+        let found = calibrate(&views, 1280, 960).unwrap();
+        assert!(matches!(found.dropped[12], Some(Dropped::OtherZoom { .. })), "{:?}", found.dropped[12]);
+        assert!(found.dropped[..12].iter().all(Option::is_none), "{:?}", found.dropped);
+        assert!((found.lens.fx - 2487.0).abs() < 4.0 * found.covariance[(0, 0)].sqrt());
+    }
+}
+
+#[test]
+fn a_blurred_picture_is_no_outlier_and_a_moving_board_is() {
+    let mut random = Random::new(4, 0);
+    let mut views = set(14, 0.6, &mut random);
+    let shake = |view: &mut View, px: f64, said: bool, random: &mut Random| {
+        for p in view {
+            p.pixel += Vector2::new(random.normal(), random.normal()) * px;
+            if said {
+                *p = BoardPoint::new(p.board_m, p.pixel, px);
+            }
+        }
+    };
+    shake(&mut views[3], 0.05, true, &mut random);
+    shake(&mut views[5], 0.15, false, &mut random);
+    let found = calibrate(&views, 1280, 960).unwrap();
+    assert_eq!(found.dropped[3], None, "its covariance says how blurred it is");
+    assert!(
+        matches!(found.dropped[5], Some(Dropped::OtherCamera { .. } | Dropped::Points { .. })),
+        "{:?}",
+        found.dropped
+    );
+}
+
+#[test]
+fn one_moment_given_twice_is_named_though_it_was_compressed_anew() {
+    let mut random = Random::new(5, 0);
+    let mut views = set(9, 0.6, &mut random);
+    let mut again = views[4].clone();
+    for p in &mut again {
+        p.pixel += Vector2::new(random.normal(), random.normal()) * SIGMA_PX;
+    }
+    views.push(again);
+    let found = calibrate(&views, 1280, 960).unwrap();
+    assert_eq!(found.dropped[9], Some(Dropped::Twice { of: 5 }));
+}
+
+#[test]
+fn parallel_boards_are_refused_and_the_reason_is_the_tilt() {
+    let mut random = Random::new(6, 0);
+    let found = calibrate(&set(9, 0.002, &mut random), 1280, 960);
+    match found {
+        Ok(found) => {
+            let (verdict, reasons) = judge(&found, None);
+            assert_eq!(verdict, Verdict::Refused, "{reasons:?}");
+            assert!(reasons[0].contains("tilt"), "{reasons:?}");
+        }
+        Err(error) => assert!(error.to_string().contains("tilt"), "{error}"),
+    }
+}
+
+#[test]
+fn hardly_tilted_boards_are_refused_with_honest_sigmas() {
+    let mut random = Random::new(7, 0);
+    let found = calibrate(&set(10, 0.03, &mut random), 1280, 960).unwrap();
+    let (verdict, reasons) = judge(&found, None);
+    assert_eq!(verdict, Verdict::Refused, "{reasons:?}");
+    assert!(reasons[0].contains("tilt it by 20 to 40"), "{reasons:?}");
+    assert!((found.lens.fx - 2487.0).abs() < 4.0 * found.covariance[(0, 0)].sqrt());
+}
+
+#[test]
+fn boards_in_one_corner_are_poor_and_the_reason_says_where_to_show_more() {
+    let mut random = Random::new(8, 0);
+    let turn = |random: &mut Random| [random.between(-0.6, 0.6), random.between(-0.6, 0.6)];
+    let views: Vec<View> = (0..10)
+        .map(|_| {
+            let t = turn(&mut random);
+            view(lens(), [-0.7, -0.5, 5.0], t, &mut random)
+        })
+        .collect();
+    let (verdict, reasons) = judge(&calibrate(&views, 1280, 960).unwrap(), None);
+    assert_eq!(verdict, Verdict::Poor, "{reasons:?}");
+    assert!(reasons.iter().any(|r| r.contains("lower right")), "{reasons:?}");
+}
+
+#[test]
+fn four_photographs_that_tell_little_converge() {
+    let pictures: Vec<PictureCorners> = read_corners(&file("four.csv")).unwrap();
+    let views: Vec<View> = pictures.iter().map(|p| p.view.clone()).collect();
+    let found = calibrate(&views, pictures[0].size.0, pictures[0].size.1).unwrap();
+    assert!(found.view_rms_px.iter().all(Option::is_some), "{:?}", found.dropped);
+    // OpenCV gives 0.388 px with its own corners and a flat board.
+    assert!(found.rms_px < 0.388, "{} px", found.rms_px);
+    for k in 0..4 {
+        let three: Vec<View> = (0..4).filter(|i| *i != k).map(|i| views[i].clone()).collect();
+        calibrate(&three, pictures[0].size.0, pictures[0].size.1).unwrap();
+    }
+}
+
+#[test]
+fn a_board_that_is_not_as_described_is_the_first_reason() {
+    let board = |columns, spacing| Board::AprilGrid { columns, rows: 6, tag_m: 0.12, spacing };
+    let seen = |board: &Board| -> Vec<Option<Misfit>> {
+        (0..4).map(|k| board.find(&raster(&format!("tags{k}.jpg"))).unwrap().misfit).collect()
+    };
+    for (board, words) in [
+        (board(6, 0.25), "spacing = 0.25"),
+        (board(6, 0.35), "spacing = 0.35"),
+        (board(7, 0.3), "6 tags in a row"),
+        (board(5, 0.3), "6 tags in a row"),
+    ] {
+        let reason = misdescribed(&board, &seen(&board)).unwrap();
+        assert!(reason.contains(words), "{reason}");
+    }
+    let right = board(6, 0.3);
+    assert_eq!(misdescribed(&right, &seen(&right)), None);
+}
+
+#[test]
+fn a_checkerboard_with_more_corners_than_described_is_named() {
+    let random = &mut Random::new(9, 0);
+    let camera_from_board = Rotation3::from_euler_angles(0.3, 0.3, 0.0);
+    let picture = BoardPicture {
+        lens: lens(),
+        corners: (9, 6),
+        square_m: 0.1,
+        bow_m: [0.0; 2],
+        camera_from_board,
+        origin_m: Vector3::new(-0.4, -0.25, 5.0),
+        blur_px: 0.7,
+        noise: 1.0,
+        pane: None,
+    };
+    let raster = picture.render(random).unwrap();
+    let board = |columns, rows| Board::Checkerboard { columns, rows, square_m: 0.1 };
+    for (columns, rows) in [(8, 6), (9, 5)] {
+        let misfit = board(columns, rows).find(&raster).unwrap().misfit;
+        let reason = misdescribed(&board(columns, rows), &[misfit]).unwrap();
+        assert!(reason.contains("inner corners"), "{reason}");
+    }
+    assert_eq!(board(9, 6).find(&raster).unwrap().misfit, None);
+}
+
+#[test]
+fn tags_are_found_beside_a_screen_full_of_text() {
+    let board = Board::AprilGrid { columns: 6, rows: 6, tag_m: 0.088, spacing: 0.3 };
+    let found = board.find(&raster("clutter.jpg")).unwrap();
+    assert!(found.view.len() >= 4 * 30, "{} corners", found.view.len());
+    assert_eq!(found.misfit, None);
+}
+
+#[test]
+fn terms_that_the_pictures_do_not_tell_are_dropped_on_demand() {
+    let mut random = Random::new(10, 0);
+    let views = set(18, 0.6, &mut random);
+    let all = calibrate(&views, 1280, 960).unwrap();
+    let some = calibrate_with(&views, 1280, 960, true).unwrap();
+    assert!(some.held[6] && some.lens.k3 == 0.0, "k3 is 0 in truth: {:?} {}", some.held, some.lens.k3);
+    assert!(!some.held[4], "k1 is not");
+    assert_eq!(some.covariance[(6, 6)], 0.0);
+    assert!(some.covariance[(5, 5)] < all.covariance[(5, 5)], "what is left is known better");
+    assert!((some.lens.fx - 2487.0).abs() < 4.0 * some.covariance[(0, 0)].sqrt());
+}
+
+#[test]
+fn two_halves_agree_where_the_model_holds_and_not_where_it_does_not() {
+    let mut random = Random::new(11, 0);
+    let sound = calibrate(&set(18, 0.6, &mut random), 1280, 960).unwrap();
+    let halves = sound.halves.unwrap();
+    assert!(halves.difference_px < 3.0 * halves.predicted_px, "{halves:?}");
+    // The rings slip after half of the pictures; every second picture is of the later kind.
+    let slipped = Lens { fx: 2487.0 * 1.002, fy: 2487.3 * 1.002, ..lens() };
+    let views: Vec<View> = (0..18)
+        .map(|k| {
+            let lens = if k % 2 == 0 { lens() } else { slipped };
+            let place = [(k % 3) as f64 * 0.8 - 0.8, (k / 3 % 3) as f64 * 0.6 - 0.6];
+            let turn = [random.between(-0.6, 0.6), random.between(-0.6, 0.6)];
+            view(lens, [place[0], place[1], 5.0], turn, &mut random)
+        })
+        .collect();
+    let (verdict, reasons) = judge(&calibrate(&views, 1280, 960).unwrap(), None);
+    assert_ne!(verdict, Verdict::Good);
+    assert!(
+        reasons.iter().any(|r| r.contains("halves") || r.contains("do not fit the others")),
+        "{reasons:?}"
+    );
+}
+
+#[test]
+fn a_fisheye_is_told_from_a_wrong_board() {
+    // An equidistant lens of 150 degrees, as no polynomial in the tangent follows it.
+    let mut random = Random::new(12, 0);
+    let mut views = vec![];
+    for k in 0..16 {
+        let camera_from_board =
+            Rotation3::from_euler_angles(random.between(-0.5, 0.5), random.between(-0.5, 0.5), 0.0);
+        let middle =
+            Vector3::new((k % 4) as f64 - 1.5, (k / 4) as f64 * 0.8 - 1.2, 0.0) * 0.8 + Vector3::z() * 0.75;
+        let mut view = View::new();
+        for c in 0..108 {
+            let board_m = Vector2::new(f64::from(c % 12), f64::from(c / 12)) * 0.075;
+            let p = camera_from_board * Vector3::new(board_m.x - 0.41, board_m.y - 0.3, 0.0) + middle;
+            let off = p.xy().norm().atan2(p.z);
+            let pixel = p.xy().normalize() * off * 450.0 + Vector2::new(640.0, 480.0);
+            if off < 1.3 && lens().contains(&pixel) {
+                view.push(BoardPoint::new(
+                    board_m,
+                    pixel + Vector2::new(random.normal(), random.normal()) * 0.02,
+                    0.02,
+                ));
+            }
+        }
+        views.push(view);
+    }
+    match calibrate(&views, 1280, 960) {
+        Ok(found) => {
+            let (verdict, reasons) = judge(&found, None);
+            assert_ne!(verdict, Verdict::Good, "{} px", found.rms_px);
+            assert!(reasons.iter().any(|r| r.contains("Brown's model")), "{reasons:?}");
+        }
+        Err(error) => assert!(error.to_string().contains("no camera fits"), "{error}"),
+    }
+}

@@ -1,0 +1,176 @@
+//! `wingd calibrate`, `convert` and `mount-check` through the real binary.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use nalgebra::{Rotation3, Vector3};
+use serde_json::Value;
+use wingd::measure::geometry::Lens;
+use wingd::measure::render::{BoardPicture, Random};
+
+fn wingd(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+const BOARD: &str = "pattern = \"checkerboard\"\ncolumns = 9\nrows = 7\nsquare_m = 0.1\n";
+
+/// Pictures of a board before a camera of 640 x 480, c = 1250 px, over the image and tilted.
+fn pictures(directory: &Path, count: usize) {
+    std::fs::create_dir_all(directory).unwrap();
+    let pinhole = Lens::pinhole(640, 480, 1250.0, 322.0, 236.0);
+    let lens = Lens { k1: -0.08, k2: 0.05, ..pinhole };
+    let mut random = Random::new(3, 0);
+    for k in 0..count {
+        let turn = Rotation3::from_euler_angles(random.between(-0.6, 0.6), random.between(-0.6, 0.6), 0.1);
+        let middle = Vector3::new(
+            (k % 3) as f64 * 0.6 - 0.6,
+            (k / 3 % 3) as f64 * 0.4 - 0.4,
+            random.between(4.2, 5.2),
+        );
+        let picture = BoardPicture {
+            lens,
+            corners: (9, 7),
+            square_m: 0.1,
+            bow_m: [0.0006, 0.0],
+            camera_from_board: turn,
+            origin_m: middle - turn * Vector3::new(0.4, 0.3, 0.0),
+            blur_px: 0.7,
+            noise: 1.0,
+            pane: None,
+        };
+        let raster = picture.render(&mut random).unwrap();
+        let grey = image::GrayImage::from_raw(640, 480, raster.luma().to_vec()).unwrap();
+        grey.save(directory.join(format!("b{k:02}.png"))).unwrap();
+    }
+}
+
+fn paths(directory: &Path) -> Vec<String> {
+    let mut paths: Vec<String> = std::fs::read_dir(directory)
+        .unwrap()
+        .map(|e| e.unwrap().path().display().to_string())
+        .filter(|p| p.ends_with(".png"))
+        .collect();
+    paths.sort();
+    paths
+}
+
+#[test]
+fn pictures_become_a_camera_a_report_and_corners_that_give_the_same_camera() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).display().to_string();
+    std::fs::write(at("board.toml"), BOARD).unwrap();
+    pictures(&directory.path().join("p"), 16);
+    let images = paths(&directory.path().join("p"));
+    let (board, camera, corners, page) = (at("board.toml"), at("camera.toml"), at("c.csv"), at("r.html"));
+    let mut arguments =
+        vec!["calibrate", "--json", "--board", &board, "--output", &camera, "--corners", &corners];
+    arguments.extend(["--report", &page]);
+    arguments.extend(images.iter().map(String::as_str));
+    let done = wingd(&arguments);
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    let first: Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!(first["images"].as_array().unwrap().len(), 16);
+    assert!(
+        (first["parameters"]["fx"].as_f64().unwrap() - 1250.0).abs()
+            < 5.0 * first["sigma"]["fx"].as_f64().unwrap()
+    );
+    assert!(first["halves"]["difference_px"].is_number() && first["t_values"]["k1"].is_number());
+    let page = std::fs::read_to_string(&page).unwrap();
+    for words in ["<svg", "Projection uncertainty", "The board&#39;s shape", "b07.png", "correlation"] {
+        assert!(page.contains(words) || page.contains(&words.replace("&#39;", "'")), "{words}");
+    }
+    assert!(
+        !page.contains("http://")
+            || page.matches("http://").count() == page.matches("http://www.w3.org").count()
+    );
+    // From the file of corners alone.
+    let again = at("again.toml");
+    let done = wingd(&["calibrate", "--json", "--board", &board, "--output", &again, "--corners", &corners]);
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    let second: Value = serde_json::from_slice(&done.stdout).unwrap();
+    for name in ["fx", "cx", "k1"] {
+        let off = first["parameters"][name].as_f64().unwrap() - second["parameters"][name].as_f64().unwrap();
+        // Corners are written to 1e-5 px.
+        assert!(off.abs() < 0.05 * first["sigma"][name].as_f64().unwrap(), "{name}: {off}");
+    }
+    assert_eq!(std::fs::read_to_string(&corners).unwrap().lines().next().unwrap().split(',').count(), 11);
+}
+
+#[test]
+fn live_takes_pictures_until_the_verdict_is_good_and_says_what_is_missing() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).display().to_string();
+    std::fs::write(at("board.toml"), BOARD).unwrap();
+    let folder = directory.path().join("p");
+    pictures(&folder, 30);
+    let config =
+        format!("[camera]\nkind = \"replay\"\nfolder = {:?}\nloop = false\n", folder.display().to_string());
+    std::fs::write(at("wingd.toml"), config).unwrap();
+    let (board, camera, configuration) = (at("board.toml"), at("camera.toml"), at("wingd.toml"));
+    let done = wingd(&[
+        "calibrate",
+        "--live",
+        "--json",
+        "--board",
+        &board,
+        "--output",
+        &camera,
+        "--config",
+        &configuration,
+    ]);
+    let said = text(&done.stderr);
+    assert!(done.status.success(), "{said}");
+    let found: Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!(found["verdict"], "good", "{said}");
+    let taken = found["images"].as_array().unwrap().len();
+    assert!((4..30).contains(&taken), "{taken} pictures: {said}");
+    assert!(said.contains("poor: ") || said.contains("refused: "), "{said}");
+    assert!(said.contains("show") || said.contains("tilt"), "{said}");
+}
+
+#[test]
+fn a_camera_goes_to_other_programs_and_comes_back() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).display().to_string();
+    let camera = "width = 1280\nheight = 960\nfx = 2500.5\nfy = 2499.25\ncx = 640.5\ncy = 470.0\nk1 = -0.1\nk2 = 0.07\n\
+                  p1 = 0.0001\np2 = -0.0002\n";
+    std::fs::write(at("camera.toml"), camera).unwrap();
+    for name in ["opencv.yaml", "camera_info.yaml", "camchain.yaml", "wing.cameramodel"] {
+        let (there, back) = (at(name), at(&format!("{name}.toml")));
+        let done = wingd(&["convert", &at("camera.toml"), &there]);
+        assert!(done.status.success(), "{name}: {}", text(&done.stderr));
+        let done = wingd(&["convert", &there, &back]);
+        assert!(done.status.success(), "{name}: {}", text(&done.stderr));
+        let text = std::fs::read_to_string(&back).unwrap();
+        for line in camera.lines() {
+            let (key, value) = line.split_once(" = ").unwrap();
+            let written = text.lines().find_map(|l| l.strip_prefix(&format!("{key} = "))).unwrap();
+            assert_eq!(written.parse::<f64>().unwrap(), value.parse::<f64>().unwrap(), "{name}: {key}");
+        }
+    }
+    assert_eq!(wingd(&["convert", &at("camera.toml"), &at("camera.xyz")]).status.code(), Some(2));
+    std::fs::write(at("empty.yaml"), "nothing: here\n").unwrap();
+    let done = wingd(&["convert", &at("empty.yaml"), &at("x.toml")]);
+    assert_eq!(done.status.code(), Some(78));
+    assert!(text(&done.stderr).contains("image_width"), "{}", text(&done.stderr));
+}
+
+#[test]
+fn a_mounting_is_checked_against_what_the_installation_expects() {
+    let installation = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/dev/installation");
+    let ground = GROUND.map(|name| format!("{}/fixtures/dev/frames/{name}", env!("CARGO_MANIFEST_DIR")));
+    let done = wingd(&["mount-check", "--json", "--installation", installation, &ground[0], &ground[0]]);
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    let same: Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!(same["verdict"], "one mounting");
+    assert!(same["moved_px"].as_f64().unwrap() < 1e-6 && same["markers"].as_u64().unwrap() > 8, "{same}");
+    let done = wingd(&["mount-check", "--installation", installation, &ground[0], "/nowhere.jpg"]);
+    assert_eq!(done.status.code(), Some(1));
+    assert!(text(&done.stderr).contains("nowhere.jpg"));
+}
+
+const GROUND: [&str; 1] = ["ground.jpg"];
