@@ -111,7 +111,12 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
             let sighting = Sighting::by_hand(&frames::name(file), &observations);
             output.take(pipeline::solve_sighting(&sighting, &installation, orientation, &job))
         }
-        None => solve_images(args, &Known { installation: &installation, orientation, mountings }, &job, &mut output),
+        None => solve_images(
+            args,
+            &Known { installation: &installation, orientation, mountings },
+            &job,
+            &mut output,
+        ),
     };
     // What is done is kept, also where the rest is given up.
     let done = output.end();

@@ -75,7 +75,7 @@ pub fn read_corners(file: &Path) -> Result<Vec<PictureCorners>, Vec<Fault>> {
 fn read(reader: &mut Reader, name: &str) -> Option<Vec<PictureCorners>> {
     let mend = "name pictures, or a file that `wingd calibrate --corners` wrote";
     let (file, text) = reader.text(name, mend)?;
-    let rows = survey::read_table(reader, &file, &text, COLUMNS)?;
+    let rows = survey::read_table(reader, &file, &text, COLUMNS, &[])?;
     let mut pictures: Vec<PictureCorners> = vec![];
     for (line, cells) in rows {
         let values: Vec<f64> = (1..COLUMNS.len())

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use serde_json::{Map, json};
 use wingd::store::bundle::{self, Content};
-use wingd::store::fake::{FakeDisk, Fault, files};
+use wingd::store::fake::{FakeDisk, Fault, Survival, files};
 use wingd::store::manifest::{Cause, Shot, State};
 use wingd::store::prune::Proof;
 use wingd::store::receive::{Listing, Receiver};
@@ -82,13 +82,13 @@ fn no_half_store(disk: &dyn Disk, when: &str) {
 /// A fault at every step of a copy; then the power comes back and the copy is made again.
 fn copy_with_faults(before: impl Fn(&Arc<FakeDisk>), fault: fn(u64) -> Fault) {
     for step in 1.. {
-        let disk = Arc::new(FakeDisk::new(step, Vec::new()));
+        let disk = Arc::new(FakeDisk::new(Vec::new()));
         before(&disk);
         let from = disk.steps();
         disk.set_faults(vec![fault(from + step)]);
         let outcome = copy(disk.as_ref());
         let whole = disk.steps() < from + step;
-        let disk = disk.power_up(Vec::new());
+        let disk = disk.power_up(Survival::random(step));
         no_half_store(&disk, &format!("step {step}"));
         assert!(copy(&disk).unwrap(), "step {step}: repeated");
         let report = verify(&disk, Path::new(TO));
@@ -125,7 +125,7 @@ fn a_copy_that_is_brought_up_survives_a_power_cut_at_every_step() {
 #[test]
 fn a_flight_is_pruned_whole_or_stays_whatever_breaks_it_off() {
     for step in 1.. {
-        let disk = Arc::new(FakeDisk::new(step, Vec::new()));
+        let disk = Arc::new(FakeDisk::new(Vec::new()));
         fill(&open(disk.clone(), Path::new(FROM)).unwrap(), 2);
         assert!(copy(disk.as_ref()).unwrap());
         let store = open(disk.clone(), Path::new(FROM)).unwrap();
@@ -135,7 +135,7 @@ fn a_flight_is_pruned_whole_or_stays_whatever_breaks_it_off() {
         let pruned = store.prune(&flight, Path::new(TO));
         drop(store);
         let whole = disk.steps() < from + step;
-        let disk = Arc::new(disk.power_up(Vec::new()));
+        let disk = Arc::new(disk.power_up(Survival::random(step)));
         assert!(verify(disk.as_ref(), Path::new(TO)).is_sound());
         let store = open(disk.clone(), Path::new(FROM)).unwrap();
         let report = verify(disk.as_ref(), Path::new(FROM));
