@@ -1,12 +1,13 @@
 //! Promise: what is wrong outside the picture, by as much as the installation says it may be, is in the standard
 //! deviations of lift: bending axis, root, chord, span, temperature, camera, a camera mounted again.
 
-use nalgebra::{Rotation3, SMatrix, Vector3};
+use nalgebra::{Matrix2, Rotation3, SMatrix, Vector3};
 use rand::rngs::StdRng;
-use wingd::measure::adjust::{self, Observation, Options, Solution};
-use wingd::measure::setup::{Orientation, Setup, SkinHeight, Thermal, Uncertainty};
+use wingd::measure::adjust::{self, Estimate, GlobalTest, Observation, Options, Solution};
+use wingd::measure::render::{FrameTruth, Light, MarkerTruth, Options as RenderOptions, Scene, Side};
+use wingd::measure::setup::{GroundSight, Orientation, Setup, SkinHeight, Thermal, Uncertainty};
 
-use crate::common::beam_truth::{Truth, normal, normal3, random_wing, remounted, rms, rng};
+use crate::common::beam_truth::{Truth, normal, normal2, normal3, random_wing, remounted, rms, rng};
 
 /// What a user may state wrongly, each by one standard deviation as stated.
 const WIDTHS: Uncertainty = Uncertainty {
@@ -43,7 +44,12 @@ impl Wrong {
 
 /// The installation as a user states it, and what the camera really did: its true lens stays in `truth`.
 fn stated(rng: &mut StdRng, truth: &Truth, wrong: Wrong) -> Setup {
-    let mut setup = truth.surveyed(rng, 0.002, 0.002);
+    let setup = truth.surveyed(rng, 0.002, 0.002);
+    misjudged(rng, setup, wrong)
+}
+
+/// The same with errors of one stated standard deviation.
+fn misjudged(rng: &mut StdRng, mut setup: Setup, wrong: Wrong) -> Setup {
     let mut draw = |one: Wrong, sigma: f64| wrong.is(one) * sigma * normal(rng);
     let axis = draw(Wrong::Axis, WIDTHS.skin_height_m);
     let skin = setup.skin_height.unwrap();
@@ -77,7 +83,11 @@ fn stated(rng: &mut StdRng, truth: &Truth, wrong: Wrong) -> Setup {
 
 /// The rotation that the ground frame gives with the stated camera: the one that meets its sights best.
 fn oriented(rng: &mut StdRng, truth: &Truth, setup: &Setup) -> Orientation {
-    let mut orientation = truth.orientation(rng, 0.05, true);
+    let orientation = truth.orientation(rng, 0.05, true);
+    met_best(setup, orientation)
+}
+
+fn met_best(setup: &Setup, mut orientation: Orientation) -> Orientation {
     let mut rotation = orientation.camera_from_survey;
     for _ in 0..6 {
         let (mut normal, mut right) = (nalgebra::Matrix3::zeros(), Vector3::zeros());
@@ -212,5 +222,107 @@ fn marks_that_are_rigid_to_the_cabin_tell_the_mounting_and_with_it_bending() {
         assert!(tip < before, "{marks}: sigma {tip} m");
         assert!(marks < 2 || error < 0.006, "{marks}: {error} m");
         before = tip;
+    }
+}
+
+/// A wing of the renderer without its pictures: where it shows the markers, with noise, on ground and in one flight frame.
+struct Rendered {
+    scene: Scene,
+    orientation: Orientation,
+    flight: FrameTruth,
+    mount: Vector3<f64>,
+}
+
+const NOISE_PX: f64 = 0.05;
+
+impl Rendered {
+    fn new(seed: u64, rng: &mut StdRng) -> Self {
+        let side = if seed.is_multiple_of(2) { Side::Left } else { Side::Right };
+        let scene = Scene::random(seed, &RenderOptions::random(seed, side));
+        let truth = scene.truth(&scene.ground_shot(seed));
+        let covariance_px2 = Matrix2::identity() * (NOISE_PX * NOISE_PX);
+        let seen = truth.markers.iter().enumerate().filter(|(_, m)| m.visible);
+        let ground = seen
+            .map(|(marker, m)| GroundSight {
+                marker,
+                pixel: m.pixel.unwrap() + normal2(rng) * NOISE_PX,
+                covariance_px2,
+            })
+            .collect();
+        let orientation = Orientation {
+            camera_from_survey: truth.camera_from_survey,
+            covariance_rad2: Some(nalgebra::Matrix3::identity() * 1e-9),
+            ground,
+        };
+        let flight = scene.truth(&scene.flight_shot(0.07 * scene.wing.beam.length_m, Light::Plain, seed));
+        let mount = remounted(rng, &scene.setup);
+        Self { scene, orientation, flight, mount }
+    }
+
+    /// What the camera sees in flight after it was turned and shifted.
+    fn frame(&self, rng: &mut StdRng, shift_m: Vector3<f64>) -> Vec<Observation> {
+        let rotation = Rotation3::new(self.mount) * self.flight.camera_from_survey;
+        let centre = self.scene.frame.survey_point(&Vector3::zeros()) + shift_m;
+        let visible = self.flight.markers.iter().enumerate().filter(|(_, m)| m.visible);
+        let see = |(marker, m): (usize, &MarkerTruth)| {
+            let pixel = self.scene.setup.lens.project(&(rotation * (m.position_m - centre)))?;
+            let covariance_px2 = Matrix2::identity() * (NOISE_PX * NOISE_PX);
+            Some(Observation { marker, pixel: pixel + normal2(rng) * NOISE_PX, covariance_px2 })
+        };
+        visible.filter_map(see).collect()
+    }
+
+    /// Normalised errors of all lifts, and whether the test passed.
+    fn errors(&self, setup: &Setup, frame: &[Observation]) -> (Vec<f64>, bool) {
+        let orientation = met_best(setup, self.orientation.clone());
+        let solution = adjust::spatial(setup, &orientation, frame, &Options::default()).unwrap();
+        let lifts = solution.markers.iter().filter(|m| m.used).filter_map(|m| Some((m.marker, m.lift_m?)));
+        let error =
+            |(k, lift): (usize, Estimate)| (lift.value - self.flight.markers[k].lift_m) / lift.sigma.unwrap();
+        (lifts.map(error).collect(), solution.global_test != GlobalTest::Rejected)
+    }
+}
+
+#[test]
+fn on_the_renderers_wings_what_the_installation_says_may_be_wrong_is_in_sigma() {
+    let mut rng = rng(31);
+    let wings: Vec<Rendered> = (500..600).map(|seed| Rendered::new(seed, &mut rng)).collect();
+    for wrong in KINDS {
+        let mut all = vec![];
+        for wing in &wings {
+            let setup = misjudged(&mut rng, wing.scene.setup.clone(), wrong);
+            let shift = normal3(&mut rng) * (wrong.is(Wrong::Shift) * WIDTHS.mount_shift_m);
+            all.extend(wing.errors(&setup, &wing.frame(&mut rng, shift)).0);
+        }
+        println!("rendered, {wrong:?}: normalised lift rms {:.2}", rms(&all));
+        assert!(rms(&all) < 1.3, "{wrong:?}: {}", rms(&all));
+        assert!(wrong != Wrong::All || rms(&all) > 0.7, "too wide: {}", rms(&all));
+    }
+}
+
+#[test]
+fn on_the_renderers_wings_a_shifted_camera_is_in_sigma_or_rejected() {
+    let mut rng = rng(32);
+    let wings: Vec<Rendered> = (600..630).map(|seed| Rendered::new(seed, &mut rng)).collect();
+    for shift_mm in [0.0, 0.5, 1.0, 2.0, 5.0] {
+        let (mut all, mut passed) = (vec![], vec![]);
+        for (k, wing) in wings.iter().enumerate() {
+            let setup = Setup {
+                uncertainty: Uncertainty { mount_shift_m: 0.002, ..Uncertainty::of_drawings() },
+                ..wing.scene.setup.clone()
+            };
+            let shift = Vector3::ith(k % 3, 1e-3 * shift_mm);
+            let (errors, good) = wing.errors(&setup, &wing.frame(&mut rng, shift));
+            if good {
+                passed.extend_from_slice(&errors);
+            }
+            all.extend(errors);
+        }
+        println!(
+            "rendered, shift {shift_mm} mm: normalised lift rms {:.2}, passed {:.2}",
+            rms(&all),
+            rms(&passed)
+        );
+        assert!(if shift_mm < 3.0 { rms(&all) < 1.3 } else { rms(&passed) < 2.0 }, "{shift_mm} mm");
     }
 }
