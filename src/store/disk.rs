@@ -38,7 +38,7 @@ pub trait Disk: Send + Sync {
     fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()>;
     /// Cuts a file to `length`, durably.
     fn truncate(&self, path: &Path, length: u64) -> io::Result<()>;
-    /// Renames within the store.
+    /// Renames within the store; what was durable under the old name is so under the new one.
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()>;
     /// Removes a file.
     fn remove_file(&self, path: &Path) -> io::Result<()>;
@@ -98,7 +98,9 @@ impl Disk for RealDisk {
 
     #[allow(clippy::disallowed_methods)] // the one place where files are renamed
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
-        fs::rename(from, to)
+        fs::rename(from, to)?;
+        // FAT gives the new entry length and place only when the file itself is synced again.
+        File::open(to)?.sync_all()
     }
 
     fn remove_file(&self, path: &Path) -> io::Result<()> {

@@ -285,7 +285,10 @@ impl Checker<'_> {
     fn audit(&mut self, root: Option<&Path>, flight: &FlightRef) {
         let evidence = match root {
             Some(root) => catalogue::store_id(self.disk, root).is_some(),
-            None => self.disk.exists(&flight.folder.join(layout::CHAIN_FILE)),
+            None => {
+                let evidence = [layout::CHAIN_FILE, layout::SUMS_FILE];
+                evidence.iter().any(|name| self.disk.exists(&flight.folder.join(name)))
+            }
         };
         if evidence {
             let audit = Audit { disk: self.disk, root, flight, manifests: &self.manifests };

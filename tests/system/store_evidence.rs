@@ -81,7 +81,8 @@ fn named(damage: impl FnOnce(&Path), place: &str, what: &str) {
     let text = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(1), "{text}");
     assert!(text.lines().any(|line| line.contains(place) && line.contains(what)), "{place}: {what}: {text}");
-    if before != files(&RealDisk, &dir.path().join(FLIGHT)) {
+    let flight = dir.path().join(FLIGHT);
+    if !flight.is_symlink() && before != files(&RealDisk, &flight) {
         let elsewhere = tempfile::tempdir().unwrap();
         let copied = Command::new("cp").arg("-r").arg(dir.path().join(FLIGHT)).arg(elsewhere.path()).status();
         assert!(copied.unwrap().success());
