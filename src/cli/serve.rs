@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::{Done, Failure, interrupt};
 use crate::http::access::Access;
-use crate::http::section::ServeConfig;
+use crate::http::section::{self, ServeConfig};
 use crate::store::{RealDisk, catalogue};
 use crate::{http, installation};
 
@@ -16,7 +16,7 @@ pub struct Args {
     /// The store
     store: PathBuf,
     /// Address and port; 0.0.0.0:8080 lets other computers in, with --token-file only
-    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8080")]
+    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8080", value_parser = listen)]
     listen: String,
     /// A file with a token of at least 16 characters that every request must bring
     /// (Authorization: Bearer TOKEN, or as the password that a browser asks for)
@@ -48,6 +48,12 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let done = runtime.block_on(serve(site, access, address));
     runtime.shutdown_timeout(LAST_WORK);
     done
+}
+
+/// Wrong usage where it is no address.
+fn listen(text: &str) -> Result<String, String> {
+    let known = section::address(text).map(|_| text.to_owned());
+    known.map_err(|why| format!("{why}; give HOST:PORT, for example localhost:8080"))
 }
 
 /// For files that are being read when the server stops.

@@ -32,6 +32,7 @@ use std::future::Future;
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
 use axum::Router;
 use axum::extract::{Path, State};
@@ -40,7 +41,7 @@ use axum::response::{Html, IntoResponse, Json, Response};
 use axum::routing::get;
 use serde_json::Value;
 use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tower_http::set_header::SetResponseHeaderLayer;
 
 use crate::measure::setup::Setup;
@@ -67,6 +68,9 @@ pub struct Site {
 
 /// Archives that are streamed at once; a small computer records meanwhile.
 const ARCHIVES: usize = 2;
+
+/// For an archive's permit before a client is told to come again.
+const PERMIT_TIME: Duration = Duration::from_secs(2);
 
 /// Reports that are made at once: each may take a flight's worth of memory.
 const REPORTS: usize = 1;
@@ -197,7 +201,7 @@ async fn results(
     headers: HeaderMap,
 ) -> Result<Response, Refusal> {
     let flight = name.strip_suffix(".jsonl").ok_or(Refusal::NotFound)?.to_owned();
-    let permit = shared.archives.clone().try_acquire_owned().map_err(|_| Refusal::Busy)?;
+    let permit = permit(&shared).await?;
     let content = blocking(shared, move |site| {
         let found = files::check_flight(site, &flight)?;
         let bundle = bundle::flight(&RealDisk, &site.root, &found)?;
@@ -227,6 +231,12 @@ async fn series_file(
     content.answer(&method, &headers)
 }
 
+/// One of the archives' permits. That of an answer that has just been sent comes back a moment later.
+async fn permit(shared: &Shared) -> Result<OwnedSemaphorePermit, Refusal> {
+    let waiting = tokio::time::timeout(PERMIT_TIME, shared.archives.clone().acquire_owned()).await;
+    waiting.ok().and_then(Result::ok).ok_or(Refusal::Busy)
+}
+
 async fn tar(
     State(shared): Context,
     Path(name): Path<String>,
@@ -234,7 +244,7 @@ async fn tar(
     headers: HeaderMap,
 ) -> Result<Response, Refusal> {
     let flight = name.strip_suffix(".tar").ok_or(Refusal::NotFound)?.to_owned();
-    let permit = shared.archives.clone().try_acquire_owned().map_err(|_| Refusal::Busy)?;
+    let permit = permit(&shared).await?;
     let content = blocking(shared, move |site| {
         let found = files::check_flight(site, &flight)?;
         let begun = catalogue::flight_manifest(&RealDisk, &found)?.started.utc.as_second();
