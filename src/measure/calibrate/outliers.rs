@@ -132,10 +132,13 @@ impl Selection {
     fn zoomed(&self, adjusted: &Adjusted, residuals: &[Vec<Vector2<f64>>]) -> Option<(usize, Dropped)> {
         let of = |(k, r): (usize, &Vec<Vector2<f64>>)| own_constant(adjusted, k, &self.used[k].1, r);
         let own: Vec<(f64, f64)> = residuals.iter().enumerate().map(of).collect::<Option<_>>()?;
-        // What lens and board leave over makes sound pictures differ too: a variance that all have in common.
+        // What lens and board leave over makes sound pictures differ by more than their standard deviations: by a factor,
+        // and where those are small, by a variance that all have in common.
         let squares: Vec<f64> = own.iter().map(|(change, _)| change * change).collect();
-        let variances: Vec<f64> = own.iter().map(|(_, sigma)| sigma * sigma).collect();
-        let common = common_variance(&squares, &variances, MEDIAN_SQUARE_OF_ONE);
+        let factor = deviation(own.iter().map(|(change, sigma)| change / sigma)).1.max(1.0);
+        let own_variances: Vec<f64> = own.iter().map(|(_, sigma)| sigma * sigma).collect();
+        let variances: Vec<f64> = own_variances.iter().map(|v| v * factor * factor).collect();
+        let common = common_variance(&squares, &own_variances, MEDIAN_SQUARE_OF_ONE);
         let over = |k: usize| own[k].0.abs() / (variances[k] + common).sqrt();
         let k = (0..own.len()).max_by(|a, b| over(*a).total_cmp(&over(*b)))?;
         let reason = Dropped::OtherZoom { percent: 100.0 * own[k].0, times: over(k) };
