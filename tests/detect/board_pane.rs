@@ -1,6 +1,6 @@
 //! A board shown in front of the window is seen through its panes: how much of them a calibration takes up, and
 //! what is left where the wing is. The table of docs/validation/2026-11-calibration.md:
-//! `cargo test --release --test detect -- --nocapture board_pane`.
+//! `cargo test --release --test detect -- --ignored --nocapture board_pane`.
 
 use nalgebra::{Matrix6, Rotation3, Vector2, Vector3, Vector6};
 use rayon::prelude::*;
@@ -97,7 +97,9 @@ fn left_px(found: &Lens, pane: Option<Plate>, distance_m: f64, shifts: bool) -> 
     rms
 }
 
+/// Slow tier.
 #[test]
+#[ignore = "slow tier: five sets of pictures, a minute"]
 fn what_of_the_panes_a_calibration_takes_up() {
     let kinds = [
         ("none", None),

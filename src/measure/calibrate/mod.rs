@@ -317,23 +317,10 @@ impl Adjusted {
         let residuals = self.residuals(used).concat();
         let own: Vec<f64> =
             used.iter().flat_map(|(_, v)| v).map(|p| 0.5 * p.covariance_px2.trace()).collect();
-        let median = |common: f64| {
-            let square = |(r, v): (&Vector2<f64>, &f64)| r.norm_squared() / (v + common);
-            outliers::median(residuals.iter().zip(&own).map(square).collect())
-        };
+        let squares: Vec<f64> = residuals.iter().map(Vector2::norm_squared).collect();
         // The adjustment takes its share of the residuals.
         let share = self.solution.redundancy as f64 / (2 * residuals.len()).max(1) as f64;
-        let goal = outliers::MEDIAN_SQUARE * share;
-        if median(0.0) <= goal {
-            return 0.0;
-        }
-        let most = outliers::median(residuals.iter().map(Vector2::norm_squared).collect()) / goal;
-        let (mut low, mut high) = (0.0, most);
-        for _ in 0..40 {
-            let middle = 0.5 * (low + high);
-            if median(middle) > goal { low = middle } else { high = middle }
-        }
-        high.sqrt()
+        outliers::common_variance(&squares, &own, outliers::MEDIAN_SQUARE * share).sqrt()
     }
 }
 
@@ -384,7 +371,8 @@ fn first(used: &[(usize, View)], width: u32, height: u32) -> Result<Adjusted, Ca
     tried.min_by(|a, b| a.solution.omega.total_cmp(&b.solution.omega)).map_or(told, Ok)
 }
 
-/// Distortion's prior standard deviations while the camera constant is still rough, over those that hold at the end.
+/// Prior standard deviations of camera constant and distortion while both are rough, over those that hold at the end:
+/// let free at once, a constant that hardly tilted boards leave open runs away with the distortion.
 const STIFF: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
 
 fn adjust(used: &[(usize, View)], start: &Start, model_sigma_px: f64) -> Result<Adjusted, CalibrateError> {
@@ -438,8 +426,8 @@ fn lens_priors(start: &Lens, stiff: f64) -> Vec<Prior> {
         _ => 0.0,
     };
     let sigmas = [
-        (0, start.fx),
-        (1, start.fx),
+        (0, stiff * start.fx),
+        (1, stiff * start.fx),
         (2, 0.1 * width),
         (3, 0.1 * width),
         (4, stiff * corner.powi(-2)),

@@ -20,6 +20,8 @@ const LEVEL: f64 = 0.01;
 const STILL_PX: f64 = 0.05;
 /// Median of a squared length of two standard normal coordinates.
 pub(super) const MEDIAN_SQUARE: f64 = 2.0 * std::f64::consts::LN_2;
+/// The same of one.
+const MEDIAN_SQUARE_OF_ONE: f64 = 0.4549;
 /// Standard deviation of a normal distribution over its median absolute deviation.
 const NORMAL_OVER_MAD: f64 = 1.4826;
 /// Relative standard deviation of a scale from the median of `n` squared lengths, times root n.
@@ -50,8 +52,8 @@ pub enum Dropped {
     },
     /// It alone would choose another camera constant.
     #[error(
-        "it asks for a camera constant {percent:+.2} % from the others' ({times:.1} times its standard deviation): \
-         zoom or focus was moved"
+        "it asks for a camera constant {percent:+.2} % from the others' ({times:.1} standard deviations): zoom or focus \
+         was moved"
     )]
     OtherZoom {
         /// Camera constant over the others', less 1, per cent.
@@ -95,11 +97,14 @@ impl Selection {
         let misfits: Vec<f64> = views.iter().map(|v| start::misfit_px(v, width, height)).collect();
         let rest: Vec<f64> =
             misfits.iter().zip(&dropped).filter(|(_, d)| d.is_none()).map(|(m, _)| *m).collect();
-        // Lens distortion is in every view's misfit alike.
-        let limit = FOREIGN * median(rest) + 1.0;
-        for (reason, misfit) in dropped.iter_mut().zip(&misfits) {
-            if reason.is_none() && (misfit.is_nan() || *misfit > limit) {
-                *reason = Some(Dropped::NoPlane { misfit_px: *misfit });
+        let limit = FOREIGN * median(rest.clone()) + 1.0;
+        let foreign = |misfit: f64| misfit.is_nan() || misfit > limit;
+        // Where too few would be left, the adjustment must say.
+        if rest.iter().filter(|m| !foreign(**m)).count() >= LEAST_VIEWS {
+            for (reason, misfit) in dropped.iter_mut().zip(&misfits) {
+                if reason.is_none() && foreign(*misfit) {
+                    *reason = Some(Dropped::NoPlane { misfit_px: *misfit });
+                }
             }
         }
         let used = views.iter().cloned().enumerate().filter(|(k, _)| dropped[*k].is_none()).collect();
@@ -127,11 +132,17 @@ impl Selection {
     fn zoomed(&self, adjusted: &Adjusted, residuals: &[Vec<Vector2<f64>>]) -> Option<(usize, Dropped)> {
         let of = |(k, r): (usize, &Vec<Vector2<f64>>)| own_constant(adjusted, k, &self.used[k].1, r);
         let own: Vec<(f64, f64)> = residuals.iter().enumerate().map(of).collect::<Option<_>>()?;
-        let scale = deviation(own.iter().map(|o| o.1)).1.max(1.0);
-        let (k, (change, times)) =
-            own.into_iter().enumerate().max_by(|a, b| a.1.1.abs().total_cmp(&b.1.1.abs()))?;
-        let stands_out = times.abs() > limit(residuals.len(), 2.0) * scale;
-        stands_out.then_some((k, Dropped::OtherZoom { percent: 100.0 * change, times: times.abs() }))
+        // What lens and board leave over makes sound pictures differ by more than their standard deviations: by a factor,
+        // and where those are small, by a variance that all have in common.
+        let squares: Vec<f64> = own.iter().map(|(change, _)| change * change).collect();
+        let factor = deviation(own.iter().map(|(change, sigma)| change / sigma)).1.max(1.0);
+        let own_variances: Vec<f64> = own.iter().map(|(_, sigma)| sigma * sigma).collect();
+        let variances: Vec<f64> = own_variances.iter().map(|v| v * factor * factor).collect();
+        let common = common_variance(&squares, &own_variances, MEDIAN_SQUARE_OF_ONE);
+        let over = |k: usize| own[k].0.abs() / (variances[k] + common).sqrt();
+        let k = (0..own.len()).max_by(|a, b| over(*a).total_cmp(&over(*b)))?;
+        let reason = Dropped::OtherZoom { percent: 100.0 * own[k].0, times: over(k) };
+        (over(k) > limit(own.len(), 2.0)).then_some((k, reason))
     }
 
     /// Another camera constant, where that explains a picture that is far off.
@@ -142,8 +153,8 @@ impl Selection {
         (k, reason): (usize, Dropped),
     ) -> (usize, Dropped) {
         match own_constant(adjusted, k, &self.used[k].1, &residuals[k]) {
-            Some((change, times)) if times.abs() > limit(residuals.len(), 2.0) => {
-                (k, Dropped::OtherZoom { percent: 100.0 * change, times: times.abs() })
+            Some((change, sigma)) if change.abs() > sigma * limit(residuals.len(), 2.0) => {
+                (k, Dropped::OtherZoom { percent: 100.0 * change, times: change.abs() / sigma })
             }
             _ => (k, reason),
         }
@@ -183,8 +194,8 @@ impl Selection {
     }
 }
 
-/// Relative change of the camera constant that a picture's residuals ask for, and over its standard
-/// deviation, which the residuals that are left tell where they are larger than they should be.
+/// Relative change of the camera constant that a picture's residuals ask for, and its standard deviation, which
+/// the residuals that are left tell where they are larger than they should be.
 fn own_constant(
     adjusted: &Adjusted,
     k: usize,
@@ -207,7 +218,7 @@ fn own_constant(
     let inverse = normal.cholesky()?.inverse();
     let found = inverse * right;
     let unit = ((sum - right.dot(&found)) / (2.0 * view.len() as f64 - 7.0)).max(1.0);
-    Some((found[6], found[6] / (unit * inverse[(6, 6)]).sqrt()))
+    Some((found[6], (unit * inverse[(6, 6)]).sqrt()))
 }
 
 /// Student's t that one of `n` values passes by chance at the level; tests on one side or two.
@@ -240,6 +251,24 @@ fn same(a: &View, b: &View) -> bool {
 pub(super) fn scale(squares: &[f64]) -> f64 {
     (median(squares.to_vec()) / MEDIAN_SQUARE).sqrt()
 }
+
+/// The variance that values must have in common beyond their own for the median of their normalised squares to be
+/// `goal` (Paule and Mandel 1982, with the median for the mean), by bisection.
+pub(super) fn common_variance(squares: &[f64], own: &[f64], goal: f64) -> f64 {
+    let over = |common: f64| median(squares.iter().zip(own).map(|(s, v)| s / (v + common)).collect());
+    if over(0.0) <= goal {
+        return 0.0;
+    }
+    let (mut low, mut high) = (0.0, median(squares.to_vec()) / goal);
+    for _ in 0..BISECTIONS {
+        let middle = 0.5 * (low + high);
+        if over(middle) > goal { low = middle } else { high = middle }
+    }
+    high
+}
+
+/// The range halved so often is known to 1e-12 of it.
+const BISECTIONS: usize = 40;
 
 /// Standard deviation of a coordinate that the median of the residuals' lengths tells, px.
 pub(super) fn coordinate_px(residuals: &[Vector2<f64>]) -> f64 {

@@ -30,11 +30,27 @@ pub(super) fn start(
     Some((Lens::pinhole(width, height, f, middle.x, middle.y), poses))
 }
 
-/// Root mean square distance of a view's points from the best plane image without distortion, px;
+/// Distortions that are tried when a plane is sought, as `1 + d r^2` with `r` over half the image's diagonal: from a
+/// wide lens's barrel to a cushion (division model, Fitzgibbon 2001).
+const DISTORTIONS: [f64; 9] = [-0.6, -0.5, -0.4, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2];
+
+/// Root mean square distance of a view's points from the best image of a plane through a roughly known lens, px;
 /// infinite where there is none.
 pub(super) fn misfit_px(view: &View, width: u32, height: u32) -> f64 {
     let middle = middle(width, height);
-    let Some(h) = homography(view, &middle) else { return f64::INFINITY };
+    let flattened = |distortion: f64| -> View {
+        let place = |p: &BoardPoint| {
+            let off = p.pixel - middle;
+            let stretched = off / (1.0 + distortion * off.norm_squared() / middle.norm_squared());
+            BoardPoint { pixel: middle + stretched, ..*p }
+        };
+        view.iter().map(place).collect()
+    };
+    DISTORTIONS.iter().map(|d| plane_misfit_px(&flattened(*d), &middle)).fold(f64::INFINITY, f64::min)
+}
+
+fn plane_misfit_px(view: &View, middle: &Vector2<f64>) -> f64 {
+    let Some(h) = homography(view, middle) else { return f64::INFINITY };
     let squared = |p: &BoardPoint| {
         let q = h * Vector3::new(p.board_m.x, p.board_m.y, 1.0);
         (q.xy() / q.z + middle - p.pixel).norm_squared()
