@@ -304,6 +304,23 @@ pub struct Orientation {
     pub ground: Vec<GroundSight>,
 }
 
+/// Fewer points than this leave a wing's surface open, whose cubic along the span, chordwise slopes and crown have seven
+/// coefficients: two for each.
+const SURFACE_POINTS: usize = 14;
+
+impl Orientation {
+    /// Per marker of the survey, whether it may shape the wing's surface: one that the ground frames showed. A point
+    /// that nobody saw has nothing to check it; where hardly any was seen, all may.
+    pub fn may_shape(&self, markers: usize) -> Vec<bool> {
+        let mut seen = vec![false; markers];
+        self.ground.iter().for_each(|sight| seen.get_mut(sight.marker).into_iter().for_each(|s| *s = true));
+        if seen.iter().filter(|s| **s).count() < SURFACE_POINTS {
+            seen.fill(true);
+        }
+        seen
+    }
+}
+
 /// The image of one marker's centre on ground, perspective bias removed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GroundSight {

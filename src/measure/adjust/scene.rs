@@ -340,9 +340,10 @@ impl MarkerState {
 /// speaks against the survey: one in a million by chance.
 const TRUSTED: f64 = 5.0;
 
-/// Whether each surveyed point agrees with its own sight on ground; without a sight it does. Where most do not,
+/// Whether each surveyed point has a sight on ground and agrees with it. Where most do not agree,
 /// the orientation is at fault and tells nothing of single points.
 fn trusted(setup: &Setup, orientation: &Orientation) -> Vec<bool> {
+    let may_shape = orientation.may_shape(setup.markers.len());
     let mut trusted = vec![true; setup.markers.len()];
     for sight in &orientation.ground {
         let Some(marker) = setup.markers.get(sight.marker) else { continue };
@@ -357,7 +358,7 @@ fn trusted(setup: &Setup, orientation: &Orientation) -> Vec<bool> {
     if 2 * trusted.iter().filter(|t| !**t).count() > orientation.ground.len() {
         trusted.fill(true);
     }
-    trusted
+    trusted.into_iter().zip(may_shape).map(|(agrees, seen)| agrees && seen).collect()
 }
 
 /// exp(w + dw) = exp(J dw) exp(w) to first order.

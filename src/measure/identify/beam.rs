@@ -53,13 +53,16 @@ impl Arm {
 }
 
 impl Beam {
-    /// From the survey.
-    pub(super) fn new(setup: &Setup) -> Self {
+    /// From the survey; `may_shape`: per marker, whether it may shape the skin.
+    pub(super) fn new(setup: &Setup, may_shape: &[bool]) -> Self {
         let frame = setup.wing_frame();
         let ground_m: Vec<_> = setup.markers.iter().map(|m| frame.wing_point(&m.position_m)).collect();
-        let (wing, points): (Vec<usize>, Vec<_>) = setup.on_the_wing().into_iter().unzip();
-        let sigma_m: Vec<_> = wing.iter().map(|k| setup.markers[*k].sigma_m).collect();
-        let skin = Skin::fit(&points, &sigma_m);
+        let points: Vec<_> = setup.on_the_wing().into_iter().map(|(_, point)| point).collect();
+        let shaping =
+            setup.on_the_wing().into_iter().filter(|(k, _)| may_shape.get(*k).copied().unwrap_or(true));
+        let (shaping, on_skin): (Vec<usize>, Vec<_>) = shaping.unzip();
+        let sigma_m: Vec<_> = shaping.iter().map(|k| setup.markers[*k].sigma_m).collect();
+        let skin = Skin::fit(&on_skin, &sigma_m);
         let count = points.len().max(1) as f64;
         let mean_z = points.iter().map(|p| p.z).sum::<f64>() / count;
         let chord_axis_m = setup.axis_chord_offset_m.unwrap_or(mean_z);

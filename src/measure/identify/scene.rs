@@ -42,7 +42,7 @@ pub(super) struct Predicted {
 impl<'a> Scene<'a> {
     /// In flight, or on ground (no thermal expansion).
     pub(super) fn new(setup: &'a Setup, orientation: &Orientation, in_flight: bool) -> Self {
-        let beam = Beam::new(setup);
+        let beam = Beam::new(setup, &orientation.may_shape(setup.markers.len()));
         let camera_from_wing = orientation.camera_from_survey * beam.frame.wing_from_survey.inverse();
         let thermal = setup.thermal.filter(|_| in_flight);
         let pane = Plate::seen(setup.window.as_ref(), &orientation.camera_from_survey, in_flight);
