@@ -144,7 +144,7 @@ fn configurations() {
 
 #[test]
 fn wrong_usage() {
-    expect(&wingd(&["solve"]), 2, &["--installation"]);
+    expect(&wingd(&["solve"]), 2, &["IMAGE|STORE"]);
     expect(&wingd(&["fly"]), 2, &["fly"]);
     expect(
         &wingd(&["solve", "--flight", "--method", "profile", "--installation", "d", "a.jpg"]),

@@ -449,7 +449,7 @@ fn flight_remarks(flight: &Flight, frame: usize) -> Vec<String> {
         1e2 * flight.departure
     )];
     let stated = stated_drift(flight.input.setup);
-    if flight.drift_rad > DOUBTED_DRIFT * stated {
+    if flight.drift_rad > DOUBTED_DRIFT * stated.max(STEADY_RAD) {
         remarks.push(format!(
             "the camera turned by {:.3} mrad from frame to frame within its mountings, {:.3} are stated \
              (camera.mount_drift_mrad): {}",
