@@ -151,6 +151,16 @@ fn say_where_its_like_is(scene: &Scene<'_>, detections: &[Detection], of: &mut I
         let off = |d: &&&Detection| (d.centre_px - at).norm();
         let Some(nearest) = like.min_by(|a, b| off(a).total_cmp(&off(b))) else { continue };
         let (seen, off_px) = (nearest.centre_px, off(&nearest));
+        if off_px < outline.semi_major_px {
+            *reason = format!(
+                "a {} is at ({:.0}, {:.0}) px, where it is expected, but with another outline: check its diameter_m and \
+                 the survey of its neighbours",
+                surveyed.shape.name(),
+                seen.x,
+                seen.y
+            );
+            continue;
+        }
         let distance_m = (surveyed.position_m - scene.setup.projection_centre_m).norm();
         *reason = format!(
             "expected at ({:.0}, {:.0}) px and not there; a {} like it that is no other marker is at ({:.0}, {:.0}) px: \
