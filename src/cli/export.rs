@@ -11,7 +11,7 @@ use crate::installation;
 use crate::report::export::{self, Common, Csv, Table};
 use crate::report::source::{self, Choice};
 use crate::report::{GroundMarker, ReportData, SeriesData, Site, summary};
-use crate::store::{FlightRef, RealDisk, StoreError, catalogue, heads, installations, layout, sets};
+use crate::store::{FlightRef, RealDisk, StoreError, catalogue, heads, installations, layout};
 
 #[derive(Clone, Copy, ValueEnum)]
 enum FormatName {
@@ -220,7 +220,7 @@ fn notes(args: &Args, common: &Common) -> Result<Vec<(String, String)>, Failure>
         ),
     ];
     for flight in source::chosen(&args.store, args.flight.as_deref())? {
-        if let Some(set) = sets::of_flight(&RealDisk, &flight)?.chosen(args.inputs.as_deref()) {
+        if let Some(set) = crate::store::sets::of_flight(&RealDisk, &flight)?.chosen(args.inputs.as_deref()) {
             let provenance = serde_json::to_string(&set.provenance).unwrap_or_default();
             let note = (format!("inputs {}", set.key), provenance);
             if !notes.contains(&note) {

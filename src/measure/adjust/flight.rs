@@ -210,7 +210,7 @@ impl Flight<'_> {
 
     /// Whether a mounting is known to be that of the ground frames.
     fn stayed(&self, mounting: usize) -> bool {
-        let known = self.known.as_deref().zip(self.mountings.as_deref());
+        let known = self.known.zip(self.mountings.as_deref());
         known.is_some_and(|(known, numbers)| {
             known.iter().zip(numbers).any(|(k, n)| *n == mounting && *k == Mounting::OfTheGround)
         })
