@@ -1,5 +1,6 @@
 //! `wingd solve STORE`: the frames of a store solved again, results beside the old ones.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -9,6 +10,7 @@ use super::solve::{Args, Output, job};
 use super::{Done, Failure, frames};
 use crate::camera::Format;
 use crate::installation::{self, Installation};
+use crate::measure::adjust::Mounting;
 use crate::measure::setup::Orientation;
 use crate::pipeline::{self, Job, Sighting, stages};
 use crate::record::ImageRecord;
@@ -121,7 +123,11 @@ impl Work<'_> {
             return Ok(());
         }
         let mut sightings = Vec::with_capacity(frames.len());
-        let sight = |frame: &FrameRef, bytes: Result<&[u8], String>| self.sight(frame, bytes);
+        let mountings = mountings(self.store.disk(), self.flight).map_err(undone)?;
+        let sight = |frame: &FrameRef, bytes: Result<&[u8], String>| {
+            let mounting = mountings.get(&frame.series.id).copied();
+            Sighting { mounting, ..self.sight(frame, bytes) }
+        };
         frames::stored(self.store, &frames, self.args.jobs, sight, |sighting| {
             sightings.push(sighting);
             Ok(())
@@ -170,6 +176,19 @@ impl Work<'_> {
 
 fn failed(image: String, reason: String) -> Sighting {
     Sighting { image, failure: Some(reason), ..Sighting::default() }
+}
+
+/// Mounting of each series by its id: another one from where the camera was opened anew, for nothing tells that it was not
+/// taken down.
+fn mountings(disk: &dyn Disk, flight: &FlightRef) -> Result<BTreeMap<String, Mounting>, StoreError> {
+    let mut all = BTreeMap::new();
+    let mut number = 0;
+    for series in catalogue::series(disk, flight)? {
+        let opened = !catalogue::manifest(disk, &series)?.camera.is_empty();
+        number += usize::from(opened && !all.is_empty());
+        all.insert(series.id.clone(), Mounting::Numbered(number));
+    }
+    Ok(all)
 }
 
 fn all_frames(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<FrameRef>, StoreError> {

@@ -326,3 +326,50 @@ fn on_the_renderers_wings_a_shifted_camera_is_in_sigma_or_rejected() {
         assert!(if shift_mm < 3.0 { rms(&all) < 1.3 } else { rms(&passed) < 2.0 }, "{shift_mm} mm");
     }
 }
+
+/// Wings whose bending axis is 5 cm off, more or less, seen in one frame or in five of different lift: normalised errors of
+/// what the frames tell of its height, and the mean standard deviation, m.
+fn told_of_the_axis(flight: bool, shift_m: f64) -> (Vec<f64>, f64) {
+    const LIFTS: [f64; 5] = [4.0, 2.9, 1.8, 0.7, -0.4];
+    let mut rng = rng(33);
+    let (mut errors, mut sigmas) = (vec![], vec![]);
+    for _ in 0..40 {
+        let truth = Truth::new(random_wing(&mut rng), 21);
+        let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
+        setup.uncertainty =
+            Uncertainty { skin_height_m: 0.05, mount_shift_m: shift_m, ..Uncertainty::of_drawings() };
+        let raise = 0.05 * normal(&mut rng);
+        let skin = setup.skin_height.unwrap();
+        setup.skin_height =
+            Some(SkinHeight { root_m: skin.root_m + raise, tip_m: skin.tip_m + raise, ..skin });
+        let orientation = truth.orientation(&mut rng, 0.05, true);
+        let lifts = if flight { &LIFTS[..] } else { &LIFTS[..1] };
+        let frames = frames(&mut rng, &truth, lifts, Wrong::Nothing);
+        let solution = if flight {
+            adjust::flight(&setup, &orientation, &frames, &Options::default()).unwrap().remove(0)
+        } else {
+            adjust::spatial(&setup, &orientation, &frames[0], &Options::default()).unwrap()
+        };
+        let told = solution.parameters.iter().find(|p| p.name == "axis_raise_m").unwrap().values[0];
+        errors.push((told.value - raise) / told.sigma.unwrap());
+        sigmas.push(told.sigma.unwrap());
+    }
+    (errors, sigmas.iter().sum::<f64>() / 40.0)
+}
+
+#[test]
+fn frames_tell_the_height_of_the_bending_axis_in_part() {
+    for flight in [false, true] {
+        for shift_m in [0.0, 0.002] {
+            let (errors, sigma) = told_of_the_axis(flight, shift_m);
+            println!(
+                "flight {flight}, shift {} mm: axis told to {:.1} mm of 50, normalised {:.2}",
+                1e3 * shift_m,
+                1e3 * sigma,
+                rms(&errors)
+            );
+            assert!(rms(&errors) < 1.3, "{}", rms(&errors));
+            assert!(sigma < 0.055, "{sigma} m");
+        }
+    }
+}

@@ -122,8 +122,7 @@ fn a_copy_that_is_brought_up_survives_a_power_cut_at_every_step() {
     copy_with_faults(before, Fault::PowerCut);
 }
 
-#[test]
-fn a_flight_is_pruned_whole_or_stays_whatever_breaks_it_off() {
+fn prune_with_faults(fault: fn(u64) -> Fault) {
     for step in 1.. {
         let disk = Arc::new(FakeDisk::new(Vec::new()));
         fill(&open(disk.clone(), Path::new(FROM)).unwrap(), 2);
@@ -131,7 +130,7 @@ fn a_flight_is_pruned_whole_or_stays_whatever_breaks_it_off() {
         let store = open(disk.clone(), Path::new(FROM)).unwrap();
         let flight = catalogue::flights(disk.as_ref(), Path::new(FROM)).unwrap().remove(0);
         let from = disk.steps();
-        disk.set_faults(vec![Fault::PowerCut(from + step)]);
+        disk.set_faults(vec![fault(from + step)]);
         let pruned = store.prune(&flight, Path::new(TO));
         drop(store);
         let whole = disk.steps() < from + step;
@@ -152,6 +151,26 @@ fn a_flight_is_pruned_whole_or_stays_whatever_breaks_it_off() {
             return;
         }
     }
+}
+
+#[test]
+fn a_flight_is_pruned_whole_or_stays_whatever_breaks_it_off() {
+    prune_with_faults(Fault::PowerCut);
+}
+
+#[test]
+fn a_flight_is_pruned_whole_or_stays_whatever_call_fails() {
+    prune_with_faults(Fault::Error);
+}
+
+#[test]
+fn a_flight_is_pruned_whole_or_stays_whatever_call_is_done_and_said_to_have_failed() {
+    prune_with_faults(Fault::Late);
+}
+
+#[test]
+fn a_copy_survives_a_call_that_is_done_and_said_to_have_failed_at_every_step() {
+    copy_with_faults(|disk| fill(&open(disk.clone(), Path::new(FROM)).unwrap(), 2), Fault::Late);
 }
 
 fn wingd(arguments: &[&str]) -> Output {

@@ -402,6 +402,7 @@ fn dress(flight: &Flight, setting: &Setting, fit: &Fit, removed: &[(usize, Suspe
         );
         let (curve, parabola, a) = outcome.curve();
         let (mut parameters, correlation, pitch) = outcome.parameters(&parabola, a);
+        parameters.push(outcome.axis_raise());
         parameters.push(Parameter {
             name: "shape_departure",
             values: vec![Estimate { value: flight.departure, sigma: None }],

@@ -305,6 +305,16 @@ impl<'a> Outcome<'a> {
         }
     }
 
+    /// How much higher the bending axis lies than stated, mean along the span, m.
+    pub fn axis_raise(&self) -> Parameter {
+        let mut gradient = self.gradient(1, &[]);
+        let mean = |j: usize| 1.0 / (j + 1) as f64;
+        (0..RAISE_TERMS).for_each(|j| self.layout.put(&mut gradient, self.layout.raise, j, 0, mean(j)));
+        let value = self.values.raise_m.iter().enumerate().map(|(j, raise)| mean(j) * raise).sum();
+        let sigma = self.sigmas(&gradient).first().copied();
+        Parameter { name: "axis_raise_m", values: vec![Estimate { value, sigma }] }
+    }
+
     /// Parameters, their correlation, and the correlation of the mount's pitch with bending.
     pub fn parameters(&self, parabola: &Gradient, a: f64) -> (Vec<Parameter>, DMatrix<f64>, Option<f64>) {
         let (n, t) = (self.layout.curvature_terms, self.layout.twist_terms);

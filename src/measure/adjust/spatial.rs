@@ -235,7 +235,8 @@ fn dress(input: &Input, mut solved: Solved, removed: &[Suspect]) -> Result<Solut
         remarks.push(sentence);
     }
     let (curve, parabola, a) = outcome.curve();
-    let (parameters, correlation, pitch_bending_correlation) = outcome.parameters(&parabola, a);
+    let (mut parameters, correlation, pitch_bending_correlation) = outcome.parameters(&parabola, a);
+    parameters.push(outcome.axis_raise());
     if options.curvature_terms.is_none() {
         remarks.push(format!("curvature of {} terms, chosen by test", frame.layout.curvature_terms));
     }
