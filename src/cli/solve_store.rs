@@ -19,6 +19,9 @@ use crate::store::{
     installations, sets,
 };
 
+/// Kind of a shot's failure where the camera was unplugged or its power cut.
+const GONE: &str = "gone";
+
 fn undone(error: StoreError) -> Failure {
     Failure::Undone(error.to_string())
 }
@@ -125,7 +128,7 @@ impl Work<'_> {
         let mut sightings = Vec::with_capacity(frames.len());
         let mountings = mountings(self.store.disk(), self.flight).map_err(undone)?;
         let sight = |frame: &FrameRef, bytes: Result<&[u8], String>| {
-            let mounting = mountings.get(&frame.series.id).copied();
+            let mounting = mountings.get(&frame.entry.sha256).copied();
             Sighting { mounting, ..self.sight(frame, bytes) }
         };
         frames::stored(self.store, &frames, self.args.jobs, sight, |sighting| {
@@ -178,15 +181,18 @@ fn failed(image: String, reason: String) -> Sighting {
     Sighting { image, failure: Some(reason), ..Sighting::default() }
 }
 
-/// Mounting of each series by its id: another one from where the camera was opened anew, for nothing tells that it was not
-/// taken down.
+/// Mounting of each frame by its digest: another one after a boot and from where the camera was gone, for nothing tells
+/// that it was not taken down then. The recorder opens it anew before each series by itself, which says nothing.
 fn mountings(disk: &dyn Disk, flight: &FlightRef) -> Result<BTreeMap<String, Mounting>, StoreError> {
     let mut all = BTreeMap::new();
-    let mut number = 0;
+    let (mut number, mut boot): (usize, Option<String>) = (0, None);
     for series in catalogue::series(disk, flight)? {
-        let opened = !catalogue::manifest(disk, &series)?.camera.is_empty();
-        number += usize::from(opened && !all.is_empty());
-        all.insert(series.id.clone(), Mounting::Numbered(number));
+        for shot in catalogue::manifest(disk, &series)?.shots {
+            let gone = shot.failures.iter().any(|failure| failure.kind == GONE);
+            let booted = boot.replace(shot.stamp.boot_id.clone()).is_some_and(|b| b != shot.stamp.boot_id);
+            number += usize::from(gone || booted);
+            all.extend(shot.frame.map(|frame| (frame.sha256, Mounting::Numbered(number))));
+        }
     }
     Ok(all)
 }
