@@ -1,9 +1,9 @@
 //! A calibration as one page: verdict, parameters, pictures, and what the residuals look like.
 
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, html};
 use nalgebra::Vector2;
 
-use super::html::STYLE;
+use super::html::document;
 use crate::measure::calibrate::{Calibration, Verdict};
 
 const NAMES: [&str; 9] = ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "p1", "p2"];
@@ -22,33 +22,23 @@ pub fn page(
     names: &[&str],
     left_out: &[Option<String>],
 ) -> String {
-    let markup = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width";
-                title { "Calibration: " (verdict.name()) }
-                style { (PreEscaped(STYLE)) }
-            }
-            body {
-                main {
-                    h1 { "Calibration: " (verdict.name()) }
-                    @for reason in reasons { p { (reason) } }
-                    (summary(c))
-                    h2 { "Parameters" } (parameters(c)) (correlations(c))
-                    h2 { "Distortion" } (distortion(c))
-                    h2 { "Residuals over the image" } (residuals(c))
-                    h2 { "Where the board was" } (coverage(c))
-                    h2 { "Projection uncertainty" } (uncertainty(c))
-                    h2 { "The board's shape" } (board(c))
-                    h2 { "Pictures" } (pictures(c, names, left_out))
-                    footer { "Written by wingd " (env!("CARGO_PKG_VERSION")) ". Image coordinates in pixels; sigma is one standard deviation." }
-                }
-            }
-        }
+    let main = html! {
+        h1 { "Calibration: " (verdict.name()) }
+        @for reason in reasons { p { (reason) } }
+        (summary(c))
+        h2 { "Parameters" } (parameters(c)) (correlations(c))
+        h2 { "Distortion" } (distortion(c))
+        h2 { "Residuals over the image" } (residuals(c))
+        h2 { "Where the board was" } (coverage(c))
+        h2 { "Projection uncertainty" } (uncertainty(c))
+        h2 { "The board's shape" } (board(c))
+        h2 { "Pictures" } (pictures(c, names, left_out))
     };
-    markup.into_string()
+    document(
+        &format!("Calibration: {}", verdict.name()),
+        &main,
+        "Image coordinates in pixels; sigma is one standard deviation.",
+    )
 }
 
 fn summary(c: &Calibration) -> Markup {

@@ -1,12 +1,12 @@
 //! Several flights on one page: lift against time of each.
 
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, html};
 
 use super::super::grid::Grid;
 use super::super::number::rounded;
 use super::super::overview::{Line, Overview};
 use super::super::summary::{Mean, hours_between};
-use super::STYLE;
+use super::document;
 use super::plot::{Axis, Plot, drawing, px, series_colour};
 
 const WIDTH: f64 = 1040.0;
@@ -24,30 +24,22 @@ fn track(flight: &Overview) -> Vec<(f64, Mean)> {
 /// The page; nothing in it comes from outside the file.
 pub fn flights(flights: &[Overview]) -> String {
     let warnings = flights.iter().flat_map(|f| f.warning.iter().chain(&f.notes));
-    let markup = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width";
-                title { "Wing deflection: " (flights.len()) " flights" }
-                style { (PreEscaped(STYLE)) }
-            }
-            body { main {
-                header { h1 { "Wing deflection, flight by flight" } p.sub { (flights.len()) " flights" } }
-                @for warning in warnings { p.warning { (warning) } }
-                h2 { "Lift over time" }
-                figure {
-                    (lift(flights))
-                    p.caption { "Lift of the outermost marker, mean of each series; bands: 1 sigma of one frame. Each flight from its first series." }
-                }
-                h2 { "Flights" }
-                div.scroll { (table(flights).html()) }
-                footer { "Written by wingd " (env!("CARGO_PKG_VERSION")) ". Lengths in metres; sigma is one standard deviation." }
-            } }
+    let main = html! {
+        header { h1 { "Wing deflection, flight by flight" } p.sub { (flights.len()) " flights" } }
+        @for warning in warnings { p.warning { (warning) } }
+        h2 { "Lift over time" }
+        figure {
+            (lift(flights))
+            p.caption { "Lift of the outermost marker, mean of each series; bands: 1 sigma of one frame. Each flight from its first series." }
         }
+        h2 { "Flights" }
+        div.scroll { (table(flights).html()) }
     };
-    markup.into_string()
+    document(
+        &format!("Wing deflection: {} flights", flights.len()),
+        &main,
+        "Lengths in metres; sigma is one standard deviation.",
+    )
 }
 
 fn lift(flights: &[Overview]) -> Markup {

@@ -18,41 +18,53 @@ pub use flights::flights;
 pub use plot::round_step;
 
 /// The look of the report.
-pub const STYLE: &str = include_str!("style.css");
+const STYLE: &str = include_str!("style.css");
 
-/// The whole page. Nothing in it comes from outside the file.
-pub fn page(data: &ReportData) -> String {
-    let summaries = summaries(&data.series);
-    let shown = shown_record(data);
+/// A page that stands alone: `units` says in what it counts.
+pub fn document(title: &str, main: &Markup, units: &str) -> String {
     let markup = html! {
         (DOCTYPE)
         html lang="en" {
             head {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width";
-                title { "Wing deflection: " (title(data)) }
+                title { (title) }
                 style { (PreEscaped(STYLE)) }
             }
             body {
                 main {
-                    (head(data, &summaries))
-                    (contents())
-                    (notes(data))
-                    (deflection(&summaries, shown))
-                    (over_time(data, &summaries))
-                    (tables::series(&summaries))
-                    (orthographic(data, shown))
-                    (frame(data, shown))
-                    (tables::solution(shown))
-                    (tables::quality(data))
-                    (tables::results(data))
-                    (tables::provenance(data))
-                    footer { "Written by wingd " (env!("CARGO_PKG_VERSION")) ". Lengths in metres, angles in degrees, image coordinates in pixels; sigma is one standard deviation." }
+                    (main)
+                    footer { "Written by wingd " (env!("CARGO_PKG_VERSION")) ". " (units) }
                 }
             }
         }
     };
     markup.into_string()
+}
+
+/// The whole page. Nothing in it comes from outside the file.
+pub fn page(data: &ReportData) -> String {
+    let summaries = summaries(&data.series);
+    let shown = shown_record(data);
+    let main = html! {
+        (head(data, &summaries))
+        (contents())
+        (notes(data))
+        (deflection(&summaries, shown))
+        (over_time(data, &summaries))
+        (tables::series(&summaries))
+        (orthographic(data, shown))
+        (frame(data, shown))
+        (tables::solution(shown))
+        (tables::quality(data))
+        (tables::results(data))
+        (tables::provenance(data))
+    };
+    document(
+        &format!("Wing deflection: {}", title(data)),
+        &main,
+        "Lengths in metres, angles in degrees, image coordinates in pixels; sigma is one standard deviation.",
+    )
 }
 
 /// The record of the picture, or the first one with numbers.
