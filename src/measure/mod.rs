@@ -12,5 +12,6 @@ pub mod mount;
 pub mod plan;
 pub mod raster;
 pub mod render;
+pub mod robust;
 pub mod samples;
 pub mod setup;

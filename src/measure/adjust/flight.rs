@@ -19,6 +19,7 @@ use super::scene::Scene;
 use super::snooping::{self, Suspect, Target};
 use super::unknowns::{Input, LEAST_DRIFT_RAD, by_marker, on_the_wing};
 use super::{AdjustError, Estimate, Method, Mounting, Observation, Options, Parameter, Solution, quality};
+use crate::measure::robust::median;
 use crate::measure::setup::{Orientation, Setup};
 
 /// Terms of the curvature where none are given.
@@ -185,7 +186,7 @@ impl Flight<'_> {
         }
         let frames = self.frames.len();
         let steps: Vec<f64> = (1..frames).map(|f| rotation_distance(setting, fit, f - 1, f)).collect();
-        let usual = (median(&steps) / chi_square_limit(3.0, 0.5)).max(1.0);
+        let usual = (median(steps.clone()).unwrap_or(0.0) / chi_square_limit(3.0, 0.5)).max(1.0);
         let limit = usual * chi_square_limit(3.0, REMOUNT_ALPHA / frames as f64);
         let mut list = vec![0; frames];
         for frame in 1..frames {
@@ -313,13 +314,6 @@ impl Flight<'_> {
         }
         Ok(last)
     }
-}
-
-/// Of no values 0.
-fn median(values: &[f64]) -> f64 {
-    let mut values = values.to_vec();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Drift of one mounting as stated, not 0.

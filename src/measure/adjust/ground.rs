@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
 use super::AdjustError;
 use crate::measure::geometry::WingFrame;
+use crate::measure::robust;
 use crate::measure::setup::{Setup, Side, SkinHeight, SurveyMarker};
 
 /// Points of the axis' table.
@@ -202,19 +203,6 @@ const USUAL_SURFACE: [(f64, f64); 7] =
 /// Waviness of the skin on top of the survey's noise, m.
 const WAVINESS_M: f64 = 0.001;
 const TAPER: f64 = 0.3;
-/// A point farther off the surface, in robust standard deviations, begins to lose its weight.
-const SMOOTH: f64 = 4.0;
-/// Rounds of either weighting; they settle in five or six.
-const ROUNDS: usize = 10;
-
-/// Robust standard deviation (the median's, normal law) of distances in their own, not below 1.
-fn spread(distances: &[f64], weights: &[f64]) -> f64 {
-    let mut trusted: Vec<f64> =
-        distances.iter().zip(weights).filter(|(_, w)| **w > 0.0).map(|(d, _)| *d).collect();
-    trusted.sort_by(f64::total_cmp);
-    trusted.get(trusted.len() / 2).map_or(1.0, |median| (1.4826 * median).max(1.0))
-}
-
 /// A surveyed point off the skin that the others tell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OffTheSkin {
@@ -228,8 +216,6 @@ pub struct OffTheSkin {
 
 /// Standard deviations from which on a height is no chance.
 const DOUBTFUL: f64 = 6.0;
-/// Of a normal distribution: standard deviation over the median of the absolute values.
-const SIGMA_OVER_MEDIAN: f64 = 1.4826;
 
 /// The points off a smooth skin through the others, the worst first; a third of the survey at most, for of more nothing
 /// tells which are right.
@@ -254,9 +240,7 @@ pub fn off_the_skin(setup: &Setup) -> Vec<OffTheSkin> {
                 (k, height, (variance + 1.0 / weights[k]).sqrt())
             })
             .collect();
-        let mut sizes: Vec<f64> = tests.iter().map(|(_, height, sigma)| (height / sigma).abs()).collect();
-        sizes.sort_by(f64::total_cmp);
-        let spread = (SIGMA_OVER_MEDIAN * sizes[sizes.len() / 2]).max(1.0);
+        let spread = robust::spread(tests.iter().map(|(_, height, sigma)| (height / sigma).abs()).collect());
         let worst = tests.iter().max_by(|a, b| (a.1 / a.2).abs().total_cmp(&(b.1 / b.2).abs()));
         let Some(&(marker, height_m, sigma)) = worst else { break };
         let sigma_m = sigma * spread;
@@ -293,31 +277,15 @@ impl Surface {
         Self { along: [c[0], c[1], c[2], c[3]], covariance, all: c, all_covariance: inverse, reach }
     }
 
-    /// Without points that stand off the surface of the others: from the sum of distances (which one point
-    /// hardly bends) to Hampel's weights, 1 up to [`SMOOTH`] robust standard deviations, 0 beyond twice that.
+    /// Without points that stand off the surface of the others.
     fn robust(points: &[Vector3<f64>], weights: &[f64], axis_z: f64, root_x: f64) -> Self {
-        let reach = points.iter().fold(0.0, |a: f64, p| a.max(p.x - root_x));
-        let off = |surface: &Self| -> Vec<f64> {
+        let off = |surface: &Self| {
             let one = |(p, w): (&Vector3<f64>, &f64)| {
-                (p.y - row(p, axis_z, root_x, reach).dot(&surface.all)).abs() * w.sqrt()
+                (p.y - row(p, axis_z, root_x, surface.reach).dot(&surface.all)).abs() * w.sqrt()
             };
             points.iter().zip(weights).map(one).collect()
         };
-        let mut surface = Self::fit(points, weights, axis_z, root_x);
-        let weighted = |factors: &dyn Fn(f64) -> f64, off: &[f64]| -> Vec<f64> {
-            weights.iter().zip(off).map(|(w, o)| w * factors(*o)).collect()
-        };
-        for _ in 0..ROUNDS {
-            let by_distance = weighted(&|o| 1.0 / o.max(1.0), &off(&surface));
-            surface = Self::fit(points, &by_distance, axis_z, root_x);
-        }
-        for _ in 0..ROUNDS {
-            let distances = off(&surface);
-            let limit = SMOOTH * spread(&distances, weights);
-            let hampel = weighted(&|o| (2.0 - o / limit).clamp(0.0, 1.0), &distances);
-            surface = Self::fit(points, &hampel, axis_z, root_x);
-        }
-        surface
+        robust::fit(weights, |weights| Self::fit(points, weights, axis_z, root_x), off)
     }
 
     /// A point's height above the surface, m, and the surface's variance there, m^2.

@@ -9,6 +9,7 @@ use nalgebra::{SMatrix, SVector, Vector2};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::{Adjusted, LEAST_POINTS, LEAST_VIEWS, View, quality, rms, start};
+use crate::measure::robust::{self, SIGMA_OVER_MEDIAN};
 
 /// A point whose residual is this many times the scale is a gross error (a wrong corner).
 const GROSS: f64 = 6.0;
@@ -22,8 +23,6 @@ const STILL_PX: f64 = 0.05;
 pub(super) const MEDIAN_SQUARE: f64 = 2.0 * std::f64::consts::LN_2;
 /// The same of one.
 const MEDIAN_SQUARE_OF_ONE: f64 = 0.4549;
-/// Standard deviation of a normal distribution over its median absolute deviation.
-const NORMAL_OVER_MAD: f64 = 1.4826;
 /// Relative standard deviation of a scale from the median of `n` squared lengths, times root n.
 const MEDIAN_SCALE: f64 = 0.72;
 
@@ -278,10 +277,10 @@ pub(super) fn coordinate_px(residuals: &[Vector2<f64>]) -> f64 {
 /// Median and the standard deviation that the median absolute deviation tells.
 fn deviation(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
     let middle = median(values.clone().collect());
-    (middle, NORMAL_OVER_MAD * median(values.map(|v| (v - middle).abs()).collect()))
+    (middle, SIGMA_OVER_MEDIAN * median(values.map(|v| (v - middle).abs()).collect()))
 }
 
-pub(super) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
+/// Of no values 0.
+pub(super) fn median(values: Vec<f64>) -> f64 {
+    robust::median(values).unwrap_or(0.0)
 }

@@ -2,24 +2,14 @@
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
+use crate::measure::robust;
+
 const TERMS: usize = 8;
 /// How far a marker may lie off a smooth skin, m: survey noise, stickers, panel steps.
 const ROUGHNESS_M: f64 = 0.004;
 /// What a term may contribute over the half span or a metre of chord, m: only what the markers do
 /// not show is held back by these.
 const PRIOR_M: [f64; TERMS] = [100.0, 10.0, 1.0, 0.3, 0.15, 0.1, 0.06, 0.04];
-
-/// A point farther off the skin, in robust standard deviations, begins to lose its weight.
-const SMOOTH: f64 = 4.0;
-/// Rounds of either weighting; they settle in five or six.
-const ROUNDS: usize = 8;
-
-/// Robust standard deviation (the median's, normal law), not below 1.
-fn spread(off: &[f64]) -> f64 {
-    let mut off = off.to_vec();
-    off.sort_by(f64::total_cmp);
-    off.get(off.len() / 2).map_or(1.0, |median| (1.4826 * median).max(1.0))
-}
 
 type Terms = SVector<f64, TERMS>;
 
@@ -35,31 +25,18 @@ pub(super) struct Skin {
 
 impl Skin {
     /// Through points of the wing frame, m; one that stands off the others' skin does not turn the normals of its
-    /// neighbours. From the sum of distances to Hampel's weights.
+    /// neighbours.
     pub(super) fn fit(points: &[Vector3<f64>], sigma_m: &[f64]) -> Self {
-        let mut skin = Self::weighted(points, sigma_m, &vec![1.0; points.len()]);
-        for _ in 0..ROUNDS {
-            let by_distance: Vec<f64> = skin.off(points, sigma_m).iter().map(|o| 1.0 / o.max(1.0)).collect();
-            skin = Self::weighted(points, sigma_m, &by_distance);
-        }
-        for _ in 0..ROUNDS {
-            let off = skin.off(points, sigma_m);
-            let limit = SMOOTH * spread(&off);
-            let hampel: Vec<f64> = off.iter().map(|o| (2.0 - o / limit).clamp(0.0, 1.0)).collect();
-            skin = Self::weighted(points, sigma_m, &hampel);
-        }
-        skin
-    }
-
-    /// Distances of points from the skin in their standard deviations.
-    fn off(&self, points: &[Vector3<f64>], sigma_m: &[f64]) -> Vec<f64> {
-        let one = |(p, sigma): (&Vector3<f64>, &f64)| {
-            (p.y - self.height(p.x, p.z)).abs() / sigma.hypot(ROUGHNESS_M)
+        let weights: Vec<f64> = sigma_m.iter().map(|sigma| sigma.hypot(ROUGHNESS_M).powi(-2)).collect();
+        let off = |skin: &Self| {
+            let one = |(p, w): (&Vector3<f64>, &f64)| (p.y - skin.height(p.x, p.z)).abs() * w.sqrt();
+            points.iter().zip(&weights).map(one).collect()
         };
-        points.iter().zip(sigma_m).map(one).collect()
+        robust::fit(&weights, |weights| Self::weighted(points, weights), off)
     }
 
-    fn weighted(points: &[Vector3<f64>], sigma_m: &[f64], weights: &[f64]) -> Self {
+    /// `weights`: of heights, 1/m^2.
+    fn weighted(points: &[Vector3<f64>], weights: &[f64]) -> Self {
         let (low, high) =
             points.iter().fold((f64::MAX, f64::MIN), |(low, high), p| (low.min(p.x), high.max(p.x)));
         let (mid_m, half_m) = (0.5 * (low + high), (0.5 * (high - low)).max(1.0));
@@ -67,9 +44,8 @@ impl Skin {
             PRIOR_M.map(|sigma| 1.0 / (sigma * sigma)),
         ));
         let mut right = Terms::zeros();
-        for ((p, sigma), weight) in points.iter().zip(sigma_m).zip(weights) {
+        for (p, &weight) in points.iter().zip(weights) {
             let basis = terms((p.x - mid_m) / half_m, p.z);
-            let weight = weight / (sigma * sigma + ROUGHNESS_M * ROUGHNESS_M);
             normal += basis * basis.transpose() * weight;
             right += basis * (p.y * weight);
         }
