@@ -41,6 +41,16 @@ pub struct SurveyMarker {
     pub fixed: bool,
 }
 
+/// A usual fixed mark, where nobody has put one up yet: planned and drawn.
+pub mod fixed_mark {
+    /// Places in the frame, over its width and height: the corners, clear of most wings.
+    pub const PLACES: [(f64, f64); 4] = [(0.07, 0.09), (0.93, 0.09), (0.07, 0.91), (0.93, 0.91)];
+    /// From the camera, m: a fairing or the fuselage beside the window is rarely farther.
+    pub const DISTANCE_M: f64 = 3.0;
+    /// Some 150 px at that distance, m.
+    pub const DIAMETER_M: f64 = 0.06;
+}
+
 /// Height of the skin above the bending axis, linear along the span.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SkinHeight {

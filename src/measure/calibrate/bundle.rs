@@ -19,6 +19,7 @@ pub(super) type Global = SVector<f64, GLOBAL>;
 pub(super) type Covariance = SMatrix<f64, GLOBAL, GLOBAL>;
 type Cross = SMatrix<f64, GLOBAL, 6>;
 
+/// Steps at most, so that an adjustment that creeps ends too.
 const ITERATIONS: usize = 500;
 /// Fall of the sum of squares that a full step still promises, below which it is at the end: a step of a
 /// thousandth of a standard deviation.
@@ -27,8 +28,12 @@ const CONVERGED: f64 = 1e-6;
 const NEARLY: f64 = 1e-2;
 /// What rounding may take from a sum of squares: where nothing else is left of it, the boards were parallel.
 const ROUNDING: f64 = 1e-12;
+/// Levenberg's and Marquardt's damping, a share of the normal matrix' diagonal: to begin with, and its bounds, far below
+/// and above what changes a step in double precision.
 const FIRST_DAMPING: f64 = 1e-4;
+/// See [`FIRST_DAMPING`].
 const LEAST_DAMPING: f64 = 1e-12;
+/// See [`FIRST_DAMPING`].
 const MOST_DAMPING: f64 = 1e12;
 
 /// Knowledge of a parameter from elsewhere.

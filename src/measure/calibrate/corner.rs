@@ -11,6 +11,7 @@ use crate::measure::raster::Raster;
 
 /// `c` (2), directions of the two edges, blur, mean, half the contrast, gradient (2).
 const UNKNOWNS: usize = 9;
+/// Steps of a corner's fit at most.
 const ITERATIONS: usize = 30;
 /// A step of `c` that no longer matters, px.
 const SETTLED_PX: f64 = 1e-4;

@@ -11,7 +11,7 @@ use super::scene::Scene;
 use super::wing::{Linear, Side, Wing};
 use crate::measure::geometry::{Lens, WingFrame};
 use crate::measure::setup::{
-    self, Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty,
+    self, Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty, fixed_mark,
 };
 
 /// What of a random scene is wanted.
@@ -37,15 +37,9 @@ pub struct Options {
     pub diameter_m: f64,
     /// Clutter; 1 is usual, 0 none.
     pub clutter: f64,
-    /// Marks rigid to the cabin, at most [`FIXED_PLACES`]'s.
+    /// Marks rigid to the cabin, at most those of [`fixed_mark::PLACES`].
     pub fixed_marks: usize,
 }
-
-/// Where in the frame fixed marks are drawn, over its width and height.
-const FIXED_PLACES: [(f64, f64); 4] = [(0.07, 0.09), (0.93, 0.09), (0.07, 0.91), (0.93, 0.91)];
-/// How far outboard, m, and how large, m.
-const FIXED_DISTANCE_M: f64 = 3.0;
-const FIXED_DIAMETER_M: f64 = 0.06;
 
 impl Options {
     /// A usual installation that differs with the seed.
@@ -188,15 +182,15 @@ impl Scene {
             Some(Marker {
                 id: format!("F{}", k + 1),
                 shape: Shape::Quadrant,
-                diameter_m: FIXED_DIAMETER_M,
+                diameter_m: fixed_mark::DIAMETER_M,
                 s_m: 0.0,
                 z_m: 0.0,
                 rotation_rad: std::f64::consts::FRAC_PI_4,
                 height_m: 0.0,
-                fixed_m: Some(wing_from_camera * ray * FIXED_DISTANCE_M),
+                fixed_m: Some(wing_from_camera * ray * fixed_mark::DISTANCE_M),
             })
         };
-        FIXED_PLACES.iter().take(options.fixed_marks).enumerate().filter_map(mark).collect()
+        fixed_mark::PLACES.iter().take(options.fixed_marks).enumerate().filter_map(mark).collect()
     }
 
     fn last_fits(&self, options: &Options, fixed: &[Marker]) -> bool {
