@@ -88,6 +88,24 @@ fn add_results(store: &Store, id: &str, results: &[Value]) {
     store.seal();
 }
 
+/// One series of two frames, the `n`th of a store, solved.
+pub fn add_two_solved(store: &Store, inputs: &Inputs, n: u64, bytes: impl Fn(u32) -> Vec<u8>) {
+    let plan = Plan { cause: Cause::Scheduled, shots: 2 };
+    let (mut series, _) = store.begin_series(plan, &stamp(100 * n)).unwrap();
+    for shot in 1..=2_u32 {
+        let bytes = bytes(shot);
+        let stamp = stamp(100 * n + u64::from(shot));
+        let shot = Shot { shot, stamp, duration_s: None, frame: None, failures: Vec::new() };
+        let frame = NewFrame { bytes: &bytes, extension: "jpg", format: json!("jpeg"), settings: Map::new() };
+        series.add_shot(shot, Some(frame)).unwrap();
+    }
+    store.close_series(series, State::Complete, &stamp(100 * n + 9), Vec::new()).unwrap();
+    for frame in store.unsolved(inputs).unwrap() {
+        assert!(store.add_result(&frame, inputs, json!({"lift_m": 2.74})).unwrap());
+    }
+    store.seal();
+}
+
 /// A moment of one boot.
 pub fn stamp(second: u64) -> Stamp {
     let begin: jiff::Timestamp = "2026-03-01T08:00:00Z".parse().unwrap();

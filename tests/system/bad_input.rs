@@ -1,14 +1,12 @@
 //! The real binary with bad input: the exit status of the contract, a message that names what to mend.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Output;
+
+use crate::program::run;
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev").join(name)
-}
-
-fn wingd(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).output().unwrap()
 }
 
 /// A copy of the installation with one file's text changed.
@@ -62,7 +60,7 @@ fn damaged_frames_fail_alone_and_say_what_to_do() {
     for method in ["profile", "spatial"] {
         let mut arguments = vec!["solve", "--json", "--method", method, "--installation", directory];
         arguments.extend(images);
-        let output = wingd(&arguments);
+        let output = run(&arguments);
         let words = ["cut short", "empty", "cannot be read", "640 x 480", "4000 x 3000", "missing.jpg"];
         expect(&output, 1, &words);
         let lines: Vec<serde_json::Value> = String::from_utf8_lossy(&output.stdout)
@@ -81,8 +79,8 @@ fn damaged_frames_fail_alone_and_say_what_to_do() {
             assert!(line["reason"].as_str().is_some_and(|r| r.len() > 20), "{line}");
         }
     }
-    expect(&wingd(&["detect", "--json", &cut, &empty]), 1, &["cut short", "empty"]);
-    expect(&wingd(&["orient", "--installation", directory, &small]), 1, &["640 x 480"]);
+    expect(&run(&["detect", "--json", &cut, &empty]), 1, &["cut short", "empty"]);
+    expect(&run(&["orient", "--installation", directory, &small]), 1, &["640 x 480"]);
 }
 
 #[test]
@@ -106,9 +104,9 @@ fn faults_of_the_installation() {
     ];
     for (file, from, to, words) in cases {
         let directory = installation(file, from, to);
-        expect(&wingd(&["solve", "--installation", directory.path().to_str().unwrap(), &frame]), 78, words);
+        expect(&run(&["solve", "--installation", directory.path().to_str().unwrap(), &frame]), 78, words);
     }
-    expect(&wingd(&["solve", "--installation", "/nowhere", &frame]), 78, &["/nowhere/installation.toml"]);
+    expect(&run(&["solve", "--installation", "/nowhere", &frame]), 78, &["/nowhere/installation.toml"]);
 }
 
 #[test]
@@ -118,7 +116,7 @@ fn hand_measurements() {
     let solve = |text: &str| {
         std::fs::write(&path, text).unwrap();
         let (directory, file) = (directory.path().to_str().unwrap(), path.to_str().unwrap());
-        wingd(&["solve", "--installation", directory, "--observations", file])
+        run(&["solve", "--installation", directory, "--observations", file])
     };
     expect(&solve("id,u_px,v_px\nM01,1,2\n"), 78, &["hand.csv", "sigma_px", "missing"]);
     expect(&solve("id,u_px,v_px,sigma_px\nM77,1,2,5\n"), 78, &["line 2", "M77"]);
@@ -132,24 +130,24 @@ fn configurations() {
     let path = folder.path().join("wingd.toml");
     let check = |text: &str| {
         std::fs::write(&path, text).unwrap();
-        wingd(&["check", "--config", path.to_str().unwrap()])
+        run(&["check", "--config", path.to_str().unwrap()])
     };
     let sound = "[camera]\nkind = \"replay\"\nfolder = \"f\"\n[store]\npath = \"s\"\n";
     expect(&check(&format!("{sound}[series]\nshoots = 10\n")), 78, &["wingd.toml", "line 7", "shoots"]);
     expect(&check(&format!("{sound}[series]\nshots = 0\n")), 78, &["series.shots"]);
     expect(&check("[store]\npath = \"s\"\n"), 78, &["camera"]);
     expect(&check(&sound.replace("replay", "polaroid")), 78, &["polaroid"]);
-    expect(&wingd(&["check", "--config", "/nowhere/wingd.toml"]), 78, &["/nowhere/wingd.toml"]);
+    expect(&run(&["check", "--config", "/nowhere/wingd.toml"]), 78, &["/nowhere/wingd.toml"]);
 }
 
 #[test]
 fn wrong_usage() {
-    expect(&wingd(&["solve"]), 2, &["IMAGE|STORE"]);
-    expect(&wingd(&["fly"]), 2, &["fly"]);
+    expect(&run(&["solve"]), 2, &["IMAGE|STORE"]);
+    expect(&run(&["fly"]), 2, &["fly"]);
     expect(
-        &wingd(&["solve", "--flight", "--method", "profile", "--installation", "d", "a.jpg"]),
+        &run(&["solve", "--flight", "--method", "profile", "--installation", "d", "a.jpg"]),
         2,
         &["spatial"],
     );
-    expect(&wingd(&["--help"]), 0, &["Exit status"]);
+    expect(&run(&["--help"]), 0, &["Exit status"]);
 }

@@ -1,16 +1,13 @@
 //! `wingd calibrate`, `convert` and `mount-check` through the real binary.
 
 use std::path::Path;
-use std::process::{Command, Output};
 
 use nalgebra::{Rotation3, Vector3};
 use serde_json::Value;
 use wingd::measure::geometry::Lens;
 use wingd::measure::render::{BoardPicture, Random};
 
-fn wingd(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).output().unwrap()
-}
+use crate::program::run;
 
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
@@ -70,7 +67,7 @@ fn pictures_become_a_camera_a_report_and_corners_that_give_the_same_camera() {
         vec!["calibrate", "--json", "--board", &board, "--output", &camera, "--corners", &corners];
     arguments.extend(["--report", &page]);
     arguments.extend(images.iter().map(String::as_str));
-    let done = wingd(&arguments);
+    let done = run(&arguments);
     assert!(done.status.success(), "{}", text(&done.stderr));
     let first: Value = serde_json::from_slice(&done.stdout).unwrap();
     assert_eq!(first["images"].as_array().unwrap().len(), 16);
@@ -89,7 +86,7 @@ fn pictures_become_a_camera_a_report_and_corners_that_give_the_same_camera() {
     );
     // From the file of corners alone.
     let again = at("again.toml");
-    let done = wingd(&["calibrate", "--json", "--board", &board, "--output", &again, "--corners", &corners]);
+    let done = run(&["calibrate", "--json", "--board", &board, "--output", &again, "--corners", &corners]);
     assert!(done.status.success(), "{}", text(&done.stderr));
     let second: Value = serde_json::from_slice(&done.stdout).unwrap();
     for name in ["fx", "cx", "k1"] {
@@ -111,7 +108,7 @@ fn live_takes_pictures_until_the_verdict_is_good_and_says_what_is_missing() {
         format!("[camera]\nkind = \"replay\"\nfolder = {:?}\nloop = false\n", folder.display().to_string());
     std::fs::write(at("wingd.toml"), config).unwrap();
     let (board, camera, configuration) = (at("board.toml"), at("camera.toml"), at("wingd.toml"));
-    let done = wingd(&[
+    let done = run(&[
         "calibrate",
         "--live",
         "--json",
@@ -141,9 +138,9 @@ fn a_camera_goes_to_other_programs_and_comes_back() {
     std::fs::write(at("camera.toml"), camera).unwrap();
     for name in ["opencv.yaml", "camera_info.yaml", "camchain.yaml", "wing.cameramodel"] {
         let (there, back) = (at(name), at(&format!("{name}.toml")));
-        let done = wingd(&["convert", &at("camera.toml"), &there]);
+        let done = run(&["convert", &at("camera.toml"), &there]);
         assert!(done.status.success(), "{name}: {}", text(&done.stderr));
-        let done = wingd(&["convert", &there, &back]);
+        let done = run(&["convert", &there, &back]);
         assert!(done.status.success(), "{name}: {}", text(&done.stderr));
         let text = std::fs::read_to_string(&back).unwrap();
         for line in camera.lines() {
@@ -152,9 +149,9 @@ fn a_camera_goes_to_other_programs_and_comes_back() {
             assert_eq!(written.parse::<f64>().unwrap(), value.parse::<f64>().unwrap(), "{name}: {key}");
         }
     }
-    assert_eq!(wingd(&["convert", &at("camera.toml"), &at("camera.xyz")]).status.code(), Some(2));
+    assert_eq!(run(&["convert", &at("camera.toml"), &at("camera.xyz")]).status.code(), Some(2));
     std::fs::write(at("empty.yaml"), "nothing: here\n").unwrap();
-    let done = wingd(&["convert", &at("empty.yaml"), &at("x.toml")]);
+    let done = run(&["convert", &at("empty.yaml"), &at("x.toml")]);
     assert_eq!(done.status.code(), Some(78));
     assert!(text(&done.stderr).contains("image_width"), "{}", text(&done.stderr));
 }
@@ -163,12 +160,12 @@ fn a_camera_goes_to_other_programs_and_comes_back() {
 fn a_mounting_is_checked_against_what_the_installation_expects() {
     let installation = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/dev/installation");
     let ground = GROUND.map(|name| format!("{}/fixtures/dev/frames/{name}", env!("CARGO_MANIFEST_DIR")));
-    let done = wingd(&["mount-check", "--json", "--installation", installation, &ground[0], &ground[0]]);
+    let done = run(&["mount-check", "--json", "--installation", installation, &ground[0], &ground[0]]);
     assert!(done.status.success(), "{}", text(&done.stderr));
     let same: Value = serde_json::from_slice(&done.stdout).unwrap();
     assert_eq!(same["verdict"], "one mounting");
     assert!(same["moved_px"].as_f64().unwrap() < 1e-6 && same["markers"].as_u64().unwrap() > 8, "{same}");
-    let done = wingd(&["mount-check", "--installation", installation, &ground[0], "/nowhere.jpg"]);
+    let done = run(&["mount-check", "--installation", installation, &ground[0], "/nowhere.jpg"]);
     assert_eq!(done.status.code(), Some(1));
     assert!(text(&done.stderr).contains("nowhere.jpg"));
 }

@@ -2,19 +2,10 @@
 //! `plan` says what they bring; which frames are of one mounting can be said.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 
 use serde_json::Value;
 
-fn run(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).output().unwrap()
-}
-
-fn wingd(arguments: &[&str]) -> String {
-    let output = run(arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
-}
+use crate::program::{run, stdout};
 
 /// A simulated set with two fixed marks, oriented: the folder, the installation, a flight frame.
 fn set() -> (tempfile::TempDir, PathBuf, PathBuf) {
@@ -24,10 +15,10 @@ fn set() -> (tempfile::TempDir, PathBuf, PathBuf) {
     let small = ["--size", "2000", "1500", "--focal", "3900", "--fixed-marks", "2", "--tip-lifts", "2.5"];
     let mut arguments = vec!["simulate", "--output", text, "--seed", "5"];
     arguments.extend(small);
-    wingd(&arguments);
+    stdout(&arguments);
     let (installation, frames) = (output.join("installation"), output.join("frames"));
     let ground = frames.join("ground.jpg");
-    wingd(&["orient", "--installation", installation.to_str().unwrap(), ground.to_str().unwrap()]);
+    stdout(&["orient", "--installation", installation.to_str().unwrap(), ground.to_str().unwrap()]);
     (folder, installation, frames.join("flight-1.jpg"))
 }
 
@@ -35,7 +26,7 @@ fn solved(installation: &Path, frame: &Path, more: &[&str]) -> Value {
     let mut arguments = vec!["solve", "--installation", installation.to_str().unwrap(), "--json"];
     arguments.extend(more);
     arguments.push(frame.to_str().unwrap());
-    serde_json::from_str(&wingd(&arguments)).unwrap()
+    serde_json::from_str(&stdout(&arguments)).unwrap()
 }
 
 fn sigma_of_the_tip(record: &Value) -> f64 {
@@ -66,7 +57,7 @@ fn fixed_marks_are_used_from_simulate_to_solve() {
     let wing: Vec<&str> = text.lines().filter(|l| !l.starts_with('F')).collect();
     std::fs::write(&survey, wing.join("\n")).unwrap();
     let ground = frame.with_file_name("ground.jpg");
-    wingd(&["orient", "--installation", installation.to_str().unwrap(), ground.to_str().unwrap()]);
+    stdout(&["orient", "--installation", installation.to_str().unwrap(), ground.to_str().unwrap()]);
     let without = solved(&installation, &frame, &[]);
     let (with, without) = (sigma_of_the_tip(&with), sigma_of_the_tip(&without));
     assert!(with < 0.8 * without, "{with} m with two fixed marks, {without} m without");
@@ -78,7 +69,7 @@ fn dev() -> String {
 
 #[test]
 fn the_plan_says_what_fixed_marks_bring_and_what_each_unknown_costs() {
-    let plan: Value = serde_json::from_str(&wingd(&["plan", "--installation", &dev(), "--json"])).unwrap();
+    let plan: Value = serde_json::from_str(&stdout(&["plan", "--installation", &dev(), "--json"])).unwrap();
     let prediction = &plan["prediction"];
     let tip = |value: &Value| value["sigma_tip_lift_m"].as_f64().unwrap();
     let mut before = tip(&prediction["expected"]);
@@ -95,7 +86,7 @@ fn the_plan_says_what_fixed_marks_bring_and_what_each_unknown_costs() {
     for term in terms {
         assert!(tip(&term["expected"]) <= as_it_is * (1.0 + 1e-6), "{term}");
     }
-    let text = wingd(&["plan", "--installation", &dev()]);
+    let text = stdout(&["plan", "--installation", &dev()]);
     assert!(text.contains("2 fixed marks") && text.contains("height of the bending axis"), "{text}");
 }
 

@@ -21,6 +21,7 @@ mod output;
 mod plan_command;
 mod power_fails;
 mod power_of_the_seat;
+mod program;
 mod report_html;
 mod same_verdict;
 mod shipped_configuration;

@@ -1,21 +1,12 @@
 //! Promise: a picture that is not what it is taken for is named: mirrored, turned, of a camera turned too far, of a wing in
 //! flight, of another wing.
 
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::Path;
 
 use wingd::measure::raster::Raster;
 use wingd::pipeline::decode::decode;
 
-fn fixture(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name)
-}
-
-fn wingd(arguments: &[&str]) -> (Option<i32>, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).output().unwrap();
-    let said = [output.stdout, output.stderr].concat();
-    (output.status.code(), String::from_utf8_lossy(&said).into_owned())
-}
+use crate::program::{fixture, outcome};
 
 fn read(name: &str) -> Raster {
     decode(&std::fs::read(fixture(name)).unwrap(), None).unwrap()
@@ -68,7 +59,7 @@ fn ground_frames() {
     make(folder.path(), &read("dev/frames/ground.jpg"));
     let ground = fixture("dev/frames/ground.jpg").display().to_string();
     let path = |name: &str| folder.path().join(name).display().to_string();
-    let orient = |files: &[&str]| wingd(&[&["orient", "--installation", &installation], files].concat());
+    let orient = |files: &[&str]| outcome(&[&["orient", "--installation", &installation], files].concat());
     let whys = [MIRRORED, MIRRORED, "", QUARTER, QUARTER];
     for (name, why) in MADE.iter().zip(whys).filter(|(_, why)| !why.is_empty()) {
         let (status, said) = orient(&[&path(name)]);
@@ -96,7 +87,7 @@ fn a_frame_of_a_flight_is_no_ground_frame() {
         for files in [vec![&flight], vec![&ground, &flight], vec![&flight, &ground]] {
             let mut arguments = vec!["orient", "--installation", &installation];
             arguments.extend(files.iter().map(|f| f.as_str()));
-            let (status, said) = wingd(&arguments);
+            let (status, said) = outcome(&arguments);
             assert_eq!(status, Some(1), "{said}");
             let why = format!("bent by {lift} at the tip");
             assert!(said.contains(name) && said.contains(&why) && said.contains("of a flight"), "{said}");
@@ -113,7 +104,7 @@ fn frames_of_a_flight() {
     shifted(&folder.path().join("turned-100.pgm"), &flight, 100, 0);
     shifted(&folder.path().join("turned-500.pgm"), &flight, 300, 400);
     let ground = fixture("dev/frames/ground.jpg").display().to_string();
-    assert_eq!(wingd(&["orient", "--installation", &installation, &ground]).0, Some(0));
+    assert_eq!(outcome(&["orient", "--installation", &installation, &ground]).0, Some(0));
     let expected = [
         (MADE[0], MIRRORED),
         (MADE[1], MIRRORED),
@@ -125,7 +116,7 @@ fn frames_of_a_flight() {
     ];
     for (name, why) in expected {
         let file = folder.path().join(name).display().to_string();
-        let (status, said) = wingd(&["solve", "--json", "--installation", &installation, &file]);
+        let (status, said) = outcome(&["solve", "--json", "--installation", &installation, &file]);
         assert_eq!(status, Some(1), "{said}");
         let line: serde_json::Value = serde_json::from_str(said.trim()).unwrap();
         let reason = line["reason"].as_str().unwrap();
@@ -145,12 +136,12 @@ fn frames_of_a_flight() {
 fn a_turn_that_is_found_is_remarked() {
     let (folder, installation) = folder();
     let ground = fixture("dev/frames/ground.jpg").display().to_string();
-    assert_eq!(wingd(&["orient", "--installation", &installation, &ground]).0, Some(0));
+    assert_eq!(outcome(&["orient", "--installation", &installation, &ground]).0, Some(0));
     let file = folder.path().join("turned.pgm");
     for (du, remarked) in [(60, true), (10, false)] {
         shifted(&file, &read("dev/frames/flight-1.jpg"), du, 0);
         let (status, said) =
-            wingd(&["solve", "--json", "--installation", &installation, file.to_str().unwrap()]);
+            outcome(&["solve", "--json", "--installation", &installation, file.to_str().unwrap()]);
         assert_eq!(status, Some(0), "{said}");
         let line: serde_json::Value = serde_json::from_str(said.trim()).unwrap();
         let remarks = line["remarks"].to_string();
@@ -163,9 +154,9 @@ fn another_wing() {
     let (_folder, installation) = folder();
     let ground = fixture("dev/frames/ground.jpg").display().to_string();
     let other = fixture("demo/frames/ground.jpg").display().to_string();
-    let (status, said) = wingd(&["orient", "--installation", &installation, &other]);
+    let (status, said) = outcome(&["orient", "--installation", &installation, &other]);
     assert!(status == Some(1) && said.contains("check that the frame shows this wing"), "{said}");
-    assert_eq!(wingd(&["orient", "--installation", &installation, &ground]).0, Some(0));
-    let (status, said) = wingd(&["solve", "--json", "--installation", &installation, &other]);
+    assert_eq!(outcome(&["orient", "--installation", &installation, &ground]).0, Some(0));
+    let (status, said) = outcome(&["solve", "--json", "--installation", &installation, &other]);
     assert!(status == Some(1) && said.contains("check that the frame shows this wing"), "{said}");
 }

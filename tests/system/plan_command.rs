@@ -1,29 +1,18 @@
 //! `wingd plan` through the real binary: its JSON, its drawing, and its promise against an adjustment of
 //! observations with that noise.
 
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::Path;
 
 use serde_json::Value;
 
+use crate::program::{fixture, stdout};
+
 const PIXEL_SIGMA: f64 = 0.1;
-
-fn fixture(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev").join(name)
-}
-
-/// Standard output of a run that ends well.
-fn wingd(arguments: &[&str]) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{arguments:?}: {said}");
-    String::from_utf8(output.stdout).unwrap()
-}
 
 /// A copy of the installation, with rows added to the survey.
 fn installation(rows: &str) -> tempfile::TempDir {
     let directory = tempfile::tempdir().unwrap();
-    for entry in std::fs::read_dir(fixture("installation")).unwrap() {
+    for entry in std::fs::read_dir(fixture("dev/installation")).unwrap() {
         let path = entry.unwrap().path();
         std::fs::copy(&path, directory.path().join(path.file_name().unwrap())).unwrap();
     }
@@ -38,7 +27,7 @@ fn plan(directory: &Path, more: &[&str]) -> Value {
     let mut arguments =
         vec!["plan", "--installation", directory.to_str().unwrap(), "--pixel-sigma", &sigma, "--json"];
     arguments.extend(more);
-    serde_json::from_str(&wingd(&arguments)).unwrap()
+    serde_json::from_str(&stdout(&arguments)).unwrap()
 }
 
 fn number(value: &Value) -> f64 {
@@ -101,7 +90,7 @@ fn tags(svg: &str) -> (Vec<String>, Vec<String>, Vec<(String, String)>) {
 fn the_figure_is_a_well_formed_drawing_with_labels_and_finite_places() {
     let directory = installation("");
     let file = directory.path().join("plan.svg");
-    wingd(&[
+    stdout(&[
         "plan",
         "--installation",
         directory.path().to_str().unwrap(),
@@ -140,7 +129,7 @@ fn another_marker_makes_figures_smaller() {
         let row = text.lines().find(|l| l.starts_with(id)).unwrap();
         row.split(',').skip(3).take(3).map(|v| v.parse().unwrap()).collect()
     };
-    let survey = std::fs::read_to_string(fixture("installation/survey.csv")).unwrap();
+    let survey = std::fs::read_to_string(fixture("dev/installation/survey.csv")).unwrap();
     // Between two neighbours of the same edge, so on the skin.
     let (a, b) = (place(&survey, "M15"), place(&survey, "M17"));
     let at: Vec<String> = a.iter().zip(&b).map(|(a, b)| format!("{:.4}", 0.5 * (a + b))).collect();
@@ -164,9 +153,9 @@ fn another_marker_makes_figures_smaller() {
 fn planned_standard_deviations_are_those_that_the_adjustment_states() {
     let directory = installation("");
     let path = directory.path().to_str().unwrap();
-    wingd(&["orient", "--installation", path, fixture("frames/ground.jpg").to_str().unwrap()]);
+    stdout(&["orient", "--installation", path, fixture("dev/frames/ground.jpg").to_str().unwrap()]);
     let truth: Value =
-        serde_json::from_str(&std::fs::read_to_string(fixture("truth.json")).unwrap()).unwrap();
+        serde_json::from_str(&std::fs::read_to_string(fixture("dev/truth.json")).unwrap()).unwrap();
     let frame = truth["frames"].as_array().unwrap().iter().find(|f| number(&f["tip_lift_m"]) > 1.0).unwrap();
     let markers = frame["markers"].as_array().unwrap();
     let tip = markers.iter().find(|m| m["id"] == "M19").unwrap();
@@ -180,7 +169,7 @@ fn planned_standard_deviations_are_those_that_the_adjustment_states() {
     }
     let observations = directory.path().join("observations.csv");
     std::fs::write(&observations, rows).unwrap();
-    let solved = wingd(&[
+    let solved = stdout(&[
         "solve",
         "--installation",
         path,

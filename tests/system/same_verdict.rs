@@ -2,18 +2,8 @@
 //! single cause. The recorder records on with an installation at fault, and its log names the cause.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
-fn fixture(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name)
-}
-
-/// Exit status, and all that was said.
-fn wingd(arguments: &[&str]) -> (Option<i32>, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).output().unwrap();
-    let said = [output.stdout, output.stderr].concat();
-    (output.status.code(), String::from_utf8_lossy(&said).into_owned())
-}
+use crate::program::{fixture, outcome};
 
 /// A column of a survey with every number changed.
 fn column(text: &str, column: usize, by: fn(f64) -> f64) -> String {
@@ -138,7 +128,7 @@ fn every_command_comes_to_the_same_verdict_and_cause() {
         let folder = prepared();
         let directory = folder.path().to_str().unwrap();
         // Made before the fault: what it says of the faulty files is no second cause.
-        let oriented = wingd(&["orient", "--installation", directory, &frame]);
+        let oriented = outcome(&["orient", "--installation", directory, &frame]);
         assert_eq!(oriented.0, Some(0), "{}", oriented.1);
         let path = folder.path().join(file);
         let text = std::fs::read_to_string(&path).unwrap();
@@ -148,9 +138,9 @@ fn every_command_comes_to_the_same_verdict_and_cause() {
         let config = folder.path().join("wingd.toml").display().to_string();
         if doubt {
             // The survey has changed, which is a fault until the orientation is new.
-            assert_eq!(wingd(&["orient", "--installation", directory, &frame]).0, Some(0));
+            assert_eq!(outcome(&["orient", "--installation", directory, &frame]).0, Some(0));
         }
-        let (status, first) = wingd(&["check", "--installation", directory]);
+        let (status, first) = outcome(&["check", "--installation", directory]);
         let cause = causes(&first, directory);
         assert_eq!(cause.len(), 1, "fault {k}: {first}");
         assert!(words.iter().all(|word| first.contains(word)), "fault {k}: {words:?} in {first}");
@@ -165,7 +155,7 @@ fn every_command_comes_to_the_same_verdict_and_cause() {
             ("run", &["run", "--config", &config]),
         ];
         for (name, arguments) in commands {
-            let (status, said) = wingd(arguments);
+            let (status, said) = outcome(arguments);
             assert!(cause.iter().all(|cause| said.contains(cause)), "fault {k}, {name}: {cause:?} in {said}");
             if name == "run" {
                 let held = said.contains("not solved until this is mended");
@@ -197,7 +187,7 @@ fn check_and_run_agree_about_a_configuration() {
         let text = std::fs::read_to_string(&file).unwrap();
         assert!(text.contains(from), "{from}");
         std::fs::write(&file, text.replace(from, to)).unwrap();
-        let [checked, run] = ["check", "run"].map(|c| wingd(&[c, "--config", file.to_str().unwrap()]));
+        let [checked, run] = ["check", "run"].map(|c| outcome(&[c, "--config", file.to_str().unwrap()]));
         assert_eq!((checked.0, run.0), (Some(78), Some(78)), "{to}: {} {}", checked.1, run.1);
         assert!(words.iter().all(|w| checked.1.contains(w)), "{words:?}: {}", checked.1);
         assert_eq!(checked.1, run.1);

@@ -7,13 +7,14 @@ use std::sync::Arc;
 use serde_json::{Map, json};
 use wingd::store::bundle::{self, Content};
 use wingd::store::fake::{FakeDisk, Fault, Survival, files};
-use wingd::store::manifest::{Cause, Shot, State};
 use wingd::store::prune::Proof;
 use wingd::store::receive::{Listing, Receiver};
 use wingd::store::verify::verify;
-use wingd::store::{Disk, Inputs, NewFrame, Plan, RealDisk, Store, StoreConfig, StoreError, catalogue};
+use wingd::store::{Disk, Inputs, RealDisk, Store, StoreConfig, StoreError, catalogue};
 
-use crate::common::report_store::stamp;
+use crate::common::report_store::add_two_solved;
+
+use crate::program::run;
 
 const FROM: &str = "from";
 const TO: &str = "to";
@@ -30,21 +31,7 @@ fn fill(store: &Store, wanted: u64) {
         if n.is_multiple_of(2) {
             store.want_new_flight();
         }
-        let plan = Plan { cause: Cause::Scheduled, shots: 2 };
-        let (mut series, _) = store.begin_series(plan, &stamp(100 * n)).unwrap();
-        for shot in 1..=2_u32 {
-            let bytes = format!("frame {shot} of {n} ").repeat(9).into_bytes();
-            let stamp = stamp(100 * n + u64::from(shot));
-            let shot = Shot { shot, stamp, duration_s: None, frame: None, failures: Vec::new() };
-            let frame =
-                NewFrame { bytes: &bytes, extension: "jpg", format: json!("jpeg"), settings: Map::new() };
-            series.add_shot(shot, Some(frame)).unwrap();
-        }
-        store.close_series(series, State::Complete, &stamp(100 * n + 9), Vec::new()).unwrap();
-        for frame in store.unsolved(&inputs).unwrap() {
-            assert!(store.add_result(&frame, &inputs, json!({"lift_m": 2.74})).unwrap());
-        }
-        store.seal();
+        add_two_solved(store, &inputs, n, |shot| format!("frame {shot} of {n} ").repeat(9).into_bytes());
     }
 }
 
@@ -173,10 +160,6 @@ fn a_copy_survives_a_call_that_is_done_and_said_to_have_failed_at_every_step() {
     copy_with_faults(|disk| fill(&open(disk.clone(), Path::new(FROM)).unwrap(), 2), Fault::Late);
 }
 
-fn wingd(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).output().unwrap()
-}
-
 fn text(output: &Output) -> String {
     format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
 }
@@ -194,10 +177,10 @@ fn real() -> (tempfile::TempDir, String, String) {
 #[test]
 fn the_commands_copy_prune_and_say_what_they_freed() {
     let (_dir, from, to) = real();
-    let copied = wingd(&["copy", &from, &to]);
+    let copied = run(&["copy", &from, &to]);
     assert_eq!(copied.status.code(), Some(0), "{}", text(&copied));
     assert!(text(&copied).contains("whole and sound") && text(&copied).contains("3 flights"));
-    let dry = wingd(&["prune", &from, "--verified-copy", &to, "--dry-run"]);
+    let dry = run(&["prune", &from, "--verified-copy", &to, "--dry-run"]);
     assert_eq!(dry.status.code(), Some(0), "{}", text(&dry));
     assert!(
         text(&dry).contains("f0001  would be deleted") && !text(&dry).contains("f0003"),
@@ -205,7 +188,7 @@ fn the_commands_copy_prune_and_say_what_they_freed() {
         text(&dry)
     );
     assert_eq!(verify(&RealDisk, Path::new(&from)).flights, 3, "a dry run deletes nothing");
-    let pruned = wingd(&["prune", &from, "--verified-copy", &to]);
+    let pruned = run(&["prune", &from, "--verified-copy", &to]);
     assert_eq!(pruned.status.code(), Some(0), "{}", text(&pruned));
     assert!(text(&pruned).contains("f0002  deleted"), "{}", text(&pruned));
     let report = verify(&RealDisk, Path::new(&from));
@@ -213,7 +196,7 @@ fn the_commands_copy_prune_and_say_what_they_freed() {
     assert!(report.notes.iter().any(|note| note.contains("f0001 was pruned")), "{:?}", report.notes);
     assert!(!report.notes.iter().any(|note| note.contains("lost")), "{:?}", report.notes);
     // The copy keeps all, also when it is made again from what is left.
-    assert_eq!(wingd(&["copy", &from, &to]).status.code(), Some(0));
+    assert_eq!(run(&["copy", &from, &to]).status.code(), Some(0));
     assert_eq!(verify(&RealDisk, Path::new(&to)).flights, 3);
 }
 
@@ -235,15 +218,15 @@ fn what_is_not_provably_copied_stays() {
     ];
     for (why, damage) in damage {
         let (_dir, from, to) = real();
-        assert_eq!(wingd(&["copy", &from, &to]).status.code(), Some(0));
+        assert_eq!(run(&["copy", &from, &to]).status.code(), Some(0));
         damage(Path::new(&to));
-        let pruned = wingd(&["prune", &from, "--verified-copy", &to, "--flight", "f0001"]);
+        let pruned = run(&["prune", &from, "--verified-copy", &to, "--flight", "f0001"]);
         assert_eq!(pruned.status.code(), Some(1), "{}", text(&pruned));
         assert!(text(&pruned).contains("stays") && text(&pruned).contains(why), "{why}: {}", text(&pruned));
         assert_eq!(verify(&RealDisk, Path::new(&from)).flights, 3);
     }
     let (_dir, from, _) = real();
-    let own = wingd(&["prune", &from, "--verified-copy", &from]);
+    let own = run(&["prune", &from, "--verified-copy", &from]);
     assert_eq!(own.status.code(), Some(1), "{}", text(&own));
     assert!(text(&own).contains("the store itself"), "{}", text(&own));
 }
@@ -251,15 +234,15 @@ fn what_is_not_provably_copied_stays() {
 #[test]
 fn a_damaged_copy_is_mended_and_a_foreign_or_changed_one_refused() {
     let (_dir, from, to) = real();
-    assert_eq!(wingd(&["copy", &from, &to]).status.code(), Some(0));
+    assert_eq!(run(&["copy", &from, &to]).status.code(), Some(0));
     let frame = Path::new(&to).join("flights/f0001/s000001/0001.jpg");
     let mut bytes = std::fs::read(&frame).unwrap();
     bytes[3] ^= 1;
     std::fs::write(&frame, bytes).unwrap();
-    let mended = wingd(&["copy", &from, &to]);
+    let mended = run(&["copy", &from, &to]);
     assert_eq!(mended.status.code(), Some(0), "{}", text(&mended));
     let (_other_dir, other, _) = real();
-    let foreign = wingd(&["copy", &other, &to]);
+    let foreign = run(&["copy", &other, &to]);
     assert_eq!(foreign.status.code(), Some(1));
     assert!(text(&foreign).contains("another store"), "{}", text(&foreign));
     let copy = open(Arc::new(RealDisk), Path::new(&to)).unwrap();
@@ -269,10 +252,10 @@ fn a_damaged_copy_is_mended_and_a_foreign_or_changed_one_refused() {
         copy.add_result(&frame, &inputs, json!({})).unwrap();
     }
     drop(copy);
-    let changed = wingd(&["copy", &from, &to]);
+    let changed = run(&["copy", &from, &to]);
     assert_eq!(changed.status.code(), Some(1));
     assert!(text(&changed).contains("not written over"), "{}", text(&changed));
     let not_empty = tempfile::tempdir().unwrap();
     std::fs::write(not_empty.path().join("thesis.txt"), "x").unwrap();
-    assert_eq!(wingd(&["copy", &from, not_empty.path().to_str().unwrap()]).status.code(), Some(1));
+    assert_eq!(run(&["copy", &from, not_empty.path().to_str().unwrap()]).status.code(), Some(1));
 }

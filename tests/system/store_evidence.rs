@@ -7,11 +7,10 @@ use std::sync::Arc;
 
 use serde_json::{Map, Value, json};
 use wingd::store::fake::files;
-use wingd::store::manifest::{Cause, Shot, State};
 use wingd::store::verify::verify;
-use wingd::store::{Inputs, NewFrame, Plan, RealDisk, Store, StoreConfig, sha256, upgrade};
+use wingd::store::{Inputs, RealDisk, Store, StoreConfig, sha256, upgrade};
 
-use crate::common::report_store::stamp;
+use crate::common::report_store::add_two_solved;
 
 const FLIGHT: &str = "flights/f0001";
 
@@ -42,21 +41,7 @@ fn fill(store: &Store) {
     store.keep_installation(&installation()).unwrap();
     let begin = store.last_moment().map_or(0, |last| 1 + last.since_boot_s as u64 / 100);
     for n in begin..begin + 3 {
-        let plan = Plan { cause: Cause::Scheduled, shots: 2 };
-        let (mut series, _) = store.begin_series(plan, &stamp(100 * n)).unwrap();
-        for shot in 1..=2_u32 {
-            let bytes = format!("frame {shot} of {n}").into_bytes();
-            let stamp = stamp(100 * n + u64::from(shot));
-            let shot = Shot { shot, stamp, duration_s: None, frame: None, failures: Vec::new() };
-            let frame =
-                NewFrame { bytes: &bytes, extension: "jpg", format: json!("jpeg"), settings: Map::new() };
-            series.add_shot(shot, Some(frame)).unwrap();
-        }
-        store.close_series(series, State::Complete, &stamp(100 * n + 9), Vec::new()).unwrap();
-        for frame in store.unsolved(&inputs()).unwrap() {
-            assert!(store.add_result(&frame, &inputs(), json!({"lift_m": 2.74})).unwrap());
-        }
-        store.seal();
+        add_two_solved(store, &inputs(), n, |shot| format!("frame {shot} of {n}").into_bytes());
     }
 }
 

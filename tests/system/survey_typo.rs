@@ -1,33 +1,22 @@
 //! Promise: a surveyed point that is wrong takes no part, also not in the wing's shape on ground: the result is that
 //! of a survey without it.
 
-use std::path::Path;
-use std::process::Command;
-
 use serde_json::Value;
 
-fn fixture(name: &str) -> std::path::PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev").join(name)
-}
-
-fn wingd(arguments: &[&str]) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_wingd")).args(arguments).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
-}
+use crate::program::{fixture, stdout};
 
 /// Tip lift with its standard deviation from the first frame in flight, the survey's text changed.
 fn tip(change: impl Fn(String) -> String) -> (f64, f64) {
     let directory = tempfile::tempdir().unwrap();
     for name in ["installation.toml", "camera.toml", "survey.csv"] {
-        std::fs::copy(fixture("installation").join(name), directory.path().join(name)).unwrap();
+        std::fs::copy(fixture("dev/installation").join(name), directory.path().join(name)).unwrap();
     }
     let survey = directory.path().join("survey.csv");
     std::fs::write(&survey, change(std::fs::read_to_string(&survey).unwrap())).unwrap();
     let installation = directory.path().to_str().unwrap();
-    let frame = |name: &str| fixture("frames").join(name).to_str().unwrap().to_owned();
-    wingd(&["orient", "--installation", installation, &frame("ground.jpg")]);
-    let line = wingd(&["solve", "--json", "--installation", installation, &frame("flight-1.jpg")]);
+    let frame = |name: &str| fixture("dev/frames").join(name).to_str().unwrap().to_owned();
+    stdout(&["orient", "--installation", installation, &frame("ground.jpg")]);
+    let line = stdout(&["solve", "--json", "--installation", installation, &frame("flight-1.jpg")]);
     let found: Value = serde_json::from_str(&line).unwrap();
     assert_eq!(found["status"], "ok", "{found}");
     let number = |key: &str| found["tip"][key].as_f64().unwrap();
