@@ -9,7 +9,7 @@ DEMO_OUTPUT ?= demo-output
 # What the demonstration needs: no cameras but replay, no AprilGrid, no Parquet.
 DEMO_FEATURES := --no-default-features
 
-.PHONY: help demo test test-mutations check lint bench package package-aarch64 test-machine test-powercut build dependencies machine-dependencies
+.PHONY: help demo test test-mutations check lint bench compare package package-aarch64 test-machine test-powercut build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
@@ -18,6 +18,7 @@ help:
 	@echo 'make test-mutations  10,000 mutated installations, frames, measurements, configurations'
 	@echo 'make check         format, lints, unit tests and layers: what usually breaks, in a minute after a change'
 	@echo 'make bench         the figures of docs/performance.md'
+	@echo 'make compare BASE=revision  what detects otherwise than at that revision (QUICK=1, TOLERANCE; tests/compare)'
 	@echo 'make package       a Debian package in target/package'
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
 	@echo 'make test-machine  cameras, GPIO and systemd in virtual machines'
@@ -49,6 +50,10 @@ build: dependencies
 
 bench: build
 	sh benches/run.sh
+
+# Builds both programs itself. QUICK, TOLERANCE, SETS: see tests/compare/README.md.
+compare: dependencies
+	python3 tests/compare/compare.py $(BASE)
 
 package: build
 	sh packaging/build.sh

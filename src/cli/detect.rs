@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use super::{Done, Failure, frames, print};
 use crate::installation::Installation;
-use crate::measure::detect::Detection;
+use crate::measure::detect::{Detection, Rejected};
 use crate::measure::raster::Raster;
 use crate::pipeline::{Sighting, recording, stages};
 use crate::report::{overlay, table};
@@ -26,6 +26,9 @@ pub struct Args {
     /// One JSON object per image
     #[arg(long)]
     json: bool,
+    /// With --json: also the candidates that were turned down, and why
+    #[arg(long, requires = "json")]
+    rejected: bool,
     /// Images worked on at once [default: the cores]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     jobs: usize,
@@ -52,7 +55,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     frames::each(&args.images, args.jobs, "detecting", work, |sighting| {
         all_well &= sighting.failure.is_none();
         print(&if args.json {
-            json_line(&sighting, installation.as_ref()).to_string()
+            json_line(&sighting, installation.as_ref(), args.rejected).to_string()
         } else {
             text(&sighting, installation.as_ref())
         })
@@ -112,7 +115,7 @@ fn text(sighting: &Sighting, installation: Option<&Installation>) -> String {
     }
 }
 
-fn json_line(sighting: &Sighting, installation: Option<&Installation>) -> Value {
+fn json_line(sighting: &Sighting, installation: Option<&Installation>, with_rejected: bool) -> Value {
     let mut line = Map::new();
     line.insert("image".into(), sighting.image.clone().into());
     line.insert("status".into(), if sighting.failure.is_none() { "ok" } else { "failed" }.into());
@@ -126,6 +129,9 @@ fn json_line(sighting: &Sighting, installation: Option<&Installation>) -> Value 
     let missing = missing(sighting, installation);
     if !missing.is_empty() {
         line.insert("missing".into(), missing.into());
+    }
+    if with_rejected {
+        line.insert("rejected".into(), sighting.detections.rejected.iter().map(rejected).collect());
     }
     let timing: Map<String, Value> =
         sighting.stages.iter().map(|s| (s.name.into(), recording::milliseconds(s.ms))).collect();
@@ -144,6 +150,17 @@ fn marker(id: Option<&str>, d: &Detection) -> Value {
         "semi_major_px": d.semi_major_px,
         "semi_minor_px": d.semi_minor_px,
         "angle_deg": d.angle_rad.to_degrees(),
+    })
+}
+
+fn rejected(r: &Rejected) -> Value {
+    json!({
+        "u_px": r.centre_px.x,
+        "v_px": r.centre_px.y,
+        "semi_major_px": r.semi_major_px,
+        "semi_minor_px": r.semi_minor_px,
+        "angle_deg": r.angle_rad.to_degrees(),
+        "reason": r.reason.text(),
     })
 }
 

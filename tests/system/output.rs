@@ -89,6 +89,21 @@ fn results_come_as_they_are_done_and_an_interruption_keeps_them() {
 }
 
 #[test]
+fn what_was_turned_down_is_listed_where_it_is_asked_for() {
+    let frame = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pictures/packed.png");
+    let answer = |options: &[&str]| {
+        let output = wingd().arg("detect").args(options).arg(&frame).output().unwrap();
+        assert!(output.status.success(), "{}", said(&output));
+        serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()
+    };
+    assert!(answer(&["--json"]).get("rejected").is_none());
+    let all = answer(&["--json", "--rejected"]);
+    let rejected = all["rejected"].as_array().unwrap();
+    assert!(!rejected.is_empty());
+    assert!(rejected.iter().all(|r| r["u_px"].is_f64() && r["reason"].is_string()), "{rejected:?}");
+}
+
+#[test]
 fn frames_of_several_folders_are_told_apart() {
     let folder = tempfile::tempdir().unwrap();
     let files = ["a/1.jpg", "b/1.jpg", "b/2.jpg"].map(|name| folder.path().join(name));
