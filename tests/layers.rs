@@ -88,6 +88,138 @@ fn faults(module: &str, source: &str) -> Vec<(String, &'static str)> {
     found
 }
 
+/// The rooms of `src/measure/detect`, lowest first: each uses only those before it, and itself.
+const ROOMS: [&str; 15] = [
+    "simd",
+    "image",
+    "detection",
+    "appearance",
+    "segment",
+    "occlusion",
+    "hypothesis",
+    "sample",
+    "estimate",
+    "propose",
+    "accept",
+    "attempt",
+    "revise",
+    "scope",
+    "search",
+];
+
+/// The modules of detection that a file names, but for its tests, which may show what is above: paths below `detect`.
+struct Named {
+    own: Vec<String>,
+    found: Vec<Vec<String>>,
+}
+
+impl Named {
+    fn add(&mut self, path: &str) {
+        let path = path.strip_prefix("crate::measure::detect::").map(str::to_owned).or_else(|| {
+            let (mut rest, mut up) = (path, 0);
+            while let Some(shorter) = rest.strip_prefix("super::") {
+                (rest, up) = (shorter, up + 1);
+            }
+            let parents = self.own.get(..self.own.len().checked_sub(up)?)?;
+            (up > 0).then(|| parents.iter().map(String::as_str).chain([rest]).collect::<Vec<_>>().join("::"))
+        });
+        self.found.extend(path.map(|path| path.split("::").map(str::to_owned).collect()));
+    }
+}
+
+impl<'a> Visit<'a> for Named {
+    fn visit_item_mod(&mut self, _: &'a syn::ItemMod) {}
+
+    fn visit_item_use(&mut self, item: &'a syn::ItemUse) {
+        let mut paths = vec![];
+        flatten(&item.tree, String::new(), &mut paths);
+        paths.iter().for_each(|path| self.add(path));
+    }
+
+    fn visit_path(&mut self, path: &'a syn::Path) {
+        let names: Vec<String> = path.segments.iter().map(|s| s.ident.to_string()).collect();
+        self.add(&names.join("::"));
+        syn::visit::visit_path(self, path);
+    }
+}
+
+/// The files of detection, as paths of modules, each with those that it names; and what names a room above its own.
+fn rooms(files: &[(Vec<String>, String)]) -> (Vec<Vec<usize>>, Vec<String>) {
+    let room =
+        |path: &[String]| ROOMS.iter().position(|room| Some(*room) == path.first().map(String::as_str));
+    let (mut uses, mut found) = (vec![], vec![]);
+    for (own, source) in files {
+        let mut named = Named { own: own.clone(), found: vec![] };
+        named.visit_file(&syn::parse_file(source).expect("source parses"));
+        for path in &named.found {
+            let down = room(path).zip(room(own)).is_some_and(|(theirs, own)| theirs <= own);
+            if !down {
+                found.push(format!("{} names {}", own.join("::"), path.join("::")));
+            }
+        }
+        // The longest path of a file that begins what is named.
+        let file = |path: &Vec<String>| {
+            let begins = |(_, (file, _)): &(usize, &(Vec<String>, String))| path.starts_with(file);
+            files.iter().enumerate().filter(begins).max_by_key(|(_, (file, _))| file.len()).map(|(i, _)| i)
+        };
+        uses.push(named.found.iter().filter_map(file).collect());
+    }
+    (uses, found)
+}
+
+/// A circle of imports, if there is one: each file names the next one, the last the first.
+fn circle(uses: &[Vec<usize>]) -> Option<Vec<usize>> {
+    fn walk(i: usize, uses: &[Vec<usize>], way: &mut Vec<usize>, done: &mut [bool]) -> Option<Vec<usize>> {
+        if let Some(first) = way.iter().position(|k| *k == i) {
+            return Some(way[first..].to_vec());
+        }
+        if done[i] {
+            return None;
+        }
+        way.push(i);
+        let found = uses[i].iter().filter(|k| **k != i).find_map(|k| walk(*k, uses, way, done));
+        way.pop();
+        done[i] = true;
+        found
+    }
+    let mut done = vec![false; uses.len()];
+    (0..uses.len()).find_map(|i| walk(i, uses, &mut vec![], &mut done))
+}
+
+#[test]
+fn the_rooms_of_detection_name_only_those_below_and_no_imports_run_in_a_circle() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/measure/detect");
+    let mut paths = vec![];
+    sources(&root, &mut paths);
+    let file = |path: PathBuf| {
+        let inside = path.strip_prefix(&root).unwrap().with_extension("");
+        let names = inside.components().map(|c| c.as_os_str().to_string_lossy().into_owned());
+        (names.collect::<Vec<_>>(), std::fs::read_to_string(&path).unwrap())
+    };
+    // The rooms' own `mod.rs` only list their files; the topmost one is above them all.
+    let files: Vec<_> =
+        paths.into_iter().map(file).filter(|(names, _)| names.last().unwrap() != "mod").collect();
+    assert!(files.len() > 40, "only {} sources found", files.len());
+    let (uses, found) = rooms(&files);
+    assert!(found.is_empty(), "{}", found.join("\n"));
+    let circle = circle(&uses).map(|way| way.iter().map(|i| files[*i].0.join("::")).collect::<Vec<_>>());
+    assert_eq!(circle, None);
+}
+
+#[test]
+fn the_check_of_the_rooms_sees_a_breach() {
+    let file = |path: &str, source: &str| (path.split("::").map(str::to_owned).collect(), source.to_owned());
+    let up = [file("simd::a", "use crate::measure::detect::image::b::B;"), file("image::b", "")];
+    assert_eq!(rooms(&up).1, ["simd::a names image::b::B"]);
+    assert_eq!(rooms(&[file("simd::a", "fn f() { super::super::search::g(); }")]).1.len(), 1);
+    let round = [file("image::a", "use super::b::B;"), file("image::b", "use super::a;")];
+    let (uses, found) = rooms(&round);
+    assert_eq!((found.len(), circle(&uses)), (0, Some(vec![0, 1])));
+    let down = [file("image::b", "use crate::measure::detect::simd::a::A;"), file("simd::a", "")];
+    let (uses, found) = rooms(&down);
+    assert_eq!((found.len(), circle(&uses)), (0, None));
+}
+
 fn sources(directory: &Path, into: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(directory).unwrap() {
         let path = entry.unwrap().path();

@@ -1,0 +1,208 @@
+//! Among a frame's detections each thing once, and nothing far smaller, softer or otherwise turned than the markers.
+
+use super::found::Found;
+use super::verdict::Measured;
+use crate::measure::detect::detection::{Detection, RejectReason};
+use crate::measure::detect::hypothesis::neighbours;
+use crate::measure::detect::image::ellipse::{Outline, half_turn};
+use crate::measure::setup::Shape;
+
+/// Turns down a detection whose centre lies well within the outline of another one that is better:
+/// one thing was seen at two levels.
+pub fn distinct(found: &mut Found) {
+    without_rows_of_discs(found);
+    let within = |one: &Detection, other: &Detection| {
+        other.outline().outwards(one.centre_px) < if one.shape == other.shape { 0.5 } else { 0.8 }
+    };
+    let better = |one: &Detection, other: &Detection| {
+        let size = |d: &Detection| d.semi_major_px * d.semi_minor_px;
+        let alike = one.shape == other.shape && (0.5..2.0).contains(&(size(one) / size(other)));
+        if alike {
+            one.covariance_px2.determinant() <= other.covariance_px2.determinant()
+        } else {
+            size(one) >= size(other)
+        }
+    };
+    let mut i = 0;
+    while let Some(one) = found.measured.get(i).map(|m| m.detection.clone()) {
+        let beaten = found.measured.iter().enumerate().any(|(j, other)| {
+            let near = within(&one, &other.detection) || within(&other.detection, &one);
+            j != i && near && (better(&other.detection, &one) && (j < i || !better(&one, &other.detection)))
+        });
+        if beaten {
+            found.turn_down(i, RejectReason::Duplicate);
+        } else {
+            i += 1;
+        }
+    }
+}
+
+/// Turns down quadrants in which two discs were found with skin between them: the black of quadrants meets. One of the two
+/// was seen badly, else the pair was known for discs before it was measured (`Whole::are_discs`); but no
+/// worse than the quadrants, as their black parts are that pass for discs.
+fn without_rows_of_discs(found: &mut Found) {
+    const APART: f64 = 3.0;
+    let discs = found.measured.iter().map(|m| &m.detection).filter(|d| d.shape == Shape::Circle);
+    let discs: Vec<(Outline, f64)> = discs.map(|d| (d.outline(), d.fit_rms)).collect();
+    found.turn_down_all(RejectReason::Duplicate, |m| {
+        let whole = m.detection.outline();
+        let apart = |one: &Outline, other: &Outline| {
+            let between = other.centre - one.centre;
+            between.norm() - one.radius(between) - other.radius(between) > APART * m.blur
+        };
+        let inside =
+            discs.iter().filter(|(disc, rms)| whole.holds(disc.centre) && *rms < m.detection.fit_rms);
+        let inside: Vec<&Outline> = inside.map(|(disc, _)| disc).collect();
+        let two_apart = || (1..inside.len()).any(|i| inside[..i].iter().any(|other| apart(inside[i], other)));
+        m.detection.shape == Shape::Quadrant && two_apart()
+    });
+}
+
+/// One lens makes all the edges of a frame: one that is far softer than the middle of them belongs to
+/// dirt or to a shadow.
+pub fn without_soft(found: &mut Found) {
+    if let Some(softest) = softest(found) {
+        found.turn_down_all(RejectReason::Soft, |m| m.blur > softest);
+    }
+}
+
+/// The greatest blur of an edge that the frame's other ones allow, px, where there are some. Long edges count more: grain
+/// beside the wing has many short ones.
+pub fn softest(found: &Found) -> Option<f64> {
+    const SOFTER: f64 = 2.0;
+    const ENOUGH: usize = 5;
+    if found.measured.len() < ENOUGH {
+        return None;
+    }
+    let mut blurs: Vec<[f64; 2]> =
+        found.measured.iter().map(|m| [m.blur, m.detection.semi_major_px]).collect();
+    blurs.sort_unstable_by(|[one, _], [other, _]| one.total_cmp(other));
+    let half = 0.5 * blurs.iter().map(|[_, length]| length).sum::<f64>();
+    let mut sum = 0.0;
+    let usual = blurs.iter().find(|[_, length]| {
+        sum += length;
+        sum >= half
+    });
+    usual.map(|[blur, _]| SOFTER * blur)
+}
+
+/// Flat markers on a skin that is about plane lie along one direction of the picture, that of its horizon, to a few tenths:
+/// what is flat and lies across it is a seam's, a shadow's, or the edge's of something beside the wing.
+pub fn without_askew(found: &mut Found) {
+    const ENOUGH: usize = 5;
+    const FLAT: f64 = 2.0;
+    // Of each shape how flat it must be, and how far across it may lie, rad: quadrants near the camera up to 0.41.
+    const DISC: (f64, f64) = (8.0, 0.6);
+    const QUADRANTS: (f64, f64) = (2.5, 0.8);
+    let flatter = |d: &Detection, than: f64| d.semi_major_px > than * d.semi_minor_px;
+    let flat: Vec<&Detection> =
+        found.measured.iter().map(|m| &m.detection).filter(|d| flatter(d, FLAT)).collect();
+    if flat.len() < ENOUGH {
+        return;
+    }
+    // Directions are the same after half a turn. Many small things beside the wing weigh no more than the markers on it.
+    let (sin, cos) = flat.iter().fold((0.0, 0.0), |(sin, cos), d| {
+        let (s, c) = (2.0 * d.angle_rad).sin_cos();
+        let area = d.semi_major_px * d.semi_minor_px;
+        (sin + area * s, cos + area * c)
+    });
+    let along = 0.5 * f64::atan2(sin, cos);
+    found.turn_down_all(RejectReason::Askew, |Measured { detection: d, .. }| {
+        let (flat, most) = if d.shape == Shape::Circle { DISC } else { QUADRANTS };
+        flatter(d, flat) && half_turn(d.angle_rad - along).abs() > most
+    });
+}
+
+/// A frame's markers are prints of about one diameter along one wing: seen at less than half the size of
+/// the next larger one, one would have to be more than twice as far away as all the others.
+/// What is as much smaller than the discs about it foretell is none either.
+pub fn without_specks(found: &mut Found) {
+    const GAP: f64 = 2.5;
+    const LONGER: f64 = 1.3;
+    const ENOUGH: usize = 4;
+    let mut sizes: Vec<f64> = found.measured.iter().map(|m| m.detection.semi_major_px).collect();
+    sizes.sort_unstable_by(|a, b| b.total_cmp(a));
+    let gap = sizes.windows(2).skip(ENOUGH - 1).find(|w| w[0] > GAP * w[1]);
+    let least = gap.map_or(0.0, |w| w[0]);
+    let is_speck = |m: &Measured| {
+        let Detection { semi_major_px, centre_px, .. } = m.detection;
+        // Other dots do not tell.
+        let larger =
+            found.measured.iter().map(|m| &m.detection).filter(|d| d.semi_major_px > LONGER * semi_major_px);
+        let foretold = || neighbours::foretold_major(larger, centre_px);
+        semi_major_px < least || foretold().is_some_and(|(major, _)| major > GAP * semi_major_px)
+    };
+    let all = found.measured.iter().enumerate();
+    let specks: Vec<usize> = all.filter(|(_, m)| is_speck(m)).map(|(i, _)| i).collect();
+    found.turn_down_these(RejectReason::Speck, &specks);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix2, Vector2};
+
+    fn measured(shape: Shape, x: f64, semi_major_px: f64) -> Measured {
+        let detection = Detection {
+            shape,
+            centre_px: Vector2::new(x, 50.0),
+            covariance_px2: Matrix2::identity(),
+            semi_major_px,
+            semi_minor_px: 5.0,
+            angle_rad: 0.0,
+            beside_px2: 0.0,
+            fit_rms: 1.0,
+            contrast: 100.0,
+        };
+        Measured::whole(detection)
+    }
+
+    #[test]
+    fn two_discs_with_skin_between_them_are_no_quadrants() {
+        // The discs' tips are 12 px apart, or 3 as the black of quadrants in blur; or their black passes for discs, which
+        // then leave more than the quadrants do.
+        let cases = [(36.0, 3.0, [Shape::Circle; 2].as_slice()), (31.5, 3.0, &[Shape::Quadrant])];
+        for (half, rms, kept) in cases.into_iter().chain([(36.0, 0.3, [Shape::Quadrant].as_slice())]) {
+            let discs = [150.0 - half, 150.0 + half].map(|x| measured(Shape::Circle, x, 30.0));
+            let mut quadrants = measured(Shape::Quadrant, 150.0, 66.0);
+            quadrants.detection.fit_rms = rms;
+            let mut found = Found { measured: vec![quadrants], rejected: Vec::new() };
+            found.measured.extend(discs);
+            distinct(&mut found);
+            let shapes: Vec<Shape> = found.measured.iter().map(|m| m.detection.shape).collect();
+            assert_eq!(shapes, kept, "{half}, {rms}");
+            assert!(found.rejected.iter().all(|r| r.reason == RejectReason::Duplicate));
+        }
+    }
+
+    /// Things seen at a place of their own each: shape, semi-axes, px, direction, rad, and blur, px.
+    fn seen(things: &[(Shape, [f64; 2], f64, f64)]) -> Found {
+        let one = |(k, &(shape, [major, minor], angle, blur)): (usize, &(Shape, [f64; 2], f64, f64))| {
+            let mut m = measured(shape, 500.0 * k as f64, major);
+            (m.detection.semi_minor_px, m.detection.angle_rad, m.blur) = (minor, angle, blur);
+            m
+        };
+        Found { measured: things.iter().enumerate().map(one).collect(), rejected: Vec::new() }
+    }
+
+    #[test]
+    fn many_small_things_that_lie_across_do_not_outweigh_the_markers() {
+        let discs = [(Shape::Circle, [40.0, 4.0], 0.1, 1.0); 6];
+        let quadrants = [(Shape::Quadrant, [80.0, 20.0], -0.3, 1.0); 2];
+        // Round ones have no direction.
+        let round = [(Shape::Quadrant, [20.0, 12.0], 1.5, 1.0)];
+        let grain = [(Shape::Quadrant, [9.0, 3.0], 1.4, 1.0); 40];
+        let mut found = seen(&[&discs[..], &quadrants, &round, &grain].concat());
+        without_askew(&mut found);
+        assert_eq!((found.measured.len(), found.rejected.len()), (9, 40));
+        assert!(found.rejected.iter().all(|r| r.reason == RejectReason::Askew && r.semi_major_px < 10.0));
+    }
+
+    #[test]
+    fn long_edges_tell_the_usual_blur() {
+        let markers = [(Shape::Circle, [60.0, 6.0], 0.0, 1.2); 6];
+        let grain = [(Shape::Circle, [6.0, 3.0], 0.0, 0.4); 30];
+        assert_eq!(softest(&seen(&[&markers[..], &grain].concat())), Some(2.4));
+        assert_eq!(softest(&seen(&grain[..4])), None);
+    }
+}

@@ -1,0 +1,143 @@
+//! What lies on the skin right beside a disc, as dirt that the air draws along it does, shifts its edge and leaves no
+//! trace in the residuals. Beside the disc it shows: where one side is darker than the other, the disc's place is doubted.
+
+use nalgebra::{Matrix4, Vector2, Vector4};
+
+use super::verdict::Measured;
+use crate::measure::detect::detection::Detection;
+use crate::measure::detect::estimate::normal_equations::spread;
+use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::raster::Raster;
+use crate::measure::setup::Shape;
+
+/// Where the skin is looked at: from where the edge's blur has ended, in blurs, so many pixels outwards, at every so many
+/// along the disc, px, and at what share of its length. Those nearest to the edge tell.
+const CLEAR: f64 = 2.2;
+const REACH: usize = 6;
+const NEAREST: usize = 3;
+const STEP: f64 = 2.0;
+const LENGTH: f64 = 0.85;
+/// How far another marker's blur reaches, in blurs.
+const SKIRT: f64 = 3.0;
+/// Pixels of a side that must be seen.
+const LEAST: f64 = 20.0;
+/// What is darker or lighter than the skin counts up to this share of the contrast.
+const MOST: f64 = 0.5;
+/// How far what lies beside an edge shifts it, in blurs, for each contrast that it is darker than the skin.
+const SHIFTS: f64 = 2.25;
+/// By how much the mean of residuals that hang together scatters more than that of others; and standard deviations up to which
+/// it is chance.
+const TOGETHER: f64 = 2.0;
+const CHANCE: f64 = 2.0;
+/// Rounds of the robust fit of the skin's light, and residual scales from which on a pixel has no say in it.
+const ROUNDS: usize = 3;
+const CUT: f64 = 4.7;
+/// Least scale of residuals, grey levels: a grey value is a whole number.
+const FLOOR: f64 = 0.3;
+
+/// A pixel of the skin.
+struct Spot {
+    /// What the light's terms are there: 1, along and across the disc in semi-axes, along squared.
+    terms: Vector4<f64>,
+    /// Grey levels.
+    value: f64,
+    /// How much an edge beside it faces across the disc; negative on the one side.
+    faces: f64,
+    /// Whether it is one of the nearest.
+    is_near: bool,
+}
+
+/// Adds to the covariance of what was measured as a whole disc, without glare, what lies on the skin beside it makes doubtful;
+/// other markers are not looked at.
+pub fn doubt(image: &Raster, measured: &mut Measured, others: &[Outline]) {
+    let Measured { detection, blur, through_glare, is_whole, .. } = measured;
+    if detection.shape == Shape::Circle && *is_whole && !*through_glare {
+        let axis = detection.outline().across();
+        detection.beside_px2 = across(image, detection, *blur, others);
+        detection.covariance_px2 += axis * axis.transpose() * detection.beside_px2;
+    }
+}
+
+/// By how much the place of a disc across its axis is doubted, px^2.
+fn across(image: &Raster, disc: &Detection, blur: f64, others: &[Outline]) -> f64 {
+    let spots = spots(image, &disc.outline(), blur, others);
+    let Some((light, scale)) = light_of(&spots) else { return 0.0 };
+    let most = MOST * disc.contrast;
+    let mut sides = [[0.0; 2]; 2];
+    for spot in spots.iter().filter(|spot| spot.is_near) {
+        let [sum, weight] = &mut sides[usize::from(spot.faces < 0.0)];
+        let darker = (light.dot(&spot.terms) - spot.value).clamp(-most, most);
+        *sum += darker * spot.faces;
+        *weight += spot.faces * spot.faces;
+    }
+    let [[one, m], [other, n]] = sides;
+    if m.min(n) < LEAST {
+        return 0.0;
+    }
+    let shift = |darker: f64| 0.5 * SHIFTS * blur * darker / disc.contrast;
+    let square = shift(one / m + other / n).powi(2);
+    let chance = shift(TOGETHER * scale * (1.0 / m + 1.0 / n).sqrt()).powi(2);
+    (square - CHANCE * CHANCE * chance).max(0.0)
+}
+
+/// The skin on both sides of a disc.
+fn spots(image: &Raster, outline: &Outline, blur: f64, others: &[Outline]) -> Vec<Spot> {
+    let (along, across) = (outline.axis(), outline.across());
+    let (major, minor) = (outline.major, outline.minor);
+    let skirt = SKIRT * blur;
+    let near = |other: &&Outline| {
+        let apart = (other.centre - outline.centre).norm();
+        !outline.holds(other.centre)
+            && apart < other.major + major + 2.0 * skirt + CLEAR * blur + REACH as f64
+    };
+    let grown = |o: &Outline| Outline { major: o.major + skirt, minor: o.minor + skirt, ..*o };
+    let others: Vec<Outline> = others.iter().filter(near).map(grown).collect();
+    let last = (LENGTH * major / STEP).max(5.0) as i32;
+    let mut out = Vec::with_capacity((2 * last as usize + 1) * 2 * REACH);
+    for side in [1.0, -1.0] {
+        for k in -last..=last {
+            let p = LENGTH * f64::from(k) / f64::from(last);
+            let q = (1.0 - p * p).sqrt();
+            let normal = Vector2::new(p / major, q / minor).normalize();
+            for j in 0..REACH {
+                let off = normal * (CLEAR * blur + 0.5 + j as f64);
+                let (s, t) = (p * major + off.x, side * (q * minor + off.y));
+                let at = outline.centre + along * s + across * t;
+                if others.iter().any(|other| other.holds(at)) {
+                    continue;
+                }
+                let (p, q) = (s / major, t / minor);
+                out.push(Spot {
+                    terms: Vector4::new(1.0, p, q, p * p),
+                    value: f64::from(image.nearest(at.x, at.y)),
+                    faces: side * normal.y,
+                    is_near: j < NEAREST,
+                });
+            }
+        }
+    }
+    out
+}
+
+/// The skin's light, as a plane with a square term along the disc, with the scale of what it leaves; `None` of too few pixels.
+fn light_of(spots: &[Spot]) -> Option<(Vector4<f64>, f64)> {
+    let mut found: Option<(Vector4<f64>, f64)> = None;
+    let mut residuals = Vec::with_capacity(spots.len());
+    for _ in 0..ROUNDS {
+        let (mut normal, mut right) = (Matrix4::zeros(), Vector4::zeros());
+        for spot in spots {
+            let weight = found.as_ref().map_or(1.0, |(light, scale)| {
+                let r = (spot.value - light.dot(&spot.terms)) / (CUT * scale);
+                (1.0 - r * r).max(0.0).powi(2)
+            });
+            let weighted = spot.terms * weight;
+            normal += weighted * spot.terms.transpose();
+            right += weighted * spot.value;
+        }
+        let light = normal.cholesky()?.solve(&right);
+        residuals.clear();
+        residuals.extend(spots.iter().map(|spot| (spot.value - light.dot(&spot.terms)).abs() as f32));
+        found = Some((light, spread(&mut residuals) + FLOOR));
+    }
+    found
+}

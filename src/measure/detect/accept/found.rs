@@ -1,0 +1,44 @@
+//! What a search has found so far.
+
+use nalgebra::Vector2;
+
+use super::verdict::Measured;
+use crate::measure::detect::accept::verdict;
+use crate::measure::detect::detection::{RejectReason, Rejected};
+
+/// What a search yields, in order of discovery.
+pub struct Found {
+    pub measured: Vec<verdict::Measured>,
+    pub rejected: Vec<Rejected>,
+}
+
+impl Found {
+    /// Whether a place, px, lies in something that was measured.
+    pub fn holds(&self, at: Vector2<f64>) -> bool {
+        self.measured.iter().any(|m| m.detection.outline().holds(at))
+    }
+
+    /// Moves a detection to those turned down.
+    pub fn turn_down(&mut self, index: usize, reason: RejectReason) {
+        let d = self.measured.remove(index).detection;
+        self.rejected.push(Rejected {
+            centre_px: d.centre_px,
+            semi_major_px: d.semi_major_px,
+            semi_minor_px: d.semi_minor_px,
+            angle_rad: d.angle_rad,
+            reason,
+        });
+    }
+
+    /// Moves those with these indices, in ascending order.
+    pub fn turn_down_these(&mut self, reason: RejectReason, indices: &[usize]) {
+        indices.iter().rev().for_each(|&i| self.turn_down(i, reason));
+    }
+
+    /// Moves all that are not wanted.
+    pub fn turn_down_all(&mut self, reason: RejectReason, unwanted: impl Fn(&Measured) -> bool) {
+        let all = self.measured.iter().enumerate();
+        let indices: Vec<usize> = all.filter(|(_, m)| unwanted(m)).map(|(i, _)| i).collect();
+        self.turn_down_these(reason, &indices);
+    }
+}

@@ -1,0 +1,8 @@
+//! Whether a fit is a marker, and with what accuracy; what a frame's markers tell of one another.
+
+pub mod consistency;
+pub mod correlated;
+pub mod dirt;
+pub mod found;
+pub mod pattern;
+pub mod verdict;

@@ -1,0 +1,74 @@
+//! Whether quadrants are a disc's, or a checkerboard's squares.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use nalgebra::Vector2;
+
+use crate::measure::detect::appearance::parameters::{
+    ANGLE, BLUR, FIRST, LIGHT, Parameters, Pattern, contrast,
+};
+use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::raster::Raster;
+
+/// Whether the black quadrants end at the outline: the corner of a checkerboard's squares goes on.
+pub fn ends_in_arcs(image: &Raster, pattern: Pattern, outline: &Outline, along: f64, m: &Parameters) -> bool {
+    let turn = if pattern == Pattern::WhiteAlong { FRAC_PI_2 } else { 0.0 };
+    let direction = Vector2::new((along + turn).cos(), (along + turn).sin());
+    let radius = outline.radius(direction);
+    let (light, black) = (m[LIGHT], m[LIGHT] - contrast(m));
+    let grey = |factor: f64| {
+        let at = outline.centre + direction * (factor * radius);
+        f64::from(image.nearest(at.x, at.y))
+    };
+    // Skin may be darker than half way from white to black: it need only be lighter than black. The
+    // outline is rough, and a line may cross it: most of three places beyond it decide, all short of
+    // the corner at 1.25 radii that a square of the same size has.
+    let first = 1.0 + (2.0 * m[BLUR] / radius).clamp(0.1, 0.2);
+    [-1.0, 1.0].iter().all(|side| {
+        // Blur lifts a thin tip, and leaves less to tell it from the skin.
+        let inside = grey(side * 0.75);
+        let lighter = |step: &&f64| grey(side * (first + **step)) > inside + 0.2 * (light - inside);
+        inside < 0.5 * (light + black) && [0.0, 0.04, 0.08].iter().filter(lighter).count() >= 2
+    })
+}
+
+/// How much farther black may reach along the middle of a quadrant than to both sides of it: a square reaches 1.37 times
+/// as far.
+const CORNER: f64 = 1.18;
+/// Least semi-minor axis, in blurs, of which that can be told.
+const TELLS_CORNER: f64 = 8.0;
+/// Where, from the middle to the edges of a quadrant, that is looked at.
+const ASIDE: f64 = 0.65;
+
+/// Whether both black quadrants have a square's corner, seen where the outline is a circle.
+pub fn have_corners(image: &Raster, pattern: Pattern, outline: &Outline, m: &Parameters) -> bool {
+    if outline.minor < TELLS_CORNER * m[BLUR] {
+        return false;
+    }
+    let (along, across) = (outline.axis(), outline.across());
+    let turned = |angle: f64| {
+        let (s, t) = outline.local(outline.centre + Vector2::new(angle.cos(), angle.sin()));
+        (t / outline.minor).atan2(s / outline.major)
+    };
+    let half = m[FIRST].atan();
+    let first = turned(m[ANGLE] - half);
+    let opening = (turned(m[ANGLE] + half) - first).rem_euclid(PI);
+    let (middle, half) = match pattern {
+        Pattern::WhiteAlong => (first + 0.5 * (opening + PI), 0.5 * (PI - opening)),
+        _ => (first + 0.5 * opening, 0.5 * opening),
+    };
+    let edge = m[LIGHT] - 0.6 * contrast(m);
+    // Where black ends in a direction, in radii.
+    let end = |angle: f64| {
+        let radius = along * (outline.major * angle.cos()) + across * (outline.minor * angle.sin());
+        let light = |factor: &f64| {
+            let at = outline.centre + radius * *factor;
+            f64::from(image.nearest(at.x, at.y)) > edge
+        };
+        (25..85).map(|k| 0.02 * f64::from(k)).find(light).unwrap_or(1.7)
+    };
+    [0.0, PI].iter().all(|side| {
+        let at = |part: f64| end(middle + side + part * half);
+        at(0.0) > CORNER * 0.5 * (at(-ASIDE) + at(ASIDE))
+    })
+}

@@ -1,0 +1,205 @@
+//! The blurred share of black of a disc seen as an ellipse, for a batch of pixels.
+
+use super::parameters::{BLUR, EGG, FIRST, Parameters, SECOND, Share, THIRD};
+use crate::measure::detect::simd::functions::{GAUSS_12, PEAK, asin, gauss, normal, normals, sin_quarter};
+use crate::measure::detect::simd::lanes::{LANES, Lanes, all, each};
+
+/// Standard deviations of blur within which the end of a flat ellipse needs the sum along it.
+pub const END: f64 = 4.2;
+
+/// The ellipse's parameters in single precision.
+#[derive(Clone, Copy)]
+struct Disc {
+    a: f32,
+    by_a: f32,
+    b: f32,
+    sag: f32,
+    egg: f32,
+    sigma: f32,
+}
+
+/// 1 for places beyond the end of a flat ellipse, so far that they are white, else 0.
+#[inline(always)]
+pub fn beyond(s: &Lanes, t: &Lanes, [a, b]: [f32; 2], sag: f32, reach: f32) -> Lanes {
+    let by_a = 1.0 / a;
+    each(|i| {
+        // The thickest that the ellipse is within reach along it.
+        let along = (s[i].abs() - reach) * by_a;
+        let along = if along > 0.0 { along } else { 0.0 };
+        let off = t[i].abs() - (reach + sag.abs());
+        let out = if off > 0.0 && off * off > b * b * (1.0 - along * along) { 1.0 } else { 0.0 };
+        if along >= 1.0 { 1.0 } else { out }
+    })
+}
+
+/// A blurred ellipse, its long axis bent by a parabola and its thickness changing along it: what a
+/// curved skin makes of a flat ellipse, where the line of sight is along or across the curvature.
+#[inline(always)]
+pub fn disc(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
+    let d = Disc {
+        a: m[FIRST] as f32,
+        by_a: 1.0 / m[FIRST] as f32,
+        b: m[SECOND] as f32,
+        sag: m[THIRD] as f32,
+        egg: m[EGG] as f32,
+        sigma: m[BLUR] as f32,
+    };
+    // Divisions and roots are what a batch waits for longest: as few as can be.
+    let along = each(|i| s[i] * d.by_a);
+    let thin = each(|i| 1.0 - d.egg * along[i]);
+    let level = each(|i| t[i] - d.sag * along[i] * along[i]);
+    let straight = each(|i| level[i] * thin[i]);
+    let mut share = Share::default();
+    let nothing = beyond(s, t, [d.a, d.b], d.sag, END as f32 * d.sigma);
+    if all(|i| nothing[i] > 0.0) {
+        return share;
+    }
+    if m[SECOND] * m[SECOND] > 3.0 * m[BLUR] * m[FIRST] && m[FIRST] < 3.0 * m[SECOND] {
+        by_distance(s, &straight, d, &mut share);
+    } else if all(|i| s[i].abs() < d.a - END as f32 * d.sigma) {
+        by_chord(s, &straight, d, &mut share);
+    } else {
+        by_sum(s, &straight, d, &mut share);
+    }
+    for i in 0..LANES {
+        let (along, across) = (along[i], share.t[i]);
+        let by_along = -across * (thin[i] * 2.0 * d.sag * along + level[i] * d.egg) * d.by_a;
+        share.egg[i] = -across * level[i] * along;
+        share.t[i] = across * thin[i];
+        share.third[i] = -across * thin[i] * along * along;
+        share.s[i] += by_along;
+        share.first[i] -= by_along * along;
+    }
+    share
+}
+
+/// Distance from an ellipse, px, to within a factor of two at most; positive.
+#[inline(always)]
+pub fn from_ellipse(a: f32, b: f32, s: &Lanes, t: &Lanes) -> Lanes {
+    let (by_a, by_b) = (1.0 / a, 1.0 / b);
+    each(|i| {
+        let (p, q) = (s[i] * by_a, t[i] * by_b);
+        let r = (p * p + q * q).sqrt() + 1e-6;
+        let slope = ((p * by_a) * (p * by_a) + (q * by_b) * (q * by_b)).sqrt() + 1e-9;
+        let outwards = (r - 1.0).abs() * r / slope;
+        // In a flat ellipse the outline across is nearer than the one outwards.
+        let u = 1.0 - p * p;
+        let u = if u > 1e-9 { u } else { 1e-9 };
+        let across = (b * u.sqrt() - t[i].abs()) * (u / (u + (b * by_a * p) * (b * by_a * p))).sqrt();
+        let across = if across > 0.0 { across } else { 0.0 };
+        if r >= 1.0 || outwards < across { outwards } else { across }
+    })
+}
+
+/// Where the outline's radius of curvature is well above the blur everywhere: the distance to the
+/// outline decides, with the first-order effect of curvature (the blurred edge moves inwards).
+#[inline(always)]
+fn by_distance(s: &Lanes, t: &Lanes, Disc { a, by_a, b, sigma, .. }: Disc, share: &mut Share) {
+    let unlike = b * b - a * a;
+    let (by_b, by_sigma) = (1.0 / b, 1.0 / sigma);
+    for i in 0..LANES {
+        let (s, t) = (s[i], t[i]);
+        // The eccentric angle of the nearest point of the outline, by Newton's method, as a unit vector.
+        let (mut cos, mut sin) = (s * by_a + 1e-9, t * by_b);
+        let norm = 1.0 / (cos * cos + sin * sin).sqrt();
+        (cos, sin) = (cos * norm, sin * norm);
+        for _ in 0..3 {
+            let slope = unlike * (cos * cos - sin * sin) + s * a * cos + t * b * sin;
+            let value = unlike * sin * cos + s * a * sin - t * b * cos;
+            let slope = if slope.abs() > 1e-6 { slope } else { 1e-6 };
+            let turn = -value / slope;
+            let turn = if turn < 0.3 { turn } else { 0.3 };
+            let turn = if turn > -0.3 { turn } else { -0.3 };
+            let (one, other) = (cos - turn * sin, sin + turn * cos);
+            let norm = 1.0 / (1.0 + turn * turn).sqrt();
+            (cos, sin) = (one * norm, other * norm);
+        }
+        let norm = 1.0 / (b * b * cos * cos + a * a * sin * sin).sqrt();
+        let (ns, nt) = (b * cos * norm, a * sin * norm);
+        let distance = (s - a * cos) * ns + (t - b * sin) * nt;
+        let curvature = a * b * norm * norm * norm;
+        let (density, inside) = normal(distance * by_sigma + 0.5 * sigma * curvature);
+        let edge = density * by_sigma;
+        share.c[i] = 1.0 - inside;
+        share.s[i] = -edge * ns;
+        share.t[i] = -edge * nt;
+        share.first[i] = edge * ns * cos;
+        share.second[i] = edge * nt * sin;
+        share.blur[i] = density * (distance * by_sigma * by_sigma - 0.5 * curvature);
+    }
+}
+
+/// Away from the ends of a flat ellipse: both edges are straight within the blur, up to their
+/// curvature; exact also where they lie within one another's blur.
+#[inline(always)]
+fn by_chord(s: &Lanes, t: &Lanes, Disc { by_a, b, sigma, .. }: Disc, share: &mut Share) {
+    let by_sigma = 1.0 / sigma;
+    let flat = b * by_a;
+    for i in 0..LANES {
+        let (along, t) = (s[i] * by_a, t[i]);
+        let u = 1.0 - along * along;
+        let u = if u > 1e-3 { u } else { 1e-3 };
+        let rise = flat * along;
+        // The edge's slope is -rise / root: one division for both.
+        let (root, steep) = (u.sqrt(), (u + rise * rise).sqrt());
+        let by_both = 1.0 / (root * steep);
+        let by_root = steep * by_both;
+        let slope = -rise * by_root;
+        let bend = -flat * by_a * by_root * by_root * by_root;
+        let by_spread = by_sigma * u * by_both;
+        let edge = b * root + 0.5 * bend * sigma * sigma;
+        let (upper, lower) = ((t - edge) * by_spread, (t + edge) * by_spread);
+        let [(du, cu), (dl, cl)] = normals([upper, lower]);
+        let by_height = (du + dl) * by_spread;
+        share.c[i] = cl - cu;
+        share.s[i] = by_height * slope;
+        share.t[i] = (dl - du) * by_spread;
+        share.first[i] = by_height * flat * along * along * by_root;
+        share.second[i] = by_height * root;
+        share.blur[i] = (upper * du - lower * dl) * by_sigma + by_height * bend * sigma;
+    }
+}
+
+/// Near the ends of a flat ellipse: chords across it, blurred across in closed form, summed along
+/// it. The eccentric angle as the variable takes away the chord's infinite slope at the end.
+#[inline(always)]
+fn by_sum(s: &Lanes, t: &Lanes, Disc { a, by_a, b, sigma, .. }: Disc, share: &mut Share) {
+    let reach = 4.4 * sigma;
+    let by_sigma = 1.0 / sigma;
+    let from = each(|i| asin((s[i] - reach) * by_a));
+    let to = each(|i| asin((s[i] + reach) * by_a));
+    let (middle, half) = (each(|i| 0.5 * (from[i] + to[i])), each(|i| 0.5 * (to[i] - from[i])));
+    let [mut black, mut by_s, mut by_t, mut by_a, mut by_b, mut by_blur] = [Lanes::of(0.0); 6];
+    for (node, weight) in GAUSS_12 {
+        for i in 0..LANES {
+            let theta = half[i].mul_add(node, middle[i]);
+            let sin = sin_quarter(theta);
+            let cos = sin_quarter(std::f32::consts::FRAC_PI_2 - theta.abs());
+            let along = a.mul_add(-sin, s[i]) * by_sigma;
+            let square = along * along;
+            let density = half[i] * weight * gauss(along);
+            let measure = cos * density;
+            let upper = b.mul_add(-cos, t[i]) * by_sigma;
+            let lower = b.mul_add(cos, t[i]) * by_sigma;
+            let [(du, cu), (dl, cl)] = normals([upper, lower]);
+            let both = du + dl;
+            let inside = measure * (cl - cu);
+            black[i] += inside;
+            by_s[i] = along.mul_add(inside, by_s[i]);
+            by_t[i] = measure.mul_add(dl - du, by_t[i]);
+            by_b[i] = (measure * cos).mul_add(both, by_b[i]);
+            by_a[i] = (density * both).mul_add(sin * sin, by_a[i]);
+            let blurred = measure.mul_add(upper.mul_add(du, -lower * dl), by_blur[i]);
+            by_blur[i] = inside.mul_add(square - 1.0, blurred);
+        }
+    }
+    // What all terms of a sum have in common.
+    let by_width = PEAK * by_sigma;
+    let (common, slope) = (a * by_width, a * by_width * by_sigma);
+    share.c = each(|i| common * black[i]);
+    share.s = each(|i| -slope * by_s[i]);
+    share.t = each(|i| slope * by_t[i]);
+    share.second = each(|i| slope * by_b[i]);
+    share.first = each(|i| b * by_width * by_sigma * by_a[i]);
+    share.blur = each(|i| slope * by_blur[i]);
+}

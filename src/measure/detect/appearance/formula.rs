@@ -1,0 +1,301 @@
+//! The image model: what a blurred marker looks like in grey values, with derivatives.
+//!
+//! `I = L (1 - k c)^g`: `L` is the grey value of the white or the skin (a plane, with a square term
+//! along the marker), `k` the marker's darkness (a plane), `c` in 0..1 the blurred share of black;
+//! `g` is the tone curve's exponent, for blur acts on light and not on grey values. Both shapes
+//! give `c` in their own frame: `s` along the main direction, `t` across it.
+
+use super::crossing::wedge;
+use super::disc::disc;
+use super::parameters::{
+    ANGLE, BLUR, COMMON, DARK, EGG, FIRST, GAMMA, Grey, LIGHT, N, Parameters, Pattern, SECOND, Share, THIRD,
+    X, Y,
+};
+use crate::measure::detect::simd::batch::Batch;
+use crate::measure::detect::simd::functions::{exp, ln};
+use crate::measure::detect::simd::lanes::{LANES, Lanes, each};
+
+/// A marker's image at some parameters, for batches of one origin.
+pub struct Model {
+    pub pattern: Pattern,
+    m: Parameters,
+    /// The parameters in single precision.
+    pub k: [f32; N],
+    /// Centre from the batches' origin, px.
+    centre: [f32; 2],
+    /// Sine and cosine of the angle.
+    trig: [f32; 2],
+}
+
+/// What the tone curve makes of light.
+pub struct Tone {
+    /// The light, above zero, and its logarithm.
+    pub linear: f32,
+    pub log: f32,
+    /// The light with the curve's exponent.
+    pub through: f32,
+}
+
+impl Model {
+    /// For batches that count from an origin, px.
+    #[inline(always)]
+    pub fn new(pattern: Pattern, m: &Parameters, origin: [f64; 2]) -> Self {
+        let (sin, cos) = m[ANGLE].sin_cos();
+        Self {
+            pattern,
+            m: *m,
+            k: m.map(|v| v as f32),
+            centre: [(m[X] - origin[0]) as f32, (m[Y] - origin[1]) as f32],
+            trig: [sin as f32, cos as f32],
+        }
+    }
+
+    /// Coordinates of a batch along s and across it, from the centre, px.
+    #[inline(always)]
+    pub fn along_and_across(&self, batch: &Batch) -> (Lanes, Lanes) {
+        let ([cx, cy], [sin, cos]) = (self.centre, self.trig);
+        let s = each(|i| (batch.x[i] - cx) * cos + (batch.y[i] - cy) * sin);
+        let t = each(|i| (batch.y[i] - cy) * cos - (batch.x[i] - cx) * sin);
+        (s, t)
+    }
+
+    /// The blurred share of black of either shape.
+    #[inline(always)]
+    pub fn share(&self, s: &Lanes, t: &Lanes) -> Share {
+        let mut share = match self.pattern {
+            Pattern::Disc => disc(s, t, &self.m),
+            _ => wedge(s, t, &self.m),
+        };
+        if self.pattern == Pattern::WhiteAlong {
+            share.complement();
+        }
+        share
+    }
+
+    /// The light `L` of a place in semi-axes, grey levels.
+    #[inline(always)]
+    pub fn light(&self, [p, q]: [f32; 2]) -> f32 {
+        let k = &self.k;
+        k[LIGHT] + k[LIGHT + 1] * p + k[LIGHT + 2] * q + k[LIGHT + 3] * p * p
+    }
+
+    /// The darkness `k` of a place in semi-axes.
+    #[inline(always)]
+    pub fn dark(&self, [p, q]: [f32; 2]) -> f32 {
+        let k = &self.k;
+        k[DARK] + k[DARK + 1] * p + k[DARK + 2] * q
+    }
+
+    /// What the tone curve makes of light.
+    #[inline(always)]
+    pub fn tone(&self, linear: f32) -> Tone {
+        let linear = if linear > 1e-3 { linear } else { 1e-3 };
+        let log = ln(linear);
+        Tone { linear, log, through: exp(self.k[GAMMA] * log) }
+    }
+
+    /// Derivatives by the centre's u and v and the direction, from those along and across, and the place along and across, px.
+    #[inline(always)]
+    pub fn moved(&self, [by_s, by_t]: [f32; 2], [s, t]: [f32; 2]) -> [f32; 3] {
+        let [sin, cos] = self.trig;
+        [by_t * sin - by_s * cos, -(by_s * sin + by_t * cos), by_s * t - by_t * s]
+    }
+}
+
+/// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 255.
+#[inline(always)]
+pub fn grey(model: &Model, batch: &Batch, out: &mut Grey) {
+    let (s, t) = model.along_and_across(batch);
+    let share = model.share(&s, &t);
+    for i in 0..LANES {
+        let (at, c) = ([batch.p[i], batch.q[i]], share.c[i]);
+        let dark = model.dark(at);
+        let Tone { linear, log, through } = model.tone(1.0 - dark * c);
+        let value = model.light(at) * through;
+        let clipped = value >= 255.0;
+        let (value, through) = if clipped { (255.0, 0.0) } else { (value, through) };
+        let open = if clipped { 0.0 } else { 1.0 };
+        let slope = open * model.k[GAMMA] * value / linear;
+        out.value[i] = value;
+        let slopes =
+            Slopes { share: -slope * dark, dark: -slope * c, light: through, gamma: open * value * log };
+        slopes.put(i, model, &share, [&s, &t], at, &mut out.gradient);
+    }
+}
+
+/// Derivatives of one pixel's grey value by its share of black, its darkness, the light and the exponent.
+pub struct Slopes {
+    pub share: f32,
+    pub dark: f32,
+    pub light: f32,
+    pub gamma: f32,
+}
+
+impl Slopes {
+    /// The derivatives by the parameters, into lane `i`: from those of the share, and the pixel's place along and across the
+    /// marker, in px and in semi-axes.
+    #[inline(always)]
+    pub fn put(
+        &self,
+        i: usize,
+        model: &Model,
+        share: &Share,
+        [s, t]: [&Lanes; 2],
+        [p, q]: [f32; 2],
+        gradient: &mut [Lanes; COMMON],
+    ) {
+        let [by_x, by_y, by_angle] = model.moved([share.s[i], share.t[i]], [s[i], t[i]]);
+        gradient[X][i] = self.share * by_x;
+        gradient[Y][i] = self.share * by_y;
+        gradient[ANGLE][i] = self.share * by_angle;
+        gradient[FIRST][i] = self.share * share.first[i];
+        gradient[SECOND][i] = self.share * share.second[i];
+        gradient[THIRD][i] = self.share * share.third[i];
+        gradient[BLUR][i] = self.share * share.blur[i];
+        self.put_light(i, [p, q], gradient);
+        gradient[EGG][i] = self.share * share.egg[i];
+    }
+
+    /// The derivatives by light, darkness and exponent, into lane `i`, for a place in semi-axes.
+    #[inline(always)]
+    pub fn put_light(&self, i: usize, [p, q]: [f32; 2], gradient: &mut [Lanes; COMMON]) {
+        gradient[LIGHT][i] = self.light;
+        gradient[LIGHT + 1][i] = self.light * p;
+        gradient[LIGHT + 2][i] = self.light * q;
+        gradient[LIGHT + 3][i] = self.light * p * p;
+        gradient[DARK][i] = self.dark;
+        gradient[DARK + 1][i] = self.dark * p;
+        gradient[DARK + 2][i] = self.dark * q;
+        gradient[GAMMA][i] = self.gamma;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A place with its coordinates in the marker's fixed frame.
+    #[derive(Clone, Copy, Debug)]
+    struct Place {
+        x: f64,
+        y: f64,
+    }
+
+    fn pixel(x: f64, y: f64) -> Place {
+        Place { x, y }
+    }
+
+    fn discs() -> Vec<Parameters> {
+        let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
+        let shapes: [[f64; 7]; 4] = [
+            [20.3, 19.8, 0.3, 30.0, 15.0, 0.0, 0.8],
+            [20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.8],
+            [20.3, 19.8, 1.2, 20.0, 1.2, 0.0, 0.9],
+            [20.3, 19.8, 0.1, 6.0, 5.0, 0.0, 1.6],
+        ];
+        shapes
+            .iter()
+            .map(|s| std::array::from_fn(|i| *s.iter().chain(&light).nth(i).unwrap_or(&0.0)))
+            .collect()
+    }
+
+    fn quadrants() -> Vec<Parameters> {
+        let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
+        let shapes: [[f64; 7]; 3] = [
+            [20.3, 19.8, 0.3, 0.9, 0.0, 0.0, 0.8],
+            [20.3, 19.8, -0.4, 0.1, 4e-4, 2e-4, 0.8],
+            [20.3, 19.8, 1.2, 0.4, -1e-3, 0.0, 1.5],
+        ];
+        shapes
+            .iter()
+            .map(|s| std::array::from_fn(|i| *s.iter().chain(&light).nth(i).unwrap_or(&0.0)))
+            .collect()
+    }
+
+    /// Value and derivatives at one pixel.
+    fn one(pattern: Pattern, m: &Parameters, pixel: &Place) -> (f64, Parameters) {
+        let mut batch = Batch::new();
+        batch.push((pixel.x - 20.0) as f32, (pixel.y - 20.0) as f32, 0.0);
+        (batch.p[0], batch.q[0]) = (((pixel.x - 20.0) / 30.0) as f32, ((pixel.y - 20.0) / 10.0) as f32);
+        batch.fill();
+        let mut out = Grey::new();
+        grey(&Model::new(pattern, m, [20.0, 20.0]), &batch, &mut out);
+        (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.by(k)[0])))
+    }
+
+    /// The share of black by brute force: the sharp pattern, sampled finely, blurred.
+    fn sampled(pattern: Pattern, m: &Parameters, pixel: &Place) -> f64 {
+        let (sin, cos) = m[ANGLE].sin_cos();
+        let (mut sum, mut weights) = (0.0, 0.0);
+        let n = 160;
+        for i in -n..=n {
+            for j in -n..=n {
+                let (gx, gy) = (f64::from(i) * 5.0 / f64::from(n), f64::from(j) * 5.0 / f64::from(n));
+                let w = (-0.5 * (gx * gx + gy * gy)).exp();
+                let (dx, dy) = (pixel.x + gx * m[BLUR] - m[X], pixel.y + gy * m[BLUR] - m[Y]);
+                let (s, t) = (dx * cos + dy * sin, dy * cos - dx * sin);
+                let inside = match pattern {
+                    Pattern::Disc => {
+                        let t = t - m[THIRD] * (s / m[FIRST]).powi(2);
+                        (s / m[FIRST]).powi(2) + (t / m[SECOND]).powi(2) < 1.0
+                    }
+                    _ => {
+                        let one = t - m[FIRST] * s - m[SECOND] * s * s;
+                        let other = t + m[FIRST] * s - m[THIRD] * s * s;
+                        (one * other < 0.0) == (pattern == Pattern::BlackAlong)
+                    }
+                };
+                sum += if inside { w } else { 0.0 };
+                weights += w;
+            }
+        }
+        sum / weights
+    }
+
+    fn black(pattern: Pattern, m: &Parameters, pixel: &Place) -> f64 {
+        let mut flat = *m;
+        flat[LIGHT..COMMON].copy_from_slice(&[100.0, 0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 1.0, 0.0]);
+        (1.0 - one(pattern, &flat, pixel).0 / 100.0) / 0.9
+    }
+
+    #[test]
+    fn the_closed_forms_match_a_sampled_blur() {
+        for (pattern, sets) in
+            [(Pattern::Disc, discs()), (Pattern::BlackAlong, quadrants()), (Pattern::WhiteAlong, quadrants())]
+        {
+            for m in sets {
+                for i in 0..60 {
+                    let at = pixel(f64::from(i * 7 % 60) - 8.0, f64::from(i * 3 % 29) + 6.3);
+                    let (got, want) = (black(pattern, &m, &at), sampled(pattern, &m, &at));
+                    assert!((got - want).abs() < 6e-3, "{pattern:?} {m:?} {at:?}: {got} against {want}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn derivatives_match_differences() {
+        for (pattern, sets) in [(Pattern::Disc, discs()), (Pattern::BlackAlong, quadrants())] {
+            for m in sets {
+                for i in 0..60 {
+                    let at = pixel(f64::from(i * 7 % 60) - 8.3, f64::from(i * 3 % 29) + 6.7);
+                    let (_, gradient) = one(pattern, &m, &at);
+                    for k in 0..COMMON {
+                        let step = if (SECOND..=THIRD).contains(&k) && m[k] < 0.1 { 1e-5 } else { 4e-3 };
+                        let (mut low, mut high) = (m, m);
+                        low[k] -= step;
+                        high[k] += step;
+                        let difference =
+                            (one(pattern, &high, &at).0 - one(pattern, &low, &at).0) / (2.0 * step);
+                        let scale = difference.abs().max(if step < 1e-4 { 2000.0 } else { 10.0 });
+                        assert!(
+                            (gradient[k] - difference).abs() < 0.06 * scale,
+                            "{pattern:?} {m:?} {at:?} parameter {k}: {} against {difference}",
+                            gradient[k]
+                        );
+                    }
+                }
+            }
+        }
+    }
+}

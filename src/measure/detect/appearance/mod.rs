@@ -1,0 +1,7 @@
+//! What a blurred marker looks like: the image formula, its parameters and derivatives.
+
+pub mod crossing;
+pub mod disc;
+pub mod formula;
+pub mod parameters;
+pub mod quadrants;

@@ -1,0 +1,123 @@
+//! The parameters of a marker's image, their slots, and what a pattern says at a batch of pixels.
+
+use crate::measure::detect::simd::lanes::{Lanes, each};
+
+/// Parameters of all markers' images.
+pub const COMMON: usize = 16;
+/// Those, and narrow quadrants' own.
+pub const N: usize = COMMON + 8;
+/// Centre u.
+pub const X: usize = 0;
+/// Centre v.
+pub const Y: usize = 1;
+/// Direction of s, rad.
+pub const ANGLE: usize = 2;
+/// Ellipse: semi-major axis, px. Quadrants: tangent of half the angle between the edges.
+pub const FIRST: usize = 3;
+/// Ellipse: semi-minor axis, px. Quadrants: curvature term of the first edge, 1/px.
+pub const SECOND: usize = 4;
+/// Ellipse: sag of the bent axis at its ends, px. Quadrants: curvature of the second edge, 1/px.
+pub const THIRD: usize = 5;
+/// Blur, pixel included, px.
+pub const BLUR: usize = 6;
+/// Light: constant, along s, along t, along s squared.
+pub const LIGHT: usize = 7;
+/// Darkness: constant, along s, along t.
+pub const DARK: usize = 11;
+/// Exponent of the tone curve.
+pub const GAMMA: usize = 14;
+/// Ellipse: relative change of its thickness from the centre to its end. Quadrants: by how much the first edge's blur is more
+/// than the mean of both, as a share.
+pub const EGG: usize = 15;
+/// Narrow quadrants' outline, five numbers ([`super::quadrants`]).
+pub const OUTLINE: usize = COMMON;
+/// The skin's light about narrow quadrants over that of their white: constant, along s, along t.
+pub const SKIN: usize = 21;
+
+/// Parameters of a marker's image.
+pub type Parameters = [f64; N];
+
+/// The light `L` of a place, in semi-axes along and across the marker, grey levels.
+pub fn light_at(m: &Parameters, p: f64, q: f64) -> f64 {
+    m[LIGHT] + m[LIGHT + 1] * p + m[LIGHT + 2] * q + m[LIGHT + 3] * p * p
+}
+
+/// Which pattern `c` describes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pattern {
+    /// A black disc.
+    Disc,
+    /// Black between the edges along s, white along t.
+    BlackAlong,
+    /// White between the edges along s, black along t.
+    WhiteAlong,
+}
+
+/// Share of black and its derivatives by s, t, FIRST, SECOND, THIRD, BLUR and EGG.
+#[derive(Clone, Debug, Default)]
+pub struct Share {
+    pub c: Lanes,
+    pub s: Lanes,
+    pub t: Lanes,
+    pub first: Lanes,
+    pub second: Lanes,
+    pub third: Lanes,
+    pub blur: Lanes,
+    pub egg: Lanes,
+}
+
+/// Grey values and their derivatives.
+#[derive(Clone, Debug)]
+pub struct Grey {
+    pub value: Lanes,
+    /// By the common parameters.
+    pub gradient: [Lanes; COMMON],
+    /// By those of narrow quadrants only.
+    pub rim: Option<Box<Rim>>,
+}
+
+/// Derivatives by the parameters of narrow quadrants only.
+pub type Rim = [Lanes; N - COMMON];
+
+impl Grey {
+    /// Grey value 0 everywhere.
+    #[inline(always)]
+    pub fn new() -> Self {
+        Self { value: Lanes::of(0.0), gradient: [Lanes::of(0.0); COMMON], rim: None }
+    }
+
+    /// The derivatives by a parameter.
+    #[inline(always)]
+    pub fn by(&self, k: usize) -> &Lanes {
+        const NONE: &Lanes = &Lanes::of(0.0);
+        match (self.gradient.get(k), &self.rim) {
+            (Some(by), _) => by,
+            (None, Some(rim)) => &rim[k - COMMON],
+            (None, None) => NONE,
+        }
+    }
+}
+
+impl Share {
+    #[inline(always)]
+    /// Of white instead of black.
+    pub fn complement(&mut self) {
+        self.c = each(|i| 1.0 - self.c[i]);
+        let Self { c: _, s, t, first, second, third, blur, egg } = self;
+        for lanes in [s, t, first, second, third, blur, egg] {
+            lanes.iter_mut().for_each(|v| *v = -*v);
+        }
+    }
+}
+
+/// The outline in the edges' frame: half its extent along their bisector, px; half its chord across at the centre, px; slope
+/// of the chords' middles; the centre's place along and across, px.
+pub const LENGTH: usize = OUTLINE;
+pub const CHORD: usize = OUTLINE + 1;
+pub const SHEAR: usize = OUTLINE + 2;
+pub const ASIDE: usize = OUTLINE + 3;
+
+/// Grey levels between white or skin and black.
+pub fn contrast(m: &Parameters) -> f64 {
+    m[LIGHT] * (1.0 - (1.0 - m[DARK]).max(0.0).powf(m[GAMMA]))
+}

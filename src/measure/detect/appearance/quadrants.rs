@@ -1,0 +1,356 @@
+//! The image model of narrow quadrants: edges and outline together.
+//!
+//! `I = L (e - k c + (1 - e) u)^g`: as of wide quadrants ([`super::formula`]), but only the share `e` of the light, that of a
+//! blurred ellipse, is the marker's, and black ends with it; the rest is skin, whose light is `u` (a plane) times that of the
+//! white. Both shares are summed over chords across the edges' bisector, whose ends are outline and edges: exact but for
+//! the step from chord to chord, a fraction of the blur.
+
+use super::formula::{Model, Slopes, Tone};
+use super::parameters::{
+    ANGLE, ASIDE, BLUR, CHORD, COMMON, FIRST, GAMMA, Grey, LENGTH, N, Pattern, Rim, SECOND, SHEAR, SKIN,
+    THIRD, X, Y,
+};
+use crate::measure::detect::simd::batch::Batch;
+use crate::measure::detect::simd::dispatch::wide;
+use crate::measure::detect::simd::functions::{PEAK, asin, exp, normals};
+use crate::measure::detect::simd::lanes::{LANES, Lanes, each};
+
+/// Chords about a pixel, and their step in blurs.
+const CHORDS: i32 = 12;
+const STEP: f32 = 0.65;
+
+/// A share of the blurred marker, and its derivatives.
+#[derive(Default)]
+struct Blurred {
+    c: Lanes,
+    s: Lanes,
+    t: Lanes,
+    blur: Lanes,
+    outline: [Lanes; 5],
+    bend: Lanes,
+}
+
+/// What lies between the edges and what lies within the outline, at places along and across the edges' bisector.
+struct Chords {
+    between: Blurred,
+    edges: [Lanes; 3],
+    own: Blurred,
+}
+
+/// What a chord tells of a share: its derivatives by both ends of the outline are `low` and `high`.
+struct Part {
+    c: Lanes,
+    t: Lanes,
+    blur: Lanes,
+    low: Lanes,
+    high: Lanes,
+}
+
+/// A chord of the outline: its weight, at so many blurs along from the pixel; its place along from the outline's centre,
+/// px; and how its half changes with that, the outline's length, and the chord at the centre.
+struct Chord {
+    at: Lanes,
+    weight: Lanes,
+    z: Lanes,
+    along: Lanes,
+    by_along: Lanes,
+    by_length: Lanes,
+    by_chord: Lanes,
+}
+
+/// Adds a number to each lane.
+#[inline(always)]
+fn add(to: &mut Lanes, value: impl Fn(usize) -> f32) {
+    *to = each(|i| to[i] + value(i));
+}
+
+impl Blurred {
+    /// Takes up a chord's part.
+    #[inline(always)]
+    fn add(&mut self, part: &Part, chord: &Chord, k: &[f32; N]) {
+        let (by_sigma, shear) = (1.0 / k[BLUR], k[SHEAR]);
+        let Chord { weight: w, z, .. } = chord;
+        let both = each(|i| w[i] * (part.low[i] + part.high[i]));
+        let apart = each(|i| w[i] * (part.high[i] - part.low[i]));
+        let c = each(|i| w[i] * part.c[i]);
+        add(&mut self.c, |i| c[i]);
+        add(&mut self.s, |i| -z[i] * by_sigma * c[i]);
+        add(&mut self.t, |i| w[i] * part.t[i]);
+        add(&mut self.blur, |i| (z[i] * z[i] - 1.0) * by_sigma * c[i] + w[i] * part.blur[i]);
+        add(&mut self.outline[0], |i| apart[i] * chord.by_length[i]);
+        add(&mut self.outline[1], |i| apart[i] * chord.by_chord[i]);
+        add(&mut self.outline[2], |i| both[i] * chord.along[i]);
+        add(&mut self.outline[3], |i| apart[i] * chord.by_along[i] - both[i] * shear);
+        add(&mut self.outline[4], |i| both[i]);
+        add(&mut self.bend, |i| 0.5 * both[i] * chord.at[i] * chord.at[i]);
+    }
+}
+
+/// What lies between two ends across, in blurs from the pixel, and its derivatives by both.
+#[inline(always)]
+fn part(low: &Lanes, high: &Lanes, by_sigma: f32) -> Part {
+    let mut out = Part {
+        c: Lanes::of(0.0),
+        t: Lanes::of(0.0),
+        blur: Lanes::of(0.0),
+        low: Lanes::of(0.0),
+        high: Lanes::of(0.0),
+    };
+    for i in 0..LANES {
+        let [(d_low, c_low), (d_high, c_high)] = normals([low[i], high[i]]);
+        out.c[i] = c_low - c_high;
+        out.t[i] = (d_low - d_high) * by_sigma;
+        out.blur[i] = (high[i] * d_high - low[i] * d_low) * by_sigma;
+        out.low[i] = -d_low * by_sigma;
+        out.high[i] = d_high * by_sigma;
+    }
+    out
+}
+
+/// A place along, as a share of the length, or the tip before it.
+#[inline(always)]
+fn within(x: f32) -> f32 {
+    let x = if x > -1.0 { x } else { -1.0 };
+    if x < 1.0 { x } else { 1.0 }
+}
+
+/// Half a unit circle's chord.
+#[inline(always)]
+fn circle(x: f32) -> f32 {
+    let rest = 1.0 - x * x;
+    if rest > 0.0 { rest } else { 0.0 }.sqrt()
+}
+
+wide! {
+    /// Sums over the chords about each place.
+    fn chords(s: &Lanes, t: &Lanes, k: &[f32; N]) -> Chords = chords_by
+}
+
+#[inline(always)]
+fn chords_by(s: &Lanes, t: &Lanes, k: &[f32; N]) -> Chords {
+    let mut out = Chords { between: Blurred::default(), edges: Default::default(), own: Blurred::default() };
+    let by_sigma = 1.0 / k[BLUR];
+    let step = STEP * k[BLUR];
+    let by_step = 1.0 / step;
+    let by_length = 1.0 / k[LENGTH];
+    // Over the step as a share of the length.
+    let by_width = k[LENGTH] * by_step;
+    let first = each(|i| (s[i] * by_step).floor());
+    for node in 0..CHORDS {
+        let turn = (node - CHORDS / 2 + 1) as f32 - 0.5;
+        let at = each(|i| (first[i] + turn) * step);
+        let z = each(|i| (s[i] - at[i]) * by_sigma);
+        let weight = each(|i| STEP * PEAK * exp(-0.5 * z[i] * z[i]));
+        let along = each(|i| at[i] - k[ASIDE]);
+        let share = each(|i| along[i] * by_length);
+        // The mean over a step: a chord that ends within it is none all at once.
+        let [before, behind] = [-0.5, 0.5].map(|by| by * step * by_length).map(|by| {
+            let at = each(|i| within(share[i] + by));
+            (at, each(|i| circle(at[i])))
+        });
+        let half = each(|i| {
+            let ends =
+                behind.0[i] * behind.1[i] - before.0[i] * before.1[i] + asin(behind.0[i]) - asin(before.0[i]);
+            0.5 * ends * by_width
+        });
+        let steep = each(|i| (before.1[i] - behind.1[i]) * by_width * by_length * k[CHORD]);
+        let wider = each(|i| k[CHORD] * by_length * (half[i] - 0.5 * (before.1[i] + behind.1[i])));
+        let chord = Chord {
+            at,
+            weight,
+            z,
+            by_length: each(|i| steep[i] * share[i] + wider[i]),
+            along,
+            by_along: steep,
+            by_chord: half,
+        };
+        // The outline bends with the edges, on the same skin.
+        let bend = 0.5 * (k[SECOND] + k[THIRD]);
+        let middle = each(|i| k[ASIDE + 1] + k[SHEAR] * chord.along[i] + bend * at[i] * at[i]);
+        let low = each(|i| middle[i] - k[CHORD] * chord.by_chord[i]);
+        let high = each(|i| middle[i] + k[CHORD] * chord.by_chord[i]);
+        let one = each(|i| at[i] * (k[FIRST] + k[SECOND] * at[i]));
+        let other = each(|i| at[i] * (k[THIRD] * at[i] - k[FIRST]));
+        let lower = each(|i| if at[i] < 0.0 { one[i] } else { other[i] });
+        let upper = each(|i| if at[i] < 0.0 { other[i] } else { one[i] });
+        let blurs = |v: &Lanes| each(|i| (t[i] - v[i]) * by_sigma);
+        out.own.add(&part(&blurs(&low), &blurs(&high), by_sigma), &chord, k);
+        // White or black ends at an edge, or where that leaves the outline, at the outline.
+        let clip = |v: &Lanes| {
+            each(|i| {
+                let v = if v[i] > low[i] { v[i] } else { low[i] };
+                if v < high[i] { v } else { high[i] }
+            })
+        };
+        let mut between = part(&blurs(&clip(&lower)), &blurs(&clip(&upper)), by_sigma);
+        let inside = |v: f32, i: usize| if v > low[i] && v < high[i] { 1.0 } else { 0.0 };
+        let from = each(|i| between.low[i] * inside(lower[i], i));
+        let to = each(|i| between.high[i] * inside(upper[i], i));
+        let (by_low, by_high) = (between.low, between.high);
+        let under = |v: f32, i: usize| if v <= low[i] { 1.0 } else { 0.0 };
+        let over = |v: f32, i: usize| if v > low[i] && v >= high[i] { 1.0 } else { 0.0 };
+        between.low = each(|i| by_low[i] * under(lower[i], i) + by_high[i] * under(upper[i], i));
+        between.high = each(|i| by_low[i] * over(lower[i], i) + by_high[i] * over(upper[i], i));
+        out.between.add(&between, &chord, k);
+        let weight = &chord.weight;
+        let by_one = each(|i| weight[i] * at[i] * if at[i] < 0.0 { from[i] } else { to[i] });
+        let by_other = each(|i| weight[i] * at[i] * if at[i] < 0.0 { to[i] } else { from[i] });
+        add(&mut out.edges[0], |i| by_one[i] - by_other[i]);
+        add(&mut out.edges[1], |i| by_one[i] * at[i]);
+        add(&mut out.edges[2], |i| by_other[i] * at[i]);
+    }
+    // What lies between the edges turns at the crossing, half a step from a chord on each side (Euler and Maclaurin's term).
+    let turn = each(|i| {
+        let (p, q) = (s[i] * by_sigma, t[i] * by_sigma);
+        STEP * STEP / 6.0 * PEAK * PEAK * exp(-0.5 * (p * p + q * q))
+    });
+    add(&mut out.edges[0], |i| -turn[i]);
+    let turn = each(|i| turn[i] * k[FIRST]);
+    add(&mut out.between.c, |i| -turn[i]);
+    add(&mut out.between.s, |i| turn[i] * s[i] * by_sigma * by_sigma);
+    add(&mut out.between.t, |i| turn[i] * t[i] * by_sigma * by_sigma);
+    add(&mut out.between.blur, |i| -turn[i] * (s[i] * s[i] + t[i] * t[i]) * by_sigma * by_sigma * by_sigma);
+    out
+}
+
+wide! {
+    /// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 255.
+    pub fn grey(model: &Model, batch: &Batch, out: &mut Grey) = grey_by
+}
+
+#[inline(always)]
+fn grey_by(model: &Model, batch: &Batch, out: &mut Grey) {
+    let (s, t) = model.along_and_across(batch);
+    let k = &model.k;
+    let chords = chords(&s, &t, k);
+    let Chords { between, own, edges } = &chords;
+    // Black is what lies between the edges, or the rest of what lies within the outline.
+    let white_along = model.pattern == Pattern::WhiteAlong;
+    let Grey { value: grey, gradient, rim } = out;
+    let rim: &mut Rim = rim.get_or_insert_with(|| Box::new([Lanes::of(0.0); N - COMMON]));
+    for i in 0..LANES {
+        let (p, q) = (batch.p[i], batch.q[i]);
+        let skin = k[SKIN] + k[SKIN + 1] * p + k[SKIN + 2] * q;
+        let dark = model.dark([p, q]);
+        let black = if white_along { own.c[i] - between.c[i] } else { between.c[i] };
+        let Tone { linear, log, through } = model.tone(skin + own.c[i] * (1.0 - skin) - dark * black);
+        let value = model.light([p, q]) * through;
+        let clipped = value >= 255.0;
+        let open = if clipped { 0.0 } else { 1.0 };
+        grey[i] = if clipped { 255.0 } else { value };
+        let slope = open * k[GAMMA] * value / linear;
+        let by_between = if white_along { slope * dark } else { -slope * dark };
+        let by_own = slope * (1.0 - skin) - if white_along { slope * dark } else { 0.0 };
+        let sum = |of_between: f32, of_own: f32| by_between * of_between + by_own * of_own;
+        let (by_s, by_t) = (sum(between.s[i], own.s[i]), sum(between.t[i], own.t[i]));
+        [gradient[X][i], gradient[Y][i], gradient[ANGLE][i]] = model.moved([by_s, by_t], [s[i], t[i]]);
+        gradient[FIRST][i] = by_between * edges[0][i];
+        let by_bend = sum(between.bend[i], own.bend[i]);
+        gradient[SECOND][i] = by_between * edges[1][i] + by_bend;
+        gradient[THIRD][i] = by_between * edges[2][i] + by_bend;
+        gradient[BLUR][i] = sum(between.blur[i], own.blur[i]);
+        for (j, (of_between, of_own)) in between.outline.iter().zip(&own.outline).enumerate() {
+            rim[j][i] = sum(of_between[i], of_own[i]);
+        }
+        let light = open * through;
+        Slopes { share: by_between, dark: -slope * black, light, gamma: open * value * log }.put_light(
+            i,
+            [p, q],
+            gradient,
+        );
+        let by_skin = slope * (1.0 - own.c[i]);
+        rim[SKIN - COMMON][i] = by_skin;
+        rim[SKIN - COMMON + 1][i] = by_skin * p;
+        rim[SKIN - COMMON + 2][i] = by_skin * q;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measure::detect::appearance::parameters::{DARK, EGG, LIGHT, Parameters};
+
+    fn narrow() -> Parameters {
+        let mut m = [0.0; N];
+        (m[X], m[Y], m[ANGLE], m[FIRST], m[BLUR]) = (20.3, 19.8, -0.3, 0.3, 1.8);
+        (m[SECOND], m[THIRD]) = (2e-3, -1e-3);
+        (m[LENGTH], m[CHORD], m[SHEAR], m[ASIDE], m[ASIDE + 1]) = (30.0, 7.0, 0.1, 0.4, -0.3);
+        (m[LIGHT], m[LIGHT + 1], m[DARK], m[DARK + 2], m[GAMMA]) = (210.0, 3.0, 0.9, 0.02, 0.45);
+        (m[SKIN], m[SKIN + 1], m[SKIN + 2]) = (0.5, 0.05, -0.04);
+        m
+    }
+
+    /// Value and derivatives at a place.
+    fn one(m: &Parameters, x: f64, y: f64) -> (f64, Parameters) {
+        let mut batch = Batch::new();
+        batch.push((x - 20.0) as f32, (y - 20.0) as f32, 0.0);
+        (batch.p[0], batch.q[0]) = (((x - 20.0) / 30.0) as f32, ((y - 20.0) / 7.0) as f32);
+        batch.fill();
+        let mut out = Grey::new();
+        grey(&Model::new(Pattern::WhiteAlong, m, [20.0, 20.0]), &batch, &mut out);
+        (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.by(k)[0])))
+    }
+
+    /// The light by brute force: the sharp pattern, sampled finely, blurred.
+    fn sampled(m: &Parameters, x: f64, y: f64) -> f64 {
+        const STEPS: i32 = 600;
+        let (sin, cos) = m[ANGLE].sin_cos();
+        let (mut sums, mut weights) = ([0.0; 2], 0.0);
+        for i in -STEPS..=STEPS {
+            for j in -STEPS..=STEPS {
+                let [gx, gy] = [i, j].map(|k| f64::from(k) * 5.0 / f64::from(STEPS));
+                let w = (-0.5 * (gx * gx + gy * gy)).exp();
+                weights += w;
+                let (dx, dy) = (x + gx * m[BLUR] - m[X], y + gy * m[BLUR] - m[Y]);
+                let (s, t) = (dx * cos + dy * sin, dy * cos - dx * sin);
+                let along = s - m[ASIDE];
+                let across = t - m[ASIDE + 1] - m[SHEAR] * along - 0.5 * (m[SECOND] + m[THIRD]) * s * s;
+                if (along / m[LENGTH]).powi(2) + (across / m[CHORD]).powi(2) < 1.0 {
+                    let (one, other) = (m[FIRST] * s + m[SECOND] * s * s, -m[FIRST] * s + m[THIRD] * s * s);
+                    sums[usize::from((t - one) * (t - other) > 0.0)] += w;
+                }
+            }
+        }
+        let [white, black] = sums.map(|sum| sum / weights);
+        let (p, q) = ((x - 20.0) / 30.0, (y - 20.0) / 7.0);
+        let skin = m[SKIN] + m[SKIN + 1] * p + m[SKIN + 2] * q;
+        let dark = m[DARK] + m[DARK + 1] * p + m[DARK + 2] * q;
+        let light = skin * (1.0 - white - black) + white + black * (1.0 - dark);
+        (m[LIGHT] + m[LIGHT + 1] * p) * light.powf(m[GAMMA])
+    }
+
+    #[test]
+    fn the_chords_match_a_sampled_blur() {
+        let m = narrow();
+        for i in 0..40 {
+            let (x, y) = (f64::from(i * 7 % 80) - 19.7, f64::from(i * 3 % 29) + 6.3);
+            let (got, want) = (one(&m, x, y).0, sampled(&m, x, y));
+            assert!((got - want).abs() < 0.3, "({x}, {y}): {got} against {want}");
+        }
+    }
+
+    #[test]
+    fn derivatives_match_differences() {
+        let m = narrow();
+        let (mut own, mut off) = ([0.0; N], [0.0; N]);
+        for i in 0..80 {
+            let (x, y) = (f64::from(i * 7 % 80) - 19.7, f64::from(i * 3 % 29) + 6.3);
+            let gradient = one(&m, x, y).1;
+            for k in 0..N {
+                let step = if [SECOND, THIRD].contains(&k) { 1e-4 } else { 2e-2 };
+                let (mut low, mut high) = (m, m);
+                low[k] -= step;
+                high[k] += step;
+                let difference = (one(&high, x, y).0 - one(&low, x, y).0) / (2.0 * step);
+                own[k] += gradient[k] * gradient[k];
+                off[k] += (gradient[k] - difference).powi(2);
+            }
+        }
+        // Where an edge meets the outline between two chords, differences and derivatives take different ones.
+        for k in (0..N).filter(|&k| k != EGG) {
+            let rough = if [FIRST, SHEAR, BLUR].contains(&k) { 0.1 } else { 0.01 };
+            let (own, off) = (own[k].sqrt(), off[k].sqrt());
+            assert!(own > 0.0 && off < rough * own, "parameter {k}: off by {off} of {own}");
+        }
+    }
+}

@@ -1,0 +1,4 @@
+//! One hypothesis measured, in the ways that there are.
+
+pub mod measure;
+pub mod whole;

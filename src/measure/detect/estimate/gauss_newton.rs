@@ -1,0 +1,234 @@
+//! The image model fitted to grey values, robustly, with covariance.
+
+use nalgebra::Matrix2;
+
+use super::cholesky::Factor;
+use super::normal_equations::{Column, Images, Square, Step, linearise};
+use super::unknowns::Unknowns;
+use crate::measure::detect::appearance::parameters::{
+    ANGLE, BLUR, CHORD, DARK, EGG, FIRST, GAMMA, LENGTH, LIGHT, N, Parameters, Pattern, SHEAR, X, Y, contrast,
+};
+use crate::measure::detect::sample::pixels::Pixels;
+
+/// A converged fit.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// Parameters.
+    pub parameters: Parameters,
+    /// Their covariance; zero for those held fixed.
+    pub covariance: Square,
+    /// Weighted variance of the residuals, by which the covariance is scaled, grey levels squared.
+    pub variance: f64,
+    /// Weighted root mean square of the residuals, grey levels.
+    pub rms: f64,
+    /// Mean robust weight, 0 to 1.
+    pub inliers: f64,
+    /// Where it was linearised.
+    pub start: Parameters,
+    /// What the model says there.
+    pub images: Images,
+    /// The centre's variance from blocks of residuals over that of the fit.
+    pub clumped: f64,
+    /// The centre's covariance if no residuals hung together, px^2.
+    pub white: Matrix2<f64>,
+}
+
+impl Fit {
+    /// The same fit under the condition that the parameters `zero` are 0: exact for a linear model,
+    /// and the parameters in question are small.
+    pub fn without(self, zero: &[usize]) -> Self {
+        let mut out = self;
+        for &k in zero {
+            let (column, variance) = (out.covariance.column(k).into_owned(), out.covariance[(k, k)]);
+            if variance > 0.0 {
+                let value = out.parameters[k];
+                for i in 0..N {
+                    out.parameters[i] -= column[i] * value / variance;
+                }
+                out.covariance -= column * column.transpose() / variance;
+            }
+            out.parameters[k] = 0.0;
+        }
+        out.white = out.covariance.fixed_view::<2, 2>(X, X).into_owned();
+        out
+    }
+}
+
+/// Most steps of a rough fit, and of the last one; and from how many on that moves by less than this, px: where the blur is
+/// another along than across, pixels of an end come back one by one.
+const MOST_ROUGH: usize = 20;
+const MOST_LAST: usize = 30;
+const SLOW: usize = 12;
+const SLOW_PX: f64 = 0.1;
+/// Steps after which a fit that leaves a fifth of the contrast, or moves by a pixel, is none of a
+/// marker's.
+const EARLY: usize = 5;
+const LATE: usize = 8;
+
+/// What a fit is made of.
+struct Problem<'a> {
+    pixels: &'a Pixels,
+    images: Option<Images>,
+    unknowns: &'a Unknowns,
+    floor: f64,
+}
+
+/// Where an iteration ended: the parameters, and the linearisation that the last step came from.
+struct End {
+    parameters: Parameters,
+    start: Parameters,
+    scale: f64,
+    step: Step,
+    factor: Factor,
+}
+
+/// When an iteration ends.
+#[derive(Clone, Copy, PartialEq)]
+enum Until {
+    /// Within a hundredth of a pixel.
+    Near,
+    /// Within a small part of the centre's standard deviation.
+    Fixed,
+}
+
+/// Fits the `free` parameters from `start` to a hundredth of a pixel; with the residuals' scale.
+pub fn rough(
+    pixels: &Pixels,
+    start: &Parameters,
+    unknowns: &Unknowns,
+    floor: f64,
+) -> Option<(Parameters, f64)> {
+    let mut problem = Problem::new(pixels, start, unknowns, floor)?;
+    // Most pixels are flat and say nothing of an edge that is still off: the scale comes down slowly.
+    let end = problem.solve(*start, 0.15 * contrast(start), Until::Near)?;
+    Some((end.parameters, end.scale))
+}
+
+/// The answer, from a first geometry in whose solution residuals had about this scale.
+pub fn fit(pixels: &Pixels, start: &Parameters, scale: f64, unknowns: &Unknowns, floor: f64) -> Option<Fit> {
+    let mut problem = Problem::new(pixels, start, unknowns, floor)?;
+    problem.images = Some(Images::new());
+    let count = problem.unknowns.free.iter().filter(|&&f| f).count();
+    let End { parameters, start, step, factor, .. } =
+        problem.solve(*start, scale.max(problem.floor), Until::Fixed)?;
+    let variance = step.variance(count);
+    let covariance = factor.inverse() * variance;
+    let rms = (step.square / step.weight.max(1e-9)).sqrt();
+    let inliers = step.weight / problem.pixels.weight();
+    let images = problem.images.unwrap_or_default();
+    let white = covariance.fixed_view::<2, 2>(X, X).into_owned();
+    Some(Fit { parameters, covariance, variance, rms, inliers, start, images, clumped: 1.0, white })
+}
+
+impl<'a> Problem<'a> {
+    fn new(pixels: &'a Pixels, start: &Parameters, unknowns: &'a Unknowns, floor: f64) -> Option<Self> {
+        let count = unknowns.free.iter().filter(|&&f| f).count();
+        let enough = pixels.count() >= 2 * count;
+        enough.then(|| Self { pixels, images: None, unknowns, floor: floor.max(0.02 * contrast(start)) })
+    }
+
+    /// Repeats the linear solution until the centre stands still.
+    fn solve(&mut self, mut m: Parameters, mut scale: f64, until: Until) -> Option<End> {
+        let mut last = scale;
+        let most = if until == Until::Near { MOST_ROUGH } else { MOST_LAST };
+        for iteration in 0..most {
+            let step = linearise(self.pixels, &m, self.unknowns, scale, self.floor, self.images.as_mut());
+            let damping = if until == Until::Near && iteration < 2 { 1e-3 } else { 1e-10 };
+            let factor = Factor::new(&step.normal, &self.unknowns.free, damping)?;
+            let mut change = factor.solve(&step.right);
+            let moved = change[X].hypot(change[Y]);
+            if moved < 0.05 {
+                change *= step.gain();
+            }
+            let change = limit(change, &m, self.pixels);
+            let start = m;
+            for i in 0..N {
+                m[i] += change[i];
+            }
+            if !plausible(self.pixels, &m) {
+                return None;
+            }
+            let ratio = (step.scale / scale - 1.0).abs();
+            // Either it stood still before this step, or the step takes next to nothing off the residuals.
+            let steady = (step.scale / last - 1.0).abs() < 0.2 || step.promise(&change) < 0.1;
+            last = step.scale;
+            scale = step.scale.max(0.4 * scale);
+            let settled = match until {
+                Until::Near => moved < 0.02 && steady && self.is_calm(&change, 0.02),
+                // What is known to a pixel only need not stand as still.
+                Until::Fixed => {
+                    ratio < 0.15 && {
+                        let most = 0.1 * self.spread(&step, &factor);
+                        moved < most && self.is_calm(&change, most.max(0.02))
+                    }
+                }
+            };
+            if settled || (iteration + 1 == most && moved < 0.02) {
+                return Some(End { parameters: m, start, scale, step, factor });
+            }
+            if until == Until::Fixed && iteration + 1 >= SLOW && moved > SLOW_PX {
+                return None;
+            }
+            let far = iteration >= LATE && moved > 1.0 && step.scale > 0.05 * contrast(&m);
+            if far || (iteration >= EARLY && step.scale > 0.2 * contrast(&m)) {
+                return None;
+            }
+        }
+        None
+    }
+
+    /// Whether the length, px, of what has an outline hardly changes.
+    fn is_calm(&self, change: &Column, most: f64) -> bool {
+        let length = match self.pixels.pattern {
+            Pattern::Disc => FIRST,
+            _ if self.pixels.rim => LENGTH,
+            _ => return true,
+        };
+        change[length].abs() < most
+    }
+
+    /// The centre's standard deviation, px.
+    fn spread(&self, step: &Step, factor: &Factor) -> f64 {
+        let count = self.unknowns.free.iter().filter(|&&f| f).count();
+        let along = |k: usize| factor.solve(&Column::ith(k, 1.0))[k];
+        ((along(X) + along(Y)) * step.variance(count)).max(0.0).sqrt()
+    }
+}
+
+/// Keeps a step within what the linearisation can bear.
+fn limit(mut change: Column, m: &Parameters, pixels: &Pixels) -> Column {
+    let mut factor: f64 = 1.0;
+    let mut bound = |step: f64, most: f64| factor = factor.min(most / step.abs().max(1e-12));
+    bound(change[X], 3.0);
+    bound(change[Y], 3.0);
+    bound(change[ANGLE], 0.2);
+    bound(change[BLUR], 0.5);
+    bound(change[GAMMA], 0.2);
+    bound(change[DARK], 0.1);
+    if pixels.pattern == Pattern::Disc {
+        bound(change[FIRST], 0.2 * m[FIRST]);
+        bound(change[FIRST + 1], 0.3 * m[FIRST + 1]);
+    } else {
+        bound(change[FIRST], 0.2);
+        bound(change[EGG], 0.15);
+    }
+    if pixels.rim {
+        bound(change[SHEAR], 0.1);
+        bound(change[LENGTH], 0.15 * m[LENGTH]);
+        bound(change[CHORD], 0.2 * m[CHORD]);
+    }
+    change *= factor.min(1.0);
+    change
+}
+
+fn plausible(pixels: &Pixels, m: &Parameters) -> bool {
+    let common = m.iter().all(|v| v.is_finite()) && m[BLUR] > 0.2 && m[BLUR] < 4.0;
+    let lit = m[LIGHT] > 1.0 && m[LIGHT] < 1500.0 && m[DARK] > 0.02 && m[DARK] < 1.5;
+    let lit = lit && m[GAMMA] > 0.15 && m[GAMMA] < 3.0;
+    let shape = match pixels.pattern {
+        Pattern::Disc => m[FIRST] > 1.0 && m[FIRST + 1] > 0.2,
+        _ => m[FIRST] > 0.005 && m[FIRST] < 2.5 && m[EGG].abs() < 0.7,
+    };
+    let rim = !pixels.rim || (m[CHORD] > 1.0 && m[LENGTH] > 3.0);
+    common && lit && shape && rim
+}

@@ -1,0 +1,58 @@
+//! What the image model leaves unexplained. Residuals that hang together along the outline
+//! say that the light is more uneven than a plane, or that something else lies across the marker:
+//! then the light is freed, the foreign pixels are left out, and the covariance grows by what stays.
+
+use nalgebra::Vector2;
+
+use super::gauss_newton::Fit;
+use super::residuals::deserved;
+use super::unknowns::Unknowns;
+use crate::measure::detect::appearance::parameters::{X, Y};
+use crate::measure::detect::estimate::terms::light_field::freed;
+use crate::measure::detect::sample::pixels::Pixels;
+
+/// Times its own variance beyond which a centre's variance from blocks of residuals is not chance.
+const CORRELATED: f64 = 4.0;
+/// Mean square of residuals by sectors, over that of white ones, beyond which the light is uneven.
+const UNEVEN: f64 = 1.5;
+/// Share of pixels that the fit has left out, beyond which they are looked into.
+const FOREIGN: f64 = 0.01;
+/// What a field of light must take off the residuals' squares, in variances of one: its 33 unknowns take off as many by
+/// chance, and several times as many where residuals hang together, as JPEG leaves them: to be heard, and to be believed.
+const DOUBTFUL: f64 = 120.0;
+/// What a first step must promise of that to be followed.
+const HOPELESS: f64 = 60.0;
+const CERTAIN: f64 = 280.0;
+
+/// The fit as it is, with the covariance that its residuals deserve; or a better one. What is left of
+/// a marker that is not `whole` could not bear more unknowns.
+pub fn improve(pixels: &Pixels, fit: Fit, unknowns: &Unknowns, floor: f64, whole: bool) -> Fit {
+    let scale = floor.max(fit.rms);
+    let Some(seen) = deserved(pixels, &fit, scale) else { return fit };
+    let left_out = seen.biweights.iter().zip(&pixels.batches);
+    let left_out: usize = left_out.map(|(t, b)| t.iter().take(b.len).filter(|&&t| t <= 0.0).count()).sum();
+    let foreign = left_out as f64 / pixels.count() as f64;
+    let suspect = whole && (seen.uneven > UNEVEN || seen.ratio > CORRELATED || foreign > FOREIGN);
+    // With few foreign pixels the first step tells.
+    let least = (foreign <= FOREIGN).then_some(HOPELESS);
+    let freed = if suspect { freed(pixels, &fit, &seen, unknowns, floor, least) } else { None };
+    let mut out = Fit { clumped: seen.mean, ..fit };
+    let mut centre = seen.covariance;
+    if let Some(freed) = freed {
+        let gain = (1.0 - (freed.rms / out.rms).powi(2)) * pixels.weight();
+        // Between the two limits both stand, so that a small difference of a pixel or two decides nothing.
+        let share = ((gain - DOUBTFUL) / (CERTAIN - DOUBTFUL)).clamp(0.0, 1.0);
+        let between = |one: f64, other: f64| one + share * (other - one);
+        let apart = [X, Y].map(|k| freed.parameters[k] - out.parameters[k]);
+        let apart = Vector2::from(apart) * (share * (1.0 - share)).sqrt();
+        centre = centre.zip_map(&freed.covariance, between) + apart * apart.transpose();
+        out.white = out.white.zip_map(&freed.white, between);
+        for (own, other) in out.parameters.iter_mut().zip(freed.parameters) {
+            *own = between(*own, other);
+        }
+        out.rms = between(out.rms, freed.rms);
+        out.inliers = between(out.inliers, freed.inliers);
+    }
+    out.covariance.fixed_view_mut::<2, 2>(X, X).copy_from(&centre);
+    out
+}

@@ -1,0 +1,13 @@
+//! The image formula fitted to pixels: Gauss-Newton with robust weights, priors, covariance, optional terms.
+
+pub mod bordered;
+pub mod cholesky;
+pub mod gauss_newton;
+pub mod lack_of_fit;
+pub mod normal_equations;
+pub mod outlined_quadrants;
+pub mod prior;
+pub mod residuals;
+pub mod sandwich;
+pub mod terms;
+pub mod unknowns;

@@ -1,0 +1,399 @@
+//! The image model linearised on a fit's pixels: normal equations with robust weights.
+
+use nalgebra::{SMatrix, SVector};
+
+use super::unknowns::Unknowns;
+use crate::measure::detect::appearance::formula::{Model, grey};
+use crate::measure::detect::appearance::parameters::{Grey, N, Parameters, X, Y};
+use crate::measure::detect::appearance::quadrants;
+use crate::measure::detect::sample::pixels::Pixels;
+use crate::measure::detect::simd::dispatch::wide;
+use crate::measure::detect::simd::lanes::{LANES, Lanes, each, total};
+
+pub type Square = SMatrix<f64, N, N>;
+
+pub type Column = SVector<f64, N>;
+
+/// Residuals beyond this many scales have no weight (Tukey's biweight; 95 % efficient at 4.7).
+pub const CUT: f64 = 6.0;
+/// Unevenness of a real outline and of its sampling, px, that is no reason to distrust a pixel.
+pub const EDGE_JITTER: f64 = 0.08;
+
+/// One linearisation: normal equations and residual statistics.
+pub struct Step {
+    pub normal: Square,
+    pub right: Column,
+    pub scale: f64,
+    pub weight: f64,
+    /// Sum of the influence function's derivative, where the weights' sum would stand.
+    curvature: f64,
+    pub square: f64,
+}
+
+impl Step {
+    /// Variance of a residual of weight 1, `count` parameters being sought.
+    pub fn variance(&self, count: usize) -> f64 {
+        self.square / (self.weight - count as f64).max(1.0)
+    }
+
+    /// The share of the residuals' squares that a step takes off if the model is linear.
+    pub fn promise(&self, change: &Column) -> f64 {
+        change.dot(&self.right) / self.square.max(1e-9)
+    }
+
+    /// By how much a step falls short because the weights follow the residuals.
+    pub fn gain(&self) -> f64 {
+        (self.weight / self.curvature.max(1e-9)).clamp(1.0, 1.5)
+    }
+}
+
+/// Rows of the weighted Jacobian, column by column, residuals last, that wait for their products.
+pub struct Block {
+    columns: [[Lanes; BLOCK]; COLUMNS],
+    batches: usize,
+}
+
+/// Most columns: the parameters, or the common ones and a field's about a pixel, and residuals.
+const COLUMNS: usize = N + 1;
+/// Batches per block.
+const BLOCK: usize = 8;
+
+/// Sums of products of two columns, a part in each lane: for each column those with itself and the later
+/// ones; residuals are the last column.
+#[derive(Debug, PartialEq)]
+pub struct Products {
+    columns: usize,
+    sums: Vec<Lanes>,
+}
+
+impl Products {
+    /// None yet of so many columns and residuals.
+    pub fn new(columns: usize) -> Self {
+        Self { columns, sums: vec![Lanes::of(0.0); (columns + 1) * columns / 2 + columns] }
+    }
+
+    /// Their totals, column by column.
+    pub fn totals(&self) -> impl Iterator<Item = f64> {
+        self.sums.iter().map(total)
+    }
+
+    /// Forgets those of the first columns.
+    pub fn forget(&mut self, columns: usize) {
+        let first = (0..columns).map(|i| self.columns + 1 - i).sum();
+        self.sums.iter_mut().take(first).for_each(|sum| *sum = Lanes::of(0.0));
+    }
+}
+
+impl Block {
+    /// Without rows.
+    pub fn new() -> Self {
+        Self { columns: [[Lanes::of(0.0); BLOCK]; COLUMNS], batches: 0 }
+    }
+
+    /// Takes up a batch's weighted columns, residuals last; whether it is full.
+    #[inline(always)]
+    pub fn push<'a>(&mut self, root: &Lanes, columns: impl Iterator<Item = &'a Lanes>) -> bool {
+        let k = self.batches % BLOCK;
+        for (out, column) in self.columns.iter_mut().zip(columns) {
+            out[k] = each(|i| root[i] * column[i]);
+        }
+        self.batches = k + 1;
+        self.batches == BLOCK
+    }
+
+    /// Adds the products of the columns with one another and the residuals; empties it.
+    #[inline(always)]
+    pub fn flush(&mut self, sums: &mut Products) {
+        let n = sums.columns;
+        let mut rest = &mut sums.sums[..];
+        for column in &mut self.columns[..=n] {
+            column[self.batches..].fill(Lanes::of(0.0));
+        }
+        // Two columns at a time: the later ones are read half as often.
+        for i in (0..n).step_by(2) {
+            let (own, later) = rest.split_at_mut(n + 1 - i);
+            let (next, later) = later.split_at_mut(if i + 1 < n { n - i } else { 0 });
+            let (one, others) = (&self.columns[i], &self.columns[i..=n]);
+            if let [square, own @ ..] = own {
+                add_products(square, one, one);
+                if next.is_empty() {
+                    for (sum, column) in own.iter_mut().zip(&others[1..]) {
+                        add_products(sum, one, column);
+                    }
+                }
+                for ((sum, next), column) in own.iter_mut().zip(next).zip(&others[1..]) {
+                    add_both(sum, next, [one, &others[1]], column);
+                }
+            }
+            rest = later;
+        }
+        self.batches = 0;
+    }
+}
+
+#[inline(always)]
+fn add_products(sum: &mut Lanes, one: &[Lanes; BLOCK], other: &[Lanes; BLOCK]) {
+    let mut lanes = *sum;
+    for (x, y) in one.iter().zip(other) {
+        for (lane, (p, q)) in lanes.iter_mut().zip(x.iter().zip(y.iter())) {
+            *lane = p.mul_add(*q, *lane);
+        }
+    }
+    *sum = lanes;
+}
+
+/// Adds the products of two columns with a third.
+#[inline(always)]
+fn add_both(sum: &mut Lanes, next: &mut Lanes, [one, two]: [&[Lanes; BLOCK]; 2], other: &[Lanes; BLOCK]) {
+    let (mut lanes, mut lanes_next) = (*sum, *next);
+    for ((x, y), z) in one.iter().zip(two).zip(other) {
+        for i in 0..LANES {
+            lanes[i] = x[i].mul_add(z[i], lanes[i]);
+            lanes_next[i] = y[i].mul_add(z[i], lanes_next[i]);
+        }
+    }
+    (*sum, *next) = (lanes, lanes_next);
+}
+
+/// What the image model says of a fit's batches: grey values and derivatives.
+pub type Images = Vec<Grey>;
+
+/// What a linearisation adds up: products of the columns with one another and the residuals, and the residuals' statistics.
+#[derive(Debug, PartialEq)]
+struct Sums {
+    products: Products,
+    scale: f64,
+    weight: f64,
+    curvature: f64,
+    square: f64,
+}
+
+/// Normal equations at `m`, with biweights for residuals against `scale`; and what they came from.
+pub fn linearise(
+    pixels: &Pixels,
+    m: &Parameters,
+    unknowns: &Unknowns,
+    scale: f64,
+    floor: f64,
+    images: Option<&mut Images>,
+) -> Step {
+    // Counting into an array here takes the compiler minutes.
+    let list: &[usize] = &(0..N).filter(|&k| unknowns.free[k]).collect::<Vec<_>>();
+    let sums = summed(pixels, m, list, scale, images);
+    let mut normal = Square::zeros();
+    let mut right = Column::zeros();
+    let mut totals = sums.products.totals();
+    for (i, &k) in list.iter().enumerate() {
+        for (&l, sum) in list[i..].iter().zip(&mut totals) {
+            normal[(k, l)] = sum;
+            normal[(l, k)] = sum;
+        }
+        right[k] = totals.next().unwrap_or(0.0);
+    }
+    for &k in list {
+        let (usual, deviation) = unknowns.usual[k];
+        let weight = (scale / deviation).powi(2);
+        normal[(k, k)] += weight;
+        right[k] += weight * (usual - m[k]);
+    }
+    Step {
+        normal,
+        right,
+        scale: sums.scale.max(floor),
+        weight: sums.weight,
+        curvature: sums.curvature,
+        square: sums.square,
+    }
+}
+
+wide! {
+    /// The sums for the parameters of a list.
+    fn summed(pixels: &Pixels, m: &Parameters, list: &[usize], scale: f64, images: Option<&mut Images>) -> Sums
+        = Pixels::summed
+}
+
+impl Pixels {
+    #[inline(always)]
+    fn summed(&self, m: &Parameters, list: &[usize], scale: f64, images: Option<&mut Images>) -> Sums {
+        // A loop for each: one that knows both models is slower for both, and a model that is handed over as a function
+        // is compiled without the processor's wide registers.
+        if self.rim {
+            self.summed_by::<true>(m, list, scale, images)
+        } else {
+            self.summed_by::<false>(m, list, scale, images)
+        }
+    }
+
+    #[inline(always)]
+    fn summed_by<const RIM: bool>(
+        &self,
+        m: &Parameters,
+        list: &[usize],
+        scale: f64,
+        mut images: Option<&mut Images>,
+    ) -> Sums {
+        if let Some(images) = &mut images {
+            images.resize_with(self.batches.len(), Grey::new);
+        }
+        let mut unkept = Grey::new();
+        let model = Model::new(self.pattern, m, self.origin);
+        let mut sums = Products::new(list.len());
+        let mut block = Block::new();
+        let (mut weight, mut curvature, mut square) = (Lanes::of(0.0), Lanes::of(0.0), Lanes::of(0.0));
+        let mut sizes = Sizes::new(self.batches.len());
+        for (k, batch) in self.batches.iter().enumerate() {
+            let image = images.as_mut().and_then(|images| images.get_mut(k)).unwrap_or(&mut unkept);
+            if RIM {
+                quadrants::grey(&model, batch, image);
+            } else {
+                grey(&model, batch, image);
+            }
+            let r = each(|i| batch.value[i] - image.value[i]);
+            let tukey = biweights(&r, &image.gradient[X], &image.gradient[Y], scale);
+            let root = each(|i| batch.root[i] * tukey[i]);
+            sizes.add(&r, &batch.root);
+            for i in 0..LANES {
+                weight[i] += root[i] * root[i];
+                curvature[i] += batch.root[i] * root[i] * (5.0 * tukey[i] - 4.0);
+                square[i] += (root[i] * r[i]) * (root[i] * r[i]);
+            }
+            let columns = list.iter().map(|&k| image.by(k)).chain([&r]);
+            if block.push(&root, columns) {
+                block.flush(&mut sums);
+            }
+        }
+        block.flush(&mut sums);
+        Sums {
+            products: sums,
+            scale: sizes.spread(scale),
+            weight: total(&weight),
+            curvature: total(&curvature),
+            square: total(&square),
+        }
+    }
+}
+
+/// Roots of the biweights.
+#[inline(always)]
+pub fn biweights(r: &Lanes, by_x: &Lanes, by_y: &Lanes, scale: f64) -> Lanes {
+    let (scale2, jitter2) = ((scale * scale) as f32, (EDGE_JITTER * EDGE_JITTER) as f32);
+    let cut2 = (CUT * CUT) as f32;
+    each(|i| {
+        let edge2 = jitter2 * (by_x[i] * by_x[i] + by_y[i] * by_y[i]);
+        let root = 1.0 - r[i] * r[i] / (cut2 * (scale2 + edge2));
+        if root > 0.0 { root } else { 0.0 }
+    })
+}
+
+/// The sizes of residuals.
+struct Sizes {
+    sizes: Vec<Lanes>,
+    count: Lanes,
+}
+
+impl Sizes {
+    fn new(batches: usize) -> Self {
+        Self { sizes: Vec::with_capacity(batches), count: Lanes::of(0.0) }
+    }
+
+    /// Takes up a batch's residuals of pixels that have at least half their weight.
+    #[inline(always)]
+    fn add(&mut self, r: &Lanes, root: &Lanes) {
+        self.sizes.push(each(|i| if root[i] > 0.7 { r[i].abs() } else { f32::MAX }));
+        self.count = each(|i| self.count[i] + if root[i] > 0.7 { 1.0 } else { 0.0 });
+    }
+
+    /// Robust standard deviation, grey levels: from the median size, to a thousandth of `scale`.
+    #[inline(always)]
+    fn spread(&self, scale: f64) -> f64 {
+        const STEPS: usize = 13;
+        let half = 0.5 * total(&self.count);
+        let (mut low, mut high) = (0.0, 8.0 * scale as f32);
+        for _ in 0..STEPS {
+            let middle = 0.5 * (low + high);
+            // Four counts side by side: none waits for the last.
+            let mut below = [Lanes::of(0.0); 4];
+            let (fours, rest) = self.sizes.as_chunks::<4>();
+            for four in fours {
+                for k in 0..4 {
+                    below[k] = each(|i| below[k][i] + if four[k][i] < middle { 1.0 } else { 0.0 });
+                }
+            }
+            for size in rest {
+                below[0] = each(|i| below[0][i] + if size[i] < middle { 1.0 } else { 0.0 });
+            }
+            let under = below.iter().map(total).sum::<f64>() < half;
+            (low, high) = if under { (middle, high) } else { (low, middle) };
+        }
+        1.4826 * f64::from(0.5 * (low + high))
+    }
+}
+
+/// Robust standard deviation from absolute residuals.
+pub fn spread(residuals: &mut [f32]) -> f64 {
+    if residuals.is_empty() {
+        return 0.0;
+    }
+    let middle = residuals.len() / 2;
+    let (_, median, _) = residuals.select_nth_unstable_by(middle, f32::total_cmp);
+    1.4826 * f64::from(*median)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measure::detect::appearance::parameters::Pattern;
+    use crate::measure::detect::sample::pixels::{Kind, Sorter};
+    use crate::measure::detect::simd::batch::Batch;
+
+    #[test]
+    fn every_processor_gives_the_same_bits() {
+        let shapes = [
+            (Pattern::Disc, false, [20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.8]),
+            (Pattern::Disc, false, [20.3, 19.8, 0.3, 20.0, 15.0, 0.0, 0.8]),
+            (Pattern::WhiteAlong, false, [20.3, 19.8, -0.4, 0.1, 4e-4, 2e-4, 0.8]),
+            (Pattern::BlackAlong, true, [20.3, 19.8, -0.4, 0.3, 4e-4, 2e-4, 1.8]),
+        ];
+        for (pattern, rim, shape) in shapes {
+            let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
+            let narrow = [30.0, 8.0, 0.1, 0.3, -0.2, 0.5, 0.05, -0.04];
+            let m: Vec<f64> = shape.into_iter().chain(light).chain(narrow).collect();
+            let m: Parameters = std::array::from_fn(|k| m[k]);
+            let mut sorter = Sorter::new(pattern, [20.0, 20.0]);
+            let mut batch = Batch::new();
+            for i in 0..1500u32 {
+                let (x, y) = ((i % 60) as f32 - 28.3, (i / 60) as f32 - 13.3);
+                let k = batch.len;
+                batch.push(x, y, (i * 7919 % 190) as f32);
+                (batch.p[k], batch.q[k], batch.root[k]) = (x / 30.0, y / 10.0, (i % 5) as f32 / 4.0);
+                sorter.push(Kind::Cheap, &batch, k);
+                batch.len %= LANES;
+            }
+            let mut pixels = sorter.finish();
+            pixels.rim = rim;
+            let list: [usize; N] = std::array::from_fn(|k| k);
+            let wide = summed(&pixels, &m, &list, 30.0, None);
+            assert_eq!(wide, pixels.summed(&m, &list, 30.0, None), "{pattern:?}");
+            assert!(
+                wide.weight > 100.0 && wide.products.totals().next().is_some_and(|sum| sum > 1.0),
+                "{pattern:?}: nothing was summed"
+            );
+        }
+    }
+
+    #[test]
+    fn halving_gives_the_median() {
+        let sizes: Vec<f32> = (0..4 * LANES).map(|i| (i * 37 % 64) as f32 * 0.11).collect();
+        for scale in [2.0, 5.0, 9.0] {
+            let mut halved = Sizes::new(8);
+            for some in sizes.chunks(LANES) {
+                halved.add(&each(|i| if i % 2 == 0 { some[i] } else { -some[i] }), &Lanes::of(1.0));
+                halved.add(&Lanes::of(1e6), &Lanes::of(0.5));
+            }
+            // Between two sizes, which are 0.11 apart, or at one of them.
+            let exact = spread(&mut sizes.clone()) - 1.4826 * 0.055;
+            let got = halved.spread(scale);
+            assert!((got - exact).abs() < 1.4826 * 0.055 + 0.002 * scale, "{got} against {exact}");
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! Narrow quadrants, by edges and outline together ([`crate::measure::detect::appearance::quadrants`]), for blur mixes what lies at the one with what
+//! lies at the other.
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::gauss_newton::{Fit, fit, rough};
+use super::prior::USUAL_GAMMA;
+use super::unknowns::Unknowns;
+use crate::measure::detect::appearance::parameters::{
+    ANGLE, ASIDE, BLUR, CHORD, DARK, FIRST, GAMMA, LENGTH, LIGHT, N, OUTLINE, Parameters, Pattern, SECOND,
+    SHEAR, SKIN, THIRD, X, Y, contrast,
+};
+use crate::measure::detect::hypothesis::candidate::Candidate;
+use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::image::scanline::{Oval, columns, row_of};
+use crate::measure::detect::sample::pixels::{Kind, Pixels, Sorter};
+use crate::measure::detect::simd::batch::Batch;
+use crate::measure::raster::Raster;
+
+pub const WHITER: f64 = 0.12;
+
+/// How far the outline's centre is from the crossing, px.
+const ASIDE_SPREAD: f64 = 1.0;
+/// How far edges and outline bend at its end, as a share of its length: a target of 40 mm on a skin of 10 m radius, seen along it.
+const BEND_SPREAD: f64 = 0.002;
+/// How far black's darkness differs between the centre and the outline.
+const DARK_SPREAD: f64 = 0.005;
+/// Pixels that are used, about: for outline and edges, and for the answer.
+const WANTED: f64 = 400.0;
+const ALL: f64 = 6000.0;
+/// Of pixels outside an outline, which only tell the skin, how many are used.
+const OUTSIDE: usize = 3;
+/// Part of a period by which the pixels of a row lie aside of those of the last.
+const GOLDEN: f64 = 0.618;
+/// Least scale of the residuals for the weights, as a share of the contrast: an end that the first outline has missed is no
+/// outlier; and the greatest in the end.
+const LEAST: f64 = 0.1;
+const MOST: f64 = 0.12;
+/// Least semi-major axis, px, and least contrast, grey levels, of what may be such quadrants.
+const SHORTEST: f64 = 10.0;
+const LEAST_CONTRAST: f64 = 10.0;
+/// How much larger than an outline its pixels reach, and how much it may grow until others are chosen; how often that is done.
+const ROOM: f64 = 1.2;
+const GROWN: f64 = 1.1;
+const ROUNDS: usize = 5;
+
+/// A candidate's first parameters: its geometry, with grey levels and blur of `m`, and the skin's grey level.
+pub fn start(candidate: &Candidate, m: &Parameters, skin: f64) -> Option<Parameters> {
+    let (outline, (angle, half)) = (candidate.outline, candidate.edges?);
+    let mut out = [0.0; N];
+    (out[X], out[Y], out[ANGLE], out[FIRST]) = (outline.centre.x, outline.centre.y, angle, half);
+    let (sin, cos) = (outline.angle - angle).sin_cos();
+    let (major2, minor2) = (outline.major.powi(2), outline.minor.powi(2));
+    out[LENGTH] = (major2 * cos * cos + minor2 * sin * sin).sqrt();
+    out[CHORD] = outline.major * outline.minor / out[LENGTH].max(1e-9);
+    out[SHEAR] = (major2 - minor2) * sin * cos / out[LENGTH].powi(2).max(1e-9);
+    (out[BLUR], out[LIGHT], out[DARK], out[GAMMA]) = (m[BLUR], m[LIGHT], m[DARK], USUAL_GAMMA.0);
+    out[SKIN] = (skin / m[LIGHT]).max(0.0).powf(1.0 / USUAL_GAMMA.0);
+    Some(out)
+}
+
+/// What is sought of narrow quadrants, with a blur, px, that is known with some deviation.
+fn unknowns(blur: (f64, f64)) -> Unknowns {
+    let mut usual = [(0.0, f64::INFINITY); N];
+    usual[GAMMA] = USUAL_GAMMA;
+    usual[BLUR] = blur;
+    usual[ASIDE] = (0.0, ASIDE_SPREAD);
+    usual[ASIDE + 1] = (0.0, ASIDE_SPREAD);
+    let mut free = [false; N];
+    for k in [X, Y, ANGLE, FIRST, BLUR, LIGHT, DARK].into_iter().chain(OUTLINE..N) {
+        free[k] = true;
+    }
+    Unknowns { free, usual }
+}
+
+/// Quadrants with outline and edges from both together, and all their parameters, from first ones; `None` where that does not
+/// settle near them.
+pub fn refined(
+    image: &Raster,
+    candidate: &Candidate,
+    start: Parameters,
+    blur: (f64, f64),
+) -> Option<(Candidate, Parameters)> {
+    if start[LENGTH] < SHORTEST || contrast(&start) < LEAST_CONTRAST {
+        return None;
+    }
+    let unknowns = unknowns(blur);
+    let mut m = start;
+    for _ in 0..ROUNDS {
+        let outline = outline_of(&m);
+        let pixels = pixels(image, candidate.pattern, &outline, m[BLUR], WANTED)?;
+        let scale;
+        (m, scale) = rough(&pixels, &m, &unknowns, LEAST * contrast(&m))?;
+        let now = outline_of(&m);
+        if now.major < GROWN * outline.major && now.minor < GROWN * outline.minor {
+            let edges = Some((m[ANGLE], m[FIRST]));
+            let found = Candidate { outline: now, edges, ..candidate.clone() };
+            return (scale < MOST * contrast(&m)).then_some((found, m));
+        }
+    }
+    None
+}
+
+/// The answer for quadrants whose outline and edges are known: the fit of all pixels in and about them, with bends and planes
+/// of light and darkness; those pixels, and what was sought.
+pub fn measured(
+    image: &Raster,
+    candidate: &Candidate,
+    m: &Parameters,
+    scale: f64,
+    floor: f64,
+) -> Option<(Pixels, Fit, Unknowns)> {
+    let pixels = pixels(image, candidate.pattern, &candidate.outline, m[BLUR], ALL)?;
+    let mut unknowns = unknowns((m[BLUR], f64::INFINITY));
+    for k in [SECOND, THIRD, LIGHT + 1, LIGHT + 2, DARK + 1, DARK + 2] {
+        unknowns.free[k] = true;
+    }
+    for k in [SECOND, THIRD] {
+        unknowns.usual[k] = (0.0, BEND_SPREAD / m[LENGTH]);
+    }
+    for k in [DARK + 1, DARK + 2] {
+        unknowns.usual[k] = (0.0, DARK_SPREAD);
+    }
+    let found = fit(&pixels, m, scale, &unknowns, floor)?;
+    Some((pixels, found, unknowns))
+}
+
+/// Whether the white of narrow quadrants is lighter than the skin: between two discs in a row it is the skin itself.
+pub fn has_white(m: &Parameters) -> bool {
+    let skin = m[SKIN].max(0.0).powf(m[GAMMA]);
+    1.0 - skin > WHITER * contrast(m) / m[LIGHT].max(1.0)
+}
+
+/// The outline of parameters.
+fn outline_of(m: &Parameters) -> Outline {
+    let (sin, cos) = m[ANGLE].sin_cos();
+    let (along, across) = (Vector2::new(cos, sin), Vector2::new(-sin, cos));
+    let centre = Vector2::new(m[X], m[Y]) + along * m[ASIDE] + across * m[ASIDE + 1];
+    let half = (along + across * m[SHEAR]) * m[LENGTH];
+    let chord = across * m[CHORD];
+    let moments: Matrix2<f64> = half * half.transpose() + chord * chord.transpose();
+    Outline::from_moments(centre, moments, 1.0)
+}
+
+/// Some of the pixels in and about an outline.
+fn pixels(image: &Raster, pattern: Pattern, outline: &Outline, blur: f64, wanted: f64) -> Option<Pixels> {
+    let (centre, margin) = (outline.centre, 2.5 * blur + 2.0);
+    let origin = [centre.x.round(), centre.y.round()];
+    let about = Outline { major: ROOM * outline.major, minor: ROOM * outline.minor, ..*outline };
+    let (oval, own) = (Oval::new(&about), Oval::new(outline));
+    let (rows, inner) = (Some(oval.grown(margin)?), Some(own.grown(blur)?));
+    let count = std::f64::consts::PI * (about.major + margin) * (about.minor + margin);
+    let step = (count / wanted).round().clamp(1.0, 1024.0) as usize;
+    // Those of a row lie in the gaps of the rows beside it.
+    let shift = (GOLDEN * (step * OUTSIDE) as f64).round() as usize;
+    let (width, height) = (image.width(), image.height());
+    let area = [0, 0, width - 1, height - 1];
+    let reach = about.extent().y + margin;
+    let lines = (centre.y - reach).max(0.0) as usize..((centre.y + reach).max(0.0) as usize + 1).min(height);
+    let mut sorter = Sorter::new(pattern, origin);
+    let mut batch = Batch::new();
+    for y in lines {
+        let Some((from, to)) = row_of(&rows, y as f64) else { continue };
+        let inside = row_of(&inner, y as f64).map_or(0..0, |(from, to)| columns(from, to, area));
+        for x in columns(from, to, area) {
+            let turn = x + y * shift;
+            let step = if inside.contains(&x) { step } else { step * OUTSIDE };
+            let Some(&value) = image.row(y).get(x).filter(|_| turn.is_multiple_of(step)) else { continue };
+            batch.len = 0;
+            batch.push((x as f64 - origin[0]) as f32, (y as f64 - origin[1]) as f32, f32::from(value));
+            let (s, t) = outline.local(Vector2::new(x as f64, y as f64));
+            (batch.p[0], batch.q[0]) = ((s / outline.major) as f32, (t / outline.minor) as f32);
+            batch.root[0] = 1.0;
+            sorter.push(Kind::Dear, &batch, 0);
+        }
+    }
+    let mut out = sorter.finish();
+    out.rim = true;
+    Some(out)
+}

@@ -1,0 +1,105 @@
+//! What residuals that lie together did to a fit's centre: a sandwich estimate of its covariance.
+
+use nalgebra::{Cholesky, Matrix2, SymmetricEigen};
+
+use crate::measure::detect::appearance::parameters::{Parameters, X, Y};
+use crate::measure::detect::sample::pixels::Pixels;
+use crate::measure::detect::simd::batch::Batch;
+use crate::measure::detect::simd::lanes::{Lanes, each};
+
+/// Markers reach this far, in semi-axes, for sectors and fields of light.
+pub const REACH: f64 = 1.1;
+/// Side of the squares whose residuals may hang together, px: those of JPEG, and whole multiples of
+/// them on a marker with a longer major axis than this many semi-axes.
+const SQUARE_PX: f64 = 8.0;
+const SQUARES: f64 = 11.0;
+/// Up to this ratio the variance from blocks is not told from the fit's own: there are few blocks.
+const CHANCE: f64 = 2.4;
+/// Sectors along the marker, on both sides of its axis, whose residuals may hang together.
+pub const SECTORS: usize = 48;
+
+/// What the residuals of pixels that lie together did to the centre, px: in squares, and in sectors
+/// along the marker on each side of its axis.
+pub struct Blocks {
+    origin: [f32; 2],
+    per_px: f32,
+    width: usize,
+    squares: Vec<[f64; 2]>,
+    sectors: Vec<[f64; 2]>,
+}
+
+impl Blocks {
+    /// None yet. Squares are counted from the picture's origin, those of JPEG.
+    pub fn new(pixels: &Pixels, m: &Parameters) -> Self {
+        // The pixels' own extent, for quadrants have no axes.
+        let (cx, cy) = ((m[X] - pixels.origin[0]) as f32, (m[Y] - pixels.origin[1]) as f32);
+        let mut far = Lanes::of(1.0);
+        for batch in &pixels.batches {
+            far = each(|i| far[i].max((batch.x[i] - cx).abs()).max((batch.y[i] - cy).abs()));
+        }
+        let reach = f64::from(far.iter().fold(1.0, |a: f32, &b| a.max(b)));
+        let side = SQUARE_PX * (reach / (SQUARE_PX * SQUARES)).ceil();
+        let origin = [X, Y].map(|k| (((m[k] - reach) / side).floor() * side - pixels.origin[k]) as f32);
+        let width = (2.0 * reach / side) as usize + 2;
+        let none = |count: usize| vec![[0.0; 2]; count];
+        let per_px = 1.0 / side as f32;
+        Self { origin, per_px, width, squares: none(width * width), sectors: none(SECTORS) }
+    }
+
+    /// Takes up what the residuals of a batch did.
+    #[inline(always)]
+    pub fn add(&mut self, batch: &Batch, moved: [Lanes; 2]) {
+        let last = (self.width - 1) as f32;
+        let place = |v: f32, from: f32| ((v - from) * self.per_px).clamp(0.0, last).floor();
+        let square = each(|i| {
+            place(batch.y[i], self.origin[1]) * self.width as f32 + place(batch.x[i], self.origin[0])
+        });
+        let sector = sectors(batch);
+        for i in 0..batch.len {
+            let moved = [f64::from(moved[0][i]), f64::from(moved[1][i])];
+            let blocks = [(&mut self.squares, square[i]), (&mut self.sectors, sector[i])];
+            for block in blocks.into_iter().filter_map(|(blocks, k)| blocks.get_mut(k as usize)) {
+                block[0] += moved[0];
+                block[1] += moved[1];
+            }
+        }
+    }
+
+    /// `white`, at least what the blocks show, the greatest ratio of the two, and their mean ratio in squares.
+    pub fn raise(&self, white: &Matrix2<f64>, count: usize) -> Option<(Matrix2<f64>, f64, f64)> {
+        let squares = scatter(&self.squares, count);
+        let (raised, one) = at_least(white, &squares, CHANCE)?;
+        let (raised, other) = at_least(&raised, &scatter(&self.sectors, count), CHANCE)?;
+        let mean = 0.5 * (Cholesky::new(*white)?.inverse() * squares).trace();
+        Some((raised, one.max(other), mean))
+    }
+}
+
+/// The sectors of a batch's pixels.
+#[inline(always)]
+pub fn sectors(batch: &Batch) -> Lanes {
+    const ALONG: f32 = (SECTORS / 2) as f32;
+    each(|i| {
+        let along = (batch.p[i] / REACH as f32 + 1.0) * 0.5 * ALONG;
+        2.0 * along.clamp(0.0, ALONG - 1.0).floor() + if batch.q[i] > 0.0 { 1.0 } else { 0.0 }
+    })
+}
+
+/// The centre's covariance from blocks that are independent of each other.
+fn scatter(blocks: &[[f64; 2]], count: usize) -> Matrix2<f64> {
+    let seen: Matrix2<f64> = blocks.iter().map(|&[x, y]| Matrix2::new(x * x, x * y, x * y, y * y)).sum();
+    // The parameters take up part of what is common to a block.
+    let number = blocks.iter().filter(|b| **b != [0.0; 2]).count() as f64;
+    seen * (number / (number - count as f64).max(1.0)).min(2.5)
+}
+
+/// `white` raised to `seen` in the directions in which that is greater by more than a factor, and the greatest of their
+/// ratios.
+pub fn at_least(white: &Matrix2<f64>, seen: &Matrix2<f64>, factor: f64) -> Option<(Matrix2<f64>, f64)> {
+    let root = Cholesky::new(*white)?.l();
+    let inverse = root.try_inverse()?;
+    let eigen = SymmetricEigen::new(inverse * seen * inverse.transpose());
+    let raised = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| if v > factor { v } else { 1.0 }));
+    let back = root * eigen.eigenvectors;
+    Some((back * raised * back.transpose(), eigen.eigenvalues.max()))
+}

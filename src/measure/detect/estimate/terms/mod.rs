@@ -1,0 +1,5 @@
+//! Optional terms of the image formula.
+
+pub mod glare_spline;
+pub mod light_field;
+pub mod veiling_glare;

@@ -1,0 +1,83 @@
+//! Ellipses and intervals, row by row.
+
+use nalgebra::Vector2;
+
+use super::ellipse::Outline;
+
+/// Part of the frame about a candidate: first and last column and row.
+pub type Box = [usize; 4];
+
+/// An ellipse's frame.
+pub struct Oval<'a> {
+    outline: &'a Outline,
+    /// Sine and cosine of its direction.
+    pub sin: f64,
+    pub cos: f64,
+}
+
+/// An ellipse grown on all sides that is asked row by row: the factors of its equation for the columns of a row.
+pub struct Rows {
+    centre: Vector2<f64>,
+    square: f64,
+    /// One over that.
+    by_square: f64,
+    mixed: f64,
+    rest: f64,
+}
+
+impl<'a> Oval<'a> {
+    /// Of an outline.
+    pub fn new(outline: &'a Outline) -> Self {
+        let (sin, cos) = outline.angle.sin_cos();
+        Self { outline, sin, cos }
+    }
+
+    /// Coordinates along and across.
+    pub fn local(&self, x: f64, y: f64) -> (f64, f64) {
+        let (dx, dy) = (x - self.outline.centre.x, y - self.outline.centre.y);
+        (dx * self.cos + dy * self.sin, dy * self.cos - dx * self.sin)
+    }
+
+    /// The ellipse grown by `by`; `None` where nothing is left.
+    pub fn grown(&self, by: f64) -> Option<Rows> {
+        let (a, b) = (self.outline.major + by, self.outline.minor + by);
+        if a <= 0.0 || b <= 0.0 {
+            return None;
+        }
+        let (p, q) = (1.0 / (a * a), 1.0 / (b * b));
+        let square = self.cos * self.cos * p + self.sin * self.sin * q;
+        Some(Rows {
+            centre: self.outline.centre,
+            square,
+            by_square: 1.0 / square,
+            mixed: self.sin * self.cos * (p - q),
+            rest: self.sin * self.sin * p + self.cos * self.cos * q,
+        })
+    }
+}
+
+impl Rows {
+    /// Where a row passes through it.
+    pub fn at(&self, y: f64) -> Option<(f64, f64)> {
+        let dy = y - self.centre.y;
+        let mixed = self.mixed * dy;
+        let rest = self.rest * dy * dy - 1.0;
+        let root = mixed * mixed - self.square * rest;
+        let middle = self.centre.x - mixed * self.by_square;
+        let half = root.max(0.0).sqrt() * self.by_square;
+        (root > 0.0).then_some((middle - half, middle + half))
+    }
+}
+
+/// Where a row passes through an ellipse of which something is left.
+pub fn row_of(rows: &Option<Rows>, y: f64) -> Option<(f64, f64)> {
+    rows.as_ref()?.at(y)
+}
+
+/// The columns of an interval that lie in the area.
+pub fn columns(from: f64, to: f64, [x0, _, x1, _]: Box) -> std::ops::Range<usize> {
+    let (from, to) = (from.max(x0 as f64), to.min(x1 as f64));
+    let first = from as usize;
+    let end = if to < 0.0 { 0 } else { to as usize + 1 };
+    first + usize::from((first as f64) < from)..end
+}

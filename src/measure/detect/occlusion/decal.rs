@@ -1,0 +1,170 @@
+//! The decal that a marker is printed on, which may lie over its neighbour.
+
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+
+use nalgebra::Vector2;
+
+use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::segment::blob::Blob;
+use crate::measure::detect::segment::contour::rim;
+
+/// How far a neighbour's sheet reaches beyond its print, px.
+pub const SHEET_PX: f64 = 7.0;
+/// The direction of the picture's rows, in which sheets are taken to lie first.
+pub const ROWS: Vector2<f64> = Vector2::new(1.0, 0.0);
+
+/// A rectangle of the picture that a sheet may cover.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sheet {
+    /// Unit vector along two of its sides.
+    pub axis: Vector2<f64>,
+    /// Its bounds along the axis and across it, counted from the picture's origin, px: first and last.
+    pub bounds: [f64; 4],
+}
+
+impl Sheet {
+    /// Whether it holds a point.
+    pub fn holds(&self, at: &Vector2<f64>) -> bool {
+        let [x0, y0, x1, y1] = self.bounds;
+        let at = turned(self.axis, at);
+        (x0..=x1).contains(&at.x) && (y0..=y1).contains(&at.y)
+    }
+
+    /// What the sheet of a print may cover of a blob, both by their bounds in the direction: a rim about the print, and where
+    /// the blob ends near it, the blob's last rows or columns too, for blur mixes them with the sheet; both are so wide, px.
+    pub fn over(axis: Vector2<f64>, print: [f64; 4], blob: [f64; 4], [rim_px, blur_px]: [f64; 2]) -> Self {
+        let mut bounds = print;
+        for k in 0..2 {
+            bounds[k] -= rim_px;
+            bounds[k + 2] += rim_px;
+            let (before, after) = (print[k] - blob[k + 2], blob[k] - print[k + 2]);
+            if (0.0..2.0 * SHEET_PX).contains(&before) {
+                bounds[k] = bounds[k].min(blob[k + 2] - blur_px);
+            }
+            if (0.0..2.0 * SHEET_PX).contains(&after) {
+                bounds[k + 2] = bounds[k + 2].max(blob[k] + blur_px);
+            }
+        }
+        Self { axis, bounds }
+    }
+}
+
+/// A place along a direction and across it, px.
+fn turned(axis: Vector2<f64>, at: &Vector2<f64>) -> Vector2<f64> {
+    Vector2::new(axis.dot(at), axis.perp(at))
+}
+
+/// The bounds of an outline in a direction, px.
+pub fn print_of(outline: &Outline, axis: Vector2<f64>) -> [f64; 4] {
+    let level = Outline { angle: outline.angle - axis.y.atan2(axis.x), ..*outline };
+    let (middle, extent) = (turned(axis, &outline.centre), level.extent());
+    let (low, high) = (middle - extent, middle + extent);
+    [low.x, low.y, high.x, high.y]
+}
+
+/// The bounds of a blob's pixels in a direction, px.
+pub fn bounds_of(blob: &Blob, axis: Vector2<f64>) -> [f64; 4] {
+    if axis == ROWS {
+        return blob.bounds.map(|v| v as f64);
+    }
+    let ends = blob.runs.iter().flat_map(|&[y, from, to]| [from, to].map(|x| (x, y)));
+    let mut out = [f64::MAX, f64::MAX, f64::MIN, f64::MIN];
+    for (x, y) in ends {
+        let at = turned(axis, &Vector2::new(f64::from(x), f64::from(y)));
+        out = [out[0].min(at.x), out[1].min(at.y), out[2].max(at.x), out[3].max(at.y)];
+    }
+    out
+}
+
+/// The direction in which the sheet of a neighbour cuts a blob, where that is not along rows or columns: that of the line on
+/// which most of its rim towards the neighbour lies; within 45 degrees of the rows.
+pub fn cut(blob: &Blob, neighbour: &Outline) -> Option<Vector2<f64>> {
+    /// Points that are looked at, about, and how many must lie on the line, so far from one another, px.
+    const MOST: usize = 40;
+    const LEAST: usize = 12;
+    const LONG: f64 = 12.0;
+    /// How far a point may lie from the line, px: rims are told to a pixel.
+    const OFF: f64 = 0.6;
+    /// Directions that rows or columns stand for, rad.
+    const LEVEL: f64 = 0.01;
+    let outwards = |[one, other]: [Vector2<f64>; 2]| (neighbour.centre - one).dot(&(one - other)) > 0.0;
+    let points: Vec<Vector2<f64>> = rim(blob)
+        .as_chunks::<2>()
+        .0
+        .iter()
+        .flat_map(|&[one, other]| [[one, other], [other, one]])
+        .filter(|&pair| outwards(pair))
+        .map(|[one, _]| one)
+        .collect();
+    let points: Vec<Vector2<f64>> =
+        points.iter().step_by(points.len().div_ceil(MOST).max(1)).copied().collect();
+    let on = |at: Vector2<f64>, axis: Vector2<f64>| {
+        points.iter().filter(move |&point| axis.perp(&(point - at)).abs() < OFF)
+    };
+    let (mut line, mut most) = ((Vector2::zeros(), ROWS), 0);
+    for (i, one) in points.iter().enumerate() {
+        for other in &points[i + 1..] {
+            let Some(axis) = (other - one).try_normalize(LONG) else { continue };
+            let count = on(*one, axis).count();
+            if count > most {
+                (line, most) = ((*one, axis), count);
+            }
+        }
+    }
+    if most < LEAST {
+        return None;
+    }
+    let middle = on(line.0, line.1).sum::<Vector2<f64>>() / most as f64;
+    let moments = on(line.0, line.1).map(|at| (at - middle) * (at - middle).transpose()).sum();
+    let angle = Outline::from_moments(middle, moments, 1.0).angle;
+    let angle = if angle.abs() > FRAC_PI_4 { angle - FRAC_PI_2.copysign(angle) } else { angle };
+    (angle.abs() > LEVEL).then(|| Vector2::new(angle.cos(), angle.sin()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measure::detect::segment::blob::dark_parts;
+    use crate::measure::raster::Raster;
+
+    /// The direction in which an ellipse seems cut that ends below at a line with a slope.
+    fn seen(slope: f64) -> Option<f64> {
+        let disc = Outline { centre: Vector2::new(100.0, 50.0), major: 40.0, minor: 6.0, angle: -0.05 };
+        let neighbour = Outline { centre: Vector2::new(104.0, 64.0), ..disc };
+        let grey = |i: usize| {
+            let at = Vector2::new((i % 200) as f64, (i / 200) as f64);
+            let black = disc.holds(at) && at.y < 51.3 + slope * (at.x - 100.0);
+            if black { 50 } else { 180 }
+        };
+        let image = Raster::new(200, 120, (0..200 * 120).map(grey).collect())?;
+        let blobs = dark_parts(&image, &disc, 6.0, 120);
+        cut(blobs.first()?, &neighbour).map(|axis| axis.y.atan2(axis.x))
+    }
+
+    #[test]
+    fn the_line_in_which_a_blob_ends_tells_how_a_sheet_lies() {
+        for slope in [-0.2, -0.1, -0.05, 0.05, 0.1, 0.2f64] {
+            let angle = seen(slope).expect("a slanting line");
+            assert!((angle - slope.atan()).abs() < 0.012, "{slope}: {angle}");
+        }
+        assert_eq!(seen(0.0), None, "rows need no other direction");
+    }
+
+    #[test]
+    fn bounds_turn_with_their_direction() {
+        let outline = Outline { centre: Vector2::new(30.0, 20.0), major: 10.0, minor: 2.0, angle: 0.3 };
+        let axis = outline.axis();
+        let [x0, y0, x1, y1] = print_of(&outline, axis);
+        assert!((x1 - x0 - 20.0).abs() < 1e-9 && (y1 - y0 - 4.0).abs() < 1e-9);
+        let sheet = Sheet::over(axis, [x0, y0, x1, y1], [x0, y1 + 5.0, x1, y1 + 9.0], [7.0, 2.5]);
+        // The blob begins 5 px beyond the print: a blur more than that is hidden.
+        let across = Vector2::new(-axis.y, axis.x);
+        assert!(
+            sheet.holds(&(outline.centre + across * 9.4)) && !sheet.holds(&(outline.centre + across * 9.6))
+        );
+        assert!(
+            sheet.holds(&(outline.centre + axis * 16.9)) && !sheet.holds(&(outline.centre + axis * 17.1))
+        );
+        assert_eq!(print_of(&outline, ROWS)[0], outline.centre.x - outline.extent().x);
+    }
+}

@@ -1,0 +1,6 @@
+//! What may hide a part of a marker: decals, glare, seams.
+
+pub mod decal;
+pub mod glare;
+pub mod region;
+pub mod seam;

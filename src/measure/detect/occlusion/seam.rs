@@ -1,0 +1,394 @@
+//! Seams of the skin that meet a disc. A thin dark line that ends in a flat disc's tip makes it look longer,
+//! by too little in each pixel for the robust weights; beside the disc the whole of it tells where it runs.
+
+use std::ops::Range;
+
+use nalgebra::{Matrix2, SymmetricEigen, Vector2};
+
+use super::region::Band;
+use crate::measure::detect::appearance::parameters::{BLUR, LIGHT, Parameters, light_at};
+use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::image::line;
+use crate::measure::detect::image::scanline::{Oval, columns, row_of};
+use crate::measure::detect::simd::dispatch::wide;
+use crate::measure::detect::simd::lanes::{LANES, Lanes, all, each, total};
+use crate::measure::raster::Raster;
+
+/// The ring beside a disc that is searched, px from its outline: from where its blur has ended (in parts of the blur)
+/// outwards.
+const CLEAR: f64 = 3.0;
+const REACH: f64 = 14.0;
+/// Residual scales by which a pixel is darker than the skin, to be a sign of a seam, and by which all of a seam's are.
+const SIGN: f32 = 2.5;
+const DARKER: f64 = 1.5;
+/// Signs on one line, those that are looked at, and how far apart two of them must be to tell a line, px.
+const LEAST: usize = 8;
+const MOST: usize = 32;
+const APART: f64 = 6.0;
+/// Half the width of a seam in which signs lie, px.
+const NARROW: f64 = 1.2;
+/// Where the skin beside a seam is looked at, px from it; bins of its profile, px.
+const BESIDE: (f64, f64) = (4.5, 7.5);
+const BIN: f64 = 0.5;
+const BINS: usize = 9;
+/// How near to a line is on it, px; and residual scales from which on what is unlike the skin is something else.
+const ON: f32 = 1.0;
+const FOREIGN: f32 = 4.0;
+/// What a seam's blur still darkens beyond where it seems to end, px.
+const SKIRT: f64 = 1.0;
+/// Standard deviations of a seam's darkness, and share of its length that must be dark, for chance lines up signs, and
+/// letters and dirt are not lines.
+const CERTAIN: f64 = 8.0;
+const PIECE: f64 = 4.0;
+const UNBROKEN: f64 = 0.75;
+/// Pieces that must be seen.
+const PIECES: usize = 4;
+/// Share of that darkness, and of its standard deviations, from which a line is looked at more closely.
+const HINT: f64 = 0.9;
+/// Share of the outline that a seam may hide: more could not be missed.
+const HIDES: f64 = 0.35;
+/// Most seams at a disc, and most lines that are tried.
+const SEAMS: usize = 2;
+const TRIES: usize = 3;
+
+/// A pixel of the ring: place, px, and how much darker it is than the skin, in residual scales.
+struct Spot {
+    at: Vector2<f64>,
+    darker: f32,
+}
+
+/// The seams beside a disc whose image is known to `m`, with residuals of this scale, as bands of the picture.
+pub fn find(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Vec<Band> {
+    let ring = Ring::new(image, outline, m, scale);
+    let mut signs = ring.signs();
+    signs.sort_by(|one, other| other.darker.total_cmp(&one.darker));
+    let mut out = Vec::new();
+    for _ in 0..TRIES {
+        if out.len() == SEAMS {
+            break;
+        }
+        let Some(line) = straightest(&signs) else { break };
+        signs.retain(|s| line.distance(&s.at) > 2.0 * NARROW);
+        let half = if ring.hints_at(&line) { half_width(&ring.beside(&line), &line) } else { None };
+        if let Some(half) = half {
+            let band = Band { axis: line.across, from: line.at - half, to: line.at + half };
+            if outline.share(|at| band.holds(at)) <= HIDES {
+                out.push(band);
+            }
+        }
+    }
+    out
+}
+
+/// The ring beside a disc, by rows.
+struct Ring<'a> {
+    image: &'a Raster,
+    outline: &'a Outline,
+    oval: Oval<'a>,
+    m: &'a Parameters,
+    scale: f64,
+    rows: Vec<(usize, [Range<usize>; 2])>,
+}
+
+impl<'a> Ring<'a> {
+    fn new(image: &'a Raster, outline: &'a Outline, m: &'a Parameters, scale: f64) -> Self {
+        let reach = outline.extent().add_scalar(REACH + 1.0);
+        let (low, high) = (outline.centre - reach, outline.centre + reach);
+        let row = |v: f64| (v.max(0.0) as usize).min(image.height() - 1);
+        let all = [0, 0, image.width() - 1, image.height() - 1];
+        let oval = Oval::new(outline);
+        let (outer, inner) = (oval.grown(REACH), oval.grown(CLEAR * m[BLUR]));
+        let rows = (row(low.y)..=row(high.y)).filter_map(|y| {
+            let (from, to) = row_of(&outer, y as f64)?;
+            let hole = row_of(&inner, y as f64).unwrap_or((to, to));
+            Some((y, [columns(from, hole.0, all), columns(hole.1.max(hole.0), to, all)]))
+        });
+        let rows = rows.collect();
+        Self { image, outline, oval, m, scale: scale.max(0.1), rows }
+    }
+
+    /// A pixel's place in semi-axes.
+    fn place(&self, x: usize, y: usize) -> (f64, f64) {
+        let (s, t) = self.oval.local(x as f64, y as f64);
+        (s / self.outline.major, t / self.outline.minor)
+    }
+
+    fn spot(&self, x: usize, y: usize, value: u8) -> Spot {
+        let (p, q) = self.place(x, y);
+        let darker = ((light_at(self.m, p, q) - f64::from(value)) / self.scale) as f32;
+        Spot { at: Vector2::new(x as f64, y as f64), darker }
+    }
+
+    /// The signs.
+    fn signs(&self) -> Vec<Spot> {
+        let (mut out, mut some) = (Vec::new(), Vec::new());
+        for (y, parts) in &self.rows {
+            for part in parts {
+                let Some(pixels) = self.image.row(*y).get(part.clone()) else { continue };
+                dark(pixels, self.along(part.start, *y), &mut some);
+                let spots =
+                    some.drain(..).filter_map(|k| Some(self.spot(part.start + k, *y, *pixels.get(k)?)));
+                out.extend(spots.filter(|s| s.darker > SIGN));
+            }
+        }
+        out
+    }
+
+    /// The grey value below which a pixel of a row may be a sign, as a polynomial of how far it is from `x`.
+    fn along(&self, x: usize, y: usize) -> [f32; 3] {
+        // What single precision may lose, grey levels.
+        const SAFE: f64 = 0.02;
+        let [light, first, second] = self.light(x, y);
+        [light - f64::from(SIGN) * self.scale + SAFE, first, second].map(|v| v as f32)
+    }
+
+    /// The skin's grey value along a row, as a polynomial of how far a pixel is from `x`.
+    fn light(&self, x: usize, y: usize) -> [f64; 3] {
+        let m = self.m;
+        let (p, q) = self.place(x, y);
+        let (by_p, by_q) = (self.oval.cos / self.outline.major, -self.oval.sin / self.outline.minor);
+        [
+            light_at(m, p, q),
+            (m[LIGHT + 1] + 2.0 * m[LIGHT + 3] * p) * by_p + m[LIGHT + 2] * by_q,
+            m[LIGHT + 3] * by_p * by_p,
+        ]
+    }
+
+    /// Calls for each row's pixels that are so near to a line that they tell whether it is a seam: row, first column and
+    /// values.
+    fn for_rows_beside(&self, line: &Line, mut call: impl FnMut(usize, usize, &[u8])) {
+        let through = line::Line { at: line.across * line.at, across: line.across };
+        for (y, parts) in &self.rows {
+            let (from, to) = through.row(*y as f64, BESIDE.1 + 1.0);
+            let (from, to) = (from.max(0.0) as usize, to.max(0.0) as usize);
+            for part in parts {
+                let near = part.start.max(from)..part.end.min(to.saturating_add(1));
+                if let Some(pixels) = self.image.row(*y).get(near.clone()).filter(|p| !p.is_empty()) {
+                    call(*y, near.start, pixels);
+                }
+            }
+        }
+    }
+
+    /// Whether what lies on a line is dark enough against what is beside it to be looked at as a seam.
+    fn hints_at(&self, line: &Line) -> bool {
+        let mut sums = Strip { on: [Lanes::of(0.0); 2], beside: [Lanes::of(0.0); 3] };
+        let by_scale = 1.0 / self.scale;
+        self.for_rows_beside(line, |y, x, pixels| {
+            let off = line.across.dot(&Vector2::new(x as f64, y as f64)) - line.at;
+            let light = self.light(x, y).map(|v| (v * by_scale) as f32);
+            add_up(pixels, [off as f32, line.across.x as f32], light, by_scale as f32, &mut sums);
+        });
+        let ([sum, count], [other, others, squares]) =
+            (sums.on.map(|s| total(&s)), sums.beside.map(|s| total(&s)));
+        stands_out([sum, count], [other, others, squares], HINT).is_some()
+    }
+
+    /// The pixels so near to a line that they tell whether it is a seam.
+    fn beside(&self, line: &Line) -> Vec<Spot> {
+        let mut out = Vec::new();
+        self.for_rows_beside(line, |y, x, pixels| {
+            out.extend((x..).zip(pixels).map(|(x, &v)| self.spot(x, y, v)));
+        });
+        out
+    }
+}
+
+/// How much darker than the skin what lies on a line and beside it is, in residual scales: sums and counts, and beside it
+/// the sum of squares.
+struct Strip {
+    on: [Lanes; 2],
+    beside: [Lanes; 3],
+}
+
+wide! {
+    /// Adds the pixels of a row, whose distance from the line is a first one and so much more for each, px, against the light
+    /// as a polynomial of the place, in residual scales.
+    fn add_up(pixels: &[u8], distance: [f32; 2], light: [f32; 3], by_scale: f32, sums: &mut Strip) = added_up
+}
+
+#[inline(always)]
+fn added_up(pixels: &[u8], [off, more]: [f32; 2], light: [f32; 3], by_scale: f32, sums: &mut Strip) {
+    let [c, b, a] = light;
+    let Strip { on: [sum, count], beside: [other, others, squares] } = sums;
+    for (k, some) in pixels.chunks(LANES).enumerate() {
+        let first = (k * LANES) as f32;
+        let mut grey = Lanes::of(0.0);
+        for (grey, &v) in grey.iter_mut().zip(some) {
+            *grey = f32::from(v);
+        }
+        for i in 0..LANES {
+            let x = first + i as f32;
+            let distance = (off + more * x).abs();
+            let darker = c + (b + a * x) * x - grey[i] * by_scale;
+            let there = i < some.len();
+            let on = if there && distance < ON { 1.0 } else { 0.0 };
+            let near = distance >= BESIDE.0 as f32 && distance < BESIDE.1 as f32;
+            let beside = if there && near { 1.0 } else { 0.0 };
+            let clamped = darker.clamp(-FOREIGN, FOREIGN);
+            sum[i] += on * darker;
+            count[i] += on;
+            other[i] += beside * clamped;
+            others[i] += beside;
+            squares[i] += beside * clamped * clamped;
+        }
+    }
+}
+
+/// By how much what lies on a line is darker than what lies beside it, and than what darkness of the skin, in residual
+/// scales, from sums, counts and the sum of squares; `None` where that is less than a share of a seam's.
+fn stands_out([sum, count]: [f64; 2], [other, others, squares]: [f64; 3], share: f64) -> Option<(f64, f64)> {
+    if count < LEAST as f64 || others < LEAST as f64 {
+        return None;
+    }
+    let skin = other / others;
+    let noise = (squares / others - skin * skin).max(0.25).sqrt();
+    let peak = sum / count - skin;
+    let certain = peak > share * DARKER && peak * count.sqrt() > share * CERTAIN * noise;
+    certain.then_some((peak, skin))
+}
+
+wide! {
+    /// The places in a row of the pixels below a polynomial of the place.
+    fn dark(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) = dark_of
+}
+
+#[inline(always)]
+fn dark_of(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) {
+    let [c, b, a] = below;
+    for (k, some) in pixels.chunks(LANES).enumerate() {
+        let first = (k * LANES) as f32;
+        let mut grey = Lanes::of(255.0);
+        for (grey, &v) in grey.iter_mut().zip(some) {
+            *grey = f32::from(v);
+        }
+        let over = each(|i| {
+            let x = first + i as f32;
+            grey[i] - (c + (b + a * x) * x)
+        });
+        if !all(|i| over[i] >= 0.0) {
+            out.extend((0..some.len()).filter(|&i| over[i] < 0.0).map(|i| k * LANES + i));
+        }
+    }
+}
+
+/// A straight line: the points whose product with a unit vector is `at`, px.
+#[derive(Clone, Copy)]
+struct Line {
+    across: Vector2<f64>,
+    at: f64,
+}
+
+impl Line {
+    fn distance(&self, at: &Vector2<f64>) -> f64 {
+        (self.across.dot(at) - self.at).abs()
+    }
+}
+
+/// The line that most of the darkest signs lie on; the darkest come first.
+fn straightest(signs: &[Spot]) -> Option<Line> {
+    if signs.len() < LEAST {
+        return None;
+    }
+    let few: Vec<&Vector2<f64>> = signs.iter().take(MOST).map(|s| &s.at).collect();
+    let origin = *few.first()?;
+    let mut places = [[Lanes::of(f32::MAX); MOST / LANES]; 2];
+    for (k, at) in few.iter().enumerate() {
+        let at = *at - origin;
+        (places[0][k / LANES][k % LANES], places[1][k / LANES][k % LANES]) = (at.x as f32, at.y as f32);
+    }
+    let [i, j] = best_pair(&places, few.len())?;
+    let along = few.get(j)?.to_owned() - few.get(i)?.to_owned();
+    let across = Vector2::new(-along.y, along.x).normalize();
+    let mut line = Line { across, at: across.dot(few.get(i)?) };
+    for _ in 0..2 {
+        line = through(signs.iter().map(|s| &s.at).filter(|at| line.distance(at) < NARROW))?;
+    }
+    (signs.iter().filter(|s| line.distance(&s.at) < NARROW).count() >= LEAST).then_some(line)
+}
+
+/// Columns and rows of signs, px from the first; those that are not there are far away.
+type Places = [[Lanes; MOST / LANES]; 2];
+
+wide! {
+    /// The two of the first `count` places whose line passes by most of them.
+    fn best_pair(places: &Places, count: usize) -> Option<[usize; 2]> = pair_by_count
+}
+
+#[inline(always)]
+fn pair_by_count([x, y]: &Places, count: usize) -> Option<[usize; 2]> {
+    let at = |k: usize| (x[k / LANES][k % LANES], y[k / LANES][k % LANES]);
+    let (mut best, mut most) = (None, 0.0);
+    for i in 0..count {
+        let one = at(i);
+        // Of the lines through this place and sixteen others how many each passes by.
+        for others in (i + 1) / LANES..count.div_ceil(LANES) {
+            let (u, v) = (each(|j| x[others][j] - one.0), each(|j| y[others][j] - one.1));
+            let square = each(|j| u[j] * u[j] + v[j] * v[j]);
+            // Distances from the line are shorter than this, times the pair's.
+            let reach = each(|j| (NARROW * NARROW) as f32 * square[j]);
+            let mut near = Lanes::of(0.0);
+            for k in 0..count {
+                let (dx, dy) = (at(k).0 - one.0, at(k).1 - one.1);
+                near = each(|j| {
+                    let off = dx * v[j] - dy * u[j];
+                    near[j] + if off * off < reach[j] { 1.0 } else { 0.0 }
+                });
+            }
+            for j in 0..LANES {
+                let pair = [i, others * LANES + j];
+                let counts = pair[1] > i && pair[1] < count && square[j] >= (APART * APART) as f32;
+                if counts && near[j] > most {
+                    (best, most) = (Some(pair), near[j]);
+                }
+            }
+        }
+    }
+    best
+}
+
+/// The line through points that has the least squares of distances.
+fn through<'a>(points: impl Iterator<Item = &'a Vector2<f64>> + Clone) -> Option<Line> {
+    let count = points.clone().count() as f64;
+    if count < 2.0 {
+        return None;
+    }
+    let middle = points.clone().sum::<Vector2<f64>>() / count;
+    let scatter: Matrix2<f64> = points.map(|at| (at - middle) * (at - middle).transpose()).sum();
+    let eigen = SymmetricEigen::new(scatter);
+    let across = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
+    Some(Line { across, at: across.dot(&middle) })
+}
+
+/// Half the width of what is dark along a line, px, if it is a seam: darker than what is beside it, all along.
+fn half_width(spots: &[Spot], line: &Line) -> Option<f64> {
+    let along = Vector2::new(-line.across.y, line.across.x);
+    let mut profile = [[0.0f64; 2]; BINS];
+    let mut beside = [0.0f64; 3];
+    let mut pieces: Vec<(i32, [f64; 2])> = Vec::new();
+    for spot in spots {
+        let (distance, darker) = (line.distance(&spot.at), f64::from(spot.darker));
+        if let Some(bin) = profile.get_mut((distance / BIN) as usize) {
+            bin[0] += darker;
+            bin[1] += 1.0;
+        }
+        if (BESIDE.0..BESIDE.1).contains(&distance) {
+            let darker = darker.clamp(-f64::from(FOREIGN), f64::from(FOREIGN));
+            beside = [beside[0] + darker, beside[1] + 1.0, beside[2] + darker * darker];
+        }
+        if distance < f64::from(ON) {
+            let piece = (along.dot(&spot.at) / PIECE).floor() as i32;
+            match pieces.iter_mut().find(|(k, _)| *k == piece) {
+                Some((_, sum)) => *sum = [sum[0] + darker, sum[1] + 1.0],
+                None => pieces.push((piece, [darker, 1.0])),
+            }
+        }
+    }
+    let (sum, count) = (profile[0][0] + profile[1][0], profile[0][1] + profile[1][1]);
+    let (peak, skin) = stands_out([sum, count], beside, 1.0)?;
+    let dark = pieces.iter().filter(|(_, [sum, count])| sum / count - skin > 0.4 * peak).count();
+    let certain = pieces.len() >= PIECES && dark as f64 >= UNBROKEN * pieces.len() as f64;
+    let ended = |&[sum, count]: &[f64; 2]| count > 0.0 && sum / count - skin < 0.12 * peak;
+    let half = (profile.iter().position(ended)? as f64 + 0.5) * BIN;
+    certain.then_some(half.max(1.0) + SKIRT)
+}

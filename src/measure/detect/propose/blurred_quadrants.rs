@@ -1,0 +1,225 @@
+//! Quadrants so narrow that blur leaves too little of their black to tell them by it alone: by black and white.
+
+use std::f64::consts::PI;
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::quadrant_outline::{inside, skin};
+use crate::measure::detect::appearance::parameters::{BLUR, DARK, LIGHT, N, Parameters};
+use crate::measure::detect::estimate::outlined_quadrants;
+use crate::measure::detect::estimate::outlined_quadrants::WHITER;
+use crate::measure::detect::estimate::prior::usual_dark;
+use crate::measure::detect::hypothesis::candidate::Candidate;
+use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::image::histogram::Counts;
+use crate::measure::detect::propose::{moments, quadrant_edges};
+use crate::measure::detect::segment::blob;
+use crate::measure::detect::segment::blob::Blob;
+use crate::measure::raster::Raster;
+
+/// Flat quadrants of whose black blur may take so much that what is left tells neither outline nor edges: greatest
+/// semi-minor axis, over the greatest blur, and least axis ratio of what is seen; how much larger they may be, and skin about
+/// them, px.
+const BLURRED: f64 = 3.2;
+const FLAT: f64 = 3.0;
+const HIDDEN: f64 = 2.5;
+const SKIN: f64 = 8.0;
+/// How far along a marker its white is looked for at least, px: black may be seen of its middle only.
+const HALF: f64 = 60.0;
+/// Greatest semi-minor axis of a blob, px, and its least area, of which blur may have left what is no quadrant; and how far about
+/// it white is looked for, px.
+const THICKEST: f64 = 10.0;
+const LEAST: f64 = 30.0;
+const BESIDE: f64 = 12.0;
+/// Greatest semi-major axis of what is looked at, px: sixteen times the thickest; and how many at most, so that clutter cannot
+/// take for ever.
+const LONGEST: f64 = 160.0;
+const SEEDS: usize = 250;
+/// How far apart two black parts in a row may be, in their semi-major axes, and how far out of the row each may point, rad.
+const APART: f64 = 2.2;
+const IN_ROW: f64 = 0.25;
+/// Their blur beforehand, px.
+const USUAL_BLUR: (f64, f64) = (1.5, 0.7);
+
+/// Flat quadrants of whose black blur has left only the middle, seen once more by all that is unlike the skin, black and
+/// white; `None` for those that are too thick for the greatest blur, px.
+pub fn against_skin(image: &Raster, candidate: &Candidate, softest: f64) -> Option<Candidate> {
+    let seen = &candidate.outline;
+    if candidate.edges.is_none()
+        || candidate.against_skin.is_some()
+        || seen.minor > BLURRED * softest
+        || seen.major < FLAT * seen.minor
+    {
+        return None;
+    }
+    let found = by_black_and_white(image, seen, &candidate.blobs)?;
+    Some(Candidate { like: candidate.like, ..found })
+}
+
+/// Quadrants of which two blobs, near one another or farther, or one show the black, too blurred to tell them by it alone;
+/// only where they are wanted, and of blobs that are no discs.
+pub fn narrow(
+    image: &Raster,
+    (blobs, near): (&[Blob], &[[usize; 2]]),
+    taken: &[bool],
+    noise: f64,
+    wanted: impl Fn(&Outline) -> bool,
+    mut is_disc: impl FnMut(usize) -> bool,
+) -> Vec<Candidate> {
+    let mut may_be = |(i, (blob, taken)): (usize, (&Blob, &bool))| {
+        let seen = Outline::of(blob);
+        let free = !taken && !blob.at_edge && blob.area > LEAST && seen.minor < THICKEST && wanted(&seen);
+        let contrast = if free { white_over_black(image, blob, noise) } else { None };
+        contrast.filter(|_| !is_disc(i))
+    };
+    let contrasts: Vec<Option<usize>> = blobs.iter().zip(taken).enumerate().map(&mut may_be).collect();
+    let far = far_pairs(blobs, |i| contrasts[i].is_some());
+    let far = far.into_iter().filter(|pair| near.binary_search(pair).is_err());
+    let pairs = near.iter().copied().chain(far).map(Vec::from);
+    let single = (0..blobs.len()).map(|i| vec![i]);
+    let mut out: Vec<Candidate> = Vec::new();
+    let seeds = pairs.chain(single).filter_map(|seed| {
+        let contrast = seed.iter().map(|&i| contrasts[i]).min()??;
+        // Noise has less contrast than markers; grain of what lies beside the wing is smaller.
+        let area: f64 = seed.iter().map(|&i| blobs[i].area).sum();
+        Some((contrast as f64 * area.sqrt(), moments::outline_of(&seed, blobs)?, seed))
+    });
+    let mut seeds: Vec<(f64, Outline, Vec<usize>)> = seeds.collect();
+    seeds.sort_by(|(one, ..), (other, ..)| other.total_cmp(one));
+    seeds.truncate(SEEDS);
+    // Two parts of a marker come before each of them.
+    seeds.sort_by(|(_, one, _), (_, other, _)| other.major.total_cmp(&one.major));
+    for (_, seen, seed) in seeds {
+        if out.iter().any(|c| seed.iter().any(|i| c.blobs.contains(i))) {
+            continue;
+        }
+        let Some(mut found) = by_black_and_white(image, &seen, &[]) else { continue };
+        found.blobs = (0..blobs.len()).filter(|&i| found.outline.holds(blobs[i].centroid)).collect();
+        out.push(found);
+    }
+    out
+}
+
+/// Pairs of flat blobs that lie in a row, so far apart that blur may have taken what was between them.
+fn far_pairs(blobs: &[Blob], wanted: impl Fn(usize) -> bool) -> Vec<[usize; 2]> {
+    let flat: Vec<(usize, Outline)> = (blobs.iter().enumerate())
+        .filter(|(i, _)| wanted(*i))
+        .map(|(i, blob)| (i, Outline::of(blob)))
+        .filter(|(_, seen)| seen.major > FLAT * seen.minor)
+        .collect();
+    let in_row = |one: &Outline, other: &Outline| {
+        let between = other.centre - one.centre;
+        let along = |seen: &Outline| between.dot(&seen.axis()).abs() > IN_ROW.cos() * between.norm();
+        between.norm() < APART * (one.major + other.major) && along(one) && along(other)
+    };
+    let mut out = Vec::new();
+    for (k, (i, one)) in flat.iter().enumerate() {
+        for (j, other) in &flat[k + 1..] {
+            let ratio = blobs[*i].area / blobs[*j].area;
+            if (0.4..2.5).contains(&ratio) && in_row(one, other) {
+                out.push([*i, *j]);
+            }
+        }
+    }
+    out
+}
+
+/// Grey levels between the lightest and the darkest about a blob, where something is lighter than the skin, as white is beside
+/// black.
+fn white_over_black(image: &Raster, blob: &Blob, noise: f64) -> Option<usize> {
+    let [x0, y0, x1, y1] = blob.bounds.map(|v| v as f64);
+    let margin = Outline::of(blob).extent().add_scalar(BESIDE);
+    let low = Vector2::new(x0, y0) - margin;
+    let high = Vector2::new(x1, y1).add_scalar(1.0) + margin;
+    let counts = Counts::of(image.part(low, high, 2).map(|(_, _, value)| value));
+    let at = |share: usize| counts.at(counts.total() * share / 32).unwrap_or(0);
+    let (black, skin, white) = (at(0), at(16), at(31));
+    // The lightest of much skin is lighter than most of it by twice the noise.
+    let contrast = white.saturating_sub(black);
+    (white.saturating_sub(skin) as f64 > WHITER * contrast as f64 + 2.0 * noise).then_some(contrast)
+}
+
+/// Quadrants with outline and edges from all that is unlike the skin about what is seen of them.
+fn by_black_and_white(image: &Raster, seen: &Outline, blobs: &[usize]) -> Option<Candidate> {
+    if seen.major > LONGEST {
+        return None;
+    }
+    let (outline, m, skin) = unlike_skin(image, seen)?;
+    let found = quadrant_edges::within(outline, image, blobs)?;
+    let start = outlined_quadrants::start(&found, &m, skin)?;
+    let (found, m) = outlined_quadrants::refined(image, &found, start, USUAL_BLUR)?;
+    Some(Candidate { against_skin: Some(m[BLUR]), ..found })
+}
+
+/// The outline of all that is unlike the skin about what is seen of quadrants, parameters with their grey levels, and the
+/// skin's grey level.
+fn unlike_skin(image: &Raster, seen: &Outline) -> Option<(Outline, Parameters, f64)> {
+    let mut seen = *seen;
+    for _ in 0..3 {
+        let (major, minor) = ((HIDDEN * seen.major + SKIN).max(HALF), HIDDEN * seen.minor + SKIN);
+        let longest = Outline { major, minor, ..seen };
+        let reach = longest.extent();
+        let (low, high) = (seen.centre - reach, seen.centre + reach);
+        let skin = skin(image, low, high)?;
+        let black = usize::from(inside(image, &seen).min()?);
+        let grown = Outline { major: seen.major + SKIN, minor: seen.minor + 0.5 * SKIN, ..seen };
+        let white = usize::from(inside(image, &grown).max()?);
+        let (dark, light) = (skin.midpoint(black.min(skin)) as u8, skin.midpoint(white.max(skin)) as u8);
+        let mut parts = blob::darker_than(image, low, high, dark);
+        parts.extend(blob::lighter_than(image, low, high, light));
+        let least = 0.1 * seen.major * seen.minor;
+        let parts: Vec<&Blob> =
+            parts.iter().filter(|b| b.area > least && longest.holds(b.centroid)).collect();
+        let found = hull(&parts).filter(|outline| outline.minor >= 1.0)?;
+        if found.major < 1.2 * seen.major {
+            let mut m = [0.0; N];
+            (m[LIGHT], m[BLUR]) = (white.max(1) as f64, USUAL_BLUR.0);
+            m[DARK] = usual_dark(black as f64 / m[LIGHT]);
+            return Some((found, m, skin as f64));
+        }
+        seen = found;
+    }
+    None
+}
+
+/// The ellipse of inertia of the convex hull of some blobs; `None` where they are too far from an ellipse. Cracks between
+/// them, as between black and white that are both unlike the skin, do not matter.
+fn hull(parts: &[&Blob]) -> Option<Outline> {
+    /// Least share of the hull that is seen, and least of its ellipse that it fills: a parallelogram 0.95.
+    const SEEN: f64 = 0.4;
+    const FULL: f64 = 0.9;
+    let ends = |&[y, from, to]: &[u32; 3]| [from, to].map(|x| Vector2::new(f64::from(x), f64::from(y)));
+    let mut points: Vec<Vector2<f64>> = parts.iter().flat_map(|b| b.runs.iter().flat_map(ends)).collect();
+    points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+    // Lower and upper chain from left to right (Andrew's monotone chain).
+    let chain = |points: &mut dyn Iterator<Item = &Vector2<f64>>| {
+        let mut out: Vec<Vector2<f64>> = Vec::new();
+        for p in points {
+            while let [.., a, b] = out[..]
+                && (b - a).perp(&(p - a)) <= 0.0
+            {
+                out.pop();
+            }
+            out.push(*p);
+        }
+        out.pop();
+        out
+    };
+    let mut corners = chain(&mut points.iter());
+    corners.extend(chain(&mut points.iter().rev()));
+    // Moments of the triangles from the first corner, counted from there.
+    let first = *corners.first()?;
+    let (mut area, mut sum, mut square) = (0.0, Vector2::zeros(), Matrix2::zeros());
+    for pair in corners.windows(2) {
+        let (a, b) = (pair[0] - first, pair[1] - first);
+        let part = 0.5 * a.perp(&b);
+        area += part;
+        sum += (a + b) * (part / 3.0);
+        square += ((a + b) * (a + b).transpose() + a * a.transpose() + b * b.transpose()) * (part / 12.0);
+    }
+    let area = Some(area).filter(|area| *area > 1.0)?;
+    let centre = sum / area;
+    let outline = Outline::from_moments(first + centre, square / area - centre * centre.transpose(), 2.0);
+    let own: f64 = parts.iter().map(|b| b.area).sum();
+    (own > SEEN * area && area > FULL * PI * outline.major * outline.minor).then_some(outline)
+}

@@ -1,0 +1,135 @@
+//! A disc that glare hides in part: the ellipse through the outline that is left, for the blob ends before the disc does.
+
+use nalgebra::Vector2;
+
+use super::partial_ellipse::any_ellipse;
+use crate::measure::detect::hypothesis::candidate::Candidate;
+use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::occlusion::glare::{MARGIN, drowned, middle_of};
+use crate::measure::detect::occlusion::region::Band;
+use crate::measure::detect::segment::blob::Blob;
+use crate::measure::detect::segment::contour::rim;
+use crate::measure::raster::Raster;
+
+/// How far on either side of the outline the step from black to skin is taken, px.
+const REACH: f64 = 3.0;
+/// Share of the usual step below which an outline is not the disc's.
+const STEP: f64 = 0.6;
+/// Rim points that must be left.
+const LEFT: usize = 40;
+
+/// A point of a blob's rim, px: where, along the blob's axis, and the step across it, grey levels.
+struct Rim {
+    at: Vector2<f64>,
+    along: f64,
+    step: f64,
+}
+
+/// A blob with what glare has left of its rim.
+struct Part {
+    axis: Vector2<f64>,
+    left: Vec<Vector2<f64>>,
+    /// Bands along the axis that glare hides: before the first, after the second.
+    ends: [Option<f64>; 2],
+}
+
+/// The candidate with the outline of its whole disc, where glare hides an end of it; together with
+/// the part on the other side of the glare, if there is one.
+pub fn completed(image: &Raster, candidate: &Candidate, index: usize, blobs: &[Blob]) -> Option<Candidate> {
+    let blob = blobs.get(index)?;
+    let part = part(image, blob, LEFT)?;
+    let far = (blobs.iter().enumerate())
+        .filter(|&(i, other)| i != index && opposite(&part, blob, other))
+        .find_map(|(i, other)| together(image, &part, i, other, candidate, blob));
+    far.or_else(|| {
+        // Too little of the rim may be left: then only the discs about it tell the size.
+        let seen = Outline::of(blob);
+        let outline = any_ellipse(&part.left, blob).and_then(|o| sound(o, blob)).unwrap_or(seen);
+        let bands = bands(part.axis, part.ends);
+        Some(Candidate { outline, bands, ..candidate.clone() })
+    })
+}
+
+fn bands(axis: Vector2<f64>, [first, second]: [Option<f64>; 2]) -> Vec<Band> {
+    let band = |from: f64, to: f64| Band { axis, from, to };
+    let before = first.map(|end| band(f64::NEG_INFINITY, end));
+    before.into_iter().chain(second.map(|end| band(end, f64::INFINITY))).collect()
+}
+
+/// Whether a blob may be the rest of the disc: across the glare, on the axis, and of no other size.
+fn opposite(part: &Part, blob: &Blob, other: &Blob) -> bool {
+    let d = other.centroid - blob.centroid;
+    let own = Outline::of(blob);
+    let (along, across) = (d.dot(&part.axis), d.perp(&part.axis).abs());
+    let side = if along > 0.0 { part.ends[1] } else { part.ends[0] };
+    side.is_some()
+        && other.area > 30.0
+        && other.area < 3.0 * blob.area
+        && along.abs() > own.major
+        && along.abs() < 5.0 * own.major
+        && across < own.minor + 0.1 * along.abs()
+}
+
+/// Both parts of a disc that a band of glare crosses.
+fn together(
+    image: &Raster,
+    one: &Part,
+    index: usize,
+    other: &Blob,
+    candidate: &Candidate,
+    blob: &Blob,
+) -> Option<Candidate> {
+    let far = part(image, other, LEFT / 3)?;
+    let after = (other.centroid - blob.centroid).dot(&one.axis) > 0.0;
+    let facing = if after == (far.axis.dot(&one.axis) > 0.0) { far.ends[0] } else { far.ends[1] };
+    facing?;
+    let points: Vec<Vector2<f64>> = one.left.iter().chain(&far.left).copied().collect();
+    let outline = any_ellipse(&points, blob)?;
+    // One ellipse passes through both.
+    let off = |p: &Vector2<f64>| (outline.outwards(*p) - 1.0).abs() * outline.minor;
+    let mean = points.iter().map(off).sum::<f64>() / points.len() as f64;
+    let along = |p: &Vector2<f64>| p.dot(&one.axis);
+    let ends = |points: &[Vector2<f64>]| {
+        points.iter().map(along).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)))
+    };
+    let (near, far_ends) = (ends(&one.left), ends(&far.left));
+    let (from, to) = if after { (near.1, far_ends.0) } else { (far_ends.1, near.0) };
+    if mean > 1.0 || from >= to {
+        return None;
+    }
+    let blobs = candidate.blobs.iter().copied().chain([index]).collect();
+    let bands = vec![Band { axis: one.axis, from: from - MARGIN, to: to + MARGIN }];
+    Some(Candidate { outline, bands, blobs, ..candidate.clone() })
+}
+
+/// What glare has left of a blob; `None` where no end of it is drowned.
+fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
+    let outline = Outline::of(blob);
+    let axis = outline.axis();
+    let inverse = blob.covariance.try_inverse()?;
+    let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
+    let points: Vec<Rim> = (rim(blob).into_iter())
+        .map(|at| {
+            let normal = (inverse * (at - blob.centroid)).normalize() * REACH;
+            let (inside, outside) = (grey(at - normal), grey(at + normal));
+            Rim { at, along: at.dot(&axis), step: outside - inside }
+        })
+        .collect();
+    let usual = middle_of(points.iter().map(|p| p.step))?;
+    let ends = drowned(image, &outline);
+    if usual < 8.0 || ends == [None, None] {
+        return None;
+    }
+    let open = |p: &&Rim| {
+        p.step > STEP * usual && ends[0].is_none_or(|e| p.along > e) && ends[1].is_none_or(|e| p.along < e)
+    };
+    let left: Vec<Vector2<f64>> = points.iter().filter(open).map(|p| p.at).collect();
+    (left.len() >= least).then_some(Part { axis, left, ends })
+}
+
+/// The outline, if it is not much larger than what is seen of it.
+fn sound(outline: Outline, blob: &Blob) -> Option<Outline> {
+    let seen = Outline::of(blob);
+    let fits = outline.major < 2.0 * seen.major && outline.minor < 1.6 * seen.minor;
+    (fits && outline.major > seen.major).then_some(outline)
+}

@@ -1,0 +1,11 @@
+//! From blobs to hypotheses, whole ones and such as are hidden, blurred or cut.
+
+pub mod blurred_quadrants;
+pub mod decal_cut;
+pub mod gather;
+pub mod glare_cut;
+pub mod moments;
+pub mod partial_ellipse;
+pub mod quadrant_edges;
+pub mod quadrant_outline;
+pub mod reduced;

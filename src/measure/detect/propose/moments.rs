@@ -1,0 +1,204 @@
+//! Blobs sorted into discs and pairs of black quadrants, with a first geometry.
+
+use std::f64::consts::PI;
+use std::sync::LazyLock;
+
+use nalgebra::{Matrix2, SymmetricEigen, Vector2};
+
+use crate::measure::detect::appearance::parameters::Pattern;
+use crate::measure::detect::hypothesis::candidate::Candidate;
+use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::segment::blob::Blob;
+
+/// The shape of one blob or of several together, when only moments are asked.
+struct Shape {
+    area: f64,
+    centre: Vector2<f64>,
+    covariance: Matrix2<f64>,
+}
+
+fn together(blobs: &[&Blob]) -> Shape {
+    let area: f64 = blobs.iter().map(|b| b.area).sum();
+    let centre = blobs.iter().map(|b| b.centroid * b.area).sum::<Vector2<f64>>() / area;
+    let covariance = (blobs.iter())
+        .map(|b| {
+            let d = b.centroid - centre;
+            (b.covariance + d * d.transpose()) * b.area
+        })
+        .sum::<Matrix2<f64>>()
+        / area;
+    Shape { area, centre, covariance }
+}
+
+/// The ellipse of inertia of some of the blobs together.
+pub fn outline_of(indices: &[usize], all: &[Blob]) -> Option<Outline> {
+    let blobs: Vec<&Blob> = indices.iter().map(|&i| all.get(i)).collect::<Option<_>>()?;
+    let shape = together(&blobs);
+    Some(Outline::from_moments(shape.centre, shape.covariance, 2.0))
+}
+
+/// A disc, where the blob fills its ellipse of inertia.
+pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
+    let outline = Outline::of(blob);
+    // Few pixels across make steps in the outline.
+    let most = if outline.minor < 1.8 { 1.3 } else { 0.36 + 0.6 / (outline.minor * outline.minor) };
+    ((0.72..1.2).contains(&blob.fill()) && squareness(blob) < most)
+        .then(|| Candidate::of(Pattern::Disc, outline, vec![index]))
+}
+
+/// Share of the second moments of two opposite quadrants of the unit disc along their own
+/// direction (1, 1)/sqrt 2, and across it.
+const ALONG: f64 = 0.25 + 0.5 / PI;
+const ACROSS: f64 = 0.25 - 0.5 / PI;
+
+/// Two opposite quadrants, from one blob or two: an affine image of the unit disc's is sought
+/// whose area, centroids and second moments are those seen.
+pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Candidate> {
+    let blobs: Vec<&Blob> = indices.iter().map(|&i| all.get(i)).collect::<Option<_>>()?;
+    let shape = together(&blobs);
+    let det = shape.covariance.determinant();
+    if det <= 1e-6 || !(0.50..0.85).contains(&(shape.area / (4.0 * PI * det.sqrt()))) {
+        return None;
+    }
+    let (whiten, halves) = split(&blobs, &shape)?;
+    // Whitened, the diagonals (1, 1) and (1, -1) of the pattern are orthogonal and of known length.
+    let diagonal = (whiten * (halves.1 - halves.0)) * (0.5 * 3.0 * PI / 4.0);
+    let length = (2.0 / ALONG).sqrt();
+    if !(0.85..1.15).contains(&(diagonal.norm() / length)) {
+        return None;
+    }
+    let unit = diagonal.normalize();
+    let back = whiten.try_inverse()?;
+    let p = back * unit * length;
+    let q = back * Vector2::new(-unit.y, unit.x) * (2.0 / ACROSS).sqrt();
+    let (e1, e2) = ((p + q) * 0.5, (p - q) * 0.5);
+    let affine = Matrix2::from_columns(&[e1, e2]);
+    let expected = 0.5 * PI * affine.determinant().abs();
+    if !(0.75..1.3).contains(&(shape.area / expected)) {
+        return None;
+    }
+    let outline = Outline::from_moments(shape.centre, affine * affine.transpose(), 1.0);
+    Some(between(e1, e2, outline, indices))
+}
+
+/// Quadrants whose black ones lie between two directions, and their opposites.
+pub fn between(e1: Vector2<f64>, e2: Vector2<f64>, outline: Outline, blobs: &[usize]) -> Candidate {
+    let (u1, u2) = (e1.normalize(), e2.normalize());
+    let half = 0.5 * u1.dot(&u2).clamp(-1.0, 1.0).acos();
+    let bisector = u1 + u2;
+    let along = bisector.y.atan2(bisector.x);
+    let (pattern, edges) = if half <= PI / 4.0 {
+        (Pattern::BlackAlong, (along, half.tan()))
+    } else {
+        (Pattern::WhiteAlong, (along + PI / 2.0, (PI / 2.0 - half).tan()))
+    };
+    Candidate { edges: Some(edges), ..Candidate::of(pattern, outline, blobs.to_vec()) }
+}
+
+/// Directions in which kurtosis is looked at, in equal steps over half a turn.
+const DIRECTIONS: usize = 36;
+
+/// For each of them what the fourth moments x^4, x^3 y, x^2 y^2, x y^3, y^4 count in it.
+static FOURTH_POWERS: LazyLock<[[f64; 5]; DIRECTIONS]> = LazyLock::new(|| {
+    std::array::from_fn(|k| {
+        let (s, c) = direction(k);
+        [c.powi(4), 4.0 * c.powi(3) * s, 6.0 * c * c * s * s, 4.0 * c * s.powi(3), s.powi(4)]
+    })
+});
+
+/// Sine and cosine of the `k`-th direction.
+fn direction(k: usize) -> (f64, f64) {
+    (k as f64 * PI / DIRECTIONS as f64).sin_cos()
+}
+
+/// Whitening transform of a shape, and its kurtosis in each of the whitened directions.
+fn kurtosis(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, [f64; DIRECTIONS])> {
+    let inverse = shape.covariance.try_inverse()?;
+    let eigen = SymmetricEigen::new(inverse);
+    let scale = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()));
+    let whiten = scale * eigen.eigenvectors.transpose();
+    // Fourth moments in whitened coordinates: x^4, x^3 y, x^2 y^2, x y^3, y^4.
+    let mut fourth = [0.0; 5];
+    let (p, q) = (whiten[(0, 0)], whiten[(1, 0)]);
+    let (pp, pq, qq) = (p * p, p * q, q * q);
+    for &[y, from, to] in blobs.iter().flat_map(|b| &b.runs) {
+        // A run's pixels lie at `middle + k (p, q)`, k from `-(n - 1) / 2` on: odd powers of k cancel.
+        let middle = Vector2::new(0.5 * (f64::from(from) + f64::from(to)), f64::from(y));
+        let w = whiten * (middle - shape.centre);
+        let (xx, xy, yy) = (w.x * w.x, w.x * w.y, w.y * w.y);
+        let n = f64::from(to - from + 1);
+        let second = n * (n * n - 1.0) / 12.0;
+        let fourth_power = second * (3.0 * n * n - 7.0) / 20.0;
+        let sums = [
+            n * xx * xx + 6.0 * second * xx * pp + fourth_power * pp * pp,
+            n * xx * xy + 3.0 * second * (xy * pp + xx * pq) + fourth_power * pp * pq,
+            n * xx * yy + second * (xx * qq + 4.0 * xy * pq + yy * pp) + fourth_power * pp * qq,
+            n * xy * yy + 3.0 * second * (xy * qq + yy * pq) + fourth_power * pq * qq,
+            n * yy * yy + 6.0 * second * yy * qq + fourth_power * qq * qq,
+        ];
+        fourth.iter_mut().zip(sums).for_each(|(f, v)| *f += v);
+    }
+    let [a, b, d, e, f] = fourth.map(|v| v / shape.area);
+    let along =
+        |[xxxx, xxxy, xxyy, xyyy, yyyy]: [f64; 5]| xxxx * a + xxxy * b + xxyy * d + xyyy * e + yyyy * f;
+    Some((whiten, FOURTH_POWERS.map(along)))
+}
+
+/// How far the kurtosis changes with direction: 0 for an ellipse, 0.6 for a parallelogram.
+pub fn squareness(blob: &Blob) -> f64 {
+    let Some((_, k)) = kurtosis(&[blob], &together(&[blob])) else { return 0.0 };
+    let (low, high) = k.iter().fold((f64::MAX, f64::MIN), |(l, h), &v| (l.min(v), h.max(v)));
+    high - low
+}
+
+/// The whitening transform and the centroids of the two wedges. After whitening, the direction in
+/// which two opposite wedges lie is the one of least kurtosis; a disc has 2 everywhere, two
+/// quadrants 1.38.
+#[allow(clippy::type_complexity)]
+fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, (Vector2<f64>, Vector2<f64>))> {
+    let (whiten, kurtosis) = kurtosis(blobs, shape)?;
+    let best = (0..DIRECTIONS).min_by(|&i, &j| kurtosis[i].total_cmp(&kurtosis[j]))?;
+    if kurtosis[best] > 1.62 {
+        return None;
+    }
+    let (s, c) = direction(best);
+    let direction = whiten.transpose() * Vector2::new(c, s);
+    let mut sums = [(0.0, Vector2::zeros()), (0.0, Vector2::zeros())];
+    for run in blobs.iter().flat_map(|b| &b.runs) {
+        let [y, from, to] = run.map(f64::from);
+        // Along a run the side changes once.
+        let level = direction.y * (y - shape.centre.y);
+        let turn = shape.centre.x - level / direction.x;
+        let (before, last) = if direction.x > 0.0 {
+            (0, turn.floor())
+        } else if direction.x < 0.0 {
+            (1, turn.ceil() - 1.0)
+        } else {
+            (usize::from(level > 0.0), to)
+        };
+        let last = last.clamp(from - 1.0, to);
+        for (side, from, to) in [(before, from, last), (1 - before, last + 1.0, to)] {
+            let count = to - from + 1.0;
+            sums[side].0 += count;
+            sums[side].1 += Vector2::new(0.5 * (from + to), y) * count;
+        }
+    }
+    let [(n0, s0), (n1, s1)] = sums;
+    (n0 > 0.35 * shape.area && n1 > 0.35 * shape.area).then(|| (whiten, (s0 / n0, s1 / n1)))
+}
+
+/// Pairs of blobs close enough to be the two black quadrants of one marker, in ascending order.
+pub fn pairs(blobs: &[Blob]) -> Vec<[usize; 2]> {
+    let reach: Vec<f64> = blobs.iter().map(|b| 3.0 * b.covariance.trace().sqrt()).collect();
+    let mut out = Vec::new();
+    for (i, one) in blobs.iter().enumerate() {
+        for (j, other) in blobs.iter().enumerate().skip(i + 1) {
+            let near = (one.centroid - other.centroid).norm() < reach[i] + reach[j] + 6.0;
+            let ratio = one.area / other.area;
+            if near && (0.4..2.5).contains(&ratio) {
+                out.push([i, j]);
+            }
+        }
+    }
+    out
+}

@@ -1,0 +1,151 @@
+//! A disc that a neighbour's sheet hides in part: the ellipse through the outline that is left.
+
+use nalgebra::{Cholesky, Matrix2, Matrix3, SMatrix, SVector, SymmetricEigen, Vector2, Vector3};
+
+use crate::measure::detect::hypothesis::candidate::Candidate;
+use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::occlusion::decal::{SHEET_PX, Sheet, bounds_of};
+use crate::measure::detect::segment::blob::Blob;
+use crate::measure::detect::segment::contour::rim;
+
+/// How far a cut edge is blurred into what it leaves, px.
+const BLUR_PX: f64 = 2.5;
+/// Relative difference below which a neighbour is taken to be of the same size.
+const SAME_SIZE: f64 = 0.12;
+/// Share of the outline that must be seen, beside a disc of the same size, and without.
+const SHARE: f64 = 0.35;
+const SHARE_ALONE: f64 = 0.55;
+/// Points of the outline that must be seen.
+pub const LEAST: usize = 24;
+
+type Conic = SVector<f64, 5>;
+
+/// The candidate with the outline of its whole disc, and where it may be hidden by sheets that lie in the direction of their
+/// print. Discs side by side look alike, so the neighbour's shape is where the fit starts from.
+pub fn completed(
+    candidate: &Candidate,
+    blob: &Blob,
+    others: &[Blob],
+    direction: impl Fn(&Blob) -> Vector2<f64>,
+) -> Option<Candidate> {
+    let near: Vec<(&Blob, Sheet)> = (others.iter())
+        .filter(|o| o.area > 0.3 * blob.area && o.area < 6.0 * blob.area && are_near(o, blob))
+        .filter_map(|o| {
+            let axis = direction(o);
+            let own = bounds_of(blob, axis);
+            let sheet = Sheet::over(axis, bounds_of(o, axis), own, [SHEET_PX, BLUR_PX]);
+            let h = sheet.bounds;
+            (h[0] <= own[2] && own[0] <= h[2] && h[1] <= own[3] && own[1] <= h[3]).then_some((o, sheet))
+        })
+        .filter(|(o, _)| !overlap(o, blob))
+        .collect();
+    let hidden: Vec<Sheet> = near.iter().map(|n| n.1).collect();
+    let rim = rim(blob);
+    let seen: Vec<Vector2<f64>> =
+        rim.iter().filter(|p| !hidden.iter().any(|sheet| sheet.holds(p))).copied().collect();
+    if seen.len() == rim.len() || (seen.len() as f64) < SHARE * rim.len() as f64 || seen.len() < LEAST {
+        return None;
+    }
+    let alike = (near.iter())
+        .filter(|(o, _)| is_ellipse(o))
+        .min_by(|a, b| distance(a.0, blob).total_cmp(&distance(b.0, blob)));
+    let (like, free) = alike.map_or((blob, true), |(o, _)| (*o, false));
+    let mut outline = if free { any_ellipse(&seen, like) } else { same_ellipse(&seen, like) }?;
+    let size = Outline::of(like).major;
+    let same_size = !free && (outline.major / size - 1.0).abs() < SAME_SIZE;
+    if same_size {
+        outline.major = size;
+    } else if (seen.len() as f64) < SHARE_ALONE * rim.len() as f64 {
+        return None;
+    }
+    let fits = outline.major < 2.0 * candidate.outline.major && outline.minor < 3.0 * candidate.outline.minor;
+    fits.then(|| Candidate { outline, hidden, alike: same_size, ..candidate.clone() })
+}
+
+/// Whether two blobs are one thing at two levels: the centroid of one lies in the other.
+fn overlap(one: &Blob, other: &Blob) -> bool {
+    let inside = |a: &Blob, b: &Blob| {
+        let outline = Outline::of(a);
+        let (s, t) = outline.local(b.centroid);
+        (s / outline.major.max(0.5)).hypot(t / outline.minor.max(0.5)) < 1.0
+    };
+    inside(one, other) || inside(other, one)
+}
+
+/// Whether a blob is filled as an ellipse is.
+pub fn is_ellipse(blob: &Blob) -> bool {
+    !blob.at_edge && (0.95..1.05).contains(&blob.fill())
+}
+
+/// Whether the sheet of one blob can reach the other, in whatever direction it lies.
+fn are_near(one: &Blob, other: &Blob) -> bool {
+    let most = 3 * SHEET_PX as usize;
+    let (a, b) = (&one.bounds, &other.bounds);
+    (0..2).all(|k| a[k] <= b[k + 2] + most && b[k] <= a[k + 2] + most)
+}
+
+fn distance(one: &Blob, other: &Blob) -> f64 {
+    (one.centroid - other.centroid).norm()
+}
+
+/// The transform that makes a circle of a blob's ellipse.
+fn whitening(blob: &Blob) -> Option<Matrix2<f64>> {
+    let eigen = SymmetricEigen::new(blob.covariance.try_inverse()?);
+    let scale = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()));
+    Some(scale * eigen.eigenvectors.transpose())
+}
+
+/// The ellipse through the points; `blob` only conditions it.
+pub fn any_ellipse(points: &[Vector2<f64>], blob: &Blob) -> Option<Outline> {
+    let whiten = whitening(blob)?;
+    let white: Vec<Vector2<f64>> = points.iter().map(|p| whiten * (p - blob.centroid)).collect();
+    let (centre, moments) = ellipse(&through(&white)?)?;
+    let back = whiten.try_inverse()?;
+    Some(Outline::from_moments(blob.centroid + back * centre, back * moments * back.transpose(), 1.0))
+}
+
+/// The ellipse through the points that has the axis ratio and direction of `like`.
+fn same_ellipse(points: &[Vector2<f64>], like: &Blob) -> Option<Outline> {
+    let whiten = whitening(like)?;
+    let middle = points.iter().sum::<Vector2<f64>>() / points.len() as f64;
+    let (mut normal, mut right) = (Matrix3::identity() * 1e-9, Vector3::zeros());
+    for p in points {
+        let w = whiten * (p - middle);
+        let row = Vector3::new(2.0 * w.x, 2.0 * w.y, 1.0);
+        normal += row * row.transpose();
+        right += row * w.norm_squared();
+    }
+    let circle = Cholesky::new(normal)?.solve(&right);
+    let centre = circle.xy();
+    let radius2 = circle.z + centre.norm_squared();
+    let back = whiten.try_inverse()?;
+    (radius2 > 0.0)
+        .then(|| Outline::from_moments(middle + back * centre, back * back.transpose() * radius2, 1.0))
+}
+
+pub fn row(p: &Vector2<f64>) -> Conic {
+    Conic::new(p.x * p.x, p.x * p.y, p.y * p.y, p.x, p.y)
+}
+
+/// Least squares of `a x^2 + b x y + c y^2 + d x + e y = 1`.
+fn through(points: &[Vector2<f64>]) -> Option<Conic> {
+    let mut normal = SMatrix::<f64, 5, 5>::identity() * 1e-9;
+    let mut right = Conic::zeros();
+    for p in points {
+        let r = row(p);
+        normal += r * r.transpose();
+        right += r;
+    }
+    Some(Cholesky::new(normal)?.solve(&right))
+}
+
+/// Centre, and the matrix whose unit ellipse it is.
+fn ellipse(conic: &Conic) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+    let form = Matrix2::new(conic[0], 0.5 * conic[1], 0.5 * conic[1], conic[2]);
+    if form.determinant() <= 0.0 || form.trace() <= 0.0 {
+        return None;
+    }
+    let centre = -0.5 * (form.try_inverse()? * Vector2::new(conic[3], conic[4]));
+    let level = 1.0 + (centre.transpose() * form * centre).x;
+    Some((centre, (form / level).try_inverse()?))
+}

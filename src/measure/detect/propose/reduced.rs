@@ -1,0 +1,64 @@
+//! Where the edges of large quadrants cross, from a smaller picture of them.
+
+use nalgebra::Vector2;
+
+use crate::measure::detect::hypothesis::candidate::Candidate;
+use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::raster::Raster;
+
+/// Semi-minor axis of what is large, and of its smaller picture, px.
+const LARGE: f64 = 24.0;
+const SMALL: f64 = 12.0;
+
+/// A picture of a candidate, smaller by a whole factor.
+pub struct Reduced {
+    /// Means of squares.
+    pub image: Raster,
+    /// The candidate in it.
+    pub candidate: Candidate,
+    corner: Vector2<f64>,
+    factor: f64,
+}
+
+impl Reduced {
+    /// Of large quadrants; `None` of others. Where they are near, the centre of their outline is not that of the target, and the
+    /// first crossing is farther off than its edges' pixels are looked for: less so in a smaller picture.
+    pub fn of(image: &Raster, candidate: &Candidate) -> Option<Self> {
+        let outline = &candidate.outline;
+        if candidate.edges.is_none() || outline.minor < LARGE {
+            return None;
+        }
+        let step = (outline.minor / SMALL) as usize;
+        let factor = step as f64;
+        let reach = outline.extent() * 1.2;
+        let corner = (outline.centre - reach).map(|v| v.max(0.0).floor());
+        let most = Vector2::new(image.width() as f64, image.height() as f64);
+        let size = ((outline.centre + reach).inf(&most) - corner).map(|v| (v / factor).max(0.0) as usize);
+        let (x0, y0) = (corner.x as usize, corner.y as usize);
+        let mean = |i: usize, j: usize| {
+            let rows = (0..step).map(|k| image.row(y0 + j * step + k));
+            let parts =
+                rows.map(|row| row.iter().skip(x0 + i * step).take(step).map(|&v| u32::from(v)).sum::<u32>());
+            (f64::from(parts.sum::<u32>()) / (factor * factor)).round() as u8
+        };
+        let means =
+            (0..size.y).flat_map(|j| (0..size.x).map(move |i| (i, j))).map(|(i, j)| mean(i, j)).collect();
+        let mut out =
+            Self { image: Raster::new(size.x, size.y, means)?, candidate: candidate.clone(), corner, factor };
+        // What hides quadrants lies in the large picture.
+        out.candidate.bands.clear();
+        let (major, minor) = (outline.major / factor, outline.minor / factor);
+        out.candidate.outline = Outline { centre: out.place(outline.centre), major, minor, ..*outline };
+        Some(out)
+    }
+
+    /// A place of the large picture in the smaller one, px: the centre of the first square is its origin.
+    fn place(&self, at: Vector2<f64>) -> Vector2<f64> {
+        (at - self.corner).add_scalar(0.5) / self.factor - Vector2::from_element(0.5)
+    }
+
+    /// The place in the large picture.
+    pub fn back(&self, at: Vector2<f64>) -> Vector2<f64> {
+        at.add_scalar(0.5) * self.factor - Vector2::from_element(0.5) + self.corner
+    }
+}

@@ -1,0 +1,198 @@
+//! Markers measured once more, when those about them have told size, blur and darkness.
+
+use nalgebra::Vector2;
+
+use crate::measure::detect::accept::found::Found;
+use crate::measure::detect::accept::verdict::Measured;
+use crate::measure::detect::appearance::parameters::Pattern;
+use crate::measure::detect::attempt::measure::{Bounds, measure};
+use crate::measure::detect::attempt::whole::{Whole, looks_cut};
+use crate::measure::detect::detection::RejectReason;
+use crate::measure::detect::estimate::prior::usual_dark;
+use crate::measure::detect::hypothesis::candidate::Candidate;
+use crate::measure::detect::hypothesis::neighbours;
+use crate::measure::detect::hypothesis::prior::{Foretold, Like};
+use crate::measure::detect::image::histogram::middle;
+use crate::measure::detect::propose::moments;
+use crate::measure::detect::segment::background::{Coarse, Region};
+use crate::measure::detect::segment::blob;
+use crate::measure::raster::Raster;
+use crate::measure::setup::Shape;
+
+/// Least share of a disc's length that must be seen of it.
+const SEEN: f64 = 0.4;
+/// Standard deviations of the size that discs about it foretell beyond which a disc is another thing.
+pub const UNLIKE: f64 = 4.0;
+/// The same where a disc is so thin that it tells little more than that size.
+const UNLIKE_THIN: f64 = 2.5;
+/// The same where its standard deviation shall say so.
+const UNLIKELY: f64 = 2.0;
+/// Markers that tell blur and darkness of those between them, and how far these differ from one to another: the blur as a
+/// share.
+const ENOUGH: usize = 5;
+const SAME_BLUR: f64 = 0.1;
+const SAME_DARK: f64 = 0.1;
+/// Semi-minor axis, in blurs, below which a marker does not tell them apart.
+const THIN: f64 = 3.0;
+
+/// Measures discs that are hidden in part once more, when the whole ones about them have told how
+/// large they are; also those of which too little was seen before. One of quite another size is turned down: something
+/// else passes for its hidden end.
+pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usize>, Candidate)>) {
+    let mut wrong: Vec<usize> = Vec::new();
+    let bounds = Bounds { through_glare: true, ..known.bounds };
+    for (index, mut candidate) in hidden {
+        let Some((major, deviation)) = foretold_major(found, index, candidate.outline.centre) else {
+            // What glare lies over may show as a whole.
+            let slot = index.and_then(|i| found.measured.get_mut(i));
+            if slot.as_ref().is_none_or(|slot| !slot.is_sure()) {
+                let shown = measure(known.image, known.blobs, &candidate, bounds).ok();
+                match (shown.filter(|m| m.through_glare), slot) {
+                    (Some(shown), Some(slot)) => *slot = shown,
+                    (shown, _) => found.measured.extend(shown),
+                }
+            }
+            continue;
+        };
+        // The end that is seen stays where it is.
+        for band in &candidate.bands {
+            let longer = band.axis * (major - candidate.outline.major);
+            candidate.outline.centre += match (band.from.is_finite(), band.to.is_finite()) {
+                (true, false) => longer,
+                (false, true) => -longer,
+                _ => Vector2::zeros(),
+            };
+        }
+        candidate.outline.major = major;
+        candidate.foretold = Some(Foretold::of_major((major, deviation)));
+        let like = |m: &Measured| is_as_long(m, (major, deviation), UNLIKE);
+        let again = measure(known.image, known.blobs, &candidate, bounds).ok().filter(like);
+        let slot = index.and_then(|i| found.measured.get_mut(i));
+        // Whole discs may lie beside what is saturated.
+        if slot.as_ref().is_some_and(|slot| slot.is_whole && slot.is_sure() && like(slot)) {
+            continue;
+        }
+        match (again, slot) {
+            (Some(again), Some(slot)) => *slot = again,
+            (Some(again), None) => found.measured.push(again),
+            (None, Some(slot)) if !like(slot) => wrong.extend(index),
+            (None, _) => {}
+        }
+    }
+    wrong.sort_unstable();
+    wrong.dedup();
+    found.turn_down_these(RejectReason::Uncertain, &wrong);
+}
+
+/// Whether a thin marker may be turned down so only because it does not tell blur and thickness apart.
+pub fn is_unsure(reason: RejectReason, candidate: &Candidate) -> bool {
+    use RejectReason::{NoConvergence, NotAnEllipse, TooSmall, Uncertain};
+    match reason {
+        NoConvergence | NotAnEllipse | Uncertain => true,
+        TooSmall => candidate.pattern == Pattern::Disc,
+        _ => false,
+    }
+}
+
+/// Measures what is about as thin as the blur once more, when the markers about it have told blur and darkness. Discs also
+/// need to be as long as those about them foretell.
+pub fn again_with_like(known: &Whole, found: &mut Found, unsure: Vec<Candidate>) {
+    for mut candidate in unsure {
+        let outline = candidate.outline;
+        if found.holds(outline.centre) {
+            continue;
+        }
+        candidate.like = like(found, outline.centre).filter(|like| outline.minor < THIN * like.blur.0);
+        if candidate.like.is_none() {
+            continue;
+        }
+        let mut size = None;
+        if candidate.pattern == Pattern::Disc {
+            size = foretold_major(found, None, outline.centre);
+            size = size.filter(|(major, _)| outline.major > SEEN * major);
+            let Some((major, deviation)) = size else { continue };
+            candidate.outline.major = major;
+            candidate.foretold = Some(Foretold::of_major((major, deviation)));
+        }
+        let measured = measure(known.image, known.blobs, &candidate, known.bounds).ok();
+        let sure = |m: &Measured| size.is_none_or(|size| is_as_long(m, size, UNLIKE_THIN));
+        if let Some(measured) = measured.filter(sure) {
+            let own = measured.detection.outline();
+            found.rejected.retain(|r| !own.holds(r.centre_px));
+            found.measured.push(measured);
+        }
+    }
+}
+
+/// Measures discs in regions whose background is uneven, seen against one level, where nothing else was found.
+pub fn with_uneven(
+    known: &Whole,
+    found: &mut Found,
+    (seen, coarse, regions): (&Raster, &Coarse, &[Region]),
+    wanted: impl Fn(&Candidate) -> bool,
+) {
+    for region in regions {
+        if found.holds(region.middle(coarse.factor)) {
+            continue;
+        }
+        for blob in blob::blobs_against_surround(seen, coarse, region) {
+            if blob.at_edge || looks_cut(&blob) || found.holds(blob.centroid) {
+                continue;
+            }
+            let disc = moments::disc(usize::MAX, &blob).filter(&wanted);
+            let measured = disc.map(|disc| measure(known.image, known.blobs, &disc, known.bounds));
+            found.measured.extend(measured.and_then(Result::ok));
+        }
+    }
+}
+
+/// The semi-major axis of a disc at a place and its standard deviation, px, from all that was found but itself.
+pub fn foretold_major(found: &Found, own: Option<usize>, at: Vector2<f64>) -> Option<(f64, f64)> {
+    let others = found.measured.iter().enumerate().filter(|(i, _)| Some(*i) != own);
+    neighbours::foretold_major(others.map(|(_, m)| &m.detection), at)
+}
+
+/// Where a thin disc is longer or shorter than those about it foretell, something at one of its ends passes for a part of
+/// it: the centre may be off along the axis by as much, which its standard deviation then says. What is off by a good part
+/// of its length is none of them.
+pub fn doubt_unlike(found: &mut Found) {
+    const NONE: f64 = 0.25;
+    let doubts: Vec<f64> = (found.measured.iter().enumerate())
+        .map(|(i, own)| {
+            let d = &own.detection;
+            let thin = d.shape == Shape::Circle && d.semi_minor_px < THIN * own.blur;
+            let size = if thin { foretold_major(found, Some(i), d.centre_px) } else { None };
+            let Some((major, deviation)) = size else { return 0.0 };
+            let longer = (d.semi_major_px - major).powi(2);
+            let chance = own.length.powi(2) + deviation * deviation;
+            if longer > UNLIKELY * UNLIKELY * chance { longer - chance } else { 0.0 }
+        })
+        .collect();
+    let mut none = Vec::new();
+    for (i, (Measured { detection: own, .. }, doubt)) in found.measured.iter_mut().zip(doubts).enumerate() {
+        let axis = own.outline().axis();
+        own.covariance_px2 += axis * axis.transpose() * doubt;
+        none.extend((doubt > (NONE * own.semi_major_px).powi(2)).then_some(i));
+    }
+    found.turn_down_these(RejectReason::Uncertain, &none);
+}
+
+/// What the markers nearest to a place tell of an edge, where there are some.
+fn like(found: &Found, at: Vector2<f64>) -> Option<Like> {
+    let mut near: Vec<&Measured> = found.measured.iter().collect();
+    if near.len() < ENOUGH {
+        return None;
+    }
+    let distance = |m: &Measured| (m.detection.centre_px - at).norm_squared();
+    near.sort_by(|one, other| distance(one).total_cmp(&distance(other)));
+    near.truncate(ENOUGH);
+    let blur = middle(near.iter().map(|m| m.blur).collect())?;
+    let darkness = middle(near.iter().map(|m| m.darkness).collect())?;
+    let dark = usual_dark((1.0 - darkness).max(0.0));
+    Some(Like { blur: (blur, SAME_BLUR * blur), dark: (dark, SAME_DARK) })
+}
+
+/// Whether a disc is as long as was foretold with some deviation, px, to so many of them.
+pub fn is_as_long(disc: &Measured, (major, deviation): (f64, f64), most: f64) -> bool {
+    (disc.detection.semi_major_px - major).abs() < most * deviation
+}

@@ -1,0 +1,282 @@
+//! Which pixels a fit uses, and how much: along the outline, or along the edges between the quadrants.
+//!
+//! Weights fall to zero smoothly with the distance from the outline, and where not all pixels are
+//! needed, the share that is used changes smoothly with the marker's size. So the choice, and with it
+//! the answer, hardly depends on how the geometry it follows was reached.
+
+use nalgebra::Vector2;
+
+use super::bands::{Bands, FADE};
+use super::foreign::{darker, foreign};
+use super::pixels::Pixels;
+use super::weight::{Edges, Ruler, Taker};
+use crate::measure::detect::appearance::parameters::Parameters;
+use crate::measure::detect::hypothesis::candidate::Candidate;
+use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::image::line::Line;
+use crate::measure::detect::image::scanline::{Box, Oval, Rows, columns, row_of};
+use crate::measure::detect::segment::bitmask::WORD;
+use crate::measure::detect::segment::blob::Blob;
+use crate::measure::raster::Raster;
+
+/// About how many pixels are wanted: at the edges, where they tell the place, and beside them, where
+/// they only tell the levels.
+#[derive(Clone, Copy)]
+pub struct Wanted {
+    pub edge: f64,
+    pub flat: f64,
+    /// Share of the flat ground that is used about the thinnest disc. What lies on the skin is as foreshortened as the
+    /// disc: light that is a plane about a thick one is none about a thin one.
+    pub nearest: f64,
+}
+
+/// Pixels of a fit: more would only cost time.
+pub const ALL: Wanted = Wanted { edge: 450.0, flat: 550.0, nearest: 0.55 };
+/// Enough for the geometry that the pixels of the last stage are chosen by.
+pub const FEW: Wanted = Wanted { edge: 130.0, flat: 70.0, nearest: 1.0 };
+/// All that there are, where much of the outline is hidden.
+pub const EVERY: Wanted = Wanted { edge: 1e9, flat: 1e9, nearest: 0.55 };
+/// Length from which on an edge's pixels are not all used, px.
+const LONG: f64 = 150.0;
+/// Band of a sharp edge, px.
+const SHARP: f64 = 1.5;
+
+/// How far from quadrants' rim pixels are used, in blurs; so is their semi-minor axis. At 1.5 there is 7 % of skin mixed in,
+/// on opposite sides alike, so that the crossing stays. Thick ones have edges enough farther in.
+fn rim(minor: f64) -> f64 {
+    (1.5 + (minor - 10.0) / 15.0).clamp(1.5, 2.5)
+}
+
+/// Pixels of a pattern, and by how much it is shifted from column to column and from row to row.
+const PERIOD: usize = 16;
+const ACROSS: usize = 5;
+const DOWN: usize = 7;
+
+/// Of a pattern's pixels, how many are used.
+#[derive(Clone, Copy)]
+struct Keep {
+    edge: f64,
+    flat: f64,
+}
+
+impl Keep {
+    /// For an edge of some length, px, seen on both sides.
+    fn new(wanted: Wanted, bands: Bands, length: f64) -> Self {
+        let (edge, flat) = (f64::from(bands.edge), f64::from(bands.flat));
+        // A blurred edge spreads what it tells over more pixels.
+        let more = (edge / SHARP).max(1.0);
+        let share = |wanted: f64, width: f64| {
+            PERIOD as f64 * (more * wanted / (2.0 * width * length).max(1.0)).min(1.0)
+        };
+        // Where an edge is long, there is enough of it to know the levels less well.
+        let levels = wanted.flat * (LONG / length.max(1.0)).clamp(0.5, 1.0);
+        Self { edge: share(wanted.edge, edge), flat: share(levels, flat - edge) }
+    }
+
+    /// How much a pixel would count at the edge and beside it, for each place in the pattern.
+    fn table(self) -> [[f32; 2]; PERIOD] {
+        std::array::from_fn(|turn| {
+            [self.edge, self.flat].map(|keep| (keep - turn as f64).clamp(0.0, 1.0) as f32)
+        })
+    }
+}
+
+/// A bit for each of a word's pixels in a row that begins with the pattern: whether it counts near an edge, and whether
+/// beside it.
+#[derive(Clone, Copy)]
+struct Places([u64; 2]);
+
+impl Places {
+    fn new(shares: &[[f32; 2]; PERIOD]) -> Self {
+        // The pattern's bits are repeated in a word.
+        const EVERY: u64 = u64::MAX / ((1 << PERIOD) - 1);
+        let bits = |counts: fn(&[f32; 2]) -> bool| -> u64 {
+            (0..PERIOD).map(|k| u64::from(counts(&shares[ACROSS * k % PERIOD])) << k).sum()
+        };
+        Self([bits(|[edge, flat]| edge.max(*flat) > 0.0), bits(|[_, flat]| *flat > 0.0)].map(|b| b * EVERY))
+    }
+
+    /// In a row that begins at another turn of the pattern.
+    fn turned(self, turn: usize) -> [u64; 2] {
+        // So many columns make one turn: ACROSS times it is one more than a multiple of PERIOD.
+        const ONE: usize = 13;
+        self.0.map(|bits| bits.rotate_right((ONE * turn % PERIOD) as u32))
+    }
+}
+
+/// The bits of the pixels of a word from `first` on that lie in some columns.
+fn within(columns: &Columns, first: usize) -> u64 {
+    // All bits from a place on; a shift by all of them leaves none.
+    let from = |x: usize| u64::MAX.checked_shl(x.saturating_sub(first) as u32).unwrap_or(0);
+    from(columns.start) & !from(columns.end)
+}
+
+type Columns = std::ops::Range<usize>;
+
+/// The pixels of a frame that may be used, and those of them that are not.
+struct Source<'a> {
+    image: &'a Raster,
+    candidate: &'a Candidate,
+    area: Box,
+    /// How much a pixel counts, by its place in the pattern; and which do.
+    shares: [[f32; 2]; PERIOD],
+    places: Places,
+    masked: Option<Vec<bool>>,
+    /// Whether all pixels may be used.
+    clear: bool,
+}
+
+impl Source<'_> {
+    /// Takes the columns of a row that may count, of which some are near an edge.
+    fn take(&self, y: usize, columns: Columns, near: &[Columns; 2], taker: &mut Taker) {
+        let Some(row) = self.image.row(y).get(columns.clone()) else { return };
+        let turn = (columns.start * ACROSS + y * DOWN) % PERIOD;
+        let [edge, flat] = self.places.turned(turn);
+        for (first, pixels) in (columns.start..).step_by(WORD).zip(row.chunks(WORD)) {
+            let close = within(&near[0], first) | within(&near[1], first);
+            let mut marks = (edge & close | flat & !close) & within(&(first..first + pixels.len()), first);
+            let [left, down] = taker.place(first, y);
+            while marks != 0 {
+                let k = marks.trailing_zeros() as usize;
+                marks &= marks - 1;
+                let Some(&value) = pixels.get(k) else { break };
+                if self.clear || !self.hides(first + k, y) {
+                    taker.push([left + k as f32, down], value, self.shares[(turn + ACROSS * k) % PERIOD]);
+                }
+            }
+        }
+    }
+
+    fn hides(&self, x: usize, y: usize) -> bool {
+        let [x0, y0, x1, _] = self.area;
+        self.masked.as_ref().is_some_and(|m| m[(y - y0) * (x1 - x0 + 1) + x - x0])
+            || self.candidate.hides(&Vector2::new(x as f64, y as f64))
+    }
+}
+
+/// What of the frame a fit must not use.
+pub enum Masked<'a> {
+    /// Near these blobs, where they are not the candidate's.
+    Blobs(&'a [Blob]),
+    /// Near pixels that are darker than the light of a first fit with the same outline, by so many grey
+    /// levels. These do not depend on how the candidate was found.
+    DarkerThan(Parameters, f64),
+}
+
+/// How a candidate's edges look.
+#[derive(Clone, Copy)]
+pub struct Look {
+    /// Where quadrants' edges cross, px.
+    pub crossing: Vector2<f64>,
+    /// Blur, px.
+    pub blur: f64,
+    /// A disc's sag, px.
+    pub sag: f64,
+}
+
+/// The pixels for a candidate; `None` where it lies outside the frame.
+pub fn pixels(
+    image: &Raster,
+    masked: Masked,
+    candidate: &Candidate,
+    look: Look,
+    wanted: Wanted,
+) -> Option<Pixels> {
+    let blur = look.blur.clamp(0.5, 3.5);
+    let outline = &candidate.outline;
+    let bands = match candidate.edges {
+        None => Bands::of_disc(outline.minor, blur, wanted.nearest),
+        Some(_) => Bands::of(blur),
+    };
+    let flat = f64::from(bands.flat);
+    let reach = outline.extent().add_scalar(flat + 2.0);
+    let (low, high) = (outline.centre - reach, outline.centre + reach);
+    let x0 = low.x.floor().max(0.0) as usize;
+    let y0 = low.y.floor().max(0.0) as usize;
+    let x1 = (high.x.ceil().max(0.0) as usize).min(image.width() - 1);
+    let y1 = (high.y.ceil().max(0.0) as usize).min(image.height() - 1);
+    if x0 > x1 || y0 > y1 {
+        return None;
+    }
+    let area = [x0, y0, x1, y1];
+    let masked = match masked {
+        Masked::Blobs(blobs) => foreign(blobs, candidate, area),
+        Masked::DarkerThan(..) if candidate.edges.is_some() => None,
+        Masked::DarkerThan(m, limit) => darker(image, outline, bands, area, &m, limit),
+    };
+    let oval = Oval::new(outline);
+    let edges = candidate.edges.map(|edges| Edges {
+        lines: lines(edges, look.crossing),
+        margin: (rim(outline.minor / blur) * blur).min(0.45 * outline.minor).max(1.0),
+        along: Vector2::new(edges.0.cos(), edges.0.sin()),
+    });
+    let length = edges.map_or_else(
+        || around(outline),
+        |e: Edges| {
+            e.lines.iter().map(|l| 2.0 * outline.radius(Vector2::new(l.across.y, -l.across.x))).sum::<f64>()
+        },
+    );
+    let shares = Keep::new(wanted, bands, length).table();
+    let Candidate { hidden, bands: drowned, seams, .. } = candidate;
+    let clear = masked.is_none() && hidden.is_empty() && drowned.is_empty() && seams.is_empty();
+    let source = Source { image, candidate, area, shares, places: Places::new(&shares), masked, clear };
+    // How far from an edge a pixel may count as one at it.
+    let near = f64::from(bands.edge) + 0.5 * FADE + 1.0;
+    let mut taker = Taker::new(Ruler {
+        pattern: candidate.pattern,
+        bands,
+        outline,
+        edges,
+        trig: (oval.sin, oval.cos),
+        blur,
+        sag: look.sag,
+    });
+    let ring = |by: f64| [by, -by].map(|by| oval.grown(by));
+    let (far, close) = (ring(flat + 1.0), ring(near));
+    let inside = edges.and_then(|e: Edges| oval.grown(FADE - e.margin));
+    for y in y0..=y1 {
+        let (both, near) = match edges {
+            None => {
+                let parts = |[outer, inner]: &[Option<Rows>; 2]| {
+                    let (from, to) = row_of(outer, y as f64)?;
+                    let hole = row_of(inner, y as f64).unwrap_or((to, to));
+                    Some([columns(from, hole.0, area), columns(hole.1, to, area)])
+                };
+                let Some(both) = parts(&far) else { continue };
+                (both, parts(&close).unwrap_or([0..0, 0..0]))
+            }
+            Some(Edges { lines, .. }) => {
+                let Some((from, to)) = row_of(&inside, y as f64) else { continue };
+                let parts = |reach: f64| {
+                    let [one, other] = lines.map(|l| {
+                        let part = l.row(y as f64, reach);
+                        columns(from.max(part.0), to.min(part.1), area)
+                    });
+                    let (first, second) = if one.start <= other.start { (one, other) } else { (other, one) };
+                    // Where both edges are near, once.
+                    let second = second.start.max(first.end)..second.end;
+                    [first, second]
+                };
+                (parts(flat + FADE), parts(near))
+            }
+        };
+        for columns in both {
+            source.take(y, columns, &near, &mut taker);
+        }
+    }
+    Some(taker.finish())
+}
+
+/// Length of an ellipse's outline, px, by Ramanujan's formula.
+fn around(outline: &Outline) -> f64 {
+    let (a, b) = (outline.major, outline.minor);
+    std::f64::consts::PI * (3.0 * (a + b) - ((3.0 * a + b) * (a + 3.0 * b)).sqrt())
+}
+
+/// The two edges, from the direction of their bisector and the tangent of half their angle.
+fn lines((along, half): (f64, f64), crossing: Vector2<f64>) -> [Line; 2] {
+    [half.atan(), -half.atan()].map(|turn| {
+        let (sin, cos) = (along + turn).sin_cos();
+        Line { at: crossing, across: Vector2::new(-sin, cos) }
+    })
+}

@@ -1,0 +1,147 @@
+//! The weights of a fit's pixels, from their distances to an outline or to two edges.
+
+use nalgebra::Vector2;
+
+use super::bands::{Bands, FADE};
+use super::pixels::{Kind, Pixels, Sorter};
+use crate::measure::detect::appearance::crossing::NEAR;
+use crate::measure::detect::appearance::disc::{END, beyond, from_ellipse};
+use crate::measure::detect::appearance::parameters::Pattern;
+use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::image::line::Line;
+use crate::measure::detect::simd::batch::Batch;
+use crate::measure::detect::simd::dispatch::wide;
+use crate::measure::detect::simd::lanes::{LANES, Lanes, each};
+
+/// How far ends and crossing may move before pixels are of another kind than they were sorted by, px.
+const MOVE: f32 = 0.2;
+
+/// Two edges that end a margin inside the outline, px, and a unit vector along their bisector.
+#[derive(Clone, Copy)]
+pub struct Edges {
+    pub lines: [Line; 2],
+    pub margin: f64,
+    pub along: Vector2<f64>,
+}
+
+/// Tells how far pixels are from an outline, or from two edges, and of what kind they are.
+pub struct Ruler<'a> {
+    pub pattern: Pattern,
+    pub bands: Bands,
+    pub outline: &'a Outline,
+    pub edges: Option<Edges>,
+    /// Sine and cosine of the outline's direction.
+    pub trig: (f64, f64),
+    /// Blur and sag, px.
+    pub blur: f64,
+    pub sag: f64,
+}
+
+/// Pixels of which is not yet known how much they count; at an edge and beside it, 0 to 1, they would count so much.
+struct Waiting {
+    batch: Batch,
+    keep: [Lanes; 2],
+}
+
+/// Pixels that may be used, on their way to those that are.
+pub struct Taker<'a> {
+    ruler: Ruler<'a>,
+    origin: [f64; 2],
+    waiting: Waiting,
+    sorter: Sorter,
+}
+
+impl<'a> Taker<'a> {
+    /// Without pixels.
+    pub fn new(ruler: Ruler<'a>) -> Self {
+        let middle = ruler.edges.map_or(ruler.outline.centre, |e| e.lines[0].at);
+        let origin = [middle.x.round(), middle.y.round()];
+        let sorter = Sorter::new(ruler.pattern, origin);
+        Self { ruler, origin, waiting: Waiting { batch: Batch::new(), keep: [Lanes::of(0.0); 2] }, sorter }
+    }
+
+    /// A pixel's column and row from the pixels' origin.
+    pub fn place(&self, x: usize, y: usize) -> [f32; 2] {
+        [x as f64 - self.origin[0], y as f64 - self.origin[1]].map(|v| v as f32)
+    }
+
+    /// Takes up a pixel and how much it would count at an edge and beside it.
+    #[inline(always)]
+    pub fn push(&mut self, [x, y]: [f32; 2], value: u8, keep: [f32; 2]) {
+        let Waiting { batch, keep: of_batch } = &mut self.waiting;
+        let i = batch.len % LANES;
+        (of_batch[0][i], of_batch[1][i]) = (keep[0], keep[1]);
+        batch.push(x, y, f32::from(value));
+        if batch.is_full() {
+            weigh(&mut self.waiting, &mut self.sorter, &self.ruler, self.origin);
+            self.waiting.batch.len = 0;
+        }
+    }
+
+    /// The pixels that have weight.
+    pub fn finish(mut self) -> Pixels {
+        if self.waiting.batch.len > 0 {
+            self.waiting.batch.fill();
+            weigh(&mut self.waiting, &mut self.sorter, &self.ruler, self.origin);
+        }
+        self.sorter.finish()
+    }
+}
+
+wide! {
+    /// Sorts the pixels of a batch that count.
+    fn weigh(waiting: &mut Waiting, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 2]) = weighed
+}
+
+#[inline(always)]
+fn weighed(waiting: &mut Waiting, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 2]) {
+    let Waiting { batch, keep } = waiting;
+    let Ruler { bands, outline, edges, .. } = ruler;
+    let (sin, cos) = (ruler.trig.0 as f32, ruler.trig.1 as f32);
+    let (a, b, centre) = (outline.major as f32, outline.minor as f32, outline.centre);
+    let (cx, cy) = ((centre.x - origin[0]) as f32, (centre.y - origin[1]) as f32);
+    let (dx, dy) = (each(|i| batch.x[i] - cx), each(|i| batch.y[i] - cy));
+    let s = each(|i| dx[i] * cos + dy[i] * sin);
+    let t = each(|i| dy[i] * cos - dx[i] * sin);
+    let (by_a, by_b) = (1.0 / a, 1.0 / b);
+    batch.p = each(|i| s[i] * by_a);
+    batch.q = each(|i| t[i] * by_b);
+    let mut distance = from_ellipse(a, b, &s, &t);
+    let blur = ruler.blur as f32;
+    let dear;
+    let mut nothing = Lanes::of(0.0);
+    if let Some(Edges { lines, margin, along }) = edges {
+        let rim = each(|i| {
+            let share = (distance[i] - *margin as f32) / FADE as f32 + 0.5;
+            let share = if share > 0.0 { share } else { 0.0 };
+            if share < 1.0 { share } else { 1.0 }
+        });
+        for keep in &mut *keep {
+            *keep = each(|i| keep[i] * rim[i]);
+        }
+        let [mut one, mut other] = [Lanes::of(0.0); 2];
+        for (distance, l) in [&mut one, &mut other].into_iter().zip(lines) {
+            let off = (centre - l.at).dot(&l.across) as f32;
+            let (u, v) = (l.across.x as f32, l.across.y as f32);
+            *distance = each(|i| (off + dx[i] * u + dy[i] * v).abs());
+        }
+        distance = each(|i| if one[i] < other[i] { one[i] } else { other[i] });
+        let off = (centre - lines[0].at).dot(along) as f32;
+        let (u, v) = (along.x as f32, along.y as f32);
+        let near = NEAR as f32 * blur + MOVE;
+        dear = each(|i| if (off + dx[i] * u + dy[i] * v).abs() < near { 1.0 } else { 0.0 });
+    } else {
+        let end = a - END as f32 * blur - MOVE;
+        dear = each(|i| if s[i].abs() > end { 1.0 } else { 0.0 });
+        nothing = beyond(&s, &t, [a, b], ruler.sag as f32, END as f32 * blur + MOVE);
+    }
+    batch.root = each(|i| bands.weight([keep[0][i], keep[1][i]], distance[i]).sqrt());
+    for i in (0..batch.len).filter(|&i| batch.root[i] > 0.0) {
+        let kind = match () {
+            () if nothing[i] > 0.0 => Kind::Beyond,
+            () if dear[i] > 0.0 => Kind::Dear,
+            () => Kind::Cheap,
+        };
+        sorter.push(kind, batch, i);
+    }
+}

@@ -1,0 +1,238 @@
+//! Detection around predicted markers: the same search, but only there.
+
+use std::ops::Range;
+
+use nalgebra::Vector2;
+
+use crate::measure::detect::accept::found::Found;
+use crate::measure::detect::accept::verdict::Measured;
+use crate::measure::detect::appearance::parameters::Pattern;
+use crate::measure::detect::detection::{Detection, Prediction};
+use crate::measure::detect::hypothesis::candidate::Candidate;
+use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::image::noise;
+use crate::measure::detect::segment::background::{Part, Window};
+use crate::measure::setup::Shape;
+
+/// How much a marker may differ from its prediction: axes, as a ratio, and beside that the minor, px.
+const ALIKE: f64 = 1.3;
+const ALIKE_PX: f64 = 1.0;
+/// How much of a marker's axes must be seen of it; and how much longer it may look before it is measured.
+const PART: f64 = 0.3;
+const WIDER: f64 = 1.6;
+/// Skin around a marker, in which its threshold changes and it may still grow, px.
+const SKIRT: f64 = 12.0;
+/// How far beyond that a marker's fit, its seams and the skin beside it are looked at, px.
+const MARGIN: usize = 40;
+
+impl Prediction {
+    /// How far the centre may be off, px.
+    fn reach(&self) -> f64 {
+        self.search_px.clamp(0.0, 500.0)
+    }
+
+    /// Whether a detection may be the predicted marker.
+    fn is_like(&self, found: &Detection) -> bool {
+        let within = |a: f64, b: f64, px: f64| a < b * ALIKE + px && b < a * ALIKE + px;
+        found.shape == self.shape
+            && self.distance(&found.centre_px) <= self.reach()
+            && within(found.semi_major_px, self.semi_major_px, ALIKE_PX)
+            && within(found.semi_minor_px, self.semi_minor_px, ALIKE_PX)
+    }
+
+    fn distance(&self, at: &Vector2<f64>) -> f64 {
+        (at - self.centre_px).norm()
+    }
+}
+
+/// Where predicted markers may lie in a frame of `width` x `height` px.
+pub fn part(predictions: &[Prediction], width: usize, height: usize) -> Part {
+    let window = |p: &Prediction| {
+        let outline = p.outline()?;
+        let extent = outline.extent() * 1.1;
+        let half = extent.add_scalar(p.reach() + SKIRT);
+        let (low, high) = (outline.centre - half, outline.centre + half);
+        Some(Window { low: low.into(), high: high.into() })
+    };
+    let windows: Vec<Window> = predictions.iter().filter_map(window).collect();
+    Part::about(&windows, width, height)
+}
+
+/// Of each row the columns that are read: about the markers, and all of the rows that tell the noise.
+pub fn columns(predictions: &[Prediction], width: usize, height: usize) -> Vec<Range<usize>> {
+    let mut out = part(predictions, width, height).columns(width, height, MARGIN);
+    for y in noise::sampled(height) {
+        if let Some(row) = out.get_mut(y) {
+            *row = 0..width;
+        }
+    }
+    out
+}
+
+/// Whether a candidate may be a predicted marker, or what is seen of it.
+pub fn is_near(candidate: &Candidate, predictions: &[Prediction]) -> bool {
+    let seen = &candidate.outline;
+    let shape = if candidate.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant };
+    predictions.iter().filter(|p| p.shape == shape).any(|p| {
+        p.outline().is_some_and(|outline| {
+            let (s, t) = outline.local(seen.centre);
+            let reach = p.reach();
+            let part = |a: f64, b: f64| a > PART * b - ALIKE_PX && a < WIDER * b + ALIKE_PX;
+            inside(s / (outline.major + reach), t / (outline.minor + reach))
+                && part(seen.major, outline.major)
+                && part(seen.minor, outline.minor)
+        })
+    })
+}
+
+/// Whether a candidate is none of the predicted markers, for each that it is near has been found beside it as a whole.
+pub fn is_beside(candidate: &Candidate, predictions: &[Prediction], found: &[Measured]) -> bool {
+    let seen = &candidate.outline;
+    let beside = |m: &&Measured| {
+        let own = m.detection.outline();
+        m.is_sure() && m.is_whole && !own.holds(seen.centre) && !seen.holds(own.centre)
+    };
+    let found: Vec<&Detection> = found.iter().filter(beside).map(|m| &m.detection).collect();
+    let there = matched(&found, predictions).1;
+    let is_near = |p: &Prediction| is_near(candidate, std::slice::from_ref(p));
+    predictions.iter().zip(there).all(|(p, there)| there || !is_near(p))
+}
+
+/// Whether a place in semi-axes lies in their ellipse.
+fn inside(p: f64, q: f64) -> bool {
+    p * p + q * q < 1.0
+}
+
+/// The predicted markers that have not been found yet.
+pub fn missing(found: &[Measured], predictions: &[Prediction]) -> Vec<Prediction> {
+    let found: Vec<&Detection> = found.iter().map(|m| &m.detection).collect();
+    let there = matched(&found, predictions).1;
+    predictions.iter().zip(there).filter(|(_, there)| !there).map(|(p, _)| p.clone()).collect()
+}
+
+/// Those of them that are quadrants.
+pub fn missing_quadrants(found: &[Measured], predictions: &[Prediction]) -> Vec<Prediction> {
+    let mut out = missing(found, predictions);
+    out.retain(|p| p.shape == Shape::Quadrant);
+    out
+}
+
+/// Whether what is seen may be a part of one of the predicted markers.
+pub fn may_show_part_of(seen: &Outline, predictions: &[Prediction]) -> bool {
+    predictions.iter().filter_map(|p| Some((p.outline()?, p.reach()))).any(|(outline, reach)| {
+        let (s, t) = outline.local(seen.centre);
+        inside(s / (WIDER * outline.major + reach), t / (WIDER * outline.minor + reach))
+    })
+}
+
+/// For each detection whether it is a predicted marker, and for each prediction whether one is it: the nearest pairs that
+/// are alike, none twice.
+pub fn matched(found: &[&Detection], predictions: &[Prediction]) -> (Vec<bool>, Vec<bool>) {
+    let mut pairs = Vec::new();
+    for (i, prediction) in predictions.iter().enumerate().filter(|(_, p)| p.outline().is_some()) {
+        let like = found.iter().enumerate().filter(|(_, d)| prediction.is_like(d));
+        pairs.extend(like.map(|(j, d)| (prediction.distance(&d.centre_px), i, j)));
+    }
+    pairs.sort_by(|one, other| one.0.total_cmp(&other.0));
+    let (mut taken, mut there) = (vec![false; found.len()], vec![false; predictions.len()]);
+    for (_, i, j) in pairs {
+        if !there[i] && !taken[j] {
+            (there[i], taken[j]) = (true, true);
+        }
+    }
+    (taken, there)
+}
+
+/// Leaves the predicted markers.
+pub fn keep_predicted(found: &mut Found, predictions: &[Prediction]) {
+    let detections: Vec<&Detection> = found.measured.iter().map(|m| &m.detection).collect();
+    let mut kept = matched(&detections, predictions).0.into_iter();
+    found.measured.retain(|_| kept.next().unwrap_or(false));
+    found.rejected.clear();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Matrix2;
+
+    fn prediction(x: f64) -> Prediction {
+        Prediction {
+            shape: Shape::Circle,
+            centre_px: Vector2::new(x, 50.0),
+            semi_major_px: 20.0,
+            semi_minor_px: 4.0,
+            angle_rad: 0.0,
+            search_px: 60.0,
+            seen: true,
+        }
+    }
+
+    fn detection(x: f64, semi_major_px: f64) -> Detection {
+        Detection {
+            shape: Shape::Circle,
+            centre_px: Vector2::new(x, 50.0),
+            covariance_px2: Matrix2::identity(),
+            semi_major_px,
+            semi_minor_px: 4.0,
+            angle_rad: 0.0,
+            beside_px2: 0.0,
+            fit_rms: 1.0,
+            contrast: 100.0,
+        }
+    }
+
+    #[test]
+    fn one_detection_is_one_marker() {
+        let predictions = [prediction(100.0), prediction(150.0)];
+        let found = [detection(110.0, 20.0), detection(112.0, 40.0)];
+        let (taken, there) = matched(&found.iter().collect::<Vec<_>>(), &predictions);
+        // The second is of another size; the first is no answer for both.
+        assert_eq!((taken, there), (vec![true, false], vec![true, false]));
+        let found = [detection(158.0, 20.0), detection(108.0, 21.0)];
+        let (taken, there) = matched(&found.iter().collect::<Vec<_>>(), &predictions);
+        assert_eq!((taken, there), (vec![true, true], vec![true, true]));
+    }
+
+    #[test]
+    fn what_lies_beside_markers_that_are_found_is_not_measured() {
+        let sure = |x: f64| Detection { covariance_px2: 1e-3 * Matrix2::identity(), ..detection(x, 20.0) };
+        let found = |x: f64| Measured::whole(sure(x));
+        let seen = |x: f64| {
+            let outline = Outline { centre: Vector2::new(x, 52.0), major: 8.0, minor: 3.0, angle: 0.0 };
+            Candidate::of(Pattern::Disc, outline, Vec::new())
+        };
+        let two = [prediction(100.0), prediction(150.0)];
+        let is_beside = |at: f64, found: &[Measured]| is_beside(&seen(at), &two, found);
+        assert!(is_beside(125.0, &[found(100.0), found(150.0)]));
+        // It may be the other one, or what is taken for the first is only a part of it; or that is hardly seen.
+        assert!(!is_beside(125.0, &[found(100.0)]));
+        assert!(!is_beside(105.0, &[found(100.0), found(150.0)]));
+        let vague = Measured::whole(detection(150.0, 20.0));
+        assert!(!is_beside(125.0, &[found(100.0), vague]));
+    }
+
+    #[test]
+    fn only_what_is_missing_is_sought_further() {
+        let quadrants = Prediction { shape: Shape::Quadrant, ..prediction(1000.0) };
+        let missing = missing_quadrants(&[], &[prediction(100.0), quadrants.clone()]);
+        assert_eq!(missing, [quadrants]);
+        let part = |x: f64| Outline { centre: Vector2::new(x, 52.0), major: 8.0, minor: 2.0, angle: 0.0 };
+        let seen = [1060.0, 1110.0, 100.0].map(|x| may_show_part_of(&part(x), &missing));
+        assert_eq!(seen, [true, false, false]);
+    }
+
+    #[test]
+    fn what_is_read_lies_about_the_predictions() {
+        let columns = columns(&[prediction(1000.0)], 4000, 3000);
+        let read: usize = columns.iter().map(|c| c.len()).sum();
+        assert!(columns[50].contains(&920) && columns[50].contains(&1080) && !columns[50].contains(&2000));
+        assert!(columns[2000].is_empty() && read < 4000 * 3000 / 20, "{read} px are read");
+        // What lies outside, or is no number, asks for nothing.
+        let absent = Prediction { centre_px: Vector2::new(-1e12, f64::NAN), ..prediction(0.0) };
+        let outside = Prediction { centre_px: Vector2::new(9e9, 9e9), ..prediction(0.0) };
+        let noise = super::columns(&[], 4000, 3000);
+        assert_eq!(super::columns(&[absent, outside], 4000, 3000), noise);
+        assert_eq!(noise.iter().filter(|c| !c.is_empty()).count(), noise::sampled(3000).count());
+    }
+}

@@ -1,0 +1,382 @@
+//! The frame reduced by block means, the local background, and dark regions against it.
+
+use std::ops::Range;
+
+use nalgebra::Vector2;
+
+use super::components::Run;
+use crate::measure::detect::segment::components;
+use crate::measure::detect::simd::dispatch::wide;
+use crate::measure::raster::Raster;
+
+/// Distances, in reduced pixels, at which both sides of a dark pixel are looked at. The longest
+/// bounds the thickness of what can be found.
+const REACH: [usize; 5] = [2, 4, 8, 16, 24];
+/// Farther ones, for thick markers only: between two stretches of sky the whole wing is dark.
+const FAR: [usize; 2] = [40, 64];
+/// Least thickness, reduced px, of a region that is taken up against the far background.
+pub const THICK: usize = 24;
+/// Grey over local background below which a reduced pixel is dark, in 1/256, strictest first.
+/// Several levels, so that a faint line that touches a marker does not swallow it.
+/// The last two are for frames whose contrast haze or stray light take away with distance.
+const LEVELS: [u16; FAINT] = [115, 160, 195, 225, 240, 248];
+/// Levels of a frame, and of a faint one.
+const USUAL: usize = 4;
+const FAINT: usize = 6;
+
+/// A row, and some of its columns.
+type Span = (usize, Range<usize>);
+
+/// The part of a frame that is searched, in reduced pixels: of which the background is wanted, and of which that takes
+/// the means; row by row, none twice.
+pub struct Part {
+    wanted: Vec<Span>,
+    means: Vec<Span>,
+}
+
+/// A box about what is sought: first and last column and row, px.
+pub struct Window {
+    pub low: [f64; 2],
+    pub high: [f64; 2],
+}
+
+impl Part {
+    /// All of a frame of `width` x `height` px.
+    pub fn all(width: usize, height: usize) -> Self {
+        let factor = factor(width, height);
+        let rows: Vec<Span> = (0..height / factor).map(|y| (y, 0..width / factor)).collect();
+        Self { wanted: rows.clone(), means: rows }
+    }
+
+    /// What the windows hold of a frame of `width` x `height` px.
+    pub fn about(windows: &[Window], width: usize, height: usize) -> Self {
+        let factor = factor(width, height);
+        let (width, height) = (width / factor, height / factor);
+        let (mut wanted, mut means) = (Vec::new(), Vec::new());
+        for Window { low, high } in windows {
+            let reduced = |v: f64, most: usize| ((v / factor as f64).max(0.0) as usize).min(most);
+            let columns = reduced(low[0], width)..reduced(high[0] + factor as f64, width);
+            let rows = reduced(low[1], height)..reduced(high[1] + factor as f64, height);
+            let reach = FAR[FAR.len() - 1];
+            means.push([rows.clone(), wider(&columns, reach, width)]);
+            means.push([wider(&rows, reach, height), columns.clone()]);
+            wanted.push([rows, columns]);
+        }
+        let [wanted, means] = [wanted, means].map(|boxes| spans(&boxes, height));
+        Self { wanted, means }
+    }
+
+    /// Of each pixel row of a frame of `width` x `height` px the columns that are read, and about what is wanted a margin, px.
+    pub fn columns(&self, width: usize, height: usize, margin: usize) -> Vec<Range<usize>> {
+        let factor = factor(width, height);
+        let mut out = vec![0..0; height];
+        // A smoothed frame is smoothed from one pixel more than the means take.
+        for (spans, margin) in [(&self.wanted, margin), (&self.means, 1)] {
+            for (y, span) in spans {
+                let pixels = wider(&(span.start * factor..span.end * factor), margin, width);
+                for row in &mut out[wider(&(y * factor..(y + 1) * factor), margin, height)] {
+                    let first = row.start >= row.end;
+                    *row = if first {
+                        pixels.clone()
+                    } else {
+                        row.start.min(pixels.start)..row.end.max(pixels.end)
+                    };
+                }
+            }
+        }
+        out
+    }
+}
+
+/// A range with a margin on both sides, as far as there is something.
+fn wider(range: &Range<usize>, margin: usize, most: usize) -> Range<usize> {
+    range.start.saturating_sub(margin)..(range.end + margin).min(most)
+}
+
+/// What boxes (rows and columns) hold, row by row, none twice.
+fn spans(boxes: &[[Range<usize>; 2]], height: usize) -> Vec<Span> {
+    let mut out: Vec<Span> = Vec::new();
+    let mut row: Vec<&Range<usize>> = Vec::new();
+    for y in 0..height {
+        row.extend(boxes.iter().filter(|[rows, _]| rows.contains(&y)).map(|[_, columns]| columns));
+        row.sort_unstable_by_key(|columns| columns.start);
+        for columns in row.drain(..).filter(|columns| columns.start < columns.end) {
+            match out.last_mut() {
+                Some((last, span)) if *last == y && columns.start <= span.end => {
+                    span.end = span.end.max(columns.end)
+                }
+                _ => out.push((y, columns.clone())),
+            }
+        }
+    }
+    out
+}
+
+/// The reduced frame.
+pub struct Coarse {
+    /// Side of a block, px.
+    pub factor: usize,
+    /// Reduced pixels per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Block means.
+    pub mean: Vec<u8>,
+    /// Local background: the brightest level that both sides of the pixel reach, along a row or
+    /// a column, at one of the distances.
+    pub background: Vec<u8>,
+    part: Part,
+}
+
+impl Coarse {
+    /// Raises the background to that of the farther distances.
+    pub fn look_far(&mut self) {
+        self.raise_by(&FAR);
+    }
+}
+
+/// A connected set of dark reduced pixels.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Region {
+    /// First column, reduced px.
+    pub x0: usize,
+    /// First row, reduced px.
+    pub y0: usize,
+    /// Last column, reduced px.
+    pub x1: usize,
+    /// Last row, reduced px.
+    pub y1: usize,
+    /// Reduced pixels.
+    pub area: usize,
+    /// Least grey over background, in 1/256.
+    pub least: u16,
+}
+
+impl Region {
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.x1 - self.x0 + 1
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.y1 - self.y0 + 1
+    }
+
+    /// The middle of its bounds, px.
+    pub fn middle(&self, factor: usize) -> Vector2<f64> {
+        let sums = Vector2::new((self.x0 + self.x1 + 1) as f64, (self.y0 + self.y1 + 1) as f64);
+        (sums * (0.5 * factor as f64)).add_scalar(-0.5)
+    }
+
+    /// Whether a box of pixels (first column, first row, last column, last row) shares one with the region's.
+    pub fn meets(&self, [x0, y0, x1, y1]: &[usize; 4], factor: usize) -> bool {
+        let [left, top, right, low] = [x0, y0, x1, y1].map(|v| v / factor);
+        left <= self.x1 && right >= self.x0 && top <= self.y1 && low >= self.y0
+    }
+
+    /// Whether another region lies within this one's bounds.
+    pub fn contains(&self, other: &Self) -> bool {
+        self.x0 <= other.x0 && self.y0 <= other.y0 && self.x1 >= other.x1 && self.y1 >= other.y1
+    }
+
+    /// Whether `other`, of a laxer level, is the same thing with a fringe.
+    pub fn stands_for(&self, other: &Self) -> bool {
+        let fringe = |a: usize, b: usize| a.abs_diff(b) <= 2;
+        self.least == other.least
+            && fringe(self.x0, other.x0)
+            && fringe(self.y0, other.y0)
+            && fringe(self.x1, other.x1)
+            && fringe(self.y1, other.y1)
+    }
+}
+
+/// Side of a block that suits a frame's size, px.
+pub fn factor(width: usize, height: usize) -> usize {
+    if width * height > 3_000_000 { 4 } else { 2 }
+}
+
+/// Block means of a part of `image`, 0 elsewhere, with their background; an incomplete block at the right or lower edge is
+/// left out.
+pub fn reduce(image: &Raster, part: Part) -> Coarse {
+    let factor = factor(image.width(), image.height());
+    let (width, height) = (image.width() / factor, image.height() / factor);
+    let mut mean = vec![0u8; width * height];
+    for (y, span) in &part.means {
+        let row = |k: usize| &image.row(y * factor + k)[span.start * factor..span.end * factor];
+        let out = &mut mean[y * width..][span.clone()];
+        if factor == 4 {
+            means_of_16([row(0), row(1), row(2), row(3)], out);
+        } else {
+            means_of_4([row(0), row(1)], out);
+        }
+    }
+    let background = mean.clone();
+    let mut coarse = Coarse { factor, width, height, mean, background, part };
+    coarse.raise_by(&REACH);
+    coarse
+}
+
+wide! {
+    /// Means of blocks of 4 x 4 px.
+    fn means_of_16(rows: [&[u8]; 4], out: &mut [u8]) = means_by_word
+}
+
+/// Four bytes of a row are summed as two halves of a word.
+#[inline(always)]
+fn means_by_word(rows: [&[u8]; 4], out: &mut [u8]) {
+    const LOW: u32 = 0x00ff_00ff;
+    let [a, b, c, d] = rows.map(|row| row.as_chunks::<4>().0);
+    let halves = |four: &[u8; 4]| {
+        let word = u32::from_le_bytes(*four);
+        (word & LOW) + ((word >> 8) & LOW)
+    };
+    for ((o, (a, b)), (c, d)) in out.iter_mut().zip(a.iter().zip(b)).zip(c.iter().zip(d)) {
+        let sum = (halves(a) + halves(b)) + (halves(c) + halves(d));
+        *o = (((sum & 0xffff) + (sum >> 16) + 8) >> 4) as u8;
+    }
+}
+
+/// Means of blocks of 2 x 2 px.
+fn means_of_4(rows: [&[u8]; 2], out: &mut [u8]) {
+    let [a, b] = rows.map(|row| row.as_chunks::<2>().0);
+    let both = |two: &[u8; 2]| u16::from(two[0]) + u16::from(two[1]);
+    for (o, (a, b)) in out.iter_mut().zip(a.iter().zip(b)) {
+        *o = ((both(a) + both(b) + 2) >> 2) as u8;
+    }
+}
+
+impl Coarse {
+    /// Makes the background of every pixel the greatest, over distances and directions, of the lesser of both sides.
+    fn raise_by(&mut self, reach: &[usize]) {
+        let Self { width, height, mean, background, part, .. } = self;
+        for (y, span) in &part.wanted {
+            let row = |y: usize| &mean[y * *width..][..*width];
+            let out = &mut background[y * *width..][..*width];
+            for &d in reach {
+                let inner = span.start.max(d)..span.end.min(width.saturating_sub(d));
+                if !inner.is_empty() {
+                    let own = row(*y);
+                    let (left, right) = (inner.start - d..inner.end - d, inner.start + d..inner.end + d);
+                    raise(&mut out[inner], &own[left], &own[right]);
+                }
+                if *y >= d && y + d < *height {
+                    raise(&mut out[span.clone()], &row(y - d)[span.clone()], &row(y + d)[span.clone()]);
+                }
+            }
+        }
+    }
+}
+
+wide! {
+    /// The lesser of both sides, where it is more than what is there.
+    fn raise(out: &mut [u8], one: &[u8], other: &[u8]) = raised
+}
+
+#[inline(always)]
+fn raised(out: &mut [u8], one: &[u8], other: &[u8]) {
+    // In whole steps, the last of them back from the end: what is raised twice stays.
+    const STEP: usize = 32;
+    let raise = |(o, (&a, &b)): (&mut u8, (&u8, &u8))| *o = (*o).max(a.min(b));
+    let last = out.len().checked_sub(STEP);
+    for from in last.into_iter().flat_map(|last| (0..last).step_by(STEP).chain([last])) {
+        let (one, other) = (one[from..].first_chunk::<STEP>(), other[from..].first_chunk::<STEP>());
+        if let (Some(out), Some(one), Some(other)) = (out[from..].first_chunk_mut::<STEP>(), one, other) {
+            out.iter_mut().zip(one.iter().zip(other)).for_each(raise);
+        }
+    }
+    if last.is_none() {
+        out.iter_mut().zip(one.iter().zip(other)).for_each(raise);
+    }
+}
+
+/// How many levels there are.
+pub fn levels(faint: bool) -> usize {
+    if faint { FAINT } else { USUAL }
+}
+
+/// The runs of pixels that pass any level, and how many levels their pixels pass, run by run.
+pub struct Darkness {
+    runs: Vec<Run>,
+    passed: Vec<u8>,
+}
+
+wide! {
+    fn pass(mean: &[u8], background: &[u8], out: &mut [u8]) = passed::<USUAL>
+}
+
+wide! {
+    fn pass_faint(mean: &[u8], background: &[u8], out: &mut [u8]) = passed::<FAINT>
+}
+
+/// How many of the first levels each pixel passes.
+#[inline(always)]
+fn passed<const COUNT: usize>(mean: &[u8], background: &[u8], out: &mut [u8]) {
+    let levels: [u16; COUNT] = std::array::from_fn(|i| LEVELS[i]);
+    for ((o, &v), &b) in out.iter_mut().zip(mean).zip(background) {
+        let (grey, bright) = (u16::from(v) * 256, u16::from(b.saturating_sub(2)));
+        *o = levels.iter().map(|&level| u8::from(grey < bright * level)).sum();
+    }
+}
+
+impl Coarse {
+    /// How many of the levels each pixel passes.
+    pub fn darkness(&self, faint: bool) -> Darkness {
+        let (mut runs, mut passed, mut row) = (Vec::new(), Vec::new(), vec![0u8; self.width]);
+        let pass = if faint { pass_faint } else { pass };
+        for (y, span) in &self.part.wanted {
+            let part = y * self.width + span.start..y * self.width + span.end;
+            let (first, row) = (runs.len(), &mut row[..span.len()]);
+            pass(&self.mean[part.clone()], &self.background[part], row);
+            components::find(row, *y, &mut runs);
+            for run in &mut runs[first..] {
+                passed.extend_from_slice(&row[run.from as usize..=run.to as usize]);
+                run.from += span.start as u32;
+                run.to += span.start as u32;
+            }
+        }
+        Darkness { runs, passed }
+    }
+
+    /// Whether the background differs within a region's bounds by more than a part of it.
+    pub fn is_uneven(&self, region: &Region) -> bool {
+        const STEP: u32 = 8;
+        let (mut least, mut most) = (u8::MAX, 0);
+        for y in region.y0..=region.y1 {
+            for &v in &self.background[y * self.width..][region.x0..=region.x1] {
+                (least, most) = (least.min(v), most.max(v));
+            }
+        }
+        u32::from(most - least) * 100 > STEP * u32::from(most)
+    }
+
+    /// Dark regions at the `level`-th level, in the order of their first pixel.
+    pub fn regions(&self, dark: &Darkness, level: usize, faint: bool) -> Vec<Region> {
+        let least = (levels(faint) - level) as u8;
+        let runs = components::at_least(&dark.runs, &dark.passed, least);
+        components::connected(&runs).iter().map(|set| self.region(set)).collect()
+    }
+
+    fn region(&self, runs: &[Run]) -> Region {
+        let mut region = Region { x0: usize::MAX, y0: usize::MAX, x1: 0, y1: 0, area: 0, least: 256 };
+        // Grey and background of the darkest, compared by products.
+        let mut darkest = [256u32, 255];
+        for &Run { y, from, to } in runs {
+            let [y, from, to] = [y, from, to].map(|v| v as usize);
+            region.area += to + 1 - from;
+            region.x0 = region.x0.min(from);
+            region.x1 = region.x1.max(to);
+            region.y0 = region.y0.min(y);
+            region.y1 = region.y1.max(y);
+            let pixels = y * self.width + from..=y * self.width + to;
+            for (&v, &b) in self.mean[pixels.clone()].iter().zip(&self.background[pixels]) {
+                let [v, b] = [u32::from(v), u32::from(b).max(1)];
+                if v * darkest[1] < darkest[0] * b {
+                    darkest = [v, b];
+                }
+            }
+        }
+        region.least = (darkest[0] * 255 / darkest[1]) as u16;
+        region
+    }
+}

@@ -1,0 +1,356 @@
+//! Dark regions taken up again at full resolution, with their moments.
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::background::{Coarse, Region};
+use super::bitmask::{Side, WORD, mark_below, mark_side};
+use super::components::Run;
+use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::segment::components;
+use crate::measure::detect::simd::dispatch::wide;
+use crate::measure::raster::Raster;
+
+/// A connected set of full-resolution pixels darker than half way to the background.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Blob {
+    /// Bounding box, px, inclusive: x0, y0, x1, y1.
+    pub bounds: [usize; 4],
+    /// Runs of the blob: row, first column, last column.
+    pub runs: Vec<[u32; 3]>,
+    /// Pixels.
+    pub area: f64,
+    /// Centroid, px.
+    pub centroid: Vector2<f64>,
+    /// Second central moments, px^2.
+    pub covariance: Matrix2<f64>,
+    /// Whether it reaches the frame's edge.
+    pub at_edge: bool,
+}
+
+/// The window of a region: first and last column and row, the last excluded.
+#[derive(Clone, Copy)]
+struct Window {
+    x0: usize,
+    y0: usize,
+    x1: usize,
+    y1: usize,
+}
+
+/// Rows that are marked before their runs are sought.
+const ROWS: usize = 16;
+/// Fewer pixels are noise.
+const LEAST_AREA: u32 = 6;
+
+/// The blobs of one region, and whether one of them goes on outside its window.
+pub fn blobs(image: &Raster, coarse: &Coarse, region: &Region) -> (Vec<Blob>, bool) {
+    let least = f64::from(region.least) / 256.0;
+    let at = |share: f64| {
+        let level = ((least + share * (1.0 - least)) * 256.0) as u32;
+        below(image, coarse, region, [PAD; 2], Threshold::Share(level))
+    };
+    let (mut out, cut) = at(0.5);
+    if out.iter().any(Blob::is_ragged) {
+        out.extend(at(STRICT).0.into_iter().filter(|blob| blob.area > RAGGED_AREA));
+    }
+    (out, cut)
+}
+
+/// Where a line touches a disc, the threshold's share of the way from black to the background at
+/// which they come apart.
+const STRICT: f64 = 0.3;
+/// Least area of a blob that is looked at again.
+const RAGGED_AREA: f64 = 100.0;
+
+/// The blobs of a region that went on outside its window at every level: the local background was too
+/// bright, as beside a quadrant's white or below the sky, and the skin passed for dark. Here what
+/// surrounds the region bounds it, and the window is wider, for faint tips are not in the region: of a
+/// flat marker they may be half of it, of flat quadrants more.
+pub fn blobs_against_surround(image: &Raster, coarse: &Coarse, region: &Region) -> Vec<Blob> {
+    let (dark, skin) = levels(coarse, region);
+    let sides = [region.width(), region.height()];
+    let longest = sides[0].max(sides[1]);
+    let flat = 3 * region.area < longest * longest;
+    // What is longer than a marker holds one as it is.
+    let most = LONGEST_PX.max(image.width().max(image.height()) / LONGEST) / coarse.factor;
+    let more = |side: usize| if flat { side.max(longest / 4) } else { longest / 4 };
+    let window = |times: usize| {
+        let pad = sides.map(|side| times * (PAD + more(side).min(most.saturating_sub(side))));
+        below(image, coarse, region, pad, Threshold::Between { dark, skin })
+    };
+    let (blobs, cut) = window(1);
+    let mut out = if cut && blobs.is_empty() { window(2).0 } else { blobs };
+    // A wide window shows other things too.
+    out.retain(|blob| region.meets(&blob.bounds, coarse.factor));
+    out
+}
+
+/// Part of a large frame's longer side that the longest marker takes; and how long it may be in any frame, px.
+const LONGEST: usize = 4;
+const LONGEST_PX: usize = 1000;
+/// Reduced pixels by which a window is wider than its region, on each side.
+const PAD: usize = 2;
+
+/// The darkest reduced pixel of a region, and the median of those two beyond its bounds.
+fn levels(coarse: &Coarse, region: &Region) -> (u32, u32) {
+    let (x0, y0) = (region.x0.saturating_sub(2), region.y0.saturating_sub(2));
+    let (x1, y1) = ((region.x1 + 2).min(coarse.width - 1), (region.y1 + 2).min(coarse.height - 1));
+    let (mut dark, mut ring) = (255, Vec::new());
+    for y in y0..=y1 {
+        let row = &coarse.mean[y * coarse.width..][..coarse.width];
+        dark = row[x0..=x1].iter().fold(dark, |d, &v| d.min(v));
+        if y == y0 || y == y1 {
+            ring.extend_from_slice(&row[x0..=x1]);
+        } else {
+            ring.extend([row[x0], row[x1]]);
+        }
+    }
+    let middle = ring.len() / 2;
+    (u32::from(dark), u32::from(*ring.select_nth_unstable(middle).1))
+}
+
+/// The blobs of pixels below a level that lie wholly in a box.
+pub fn darker_than(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, level: u8) -> Vec<Blob> {
+    blobs_of(image, low, high, Side::Darker(level))
+}
+
+/// The blobs of pixels below a level with their centre in an outline, the largest first, which lie wholly in a box about
+/// it that is larger by three tenths and a margin, px.
+pub fn dark_parts(image: &Raster, outline: &Outline, margin: f64, level: u8) -> Vec<Blob> {
+    let (low, high) = about(outline, margin);
+    let mut out = darker_than(image, low, high, level);
+    out.retain(|blob| outline.holds(blob.centroid));
+    out.sort_by(|a, b| b.area.total_cmp(&a.area));
+    out
+}
+
+/// The box about an outline that is larger by three tenths and a margin, px.
+pub fn about(outline: &Outline, margin: f64) -> (Vector2<f64>, Vector2<f64>) {
+    let reach = (outline.extent() * 1.3).add_scalar(margin);
+    (outline.centre - reach, outline.centre + reach)
+}
+
+/// The blobs of pixels above a level that lie wholly in a box.
+pub fn lighter_than(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, level: u8) -> Vec<Blob> {
+    blobs_of(image, low, high, Side::Lighter(level))
+}
+
+/// The blobs of pixels on one side of a level that lie wholly in a box.
+fn blobs_of(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, side: Side) -> Vec<Blob> {
+    let end = |v: f64, most: usize| (v.ceil().max(0.0) as usize).saturating_add(1).min(most);
+    let window = Window {
+        x0: low.x.floor().max(0.0) as usize,
+        y0: low.y.floor().max(0.0) as usize,
+        x1: end(high.x, image.width()),
+        y1: end(high.y, image.height()),
+    };
+    if window.x0 >= window.x1 || window.y0 >= window.y1 {
+        return Vec::new();
+    }
+    window.blobs(image, &mut window.runs(image, |_, row, marks| mark_side(row, side, marks))).0
+}
+
+/// The grey value below which a pixel is dark, from its background.
+#[derive(Clone, Copy)]
+enum Threshold {
+    /// A share of the background, in 1/256.
+    Share(u32),
+    /// Half way from a dark level to the background, at most to the skin.
+    Between { dark: u32, skin: u32 },
+}
+
+wide! {
+    /// Makes thresholds of backgrounds.
+    fn limit(values: &mut [u8], threshold: Threshold) = limited
+}
+
+#[inline(always)]
+fn limited(values: &mut [u8], threshold: Threshold) {
+    match threshold {
+        Threshold::Share(level) => {
+            values.iter_mut().for_each(|v| *v = (u32::from(*v) * level).div_ceil(256).min(255) as u8);
+        }
+        Threshold::Between { dark, skin } => {
+            // What is nearer to the dark is no background: it lies there farther off than was looked.
+            let half = (dark + skin) / 2;
+            let background = |v: u32| if v < half { skin } else { v.min(skin) };
+            values
+                .iter_mut()
+                .for_each(|v| *v = (dark + background(u32::from(*v))).div_ceil(2).min(255) as u8);
+        }
+    }
+}
+
+/// The connected sets below a threshold that depends on the local background, and whether one of
+/// them goes on outside the region's window.
+fn below(
+    image: &Raster,
+    coarse: &Coarse,
+    region: &Region,
+    pad: [usize; 2],
+    threshold: Threshold,
+) -> (Vec<Blob>, bool) {
+    let window = Window::around(image, coarse, region, pad);
+    window.blobs(image, &mut window.dark_runs(image, coarse, threshold))
+}
+
+/// Repeats each block's value for its `factor` pixels in a row, as far as there are blocks.
+fn spread(blocks: &[u8], factor: usize, out: &mut [u8]) {
+    if factor == 4 {
+        out.as_chunks_mut::<4>().0.iter_mut().zip(blocks).for_each(|(pixels, &v)| *pixels = [v; 4]);
+    } else {
+        out.chunks_mut(factor).zip(blocks).for_each(|(pixels, &v)| pixels.fill(v));
+    }
+}
+
+impl Window {
+    /// With so many reduced pixels about a region, to the sides and above and below.
+    fn around(image: &Raster, coarse: &Coarse, region: &Region, pad: [usize; 2]) -> Self {
+        let f = coarse.factor;
+        let [beside, above] = pad.map(|pad| pad * f);
+        Self {
+            x0: (region.x0 * f).saturating_sub(beside),
+            y0: (region.y0 * f).saturating_sub(above),
+            x1: ((region.x1 + 1) * f + beside).min(image.width()),
+            y1: ((region.y1 + 1) * f + above).min(image.height()),
+        }
+    }
+
+    /// The runs of pixels that are marked, word by word, in each row; it is handed over as far as its last word reaches in the
+    /// picture.
+    fn runs(&self, image: &Raster, mut mark: impl FnMut(usize, &[u8], &mut [u64])) -> Vec<Run> {
+        let width = self.x1 - self.x0;
+        let end = (self.x0 + width.next_multiple_of(WORD)).min(image.width());
+        let words = width.div_ceil(WORD).max(1);
+        let (mut out, mut marks) = (Vec::new(), vec![0; ROWS * words]);
+        // Rows are fetched side by side where nothing hangs on what they hold.
+        for first in (self.y0..self.y1).step_by(ROWS) {
+            let rows = || first..self.y1.min(first + ROWS);
+            for (y, marks) in rows().zip(marks.chunks_exact_mut(words)) {
+                mark(y, &image.row(y)[self.x0..end], marks);
+            }
+            for (y, marks) in rows().zip(marks.chunks_exact(words)) {
+                components::find_in(marks.iter().copied(), width, y, &mut out);
+            }
+        }
+        out
+    }
+
+    /// Runs of pixels below the threshold of their background.
+    fn dark_runs(&self, image: &Raster, coarse: &Coarse, threshold: Threshold) -> Vec<Run> {
+        let f = coarse.factor;
+        let width = self.x1 - self.x0;
+        let (mut blocks, mut limits) = (Vec::new(), vec![0; width.next_multiple_of(WORD)]);
+        self.runs(image, |y, pixels, marks| {
+            if y == self.y0 || y % f == 0 {
+                // Windows begin with a block; pixels beyond the last whole one are as the last.
+                let row = &coarse.background[(y / f).min(coarse.height - 1) * coarse.width..][..coarse.width];
+                blocks.clear();
+                blocks.extend(row[self.x0 / f..].iter().take(width.div_ceil(f)));
+                blocks.resize(width.div_ceil(f), row.last().copied().unwrap_or(0));
+                limit(&mut blocks, threshold);
+                spread(&blocks, f, &mut limits);
+            }
+            mark_below(pixels, &limits, marks);
+        })
+    }
+
+    /// The blobs of runs whose columns count from the window's, and whether some go on outside it.
+    fn blobs(&self, image: &Raster, runs: &mut [Run]) -> (Vec<Blob>, bool) {
+        for run in &mut *runs {
+            run.from += self.x0 as u32;
+            run.to += self.x0 as u32;
+        }
+        let (mut out, mut cut) = (Vec::new(), false);
+        for set in components::connected(runs).iter() {
+            if self.cuts(image, set) {
+                cut = true;
+            } else if set.iter().map(|r| r.to + 1 - r.from).sum::<u32>() >= LEAST_AREA {
+                out.push(Blob::new(image, set));
+            }
+        }
+        (out, cut)
+    }
+
+    /// Whether the set goes on outside the window; a laxer level then has it whole.
+    fn cuts(&self, image: &Raster, set: &[Run]) -> bool {
+        let (left, top) = (self.x0 > 0, self.y0 > 0);
+        let (right, low) = (self.x1 < image.width(), self.y1 < image.height());
+        set.iter().any(|r| {
+            (left && r.from as usize == self.x0)
+                || (right && r.to as usize + 1 == self.x1)
+                || (top && r.y as usize == self.y0)
+                || (low && r.y as usize + 1 == self.y1)
+        })
+    }
+}
+
+impl Blob {
+    fn new(image: &Raster, set: &[Run]) -> Self {
+        let mut blob = Self {
+            bounds: [0; 4],
+            area: 0.0,
+            centroid: Vector2::zeros(),
+            covariance: Matrix2::zeros(),
+            at_edge: false,
+            runs: set.iter().map(|r| [r.y, r.from, r.to]).collect(),
+        };
+        blob.measure();
+        let b = blob.bounds;
+        blob.at_edge = b[0] == 0 || b[1] == 0 || b[2] + 1 >= image.width() || b[3] + 1 >= image.height();
+        blob
+    }
+
+    /// Bounds and moments from the runs, each run integrated in closed form.
+    fn measure(&mut self) {
+        let (mut n, mut first, mut second) = (0.0, Vector2::zeros(), Matrix2::zeros());
+        let mut bounds = [usize::MAX, usize::MAX, 0, 0];
+        for r in &self.runs {
+            let length = f64::from(r[2] - r[1] + 1);
+            let at = Vector2::new(0.5 * (f64::from(r[1]) + f64::from(r[2])), f64::from(r[0]));
+            n += length;
+            first += at * length;
+            second += at * at.transpose() * length;
+            second[(0, 0)] += length * length * length / 12.0;
+            second[(1, 1)] += length / 12.0;
+            bounds[0] = bounds[0].min(r[1] as usize);
+            bounds[1] = bounds[1].min(r[0] as usize);
+            bounds[2] = bounds[2].max(r[2] as usize);
+            bounds[3] = bounds[3].max(r[0] as usize);
+        }
+        self.bounds = bounds;
+        self.area = n;
+        self.centroid = first / n;
+        self.covariance = second / n - self.centroid * self.centroid.transpose();
+    }
+
+    /// Neither an ellipse nor two quadrants: perhaps a disc with a line that touches it.
+    fn is_ragged(&self) -> bool {
+        self.area > RAGGED_AREA && (0.78..0.95).contains(&self.fill())
+    }
+
+    /// Pixels over those of the ellipse with the same second moments: 1 for an ellipse.
+    pub fn fill(&self) -> f64 {
+        let det = self.covariance.determinant().max(1e-9);
+        self.area / (4.0 * std::f64::consts::PI * det.sqrt())
+    }
+}
+
+impl Outline {
+    /// A blob's ellipse of inertia.
+    pub fn of(blob: &Blob) -> Self {
+        Self::from_moments(blob.centroid, blob.covariance, 2.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_nearer_to_the_dark_than_to_the_skin_is_no_background() {
+        // The sky, the skin, skin in the shade, another marker.
+        let mut values = [230, 120, 90, 50];
+        limit(&mut values, Threshold::Between { dark: 40, skin: 120 });
+        assert_eq!(values, [80, 80, 65, 80]);
+    }
+}

@@ -1,0 +1,7 @@
+//! The frame's dark regions: background, levels, connected sets, blobs.
+
+pub mod background;
+pub mod bitmask;
+pub mod blob;
+pub mod components;
+pub mod contour;
