@@ -100,6 +100,6 @@ fn a_streak_across_the_discs_is_no_marker() {
         assert_eq!(found.markers.len(), 9);
         let there = |r: &&Rejected| (r.centre_px - Vector2::new(streak[0], streak[1])).norm() < 2.0;
         let reasons: Vec<RejectReason> = found.rejected.iter().filter(there).map(|r| r.reason).collect();
-        assert!(reasons.contains(&RejectReason::Askew), "{reasons:?}");
+        assert!(reasons.contains(&RejectReason::OrientationOutlier), "{reasons:?}");
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::setup::Shape;
 
 /// A marker found in a picture.
@@ -29,9 +29,9 @@ pub struct Detection {
 }
 
 impl Detection {
-    pub(super) fn outline(&self) -> Outline {
+    pub(super) fn ellipse(&self) -> Ellipse {
         let (major, minor) = (self.semi_major_px, self.semi_minor_px);
-        Outline { centre: self.centre_px, major, minor, angle: self.angle_rad }
+        Ellipse { centre: self.centre_px, major, minor, angle: self.angle_rad }
     }
 
     /// Sum of the place's variances, px^2, without what is for things beside it.
@@ -40,7 +40,7 @@ impl Detection {
     }
 }
 
-/// A candidate that was looked at and turned down.
+/// A hypothesis that was looked at and turned down.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rejected {
     /// Where, px.
@@ -55,7 +55,7 @@ pub struct Rejected {
     pub reason: RejectReason,
 }
 
-/// Why a candidate is not a marker.
+/// Why a hypothesis is not a marker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum RejectReason {
     /// The outline touches the frame's edge.
@@ -77,13 +77,13 @@ pub enum RejectReason {
     /// A marker, but its place is told too badly.
     Uncertain,
     /// Glare leaves too little of it.
-    Drowned,
+    GlareOccluded,
     /// Its edge is far softer than those of the frame's markers.
-    Soft,
+    BlurOutlier,
     /// Far smaller than all the frame's markers, which are of about one size at like distances.
-    Speck,
+    SizeOutlier,
     /// A thin disc that lies across the frame's other markers.
-    Askew,
+    OrientationOutlier,
 }
 
 impl RejectReason {
@@ -99,10 +99,10 @@ impl RejectReason {
             Self::NoConvergence => "fit did not converge",
             Self::Duplicate => "another detection explains it",
             Self::Uncertain => "place too uncertain",
-            Self::Drowned => "glare leaves too little of it",
-            Self::Soft => "edge softer than the other markers'",
-            Self::Speck => "far smaller than the other markers",
-            Self::Askew => "lies across the other markers",
+            Self::GlareOccluded => "glare leaves too little of it",
+            Self::BlurOutlier => "edge softer than the other markers'",
+            Self::SizeOutlier => "far smaller than the other markers",
+            Self::OrientationOutlier => "lies across the other markers",
         }
     }
 }
@@ -119,7 +119,7 @@ pub struct Detections {
     /// Standard deviation of the grey values' noise, grey levels.
     pub noise: f64,
     /// By how much the markers' variances were raised because residuals hang together, as JPEG leaves them; at least 1.
-    pub clumping: f64,
+    pub inflation: f64,
 }
 
 /// Where a marker is expected: the outline predicted from an earlier frame.
@@ -143,13 +143,13 @@ pub struct Prediction {
 
 impl Prediction {
     /// The expected outline; `None` where a number is none of a marker's.
-    pub(super) fn outline(&self) -> Option<Outline> {
+    pub(super) fn ellipse(&self) -> Option<Ellipse> {
         let (major, minor) = (self.semi_major_px, self.semi_minor_px);
         let numbers = [self.centre_px.x, self.centre_px.y, self.angle_rad, self.search_px];
         let sound = numbers.iter().all(|v| v.is_finite())
             && (1.0..2000.0).contains(&major)
             && (0.5..2000.0).contains(&minor);
-        sound.then_some(Outline { centre: self.centre_px, major, minor, angle: self.angle_rad })
+        sound.then_some(Ellipse { centre: self.centre_px, major, minor, angle: self.angle_rad })
     }
 }
 

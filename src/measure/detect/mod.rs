@@ -27,14 +27,14 @@ use crate::measure::detect::accept::{consistency, correlated, dirt, verdict};
 use crate::measure::detect::detection::by_place;
 use crate::measure::detect::image::histogram::middle;
 use crate::measure::detect::image::{ellipse, noise};
-use crate::measure::detect::revise::neighbours::doubt_unlike;
+use crate::measure::detect::revise::neighbours::inflate_unlike;
 use crate::measure::detect::search::{is_faint, search};
 use crate::measure::raster::Raster;
 
 pub use detection::{Detection, Detections, Prediction, RejectReason, Rejected};
 pub use revise::orientation::{Expected, UNSURE_PX2, look_closer};
 
-/// Most rejected candidates that are reported.
+/// Most rejected hypotheses that are reported.
 const MAX_REJECTED: usize = 200;
 
 /// Finds the markers of a frame without help. Deterministic at any number of threads.
@@ -58,9 +58,9 @@ fn find(image: &Raster, sought: Option<&[Prediction]>) -> (Found, f64) {
     let seen = smoothed.as_ref().unwrap_or(image);
     let sound = |faint: bool, known: Vec<verdict::Measured>| {
         let mut found = search(image, seen, sought, noise, faint, known);
-        consistency::without_soft(&mut found);
-        consistency::without_askew(&mut found);
-        consistency::without_specks(&mut found);
+        consistency::without_blur_outliers(&mut found);
+        consistency::without_orientation_outliers(&mut found);
+        consistency::without_size_outliers(&mut found);
         found
     };
     let mut found = sound(false, Vec::new());
@@ -68,7 +68,7 @@ fn find(image: &Raster, sought: Option<&[Prediction]>) -> (Found, f64) {
     if !all_found && is_faint(&found) {
         found = sound(true, found.measured);
     }
-    doubt_unlike(&mut found);
+    inflate_unlike(&mut found);
     (found, noise)
 }
 
@@ -83,18 +83,18 @@ fn smoothed(image: &Raster, sought: Option<&[Prediction]>) -> Option<Raster> {
 }
 
 fn detections(image: &Raster, mut found: Found, noise: f64) -> Detections {
-    let clumping = correlated::factor(&found.measured);
-    let outlines: Vec<ellipse::Outline> = found.measured.iter().map(|m| m.detection.outline()).collect();
+    let inflation = correlated::factor(&found.measured);
+    let ellipses: Vec<ellipse::Ellipse> = found.measured.iter().map(|m| m.detection.ellipse()).collect();
     for measured in &mut found.measured {
-        correlated::raise(measured, clumping);
-        dirt::doubt(image, measured, &outlines);
+        correlated::raise(measured, inflation);
+        dirt::inflate(image, measured, &ellipses);
     }
     found.rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     found.rejected.truncate(MAX_REJECTED);
     let psf_sigma_px = middle(found.measured.iter().map(|m| m.blur).collect());
     let mut markers: Vec<Detection> = found.measured.into_iter().map(|m| m.detection).collect();
     markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
-    Detections { markers, rejected: found.rejected, psf_sigma_px, noise, clumping }
+    Detections { markers, rejected: found.rejected, psf_sigma_px, noise, inflation }
 }
 
 /// Of each pixel row of a frame of `width` x `height` px the columns that [`detect_guided`] reads: what lies elsewhere

@@ -8,8 +8,8 @@ use crate::measure::detect::accept::found::Found;
 use crate::measure::detect::accept::verdict::Measured;
 use crate::measure::detect::appearance::parameters::Pattern;
 use crate::measure::detect::detection::{Detection, Prediction};
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::noise;
 use crate::measure::detect::segment::background::{Part, Window};
 use crate::measure::setup::Shape;
@@ -48,10 +48,10 @@ impl Prediction {
 /// Where predicted markers may lie in a frame of `width` x `height` px.
 pub fn part(predictions: &[Prediction], width: usize, height: usize) -> Part {
     let window = |p: &Prediction| {
-        let outline = p.outline()?;
-        let extent = outline.extent() * 1.1;
+        let ellipse = p.ellipse()?;
+        let extent = ellipse.extent() * 1.1;
         let half = extent.add_scalar(p.reach() + SKIRT);
-        let (low, high) = (outline.centre - half, outline.centre + half);
+        let (low, high) = (ellipse.centre - half, ellipse.centre + half);
         Some(Window { low: low.into(), high: high.into() })
     };
     let windows: Vec<Window> = predictions.iter().filter_map(window).collect();
@@ -69,32 +69,32 @@ pub fn columns(predictions: &[Prediction], width: usize, height: usize) -> Vec<R
     out
 }
 
-/// Whether a candidate may be a predicted marker, or what is seen of it.
-pub fn is_near(candidate: &Candidate, predictions: &[Prediction]) -> bool {
-    let seen = &candidate.outline;
-    let shape = if candidate.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant };
+/// Whether a hypothesis may be a predicted marker, or what is seen of it.
+pub fn is_near(hypothesis: &Hypothesis, predictions: &[Prediction]) -> bool {
+    let seen = &hypothesis.ellipse;
+    let shape = if hypothesis.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant };
     predictions.iter().filter(|p| p.shape == shape).any(|p| {
-        p.outline().is_some_and(|outline| {
-            let (s, t) = outline.local(seen.centre);
+        p.ellipse().is_some_and(|ellipse| {
+            let (s, t) = ellipse.local(seen.centre);
             let reach = p.reach();
             let part = |a: f64, b: f64| a > PART * b - ALIKE_PX && a < WIDER * b + ALIKE_PX;
-            inside(s / (outline.major + reach), t / (outline.minor + reach))
-                && part(seen.major, outline.major)
-                && part(seen.minor, outline.minor)
+            inside(s / (ellipse.major + reach), t / (ellipse.minor + reach))
+                && part(seen.major, ellipse.major)
+                && part(seen.minor, ellipse.minor)
         })
     })
 }
 
-/// Whether a candidate is none of the predicted markers, for each that it is near has been found beside it as a whole.
-pub fn is_beside(candidate: &Candidate, predictions: &[Prediction], found: &[Measured]) -> bool {
-    let seen = &candidate.outline;
+/// Whether a hypothesis is none of the predicted markers, for each that it is near has been found beside it as a whole.
+pub fn is_beside(hypothesis: &Hypothesis, predictions: &[Prediction], found: &[Measured]) -> bool {
+    let seen = &hypothesis.ellipse;
     let beside = |m: &&Measured| {
-        let own = m.detection.outline();
+        let own = m.detection.ellipse();
         m.is_sure() && m.is_whole && !own.holds(seen.centre) && !seen.holds(own.centre)
     };
     let found: Vec<&Detection> = found.iter().filter(beside).map(|m| &m.detection).collect();
     let there = matched(&found, predictions).1;
-    let is_near = |p: &Prediction| is_near(candidate, std::slice::from_ref(p));
+    let is_near = |p: &Prediction| is_near(hypothesis, std::slice::from_ref(p));
     predictions.iter().zip(there).all(|(p, there)| there || !is_near(p))
 }
 
@@ -118,10 +118,10 @@ pub fn missing_quadrants(found: &[Measured], predictions: &[Prediction]) -> Vec<
 }
 
 /// Whether what is seen may be a part of one of the predicted markers.
-pub fn may_show_part_of(seen: &Outline, predictions: &[Prediction]) -> bool {
-    predictions.iter().filter_map(|p| Some((p.outline()?, p.reach()))).any(|(outline, reach)| {
-        let (s, t) = outline.local(seen.centre);
-        inside(s / (WIDER * outline.major + reach), t / (WIDER * outline.minor + reach))
+pub fn may_show_part_of(seen: &Ellipse, predictions: &[Prediction]) -> bool {
+    predictions.iter().filter_map(|p| Some((p.ellipse()?, p.reach()))).any(|(ellipse, reach)| {
+        let (s, t) = ellipse.local(seen.centre);
+        inside(s / (WIDER * ellipse.major + reach), t / (WIDER * ellipse.minor + reach))
     })
 }
 
@@ -129,7 +129,7 @@ pub fn may_show_part_of(seen: &Outline, predictions: &[Prediction]) -> bool {
 /// are alike, none twice.
 pub fn matched(found: &[&Detection], predictions: &[Prediction]) -> (Vec<bool>, Vec<bool>) {
     let mut pairs = Vec::new();
-    for (i, prediction) in predictions.iter().enumerate().filter(|(_, p)| p.outline().is_some()) {
+    for (i, prediction) in predictions.iter().enumerate().filter(|(_, p)| p.ellipse().is_some()) {
         let like = found.iter().enumerate().filter(|(_, d)| prediction.is_like(d));
         pairs.extend(like.map(|(j, d)| (prediction.distance(&d.centre_px), i, j)));
     }
@@ -199,8 +199,8 @@ mod tests {
         let sure = |x: f64| Detection { covariance_px2: 1e-3 * Matrix2::identity(), ..detection(x, 20.0) };
         let found = |x: f64| Measured::whole(sure(x));
         let seen = |x: f64| {
-            let outline = Outline { centre: Vector2::new(x, 52.0), major: 8.0, minor: 3.0, angle: 0.0 };
-            Candidate::of(Pattern::Disc, outline, Vec::new())
+            let ellipse = Ellipse { centre: Vector2::new(x, 52.0), major: 8.0, minor: 3.0, angle: 0.0 };
+            Hypothesis::of(Pattern::Disc, ellipse, Vec::new())
         };
         let two = [prediction(100.0), prediction(150.0)];
         let is_beside = |at: f64, found: &[Measured]| is_beside(&seen(at), &two, found);
@@ -217,7 +217,7 @@ mod tests {
         let quadrants = Prediction { shape: Shape::Quadrant, ..prediction(1000.0) };
         let missing = missing_quadrants(&[], &[prediction(100.0), quadrants.clone()]);
         assert_eq!(missing, [quadrants]);
-        let part = |x: f64| Outline { centre: Vector2::new(x, 52.0), major: 8.0, minor: 2.0, angle: 0.0 };
+        let part = |x: f64| Ellipse { centre: Vector2::new(x, 52.0), major: 8.0, minor: 2.0, angle: 0.0 };
         let seen = [1060.0, 1110.0, 100.0].map(|x| may_show_part_of(&part(x), &missing));
         assert_eq!(seen, [true, false, false]);
     }

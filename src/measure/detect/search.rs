@@ -1,15 +1,17 @@
-//! All stages on one picture, in the order in which candidates are measured.
+//! All stages on one picture, in the order in which hypotheses are measured.
 
 use crate::measure::detect::accept::found::Found;
 use crate::measure::detect::accept::{consistency, verdict};
 use crate::measure::detect::attempt::measure;
-use crate::measure::detect::attempt::whole::{Whole, measure_whole_or_hidden};
+use crate::measure::detect::attempt::whole::{WholeDiscs, measure_whole_or_hidden};
 use crate::measure::detect::detection::{Prediction, RejectReason};
-use crate::measure::detect::hypothesis::candidate;
+use crate::measure::detect::hypothesis;
 use crate::measure::detect::image::ellipse;
 use crate::measure::detect::propose::{blurred_quadrants, gather, moments};
-use crate::measure::detect::revise::neighbours::{again_with_like, again_with_size, is_unsure, with_uneven};
-use crate::measure::detect::revise::under_decal::again_under_sheets;
+use crate::measure::detect::revise::neighbours::{
+    find_against_one_level, is_unsure, revise_with_edge_prior, revise_with_size,
+};
+use crate::measure::detect::revise::under_decal::revise_under_decals;
 use crate::measure::detect::scope;
 use crate::measure::detect::segment::background::Part;
 use crate::measure::detect::segment::{background, blob};
@@ -28,7 +30,7 @@ pub fn is_faint(found: &Found) -> bool {
 /// A rough fit's blur is that of the last one to this factor.
 const MARGIN: f64 = 1.25;
 
-/// In what order candidates are measured.
+/// In what order hypotheses are measured.
 #[derive(Clone, Copy, PartialEq)]
 enum Stage {
     Quadrants,
@@ -51,18 +53,18 @@ pub fn search(
     let mut coarse = background::reduce(seen, part);
     let (blobs, uneven) = gather::find_blobs(seen, &mut coarse, faint);
     let pairs = moments::pairs(&blobs);
-    let within = |blob: &blob::Blob| before.iter().any(|m| m.detection.outline().holds(blob.centroid));
+    let within = |blob: &blob::Blob| before.iter().any(|m| m.detection.ellipse().holds(blob.centroid));
     let mut taken: Vec<bool> = blobs.iter().map(within).collect();
-    let mut whole = Whole::new(image, &blobs, measure::Bounds::of(noise));
+    let mut whole = WholeDiscs::new(image, &blobs, measure::Bounds::of(noise));
     let mut found = Found { measured: before, rejected: Vec::new() };
-    let wanted = |seen: &candidate::Candidate| sought.is_none_or(|sought| scope::is_near(seen, sought));
+    let wanted = |seen: &hypothesis::Hypothesis| sought.is_none_or(|sought| scope::is_near(seen, sought));
     let (mut hidden, mut unsure) = (Vec::new(), Vec::new());
     for stage in [Stage::Quadrants, Stage::Narrow, Stage::Discs] {
-        let candidates = match stage {
+        let hypotheses = match stage {
             Stage::Quadrants => gather::quadrants(seen, &blobs, &pairs),
             Stage::Narrow => {
                 let missing = sought.map(|sought| scope::missing_quadrants(&found.measured, sought));
-                let open = |seen: &ellipse::Outline| {
+                let open = |seen: &ellipse::Ellipse| {
                     missing.as_ref().is_none_or(|missing| scope::may_show_part_of(seen, missing))
                 };
                 blurred_quadrants::narrow(image, (&blobs, &pairs), &taken, noise, open, |i| {
@@ -71,17 +73,17 @@ pub fn search(
             }
             Stage::Discs => gather::discs(&blobs),
         };
-        for candidate in &candidates {
-            if !wanted(candidate) || candidate.blobs.iter().any(|&i| taken[i]) {
+        for hypothesis in &hypotheses {
+            if !wanted(hypothesis) || hypothesis.blobs.iter().any(|&i| taken[i]) {
                 continue;
             }
-            if sought.is_some_and(|sought| scope::is_beside(candidate, sought, &found.measured)) {
+            if sought.is_some_and(|sought| scope::is_beside(hypothesis, sought, &found.measured)) {
                 continue;
             }
-            if stage == Stage::Quadrants && whole.are_discs(candidate) {
+            if stage == Stage::Quadrants && whole.are_discs(hypothesis) {
                 continue;
             }
-            let (measured, part) = measure_whole_or_hidden(&mut whole, candidate);
+            let (measured, part) = measure_whole_or_hidden(&mut whole, hypothesis);
             let discs = |m: &verdict::Measured| {
                 m.detection.shape == Shape::Quadrant && whole.hold_discs(&m.detection)
             };
@@ -91,22 +93,22 @@ pub fn search(
             hidden.extend(part.map(|part| (index, part)));
             match measured {
                 Ok(measured) => {
-                    candidate.blobs.iter().for_each(|&i| taken[i] = true);
+                    hypothesis.blobs.iter().for_each(|&i| taken[i] = true);
                     found.measured.push(measured);
                     whole.bounds.blur =
                         consistency::softest(&found).map_or(whole.bounds.blur, |b| MARGIN * b);
                 }
                 Err(reason) => {
-                    found.rejected.push(candidate.rejected(reason));
-                    unsure.extend(is_unsure(reason, candidate).then(|| candidate.clone()));
+                    found.rejected.push(hypothesis.rejected(reason));
+                    unsure.extend(is_unsure(reason, hypothesis).then(|| hypothesis.clone()));
                 }
             }
         }
     }
-    again_with_size(&whole, &mut found, hidden);
-    again_with_like(&whole, &mut found, unsure);
-    again_under_sheets(&whole, &mut found, wanted);
-    with_uneven(&whole, &mut found, (seen, &coarse, &uneven), wanted);
+    revise_with_size(&whole, &mut found, hidden);
+    revise_with_edge_prior(&whole, &mut found, unsure);
+    revise_under_decals(&whole, &mut found, wanted);
+    find_against_one_level(&whole, &mut found, (seen, &coarse, &uneven), wanted);
     consistency::distinct(&mut found);
     found
 }

@@ -4,7 +4,7 @@ use super::found::Found;
 use super::verdict::Measured;
 use crate::measure::detect::detection::{Detection, RejectReason};
 use crate::measure::detect::hypothesis::neighbours;
-use crate::measure::detect::image::ellipse::{Outline, half_turn};
+use crate::measure::detect::image::ellipse::{Ellipse, half_turn};
 use crate::measure::setup::Shape;
 
 /// Turns down a detection whose centre lies well within the outline of another one that is better:
@@ -12,7 +12,7 @@ use crate::measure::setup::Shape;
 pub fn distinct(found: &mut Found) {
     without_rows_of_discs(found);
     let within = |one: &Detection, other: &Detection| {
-        other.outline().outwards(one.centre_px) < if one.shape == other.shape { 0.5 } else { 0.8 }
+        other.ellipse().outwards(one.centre_px) < if one.shape == other.shape { 0.5 } else { 0.8 }
     };
     let better = |one: &Detection, other: &Detection| {
         let size = |d: &Detection| d.semi_major_px * d.semi_minor_px;
@@ -43,16 +43,16 @@ pub fn distinct(found: &mut Found) {
 fn without_rows_of_discs(found: &mut Found) {
     const APART: f64 = 3.0;
     let discs = found.measured.iter().map(|m| &m.detection).filter(|d| d.shape == Shape::Circle);
-    let discs: Vec<(Outline, f64)> = discs.map(|d| (d.outline(), d.fit_rms)).collect();
+    let discs: Vec<(Ellipse, f64)> = discs.map(|d| (d.ellipse(), d.fit_rms)).collect();
     found.turn_down_all(RejectReason::Duplicate, |m| {
-        let whole = m.detection.outline();
-        let apart = |one: &Outline, other: &Outline| {
+        let whole = m.detection.ellipse();
+        let apart = |one: &Ellipse, other: &Ellipse| {
             let between = other.centre - one.centre;
             between.norm() - one.radius(between) - other.radius(between) > APART * m.blur
         };
         let inside =
             discs.iter().filter(|(disc, rms)| whole.holds(disc.centre) && *rms < m.detection.fit_rms);
-        let inside: Vec<&Outline> = inside.map(|(disc, _)| disc).collect();
+        let inside: Vec<&Ellipse> = inside.map(|(disc, _)| disc).collect();
         let two_apart = || (1..inside.len()).any(|i| inside[..i].iter().any(|other| apart(inside[i], other)));
         m.detection.shape == Shape::Quadrant && two_apart()
     });
@@ -60,9 +60,9 @@ fn without_rows_of_discs(found: &mut Found) {
 
 /// One lens makes all the edges of a frame: one that is far softer than the middle of them belongs to
 /// dirt or to a shadow.
-pub fn without_soft(found: &mut Found) {
+pub fn without_blur_outliers(found: &mut Found) {
     if let Some(softest) = softest(found) {
-        found.turn_down_all(RejectReason::Soft, |m| m.blur > softest);
+        found.turn_down_all(RejectReason::BlurOutlier, |m| m.blur > softest);
     }
 }
 
@@ -88,7 +88,7 @@ pub fn softest(found: &Found) -> Option<f64> {
 
 /// Flat markers on a skin that is about plane lie along one direction of the picture, that of its horizon, to a few tenths:
 /// what is flat and lies across it is a seam's, a shadow's, or the edge's of something beside the wing.
-pub fn without_askew(found: &mut Found) {
+pub fn without_orientation_outliers(found: &mut Found) {
     const ENOUGH: usize = 5;
     const FLAT: f64 = 2.0;
     // Of each shape how flat it must be, and how far across it may lie, rad: quadrants near the camera up to 0.41.
@@ -107,7 +107,7 @@ pub fn without_askew(found: &mut Found) {
         (sin + area * s, cos + area * c)
     });
     let along = 0.5 * f64::atan2(sin, cos);
-    found.turn_down_all(RejectReason::Askew, |Measured { detection: d, .. }| {
+    found.turn_down_all(RejectReason::OrientationOutlier, |Measured { detection: d, .. }| {
         let (flat, most) = if d.shape == Shape::Circle { DISC } else { QUADRANTS };
         flatter(d, flat) && half_turn(d.angle_rad - along).abs() > most
     });
@@ -115,8 +115,8 @@ pub fn without_askew(found: &mut Found) {
 
 /// A frame's markers are prints of about one diameter along one wing: seen at less than half the size of
 /// the next larger one, one would have to be more than twice as far away as all the others.
-/// What is as much smaller than the discs about it foretell is none either.
-pub fn without_specks(found: &mut Found) {
+/// What is as much smaller than the discs about it predict is none either.
+pub fn without_size_outliers(found: &mut Found) {
     const GAP: f64 = 2.5;
     const LONGER: f64 = 1.3;
     const ENOUGH: usize = 4;
@@ -124,17 +124,17 @@ pub fn without_specks(found: &mut Found) {
     sizes.sort_unstable_by(|a, b| b.total_cmp(a));
     let gap = sizes.windows(2).skip(ENOUGH - 1).find(|w| w[0] > GAP * w[1]);
     let least = gap.map_or(0.0, |w| w[0]);
-    let is_speck = |m: &Measured| {
+    let is_size_outlier = |m: &Measured| {
         let Detection { semi_major_px, centre_px, .. } = m.detection;
         // Other dots do not tell.
         let larger =
             found.measured.iter().map(|m| &m.detection).filter(|d| d.semi_major_px > LONGER * semi_major_px);
-        let foretold = || neighbours::foretold_major(larger, centre_px);
+        let foretold = || neighbours::predicted_major(larger, centre_px);
         semi_major_px < least || foretold().is_some_and(|(major, _)| major > GAP * semi_major_px)
     };
     let all = found.measured.iter().enumerate();
-    let specks: Vec<usize> = all.filter(|(_, m)| is_speck(m)).map(|(i, _)| i).collect();
-    found.turn_down_these(RejectReason::Speck, &specks);
+    let size_outliers: Vec<usize> = all.filter(|(_, m)| is_size_outlier(m)).map(|(i, _)| i).collect();
+    found.turn_down_these(RejectReason::SizeOutlier, &size_outliers);
 }
 
 #[cfg(test)]
@@ -193,9 +193,14 @@ mod tests {
         let round = [(Shape::Quadrant, [20.0, 12.0], 1.5, 1.0)];
         let grain = [(Shape::Quadrant, [9.0, 3.0], 1.4, 1.0); 40];
         let mut found = seen(&[&discs[..], &quadrants, &round, &grain].concat());
-        without_askew(&mut found);
+        without_orientation_outliers(&mut found);
         assert_eq!((found.measured.len(), found.rejected.len()), (9, 40));
-        assert!(found.rejected.iter().all(|r| r.reason == RejectReason::Askew && r.semi_major_px < 10.0));
+        assert!(
+            found
+                .rejected
+                .iter()
+                .all(|r| r.reason == RejectReason::OrientationOutlier && r.semi_major_px < 10.0)
+        );
     }
 
     #[test]

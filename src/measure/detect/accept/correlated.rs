@@ -12,7 +12,7 @@ const LEAST: usize = 8;
 
 /// By how much a frame's markers show in the middle that residuals hang together, beyond chance; at least 1.
 pub fn factor(measured: &[Measured]) -> f64 {
-    let middle = middle(measured.iter().map(|m| m.clumped).collect());
+    let middle = middle(measured.iter().map(|m| m.correlation).collect());
     middle.filter(|_| measured.len() >= LEAST).map_or(1.0, |middle| (middle / CHANCE).max(1.0))
 }
 

@@ -6,7 +6,7 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 use super::verdict::Measured;
 use crate::measure::detect::detection::Detection;
 use crate::measure::detect::estimate::normal_equations::spread;
-use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::raster::Raster;
 use crate::measure::setup::Shape;
 
@@ -49,18 +49,18 @@ struct Spot {
 
 /// Adds to the covariance of what was measured as a whole disc, without glare, what lies on the skin beside it makes doubtful;
 /// other markers are not looked at.
-pub fn doubt(image: &Raster, measured: &mut Measured, others: &[Outline]) {
+pub fn inflate(image: &Raster, measured: &mut Measured, others: &[Ellipse]) {
     let Measured { detection, blur, through_glare, is_whole, .. } = measured;
     if detection.shape == Shape::Circle && *is_whole && !*through_glare {
-        let axis = detection.outline().across();
+        let axis = detection.ellipse().across();
         detection.beside_px2 = across(image, detection, *blur, others);
         detection.covariance_px2 += axis * axis.transpose() * detection.beside_px2;
     }
 }
 
 /// By how much the place of a disc across its axis is doubted, px^2.
-fn across(image: &Raster, disc: &Detection, blur: f64, others: &[Outline]) -> f64 {
-    let spots = spots(image, &disc.outline(), blur, others);
+fn across(image: &Raster, disc: &Detection, blur: f64, others: &[Ellipse]) -> f64 {
+    let spots = spots(image, &disc.ellipse(), blur, others);
     let Some((light, scale)) = light_of(&spots) else { return 0.0 };
     let most = MOST * disc.contrast;
     let mut sides = [[0.0; 2]; 2];
@@ -81,17 +81,17 @@ fn across(image: &Raster, disc: &Detection, blur: f64, others: &[Outline]) -> f6
 }
 
 /// The skin on both sides of a disc.
-fn spots(image: &Raster, outline: &Outline, blur: f64, others: &[Outline]) -> Vec<Spot> {
-    let (along, across) = (outline.axis(), outline.across());
-    let (major, minor) = (outline.major, outline.minor);
+fn spots(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse]) -> Vec<Spot> {
+    let (along, across) = (ellipse.axis(), ellipse.across());
+    let (major, minor) = (ellipse.major, ellipse.minor);
     let skirt = SKIRT * blur;
-    let near = |other: &&Outline| {
-        let apart = (other.centre - outline.centre).norm();
-        !outline.holds(other.centre)
+    let near = |other: &&Ellipse| {
+        let apart = (other.centre - ellipse.centre).norm();
+        !ellipse.holds(other.centre)
             && apart < other.major + major + 2.0 * skirt + CLEAR * blur + REACH as f64
     };
-    let grown = |o: &Outline| Outline { major: o.major + skirt, minor: o.minor + skirt, ..*o };
-    let others: Vec<Outline> = others.iter().filter(near).map(grown).collect();
+    let grown = |o: &Ellipse| Ellipse { major: o.major + skirt, minor: o.minor + skirt, ..*o };
+    let others: Vec<Ellipse> = others.iter().filter(near).map(grown).collect();
     let last = (LENGTH * major / STEP).max(5.0) as i32;
     let mut out = Vec::with_capacity((2 * last as usize + 1) * 2 * REACH);
     for side in [1.0, -1.0] {
@@ -102,7 +102,7 @@ fn spots(image: &Raster, outline: &Outline, blur: f64, others: &[Outline]) -> Ve
             for j in 0..REACH {
                 let off = normal * (CLEAR * blur + 0.5 + j as f64);
                 let (s, t) = (p * major + off.x, side * (q * minor + off.y));
-                let at = outline.centre + along * s + across * t;
+                let at = ellipse.centre + along * s + across * t;
                 if others.iter().any(|other| other.holds(at)) {
                     continue;
                 }

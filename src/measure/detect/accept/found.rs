@@ -15,7 +15,7 @@ pub struct Found {
 impl Found {
     /// Whether a place, px, lies in something that was measured.
     pub fn holds(&self, at: Vector2<f64>) -> bool {
-        self.measured.iter().any(|m| m.detection.outline().holds(at))
+        self.measured.iter().any(|m| m.detection.ellipse().holds(at))
     }
 
     /// Moves a detection to those turned down.

@@ -7,17 +7,17 @@ use nalgebra::Vector2;
 use crate::measure::detect::appearance::parameters::{
     ANGLE, BLUR, FIRST, LIGHT, Parameters, Pattern, contrast,
 };
-use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::raster::Raster;
 
 /// Whether the black quadrants end at the outline: the corner of a checkerboard's squares goes on.
-pub fn ends_in_arcs(image: &Raster, pattern: Pattern, outline: &Outline, along: f64, m: &Parameters) -> bool {
+pub fn ends_in_arcs(image: &Raster, pattern: Pattern, ellipse: &Ellipse, along: f64, m: &Parameters) -> bool {
     let turn = if pattern == Pattern::WhiteAlong { FRAC_PI_2 } else { 0.0 };
     let direction = Vector2::new((along + turn).cos(), (along + turn).sin());
-    let radius = outline.radius(direction);
+    let radius = ellipse.radius(direction);
     let (light, black) = (m[LIGHT], m[LIGHT] - contrast(m));
     let grey = |factor: f64| {
-        let at = outline.centre + direction * (factor * radius);
+        let at = ellipse.centre + direction * (factor * radius);
         f64::from(image.nearest(at.x, at.y))
     };
     // Skin may be darker than half way from white to black: it need only be lighter than black. The
@@ -41,14 +41,14 @@ const TELLS_CORNER: f64 = 8.0;
 const ASIDE: f64 = 0.65;
 
 /// Whether both black quadrants have a square's corner, seen where the outline is a circle.
-pub fn have_corners(image: &Raster, pattern: Pattern, outline: &Outline, m: &Parameters) -> bool {
-    if outline.minor < TELLS_CORNER * m[BLUR] {
+pub fn have_corners(image: &Raster, pattern: Pattern, ellipse: &Ellipse, m: &Parameters) -> bool {
+    if ellipse.minor < TELLS_CORNER * m[BLUR] {
         return false;
     }
-    let (along, across) = (outline.axis(), outline.across());
+    let (along, across) = (ellipse.axis(), ellipse.across());
     let turned = |angle: f64| {
-        let (s, t) = outline.local(outline.centre + Vector2::new(angle.cos(), angle.sin()));
-        (t / outline.minor).atan2(s / outline.major)
+        let (s, t) = ellipse.local(ellipse.centre + Vector2::new(angle.cos(), angle.sin()));
+        (t / ellipse.minor).atan2(s / ellipse.major)
     };
     let half = m[FIRST].atan();
     let first = turned(m[ANGLE] - half);
@@ -60,9 +60,9 @@ pub fn have_corners(image: &Raster, pattern: Pattern, outline: &Outline, m: &Par
     let edge = m[LIGHT] - 0.6 * contrast(m);
     // Where black ends in a direction, in radii.
     let end = |angle: f64| {
-        let radius = along * (outline.major * angle.cos()) + across * (outline.minor * angle.sin());
+        let radius = along * (ellipse.major * angle.cos()) + across * (ellipse.minor * angle.sin());
         let light = |factor: &f64| {
-            let at = outline.centre + radius * *factor;
+            let at = ellipse.centre + radius * *factor;
             f64::from(image.nearest(at.x, at.y)) > edge
         };
         (25..85).map(|k| 0.02 * f64::from(k)).find(light).unwrap_or(1.7)

@@ -4,18 +4,18 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::pattern::{ends_in_arcs, have_corners};
 use crate::measure::detect::appearance::parameters::{
-    ANGLE, BLUR, DARK, EGG, FIRST, LIGHT, Pattern, SECOND, THIRD, X, Y, contrast,
+    ANGLE, BLUR, DARK, FIRST, LIGHT, Pattern, SECOND, TAPER, THIRD, X, Y, contrast,
 };
 use crate::measure::detect::detection::{Detection, RejectReason};
 use crate::measure::detect::estimate::gauss_newton::Fit;
-use crate::measure::detect::estimate::prior::EGG_SPREAD;
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::image::ellipse::{Outline, half_turn};
+use crate::measure::detect::estimate::prior::TAPER_SPREAD;
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::image::ellipse::{Ellipse, half_turn};
 use crate::measure::detect::image::noise;
 use crate::measure::raster::Raster;
 use crate::measure::setup::Shape;
 
-/// How a sheet lies on a curved skin is not known: stretched or not, it differs along the marker by
+/// How a decal lies on a curved skin is not known: stretched or not, it differs along the marker by
 /// the sag times the skin's slope, for which one in fourteen stands.
 const LAID: f64 = 0.07;
 /// Share of the outline that glare may hide; and what its fringe, up to a tenth of the skin's light before it is seen,
@@ -26,8 +26,8 @@ const VEIL_PX: f64 = 0.1;
 const VEIL_LEFT_PX: f64 = 0.06;
 /// Semi-minor axis below which that shifts a disc less across its axis, px.
 const EVEN: f64 = 20.0;
-/// Greatest standard deviation of a centre, px: of any, and of one whose length its like foretell, so that no more than
-/// the place along it is in doubt; of quadrants whose outline is foretold.
+/// Greatest standard deviation of a centre, px: of any, and of one whose length its like predict, so that no more than
+/// the place along it is in doubt; of quadrants whose outline is predicted.
 const VAGUEST: f64 = 2.0;
 const VAGUEST_FORETOLD: f64 = 2.5;
 const VAGUEST_CROSSING: f64 = 0.5;
@@ -43,11 +43,11 @@ const LOST: f64 = 1.0;
 
 /// Whether residuals, root mean square, are larger than a marker's with the frame's noise and, of a disc, with that about it,
 /// grey levels.
-pub fn fits_poorly(image: &Raster, candidate: &Candidate, rms: f64, noise: f64, contrast: f64) -> bool {
+pub fn fits_poorly(image: &Raster, hypothesis: &Hypothesis, rms: f64, noise: f64, contrast: f64) -> bool {
     let is_larger = |noise: f64| rms > 1.6 * noise + 0.05 * contrast;
     // Letters, which are their own noise, are taken for quadrants rather than for discs.
-    if candidate.pattern == Pattern::Disc {
-        is_larger(noise.max(LOST)) && is_larger(noise::about(image, &candidate.outline))
+    if hypothesis.pattern == Pattern::Disc {
+        is_larger(noise.max(LOST)) && is_larger(noise::about(image, &hypothesis.ellipse))
     } else {
         is_larger(noise)
     }
@@ -63,7 +63,7 @@ pub struct Measured {
     /// Contrast over the grey of white or skin.
     pub darkness: f64,
     /// The centre's variance from blocks of residuals over that of the fit.
-    pub clumped: f64,
+    pub correlation: f64,
     /// The centre's covariance if no residuals hung together, px^2.
     pub white: Matrix2<f64>,
     /// Standard deviation of a disc's semi-major axis, px; 0 of quadrants.
@@ -84,16 +84,21 @@ impl Measured {
     #[cfg(test)]
     pub fn whole(detection: Detection) -> Self {
         let white = Matrix2::identity();
-        let (blur, darkness, clumped, length) = (1.5, 0.6, 1.0, 0.0);
-        Self { detection, blur, darkness, clumped, white, length, through_glare: false, is_whole: true }
+        let (blur, darkness, correlation, length) = (1.5, 0.6, 1.0, 0.0);
+        Self { detection, blur, darkness, correlation, white, length, through_glare: false, is_whole: true }
     }
 }
 
 /// Accepts or turns down a fit.
-pub fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Result<Measured, RejectReason> {
+pub fn judge(
+    image: &Raster,
+    hypothesis: &Hypothesis,
+    fit: &Fit,
+    noise: f64,
+) -> Result<Measured, RejectReason> {
     let m = &fit.parameters;
     let contrast = contrast(m);
-    let outline = match candidate.pattern {
+    let ellipse = match hypothesis.pattern {
         Pattern::Disc => {
             let (centre, angle) = (Vector2::new(m[X], m[Y]), m[ANGLE]);
             let (major, minor, angle) = if m[FIRST] >= m[SECOND] {
@@ -101,98 +106,99 @@ pub fn judge(image: &Raster, candidate: &Candidate, fit: &Fit, noise: f64) -> Re
             } else {
                 (m[SECOND], m[FIRST], angle + std::f64::consts::FRAC_PI_2)
             };
-            Outline { centre, major, minor, angle: half_turn(angle) }
+            Ellipse { centre, major, minor, angle: half_turn(angle) }
         }
-        _ => Outline { centre: Vector2::new(m[X], m[Y]), ..candidate.outline },
+        _ => Ellipse { centre: Vector2::new(m[X], m[Y]), ..hypothesis.ellipse },
     };
-    let moved = (outline.centre - candidate.outline.centre).norm();
-    if moved > 0.25 * candidate.outline.major + 2.0 {
+    let moved = (ellipse.centre - hypothesis.ellipse.centre).norm();
+    if moved > 0.25 * hypothesis.ellipse.major + 2.0 {
         return Err(RejectReason::PoorFit);
     }
-    let extent = outline.extent();
+    let extent = ellipse.extent();
     let (w, h) = (image.width() as f64, image.height() as f64);
-    let c = outline.centre;
+    let c = ellipse.centre;
     if c.x - extent.x < 0.5 || c.y - extent.y < 0.5 || c.x + extent.x > w - 1.5 || c.y + extent.y > h - 1.5 {
         return Err(RejectReason::TouchesEdge);
     }
-    if outline.minor < 0.8 || outline.major < 3.5 {
+    if ellipse.minor < 0.8 || ellipse.major < 3.5 {
         return Err(RejectReason::TooSmall);
     }
-    let lopsided = candidate.pattern == Pattern::Disc && m[EGG].abs() > 4.0 * EGG_SPREAD;
-    let flattest = if candidate.pattern == Pattern::Disc { FLATTEST } else { FLATTEST_QUADRANTS };
-    if lopsided || outline.major > flattest * outline.minor {
+    let lopsided = hypothesis.pattern == Pattern::Disc && m[TAPER].abs() > 4.0 * TAPER_SPREAD;
+    let flattest = if hypothesis.pattern == Pattern::Disc { FLATTEST } else { FLATTEST_QUADRANTS };
+    if lopsided || ellipse.major > flattest * ellipse.minor {
         return Err(RejectReason::NotAnEllipse);
     }
-    let glare = !candidate.bands.is_empty();
-    let is_lit = |at: Vector2<f64>| candidate.bands.iter().any(|b| b.holds(&at));
+    let glare = !hypothesis.bands.is_empty();
+    let is_lit = |at: Vector2<f64>| hypothesis.bands.iter().any(|b| b.holds(&at));
     // Edges that only point at their crossing tell it worse than they say.
-    let crossing = candidate.pattern != Pattern::Disc && is_lit(outline.centre);
-    if crossing || glare && outline.share(|at| is_lit(*at)) > DROWNED {
-        return Err(RejectReason::Drowned);
+    let crossing = hypothesis.pattern != Pattern::Disc && is_lit(ellipse.centre);
+    if crossing || glare && ellipse.share(|at| is_lit(*at)) > DROWNED {
+        return Err(RejectReason::GlareOccluded);
     }
     if m[DARK] < 0.15 || contrast < 8.0 || contrast < 4.0 * noise {
         return Err(RejectReason::LowContrast);
     }
-    if m[BLUR] > SOFTEST || fit.inliers < 0.55 || fits_poorly(image, candidate, fit.rms, noise, contrast) {
+    if m[BLUR] > SOFTEST || fit.inliers < 0.55 || fits_poorly(image, hypothesis, fit.rms, noise, contrast) {
         return Err(RejectReason::PoorFit);
     }
-    let edges = candidate.edges.filter(|_| candidate.against_skin.is_none() && candidate.foretold.is_none());
+    let edges =
+        hypothesis.edges.filter(|_| hypothesis.against_skin.is_none() && hypothesis.foretold.is_none());
     let is_other = |edges: (f64, f64)| {
-        !ends_in_arcs(image, candidate.pattern, &outline, edges.0, m)
-            || have_corners(image, candidate.pattern, &outline, m)
+        !ends_in_arcs(image, hypothesis.pattern, &ellipse, edges.0, m)
+            || have_corners(image, hypothesis.pattern, &ellipse, m)
     };
     if edges.is_some_and(is_other) {
         return Err(RejectReason::Pattern);
     }
     let mut covariance = fit.covariance.fixed_view::<2, 2>(0, 0).into_owned();
-    if candidate.pattern == Pattern::Disc {
+    if hypothesis.pattern == Pattern::Disc {
         let axis = Vector2::new(m[ANGLE].cos(), m[ANGLE].sin());
         covariance += axis * axis.transpose() * (LAID * m[THIRD]).powi(2);
     }
     // A crossing lies where glare does not.
-    if glare && candidate.pattern == Pattern::Disc {
+    if glare && hypothesis.pattern == Pattern::Disc {
         // Both edges of a thin disc lie in the same light.
-        let veil = if candidate.is_foretold() { VEIL_LEFT_PX } else { VEIL_PX };
-        let (along, across) = (outline.axis(), veil * (outline.minor / EVEN).min(1.0));
+        let veil = if hypothesis.is_foretold() { VEIL_LEFT_PX } else { VEIL_PX };
+        let (along, across) = (ellipse.axis(), veil * (ellipse.minor / EVEN).min(1.0));
         let along_too = veil.powi(2) - across.powi(2);
         covariance += Matrix2::identity() * across.powi(2) + along * along.transpose() * along_too;
     }
     let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
     // A part of an outline, or one in uneven light, tells the centre less well, and says so; so does what is hardly seen, of
     // which all is known but the place.
-    let (vaguest, vaguer) = match (candidate.foretold, candidate.pattern) {
+    let (vaguest, vaguer) = match (hypothesis.foretold, hypothesis.pattern) {
         (Some(_), Pattern::Disc) => (VAGUEST_FORETOLD, 2.0),
         // Edges that only point at their crossing.
         (Some(_), _) => (VAGUEST_CROSSING, 1.0),
         (None, _) => (VAGUEST, 1.0),
     };
-    let most = if candidate.is_whole() { vaguer * (0.02 * outline.major).max(0.6) } else { vaguest };
-    let most = most.min(0.05 * outline.major).min(vaguest);
+    let most = if hypothesis.is_whole() { vaguer * (0.02 * ellipse.major).max(0.6) } else { vaguest };
+    let most = most.min(0.05 * ellipse.major).min(vaguest);
     if !(spread > 0.0 && spread < most) {
         return Err(RejectReason::Uncertain);
     }
     Ok(Measured {
         detection: Detection {
-            shape: if candidate.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant },
-            centre_px: outline.centre,
+            shape: if hypothesis.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant },
+            centre_px: ellipse.centre,
             covariance_px2: Matrix2::from_fn(|i, j| covariance[(i, j)]),
             beside_px2: 0.0,
-            semi_major_px: outline.major,
-            semi_minor_px: outline.minor,
-            angle_rad: outline.angle,
+            semi_major_px: ellipse.major,
+            semi_minor_px: ellipse.minor,
+            angle_rad: ellipse.angle,
             fit_rms: fit.rms,
             contrast,
         },
         blur: m[BLUR],
         darkness: contrast / m[LIGHT].max(1.0),
-        clumped: fit.clumped,
+        correlation: fit.correlation,
         white: fit.white,
-        length: if candidate.pattern == Pattern::Disc {
+        length: if hypothesis.pattern == Pattern::Disc {
             fit.covariance[(FIRST, FIRST)].max(0.0).sqrt()
         } else {
             0.0
         },
         through_glare: false,
-        is_whole: candidate.is_whole(),
+        is_whole: hypothesis.is_whole(),
     })
 }

@@ -1,6 +1,6 @@
 //! The blurred share of black of two opposite quadrants, for a batch of pixels.
 
-use super::parameters::{BLUR, EGG, FIRST, Parameters, SECOND, Share, THIRD};
+use super::parameters::{BLUR, FIRST, Parameters, SECOND, Share, TAPER, THIRD};
 use crate::measure::detect::simd::functions::{GAUSS_8, PEAK, gauss, normals};
 use crate::measure::detect::simd::lanes::{LANES, Lanes, all, each};
 
@@ -27,7 +27,7 @@ type One = [f32; 8];
 #[inline(always)]
 pub fn wedge(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
     let sigma = m[BLUR] as f32;
-    let (uneven, by_sigma) = (m[EGG] as f32, 1.0 / sigma);
+    let (uneven, by_sigma) = (m[TAPER] as f32, 1.0 / sigma);
     let by_own = [1.0 / (1.0 + uneven), 1.0 / (1.0 - uneven)];
     let e = Edges { f: m[FIRST] as f32, k1: m[SECOND] as f32, k2: m[THIRD] as f32, sigma, by_sigma, by_own };
     let far = each(|i| if s[i].abs() > NEAR as f32 * e.sigma { 1.0 } else { 0.0 });
@@ -53,8 +53,8 @@ impl Share {
     /// In the order of [`One`].
     #[inline(always)]
     fn lanes(&mut self) -> [&mut Lanes; 8] {
-        let Self { c, s, t, first, second, third, blur, egg } = self;
-        [c, s, t, first, second, third, blur, egg]
+        let Self { c, s, t, first, second, third, blur, taper } = self;
+        [c, s, t, first, second, third, blur, taper]
     }
 }
 
@@ -79,7 +79,7 @@ fn crossing(s: &Lanes, t: &Lanes, e: Edges, share: &mut Share) {
                 share.second[i] += w * second;
                 share.third[i] += w * third;
                 share.blur[i] += w * (c * (along * along - 1.0) * e.by_sigma + blur);
-                share.egg[i] += w * uneven;
+                share.taper[i] += w * uneven;
             }
         }
     }

@@ -1,6 +1,6 @@
 //! The blurred share of black of a disc seen as an ellipse, for a batch of pixels.
 
-use super::parameters::{BLUR, EGG, FIRST, Parameters, SECOND, Share, THIRD};
+use super::parameters::{BLUR, FIRST, Parameters, SECOND, Share, TAPER, THIRD};
 use crate::measure::detect::simd::functions::{GAUSS_12, PEAK, asin, gauss, normal, normals, sin_quarter};
 use crate::measure::detect::simd::lanes::{LANES, Lanes, all, each};
 
@@ -14,7 +14,7 @@ struct Disc {
     by_a: f32,
     b: f32,
     sag: f32,
-    egg: f32,
+    taper: f32,
     sigma: f32,
 }
 
@@ -41,12 +41,12 @@ pub fn disc(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
         by_a: 1.0 / m[FIRST] as f32,
         b: m[SECOND] as f32,
         sag: m[THIRD] as f32,
-        egg: m[EGG] as f32,
+        taper: m[TAPER] as f32,
         sigma: m[BLUR] as f32,
     };
     // Divisions and roots are what a batch waits for longest: as few as can be.
     let along = each(|i| s[i] * d.by_a);
-    let thin = each(|i| 1.0 - d.egg * along[i]);
+    let thin = each(|i| 1.0 - d.taper * along[i]);
     let level = each(|i| t[i] - d.sag * along[i] * along[i]);
     let straight = each(|i| level[i] * thin[i]);
     let mut share = Share::default();
@@ -63,8 +63,8 @@ pub fn disc(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
     }
     for i in 0..LANES {
         let (along, across) = (along[i], share.t[i]);
-        let by_along = -across * (thin[i] * 2.0 * d.sag * along + level[i] * d.egg) * d.by_a;
-        share.egg[i] = -across * level[i] * along;
+        let by_along = -across * (thin[i] * 2.0 * d.sag * along + level[i] * d.taper) * d.by_a;
+        share.taper[i] = -across * level[i] * along;
         share.t[i] = across * thin[i];
         share.third[i] = -across * thin[i] * along * along;
         share.s[i] += by_along;

@@ -8,8 +8,8 @@
 use super::crossing::wedge;
 use super::disc::disc;
 use super::parameters::{
-    ANGLE, BLUR, COMMON, DARK, EGG, FIRST, GAMMA, Grey, LIGHT, N, Parameters, Pattern, SECOND, Share, THIRD,
-    X, Y,
+    ANGLE, BLUR, COMMON, DARK, FIRST, GAMMA, Grey, LIGHT, N, Parameters, Pattern, SECOND, Share, TAPER,
+    THIRD, X, Y,
 };
 use crate::measure::detect::simd::batch::Batch;
 use crate::measure::detect::simd::functions::{exp, ln};
@@ -153,7 +153,7 @@ impl Slopes {
         gradient[THIRD][i] = self.share * share.third[i];
         gradient[BLUR][i] = self.share * share.blur[i];
         self.put_light(i, [p, q], gradient);
-        gradient[EGG][i] = self.share * share.egg[i];
+        gradient[TAPER][i] = self.share * share.taper[i];
     }
 
     /// The derivatives by light, darkness and exponent, into lane `i`, for a place in semi-axes.

@@ -28,7 +28,7 @@ pub const DARK: usize = 11;
 pub const GAMMA: usize = 14;
 /// Ellipse: relative change of its thickness from the centre to its end. Quadrants: by how much the first edge's blur is more
 /// than the mean of both, as a share.
-pub const EGG: usize = 15;
+pub const TAPER: usize = 15;
 /// Narrow quadrants' outline, five numbers ([`super::quadrants`]).
 pub const OUTLINE: usize = COMMON;
 /// The skin's light about narrow quadrants over that of their white: constant, along s, along t.
@@ -63,7 +63,7 @@ pub struct Share {
     pub second: Lanes,
     pub third: Lanes,
     pub blur: Lanes,
-    pub egg: Lanes,
+    pub taper: Lanes,
 }
 
 /// Grey values and their derivatives.
@@ -73,26 +73,26 @@ pub struct Grey {
     /// By the common parameters.
     pub gradient: [Lanes; COMMON],
     /// By those of narrow quadrants only.
-    pub rim: Option<Box<Rim>>,
+    pub outline_gradient: Option<Box<OutlineGradient>>,
 }
 
 /// Derivatives by the parameters of narrow quadrants only.
-pub type Rim = [Lanes; N - COMMON];
+pub type OutlineGradient = [Lanes; N - COMMON];
 
 impl Grey {
     /// Grey value 0 everywhere.
     #[inline(always)]
     pub fn new() -> Self {
-        Self { value: Lanes::of(0.0), gradient: [Lanes::of(0.0); COMMON], rim: None }
+        Self { value: Lanes::of(0.0), gradient: [Lanes::of(0.0); COMMON], outline_gradient: None }
     }
 
     /// The derivatives by a parameter.
     #[inline(always)]
     pub fn by(&self, k: usize) -> &Lanes {
         const NONE: &Lanes = &Lanes::of(0.0);
-        match (self.gradient.get(k), &self.rim) {
+        match (self.gradient.get(k), &self.outline_gradient) {
             (Some(by), _) => by,
-            (None, Some(rim)) => &rim[k - COMMON],
+            (None, Some(outline_gradient)) => &outline_gradient[k - COMMON],
             (None, None) => NONE,
         }
     }
@@ -103,8 +103,8 @@ impl Share {
     /// Of white instead of black.
     pub fn complement(&mut self) {
         self.c = each(|i| 1.0 - self.c[i]);
-        let Self { c: _, s, t, first, second, third, blur, egg } = self;
-        for lanes in [s, t, first, second, third, blur, egg] {
+        let Self { c: _, s, t, first, second, third, blur, taper } = self;
+        for lanes in [s, t, first, second, third, blur, taper] {
             lanes.iter_mut().for_each(|v| *v = -*v);
         }
     }

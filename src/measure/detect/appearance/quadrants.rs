@@ -7,8 +7,8 @@
 
 use super::formula::{Model, Slopes, Tone};
 use super::parameters::{
-    ANGLE, ASIDE, BLUR, CHORD, COMMON, FIRST, GAMMA, Grey, LENGTH, N, Pattern, Rim, SECOND, SHEAR, SKIN,
-    THIRD, X, Y,
+    ANGLE, ASIDE, BLUR, CHORD, COMMON, FIRST, GAMMA, Grey, LENGTH, N, OutlineGradient, Pattern, SECOND,
+    SHEAR, SKIN, THIRD, X, Y,
 };
 use crate::measure::detect::simd::batch::Batch;
 use crate::measure::detect::simd::dispatch::wide;
@@ -26,7 +26,7 @@ struct Blurred {
     s: Lanes,
     t: Lanes,
     blur: Lanes,
-    outline: [Lanes; 5],
+    ellipse: [Lanes; 5],
     bend: Lanes,
 }
 
@@ -77,11 +77,11 @@ impl Blurred {
         add(&mut self.s, |i| -z[i] * by_sigma * c[i]);
         add(&mut self.t, |i| w[i] * part.t[i]);
         add(&mut self.blur, |i| (z[i] * z[i] - 1.0) * by_sigma * c[i] + w[i] * part.blur[i]);
-        add(&mut self.outline[0], |i| apart[i] * chord.by_length[i]);
-        add(&mut self.outline[1], |i| apart[i] * chord.by_chord[i]);
-        add(&mut self.outline[2], |i| both[i] * chord.along[i]);
-        add(&mut self.outline[3], |i| apart[i] * chord.by_along[i] - both[i] * shear);
-        add(&mut self.outline[4], |i| both[i]);
+        add(&mut self.ellipse[0], |i| apart[i] * chord.by_length[i]);
+        add(&mut self.ellipse[1], |i| apart[i] * chord.by_chord[i]);
+        add(&mut self.ellipse[2], |i| both[i] * chord.along[i]);
+        add(&mut self.ellipse[3], |i| apart[i] * chord.by_along[i] - both[i] * shear);
+        add(&mut self.ellipse[4], |i| both[i]);
         add(&mut self.bend, |i| 0.5 * both[i] * chord.at[i] * chord.at[i]);
     }
 }
@@ -226,8 +226,9 @@ fn grey_by(model: &Model, batch: &Batch, out: &mut Grey) {
     let Chords { between, own, edges } = &chords;
     // Black is what lies between the edges, or the rest of what lies within the outline.
     let white_along = model.pattern == Pattern::WhiteAlong;
-    let Grey { value: grey, gradient, rim } = out;
-    let rim: &mut Rim = rim.get_or_insert_with(|| Box::new([Lanes::of(0.0); N - COMMON]));
+    let Grey { value: grey, gradient, outline_gradient } = out;
+    let outline_gradient: &mut OutlineGradient =
+        outline_gradient.get_or_insert_with(|| Box::new([Lanes::of(0.0); N - COMMON]));
     for i in 0..LANES {
         let (p, q) = (batch.p[i], batch.q[i]);
         let skin = k[SKIN] + k[SKIN + 1] * p + k[SKIN + 2] * q;
@@ -249,8 +250,8 @@ fn grey_by(model: &Model, batch: &Batch, out: &mut Grey) {
         gradient[SECOND][i] = by_between * edges[1][i] + by_bend;
         gradient[THIRD][i] = by_between * edges[2][i] + by_bend;
         gradient[BLUR][i] = sum(between.blur[i], own.blur[i]);
-        for (j, (of_between, of_own)) in between.outline.iter().zip(&own.outline).enumerate() {
-            rim[j][i] = sum(of_between[i], of_own[i]);
+        for (j, (of_between, of_own)) in between.ellipse.iter().zip(&own.ellipse).enumerate() {
+            outline_gradient[j][i] = sum(of_between[i], of_own[i]);
         }
         let light = open * through;
         Slopes { share: by_between, dark: -slope * black, light, gamma: open * value * log }.put_light(
@@ -259,16 +260,16 @@ fn grey_by(model: &Model, batch: &Batch, out: &mut Grey) {
             gradient,
         );
         let by_skin = slope * (1.0 - own.c[i]);
-        rim[SKIN - COMMON][i] = by_skin;
-        rim[SKIN - COMMON + 1][i] = by_skin * p;
-        rim[SKIN - COMMON + 2][i] = by_skin * q;
+        outline_gradient[SKIN - COMMON][i] = by_skin;
+        outline_gradient[SKIN - COMMON + 1][i] = by_skin * p;
+        outline_gradient[SKIN - COMMON + 2][i] = by_skin * q;
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measure::detect::appearance::parameters::{DARK, EGG, LIGHT, Parameters};
+    use crate::measure::detect::appearance::parameters::{DARK, LIGHT, Parameters, TAPER};
 
     fn narrow() -> Parameters {
         let mut m = [0.0; N];
@@ -347,7 +348,7 @@ mod tests {
             }
         }
         // Where an edge meets the outline between two chords, differences and derivatives take different ones.
-        for k in (0..N).filter(|&k| k != EGG) {
+        for k in (0..N).filter(|&k| k != TAPER) {
             let rough = if [FIRST, SHEAR, BLUR].contains(&k) { 0.1 } else { 0.01 };
             let (own, off) = (own[k].sqrt(), off[k].sqrt());
             assert!(own > 0.0 && off < rough * own, "parameter {k}: off by {off} of {own}");

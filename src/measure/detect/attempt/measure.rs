@@ -1,4 +1,4 @@
-//! A candidate's pixels and the fit.
+//! A hypothesis's pixels and the fit.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -9,16 +9,16 @@ use crate::measure::detect::appearance::parameters::{
 use crate::measure::detect::detection::RejectReason;
 use crate::measure::detect::estimate::gauss_newton::{Fit, fit, rough};
 use crate::measure::detect::estimate::normal_equations::CUT;
-use crate::measure::detect::estimate::prior::{USUAL_GAMMA, few_unknowns, unknowns, usual_dark};
+use crate::measure::detect::estimate::prior::{GAMMA_PRIOR, darkness_leaving, few_unknowns, unknowns};
 use crate::measure::detect::estimate::terms::{glare_spline, veiling_glare};
 use crate::measure::detect::estimate::{lack_of_fit, outlined_quadrants};
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::image::ellipse::Outline;
-use crate::measure::detect::image::histogram::Counts;
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::image::histogram::Histogram;
 use crate::measure::detect::occlusion::region::Band;
 use crate::measure::detect::occlusion::{glare, seam};
 use crate::measure::detect::propose::blurred_quadrants::against_skin;
-use crate::measure::detect::propose::quadrant_outline::{at_one_level, outlined, with_rim};
+use crate::measure::detect::propose::quadrant_outline::{at_one_level, outlined, with_outline};
 use crate::measure::detect::propose::reduced::Reduced;
 use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::sample::select::{ALL, EVERY, FEW, Look, Masked, Wanted, pixels};
@@ -63,18 +63,18 @@ impl Bounds {
 /// Axis ratio of a blob which is no marker whatever a fit would say.
 const SURELY_FLATTER: f64 = 45.0;
 
-/// Fits the model to a candidate.
+/// Fits the model to a hypothesis.
 pub fn measure(
     image: &Raster,
     blobs: &[Blob],
-    candidate: &Candidate,
+    hypothesis: &Hypothesis,
     bounds: Bounds,
 ) -> Result<Measured, RejectReason> {
-    let levelled = at_one_level(image, candidate, blobs);
-    let levelled = levelled.and_then(|candidate| measure_once(image, blobs, &candidate, bounds).ok());
-    let measured = levelled.map_or_else(|| measure_once(image, blobs, candidate, bounds), Ok);
+    let levelled = at_one_level(image, hypothesis, blobs);
+    let levelled = levelled.and_then(|hypothesis| measure_once(image, blobs, &hypothesis, bounds).ok());
+    let measured = levelled.map_or_else(|| measure_once(image, blobs, hypothesis, bounds), Ok);
     measured.or_else(|reason| {
-        let again = against_skin(image, candidate, bounds.blur).ok_or(reason)?;
+        let again = against_skin(image, hypothesis, bounds.blur).ok_or(reason)?;
         measure_once(image, blobs, &again, bounds).map_err(|_| reason)
     })
 }
@@ -82,50 +82,50 @@ pub fn measure(
 fn measure_once(
     image: &Raster,
     blobs: &[Blob],
-    candidate: &Candidate,
+    hypothesis: &Hypothesis,
     bounds: Bounds,
 ) -> Result<Measured, RejectReason> {
     let noise = bounds.noise;
-    let outline = &candidate.outline;
-    if candidate.blobs.iter().any(|&i| blobs.get(i).is_some_and(|b| b.at_edge)) {
+    let ellipse = &hypothesis.ellipse;
+    if hypothesis.blobs.iter().any(|&i| blobs.get(i).is_some_and(|b| b.at_edge)) {
         return Err(RejectReason::TouchesEdge);
     }
-    let too_small = outline.major < 3.5 || outline.minor < 0.7;
+    let too_small = ellipse.major < 3.5 || ellipse.minor < 0.7;
     if too_small {
         return Err(RejectReason::TooSmall);
     }
-    if candidate.foretold.is_none() && outline.major > SURELY_FLATTER * outline.minor {
+    if hypothesis.foretold.is_none() && ellipse.major > SURELY_FLATTER * ellipse.minor {
         return Err(RejectReason::NotAnEllipse);
     }
     let floor = least_scale(noise);
-    let (few, all) = if candidate.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
-    let blur = candidate.like.map(|like| like.blur.0).or(candidate.against_skin).unwrap_or(1.0);
-    let first = |look: Look| roughly(image, Masked::Blobs(blobs), candidate, look, few, floor);
-    let look = Look { crossing: outline.centre, blur, sag: 0.0 };
+    let (few, all) = if hypothesis.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
+    let blur = hypothesis.like.map(|like| like.blur.0).or(hypothesis.against_skin).unwrap_or(1.0);
+    let first = |look: Look| roughly(image, Masked::Blobs(blobs), hypothesis, look, few, floor);
+    let look = Look { crossing: ellipse.centre, blur, sag: 0.0 };
     let (near, scale) = first(look).or_else(|reason| {
-        let crossing = crossing_in_small(image, candidate, floor).ok_or(reason)?;
+        let crossing = crossing_in_small(image, hypothesis, floor).ok_or(reason)?;
         first(Look { crossing, ..look })
     })?;
     // A rough fit leaves at most twice what the last one may.
-    if fits_poorly(image, candidate, 0.5 * scale, noise, contrast(&near)) {
+    if fits_poorly(image, hypothesis, 0.5 * scale, noise, contrast(&near)) {
         return Err(RejectReason::PoorFit);
     }
     if near[BLUR] > bounds.blur {
-        return Err(RejectReason::Soft);
+        return Err(RejectReason::BlurOutlier);
     }
-    let mut place = outlined(image, place(candidate, &near), &near);
-    if let Some((found, m)) = with_rim(image, &place, &near) {
-        let answer = measure_with_rim(image, &found, &m, scale, bounds);
+    let mut place = outlined(image, place(hypothesis, &near), &near);
+    if let Some((found, m)) = with_outline(image, &place, &near) {
+        let answer = measure_with_outline(image, &found, &m, scale, bounds);
         if matches!(answer, Ok(_) | Err(RejectReason::Pattern)) {
             return answer;
         }
         place = found;
     }
-    let last = |place: &Candidate| {
+    let last = |place: &Hypothesis| {
         // What is known of a disc from its like beside it is known beforehand.
-        let (mut unknowns, bends) = unknowns(if candidate.alike { candidate } else { place });
+        let (mut unknowns, bends) = unknowns(if hypothesis.alike { hypothesis } else { place });
         unknowns.free[GAMMA] &= contrast(&near) > TELLS_GAMMA * near[LIGHT];
-        let masked = match candidate.hidden[..] {
+        let masked = match hypothesis.hidden[..] {
             [] => Masked::DarkerThan(near, (CUT * floor).max(FOREIGN * contrast(&near))),
             _ => Masked::Blobs(blobs),
         };
@@ -134,7 +134,7 @@ fn measure_once(
         let pixels = pixels(image, masked, place, look, all).ok_or(RejectReason::NoConvergence)?;
         let bent = fit(&pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
         // The straight model knows more, where the bend is not significant.
-        let significant = !candidate.is_whole()
+        let significant = !hypothesis.is_whole()
             || (bends.iter())
                 .any(|&k| bent.parameters[k].abs() > BEND_TEST * bent.covariance[(k, k)].max(0.0).sqrt());
         let result = if significant {
@@ -144,7 +144,7 @@ fn measure_once(
             bent.without(bends)
         };
         let floor = floor.max(0.02 * contrast(&near));
-        let whole = candidate.hidden.is_empty();
+        let whole = hypothesis.hidden.is_empty();
         let result = lack_of_fit::improve(&pixels, result, &unknowns, floor, whole);
         let plain = judge(image, place, &result, noise);
         if bounds.through_glare && place.pattern == Pattern::Disc && !place.bands.is_empty() {
@@ -155,7 +155,7 @@ fn measure_once(
     };
     let told = place.bands.is_empty() || place.is_foretold();
     if place.pattern == Pattern::Disc && place.hidden.is_empty() && told {
-        place.seams = seam::find(image, &place.outline, &near, scale.max(floor));
+        place.seams = seam::find(image, &place.ellipse, &near, scale.max(floor));
     }
     if !place.seams.is_empty() {
         let without = last(&place);
@@ -169,26 +169,26 @@ fn measure_once(
 }
 
 /// The answer of a disc with glare over it, from the fit to what glare leaves and what that was judged: through the glare
-/// where both its ends show; else, if all of its size is foretold, through the glare's fringe.
+/// where both its ends show; else, if all of its size is predicted, through the glare's fringe.
 fn in_glare(
     image: &Raster,
-    candidate: &Candidate,
+    hypothesis: &Hypothesis,
     fit: &Fit,
     plain: Result<Measured, RejectReason>,
     floor: f64,
     noise: f64,
 ) -> Result<Measured, RejectReason> {
-    if !matches!(plain, Ok(_) | Err(RejectReason::Uncertain | RejectReason::Drowned)) {
+    if !matches!(plain, Ok(_) | Err(RejectReason::Uncertain | RejectReason::GlareOccluded)) {
         return plain;
     }
-    let through = |bands: Vec<Band>| through_glare(image, candidate, fit, bands, floor, noise);
+    let through = |bands: Vec<Band>| through_glare(image, hypothesis, fit, bands, floor, noise);
     let all = through(Vec::new());
     if let Some((all, true)) = all {
         return Ok(all);
     }
     // Of an end that is saturated the edges beside it tell less than the discs about: it stays left out.
-    let known = candidate.is_foretold();
-    let fringe = || through(glare::lit(image, &candidate.outline, FRINGE, 0.0)).map(|(fringe, _)| fringe);
+    let known = hypothesis.is_foretold();
+    let fringe = || through(glare::lit(image, &hypothesis.ellipse, FRINGE, 0.0)).map(|(fringe, _)| fringe);
     let fringe = if known { fringe() } else { None };
     match (plain, fringe) {
         (Ok(plain), Some(fringe)) if plain.detection.variance() < fringe.detection.variance() => Ok(plain),
@@ -196,7 +196,7 @@ fn in_glare(
         (Err(reason), None) => {
             let (mut all, _) = all.ok_or(reason)?;
             if !known {
-                let axis = all.detection.outline().axis();
+                let axis = all.detection.ellipse().axis();
                 all.detection.covariance_px2 += axis * axis.transpose() * ONE_END_PX.powi(2);
             }
             Ok(all)
@@ -209,51 +209,51 @@ fn in_glare(
 /// whether both its ends show.
 fn through_glare(
     image: &Raster,
-    candidate: &Candidate,
+    hypothesis: &Hypothesis,
     fit: &Fit,
     bands: Vec<Band>,
     floor: f64,
     noise: f64,
 ) -> Option<(Measured, bool)> {
     let m = &fit.parameters;
-    let mut place = Candidate { bands, ..place(candidate, m) };
+    let mut place = Hypothesis { bands, ..place(hypothesis, m) };
     for _ in 0..2 {
-        let look = Look { crossing: place.outline.centre, blur: m[BLUR], sag: 0.0 };
+        let look = Look { crossing: place.ellipse.centre, blur: m[BLUR], sag: 0.0 };
         let masked = Masked::DarkerThan(*m, (CUT * floor).max(FOREIGN * contrast(m)));
         let pixels = pixels(image, masked, &place, look, EVERY)?;
         let (mut unknowns, _) = unknowns(&place);
         // Glare changes the contrast along the disc far more than its own darkness does.
         FINE_DARK.iter().for_each(|&k| unknowns.free[k] = false);
-        let lifted = veiling_glare::lifted(&pixels, &place.outline, fit, &unknowns, floor)?;
-        let found = judge(image, &place, &lifted, noise).ok()?;
+        let fit_with_glare = veiling_glare::fit_with_glare(&pixels, &place.ellipse, fit, &unknowns, floor)?;
+        let found = judge(image, &place, &fit_with_glare, noise).ok()?;
         let mut found = Measured { through_glare: true, is_whole: false, ..found };
         found.detection.covariance_px2 += Matrix2::identity() * GLARE_PX.powi(2);
-        let moved = (found.detection.centre_px - place.outline.centre).norm();
+        let moved = (found.detection.centre_px - place.ellipse.centre).norm();
         if moved < 1.0 {
             return Some((found, glare_spline::shows_ends(&pixels)));
         }
-        place.outline = found.detection.outline();
+        place.ellipse = found.detection.ellipse();
     }
     None
 }
 
 /// Narrow quadrants by edges and outline together, from parameters of a first fit whose residuals had about this scale.
-fn measure_with_rim(
+fn measure_with_outline(
     image: &Raster,
-    candidate: &Candidate,
+    hypothesis: &Hypothesis,
     m: &Parameters,
     scale: f64,
     bounds: Bounds,
 ) -> Result<Measured, RejectReason> {
     let floor = least_scale(bounds.noise);
-    let found = outlined_quadrants::measured(image, candidate, m, scale, floor);
+    let found = outlined_quadrants::measured(image, hypothesis, m, scale, floor);
     let (pixels, result, unknowns) = found.ok_or(RejectReason::NoConvergence)?;
     // There is too little of them to tell a field of light.
     let result = lack_of_fit::improve(&pixels, result, &unknowns, floor.max(0.02 * contrast(m)), false);
     if !outlined_quadrants::has_white(&result.parameters) {
         return Err(RejectReason::Pattern);
     }
-    judge(image, candidate, &result, bounds.noise)
+    judge(image, hypothesis, &result, bounds.noise)
 }
 
 /// Least scale of residuals, grey levels.
@@ -261,13 +261,13 @@ fn least_scale(noise: f64) -> f64 {
     0.5f64.max(0.8 * noise)
 }
 
-/// The candidate with the geometry of a rough fit.
-fn place(candidate: &Candidate, m: &Parameters) -> Candidate {
-    let mut out = candidate.clone();
-    match candidate.edges {
+/// The hypothesis with the geometry of a rough fit.
+fn place(hypothesis: &Hypothesis, m: &Parameters) -> Hypothesis {
+    let mut out = hypothesis.clone();
+    match hypothesis.edges {
         None => {
             let (major, minor) = (m[FIRST].max(1.0), m[SECOND].max(0.5));
-            out.outline = Outline { centre: Vector2::new(m[X], m[Y]), major, minor, angle: m[ANGLE] };
+            out.ellipse = Ellipse { centre: Vector2::new(m[X], m[Y]), major, minor, angle: m[ANGLE] };
         }
         Some(_) => out.edges = Some((m[ANGLE], m[FIRST])),
     }
@@ -278,35 +278,35 @@ fn place(candidate: &Candidate, m: &Parameters) -> Candidate {
 fn roughly(
     image: &Raster,
     masked: Masked,
-    candidate: &Candidate,
+    hypothesis: &Hypothesis,
     look: Look,
     few: Wanted,
     floor: f64,
 ) -> Result<(Parameters, f64), RejectReason> {
-    let pixels = pixels(image, masked, candidate, look, few).ok_or(RejectReason::LowContrast)?;
-    let start = start(candidate, &pixels, look).ok_or(RejectReason::LowContrast)?;
-    rough(&pixels, &start, &few_unknowns(candidate), floor).ok_or(RejectReason::NoConvergence)
+    let pixels = pixels(image, masked, hypothesis, look, few).ok_or(RejectReason::LowContrast)?;
+    let start = start(hypothesis, &pixels, look).ok_or(RejectReason::LowContrast)?;
+    rough(&pixels, &start, &few_unknowns(hypothesis), floor).ok_or(RejectReason::NoConvergence)
 }
 
 /// Where the edges of large quadrants cross in a smaller picture of them.
-fn crossing_in_small(image: &Raster, candidate: &Candidate, floor: f64) -> Option<Vector2<f64>> {
-    let small = Reduced::of(image, candidate)?;
-    let look = Look { crossing: small.candidate.outline.centre, blur: 1.0, sag: 0.0 };
-    let (m, _) = roughly(&small.image, Masked::Blobs(&[]), &small.candidate, look, FEW, floor).ok()?;
+fn crossing_in_small(image: &Raster, hypothesis: &Hypothesis, floor: f64) -> Option<Vector2<f64>> {
+    let small = Reduced::of(image, hypothesis)?;
+    let look = Look { crossing: small.hypothesis.ellipse.centre, blur: 1.0, sag: 0.0 };
+    let (m, _) = roughly(&small.image, Masked::Blobs(&[]), &small.hypothesis, look, FEW, floor).ok()?;
     Some(small.back(Vector2::new(m[X], m[Y])))
 }
 
-/// First parameters: geometry of the candidate, grey levels of its pixels.
-fn start(candidate: &Candidate, pixels: &Pixels, look: Look) -> Option<Parameters> {
-    let outline = &candidate.outline;
+/// First parameters: geometry of the hypothesis, grey levels of its pixels.
+fn start(hypothesis: &Hypothesis, pixels: &Pixels, look: Look) -> Option<Parameters> {
+    let ellipse = &hypothesis.ellipse;
     let mut m = [0.0; N];
     m[X] = look.crossing.x;
     m[Y] = look.crossing.y;
-    match candidate.edges {
+    match hypothesis.edges {
         None => {
-            m[ANGLE] = outline.angle;
-            m[FIRST] = outline.major;
-            m[SECOND] = outline.minor;
+            m[ANGLE] = ellipse.angle;
+            m[FIRST] = ellipse.major;
+            m[SECOND] = ellipse.minor;
         }
         Some((angle, half)) => {
             m[ANGLE] = angle;
@@ -315,7 +315,7 @@ fn start(candidate: &Candidate, pixels: &Pixels, look: Look) -> Option<Parameter
     }
     m[BLUR] = look.blur;
     let greys = pixels.batches.iter().flat_map(|b| b.value.iter().take(b.len).map(|&v| v as u8));
-    let count = Counts::of(greys);
+    let count = Histogram::of(greys);
     let total = count.total();
     if total < 20 {
         return None;
@@ -323,7 +323,7 @@ fn start(candidate: &Candidate, pixels: &Pixels, look: Look) -> Option<Parameter
     let at = |rank: usize| count.at(rank).map(|grey| grey as f64);
     let (low, high) = (at(total / 40)?, at(total * 8 / 10)?);
     m[LIGHT] = high.max(1.0);
-    m[GAMMA] = USUAL_GAMMA.0;
-    m[DARK] = usual_dark(low.max(1.0) / high.max(1.0));
+    m[GAMMA] = GAMMA_PRIOR.0;
+    m[DARK] = darkness_leaving(low.max(1.0) / high.max(1.0));
     (m[DARK] > 0.08 && high - low > 6.0).then_some(m)
 }

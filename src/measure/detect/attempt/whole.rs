@@ -4,9 +4,9 @@ use super::measure::{Bounds, measure};
 use crate::measure::detect::accept::verdict::Measured;
 use crate::measure::detect::appearance::parameters::Pattern;
 use crate::measure::detect::detection::{Detection, RejectReason};
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::image::ellipse::Outline;
-use crate::measure::detect::image::histogram::Counts;
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::image::histogram::Histogram;
 use crate::measure::detect::image::noise::FRAYING;
 use crate::measure::detect::occlusion::decal::ROWS;
 use crate::measure::detect::occlusion::{decal, glare};
@@ -22,22 +22,22 @@ const FRAYED: f64 = 1.15;
 const FRAYED_BY_NOISE: f64 = 1.5;
 
 /// Blobs measured as whole discs, each once.
-pub struct Whole<'a> {
+pub struct WholeDiscs<'a> {
     pub image: &'a Raster,
     pub blobs: &'a [Blob],
     pub bounds: Bounds,
     known: Vec<Option<Result<Measured, RejectReason>>>,
 }
 
-impl<'a> Whole<'a> {
+impl<'a> WholeDiscs<'a> {
     /// Nothing measured yet.
     pub fn new(image: &'a Raster, blobs: &'a [Blob], bounds: Bounds) -> Self {
         Self { image, blobs, bounds, known: (0..blobs.len()).map(|_| None).collect() }
     }
 
-    /// What the blob of a disc's candidate measures, whose place is not known to be hidden.
-    pub fn measure(&mut self, index: usize, candidate: &Candidate) -> Result<Measured, RejectReason> {
-        let measured = || measure(self.image, self.blobs, candidate, self.bounds);
+    /// What the blob of a disc's hypothesis measures, whose place is not known to be hidden.
+    pub fn measure(&mut self, index: usize, hypothesis: &Hypothesis) -> Result<Measured, RejectReason> {
+        let measured = || measure(self.image, self.blobs, hypothesis, self.bounds);
         match self.known.get_mut(index) {
             Some(known) => known.get_or_insert_with(measured).clone(),
             None => measured(),
@@ -56,23 +56,23 @@ impl<'a> Whole<'a> {
     }
 
     /// Whether the two blobs of a pair are whole discs side by side: the image model tells.
-    pub fn are_discs(&mut self, candidate: &Candidate) -> bool {
+    pub fn are_discs(&mut self, hypothesis: &Hypothesis) -> bool {
         let mut disc =
             |&i: &usize| matches!(self.measure_round(i), Some(Ok(_) | Err(RejectReason::Uncertain)));
-        candidate.blobs.len() == 2 && candidate.blobs.iter().all(&mut disc)
+        hypothesis.blobs.len() == 2 && hypothesis.blobs.iter().all(&mut disc)
     }
 
     /// Whether in what was measured as quadrants lie two discs or more, each of which leaves less than half the residuals.
     pub fn hold_discs(&mut self, quadrants: &Detection) -> bool {
         const BETTER: f64 = 0.5;
-        let whole = quadrants.outline();
-        let mut found: Vec<Outline> = Vec::new();
+        let whole = quadrants.ellipse();
+        let mut found: Vec<Ellipse> = Vec::new();
         for (i, _) in self.blobs.iter().enumerate().filter(|(_, b)| whole.holds(b.centroid)) {
             let Some(Ok(disc)) = self.measure_round(i) else { continue };
-            let outline = disc.detection.outline();
+            let ellipse = disc.detection.ellipse();
             let better = disc.is_sure() && disc.detection.fit_rms < BETTER * quadrants.fit_rms;
-            if better && !found.iter().any(|other| other.holds(outline.centre)) {
-                found.push(outline);
+            if better && !found.iter().any(|other| other.holds(ellipse.centre)) {
+                found.push(ellipse);
             }
         }
         found.len() > 1
@@ -91,93 +91,93 @@ fn is_frayed(blob: &Blob, noise: f64) -> bool {
 
 /// How square a blob is against what a whole disc of its size may be.
 pub fn cut_by(blob: &Blob) -> f64 {
-    let minor = Outline::of(blob).minor.max(0.5);
+    let minor = Ellipse::of(blob).minor.max(0.5);
     moments::squareness(blob) / (0.13 + 1.3 / (minor * minor))
 }
 
-/// The candidate of a disc that only looks cut because its threshold followed a background that something beside it
+/// The hypothesis of a disc that only looks cut because its threshold followed a background that something beside it
 /// lowers, as a line at its tip does: seen once more against one level.
-fn at_one_level(image: &Raster, blob: &Blob, index: usize) -> Option<Candidate> {
-    let seen = Outline::of(blob);
+fn at_one_level(image: &Raster, blob: &Blob, index: usize) -> Option<Hypothesis> {
+    let seen = Ellipse::of(blob);
     let (low, high) = blob::about(&seen, BESIDE);
     let about = image.part(low, high, 1).map(|(_, _, value)| value);
     let own = blob.runs.iter().flat_map(|&[y, from, to]| {
         image.row(y as usize).iter().take(to as usize + 1).skip(from as usize).copied()
     });
-    let (black, skin) = (Counts::of(own).middle()?, Counts::of(about).middle()?);
+    let (black, skin) = (Histogram::of(own).middle()?, Histogram::of(about).middle()?);
     let found = blob::dark_parts(image, &seen, BESIDE, black.midpoint(skin) as u8);
     moments::disc(index, found.iter().find(|blob| !looks_cut(blob))?)
 }
 
-/// A disc that a neighbour's sheet cuts, with what it measures: along rows or columns, or where that fails, along the line
+/// A disc that a neighbour's decal cuts, with what it measures: along rows or columns, or where that fails, along the line
 /// in which its rim ends.
-fn under_sheet(
-    candidate: &Candidate,
+fn under_decal(
+    hypothesis: &Hypothesis,
     blob: &Blob,
     blobs: &[Blob],
-    measured: impl Fn(&Candidate) -> Result<Measured, RejectReason>,
-) -> Option<(Candidate, Result<Measured, RejectReason>)> {
-    let with = |hidden: Candidate| {
+    measured: impl Fn(&Hypothesis) -> Result<Measured, RejectReason>,
+) -> Option<(Hypothesis, Result<Measured, RejectReason>)> {
+    let with = |hidden: Hypothesis| {
         let answer = measured(&hidden);
         (hidden, answer)
     };
-    let level = partial_ellipse::completed(candidate, blob, blobs, |_| ROWS).map(with);
+    let level = partial_ellipse::completed(hypothesis, blob, blobs, |_| ROWS).map(with);
     if matches!(level, Some((_, Ok(_)))) {
         return level;
     }
     let cut = |other: &Blob| {
-        if partial_ellipse::is_ellipse(other) { decal::cut(blob, &Outline::of(other)) } else { None }
+        if partial_ellipse::is_ellipse(other) { decal::cut(blob, &Ellipse::of(other)) } else { None }
     };
-    let slanted = partial_ellipse::completed(candidate, blob, blobs, |other| cut(other).unwrap_or(ROWS));
-    let is_slanted = |hidden: &Candidate| hidden.hidden.iter().any(|sheet| sheet.axis != ROWS);
+    let slanted = partial_ellipse::completed(hypothesis, blob, blobs, |other| cut(other).unwrap_or(ROWS));
+    let is_slanted = |hidden: &Hypothesis| hidden.hidden.iter().any(|decal| decal.axis != ROWS);
     let slanted = slanted.filter(|hidden| hidden.alike && is_slanted(hidden)).map(with);
     slanted.filter(|(_, answer)| answer.is_ok()).or(level)
 }
 
 /// A disc whose outline is not an ellipse's may have a part hidden by its neighbour, or by glare. With
-/// what was measured the candidate of its whole outline, where size alone is missing to do it better.
+/// what was measured the hypothesis of its whole outline, where size alone is missing to do it better.
 pub fn measure_whole_or_hidden(
-    known: &mut Whole,
-    candidate: &Candidate,
-) -> (Result<Measured, RejectReason>, Option<Candidate>) {
-    let Whole { image, blobs, bounds, .. } = *known;
-    let measured = |candidate: &Candidate| measure(image, blobs, candidate, bounds);
-    let single = match candidate.blobs[..] {
-        [index] if candidate.pattern == Pattern::Disc => blobs.get(index).map(|b| (index, b)),
+    known: &mut WholeDiscs,
+    hypothesis: &Hypothesis,
+) -> (Result<Measured, RejectReason>, Option<Hypothesis>) {
+    let WholeDiscs { image, blobs, bounds, .. } = *known;
+    let measured = |hypothesis: &Hypothesis| measure(image, blobs, hypothesis, bounds);
+    let single = match hypothesis.blobs[..] {
+        [index] if hypothesis.pattern == Pattern::Disc => blobs.get(index).map(|b| (index, b)),
         _ => None,
     };
     let Some((index, blob)) = single.filter(|(_, b)| !b.at_edge) else {
-        return (measured(candidate), None);
+        return (measured(hypothesis), None);
     };
     let whole =
-        if looks_cut(blob) { Err(RejectReason::NotAnEllipse) } else { known.measure(index, candidate) };
+        if looks_cut(blob) { Err(RejectReason::NotAnEllipse) } else { known.measure(index, hypothesis) };
     // A disc that is measured badly although it looks whole may end in glare.
     if whole.as_ref().is_ok_and(Measured::is_sure) {
-        let drowned = if glare::ends_in_white(image, &candidate.outline) {
-            glare_cut::completed(image, candidate, index, blobs)
+        let occluded = if glare::ends_in_white(image, &hypothesis.ellipse) {
+            glare_cut::completed(image, hypothesis, index, blobs)
         } else {
             None
         };
-        return (whole, drowned);
+        return (whole, occluded);
     }
-    let drowned = glare_cut::completed(image, candidate, index, blobs);
-    match drowned.as_ref().map(measured) {
-        Some(Ok(part)) => (Ok(part), drowned),
-        _ if whole.is_ok() => (whole, drowned),
-        _ if !looks_cut(blob) => (whole, drowned),
-        failed => match under_sheet(candidate, blob, blobs, measured) {
+    let occluded = glare_cut::completed(image, hypothesis, index, blobs);
+    match occluded.as_ref().map(measured) {
+        Some(Ok(part)) => (Ok(part), occluded),
+        _ if whole.is_ok() => (whole, occluded),
+        _ if !looks_cut(blob) => (whole, occluded),
+        failed => match under_decal(hypothesis, blob, blobs, measured) {
             None => {
-                let again = drowned.is_none().then(|| at_one_level(image, blob, index)).flatten();
-                match again.map(|candidate| measured(&candidate)) {
+                let again = occluded.is_none().then(|| at_one_level(image, blob, index)).flatten();
+                match again.map(|hypothesis| measured(&hypothesis)) {
                     Some(Ok(found)) => (Ok(found), None),
-                    _ if drowned.is_none() && is_frayed(blob, bounds.noise) => {
-                        (known.measure(index, candidate), Some(candidate.clone()))
+                    _ if occluded.is_none() && is_frayed(blob, bounds.noise) => {
+                        (known.measure(index, hypothesis), Some(hypothesis.clone()))
                     }
-                    _ => (failed.unwrap_or(whole), drowned),
+                    _ => (failed.unwrap_or(whole), occluded),
                 }
             }
             Some((hidden, Ok(part))) => (Ok(part), hidden.alike.then_some(hidden)),
-            Some((_, reason)) => (reason, drowned),
+            Some((_, reason)) => (reason, occluded),
         },
     }
 }

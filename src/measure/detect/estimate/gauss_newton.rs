@@ -6,7 +6,8 @@ use super::cholesky::Factor;
 use super::normal_equations::{Column, Images, Square, Step, linearise};
 use super::unknowns::Unknowns;
 use crate::measure::detect::appearance::parameters::{
-    ANGLE, BLUR, CHORD, DARK, EGG, FIRST, GAMMA, LENGTH, LIGHT, N, Parameters, Pattern, SHEAR, X, Y, contrast,
+    ANGLE, BLUR, CHORD, DARK, FIRST, GAMMA, LENGTH, LIGHT, N, Parameters, Pattern, SHEAR, TAPER, X, Y,
+    contrast,
 };
 use crate::measure::detect::sample::pixels::Pixels;
 
@@ -28,7 +29,7 @@ pub struct Fit {
     /// What the model says there.
     pub images: Images,
     /// The centre's variance from blocks of residuals over that of the fit.
-    pub clumped: f64,
+    pub correlation: f64,
     /// The centre's covariance if no residuals hung together, px^2.
     pub white: Matrix2<f64>,
 }
@@ -117,7 +118,7 @@ pub fn fit(pixels: &Pixels, start: &Parameters, scale: f64, unknowns: &Unknowns,
     let inliers = step.weight / problem.pixels.weight();
     let images = problem.images.unwrap_or_default();
     let white = covariance.fixed_view::<2, 2>(X, X).into_owned();
-    Some(Fit { parameters, covariance, variance, rms, inliers, start, images, clumped: 1.0, white })
+    Some(Fit { parameters, covariance, variance, rms, inliers, start, images, correlation: 1.0, white })
 }
 
 impl<'a> Problem<'a> {
@@ -181,7 +182,7 @@ impl<'a> Problem<'a> {
     fn is_calm(&self, change: &Column, most: f64) -> bool {
         let length = match self.pixels.pattern {
             Pattern::Disc => FIRST,
-            _ if self.pixels.rim => LENGTH,
+            _ if self.pixels.outlined => LENGTH,
             _ => return true,
         };
         change[length].abs() < most
@@ -210,9 +211,9 @@ fn limit(mut change: Column, m: &Parameters, pixels: &Pixels) -> Column {
         bound(change[FIRST + 1], 0.3 * m[FIRST + 1]);
     } else {
         bound(change[FIRST], 0.2);
-        bound(change[EGG], 0.15);
+        bound(change[TAPER], 0.15);
     }
-    if pixels.rim {
+    if pixels.outlined {
         bound(change[SHEAR], 0.1);
         bound(change[LENGTH], 0.15 * m[LENGTH]);
         bound(change[CHORD], 0.2 * m[CHORD]);
@@ -227,8 +228,8 @@ fn plausible(pixels: &Pixels, m: &Parameters) -> bool {
     let lit = lit && m[GAMMA] > 0.15 && m[GAMMA] < 3.0;
     let shape = match pixels.pattern {
         Pattern::Disc => m[FIRST] > 1.0 && m[FIRST + 1] > 0.2,
-        _ => m[FIRST] > 0.005 && m[FIRST] < 2.5 && m[EGG].abs() < 0.7,
+        _ => m[FIRST] > 0.005 && m[FIRST] < 2.5 && m[TAPER].abs() < 0.7,
     };
-    let rim = !pixels.rim || (m[CHORD] > 1.0 && m[LENGTH] > 3.0);
+    let rim = !pixels.outlined || (m[CHORD] > 1.0 && m[LENGTH] > 3.0);
     common && lit && shape && rim
 }

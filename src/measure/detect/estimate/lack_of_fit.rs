@@ -5,10 +5,10 @@
 use nalgebra::Vector2;
 
 use super::gauss_newton::Fit;
-use super::residuals::deserved;
+use super::residuals::analyse;
 use super::unknowns::Unknowns;
 use crate::measure::detect::appearance::parameters::{X, Y};
-use crate::measure::detect::estimate::terms::light_field::freed;
+use crate::measure::detect::estimate::terms::light_field::fit_light_field;
 use crate::measure::detect::sample::pixels::Pixels;
 
 /// Times its own variance beyond which a centre's variance from blocks of residuals is not chance.
@@ -28,30 +28,31 @@ const CERTAIN: f64 = 280.0;
 /// a marker that is not `whole` could not bear more unknowns.
 pub fn improve(pixels: &Pixels, fit: Fit, unknowns: &Unknowns, floor: f64, whole: bool) -> Fit {
     let scale = floor.max(fit.rms);
-    let Some(seen) = deserved(pixels, &fit, scale) else { return fit };
+    let Some(seen) = analyse(pixels, &fit, scale) else { return fit };
     let left_out = seen.biweights.iter().zip(&pixels.batches);
     let left_out: usize = left_out.map(|(t, b)| t.iter().take(b.len).filter(|&&t| t <= 0.0).count()).sum();
     let foreign = left_out as f64 / pixels.count() as f64;
     let suspect = whole && (seen.uneven > UNEVEN || seen.ratio > CORRELATED || foreign > FOREIGN);
     // With few foreign pixels the first step tells.
     let least = (foreign <= FOREIGN).then_some(HOPELESS);
-    let freed = if suspect { freed(pixels, &fit, &seen, unknowns, floor, least) } else { None };
-    let mut out = Fit { clumped: seen.mean, ..fit };
+    let fit_light_field =
+        if suspect { fit_light_field(pixels, &fit, &seen, unknowns, floor, least) } else { None };
+    let mut out = Fit { correlation: seen.mean, ..fit };
     let mut centre = seen.covariance;
-    if let Some(freed) = freed {
-        let gain = (1.0 - (freed.rms / out.rms).powi(2)) * pixels.weight();
+    if let Some(fit_light_field) = fit_light_field {
+        let gain = (1.0 - (fit_light_field.rms / out.rms).powi(2)) * pixels.weight();
         // Between the two limits both stand, so that a small difference of a pixel or two decides nothing.
         let share = ((gain - DOUBTFUL) / (CERTAIN - DOUBTFUL)).clamp(0.0, 1.0);
         let between = |one: f64, other: f64| one + share * (other - one);
-        let apart = [X, Y].map(|k| freed.parameters[k] - out.parameters[k]);
+        let apart = [X, Y].map(|k| fit_light_field.parameters[k] - out.parameters[k]);
         let apart = Vector2::from(apart) * (share * (1.0 - share)).sqrt();
-        centre = centre.zip_map(&freed.covariance, between) + apart * apart.transpose();
-        out.white = out.white.zip_map(&freed.white, between);
-        for (own, other) in out.parameters.iter_mut().zip(freed.parameters) {
+        centre = centre.zip_map(&fit_light_field.covariance, between) + apart * apart.transpose();
+        out.white = out.white.zip_map(&fit_light_field.white, between);
+        for (own, other) in out.parameters.iter_mut().zip(fit_light_field.parameters) {
             *own = between(*own, other);
         }
-        out.rms = between(out.rms, freed.rms);
-        out.inliers = between(out.inliers, freed.inliers);
+        out.rms = between(out.rms, fit_light_field.rms);
+        out.inliers = between(out.inliers, fit_light_field.inliers);
     }
     out.covariance.fixed_view_mut::<2, 2>(X, X).copy_from(&centre);
     out

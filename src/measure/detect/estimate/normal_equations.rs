@@ -191,10 +191,10 @@ pub fn linearise(
         right[k] = totals.next().unwrap_or(0.0);
     }
     for &k in list {
-        let (usual, deviation) = unknowns.usual[k];
+        let (prior, deviation) = unknowns.prior[k];
         let weight = (scale / deviation).powi(2);
         normal[(k, k)] += weight;
-        right[k] += weight * (usual - m[k]);
+        right[k] += weight * (prior - m[k]);
     }
     Step {
         normal,
@@ -217,7 +217,7 @@ impl Pixels {
     fn summed(&self, m: &Parameters, list: &[usize], scale: f64, images: Option<&mut Images>) -> Sums {
         // A loop for each: one that knows both models is slower for both, and a model that is handed over as a function
         // is compiled without the processor's wide registers.
-        if self.rim {
+        if self.outlined {
             self.summed_by::<true>(m, list, scale, images)
         } else {
             self.summed_by::<false>(m, list, scale, images)
@@ -225,7 +225,7 @@ impl Pixels {
     }
 
     #[inline(always)]
-    fn summed_by<const RIM: bool>(
+    fn summed_by<const OUTLINED: bool>(
         &self,
         m: &Parameters,
         list: &[usize],
@@ -243,7 +243,7 @@ impl Pixels {
         let mut sizes = Sizes::new(self.batches.len());
         for (k, batch) in self.batches.iter().enumerate() {
             let image = images.as_mut().and_then(|images| images.get_mut(k)).unwrap_or(&mut unkept);
-            if RIM {
+            if OUTLINED {
                 quadrants::grey(&model, batch, image);
             } else {
                 grey(&model, batch, image);
@@ -370,7 +370,7 @@ mod tests {
                 batch.len %= LANES;
             }
             let mut pixels = sorter.finish();
-            pixels.rim = rim;
+            pixels.outlined = rim;
             let list: [usize; N] = std::array::from_fn(|k| k);
             let wide = summed(&pixels, &m, &list, 30.0, None);
             assert_eq!(wide, pixels.summed(&m, &list, 30.0, None), "{pattern:?}");

@@ -4,15 +4,15 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::gauss_newton::{Fit, fit, rough};
-use super::prior::USUAL_GAMMA;
+use super::prior::GAMMA_PRIOR;
 use super::unknowns::Unknowns;
 use crate::measure::detect::appearance::parameters::{
     ANGLE, ASIDE, BLUR, CHORD, DARK, FIRST, GAMMA, LENGTH, LIGHT, N, OUTLINE, Parameters, Pattern, SECOND,
     SHEAR, SKIN, THIRD, X, Y, contrast,
 };
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::image::ellipse::Outline;
-use crate::measure::detect::image::scanline::{Oval, columns, row_of};
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::image::scanline::{EllipseFrame, columns, row_of};
 use crate::measure::detect::sample::pixels::{Kind, Pixels, Sorter};
 use crate::measure::detect::simd::batch::Batch;
 use crate::measure::raster::Raster;
@@ -44,57 +44,57 @@ const ROOM: f64 = 1.2;
 const GROWN: f64 = 1.1;
 const ROUNDS: usize = 5;
 
-/// A candidate's first parameters: its geometry, with grey levels and blur of `m`, and the skin's grey level.
-pub fn start(candidate: &Candidate, m: &Parameters, skin: f64) -> Option<Parameters> {
-    let (outline, (angle, half)) = (candidate.outline, candidate.edges?);
+/// A hypothesis's first parameters: its geometry, with grey levels and blur of `m`, and the skin's grey level.
+pub fn start(hypothesis: &Hypothesis, m: &Parameters, skin: f64) -> Option<Parameters> {
+    let (ellipse, (angle, half)) = (hypothesis.ellipse, hypothesis.edges?);
     let mut out = [0.0; N];
-    (out[X], out[Y], out[ANGLE], out[FIRST]) = (outline.centre.x, outline.centre.y, angle, half);
-    let (sin, cos) = (outline.angle - angle).sin_cos();
-    let (major2, minor2) = (outline.major.powi(2), outline.minor.powi(2));
+    (out[X], out[Y], out[ANGLE], out[FIRST]) = (ellipse.centre.x, ellipse.centre.y, angle, half);
+    let (sin, cos) = (ellipse.angle - angle).sin_cos();
+    let (major2, minor2) = (ellipse.major.powi(2), ellipse.minor.powi(2));
     out[LENGTH] = (major2 * cos * cos + minor2 * sin * sin).sqrt();
-    out[CHORD] = outline.major * outline.minor / out[LENGTH].max(1e-9);
+    out[CHORD] = ellipse.major * ellipse.minor / out[LENGTH].max(1e-9);
     out[SHEAR] = (major2 - minor2) * sin * cos / out[LENGTH].powi(2).max(1e-9);
-    (out[BLUR], out[LIGHT], out[DARK], out[GAMMA]) = (m[BLUR], m[LIGHT], m[DARK], USUAL_GAMMA.0);
-    out[SKIN] = (skin / m[LIGHT]).max(0.0).powf(1.0 / USUAL_GAMMA.0);
+    (out[BLUR], out[LIGHT], out[DARK], out[GAMMA]) = (m[BLUR], m[LIGHT], m[DARK], GAMMA_PRIOR.0);
+    out[SKIN] = (skin / m[LIGHT]).max(0.0).powf(1.0 / GAMMA_PRIOR.0);
     Some(out)
 }
 
 /// What is sought of narrow quadrants, with a blur, px, that is known with some deviation.
 fn unknowns(blur: (f64, f64)) -> Unknowns {
-    let mut usual = [(0.0, f64::INFINITY); N];
-    usual[GAMMA] = USUAL_GAMMA;
-    usual[BLUR] = blur;
-    usual[ASIDE] = (0.0, ASIDE_SPREAD);
-    usual[ASIDE + 1] = (0.0, ASIDE_SPREAD);
+    let mut prior = [(0.0, f64::INFINITY); N];
+    prior[GAMMA] = GAMMA_PRIOR;
+    prior[BLUR] = blur;
+    prior[ASIDE] = (0.0, ASIDE_SPREAD);
+    prior[ASIDE + 1] = (0.0, ASIDE_SPREAD);
     let mut free = [false; N];
     for k in [X, Y, ANGLE, FIRST, BLUR, LIGHT, DARK].into_iter().chain(OUTLINE..N) {
         free[k] = true;
     }
-    Unknowns { free, usual }
+    Unknowns { free, prior }
 }
 
 /// Quadrants with outline and edges from both together, and all their parameters, from first ones; `None` where that does not
 /// settle near them.
 pub fn refined(
     image: &Raster,
-    candidate: &Candidate,
+    hypothesis: &Hypothesis,
     start: Parameters,
     blur: (f64, f64),
-) -> Option<(Candidate, Parameters)> {
+) -> Option<(Hypothesis, Parameters)> {
     if start[LENGTH] < SHORTEST || contrast(&start) < LEAST_CONTRAST {
         return None;
     }
     let unknowns = unknowns(blur);
     let mut m = start;
     for _ in 0..ROUNDS {
-        let outline = outline_of(&m);
-        let pixels = pixels(image, candidate.pattern, &outline, m[BLUR], WANTED)?;
+        let ellipse = outline_of(&m);
+        let pixels = pixels(image, hypothesis.pattern, &ellipse, m[BLUR], WANTED)?;
         let scale;
         (m, scale) = rough(&pixels, &m, &unknowns, LEAST * contrast(&m))?;
         let now = outline_of(&m);
-        if now.major < GROWN * outline.major && now.minor < GROWN * outline.minor {
+        if now.major < GROWN * ellipse.major && now.minor < GROWN * ellipse.minor {
             let edges = Some((m[ANGLE], m[FIRST]));
-            let found = Candidate { outline: now, edges, ..candidate.clone() };
+            let found = Hypothesis { ellipse: now, edges, ..hypothesis.clone() };
             return (scale < MOST * contrast(&m)).then_some((found, m));
         }
     }
@@ -105,21 +105,21 @@ pub fn refined(
 /// of light and darkness; those pixels, and what was sought.
 pub fn measured(
     image: &Raster,
-    candidate: &Candidate,
+    hypothesis: &Hypothesis,
     m: &Parameters,
     scale: f64,
     floor: f64,
 ) -> Option<(Pixels, Fit, Unknowns)> {
-    let pixels = pixels(image, candidate.pattern, &candidate.outline, m[BLUR], ALL)?;
+    let pixels = pixels(image, hypothesis.pattern, &hypothesis.ellipse, m[BLUR], ALL)?;
     let mut unknowns = unknowns((m[BLUR], f64::INFINITY));
     for k in [SECOND, THIRD, LIGHT + 1, LIGHT + 2, DARK + 1, DARK + 2] {
         unknowns.free[k] = true;
     }
     for k in [SECOND, THIRD] {
-        unknowns.usual[k] = (0.0, BEND_SPREAD / m[LENGTH]);
+        unknowns.prior[k] = (0.0, BEND_SPREAD / m[LENGTH]);
     }
     for k in [DARK + 1, DARK + 2] {
-        unknowns.usual[k] = (0.0, DARK_SPREAD);
+        unknowns.prior[k] = (0.0, DARK_SPREAD);
     }
     let found = fit(&pixels, m, scale, &unknowns, floor)?;
     Some((pixels, found, unknowns))
@@ -132,23 +132,23 @@ pub fn has_white(m: &Parameters) -> bool {
 }
 
 /// The outline of parameters.
-fn outline_of(m: &Parameters) -> Outline {
+fn outline_of(m: &Parameters) -> Ellipse {
     let (sin, cos) = m[ANGLE].sin_cos();
     let (along, across) = (Vector2::new(cos, sin), Vector2::new(-sin, cos));
     let centre = Vector2::new(m[X], m[Y]) + along * m[ASIDE] + across * m[ASIDE + 1];
     let half = (along + across * m[SHEAR]) * m[LENGTH];
     let chord = across * m[CHORD];
     let moments: Matrix2<f64> = half * half.transpose() + chord * chord.transpose();
-    Outline::from_moments(centre, moments, 1.0)
+    Ellipse::from_moments(centre, moments, 1.0)
 }
 
 /// Some of the pixels in and about an outline.
-fn pixels(image: &Raster, pattern: Pattern, outline: &Outline, blur: f64, wanted: f64) -> Option<Pixels> {
-    let (centre, margin) = (outline.centre, 2.5 * blur + 2.0);
+fn pixels(image: &Raster, pattern: Pattern, ellipse: &Ellipse, blur: f64, wanted: f64) -> Option<Pixels> {
+    let (centre, margin) = (ellipse.centre, 2.5 * blur + 2.0);
     let origin = [centre.x.round(), centre.y.round()];
-    let about = Outline { major: ROOM * outline.major, minor: ROOM * outline.minor, ..*outline };
-    let (oval, own) = (Oval::new(&about), Oval::new(outline));
-    let (rows, inner) = (Some(oval.grown(margin)?), Some(own.grown(blur)?));
+    let about = Ellipse { major: ROOM * ellipse.major, minor: ROOM * ellipse.minor, ..*ellipse };
+    let (frame, own) = (EllipseFrame::new(&about), EllipseFrame::new(ellipse));
+    let (rows, inner) = (Some(frame.grown(margin)?), Some(own.grown(blur)?));
     let count = std::f64::consts::PI * (about.major + margin) * (about.minor + margin);
     let step = (count / wanted).round().clamp(1.0, 1024.0) as usize;
     // Those of a row lie in the gaps of the rows beside it.
@@ -168,13 +168,13 @@ fn pixels(image: &Raster, pattern: Pattern, outline: &Outline, blur: f64, wanted
             let Some(&value) = image.row(y).get(x).filter(|_| turn.is_multiple_of(step)) else { continue };
             batch.len = 0;
             batch.push((x as f64 - origin[0]) as f32, (y as f64 - origin[1]) as f32, f32::from(value));
-            let (s, t) = outline.local(Vector2::new(x as f64, y as f64));
-            (batch.p[0], batch.q[0]) = ((s / outline.major) as f32, (t / outline.minor) as f32);
+            let (s, t) = ellipse.local(Vector2::new(x as f64, y as f64));
+            (batch.p[0], batch.q[0]) = ((s / ellipse.major) as f32, (t / ellipse.minor) as f32);
             batch.root[0] = 1.0;
             sorter.push(Kind::Dear, &batch, 0);
         }
     }
     let mut out = sorter.finish();
-    out.rim = true;
+    out.outlined = true;
     Some(out)
 }

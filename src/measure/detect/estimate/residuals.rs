@@ -11,7 +11,7 @@ use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::detect::simd::lanes::{Lanes, each};
 
 /// What a fit's residuals show.
-pub struct Deserved {
+pub struct ResidualAnalysis {
     /// The centre's covariance, at least that which they show, px^2.
     pub covariance: Matrix2<f64>,
     /// The greatest ratio of the two.
@@ -28,11 +28,11 @@ pub struct Deserved {
 
 wide! {
     /// What a fit's residuals show, from where it was linearised.
-    pub fn deserved(pixels: &Pixels, fit: &Fit, scale: f64) -> Option<Deserved> = deserved_by
+    pub fn analyse(pixels: &Pixels, fit: &Fit, scale: f64) -> Option<ResidualAnalysis> = analysed
 }
 
 #[inline(always)]
-fn deserved_by(pixels: &Pixels, fit: &Fit, scale: f64) -> Option<Deserved> {
+fn analysed(pixels: &Pixels, fit: &Fit, scale: f64) -> Option<ResidualAnalysis> {
     let m = &fit.parameters;
     let [by_x, by_y] = [X, Y].map(|k| fit.covariance.column(k).map(|v| (v / fit.variance) as f32));
     let mut list = [(0, [0.0f32; 3]); N];
@@ -73,5 +73,5 @@ fn deserved_by(pixels: &Pixels, fit: &Fit, scale: f64) -> Option<Deserved> {
     let seen = common.iter().filter(|sum| sum[1] > 2.0);
     let (sum, count) = seen.fold((0.0, 0.0), |(s, n), [r, w]| (s + r * r / w, n + 1.0));
     let uneven = sum / (fit.variance * f64::max(count, 1.0));
-    Some(Deserved { covariance, ratio, mean, uneven, residuals, biweights: roots })
+    Some(ResidualAnalysis { covariance, ratio, mean, uneven, residuals, biweights: roots })
 }

@@ -8,5 +8,5 @@ pub struct Unknowns {
     /// Parameters that are sought.
     pub free: [bool; N],
     /// Usual value and its standard deviation, infinite where nothing is known.
-    pub usual: [(f64, f64); N],
+    pub prior: [(f64, f64); N],
 }

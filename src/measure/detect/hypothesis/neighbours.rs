@@ -1,4 +1,4 @@
-//! What the discs about a place foretell of one there.
+//! What the discs about a place predict of one there.
 
 use nalgebra::{Cholesky, Matrix3, Vector2, Vector3};
 
@@ -8,7 +8,7 @@ use crate::measure::setup::Shape;
 
 /// The semi-major axis of a disc at a place and its standard deviation, px, from the whole ones nearest to it: on a
 /// surface that is about plane, the scale of what lies on it changes linearly over the picture.
-pub fn foretold_major<'a>(
+pub fn predicted_major<'a>(
     whole: impl Iterator<Item = &'a Detection>,
     at: Vector2<f64>,
 ) -> Option<(f64, f64)> {

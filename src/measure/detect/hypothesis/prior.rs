@@ -1,8 +1,8 @@
 //! What is known of a marker's size and edges before it is measured.
 
-/// A disc's semi-axes, px, and direction, rad, each with its standard deviation; minor axis and direction may not be foretold.
+/// A disc's semi-axes, px, and direction, rad, each with its standard deviation; minor axis and direction may not be predicted.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Foretold {
+pub struct SizePrior {
     pub major: (f64, f64),
     pub slope: Option<Slope>,
 }
@@ -14,7 +14,7 @@ pub struct Slope {
     pub angle: (f64, f64),
 }
 
-impl Foretold {
+impl SizePrior {
     /// Of the major axis alone, as whole discs about it tell it, px.
     pub fn of_major(major: (f64, f64)) -> Self {
         Self { major, slope: None }
@@ -23,7 +23,7 @@ impl Foretold {
 
 /// Usual blur, px, and darkness of a frame's markers, each with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Like {
+pub struct EdgePrior {
     pub blur: (f64, f64),
     pub dark: (f64, f64),
 }

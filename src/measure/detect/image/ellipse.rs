@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Vector2};
 
 /// A flat ellipse in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Outline {
+pub struct Ellipse {
     /// Centre, px.
     pub centre: Vector2<f64>,
     /// Semi-major axis, px.
@@ -17,7 +17,7 @@ pub struct Outline {
     pub angle: f64,
 }
 
-impl Outline {
+impl Ellipse {
     /// From a covariance, whose unit ellipse is scaled by `factor`.
     pub fn from_moments(centre: Vector2<f64>, covariance: Matrix2<f64>, factor: f64) -> Self {
         // Eigenvalues and direction of a symmetric matrix of two rows; the lesser one by the determinant, for it may be a
@@ -105,7 +105,7 @@ mod tests {
                 let angle = half_turn(0.13 + PI * f64::from(k) / 24.0);
                 let axes = Matrix2::new(angle.cos(), -angle.sin(), angle.sin(), angle.cos());
                 let squares = Matrix2::from_diagonal(&(Vector2::new(major * major, minor * minor) / 4.0));
-                let seen = Outline::from_moments(Vector2::zeros(), axes * squares * axes.transpose(), 2.0);
+                let seen = Ellipse::from_moments(Vector2::zeros(), axes * squares * axes.transpose(), 2.0);
                 assert!((seen.major - major).abs() < 1e-9 * major, "{major} x {minor} at {angle}: {seen:?}");
                 assert!((seen.minor - minor).abs() < 1e-6 * minor, "{major} x {minor} at {angle}: {seen:?}");
                 let off = half_turn(seen.angle - angle).abs();
@@ -114,7 +114,7 @@ mod tests {
         }
         // What is no covariance is no ellipse, and no panic.
         for none in [Matrix2::zeros(), -Matrix2::identity(), Matrix2::repeat(f64::NAN)] {
-            let seen = Outline::from_moments(Vector2::zeros(), none, 2.0);
+            let seen = Ellipse::from_moments(Vector2::zeros(), none, 2.0);
             assert_eq!((seen.major, seen.minor), (0.0, 0.0));
         }
     }

@@ -1,11 +1,11 @@
 //! Grey values that are counted, and the median.
 
 /// How often each grey value occurs.
-pub struct Counts {
+pub struct Histogram {
     counts: [usize; 256],
 }
 
-impl Counts {
+impl Histogram {
     /// Of some values.
     pub fn of(values: impl Iterator<Item = u8>) -> Self {
         let mut counts = [0; 256];

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::ellipse::Outline;
+use super::ellipse::Ellipse;
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::raster::Raster;
 
@@ -59,11 +59,11 @@ pub fn estimate(image: &Raster) -> f64 {
 }
 
 /// The same in a box about an outline: noise may differ over a frame, as where a lens's fall of light has been made good.
-pub fn about(image: &Raster, outline: &Outline) -> f64 {
+pub fn about(image: &Raster, ellipse: &Ellipse) -> f64 {
     /// Skin about the outline, px: it must be more than what is printed.
     const BESIDE: f64 = 16.0;
-    let reach = outline.extent().add_scalar(BESIDE);
-    let rows = image.rows_of(outline.centre - reach, outline.centre + reach);
+    let reach = ellipse.extent().add_scalar(BESIDE);
+    let rows = image.rows_of(ellipse.centre - reach, ellipse.centre + reach);
     from_rows(rows.map(|(_, _, row)| row))
 }
 

@@ -2,14 +2,14 @@
 
 use nalgebra::Vector2;
 
-use super::ellipse::Outline;
+use super::ellipse::Ellipse;
 
-/// Part of the frame about a candidate: first and last column and row.
-pub type Box = [usize; 4];
+/// Part of the frame about a hypothesis: first and last column and row.
+pub type PixelBox = [usize; 4];
 
 /// An ellipse's frame.
-pub struct Oval<'a> {
-    outline: &'a Outline,
+pub struct EllipseFrame<'a> {
+    ellipse: &'a Ellipse,
     /// Sine and cosine of its direction.
     pub sin: f64,
     pub cos: f64,
@@ -25,29 +25,29 @@ pub struct Rows {
     rest: f64,
 }
 
-impl<'a> Oval<'a> {
+impl<'a> EllipseFrame<'a> {
     /// Of an outline.
-    pub fn new(outline: &'a Outline) -> Self {
-        let (sin, cos) = outline.angle.sin_cos();
-        Self { outline, sin, cos }
+    pub fn new(ellipse: &'a Ellipse) -> Self {
+        let (sin, cos) = ellipse.angle.sin_cos();
+        Self { ellipse, sin, cos }
     }
 
     /// Coordinates along and across.
     pub fn local(&self, x: f64, y: f64) -> (f64, f64) {
-        let (dx, dy) = (x - self.outline.centre.x, y - self.outline.centre.y);
+        let (dx, dy) = (x - self.ellipse.centre.x, y - self.ellipse.centre.y);
         (dx * self.cos + dy * self.sin, dy * self.cos - dx * self.sin)
     }
 
     /// The ellipse grown by `by`; `None` where nothing is left.
     pub fn grown(&self, by: f64) -> Option<Rows> {
-        let (a, b) = (self.outline.major + by, self.outline.minor + by);
+        let (a, b) = (self.ellipse.major + by, self.ellipse.minor + by);
         if a <= 0.0 || b <= 0.0 {
             return None;
         }
         let (p, q) = (1.0 / (a * a), 1.0 / (b * b));
         let square = self.cos * self.cos * p + self.sin * self.sin * q;
         Some(Rows {
-            centre: self.outline.centre,
+            centre: self.ellipse.centre,
             square,
             by_square: 1.0 / square,
             mixed: self.sin * self.cos * (p - q),
@@ -75,7 +75,7 @@ pub fn row_of(rows: &Option<Rows>, y: f64) -> Option<(f64, f64)> {
 }
 
 /// The columns of an interval that lie in the area.
-pub fn columns(from: f64, to: f64, [x0, _, x1, _]: Box) -> std::ops::Range<usize> {
+pub fn columns(from: f64, to: f64, [x0, _, x1, _]: PixelBox) -> std::ops::Range<usize> {
     let (from, to) = (from.max(x0 as f64), to.min(x1 as f64));
     let first = from as usize;
     let end = if to < 0.0 { 0 } else { to as usize + 1 };

@@ -4,25 +4,25 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::segment::blob::Blob;
-use crate::measure::detect::segment::contour::rim;
+use crate::measure::detect::segment::contour::contour;
 
-/// How far a neighbour's sheet reaches beyond its print, px.
-pub const SHEET_PX: f64 = 7.0;
-/// The direction of the picture's rows, in which sheets are taken to lie first.
+/// How far a neighbour's decal reaches beyond its print, px.
+pub const DECAL_PX: f64 = 7.0;
+/// The direction of the picture's rows, in which decals are taken to lie first.
 pub const ROWS: Vector2<f64> = Vector2::new(1.0, 0.0);
 
-/// A rectangle of the picture that a sheet may cover.
+/// A rectangle of the picture that a decal may cover.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sheet {
+pub struct Decal {
     /// Unit vector along two of its sides.
     pub axis: Vector2<f64>,
     /// Its bounds along the axis and across it, counted from the picture's origin, px: first and last.
     pub bounds: [f64; 4],
 }
 
-impl Sheet {
+impl Decal {
     /// Whether it holds a point.
     pub fn holds(&self, at: &Vector2<f64>) -> bool {
         let [x0, y0, x1, y1] = self.bounds;
@@ -30,18 +30,18 @@ impl Sheet {
         (x0..=x1).contains(&at.x) && (y0..=y1).contains(&at.y)
     }
 
-    /// What the sheet of a print may cover of a blob, both by their bounds in the direction: a rim about the print, and where
-    /// the blob ends near it, the blob's last rows or columns too, for blur mixes them with the sheet; both are so wide, px.
+    /// What the decal of a print may cover of a blob, both by their bounds in the direction: a rim about the print, and where
+    /// the blob ends near it, the blob's last rows or columns too, for blur mixes them with the decal; both are so wide, px.
     pub fn over(axis: Vector2<f64>, print: [f64; 4], blob: [f64; 4], [rim_px, blur_px]: [f64; 2]) -> Self {
         let mut bounds = print;
         for k in 0..2 {
             bounds[k] -= rim_px;
             bounds[k + 2] += rim_px;
             let (before, after) = (print[k] - blob[k + 2], blob[k] - print[k + 2]);
-            if (0.0..2.0 * SHEET_PX).contains(&before) {
+            if (0.0..2.0 * DECAL_PX).contains(&before) {
                 bounds[k] = bounds[k].min(blob[k + 2] - blur_px);
             }
-            if (0.0..2.0 * SHEET_PX).contains(&after) {
+            if (0.0..2.0 * DECAL_PX).contains(&after) {
                 bounds[k + 2] = bounds[k + 2].max(blob[k] + blur_px);
             }
         }
@@ -55,9 +55,9 @@ fn turned(axis: Vector2<f64>, at: &Vector2<f64>) -> Vector2<f64> {
 }
 
 /// The bounds of an outline in a direction, px.
-pub fn print_of(outline: &Outline, axis: Vector2<f64>) -> [f64; 4] {
-    let level = Outline { angle: outline.angle - axis.y.atan2(axis.x), ..*outline };
-    let (middle, extent) = (turned(axis, &outline.centre), level.extent());
+pub fn print_of(ellipse: &Ellipse, axis: Vector2<f64>) -> [f64; 4] {
+    let level = Ellipse { angle: ellipse.angle - axis.y.atan2(axis.x), ..*ellipse };
+    let (middle, extent) = (turned(axis, &ellipse.centre), level.extent());
     let (low, high) = (middle - extent, middle + extent);
     [low.x, low.y, high.x, high.y]
 }
@@ -76,9 +76,9 @@ pub fn bounds_of(blob: &Blob, axis: Vector2<f64>) -> [f64; 4] {
     out
 }
 
-/// The direction in which the sheet of a neighbour cuts a blob, where that is not along rows or columns: that of the line on
+/// The direction in which the decal of a neighbour cuts a blob, where that is not along rows or columns: that of the line on
 /// which most of its rim towards the neighbour lies; within 45 degrees of the rows.
-pub fn cut(blob: &Blob, neighbour: &Outline) -> Option<Vector2<f64>> {
+pub fn cut(blob: &Blob, neighbour: &Ellipse) -> Option<Vector2<f64>> {
     /// Points that are looked at, about, and how many must lie on the line, so far from one another, px.
     const MOST: usize = 40;
     const LEAST: usize = 12;
@@ -88,7 +88,7 @@ pub fn cut(blob: &Blob, neighbour: &Outline) -> Option<Vector2<f64>> {
     /// Directions that rows or columns stand for, rad.
     const LEVEL: f64 = 0.01;
     let outwards = |[one, other]: [Vector2<f64>; 2]| (neighbour.centre - one).dot(&(one - other)) > 0.0;
-    let points: Vec<Vector2<f64>> = rim(blob)
+    let points: Vec<Vector2<f64>> = contour(blob)
         .as_chunks::<2>()
         .0
         .iter()
@@ -116,7 +116,7 @@ pub fn cut(blob: &Blob, neighbour: &Outline) -> Option<Vector2<f64>> {
     }
     let middle = on(line.0, line.1).sum::<Vector2<f64>>() / most as f64;
     let moments = on(line.0, line.1).map(|at| (at - middle) * (at - middle).transpose()).sum();
-    let angle = Outline::from_moments(middle, moments, 1.0).angle;
+    let angle = Ellipse::from_moments(middle, moments, 1.0).angle;
     let angle = if angle.abs() > FRAC_PI_4 { angle - FRAC_PI_2.copysign(angle) } else { angle };
     (angle.abs() > LEVEL).then(|| Vector2::new(angle.cos(), angle.sin()))
 }
@@ -129,8 +129,8 @@ mod tests {
 
     /// The direction in which an ellipse seems cut that ends below at a line with a slope.
     fn seen(slope: f64) -> Option<f64> {
-        let disc = Outline { centre: Vector2::new(100.0, 50.0), major: 40.0, minor: 6.0, angle: -0.05 };
-        let neighbour = Outline { centre: Vector2::new(104.0, 64.0), ..disc };
+        let disc = Ellipse { centre: Vector2::new(100.0, 50.0), major: 40.0, minor: 6.0, angle: -0.05 };
+        let neighbour = Ellipse { centre: Vector2::new(104.0, 64.0), ..disc };
         let grey = |i: usize| {
             let at = Vector2::new((i % 200) as f64, (i / 200) as f64);
             let black = disc.holds(at) && at.y < 51.3 + slope * (at.x - 100.0);
@@ -152,19 +152,19 @@ mod tests {
 
     #[test]
     fn bounds_turn_with_their_direction() {
-        let outline = Outline { centre: Vector2::new(30.0, 20.0), major: 10.0, minor: 2.0, angle: 0.3 };
-        let axis = outline.axis();
-        let [x0, y0, x1, y1] = print_of(&outline, axis);
+        let ellipse = Ellipse { centre: Vector2::new(30.0, 20.0), major: 10.0, minor: 2.0, angle: 0.3 };
+        let axis = ellipse.axis();
+        let [x0, y0, x1, y1] = print_of(&ellipse, axis);
         assert!((x1 - x0 - 20.0).abs() < 1e-9 && (y1 - y0 - 4.0).abs() < 1e-9);
-        let sheet = Sheet::over(axis, [x0, y0, x1, y1], [x0, y1 + 5.0, x1, y1 + 9.0], [7.0, 2.5]);
+        let decal = Decal::over(axis, [x0, y0, x1, y1], [x0, y1 + 5.0, x1, y1 + 9.0], [7.0, 2.5]);
         // The blob begins 5 px beyond the print: a blur more than that is hidden.
         let across = Vector2::new(-axis.y, axis.x);
         assert!(
-            sheet.holds(&(outline.centre + across * 9.4)) && !sheet.holds(&(outline.centre + across * 9.6))
+            decal.holds(&(ellipse.centre + across * 9.4)) && !decal.holds(&(ellipse.centre + across * 9.6))
         );
         assert!(
-            sheet.holds(&(outline.centre + axis * 16.9)) && !sheet.holds(&(outline.centre + axis * 17.1))
+            decal.holds(&(ellipse.centre + axis * 16.9)) && !decal.holds(&(ellipse.centre + axis * 17.1))
         );
-        assert_eq!(print_of(&outline, ROWS)[0], outline.centre.x - outline.extent().x);
+        assert_eq!(print_of(&ellipse, ROWS)[0], ellipse.centre.x - ellipse.extent().x);
     }
 }

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::region::Band;
-use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::histogram::middle;
 use crate::measure::raster::Raster;
 
@@ -13,7 +13,7 @@ const PAST: [f64; 3] = [3.0, 4.5, 6.0];
 /// How much lighter than the skin the glare is, and where it begins.
 const LIGHTER: f64 = 1.15;
 pub const BEGINS: f64 = 1.10;
-/// How much lighter at its brightest over a foretold marker, along which light may change by itself.
+/// How much lighter at its brightest over a predicted marker, along which light may change by itself.
 const BRIGHT: f64 = 1.3;
 /// Where the skin beside a blob is looked at, px from its outline; and how far beyond its ends.
 const BESIDE: [f64; 4] = [4.0, 5.0, 6.0, 7.0];
@@ -22,11 +22,11 @@ const BEYOND: i32 = 20;
 pub const MARGIN: f64 = 2.0;
 
 /// Whether the skin beyond an end of a disc is saturated: glare may have cut it.
-pub fn ends_in_white(image: &Raster, outline: &Outline) -> bool {
-    let axis = outline.axis();
+pub fn ends_in_white(image: &Raster, ellipse: &Ellipse) -> bool {
+    let axis = ellipse.axis();
     [-1.0, 1.0].iter().any(|side| {
         PAST.iter().all(|past| {
-            let at = outline.centre + axis * (side * (outline.major + past));
+            let at = ellipse.centre + axis * (side * (ellipse.major + past));
             image.nearest(at.x, at.y) >= WHITE
         })
     })
@@ -35,8 +35,8 @@ pub fn ends_in_white(image: &Raster, outline: &Outline) -> bool {
 /// The bands in which glare lies over a marker of which all is known but the exact place: over its ends or its middle; from
 /// where the skin is so many times lighter than elsewhere, and farther out by so many times the way from there to where it is
 /// bright.
-pub fn lit(image: &Raster, outline: &Outline, begins: f64, fringe: f64) -> Vec<Band> {
-    lit_along(&lighter(&beside(image, outline)), outline, begins, fringe)
+pub fn lit(image: &Raster, ellipse: &Ellipse, begins: f64, fringe: f64) -> Vec<Band> {
+    lit_along(&lighter(&beside(image, ellipse)), ellipse, begins, fringe)
 }
 
 /// Of either side the lighter skin: a place that is some px off has the marker's own black on one.
@@ -46,18 +46,18 @@ fn lighter([one, other]: &[Vec<f64>; 2]) -> Vec<f64> {
 
 /// The same of a thick marker, over which it matters that glare slants: where either side shows one band, it reaches from
 /// where it is seen on the one to where it is seen on the other.
-pub fn lit_slanting(image: &Raster, outline: &Outline, begins: f64) -> Vec<Band> {
-    let middle = outline.centre.dot(&outline.axis());
+pub fn lit_slanting(image: &Raster, ellipse: &Ellipse, begins: f64) -> Vec<Band> {
+    let middle = ellipse.centre.dot(&ellipse.axis());
     // Beyond the marker's ends it does not matter where it ends.
     let open = |band: Band| Band {
-        from: if band.from < middle - outline.major { f64::NEG_INFINITY } else { band.from },
-        to: if band.to > middle + outline.major { f64::INFINITY } else { band.to },
+        from: if band.from < middle - ellipse.major { f64::NEG_INFINITY } else { band.from },
+        to: if band.to > middle + ellipse.major { f64::INFINITY } else { band.to },
         ..band
     };
-    let lit_on = |skin: &[f64]| lit_along(skin, outline, begins, 0.0);
-    let skin = beside(image, outline);
+    let lit_on = |skin: &[f64]| lit_along(skin, ellipse, begins, 0.0);
+    let skin = beside(image, ellipse);
     let slanting = match skin.each_ref().map(|side| lit_on(side)) {
-        [one, other] if one.len() == 1 && other.len() == 1 => slanting([one[0], other[0]].map(open), outline),
+        [one, other] if one.len() == 1 && other.len() == 1 => slanting([one[0], other[0]].map(open), ellipse),
         _ => None,
     };
     slanting.map_or_else(|| lit_on(&lighter(&skin)), |band| vec![band])
@@ -65,11 +65,11 @@ pub fn lit_slanting(image: &Raster, outline: &Outline, begins: f64) -> Vec<Band>
 
 /// The band across a marker of which the skin on either side shows a part; `None` where these are not parts of one, or where
 /// it lies along the marker.
-fn slanting(sides: [Band; 2], outline: &Outline) -> Option<Band> {
+fn slanting(sides: [Band; 2], ellipse: &Ellipse) -> Option<Band> {
     /// Most that it may shift along the marker for each pixel across.
     const SLANT: f64 = 1.5;
     let [one, other] = sides;
-    let away = outline.minor + 0.5 * (BESIDE[0] + BESIDE[BESIDE.len() - 1]);
+    let away = ellipse.minor + 0.5 * (BESIDE[0] + BESIDE[BESIDE.len() - 1]);
     let shifts = [other.from - one.from, other.to - one.to];
     let finite: Vec<f64> = shifts.into_iter().filter(|shift| shift.is_finite()).collect();
     let is_one =
@@ -81,10 +81,10 @@ fn slanting(sides: [Band; 2], outline: &Outline) -> Option<Band> {
     if slant.abs() > SLANT {
         return None;
     }
-    let (along, across) = (outline.axis(), outline.across());
+    let (along, across) = (ellipse.axis(), ellipse.across());
     let axis = (along + across * slant).normalize();
     // Places along the marker are counted from the picture's origin.
-    let origin = outline.centre - along * along.dot(&outline.centre);
+    let origin = ellipse.centre - along * along.dot(&ellipse.centre);
     let place = |s: f64, side: f64| {
         if s.is_finite() { axis.dot(&(origin + along * s + across * (side * away))) } else { s }
     };
@@ -94,13 +94,13 @@ fn slanting(sides: [Band; 2], outline: &Outline) -> Option<Band> {
 }
 
 /// What of the skin along a marker is lit.
-fn lit_along(skin: &[f64], outline: &Outline, begins: f64, fringe: f64) -> Vec<Band> {
-    let axis = outline.axis();
+fn lit_along(skin: &[f64], ellipse: &Ellipse, begins: f64, fringe: f64) -> Vec<Band> {
+    let axis = ellipse.axis();
     let mut sorted = skin.to_vec();
     sorted.sort_by(f64::total_cmp);
     // Glare may lie over most of it.
     let usual = sorted.get(sorted.len() / 5).copied().unwrap_or(0.0);
-    let middle = outline.centre.dot(&axis);
+    let middle = ellipse.centre.dot(&axis);
     let place = |i: usize| middle + i as f64 - (skin.len() / 2) as f64;
     let mut out: Vec<Band> = Vec::new();
     let mut first = 0;
@@ -113,7 +113,7 @@ fn lit_along(skin: &[f64], outline: &Outline, begins: f64, fringe: f64) -> Vec<B
             let from = if first == 0 { f64::NEG_INFINITY } else { place(first) - beyond(rise) };
             let to = if next == skin.len() { f64::INFINITY } else { place(next) + beyond(fall) };
             match out.last_mut() {
-                _ if from > middle + outline.major || to < middle - outline.major => {}
+                _ if from > middle + ellipse.major || to < middle - ellipse.major => {}
                 Some(Band { to: last, .. }) if *last > from => *last = to,
                 _ => out.push(Band { axis, from, to }),
             }
@@ -124,14 +124,14 @@ fn lit_along(skin: &[f64], outline: &Outline, begins: f64, fringe: f64) -> Vec<B
 }
 
 /// Grey values of the skin on either side of a marker, at each pixel along it and beyond its ends.
-fn beside(image: &Raster, outline: &Outline) -> [Vec<f64>; 2] {
-    let (axis, across) = (outline.axis(), outline.across());
+fn beside(image: &Raster, ellipse: &Ellipse) -> [Vec<f64>; 2] {
+    let (axis, across) = (ellipse.axis(), ellipse.across());
     let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
-    let last = outline.major.ceil() as i32 + BEYOND;
+    let last = ellipse.major.ceil() as i32 + BEYOND;
     [1.0, -1.0].map(|side| {
-        let beside = BESIDE.map(|d| across * (side * (outline.minor + d)));
+        let beside = BESIDE.map(|d| across * (side * (ellipse.minor + d)));
         let skin = |s: i32| {
-            let at = outline.centre + axis * f64::from(s);
+            let at = ellipse.centre + axis * f64::from(s);
             beside.iter().map(|d| grey(at + d)).sum::<f64>() / BESIDE.len() as f64
         };
         (-last..=last).map(skin).collect()
@@ -140,18 +140,18 @@ fn beside(image: &Raster, outline: &Outline) -> [Vec<f64>; 2] {
 
 /// Where along the axis glare begins before a blob's middle, and after it, if it reaches the blob: the skin beside it
 /// tells, for the blob's own outline fades as the skin lights up.
-pub fn drowned(image: &Raster, outline: &Outline) -> [Option<f64>; 2] {
-    let [one, other] = beside(image, outline);
+pub fn occluded(image: &Raster, ellipse: &Ellipse) -> [Option<f64>; 2] {
+    let [one, other] = beside(image, ellipse);
     let skin: Vec<f64> = one.iter().zip(&other).map(|(one, other)| 0.5 * (one + other)).collect();
     let last = (skin.len() / 2) as i32;
     let at = |s: i32| skin.get((s + last) as usize).copied().unwrap_or(0.0);
-    let half = outline.major as i32;
+    let half = ellipse.major as i32;
     let Some(usual) = middle_of((-half..=half).map(at)) else { return [None; 2] };
     [-1, 1].map(|sign| {
         let peak = (0..=last).find(|&s| at(sign * s) > LIGHTER * usual)?;
         let begin = (0..=peak).rev().find(|&s| at(sign * s) < BEGINS * usual)?;
         (begin < half + 2)
-            .then(|| outline.centre.dot(&outline.axis()) + f64::from(sign) * (f64::from(begin) - MARGIN))
+            .then(|| ellipse.centre.dot(&ellipse.axis()) + f64::from(sign) * (f64::from(begin) - MARGIN))
     })
 }
 
@@ -165,7 +165,7 @@ mod tests {
 
     #[test]
     fn glare_across_a_thick_marker_slants_as_the_skin_beside_it_shows() {
-        let outline = Outline { centre: Vector2::new(150.3, 90.6), major: 70.0, minor: 16.0, angle: 0.1 };
+        let ellipse = Ellipse { centre: Vector2::new(150.3, 90.6), major: 70.0, minor: 16.0, angle: 0.1 };
         // White to the right of a line that leans by so much for each row, 20 px beyond the centre.
         for lean in [-0.6, 0.0, 0.4] {
             let value = |i: usize| {
@@ -173,7 +173,7 @@ mod tests {
                 if x - 170.3 > lean * (y - 90.6) { 255 } else { 140 }
             };
             let image = Raster::new(300, 200, (0..300 * 200).map(value).collect()).expect("the sizes agree");
-            let bands = lit_slanting(&image, &outline, BRIGHT);
+            let bands = lit_slanting(&image, &ellipse, BRIGHT);
             let [Band { axis, from, to }] = bands[..] else { panic!("{bands:?}") };
             let across = Vector2::new(1.0, -lean).normalize();
             let off = axis.dot(&Vector2::new(170.3, 90.6)) - from;
@@ -186,15 +186,15 @@ mod tests {
 
     #[test]
     fn a_marker_beside_a_dark_thing_has_the_glare_that_the_other_side_shows() {
-        let outline = Outline { centre: Vector2::new(150.0, 100.0), major: 70.0, minor: 16.0, angle: 0.0 };
+        let ellipse = Ellipse { centre: Vector2::new(150.0, 100.0), major: 70.0, minor: 16.0, angle: 0.0 };
         let value = |i: usize| match (i % 300, i / 300) {
             (_, 115..) => 30,
             (190.., _) => 255,
             _ => 140,
         };
         let image = Raster::new(300, 200, (0..300 * 200).map(value).collect()).expect("the sizes agree");
-        let bands = lit_slanting(&image, &outline, BRIGHT);
-        assert_eq!(bands, lit(&image, &outline, BRIGHT, 0.0));
+        let bands = lit_slanting(&image, &ellipse, BRIGHT);
+        assert_eq!(bands, lit(&image, &ellipse, BRIGHT, 0.0));
         assert!(matches!(bands[..], [Band { from, .. }] if (186.0..190.0).contains(&from)), "{bands:?}");
     }
 }

@@ -7,9 +7,9 @@ use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use super::region::Band;
 use crate::measure::detect::appearance::parameters::{BLUR, LIGHT, Parameters, light_at};
-use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::line;
-use crate::measure::detect::image::scanline::{Oval, columns, row_of};
+use crate::measure::detect::image::scanline::{EllipseFrame, columns, row_of};
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::detect::simd::lanes::{LANES, Lanes, all, each, total};
 use crate::measure::raster::Raster;
@@ -58,8 +58,8 @@ struct Spot {
 }
 
 /// The seams beside a disc whose image is known to `m`, with residuals of this scale, as bands of the picture.
-pub fn find(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Vec<Band> {
-    let ring = Ring::new(image, outline, m, scale);
+pub fn find(image: &Raster, ellipse: &Ellipse, m: &Parameters, scale: f64) -> Vec<Band> {
+    let ring = Ring::new(image, ellipse, m, scale);
     let mut signs = ring.signs();
     signs.sort_by(|one, other| other.darker.total_cmp(&one.darker));
     let mut out = Vec::new();
@@ -72,7 +72,7 @@ pub fn find(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Ve
         let half = if ring.hints_at(&line) { half_width(&ring.beside(&line), &line) } else { None };
         if let Some(half) = half {
             let band = Band { axis: line.across, from: line.at - half, to: line.at + half };
-            if outline.share(|at| band.holds(at)) <= HIDES {
+            if ellipse.share(|at| band.holds(at)) <= HIDES {
                 out.push(band);
             }
         }
@@ -83,34 +83,34 @@ pub fn find(image: &Raster, outline: &Outline, m: &Parameters, scale: f64) -> Ve
 /// The ring beside a disc, by rows.
 struct Ring<'a> {
     image: &'a Raster,
-    outline: &'a Outline,
-    oval: Oval<'a>,
+    ellipse: &'a Ellipse,
+    frame: EllipseFrame<'a>,
     m: &'a Parameters,
     scale: f64,
     rows: Vec<(usize, [Range<usize>; 2])>,
 }
 
 impl<'a> Ring<'a> {
-    fn new(image: &'a Raster, outline: &'a Outline, m: &'a Parameters, scale: f64) -> Self {
-        let reach = outline.extent().add_scalar(REACH + 1.0);
-        let (low, high) = (outline.centre - reach, outline.centre + reach);
+    fn new(image: &'a Raster, ellipse: &'a Ellipse, m: &'a Parameters, scale: f64) -> Self {
+        let reach = ellipse.extent().add_scalar(REACH + 1.0);
+        let (low, high) = (ellipse.centre - reach, ellipse.centre + reach);
         let row = |v: f64| (v.max(0.0) as usize).min(image.height() - 1);
         let all = [0, 0, image.width() - 1, image.height() - 1];
-        let oval = Oval::new(outline);
-        let (outer, inner) = (oval.grown(REACH), oval.grown(CLEAR * m[BLUR]));
+        let frame = EllipseFrame::new(ellipse);
+        let (outer, inner) = (frame.grown(REACH), frame.grown(CLEAR * m[BLUR]));
         let rows = (row(low.y)..=row(high.y)).filter_map(|y| {
             let (from, to) = row_of(&outer, y as f64)?;
             let hole = row_of(&inner, y as f64).unwrap_or((to, to));
             Some((y, [columns(from, hole.0, all), columns(hole.1.max(hole.0), to, all)]))
         });
         let rows = rows.collect();
-        Self { image, outline, oval, m, scale: scale.max(0.1), rows }
+        Self { image, ellipse, frame, m, scale: scale.max(0.1), rows }
     }
 
     /// A pixel's place in semi-axes.
     fn place(&self, x: usize, y: usize) -> (f64, f64) {
-        let (s, t) = self.oval.local(x as f64, y as f64);
-        (s / self.outline.major, t / self.outline.minor)
+        let (s, t) = self.frame.local(x as f64, y as f64);
+        (s / self.ellipse.major, t / self.ellipse.minor)
     }
 
     fn spot(&self, x: usize, y: usize, value: u8) -> Spot {
@@ -146,7 +146,7 @@ impl<'a> Ring<'a> {
     fn light(&self, x: usize, y: usize) -> [f64; 3] {
         let m = self.m;
         let (p, q) = self.place(x, y);
-        let (by_p, by_q) = (self.oval.cos / self.outline.major, -self.oval.sin / self.outline.minor);
+        let (by_p, by_q) = (self.frame.cos / self.ellipse.major, -self.frame.sin / self.ellipse.minor);
         [
             light_at(m, p, q),
             (m[LIGHT + 1] + 2.0 * m[LIGHT + 3] * p) * by_p + m[LIGHT + 2] * by_q,

@@ -8,10 +8,10 @@ use super::quadrant_outline::{inside, skin};
 use crate::measure::detect::appearance::parameters::{BLUR, DARK, LIGHT, N, Parameters};
 use crate::measure::detect::estimate::outlined_quadrants;
 use crate::measure::detect::estimate::outlined_quadrants::WHITER;
-use crate::measure::detect::estimate::prior::usual_dark;
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::image::ellipse::Outline;
-use crate::measure::detect::image::histogram::Counts;
+use crate::measure::detect::estimate::prior::darkness_leaving;
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::image::histogram::Histogram;
 use crate::measure::detect::propose::{moments, quadrant_edges};
 use crate::measure::detect::segment::blob;
 use crate::measure::detect::segment::blob::Blob;
@@ -39,21 +39,21 @@ const SEEDS: usize = 250;
 const APART: f64 = 2.2;
 const IN_ROW: f64 = 0.25;
 /// Their blur beforehand, px.
-const USUAL_BLUR: (f64, f64) = (1.5, 0.7);
+const BLUR_PRIOR: (f64, f64) = (1.5, 0.7);
 
 /// Flat quadrants of whose black blur has left only the middle, seen once more by all that is unlike the skin, black and
 /// white; `None` for those that are too thick for the greatest blur, px.
-pub fn against_skin(image: &Raster, candidate: &Candidate, softest: f64) -> Option<Candidate> {
-    let seen = &candidate.outline;
-    if candidate.edges.is_none()
-        || candidate.against_skin.is_some()
+pub fn against_skin(image: &Raster, hypothesis: &Hypothesis, softest: f64) -> Option<Hypothesis> {
+    let seen = &hypothesis.ellipse;
+    if hypothesis.edges.is_none()
+        || hypothesis.against_skin.is_some()
         || seen.minor > BLURRED * softest
         || seen.major < FLAT * seen.minor
     {
         return None;
     }
-    let found = by_black_and_white(image, seen, &candidate.blobs)?;
-    Some(Candidate { like: candidate.like, ..found })
+    let found = by_black_and_white(image, seen, &hypothesis.blobs)?;
+    Some(Hypothesis { like: hypothesis.like, ..found })
 }
 
 /// Quadrants of which two blobs, near one another or farther, or one show the black, too blurred to tell them by it alone;
@@ -63,11 +63,11 @@ pub fn narrow(
     (blobs, near): (&[Blob], &[[usize; 2]]),
     taken: &[bool],
     noise: f64,
-    wanted: impl Fn(&Outline) -> bool,
+    wanted: impl Fn(&Ellipse) -> bool,
     mut is_disc: impl FnMut(usize) -> bool,
-) -> Vec<Candidate> {
+) -> Vec<Hypothesis> {
     let mut may_be = |(i, (blob, taken)): (usize, (&Blob, &bool))| {
-        let seen = Outline::of(blob);
+        let seen = Ellipse::of(blob);
         let free = !taken && !blob.at_edge && blob.area > LEAST && seen.minor < THICKEST && wanted(&seen);
         let contrast = if free { white_over_black(image, blob, noise) } else { None };
         contrast.filter(|_| !is_disc(i))
@@ -77,14 +77,14 @@ pub fn narrow(
     let far = far.into_iter().filter(|pair| near.binary_search(pair).is_err());
     let pairs = near.iter().copied().chain(far).map(Vec::from);
     let single = (0..blobs.len()).map(|i| vec![i]);
-    let mut out: Vec<Candidate> = Vec::new();
+    let mut out: Vec<Hypothesis> = Vec::new();
     let seeds = pairs.chain(single).filter_map(|seed| {
         let contrast = seed.iter().map(|&i| contrasts[i]).min()??;
         // Noise has less contrast than markers; grain of what lies beside the wing is smaller.
         let area: f64 = seed.iter().map(|&i| blobs[i].area).sum();
         Some((contrast as f64 * area.sqrt(), moments::outline_of(&seed, blobs)?, seed))
     });
-    let mut seeds: Vec<(f64, Outline, Vec<usize>)> = seeds.collect();
+    let mut seeds: Vec<(f64, Ellipse, Vec<usize>)> = seeds.collect();
     seeds.sort_by(|(one, ..), (other, ..)| other.total_cmp(one));
     seeds.truncate(SEEDS);
     // Two parts of a marker come before each of them.
@@ -94,7 +94,7 @@ pub fn narrow(
             continue;
         }
         let Some(mut found) = by_black_and_white(image, &seen, &[]) else { continue };
-        found.blobs = (0..blobs.len()).filter(|&i| found.outline.holds(blobs[i].centroid)).collect();
+        found.blobs = (0..blobs.len()).filter(|&i| found.ellipse.holds(blobs[i].centroid)).collect();
         out.push(found);
     }
     out
@@ -102,14 +102,14 @@ pub fn narrow(
 
 /// Pairs of flat blobs that lie in a row, so far apart that blur may have taken what was between them.
 fn far_pairs(blobs: &[Blob], wanted: impl Fn(usize) -> bool) -> Vec<[usize; 2]> {
-    let flat: Vec<(usize, Outline)> = (blobs.iter().enumerate())
+    let flat: Vec<(usize, Ellipse)> = (blobs.iter().enumerate())
         .filter(|(i, _)| wanted(*i))
-        .map(|(i, blob)| (i, Outline::of(blob)))
+        .map(|(i, blob)| (i, Ellipse::of(blob)))
         .filter(|(_, seen)| seen.major > FLAT * seen.minor)
         .collect();
-    let in_row = |one: &Outline, other: &Outline| {
+    let in_row = |one: &Ellipse, other: &Ellipse| {
         let between = other.centre - one.centre;
-        let along = |seen: &Outline| between.dot(&seen.axis()).abs() > IN_ROW.cos() * between.norm();
+        let along = |seen: &Ellipse| between.dot(&seen.axis()).abs() > IN_ROW.cos() * between.norm();
         between.norm() < APART * (one.major + other.major) && along(one) && along(other)
     };
     let mut out = Vec::new();
@@ -128,10 +128,10 @@ fn far_pairs(blobs: &[Blob], wanted: impl Fn(usize) -> bool) -> Vec<[usize; 2]> 
 /// black.
 fn white_over_black(image: &Raster, blob: &Blob, noise: f64) -> Option<usize> {
     let [x0, y0, x1, y1] = blob.bounds.map(|v| v as f64);
-    let margin = Outline::of(blob).extent().add_scalar(BESIDE);
+    let margin = Ellipse::of(blob).extent().add_scalar(BESIDE);
     let low = Vector2::new(x0, y0) - margin;
     let high = Vector2::new(x1, y1).add_scalar(1.0) + margin;
-    let counts = Counts::of(image.part(low, high, 2).map(|(_, _, value)| value));
+    let counts = Histogram::of(image.part(low, high, 2).map(|(_, _, value)| value));
     let at = |share: usize| counts.at(counts.total() * share / 32).unwrap_or(0);
     let (black, skin, white) = (at(0), at(16), at(31));
     // The lightest of much skin is lighter than most of it by twice the noise.
@@ -140,29 +140,29 @@ fn white_over_black(image: &Raster, blob: &Blob, noise: f64) -> Option<usize> {
 }
 
 /// Quadrants with outline and edges from all that is unlike the skin about what is seen of them.
-fn by_black_and_white(image: &Raster, seen: &Outline, blobs: &[usize]) -> Option<Candidate> {
+fn by_black_and_white(image: &Raster, seen: &Ellipse, blobs: &[usize]) -> Option<Hypothesis> {
     if seen.major > LONGEST {
         return None;
     }
-    let (outline, m, skin) = unlike_skin(image, seen)?;
-    let found = quadrant_edges::within(outline, image, blobs)?;
+    let (ellipse, m, skin) = unlike_skin(image, seen)?;
+    let found = quadrant_edges::within(ellipse, image, blobs)?;
     let start = outlined_quadrants::start(&found, &m, skin)?;
-    let (found, m) = outlined_quadrants::refined(image, &found, start, USUAL_BLUR)?;
-    Some(Candidate { against_skin: Some(m[BLUR]), ..found })
+    let (found, m) = outlined_quadrants::refined(image, &found, start, BLUR_PRIOR)?;
+    Some(Hypothesis { against_skin: Some(m[BLUR]), ..found })
 }
 
 /// The outline of all that is unlike the skin about what is seen of quadrants, parameters with their grey levels, and the
 /// skin's grey level.
-fn unlike_skin(image: &Raster, seen: &Outline) -> Option<(Outline, Parameters, f64)> {
+fn unlike_skin(image: &Raster, seen: &Ellipse) -> Option<(Ellipse, Parameters, f64)> {
     let mut seen = *seen;
     for _ in 0..3 {
         let (major, minor) = ((HIDDEN * seen.major + SKIN).max(HALF), HIDDEN * seen.minor + SKIN);
-        let longest = Outline { major, minor, ..seen };
+        let longest = Ellipse { major, minor, ..seen };
         let reach = longest.extent();
         let (low, high) = (seen.centre - reach, seen.centre + reach);
         let skin = skin(image, low, high)?;
         let black = usize::from(inside(image, &seen).min()?);
-        let grown = Outline { major: seen.major + SKIN, minor: seen.minor + 0.5 * SKIN, ..seen };
+        let grown = Ellipse { major: seen.major + SKIN, minor: seen.minor + 0.5 * SKIN, ..seen };
         let white = usize::from(inside(image, &grown).max()?);
         let (dark, light) = (skin.midpoint(black.min(skin)) as u8, skin.midpoint(white.max(skin)) as u8);
         let mut parts = blob::darker_than(image, low, high, dark);
@@ -170,11 +170,11 @@ fn unlike_skin(image: &Raster, seen: &Outline) -> Option<(Outline, Parameters, f
         let least = 0.1 * seen.major * seen.minor;
         let parts: Vec<&Blob> =
             parts.iter().filter(|b| b.area > least && longest.holds(b.centroid)).collect();
-        let found = hull(&parts).filter(|outline| outline.minor >= 1.0)?;
+        let found = hull(&parts).filter(|ellipse| ellipse.minor >= 1.0)?;
         if found.major < 1.2 * seen.major {
             let mut m = [0.0; N];
-            (m[LIGHT], m[BLUR]) = (white.max(1) as f64, USUAL_BLUR.0);
-            m[DARK] = usual_dark(black as f64 / m[LIGHT]);
+            (m[LIGHT], m[BLUR]) = (white.max(1) as f64, BLUR_PRIOR.0);
+            m[DARK] = darkness_leaving(black as f64 / m[LIGHT]);
             return Some((found, m, skin as f64));
         }
         seen = found;
@@ -184,7 +184,7 @@ fn unlike_skin(image: &Raster, seen: &Outline) -> Option<(Outline, Parameters, f
 
 /// The ellipse of inertia of the convex hull of some blobs; `None` where they are too far from an ellipse. Cracks between
 /// them, as between black and white that are both unlike the skin, do not matter.
-fn hull(parts: &[&Blob]) -> Option<Outline> {
+fn hull(parts: &[&Blob]) -> Option<Ellipse> {
     /// Least share of the hull that is seen, and least of its ellipse that it fills: a parallelogram 0.95.
     const SEEN: f64 = 0.4;
     const FULL: f64 = 0.9;
@@ -219,7 +219,7 @@ fn hull(parts: &[&Blob]) -> Option<Outline> {
     }
     let area = Some(area).filter(|area| *area > 1.0)?;
     let centre = sum / area;
-    let outline = Outline::from_moments(first + centre, square / area - centre * centre.transpose(), 2.0);
+    let ellipse = Ellipse::from_moments(first + centre, square / area - centre * centre.transpose(), 2.0);
     let own: f64 = parts.iter().map(|b| b.area).sum();
-    (own > SEEN * area && area > FULL * PI * outline.major * outline.minor).then_some(outline)
+    (own > SEEN * area && area > FULL * PI * ellipse.major * ellipse.minor).then_some(ellipse)
 }

@@ -1,18 +1,18 @@
-//! Discs over which the sheet lies that another one is printed on: where it may hide them, and what is left of them.
+//! Discs over which the decal lies that another one is printed on: where it may hide them, and what is left of them.
 
 use nalgebra::{Matrix2, Vector2};
 
 use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::hypothesis::prior::{Foretold, Slope};
-use crate::measure::detect::image::ellipse::Outline;
-use crate::measure::detect::image::histogram::Counts;
-use crate::measure::detect::occlusion::decal::{ROWS, SHEET_PX, Sheet, bounds_of, print_of};
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::hypothesis::prior::{SizePrior, Slope};
+use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::image::histogram::Histogram;
+use crate::measure::detect::occlusion::decal::{DECAL_PX, Decal, ROWS, bounds_of, print_of};
 use crate::measure::detect::segment::blob::Blob;
-use crate::measure::detect::segment::contour::rim;
+use crate::measure::detect::segment::contour::contour;
 use crate::measure::raster::Raster;
 
-/// Share of a disc's outline that a sheet must lie over, and that may lie under sheets.
+/// Share of a disc's outline that a decal must lie over, and that may lie under decals.
 const TOUCHES: f64 = 0.15;
 const COVERED: f64 = 0.85;
 /// The same where only its neighbour tells its slope: of a sliver the place would hang on that.
@@ -22,65 +22,65 @@ const ASIDE: f64 = 3.0;
 /// How far the shapes of two discs side by side differ: minor axes, as a share, and directions, rad.
 const SAME_MINOR: f64 = 0.04;
 const SAME_ANGLE: f64 = 0.015;
-/// Rows or columns of a blob that end at the sheet, px: they tell no outline.
+/// Rows or columns of a blob that end at the decal, px: they tell no outline.
 const CUT_PX: f64 = 0.75;
 /// Points of a blob's rim that must be left of it, and how far they may lie from the outline, root mean square, px.
 const LEAST: usize = 16;
 const OFF: f64 = 0.7;
-/// How far a sheet's edge is blurred into what it leaves, in blurs; half way up it lies between two pixels.
+/// How far a decal's edge is blurred into what it leaves, in blurs; half way up it lies between two pixels.
 const BLURS: f64 = 2.4;
 const HALF_WAY: f64 = 0.5;
-/// How far a sheet reaches beside its print where nothing tells, px: in the picture it is wider than long.
+/// How far a decal reaches beside its print where nothing tells, px: in the picture it is wider than long.
 const SIDE_PX: f64 = 35.0;
 
-/// An expected disc that the sheets of others may hide, which lie in a direction: each with a rim about its print, and where
-/// black ends near it, the last rows or columns of that too, for blur mixes them with the sheet. `None` where no sheet lies
+/// An expected disc that the decals of others may hide, which lie in a direction: each with a rim about its print, and where
+/// black ends near it, the last rows or columns of that too, for blur mixes them with the decal. `None` where no decal lies
 /// over it, or where too little is left to be seen.
 pub fn beside(
     image: &Raster,
-    expected: &Candidate,
-    others: &[Outline],
+    expected: &Hypothesis,
+    others: &[Ellipse],
     axis: Vector2<f64>,
     blur: f64,
-) -> Option<Candidate> {
-    let disc = &expected.outline;
-    let near = |other: &&Outline| {
+) -> Option<Hypothesis> {
+    let disc = &expected.ellipse;
+    let near = |other: &&Ellipse| {
         let [x0, y0, x1, y1] = print_of(other, axis);
-        let bounds = [x0 - SHEET_PX, y0 - SHEET_PX, x1 + SHEET_PX, y1 + SHEET_PX];
-        let rim = Sheet { axis, bounds };
-        disc.share(|at| rim.holds(at)) > TOUCHES
+        let bounds = [x0 - DECAL_PX, y0 - DECAL_PX, x1 + DECAL_PX, y1 + DECAL_PX];
+        let contour = Decal { axis, bounds };
+        disc.share(|at| contour.holds(at)) > TOUCHES
     };
-    let hidden: Vec<Sheet> = others.iter().filter(near).map(|o| sheet(image, disc, o, axis, blur)).collect();
-    let covered = disc.share(|at| hidden.iter().any(|sheet| sheet.holds(at)));
+    let hidden: Vec<Decal> = others.iter().filter(near).map(|o| decal(image, disc, o, axis, blur)).collect();
+    let covered = disc.share(|at| hidden.iter().any(|decal| decal.holds(at)));
     let useful = expected.pattern == Pattern::Disc && !hidden.is_empty() && covered < COVERED;
-    useful.then(|| Candidate { hidden, ..expected.clone() })
+    useful.then(|| Hypothesis { hidden, ..expected.clone() })
 }
 
-/// The disc of which a blob shows what the sheet of one beside it leaves: shaped like that one, for both lie on the same skin,
-/// and as long as is foretold, with a standard deviation, px; the sheet lies in a direction.
+/// The disc of which a blob shows what the decal of one beside it leaves: shaped like that one, for both lie on the same skin,
+/// and as long as is predicted, with a standard deviation, px; the decal lies in a direction.
 pub fn under(
     image: &Raster,
     blob: &Blob,
-    like: &Outline,
+    like: &Ellipse,
     axis: Vector2<f64>,
     major: (f64, f64),
     blur: f64,
-) -> Option<Candidate> {
+) -> Option<Hypothesis> {
     let minor = like.minor / like.major * major.0;
-    let shape = Outline { centre: blob.centroid, major: major.0, minor, angle: like.angle };
-    let sheet = Sheet::over(axis, print_of(like, axis), bounds_of(blob, axis), [0.0, CUT_PX]);
-    let seen: Vec<Vector2<f64>> = rim(blob).into_iter().filter(|at| !sheet.holds(at)).collect();
+    let shape = Ellipse { centre: blob.centroid, major: major.0, minor, angle: like.angle };
+    let decal = Decal::over(axis, print_of(like, axis), bounds_of(blob, axis), [0.0, CUT_PX]);
+    let seen: Vec<Vector2<f64>> = contour(blob).into_iter().filter(|at| !decal.holds(at)).collect();
     let centre = centre_of(&shape, &seen, like.centre)?;
     let slope = Slope { minor: (minor, SAME_MINOR * minor), angle: (like.angle, SAME_ANGLE) };
-    let outline = Outline { centre, ..shape };
-    let foretold = Some(Foretold { major, slope: Some(slope) });
-    let whole = Candidate { foretold, ..Candidate::of(Pattern::Disc, outline, Vec::new()) };
-    let covered = outline.share(|at| sheet.holds(at));
+    let ellipse = Ellipse { centre, ..shape };
+    let foretold = Some(SizePrior { major, slope: Some(slope) });
+    let whole = Hypothesis { foretold, ..Hypothesis::of(Pattern::Disc, ellipse, Vec::new()) };
+    let covered = ellipse.share(|at| decal.holds(at));
     if covered < COVERED_ALONE { beside(image, &whole, &[*like], axis, blur) } else { None }
 }
 
 /// Where an ellipse of known shape lies through points of its rim, on the side of its neighbour.
-fn centre_of(shape: &Outline, points: &[Vector2<f64>], neighbour: Vector2<f64>) -> Option<Vector2<f64>> {
+fn centre_of(shape: &Ellipse, points: &[Vector2<f64>], neighbour: Vector2<f64>) -> Option<Vector2<f64>> {
     const STEPS: usize = 12;
     if points.len() < LEAST {
         return None;
@@ -111,9 +111,9 @@ fn centre_of(shape: &Outline, points: &[Vector2<f64>], neighbour: Vector2<f64>) 
     (off < OFF).then(|| shape.centre + back)
 }
 
-/// The box (first and last column and row) in which a disc's sheet may lie over something.
-pub fn reach(disc: &Outline) -> [f64; 4] {
-    let ([x0, y0, x1, y1], by) = (print_of(disc, ROWS), SHEET_PX + ASIDE);
+/// The box (first and last column and row) in which a disc's decal may lie over something.
+pub fn reach(disc: &Ellipse) -> [f64; 4] {
+    let ([x0, y0, x1, y1], by) = (print_of(disc, ROWS), DECAL_PX + ASIDE);
     [x0 - by, y0 - by, x1 + by, y1 + by]
 }
 
@@ -123,14 +123,14 @@ pub fn meets(blob: &Blob, [x0, y0, x1, y1]: &[f64; 4]) -> bool {
     left < *x1 && right > *x0 && top < *y1 && low > *y0
 }
 
-/// What a neighbour's sheet that lies in a direction may cover of an expected disc.
-fn sheet(image: &Raster, expected: &Outline, other: &Outline, axis: Vector2<f64>, blur: f64) -> Sheet {
+/// What a neighbour's decal that lies in a direction may cover of an expected disc.
+fn decal(image: &Raster, expected: &Ellipse, other: &Ellipse, axis: Vector2<f64>, blur: f64) -> Decal {
     let print = print_of(other, axis);
-    let reach = expected.extent().add_scalar(2.0 * SHEET_PX);
+    let reach = expected.extent().add_scalar(2.0 * DECAL_PX);
     let around = image.part(expected.centre - reach, expected.centre + reach, 2).map(|(_, _, value)| value);
-    let skin = Counts::of(around).middle().unwrap_or(255) as u8;
+    let skin = Histogram::of(around).middle().unwrap_or(255) as u8;
     let level = image.nearest(other.centre.x, other.centre.y).midpoint(skin);
-    let grown = Outline { major: expected.major + ASIDE, minor: expected.minor + ASIDE, ..*expected };
+    let grown = Ellipse { major: expected.major + ASIDE, minor: expected.minor + ASIDE, ..*expected };
     // Whether a line beside the print, so far from its middle, shows black of the expected disc within bounds.
     let shows = |bounds: &[f64; 4], along_rows: bool, at: f64| {
         let (from, to) = if along_rows { (bounds[0], bounds[2]) } else { (bounds[1], bounds[3]) };
@@ -141,41 +141,41 @@ fn sheet(image: &Raster, expected: &Outline, other: &Outline, axis: Vector2<f64>
         })
     };
     let (mut bounds, mut white) = (print, print);
-    // Before and behind the print first: beside it, what shows black there is no sheet.
+    // Before and behind the print first: beside it, what shows black there is no decal.
     for k in [1, 3, 0, 2] {
         let (along_rows, sign) = (k % 2 == 1, if k < 2 { -1.0 } else { 1.0 });
-        let [most, usual] = if along_rows { [2.0 * SHEET_PX, SHEET_PX] } else { [SIDE_PX; 2] };
+        let [most, usual] = if along_rows { [2.0 * DECAL_PX, DECAL_PX] } else { [SIDE_PX; 2] };
         let mut lines = (3..=most as usize).map(|j| print[k].round() + sign * j as f64);
         let black = lines.find(|&at| shows(&white, along_rows, at));
         let hidden = black.map_or(usual, |at| sign * (at - print[k]) + BLURS * blur - HALF_WAY);
         bounds[k] = print[k] + sign * hidden;
         white[k] = black.map_or(bounds[k], |at| at - sign);
     }
-    Sheet { axis, bounds }
+    Decal { axis, bounds }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const EXPECTED: Outline =
-        Outline { centre: Vector2::new(100.0, 50.0), major: 40.0, minor: 6.0, angle: 0.0 };
+    const EXPECTED: Ellipse =
+        Ellipse { centre: Vector2::new(100.0, 50.0), major: 40.0, minor: 6.0, angle: 0.0 };
 
-    /// The expected disc, and over it the sheet of one beside it, from a row on.
-    fn hidden(other: Outline, sheet_from: usize) -> Option<Vec<Sheet>> {
+    /// The expected disc, and over it the decal of one beside it, from a row on.
+    fn hidden(other: Ellipse, decal_from: usize) -> Option<Vec<Decal>> {
         let grey = |i: usize| {
             let at = Vector2::new((i % 200) as f64, (i / 200) as f64);
-            let black = other.holds(at) || (i / 200 < sheet_from && EXPECTED.holds(at));
+            let black = other.holds(at) || (i / 200 < decal_from && EXPECTED.holds(at));
             if black { 50 } else { 180 }
         };
         let image = Raster::new(200, 120, (0..200 * 120).map(grey).collect())?;
-        let expected = Candidate::of(Pattern::Disc, EXPECTED, Vec::new());
-        beside(&image, &expected, &[other], ROWS, 1.0).map(|candidate| candidate.hidden)
+        let expected = Hypothesis::of(Pattern::Disc, EXPECTED, Vec::new());
+        beside(&image, &expected, &[other], ROWS, 1.0).map(|hypothesis| hypothesis.hidden)
     }
 
     #[test]
     fn a_sheet_hides_what_lies_between_its_print_and_the_last_black() {
-        let other = |y: f64| Outline { centre: Vector2::new(95.0, y), ..EXPECTED };
+        let other = |y: f64| Ellipse { centre: Vector2::new(95.0, y), ..EXPECTED };
         let seen = hidden(other(61.0), 51).expect("a sheet lies over it");
         // The last black is row 50; two blurs before its edge at 50.5 are left out.
         let want = [55.0 - SIDE_PX, 50.5 - BLURS, 135.0 + SIDE_PX, 61.0 + 13.0];

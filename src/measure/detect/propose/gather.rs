@@ -1,6 +1,6 @@
 //! The blobs of all levels, each once, and what they may be; bounded, so that clutter cannot take for ever.
 
-use crate::measure::detect::hypothesis::candidate::Candidate;
+use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::propose::moments;
 use crate::measure::detect::segment::background::{Coarse, Region};
 use crate::measure::detect::segment::blob::Blob;
@@ -17,7 +17,7 @@ const PALE: u16 = 140;
 const SWALLOWED: usize = 4;
 const SWALLOWED_LEAST: usize = 4;
 const SWALLOWED_DARK: u16 = 200;
-/// Most blobs, pairs of blobs and candidates of a kind: far above what a wing shows, but a town beside it, or a board, shows
+/// Most blobs, pairs of blobs and hypotheses of a kind: far above what a wing shows, but a town beside it, or a board, shows
 /// hundreds. The largest are kept.
 const MAX_BLOBS: usize = 3000;
 const MAX_PAIRS: usize = 30_000;
@@ -125,28 +125,28 @@ fn add_once(out: &mut Vec<Blob>, blob: Blob) {
 }
 
 /// Blobs and pairs of blobs that may be two black quadrants.
-pub fn quadrants(image: &Raster, blobs: &[Blob], pairs: &[[usize; 2]]) -> Vec<Candidate> {
+pub fn quadrants(image: &Raster, blobs: &[Blob], pairs: &[[usize; 2]]) -> Vec<Hypothesis> {
     let single = (0..blobs.len()).map(|i| vec![i]);
     let mut pairs = pairs.to_vec();
     keep_largest(&mut pairs, MAX_PAIRS, |p| p.iter().filter_map(|&i| blobs.get(i)).map(|b| b.area).sum());
     let double = pairs.into_iter().map(|p| p.to_vec());
-    let mut out: Vec<Candidate> =
+    let mut out: Vec<Hypothesis> =
         single.chain(double).filter_map(|i| moments::quadrants(&i, blobs)).collect();
     if out.len() > MAX_UNLIKELY {
         // Nearly all of what has the shape is no darker where it should be black; so are a few true ones, thin for the blur.
         let (likely, mut others): (Vec<_>, Vec<_>) =
-            out.into_iter().partition(|candidate| candidate.white_over_black(image) > 0);
+            out.into_iter().partition(|hypothesis| hypothesis.white_over_black(image) > 0);
         out = likely;
-        keep_largest(&mut out, MAX_CANDIDATES, Candidate::size);
-        keep_largest(&mut others, MAX_UNLIKELY, Candidate::size);
+        keep_largest(&mut out, MAX_CANDIDATES, Hypothesis::size);
+        keep_largest(&mut others, MAX_UNLIKELY, Hypothesis::size);
         out.append(&mut others);
     }
     out
 }
 
 /// Blobs that may be discs.
-pub fn discs(blobs: &[Blob]) -> Vec<Candidate> {
+pub fn discs(blobs: &[Blob]) -> Vec<Hypothesis> {
     let mut out = blobs.iter().enumerate().filter_map(|(i, blob)| moments::disc(i, blob)).collect();
-    keep_largest(&mut out, MAX_CANDIDATES, Candidate::size);
+    keep_largest(&mut out, MAX_CANDIDATES, Hypothesis::size);
     out
 }

@@ -3,12 +3,12 @@
 use nalgebra::Vector2;
 
 use super::partial_ellipse::any_ellipse;
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::image::ellipse::Outline;
-use crate::measure::detect::occlusion::glare::{MARGIN, drowned, middle_of};
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::occlusion::glare::{MARGIN, middle_of, occluded};
 use crate::measure::detect::occlusion::region::Band;
 use crate::measure::detect::segment::blob::Blob;
-use crate::measure::detect::segment::contour::rim;
+use crate::measure::detect::segment::contour::contour;
 use crate::measure::raster::Raster;
 
 /// How far on either side of the outline the step from black to skin is taken, px.
@@ -19,7 +19,7 @@ const STEP: f64 = 0.6;
 const LEFT: usize = 40;
 
 /// A point of a blob's rim, px: where, along the blob's axis, and the step across it, grey levels.
-struct Rim {
+struct ContourPoint {
     at: Vector2<f64>,
     along: f64,
     step: f64,
@@ -33,20 +33,25 @@ struct Part {
     ends: [Option<f64>; 2],
 }
 
-/// The candidate with the outline of its whole disc, where glare hides an end of it; together with
+/// The hypothesis with the outline of its whole disc, where glare hides an end of it; together with
 /// the part on the other side of the glare, if there is one.
-pub fn completed(image: &Raster, candidate: &Candidate, index: usize, blobs: &[Blob]) -> Option<Candidate> {
+pub fn completed(
+    image: &Raster,
+    hypothesis: &Hypothesis,
+    index: usize,
+    blobs: &[Blob],
+) -> Option<Hypothesis> {
     let blob = blobs.get(index)?;
     let part = part(image, blob, LEFT)?;
     let far = (blobs.iter().enumerate())
         .filter(|&(i, other)| i != index && opposite(&part, blob, other))
-        .find_map(|(i, other)| together(image, &part, i, other, candidate, blob));
+        .find_map(|(i, other)| together(image, &part, i, other, hypothesis, blob));
     far.or_else(|| {
         // Too little of the rim may be left: then only the discs about it tell the size.
-        let seen = Outline::of(blob);
-        let outline = any_ellipse(&part.left, blob).and_then(|o| sound(o, blob)).unwrap_or(seen);
+        let seen = Ellipse::of(blob);
+        let ellipse = any_ellipse(&part.left, blob).and_then(|o| sound(o, blob)).unwrap_or(seen);
         let bands = bands(part.axis, part.ends);
-        Some(Candidate { outline, bands, ..candidate.clone() })
+        Some(Hypothesis { ellipse, bands, ..hypothesis.clone() })
     })
 }
 
@@ -59,7 +64,7 @@ fn bands(axis: Vector2<f64>, [first, second]: [Option<f64>; 2]) -> Vec<Band> {
 /// Whether a blob may be the rest of the disc: across the glare, on the axis, and of no other size.
 fn opposite(part: &Part, blob: &Blob, other: &Blob) -> bool {
     let d = other.centroid - blob.centroid;
-    let own = Outline::of(blob);
+    let own = Ellipse::of(blob);
     let (along, across) = (d.dot(&part.axis), d.perp(&part.axis).abs());
     let side = if along > 0.0 { part.ends[1] } else { part.ends[0] };
     side.is_some()
@@ -76,17 +81,17 @@ fn together(
     one: &Part,
     index: usize,
     other: &Blob,
-    candidate: &Candidate,
+    hypothesis: &Hypothesis,
     blob: &Blob,
-) -> Option<Candidate> {
+) -> Option<Hypothesis> {
     let far = part(image, other, LEFT / 3)?;
     let after = (other.centroid - blob.centroid).dot(&one.axis) > 0.0;
     let facing = if after == (far.axis.dot(&one.axis) > 0.0) { far.ends[0] } else { far.ends[1] };
     facing?;
     let points: Vec<Vector2<f64>> = one.left.iter().chain(&far.left).copied().collect();
-    let outline = any_ellipse(&points, blob)?;
+    let ellipse = any_ellipse(&points, blob)?;
     // One ellipse passes through both.
-    let off = |p: &Vector2<f64>| (outline.outwards(*p) - 1.0).abs() * outline.minor;
+    let off = |p: &Vector2<f64>| (ellipse.outwards(*p) - 1.0).abs() * ellipse.minor;
     let mean = points.iter().map(off).sum::<f64>() / points.len() as f64;
     let along = |p: &Vector2<f64>| p.dot(&one.axis);
     let ends = |points: &[Vector2<f64>]| {
@@ -97,30 +102,30 @@ fn together(
     if mean > 1.0 || from >= to {
         return None;
     }
-    let blobs = candidate.blobs.iter().copied().chain([index]).collect();
+    let blobs = hypothesis.blobs.iter().copied().chain([index]).collect();
     let bands = vec![Band { axis: one.axis, from: from - MARGIN, to: to + MARGIN }];
-    Some(Candidate { outline, bands, blobs, ..candidate.clone() })
+    Some(Hypothesis { ellipse, bands, blobs, ..hypothesis.clone() })
 }
 
 /// What glare has left of a blob; `None` where no end of it is drowned.
 fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
-    let outline = Outline::of(blob);
-    let axis = outline.axis();
+    let ellipse = Ellipse::of(blob);
+    let axis = ellipse.axis();
     let inverse = blob.covariance.try_inverse()?;
     let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
-    let points: Vec<Rim> = (rim(blob).into_iter())
+    let points: Vec<ContourPoint> = (contour(blob).into_iter())
         .map(|at| {
             let normal = (inverse * (at - blob.centroid)).normalize() * REACH;
             let (inside, outside) = (grey(at - normal), grey(at + normal));
-            Rim { at, along: at.dot(&axis), step: outside - inside }
+            ContourPoint { at, along: at.dot(&axis), step: outside - inside }
         })
         .collect();
     let usual = middle_of(points.iter().map(|p| p.step))?;
-    let ends = drowned(image, &outline);
+    let ends = occluded(image, &ellipse);
     if usual < 8.0 || ends == [None, None] {
         return None;
     }
-    let open = |p: &&Rim| {
+    let open = |p: &&ContourPoint| {
         p.step > STEP * usual && ends[0].is_none_or(|e| p.along > e) && ends[1].is_none_or(|e| p.along < e)
     };
     let left: Vec<Vector2<f64>> = points.iter().filter(open).map(|p| p.at).collect();
@@ -128,8 +133,8 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
 }
 
 /// The outline, if it is not much larger than what is seen of it.
-fn sound(outline: Outline, blob: &Blob) -> Option<Outline> {
-    let seen = Outline::of(blob);
-    let fits = outline.major < 2.0 * seen.major && outline.minor < 1.6 * seen.minor;
-    (fits && outline.major > seen.major).then_some(outline)
+fn sound(ellipse: Ellipse, blob: &Blob) -> Option<Ellipse> {
+    let seen = Ellipse::of(blob);
+    let fits = ellipse.major < 2.0 * seen.major && ellipse.minor < 1.6 * seen.minor;
+    (fits && ellipse.major > seen.major).then_some(ellipse)
 }

@@ -6,8 +6,8 @@ use std::sync::LazyLock;
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::segment::blob::Blob;
 
 /// The shape of one blob or of several together, when only moments are asked.
@@ -31,19 +31,19 @@ fn together(blobs: &[&Blob]) -> Shape {
 }
 
 /// The ellipse of inertia of some of the blobs together.
-pub fn outline_of(indices: &[usize], all: &[Blob]) -> Option<Outline> {
+pub fn outline_of(indices: &[usize], all: &[Blob]) -> Option<Ellipse> {
     let blobs: Vec<&Blob> = indices.iter().map(|&i| all.get(i)).collect::<Option<_>>()?;
     let shape = together(&blobs);
-    Some(Outline::from_moments(shape.centre, shape.covariance, 2.0))
+    Some(Ellipse::from_moments(shape.centre, shape.covariance, 2.0))
 }
 
 /// A disc, where the blob fills its ellipse of inertia.
-pub fn disc(index: usize, blob: &Blob) -> Option<Candidate> {
-    let outline = Outline::of(blob);
+pub fn disc(index: usize, blob: &Blob) -> Option<Hypothesis> {
+    let ellipse = Ellipse::of(blob);
     // Few pixels across make steps in the outline.
-    let most = if outline.minor < 1.8 { 1.3 } else { 0.36 + 0.6 / (outline.minor * outline.minor) };
+    let most = if ellipse.minor < 1.8 { 1.3 } else { 0.36 + 0.6 / (ellipse.minor * ellipse.minor) };
     ((0.72..1.2).contains(&blob.fill()) && squareness(blob) < most)
-        .then(|| Candidate::of(Pattern::Disc, outline, vec![index]))
+        .then(|| Hypothesis::of(Pattern::Disc, ellipse, vec![index]))
 }
 
 /// Share of the second moments of two opposite quadrants of the unit disc along their own
@@ -53,7 +53,7 @@ const ACROSS: f64 = 0.25 - 0.5 / PI;
 
 /// Two opposite quadrants, from one blob or two: an affine image of the unit disc's is sought
 /// whose area, centroids and second moments are those seen.
-pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Candidate> {
+pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Hypothesis> {
     let blobs: Vec<&Blob> = indices.iter().map(|&i| all.get(i)).collect::<Option<_>>()?;
     let shape = together(&blobs);
     let det = shape.covariance.determinant();
@@ -77,12 +77,12 @@ pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Candidate> {
     if !(0.75..1.3).contains(&(shape.area / expected)) {
         return None;
     }
-    let outline = Outline::from_moments(shape.centre, affine * affine.transpose(), 1.0);
-    Some(between(e1, e2, outline, indices))
+    let ellipse = Ellipse::from_moments(shape.centre, affine * affine.transpose(), 1.0);
+    Some(between(e1, e2, ellipse, indices))
 }
 
 /// Quadrants whose black ones lie between two directions, and their opposites.
-pub fn between(e1: Vector2<f64>, e2: Vector2<f64>, outline: Outline, blobs: &[usize]) -> Candidate {
+pub fn between(e1: Vector2<f64>, e2: Vector2<f64>, ellipse: Ellipse, blobs: &[usize]) -> Hypothesis {
     let (u1, u2) = (e1.normalize(), e2.normalize());
     let half = 0.5 * u1.dot(&u2).clamp(-1.0, 1.0).acos();
     let bisector = u1 + u2;
@@ -92,7 +92,7 @@ pub fn between(e1: Vector2<f64>, e2: Vector2<f64>, outline: Outline, blobs: &[us
     } else {
         (Pattern::WhiteAlong, (along + PI / 2.0, (PI / 2.0 - half).tan()))
     };
-    Candidate { edges: Some(edges), ..Candidate::of(pattern, outline, blobs.to_vec()) }
+    Hypothesis { edges: Some(edges), ..Hypothesis::of(pattern, ellipse, blobs.to_vec()) }
 }
 
 /// Directions in which kurtosis is looked at, in equal steps over half a turn.

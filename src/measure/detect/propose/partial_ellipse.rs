@@ -1,12 +1,12 @@
-//! A disc that a neighbour's sheet hides in part: the ellipse through the outline that is left.
+//! A disc that a neighbour's decal hides in part: the ellipse through the outline that is left.
 
 use nalgebra::{Cholesky, Matrix2, Matrix3, SMatrix, SVector, SymmetricEigen, Vector2, Vector3};
 
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::image::ellipse::Outline;
-use crate::measure::detect::occlusion::decal::{SHEET_PX, Sheet, bounds_of};
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::occlusion::decal::{DECAL_PX, Decal, bounds_of};
 use crate::measure::detect::segment::blob::Blob;
-use crate::measure::detect::segment::contour::rim;
+use crate::measure::detect::segment::contour::contour;
 
 /// How far a cut edge is blurred into what it leaves, px.
 const BLUR_PX: f64 = 2.5;
@@ -20,54 +20,56 @@ pub const LEAST: usize = 24;
 
 type Conic = SVector<f64, 5>;
 
-/// The candidate with the outline of its whole disc, and where it may be hidden by sheets that lie in the direction of their
+/// The hypothesis with the outline of its whole disc, and where it may be hidden by decals that lie in the direction of their
 /// print. Discs side by side look alike, so the neighbour's shape is where the fit starts from.
 pub fn completed(
-    candidate: &Candidate,
+    hypothesis: &Hypothesis,
     blob: &Blob,
     others: &[Blob],
     direction: impl Fn(&Blob) -> Vector2<f64>,
-) -> Option<Candidate> {
-    let near: Vec<(&Blob, Sheet)> = (others.iter())
+) -> Option<Hypothesis> {
+    let near: Vec<(&Blob, Decal)> = (others.iter())
         .filter(|o| o.area > 0.3 * blob.area && o.area < 6.0 * blob.area && are_near(o, blob))
         .filter_map(|o| {
             let axis = direction(o);
             let own = bounds_of(blob, axis);
-            let sheet = Sheet::over(axis, bounds_of(o, axis), own, [SHEET_PX, BLUR_PX]);
-            let h = sheet.bounds;
-            (h[0] <= own[2] && own[0] <= h[2] && h[1] <= own[3] && own[1] <= h[3]).then_some((o, sheet))
+            let decal = Decal::over(axis, bounds_of(o, axis), own, [DECAL_PX, BLUR_PX]);
+            let h = decal.bounds;
+            (h[0] <= own[2] && own[0] <= h[2] && h[1] <= own[3] && own[1] <= h[3]).then_some((o, decal))
         })
         .filter(|(o, _)| !overlap(o, blob))
         .collect();
-    let hidden: Vec<Sheet> = near.iter().map(|n| n.1).collect();
-    let rim = rim(blob);
+    let hidden: Vec<Decal> = near.iter().map(|n| n.1).collect();
+    let contour = contour(blob);
     let seen: Vec<Vector2<f64>> =
-        rim.iter().filter(|p| !hidden.iter().any(|sheet| sheet.holds(p))).copied().collect();
-    if seen.len() == rim.len() || (seen.len() as f64) < SHARE * rim.len() as f64 || seen.len() < LEAST {
+        contour.iter().filter(|p| !hidden.iter().any(|decal| decal.holds(p))).copied().collect();
+    if seen.len() == contour.len() || (seen.len() as f64) < SHARE * contour.len() as f64 || seen.len() < LEAST
+    {
         return None;
     }
     let alike = (near.iter())
         .filter(|(o, _)| is_ellipse(o))
         .min_by(|a, b| distance(a.0, blob).total_cmp(&distance(b.0, blob)));
     let (like, free) = alike.map_or((blob, true), |(o, _)| (*o, false));
-    let mut outline = if free { any_ellipse(&seen, like) } else { same_ellipse(&seen, like) }?;
-    let size = Outline::of(like).major;
-    let same_size = !free && (outline.major / size - 1.0).abs() < SAME_SIZE;
+    let mut ellipse = if free { any_ellipse(&seen, like) } else { same_ellipse(&seen, like) }?;
+    let size = Ellipse::of(like).major;
+    let same_size = !free && (ellipse.major / size - 1.0).abs() < SAME_SIZE;
     if same_size {
-        outline.major = size;
-    } else if (seen.len() as f64) < SHARE_ALONE * rim.len() as f64 {
+        ellipse.major = size;
+    } else if (seen.len() as f64) < SHARE_ALONE * contour.len() as f64 {
         return None;
     }
-    let fits = outline.major < 2.0 * candidate.outline.major && outline.minor < 3.0 * candidate.outline.minor;
-    fits.then(|| Candidate { outline, hidden, alike: same_size, ..candidate.clone() })
+    let fits =
+        ellipse.major < 2.0 * hypothesis.ellipse.major && ellipse.minor < 3.0 * hypothesis.ellipse.minor;
+    fits.then(|| Hypothesis { ellipse, hidden, alike: same_size, ..hypothesis.clone() })
 }
 
 /// Whether two blobs are one thing at two levels: the centroid of one lies in the other.
 fn overlap(one: &Blob, other: &Blob) -> bool {
     let inside = |a: &Blob, b: &Blob| {
-        let outline = Outline::of(a);
-        let (s, t) = outline.local(b.centroid);
-        (s / outline.major.max(0.5)).hypot(t / outline.minor.max(0.5)) < 1.0
+        let ellipse = Ellipse::of(a);
+        let (s, t) = ellipse.local(b.centroid);
+        (s / ellipse.major.max(0.5)).hypot(t / ellipse.minor.max(0.5)) < 1.0
     };
     inside(one, other) || inside(other, one)
 }
@@ -77,9 +79,9 @@ pub fn is_ellipse(blob: &Blob) -> bool {
     !blob.at_edge && (0.95..1.05).contains(&blob.fill())
 }
 
-/// Whether the sheet of one blob can reach the other, in whatever direction it lies.
+/// Whether the decal of one blob can reach the other, in whatever direction it lies.
 fn are_near(one: &Blob, other: &Blob) -> bool {
-    let most = 3 * SHEET_PX as usize;
+    let most = 3 * DECAL_PX as usize;
     let (a, b) = (&one.bounds, &other.bounds);
     (0..2).all(|k| a[k] <= b[k + 2] + most && b[k] <= a[k + 2] + most)
 }
@@ -96,16 +98,16 @@ fn whitening(blob: &Blob) -> Option<Matrix2<f64>> {
 }
 
 /// The ellipse through the points; `blob` only conditions it.
-pub fn any_ellipse(points: &[Vector2<f64>], blob: &Blob) -> Option<Outline> {
+pub fn any_ellipse(points: &[Vector2<f64>], blob: &Blob) -> Option<Ellipse> {
     let whiten = whitening(blob)?;
     let white: Vec<Vector2<f64>> = points.iter().map(|p| whiten * (p - blob.centroid)).collect();
-    let (centre, moments) = ellipse(&through(&white)?)?;
+    let (centre, moments) = centre_and_shape(&through(&white)?)?;
     let back = whiten.try_inverse()?;
-    Some(Outline::from_moments(blob.centroid + back * centre, back * moments * back.transpose(), 1.0))
+    Some(Ellipse::from_moments(blob.centroid + back * centre, back * moments * back.transpose(), 1.0))
 }
 
 /// The ellipse through the points that has the axis ratio and direction of `like`.
-fn same_ellipse(points: &[Vector2<f64>], like: &Blob) -> Option<Outline> {
+fn same_ellipse(points: &[Vector2<f64>], like: &Blob) -> Option<Ellipse> {
     let whiten = whitening(like)?;
     let middle = points.iter().sum::<Vector2<f64>>() / points.len() as f64;
     let (mut normal, mut right) = (Matrix3::identity() * 1e-9, Vector3::zeros());
@@ -120,7 +122,7 @@ fn same_ellipse(points: &[Vector2<f64>], like: &Blob) -> Option<Outline> {
     let radius2 = circle.z + centre.norm_squared();
     let back = whiten.try_inverse()?;
     (radius2 > 0.0)
-        .then(|| Outline::from_moments(middle + back * centre, back * back.transpose() * radius2, 1.0))
+        .then(|| Ellipse::from_moments(middle + back * centre, back * back.transpose() * radius2, 1.0))
 }
 
 pub fn row(p: &Vector2<f64>) -> Conic {
@@ -140,7 +142,7 @@ fn through(points: &[Vector2<f64>]) -> Option<Conic> {
 }
 
 /// Centre, and the matrix whose unit ellipse it is.
-fn ellipse(conic: &Conic) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+fn centre_and_shape(conic: &Conic) -> Option<(Vector2<f64>, Matrix2<f64>)> {
     let form = Matrix2::new(conic[0], 0.5 * conic[1], 0.5 * conic[1], conic[2]);
     if form.determinant() <= 0.0 || form.trace() <= 0.0 {
         return None;

@@ -4,9 +4,9 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::image::ellipse::Outline;
-use crate::measure::detect::image::scanline::Oval;
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::image::scanline::EllipseFrame;
 use crate::measure::detect::occlusion::region::Band;
 use crate::measure::detect::propose::moments;
 use crate::measure::raster::Raster;
@@ -21,26 +21,26 @@ const THICK: f64 = 12.0;
 
 /// Quadrants with an outline that holds black and white: of the pairs of edges that are conjugate diameters the one that best
 /// parts dark from light; `None` where both black quadrants are not darker than both white ones.
-pub fn within(outline: Outline, image: &Raster, blobs: &[usize]) -> Option<Candidate> {
-    Parted::of(outline, image, &[]).candidate(blobs)
+pub fn within(ellipse: Ellipse, image: &Raster, blobs: &[usize]) -> Option<Hypothesis> {
+    EdgeSearch::of(ellipse, image, &[]).hypothesis(blobs)
 }
 
 /// Quadrants whose outline is known but for its exact place, beside what glare hides of them: where dark is parted from light
 /// best.
-pub fn placed(outline: &Outline, image: &Raster, bands: &[Band]) -> Option<Candidate> {
+pub fn placed(ellipse: &Ellipse, image: &Raster, bands: &[Band]) -> Option<Hypothesis> {
     const STEPS: i32 = 3;
     const STEP_PX: f64 = 2.0;
     let shifts = (-STEPS..=STEPS).flat_map(|u| (-STEPS..=STEPS).map(move |v| [u, v]));
-    let parted = shifts.map(|shift| {
-        let centre = outline.centre + Vector2::from(shift.map(f64::from)) * STEP_PX;
-        Parted::of(Outline { centre, ..*outline }, image, bands)
+    let searches = shifts.map(|shift| {
+        let centre = ellipse.centre + Vector2::from(shift.map(f64::from)) * STEP_PX;
+        EdgeSearch::of(Ellipse { centre, ..*ellipse }, image, bands)
     });
-    parted.max_by(|one, other| one.best().1.total_cmp(&other.best().1))?.candidate(&[])
+    searches.max_by(|one, other| one.best().1.total_cmp(&other.best().1))?.hypothesis(&[])
 }
 
 /// An outline's pixels, all but the outermost, by their direction in it seen as a circle.
-struct Parted {
-    outline: Outline,
+struct EdgeSearch {
+    ellipse: Ellipse,
     /// Every how many rows and columns are looked at.
     step: usize,
     /// Sum of grey values and number of pixels in the quarter that begins in a direction.
@@ -49,16 +49,16 @@ struct Parted {
     spread: f64,
 }
 
-impl Parted {
-    fn of(outline: Outline, image: &Raster, bands: &[Band]) -> Self {
-        let oval = Oval::new(&outline);
-        let reach = outline.extent();
-        let step = (outline.minor / THICK).max(1.0) as usize;
+impl EdgeSearch {
+    fn of(ellipse: Ellipse, image: &Raster, bands: &[Band]) -> Self {
+        let frame = EllipseFrame::new(&ellipse);
+        let reach = ellipse.extent();
+        let step = (ellipse.minor / THICK).max(1.0) as usize;
         let mut sums = [(0.0, 0.0); TURNS];
         let mut squares = 0.0;
-        for (x, y, value) in image.part(outline.centre - reach, outline.centre + reach, step) {
-            let (s, t) = oval.local(x as f64, y as f64);
-            let (p, q) = (s / outline.major, t / outline.minor);
+        for (x, y, value) in image.part(ellipse.centre - reach, ellipse.centre + reach, step) {
+            let (s, t) = frame.local(x as f64, y as f64);
+            let (p, q) = (s / ellipse.major, t / ellipse.minor);
             let hidden = || bands.iter().any(|band| band.holds(&Vector2::new(x as f64, y as f64)));
             if p * p + q * q < INNER * INNER && !hidden() {
                 let turn = (q.atan2(p).rem_euclid(TAU) / TAU * TURNS as f64) as usize % TURNS;
@@ -72,7 +72,7 @@ impl Parted {
             std::array::from_fn(|from| (0..QUARTER).map(|k| sums[(from + k) % TURNS]).fold((0.0, 0.0), add));
         let (sum, count) = sums.into_iter().fold((0.0, 0.0), add);
         let spread = squares - sum * sum / f64::max(count, 1.0);
-        Self { outline, step, quarters, spread: spread.max(1.0) }
+        Self { ellipse, step, quarters, spread: spread.max(1.0) }
     }
 
     fn opposite(&self, turn: usize) -> [(f64, f64); 2] {
@@ -94,11 +94,11 @@ impl Parted {
         (0..2 * QUARTER).map(lighter).fold((0, f64::MIN), better)
     }
 
-    fn candidate(&self, blobs: &[usize]) -> Option<Candidate> {
-        let (outline, (darkest, _)) = (self.outline, self.best());
+    fn hypothesis(&self, blobs: &[usize]) -> Option<Hypothesis> {
+        let (ellipse, (darkest, _)) = (self.ellipse, self.best());
         // What shows less than half of itself may be another's.
         let least =
-            0.5 * INNER * INNER * PI / 4.0 * outline.major * outline.minor / (self.step * self.step) as f64;
+            0.5 * INNER * INNER * PI / 4.0 * ellipse.major * ellipse.minor / (self.step * self.step) as f64;
         let seen = |turn: usize| {
             let seen = self.opposite(turn).into_iter().filter(|(_, count)| *count > least);
             seen.map(|(sum, count)| sum / count)
@@ -106,12 +106,12 @@ impl Parted {
         if seen(darkest + QUARTER).fold(f64::MAX, f64::min) <= seen(darkest).fold(0.0, f64::max) {
             return None;
         }
-        let (half, across) = (outline.axis() * outline.major, outline.across() * outline.minor);
+        let (half, across) = (ellipse.axis() * ellipse.major, ellipse.across() * ellipse.minor);
         let edge = |turn: usize| {
             let (q, p) = (TAU * turn as f64 / TURNS as f64).sin_cos();
             half * p + across * q
         };
-        Some(moments::between(edge(darkest), edge(darkest + QUARTER), outline, blobs))
+        Some(moments::between(edge(darkest), edge(darkest + QUARTER), ellipse, blobs))
     }
 }
 
@@ -121,12 +121,12 @@ mod tests {
 
     #[test]
     fn quadrants_of_which_glare_hides_an_end_are_placed_where_dark_is_parted_from_light() {
-        let truth = Outline { centre: Vector2::new(150.0, 100.0), major: 80.0, minor: 20.0, angle: 0.1 };
-        let oval = Oval::new(&truth);
+        let truth = Ellipse { centre: Vector2::new(150.0, 100.0), major: 80.0, minor: 20.0, angle: 0.1 };
+        let frame = EllipseFrame::new(&truth);
         // Edges at 40 and 130 degrees of the outline seen as a circle; white and skin beyond column 165.
         let value = |i: usize| {
             let (x, y) = (i % 300, i / 300);
-            let (s, t) = oval.local(x as f64, y as f64);
+            let (s, t) = frame.local(x as f64, y as f64);
             let (p, q) = (s / truth.major, t / truth.minor);
             let turn = q.atan2(p).to_degrees().rem_euclid(180.0);
             match (x >= 165, p * p + q * q < 1.0) {
@@ -139,9 +139,9 @@ mod tests {
         let image = Raster::new(300, 200, (0..300 * 200).map(value).collect()).expect("the sizes agree");
         let bands = [Band { axis: Vector2::x(), from: 163.0, to: f64::INFINITY }];
         for off in [Vector2::new(3.0, -1.5), Vector2::new(-4.0, 2.0), Vector2::zeros()] {
-            let inner = Outline { centre: truth.centre + off, major: 60.0, minor: 15.0, ..truth };
+            let inner = Ellipse { centre: truth.centre + off, major: 60.0, minor: 15.0, ..truth };
             let placed = placed(&inner, &image, &bands).expect("is placed");
-            let apart = placed.outline.centre - truth.centre;
+            let apart = placed.ellipse.centre - truth.centre;
             let (along, across) = (apart.dot(&truth.axis()), apart.dot(&truth.across()));
             assert!(along.abs() < 3.0 && across.abs() < 1.6, "{off:?}: {along:.1} along, {across:.1} across");
         }

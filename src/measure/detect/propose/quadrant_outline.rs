@@ -5,10 +5,10 @@ use nalgebra::Vector2;
 use crate::measure::detect::appearance::parameters::{BLUR, LIGHT, Parameters, X, Y, contrast};
 use crate::measure::detect::estimate::outlined_quadrants;
 use crate::measure::detect::estimate::outlined_quadrants::WHITER;
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::image::ellipse::Outline;
-use crate::measure::detect::image::histogram::Counts;
-use crate::measure::detect::image::scanline::{Oval, columns, row_of};
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::image::histogram::Histogram;
+use crate::measure::detect::image::scanline::{EllipseFrame, columns, row_of};
 use crate::measure::detect::propose::moments;
 use crate::measure::detect::segment::blob;
 use crate::measure::detect::segment::blob::Blob;
@@ -31,22 +31,22 @@ const BESIDE: f64 = 8.0;
 const SAME_BLUR: f64 = 0.1;
 
 /// Quadrants with the outline of what is nearer to black than to white.
-pub fn outlined(image: &Raster, candidate: Candidate, m: &Parameters) -> Candidate {
-    if candidate.edges.is_none() {
-        return candidate;
+pub fn outlined(image: &Raster, hypothesis: Hypothesis, m: &Parameters) -> Hypothesis {
+    if hypothesis.edges.is_none() {
+        return hypothesis;
     }
     let saddle = Vector2::new(m[X], m[Y]);
-    let outline = &candidate.outline;
-    if candidate.against_skin.is_some() || candidate.foretold.is_some() {
-        return Candidate { outline: Outline { centre: saddle, ..*outline }, ..candidate };
+    let ellipse = &hypothesis.ellipse;
+    if hypothesis.against_skin.is_some() || hypothesis.foretold.is_some() {
+        return Hypothesis { ellipse: Ellipse { centre: saddle, ..*ellipse }, ..hypothesis };
     }
     // Skin is darker than white: nearer to black it does not run into the quadrants.
     let found = [0.65, 0.8].iter().find_map(|share| {
         let level = (m[LIGHT] - share * contrast(m)).clamp(0.0, 255.0) as u8;
-        let own = blob::dark_parts(image, outline, 0.0, level);
+        let own = blob::dark_parts(image, ellipse, 0.0, level);
         moments::quadrants(&[0, 1], &own).or_else(|| moments::quadrants(&[0], &own))
     });
-    let mut out = found.map_or(*outline, |f| f.outline);
+    let mut out = found.map_or(*ellipse, |f| f.ellipse);
     if let Some(longer) = length_of_white(image, &out, m).filter(|longer| *longer > LONGER * out.major) {
         out.major = longer;
     }
@@ -54,45 +54,49 @@ pub fn outlined(image: &Raster, candidate: Candidate, m: &Parameters) -> Candida
     if out.minor < THICK && (out.centre - saddle).norm() > ASIDE {
         out.centre = saddle;
     }
-    Candidate { outline: out, ..candidate }
+    Hypothesis { ellipse: out, ..hypothesis }
 }
 
 /// Quadrants that are narrow for their blur, with outline and edges from both together, and all parameters; `None` where they
 /// are not, or where that does not settle.
-pub fn with_rim(image: &Raster, candidate: &Candidate, m: &Parameters) -> Option<(Candidate, Parameters)> {
-    let outline = &candidate.outline;
-    if candidate.edges.is_none() || !candidate.bands.is_empty() || outline.minor > NARROW * m[BLUR] {
+pub fn with_outline(
+    image: &Raster,
+    hypothesis: &Hypothesis,
+    m: &Parameters,
+) -> Option<(Hypothesis, Parameters)> {
+    let ellipse = &hypothesis.ellipse;
+    if hypothesis.edges.is_none() || !hypothesis.bands.is_empty() || ellipse.minor > NARROW * m[BLUR] {
         return None;
     }
-    let reach = (outline.extent() * 1.5).add_scalar(BESIDE);
-    let skin = skin(image, outline.centre - reach, outline.centre + reach)? as f64;
+    let reach = (ellipse.extent() * 1.5).add_scalar(BESIDE);
+    let skin = skin(image, ellipse.centre - reach, ellipse.centre + reach)? as f64;
     let centre = Vector2::new(m[X], m[Y]);
-    let centred = Candidate { outline: Outline { centre, ..*outline }, ..candidate.clone() };
+    let centred = Hypothesis { ellipse: Ellipse { centre, ..*ellipse }, ..hypothesis.clone() };
     let start = outlined_quadrants::start(&centred, m, skin)?;
     outlined_quadrants::refined(image, &centred, start, (m[BLUR], SAME_BLUR * m[BLUR]))
 }
 
 /// Quadrants whose two black parts were seen against thresholds so different that one is much larger, seen once more
 /// against one; `None` where they are alike.
-pub fn at_one_level(image: &Raster, candidate: &Candidate, blobs: &[Blob]) -> Option<Candidate> {
-    let [one, other] = candidate.blobs[..] else { return None };
+pub fn at_one_level(image: &Raster, hypothesis: &Hypothesis, blobs: &[Blob]) -> Option<Hypothesis> {
+    let [one, other] = hypothesis.blobs[..] else { return None };
     let ratio = blobs.get(one)?.area / blobs.get(other)?.area;
-    let seen_together = candidate.edges.is_none() || candidate.against_skin.is_some();
+    let seen_together = hypothesis.edges.is_none() || hypothesis.against_skin.is_some();
     if seen_together || (1.0 / UNEQUAL..UNEQUAL).contains(&ratio) {
         return None;
     }
-    let outline = &candidate.outline;
-    let counts = Counts::of(inside(image, outline));
+    let ellipse = &hypothesis.ellipse;
+    let counts = Histogram::of(inside(image, ellipse));
     let (black, white) = (counts.at(counts.total() / 10)?, counts.at(counts.total() * 9 / 10)?);
-    let own = blob::dark_parts(image, outline, 0.0, black.midpoint(white) as u8);
+    let own = blob::dark_parts(image, ellipse, 0.0, black.midpoint(white) as u8);
     let found = moments::quadrants(&[0, 1], &own)?;
-    Some(Candidate { blobs: candidate.blobs.clone(), ..found })
+    Some(Hypothesis { blobs: hypothesis.blobs.clone(), ..found })
 }
 
 /// Grey values of the pixels within an outline.
-pub fn inside(image: &Raster, outline: &Outline) -> impl Iterator<Item = u8> {
-    let rows = Oval::new(outline).grown(0.0);
-    let (reach, centre) = (outline.extent().y, outline.centre.y);
+pub fn inside(image: &Raster, ellipse: &Ellipse) -> impl Iterator<Item = u8> {
+    let rows = EllipseFrame::new(ellipse).grown(0.0);
+    let (reach, centre) = (ellipse.extent().y, ellipse.centre.y);
     let area = [0, 0, image.width() - 1, image.height() - 1];
     let lines = (centre - reach).max(0.0) as usize..(centre + reach).max(0.0) as usize + 1;
     lines.flat_map(move |y| {
@@ -103,29 +107,29 @@ pub fn inside(image: &Raster, outline: &Outline) -> impl Iterator<Item = u8> {
 
 /// The skin's grey value in a box of which a marker takes less than half.
 pub fn skin(image: &Raster, low: Vector2<f64>, high: Vector2<f64>) -> Option<usize> {
-    Counts::of(image.part(low, high, 2).map(|(_, _, value)| value)).middle()
+    Histogram::of(image.part(low, high, 2).map(|(_, _, value)| value)).middle()
 }
 
 /// Half the length of quadrants' white along their outline's axis, px, which is the whole marker's: of a flat marker blur
 /// takes the thin ends of the black, where the white is thickest.
-fn length_of_white(image: &Raster, outline: &Outline, m: &Parameters) -> Option<f64> {
-    if outline.minor > THICK {
+fn length_of_white(image: &Raster, ellipse: &Ellipse, m: &Parameters) -> Option<f64> {
+    if ellipse.minor > THICK {
         return None;
     }
     let centre = Vector2::new(m[X], m[Y]);
-    let reach = outline.extent() * 2.2;
+    let reach = ellipse.extent() * 2.2;
     let (low, high) = (centre - reach, centre + reach);
     let skin = skin(image, low, high)? as f64;
     let level = 0.5 * (skin + m[LIGHT]);
     if m[LIGHT] - skin < WHITER * contrast(m) {
         return None;
     }
-    let own = |s: f64, t: f64| s.abs() < 2.2 * outline.major && t.abs() < outline.minor + 2.0;
-    let place = |at: Vector2<f64>| Outline { centre, ..*outline }.local(at);
+    let own = |s: f64, t: f64| s.abs() < 2.2 * ellipse.major && t.abs() < ellipse.minor + 2.0;
+    let place = |at: Vector2<f64>| Ellipse { centre, ..*ellipse }.local(at);
     let (mut least, mut most) = (0.0f64, 0.0f64);
     for blob in blob::lighter_than(image, low, high, level.clamp(0.0, 254.0) as u8) {
         let (s, t) = place(blob.centroid);
-        if !own(s, t) || blob.area < 0.05 * outline.major * outline.minor {
+        if !own(s, t) || blob.area < 0.05 * ellipse.major * ellipse.minor {
             continue;
         }
         for &[y, from, to] in &blob.runs {
@@ -135,8 +139,8 @@ fn length_of_white(image: &Raster, outline: &Outline, m: &Parameters) -> Option<
             }
         }
     }
-    let even = least < -0.7 * outline.major
-        && most > 0.7 * outline.major
+    let even = least < -0.7 * ellipse.major
+        && most > 0.7 * ellipse.major
         && most < -1.25 * least
         && -least < 1.25 * most;
     even.then_some(0.5 * (most - least))

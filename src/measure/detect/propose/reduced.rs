@@ -2,20 +2,20 @@
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::raster::Raster;
 
 /// Semi-minor axis of what is large, and of its smaller picture, px.
 const LARGE: f64 = 24.0;
 const SMALL: f64 = 12.0;
 
-/// A picture of a candidate, smaller by a whole factor.
+/// A picture of a hypothesis, smaller by a whole factor.
 pub struct Reduced {
     /// Means of squares.
     pub image: Raster,
-    /// The candidate in it.
-    pub candidate: Candidate,
+    /// The hypothesis in it.
+    pub hypothesis: Hypothesis,
     corner: Vector2<f64>,
     factor: f64,
 }
@@ -23,17 +23,17 @@ pub struct Reduced {
 impl Reduced {
     /// Of large quadrants; `None` of others. Where they are near, the centre of their outline is not that of the target, and the
     /// first crossing is farther off than its edges' pixels are looked for: less so in a smaller picture.
-    pub fn of(image: &Raster, candidate: &Candidate) -> Option<Self> {
-        let outline = &candidate.outline;
-        if candidate.edges.is_none() || outline.minor < LARGE {
+    pub fn of(image: &Raster, hypothesis: &Hypothesis) -> Option<Self> {
+        let ellipse = &hypothesis.ellipse;
+        if hypothesis.edges.is_none() || ellipse.minor < LARGE {
             return None;
         }
-        let step = (outline.minor / SMALL) as usize;
+        let step = (ellipse.minor / SMALL) as usize;
         let factor = step as f64;
-        let reach = outline.extent() * 1.2;
-        let corner = (outline.centre - reach).map(|v| v.max(0.0).floor());
+        let reach = ellipse.extent() * 1.2;
+        let corner = (ellipse.centre - reach).map(|v| v.max(0.0).floor());
         let most = Vector2::new(image.width() as f64, image.height() as f64);
-        let size = ((outline.centre + reach).inf(&most) - corner).map(|v| (v / factor).max(0.0) as usize);
+        let size = ((ellipse.centre + reach).inf(&most) - corner).map(|v| (v / factor).max(0.0) as usize);
         let (x0, y0) = (corner.x as usize, corner.y as usize);
         let mean = |i: usize, j: usize| {
             let rows = (0..step).map(|k| image.row(y0 + j * step + k));
@@ -43,12 +43,16 @@ impl Reduced {
         };
         let means =
             (0..size.y).flat_map(|j| (0..size.x).map(move |i| (i, j))).map(|(i, j)| mean(i, j)).collect();
-        let mut out =
-            Self { image: Raster::new(size.x, size.y, means)?, candidate: candidate.clone(), corner, factor };
+        let mut out = Self {
+            image: Raster::new(size.x, size.y, means)?,
+            hypothesis: hypothesis.clone(),
+            corner,
+            factor,
+        };
         // What hides quadrants lies in the large picture.
-        out.candidate.bands.clear();
-        let (major, minor) = (outline.major / factor, outline.minor / factor);
-        out.candidate.outline = Outline { centre: out.place(outline.centre), major, minor, ..*outline };
+        out.hypothesis.bands.clear();
+        let (major, minor) = (ellipse.major / factor, ellipse.minor / factor);
+        out.hypothesis.ellipse = Ellipse { centre: out.place(ellipse.centre), major, minor, ..*ellipse };
         Some(out)
     }
 

@@ -6,12 +6,12 @@ use crate::measure::detect::accept::found::Found;
 use crate::measure::detect::accept::verdict::Measured;
 use crate::measure::detect::appearance::parameters::Pattern;
 use crate::measure::detect::attempt::measure::{Bounds, measure};
-use crate::measure::detect::attempt::whole::{Whole, looks_cut};
+use crate::measure::detect::attempt::whole::{WholeDiscs, looks_cut};
 use crate::measure::detect::detection::RejectReason;
-use crate::measure::detect::estimate::prior::usual_dark;
-use crate::measure::detect::hypothesis::candidate::Candidate;
+use crate::measure::detect::estimate::prior::darkness_leaving;
+use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::hypothesis::neighbours;
-use crate::measure::detect::hypothesis::prior::{Foretold, Like};
+use crate::measure::detect::hypothesis::prior::{EdgePrior, SizePrior};
 use crate::measure::detect::image::histogram::middle;
 use crate::measure::detect::propose::moments;
 use crate::measure::detect::segment::background::{Coarse, Region};
@@ -21,7 +21,7 @@ use crate::measure::setup::Shape;
 
 /// Least share of a disc's length that must be seen of it.
 const SEEN: f64 = 0.4;
-/// Standard deviations of the size that discs about it foretell beyond which a disc is another thing.
+/// Standard deviations of the size that discs about it predict beyond which a disc is another thing.
 pub const UNLIKE: f64 = 4.0;
 /// The same where a disc is so thin that it tells little more than that size.
 const UNLIKE_THIN: f64 = 2.5;
@@ -38,15 +38,15 @@ const THIN: f64 = 3.0;
 /// Measures discs that are hidden in part once more, when the whole ones about them have told how
 /// large they are; also those of which too little was seen before. One of quite another size is turned down: something
 /// else passes for its hidden end.
-pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usize>, Candidate)>) {
+pub fn revise_with_size(known: &WholeDiscs, found: &mut Found, hidden: Vec<(Option<usize>, Hypothesis)>) {
     let mut wrong: Vec<usize> = Vec::new();
     let bounds = Bounds { through_glare: true, ..known.bounds };
-    for (index, mut candidate) in hidden {
-        let Some((major, deviation)) = foretold_major(found, index, candidate.outline.centre) else {
+    for (index, mut hypothesis) in hidden {
+        let Some((major, deviation)) = predicted_major(found, index, hypothesis.ellipse.centre) else {
             // What glare lies over may show as a whole.
             let slot = index.and_then(|i| found.measured.get_mut(i));
             if slot.as_ref().is_none_or(|slot| !slot.is_sure()) {
-                let shown = measure(known.image, known.blobs, &candidate, bounds).ok();
+                let shown = measure(known.image, known.blobs, &hypothesis, bounds).ok();
                 match (shown.filter(|m| m.through_glare), slot) {
                     (Some(shown), Some(slot)) => *slot = shown,
                     (shown, _) => found.measured.extend(shown),
@@ -55,18 +55,18 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
             continue;
         };
         // The end that is seen stays where it is.
-        for band in &candidate.bands {
-            let longer = band.axis * (major - candidate.outline.major);
-            candidate.outline.centre += match (band.from.is_finite(), band.to.is_finite()) {
+        for band in &hypothesis.bands {
+            let longer = band.axis * (major - hypothesis.ellipse.major);
+            hypothesis.ellipse.centre += match (band.from.is_finite(), band.to.is_finite()) {
                 (true, false) => longer,
                 (false, true) => -longer,
                 _ => Vector2::zeros(),
             };
         }
-        candidate.outline.major = major;
-        candidate.foretold = Some(Foretold::of_major((major, deviation)));
+        hypothesis.ellipse.major = major;
+        hypothesis.foretold = Some(SizePrior::of_major((major, deviation)));
         let like = |m: &Measured| is_as_long(m, (major, deviation), UNLIKE);
-        let again = measure(known.image, known.blobs, &candidate, bounds).ok().filter(like);
+        let again = measure(known.image, known.blobs, &hypothesis, bounds).ok().filter(like);
         let slot = index.and_then(|i| found.measured.get_mut(i));
         // Whole discs may lie beside what is saturated.
         if slot.as_ref().is_some_and(|slot| slot.is_whole && slot.is_sure() && like(slot)) {
@@ -85,39 +85,39 @@ pub fn again_with_size(known: &Whole, found: &mut Found, hidden: Vec<(Option<usi
 }
 
 /// Whether a thin marker may be turned down so only because it does not tell blur and thickness apart.
-pub fn is_unsure(reason: RejectReason, candidate: &Candidate) -> bool {
+pub fn is_unsure(reason: RejectReason, hypothesis: &Hypothesis) -> bool {
     use RejectReason::{NoConvergence, NotAnEllipse, TooSmall, Uncertain};
     match reason {
         NoConvergence | NotAnEllipse | Uncertain => true,
-        TooSmall => candidate.pattern == Pattern::Disc,
+        TooSmall => hypothesis.pattern == Pattern::Disc,
         _ => false,
     }
 }
 
 /// Measures what is about as thin as the blur once more, when the markers about it have told blur and darkness. Discs also
-/// need to be as long as those about them foretell.
-pub fn again_with_like(known: &Whole, found: &mut Found, unsure: Vec<Candidate>) {
-    for mut candidate in unsure {
-        let outline = candidate.outline;
-        if found.holds(outline.centre) {
+/// need to be as long as those about them predict.
+pub fn revise_with_edge_prior(known: &WholeDiscs, found: &mut Found, unsure: Vec<Hypothesis>) {
+    for mut hypothesis in unsure {
+        let ellipse = hypothesis.ellipse;
+        if found.holds(ellipse.centre) {
             continue;
         }
-        candidate.like = like(found, outline.centre).filter(|like| outline.minor < THIN * like.blur.0);
-        if candidate.like.is_none() {
+        hypothesis.like = like(found, ellipse.centre).filter(|like| ellipse.minor < THIN * like.blur.0);
+        if hypothesis.like.is_none() {
             continue;
         }
         let mut size = None;
-        if candidate.pattern == Pattern::Disc {
-            size = foretold_major(found, None, outline.centre);
-            size = size.filter(|(major, _)| outline.major > SEEN * major);
+        if hypothesis.pattern == Pattern::Disc {
+            size = predicted_major(found, None, ellipse.centre);
+            size = size.filter(|(major, _)| ellipse.major > SEEN * major);
             let Some((major, deviation)) = size else { continue };
-            candidate.outline.major = major;
-            candidate.foretold = Some(Foretold::of_major((major, deviation)));
+            hypothesis.ellipse.major = major;
+            hypothesis.foretold = Some(SizePrior::of_major((major, deviation)));
         }
-        let measured = measure(known.image, known.blobs, &candidate, known.bounds).ok();
+        let measured = measure(known.image, known.blobs, &hypothesis, known.bounds).ok();
         let sure = |m: &Measured| size.is_none_or(|size| is_as_long(m, size, UNLIKE_THIN));
         if let Some(measured) = measured.filter(sure) {
-            let own = measured.detection.outline();
+            let own = measured.detection.ellipse();
             found.rejected.retain(|r| !own.holds(r.centre_px));
             found.measured.push(measured);
         }
@@ -125,11 +125,11 @@ pub fn again_with_like(known: &Whole, found: &mut Found, unsure: Vec<Candidate>)
 }
 
 /// Measures discs in regions whose background is uneven, seen against one level, where nothing else was found.
-pub fn with_uneven(
-    known: &Whole,
+pub fn find_against_one_level(
+    known: &WholeDiscs,
     found: &mut Found,
     (seen, coarse, regions): (&Raster, &Coarse, &[Region]),
-    wanted: impl Fn(&Candidate) -> bool,
+    wanted: impl Fn(&Hypothesis) -> bool,
 ) {
     for region in regions {
         if found.holds(region.middle(coarse.factor)) {
@@ -147,21 +147,21 @@ pub fn with_uneven(
 }
 
 /// The semi-major axis of a disc at a place and its standard deviation, px, from all that was found but itself.
-pub fn foretold_major(found: &Found, own: Option<usize>, at: Vector2<f64>) -> Option<(f64, f64)> {
+pub fn predicted_major(found: &Found, own: Option<usize>, at: Vector2<f64>) -> Option<(f64, f64)> {
     let others = found.measured.iter().enumerate().filter(|(i, _)| Some(*i) != own);
-    neighbours::foretold_major(others.map(|(_, m)| &m.detection), at)
+    neighbours::predicted_major(others.map(|(_, m)| &m.detection), at)
 }
 
-/// Where a thin disc is longer or shorter than those about it foretell, something at one of its ends passes for a part of
+/// Where a thin disc is longer or shorter than those about it predict, something at one of its ends passes for a part of
 /// it: the centre may be off along the axis by as much, which its standard deviation then says. What is off by a good part
 /// of its length is none of them.
-pub fn doubt_unlike(found: &mut Found) {
+pub fn inflate_unlike(found: &mut Found) {
     const NONE: f64 = 0.25;
-    let doubts: Vec<f64> = (found.measured.iter().enumerate())
+    let inflations: Vec<f64> = (found.measured.iter().enumerate())
         .map(|(i, own)| {
             let d = &own.detection;
             let thin = d.shape == Shape::Circle && d.semi_minor_px < THIN * own.blur;
-            let size = if thin { foretold_major(found, Some(i), d.centre_px) } else { None };
+            let size = if thin { predicted_major(found, Some(i), d.centre_px) } else { None };
             let Some((major, deviation)) = size else { return 0.0 };
             let longer = (d.semi_major_px - major).powi(2);
             let chance = own.length.powi(2) + deviation * deviation;
@@ -169,16 +169,18 @@ pub fn doubt_unlike(found: &mut Found) {
         })
         .collect();
     let mut none = Vec::new();
-    for (i, (Measured { detection: own, .. }, doubt)) in found.measured.iter_mut().zip(doubts).enumerate() {
-        let axis = own.outline().axis();
-        own.covariance_px2 += axis * axis.transpose() * doubt;
-        none.extend((doubt > (NONE * own.semi_major_px).powi(2)).then_some(i));
+    for (i, (Measured { detection: own, .. }, inflation)) in
+        found.measured.iter_mut().zip(inflations).enumerate()
+    {
+        let axis = own.ellipse().axis();
+        own.covariance_px2 += axis * axis.transpose() * inflation;
+        none.extend((inflation > (NONE * own.semi_major_px).powi(2)).then_some(i));
     }
     found.turn_down_these(RejectReason::Uncertain, &none);
 }
 
 /// What the markers nearest to a place tell of an edge, where there are some.
-fn like(found: &Found, at: Vector2<f64>) -> Option<Like> {
+fn like(found: &Found, at: Vector2<f64>) -> Option<EdgePrior> {
     let mut near: Vec<&Measured> = found.measured.iter().collect();
     if near.len() < ENOUGH {
         return None;
@@ -188,11 +190,11 @@ fn like(found: &Found, at: Vector2<f64>) -> Option<Like> {
     near.truncate(ENOUGH);
     let blur = middle(near.iter().map(|m| m.blur).collect())?;
     let darkness = middle(near.iter().map(|m| m.darkness).collect())?;
-    let dark = usual_dark((1.0 - darkness).max(0.0));
-    Some(Like { blur: (blur, SAME_BLUR * blur), dark: (dark, SAME_DARK) })
+    let dark = darkness_leaving((1.0 - darkness).max(0.0));
+    Some(EdgePrior { blur: (blur, SAME_BLUR * blur), dark: (dark, SAME_DARK) })
 }
 
-/// Whether a disc is as long as was foretold with some deviation, px, to so many of them.
+/// Whether a disc is as long as was predicted with some deviation, px, to so many of them.
 pub fn is_as_long(disc: &Measured, (major, deviation): (f64, f64), most: f64) -> bool {
     (disc.detection.semi_major_px - major).abs() < most * deviation
 }

@@ -1,4 +1,4 @@
-//! Markers whose outline the orientation foretells. Where glare drowns an end, or where a disc is as thin as the
+//! Markers whose outline the orientation predicts. Where glare drowns an end, or where a disc is as thin as the
 //! blur, size and place are told badly together; with the surveyed diameter at the known distance only the place is sought.
 //! Quadrants that glare cuts may look like none any more; within their outline the edges that are seen tell the crossing.
 
@@ -9,9 +9,9 @@ use crate::measure::detect::accept::{correlated, dirt};
 use crate::measure::detect::appearance::parameters::Pattern;
 use crate::measure::detect::attempt::measure::{Bounds, measure};
 use crate::measure::detect::detection::{Detection, Detections, Prediction, by_place};
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::hypothesis::prior::{Foretold, Like, Slope};
-use crate::measure::detect::image::ellipse::{Outline, half_turn};
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::hypothesis::prior::{EdgePrior, SizePrior, Slope};
+use crate::measure::detect::image::ellipse::{Ellipse, half_turn};
 use crate::measure::detect::image::histogram::middle;
 use crate::measure::detect::occlusion::decal::ROWS;
 use crate::measure::detect::occlusion::glare;
@@ -30,14 +30,14 @@ pub struct Expected {
 
 /// Sum of a place's variances from which on a disc is looked at again, px^2.
 pub const UNSURE_PX2: f64 = 0.04;
-/// The same of a disc over which another one's sheet may lie: it is less sure than it looks.
+/// The same of a disc over which another one's decal may lie: it is less sure than it looks.
 const HIDDEN_PX2: f64 = 0.01;
-/// The same up to which a disc tells how the foretold sizes fail.
+/// The same up to which a disc tells how the predicted sizes fail.
 const SURE: f64 = 0.08;
 /// Discs that tell it at least, and how many of those alike tell what the skin's slope does.
 const ENOUGH: usize = 3;
 const LIKE: usize = 5;
-/// How far foretold sizes fail at least, as shares: the major axis is the diameter over the distance, and prints differ; the
+/// How far predicted sizes fail at least, as shares: the major axis is the diameter over the distance, and prints differ; the
 /// minor and the direction follow the skin's slope, which a bending wing changes; and the major where nothing tells it.
 const MAJOR: f64 = 0.0015;
 const MINOR: f64 = 0.03;
@@ -49,7 +49,7 @@ const NEAR: f64 = 4.0;
 const ALIKE: f64 = 4.0;
 /// Share of the former variances from which on a disc is taken for hidden that may be seen as a whole.
 const SURER: f64 = 0.5;
-/// Standard deviations by which a size differs from the foretold one that say that something is wrong.
+/// Standard deviations by which a size differs from the predicted one that say that something is wrong.
 const UNLIKE: f64 = 3.0;
 /// Share of quadrants that is surely theirs, wherever the skin slopes a little otherwise.
 const INNER: f64 = 0.75;
@@ -66,14 +66,14 @@ const SOFTER: f64 = 2.5;
 const THIN: f64 = 3.0;
 const SAME_BLUR: f64 = 0.1;
 
-/// How the foretold sizes fail: each a usual ratio, or difference, and its deviation.
+/// How the predicted sizes fail: each a usual ratio, or difference, and its deviation.
 struct Sizes {
     major: (f64, f64),
     minor: (f64, f64),
     angle: (f64, f64),
 }
 
-/// The frame's sure discs, as foretold and as found.
+/// The frame's sure discs, as predicted and as found.
 struct Sure(Vec<(Prediction, Detection)>);
 
 impl Sure {
@@ -83,7 +83,7 @@ impl Sure {
         Self(expected.iter().filter_map(pair).filter(sure).collect())
     }
 
-    /// How the sizes of a marker fail: the major axis as all discs tell, the others as those do that are foretold in about the
+    /// How the sizes of a marker fail: the major axis as all discs tell, the others as those do that are predicted in about the
     /// same direction, for they follow the skin's slope, which is another at the leading edge than at the trailing one.
     fn sizes(&self, expected: &Prediction) -> Sizes {
         let mut like: Vec<_> = self.0.iter().collect();
@@ -108,61 +108,61 @@ impl Sure {
 }
 
 impl Sizes {
-    /// The candidate of an expected disc, with glare reaching so much farther than it is seen (`FRINGES`), and of quadrants if
+    /// The hypothesis of an expected disc, with glare reaching so much farther than it is seen (`FRINGES`), and of quadrants if
     /// glare lies over them: what else hides them is not known.
-    fn candidate(&self, image: &Raster, expected: &Prediction, fringe: f64) -> Option<Candidate> {
-        let outline = expected.outline()?;
-        let (major, minor) = (self.major.0 * outline.major, self.minor.0 * outline.minor);
-        let outline = Outline { major, minor, angle: half_turn(outline.angle + self.angle.0), ..outline };
-        let (bands, candidate) = match expected.shape {
+    fn hypothesis(&self, image: &Raster, expected: &Prediction, fringe: f64) -> Option<Hypothesis> {
+        let ellipse = expected.ellipse()?;
+        let (major, minor) = (self.major.0 * ellipse.major, self.minor.0 * ellipse.minor);
+        let ellipse = Ellipse { major, minor, angle: half_turn(ellipse.angle + self.angle.0), ..ellipse };
+        let (bands, hypothesis) = match expected.shape {
             Shape::Circle => {
-                let bands = glare::lit(image, &outline, glare::BEGINS, fringe);
-                (bands, Candidate::of(Pattern::Disc, outline, Vec::new()))
+                let bands = glare::lit(image, &ellipse, glare::BEGINS, fringe);
+                (bands, Hypothesis::of(Pattern::Disc, ellipse, Vec::new()))
             }
             Shape::Quadrant => {
                 // White must not pass for lit skin.
-                let beside = Outline { minor: outline.minor + ASIDE, ..outline };
+                let beside = Ellipse { minor: ellipse.minor + ASIDE, ..ellipse };
                 let bands = glare::lit_slanting(image, &beside, BLINDS);
                 if bands.is_empty() {
                     return None;
                 }
-                let (major, minor) = (INNER * outline.major, INNER * outline.minor);
-                let candidate = quadrant_edges::placed(&Outline { major, minor, ..outline }, image, &bands)?;
-                (bands, candidate)
+                let (major, minor) = (INNER * ellipse.major, INNER * ellipse.minor);
+                let hypothesis = quadrant_edges::placed(&Ellipse { major, minor, ..ellipse }, image, &bands)?;
+                (bands, hypothesis)
             }
         };
         let slope = Slope {
-            minor: (outline.minor, self.minor.1 * expected.semi_minor_px),
-            angle: (outline.angle, self.angle.1),
+            minor: (ellipse.minor, self.minor.1 * expected.semi_minor_px),
+            angle: (ellipse.angle, self.angle.1),
         };
-        let major = (outline.major, self.major.1 * expected.semi_major_px);
-        let foretold = Foretold { major, slope: Some(slope) };
-        Some(Candidate { foretold: Some(foretold), bands, ..candidate })
+        let major = (ellipse.major, self.major.1 * expected.semi_major_px);
+        let foretold = SizePrior { major, slope: Some(slope) };
+        Some(Hypothesis { foretold: Some(foretold), bands, ..hypothesis })
     }
 
-    /// What a disc that is longer or thicker than foretold is doubted by, px^2: something beside an edge passes for a part of
+    /// What a disc that is longer or thicker than predicted is doubted by, px^2: something beside an edge passes for a part of
     /// it, and the centre may be off by as much. Nothing of quadrants, whose crossing no outline tells.
-    fn doubt(&self, expected: &Prediction, disc: &Detection) -> Matrix2<f64> {
+    fn inflation(&self, expected: &Prediction, disc: &Detection) -> Matrix2<f64> {
         if disc.shape == Shape::Quadrant {
             return Matrix2::zeros();
         }
-        let outline = disc.outline();
-        let (along, across) = (outline.axis(), outline.across());
+        let ellipse = disc.ellipse();
+        let (along, across) = (ellipse.axis(), ellipse.across());
         let axes = [
             (along, disc.semi_major_px, self.major, expected.semi_major_px),
             (across, disc.semi_minor_px, self.minor, expected.semi_minor_px),
         ];
-        let doubt = |(axis, size, (ratio, deviation), foretold): (Vector2<f64>, f64, (f64, f64), f64)| {
+        let inflation = |(axis, size, (ratio, deviation), foretold): (Vector2<f64>, f64, (f64, f64), f64)| {
             // Both ends tell the size as well as the centre.
             let chance = axis.dot(&(disc.covariance_px2 * axis)) + (deviation * foretold).powi(2);
             let off = (size - ratio * foretold).powi(2);
             axis * axis.transpose() * if off > UNLIKE * UNLIKE * chance { off - chance } else { 0.0 }
         };
-        axes.into_iter().map(doubt).sum()
+        axes.into_iter().map(inflation).sum()
     }
 }
 
-/// Measures the expected discs that were not found, or whose place is told badly, once more with the size that is foretold,
+/// Measures the expected discs that were not found, or whose place is told badly, once more with the size that is predicted,
 /// and quadrants that were not found where glare lies over them; whether that is better for any. The markers stay in order.
 pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]) -> bool {
     let Some(psf) = found.psf_sigma_px else { return false };
@@ -182,45 +182,46 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
             continue;
         }
         let sizes = sure.sizes(prediction);
-        // Of one that is sure enough only a sheet is asked for.
+        // Of one that is sure enough only a decal is asked for.
         let fringes = if surer(least) { &FRINGES[1..] } else { &FRINGES[..] };
-        let candidates = fringes.iter().filter_map(|fringe| sizes.candidate(image, prediction, *fringe));
-        let mut candidates: Vec<Candidate> = candidates.collect();
-        candidates.dedup();
+        let hypotheses = fringes.iter().filter_map(|fringe| sizes.hypothesis(image, prediction, *fringe));
+        let mut hypotheses: Vec<Hypothesis> = hypotheses.collect();
+        hypotheses.dedup();
         // Only where it does not look whole is it taken for hidden.
         let others = found.markers.iter().enumerate().filter(|(i, _)| Some(*i) != *own);
-        let others: Vec<Outline> = others.map(|(_, d)| d.outline()).collect();
-        let hidden = candidates.last().and_then(|last| decal_cut::beside(image, last, &others, ROWS, psf));
-        candidates.retain(|_| !surer(least));
-        candidates.extend(hidden);
-        let answer = candidates.into_iter().find_map(|mut candidate| {
-            if prediction.shape == Shape::Circle && candidate.outline.minor < THIN * psf {
-                candidate.like = Some(Like { blur: (psf, SAME_BLUR * psf), dark: (0.7, f64::INFINITY) });
+        let others: Vec<Ellipse> = others.map(|(_, d)| d.ellipse()).collect();
+        let hidden = hypotheses.last().and_then(|last| decal_cut::beside(image, last, &others, ROWS, psf));
+        hypotheses.retain(|_| !surer(least));
+        hypotheses.extend(hidden);
+        let answer = hypotheses.into_iter().find_map(|mut hypothesis| {
+            if prediction.shape == Shape::Circle && hypothesis.ellipse.minor < THIN * psf {
+                hypothesis.like =
+                    Some(EdgePrior { blur: (psf, SAME_BLUR * psf), dark: (0.7, f64::INFINITY) });
             }
-            let mut measured = measure(image, &[], &candidate, bounds).ok()?;
-            correlated::raise(&mut measured, found.clumping);
-            dirt::doubt(image, &mut measured, &others);
+            let mut measured = measure(image, &[], &hypothesis, bounds).ok()?;
+            correlated::raise(&mut measured, found.inflation);
+            dirt::inflate(image, &mut measured, &others);
             if prediction.shape == Shape::Quadrant {
                 measured.detection.semi_major_px /= INNER;
                 measured.detection.semi_minor_px /= INNER;
             }
-            measured.detection.covariance_px2 += sizes.doubt(prediction, &measured.detection);
+            measured.detection.covariance_px2 += sizes.inflation(prediction, &measured.detection);
             let centre = measured.detection.centre_px;
             // It may have been found and left without a name.
             let named = own.is_some();
-            let own = own.or_else(|| found.markers.iter().position(|d| d.outline().outwards(centre) < 0.5));
+            let own = own.or_else(|| found.markers.iter().position(|d| d.ellipse().outwards(centre) < 0.5));
             let old = own.and_then(|i| found.markers.get(i)).map(|old| {
-                // What has another size than foretold may have another place too.
-                let covariance_px2 = old.covariance_px2 + sizes.doubt(prediction, old);
+                // What has another size than predicted may have another place too.
+                let covariance_px2 = old.covariance_px2 + sizes.inflation(prediction, old);
                 Detection { covariance_px2, ..old.clone() }
             });
             let near = (centre - prediction.centre_px).norm() < most;
-            let whole = candidate.hidden.is_empty();
+            let whole = hypothesis.hidden.is_empty();
             let surer = if whole { 1.0 } else { SURER };
             let better =
                 near && old.as_ref().is_none_or(|old| is_better(&measured.detection, old, surer, named));
             if let (false, true, Some(i), Some(old)) = (better, near && whole, own, &old) {
-                unlike.extend(disagreement(&measured.detection, old).map(|doubt| (i, doubt)));
+                unlike.extend(disagreement(&measured.detection, old).map(|inflation| (i, inflation)));
             }
             better.then_some((own, measured))
         });
@@ -228,28 +229,28 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
     }
     let changed = !new.is_empty();
     // Else another look decides.
-    for (i, doubt) in unlike.into_iter().filter(|_| !changed) {
+    for (i, inflation) in unlike.into_iter().filter(|_| !changed) {
         if let Some(old) = found.markers.get_mut(i) {
-            old.covariance_px2 += doubt;
+            old.covariance_px2 += inflation;
         }
     }
     for Expected { prediction, found: own } in expected {
         if let Some(disc) = own.and_then(|i| found.markers.get_mut(i)) {
-            disc.covariance_px2 += sure.sizes(prediction).doubt(prediction, disc);
+            disc.covariance_px2 += sure.sizes(prediction).inflation(prediction, disc);
         }
     }
-    let mut quadrants: Vec<Outline> = Vec::new();
+    let mut quadrants: Vec<Ellipse> = Vec::new();
     for (own, measured) in new {
-        let outline = measured.detection.outline();
-        found.rejected.retain(|r| !outline.holds(r.centre_px));
-        quadrants.extend((measured.detection.shape == Shape::Quadrant).then_some(outline));
+        let ellipse = measured.detection.ellipse();
+        found.rejected.retain(|r| !ellipse.holds(r.centre_px));
+        quadrants.extend((measured.detection.shape == Shape::Quadrant).then_some(ellipse));
         match own.and_then(|i| found.markers.get_mut(i)) {
             Some(old) => *old = measured.detection,
             None => found.markers.push(measured.detection),
         }
     }
     // A black part of them may have passed for a disc.
-    let part = |d: &Detection, q: &Outline| q.centre != d.centre_px && q.holds(d.centre_px);
+    let part = |d: &Detection, q: &Ellipse| q.centre != d.centre_px && q.holds(d.centre_px);
     found.markers.retain(|d| !quadrants.iter().any(|q| part(d, q)));
     found.markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     changed

@@ -1,22 +1,22 @@
-//! Discs over which the sheet of one beside them lies, measured once more when that one is known.
+//! Discs over which the decal of one beside them lies, measured once more when that one is known.
 
 use nalgebra::Matrix2;
 
-use super::neighbours::{UNLIKE, foretold_major, is_as_long};
+use super::neighbours::{UNLIKE, is_as_long, predicted_major};
 use crate::measure::detect::accept::found::Found;
 use crate::measure::detect::accept::verdict::Measured;
 use crate::measure::detect::attempt::measure::measure;
-use crate::measure::detect::attempt::whole::Whole;
+use crate::measure::detect::attempt::whole::WholeDiscs;
 use crate::measure::detect::detection::RejectReason;
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::occlusion::decal;
 use crate::measure::detect::occlusion::decal::ROWS;
 use crate::measure::detect::propose::decal_cut;
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::setup::Shape;
 
-/// A disc whose sheet may hide one beside it: how far it may be, in semi-major axes; its size and contrast over the other's at
+/// A disc whose decal may hide one beside it: how far it may be, in semi-major axes; its size and contrast over the other's at
 /// most; and the least share of its area that must be left of the other.
 const BESIDE_IT: f64 = 1.5;
 const SAME_SIZE: f64 = 1.1;
@@ -37,7 +37,7 @@ const MOST_DOUBT: f64 = 2.0;
 struct Part<'a> {
     blob: &'a Blob,
     index: usize,
-    /// The disc beside it, whose sheet may hide it.
+    /// The disc beside it, whose decal may hide it.
     like: &'a Measured,
     /// Its semi-major axis and the standard deviation of that, px.
     size: (f64, f64),
@@ -46,7 +46,7 @@ struct Part<'a> {
 }
 
 impl Part<'_> {
-    /// Whether a disc is too thin beside that one: what a sheet leaves that ends along a disc looks like a thinner one.
+    /// Whether a disc is too thin beside that one: what a decal leaves that ends along a disc looks like a thinner one.
     fn is_thin(&self, m: &Measured) -> bool {
         flatness(m) < THINNER * flatness(self.like)
     }
@@ -65,17 +65,19 @@ impl Part<'_> {
         better
             && is_as_long(new, self.size, UNLIKE)
             && same(new.detection.contrast, self.like.detection.contrast, SAME_CONTRAST)
-            && !self.like.detection.outline().holds(new.detection.centre_px)
+            && !self.like.detection.ellipse().holds(new.detection.centre_px)
     }
 
-    /// What the sheet leaves of the disc, if it lies along rows or along the line in which the blob ends.
-    fn measured(&self, known: &Whole, wanted: impl Fn(&Candidate) -> bool) -> Option<Measured> {
-        let beside = self.like.detection.outline();
+    /// What the decal leaves of the disc, if it lies along rows or along the line in which the blob ends.
+    fn measured(&self, known: &WholeDiscs, wanted: impl Fn(&Hypothesis) -> bool) -> Option<Measured> {
+        let beside = self.like.detection.ellipse();
         let under = |axis| {
-            let candidate =
+            let hypothesis =
                 decal_cut::under(known.image, self.blob, &beside, axis, self.size, self.like.blur)?;
-            let candidate = Some(Candidate { blobs: vec![self.index], ..candidate }).filter(&wanted)?;
-            measure(known.image, known.blobs, &candidate, known.bounds).ok().filter(|new| self.is_better(new))
+            let hypothesis = Some(Hypothesis { blobs: vec![self.index], ..hypothesis }).filter(&wanted)?;
+            measure(known.image, known.blobs, &hypothesis, known.bounds)
+                .ok()
+                .filter(|new| self.is_better(new))
         };
         let both = [Some(ROWS), decal::cut(self.blob, &beside)].into_iter().flatten().filter_map(under);
         both.min_by(|a, b| a.detection.fit_rms.total_cmp(&b.detection.fit_rms))
@@ -83,39 +85,41 @@ impl Part<'_> {
 }
 
 /// What the place of a disc is doubted by, px^2, that is too thin beside another one: it may lie as far across as it is too thin.
-fn doubt_thin(thin: &Measured, like: &Measured) -> Option<(Outline, Matrix2<f64>)> {
-    let (outline, beside) = (thin.detection.outline(), like.detection.outline());
+fn inflation_of_thin(thin: &Measured, like: &Measured) -> Option<(Ellipse, Matrix2<f64>)> {
+    let (ellipse, beside) = (thin.detection.ellipse(), like.detection.ellipse());
     let least = if thin.is_whole { FAR_THINNER } else { THINNER_PART };
-    let doubted = flatness(thin) < least * flatness(like) && same(outline.major, beside.major, SAME_KIND);
-    let off = outline.across() * (flatness(like) * outline.major - outline.minor);
-    doubted.then(|| (outline, off * off.transpose()))
+    let is_far_thinner =
+        flatness(thin) < least * flatness(like) && same(ellipse.major, beside.major, SAME_KIND);
+    let off = ellipse.across() * (flatness(like) * ellipse.major - ellipse.minor);
+    is_far_thinner.then(|| (ellipse, off * off.transpose()))
 }
 
-/// Measures what the sheet of a disc leaves of one beside it, with the size that the discs about foretell and the shape of that
+/// Measures what the decal of a disc leaves of one beside it, with the size that the discs about predict and the shape of that
 /// one: a blob in which nothing was found, something of another size, or something too thin. What is too thin and cannot be
 /// told so is doubted.
-pub fn again_under_sheets(known: &Whole, found: &mut Found, wanted: impl Fn(&Candidate) -> bool) {
+pub fn revise_under_decals(known: &WholeDiscs, found: &mut Found, wanted: impl Fn(&Hypothesis) -> bool) {
     let is_disc = |m: &Measured| m.detection.shape == Shape::Circle;
-    let has_sheet = |m: &Measured| is_disc(m) && m.is_sure();
-    let reach = |m: &Measured| decal_cut::reach(&m.detection.outline());
-    let sheets: Vec<[f64; 4]> = found.measured.iter().filter(|m| has_sheet(m)).map(reach).collect();
-    let touched = |blob: &Blob| !blob.at_edge && sheets.iter().any(|sheet| decal_cut::meets(blob, sheet));
-    let mut doubts: Vec<(Outline, Matrix2<f64>)> = Vec::new();
+    let has_decal = |m: &Measured| is_disc(m) && m.is_sure();
+    let reach = |m: &Measured| decal_cut::reach(&m.detection.ellipse());
+    let decals: Vec<[f64; 4]> = found.measured.iter().filter(|m| has_decal(m)).map(reach).collect();
+    let touched = |blob: &Blob| !blob.at_edge && decals.iter().any(|decal| decal_cut::meets(blob, decal));
+    let mut inflations: Vec<(Ellipse, Matrix2<f64>)> = Vec::new();
     for (index, blob) in known.blobs.iter().enumerate().filter(|(_, blob)| touched(blob)) {
-        let own = found.measured.iter().position(|m| m.detection.outline().holds(blob.centroid));
+        let own = found.measured.iter().position(|m| m.detection.ellipse().holds(blob.centroid));
         let slot = own.and_then(|own| found.measured.get(own));
         if slot.is_some_and(|slot| !is_disc(slot)) {
             continue;
         }
         // It may have been found at two levels.
-        let others = found.measured.iter().filter(|m| !m.detection.outline().holds(blob.centroid));
-        let near = |m: &&Measured| has_sheet(m) && decal_cut::meets(blob, &reach(m));
+        let others = found.measured.iter().filter(|m| !m.detection.ellipse().holds(blob.centroid));
+        let near = |m: &&Measured| has_decal(m) && decal_cut::meets(blob, &reach(m));
         let apart = |m: &Measured| (m.detection.centre_px - blob.centroid).norm();
         let like = others.filter(near).min_by(|one, other| apart(one).total_cmp(&apart(other)));
         let Some(like) = like.filter(|m| apart(m) < BESIDE_IT * m.detection.semi_major_px) else { continue };
-        let beside = like.detection.outline();
+        let beside = like.detection.ellipse();
         let left = blob.area / (std::f64::consts::PI * beside.major * beside.minor);
-        let size = if (LEFT..1.0).contains(&left) { foretold_major(found, own, blob.centroid) } else { None };
+        let size =
+            if (LEFT..1.0).contains(&left) { predicted_major(found, own, blob.centroid) } else { None };
         let size = size.filter(|(major, _)| same(*major, beside.major, SAME_SIZE));
         let part = size.map(|size| Part {
             blob,
@@ -128,14 +132,14 @@ pub fn again_under_sheets(known: &Whole, found: &mut Found, wanted: impl Fn(&Can
             continue;
         }
         let Some(measured) = part.and_then(|part| part.measured(known, &wanted)) else {
-            doubts.extend(slot.and_then(|slot| doubt_thin(slot, like)));
+            inflations.extend(slot.and_then(|slot| inflation_of_thin(slot, like)));
             continue;
         };
-        let outline = measured.detection.outline();
-        found.rejected.retain(|r| !outline.holds(r.centre_px));
+        let ellipse = measured.detection.ellipse();
+        found.rejected.retain(|r| !ellipse.holds(r.centre_px));
         // The same part may have been seen at another level.
         let is_part = |m: &Measured| {
-            is_disc(m) && outline.holds(m.detection.centre_px) && flatness(m) < THINNER * flatness(&measured)
+            is_disc(m) && ellipse.holds(m.detection.centre_px) && flatness(m) < THINNER * flatness(&measured)
         };
         let parts = found.measured.iter().enumerate().filter(|(k, m)| Some(*k) != own && is_part(m));
         let parts: Vec<usize> = parts.map(|(k, _)| k).collect();
@@ -145,21 +149,21 @@ pub fn again_under_sheets(known: &Whole, found: &mut Found, wanted: impl Fn(&Can
         }
         found.turn_down_these(RejectReason::Duplicate, &parts);
     }
-    doubt(found, &doubts);
+    inflate(found, &inflations);
 }
 
 /// Raises the covariances of discs with some outlines, at whatever level they were seen, or turns down those that are doubted too
 /// much.
-fn doubt(found: &mut Found, doubts: &[(Outline, Matrix2<f64>)]) {
-    let is_it = |m: &Measured, outline: &Outline| {
-        let own = m.detection.outline();
-        outline.holds(own.centre) && same(own.minor, outline.minor, SAME_SIZE)
+fn inflate(found: &mut Found, inflations: &[(Ellipse, Matrix2<f64>)]) {
+    let is_it = |m: &Measured, ellipse: &Ellipse| {
+        let own = m.detection.ellipse();
+        ellipse.holds(own.centre) && same(own.minor, ellipse.minor, SAME_SIZE)
     };
     let mut none = Vec::new();
     for (i, m) in found.measured.iter_mut().enumerate() {
-        if let Some((_, doubt)) = doubts.iter().find(|(outline, _)| is_it(m, outline)) {
-            m.detection.covariance_px2 += doubt;
-            none.extend((doubt.trace() > MOST_DOUBT * MOST_DOUBT).then_some(i));
+        if let Some((_, inflation)) = inflations.iter().find(|(ellipse, _)| is_it(m, ellipse)) {
+            m.detection.covariance_px2 += inflation;
+            none.extend((inflation.trace() > MOST_DOUBT * MOST_DOUBT).then_some(i));
         }
     }
     found.turn_down_these(RejectReason::Uncertain, &none);

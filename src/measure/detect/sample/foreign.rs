@@ -2,9 +2,9 @@
 
 use super::bands::Bands;
 use crate::measure::detect::appearance::parameters::{LIGHT, Parameters, light_at};
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::image::ellipse::Outline;
-use crate::measure::detect::image::scanline::{Box, Oval, columns, row_of};
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::image::scanline::{EllipseFrame, PixelBox, columns, row_of};
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::raster::Raster;
 
@@ -13,7 +13,7 @@ const MARGIN: usize = 3;
 
 /// Pixels of an area that are not used.
 struct Mask {
-    area: Box,
+    area: PixelBox,
     marks: Option<Vec<bool>>,
 }
 
@@ -35,20 +35,20 @@ impl Mask {
 /// Pixels near others outside the disc's outline that are darker than the light by more than `limit`.
 pub fn darker(
     image: &Raster,
-    outline: &Outline,
+    ellipse: &Ellipse,
     bands: Bands,
-    area: Box,
+    area: PixelBox,
     m: &Parameters,
     limit: f64,
 ) -> Option<Vec<bool>> {
     let mut mask = Mask { area, marks: None };
-    let oval = Oval::new(outline);
+    let frame = EllipseFrame::new(ellipse);
     let reach = f64::from(bands.flat) + MARGIN as f64;
     // No pixel that is lighter than this is darker than the light anywhere near.
-    let (p, q) = (1.0 + reach / outline.major, 1.0 + reach / outline.minor);
+    let (p, q) = (1.0 + reach / ellipse.major, 1.0 + reach / ellipse.minor);
     let most = m[LIGHT] + (m[LIGHT + 1].abs() + m[LIGHT + 3].abs() * p) * p + m[LIGHT + 2].abs() * q - limit;
     let most = most.ceil().clamp(0.0, 255.0) as u8;
-    let (outer, inner) = (oval.grown(reach), oval.grown(f64::from(bands.edge) + 1.0));
+    let (outer, inner) = (frame.grown(reach), frame.grown(f64::from(bands.edge) + 1.0));
     for y in area[1]..=area[3] {
         let Some((from, to)) = row_of(&outer, y as f64) else { continue };
         let inside = row_of(&inner, y as f64).unwrap_or((to, to));
@@ -57,8 +57,8 @@ pub fn darker(
             let dark =
                 row.get(columns.clone()).is_some_and(|some| some.iter().fold(255, |l, &v| v.min(l)) < most);
             for x in columns.filter(|_| dark) {
-                let (s, t) = oval.local(x as f64, y as f64);
-                let (p, q) = (s / outline.major, t / outline.minor);
+                let (s, t) = frame.local(x as f64, y as f64);
+                let (p, q) = (s / ellipse.major, t / ellipse.minor);
                 if f64::from(row[x]) < light_at(m, p, q) - limit {
                     mask.add(y, x, x);
                 }
@@ -68,18 +68,18 @@ pub fn darker(
     mask.marks
 }
 
-/// Pixels of the area near a blob that is not the candidate's; `None` where no such blob is near.
-pub fn foreign(blobs: &[Blob], candidate: &Candidate, area: Box) -> Option<Vec<bool>> {
-    let outline = &candidate.outline;
+/// Pixels of the area near a blob that is not the hypothesis's; `None` where no such blob is near.
+pub fn foreign(blobs: &[Blob], hypothesis: &Hypothesis, area: PixelBox) -> Option<Vec<bool>> {
+    let ellipse = &hypothesis.ellipse;
     let [x0, y0, x1, y1] = area;
     let mut mask = Mask { area, marks: None };
     for (i, blob) in blobs.iter().enumerate() {
         let b = blob.bounds;
         let apart = b[0] > x1 + MARGIN || b[2] + MARGIN < x0 || b[1] > y1 + MARGIN || b[3] + MARGIN < y0;
         if apart
-            || outline.holds(blob.centroid)
-            || candidate.blobs.contains(&i)
-            || own_at_laxer_level(blobs, candidate, blob)
+            || ellipse.holds(blob.centroid)
+            || hypothesis.blobs.contains(&i)
+            || own_at_laxer_level(blobs, hypothesis, blob)
         {
             continue;
         }
@@ -91,10 +91,10 @@ pub fn foreign(blobs: &[Blob], candidate: &Candidate, area: Box) -> Option<Vec<b
     mask.marks
 }
 
-/// Whether a blob holds the candidate's own one: with a line that touches it at a laxer level.
-fn own_at_laxer_level(blobs: &[Blob], candidate: &Candidate, other: &Blob) -> bool {
+/// Whether a blob holds the hypothesis's own one: with a line that touches it at a laxer level.
+fn own_at_laxer_level(blobs: &[Blob], hypothesis: &Hypothesis, other: &Blob) -> bool {
     let middle = |blob: &Blob| blob.runs.get(blob.runs.len() / 2).copied();
-    let own = candidate.blobs.iter().filter_map(|&i| blobs.get(i)).filter_map(middle);
+    let own = hypothesis.blobs.iter().filter_map(|&i| blobs.get(i)).filter_map(middle);
     own.into_iter().any(|[y, from, to]| {
         let at = (from + to) / 2;
         other.runs.iter().any(|r| r[0] == y && (r[1]..=r[2]).contains(&at))

@@ -11,7 +11,7 @@ pub struct Pixels {
     /// Where columns and rows are counted from, px.
     pub origin: [f64; 2],
     /// Whether quadrants' outline is part of the model.
-    pub rim: bool,
+    pub outlined: bool,
     /// All of them, each kind by itself.
     pub batches: Vec<Batch>,
 }
@@ -48,7 +48,7 @@ impl Pixels {
 impl Sorter {
     /// Without pixels.
     pub fn new(pattern: Pattern, origin: [f64; 2]) -> Self {
-        let pixels = Pixels { pattern, origin, rim: false, batches: Vec::with_capacity(128) };
+        let pixels = Pixels { pattern, origin, outlined: false, batches: Vec::with_capacity(128) };
         Self { pixels, open: [Batch::new(), Batch::new(), Batch::new()] }
     }
 

@@ -11,10 +11,10 @@ use super::foreign::{darker, foreign};
 use super::pixels::Pixels;
 use super::weight::{Edges, Ruler, Taker};
 use crate::measure::detect::appearance::parameters::Parameters;
-use crate::measure::detect::hypothesis::candidate::Candidate;
-use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::line::Line;
-use crate::measure::detect::image::scanline::{Box, Oval, Rows, columns, row_of};
+use crate::measure::detect::image::scanline::{EllipseFrame, PixelBox, Rows, columns, row_of};
 use crate::measure::detect::segment::bitmask::WORD;
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::raster::Raster;
@@ -43,7 +43,7 @@ const SHARP: f64 = 1.5;
 
 /// How far from quadrants' rim pixels are used, in blurs; so is their semi-minor axis. At 1.5 there is 7 % of skin mixed in,
 /// on opposite sides alike, so that the crossing stays. Thick ones have edges enough farther in.
-fn rim(minor: f64) -> f64 {
+fn end_margin(minor: f64) -> f64 {
     (1.5 + (minor - 10.0) / 15.0).clamp(1.5, 2.5)
 }
 
@@ -116,8 +116,8 @@ type Columns = std::ops::Range<usize>;
 /// The pixels of a frame that may be used, and those of them that are not.
 struct Source<'a> {
     image: &'a Raster,
-    candidate: &'a Candidate,
-    area: Box,
+    hypothesis: &'a Hypothesis,
+    area: PixelBox,
     /// How much a pixel counts, by its place in the pattern; and which do.
     shares: [[f32; 2]; PERIOD],
     places: Places,
@@ -150,20 +150,20 @@ impl Source<'_> {
     fn hides(&self, x: usize, y: usize) -> bool {
         let [x0, y0, x1, _] = self.area;
         self.masked.as_ref().is_some_and(|m| m[(y - y0) * (x1 - x0 + 1) + x - x0])
-            || self.candidate.hides(&Vector2::new(x as f64, y as f64))
+            || self.hypothesis.hides(&Vector2::new(x as f64, y as f64))
     }
 }
 
 /// What of the frame a fit must not use.
 pub enum Masked<'a> {
-    /// Near these blobs, where they are not the candidate's.
+    /// Near these blobs, where they are not the hypothesis's.
     Blobs(&'a [Blob]),
     /// Near pixels that are darker than the light of a first fit with the same outline, by so many grey
-    /// levels. These do not depend on how the candidate was found.
+    /// levels. These do not depend on how the hypothesis was found.
     DarkerThan(Parameters, f64),
 }
 
-/// How a candidate's edges look.
+/// How a hypothesis's edges look.
 #[derive(Clone, Copy)]
 pub struct Look {
     /// Where quadrants' edges cross, px.
@@ -174,23 +174,23 @@ pub struct Look {
     pub sag: f64,
 }
 
-/// The pixels for a candidate; `None` where it lies outside the frame.
+/// The pixels for a hypothesis; `None` where it lies outside the frame.
 pub fn pixels(
     image: &Raster,
     masked: Masked,
-    candidate: &Candidate,
+    hypothesis: &Hypothesis,
     look: Look,
     wanted: Wanted,
 ) -> Option<Pixels> {
     let blur = look.blur.clamp(0.5, 3.5);
-    let outline = &candidate.outline;
-    let bands = match candidate.edges {
-        None => Bands::of_disc(outline.minor, blur, wanted.nearest),
+    let ellipse = &hypothesis.ellipse;
+    let bands = match hypothesis.edges {
+        None => Bands::of_disc(ellipse.minor, blur, wanted.nearest),
         Some(_) => Bands::of(blur),
     };
     let flat = f64::from(bands.flat);
-    let reach = outline.extent().add_scalar(flat + 2.0);
-    let (low, high) = (outline.centre - reach, outline.centre + reach);
+    let reach = ellipse.extent().add_scalar(flat + 2.0);
+    let (low, high) = (ellipse.centre - reach, ellipse.centre + reach);
     let x0 = low.x.floor().max(0.0) as usize;
     let y0 = low.y.floor().max(0.0) as usize;
     let x1 = (high.x.ceil().max(0.0) as usize).min(image.width() - 1);
@@ -200,40 +200,40 @@ pub fn pixels(
     }
     let area = [x0, y0, x1, y1];
     let masked = match masked {
-        Masked::Blobs(blobs) => foreign(blobs, candidate, area),
-        Masked::DarkerThan(..) if candidate.edges.is_some() => None,
-        Masked::DarkerThan(m, limit) => darker(image, outline, bands, area, &m, limit),
+        Masked::Blobs(blobs) => foreign(blobs, hypothesis, area),
+        Masked::DarkerThan(..) if hypothesis.edges.is_some() => None,
+        Masked::DarkerThan(m, limit) => darker(image, ellipse, bands, area, &m, limit),
     };
-    let oval = Oval::new(outline);
-    let edges = candidate.edges.map(|edges| Edges {
+    let frame = EllipseFrame::new(ellipse);
+    let edges = hypothesis.edges.map(|edges| Edges {
         lines: lines(edges, look.crossing),
-        margin: (rim(outline.minor / blur) * blur).min(0.45 * outline.minor).max(1.0),
+        margin: (end_margin(ellipse.minor / blur) * blur).min(0.45 * ellipse.minor).max(1.0),
         along: Vector2::new(edges.0.cos(), edges.0.sin()),
     });
     let length = edges.map_or_else(
-        || around(outline),
+        || around(ellipse),
         |e: Edges| {
-            e.lines.iter().map(|l| 2.0 * outline.radius(Vector2::new(l.across.y, -l.across.x))).sum::<f64>()
+            e.lines.iter().map(|l| 2.0 * ellipse.radius(Vector2::new(l.across.y, -l.across.x))).sum::<f64>()
         },
     );
     let shares = Keep::new(wanted, bands, length).table();
-    let Candidate { hidden, bands: drowned, seams, .. } = candidate;
-    let clear = masked.is_none() && hidden.is_empty() && drowned.is_empty() && seams.is_empty();
-    let source = Source { image, candidate, area, shares, places: Places::new(&shares), masked, clear };
+    let Hypothesis { hidden, bands: occluded, seams, .. } = hypothesis;
+    let clear = masked.is_none() && hidden.is_empty() && occluded.is_empty() && seams.is_empty();
+    let source = Source { image, hypothesis, area, shares, places: Places::new(&shares), masked, clear };
     // How far from an edge a pixel may count as one at it.
     let near = f64::from(bands.edge) + 0.5 * FADE + 1.0;
     let mut taker = Taker::new(Ruler {
-        pattern: candidate.pattern,
+        pattern: hypothesis.pattern,
         bands,
-        outline,
+        ellipse,
         edges,
-        trig: (oval.sin, oval.cos),
+        trig: (frame.sin, frame.cos),
         blur,
         sag: look.sag,
     });
-    let ring = |by: f64| [by, -by].map(|by| oval.grown(by));
+    let ring = |by: f64| [by, -by].map(|by| frame.grown(by));
     let (far, close) = (ring(flat + 1.0), ring(near));
-    let inside = edges.and_then(|e: Edges| oval.grown(FADE - e.margin));
+    let inside = edges.and_then(|e: Edges| frame.grown(FADE - e.margin));
     for y in y0..=y1 {
         let (both, near) = match edges {
             None => {
@@ -268,8 +268,8 @@ pub fn pixels(
 }
 
 /// Length of an ellipse's outline, px, by Ramanujan's formula.
-fn around(outline: &Outline) -> f64 {
-    let (a, b) = (outline.major, outline.minor);
+fn around(ellipse: &Ellipse) -> f64 {
+    let (a, b) = (ellipse.major, ellipse.minor);
     std::f64::consts::PI * (3.0 * (a + b) - ((3.0 * a + b) * (a + 3.0 * b)).sqrt())
 }
 

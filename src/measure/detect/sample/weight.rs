@@ -7,7 +7,7 @@ use super::pixels::{Kind, Pixels, Sorter};
 use crate::measure::detect::appearance::crossing::NEAR;
 use crate::measure::detect::appearance::disc::{END, beyond, from_ellipse};
 use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::line::Line;
 use crate::measure::detect::simd::batch::Batch;
 use crate::measure::detect::simd::dispatch::wide;
@@ -28,7 +28,7 @@ pub struct Edges {
 pub struct Ruler<'a> {
     pub pattern: Pattern,
     pub bands: Bands,
-    pub outline: &'a Outline,
+    pub ellipse: &'a Ellipse,
     pub edges: Option<Edges>,
     /// Sine and cosine of the outline's direction.
     pub trig: (f64, f64),
@@ -54,7 +54,7 @@ pub struct Taker<'a> {
 impl<'a> Taker<'a> {
     /// Without pixels.
     pub fn new(ruler: Ruler<'a>) -> Self {
-        let middle = ruler.edges.map_or(ruler.outline.centre, |e| e.lines[0].at);
+        let middle = ruler.edges.map_or(ruler.ellipse.centre, |e| e.lines[0].at);
         let origin = [middle.x.round(), middle.y.round()];
         let sorter = Sorter::new(ruler.pattern, origin);
         Self { ruler, origin, waiting: Waiting { batch: Batch::new(), keep: [Lanes::of(0.0); 2] }, sorter }
@@ -96,9 +96,9 @@ wide! {
 #[inline(always)]
 fn weighed(waiting: &mut Waiting, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 2]) {
     let Waiting { batch, keep } = waiting;
-    let Ruler { bands, outline, edges, .. } = ruler;
+    let Ruler { bands, ellipse, edges, .. } = ruler;
     let (sin, cos) = (ruler.trig.0 as f32, ruler.trig.1 as f32);
-    let (a, b, centre) = (outline.major as f32, outline.minor as f32, outline.centre);
+    let (a, b, centre) = (ellipse.major as f32, ellipse.minor as f32, ellipse.centre);
     let (cx, cy) = ((centre.x - origin[0]) as f32, (centre.y - origin[1]) as f32);
     let (dx, dy) = (each(|i| batch.x[i] - cx), each(|i| batch.y[i] - cy));
     let s = each(|i| dx[i] * cos + dy[i] * sin);
@@ -111,13 +111,13 @@ fn weighed(waiting: &mut Waiting, sorter: &mut Sorter, ruler: &Ruler, origin: [f
     let dear;
     let mut nothing = Lanes::of(0.0);
     if let Some(Edges { lines, margin, along }) = edges {
-        let rim = each(|i| {
+        let fade = each(|i| {
             let share = (distance[i] - *margin as f32) / FADE as f32 + 0.5;
             let share = if share > 0.0 { share } else { 0.0 };
             if share < 1.0 { share } else { 1.0 }
         });
         for keep in &mut *keep {
-            *keep = each(|i| keep[i] * rim[i]);
+            *keep = each(|i| keep[i] * fade[i]);
         }
         let [mut one, mut other] = [Lanes::of(0.0); 2];
         for (distance, l) in [&mut one, &mut other].into_iter().zip(lines) {

@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Vector2};
 use super::background::{Coarse, Region};
 use super::bitmask::{Side, WORD, mark_below, mark_side};
 use super::components::Run;
-use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::segment::components;
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::raster::Raster;
@@ -115,18 +115,18 @@ pub fn darker_than(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, level:
 
 /// The blobs of pixels below a level with their centre in an outline, the largest first, which lie wholly in a box about
 /// it that is larger by three tenths and a margin, px.
-pub fn dark_parts(image: &Raster, outline: &Outline, margin: f64, level: u8) -> Vec<Blob> {
-    let (low, high) = about(outline, margin);
+pub fn dark_parts(image: &Raster, ellipse: &Ellipse, margin: f64, level: u8) -> Vec<Blob> {
+    let (low, high) = about(ellipse, margin);
     let mut out = darker_than(image, low, high, level);
-    out.retain(|blob| outline.holds(blob.centroid));
+    out.retain(|blob| ellipse.holds(blob.centroid));
     out.sort_by(|a, b| b.area.total_cmp(&a.area));
     out
 }
 
 /// The box about an outline that is larger by three tenths and a margin, px.
-pub fn about(outline: &Outline, margin: f64) -> (Vector2<f64>, Vector2<f64>) {
-    let reach = (outline.extent() * 1.3).add_scalar(margin);
-    (outline.centre - reach, outline.centre + reach)
+pub fn about(ellipse: &Ellipse, margin: f64) -> (Vector2<f64>, Vector2<f64>) {
+    let reach = (ellipse.extent() * 1.3).add_scalar(margin);
+    (ellipse.centre - reach, ellipse.centre + reach)
 }
 
 /// The blobs of pixels above a level that lie wholly in a box.
@@ -335,7 +335,7 @@ impl Blob {
     }
 }
 
-impl Outline {
+impl Ellipse {
     /// A blob's ellipse of inertia.
     pub fn of(blob: &Blob) -> Self {
         Self::from_moments(blob.centroid, blob.covariance, 2.0)

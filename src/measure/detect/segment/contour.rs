@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use super::blob::Blob;
 
 /// Points half a pixel outside the first and last pixel of each row and column.
-pub fn rim(blob: &Blob) -> Vec<Vector2<f64>> {
+pub fn contour(blob: &Blob) -> Vec<Vector2<f64>> {
     let [x0, y0, x1, y1] = blob.bounds;
     let mut rows = vec![(u32::MAX, 0); y1 - y0 + 1];
     let mut columns = vec![(u32::MAX, 0); x1 - x0 + 1];

@@ -1,7 +1,7 @@
 //! Light that the skin mirrors over a disc, as a spline along it, and what skin and black alone tell of it.
 
 use crate::measure::detect::appearance::parameters::{BLUR, DARK, GAMMA, Parameters, light_at};
-use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::simd::batch::Batch;
 
@@ -33,8 +33,8 @@ pub struct Glare {
 
 impl Glare {
     /// None yet on a disc of this outline.
-    fn new(outline: &Outline) -> Self {
-        let reach = 1.2 * outline.major + 2.0 * outline.minor + 20.0;
+    fn new(ellipse: &Ellipse) -> Self {
+        let reach = 1.2 * ellipse.major + 2.0 * ellipse.minor + 20.0;
         let count = (2.0 * reach / SPACING).ceil() as usize + 3;
         Self { first: -reach, slant: 0.0, knots: vec![0.0; count] }
     }
@@ -46,19 +46,19 @@ impl Glare {
 }
 
 /// The pixels of a batch, and where along and across the outline they lie, px.
-pub fn places<'a>(batch: &'a Batch, outline: &'a Outline) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
-    let place = |i: usize| (i, f64::from(batch.p[i]) * outline.major, f64::from(batch.q[i]) * outline.minor);
+pub fn places<'a>(batch: &'a Batch, ellipse: &'a Ellipse) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
+    let place = |i: usize| (i, f64::from(batch.p[i]) * ellipse.major, f64::from(batch.q[i]) * ellipse.minor);
     (0..batch.len).map(place)
 }
 
 /// What skin and black alone tell of the glare: slant and knots.
-pub fn seen(pixels: &Pixels, outline: &Outline, m: &Parameters) -> Glare {
+pub fn seen(pixels: &Pixels, ellipse: &Ellipse, m: &Parameters) -> Glare {
     let mut signs: Vec<[f64; 3]> = Vec::new();
     for batch in &pixels.batches {
-        for (i, s, t) in places(batch, outline) {
-            let (p, q) = (s / outline.major, t / outline.minor);
+        for (i, s, t) in places(batch, ellipse) {
+            let (p, q) = (s / ellipse.major, t / ellipse.minor);
             let r = p.hypot(q).max(1e-9);
-            let slope = (p / outline.major).hypot(q / outline.minor).max(1e-9);
+            let slope = (p / ellipse.major).hypot(q / ellipse.minor).max(1e-9);
             let distance = (r - 1.0) * r / slope;
             if distance.abs() > CLEAR * m[BLUR] {
                 let own = if distance > 0.0 { 1.0 } else { 1.0 - m[DARK] };
@@ -69,7 +69,7 @@ pub fn seen(pixels: &Pixels, outline: &Outline, m: &Parameters) -> Glare {
             }
         }
     }
-    let mut glare = Glare::new(outline);
+    let mut glare = Glare::new(ellipse);
     let bins = (glare.knots.len() as f64 * SPACING / BIN) as usize + 1;
     let scatter = |slant: f64| {
         let mut sums = vec![[0.0; 3]; bins];

@@ -9,7 +9,7 @@ use crate::measure::detect::appearance::parameters::{
 use crate::measure::detect::estimate::bordered::Bordered;
 use crate::measure::detect::estimate::gauss_newton::Fit;
 use crate::measure::detect::estimate::normal_equations::{Block, Products, biweights, spread};
-use crate::measure::detect::estimate::residuals::Deserved;
+use crate::measure::detect::estimate::residuals::ResidualAnalysis;
 use crate::measure::detect::estimate::sandwich::{Blocks, REACH};
 use crate::measure::detect::estimate::unknowns::Unknowns;
 use crate::measure::detect::sample::pixels::Pixels;
@@ -38,7 +38,7 @@ struct Field {
 }
 
 /// The answer with the light freed.
-pub struct Freed {
+pub struct LightFieldFit {
     /// The model's parameters.
     pub parameters: Parameters,
     /// The centre's covariance, at least that which the residuals show, px^2.
@@ -78,14 +78,14 @@ struct Rows {
 /// The fit with the light freed, without the pixels of things that are not the marker's; `None` where the first step does not
 /// promise to take off the residuals' squares the `least` that is asked, in variances of one. Nothing is asked where foreign
 /// pixels pull at first.
-pub fn freed(
+pub fn fit_light_field(
     pixels: &Pixels,
     fit: &Fit,
-    seen: &Deserved,
+    seen: &ResidualAnalysis,
     unknowns: &Unknowns,
     floor: f64,
     least: Option<f64>,
-) -> Option<Freed> {
+) -> Option<LightFieldFit> {
     let mut list = Vec::with_capacity(N);
     list.extend((0..N).filter(|&k| unknowns.free[k]));
     let own = own(pixels, seen, fit.parameters[BLUR]);
@@ -141,7 +141,7 @@ pub fn freed(
             white[(*row, j)] = influence[i] * variance;
         }
     }
-    Some(Freed {
+    Some(LightFieldFit {
         parameters: m,
         covariance: blocks.raise(&white, list.len())?.0,
         white,
@@ -152,7 +152,7 @@ pub fn freed(
 
 /// Batch and lane of the pixels that are not within the blur of two others that the fit took for foreign:
 /// a line that touches the marker also darkens the pixels beside it, too little to be seen in each.
-fn own(pixels: &Pixels, seen: &Deserved, blur: f64) -> Vec<[usize; 2]> {
+fn own(pixels: &Pixels, seen: &ResidualAnalysis, blur: f64) -> Vec<[usize; 2]> {
     let mut foreign = Vec::new();
     for (batch, tukey) in pixels.batches.iter().zip(&seen.biweights) {
         foreign.extend((0..batch.len).filter(|&i| tukey[i] <= 0.0).map(|i| [batch.x[i], batch.y[i]]));
@@ -287,10 +287,10 @@ fn normal_of(
     sought.finish(&sums, ABOUT);
     let Bordered { mut normal, mut right, .. } = sought;
     for (i, &k) in list.iter().enumerate() {
-        let (usual, deviation) = unknowns.usual[k];
+        let (prior, deviation) = unknowns.prior[k];
         let weight = (scale / deviation).powi(2);
         normal[(i, i)] += weight + 1e-12;
-        right[i] += weight * (usual - field.m[k]);
+        right[i] += weight * (prior - field.m[k]);
     }
     for k in 0..FIELD {
         let deviation = if k < ALONG * ACROSS { UNEVEN_LIGHT } else { UNEVEN_DARK };

@@ -14,7 +14,7 @@ use crate::measure::detect::estimate::gauss_newton::Fit;
 use crate::measure::detect::estimate::normal_equations::{Block, Products, Square, biweights, spread};
 use crate::measure::detect::estimate::sandwich::Blocks;
 use crate::measure::detect::estimate::unknowns::Unknowns;
-use crate::measure::detect::image::ellipse::Outline;
+use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::simd::batch::{Batch, append};
 use crate::measure::detect::simd::dispatch::wide;
@@ -30,7 +30,7 @@ const STILL: f64 = 0.03;
 /// The disc's parameters with the glare over it; of pixels that count from an origin, and along and across an outline.
 struct State<'a> {
     origin: [f64; 2],
-    outline: &'a Outline,
+    ellipse: &'a Ellipse,
     m: Parameters,
     glare: Glare,
 }
@@ -78,13 +78,13 @@ impl Known {
 
     /// Adds that, and what is known of the parameters, to the normal equations.
     fn add(&self, step: &mut Step, state: &State, list: &[usize], unknowns: &Unknowns, scale: f64) {
-        let mut add = |i: usize, now: f64, (usual, deviation): (f64, f64)| {
+        let mut add = |i: usize, now: f64, (prior, deviation): (f64, f64)| {
             let weight = (scale / deviation).powi(2);
             step.normal[(i, i)] += weight + 1e-12;
-            step.right[i] += weight * (usual - now);
+            step.right[i] += weight * (prior - now);
         };
         let n = list.len();
-        list.iter().enumerate().for_each(|(i, &k)| add(i, state.m[k], unknowns.usual[k]));
+        list.iter().enumerate().for_each(|(i, &k)| add(i, state.m[k], unknowns.prior[k]));
         add(n, state.glare.slant, (state.glare.slant, 1.0));
         for (k, known) in self.knots.iter().copied().zip(self.spreads.iter().copied()).enumerate() {
             add(n + 1 + k, state.glare.knots[k], known);
@@ -116,16 +116,22 @@ impl State<'_> {
 }
 
 /// The fit with glare over the disc, from a first one to what glare leaves; `None` where it does not settle.
-pub fn lifted(pixels: &Pixels, outline: &Outline, fit: &Fit, unknowns: &Unknowns, floor: f64) -> Option<Fit> {
+pub fn fit_with_glare(
+    pixels: &Pixels,
+    ellipse: &Ellipse,
+    fit: &Fit,
+    unknowns: &Unknowns,
+    floor: f64,
+) -> Option<Fit> {
     let list: Vec<usize> = (0..COMMON).filter(|&k| unknowns.free[k]).collect();
     let place = |k: usize| list.iter().position(|&l| l == k);
     let (x, y) = (place(X)?, place(Y)?);
     let (m, origin) = (fit.parameters, pixels.origin);
-    let mut state = State { origin, outline, m, glare: seen(pixels, outline, &m) };
+    let mut state = State { origin, ellipse, m, glare: seen(pixels, ellipse, &m) };
     let known = Known::new(&state.glare);
     let mut scale = 4.0 * floor.max(fit.rms);
     for _ in 0..MAX_ITERATIONS {
-        let cells = cells(pixels, outline, &state.glare);
+        let cells = cells(pixels, ellipse, &state.glare);
         let mut step = linearised(&cells, &state, &list, scale);
         known.add(&mut step, &state, &list, unknowns, scale);
         let factor = Cholesky::new(step.normal)?;
@@ -144,7 +150,7 @@ pub fn lifted(pixels: &Pixels, outline: &Outline, fit: &Fit, unknowns: &Unknowns
         }
         let mut blocks = Blocks::new(pixels, &state.m);
         moved_by_blocks(&cells, &state, &list, &influence, new, &mut blocks);
-        let (centre, _, clumped) = blocks.raise(&white, list.len())?;
+        let (centre, _, correlation) = blocks.raise(&white, list.len())?;
         let mut covariance = Square::zeros();
         covariance.fixed_view_mut::<2, 2>(X, X).copy_from(&centre);
         covariance[(FIRST, FIRST)] = place(FIRST).map_or(0.0, |at| factor.solve(&unit(at))[at] * variance);
@@ -156,7 +162,7 @@ pub fn lifted(pixels: &Pixels, outline: &Outline, fit: &Fit, unknowns: &Unknowns
             inliers: step.weight / open_weight(pixels).max(1e-9),
             start: state.m,
             images: Vec::new(),
-            clumped,
+            correlation,
             white,
         });
     }
@@ -172,11 +178,11 @@ fn open_weight(pixels: &Pixels) -> f64 {
 }
 
 /// The pixels by the knots about them.
-fn cells(pixels: &Pixels, outline: &Outline, glare: &Glare) -> Vec<Cell> {
+fn cells(pixels: &Pixels, ellipse: &Ellipse, glare: &Glare) -> Vec<Cell> {
     let mut out: Vec<Cell> =
         (0..glare.knots.len()).map(|first| Cell { first, batches: Vec::new() }).collect();
     for batch in &pixels.batches {
-        for (i, s, t) in places(batch, outline) {
+        for (i, s, t) in places(batch, ellipse) {
             let Some(cell) = out.get_mut(glare.place(s, t) as usize) else { continue };
             append(&mut cell.batches, batch, i);
         }
@@ -275,7 +281,7 @@ impl State<'_> {
         let share = model.share(&s, &t);
         let heights: [f32; 4] =
             std::array::from_fn(|i| glare.knots.get(first + i).map_or(0.0, |knot| *knot as f32));
-        let (major, minor) = (self.outline.major as f32, self.outline.minor as f32);
+        let (major, minor) = (self.ellipse.major as f32, self.ellipse.minor as f32);
         let (slant, by_spacing) = (glare.slant as f32, (1.0 / SPACING) as f32);
         let from = (glare.first / SPACING + first as f64) as f32;
         let mut out = Rows {
@@ -327,7 +333,7 @@ mod tests {
 
     #[test]
     fn derivatives_match_differences() {
-        let outline = Outline { centre: Vector2::new(60.3, 20.2), major: 40.0, minor: 6.0, angle: 0.1 };
+        let ellipse = Ellipse { centre: Vector2::new(60.3, 20.2), major: 40.0, minor: 6.0, angle: 0.1 };
         let m: Parameters = std::array::from_fn(|k| {
             [60.3, 20.2, 0.1, 40.0, 6.0, 0.2, 0.9, 120.0, 4.0, 1.0, 0.0, 0.8, 0.0, 0.0, 0.45, 0.02]
                 .get(k)
@@ -337,7 +343,7 @@ mod tests {
         let knots = [0.3, 0.9, 1.4, 0.7];
         let state = |m: Parameters, slant: f64, knots: [f64; 4]| State {
             origin: [60.0, 20.0],
-            outline: &outline,
+            ellipse: &ellipse,
             m,
             glare: Glare { first: -5.0, slant, knots: knots.to_vec() },
         };
@@ -345,7 +351,7 @@ mod tests {
         for i in 0..LANES {
             batch.push(i as f32 * 0.4 - 3.0, (i as f32 * 1.7) % 14.0 - 7.0, 120.0);
             let (s, t) =
-                outline.local(Vector2::new(f64::from(batch.x[i]) + 60.0, f64::from(batch.y[i]) + 20.0));
+                ellipse.local(Vector2::new(f64::from(batch.x[i]) + 60.0, f64::from(batch.y[i]) + 20.0));
             (batch.p[i], batch.q[i], batch.root[i]) = ((s / 40.0) as f32, (t / 6.0) as f32, 1.0);
         }
         let rows = |state: &State| state.rows(&state.model(), 0, &batch, 1e3);
