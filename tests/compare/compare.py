@@ -39,7 +39,10 @@ def build_options():
 
 def base_program(revision):
     """The program of a revision, built in a work tree and a target folder of its own; kept by its commit."""
-    commit = said("git", "-C", ROOT, "rev-parse", "--verify", revision + "^{commit}")
+    try:
+        commit = said("git", "-C", ROOT, "rev-parse", "--verify", "--quiet", revision + "^{commit}")
+    except subprocess.CalledProcessError:
+        sys.exit(f"{revision} is no revision of this repository; git log lists them")
     home = CACHE / commit
     program = home / "wingd"
     if program.exists():

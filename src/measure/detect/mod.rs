@@ -28,6 +28,7 @@ use crate::measure::detect::detection::by_place;
 use crate::measure::detect::image::histogram::middle;
 use crate::measure::detect::image::{ellipse, noise};
 use crate::measure::detect::revise::neighbours::inflate_unlike;
+use crate::measure::detect::scope::Scope;
 use crate::measure::detect::search::{is_faint, search};
 use crate::measure::raster::Raster;
 
@@ -39,47 +40,41 @@ const MAX_REJECTED: usize = 200;
 
 /// Finds the markers of a frame without help. Deterministic at any number of threads.
 pub fn detect(image: &Raster) -> Detections {
-    let (found, noise) = find(image, None);
+    let (found, noise) = find(image, Scope::Frame);
     detections(image, found, noise)
 }
 
 /// Finds the predicted markers, looking only around them: for each that is there the answer of
 /// [`detect`]. Those that are not are missing.
 pub fn detect_guided(image: &Raster, predictions: &[Prediction]) -> Detections {
-    let (mut found, noise) = find(image, Some(predictions));
+    let (mut found, noise) = find(image, Scope::Around(predictions));
     scope::keep_predicted(&mut found, predictions);
     detections(image, found, noise)
 }
 
-/// What is found in the whole frame, or around predictions; and the noise.
-fn find(image: &Raster, sought: Option<&[Prediction]>) -> (Found, f64) {
+/// What is found, searched for at the usual levels and, where that is faint, at fainter ones; and the noise.
+fn find(image: &Raster, scope: Scope) -> (Found, f64) {
     let noise = noise::estimate(image);
-    let smoothed = if noise > noise::FRAYING { smoothed(image, sought) } else { None };
+    let smoothed = if noise > noise::FRAYING { smoothed(image, scope) } else { None };
     let seen = smoothed.as_ref().unwrap_or(image);
     let sound = |faint: bool, known: Vec<verdict::Measured>| {
-        let mut found = search(image, seen, sought, noise, faint, known);
+        let mut found = search((image, seen), scope, noise, faint, known);
         consistency::without_blur_outliers(&mut found);
         consistency::without_orientation_outliers(&mut found);
         consistency::without_size_outliers(&mut found);
         found
     };
     let mut found = sound(false, Vec::new());
-    let all_found = sought.is_some_and(|sought| scope::missing(&found.measured, sought).is_empty());
-    if !all_found && is_faint(&found) {
+    if !scope.is_done(&found.measured) && is_faint(&found) {
         found = sound(true, found.measured);
     }
     inflate_unlike(&mut found);
     (found, noise)
 }
 
-/// A frame without most of its noise, of which only that is seen which is read about predictions.
-fn smoothed(image: &Raster, sought: Option<&[Prediction]>) -> Option<Raster> {
-    let (width, height) = (image.width(), image.height());
-    let columns = match sought {
-        None => vec![0..width; height],
-        Some(sought) => columns_read(sought, width, height),
-    };
-    noise::smoothed(image, &columns)
+/// A frame without most of its noise, of which only that is seen which is read.
+fn smoothed(image: &Raster, scope: Scope) -> Option<Raster> {
+    noise::smoothed(image, &scope.columns(image.width(), image.height()))
 }
 
 fn detections(image: &Raster, mut found: Found, noise: f64) -> Detections {
@@ -100,7 +95,7 @@ fn detections(image: &Raster, mut found: Found, noise: f64) -> Detections {
 /// Of each pixel row of a frame of `width` x `height` px the columns that [`detect_guided`] reads: what lies elsewhere
 /// need not be decoded.
 pub fn columns_read(predictions: &[Prediction], width: usize, height: usize) -> Vec<Range<usize>> {
-    scope::columns(predictions, width, height)
+    Scope::Around(predictions).columns(width, height)
 }
 
 /// Whether all of the predicted markers that the earlier frame showed are there; without any, no answer is complete.

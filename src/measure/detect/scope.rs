@@ -1,4 +1,4 @@
-//! Detection around predicted markers: the same search, but only there.
+//! What of a frame is searched: all of it, or the surroundings of predicted markers.
 
 use std::ops::Range;
 
@@ -43,59 +43,97 @@ impl Prediction {
     fn distance(&self, at: &Vector2<f64>) -> f64 {
         (at - self.centre_px).norm()
     }
-}
 
-/// Where predicted markers may lie in a frame of `width` x `height` px.
-pub fn part(predictions: &[Prediction], width: usize, height: usize) -> Part {
-    let window = |p: &Prediction| {
-        let ellipse = p.ellipse()?;
-        let extent = ellipse.extent() * 1.1;
-        let half = extent.add_scalar(p.reach() + SKIRT);
-        let (low, high) = (ellipse.centre - half, ellipse.centre + half);
-        Some(Window { low: low.into(), high: high.into() })
-    };
-    let windows: Vec<Window> = predictions.iter().filter_map(window).collect();
-    Part::about(&windows, width, height)
-}
-
-/// Of each row the columns that are read: about the markers, and all of the rows that tell the noise.
-pub fn columns(predictions: &[Prediction], width: usize, height: usize) -> Vec<Range<usize>> {
-    let mut out = part(predictions, width, height).columns(width, height, MARGIN);
-    for y in noise::sampled(height) {
-        if let Some(row) = out.get_mut(y) {
-            *row = 0..width;
-        }
-    }
-    out
-}
-
-/// Whether a hypothesis may be a predicted marker, or what is seen of it.
-pub fn is_near(hypothesis: &Hypothesis, predictions: &[Prediction]) -> bool {
-    let seen = &hypothesis.ellipse;
-    let shape = if hypothesis.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant };
-    predictions.iter().filter(|p| p.shape == shape).any(|p| {
-        p.ellipse().is_some_and(|ellipse| {
+    /// Whether a hypothesis may be the marker, or what is seen of it.
+    fn is_near(&self, hypothesis: &Hypothesis) -> bool {
+        let seen = &hypothesis.ellipse;
+        let shape = if hypothesis.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant };
+        let near = |ellipse: Ellipse| {
             let (s, t) = ellipse.local(seen.centre);
-            let reach = p.reach();
+            let reach = self.reach();
             let part = |a: f64, b: f64| a > PART * b - ALIKE_PX && a < WIDER * b + ALIKE_PX;
             inside(s / (ellipse.major + reach), t / (ellipse.minor + reach))
                 && part(seen.major, ellipse.major)
                 && part(seen.minor, ellipse.minor)
-        })
-    })
+        };
+        self.shape == shape && self.ellipse().is_some_and(near)
+    }
 }
 
-/// Whether a hypothesis is none of the predicted markers, for each that it is near has been found beside it as a whole.
-pub fn is_beside(hypothesis: &Hypothesis, predictions: &[Prediction], found: &[Measured]) -> bool {
-    let seen = &hypothesis.ellipse;
-    let beside = |m: &&Measured| {
-        let own = m.detection.ellipse();
-        m.is_sure() && m.is_whole && !own.holds(seen.centre) && !seen.holds(own.centre)
-    };
-    let found: Vec<&Detection> = found.iter().filter(beside).map(|m| &m.detection).collect();
-    let there = matched(&found, predictions).1;
-    let is_near = |p: &Prediction| is_near(hypothesis, std::slice::from_ref(p));
-    predictions.iter().zip(there).all(|(p, there)| there || !is_near(p))
+/// What of a frame is searched.
+#[derive(Clone, Copy)]
+pub enum Scope<'a> {
+    /// All of it.
+    Frame,
+    /// What lies about predicted markers: the same search, but only there.
+    Around(&'a [Prediction]),
+}
+
+impl Scope<'_> {
+    fn predictions(&self) -> Option<&[Prediction]> {
+        match self {
+            Self::Frame => None,
+            Self::Around(predictions) => Some(predictions),
+        }
+    }
+
+    /// The part of a frame of `width` x `height` px in which markers may lie.
+    pub fn part(&self, width: usize, height: usize) -> Part {
+        let window = |p: &Prediction| {
+            let ellipse = p.ellipse()?;
+            let extent = ellipse.extent() * 1.1;
+            let half = extent.add_scalar(p.reach() + SKIRT);
+            let (low, high) = (ellipse.centre - half, ellipse.centre + half);
+            Some(Window { low: low.into(), high: high.into() })
+        };
+        let Some(predictions) = self.predictions() else { return Part::all(width, height) };
+        let windows: Vec<Window> = predictions.iter().filter_map(window).collect();
+        Part::about(&windows, width, height)
+    }
+
+    /// Of each row the columns that are read: about the markers, and all of the rows that tell the noise.
+    pub fn columns(&self, width: usize, height: usize) -> Vec<Range<usize>> {
+        if self.predictions().is_none() {
+            return vec![0..width; height];
+        }
+        let mut out = self.part(width, height).columns(width, height, MARGIN);
+        for y in noise::sampled(height) {
+            if let Some(row) = out.get_mut(y) {
+                *row = 0..width;
+            }
+        }
+        out
+    }
+
+    /// Whether a hypothesis may be a marker that is sought, or what is seen of it.
+    pub fn wants(&self, hypothesis: &Hypothesis) -> bool {
+        self.predictions().is_none_or(|sought| sought.iter().any(|p| p.is_near(hypothesis)))
+    }
+
+    /// Whether a hypothesis is none of the markers that are sought, for each that it is near has been found beside it as a
+    /// whole.
+    pub fn is_beside(&self, hypothesis: &Hypothesis, found: &[Measured]) -> bool {
+        let Some(predictions) = self.predictions() else { return false };
+        let seen = &hypothesis.ellipse;
+        let beside = |m: &&Measured| {
+            let own = m.detection.ellipse();
+            m.is_sure() && m.is_whole && !own.holds(seen.centre) && !seen.holds(own.centre)
+        };
+        let found: Vec<&Detection> = found.iter().filter(beside).map(|m| &m.detection).collect();
+        let there = matched(&found, predictions).1;
+        predictions.iter().zip(there).all(|(p, there)| there || !p.is_near(hypothesis))
+    }
+
+    /// Whether all that is sought has been found, as only predictions can tell.
+    pub fn is_done(&self, found: &[Measured]) -> bool {
+        self.predictions().is_some_and(|sought| missing(found, sought).next().is_none())
+    }
+
+    /// The quadrants that are still sought; `None` where that may be any.
+    pub fn missing_quadrants(&self, found: &[Measured]) -> Option<Vec<Prediction>> {
+        let quadrants = |p: &&Prediction| p.shape == Shape::Quadrant;
+        Some(missing(found, self.predictions()?).filter(quadrants).cloned().collect())
+    }
 }
 
 /// Whether a place in semi-axes lies in their ellipse.
@@ -104,17 +142,13 @@ fn inside(p: f64, q: f64) -> bool {
 }
 
 /// The predicted markers that have not been found yet.
-pub fn missing(found: &[Measured], predictions: &[Prediction]) -> Vec<Prediction> {
+fn missing<'a>(
+    found: &[Measured],
+    predictions: &'a [Prediction],
+) -> impl Iterator<Item = &'a Prediction> + use<'a> {
     let found: Vec<&Detection> = found.iter().map(|m| &m.detection).collect();
     let there = matched(&found, predictions).1;
-    predictions.iter().zip(there).filter(|(_, there)| !there).map(|(p, _)| p.clone()).collect()
-}
-
-/// Those of them that are quadrants.
-pub fn missing_quadrants(found: &[Measured], predictions: &[Prediction]) -> Vec<Prediction> {
-    let mut out = missing(found, predictions);
-    out.retain(|p| p.shape == Shape::Quadrant);
-    out
+    predictions.iter().zip(there).filter(|(_, there)| !there).map(|(p, _)| p)
 }
 
 /// Whether what is seen may be a part of one of the predicted markers.
@@ -203,7 +237,7 @@ mod tests {
             Hypothesis::of(Pattern::Disc, ellipse, Vec::new())
         };
         let two = [prediction(100.0), prediction(150.0)];
-        let is_beside = |at: f64, found: &[Measured]| is_beside(&seen(at), &two, found);
+        let is_beside = |at: f64, found: &[Measured]| Scope::Around(&two).is_beside(&seen(at), found);
         assert!(is_beside(125.0, &[found(100.0), found(150.0)]));
         // It may be the other one, or what is taken for the first is only a part of it; or that is hardly seen.
         assert!(!is_beside(125.0, &[found(100.0)]));
@@ -215,7 +249,8 @@ mod tests {
     #[test]
     fn only_what_is_missing_is_sought_further() {
         let quadrants = Prediction { shape: Shape::Quadrant, ..prediction(1000.0) };
-        let missing = missing_quadrants(&[], &[prediction(100.0), quadrants.clone()]);
+        let sought = [prediction(100.0), quadrants.clone()];
+        let missing = Scope::Around(&sought).missing_quadrants(&[]).expect("predictions");
         assert_eq!(missing, [quadrants]);
         let part = |x: f64| Ellipse { centre: Vector2::new(x, 52.0), major: 8.0, minor: 2.0, angle: 0.0 };
         let seen = [1060.0, 1110.0, 100.0].map(|x| may_show_part_of(&part(x), &missing));
@@ -224,15 +259,16 @@ mod tests {
 
     #[test]
     fn what_is_read_lies_about_the_predictions() {
-        let columns = columns(&[prediction(1000.0)], 4000, 3000);
-        let read: usize = columns.iter().map(|c| c.len()).sum();
-        assert!(columns[50].contains(&920) && columns[50].contains(&1080) && !columns[50].contains(&2000));
-        assert!(columns[2000].is_empty() && read < 4000 * 3000 / 20, "{read} px are read");
+        let columns = |sought: &[Prediction]| Scope::Around(sought).columns(4000, 3000);
+        let about = columns(&[prediction(1000.0)]);
+        let read: usize = about.iter().map(|c| c.len()).sum();
+        assert!(about[50].contains(&920) && about[50].contains(&1080) && !about[50].contains(&2000));
+        assert!(about[2000].is_empty() && read < 4000 * 3000 / 20, "{read} px are read");
         // What lies outside, or is no number, asks for nothing.
         let absent = Prediction { centre_px: Vector2::new(-1e12, f64::NAN), ..prediction(0.0) };
         let outside = Prediction { centre_px: Vector2::new(9e9, 9e9), ..prediction(0.0) };
-        let noise = super::columns(&[], 4000, 3000);
-        assert_eq!(super::columns(&[absent, outside], 4000, 3000), noise);
+        let noise = columns(&[]);
+        assert_eq!(columns(&[absent, outside]), noise);
         assert_eq!(noise.iter().filter(|c| !c.is_empty()).count(), noise::sampled(3000).count());
     }
 }

@@ -128,8 +128,8 @@ pub fn judge(
     if lopsided || ellipse.major > flattest * ellipse.minor {
         return Err(RejectReason::NotAnEllipse);
     }
-    let glare = !hypothesis.bands.is_empty();
-    let is_lit = |at: Vector2<f64>| hypothesis.bands.iter().any(|b| b.holds(&at));
+    let glare = hypothesis.is_in_glare();
+    let is_lit = |at: Vector2<f64>| hypothesis.glare().any(|b| b.holds(&at));
     // Edges that only point at their crossing tell it worse than they say.
     let crossing = hypothesis.pattern != Pattern::Disc && is_lit(ellipse.centre);
     if crossing || glare && ellipse.share(|at| is_lit(*at)) > DROWNED {
@@ -142,7 +142,7 @@ pub fn judge(
         return Err(RejectReason::PoorFit);
     }
     let edges =
-        hypothesis.edges.filter(|_| hypothesis.against_skin.is_none() && hypothesis.foretold.is_none());
+        hypothesis.edges.filter(|_| hypothesis.prior.blur.is_none() && hypothesis.prior.size.is_none());
     let is_other = |edges: (f64, f64)| {
         !ends_in_arcs(image, hypothesis.pattern, &ellipse, edges.0, m)
             || have_corners(image, hypothesis.pattern, &ellipse, m)
@@ -158,7 +158,7 @@ pub fn judge(
     // A crossing lies where glare does not.
     if glare && hypothesis.pattern == Pattern::Disc {
         // Both edges of a thin disc lie in the same light.
-        let veil = if hypothesis.is_foretold() { VEIL_LEFT_PX } else { VEIL_PX };
+        let veil = if hypothesis.prior.tells_all_of_size() { VEIL_LEFT_PX } else { VEIL_PX };
         let (along, across) = (ellipse.axis(), veil * (ellipse.minor / EVEN).min(1.0));
         let along_too = veil.powi(2) - across.powi(2);
         covariance += Matrix2::identity() * across.powi(2) + along * along.transpose() * along_too;
@@ -166,7 +166,7 @@ pub fn judge(
     let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
     // A part of an outline, or one in uneven light, tells the centre less well, and says so; so does what is hardly seen, of
     // which all is known but the place.
-    let (vaguest, vaguer) = match (hypothesis.foretold, hypothesis.pattern) {
+    let (vaguest, vaguer) = match (hypothesis.prior.size, hypothesis.pattern) {
         (Some(_), Pattern::Disc) => (VAGUEST_FORETOLD, 2.0),
         // Edges that only point at their crossing.
         (Some(_), _) => (VAGUEST_CROSSING, 1.0),

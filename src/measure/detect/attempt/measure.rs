@@ -15,7 +15,7 @@ use crate::measure::detect::estimate::{lack_of_fit, outlined_quadrants};
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::histogram::Histogram;
-use crate::measure::detect::occlusion::region::Band;
+use crate::measure::detect::occlusion::region::{Band, Region};
 use crate::measure::detect::occlusion::{glare, seam};
 use crate::measure::detect::propose::blurred_quadrants::against_skin;
 use crate::measure::detect::propose::quadrant_outline::{at_one_level, outlined, with_outline};
@@ -94,12 +94,12 @@ fn measure_once(
     if too_small {
         return Err(RejectReason::TooSmall);
     }
-    if hypothesis.foretold.is_none() && ellipse.major > SURELY_FLATTER * ellipse.minor {
+    if hypothesis.prior.size.is_none() && ellipse.major > SURELY_FLATTER * ellipse.minor {
         return Err(RejectReason::NotAnEllipse);
     }
     let floor = least_scale(noise);
-    let (few, all) = if hypothesis.hidden.is_empty() { (FEW, ALL) } else { (EVERY, EVERY) };
-    let blur = hypothesis.like.map(|like| like.blur.0).or(hypothesis.against_skin).unwrap_or(1.0);
+    let (few, all) = if hypothesis.is_under_decal() { (EVERY, EVERY) } else { (FEW, ALL) };
+    let blur = hypothesis.prior.edge.map(|edge| edge.blur.0).or(hypothesis.prior.blur).unwrap_or(1.0);
     let first = |look: Look| roughly(image, Masked::Blobs(blobs), hypothesis, look, few, floor);
     let look = Look { crossing: ellipse.centre, blur, sag: 0.0 };
     let (near, scale) = first(look).or_else(|reason| {
@@ -123,11 +123,12 @@ fn measure_once(
     }
     let last = |place: &Hypothesis| {
         // What is known of a disc from its like beside it is known beforehand.
-        let (mut unknowns, bends) = unknowns(if hypothesis.alike { hypothesis } else { place });
+        let (mut unknowns, bends) = unknowns(if hypothesis.prior.twin { hypothesis } else { place });
         unknowns.free[GAMMA] &= contrast(&near) > TELLS_GAMMA * near[LIGHT];
-        let masked = match hypothesis.hidden[..] {
-            [] => Masked::DarkerThan(near, (CUT * floor).max(FOREIGN * contrast(&near))),
-            _ => Masked::Blobs(blobs),
+        let masked = if hypothesis.is_under_decal() {
+            Masked::Blobs(blobs)
+        } else {
+            Masked::DarkerThan(near, (CUT * floor).max(FOREIGN * contrast(&near)))
         };
         let sag = if place.edges.is_none() { near[THIRD] } else { 0.0 };
         let look = Look { crossing: Vector2::new(near[X], near[Y]), blur: near[BLUR], sag };
@@ -144,26 +145,31 @@ fn measure_once(
             bent.without(bends)
         };
         let floor = floor.max(0.02 * contrast(&near));
-        let whole = hypothesis.hidden.is_empty();
+        let whole = !hypothesis.is_under_decal();
         let result = lack_of_fit::improve(&pixels, result, &unknowns, floor, whole);
         let plain = judge(image, place, &result, noise);
-        if bounds.through_glare && place.pattern == Pattern::Disc && !place.bands.is_empty() {
+        if bounds.through_glare && place.pattern == Pattern::Disc && place.is_in_glare() {
             in_glare(image, place, &result, plain, floor, noise)
         } else {
             plain
         }
     };
-    let told = place.bands.is_empty() || place.is_foretold();
-    if place.pattern == Pattern::Disc && place.hidden.is_empty() && told {
-        place.seams = seam::find(image, &place.ellipse, &near, scale.max(floor));
-    }
-    if !place.seams.is_empty() {
+    let told = !place.is_in_glare() || place.prior.tells_all_of_size();
+    let met_by_seam = if place.pattern == Pattern::Disc && !place.is_under_decal() && told {
+        let seams = seam::find(image, &place.ellipse, &near, scale.max(floor));
+        let meets = !seams.is_empty();
+        place.excluded.extend(seams.into_iter().map(Region::Seam));
+        meets
+    } else {
+        false
+    };
+    if met_by_seam {
         let without = last(&place);
         if without.is_ok() {
             return without;
         }
         // What is left may be too little; with the seam's pixels it is at least found.
-        place.seams.clear();
+        place = place.without_seams();
     }
     last(&place)
 }
@@ -187,7 +193,7 @@ fn in_glare(
         return Ok(all);
     }
     // Of an end that is saturated the edges beside it tell less than the discs about: it stays left out.
-    let known = hypothesis.is_foretold();
+    let known = hypothesis.prior.tells_all_of_size();
     let fringe = || through(glare::lit(image, &hypothesis.ellipse, FRINGE, 0.0)).map(|(fringe, _)| fringe);
     let fringe = if known { fringe() } else { None };
     match (plain, fringe) {
@@ -216,7 +222,7 @@ fn through_glare(
     noise: f64,
 ) -> Option<(Measured, bool)> {
     let m = &fit.parameters;
-    let mut place = Hypothesis { bands, ..place(hypothesis, m) };
+    let mut place = place(hypothesis, m).with_glare(bands);
     for _ in 0..2 {
         let look = Look { crossing: place.ellipse.centre, blur: m[BLUR], sag: 0.0 };
         let masked = Masked::DarkerThan(*m, (CUT * floor).max(FOREIGN * contrast(m)));

@@ -129,8 +129,8 @@ fn under_decal(
         if partial_ellipse::is_ellipse(other) { decal::cut(blob, &Ellipse::of(other)) } else { None }
     };
     let slanted = partial_ellipse::completed(hypothesis, blob, blobs, |other| cut(other).unwrap_or(ROWS));
-    let is_slanted = |hidden: &Hypothesis| hidden.hidden.iter().any(|decal| decal.axis != ROWS);
-    let slanted = slanted.filter(|hidden| hidden.alike && is_slanted(hidden)).map(with);
+    let is_slanted = |hidden: &Hypothesis| hidden.decals().any(|decal| decal.axis != ROWS);
+    let slanted = slanted.filter(|hidden| hidden.prior.twin && is_slanted(hidden)).map(with);
     slanted.filter(|(_, answer)| answer.is_ok()).or(level)
 }
 
@@ -176,7 +176,7 @@ pub fn measure_whole_or_hidden(
                     _ => (failed.unwrap_or(whole), occluded),
                 }
             }
-            Some((hidden, Ok(part))) => (Ok(part), hidden.alike.then_some(hidden)),
+            Some((hidden, Ok(part))) => (Ok(part), hidden.prior.twin.then_some(hidden)),
             Some((_, reason)) => (reason, occluded),
         },
     }

@@ -38,14 +38,14 @@ pub fn unknowns(hypothesis: &Hypothesis) -> (Unknowns, &'static [usize]) {
     free[LIGHT + 3] = thick && ellipse.major >= 15.0;
     free[TAPER] = disc || thick;
     (OUTLINE..N).for_each(|k| free[k] = false);
-    let part = !hypothesis.hidden.is_empty();
+    let part = hypothesis.is_under_decal();
     if part {
         // The outline that is left tells an ellipse, and no more.
         FINE_LIGHT.iter().for_each(|&k| free[k] = false);
     }
     // An end that is not seen tells no bend.
     let tells = thick || (disc && !part);
-    let cut = !hypothesis.bands.is_empty() && hypothesis.foretold.is_none();
+    let cut = hypothesis.is_in_glare() && hypothesis.prior.size.is_none();
     if !tells || ellipse.major < 12.0 || cut {
         bends.iter().for_each(|&k| free[k] = false);
     }
@@ -82,21 +82,21 @@ fn prior(hypothesis: &Hypothesis) -> [(f64, f64); N] {
         out[THIRD] = out[SECOND];
         out[TAPER] = (0.0, UNEVEN_BLUR);
     }
-    if hypothesis.alike {
+    if hypothesis.prior.twin {
         out[ANGLE] = (ellipse.angle, ALIKE_ANGLE);
         out[FIRST] = (ellipse.major, ALIKE_MAJOR * ellipse.major);
         out[SECOND] = (ellipse.minor, ALIKE_MINOR * ellipse.minor);
     }
-    if let Some(known) = hypothesis.foretold.filter(|_| hypothesis.pattern == Pattern::Disc) {
+    if let Some(known) = hypothesis.prior.size.filter(|_| hypothesis.pattern == Pattern::Disc) {
         out[FIRST] = known.major;
         if let Some(slope) = known.slope {
             out[SECOND] = slope.minor;
             out[ANGLE] = slope.angle;
         }
     }
-    if let Some(like) = hypothesis.like {
-        out[BLUR] = like.blur;
-        out[DARK] = like.dark;
+    if let Some(edge) = hypothesis.prior.edge {
+        out[BLUR] = edge.blur;
+        out[DARK] = edge.dark;
     }
     out
 }

@@ -7,71 +7,83 @@ use nalgebra::Vector2;
 
 use crate::measure::detect::appearance::parameters::Pattern;
 use crate::measure::detect::detection::{RejectReason, Rejected};
-use crate::measure::detect::hypothesis::prior::{EdgePrior, SizePrior};
+use crate::measure::detect::hypothesis::prior::Prior;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::occlusion::decal::Decal;
-use crate::measure::detect::occlusion::region::Band;
+use crate::measure::detect::occlusion::region::{Band, Region};
 use crate::measure::raster::Raster;
 
-/// What stage 4 starts from.
+/// What an attempt starts from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hypothesis {
     /// Disc or quadrants.
     pub pattern: Pattern,
     /// The marker's outline.
     pub ellipse: Ellipse,
-    /// The blur, px, where that is of quadrants' black and white together.
-    pub against_skin: Option<f64>,
     /// Quadrants: direction of s, and tangent of half the angle between the edges.
     pub edges: Option<(f64, f64)>,
     /// Blobs that it is made of.
     pub blobs: Vec<usize>,
-    /// Decals that may lie over it.
-    pub hidden: Vec<Decal>,
-    /// Bands in which glare hides the marker.
-    pub bands: Vec<Band>,
-    /// Bands in which a seam of the skin meets the marker.
-    pub seams: Vec<Band>,
-    /// Whether size, direction and thickness are those of a disc beside it.
-    pub alike: bool,
-    /// How well the outline's size is known, where that is predicted.
-    pub foretold: Option<SizePrior>,
-    /// What the frame's other markers tell of its edges, where it is too thin to tell them itself.
-    pub like: Option<EdgePrior>,
+    /// Regions of the picture that may show something else.
+    pub excluded: Vec<Region>,
+    /// What is known of it beforehand.
+    pub prior: Prior,
 }
 
 impl Hypothesis {
     /// With this outline, of which nothing more is known.
     pub fn of(pattern: Pattern, ellipse: Ellipse, blobs: Vec<usize>) -> Self {
-        Self {
-            pattern,
-            ellipse,
-            against_skin: None,
-            edges: None,
-            blobs,
-            hidden: Vec::new(),
-            bands: Vec::new(),
-            seams: Vec::new(),
-            alike: false,
-            foretold: None,
-            like: None,
-        }
+        Self { pattern, ellipse, edges: None, blobs, excluded: Vec::new(), prior: Prior::default() }
     }
 
     /// Whether a point of the picture may show something else than the marker.
     pub fn hides(&self, at: &Vector2<f64>) -> bool {
-        self.hidden.iter().any(|decal| decal.holds(at))
-            || self.bands.iter().chain(&self.seams).any(|b| b.holds(at))
+        self.excluded.iter().any(|region| region.holds(at))
     }
 
     /// Whether no part of the marker is thought to be hidden.
     pub fn is_whole(&self) -> bool {
-        self.hidden.is_empty() && self.bands.is_empty()
+        !self.is_under_decal() && !self.is_in_glare()
     }
 
-    /// Whether all of its size is predicted.
-    pub fn is_foretold(&self) -> bool {
-        self.foretold.is_some_and(|foretold| foretold.slope.is_some())
+    /// The decals that may lie over it.
+    pub fn decals(&self) -> impl Iterator<Item = &Decal> {
+        self.excluded.iter().filter_map(Region::decal)
+    }
+
+    /// Whether there are some.
+    pub fn is_under_decal(&self) -> bool {
+        self.decals().next().is_some()
+    }
+
+    /// The bands in which glare hides it.
+    pub fn glare(&self) -> impl Iterator<Item = &Band> {
+        self.excluded.iter().filter_map(Region::glare)
+    }
+
+    /// Whether there are some.
+    pub fn is_in_glare(&self) -> bool {
+        self.glare().next().is_some()
+    }
+
+    /// With these bands of glare instead of those that it has.
+    pub fn with_glare(mut self, bands: Vec<Band>) -> Self {
+        self.excluded.retain(|region| region.glare().is_none());
+        self.excluded.extend(bands.into_iter().map(Region::Glare));
+        self
+    }
+
+    /// With these decals.
+    pub fn with_decals(mut self, decals: Vec<Decal>) -> Self {
+        self.excluded.retain(|region| region.decal().is_none());
+        self.excluded.extend(decals.into_iter().map(Region::Decal));
+        self
+    }
+
+    /// Without the seams that meet it.
+    pub fn without_seams(mut self) -> Self {
+        self.excluded.retain(|region| !matches!(region, Region::Seam(_)));
+        self
     }
 
     /// Product of the semi-axes, px^2.

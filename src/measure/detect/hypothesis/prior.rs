@@ -1,5 +1,25 @@
 //! What is known of a marker's size and edges before it is measured.
 
+/// What is known beforehand: from a twin beside it, from its neighbours, from the orientation.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Prior {
+    /// Whether size, direction and thickness are those of a twin, a disc beside it.
+    pub twin: bool,
+    /// The size that the discs about it, or the orientation, predict.
+    pub size: Option<SizePrior>,
+    /// What the frame's other markers tell of its edges, where it is too thin to tell them itself.
+    pub edge: Option<EdgePrior>,
+    /// The blur, px, of quadrants that were seen by their black and white together.
+    pub blur: Option<f64>,
+}
+
+impl Prior {
+    /// Whether all of the size is predicted, as only the orientation or a twin can.
+    pub fn tells_all_of_size(&self) -> bool {
+        self.size.is_some_and(|size| size.slope.is_some())
+    }
+}
+
 /// A disc's semi-axes, px, and direction, rad, each with its standard deviation; minor axis and direction may not be predicted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SizePrior {

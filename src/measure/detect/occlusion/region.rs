@@ -2,6 +2,39 @@
 
 use nalgebra::Vector2;
 
+use super::decal::Decal;
+
+/// A region that a fit leaves out, by what may lie in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Region {
+    /// A decal that lies over the marker.
+    Decal(Decal),
+    /// Glare that hides the marker.
+    Glare(Band),
+    /// A seam of the skin that meets the marker.
+    Seam(Band),
+}
+
+impl Region {
+    /// Whether it holds a point.
+    pub fn holds(&self, at: &Vector2<f64>) -> bool {
+        match self {
+            Self::Decal(decal) => decal.holds(at),
+            Self::Glare(band) | Self::Seam(band) => band.holds(at),
+        }
+    }
+
+    /// The decal, if it is one.
+    pub fn decal(&self) -> Option<&Decal> {
+        if let Self::Decal(decal) = self { Some(decal) } else { None }
+    }
+
+    /// The band, if it is glare.
+    pub fn glare(&self) -> Option<&Band> {
+        if let Self::Glare(band) = self { Some(band) } else { None }
+    }
+}
+
 /// A strip of the picture across a marker's axis, px.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Band {

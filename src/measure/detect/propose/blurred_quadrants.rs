@@ -10,6 +10,7 @@ use crate::measure::detect::estimate::outlined_quadrants;
 use crate::measure::detect::estimate::outlined_quadrants::WHITER;
 use crate::measure::detect::estimate::prior::darkness_leaving;
 use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::hypothesis::prior::Prior;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::histogram::Histogram;
 use crate::measure::detect::propose::{moments, quadrant_edges};
@@ -46,14 +47,15 @@ const BLUR_PRIOR: (f64, f64) = (1.5, 0.7);
 pub fn against_skin(image: &Raster, hypothesis: &Hypothesis, softest: f64) -> Option<Hypothesis> {
     let seen = &hypothesis.ellipse;
     if hypothesis.edges.is_none()
-        || hypothesis.against_skin.is_some()
+        || hypothesis.prior.blur.is_some()
         || seen.minor > BLURRED * softest
         || seen.major < FLAT * seen.minor
     {
         return None;
     }
     let found = by_black_and_white(image, seen, &hypothesis.blobs)?;
-    Some(Hypothesis { like: hypothesis.like, ..found })
+    let prior = Prior { edge: hypothesis.prior.edge, ..found.prior };
+    Some(Hypothesis { prior, ..found })
 }
 
 /// Quadrants of which two blobs, near one another or farther, or one show the black, too blurred to tell them by it alone;
@@ -148,7 +150,8 @@ fn by_black_and_white(image: &Raster, seen: &Ellipse, blobs: &[usize]) -> Option
     let found = quadrant_edges::within(ellipse, image, blobs)?;
     let start = outlined_quadrants::start(&found, &m, skin)?;
     let (found, m) = outlined_quadrants::refined(image, &found, start, BLUR_PRIOR)?;
-    Some(Hypothesis { against_skin: Some(m[BLUR]), ..found })
+    let prior = Prior { blur: Some(m[BLUR]), ..found.prior };
+    Some(Hypothesis { prior, ..found })
 }
 
 /// The outline of all that is unlike the skin about what is seen of quadrants, parameters with their grey levels, and the

@@ -47,13 +47,13 @@ pub fn beside(
     let near = |other: &&Ellipse| {
         let [x0, y0, x1, y1] = print_of(other, axis);
         let bounds = [x0 - DECAL_PX, y0 - DECAL_PX, x1 + DECAL_PX, y1 + DECAL_PX];
-        let contour = Decal { axis, bounds };
-        disc.share(|at| contour.holds(at)) > TOUCHES
+        let reach = Decal { axis, bounds };
+        disc.share(|at| reach.holds(at)) > TOUCHES
     };
     let hidden: Vec<Decal> = others.iter().filter(near).map(|o| decal(image, disc, o, axis, blur)).collect();
     let covered = disc.share(|at| hidden.iter().any(|decal| decal.holds(at)));
     let useful = expected.pattern == Pattern::Disc && !hidden.is_empty() && covered < COVERED;
-    useful.then(|| Hypothesis { hidden, ..expected.clone() })
+    useful.then(|| expected.clone().with_decals(hidden))
 }
 
 /// The disc of which a blob shows what the decal of one beside it leaves: shaped like that one, for both lie on the same skin,
@@ -73,8 +73,8 @@ pub fn under(
     let centre = centre_of(&shape, &seen, like.centre)?;
     let slope = Slope { minor: (minor, SAME_MINOR * minor), angle: (like.angle, SAME_ANGLE) };
     let ellipse = Ellipse { centre, ..shape };
-    let foretold = Some(SizePrior { major, slope: Some(slope) });
-    let whole = Hypothesis { foretold, ..Hypothesis::of(Pattern::Disc, ellipse, Vec::new()) };
+    let mut whole = Hypothesis::of(Pattern::Disc, ellipse, Vec::new());
+    whole.prior.size = Some(SizePrior { major, slope: Some(slope) });
     let covered = ellipse.share(|at| decal.holds(at));
     if covered < COVERED_ALONE { beside(image, &whole, &[*like], axis, blur) } else { None }
 }
@@ -170,7 +170,8 @@ mod tests {
         };
         let image = Raster::new(200, 120, (0..200 * 120).map(grey).collect())?;
         let expected = Hypothesis::of(Pattern::Disc, EXPECTED, Vec::new());
-        beside(&image, &expected, &[other], ROWS, 1.0).map(|hypothesis| hypothesis.hidden)
+        beside(&image, &expected, &[other], ROWS, 1.0)
+            .map(|hypothesis| hypothesis.decals().copied().collect())
     }
 
     #[test]

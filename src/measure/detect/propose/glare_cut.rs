@@ -51,7 +51,7 @@ pub fn completed(
         let seen = Ellipse::of(blob);
         let ellipse = any_ellipse(&part.left, blob).and_then(|o| sound(o, blob)).unwrap_or(seen);
         let bands = bands(part.axis, part.ends);
-        Some(Hypothesis { ellipse, bands, ..hypothesis.clone() })
+        Some(Hypothesis { ellipse, ..hypothesis.clone() }.with_glare(bands))
     })
 }
 
@@ -104,7 +104,7 @@ fn together(
     }
     let blobs = hypothesis.blobs.iter().copied().chain([index]).collect();
     let bands = vec![Band { axis: one.axis, from: from - MARGIN, to: to + MARGIN }];
-    Some(Hypothesis { ellipse, bands, blobs, ..hypothesis.clone() })
+    Some(Hypothesis { ellipse, blobs, ..hypothesis.clone() }.with_glare(bands))
 }
 
 /// What glare has left of a blob; `None` where no end of it is drowned.

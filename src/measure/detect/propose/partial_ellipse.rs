@@ -3,6 +3,7 @@
 use nalgebra::{Cholesky, Matrix2, Matrix3, SMatrix, SVector, SymmetricEigen, Vector2, Vector3};
 
 use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::hypothesis::prior::Prior;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::occlusion::decal::{DECAL_PX, Decal, bounds_of};
 use crate::measure::detect::segment::blob::Blob;
@@ -61,7 +62,8 @@ pub fn completed(
     }
     let fits =
         ellipse.major < 2.0 * hypothesis.ellipse.major && ellipse.minor < 3.0 * hypothesis.ellipse.minor;
-    fits.then(|| Hypothesis { ellipse, hidden, alike: same_size, ..hypothesis.clone() })
+    let prior = Prior { twin: same_size, ..hypothesis.prior };
+    fits.then(|| Hypothesis { ellipse, prior, ..hypothesis.clone() }.with_decals(hidden))
 }
 
 /// Whether two blobs are one thing at two levels: the centroid of one lies in the other.

@@ -37,7 +37,7 @@ pub fn outlined(image: &Raster, hypothesis: Hypothesis, m: &Parameters) -> Hypot
     }
     let saddle = Vector2::new(m[X], m[Y]);
     let ellipse = &hypothesis.ellipse;
-    if hypothesis.against_skin.is_some() || hypothesis.foretold.is_some() {
+    if hypothesis.prior.blur.is_some() || hypothesis.prior.size.is_some() {
         return Hypothesis { ellipse: Ellipse { centre: saddle, ..*ellipse }, ..hypothesis };
     }
     // Skin is darker than white: nearer to black it does not run into the quadrants.
@@ -65,7 +65,7 @@ pub fn with_outline(
     m: &Parameters,
 ) -> Option<(Hypothesis, Parameters)> {
     let ellipse = &hypothesis.ellipse;
-    if hypothesis.edges.is_none() || !hypothesis.bands.is_empty() || ellipse.minor > NARROW * m[BLUR] {
+    if hypothesis.edges.is_none() || hypothesis.is_in_glare() || ellipse.minor > NARROW * m[BLUR] {
         return None;
     }
     let reach = (ellipse.extent() * 1.5).add_scalar(BESIDE);
@@ -81,7 +81,7 @@ pub fn with_outline(
 pub fn at_one_level(image: &Raster, hypothesis: &Hypothesis, blobs: &[Blob]) -> Option<Hypothesis> {
     let [one, other] = hypothesis.blobs[..] else { return None };
     let ratio = blobs.get(one)?.area / blobs.get(other)?.area;
-    let seen_together = hypothesis.edges.is_none() || hypothesis.against_skin.is_some();
+    let seen_together = hypothesis.edges.is_none() || hypothesis.prior.blur.is_some();
     if seen_together || (1.0 / UNEQUAL..UNEQUAL).contains(&ratio) {
         return None;
     }

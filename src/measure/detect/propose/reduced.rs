@@ -50,7 +50,7 @@ impl Reduced {
             factor,
         };
         // What hides quadrants lies in the large picture.
-        out.hypothesis.bands.clear();
+        out.hypothesis = out.hypothesis.with_glare(Vec::new());
         let (major, minor) = (ellipse.major / factor, ellipse.minor / factor);
         out.hypothesis.ellipse = Ellipse { centre: out.place(ellipse.centre), major, minor, ..*ellipse };
         Some(out)

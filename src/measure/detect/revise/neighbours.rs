@@ -13,6 +13,7 @@ use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::hypothesis::neighbours;
 use crate::measure::detect::hypothesis::prior::{EdgePrior, SizePrior};
 use crate::measure::detect::image::histogram::middle;
+use crate::measure::detect::occlusion::region::Band;
 use crate::measure::detect::propose::moments;
 use crate::measure::detect::segment::background::{Coarse, Region};
 use crate::measure::detect::segment::blob;
@@ -55,16 +56,19 @@ pub fn revise_with_size(known: &WholeDiscs, found: &mut Found, hidden: Vec<(Opti
             continue;
         };
         // The end that is seen stays where it is.
-        for band in &hypothesis.bands {
-            let longer = band.axis * (major - hypothesis.ellipse.major);
-            hypothesis.ellipse.centre += match (band.from.is_finite(), band.to.is_finite()) {
+        let by = major - hypothesis.ellipse.major;
+        let shift = |band: &Band| {
+            let longer = band.axis * by;
+            match (band.from.is_finite(), band.to.is_finite()) {
                 (true, false) => longer,
                 (false, true) => -longer,
                 _ => Vector2::zeros(),
-            };
-        }
+            }
+        };
+        let shifts: Vec<Vector2<f64>> = hypothesis.glare().map(shift).collect();
+        shifts.iter().for_each(|shift| hypothesis.ellipse.centre += shift);
         hypothesis.ellipse.major = major;
-        hypothesis.foretold = Some(SizePrior::of_major((major, deviation)));
+        hypothesis.prior.size = Some(SizePrior::of_major((major, deviation)));
         let like = |m: &Measured| is_as_long(m, (major, deviation), UNLIKE);
         let again = measure(known.image, known.blobs, &hypothesis, bounds).ok().filter(like);
         let slot = index.and_then(|i| found.measured.get_mut(i));
@@ -102,8 +106,9 @@ pub fn revise_with_edge_prior(known: &WholeDiscs, found: &mut Found, unsure: Vec
         if found.holds(ellipse.centre) {
             continue;
         }
-        hypothesis.like = like(found, ellipse.centre).filter(|like| ellipse.minor < THIN * like.blur.0);
-        if hypothesis.like.is_none() {
+        hypothesis.prior.edge =
+            edge_prior(found, ellipse.centre).filter(|edge| ellipse.minor < THIN * edge.blur.0);
+        if hypothesis.prior.edge.is_none() {
             continue;
         }
         let mut size = None;
@@ -112,7 +117,7 @@ pub fn revise_with_edge_prior(known: &WholeDiscs, found: &mut Found, unsure: Vec
             size = size.filter(|(major, _)| ellipse.major > SEEN * major);
             let Some((major, deviation)) = size else { continue };
             hypothesis.ellipse.major = major;
-            hypothesis.foretold = Some(SizePrior::of_major((major, deviation)));
+            hypothesis.prior.size = Some(SizePrior::of_major((major, deviation)));
         }
         let measured = measure(known.image, known.blobs, &hypothesis, known.bounds).ok();
         let sure = |m: &Measured| size.is_none_or(|size| is_as_long(m, size, UNLIKE_THIN));
@@ -180,7 +185,7 @@ pub fn inflate_unlike(found: &mut Found) {
 }
 
 /// What the markers nearest to a place tell of an edge, where there are some.
-fn like(found: &Found, at: Vector2<f64>) -> Option<EdgePrior> {
+fn edge_prior(found: &Found, at: Vector2<f64>) -> Option<EdgePrior> {
     let mut near: Vec<&Measured> = found.measured.iter().collect();
     if near.len() < ENOUGH {
         return None;

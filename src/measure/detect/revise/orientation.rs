@@ -10,7 +10,7 @@ use crate::measure::detect::appearance::parameters::Pattern;
 use crate::measure::detect::attempt::measure::{Bounds, measure};
 use crate::measure::detect::detection::{Detection, Detections, Prediction, by_place};
 use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::hypothesis::prior::{EdgePrior, SizePrior, Slope};
+use crate::measure::detect::hypothesis::prior::{EdgePrior, Prior, SizePrior, Slope};
 use crate::measure::detect::image::ellipse::{Ellipse, half_turn};
 use crate::measure::detect::image::histogram::middle;
 use crate::measure::detect::occlusion::decal::ROWS;
@@ -136,8 +136,9 @@ impl Sizes {
             angle: (ellipse.angle, self.angle.1),
         };
         let major = (ellipse.major, self.major.1 * expected.semi_major_px);
-        let foretold = SizePrior { major, slope: Some(slope) };
-        Some(Hypothesis { foretold: Some(foretold), bands, ..hypothesis })
+        let size = SizePrior { major, slope: Some(slope) };
+        let prior = Prior { size: Some(size), ..hypothesis.prior };
+        Some(Hypothesis { prior, ..hypothesis }.with_glare(bands))
     }
 
     /// What a disc that is longer or thicker than predicted is doubted by, px^2: something beside an edge passes for a part of
@@ -195,7 +196,7 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
         hypotheses.extend(hidden);
         let answer = hypotheses.into_iter().find_map(|mut hypothesis| {
             if prediction.shape == Shape::Circle && hypothesis.ellipse.minor < THIN * psf {
-                hypothesis.like =
+                hypothesis.prior.edge =
                     Some(EdgePrior { blur: (psf, SAME_BLUR * psf), dark: (0.7, f64::INFINITY) });
             }
             let mut measured = measure(image, &[], &hypothesis, bounds).ok()?;
@@ -216,7 +217,7 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
                 Detection { covariance_px2, ..old.clone() }
             });
             let near = (centre - prediction.centre_px).norm() < most;
-            let whole = hypothesis.hidden.is_empty();
+            let whole = !hypothesis.is_under_decal();
             let surer = if whole { 1.0 } else { SURER };
             let better =
                 near && old.as_ref().is_none_or(|old| is_better(&measured.detection, old, surer, named));

@@ -217,8 +217,7 @@ pub fn pixels(
         },
     );
     let shares = Keep::new(wanted, bands, length).table();
-    let Hypothesis { hidden, bands: occluded, seams, .. } = hypothesis;
-    let clear = masked.is_none() && hidden.is_empty() && occluded.is_empty() && seams.is_empty();
+    let clear = masked.is_none() && hypothesis.excluded.is_empty();
     let source = Source { image, hypothesis, area, shares, places: Places::new(&shares), masked, clear };
     // How far from an edge a pixel may count as one at it.
     let near = f64::from(bands.edge) + 0.5 * FADE + 1.0;
