@@ -2,6 +2,7 @@
 
 use super::found::Found;
 use super::verdict::Measured;
+use crate::measure::detect::accept::options::CONSISTENCY;
 use crate::measure::detect::detection::{Detection, RejectReason};
 use crate::measure::detect::hypothesis::neighbours;
 use crate::measure::detect::image::ellipse::{Ellipse, half_turn};
@@ -41,14 +42,13 @@ pub fn distinct(found: &mut Found) {
 /// was seen badly, else the pair was known for discs before it was measured (`Whole::are_discs`); but no
 /// worse than the quadrants, as their black parts are that pass for discs.
 fn without_rows_of_discs(found: &mut Found) {
-    const APART: f64 = 3.0;
     let discs = found.measured.iter().map(|m| &m.detection).filter(|d| d.shape == Shape::Circle);
     let discs: Vec<(Ellipse, f64)> = discs.map(|d| (d.ellipse(), d.fit_rms)).collect();
     found.turn_down_all(RejectReason::Duplicate, |m| {
         let whole = m.detection.ellipse();
         let apart = |one: &Ellipse, other: &Ellipse| {
             let between = other.centre - one.centre;
-            between.norm() - one.radius(between) - other.radius(between) > APART * m.blur
+            between.norm() - one.radius(between) - other.radius(between) > CONSISTENCY.apart_blurs * m.blur
         };
         let inside =
             discs.iter().filter(|(disc, rms)| whole.holds(disc.centre) && *rms < m.detection.fit_rms);
@@ -69,9 +69,7 @@ pub fn without_blur_outliers(found: &mut Found) {
 /// The greatest blur of an edge that the frame's other ones allow, px, where there are some. Long edges count more: grain
 /// beside the wing has many short ones.
 pub fn softest(found: &Found) -> Option<f64> {
-    const SOFTER: f64 = 2.0;
-    const ENOUGH: usize = 5;
-    if found.measured.len() < ENOUGH {
+    if found.measured.len() < CONSISTENCY.blurs {
         return None;
     }
     let mut blurs: Vec<[f64; 2]> =
@@ -83,21 +81,17 @@ pub fn softest(found: &Found) -> Option<f64> {
         sum += length;
         sum >= half
     });
-    usual.map(|[blur, _]| SOFTER * blur)
+    usual.map(|[blur, _]| CONSISTENCY.softer * blur)
 }
 
 /// Flat markers on a skin that is about plane lie along one direction of the picture, that of its horizon, to a few tenths:
 /// what is flat and lies across it is a seam's, a shadow's, or the edge's of something beside the wing.
 pub fn without_orientation_outliers(found: &mut Found) {
-    const ENOUGH: usize = 5;
-    const FLAT: f64 = 2.0;
     // Of each shape how flat it must be, and how far across it may lie, rad: quadrants near the camera up to 0.41.
-    const DISC: (f64, f64) = (8.0, 0.6);
-    const QUADRANTS: (f64, f64) = (2.5, 0.8);
     let flatter = |d: &Detection, than: f64| d.semi_major_px > than * d.semi_minor_px;
     let flat: Vec<&Detection> =
-        found.measured.iter().map(|m| &m.detection).filter(|d| flatter(d, FLAT)).collect();
-    if flat.len() < ENOUGH {
+        found.measured.iter().map(|m| &m.detection).filter(|d| flatter(d, CONSISTENCY.flat)).collect();
+    if flat.len() < CONSISTENCY.directions {
         return;
     }
     // Directions are the same after half a turn. Many small things beside the wing weigh no more than the markers on it.
@@ -108,7 +102,8 @@ pub fn without_orientation_outliers(found: &mut Found) {
     });
     let along = 0.5 * f64::atan2(sin, cos);
     found.turn_down_all(RejectReason::OrientationOutlier, |Measured { detection: d, .. }| {
-        let (flat, most) = if d.shape == Shape::Circle { DISC } else { QUADRANTS };
+        let (flat, most) =
+            if d.shape == Shape::Circle { CONSISTENCY.disc_across } else { CONSISTENCY.quadrants_across };
         flatter(d, flat) && half_turn(d.angle_rad - along).abs() > most
     });
 }
@@ -117,20 +112,20 @@ pub fn without_orientation_outliers(found: &mut Found) {
 /// the next larger one, one would have to be more than twice as far away as all the others.
 /// What is as much smaller than the discs about it predict is none either.
 pub fn without_size_outliers(found: &mut Found) {
-    const GAP: f64 = 2.5;
-    const LONGER: f64 = 1.3;
-    const ENOUGH: usize = 4;
     let mut sizes: Vec<f64> = found.measured.iter().map(|m| m.detection.semi_major_px).collect();
     sizes.sort_unstable_by(|a, b| b.total_cmp(a));
-    let gap = sizes.windows(2).skip(ENOUGH - 1).find(|w| w[0] > GAP * w[1]);
+    let gap = sizes.windows(2).skip(CONSISTENCY.sizes - 1).find(|w| w[0] > CONSISTENCY.gap * w[1]);
     let least = gap.map_or(0.0, |w| w[0]);
     let is_size_outlier = |m: &Measured| {
         let Detection { semi_major_px, centre_px, .. } = m.detection;
         // Other dots do not tell.
-        let larger =
-            found.measured.iter().map(|m| &m.detection).filter(|d| d.semi_major_px > LONGER * semi_major_px);
+        let larger = found
+            .measured
+            .iter()
+            .map(|m| &m.detection)
+            .filter(|d| d.semi_major_px > CONSISTENCY.longer * semi_major_px);
         let foretold = || neighbours::predicted_major(larger, centre_px);
-        semi_major_px < least || foretold().is_some_and(|(major, _)| major > GAP * semi_major_px)
+        semi_major_px < least || foretold().is_some_and(|(major, _)| major > CONSISTENCY.gap * semi_major_px)
     };
     let all = found.measured.iter().enumerate();
     let size_outliers: Vec<usize> = all.filter(|(_, m)| is_size_outlier(m)).map(|(i, _)| i).collect();

@@ -1,19 +1,16 @@
 //! What all markers of a frame show together: residuals that hang together, as JPEG leaves them about edges.
 
 use super::verdict::Measured;
+use crate::measure::detect::accept::options::CORRELATED;
 use crate::measure::detect::estimate::sandwich::at_least;
 use crate::measure::detect::image::histogram::middle;
-
-/// How far the median ratio of a frame's markers exceeds 1 by chance: with twenty of them, two standard
-/// deviations.
-const CHANCE: f64 = 1.25;
-/// Fewer markers do not tell.
-const LEAST: usize = 8;
 
 /// By how much a frame's markers show in the middle that residuals hang together, beyond chance; at least 1.
 pub fn factor(measured: &[Measured]) -> f64 {
     let middle = middle(measured.iter().map(|m| m.correlation).collect());
-    middle.filter(|_| measured.len() >= LEAST).map_or(1.0, |middle| (middle / CHANCE).max(1.0))
+    middle
+        .filter(|_| measured.len() >= CORRELATED.least)
+        .map_or(1.0, |middle| (middle / CORRELATED.chance).max(1.0))
 }
 
 /// Raises a covariance by that, in the directions in which its own residuals do not show more. One marker alone shows it

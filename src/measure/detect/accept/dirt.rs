@@ -4,36 +4,12 @@
 use nalgebra::{Matrix4, Vector2, Vector4};
 
 use super::verdict::Measured;
+use crate::measure::detect::accept::options::DIRT;
 use crate::measure::detect::detection::Detection;
 use crate::measure::detect::estimate::normal_equations::spread;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::raster::Raster;
 use crate::measure::setup::Shape;
-
-/// Where the skin is looked at: from where the edge's blur has ended, in blurs, so many pixels outwards, at every so many
-/// along the disc, px, and at what share of its length. Those nearest to the edge tell.
-const CLEAR: f64 = 2.2;
-const REACH: usize = 6;
-const NEAREST: usize = 3;
-const STEP: f64 = 2.0;
-const LENGTH: f64 = 0.85;
-/// How far another marker's blur reaches, in blurs.
-const SKIRT: f64 = 3.0;
-/// Pixels of a side that must be seen.
-const LEAST: f64 = 20.0;
-/// What is darker or lighter than the skin counts up to this share of the contrast.
-const MOST: f64 = 0.5;
-/// How far what lies beside an edge shifts it, in blurs, for each contrast that it is darker than the skin.
-const SHIFTS: f64 = 2.25;
-/// By how much the mean of residuals that hang together scatters more than that of others; and standard deviations up to which
-/// it is chance.
-const TOGETHER: f64 = 2.0;
-const CHANCE: f64 = 2.0;
-/// Rounds of the robust fit of the skin's light, and residual scales from which on a pixel has no say in it.
-const ROUNDS: usize = 3;
-const CUT: f64 = 4.7;
-/// Least scale of residuals, grey levels: a grey value is a whole number.
-const FLOOR: f64 = 0.3;
 
 /// A pixel of the skin.
 struct Spot {
@@ -62,7 +38,7 @@ pub fn inflate(image: &Raster, measured: &mut Measured, others: &[Ellipse]) {
 fn across(image: &Raster, disc: &Detection, blur: f64, others: &[Ellipse]) -> f64 {
     let spots = spots(image, &disc.ellipse(), blur, others);
     let Some((light, scale)) = light_of(&spots) else { return 0.0 };
-    let most = MOST * disc.contrast;
+    let most = DIRT.most * disc.contrast;
     let mut sides = [[0.0; 2]; 2];
     for spot in spots.iter().filter(|spot| spot.is_near) {
         let [sum, weight] = &mut sides[usize::from(spot.faces < 0.0)];
@@ -71,36 +47,36 @@ fn across(image: &Raster, disc: &Detection, blur: f64, others: &[Ellipse]) -> f6
         *weight += spot.faces * spot.faces;
     }
     let [[one, m], [other, n]] = sides;
-    if m.min(n) < LEAST {
+    if m.min(n) < DIRT.least_px {
         return 0.0;
     }
-    let shift = |darker: f64| 0.5 * SHIFTS * blur * darker / disc.contrast;
+    let shift = |darker: f64| 0.5 * DIRT.shift_blurs * blur * darker / disc.contrast;
     let square = shift(one / m + other / n).powi(2);
-    let chance = shift(TOGETHER * scale * (1.0 / m + 1.0 / n).sqrt()).powi(2);
-    (square - CHANCE * CHANCE * chance).max(0.0)
+    let chance = shift(DIRT.together * scale * (1.0 / m + 1.0 / n).sqrt()).powi(2);
+    (square - DIRT.chance * DIRT.chance * chance).max(0.0)
 }
 
 /// The skin on both sides of a disc.
 fn spots(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse]) -> Vec<Spot> {
     let (along, across) = (ellipse.axis(), ellipse.across());
     let (major, minor) = (ellipse.major, ellipse.minor);
-    let skirt = SKIRT * blur;
+    let skirt = DIRT.skirt_blurs * blur;
     let near = |other: &&Ellipse| {
         let apart = (other.centre - ellipse.centre).norm();
         !ellipse.holds(other.centre)
-            && apart < other.major + major + 2.0 * skirt + CLEAR * blur + REACH as f64
+            && apart < other.major + major + 2.0 * skirt + DIRT.clear_blurs * blur + DIRT.reach_px as f64
     };
     let grown = |o: &Ellipse| Ellipse { major: o.major + skirt, minor: o.minor + skirt, ..*o };
     let others: Vec<Ellipse> = others.iter().filter(near).map(grown).collect();
-    let last = (LENGTH * major / STEP).max(5.0) as i32;
-    let mut out = Vec::with_capacity((2 * last as usize + 1) * 2 * REACH);
+    let last = (DIRT.length * major / DIRT.step_px).max(5.0) as i32;
+    let mut out = Vec::with_capacity((2 * last as usize + 1) * 2 * DIRT.reach_px);
     for side in [1.0, -1.0] {
         for k in -last..=last {
-            let p = LENGTH * f64::from(k) / f64::from(last);
+            let p = DIRT.length * f64::from(k) / f64::from(last);
             let q = (1.0 - p * p).sqrt();
             let normal = Vector2::new(p / major, q / minor).normalize();
-            for j in 0..REACH {
-                let off = normal * (CLEAR * blur + 0.5 + j as f64);
+            for j in 0..DIRT.reach_px {
+                let off = normal * (DIRT.clear_blurs * blur + 0.5 + j as f64);
                 let (s, t) = (p * major + off.x, side * (q * minor + off.y));
                 let at = ellipse.centre + along * s + across * t;
                 if others.iter().any(|other| other.holds(at)) {
@@ -111,7 +87,7 @@ fn spots(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse]) -> Ve
                     terms: Vector4::new(1.0, p, q, p * p),
                     value: f64::from(image.nearest(at.x, at.y)),
                     faces: side * normal.y,
-                    is_near: j < NEAREST,
+                    is_near: j < DIRT.nearest_px,
                 });
             }
         }
@@ -123,11 +99,11 @@ fn spots(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse]) -> Ve
 fn light_of(spots: &[Spot]) -> Option<(Vector4<f64>, f64)> {
     let mut found: Option<(Vector4<f64>, f64)> = None;
     let mut residuals = Vec::with_capacity(spots.len());
-    for _ in 0..ROUNDS {
+    for _ in 0..DIRT.rounds {
         let (mut normal, mut right) = (Matrix4::zeros(), Vector4::zeros());
         for spot in spots {
             let weight = found.as_ref().map_or(1.0, |(light, scale)| {
-                let r = (spot.value - light.dot(&spot.terms)) / (CUT * scale);
+                let r = (spot.value - light.dot(&spot.terms)) / (DIRT.cut_scales * scale);
                 (1.0 - r * r).max(0.0).powi(2)
             });
             let weighted = spot.terms * weight;
@@ -137,7 +113,7 @@ fn light_of(spots: &[Spot]) -> Option<(Vector4<f64>, f64)> {
         let light = normal.cholesky()?.solve(&right);
         residuals.clear();
         residuals.extend(spots.iter().map(|spot| (spot.value - light.dot(&spot.terms)).abs() as f32));
-        found = Some((light, spread(&mut residuals) + FLOOR));
+        found = Some((light, spread(&mut residuals) + DIRT.floor));
     }
     found
 }

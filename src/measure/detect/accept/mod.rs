@@ -4,5 +4,6 @@ pub mod consistency;
 pub mod correlated;
 pub mod dirt;
 pub mod found;
+pub mod options;
 pub mod pattern;
 pub mod verdict;

@@ -4,6 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::Vector2;
 
+use crate::measure::detect::accept::options::PATTERN;
 use crate::measure::detect::appearance::parameters::{
     ANGLE, BLUR, FIRST, LIGHT, Parameters, Pattern, contrast,
 };
@@ -32,17 +33,9 @@ pub fn ends_in_arcs(image: &Raster, pattern: Pattern, ellipse: &Ellipse, along: 
     })
 }
 
-/// How much farther black may reach along the middle of a quadrant than to both sides of it: a square reaches 1.37 times
-/// as far.
-const CORNER: f64 = 1.18;
-/// Least semi-minor axis, in blurs, of which that can be told.
-const TELLS_CORNER: f64 = 8.0;
-/// Where, from the middle to the edges of a quadrant, that is looked at.
-const ASIDE: f64 = 0.65;
-
 /// Whether both black quadrants have a square's corner, seen where the outline is a circle.
 pub fn have_corners(image: &Raster, pattern: Pattern, ellipse: &Ellipse, m: &Parameters) -> bool {
-    if ellipse.minor < TELLS_CORNER * m[BLUR] {
+    if ellipse.minor < PATTERN.tells_corner_blurs * m[BLUR] {
         return false;
     }
     let (along, across) = (ellipse.axis(), ellipse.across());
@@ -69,6 +62,6 @@ pub fn have_corners(image: &Raster, pattern: Pattern, ellipse: &Ellipse, m: &Par
     };
     [0.0, PI].iter().all(|side| {
         let at = |part: f64| end(middle + side + part * half);
-        at(0.0) > CORNER * 0.5 * (at(-ASIDE) + at(ASIDE))
+        at(0.0) > PATTERN.corner * 0.5 * (at(-PATTERN.aside) + at(PATTERN.aside))
     })
 }

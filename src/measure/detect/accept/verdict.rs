@@ -3,43 +3,18 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::pattern::{ends_in_arcs, have_corners};
+use crate::measure::detect::accept::options::VERDICT;
 use crate::measure::detect::appearance::parameters::{
-    ANGLE, BLUR, DARK, FIRST, LIGHT, Pattern, SECOND, TAPER, THIRD, X, Y, contrast,
+    ANGLE, BLUR, DARK, FIRST, LIGHT, Parameters, Pattern, SECOND, TAPER, THIRD, X, Y, contrast,
 };
 use crate::measure::detect::detection::{Detection, RejectReason};
 use crate::measure::detect::estimate::gauss_newton::Fit;
-use crate::measure::detect::estimate::prior::TAPER_SPREAD;
+use crate::measure::detect::estimate::options::PRIOR;
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::{Ellipse, half_turn};
 use crate::measure::detect::image::noise;
 use crate::measure::raster::Raster;
 use crate::measure::setup::Shape;
-
-/// How a decal lies on a curved skin is not known: stretched or not, it differs along the marker by
-/// the sag times the skin's slope, for which one in fourteen stands.
-const LAID: f64 = 0.07;
-/// Share of the outline that glare may hide; and what its fringe, up to a tenth of the skin's light before it is seen,
-/// does to the edges beside it, px: about a tenth of an edge's width.
-const DROWNED: f64 = 0.64;
-const VEIL_PX: f64 = 0.1;
-/// The same where most of the fringe is left out, or measured.
-const VEIL_LEFT_PX: f64 = 0.06;
-/// Semi-minor axis below which that shifts a disc less across its axis, px.
-const EVEN: f64 = 20.0;
-/// Greatest standard deviation of a centre, px: of any, and of one whose length its like predict, so that no more than
-/// the place along it is in doubt; of quadrants whose outline is predicted.
-const VAGUEST: f64 = 2.0;
-const VAGUEST_FORETOLD: f64 = 2.5;
-const VAGUEST_CROSSING: f64 = 0.5;
-/// Axis ratio of the flattest ellipse that is taken for a marker: seen from a metre above the skin, discs are 1:28 on a wing
-/// that bends downwards, and seams are far flatter.
-const FLATTEST: f64 = 40.0;
-/// That of quadrants, which are nearer: flatter ones are two discs side by side.
-const FLATTEST_QUADRANTS: f64 = 26.0;
-/// Greatest blur that is measured, px.
-pub const SOFTEST: f64 = 3.2;
-/// What noise may be at edges, grey levels, where JPEG has left none of it beside them.
-const LOST: f64 = 1.0;
 
 /// Whether residuals, root mean square, are larger than a marker's with the frame's noise and, of a disc, with that about it,
 /// grey levels.
@@ -47,7 +22,7 @@ pub fn fits_poorly(image: &Raster, hypothesis: &Hypothesis, rms: f64, noise: f64
     let is_larger = |noise: f64| rms > 1.6 * noise + 0.05 * contrast;
     // Letters, which are their own noise, are taken for quadrants rather than for discs.
     if hypothesis.pattern == Pattern::Disc {
-        is_larger(noise.max(LOST)) && is_larger(noise::about(image, &hypothesis.ellipse))
+        is_larger(noise.max(VERDICT.lost_noise)) && is_larger(noise::about(image, &hypothesis.ellipse))
     } else {
         is_larger(noise)
     }
@@ -98,18 +73,69 @@ pub fn judge(
 ) -> Result<Measured, RejectReason> {
     let m = &fit.parameters;
     let contrast = contrast(m);
-    let ellipse = match hypothesis.pattern {
-        Pattern::Disc => {
-            let (centre, angle) = (Vector2::new(m[X], m[Y]), m[ANGLE]);
-            let (major, minor, angle) = if m[FIRST] >= m[SECOND] {
-                (m[FIRST], m[SECOND], angle)
-            } else {
-                (m[SECOND], m[FIRST], angle + std::f64::consts::FRAC_PI_2)
-            };
-            Ellipse { centre, major, minor, angle: half_turn(angle) }
-        }
-        _ => Ellipse { centre: Vector2::new(m[X], m[Y]), ..hypothesis.ellipse },
+    let ellipse = ellipse_of(hypothesis, m);
+    judge_shape(image, hypothesis, m, &ellipse)?;
+    if m[DARK] < 0.15 || contrast < 8.0 || contrast < 4.0 * noise {
+        return Err(RejectReason::LowContrast);
+    }
+    if m[BLUR] > VERDICT.softest_px
+        || fit.inliers < 0.55
+        || fits_poorly(image, hypothesis, fit.rms, noise, contrast)
+    {
+        return Err(RejectReason::PoorFit);
+    }
+    if is_other_pattern(image, hypothesis, m, &ellipse) {
+        return Err(RejectReason::Pattern);
+    }
+    let covariance = covariance(hypothesis, fit, &ellipse);
+    let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
+    if !(spread > 0.0 && spread < greatest_spread(hypothesis, &ellipse)) {
+        return Err(RejectReason::Uncertain);
+    }
+    let is_disc = hypothesis.pattern == Pattern::Disc;
+    Ok(Measured {
+        detection: Detection {
+            shape: if is_disc { Shape::Circle } else { Shape::Quadrant },
+            centre_px: ellipse.centre,
+            covariance_px2: covariance,
+            beside_px2: 0.0,
+            semi_major_px: ellipse.major,
+            semi_minor_px: ellipse.minor,
+            angle_rad: ellipse.angle,
+            fit_rms: fit.rms,
+            contrast,
+        },
+        blur: m[BLUR],
+        darkness: contrast / m[LIGHT].max(1.0),
+        correlation: fit.correlation,
+        white: fit.white,
+        length: if is_disc { fit.covariance[(FIRST, FIRST)].max(0.0).sqrt() } else { 0.0 },
+        through_glare: false,
+        is_whole: hypothesis.is_whole(),
+    })
+}
+
+/// The ellipse of a fit; of quadrants the one that they had, about their saddle.
+fn ellipse_of(hypothesis: &Hypothesis, m: &Parameters) -> Ellipse {
+    let centre = Vector2::new(m[X], m[Y]);
+    if hypothesis.pattern != Pattern::Disc {
+        return Ellipse { centre, ..hypothesis.ellipse };
+    }
+    let (major, minor, angle) = if m[FIRST] >= m[SECOND] {
+        (m[FIRST], m[SECOND], m[ANGLE])
+    } else {
+        (m[SECOND], m[FIRST], m[ANGLE] + std::f64::consts::FRAC_PI_2)
     };
+    Ellipse { centre, major, minor, angle: half_turn(angle) }
+}
+
+/// Whether a fitted ellipse may be a marker's, and enough of it shows.
+fn judge_shape(
+    image: &Raster,
+    hypothesis: &Hypothesis,
+    m: &Parameters,
+    ellipse: &Ellipse,
+) -> Result<(), RejectReason> {
     let moved = (ellipse.centre - hypothesis.ellipse.centre).norm();
     if moved > 0.25 * hypothesis.ellipse.major + 2.0 {
         return Err(RejectReason::PoorFit);
@@ -123,82 +149,58 @@ pub fn judge(
     if ellipse.minor < 0.8 || ellipse.major < 3.5 {
         return Err(RejectReason::TooSmall);
     }
-    let lopsided = hypothesis.pattern == Pattern::Disc && m[TAPER].abs() > 4.0 * TAPER_SPREAD;
-    let flattest = if hypothesis.pattern == Pattern::Disc { FLATTEST } else { FLATTEST_QUADRANTS };
+    let is_disc = hypothesis.pattern == Pattern::Disc;
+    let lopsided = is_disc && m[TAPER].abs() > 4.0 * PRIOR.taper;
+    let flattest = if is_disc { VERDICT.flattest } else { VERDICT.flattest_quadrants };
     if lopsided || ellipse.major > flattest * ellipse.minor {
         return Err(RejectReason::NotAnEllipse);
     }
-    let glare = hypothesis.is_in_glare();
     let is_lit = |at: Vector2<f64>| hypothesis.glare().any(|b| b.holds(&at));
     // Edges that only point at their crossing tell it worse than they say.
-    let crossing = hypothesis.pattern != Pattern::Disc && is_lit(ellipse.centre);
-    if crossing || glare && ellipse.share(|at| is_lit(*at)) > DROWNED {
-        return Err(RejectReason::GlareOccluded);
-    }
-    if m[DARK] < 0.15 || contrast < 8.0 || contrast < 4.0 * noise {
-        return Err(RejectReason::LowContrast);
-    }
-    if m[BLUR] > SOFTEST || fit.inliers < 0.55 || fits_poorly(image, hypothesis, fit.rms, noise, contrast) {
-        return Err(RejectReason::PoorFit);
-    }
-    let edges =
-        hypothesis.edges.filter(|_| hypothesis.prior.blur.is_none() && hypothesis.prior.size.is_none());
-    let is_other = |edges: (f64, f64)| {
-        !ends_in_arcs(image, hypothesis.pattern, &ellipse, edges.0, m)
-            || have_corners(image, hypothesis.pattern, &ellipse, m)
-    };
-    if edges.is_some_and(is_other) {
-        return Err(RejectReason::Pattern);
-    }
-    let mut covariance = fit.covariance.fixed_view::<2, 2>(0, 0).into_owned();
-    if hypothesis.pattern == Pattern::Disc {
-        let axis = Vector2::new(m[ANGLE].cos(), m[ANGLE].sin());
-        covariance += axis * axis.transpose() * (LAID * m[THIRD]).powi(2);
-    }
+    let crossing = !is_disc && is_lit(ellipse.centre);
+    let hidden = || hypothesis.is_in_glare() && ellipse.share(|at| is_lit(*at)) > VERDICT.hidden_by_glare;
+    if crossing || hidden() { Err(RejectReason::GlareOccluded) } else { Ok(()) }
+}
+
+/// Whether quadrants are none of a target's, where their outline is not known beforehand.
+fn is_other_pattern(image: &Raster, hypothesis: &Hypothesis, m: &Parameters, ellipse: &Ellipse) -> bool {
+    let known = hypothesis.prior.blur.is_some() || hypothesis.prior.size.is_some();
+    hypothesis.edges.filter(|_| !known).is_some_and(|edges| {
+        !ends_in_arcs(image, hypothesis.pattern, ellipse, edges.0, m)
+            || have_corners(image, hypothesis.pattern, ellipse, m)
+    })
+}
+
+/// The centre's covariance, px^2: the fit's, and of a disc what curved skin and glare add.
+fn covariance(hypothesis: &Hypothesis, fit: &Fit, ellipse: &Ellipse) -> Matrix2<f64> {
+    let m = &fit.parameters;
+    let mut out = fit.covariance.fixed_view::<2, 2>(0, 0).into_owned();
     // A crossing lies where glare does not.
-    if glare && hypothesis.pattern == Pattern::Disc {
-        // Both edges of a thin disc lie in the same light.
-        let veil = if hypothesis.prior.tells_all_of_size() { VEIL_LEFT_PX } else { VEIL_PX };
-        let (along, across) = (ellipse.axis(), veil * (ellipse.minor / EVEN).min(1.0));
-        let along_too = veil.powi(2) - across.powi(2);
-        covariance += Matrix2::identity() * across.powi(2) + along * along.transpose() * along_too;
+    if hypothesis.pattern != Pattern::Disc {
+        return out;
     }
-    let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
-    // A part of an outline, or one in uneven light, tells the centre less well, and says so; so does what is hardly seen, of
-    // which all is known but the place.
+    let axis = Vector2::new(m[ANGLE].cos(), m[ANGLE].sin());
+    out += axis * axis.transpose() * (VERDICT.laid * m[THIRD]).powi(2);
+    if hypothesis.is_in_glare() {
+        // Both edges of a thin disc lie in the same light.
+        let by =
+            if hypothesis.prior.tells_all_of_size() { VERDICT.rest_of_fringe_px } else { VERDICT.fringe_px };
+        let (along, across) = (ellipse.axis(), by * (ellipse.minor / VERDICT.even_px).min(1.0));
+        let along_too = by.powi(2) - across.powi(2);
+        out += Matrix2::identity() * across.powi(2) + along * along.transpose() * along_too;
+    }
+    out
+}
+
+/// The standard deviation of a centre beyond which a place is too uncertain, px. A part of an outline, or one in uneven light,
+/// tells the centre less well, and says so; so does what is hardly seen, of which all is known but the place.
+fn greatest_spread(hypothesis: &Hypothesis, ellipse: &Ellipse) -> f64 {
     let (vaguest, vaguer) = match (hypothesis.prior.size, hypothesis.pattern) {
-        (Some(_), Pattern::Disc) => (VAGUEST_FORETOLD, 2.0),
+        (Some(_), Pattern::Disc) => (VERDICT.vaguest_predicted_px, 2.0),
         // Edges that only point at their crossing.
-        (Some(_), _) => (VAGUEST_CROSSING, 1.0),
-        (None, _) => (VAGUEST, 1.0),
+        (Some(_), _) => (VERDICT.vaguest_crossing_px, 1.0),
+        (None, _) => (VERDICT.vaguest_px, 1.0),
     };
     let most = if hypothesis.is_whole() { vaguer * (0.02 * ellipse.major).max(0.6) } else { vaguest };
-    let most = most.min(0.05 * ellipse.major).min(vaguest);
-    if !(spread > 0.0 && spread < most) {
-        return Err(RejectReason::Uncertain);
-    }
-    Ok(Measured {
-        detection: Detection {
-            shape: if hypothesis.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant },
-            centre_px: ellipse.centre,
-            covariance_px2: Matrix2::from_fn(|i, j| covariance[(i, j)]),
-            beside_px2: 0.0,
-            semi_major_px: ellipse.major,
-            semi_minor_px: ellipse.minor,
-            angle_rad: ellipse.angle,
-            fit_rms: fit.rms,
-            contrast,
-        },
-        blur: m[BLUR],
-        darkness: contrast / m[LIGHT].max(1.0),
-        correlation: fit.correlation,
-        white: fit.white,
-        length: if hypothesis.pattern == Pattern::Disc {
-            fit.covariance[(FIRST, FIRST)].max(0.0).sqrt()
-        } else {
-            0.0
-        },
-        through_glare: false,
-        is_whole: hypothesis.is_whole(),
-    })
+    most.min(0.05 * ellipse.major).min(vaguest)
 }

@@ -2,14 +2,17 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::measure::detect::accept::verdict::{Measured, SOFTEST, fits_poorly, judge};
+use crate::measure::detect::accept::options::VERDICT;
+use crate::measure::detect::accept::verdict::{Measured, fits_poorly, judge};
 use crate::measure::detect::appearance::parameters::{
     ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, Parameters, Pattern, SECOND, THIRD, X, Y, contrast,
 };
+use crate::measure::detect::attempt::options::MEASURE;
 use crate::measure::detect::detection::RejectReason;
 use crate::measure::detect::estimate::gauss_newton::{Fit, fit, rough};
-use crate::measure::detect::estimate::normal_equations::CUT;
-use crate::measure::detect::estimate::prior::{GAMMA_PRIOR, darkness_leaving, few_unknowns, unknowns};
+use crate::measure::detect::estimate::options::PRIOR;
+use crate::measure::detect::estimate::options::WEIGHT;
+use crate::measure::detect::estimate::prior::{darkness_leaving, few_unknowns, unknowns};
 use crate::measure::detect::estimate::terms::{glare_spline, veiling_glare};
 use crate::measure::detect::estimate::{lack_of_fit, outlined_quadrants};
 use crate::measure::detect::hypothesis::Hypothesis;
@@ -25,22 +28,8 @@ use crate::measure::detect::sample::select::{ALL, EVERY, FEW, Look, Masked, Want
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::raster::Raster;
 
-/// Standard deviations beyond which a bend of axis or edges is believed.
-const BEND_TEST: f64 = 3.0;
-/// Share of white or skin below which a contrast does not tell the exponent from the darkness: the grey half way
-/// up an edge then changes by less than half a percent with the exponent, and both run away together.
-const TELLS_GAMMA: f64 = 0.3;
-/// How much lighter than the skin glare is where its fringe ends: beyond, it hides a disc sooner than it shows it.
-const FRINGE: f64 = 1.2;
-/// Mirrored light that changes across a disc too shifts what shows through it, px.
-const GLARE_PX: f64 = 0.03;
-/// What an end that glare saturates does to a disc's place along its axis, px: in rendered frames such places are off by so
-/// much more than their residuals tell.
-const ONE_END_PX: f64 = 0.4;
 /// A plane of darkness.
 const FINE_DARK: [usize; 2] = [DARK + 1, DARK + 2];
-/// Share of a marker's contrast by which what is darker than the skin around it is foreign.
-const FOREIGN: f64 = 0.25;
 
 /// What a frame's markers can be like.
 #[derive(Clone, Copy)]
@@ -56,12 +45,9 @@ pub struct Bounds {
 impl Bounds {
     /// Of a frame in which nothing has been measured.
     pub fn of(noise: f64) -> Self {
-        Self { noise, blur: SOFTEST, through_glare: false }
+        Self { noise, blur: VERDICT.softest_px, through_glare: false }
     }
 }
-
-/// Axis ratio of a blob which is no marker whatever a fit would say.
-const SURELY_FLATTER: f64 = 45.0;
 
 /// Fits the model to a hypothesis.
 pub fn measure(
@@ -85,29 +71,11 @@ fn measure_once(
     hypothesis: &Hypothesis,
     bounds: Bounds,
 ) -> Result<Measured, RejectReason> {
-    let noise = bounds.noise;
-    let ellipse = &hypothesis.ellipse;
-    if hypothesis.blobs.iter().any(|&i| blobs.get(i).is_some_and(|b| b.at_edge)) {
-        return Err(RejectReason::TouchesEdge);
-    }
-    let too_small = ellipse.major < 3.5 || ellipse.minor < 0.7;
-    if too_small {
-        return Err(RejectReason::TooSmall);
-    }
-    if hypothesis.prior.size.is_none() && ellipse.major > SURELY_FLATTER * ellipse.minor {
-        return Err(RejectReason::NotAnEllipse);
-    }
-    let floor = least_scale(noise);
-    let (few, all) = if hypothesis.is_under_decal() { (EVERY, EVERY) } else { (FEW, ALL) };
-    let blur = hypothesis.prior.edge.map(|edge| edge.blur.0).or(hypothesis.prior.blur).unwrap_or(1.0);
-    let first = |look: Look| roughly(image, Masked::Blobs(blobs), hypothesis, look, few, floor);
-    let look = Look { crossing: ellipse.centre, blur, sag: 0.0 };
-    let (near, scale) = first(look).or_else(|reason| {
-        let crossing = crossing_in_small(image, hypothesis, floor).ok_or(reason)?;
-        first(Look { crossing, ..look })
-    })?;
+    turn_down_at_once(blobs, hypothesis)?;
+    let floor = least_scale(bounds.noise);
+    let (near, scale) = first_fit(image, blobs, hypothesis, floor)?;
     // A rough fit leaves at most twice what the last one may.
-    if fits_poorly(image, hypothesis, 0.5 * scale, noise, contrast(&near)) {
+    if fits_poorly(image, hypothesis, 0.5 * scale, bounds.noise, contrast(&near)) {
         return Err(RejectReason::PoorFit);
     }
     if near[BLUR] > bounds.blur {
@@ -121,14 +89,79 @@ fn measure_once(
         }
         place = found;
     }
-    let last = |place: &Hypothesis| {
+    let last = Last { image, blobs, hypothesis, bounds, near, scale, floor };
+    let told = !place.is_in_glare() || place.prior.tells_all_of_size();
+    if place.pattern == Pattern::Disc && !place.is_under_decal() && told {
+        let seams = seam::find(image, &place.ellipse, &near, scale.max(floor));
+        if !seams.is_empty() {
+            let mut without = place.clone();
+            without.excluded.extend(seams.into_iter().map(Region::Seam));
+            let without = last.measure(&without);
+            if without.is_ok() {
+                return without;
+            }
+            // What is left may be too little; with the seam's pixels it is at least found.
+        }
+    }
+    last.measure(&place)
+}
+
+/// What need not be fitted to be turned down.
+fn turn_down_at_once(blobs: &[Blob], hypothesis: &Hypothesis) -> Result<(), RejectReason> {
+    let ellipse = &hypothesis.ellipse;
+    if hypothesis.blobs.iter().any(|&i| blobs.get(i).is_some_and(|b| b.at_edge)) {
+        return Err(RejectReason::TouchesEdge);
+    }
+    let too_small = ellipse.major < 3.5 || ellipse.minor < 0.7;
+    if too_small {
+        return Err(RejectReason::TooSmall);
+    }
+    if hypothesis.prior.size.is_none() && ellipse.major > MEASURE.surely_flatter * ellipse.minor {
+        return Err(RejectReason::NotAnEllipse);
+    }
+    Ok(())
+}
+
+/// The first geometry, with its residuals' scale.
+fn first_fit(
+    image: &Raster,
+    blobs: &[Blob],
+    hypothesis: &Hypothesis,
+    floor: f64,
+) -> Result<(Parameters, f64), RejectReason> {
+    let few = if hypothesis.is_under_decal() { EVERY } else { FEW };
+    let blur = hypothesis.prior.edge.map(|edge| edge.blur.0).or(hypothesis.prior.blur).unwrap_or(1.0);
+    let first = |look: Look| roughly(image, Masked::Blobs(blobs), hypothesis, look, few, floor);
+    let look = Look { crossing: hypothesis.ellipse.centre, blur, sag: 0.0 };
+    first(look).or_else(|reason| {
+        let crossing = crossing_in_small(image, hypothesis, floor).ok_or(reason)?;
+        first(Look { crossing, ..look })
+    })
+}
+
+/// The last fit of a hypothesis, from a first geometry whose residuals had some scale.
+struct Last<'a> {
+    image: &'a Raster,
+    blobs: &'a [Blob],
+    hypothesis: &'a Hypothesis,
+    bounds: Bounds,
+    near: Parameters,
+    scale: f64,
+    floor: f64,
+}
+
+impl Last<'_> {
+    /// The answer at a place that the first geometry told.
+    fn measure(&self, place: &Hypothesis) -> Result<Measured, RejectReason> {
+        let Self { image, blobs, hypothesis, bounds, near, scale, floor } = *self;
         // What is known of a disc from its like beside it is known beforehand.
         let (mut unknowns, bends) = unknowns(if hypothesis.prior.twin { hypothesis } else { place });
-        unknowns.free[GAMMA] &= contrast(&near) > TELLS_GAMMA * near[LIGHT];
-        let masked = if hypothesis.is_under_decal() {
-            Masked::Blobs(blobs)
+        unknowns.free[GAMMA] &= contrast(&near) > MEASURE.tells_gamma * near[LIGHT];
+        let (masked, all) = if hypothesis.is_under_decal() {
+            (Masked::Blobs(blobs), EVERY)
         } else {
-            Masked::DarkerThan(near, (CUT * floor).max(FOREIGN * contrast(&near)))
+            let limit = (WEIGHT.cut_scales * floor).max(MEASURE.foreign * contrast(&near));
+            (Masked::DarkerThan(near, limit), ALL)
         };
         let sag = if place.edges.is_none() { near[THIRD] } else { 0.0 };
         let look = Look { crossing: Vector2::new(near[X], near[Y]), blur: near[BLUR], sag };
@@ -136,8 +169,9 @@ fn measure_once(
         let bent = fit(&pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
         // The straight model knows more, where the bend is not significant.
         let significant = !hypothesis.is_whole()
-            || (bends.iter())
-                .any(|&k| bent.parameters[k].abs() > BEND_TEST * bent.covariance[(k, k)].max(0.0).sqrt());
+            || (bends.iter()).any(|&k| {
+                bent.parameters[k].abs() > MEASURE.bend_sigmas * bent.covariance[(k, k)].max(0.0).sqrt()
+            });
         let result = if significant {
             bent
         } else {
@@ -147,31 +181,13 @@ fn measure_once(
         let floor = floor.max(0.02 * contrast(&near));
         let whole = !hypothesis.is_under_decal();
         let result = lack_of_fit::improve(&pixels, result, &unknowns, floor, whole);
-        let plain = judge(image, place, &result, noise);
+        let plain = judge(image, place, &result, bounds.noise);
         if bounds.through_glare && place.pattern == Pattern::Disc && place.is_in_glare() {
-            in_glare(image, place, &result, plain, floor, noise)
+            in_glare(image, place, &result, plain, floor, bounds.noise)
         } else {
             plain
         }
-    };
-    let told = !place.is_in_glare() || place.prior.tells_all_of_size();
-    let met_by_seam = if place.pattern == Pattern::Disc && !place.is_under_decal() && told {
-        let seams = seam::find(image, &place.ellipse, &near, scale.max(floor));
-        let meets = !seams.is_empty();
-        place.excluded.extend(seams.into_iter().map(Region::Seam));
-        meets
-    } else {
-        false
-    };
-    if met_by_seam {
-        let without = last(&place);
-        if without.is_ok() {
-            return without;
-        }
-        // What is left may be too little; with the seam's pixels it is at least found.
-        place = place.without_seams();
     }
-    last(&place)
 }
 
 /// The answer of a disc with glare over it, from the fit to what glare leaves and what that was judged: through the glare
@@ -194,7 +210,8 @@ fn in_glare(
     }
     // Of an end that is saturated the edges beside it tell less than the discs about: it stays left out.
     let known = hypothesis.prior.tells_all_of_size();
-    let fringe = || through(glare::lit(image, &hypothesis.ellipse, FRINGE, 0.0)).map(|(fringe, _)| fringe);
+    let fringe =
+        || through(glare::lit(image, &hypothesis.ellipse, MEASURE.fringe, 0.0)).map(|(fringe, _)| fringe);
     let fringe = if known { fringe() } else { None };
     match (plain, fringe) {
         (Ok(plain), Some(fringe)) if plain.detection.variance() < fringe.detection.variance() => Ok(plain),
@@ -203,7 +220,7 @@ fn in_glare(
             let (mut all, _) = all.ok_or(reason)?;
             if !known {
                 let axis = all.detection.ellipse().axis();
-                all.detection.covariance_px2 += axis * axis.transpose() * ONE_END_PX.powi(2);
+                all.detection.covariance_px2 += axis * axis.transpose() * MEASURE.one_end_px.powi(2);
             }
             Ok(all)
         }
@@ -225,7 +242,7 @@ fn through_glare(
     let mut place = place(hypothesis, m).with_glare(bands);
     for _ in 0..2 {
         let look = Look { crossing: place.ellipse.centre, blur: m[BLUR], sag: 0.0 };
-        let masked = Masked::DarkerThan(*m, (CUT * floor).max(FOREIGN * contrast(m)));
+        let masked = Masked::DarkerThan(*m, (WEIGHT.cut_scales * floor).max(MEASURE.foreign * contrast(m)));
         let pixels = pixels(image, masked, &place, look, EVERY)?;
         let (mut unknowns, _) = unknowns(&place);
         // Glare changes the contrast along the disc far more than its own darkness does.
@@ -233,7 +250,7 @@ fn through_glare(
         let fit_with_glare = veiling_glare::fit_with_glare(&pixels, &place.ellipse, fit, &unknowns, floor)?;
         let found = judge(image, &place, &fit_with_glare, noise).ok()?;
         let mut found = Measured { through_glare: true, is_whole: false, ..found };
-        found.detection.covariance_px2 += Matrix2::identity() * GLARE_PX.powi(2);
+        found.detection.covariance_px2 += Matrix2::identity() * MEASURE.glare_px.powi(2);
         let moved = (found.detection.centre_px - place.ellipse.centre).norm();
         if moved < 1.0 {
             return Some((found, glare_spline::shows_ends(&pixels)));
@@ -329,7 +346,7 @@ fn start(hypothesis: &Hypothesis, pixels: &Pixels, look: Look) -> Option<Paramet
     let at = |rank: usize| count.at(rank).map(|grey| grey as f64);
     let (low, high) = (at(total / 40)?, at(total * 8 / 10)?);
     m[LIGHT] = high.max(1.0);
-    m[GAMMA] = GAMMA_PRIOR.0;
+    m[GAMMA] = PRIOR.gamma.0;
     m[DARK] = darkness_leaving(low.max(1.0) / high.max(1.0));
     (m[DARK] > 0.08 && high - low > 6.0).then_some(m)
 }

@@ -1,4 +1,5 @@
 //! One hypothesis measured, in the ways that there are.
 
 pub mod measure;
+pub mod options;
 pub mod whole;

@@ -3,6 +3,7 @@
 use super::measure::{Bounds, measure};
 use crate::measure::detect::accept::verdict::Measured;
 use crate::measure::detect::appearance::parameters::Pattern;
+use crate::measure::detect::attempt::options::WHOLE;
 use crate::measure::detect::detection::{Detection, RejectReason};
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
@@ -14,12 +15,6 @@ use crate::measure::detect::propose::{glare_cut, moments, partial_ellipse};
 use crate::measure::detect::segment::blob;
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::raster::Raster;
-
-/// Skin about a disc that tells its grey, px.
-const BESIDE: f64 = 6.0;
-/// How much squarer than a whole disc one may look that blur, or strong noise, has frayed.
-const FRAYED: f64 = 1.15;
-const FRAYED_BY_NOISE: f64 = 1.5;
 
 /// Blobs measured as whole discs, each once.
 pub struct WholeDiscs<'a> {
@@ -64,13 +59,12 @@ impl<'a> WholeDiscs<'a> {
 
     /// Whether in what was measured as quadrants lie two discs or more, each of which leaves less than half the residuals.
     pub fn hold_discs(&mut self, quadrants: &Detection) -> bool {
-        const BETTER: f64 = 0.5;
         let whole = quadrants.ellipse();
         let mut found: Vec<Ellipse> = Vec::new();
         for (i, _) in self.blobs.iter().enumerate().filter(|(_, b)| whole.holds(b.centroid)) {
             let Some(Ok(disc)) = self.measure_round(i) else { continue };
             let ellipse = disc.detection.ellipse();
-            let better = disc.is_sure() && disc.detection.fit_rms < BETTER * quadrants.fit_rms;
+            let better = disc.is_sure() && disc.detection.fit_rms < WHOLE.better * quadrants.fit_rms;
             if better && !found.iter().any(|other| other.holds(ellipse.centre)) {
                 found.push(ellipse);
             }
@@ -86,7 +80,7 @@ pub fn looks_cut(blob: &Blob) -> bool {
 
 /// Whether a blob that looks cut by nothing may be a whole disc all the same, which blur or noise has frayed.
 fn is_frayed(blob: &Blob, noise: f64) -> bool {
-    cut_by(blob) < if noise > FRAYING { FRAYED_BY_NOISE } else { FRAYED }
+    cut_by(blob) < if noise > FRAYING { WHOLE.frayed_by_noise } else { WHOLE.frayed }
 }
 
 /// How square a blob is against what a whole disc of its size may be.
@@ -99,13 +93,13 @@ pub fn cut_by(blob: &Blob) -> f64 {
 /// lowers, as a line at its tip does: seen once more against one level.
 fn at_one_level(image: &Raster, blob: &Blob, index: usize) -> Option<Hypothesis> {
     let seen = Ellipse::of(blob);
-    let (low, high) = blob::about(&seen, BESIDE);
+    let (low, high) = blob::about(&seen, WHOLE.beside_px);
     let about = image.part(low, high, 1).map(|(_, _, value)| value);
     let own = blob.runs.iter().flat_map(|&[y, from, to]| {
         image.row(y as usize).iter().take(to as usize + 1).skip(from as usize).copied()
     });
     let (black, skin) = (Histogram::of(own).middle()?, Histogram::of(about).middle()?);
-    let found = blob::dark_parts(image, &seen, BESIDE, black.midpoint(skin) as u8);
+    let found = blob::dark_parts(image, &seen, WHOLE.beside_px, black.midpoint(skin) as u8);
     moments::disc(index, found.iter().find(|blob| !looks_cut(blob))?)
 }
 

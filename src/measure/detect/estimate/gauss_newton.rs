@@ -9,6 +9,7 @@ use crate::measure::detect::appearance::parameters::{
     ANGLE, BLUR, CHORD, DARK, FIRST, GAMMA, LENGTH, LIGHT, N, Parameters, Pattern, SHEAR, TAPER, X, Y,
     contrast,
 };
+use crate::measure::detect::estimate::options::ITERATION;
 use crate::measure::detect::sample::pixels::Pixels;
 
 /// A converged fit.
@@ -54,17 +55,6 @@ impl Fit {
         out
     }
 }
-
-/// Most steps of a rough fit, and of the last one; and from how many on that moves by less than this, px: where the blur is
-/// another along than across, pixels of an end come back one by one.
-const MOST_ROUGH: usize = 20;
-const MOST_LAST: usize = 30;
-const SLOW: usize = 12;
-const SLOW_PX: f64 = 0.1;
-/// Steps after which a fit that leaves a fifth of the contrast, or moves by a pixel, is none of a
-/// marker's.
-const EARLY: usize = 5;
-const LATE: usize = 8;
 
 /// What a fit is made of.
 struct Problem<'a> {
@@ -131,7 +121,7 @@ impl<'a> Problem<'a> {
     /// Repeats the linear solution until the centre stands still.
     fn solve(&mut self, mut m: Parameters, mut scale: f64, until: Until) -> Option<End> {
         let mut last = scale;
-        let most = if until == Until::Near { MOST_ROUGH } else { MOST_LAST };
+        let most = if until == Until::Near { ITERATION.most_rough } else { ITERATION.most_last };
         for iteration in 0..most {
             let step = linearise(self.pixels, &m, self.unknowns, scale, self.floor, self.images.as_mut());
             let damping = if until == Until::Near && iteration < 2 { 1e-3 } else { 1e-10 };
@@ -167,11 +157,11 @@ impl<'a> Problem<'a> {
             if settled || (iteration + 1 == most && moved < 0.02) {
                 return Some(End { parameters: m, start, scale, step, factor });
             }
-            if until == Until::Fixed && iteration + 1 >= SLOW && moved > SLOW_PX {
+            if until == Until::Fixed && iteration + 1 >= ITERATION.slow && moved > ITERATION.slow_px {
                 return None;
             }
-            let far = iteration >= LATE && moved > 1.0 && step.scale > 0.05 * contrast(&m);
-            if far || (iteration >= EARLY && step.scale > 0.2 * contrast(&m)) {
+            let far = iteration >= ITERATION.late && moved > 1.0 && step.scale > 0.05 * contrast(&m);
+            if far || (iteration >= ITERATION.early && step.scale > 0.2 * contrast(&m)) {
                 return None;
             }
         }

@@ -8,21 +8,9 @@ use super::gauss_newton::Fit;
 use super::residuals::analyse;
 use super::unknowns::Unknowns;
 use crate::measure::detect::appearance::parameters::{X, Y};
+use crate::measure::detect::estimate::options::LACK_OF_FIT;
 use crate::measure::detect::estimate::terms::light_field::fit_light_field;
 use crate::measure::detect::sample::pixels::Pixels;
-
-/// Times its own variance beyond which a centre's variance from blocks of residuals is not chance.
-const CORRELATED: f64 = 4.0;
-/// Mean square of residuals by sectors, over that of white ones, beyond which the light is uneven.
-const UNEVEN: f64 = 1.5;
-/// Share of pixels that the fit has left out, beyond which they are looked into.
-const FOREIGN: f64 = 0.01;
-/// What a field of light must take off the residuals' squares, in variances of one: its 33 unknowns take off as many by
-/// chance, and several times as many where residuals hang together, as JPEG leaves them: to be heard, and to be believed.
-const DOUBTFUL: f64 = 120.0;
-/// What a first step must promise of that to be followed.
-const HOPELESS: f64 = 60.0;
-const CERTAIN: f64 = 280.0;
 
 /// The fit as it is, with the covariance that its residuals deserve; or a better one. What is left of
 /// a marker that is not `whole` could not bear more unknowns.
@@ -32,9 +20,12 @@ pub fn improve(pixels: &Pixels, fit: Fit, unknowns: &Unknowns, floor: f64, whole
     let left_out = seen.biweights.iter().zip(&pixels.batches);
     let left_out: usize = left_out.map(|(t, b)| t.iter().take(b.len).filter(|&&t| t <= 0.0).count()).sum();
     let foreign = left_out as f64 / pixels.count() as f64;
-    let suspect = whole && (seen.uneven > UNEVEN || seen.ratio > CORRELATED || foreign > FOREIGN);
+    let suspect = whole
+        && (seen.uneven > LACK_OF_FIT.uneven
+            || seen.ratio > LACK_OF_FIT.correlated
+            || foreign > LACK_OF_FIT.foreign);
     // With few foreign pixels the first step tells.
-    let least = (foreign <= FOREIGN).then_some(HOPELESS);
+    let least = (foreign <= LACK_OF_FIT.foreign).then_some(LACK_OF_FIT.hopeless);
     let fit_light_field =
         if suspect { fit_light_field(pixels, &fit, &seen, unknowns, floor, least) } else { None };
     let mut out = Fit { correlation: seen.mean, ..fit };
@@ -42,7 +33,8 @@ pub fn improve(pixels: &Pixels, fit: Fit, unknowns: &Unknowns, floor: f64, whole
     if let Some(fit_light_field) = fit_light_field {
         let gain = (1.0 - (fit_light_field.rms / out.rms).powi(2)) * pixels.weight();
         // Between the two limits both stand, so that a small difference of a pixel or two decides nothing.
-        let share = ((gain - DOUBTFUL) / (CERTAIN - DOUBTFUL)).clamp(0.0, 1.0);
+        let share =
+            ((gain - LACK_OF_FIT.doubtful) / (LACK_OF_FIT.certain - LACK_OF_FIT.doubtful)).clamp(0.0, 1.0);
         let between = |one: f64, other: f64| one + share * (other - one);
         let apart = [X, Y].map(|k| fit_light_field.parameters[k] - out.parameters[k]);
         let apart = Vector2::from(apart) * (share * (1.0 - share)).sqrt();

@@ -5,6 +5,7 @@ pub mod cholesky;
 pub mod gauss_newton;
 pub mod lack_of_fit;
 pub mod normal_equations;
+pub mod options;
 pub mod outlined_quadrants;
 pub mod prior;
 pub mod residuals;

@@ -6,6 +6,7 @@ use super::unknowns::Unknowns;
 use crate::measure::detect::appearance::formula::{Model, grey};
 use crate::measure::detect::appearance::parameters::{Grey, N, Parameters, X, Y};
 use crate::measure::detect::appearance::quadrants;
+use crate::measure::detect::estimate::options::WEIGHT;
 use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::detect::simd::lanes::{LANES, Lanes, each, total};
@@ -13,11 +14,6 @@ use crate::measure::detect::simd::lanes::{LANES, Lanes, each, total};
 pub type Square = SMatrix<f64, N, N>;
 
 pub type Column = SVector<f64, N>;
-
-/// Residuals beyond this many scales have no weight (Tukey's biweight; 95 % efficient at 4.7).
-pub const CUT: f64 = 6.0;
-/// Unevenness of a real outline and of its sampling, px, that is no reason to distrust a pixel.
-pub const EDGE_JITTER: f64 = 0.08;
 
 /// One linearisation: normal equations and residual statistics.
 pub struct Step {
@@ -276,8 +272,8 @@ impl Pixels {
 /// Roots of the biweights.
 #[inline(always)]
 pub fn biweights(r: &Lanes, by_x: &Lanes, by_y: &Lanes, scale: f64) -> Lanes {
-    let (scale2, jitter2) = ((scale * scale) as f32, (EDGE_JITTER * EDGE_JITTER) as f32);
-    let cut2 = (CUT * CUT) as f32;
+    let (scale2, jitter2) = ((scale * scale) as f32, (WEIGHT.edge_jitter_px * WEIGHT.edge_jitter_px) as f32);
+    let cut2 = (WEIGHT.cut_scales * WEIGHT.cut_scales) as f32;
     each(|i| {
         let edge2 = jitter2 * (by_x[i] * by_x[i] + by_y[i] * by_y[i]);
         let root = 1.0 - r[i] * r[i] / (cut2 * (scale2 + edge2));

@@ -4,45 +4,19 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::gauss_newton::{Fit, fit, rough};
-use super::prior::GAMMA_PRIOR;
 use super::unknowns::Unknowns;
 use crate::measure::detect::appearance::parameters::{
     ANGLE, ASIDE, BLUR, CHORD, DARK, FIRST, GAMMA, LENGTH, LIGHT, N, OUTLINE, Parameters, Pattern, SECOND,
     SHEAR, SKIN, THIRD, X, Y, contrast,
 };
+use crate::measure::detect::estimate::options::OUTLINED;
+use crate::measure::detect::estimate::options::PRIOR;
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::scanline::{EllipseFrame, columns, row_of};
 use crate::measure::detect::sample::pixels::{Kind, Pixels, Sorter};
 use crate::measure::detect::simd::batch::Batch;
 use crate::measure::raster::Raster;
-
-pub const WHITER: f64 = 0.12;
-
-/// How far the outline's centre is from the crossing, px.
-const ASIDE_SPREAD: f64 = 1.0;
-/// How far edges and outline bend at its end, as a share of its length: a target of 40 mm on a skin of 10 m radius, seen along it.
-const BEND_SPREAD: f64 = 0.002;
-/// How far black's darkness differs between the centre and the outline.
-const DARK_SPREAD: f64 = 0.005;
-/// Pixels that are used, about: for outline and edges, and for the answer.
-const WANTED: f64 = 400.0;
-const ALL: f64 = 6000.0;
-/// Of pixels outside an outline, which only tell the skin, how many are used.
-const OUTSIDE: usize = 3;
-/// Part of a period by which the pixels of a row lie aside of those of the last.
-const GOLDEN: f64 = 0.618;
-/// Least scale of the residuals for the weights, as a share of the contrast: an end that the first outline has missed is no
-/// outlier; and the greatest in the end.
-const LEAST: f64 = 0.1;
-const MOST: f64 = 0.12;
-/// Least semi-major axis, px, and least contrast, grey levels, of what may be such quadrants.
-const SHORTEST: f64 = 10.0;
-const LEAST_CONTRAST: f64 = 10.0;
-/// How much larger than an outline its pixels reach, and how much it may grow until others are chosen; how often that is done.
-const ROOM: f64 = 1.2;
-const GROWN: f64 = 1.1;
-const ROUNDS: usize = 5;
 
 /// A hypothesis's first parameters: its geometry, with grey levels and blur of `m`, and the skin's grey level.
 pub fn start(hypothesis: &Hypothesis, m: &Parameters, skin: f64) -> Option<Parameters> {
@@ -54,18 +28,18 @@ pub fn start(hypothesis: &Hypothesis, m: &Parameters, skin: f64) -> Option<Param
     out[LENGTH] = (major2 * cos * cos + minor2 * sin * sin).sqrt();
     out[CHORD] = ellipse.major * ellipse.minor / out[LENGTH].max(1e-9);
     out[SHEAR] = (major2 - minor2) * sin * cos / out[LENGTH].powi(2).max(1e-9);
-    (out[BLUR], out[LIGHT], out[DARK], out[GAMMA]) = (m[BLUR], m[LIGHT], m[DARK], GAMMA_PRIOR.0);
-    out[SKIN] = (skin / m[LIGHT]).max(0.0).powf(1.0 / GAMMA_PRIOR.0);
+    (out[BLUR], out[LIGHT], out[DARK], out[GAMMA]) = (m[BLUR], m[LIGHT], m[DARK], PRIOR.gamma.0);
+    out[SKIN] = (skin / m[LIGHT]).max(0.0).powf(1.0 / PRIOR.gamma.0);
     Some(out)
 }
 
 /// What is sought of narrow quadrants, with a blur, px, that is known with some deviation.
 fn unknowns(blur: (f64, f64)) -> Unknowns {
     let mut prior = [(0.0, f64::INFINITY); N];
-    prior[GAMMA] = GAMMA_PRIOR;
+    prior[GAMMA] = PRIOR.gamma;
     prior[BLUR] = blur;
-    prior[ASIDE] = (0.0, ASIDE_SPREAD);
-    prior[ASIDE + 1] = (0.0, ASIDE_SPREAD);
+    prior[ASIDE] = (0.0, OUTLINED.aside_px);
+    prior[ASIDE + 1] = (0.0, OUTLINED.aside_px);
     let mut free = [false; N];
     for k in [X, Y, ANGLE, FIRST, BLUR, LIGHT, DARK].into_iter().chain(OUTLINE..N) {
         free[k] = true;
@@ -81,21 +55,21 @@ pub fn refined(
     start: Parameters,
     blur: (f64, f64),
 ) -> Option<(Hypothesis, Parameters)> {
-    if start[LENGTH] < SHORTEST || contrast(&start) < LEAST_CONTRAST {
+    if start[LENGTH] < OUTLINED.shortest_px || contrast(&start) < OUTLINED.least_contrast {
         return None;
     }
     let unknowns = unknowns(blur);
     let mut m = start;
-    for _ in 0..ROUNDS {
+    for _ in 0..OUTLINED.rounds {
         let ellipse = outline_of(&m);
-        let pixels = pixels(image, hypothesis.pattern, &ellipse, m[BLUR], WANTED)?;
+        let pixels = pixels(image, hypothesis.pattern, &ellipse, m[BLUR], OUTLINED.few_px)?;
         let scale;
-        (m, scale) = rough(&pixels, &m, &unknowns, LEAST * contrast(&m))?;
+        (m, scale) = rough(&pixels, &m, &unknowns, OUTLINED.least_scale * contrast(&m))?;
         let now = outline_of(&m);
-        if now.major < GROWN * ellipse.major && now.minor < GROWN * ellipse.minor {
+        if now.major < OUTLINED.grown * ellipse.major && now.minor < OUTLINED.grown * ellipse.minor {
             let edges = Some((m[ANGLE], m[FIRST]));
             let found = Hypothesis { ellipse: now, edges, ..hypothesis.clone() };
-            return (scale < MOST * contrast(&m)).then_some((found, m));
+            return (scale < OUTLINED.most_scale * contrast(&m)).then_some((found, m));
         }
     }
     None
@@ -110,16 +84,16 @@ pub fn measured(
     scale: f64,
     floor: f64,
 ) -> Option<(Pixels, Fit, Unknowns)> {
-    let pixels = pixels(image, hypothesis.pattern, &hypothesis.ellipse, m[BLUR], ALL)?;
+    let pixels = pixels(image, hypothesis.pattern, &hypothesis.ellipse, m[BLUR], OUTLINED.all_px)?;
     let mut unknowns = unknowns((m[BLUR], f64::INFINITY));
     for k in [SECOND, THIRD, LIGHT + 1, LIGHT + 2, DARK + 1, DARK + 2] {
         unknowns.free[k] = true;
     }
     for k in [SECOND, THIRD] {
-        unknowns.prior[k] = (0.0, BEND_SPREAD / m[LENGTH]);
+        unknowns.prior[k] = (0.0, OUTLINED.bend / m[LENGTH]);
     }
     for k in [DARK + 1, DARK + 2] {
-        unknowns.prior[k] = (0.0, DARK_SPREAD);
+        unknowns.prior[k] = (0.0, OUTLINED.dark);
     }
     let found = fit(&pixels, m, scale, &unknowns, floor)?;
     Some((pixels, found, unknowns))
@@ -128,7 +102,7 @@ pub fn measured(
 /// Whether the white of narrow quadrants is lighter than the skin: between two discs in a row it is the skin itself.
 pub fn has_white(m: &Parameters) -> bool {
     let skin = m[SKIN].max(0.0).powf(m[GAMMA]);
-    1.0 - skin > WHITER * contrast(m) / m[LIGHT].max(1.0)
+    1.0 - skin > OUTLINED.whiter * contrast(m) / m[LIGHT].max(1.0)
 }
 
 /// The outline of parameters.
@@ -146,13 +120,14 @@ fn outline_of(m: &Parameters) -> Ellipse {
 fn pixels(image: &Raster, pattern: Pattern, ellipse: &Ellipse, blur: f64, wanted: f64) -> Option<Pixels> {
     let (centre, margin) = (ellipse.centre, 2.5 * blur + 2.0);
     let origin = [centre.x.round(), centre.y.round()];
-    let about = Ellipse { major: ROOM * ellipse.major, minor: ROOM * ellipse.minor, ..*ellipse };
+    let about =
+        Ellipse { major: OUTLINED.room * ellipse.major, minor: OUTLINED.room * ellipse.minor, ..*ellipse };
     let (frame, own) = (EllipseFrame::new(&about), EllipseFrame::new(ellipse));
     let (rows, inner) = (Some(frame.grown(margin)?), Some(own.grown(blur)?));
     let count = std::f64::consts::PI * (about.major + margin) * (about.minor + margin);
     let step = (count / wanted).round().clamp(1.0, 1024.0) as usize;
     // Those of a row lie in the gaps of the rows beside it.
-    let shift = (GOLDEN * (step * OUTSIDE) as f64).round() as usize;
+    let shift = (OUTLINED.shift * (step * OUTLINED.outside) as f64).round() as usize;
     let (width, height) = (image.width(), image.height());
     let area = [0, 0, width - 1, height - 1];
     let reach = about.extent().y + margin;
@@ -164,7 +139,7 @@ fn pixels(image: &Raster, pattern: Pattern, ellipse: &Ellipse, blur: f64, wanted
         let inside = row_of(&inner, y as f64).map_or(0..0, |(from, to)| columns(from, to, area));
         for x in columns(from, to, area) {
             let turn = x + y * shift;
-            let step = if inside.contains(&x) { step } else { step * OUTSIDE };
+            let step = if inside.contains(&x) { step } else { step * OUTLINED.outside };
             let Some(&value) = image.row(y).get(x).filter(|_| turn.is_multiple_of(step)) else { continue };
             batch.len = 0;
             batch.push((x as f64 - origin[0]) as f32, (y as f64 - origin[1]) as f32, f32::from(value));

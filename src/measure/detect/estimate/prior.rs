@@ -4,24 +4,9 @@ use super::unknowns::Unknowns;
 use crate::measure::detect::appearance::parameters::{
     ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, OUTLINE, Pattern, SECOND, TAPER, THIRD,
 };
+use crate::measure::detect::estimate::options::PRIOR;
 use crate::measure::detect::hypothesis::Hypothesis;
 
-/// The tone curve of pictures made for the eye, and how far cameras depart from it.
-pub const GAMMA_PRIOR: (f64, f64) = (1.0 / 2.2, 0.15);
-/// A disc's sag over its semi-major axis, and the change of its thickness, on the skin of a wing. A
-/// whole outline tells them better; half an outline needs to know that they are small.
-const SAG_SPREAD: f64 = 0.01;
-pub const TAPER_SPREAD: f64 = 0.05;
-/// How far the blurs of quadrants' edges differ from their mean, as a share: motion blurs them by their direction.
-const UNEVEN_BLUR: f64 = 0.1;
-/// How far discs side by side differ: direction, rad, relative length and thickness.
-const ALIKE_ANGLE: f64 = 0.02;
-const ALIKE_MAJOR: f64 = 0.03;
-const ALIKE_MINOR: f64 = 0.1;
-/// Semi-minor axis from which on a marker tells more of its light, and quadrants tell their bends, px.
-const THICK: f64 = 2.5;
-/// Semi-minor axis of quadrants, px, up to which one of their edges may be too short to tell its bend.
-const NARROW: f64 = 10.0;
 /// What only a whole thick marker tells of its light.
 const FINE_LIGHT: [usize; 4] = [LIGHT + 3, DARK + 1, DARK + 2, GAMMA];
 
@@ -30,7 +15,7 @@ pub fn unknowns(hypothesis: &Hypothesis) -> (Unknowns, &'static [usize]) {
     let ellipse = &hypothesis.ellipse;
     let disc = hypothesis.pattern == Pattern::Disc;
     let bends: &[usize] = if disc { &[THIRD, TAPER] } else { &[SECOND, THIRD] };
-    let thick = ellipse.minor >= THICK;
+    let thick = ellipse.minor >= PRIOR.thick_px;
     let mut free = [true; N];
     free[DARK + 1] = thick;
     free[DARK + 2] = ellipse.minor >= 6.0;
@@ -56,8 +41,8 @@ pub fn unknowns(hypothesis: &Hypothesis) -> (Unknowns, &'static [usize]) {
 pub fn few_unknowns(hypothesis: &Hypothesis) -> Unknowns {
     let (mut unknowns, _) = unknowns(hypothesis);
     FINE_LIGHT.iter().for_each(|&k| unknowns.free[k] = false);
-    unknowns.free[TAPER] &= hypothesis.edges.is_none() || hypothesis.ellipse.minor > NARROW;
-    if hypothesis.edges.is_some() && hypothesis.ellipse.minor > NARROW {
+    unknowns.free[TAPER] &= hypothesis.edges.is_none() || hypothesis.ellipse.minor > PRIOR.narrow_px;
+    if hypothesis.edges.is_some() && hypothesis.ellipse.minor > PRIOR.narrow_px {
         // The first crossing may be far off, and long edges reach the right one by bending.
         [SECOND, THIRD].iter().for_each(|&k| unknowns.prior[k].1 = f64::INFINITY);
     }
@@ -66,26 +51,26 @@ pub fn few_unknowns(hypothesis: &Hypothesis) -> Unknowns {
 
 /// The darkness that leaves such a share of the light's grey value, with the usual tone curve.
 pub fn darkness_leaving(left: f64) -> f64 {
-    1.0 - left.powf(1.0 / GAMMA_PRIOR.0)
+    1.0 - left.powf(1.0 / PRIOR.gamma.0)
 }
 
 /// What is known before the fit.
 fn prior(hypothesis: &Hypothesis) -> [(f64, f64); N] {
     let mut out = [(0.0, f64::INFINITY); N];
     let ellipse = &hypothesis.ellipse;
-    out[GAMMA] = GAMMA_PRIOR;
+    out[GAMMA] = PRIOR.gamma;
     if hypothesis.pattern == Pattern::Disc {
-        out[THIRD] = (0.0, SAG_SPREAD * ellipse.major);
-        out[TAPER] = (0.0, TAPER_SPREAD);
+        out[THIRD] = (0.0, PRIOR.sag * ellipse.major);
+        out[TAPER] = (0.0, PRIOR.taper);
     } else {
-        out[SECOND] = (0.0, 2.0 * SAG_SPREAD / ellipse.major);
+        out[SECOND] = (0.0, 2.0 * PRIOR.sag / ellipse.major);
         out[THIRD] = out[SECOND];
-        out[TAPER] = (0.0, UNEVEN_BLUR);
+        out[TAPER] = (0.0, PRIOR.uneven_blur);
     }
     if hypothesis.prior.twin {
-        out[ANGLE] = (ellipse.angle, ALIKE_ANGLE);
-        out[FIRST] = (ellipse.major, ALIKE_MAJOR * ellipse.major);
-        out[SECOND] = (ellipse.minor, ALIKE_MINOR * ellipse.minor);
+        out[ANGLE] = (ellipse.angle, PRIOR.twin_angle_rad);
+        out[FIRST] = (ellipse.major, PRIOR.twin_major * ellipse.major);
+        out[SECOND] = (ellipse.minor, PRIOR.twin_minor * ellipse.minor);
     }
     if let Some(known) = hypothesis.prior.size.filter(|_| hypothesis.pattern == Pattern::Disc) {
         out[FIRST] = known.major;

@@ -3,18 +3,13 @@
 use nalgebra::{Cholesky, Matrix2, SymmetricEigen};
 
 use crate::measure::detect::appearance::parameters::{Parameters, X, Y};
+use crate::measure::detect::estimate::options::WEIGHT;
 use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::simd::batch::Batch;
 use crate::measure::detect::simd::lanes::{Lanes, each};
 
 /// Markers reach this far, in semi-axes, for sectors and fields of light.
 pub const REACH: f64 = 1.1;
-/// Side of the squares whose residuals may hang together, px: those of JPEG, and whole multiples of
-/// them on a marker with a longer major axis than this many semi-axes.
-const SQUARE_PX: f64 = 8.0;
-const SQUARES: f64 = 11.0;
-/// Up to this ratio the variance from blocks is not told from the fit's own: there are few blocks.
-const CHANCE: f64 = 2.4;
 /// Sectors along the marker, on both sides of its axis, whose residuals may hang together.
 pub const SECTORS: usize = 48;
 
@@ -38,7 +33,7 @@ impl Blocks {
             far = each(|i| far[i].max((batch.x[i] - cx).abs()).max((batch.y[i] - cy).abs()));
         }
         let reach = f64::from(far.iter().fold(1.0, |a: f32, &b| a.max(b)));
-        let side = SQUARE_PX * (reach / (SQUARE_PX * SQUARES)).ceil();
+        let side = WEIGHT.square_px * (reach / (WEIGHT.square_px * WEIGHT.squares)).ceil();
         let origin = [X, Y].map(|k| (((m[k] - reach) / side).floor() * side - pixels.origin[k]) as f32);
         let width = (2.0 * reach / side) as usize + 2;
         let none = |count: usize| vec![[0.0; 2]; count];
@@ -68,8 +63,8 @@ impl Blocks {
     /// `white`, at least what the blocks show, the greatest ratio of the two, and their mean ratio in squares.
     pub fn raise(&self, white: &Matrix2<f64>, count: usize) -> Option<(Matrix2<f64>, f64, f64)> {
         let squares = scatter(&self.squares, count);
-        let (raised, one) = at_least(white, &squares, CHANCE)?;
-        let (raised, other) = at_least(&raised, &scatter(&self.sectors, count), CHANCE)?;
+        let (raised, one) = at_least(white, &squares, WEIGHT.chance)?;
+        let (raised, other) = at_least(&raised, &scatter(&self.sectors, count), WEIGHT.chance)?;
         let mean = 0.5 * (Cholesky::new(*white)?.inverse() * squares).trace();
         Some((raised, one.max(other), mean))
     }

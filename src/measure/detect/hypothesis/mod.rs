@@ -1,6 +1,7 @@
 //! What may be a marker, with what is known of it before it is measured.
 
 pub mod neighbours;
+pub mod options;
 pub mod prior;
 
 use nalgebra::Vector2;
@@ -77,12 +78,6 @@ impl Hypothesis {
     pub fn with_decals(mut self, decals: Vec<Decal>) -> Self {
         self.excluded.retain(|region| region.decal().is_none());
         self.excluded.extend(decals.into_iter().map(Region::Decal));
-        self
-    }
-
-    /// Without the seams that meet it.
-    pub fn without_seams(mut self) -> Self {
-        self.excluded.retain(|region| !matches!(region, Region::Seam(_)));
         self
     }
 

@@ -3,6 +3,7 @@
 use nalgebra::{Cholesky, Matrix3, Vector2, Vector3};
 
 use crate::measure::detect::detection::Detection;
+use crate::measure::detect::hypothesis::options::NEIGHBOURS;
 use crate::measure::detect::image::histogram::middle;
 use crate::measure::setup::Shape;
 
@@ -12,19 +13,11 @@ pub fn predicted_major<'a>(
     whole: impl Iterator<Item = &'a Detection>,
     at: Vector2<f64>,
 ) -> Option<(f64, f64)> {
-    const NEAREST: usize = 6;
-    const ENOUGH: usize = 5;
-    const SPREAD: f64 = 0.007;
-    const UNLIKE: f64 = 0.02;
-    /// Share of the usual size below which a place is too far from them all.
-    const LEAST: f64 = 0.25;
-    /// Greatest sum of variances of a place, px^2, of discs that tell; and where too few are told so well.
-    const CERTAIN: f64 = 0.1;
-    const FAIRLY: f64 = 0.3;
     let discs: Vec<&Detection> = whole.filter(|d| d.shape == Shape::Circle).collect();
     let within = |most: f64| discs.iter().copied().filter(move |d| d.variance() < most);
-    let certain = within(CERTAIN).count() >= ENOUGH;
-    let whole: Vec<&Detection> = within(if certain { CERTAIN } else { FAIRLY }).collect();
+    let certain = within(NEIGHBOURS.certain_px2).count() >= NEIGHBOURS.enough;
+    let whole: Vec<&Detection> =
+        within(if certain { NEIGHBOURS.certain_px2 } else { NEIGHBOURS.fairly_px2 }).collect();
     // Letters and dots are discs too, but far smaller.
     let usual = middle(whole.iter().map(|d| d.semi_major_px).collect())?;
     let mut near: Vec<&Detection> = Vec::new();
@@ -34,7 +27,7 @@ pub fn predicted_major<'a>(
         }
     }
     near.sort_by(|a, b| (a.centre_px - at).norm_squared().total_cmp(&(b.centre_px - at).norm_squared()));
-    near.truncate(NEAREST);
+    near.truncate(NEIGHBOURS.nearest);
     let row =
         |d: &Detection| Vector3::new(1.0, (d.centre_px.x - at.x) / 100.0, (d.centre_px.y - at.y) / 100.0);
     let (mut normal, mut right) = (Matrix3::identity() * 1e-9, Vector3::zeros());
@@ -48,6 +41,7 @@ pub fn predicted_major<'a>(
     let far = 1.0 + factor.solve(&Vector3::x()).x;
     let squares: f64 = near.iter().map(|d| (row(d).dot(&plane) / d.semi_major_px - 1.0).powi(2)).sum();
     let spread = (squares / (near.len() as f64 - 3.0)).sqrt();
-    let sound = near.len() >= ENOUGH && spread < UNLIKE && plane.x > LEAST * usual;
-    sound.then_some((plane.x, plane.x * spread.max(SPREAD) * far.sqrt()))
+    let sound =
+        near.len() >= NEIGHBOURS.enough && spread < NEIGHBOURS.unlike && plane.x > NEIGHBOURS.least * usual;
+    sound.then_some((plane.x, plane.x * spread.max(NEIGHBOURS.spread) * far.sqrt()))
 }

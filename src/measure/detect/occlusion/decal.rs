@@ -5,11 +5,10 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 use nalgebra::Vector2;
 
 use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::occlusion::options::DECAL;
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::detect::segment::contour::contour;
 
-/// How far a neighbour's decal reaches beyond its print, px.
-pub const DECAL_PX: f64 = 7.0;
 /// The direction of the picture's rows, in which decals are taken to lie first.
 pub const ROWS: Vector2<f64> = Vector2::new(1.0, 0.0);
 
@@ -38,10 +37,10 @@ impl Decal {
             bounds[k] -= rim_px;
             bounds[k + 2] += rim_px;
             let (before, after) = (print[k] - blob[k + 2], blob[k] - print[k + 2]);
-            if (0.0..2.0 * DECAL_PX).contains(&before) {
+            if (0.0..2.0 * DECAL.margin_px).contains(&before) {
                 bounds[k] = bounds[k].min(blob[k + 2] - blur_px);
             }
-            if (0.0..2.0 * DECAL_PX).contains(&after) {
+            if (0.0..2.0 * DECAL.margin_px).contains(&after) {
                 bounds[k + 2] = bounds[k + 2].max(blob[k] + blur_px);
             }
         }
@@ -79,14 +78,6 @@ pub fn bounds_of(blob: &Blob, axis: Vector2<f64>) -> [f64; 4] {
 /// The direction in which the decal of a neighbour cuts a blob, where that is not along rows or columns: that of the line on
 /// which most of its rim towards the neighbour lies; within 45 degrees of the rows.
 pub fn cut(blob: &Blob, neighbour: &Ellipse) -> Option<Vector2<f64>> {
-    /// Points that are looked at, about, and how many must lie on the line, so far from one another, px.
-    const MOST: usize = 40;
-    const LEAST: usize = 12;
-    const LONG: f64 = 12.0;
-    /// How far a point may lie from the line, px: rims are told to a pixel.
-    const OFF: f64 = 0.6;
-    /// Directions that rows or columns stand for, rad.
-    const LEVEL: f64 = 0.01;
     let outwards = |[one, other]: [Vector2<f64>; 2]| (neighbour.centre - one).dot(&(one - other)) > 0.0;
     let points: Vec<Vector2<f64>> = contour(blob)
         .as_chunks::<2>()
@@ -97,28 +88,28 @@ pub fn cut(blob: &Blob, neighbour: &Ellipse) -> Option<Vector2<f64>> {
         .map(|[one, _]| one)
         .collect();
     let points: Vec<Vector2<f64>> =
-        points.iter().step_by(points.len().div_ceil(MOST).max(1)).copied().collect();
+        points.iter().step_by(points.len().div_ceil(DECAL.line_points).max(1)).copied().collect();
     let on = |at: Vector2<f64>, axis: Vector2<f64>| {
-        points.iter().filter(move |&point| axis.perp(&(point - at)).abs() < OFF)
+        points.iter().filter(move |&point| axis.perp(&(point - at)).abs() < DECAL.line_off_px)
     };
     let (mut line, mut most) = ((Vector2::zeros(), ROWS), 0);
     for (i, one) in points.iter().enumerate() {
         for other in &points[i + 1..] {
-            let Some(axis) = (other - one).try_normalize(LONG) else { continue };
+            let Some(axis) = (other - one).try_normalize(DECAL.line_reach_px) else { continue };
             let count = on(*one, axis).count();
             if count > most {
                 (line, most) = ((*one, axis), count);
             }
         }
     }
-    if most < LEAST {
+    if most < DECAL.line_support {
         return None;
     }
     let middle = on(line.0, line.1).sum::<Vector2<f64>>() / most as f64;
     let moments = on(line.0, line.1).map(|at| (at - middle) * (at - middle).transpose()).sum();
     let angle = Ellipse::from_moments(middle, moments, 1.0).angle;
     let angle = if angle.abs() > FRAC_PI_4 { angle - FRAC_PI_2.copysign(angle) } else { angle };
-    (angle.abs() > LEVEL).then(|| Vector2::new(angle.cos(), angle.sin()))
+    (angle.abs() > DECAL.level_rad).then(|| Vector2::new(angle.cos(), angle.sin()))
 }
 
 #[cfg(test)]

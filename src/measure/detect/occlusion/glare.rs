@@ -5,29 +5,16 @@ use nalgebra::Vector2;
 use super::region::Band;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::histogram::middle;
+use crate::measure::detect::occlusion::options::GLARE;
 use crate::measure::raster::Raster;
-
-/// Grey value from which on skin is saturated, and where beyond a disc's tip it is looked at, px.
-const WHITE: u8 = 250;
-const PAST: [f64; 3] = [3.0, 4.5, 6.0];
-/// How much lighter than the skin the glare is, and where it begins.
-const LIGHTER: f64 = 1.15;
-pub const BEGINS: f64 = 1.10;
-/// How much lighter at its brightest over a predicted marker, along which light may change by itself.
-const BRIGHT: f64 = 1.3;
-/// Where the skin beside a blob is looked at, px from its outline; and how far beyond its ends.
-const BESIDE: [f64; 4] = [4.0, 5.0, 6.0, 7.0];
-const BEYOND: i32 = 20;
-/// What glare blurs into what it leaves, px.
-pub const MARGIN: f64 = 2.0;
 
 /// Whether the skin beyond an end of a disc is saturated: glare may have cut it.
 pub fn ends_in_white(image: &Raster, ellipse: &Ellipse) -> bool {
     let axis = ellipse.axis();
     [-1.0, 1.0].iter().any(|side| {
-        PAST.iter().all(|past| {
+        GLARE.past_px.iter().all(|past| {
             let at = ellipse.centre + axis * (side * (ellipse.major + past));
-            image.nearest(at.x, at.y) >= WHITE
+            image.nearest(at.x, at.y) >= GLARE.white
         })
     })
 }
@@ -66,10 +53,8 @@ pub fn lit_slanting(image: &Raster, ellipse: &Ellipse, begins: f64) -> Vec<Band>
 /// The band across a marker of which the skin on either side shows a part; `None` where these are not parts of one, or where
 /// it lies along the marker.
 fn slanting(sides: [Band; 2], ellipse: &Ellipse) -> Option<Band> {
-    /// Most that it may shift along the marker for each pixel across.
-    const SLANT: f64 = 1.5;
     let [one, other] = sides;
-    let away = ellipse.minor + 0.5 * (BESIDE[0] + BESIDE[BESIDE.len() - 1]);
+    let away = ellipse.minor + 0.5 * (GLARE.beside_px[0] + GLARE.beside_px[GLARE.beside_px.len() - 1]);
     let shifts = [other.from - one.from, other.to - one.to];
     let finite: Vec<f64> = shifts.into_iter().filter(|shift| shift.is_finite()).collect();
     let is_one =
@@ -78,7 +63,7 @@ fn slanting(sides: [Band; 2], ellipse: &Ellipse) -> Option<Band> {
         return None;
     }
     let slant = 0.5 * finite.iter().sum::<f64>() / finite.len() as f64 / away;
-    if slant.abs() > SLANT {
+    if slant.abs() > GLARE.slant {
         return None;
     }
     let (along, across) = (ellipse.axis(), ellipse.across());
@@ -106,10 +91,10 @@ fn lit_along(skin: &[f64], ellipse: &Ellipse, begins: f64, fringe: f64) -> Vec<B
     let mut first = 0;
     for alike in skin.chunk_by(|one, other| (*one > begins * usual) == (*other > begins * usual)) {
         let next = first + alike.len();
-        let bright = |v: &f64| *v > BRIGHT * usual;
+        let bright = |v: &f64| *v > GLARE.bright * usual;
         if let (Some(rise), Some(fall)) = (alike.iter().position(bright), alike.iter().rev().position(bright))
         {
-            let beyond = |way: usize| MARGIN + fringe * way as f64;
+            let beyond = |way: usize| GLARE.margin_px + fringe * way as f64;
             let from = if first == 0 { f64::NEG_INFINITY } else { place(first) - beyond(rise) };
             let to = if next == skin.len() { f64::INFINITY } else { place(next) + beyond(fall) };
             match out.last_mut() {
@@ -127,12 +112,12 @@ fn lit_along(skin: &[f64], ellipse: &Ellipse, begins: f64, fringe: f64) -> Vec<B
 fn beside(image: &Raster, ellipse: &Ellipse) -> [Vec<f64>; 2] {
     let (axis, across) = (ellipse.axis(), ellipse.across());
     let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
-    let last = ellipse.major.ceil() as i32 + BEYOND;
+    let last = ellipse.major.ceil() as i32 + GLARE.beyond_px;
     [1.0, -1.0].map(|side| {
-        let beside = BESIDE.map(|d| across * (side * (ellipse.minor + d)));
+        let beside = GLARE.beside_px.map(|d| across * (side * (ellipse.minor + d)));
         let skin = |s: i32| {
             let at = ellipse.centre + axis * f64::from(s);
-            beside.iter().map(|d| grey(at + d)).sum::<f64>() / BESIDE.len() as f64
+            beside.iter().map(|d| grey(at + d)).sum::<f64>() / GLARE.beside_px.len() as f64
         };
         (-last..=last).map(skin).collect()
     })
@@ -148,10 +133,11 @@ pub fn occluded(image: &Raster, ellipse: &Ellipse) -> [Option<f64>; 2] {
     let half = ellipse.major as i32;
     let Some(usual) = middle_of((-half..=half).map(at)) else { return [None; 2] };
     [-1, 1].map(|sign| {
-        let peak = (0..=last).find(|&s| at(sign * s) > LIGHTER * usual)?;
-        let begin = (0..=peak).rev().find(|&s| at(sign * s) < BEGINS * usual)?;
-        (begin < half + 2)
-            .then(|| ellipse.centre.dot(&ellipse.axis()) + f64::from(sign) * (f64::from(begin) - MARGIN))
+        let peak = (0..=last).find(|&s| at(sign * s) > GLARE.lighter * usual)?;
+        let begin = (0..=peak).rev().find(|&s| at(sign * s) < GLARE.begins * usual)?;
+        (begin < half + 2).then(|| {
+            ellipse.centre.dot(&ellipse.axis()) + f64::from(sign) * (f64::from(begin) - GLARE.margin_px)
+        })
     })
 }
 
@@ -173,7 +159,7 @@ mod tests {
                 if x - 170.3 > lean * (y - 90.6) { 255 } else { 140 }
             };
             let image = Raster::new(300, 200, (0..300 * 200).map(value).collect()).expect("the sizes agree");
-            let bands = lit_slanting(&image, &ellipse, BRIGHT);
+            let bands = lit_slanting(&image, &ellipse, GLARE.bright);
             let [Band { axis, from, to }] = bands[..] else { panic!("{bands:?}") };
             let across = Vector2::new(1.0, -lean).normalize();
             let off = axis.dot(&Vector2::new(170.3, 90.6)) - from;
@@ -193,8 +179,8 @@ mod tests {
             _ => 140,
         };
         let image = Raster::new(300, 200, (0..300 * 200).map(value).collect()).expect("the sizes agree");
-        let bands = lit_slanting(&image, &ellipse, BRIGHT);
-        assert_eq!(bands, lit(&image, &ellipse, BRIGHT, 0.0));
+        let bands = lit_slanting(&image, &ellipse, GLARE.bright);
+        assert_eq!(bands, lit(&image, &ellipse, GLARE.bright, 0.0));
         assert!(matches!(bands[..], [Band { from, .. }] if (186.0..190.0).contains(&from)), "{bands:?}");
     }
 }

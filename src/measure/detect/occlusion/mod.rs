@@ -2,5 +2,6 @@
 
 pub mod decal;
 pub mod glare;
+pub mod options;
 pub mod region;
 pub mod seam;

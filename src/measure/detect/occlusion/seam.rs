@@ -10,46 +10,10 @@ use crate::measure::detect::appearance::parameters::{BLUR, LIGHT, Parameters, li
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::line;
 use crate::measure::detect::image::scanline::{EllipseFrame, columns, row_of};
+use crate::measure::detect::occlusion::options::SEAM;
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::detect::simd::lanes::{LANES, Lanes, all, each, total};
 use crate::measure::raster::Raster;
-
-/// The ring beside a disc that is searched, px from its outline: from where its blur has ended (in parts of the blur)
-/// outwards.
-const CLEAR: f64 = 3.0;
-const REACH: f64 = 14.0;
-/// Residual scales by which a pixel is darker than the skin, to be a sign of a seam, and by which all of a seam's are.
-const SIGN: f32 = 2.5;
-const DARKER: f64 = 1.5;
-/// Signs on one line, those that are looked at, and how far apart two of them must be to tell a line, px.
-const LEAST: usize = 8;
-const MOST: usize = 32;
-const APART: f64 = 6.0;
-/// Half the width of a seam in which signs lie, px.
-const NARROW: f64 = 1.2;
-/// Where the skin beside a seam is looked at, px from it; bins of its profile, px.
-const BESIDE: (f64, f64) = (4.5, 7.5);
-const BIN: f64 = 0.5;
-const BINS: usize = 9;
-/// How near to a line is on it, px; and residual scales from which on what is unlike the skin is something else.
-const ON: f32 = 1.0;
-const FOREIGN: f32 = 4.0;
-/// What a seam's blur still darkens beyond where it seems to end, px.
-const SKIRT: f64 = 1.0;
-/// Standard deviations of a seam's darkness, and share of its length that must be dark, for chance lines up signs, and
-/// letters and dirt are not lines.
-const CERTAIN: f64 = 8.0;
-const PIECE: f64 = 4.0;
-const UNBROKEN: f64 = 0.75;
-/// Pieces that must be seen.
-const PIECES: usize = 4;
-/// Share of that darkness, and of its standard deviations, from which a line is looked at more closely.
-const HINT: f64 = 0.9;
-/// Share of the outline that a seam may hide: more could not be missed.
-const HIDES: f64 = 0.35;
-/// Most seams at a disc, and most lines that are tried.
-const SEAMS: usize = 2;
-const TRIES: usize = 3;
 
 /// A pixel of the ring: place, px, and how much darker it is than the skin, in residual scales.
 struct Spot {
@@ -63,16 +27,16 @@ pub fn find(image: &Raster, ellipse: &Ellipse, m: &Parameters, scale: f64) -> Ve
     let mut signs = ring.signs();
     signs.sort_by(|one, other| other.darker.total_cmp(&one.darker));
     let mut out = Vec::new();
-    for _ in 0..TRIES {
-        if out.len() == SEAMS {
+    for _ in 0..SEAM.tries {
+        if out.len() == SEAM.most {
             break;
         }
         let Some(line) = straightest(&signs) else { break };
-        signs.retain(|s| line.distance(&s.at) > 2.0 * NARROW);
+        signs.retain(|s| line.distance(&s.at) > 2.0 * SEAM.half_width_px);
         let half = if ring.hints_at(&line) { half_width(&ring.beside(&line), &line) } else { None };
         if let Some(half) = half {
             let band = Band { axis: line.across, from: line.at - half, to: line.at + half };
-            if ellipse.share(|at| band.holds(at)) <= HIDES {
+            if ellipse.share(|at| band.holds(at)) <= SEAM.hides {
                 out.push(band);
             }
         }
@@ -92,12 +56,12 @@ struct Ring<'a> {
 
 impl<'a> Ring<'a> {
     fn new(image: &'a Raster, ellipse: &'a Ellipse, m: &'a Parameters, scale: f64) -> Self {
-        let reach = ellipse.extent().add_scalar(REACH + 1.0);
+        let reach = ellipse.extent().add_scalar(SEAM.reach_px + 1.0);
         let (low, high) = (ellipse.centre - reach, ellipse.centre + reach);
         let row = |v: f64| (v.max(0.0) as usize).min(image.height() - 1);
         let all = [0, 0, image.width() - 1, image.height() - 1];
         let frame = EllipseFrame::new(ellipse);
-        let (outer, inner) = (frame.grown(REACH), frame.grown(CLEAR * m[BLUR]));
+        let (outer, inner) = (frame.grown(SEAM.reach_px), frame.grown(SEAM.clear_blurs * m[BLUR]));
         let rows = (row(low.y)..=row(high.y)).filter_map(|y| {
             let (from, to) = row_of(&outer, y as f64)?;
             let hole = row_of(&inner, y as f64).unwrap_or((to, to));
@@ -128,7 +92,7 @@ impl<'a> Ring<'a> {
                 dark(pixels, self.along(part.start, *y), &mut some);
                 let spots =
                     some.drain(..).filter_map(|k| Some(self.spot(part.start + k, *y, *pixels.get(k)?)));
-                out.extend(spots.filter(|s| s.darker > SIGN));
+                out.extend(spots.filter(|s| s.darker > SEAM.sign_scales));
             }
         }
         out
@@ -139,7 +103,7 @@ impl<'a> Ring<'a> {
         // What single precision may lose, grey levels.
         const SAFE: f64 = 0.02;
         let [light, first, second] = self.light(x, y);
-        [light - f64::from(SIGN) * self.scale + SAFE, first, second].map(|v| v as f32)
+        [light - f64::from(SEAM.sign_scales) * self.scale + SAFE, first, second].map(|v| v as f32)
     }
 
     /// The skin's grey value along a row, as a polynomial of how far a pixel is from `x`.
@@ -159,7 +123,7 @@ impl<'a> Ring<'a> {
     fn for_rows_beside(&self, line: &Line, mut call: impl FnMut(usize, usize, &[u8])) {
         let through = line::Line { at: line.across * line.at, across: line.across };
         for (y, parts) in &self.rows {
-            let (from, to) = through.row(*y as f64, BESIDE.1 + 1.0);
+            let (from, to) = through.row(*y as f64, SEAM.beside_px.1 + 1.0);
             let (from, to) = (from.max(0.0) as usize, to.max(0.0) as usize);
             for part in parts {
                 let near = part.start.max(from)..part.end.min(to.saturating_add(1));
@@ -181,7 +145,7 @@ impl<'a> Ring<'a> {
         });
         let ([sum, count], [other, others, squares]) =
             (sums.on.map(|s| total(&s)), sums.beside.map(|s| total(&s)));
-        stands_out([sum, count], [other, others, squares], HINT).is_some()
+        stands_out([sum, count], [other, others, squares], SEAM.hint).is_some()
     }
 
     /// The pixels so near to a line that they tell whether it is a seam.
@@ -222,10 +186,10 @@ fn added_up(pixels: &[u8], [off, more]: [f32; 2], light: [f32; 3], by_scale: f32
             let distance = (off + more * x).abs();
             let darker = c + (b + a * x) * x - grey[i] * by_scale;
             let there = i < some.len();
-            let on = if there && distance < ON { 1.0 } else { 0.0 };
-            let near = distance >= BESIDE.0 as f32 && distance < BESIDE.1 as f32;
+            let on = if there && distance < SEAM.on_px { 1.0 } else { 0.0 };
+            let near = distance >= SEAM.beside_px.0 as f32 && distance < SEAM.beside_px.1 as f32;
             let beside = if there && near { 1.0 } else { 0.0 };
-            let clamped = darker.clamp(-FOREIGN, FOREIGN);
+            let clamped = darker.clamp(-SEAM.foreign_scales, SEAM.foreign_scales);
             sum[i] += on * darker;
             count[i] += on;
             other[i] += beside * clamped;
@@ -238,13 +202,13 @@ fn added_up(pixels: &[u8], [off, more]: [f32; 2], light: [f32; 3], by_scale: f32
 /// By how much what lies on a line is darker than what lies beside it, and than what darkness of the skin, in residual
 /// scales, from sums, counts and the sum of squares; `None` where that is less than a share of a seam's.
 fn stands_out([sum, count]: [f64; 2], [other, others, squares]: [f64; 3], share: f64) -> Option<(f64, f64)> {
-    if count < LEAST as f64 || others < LEAST as f64 {
+    if count < SEAM.least_signs as f64 || others < SEAM.least_signs as f64 {
         return None;
     }
     let skin = other / others;
     let noise = (squares / others - skin * skin).max(0.25).sqrt();
     let peak = sum / count - skin;
-    let certain = peak > share * DARKER && peak * count.sqrt() > share * CERTAIN * noise;
+    let certain = peak > share * SEAM.darker_scales && peak * count.sqrt() > share * SEAM.certain * noise;
     certain.then_some((peak, skin))
 }
 
@@ -287,12 +251,12 @@ impl Line {
 
 /// The line that most of the darkest signs lie on; the darkest come first.
 fn straightest(signs: &[Spot]) -> Option<Line> {
-    if signs.len() < LEAST {
+    if signs.len() < SEAM.least_signs {
         return None;
     }
-    let few: Vec<&Vector2<f64>> = signs.iter().take(MOST).map(|s| &s.at).collect();
+    let few: Vec<&Vector2<f64>> = signs.iter().take(SEAM.most_signs).map(|s| &s.at).collect();
     let origin = *few.first()?;
-    let mut places = [[Lanes::of(f32::MAX); MOST / LANES]; 2];
+    let mut places = [[Lanes::of(f32::MAX); SEAM.most_signs / LANES]; 2];
     for (k, at) in few.iter().enumerate() {
         let at = *at - origin;
         (places[0][k / LANES][k % LANES], places[1][k / LANES][k % LANES]) = (at.x as f32, at.y as f32);
@@ -302,13 +266,14 @@ fn straightest(signs: &[Spot]) -> Option<Line> {
     let across = Vector2::new(-along.y, along.x).normalize();
     let mut line = Line { across, at: across.dot(few.get(i)?) };
     for _ in 0..2 {
-        line = through(signs.iter().map(|s| &s.at).filter(|at| line.distance(at) < NARROW))?;
+        line = through(signs.iter().map(|s| &s.at).filter(|at| line.distance(at) < SEAM.half_width_px))?;
     }
-    (signs.iter().filter(|s| line.distance(&s.at) < NARROW).count() >= LEAST).then_some(line)
+    (signs.iter().filter(|s| line.distance(&s.at) < SEAM.half_width_px).count() >= SEAM.least_signs)
+        .then_some(line)
 }
 
 /// Columns and rows of signs, px from the first; those that are not there are far away.
-type Places = [[Lanes; MOST / LANES]; 2];
+type Places = [[Lanes; SEAM.most_signs / LANES]; 2];
 
 wide! {
     /// The two of the first `count` places whose line passes by most of them.
@@ -326,7 +291,7 @@ fn pair_by_count([x, y]: &Places, count: usize) -> Option<[usize; 2]> {
             let (u, v) = (each(|j| x[others][j] - one.0), each(|j| y[others][j] - one.1));
             let square = each(|j| u[j] * u[j] + v[j] * v[j]);
             // Distances from the line are shorter than this, times the pair's.
-            let reach = each(|j| (NARROW * NARROW) as f32 * square[j]);
+            let reach = each(|j| (SEAM.half_width_px * SEAM.half_width_px) as f32 * square[j]);
             let mut near = Lanes::of(0.0);
             for k in 0..count {
                 let (dx, dy) = (at(k).0 - one.0, at(k).1 - one.1);
@@ -337,7 +302,8 @@ fn pair_by_count([x, y]: &Places, count: usize) -> Option<[usize; 2]> {
             }
             for j in 0..LANES {
                 let pair = [i, others * LANES + j];
-                let counts = pair[1] > i && pair[1] < count && square[j] >= (APART * APART) as f32;
+                let counts =
+                    pair[1] > i && pair[1] < count && square[j] >= (SEAM.apart_px * SEAM.apart_px) as f32;
                 if counts && near[j] > most {
                     (best, most) = (Some(pair), near[j]);
                 }
@@ -363,21 +329,21 @@ fn through<'a>(points: impl Iterator<Item = &'a Vector2<f64>> + Clone) -> Option
 /// Half the width of what is dark along a line, px, if it is a seam: darker than what is beside it, all along.
 fn half_width(spots: &[Spot], line: &Line) -> Option<f64> {
     let along = Vector2::new(-line.across.y, line.across.x);
-    let mut profile = [[0.0f64; 2]; BINS];
+    let mut profile = [[0.0f64; 2]; SEAM.bins];
     let mut beside = [0.0f64; 3];
     let mut pieces: Vec<(i32, [f64; 2])> = Vec::new();
     for spot in spots {
         let (distance, darker) = (line.distance(&spot.at), f64::from(spot.darker));
-        if let Some(bin) = profile.get_mut((distance / BIN) as usize) {
+        if let Some(bin) = profile.get_mut((distance / SEAM.bin_px) as usize) {
             bin[0] += darker;
             bin[1] += 1.0;
         }
-        if (BESIDE.0..BESIDE.1).contains(&distance) {
-            let darker = darker.clamp(-f64::from(FOREIGN), f64::from(FOREIGN));
+        if (SEAM.beside_px.0..SEAM.beside_px.1).contains(&distance) {
+            let darker = darker.clamp(-f64::from(SEAM.foreign_scales), f64::from(SEAM.foreign_scales));
             beside = [beside[0] + darker, beside[1] + 1.0, beside[2] + darker * darker];
         }
-        if distance < f64::from(ON) {
-            let piece = (along.dot(&spot.at) / PIECE).floor() as i32;
+        if distance < f64::from(SEAM.on_px) {
+            let piece = (along.dot(&spot.at) / SEAM.piece_px).floor() as i32;
             match pieces.iter_mut().find(|(k, _)| *k == piece) {
                 Some((_, sum)) => *sum = [sum[0] + darker, sum[1] + 1.0],
                 None => pieces.push((piece, [darker, 1.0])),
@@ -387,8 +353,8 @@ fn half_width(spots: &[Spot], line: &Line) -> Option<f64> {
     let (sum, count) = (profile[0][0] + profile[1][0], profile[0][1] + profile[1][1]);
     let (peak, skin) = stands_out([sum, count], beside, 1.0)?;
     let dark = pieces.iter().filter(|(_, [sum, count])| sum / count - skin > 0.4 * peak).count();
-    let certain = pieces.len() >= PIECES && dark as f64 >= UNBROKEN * pieces.len() as f64;
+    let certain = pieces.len() >= SEAM.pieces && dark as f64 >= SEAM.unbroken * pieces.len() as f64;
     let ended = |&[sum, count]: &[f64; 2]| count > 0.0 && sum / count - skin < 0.12 * peak;
-    let half = (profile.iter().position(ended)? as f64 + 0.5) * BIN;
-    certain.then_some(half.max(1.0) + SKIRT)
+    let half = (profile.iter().position(ended)? as f64 + 0.5) * SEAM.bin_px;
+    certain.then_some(half.max(1.0) + SEAM.skirt_px)
 }

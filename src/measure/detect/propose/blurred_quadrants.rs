@@ -6,41 +6,18 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::quadrant_outline::{inside, skin};
 use crate::measure::detect::appearance::parameters::{BLUR, DARK, LIGHT, N, Parameters};
+use crate::measure::detect::estimate::options::OUTLINED;
 use crate::measure::detect::estimate::outlined_quadrants;
-use crate::measure::detect::estimate::outlined_quadrants::WHITER;
 use crate::measure::detect::estimate::prior::darkness_leaving;
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::hypothesis::prior::Prior;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::histogram::Histogram;
+use crate::measure::detect::propose::options::BLURRED;
 use crate::measure::detect::propose::{moments, quadrant_edges};
 use crate::measure::detect::segment::blob;
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::raster::Raster;
-
-/// Flat quadrants of whose black blur may take so much that what is left tells neither outline nor edges: greatest
-/// semi-minor axis, over the greatest blur, and least axis ratio of what is seen; how much larger they may be, and skin about
-/// them, px.
-const BLURRED: f64 = 3.2;
-const FLAT: f64 = 3.0;
-const HIDDEN: f64 = 2.5;
-const SKIN: f64 = 8.0;
-/// How far along a marker its white is looked for at least, px: black may be seen of its middle only.
-const HALF: f64 = 60.0;
-/// Greatest semi-minor axis of a blob, px, and its least area, of which blur may have left what is no quadrant; and how far about
-/// it white is looked for, px.
-const THICKEST: f64 = 10.0;
-const LEAST: f64 = 30.0;
-const BESIDE: f64 = 12.0;
-/// Greatest semi-major axis of what is looked at, px: sixteen times the thickest; and how many at most, so that clutter cannot
-/// take for ever.
-const LONGEST: f64 = 160.0;
-const SEEDS: usize = 250;
-/// How far apart two black parts in a row may be, in their semi-major axes, and how far out of the row each may point, rad.
-const APART: f64 = 2.2;
-const IN_ROW: f64 = 0.25;
-/// Their blur beforehand, px.
-const BLUR_PRIOR: (f64, f64) = (1.5, 0.7);
 
 /// Flat quadrants of whose black blur has left only the middle, seen once more by all that is unlike the skin, black and
 /// white; `None` for those that are too thick for the greatest blur, px.
@@ -48,8 +25,8 @@ pub fn against_skin(image: &Raster, hypothesis: &Hypothesis, softest: f64) -> Op
     let seen = &hypothesis.ellipse;
     if hypothesis.edges.is_none()
         || hypothesis.prior.blur.is_some()
-        || seen.minor > BLURRED * softest
-        || seen.major < FLAT * seen.minor
+        || seen.minor > BLURRED.most_blurs * softest
+        || seen.major < BLURRED.flat * seen.minor
     {
         return None;
     }
@@ -70,7 +47,11 @@ pub fn narrow(
 ) -> Vec<Hypothesis> {
     let mut may_be = |(i, (blob, taken)): (usize, (&Blob, &bool))| {
         let seen = Ellipse::of(blob);
-        let free = !taken && !blob.at_edge && blob.area > LEAST && seen.minor < THICKEST && wanted(&seen);
+        let free = !taken
+            && !blob.at_edge
+            && blob.area > BLURRED.least_px
+            && seen.minor < BLURRED.thickest_px
+            && wanted(&seen);
         let contrast = if free { white_over_black(image, blob, noise) } else { None };
         contrast.filter(|_| !is_disc(i))
     };
@@ -88,7 +69,7 @@ pub fn narrow(
     });
     let mut seeds: Vec<(f64, Ellipse, Vec<usize>)> = seeds.collect();
     seeds.sort_by(|(one, ..), (other, ..)| other.total_cmp(one));
-    seeds.truncate(SEEDS);
+    seeds.truncate(BLURRED.seeds);
     // Two parts of a marker come before each of them.
     seeds.sort_by(|(_, one, _), (_, other, _)| other.major.total_cmp(&one.major));
     for (_, seen, seed) in seeds {
@@ -107,12 +88,13 @@ fn far_pairs(blobs: &[Blob], wanted: impl Fn(usize) -> bool) -> Vec<[usize; 2]> 
     let flat: Vec<(usize, Ellipse)> = (blobs.iter().enumerate())
         .filter(|(i, _)| wanted(*i))
         .map(|(i, blob)| (i, Ellipse::of(blob)))
-        .filter(|(_, seen)| seen.major > FLAT * seen.minor)
+        .filter(|(_, seen)| seen.major > BLURRED.flat * seen.minor)
         .collect();
     let in_row = |one: &Ellipse, other: &Ellipse| {
         let between = other.centre - one.centre;
-        let along = |seen: &Ellipse| between.dot(&seen.axis()).abs() > IN_ROW.cos() * between.norm();
-        between.norm() < APART * (one.major + other.major) && along(one) && along(other)
+        let along =
+            |seen: &Ellipse| between.dot(&seen.axis()).abs() > BLURRED.in_row_rad.cos() * between.norm();
+        between.norm() < BLURRED.apart * (one.major + other.major) && along(one) && along(other)
     };
     let mut out = Vec::new();
     for (k, (i, one)) in flat.iter().enumerate() {
@@ -130,7 +112,7 @@ fn far_pairs(blobs: &[Blob], wanted: impl Fn(usize) -> bool) -> Vec<[usize; 2]> 
 /// black.
 fn white_over_black(image: &Raster, blob: &Blob, noise: f64) -> Option<usize> {
     let [x0, y0, x1, y1] = blob.bounds.map(|v| v as f64);
-    let margin = Ellipse::of(blob).extent().add_scalar(BESIDE);
+    let margin = Ellipse::of(blob).extent().add_scalar(BLURRED.beside_px);
     let low = Vector2::new(x0, y0) - margin;
     let high = Vector2::new(x1, y1).add_scalar(1.0) + margin;
     let counts = Histogram::of(image.part(low, high, 2).map(|(_, _, value)| value));
@@ -138,18 +120,18 @@ fn white_over_black(image: &Raster, blob: &Blob, noise: f64) -> Option<usize> {
     let (black, skin, white) = (at(0), at(16), at(31));
     // The lightest of much skin is lighter than most of it by twice the noise.
     let contrast = white.saturating_sub(black);
-    (white.saturating_sub(skin) as f64 > WHITER * contrast as f64 + 2.0 * noise).then_some(contrast)
+    (white.saturating_sub(skin) as f64 > OUTLINED.whiter * contrast as f64 + 2.0 * noise).then_some(contrast)
 }
 
 /// Quadrants with outline and edges from all that is unlike the skin about what is seen of them.
 fn by_black_and_white(image: &Raster, seen: &Ellipse, blobs: &[usize]) -> Option<Hypothesis> {
-    if seen.major > LONGEST {
+    if seen.major > BLURRED.longest_px {
         return None;
     }
     let (ellipse, m, skin) = unlike_skin(image, seen)?;
     let found = quadrant_edges::within(ellipse, image, blobs)?;
     let start = outlined_quadrants::start(&found, &m, skin)?;
-    let (found, m) = outlined_quadrants::refined(image, &found, start, BLUR_PRIOR)?;
+    let (found, m) = outlined_quadrants::refined(image, &found, start, BLURRED.blur_px)?;
     let prior = Prior { blur: Some(m[BLUR]), ..found.prior };
     Some(Hypothesis { prior, ..found })
 }
@@ -159,13 +141,20 @@ fn by_black_and_white(image: &Raster, seen: &Ellipse, blobs: &[usize]) -> Option
 fn unlike_skin(image: &Raster, seen: &Ellipse) -> Option<(Ellipse, Parameters, f64)> {
     let mut seen = *seen;
     for _ in 0..3 {
-        let (major, minor) = ((HIDDEN * seen.major + SKIN).max(HALF), HIDDEN * seen.minor + SKIN);
+        let (major, minor) = (
+            (BLURRED.hidden * seen.major + BLURRED.skin_px).max(BLURRED.half_px),
+            BLURRED.hidden * seen.minor + BLURRED.skin_px,
+        );
         let longest = Ellipse { major, minor, ..seen };
         let reach = longest.extent();
         let (low, high) = (seen.centre - reach, seen.centre + reach);
         let skin = skin(image, low, high)?;
         let black = usize::from(inside(image, &seen).min()?);
-        let grown = Ellipse { major: seen.major + SKIN, minor: seen.minor + 0.5 * SKIN, ..seen };
+        let grown = Ellipse {
+            major: seen.major + BLURRED.skin_px,
+            minor: seen.minor + 0.5 * BLURRED.skin_px,
+            ..seen
+        };
         let white = usize::from(inside(image, &grown).max()?);
         let (dark, light) = (skin.midpoint(black.min(skin)) as u8, skin.midpoint(white.max(skin)) as u8);
         let mut parts = blob::darker_than(image, low, high, dark);
@@ -176,7 +165,7 @@ fn unlike_skin(image: &Raster, seen: &Ellipse) -> Option<(Ellipse, Parameters, f
         let found = hull(&parts).filter(|ellipse| ellipse.minor >= 1.0)?;
         if found.major < 1.2 * seen.major {
             let mut m = [0.0; N];
-            (m[LIGHT], m[BLUR]) = (white.max(1) as f64, BLUR_PRIOR.0);
+            (m[LIGHT], m[BLUR]) = (white.max(1) as f64, BLURRED.blur_px.0);
             m[DARK] = darkness_leaving(black as f64 / m[LIGHT]);
             return Some((found, m, skin as f64));
         }
@@ -188,9 +177,6 @@ fn unlike_skin(image: &Raster, seen: &Ellipse) -> Option<(Ellipse, Parameters, f
 /// The ellipse of inertia of the convex hull of some blobs; `None` where they are too far from an ellipse. Cracks between
 /// them, as between black and white that are both unlike the skin, do not matter.
 fn hull(parts: &[&Blob]) -> Option<Ellipse> {
-    /// Least share of the hull that is seen, and least of its ellipse that it fills: a parallelogram 0.95.
-    const SEEN: f64 = 0.4;
-    const FULL: f64 = 0.9;
     let ends = |&[y, from, to]: &[u32; 3]| [from, to].map(|x| Vector2::new(f64::from(x), f64::from(y)));
     let mut points: Vec<Vector2<f64>> = parts.iter().flat_map(|b| b.runs.iter().flat_map(ends)).collect();
     points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
@@ -224,5 +210,5 @@ fn hull(parts: &[&Blob]) -> Option<Ellipse> {
     let centre = sum / area;
     let ellipse = Ellipse::from_moments(first + centre, square / area - centre * centre.transpose(), 2.0);
     let own: f64 = parts.iter().map(|b| b.area).sum();
-    (own > SEEN * area && area > FULL * PI * ellipse.major * ellipse.minor).then_some(ellipse)
+    (own > BLURRED.seen * area && area > BLURRED.full * PI * ellipse.major * ellipse.minor).then_some(ellipse)
 }

@@ -7,31 +7,12 @@ use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::hypothesis::prior::{SizePrior, Slope};
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::histogram::Histogram;
-use crate::measure::detect::occlusion::decal::{DECAL_PX, Decal, ROWS, bounds_of, print_of};
+use crate::measure::detect::occlusion::decal::{Decal, ROWS, bounds_of, print_of};
+use crate::measure::detect::occlusion::options::DECAL;
+use crate::measure::detect::propose::options::DECAL_CUT;
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::detect::segment::contour::contour;
 use crate::measure::raster::Raster;
-
-/// Share of a disc's outline that a decal must lie over, and that may lie under decals.
-const TOUCHES: f64 = 0.15;
-const COVERED: f64 = 0.85;
-/// The same where only its neighbour tells its slope: of a sliver the place would hang on that.
-const COVERED_ALONE: f64 = 0.64;
-/// How far an expected outline may be off, px.
-const ASIDE: f64 = 3.0;
-/// How far the shapes of two discs side by side differ: minor axes, as a share, and directions, rad.
-const SAME_MINOR: f64 = 0.04;
-const SAME_ANGLE: f64 = 0.015;
-/// Rows or columns of a blob that end at the decal, px: they tell no outline.
-const CUT_PX: f64 = 0.75;
-/// Points of a blob's rim that must be left of it, and how far they may lie from the outline, root mean square, px.
-const LEAST: usize = 16;
-const OFF: f64 = 0.7;
-/// How far a decal's edge is blurred into what it leaves, in blurs; half way up it lies between two pixels.
-const BLURS: f64 = 2.4;
-const HALF_WAY: f64 = 0.5;
-/// How far a decal reaches beside its print where nothing tells, px: in the picture it is wider than long.
-const SIDE_PX: f64 = 35.0;
 
 /// An expected disc that the decals of others may hide, which lie in a direction: each with a rim about its print, and where
 /// black ends near it, the last rows or columns of that too, for blur mixes them with the decal. `None` where no decal lies
@@ -46,13 +27,13 @@ pub fn beside(
     let disc = &expected.ellipse;
     let near = |other: &&Ellipse| {
         let [x0, y0, x1, y1] = print_of(other, axis);
-        let bounds = [x0 - DECAL_PX, y0 - DECAL_PX, x1 + DECAL_PX, y1 + DECAL_PX];
+        let bounds = [x0 - DECAL.margin_px, y0 - DECAL.margin_px, x1 + DECAL.margin_px, y1 + DECAL.margin_px];
         let reach = Decal { axis, bounds };
-        disc.share(|at| reach.holds(at)) > TOUCHES
+        disc.share(|at| reach.holds(at)) > DECAL_CUT.touches
     };
     let hidden: Vec<Decal> = others.iter().filter(near).map(|o| decal(image, disc, o, axis, blur)).collect();
     let covered = disc.share(|at| hidden.iter().any(|decal| decal.holds(at)));
-    let useful = expected.pattern == Pattern::Disc && !hidden.is_empty() && covered < COVERED;
+    let useful = expected.pattern == Pattern::Disc && !hidden.is_empty() && covered < DECAL_CUT.covered;
     useful.then(|| expected.clone().with_decals(hidden))
 }
 
@@ -68,21 +49,21 @@ pub fn under(
 ) -> Option<Hypothesis> {
     let minor = like.minor / like.major * major.0;
     let shape = Ellipse { centre: blob.centroid, major: major.0, minor, angle: like.angle };
-    let decal = Decal::over(axis, print_of(like, axis), bounds_of(blob, axis), [0.0, CUT_PX]);
+    let decal = Decal::over(axis, print_of(like, axis), bounds_of(blob, axis), [0.0, DECAL_CUT.cut_px]);
     let seen: Vec<Vector2<f64>> = contour(blob).into_iter().filter(|at| !decal.holds(at)).collect();
     let centre = centre_of(&shape, &seen, like.centre)?;
-    let slope = Slope { minor: (minor, SAME_MINOR * minor), angle: (like.angle, SAME_ANGLE) };
+    let slope =
+        Slope { minor: (minor, DECAL_CUT.same_minor * minor), angle: (like.angle, DECAL_CUT.same_angle_rad) };
     let ellipse = Ellipse { centre, ..shape };
     let mut whole = Hypothesis::of(Pattern::Disc, ellipse, Vec::new());
     whole.prior.size = Some(SizePrior { major, slope: Some(slope) });
     let covered = ellipse.share(|at| decal.holds(at));
-    if covered < COVERED_ALONE { beside(image, &whole, &[*like], axis, blur) } else { None }
+    if covered < DECAL_CUT.covered_alone { beside(image, &whole, &[*like], axis, blur) } else { None }
 }
 
 /// Where an ellipse of known shape lies through points of its rim, on the side of its neighbour.
 fn centre_of(shape: &Ellipse, points: &[Vector2<f64>], neighbour: Vector2<f64>) -> Option<Vector2<f64>> {
-    const STEPS: usize = 12;
-    if points.len() < LEAST {
+    if points.len() < DECAL_CUT.least_points {
         return None;
     }
     // Seen as a circle of radius 1.
@@ -94,7 +75,7 @@ fn centre_of(shape: &Ellipse, points: &[Vector2<f64>], neighbour: Vector2<f64>) 
     let middle = round.iter().sum::<Vector2<f64>>() / round.len() as f64;
     let mut centre = middle + 0.7 * (whole(neighbour) - middle).try_normalize(1e-9)?;
     let mut square = f64::MAX;
-    for _ in 0..STEPS {
+    for _ in 0..DECAL_CUT.steps {
         let (mut normal, mut right) = (Matrix2::identity() * 1e-9, Vector2::zeros());
         square = 0.0;
         for point in &round {
@@ -108,12 +89,12 @@ fn centre_of(shape: &Ellipse, points: &[Vector2<f64>], neighbour: Vector2<f64>) 
     }
     let off = (square / round.len() as f64).sqrt() * shape.minor;
     let back = shape.axis() * (centre.x * shape.major) + shape.across() * (centre.y * shape.minor);
-    (off < OFF).then(|| shape.centre + back)
+    (off < DECAL_CUT.off_px).then(|| shape.centre + back)
 }
 
 /// The box (first and last column and row) in which a disc's decal may lie over something.
 pub fn reach(disc: &Ellipse) -> [f64; 4] {
-    let ([x0, y0, x1, y1], by) = (print_of(disc, ROWS), DECAL_PX + ASIDE);
+    let ([x0, y0, x1, y1], by) = (print_of(disc, ROWS), DECAL.margin_px + DECAL_CUT.aside_px);
     [x0 - by, y0 - by, x1 + by, y1 + by]
 }
 
@@ -126,11 +107,15 @@ pub fn meets(blob: &Blob, [x0, y0, x1, y1]: &[f64; 4]) -> bool {
 /// What a neighbour's decal that lies in a direction may cover of an expected disc.
 fn decal(image: &Raster, expected: &Ellipse, other: &Ellipse, axis: Vector2<f64>, blur: f64) -> Decal {
     let print = print_of(other, axis);
-    let reach = expected.extent().add_scalar(2.0 * DECAL_PX);
+    let reach = expected.extent().add_scalar(2.0 * DECAL.margin_px);
     let around = image.part(expected.centre - reach, expected.centre + reach, 2).map(|(_, _, value)| value);
     let skin = Histogram::of(around).middle().unwrap_or(255) as u8;
     let level = image.nearest(other.centre.x, other.centre.y).midpoint(skin);
-    let grown = Ellipse { major: expected.major + ASIDE, minor: expected.minor + ASIDE, ..*expected };
+    let grown = Ellipse {
+        major: expected.major + DECAL_CUT.aside_px,
+        minor: expected.minor + DECAL_CUT.aside_px,
+        ..*expected
+    };
     // Whether a line beside the print, so far from its middle, shows black of the expected disc within bounds.
     let shows = |bounds: &[f64; 4], along_rows: bool, at: f64| {
         let (from, to) = if along_rows { (bounds[0], bounds[2]) } else { (bounds[1], bounds[3]) };
@@ -144,10 +129,12 @@ fn decal(image: &Raster, expected: &Ellipse, other: &Ellipse, axis: Vector2<f64>
     // Before and behind the print first: beside it, what shows black there is no decal.
     for k in [1, 3, 0, 2] {
         let (along_rows, sign) = (k % 2 == 1, if k < 2 { -1.0 } else { 1.0 });
-        let [most, usual] = if along_rows { [2.0 * DECAL_PX, DECAL_PX] } else { [SIDE_PX; 2] };
+        let [most, usual] =
+            if along_rows { [2.0 * DECAL.margin_px, DECAL.margin_px] } else { [DECAL_CUT.side_px; 2] };
         let mut lines = (3..=most as usize).map(|j| print[k].round() + sign * j as f64);
         let black = lines.find(|&at| shows(&white, along_rows, at));
-        let hidden = black.map_or(usual, |at| sign * (at - print[k]) + BLURS * blur - HALF_WAY);
+        let hidden = black
+            .map_or(usual, |at| sign * (at - print[k]) + DECAL_CUT.edge_blurs * blur - DECAL_CUT.half_way_px);
         bounds[k] = print[k] + sign * hidden;
         white[k] = black.map_or(bounds[k], |at| at - sign);
     }
@@ -179,7 +166,8 @@ mod tests {
         let other = |y: f64| Ellipse { centre: Vector2::new(95.0, y), ..EXPECTED };
         let seen = hidden(other(61.0), 51).expect("a sheet lies over it");
         // The last black is row 50; two blurs before its edge at 50.5 are left out.
-        let want = [55.0 - SIDE_PX, 50.5 - BLURS, 135.0 + SIDE_PX, 61.0 + 13.0];
+        let want =
+            [55.0 - DECAL_CUT.side_px, 50.5 - DECAL_CUT.edge_blurs, 135.0 + DECAL_CUT.side_px, 61.0 + 13.0];
         assert!(
             seen.len() == 1 && seen[0].bounds.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-9),
             "{seen:?}"

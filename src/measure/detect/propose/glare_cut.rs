@@ -5,18 +5,13 @@ use nalgebra::Vector2;
 use super::partial_ellipse::any_ellipse;
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::occlusion::glare::{MARGIN, middle_of, occluded};
+use crate::measure::detect::occlusion::glare::{middle_of, occluded};
+use crate::measure::detect::occlusion::options::GLARE;
 use crate::measure::detect::occlusion::region::Band;
+use crate::measure::detect::propose::options::GLARE_CUT;
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::detect::segment::contour::contour;
 use crate::measure::raster::Raster;
-
-/// How far on either side of the outline the step from black to skin is taken, px.
-const REACH: f64 = 3.0;
-/// Share of the usual step below which an outline is not the disc's.
-const STEP: f64 = 0.6;
-/// Rim points that must be left.
-const LEFT: usize = 40;
 
 /// A point of a blob's rim, px: where, along the blob's axis, and the step across it, grey levels.
 struct ContourPoint {
@@ -42,7 +37,7 @@ pub fn completed(
     blobs: &[Blob],
 ) -> Option<Hypothesis> {
     let blob = blobs.get(index)?;
-    let part = part(image, blob, LEFT)?;
+    let part = part(image, blob, GLARE_CUT.left)?;
     let far = (blobs.iter().enumerate())
         .filter(|&(i, other)| i != index && opposite(&part, blob, other))
         .find_map(|(i, other)| together(image, &part, i, other, hypothesis, blob));
@@ -84,7 +79,7 @@ fn together(
     hypothesis: &Hypothesis,
     blob: &Blob,
 ) -> Option<Hypothesis> {
-    let far = part(image, other, LEFT / 3)?;
+    let far = part(image, other, GLARE_CUT.left / 3)?;
     let after = (other.centroid - blob.centroid).dot(&one.axis) > 0.0;
     let facing = if after == (far.axis.dot(&one.axis) > 0.0) { far.ends[0] } else { far.ends[1] };
     facing?;
@@ -103,7 +98,7 @@ fn together(
         return None;
     }
     let blobs = hypothesis.blobs.iter().copied().chain([index]).collect();
-    let bands = vec![Band { axis: one.axis, from: from - MARGIN, to: to + MARGIN }];
+    let bands = vec![Band { axis: one.axis, from: from - GLARE.margin_px, to: to + GLARE.margin_px }];
     Some(Hypothesis { ellipse, blobs, ..hypothesis.clone() }.with_glare(bands))
 }
 
@@ -115,7 +110,7 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
     let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
     let points: Vec<ContourPoint> = (contour(blob).into_iter())
         .map(|at| {
-            let normal = (inverse * (at - blob.centroid)).normalize() * REACH;
+            let normal = (inverse * (at - blob.centroid)).normalize() * GLARE_CUT.reach_px;
             let (inside, outside) = (grey(at - normal), grey(at + normal));
             ContourPoint { at, along: at.dot(&axis), step: outside - inside }
         })
@@ -126,7 +121,9 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
         return None;
     }
     let open = |p: &&ContourPoint| {
-        p.step > STEP * usual && ends[0].is_none_or(|e| p.along > e) && ends[1].is_none_or(|e| p.along < e)
+        p.step > GLARE_CUT.step * usual
+            && ends[0].is_none_or(|e| p.along > e)
+            && ends[1].is_none_or(|e| p.along < e)
     };
     let left: Vec<Vector2<f64>> = points.iter().filter(open).map(|p| p.at).collect();
     (left.len() >= least).then_some(Part { axis, left, ends })

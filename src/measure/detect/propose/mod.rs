@@ -5,6 +5,7 @@ pub mod decal_cut;
 pub mod gather;
 pub mod glare_cut;
 pub mod moments;
+pub mod options;
 pub mod partial_ellipse;
 pub mod quadrant_edges;
 pub mod quadrant_outline;

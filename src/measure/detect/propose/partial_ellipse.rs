@@ -5,19 +5,11 @@ use nalgebra::{Cholesky, Matrix2, Matrix3, SMatrix, SVector, SymmetricEigen, Vec
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::hypothesis::prior::Prior;
 use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::occlusion::decal::{DECAL_PX, Decal, bounds_of};
+use crate::measure::detect::occlusion::decal::{Decal, bounds_of};
+use crate::measure::detect::occlusion::options::DECAL;
+use crate::measure::detect::propose::options::PARTIAL;
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::detect::segment::contour::contour;
-
-/// How far a cut edge is blurred into what it leaves, px.
-const BLUR_PX: f64 = 2.5;
-/// Relative difference below which a neighbour is taken to be of the same size.
-const SAME_SIZE: f64 = 0.12;
-/// Share of the outline that must be seen, beside a disc of the same size, and without.
-const SHARE: f64 = 0.35;
-const SHARE_ALONE: f64 = 0.55;
-/// Points of the outline that must be seen.
-pub const LEAST: usize = 24;
 
 type Conic = SVector<f64, 5>;
 
@@ -34,7 +26,7 @@ pub fn completed(
         .filter_map(|o| {
             let axis = direction(o);
             let own = bounds_of(blob, axis);
-            let decal = Decal::over(axis, bounds_of(o, axis), own, [DECAL_PX, BLUR_PX]);
+            let decal = Decal::over(axis, bounds_of(o, axis), own, [DECAL.margin_px, PARTIAL.blur_px]);
             let h = decal.bounds;
             (h[0] <= own[2] && own[0] <= h[2] && h[1] <= own[3] && own[1] <= h[3]).then_some((o, decal))
         })
@@ -44,7 +36,9 @@ pub fn completed(
     let contour = contour(blob);
     let seen: Vec<Vector2<f64>> =
         contour.iter().filter(|p| !hidden.iter().any(|decal| decal.holds(p))).copied().collect();
-    if seen.len() == contour.len() || (seen.len() as f64) < SHARE * contour.len() as f64 || seen.len() < LEAST
+    if seen.len() == contour.len()
+        || (seen.len() as f64) < PARTIAL.share * contour.len() as f64
+        || seen.len() < PARTIAL.least
     {
         return None;
     }
@@ -54,10 +48,10 @@ pub fn completed(
     let (like, free) = alike.map_or((blob, true), |(o, _)| (*o, false));
     let mut ellipse = if free { any_ellipse(&seen, like) } else { same_ellipse(&seen, like) }?;
     let size = Ellipse::of(like).major;
-    let same_size = !free && (ellipse.major / size - 1.0).abs() < SAME_SIZE;
+    let same_size = !free && (ellipse.major / size - 1.0).abs() < PARTIAL.same_size;
     if same_size {
         ellipse.major = size;
-    } else if (seen.len() as f64) < SHARE_ALONE * contour.len() as f64 {
+    } else if (seen.len() as f64) < PARTIAL.share_alone * contour.len() as f64 {
         return None;
     }
     let fits =
@@ -83,7 +77,7 @@ pub fn is_ellipse(blob: &Blob) -> bool {
 
 /// Whether the decal of one blob can reach the other, in whatever direction it lies.
 fn are_near(one: &Blob, other: &Blob) -> bool {
-    let most = 3 * DECAL_PX as usize;
+    let most = 3 * DECAL.margin_px as usize;
     let (a, b) = (&one.bounds, &other.bounds);
     (0..2).all(|k| a[k] <= b[k + 2] + most && b[k] <= a[k + 2] + most)
 }

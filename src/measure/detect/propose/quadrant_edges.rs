@@ -9,15 +9,11 @@ use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::scanline::EllipseFrame;
 use crate::measure::detect::occlusion::region::Band;
 use crate::measure::detect::propose::moments;
+use crate::measure::detect::propose::options::EDGES;
 use crate::measure::raster::Raster;
 
 /// Directions, and those in a quarter.
-const TURNS: usize = 72;
-const QUARTER: usize = TURNS / 4;
-/// Share of an outline's radius within which pixels count.
-const INNER: f64 = 0.85;
-/// Of a thicker outline not all rows and columns are looked at: semi-minor axis, px.
-const THICK: f64 = 12.0;
+const QUARTER: usize = EDGES.turns / 4;
 
 /// Quadrants with an outline that holds black and white: of the pairs of edges that are conjugate diameters the one that best
 /// parts dark from light; `None` where both black quadrants are not darker than both white ones.
@@ -28,11 +24,9 @@ pub fn within(ellipse: Ellipse, image: &Raster, blobs: &[usize]) -> Option<Hypot
 /// Quadrants whose outline is known but for its exact place, beside what glare hides of them: where dark is parted from light
 /// best.
 pub fn placed(ellipse: &Ellipse, image: &Raster, bands: &[Band]) -> Option<Hypothesis> {
-    const STEPS: i32 = 3;
-    const STEP_PX: f64 = 2.0;
-    let shifts = (-STEPS..=STEPS).flat_map(|u| (-STEPS..=STEPS).map(move |v| [u, v]));
+    let shifts = (-EDGES.steps..=EDGES.steps).flat_map(|u| (-EDGES.steps..=EDGES.steps).map(move |v| [u, v]));
     let searches = shifts.map(|shift| {
-        let centre = ellipse.centre + Vector2::from(shift.map(f64::from)) * STEP_PX;
+        let centre = ellipse.centre + Vector2::from(shift.map(f64::from)) * EDGES.step_px;
         EdgeSearch::of(Ellipse { centre, ..*ellipse }, image, bands)
     });
     searches.max_by(|one, other| one.best().1.total_cmp(&other.best().1))?.hypothesis(&[])
@@ -44,7 +38,7 @@ struct EdgeSearch {
     /// Every how many rows and columns are looked at.
     step: usize,
     /// Sum of grey values and number of pixels in the quarter that begins in a direction.
-    quarters: [(f64, f64); TURNS],
+    quarters: [(f64, f64); EDGES.turns],
     /// Sum of squares of all grey values about their mean.
     spread: f64,
 }
@@ -53,30 +47,31 @@ impl EdgeSearch {
     fn of(ellipse: Ellipse, image: &Raster, bands: &[Band]) -> Self {
         let frame = EllipseFrame::new(&ellipse);
         let reach = ellipse.extent();
-        let step = (ellipse.minor / THICK).max(1.0) as usize;
-        let mut sums = [(0.0, 0.0); TURNS];
+        let step = (ellipse.minor / EDGES.thick_px).max(1.0) as usize;
+        let mut sums = [(0.0, 0.0); EDGES.turns];
         let mut squares = 0.0;
         for (x, y, value) in image.part(ellipse.centre - reach, ellipse.centre + reach, step) {
             let (s, t) = frame.local(x as f64, y as f64);
             let (p, q) = (s / ellipse.major, t / ellipse.minor);
             let hidden = || bands.iter().any(|band| band.holds(&Vector2::new(x as f64, y as f64)));
-            if p * p + q * q < INNER * INNER && !hidden() {
-                let turn = (q.atan2(p).rem_euclid(TAU) / TAU * TURNS as f64) as usize % TURNS;
+            if p * p + q * q < EDGES.inner * EDGES.inner && !hidden() {
+                let turn = (q.atan2(p).rem_euclid(TAU) / TAU * EDGES.turns as f64) as usize % EDGES.turns;
                 sums[turn].0 += f64::from(value);
                 sums[turn].1 += 1.0;
                 squares += f64::from(value).powi(2);
             }
         }
         let add = |(v, n): (f64, f64), (sum, count): (f64, f64)| (v + sum, n + count);
-        let quarters =
-            std::array::from_fn(|from| (0..QUARTER).map(|k| sums[(from + k) % TURNS]).fold((0.0, 0.0), add));
+        let quarters = std::array::from_fn(|from| {
+            (0..QUARTER).map(|k| sums[(from + k) % EDGES.turns]).fold((0.0, 0.0), add)
+        });
         let (sum, count) = sums.into_iter().fold((0.0, 0.0), add);
         let spread = squares - sum * sum / f64::max(count, 1.0);
         Self { ellipse, step, quarters, spread: spread.max(1.0) }
     }
 
     fn opposite(&self, turn: usize) -> [(f64, f64); 2] {
-        [turn, turn + 2 * QUARTER].map(|turn| self.quarters[turn % TURNS])
+        [turn, turn + 2 * QUARTER].map(|turn| self.quarters[turn % EDGES.turns])
     }
 
     /// Where two opposite quarters are darkest beside the other two, and which share of the spread that explains.
@@ -97,8 +92,8 @@ impl EdgeSearch {
     fn hypothesis(&self, blobs: &[usize]) -> Option<Hypothesis> {
         let (ellipse, (darkest, _)) = (self.ellipse, self.best());
         // What shows less than half of itself may be another's.
-        let least =
-            0.5 * INNER * INNER * PI / 4.0 * ellipse.major * ellipse.minor / (self.step * self.step) as f64;
+        let least = 0.5 * EDGES.inner * EDGES.inner * PI / 4.0 * ellipse.major * ellipse.minor
+            / (self.step * self.step) as f64;
         let seen = |turn: usize| {
             let seen = self.opposite(turn).into_iter().filter(|(_, count)| *count > least);
             seen.map(|(sum, count)| sum / count)
@@ -108,7 +103,7 @@ impl EdgeSearch {
         }
         let (half, across) = (ellipse.axis() * ellipse.major, ellipse.across() * ellipse.minor);
         let edge = |turn: usize| {
-            let (q, p) = (TAU * turn as f64 / TURNS as f64).sin_cos();
+            let (q, p) = (TAU * turn as f64 / EDGES.turns as f64).sin_cos();
             half * p + across * q
         };
         Some(moments::between(edge(darkest), edge(darkest + QUARTER), ellipse, blobs))

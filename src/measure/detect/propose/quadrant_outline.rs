@@ -3,32 +3,17 @@
 use nalgebra::Vector2;
 
 use crate::measure::detect::appearance::parameters::{BLUR, LIGHT, Parameters, X, Y, contrast};
+use crate::measure::detect::estimate::options::OUTLINED;
 use crate::measure::detect::estimate::outlined_quadrants;
-use crate::measure::detect::estimate::outlined_quadrants::WHITER;
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::histogram::Histogram;
 use crate::measure::detect::image::scanline::{EllipseFrame, columns, row_of};
 use crate::measure::detect::propose::moments;
+use crate::measure::detect::propose::options::OUTLINE;
 use crate::measure::detect::segment::blob;
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::raster::Raster;
-
-/// How much longer quadrants' white must be than their black to tell their length; and its least contrast against the skin,
-/// as a share of theirs.
-const LONGER: f64 = 1.1;
-/// Ratio of the areas of two black quadrants beyond which they were seen against different thresholds.
-const UNEQUAL: f64 = 1.2;
-/// Semi-minor axis from which on blur takes too little of quadrants to tell, px.
-const THICK: f64 = 20.0;
-/// Semi-minor axis, in blurs, below which quadrants are measured with their outline: blur takes too much of their edges.
-const NARROW: f64 = 7.5;
-/// How far the outline's centre may lie from where the edges of such quadrants cross, px.
-const ASIDE: f64 = 1.5;
-/// Skin about an outline that tells its grey, px.
-const BESIDE: f64 = 8.0;
-/// How far a first fit's blur is from that of outline and edges, as a share.
-const SAME_BLUR: f64 = 0.1;
 
 /// Quadrants with the outline of what is nearer to black than to white.
 pub fn outlined(image: &Raster, hypothesis: Hypothesis, m: &Parameters) -> Hypothesis {
@@ -47,11 +32,13 @@ pub fn outlined(image: &Raster, hypothesis: Hypothesis, m: &Parameters) -> Hypot
         moments::quadrants(&[0, 1], &own).or_else(|| moments::quadrants(&[0], &own))
     });
     let mut out = found.map_or(*ellipse, |f| f.ellipse);
-    if let Some(longer) = length_of_white(image, &out, m).filter(|longer| *longer > LONGER * out.major) {
+    if let Some(longer) =
+        length_of_white(image, &out, m).filter(|longer| *longer > OUTLINE.longer * out.major)
+    {
         out.major = longer;
     }
     // Blur takes more of one black part's thin end than of the other's.
-    if out.minor < THICK && (out.centre - saddle).norm() > ASIDE {
+    if out.minor < OUTLINE.thick_px && (out.centre - saddle).norm() > OUTLINE.aside_px {
         out.centre = saddle;
     }
     Hypothesis { ellipse: out, ..hypothesis }
@@ -65,15 +52,18 @@ pub fn with_outline(
     m: &Parameters,
 ) -> Option<(Hypothesis, Parameters)> {
     let ellipse = &hypothesis.ellipse;
-    if hypothesis.edges.is_none() || hypothesis.is_in_glare() || ellipse.minor > NARROW * m[BLUR] {
+    if hypothesis.edges.is_none()
+        || hypothesis.is_in_glare()
+        || ellipse.minor > OUTLINE.narrow_blurs * m[BLUR]
+    {
         return None;
     }
-    let reach = (ellipse.extent() * 1.5).add_scalar(BESIDE);
+    let reach = (ellipse.extent() * 1.5).add_scalar(OUTLINE.beside_px);
     let skin = skin(image, ellipse.centre - reach, ellipse.centre + reach)? as f64;
     let centre = Vector2::new(m[X], m[Y]);
     let centred = Hypothesis { ellipse: Ellipse { centre, ..*ellipse }, ..hypothesis.clone() };
     let start = outlined_quadrants::start(&centred, m, skin)?;
-    outlined_quadrants::refined(image, &centred, start, (m[BLUR], SAME_BLUR * m[BLUR]))
+    outlined_quadrants::refined(image, &centred, start, (m[BLUR], OUTLINE.same_blur * m[BLUR]))
 }
 
 /// Quadrants whose two black parts were seen against thresholds so different that one is much larger, seen once more
@@ -82,7 +72,7 @@ pub fn at_one_level(image: &Raster, hypothesis: &Hypothesis, blobs: &[Blob]) -> 
     let [one, other] = hypothesis.blobs[..] else { return None };
     let ratio = blobs.get(one)?.area / blobs.get(other)?.area;
     let seen_together = hypothesis.edges.is_none() || hypothesis.prior.blur.is_some();
-    if seen_together || (1.0 / UNEQUAL..UNEQUAL).contains(&ratio) {
+    if seen_together || (1.0 / OUTLINE.unequal..OUTLINE.unequal).contains(&ratio) {
         return None;
     }
     let ellipse = &hypothesis.ellipse;
@@ -113,7 +103,7 @@ pub fn skin(image: &Raster, low: Vector2<f64>, high: Vector2<f64>) -> Option<usi
 /// Half the length of quadrants' white along their outline's axis, px, which is the whole marker's: of a flat marker blur
 /// takes the thin ends of the black, where the white is thickest.
 fn length_of_white(image: &Raster, ellipse: &Ellipse, m: &Parameters) -> Option<f64> {
-    if ellipse.minor > THICK {
+    if ellipse.minor > OUTLINE.thick_px {
         return None;
     }
     let centre = Vector2::new(m[X], m[Y]);
@@ -121,7 +111,7 @@ fn length_of_white(image: &Raster, ellipse: &Ellipse, m: &Parameters) -> Option<
     let (low, high) = (centre - reach, centre + reach);
     let skin = skin(image, low, high)? as f64;
     let level = 0.5 * (skin + m[LIGHT]);
-    if m[LIGHT] - skin < WHITER * contrast(m) {
+    if m[LIGHT] - skin < OUTLINED.whiter * contrast(m) {
         return None;
     }
     let own = |s: f64, t: f64| s.abs() < 2.2 * ellipse.major && t.abs() < ellipse.minor + 2.0;

@@ -4,11 +4,8 @@ use nalgebra::Vector2;
 
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::propose::options::OUTLINE;
 use crate::measure::raster::Raster;
-
-/// Semi-minor axis of what is large, and of its smaller picture, px.
-const LARGE: f64 = 24.0;
-const SMALL: f64 = 12.0;
 
 /// A picture of a hypothesis, smaller by a whole factor.
 pub struct Reduced {
@@ -25,10 +22,10 @@ impl Reduced {
     /// first crossing is farther off than its edges' pixels are looked for: less so in a smaller picture.
     pub fn of(image: &Raster, hypothesis: &Hypothesis) -> Option<Self> {
         let ellipse = &hypothesis.ellipse;
-        if hypothesis.edges.is_none() || ellipse.minor < LARGE {
+        if hypothesis.edges.is_none() || ellipse.minor < OUTLINE.large_px {
             return None;
         }
-        let step = (ellipse.minor / SMALL) as usize;
+        let step = (ellipse.minor / OUTLINE.small_px) as usize;
         let factor = step as f64;
         let reach = ellipse.extent() * 1.2;
         let corner = (ellipse.centre - reach).map(|v| v.max(0.0).floor());

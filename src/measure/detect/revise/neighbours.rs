@@ -15,26 +15,11 @@ use crate::measure::detect::hypothesis::prior::{EdgePrior, SizePrior};
 use crate::measure::detect::image::histogram::middle;
 use crate::measure::detect::occlusion::region::Band;
 use crate::measure::detect::propose::moments;
+use crate::measure::detect::revise::options::NEIGHBOUR;
 use crate::measure::detect::segment::background::{Coarse, Region};
 use crate::measure::detect::segment::blob;
 use crate::measure::raster::Raster;
 use crate::measure::setup::Shape;
-
-/// Least share of a disc's length that must be seen of it.
-const SEEN: f64 = 0.4;
-/// Standard deviations of the size that discs about it predict beyond which a disc is another thing.
-pub const UNLIKE: f64 = 4.0;
-/// The same where a disc is so thin that it tells little more than that size.
-const UNLIKE_THIN: f64 = 2.5;
-/// The same where its standard deviation shall say so.
-const UNLIKELY: f64 = 2.0;
-/// Markers that tell blur and darkness of those between them, and how far these differ from one to another: the blur as a
-/// share.
-const ENOUGH: usize = 5;
-const SAME_BLUR: f64 = 0.1;
-const SAME_DARK: f64 = 0.1;
-/// Semi-minor axis, in blurs, below which a marker does not tell them apart.
-const THIN: f64 = 3.0;
 
 /// Measures discs that are hidden in part once more, when the whole ones about them have told how
 /// large they are; also those of which too little was seen before. One of quite another size is turned down: something
@@ -69,7 +54,7 @@ pub fn revise_with_size(known: &WholeDiscs, found: &mut Found, hidden: Vec<(Opti
         shifts.iter().for_each(|shift| hypothesis.ellipse.centre += shift);
         hypothesis.ellipse.major = major;
         hypothesis.prior.size = Some(SizePrior::of_major((major, deviation)));
-        let like = |m: &Measured| is_as_long(m, (major, deviation), UNLIKE);
+        let like = |m: &Measured| is_as_long(m, (major, deviation), NEIGHBOUR.unlike_sigmas);
         let again = measure(known.image, known.blobs, &hypothesis, bounds).ok().filter(like);
         let slot = index.and_then(|i| found.measured.get_mut(i));
         // Whole discs may lie beside what is saturated.
@@ -106,21 +91,21 @@ pub fn revise_with_edge_prior(known: &WholeDiscs, found: &mut Found, unsure: Vec
         if found.holds(ellipse.centre) {
             continue;
         }
-        hypothesis.prior.edge =
-            edge_prior(found, ellipse.centre).filter(|edge| ellipse.minor < THIN * edge.blur.0);
+        hypothesis.prior.edge = edge_prior(found, ellipse.centre)
+            .filter(|edge| ellipse.minor < NEIGHBOUR.thin_blurs * edge.blur.0);
         if hypothesis.prior.edge.is_none() {
             continue;
         }
         let mut size = None;
         if hypothesis.pattern == Pattern::Disc {
             size = predicted_major(found, None, ellipse.centre);
-            size = size.filter(|(major, _)| ellipse.major > SEEN * major);
+            size = size.filter(|(major, _)| ellipse.major > NEIGHBOUR.seen * major);
             let Some((major, deviation)) = size else { continue };
             hypothesis.ellipse.major = major;
             hypothesis.prior.size = Some(SizePrior::of_major((major, deviation)));
         }
         let measured = measure(known.image, known.blobs, &hypothesis, known.bounds).ok();
-        let sure = |m: &Measured| size.is_none_or(|size| is_as_long(m, size, UNLIKE_THIN));
+        let sure = |m: &Measured| size.is_none_or(|size| is_as_long(m, size, NEIGHBOUR.unlike_thin_sigmas));
         if let Some(measured) = measured.filter(sure) {
             let own = measured.detection.ellipse();
             found.rejected.retain(|r| !own.holds(r.centre_px));
@@ -161,16 +146,19 @@ pub fn predicted_major(found: &Found, own: Option<usize>, at: Vector2<f64>) -> O
 /// it: the centre may be off along the axis by as much, which its standard deviation then says. What is off by a good part
 /// of its length is none of them.
 pub fn inflate_unlike(found: &mut Found) {
-    const NONE: f64 = 0.25;
     let inflations: Vec<f64> = (found.measured.iter().enumerate())
         .map(|(i, own)| {
             let d = &own.detection;
-            let thin = d.shape == Shape::Circle && d.semi_minor_px < THIN * own.blur;
+            let thin = d.shape == Shape::Circle && d.semi_minor_px < NEIGHBOUR.thin_blurs * own.blur;
             let size = if thin { predicted_major(found, Some(i), d.centre_px) } else { None };
             let Some((major, deviation)) = size else { return 0.0 };
             let longer = (d.semi_major_px - major).powi(2);
             let chance = own.length.powi(2) + deviation * deviation;
-            if longer > UNLIKELY * UNLIKELY * chance { longer - chance } else { 0.0 }
+            if longer > NEIGHBOUR.unlikely_sigmas * NEIGHBOUR.unlikely_sigmas * chance {
+                longer - chance
+            } else {
+                0.0
+            }
         })
         .collect();
     let mut none = Vec::new();
@@ -179,7 +167,7 @@ pub fn inflate_unlike(found: &mut Found) {
     {
         let axis = own.ellipse().axis();
         own.covariance_px2 += axis * axis.transpose() * inflation;
-        none.extend((inflation > (NONE * own.semi_major_px).powi(2)).then_some(i));
+        none.extend((inflation > (NEIGHBOUR.none * own.semi_major_px).powi(2)).then_some(i));
     }
     found.turn_down_these(RejectReason::Uncertain, &none);
 }
@@ -187,16 +175,16 @@ pub fn inflate_unlike(found: &mut Found) {
 /// What the markers nearest to a place tell of an edge, where there are some.
 fn edge_prior(found: &Found, at: Vector2<f64>) -> Option<EdgePrior> {
     let mut near: Vec<&Measured> = found.measured.iter().collect();
-    if near.len() < ENOUGH {
+    if near.len() < NEIGHBOUR.enough {
         return None;
     }
     let distance = |m: &Measured| (m.detection.centre_px - at).norm_squared();
     near.sort_by(|one, other| distance(one).total_cmp(&distance(other)));
-    near.truncate(ENOUGH);
+    near.truncate(NEIGHBOUR.enough);
     let blur = middle(near.iter().map(|m| m.blur).collect())?;
     let darkness = middle(near.iter().map(|m| m.darkness).collect())?;
     let dark = darkness_leaving((1.0 - darkness).max(0.0));
-    Some(EdgePrior { blur: (blur, SAME_BLUR * blur), dark: (dark, SAME_DARK) })
+    Some(EdgePrior { blur: (blur, NEIGHBOUR.same_blur * blur), dark: (dark, NEIGHBOUR.same_dark) })
 }
 
 /// Whether a disc is as long as was predicted with some deviation, px, to so many of them.

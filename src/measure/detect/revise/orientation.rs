@@ -15,7 +15,9 @@ use crate::measure::detect::image::ellipse::{Ellipse, half_turn};
 use crate::measure::detect::image::histogram::middle;
 use crate::measure::detect::occlusion::decal::ROWS;
 use crate::measure::detect::occlusion::glare;
+use crate::measure::detect::occlusion::options::GLARE;
 use crate::measure::detect::propose::{decal_cut, quadrant_edges};
+use crate::measure::detect::revise::options::ORIENTATION;
 use crate::measure::raster::Raster;
 use crate::measure::setup::Shape;
 
@@ -30,41 +32,6 @@ pub struct Expected {
 
 /// Sum of a place's variances from which on a disc is looked at again, px^2.
 pub const UNSURE_PX2: f64 = 0.04;
-/// The same of a disc over which another one's decal may lie: it is less sure than it looks.
-const HIDDEN_PX2: f64 = 0.01;
-/// The same up to which a disc tells how the predicted sizes fail.
-const SURE: f64 = 0.08;
-/// Discs that tell it at least, and how many of those alike tell what the skin's slope does.
-const ENOUGH: usize = 3;
-const LIKE: usize = 5;
-/// How far predicted sizes fail at least, as shares: the major axis is the diameter over the distance, and prints differ; the
-/// minor and the direction follow the skin's slope, which a bending wing changes; and the major where nothing tells it.
-const MAJOR: f64 = 0.0015;
-const MINOR: f64 = 0.03;
-const ANGLE: f64 = 0.015;
-const UNKNOWN: f64 = 0.01;
-/// How far from its expected place a marker may be, px, unless the sure discs are farther.
-const NEAR: f64 = 4.0;
-/// Standard deviations by which both answers may differ.
-const ALIKE: f64 = 4.0;
-/// Share of the former variances from which on a disc is taken for hidden that may be seen as a whole.
-const SURER: f64 = 0.5;
-/// Standard deviations by which a size differs from the predicted one that say that something is wrong.
-const UNLIKE: f64 = 3.0;
-/// Share of quadrants that is surely theirs, wherever the skin slopes a little otherwise.
-const INNER: f64 = 0.75;
-/// How far quadrants' outline may be off, px.
-const ASIDE: f64 = 8.0;
-/// How much farther than it is seen glare is taken to reach, in ways from where it is seen to where it is bright: black is
-/// lit long before the skin is. Where too little is left then, as far as it is seen.
-const FRINGES: [f64; 2] = [1.0, 0.0];
-/// How much lighter glare makes the skin where it leaves too little of an edge.
-const BLINDS: f64 = 1.3;
-/// The greatest blur over the frame's.
-const SOFTER: f64 = 2.5;
-/// Semi-minor axis, in blurs, below which a disc does not tell the blur, and how far that differs in a frame, as a share.
-const THIN: f64 = 3.0;
-const SAME_BLUR: f64 = 0.1;
 
 /// How the predicted sizes fail: each a usual ratio, or difference, and its deviation.
 struct Sizes {
@@ -79,7 +46,9 @@ struct Sure(Vec<(Prediction, Detection)>);
 impl Sure {
     fn of(found: &[Detection], expected: &[Expected]) -> Self {
         let pair = |e: &Expected| Some((e.prediction.clone(), found.get(e.found?)?.clone()));
-        let sure = |(_, d): &(Prediction, Detection)| d.shape == Shape::Circle && d.variance() < SURE;
+        let sure = |(_, d): &(Prediction, Detection)| {
+            d.shape == Shape::Circle && d.variance() < ORIENTATION.sure_px2
+        };
         Self(expected.iter().filter_map(pair).filter(sure).collect())
     }
 
@@ -89,20 +58,20 @@ impl Sure {
         let mut like: Vec<_> = self.0.iter().collect();
         let aside = |p: &Prediction| half_turn(p.angle_rad - expected.angle_rad).abs();
         like.sort_by(|(one, _), (other, _)| aside(one).total_cmp(&aside(other)));
-        let few = like.len().min(LIKE);
+        let few = like.len().min(ORIENTATION.like);
         let spread = |count: usize, value: &dyn Fn(&Prediction, &Detection) -> f64, least: f64| {
             let all: Vec<f64> = like[..count].iter().map(|(p, d)| value(p, d)).collect();
-            let usual = middle(all.clone()).filter(|_| all.len() >= ENOUGH);
+            let usual = middle(all.clone()).filter(|_| all.len() >= ORIENTATION.enough);
             let off = usual.and_then(|usual| middle(all.iter().map(|v| (v - usual).abs()).collect()));
             Some((usual?, least.max(1.5 * off?)))
         };
-        let major = spread(like.len(), &|p, d| d.semi_major_px / p.semi_major_px, MAJOR);
-        let minor = spread(few, &|p, d| d.semi_minor_px / p.semi_minor_px, MINOR);
-        let angle = spread(few, &|p, d| half_turn(d.angle_rad - p.angle_rad), ANGLE);
+        let major = spread(like.len(), &|p, d| d.semi_major_px / p.semi_major_px, ORIENTATION.major);
+        let minor = spread(few, &|p, d| d.semi_minor_px / p.semi_minor_px, ORIENTATION.minor);
+        let angle = spread(few, &|p, d| half_turn(d.angle_rad - p.angle_rad), ORIENTATION.angle_rad);
         Sizes {
-            major: major.unwrap_or((1.0, UNKNOWN)),
-            minor: minor.unwrap_or((1.0, 2.0 * MINOR)),
-            angle: angle.unwrap_or((0.0, 2.0 * ANGLE)),
+            major: major.unwrap_or((1.0, ORIENTATION.unknown)),
+            minor: minor.unwrap_or((1.0, 2.0 * ORIENTATION.minor)),
+            angle: angle.unwrap_or((0.0, 2.0 * ORIENTATION.angle_rad)),
         }
     }
 }
@@ -116,17 +85,17 @@ impl Sizes {
         let ellipse = Ellipse { major, minor, angle: half_turn(ellipse.angle + self.angle.0), ..ellipse };
         let (bands, hypothesis) = match expected.shape {
             Shape::Circle => {
-                let bands = glare::lit(image, &ellipse, glare::BEGINS, fringe);
+                let bands = glare::lit(image, &ellipse, GLARE.begins, fringe);
                 (bands, Hypothesis::of(Pattern::Disc, ellipse, Vec::new()))
             }
             Shape::Quadrant => {
                 // White must not pass for lit skin.
-                let beside = Ellipse { minor: ellipse.minor + ASIDE, ..ellipse };
-                let bands = glare::lit_slanting(image, &beside, BLINDS);
+                let beside = Ellipse { minor: ellipse.minor + ORIENTATION.aside_px, ..ellipse };
+                let bands = glare::lit_slanting(image, &beside, ORIENTATION.blinds);
                 if bands.is_empty() {
                     return None;
                 }
-                let (major, minor) = (INNER * ellipse.major, INNER * ellipse.minor);
+                let (major, minor) = (ORIENTATION.inner * ellipse.major, ORIENTATION.inner * ellipse.minor);
                 let hypothesis = quadrant_edges::placed(&Ellipse { major, minor, ..ellipse }, image, &bands)?;
                 (bands, hypothesis)
             }
@@ -157,7 +126,12 @@ impl Sizes {
             // Both ends tell the size as well as the centre.
             let chance = axis.dot(&(disc.covariance_px2 * axis)) + (deviation * foretold).powi(2);
             let off = (size - ratio * foretold).powi(2);
-            axis * axis.transpose() * if off > UNLIKE * UNLIKE * chance { off - chance } else { 0.0 }
+            axis * axis.transpose()
+                * if off > ORIENTATION.unlike_sigmas * ORIENTATION.unlike_sigmas * chance {
+                    off - chance
+                } else {
+                    0.0
+                }
         };
         axes.into_iter().map(inflation).sum()
     }
@@ -169,64 +143,14 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
     let Some(psf) = found.psf_sigma_px else { return false };
     let sure = Sure::of(&found.markers, expected);
     let off = |(p, d): &(Prediction, Detection)| (d.centre_px - p.centre_px).norm();
-    let most = middle(sure.0.iter().map(off).collect()).map_or(NEAR, |usual| NEAR.max(3.0 * usual));
-    let bounds = Bounds { blur: SOFTER * psf, through_glare: true, ..Bounds::of(found.noise) };
+    let near_px = ORIENTATION.near_px;
+    let most = middle(sure.0.iter().map(off).collect()).map_or(near_px, |usual| near_px.max(3.0 * usual));
+    let bounds = Bounds { blur: ORIENTATION.softer * psf, through_glare: true, ..Bounds::of(found.noise) };
+    let look = Closer { image, found, sure: &sure, psf, bounds, most };
     let mut new: Vec<(Option<usize>, Measured)> = Vec::new();
     let mut unlike: Vec<(usize, Matrix2<f64>)> = Vec::new();
-    for Expected { prediction, found: own } in expected {
-        let old = own.and_then(|i| found.markers.get(i));
-        // A crossing is told well by whatever shows it.
-        let [least, least_hidden] =
-            if prediction.shape == Shape::Circle { [UNSURE_PX2, HIDDEN_PX2] } else { [f64::INFINITY; 2] };
-        let surer = |than: f64| old.is_some_and(|d| d.variance() < than);
-        if surer(least_hidden) {
-            continue;
-        }
-        let sizes = sure.sizes(prediction);
-        // Of one that is sure enough only a decal is asked for.
-        let fringes = if surer(least) { &FRINGES[1..] } else { &FRINGES[..] };
-        let hypotheses = fringes.iter().filter_map(|fringe| sizes.hypothesis(image, prediction, *fringe));
-        let mut hypotheses: Vec<Hypothesis> = hypotheses.collect();
-        hypotheses.dedup();
-        // Only where it does not look whole is it taken for hidden.
-        let others = found.markers.iter().enumerate().filter(|(i, _)| Some(*i) != *own);
-        let others: Vec<Ellipse> = others.map(|(_, d)| d.ellipse()).collect();
-        let hidden = hypotheses.last().and_then(|last| decal_cut::beside(image, last, &others, ROWS, psf));
-        hypotheses.retain(|_| !surer(least));
-        hypotheses.extend(hidden);
-        let answer = hypotheses.into_iter().find_map(|mut hypothesis| {
-            if prediction.shape == Shape::Circle && hypothesis.ellipse.minor < THIN * psf {
-                hypothesis.prior.edge =
-                    Some(EdgePrior { blur: (psf, SAME_BLUR * psf), dark: (0.7, f64::INFINITY) });
-            }
-            let mut measured = measure(image, &[], &hypothesis, bounds).ok()?;
-            correlated::raise(&mut measured, found.inflation);
-            dirt::inflate(image, &mut measured, &others);
-            if prediction.shape == Shape::Quadrant {
-                measured.detection.semi_major_px /= INNER;
-                measured.detection.semi_minor_px /= INNER;
-            }
-            measured.detection.covariance_px2 += sizes.inflation(prediction, &measured.detection);
-            let centre = measured.detection.centre_px;
-            // It may have been found and left without a name.
-            let named = own.is_some();
-            let own = own.or_else(|| found.markers.iter().position(|d| d.ellipse().outwards(centre) < 0.5));
-            let old = own.and_then(|i| found.markers.get(i)).map(|old| {
-                // What has another size than predicted may have another place too.
-                let covariance_px2 = old.covariance_px2 + sizes.inflation(prediction, old);
-                Detection { covariance_px2, ..old.clone() }
-            });
-            let near = (centre - prediction.centre_px).norm() < most;
-            let whole = !hypothesis.is_under_decal();
-            let surer = if whole { 1.0 } else { SURER };
-            let better =
-                near && old.as_ref().is_none_or(|old| is_better(&measured.detection, old, surer, named));
-            if let (false, true, Some(i), Some(old)) = (better, near && whole, own, &old) {
-                unlike.extend(disagreement(&measured.detection, old).map(|inflation| (i, inflation)));
-            }
-            better.then_some((own, measured))
-        });
-        new.extend(answer);
+    for expected in expected {
+        new.extend(look.again(expected, &mut unlike));
     }
     let changed = !new.is_empty();
     // Else another look decides.
@@ -240,6 +164,12 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
             disc.covariance_px2 += sure.sizes(prediction).inflation(prediction, disc);
         }
     }
+    put(found, new);
+    changed
+}
+
+/// Puts new answers in the places of former ones, or beside them.
+fn put(found: &mut Detections, new: Vec<(Option<usize>, Measured)>) {
     let mut quadrants: Vec<Ellipse> = Vec::new();
     for (own, measured) in new {
         let ellipse = measured.detection.ellipse();
@@ -254,7 +184,106 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
     let part = |d: &Detection, q: &Ellipse| q.centre != d.centre_px && q.holds(d.centre_px);
     found.markers.retain(|d| !quadrants.iter().any(|q| part(d, q)));
     found.markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
-    changed
+}
+
+/// A look at a frame in which some markers have been found.
+struct Closer<'a> {
+    image: &'a Raster,
+    found: &'a Detections,
+    sure: &'a Sure,
+    psf: f64,
+    bounds: Bounds,
+    /// How far from its expected place a marker may be, px.
+    most: f64,
+}
+
+impl Closer<'_> {
+    /// A better answer for an expected marker, if there is one, with the place of the former one; beside it by how much former
+    /// ones are doubted that stay.
+    fn again(
+        &self,
+        Expected { prediction, found: own }: &Expected,
+        unlike: &mut Vec<(usize, Matrix2<f64>)>,
+    ) -> Option<(Option<usize>, Measured)> {
+        let markers = &self.found.markers;
+        let old = own.and_then(|i| markers.get(i));
+        let surer = |than: f64| old.is_some_and(|d| d.variance() < than);
+        // A crossing is told well by whatever shows it.
+        let is_disc = prediction.shape == Shape::Circle;
+        if surer(if is_disc { ORIENTATION.hidden_px2 } else { f64::INFINITY }) {
+            return None;
+        }
+        let is_sure = surer(if is_disc { UNSURE_PX2 } else { f64::INFINITY });
+        let sizes = &self.sure.sizes(prediction);
+        let others = markers.iter().enumerate().filter(|(i, _)| Some(*i) != *own);
+        let others: Vec<Ellipse> = others.map(|(_, d)| d.ellipse()).collect();
+        self.hypotheses(prediction, is_sure, sizes, &others).into_iter().find_map(|hypothesis| {
+            let measured = self.measured(prediction, hypothesis, sizes, &others);
+            let (measured, whole) = measured?;
+            let centre = measured.detection.centre_px;
+            // It may have been found and left without a name.
+            let named = own.is_some();
+            let own = own.or_else(|| markers.iter().position(|d| d.ellipse().outwards(centre) < 0.5));
+            let old = own.and_then(|i| markers.get(i)).map(|old| {
+                // What has another size than predicted may have another place too.
+                let covariance_px2 = old.covariance_px2 + sizes.inflation(prediction, old);
+                Detection { covariance_px2, ..old.clone() }
+            });
+            let near = (centre - prediction.centre_px).norm() < self.most;
+            let surer = if whole { 1.0 } else { ORIENTATION.surer };
+            let better =
+                near && old.as_ref().is_none_or(|old| is_better(&measured.detection, old, surer, named));
+            if let (false, true, Some(i), Some(old)) = (better, near && whole, own, &old) {
+                unlike.extend(disagreement(&measured.detection, old).map(|inflation| (i, inflation)));
+            }
+            better.then_some((own, measured))
+        })
+    }
+
+    /// What an expected marker may be, in the order in which it is tried; of one that is sure enough only what a decal leaves.
+    fn hypotheses(
+        &self,
+        prediction: &Prediction,
+        is_sure: bool,
+        sizes: &Sizes,
+        others: &[Ellipse],
+    ) -> Vec<Hypothesis> {
+        let fringes = if is_sure { &ORIENTATION.fringes[1..] } else { &ORIENTATION.fringes[..] };
+        let hypotheses =
+            fringes.iter().filter_map(|fringe| sizes.hypothesis(self.image, prediction, *fringe));
+        let mut hypotheses: Vec<Hypothesis> = hypotheses.collect();
+        hypotheses.dedup();
+        // Only where it does not look whole is it taken for hidden.
+        let hidden = |last| decal_cut::beside(self.image, last, others, ROWS, self.psf);
+        let hidden = hypotheses.last().and_then(hidden);
+        hypotheses.retain(|_| !is_sure);
+        hypotheses.extend(hidden);
+        hypotheses
+    }
+
+    /// What a hypothesis measures, as accurately as the frame's markers and its size say; and whether it was seen as a whole.
+    fn measured(
+        &self,
+        prediction: &Prediction,
+        mut hypothesis: Hypothesis,
+        sizes: &Sizes,
+        others: &[Ellipse],
+    ) -> Option<(Measured, bool)> {
+        let psf = self.psf;
+        if prediction.shape == Shape::Circle && hypothesis.ellipse.minor < ORIENTATION.thin_blurs * psf {
+            hypothesis.prior.edge =
+                Some(EdgePrior { blur: (psf, ORIENTATION.same_blur * psf), dark: (0.7, f64::INFINITY) });
+        }
+        let mut measured = measure(self.image, &[], &hypothesis, self.bounds).ok()?;
+        correlated::raise(&mut measured, self.found.inflation);
+        dirt::inflate(self.image, &mut measured, others);
+        if prediction.shape == Shape::Quadrant {
+            measured.detection.semi_major_px /= ORIENTATION.inner;
+            measured.detection.semi_minor_px /= ORIENTATION.inner;
+        }
+        measured.detection.covariance_px2 += sizes.inflation(prediction, &measured.detection);
+        Some((measured, !hypothesis.is_under_decal()))
+    }
 }
 
 /// What a former answer that stays is doubted by, px^2, where another look at the same disc sees it farther away than a
@@ -274,7 +303,7 @@ fn is_better(new: &Detection, old: &Detection, factor: f64, named: bool) -> bool
     let is_surer = new.variance() < factor * old.variance();
     match new.shape {
         _ if new.shape != old.shape => false,
-        Shape::Quadrant => off < ALIKE * ALIKE || !named && is_surer,
-        Shape::Circle => is_surer && off < ALIKE * ALIKE,
+        Shape::Quadrant => off < ORIENTATION.alike_sigmas * ORIENTATION.alike_sigmas || !named && is_surer,
+        Shape::Circle => is_surer && off < ORIENTATION.alike_sigmas * ORIENTATION.alike_sigmas,
     }
 }

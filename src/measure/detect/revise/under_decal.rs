@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix2;
 
-use super::neighbours::{UNLIKE, is_as_long, predicted_major};
+use super::neighbours::{is_as_long, predicted_major};
 use crate::measure::detect::accept::found::Found;
 use crate::measure::detect::accept::verdict::Measured;
 use crate::measure::detect::attempt::measure::measure;
@@ -13,25 +13,10 @@ use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::occlusion::decal;
 use crate::measure::detect::occlusion::decal::ROWS;
 use crate::measure::detect::propose::decal_cut;
+use crate::measure::detect::revise::options::NEIGHBOUR;
+use crate::measure::detect::revise::options::UNDER_DECAL;
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::setup::Shape;
-
-/// A disc whose decal may hide one beside it: how far it may be, in semi-major axes; its size and contrast over the other's at
-/// most; and the least share of its area that must be left of the other.
-const BESIDE_IT: f64 = 1.5;
-const SAME_SIZE: f64 = 1.1;
-const SAME_CONTRAST: f64 = 1.3;
-const LEFT: f64 = 0.25;
-/// Flatness over that of the disc beside it below which what looks whole may be a part of a thicker one.
-const THINNER: f64 = 0.88;
-/// The same below which the skin's slope does not explain it; and below which of a disc that is known to be hidden in part
-/// the hidden edge may lie elsewhere.
-const FAR_THINNER: f64 = 0.7;
-const THINNER_PART: f64 = 0.95;
-/// Lengths of two markers over one another at most: dirt is shorter.
-const SAME_KIND: f64 = 2.0;
-/// Greatest doubt with which one that is too thin stays, px.
-const MOST_DOUBT: f64 = 2.0;
 
 /// What is known of a disc that a blob may show a part of.
 struct Part<'a> {
@@ -48,7 +33,7 @@ struct Part<'a> {
 impl Part<'_> {
     /// Whether a disc is too thin beside that one: what a decal leaves that ends along a disc looks like a thinner one.
     fn is_thin(&self, m: &Measured) -> bool {
-        flatness(m) < THINNER * flatness(self.like)
+        flatness(m) < UNDER_DECAL.thinner * flatness(self.like)
     }
 
     /// Whether it was seen as a whole.
@@ -63,8 +48,8 @@ impl Part<'_> {
             surer || new.detection.fit_rms < old.detection.fit_rms
         });
         better
-            && is_as_long(new, self.size, UNLIKE)
-            && same(new.detection.contrast, self.like.detection.contrast, SAME_CONTRAST)
+            && is_as_long(new, self.size, NEIGHBOUR.unlike_sigmas)
+            && same(new.detection.contrast, self.like.detection.contrast, UNDER_DECAL.same_contrast)
             && !self.like.detection.ellipse().holds(new.detection.centre_px)
     }
 
@@ -87,9 +72,9 @@ impl Part<'_> {
 /// What the place of a disc is doubted by, px^2, that is too thin beside another one: it may lie as far across as it is too thin.
 fn inflation_of_thin(thin: &Measured, like: &Measured) -> Option<(Ellipse, Matrix2<f64>)> {
     let (ellipse, beside) = (thin.detection.ellipse(), like.detection.ellipse());
-    let least = if thin.is_whole { FAR_THINNER } else { THINNER_PART };
+    let least = if thin.is_whole { UNDER_DECAL.far_thinner } else { UNDER_DECAL.thinner_part };
     let is_far_thinner =
-        flatness(thin) < least * flatness(like) && same(ellipse.major, beside.major, SAME_KIND);
+        flatness(thin) < least * flatness(like) && same(ellipse.major, beside.major, UNDER_DECAL.same_kind);
     let off = ellipse.across() * (flatness(like) * ellipse.major - ellipse.minor);
     is_far_thinner.then(|| (ellipse, off * off.transpose()))
 }
@@ -115,18 +100,23 @@ pub fn revise_under_decals(known: &WholeDiscs, found: &mut Found, wanted: impl F
         let near = |m: &&Measured| has_decal(m) && decal_cut::meets(blob, &reach(m));
         let apart = |m: &Measured| (m.detection.centre_px - blob.centroid).norm();
         let like = others.filter(near).min_by(|one, other| apart(one).total_cmp(&apart(other)));
-        let Some(like) = like.filter(|m| apart(m) < BESIDE_IT * m.detection.semi_major_px) else { continue };
+        let Some(like) = like.filter(|m| apart(m) < UNDER_DECAL.beside * m.detection.semi_major_px) else {
+            continue;
+        };
         let beside = like.detection.ellipse();
         let left = blob.area / (std::f64::consts::PI * beside.major * beside.minor);
-        let size =
-            if (LEFT..1.0).contains(&left) { predicted_major(found, own, blob.centroid) } else { None };
-        let size = size.filter(|(major, _)| same(*major, beside.major, SAME_SIZE));
+        let size = if (UNDER_DECAL.left..1.0).contains(&left) {
+            predicted_major(found, own, blob.centroid)
+        } else {
+            None
+        };
+        let size = size.filter(|(major, _)| same(*major, beside.major, UNDER_DECAL.same_size));
         let part = size.map(|size| Part {
             blob,
             index,
             like,
             size,
-            old: slot.filter(|m| is_as_long(m, size, UNLIKE)),
+            old: slot.filter(|m| is_as_long(m, size, NEIGHBOUR.unlike_sigmas)),
         });
         if part.as_ref().is_some_and(Part::is_seen) {
             continue;
@@ -139,7 +129,9 @@ pub fn revise_under_decals(known: &WholeDiscs, found: &mut Found, wanted: impl F
         found.rejected.retain(|r| !ellipse.holds(r.centre_px));
         // The same part may have been seen at another level.
         let is_part = |m: &Measured| {
-            is_disc(m) && ellipse.holds(m.detection.centre_px) && flatness(m) < THINNER * flatness(&measured)
+            is_disc(m)
+                && ellipse.holds(m.detection.centre_px)
+                && flatness(m) < UNDER_DECAL.thinner * flatness(&measured)
         };
         let parts = found.measured.iter().enumerate().filter(|(k, m)| Some(*k) != own && is_part(m));
         let parts: Vec<usize> = parts.map(|(k, _)| k).collect();
@@ -157,13 +149,13 @@ pub fn revise_under_decals(known: &WholeDiscs, found: &mut Found, wanted: impl F
 fn inflate(found: &mut Found, inflations: &[(Ellipse, Matrix2<f64>)]) {
     let is_it = |m: &Measured, ellipse: &Ellipse| {
         let own = m.detection.ellipse();
-        ellipse.holds(own.centre) && same(own.minor, ellipse.minor, SAME_SIZE)
+        ellipse.holds(own.centre) && same(own.minor, ellipse.minor, UNDER_DECAL.same_size)
     };
     let mut none = Vec::new();
     for (i, m) in found.measured.iter_mut().enumerate() {
         if let Some((_, inflation)) = inflations.iter().find(|(ellipse, _)| is_it(m, ellipse)) {
             m.detection.covariance_px2 += inflation;
-            none.extend((inflation.trace() > MOST_DOUBT * MOST_DOUBT).then_some(i));
+            none.extend((inflation.trace() > UNDER_DECAL.most_px * UNDER_DECAL.most_px).then_some(i));
         }
     }
     found.turn_down_these(RejectReason::Uncertain, &none);

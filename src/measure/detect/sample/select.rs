@@ -188,17 +188,7 @@ pub fn pixels(
         None => Bands::of_disc(ellipse.minor, blur, wanted.nearest),
         Some(_) => Bands::of(blur),
     };
-    let flat = f64::from(bands.flat);
-    let reach = ellipse.extent().add_scalar(flat + 2.0);
-    let (low, high) = (ellipse.centre - reach, ellipse.centre + reach);
-    let x0 = low.x.floor().max(0.0) as usize;
-    let y0 = low.y.floor().max(0.0) as usize;
-    let x1 = (high.x.ceil().max(0.0) as usize).min(image.width() - 1);
-    let y1 = (high.y.ceil().max(0.0) as usize).min(image.height() - 1);
-    if x0 > x1 || y0 > y1 {
-        return None;
-    }
-    let area = [x0, y0, x1, y1];
+    let area = area(image, ellipse, f64::from(bands.flat) + 2.0)?;
     let masked = match masked {
         Masked::Blobs(blobs) => foreign(blobs, hypothesis, area),
         Masked::DarkerThan(..) if hypothesis.edges.is_some() => None,
@@ -219,8 +209,6 @@ pub fn pixels(
     let shares = Keep::new(wanted, bands, length).table();
     let clear = masked.is_none() && hypothesis.excluded.is_empty();
     let source = Source { image, hypothesis, area, shares, places: Places::new(&shares), masked, clear };
-    // How far from an edge a pixel may count as one at it.
-    let near = f64::from(bands.edge) + 0.5 * FADE + 1.0;
     let mut taker = Taker::new(Ruler {
         pattern: hypothesis.pattern,
         bands,
@@ -230,40 +218,77 @@ pub fn pixels(
         blur,
         sag: look.sag,
     });
-    let ring = |by: f64| [by, -by].map(|by| frame.grown(by));
-    let (far, close) = (ring(flat + 1.0), ring(near));
-    let inside = edges.and_then(|e: Edges| frame.grown(FADE - e.margin));
-    for y in y0..=y1 {
-        let (both, near) = match edges {
-            None => {
-                let parts = |[outer, inner]: &[Option<Rows>; 2]| {
-                    let (from, to) = row_of(outer, y as f64)?;
-                    let hole = row_of(inner, y as f64).unwrap_or((to, to));
-                    Some([columns(from, hole.0, area), columns(hole.1, to, area)])
-                };
-                let Some(both) = parts(&far) else { continue };
-                (both, parts(&close).unwrap_or([0..0, 0..0]))
-            }
-            Some(Edges { lines, .. }) => {
-                let Some((from, to)) = row_of(&inside, y as f64) else { continue };
-                let parts = |reach: f64| {
-                    let [one, other] = lines.map(|l| {
-                        let part = l.row(y as f64, reach);
-                        columns(from.max(part.0), to.min(part.1), area)
-                    });
-                    let (first, second) = if one.start <= other.start { (one, other) } else { (other, one) };
-                    // Where both edges are near, once.
-                    let second = second.start.max(first.end)..second.end;
-                    [first, second]
-                };
-                (parts(flat + FADE), parts(near))
-            }
-        };
+    let strips = Strips::new(&frame, edges, bands, area);
+    for y in area[1]..=area[3] {
+        let Some((both, near)) = strips.columns(y as f64) else { continue };
         for columns in both {
             source.take(y, columns, &near, &mut taker);
         }
     }
     Some(taker.finish())
+}
+
+/// The part of the frame about an ellipse, grown by some px; `None` where it lies outside.
+fn area(image: &Raster, ellipse: &Ellipse, by: f64) -> Option<PixelBox> {
+    let reach = ellipse.extent().add_scalar(by);
+    let (low, high) = (ellipse.centre - reach, ellipse.centre + reach);
+    let x0 = low.x.floor().max(0.0) as usize;
+    let y0 = low.y.floor().max(0.0) as usize;
+    let x1 = (high.x.ceil().max(0.0) as usize).min(image.width() - 1);
+    let y1 = (high.y.ceil().max(0.0) as usize).min(image.height() - 1);
+    (x0 <= x1 && y0 <= y1).then_some([x0, y0, x1, y1])
+}
+
+/// Where in a row pixels may count: two stretches each, of all of them and of those near an edge.
+struct Strips {
+    area: PixelBox,
+    edges: Option<Edges>,
+    /// How far the flat ground reaches, and how far from an edge a pixel may count as one at it, px.
+    flat: f64,
+    near: f64,
+    /// About a disc's outline, outside and inside of it: of all, and near it.
+    far: [Option<Rows>; 2],
+    close: [Option<Rows>; 2],
+    /// Where quadrants' pixels end.
+    inside: Option<Rows>,
+}
+
+type Both = [Columns; 2];
+
+impl Strips {
+    fn new(frame: &EllipseFrame, edges: Option<Edges>, bands: Bands, area: PixelBox) -> Self {
+        let flat = f64::from(bands.flat);
+        let near = f64::from(bands.edge) + 0.5 * FADE + 1.0;
+        let ring = |by: f64| [by, -by].map(|by| frame.grown(by));
+        let inside = edges.and_then(|e: Edges| frame.grown(FADE - e.margin));
+        Self { area, edges, flat, near, far: ring(flat + 1.0), close: ring(near), inside }
+    }
+
+    /// Of a row; `None` where it is not met.
+    fn columns(&self, y: f64) -> Option<(Both, Both)> {
+        let Some(Edges { lines, .. }) = self.edges else {
+            return Some((self.ring(&self.far, y)?, self.ring(&self.close, y).unwrap_or([0..0, 0..0])));
+        };
+        let (from, to) = row_of(&self.inside, y)?;
+        let parts = |reach: f64| {
+            let [one, other] = lines.map(|l| {
+                let part = l.row(y, reach);
+                columns(from.max(part.0), to.min(part.1), self.area)
+            });
+            let (first, second) = if one.start <= other.start { (one, other) } else { (other, one) };
+            // Where both edges are near, once.
+            let second = second.start.max(first.end)..second.end;
+            [first, second]
+        };
+        Some((parts(self.flat + FADE), parts(self.near)))
+    }
+
+    /// Of a row between two ellipses.
+    fn ring(&self, [outer, inner]: &[Option<Rows>; 2], y: f64) -> Option<Both> {
+        let (from, to) = row_of(outer, y)?;
+        let hole = row_of(inner, y).unwrap_or((to, to));
+        Some([columns(from, hole.0, self.area), columns(hole.1, to, self.area)])
+    }
 }
 
 /// Length of an ellipse's outline, px, by Ramanujan's formula.

@@ -1,25 +1,10 @@
 //! Light that the skin mirrors over a disc, as a spline along it, and what skin and black alone tell of it.
 
 use crate::measure::detect::appearance::parameters::{BLUR, DARK, GAMMA, Parameters, light_at};
+use crate::measure::detect::estimate::options::TERM;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::simd::batch::Batch;
-
-/// Distance of the spline's knots, px.
-pub const SPACING: f64 = 10.0;
-/// Grey value from which on a pixel is saturated, or JPEG has mixed it with what is.
-pub const SATURATED: f32 = 250.0;
-/// How much lighter what is saturated is taken for at first than it looks.
-const MORE: f64 = 1.2;
-/// Blurs from an edge at which a pixel is black or skin only.
-const CLEAR: f64 = 3.0;
-/// Slants that are tried, and px along the disc in which glare is taken for even then.
-const SLANTS: i32 = 20;
-const SLANT_STEP: f64 = 0.1;
-const BIN: f64 = 3.0;
-/// Share of the semi-major axis that is an end, and of an end's pixels that must not be saturated for it to be seen.
-const TIP: f32 = 0.2;
-const ENDS: f64 = 0.9;
 
 /// Mirrored light over the skin's own: a cubic spline.
 pub struct Glare {
@@ -35,13 +20,13 @@ impl Glare {
     /// None yet on a disc of this outline.
     fn new(ellipse: &Ellipse) -> Self {
         let reach = 1.2 * ellipse.major + 2.0 * ellipse.minor + 20.0;
-        let count = (2.0 * reach / SPACING).ceil() as usize + 3;
+        let count = (2.0 * reach / TERM.knot_px).ceil() as usize + 3;
         Self { first: -reach, slant: 0.0, knots: vec![0.0; count] }
     }
 
     /// The place of a point along and across the disc, px, counted in knots.
     pub fn place(&self, s: f64, t: f64) -> f64 {
-        ((s - self.slant * t - self.first) / SPACING).clamp(0.0, (self.knots.len() - 3) as f64 - 1e-6)
+        ((s - self.slant * t - self.first) / TERM.knot_px).clamp(0.0, (self.knots.len() - 3) as f64 - 1e-6)
     }
 }
 
@@ -60,33 +45,34 @@ pub fn seen(pixels: &Pixels, ellipse: &Ellipse, m: &Parameters) -> Glare {
             let r = p.hypot(q).max(1e-9);
             let slope = (p / ellipse.major).hypot(q / ellipse.minor).max(1e-9);
             let distance = (r - 1.0) * r / slope;
-            if distance.abs() > CLEAR * m[BLUR] {
+            if distance.abs() > TERM.clear_blurs * m[BLUR] {
                 let own = if distance > 0.0 { 1.0 } else { 1.0 - m[DARK] };
                 // What is saturated is lighter than it looks, by how much is not known.
-                let value = f64::from(batch.value[i]) * if batch.value[i] < SATURATED { 1.0 } else { MORE };
+                let value =
+                    f64::from(batch.value[i]) * if batch.value[i] < TERM.saturated { 1.0 } else { TERM.more };
                 let over = (value / light_at(m, p, q).max(1.0)).powf(1.0 / m[GAMMA]);
                 signs.push([s, t, over - own]);
             }
         }
     }
     let mut glare = Glare::new(ellipse);
-    let bins = (glare.knots.len() as f64 * SPACING / BIN) as usize + 1;
+    let bins = (glare.knots.len() as f64 * TERM.knot_px / TERM.bin_px) as usize + 1;
     let scatter = |slant: f64| {
         let mut sums = vec![[0.0; 3]; bins];
         for [s, t, g] in &signs {
-            let bin = ((s - slant * t - glare.first) / BIN).max(0.0) as usize;
+            let bin = ((s - slant * t - glare.first) / TERM.bin_px).max(0.0) as usize;
             if let Some(sum) = sums.get_mut(bin) {
                 *sum = [sum[0] + 1.0, sum[1] + g, sum[2] + g * g];
             }
         }
         sums.iter().filter(|s| s[0] > 0.0).map(|s| s[2] - s[1] * s[1] / s[0]).sum::<f64>()
     };
-    let slants = (-SLANTS..=SLANTS).map(|k| f64::from(k) * SLANT_STEP);
+    let slants = (-TERM.slants..=TERM.slants).map(|k| f64::from(k) * TERM.slant_step);
     glare.slant = slants.min_by(|a, b| scatter(*a).total_cmp(&scatter(*b))).unwrap_or(0.0);
     // The second of the four knots about a place is the one that lies there.
     let near = |k: usize| {
-        let at = glare.first + (k as f64 - 1.0) * SPACING;
-        let own = signs.iter().filter(|[s, t, _]| (s - glare.slant * t - at).abs() < 0.5 * SPACING);
+        let at = glare.first + (k as f64 - 1.0) * TERM.knot_px;
+        let own = signs.iter().filter(|[s, t, _]| (s - glare.slant * t - at).abs() < 0.5 * TERM.knot_px);
         let (sum, count) = own.fold((0.0, 0.0), |(sum, count), [_, _, g]| (sum + g, count + 1.0));
         (count > 0.0).then_some(sum / count)
     };
@@ -103,15 +89,15 @@ pub fn seen(pixels: &Pixels, ellipse: &Ellipse, m: &Parameters) -> Glare {
 pub fn shows_ends(pixels: &Pixels) -> bool {
     let mut seen = [[0.0; 2]; 2];
     for batch in &pixels.batches {
-        for i in
-            (0..batch.len).filter(|&i| batch.p[i].abs() > 1.0 - TIP && batch.p[i].hypot(batch.q[i]) < 1.0)
+        for i in (0..batch.len)
+            .filter(|&i| batch.p[i].abs() > 1.0 - TERM.tip && batch.p[i].hypot(batch.q[i]) < 1.0)
         {
             let end = &mut seen[usize::from(batch.p[i] > 0.0)];
             end[0] += 1.0;
-            end[1] += f64::from(batch.value[i] < SATURATED);
+            end[1] += f64::from(batch.value[i] < TERM.saturated);
         }
     }
-    seen.iter().all(|[all, open]| *open >= ENDS * all.max(1.0))
+    seen.iter().all(|[all, open]| *open >= TERM.ends * all.max(1.0))
 }
 
 /// The shares of the four knots about a place that is so far between the second and the third; and their derivatives.

@@ -9,6 +9,8 @@ use crate::measure::detect::appearance::parameters::{
 use crate::measure::detect::estimate::bordered::Bordered;
 use crate::measure::detect::estimate::gauss_newton::Fit;
 use crate::measure::detect::estimate::normal_equations::{Block, Products, biweights, spread};
+use crate::measure::detect::estimate::options::ITERATION;
+use crate::measure::detect::estimate::options::TERM;
 use crate::measure::detect::estimate::residuals::ResidualAnalysis;
 use crate::measure::detect::estimate::sandwich::{Blocks, REACH};
 use crate::measure::detect::estimate::unknowns::Unknowns;
@@ -22,10 +24,6 @@ const ALONG: usize = 9;
 const ACROSS: usize = 3;
 const DARKS: usize = 6;
 const FIELD: usize = ALONG * ACROSS + DARKS;
-/// How far light, as a share, and darkness are thought to depart from planes.
-const UNEVEN_LIGHT: f64 = 0.15;
-const UNEVEN_DARK: f64 = 0.15;
-const MAX_ITERATIONS: usize = 4;
 /// Knots about a pixel: four of light, two of darkness.
 const ABOUT: usize = 6;
 
@@ -100,7 +98,7 @@ pub fn fit_light_field(
         sizes.extend(r.iter().take(batch.len).map(|r| r.abs()));
     }
     let mut scale = floor.max(spread(&mut sizes)) * if least.is_none() { 3.0 } else { 1.0 };
-    for iteration in 0..MAX_ITERATIONS {
+    for iteration in 0..ITERATION.field_most {
         let (mut normal, right, mut seen) = normal(&cells, &field, unknowns, &list, scale);
         for i in 0..normal.nrows() {
             normal[(i, i)] *= 1.0 + if iteration < 2 { 1e-3 } else { 1e-7 };
@@ -110,15 +108,7 @@ pub fn fit_light_field(
         if iteration == 0 && least.is_some_and(|least| change.dot(&right) < least * fit.variance) {
             return None;
         }
-        let place = |k: usize| list.iter().position(|&l| l == k).map_or(0.0, |i| change[i]);
-        let worst = place(X).hypot(place(Y));
-        let factor = (2.0 / worst.max(1e-9)).min(1.0);
-        for (i, &k) in list.iter().enumerate() {
-            field.m[k] += factor * change[i];
-        }
-        for (i, extra) in field.extra.iter_mut().enumerate() {
-            *extra += factor * change[list.len() + i];
-        }
+        let worst = field.go(&change, &list);
         let new = floor.max(spread(&mut seen.sizes));
         if worst < 1e-3 && new > 0.9 * scale {
             break;
@@ -201,6 +191,20 @@ fn cells(pixels: &Pixels, own: &[[usize; 2]]) -> Vec<Cell> {
 }
 
 impl Field {
+    /// Goes a step, at most two pixels of the centre; how far that moves.
+    fn go(&mut self, change: &DVector<f64>, list: &[usize]) -> f64 {
+        let place = |k: usize| list.iter().position(|&l| l == k).map_or(0.0, |i| change[i]);
+        let worst = place(X).hypot(place(Y));
+        let factor = (2.0 / worst.max(1e-9)).min(1.0);
+        for (i, &k) in list.iter().enumerate() {
+            self.m[k] += factor * change[i];
+        }
+        for (i, extra) in self.extra.iter_mut().enumerate() {
+            *extra += factor * change[list.len() + i];
+        }
+        worst
+    }
+
     /// The marker with planes of light and darkness.
     #[inline(always)]
     fn model(&self) -> Model {
@@ -293,7 +297,7 @@ fn normal_of(
         right[i] += weight * (prior - field.m[k]);
     }
     for k in 0..FIELD {
-        let deviation = if k < ALONG * ACROSS { UNEVEN_LIGHT } else { UNEVEN_DARK };
+        let deviation = if k < ALONG * ACROSS { TERM.field_light } else { TERM.field_dark };
         let weight = (scale / deviation).powi(2);
         normal[(n + k, n + k)] += weight;
         right[n + k] -= weight * field.extra[k];

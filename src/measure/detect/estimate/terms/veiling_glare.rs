@@ -4,7 +4,7 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix2};
 
-use super::glare_spline::{Glare, SATURATED, SPACING, places, seen, spline};
+use super::glare_spline::{Glare, places, seen, spline};
 use crate::measure::detect::appearance::formula::{Model, Slopes, Tone};
 use crate::measure::detect::appearance::parameters::{
     BLUR, COMMON, FIRST, GAMMA, Parameters, Pattern, SECOND, X, Y,
@@ -12,6 +12,8 @@ use crate::measure::detect::appearance::parameters::{
 use crate::measure::detect::estimate::bordered::Bordered;
 use crate::measure::detect::estimate::gauss_newton::Fit;
 use crate::measure::detect::estimate::normal_equations::{Block, Products, Square, biweights, spread};
+use crate::measure::detect::estimate::options::ITERATION;
+use crate::measure::detect::estimate::options::TERM;
 use crate::measure::detect::estimate::sandwich::Blocks;
 use crate::measure::detect::estimate::unknowns::Unknowns;
 use crate::measure::detect::image::ellipse::Ellipse;
@@ -19,13 +21,6 @@ use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::simd::batch::{Batch, append};
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::detect::simd::lanes::{LANES, Lanes, each, total};
-
-/// How far the glare of a knot is known beforehand: at least, and as a share of the greatest beside it.
-const LEAST_SPREAD: f64 = 0.03;
-const SHARE: f64 = 1.0;
-const MAX_ITERATIONS: usize = 30;
-/// A step of the centre, in its standard deviations, after which the iteration ends.
-const STILL: f64 = 0.03;
 
 /// The disc's parameters with the glare over it; of pixels that count from an origin, and along and across an outline.
 struct State<'a> {
@@ -70,7 +65,7 @@ impl Known {
         let knots = glare.knots.clone();
         let spread = |k: usize| {
             let about = &knots[k.saturating_sub(1)..(k + 2).min(knots.len())];
-            LEAST_SPREAD + SHARE * about.iter().fold(0.0, |a: f64, &b| a.max(b))
+            TERM.glare_floor + TERM.glare_share * about.iter().fold(0.0, |a: f64, &b| a.max(b))
         };
         let spreads = (0..knots.len()).map(spread).collect();
         Self { knots, spreads }
@@ -130,7 +125,7 @@ pub fn fit_with_glare(
     let mut state = State { origin, ellipse, m, glare: seen(pixels, ellipse, &m) };
     let known = Known::new(&state.glare);
     let mut scale = 4.0 * floor.max(fit.rms);
-    for _ in 0..MAX_ITERATIONS {
+    for _ in 0..ITERATION.glare_most {
         let cells = cells(pixels, ellipse, &state.glare);
         let mut step = linearised(&cells, &state, &list, scale);
         known.add(&mut step, &state, &list, unknowns, scale);
@@ -144,7 +139,7 @@ pub fn fit_with_glare(
         let variance = step.square / (step.weight - list.len() as f64).max(1.0);
         let white = Matrix2::from_fn(|i, j| influence[j][[x, y][i]] * variance);
         let new = floor.max(spread(&mut step.sizes));
-        if moved > STILL * white.trace().max(0.0).sqrt() || new < 0.9 * scale {
+        if moved > ITERATION.glare_still * white.trace().max(0.0).sqrt() || new < 0.9 * scale {
             scale = new.max(0.5 * scale);
             continue;
         }
@@ -172,7 +167,7 @@ pub fn fit_with_glare(
 /// Sum of the weights of what is not saturated.
 fn open_weight(pixels: &Pixels) -> f64 {
     let own = |b: &Batch| {
-        (0..b.len).filter(|&i| b.value[i] < SATURATED).map(|i| f64::from(b.root[i]).powi(2)).sum::<f64>()
+        (0..b.len).filter(|&i| b.value[i] < TERM.saturated).map(|i| f64::from(b.root[i]).powi(2)).sum::<f64>()
     };
     pixels.batches.iter().map(own).sum()
 }
@@ -211,7 +206,7 @@ fn linearised_by(cells: &[Cell], state: &State, list: &[usize], scale: f64) -> S
             let rows = state.rows(&model, *first, batch, scale);
             weight = each(|i| weight[i] + rows.root[i] * rows.root[i]);
             square = each(|i| square[i] + (rows.root[i] * rows.r[i]) * (rows.root[i] * rows.r[i]));
-            let open = (0..batch.len).filter(|&i| batch.value[i] < SATURATED);
+            let open = (0..batch.len).filter(|&i| batch.value[i] < TERM.saturated);
             sizes.extend(open.map(|i| rows.r[i].abs()));
             let own = list.iter().map(|&k| &rows.gradient[k]).chain([&rows.slant]);
             if block.push(&rows.root, rows.knots.iter().chain(own).chain([&rows.r])) {
@@ -282,8 +277,8 @@ impl State<'_> {
         let heights: [f32; 4] =
             std::array::from_fn(|i| glare.knots.get(first + i).map_or(0.0, |knot| *knot as f32));
         let (major, minor) = (self.ellipse.major as f32, self.ellipse.minor as f32);
-        let (slant, by_spacing) = (glare.slant as f32, (1.0 / SPACING) as f32);
-        let from = (glare.first / SPACING + first as f64) as f32;
+        let (slant, by_spacing) = (glare.slant as f32, (1.0 / TERM.knot_px) as f32);
+        let from = (glare.first / TERM.knot_px + first as f64) as f32;
         let mut out = Rows {
             r: Lanes::of(0.0),
             root: Lanes::of(0.0),
@@ -312,14 +307,14 @@ impl State<'_> {
                 knot[i] = slope * share;
             }
             // What is saturated only says that it is not darker.
-            let saturated = batch.value[i] >= SATURATED;
-            let seen = if saturated { SATURATED } else { batch.value[i] };
-            let lighter = saturated && value >= SATURATED;
+            let saturated = batch.value[i] >= TERM.saturated;
+            let seen = if saturated { TERM.saturated } else { batch.value[i] };
+            let lighter = saturated && value >= TERM.saturated;
             out.r[i] = if lighter { 0.0 } else { seen - value };
             out.root[i] = if lighter { 0.0 } else { batch.root[i] };
         }
         let tukey = biweights(&out.r, &out.gradient[X], &out.gradient[Y], scale);
-        out.root = each(|i| out.root[i] * if batch.value[i] >= SATURATED { 1.0 } else { tukey[i] });
+        out.root = each(|i| out.root[i] * if batch.value[i] >= TERM.saturated { 1.0 } else { tukey[i] });
         out
     }
 }
