@@ -14,11 +14,14 @@ use crate::measure::detect::image::noise;
 use crate::measure::detect::segment::background::{Part, Window};
 use crate::measure::setup::Shape;
 
-/// How much a marker may differ from its prediction: axes, as a ratio, and beside that the minor, px.
+/// How much a marker's axes may differ from their prediction, a ratio. Chosen; `tests/detect/guided.rs` holds this and the
+/// next ones.
 const ALIKE: f64 = 1.3;
+/// The same beside that, px: of a thin disc's minor axis.
 const ALIKE_PX: f64 = 1.0;
-/// How much of a marker's axes must be seen of it; and how much longer it may look before it is measured.
+/// Share of a marker's axes that must be seen of it.
 const PART: f64 = 0.3;
+/// How much longer it may look before it is measured, a ratio.
 const WIDER: f64 = 1.6;
 /// Skin around a marker, in which its threshold changes and it may still grow, px.
 const SKIRT: f64 = 12.0;

@@ -23,12 +23,14 @@ use crate::measure::setup::Shape;
 /// haze and stray light take contrast away with distance. Black on white leaves a quarter, at most two
 /// fifths, of the grey. So few markers that nothing can be made of them may be all so faint.
 pub fn is_faint(found: &Found) -> bool {
+    /// Contrast over white or skin below which a marker is faint: black on white leaves 0.6 to 0.8.
     const LEAST: f64 = 0.45;
+    /// Markers of which nothing can be made: an orientation needs four.
     const TOO_FEW: usize = 4;
     found.measured.len() < TOO_FEW || found.measured.iter().any(|m| m.darkness < LEAST && !m.through_glare)
 }
 
-/// A rough fit's blur is that of the last one to this factor.
+/// A rough fit's blur is that of the last one to this factor. Chosen; `tests/detect/fixtures.rs`.
 const MARGIN: f64 = 1.25;
 
 /// In what order hypotheses are measured.

@@ -113,8 +113,11 @@ impl Share {
 /// The outline in the edges' frame: half its extent along their bisector, px; half its chord across at the centre, px; slope
 /// of the chords' middles; the centre's place along and across, px.
 pub const LENGTH: usize = OUTLINE;
+/// Slot of the second of these.
 pub const CHORD: usize = OUTLINE + 1;
+/// Slot of the third.
 pub const SHEAR: usize = OUTLINE + 2;
+/// Slots of the fourth and fifth.
 pub const ASIDE: usize = OUTLINE + 3;
 
 /// Grey levels between white or skin and black.

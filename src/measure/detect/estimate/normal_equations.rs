@@ -302,6 +302,7 @@ impl Sizes {
     /// Robust standard deviation, grey levels: from the median size, to a thousandth of `scale`.
     #[inline(always)]
     fn spread(&self, scale: f64) -> f64 {
+        /// Halvings: to an eight-thousandth of eight scales, a thousandth of one.
         const STEPS: usize = 13;
         let half = 0.5 * total(&self.count);
         let (mut low, mut high) = (0.0, 8.0 * scale as f32);

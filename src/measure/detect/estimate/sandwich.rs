@@ -73,6 +73,7 @@ impl Blocks {
 /// The sectors of a batch's pixels.
 #[inline(always)]
 pub fn sectors(batch: &Batch) -> Lanes {
+    /// Of them on each side of the axis.
     const ALONG: f32 = (SECTORS / 2) as f32;
     each(|i| {
         let along = (batch.p[i] / REACH as f32 + 1.0) * 0.5 * ALONG;

@@ -100,7 +100,7 @@ impl<'a> Ring<'a> {
 
     /// The grey value below which a pixel of a row may be a sign, as a polynomial of how far it is from `x`.
     fn along(&self, x: usize, y: usize) -> [f32; 3] {
-        // What single precision may lose, grey levels.
+        /// What single precision may lose, grey levels: of values below 256 with a few roundings.
         const SAFE: f64 = 0.02;
         let [light, first, second] = self.light(x, y);
         [light - f64::from(SEAM.sign_scales) * self.scale + SAFE, first, second].map(|v| v as f32)

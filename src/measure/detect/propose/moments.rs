@@ -49,6 +49,7 @@ pub fn disc(index: usize, blob: &Blob) -> Option<Hypothesis> {
 /// Share of the second moments of two opposite quadrants of the unit disc along their own
 /// direction (1, 1)/sqrt 2, and across it.
 const ALONG: f64 = 0.25 + 0.5 / PI;
+/// The latter.
 const ACROSS: f64 = 0.25 - 0.5 / PI;
 
 /// Two opposite quadrants, from one blob or two: an affine image of the unit disc's is sought

@@ -13,6 +13,7 @@ use crate::measure::detect::propose::options::EDGES;
 use crate::measure::raster::Raster;
 
 /// Directions, and those in a quarter.
+/// Directions in a quarter.
 const QUARTER: usize = EDGES.turns / 4;
 
 /// Quadrants with an outline that holds black and white: of the pairs of edges that are conjugate diameters the one that best

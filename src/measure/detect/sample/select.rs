@@ -47,9 +47,11 @@ fn end_margin(minor: f64) -> f64 {
     (1.5 + (minor - 10.0) / 15.0).clamp(1.5, 2.5)
 }
 
-/// Pixels of a pattern, and by how much it is shifted from column to column and from row to row.
+/// Pixels of a pattern: shares of pixels are told to a sixteenth of one of them.
 const PERIOD: usize = 16;
+/// By how much it is shifted from column to column: prime to the period, so that each place comes once, far from the last.
 const ACROSS: usize = 5;
+/// The same from row to row.
 const DOWN: usize = 7;
 
 /// Of a pattern's pixels, how many are used.
@@ -88,7 +90,7 @@ struct Places([u64; 2]);
 
 impl Places {
     fn new(shares: &[[f32; 2]; PERIOD]) -> Self {
-        // The pattern's bits are repeated in a word.
+        /// The pattern's bits, repeated in a word.
         const EVERY: u64 = u64::MAX / ((1 << PERIOD) - 1);
         let bits = |counts: fn(&[f32; 2]) -> bool| -> u64 {
             (0..PERIOD).map(|k| u64::from(counts(&shares[ACROSS * k % PERIOD])) << k).sum()
@@ -98,7 +100,7 @@ impl Places {
 
     /// In a row that begins at another turn of the pattern.
     fn turned(self, turn: usize) -> [u64; 2] {
-        // So many columns make one turn: ACROSS times it is one more than a multiple of PERIOD.
+        /// So many columns make one turn: `ACROSS` times it is one more than a multiple of `PERIOD`.
         const ONE: usize = 13;
         self.0.map(|bits| bits.rotate_right((ONE * turn % PERIOD) as u32))
     }
