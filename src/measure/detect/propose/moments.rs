@@ -188,18 +188,30 @@ fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, (Vector2<f64>,
     (n0 > 0.35 * shape.area && n1 > 0.35 * shape.area).then(|| (whiten, (s0 / n0, s1 / n1)))
 }
 
+/// Areas of the two black quadrants of one marker differ by less than this factor.
+const UNLIKE: f64 = 2.5;
+
 /// Pairs of blobs close enough to be the two black quadrants of one marker, in ascending order.
 pub fn pairs(blobs: &[Blob]) -> Vec<[usize; 2]> {
-    let reach: Vec<f64> = blobs.iter().map(|b| 3.0 * b.covariance.trace().sqrt()).collect();
+    // By area: of all others only those are looked at that are about as large.
+    let mut order: Vec<usize> = (0..blobs.len()).collect();
+    order.sort_by(|&i, &j| blobs[i].area.total_cmp(&blobs[j].area));
+    let sorted: Vec<(f64, Vector2<f64>, f64)> = order
+        .iter()
+        .map(|&i| &blobs[i])
+        .map(|b| (b.area, b.centroid, 3.0 * b.covariance.trace().sqrt() + 3.0))
+        .collect();
     let mut out = Vec::new();
-    for (i, one) in blobs.iter().enumerate() {
-        for (j, other) in blobs.iter().enumerate().skip(i + 1) {
-            let near = (one.centroid - other.centroid).norm() < reach[i] + reach[j] + 6.0;
-            let ratio = one.area / other.area;
-            if near && (0.4..2.5).contains(&ratio) {
-                out.push([i, j]);
-            }
+    for (k, &(area, place, reach)) in sorted.iter().enumerate() {
+        let alike = sorted[k + 1..].iter().take_while(|other| other.0 < UNLIKE * area);
+        for (other, _) in (k + 1..).zip(alike).filter(|(_, other)| {
+            let near = reach + other.2;
+            (other.1 - place).norm_squared() < near * near
+        }) {
+            let (i, j) = (order[k], order[other]);
+            out.push([i.min(j), i.max(j)]);
         }
     }
+    out.sort_unstable();
     out
 }
