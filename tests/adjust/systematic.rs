@@ -186,7 +186,7 @@ fn tabulate(flight: bool, wings: usize) {
         // Errors of one wing go together, so the rms of a hundred is known to a tenth of itself.
         let highest = if wrong == Wrong::Nothing { 1.15 } else { 1.3 };
         assert!(rms(&found) < highest, "{wrong:?}: {}", rms(&found));
-        assert!(wrong != Wrong::All || rms(&found) > 0.7, "too wide: {}", rms(&found));
+        assert!(rms(&found) > 0.63, "{wrong:?} is stated too wide: {}", rms(&found));
     }
 }
 
@@ -197,7 +197,7 @@ fn in_a_frame_what_the_installation_says_may_be_wrong_is_in_sigma() {
 
 #[test]
 fn in_a_flight_what_the_installation_says_may_be_wrong_is_in_sigma() {
-    tabulate(true, 40);
+    tabulate(true, 100);
 }
 
 /// Errors and standard deviations, m, of wings with so many marks rigid to the cabin, the bending axis 5 cm off and the
@@ -313,7 +313,7 @@ fn on_the_renderers_wings_what_the_installation_says_may_be_wrong_is_in_sigma() 
         }
         println!("rendered, {wrong:?}: normalised lift rms {:.2}", rms(&all));
         assert!(rms(&all) < 1.3, "{wrong:?}: {}", rms(&all));
-        assert!(wrong != Wrong::All || rms(&all) > 0.7, "too wide: {}", rms(&all));
+        assert!(rms(&all) > 0.63, "{wrong:?} is stated too wide: {}", rms(&all));
     }
 }
 

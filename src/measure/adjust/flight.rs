@@ -151,7 +151,7 @@ impl Flight<'_> {
     }
 
     /// Sets the drift to what the rotations within each mounting show, not below what is stated. Yaw and roll
-    /// tell it well; pitch, which one frame hardly tells from bending, is taken to creep twice as much. The stated
+    /// tell it well; pitch, which one frame hardly tells from bending, is taken to creep somewhat more. The stated
     /// drift counts as one observation. Whether it changed little.
     fn tune_drift(&mut self, setting: &Setting, fit: &Fit) -> bool {
         if self.mountings.is_none() {

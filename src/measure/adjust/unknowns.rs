@@ -15,9 +15,10 @@ const TWIST_SIGMA_RAD: f64 = 0.1;
 /// Of the further ones, rad.
 const TWIST_DETAIL_SIGMA_RAD: f64 = 0.02;
 /// How the doubt of the axis' height is spread along the span: its mean, then Legendre's polynomials of degree
-/// 1 to 3 over the span, each a half of the one before. What one misjudges of a section's elastic axis one
-/// misjudges alike along the wing, less so its slope and bends.
-const SKIN_HEIGHT_SPREAD: [f64; RAISE_TERMS] = [1.0, 0.5, 0.25, 0.125];
+/// 1 to 3 over the span. A misjudged share of a section's height is misjudged alike along the wing: the difference from
+/// root to tip, twice the second figure, is left two fifths of the mean's doubt, as much as sections differ in what
+/// their spars look like; bends a half and a quarter of the slope. An assumption.
+const SKIN_HEIGHT_SPREAD: [f64; RAISE_TERMS] = [1.0, 0.2, 0.1, 0.05];
 /// Rows: Legendre's polynomials of degree 0 to 3 on (0, 1); columns: powers of s/L.
 const LEGENDRE_BY_POWERS: [[f64; RAISE_TERMS]; RAISE_TERMS] =
     [[1.0, 0.0, 0.0, 0.0], [-1.0, 2.0, 0.0, 0.0], [1.0, -6.0, 6.0, 0.0], [-1.0, 12.0, -30.0, 20.0]];

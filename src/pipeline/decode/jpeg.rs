@@ -131,27 +131,23 @@ impl Layout {
         let wide = self.columns * self.across;
         let mut reader = BitReader::new(data);
         let mut decoder = McuDecoder::new(coding.plan.len());
+        let Some((luma, colour)) = coding.plan.split_first() else { return Ok(()) };
         let mut coefficients = [0; BLOCK * BLOCK];
         let (mut column, mut row) = (units.start % self.columns, units.start / self.columns);
         for _ in units {
-            for (k, part) in coding.plan.iter().enumerate() {
-                let blocks = if k == 0 { self.across * self.down } else { part.num_blocks };
-                for b in 0..blocks {
-                    decoder.decode_block(
-                        &mut reader,
-                        part.comp_idx,
-                        part.dc_table,
-                        part.ac_table,
-                        &mut coefficients,
-                    )?;
-                    if k > 0 {
-                        continue;
-                    }
-                    let (down, across) = (b / self.across, column * self.across + b % self.across);
-                    if self.wanted[row * self.down + down].contains(&across) {
-                        let block = &mut line[down * wide + across];
+            for down in 0..self.down {
+                let wanted = &self.wanted[row * self.down + down];
+                let first = column * self.across;
+                for (k, block) in line[down * wide + first..][..self.across].iter_mut().enumerate() {
+                    decode(&mut reader, &mut decoder, luma, &mut coefficients)?;
+                    if wanted.contains(&(first + k)) {
                         (coding.transform)(&coefficients, coding.steps, block);
                     }
+                }
+            }
+            for part in colour {
+                for _ in 0..part.num_blocks {
+                    decode(&mut reader, &mut decoder, part, &mut coefficients)?;
                 }
             }
             if reader.is_eof() {
@@ -169,6 +165,16 @@ impl Layout {
         }
         Ok(())
     }
+}
+
+/// The next block of a component.
+fn decode(
+    reader: &mut BitReader,
+    decoder: &mut McuDecoder,
+    part: &McuComponentPlan,
+    coefficients: &mut [i16; BLOCK * BLOCK],
+) -> Result<(), JpegError> {
+    decoder.decode_block(reader, part.comp_idx, part.dc_table, part.ac_table, coefficients)
 }
 
 /// The intervals between restart markers of a scan, each with what follows it.

@@ -30,9 +30,9 @@ const SMALLEST_RANGE: f64 = 0.1;
 const VERTICAL_SHARE: f64 = 0.5;
 const VERTICAL_SHARE_SIGMA: f64 = 0.5;
 
-/// Drift in pitch over that about the other axes, which tell it: weight and cabin pressure load a mount in pitch
-/// above all. An assumption.
-const PITCH_DRIFT: f64 = 2.0;
+/// Drift in pitch over that about the other axes, which tell it: the mean of a variance that some f degrees of freedom tell
+/// is f / (f - 2) times what they show. A random walk of ten frames leaves about five in yaw and roll together.
+const PITCH_DRIFT: f64 = 1.3;
 
 /// A flight set up for the engine.
 pub(super) struct Setting {
