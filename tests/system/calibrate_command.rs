@@ -1,4 +1,4 @@
-//! `wingd calibrate`, `convert` and `mount-check` through the real binary.
+//! `wingd calibrate` and `convert` through the real binary.
 
 use std::path::Path;
 
@@ -155,19 +155,3 @@ fn a_camera_goes_to_other_programs_and_comes_back() {
     assert_eq!(done.status.code(), Some(78));
     assert!(text(&done.stderr).contains("image_width"), "{}", text(&done.stderr));
 }
-
-#[test]
-fn a_mounting_is_checked_against_what_the_installation_expects() {
-    let installation = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/dev/installation");
-    let ground = GROUND.map(|name| format!("{}/fixtures/dev/frames/{name}", env!("CARGO_MANIFEST_DIR")));
-    let done = run(&["mount-check", "--json", "--installation", installation, &ground[0], &ground[0]]);
-    assert!(done.status.success(), "{}", text(&done.stderr));
-    let same: Value = serde_json::from_slice(&done.stdout).unwrap();
-    assert_eq!(same["verdict"], "one mounting");
-    assert!(same["moved_px"].as_f64().unwrap() < 1e-6 && same["markers"].as_u64().unwrap() > 8, "{same}");
-    let done = run(&["mount-check", "--installation", installation, &ground[0], "/nowhere.jpg"]);
-    assert_eq!(done.status.code(), Some(1));
-    assert!(text(&done.stderr).contains("nowhere.jpg"));
-}
-
-const GROUND: [&str; 1] = ["ground.jpg"];
