@@ -131,6 +131,20 @@ fn parallel_boards_are_refused_and_the_reason_is_the_tilt() {
 }
 
 #[test]
+fn boards_that_are_parallel_to_one_another_are_told_to_tilt_to_different_sides() {
+    let mut random = Random::new(15, 0);
+    let views: Vec<View> = (0..9)
+        .map(|k| {
+            let place = [(k % 3) as f64 * 0.8 - 0.8, (k / 3) as f64 * 0.6 - 0.6, random.between(4.5, 6.0)];
+            view(lens(), place, [0.3, 0.3], &mut random)
+        })
+        .collect();
+    let (verdict, reasons) = judge(&calibrate(&views, 1280, 960).unwrap(), None);
+    assert_ne!(verdict, Verdict::Good);
+    assert!(reasons.iter().any(|r| r.contains("to different sides")), "{reasons:?}");
+}
+
+#[test]
 fn hardly_tilted_boards_are_refused_with_honest_sigmas() {
     let mut random = Random::new(7, 0);
     let found = calibrate(&set(10, 0.03, &mut random), 1280, 960).unwrap();
@@ -292,7 +306,6 @@ fn a_wide_lens_that_browns_model_does_not_follow_gets_the_rational_one() {
     let mut random = Random::new(13, 0);
     // 114 degrees over the diagonal.
     let found = calibrate(&equidistant(800.0, 24, &mut random), 1280, 960).unwrap();
-    println!("{:?} {} {:?} {:?}", found.lens, found.rms_px, found.pattern, judge(&found, None));
     assert!(found.lens.denominator != [0.0; 3] && found.denominator_sigma.iter().all(|s| *s > 0.0));
     assert!(found.rms_px < 1.3 * 0.02 * 2f64.sqrt(), "{} px", found.rms_px);
     assert!(found.pattern.image_px < 0.02, "{:?}", found.pattern);

@@ -25,7 +25,7 @@ mod shape;
 mod start;
 mod verdict;
 
-use nalgebra::{DMatrix, Matrix2, Vector2};
+use nalgebra::{DMatrix, Matrix2, Vector2, Vector3};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 use adjust::{Adjusted, Start, adjust, adjust_views, first, with_parameters};
@@ -88,6 +88,8 @@ pub struct Calibration {
     pub view_points: Vec<usize>,
     /// Per view that took part: angle between the board and the image plane, degrees.
     pub tilt_deg: Vec<Option<f64>>,
+    /// Root mean square angle of the boards' normals from their mean direction, degrees: 0 where all are parallel.
+    pub spread_deg: f64,
     /// Points that took part in each ninth of the image: row, column from the upper left.
     pub coverage: [[usize; 3]; 3],
     /// Image points that took part.
@@ -332,6 +334,7 @@ fn outcome(adjusted: &Adjusted, selection: &Selection) -> Calibration {
         view_rms_px: vec![None; dropped.len()],
         view_points: vec![0; dropped.len()],
         tilt_deg: vec![None; dropped.len()],
+        spread_deg: spread_deg(adjusted),
         coverage: coverage(&adjusted.lens, used),
         dropped: dropped.clone(),
         observations: residuals.iter().map(Vec::len).sum(),
@@ -350,6 +353,17 @@ fn outcome(adjusted: &Adjusted, selection: &Selection) -> Calibration {
         found.tilt_deg[*index] = Some(normal_z.abs().min(1.0).acos().to_degrees());
     }
     found
+}
+
+fn spread_deg(adjusted: &Adjusted) -> f64 {
+    let normal = |pose: &adjust::Pose| {
+        let normal: Vector3<f64> = pose.camera_from_board.matrix().column(2).into();
+        normal * normal.z.signum()
+    };
+    let normals: Vec<Vector3<f64>> = adjusted.poses.iter().map(normal).collect();
+    let mean = normals.iter().sum::<Vector3<f64>>();
+    let sum: f64 = normals.iter().map(|n| n.angle(&mean).powi(2)).sum();
+    (sum / normals.len().max(1) as f64).sqrt().to_degrees()
 }
 
 fn coverage(lens: &Lens, used: &[(usize, View)]) -> [[usize; 3]; 3] {

@@ -46,6 +46,9 @@ const PATTERN_SHARE: f64 = 0.316;
 const HALVES: f64 = 3.0;
 /// Board and image plane: below this tilt, perspective hardly tells camera constant from distance, degrees.
 const TILT_DEG: f64 = 15.0;
+/// Boards that are tilted by 20 to 40 degrees to all sides lie some 30 degrees rms from their mean; a third of that is
+/// one side only, degrees.
+const PARALLEL_DEG: f64 = 10.0;
 
 /// The verdict with its reasons, the gravest first; `board` is what shows that it is not as described.
 pub fn judge(calibration: &Calibration, board: Option<String>) -> (Verdict, Vec<String>) {
@@ -209,6 +212,12 @@ fn uncertain(c: &Calibration) -> Option<(Verdict, String)> {
     let what = if tilted < 3 {
         format!(
             "only {tilted} pictures show the board tilted by more than {TILT_DEG} degrees; tilt it by 20 to 40"
+        )
+    } else if c.spread_deg < PARALLEL_DEG {
+        format!(
+            "all boards face nearly the same way ({:.0} degrees rms from their mean), and parallel boards tell no more than \
+             one; tilt it by 20 to 40 degrees to different sides",
+            c.spread_deg
         )
     } else {
         format!("show the board some times more in the {} of the image, tilted", region(worst.worst))
