@@ -108,6 +108,31 @@ pub struct Calibration {
     pub projections: Option<Vec<Projection>>,
 }
 
+/// Share of the way from the principal point to the image's farthest corner to which boards must have been shown for
+/// a lens's model to be told: beyond, any is a guess.
+const TOLD: f64 = 0.9;
+
+impl Calibration {
+    /// From the principal point to the image's farthest corner, px.
+    fn farthest_corner_px(&self) -> Vector2<f64> {
+        let (w, h) = (f64::from(self.lens.width) - 1.0, f64::from(self.lens.height) - 1.0);
+        let middle = Vector2::new(self.lens.cx, self.lens.cy);
+        let corners = [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)].map(|(u, v)| Vector2::new(u, v) - middle);
+        corners.into_iter().fold(Vector2::zeros(), |a, b| if b.norm() > a.norm() { b } else { a })
+    }
+
+    /// How far from the principal point boards were shown, px.
+    fn told_px(&self) -> f64 {
+        let middle = Vector2::new(self.lens.cx, self.lens.cy);
+        self.residuals.iter().flatten().map(|(at, _)| (at - middle).norm()).fold(0.0, f64::max)
+    }
+
+    /// Whether boards were shown into a corner of the image.
+    fn is_told(&self) -> bool {
+        self.told_px() >= TOLD * self.farthest_corner_px().norm()
+    }
+}
+
 /// Why there is no calibration.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CalibrateError {
@@ -172,8 +197,10 @@ pub fn calibrate_with(
     let set = Set { views, size: (width, height), options };
     let (brown, selection) = set.fitted(false)?;
     let found = outcome(&brown, &selection);
-    // The richer model only where Brown's does not do: elsewhere its terms tell nothing and blur the others.
-    if found.projections.is_some() && found.pattern.image_px <= Verdict::PATTERN_PX {
+    // The richer model only where Brown's does not do: elsewhere its terms tell nothing and blur the others. And only
+    // where boards told the lens up to the image's border: it bends as it likes beyond.
+    let does = found.projections.is_some() && found.pattern.image_px <= Verdict::PATTERN_PX;
+    if does || !found.is_told() {
         return Ok(found);
     }
     let richer = set.richer(&brown, &selection).filter(|r| r.projections.is_some());

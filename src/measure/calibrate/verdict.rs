@@ -70,22 +70,15 @@ pub fn judge(calibration: &Calibration, board: Option<String>) -> (Verdict, Vec<
     (verdict, found.into_iter().map(|f| f.1).collect())
 }
 
-/// Share of the way from the principal point to the image's farthest corner that boards must have told for the lens
-/// model to be what folds.
-const TOLD: f64 = 0.9;
-
 fn fold(c: &Calibration) -> Option<(Verdict, String)> {
     if c.projections.is_some() {
         return None;
     }
-    let (lens, middle) = (&c.lens, Vector2::new(c.lens.cx, c.lens.cy));
-    let (w, h) = (f64::from(lens.width) - 1.0, f64::from(lens.height) - 1.0);
-    let corners = [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)].map(|(u, v)| Vector2::new(u, v) - middle);
-    let corner = corners.iter().fold(Vector2::zeros(), |a, b| if b.norm() > a.norm() { *b } else { a });
+    let (lens, corner, told_px) = (&c.lens, c.farthest_corner_px(), c.told_px());
+    let middle = Vector2::new(lens.cx, lens.cy);
     let folds = |k: &i32| lens.ray(&(middle + corner * (f64::from(*k) / 100.0))).is_err();
     let fold_px = (1..=100).find(folds).map_or(corner.norm(), |k| corner.norm() * f64::from(k) / 100.0);
-    let told_px = c.residuals.iter().flatten().map(|(at, _)| (at - middle).norm()).fold(0.0, f64::max);
-    let why = if told_px < TOLD * corner.norm() {
+    let why = if !c.is_told() {
         "nothing told the lens's distortion out there: show the board in all corners of the image, or let --select drop \
          the terms that the pictures do not tell"
     } else {
