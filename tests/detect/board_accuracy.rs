@@ -261,3 +261,30 @@ fn corners_are_as_good_as_their_covariances_say_and_independent_of_their_neighbo
     // Each pair was counted twice: some 1200 of them know a correlation to 0.03.
     assert!(pairs > 2000 && correlation.abs() < 0.1, "correlation {correlation} of {pairs} pairs");
 }
+
+/// What many corners have in common moves the camera, and residuals do not show it: constant and linear terms of the errors over
+/// the board, as squares over those of single corners. Independent corners give 1.
+#[test]
+#[ignore = "slow tier: 60 pictures, half a minute"]
+fn errors_of_corners_have_no_long_waves() {
+    let mut random = Random::new(78, 0);
+    let (mut waves, mut single, mut pictures) = (0.0, 0.0, 0.0);
+    for k in 0..60 {
+        let truth = lens(&SMALL, &mut random);
+        let found = corners(&picture(&truth, k, [0.0; 2], &mut random), &mut random);
+        let terms: [fn(&Vector2<f64>) -> f64; 3] = [|_| 1.0, |c| c.x - 5.5, |c| c.y - 4.0];
+        for term in terms {
+            let sum: Vector2<f64> = found.iter().map(|f| f.off * term(&f.cell)).sum();
+            waves += sum.norm_squared() / found.iter().map(|f| term(&f.cell).powi(2)).sum::<f64>() / 6.0;
+        }
+        single += found.iter().map(|f| f.off.norm_squared()).sum::<f64>() / found.len() as f64 / 2.0;
+        pictures += 1.0;
+    }
+    let ratio = waves / single;
+    println!(
+        "{pictures} pictures: a coordinate is {:.5} px off; long waves {ratio:.2}",
+        (single / pictures).sqrt()
+    );
+    // 360 values know it to 0.08.
+    assert!((0.7..1.3).contains(&ratio), "{ratio}");
+}
