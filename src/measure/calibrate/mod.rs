@@ -94,6 +94,8 @@ pub struct Calibration {
     pub coverage: [[usize; 3]; 3],
     /// Image points that took part.
     pub observations: usize,
+    /// How far from the principal point boards were found, px; points that no model fits count too.
+    pub told_px: f64,
     /// Interior parameters that were held at 0, order as in the covariance.
     pub held: [bool; 9],
     /// Every second picture against the others; `None` where they are too few.
@@ -121,15 +123,9 @@ impl Calibration {
         corners.into_iter().fold(Vector2::zeros(), |a, b| if b.norm() > a.norm() { b } else { a })
     }
 
-    /// How far from the principal point boards were shown, px.
-    fn told_px(&self) -> f64 {
-        let middle = Vector2::new(self.lens.cx, self.lens.cy);
-        self.residuals.iter().flatten().map(|(at, _)| (at - middle).norm()).fold(0.0, f64::max)
-    }
-
     /// Whether boards were shown into a corner of the image.
     fn is_told(&self) -> bool {
-        self.told_px() >= TOLD * self.farthest_corner_px().norm()
+        self.told_px >= TOLD * self.farthest_corner_px().norm()
     }
 }
 
@@ -196,7 +192,7 @@ pub fn calibrate_with(
 ) -> Result<Calibration, CalibrateError> {
     let set = Set { views, size: (width, height), options };
     let (brown, selection) = set.fitted(false)?;
-    let found = outcome(&brown, &selection);
+    let found = set.outcome(&brown, &selection);
     // The richer model only where Brown's does not do: elsewhere its terms tell nothing and blur the others. And only
     // where boards told the lens up to the image's border: it bends as it likes beyond.
     let does = found.projections.is_some() && found.pattern.image_px <= Verdict::PATTERN_PX;
@@ -242,6 +238,12 @@ impl Set<'_> {
         }
     }
 
+    fn outcome(&self, adjusted: &Adjusted, selection: &Selection) -> Calibration {
+        let middle = Vector2::new(adjusted.lens.cx, adjusted.lens.cy);
+        let off = self.views.iter().flatten().map(|p| (p.pixel - middle).norm());
+        Calibration { told_px: off.fold(0.0, f64::max), ..outcome(adjusted, selection) }
+    }
+
     /// With the rational model, where the sum of squares says at 99 % that it is another one (F-test).
     fn richer(&self, brown: &Adjusted, selection: &Selection) -> Option<Calibration> {
         let mut start = Start::of(brown);
@@ -251,7 +253,7 @@ impl Set<'_> {
         let ratio = (brown.solution.omega - tried.omega) / terms / tried.variance_factor();
         let limit = FisherSnedecor::new(terms, tried.redundancy as f64).ok()?.inverse_cdf(0.99);
         let (adjusted, selection) = (ratio > limit).then(|| self.fitted(true).ok()).flatten()?;
-        Some(outcome(&adjusted, &selection))
+        Some(self.outcome(&adjusted, &selection))
     }
 }
 
@@ -365,6 +367,7 @@ fn outcome(adjusted: &Adjusted, selection: &Selection) -> Calibration {
         coverage: coverage(&adjusted.lens, used),
         dropped: dropped.clone(),
         observations: residuals.iter().map(Vec::len).sum(),
+        told_px: 0.0,
         held: std::array::from_fn(|k| adjusted.held[k]),
         halves: check::halves(adjusted, used),
         pattern: check::pattern(adjusted, used),

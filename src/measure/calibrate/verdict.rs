@@ -74,7 +74,7 @@ fn fold(c: &Calibration) -> Option<(Verdict, String)> {
     if c.projections.is_some() {
         return None;
     }
-    let (lens, corner, told_px) = (&c.lens, c.farthest_corner_px(), c.told_px());
+    let (lens, corner, told_px) = (&c.lens, c.farthest_corner_px(), c.told_px);
     let middle = Vector2::new(lens.cx, lens.cy);
     let folds = |k: &i32| lens.ray(&(middle + corner * (f64::from(*k) / 100.0))).is_err();
     let fold_px = (1..=100).find(folds).map_or(corner.norm(), |k| corner.norm() * f64::from(k) / 100.0);
