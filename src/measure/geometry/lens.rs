@@ -312,10 +312,10 @@ mod tests {
             for k in 0..3 {
                 let at = |sign: f64| {
                     let mut other = lens;
-                    other.denominator[k] += sign * 1e-6;
+                    other.denominator[k] += sign * 1e-7;
                     other.project(&point).unwrap()
                 };
-                let by = (at(1.0) - at(-1.0)) / 2e-6;
+                let by = (at(1.0) - at(-1.0)) / 2e-7;
                 differences.push((by - lens.by_denominator(&point).column(k)).norm());
             }
             let by = |k1: f64| Lens { k1, ..lens }.project(&point).unwrap();
