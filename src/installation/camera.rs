@@ -28,6 +28,12 @@ struct Table {
     p1: f64,
     #[serde(default)]
     p2: f64,
+    #[serde(default)]
+    k4: f64,
+    #[serde(default)]
+    k5: f64,
+    #[serde(default)]
+    k6: f64,
     covariance: Option<Vec<Vec<f64>>>,
     calibration: Option<Calibrated>,
 }
@@ -57,6 +63,9 @@ pub struct CalibrationReport {
     pub board_bow_m: [f64; 2],
     /// Their standard deviations, m.
     pub board_bow_sigma_m: [f64; 2],
+    /// Stretch of the board across its rows against along them, a share, and its standard deviation; none where the
+    /// board is taken as described.
+    pub board_stretch: Option<[f64; 2]>,
     /// Difference of two halves of the pictures at 15 m and its prediction, px.
     pub halves_px: Option<[f64; 2]>,
     /// Standard deviations in the order fx fy cx cy k1 k2 k3 p1 p2; none where held.
@@ -91,6 +100,9 @@ pub(super) fn read(reader: &mut Reader, name: &str) -> Option<(Lens, Option<SMat
         ("k3", table.k3),
         ("p1", table.p1),
         ("p2", table.p2),
+        ("k4", table.k4),
+        ("k5", table.k5),
+        ("k6", table.k6),
     ];
     for (key, value) in rest.into_iter().filter(|(_, v)| !v.is_finite()) {
         reader.fault(&file, key, format!("is {value}"), "give a finite number");
@@ -110,6 +122,7 @@ pub(super) fn read(reader: &mut Reader, name: &str) -> Option<(Lens, Option<SMat
         k3: table.k3,
         p1: table.p1,
         p2: table.p2,
+        denominator: [table.k4, table.k5, table.k6],
     };
     check_inverse(reader, &file, &lens);
     let stated = table.covariance.or(table.calibration.and_then(|c| c.covariance));
@@ -166,6 +179,10 @@ pub fn write_camera(file: &Path, lens: &Lens, report: Option<&CalibrationReport>
     for (name, value) in names.iter().zip(values) {
         let _ = writeln!(text, "{name} = {value:?}");
     }
+    if lens.denominator != [0.0; 3] {
+        let [k4, k5, k6] = lens.denominator;
+        let _ = writeln!(text, "k4 = {k4:?}\nk5 = {k5:?}\nk6 = {k6:?}");
+    }
     if let Some(r) = report {
         let _ = writeln!(text, "\n[calibration]\nrms_px = {:?}\nimages_used = {}", r.rms_px, r.images_used);
         let _ = writeln!(text, "images_rejected = {}\nobservations = {}", r.images_rejected, r.observations);
@@ -176,6 +193,9 @@ pub fn write_camera(file: &Path, lens: &Lens, report: Option<&CalibrationReport>
             "board_bow_m = {:?}\nboard_bow_sigma_m = {:?}",
             r.board_bow_m, r.board_bow_sigma_m
         );
+        if let Some([stretch, sigma]) = r.board_stretch {
+            let _ = writeln!(text, "board_stretch = {stretch:?}\nboard_stretch_sigma = {sigma:?}");
+        }
         if let Some(halves) = r.halves_px {
             let _ = writeln!(text, "halves_px = {halves:?}");
         }

@@ -1,5 +1,5 @@
 //! Cameras as other programs write them: OpenCV, ROS, Kalibr, mrcal. All count pixels from the centre of the
-//! top-left one and use Brown's distortion in OpenCV's order k1 k2 p1 p2 k3.
+//! top-left one and use Brown's distortion in OpenCV's order k1 k2 p1 p2 k3, for a rational lens with k4 k5 k6 behind it.
 
 use std::path::Path;
 
@@ -84,20 +84,30 @@ fn foreign(reader: &mut Reader, name: &str, format: CameraFormat) -> Option<Lens
         }
     };
     let model = model(&text, format, distortion.len());
-    let rest = distortion.get(5..).unwrap_or(&[]);
+    let rest = distortion.get(8..).unwrap_or(&[]);
     if !model || rest.iter().any(|v| *v != 0.0) {
-        let problem = "holds another model than Brown's with k1 k2 p1 p2 k3";
+        let problem =
+            "holds another model than Brown's with k1 k2 p1 p2 k3 or the rational one with k4 k5 k6";
         reader.fault(
             &file,
             "distortion",
             problem,
-            "calibrate with that model: OPENCV4, OPENCV5, radtan, plumb_bob",
+            "calibrate with one of these: OPENCV4, OPENCV5, OPENCV8, radtan, plumb_bob, rational_polynomial",
         );
         return None;
     }
     let d = |k: usize| distortion.get(k).copied().unwrap_or(0.0);
     let pinhole = Lens::pinhole(size[0] as u32, size[1] as u32, core[0], core[2], core[3]);
-    let lens = Lens { fy: core[1], k1: d(0), k2: d(1), p1: d(2), p2: d(3), k3: d(4), ..pinhole };
+    let lens = Lens {
+        fy: core[1],
+        k1: d(0),
+        k2: d(1),
+        p1: d(2),
+        p2: d(3),
+        k3: d(4),
+        denominator: [d(5), d(6), d(7)],
+        ..pinhole
+    };
     let corners = [(0.0, 0.0), (size[0], 0.0), (0.0, size[1]), (size[0], size[1])];
     let sound = lens.width > 0 && lens.height > 0 && lens.fx > 0.0 && lens.fy > 0.0;
     if !sound || corners.iter().any(|(u, v)| lens.ray(&Vector2::new(u - 0.5, v - 0.5)).is_err()) {
@@ -169,6 +179,9 @@ pub fn write_exchange(file: &Path, lens: &Lens, format: CameraFormat) -> Result<
     let text = match format {
         CameraFormat::Opencv => opencv(lens),
         CameraFormat::Ros => ros(lens),
+        CameraFormat::Kalibr if rational(lens) => {
+            return Err("Kalibr's radtan has no k4, k5, k6; convert to another format".into());
+        }
         CameraFormat::Kalibr if lens.k3 != 0.0 => {
             return Err(
                 "Kalibr's radtan has no k3; calibrate with --select, which drops it where it is not \
@@ -190,26 +203,34 @@ fn matrix(l: &Lens) -> String {
     format!("[{:?}, 0., {:?}, 0., {:?}, {:?}, 0., 0., 1.]", l.fx, l.cx, l.fy, l.cy)
 }
 
-fn brown(l: &Lens) -> String {
-    format!("{:?}, {:?}, {:?}, {:?}, {:?}", l.k1, l.k2, l.p1, l.p2, l.k3)
+fn rational(l: &Lens) -> bool {
+    l.denominator != [0.0; 3]
+}
+
+/// The distortion's terms in OpenCV's order, and their number.
+fn terms(l: &Lens) -> (String, usize) {
+    let brown = format!("{:?}, {:?}, {:?}, {:?}, {:?}", l.k1, l.k2, l.p1, l.p2, l.k3);
+    let [k4, k5, k6] = l.denominator;
+    if rational(l) { (format!("{brown}, {k4:?}, {k5:?}, {k6:?}"), 8) } else { (brown, 5) }
 }
 
 fn opencv(l: &Lens) -> String {
-    let (width, height, matrix, brown) = (l.width, l.height, matrix(l), brown(l));
+    let (width, height, matrix, (terms, count)) = (l.width, l.height, matrix(l), terms(l));
     format!(
         "%YAML:1.0\n---\nimage_width: {width}\nimage_height: {height}\n\
          camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: {matrix}\n\
-         distortion_coefficients: !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n   data: [{brown}]\n"
+         distortion_coefficients: !!opencv-matrix\n   rows: 1\n   cols: {count}\n   dt: d\n   data: [{terms}]\n"
     )
 }
 
 fn ros(l: &Lens) -> String {
-    let (width, height, matrix, brown) = (l.width, l.height, matrix(l), brown(l));
+    let (width, height, matrix, (terms, count)) = (l.width, l.height, matrix(l), terms(l));
+    let model = if rational(l) { "rational_polynomial" } else { "plumb_bob" };
     format!(
         "image_width: {width}\nimage_height: {height}\ncamera_name: wingd\n\
          camera_matrix:\n  rows: 3\n  cols: 3\n  data: {matrix}\n\
-         distortion_model: plumb_bob\n\
-         distortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [{brown}]\n\
+         distortion_model: {model}\n\
+         distortion_coefficients:\n  rows: 1\n  cols: {count}\n  data: [{terms}]\n\
          rectification_matrix:\n  rows: 3\n  cols: 3\n  data: [1., 0., 0., 0., 1., 0., 0., 0., 1.]\n\
          projection_matrix:\n  rows: 3\n  cols: 4\n  data: [{:?}, 0., {:?}, 0., 0., {:?}, {:?}, 0., 0., 0., 1., 0.]\n",
         l.fx, l.cx, l.fy, l.cy
@@ -225,16 +246,11 @@ fn kalibr(l: &Lens) -> String {
 }
 
 fn mrcal(l: &Lens) -> String {
+    let (terms, count) = terms(l);
     format!(
-        "{{\n    'lensmodel':  'LENSMODEL_OPENCV5',\n\n    'extrinsics': [ 0, 0, 0, 0, 0, 0,],\n\n    \
+        "{{\n    'lensmodel':  'LENSMODEL_OPENCV{count}',\n\n    'extrinsics': [ 0, 0, 0, 0, 0, 0,],\n\n    \
          'intrinsics': [ {:?}, {:?}, {:?}, {:?}, {},],\n\n    'imagersize': [ {}, {},]\n}}\n",
-        l.fx,
-        l.fy,
-        l.cx,
-        l.cy,
-        brown(l),
-        l.width,
-        l.height
+        l.fx, l.fy, l.cx, l.cy, terms, l.width, l.height
     )
 }
 

@@ -81,11 +81,19 @@ fn parameters(c: &Calibration) -> Markup {
 }
 
 fn correlations(c: &Calibration) -> Markup {
+    let denominator =
+        |k: usize| format!("k{} {:.6} +- {:.6}", k + 4, c.lens.denominator[k], c.denominator_sigma[k]);
     let of = |i: usize, j: usize| {
         let product = (c.covariance[(i, i)] * c.covariance[(j, j)]).sqrt();
         if product > 0.0 { format!("{:.2}", c.covariance[(i, j)] / product) } else { String::new() }
     };
     html! {
+        @if c.lens.denominator != [0.0; 3] {
+            p {
+                "A rational lens, with the denominator " (denominator(0)) ", " (denominator(1)) ", " (denominator(2))
+                ". The other parameters' standard deviations hold while it stays as it is."
+            }
+        }
         table {
             thead { tr { th { "correlation" } @for name in NAMES { th { (name) } } } }
             tbody { @for i in 0..9 { tr { td { (NAMES[i]) } @for j in 0..=i { td { (of(i, j)) } } } } }
@@ -231,6 +239,14 @@ fn board(c: &Calibration) -> Markup {
                         td { @if c.bow[k].significant() { "significant" } @else { "not significant" } }
                     }
                 }
+            }
+        }
+        @if let Some(s) = c.stretch {
+            p {
+                (format!("Stretch across over along {:.4} +- {:.4} %", 1e2 * s.value, 1e2 * s.sigma)) ": "
+                @if s.stated.is_some() { "allowed for in the camera, " } @else { "looked for only; the board is taken as described, " }
+                @if s.significant() { "significant" } @else { "not significant" }
+                (format!("; it is worth {:.3} px of the projection at 15 m.", s.worth_px))
             }
         }
         figure { (profiles(c)) figcaption { "The board's sections through its middle, along and across, the height enlarged." } }

@@ -5,7 +5,8 @@ use std::path::Path;
 use nalgebra::{Rotation3, Vector2, Vector3};
 use wingd::installation::{PictureCorners, read_corners};
 use wingd::measure::calibrate::{
-    Board, BoardPoint, Dropped, Misfit, Verdict, View, calibrate, calibrate_with, judge, misdescribed,
+    Board, BoardPoint, Dropped, Misfit, Options, Verdict, View, calibrate, calibrate_with, judge,
+    misdescribed,
 };
 use wingd::measure::geometry::Lens;
 use wingd::measure::raster::Raster;
@@ -130,6 +131,20 @@ fn parallel_boards_are_refused_and_the_reason_is_the_tilt() {
 }
 
 #[test]
+fn boards_that_are_parallel_to_one_another_are_told_to_tilt_to_different_sides() {
+    let mut random = Random::new(15, 0);
+    let views: Vec<View> = (0..9)
+        .map(|k| {
+            let place = [(k % 3) as f64 * 0.8 - 0.8, (k / 3) as f64 * 0.6 - 0.6, random.between(4.5, 6.0)];
+            view(lens(), place, [0.3, 0.3], &mut random)
+        })
+        .collect();
+    let (verdict, reasons) = judge(&calibrate(&views, 1280, 960).unwrap(), None);
+    assert_ne!(verdict, Verdict::Good);
+    assert!(reasons.iter().any(|r| r.contains("to different sides")), "{reasons:?}");
+}
+
+#[test]
 fn hardly_tilted_boards_are_refused_with_honest_sigmas() {
     let mut random = Random::new(7, 0);
     let found = calibrate(&set(10, 0.03, &mut random), 1280, 960).unwrap();
@@ -225,7 +240,7 @@ fn terms_that_the_pictures_do_not_tell_are_dropped_on_demand() {
     let mut random = Random::new(10, 0);
     let views = set(18, 0.6, &mut random);
     let all = calibrate(&views, 1280, 960).unwrap();
-    let some = calibrate_with(&views, 1280, 960, true).unwrap();
+    let some = calibrate_with(&views, 1280, 960, &Options { select: true, ..Options::default() }).unwrap();
     assert!(some.held[6] && some.lens.k3 == 0.0, "k3 is 0 in truth: {:?} {}", some.held, some.lens.k3);
     assert!(!some.held[4], "k1 is not");
     assert_eq!(some.covariance[(6, 6)], 0.0);
@@ -255,6 +270,63 @@ fn two_halves_agree_where_the_model_holds_and_not_where_it_does_not() {
         reasons.iter().any(|r| r.contains("halves") || r.contains("do not fit the others")),
         "{reasons:?}"
     );
+}
+
+/// Boards of 12 x 9 corners all over the image of an equidistant lens, 0.02 px.
+fn equidistant(c_px: f64, count: usize, random: &mut Random) -> Vec<View> {
+    let widest = 0.5 * 1280f64.hypot(960.0) / c_px;
+    let mut one = |k: usize| {
+        let camera_from_board = Rotation3::from_euler_angles(
+            random.between(-0.5, 0.5),
+            random.between(-0.5, 0.5),
+            0.4 * (k % 4) as f64,
+        );
+        let place = Vector2::new((k % 4) as f64 / 1.5 - 1.0, (k / 4 % 4) as f64 / 1.5 - 1.0);
+        let angle = 0.62 * widest * place.norm();
+        let direction = Vector3::new(place.x, place.y, place.norm() / angle.tan()).normalize();
+        let mut view = View::new();
+        for c in 0..108 {
+            let board_m = Vector2::new(f64::from(c % 12), f64::from(c / 12)) * 0.075;
+            let p =
+                camera_from_board * Vector3::new(board_m.x - 0.41, board_m.y - 0.3, 0.0) + direction * 1.1;
+            let off = p.xy().norm().atan2(p.z);
+            let pixel = p.xy().normalize() * off * c_px + Vector2::new(640.0, 480.0);
+            if lens().contains(&pixel) {
+                let noise = Vector2::new(random.normal(), random.normal()) * 0.02;
+                view.push(BoardPoint::new(board_m, pixel + noise, 0.02));
+            }
+        }
+        view
+    };
+    (0..count).map(&mut one).collect()
+}
+
+#[test]
+fn a_wide_lens_that_browns_model_does_not_follow_gets_the_rational_one() {
+    let mut random = Random::new(13, 0);
+    // 114 degrees over the diagonal.
+    let found = calibrate(&equidistant(800.0, 24, &mut random), 1280, 960).unwrap();
+    assert!(found.lens.denominator != [0.0; 3] && found.denominator_sigma.iter().all(|s| *s > 0.0));
+    assert!(found.rms_px < 1.3 * 0.02 * 2f64.sqrt(), "{} px", found.rms_px);
+    assert!(found.pattern.image_px < 0.02, "{:?}", found.pattern);
+    assert!(judge(&found, None).0 != Verdict::Refused, "{:?}", judge(&found, None));
+    // Rays against the truth, in pixels of the image's middle: a rotation takes up nothing of them here.
+    let mut worst: f64 = 0.0;
+    for (u, v) in [(20.0, 20.0), (640.0, 10.0), (1260.0, 480.0), (900.0, 700.0), (1270.0, 950.0)] {
+        let off: Vector2<f64> = Vector2::new(u - 640.0, v - 480.0);
+        let radius: f64 = off.norm();
+        let truth = Vector3::new(off.x, off.y, radius / (radius / 800.0).tan()).normalize();
+        worst = worst.max((found.lens.ray(&Vector2::new(u, v)).unwrap() - truth).norm() * 800.0);
+    }
+    assert!(worst < 1.0, "{worst} px");
+}
+
+#[test]
+fn an_ordinary_lens_keeps_browns_model() {
+    let mut random = Random::new(14, 0);
+    let found = calibrate(&set(12, 0.6, &mut random), 1280, 960).unwrap();
+    assert_eq!(found.lens.denominator, [0.0; 3]);
+    assert_eq!(found.denominator_sigma, [0.0; 3]);
 }
 
 #[test]
@@ -287,7 +359,10 @@ fn a_fisheye_is_told_from_a_wrong_board() {
         Ok(found) => {
             let (verdict, reasons) = judge(&found, None);
             assert_ne!(verdict, Verdict::Good, "{} px", found.rms_px);
-            assert!(reasons.iter().any(|r| r.contains("Brown's model")), "{reasons:?}");
+            // The rational model follows it where boards were, and does not know how it goes on.
+            let unsure =
+                found.lens.denominator != [0.0; 3] && reasons.iter().any(|r| r.contains("a point at 40 m"));
+            assert!(unsure || reasons.iter().any(|r| r.contains("Brown's model")), "{reasons:?}");
         }
         Err(error) => assert!(error.to_string().contains("no camera fits"), "{error}"),
     }

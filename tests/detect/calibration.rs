@@ -2,7 +2,9 @@
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 use rand::{Rng, SeedableRng, rngs::StdRng};
-use wingd::measure::calibrate::{BoardPoint, CalibrateError, Dropped, Verdict, View, calibrate, judge};
+use wingd::measure::calibrate::{
+    BoardPoint, CalibrateError, Dropped, Options, Verdict, View, calibrate, calibrate_with, judge,
+};
 use wingd::measure::geometry::Lens;
 
 const SIGMA_PX: f64 = 0.05;
@@ -199,4 +201,55 @@ fn a_picture_with_another_zoom_or_given_twice_is_left_out_by_name() {
     assert_eq!(found.dropped[19], Some(Dropped::Twice { of: 3 }));
     assert!(found.dropped[..18].iter().all(Option::is_none), "{:?}", found.dropped);
     assert!((found.lens.fx - lens().fx).abs() < 4.0 * found.covariance[(0, 0)].sqrt());
+}
+
+/// As described by somebody who did not measure it: the board is longer across its rows than along them by this share.
+fn stretched(mut views: Vec<View>, share: f64) -> Vec<View> {
+    for p in views.iter_mut().flatten() {
+        p.board_m = Vector2::new(p.board_m.x / (1.0 - 0.5 * share), p.board_m.y / (1.0 + 0.5 * share));
+    }
+    views
+}
+
+#[test]
+fn a_stretched_board_gives_the_same_camera_where_its_tolerance_is_stated() {
+    const RUNS: u32 = 60;
+    // 0.3 %: paper after a damp night.
+    let (share, options) = (0.003, Options { scale_sigma: Some(0.003), ..Options::default() });
+    let mut random = StdRng::seed_from_u64(31);
+    let mut squares = [0.0; 10];
+    for _ in 0..RUNS {
+        let views = stretched(bowed_views(&mut random, 15, [0.0; 2]), share);
+        let found = calibrate_with(&views, 4000, 3000, &options).unwrap();
+        let stretch = found.stretch.unwrap();
+        assert!(stretch.significant() && stretch.stated.is_some(), "{stretch:?}");
+        let interior = errors(&found.lens);
+        for (k, square) in squares.iter_mut().enumerate() {
+            let normalised = match k {
+                0..9 => interior[k] / found.covariance[(k, k)].sqrt(),
+                _ => (stretch.value - share) / stretch.sigma,
+            };
+            *square += normalised * normalised / f64::from(RUNS);
+        }
+    }
+    // 60 runs know a mean square to 0.18.
+    assert!(squares.iter().all(|s| (0.5..1.6).contains(s)), "{squares:?}");
+}
+
+#[test]
+fn a_stretch_that_nobody_stated_is_named_with_what_it_does_to_the_camera() {
+    let mut random = StdRng::seed_from_u64(32);
+    let views = shown(&mut random, 1.0, 0.6, &everywhere().repeat(3));
+    let found = calibrate(&stretched(views.clone(), 0.003), 4000, 3000).unwrap();
+    let stretch = found.stretch.unwrap();
+    assert!((stretch.value - 0.003).abs() < 4.0 * stretch.sigma && stretch.stated.is_none(), "{stretch:?}");
+    assert!(stretch.worth_px > 0.25, "it pulls the camera: {stretch:?}");
+    let (verdict, reasons) = judge(&found, None);
+    assert_eq!(verdict, Verdict::Poor);
+    assert!(reasons.iter().any(|r| r.contains("+0.30 %") && r.contains("scale_sigma")), "{reasons:?}");
+    // A stated tolerance that is far too tight.
+    let tight = Options { scale_sigma: Some(1e-4), ..Options::default() };
+    let found = calibrate_with(&stretched(views, 0.003), 4000, 3000, &tight).unwrap();
+    let (_, reasons) = judge(&found, None);
+    assert!(reasons.iter().any(|r| r.contains("more than its scale_sigma")), "{reasons:?}");
 }

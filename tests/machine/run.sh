@@ -6,15 +6,18 @@
 set +e
 WINGD=${WINGD:-$ROOT/target/release/wingd}; export WINGD
 FRAMES=${FRAMES:-$ROOT/fixtures/dev/frames}; export FRAMES
-FEED=${FEED:-$ROOT/target/release/examples/feed}
+FEED=${FEED:-$ROOT/target/release/examples/feed}; export FEED
 FAULT_ROUNDS=${FAULT_ROUNDS:-2}; export FAULT_ROUNDS
 [ -x "$WINGD" ] || die "$WINGD is missing; run make build"
 cached=; [ "${1:-}" != --cached ] || { cached=yes; shift; }
 [ $# -gt 0 ] || set -- unit gphoto daemon package start v4l release power boot aarch64
 lines=$(mktemp); trap 'rm -f "$lines"' EXIT
 
+fed() { # what plays pictures and draws boards
+    [ -x "$FEED" ] || (cd "$ROOT" && "${CARGO:-cargo}" build --release --locked --example feed)
+}
 guest() { # SCRIPT: in the virtual machine, with what it needs
-    [ -x "$FEED" ] || (cd "$ROOT" && "${CARGO:-cargo}" build --release --locked --example feed) || return 1
+    fed || return 1
     "$MACHINE/uml.sh" "$MACHINE/$1-guest.sh" "wingd=$WINGD" "feed=$FEED" "frames=$FRAMES" "rounds=$FAULT_ROUNDS" \
         "installation=$(dirname "$FRAMES")/installation" "iolibs=$("$MACHINE/vcamera.sh")"
 }
@@ -30,6 +33,7 @@ for part in "$@"; do
             if [ -n "$cached" ] && ! "$ROOT/packaging/aarch64.sh" --cached >/dev/null 2>&1; then
                 uncrossed=yes; continue
             fi ;;
+        gphoto) fed ;;
     esac
     case $part in
         start | v4l | release | power) guest "$part" 2>&1 | tee -a "$lines" ;;

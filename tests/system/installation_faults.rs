@@ -98,7 +98,8 @@ fn cameras() {
     only(camera("width = 4000", "width = 0"), "camera.toml", &["width", "0 px"]);
     only(camera("k1 = -0.05", "k1 = inf"), "camera.toml", &["k1", "inf", "finite"]);
     only(camera("fx = 7800.0", "fx = nan"), "camera.toml", &["fx", "NaN"]);
-    only(camera("k1 = -0.05", "k4 = 0.1"), "camera.toml", &["line 7", "k4"]);
+    only(camera("k1 = -0.05", "s1 = 0.1"), "camera.toml", &["line 7", "s1"]);
+    only(camera("k1 = -0.05", "k4 = inf"), "camera.toml", &["k4", "inf", "finite"]);
     only(camera("cx = 1986.0\n", ""), "camera.toml", &["cx"]);
     only(camera("k1 = -0.05", "k1 = -20.0"), "camera.toml", &["inverted", "calibrate again"]);
 }

@@ -15,6 +15,7 @@ mod http_pages;
 mod installation_faults;
 mod installation_geometry;
 mod kill9;
+mod mount_check_command;
 mod mutations;
 mod other_pictures;
 mod output;

@@ -74,6 +74,16 @@ def mrcal_(pictures, columns, rows, square, focal, warp=True, weighted=False):
     began = time.time()
     for stage in (dict(do_optimize_intrinsics_distortions=False, do_optimize_calobject_warp=False), {}):
         result = mrcal.optimize(**{**arguments, **stage})
+    # A plane seen nearly square has two attitudes: the better one with this lens, and once more from there.
+    import cv2
+
+    found = arguments["intrinsics"][0]
+    for k, (_, _, points) in enumerate(pictures):
+        plane = np.column_stack([points[:, :2], np.zeros(len(points))])
+        lens = np.array([[found[0], 0, found[2]], [0, found[1], found[3]], [0, 0, 1]]), found[4:]
+        _, turns, shifts, _ = cv2.solvePnPGeneric(plane, points[:, 2:4].copy(), *lens, flags=cv2.SOLVEPNP_IPPE)
+        arguments["frames_rt_toref"][k] = np.concatenate([turns[0].ravel(), shifts[0].ravel()])
+    result = mrcal.optimize(**arguments)
     seconds = time.time() - began
     x = result["x"]
     measurements = x[: mrcal.num_measurements_boards(**arguments)]

@@ -76,3 +76,19 @@ with tempfile.TemporaryDirectory() as d:
     yaml.safe_dump({"cam0": y}, open(at("x-camchain.yaml"), "w"))
     convert(at("x-camchain.yaml"), at("e.toml"))
     same("Kalibr -> wingd", [read_toml(at("e.toml"))[k] for k in CORE + BROWN], core + brown[:4] + [0.0])
+
+    terms = ["k4", "k5", "k6"]
+    more = dict(k1=0.63, k2=0.005, k3=-0.004, k4=0.97, k5=0.13, k6=-0.014)
+    wide, want = camera_toml(at("wide.toml"), **more), core + [{**CAMERA, **more}[k] for k in BROWN + terms]
+    convert(wide, at("wide.yaml"))
+    f = cv2.FileStorage(at("wide.yaml"), cv2.FILE_STORAGE_READ)
+    m, k = f.getNode("camera_matrix").mat(), f.getNode("distortion_coefficients").mat().ravel()
+    same("rational: wingd -> OpenCV", [m[0, 0], m[1, 1], m[0, 2], m[1, 2], *k], want)
+    convert(wide, at("wide.cameramodel"))
+    model = mrcal.cameramodel(at("wide.cameramodel"))
+    assert model.intrinsics()[0] == "LENSMODEL_OPENCV8"
+    same("rational: wingd -> mrcal", model.intrinsics()[1], want)
+    for name in ("wide.yaml", "wide.cameramodel"):
+        convert(at(name), at("w.toml"))
+        back = read_toml(at("w.toml"))
+        same(f"rational: {name} -> wingd", [back[k] for k in CORE + BROWN + terms], want)

@@ -11,7 +11,8 @@ use super::{Args, Failure, judged};
 use crate::camera::freshness::Freshness;
 use crate::camera::section::CameraSection;
 use crate::clock::System;
-use crate::measure::calibrate::{Board, Verdict};
+use crate::installation::DescribedBoard;
+use crate::measure::calibrate::Verdict;
 
 /// Longest time for a shot.
 const DEADLINE: Duration = Duration::from_secs(20);
@@ -23,7 +24,7 @@ struct Config {
 }
 
 /// Pictures until the verdict is good, the camera has no more, or enough were taken.
-pub(super) fn pictures(args: &Args, config: &Path, board: &Board) -> Result<Vec<Picture>, Failure> {
+pub(super) fn pictures(args: &Args, config: &Path, board: &DescribedBoard) -> Result<Vec<Picture>, Failure> {
     let name = config.display();
     let mend = "give a configuration with a [camera] section";
     let text = std::fs::read_to_string(config)
@@ -46,7 +47,7 @@ pub(super) fn pictures(args: &Args, config: &Path, board: &Board) -> Result<Vec<
         };
         // The copy here is all that is wanted of it; a camera that keeps its own does no harm.
         let _ = camera.release_last();
-        let found = picture(&format!("shot {shot}"), Ok(&frame.bytes), board);
+        let found = picture(&format!("shot {shot}"), Ok(&frame.bytes), &board.board);
         eprintln!("picture {shot}: {}", said(&found));
         taken.push(found);
         if good(&mut taken, board, args.select) {
@@ -65,7 +66,7 @@ fn said(picture: &Picture) -> String {
 }
 
 /// Whether that is enough; says what is missing where it is not.
-fn good(taken: &mut [Picture], board: &Board, select: bool) -> bool {
+fn good(taken: &mut [Picture], board: &DescribedBoard, select: bool) -> bool {
     if taken.last().is_none_or(|p| p.view.is_err()) {
         return false;
     }

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 use self::pictures::{Picture, common_size, reason};
 use super::{Done, Failure, print};
-use crate::installation;
-use crate::measure::calibrate::{self, Board, Calibration, Misfit, Verdict, View};
+use crate::installation::{self, DescribedBoard};
+use crate::measure::calibrate::{self, CalibrateError, Calibration, Misfit, Options, Verdict, View};
 use crate::report;
 
 /// Interior orientation from pictures of a board.
@@ -61,7 +61,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let board = installation::load_board(&args.board)?;
     let mut pictures = match &args.config {
         Some(config) if args.live => live::pictures(args, config, &board)?,
-        _ => pictures::pictures(args, &board)?,
+        _ => pictures::pictures(args, &board.board)?,
     };
     let writes = args.corners.as_ref().filter(|_| args.live || !args.images.is_empty());
     if let Some(file) = writes {
@@ -75,14 +75,16 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
 }
 
 /// Calibrates and judges; the reasons of a failure begin with the gravest.
-fn judged(pictures: &mut [Picture], board: &Board, select: bool) -> Result<Judged, String> {
+fn judged(pictures: &mut [Picture], described: &DescribedBoard, select: bool) -> Result<Judged, String> {
     let size = common_size(pictures)?;
     let views: Vec<View> = pictures.iter().map(|p| p.view.clone().unwrap_or_default()).collect();
     let misfits: Vec<Option<Misfit>> = pictures.iter().filter(|p| p.view.is_ok()).map(|p| p.misfit).collect();
-    let board_reason = calibrate::misdescribed(board, &misfits);
-    let calibration = calibrate::calibrate_with(&views, size.0, size.1, select).map_err(|e| {
+    let board_reason = calibrate::misdescribed(&described.board, &misfits);
+    let options = Options { select, scale_sigma: described.scale_sigma };
+    let calibration = calibrate::calibrate_with(&views, size.0, size.1, &options).map_err(|e| {
         let first = board_reason.clone().unwrap_or_else(|| e.to_string());
-        format!("no calibration: {first}{}", pictures::failures(pictures))
+        let left_out = if let CalibrateError::TooFewViews { dropped, .. } = &e { &dropped[..] } else { &[] };
+        format!("no calibration: {first}{}", pictures::failures(pictures, left_out))
     })?;
     let (verdict, reasons) = calibrate::judge(&calibration, board_reason);
     Ok(Judged { calibration, verdict, reasons })

@@ -18,6 +18,7 @@ pub(super) fn report(calibration: &Calibration, verdict: Verdict) -> Calibration
         projection_sigma_px: calibration.projections.iter().flatten().map(|p| p.sigma_px).collect(),
         board_bow_m: calibration.bow.map(|b| b.value_m),
         board_bow_sigma_m: calibration.bow.map(|b| b.sigma_m),
+        board_stretch: calibration.stretch.filter(|s| s.stated.is_some()).map(|s| [s.value, s.sigma]),
         sigma: std::array::from_fn(|k| (!calibration.held[k]).then(|| c[(k, k)].max(0.0).sqrt())),
         halves_px: calibration.halves.map(|h| [h.difference_px, h.predicted_px]),
         covariance: c.row_iter().map(|r| r.iter().copied().collect()).collect(),
@@ -29,6 +30,8 @@ const FIRST_DISTORTION: usize = 4;
 /// Some hundred points leave Student's t at 95 % at the normal's.
 const SIGNIFICANT: f64 = 1.96;
 pub(super) const NAMES: [&str; 9] = ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "p1", "p2"];
+
+const DENOMINATOR: [&str; 3] = ["k4", "k5", "k6"];
 
 pub(super) fn values(c: &Calibration) -> [f64; 9] {
     let l = &c.lens;
@@ -49,6 +52,17 @@ pub(super) fn json(
     camera.insert("width".into(), calibration.lens.width.into());
     camera.insert("height".into(), calibration.lens.height.into());
     camera.extend(by_name(parameters));
+    let rational = calibration.lens.denominator != [0.0; 3];
+    let denominator = |values: [f64; 3]| -> serde_json::Map<String, serde_json::Value> {
+        DENOMINATOR.iter().zip(values).map(|(n, v)| ((*n).to_owned(), v.into())).collect()
+    };
+    let mut parameters = by_name(parameters);
+    let mut sigma = by_name(report.sigma);
+    if rational {
+        camera.extend(denominator(calibration.lens.denominator));
+        parameters.extend(denominator(calibration.lens.denominator));
+        sigma.extend(denominator(calibration.denominator_sigma));
+    }
     let image = |(k, p): (usize, &Picture)| {
         serde_json::json!({
             "image": p.name,
@@ -65,8 +79,9 @@ pub(super) fn json(
         "status": if report.verdict == Verdict::Refused.name() { "refused" } else { "ok" },
         "verdict": report.verdict,
         "reasons": reasons,
-        "parameters": by_name(parameters),
-        "sigma": by_name(report.sigma),
+        "parameters": parameters,
+        "sigma": sigma,
+        "model": if rational { "rational" } else { "brown" },
         "t_values": by_name(std::array::from_fn(|k| t_value(calibration, report, k))),
         "correlation": correlation(calibration),
         "halves": calibration.halves.map(|h| serde_json::json!({
@@ -76,6 +91,9 @@ pub(super) fn json(
         "model_sigma_px": calibration.model_sigma_px,
         "board_bow_m": report.board_bow_m,
         "board_bow_sigma_m": report.board_bow_sigma_m,
+        "board_stretch": calibration.stretch.map(|s| serde_json::json!({
+            "value": s.value, "sigma": s.sigma, "projection_px": s.worth_px, "stated_sigma": s.stated,
+        })),
         "projection_sigma_px": report.projection_sigma_px,
         "camera": camera,
         "calibration": report,
@@ -115,10 +133,24 @@ pub(super) fn text(output: &Path, calibration: &Calibration, report: &Calibratio
         let note = if weak { " (not significant)" } else { "" };
         text.push_str(&format!("{name:>3} {value:>12.digits$} {sigma}{note}\n"));
     }
+    if calibration.lens.denominator != [0.0; 3] {
+        let of = calibration.lens.denominator.iter().zip(calibration.denominator_sigma);
+        for (name, (value, sigma)) in DENOMINATOR.iter().zip(of) {
+            text.push_str(&format!("{name:>3} {value:>12.6} +- {sigma:.6} (denominator: a rational lens)\n"));
+        }
+    }
     for (name, bow) in ["along", "across"].iter().zip(calibration.bow) {
         let flat = if bow.significant() { "" } else { " (not significant)" };
         let (value, sigma) = (1e3 * bow.value_m, 1e3 * bow.sigma_m);
         text.push_str(&format!("board's bow {name} {value:.3} +- {sigma:.3} mm{flat}\n"));
+    }
+    if let Some(s) = calibration.stretch.filter(|s| s.stated.is_some()) {
+        let note = if s.significant() { "" } else { " (not significant)" };
+        text.push_str(&format!(
+            "board's stretch across over along {:.4} +- {:.4} %{note}\n",
+            1e2 * s.value,
+            1e2 * s.sigma
+        ));
     }
     for p in calibration.projections.iter().flatten() {
         let (distance, sigma) = (p.distance_m, p.sigma_px);

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::{Args, Failure, unwritable};
 use crate::cli::frames;
 use crate::installation::{self, PictureCorners};
-use crate::measure::calibrate::{Board, BoardPoint, Calibration, Misfit, View};
+use crate::measure::calibrate::{Board, BoardPoint, Calibration, Dropped, Misfit, View};
 use crate::pipeline::decode;
 
 /// One picture: its size and points, or why there are none.
@@ -67,7 +67,7 @@ pub(super) fn common_size(pictures: &mut [Picture]) -> Result<(u32, u32), String
     let count = |s: &(u32, u32)| sizes.iter().filter(|o| *o == s).count();
     let size = sizes.iter().copied().max_by_key(|s| (count(s), *s));
     let Some(size) = size else {
-        return Err(format!("no picture shows the board{}", failures(pictures)));
+        return Err(format!("no picture shows the board{}", failures(pictures, &[])));
     };
     for picture in pictures.iter_mut().filter(|p| p.view.is_ok()) {
         if let Some(own) = picture.size.filter(|own| *own != size) {
@@ -78,9 +78,11 @@ pub(super) fn common_size(pictures: &mut [Picture]) -> Result<(u32, u32), String
     Ok(size)
 }
 
-/// Every picture without points, a line each.
-pub(super) fn failures(pictures: &[Picture]) -> String {
-    let failed =
-        pictures.iter().filter_map(|p| p.view.as_ref().err().map(|r| format!("\n  {}: {r}", p.name)));
-    failed.collect()
+/// Every picture without points or left out, a line each.
+pub(super) fn failures(pictures: &[Picture], left_out: &[Option<Dropped>]) -> String {
+    let reason = |(k, p): (usize, &Picture)| match &p.view {
+        Err(reason) => Some(format!("\n  {}: {reason}", p.name)),
+        Ok(_) => left_out.get(k).copied().flatten().map(|d| format!("\n  {}: {d}", p.name)),
+    };
+    pictures.iter().enumerate().filter_map(reason).collect()
 }

@@ -8,7 +8,7 @@ use anyhow::{Context, Result, anyhow};
 use nalgebra::{Rotation3, Vector2};
 use serde_json::{Value, json};
 
-use crate::measure::geometry::Lens;
+use crate::installation;
 use crate::measure::raster::Raster;
 use crate::measure::render::{FrameTruth, MarkerTruth, Scene, Shot};
 use crate::measure::setup::{Setup, Side};
@@ -61,7 +61,9 @@ fn write_text(path: &Path, text: &str) -> Result<()> {
 fn write_installation(directory: &Path, setup: &Setup) -> Result<()> {
     fs::create_dir_all(directory).with_context(|| format!("cannot make {}", directory.display()))?;
     write_text(&directory.join("installation.toml"), &installation_toml(setup))?;
-    write_text(&directory.join("camera.toml"), &camera_toml(&setup.lens))?;
+    let camera = directory.join("camera.toml");
+    installation::write_camera(&camera, &setup.lens, None)
+        .with_context(|| format!("cannot write {}", camera.display()))?;
     write_text(&directory.join("survey.csv"), &survey_csv(setup))
 }
 
@@ -113,24 +115,6 @@ fn installation_toml(setup: &Setup) -> String {
         );
     }
     text
-}
-
-fn camera_toml(lens: &Lens) -> String {
-    format!(
-        "width = {}\nheight = {}\nfx = {:?}\nfy = {:?}\ncx = {:?}\ncy = {:?}\nk1 = {:?}\nk2 = {:?}\nk3 = {:?}\n\
-         p1 = {:?}\np2 = {:?}\n",
-        lens.width,
-        lens.height,
-        lens.fx,
-        lens.fy,
-        lens.cx,
-        lens.cy,
-        lens.k1,
-        lens.k2,
-        lens.k3,
-        lens.p1,
-        lens.p2
-    )
 }
 
 fn survey_csv(setup: &Setup) -> String {

@@ -1,4 +1,4 @@
-//! Camera, board's bow and the board's poses by least squares (bundle adjustment; Triggs et al. 2000).
+//! Camera, the board's form and its poses by least squares (bundle adjustment; Triggs et al. 2000).
 //!
 //! Every pixel is one observation of one pose: the normal equations are an arrow of 6 x 6 blocks, and the
 //! poses leave by their Schur complement. Steps are damped (Levenberg and Marquardt) until the sum of squares
@@ -6,17 +6,27 @@
 
 use nalgebra::{Matrix2, Matrix6, SMatrix, SVector, Vector2, Vector6};
 
-use super::shape::Shape;
-use super::{BoardPoint, Pose, View, quality};
+use super::adjust::{self, Pose};
+use super::shape::{FORM, Form, Shape};
+use super::{BoardPoint, View, quality};
 use crate::measure::geometry::Lens;
 
-/// Interior parameters, in the order fx fy cx cy k1 k2 k3 p1 p2; the board's two bows follow.
-pub(super) const INTERIOR: usize = 9;
+/// Interior parameters of Brown's model, in the order fx fy cx cy k1 k2 k3 p1 p2.
+pub(super) const BROWN: usize = 9;
+/// With those of the rational model's denominator, k4 k5 k6; the board's form follows.
+pub(super) const INTERIOR: usize = BROWN + 3;
 /// All of them.
-pub(super) const GLOBAL: usize = INTERIOR + 2;
+pub(super) const GLOBAL: usize = INTERIOR + FORM;
+/// Index of the board's stretch.
+pub(super) const STRETCH: usize = INTERIOR + 2;
 
 pub(super) type Global = SVector<f64, GLOBAL>;
 pub(super) type Covariance = SMatrix<f64, GLOBAL, GLOBAL>;
+/// The board's form among them.
+pub(super) fn form_of(global: &Global) -> Form {
+    global.fixed_rows::<FORM>(INTERIOR).into()
+}
+
 type Cross = SMatrix<f64, GLOBAL, 6>;
 
 /// Steps at most, so that an adjustment that creeps ends too.
@@ -132,14 +142,14 @@ impl Bundle<'_> {
     }
 
     fn normal(&self, global: &Global, poses: &[Pose]) -> Option<Normal> {
-        let lens = super::with_parameters(self.size, global);
+        let lens = adjust::with_parameters(self.size, global);
         let mut all =
             Normal { global: Covariance::zeros(), right: Global::zeros(), views: vec![], omega: 0.0 };
         for ((pose, view), common_px) in poses.iter().zip(self.views).zip(self.common_px) {
             let mut own =
                 ViewNormal { own: Matrix6::zeros(), cross: Cross::zeros(), right: Vector6::zeros() };
             for p in view.iter() {
-                let weight = super::with_common(&p.covariance_px2, *common_px).try_inverse()?;
+                let weight = adjust::with_common(&p.covariance_px2, *common_px).try_inverse()?;
                 self.point(&lens, (global, pose), p, &weight, (&mut own, &mut all))?;
             }
             all.views.push(own);
@@ -162,14 +172,14 @@ impl Bundle<'_> {
         weight: &Matrix2<f64>,
         (own, all): (&mut ViewNormal, &mut Normal),
     ) -> Option<()> {
-        let point = pose.apply(&self.shape.point(&p.board_m, &[global[INTERIOR], global[INTERIOR + 1]]));
+        let point = pose.apply(&self.shape.point(&p.board_m, &form_of(global)));
         let (pixel, by_point) = lens.project_with_jacobian(&point)?;
         let (by_motion, by_lens) = quality::jacobians(lens, &point)?;
         // The camera's motion turns about the camera; a pose's turn here does the same.
         let mut by = SMatrix::<f64, 2, GLOBAL>::zeros();
         by.fixed_columns_mut::<INTERIOR>(0).copy_from(&by_lens);
-        let by_bow = by_point * pose.camera_from_board.matrix().column(2) * self.shape.by_bow(&p.board_m);
-        by.fixed_columns_mut::<2>(INTERIOR).copy_from(&by_bow);
+        let by_form = by_point * pose.camera_from_board.matrix() * self.shape.by_form(&p.board_m);
+        by.fixed_columns_mut::<FORM>(INTERIOR).copy_from(&by_form);
         let residual: Vector2<f64> = p.pixel - pixel;
         let (weighted, turned) = (by.transpose() * weight, by_motion.transpose() * weight);
         all.global += weighted * by;

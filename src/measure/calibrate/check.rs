@@ -2,8 +2,9 @@
 
 use nalgebra::Vector2;
 
+use super::adjust::{Adjusted, Start, adjust};
 use super::bundle::{Covariance, GLOBAL, INTERIOR};
-use super::{Adjusted, LEAST_VIEWS, Start, View, adjust, quality};
+use super::{LEAST_VIEWS, View, quality};
 
 /// Cells over the image's and the board's width and height.
 const CELLS: usize = 8;
@@ -82,9 +83,10 @@ fn common(residuals: impl Iterator<Item = (Vector2<f64>, Vector2<f64>)>) -> f64 
     (sum / points.max(1) as f64).max(0.0).sqrt()
 }
 
-/// Distortion terms of which a calibration can do without one: of the radial ones only the highest left.
+/// Distortion terms of which a calibration can do without one: of the radial ones only the highest left, of the
+/// denominator first.
 pub(super) fn droppable(held: &[bool; GLOBAL]) -> Vec<usize> {
-    let radial = [6, 5, 4].into_iter().find(|k| !held[*k]);
+    let radial = [11, 6, 10, 5, 9, 4].into_iter().find(|k| !held[*k]);
     radial.into_iter().chain([7, 8].into_iter().filter(|k| !held[*k])).collect()
 }
 

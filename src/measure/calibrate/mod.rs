@@ -5,10 +5,11 @@
 //! | find | grey picture, board | board points and their pixels | `checkerboard.rs`, `aprilgrid.rs` |
 //! | measure | grey values, about where | corner and its covariance | `saddle.rs`, `corner.rs` |
 //! | start | views | camera constant, poses | `start.rs` |
-//! | adjust | views, start | camera, board's bow, covariance | `bundle.rs`, `shape.rs` |
+//! | adjust | views, start | camera, board's bow and stretch, covariance | `adjust.rs`, `bundle.rs`, `shape.rs` |
 //! | leave out | residuals | pictures and points that fit | `outliers.rs` |
 //! | judge | covariance, residuals | projection uncertainty, halves, patterns, verdict | `quality.rs`, `check.rs`, `verdict.rs` |
 
+mod adjust;
 #[cfg(feature = "aprilgrid")]
 mod aprilgrid;
 mod board;
@@ -24,18 +25,19 @@ mod shape;
 mod start;
 mod verdict;
 
-use nalgebra::{DMatrix, Matrix2, Rotation3, SVector, Vector2, Vector3, Vector6};
+use nalgebra::{DMatrix, Matrix2, Vector2, Vector3};
+use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
+use adjust::{Adjusted, Start, adjust, adjust_views, first, with_parameters};
 pub use board::{Board, BoardError, Misfit, Sighting, misdescribed};
 
 use super::geometry::Lens;
-use bundle::{Bundle, GLOBAL, Global, INTERIOR, Prior, Solution};
+use bundle::{BROWN, GLOBAL, INTERIOR, STRETCH};
 pub use check::{Halves, Pattern};
 pub use outliers::Dropped;
 use outliers::Selection;
 pub use quality::{DISTANCES_M, Projection};
-pub use shape::Bow;
-use shape::Shape;
+pub use shape::{Bow, Stretch};
 pub use verdict::{Verdict, judge};
 
 /// A board point (board plane, m) and its image.
@@ -64,8 +66,11 @@ pub type View = Vec<BoardPoint>;
 pub struct Calibration {
     /// The estimate.
     pub lens: Lens,
-    /// 9 x 9, order fx fy cx cy k1 k2 k3 p1 p2; scaled by the residuals.
+    /// 9 x 9, order fx fy cx cy k1 k2 k3 p1 p2; scaled by the residuals. Of a rational lens: while its denominator stays
+    /// as it is, with what that is uncertain by carried over.
     pub covariance: DMatrix<f64>,
+    /// Standard deviations of k4, k5, k6; 0 for Brown's model.
+    pub denominator_sigma: [f64; 3],
     /// Root mean square of the residual vectors, px.
     pub rms_px: f64,
     /// Standard deviation per coordinate that all points have beyond their own, px: what board and lens
@@ -73,6 +78,8 @@ pub struct Calibration {
     pub model_sigma_px: f64,
     /// The board's bow along its rows and its columns.
     pub bow: [Bow; 2],
+    /// By how much more the board is stretched across its rows than along them; `None` where that cannot be told.
+    pub stretch: Option<Stretch>,
     /// Per view: the root mean square of its residual vectors, px; `None` where it was rejected.
     pub view_rms_px: Vec<Option<f64>>,
     /// Per view: why it took no part.
@@ -81,10 +88,14 @@ pub struct Calibration {
     pub view_points: Vec<usize>,
     /// Per view that took part: angle between the board and the image plane, degrees.
     pub tilt_deg: Vec<Option<f64>>,
+    /// Root mean square angle of the boards' normals from their mean direction, degrees: 0 where all are parallel.
+    pub spread_deg: f64,
     /// Points that took part in each ninth of the image: row, column from the upper left.
     pub coverage: [[usize; 3]; 3],
     /// Image points that took part.
     pub observations: usize,
+    /// How far from the principal point boards were found, px; points that no model fits count too.
+    pub told_px: f64,
     /// Interior parameters that were held at 0, order as in the covariance.
     pub held: [bool; 9],
     /// Every second picture against the others; `None` where they are too few.
@@ -99,16 +110,40 @@ pub struct Calibration {
     pub projections: Option<Vec<Projection>>,
 }
 
+/// Share of the way from the principal point to the image's farthest corner to which boards must have been shown for
+/// a lens's model to be told: beyond, any is a guess.
+const TOLD: f64 = 0.9;
+
+impl Calibration {
+    /// From the principal point to the image's farthest corner, px.
+    fn farthest_corner_px(&self) -> Vector2<f64> {
+        let (w, h) = (f64::from(self.lens.width) - 1.0, f64::from(self.lens.height) - 1.0);
+        let middle = Vector2::new(self.lens.cx, self.lens.cy);
+        let corners = [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)].map(|(u, v)| Vector2::new(u, v) - middle);
+        corners.into_iter().fold(Vector2::zeros(), |a, b| if b.norm() > a.norm() { b } else { a })
+    }
+
+    /// Whether boards were shown into a corner of the image.
+    fn is_told(&self) -> bool {
+        self.told_px >= TOLD * self.farthest_corner_px().norm()
+    }
+}
+
 /// Why there is no calibration.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CalibrateError {
     /// Too few pictures with a board.
-    #[error("{found} pictures show the board, at least {needed} in different attitudes are needed")]
+    #[error(
+        "{found} of the pictures with a board can be used, at least {needed} in different attitudes are needed, fifteen to \
+         twenty for a camera to fly with"
+    )]
     TooFewViews {
-        /// With a board.
+        /// That can be used.
         found: usize,
         /// Needed.
         needed: usize,
+        /// Per view: why it took no part.
+        dropped: Vec<Option<Dropped>>,
     },
     /// All boards parallel to the sensor, or the like.
     #[error(
@@ -133,36 +168,92 @@ const MODEL_ROUNDS: usize = 8;
 /// A change of the common standard deviation that no longer matters: its share, and px.
 const MODEL_SETTLED: (f64, f64) = (0.05, 1e-3);
 
-/// Calibrates from views of a plane board; `width` and `height` of the pictures, px.
-pub fn calibrate(views: &[View], width: u32, height: u32) -> Result<Calibration, CalibrateError> {
-    calibrate_with(views, width, height, false)
+/// What may be asked of a calibration.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Options {
+    /// Distortion terms that do not differ from 0 at 95 % are dropped, the least first and of the radial ones the
+    /// highest.
+    pub select: bool,
+    /// To which share the board's lengths along and across are each known, one standard deviation; `None`: exactly.
+    pub scale_sigma: Option<f64>,
 }
 
-/// The same; with `select`, distortion terms that do not differ from 0 at 95 % are dropped, the least first and of
-/// the radial ones the highest.
+/// Calibrates from views of a plane board that is exactly as described; `width` and `height` of the pictures, px.
+pub fn calibrate(views: &[View], width: u32, height: u32) -> Result<Calibration, CalibrateError> {
+    calibrate_with(views, width, height, &Options::default())
+}
+
+/// The same with options.
 pub fn calibrate_with(
     views: &[View],
     width: u32,
     height: u32,
-    select: bool,
+    options: &Options,
 ) -> Result<Calibration, CalibrateError> {
-    let mut selection = Selection::first(views, width, height);
-    let mut adjusted = first(&selection.used, width, height)?;
-    loop {
-        adjusted = settled(adjusted, &selection.used)?;
-        let before: Vec<usize> = selection.used.iter().map(|(k, _)| *k).collect();
-        // Each round takes something out: they end.
-        let apart = robust(&adjusted, &selection.used)?;
-        if !selection.narrow(&apart, views) {
-            let adjusted = if select { selected(adjusted, &selection.used)? } else { adjusted };
-            return Ok(outcome(&adjusted, selection));
+    let set = Set { views, size: (width, height), options };
+    let (brown, selection) = set.fitted(false)?;
+    let found = set.outcome(&brown, &selection);
+    // The richer model only where Brown's does not do: elsewhere its terms tell nothing and blur the others. And only
+    // where boards told the lens up to the image's border: it bends as it likes beyond.
+    let does = found.projections.is_some() && found.pattern.image_px <= Verdict::PATTERN_PX;
+    if does || !found.is_told() {
+        return Ok(found);
+    }
+    let richer = set.richer(&brown, &selection).filter(|r| r.projections.is_some());
+    Ok(richer.unwrap_or(found))
+}
+
+/// What is calibrated.
+struct Set<'a> {
+    views: &'a [View],
+    size: (u32, u32),
+    options: &'a Options,
+}
+
+impl Set<'_> {
+    /// With Brown's or the rational model, and without the pictures and points that do not fit.
+    fn fitted(&self, rational: bool) -> Result<(Adjusted, Selection), CalibrateError> {
+        let mut selection = Selection::first(self.views, self.size.0, self.size.1);
+        selection.enough()?;
+        let mut held = [false; GLOBAL];
+        held[BROWN..INTERIOR].fill(!rational);
+        held[STRETCH] = self.options.scale_sigma.is_none();
+        // The two directions err independently: their difference by root two of one.
+        let stretch_sigma = self.options.scale_sigma.unwrap_or_default() * std::f64::consts::SQRT_2;
+        let mut adjusted = first(&selection.used, self.size, held, stretch_sigma)?;
+        loop {
+            adjusted = settled(adjusted, &selection.used)?;
+            let before: Vec<usize> = selection.used.iter().map(|(k, _)| *k).collect();
+            // Each round takes something out: they end.
+            let apart = robust(&adjusted, &selection.used)?;
+            if !selection.narrow(&apart, self.views) {
+                let select = self.options.select;
+                let adjusted = if select { selected(adjusted, &selection.used)? } else { adjusted };
+                return Ok((adjusted, selection));
+            }
+            selection.enough()?;
+            let stays = |k: &usize| selection.used.iter().any(|(index, _)| index == k);
+            let mut stay = before.iter().map(stays);
+            adjusted.poses.retain(|_| stay.next().unwrap_or(false));
         }
-        if selection.used.len() < LEAST_VIEWS {
-            return Err(CalibrateError::TooFewViews { found: selection.used.len(), needed: LEAST_VIEWS });
-        }
-        let stays = |k: &usize| selection.used.iter().any(|(index, _)| index == k);
-        let mut stay = before.iter().map(stays);
-        adjusted.poses.retain(|_| stay.next().unwrap_or(false));
+    }
+
+    fn outcome(&self, adjusted: &Adjusted, selection: &Selection) -> Calibration {
+        let middle = Vector2::new(adjusted.lens.cx, adjusted.lens.cy);
+        let off = self.views.iter().flatten().map(|p| (p.pixel - middle).norm());
+        Calibration { told_px: off.fold(0.0, f64::max), ..outcome(adjusted, selection) }
+    }
+
+    /// With the rational model, where the sum of squares says at 99 % that it is another one (F-test).
+    fn richer(&self, brown: &Adjusted, selection: &Selection) -> Option<Calibration> {
+        let mut start = Start::of(brown);
+        start.held[BROWN..INTERIOR].fill(false);
+        let tried = adjust(&selection.used, &start, brown.model_sigma_px).ok()?.solution;
+        let terms = (INTERIOR - BROWN) as f64;
+        let ratio = (brown.solution.omega - tried.omega) / terms / tried.variance_factor();
+        let limit = FisherSnedecor::new(terms, tried.redundancy as f64).ok()?.inverse_cdf(0.99);
+        let (adjusted, selection) = (ratio > limit).then(|| self.fitted(true).ok()).flatten()?;
+        Some(self.outcome(&adjusted, &selection))
     }
 }
 
@@ -200,9 +291,9 @@ fn selected(mut adjusted: Adjusted, used: &[(usize, View)]) -> Result<Adjusted, 
         let Some((k, _)) = weak else { return Ok(adjusted) };
         let mut start = Start::of(&adjusted);
         start.held[k] = true;
-        start.lens = start
-            .lens
-            .changed(&SVector::from_fn(|i, _| if i == k { -adjusted.solution.global[k] } else { 0.0 }));
+        let mut global = adjusted.solution.global;
+        global[k] = 0.0;
+        start.lens = with_parameters((start.lens.width, start.lens.height), &global);
         adjusted = settled(adjust(used, &start, adjusted.model_sigma_px)?, used)?;
     }
 }
@@ -221,258 +312,68 @@ fn settled(mut adjusted: Adjusted, used: &[(usize, View)]) -> Result<Adjusted, C
     Ok(adjusted)
 }
 
-/// The board's pose in the camera frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Pose {
-    camera_from_board: Rotation3<f64>,
-    translation_m: Vector3<f64>,
-}
-
-impl Pose {
-    /// Camera-frame point, m.
-    fn apply(&self, board_m: &Vector3<f64>) -> Vector3<f64> {
-        self.camera_from_board * board_m + self.translation_m
-    }
-
-    /// Moved by a rotation about the camera and a shift.
-    fn moved(&self, by: &Vector6<f64>) -> Self {
-        let turn = Rotation3::new(by.fixed_rows::<3>(0).clone_owned());
-        let shift = by.fixed_rows::<3>(3).clone_owned();
-        Self {
-            camera_from_board: turn * self.camera_from_board,
-            translation_m: turn * self.translation_m + shift,
-        }
-    }
-}
-
-fn parameters(lens: &Lens) -> [f64; 9] {
-    [lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.k3, lens.p1, lens.p2]
-}
-
-fn with_parameters(size: (u32, u32), p: &Global) -> Lens {
-    let (width, height) = size;
-    Lens {
-        width,
-        height,
-        fx: p[0],
-        fy: p[1],
-        cx: p[2],
-        cy: p[3],
-        k1: p[4],
-        k2: p[5],
-        k3: p[6],
-        p1: p[7],
-        p2: p[8],
-    }
-}
-
-/// A point's covariance with what all points have in common.
-fn with_common(own_px2: &Matrix2<f64>, model_sigma_px: f64) -> Matrix2<f64> {
-    own_px2 + Matrix2::identity() * model_sigma_px.powi(2)
-}
-
-/// Camera, board and poses of one adjustment.
-struct Adjusted {
-    lens: Lens,
-    shape: Shape,
-    bow_m: [f64; 2],
-    poses: Vec<Pose>,
-    /// Parameters that keep their start.
-    held: [bool; GLOBAL],
-    solution: Solution,
-    /// Common to all points, beyond their own, px.
-    model_sigma_px: f64,
-}
-
-impl Adjusted {
-    /// A point of a view (counted among those used), camera frame, m.
-    fn point(&self, k: usize, p: &BoardPoint) -> Vector3<f64> {
-        self.poses[k].apply(&self.shape.point(&p.board_m, &self.bow_m))
-    }
-
-    /// Per view, per point: observed - projected, px.
-    fn residuals(&self, used: &[(usize, View)]) -> Vec<Vec<Vector2<f64>>> {
-        // Behind the camera: as gross as an error can be, and still finite when squared.
-        let far = Vector2::new(1e6, 1e6);
-        let one =
-            |k: usize, p: &BoardPoint| self.lens.project(&self.point(k, p)).map_or(far, |q| p.pixel - q);
-        used.iter().enumerate().map(|(k, (_, v))| v.iter().map(|p| one(k, p)).collect()).collect()
-    }
-
-    fn covariance_px2(&self, p: &BoardPoint) -> Matrix2<f64> {
-        with_common(&p.covariance_px2, self.model_sigma_px)
-    }
-
-    /// Squared lengths of the residuals in standard deviations.
-    fn squares(&self, used: &[(usize, View)], residuals: &[Vec<Vector2<f64>>]) -> Vec<Vec<f64>> {
-        let square = |(p, r): (&BoardPoint, &Vector2<f64>)| {
-            self.covariance_px2(p).try_inverse().map_or(0.0, |w| r.dot(&(w * r)))
-        };
-        used.iter().zip(residuals).map(|((_, v), r)| v.iter().zip(r).map(square).collect()).collect()
-    }
-
-    /// The variance that the points must have in common for the median of their squared lengths to be
-    /// what it should (Paule and Mandel 1982, with the median for the mean), by bisection.
-    fn common_sigma_px(&self, used: &[(usize, View)]) -> f64 {
-        let residuals = self.residuals(used).concat();
-        let own: Vec<f64> =
-            used.iter().flat_map(|(_, v)| v).map(|p| 0.5 * p.covariance_px2.trace()).collect();
-        let squares: Vec<f64> = residuals.iter().map(Vector2::norm_squared).collect();
-        // The adjustment takes its share of the residuals.
-        let share = self.solution.redundancy as f64 / (2 * residuals.len()).max(1) as f64;
-        outliers::common_variance(&squares, &own, outliers::MEDIAN_SQUARE * share).sqrt()
-    }
-}
-
-/// Where an adjustment begins.
-struct Start {
-    lens: Lens,
-    bow_m: [f64; 2],
-    poses: Vec<Pose>,
-    held: [bool; GLOBAL],
-}
-
-impl Start {
-    fn of(adjusted: &Adjusted) -> Self {
-        Self {
-            lens: adjusted.lens,
-            bow_m: adjusted.bow_m,
-            poses: adjusted.poses.clone(),
-            held: adjusted.held,
-        }
-    }
-}
-
-/// Points' common standard deviation before residuals tell it, px.
-const FIRST_SIGMA_PX: f64 = 0.1;
-
-/// From nothing: the camera constant that the homographies tell, or where the adjustment does not converge
-/// from there, that of the usual lenses from which it comes closest.
-fn first(used: &[(usize, View)], width: u32, height: u32) -> Result<Adjusted, CalibrateError> {
-    if used.len() < LEAST_VIEWS {
-        return Err(CalibrateError::TooFewViews { found: used.len(), needed: LEAST_VIEWS });
-    }
-    let views: Vec<&View> = used.iter().map(|(_, v)| v).collect();
-    let from = |f_px: Option<f64>| {
-        let (lens, poses) = start::start(&views, width, height, f_px).ok_or(CalibrateError::NoStart)?;
-        // A lens without distortion first: all at once, few pictures run away.
-        let start = Start { lens, bow_m: [0.0; 2], poses, held: [false; GLOBAL] };
-        let mut rough = adjust_with(used, &start, FIRST_SIGMA_PX, STIFF[0])?;
-        for stiff in &STIFF[1..] {
-            rough = adjust_with(used, &Start::of(&rough), FIRST_SIGMA_PX, *stiff)?;
-        }
-        Ok(rough)
-    };
-    let told = from(None);
-    if told.is_ok() {
-        return told;
-    }
-    let tried = start::USUAL.iter().filter_map(|f| from(Some(f * f64::from(width))).ok());
-    tried.min_by(|a, b| a.solution.omega.total_cmp(&b.solution.omega)).map_or(told, Ok)
-}
-
-/// Prior standard deviations of camera constant and distortion while both are rough, over those that hold at the end:
-/// let free at once, a constant that hardly tilted boards leave open runs away with the distortion.
-const STIFF: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
-
-fn adjust(used: &[(usize, View)], start: &Start, model_sigma_px: f64) -> Result<Adjusted, CalibrateError> {
-    adjust_with(used, start, model_sigma_px, 1.0)
-}
-
-fn adjust_with(
-    used: &[(usize, View)],
-    start: &Start,
-    model_sigma_px: f64,
-    stiff: f64,
-) -> Result<Adjusted, CalibrateError> {
-    let found = adjust_views(used, start, &vec![model_sigma_px; used.len()], stiff)?;
-    Ok(Adjusted { model_sigma_px, ..found })
-}
-
-/// With a common standard deviation for each view, px.
-fn adjust_views(
-    used: &[(usize, View)],
-    start: &Start,
-    common_px: &[f64],
-    stiff: f64,
-) -> Result<Adjusted, CalibrateError> {
-    let views: Vec<&View> = used.iter().map(|(_, v)| v).collect();
-    let size = (start.lens.width, start.lens.height);
-    let shape = Shape::of(&views);
-    let priors = [lens_priors(&start.lens, stiff), shape.priors(INTERIOR)].concat();
-    let held = start.held;
-    let bundle = Bundle { views: &views, size, shape, priors, held, common_px };
-    let mut global = Global::zeros();
-    global.fixed_rows_mut::<INTERIOR>(0).copy_from(&SVector::from(parameters(&start.lens)));
-    global.fixed_rows_mut::<2>(INTERIOR).copy_from(&Vector2::from(start.bow_m));
-    let solution = bundle.solve(global, &start.poses).ok_or(CalibrateError::NoFit)?;
-    let lens = with_parameters(size, &solution.global);
-    let bow_m = [solution.global[INTERIOR], solution.global[INTERIOR + 1]];
-    let poses = solution.poses.clone();
-    Ok(Adjusted { lens, shape, bow_m, poses, held, solution, model_sigma_px: 0.0 })
-}
-
-/// What every lens keeps to, for pictures that do not tell: the camera constant is within its own size of where
-/// it began, the principal point lies within a tenth of the image's width of its middle, and no term of the
-/// distortion moves the image's corner by more than its distance from the middle (one standard deviation). It keeps few pictures from running
-/// away. The sizes are an assumption, chosen wide.
-fn lens_priors(start: &Lens, stiff: f64) -> Vec<Prior> {
-    let (width, height) = (f64::from(start.width), f64::from(start.height));
-    let corner = 0.5 * width.hypot(height) / start.fx;
-    let middle = start::middle(start.width, start.height);
-    let mean = |k: usize| match k {
-        0 | 1 => start.fx,
-        2 | 3 => middle[k - 2],
-        _ => 0.0,
-    };
-    let sigmas = [
-        (0, stiff * start.fx),
-        (1, stiff * start.fx),
-        (2, 0.1 * width),
-        (3, 0.1 * width),
-        (4, stiff * corner.powi(-2)),
-        (5, stiff * corner.powi(-4)),
-        (6, stiff * corner.powi(-6)),
-        (7, stiff * corner.recip()),
-        (8, stiff * corner.recip()),
-    ];
-    sigmas.into_iter().map(|(index, sigma)| Prior { index, mean: mean(index), sigma }).collect()
-}
-
 /// Root mean square of vectors' lengths.
 fn rms<'a>(vectors: impl Iterator<Item = &'a Vector2<f64>>) -> f64 {
     let (sum, n) = vectors.fold((0.0, 0usize), |(s, n), r| (s + r.norm_squared(), n + 1));
     (sum / n.max(1) as f64).sqrt()
 }
 
-fn outcome(adjusted: &Adjusted, selection: Selection) -> Calibration {
+/// Standard deviation of a stretch beforehand where it is only looked for, a share: an assumption, more than paper shrinks.
+const LOOSE_STRETCH: f64 = 0.01;
+
+/// As estimated, or where the board is taken as described, as it would be.
+fn stretch(adjusted: &Adjusted, used: &[(usize, View)]) -> Option<Stretch> {
+    let is_unknown = !adjusted.held[STRETCH];
+    let mut start = Start::of(adjusted);
+    start.held[STRETCH] = is_unknown;
+    start.form[STRETCH - INTERIOR] = 0.0;
+    start.stretch_sigma = LOOSE_STRETCH;
+    let other = adjust(used, &start, adjusted.model_sigma_px).ok()?;
+    let with = if is_unknown { adjusted } else { &other };
+    let change = other.solution.global - adjusted.solution.global;
+    let worth = quality::projection_at(adjusted, used, &(change * change.transpose()), Stretch::DISTANCE_M)?;
+    let variance = with.solution.covariance[(STRETCH, STRETCH)] * with.solution.variance_factor();
+    Some(Stretch {
+        value: with.form[STRETCH - INTERIOR],
+        sigma: variance.max(0.0).sqrt(),
+        worth_px: worth.sigma_px,
+        stated: is_unknown.then_some(adjusted.stretch_sigma),
+    })
+}
+
+fn outcome(adjusted: &Adjusted, selection: &Selection) -> Calibration {
     let Selection { used, dropped } = selection;
-    let dropped_count = dropped.len();
     let solution = &adjusted.solution;
-    let residuals = adjusted.residuals(&used);
+    let residuals = adjusted.residuals(used);
     let covariance = solution.covariance * solution.variance_factor();
+    let brown = quality::of_brown(adjusted, &covariance)
+        .unwrap_or_else(|| covariance.fixed_view::<BROWN, BROWN>(0, 0).into());
     let bow = |k: usize| Bow {
-        value_m: adjusted.bow_m[k],
+        value_m: adjusted.form[k],
         sigma_m: covariance[(INTERIOR + k, INTERIOR + k)].max(0.0).sqrt(),
     };
     let mut found = Calibration {
+        stretch: stretch(adjusted, used),
         lens: adjusted.lens,
         bow: [bow(0), bow(1)],
-        covariance: DMatrix::from_fn(INTERIOR, INTERIOR, |i, j| covariance[(i, j)]),
+        covariance: DMatrix::from_fn(BROWN, BROWN, |i, j| brown[(i, j)]),
+        denominator_sigma: std::array::from_fn(|k| covariance[(BROWN + k, BROWN + k)].max(0.0).sqrt()),
         rms_px: rms(residuals.iter().flatten()),
         model_sigma_px: adjusted.model_sigma_px,
         view_rms_px: vec![None; dropped.len()],
         view_points: vec![0; dropped.len()],
         tilt_deg: vec![None; dropped.len()],
-        coverage: coverage(&adjusted.lens, &used),
-        dropped,
+        spread_deg: spread_deg(adjusted),
+        coverage: coverage(&adjusted.lens, used),
+        dropped: dropped.clone(),
         observations: residuals.iter().map(Vec::len).sum(),
+        told_px: 0.0,
         held: std::array::from_fn(|k| adjusted.held[k]),
-        halves: check::halves(adjusted, &used),
-        pattern: check::pattern(adjusted, &used),
-        residuals: vec![vec![]; dropped_count],
+        halves: check::halves(adjusted, used),
+        pattern: check::pattern(adjusted, used),
+        residuals: vec![vec![]; dropped.len()],
         board_side_m: adjusted.shape.sides_m(),
-        projections: quality::projections(adjusted, &used, &covariance),
+        projections: quality::projections(adjusted, used, &covariance),
     };
     for (((index, view), r), pose) in used.iter().zip(&residuals).zip(&adjusted.poses) {
         found.view_rms_px[*index] = Some(rms(r.iter()));
@@ -482,6 +383,17 @@ fn outcome(adjusted: &Adjusted, selection: Selection) -> Calibration {
         found.tilt_deg[*index] = Some(normal_z.abs().min(1.0).acos().to_degrees());
     }
     found
+}
+
+fn spread_deg(adjusted: &Adjusted) -> f64 {
+    let normal = |pose: &adjust::Pose| {
+        let normal: Vector3<f64> = pose.camera_from_board.matrix().column(2).into();
+        normal * normal.z.signum()
+    };
+    let normals: Vec<Vector3<f64>> = adjusted.poses.iter().map(normal).collect();
+    let mean = normals.iter().sum::<Vector3<f64>>();
+    let sum: f64 = normals.iter().map(|n| n.angle(&mean).powi(2)).sum();
+    (sum / normals.len().max(1) as f64).sqrt().to_degrees()
 }
 
 fn coverage(lens: &Lens, used: &[(usize, View)]) -> [[usize; 3]; 3] {

@@ -8,7 +8,8 @@
 use nalgebra::{SMatrix, SVector, Vector2};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-use super::{Adjusted, LEAST_POINTS, LEAST_VIEWS, View, quality, rms, start};
+use super::adjust::Adjusted;
+use super::{CalibrateError, LEAST_POINTS, LEAST_VIEWS, View, quality, rms, start};
 use crate::measure::robust::{self, SIGMA_OVER_MEDIAN};
 
 /// A point whose residual is this many times the scale is a gross error (a wrong corner).
@@ -108,6 +109,15 @@ impl Selection {
         }
         let used = views.iter().cloned().enumerate().filter(|(k, _)| dropped[*k].is_none()).collect();
         Self { used, dropped }
+    }
+
+    /// An error with the reasons where too few are left.
+    pub(super) fn enough(&self) -> Result<(), CalibrateError> {
+        let (found, needed) = (self.used.len(), LEAST_VIEWS);
+        if found < needed {
+            return Err(CalibrateError::TooFewViews { found, needed, dropped: self.dropped.clone() });
+        }
+        Ok(())
     }
 
     /// Takes out the worst picture, or where all agree, the gross points; whether there were any.

@@ -5,10 +5,11 @@
 //! taken up what a rotation and a shift of its own can explain **at the boards** (the mean-pose method
 //! of mrcal's projection uncertainty): near the boards' distance they cancel, away from it they do not.
 
-use nalgebra::{Matrix2x3, Matrix6, SMatrix, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix2x3, Matrix6, SMatrix, Vector2, Vector3};
 
-use super::bundle::{Covariance, INTERIOR};
-use super::{Adjusted, View};
+use super::View;
+use super::adjust::Adjusted;
+use super::bundle::{BROWN, Covariance, INTERIOR};
 use crate::measure::geometry::{Lens, skew};
 
 /// Distances at which a wing's markers lie, m.
@@ -16,8 +17,8 @@ pub const DISTANCES_M: [f64; 3] = [5.0, 15.0, 40.0];
 /// Cells over the image's width and height.
 const CELLS: usize = 9;
 
-type ByInterior = SMatrix<f64, 2, 9>;
-type Motion = SMatrix<f64, 6, 9>;
+type ByInterior = SMatrix<f64, 2, INTERIOR>;
+type Motion = SMatrix<f64, 6, INTERIOR>;
 
 /// Standard deviation of a projected point (length of its error vector) over the image, px.
 #[derive(Clone, Debug, PartialEq)]
@@ -116,7 +117,10 @@ pub(super) fn jacobians(lens: &Lens, point: &Vector3<f64>) -> Option<(SMatrix<f6
     let mut by_motion = SMatrix::<f64, 2, 6>::zeros();
     by_motion.fixed_columns_mut::<3>(0).copy_from(&(-by_point * skew(point)));
     by_motion.fixed_columns_mut::<3>(3).copy_from(&by_point);
-    Some((by_motion, lens.by_parameters(point)))
+    let mut by_lens = ByInterior::zeros();
+    by_lens.fixed_columns_mut::<BROWN>(0).copy_from(&lens.by_parameters(point));
+    by_lens.fixed_columns_mut::<3>(BROWN).copy_from(&lens.by_denominator(point));
+    Some((by_motion, by_lens))
 }
 
 /// The camera's motion that best explains, at the boards, an error of the interior parameters.
@@ -131,4 +135,26 @@ fn motion(adjusted: &Adjusted, used: &[(usize, View)]) -> Option<Motion> {
         }
     }
     Some(-(normal.cholesky()?.solve(&right)))
+}
+
+/// The covariance of Brown's parameters that is worth the same in the picture while the denominator stays as it is: what
+/// moves in the denominator is carried over to them by least squares over the image.
+pub(super) fn of_brown(adjusted: &Adjusted, covariance: &Covariance) -> Option<SMatrix<f64, BROWN, BROWN>> {
+    let interior = covariance.fixed_view::<INTERIOR, INTERIOR>(0, 0);
+    let rays: Vec<Vector3<f64>> =
+        (0..CELLS * CELLS).filter_map(|k| cell_ray(&adjusted.lens, k % CELLS, k / CELLS)).collect();
+    let mut by = DMatrix::zeros(2 * rays.len(), INTERIOR);
+    for (k, ray) in rays.iter().enumerate() {
+        by.fixed_view_mut::<2, INTERIOR>(2 * k, 0).copy_from(&jacobians(&adjusted.lens, ray)?.1);
+    }
+    // Columns of one size, for the inverse's sake.
+    let size: Vec<f64> = (0..INTERIOR).map(|k| by.column(k).norm().max(f64::MIN_POSITIVE)).collect();
+    let unit = DMatrix::from_fn(by.nrows(), INTERIOR, |i, j| by[(i, j)] / size[j]);
+    let carried = unit.columns(0, BROWN).svd(true, true).solve(&unit.columns(BROWN, 3), 1e-12).ok()?;
+    let onto = SMatrix::<f64, BROWN, INTERIOR>::from_fn(|i, j| match j {
+        _ if j == i => 1.0,
+        BROWN.. => carried[(i, j - BROWN)] * size[j] / size[i],
+        _ => 0.0,
+    });
+    Some(onto * interior * onto.transpose())
 }

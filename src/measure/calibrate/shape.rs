@@ -4,11 +4,15 @@
 //! `calobject_warp`). What is linear in `u` and `v` belongs to the pose, so that the same `a`, `b` hold
 //! wherever on the board the counting of its rows and columns began. By how much a bow of some
 //! millimetres shortens the board's rows is of second order and below a hundredth of a millimetre.
+//!
+//! Paper shrinks, and printers feed it, by another share along than across: the **stretch**, `x (1 - s/2)` and
+//! `y (1 + s/2)`. What both directions have in common is a scale, which moves the boards in depth and leaves the
+//! camera as it is: no unknown.
 
-use nalgebra::{RowVector2, Vector2, Vector3};
+use nalgebra::{Matrix3, SVector, Vector2, Vector3};
 
-use super::View;
 use super::bundle::Prior;
+use super::{SIGNIFICANT, View};
 
 /// Height of the board's middle over the chord between two of its sides.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,15 +24,43 @@ pub struct Bow {
 }
 
 impl Bow {
-    /// Whether it differs from 0 at 95 %; some hundred points leave Student's t at the normal's 1.96.
+    /// Whether it differs from 0 at 95 %.
     pub fn significant(&self) -> bool {
-        self.value_m.abs() > 1.96 * self.sigma_m
+        self.value_m.abs() > SIGNIFICANT * self.sigma_m
     }
 }
 
 /// Standard deviation of a bow beforehand, m per m of the side: an assumption, over three times the
 /// 1.5 mm per metre that boards are expected to bow. It matters only where the pictures tell nothing about the bow.
 const SIGMA_M_PER_M: f64 = 0.005;
+
+/// Unknowns of the form: bow along, bow across (m), stretch.
+pub(super) const FORM: usize = 3;
+/// Their values.
+pub(super) type Form = SVector<f64, FORM>;
+
+/// By how much the board is longer across its rows than along them, as a share, against its description.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stretch {
+    /// Its share.
+    pub value: f64,
+    /// Standard deviation, scaled by the residuals.
+    pub sigma: f64,
+    /// By how much the projection changes with it at 15 m, root mean square over the image, px.
+    pub worth_px: f64,
+    /// Its standard deviation as the board's description states it: the camera then allows for it.
+    pub stated: Option<f64>,
+}
+
+impl Stretch {
+    /// Of the points by which its worth is told, m: in the middle of those at which markers lie.
+    pub(super) const DISTANCE_M: f64 = super::DISTANCES_M[1];
+
+    /// Whether it differs from 0 at 95 %.
+    pub fn significant(&self) -> bool {
+        self.value.abs() > SIGNIFICANT * self.sigma
+    }
+}
 
 /// Where the board's points lie: middle and half the sides.
 #[derive(Clone, Copy, Debug)]
@@ -58,21 +90,23 @@ impl Shape {
         [2.0 * self.half_m.x, 2.0 * self.half_m.y]
     }
 
-    /// Priors on the two bows, which are the parameters from `first` on.
-    pub(super) fn priors(&self, first: usize) -> Vec<Prior> {
-        let sigma = |k: usize| SIGMA_M_PER_M * 2.0 * self.half_m[k];
-        (0..2).map(|k| Prior { index: first + k, mean: 0.0, sigma: sigma(k) }).collect()
+    /// Priors on bows and stretch, which are the parameters from `first` on.
+    pub(super) fn priors(&self, first: usize, stretch_sigma: f64) -> Vec<Prior> {
+        let bow = |k: usize| SIGMA_M_PER_M * 2.0 * self.half_m[k];
+        let sigmas = [bow(0), bow(1), stretch_sigma];
+        let prior = |(k, sigma)| Prior { index: first + k, mean: 0.0, sigma };
+        sigmas.into_iter().enumerate().map(prior).collect()
     }
 
-    /// d height / d bow.
-    pub(super) fn by_bow(&self, board_m: &Vector2<f64>) -> RowVector2<f64> {
-        let uv = (board_m - self.middle_m).component_div(&self.half_m);
-        RowVector2::new(1.0 - uv.x * uv.x, 1.0 - uv.y * uv.y)
+    /// d point / d form, board frame.
+    pub(super) fn by_form(&self, board_m: &Vector2<f64>) -> Matrix3<f64> {
+        let off = board_m - self.middle_m;
+        let uv = off.component_div(&self.half_m);
+        Matrix3::new(0.0, 0.0, -0.5 * off.x, 0.0, 0.0, 0.5 * off.y, 1.0 - uv.x * uv.x, 1.0 - uv.y * uv.y, 0.0)
     }
 
-    /// The point in space, board frame, m.
-    pub(super) fn point(&self, board_m: &Vector2<f64>, bow_m: &[f64; 2]) -> Vector3<f64> {
-        let by = self.by_bow(board_m);
-        Vector3::new(board_m.x, board_m.y, by.x * bow_m[0] + by.y * bow_m[1])
+    /// The point in space, board frame, m: linear in the form.
+    pub(super) fn point(&self, board_m: &Vector2<f64>, form: &Form) -> Vector3<f64> {
+        Vector3::new(board_m.x, board_m.y, 0.0) + self.by_form(board_m) * form
     }
 }

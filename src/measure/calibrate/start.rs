@@ -2,7 +2,8 @@
 
 use nalgebra::{DMatrix, Matrix3, Rotation3, Vector2, Vector3};
 
-use super::{BoardPoint, Pose, View};
+use super::adjust::Pose;
+use super::{BoardPoint, View};
 use crate::measure::geometry::Lens;
 
 /// Camera constants over the image's width of the lenses there are, from wide to long: each may be off by

@@ -1,5 +1,7 @@
 //! Is it good enough to fly? In words that tell what to do.
 
+use nalgebra::Vector2;
+
 use super::quality::Projection;
 use super::{Calibration, Dropped};
 
@@ -15,6 +17,9 @@ pub enum Verdict {
 }
 
 impl Verdict {
+    /// A pattern of the residuals beyond which a lens model does not do, px.
+    pub(super) const PATTERN_PX: f64 = GOOD_PX;
+
     /// As written: `good`, `poor`, `refused`.
     pub fn name(self) -> &'static str {
         match self {
@@ -41,6 +46,9 @@ const PATTERN_SHARE: f64 = 0.316;
 const HALVES: f64 = 3.0;
 /// Board and image plane: below this tilt, perspective hardly tells camera constant from distance, degrees.
 const TILT_DEG: f64 = 15.0;
+/// Boards that are tilted by 20 to 40 degrees to all sides lie some 30 degrees rms from their mean; a third of that is
+/// one side only, degrees.
+const PARALLEL_DEG: f64 = 10.0;
 
 /// The verdict with its reasons, the gravest first; `board` is what shows that it is not as described.
 pub fn judge(calibration: &Calibration, board: Option<String>) -> (Verdict, Vec<String>) {
@@ -48,6 +56,7 @@ pub fn judge(calibration: &Calibration, board: Option<String>) -> (Verdict, Vec<
         board.map(|reason| (Verdict::Refused, reason)),
         misfit(calibration),
         fold(calibration),
+        stretched(calibration),
         halves(calibration),
         left_out(calibration),
         uncovered(calibration),
@@ -62,13 +71,25 @@ pub fn judge(calibration: &Calibration, board: Option<String>) -> (Verdict, Vec<
 }
 
 fn fold(c: &Calibration) -> Option<(Verdict, String)> {
-    c.projections.is_none().then(|| {
-        let text = "the lens has no inverse over the whole image: no board told its distortion at the border; \
-                    show the board in all corners of the image, or let --select drop the terms that the pictures do \
-                    not tell; where the board was everywhere, Brown's model does not fit this lens: take one that is \
-                    less wide";
-        (Verdict::Refused, text.to_owned())
-    })
+    if c.projections.is_some() {
+        return None;
+    }
+    let (lens, corner, told_px) = (&c.lens, c.farthest_corner_px(), c.told_px);
+    let middle = Vector2::new(lens.cx, lens.cy);
+    let folds = |k: &i32| lens.ray(&(middle + corner * (f64::from(*k) / 100.0))).is_err();
+    let fold_px = (1..=100).find(folds).map_or(corner.norm(), |k| corner.norm() * f64::from(k) / 100.0);
+    let why = if !c.is_told() {
+        "nothing told the lens's distortion out there: show the board in all corners of the image, or let --select drop \
+         the terms that the pictures do not tell"
+    } else {
+        "neither Brown's model nor the rational one fits this lens: take one that is less wide"
+    };
+    let text = format!(
+        "the lens model has no inverse over the whole image: it folds at {fold_px:.0} px from the principal point, the \
+         image's corners lie at {:.0} px, and boards were shown up to {told_px:.0} px; {why}",
+        corner.norm()
+    );
+    Some((Verdict::Refused, text))
 }
 
 fn misfit(c: &Calibration) -> Option<(Verdict, String)> {
@@ -81,44 +102,72 @@ fn misfit(c: &Calibration) -> Option<(Verdict, String)> {
     Some((verdict, format!("the points are {:.2} px rms off: {}", c.rms_px, cause(c))))
 }
 
-/// What the residuals follow: the place in the image, the place on the board, or neither.
+/// What the residuals follow: the place in the image, the place on the board, both (the stronger first), or neither.
 fn cause(c: &Calibration) -> String {
     let (image, board) = (c.pattern.image_px, c.pattern.board_px);
-    if image.max(board) < PATTERN_SHARE * c.rms_px {
+    let lens = format!(
+        "the place in the image ({image:.2} px): {} does not fit this lens (a fisheye, or one that is too wide for it)",
+        model(c)
+    );
+    let shape = format!(
+        "the place on the board ({board:.2} px): it is not as described (count its rows and columns, measure a square \
+         or a tag and the gap), or it is bent in more than a bow"
+    );
+    let mut found: Vec<(f64, String)> = vec![(image, lens), (board, shape)];
+    found.retain(|(pattern, _)| *pattern >= PATTERN_SHARE * c.rms_px);
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let told: Vec<String> = found.into_iter().map(|(_, text)| text).collect();
+    if told.is_empty() {
         return "they follow neither the image nor the board; the pictures are blurred, dark or compressed, or the \
                 board moved while they were taken, or it is not as described"
             .to_owned();
     }
-    if image > board {
-        format!(
-            "they follow the place in the image ({image:.2} px): Brown's model does not fit this lens (a fisheye, or one \
-             that is too wide for it)"
-        )
-    } else {
-        format!(
-            "they follow the place on the board ({board:.2} px): it is not as described (count its rows and columns, \
-             measure a square or a tag and the gap), or it is bent in more than a bow"
-        )
-    }
+    format!("they follow {}", told.join("; and "))
+}
+
+fn model(c: &Calibration) -> &'static str {
+    if c.lens.denominator == [0.0; 3] { "Brown's model" } else { "the rational model" }
 }
 
 /// Where two halves of the pictures differ by more than their standard deviations let expect, those are no
 /// standard deviations.
 fn halves(c: &Calibration) -> Option<(Verdict, String)> {
     let h = c.halves.filter(|h| h.difference_px > HALVES * h.predicted_px)?;
+    let times = h.difference_px / h.predicted_px;
+    let why = if c.pattern.image_px.max(c.pattern.board_px) > PATTERN_SHARE * c.rms_px {
+        format!("the residuals ({:.2} px rms) are not random: {}", c.rms_px, cause(c))
+    } else {
+        "zoom, focus or the board's shape changed on the way; tape the rings, use a stiff board".to_owned()
+    };
     let text = format!(
-        "two halves of the pictures differ by {:.2} px at {} m, {:.1} times what their standard deviations let expect: \
-         {}",
-        h.difference_px,
-        h.distance_m,
-        h.difference_px / h.predicted_px,
-        if c.pattern.image_px.max(c.pattern.board_px) > PATTERN_SHARE * c.rms_px {
-            format!("the residuals of {:.2} px rms are not random: {}", c.rms_px, cause(c))
-        } else {
-            "zoom, focus or the board's shape changed on the way; tape the rings, use a stiff board"
-                .to_owned()
-        }
+        "two halves of the pictures give two cameras that differ by {:.2} px at {} m, {times:.1} times what their standard \
+         deviations let expect: take these for {times:.0} times as large. The cause: {why}",
+        h.difference_px, h.distance_m,
     );
+    Some((Verdict::Poor, text))
+}
+
+/// Standard deviations beyond which a stretch is no chance.
+const STRETCHED: f64 = 3.0;
+
+/// A board that is longer one way than described pulls the camera constants apart.
+fn stretched(c: &Calibration) -> Option<(Verdict, String)> {
+    let s = c.stretch?;
+    let percent = 100.0 * s.value;
+    let text = match s.stated {
+        Some(stated) if s.value.abs() > STRETCHED * stated.hypot(s.sigma) => format!(
+            "the board is stretched across its rows against along them by {percent:+.2} %, more than its scale_sigma \
+             lets expect: measure it both ways, over many squares, and mend its description"
+        ),
+        None if s.value.abs() > STRETCHED * s.sigma && s.worth_px > GOOD_PX => format!(
+            "the pictures fit better to a board that is stretched across its rows against along them by {percent:+.2} % \
+             ({:.1} standard deviations), with a camera {:.2} px away: measure the board both ways, over many squares; where it was \
+             printed to a tolerance only, state scale_sigma in its description",
+            s.value.abs() / s.sigma,
+            s.worth_px
+        ),
+        _ => return None,
+    };
     Some((Verdict::Poor, text))
 }
 
@@ -156,6 +205,12 @@ fn uncertain(c: &Calibration) -> Option<(Verdict, String)> {
     let what = if tilted < 3 {
         format!(
             "only {tilted} pictures show the board tilted by more than {TILT_DEG} degrees; tilt it by 20 to 40"
+        )
+    } else if c.spread_deg < PARALLEL_DEG {
+        format!(
+            "all boards face nearly the same way ({:.0} degrees rms from their mean), and parallel boards tell no more than \
+             one; tilt it by 20 to 40 degrees to different sides",
+            c.spread_deg
         )
     } else {
         format!("show the board some times more in the {} of the image, tilted", region(worst.worst))

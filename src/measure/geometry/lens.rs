@@ -1,4 +1,5 @@
-//! Interior orientation: pinhole with Brown's distortion in OpenCV's form (docs/model.md).
+//! Interior orientation: pinhole with Brown's distortion in OpenCV's form (docs/model.md), for wide lenses over a
+//! denominator of the same degree (OpenCV's rational model).
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, SMatrix, SVector, Vector2, Vector3};
 
@@ -28,6 +29,8 @@ pub struct Lens {
     pub p1: f64,
     /// Tangential distortion.
     pub p2: f64,
+    /// Terms r^2, r^4, r^6 of the radial distortion's denominator (OpenCV's k4, k5, k6); 0 for Brown's model.
+    pub denominator: [f64; 3],
 }
 
 /// Why a pixel has no ray.
@@ -53,15 +56,31 @@ impl Lens {
     /// A camera without distortion.
     pub fn pinhole(width: u32, height: u32, f_px: f64, cx: f64, cy: f64) -> Self {
         let (fx, fy) = (f_px, f_px);
-        Self { width, height, fx, fy, cx, cy, k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 }
+        Self {
+            width,
+            height,
+            fx,
+            fy,
+            cx,
+            cy,
+            k1: 0.0,
+            k2: 0.0,
+            k3: 0.0,
+            p1: 0.0,
+            p2: 0.0,
+            denominator: [0.0; 3],
+        }
     }
 
     /// Distorts normalised coordinates; also the 2x2 Jacobian d(distorted)/d(undistorted).
     pub fn distort(&self, n: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let (x, y) = (n.x, n.y);
         let r2 = x * x + y * y;
-        let radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
-        let slope = 2.0 * (self.k1 + r2 * (2.0 * self.k2 + 3.0 * r2 * self.k3));
+        let [above, below] = self.parts(r2);
+        let radial = above / below;
+        let [k4, k5, k6] = self.denominator;
+        let rise = |a: f64, b: f64, c: f64| a + r2 * (2.0 * b + 3.0 * r2 * c);
+        let slope = 2.0 * (rise(self.k1, self.k2, self.k3) - radial * rise(k4, k5, k6)) / below;
         let xd = x * radial + 2.0 * self.p1 * x * y + self.p2 * (r2 + 2.0 * x * x);
         let yd = y * radial + self.p1 * (r2 + 2.0 * y * y) + 2.0 * self.p2 * x * y;
         let cross = slope * x * y + 2.0 * self.p1 * x + 2.0 * self.p2 * y;
@@ -72,6 +91,13 @@ impl Lens {
             radial + slope * y * y + 6.0 * self.p1 * y + 2.0 * self.p2 * x,
         );
         (Vector2::new(xd, yd), jacobian)
+    }
+
+    /// Numerator and denominator of the radial distortion.
+    fn parts(&self, r2: f64) -> [f64; 2] {
+        let polynomial = |a: f64, b: f64, c: f64| 1.0 + r2 * (a + r2 * (b + r2 * c));
+        let [k4, k5, k6] = self.denominator;
+        [polynomial(self.k1, self.k2, self.k3), polynomial(k4, k5, k6)]
     }
 
     /// The lens with its parameters changed, in the order fx fy cx cy k1 k2 k3 p1 p2.
@@ -95,7 +121,7 @@ impl Lens {
         let n = Vector2::new(p.x / p.z, p.y / p.z);
         let (x, y, r2) = (n.x, n.y, n.norm_squared());
         let (d, _) = self.distort(&n);
-        let radial = [r2, r2 * r2, r2 * r2 * r2];
+        let radial = [r2, r2 * r2, r2 * r2 * r2].map(|r| r / self.parts(r2)[1]);
         let mut by = SMatrix::zeros();
         (by[(0, 0)], by[(1, 1)], by[(0, 2)], by[(1, 3)]) = (d.x, d.y, 1.0, 1.0);
         for (k, r) in radial.into_iter().enumerate() {
@@ -104,6 +130,17 @@ impl Lens {
         (by[(0, 7)], by[(1, 7)]) = (self.fx * 2.0 * x * y, self.fy * (r2 + 2.0 * y * y));
         (by[(0, 8)], by[(1, 8)]) = (self.fx * (r2 + 2.0 * x * x), self.fy * 2.0 * x * y);
         by
+    }
+
+    /// d pixel / d denominator at a camera-frame point.
+    pub fn by_denominator(&self, p: &Vector3<f64>) -> SMatrix<f64, 2, 3> {
+        let n = Vector2::new(p.x / p.z, p.y / p.z);
+        let [above, below] = self.parts(n.norm_squared());
+        let r2 = n.norm_squared();
+        SMatrix::from_fn(|i, k| {
+            let f = [self.fx, self.fy][i];
+            -f * n[i] * r2.powi(k as i32 + 1) * above / (below * below)
+        })
     }
 
     /// The pixel of a camera-frame point, m; `None` behind the camera.
@@ -139,7 +176,8 @@ impl Lens {
             let residual = target - d;
             if residual.norm() < INVERSE_TOLERANCE {
                 // Beyond the fold of the distortion a second, mirrored solution exists.
-                let regular = jacobian.determinant() > 0.0 && jacobian.trace() > 0.0;
+                let [_, below] = self.parts(n.norm_squared());
+                let regular = below > 0.0 && jacobian.determinant() > 0.0 && jacobian.trace() > 0.0;
                 return if regular { Ok(n) } else { Err(fail) };
             }
             let inverse = jacobian.try_inverse().ok_or(fail)?;
@@ -244,6 +282,46 @@ mod tests {
                 let difference = (lens.ray(&(pixel + step)).unwrap() - lens.ray(&(pixel - step)).unwrap()) / 2e-2;
                 prop_assert!((difference - ray_jacobian.column(axis)).norm() < 1e-9);
             }
+        }
+    }
+
+    #[test]
+    fn a_rational_lens_has_its_inverse_and_its_derivatives() {
+        // A lens of 120 degrees across.
+        let lens = Lens {
+            k1: 0.3,
+            k2: 0.02,
+            k3: 0.001,
+            p1: 1e-4,
+            denominator: [0.55, 0.08, 0.003],
+            ..Lens::pinhole(1280, 960, 560.0, 650.0, 498.0)
+        };
+        for (u, v) in [(0.0, 0.0), (1279.0, 0.0), (640.0, 959.0), (300.0, 700.0)] {
+            let ray = lens.ray(&Vector2::new(u, v)).unwrap();
+            let point = ray / ray.z * 3.0;
+            let (pixel, by_point) = lens.project_with_jacobian(&point).unwrap();
+            assert!((pixel - Vector2::new(u, v)).norm() < 1e-8);
+            let mut differences = vec![];
+            for axis in 0..3 {
+                let mut step = Vector3::zeros();
+                step[axis] = 1e-5;
+                let by =
+                    (lens.project(&(point + step)).unwrap() - lens.project(&(point - step)).unwrap()) / 2e-5;
+                differences.push((by - by_point.column(axis)).norm());
+            }
+            for k in 0..3 {
+                let at = |sign: f64| {
+                    let mut other = lens;
+                    other.denominator[k] += sign * 1e-7;
+                    other.project(&point).unwrap()
+                };
+                let by = (at(1.0) - at(-1.0)) / 2e-7;
+                differences.push((by - lens.by_denominator(&point).column(k)).norm());
+            }
+            let by = |k1: f64| Lens { k1, ..lens }.project(&point).unwrap();
+            let by_k1 = (by(lens.k1 + 1e-6) - by(lens.k1 - 1e-6)) / 2e-6;
+            differences.push((by_k1 - lens.by_parameters(&point).column(4)).norm());
+            assert!(differences.iter().all(|d| *d < 1e-3), "{differences:?}");
         }
     }
 

@@ -71,13 +71,14 @@ impl BoardPicture {
         let (width, height) = (self.lens.width as usize, self.lens.height as usize);
         let mut luma = Vec::with_capacity(width * height);
         let mut below = self.traced_row(0);
+        let samples = self.samples();
         for y in 0..height {
             let row = std::mem::replace(&mut below, self.traced_row(y + 1));
             for x in 0..width {
                 let next = (x + 1).min(width - 1);
                 let grey = match (row[x], row[next], below[x]) {
                     (Some(here), Some(right), Some(down)) if next > x => {
-                        self.grey(&here, right - here, down - here)
+                        self.grey(&here, right - here, down - here, &samples)
                     }
                     _ => GREY[2],
                 };
@@ -127,29 +128,44 @@ impl BoardPicture {
         (ray.z.abs() > 1e-9 && !beside(cell.x, squares.x) && !beside(cell.y, squares.y)).then_some(place)
     }
 
-    fn grey(&self, here: &Vector2<f64>, right: Vector2<f64>, down: Vector2<f64>) -> f64 {
+    /// Places about a pixel, px, and their weights.
+    fn samples(&self) -> Vec<(Vector2<f64>, f64)> {
+        let middle = 0.5 * f64::from(SAMPLES - 1);
+        let one = |k: i32| {
+            let off = Vector2::new(f64::from(k % SAMPLES) - middle, f64::from(k / SAMPLES) - middle)
+                * self.step_px();
+            (off, (-0.5 * off.norm_squared() / self.blur_px.powi(2)).exp())
+        };
+        (0..SAMPLES * SAMPLES).map(one).collect()
+    }
+
+    fn step_px(&self) -> f64 {
+        2.0 * REACH * self.blur_px / f64::from(SAMPLES)
+    }
+
+    fn grey(
+        &self,
+        here: &Vector2<f64>,
+        right: Vector2<f64>,
+        down: Vector2<f64>,
+        samples: &[(Vector2<f64>, f64)],
+    ) -> f64 {
         let by_pixel = Matrix2::from_columns(&[right, down]);
         let extent = Vector2::new(by_pixel.row(0).norm(), by_pixel.row(1).norm());
         let clear = |v: f64, extent: f64| {
             let cell = v / self.square_m;
             ((cell - cell.round()) * self.square_m).abs() > extent * (REACH * self.blur_px + 1.0)
         };
-        let step = 2.0 * REACH * self.blur_px / f64::from(SAMPLES);
-        let ramp = extent * (0.5 * step);
+        let ramp = extent * (0.5 * self.step_px());
         if !self.on_board(here)
             || (clear(here.x, extent.x) && clear(here.y, extent.y) && self.inside_squares(here))
         {
             return self.reflectance(here, &ramp);
         }
         let (mut sum, mut weights) = (0.0, 0.0);
-        for j in 0..SAMPLES {
-            for i in 0..SAMPLES {
-                let middle = 0.5 * f64::from(SAMPLES - 1);
-                let off = Vector2::new(f64::from(i) - middle, f64::from(j) - middle) * step;
-                let weight = (-0.5 * off.norm_squared() / self.blur_px.powi(2)).exp();
-                sum += weight * self.reflectance(&(here + by_pixel * off), &ramp);
-                weights += weight;
-            }
+        for (off, weight) in samples {
+            sum += weight * self.reflectance(&(here + by_pixel * off), &ramp);
+            weights += weight;
         }
         sum / weights
     }
