@@ -26,6 +26,7 @@ mod simulate;
 mod solve;
 mod solve_store;
 mod status;
+mod stress;
 mod verify;
 
 use std::ffi::OsString;
@@ -95,6 +96,8 @@ enum Command {
     Trigger(status::TriggerArgs),
     /// Export a store's results for other tools
     Export(export::Args),
+    /// Bending moments against ground from the curvature: extremes, cycles, relative damage
+    Stress(stress::Args),
     /// Serve the download page for a store, without the daemon
     Serve(serve::Args),
     /// Render frames of a wing with known truth
@@ -164,6 +167,7 @@ pub fn main() -> ExitCode {
         Command::Status(args) => status::status(&args),
         Command::Trigger(args) => status::trigger(&args),
         Command::Export(args) => export::run(&args),
+        Command::Stress(args) => stress::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Simulate(args) => simulate::run(&args),
     };

@@ -5,6 +5,7 @@
 //! | `summary` | the records of a series | means, standard deviations, scatter |
 //! | `table` | records, detections, summaries | text for a terminal |
 //! | `source` | a store | what the report shows |
+//! | `stress` | the bending lines of a flight, the stiffness | moments, extremes, cycles, damage |
 //! | `compare` | two sets of results | what changed |
 //! | `overview` | a store | a flight's series in a line each, without reading whole records |
 //! | `html` | that | one page that opens offline |
@@ -25,6 +26,7 @@ pub mod overview;
 pub mod plan_figure;
 pub mod protocol;
 pub mod source;
+pub mod stress;
 pub mod summary;
 pub mod table;
 
