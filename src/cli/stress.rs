@@ -6,12 +6,13 @@ use serde_json::json;
 
 use super::solve_store::flights;
 use super::{Done, Failure, print};
+use crate::clock::Stamp;
 use crate::installation::{self, Installation, Structure};
 use crate::measure::stress::{Curvature, Section, USUAL_BENDING_HZ, bending_length_m};
 use crate::report::grid::Grid;
 use crate::report::number::{NONE, fixed, rounded};
-use crate::report::source;
 use crate::report::stress::{self, FlightLoad, Frame, Question, StationLoad};
+use crate::report::{ShotData, source};
 use crate::store::sets::{self, ResultSet};
 use crate::store::{FlightRef, RealDisk, StoreError, catalogue, installations};
 
@@ -171,7 +172,7 @@ fn frames(flight: &FlightRef, set: &ResultSet, line: &Line) -> Result<(Vec<Frame
         let Some(read) = source::read_series(&RealDisk, &series, Some(set), &mut left_out) else { continue };
         for record in &read.records {
             let shot = read.shots.iter().find(|shot| shot.image.as_ref() == Some(&record.image));
-            let Some(stamp) = shot.and_then(|shot| shot.stamp.clone()) else { continue };
+            let Some(stamp) = shot.and_then(exposed) else { continue };
             match stress::coefficients(record) {
                 Err(why) => left_out.push(format!("{}/{}: {why}", series.id, record.image)),
                 Ok((coefficients_per_m, covariance)) => frames.push(Frame {
@@ -189,6 +190,17 @@ fn frames(flight: &FlightRef, set: &ResultSet, line: &Line) -> Result<(Vec<Frame
         }
     }
     Ok((frames, left_out))
+}
+
+/// The instant of exposure as a stamp.
+fn exposed(shot: &ShotData) -> Option<Stamp> {
+    let asked = shot.stamp.clone()?;
+    let told = shot.exposure.as_ref();
+    Some(told.map_or(asked.clone(), |exposure| Stamp {
+        utc: exposure.exposure_time,
+        since_boot_s: exposure.exposure_since_boot_s,
+        ..asked
+    }))
 }
 
 const MOMENTS_HEADER: &str =

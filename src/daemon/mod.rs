@@ -259,6 +259,7 @@ pub fn run(parts: Parts, board: &Board) -> Result<Status, DaemonError> {
     let recorder = Recorder {
         camera: capture::Host::new(parts.cameras, parts.series.open_deadline, halt.clone()),
         freshness: Freshness::remembering(parts.series.stale_window),
+        camera_clock_offset_s: None,
         config: parts.series,
         store: parts.store,
         clock: parts.clock,

@@ -35,6 +35,7 @@ mod sample;
 
 use crate::camera::Format;
 use crate::clock::Stamp;
+use crate::clock::exposure::Exposure;
 use crate::measure::geometry::WingFrame;
 use crate::measure::setup::{Setup, SurveyMarker};
 use crate::record::{CurveRecord, ImageRecord};
@@ -75,6 +76,8 @@ pub struct ShotData {
     pub image: Option<String>,
     /// When the camera was asked.
     pub stamp: Option<Stamp>,
+    /// When the frame was exposed.
+    pub exposure: Option<Exposure>,
     /// SHA-256 of the frame, hexadecimal.
     pub sha256: Option<String>,
     /// How to read the frame.

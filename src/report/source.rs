@@ -174,7 +174,8 @@ fn shot(shot: Shot) -> ShotData {
         None => (None, None, None),
     };
     let format = format.and_then(|f| serde_json::from_value(f).ok());
-    ShotData { number: shot.shot, image, stamp: Some(shot.stamp), sha256, format, failures }
+    let (number, exposure) = (shot.shot, shot.exposure);
+    ShotData { number, image, stamp: Some(shot.stamp), exposure, sha256, format, failures }
 }
 
 fn refusals(disk: &dyn Disk, root: &Path) -> Vec<String> {

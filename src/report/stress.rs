@@ -16,7 +16,7 @@ pub struct Frame {
     pub series: String,
     /// File in the series' folder.
     pub image: String,
-    /// When.
+    /// When it was exposed; where that is not told, when the camera was asked.
     pub stamp: Stamp,
     /// Its bending line.
     pub curvature: Curvature,

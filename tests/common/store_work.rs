@@ -90,7 +90,7 @@ impl Work {
             let failures = if failed { vec![why] } else { Vec::new() };
             let bytes = format!("frame {n} {shot} {} ", self.time_s).repeat(10).into_bytes();
             let stamp = moment(self.time_s);
-            let shot = Shot { shot, stamp, duration_s: Some(0.1), frame: None, failures };
+            let shot = Shot { shot, stamp, duration_s: Some(0.1), exposure: None, frame: None, failures };
             let frame =
                 NewFrame { bytes: &bytes, extension: "jpg", format: Value::Null, settings: Map::new() };
             series.add_shot(shot, (!failed).then_some(frame))?;

@@ -208,6 +208,8 @@ fn flag(rows: &[Row], name: &str, of: impl Fn(&Row) -> Option<bool>) -> Column {
 
 fn identity(series: &SeriesData, common: &Common, rows: &[Row]) -> Vec<Column> {
     let utc = |row: &Row| Some(row.shot?.stamp.as_ref()?.utc.as_microsecond());
+    let exposure = |row: &Row| row.shot.and_then(|shot| shot.exposure.clone());
+    let exposed = |row: &Row| Some(exposure(row)?.exposure_time.as_microsecond());
     let stamp = |row: &Row| row.shot.and_then(|shot| shot.stamp.clone());
     vec![
         text(rows, "recorder_id", |_| common.store_id.clone()),
@@ -222,6 +224,10 @@ fn identity(series: &SeriesData, common: &Common, rows: &[Row]) -> Vec<Column> {
         flag(rows, "utc_synchronised", |row| Some(stamp(row)?.utc_synchronised)),
         text(rows, "boot_id", |row| Some(stamp(row)?.boot_id)),
         number(rows, "since_boot_s", |row| Some(stamp(row)?.since_boot_s)),
+        Column { name: "exposure_time".to_owned(), values: Values::Time(rows.iter().map(exposed).collect()) },
+        number(rows, "exposure_sigma_s", |row| Some(exposure(row)?.exposure_sigma_s)),
+        text(rows, "exposure_source", |row| Some(exposure(row)?.exposure_source.name().to_owned())),
+        number(rows, "clock_sigma_s", |row| exposure(row)?.clock_sigma_s),
         text(rows, "status", |row| Some(status(row).to_owned())),
         text(rows, "reason", |row| row.image.and_then(|i| i.reason.clone())),
     ]

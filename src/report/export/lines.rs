@@ -22,6 +22,7 @@ pub fn lines(output: &mut dyn Write, series: &SeriesData, store_id: Option<&str>
             "utc_synchronised": stamp.map(|s| s.utc_synchronised),
             "boot_id": stamp.map(|s| &s.boot_id),
             "since_boot_s": stamp.map(|s| s.since_boot_s),
+            "exposure": shot.exposure,
             "camera_failures": shot.failures,
             "inputs": record.and(series.inputs.as_ref()),
             "record": record,
