@@ -121,6 +121,7 @@ impl Flight {
         let mut provenance = Map::new();
         provenance.insert("installation".to_owned(), Value::from("test"));
         let parts = Parts {
+            live: wingd::daemon::LiveConfig::default(),
             series: self.series.clone(),
             power: daemon::PowerConfig::default(),
             status: self.status.clone(),

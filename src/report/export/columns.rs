@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use serde_json::{Map, Value};
 
 use super::super::{SeriesData, ShotData};
+use crate::aircraft::Quantity;
 use crate::record::{CurveRecord, ImageRecord, MarkerRecord, Status, TorsionRecord};
 use crate::store::installations;
 
@@ -242,8 +243,23 @@ fn status(row: &Row) -> &'static str {
     }
 }
 
+/// What the aircraft's data say of a shot: each quantity with its standard deviation.
+fn aircraft_columns(rows: &[Row]) -> Vec<Column> {
+    let joined =
+        |row: &Row, quantity: &Quantity| row.shot.and_then(|shot| shot.aircraft.get(quantity)).copied();
+    let both = |quantity: Quantity| {
+        let (name, sigma) = (quantity.name(), format!("sigma_{}", quantity.name()));
+        [
+            number(rows, name, |row| Some(joined(row, &quantity)?.value)),
+            number(rows, &sigma, |row| Some(joined(row, &quantity)?.sigma)),
+        ]
+    };
+    Quantity::ALL.into_iter().flat_map(both).collect()
+}
+
 fn shot_columns(rows: &[Row]) -> Vec<Column> {
     let mut columns = image_columns(rows);
+    columns.extend(aircraft_columns(rows));
     let failures = |row: &Row| row.shot.map(|s| s.failures.join("; ")).filter(|text| !text.is_empty());
     columns.push(count(rows, "failed_attempts", |row| Some(row.shot?.failures.len())));
     columns.push(text(rows, "camera_failures", failures));
