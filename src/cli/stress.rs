@@ -10,7 +10,7 @@ use crate::clock::Stamp;
 use crate::installation::{self, Installation, Structure};
 use crate::measure::stress::{Curvature, Section, USUAL_BENDING_HZ, bending_length_m};
 use crate::report::grid::Grid;
-use crate::report::number::{NONE, fixed, rounded};
+use crate::report::number::{NONE, fixed, general, rounded};
 use crate::report::stress::{self, FlightLoad, Frame, Question, StationLoad};
 use crate::report::{ShotData, source};
 use crate::store::sets::{self, ResultSet};
@@ -237,7 +237,7 @@ fn show(args: &Args, flight: &FlightRef, set: &ResultSet, load: &FlightLoad) -> 
         }
         return print(&line.to_string());
     }
-    let rate = fixed(load.rate_hz, 3);
+    let rate = load.rate_hz.map_or(NONE.to_owned(), general);
     print(&format!("Flight {}: {} frames, {rate} a second; change against ground", flight.id, load.frames))?;
     print(table(load).text().trim_end())?;
     load.no_cycles_because.as_ref().map_or(Ok(()), |why| print(&format!("No cycles: {why}")))

@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
+use super::number::general;
 use crate::clock::Stamp;
 use crate::measure::stress::{
     self, Curvature, Goodman, GroundAirGround, Moment, OverAFlight, SAMPLES_PER_PERIOD, Sampling, Section,
@@ -212,7 +213,8 @@ pub fn of(frames: &[Frame], question: &Question) -> Option<FlightLoad> {
 }
 
 fn no_cycles(sampling: &Sampling, bending_hz: f64) -> Option<String> {
-    let rate = sampling.rate_hz.map_or("one frame".to_owned(), |rate| format!("{rate:.3} frames a second"));
+    let rate =
+        sampling.rate_hz.map_or("one frame".to_owned(), |rate| format!("{} frames a second", general(rate)));
     (!sampling.tells_cycles()).then(|| {
         format!(
             "{rate} tell no cycles of a wing that bends at {bending_hz} Hz and above: {} a second are needed, \

@@ -111,17 +111,17 @@ pub fn exceedances(moments: &[Moment], count: usize) -> Vec<Exceedance> {
 /// A history's cycles, from the ground to the ground.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OverAFlight {
-    /// Of at least the gate.
+    /// Whose range is at least three of its standard deviations.
     pub cycles: Vec<Cycle>,
     /// Standard deviation of each one's range from the curvature, N m.
     pub sigmas_n_m: Vec<f64>,
-    /// Smallest range that is counted, N m.
+    /// Smallest range that is counted between two usual frames, N m; from the ground, which is exact, less.
     pub gate_n_m: f64,
     /// Cycles below, halves as such: noise, or not told from it.
     pub left_out: f64,
 }
 
-/// Smallest range that is told from noise: three standard deviations of a range, N m.
+/// Smallest range between two usual frames that is told from noise, N m.
 fn gate(moments: &[Moment]) -> f64 {
     let mut sigmas: Vec<f64> = moments.iter().map(|m| m.sigma_by_curvature).collect();
     sigmas.sort_by(f64::total_cmp);
@@ -133,12 +133,16 @@ pub fn over_a_flight(moments: &[Moment]) -> OverAFlight {
     let on_ground = std::iter::once((0.0, 0.0));
     let in_flight = moments.iter().map(|m| (m.value, m.sigma_by_curvature));
     let (values, sigmas): (Vec<f64>, Vec<f64>) = on_ground.clone().chain(in_flight).chain(on_ground).unzip();
-    let gate_n_m = gate(moments);
+    let at = |k: usize| sigmas.get(k).copied().unwrap_or(0.0);
+    let sigma = |cycle: &Cycle| at(cycle.ends[0]).hypot(at(cycle.ends[1]));
     let (cycles, small): (Vec<Cycle>, Vec<Cycle>) =
-        rainflow::cycles(&values).into_iter().partition(|cycle| cycle.range >= gate_n_m);
-    let sigma = |k: usize| sigmas.get(k).copied().unwrap_or(0.0);
-    let sigmas_n_m = cycles.iter().map(|cycle| sigma(cycle.ends[0]).hypot(sigma(cycle.ends[1]))).collect();
-    OverAFlight { cycles, sigmas_n_m, gate_n_m, left_out: small.iter().map(|cycle| cycle.count).sum() }
+        rainflow::cycles(&values).into_iter().partition(|cycle| cycle.range >= GATE * sigma(cycle));
+    OverAFlight {
+        sigmas_n_m: cycles.iter().map(sigma).collect(),
+        cycles,
+        gate_n_m: gate(moments),
+        left_out: small.iter().map(|cycle| cycle.count).sum(),
+    }
 }
 
 /// Goodman's line: the moments that a mean is measured against, N m.
@@ -250,6 +254,14 @@ mod tests {
         close(flight.left_out, 1.0);
         close(damage(&flight, &whole, 3.0, None, 0.0).relative, 1.0 + 2.0 * 0.125);
         close(damage(&flight, &whole, 5.0, None, 0.0).relative, 1.0 + 2.0 / 32.0);
+    }
+
+    #[test]
+    fn the_way_from_the_ground_counts_where_one_frame_tells_it() {
+        // 3.5 standard deviations of one frame, fewer than three of two.
+        let (whole, flight) = (ground_air_ground(&[moment(0.35)]).unwrap(), over_a_flight(&[moment(0.35)]));
+        assert!(flight.gate_n_m > 0.35);
+        close(damage(&flight, &whole, 3.0, None, 0.0).relative, 1.0);
     }
 
     #[test]
