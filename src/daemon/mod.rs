@@ -14,6 +14,7 @@ pub mod aircraft;
 mod capture;
 mod halt;
 mod live;
+pub mod machine;
 mod metrics;
 pub mod power;
 mod processing;

@@ -1,5 +1,6 @@
 //! Capturing: waits for the schedule, takes series, stores every frame before anything computes on it.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::Duration;
@@ -8,6 +9,7 @@ use serde_json::{Map, Value};
 
 use super::capture::Host;
 use super::halt::Halt;
+use super::machine;
 use super::schedule::{self, Moment, Next, Progress};
 use super::status::{Activity, Board};
 use super::{Event, Observer, SeriesConfig};
@@ -165,6 +167,9 @@ impl Recorder {
             Err(error) => return self.refused(&error),
         };
         log_recovery(&recovery);
+        if let Some(machine) = machine::line(Path::new(machine::SYS)) {
+            tracing::info!(machine, "temperatures and supply");
+        }
         tracing::info!(series = series.id(), flight = series.flight(), ?cause, "series begins");
         self.board.update(|status| {
             status.activity = Activity::Capturing;
