@@ -6,8 +6,13 @@
 //! hung camera hangs in machine time. [`Simulated`] time therefore moves only while the recorder
 //! waits, and the times of a simulated flight do not depend on the speed of the machine.
 
+pub mod exposure;
+pub mod quality;
+
 use std::sync::Mutex;
 use std::time::Duration;
+
+use quality::Quality;
 
 /// A moment as a shot keeps it, so that times can be mended later.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -28,6 +33,8 @@ pub trait Clock: Send + Sync {
     fn stamp(&self) -> Stamp;
     /// Since boot; never goes back.
     fn since_boot(&self) -> Duration;
+    /// How far UTC may be trusted now.
+    fn quality(&self) -> Quality;
     /// How long the machine waits for `duration` to pass on this clock.
     fn machine_time(&self, duration: Duration) -> Duration {
         duration
@@ -67,21 +74,46 @@ impl Clock for System {
     fn stamp(&self) -> Stamp {
         Stamp {
             utc: jiff::Timestamp::now(),
-            utc_synchronised: utc_synchronised(),
+            utc_synchronised: self.quality().synchronised,
             boot_id: self.boot_id.clone(),
             since_boot_s: self.since_boot().as_secs_f64(),
         }
     }
 
+    fn quality(&self) -> Quality {
+        quality::of_the_kernel()
+            .filter(|quality| quality.synchronised)
+            .unwrap_or_else(|| Quality::unasked(utc_was_set()))
+    }
+
     fn since_boot(&self) -> Duration {
-        let time = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
-        Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
+        read(rustix::time::ClockId::Boottime)
     }
 }
 
-/// systemd-timesyncd leaves this file when it has set the clock since boot. The kernel's own flag
-/// needs `adjtimex`, which a sandboxed service (`ProtectClock=`) may not call.
-fn utc_synchronised() -> bool {
+fn read(clock: rustix::time::ClockId) -> Duration {
+    let time = rustix::time::clock_gettime(clock);
+    Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
+}
+
+/// The machine's time since boot, s: what cameras stamp with.
+pub fn since_boot_s() -> f64 {
+    read(rustix::time::ClockId::Boottime).as_secs_f64()
+}
+
+/// The machine's monotonic time, s, which drivers stamp with: it stands still while the machine sleeps.
+pub fn monotonic_s() -> f64 {
+    read(rustix::time::ClockId::Monotonic).as_secs_f64()
+}
+
+/// Time since boot of a monotonic time, s.
+pub fn since_boot_of_monotonic(at_s: f64) -> f64 {
+    at_s + (since_boot_s() - monotonic_s())
+}
+
+/// systemd-timesyncd leaves this file when it has set the clock since boot, and other services may; it is the only sign
+/// where the kernel may not be asked, or is not told (chrony without `rtcsync`).
+fn utc_was_set() -> bool {
     std::path::Path::new("/run/systemd/timesync/synchronized").exists()
 }
 
@@ -140,6 +172,10 @@ impl Clock for Simulated {
 
     fn since_boot(&self) -> Duration {
         self.with(|time| time.since_boot)
+    }
+
+    fn quality(&self) -> Quality {
+        Quality::exact()
     }
 
     fn machine_time(&self, duration: Duration) -> Duration {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use crate::camera::section::CameraSection;
-use crate::daemon::{PowerConfig, SeriesConfig, StatusConfig};
+use crate::daemon::{LiveConfig, PowerConfig, SeriesConfig, StatusConfig};
 use crate::http::section::ServeConfig;
 use crate::installation::Fault;
 use crate::measure::adjust::{Method, Options};
@@ -32,6 +32,9 @@ pub struct Config {
     /// `[power]`.
     #[serde(default)]
     pub power: PowerConfig,
+    /// `[live]`.
+    #[serde(default)]
+    pub live: LiveConfig,
     /// `[solve]`.
     #[serde(default)]
     pub solve: SolveConfig,
@@ -155,6 +158,7 @@ impl Config {
         texts.extend(self.series.faults());
         texts.extend(self.store.faults());
         texts.extend(self.power.faults());
+        texts.extend(self.live.faults());
         let mut faults: Vec<Fault> = texts.iter().map(|text| split(file, text)).collect();
         if let Some(serve) = &self.serve {
             let place = |key: &str| (file.to_owned(), format!("serve.{key}"));

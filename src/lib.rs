@@ -7,13 +7,15 @@
 //! |---|---|---|
 //! | 1 | [`measure`] | pure: pixels and surveys in, deflection out |
 //! | 2 | [`installation`], [`clock`], [`record`] | the prepared directory; time; the result as written |
-//! | 3 | [`camera`], [`store`] | shots; safe keeping |
-//! | 4 | [`pipeline`] | from frame bytes and an installation to a record |
-//! | 5 | [`report`], [`daemon`] | figures and tables; the recorder |
-//! | 6 | [`http`] | read-only download page |
-//! | 7 | [`config`] | composes every module's own section |
-//! | 8 | [`cli`] | one file per command |
+//! | 3 | [`aircraft`] | the aircraft's own data, joined by time tag |
+//! | 4 | [`camera`], [`store`] | shots; safe keeping |
+//! | 5 | [`pipeline`] | from frame bytes and an installation to a record |
+//! | 6 | [`report`], [`daemon`] | figures and tables; the recorder |
+//! | 7 | [`http`] | read-only download page |
+//! | 8 | [`config`] | composes every module's own section |
+//! | 9 | [`cli`] | one file per command |
 
+pub mod aircraft;
 pub mod camera;
 pub mod cli;
 pub mod clock;

@@ -6,19 +6,20 @@ use std::path::{Path, PathBuf};
 use syn::visit::Visit;
 
 /// Module -> layer; the table of `src/lib.rs`.
-const LAYERS: [(&str, usize); 12] = [
+const LAYERS: [(&str, usize); 13] = [
     ("measure", 1),
     ("installation", 2),
     ("clock", 2),
     ("record", 2),
-    ("camera", 3),
-    ("store", 3),
-    ("pipeline", 4),
-    ("report", 5),
-    ("daemon", 5),
-    ("http", 6),
-    ("config", 7),
-    ("cli", 8),
+    ("aircraft", 3),
+    ("camera", 4),
+    ("store", 4),
+    ("pipeline", 5),
+    ("report", 6),
+    ("daemon", 6),
+    ("http", 7),
+    ("config", 8),
+    ("cli", 9),
 ];
 
 /// What `measure` may not touch.

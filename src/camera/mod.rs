@@ -1,6 +1,7 @@
 //! Cameras: replay, V4L2, gphoto; the remote release.
 
 pub mod deadline;
+pub mod exif;
 pub mod freshness;
 #[cfg(feature = "gphoto")]
 pub mod gphoto;
@@ -16,6 +17,8 @@ use std::time::Duration;
 
 use serde_json::{Map, Value};
 
+use crate::clock::exposure::Evidence;
+
 /// A frame as the camera delivered it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
@@ -25,6 +28,8 @@ pub struct Frame {
     pub format: Format,
     /// What the camera says of the shot: exposure, counter, its own time. Kept in `series.json`.
     pub settings: Map<String, Value>,
+    /// What the camera knows of when it exposed; `None`: between asking and delivery.
+    pub exposed: Option<Evidence>,
 }
 
 /// How a frame's bytes are to be read; also gives the file's ending.

@@ -228,7 +228,7 @@ impl Replay {
         let mut settings = Map::new();
         let name = item.file.file_name().unwrap_or_default().to_string_lossy();
         settings.insert("source".to_owned(), Value::from(name.into_owned()));
-        let frame = Frame { bytes, format, settings };
+        let frame = Frame { bytes, format, settings, exposed: None };
         self.progress(|progress| progress.last = Some(frame.clone()));
         Ok(frame)
     }

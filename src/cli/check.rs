@@ -8,6 +8,7 @@ use super::{Done, Failure, print};
 use crate::camera::section::CameraSection;
 use crate::clock::System;
 use crate::config::{self, Config};
+use crate::daemon::machine;
 use crate::installation::{self, Fault};
 use crate::store::{RealDisk, is_vacant, unwritable, verify};
 
@@ -41,11 +42,35 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         if !args.no_camera {
             check_camera(&config, file, &mut said, &mut faults);
         }
+        said.extend(cabin(&config, Path::new(machine::SYS)));
     }
     if !said.is_empty() {
         print(&said.join("\n"))?;
     }
     if faults.is_empty() { Ok(Done::All) } else { Err(Failure::Faults(faults)) }
+}
+
+/// What the rules of the cabin ask: transmitters, heat, supply, how long a stop takes. No fault: the operator decides.
+fn cabin(config: &Config, sys: &Path) -> Vec<String> {
+    let radios = machine::radios(sys);
+    let open: Vec<String> =
+        radios.iter().filter(|r| !r.blocked).map(|r| format!("{} ({})", r.name, r.kind)).collect();
+    let radios = match (radios.len(), open.is_empty()) {
+        (0, _) => "the kernel knows none".to_owned(),
+        (n, true) => format!("{n}, all blocked"),
+        (_, false) => format!("NOT BLOCKED: {}; block them: rfkill block all", open.join(", ")),
+    };
+    let machine = machine::line(sys).unwrap_or("the kernel does not say".to_owned());
+    let power = &config.power;
+    let hold_up = match power.watches() {
+        false => "; no line or file says that the power fails".to_owned(),
+        true => format!("; once the power fails all is durable within {:?}", power.hold_up),
+    };
+    vec![
+        format!("radios         {radios}"),
+        format!("machine        {machine}"),
+        format!("a stop takes   at most {:?}{hold_up}", power.stop_within),
+    ]
 }
 
 /// `flies`: it is to solve frames, and needs its orientation.

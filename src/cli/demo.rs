@@ -95,6 +95,7 @@ fn fly(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
             ..SeriesConfig::default()
         },
         store: StoreConfig { reserve_mb: 100, ..StoreConfig::at(output.join("store")) },
+        live: crate::daemon::LiveConfig::default(),
         power: PowerConfig::default(),
         status: StatusConfig { socket: output.join("wingd.sock") },
         solve: SolveConfig::default(),

@@ -1,5 +1,6 @@
 //! One file per command. Results go to standard output, logs and progress to standard error.
 
+mod aircraft_data;
 mod calibrate;
 #[cfg(feature = "gphoto")]
 mod camera_child;
@@ -26,6 +27,7 @@ mod simulate;
 mod solve;
 mod solve_store;
 mod status;
+mod stress;
 mod verify;
 
 use std::ffi::OsString;
@@ -95,6 +97,10 @@ enum Command {
     Trigger(status::TriggerArgs),
     /// Export a store's results for other tools
     Export(export::Args),
+    /// Take a table of the aircraft's own data into a flight
+    AircraftData(aircraft_data::Args),
+    /// Bending moments against ground from the curvature: extremes, cycles, relative damage
+    Stress(stress::Args),
     /// Serve the download page for a store, without the daemon
     Serve(serve::Args),
     /// Render frames of a wing with known truth
@@ -164,6 +170,8 @@ pub fn main() -> ExitCode {
         Command::Status(args) => status::status(&args),
         Command::Trigger(args) => status::trigger(&args),
         Command::Export(args) => export::run(&args),
+        Command::AircraftData(args) => aircraft_data::run(&args),
+        Command::Stress(args) => stress::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Simulate(args) => simulate::run(&args),
     };

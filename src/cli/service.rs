@@ -76,6 +76,7 @@ pub fn run(
     let parts = Parts {
         series: config.series.clone(),
         power: config.power.clone(),
+        live: config.live.clone(),
         status: Some(config.status.clone()),
         store,
         recovery,

@@ -60,6 +60,9 @@ pub struct Args {
     /// Estimate variance components of image and survey
     #[arg(long)]
     variance_components: bool,
+    /// Of a store: hold air and temperatures as the installation states them, though there are aircraft data
+    #[arg(long)]
+    pub(super) no_aircraft_data: bool,
     /// Print the readable protocol of each adjustment
     #[arg(long, conflicts_with = "json")]
     protocol: bool,

@@ -4,16 +4,18 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use super::solve::{Args, Output, job};
 use super::{Done, Failure, frames};
+use crate::aircraft::Track;
 use crate::camera::Format;
 use crate::installation::{self, Installation};
 use crate::measure::adjust::Mounting;
 use crate::measure::setup::Orientation;
 use crate::pipeline::{self, Job, Sighting, stages};
 use crate::record::ImageRecord;
+use crate::report::aircraft;
 use crate::store::{
     self, Disk, FlightRef, FrameRef, Inputs, RealDisk, Store, StoreConfig, StoreError, catalogue,
     installations, sets,
@@ -81,7 +83,9 @@ fn solve_flight(args: &Args, store: &Store, flight: &FlightRef, output: &mut Out
     let installation = installation_for(args, store, flight)?;
     let orientation = installation.require_orientation()?;
     let job = job(args);
-    let work = Work { args, store, flight, installation: &installation, orientation, job: &job };
+    let (track, digest) = aircraft_data(args, store, flight)?;
+    let work =
+        Work { args, store, flight, installation: &installation, orientation, job: &job, track, digest };
     if args.together() { work.together(output) } else { work.one_by_one(output) }?;
     if let Some(warning) = sets::of_flight(store.disk(), flight).map_err(undone)?.warning(&flight.id, None) {
         eprintln!("wingd: {warning}");
@@ -96,11 +100,33 @@ struct Work<'a> {
     installation: &'a Installation,
     orientation: &'a Orientation,
     job: &'a Job,
+    /// The aircraft's data, and their digest where there are any.
+    track: Track,
+    digest: Option<String>,
+}
+
+/// The aircraft's data of a flight, where they are wanted.
+fn aircraft_data(args: &Args, store: &Store, flight: &FlightRef) -> Result<(Track, Option<String>), Failure> {
+    if args.no_aircraft_data {
+        return Ok((Track::default(), None));
+    }
+    let (track, notes) = aircraft::track(store.disk(), store.root(), flight).map_err(undone)?;
+    for note in notes {
+        eprintln!("wingd: {note}");
+    }
+    if track.is_empty() {
+        return Ok((track, None));
+    }
+    let digest = store::aircraft::digest(store.disk(), store.root(), flight).map_err(undone)?;
+    eprintln!("wingd: {}: air and wing's temperature from {} aircraft samples", flight.id, track.len());
+    Ok((track, digest))
 }
 
 impl Work<'_> {
     fn one_by_one(&self, output: &mut Output) -> Result<(), Failure> {
-        let inputs = Inputs::new(pipeline::inputs(self.installation, self.job));
+        let mut provenance = pipeline::inputs(self.installation, self.job);
+        self.name_aircraft(&mut provenance);
+        let inputs = Inputs::new(provenance);
         let frames = self.store.unsolved_of(self.flight, &inputs).map_err(undone)?;
         self.announce(frames.len());
         let solve = |frame: &FrameRef, bytes: Result<&[u8], String>| {
@@ -119,6 +145,7 @@ impl Work<'_> {
         let mut provenance = pipeline::inputs(self.installation, &job);
         let digests: String = frames.iter().map(|frame| format!("{}\n", frame.entry.sha256)).collect();
         provenance.insert("frames_together".into(), store::sha256(digests.as_bytes()).into());
+        self.name_aircraft(&mut provenance);
         let inputs = Inputs::new(provenance);
         let left = self.store.unsolved_of(self.flight, &inputs).map_err(undone)?;
         self.announce(left.len());
@@ -140,6 +167,12 @@ impl Work<'_> {
         pairs.try_for_each(|(frame, record)| self.add(frame, &inputs, record, output))
     }
 
+    /// A result follows from the aircraft's data too.
+    fn name_aircraft(&self, provenance: &mut Map<String, Value>) {
+        provenance
+            .extend(self.digest.iter().map(|digest| ("aircraft_data".to_owned(), digest.clone().into())));
+    }
+
     fn announce(&self, count: usize) {
         let flight = &self.flight.id;
         match count {
@@ -151,13 +184,15 @@ impl Work<'_> {
     fn sight(&self, frame: &FrameRef, bytes: Result<&[u8], String>) -> Sighting {
         let name = format!("{}/{}", frame.series.id, frame.entry.file);
         let format = serde_json::from_value::<Format>(frame.entry.format.clone());
-        match (bytes, format) {
+        let sighting = match (bytes, format) {
             (Ok(bytes), Ok(format)) => {
                 stages::sight(&name, bytes, Some(&format), self.installation, Some(self.orientation))
             }
             (Err(reason), _) => failed(name, reason),
             (_, Err(error)) => failed(name, format!("series.json does not say how to read it: {error}")),
-        }
+        };
+        let aircraft = self.track.at(&frame.stamp, frame.exposure.as_ref());
+        Sighting { aircraft, ..sighting }
     }
 
     /// As the recorder writes it: under the frame's own name.

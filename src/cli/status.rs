@@ -101,6 +101,12 @@ fn text(status: &Status) -> String {
         format!("camera       {}", or_none(&status.camera.name)),
         format!("store        {}, {free} free, {} MB reserve", status.store.path, status.store.reserve_mb),
     ];
+    if let Some(aircraft) = &status.aircraft {
+        let last = aircraft.last.as_ref().map_or("none yet".to_owned(), |stamp| stamp.utc.to_string());
+        let (recorded, read, lost) = (aircraft.recorded, aircraft.read, aircraft.lost);
+        lines.push(format!("aircraft     {recorded} lines, {read} read, {lost} lost, last {last}"));
+        lines.extend(aircraft.fault.iter().map(|fault| format!("warning      aircraft data: {fault}")));
+    }
     lines.extend(status.camera.warnings.iter().map(|warning| format!("warning      camera: {warning}")));
     if let Some(fault) = &status.last_fault {
         lines.push(format!("last fault   {} ({})", fault.what, fault.stamp.utc));

@@ -7,10 +7,14 @@
 //! | processing | solves what the store says is unsolved | the end of a series, the solver up to its deadline |
 //! | solver | one frame; given up where it does not return | |
 //! | power | looks at the supply | |
+//! | aircraft-feed, aircraft-store | the aircraft's data | the feed; the disk |
 //! | main | signals, the status socket, the service manager | all of these |
 
+pub mod aircraft;
 mod capture;
 mod halt;
+mod live;
+pub mod machine;
 mod metrics;
 pub mod power;
 mod processing;
@@ -27,7 +31,9 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+pub use aircraft::{AircraftConfig, AircraftStatus};
 pub use capture::CameraFactory;
+pub use live::LiveConfig;
 pub use power::PowerConfig;
 pub use schedule::Align;
 pub use socket::{StatusConfig, ask};
@@ -197,6 +203,8 @@ pub struct Parts {
     pub series: SeriesConfig,
     /// `[power]`.
     pub power: PowerConfig,
+    /// `[live]`.
+    pub live: LiveConfig,
     /// `[status]`; none, and no socket is opened.
     pub status: Option<StatusConfig>,
     /// Open for writing.
@@ -256,9 +264,12 @@ pub fn run(parts: Parts, board: &Board) -> Result<Status, DaemonError> {
         halt: halt.clone(),
         running: Arc::new(()),
     });
+    let (live, store, clock) = (&parts.live, &parts.store, &parts.clock);
+    let feed = live.aircraft_data.as_ref().map(|config| aircraft::listen(config, store, clock, board, &halt));
     let recorder = Recorder {
         camera: capture::Host::new(parts.cameras, parts.series.open_deadline, halt.clone()),
         freshness: Freshness::remembering(parts.series.stale_window),
+        camera_clock_offset_s: None,
         config: parts.series,
         store: parts.store,
         clock: parts.clock,
@@ -279,6 +290,7 @@ pub fn run(parts: Parts, board: &Board) -> Result<Status, DaemonError> {
         result
     })?;
     let stopped = runtime.block_on(attend(socket, board, commands, (&halt, stop_within), finished));
+    drop(feed);
     runtime.shutdown_background();
     if !stopped {
         return Err(DaemonError::Late { within_s: stop_within.as_secs_f64() });

@@ -68,6 +68,15 @@ impl PowerConfig {
         faults
     }
 
+    /// Whether something says that the supply fails.
+    pub fn watches(&self) -> bool {
+        #[cfg(feature = "gpio")]
+        if self.line.is_some() {
+            return true;
+        }
+        self.file.is_some()
+    }
+
     /// What is to be looked at; `None` where nothing is named.
     fn supply(&self) -> Result<Option<Supply>, String> {
         #[cfg(feature = "gpio")]

@@ -1,5 +1,6 @@
 //! Capturing: waits for the schedule, takes series, stores every frame before anything computes on it.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::Duration;
@@ -8,11 +9,13 @@ use serde_json::{Map, Value};
 
 use super::capture::Host;
 use super::halt::Halt;
+use super::machine;
 use super::schedule::{self, Moment, Next, Progress};
 use super::status::{Activity, Board};
 use super::{Event, Observer, SeriesConfig};
 use crate::camera::freshness::Freshness;
-use crate::camera::{CameraError, CameraInfo, Format, Frame, jpeg};
+use crate::camera::{CameraError, CameraInfo, Format, Frame, exif, jpeg};
+use crate::clock::exposure::{self, Exposure};
 use crate::clock::{Clock, Stamp};
 use crate::store::manifest::{Cause, Failure, Shot, State};
 use crate::store::{NewFrame, OpenSeries, Plan, Recovery, Store, StoreError};
@@ -28,6 +31,8 @@ pub(crate) enum Command {
     Look,
 }
 
+/// A camera's clock shows whole seconds, so that it may seem to go off by one; more is a sign, s.
+const CAMERA_CLOCK_JUMP_S: f64 = 2.0;
 /// Waits are cut into such pieces: a clock that was set and the watchdog are looked at in between.
 const SLICE: Duration = Duration::from_secs(5);
 /// Frames fetched from a camera's card before one series.
@@ -47,6 +52,8 @@ pub(crate) struct Recorder {
     pub wake: Sender<()>,
     pub camera: Host,
     pub freshness: Freshness,
+    /// The camera's own clock less UTC by the last frame that told it, s.
+    pub camera_clock_offset_s: Option<f64>,
     /// What the camera said when it was opened, until a series has noted it.
     pub opened: Option<CameraInfo>,
     pub triggered: bool,
@@ -160,6 +167,9 @@ impl Recorder {
             Err(error) => return self.refused(&error),
         };
         log_recovery(&recovery);
+        if let Some(machine) = machine::line(Path::new(machine::SYS)) {
+            tracing::info!(machine, "temperatures and supply");
+        }
         tracing::info!(series = series.id(), flight = series.flight(), ?cause, "series begins");
         self.board.update(|status| {
             status.activity = Activity::Capturing;
@@ -262,7 +272,14 @@ impl Recorder {
                     none.insert(self.store.begin_series(plan, &stamp)?.0)
                 }
             };
-            let shot = Shot { shot: number, stamp, duration_s: None, frame: None, failures: Vec::new() };
+            let shot = Shot {
+                shot: number,
+                stamp,
+                duration_s: None,
+                exposure: None,
+                frame: None,
+                failures: Vec::new(),
+            };
             self.keep(open, shot, Some(frame))?;
         }
         let Some(series) = series else { return Ok(()) };
@@ -306,8 +323,33 @@ impl Recorder {
             self.wait(BACKOFF, false);
         }
         let duration_s = self.clock.stamp().since_boot_s - stamp.since_boot_s;
-        let shot = Shot { shot: number, stamp, duration_s: Some(duration_s), frame: None, failures };
+        let exposure = frame.as_mut().map(|frame| self.exposure(frame, &stamp));
+        let duration_s = Some(duration_s);
+        let shot = Shot { shot: number, stamp, duration_s, exposure, frame: None, failures };
         self.keep(series, shot, frame)
+    }
+
+    /// When a frame was exposed that has just been delivered; a camera whose own clock disagrees is noted with it.
+    fn exposure(&mut self, frame: &mut Frame, asked: &Stamp) -> Exposure {
+        let (now, clock) = (self.clock.stamp(), self.clock.quality());
+        let mut exposure = match &frame.exposed {
+            Some(evidence) => Exposure::new(&exposure::instant(evidence), &now, clock),
+            None => Exposure::asked(asked, now.since_boot_s, clock),
+        };
+        if frame.format != Format::Jpeg {
+            return exposure;
+        }
+        exposure.camera_clock_offset_s = exif::offset_s(&frame.bytes, exposure.exposure_time);
+        let last = std::mem::replace(&mut self.camera_clock_offset_s, exposure.camera_clock_offset_s);
+        let jump_s = exposure.camera_clock_offset_s.zip(last).map(|(now, last)| now - last);
+        if let Some(jump_s) = jump_s.filter(|jump| jump.abs() > CAMERA_CLOCK_JUMP_S) {
+            let what = format!(
+                "by the camera's own clock this frame is {jump_s:.0} s off the one before: an old picture, or a clock was set"
+            );
+            tracing::warn!(what);
+            frame.settings.insert("clock_warning".to_owned(), what.into());
+        }
+        exposure
     }
 
     fn attempt(&mut self, series: &mut OpenSeries) -> Result<Result<Frame, CameraError>, StoreError> {

@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
+use super::aircraft::AircraftStatus;
 use super::pulse::Beats;
 use crate::clock::{Clock, Stamp};
 
@@ -73,6 +74,9 @@ pub struct Status {
     pub camera: CameraStatus,
     /// The store.
     pub store: StoreStatus,
+    /// The aircraft's data; `null` where none are configured.
+    #[serde(default)]
+    pub aircraft: Option<AircraftStatus>,
     /// The last thing that went wrong, in words.
     pub last_fault: Option<Noted>,
 }

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Vector2, Vector3};
 
+use super::structure::{self, Structure};
 use super::tables::{self, Document, Optics};
 use super::{Reader, camera, plausible, survey, ties, window};
 use crate::measure::setup::{Setup, Side, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty};
@@ -12,8 +13,16 @@ pub(super) const FILE: &str = "installation.toml";
 /// Shift between two mountings where the user gives none, px (paper, section 3.1.3).
 const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
 
-/// Numbers, optics, and the names of the camera's and the survey's file.
-pub(super) fn read(reader: &mut Reader) -> Option<(Setup, Option<Optics>, [String; 2])> {
+/// What stands in `installation.toml` and the files that it names.
+pub(super) struct Parts {
+    pub setup: Setup,
+    pub optics: Option<Optics>,
+    pub structure: Option<Structure>,
+    /// Names of the camera's and the survey's file.
+    pub sources: [String; 2],
+}
+
+pub(super) fn read(reader: &mut Reader) -> Option<Parts> {
     let mend = "an installation is a directory with installation.toml; see docs/operations.md";
     let (file, text) = reader.text(FILE, mend)?;
     let document: Document = parse_toml(reader, &file, &text)?;
@@ -28,6 +37,7 @@ pub(super) fn read(reader: &mut Reader) -> Option<(Setup, Option<Optics>, [Strin
     let in_range = reader.faults.len() == before;
     let torsion = torsion_pairs(reader, &file, &document, markers.as_deref());
     let window = window::window(reader, &file, document.window.as_ref());
+    let structure = structure::of_installation(reader, &file, document.structure.as_ref());
     let skin = document.wing.skin_height_m.as_ref();
     let setup = Setup {
         name: document.name.clone().unwrap_or_else(|| "unnamed".into()),
@@ -55,7 +65,8 @@ pub(super) fn read(reader: &mut Reader) -> Option<(Setup, Option<Optics>, [Strin
     if in_range {
         plausible::check(reader, &setup, &document.wing.survey);
     }
-    Some((setup, document.camera.optics, [document.camera.calibration, document.wing.survey]))
+    let sources = [document.camera.calibration, document.wing.survey];
+    Some(Parts { setup, optics: document.camera.optics, structure, sources })
 }
 
 /// TOML into a table of ours; the fault names the line and the key as the parser saw them.

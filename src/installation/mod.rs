@@ -12,6 +12,7 @@ mod mountings;
 mod observations;
 mod orientation;
 mod plausible;
+mod structure;
 mod survey;
 mod tables;
 mod ties;
@@ -29,6 +30,7 @@ pub use exchange::{CameraFormat, format_of, read_exchange, write_exchange};
 pub use mountings::{Mountings, read_mountings};
 pub use observations::{HandObservation, read_observations};
 pub use orientation::write_orientation;
+pub use structure::{Structure, read_stiffness};
 pub use tables::Optics;
 
 use crate::measure::geometry::TransformFit;
@@ -63,6 +65,8 @@ pub struct Installation {
     pub cad: Option<TransformFit>,
     /// The lens and sensor as bought, for planning.
     pub optics: Option<Optics>,
+    /// The wing as a beam, for moments.
+    pub structure: Option<Structure>,
     /// (file name, SHA-256) of every file that was read, for provenance.
     pub digests: Vec<(String, String)>,
     /// Names of the files with camera and survey, which an orientation is bound to.
@@ -148,7 +152,7 @@ pub fn load_without_orientation(directory: &Path) -> Result<Installation, Vec<Fa
 fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fault>> {
     let mut reader = Reader { directory: directory.into(), faults: vec![], digests: vec![] };
     let parts = document::read(&mut reader);
-    let markers = parts.as_ref().map_or(&[][..], |(setup, ..)| &setup.markers);
+    let markers = parts.as_ref().map_or(&[][..], |parts| &parts.setup.markers);
     // What an orientation holds for is not known where the rest is at fault.
     let orientation = if with_orientation && reader.faults.is_empty() {
         orientation::read(&mut reader, markers)
@@ -156,17 +160,18 @@ fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fa
         None
     };
     let (orientation, not_on_ground) = orientation.unzip();
-    let cad = parts.as_ref().and_then(|(setup, ..)| ties::transform(&mut reader, setup));
+    let cad = parts.as_ref().and_then(|parts| ties::transform(&mut reader, &parts.setup));
     match parts {
-        Some((setup, optics, sources)) if reader.faults.is_empty() => Ok(Installation {
+        Some(parts) if reader.faults.is_empty() => Ok(Installation {
             directory: directory.into(),
-            setup,
+            setup: parts.setup,
             orientation,
             not_on_ground: not_on_ground.unwrap_or_default(),
             cad,
-            optics,
+            optics: parts.optics,
+            structure: parts.structure,
             digests: reader.digests,
-            sources,
+            sources: parts.sources,
         }),
         _ => Err(folded(reader.faults)),
     }

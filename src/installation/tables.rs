@@ -13,6 +13,7 @@ pub(super) struct Document {
     pub torsion: Vec<Torsion>,
     pub cad: Option<Cad>,
     pub window: Option<Window>,
+    pub structure: Option<Structure>,
 }
 
 #[derive(Deserialize)]
@@ -97,6 +98,13 @@ pub(super) struct Cad {
     pub sigma_m: Option<f64>,
     #[serde(default)]
     pub similarity: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Structure {
+    pub stiffness: String,
+    pub bending_hz: Option<f64>,
 }
 
 #[derive(Deserialize)]

@@ -15,3 +15,4 @@ pub mod render;
 pub mod robust;
 pub mod samples;
 pub mod setup;
+pub mod stress;

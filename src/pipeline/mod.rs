@@ -12,14 +12,16 @@ pub mod guard;
 pub mod recording;
 pub mod stages;
 
+use std::borrow::Cow;
 use std::time::Instant;
 
 use serde_json::{Map, Value, json};
 
+use crate::aircraft;
 use crate::camera::Format;
 use crate::installation::Installation;
-use crate::measure::adjust::{self, Method, Observation, Options};
-use crate::measure::environment::{RefractionReport, correct_observations};
+use crate::measure::adjust::{self, Estimate, Method, Observation, Options};
+use crate::measure::environment::{Conditions, RefractionReport, correct_observations};
 use crate::measure::setup::Orientation;
 use crate::record::ImageRecord;
 use guard::{BROKE_OFF, guarded};
@@ -82,6 +84,7 @@ pub fn solve_sighting(
     job: &Job,
 ) -> ImageRecord {
     let started = Instant::now();
+    let installation = &*in_its_air(sighting, installation);
     let corrected = corrected(sighting, installation, orientation);
     let mountings = sighting.mounting.map(|m| vec![m]);
     let options = Options { mountings, ..job.options.clone() };
@@ -96,6 +99,41 @@ pub fn solve_sighting(
     record
 }
 
+/// The installation with the air and the wing's temperature that the aircraft's data tell of a frame.
+fn in_its_air<'a>(sighting: &Sighting, installation: &'a Installation) -> Cow<'a, Installation> {
+    if sighting.aircraft.is_empty() {
+        return Cow::Borrowed(installation);
+    }
+    let mut own = installation.clone();
+    aircraft::conditions(&sighting.aircraft).apply(&mut own.setup);
+    Cow::Owned(own)
+}
+
+/// Where the air was measured, how far off the refraction may be.
+fn with_sigma(
+    report: RefractionReport,
+    sighting: &Sighting,
+    installation: &Installation,
+) -> RefractionReport {
+    let measured = installation.setup.window.as_ref().filter(|_| !sighting.aircraft.is_empty());
+    let share = measured.map(|w| aircraft::conditions(&sighting.aircraft).refraction_sigma_share(w));
+    RefractionReport { sigma_max_shift_px: share.map(|s| s * report.max_shift_px.abs()), ..report }
+}
+
+/// The mean of what the wing's temperatures are over a flight, whose frames share one length.
+fn mean_temperature(sightings: &[Sighting]) -> Conditions {
+    let told = |s: &Sighting| aircraft::conditions(&s.aircraft).wing_temperature_c;
+    let all: Vec<Estimate> = sightings.iter().filter_map(told).collect();
+    let count = all.len() as f64;
+    let mean = all.iter().map(|e| e.value).sum::<f64>() / count;
+    let spread = all.iter().map(|e| (e.value - mean).powi(2)).sum::<f64>() / count;
+    // One doubt of the structure for all frames, and how far they differ.
+    let doubt = all.iter().filter_map(|e| e.sigma).fold(0.0, f64::max);
+    let sigma = Some(doubt.hypot(spread.sqrt()));
+    let wing_temperature_c = (count > 0.0).then_some(Estimate { value: mean, sigma });
+    Conditions { wing_temperature_c, ..Conditions::default() }
+}
+
 /// A sighting's observations without the window's refraction; the failure of a sighting that has none.
 fn corrected(
     sighting: &Sighting,
@@ -107,6 +145,7 @@ fn corrected(
     }
     let mut observations = sighting.observations.clone();
     let report = correct_observations(&installation.setup, orientation, &mut observations);
+    let report = report.map(|report| report.map(|r| with_sigma(r, sighting, installation)));
     report.map(|report| (observations, report)).map_err(|e| e.to_string())
 }
 
@@ -133,11 +172,15 @@ pub fn solve_flight(
 ) -> Vec<ImageRecord> {
     let started = Instant::now();
     let job = Job { method: Method::Flight, ..job.clone() };
-    let corrected: Vec<_> = sightings.iter().map(|s| corrected(s, installation, orientation)).collect();
+    let airs: Vec<_> = sightings.iter().map(|s| in_its_air(s, installation)).collect();
+    let corrected: Vec<_> =
+        sightings.iter().zip(&airs).map(|(s, own)| corrected(s, own, orientation)).collect();
+    let mut setup = installation.setup.clone();
+    mean_temperature(sightings).apply(&mut setup);
     let frames: Vec<Vec<Observation>> = corrected.iter().flatten().map(|(o, _)| o.clone()).collect();
     let of_frames = sightings.iter().zip(&corrected).filter(|(_, c)| c.is_ok()).map(|(s, _)| s.mounting);
     let options = Options { mountings: of_frames.collect(), ..job.options.clone() };
-    let solved = guarded(|| adjust::flight(&installation.setup, orientation, &frames, &options));
+    let solved = guarded(|| adjust::flight(&setup, orientation, &frames, &options));
     let solved = solved.ok_or_else(|| BROKE_OFF.to_owned()).and_then(|s| s.map_err(|e| e.to_string()));
     let mut solutions = match solved {
         Ok(solutions) => solutions.into_iter().map(Ok).collect::<Vec<_>>(),
@@ -146,12 +189,12 @@ pub fn solve_flight(
     .into_iter();
     let solve_ms = 1e3 * started.elapsed().as_secs_f64() / frames.len().max(1) as f64;
     let mut records = vec![];
-    for (sighting, corrected) in sightings.iter().zip(corrected) {
+    for ((sighting, corrected), own) in sightings.iter().zip(corrected).zip(&airs) {
         let outcome = corrected.and_then(|(_, report)| {
             let left_out = || Err("the flight adjustment left this frame out".into());
             solutions.next().unwrap_or_else(left_out).map(|s| (s, report))
         });
-        let mut record = recording::record(sighting, installation, &job, outcome);
+        let mut record = recording::record(sighting, own, &job, outcome);
         record.flight = true;
         record.timing_ms.insert("solve".into(), recording::milliseconds(solve_ms));
         records.push(record);

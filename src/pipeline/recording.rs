@@ -6,6 +6,7 @@ use nalgebra::Matrix3;
 use serde_json::{Map, Value, json};
 
 use super::{Job, Sighting, inputs};
+use crate::aircraft;
 use crate::installation::Installation;
 use crate::measure::adjust::{
     CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Observation, Parameter, SigmaKind, Solution,
@@ -61,6 +62,9 @@ pub fn record(
         Err(reason) => record.reason = Some(reason),
         Ok((solution, refraction)) => {
             fill(&mut record, sighting, installation, &solution);
+            if !sighting.aircraft.is_empty() {
+                record.quality.insert("aircraft".into(), aircraft::named(&sighting.aircraft).into());
+            }
             record.quality.extend(refraction.map(|r| ("refraction".into(), refraction_quality(&r))));
         }
     }
@@ -241,6 +245,7 @@ fn refraction_quality(r: &RefractionReport) -> Value {
         "max_shift_px": r.max_shift_px,
         "index_cabin": r.index_cabin,
         "index_outside": r.index_outside,
+        "sigma_max_shift_px": r.sigma_max_shift_px,
     })
 }
 

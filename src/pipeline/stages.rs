@@ -6,6 +6,7 @@ use nalgebra::{Matrix2, Vector2};
 use sha2::{Digest, Sha256};
 
 use super::decode;
+use crate::aircraft::State;
 use crate::camera::Format;
 use crate::installation::{HandObservation, Installation};
 use crate::measure::adjust::{Mounting, Observation};
@@ -40,6 +41,8 @@ pub struct Sighting {
     pub observations: Vec<Observation>,
     /// The camera's mounting, where it is known.
     pub mounting: Option<Mounting>,
+    /// What the aircraft's data say of it; empty where nothing does.
+    pub aircraft: State,
     /// Why the frame cannot be solved; one sentence with the mend.
     pub failure: Option<String>,
     /// Stages and their durations.

@@ -4,7 +4,9 @@
 //! |---|---|---|
 //! | `summary` | the records of a series | means, standard deviations, scatter |
 //! | `table` | records, detections, summaries | text for a terminal |
+//! | `aircraft` | a store | the aircraft's data of each shot |
 //! | `source` | a store | what the report shows |
+//! | `stress` | the bending lines of a flight, the stiffness | moments, extremes, cycles, damage |
 //! | `compare` | two sets of results | what changed |
 //! | `overview` | a store | a flight's series in a line each, without reading whole records |
 //! | `html` | that | one page that opens offline |
@@ -13,6 +15,7 @@
 //! | `plan_figure` | a plan | resolution and predicted uncertainty along the span, SVG |
 //! | `overlay` | a frame and its detections | a picture to look at |
 
+pub mod aircraft;
 pub mod calibration;
 pub mod compare;
 pub mod export;
@@ -25,14 +28,17 @@ pub mod overview;
 pub mod plan_figure;
 pub mod protocol;
 pub mod source;
+pub mod stress;
 pub mod summary;
 pub mod table;
 
 #[cfg(test)]
 mod sample;
 
+use crate::aircraft::{State, Unused};
 use crate::camera::Format;
 use crate::clock::Stamp;
+use crate::clock::exposure::Exposure;
 use crate::measure::geometry::WingFrame;
 use crate::measure::setup::{Setup, SurveyMarker};
 use crate::record::{CurveRecord, ImageRecord};
@@ -73,6 +79,10 @@ pub struct ShotData {
     pub image: Option<String>,
     /// When the camera was asked.
     pub stamp: Option<Stamp>,
+    /// When the frame was exposed.
+    pub exposure: Option<Exposure>,
+    /// What the aircraft's data say of it.
+    pub aircraft: State,
     /// SHA-256 of the frame, hexadecimal.
     pub sha256: Option<String>,
     /// How to read the frame.
@@ -136,6 +146,8 @@ pub struct ReportData {
     pub picture: Option<Picture>,
     /// The record of that frame, whole.
     pub shown: Option<ImageRecord>,
+    /// Lines of the aircraft's data that say nothing, and those that do; `None` without any.
+    pub feed: Option<(Unused, usize)>,
     /// What could not be read, and series that were refused.
     pub notes: Vec<String>,
     /// What is to be known of what is shown: results of other inputs.

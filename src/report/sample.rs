@@ -91,6 +91,8 @@ pub fn series(name: &str, after_s: i64, lifts_m: &[f64]) -> SeriesData {
         image: Some(image(i)),
         number: i as u32 + 1,
         stamp: Some(stamp(after_s + 2 * i as i64)),
+        exposure: None,
+        aircraft: Default::default(),
         format: None,
         sha256: Some("ab".repeat(32)),
         failures: Vec::new(),

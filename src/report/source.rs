@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::{Picture, ReportData, SeriesData, ShotData, Site, summary};
+use super::{Picture, ReportData, SeriesData, ShotData, Site, aircraft, summary};
+use crate::aircraft::{State as AircraftState, Track};
 use crate::measure::setup::Setup;
 use crate::record::{ImageRecord, Status};
 use crate::store::manifest::{Refusal, ResultLine, SeriesManifest, Shot, State};
@@ -35,9 +36,15 @@ pub fn flight(root: &Path, choice: Choice, setup: Option<&Setup>) -> Result<Repo
     let mut whole = None;
     if let Some(chosen) = choose(&disk, root, choice.flight)? {
         let set = pick(&disk, &chosen, choice, &mut data.warnings)?;
+        let track = track(&disk, root, &chosen, &mut data.notes)?;
+        data.feed = (!track.is_empty()).then(|| (track.unused, track.len()));
         for series in catalogue::series(&disk, &chosen)? {
             let read = read_series(&disk, &series, set.as_ref(), &mut data.notes);
-            data.series.extend(read.map(|series| lean(series, &mut whole)));
+            let joined = read.map(|mut series| {
+                aircraft::join(&track, &mut series);
+                series
+            });
+            data.series.extend(joined.map(|series| lean(series, &mut whole)));
         }
     }
     data.notes.extend(refusals(&disk, root));
@@ -57,13 +64,26 @@ pub fn each<E: From<StoreError>>(
     let mut said = ReportData::default();
     for flight in chosen(root, choice.flight)? {
         let set = pick(&disk, &flight, choice, &mut said.warnings)?;
+        let track = track(&disk, root, &flight, &mut said.notes)?;
         for series in catalogue::series(&disk, &flight)? {
-            if let Some(series) = read_series(&disk, &series, set.as_ref(), &mut said.notes) {
+            if let Some(mut series) = read_series(&disk, &series, set.as_ref(), &mut said.notes) {
+                aircraft::join(&track, &mut series);
                 take(series)?;
             }
         }
     }
     Ok(said)
+}
+
+fn track(
+    disk: &dyn Disk,
+    root: &Path,
+    flight: &FlightRef,
+    notes: &mut Vec<String>,
+) -> Result<Track, StoreError> {
+    let (track, said) = aircraft::track(disk, root, flight)?;
+    notes.extend(said);
+    Ok(track)
 }
 
 /// The flight that is named, or all.
@@ -174,7 +194,17 @@ fn shot(shot: Shot) -> ShotData {
         None => (None, None, None),
     };
     let format = format.and_then(|f| serde_json::from_value(f).ok());
-    ShotData { number: shot.shot, image, stamp: Some(shot.stamp), sha256, format, failures }
+    let (number, exposure) = (shot.shot, shot.exposure);
+    ShotData {
+        number,
+        image,
+        stamp: Some(shot.stamp),
+        exposure,
+        aircraft: AircraftState::new(),
+        sha256,
+        format,
+        failures,
+    }
 }
 
 fn refusals(disk: &dyn Disk, root: &Path) -> Vec<String> {

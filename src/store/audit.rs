@@ -9,7 +9,7 @@ use super::chain::{Chain, State};
 use super::disk::Disk;
 use super::manifest::SeriesManifest;
 use super::results::{self, ResultKey, sha256};
-use super::{FlightRef, catalogue, installations, jsonl, layout, sums};
+use super::{FlightRef, aircraft, catalogue, installations, jsonl, layout, sums};
 
 /// Digest of `series.json` and what it says, by series.
 pub(crate) type Manifests = BTreeMap<String, (String, SeriesManifest)>;
@@ -55,6 +55,7 @@ impl Audit<'_> {
         self.identity(&state, &path, &mut found);
         self.series(&state, &mut found);
         self.results(&state, &mut found);
+        self.aircraft(&state, &mut found);
         self.installations(&state, &mut found);
         self.sums(&bytes, &chain, &mut found);
         found
@@ -143,6 +144,30 @@ impl Audit<'_> {
         } else {
             let what = format!("its last {tail} bytes are not in the chain: they were added by hand");
             found.faults.push((15, path.to_owned(), what));
+        }
+    }
+
+    /// What the chain has is there, and nothing else.
+    fn aircraft(&self, state: &State, found: &mut Findings) {
+        for (file, (_, digest)) in &state.aircraft {
+            let path = self.flight.folder.join(file);
+            match self.disk.read(&path) {
+                Ok(bytes) if sha256(&bytes) == *digest => {}
+                Ok(_) => {
+                    let what = "does not have the SHA-256 of the chain: it was changed".to_owned();
+                    found.faults.push((20, path, what));
+                }
+                Err(_) if aircraft::is_under_way(self.disk, self.root, &self.flight.id, digest) => {}
+                Err(error) => {
+                    let what = format!("is in the chain, and cannot be read: {error}");
+                    found.faults.push((20, path, what));
+                }
+            }
+        }
+        let here = aircraft::files(self.disk, self.flight).unwrap_or_default();
+        for file in here.into_iter().filter(|file| !state.aircraft.contains_key(file)) {
+            let what = "is not in the chain: it was added, or the chain was cut".to_owned();
+            found.faults.push((20, self.flight.folder.join(file), what));
         }
     }
 

@@ -29,6 +29,8 @@ pub const CHAIN_FILE: &str = "chain.jsonl";
 pub const SUMS_FILE: &str = "SHA256SUMS";
 /// The result that is about to be appended.
 pub const PENDING_FILE: &str = "pending.json";
+/// Lines of the aircraft's data that are being recorded.
+pub const AIRCRAFT_FILE: &str = "aircraft.jsonl";
 /// Flights being received, file by file.
 pub const FETCHING: &str = "fetching";
 /// Flights being deleted.
@@ -104,6 +106,7 @@ pub fn is_root_name(name: &str) -> bool {
         FETCHING,
         PRUNED,
         PRUNED_FILE,
+        AIRCRAFT_FILE,
     ];
     name == "lost+found" || ours.contains(&name.strip_suffix(PART_ENDING).unwrap_or(name))
 }
@@ -111,7 +114,19 @@ pub fn is_root_name(name: &str) -> bool {
 /// Whether a name is that of a file of a flight, or of one that is being written anew.
 pub fn is_flight_file(name: &str) -> bool {
     let whole = name.strip_suffix(PART_ENDING);
-    name == FLIGHT_FILE || [CHAIN_FILE, SUMS_FILE].contains(&whole.unwrap_or(name))
+    let known = [CHAIN_FILE, SUMS_FILE].contains(&whole.unwrap_or(name));
+    name == FLIGHT_FILE || known || aircraft_number(name).is_some()
+}
+
+/// Name of a flight's file with lines of the aircraft's data.
+pub fn aircraft_name(number: u64) -> String {
+    format!("aircraft-{number:06}.jsonl")
+}
+
+/// The number in such a name.
+pub fn aircraft_number(name: &str) -> Option<u64> {
+    let number = name.strip_prefix("aircraft-")?.strip_suffix(".jsonl")?.parse().ok();
+    number.filter(|n| aircraft_name(*n) == name)
 }
 
 /// `incoming/<series>`.
@@ -136,6 +151,10 @@ mod tests {
         for bad in ["f1", "s1", "f00001", "s+00001", "..", "s-00001", "", "x0001"] {
             assert_eq!(flight_number(bad).or(series_number(bad)), None, "{bad}");
         }
+        assert_eq!(aircraft_number(&aircraft_name(12)), Some(12));
+        assert!(
+            ["aircraft-1.jsonl", "aircraft-000001.json"].iter().all(|bad| aircraft_number(bad).is_none())
+        );
         assert!(is_frame_name(&frame_name(3, "JPG")));
         for bad in ["../0001.jpg", "0001", "0001.jpg.part", "1.jpg", "series.json", "0001./x"] {
             assert!(!is_frame_name(bad), "{bad}");

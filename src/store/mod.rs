@@ -3,6 +3,7 @@
 //! One directory is the only truth; what is kept in memory can be rebuilt by scanning. The store
 //! knows frames and results as bytes and JSON, not what they mean.
 
+pub mod aircraft;
 mod audit;
 pub mod bundle;
 pub mod catalogue;
@@ -46,6 +47,7 @@ pub use series::{NewFrame, OpenSeries};
 pub use upgrade::upgrade;
 
 use crate::clock::Stamp;
+use crate::clock::exposure::Exposure;
 use manifest::{
     Cause, FlightManifest, FrameEntry, JournalHead, Refusal, ResultLine, SeriesManifest, Solving, State,
 };
@@ -122,8 +124,10 @@ pub struct FrameRef {
     pub series: SeriesRef,
     /// What.
     pub entry: FrameEntry,
-    /// When.
+    /// When the camera was asked.
     pub stamp: Stamp,
+    /// When it was exposed, where that is told.
+    pub exposure: Option<Exposure>,
 }
 
 /// A store open for writing, by one process at a time.
@@ -133,6 +137,7 @@ pub struct Store {
     config: StoreConfig,
     index: Mutex<Index>,
     signer: Option<signing::Signer>,
+    aircraft: Mutex<Option<aircraft::Segment>>,
     _lock: disk::Lock,
 }
 
@@ -169,12 +174,21 @@ impl Store {
             opening::ensure_dir(disk.as_ref(), &root, name)?;
         }
         let mut recovery = recover::recover(disk.as_ref(), &root)?;
+        aircraft::settle(disk.as_ref(), &root, &mut recovery);
         let index = opening::scan(disk.as_ref(), &root, &mut recovery)?;
         // Recording matters more than its signature.
         let signer = config.signing_key.as_deref().map(signing::Signer::load_or_make).transpose();
         recovery.remarks.extend(signer.as_ref().err().map(|error| format!("nothing is signed: {error}")));
         let signer = signer.ok().flatten();
-        let store = Self { disk, root, config, index: Mutex::new(index), signer, _lock: lock };
+        let store = Self {
+            disk,
+            root,
+            config,
+            index: Mutex::new(index),
+            signer,
+            aircraft: Mutex::default(),
+            _lock: lock,
+        };
         if catalogue::store_id(store.disk(), &store.root).is_some() {
             for flight in catalogue::flights(store.disk(), &store.root)? {
                 let sealed = store.seal_flight(&flight.folder);
@@ -476,7 +490,7 @@ pub fn frames(series: &SeriesRef, manifest: SeriesManifest) -> Vec<FrameRef> {
     shots
         .filter_map(|shot| {
             let entry = shot.frame.filter(|frame| layout::is_frame_name(&frame.file))?;
-            Some(FrameRef { series: series.clone(), entry, stamp: shot.stamp })
+            Some(FrameRef { series: series.clone(), entry, stamp: shot.stamp, exposure: shot.exposure })
         })
         .collect()
 }

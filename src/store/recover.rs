@@ -157,7 +157,7 @@ fn judge(
     let part = folder.join(format!("{}{}", entry.file, layout::PART_ENDING));
     let whole = |path: &Path| disk.read(path).ok().filter(|bytes| sha256(bytes) == entry.sha256);
     if !layout::is_frame_name(&entry.file) {
-        return Ok(Shot { frame: None, ..shot });
+        return Ok(Shot { frame: None, exposure: None, ..shot });
     }
     if whole(&path).is_some() {
         return Ok(shot);

@@ -41,6 +41,7 @@ pub(crate) fn add<E>(
         Event::Results { series, sha256, .. } => {
             sums.insert(format!("{series}/{}", layout::RESULTS_FILE), sha256.clone());
         }
+        Event::Aircraft { file, sha256, .. } => drop(sums.insert(file.clone(), sha256.clone())),
         Event::Installation { .. } | Event::Signature { .. } => {}
     }
     Ok(())

@@ -56,6 +56,11 @@ fn history(
         sha256: digest(&flight.folder.join(layout::FLIGHT_FILE))?,
     }];
     events.extend(installation.map(|sha256| Event::Installation { sha256: sha256.to_owned() }));
+    for file in super::aircraft::files(disk, flight)? {
+        let path = flight.folder.join(&file);
+        let bytes = disk.read(&path).map_err(StoreError::io(&path, "read"))?;
+        events.push(Event::Aircraft { file, bytes: bytes.len() as u64, sha256: sha256(&bytes) });
+    }
     for series in catalogue::series(disk, flight)? {
         let sha256_of_manifest = digest(&series.folder.join(layout::SERIES_FILE))?;
         events.push(Event::Series { series: series.id.clone(), sha256: sha256_of_manifest });

@@ -11,6 +11,7 @@ mod mountings;
 mod plan;
 mod profile_figures;
 mod spatial;
+mod stress;
 mod systematic;
 mod variance_components;
 mod window;

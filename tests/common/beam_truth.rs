@@ -274,10 +274,9 @@ impl Truth {
         self.stations.iter().map(one).collect()
     }
 
-    /// Survey-frame positions in flight. `fuel`: share of the fuel on board now.
-    pub fn in_flight(&self, tip_lift_m: f64, fuel: f64) -> Vec<Vector3<f64>> {
+    /// Curvature of the unit load, and how often it is laid on.
+    fn loaded(&self, tip_lift_m: f64, fuel: f64) -> (Vec<f64>, f64) {
         let w = self.wing;
-        let scale = self.setup.thermal.map_or(1.0, |t| t.scale());
         let curvature = w.curvature(fuel);
         let straight = w.bend(&curvature, 0.0, 1.0);
         let tip = |factor: f64| w.bend(&curvature, factor, 1.0).y[STEPS] - straight.y[STEPS] - tip_lift_m;
@@ -290,6 +289,30 @@ impl Truth {
             }
             (f0, f1) = (f1, f1 - b * (f1 - f0) / (b - a));
         }
+        (curvature, f1)
+    }
+
+    /// Change of the curvature in flight at shares of the length, 1/m.
+    pub fn curvature_per_m(&self, tip_lift_m: f64, fuel: f64, shares: &[f64]) -> Vec<f64> {
+        let (curvature, factor) = self.loaded(tip_lift_m, fuel);
+        shares.iter().map(|share| factor * at(&curvature, *share)).collect()
+    }
+
+    /// Bending stiffness at a share of the length over that at the root.
+    pub fn stiffness_share(&self, share: f64) -> f64 {
+        (1.0 - (1.0 - self.wing.taper) * share).powf(self.wing.power)
+    }
+
+    /// From the bending root to the tip, m.
+    pub fn length_m(&self) -> f64 {
+        self.wing.length_m
+    }
+
+    /// Survey-frame positions in flight. `fuel`: share of the fuel on board now.
+    pub fn in_flight(&self, tip_lift_m: f64, fuel: f64) -> Vec<Vector3<f64>> {
+        let w = self.wing;
+        let scale = self.setup.thermal.map_or(1.0, |t| t.scale());
+        let (curvature, f1) = self.loaded(tip_lift_m, fuel);
         let bent = w.bend(&curvature, f1, scale);
         let frame = self.setup.wing_frame();
         let mut carried = self.carried(&bent, tip_lift_m / 2.5, scale);

@@ -65,6 +65,7 @@ fn add_series(store: &Store, hour: u64, results: &[Value]) {
             shot: number,
             stamp: stamp(3600 * hour + 2 * u64::from(number)),
             duration_s: None,
+            exposure: None,
             frame: None,
             failures: Vec::new(),
         };
@@ -95,7 +96,7 @@ pub fn add_two_solved(store: &Store, inputs: &Inputs, n: u64, bytes: impl Fn(u32
     for shot in 1..=2_u32 {
         let bytes = bytes(shot);
         let stamp = stamp(100 * n + u64::from(shot));
-        let shot = Shot { shot, stamp, duration_s: None, frame: None, failures: Vec::new() };
+        let shot = Shot { shot, stamp, duration_s: None, exposure: None, frame: None, failures: Vec::new() };
         let frame = NewFrame { bytes: &bytes, extension: "jpg", format: json!("jpeg"), settings: Map::new() };
         series.add_shot(shot, Some(frame)).unwrap();
     }

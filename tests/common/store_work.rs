@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use serde_json::{Map, Value, json};
 use wingd::clock::Stamp;
+use wingd::store::aircraft::{self, AircraftLine};
 use wingd::store::fake::FakeDisk;
 use wingd::store::installations::File;
 use wingd::store::manifest::{Cause, Failure, Shot, State};
@@ -35,6 +36,7 @@ pub struct Acknowledged {
     pub frames: BTreeSet<String>,
     pub results: BTreeSet<String>,
     pub complete: BTreeSet<String>,
+    pub lines: BTreeSet<String>,
 }
 
 /// A store on a bad disk, and somebody who works with it.
@@ -90,7 +92,7 @@ impl Work {
             let failures = if failed { vec![why] } else { Vec::new() };
             let bytes = format!("frame {n} {shot} {} ", self.time_s).repeat(10).into_bytes();
             let stamp = moment(self.time_s);
-            let shot = Shot { shot, stamp, duration_s: Some(0.1), frame: None, failures };
+            let shot = Shot { shot, stamp, duration_s: Some(0.1), exposure: None, frame: None, failures };
             let frame =
                 NewFrame { bytes: &bytes, extension: "jpg", format: Value::Null, settings: Map::new() };
             series.add_shot(shot, (!failed).then_some(frame))?;
@@ -101,6 +103,16 @@ impl Work {
         let id = series.id().to_owned();
         store.close_series(series, State::Complete, &moment(self.time_s), Vec::new())?;
         self.said.complete.insert(id);
+        Ok(())
+    }
+
+    /// A line of a feed.
+    pub fn hear(&mut self, store: &Store, feed: &str, number: u32) -> Result<(), StoreError> {
+        let line = format!("IWG1,{number},{}", self.time_s);
+        let said = AircraftLine { at: Some(moment(self.time_s)), line: line.clone() };
+        if store.add_aircraft(&json!({"feed": feed}), &[said])? {
+            self.said.lines.insert(line);
+        }
         Ok(())
     }
 
@@ -141,9 +153,27 @@ impl Work {
         if results.values().any(|count| *count != 1) {
             return Err("solved twice".to_owned());
         }
+        let heard = lines(self.disk.as_ref())?;
+        if let Some(line) = self.said.lines.iter().find(|line| !heard.contains(*line)) {
+            return Err(format!("an acknowledged line of the aircraft's data is missing: {line}"));
+        }
         let incomplete = self.said.complete.iter().find(|id| states.get(*id) != Some(&State::Complete));
         incomplete.map_or(Ok(()), |id| Err(format!("{id} is not there as a complete series")))
     }
+}
+
+/// Lines of the aircraft's data.
+fn lines(disk: &dyn Disk) -> Result<BTreeSet<String>, String> {
+    let text = |error: StoreError| error.to_string();
+    let mut all = BTreeSet::new();
+    for flight in catalogue::flights(disk, Path::new(ROOT)).map_err(text)? {
+        let (read, notes) = aircraft::read(disk, Path::new(ROOT), &flight).map_err(text)?;
+        if let Some(note) = notes.first() {
+            return Err(note.clone());
+        }
+        all.extend(read.into_iter().flat_map(|(_, lines)| lines).map(|line| line.line));
+    }
+    Ok(all)
 }
 
 /// Frames, results of each, state of each series.

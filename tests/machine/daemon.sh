@@ -49,6 +49,8 @@ stored() { find "$work/store/flights" -name '*.jpg' -exec sha256sum {} + | cut -
 fresh 16; record; verdict $? "a series of ten ends by itself"
 [ "$(stored | wc -l)" = 10 ] && [ "$(stored)" = "$(sha256sum "$work"/cam/shots/0?.jpg | cut -d' ' -f1 | sort)" ]
 verdict $? "10 frames stored, bytes as the camera sent them"
+told=$(grep -ho '"exposure_source": "trigger_and_event"' "$work"/store/flights/*/*/series.json | wc -l)
+[ "$told" = 10 ]; verdict $? "$told of 10 instants of exposure lie between the trigger and the camera's word"
 "$WINGD" verify "$work/store" >"$work/verify" 2>&1; verdict $? "the store verifies"
 solved=$(cat "$(find "$work/store" -name results.jsonl | head -n 1)" 2>/dev/null | grep -c '"status":"ok"')
 [ "$solved" = 10 ]; verdict $? "$solved of 10 frames solved; peak memory of the recorder $((peak / 1024)) MB"

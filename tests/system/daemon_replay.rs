@@ -54,7 +54,7 @@ impl Camera for WithCard {
     fn recover(&mut self, _deadline: Duration) -> Result<Option<Frame>, CameraError> {
         let left = self.card.lock().unwrap().last().cloned();
         self.fetched = left.is_some();
-        Ok(left.map(|bytes| Frame { bytes, format: Format::Jpeg, settings: Map::new() }))
+        Ok(left.map(|bytes| Frame { bytes, format: Format::Jpeg, settings: Map::new(), exposed: None }))
     }
     fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
         self.replay.shoot(deadline)
@@ -121,6 +121,7 @@ impl Flight {
         let mut provenance = Map::new();
         provenance.insert("installation".to_owned(), Value::from("test"));
         let parts = Parts {
+            live: wingd::daemon::LiveConfig::default(),
             series: self.series.clone(),
             power: daemon::PowerConfig::default(),
             status: self.status.clone(),

@@ -1,6 +1,7 @@
 //! Promises of store, recorder, pages, reports and the command line, most of them through the real binary.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
+mod aircraft_feed;
 mod bad_input;
 mod calibrate_command;
 mod check_command;

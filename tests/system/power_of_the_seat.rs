@@ -53,6 +53,7 @@ fn boot(disk: Arc<FakeDisk>, number: usize, minutes: (u64, u64), frames: &Path, 
     let Ok((store, recovery)) = Store::open(disk, config) else { return };
     let heard = heard.clone();
     let parts = Parts {
+        live: wingd::daemon::LiveConfig::default(),
         series: SeriesConfig {
             interval: INTERVAL,
             shots: SHOTS,

@@ -28,6 +28,7 @@ const SCENARIOS: &[Scenario] = &[
     Scenario { name: "result", before: a_series, act: |work| work.solve(&work.open()?) },
     Scenario { name: "recover", before: broken_off, act: |work| work.open().map(drop) },
     Scenario { name: "upgrade", before: old_store, act: up },
+    Scenario { name: "aircraft data", before: a_series, act: listen },
 ];
 
 fn nothing_yet(work: &mut Work) -> Result<(), StoreError> {
@@ -50,6 +51,15 @@ fn next_flight(work: &mut Work) -> Result<(), StoreError> {
 
 fn keep(work: &mut Work) -> Result<(), StoreError> {
     work.open()?.keep_installation(&installation())
+}
+
+/// Lines of two feeds, the first feed's in two writes.
+fn listen(work: &mut Work) -> Result<(), StoreError> {
+    let store = work.open()?;
+    for (feed, line) in [("one", 1), ("one", 2), ("two", 3)] {
+        work.hear(&store, feed, line)?;
+    }
+    store.close_aircraft()
 }
 
 /// A series whose second frame has no name yet.

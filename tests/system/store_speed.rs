@@ -30,7 +30,8 @@ fn make(root: &Path) {
             let mut bytes = format!("{number} {shot} ").repeat(FRAME_BYTES / 4).into_bytes();
             bytes.truncate(FRAME_BYTES);
             let stamp = moment(begin_s + f64::from(shot));
-            let shot = Shot { shot, stamp, duration_s: None, frame: None, failures: Vec::new() };
+            let shot =
+                Shot { shot, stamp, duration_s: None, exposure: None, frame: None, failures: Vec::new() };
             let frame =
                 NewFrame { bytes: &bytes, extension: "jpg", format: Value::Null, settings: Map::new() };
             series.add_shot(shot, Some(frame)).unwrap();

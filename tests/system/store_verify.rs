@@ -18,7 +18,14 @@ fn stamp(since_boot_s: f64) -> Stamp {
 
 fn add(series: &mut OpenSeries, shot: u32, time: f64) {
     let bytes = format!("frame {shot} {time}");
-    let shot = Shot { shot, stamp: stamp(time), duration_s: None, frame: None, failures: Vec::new() };
+    let shot = Shot {
+        shot,
+        stamp: stamp(time),
+        duration_s: None,
+        exposure: None,
+        frame: None,
+        failures: Vec::new(),
+    };
     let format = json!({"kind": "jpeg"});
     let frame = NewFrame { bytes: bytes.as_bytes(), extension: "jpg", format, settings: Map::new() };
     series.add_shot(shot, Some(frame)).unwrap();

@@ -116,6 +116,7 @@ fn fly(root: &Path, watch: Arc<Watch>) -> Status {
     config.reserve_mb = 0;
     let (store, recovery) = Store::open(Arc::new(RealDisk), config).unwrap();
     let parts = Parts {
+        live: wingd::daemon::LiveConfig::default(),
         series: SeriesConfig {
             shots: SHOTS,
             shot_deadline: Duration::from_millis(200),

@@ -8,8 +8,9 @@ use serde_json::{Map, Value};
 
 use crate::camera::deadline::Deadline;
 use crate::camera::gphoto::protocol::Answer;
-use crate::camera::gphoto::{GphotoSection, faults, settings};
+use crate::camera::gphoto::{ASKED, GphotoSection, TOLD, faults, settings};
 use crate::camera::{CameraError, jpeg};
+use crate::clock;
 
 /// Below this the card counts as full: no picture fits.
 const LEAST_FREE_BYTES: u64 = 8 << 20;
@@ -85,10 +86,12 @@ impl Driver {
     pub fn shoot(&mut self, deadline: Duration, trigger: bool) -> Result<(Answer, Vec<u8>), CameraError> {
         let deadline = Deadline::after(deadline);
         let unexpected = if trigger { self.drain() } else { Vec::new() };
+        let asked_s = clock::since_boot_s();
         if trigger {
             self.trigger(&deadline).map_err(|error| self.or_card_full(error))?;
         }
         let (picture, others) = self.wait(&deadline).map_err(|error| self.or_card_full(error))?;
+        let told_s = clock::since_boot_s();
         let (mut bytes, mut settings) = self.fetch(&picture)?;
         if jpeg::whole(&bytes).is_err() {
             deadline.left("a second download")?;
@@ -100,6 +103,8 @@ impl Driver {
                 settings.insert(key.to_owned(), list.iter().map(OnCard::path).collect::<Vec<_>>().into());
             }
         }
+        settings.insert(ASKED.to_owned(), asked_s.into());
+        settings.insert(TOLD.to_owned(), told_s.into());
         let path = picture.path();
         self.last = Some(picture);
         Ok((Answer::Picture { path, settings }, bytes))

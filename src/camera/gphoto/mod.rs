@@ -18,9 +18,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera::freshness::Freshness;
 use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
+use crate::clock::exposure::Evidence;
 use process::Process;
 use protocol::{Answer, Request};
 
+/// In a shot's settings: time since boot before the trigger, s. Both processes have one such clock.
+const ASKED: &str = "asked_since_boot_s";
+/// The same when the camera said that there is a picture.
+const TOLD: &str = "told_since_boot_s";
 /// The hidden command that makes this program a camera process.
 pub const CHILD_COMMAND: &str = "camera-child";
 /// The running program, even if an upgrade has replaced its file.
@@ -123,11 +128,18 @@ impl GphotoCamera {
             (Answer::Picture { path, settings }, bytes) => {
                 jpeg::whole(&bytes).map_err(CameraError::BadFrame)?;
                 self.freshness.check(&bytes, Some(&path))?;
-                Ok(Frame { bytes, format: Format::Jpeg, settings })
+                let exposed = exposed(&settings);
+                Ok(Frame { bytes, format: Format::Jpeg, settings, exposed })
             }
             (answer, _) => Err(odd(&answer)),
         }
     }
+}
+
+/// Between the trigger and the camera's word that there is a picture.
+fn exposed(settings: &serde_json::Map<String, serde_json::Value>) -> Option<Evidence> {
+    let time = |key: &str| settings.get(key).and_then(serde_json::Value::as_f64);
+    Some(Evidence::Between { from_s: time(ASKED)?, to_s: time(TOLD)? })
 }
 
 fn odd(answer: &Answer) -> CameraError {
@@ -167,7 +179,7 @@ impl Camera for GphotoCamera {
         )? {
             (Answer::Nothing, _) => Ok(None),
             (Answer::Picture { settings, .. }, bytes) => {
-                Ok(Some(Frame { bytes, format: Format::Jpeg, settings }))
+                Ok(Some(Frame { bytes, format: Format::Jpeg, settings, exposed: None }))
             }
             (answer, _) => Err(odd(&answer)),
         }

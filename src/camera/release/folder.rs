@@ -81,7 +81,7 @@ impl Folder {
 
 fn frame(file: &Path, bytes: Vec<u8>) -> Frame {
     let settings = Map::from_iter([("camera_path".to_owned(), file.display().to_string().into())]);
-    Frame { bytes, format: Format::Jpeg, settings }
+    Frame { bytes, format: Format::Jpeg, settings, exposed: None }
 }
 
 fn gone(path: &Path, error: &io::Error) -> CameraError {

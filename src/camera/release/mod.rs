@@ -14,9 +14,12 @@ use crate::camera::deadline::Deadline;
 use crate::camera::freshness::Freshness;
 #[cfg(feature = "gphoto")]
 use crate::camera::gphoto::{GphotoCamera, GphotoSection};
+use crate::camera::section::delay_fault;
 #[cfg(feature = "v4l")]
 use crate::camera::v4l::{V4lCamera, V4lSection};
 use crate::camera::{Camera, CameraError, CameraInfo, Frame};
+use crate::clock;
+use crate::clock::exposure::{Delay, Evidence};
 use folder::Folder;
 pub use folder::FolderSection;
 pub(crate) use line::Line;
@@ -36,6 +39,10 @@ pub struct ReleaseSection {
     /// Length of the full press, s.
     #[serde(default = "default_full")]
     pub full_press_s: f64,
+    /// From the full press to the middle of the exposure, s.
+    pub exposure_delay_s: Option<f64>,
+    /// Standard deviation of that, s.
+    pub exposure_delay_sigma_s: Option<f64>,
     /// Where the frames come from.
     pub frames: FramesSection,
 }
@@ -80,6 +87,7 @@ impl ReleaseSection {
                 faults.push((key.to_owned(), "no single GPIO line is named".to_owned(), mend.to_owned()));
             }
         }
+        faults.extend(delay_fault("exposure_delay", self.exposure_delay_s, self.exposure_delay_sigma_s));
         for (key, time_s) in [("half_press_s", self.half_press_s), ("full_press_s", self.full_press_s)] {
             if !(0.01..=10.0).contains(&time_s) {
                 faults.push((key.to_owned(), format!("{time_s} s"), "use 0.01 to 10 s".to_owned()));
@@ -110,14 +118,27 @@ struct Lines {
     half: Option<Line>,
 }
 
+/// When the line was pulled: between two times since boot, s.
+#[derive(Clone, Copy)]
+struct Edge {
+    from_s: f64,
+    to_s: f64,
+}
+
 impl Lines {
     /// One press of the button. The lines are let go of whatever happens.
-    fn press(&self, half_s: f64, full_s: f64) -> Result<(), CameraError> {
+    fn press(&self, half_s: f64, full_s: f64) -> Result<Edge, CameraError> {
         let hold = |seconds| std::thread::sleep(Duration::try_from_secs_f64(seconds).unwrap_or_default());
         let half = self.half.as_ref().map_or(Ok(()), |half| half.set(true).map(|()| hold(half_s)));
-        let full = half.and_then(|()| self.full.set(true)).map(|()| hold(full_s));
+        let edge = half.and_then(|()| {
+            let from_s = clock::since_boot_s();
+            self.full.set(true).map(|()| Edge { from_s, to_s: clock::since_boot_s() })
+        });
+        if edge.is_ok() {
+            hold(full_s);
+        }
         let let_go = self.full.set(false).and(self.half.as_ref().map_or(Ok(()), |half| half.set(false)));
-        full.and(let_go)
+        edge.and_then(|edge| let_go.map(|()| edge))
     }
 }
 
@@ -141,21 +162,23 @@ impl ReleaseCamera {
         let closed = || CameraError::Gone("the camera is not open".to_owned());
         let lines = self.lines.as_ref().ok_or_else(closed)?;
         let (half_s, full_s) = (self.section.half_press_s, self.section.full_press_s);
+        let delay = Delay::of(self.section.exposure_delay_s, self.section.exposure_delay_sigma_s);
         match &mut self.frames {
             #[cfg(feature = "gphoto")]
             Frames::Gphoto(camera) => {
                 let strays = camera.drain()?;
-                lines.press(half_s, full_s)?;
-                Ok((camera.shoot_or_wait(deadline, false)?, strays))
+                let edge = lines.press(half_s, full_s)?;
+                let frame = camera.shoot_or_wait(deadline, false)?;
+                Ok((exposed(frame, edge, delay), strays))
             }
             Frames::Folder(_, folder) => {
                 let folder = folder.as_mut().ok_or_else(closed)?;
                 let strays = folder.unexpected()?;
-                lines.press(half_s, full_s)?;
+                let edge = lines.press(half_s, full_s)?;
                 let frame = folder.wait(&Deadline::after(deadline))?;
                 let name = frame.settings.get("camera_path").and_then(Value::as_str);
                 self.freshness.check(&frame.bytes, name)?;
-                Ok((frame, strays))
+                Ok((exposed(frame, edge, delay), strays))
             }
             // The stream must run before the release, or its frame is missed.
             #[cfg(feature = "v4l")]
@@ -163,7 +186,7 @@ impl ReleaseCamera {
                 let press = scope.spawn(|| lines.press(half_s, full_s));
                 let frame = camera.shoot(deadline);
                 let pressed = press.join().unwrap_or_else(|_| Err(closed()));
-                pressed.and(frame).map(|frame| (frame, Vec::new()))
+                pressed.and_then(|edge| Ok((exposed(frame?, edge, delay), Vec::new())))
             }),
         }
     }
@@ -177,6 +200,18 @@ impl ReleaseCamera {
             Frames::Folder(..) => None,
         }
     }
+}
+
+/// The edge tells the exposure best where its delay was measured; else a driver's stamp, else edge and delivery.
+fn exposed(mut frame: Frame, edge: Edge, delay: Option<Delay>) -> Frame {
+    let Edge { from_s, to_s } = edge;
+    frame.exposed = match (delay, frame.exposed) {
+        (Some(delay), _) => Some(Evidence::Edge { from_s, to_s, delay }),
+        (None, Some(Evidence::Between { to_s, .. })) => Some(Evidence::Between { from_s, to_s }),
+        (None, Some(stamped)) => Some(stamped),
+        (None, None) => Some(Evidence::Between { from_s, to_s: clock::since_boot_s() }),
+    };
+    frame
 }
 
 impl Camera for ReleaseCamera {
@@ -246,11 +281,33 @@ mod tests {
         let good = "full_press = { name = 'GPIO17' }\n[frames]\nkind = 'folder'\npath = '/mnt/card'\n";
         let section: ReleaseSection = toml::from_str(good).unwrap();
         assert_eq!(section.faults(), []);
-        let bad = "half_press_s = 0\nfull_press = { name = 'GPIO17', offset = 3 }\n[frames]\nkind = 'folder'\npath = '/mnt/card'\n";
+        let bad = "half_press_s = 0\nexposure_delay_s = 0.05\nfull_press = { name = 'GPIO17', offset = 3 }\n[frames]\nkind = 'folder'\npath = '/mnt/card'\n";
         let keys: Vec<_> =
             toml::from_str::<ReleaseSection>(bad).unwrap().faults().into_iter().map(|f| f.0).collect();
-        assert_eq!(keys, ["full_press", "half_press_s"]);
+        assert_eq!(keys, ["full_press", "exposure_delay_sigma_s", "half_press_s"]);
         assert!(toml::from_str::<ReleaseSection>(&good.replace("path", "pth")).is_err());
+    }
+
+    #[test]
+    fn a_measured_delay_makes_the_edge_the_evidence() {
+        let edge = Edge { from_s: 5.0, to_s: 5.001 };
+        let settings = serde_json::Map::new();
+        let frame = |exposed| Frame {
+            bytes: vec![],
+            format: crate::camera::Format::Jpeg,
+            settings: settings.clone(),
+            exposed,
+        };
+        let delay = Delay { seconds: 0.05, sigma_s: 0.002 };
+        let told = exposed(frame(None), edge, Some(delay)).exposed;
+        assert_eq!(told, Some(Evidence::Edge { from_s: 5.0, to_s: 5.001, delay }));
+        let answered = Some(Evidence::Between { from_s: 1.0, to_s: 6.0 });
+        assert_eq!(
+            exposed(frame(answered), edge, None).exposed,
+            Some(Evidence::Between { from_s: 5.0, to_s: 6.0 })
+        );
+        let stamped = Some(Evidence::EndOfFrame { at_s: 5.2, exposure_s: None, period_s: 0.1, delay: None });
+        assert_eq!(exposed(frame(stamped), edge, None).exposed, stamped);
     }
 
     #[test]

@@ -15,7 +15,10 @@ use v4l::{Device, FourCC};
 
 use crate::camera::deadline::Deadline;
 use crate::camera::freshness::Freshness;
+use crate::camera::section::delay_fault;
 use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
+use crate::clock;
+use crate::clock::exposure::{Delay, Evidence};
 
 /// `[camera]` with `kind = "v4l"`. One of `device`, `serial` and `card` names the camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -36,6 +39,10 @@ pub struct V4lSection {
     /// Frames thrown away before each shot, while exposure and white level settle.
     #[serde(default = "default_settle")]
     pub settle_frames: u32,
+    /// From the driver's stamp of a frame to the middle of its exposure, s; negative for stamps at the frame's end.
+    pub stamp_delay_s: Option<f64>,
+    /// Standard deviation of that, s.
+    pub stamp_delay_sigma_s: Option<f64>,
     /// Control -> value, set before each series and read back.
     #[serde(default)]
     pub controls: BTreeMap<String, i64>,
@@ -68,6 +75,9 @@ impl V4lSection {
                 "give the camera's full size",
             );
         }
+        faults.extend(delay_fault("stamp_delay", self.stamp_delay_s, self.stamp_delay_sigma_s));
+        let mut fault =
+            |key: &str, problem: String, mend: &str| faults.push((key.to_owned(), problem, mend.to_owned()));
         for name in self.controls.keys().filter(|name| controls::id(name).is_none()) {
             let mend = format!("use 0x and the control's id, or one of: {}", controls::names());
             fault(&format!("controls.{name}"), "no such control is known".to_owned(), &mend);
@@ -144,7 +154,26 @@ impl V4lCamera {
         }
         self.freshness.check(&got.bytes, None)?;
         describe(&mut settings, &got, drift);
-        Ok(Frame { bytes: got.bytes, format: opened.format.clone(), settings })
+        let exposed = self.exposed(&settings, &got);
+        Ok(Frame { bytes: got.bytes, format: opened.format.clone(), settings, exposed })
+    }
+}
+
+/// Unit of the control `exposure_time_absolute`, s (V4L2 API, camera controls).
+const EXPOSURE_UNIT_S: f64 = 1e-4;
+
+impl V4lCamera {
+    /// What the driver's stamp says; `None` where its clock is not ours.
+    fn exposed(&self, settings: &Map<String, Value>, got: &stream::Grabbed) -> Option<Evidence> {
+        let at_s = clock::since_boot_of_monotonic(got.monotonic.then_some(got.time_s)?);
+        let length = settings.get("exposure_time_absolute").and_then(Value::as_f64);
+        let exposure_s = length.map(|units| units * EXPOSURE_UNIT_S);
+        let (period_s, delay) =
+            (got.period_s, Delay::of(self.section.stamp_delay_s, self.section.stamp_delay_sigma_s));
+        Some(match got.stamped_at_start {
+            true => Evidence::StartOfExposure { at_s, exposure_s, period_s, delay },
+            false => Evidence::EndOfFrame { at_s, exposure_s, period_s, delay },
+        })
     }
 }
 

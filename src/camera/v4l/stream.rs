@@ -26,6 +26,12 @@ pub struct Grabbed {
     pub sequence: u32,
     /// The driver's time, s.
     pub time_s: f64,
+    /// Whether that is the machine's monotonic clock.
+    pub monotonic: bool,
+    /// Whether it is of the exposure's beginning, not of the frame's end.
+    pub stamped_at_start: bool,
+    /// From one frame to the next, s; at most so much where only one came.
+    pub period_s: f64,
     /// Frames that the driver counted and did not deliver.
     pub dropped: u32,
     /// Frames that came flagged as damaged, or too short, before this one.
@@ -41,7 +47,7 @@ pub fn grab(
     shortest: usize,
     deadline: &Deadline,
 ) -> Result<Grabbed, CameraError> {
-    let begun_s = monotonic_s();
+    let begun_s = crate::clock::monotonic_s();
     let mut stream =
         Stream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(|e| streaming(&e, "buffers"))?;
     let result = first_whole(&mut stream, Wanted { settle, shortest, begun_s }, deadline);
@@ -58,10 +64,24 @@ pub fn grab(
     result
 }
 
-/// The clock of the drivers' times.
-fn monotonic_s() -> f64 {
-    let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
-    now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
+/// The shortest time from one of these frames to the next, s.
+#[derive(Default)]
+struct Period {
+    last: Option<(u32, f64)>,
+    shortest_s: Option<f64>,
+}
+
+impl Period {
+    fn see(&mut self, sequence: u32, time_s: f64) {
+        if let Some((before, at_s)) = self.last {
+            let frames = sequence.wrapping_sub(before);
+            let one = (time_s - at_s) / f64::from(frames.max(1));
+            if frames > 0 && one > 0.0 {
+                self.shortest_s = Some(self.shortest_s.map_or(one, |known| known.min(one)));
+            }
+        }
+        self.last = Some((sequence, time_s));
+    }
 }
 
 /// What makes a frame the one that is wanted.
@@ -75,6 +95,7 @@ struct Wanted {
 fn first_whole(stream: &mut Stream<'_>, wanted: Wanted, deadline: &Deadline) -> Result<Grabbed, CameraError> {
     let Wanted { settle, shortest, begun_s } = wanted;
     let (mut seen, mut damaged, mut dropped, mut expected, mut stale) = (0, 0, 0, None, 0);
+    let mut period = Period::default();
     loop {
         // At least a millisecond: 0 would not wait at all.
         stream.set_timeout(deadline.left("a frame")?.max(std::time::Duration::from_millis(1)));
@@ -96,8 +117,10 @@ fn first_whole(stream: &mut Stream<'_>, wanted: Wanted, deadline: &Deadline) -> 
             continue;
         }
         let time_s = meta.timestamp.sec as f64 + meta.timestamp.usec as f64 * 1e-6;
+        period.see(meta.sequence, time_s);
+        let monotonic = meta.flags.contains(Flags::TIMESTAMP_MONOTONIC);
         // No more than there are buffers: a driver's clock may be wrong.
-        if stale < BUFFERS && meta.flags.contains(Flags::TIMESTAMP_MONOTONIC) && time_s < begun_s {
+        if stale < BUFFERS && monotonic && time_s < begun_s {
             stale += 1;
         } else if seen < settle {
             seen += 1;
@@ -106,6 +129,10 @@ fn first_whole(stream: &mut Stream<'_>, wanted: Wanted, deadline: &Deadline) -> 
                 bytes: used.to_vec(),
                 sequence: meta.sequence,
                 time_s,
+                monotonic,
+                stamped_at_start: (meta.flags & Flags::TSTAMP_SRC_MASK) == Flags::TSTAMP_SRC_SOE,
+                // Of a stream that has just been started, a frame is no longer than that.
+                period_s: period.shortest_s.unwrap_or((time_s - begun_s).max(0.0)),
                 dropped,
                 damaged,
                 stale,

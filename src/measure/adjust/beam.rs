@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::ground::{Axis, GroundShape, Station, wing_from_section};
 use super::shapes::{Integrals, legendre, shapes_at};
 
-pub use super::shapes::MAX_CURVATURE_TERMS;
+pub use super::shapes::{MAX_CURVATURE_TERMS, curvature_basis};
 /// Terms of the correction of the axis' height: powers of s/L, from the constant on.
 pub const RAISE_TERMS: usize = 4;
 /// Largest number of terms of the twist.

@@ -223,9 +223,20 @@ fn fleet() -> Vec<Beam> {
     (0..243).map(beam).collect()
 }
 
+/// Values of m P_k from 0 to 1.
+static VALUES: LazyLock<Vec<Integrals>> = LazyLock::new(|| basis(TABLE));
+
+/// m P_k at `eta`: the curvature is their sum with the coefficients.
+pub fn curvature_basis(eta: f64) -> [f64; MAX_CURVATURE_TERMS] {
+    interpolated(&VALUES, eta)
+}
+
 /// Integrals of m P_k from the root to `eta`, per unit of length.
 pub fn shapes_at(eta: f64) -> Integrals {
-    let table = &*SHAPES;
+    interpolated(&SHAPES, eta)
+}
+
+fn interpolated(table: &[Integrals], eta: f64) -> Integrals {
     let at = eta.clamp(0.0, 1.0) * (TABLE - 1) as f64;
     let k = (at as usize).min(TABLE - 2);
     let t = at - k as f64;

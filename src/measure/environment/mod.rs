@@ -2,10 +2,12 @@
 //! its bow under pressure, thermal expansion.
 
 mod bow;
+mod conditions;
 mod pane;
 mod refraction;
 mod thermal;
 
+pub use conditions::Conditions;
 pub use pane::Plate;
 pub use refraction::{
     PAPER_INCIDENCE_RAD, RefractionReport, correct_observations, deflection_rad, refract,

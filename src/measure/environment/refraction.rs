@@ -120,6 +120,8 @@ pub struct RefractionReport {
     pub index_cabin: f64,
     /// Index of the air outside.
     pub index_outside: f64,
+    /// Standard deviation of the largest shift, px, where the air was measured; `None` for constants.
+    pub sigma_max_shift_px: Option<f64>,
 }
 
 /// Pixels as they would be without the window's refraction, in place. For frames in flight only:
@@ -136,6 +138,7 @@ pub fn correct_observations(
         max_shift_px: refraction_shift_px(window, PAPER_INCIDENCE_RAD, setup.lens.focal_px()),
         index_cabin: refractive_index(&window.cabin, window.wavelength_nm),
         index_outside: refractive_index(&window.outside, window.wavelength_nm),
+        sigma_max_shift_px: None,
     };
     if let Some(normal) = window.normal {
         report.max_shift_px = 0.0;

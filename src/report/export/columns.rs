@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use serde_json::{Map, Value};
 
 use super::super::{SeriesData, ShotData};
+use crate::aircraft::Quantity;
 use crate::record::{CurveRecord, ImageRecord, MarkerRecord, Status, TorsionRecord};
 use crate::store::installations;
 
@@ -208,6 +209,8 @@ fn flag(rows: &[Row], name: &str, of: impl Fn(&Row) -> Option<bool>) -> Column {
 
 fn identity(series: &SeriesData, common: &Common, rows: &[Row]) -> Vec<Column> {
     let utc = |row: &Row| Some(row.shot?.stamp.as_ref()?.utc.as_microsecond());
+    let exposure = |row: &Row| row.shot.and_then(|shot| shot.exposure.clone());
+    let exposed = |row: &Row| Some(exposure(row)?.exposure_time.as_microsecond());
     let stamp = |row: &Row| row.shot.and_then(|shot| shot.stamp.clone());
     vec![
         text(rows, "recorder_id", |_| common.store_id.clone()),
@@ -222,6 +225,10 @@ fn identity(series: &SeriesData, common: &Common, rows: &[Row]) -> Vec<Column> {
         flag(rows, "utc_synchronised", |row| Some(stamp(row)?.utc_synchronised)),
         text(rows, "boot_id", |row| Some(stamp(row)?.boot_id)),
         number(rows, "since_boot_s", |row| Some(stamp(row)?.since_boot_s)),
+        Column { name: "exposure_time".to_owned(), values: Values::Time(rows.iter().map(exposed).collect()) },
+        number(rows, "exposure_sigma_s", |row| Some(exposure(row)?.exposure_sigma_s)),
+        text(rows, "exposure_source", |row| Some(exposure(row)?.exposure_source.name().to_owned())),
+        number(rows, "clock_sigma_s", |row| exposure(row)?.clock_sigma_s),
         text(rows, "status", |row| Some(status(row).to_owned())),
         text(rows, "reason", |row| row.image.and_then(|i| i.reason.clone())),
     ]
@@ -236,8 +243,23 @@ fn status(row: &Row) -> &'static str {
     }
 }
 
+/// What the aircraft's data say of a shot: each quantity with its standard deviation.
+fn aircraft_columns(rows: &[Row]) -> Vec<Column> {
+    let joined =
+        |row: &Row, quantity: &Quantity| row.shot.and_then(|shot| shot.aircraft.get(quantity)).copied();
+    let both = |quantity: Quantity| {
+        let (name, sigma) = (quantity.name(), format!("sigma_{}", quantity.name()));
+        [
+            number(rows, name, |row| Some(joined(row, &quantity)?.value)),
+            number(rows, &sigma, |row| Some(joined(row, &quantity)?.sigma)),
+        ]
+    };
+    Quantity::ALL.into_iter().flat_map(both).collect()
+}
+
 fn shot_columns(rows: &[Row]) -> Vec<Column> {
     let mut columns = image_columns(rows);
+    columns.extend(aircraft_columns(rows));
     let failures = |row: &Row| row.shot.map(|s| s.failures.join("; ")).filter(|text| !text.is_empty());
     columns.push(count(rows, "failed_attempts", |row| Some(row.shot?.failures.len())));
     columns.push(text(rows, "camera_failures", failures));

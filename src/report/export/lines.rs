@@ -5,6 +5,7 @@ use std::io::{self, Write};
 use serde_json::json;
 
 use super::super::SeriesData;
+use crate::aircraft::named;
 
 /// Writes the shots of a series, those without a frame or result too (`record` is `null`).
 pub fn lines(output: &mut dyn Write, series: &SeriesData, store_id: Option<&str>) -> io::Result<()> {
@@ -22,6 +23,8 @@ pub fn lines(output: &mut dyn Write, series: &SeriesData, store_id: Option<&str>
             "utc_synchronised": stamp.map(|s| s.utc_synchronised),
             "boot_id": stamp.map(|s| &s.boot_id),
             "since_boot_s": stamp.map(|s| s.since_boot_s),
+            "exposure": shot.exposure,
+            "aircraft": named(&shot.aircraft),
             "camera_failures": shot.failures,
             "inputs": record.and(series.inputs.as_ref()),
             "record": record,

@@ -1,5 +1,6 @@
 //! The report: one page that opens offline and prints well.
 
+mod aircraft;
 mod figures;
 mod flights;
 pub mod picture;
@@ -52,6 +53,7 @@ pub fn page(data: &ReportData) -> String {
         (notes(data))
         (deflection(&summaries, shown))
         (over_time(data, &summaries))
+        (aircraft::section(data))
         (tables::series(&summaries))
         (orthographic(data, shown))
         (frame(data, shown))

@@ -93,6 +93,29 @@ fn words(value: &Value) -> String {
     }
 }
 
+/// How well it is known when the frames were exposed.
+fn instants(data: &ReportData) -> Markup {
+    let exposures: Vec<_> =
+        data.series.iter().flat_map(|s| &s.shots).filter_map(|shot| shot.exposure.as_ref()).collect();
+    let largest = |values: Vec<f64>| values.into_iter().fold(0.0, f64::max);
+    let own_ms = 1e3 * largest(exposures.iter().map(|e| e.exposure_sigma_s).collect());
+    let clock: Vec<f64> = exposures.iter().filter_map(|e| e.clock_sigma_s).collect();
+    let mut sources: Vec<&str> = exposures.iter().map(|e| e.exposure_source.name()).collect();
+    sources.sort_unstable();
+    sources.dedup();
+    html! {
+        @if !exposures.is_empty() {
+            h3 { "Instants of exposure" }
+            p {
+                "Of " (exposures.len()) " frames, told by " (sources.join(", ")) ": standard deviation against the recorder's clock at most "
+                (fixed(Some(own_ms), 1)) " ms. "
+                @if clock.is_empty() { "How far that clock was off UTC is not known." }
+                @else { "Of that clock against UTC, where it was synchronised (" (clock.len()) " frames): at most " (fixed(Some(1e3 * largest(clock.clone())), 1)) " ms." }
+            }
+        }
+    }
+}
+
 /// What was turned down and what failed.
 pub fn quality(data: &ReportData) -> Markup {
     let records = || data.series.iter().flat_map(|s| s.records.iter().map(move |r| (s, r)));
@@ -103,6 +126,7 @@ pub fn quality(data: &ReportData) -> Markup {
         (tests(records().map(|(_, r)| r)))
         (section("Markers not used", "Every marker of the survey was used in every solved frame.", &unused))
         (section("Frames without a result", "Every frame has a result.", &failed))
+        (instants(data))
         (section("Camera failures", "The camera delivered every shot at the first attempt.", &camera))
         @if !remarks.rows.is_empty() {
             h3 { "Remarks" }

@@ -1,0 +1,100 @@
+//! The air about the window and the wing's temperature from the aircraft's data.
+
+use super::Quantity;
+use super::join::{Joined, State};
+use crate::measure::adjust::Estimate;
+use crate::measure::environment::Conditions;
+
+const KELVIN: f64 = 273.15;
+/// Half of the ratio of specific heats less 1, air.
+const HALF_GAMMA_LESS_ONE: f64 = 0.2;
+/// Share of the dynamic heating that a turbulent boundary layer gives to the skin: cube root of Prandtl's number, 0.71.
+const RECOVERY: f64 = 0.89;
+/// How far the structure is from the temperature of the air that it stops, K, standard deviation: fuel and lag (an
+/// assumption; half of what holds where nothing is measured).
+const STRUCTURE_SIGMA_K: f64 = 7.0;
+
+/// The standard atmosphere (ISO 2533) up to 20 km: hPa at a pressure altitude in m, and its derivative.
+fn pressure_hpa(altitude_m: f64) -> (f64, f64) {
+    if altitude_m < 11_000.0 {
+        let base = 1.0 - 2.255_77e-5 * altitude_m;
+        let pressure = 1013.25 * base.powf(5.255_88);
+        return (pressure, -5.255_88 * 2.255_77e-5 * pressure / base);
+    }
+    let pressure = 226.321 * ((11_000.0 - altitude_m) / 6341.62).exp();
+    (pressure, -pressure / 6341.62)
+}
+
+/// A value that does not lie in the state is `None`.
+pub fn conditions(state: &State) -> Conditions {
+    let of = |q: Quantity| state.get(&q).map(|Joined { value, sigma, .. }| (*value, *sigma));
+    let by_altitude = || {
+        let (altitude, sigma) = of(Quantity::PressureAltitudeM)?;
+        let (pressure, slope) = pressure_hpa(altitude);
+        Some((pressure, slope.abs() * sigma))
+    };
+    let mach = of(Quantity::Mach);
+    let static_c = of(Quantity::StaticTemperatureC).or_else(|| {
+        let ((total, sigma), (mach, mach_sigma)) = (of(Quantity::TotalTemperatureC)?, mach?);
+        let heating = 1.0 + HALF_GAMMA_LESS_ONE * mach * mach;
+        let kelvin = (total + KELVIN) / heating;
+        let by_mach = kelvin / heating * 2.0 * HALF_GAMMA_LESS_ONE * mach * mach_sigma;
+        Some((kelvin - KELVIN, (sigma / heating).hypot(by_mach)))
+    });
+    let wing_c = static_c.zip(mach).map(|((static_c, sigma), (mach, mach_sigma))| {
+        let heating = 1.0 + RECOVERY * HALF_GAMMA_LESS_ONE * mach * mach;
+        let kelvin = static_c + KELVIN;
+        let by_mach = kelvin * 2.0 * RECOVERY * HALF_GAMMA_LESS_ONE * mach * mach_sigma;
+        (kelvin * heating - KELVIN, (sigma * heating).hypot(by_mach).hypot(STRUCTURE_SIGMA_K))
+    });
+    let estimate =
+        |pair: Option<(f64, f64)>| pair.map(|(value, sigma)| Estimate { value, sigma: Some(sigma) });
+    Conditions {
+        cabin_pressure_hpa: estimate(of(Quantity::CabinPressureHpa)),
+        outside_pressure_hpa: estimate(of(Quantity::StaticPressureHpa).or_else(by_altitude)),
+        outside_temperature_c: estimate(static_c),
+        wing_temperature_c: estimate(wing_c),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn state(values: &[(Quantity, f64, f64)]) -> State {
+        values
+            .iter()
+            .map(|(q, value, sigma)| (*q, Joined { value: *value, sigma: *sigma, apart_s: 0.1 }))
+            .collect()
+    }
+
+    #[test]
+    fn altitude_and_total_temperature_stand_in() {
+        let told = conditions(&state(&[
+            (Quantity::PressureAltitudeM, 11_277.6, 30.0),
+            (Quantity::TotalTemperatureC, -30.1, 0.5),
+            (Quantity::Mach, 0.78, 0.005),
+        ]));
+        // ICAO standard atmosphere at flight level 370: 216.6 hPa; 216.65 K.
+        let pressure = told.outside_pressure_hpa.unwrap();
+        assert!((pressure.value - 216.6).abs() < 0.1 && (pressure.sigma.unwrap() - 1.02).abs() < 0.02);
+        let outside = told.outside_temperature_c.unwrap();
+        assert!((outside.value + 56.5).abs() < 0.1 && (0.4..0.8).contains(&outside.sigma.unwrap()));
+        let wing = told.wing_temperature_c.unwrap();
+        assert!((wing.value + 33.0).abs() < 0.3 && (7.0..7.1).contains(&wing.sigma.unwrap()), "{wing:?}");
+        assert_eq!(told.cabin_pressure_hpa, None);
+    }
+
+    #[test]
+    fn the_standard_atmosphere_at_its_own_levels() {
+        for (altitude, pressure) in [(0.0, 1013.25), (5000.0, 540.2), (11_000.0, 226.32), (15_000.0, 120.45)]
+        {
+            let (found, slope) = pressure_hpa(altitude);
+            assert!((found - pressure).abs() < 0.1, "{altitude}: {found}");
+            let numeric = (pressure_hpa(altitude + 1.0).0 - found) / 1.0;
+            assert!((slope - numeric).abs() < 1e-3 * slope.abs());
+        }
+        assert_eq!(conditions(&State::new()), Conditions::default());
+    }
+}

@@ -1,0 +1,250 @@
+//! Frames and samples joined by time tag. A feed comes seconds late, in bursts, repeats lines and jumps: its own tags count,
+//! the time of receipt only tells which tags cannot be true.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::layout::{Layout, Sample, seconds};
+use super::{QUANTITIES, Quantity};
+use crate::clock::Stamp;
+use crate::clock::exposure::Exposure;
+
+/// Farthest that a tag may be from a frame, s.
+const WIDTH_S: f64 = 5.0;
+/// A tag whose delay differs by more from the usual one has jumped, s.
+const JUMP_S: f64 = 30.0;
+/// Where only the feed tells UTC: from the tag to its receipt, and that one's standard deviation, s (an assumption: such
+/// feeds are up to some seconds late).
+const LATE_S: (f64, f64) = (1.0, 1.0);
+/// A clock whose error nobody states is taken to be off by this, s.
+const UNSTATED_CLOCK_S: f64 = 1.0;
+
+/// A line with the moment of its receipt; none for a file that came after the flight.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Received {
+    /// When it came.
+    pub at: Option<Stamp>,
+    /// As it came.
+    pub line: String,
+}
+
+/// Lines that say nothing, by reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Unused {
+    /// Not of the layout, or without a time.
+    pub unread: usize,
+    /// With a tag that was there before.
+    pub repeated: usize,
+    /// With a tag that cannot be true by when they came.
+    pub jumped: usize,
+}
+
+/// A flight's samples in the order of their tags.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Track {
+    samples: Vec<Sample>,
+    /// Lines that say nothing.
+    pub unused: Unused,
+    /// By boot: the tags' UTC less the time since boot of receipt, median, s.
+    lead_s: BTreeMap<String, f64>,
+}
+
+/// A quantity at a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Joined {
+    /// In the unit that its name bears.
+    pub value: f64,
+    /// Its standard deviation: instrument, time, and what lies between the tags.
+    pub sigma: f64,
+    /// From the frame to the nearest tag that tells it, s.
+    pub apart_s: f64,
+}
+
+/// What the aircraft's data say of a frame.
+pub type State = BTreeMap<Quantity, Joined>;
+
+impl Track {
+    /// Takes lines of one layout in.
+    pub fn add(&mut self, layout: &Layout, lines: &[Received]) {
+        let read = |line: &Received| Some((layout.read(&line.line)?, line.at.clone()));
+        let tagged: Vec<_> = lines.iter().filter_map(read).collect();
+        self.unused.unread += lines.len() - tagged.len();
+        let mut leads: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+        for (sample, at) in tagged.iter().filter_map(|(s, at)| Some((s, at.as_ref()?))) {
+            leads.entry(at.boot_id.clone()).or_default().push(sample.time_s - at.since_boot_s);
+        }
+        for (boot, mut all) in leads {
+            all.sort_by(f64::total_cmp);
+            self.lead_s.extend(all.get(all.len() / 2).map(|median| (boot, *median)));
+        }
+        for (sample, at) in tagged {
+            let lead = at.as_ref().and_then(|at| Some((self.lead_s.get(&at.boot_id)?, at.since_boot_s)));
+            let jumped = lead.is_some_and(|(lead, at_s)| (sample.time_s - at_s - lead).abs() > JUMP_S);
+            let place = self.samples.partition_point(|known| known.time_s < sample.time_s);
+            let known = self.samples.get(place).is_some_and(|known| known.time_s == sample.time_s);
+            match (jumped, known) {
+                (true, _) => self.unused.jumped += 1,
+                (false, true) => self.unused.repeated += 1,
+                (false, false) => self.samples.insert(place, sample),
+            }
+        }
+    }
+
+    /// Samples.
+    pub fn len(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.samples.is_empty()
+    }
+
+    /// A frame's UTC for the join, seconds since 1970, and its standard deviation. Where this machine's clock was not
+    /// synchronised the feed's own tags tell it.
+    fn instant(&self, stamp: &Stamp, exposure: Option<&Exposure>) -> Option<(f64, f64)> {
+        let own_sigma_s = exposure.map_or(0.0, |e| e.exposure_sigma_s);
+        let clock = exposure.and_then(|e| e.clock_sigma_s);
+        if stamp.utc_synchronised {
+            let utc = exposure.map_or(stamp.utc, |e| e.exposure_time);
+            return Some((seconds(utc), own_sigma_s.hypot(clock.unwrap_or(UNSTATED_CLOCK_S))));
+        }
+        let since_boot_s = exposure.map_or(stamp.since_boot_s, |e| e.exposure_since_boot_s);
+        let lead = self.lead_s.get(&stamp.boot_id)?;
+        Some((since_boot_s + lead + LATE_S.0, own_sigma_s.hypot(LATE_S.1)))
+    }
+
+    /// The state at a frame; empty where no tag is near enough.
+    pub fn at(&self, stamp: &Stamp, exposure: Option<&Exposure>) -> State {
+        let Some((time_s, sigma_s)) = self.instant(stamp, exposure) else { return State::new() };
+        let one = |quantity: Quantity| Some((quantity, self.quantity(quantity, time_s, sigma_s)?));
+        Quantity::ALL.into_iter().filter_map(one).collect()
+    }
+
+    /// Linear between the tags on both sides; with one side only the nearest, and what a change as fast as the last one
+    /// would make of it in the standard deviation.
+    fn quantity(&self, quantity: Quantity, time_s: f64, sigma_s: f64) -> Option<Joined> {
+        let index = quantity.index();
+        let place = self.samples.partition_point(|sample| sample.time_s <= time_s);
+        let near = |sample: &&Sample| (sample.time_s - time_s).abs() <= WIDTH_S;
+        let told = |sample: &Sample| Some((sample.time_s, sample.values.get(index).copied().flatten()?));
+        let mut before = self.samples.get(..place)?.iter().rev().take_while(near).filter_map(told);
+        let mut after = self.samples.get(place..)?.iter().take_while(near).filter_map(told);
+        let (value, rate, apart_s, held_s) = match (before.next(), after.next()) {
+            (Some((t0, v0)), Some((t1, v1))) => {
+                let rate = (v1 - v0) / (t1 - t0);
+                (v0 + rate * (time_s - t0), rate, (time_s - t0).min(t1 - time_s), 0.0)
+            }
+            (Some(last), None) => held(last, before.next(), time_s),
+            (None, Some(first)) => held(first, after.next(), time_s),
+            (None, None) => return None,
+        };
+        let by_time = rate * sigma_s.hypot(held_s);
+        Some(Joined { value, sigma: quantity.sigma(value).hypot(by_time), apart_s })
+    }
+}
+
+/// Value, rate by the next tag on the same side, distance, and how long the value is held.
+fn held((at, value): (f64, f64), next: Option<(f64, f64)>, time_s: f64) -> (f64, f64, f64, f64) {
+    let rate = next.map_or(0.0, |(t, v)| (v - value) / (t - at));
+    let apart_s = (time_s - at).abs();
+    (value, rate, apart_s, apart_s)
+}
+
+/// Values of a state by name, for files.
+pub fn named(state: &State) -> serde_json::Map<String, serde_json::Value> {
+    let one = |(q, joined): (&Quantity, &Joined)| {
+        (q.name().to_owned(), serde_json::to_value(joined).unwrap_or_default())
+    };
+    state.iter().map(one).collect()
+}
+
+const _: () = assert!(QUANTITIES == Quantity::ALL.len());
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::super::Column;
+    use super::*;
+    use crate::clock::quality::Quality;
+
+    const BEGIN_S: f64 = 1_772_344_800.0;
+
+    fn layout() -> Layout {
+        let columns = [(2, Quantity::Mach), (3, Quantity::FuelKg)];
+        let column = |(field, quantity)| Column { field, quantity, scale: 1.0, offset: 0.0 };
+        Layout { begins_with: None, separator: ',', time_field: 1, column: columns.map(column).to_vec() }
+    }
+
+    fn stamp(second: f64, synchronised: bool) -> Stamp {
+        let utc = jiff::Timestamp::from_microsecond(((BEGIN_S + second) * 1e6) as i64).unwrap();
+        let utc = if synchronised { utc } else { "1970-01-01T00:01:00Z".parse().unwrap() };
+        Stamp { utc, utc_synchronised: synchronised, boot_id: "b".into(), since_boot_s: 100.0 + second }
+    }
+
+    /// A line tagged `tag` that came `late` seconds after.
+    fn line(tag: f64, mach: f64, late: f64) -> Received {
+        Received {
+            at: Some(stamp(tag + late, true)),
+            line: format!("{},{mach},{}", BEGIN_S + tag, 9000.0 - tag),
+        }
+    }
+
+    fn exposure(second: f64) -> Exposure {
+        let at = stamp(second, true);
+        Exposure::asked(&at, at.since_boot_s, Quality::exact())
+    }
+
+    #[test]
+    fn late_bursts_repeats_and_jumps_change_nothing() {
+        let mach = |tag: f64| 0.7 + 1e-4 * tag;
+        let smooth: Vec<Received> = (0..120).map(|k| line(f64::from(k), mach(f64::from(k)), 0.2)).collect();
+        let mut rough: Vec<Received> =
+            (0..120).map(|k| line(f64::from(k), mach(f64::from(k)), 2.0 + f64::from(k % 7))).collect();
+        rough.swap(10, 14);
+        rough.extend([line(60.0, 0.99, 9.0), line(61.0, 0.98, 9.0)]);
+        let jump =
+            Received { at: Some(stamp(50.0, true)), line: format!("{},0.1,1", BEGIN_S + 50.5 - 3600.0) };
+        rough.insert(50, jump);
+        rough.push(Received { at: Some(stamp(90.0, true)), line: "noise".into() });
+        let (mut one, mut other) = (Track::default(), Track::default());
+        one.add(&layout(), &smooth);
+        other.add(&layout(), &rough);
+        assert_eq!(other.unused, Unused { unread: 1, repeated: 2, jumped: 1 });
+        for second in [0.0, 12.3, 50.5, 60.6, 118.9] {
+            let at = |track: &Track| track.at(&stamp(second, true), Some(&exposure(second)));
+            assert_eq!(at(&one), at(&other), "{second}");
+            let joined = at(&other)[&Quantity::Mach];
+            assert!((joined.value - mach(second)).abs() < 1e-9 && joined.sigma < 0.0051, "{joined:?}");
+        }
+    }
+
+    #[test]
+    fn beyond_the_width_there_is_nothing_and_within_it_the_sigma_grows() {
+        let mut track = Track::default();
+        track.add(
+            &layout(),
+            &(0..10).map(|k| line(f64::from(k), 0.5 + 0.1 * f64::from(k), 1.0)).collect::<Vec<_>>(),
+        );
+        let at = |second: f64| track.at(&stamp(second, true), Some(&exposure(second)));
+        let held = at(12.0)[&Quantity::Mach];
+        assert_eq!((held.value, held.apart_s), (1.4, 3.0));
+        assert!((held.sigma - 0.005f64.hypot(0.1 * 3.0)).abs() < 1e-6, "{held:?}");
+        assert!(at(14.5).is_empty() && at(-6.0).is_empty());
+    }
+
+    #[test]
+    fn a_recorder_in_1970_is_dated_by_the_feed() {
+        let mut track = Track::default();
+        let late = |k: i32| {
+            let mut line = line(f64::from(k), 0.5 + 0.001 * f64::from(k), 1.0);
+            line.at.as_mut().unwrap().utc = "1970-01-01T00:00:00Z".parse().unwrap();
+            line
+        };
+        track.add(&layout(), &(0..60).map(late).collect::<Vec<_>>());
+        let joined = track.at(&stamp(30.5, false), None)[&Quantity::Mach];
+        assert!((joined.value - 0.5305).abs() < 1e-9, "{joined:?}");
+        assert!((joined.sigma - 0.005f64.hypot(0.001)).abs() < 1e-9);
+    }
+}

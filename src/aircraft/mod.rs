@@ -1,0 +1,111 @@
+//! The aircraft's own data: lines of a feed or a file, joined with frames by their time tags (docs/aircraft-data.md).
+//!
+//! | file | from | to |
+//! |---|---|---|
+//! | `layout` | a line of text, where its fields stand | sample: time tag and quantities |
+//! | `join` | samples, a frame's instant | state with standard deviations |
+//! | `air` | state | air on both sides of the window, the wing's temperature |
+
+mod air;
+mod join;
+mod layout;
+
+pub use air::conditions;
+pub use join::{Joined, Received, State, Track, Unused, named};
+pub use layout::{Column, Kind, Layout, Sample};
+
+use serde::{Deserialize, Serialize};
+
+/// What is taken from the aircraft's data; the name bears the unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Quantity {
+    /// Mach number.
+    Mach,
+    /// Pressure altitude, m.
+    PressureAltitudeM,
+    /// Static temperature, degrees Celsius.
+    StaticTemperatureC,
+    /// Total temperature, degrees Celsius.
+    TotalTemperatureC,
+    /// Static pressure, hPa.
+    StaticPressureHpa,
+    /// Pressure in the cabin, hPa.
+    CabinPressureHpa,
+    /// Gross weight, kg.
+    WeightKg,
+    /// Fuel on board, kg.
+    FuelKg,
+    /// Load factor normal to the aircraft, g.
+    LoadFactor,
+    /// Flap setting, degrees.
+    FlapDeg,
+}
+
+/// How many there are.
+pub const QUANTITIES: usize = 10;
+
+/// What is believed of a quantity.
+struct Belief {
+    name: &'static str,
+    low: f64,
+    high: f64,
+    /// Standard deviation as an absolute and as a share of the value.
+    sigma: (f64, f64),
+}
+
+impl Quantity {
+    /// In the order of exports.
+    pub const ALL: [Self; QUANTITIES] = [
+        Self::Mach,
+        Self::PressureAltitudeM,
+        Self::StaticTemperatureC,
+        Self::TotalTemperatureC,
+        Self::StaticPressureHpa,
+        Self::CabinPressureHpa,
+        Self::WeightKg,
+        Self::FuelKg,
+        Self::LoadFactor,
+        Self::FlapDeg,
+    ];
+
+    /// Widths are assumptions: what air data computers, cabin pressure controllers, fuel gauges and flight management
+    /// hold in service, rounded up. Values out of the range are what feeds write for none (-9999 and the like).
+    fn belief(self) -> Belief {
+        let (name, low, high, sigma) = match self {
+            Self::Mach => ("mach", 0.0, 3.0, (0.005, 0.0)),
+            Self::PressureAltitudeM => ("pressure_altitude_m", -1000.0, 30_000.0, (20.0, 0.002)),
+            Self::StaticTemperatureC => ("static_temperature_c", -110.0, 70.0, (1.0, 0.0)),
+            Self::TotalTemperatureC => ("total_temperature_c", -110.0, 150.0, (0.5, 0.0)),
+            Self::StaticPressureHpa => ("static_pressure_hpa", 10.0, 1100.0, (1.0, 0.0)),
+            Self::CabinPressureHpa => ("cabin_pressure_hpa", 300.0, 1200.0, (5.0, 0.0)),
+            Self::WeightKg => ("weight_kg", 100.0, 1e6, (0.0, 0.01)),
+            Self::FuelKg => ("fuel_kg", 0.0, 5e5, (50.0, 0.02)),
+            Self::LoadFactor => ("load_factor", -5.0, 10.0, (0.02, 0.0)),
+            Self::FlapDeg => ("flap_deg", -20.0, 90.0, (0.5, 0.0)),
+        };
+        Belief { name, low, high, sigma }
+    }
+
+    /// As in files.
+    pub fn name(self) -> &'static str {
+        self.belief().name
+    }
+
+    /// The value, where it can be true.
+    fn believable(self, value: f64) -> Option<f64> {
+        let belief = self.belief();
+        (belief.low..=belief.high).contains(&value).then_some(value)
+    }
+
+    /// Standard deviation of a value as such feeds give it.
+    fn sigma(self, value: f64) -> f64 {
+        let (absolute, share) = self.belief().sigma;
+        absolute.hypot(share * value)
+    }
+
+    /// Place in [`Quantity::ALL`].
+    fn index(self) -> usize {
+        Self::ALL.iter().position(|q| *q == self).unwrap_or(0)
+    }
+}

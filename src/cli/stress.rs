@@ -1,0 +1,287 @@
+//! `wingd stress`: bending moments of a store's flights, their extremes, cycles and relative damage.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::json;
+
+use super::solve_store::flights;
+use super::{Done, Failure, print};
+use crate::clock::Stamp;
+use crate::installation::{self, Installation, Structure};
+use crate::measure::stress::{Curvature, Section, USUAL_BENDING_HZ, bending_length_m};
+use crate::report::grid::Grid;
+use crate::report::number::{NONE, fixed, general, rounded};
+use crate::report::stress::{self, FlightLoad, Frame, Question, StationLoad};
+use crate::report::{ShotData, source};
+use crate::store::sets::{self, ResultSet};
+use crate::store::{FlightRef, RealDisk, StoreError, catalogue, installations};
+
+/// Bending moments against ground at stations along the span, from the curvature of the solved bending line.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The store
+    store: PathBuf,
+    /// Bending stiffness along the span, CSV: s_m,ei_n_m2,sigma_ei_n_m2 and optionally ground_n_m,ultimate_n_m
+    /// [default: the installation's, structure.stiffness]
+    #[arg(long, value_name = "FILE")]
+    structure: Option<PathBuf>,
+    /// One flight, for example f0001 [default: all of them]
+    #[arg(long)]
+    flight: Option<String>,
+    /// Of a flight with results of several inputs: those whose key begins so [default: the newest whole solve]
+    #[arg(long, value_name = "KEY")]
+    inputs: Option<String>,
+    /// The installation [default: the one that the store keeps]
+    #[arg(long, value_name = "DIR")]
+    installation: Option<PathBuf>,
+    /// Lowest bending frequency of the wing; cycles need ten frames a period [default: the installation's, else 3]
+    #[arg(long, value_name = "HZ")]
+    bending_hz: Option<f64>,
+    /// Slopes of S-N curves
+    #[arg(long, value_name = "M,M", value_delimiter = ',', default_values_t = [3.0, 5.0, 10.0])]
+    slopes: Vec<f64>,
+    /// Correct each cycle for its mean (Goodman), against ultimate_n_m of the stations
+    #[arg(long)]
+    goodman: bool,
+    /// Levels of the exceedances
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    levels: usize,
+    /// Also write every frame's moments, CSV
+    #[arg(long, value_name = "FILE")]
+    moments: Option<PathBuf>,
+    /// One JSON object per flight
+    #[arg(long)]
+    json: bool,
+}
+
+fn undone(error: StoreError) -> Failure {
+    Failure::Undone(error.to_string())
+}
+
+pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    usage(args)?;
+    let stated = args.structure.as_deref().map(installation::read_stiffness).transpose()?;
+    let (mut told, mut whole, mut table) = (0, true, MOMENTS_HEADER.to_owned());
+    for flight in flights(&RealDisk, &args.store, args.flight.as_deref())? {
+        let all = sets::of_flight(&RealDisk, &flight).map_err(undone)?;
+        let Some(set) = all.chosen(args.inputs.as_deref()) else { continue };
+        if let Some(warning) = all.warning(&flight.id, args.inputs.as_deref()) {
+            eprintln!("wingd: {warning}");
+        }
+        let question = question(args, stated.as_deref(), &flight, set)?;
+        let (frames, left_out) = frames(&flight, set, &question.1)?;
+        for why in &left_out {
+            eprintln!("wingd: {}: {why}", flight.id);
+        }
+        whole &= left_out.is_empty();
+        let Some(load) = stress::of(&frames, &question.0) else { continue };
+        told += 1;
+        moments(&mut table, &flight, &frames, &question.0.sections);
+        show(args, &flight, set, &load)?;
+    }
+    if told == 0 {
+        let store = args.store.display();
+        return Err(Failure::Undone(format!(
+            "{store}: no flight has a solved bending line; `wingd solve {store}` gives one"
+        )));
+    }
+    write(args, &table)?;
+    Ok(Done::all(whole))
+}
+
+fn usage(args: &Args) -> Result<(), Failure> {
+    let positive = |value: f64| value.is_finite() && value > 0.0;
+    if args.bending_hz.is_some_and(|hz| !positive(hz)) {
+        return Err(Failure::Usage("--bending-hz: give a frequency above 0 Hz".into()));
+    }
+    if args.slopes.is_empty() || !args.slopes.iter().all(|m| (1.0..=30.0).contains(m)) {
+        return Err(Failure::Usage(
+            "--slopes: give slopes of S-N curves from 1 to 30, such as 3,5,10".into(),
+        ));
+    }
+    if !(1..=1000).contains(&args.levels) {
+        return Err(Failure::Usage("--levels: give 1 to 1000".into()));
+    }
+    Ok(())
+}
+
+/// What the frames' bending lines have in common.
+struct Line {
+    length_m: f64,
+    root_sigma_m: f64,
+}
+
+fn question(
+    args: &Args,
+    stated: Option<&[Section]>,
+    flight: &FlightRef,
+    set: &ResultSet,
+) -> Result<(Question, Line), Failure> {
+    let installation = installation_of(args, flight, set)?;
+    let own: Option<&Structure> = installation.structure.as_ref();
+    let sections = stated.map(<[Section]>::to_vec).or_else(|| own.map(|s| s.sections.clone()));
+    let sections = sections.ok_or_else(|| {
+        let what =
+            "there is no bending stiffness: give --structure FILE, or [structure] in installation.toml";
+        Failure::Usage(what.to_owned())
+    })?;
+    if let Some(section) = sections.iter().find(|s| args.goodman && s.ultimate_n_m.is_none()) {
+        let what = format!("--goodman: ultimate_n_m of the station at {} m is not stated", section.s_m);
+        return Err(Failure::Usage(what));
+    }
+    let orientation = installation.require_orientation()?;
+    let length_m = bending_length_m(&installation.setup, orientation);
+    let length_m = length_m.map_err(|error| Failure::Undone(format!("{}: {error}", flight.id)))?;
+    if let Some(section) = sections.iter().find(|s| s.s_m > length_m) {
+        let what = format!("a station at {} m lies beyond the tip, {length_m:.2} m", section.s_m);
+        return Err(Failure::Undone(format!("{what} from the bending root; leave it out of the structure")));
+    }
+    let hz = args.bending_hz.or(own.map(|s| s.bending_hz)).unwrap_or(USUAL_BENDING_HZ);
+    let question = Question {
+        sections,
+        bending_hz: hz,
+        slopes: args.slopes.clone(),
+        goodman: args.goodman,
+        levels: args.levels,
+    };
+    Ok((question, Line { length_m, root_sigma_m: installation.setup.uncertainty.root_offset_m }))
+}
+
+/// The one of the command line, else the one that the results came from.
+fn installation_of(args: &Args, flight: &FlightRef, set: &ResultSet) -> Result<Installation, Failure> {
+    let directory = match &args.installation {
+        Some(directory) => directory.clone(),
+        None => {
+            let digest = installations::named(&set.provenance);
+            let kept = digest.map(|digest| installations::folder(&args.store, &digest));
+            kept.filter(|folder| folder.is_dir()).ok_or_else(|| {
+                let (store, flight) = (args.store.display(), &flight.id);
+                Failure::Undone(format!(
+                    "{store}: the installation of {flight} is not kept; name it with --installation"
+                ))
+            })?
+        }
+    };
+    Ok(installation::load(&directory)?)
+}
+
+/// The solved frames of a flight, and why others are left out.
+fn frames(flight: &FlightRef, set: &ResultSet, line: &Line) -> Result<(Vec<Frame>, Vec<String>), Failure> {
+    let (mut frames, mut left_out) = (Vec::new(), Vec::new());
+    for series in catalogue::series(&RealDisk, flight).map_err(undone)? {
+        let Some(read) = source::read_series(&RealDisk, &series, Some(set), &mut left_out) else { continue };
+        for record in &read.records {
+            let shot = read.shots.iter().find(|shot| shot.image.as_ref() == Some(&record.image));
+            let Some(stamp) = shot.and_then(exposed) else { continue };
+            match stress::coefficients(record) {
+                Err(why) => left_out.push(format!("{}/{}: {why}", series.id, record.image)),
+                Ok((coefficients_per_m, covariance)) => frames.push(Frame {
+                    series: series.id.clone(),
+                    image: record.image.clone(),
+                    stamp,
+                    curvature: Curvature {
+                        coefficients_per_m,
+                        covariance,
+                        length_m: line.length_m,
+                        root_sigma_m: line.root_sigma_m,
+                    },
+                }),
+            }
+        }
+    }
+    Ok((frames, left_out))
+}
+
+/// The instant of exposure as a stamp.
+fn exposed(shot: &ShotData) -> Option<Stamp> {
+    let asked = shot.stamp.clone()?;
+    let told = shot.exposure.as_ref();
+    Some(told.map_or(asked.clone(), |exposure| Stamp {
+        utc: exposure.exposure_time,
+        since_boot_s: exposure.exposure_since_boot_s,
+        ..asked
+    }))
+}
+
+const MOMENTS_HEADER: &str =
+    "flight,series,image,utc,s_m,moment_n_m,sigma_moment_n_m,sigma_by_curvature_n_m,sigma_by_stiffness_n_m\n";
+
+fn moments(table: &mut String, flight: &FlightRef, frames: &[Frame], sections: &[Section]) {
+    for frame in frames {
+        for section in sections {
+            let m = frame.curvature.moment(section);
+            let head = format!("{},{},{},{}", flight.id, frame.series, frame.image, frame.stamp.utc);
+            let tail = format!("{},{},{},{}", m.value, m.sigma, m.sigma_by_curvature, m.sigma_by_stiffness);
+            table.push_str(&format!("{head},{},{tail}\n", section.s_m));
+        }
+    }
+}
+
+fn write(args: &Args, table: &str) -> Result<(), Failure> {
+    let Some(file) = args.moments.as_deref() else { return Ok(()) };
+    installation::write_page(file, table).map_err(|e| unwritable(file, &e))
+}
+
+fn unwritable(file: &Path, error: &std::io::Error) -> Failure {
+    let file = file.display();
+    Failure::Undone(format!("{file}: could not write: {error}; choose another place with --moments"))
+}
+
+fn show(args: &Args, flight: &FlightRef, set: &ResultSet, load: &FlightLoad) -> Result<(), Failure> {
+    if args.json {
+        let mut line = json!({"flight": flight.id, "inputs": set.key});
+        if let (Some(line), Ok(serde_json::Value::Object(more))) =
+            (line.as_object_mut(), serde_json::to_value(load))
+        {
+            line.extend(more);
+        }
+        return print(&line.to_string());
+    }
+    let rate = load.rate_hz.map_or(NONE.to_owned(), general);
+    print(&format!("Flight {}: {} frames, {rate} a second; change against ground", flight.id, load.frames))?;
+    print(table(load).text().trim_end())?;
+    load.no_cycles_because.as_ref().map_or(Ok(()), |why| print(&format!("No cycles: {why}")))
+}
+
+fn table(load: &FlightLoad) -> Grid {
+    let slopes: Vec<f64> = load
+        .stations
+        .first()
+        .and_then(|s| s.damage.as_ref())
+        .into_iter()
+        .flatten()
+        .map(|d| d.slope)
+        .collect();
+    let mut titles: Vec<String> = ["s / m", "greatest / kN m", "sigma", "<in", "smallest / kN m", "sigma"]
+        .into_iter()
+        .chain(["ground-air-ground / kN m", "sigma"])
+        .map(str::to_owned)
+        .collect();
+    if !slopes.is_empty() {
+        titles.push("cycles".to_owned());
+        titles.extend(slopes.iter().map(|m| format!("damage, slope {m}")));
+    }
+    let titles: Vec<&str> = titles.iter().map(String::as_str).collect();
+    let mut grid = Grid::new(&titles);
+    load.stations.iter().for_each(|station| grid.push(row(station)));
+    grid
+}
+
+fn row(station: &StationLoad) -> Vec<String> {
+    let kilo = |value: f64, sigma: f64| rounded(Some(1e-3 * value), Some(1e-3 * sigma), 1);
+    let (high, low, whole) = (&station.greatest, &station.smallest, &station.ground_air_ground);
+    let (greatest, sigma_greatest) = kilo(high.moment_n_m, high.sigma_moment_n_m);
+    let (smallest, sigma_smallest) = kilo(low.moment_n_m, low.sigma_moment_n_m);
+    let (range, sigma_range) = kilo(whole.range_n_m, whole.sigma_range_n_m);
+    let place = format!("{}/{}", high.series, high.image);
+    let mut cells = vec![format!("{:.2}", station.s_m), greatest, sigma_greatest, place];
+    cells.extend([smallest, sigma_smallest, range, sigma_range]);
+    if let (Some(cycles), Some(damage)) = (&station.cycles, &station.damage) {
+        cells.push(fixed(Some(cycles.iter().map(|c| c.count).sum()), 1));
+        cells.extend(damage.iter().map(|d| {
+            let (value, sigma) = rounded(d.relative, d.sigma_relative, 2);
+            if sigma == NONE { value } else { format!("{value} ± {sigma}") }
+        }));
+    }
+    cells
+}

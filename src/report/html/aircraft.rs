@@ -1,0 +1,91 @@
+//! The aircraft's data beside the lift.
+
+use maud::{Markup, html};
+
+use super::super::grid::Grid;
+use super::super::number::{NONE, rounded};
+use super::super::{ReportData, SeriesData};
+use super::plot::{Axis, Plot, drawing};
+use crate::aircraft::Quantity;
+
+const WIDTH: f64 = 1040.0;
+const COLOUR: &str = "#17456f";
+/// What the lift follows: more weight asks for more lift, a wing's own fuel relieves it.
+const AGAINST: [(Quantity, &str, f64); 3] = [
+    (Quantity::WeightKg, "weight / t", 1e-3),
+    (Quantity::FuelKg, "fuel on board / t", 1e-3),
+    (Quantity::LoadFactor, "load factor / g", 1.0),
+];
+
+/// The section; nothing where there are no aircraft data.
+pub fn section(data: &ReportData) -> Markup {
+    let Some((unused, samples)) = data.feed else { return html! {} };
+    html! {
+        h2 id="aircraft" { "The aircraft's data" }
+        @for (quantity, label, scale) in AGAINST {
+            @let points = points(data, quantity);
+            @if points.len() > 1 {
+                figure {
+                    (against(&points, label, scale))
+                    p.caption { "Lift of the tip marker of each frame with its 1-sigma bar, against " (label.split(" /").next().unwrap_or(label)) "." }
+                }
+            }
+        }
+        div.scroll { (table(data).html()) }
+        p.caption {
+            "At the first shot of each series that has them, joined by time tag, with 1 sigma. " (samples) " samples; lines not used: "
+            (unused.unread) " that are no data, " (unused.repeated) " repeated, " (unused.jumped) " whose time cannot be true."
+        }
+    }
+}
+
+/// Quantity, lift and its standard deviation of each frame that has both.
+fn points(data: &ReportData, quantity: Quantity) -> Vec<(f64, f64, Option<f64>)> {
+    let of = |series: &SeriesData| {
+        let one = |record: &crate::record::ImageRecord| {
+            let tip = record.tip.as_ref()?;
+            let shot = series.shots.iter().find(|shot| shot.image.as_ref() == Some(&record.image))?;
+            Some((shot.aircraft.get(&quantity)?.value, tip.lift_m, tip.sigma_lift_m))
+        };
+        series.records.iter().filter_map(one).collect::<Vec<_>>()
+    };
+    data.series.iter().flat_map(of).collect()
+}
+
+fn against(points: &[(f64, f64, Option<f64>)], label: &str, scale: f64) -> Markup {
+    let ends = |p: &(f64, f64, Option<f64>)| [p.1 - p.2.unwrap_or(0.0), p.1 + p.2.unwrap_or(0.0)];
+    let plot = Plot {
+        area: [64.0, 12.0, WIDTH - 100.0, 240.0],
+        x: Axis::over(points.iter().map(|p| scale * p.0), label),
+        y: Axis::over(points.iter().flat_map(ends), "lift of the tip marker / m"),
+    };
+    let content = html! {
+        (plot.frame())
+        @for (x, y, sigma) in points {
+            (plot.value(scale * x, *y, *sigma, COLOUR, ""))
+        }
+    };
+    drawing(WIDTH, 300.0, &format!("Lift against {label}"), &content)
+}
+
+fn table(data: &ReportData) -> Grid {
+    let told: Vec<Quantity> = Quantity::ALL
+        .into_iter()
+        .filter(|q| data.series.iter().flat_map(|s| &s.shots).any(|shot| shot.aircraft.contains_key(q)))
+        .collect();
+    let mut titles = vec!["<series"];
+    titles.extend(told.iter().map(|q| q.name()));
+    let mut grid = Grid::new(&titles);
+    for series in &data.series {
+        let first = series.shots.iter().find(|shot| !shot.aircraft.is_empty());
+        let cell = |q: &Quantity| {
+            let joined = first.and_then(|shot| shot.aircraft.get(q));
+            joined.map_or(NONE.to_owned(), |j| {
+                let (value, sigma) = rounded(Some(j.value), Some(j.sigma), 2);
+                format!("{value} ± {sigma}")
+            })
+        };
+        grid.push(std::iter::once(series.name.clone()).chain(told.iter().map(cell)).collect());
+    }
+    grid
+}

@@ -1,0 +1,138 @@
+//! Rainflow cycles against two public packages, moments against a beam of known stiffness that the model is not.
+
+use std::fmt::Write;
+
+use crate::common::beam_truth::{Truth, normal, random_wing, remounted, rms, rng};
+use nalgebra::{DMatrix, DVector};
+use sha2::{Digest, Sha256};
+use wingd::measure::adjust::{self, Options, SigmaKind, Solution};
+use wingd::measure::setup::Uncertainty;
+use wingd::measure::stress::{Curvature, Section, bending_length_m, rainflow};
+
+/// By `rainflow` and `pylife` (tests/rainflow/README.md).
+const CYCLES: &str = include_str!("../rainflow/cycles.csv");
+
+struct SplitMix64(u64);
+
+impl SplitMix64 {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+}
+
+/// As tests/validation/cycles.py draws it.
+fn history(number: u64) -> Vec<f64> {
+    let mut draw = SplitMix64(number);
+    let length = 2 + draw.next() % 399;
+    let (walks, plateaus) = (number % 2 == 1, number % 4 >= 2);
+    let mut values: Vec<f64> = vec![];
+    for _ in 0..length {
+        let step = (draw.next() % 2_000_001) as f64 - 1e6;
+        let stays = draw.next() % 10 < 3;
+        values.push(match values.last() {
+            Some(last) if plateaus && stays => *last,
+            Some(last) if walks => last + step,
+            _ => step,
+        });
+    }
+    values
+}
+
+#[test]
+fn rainflow_counts_as_two_public_packages_do() {
+    let mut compared = 0;
+    for line in CYCLES.lines().skip(2) {
+        let cells: Vec<&str> = line.split(',').collect();
+        let values = history(cells[0].parse().unwrap());
+        assert_eq!(values.len(), cells[1].parse::<usize>().unwrap(), "{line}");
+        let cycles = rainflow::cycles(&values);
+        let count: f64 = cycles.iter().map(|c| c.count).sum();
+        assert_eq!(count, cells[2].parse::<f64>().unwrap(), "{line}");
+        let mut lines: Vec<String> =
+            cycles.iter().map(|c| format!("{} {} {}", c.range, 2.0 * c.mean, 2.0 * c.count)).collect();
+        lines.sort();
+        let digest = Sha256::digest(lines.join("\n").as_bytes());
+        let hex = digest.iter().take(8).fold(String::new(), |mut text, byte| {
+            write!(text, "{byte:02x}").unwrap();
+            text
+        });
+        assert_eq!(hex, cells[3], "{line}");
+        compared += 1;
+    }
+    assert_eq!(compared, 1000);
+}
+
+const SHARES: [f64; 9] = [0.02, 0.1, 0.2, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9];
+const ROOT_EI_N_M2: f64 = 2e9;
+
+fn curvature(s: &Solution, length_m: f64, root_sigma_m: f64) -> Curvature {
+    let p = s.parameters.iter().find(|p| p.name == "curvature_per_m").unwrap();
+    let n = p.values.len();
+    let sigma = |k: usize| p.values[k].sigma.unwrap();
+    let covariance = DMatrix::from_fn(n, n, |i, j| s.correlation[(i, j)] * sigma(i) * sigma(j));
+    let coefficients_per_m = DVector::from_iterator(n, p.values.iter().map(|v| v.value));
+    Curvature { coefficients_per_m, covariance, length_m, root_sigma_m }
+}
+
+/// Errors of the moments over their standard deviations, per share of the length.
+fn errors(seed: u64, runs: usize, widths: Option<Uncertainty>, stiffness_sigma: f64) -> Vec<Vec<f64>> {
+    let mut rng = rng(seed);
+    let options = Options { sigma: SigmaKind::Prior, snooping_alpha: 0.0, ..Options::default() };
+    let mut errors = vec![vec![]; SHARES.len()];
+    for _ in 0..runs {
+        let truth = Truth::new(random_wing(&mut rng), 21);
+        let lift_m = 2.4 + 0.4 * normal(&mut rng).clamp(-2.0, 2.0);
+        let flight = truth.in_flight(lift_m, truth.fuel());
+        let bent = truth.curvature_per_m(lift_m, truth.fuel(), &SHARES);
+        let mount = remounted(&mut rng, &truth.setup);
+        let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
+        let orientation = truth.orientation(&mut rng, 0.05, true);
+        let seen = truth.observations(&mut rng, &flight, mount, 0.05);
+        if let Some(widths) = widths {
+            setup.root_offset_m += widths.root_offset_m * normal(&mut rng);
+            setup.uncertainty = widths;
+        }
+        let s = adjust::spatial(&setup, &orientation, &seen, &options).unwrap();
+        let length_m = bending_length_m(&setup, &orientation).unwrap();
+        let line = curvature(&s, length_m, setup.uncertainty.root_offset_m);
+        let wrong = 1.0 + stiffness_sigma * normal(&mut rng);
+        for (k, share) in SHARES.iter().enumerate() {
+            let ei = ROOT_EI_N_M2 * truth.stiffness_share(*share);
+            let section = Section {
+                s_m: share * truth.length_m(),
+                ei_n_m2: ei * wrong,
+                sigma_ei_n_m2: stiffness_sigma * ei * wrong,
+                ground_n_m: 0.0,
+                ultimate_n_m: None,
+            };
+            let moment = line.moment(&section);
+            errors[k].push((moment.value - ei * bent[k]) / moment.sigma);
+        }
+    }
+    errors
+}
+
+fn ratio(title: &str, errors: &[Vec<f64>]) -> f64 {
+    let each: Vec<f64> = errors.iter().map(|e| rms(e)).collect();
+    let all = rms(&errors.concat());
+    println!("{title}: all {all:.2}; at {SHARES:?} of the length: {each:.2?}");
+    all
+}
+
+#[test]
+fn moments_of_beams_of_known_stiffness_keep_their_sigma() {
+    for (title, stiffness_sigma) in [("stiffness held", 0.0), ("stiffness 3 %", 0.03)] {
+        let all = ratio(title, &errors(91, 150, None, stiffness_sigma));
+        assert!((0.8..1.25).contains(&all), "{title}: {all}");
+    }
+}
+
+#[test]
+fn moments_keep_their_sigma_where_the_root_is_not_known() {
+    let widths = Uncertainty { root_offset_m: 0.3, ..Uncertainty::of_drawings() };
+    let all = ratio("root 0.3 m", &errors(92, 150, Some(widths), 0.03));
+    assert!((0.8..1.25).contains(&all), "{all}");
+}
