@@ -10,7 +10,7 @@
 //! | 3 | [`camera`], [`store`] | shots; safe keeping |
 //! | 4 | [`pipeline`] | from frame bytes and an installation to a record |
 //! | 5 | [`report`], [`daemon`] | figures and tables; the recorder |
-//! | 6 | [`http`] | read-only download page |
+//! | 6 | [`http`], `upload` | read-only download page; flights into an object store (a feature) |
 //! | 7 | [`config`] | composes every module's own section |
 //! | 8 | [`cli`] | one file per command |
 
@@ -26,3 +26,5 @@ pub mod pipeline;
 pub mod record;
 pub mod report;
 pub mod store;
+#[cfg(feature = "upload")]
+pub mod upload;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use syn::visit::Visit;
 
 /// Module -> layer; the table of `src/lib.rs`.
-const LAYERS: [(&str, usize); 12] = [
+const LAYERS: [(&str, usize); 13] = [
     ("measure", 1),
     ("installation", 2),
     ("clock", 2),
@@ -17,6 +17,7 @@ const LAYERS: [(&str, usize); 12] = [
     ("report", 5),
     ("daemon", 5),
     ("http", 6),
+    ("upload", 6),
     ("config", 7),
     ("cli", 8),
 ];

@@ -26,6 +26,7 @@ mod simulate;
 mod solve;
 mod solve_store;
 mod status;
+mod upload;
 mod verify;
 
 use std::ffi::OsString;
@@ -87,6 +88,8 @@ enum Command {
     Copy(copy::Args),
     /// The same from the page that a recorder or `wingd serve` shows
     Fetch(fetch::Args),
+    /// Flights into an object store, for many aircraft (not in the program on board)
+    Upload(upload::Args),
     /// Delete flights of which a verified copy holds every byte
     Prune(prune::Args),
     /// Ask the running daemon how it is
@@ -160,6 +163,7 @@ pub fn main() -> ExitCode {
         Command::Compare(args) => compare::run(&args),
         Command::Copy(args) => copy::run(&args),
         Command::Fetch(args) => fetch::run(&args),
+        Command::Upload(args) => upload::run(&args),
         Command::Prune(args) => prune::run(&args),
         Command::Status(args) => status::status(&args),
         Command::Trigger(args) => status::trigger(&args),
