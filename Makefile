@@ -9,7 +9,7 @@ DEMO_OUTPUT ?= demo-output
 # What the demonstration needs: no cameras but replay, no AprilGrid, no Parquet.
 DEMO_FEATURES := --no-default-features
 
-.PHONY: help demo test test-mutations check lint bench package package-aarch64 test-machine test-powercut fleet-demo fleet-test build dependencies machine-dependencies
+.PHONY: help demo test test-mutations check lint bench package package-aarch64 test-machine test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
@@ -23,6 +23,7 @@ help:
 	@echo 'make test-machine  cameras, GPIO and systemd in virtual machines'
 	@echo 'make fleet-demo    two aircraft on this machine: S3 server, upload, another calibration, tables, report'
 	@echo 'make fleet-test    upload broken off, workers killed, engines, schema (docs/fleet.md)'
+	@echo 'make fleet-growth  questions to 20, 200 and 2,000 synthetic flights, timed'
 	@echo 'make test-powercut  300 power cuts of a virtual machine, and the control without fsync'
 
 demo: dependencies
@@ -79,6 +80,10 @@ fleet-demo: $(FLEET)/installed $(FLEET)/wingd
 fleet-test: $(FLEET)/installed $(FLEET)/wingd
 	$(CARGO) clippy --release --locked --features upload --bins -- -D warnings
 	cd fleet && WINGD=$(FLEET)/wingd $(FLEET)/venv/bin/python -m pytest
+
+# 20, 200 and 2,000 synthetic flights: some minutes and 1 GB to make them.
+fleet-growth: $(FLEET)/installed $(FLEET)/wingd
+	cd fleet && $(FLEET)/venv/bin/python -m demo.growth $(FLEET)/wingd $(FLEET)/growth
 
 $(FLEET)/installed: fleet/pyproject.toml
 	@sh packaging/dependencies.sh python3-venv

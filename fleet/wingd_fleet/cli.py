@@ -169,7 +169,7 @@ def _report(args) -> None:
 def _query(args) -> None:
     from . import desk
 
-    answer = desk.Desk(Lake(args.lake), args.solve, args.cache).connection.sql(args.sql)
+    answer = desk.Desk(Lake(args.lake), args.solve, args.cache).ask(args.sql)
     if answer is not None:
         answer.show(max_width=200, max_rows=10_000)
 

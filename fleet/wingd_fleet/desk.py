@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
 from pathlib import Path
@@ -27,6 +28,12 @@ SELECT solve, aircraft, aircraft_type, recorder_id, flight, series, shot, image,
 FROM shots
 """
 
+# File -> the table that it reads, and what it makes.
+_ON_DEMAND = {
+    "mount.sql": ("parameters", {"rotations", "mount_by_flight", "mount_by_aircraft"}),
+    "detection.sql": ("markers", {"marks", "detection", "marker_reasons"}),
+}
+
 
 class Desk:
     """A connection with the tables of the chosen solves (all without a choice) and the views of views.sql."""
@@ -42,22 +49,35 @@ class Desk:
         self.flights = {solve: committed[solve] for solve in self.solves}
         self.cache = cache or Path.home() / ".cache" / "wingd-fleet"
         self.connection = duckdb.connect()
-        for table in TABLES:
-            self._table(table)
+        # The bar would stand among the answers.
+        self.connection.execute("SET enable_progress_bar = false")
+        # Thousands of files: each one's footer is read once.
+        self.connection.execute("SET parquet_metadata_cache = true")
+        self.made: set[str] = set()
+        self._need("shots")
         columns = {row[0] for row in self.connection.sql("DESCRIBE shots").fetchall()}
         weight, factor = (next((c for c in names if c in columns), None) for names in (WEIGHT, LOAD_FACTOR))
         self.has_load = bool(weight and factor)
         self.connection.execute(_FRAMES.format(weight=weight or "NULL", factor=factor or "NULL"))
-        views = resources.files(__package__).joinpath("views.sql").read_text()
-        self.connection.execute(views)
+        self._views("views.sql")
 
-    def _table(self, table: str) -> None:
-        keys = [flight.table(table, solve) for solve in self.solves for flight in self.flights[solve]]
-        files = self._local(keys)
-        listed = ", ".join("'" + str(file).replace("'", "''") + "'" for file in files)
-        self.connection.execute(
-            f"CREATE VIEW {table} AS SELECT * FROM read_parquet([{listed}], union_by_name = true, hive_partitioning = false)"
-        )
+    def _need(self, sql: str) -> None:
+        """Makes what a question names and nothing else: opening thousands of files takes seconds."""
+        words = set(re.findall(r"\w+", sql)) - self.made
+        for file, (table, names) in _ON_DEMAND.items():
+            if words & names:
+                self._need(table)
+                self.made |= names
+                self._views(file)
+        for table in words & set(TABLES):
+            self.made.add(table)
+            keys = [flight.table(table, solve) for solve in self.solves for flight in self.flights[solve]]
+            listed = ", ".join("'" + str(file).replace("'", "''") + "'" for file in self._local(keys))
+            how = "union_by_name = true, hive_partitioning = false"
+            self.connection.execute(f"CREATE VIEW {table} AS SELECT * FROM read_parquet([{listed}], {how})")
+
+    def _views(self, file: str) -> None:
+        self.connection.execute(resources.files(__package__).joinpath(file).read_text())
 
     def _local(self, keys: list[str]) -> list[Path]:
         """Files of the keys: in place where the lake is a directory, else brought once, for they never change."""
@@ -79,9 +99,15 @@ class Desk:
 
     def rows(self, sql: str, parameters: list | None = None) -> list[dict]:
         """A question's answer."""
+        self._need(sql)
         result = self.connection.execute(sql, parameters or [])
         names = [column[0] for column in result.description]
         return [dict(zip(names, row)) for row in result.fetchall()]
+
+    def ask(self, sql: str):
+        """A question's answer as DuckDB shows it; None where the statement has none."""
+        self._need(sql)
+        return self.connection.sql(sql)
 
     def missing(self, solve: str) -> tuple[list[Flight], dict[Flight, list[dict]]]:
         """Published flights without tables of a solve, and what their tasks said."""

@@ -1,6 +1,6 @@
 -- What the report asks, as views that anybody may ask too: wingd-fleet query LAKE "SELECT ... FROM lift_by_aircraft".
 -- shots, markers, parameters, span are the exported tables of all chosen solves; `frames` is shots with the columns of
--- aircraft data, null where the results have none.
+-- aircraft data, null where the results have none. More views stand in mount.sql and detection.sql.
 
 -- A flight's own mean and scatter about its line against the load (weight times load factor), or about its mean.
 CREATE VIEW lift_by_flight AS
@@ -38,40 +38,6 @@ WITH residuals AS (
 SELECT solve, aircraft, aircraft_type, count(*) AS flights, avg(residual_m) AS residual_m,
        stddev_samp(residual_m) / sqrt(count(*)) AS sigma_m
 FROM residuals GROUP BY ALL;
-
--- Rotation of the camera against its ground frame, mrad.
-CREATE VIEW rotations AS
-SELECT solve, aircraft, recorder_id, flight, series, shot, min(utc) AS utc,
-       max(value) FILTER (index = 1) * pi() / 0.18 AS x_mrad, max(value) FILTER (index = 2) * pi() / 0.18 AS y_mrad,
-       max(value) FILTER (index = 3) * pi() / 0.18 AS z_mrad,
-       sqrt(avg(sigma ** 2)) * pi() / 0.18 AS sigma_mrad
-FROM parameters WHERE parameter = 'mount_rotation_deg' AND status = 'ok'
-GROUP BY solve, aircraft, recorder_id, flight, series, shot;
-
--- Within a flight it creeps, between flights it is taken down and put up.
-CREATE VIEW mount_by_flight AS
-SELECT solve, aircraft, recorder_id, flight, min(utc) AS began, count(*) AS frames,
-       avg(x_mrad) AS x_mrad, avg(y_mrad) AS y_mrad, avg(z_mrad) AS z_mrad,
-       sqrt(var_pop(x_mrad) + var_pop(y_mrad) + var_pop(z_mrad)) AS within_mrad,
-       sqrt(avg(sigma_mrad ** 2)) AS sigma_mrad
-FROM rotations GROUP BY ALL;
-
-CREATE VIEW mount_by_aircraft AS
-SELECT solve, aircraft, recorder_id, count(*) AS flights, sqrt(avg(within_mrad ** 2)) AS within_mrad,
-       sqrt(var_pop(x_mrad) + var_pop(y_mrad) + var_pop(z_mrad)) AS between_mrad, sqrt(avg(sigma_mrad ** 2)) AS sigma_mrad
-FROM mount_by_flight GROUP BY ALL;
-
-CREATE VIEW detection AS
-SELECT solve, aircraft, recorder_id, count(DISTINCT (flight, series, shot)) AS frames, count(marker) AS markers,
-       avg(used::INT) FILTER (marker IS NOT NULL) AS used_share,
-       median(greatest(sigma_u_px, sigma_v_px)) FILTER (used) AS sigma_px,
-       sqrt(avg(residual_u_px ** 2 + residual_v_px ** 2) FILTER (used)) AS residual_px,
-       avg((abs(w_test) > 3.29)::INT) FILTER (used) AS beyond_share
-FROM markers GROUP BY ALL;
-
-CREATE VIEW marker_reasons AS
-SELECT solve, aircraft, regexp_replace(marker_reason, '[0-9]+([.][0-9]+)?', '#', 'g') AS reason, count(*) AS markers
-FROM markers WHERE NOT used AND marker_reason IS NOT NULL GROUP BY ALL;
 
 -- Shots that gave no number, by what was said; numbers in it are left out so that equal reasons are one.
 CREATE VIEW failing AS
