@@ -107,7 +107,9 @@ def _define(args) -> None:
         installations = {name: Path(folder) for name, _, folder in pairs}
     # What is kept needs a binary too: its export.
     version = program.version(program.find(args.wingd)) if installations is not None else "as recorded"
-    solves.define(Lake(args.lake), args.solve, installations, args.arguments, version)
+    definition = solves.define(Lake(args.lake), args.solve, installations, args.arguments, version)
+    of = "the results that came along" if args.kept else f"{version}, {len(definition['installations'])} installations"
+    print(f"{args.solve}: {of}")
 
 
 def _task(args) -> None:

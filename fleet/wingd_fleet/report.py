@@ -57,7 +57,8 @@ def table(rows: list[dict], columns: Sequence[tuple[str, str, int | None, float]
         for key, name, digits, factor in columns:
             value = row[key]
             if digits is None:
-                text, kind = html.escape("–" if value is None else str(value)), ""
+                text = html.escape("–" if value is None else str(value))
+                kind = "" if " " in text else " class=w"
             else:
                 text, kind = _number(None if value is None else float(value) * factor, digits), " class=n"
             cells.append(f'<td{kind} data-name="{html.escape(name)}">{text}</td>')
@@ -154,15 +155,18 @@ def _load(desk: Desk, solve: str) -> str:
             )
         )
     rows = desk.rows(
-        "SELECT *, residual_m / sigma_m AS ratio FROM aircraft_against_type WHERE solve = ? ORDER BY abs(residual_m / sigma_m) "
-        "DESC NULLS LAST", [solve],
+        "FROM aircraft_against_type WHERE solve = ? ORDER BY abs(over_sigma) DESC NULLS LAST, aircraft", [solve],
     )
     columns = [
         ("aircraft", "aircraft", None, 1), ("aircraft_type", "type", None, 1), ("flights", "flights", 0, 1),
-        ("residual_m", "from its type's line, mm", 1, 1000), ("sigma_m", "sigma by the flights' scatter, mm", 1, 1000),
-        ("ratio", "in sigmas", 1, 1),
+        ("mean_m", "from its type's line, mm", 1, 1000), ("scatter_m", "sigma by the flights' scatter, mm", 1, 1000),
+        ("common_m", "common to its flights, mm", 1, 1000), ("over_sigma", "in sigmas", 1, 1),
     ]
-    return "".join(parts) + "<h3>Which aircraft differs</h3>" + table(rows, columns)
+    caption = (
+        "Survey, camera and axis are common to an aircraft's flights, and no number of flights averages them: the whole "
+        "standard deviation of a frame is taken as common."
+    )
+    return "".join(parts) + f'<h3>Which aircraft differs</h3>{table(rows, columns)}<p class="caption">{caption}</p>'
 
 
 def _of_load(desk: Desk, solve: str, kind: str) -> list[Series]:

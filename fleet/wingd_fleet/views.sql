@@ -26,7 +26,9 @@ SELECT solve, coalesce(aircraft_type, 'unknown') AS aircraft_type, count(*) AS f
 FROM frames WHERE status = 'ok' AND tip_lift_m IS NOT NULL AND load_t IS NOT NULL
 GROUP BY ALL;
 
--- How far an aircraft lies from its type's line. Frames of a flight share a mounting: flights are what is counted.
+-- How far an aircraft lies from its type's line. Frames of a flight share a mounting: flights are what is counted. An
+-- aircraft's frames share its survey, camera and axis too, which no number of flights averages: the whole standard deviation
+-- of a frame is taken as common to them, beside the flights' scatter.
 CREATE VIEW aircraft_against_type AS
 WITH residuals AS (
     SELECT solve, aircraft, coalesce(aircraft_type, 'unknown') AS aircraft_type, recorder_id, flight,
@@ -35,9 +37,10 @@ WITH residuals AS (
     JOIN line_of_type USING (solve, aircraft_type)
     WHERE status = 'ok' AND tip_lift_m IS NOT NULL AND load_t IS NOT NULL
     GROUP BY ALL)
-SELECT solve, aircraft, aircraft_type, count(*) AS flights, avg(residual_m) AS residual_m,
-       stddev_samp(residual_m) / sqrt(count(*)) AS sigma_m
-FROM residuals GROUP BY ALL;
+SELECT *, mean_m / sqrt(coalesce(scatter_m, 0) ** 2 + common_m ** 2) AS over_sigma
+FROM (SELECT solve, aircraft, aircraft_type, count(*) AS flights, avg(residual_m) AS mean_m,
+             stddev_samp(residual_m) / sqrt(count(*)) AS scatter_m, sqrt(avg(sigma_m ** 2)) AS common_m
+      FROM residuals GROUP BY ALL);
 
 -- Shots that gave no number, by what was said; numbers in it are left out so that equal reasons are one.
 CREATE VIEW failing AS
