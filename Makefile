@@ -79,6 +79,7 @@ fleet-demo: $(FLEET)/installed $(FLEET)/wingd
 
 fleet-test: $(FLEET)/installed $(FLEET)/wingd
 	$(CARGO) clippy --release --locked --features upload --bins -- -D warnings
+	cd fleet && $(FLEET)/venv/bin/ruff format --check . && $(FLEET)/venv/bin/ruff check .
 	cd fleet && WINGD=$(FLEET)/wingd $(FLEET)/venv/bin/python -m pytest
 
 # 20, 200 and 2,000 synthetic flights: some minutes and 1 GB to make them.

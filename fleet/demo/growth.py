@@ -73,7 +73,10 @@ def main(wingd: str, folder: Path, sizes: list[int]) -> None:
             "print(json.dumps(measure(Lake(sys.argv[1]), Path(sys.argv[2]))))"
         )
         done = subprocess.run(
-            [sys.executable, "-c", code, lake.url, str(folder / f"synthetic-{size}.html")], capture_output=True, text=True, check=True
+            [sys.executable, "-c", code, lake.url, str(folder / f"synthetic-{size}.html")],
+            capture_output=True,
+            text=True,
+            check=True,
         )
         columns[size] = json.loads(done.stdout)
     print(f"{'synthetic flights':26}" + "".join(f"{size:>12}" for size in sizes))

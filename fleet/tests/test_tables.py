@@ -72,7 +72,10 @@ def test_columns_that_are_added_are_read_beside_files_that_lack_them(solved, tmp
     assert set(old["flight"].to_pylist()) == {"f0001"} and old["tip_lift_m"].null_count == 0
     asked = desk.Desk(solved)
     assert asked.has_load
-    assert asked.rows("SELECT count(weight_kg) AS n, count(*) AS all_of_them FROM frames")[0] == {"n": 10, "all_of_them": 50}
+    assert asked.rows("SELECT count(weight_kg) AS n, count(*) AS all_of_them FROM frames")[0] == {
+        "n": 10,
+        "all_of_them": 50,
+    }
 
 
 def test_a_column_of_another_type_is_a_clear_fault(solved, tmp_path):
@@ -122,9 +125,13 @@ def test_synthetic_flights_say_so_and_their_truth_is_found_again(solved, tmp_pat
     for row in asked.rows("FROM line_of_type WHERE solve = 'onboard'"):
         truth = synthesise.SLOPES_M_PER_T[synthesise.TYPES.index(row["aircraft_type"])]
         assert abs(row["slope_m_per_t"] - truth) < 0.03 * truth
-    found = asked.rows("SELECT avg(difference_m) AS m, count(difference_m) AS n FROM compared('onboard', 'recalibrated')")[0]
+    found = asked.rows(
+        "SELECT avg(difference_m) AS m, count(difference_m) AS n FROM compared('onboard', 'recalibrated')"
+    )[0]
     assert abs(found["m"] - synthesise.SHIFT_M) < 4 * synthesise.SHIFT_SIGMA_M / found["n"] ** 0.5
-    assert {r["reason"] for r in asked.rows("FROM failing_flights")} == {"synthetic: no marker was found, the picture is dark"}
+    assert {r["reason"] for r in asked.rows("FROM failing_flights")} == {
+        "synthetic: no marker was found, the picture is dark"
+    }
     page = tmp_path / "fleet.html"
     report.write(asked, page, "recalibrated", "onboard", synthesise.is_made(made))
     assert "These flights are synthetic" in page.read_text()

@@ -31,6 +31,7 @@ STEPS = ["fetch", "solve", "export", *(f"publish {t}" for t in ("shots", "marker
 def test_a_task_that_dies_at_any_step_is_done_again_and_gives_the_same(wingd, lake, tmp_path, faultless):
     for flight in lake.flights():
         for step in STEPS:
+
             def die(now: str) -> None:
                 if now == step:
                     raise Died(step)
@@ -171,6 +172,7 @@ def test_a_table_of_other_rows_is_never_taken_for_this_one(wingd, lake, tmp_path
     flight = lake.flights()[0]
     key = flight.table("shots", "recalibrated")
     import io
+
     import pyarrow.parquet as pq
 
     fewer = pq.read_table(io.BytesIO(faultless[key])).slice(1)
@@ -184,6 +186,7 @@ def test_rounding_of_another_processor_stays_and_is_what_the_commit_names(wingd,
     flight = lake.flights()[0]
     key = flight.table("shots", "recalibrated")
     import io
+
     import numpy as np
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -25,7 +25,9 @@ def objects(lake: Lake) -> dict[str, str]:
 
 
 def put(wingd, store, url, *more, environment=None):
-    return call(wingd, "upload", str(store), "--to", url, "--aircraft", "D-DEMA", *more, environment=environment, check=False)
+    return call(
+        wingd, "upload", str(store), "--to", url, "--aircraft", "D-DEMA", *more, environment=environment, check=False
+    )
 
 
 def test_broken_off_twenty_times_every_object_is_there_once(wingd, recorders, server):
@@ -33,7 +35,19 @@ def test_broken_off_twenty_times_every_object_is_there_once(wingd, recorders, se
     assert put(wingd, recorders[0], whole).returncode == 0
     proxy, chance = Proxy(server.s3), random.Random(SEED)
     environment = {**os.environ, "AWS_ENDPOINT_URL": f"http://127.0.0.1:{proxy.port}"}
-    command = [wingd, "upload", str(recorders[0]), "--to", broken, "--aircraft", "D-DEMA", "--retries", "0", "--jobs", "2"]
+    command = [
+        wingd,
+        "upload",
+        str(recorders[0]),
+        "--to",
+        broken,
+        "--aircraft",
+        "D-DEMA",
+        "--retries",
+        "0",
+        "--jobs",
+        "2",
+    ]
     for number in range(BREAKS):
         process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         # Every other time the program is killed, else its connections are.

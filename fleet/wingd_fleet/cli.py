@@ -40,7 +40,9 @@ def _parser() -> argparse.ArgumentParser:
     what = sub.add_mutually_exclusive_group(required=True)
     what.add_argument("--kept", action="store_true", help="the results that came with the flights, nothing computed")
     what.add_argument("--installation", action="append", metavar="AIRCRAFT=DIR", help="once for each aircraft")
-    sub.add_argument("arguments", nargs="*", metavar="ARGUMENT", help="after --: for wingd solve, e.g. --method profile")
+    sub.add_argument(
+        "arguments", nargs="*", metavar="ARGUMENT", help="after --: for wingd solve, e.g. --method profile"
+    )
     sub = command("task", "One flight: fetch, solve, export, publish")
     worker(sub)
     sub.add_argument("--flight", required=True, metavar="AIRCRAFT/RECORDER/FLIGHT")
@@ -59,7 +61,9 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--catalogue", required=True, metavar="URI", help="sqlite:///FILE, or a REST catalogue's URL")
     for name, help_text in (("report", "One HTML file"), ("query", "The answer to a question, as a table")):
         sub = command(name, help_text)
-        sub.add_argument("--cache", type=Path, metavar="DIR", help="tables of a bucket are kept here [~/.cache/wingd-fleet]")
+        sub.add_argument(
+            "--cache", type=Path, metavar="DIR", help="tables of a bucket are kept here [~/.cache/wingd-fleet]"
+        )
         if name == "report":
             sub.add_argument("--solve", metavar="NAME", help="[default: the last by name]")
             sub.add_argument("--against", metavar="NAME", help="another solve to hold it against")
@@ -67,7 +71,9 @@ def _parser() -> argparse.ArgumentParser:
         else:
             sub.add_argument("--solve", metavar="NAME", action="append", help="[default: all]")
             sub.add_argument("sql", help='e.g. "FROM lift_by_aircraft"; the views are in views.sql')
-    sub = command("synthesise", "Synthetic flights, made from the results of real ones, into another lake: for trying sizes")
+    sub = command(
+        "synthesise", "Synthetic flights, made from the results of real ones, into another lake: for trying sizes"
+    )
     sub.add_argument("--to", required=True, help="the other lake")
     sub.add_argument("--flights", type=int, required=True)
     sub = command("engines", "Whether pandas, polars, DuckDB and DataFusion read the same in the tables")
@@ -133,9 +139,7 @@ def _run(args) -> int:
         print("every published flight has its tables")
         return 0
     work = args.work or Path(tempfile.mkdtemp(prefix="wingd-fleet-"))
-    counts = ray_driver.run(
-        args.lake, args.solve, flights, wingd, work, args.workers, args.address, args.jobs
-    )
+    counts = ray_driver.run(args.lake, args.solve, flights, wingd, work, args.workers, args.address, args.jobs)
     print(", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items())))
     return 1 if counts["failed"] else 0
 
@@ -145,9 +149,7 @@ def _slurm(args) -> None:
 
     flights = _missing(Lake(args.lake), args.solve)
     wingd, fleet = program.find(args.wingd), str(Path(sys.argv[0]).resolve())
-    script, elements = slurm.write(
-        args.output, args.lake, args.solve, flights, wingd, fleet, args.chunk, args.jobs
-    )
+    script, elements = slurm.write(args.output, args.lake, args.solve, flights, wingd, fleet, args.chunk, args.jobs)
     print(f"{script}: {len(flights)} flights in {elements} elements")
 
 
@@ -164,7 +166,9 @@ def _report(args) -> None:
 
     solves_asked = [one for one in (args.against, args.solve) if one] if args.solve and args.against else None
     lake = Lake(args.lake)
-    report.write(desk.Desk(lake, solves_asked, args.cache), args.output, args.solve, args.against, synthesise.is_made(lake))
+    report.write(
+        desk.Desk(lake, solves_asked, args.cache), args.output, args.solve, args.against, synthesise.is_made(lake)
+    )
     print(args.output)
 
 

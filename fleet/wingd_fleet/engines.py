@@ -12,7 +12,9 @@ from .lake import VERSION, FleetError, Lake
 def _pandas(folder: str, solve: str):
     import pandas
 
-    frame = pandas.read_parquet(folder, columns=["aircraft", "status", "tip_lift_m"], partitioning=None, filters=[("solve", "==", solve)])
+    frame = pandas.read_parquet(
+        folder, columns=["aircraft", "status", "tip_lift_m"], partitioning=None, filters=[("solve", "==", solve)]
+    )
     frame = frame[frame.status == "ok"]
     return frame.groupby(frame.aircraft.astype(str)).tip_lift_m.agg(["count", "mean"]).itertuples(name=None)
 
@@ -20,9 +22,15 @@ def _pandas(folder: str, solve: str):
 def _polars(folder: str, solve: str):
     import polars
 
-    frame = polars.scan_parquet(f"{folder}/**/*.parquet", hive_partitioning=True, missing_columns="insert", extra_columns="ignore")
+    frame = polars.scan_parquet(
+        f"{folder}/**/*.parquet", hive_partitioning=True, missing_columns="insert", extra_columns="ignore"
+    )
     frame = frame.filter((polars.col("solve") == solve) & (polars.col("status") == "ok")).group_by("aircraft")
-    return frame.agg(polars.col("tip_lift_m").count().alias("n"), polars.col("tip_lift_m").mean().alias("m")).collect().iter_rows()
+    return (
+        frame.agg(polars.col("tip_lift_m").count().alias("n"), polars.col("tip_lift_m").mean().alias("m"))
+        .collect()
+        .iter_rows()
+    )
 
 
 def _duckdb(folder: str, solve: str):
@@ -30,7 +38,8 @@ def _duckdb(folder: str, solve: str):
 
     return duckdb.execute(
         f"SELECT aircraft, count(tip_lift_m), avg(tip_lift_m) FROM read_parquet('{folder}/**/*.parquet', "
-        "hive_partitioning = true, union_by_name = true) WHERE solve = ? AND status = 'ok' GROUP BY aircraft", [solve],
+        "hive_partitioning = true, union_by_name = true) WHERE solve = ? AND status = 'ok' GROUP BY aircraft",
+        [solve],
     ).fetchall()
 
 
@@ -80,10 +89,12 @@ def _version(name: str) -> str:
 
 def _same(one: dict, other: dict) -> bool:
     """Sums in another order differ in their last digits."""
+
     def value(mean):
         return math.nan if mean is None else mean
 
     return one.keys() == other.keys() and all(
-        one[k][0] == other[k][0] and (one[k][0] == 0 or math.isclose(value(one[k][1]), value(other[k][1]), rel_tol=1e-9))
+        one[k][0] == other[k][0]
+        and (one[k][0] == 0 or math.isclose(value(one[k][1]), value(other[k][1]), rel_tol=1e-9))
         for k in one
     )

@@ -103,7 +103,7 @@ class Lake:
         self.url = url.rstrip("/")
         if not self.url.startswith(("s3://", "file:///")):
             raise FleetError(f"{url}: give s3://BUCKET/PREFIX or file:///DIRECTORY")
-        self.folder = Path(self.url[len("file://"):]) if self.url.startswith("file://") else None
+        self.folder = Path(self.url[len("file://") :]) if self.url.startswith("file://") else None
         self.store = LocalStore(self.folder, mkdir=True) if self.folder else from_url(self.url)
 
     def get(self, key: str) -> bytes | None:

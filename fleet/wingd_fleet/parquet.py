@@ -45,7 +45,9 @@ def check(found: pa.Schema, table: str) -> None:
     for name, kind in schema(table).items():
         if types.get(name) != kind:
             have = types.get(name, "missing")
-            raise FleetError(f"table {table}: column {name} is {have}, not {kind} as in {VERSION}; use a wingd that fits")
+            raise FleetError(
+                f"table {table}: column {name} is {have}, not {kind} as in {VERSION}; use a wingd that fits"
+            )
 
 
 def facts(data: bytes) -> dict:

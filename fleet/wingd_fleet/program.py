@@ -75,7 +75,9 @@ def _canonical(value) -> str:
     if isinstance(value, Spelt):
         return str(value)
     if isinstance(value, dict):
-        return "{" + "".join(f"{json.dumps(k, ensure_ascii=False)}:{_canonical(value[k])}," for k in sorted(value)) + "}"
+        return (
+            "{" + "".join(f"{json.dumps(k, ensure_ascii=False)}:{_canonical(value[k])}," for k in sorted(value)) + "}"
+        )
     if isinstance(value, list):
         return "[" + "".join(f"{_canonical(item)}," for item in value) + "]"
     return json.dumps(value, ensure_ascii=False)

@@ -8,8 +8,8 @@ from collections import Counter
 from pathlib import Path
 from typing import Callable, Iterable
 
-from .lake import FleetError, Flight, Lake, Passing
 from . import task
+from .lake import FleetError, Flight, Lake, Passing
 
 # Attempts at a flight whose worker died or whose network failed.
 RETRIES = 20

@@ -47,7 +47,10 @@ def make(source: Lake, target: Lake, count: int) -> None:
         raise FleetError(f"{source.url}: is synthetic itself; name a lake of real flights")
     target.create(MARK, dump({"synthetic": True, "made_from": sorted(str(flight) for _, flight in templates)}))
     solve, _ = templates[0]
-    read = lambda flight, table: pq.read_table(io.BytesIO(source.need(flight.table(table, solve))))
+
+    def read(flight: Flight, table: str) -> pa.Table:
+        return pq.read_table(io.BytesIO(source.need(flight.table(table, solve))))
+
     tables = [{table: read(flight, table) for table in TABLES} for name, flight in templates if name == solve]
     for number in range(count):
         _flight(target, tables[number % len(tables)], number)
@@ -80,19 +83,29 @@ def _story(shots: pa.Table, random, craft: int, number: int) -> dict:
     slope = SLOPES_M_PER_T[craft % 2]
     lift = own + slope * (weight * factor - WEIGHTS_T[0])
     return {
-        "weight": weight, "factor": factor, "lift": lift, "frames": frames,
-        "days": number // AIRCRAFT, "dark": number % DARK_EVERY == DARK_EVERY - 1,
-        "turn": random.standard_normal(3) * 0.02, "noise": random.standard_normal(frames),
+        "weight": weight,
+        "factor": factor,
+        "lift": lift,
+        "frames": frames,
+        "days": number // AIRCRAFT,
+        "dark": number % DARK_EVERY == DARK_EVERY - 1,
+        "turn": random.standard_normal(3) * 0.02,
+        "noise": random.standard_normal(frames),
     }
 
 
-def _table(content: pa.Table, table: str, flight: Flight, kind: str, solve: str, story: dict, shift: float, random) -> pa.Table:
+def _table(
+    content: pa.Table, table: str, flight: Flight, kind: str, solve: str, story: dict, shift: float, random
+) -> pa.Table:
     one = _numbers(content)
     parts = [_series(content, one, k, story, shift) for k in range(SERIES)]
     content = pa.concat_tables(parts)
     rows = len(content)
     words = {
-        "solve": solve, "aircraft": flight.aircraft, "aircraft_type": kind, "recorder_id": flight.recorder,
+        "solve": solve,
+        "aircraft": flight.aircraft,
+        "aircraft_type": kind,
+        "recorder_id": flight.recorder,
         "flight": flight.flight,
     }
     for name, word in words.items():
@@ -136,7 +149,9 @@ def _darkened(content: pa.Table) -> pa.Table:
     """As a flight at night: nothing solved."""
     rows = len(content)
     content = _put(content, "status", pa.array(["failed"] * rows, pa.string()))
-    content = _put(content, "reason", pa.array(["synthetic: no marker was found, the picture is dark"] * rows, pa.string()))
+    content = _put(
+        content, "reason", pa.array(["synthetic: no marker was found, the picture is dark"] * rows, pa.string())
+    )
     for name in ("tip_lift_m", "tip_sigma_lift_m", "lift_m", "value"):
         if name in content.column_names:
             content = _put(content, name, pa.nulls(rows, content[name].type))
