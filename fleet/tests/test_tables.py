@@ -119,9 +119,9 @@ def test_the_report_answers_and_says_what_is_absent(solved, tmp_path):
 
 def test_synthetic_flights_say_so_and_their_truth_is_found_again(solved, tmp_path):
     made = Lake(f"file://{tmp_path / 'synthetic'}")
-    synthesise.make(solved, made, 200)
+    synthesise.make(solved, made, 120)
     asked = desk.Desk(made)
-    assert asked.rows("SELECT count(DISTINCT (recorder_id, flight)) AS n FROM frames")[0]["n"] == 200
+    assert asked.rows("SELECT count(DISTINCT (recorder_id, flight)) AS n FROM frames")[0]["n"] == 120
     for row in asked.rows("FROM line_of_type WHERE solve = 'onboard'"):
         truth = synthesise.SLOPES_M_PER_T[synthesise.TYPES.index(row["aircraft_type"])]
         assert abs(row["slope_m_per_t"] - truth) < 0.03 * truth

@@ -15,6 +15,8 @@ mod fetch;
 mod frames;
 mod logging;
 mod mount_check;
+#[cfg(not(feature = "upload"))]
+mod no_upload;
 mod orient;
 mod plan;
 mod prune;
@@ -26,6 +28,7 @@ mod simulate;
 mod solve;
 mod solve_store;
 mod status;
+#[cfg(feature = "upload")]
 mod upload;
 mod verify;
 
@@ -37,6 +40,8 @@ use clap::{Parser, Subcommand};
 
 use crate::installation::{self, Fault, Installation};
 use crate::store::layout;
+#[cfg(not(feature = "upload"))]
+use no_upload as upload;
 
 /// The shape of a wing in flight, measured with one camera at a cabin window.
 #[derive(Parser)]

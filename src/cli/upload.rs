@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 
 use super::{Done, Failure};
+use crate::store::{FlightRef, RealDisk, StoreError};
+use crate::upload::{self, Aircraft, Manifest, Sent, Settings, Target, UploadError};
 
 /// Flights into an object store: create-only, the flight's manifest last, goes on where it ended.
 ///
 /// Credentials, region and endpoint are taken from the environment: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY,
 /// AWS_REGION, AWS_ENDPOINT_URL, AWS_ALLOW_HTTP.
 #[derive(clap::Args)]
-// Without the feature only that it is missing is said.
-#[cfg_attr(not(feature = "upload"), allow(dead_code))]
 pub struct Args {
     /// The store
     store: PathBuf,
@@ -37,19 +37,7 @@ pub struct Args {
     json: bool,
 }
 
-#[cfg(not(feature = "upload"))]
-pub(super) fn run(_: &Args) -> Result<Done, Failure> {
-    let how = "cargo build --release --locked --features upload";
-    Err(Failure::Usage(format!(
-        "this wingd was built without upload, as for on board; build it with `{how}`"
-    )))
-}
-
-#[cfg(feature = "upload")]
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    use crate::store::RealDisk;
-    use crate::upload::{Settings, Target};
-
     if args.aircraft.as_deref().is_some_and(|name| !Aircraft::is_name(name)) {
         let what = "--aircraft holds more than letters, digits, '.', '_', '-' (64 at most, not '.' first)";
         return Err(Failure::Usage(format!("{what}; give its registration")));
@@ -79,12 +67,6 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     Ok(Done::all(all))
 }
 
-#[cfg(feature = "upload")]
-use crate::store::{FlightRef, StoreError};
-#[cfg(feature = "upload")]
-use crate::upload::{self, Aircraft, Manifest, Sent, Target, UploadError};
-
-#[cfg(feature = "upload")]
 fn aircraft(args: &Args, flight: &FlightRef) -> Result<Aircraft, StoreError> {
     let name = match &args.aircraft {
         Some(name) => name.clone(),
@@ -93,7 +75,6 @@ fn aircraft(args: &Args, flight: &FlightRef) -> Result<Aircraft, StoreError> {
     Ok(Aircraft { name, kind: args.aircraft_type.clone() })
 }
 
-#[cfg(feature = "upload")]
 fn say(
     args: &Args,
     flight: &FlightRef,
