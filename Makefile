@@ -78,7 +78,7 @@ fleet-demo: $(FLEET)/installed $(FLEET)/wingd
 	cd fleet && $(FLEET)/venv/bin/python -m demo $(FLEET)/wingd $(FLEET)/demo
 
 fleet-test: $(FLEET)/installed $(FLEET)/wingd
-	$(CARGO) clippy --release --locked --features upload --bins -- -D warnings
+	$(CARGO) clippy --release --locked --all-targets --features upload -- -D warnings
 	cd fleet && $(FLEET)/venv/bin/ruff format --check . && $(FLEET)/venv/bin/ruff check .
 	cd fleet && WINGD=$(FLEET)/wingd $(FLEET)/venv/bin/python -m pytest
 

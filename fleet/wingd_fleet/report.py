@@ -35,7 +35,7 @@ def write(desk: Desk, output: Path, solve: str | None = None, against: str | Non
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
         f"<title>{html.escape(title)}</title><style>{style}</style></head><body><main>{''.join(parts)}"
         f"<footer>Written by wingd-fleet {__version__}. Lengths in metres or millimetres, angles in milliradians, image "
-        f"coordinates in pixels; sigma is one standard deviation. Each table is a view: wingd-fleet query LAKE "
+        f"coordinates in pixels; sigma is one standard deviation. Each table is a view: wingd-fleet query --lake LAKE "
         f"&quot;FROM lift_by_aircraft&quot;.</footer></main></body></html>\n"
     )
 

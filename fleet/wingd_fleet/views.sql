@@ -1,4 +1,4 @@
--- What the report asks, as views that anybody may ask too: wingd-fleet query LAKE "SELECT ... FROM lift_by_aircraft".
+-- What the report asks, as views that anybody may ask too: wingd-fleet query --lake LAKE "SELECT ... FROM lift_by_aircraft".
 -- shots, markers, parameters, span are the exported tables of all chosen solves; `frames` is shots with the columns of
 -- aircraft data, null where the results have none. More views stand in mount.sql and detection.sql.
 
