@@ -73,14 +73,16 @@ test-powercut: build
 # The desk's side (docs/fleet.md): its packages in an environment of their own, its wingd with `upload` beside the daemon's.
 FLEET := $(CURDIR)/target/fleet
 export RAY_USAGE_STATS_ENABLED := 0
+# Without any network but the loopback.
+ALONE := $(FLEET)/venv/bin/python -m demo.alone
 
 fleet-demo: $(FLEET)/installed $(FLEET)/wingd
-	cd fleet && $(FLEET)/venv/bin/python -m demo $(FLEET)/wingd $(FLEET)/demo
+	cd fleet && $(ALONE) $(FLEET)/venv/bin/python -m demo $(FLEET)/wingd $(FLEET)/demo
 
 fleet-test: $(FLEET)/installed $(FLEET)/wingd
 	$(CARGO) clippy --release --locked --all-targets --features upload -- -D warnings
 	cd fleet && $(FLEET)/venv/bin/ruff format --check . && $(FLEET)/venv/bin/ruff check .
-	cd fleet && WINGD=$(FLEET)/wingd $(FLEET)/venv/bin/python -m pytest
+	cd fleet && WINGD=$(FLEET)/wingd $(ALONE) $(FLEET)/venv/bin/python -m pytest
 
 # 20, 200 and 2,000 synthetic flights: some minutes and 1 GB to make them.
 fleet-growth: $(FLEET)/installed $(FLEET)/wingd

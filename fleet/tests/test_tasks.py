@@ -199,3 +199,15 @@ def test_rounding_of_another_processor_stays_and_is_what_the_commit_names(wingd,
     assert task.run(lake, "recalibrated", flight, wingd, tmp_path / "work") == "done"
     assert lake.need(key) == data
     assert lake.json(flight.commit("recalibrated"))["tables"]["shots"]["sha256"] == sha256(data)
+
+
+def test_a_lake_that_refuses_is_said_in_a_line_without_secrets(server):
+    fleet = str(Path(sys.executable).with_name("wingd-fleet"))
+    secrets = {"AWS_ACCESS_KEY_ID": "KEY-OF-A-USER", "AWS_SECRET_ACCESS_KEY": "secret-of-a-user"}
+    environment = {**os.environ, **secrets, "AWS_REGION": "here"}
+    for place, status in (("s3://fleet/x", 1), ("http://fleet", 1)):
+        environment["AWS_ENDPOINT_URL"] = server.environment["AWS_ENDPOINT_URL"]
+        command = [fleet, "flights", "--lake", place]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        assert done.returncode == status and len(done.stderr.splitlines()) == 1, done.stderr
+        assert not any(secret in done.stderr for secret in secrets.values())

@@ -15,13 +15,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import obstore
-from obstore.exceptions import AlreadyExistsError, GenericError
+from obstore.exceptions import AlreadyExistsError, BaseError, GenericError
 from obstore.store import LocalStore, from_url
 
 TABLES = ("shots", "markers", "parameters", "span")
@@ -38,6 +39,15 @@ class FleetError(Exception):
 
 class Passing(FleetError):
     """What may do when tried again."""
+
+
+def said(place: str, error: Exception) -> Passing:
+    """A store's error as one line, without the secrets that the environment holds: servers repeat keys."""
+    text = (str(error).splitlines() or ["no word"])[0]
+    for name in ("AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN", "AWS_ACCESS_KEY_ID"):
+        secret = os.environ.get(name, "")
+        text = text.replace(secret, "***") if len(secret) > 3 else text
+    return Passing(f"{place}: {text}; look at the network, the AWS_* variables and what they may do")
 
 
 def sha256(data: bytes) -> str:
@@ -112,6 +122,8 @@ class Lake:
             return bytes(obstore.get(self.store, key).bytes())
         except FileNotFoundError:
             return None
+        except BaseError as error:
+            raise said(f"{self.url}/{key}", error) from error
 
     def need(self, key: str) -> bytes:
         data = self.get(key)
@@ -132,13 +144,18 @@ class Lake:
                 return attempt > 0 and self.get(key) == data
             except GenericError as error:
                 if attempt == REPEATS:
-                    raise Passing(f"{self.url}/{key}: {str(error).splitlines()[0]}") from error
+                    raise said(f"{self.url}/{key}", error) from error
                 time.sleep(PAUSE_S * 2**attempt)
+            except BaseError as error:
+                raise said(f"{self.url}/{key}", error) from error
         raise AssertionError("unreachable")
 
     def keys(self, prefix: str) -> list[str]:
         """Keys below a place, in their order."""
-        return sorted(item["path"] for chunk in obstore.list(self.store, prefix) for item in chunk)
+        try:
+            return sorted(item["path"] for chunk in obstore.list(self.store, prefix) for item in chunk)
+        except BaseError as error:
+            raise said(f"{self.url}/{prefix}", error) from error
 
     def flights(self) -> list[Flight]:
         """Published flights."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Callable
 
 from . import parquet, program, solves
@@ -93,9 +93,10 @@ def fetch(lake: Lake, flight: Flight, manifest: dict, store: Path, frames: bool 
         data = lake.get(key)
         if data is None or len(data) != entry["length"] or sha256(data) != entry["sha256"]:
             raise FleetError(f"{lake.url}/{key}: is not what the manifest says; upload the flight below another prefix")
-        path = store / entry["name"]
-        if ".." in path.parts:
+        name = PurePosixPath(entry["name"])
+        if name.is_absolute() or ".." in name.parts:
             raise FleetError(f"{flight.manifest}: names {entry['name']!r}, which lies outside of the flight")
+        path = store / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data)
 
