@@ -9,7 +9,7 @@ DEMO_OUTPUT ?= demo-output
 # What the demonstration needs: no cameras but replay, no AprilGrid, no Parquet.
 DEMO_FEATURES := --no-default-features
 
-.PHONY: help demo test test-mutations check lint bench compare package package-aarch64 test-machine test-powercut build dependencies machine-dependencies
+.PHONY: help demo test test-mutations check lint bench compare package package-aarch64 test-machine test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
@@ -22,6 +22,9 @@ help:
 	@echo 'make package       a Debian package in target/package'
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
 	@echo 'make test-machine  cameras, GPIO and systemd in virtual machines'
+	@echo 'make fleet-demo    two aircraft on this machine: S3 server, upload, another calibration, tables, report'
+	@echo 'make fleet-test    upload broken off, workers killed, engines, schema (docs/fleet.md)'
+	@echo 'make fleet-growth  questions to 20, 200 and 2,000 synthetic flights, timed'
 	@echo 'make test-powercut  300 power cuts of a virtual machine, and the control without fsync'
 
 demo: dependencies
@@ -71,6 +74,37 @@ test-powercut: build
 	@sh packaging/dependencies.sh build-essential e2fsprogs procps
 	bash tests/powercut/run.sh --cuts $(CUTS) --fs $(FS)
 	bash tests/powercut/run.sh --cuts 20 --fs $(FS) --without-fsync
+
+# The desk's side (docs/fleet.md): its packages in an environment of their own, its wingd with `upload` beside the daemon's.
+FLEET := $(CURDIR)/target/fleet
+export RAY_USAGE_STATS_ENABLED := 0
+# Without any network but the loopback.
+ALONE := $(FLEET)/venv/bin/python -m demo.alone
+
+fleet-demo: $(FLEET)/installed $(FLEET)/wingd
+	cd fleet && $(ALONE) $(FLEET)/venv/bin/python -m demo $(FLEET)/wingd $(FLEET)/demo
+
+fleet-test: $(FLEET)/installed $(FLEET)/wingd
+	$(CARGO) clippy --release --locked --all-targets --features upload -- -D warnings
+	cd fleet && $(FLEET)/venv/bin/ruff format --check . && $(FLEET)/venv/bin/ruff check .
+	cd fleet && WINGD=$(FLEET)/wingd $(ALONE) $(FLEET)/venv/bin/python -m pytest
+
+# 20, 200 and 2,000 synthetic flights: some minutes and 1 GB to make them.
+fleet-growth: $(FLEET)/installed $(FLEET)/wingd
+	cd fleet && $(FLEET)/venv/bin/python -m demo.growth $(FLEET)/wingd $(FLEET)/growth
+
+$(FLEET)/installed: fleet/pyproject.toml
+	@sh packaging/dependencies.sh python3-venv
+	mkdir -p $(FLEET)
+	python3 -m venv $(FLEET)/venv
+	$(FLEET)/venv/bin/pip install --quiet --disable-pip-version-check --editable 'fleet[test]'
+	touch $@
+
+.PHONY: $(FLEET)/wingd
+$(FLEET)/wingd: dependencies
+	$(CARGO) build --release --locked --bins --test layers --features upload
+	mkdir -p $(FLEET)
+	cp target/release/wingd $@
 
 # Installs the Debian packages that are missing, as root or through sudo; elsewhere says which.
 dependencies:

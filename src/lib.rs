@@ -11,7 +11,7 @@
 //! | 4 | [`camera`], [`store`] | shots; safe keeping |
 //! | 5 | [`pipeline`] | from frame bytes and an installation to a record |
 //! | 6 | [`report`], [`daemon`] | figures and tables; the recorder |
-//! | 7 | [`http`] | read-only download page |
+//! | 7 | [`http`], `upload` | read-only download page; flights into an object store (a feature) |
 //! | 8 | [`config`] | composes every module's own section |
 //! | 9 | [`cli`] | one file per command |
 
@@ -28,3 +28,5 @@ pub mod pipeline;
 pub mod record;
 pub mod report;
 pub mod store;
+#[cfg(feature = "upload")]
+pub mod upload;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use syn::visit::Visit;
 
 /// Module -> layer; the table of `src/lib.rs`.
-const LAYERS: [(&str, usize); 13] = [
+const LAYERS: [(&str, usize); 14] = [
     ("measure", 1),
     ("installation", 2),
     ("clock", 2),
@@ -18,6 +18,7 @@ const LAYERS: [(&str, usize); 13] = [
     ("report", 6),
     ("daemon", 6),
     ("http", 7),
+    ("upload", 7),
     ("config", 8),
     ("cli", 9),
 ];

@@ -16,6 +16,8 @@ mod fetch;
 mod frames;
 mod logging;
 mod mount_check;
+#[cfg(not(feature = "upload"))]
+mod no_upload;
 mod orient;
 mod plan;
 mod prune;
@@ -28,6 +30,8 @@ mod solve;
 mod solve_store;
 mod status;
 mod stress;
+#[cfg(feature = "upload")]
+mod upload;
 mod verify;
 
 use std::ffi::OsString;
@@ -38,6 +42,8 @@ use clap::{Parser, Subcommand};
 
 use crate::installation::{self, Fault, Installation};
 use crate::store::layout;
+#[cfg(not(feature = "upload"))]
+use no_upload as upload;
 
 /// The shape of a wing in flight, measured with one camera at a cabin window.
 #[derive(Parser)]
@@ -89,6 +95,8 @@ enum Command {
     Copy(copy::Args),
     /// The same from the page that a recorder or `wingd serve` shows
     Fetch(fetch::Args),
+    /// Flights into an object store, for many aircraft (not in the program on board)
+    Upload(upload::Args),
     /// Delete flights of which a verified copy holds every byte
     Prune(prune::Args),
     /// Ask the running daemon how it is
@@ -166,6 +174,7 @@ pub fn main() -> ExitCode {
         Command::Compare(args) => compare::run(&args),
         Command::Copy(args) => copy::run(&args),
         Command::Fetch(args) => fetch::run(&args),
+        Command::Upload(args) => upload::run(&args),
         Command::Prune(args) => prune::run(&args),
         Command::Status(args) => status::status(&args),
         Command::Trigger(args) => status::trigger(&args),

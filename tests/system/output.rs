@@ -169,3 +169,14 @@ fn the_camera_s_test_says_what_is_wrong() {
         said(&output)
     );
 }
+
+/// The program on board has no way to the outside; it says what to build instead.
+#[cfg(not(feature = "upload"))]
+#[test]
+fn upload_is_named_where_it_is_not_built_in() {
+    for arguments in [&["upload"][..], &["upload", "store", "--to", "s3://bucket/prefix", "--json"]] {
+        let output = wingd().args(arguments).output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(said(&output).contains("--features upload"), "{}", said(&output));
+    }
+}

@@ -1,0 +1,64 @@
+"""A connection that breaks: a TCP proxy on the loopback that ends everything after so many bytes."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from typing import Callable
+
+HOST = "127.0.0.1"
+
+
+class Proxy:
+    """Passes connections on to a port; after `budget` bytes towards it calls `broken` and lets nothing through."""
+
+    def __init__(self, port: int):
+        self.target = port
+        self.budget: int | None = None
+        self.broken: Callable[[], None] = lambda: None
+        self.lock = threading.Lock()
+        self.listener = socket.create_server((HOST, 0))
+        self.port = self.listener.getsockname()[1]
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                client, _ = self.listener.accept()
+            except OSError:
+                return
+            if self.budget is not None and self.budget <= 0:
+                client.close()
+                continue
+            server = socket.create_connection((HOST, self.target))
+            threading.Thread(target=self._pump, args=(client, server, True), daemon=True).start()
+            threading.Thread(target=self._pump, args=(server, client, False), daemon=True).start()
+
+    def _pump(self, source: socket.socket, sink: socket.socket, counted: bool) -> None:
+        try:
+            while data := source.recv(16_384):
+                if counted and not self._count(len(data)):
+                    break
+                sink.sendall(data)
+        except OSError:
+            pass
+        finally:
+            for one in (source, sink):
+                try:
+                    one.shutdown(socket.SHUT_RDWR)
+                except OSError:
+                    pass
+                one.close()
+
+    def _count(self, length: int) -> bool:
+        with self.lock:
+            if self.budget is None:
+                return True
+            before, self.budget = self.budget, self.budget - length
+            left = self.budget > 0
+            if before > 0 and not left:
+                self.broken()
+            return left
+
+    def close(self) -> None:
+        self.listener.close()

@@ -1,0 +1,339 @@
+"""`wingd-fleet report`: one HTML file that opens offline."""
+
+from __future__ import annotations
+
+import html
+import math
+from pathlib import Path
+from typing import Sequence
+
+from . import __version__
+from .charts import Series, chart
+from .desk import LOAD_FACTOR, WEIGHT, Desk
+from .lake import FleetError
+
+# Rows of a long table; further ones are counted, and there for `wingd-fleet query`.
+ROWS = 25
+# Aircraft of a figure, the ones with the most flights; a figure of more cannot be read.
+DRAWN = 8
+# Points of load in a figure, per aircraft.
+BINS = 10
+SECONDS_A_DAY = 86_400.0
+
+
+def write(desk: Desk, output: Path, solve: str | None = None, against: str | None = None, made: bool = False) -> None:
+    """The report of one solve (the last by name without a choice), held against another."""
+    solve = solve or desk.solves[-1]
+    if solve not in desk.solves or (against and against not in desk.solves):
+        raise FleetError(f"solve {solve} or {against} is not among: {', '.join(desk.solves)}")
+    against = against or next((one for one in desk.solves if one != solve), None)
+    parts = [_head(desk, solve, made), _lift(desk, solve), _mount(desk, solve), _detection(desk, solve)]
+    parts += [_failing(desk, solve), _compared(desk, against, solve)]
+    style = Path(__file__).with_name("report.css").read_text()
+    title = f"Wings of a fleet: {solve}"
+    output.write_text(
+        f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+        f"<title>{html.escape(title)}</title><style>{style}</style></head><body><main>{''.join(parts)}"
+        f"<footer>Written by wingd-fleet {__version__}. Lengths in metres or millimetres, angles in milliradians, image "
+        f"coordinates in pixels; sigma is one standard deviation. Each table is a view: wingd-fleet query --lake LAKE "
+        f"&quot;FROM lift_by_aircraft&quot;.</footer></main></body></html>\n"
+    )
+
+
+def _number(value, digits: int) -> str:
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return "–"
+    return f"{value:.{digits}f}"
+
+
+def table(rows: list[dict], columns: Sequence[tuple[str, str, int | None, float]], limit: int = ROWS) -> str:
+    """Rows as a table. A column: key, heading, digits (None: words), factor."""
+    if not rows:
+        return '<p class="soft">None.</p>'
+    head = "".join(
+        f"<th{'' if digits is None else ' class=n'}>{html.escape(name)}</th>" for _, name, digits, _ in columns
+    )
+    lines = []
+    for row in rows[:limit]:
+        cells = []
+        for key, name, digits, factor in columns:
+            value = row[key]
+            if digits is None:
+                text = html.escape("–" if value is None else str(value))
+                kind = "" if " " in text else " class=w"
+            else:
+                text, kind = _number(None if value is None else float(value) * factor, digits), " class=n"
+            cells.append(f'<td{kind} data-name="{html.escape(name)}">{text}</td>')
+        lines.append(f"<tr>{''.join(cells)}</tr>")
+    more = f'<p class="soft">{len(rows) - limit} further rows are not shown.</p>' if len(rows) > limit else ""
+    return f'<div class="scroll" tabindex="0"><table class="stack"><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>{more}'
+
+
+def _head(desk: Desk, solve: str, made: bool) -> str:
+    facts = desk.rows(
+        "SELECT count(DISTINCT (recorder_id, flight)) AS flights, count(DISTINCT aircraft) AS aircraft, "
+        "count(DISTINCT recorder_id) AS recorders, count(image) AS frames, count(*) FILTER (status = 'ok') AS solved, "
+        "min(utc)::DATE AS first, max(utc)::DATE AS last, string_agg(DISTINCT program, ', ') AS program "
+        "FROM frames WHERE solve = ?",
+        [solve],
+    )[0]
+    share = 100 * facts["solved"] / facts["frames"] if facts["frames"] else 0
+    tiles = [
+        (facts["flights"], "flights"),
+        (facts["aircraft"], "aircraft"),
+        (facts["recorders"], "recorders"),
+        (facts["frames"], "frames"),
+        (f"{share:.1f} %", "of them solved"),
+    ]
+    shown = "".join(f"<li><b>{value}</b>{name}</li>" for value, name in tiles)
+    warning = (
+        '<p class="warning">These flights are synthetic: made from the results of a few real ones, to show how '
+        "questions grow with their number. Nothing in them was measured.</p>"
+        if made
+        else ""
+    )
+    return (
+        f"<header><h1>Wings of a fleet</h1><p class=soft>Solve <b>{html.escape(solve)}</b> by "
+        f"{html.escape(str(facts['program']))}, flights of {facts['first']} to {facts['last']} UTC</p></header>"
+        f"{warning}<ul class=tiles>{shown}</ul>"
+    )
+
+
+def _lift(desk: Desk, solve: str) -> str:
+    rows = desk.rows("FROM lift_by_aircraft WHERE solve = ? ORDER BY aircraft_type, aircraft", [solve])
+    columns = [
+        ("aircraft", "aircraft", None, 1),
+        ("aircraft_type", "type", None, 1),
+        ("flights", "flights", 0, 1),
+        ("frames", "frames", 0, 1),
+        ("lift_m", "mean lift of the tip, m", 3, 1),
+        ("sigma_mean_m", "its sigma by the flights' scatter, mm", 1, 1000),
+        ("least_m", "least, m", 3, 1),
+        ("most_m", "most, m", 3, 1),
+        ("sigma_frame_m", "sigma of a frame, mm", 1, 1000),
+    ]
+    text = _load(desk, solve) if desk.has_load else _without_load(desk, solve)
+    return f"<h2>Lift</h2>{text}<h3>By aircraft</h3>{table(rows, columns)}"
+
+
+def _drawn(desk: Desk, solve: str) -> list[str]:
+    rows = desk.rows(
+        "SELECT aircraft FROM lift_by_flight WHERE solve = ? GROUP BY ALL ORDER BY count(*) DESC, aircraft LIMIT ?",
+        [solve, DRAWN],
+    )
+    return sorted(row["aircraft"] for row in rows)
+
+
+def _without_load(desk: Desk, solve: str) -> str:
+    series = []
+    for aircraft in _drawn(desk, solve):
+        rows = desk.rows(
+            "SELECT epoch(utc - min(utc) OVER (PARTITION BY recorder_id, flight)) / 3600 AS x, tip_lift_m AS y, "
+            "tip_sigma_lift_m AS s FROM frames WHERE solve = ? AND aircraft = ? AND status = 'ok' "
+            "AND tip_lift_m IS NOT NULL ORDER BY hash(recorder_id, flight, series, shot) LIMIT 400",
+            [solve, aircraft],
+        )
+        series.append(Series(aircraft, [(r["x"], r["y"], r["s"]) for r in rows]))
+    return (
+        '<p class="warning">The results have no columns of weight and load factor '
+        f"({' or '.join(WEIGHT[:1] + LOAD_FACTOR[:1])}): a lift cannot be held against its load, nor one aircraft against "
+        "another. Below, lift over the hours of each flight. Record aircraft data, and solve the flights again.</p>"
+        + chart(
+            series,
+            "hours since the flight's first frame",
+            "lift of the tip, m",
+            "Lift over the hours of a flight, by aircraft",
+        )
+        + _caption("Bars: one standard deviation of a frame.", series)
+    )
+
+
+def _caption(text: str, series: list[Series]) -> str:
+    more = f" Drawn are the {DRAWN} aircraft with the most flights." if len(series) == DRAWN else ""
+    return f'<p class="caption">{text}{more}</p>'
+
+
+def _load(desk: Desk, solve: str) -> str:
+    parts = []
+    for line in desk.rows("FROM line_of_type WHERE solve = ? ORDER BY aircraft_type", [solve]):
+        kind = line["aircraft_type"]
+        series = _of_load(desk, solve, kind, line["slope_m_per_t"] or 0.0)
+        if line["slope_m_per_t"] is not None:
+            ends = [
+                (t, line["intercept_m"] + line["slope_m_per_t"] * t, None) for t in (line["least_t"], line["most_t"])
+            ]
+            series.append(Series(f"all {kind}", ends, line=True))
+        slope = _number(line["slope_m_per_t"] and 1000 * line["slope_m_per_t"], 2)
+        parts.append(
+            f"<h3>{html.escape(kind)}: lift against weight times load factor</h3>"
+            + chart(
+                series, "weight times load factor, t", "lift of the tip, m", f"Lift against load, {kind}, by aircraft"
+            )
+            + _caption(
+                f"Means of {BINS} classes of load; bars: standard deviation of the class's frames about the line's slope. Line of all frames of "
+                f"the type: {slope} mm a tonne, scatter {_number(line['scatter_m'] and 1000 * line['scatter_m'], 1)} mm.",
+                series[:DRAWN],
+            )
+            + _beside(line, series)
+        )
+    rows = desk.rows(
+        "FROM aircraft_against_type WHERE solve = ? ORDER BY abs(over_sigma) DESC NULLS LAST, aircraft",
+        [solve],
+    )
+    columns = [
+        ("aircraft", "aircraft", None, 1),
+        ("aircraft_type", "type", None, 1),
+        ("flights", "flights", 0, 1),
+        ("mean_m", "from its type's line, mm", 1, 1000),
+        ("scatter_m", "sigma by the flights' scatter, mm", 1, 1000),
+        ("common_m", "common to its flights, mm", 1, 1000),
+        ("over_sigma", "in sigmas", 1, 1),
+    ]
+    caption = (
+        "Survey, camera and axis are common to an aircraft's flights, and no number of flights averages them: the whole "
+        "standard deviation of a frame is taken as common."
+    )
+    return "".join(parts) + f'<h3>Which aircraft differs</h3>{table(rows, columns)}<p class="caption">{caption}</p>'
+
+
+def _beside(line: dict, series: list[Series]) -> str:
+    """The same points, held against the type's line: what differs is seen there."""
+    if line["slope_m_per_t"] is None:
+        return ""
+    off = [
+        Series(
+            one.name,
+            [
+                (x, 1000 * (y - line["intercept_m"] - line["slope_m_per_t"] * x), 1000 * (bar or 0))
+                for x, y, bar in one.points
+            ],
+        )
+        for one in series
+        if not one.line
+    ]
+    what = f"Lift beside the line of {line['aircraft_type']}, by aircraft"
+    return chart(off, "weight times load factor, t", "lift beside the line, mm", what)
+
+
+def _of_load(desk: Desk, solve: str, kind: str, slope: float) -> list[Series]:
+    rows = desk.rows(
+        "WITH f AS (SELECT aircraft, load_t, tip_lift_m, tip_sigma_lift_m FROM frames WHERE solve = ? AND status = 'ok' AND "
+        "coalesce(aircraft_type, 'unknown') = ? AND load_t IS NOT NULL AND tip_lift_m IS NOT NULL), "
+        "edges AS (SELECT min(load_t) AS low, (max(load_t) - min(load_t)) / ? AS step FROM f) "
+        "SELECT aircraft, avg(load_t) AS x, avg(tip_lift_m) AS y, "
+        "coalesce(stddev_samp(tip_lift_m - ? * load_t), avg(tip_sigma_lift_m)) AS s FROM f, edges "
+        "GROUP BY aircraft, least(floor((load_t - low) / nullif(step, 0)), ? - 1) ORDER BY aircraft, x",
+        [solve, kind, BINS, slope, BINS],
+    )
+    drawn = [a for a in _drawn(desk, solve) if any(r["aircraft"] == a for r in rows)]
+    drawn = drawn or sorted({r["aircraft"] for r in rows})[:DRAWN]
+    return [Series(a, [(r["x"], r["y"], r["s"]) for r in rows if r["aircraft"] == a]) for a in drawn]
+
+
+def _mount(desk: Desk, solve: str) -> str:
+    rows = desk.rows("FROM mount_by_aircraft WHERE solve = ? ORDER BY within_mrad DESC, aircraft", [solve])
+    columns = [
+        ("aircraft", "aircraft", None, 1),
+        ("recorder_id", "recorder", None, 1),
+        ("flights", "flights", 0, 1),
+        ("within_mrad", "within a flight, mrad", 3, 1),
+        ("between_mrad", "from flight to flight, mrad", 3, 1),
+        ("sigma_mrad", "sigma of a frame, mrad", 3, 1),
+    ]
+    flights = desk.rows(
+        "SELECT aircraft, epoch(began) / 86400 AS day, sqrt(x_mrad ** 2 + y_mrad ** 2 + z_mrad ** 2) AS turn, within_mrad "
+        "FROM mount_by_flight WHERE solve = ? AND began IS NOT NULL ORDER BY began",
+        [solve],
+    )
+    series = [
+        Series(a, [(r["day"], r["turn"], r["within_mrad"]) for r in flights if r["aircraft"] == a])
+        for a in _drawn(desk, solve)
+    ]
+    figure = chart(
+        series,
+        "day of the flight (month-day, UTC)",
+        "turned from the ground frame, mrad",
+        "Rotation of the camera against its ground frame, flight by flight",
+        times=True,
+    )
+    if not any(one.points for one in series):
+        figure = '<p class="soft">These results have no rotation of the mount (method profile).</p>'
+    caption = "A flight's mean rotation of the camera against the ground frame; bars: how far it moved within the flight (rms)."
+    return f"<h2>The mount</h2>{figure}{_caption(caption, series)}{table(rows, columns)}"
+
+
+def _detection(desk: Desk, solve: str) -> str:
+    rows = desk.rows("FROM detection WHERE solve = ? ORDER BY used_share, aircraft", [solve])
+    columns = [
+        ("aircraft", "aircraft", None, 1),
+        ("recorder_id", "recorder", None, 1),
+        ("frames", "frames", 0, 1),
+        ("used_share", "markers used, %", 1, 100),
+        ("sigma_px", "median sigma, px", 3, 1),
+        ("residual_px", "residuals, px", 3, 1),
+        ("beyond_share", "beyond 3.29 sigma, %", 2, 100),
+    ]
+    reasons = desk.rows(
+        "SELECT reason, sum(markers) AS markers, count(DISTINCT aircraft) AS aircraft FROM marker_reasons WHERE solve = ? "
+        "GROUP BY reason ORDER BY markers DESC",
+        [solve],
+    )
+    why = [
+        ("reason", "why a marker was not used", None, 1),
+        ("markers", "markers", 0, 1),
+        ("aircraft", "aircraft", 0, 1),
+    ]
+    return f"<h2>Detection</h2>{table(rows, columns)}<h3>Markers not used</h3>{table(reasons, why, 10)}"
+
+
+def _failing(desk: Desk, solve: str) -> str:
+    rows = desk.rows("FROM failing_flights WHERE solve = ? ORDER BY ok, shots - ok DESC, aircraft, flight", [solve])
+    columns = [
+        ("aircraft", "aircraft", None, 1),
+        ("recorder_id", "recorder", None, 1),
+        ("flight", "flight", None, 1),
+        ("shots", "shots", 0, 1),
+        ("ok", "solved", 0, 1),
+        ("reason", "most often", None, 1),
+    ]
+    missing, said = desk.missing(solve)
+    gone = [
+        {
+            "flight": str(flight),
+            "why": said[flight][-1]["reason"] if flight in said else "no task has come to its end yet",
+        }
+        for flight in missing
+    ]
+    lost = [("flight", "flight", None, 1), ("why", "why", None, 1)]
+    return (
+        f"<h2>What failed</h2><h3>Flights with shots that gave no number</h3>{table(rows, columns)}"
+        f"<h3>Published flights without tables of this solve</h3>{table(gone, lost)}"
+    )
+
+
+def _compared(desk: Desk, one: str | None, other: str) -> str:
+    if one is None:
+        return "<h2>Two solves</h2><p class=soft>There is one solve only.</p>"
+    rows = desk.rows("FROM compared_by_aircraft(?, ?) ORDER BY abs(mean_m) DESC NULLS LAST, aircraft", [one, other])
+    columns = [
+        ("aircraft", "aircraft", None, 1),
+        ("frames", "frames of both", 0, 1),
+        ("mean_m", "mean difference, mm", 2, 1000),
+        ("rms_m", "rms, mm", 2, 1000),
+        ("most_m", "most, mm", 2, 1000),
+        ("over_sigma", "rms over sigma", 2, 1),
+        ("won", "solved now", 0, 1),
+        ("lost", "no longer", 0, 1),
+    ]
+    points = desk.rows(
+        "SELECT aircraft, lift_one_m AS x, 1000 * difference_m AS y, 1000 * sigma_m AS s FROM compared(?, ?) "
+        "WHERE difference_m IS NOT NULL ORDER BY hash(recorder_id, flight, series, shot) LIMIT 1500",
+        [one, other],
+    )
+    drawn = _drawn(desk, other)
+    series = [Series(a, [(r["x"], r["y"], r["s"]) for r in points if r["aircraft"] == a]) for a in drawn]
+    figure = chart(
+        series, f"lift in {one}, m", f"{other} minus {one}, mm", f"Difference of lift between {one} and {other}"
+    )
+    caption = "Lift of the tip frame by frame; bars: the larger of the two standard deviations. 1,500 frames at most are drawn."
+    return f"<h2>Two solves: {html.escape(other)} against {html.escape(one)}</h2>{figure}{_caption(caption, series)}{table(rows, columns)}"

@@ -1,0 +1,164 @@
+"""Synthetic flights, made from the tables of real ones: to see how questions grow with the number of flights.
+
+A synthetic flight is a real one's table with other identities, another day, and lifts that follow an invented weight and
+load factor. Nothing in it was measured. The lake says so: in `synthetic.json`, in its aircraft's names and the report.
+"""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from . import parquet
+from .lake import TABLES, FleetError, Flight, Lake, dump, sha256
+
+MARK = "synthetic.json"
+SEED = 20261125
+# Aircraft, and types of them; each aircraft has one recorder, and every tenth a second one.
+AIRCRAFT, TYPES = 40, ("SYN-A", "SYN-B")
+# Weights, t, at take-off, and what of it a flight burns.
+WEIGHTS_T, BURNT = (58.0, 78.0), 0.2
+# Lift of the tip, m per t and load factor, by type; how aircraft differ, m; turbulence in load factor.
+SLOPES_M_PER_T, AIRCRAFT_SIGMA_M, GUST_SIGMA = (0.030, 0.026), 0.015, 0.04
+# Copies of the template's series: a long flight has more.
+SERIES = 5
+# Every so many flights a dark one, whose frames fail.
+DARK_EVERY = 50
+# Of a second solve against the first, m and its scatter by frame.
+SHIFT_M, SHIFT_SIGMA_M = 0.004, 0.001
+
+
+def is_made(lake: Lake) -> bool:
+    """Whether a lake's flights are synthetic."""
+    return lake.get(MARK) is not None
+
+
+def make(source: Lake, target: Lake, count: int) -> None:
+    """So many flights, each in two solves."""
+    committed = source.committed()
+    templates = [(solve, flight) for solve, flights in committed.items() for flight in flights]
+    if not templates:
+        raise FleetError(f"{source.url}: has no tables to make flights from")
+    if source.get(MARK):
+        raise FleetError(f"{source.url}: is synthetic itself; name a lake of real flights")
+    target.create(MARK, dump({"synthetic": True, "made_from": sorted(str(flight) for _, flight in templates)}))
+    solve, _ = templates[0]
+
+    def read(flight: Flight, table: str) -> pa.Table:
+        return pq.read_table(io.BytesIO(source.need(flight.table(table, solve))))
+
+    tables = [{table: read(flight, table) for table in TABLES} for name, flight in templates if name == solve]
+    for number in range(count):
+        _flight(target, tables[number % len(tables)], number)
+
+
+def _flight(target: Lake, tables: dict[str, pa.Table], number: int) -> None:
+    random = np.random.default_rng([SEED, number])
+    craft = number % AIRCRAFT
+    second = craft % 10 == 9 and number // AIRCRAFT % 2
+    recorder = sha256(f"synthetic recorder {craft} {second}".encode())[:32]
+    flight = Flight(f"SYN-{craft:03d}", recorder, f"f{number // AIRCRAFT + 1:04d}")
+    target.create(flight.manifest, dump({"synthetic": True, "aircraft_type": TYPES[craft % 2], "files": []}))
+    story = _story(tables["shots"], random, craft, number)
+    for solve, shift in (("onboard", 0.0), ("recalibrated", SHIFT_M)):
+        published = {}
+        for table in TABLES:
+            content = _table(tables[table], table, flight, TYPES[craft % 2], solve, story, shift, random)
+            data = parquet.write(content)
+            target.create(flight.table(table, solve), data)
+            published[table] = {"sha256": sha256(data), "rows": len(content)}
+        target.create(flight.commit(solve), dump({"synthetic": True, "solve": solve, "tables": published}))
+
+
+def _story(shots: pa.Table, random, craft: int, number: int) -> dict:
+    """What happens in a flight: frame by frame its weight, load factor, lift beyond the template's."""
+    frames = len(shots) * SERIES
+    weight = random.uniform(*WEIGHTS_T) * (1 - BURNT * np.linspace(0, 1, frames))
+    factor = 1 + GUST_SIGMA * random.standard_normal(frames)
+    own = np.random.default_rng([SEED, 1, craft]).standard_normal() * AIRCRAFT_SIGMA_M
+    slope = SLOPES_M_PER_T[craft % 2]
+    lift = own + slope * (weight * factor - WEIGHTS_T[0])
+    return {
+        "weight": weight,
+        "factor": factor,
+        "lift": lift,
+        "frames": frames,
+        "days": number // AIRCRAFT,
+        "dark": number % DARK_EVERY == DARK_EVERY - 1,
+        "turn": random.standard_normal(3) * 0.02,
+        "noise": random.standard_normal(frames),
+    }
+
+
+def _table(
+    content: pa.Table, table: str, flight: Flight, kind: str, solve: str, story: dict, shift: float, random
+) -> pa.Table:
+    one = _numbers(content)
+    parts = [_series(content, one, k, story, shift) for k in range(SERIES)]
+    content = pa.concat_tables(parts)
+    rows = len(content)
+    words = {
+        "solve": solve,
+        "aircraft": flight.aircraft,
+        "aircraft_type": kind,
+        "recorder_id": flight.recorder,
+        "flight": flight.flight,
+    }
+    for name, word in words.items():
+        content = _put(content, name, pa.array([word] * rows, pa.string()))
+    if table == "parameters":
+        turned = pc.equal(content["parameter"], "mount_rotation_deg")
+        index = np.asarray(content["index"].fill_null(1)).astype(int)
+        turn = story["turn"][np.clip(index, 1, 3) - 1]
+        content = _put(content, "value", pc.if_else(turned, pc.add(content["value"], pa.array(turn)), content["value"]))
+    if table == "markers":
+        scatter = 1 + 0.1 * random.standard_normal(rows)
+        for name in ("residual_u_px", "residual_v_px", "w_test"):
+            content = _put(content, name, pc.multiply(content[name], pa.array(scatter)))
+    return _darkened(content) if story["dark"] else content
+
+
+def _numbers(content: pa.Table) -> np.ndarray:
+    """The frame of each row, from 0, in the order of the table."""
+    names = [f"{s}/{n}" for s, n in zip(content["series"].to_pylist(), content["shot"].to_pylist())]
+    order = {name: k for k, name in enumerate(dict.fromkeys(names))}
+    return np.array([order[name] for name in names])
+
+
+def _series(content: pa.Table, frame: np.ndarray, k: int, story: dict, shift: float) -> pa.Table:
+    """The template's rows as the k-th part of the flight."""
+    place = np.minimum(frame + k * (frame.max(initial=0) + 1), story["frames"] - 1)
+    name = [f"s{int(text[1:]) + 100 * k:06d}" for text in content["series"].to_pylist()]
+    content = _put(content, "series", pa.array(name, pa.string()))
+    hours = pa.scalar(int((story["days"] * 24 + k * 1.5) * 3.6e9), pa.duration("us"))
+    content = _put(content, "utc", pc.add(content["utc"], hours).cast(content["utc"].type))
+    # Half of the template's own lift, so that its course shows and the load leads.
+    for column in ("tip_lift_m", "lift_m"):
+        if column in content.column_names:
+            lift = pa.array(story["lift"][place] + shift + (SHIFT_SIGMA_M if shift else 0) * story["noise"][place])
+            content = _put(content, column, pc.add(pc.multiply(content[column], 0.05), lift))
+    content = _put(content, "weight_kg", pa.array(1000 * story["weight"][place]))
+    return _put(content, "load_factor", pa.array(story["factor"][place]))
+
+
+def _darkened(content: pa.Table) -> pa.Table:
+    """As a flight at night: nothing solved."""
+    rows = len(content)
+    content = _put(content, "status", pa.array(["failed"] * rows, pa.string()))
+    content = _put(
+        content, "reason", pa.array(["synthetic: no marker was found, the picture is dark"] * rows, pa.string())
+    )
+    for name in ("tip_lift_m", "tip_sigma_lift_m", "lift_m", "value"):
+        if name in content.column_names:
+            content = _put(content, name, pa.nulls(rows, content[name].type))
+    return content
+
+
+def _put(content: pa.Table, name: str, values) -> pa.Table:
+    if name in content.column_names:
+        return content.set_column(content.column_names.index(name), name, values)
+    return content.append_column(name, values)
