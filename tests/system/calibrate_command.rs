@@ -162,3 +162,15 @@ fn a_camera_goes_to_other_programs_and_comes_back() {
     assert_eq!(done.status.code(), Some(78));
     assert!(text(&done.stderr).contains("image_width"), "{}", text(&done.stderr));
 }
+
+#[test]
+fn a_tolerance_that_is_none_is_named_with_its_mend() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).display().to_string();
+    for sigma in ["0.0", "0.5", "nan"] {
+        std::fs::write(at("board.toml"), format!("{BOARD}scale_sigma = {sigma}\n")).unwrap();
+        let done = run(&["calibrate", "--board", &at("board.toml"), "--output", &at("camera.toml"), "x.png"]);
+        assert_eq!(done.status.code(), Some(78), "{sigma}");
+        assert!(text(&done.stderr).contains("scale_sigma"), "{}", text(&done.stderr));
+    }
+}
