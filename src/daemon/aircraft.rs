@@ -417,7 +417,8 @@ mod tests {
             status.recorded >= 20
         });
         assert!(status.recorded >= 20 && status.lost == 0 && status.fault.is_none(), "{status:?}");
-        assert_eq!(status.read * 2, status.recorded, "every other line is noise, and kept");
+        // Every other line is noise, and kept; the last one may still wait.
+        assert!((status.read * 2).abs_diff(status.recorded) <= 1, "{status:?}");
         drop(feed);
         let flight = catalogue::flights(&RealDisk, bench.dir.path()).unwrap().remove(0);
         assert_eq!(crate::store::aircraft::files(&RealDisk, &flight).unwrap().len(), 1);
