@@ -90,6 +90,7 @@ def test_killed_workers_of_ray_give_the_same(wingd, recorders, installation, ser
     finally:
         stop.set()
         killer.join()
+    print(f"killed: {len(killed)}")
     assert killed, "no worker was caught at work"
     assert all(count["failed"] == 0 for count in counts.values()), counts
     assert contents(lake) == faultless

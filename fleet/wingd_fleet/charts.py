@@ -23,12 +23,13 @@ class Series:
     extra: dict = field(default_factory=dict)
 
 
-def ticks(low: float, high: float, count: int = STEPS) -> list[float]:
-    """Round values between two."""
+def ticks(low: float, high: float, least: float = 0.0, count: int = STEPS) -> list[float]:
+    """Round values between two, at least so far apart."""
     span = (high - low) or abs(high) or 1.0
     raw = span / count
     base = 10 ** math.floor(math.log10(raw))
     step = next(base * f for f in (1, 2, 5, 10) if base * f >= raw)
+    step = max(step, least)
     first = math.ceil(low / step - 1e-9)
     return [k * step for k in range(first, math.floor(high / step + 1e-9) + 1)]
 
@@ -73,7 +74,7 @@ def _axes(xb, yb, at, x, y, times) -> list[str]:
         px, py = at(xb[0], value)
         parts.append(f'<path class="grid" d="M{px:.1f} {py:.1f}H{WIDTH - RIGHT}"/>')
         parts.append(f'<text x="{px - 6:.1f}" y="{py + 4:.1f}" text-anchor="end">{plain(value)}</text>')
-    for value in ticks(*xb):
+    for value in ticks(*xb, 1.0 if times else 0.0):
         px, py = at(value, yb[0])
         text = _day(value) if times else plain(value)
         parts.append(f'<path class="grid" d="M{px:.1f} {py:.1f}V{TOP}"/>')

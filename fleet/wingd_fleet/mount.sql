@@ -7,15 +7,15 @@ SELECT solve, aircraft, recorder_id, flight, series, shot, min(utc) AS utc,
 FROM parameters WHERE parameter = 'mount_rotation_deg' AND status = 'ok'
 GROUP BY solve, aircraft, recorder_id, flight, series, shot;
 
--- Within a flight it creeps, between flights it is taken down and put up.
+-- Of one frame or flight alone no scatter is told: null. Within a flight it creeps, between flights it is taken down and put up.
 CREATE VIEW mount_by_flight AS
 SELECT solve, aircraft, recorder_id, flight, min(utc) AS began, count(*) AS frames,
        avg(x_mrad) AS x_mrad, avg(y_mrad) AS y_mrad, avg(z_mrad) AS z_mrad,
-       sqrt(var_pop(x_mrad) + var_pop(y_mrad) + var_pop(z_mrad)) AS within_mrad,
+       sqrt(var_samp(x_mrad) + var_samp(y_mrad) + var_samp(z_mrad)) AS within_mrad,
        sqrt(avg(sigma_mrad ** 2)) AS sigma_mrad
 FROM rotations GROUP BY ALL;
 
 CREATE VIEW mount_by_aircraft AS
 SELECT solve, aircraft, recorder_id, count(*) AS flights, sqrt(avg(within_mrad ** 2)) AS within_mrad,
-       sqrt(var_pop(x_mrad) + var_pop(y_mrad) + var_pop(z_mrad)) AS between_mrad, sqrt(avg(sigma_mrad ** 2)) AS sigma_mrad
+       sqrt(var_samp(x_mrad) + var_samp(y_mrad) + var_samp(z_mrad)) AS between_mrad, sqrt(avg(sigma_mrad ** 2)) AS sigma_mrad
 FROM mount_by_flight GROUP BY ALL;

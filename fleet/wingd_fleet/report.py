@@ -136,7 +136,7 @@ def _without_load(desk: Desk, solve: str) -> str:
         series.append(Series(aircraft, [(r["x"], r["y"], r["s"]) for r in rows]))
     return (
         '<p class="warning">The results have no columns of weight and load factor '
-        f"({' or '.join(WEIGHT[:1] + LOAD_FACTOR[:1])}): a lift cannot be held against its load, nor one aircraft against "
+        f"({' and '.join(WEIGHT[:1] + LOAD_FACTOR[:1])}): a lift cannot be held against its load, nor one aircraft against "
         "another. Below, lift over the hours of each flight. Record aircraft data, and solve the flights again.</p>"
         + chart(
             series,
@@ -231,7 +231,7 @@ def _of_load(desk: Desk, solve: str, kind: str, slope: float) -> list[Series]:
 
 
 def _mount(desk: Desk, solve: str) -> str:
-    rows = desk.rows("FROM mount_by_aircraft WHERE solve = ? ORDER BY within_mrad DESC, aircraft", [solve])
+    rows = desk.rows("FROM mount_by_aircraft WHERE solve = ? ORDER BY within_mrad DESC NULLS LAST, aircraft", [solve])
     columns = [
         ("aircraft", "aircraft", None, 1),
         ("recorder_id", "recorder", None, 1),
