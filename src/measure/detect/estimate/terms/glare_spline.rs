@@ -30,10 +30,17 @@ impl Glare {
     }
 }
 
+/// Where along and across the outline a pixel of a batch lies, px.
+pub fn place(batch: &Batch, i: usize, ellipse: &Ellipse) -> (f64, f64) {
+    (f64::from(batch.p[i]) * ellipse.major, f64::from(batch.q[i]) * ellipse.minor)
+}
+
 /// The pixels of a batch, and where along and across the outline they lie, px.
-pub fn places<'a>(batch: &'a Batch, ellipse: &'a Ellipse) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
-    let place = |i: usize| (i, f64::from(batch.p[i]) * ellipse.major, f64::from(batch.q[i]) * ellipse.minor);
-    (0..batch.len).map(place)
+fn places<'a>(batch: &'a Batch, ellipse: &'a Ellipse) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
+    (0..batch.len).map(|i| {
+        let (s, t) = place(batch, i, ellipse);
+        (i, s, t)
+    })
 }
 
 /// What skin and black alone tell of the glare: slant and knots.

@@ -1,28 +1,37 @@
-//! The fit with the light freed: a field of knots for light and darkness beside the model's parameters.
+//! A field of light: where light and darkness are no planes, as under a shadow's edge, a soft smear or a bright patch.
+//!
+//! `L (1 + f) (1 - (k + d) c)^g`: `f` is bilinear between 9 x 3 knots over the marker, `d` linear between 6 along it, all 0 with a
+//! standard deviation of 15 % beforehand. Unknowns: 33 beside the formula's. Let in by what it takes off the weighted squares
+//! ([`super::super::lack_of_fit`]): 120 variances to be heard, 280 to be believed. Held by `tests/detect/bad_light.rs` and, for
+//! what it does to standard deviations under JPEG, `tests/detect/fixtures.rs`. Knots beside the outline too would follow dirt,
+//! and chance in frames with JPEG.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Matrix2};
+use nalgebra::{Cholesky, DVector, Matrix2};
+
+use super::knot_field::{self, Cell, Rows, Step, Term};
 
 use crate::measure::detect::appearance::formula::{Model, Slopes, Tone};
-use crate::measure::detect::appearance::parameters::{
-    BLUR, COMMON, GAMMA, LIGHT, N, Parameters, Pattern, X, Y,
-};
-use crate::measure::detect::estimate::bordered::Bordered;
+use crate::measure::detect::appearance::parameters::{BLUR, GAMMA, LIGHT, N, Parameters, Pattern, X, Y};
 use crate::measure::detect::estimate::gauss_newton::Fit;
-use crate::measure::detect::estimate::normal_equations::{Block, Products, biweights, spread};
+use crate::measure::detect::estimate::normal_equations::{biweights, spread};
 use crate::measure::detect::estimate::options::ITERATION;
 use crate::measure::detect::estimate::options::TERM;
 use crate::measure::detect::estimate::residuals::ResidualAnalysis;
 use crate::measure::detect::estimate::sandwich::{Blocks, REACH};
 use crate::measure::detect::estimate::unknowns::Unknowns;
 use crate::measure::detect::sample::pixels::Pixels;
-use crate::measure::detect::simd::batch::{Batch, append};
+use crate::measure::detect::simd::batch::Batch;
 use crate::measure::detect::simd::dispatch::wide;
-use crate::measure::detect::simd::lanes::{LANES, Lanes, each, total};
+use crate::measure::detect::simd::lanes::{LANES, each};
 
-/// Knots of the field of light along and across the marker, and of its darkness along it.
+/// Knots of the field of light along the marker. Chosen: a shadow's edge is some tenths of a marker wide;
+/// `tests/detect/bad_light.rs`.
 const ALONG: usize = 9;
+/// The same across it, where light changes less.
 const ACROSS: usize = 3;
+/// Knots of its darkness along it.
 const DARKS: usize = 6;
+/// All of them.
 const FIELD: usize = ALONG * ACROSS + DARKS;
 /// Knots about a pixel: four of light, two of darkness.
 const ABOUT: usize = 6;
@@ -49,30 +58,6 @@ pub struct LightFieldFit {
     pub inliers: f64,
 }
 
-/// Pixels between the same knots.
-struct Cell {
-    knots: [usize; ABOUT],
-    batches: Vec<Batch>,
-}
-
-/// What the residuals of a linearisation show.
-struct Residuals {
-    sizes: Vec<f32>,
-    weight: f64,
-    square: f64,
-}
-
-/// One batch's part in the normal equations.
-struct Rows {
-    r: Lanes,
-    /// Roots of the weights, robust ones included.
-    root: Lanes,
-    /// Derivatives by the parameters.
-    gradient: [Lanes; COMMON],
-    /// Derivatives by the knots about.
-    field: [Lanes; ABOUT],
-}
-
 /// The fit with the light freed, without the pixels of things that are not the marker's; `None` where the first step does not
 /// promise to take off the residuals' squares the `least` that is asked, in variances of one. Nothing is asked where foreign
 /// pixels pull at first.
@@ -87,10 +72,10 @@ pub fn fit_light_field(
     let mut list = Vec::with_capacity(N);
     list.extend((0..N).filter(|&k| unknowns.free[k]));
     let own = own(pixels, seen, fit.parameters[BLUR]);
-    let cells = cells(pixels, &own);
     if own.len() < 3 * N {
         return None;
     }
+    let cells = cells(pixels, own);
     let Pixels { pattern, origin, .. } = *pixels;
     let mut field = Field { pattern, origin, m: fit.parameters, extra: [0.0; FIELD] };
     let mut sizes: Vec<f32> = Vec::with_capacity(pixels.count());
@@ -99,17 +84,17 @@ pub fn fit_light_field(
     }
     let mut scale = floor.max(spread(&mut sizes)) * if least.is_none() { 3.0 } else { 1.0 };
     for iteration in 0..ITERATION.field_most {
-        let (mut normal, right, mut seen) = normal(&cells, &field, unknowns, &list, scale);
-        for i in 0..normal.nrows() {
-            normal[(i, i)] *= 1.0 + if iteration < 2 { 1e-3 } else { 1e-7 };
+        let mut step = field.step(&cells, unknowns, &list, scale);
+        for i in 0..step.normal.nrows() {
+            step.normal[(i, i)] *= 1.0 + if iteration < 2 { 1e-3 } else { 1e-7 };
         }
-        let change = Cholesky::new(normal)?.solve(&right);
+        let change = Cholesky::new(step.normal)?.solve(&step.right);
         // What the step takes off the residuals' squares, if the model is linear.
-        if iteration == 0 && least.is_some_and(|least| change.dot(&right) < least * fit.variance) {
+        if iteration == 0 && least.is_some_and(|least| change.dot(&step.right) < least * fit.variance) {
             return None;
         }
         let worst = field.go(&change, &list);
-        let new = floor.max(spread(&mut seen.sizes));
+        let new = floor.max(spread(&mut step.sizes));
         if worst < 1e-3 && new > 0.9 * scale {
             break;
         }
@@ -117,15 +102,15 @@ pub fn fit_light_field(
     }
     let m = field.m;
     let sound = m.iter().all(|v| v.is_finite()) && m[BLUR] > 0.2 && m[BLUR] < 4.0;
-    let (normal, _, seen) = normal(&cells, &field, unknowns, &list, scale);
+    let Step { normal, weight, square, .. } = field.step(&cells, unknowns, &list, scale);
     let factor = Cholesky::new(normal).filter(|_| sound)?;
     let influence = [X, Y].map(|k| {
         let place = list.iter().position(|&l| l == k);
         factor.solve(&DVector::from_fn(list.len() + FIELD, |i, _| if Some(i) == place { 1.0 } else { 0.0 }))
     });
     let (mut blocks, mut white) = (Blocks::new(pixels, &m), Matrix2::zeros());
-    moved(&cells, &field, &list, &influence, scale, &mut blocks);
-    let variance = seen.square / (seen.weight - list.len() as f64).max(1.0);
+    add_up(&cells, &field, &list, &influence, scale, &mut blocks);
+    let variance = square / (weight - list.len() as f64).max(1.0);
     for (i, row) in list.iter().enumerate().filter(|(_, k)| [X, Y].contains(k)) {
         for (j, influence) in influence.iter().enumerate() {
             white[(*row, j)] = influence[i] * variance;
@@ -135,8 +120,8 @@ pub fn fit_light_field(
         parameters: m,
         covariance: blocks.raise(&white, list.len())?.0,
         white,
-        rms: (seen.square / seen.weight.max(1e-9)).sqrt(),
-        inliers: seen.weight / pixels.weight(),
+        rms: (square / weight.max(1e-9)).sqrt(),
+        inliers: weight / pixels.weight(),
     })
 }
 
@@ -168,26 +153,14 @@ fn hat(at: f32, count: usize) -> (f32, f32) {
 }
 
 /// The pixels by the knots about them.
-fn cells(pixels: &Pixels, own: &[[usize; 2]]) -> Vec<Cell> {
+fn cells(pixels: &Pixels, own: Vec<[usize; 2]>) -> Vec<Cell<ABOUT>> {
     let knots = |p: f32, q: f32| [hat(p, ALONG), hat(q, ACROSS), hat(p, DARKS)].map(|h| h.0 as usize);
-    let mut out: Vec<Cell> = Vec::new();
-    let mut place = [usize::MAX; ALONG * ACROSS * DARKS];
-    for &[k, i] in own {
-        let batch = &pixels.batches[k];
+    knot_field::cells(pixels, own.into_iter(), ALONG * ACROSS * DARKS, |batch, i| {
         let [along, across, dark] = knots(batch.p[i], batch.q[i]);
-        let key = (along * ACROSS + across) * DARKS + dark;
-        if place[key] == usize::MAX {
-            place[key] = out.len();
-            let first = along * ACROSS + across;
-            let dark = ALONG * ACROSS + dark;
-            let knots = [first, first + 1, first + ACROSS, first + ACROSS + 1, dark, dark + 1];
-            out.push(Cell { knots, batches: Vec::new() });
-        }
-        let cell = &mut out[place[key]];
-        append(&mut cell.batches, batch, i);
-    }
-    out.iter_mut().flat_map(|cell| &mut cell.batches).for_each(Batch::fill);
-    out
+        let (first, after) = (along * ACROSS + across, ALONG * ACROSS + dark);
+        let knots = [first, first + 1, first + ACROSS, first + ACROSS + 1, after, after + 1];
+        Some((first * DARKS + dark, knots))
+    })
 }
 
 impl Field {
@@ -205,24 +178,40 @@ impl Field {
         worst
     }
 
-    /// The marker with planes of light and darkness.
+    /// The normal equations with what is known beforehand.
+    fn step(&self, cells: &[Cell<ABOUT>], unknowns: &Unknowns, list: &[usize], scale: f64) -> Step {
+        let mut out = linearised(cells, self, list, scale);
+        list.iter().enumerate().for_each(|(i, &k)| out.hold(i, self.m[k], unknowns.prior[k], scale));
+        for (k, &extra) in self.extra.iter().enumerate() {
+            let deviation = if k < ALONG * ACROSS { TERM.field_light } else { TERM.field_dark };
+            out.hold(list.len() + k, extra, (0.0, deviation), scale);
+        }
+        out
+    }
+}
+
+impl Term<ABOUT> for Field {
+    const SHARED: usize = 0;
+
+    fn count(&self) -> usize {
+        FIELD
+    }
+
+    fn tells(_: f32) -> bool {
+        true
+    }
+
     #[inline(always)]
     fn model(&self) -> Model {
         Model::new(self.pattern, &self.m, self.origin)
     }
 
-    /// One batch's rows.
     #[inline(always)]
-    fn rows(&self, model: &Model, cell: &Cell, batch: &Batch, scale: f64) -> Rows {
+    fn rows(&self, model: &Model, cell: &Cell<ABOUT>, batch: &Batch, scale: f64) -> Rows<ABOUT> {
         let (s, t) = model.along_and_across(batch);
         let share = model.share(&s, &t);
         let extra = cell.knots.map(|k| self.extra[k] as f32);
-        let mut out = Rows {
-            r: Lanes::of(0.0),
-            root: Lanes::of(0.0),
-            gradient: [Lanes::of(0.0); COMMON],
-            field: [Lanes::of(0.0); ABOUT],
-        };
+        let mut out = Rows::new();
         for i in 0..LANES {
             let (p, q, c) = (batch.p[i], batch.q[i], share.c[i]);
             let (u, v, w) = (hat(p, ALONG).1, hat(q, ACROSS).1, hat(p, DARKS).1);
@@ -240,7 +229,7 @@ impl Field {
             let slopes = Slopes { share: by_share, dark: by_dark, light: through, gamma: value * log };
             slopes.put(i, model, &share, [&s, &t], [p, q], &mut out.gradient);
             for (k, hat) in hats.into_iter().enumerate() {
-                out.field[k][i] = hat * if k < 4 { through * model.k[LIGHT] } else { by_dark };
+                out.knots[k][i] = hat * if k < 4 { through * model.k[LIGHT] } else { by_dark };
             }
         }
         let tukey = biweights(&out.r, &out.gradient[X], &out.gradient[Y], scale);
@@ -250,100 +239,19 @@ impl Field {
 }
 
 wide! {
-    /// Normal equations over the parameters of a list and the field.
-    fn normal(
-        cells: &[Cell],
-        field: &Field,
-        unknowns: &Unknowns,
-        list: &[usize],
-        scale: f64,
-    ) -> (DMatrix<f64>, DVector<f64>, Residuals) = normal_of
-}
-
-#[inline(always)]
-fn normal_of(
-    cells: &[Cell],
-    field: &Field,
-    unknowns: &Unknowns,
-    list: &[usize],
-    scale: f64,
-) -> (DMatrix<f64>, DVector<f64>, Residuals) {
-    let n = list.len();
-    let model = field.model();
-    let mut sought = Bordered::new(n, FIELD);
-    let mut seen = Residuals { sizes: Vec::new(), weight: 0.0, square: 0.0 };
-    let (mut weight, mut square) = (Lanes::of(0.0), Lanes::of(0.0));
-    let (mut block, mut sums) = (Block::new(), Products::new(ABOUT + n));
-    for cell in cells {
-        for batch in &cell.batches {
-            let rows = field.rows(&model, cell, batch, scale);
-            weight = each(|i| weight[i] + rows.root[i] * rows.root[i]);
-            square = each(|i| square[i] + (rows.root[i] * rows.r[i]) * (rows.root[i] * rows.r[i]));
-            seen.sizes.extend(rows.r.iter().take(batch.len).map(|r| r.abs()));
-            let own = list.iter().map(|&k| &rows.gradient[k]);
-            if block.push(&rows.root, rows.field.iter().chain(own).chain([&rows.r])) {
-                block.flush(&mut sums);
-            }
-        }
-        block.flush(&mut sums);
-        sought.take(&mut sums, cell.knots);
-    }
-    sought.finish(&sums, ABOUT);
-    let Bordered { mut normal, mut right, .. } = sought;
-    for (i, &k) in list.iter().enumerate() {
-        let (prior, deviation) = unknowns.prior[k];
-        let weight = (scale / deviation).powi(2);
-        normal[(i, i)] += weight + 1e-12;
-        right[i] += weight * (prior - field.m[k]);
-    }
-    for k in 0..FIELD {
-        let deviation = if k < ALONG * ACROSS { TERM.field_light } else { TERM.field_dark };
-        let weight = (scale / deviation).powi(2);
-        normal[(n + k, n + k)] += weight;
-        right[n + k] -= weight * field.extra[k];
-    }
-    normal.fill_upper_triangle_with_lower_triangle();
-    (seen.weight, seen.square) = (total(&weight), total(&square));
-    (normal, right, seen)
+    /// The normal equations without what is known beforehand.
+    fn linearised(cells: &[Cell<ABOUT>], field: &Field, list: &[usize], scale: f64) -> Step
+        = knot_field::linearise::<Field, ABOUT>
 }
 
 wide! {
     /// What the residuals of each batch did to the centre.
-    fn moved(
-        cells: &[Cell],
+    fn add_up(
+        cells: &[Cell<ABOUT>],
         field: &Field,
         list: &[usize],
         influence: &[DVector<f64>; 2],
         scale: f64,
         blocks: &mut Blocks,
-    ) = moved_by
-}
-
-#[inline(always)]
-fn moved_by(
-    cells: &[Cell],
-    field: &Field,
-    list: &[usize],
-    influence: &[DVector<f64>; 2],
-    scale: f64,
-    blocks: &mut Blocks,
-) {
-    let model = field.model();
-    for cell in cells {
-        for batch in &cell.batches {
-            let rows = field.rows(&model, cell, batch, scale);
-            let mut by = [Lanes::of(0.0); 2];
-            for (sum, h) in by.iter_mut().zip(influence) {
-                let knots = cell.knots.iter().map(|k| h[list.len() + k]);
-                for (g, h) in rows.field.iter().zip(knots) {
-                    *sum = each(|i| sum[i] + h as f32 * g[i]);
-                }
-                for (k, h) in list.iter().zip(h.iter()) {
-                    *sum = each(|i| sum[i] + *h as f32 * rows.gradient[*k][i]);
-                }
-                *sum = each(|i| sum[i] * rows.root[i] * rows.root[i] * rows.r[i]);
-            }
-            blocks.add(batch, by);
-        }
-    }
+    ) = knot_field::add_up_blocks::<Field, ABOUT>
 }

@@ -1,26 +1,33 @@
-//! A disc that glare lies over. What the skin mirrors adds to the light of black and white alike, so that a disc
-//! shows through as far as the picture is not saturated: `I = L (1 - k c + g)^gamma`, with `g` the mirrored light over the
-//! skin's own. Glare on a wing is a band: `g` is a spline along the disc, slanted as the band is.
+//! Veiling glare: what the skin mirrors of the sun adds to the light of black and white alike, so that a disc shows through as
+//! far as the picture is not saturated.
+//!
+//! `I = L (1 - k c + g)^gamma`, with `g` the mirrored light over the skin's own. Glare on a wing is a band: `g` is a cubic B-spline
+//! along the disc, slanted as the band is, with a knot every 10 px. Unknowns: the slant and the knots, which skin and black alone
+//! tell beforehand ([`super::glare_spline`]). What is saturated only says that it is not darker. Held by `tests/detect/glare.rs`;
+//! over 414 discs of 35 rendered glare frames the rms fell from 0.299 to 0.237 px.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Matrix2};
+use nalgebra::{Cholesky, DVector, Matrix2};
 
-use super::glare_spline::{Glare, places, seen, spline};
+use super::glare_spline::{Glare, place, seen, spline};
+use super::knot_field::{self, Cell, Rows, Step, Term};
 use crate::measure::detect::appearance::formula::{Model, Slopes, Tone};
 use crate::measure::detect::appearance::parameters::{
     BLUR, COMMON, FIRST, GAMMA, Parameters, Pattern, SECOND, X, Y,
 };
-use crate::measure::detect::estimate::bordered::Bordered;
 use crate::measure::detect::estimate::gauss_newton::Fit;
-use crate::measure::detect::estimate::normal_equations::{Block, Products, Square, biweights, spread};
+use crate::measure::detect::estimate::normal_equations::{Square, biweights, spread};
 use crate::measure::detect::estimate::options::ITERATION;
 use crate::measure::detect::estimate::options::TERM;
 use crate::measure::detect::estimate::sandwich::Blocks;
 use crate::measure::detect::estimate::unknowns::Unknowns;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::sample::pixels::Pixels;
-use crate::measure::detect::simd::batch::{Batch, append};
+use crate::measure::detect::simd::batch::Batch;
 use crate::measure::detect::simd::dispatch::wide;
-use crate::measure::detect::simd::lanes::{LANES, Lanes, each, total};
+use crate::measure::detect::simd::lanes::{LANES, each};
+
+/// Knots about a pixel: a cubic spline's.
+const ABOUT: usize = 4;
 
 /// The disc's parameters with the glare over it; of pixels that count from an origin, and along and across an outline.
 struct State<'a> {
@@ -28,30 +35,6 @@ struct State<'a> {
     ellipse: &'a Ellipse,
     m: Parameters,
     glare: Glare,
-}
-
-/// A linearisation: normal equations over the parameters of a list, the slant and the knots; and the residuals' statistics.
-struct Step {
-    normal: DMatrix<f64>,
-    right: DVector<f64>,
-    sizes: Vec<f32>,
-    weight: f64,
-    square: f64,
-}
-
-/// Pixels with the same four knots about them, the first of which is given.
-struct Cell {
-    first: usize,
-    batches: Vec<Batch>,
-}
-
-/// What a batch says: residuals, roots of their weights, derivatives by the parameters, the slant and the four knots.
-struct Rows {
-    r: Lanes,
-    root: Lanes,
-    gradient: [Lanes; COMMON],
-    slant: Lanes,
-    knots: [Lanes; 4],
 }
 
 /// What is known of the glare beforehand: its knots, each with a standard deviation.
@@ -73,16 +56,11 @@ impl Known {
 
     /// Adds that, and what is known of the parameters, to the normal equations.
     fn add(&self, step: &mut Step, state: &State, list: &[usize], unknowns: &Unknowns, scale: f64) {
-        let mut add = |i: usize, now: f64, (prior, deviation): (f64, f64)| {
-            let weight = (scale / deviation).powi(2);
-            step.normal[(i, i)] += weight + 1e-12;
-            step.right[i] += weight * (prior - now);
-        };
         let n = list.len();
-        list.iter().enumerate().for_each(|(i, &k)| add(i, state.m[k], unknowns.prior[k]));
-        add(n, state.glare.slant, (state.glare.slant, 1.0));
+        list.iter().enumerate().for_each(|(i, &k)| step.hold(i, state.m[k], unknowns.prior[k], scale));
+        step.hold(n, state.glare.slant, (state.glare.slant, 1.0), scale);
         for (k, known) in self.knots.iter().copied().zip(self.spreads.iter().copied()).enumerate() {
-            add(n + 1 + k, state.glare.knots[k], known);
+            step.hold(n + 1 + k, state.glare.knots[k], known, scale);
         }
     }
 }
@@ -119,8 +97,8 @@ pub fn fit_with_glare(
     floor: f64,
 ) -> Option<Fit> {
     let list: Vec<usize> = (0..COMMON).filter(|&k| unknowns.free[k]).collect();
-    let place = |k: usize| list.iter().position(|&l| l == k);
-    let (x, y) = (place(X)?, place(Y)?);
+    let slot = |k: usize| list.iter().position(|&l| l == k);
+    let (x, y) = (slot(X)?, slot(Y)?);
     let (m, origin) = (fit.parameters, pixels.origin);
     let mut state = State { origin, ellipse, m, glare: seen(pixels, ellipse, &m) };
     let known = Known::new(&state.glare);
@@ -144,11 +122,11 @@ pub fn fit_with_glare(
             continue;
         }
         let mut blocks = Blocks::new(pixels, &state.m);
-        moved_by_blocks(&cells, &state, &list, &influence, new, &mut blocks);
+        add_up(&cells, &state, &list, &influence, new, &mut blocks);
         let (centre, _, correlation) = blocks.raise(&white, list.len())?;
         let mut covariance = Square::zeros();
         covariance.fixed_view_mut::<2, 2>(X, X).copy_from(&centre);
-        covariance[(FIRST, FIRST)] = place(FIRST).map_or(0.0, |at| factor.solve(&unit(at))[at] * variance);
+        covariance[(FIRST, FIRST)] = slot(FIRST).map_or(0.0, |at| factor.solve(&unit(at))[at] * variance);
         return Some(Fit {
             parameters: state.m,
             covariance,
@@ -173,105 +151,57 @@ fn open_weight(pixels: &Pixels) -> f64 {
 }
 
 /// The pixels by the knots about them.
-fn cells(pixels: &Pixels, ellipse: &Ellipse, glare: &Glare) -> Vec<Cell> {
-    let mut out: Vec<Cell> =
-        (0..glare.knots.len()).map(|first| Cell { first, batches: Vec::new() }).collect();
-    for batch in &pixels.batches {
-        for (i, s, t) in places(batch, ellipse) {
-            let Some(cell) = out.get_mut(glare.place(s, t) as usize) else { continue };
-            append(&mut cell.batches, batch, i);
-        }
-    }
-    out.retain(|cell| !cell.batches.is_empty());
-    out.iter_mut().flat_map(|cell| &mut cell.batches).for_each(Batch::fill);
+fn cells(pixels: &Pixels, ellipse: &Ellipse, glare: &Glare) -> Vec<Cell<ABOUT>> {
+    let all = pixels.batches.iter().enumerate();
+    let all = all.flat_map(|(k, batch)| (0..batch.len).map(move |i| [k, i]));
+    let mut out = knot_field::cells(pixels, all, glare.knots.len(), |batch, i| {
+        let (s, t) = place(batch, i, ellipse);
+        let first = glare.place(s, t) as usize;
+        Some((first, std::array::from_fn(|k| first + k)))
+    });
+    out.sort_by_key(|cell| cell.knots[0]);
     out
 }
 
 wide! {
     /// The normal equations without what is known beforehand.
-    fn linearised(cells: &[Cell], state: &State, list: &[usize], scale: f64) -> Step = linearised_by
-}
-
-#[inline(always)]
-fn linearised_by(cells: &[Cell], state: &State, list: &[usize], scale: f64) -> Step {
-    // The slant comes after the list's parameters, then the knots.
-    let n = list.len() + 1;
-    let model = state.model();
-    let mut sought = Bordered::new(n, state.glare.knots.len());
-    let mut sizes = Vec::new();
-    let (mut weight, mut square) = (Lanes::of(0.0), Lanes::of(0.0));
-    let (mut block, mut sums) = (Block::new(), Products::new(4 + n));
-    for Cell { first, batches } in cells {
-        for batch in batches {
-            let rows = state.rows(&model, *first, batch, scale);
-            weight = each(|i| weight[i] + rows.root[i] * rows.root[i]);
-            square = each(|i| square[i] + (rows.root[i] * rows.r[i]) * (rows.root[i] * rows.r[i]));
-            let open = (0..batch.len).filter(|&i| batch.value[i] < TERM.saturated);
-            sizes.extend(open.map(|i| rows.r[i].abs()));
-            let own = list.iter().map(|&k| &rows.gradient[k]).chain([&rows.slant]);
-            if block.push(&rows.root, rows.knots.iter().chain(own).chain([&rows.r])) {
-                block.flush(&mut sums);
-            }
-        }
-        block.flush(&mut sums);
-        sought.take(&mut sums, std::array::from_fn::<_, 4, _>(|i| first + i));
-    }
-    sought.finish(&sums, 4);
-    let Bordered { mut normal, right, .. } = sought;
-    normal.fill_upper_triangle_with_lower_triangle();
-    Step { normal, right, sizes, weight: total(&weight), square: total(&square) }
+    fn linearised(cells: &[Cell<ABOUT>], state: &State, list: &[usize], scale: f64) -> Step
+        = knot_field::linearise::<State, ABOUT>
 }
 
 wide! {
     /// What the residuals of each batch did to the centre.
-    fn moved_by_blocks(
-        cells: &[Cell],
+    fn add_up(
+        cells: &[Cell<ABOUT>],
         state: &State,
         list: &[usize],
         influence: &[DVector<f64>; 2],
         scale: f64,
         blocks: &mut Blocks,
-    ) = moved_by
+    ) = knot_field::add_up_blocks::<State, ABOUT>
 }
 
-#[inline(always)]
-fn moved_by(
-    cells: &[Cell],
-    state: &State,
-    list: &[usize],
-    influence: &[DVector<f64>; 2],
-    scale: f64,
-    blocks: &mut Blocks,
-) {
-    let model = state.model();
-    for Cell { first, batches } in cells {
-        for batch in batches {
-            let rows = state.rows(&model, *first, batch, scale);
-            let by = influence.each_ref().map(|h| {
-                let own = list.iter().map(|&k| &rows.gradient[k]).chain([&rows.slant]);
-                let knots = rows.knots.iter().zip(h.iter().skip(list.len() + 1 + first));
-                let sum = own
-                    .zip(h.iter())
-                    .chain(knots)
-                    .fold(Lanes::of(0.0), |sum: Lanes, (column, h)| each(|i| sum[i] + *h as f32 * column[i]));
-                each(|i| sum[i] * rows.root[i] * rows.root[i] * rows.r[i])
-            });
-            blocks.add(batch, by);
-        }
+impl Term<ABOUT> for State<'_> {
+    /// The slant.
+    const SHARED: usize = 1;
+
+    fn count(&self) -> usize {
+        self.glare.knots.len()
     }
-}
 
-impl State<'_> {
+    fn tells(value: f32) -> bool {
+        value < TERM.saturated
+    }
+
     /// The disc without glare.
     #[inline(always)]
     fn model(&self) -> Model {
         Model::new(Pattern::Disc, &self.m, self.origin)
     }
 
-    /// One batch's rows.
     #[inline(always)]
-    fn rows(&self, model: &Model, first: usize, batch: &Batch, scale: f64) -> Rows {
-        let glare = &self.glare;
+    fn rows(&self, model: &Model, cell: &Cell<ABOUT>, batch: &Batch, scale: f64) -> Rows<ABOUT> {
+        let (glare, first) = (&self.glare, cell.knots[0]);
         let (s, t) = model.along_and_across(batch);
         let share = model.share(&s, &t);
         let heights: [f32; 4] =
@@ -279,13 +209,7 @@ impl State<'_> {
         let (major, minor) = (self.ellipse.major as f32, self.ellipse.minor as f32);
         let (slant, by_spacing) = (glare.slant as f32, (1.0 / TERM.knot_px) as f32);
         let from = (glare.first / TERM.knot_px + first as f64) as f32;
-        let mut out = Rows {
-            r: Lanes::of(0.0),
-            root: Lanes::of(0.0),
-            gradient: [Lanes::of(0.0); COMMON],
-            slant: Lanes::of(0.0),
-            knots: [Lanes::of(0.0); 4],
-        };
+        let mut out = Rows::new();
         for i in 0..LANES {
             let (p, q, c) = (batch.p[i], batch.q[i], share.c[i]);
             let across = q * minor;
@@ -302,7 +226,7 @@ impl State<'_> {
             let slopes =
                 Slopes { share: -slope * dark, dark: -slope * c, light: through, gamma: value * log };
             slopes.put(i, model, &share, [&s, &t], [p, q], &mut out.gradient);
-            out.slant[i] = -slope * across * rise;
+            out.shared[i] = -slope * across * rise;
             for (knot, share) in out.knots.iter_mut().zip(shares) {
                 knot[i] = slope * share;
             }
@@ -321,6 +245,7 @@ impl State<'_> {
 
 #[cfg(test)]
 mod tests {
+    use crate::measure::detect::simd::lanes::Lanes;
     use nalgebra::Vector2;
 
     use super::*;
@@ -349,9 +274,10 @@ mod tests {
                 ellipse.local(Vector2::new(f64::from(batch.x[i]) + 60.0, f64::from(batch.y[i]) + 20.0));
             (batch.p[i], batch.q[i], batch.root[i]) = ((s / 40.0) as f32, (t / 6.0) as f32, 1.0);
         }
-        let rows = |state: &State| state.rows(&state.model(), 0, &batch, 1e3);
+        let cell = Cell { knots: [0, 1, 2, 3], batches: Vec::new() };
+        let rows = |state: &State| state.rows(&state.model(), &cell, &batch, 1e3);
         let own = rows(&state(m, 0.2, knots));
-        let close = |name: &str, by: &Lanes, low: &Rows, high: &Rows, step: f64| {
+        let close = |name: &str, by: &Lanes, low: &Rows<ABOUT>, high: &Rows<ABOUT>, step: f64| {
             for (by, (low, high)) in by.iter().zip(low.r.iter().zip(high.r.iter())) {
                 let difference = f64::from(low - high) / (2.0 * step);
                 let off = (f64::from(*by) - difference).abs();
@@ -368,7 +294,7 @@ mod tests {
             close("parameter", &own.gradient[k], &moved(-step), &moved(step), step);
         }
         let slanted = |by: f64| rows(&state(m, 0.2 + by, knots));
-        close("slant", &own.slant, &slanted(-0.01), &slanted(0.01), 0.01);
+        close("slant", &own.shared, &slanted(-0.01), &slanted(0.01), 0.01);
         for k in 0..4 {
             let raised = |by: f64| {
                 rows(&state(m, 0.2, std::array::from_fn(|j| knots[j] + if j == k { by } else { 0.0 })))
