@@ -23,13 +23,13 @@ mod simd;
 use std::ops::Range;
 
 use crate::measure::detect::accept::found::Found;
-use crate::measure::detect::accept::{consistency, correlated, dirt};
+use crate::measure::detect::accept::{consistency, correlated, dirt, verdict};
 use crate::measure::detect::detection::by_place;
 use crate::measure::detect::image::histogram::middle;
 use crate::measure::detect::image::{ellipse, noise};
 use crate::measure::detect::revise::neighbours::inflate_unlike;
 use crate::measure::detect::scope::Scope;
-use crate::measure::detect::search::{Progress, is_faint};
+use crate::measure::detect::search::{is_faint, search};
 use crate::measure::raster::Raster;
 
 pub use detection::{Detection, Detections, Prediction, RejectReason, Rejected};
@@ -57,17 +57,17 @@ fn find(image: &Raster, scope: Scope) -> (Found, f64) {
     let noise = noise::estimate(image);
     let smoothed = if noise > noise::FRAYING { smoothed(image, scope) } else { None };
     let seen = smoothed.as_ref().unwrap_or(image);
-    let mut progress = Progress::new(seen, scope);
-    for faint in [false, true] {
-        if faint && (scope.is_done(&progress.found.measured) || !is_faint(&progress.found)) {
-            break;
-        }
-        progress.search((image, seen), scope, noise, faint);
-        consistency::without_blur_outliers(&mut progress.found);
-        consistency::without_orientation_outliers(&mut progress.found);
-        consistency::without_size_outliers(&mut progress.found);
+    let sound = |faint: bool, known: Vec<verdict::Measured>| {
+        let mut found = search((image, seen), scope, noise, faint, known);
+        consistency::without_blur_outliers(&mut found);
+        consistency::without_orientation_outliers(&mut found);
+        consistency::without_size_outliers(&mut found);
+        found
+    };
+    let mut found = sound(false, Vec::new());
+    if !scope.is_done(&found.measured) && is_faint(&found) {
+        found = sound(true, found.measured);
     }
-    let mut found = progress.found;
     inflate_unlike(&mut found);
     (found, noise)
 }

@@ -8,13 +8,13 @@ use crate::measure::detect::attempt::whole::{WholeDiscs, measure_whole_or_hidden
 use crate::measure::detect::detection::RejectReason;
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::propose::gather::{self, Gathered};
-use crate::measure::detect::propose::{blurred_quadrants, moments};
+use crate::measure::detect::propose::{blurred_quadrants, gather, moments};
 use crate::measure::detect::revise::neighbours::{
     find_against_one_level, is_unsure, revise_with_edge_prior, revise_with_size,
 };
 use crate::measure::detect::revise::under_decal::revise_under_decals;
 use crate::measure::detect::scope::{self, Scope};
+use crate::measure::detect::segment::background;
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::raster::Raster;
 use crate::measure::setup::Shape;
@@ -47,8 +47,6 @@ struct Search<'a> {
     /// The picture whose blobs these are.
     seen: &'a Raster,
     blobs: &'a [Blob],
-    /// The first of them that no earlier search has looked at.
-    first: usize,
     pairs: Vec<[usize; 2]>,
     discs: WholeDiscs<'a>,
     /// Of each blob whether it belongs to something that was measured.
@@ -63,9 +61,9 @@ struct Search<'a> {
 impl Search<'_> {
     /// The hypotheses of a stage.
     fn hypotheses(&mut self, stage: Stage) -> Vec<Hypothesis> {
-        let Self { scope, seen, blobs, first, pairs, discs, taken, found, .. } = self;
+        let Self { scope, seen, blobs, pairs, discs, taken, found, .. } = self;
         match stage {
-            Stage::Quadrants => gather::quadrants(seen, blobs, pairs, *first),
+            Stage::Quadrants => gather::quadrants(seen, blobs, pairs),
             Stage::Narrow => {
                 let missing = scope.missing_quadrants(&found.measured);
                 let wanted = |seen: &Ellipse| {
@@ -76,7 +74,7 @@ impl Search<'_> {
                     discs.is_sure_disc(i)
                 })
             }
-            Stage::Discs => gather::discs(blobs, *first),
+            Stage::Discs => gather::discs(blobs),
         }
     }
 
@@ -112,71 +110,42 @@ impl Search<'_> {
     }
 }
 
-/// What has come of a picture at the levels that were searched so far.
-pub struct Progress {
-    gathered: Gathered,
-    /// Blobs whose hypotheses were measured.
-    looked_at: usize,
-    /// Beside what was measured, what neighbours that are found later may still tell.
-    hidden: Vec<Hypothesis>,
-    unsure: Vec<Hypothesis>,
-    pub found: Found,
-}
-
-impl Progress {
-    /// Nothing yet of a picture whose blobs are sought in the one that is seen.
-    pub fn new(seen: &Raster, scope: Scope) -> Self {
-        Self {
-            gathered: Gathered::new(seen, scope.part(seen.width(), seen.height())),
-            looked_at: 0,
-            hidden: Vec::new(),
-            unsure: Vec::new(),
-            found: Found { measured: Vec::new(), rejected: Vec::new() },
-        }
-    }
-
-    /// All stages, at the usual levels or at fainter ones too. What was looked at before is not measured again; what was measured
-    /// stays.
-    pub fn search(&mut self, (image, seen): (&Raster, &Raster), scope: Scope, noise: f64, faint: bool) {
-        self.gathered.look(seen, faint);
-        let blobs = self.gathered.blobs();
-        let found = std::mem::replace(&mut self.found, Found { measured: Vec::new(), rejected: Vec::new() });
-        let within = |blob: &Blob| found.holds(blob.centroid);
-        let mut search = Search {
-            scope,
-            seen,
-            blobs,
-            first: self.looked_at,
-            pairs: moments::pairs(blobs),
-            discs: WholeDiscs::new(image, blobs, Bounds::of(noise)),
-            taken: blobs.iter().map(within).collect(),
-            found,
-            hidden: self.hidden.drain(..).map(|hypothesis| (None, hypothesis)).collect(),
-            unsure: std::mem::take(&mut self.unsure),
-        };
-        for stage in [Stage::Quadrants, Stage::Narrow, Stage::Discs] {
-            for hypothesis in &search.hypotheses(stage) {
-                if !search.skips(stage, hypothesis) {
-                    search.measure(hypothesis);
-                }
+/// All stages on a picture, whose blobs are sought in the one that is seen. What was measured before stays, and its blobs are
+/// not looked at again.
+pub fn search(
+    (image, seen): (&Raster, &Raster),
+    scope: Scope,
+    noise: f64,
+    faint: bool,
+    before: Vec<Measured>,
+) -> Found {
+    let mut coarse = background::reduce(seen, scope.part(image.width(), image.height()));
+    let (blobs, uneven) = gather::find_blobs(seen, &mut coarse, faint);
+    let within = |blob: &Blob| before.iter().any(|m| m.detection.ellipse().holds(blob.centroid));
+    let mut search = Search {
+        scope,
+        seen,
+        blobs: &blobs,
+        pairs: moments::pairs(&blobs),
+        discs: WholeDiscs::new(image, &blobs, Bounds::of(noise)),
+        taken: blobs.iter().map(within).collect(),
+        found: Found { measured: before, rejected: Vec::new() },
+        hidden: Vec::new(),
+        unsure: Vec::new(),
+    };
+    for stage in [Stage::Quadrants, Stage::Narrow, Stage::Discs] {
+        for hypothesis in &search.hypotheses(stage) {
+            if !search.skips(stage, hypothesis) {
+                search.measure(hypothesis);
             }
         }
-        self.looked_at = blobs.len();
-        let Search { discs, mut found, hidden, unsure, .. } = search;
-        self.hidden =
-            hidden.iter().filter(|(at, _)| at.is_none()).map(|(_, hypothesis)| hypothesis.clone()).collect();
-        self.unsure.clone_from(&unsure);
-        let wanted = |hypothesis: &Hypothesis| scope.wants(hypothesis);
-        revise_with_size(&discs, &mut found, hidden);
-        revise_with_edge_prior(&discs, &mut found, unsure);
-        revise_under_decals(&discs, &mut found, wanted);
-        find_against_one_level(
-            &discs,
-            &mut found,
-            (seen, self.gathered.coarse(), &self.gathered.uneven),
-            wanted,
-        );
-        consistency::distinct(&mut found);
-        self.found = found;
     }
+    let Search { discs, mut found, hidden, unsure, .. } = search;
+    let wanted = |hypothesis: &Hypothesis| scope.wants(hypothesis);
+    revise_with_size(&discs, &mut found, hidden);
+    revise_with_edge_prior(&discs, &mut found, unsure);
+    revise_under_decals(&discs, &mut found, wanted);
+    find_against_one_level(&discs, &mut found, (seen, &coarse, &uneven), wanted);
+    consistency::distinct(&mut found);
+    found
 }

@@ -6,7 +6,7 @@ use nalgebra::Vector2;
 
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::propose::moments;
-use crate::measure::detect::segment::background::{Coarse, Darkness, Part, Region};
+use crate::measure::detect::segment::background::{Coarse, Region};
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::detect::segment::{background, blob};
 use crate::measure::raster::Raster;
@@ -31,129 +31,60 @@ const MAX_UNLIKELY: usize = 100;
 /// What windows may hold together, in frames.
 const WINDOWS: usize = 4;
 
-/// What a frame's levels have shown so far: blobs, each once, from windows that together hold no more than some frames.
-pub struct Gathered {
-    /// Of the near background, and of the far one, against which only thick regions are seen.
-    near: Levels,
-    far: Levels,
-    once: Once,
-    /// Regions without a disc's shape whose background is uneven.
-    pub uneven: Vec<Region>,
-    /// Blobs of dark regions that something larger has swallowed, taken up last.
-    late: Vec<Blob>,
-    /// What windows may still hold, reduced px.
-    budget: usize,
-}
-
-/// The levels against one background.
-struct Levels {
-    coarse: Coarse,
-    /// The first level that has not been looked at.
-    next: usize,
-    least: usize,
-    /// Regions that are done with, and those that went on outside their window at the last level.
-    done: Vec<Region>,
-    open: Vec<Region>,
-}
-
-impl Levels {
-    fn new(coarse: Coarse, least: usize) -> Self {
-        Self { coarse, next: 0, least, done: Vec::new(), open: Vec::new() }
-    }
-}
-
-impl Gathered {
-    /// Nothing yet of a part of a picture.
-    pub fn new(image: &Raster, part: Part) -> Self {
-        let near = background::reduce(image, part);
-        let mut far = near.clone();
-        far.look_far();
-        Self {
-            budget: WINDOWS * near.width * near.height,
-            near: Levels::new(near, 0),
-            far: Levels::new(far, background::THICK),
-            once: Once::default(),
-            uneven: Vec::new(),
-            late: Vec::new(),
+/// Blobs of all levels, each once, from windows that together hold no more than some frames; against the near background,
+/// then thick ones against the far; last those of dark regions that something larger has swallowed. Beside them the regions
+/// without a disc's shape whose background is uneven.
+pub fn find_blobs(image: &Raster, coarse: &mut Coarse, faint: bool) -> (Vec<Blob>, Vec<Region>) {
+    let (mut out, mut uneven) = (Once::default(), Vec::<Region>::new());
+    let (mut done, mut open) = (Vec::<Region>::new(), Vec::<Region>::new());
+    let mut late: Vec<Blob> = Vec::new();
+    let laxest = background::levels(faint) - 1;
+    let mut budget = WINDOWS * coarse.width * coarse.height;
+    let largest = (coarse.width * coarse.height / 8).max(64);
+    let mut darkness = coarse.darkness(faint);
+    for (far, level) in [false, true].into_iter().flat_map(|far| (0..=laxest).map(move |level| (far, level)))
+    {
+        if far && level == 0 {
+            coarse.look_far();
+            darkness = coarse.darkness(faint);
+            done.clear();
+            open.clear();
         }
-    }
-
-    /// Against the far background.
-    pub fn coarse(&self) -> &Coarse {
-        &self.far.coarse
-    }
-
-    /// Takes up the levels, up to the laxest of a usual or a faint frame, that were not looked at before.
-    pub fn look(&mut self, image: &Raster, faint: bool) {
-        let Self { near, far, once, uneven, late, budget } = self;
-        let mut findings = Findings { once, uneven, late, budget };
-        for levels in [near, far] {
-            let darkness = levels.coarse.darkness(faint);
-            for level in levels.next..background::levels(faint) {
-                findings.look(image, levels, (&darkness, level, faint));
-            }
-            levels.next = background::levels(faint);
-        }
-        self.late.drain(..).for_each(|blob| self.once.add(blob));
-        self.once.settle();
-        keep_largest(&mut self.uneven, MAX_UNLIKELY, |region| region.area as f64);
-    }
-
-    /// All that was found, in the order of discovery by call.
-    pub fn blobs(&self) -> &[Blob] {
-        &self.once.blobs
-    }
-}
-
-/// Where a level's findings go.
-struct Findings<'a> {
-    once: &'a mut Once,
-    uneven: &'a mut Vec<Region>,
-    late: &'a mut Vec<Blob>,
-    budget: &'a mut usize,
-}
-
-impl Findings<'_> {
-    /// Takes up the regions of one level.
-    fn look(
-        &mut self,
-        image: &Raster,
-        levels: &mut Levels,
-        (darkness, level, faint): (&Darkness, usize, bool),
-    ) {
-        let Levels { coarse, least, done, open, .. } = levels;
-        let laxest = background::levels(faint) - 1;
-        let largest = (coarse.width * coarse.height / 8).max(64);
-        let mut regions = coarse.regions(darkness, level, faint);
-        regions.retain(|r| r.width() * r.height() <= largest && r.width().min(r.height()) >= *least);
+        let mut regions = coarse.regions(&darkness, level, faint);
+        let least = if far { background::THICK } else { 0 };
+        regions.retain(|r| r.width() * r.height() <= largest && r.width().min(r.height()) >= least);
         regions.sort_by_key(|r| std::cmp::Reverse(r.area));
         regions.truncate(MAX_REGIONS);
         // Uneven ones are seen again where nothing is found in them in the end.
         for region in open.drain(..).filter(|region| is_swallowed(region, &regions)) {
             if !coarse.is_uneven(&region) {
-                self.late.extend(blob::blobs_against_surround(image, coarse, &region));
+                late.extend(blob::blobs_against_surround(image, coarse, &region));
             }
         }
         for region in regions {
             if done.iter().any(|d| d.stands_for(&region)) {
                 continue;
             }
-            let Some(left) = self.budget.checked_sub(region.width() * region.height()) else { continue };
-            *self.budget = left;
+            let Some(left) = budget.checked_sub(region.width() * region.height()) else { continue };
+            budget = left;
             let (blobs, cut) = blob::blobs(image, coarse, &region);
             let pale = region.least > PALE && region.width().min(region.height()) >= background::THICK / 2;
             let once_more = (cut && level == laxest) || (pale && !cut);
             if !once_more && coarse.is_uneven(&region) && !blobs.iter().any(is_disc) {
-                self.uneven.push(region.clone());
+                uneven.push(region.clone());
             }
-            blobs.into_iter().for_each(|blob| self.once.add(blob));
+            blobs.into_iter().for_each(|blob| out.add(blob));
             if once_more {
                 let again = blob::blobs_against_surround(image, coarse, &region);
-                again.into_iter().for_each(|blob| self.once.add(blob));
+                again.into_iter().for_each(|blob| out.add(blob));
             }
             if cut { open.push(region) } else { done.push(region) }
         }
     }
+    late.into_iter().for_each(|blob| out.add(blob));
+    out.keep(MAX_BLOBS);
+    keep_largest(&mut uneven, MAX_UNLIKELY, |region| region.area as f64);
+    (out.blobs, uneven)
 }
 
 /// Whether a dark region has flown together with something far larger, or too large, at the next level: a disc in a shadow's
@@ -181,8 +112,6 @@ fn keep_largest<T>(items: &mut Vec<T>, most: usize, size: impl Fn(&T) -> f64) {
 #[derive(Default)]
 struct Once {
     blobs: Vec<Blob>,
-    /// So many of them keep their places.
-    settled: usize,
     /// Of each cell of the picture the blobs with their centroid in it.
     cells: HashMap<[i32; 2], Vec<usize>>,
 }
@@ -208,24 +137,19 @@ impl Once {
             self.put(blob);
         }
         // What clutter shows must not be kept for ever.
-        if self.blobs.len() >= self.settled + 4 * MAX_BLOBS {
+        if self.blobs.len() >= 4 * MAX_BLOBS {
             self.keep(2 * MAX_BLOBS);
         }
     }
 
-    /// Keeps the largest; what is kept has its place for good.
-    fn settle(&mut self) {
-        self.keep(MAX_BLOBS);
-        self.settled = self.blobs.len();
-    }
-
-    /// Keeps the `most` largest beside those that are settled.
+    /// Keeps the largest.
     fn keep(&mut self, most: usize) {
-        let mut open = self.blobs.split_off(self.settled);
-        keep_largest(&mut open, most, |blob| blob.area);
-        let settled = std::mem::take(&mut self.blobs);
-        self.cells.clear();
-        settled.into_iter().chain(open).for_each(|blob| self.put(blob));
+        if self.blobs.len() > most {
+            let mut blobs = std::mem::take(&mut self.blobs);
+            keep_largest(&mut blobs, most, |blob| blob.area);
+            self.cells.clear();
+            blobs.into_iter().for_each(|blob| self.put(blob));
+        }
     }
 
     /// The blobs of all cells that hold a place less than [`Self::NEAR`] away.
@@ -246,10 +170,10 @@ impl Once {
     }
 }
 
-/// Blobs and pairs of blobs that may be two black quadrants, those from the `first` blob on among them.
-pub fn quadrants(image: &Raster, blobs: &[Blob], pairs: &[[usize; 2]], first: usize) -> Vec<Hypothesis> {
-    let single = (first..blobs.len()).map(|i| vec![i]);
-    let mut pairs: Vec<[usize; 2]> = pairs.iter().filter(|[_, last]| *last >= first).copied().collect();
+/// Blobs and pairs of blobs that may be two black quadrants.
+pub fn quadrants(image: &Raster, blobs: &[Blob], pairs: &[[usize; 2]]) -> Vec<Hypothesis> {
+    let single = (0..blobs.len()).map(|i| vec![i]);
+    let mut pairs = pairs.to_vec();
     keep_largest(&mut pairs, MAX_PAIRS, |p| p.iter().filter_map(|&i| blobs.get(i)).map(|b| b.area).sum());
     let double = pairs.into_iter().map(|p| p.to_vec());
     let mut out: Vec<Hypothesis> =
@@ -266,10 +190,9 @@ pub fn quadrants(image: &Raster, blobs: &[Blob], pairs: &[[usize; 2]], first: us
     out
 }
 
-/// Blobs that may be discs, from the `first` on.
-pub fn discs(blobs: &[Blob], first: usize) -> Vec<Hypothesis> {
-    let mut out =
-        blobs.iter().enumerate().skip(first).filter_map(|(i, blob)| moments::disc(i, blob)).collect();
+/// Blobs that may be discs.
+pub fn discs(blobs: &[Blob]) -> Vec<Hypothesis> {
+    let mut out = blobs.iter().enumerate().filter_map(|(i, blob)| moments::disc(i, blob)).collect();
     keep_largest(&mut out, MAX_CANDIDATES, Hypothesis::size);
     out
 }
