@@ -42,16 +42,16 @@ pub(super) struct Setting {
     pub(super) problem: Problem,
     pub(super) ratios: usize,
     /// Changes of the ratios from the heaviest frame to the lightest.
-    changes: usize,
+    pub(super) changes: usize,
     /// Share of the load that stays vertical while the wing bends.
-    lever: usize,
+    pub(super) lever: usize,
     /// What that does to the ratios, times the square of the amplitude's distance from the middle, m^2. What goes
     /// with the distance itself is far below what burning fuel may do, and left to that.
-    shortening: [f64; RATIOS],
+    pub(super) shortening: [f64; RATIOS],
     /// Amplitude half-way between the heaviest frame and the lightest, 1/m.
-    middle: f64,
+    pub(super) middle: f64,
     /// Per frame: where it stands between the two, -0.5 to 0.5.
-    progress: Vec<f64>,
+    pub(super) progress: Vec<f64>,
 }
 
 impl Flight<'_> {
@@ -132,7 +132,7 @@ impl Flight<'_> {
         }
         let (ground, ground_members) = self.ground_group();
         groups.push(ground);
-        let problem = Problem { start, missing: columns.missing, priors, groups };
+        let problem = Problem { start, missing: columns.missing, priors, known: None, groups };
         let axis = &self.input.scene.ground.axis;
         // It counts from the middle amplitude, which nothing tells before the first solution.
         let shortening = match from {
@@ -193,7 +193,12 @@ impl Flight<'_> {
     }
 
     /// One frame: the images, and last the tie of its curvature to the shared shape.
-    fn frame_group(&self, frame: usize, layout: &Layout, from: Option<&Fit>) -> (Group, Vec<Member>) {
+    pub(super) fn frame_group(
+        &self,
+        frame: usize,
+        layout: &Layout,
+        from: Option<&Fit>,
+    ) -> (Group, Vec<Member>) {
         let mut members = vec![];
         let mut blocks = vec![];
         for (marker, seen) in self.frames[frame].iter().enumerate() {
