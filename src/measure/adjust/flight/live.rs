@@ -7,7 +7,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::setting::Setting;
+use super::setting::{Progress, Setting};
 use super::{
     DEPARTURE, DEPARTURE_BOUNDS, FEWEST, Flight, SMALLEST_CURVATURE_PER_M, chi_square_limit, dress_frame,
 };
@@ -24,8 +24,13 @@ use crate::measure::setup::{Orientation, Setup};
 const WALK_S: f64 = 60.0;
 /// No flight burns its fuel faster, s: in this time the shape's ratios walk by what burning all of it does.
 const BURN_S: f64 = 3600.0;
+/// A gust that bends the wing by this, 1/m, as much as the usual flight does, may change the shape as much as burning
+/// fuel: lift and the weights' inertia answer it in their own times and places.
+const LOAD_CURVATURE_PER_M: f64 = 5e-3;
 /// The departure from the shared shape is learnt from this time's frames, s.
 const DEPARTURE_MEMORY_S: f64 = 600.0;
+/// The departure to begin with counts as so many observations: with fewer, the first frames' chance would rule.
+const DEPARTURE_WEIGHT: f64 = 2.0;
 /// Frames that follow at once are taken to be apart by this, s: a walk needs a width.
 const LEAST_ELAPSED_S: f64 = 1e-3;
 /// What a jolt must gain, and what a marker that is left out must: quantiles of their chi-squares at this level.
@@ -128,14 +133,16 @@ fn first(flight: &mut Flight) -> Result<(State, Solution), AdjustError> {
     let (ratios, changes, lever) = (setting.ratios, setting.changes, setting.lever);
     let shape = Shape { ratios, changes, lever, shortening: setting.shortening, middle: setting.middle };
     let wrong = removed.iter().map(|(_, s)| *s).filter(|s| s.target == Target::Survey).collect();
-    let n = setting.layouts[0].curvature_terms.saturating_sub(1) as f64;
     let state = State {
         known: Known { mean: fit.global.clone(), information: fit.information.clone() },
         layout: setting.layouts[0],
         missing: setting.problem.missing.clone(),
         shape,
         local: fit.groups[0].local.clone(),
-        departure: Departure { square: n * DEPARTURE * DEPARTURE, redundancy: n },
+        departure: Departure {
+            square: DEPARTURE_WEIGHT * DEPARTURE * DEPARTURE,
+            redundancy: DEPARTURE_WEIGHT,
+        },
         wrong,
         frames: 1,
     };
@@ -155,7 +162,7 @@ impl State {
         let walked = self.walked(flight, elapsed_s)?;
         let carried = self.attempt(flight, &walked);
         let doubtful = carried.as_ref().map_or(true, |a| !a.passed);
-        let restarted = if doubtful { Some(self.jolted(flight, &walked)?) } else { None };
+        let restarted = doubtful.then(|| self.jolted(flight, &walked)).and_then(Result::ok);
         let (attempt, jolt) = match (carried, restarted) {
             (Ok(carried), Some(restarted)) => {
                 let gain = chi_square_limit(self.layout.own.1 as f64, JOLT_ALPHA);
@@ -212,7 +219,7 @@ impl State {
         let options = flight.input.options;
         let everywhere: Vec<_> = self.wrong.iter().map(|s| (0, *s)).collect();
         flight.use_all_but(&everywhere);
-        let (mut setting, mut fit) = self.solve(flight, known, None)?;
+        let (mut setting, mut fit) = self.solve(flight, known, None, true)?;
         let passed =
             quality::global_test(fit.omega, fit.redundancy, options.global_alpha) != GlobalTest::Rejected;
         let mut out = vec![];
@@ -224,20 +231,21 @@ impl State {
             };
             flight.remove(0, &suspect);
             out.push(suspect);
-            (setting, fit) = self.solve(flight, known, Some(&fit))?;
+            (setting, fit) = self.solve(flight, known, Some(&fit), true)?;
         }
         if out.len() > 1 {
             for suspect in std::mem::take(&mut out) {
                 flight.used[0][suspect.marker] = true;
-                let with = self.solve(flight, known, Some(&fit))?;
+                let with = self.solve(flight, known, Some(&fit), true)?;
                 if snooping::worst(&with.0.problem, &with.1, 0, &with.0.members[0], options).is_none() {
-                    (setting, fit) = with;
+                    fit = with.1;
                 } else {
                     flight.used[0][suspect.marker] = false;
                     out.push(suspect);
                 }
             }
         }
+        let (setting, fit) = self.solve(flight, known, Some(&fit), false)?;
         let removed = everywhere.into_iter().chain(out.into_iter().map(|s| (0, s))).collect();
         Ok(Attempt { setting, fit, removed, passed })
     }
@@ -248,6 +256,7 @@ impl State {
         flight: &Flight,
         known: &Known,
         before: Option<&Fit>,
+        rough: bool,
     ) -> Result<(Setting, Fit), AdjustError> {
         let (mut group, members) = flight.frame_group(0, &self.layout, None);
         let mut start = known.mean.clone();
@@ -272,10 +281,9 @@ impl State {
             lever: self.shape.lever,
             shortening: self.shape.shortening,
             middle: self.shape.middle,
-            // A gust burns no fuel; what fuel does to the shape comes with time.
-            progress: vec![0.0],
+            progress: Progress::OfAmplitude(LOAD_CURVATURE_PER_M),
         };
-        let fit = setting.solve(flight.input.scene, &Course::default())?;
+        let fit = setting.solve(flight.input.scene, &Course { rough, residuals: before })?;
         Ok((setting, fit))
     }
 }
