@@ -24,6 +24,9 @@ use crate::measure::setup::{Orientation, Setup};
 const WALK_S: f64 = 60.0;
 /// No flight burns its fuel faster, s: in this time the shape's ratios walk by what burning all of it does.
 const BURN_S: f64 = 3600.0;
+/// What a frame told fades in this time, s. Errors of the model that repeat from gust to gust do not average out as
+/// often as there are frames: a state that remembers all is too sure after some minutes.
+const MEMORY_S: f64 = 30.0;
 /// A gust that bends the wing by this, 1/m, as much as the usual flight does, may change the shape as much as burning
 /// fuel: lift and the weights' inertia answer it in their own times and places.
 const LOAD_CURVATURE_PER_M: f64 = 5e-3;
@@ -53,6 +56,8 @@ pub struct Live {
 #[derive(Clone, Debug)]
 struct State {
     known: Known,
+    /// The same with the first frame alone, with survey and ground frame: what does not fade.
+    base: Known,
     layout: Layout,
     missing: Vec<&'static str>,
     shape: Shape,
@@ -134,7 +139,8 @@ fn first(flight: &mut Flight) -> Result<(State, Solution), AdjustError> {
     let shape = Shape { ratios, changes, lever, shortening: setting.shortening, middle: setting.middle };
     let wrong = removed.iter().map(|(_, s)| *s).filter(|s| s.target == Target::Survey).collect();
     let state = State {
-        known: Known { mean: fit.global.clone(), information: fit.information.clone() },
+        known: known(&fit),
+        base: known(&fit),
         layout: setting.layouts[0],
         missing: setting.problem.missing.clone(),
         shape,
@@ -159,7 +165,8 @@ impl State {
     ) -> Result<(State, Solution), AdjustError> {
         flight.departure = self.departure.value();
         flight.amplitudes = vec![self.local[0].abs().max(SMALLEST_CURVATURE_PER_M)];
-        let walked = self.walked(flight, elapsed_s)?;
+        let mut base = self.base.clone();
+        let walked = self.walked(flight, &mut base, elapsed_s)?;
         let carried = self.attempt(flight, &walked);
         let doubtful = carried.as_ref().map_or(true, |a| !a.passed);
         let restarted = doubtful.then(|| self.jolted(flight, &walked)).and_then(Result::ok);
@@ -174,7 +181,11 @@ impl State {
             (Err(error), None) => return Err(error),
         };
         let mut next = State { frames: if jolt { 1 } else { self.frames + 1 }, ..self.clone() };
-        next.known = Known { mean: attempt.fit.global.clone(), information: attempt.fit.information.clone() };
+        next.known = known(&attempt.fit);
+        if jolt {
+            self.remounted(flight, &mut base)?;
+        }
+        next.base = base;
         next.local.copy_from(&attempt.fit.groups[0].local);
         next.departure.learn(&attempt, flight.departure, elapsed_s);
         let remarks = remarks(next.frames, mountings + usize::from(jolt), jolt);
@@ -182,8 +193,9 @@ impl State {
         Ok((next, solution))
     }
 
-    /// What is known when the next frame comes: rotation and ratios have walked.
-    fn walked(&self, flight: &Flight, elapsed_s: f64) -> Result<Known, AdjustError> {
+    /// What is known when the next frame comes: rotation and ratios have walked, of the base too, and all beside that
+    /// has faded.
+    fn walked(&self, flight: &Flight, base: &mut Known, elapsed_s: f64) -> Result<Known, AdjustError> {
         let terms = self.layout.curvature_terms;
         let n = terms.saturating_sub(1);
         let mount = flight.drift_covariance() * (elapsed_s / WALK_S);
@@ -195,12 +207,21 @@ impl State {
             .chain(self.shape.ratios..self.shape.ratios + n)
             .collect();
         let mut known = self.known.clone();
-        walk(&mut known, &columns, noise)?;
+        walk(&mut known, &columns, noise.clone())?;
+        walk(base, &columns, noise)?;
+        fade(&mut known, base, (-elapsed_s / MEMORY_S).exp())?;
         Ok(known)
     }
 
-    /// The frame in a mounting of its own: of rotation and shift only the mount's repeatability is known.
+    /// The frame in a mounting of its own.
     fn jolted(&self, flight: &mut Flight, walked: &Known) -> Result<Attempt, AdjustError> {
+        let mut known = walked.clone();
+        self.remounted(flight, &mut known)?;
+        self.attempt(flight, &known)
+    }
+
+    /// Of rotation and shift only the mount's repeatability is left.
+    fn remounted(&self, flight: &Flight, known: &mut Known) -> Result<(), AdjustError> {
         let (first, count) = self.layout.own;
         let rotation = unknowns::mount_prior(&flight.input, first);
         let shift = flight.input.setup.uncertainty.mount_shift_m;
@@ -208,9 +229,7 @@ impl State {
         covariance.view_mut((0, 0), (3, 3)).copy_from(&rotation.covariance);
         let mut mean = DVector::zeros(count);
         mean.rows_mut(0, 3).copy_from(&rotation.mean);
-        let mut known = walked.clone();
-        forget(&mut known, first, &mean, covariance)?;
-        self.attempt(flight, &known)
+        forget(known, first, &mean, covariance)
     }
 
     /// Solves the frame, its worst marker left out as long as there is one beyond the limit; one that fits later comes
@@ -321,6 +340,17 @@ fn walk(known: &mut Known, columns: &[usize], noise: DMatrix<f64>) -> Result<(),
     Ok(())
 }
 
+/// Leaves a share of what is known beyond the base.
+fn fade(known: &mut Known, base: &Known, share: f64) -> Result<(), AdjustError> {
+    let beyond = &known.information - &base.information;
+    let fixed = &base.information * &base.mean;
+    let right = &fixed + (&known.information * &known.mean - &fixed) * share;
+    known.information = &base.information + beyond * share;
+    let factor = known.information.clone().cholesky().ok_or_else(lost)?;
+    known.mean = factor.solve(&right);
+    Ok(())
+}
+
 /// Replaces what is known of the unknowns from `first` on.
 fn forget(
     known: &mut Known,
@@ -339,9 +369,16 @@ fn forget(
 }
 
 fn inverse(matrix: DMatrix<f64>) -> Result<DMatrix<f64>, AdjustError> {
-    let singular =
-        || AdjustError::Input("the state of the live adjustment has lost its numerical meaning".into());
-    matrix.cholesky().map(|c| c.inverse()).ok_or_else(singular)
+    matrix.cholesky().map(|c| c.inverse()).ok_or_else(lost)
+}
+
+fn lost() -> AdjustError {
+    AdjustError::Input("the state of the live adjustment has lost its numerical meaning".into())
+}
+
+/// What a solution tells of all that frames share.
+fn known(fit: &Fit) -> Known {
+    Known { mean: fit.global.clone(), information: fit.information.clone() }
 }
 
 fn remarks(frames: usize, mounting: usize, jolt: bool) -> Vec<String> {
