@@ -7,7 +7,7 @@ mod common;
 
 use common::beam_truth::{Truth, Wing, remounted, rng};
 use criterion::{Criterion, criterion_group, criterion_main};
-use wingd::measure::adjust::{self, Observation, Options};
+use wingd::measure::adjust::{self, Live, Observation, Options};
 
 fn adjustments(c: &mut Criterion) {
     let mut rng = rng(1);
@@ -27,6 +27,8 @@ fn adjustments(c: &mut Criterion) {
     c.bench_function("spatial, 21 markers", |b| {
         b.iter(|| adjust::spatial(&setup, &orientation, &one, &options).unwrap())
     });
+    let mut live = Live::begin(setup.clone(), orientation.clone(), options.clone()).unwrap();
+    c.bench_function("live, 21 markers", |b| b.iter(|| live.frame(&one, 0.1).unwrap()));
     for n in [10, 85, 100, 1000] {
         let frames: Vec<_> = (0..n).map(|k| frame(k, n)).collect();
         let mut group = c.benchmark_group("flight");

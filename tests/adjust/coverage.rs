@@ -133,6 +133,7 @@ fn the_global_test_rejects_at_its_level() {
             start: DVector::zeros(2),
             missing: vec!["a", "b"],
             priors: vec![],
+            known: None,
             groups: (0..12).map(|k| group(k as f64, &mut rng)).collect(),
         };
         let fit = solve(&problem, |at| {

@@ -6,6 +6,7 @@ mod common;
 mod coverage;
 mod flight;
 mod identification;
+mod live;
 mod long_flights;
 mod mountings;
 mod plan;

@@ -7,7 +7,10 @@
 //! the data. Frames leave the normal equations by their Schur complement, so the cost is linear in
 //! their number.
 
+mod live;
 mod setting;
+
+pub use live::Live;
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
@@ -377,60 +380,64 @@ pub(super) fn solve(
 }
 
 fn dress(flight: &Flight, setting: &Setting, fit: &Fit, removed: &[(usize, Suspect)]) -> Vec<Solution> {
+    let one = |frame: usize| dress_frame(flight, setting, fit, removed, frame, flight_remarks(flight, frame));
+    (0..flight.frames.len()).map(one).collect()
+}
+
+/// One frame's part of a fit, with what was removed from it or from all frames.
+fn dress_frame(
+    flight: &Flight,
+    setting: &Setting,
+    fit: &Fit,
+    removed: &[(usize, Suspect)],
+    frame: usize,
+    mut remarks: Vec<String>,
+) -> Solution {
     let (setup, options) = (flight.input.setup, flight.input.options);
     let test = quality::global_test(fit.omega, fit.redundancy, options.global_alpha);
     let posterior = quality::is_posterior(options.sigma, test);
     let factor = fit.variance_factor();
     let scale = if posterior { factor.map_or(1.0, f64::sqrt) } else { 1.0 };
-    let one = |frame: usize| {
-        let outcome = Outcome::new(
-            setup,
-            flight.input.scene,
-            &setting.layouts[frame],
-            &setting.problem,
-            fit,
-            frame,
-            &setting.members[frame],
-            options,
-            scale,
-        );
-        let (curve, parabola, a) = outcome.curve();
-        let (mut parameters, correlation, pitch) = outcome.parameters(&parabola, a);
-        parameters.push(outcome.axis_raise());
-        parameters.push(Parameter {
-            name: "shape_departure",
-            values: vec![Estimate { value: flight.departure, sigma: None }],
-        });
-        parameters.push(Parameter {
-            name: "mount_drift_rad",
-            values: vec![Estimate { value: flight.drift_rad, sigma: None }],
-        });
-        let mut markers = outcome.markers();
-        let mut remarks = flight_remarks(flight, frame);
-        let everywhere = |s: &Suspect| s.target == Target::Survey;
-        for (_, suspect) in removed.iter().filter(|(group, s)| *group == frame || everywhere(s)) {
-            let sentence = suspect.sentence(setup, options);
-            markers[suspect.marker].reason = Some(sentence.clone());
-            remarks.push(sentence);
-        }
-        Solution {
-            method: Method::Flight,
-            variance_factor: factor,
-            redundancy: fit.redundancy,
-            global_test: test,
-            posterior,
-            parameters,
-            correlation,
-            pitch_bending_correlation: pitch,
-            markers,
-            torsion: outcome.torsion(),
-            curve,
-            variance_components: vec![],
-            remarks,
-            iterations: fit.iterations,
-        }
-    };
-    (0..flight.frames.len()).map(one).collect()
+    let outcome = Outcome::new(
+        setup,
+        flight.input.scene,
+        &setting.layouts[frame],
+        &setting.problem,
+        fit,
+        frame,
+        &setting.members[frame],
+        options,
+        scale,
+    );
+    let (curve, parabola, a) = outcome.curve();
+    let (mut parameters, correlation, pitch) = outcome.parameters(&parabola, a);
+    parameters.push(outcome.axis_raise());
+    let unmeasured = |value: f64| vec![Estimate { value, sigma: None }];
+    parameters.push(Parameter { name: "shape_departure", values: unmeasured(flight.departure) });
+    parameters.push(Parameter { name: "mount_drift_rad", values: unmeasured(flight.drift_rad) });
+    let mut markers = outcome.markers();
+    let everywhere = |s: &Suspect| s.target == Target::Survey;
+    for (_, suspect) in removed.iter().filter(|(group, s)| *group == frame || everywhere(s)) {
+        let sentence = suspect.sentence(setup, options);
+        markers[suspect.marker].reason = Some(sentence.clone());
+        remarks.push(sentence);
+    }
+    Solution {
+        method: Method::Flight,
+        variance_factor: factor,
+        redundancy: fit.redundancy,
+        global_test: test,
+        posterior,
+        parameters,
+        correlation,
+        pitch_bending_correlation: pitch,
+        markers,
+        torsion: outcome.torsion(),
+        curve,
+        variance_components: vec![],
+        remarks,
+        iterations: fit.iterations,
+    }
 }
 
 fn flight_remarks(flight: &Flight, frame: usize) -> Vec<String> {

@@ -83,6 +83,15 @@ impl Prior {
     }
 }
 
+/// Knowledge about all global parameters together, as an earlier solution left it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Known {
+    /// Their expected values.
+    pub mean: DVector<f64>,
+    /// Inverse of the expectation's covariance.
+    pub information: DMatrix<f64>,
+}
+
 /// One least-squares problem.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Problem {
@@ -93,6 +102,8 @@ pub struct Problem {
     pub missing: Vec<&'static str>,
     /// Priors on global parameters.
     pub priors: Vec<Prior>,
+    /// What else is known of all of them.
+    pub known: Option<Known>,
     /// The groups.
     pub groups: Vec<Group>,
 }

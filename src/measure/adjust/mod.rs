@@ -19,6 +19,8 @@ mod snooping;
 mod spatial;
 mod unknowns;
 
+pub use flight::Live;
+
 use nalgebra::{DMatrix, Matrix2, Matrix3, Vector2, Vector3};
 
 use super::setup::{Orientation, Setup};

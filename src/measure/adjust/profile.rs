@@ -155,7 +155,13 @@ fn problem(geometry: &Geometry, observations: &[Observation]) -> Result<Problem,
     // Start of a: the parabola nearest to the lifts that the ground's distances give.
     let (up, down) = starts.iter().fold((0.0, 0.0), |(u, d), (x, lift)| (u + lift * x * x, d + x.powi(4)));
     let a = if down > 0.0 { up / down } else { 0.0 };
-    Ok(Problem { start: DVector::from_element(1, a), missing: vec![MISSING], priors: Vec::new(), groups })
+    Ok(Problem {
+        start: DVector::from_element(1, a),
+        missing: vec![MISSING],
+        priors: Vec::new(),
+        known: None,
+        groups,
+    })
 }
 
 /// Arc length and height with the survey's standard deviation, the pixel with its covariance.

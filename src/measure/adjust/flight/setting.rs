@@ -34,6 +34,14 @@ const VERTICAL_SHARE_SIGMA: f64 = 0.5;
 /// is f / (f - 2) times what they show. A random walk of ten frames leaves about five in yaw and roll together.
 const PITCH_DRIFT: f64 = 1.3;
 
+/// How much of the ratios' changes a frame has.
+pub(super) enum Progress {
+    /// Per frame, as its amplitude in an earlier solution tells.
+    OfFrames(Vec<f64>),
+    /// The amplitude's distance from the middle over this, 1/m.
+    OfAmplitude(f64),
+}
+
 /// A flight set up for the engine.
 pub(super) struct Setting {
     pub(super) layouts: Vec<Layout>,
@@ -42,16 +50,16 @@ pub(super) struct Setting {
     pub(super) problem: Problem,
     pub(super) ratios: usize,
     /// Changes of the ratios from the heaviest frame to the lightest.
-    changes: usize,
+    pub(super) changes: usize,
     /// Share of the load that stays vertical while the wing bends.
-    lever: usize,
+    pub(super) lever: usize,
     /// What that does to the ratios, times the square of the amplitude's distance from the middle, m^2. What goes
     /// with the distance itself is far below what burning fuel may do, and left to that.
-    shortening: [f64; RATIOS],
+    pub(super) shortening: [f64; RATIOS],
     /// Amplitude half-way between the heaviest frame and the lightest, 1/m.
-    middle: f64,
-    /// Per frame: where it stands between the two, -0.5 to 0.5.
-    progress: Vec<f64>,
+    pub(super) middle: f64,
+    /// Where a frame stands between the two, -0.5 to 0.5.
+    pub(super) progress: Progress,
 }
 
 impl Flight<'_> {
@@ -132,7 +140,7 @@ impl Flight<'_> {
         }
         let (ground, ground_members) = self.ground_group();
         groups.push(ground);
-        let problem = Problem { start, missing: columns.missing, priors, groups };
+        let problem = Problem { start, missing: columns.missing, priors, known: None, groups };
         let axis = &self.input.scene.ground.axis;
         // It counts from the middle amplitude, which nothing tells before the first solution.
         let shortening = match from {
@@ -140,7 +148,7 @@ impl Flight<'_> {
             None => [0.0; RATIOS],
         };
         let (low, high) = self.range();
-        let (middle, progress) = (0.5 * (low + high), self.progress());
+        let (middle, progress) = (0.5 * (low + high), Progress::OfFrames(self.progress()));
         Setting {
             layouts,
             members,
@@ -193,7 +201,12 @@ impl Flight<'_> {
     }
 
     /// One frame: the images, and last the tie of its curvature to the shared shape.
-    fn frame_group(&self, frame: usize, layout: &Layout, from: Option<&Fit>) -> (Group, Vec<Member>) {
+    pub(super) fn frame_group(
+        &self,
+        frame: usize,
+        layout: &Layout,
+        from: Option<&Fit>,
+    ) -> (Group, Vec<Member>) {
         let mut members = vec![];
         let mut blocks = vec![];
         for (marker, seen) in self.frames[frame].iter().enumerate() {
@@ -308,15 +321,19 @@ impl Setting {
     /// c_k = (r_k + progress * change_k + lever * shortening_k * (c_0 - middle)^2) c_0 + departure.
     fn shape(&self, layout: &Layout, at: &GroupPoint, departure: &DVector<f64>, out: &mut Linearised) {
         let n = layout.curvature_terms - 1;
-        let (amplitude, progress, lever) = (at.local[0], self.progress[at.group], at.global[self.lever]);
+        let (amplitude, lever) = (at.local[0], at.global[self.lever]);
         let off = amplitude - self.middle;
+        let (progress, grows) = match &self.progress {
+            Progress::OfFrames(list) => (list[at.group], 0.0),
+            Progress::OfAmplitude(range) => (off / range, 1.0 / range),
+        };
         for k in 0..n {
             let shortened = self.shortening[k] * off * off;
             let by_amplitude = 2.0 * self.shortening[k] * off;
-            let ratio =
-                at.global[self.ratios + k] + progress * at.global[self.changes + k] + lever * shortened;
+            let change = at.global[self.changes + k];
+            let ratio = at.global[self.ratios + k] + progress * change + lever * shortened;
             out.misclosure[k] = at.local[k + 1] - ratio * amplitude - departure[k];
-            out.local[(k, 0)] = -ratio - lever * by_amplitude * amplitude;
+            out.local[(k, 0)] = -ratio - (grows * change + lever * by_amplitude) * amplitude;
             out.global[(k, k)] = -amplitude;
             out.global[(k, n + k)] = -amplitude * progress;
             out.global[(k, 2 * n)] = -amplitude * shortened;

@@ -44,6 +44,8 @@ pub struct Fit {
     pub global: DVector<f64>,
     /// Their covariance, a priori (variance factor 1).
     pub covariance: DMatrix<f64>,
+    /// Its inverse: the normal matrix.
+    pub information: DMatrix<f64>,
     /// The groups.
     pub groups: Vec<GroupFit>,
     /// Weighted sum of squared residuals, priors included.

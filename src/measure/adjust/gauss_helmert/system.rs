@@ -131,6 +131,13 @@ impl System {
         for (prior, weight) in problem.priors.iter().zip(&self.weights) {
             self.omega_priors += add_prior(prior, weight, &state.global, &mut self.normal, &mut self.right);
         }
+        if let Some(known) = &problem.known {
+            let off = &state.global - &known.mean;
+            let weighted = &known.information * &off;
+            self.normal += &known.information;
+            self.right -= &weighted;
+            self.omega_priors += off.dot(&weighted);
+        }
         self.omega += self.omega_priors;
         Ok(())
     }
@@ -218,6 +225,7 @@ impl System {
         let covariance = factor(&self.normal, &problem.missing)?.inverse();
         let priors = problem.priors.iter().chain(problem.groups.iter().flat_map(|g| &g.priors));
         let mut conditions: usize = priors.map(|p| p.columns.len()).sum();
+        conditions += problem.known.as_ref().map_or(0, |known| known.mean.len());
         let mut unknowns = state.global.len();
         let mut groups = Vec::with_capacity(self.groups.len());
         let states = state.local.into_iter().zip(state.residuals);
@@ -229,6 +237,7 @@ impl System {
         Ok(Fit {
             global: state.global,
             covariance,
+            information: self.normal,
             groups,
             omega: self.omega,
             omega_priors: self.omega_priors,

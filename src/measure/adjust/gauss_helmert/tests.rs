@@ -15,6 +15,7 @@ fn line(points: &[(f64, f64)], sx: f64, sy: f64) -> Problem {
         start: DVector::from_vec(vec![0.0, 0.0]),
         missing: vec!["slope", "offset"],
         priors: vec![],
+        known: None,
         groups: points.iter().map(block).collect(),
     }
 }
@@ -99,6 +100,24 @@ fn a_prior_counts_as_an_observation() {
     let fit = solve(&problem, line_block).unwrap();
     assert!((fit.global[1] - 1.0).abs() < 1e-9 && fit.redundancy == 5);
     assert!((fit.covariance[(1, 1)].sqrt() - 1e-9).abs() < 1e-12);
+}
+
+/// Points one after the other, each with what those before it told, are all of them at once.
+#[test]
+fn what_is_known_of_all_parameters_stands_for_the_observations_behind_it() {
+    let at_once = solve(&line(&POINTS, 1e-4, 0.3), line_block).unwrap();
+    let mut before = solve(&line(&POINTS[..2], 1e-4, 0.3), line_block).unwrap();
+    let mut omega = before.omega;
+    for point in &POINTS[2..] {
+        let known = Known { mean: before.global.clone(), information: before.information.clone() };
+        let next = Problem { known: Some(known), start: before.global, ..line(&[*point], 1e-4, 0.3) };
+        before = solve(&next, line_block).unwrap();
+        assert_eq!(before.redundancy, 1);
+        omega += before.omega;
+    }
+    assert!((&before.global - &at_once.global).norm() < 1e-6);
+    assert!((&before.covariance - &at_once.covariance).norm() < 1e-5 * at_once.covariance.norm());
+    assert!((omega - at_once.omega).abs() < 1e-5 * at_once.omega, "{omega} {}", at_once.omega);
 }
 
 #[test]

@@ -91,7 +91,7 @@ impl<'a> Frame<'a> {
         }
         let group = Group { local: DVector::zeros(0), priors: vec![], blocks };
         let start = start_values(&layout, start);
-        let problem = Problem { start, missing: columns.missing, priors, groups: vec![group] };
+        let problem = Problem { start, missing: columns.missing, priors, known: None, groups: vec![group] };
         Self { scene: input.scene, layout, problem, members }
     }
 

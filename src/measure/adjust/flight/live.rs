@@ -1,0 +1,391 @@
+//! Frames adjusted one by one, ten a second, each with all that those before it told (docs/live.md).
+//!
+//! The state is what a flight's frames share, with its full information matrix: errors that are common to all frames
+//! are counted once, however many frames there are. A frame is one group beside it, whose own unknowns leave with it.
+//! Between two frames the mounting's rotation and the shape's ratios walk. A frame that the state cannot explain is
+//! tried with a mounting of its own: a jolt.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::setting::{Progress, Setting};
+use super::{
+    DEPARTURE, DEPARTURE_BOUNDS, FEWEST, Flight, SMALLEST_CURVATURE_PER_M, chi_square_limit, dress_frame,
+};
+use crate::measure::adjust::gauss_helmert::{Course, Fit, Known, Problem};
+use crate::measure::adjust::layout::Layout;
+use crate::measure::adjust::scene::Scene;
+use crate::measure::adjust::shapes::{self, RATIOS};
+use crate::measure::adjust::snooping::{self, Suspect, Target};
+use crate::measure::adjust::{AdjustError, GlobalTest, Observation, Options, Solution, quality, unknowns};
+use crate::measure::setup::{Orientation, Setup};
+
+/// `mount_drift_rad` is stated between two shots of a series, which are minutes apart: the mounting walks by it in this
+/// time, s, and leaves its walk by it in any frame.
+const WALK_S: f64 = 60.0;
+/// No flight burns its fuel faster, s: in this time the shape's ratios walk by what burning all of it does.
+const BURN_S: f64 = 3600.0;
+/// What a frame told fades in this time, s. Errors of the model that repeat from gust to gust do not average out as
+/// often as there are frames: a state that remembers all is too sure after some minutes.
+const MEMORY_S: f64 = 30.0;
+/// A gust that bends the wing by this, 1/m, as much as the usual flight does, may change the shape as much as burning
+/// fuel: lift and the weights' inertia answer it in their own times and places.
+const LOAD_CURVATURE_PER_M: f64 = 5e-3;
+/// The departure from the shared shape is learnt from this time's frames, s.
+const DEPARTURE_MEMORY_S: f64 = 600.0;
+/// The departure to begin with counts as so many observations: with fewer, the first frames' chance would rule.
+const DEPARTURE_WEIGHT: f64 = 2.0;
+/// Frames that follow at once are taken to be apart by this, s: a walk needs a width.
+const LEAST_ELAPSED_S: f64 = 1e-3;
+/// What a jolt must gain, and what a marker that is left out must: quantiles of their chi-squares at this level.
+const JOLT_ALPHA: f64 = 1e-6;
+/// No more markers than one in so many are left out of a frame.
+const LEFT_OUT: usize = 3;
+
+/// Frames of one camera, adjusted as they come.
+#[derive(Clone, Debug)]
+pub struct Live {
+    setup: Setup,
+    orientation: Orientation,
+    options: Options,
+    scene: Scene,
+    state: Option<State>,
+    mountings: usize,
+}
+
+/// What the frames so far told.
+#[derive(Clone, Debug)]
+struct State {
+    known: Known,
+    /// The same with the first frame alone, with survey and ground frame: what does not fade.
+    base: Known,
+    layout: Layout,
+    missing: Vec<&'static str>,
+    shape: Shape,
+    /// Own unknowns of the last frame: where the next one begins.
+    local: DVector<f64>,
+    departure: Departure,
+    /// Markers whose surveyed position is wrong.
+    wrong: Vec<Suspect>,
+    /// Frames of this mounting.
+    frames: usize,
+}
+
+/// Where the shared shape stands, and the amplitude that its shortening counts from: fixed at the first frame, so that
+/// its unknowns keep their meaning.
+#[derive(Clone, Copy, Debug)]
+struct Shape {
+    ratios: usize,
+    changes: usize,
+    lever: usize,
+    shortening: [f64; RATIOS],
+    middle: f64,
+}
+
+/// Sums that the departure from the shared shape is learnt from.
+#[derive(Clone, Copy, Debug)]
+struct Departure {
+    square: f64,
+    redundancy: f64,
+}
+
+/// A frame solved under one hypothesis.
+struct Attempt {
+    setting: Setting,
+    fit: Fit,
+    removed: Vec<(usize, Suspect)>,
+    /// Whether all markers together passed the global test.
+    passed: bool,
+}
+
+impl Live {
+    /// Begins without a frame. Of `options.mountings` the first counts, for the first frame; variance components are
+    /// not estimated. Errors: an installation that cannot be prepared.
+    pub fn begin(setup: Setup, orientation: Orientation, options: Options) -> Result<Self, AdjustError> {
+        let scene = Scene::new(&setup, &orientation)?;
+        let first = options.mountings.as_ref().map(|list| list.iter().take(1).copied().collect());
+        let options = Options { mountings: first, variance_components: false, ..options };
+        Ok(Self { setup, orientation, options, scene, state: None, mountings: 0 })
+    }
+
+    /// The next frame, `elapsed_s` after the last one. On an error the state stays as it was; the time does not count.
+    pub fn frame(&mut self, observations: &[Observation], elapsed_s: f64) -> Result<Solution, AdjustError> {
+        let frames = [observations.to_vec()];
+        let mut flight = Flight::new(&self.setup, &self.orientation, &self.scene, &frames, &self.options)?;
+        flight.mountings = Some(vec![0]);
+        let (state, solution) = match &self.state {
+            None => first(&mut flight)?,
+            Some(state) => state.next(&mut flight, elapsed_s.max(LEAST_ELAPSED_S), self.mountings)?,
+        };
+        self.mountings += usize::from(state.frames == 1);
+        self.state = Some(state);
+        Ok(solution)
+    }
+
+    /// How many mountings there were: the first, and one after each jolt.
+    pub fn mountings(&self) -> usize {
+        self.mountings
+    }
+}
+
+/// The first frame is a flight of one, with survey and ground frame.
+fn first(flight: &mut Flight) -> Result<(State, Solution), AdjustError> {
+    let last = flight.solve(None)?;
+    let snooped = flight.snoop(last)?;
+    let (setting, fit, mut removed) = flight.snoop_again(snooped)?;
+    let (_, rough) = flight.readmit((setting, fit), &mut removed)?;
+    let setting = flight.setting(Some(&rough));
+    let fit = setting.solve(flight.input.scene, &Course { rough: false, residuals: Some(&rough) })?;
+    let (ratios, changes, lever) = (setting.ratios, setting.changes, setting.lever);
+    let shape = Shape { ratios, changes, lever, shortening: setting.shortening, middle: setting.middle };
+    let wrong = removed.iter().map(|(_, s)| *s).filter(|s| s.target == Target::Survey).collect();
+    let state = State {
+        known: known(&fit),
+        base: known(&fit),
+        layout: setting.layouts[0],
+        missing: setting.problem.missing.clone(),
+        shape,
+        local: fit.groups[0].local.clone(),
+        departure: Departure {
+            square: DEPARTURE_WEIGHT * DEPARTURE * DEPARTURE,
+            redundancy: DEPARTURE_WEIGHT,
+        },
+        wrong,
+        frames: 1,
+    };
+    let solution = dress_frame(flight, &setting, &fit, &removed, 0, remarks(1, 1, false));
+    Ok((state, solution))
+}
+
+impl State {
+    fn next(
+        &self,
+        flight: &mut Flight,
+        elapsed_s: f64,
+        mountings: usize,
+    ) -> Result<(State, Solution), AdjustError> {
+        flight.departure = self.departure.value();
+        flight.amplitudes = vec![self.local[0].abs().max(SMALLEST_CURVATURE_PER_M)];
+        let mut base = self.base.clone();
+        let walked = self.walked(flight, &mut base, elapsed_s)?;
+        let carried = self.attempt(flight, &walked);
+        let doubtful = carried.as_ref().map_or(true, |a| !a.passed);
+        let restarted = doubtful.then(|| self.jolted(flight, &walked)).and_then(Result::ok);
+        let (attempt, jolt) = match (carried, restarted) {
+            (Ok(carried), Some(restarted)) => {
+                let gain = chi_square_limit(self.layout.own.1 as f64, JOLT_ALPHA);
+                let jolt = restarted.cost() + gain < carried.cost();
+                (if jolt { restarted } else { carried }, jolt)
+            }
+            (Ok(carried), None) => (carried, false),
+            (Err(_), Some(restarted)) => (restarted, true),
+            (Err(error), None) => return Err(error),
+        };
+        let mut next = State { frames: if jolt { 1 } else { self.frames + 1 }, ..self.clone() };
+        next.known = known(&attempt.fit);
+        if jolt {
+            self.remounted(flight, &mut base)?;
+        }
+        next.base = base;
+        next.local.copy_from(&attempt.fit.groups[0].local);
+        next.departure.learn(&attempt, flight.departure, elapsed_s);
+        let remarks = remarks(next.frames, mountings + usize::from(jolt), jolt);
+        let solution = dress_frame(flight, &attempt.setting, &attempt.fit, &attempt.removed, 0, remarks);
+        Ok((next, solution))
+    }
+
+    /// What is known when the next frame comes: rotation and ratios have walked, of the base too, and all beside that
+    /// has faded.
+    fn walked(&self, flight: &Flight, base: &mut Known, elapsed_s: f64) -> Result<Known, AdjustError> {
+        let terms = self.layout.curvature_terms;
+        let n = terms.saturating_sub(1);
+        let mount = flight.drift_covariance() * (elapsed_s / WALK_S);
+        let shape = DMatrix::from_fn(n, n, |i, j| shapes::burning()[(i, j)]) * (elapsed_s / BURN_S);
+        let mut noise = DMatrix::zeros(3 + n, 3 + n);
+        noise.view_mut((0, 0), (3, 3)).copy_from(&mount);
+        noise.view_mut((3, 3), (n, n)).copy_from(&shape);
+        let columns: Vec<_> = (self.layout.own.0..self.layout.own.0 + 3)
+            .chain(self.shape.ratios..self.shape.ratios + n)
+            .collect();
+        let mut known = self.known.clone();
+        walk(&mut known, &columns, noise.clone())?;
+        walk(base, &columns, noise)?;
+        fade(&mut known, base, (-elapsed_s / MEMORY_S).exp())?;
+        Ok(known)
+    }
+
+    /// The frame in a mounting of its own.
+    fn jolted(&self, flight: &mut Flight, walked: &Known) -> Result<Attempt, AdjustError> {
+        let mut known = walked.clone();
+        self.remounted(flight, &mut known)?;
+        self.attempt(flight, &known)
+    }
+
+    /// Of rotation and shift only the mount's repeatability is left.
+    fn remounted(&self, flight: &Flight, known: &mut Known) -> Result<(), AdjustError> {
+        let (first, count) = self.layout.own;
+        let rotation = unknowns::mount_prior(&flight.input, first);
+        let shift = flight.input.setup.uncertainty.mount_shift_m;
+        let mut covariance = DMatrix::identity(count, count) * (shift * shift);
+        covariance.view_mut((0, 0), (3, 3)).copy_from(&rotation.covariance);
+        let mut mean = DVector::zeros(count);
+        mean.rows_mut(0, 3).copy_from(&rotation.mean);
+        forget(known, first, &mean, covariance)
+    }
+
+    /// Solves the frame, its worst marker left out as long as there is one beyond the limit; one that fits later comes
+    /// back.
+    fn attempt(&self, flight: &mut Flight, known: &Known) -> Result<Attempt, AdjustError> {
+        let options = flight.input.options;
+        let everywhere: Vec<_> = self.wrong.iter().map(|s| (0, *s)).collect();
+        flight.use_all_but(&everywhere);
+        let (mut setting, mut fit) = self.solve(flight, known, None, true)?;
+        let passed =
+            quality::global_test(fit.omega, fit.redundancy, options.global_alpha) != GlobalTest::Rejected;
+        let mut out = vec![];
+        let allowed = setting.members[0].len() / LEFT_OUT;
+        while out.len() < allowed && setting.members[0].len() > FEWEST + 1 {
+            let Some(suspect) = snooping::worst(&setting.problem, &fit, 0, &setting.members[0], options)
+            else {
+                break;
+            };
+            flight.remove(0, &suspect);
+            out.push(suspect);
+            (setting, fit) = self.solve(flight, known, Some(&fit), true)?;
+        }
+        if out.len() > 1 {
+            for suspect in std::mem::take(&mut out) {
+                flight.used[0][suspect.marker] = true;
+                let with = self.solve(flight, known, Some(&fit), true)?;
+                if snooping::worst(&with.0.problem, &with.1, 0, &with.0.members[0], options).is_none() {
+                    fit = with.1;
+                } else {
+                    flight.used[0][suspect.marker] = false;
+                    out.push(suspect);
+                }
+            }
+        }
+        let (setting, fit) = self.solve(flight, known, Some(&fit), false)?;
+        let removed = everywhere.into_iter().chain(out.into_iter().map(|s| (0, s))).collect();
+        Ok(Attempt { setting, fit, removed, passed })
+    }
+
+    /// The frame with the markers that are in use.
+    fn solve(
+        &self,
+        flight: &Flight,
+        known: &Known,
+        before: Option<&Fit>,
+        rough: bool,
+    ) -> Result<(Setting, Fit), AdjustError> {
+        let (mut group, members) = flight.frame_group(0, &self.layout, None);
+        let mut start = known.mean.clone();
+        group.local.copy_from(&self.local);
+        if let Some(before) = before {
+            group.local.copy_from(&before.groups[0].local);
+            start.copy_from(&before.global);
+        }
+        let setting = Setting {
+            layouts: vec![self.layout],
+            members: vec![members],
+            ground_members: vec![],
+            problem: Problem {
+                start,
+                missing: self.missing.clone(),
+                priors: vec![],
+                known: Some(known.clone()),
+                groups: vec![group],
+            },
+            ratios: self.shape.ratios,
+            changes: self.shape.changes,
+            lever: self.shape.lever,
+            shortening: self.shape.shortening,
+            middle: self.shape.middle,
+            progress: Progress::OfAmplitude(LOAD_CURVATURE_PER_M),
+        };
+        let fit = setting.solve(flight.input.scene, &Course { rough, residuals: before })?;
+        Ok((setting, fit))
+    }
+}
+
+impl Attempt {
+    /// Sum of squares, and for each marker left out what a marker must gain to be left out.
+    fn cost(&self) -> f64 {
+        self.fit.omega + self.removed.len() as f64 * chi_square_limit(2.0, JOLT_ALPHA)
+    }
+}
+
+impl Departure {
+    fn value(&self) -> f64 {
+        (self.square / self.redundancy).sqrt().clamp(DEPARTURE_BOUNDS.0, DEPARTURE_BOUNDS.1)
+    }
+
+    /// Adds what a frame's departures show (Koch's estimate of one variance component), solved with `used`.
+    fn learn(&mut self, attempt: &Attempt, used: f64, elapsed_s: f64) {
+        let block = attempt.setting.members[0].len();
+        let covariance = &attempt.setting.problem.groups[0].blocks[block].covariance;
+        let Some(factor) = covariance.clone().cholesky() else { return };
+        let residuals = &attempt.fit.groups[0].blocks[block].residuals;
+        let adjusted = factor.solve(&attempt.fit.adjusted_covariance(0, block));
+        let kept = (-elapsed_s / DEPARTURE_MEMORY_S).exp();
+        self.square = self.square * kept + residuals.dot(&factor.solve(residuals)) * used * used;
+        self.redundancy = self.redundancy * kept + residuals.len() as f64 - adjusted.trace();
+    }
+}
+
+/// Adds noise of a covariance to some unknowns (Woodbury's identity).
+fn walk(known: &mut Known, columns: &[usize], noise: DMatrix<f64>) -> Result<(), AdjustError> {
+    let of = known.information.select_columns(columns);
+    let inner = inverse(noise)? + of.select_rows(columns);
+    known.information -= &of * inverse(inner)? * of.transpose();
+    Ok(())
+}
+
+/// Leaves a share of what is known beyond the base.
+fn fade(known: &mut Known, base: &Known, share: f64) -> Result<(), AdjustError> {
+    let beyond = &known.information - &base.information;
+    let fixed = &base.information * &base.mean;
+    let right = &fixed + (&known.information * &known.mean - &fixed) * share;
+    known.information = &base.information + beyond * share;
+    let factor = known.information.clone().cholesky().ok_or_else(lost)?;
+    known.mean = factor.solve(&right);
+    Ok(())
+}
+
+/// Replaces what is known of the unknowns from `first` on.
+fn forget(
+    known: &mut Known,
+    first: usize,
+    mean: &DVector<f64>,
+    covariance: DMatrix<f64>,
+) -> Result<(), AdjustError> {
+    let count = mean.len();
+    let of = known.information.columns(first, count).into_owned();
+    known.information -= &of * inverse(of.rows(first, count).into_owned())? * of.transpose();
+    known.information.columns_mut(first, count).fill(0.0);
+    known.information.rows_mut(first, count).fill(0.0);
+    known.information.view_mut((first, first), (count, count)).copy_from(&inverse(covariance)?);
+    known.mean.rows_mut(first, count).copy_from(mean);
+    Ok(())
+}
+
+fn inverse(matrix: DMatrix<f64>) -> Result<DMatrix<f64>, AdjustError> {
+    matrix.cholesky().map(|c| c.inverse()).ok_or_else(lost)
+}
+
+fn lost() -> AdjustError {
+    AdjustError::Input("the state of the live adjustment has lost its numerical meaning".into())
+}
+
+/// What a solution tells of all that frames share.
+fn known(fit: &Fit) -> Known {
+    Known { mean: fit.global.clone(), information: fit.information.clone() }
+}
+
+fn remarks(frames: usize, mounting: usize, jolt: bool) -> Vec<String> {
+    let mut list =
+        vec![format!("adjusted with what the frames before it told, frame {frames} of mounting {mounting}")];
+    if jolt {
+        list.push("the camera was jolted: its rotation and shift are learnt anew".into());
+    }
+    list
+}
