@@ -57,8 +57,9 @@ class Desk:
         self._need("shots")
         columns = {row[0] for row in self.connection.sql("DESCRIBE shots").fetchall()}
         weight, factor = (next((c for c in names if c in columns), None) for names in (WEIGHT, LOAD_FACTOR))
-        self.has_load = bool(weight and factor)
         self.connection.execute(_FRAMES.format(weight=weight or "NULL", factor=factor or "NULL"))
+        # The columns are there without an aircraft's data too, and empty.
+        self.has_load = self.rows("SELECT count(load_t) > 0 AS some FROM frames")[0]["some"]
         self._views("views.sql")
 
     def _need(self, sql: str) -> None:

@@ -135,7 +135,7 @@ def _without_load(desk: Desk, solve: str) -> str:
         )
         series.append(Series(aircraft, [(r["x"], r["y"], r["s"]) for r in rows]))
     return (
-        '<p class="warning">The results have no columns of weight and load factor '
+        '<p class="warning">The results have no weight and load factor '
         f"({' and '.join(WEIGHT[:1] + LOAD_FACTOR[:1])}): a lift cannot be held against its load, nor one aircraft against "
         "another. Below, lift over the hours of each flight. Record aircraft data, and solve the flights again.</p>"
         + chart(
