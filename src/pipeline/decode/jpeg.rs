@@ -167,7 +167,8 @@ impl Layout {
     }
 }
 
-/// The next block of a component.
+/// The next block of a component; inlined, for the reader's state stays in registers then.
+#[inline(always)]
 fn decode(
     reader: &mut BitReader,
     decoder: &mut McuDecoder,
