@@ -69,6 +69,16 @@ struct Flight<'a> {
     drift_rad: f64,
 }
 
+/// What a frame's departures from the shared shape show of their variance: the weighted square of their residuals and its
+/// redundancy (Koch's estimate of one variance component).
+fn departure_shown(setting: &Setting, fit: &Fit, frame: usize) -> Option<(f64, f64)> {
+    let block = setting.members[frame].len();
+    let factor = setting.problem.groups[frame].blocks[block].covariance.clone().cholesky()?;
+    let residuals = &fit.groups[frame].blocks[block].residuals;
+    let adjusted = factor.solve(&fit.adjusted_covariance(frame, block));
+    Some((residuals.dot(&factor.solve(residuals)), residuals.len() as f64 - adjusted.trace()))
+}
+
 impl<'a> Flight<'a> {
     fn new(
         setup: &'a Setup,
@@ -129,13 +139,9 @@ impl Flight<'_> {
             let (setting, fit) = &last;
             let (mut omega, mut redundancy) = (0.0, 0.0);
             for frame in 0..self.frames.len() {
-                let block = setting.members[frame].len();
-                let covariance = &setting.problem.groups[frame].blocks[block].covariance;
-                let Some(factor) = covariance.clone().cholesky() else { continue };
-                let residuals = &fit.groups[frame].blocks[block].residuals;
-                omega += residuals.dot(&factor.solve(residuals));
-                let adjusted = factor.solve(&fit.adjusted_covariance(frame, block));
-                redundancy += residuals.len() as f64 - adjusted.trace();
+                let Some(shown) = departure_shown(setting, fit, frame) else { continue };
+                omega += shown.0;
+                redundancy += shown.1;
             }
             if redundancy < 0.5 {
                 break;

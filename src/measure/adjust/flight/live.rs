@@ -9,7 +9,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::setting::{Progress, Setting};
 use super::{
-    DEPARTURE, DEPARTURE_BOUNDS, FEWEST, Flight, SMALLEST_CURVATURE_PER_M, chi_square_limit, dress_frame,
+    DEPARTURE, DEPARTURE_BOUNDS, FEWEST, Flight, SMALLEST_CURVATURE_PER_M, chi_square_limit, departure_shown,
+    dress_frame,
 };
 use crate::measure::adjust::gauss_helmert::{Course, Fit, Known, Problem};
 use crate::measure::adjust::layout::Layout;
@@ -321,14 +322,10 @@ impl Departure {
 
     /// Adds what a frame's departures show (Koch's estimate of one variance component), solved with `used`.
     fn learn(&mut self, attempt: &Attempt, used: f64, elapsed_s: f64) {
-        let block = attempt.setting.members[0].len();
-        let covariance = &attempt.setting.problem.groups[0].blocks[block].covariance;
-        let Some(factor) = covariance.clone().cholesky() else { return };
-        let residuals = &attempt.fit.groups[0].blocks[block].residuals;
-        let adjusted = factor.solve(&attempt.fit.adjusted_covariance(0, block));
+        let Some((square, redundancy)) = departure_shown(&attempt.setting, &attempt.fit, 0) else { return };
         let kept = (-elapsed_s / DEPARTURE_MEMORY_S).exp();
-        self.square = self.square * kept + residuals.dot(&factor.solve(residuals)) * used * used;
-        self.redundancy = self.redundancy * kept + residuals.len() as f64 - adjusted.trace();
+        self.square = self.square * kept + square * used * used;
+        self.redundancy = self.redundancy * kept + redundancy;
     }
 }
 
