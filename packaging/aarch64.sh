@@ -7,7 +7,7 @@ cd "$ROOT"
 target=aarch64-unknown-linux-gnu
 base=$(packaging/aarch64-root.sh "$@"); base=${base%/root}
 exec 9>"$base/lock"; flock 9 # one at a time
-inputs=(Cargo.toml Cargo.lock src fixtures/demo)
+inputs=(Cargo.toml Cargo.lock src config fixtures/demo)
 key=$( (find "${inputs[@]}" -type f -print0 | sort -z | xargs -0 sha256sum; cat packaging/aarch64.sh) | sha256sum | cut -c1-12)
 binary=$base/wingd-$key
 if [ ! -x "$binary" ]; then
@@ -23,7 +23,7 @@ if [ ! -x "$binary" ]; then
         cargo build --release --locked --offline --target $target --bin wingd >&2
     built=$base/target/$target/release/wingd
     # Cargo's own list of what went into it.
-    strange=$(tr ' ' '\n' <"$built.d" | grep "^$ROOT/" | grep -vE "^$ROOT/(src|fixtures/demo)/") && die "not in the key: $strange"
+    strange=$(tr ' ' '\n' <"$built.d" | grep "^$ROOT/" | grep -vE "^$ROOT/(src|config|fixtures/demo)/") && die "not in the key: $strange"
     rm -f "$base"/wingd-* # of other sources
     cp "$built" "$binary.part"; mv "$binary.part" "$binary"
 fi

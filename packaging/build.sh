@@ -22,6 +22,16 @@ grep -q '^path = "/var/lib/wingd/store"' "$root/etc/wingd/wingd.toml" || { echo 
 for page in README.md LICENSE* CHANGELOG.md docs/operations.md docs/licences.md docs/store.md; do
     [ ! -f "$page" ] || put 644 "$page" "usr/share/doc/wingd/$(basename "$page")"
 done
+# Man pages and completions come from the program itself; of another processor's, from this machine's build.
+pages=$binary
+"$pages" --version >/dev/null 2>&1 || pages=target/release/wingd
+"$pages" --version >/dev/null 2>&1 || { echo "$binary does not run here and $pages is missing; run make build" >&2; exit 1; }
+"$pages" man "$root/usr/share/man/man1"
+gzip -9n "$root"/usr/share/man/man1/*.1
+complete() { install -d "$root/$(dirname "$2")"; "$pages" completions "$1" >"$root/$2"; }
+complete bash usr/share/bash-completion/completions/wingd
+complete zsh usr/share/zsh/vendor-completions/_wingd
+complete fish usr/share/fish/vendor_completions.d/wingd.fish
 mv "$root/usr/share/doc/wingd/LICENSE" "$root/usr/share/doc/wingd/copyright" 2>/dev/null ||
     cat LICENSE* >"$root/usr/share/doc/wingd/copyright" 2>/dev/null || true
 

@@ -14,11 +14,14 @@ mod detect;
 mod export;
 mod fetch;
 mod frames;
+pub mod help;
+mod init;
 mod logging;
 mod mount_check;
 #[cfg(not(feature = "upload"))]
 mod no_upload;
 mod orient;
+mod pages;
 mod plan;
 mod prune;
 mod report;
@@ -38,7 +41,7 @@ use std::ffi::OsString;
 use std::path::Path;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::installation::{self, Fault, Installation};
 use crate::store::layout;
@@ -63,56 +66,63 @@ enum Command {
     #[cfg(feature = "gphoto")]
     #[command(hide = true)]
     CameraChild,
-    /// Take pictures with the configured camera, without the recorder
+    /// Pictures by the configured camera, without the recorder
     CameraTest(camera_test::Args),
-    /// A bundled flight of 8.5 hours through the real daemon: ends with a store and a report
+    /// A bundled flight through the real recorder: a store and a report
     Demo(demo::Args),
-    /// Record series and solve them until told to stop
+    /// The recorder: series of frames, solved until told to stop
     Run(run::Args),
-    /// Validate configuration, installation and store, and open the camera if there is one
+    /// A configuration, an installation and a board to fill in
+    Init(init::Args),
+    /// Every fault of configuration, installation, store and camera
     Check(check::Args),
     /// Interior orientation from pictures of a board
     Calibrate(calibrate::Args),
-    /// A camera from and to the files of OpenCV, ROS, Kalibr and mrcal
+    /// A camera from and to OpenCV, ROS, Kalibr and mrcal
     Convert(convert::Args),
-    /// How far the camera moved between frames of a scene at rest
+    /// How far the camera moved between frames taken on ground
     MountCheck(mount_check::Args),
-    /// Find markers in images
+    /// Markers in images
     Detect(detect::Args),
-    /// Find the camera's attitude from ground frames and write orientation.toml
+    /// The camera's attitude from ground frames: orientation.toml
     Orient(orient::Args),
-    /// Resolution, depth of field and predicted uncertainty of an installation
+    /// Resolution and predicted standard deviations
     Plan(plan::Args),
-    /// Solve bending, torsion and positions, one result per image
+    /// Bending, torsion and positions, one result per image
     Solve(solve::Args),
-    /// Write a flight's figures and tables as one HTML file
+    /// A flight's figures and tables as one HTML file
     Report(report::Args),
-    /// Check every checksum and every invariant of a store
+    /// Every checksum and every invariant of a store
     Verify(verify::Args),
-    /// What changed between two solves of a store, or between two stores
+    /// What changed between two solves, or between two stores
     Compare(compare::Args),
-    /// A store's flights to another directory, disk or stick: goes on where it ended, checked at the end
+    /// A store's flights to another disk, resumed and read back
     Copy(copy::Args),
-    /// The same from the page that a recorder or `wingd serve` shows
+    /// The same from the page of a recorder or of `wingd serve`
     Fetch(fetch::Args),
-    /// Flights into an object store, for many aircraft (not in the program on board)
+    /// Flights into an object store (not in the program on board)
     Upload(upload::Args),
-    /// Delete flights of which a verified copy holds every byte
+    /// Delete flights of which a copy holds every byte
     Prune(prune::Args),
-    /// Ask the running daemon how it is
+    /// Ask the running recorder how it is
     Status(status::StatusArgs),
-    /// Ask the running daemon for an extra series
+    /// Ask the running recorder for an extra series
     Trigger(status::TriggerArgs),
-    /// Export a store's results for other tools
+    /// A store's results as CSV, Parquet, VTK or JSON lines
     Export(export::Args),
-    /// Take a table of the aircraft's own data into a flight
+    /// A table of the aircraft's own data into a flight
     AircraftData(aircraft_data::Args),
-    /// Bending moments against ground from the curvature: extremes, cycles, relative damage
+    /// Bending moments from the curvature: extremes, cycles, damage
     Stress(stress::Args),
-    /// Serve the download page for a store, without the daemon
+    /// The page of a store: flights, frames, downloads
     Serve(serve::Args),
-    /// Render frames of a wing with known truth
+    /// Frames of a wing, or pictures of a board, with known truth
     Simulate(simulate::Args),
+    /// Completions for a shell: bash, zsh, fish, elvish, powershell
+    Completions(pages::CompletionsArgs),
+    /// Write man pages into a directory, for the package
+    #[command(hide = true)]
+    Man(pages::ManArgs),
 }
 
 /// How a command ends when it did not end well.
@@ -154,7 +164,8 @@ impl Done {
 
 /// Parses the arguments and runs the command; the exit status is that of docs/interface.md.
 pub fn main() -> ExitCode {
-    let arguments = Arguments::parse_from(joined(std::env::args_os()));
+    let matches = help::dress(Arguments::command()).get_matches_from(joined(std::env::args_os()));
+    let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let outcome = match arguments.command {
         #[cfg(feature = "gphoto")]
         Command::CameraChild => camera_child::run(),
@@ -183,6 +194,9 @@ pub fn main() -> ExitCode {
         Command::Stress(args) => stress::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Simulate(args) => simulate::run(&args),
+        Command::Init(args) => init::run(&args),
+        Command::Completions(args) => pages::completions(&args),
+        Command::Man(args) => pages::man(&args),
     };
     match outcome {
         Ok(Done::All) => ExitCode::SUCCESS,

@@ -1,6 +1,6 @@
 //! Rendered boards: how far off the camera is, and whether its standard deviations say so.
 
-use nalgebra::{Matrix3, Rotation3, Unit, Vector2, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
 use wingd::measure::calibrate::{Board, BoardPoint, Calibration, View, calibrate};
 use wingd::measure::geometry::Lens;
@@ -38,43 +38,8 @@ fn lens(camera: &Camera, random: &mut Random) -> Lens {
     }
 }
 
-/// A board at 4 to 6 m, tilted by 20 to 40 degrees, about in its cell of four by four; wholly in the picture.
 fn picture(lens: &Lens, k: usize, bow_m: [f64; 2], random: &mut Random) -> BoardPicture {
-    loop {
-        let azimuth = random.between(0.0, std::f64::consts::TAU);
-        let axis = Unit::new_normalize(Vector3::new(azimuth.cos(), azimuth.sin(), 0.0));
-        let tilt = random.between(20f64.to_radians(), 40f64.to_radians());
-        let camera_from_board = Rotation3::from_axis_angle(&axis, tilt)
-            * Rotation3::from_axis_angle(&Vector3::z_axis(), random.between(-0.25, 0.25));
-        let mut cell = |k: usize| (k as f64 + random.unit()) / 4.0;
-        let at = Vector2::new(cell(k % 4) * f64::from(lens.width), cell(k / 4 % 4) * f64::from(lens.height));
-        let middle = lens.ray(&at).unwrap().normalize() * random.between(4.0, 6.0);
-        let half = Vector3::new((COLUMNS - 1) as f64, (ROWS - 1) as f64, 0.0) * SQUARE_M / 2.0;
-        let found = BoardPicture {
-            lens: *lens,
-            corners: (COLUMNS, ROWS),
-            square_m: SQUARE_M,
-            bow_m,
-            camera_from_board,
-            origin_m: middle - camera_from_board * half,
-            blur_px: 0.7,
-            noise: 1.5,
-            pane: None,
-        };
-        let edge = |n: usize| [-1.7 * SQUARE_M, (n as f64 + 0.7) * SQUARE_M];
-        let inside = edge(COLUMNS).iter().all(|x| {
-            edge(ROWS)
-                .iter()
-                .all(|y| lens.project(&found.point(&Vector2::new(*x, *y))).is_some_and(|p| lens.contains(&p)))
-        });
-        if inside {
-            return found;
-        }
-        // In a cell at the border a large board may not fit: after some fifty tries another cell.
-        if random.unit() < 0.02 {
-            return picture(lens, k + 5, bow_m, random);
-        }
-    }
+    BoardPicture::held(lens, (COLUMNS, ROWS), SQUARE_M, bow_m, k, random)
 }
 
 struct Outcome {

@@ -20,6 +20,7 @@ mod mount_check_command;
 mod mutations;
 mod other_pictures;
 mod output;
+mod pages;
 mod plan_command;
 mod power_fails;
 mod power_of_the_seat;

@@ -1,5 +1,6 @@
 //! `wingd simulate`: frames of a wing with known truth.
 
+mod boards;
 mod writer;
 
 use std::path::PathBuf;
@@ -12,7 +13,7 @@ use crate::measure::render::{Light, Options, Random, Scene, Shot, Side};
 use crate::measure::setup::{Orientation, Setup};
 use writer::{SetFrame, write_set};
 
-/// Render frames of a wing with known truth
+/// Frames of a wing, or pictures of a board, with known truth
 #[derive(clap::Args)]
 pub struct Args {
     /// Folder for installation/, frames/ and truth.json
@@ -34,6 +35,8 @@ pub struct Args {
     wing: WingArgs,
     #[command(flatten)]
     picture: PictureArgs,
+    #[command(flatten)]
+    board: BoardArgs,
     /// Markers missing in each flight frame
     #[arg(long, default_value_t = 0, value_name = "N")]
     hide: usize,
@@ -43,6 +46,18 @@ pub struct Args {
     /// The camera is mounted anew before this flight frame, counted from 1
     #[arg(long, value_name = "N")]
     remount: Option<usize>,
+}
+
+/// Pictures of a board by the same camera
+#[derive(clap::Args)]
+#[command(next_help_heading = "Board")]
+struct BoardArgs {
+    /// Also pictures of this checkerboard, in board/
+    #[arg(long, value_name = "BOARD.toml")]
+    board: Option<PathBuf>,
+    /// How many
+    #[arg(long, default_value_t = 20, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=200))]
+    board_pictures: u16,
 }
 
 /// The random wing and its camera
@@ -130,6 +145,11 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         .map_err(|e| Failure::Undone(format!("{e:#}")))?;
     bar.finish_and_clear();
     print(&format!("{} frames with their truth in {}", frames.len(), args.output.display()))?;
+    if let Some(file) = &args.board.board {
+        let folder = args.output.join("board");
+        boards::write(&folder, file, &scene.setup.lens, usize::from(args.board.board_pictures), args.seed)?;
+        print(&format!("{} pictures of the board in {}", args.board.board_pictures, folder.display()))?;
+    }
     Ok(Done::All)
 }
 

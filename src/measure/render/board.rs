@@ -3,7 +3,7 @@
 //! Pixels are Gaussian means of the board's reflectance: near an edge of many samples, elsewhere of one.
 //! The places on the board are traced exactly at every eighth pixel of a row and interpolated cubically between.
 
-use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
+use nalgebra::{Matrix2, Rotation3, Unit, Vector2, Vector3};
 
 use super::Random;
 use crate::measure::environment::Plate;
@@ -20,6 +20,17 @@ const REACH: f64 = 3.0;
 const GREY: [f64; 3] = [45.0, 205.0, 110.0];
 /// White rim around the squares, in squares.
 const RIM: f64 = 0.7;
+
+/// How a board is held for a calibration: so many times as far away as where it would fill the picture, and tilted so
+/// much, degrees.
+const DISTANCE: [f64; 2] = [1.8, 2.7];
+const TILT_DEG: [f64; 2] = [20.0, 40.0];
+/// How far it is turned in its own plane, rad.
+const TURN: f64 = 0.25;
+/// The picture is covered in cells, so many along each side.
+const CELLS: usize = 4;
+/// From the outermost corners to the board's edge, in squares.
+const EDGE: f64 = 1.7;
 
 /// A checkerboard in front of a camera.
 #[derive(Clone, Debug)]
@@ -45,6 +56,59 @@ pub struct BoardPicture {
 }
 
 impl BoardPicture {
+    /// The `k`-th picture of a calibration: tilted, about in its cell of the picture, wholly visible.
+    pub fn held(
+        lens: &Lens,
+        corners: (usize, usize),
+        square_m: f64,
+        bow_m: [f64; 2],
+        k: usize,
+        random: &mut Random,
+    ) -> Self {
+        let side = |n: usize| (n as f64 - 1.0 + 2.0 * EDGE) * square_m;
+        let across_m = side(corners.0) * lens.fx / f64::from(lens.width);
+        let filling_m = across_m.max(side(corners.1) * lens.fy / f64::from(lens.height));
+        loop {
+            let azimuth = random.between(0.0, std::f64::consts::TAU);
+            let axis = Unit::new_normalize(Vector3::new(azimuth.cos(), azimuth.sin(), 0.0));
+            let tilt = random.between(TILT_DEG[0].to_radians(), TILT_DEG[1].to_radians());
+            let camera_from_board = Rotation3::from_axis_angle(&axis, tilt)
+                * Rotation3::from_axis_angle(&Vector3::z_axis(), random.between(-TURN, TURN));
+            let mut cell = |k: usize| (k as f64 + random.unit()) / CELLS as f64;
+            let (u, v) = (cell(k % CELLS), cell(k / CELLS % CELLS));
+            let at = Vector2::new(u * f64::from(lens.width), v * f64::from(lens.height));
+            let distance_m = filling_m * random.between(DISTANCE[0], DISTANCE[1]);
+            let half = Vector3::new(corners.0 as f64 - 1.0, corners.1 as f64 - 1.0, 0.0) * square_m / 2.0;
+            let found = lens.ray(&at).ok().map(|ray| Self {
+                lens: *lens,
+                corners,
+                square_m,
+                bow_m,
+                camera_from_board,
+                origin_m: ray.normalize() * distance_m - camera_from_board * half,
+                blur_px: 0.7,
+                noise: 1.5,
+                pane: None,
+            });
+            if let Some(found) = found.filter(Self::is_whole) {
+                return found;
+            }
+            // In a cell at the border a large board may not fit: after some fifty tries another cell.
+            if random.unit() < 0.02 {
+                return Self::held(lens, corners, square_m, bow_m, k + CELLS + 1, random);
+            }
+        }
+    }
+
+    fn is_whole(&self) -> bool {
+        let edge = |n: usize| [-EDGE * self.square_m, (n as f64 + EDGE - 1.0) * self.square_m];
+        let (across, along) = (edge(self.corners.0), edge(self.corners.1));
+        let seen = |x: f64, y: f64| {
+            self.lens.project(&self.point(&Vector2::new(x, y))).is_some_and(|p| self.lens.contains(&p))
+        };
+        across.iter().all(|x| along.iter().all(|y| seen(*x, *y)))
+    }
+
     /// The point in the camera frame of a place on the board, m.
     pub fn point(&self, board_m: &Vector2<f64>) -> Vector3<f64> {
         let raised = Vector3::new(board_m.x, board_m.y, self.height_m(board_m));

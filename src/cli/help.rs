@@ -1,0 +1,117 @@
+//! What `wingd help` shows: the commands by what they are for, and examples of each.
+
+use clap::Command;
+
+/// The commands in the order of a campaign; each visible one stands in one group.
+const GROUPS: [(&str, &[&str]); 5] = [
+    (
+        "Prepare an aircraft",
+        &["init", "plan", "calibrate", "convert", "orient", "mount-check", "check", "camera-test"],
+    ),
+    ("Record in flight", &["run", "status", "trigger"]),
+    ("Evaluate", &["detect", "solve", "compare", "report", "export", "aircraft-data", "stress"]),
+    ("Keep and hand over", &["verify", "copy", "fetch", "serve", "upload", "prune"]),
+    ("Try and learn", &["demo", "simulate", "completions"]),
+];
+
+/// Examples by command. They run in the folder that the tutorial leaves (docs/tutorial.md), which a test does.
+pub const EXAMPLES: &[(&str, &[&str])] = &[
+    ("init", &["wingd init aircraft"]),
+    ("plan", &["wingd plan --installation installation --tip-lift 2.5 --figure plan.svg"]),
+    (
+        "calibrate",
+        &["wingd calibrate --board board.toml --output camera.toml --report calibration.html board/*.jpg"],
+    ),
+    ("convert", &["wingd convert installation/camera.toml wing.cameramodel"]),
+    ("orient", &["wingd orient --installation installation frames/ground.jpg"]),
+    ("mount-check", &["wingd mount-check --installation installation frames/ground.jpg frames/ground.jpg"]),
+    ("check", &["wingd check --config wingd.toml", "wingd check --installation installation"]),
+    ("camera-test", &["wingd camera-test --config wingd.toml --shots 2 --output look"]),
+    ("run", &["wingd run --config wingd.toml"]),
+    ("status", &["wingd status --config wingd.toml --json"]),
+    ("trigger", &["wingd trigger --config wingd.toml"]),
+    ("detect", &["wingd detect --installation installation --overlay drawn frames/ground.jpg"]),
+    (
+        "solve",
+        &[
+            "wingd solve --installation installation frames/flight-1.jpg",
+            "wingd solve --installation installation --flight --json frames/flight-*.jpg",
+            "wingd solve store",
+        ],
+    ),
+    ("compare", &["wingd compare store"]),
+    ("report", &["wingd report store --output report.html"]),
+    (
+        "export",
+        &[
+            "wingd export store --format csv --table span --output span.csv",
+            "wingd export store --format parquet --output markers.parquet",
+        ],
+    ),
+    ("aircraft-data", &["wingd aircraft-data store qar.csv --mapping mapping.toml --flight f0001"]),
+    ("stress", &["wingd stress store --structure structure.csv"]),
+    ("verify", &["wingd verify store"]),
+    ("copy", &["wingd copy store copy"]),
+    ("fetch", &["wingd fetch http://127.0.0.1:8080 copy"]),
+    ("serve", &["wingd serve store"]),
+    ("upload", &["wingd upload store --to file:///srv/wings --aircraft D-ABCD"]),
+    ("prune", &["wingd prune store --verified-copy copy --dry-run"]),
+    ("demo", &["wingd demo --output demo"]),
+    ("simulate", &["wingd simulate --output practice --seed 4 --tip-lifts 2.4,1.8 --board board.toml"]),
+    ("completions", &["wingd completions bash > wingd.bash"]),
+];
+
+/// Where the commands' descriptions begin, characters.
+const COLUMN: usize = 17;
+
+/// The command line with the commands in groups, and examples below the options of each.
+pub fn dress(mut command: Command) -> Command {
+    let groups = listing(&command);
+    for (name, lines) in EXAMPLES {
+        let found = command.find_subcommand(name).is_some();
+        if found {
+            let heading = if lines.len() == 1 { "Example:" } else { "Examples:" };
+            let text = format!("{heading}\n  {}", lines.join("\n  "));
+            command = command.mut_subcommand(name, |c| c.after_help(text));
+        }
+    }
+    command.help_template(format!(
+        "{{about}}\n\n{{usage-heading}} {{usage}}\n\n{groups}Options:\n{{options}}{{after-help}}"
+    ))
+}
+
+fn listing(command: &Command) -> String {
+    let mut text = String::new();
+    for (heading, names) in GROUPS {
+        text.push_str(&format!("{heading}:\n"));
+        for name in names {
+            let about = command.find_subcommand(name).and_then(Command::get_about);
+            if let Some(about) = about {
+                text.push_str(&format!("  {name:<width$}{about}\n", width = COLUMN - 2));
+            }
+        }
+        text.push('\n');
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn every_command_stands_in_one_group_has_an_example_and_fits_a_terminal() {
+        let command = super::super::Arguments::command();
+        for known in command.get_subcommands().filter(|c| !c.is_hide_set()) {
+            let name = known.get_name();
+            let groups = GROUPS.iter().flat_map(|(_, names)| names.iter()).filter(|n| **n == name).count();
+            assert_eq!(groups, 1, "{name}");
+            assert!(EXAMPLES.iter().any(|(n, lines)| *n == name && !lines.is_empty()), "{name}");
+        }
+        let text = listing(&command);
+        assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
+        assert_eq!(text.lines().filter(|line| line.starts_with("  ")).count(), EXAMPLES.len());
+    }
+}
