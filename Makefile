@@ -9,7 +9,7 @@ DEMO_OUTPUT ?= demo-output
 # What the demonstration needs: no cameras but replay, no AprilGrid, no Parquet.
 DEMO_FEATURES := --no-default-features
 
-.PHONY: help demo test test-mutations check lint bench compare package package-aarch64 test-machine test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
+.PHONY: help demo test test-mutations check lint bench compare docs package package-aarch64 test-machine test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
@@ -18,6 +18,7 @@ help:
 	@echo 'make test-mutations  10,000 mutated installations, frames, measurements, configurations'
 	@echo 'make check         format, lints, unit tests and layers: what usually breaks, in a minute after a change'
 	@echo 'make bench         the figures of docs/performance.md'
+	@echo 'make docs          all pages as a book: target/book/index.html'
 	@echo 'make compare BASE=revision  what detects otherwise than at that revision (QUICK=1, TOLERANCE; tests/compare)'
 	@echo 'make package       a Debian package in target/package'
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
@@ -53,6 +54,15 @@ build: dependencies
 
 bench: build
 	sh benches/run.sh
+
+# mdBook, built once.
+MDBOOK := target/mdbook/bin/mdbook
+docs: $(MDBOOK)
+	$(MDBOOK) build docs
+	@echo target/book/index.html
+
+$(MDBOOK):
+	$(CARGO) install --quiet --locked --root target/mdbook mdbook --version 0.5.4
 
 # Builds both programs itself. QUICK, TOLERANCE, SETS: see tests/compare/README.md.
 compare: dependencies

@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::{Done, Failure, print};
+use serde_json::json;
+
+use super::{Done, Failure, frames, print};
 use crate::camera::section::CameraSection;
 use crate::clock::System;
 use crate::config::{self, Config};
@@ -24,6 +26,9 @@ pub struct Args {
     /// Leave the camera alone
     #[arg(long)]
     no_camera: bool,
+    /// One JSON object: ok, found, faults
+    #[arg(long)]
+    json: bool,
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
@@ -32,23 +37,55 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         check_installation(directory, false, &mut said, &mut faults);
     }
     if let Some(file) = &args.config {
-        let config = config::load(file)?;
-        said.push(format!("configuration  {}", file.display()));
-        match &config.installation {
-            Some(directory) => check_installation(directory, true, &mut said, &mut faults),
-            None => said.push("installation   none configured: frames are recorded, not solved".into()),
+        match config::load(file) {
+            Ok(config) => check_configuration(args, file, &config, &mut said, &mut faults),
+            Err(found) => faults.extend(found),
         }
-        check_store(&config, file, &mut said, &mut faults);
-        if !args.no_camera {
-            check_camera(&config, file, &mut said, &mut faults);
-        }
-        said.extend(cabin(&config, Path::new(machine::SYS)));
+    }
+    if args.json {
+        return as_json(&said, &faults);
     }
     if !said.is_empty() {
         print(&said.join("\n"))?;
     }
     if faults.is_empty() { Ok(Done::All) } else { Err(Failure::Faults(faults)) }
 }
+
+fn check_configuration(
+    args: &Args,
+    file: &Path,
+    config: &Config,
+    said: &mut Vec<String>,
+    faults: &mut Vec<Fault>,
+) {
+    said.push(format!("configuration  {}", file.display()));
+    match &config.installation {
+        Some(directory) => check_installation(directory, true, said, faults),
+        None => said.push("installation   none configured: frames are recorded, not solved".into()),
+    }
+    check_store(config, file, said, faults);
+    if !args.no_camera {
+        check_camera(config, file, said, faults);
+    }
+    said.extend(cabin(config, Path::new(machine::SYS)));
+}
+
+/// `found`: what was looked at and how it is, by the word that begins its line.
+fn as_json(said: &[String], faults: &[Fault]) -> Result<Done, Failure> {
+    let split = |line: &String| {
+        let (what, how) = line.split_at_checked(COLUMN).unwrap_or((line, ""));
+        (what.trim().to_owned(), serde_json::Value::from(how))
+    };
+    let found: serde_json::Map<_, _> = said.iter().map(split).collect();
+    let fault = |f: &Fault| json!({"file": f.file, "place": f.place, "problem": f.problem, "mend": f.mend});
+    let faults: Vec<_> = faults.iter().map(fault).collect();
+    let ok = faults.is_empty();
+    print(&json!({"ok": ok, "found": found, "faults": faults}).to_string())?;
+    if ok { Ok(Done::All) } else { Err(Failure::Said) }
+}
+
+/// Where what was found begins in a line, characters.
+const COLUMN: usize = 15;
 
 /// What the rules of the cabin ask: transmitters, heat, supply, how long a stop takes. No fault: the operator decides.
 fn cabin(config: &Config, sys: &Path) -> Vec<String> {
@@ -109,7 +146,9 @@ fn check_store(config: &Config, file: &std::path::Path, said: &mut Vec<String>, 
         }
         return;
     }
+    let busy = frames::busy("verifying the store");
     let report = verify::verify(&RealDisk, path);
+    drop(busy);
     let found: Vec<Fault> = report
         .faults
         .iter()
@@ -136,7 +175,7 @@ fn check_camera(config: &Config, file: &std::path::Path, said: &mut Vec<String>,
             let mend = if matches!(config.camera, CameraSection::Replay(_)) {
                 "name a folder or a list with pictures"
             } else {
-                "see docs/operations.md, or check without it: --no-camera"
+                "see docs/operations/camera.md, or check without it: --no-camera"
             };
             faults.push(fault(file, "camera", error.to_string(), mend));
         }

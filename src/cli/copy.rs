@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::solve_store::flights;
-use super::{Done, Failure, print};
+use super::{Done, Failure, frames, print};
 use crate::store::bundle::{self, Content};
 use crate::store::receive::{Listing, Receiver};
 use crate::store::verify::Report;
@@ -20,6 +20,9 @@ pub struct Args {
     /// One flight, for example f0001 [default: all of them]
     #[arg(long)]
     flight: Option<String>,
+    /// What the copy holds, as one JSON object
+    #[arg(long)]
+    json: bool,
 }
 
 fn undone(error: StoreError) -> Failure {
@@ -33,9 +36,15 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     for flight in &flights {
         copy(&disk, &args.store, flight, &receiver, false).map_err(undone)?;
     }
-    let report = receiver.finish().map_err(undone)?;
+    let report = read_back(receiver).map_err(undone)?;
     let report = if report.is_sound() { report } else { again(args, &disk, &flights)? };
-    ended(&report, &args.directory)
+    ended(&report, &args.directory, args.json)
+}
+
+/// All of the copy, read from its disk.
+pub(super) fn read_back(receiver: Receiver) -> Result<Report, StoreError> {
+    let _busy = frames::busy("reading back");
+    receiver.finish()
 }
 
 /// What lies there damaged is copied anew, once.
@@ -44,7 +53,7 @@ fn again(args: &Args, disk: &dyn Disk, flights: &[FlightRef]) -> Result<Report, 
     for flight in flights {
         copy(disk, &args.store, flight, &receiver, true).map_err(undone)?;
     }
-    receiver.finish().map_err(undone)
+    read_back(receiver).map_err(undone)
 }
 
 fn copy(
@@ -88,7 +97,11 @@ pub(super) fn bar(bytes: u64, what: &str) -> indicatif::ProgressBar {
 }
 
 /// What the copy is, after all of it was read back.
-pub(super) fn ended(report: &Report, directory: &Path) -> Result<Done, Failure> {
+pub(super) fn ended(report: &Report, directory: &Path, json: bool) -> Result<Done, Failure> {
+    if json {
+        print(&serde_json::to_string(report).unwrap_or_default())?;
+        return Ok(Done::all(report.is_sound()));
+    }
     for fault in &report.faults {
         eprintln!("wingd: invariant {}: {}: {}", fault.invariant, fault.path.display(), fault.what);
     }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::copy::{bar, ended};
+use super::copy::{bar, ended, read_back};
 use super::{Done, Failure};
 use crate::http::access;
 use crate::http::client::Client;
@@ -28,6 +28,9 @@ pub struct Args {
     /// The certificate that the page must show (PEM), for https://
     #[arg(long, value_name = "FILE")]
     certificate: Option<PathBuf>,
+    /// What the copy holds, as one JSON object
+    #[arg(long)]
+    json: bool,
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
@@ -47,7 +50,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     };
     let report = fetch_all(args, &mut client, &flights, false)?;
     let report = if report.is_sound() { report } else { fetch_all(args, &mut client, &flights, true)? };
-    ended(&report, &args.directory)
+    ended(&report, &args.directory, args.json)
 }
 
 fn fetch_all(
@@ -67,7 +70,7 @@ fn fetch_all(
         fetch::flight(client, &receiver, flight, thorough, &mut progress).map_err(|e| undone(args, e))?;
         bar.finish_and_clear();
     }
-    receiver.finish().map_err(store)
+    read_back(receiver).map_err(store)
 }
 
 fn undone(args: &Args, error: fetch::FetchError) -> Failure {

@@ -24,6 +24,26 @@ pub fn progress(total: usize, what: &str) -> indicatif::ProgressBar {
     bar
 }
 
+/// What takes its time, with the time it took so far, on standard error; gone when dropped. Silent where that is no
+/// terminal.
+#[must_use]
+pub fn busy(what: &str) -> Busy {
+    let style = indicatif::ProgressStyle::with_template("{msg} {elapsed}");
+    let bar = indicatif::ProgressBar::new_spinner().with_message(what.to_owned());
+    bar.set_style(style.unwrap_or_else(|_| indicatif::ProgressStyle::default_spinner()));
+    bar.enable_steady_tick(Duration::from_secs(1));
+    Busy(bar)
+}
+
+/// See [`busy`].
+pub struct Busy(indicatif::ProgressBar);
+
+impl Drop for Busy {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
+}
+
 /// Runs `work` over the files, `jobs` at a time (0: the cores); results in the files' order. A file
 /// that cannot be read reaches `work` as the reason, a sentence with the mend.
 pub fn map<T: Send>(

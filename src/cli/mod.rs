@@ -134,6 +134,8 @@ pub enum Failure {
     Usage(String),
     /// Configuration or installation at fault. Exit status 78.
     Faults(Vec<Fault>),
+    /// The same, where standard output has said it. Exit status 78.
+    Said,
 }
 
 impl From<Vec<Fault>> for Failure {
@@ -239,6 +241,7 @@ fn complain(failure: &Failure) -> ExitCode {
             eprintln!("wingd: {} fault{plural} to mend", faults.len());
             ExitCode::from(78)
         }
+        Failure::Said => ExitCode::from(78),
     }
 }
 

@@ -3,8 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use serde_json::json;
+
 use super::solve_store::flights;
-use super::{Done, Failure, print};
+use super::{Done, Failure, frames, print};
 use crate::store::prune::{Proof, prove};
 use crate::store::{RealDisk, Store, StoreConfig, StoreError};
 
@@ -25,6 +27,9 @@ pub struct Args {
     /// Say what would be deleted, and delete nothing
     #[arg(long)]
     dry_run: bool,
+    /// One JSON object per flight: flight, deleted, bytes, reason
+    #[arg(long)]
+    json: bool,
 }
 
 fn undone(error: StoreError) -> Failure {
@@ -39,25 +44,39 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let store = if args.dry_run { None } else { Some(open(&args.store)?) };
     let (mut freed, mut stay) = (0, 0);
     for flight in &flights {
+        let busy = frames::busy("reading the copy");
         let proof = match &store {
             Some(store) => store.prune(flight, &args.verified_copy),
             None => prove(&RealDisk, &args.store, flight, &args.verified_copy),
         };
-        match proof.map_err(undone)? {
-            Proof::Copied { bytes, .. } => {
-                freed += bytes;
-                let done = if args.dry_run { "would be deleted" } else { "deleted" };
-                print(&format!("{}  {done}, {:.1} MB", flight.id, bytes as f64 / 1e6))?;
-            }
-            Proof::Stays(why) => {
-                stay += 1;
-                print(&format!("{}  stays: {why}", flight.id))?;
-            }
-        }
+        drop(busy);
+        let (bytes, why) = match proof.map_err(undone)? {
+            Proof::Copied { bytes, .. } => (bytes, None),
+            Proof::Stays(why) => (0, Some(why)),
+        };
+        freed += bytes;
+        stay += usize::from(why.is_some());
+        print(&line(args, &flight.id, bytes, why))?;
+    }
+    if args.json {
+        return Ok(Done::all(stay == 0));
     }
     let free = if args.dry_run { "would be free" } else { "freed" };
     print(&format!("{:.1} MB {free}; {stay} flights stay for want of proof", freed as f64 / 1e6))?;
     Ok(Done::all(stay == 0))
+}
+
+/// What became of a flight; `why` it stays.
+fn line(args: &Args, flight: &str, bytes: u64, why: Option<String>) -> String {
+    if args.json {
+        let deleted = why.is_none() && !args.dry_run;
+        return json!({"flight": flight, "deleted": deleted, "bytes": bytes, "reason": why}).to_string();
+    }
+    match why {
+        Some(why) => format!("{flight}  stays: {why}"),
+        None if args.dry_run => format!("{flight}  would be deleted, {:.1} MB", bytes as f64 / 1e6),
+        None => format!("{flight}  deleted, {:.1} MB", bytes as f64 / 1e6),
+    }
 }
 
 fn open(root: &Path) -> Result<Store, Failure> {

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::{Done, Failure, print};
+use super::{Done, Failure, frames, print};
 use crate::installation;
 use crate::report::source::{self, Choice};
 use crate::report::{html, overview, summary, table};
@@ -38,7 +38,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let installation = installation.transpose()?;
     let setup = installation.as_ref().map(|i| &i.setup);
     let choice = Choice { flight: args.flight.as_deref(), inputs: args.inputs.as_deref() };
+    let busy = frames::busy("reading the store");
     let data = source::flight(&args.store, choice, setup).map_err(|e| Failure::Undone(e.to_string()))?;
+    drop(busy);
     for note in data.warnings.iter().chain(&data.notes) {
         eprintln!("wingd: {note}");
     }

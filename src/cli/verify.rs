@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::{Done, Failure, print};
+use super::{Done, Failure, frames, print};
 use crate::installation;
 use crate::store::signing::PublicKey;
 use crate::store::verify::{Report, verify, verify_signed};
@@ -39,10 +39,12 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         upgrade(args)?;
     }
     let key = args.key.as_deref().map(PublicKey::read).transpose();
+    let busy = frames::busy("verifying");
     let report = match key.map_err(|error| Failure::Undone(error.to_string()))? {
         Some(key) => verify_signed(&RealDisk, &args.store, &key),
         None => verify(&RealDisk, &args.store),
     };
+    drop(busy);
     if args.json {
         print(&serde_json::to_string(&report).unwrap_or_default())?;
     } else {

@@ -23,7 +23,7 @@ mod with_rustls {
     }
 
     fn certificates(file: &Path) -> Result<Vec<CertificateDer<'static>>, Complaint> {
-        let mend = "give a certificate in PEM; docs/operations.md says how to make one";
+        let mend = "give a certificate in PEM; docs/operations/flights-to-the-desk.md says how to make one";
         let read = CertificateDer::pem_file_iter(file).and_then(Iterator::collect::<Result<Vec<_>, _>>);
         match read {
             Ok(all) if !all.is_empty() => Ok(all),

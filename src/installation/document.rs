@@ -23,7 +23,7 @@ pub(super) struct Parts {
 }
 
 pub(super) fn read(reader: &mut Reader) -> Option<Parts> {
-    let mend = "an installation is a directory with installation.toml; see docs/operations.md";
+    let mend = "an installation is a directory with installation.toml; see docs/interface.md";
     let (file, text) = reader.text(FILE, mend)?;
     let document: Document = parse_toml(reader, &file, &text)?;
     let lens = camera::read(reader, &document.camera.calibration);
@@ -79,7 +79,7 @@ pub(super) fn parse_toml<T: serde::de::DeserializeOwned>(
         Ok(value) => Some(value),
         Err(error) => {
             let fault =
-                super::toml_fault(file, text, &error, "correct it as docs/operations.md describes the key");
+                super::toml_fault(file, text, &error, "correct it as docs/interface.md describes the key");
             reader.faults.push(fault);
             None
         }

@@ -111,3 +111,16 @@ fn a_store_of_which_only_a_part_can_be_written_is_named() {
     assert!(parts.iter().any(|part| said.contains(&format!("store/{part} cannot"))), "{said}");
     set("store/incoming", 0o755);
 }
+
+#[test]
+fn faults_are_one_json_object_where_asked_for() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = configuration(directory.path(), "~/store");
+    let output = wingd().args(["check", "--json", "--config"]).arg(&file).output().unwrap();
+    assert_eq!(output.status.code(), Some(78));
+    assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+    let said: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let fault = &said["faults"][0];
+    assert_eq!((&said["ok"], fault["file"].as_str()), (&false.into(), file.to_str()), "{said}");
+    assert!(["place", "problem", "mend"].iter().all(|key| fault[key].as_str().is_some()), "{said}");
+}

@@ -140,6 +140,19 @@ fn every_command_of_the_pages_runs_where_the_tutorial_ends() {
     let (page, text) = pages.iter().find(|(page, _)| is_tutorial(page)).unwrap();
     blocks(text).iter().for_each(|block| follow_block(page, block, &tutorial));
     assert!(tutorial.join("report.html").exists());
+    // What a user has filled in stays.
+    let again = shell(&tutorial, "wingd init && wingd check --config wingd.toml --json");
+    let said = String::from_utf8(again.stdout).unwrap();
+    assert!(said.contains("wingd.toml  is there already, left as it is"), "{said}");
+    let checked: serde_json::Value = serde_json::from_str(said.lines().last().unwrap()).unwrap();
+    assert_eq!((&checked["ok"], checked["faults"].as_array().unwrap().len()), (&true.into(), 0), "{said}");
+    assert!(checked["found"]["installation"].as_str().unwrap().contains("24 markers"), "{said}");
+    let copied_away =
+        "wingd copy store away --json && wingd prune store --verified-copy away --keep 0 --dry-run --json";
+    let said = String::from_utf8(shell(&tutorial, copied_away).stdout).unwrap();
+    let objects: Vec<serde_json::Value> = said.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    assert_eq!((&objects[0]["flights"], &objects[1]["flight"]), (&1.into(), &"f0001".into()), "{said}");
+    assert_eq!((&objects[1]["deleted"], &objects[1]["reason"]), (&false.into(), &().into()), "{said}");
     let inputs = ["docs/stress.md", "docs/aircraft-data.md"];
     let examples = folder.path().join("examples");
     copied(&tutorial, &examples);
@@ -234,37 +247,38 @@ fn names_of_tests(binary: Option<&str>) -> String {
     text
 }
 
+/// What a command line of a page names that is not there; `None` where all is.
+fn missing(line: &str, makefile: &str) -> Option<String> {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    match words.as_slice() {
+        ["make", target, ..] if target.chars().all(|c| c.is_ascii_lowercase() || c == '-') => {
+            let known = makefile.lines().any(|l| l.starts_with(&format!("{target}:")));
+            (!known).then(|| "no such target".to_owned())
+        }
+        ["cargo", "test", rest @ ..] => {
+            let after = |flag: &str| rest.iter().skip_while(|w| **w != flag).nth(1).copied();
+            let filter = after("--").filter(|w| !w.starts_with("--")).unwrap_or_default();
+            let names = names_of_tests(after("--test").filter(|b| *b != "layers"));
+            let known = |part: &str| {
+                let mut heads = names.lines().map(str::trim_start);
+                heads.any(|l| (l.starts_with("fn ") || l.starts_with("mod ")) && l.contains(part))
+            };
+            let unknown = filter.split("::").find(|part| !part.is_empty() && !known(part));
+            unknown.map(|part| format!("no test is called {part}"))
+        }
+        _ => None,
+    }
+}
+
 #[test]
 fn tests_and_targets_that_the_pages_name_exist() {
     let makefile = std::fs::read_to_string(Path::new(ROOT).join("Makefile")).unwrap();
     let mut wrong = vec![];
     for (page, text) in pages() {
-        for line in code(&text) {
-            let words: Vec<&str> = line.split_whitespace().collect();
-            match words.as_slice() {
-                ["make", target, ..] if target.chars().all(|c| c.is_ascii_lowercase() || c == '-') => {
-                    if !makefile.lines().any(|l| l.starts_with(&format!("{target}:"))) {
-                        wrong.push(format!("{page}: `{line}`: no such target"));
-                    }
-                }
-                ["cargo", "test", rest @ ..] => {
-                    let after = |flag: &str| rest.iter().skip_while(|w| **w != flag).nth(1).copied();
-                    let binary = after("--test");
-                    let filter = after("--").filter(|w| !w.starts_with("--"));
-                    let names = names_of_tests(binary.filter(|b| *b != "layers"));
-                    for part in filter.unwrap_or_default().split("::").filter(|part| !part.is_empty()) {
-                        let known = names.lines().any(|l| {
-                            let l = l.trim_start();
-                            (l.starts_with("fn ") || l.starts_with("mod ")) && l.contains(part)
-                        });
-                        if !known {
-                            wrong.push(format!("{page}: `{line}`: no test is called {part}"));
-                        }
-                    }
-                }
-                _ => {}
-            }
-        }
+        let lines = code(&text).into_iter();
+        wrong.extend(
+            lines.filter_map(|l| missing(&l, &makefile).map(|what| format!("{page}: `{l}`: {what}"))),
+        );
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
@@ -323,18 +337,21 @@ fn no_page_and_no_paragraph_is_too_long_to_read() {
             wrong.push(format!("{page}: {words} words"));
         }
         let mut inside = false;
-        let mut paragraph: Vec<&str> = vec![];
+        let mut words = 0;
         for (number, line) in text.lines().chain([""]).enumerate() {
-            inside ^= line.trim_start().starts_with("```");
-            let alone = ["|", "#", "-", "*", "```"].iter().any(|mark| line.trim_start().starts_with(mark));
-            if inside || line.trim().is_empty() || alone {
-                if paragraph.len() > LONGEST_PARAGRAPH {
-                    wrong.push(format!("{page}:{number}: a paragraph of {} words", paragraph.len()));
+            let line = line.trim_start();
+            inside ^= line.starts_with("```");
+            let item = |l: &str| l.trim_start_matches(|c: char| c.is_ascii_digit()).starts_with(". ");
+            let aside =
+                inside || line.is_empty() || ["|", "#", "```"].iter().any(|mark| line.starts_with(mark));
+            let begins = aside || line.starts_with("- ") || line.starts_with("* ") || item(line);
+            if begins {
+                if words > LONGEST_PARAGRAPH {
+                    wrong.push(format!("{page}:{number}: a paragraph of {words} words"));
                 }
-                paragraph.clear();
-            } else {
-                paragraph.extend(line.split_whitespace());
+                words = 0;
             }
+            words += if aside { 0 } else { line.split_whitespace().count() };
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
