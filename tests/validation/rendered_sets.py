@@ -1,11 +1,12 @@
 """Rendered wings measured against their truth: the table of docs/validation/2026-11-rendered-sets.md.
 
-    python3 tests/validation/rendered_sets.py target/release/wingd FOLDER            # all sets of the page
-    python3 tests/validation/rendered_sets.py target/release/wingd FOLDER 51 85      # some of them
-    python3 tests/validation/rendered_sets.py target/release/wingd FOLDER fixtures/dev
+    python3 tests/validation/rendered_sets.py target/release/wingd FOLDER               # those of the page
+    python3 tests/validation/rendered_sets.py target/release/wingd FOLDER all           # all of rendered_sets.txt
+    python3 tests/validation/rendered_sets.py target/release/wingd FOLDER 51 fixtures/dev
 
-A set is a number of SETS, rendered below FOLDER unless it is there already (half a minute and 7 MB each), or a directory with
-installation/, frames/ and truth.json. A line of the table per set, then the means. Nothing but Python and wingd is needed.
+A set is a number of rendered_sets.txt, rendered below FOLDER unless it is there already (half a minute and 7 MB each), or a
+directory with installation/, frames/ and truth.json. A line of the table per set, then the means. Nothing but Python and wingd
+is needed.
 """
 
 import json
@@ -19,33 +20,14 @@ from pathlib import Path
 
 LIGHTS = "plain,gradient,shadow,glare,dusk,backlight,haze"
 LIFTS = "2.8,2.4,2.1,1.8,1.2,0.6,-0.5"
-# Number, which is the seed, and options beside lights and lifts.
-SETS = {
-    "51": "",
-    "52": "",
-    "53": "",
-    "54": "",
-    "80": "",
-    "84": "--quality 60 --noise 4 --blur 1.2",
-    "85": "--quality 70 --noise 3 --blur 1.8",
-    "86": "--size 5184 3456",
-    "87": "--quality 75 --noise 5",
-    "89": "--quality 98 --noise 0.7",
-    "101": "--diameter 0.16 --quality 80",
-    "103": "--blur 2.0 --noise 2",
-    "104": "--motion 2 0.5 --quality 85",
-    "105": "--length 22 --camera-height 0.6",
-    "106": "--length 12 --side right",
-    "108": "--clutter 3 --noise 4 --quality 75",
-    "117": "--survey-sigma 0.005 --side left",
-    "119": "--hide 4 --motion 1 2",
-    "124": "--focal 3000 --camera-height 1.5",
-    "126": "--distortion 0.12 -0.05 0.01 -0.0005 0.0005 --quality 85",
-    "138": "--focal 3500 --blur 0.8 --diameter 0.25",
-    "201": "--lights glare",
-    "203": "--lights glare --length 12",
-    "205": "--lights glare --markers 26 --quadrants 16",
-}
+# Number -> options beside lights and lifts; the seed is the number, unless they say otherwise.
+SETS = {}
+PAGE = []
+for line in Path(__file__).with_suffix(".txt").read_text().splitlines():
+    number, *options = line.split()
+    if number.isdigit():
+        SETS[number] = [option for option in options if option != "*"]
+        PAGE += [number] if "*" in options else []
 # A detection farther from a marker's true image is not that marker's, px.
 NEAR = 5.0
 
@@ -58,9 +40,12 @@ def rendered(wingd, folder, number):
     """The directory of a set, rendered where it is not there."""
     directory = folder / number
     if not (directory / "truth.json").exists():
-        options = SETS[number].split()
-        lights = [] if "--lights" in options else ["--lights", LIGHTS]
-        subprocess.run([wingd, "simulate", "--output", directory, "--seed", number, "--tip-lifts", LIFTS, *lights, *options], check=True)
+        options = SETS[number]
+        usual = {"--seed": number, "--lights": LIGHTS, "--tip-lifts": LIFTS}
+        usual = [word for pair in usual.items() if pair[0] not in options for word in pair]
+        subprocess.run(
+            [wingd, "simulate", "--output", directory, *usual, *options], check=True, stdout=subprocess.DEVNULL
+        )
     return directory
 
 
@@ -104,7 +89,8 @@ def solved(wingd, installation, frames, truth, flight):
     """Positions across and up, mm rms, and lift errors over their standard deviations, rms."""
     options = ["--flight"] if flight else []
     across, up, lift = [], [], []
-    for frame, answer in zip(truth, answers(wingd, "solve", "--json", *options, "--installation", installation, *frames), strict=True):
+    found = answers(wingd, "solve", "--json", *options, "--installation", installation, *frames)
+    for frame, answer in zip(truth, found, strict=True):
         markers = {m["id"]: m for m in frame["markers"]}
         for m in answer.get("markers", []):
             true = markers.get(m.get("id"))
@@ -121,7 +107,10 @@ def solved(wingd, installation, frames, truth, flight):
 def figures(wingd, directory):
     """The figures of a set, in the order of the table."""
     frames = json.loads((directory / "truth.json").read_text())["frames"]
-    image = lambda frame: directory / "frames" / frame["image"]
+
+    def image(frame):
+        return directory / "frames" / frame["image"]
+
     with tempfile.TemporaryDirectory() as place:
         installation = shutil.copytree(directory / "installation", Path(place) / "installation")
         file = installation / "installation.toml"
@@ -132,7 +121,8 @@ def figures(wingd, directory):
         ground = [image(f) for f in frames if f["image"].startswith("ground")]
         subprocess.run([wingd, "orient", "--installation", installation, *ground], check=True, capture_output=True)
         tally = Tally()
-        for frame, answer in zip(frames, answers(wingd, "detect", "--json", "--installation", installation, *map(image, frames)), strict=True):
+        found = answers(wingd, "detect", "--json", "--installation", installation, *map(image, frames))
+        for frame, answer in zip(frames, found, strict=True):
             tally.add(frame, answer.get("markers", []))
         flight = [f for f in frames if not f["image"].startswith("ground")]
         one = solved(wingd, installation, map(image, flight), flight, False)
@@ -175,13 +165,15 @@ def main():
     if len(sys.argv) < 3:
         sys.exit(__doc__)
     wingd, folder = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
-    unknown = [name for name in sys.argv[3:] if name not in SETS and not (Path(name) / "truth.json").exists()]
+    names = sys.argv[3:] or ["fixtures/dev", "fixtures/demo", *PAGE]
+    names = list(SETS) if names == ["all"] else names
+    unknown = [name for name in names if name not in SETS and not (Path(name) / "truth.json").exists()]
     if unknown:
-        sys.exit(f"{unknown[0]} is neither one of the sets {' '.join(SETS)} nor a directory with truth.json")
+        sys.exit(f"{unknown[0]} is neither a set of rendered_sets.txt nor a directory with truth.json; give one of them")
     print("| set | " + " | ".join(name for name, _ in COLUMNS) + " |")
     print("|---" * (len(COLUMNS) + 1) + "|")
     all_values = []
-    for name in sys.argv[3:] or SETS:
+    for name in names:
         directory = rendered(wingd, folder, name) if name in SETS else Path(name)
         all_values.append(figures(wingd, directory))
         print(row(name, all_values[-1]), flush=True)
