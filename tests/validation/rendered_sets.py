@@ -16,6 +16,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 from pathlib import Path
 
 LIGHTS = "plain,gradient,shadow,glare,dusk,backlight,haze"
@@ -120,6 +121,9 @@ def figures(wingd, directory):
             file.write_text(re.sub(r"(?m)^(skin_height_m = .*)$", r"\1\nskin_height_sigma_m = 0.003", text))
         ground = [image(f) for f in frames if f["image"].startswith("ground")]
         subprocess.run([wingd, "orient", "--installation", installation, *ground], check=True, capture_output=True)
+        found = tomllib.loads((installation / "orientation.toml").read_text())["camera_from_survey"]
+        true = next(f for f in frames if f["image"].startswith("ground"))["camera_from_survey"]
+        trace = sum(a * b for row, other in zip(found, true, strict=True) for a, b in zip(row, other, strict=True))
         tally = Tally()
         found = answers(wingd, "detect", "--json", "--installation", installation, *map(image, frames))
         for frame, answer in zip(frames, found, strict=True):
@@ -136,6 +140,7 @@ def figures(wingd, directory):
         rms(tally.normalised),
         tally.extra / tally.frames,
         tally.wrong,
+        1e3 * math.acos(min(1.0, 0.5 * (trace - 1.0))),
         *one,
         *all_together[1:],
     ]
@@ -149,6 +154,7 @@ COLUMNS = [
     ("normalised", ".2f"),
     ("extra a frame", ".2f"),
     ("misidentified", ".0f"),
+    ("orientation mrad", ".2f"),
     ("one frame: horizontal mm", ".1f"),
     ("vertical mm", ".1f"),
     ("normalised lift", ".2f"),
