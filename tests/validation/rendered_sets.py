@@ -29,6 +29,7 @@ for line in Path(__file__).with_suffix(".txt").read_text().splitlines():
     if number.isdigit():
         SETS[number] = [option for option in options if option != "*"]
         PAGE += [number] if "*" in options else []
+FIXTURES = Path(__file__).parents[2] / "fixtures"
 # A detection farther from a marker's true image is not that marker's, px.
 NEAR = 5.0
 
@@ -44,9 +45,7 @@ def rendered(wingd, folder, number):
         options = SETS[number]
         usual = {"--seed": number, "--lights": LIGHTS, "--tip-lifts": LIFTS}
         usual = [word for pair in usual.items() if pair[0] not in options for word in pair]
-        subprocess.run(
-            [wingd, "simulate", "--output", directory, *usual, *options], check=True, stdout=subprocess.DEVNULL
-        )
+        answers(wingd, "simulate", "--output", directory, *usual, *options)
     return directory
 
 
@@ -54,7 +53,7 @@ def answers(wingd, *args):
     """The JSON lines of a command; exit status 1 says that some frame has no answer."""
     done = subprocess.run([wingd, *args], capture_output=True, text=True)
     if done.returncode not in (0, 1):
-        sys.exit(f"{' '.join(map(str, args[:2]))}: {done.stderr.strip()}")
+        sys.exit(f"wingd {' '.join(map(str, args))}: {done.stderr.strip()}")
     return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
 
 
@@ -120,7 +119,7 @@ def figures(wingd, directory):
         if "skin_height_sigma_m" not in text:
             file.write_text(re.sub(r"(?m)^(skin_height_m = .*)$", r"\1\nskin_height_sigma_m = 0.003", text))
         ground = [image(f) for f in frames if f["image"].startswith("ground")]
-        subprocess.run([wingd, "orient", "--installation", installation, *ground], check=True, capture_output=True)
+        answers(wingd, "orient", "--installation", installation, *ground)
         found = tomllib.loads((installation / "orientation.toml").read_text())["camera_from_survey"]
         true = next(f for f in frames if f["image"].startswith("ground"))["camera_from_survey"]
         trace = sum(a * b for row, other in zip(found, true, strict=True) for a, b in zip(row, other, strict=True))
@@ -171,18 +170,22 @@ def main():
     if len(sys.argv) < 3:
         sys.exit(__doc__)
     wingd, folder = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
-    names = sys.argv[3:] or ["fixtures/dev", "fixtures/demo", *PAGE]
+    if not wingd.is_file():
+        sys.exit(f"{wingd} is not there; build it by `make build`")
+    names = sys.argv[3:] or [*(str(FIXTURES / name) for name in ("dev", "demo")), *PAGE]
     names = list(SETS) if names == ["all"] else names
     unknown = [name for name in names if name not in SETS and not (Path(name) / "truth.json").exists()]
     if unknown:
-        sys.exit(f"{unknown[0]} is neither a set of rendered_sets.txt nor a directory with truth.json; give one of them")
+        sys.exit(
+            f"{unknown[0]} is neither a set of rendered_sets.txt nor a directory with truth.json; give one of them"
+        )
     print("| set | " + " | ".join(name for name, _ in COLUMNS) + " |")
     print("|---" * (len(COLUMNS) + 1) + "|")
     all_values = []
     for name in names:
         directory = rendered(wingd, folder, name) if name in SETS else Path(name)
         all_values.append(figures(wingd, directory))
-        print(row(name, all_values[-1]), flush=True)
+        print(row(directory.name, all_values[-1]), flush=True)
     print(row("mean", [sum(column) / len(column) for column in zip(*all_values, strict=True)]))
 
 
