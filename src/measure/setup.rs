@@ -179,7 +179,7 @@ pub struct Uncertainty {
 }
 
 impl Default for Uncertainty {
-    /// What holds where an installation says nothing (docs/adjustment.md has the reasons).
+    /// What holds where an installation says nothing (docs/adjustment/installation.md has the reasons).
     fn default() -> Self {
         Self {
             mount_shift_m: 0.002,

@@ -5,7 +5,7 @@ use crate::measure::setup::{Setup, Thermal};
 /// A term of the model, and how it is made known.
 type Term = (&'static str, fn(&mut Setup));
 
-/// In the order of `docs/adjustment.md`.
+/// In the order of `docs/adjustment/installation.md`.
 const TERMS: [Term; 8] = [
     ("height of the bending axis", |s| s.uncertainty.skin_height_m = 0.0),
     ("root offset", |s| s.uncertainty.root_offset_m = 0.0),

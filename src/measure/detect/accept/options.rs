@@ -11,7 +11,7 @@ pub struct VerdictOptions {
     /// Derived: a tenth of an edge's width.
     pub fringe_px: f64,
     /// The same where most of the fringe is left out, or measured. Normalised errors of 1626 discs in glare 0.99
-    /// and 0.96 (`docs/detection.md`).
+    /// and 0.96 (`docs/decisions/0014`).
     pub rest_of_fringe_px: f64,
     /// Semi-minor axis below which it shifts a disc less across, px: both edges lie in about the same light. Chosen
     /// with the last one.

@@ -12,7 +12,7 @@ pub struct MeasureOptions {
     /// it shows it. Chosen on the glare frames of 112 rendered sets.
     pub fringe: f64,
     /// What glare that changes across a disc too does to its place, px. Normalised error across of 43 discs 1.42 ->
-    /// 1.04 (`docs/detection.md`).
+    /// 1.04 (`docs/decisions/0014`).
     pub glare_px: f64,
     /// What an end that glare saturates does to a disc's place along its axis, px: twenty discs in 112 rendered
     /// sets were off by so much more than they said.

@@ -72,7 +72,7 @@ pub const GLARE: GlareOptions = GlareOptions {
 };
 
 /// Seams of the skin that meet a disc. All were chosen on drawn seams and rendered sets, where the normalised error
-/// fell from 3.5 at most to 0.8 to 1.2 (`docs/detection.md`), unless they say otherwise;
+/// fell from 3.5 at most to 0.8 to 1.2 (`docs/decisions/0014`), unless they say otherwise;
 /// `tests/detect/robustness.rs` holds them.
 pub struct SeamOptions {
     /// Where the ring beside a disc begins that is searched, blurs from its outline. Derived: beyond, the edge's
