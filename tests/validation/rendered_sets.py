@@ -163,7 +163,14 @@ COLUMNS = [
 
 
 def row(name, values):
-    return f"| {name} | " + " | ".join(format(v, form) for v, (_, form) in zip(values, COLUMNS, strict=True)) + " |"
+    texts = (format(v, form) if v == v else "not solved" for v, (_, form) in zip(values, COLUMNS, strict=True))
+    return f"| {name} | " + " | ".join(texts) + " |"
+
+
+def mean(values):
+    """Of the sets that were solved."""
+    known = [v for v in values if v == v]
+    return sum(known) / len(known) if known else math.nan
 
 
 def main():
@@ -185,8 +192,9 @@ def main():
     for name in names:
         directory = rendered(wingd, folder, name) if name in SETS else Path(name)
         all_values.append(figures(wingd, directory))
-        print(row(directory.name, all_values[-1]), flush=True)
-    print(row("mean", [sum(column) / len(column) for column in zip(*all_values, strict=True)]))
+        title = " ".join([directory.name, *SETS.get(name, [])])
+        print(row(title, all_values[-1]), flush=True)
+    print(row("mean", [mean(column) for column in zip(*all_values, strict=True)]))
 
 
 main()
