@@ -80,11 +80,12 @@ fn of_block(head: &Head, block: &Block, line: &Line) -> Option<Vec<Frame>> {
     if terms == 0 || entries != terms * (terms + 1) / 2 {
         return None;
     }
-    let rows =
-        utc.iter().zip(curvature.chunks_exact(terms)).zip(covariance.chunks_exact(entries)).enumerate();
-    let frame = |(row, ((utc, curvature), covariance)): (usize, ((&f64, &[f64]), &[f64]))| {
+    let frame = |row: usize| {
+        let utc = *utc.get(row)?;
+        let curvature = curvature.get(row * terms..(row + 1) * terms)?;
+        let covariance = covariance.get(row * entries..(row + 1) * entries)?;
         let told = utc.is_finite() && curvature.iter().chain(covariance).all(|value| value.is_finite());
-        let utc = jiff::Timestamp::from_microsecond(*utc as i64).ok().filter(|_| told)?;
+        let utc = jiff::Timestamp::from_microsecond(utc as i64).ok().filter(|_| told)?;
         let began = &head.began;
         let by_utc_s = began.since_boot_s + utc.duration_since(began.utc).as_secs_f64();
         let by_boot_s = since_boot_s.as_ref().and_then(|all| all.get(row)).filter(|s| s.is_finite());
@@ -101,7 +102,7 @@ fn of_block(head: &Head, block: &Block, line: &Line) -> Option<Vec<Frame>> {
             },
         })
     };
-    Some(rows.filter_map(frame).collect())
+    Some((0..block.len()).filter_map(frame).collect())
 }
 
 /// From the upper triangle, row by row.
