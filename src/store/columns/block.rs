@@ -36,7 +36,7 @@ pub(crate) fn block(table: &LiveTable, rows: &[Row], before: &Check) -> io::Resu
         let values = rows.iter().flat_map(|row| row.iter().skip(at).take(column.width));
         values.for_each(|value| column.kind.put(*value, &mut plain));
         at += column.width;
-        let packed = pack(&plain, column)?;
+        let packed = pack(&plain, column.kind.bytes())?;
         let part = if packed.len() < plain.len() { packed } else { plain };
         lengths.extend(
             u32::try_from(part.len()).map_err(|_| bad(format!("{} is too long", column.name)))?.to_le_bytes(),
@@ -58,20 +58,16 @@ fn check(before: &Check, counts: &[u8], content: &[u8]) -> Check {
     Sha256::new().chain_update(before).chain_update(counts).chain_update(content).finalize().into()
 }
 
-/// A column's values: each exclusive-or the one of the row before, the first bytes of all, the second of all, …; zlib.
-fn pack(plain: &[u8], column: &Column) -> io::Result<Vec<u8>> {
-    let (size, row) = (column.kind.bytes(), column.kind.bytes() * column.width);
-    let mut changed = plain.to_vec();
-    changed.iter_mut().skip(row).zip(plain).for_each(|(byte, before)| *byte ^= before);
+/// A column's values: the first bytes of all, then the second of all, …; zlib.
+fn pack(plain: &[u8], size: usize) -> io::Result<Vec<u8>> {
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::fast());
-    let sorted: Vec<u8> = (0..size).flat_map(|k| changed.iter().skip(k).step_by(size).copied()).collect();
+    let sorted: Vec<u8> = (0..size).flat_map(|k| plain.iter().skip(k).step_by(size).copied()).collect();
     encoder.write_all(&sorted)?;
     encoder.finish()
 }
 
 /// The reverse of [`pack`]; `None` where it does not give `length` bytes.
-fn unpack(packed: &[u8], column: &Column, length: usize) -> Option<Vec<u8>> {
-    let (size, row) = (column.kind.bytes(), column.kind.bytes() * column.width);
+fn unpack(packed: &[u8], size: usize, length: usize) -> Option<Vec<u8>> {
     let mut sorted = Vec::new();
     ZlibDecoder::new(packed).take(length as u64 + 1).read_to_end(&mut sorted).ok()?;
     if sorted.len() != length || length == 0 {
@@ -82,11 +78,6 @@ fn unpack(packed: &[u8], column: &Column, length: usize) -> Option<Vec<u8>> {
         for (value, byte) in plain.chunks_exact_mut(size).zip(bytes) {
             value.iter_mut().skip(k).take(1).for_each(|to| *to = *byte);
         }
-    }
-    for at in (row..length).step_by(row) {
-        let (before, from) = plain.split_at_mut(at);
-        let last = before.get(at - row..).unwrap_or_default();
-        from.iter_mut().zip(last).for_each(|(byte, before)| *byte ^= before);
     }
     Some(plain)
 }
@@ -115,7 +106,8 @@ impl Block<'_> {
     pub fn column(&self, index: usize) -> Option<Vec<f64>> {
         let (column, part) = (self.columns.get(index)?, *self.parts.get(index)?);
         let length = self.rows.checked_mul(column.width)?.checked_mul(column.kind.bytes())?;
-        let unpacked = if part.len() == length { None } else { Some(unpack(part, column, length)?) };
+        let unpacked =
+            if part.len() == length { None } else { Some(unpack(part, column.kind.bytes(), length)?) };
         let plain = unpacked.as_deref().unwrap_or(part);
         Some(plain.chunks_exact(column.kind.bytes()).map(|bytes| column.kind.get(bytes)).collect())
     }
