@@ -3,7 +3,7 @@
 //!
 //! Every call that changes something is one or two *steps* (writing, then syncing). A fault says at
 //! which step it happens; [`FakeDisk::power_up`] gives the disk as the next boot finds it. What it
-//! takes a medium to promise is in docs/store.md.
+//! takes a medium to promise is in docs/store/durability.md.
 
 mod content;
 

@@ -1,5 +1,5 @@
 //! Promise: whatever happens at whichever single step of the store's work, nothing acknowledged is lost,
-//! nothing half is taken for whole, nothing is solved twice. The table in docs/store.md comes from here.
+//! nothing half is taken for whole, nothing is solved twice. The table in docs/store/durability.md comes from here.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
