@@ -26,10 +26,6 @@ pub enum Cause {
     Triggered,
     /// Frames that an interrupted series left on the camera's card.
     Recovered,
-    /// Every n-th frame of live mode.
-    Live,
-    /// Frames about an event in live mode.
-    Event,
 }
 
 /// `series.json`.

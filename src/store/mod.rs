@@ -8,7 +8,6 @@ mod audit;
 pub mod bundle;
 pub mod catalogue;
 pub mod chain;
-pub mod columns;
 pub mod disk;
 mod error;
 pub mod fake;
