@@ -37,17 +37,18 @@ pub fn svg(text: String, digest: String) -> Content {
     Content { parts, digest, kind: "image/svg+xml", save_as: None, by_range: false, permit: None }
 }
 
-/// The flight's own files: `flight.json`, its chain, its sums, the aircraft's data.
+/// The flight's own files: `flight.json`, its chain, its sums, the aircraft's data, live results.
 pub fn in_flight(site: &Site, flight: &str, file: &str) -> Result<Content, Refusal> {
     layout::flight_number(flight).ok_or(Refusal::NotFound)?;
     let kind = match file {
         layout::FLIGHT_FILE => "application/json",
         layout::CHAIN_FILE | layout::SUMS_FILE => "text/plain; charset=utf-8",
         _ if layout::aircraft_number(file).is_some() => "text/plain; charset=utf-8",
+        _ if layout::live_number(file).is_some() => "application/octet-stream",
         _ => return Err(Refusal::NotFound),
     };
     let path = place(&site.root, &format!("{}/{flight}/{file}", layout::FLIGHTS))?;
-    let stays = file == layout::FLIGHT_FILE || layout::aircraft_number(file).is_some();
+    let stays = ![layout::CHAIN_FILE, layout::SUMS_FILE].contains(&file);
     small(&path, kind, stays)
 }
 

@@ -1,24 +1,30 @@
-//! Lines of the aircraft's data: recorded as they came, in files of a flight that grow at their end and are then closed.
-//!
-//! The file being written lies in the root, since recovering `incoming/` must not touch it. Its first line says whose it
-//! is; each further one is a line of the feed. It is closed by its line in the chain, then one rename to the flight.
+//! Lines of the aircraft's data: recorded as they came, in files of a flight ([`super::segment`]). The first line says
+//! whose they are, each further one is a line of the feed.
 
 use std::path::Path;
-use std::sync::PoisonError;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::chain::{self, Chain, Event};
-use super::disk::{self, Disk};
+use super::chain::Event;
+use super::disk::Disk;
 use super::error::StoreError;
-use super::recover::Recovery;
-use super::results::{set_aside, sha256};
-use super::{FlightRef, Store, catalogue, jsonl, layout, series};
+use super::results::sha256;
+use super::segment::{self, Kind, Piece};
+use super::{FlightRef, Store, jsonl, layout};
 use crate::clock::Stamp;
 
-/// Beyond this a file is closed and another one begun, bytes.
-const LONGEST: usize = 1 << 20;
+pub(crate) const KIND: Kind = Kind {
+    open: layout::AIRCRAFT_FILE,
+    what: "aircraft data",
+    stem: "aircraft",
+    name: layout::aircraft_name,
+    number: layout::aircraft_number,
+    whole,
+    event: |file, bytes, sha256| Event::Aircraft { file, bytes, sha256 },
+    invariant: 20,
+    longest: 1 << 20,
+};
 
 /// The first line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -38,17 +44,9 @@ pub struct AircraftLine {
     pub line: String,
 }
 
-/// The file being written.
-pub struct Segment {
-    head: Head,
-    length: usize,
-}
-
 /// The closed files of a flight, in order.
 pub fn files(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<String>, StoreError> {
-    let list = disk.list(&flight.folder).map_err(StoreError::io(&flight.folder, "list"))?;
-    let ours = list.into_iter().filter(|e| !e.is_dir && !e.is_link).map(|e| e.name);
-    Ok(ours.filter(|name| layout::aircraft_number(name).is_some()).collect())
+    segment::files(disk, flight, &KIND)
 }
 
 /// Each file's first line and its others.
@@ -57,9 +55,7 @@ pub type Recorded = Vec<(Head, Vec<AircraftLine>)>;
 /// Heads and lines of a flight, the file being written among them; and what could not be read.
 pub fn read(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<(Recorded, Vec<String>), StoreError> {
     let (mut all, mut notes) = (Vec::new(), Vec::new());
-    let closed = files(disk, flight)?.into_iter().map(|file| flight.folder.join(file));
-    let open = root.join(layout::AIRCRAFT_FILE);
-    for path in closed.chain(disk.exists(&open).then_some(open)) {
+    for path in segment::paths(disk, root, flight, &KIND)? {
         let bytes = disk.read(&path).map_err(StoreError::io(&path, "read"))?;
         match parse(&bytes) {
             Some((head, lines)) if head.flight == flight.id => all.push((head, lines)),
@@ -88,67 +84,10 @@ fn parse(bytes: &[u8]) -> Option<(Head, Vec<AircraftLine>)> {
     Some((head, lines.into_iter().map(|(_, line)| line).collect()))
 }
 
-/// Whether a file that the chain has is the one in the root, which the next start moves to its flight.
-pub(crate) fn is_under_way(disk: &dyn Disk, root: Option<&Path>, flight: &str, digest: &str) -> bool {
-    let bytes = root.and_then(|root| disk.read(&root.join(layout::AIRCRAFT_FILE)).ok());
-    bytes.is_some_and(|b| sha256(&b) == digest && parse(&b).is_some_and(|(head, _)| head.flight == flight))
-}
-
-/// What the last recorder left: closed into its flight, or set aside where that is not possible.
-pub(crate) fn settle(disk: &dyn Disk, root: &Path, recovery: &mut Recovery) {
-    let path = root.join(layout::AIRCRAFT_FILE);
-    if !disk.exists(&path) {
-        return;
-    }
-    match close(disk, root) {
-        Ok(Some(flight)) => recovery.remarks.push(format!("{flight}: its aircraft data were closed")),
-        Ok(None) => recovery.set_aside.push(layout::AIRCRAFT_FILE.to_owned()),
-        Err(error) => recovery.remarks.push(format!("the aircraft's data stay where they are: {error}")),
-    }
-}
-
-/// Closes the file in the root. `None` where nothing of it is whole, or its flight is gone: it is set aside.
-fn close(disk: &dyn Disk, root: &Path) -> Result<Option<String>, StoreError> {
-    let path = root.join(layout::AIRCRAFT_FILE);
-    let bytes = disk.read(&path).map_err(StoreError::io(&path, "read"))?;
-    let good = jsonl::parse::<Value>(&bytes).good_length;
-    let whole = bytes.get(..good).unwrap_or_default();
-    let head = parse(whole).map(|(head, _)| head).filter(|h| layout::flight_number(&h.flight).is_some());
-    let flight =
-        head.map(|head| FlightRef { folder: root.join(layout::FLIGHTS).join(&head.flight), id: head.flight });
-    let Some(flight) = flight.filter(|flight| disk.exists(&flight.folder)) else {
-        set_aside(disk, root, &format!("aircraft-{}.torn", &sha256(&bytes)[..8]), &bytes)?;
-        disk.remove_file(&path).map_err(StoreError::io(&path, "remove"))?;
-        disk.sync_dir(root).map_err(StoreError::io(root, "sync"))?;
-        return Ok(None);
-    };
-    if let Some(tail) = bytes.get(good..).filter(|tail| !tail.is_empty()) {
-        set_aside(disk, root, &format!("{}-aircraft-{good}.torn", flight.id), tail)?;
-    }
-    // Written anew also where nothing is torn: after a failed fsync a file may show what is not on the disk.
-    disk::replace(disk, &path, whole).map_err(StoreError::io(&path, "write"))?;
-    let file = note(disk, root, &flight, whole)?;
-    series::move_durably(disk, &path, &flight.folder.join(file))?;
-    Ok(Some(flight.id))
-}
-
-/// Notes the file in the flight's chain, once, and gives its name there.
-fn note(disk: &dyn Disk, root: &Path, flight: &FlightRef, whole: &[u8]) -> Result<String, StoreError> {
-    let (bytes, sha256) = (whole.len() as u64, sha256(whole));
-    let last = files(disk, flight)?.last().and_then(|name| layout::aircraft_number(name)).unwrap_or(0);
-    let file = layout::aircraft_name(last + 1);
-    if catalogue::store_id(disk, root).is_none() {
-        return Ok(file);
-    }
-    let event = Event::Aircraft { file: file.clone(), bytes, sha256 };
-    let known = chain::read(disk, &flight.folder)?;
-    if Chain::parse(&known).events.iter().any(|(_, there)| *there == event) {
-        let path = flight.folder.join(layout::CHAIN_FILE);
-        disk::replace(disk, &path, &known).map_err(StoreError::io(&path, "write"))?;
-        return Ok(file);
-    }
-    chain::append(disk, root, &flight.folder, event)?;
-    Ok(file)
+fn whole(bytes: &[u8]) -> Option<(usize, String)> {
+    let good = jsonl::parse::<Value>(bytes).good_length;
+    let (head, _) = parse(bytes.get(..good)?)?;
+    Some((good, head.flight))
 }
 
 impl Store {
@@ -166,60 +105,20 @@ impl Store {
         source: &Value,
         lines: &[AircraftLine],
     ) -> Result<bool, StoreError> {
-        let (path, free_mb) = (self.root.join(layout::AIRCRAFT_FILE), self.free_mb()?);
-        if free_mb < self.reserve_mb() {
-            let (path, reserve_mb) = (self.root.clone(), self.reserve_mb());
-            return Err(StoreError::BelowReserve { path, free_mb, reserve_mb });
-        }
-        let mut open = self.aircraft.lock().unwrap_or_else(PoisonError::into_inner);
-        let head = Head { flight: flight.to_owned(), source: source.clone() };
-        if open.as_ref().is_some_and(|segment| segment.head != head || segment.length > LONGEST) {
-            self.close_segment(&mut open)?;
-        }
-        let write = StoreError::io(&path, "write");
-        let mut bytes = Vec::new();
-        for line in lines {
-            match jsonl::line(line) {
-                Ok(line) => bytes.extend(line),
-                Err(error) => return Err(write(error)),
-            }
-        }
-        let segment = match &mut *open {
-            Some(segment) => segment,
-            none => none.insert(self.begin_segment(head)?),
-        };
-        disk::append(self.disk(), &path, segment.length, &bytes).map_err(write)?;
-        segment.length += bytes.len();
-        Ok(true)
-    }
-
-    /// One that a failed closing left is closed first.
-    fn begin_segment(&self, head: Head) -> Result<Segment, StoreError> {
+        self.refuse_below_reserve()?;
         let path = self.root.join(layout::AIRCRAFT_FILE);
-        if self.disk.exists(&path) {
-            self.close_segment(&mut None)?;
-        }
+        let piece = |bytes| Piece { bytes, tag: [0; 32] };
+        let head = Head { flight: flight.to_owned(), source: source.clone() };
         let first = jsonl::line(&head).map_err(StoreError::io(&path, "write"))?;
-        self.disk.write(&path, &first).map_err(StoreError::io(&path, "write"))?;
-        self.disk.sync_dir(&self.root).map_err(StoreError::io(&self.root, "sync"))?;
-        Ok(Segment { head, length: first.len() })
+        let begin = || Ok(piece(first.clone()));
+        let written = |_| Ok(piece(lines.iter().map(jsonl::line).collect::<Result<Vec<_>, _>>()?.concat()));
+        self.aircraft.append(self, flight, first.clone(), begin, written)?;
+        Ok(true)
     }
 
     /// Closes what is open, so that the flight's sums cover it.
     pub fn close_aircraft(&self) -> Result<(), StoreError> {
-        let mut open = self.aircraft.lock().unwrap_or_else(PoisonError::into_inner);
-        if open.is_some() { self.close_segment(&mut open) } else { Ok(()) }
-    }
-
-    fn close_segment(&self, open: &mut Option<Segment>) -> Result<(), StoreError> {
-        // Whatever comes of it the next lines begin a file of their own.
-        *open = None;
-        let mut index = self.index();
-        if let Some(flight) = close(self.disk(), &self.root)? {
-            index.unsealed.insert(flight);
-        }
-        self.seal_all(&mut index);
-        Ok(())
+        self.aircraft.close(self)
     }
 }
 
@@ -231,7 +130,7 @@ mod tests {
     use serde_json::json;
 
     use super::super::manifest::{Cause, State};
-    use super::super::{Plan, RealDisk, StoreConfig, verify};
+    use super::super::{Plan, RealDisk, Recovery, StoreConfig, catalogue, verify};
     use super::*;
 
     fn stamp(second: u64) -> Stamp {

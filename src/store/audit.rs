@@ -1,4 +1,4 @@
-//! Whether a flight is what its chain says, and its SHA256SUMS too (invariants 14 to 17 of docs/store.md).
+//! Whether a flight is what its chain says, and its SHA256SUMS too (invariants 14 to 17, 20 and 21 of docs/store.md).
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,8 @@ use super::chain::{Chain, State};
 use super::disk::Disk;
 use super::manifest::SeriesManifest;
 use super::results::{self, ResultKey, sha256};
-use super::{FlightRef, aircraft, catalogue, installations, jsonl, layout, sums};
+use super::segment::{self, Kind};
+use super::{FlightRef, catalogue, installations, jsonl, layout, sums};
 
 /// Digest of `series.json` and what it says, by series.
 pub(crate) type Manifests = BTreeMap<String, (String, SeriesManifest)>;
@@ -55,7 +56,7 @@ impl Audit<'_> {
         self.identity(&state, &path, &mut found);
         self.series(&state, &mut found);
         self.results(&state, &mut found);
-        self.aircraft(&state, &mut found);
+        segment::KINDS.iter().for_each(|kind| self.closed(&state, kind, &mut found));
         self.installations(&state, &mut found);
         self.sums(&bytes, &chain, &mut found);
         found
@@ -148,26 +149,22 @@ impl Audit<'_> {
     }
 
     /// What the chain has is there, and nothing else.
-    fn aircraft(&self, state: &State, found: &mut Findings) {
-        for (file, (_, digest)) in &state.aircraft {
-            let path = self.flight.folder.join(file);
-            match self.disk.read(&path) {
+    fn closed(&self, state: &State, kind: &Kind, found: &mut Findings) {
+        let mut fault = |file: &str, what: String| {
+            found.faults.push((kind.invariant, self.flight.folder.join(file), what));
+        };
+        let is_ours = |file: &String| (kind.number)(file).is_some();
+        for (file, (_, digest)) in state.files.iter().filter(|(file, _)| is_ours(file)) {
+            match self.disk.read(&self.flight.folder.join(file)) {
                 Ok(bytes) if sha256(&bytes) == *digest => {}
-                Ok(_) => {
-                    let what = "does not have the SHA-256 of the chain: it was changed".to_owned();
-                    found.faults.push((20, path, what));
-                }
-                Err(_) if aircraft::is_under_way(self.disk, self.root, &self.flight.id, digest) => {}
-                Err(error) => {
-                    let what = format!("is in the chain, and cannot be read: {error}");
-                    found.faults.push((20, path, what));
-                }
+                Ok(_) => fault(file, "does not have the SHA-256 of the chain: it was changed".to_owned()),
+                Err(_) if segment::is_under_way(self.disk, self.root, &self.flight.id, digest, kind) => {}
+                Err(error) => fault(file, format!("is in the chain, and cannot be read: {error}")),
             }
         }
-        let here = aircraft::files(self.disk, self.flight).unwrap_or_default();
-        for file in here.into_iter().filter(|file| !state.aircraft.contains_key(file)) {
-            let what = "is not in the chain: it was added, or the chain was cut".to_owned();
-            found.faults.push((20, self.flight.folder.join(file), what));
+        let here = segment::files(self.disk, self.flight, kind).unwrap_or_default();
+        for file in here.into_iter().filter(|file| !state.files.contains_key(file)) {
+            fault(&file, "is not in the chain: it was added, or the chain was cut".to_owned());
         }
     }
 

@@ -11,7 +11,7 @@ use super::disk::Disk;
 use super::error::StoreError;
 use super::manifest::{Counter, SeriesManifest};
 use super::results::sha256;
-use super::{FlightRef, SeriesRef, aircraft, catalogue, installations, jsonl, layout, sums};
+use super::{FlightRef, SeriesRef, catalogue, installations, jsonl, layout, segment, sums};
 
 /// A file of a bundle.
 #[derive(Clone, Debug, PartialEq)]
@@ -85,8 +85,8 @@ impl Gather<'_> {
             let results = state.results.get(id).and_then(|entries| entries.last());
             self.series(flight, id, results.map(|(length, sha256)| (*length, sha256.clone())))?;
         }
-        for (file, (length, digest)) in &state.aircraft {
-            self.aircraft(&place.join(file), *length, digest)?;
+        for (file, (length, digest)) in &state.files {
+            self.closed(&place.join(file), *length, digest)?;
         }
         let chain = bytes.get(..end).unwrap_or_default().to_vec();
         self.bytes(&place.join(layout::CHAIN_FILE), chain);
@@ -98,10 +98,12 @@ impl Gather<'_> {
     fn unchained(&mut self, flight: &FlightRef) -> Result<(), StoreError> {
         let place = Path::new(layout::FLIGHTS).join(&flight.id);
         self.whole(&place.join(layout::FLIGHT_FILE))?;
-        for file in aircraft::files(self.disk, flight)? {
-            let bytes =
-                self.disk.read(&flight.folder.join(&file)).map_err(StoreError::io(&flight.folder, "read"))?;
-            self.aircraft(&place.join(file), bytes.len() as u64, &sha256(&bytes))?;
+        for kind in segment::KINDS {
+            for file in segment::files(self.disk, flight, kind)? {
+                let path = flight.folder.join(&file);
+                let bytes = self.disk.read(&path).map_err(StoreError::io(&path, "read"))?;
+                self.closed(&place.join(file), bytes.len() as u64, &sha256(&bytes))?;
+            }
         }
         for series in catalogue::series(self.disk, flight)? {
             let path = series.folder.join(layout::RESULTS_FILE);
@@ -152,7 +154,7 @@ impl Gather<'_> {
     }
 
     /// A closed file, as long as the chain has it.
-    fn aircraft(&mut self, name: &Path, length: u64, digest: &str) -> Result<(), StoreError> {
+    fn closed(&mut self, name: &Path, length: u64, digest: &str) -> Result<(), StoreError> {
         let path = self.root.join(name);
         let (folder, file) = (path.parent().unwrap_or(self.root), path.file_name().unwrap_or_default());
         let list = self.disk.list(folder).map_err(StoreError::io(folder, "list"))?;

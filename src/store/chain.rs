@@ -62,6 +62,15 @@ pub enum Event {
         /// Of it.
         sha256: String,
     },
+    /// A file with live results was closed.
+    Live {
+        /// Its name.
+        file: String,
+        /// Its length.
+        bytes: u64,
+        /// Of it.
+        sha256: String,
+    },
     /// An installation that results from here on may come from lies in `installations/`.
     Installation {
         /// Its digest and folder's name.
@@ -131,8 +140,8 @@ pub struct State {
     pub series: BTreeMap<String, String>,
     /// Lengths and digests of `results.jsonl` in the order written, by series.
     pub results: BTreeMap<String, Vec<(u64, String)>>,
-    /// Length and digest of the aircraft's data, by file.
-    pub aircraft: BTreeMap<String, (u64, String)>,
+    /// Length and digest of the closed files with the aircraft's data and live results.
+    pub files: BTreeMap<String, (u64, String)>,
     /// Digests of installations.
     pub installations: BTreeSet<String>,
 }
@@ -145,7 +154,9 @@ impl State {
             Event::Results { series, bytes, sha256 } => {
                 self.results.entry(series).or_default().push((bytes, sha256));
             }
-            Event::Aircraft { file, bytes, sha256 } => drop(self.aircraft.insert(file, (bytes, sha256))),
+            Event::Aircraft { file, bytes, sha256 } | Event::Live { file, bytes, sha256 } => {
+                self.files.insert(file, (bytes, sha256));
+            }
             Event::Installation { sha256 } => drop(self.installations.insert(sha256)),
             Event::Signature { .. } => {}
         }

@@ -31,6 +31,8 @@ pub const SUMS_FILE: &str = "SHA256SUMS";
 pub const PENDING_FILE: &str = "pending.json";
 /// Lines of the aircraft's data that are being recorded.
 pub const AIRCRAFT_FILE: &str = "aircraft.jsonl";
+/// Live results that are being recorded.
+pub const LIVE_FILE: &str = "live.rows";
 /// Flights being received, file by file.
 pub const FETCHING: &str = "fetching";
 /// Flights being deleted.
@@ -107,6 +109,7 @@ pub fn is_root_name(name: &str) -> bool {
         PRUNED,
         PRUNED_FILE,
         AIRCRAFT_FILE,
+        LIVE_FILE,
     ];
     name == "lost+found" || ours.contains(&name.strip_suffix(PART_ENDING).unwrap_or(name))
 }
@@ -115,7 +118,7 @@ pub fn is_root_name(name: &str) -> bool {
 pub fn is_flight_file(name: &str) -> bool {
     let whole = name.strip_suffix(PART_ENDING);
     let known = [CHAIN_FILE, SUMS_FILE].contains(&whole.unwrap_or(name));
-    name == FLIGHT_FILE || known || aircraft_number(name).is_some()
+    name == FLIGHT_FILE || known || aircraft_number(name).or(live_number(name)).is_some()
 }
 
 /// Name of a flight's file with lines of the aircraft's data.
@@ -127,6 +130,17 @@ pub fn aircraft_name(number: u64) -> String {
 pub fn aircraft_number(name: &str) -> Option<u64> {
     let number = name.strip_prefix("aircraft-")?.strip_suffix(".jsonl")?.parse().ok();
     number.filter(|n| aircraft_name(*n) == name)
+}
+
+/// Name of a flight's file with live results.
+pub fn live_name(number: u64) -> String {
+    format!("live-{number:06}.rows")
+}
+
+/// The number in such a name.
+pub fn live_number(name: &str) -> Option<u64> {
+    let number = name.strip_prefix("live-")?.strip_suffix(".rows")?.parse().ok();
+    number.filter(|n| live_name(*n) == name)
 }
 
 /// `incoming/<series>`.
@@ -152,9 +166,10 @@ mod tests {
             assert_eq!(flight_number(bad).or(series_number(bad)), None, "{bad}");
         }
         assert_eq!(aircraft_number(&aircraft_name(12)), Some(12));
-        assert!(
-            ["aircraft-1.jsonl", "aircraft-000001.json"].iter().all(|bad| aircraft_number(bad).is_none())
-        );
+        assert_eq!(live_number(&live_name(12)), Some(12));
+        for bad in ["aircraft-1.jsonl", "aircraft-000001.json", "live-1.rows", "live.rows"] {
+            assert_eq!(aircraft_number(bad).or(live_number(bad)), None, "{bad}");
+        }
         assert!(is_frame_name(&frame_name(3, "JPG")));
         for bad in ["../0001.jpg", "0001", "0001.jpg.part", "1.jpg", "series.json", "0001./x"] {
             assert!(!is_frame_name(bad), "{bad}");

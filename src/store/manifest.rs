@@ -26,6 +26,17 @@ pub enum Cause {
     Triggered,
     /// Frames that an interrupted series left on the camera's card.
     Recovered,
+    /// Frames of live mode, every so-manieth. Beside other series; so is the next.
+    Live,
+    /// The frames around an event in live mode; the remarks say which. They may be from before the series began.
+    Event,
+}
+
+impl Cause {
+    /// Whether such a series is taken while another may be under way.
+    pub fn is_beside(self) -> bool {
+        matches!(self, Self::Live | Self::Event)
+    }
 }
 
 /// `series.json`.
@@ -45,7 +56,7 @@ pub struct SeriesManifest {
     pub started: Option<Stamp>,
     /// When it was closed; `null` after a crash.
     pub ended: Option<Stamp>,
-    /// Shots that were wanted.
+    /// Shots that were wanted; where that was open, those that were taken.
     pub planned_shots: u32,
     /// The camera and its settings at the beginning.
     pub camera: Map<String, Value>,
@@ -126,6 +137,8 @@ pub enum JournalLine {
     Head(JournalHead),
     /// The camera opened.
     Camera(Map<String, Value>),
+    /// What a person should read.
+    Remark(String),
     /// Written **before** the frame's bytes: a frame is whole when its hash says so.
     Shot(Box<Shot>),
 }

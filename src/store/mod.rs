@@ -8,6 +8,7 @@ mod audit;
 pub mod bundle;
 pub mod catalogue;
 pub mod chain;
+pub mod columns;
 pub mod disk;
 mod error;
 pub mod fake;
@@ -16,12 +17,14 @@ pub mod heads;
 pub mod installations;
 pub mod jsonl;
 pub mod layout;
+pub mod live;
 pub mod manifest;
 mod opening;
 pub mod prune;
 pub mod receive;
 mod recover;
 mod results;
+mod segment;
 mod series;
 pub mod sets;
 pub mod signing;
@@ -38,6 +41,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 pub use catalogue::{FlightRef, SeriesRef};
+pub use columns::{Column, Kind, LiveTable, Row};
 pub use disk::{Disk, RealDisk};
 pub use error::StoreError;
 pub use opening::{is_vacant, unwritable};
@@ -113,7 +117,7 @@ impl StoreConfig {
 pub struct Plan {
     /// Why.
     pub cause: Cause,
-    /// Shots that are wanted.
+    /// Shots that are wanted; 0 for a series beside others whose number is open ([`Cause::is_beside`]).
     pub shots: u32,
 }
 
@@ -137,7 +141,9 @@ pub struct Store {
     config: StoreConfig,
     index: Mutex<Index>,
     signer: Option<signing::Signer>,
-    aircraft: Mutex<Option<aircraft::Segment>>,
+    aircraft: segment::Growing,
+    live: segment::Growing,
+    under_way: series::UnderWay,
     _lock: disk::Lock,
 }
 
@@ -159,6 +165,16 @@ struct Index {
     unsealed: BTreeSet<String>,
 }
 
+impl Index {
+    /// Something was recorded at a moment; the last one stays where it is later in the same boot.
+    fn note(&mut self, now: &Stamp) {
+        let last = self.last.as_ref().filter(|last| last.boot_id == now.boot_id);
+        if last.is_none_or(|last| last.since_boot_s <= now.since_boot_s) {
+            self.last = Some(now.clone());
+        }
+    }
+}
+
 impl Store {
     /// Opens a store, making it where the directory is empty or missing, and recovers what a crash left.
     pub fn open(disk: Arc<dyn Disk>, config: StoreConfig) -> Result<(Self, Recovery), StoreError> {
@@ -173,8 +189,8 @@ impl Store {
         for name in [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL] {
             opening::ensure_dir(disk.as_ref(), &root, name)?;
         }
-        let mut recovery = recover::recover(disk.as_ref(), &root)?;
-        aircraft::settle(disk.as_ref(), &root, &mut recovery);
+        let mut recovery = recover::recover(disk.as_ref(), &root, &series::UnderWay::default())?;
+        segment::settle(disk.as_ref(), &root, &mut recovery);
         let index = opening::scan(disk.as_ref(), &root, &mut recovery)?;
         // Recording matters more than its signature.
         let signer = config.signing_key.as_deref().map(signing::Signer::load_or_make).transpose();
@@ -186,7 +202,9 @@ impl Store {
             config,
             index: Mutex::new(index),
             signer,
-            aircraft: Mutex::default(),
+            aircraft: segment::Growing::new(&aircraft::KIND),
+            live: segment::Growing::new(&live::KIND),
+            under_way: series::UnderWay::default(),
             _lock: lock,
         };
         if catalogue::store_id(store.disk(), &store.root).is_some() {
@@ -254,10 +272,11 @@ impl Store {
         series.iter().filter_map(|series| catalogue::manifest(self.disk(), series).ok()).collect()
     }
 
-    /// Begins a series; recovers first what an abandoned one left. A refusal is recorded.
+    /// Begins a series; recovers first what an abandoned one left. Others may be under way: each has its own folder, and
+    /// is whole with what it has whatever becomes of this one. A refusal is recorded.
     pub fn begin_series(&self, plan: Plan, now: &Stamp) -> Result<(OpenSeries, Recovery), StoreError> {
         let mut index = self.index();
-        let recovery = recover::recover(self.disk.as_ref(), &self.root)?;
+        let recovery = recover::recover(self.disk.as_ref(), &self.root, &self.under_way)?;
         let free_mb = self.free_mb()?;
         if free_mb < self.config.reserve_mb {
             return Err(self.refuse(free_mb, now));
@@ -267,8 +286,9 @@ impl Store {
         index.next_series += 1;
         self.save_counter(&index)?;
         let head = JournalHead { flight, started: now.clone(), cause: plan.cause, planned_shots: plan.shots };
-        index.last = Some(now.clone());
-        let open = OpenSeries::begin(self.disk.clone(), &self.root, layout::series_id(number), head)?;
+        index.note(now);
+        let place = self.under_way.enter(layout::series_id(number));
+        let open = OpenSeries::begin(self.disk.clone(), &self.root, place, head)?;
         Ok((open, recovery))
     }
 
@@ -281,7 +301,7 @@ impl Store {
         remarks: Vec<String>,
     ) -> Result<(), StoreError> {
         let mut index = self.index();
-        index.last = Some(now.clone());
+        index.note(now);
         index.unsealed.insert(series.flight().to_owned());
         series.close(state, now, remarks)?;
         self.seal_all(&mut index);
@@ -341,6 +361,25 @@ impl Store {
         }
         index.installations.insert(key);
         Ok(())
+    }
+
+    /// The flight that what is recorded now belongs to.
+    fn flight_at(&self, now: &Stamp) -> Result<String, StoreError> {
+        let mut index = self.index();
+        let flight = self.flight_for(&mut index, now)?;
+        index.note(now);
+        Ok(flight)
+    }
+
+    /// What can wait is not recorded into the space that is kept for frames and their results.
+    fn refuse_below_reserve(&self) -> Result<(), StoreError> {
+        let (free_mb, reserve_mb) = (self.free_mb()?, self.config.reserve_mb);
+        let path = self.root.clone();
+        if free_mb < reserve_mb {
+            Err(StoreError::BelowReserve { path, free_mb, reserve_mb })
+        } else {
+            Ok(())
+        }
     }
 
     /// Records that a series could not be taken, and says why.

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::disk::{self, Disk};
 use super::error::StoreError;
 use super::manifest::Counter;
-use super::{FlightRef, Index, Recovery, catalogue, installations, jsonl, layout};
+use super::{FlightRef, Index, Recovery, catalogue, installations, jsonl, layout, live};
 use crate::clock::Stamp;
 
 /// Makes a store; its mark is written last, so that a crash leaves an empty directory that counts as none.
@@ -157,5 +157,11 @@ fn last_moment(disk: &dyn Disk, flight: &FlightRef) -> Option<Stamp> {
         let shot = manifest.shots.last().map(|shot| shot.stamp.clone());
         manifest.ended.or(shot).or(manifest.started)
     });
-    of_series.or_else(|| catalogue::flight_manifest(disk, flight).ok().map(|manifest| manifest.started))
+    let of_flight = || catalogue::flight_manifest(disk, flight).ok().map(|manifest| manifest.started);
+    let later = |a: Stamp, b: Stamp| if later(&b, &a) { b } else { a };
+    of_series.or_else(of_flight).into_iter().chain(live::last_moment(disk, flight)).reduce(later)
+}
+
+fn later(one: &Stamp, other: &Stamp) -> bool {
+    if one.boot_id == other.boot_id { one.since_boot_s > other.since_boot_s } else { one.utc > other.utc }
 }

@@ -7,6 +7,7 @@ use super::disk::{Disk, Entry};
 use super::error::StoreError;
 use super::manifest::{Failure, FlightManifest, JournalHead, JournalLine, SeriesManifest, Shot, State};
 use super::results::sha256;
+use super::series::UnderWay;
 use super::{catalogue, jsonl, layout, results, series, sums};
 
 /// What was found and mended.
@@ -20,13 +21,14 @@ pub struct Recovery {
     pub remarks: Vec<String>,
 }
 
-/// Empties `incoming/`. May be broken off at any step and called again. What cannot be recovered now
+/// Empties `incoming/` but for series that this process has under way. May be broken off at any step and called again. What cannot be recovered now
 /// (a full disk) stays where it is, is remarked, and does not keep new series from being taken.
-pub(crate) fn recover(disk: &dyn Disk, root: &Path) -> Result<Recovery, StoreError> {
+pub(crate) fn recover(disk: &dyn Disk, root: &Path, under_way: &UnderWay) -> Result<Recovery, StoreError> {
     let incoming = root.join(layout::INCOMING);
     let mut found = Recovery::default();
     // Flights first ("f" < "s"): a series needs its flight's folder.
-    for entry in disk.list(&incoming).map_err(StoreError::io(&incoming, "list"))? {
+    let entries = disk.list(&incoming).map_err(StoreError::io(&incoming, "list"))?;
+    for entry in entries.into_iter().filter(|entry| !under_way.has(&entry.name)) {
         if let Err(error) = recover_entry(disk, root, &entry, &mut found) {
             found.remarks.push(format!("{} stays in incoming: {error}", entry.name));
         }
@@ -108,6 +110,7 @@ fn rebuild(
         match line {
             JournalLine::Head(_) => {}
             JournalLine::Camera(camera) => manifest.camera = camera,
+            JournalLine::Remark(remark) => manifest.remarks.push(remark),
             JournalLine::Shot(shot) => manifest.shots.push(judge(disk, root, &folder, id, *shot, found)?),
         }
     }

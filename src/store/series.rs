@@ -1,7 +1,8 @@
 //! A series being taken.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use serde_json::{Map, Value};
 
@@ -25,16 +26,44 @@ pub struct NewFrame<'a> {
     pub settings: Map<String, Value>,
 }
 
+/// Series of this process in `incoming/`: recovering leaves them alone.
+#[derive(Clone, Default)]
+pub(crate) struct UnderWay(Arc<Mutex<BTreeSet<String>>>);
+
+/// A series' place among them, until it is dropped.
+pub(crate) struct Place {
+    id: String,
+    all: UnderWay,
+}
+
+impl UnderWay {
+    pub fn enter(&self, id: String) -> Place {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(id.clone());
+        Place { id, all: self.clone() }
+    }
+
+    pub fn has(&self, id: &str) -> bool {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).contains(id)
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.all.0.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.id);
+    }
+}
+
 /// A series in `incoming/`. Where it is dropped without being closed, or a call fails, it is
 /// recovered as an interrupted series before the next one begins.
 pub struct OpenSeries {
     disk: Arc<dyn Disk>,
     root: PathBuf,
     folder: PathBuf,
-    id: String,
+    place: Place,
     head: JournalHead,
     camera: Map<String, Value>,
     shots: Vec<Shot>,
+    remarks: Vec<String>,
 }
 
 impl OpenSeries {
@@ -42,14 +71,14 @@ impl OpenSeries {
     pub(crate) fn begin(
         disk: Arc<dyn Disk>,
         root: &Path,
-        id: String,
+        place: Place,
         head: JournalHead,
     ) -> Result<Self, StoreError> {
-        let folder = layout::incoming(root, &id);
+        let folder = layout::incoming(root, &place.id);
         let incoming = root.join(layout::INCOMING);
         disk.create_dir(&folder).map_err(StoreError::io(&folder, "create"))?;
-        let series =
-            Self { disk, root: root.to_owned(), folder, id, head, camera: Map::new(), shots: Vec::new() };
+        let (camera, shots, remarks) = (Map::new(), Vec::new(), Vec::new());
+        let series = Self { disk, root: root.to_owned(), folder, place, head, camera, shots, remarks };
         series.journal(&JournalLine::Head(series.head.clone()))?;
         series.disk.sync_dir(&series.folder).map_err(StoreError::io(&series.folder, "sync"))?;
         series.disk.sync_dir(&incoming).map_err(StoreError::io(&incoming, "sync"))?;
@@ -58,7 +87,7 @@ impl OpenSeries {
 
     /// Its name.
     pub fn id(&self) -> &str {
-        &self.id
+        &self.place.id
     }
 
     /// Its flight's name.
@@ -78,6 +107,13 @@ impl OpenSeries {
         }
         self.journal(&JournalLine::Camera(camera.clone()))?;
         self.camera = camera;
+        Ok(())
+    }
+
+    /// Notes durably what a person should read: why the series is taken.
+    pub fn remark(&mut self, remark: &str) -> Result<(), StoreError> {
+        self.journal(&JournalLine::Remark(remark.to_owned()))?;
+        self.remarks.push(remark.to_owned());
         Ok(())
     }
 
@@ -104,25 +140,28 @@ impl OpenSeries {
 
     /// Keeps the bytes of a bad frame under `partial/`; returns the name there.
     pub fn set_aside(&self, shot: u32, attempt: usize, bytes: &[u8]) -> Result<String, StoreError> {
-        let name = format!("{}-{shot:04}-{attempt}.bad", self.id);
+        let name = format!("{}-{shot:04}-{attempt}.bad", self.place.id);
         super::results::set_aside(self.disk.as_ref(), &self.root, &name, bytes)?;
         Ok(name)
     }
 
     /// Writes the manifest and moves the folder to its flight by one rename.
     pub(crate) fn close(self, state: State, ended: &Stamp, remarks: Vec<String>) -> Result<(), StoreError> {
+        let head = self.head;
+        let open = head.cause.is_beside() && head.planned_shots == 0 && state == State::Complete;
+        let taken = u32::try_from(self.shots.len()).unwrap_or(u32::MAX);
         let manifest = SeriesManifest {
             format: layout::SERIES_FORMAT,
-            series: self.id,
-            flight: self.head.flight,
+            series: self.place.id.clone(),
+            flight: head.flight,
             state,
-            cause: self.head.cause,
-            started: Some(self.head.started),
+            cause: head.cause,
+            started: Some(head.started),
             ended: Some(ended.clone()),
-            planned_shots: self.head.planned_shots,
+            planned_shots: if open { taken } else { head.planned_shots },
             camera: self.camera,
             shots: self.shots,
-            remarks,
+            remarks: self.remarks.into_iter().chain(remarks).collect(),
         };
         write_manifest(self.disk.as_ref(), &self.folder, &manifest)?;
         commit(self.disk.as_ref(), &self.root, &self.folder, &manifest)

@@ -8,7 +8,7 @@ use super::disk::{self, Disk};
 use super::error::StoreError;
 use super::installations::{self, File};
 use super::results::sha256;
-use super::{FlightRef, Store, StoreConfig, catalogue, layout, opening, sums, verify};
+use super::{FlightRef, Store, StoreConfig, catalogue, layout, opening, segment, sums, verify};
 
 /// Gives a sound store an id, chains, sums and the installation that its results came from. The mark
 /// comes last: broken off at any step, the store is still of the old format and can be upgraded again.
@@ -56,10 +56,12 @@ fn history(
         sha256: digest(&flight.folder.join(layout::FLIGHT_FILE))?,
     }];
     events.extend(installation.map(|sha256| Event::Installation { sha256: sha256.to_owned() }));
-    for file in super::aircraft::files(disk, flight)? {
-        let path = flight.folder.join(&file);
-        let bytes = disk.read(&path).map_err(StoreError::io(&path, "read"))?;
-        events.push(Event::Aircraft { file, bytes: bytes.len() as u64, sha256: sha256(&bytes) });
+    for kind in segment::KINDS {
+        for file in segment::files(disk, flight, kind)? {
+            let path = flight.folder.join(&file);
+            let bytes = disk.read(&path).map_err(StoreError::io(&path, "read"))?;
+            events.push((kind.event)(file, bytes.len() as u64, sha256(&bytes)));
+        }
     }
     for series in catalogue::series(disk, flight)? {
         let sha256_of_manifest = digest(&series.folder.join(layout::SERIES_FILE))?;

@@ -392,16 +392,23 @@ impl Checker<'_> {
         }
     }
 
-    /// Time since boot does not go back within a boot, nor from one series to the next.
+    /// Time since boot does not go back within a boot, nor from one series to the next. A series that is taken beside
+    /// others is by itself, and may hold shots from before it was begun.
     fn times(&mut self, path: &Path, manifest: &SeriesManifest) {
+        let beside = manifest.cause.is_beside();
+        let mut last = if beside { None } else { self.last.take() };
+        let began = manifest.started.iter().filter(|_| !beside);
         let shots = manifest.shots.iter().map(|shot| &shot.stamp);
-        for stamp in manifest.started.iter().chain(shots).chain(manifest.ended.iter()) {
-            let earlier = self.last.as_ref().filter(|last| last.boot_id == stamp.boot_id);
+        for stamp in began.chain(shots).chain(manifest.ended.iter()) {
+            let earlier = last.as_ref().filter(|last| last.boot_id == stamp.boot_id);
             if earlier.is_some_and(|last| stamp.since_boot_s < last.since_boot_s) {
                 let what = format!("time since boot goes back to {:.3} s", stamp.since_boot_s);
                 self.report.fault(8, path, what);
             }
-            self.last = Some(stamp.clone());
+            last = Some(stamp.clone());
+        }
+        if !beside {
+            self.last = last;
         }
     }
 
