@@ -46,7 +46,7 @@ impl Storing {
         }
         let Some(table) = table.as_ref().filter(|_| !waiting.is_empty()) else { return self.bound(waiting) };
         let rows: Vec<_> = waiting.iter().map(|result| table.row(result)).collect();
-        match self.store.append_live(&table.table, &rows) {
+        match self.store.append_live(&table.table, &rows, &self.shared.clock.stamp()) {
             Ok(()) => {
                 self.shared.update(|live| live.stored += rows.len() as u64);
                 self.shared.clear("results");
