@@ -140,6 +140,7 @@ impl Page {
             root: config.store.path.clone(),
             setup: setup.and_then(Result::ok).map(|installation| installation.setup),
             status: Some(Arc::new(move || serde_json::to_value(status.snapshot()).unwrap_or_default())),
+            live: config.live.socket.clone(),
         };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
         let runtime = runtime.map_err(|e| e.to_string())?;

@@ -66,7 +66,7 @@ impl Feeder {
     /// Saves what memory holds of the last seconds, and the next.
     pub fn trigger(&self) {
         let now_s = self.shared.clock.since_boot().as_secs_f64();
-        self.shared.event(&self.raw, "asked for by wingd trigger".to_owned(), now_s);
+        self.shared.event(&self.raw, "asked for by wingd trigger".to_owned(), now_s, true);
     }
 
     /// A frame goes on; one that is still waiting for the solver is skipped for it.

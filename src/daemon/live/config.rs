@@ -65,6 +65,9 @@ pub struct KeepConfig {
     /// And from after it.
     #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
     pub after: Duration,
+    /// From one event's end to the next that is not asked for: a camera that is jolted all the time must not fill the disk.
+    #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    pub pause: Duration,
     /// An event: the global test of a frame rejects.
     pub rejected: bool,
     /// An event: the camera is jolted.
@@ -84,6 +87,7 @@ impl Default for KeepConfig {
             ring_mb: 48,
             before: Duration::from_secs(5),
             after: Duration::from_secs(5),
+            pause: Duration::from_secs(60),
             rejected: false,
             jolt: true,
             tip_rate_m_s: None,

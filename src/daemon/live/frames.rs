@@ -36,6 +36,8 @@ struct State {
     bytes: usize,
     nth: VecDeque<Arc<LiveFrame>>,
     event: Option<Wanted>,
+    /// Before this time since boot, s, nothing but a wish begins an event.
+    quiet_until_s: f64,
     camera: Map<String, Value>,
     closed: bool,
 }
@@ -93,14 +95,16 @@ impl Raw {
         lost
     }
 
-    /// Something happened at this time since boot, s. True where it begins an event, and does not prolong one.
-    pub fn event(&self, reason: String, at_s: f64) -> bool {
-        if self.keep.ring_mb == 0 {
+    /// Something happened at this time since boot, s, or somebody asks. True where it begins an event, and does not prolong
+    /// one.
+    pub fn event(&self, reason: String, at_s: f64, asked: bool) -> bool {
+        let mut state = self.state();
+        let begins = state.event.is_none();
+        if self.keep.ring_mb == 0 || begins && !asked && at_s < state.quiet_until_s {
             return false;
         }
-        let mut state = self.state();
         let until_s = at_s + self.keep.after.as_secs_f64();
-        let begins = state.event.is_none();
+        state.quiet_until_s = until_s + self.keep.pause.as_secs_f64();
         match &mut state.event {
             Some(event) => {
                 event.until_s = event.until_s.max(until_s);

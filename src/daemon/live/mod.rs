@@ -119,8 +119,8 @@ impl Shared {
         }
     }
 
-    fn event(&self, raw: &Raw, reason: String, at_s: f64) {
-        if raw.event(reason.clone(), at_s) {
+    fn event(&self, raw: &Raw, reason: String, at_s: f64, asked: bool) {
+        if raw.event(reason.clone(), at_s, asked) {
             tracing::info!(reason, "event");
             self.update(|live| live.events += 1);
         }

@@ -141,7 +141,7 @@ impl Solving {
         let skipped = self.shared.skipped();
         let result = Arc::new(LiveResult::new(frame, told, latency_ms, skipped));
         if let Some(reason) = watch.look(&result) {
-            self.shared.event(&self.raw, reason, frame.exposure.exposure_since_boot_s);
+            self.shared.event(&self.raw, reason, frame.exposure.exposure_since_boot_s, false);
         }
         if result.solved() {
             self.tap.preview.show(frame);
