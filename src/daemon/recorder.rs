@@ -401,9 +401,7 @@ impl Recorder {
             tracing::warn!(camera = info.name, warning);
         }
         let camera = camera_map(&info);
-        if let Some(live) = &mut self.live {
-            live.info = Some(info.clone());
-        }
+        self.live.iter_mut().for_each(|live| live.opened(&info));
         self.board.update(|status| {
             status.camera.name = Some(info.name);
             status.camera.open = true;

@@ -10,7 +10,8 @@ use super::{Job, Stage, corrected, recording};
 use crate::camera::Format;
 use crate::installation::Installation;
 use crate::measure::adjust::Live;
-use crate::measure::detect::Prediction;
+use crate::measure::detect::{Detection, Prediction};
+use crate::measure::identify::{self, Identities, NEXT_LIFT_M};
 use crate::measure::setup::Orientation;
 use crate::pipeline::guard::{BROKE_OFF, guarded};
 use crate::record::ImageRecord;
@@ -47,14 +48,27 @@ pub struct Told {
     pub outlines: Vec<Outline>,
 }
 
+/// The last frame's markers.
+struct Seen {
+    detections: Vec<Detection>,
+    identities: Identities,
+    /// When it was exposed, since boot, s.
+    at_s: f64,
+}
+
+/// A tip moves no faster, m/s: a lift of 0.25 m at 2 Hz, about where large wings swing by themselves.
+const FASTEST_M_S: f64 = 3.0;
+/// Farther than this nothing is foretold, m: the whole frame is searched then.
+const FARTHEST_M: f64 = 1.0;
+
 /// All that the frames so far told of one camera.
 pub struct Tracker {
     installation: Arc<Installation>,
     orientation: Orientation,
     job: Job,
     live: Live,
-    /// Where the next frame will show the markers; empty before the first frame and after a loss.
-    predictions: Vec<Prediction>,
+    /// Foretells the next frame; none before the first and after a loss.
+    seen: Option<Seen>,
     /// Exposure of the last frame that was solved, since boot, s.
     last_s: Option<f64>,
 }
@@ -68,16 +82,30 @@ impl Tracker {
     ) -> Result<Self, String> {
         let live = Live::begin(installation.setup.clone(), orientation.clone(), job.options.clone());
         let live = live.map_err(|e| e.to_string())?;
-        Ok(Self { installation, orientation, job, live, predictions: vec![], last_s: None })
+        Ok(Self { installation, orientation, job, live, seen: None, last_s: None })
     }
 
     /// The next frame, exposed `at_s` since boot. Whatever goes wrong with it is in the record; the state stays then.
     pub fn frame(&mut self, name: &str, bytes: &[u8], format: Option<&Format>, at_s: f64) -> Told {
-        let predictions = std::mem::take(&mut self.predictions);
-        let told = guarded(|| self.solve(name, bytes, format, at_s, &predictions));
+        let told = guarded(|| {
+            let predictions = self.foretold(at_s);
+            self.solve(name, bytes, format, at_s, &predictions)
+        });
         told.unwrap_or_else(|| {
             self.failed(&Sighting { image: name.into(), ..Sighting::default() }, BROKE_OFF)
         })
+    }
+
+    /// Where this frame shows the markers: the longer ago the last one, the wider.
+    fn foretold(&mut self, at_s: f64) -> Vec<Prediction> {
+        let Some(seen) = self.seen.take() else { return vec![] };
+        let lift_m = FASTEST_M_S * (at_s - seen.at_s);
+        if !(0.0..=FARTHEST_M).contains(&lift_m) {
+            return vec![];
+        }
+        let (setup, orientation) = (&self.installation.setup, &self.orientation);
+        let lift_m = lift_m.max(NEXT_LIFT_M);
+        identify::predict_within(setup, orientation, &seen.detections, &seen.identities, lift_m)
     }
 
     fn failed(&self, sighting: &Sighting, reason: &str) -> Told {
@@ -102,8 +130,8 @@ impl Tracker {
         }
         if let (None, Some(raster)) = (&sighting.failure, &raster) {
             let (installation, orientation) = (&self.installation, &self.orientation);
-            self.predictions =
-                stages::recognise_and_predict(&mut sighting, raster, installation, orientation);
+            let known = stages::recognise_for_next(&mut sighting, raster, installation, orientation);
+            self.seen = known.map(|(detections, identities)| Seen { detections, identities, at_s });
         }
         drop(raster);
         let before = self.live.mountings();

@@ -204,24 +204,24 @@ pub fn recognise(
     take_up(sighting, setup, orientation, known);
 }
 
-/// The same, and where the next frame will show the markers. Those that only a closer look showed are not promised: guided
-/// detection does not find them, and would search the whole frame each time.
-pub(super) fn recognise_and_predict(
+/// The same, and what foretells the next frame: what was found without a closer look, and who that is. Guided detection does not
+/// find what only a closer look shows: were it promised, the whole frame would be searched each time.
+pub(super) fn recognise_for_next(
     sighting: &mut Sighting,
     raster: &Raster,
     installation: &Installation,
     orientation: &Orientation,
-) -> Vec<Prediction> {
+) -> Option<(Vec<Detection>, Identities)> {
     let setup = &installation.setup;
     let found = sighting.detections.clone();
-    let mut predictions = vec![];
+    let mut plainly = None;
     let known = sighting.timed("identify", || {
         let first = identify::identify(setup, orientation, &found.markers)?;
-        predictions = identify::predict(setup, orientation, &found.markers, &first);
+        plainly = Some((found.markers.clone(), first.clone()));
         Ok(looked_closer(setup, orientation, raster, (found, first)))
     });
     take_up(sighting, setup, orientation, known);
-    predictions
+    plainly
 }
 
 fn take_up(

@@ -99,3 +99,37 @@ pub(super) fn shots(args: &Simulate, scene: &Scene, seconds: f64) -> Vec<SetFram
     }
     frames
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        simulate: Simulate,
+    }
+
+    #[test]
+    fn a_flight_swings_about_its_level_and_closes() {
+        let words =
+            "wingd --output o --gusts 20 --rate-hz 50 --tip-lifts 2 --gust 0.1 --side left --markers 8";
+        let args = Cli::try_parse_from(words.split(' ')).unwrap_or_else(|e| e.exit()).simulate;
+        args.gusts.check().unwrap_or_else(|_| unreachable!());
+        let scene = crate::cli::simulate::scene(&args).unwrap_or_else(|_| unreachable!());
+        let flight = shots(&args, &scene, 20.0).split_off(1);
+        assert_eq!((flight.len(), flight[50].time_s), (1000, Some(1.0)));
+        let lifts: Vec<f64> = flight.iter().map(|f| f.shot.state.tip_lift_m).collect();
+        let mean = lifts.iter().sum::<f64>() / 1000.0;
+        let spread = (lifts.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / 1000.0).sqrt();
+        // Three sines over whole periods.
+        assert!((mean - 2.0).abs() < 1e-9 && (spread - 0.1 * 1.5_f64.sqrt()).abs() < 1e-9, "{mean} {spread}");
+        let fastest = 0.1 * std::f64::consts::TAU * GUSTS_HZ.iter().sum::<f64>() * 1.1 / 50.0;
+        let steps = (0..1000).map(|i| (lifts[(i + 1) % 1000] - lifts[i]).abs());
+        assert!(steps.fold(0.0, f64::max) < fastest, "the last frame is followed by the first");
+        assert!(flight.iter().all(|f| f.shot.light_seed == flight[0].shot.light_seed));
+        assert!(flight.windows(2).all(|pair| pair[0].shot.seed != pair[1].shot.seed));
+    }
+}

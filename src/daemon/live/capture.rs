@@ -63,6 +63,12 @@ impl Feeder {
         self.shared.config.series
     }
 
+    /// The camera was opened.
+    pub fn opened(&mut self, info: &CameraInfo) {
+        self.raw.camera(camera_map(info));
+        self.info = Some(info.clone());
+    }
+
     /// Saves what memory holds of the last seconds, and the next.
     pub fn trigger(&self) {
         let now_s = self.shared.clock.since_boot().as_secs_f64();
@@ -183,10 +189,7 @@ impl Recorder {
                 status.camera.open = true;
                 status.camera.warnings = info.warnings.clone();
             });
-            if let Some(live) = &mut self.live {
-                live.raw.camera(camera_map(&info));
-                live.info = Some(info);
-            }
+            self.live.iter_mut().for_each(|live| live.opened(&info));
         }
         let frame = self.camera.live(self.config.shot_deadline, &beat)?;
         match self.judge(&frame) {

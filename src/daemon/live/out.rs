@@ -10,7 +10,8 @@ use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
 use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::net::{UdpSocket, UnixListener, UnixStream};
 use tokio::sync::Semaphore;
-use tokio::sync::broadcast::{Receiver, Sender, error::RecvError};
+use tokio::sync::broadcast::error::{RecvError, TryRecvError};
+use tokio::sync::broadcast::{Receiver, Sender};
 
 use super::Shared;
 use super::preview::Preview;
@@ -22,6 +23,8 @@ pub(super) const WAITING: usize = 64;
 const LISTENERS: usize = 32;
 /// A listener that takes nothing for so long is gone.
 const STALL: Duration = Duration::from_secs(30);
+/// How often what a listener loses is looked at.
+const LOOK: Duration = Duration::from_millis(200);
 /// After an error of the machine.
 const PAUSE: Duration = Duration::from_secs(2);
 /// A longer line is no command.
@@ -92,12 +95,40 @@ impl Tap {
                         None => continue,
                     },
                 };
-                say(&mut write, &line).await?;
+                self.say(&mut write, &line, &mut results).await?;
             }
         };
         let ended = end.await;
         listening.abort();
         ended
+    }
+
+    /// While a listener takes nothing, what it loses is counted.
+    async fn say(
+        &self,
+        write: &mut OwnedWriteHalf,
+        line: &str,
+        results: &mut Receiver<Arc<Given>>,
+    ) -> io::Result<()> {
+        let whole = async {
+            write.write_all(line.as_bytes()).await?;
+            write.write_all(b"\n").await
+        };
+        tokio::pin!(whole);
+        let begun = tokio::time::Instant::now();
+        while begun.elapsed() < STALL {
+            tokio::select! {
+                done = &mut whole => return done,
+                () = tokio::time::sleep(LOOK) => {}
+            }
+            // More than are kept: the next answer is how many are gone.
+            if results.len() > WAITING
+                && let Err(TryRecvError::Lagged(lines)) = results.try_recv()
+            {
+                self.shared.update(|live| live.lines_lost += lines);
+            }
+        }
+        Err(io::ErrorKind::TimedOut.into())
     }
 
     async fn frame(&self) -> Option<String> {
@@ -125,14 +156,6 @@ async fn hear(read: OwnedReadHalf, asked: tokio::sync::mpsc::Sender<()>) {
             Ok(_) => {}
         }
     }
-}
-
-async fn say(write: &mut OwnedWriteHalf, line: &str) -> io::Result<()> {
-    let whole = async {
-        write.write_all(line.as_bytes()).await?;
-        write.write_all(b"\n").await
-    };
-    tokio::time::timeout(STALL, whole).await.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
 }
 
 /// A datagram for each result.

@@ -14,11 +14,13 @@
 
   const number = (value, digits) =>
     typeof value === "number" && Number.isFinite(value) ? value.toFixed(digits) : null;
-  const measured = (value, sigma, digits, unit) => {
-    const shown = number(value, digits);
-    if (shown === null) return "–";
-    const spread = number(sigma, digits);
-    return spread === null ? `${shown} ${unit}` : `${shown} ± ${spread} ${unit}`;
+  const tile = (id, value, beside) => {
+    text(id, value ?? "–");
+    text(`${id}-beside`, beside ?? "");
+  };
+  const measured = (id, value, sigma, digits, unit) => {
+    const [shown, spread] = [number(value, digits), number(sigma, digits)];
+    tile(id, shown && `${shown} ${unit}`, shown && spread && `± ${spread} ${unit}`);
   };
 
   // 1, 2 or 5 times a power of ten, not below the raw step.
@@ -35,9 +37,22 @@
     return node;
   };
 
+  // A range that does not jump with each gust: it grows at once, and shrinks where less than half of it is used.
+  const ranges = new Map();
+  const steady = (id, low, high) => {
+    const [from, to] = ranges.get(id) ?? [low, high];
+    const kept = high - low < 0.5 * (to - from) ? [low, high] : [Math.min(from, low), Math.max(to, high)];
+    ranges.set(id, kept);
+    return kept;
+  };
+
   // Points: x, y, sigma or null; null itself breaks the line. Returns how many times the band is enlarged.
   const plot = (svg, points, { xRange, xLabel, yFrom0, xTick }) => {
-    const [width, height, left, right, top, bottom] = [560, 300, 52, 12, 10, 34];
+    // In the page's own pixels: letters keep their size on a phone.
+    const width = Math.max(240, svg.clientWidth);
+    const height = Math.max(200, Math.min(320, 0.56 * width));
+    const [left, right, top, bottom] = [46, 14, 10, 40];
+    svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     svg.replaceChildren();
     const seen = points.filter((p) => p !== null);
     if (seen.length === 0) {
@@ -47,6 +62,7 @@
     let low = Math.min(...seen.map((p) => p.y));
     let high = Math.max(...seen.map((p) => p.y));
     if (yFrom0) [low, high] = [Math.min(0, low), Math.max(0, high)];
+    [low, high] = steady(svg.id, low, high);
     const step = roundStep(Math.max(high - low, 4 * Math.max(...seen.map((p) => p.sigma ?? 0)), 1e-3) / 4);
     [low, high] = [Math.floor(low / step) * step, Math.ceil(high / step) * step];
     if (high <= low) high = low + step;
@@ -62,9 +78,9 @@
     for (let k = 0; k <= ticks; k++) {
       const value = xRange[0] + (k / ticks) * (xRange[1] - xRange[0]);
       const anchor = k === 0 ? "start" : k === ticks ? "end" : "middle";
-      element(svg, "text", { x: x(value), y: height - 16, "text-anchor": anchor }, xTick(value));
+      element(svg, "text", { x: x(value), y: height - 22, "text-anchor": anchor }, xTick(value));
     }
-    element(svg, "text", { x: (left + width - right) / 2, y: height - 2, "text-anchor": "middle" }, xLabel);
+    element(svg, "text", { x: (left + width - right) / 2, y: height - 5, "text-anchor": "middle" }, xLabel);
     const widest = Math.max(...seen.map((p) => p.sigma ?? 0));
     const enlarged = [50, 20, 10, 5, 2].find((factor) => widest * factor < 0.12 * (high - low)) ?? 1;
     for (const run of runs(points)) {
@@ -100,8 +116,9 @@
         last = one.time;
       }
     }
-    const range = [-SPAN_S, 0];
-    const enlarged = plot(byId(id), points, { xRange: range, xLabel: `${unit}, over seconds`, xTick: (v) => `${v} s` });
+    const since = history.length > 0 ? now - history[0].time : 0;
+    const range = [-Math.min(SPAN_S, 20 * Math.max(1, Math.ceil(since / 20))), 0];
+    const enlarged = plot(byId(id), points, { xRange: range, xLabel: `${unit}, over seconds`, xTick: (v) => v.toFixed(0) });
     text(`${id}-caption`, `${band(enlarged)}.`);
   };
 
@@ -110,16 +127,16 @@
     if (result === null) return;
     const solved = result.status === "ok";
     const pair = (result.torsion ?? [])[0] ?? {};
-    text("lift", solved && result.tip ? measured(result.tip.lift_m, result.tip.sigma_lift_m, 3, "m") : "–");
-    text("twist", solved ? measured(pair.twist_deg, pair.sigma_twist_deg, 2, "°") : "–");
+    measured("lift", solved ? result.tip?.lift_m : null, result.tip?.sigma_lift_m, 3, "m");
+    measured("twist", solved ? pair.twist_deg : null, pair.sigma_twist_deg, 2, "°");
     const recent = history.filter((one) => one.came > performance.now() - 10000);
     const elapsed = recent.length > 1 ? (recent[recent.length - 1].came - recent[0].came) / 1000 : 0;
-    text("rate", elapsed > 0 ? ((recent.length - 1) / elapsed).toFixed(1) : "–");
+    tile("rate", elapsed > 0 ? `${((recent.length - 1) / elapsed).toFixed(1)} a second` : null, "over ten seconds");
     const late = recent.map((one) => one.latency).sort((a, b) => a - b);
     const p95 = late[Math.max(0, Math.ceil(0.95 * late.length) - 1)];
-    text("latency", p95 === undefined ? "–" : `${Math.round(result.latency_ms)} ms, 95 %: ${Math.round(p95)}`);
-    text("skipped", String(result.skipped));
-    text("test", result.global_test ?? "–");
+    tile("latency", `${Math.round(result.latency_ms)} ms`, p95 && `95 %: ${Math.round(p95)} ms`);
+    tile("skipped", String(result.skipped), `of ${result.number} frames`);
+    tile("test", result.global_test, `variance factor ${number(result.variance_factor, 2) ?? "–"}`);
     const curve = (result.curve ?? []).map((p) => ({ x: p.span_m, y: p.lift_m, sigma: p.sigma_lift_m }));
     if (curve.length > 1) {
       const range = [curve[0].x, curve[curve.length - 1].x];

@@ -19,18 +19,18 @@ pub fn live(listens: bool) -> Markup {
             ul.tiles {
                 (tile("lift", "Tip lift"))
                 (tile("twist", "Twist"))
-                (tile("rate", "Results a second"))
+                (tile("rate", "Results"))
                 (tile("latency", "Latency"))
                 (tile("skipped", "Skipped"))
                 (tile("test", "Global test"))
             }
             div.live {
                 section { h2 { "Lift along the span" } svg #curve viewBox="0 0 560 300" role="img" aria-label="Lift along the span" {} p.caption #curve-caption {} }
-                section { h2 { "Tip lift, three minutes" } svg #lifts viewBox="0 0 560 300" role="img" aria-label="Tip lift over the last three minutes" {} p.caption #lifts-caption {} }
+                section { h2 { "Tip lift, the last minutes" } svg #lifts viewBox="0 0 560 300" role="img" aria-label="Tip lift over the last minutes" {} p.caption #lifts-caption {} }
                 section { h2 { "Frame" }
                     div.seen { img #frame alt="The newest frame"; svg #outlines aria-hidden="true" {} }
                     p.caption #frame-caption {} }
-                section { h2 { "Twist, three minutes" } svg #twists viewBox="0 0 560 300" role="img" aria-label="Twist over the last three minutes" {} p.caption #twists-caption {} }
+                section { h2 { "Twist, the last minutes" } svg #twists viewBox="0 0 560 300" role="img" aria-label="Twist over the last minutes" {} p.caption #twists-caption {} }
             }
             script src="/live.js" defer {}
         }
@@ -39,5 +39,5 @@ pub fn live(listens: bool) -> Markup {
 }
 
 fn tile(id: &str, name: &str) -> Markup {
-    html! { li { (name) b id=(id) { "–" } } }
+    html! { li { (name) b id=(id) { "–" } span.soft id={ (id) "-beside" } {} } }
 }
