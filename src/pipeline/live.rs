@@ -9,7 +9,7 @@ use super::stages::{self, Search, Sighting};
 use super::{Job, Stage, corrected, recording};
 use crate::camera::Format;
 use crate::installation::Installation;
-use crate::measure::adjust::Live;
+use crate::measure::adjust::{Live, Parameter, Solution};
 use crate::measure::detect::{Detection, Prediction};
 use crate::measure::identify::{self, Identities, NEXT_LIFT_M};
 use crate::measure::setup::Orientation;
@@ -46,6 +46,35 @@ pub struct Told {
     pub jolt: bool,
     /// Of all that was detected.
     pub outlines: Vec<Outline>,
+    /// The bending line, where there are numbers.
+    pub curvature: Option<Curvature>,
+}
+
+/// Coefficients of the curvature, in the shape of the record's `curvature_per_m`, with their covariance.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Curvature {
+    /// 1/m.
+    pub per_m: Vec<f64>,
+    /// The upper triangle, row by row, 1/m2.
+    pub covariance: Vec<f64>,
+}
+
+impl Curvature {
+    /// `None` where a coefficient has no standard deviation.
+    fn of(solution: &Solution) -> Option<Self> {
+        let before = |p: &&Parameter| p.name != "curvature_per_m";
+        let first: usize = solution.parameters.iter().take_while(before).map(|p| p.values.len()).sum();
+        let own = &solution.parameters.iter().find(|p| !before(p))?.values;
+        let sigmas: Vec<f64> = own.iter().map(|e| e.sigma).collect::<Option<_>>()?;
+        let correlation = |i: usize, j: usize| solution.correlation.get((first + i, first + j)).copied();
+        let mut covariance = vec![];
+        for (i, row) in sigmas.iter().enumerate() {
+            for (j, column) in sigmas.iter().enumerate().skip(i) {
+                covariance.push(row * column * correlation(i, j)?);
+            }
+        }
+        Some(Self { per_m: own.iter().map(|e| e.value).collect(), covariance })
+    }
 }
 
 /// The last frame's markers.
@@ -112,7 +141,7 @@ impl Tracker {
         let mut record = recording::record(sighting, &self.installation, &self.job, Err(reason.into()));
         record.provenance.clear();
         let mounting = self.live.mountings();
-        Told { record, search: Search::Whole, mounting, jolt: false, outlines: vec![] }
+        Told { record, search: Search::Whole, mounting, jolt: false, outlines: vec![], curvature: None }
     }
 
     fn solve(
@@ -145,13 +174,14 @@ impl Tracker {
             Ok((solution, report))
         });
         sighting.stages.push(Stage { name: "solve", ms: 1e3 * started.elapsed().as_secs_f64() });
+        let curvature = outcome.as_ref().ok().and_then(|(solution, _)| Curvature::of(solution));
         let mut record = recording::record(&sighting, &self.installation, &self.job, outcome);
         // The same in every line, and written once with the table of results.
         record.provenance.clear();
         record.quality.remove("correlation");
         let mounting = self.live.mountings();
         let jolt = before > 0 && mounting > before;
-        Told { record, search, mounting, jolt, outlines: outlines(&sighting, &self.installation) }
+        Told { record, search, mounting, jolt, outlines: outlines(&sighting, &self.installation), curvature }
     }
 }
 

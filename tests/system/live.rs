@@ -39,7 +39,7 @@ fn record(image: &str) -> ImageRecord {
 
 fn told(image: &str) -> Told {
     let (search, outlines) = (Search::Guided, vec![]);
-    Told { record: record(image), search, mounting: 1, jolt: false, outlines }
+    Told { record: record(image), search, mounting: 1, jolt: false, outlines, curvature: None }
 }
 
 /// Seconds of live mode with series in between, by the machine's clock.

@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::camera::Frame;
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
-use crate::pipeline::live::{Outline, Told};
+use crate::pipeline::live::{Curvature, Outline, Told};
 use crate::pipeline::stages::Search;
 use crate::record::{ImageRecord, Status};
 
@@ -53,6 +53,9 @@ pub struct LiveResult {
     pub jolt: bool,
     /// What was detected.
     pub outlines: Vec<Outline>,
+    /// In the store, for moments; not in the line, whose record has the coefficients.
+    #[serde(skip)]
+    pub curvature: Option<Curvature>,
     /// The result as everywhere, without provenance and correlations.
     #[serde(flatten)]
     pub record: ImageRecord,
@@ -63,9 +66,9 @@ pub const DATAGRAM_POINTS: usize = 11;
 
 impl LiveResult {
     pub(crate) fn new(frame: &LiveFrame, told: Told, latency_ms: f64, skipped: u64) -> Self {
-        let Told { record, search, mounting, jolt, outlines } = told;
+        let Told { record, search, mounting, jolt, outlines, curvature } = told;
         let (number, exposure) = (frame.number, frame.exposure.clone());
-        Self { number, exposure, latency_ms, skipped, search, mounting, jolt, outlines, record }
+        Self { number, exposure, latency_ms, skipped, search, mounting, jolt, outlines, curvature, record }
     }
 
     /// Whether it has numbers.

@@ -73,6 +73,7 @@ impl Solving {
             mounting: 0,
             jolt: false,
             outlines: Vec::new(),
+            curvature: None,
         };
         if ready.frames.send(frame.clone()).is_err() {
             return Some(failed("the solver broke off before this frame"));

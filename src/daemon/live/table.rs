@@ -6,6 +6,7 @@ use super::result::LiveResult;
 use crate::pipeline::stages::Search;
 use crate::record::{CurveRecord, ImageRecord, MarkerRecord, TorsionRecord};
 use crate::store::columns::{Column, Kind, LiveTable, Row, UTC};
+use crate::store::live::names;
 
 /// What the rows are of: one result has shown how many markers, stations and pairs there are.
 pub(crate) struct Table {
@@ -13,6 +14,7 @@ pub(crate) struct Table {
     markers: usize,
     stations: usize,
     pairs: usize,
+    terms: usize,
 }
 
 type OfMarker = (&'static str, &'static str, fn(&MarkerRecord) -> Option<f64>);
@@ -44,11 +46,11 @@ const PAIRS: [OfPair; 4] = [
 ];
 /// Name, unit, kind of what a row has once.
 const ONCE: [(&str, &str, Kind); 15] = [
-    ("exposure", UTC, Kind::U64),
-    ("exposure_since_boot", "s", Kind::F64),
+    (names::UTC, UTC, Kind::U64),
+    (names::SINCE_BOOT, "s", Kind::F64),
     ("exposure_sigma", "s", Kind::F32),
     ("clock_sigma", "s", Kind::F32),
-    ("number", "", Kind::U64),
+    (names::NUMBER, "", Kind::U64),
     ("skipped", "", Kind::U64),
     ("solved", "", Kind::U8),
     ("whole_search", "", Kind::U8),
@@ -66,6 +68,7 @@ impl Table {
     pub fn of(result: &LiveResult, source: &Map<String, Value>) -> Self {
         let record = &result.record;
         let (markers, stations, pairs) = (record.markers.len(), record.curve.len(), record.torsion.len());
+        let terms = result.curvature.as_ref().map_or(0, |c| c.per_m.len());
         let once = ONCE.map(|(name, unit, kind)| column(name.to_owned(), unit, kind, 1));
         let list = |list: &str, (name, unit): (&str, &str), width| {
             column(format!("{list}.{name}"), unit, Kind::F32, width)
@@ -76,10 +79,14 @@ impl Table {
             .chain(MARKERS.map(|(name, unit, _)| list("markers", (name, unit), markers)))
             .chain(STATIONS.map(|(name, unit, _)| list("stations", (name, unit), stations)))
             .chain(PAIRS.map(|(name, unit, _)| list("torsion", (name, unit), pairs)))
+            .chain([
+                column(names::CURVATURE.to_owned(), "1/m", Kind::F64, terms),
+                column(names::CURVATURE_COVARIANCE.to_owned(), "1/m2", Kind::F64, terms * (terms + 1) / 2),
+            ])
             .filter(|column| column.width > 0)
             .collect();
         let table = LiveTable { source: described(record, source), columns };
-        Self { table, markers, stations, pairs }
+        Self { table, markers, stations, pairs, terms }
     }
 
     /// A result's values.
@@ -97,6 +104,10 @@ impl Table {
         }
         for (_, _, value) in PAIRS {
             row.extend((0..self.pairs).map(|i| record.torsion.get(i).and_then(value).unwrap_or(none)));
+        }
+        match result.curvature.as_ref().filter(|c| c.per_m.len() == self.terms) {
+            Some(known) => row.extend(known.per_m.iter().chain(&known.covariance)),
+            None => row.resize(row.len() + self.terms + self.terms * (self.terms + 1) / 2, none),
         }
         row
     }
@@ -137,7 +148,7 @@ fn described(record: &ImageRecord, source: &Map<String, Value>) -> Value {
     let arcs: Vec<f64> = record.curve.iter().map(|p| p.arc_length_m).collect();
     let pairs: Vec<&str> = record.torsion.iter().map(|t| t.name.as_str()).collect();
     json!({
-        "provenance": source,
+        names::PROVENANCE: source,
         "method": "live",
         "markers": ids,
         "stations": arcs,
