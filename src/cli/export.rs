@@ -1,5 +1,7 @@
 //! `wingd export`: a store's results for other tools.
 
+mod live;
+
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -36,15 +38,18 @@ enum TableName {
     Parameters,
     /// One row per shot, those without a frame too
     Shots,
+    /// One row per result of live mode; of jsonl too
+    Live,
 }
 
-impl From<TableName> for Table {
+impl From<TableName> for Option<Table> {
     fn from(name: TableName) -> Self {
         match name {
-            TableName::Markers => Self::Markers,
-            TableName::Span => Self::Span,
-            TableName::Parameters => Self::Parameters,
-            TableName::Shots => Self::Shots,
+            TableName::Markers => Some(Table::Markers),
+            TableName::Span => Some(Table::Span),
+            TableName::Parameters => Some(Table::Parameters),
+            TableName::Shots => Some(Table::Shots),
+            TableName::Live => None,
         }
     }
 }
@@ -87,9 +92,10 @@ impl Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    let Some(table) = Option::<Table>::from(args.table) else { return live::run(args) };
     let said = match args.format {
-        FormatName::Csv => csv(args)?,
-        FormatName::Parquet => parquet(args)?,
+        FormatName::Csv => csv(args, table)?,
+        FormatName::Parquet => parquet(args, table)?,
         FormatName::Vtk => vtk(args)?,
         FormatName::Jsonl => jsonl(args)?,
     };
@@ -150,8 +156,8 @@ fn ended(args: &Args, outcome: Result<ReportData, Failure>, broken: bool) -> Res
     }
 }
 
-fn csv(args: &Args) -> Result<ReportData, Failure> {
-    let (common, table) = (common(args)?, args.table.into());
+fn csv(args: &Args, table: Table) -> Result<ReportData, Failure> {
+    let common = common(args)?;
     let empty = export::columns(table, &SeriesData::default(), &common);
     let mut broken = false;
     let place = args.output.clone().unwrap_or_else(|| "standard output".into());
@@ -192,9 +198,14 @@ fn jsonl(args: &Args) -> Result<ReportData, Failure> {
 }
 
 #[cfg(feature = "parquet")]
-fn parquet(args: &Args) -> Result<ReportData, Failure> {
-    let (common, table) = (common(args)?, args.table.into());
-    let file = args.output.as_deref().unwrap_or(Path::new("export.parquet"));
+fn parquet_place(args: &Args) -> &Path {
+    args.output.as_deref().unwrap_or(Path::new("export.parquet"))
+}
+
+#[cfg(feature = "parquet")]
+fn parquet(args: &Args, table: Table) -> Result<ReportData, Failure> {
+    let common = common(args)?;
+    let file = parquet_place(args);
     let failed = |error: parquet::errors::ParquetError| cannot_write(file, &error);
     let output = BufWriter::new(create(file)?);
     let empty = export::columns(table, &SeriesData::default(), &common);
@@ -208,17 +219,20 @@ fn parquet(args: &Args) -> Result<ReportData, Failure> {
     Ok(said)
 }
 
+#[cfg(feature = "parquet")]
+fn recorder_notes(store_id: Option<&str>) -> Vec<(String, String)> {
+    let units = "m, deg, px, s by the ending of a column's name; frames: docs/conventions.md";
+    vec![
+        ("program".to_owned(), format!("wingd {}", env!("CARGO_PKG_VERSION"))),
+        ("recorder_id".to_owned(), store_id.unwrap_or_default().to_owned()),
+        ("units".to_owned(), units.to_owned()),
+    ]
+}
+
 /// The file's own metadata: who recorded, and what the results follow from, by the key in column `inputs`.
 #[cfg(feature = "parquet")]
 fn notes(args: &Args, common: &Common) -> Result<Vec<(String, String)>, Failure> {
-    let mut notes = vec![
-        ("program".to_owned(), format!("wingd {}", env!("CARGO_PKG_VERSION"))),
-        ("recorder_id".to_owned(), common.store_id.clone().unwrap_or_default()),
-        (
-            "units".to_owned(),
-            "m, deg, px, s by the ending of a column's name; frames: docs/conventions.md".to_owned(),
-        ),
-    ];
+    let mut notes = recorder_notes(common.store_id.as_deref());
     for flight in source::chosen(&args.store, args.flight.as_deref())? {
         if let Some(set) = crate::store::sets::of_flight(&RealDisk, &flight)?.chosen(args.inputs.as_deref()) {
             let provenance = serde_json::to_string(&set.provenance).unwrap_or_default();
@@ -232,8 +246,13 @@ fn notes(args: &Args, common: &Common) -> Result<Vec<(String, String)>, Failure>
 }
 
 #[cfg(not(feature = "parquet"))]
-fn parquet(_: &Args) -> Result<ReportData, Failure> {
-    Err(Failure::Usage("this wingd was built without Parquet; use --format csv".into()))
+fn parquet(_: &Args, _: Table) -> Result<ReportData, Failure> {
+    Err(without_parquet())
+}
+
+#[cfg(not(feature = "parquet"))]
+fn without_parquet() -> Failure {
+    Failure::Usage("this wingd was built without Parquet; use --format csv".into())
 }
 
 fn vtk(args: &Args) -> Result<ReportData, Failure> {

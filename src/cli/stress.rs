@@ -1,8 +1,10 @@
 //! `wingd stress`: bending moments of a store's flights, their extremes, cycles and relative damage.
 
+mod live;
+
 use std::path::{Path, PathBuf};
 
-use serde_json::json;
+use serde_json::{Map, Value, json};
 
 use super::solve_store::flights;
 use super::{Done, Failure, print};
@@ -28,6 +30,9 @@ pub struct Args {
     /// One flight, for example f0001 [default: all of them]
     #[arg(long)]
     flight: Option<String>,
+    /// From the results of live mode, whose rate can tell cycles
+    #[arg(long, conflicts_with = "inputs")]
+    live: bool,
     /// Of a flight with results of several inputs: those whose key begins so [default: the newest whole solve]
     #[arg(long, value_name = "KEY")]
     inputs: Option<String>,
@@ -63,27 +68,33 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let stated = args.structure.as_deref().map(installation::read_stiffness).transpose()?;
     let (mut told, mut whole, mut table) = (0, true, MOMENTS_HEADER.to_owned());
     for flight in flights(&RealDisk, &args.store, args.flight.as_deref())? {
-        let all = sets::of_flight(&RealDisk, &flight).map_err(undone)?;
-        let Some(set) = all.chosen(args.inputs.as_deref()) else { continue };
-        if let Some(warning) = all.warning(&flight.id, args.inputs.as_deref()) {
-            eprintln!("wingd: {warning}");
-        }
-        let question = question(args, stated.as_deref(), &flight, set)?;
-        let (frames, left_out) = frames(&flight, set, &question.1)?;
+        let Some(from) = Origin::of(args, &flight)? else { continue };
+        let question = question(args, stated.as_deref(), &flight, from.provenance())?;
+        let (frames, left_out) = match &from {
+            Origin::Series(set) => frames(&flight, set, &question.1)?,
+            Origin::Live(provenance) => live::frames(&args.store, &flight, provenance, &question.1)?,
+        };
         for why in &left_out {
             eprintln!("wingd: {}: {why}", flight.id);
         }
         whole &= left_out.is_empty();
         let Some(load) = stress::of(&frames, &question.0) else { continue };
         told += 1;
-        moments(&mut table, &flight, &frames, &question.0.sections);
-        show(args, &flight, set, &load)?;
+        if args.moments.is_some() {
+            moments(&mut table, &flight, &frames, &question.0.sections);
+        }
+        show(args, &flight, from.key(), &load)?;
     }
     if told == 0 {
         let store = args.store.display();
-        return Err(Failure::Undone(format!(
-            "{store}: no flight has a solved bending line; `wingd solve {store}` gives one"
-        )));
+        let why = if args.live {
+            format!(
+                "{store}: no flight has live results with a curvature; leave --live out for those of series"
+            )
+        } else {
+            format!("{store}: no flight has a solved bending line; `wingd solve {store}` gives one")
+        };
+        return Err(Failure::Undone(why));
     }
     write(args, &table)?;
     Ok(Done::all(whole))
@@ -105,6 +116,41 @@ fn usage(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Which results of a flight are meant.
+enum Origin {
+    Series(ResultSet),
+    /// By what they follow from.
+    Live(Map<String, Value>),
+}
+
+impl Origin {
+    fn of(args: &Args, flight: &FlightRef) -> Result<Option<Self>, Failure> {
+        if args.live {
+            return Ok(live::provenance(&args.store, flight)?.map(Self::Live));
+        }
+        let all = sets::of_flight(&RealDisk, flight).map_err(undone)?;
+        let Some(set) = all.chosen(args.inputs.as_deref()) else { return Ok(None) };
+        if let Some(warning) = all.warning(&flight.id, args.inputs.as_deref()) {
+            eprintln!("wingd: {warning}");
+        }
+        Ok(Some(Self::Series(set.clone())))
+    }
+
+    fn provenance(&self) -> &Map<String, Value> {
+        match self {
+            Self::Series(set) => &set.provenance,
+            Self::Live(provenance) => provenance,
+        }
+    }
+
+    fn key(&self) -> Option<&str> {
+        match self {
+            Self::Series(set) => Some(&set.key),
+            Self::Live(_) => None,
+        }
+    }
+}
+
 /// What the frames' bending lines have in common.
 struct Line {
     length_m: f64,
@@ -115,9 +161,9 @@ fn question(
     args: &Args,
     stated: Option<&[Section]>,
     flight: &FlightRef,
-    set: &ResultSet,
+    provenance: &Map<String, Value>,
 ) -> Result<(Question, Line), Failure> {
-    let installation = installation_of(args, flight, set)?;
+    let installation = installation_of(args, flight, provenance)?;
     let own: Option<&Structure> = installation.structure.as_ref();
     let sections = stated.map(<[Section]>::to_vec).or_else(|| own.map(|s| s.sections.clone()));
     let sections = sections.ok_or_else(|| {
@@ -148,11 +194,15 @@ fn question(
 }
 
 /// The one of the command line, else the one that the results came from.
-fn installation_of(args: &Args, flight: &FlightRef, set: &ResultSet) -> Result<Installation, Failure> {
+fn installation_of(
+    args: &Args,
+    flight: &FlightRef,
+    provenance: &Map<String, Value>,
+) -> Result<Installation, Failure> {
     let directory = match &args.installation {
         Some(directory) => directory.clone(),
         None => {
-            let digest = installations::named(&set.provenance);
+            let digest = installations::named(provenance);
             let kept = digest.map(|digest| installations::folder(&args.store, &digest));
             kept.filter(|folder| folder.is_dir()).ok_or_else(|| {
                 let (store, flight) = (args.store.display(), &flight.id);
@@ -227,9 +277,9 @@ fn unwritable(file: &Path, error: &std::io::Error) -> Failure {
     Failure::Undone(format!("{file}: could not write: {error}; choose another place with --moments"))
 }
 
-fn show(args: &Args, flight: &FlightRef, set: &ResultSet, load: &FlightLoad) -> Result<(), Failure> {
+fn show(args: &Args, flight: &FlightRef, inputs: Option<&str>, load: &FlightLoad) -> Result<(), Failure> {
     if args.json {
-        let mut line = json!({"flight": flight.id, "inputs": set.key});
+        let mut line = json!({"flight": flight.id, "inputs": inputs, "live": args.live});
         if let (Some(line), Ok(serde_json::Value::Object(more))) =
             (line.as_object_mut(), serde_json::to_value(load))
         {

@@ -23,6 +23,22 @@ pub(crate) const KIND: Kind = Kind {
     longest: 8 << 20,
 };
 
+/// Columns that other commands look for, where a table has them.
+pub mod names {
+    /// Middle of the exposure; unit [`UTC`](super::columns::UTC).
+    pub const UTC: &str = "utc";
+    /// Of the same, s.
+    pub const SINCE_BOOT: &str = "since_boot";
+    /// The result's number, from 1 at each start of live mode.
+    pub const NUMBER: &str = "number";
+    /// Coefficients of the bending line's curvature, 1/m, from the first on.
+    pub const CURVATURE: &str = "curvature";
+    /// Their covariance, 1/m^2: of k coefficients k (k + 1) / 2 values, the upper triangle row by row.
+    pub const CURVATURE_COVARIANCE: &str = "curvature_covariance";
+    /// In the source: what results follow from, as in `results.jsonl`.
+    pub const PROVENANCE: &str = "provenance";
+}
+
 /// The closed files of a flight, in order.
 pub fn files(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<String>, StoreError> {
     segment::files(disk, flight, &KIND)

@@ -9,10 +9,12 @@ pub mod bundle;
 pub mod catalogue;
 pub mod chain;
 pub mod columns;
+mod config;
 pub mod disk;
 mod error;
 pub mod fake;
 pub mod flight;
+mod frames;
 pub mod heads;
 pub mod installations;
 pub mod jsonl;
@@ -37,13 +39,12 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
-
 pub use catalogue::{FlightRef, SeriesRef};
 pub use columns::{Column, Kind, LiveTable, Row};
+pub use config::StoreConfig;
 pub use disk::{Disk, RealDisk};
 pub use error::StoreError;
+pub use frames::{FrameRef, frames, read_frame};
 pub use opening::{is_vacant, unwritable};
 pub use recover::Recovery;
 pub use results::{Inputs, sha256};
@@ -51,66 +52,7 @@ pub use series::{NewFrame, OpenSeries};
 pub use upgrade::upgrade;
 
 use crate::clock::Stamp;
-use crate::clock::exposure::Exposure;
-use manifest::{
-    Cause, FlightManifest, FrameEntry, JournalHead, Refusal, ResultLine, SeriesManifest, Solving, State,
-};
-
-/// `[store]` of the configuration.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct StoreConfig {
-    /// The directory.
-    pub path: PathBuf,
-    /// Space that is kept free; below it no series begins.
-    #[serde(default = "default_reserve_mb")]
-    pub reserve_mb: u64,
-    /// A pause longer than this begins a new flight.
-    #[serde(
-        default = "default_new_flight_after",
-        with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required"
-    )]
-    pub new_flight_after: Duration,
-    /// What another boot means for the flight.
-    #[serde(default)]
-    pub new_flight_at_boot: flight::AtBoot,
-    /// Signs the flights with the key in this file, which is made where there is none.
-    #[serde(default)]
-    pub signing_key: Option<PathBuf>,
-}
-
-fn default_reserve_mb() -> u64 {
-    1000
-}
-
-fn default_new_flight_after() -> Duration {
-    Duration::from_secs(3 * 3600)
-}
-
-impl StoreConfig {
-    /// The defaults, at `path`.
-    pub fn at(path: impl Into<PathBuf>) -> Self {
-        Self {
-            path: path.into(),
-            reserve_mb: default_reserve_mb(),
-            new_flight_after: default_new_flight_after(),
-            new_flight_at_boot: flight::AtBoot::default(),
-            signing_key: None,
-        }
-    }
-
-    /// Every fault, as `key: what and how to mend it`.
-    pub fn faults(&self) -> Vec<String> {
-        let mut faults = Vec::new();
-        if self.path.as_os_str().is_empty() {
-            faults.push("store.path: is empty; name a directory, for example /var/lib/wingd".to_owned());
-        }
-        if self.new_flight_after.is_zero() {
-            faults.push("store.new_flight_after: must be longer than 0, for example \"3h\"".to_owned());
-        }
-        faults
-    }
-}
+use manifest::{Cause, FlightManifest, JournalHead, Refusal, SeriesManifest, State};
 
 /// What is asked for when a series begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -119,19 +61,6 @@ pub struct Plan {
     pub cause: Cause,
     /// Shots that are wanted; 0 for a series beside others whose number is open ([`Cause::is_beside`]).
     pub shots: u32,
-}
-
-/// A stored frame that can be read and given a result.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FrameRef {
-    /// Where.
-    pub series: SeriesRef,
-    /// What.
-    pub entry: FrameEntry,
-    /// When the camera was asked.
-    pub stamp: Stamp,
-    /// When it was exposed, where that is told.
-    pub exposure: Option<Exposure>,
 }
 
 /// A store open for writing, by one process at a time.
@@ -338,31 +267,6 @@ impl Store {
         }
     }
 
-    /// Names a kept installation in the flight's chain, once, before the first result that comes from it.
-    fn chain_installation(
-        &self,
-        index: &mut Index,
-        series: &SeriesRef,
-        inputs: &Inputs,
-    ) -> Result<(), StoreError> {
-        let Some(digest) = installations::named(&inputs.provenance) else { return Ok(()) };
-        let key = (series.flight.clone(), digest.clone());
-        if index.installations.contains(&key)
-            || !self.disk.exists(&installations::folder(&self.root, &digest))
-            || catalogue::store_id(self.disk(), &self.root).is_none()
-        {
-            return Ok(());
-        }
-        let flight = self.root.join(layout::FLIGHTS).join(&series.flight);
-        let known = chain::Chain::parse(&chain::read(self.disk(), &flight)?).state(usize::MAX);
-        if !known.installations.contains(&digest) {
-            let event = chain::Event::Installation { sha256: digest };
-            chain::append(self.disk(), &self.root, &flight, event)?;
-        }
-        index.installations.insert(key);
-        Ok(())
-    }
-
     /// The flight that what is recorded now belongs to.
     fn flight_at(&self, now: &Stamp) -> Result<String, StoreError> {
         let mut index = self.index();
@@ -425,122 +329,7 @@ impl Store {
         opening::save_counter(self.disk.as_ref(), &self.root, index.next_flight, index.next_series)
     }
 
-    /// The frames to solve of one series, newest series first: in the newest flight those without a
-    /// result for these inputs, in older flights those without any result, because the camera may
-    /// have been mounted anew since. Empty where nothing is left to do.
-    pub fn unsolved(&self, inputs: &Inputs) -> Result<Vec<FrameRef>, StoreError> {
-        let newest = self.current_flight();
-        for flight in catalogue::flights(self.disk(), &self.root)?.iter().rev() {
-            let any_result_will_do = Some(&flight.id) != newest.as_ref();
-            for series in catalogue::series(self.disk(), flight)?.into_iter().rev() {
-                let settled = (series.id.clone(), inputs.key(""));
-                if self.index().settled.contains(&settled) {
-                    continue;
-                }
-                let frames = self.unsolved_in(&series, inputs, any_result_will_do).unwrap_or_default();
-                if !frames.is_empty() {
-                    return Ok(frames);
-                }
-                self.index().settled.insert(settled);
-            }
-        }
-        Ok(Vec::new())
-    }
-
-    /// The frames of a flight without a result for these inputs, in order.
-    pub fn unsolved_of(&self, flight: &FlightRef, inputs: &Inputs) -> Result<Vec<FrameRef>, StoreError> {
-        let series = catalogue::series(self.disk(), flight)?;
-        let of = |series: &SeriesRef| self.unsolved_in(series, inputs, false);
-        Ok(series.iter().map(of).collect::<Result<Vec<_>, _>>()?.concat())
-    }
-
-    /// A series whose manifest cannot be read has nothing to solve; `verify` reports it.
-    fn unsolved_in(
-        &self,
-        series: &SeriesRef,
-        inputs: &Inputs,
-        any_result_will_do: bool,
-    ) -> Result<Vec<FrameRef>, StoreError> {
-        let manifest = catalogue::manifest(self.disk(), series)?;
-        let keys = results::keys(self.disk(), &series.folder)?;
-        let solved = |frame: &FrameEntry| {
-            let key = inputs.key(&frame.sha256);
-            keys.iter().any(|k| k.frame == frame.file && (any_result_will_do || k.inputs == key))
-        };
-        let mut frames = frames(series, manifest);
-        frames.retain(|frame| !solved(&frame.entry));
-        Ok(frames)
-    }
-
-    /// A frame's bytes, as delivered; an error where they are not what the manifest says.
-    pub fn read_frame(&self, frame: &FrameRef) -> Result<Vec<u8>, StoreError> {
-        read_frame(self.disk(), frame)
-    }
-
-    /// Says that a frame is about to be solved; returns the how-manieth beginning in a row it is. More
-    /// than one means that the program ended while it solved the frame.
-    pub fn begin_solving(&self, frame: &FrameRef, inputs: &Inputs) -> Result<u32, StoreError> {
-        let path = self.root.join(layout::SOLVING_FILE);
-        let key = inputs.key(&frame.entry.sha256);
-        let last = self.disk.read(&path).ok().and_then(|b| serde_json::from_slice::<Solving>(&b).ok());
-        let before = last.filter(|last| last.inputs == key).map_or(0, |last| last.attempts);
-        let now = Solving { inputs: key, attempts: before.saturating_add(1) };
-        let text = jsonl::line(&now).map_err(StoreError::io(&path, "write"))?;
-        self.disk.write(&path, &text).map_err(StoreError::io(&path, "write"))?;
-        Ok(now.attempts)
-    }
-
-    /// Takes a beginning back: the frame was given up in good order, and is solved another time.
-    pub fn forget_solving(&self) -> Result<(), StoreError> {
-        let path = self.root.join(layout::SOLVING_FILE);
-        self.disk.write(&path, b"").map_err(StoreError::io(&path, "write"))
-    }
-
-    /// Whether the newest flight holds a frame with these bytes.
-    pub fn holds(&self, bytes: &[u8]) -> bool {
-        let hash = sha256(bytes);
-        let manifests = self.newest_manifests();
-        manifests.iter().flat_map(|m| &m.shots).filter_map(|s| s.frame.as_ref()).any(|f| f.sha256 == hash)
-    }
-
-    /// Writes a result durably, once: `false` where this frame has one for these inputs already.
-    pub fn add_result(&self, frame: &FrameRef, inputs: &Inputs, record: Value) -> Result<bool, StoreError> {
-        let mut index = self.index();
-        self.chain_installation(&mut index, &frame.series, inputs)?;
-        index.unsealed.insert(frame.series.flight.clone());
-        let line = ResultLine {
-            frame: frame.entry.file.clone(),
-            frame_sha256: frame.entry.sha256.clone(),
-            inputs: inputs.key(&frame.entry.sha256),
-            provenance: inputs.provenance.clone(),
-            record,
-        };
-        results::append(self.disk(), &self.root, &frame.series, &line)
-    }
-
     fn index(&self) -> MutexGuard<'_, Index> {
         self.index.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
-
-/// A series' frames, in order.
-pub fn frames(series: &SeriesRef, manifest: SeriesManifest) -> Vec<FrameRef> {
-    let shots = manifest.shots.into_iter();
-    shots
-        .filter_map(|shot| {
-            let entry = shot.frame.filter(|frame| layout::is_frame_name(&frame.file))?;
-            Some(FrameRef { series: series.clone(), entry, stamp: shot.stamp, exposure: shot.exposure })
-        })
-        .collect()
-}
-
-/// A frame's bytes, as delivered; an error where they are not what the manifest says.
-pub fn read_frame(disk: &dyn Disk, frame: &FrameRef) -> Result<Vec<u8>, StoreError> {
-    let path = frame.series.folder.join(&frame.entry.file);
-    let bytes = disk.read(&path).map_err(StoreError::io(&path, "read"))?;
-    if sha256(&bytes) == frame.entry.sha256 {
-        return Ok(bytes);
-    }
-    let what = "its bytes do not have the hash of series.json".to_owned();
-    Err(StoreError::Damaged { path, what, mend: "take this frame from a backup or an export" })
 }

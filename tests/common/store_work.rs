@@ -7,11 +7,15 @@ use std::sync::Arc;
 use serde_json::{Map, Value, json};
 use wingd::clock::Stamp;
 use wingd::store::aircraft::{self, AircraftLine};
+use wingd::store::columns::UTC;
 use wingd::store::fake::FakeDisk;
 use wingd::store::installations::File;
 use wingd::store::manifest::{Cause, Failure, Shot, State};
 use wingd::store::verify::verify;
-use wingd::store::{Disk, Inputs, NewFrame, Plan, Store, StoreConfig, StoreError, catalogue, sha256};
+use wingd::store::{
+    Column, Disk, Inputs, Kind, LiveTable, NewFrame, OpenSeries, Plan, Row, Store, StoreConfig, StoreError,
+    catalogue, live, sha256,
+};
 
 pub const ROOT: &str = "store";
 
@@ -30,6 +34,27 @@ pub fn inputs() -> Inputs {
     Inputs::new(installation().into_iter().map(named).collect())
 }
 
+/// Live results of three markers.
+pub fn live_table(program: &str) -> LiveTable {
+    let column = |name: &str, unit: &str, kind, width| {
+        let (name, unit) = (name.to_owned(), unit.to_owned());
+        Column { name, unit, kind, width }
+    };
+    let columns = vec![
+        column("utc", UTC, Kind::U64, 1),
+        column("number", "", Kind::U32, 1),
+        column("markers.lift", "m", Kind::F32, 3),
+        column("latency", "ms", Kind::F64, 1),
+    ];
+    LiveTable { source: json!({"program": program, "markers": ["M1", "M2", "M3"]}), columns }
+}
+
+/// A live result, told by its number.
+pub fn live_row(number: u32) -> Row {
+    let x = f64::from(number);
+    vec![1e15 + 1e5 * x, x, 0.5 + 0.001 * (x % 7.0), f64::NAN, 1.5, 80.25 + x % 3.0]
+}
+
 /// What the store said it has.
 #[derive(Default, Clone)]
 pub struct Acknowledged {
@@ -37,6 +62,8 @@ pub struct Acknowledged {
     pub results: BTreeSet<String>,
     pub complete: BTreeSet<String>,
     pub lines: BTreeSet<String>,
+    /// Numbers of live results.
+    pub live: BTreeSet<u32>,
 }
 
 /// A store on a bad disk, and somebody who works with it.
@@ -47,11 +74,13 @@ pub struct Work {
     pub time_s: f64,
     /// Series begun so far; each has other frames.
     pub begun: u32,
+    /// Live results so far.
+    pub seen: u32,
 }
 
 impl Work {
     pub fn on(disk: FakeDisk) -> Self {
-        Self { disk: Arc::new(disk), said: Acknowledged::default(), time_s: 0.0, begun: 0 }
+        Self { disk: Arc::new(disk), said: Acknowledged::default(), time_s: 0.0, begun: 0, seen: 0 }
     }
 
     /// The same state of affairs on another disk.
@@ -79,30 +108,53 @@ impl Work {
 
     /// Three shots; every fifth has no frame.
     pub fn take_series(&mut self, store: &Store) -> Result<(), StoreError> {
-        let n = self.begun;
+        let mut series = self.begin(store, Cause::Scheduled, 3)?;
+        for shot in 1..=3 {
+            self.shoot(&mut series, shot)?;
+        }
+        self.finish(store, series)
+    }
+
+    pub fn begin(&mut self, store: &Store, cause: Cause, shots: u32) -> Result<OpenSeries, StoreError> {
         self.begun += 1;
         self.time_s += 60.0;
-        let plan = Plan { cause: Cause::Scheduled, shots: 3 };
-        let (mut series, _) = store.begin_series(plan, &moment(self.time_s))?;
+        let (mut series, _) = store.begin_series(Plan { cause, shots }, &moment(self.time_s))?;
         series.note_camera(json!({"name": "fake"}).as_object().cloned().unwrap())?;
-        for shot in 1..=3 {
-            self.time_s += 1.0;
-            let failed = (n + shot).is_multiple_of(5);
-            let why = Failure { kind: "busy".to_owned(), reason: "busy".to_owned(), kept_as: None };
-            let failures = if failed { vec![why] } else { Vec::new() };
-            let bytes = format!("frame {n} {shot} {} ", self.time_s).repeat(10).into_bytes();
-            let stamp = moment(self.time_s);
-            let shot = Shot { shot, stamp, duration_s: Some(0.1), exposure: None, frame: None, failures };
-            let frame =
-                NewFrame { bytes: &bytes, extension: "jpg", format: Value::Null, settings: Map::new() };
-            series.add_shot(shot, (!failed).then_some(frame))?;
-            if !failed {
-                self.said.frames.insert(sha256(&bytes));
-            }
+        Ok(series)
+    }
+
+    pub fn shoot(&mut self, series: &mut OpenSeries, shot: u32) -> Result<(), StoreError> {
+        self.time_s += 1.0;
+        let n = self.begun - 1;
+        let failed = (n + shot).is_multiple_of(5);
+        let why = Failure { kind: "busy".to_owned(), reason: "busy".to_owned(), kept_as: None };
+        let failures = if failed { vec![why] } else { Vec::new() };
+        let bytes = format!("frame {n} {shot} {} ", self.time_s).repeat(10).into_bytes();
+        let stamp = moment(self.time_s);
+        let shot = Shot { shot, stamp, duration_s: Some(0.1), exposure: None, frame: None, failures };
+        let frame = NewFrame { bytes: &bytes, extension: "jpg", format: Value::Null, settings: Map::new() };
+        series.add_shot(shot, (!failed).then_some(frame))?;
+        if !failed {
+            self.said.frames.insert(sha256(&bytes));
         }
+        Ok(())
+    }
+
+    pub fn finish(&mut self, store: &Store, series: OpenSeries) -> Result<(), StoreError> {
         let id = series.id().to_owned();
         store.close_series(series, State::Complete, &moment(self.time_s), Vec::new())?;
         self.said.complete.insert(id);
+        Ok(())
+    }
+
+    /// So many live results in a block.
+    pub fn go_live(&mut self, store: &Store, program: &str, rows: u32) -> Result<(), StoreError> {
+        let numbers = self.seen..self.seen + rows;
+        self.seen += rows;
+        self.time_s += 2.0;
+        let rows: Vec<Row> = numbers.clone().map(live_row).collect();
+        store.append_live(&live_table(program), &rows, &moment(self.time_s))?;
+        self.said.live.extend(numbers);
         Ok(())
     }
 
@@ -157,6 +209,13 @@ impl Work {
         if let Some(line) = self.said.lines.iter().find(|line| !heard.contains(*line)) {
             return Err(format!("an acknowledged line of the aircraft's data is missing: {line}"));
         }
+        let (seen, twice) = live_numbers(self.disk.as_ref())?;
+        if let Some(number) = self.said.live.iter().find(|number| !seen.contains(*number)) {
+            return Err(format!("an acknowledged live result is missing: {number}"));
+        }
+        if twice {
+            return Err("a live result is there twice".to_owned());
+        }
         let incomplete = self.said.complete.iter().find(|id| states.get(*id) != Some(&State::Complete));
         incomplete.map_or(Ok(()), |id| Err(format!("{id} is not there as a complete series")))
     }
@@ -174,6 +233,27 @@ fn lines(disk: &dyn Disk) -> Result<BTreeSet<String>, String> {
         all.extend(read.into_iter().flat_map(|(_, lines)| lines).map(|line| line.line));
     }
     Ok(all)
+}
+
+/// Numbers of the live results, and whether one is there twice.
+fn live_numbers(disk: &dyn Disk) -> Result<(BTreeSet<u32>, bool), String> {
+    let text = |error: StoreError| error.to_string();
+    let (mut all, mut twice) = (BTreeSet::new(), false);
+    for flight in catalogue::flights(disk, Path::new(ROOT)).map_err(text)? {
+        let (files, notes) = live::read(disk, Path::new(ROOT), &flight).map_err(text)?;
+        if let Some(note) = notes.first() {
+            return Err(note.clone());
+        }
+        for row in files.iter().flat_map(|(_, rows)| rows) {
+            let number = row[1] as u32;
+            let bits = |row: &[f64]| row.iter().map(|v| (*v as f32).to_bits()).collect::<Vec<_>>();
+            if bits(row) != bits(&live_row(number)) {
+                return Err(format!("live result {number} has other values"));
+            }
+            twice |= !all.insert(number);
+        }
+    }
+    Ok((all, twice))
 }
 
 /// Frames, results of each, state of each series.

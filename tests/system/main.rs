@@ -34,6 +34,8 @@ mod store_copy;
 mod store_durability;
 mod store_evidence;
 mod store_faults;
+mod store_live;
+mod store_live_figures;
 mod store_speed;
 mod store_verify;
 mod survey_typo;

@@ -12,7 +12,8 @@ use wingd::store::receive::{Listing, Receiver};
 use wingd::store::verify::verify;
 use wingd::store::{Disk, Inputs, RealDisk, Store, StoreConfig, StoreError, catalogue};
 
-use crate::common::report_store::add_two_solved;
+use crate::common::report_store::{add_two_solved, stamp};
+use crate::common::store_work::{live_row, live_table};
 
 use crate::program::run;
 
@@ -32,6 +33,11 @@ fn fill(store: &Store, wanted: u64) {
             store.want_new_flight();
         }
         add_two_solved(store, &inputs, n, |shot| format!("frame {shot} of {n} ").repeat(9).into_bytes());
+        if !n.is_multiple_of(2) {
+            let now = stamp(100 * n + 20);
+            store.append_live(&live_table("test"), &[live_row(n as u32)], &now).unwrap();
+            store.close_live().unwrap();
+        }
     }
 }
 

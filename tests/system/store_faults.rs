@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use wingd::store::fake::{Bytes, FakeDisk, Fault, Survival, files};
+use wingd::store::manifest::Cause;
 use wingd::store::{Disk, StoreError, upgrade};
 
 use crate::common::store_work::{ROOT, Work, installation};
@@ -29,6 +30,9 @@ const SCENARIOS: &[Scenario] = &[
     Scenario { name: "recover", before: broken_off, act: |work| work.open().map(drop) },
     Scenario { name: "upgrade", before: old_store, act: up },
     Scenario { name: "aircraft data", before: a_series, act: listen },
+    Scenario { name: "live results", before: a_series, act: live },
+    Scenario { name: "live alone", before: nothing_yet, act: live_alone },
+    Scenario { name: "two at a time", before: a_series, act: two_at_a_time },
 ];
 
 fn nothing_yet(work: &mut Work) -> Result<(), StoreError> {
@@ -60,6 +64,35 @@ fn listen(work: &mut Work) -> Result<(), StoreError> {
         work.hear(&store, feed, line)?;
     }
     store.close_aircraft()
+}
+
+/// Two blocks of one table, one of another.
+fn live(work: &mut Work) -> Result<(), StoreError> {
+    let store = work.open()?;
+    for (program, rows) in [("one", 3), ("one", 1), ("two", 2)] {
+        work.go_live(&store, program, rows)?;
+    }
+    store.close_live()
+}
+
+/// Live results begin the flight, and nobody closes them.
+fn live_alone(work: &mut Work) -> Result<(), StoreError> {
+    let store = work.open()?;
+    work.go_live(&store, "one", 2)?;
+    work.go_live(&store, "one", 2)
+}
+
+/// A series of an event begins and ends while another one is taken.
+fn two_at_a_time(work: &mut Work) -> Result<(), StoreError> {
+    let store = work.open()?;
+    let mut hourly = work.begin(&store, Cause::Scheduled, 2)?;
+    work.shoot(&mut hourly, 1)?;
+    let mut event = work.begin(&store, Cause::Event, 0)?;
+    event.remark("a gust")?;
+    work.shoot(&mut event, 1)?;
+    work.shoot(&mut hourly, 2)?;
+    work.finish(&store, event)?;
+    work.finish(&store, hourly)
 }
 
 /// A series whose second frame has no name yet.

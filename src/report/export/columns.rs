@@ -16,6 +16,8 @@ pub enum Values {
     Text(Vec<Option<String>>),
     /// Numbers.
     Number(Vec<Option<f64>>),
+    /// Numbers of single precision.
+    Single(Vec<Option<f32>>),
     /// Whole numbers.
     Count(Vec<Option<i64>>),
     /// Yes or no.
@@ -30,6 +32,7 @@ impl Values {
         match self {
             Self::Text(v) => v.len(),
             Self::Number(v) => v.len(),
+            Self::Single(v) => v.len(),
             Self::Count(v) | Self::Time(v) => v.len(),
             Self::Flag(v) => v.len(),
         }
@@ -48,6 +51,7 @@ impl Values {
         match self {
             Self::Text(v) => plain(v, row),
             Self::Number(v) => plain(v, row),
+            Self::Single(v) => plain(v, row),
             Self::Count(v) => plain(v, row),
             Self::Flag(v) => plain(v, row),
             Self::Time(v) => {
@@ -62,6 +66,7 @@ impl Values {
         match self {
             Self::Text(v) => v.clear(),
             Self::Number(v) => v.clear(),
+            Self::Single(v) => v.clear(),
             Self::Count(v) | Self::Time(v) => v.clear(),
             Self::Flag(v) => v.clear(),
         }
@@ -72,6 +77,7 @@ impl Values {
         match (self, more) {
             (Self::Text(v), Self::Text(m)) => v.extend(m),
             (Self::Number(v), Self::Number(m)) => v.extend(m),
+            (Self::Single(v), Self::Single(m)) => v.extend(m),
             (Self::Count(v), Self::Count(m)) | (Self::Time(v), Self::Time(m)) => v.extend(m),
             (Self::Flag(v), Self::Flag(m)) => v.extend(m),
             // A table's columns have the same kinds for every series.

@@ -2,6 +2,7 @@
 
 mod columns;
 mod lines;
+mod live;
 #[cfg(feature = "parquet")]
 mod parquet_file;
 mod vtk;
@@ -11,6 +12,7 @@ use std::io::Write;
 
 pub use columns::{Column, Common, Table, Values, columns};
 pub use lines::lines;
+pub use live::{LiveColumns, json_rows};
 #[cfg(feature = "parquet")]
 pub use parquet_file::ParquetFile;
 pub use vtk::vtk;

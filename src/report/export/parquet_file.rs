@@ -4,7 +4,7 @@ use std::io::Write;
 use std::sync::Arc;
 
 use parquet::basic::{Compression, LogicalType, Repetition, TimeUnit, Type as Physical};
-use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
+use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, FloatType, Int64Type};
 use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
@@ -70,6 +70,7 @@ fn field(column: &Column) -> Result<Type, ParquetError> {
     let (physical, logical) = match column.values {
         Values::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
         Values::Number(_) => (Physical::DOUBLE, None),
+        Values::Single(_) => (Physical::FLOAT, None),
         Values::Count(_) => (Physical::INT64, None),
         Values::Flag(_) => (Physical::BOOLEAN, None),
         Values::Time(_) => (Physical::INT64, Some(utc)),
@@ -84,6 +85,7 @@ fn write<W: Write + Send>(group: &mut Group<W>, values: &Values) -> Result<(), P
     match values {
         Values::Text(v) => put::<W, ByteArrayType, _>(group, v, |t: &String| ByteArray::from(t.as_str())),
         Values::Number(v) => put::<W, DoubleType, _>(group, v, |n| *n),
+        Values::Single(v) => put::<W, FloatType, _>(group, v, |n| *n),
         Values::Count(v) | Values::Time(v) => put::<W, Int64Type, _>(group, v, |n| *n),
         Values::Flag(v) => put::<W, BoolType, _>(group, v, |b| *b),
     }

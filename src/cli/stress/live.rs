@@ -1,0 +1,117 @@
+//! Bending lines of live results.
+
+use std::path::Path;
+
+use nalgebra::{DMatrix, DVector};
+use serde_json::{Map, Value};
+
+use super::{Failure, Line};
+use crate::clock::Stamp;
+use crate::measure::stress::Curvature;
+use crate::report::stress::Frame;
+use crate::store::columns::{Block, File, Head, LiveTable};
+use crate::store::{FlightRef, RealDisk, StoreError, live};
+
+fn of(table: &LiveTable) -> Option<Map<String, Value>> {
+    let told = table.columns.iter().any(|column| column.name == live::names::CURVATURE);
+    told.then(|| table.source.get(live::names::PROVENANCE)?.as_object().cloned()).flatten()
+}
+
+/// What the last results with a curvature follow from; `None` where a flight has none.
+pub(super) fn provenance(store: &Path, flight: &FlightRef) -> Result<Option<Map<String, Value>>, Failure> {
+    let mut last = None;
+    live::each_file(&RealDisk, store, flight, |file| {
+        last = of(&file.head.table).or(last.take());
+        Result::<usize, StoreError>::Ok(0)
+    })?;
+    Ok(last)
+}
+
+/// The results that follow from that, and why others are left out.
+pub(super) fn frames(
+    store: &Path,
+    flight: &FlightRef,
+    provenance: &Map<String, Value>,
+    line: &Line,
+) -> Result<(Vec<Frame>, Vec<String>), Failure> {
+    let (mut frames, mut without, mut others, mut foreign) = (Vec::new(), 0, 0, Vec::new());
+    let notes = live::each_file(&RealDisk, store, flight, |mut file: File<'_>| {
+        let head = file.head.clone();
+        if of(&head.table).as_ref() != Some(provenance) {
+            others += 1;
+            return Result::<usize, StoreError>::Ok(0);
+        }
+        while let Some(block) = file.next_block() {
+            match of_block(&head, &block, line) {
+                Some(read) => {
+                    without += block.len() - read.len();
+                    frames.extend(read);
+                }
+                None => foreign.push(block.len()),
+            }
+        }
+        Ok(file.torn())
+    })?;
+    let mut left_out = notes;
+    if others > 0 {
+        left_out.push(format!(
+            "{others} files of live results come from another installation or have no curvature"
+        ));
+    }
+    if !foreign.is_empty() {
+        let rows: usize = foreign.iter().sum();
+        left_out.push(format!("{rows} live results have no time, or a curvature without its covariance"));
+    }
+    if without > 0 {
+        left_out.push(format!("{without} live results were not solved"));
+    }
+    Ok((frames, left_out))
+}
+
+/// The solved results of a block; `None` where columns are missing.
+fn of_block(head: &Head, block: &Block, line: &Line) -> Option<Vec<Frame>> {
+    let column = |name: &str| block.column(head.table.find(name)?.0);
+    let curvature = column(live::names::CURVATURE)?;
+    let covariance = column(live::names::CURVATURE_COVARIANCE)?;
+    let utc = column(live::names::UTC)?;
+    let since_boot_s = column(live::names::SINCE_BOOT);
+    let number = column(live::names::NUMBER);
+    let (terms, entries) = (curvature.len() / block.len().max(1), covariance.len() / block.len().max(1));
+    if terms == 0 || entries != terms * (terms + 1) / 2 {
+        return None;
+    }
+    let frame = |row: usize| {
+        let utc = *utc.get(row)?;
+        let curvature = curvature.get(row * terms..(row + 1) * terms)?;
+        let covariance = covariance.get(row * entries..(row + 1) * entries)?;
+        let told = utc.is_finite() && curvature.iter().chain(covariance).all(|value| value.is_finite());
+        let utc = jiff::Timestamp::from_microsecond(utc as i64).ok().filter(|_| told)?;
+        let began = &head.began;
+        let by_utc_s = began.since_boot_s + utc.duration_since(began.utc).as_secs_f64();
+        let by_boot_s = since_boot_s.as_ref().and_then(|all| all.get(row)).filter(|s| s.is_finite());
+        let named = number.as_ref().and_then(|all| all.get(row)).filter(|n| n.is_finite());
+        Some(Frame {
+            series: "live".to_owned(),
+            image: named.map_or_else(|| utc.to_string(), f64::to_string),
+            stamp: Stamp { utc, since_boot_s: by_boot_s.copied().unwrap_or(by_utc_s), ..began.clone() },
+            curvature: Curvature {
+                coefficients_per_m: DVector::from_column_slice(curvature),
+                covariance: symmetric(terms, covariance),
+                length_m: line.length_m,
+                root_sigma_m: line.root_sigma_m,
+            },
+        })
+    };
+    Some((0..block.len()).filter_map(frame).collect())
+}
+
+/// From the upper triangle, row by row.
+fn symmetric(terms: usize, upper: &[f64]) -> DMatrix<f64> {
+    let mut matrix = DMatrix::zeros(terms, terms);
+    let places = (0..terms).flat_map(|i| (i..terms).map(move |j| (i, j)));
+    for ((i, j), value) in places.zip(upper) {
+        matrix[(i, j)] = *value;
+        matrix[(j, i)] = *value;
+    }
+    matrix
+}

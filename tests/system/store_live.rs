@@ -1,0 +1,373 @@
+//! Promise: live results come back as they were recorded, are covered by the chain, and disturb no series.
+//! (Power cuts and failures at every step: store_faults.)
+
+use std::path::Path;
+use std::sync::Arc;
+
+use serde_json::{Value, json};
+use wingd::store::fake::{FakeDisk, Fault};
+use wingd::store::manifest::{Cause, State};
+use wingd::store::verify::verify;
+use wingd::store::{
+    Column, Disk, FlightRef, Kind, LiveTable, RealDisk, Row, Store, StoreConfig, StoreError, catalogue, live,
+};
+
+use super::http_pages::Server;
+use crate::common::random::{normal, rng};
+use crate::common::report_store::stamp;
+use crate::common::store_work::{ROOT, Work, live_row, live_table, moment};
+use crate::program::{outcome, run, stdout};
+
+fn open(root: &Path) -> Store {
+    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(root) };
+    Store::open(Arc::new(RealDisk), config).unwrap().0
+}
+
+fn flights(root: &Path) -> Vec<FlightRef> {
+    catalogue::flights(&RealDisk, root).unwrap()
+}
+
+fn rows(numbers: std::ops::Range<u32>) -> Vec<Row> {
+    numbers.map(live_row).collect()
+}
+
+/// Two flights: one with two tables, one that is under way.
+fn made() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let store = open(dir.path());
+    store.append_live(&live_table("one"), &rows(0..20), &stamp(10)).unwrap();
+    store.append_live(&live_table("one"), &rows(20..41), &stamp(12)).unwrap();
+    store.append_live(&live_table("two"), &rows(41..50), &stamp(14)).unwrap();
+    store.want_new_flight();
+    store.append_live(&live_table("two"), &rows(50..60), &stamp(16)).unwrap();
+    dir
+}
+
+#[test]
+fn flights_and_tables_have_files_of_their_own_and_the_one_under_way_is_read_too() {
+    let dir = made();
+    let [first, second] = &flights(dir.path())[..] else { panic!("two flights") };
+    assert_eq!(live::files(&RealDisk, first).unwrap(), ["live-000001.rows", "live-000002.rows"]);
+    assert!(live::files(&RealDisk, second).unwrap().is_empty());
+    let sums = std::fs::read_to_string(first.folder.join("SHA256SUMS")).unwrap();
+    assert!(sums.contains("  live-000001.rows") && sums.contains("  live-000002.rows"), "{sums}");
+    let of = |flight: &FlightRef| {
+        let (files, notes) = live::read(&RealDisk, dir.path(), flight).unwrap();
+        assert!(notes.is_empty(), "{notes:?}");
+        let numbers = |rows: &[Row]| rows.iter().map(|row| row[1] as u32).collect::<Vec<_>>();
+        files.iter().map(|(head, rows)| (head.table.clone(), numbers(rows))).collect::<Vec<_>>()
+    };
+    let (one, two) = (live_table("one"), live_table("two"));
+    assert_eq!(of(first), [(one, (0..41).collect()), (two.clone(), (41..50).collect())]);
+    assert_eq!(of(second), [(two, (50..60).collect())]);
+    let report = verify(&RealDisk, dir.path());
+    assert!(report.is_sound(), "{report:#?}");
+    // The next recorder closes what this one left.
+    drop(open(dir.path()));
+    assert_eq!(live::files(&RealDisk, second).unwrap(), ["live-000001.rows"]);
+    assert!(verify(&RealDisk, dir.path()).is_sound());
+}
+
+#[test]
+fn a_file_that_is_long_is_closed_and_another_one_begun() {
+    let disk = Arc::new(FakeDisk::default());
+    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(ROOT) };
+    let (store, _) = Store::open(disk.clone() as Arc<dyn Disk>, config).unwrap();
+    let column = Column { name: "x".to_owned(), unit: "m".to_owned(), kind: Kind::F64, width: 1000 };
+    let table = LiveTable { source: json!({}), columns: vec![column] };
+    let mut draw = rng(1);
+    let wide: Vec<Row> = (0..300).map(|_| (0..1000).map(|_| normal(&mut draw)).collect()).collect();
+    for n in 0..9 {
+        store.append_live(&table, &wide, &moment(f64::from(n))).unwrap();
+    }
+    store.close_live().unwrap();
+    let flight = catalogue::flights(disk.as_ref(), Path::new(ROOT)).unwrap().remove(0);
+    let (files, _) = live::read(disk.as_ref(), Path::new(ROOT), &flight).unwrap();
+    let lengths: Vec<usize> = files.iter().map(|(_, rows)| rows.len()).collect();
+    assert!(lengths.len() == 3 && lengths.iter().sum::<usize>() == 2700, "{lengths:?}");
+    assert!(files.iter().all(|(_, rows)| rows.chunks(300).all(|rows| rows == wide)));
+    assert!(verify(disk.as_ref(), Path::new(ROOT)).is_sound());
+}
+
+#[test]
+fn any_changed_byte_a_missing_file_and_one_put_there_are_found() {
+    let dir = made();
+    let flight = flights(dir.path()).remove(0);
+    let file = flight.folder.join("live-000001.rows");
+    let whole = std::fs::read(&file).unwrap();
+    let faults = |path: &Path| {
+        let report = verify(&RealDisk, path);
+        report.faults.into_iter().map(|fault| fault.invariant).collect::<Vec<u8>>()
+    };
+    for at in 0..whole.len() {
+        let mut changed = whole.clone();
+        changed[at] ^= 1;
+        std::fs::write(&file, &changed).unwrap();
+        assert_eq!(faults(&flight.folder), [21], "byte {at}");
+    }
+    let (status, said) = outcome(&["verify", dir.path().to_str().unwrap()]);
+    assert!(status == Some(1) && said.contains("live-000001.rows: does not have the SHA-256"), "{said}");
+    std::fs::remove_file(&file).unwrap();
+    assert_eq!(faults(dir.path()), [21]);
+    std::fs::write(&file, &whole).unwrap();
+    std::fs::write(flight.folder.join("live-000003.rows"), &whole).unwrap();
+    assert_eq!(faults(dir.path()), [21]);
+}
+
+#[test]
+fn a_torn_or_zeroed_end_is_set_aside_and_the_whole_blocks_stay() {
+    for tail in [&b"wingdrow\x05"[..], &[0; 700]] {
+        let dir = made();
+        let path = dir.path().join("live.rows");
+        let mut bytes = std::fs::read(&path).unwrap();
+        bytes.extend(tail);
+        std::fs::write(&path, bytes).unwrap();
+        let flight = flights(dir.path()).remove(1);
+        let (files, notes) = live::read(&RealDisk, dir.path(), &flight).unwrap();
+        let torn = format!("its last {} bytes are torn", tail.len());
+        assert!(files[0].1.len() == 10 && notes[0].contains(&torn), "{notes:?}");
+        drop(open(dir.path()));
+        let (files, notes) = live::read(&RealDisk, dir.path(), &flight).unwrap();
+        assert!(files[0].1.len() == 10 && notes.is_empty(), "{notes:?}");
+        let aside: Vec<_> = RealDisk.list(&dir.path().join("partial")).unwrap();
+        assert!(aside.len() == 1 && aside[0].length == tail.len() as u64, "{aside:?}");
+        assert!(verify(&RealDisk, dir.path()).is_sound());
+    }
+}
+
+#[test]
+fn a_copy_and_a_fetched_flight_hold_the_live_results() {
+    let dir = made();
+    drop(open(dir.path()));
+    let from = dir.path().to_str().unwrap();
+    let (copied, fetched) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let (status, said) = outcome(&["copy", from, copied.path().to_str().unwrap()]);
+    assert_eq!(status, Some(0), "{said}");
+    let server = Server::start(dir.path());
+    let url = format!("http://{}", server.address);
+    for flight in ["f0001", "f0002"] {
+        let (status, said) = outcome(&["fetch", &url, fetched.path().to_str().unwrap(), "--flight", flight]);
+        assert_eq!(status, Some(0), "{said}");
+    }
+    for (place, flight) in
+        [&copied, &fetched].into_iter().flat_map(|to| flights(to.path()).into_iter().map(move |f| (to, f)))
+    {
+        let here = FlightRef { folder: dir.path().join("flights").join(&flight.id), id: flight.id.clone() };
+        let read =
+            |root: &Path, flight: &FlightRef| format!("{:?}", live::read(&RealDisk, root, flight).unwrap());
+        assert_eq!(read(place.path(), &flight), read(dir.path(), &here));
+    }
+    assert_eq!((flights(copied.path()).len(), flights(fetched.path()).len()), (2, 2));
+}
+
+#[test]
+fn below_the_reserve_and_where_rows_do_not_fit_nothing_is_recorded() {
+    let disk = Arc::new(FakeDisk::default());
+    let (store, _) = Store::open(disk.clone() as Arc<dyn Disk>, StoreConfig::at(ROOT)).unwrap();
+    store.append_live(&live_table("one"), &rows(0..2), &moment(1.0)).unwrap();
+    disk.set_free(1_000_000);
+    let refused = store.append_live(&live_table("one"), &rows(2..4), &moment(2.0)).unwrap_err();
+    assert!(refused.is_full() && refused.to_string().contains("1 MB free"), "{refused}");
+    disk.set_free(u64::MAX);
+    let misfit = store.append_live(&live_table("one"), &[vec![1.0]], &moment(3.0)).unwrap_err();
+    assert!(misfit.to_string().contains("a row has 1 values, its table 6"), "{misfit}");
+    store.append_live(&live_table("one"), &rows(4..5), &moment(4.0)).unwrap();
+    let flight = catalogue::flights(disk.as_ref(), Path::new(ROOT)).unwrap().remove(0);
+    let (files, notes) = live::read(disk.as_ref(), Path::new(ROOT), &flight).unwrap();
+    let numbers: Vec<u32> = files[0].1.iter().map(|row| row[1] as u32).collect();
+    assert_eq!((numbers, files.len(), notes.len()), (vec![0, 1, 4], 1, 0));
+}
+
+/// Nine hours with live results alone: they keep the flight from ending, in the next process too.
+#[test]
+fn live_results_keep_their_flight_together() {
+    let disk = Arc::new(FakeDisk::default());
+    let open = || {
+        let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(ROOT) };
+        Store::open(disk.clone() as Arc<dyn Disk>, config).unwrap().0
+    };
+    let mut store = open();
+    for hour in 0..9_u32 {
+        if hour == 5 {
+            store = open();
+        }
+        let program = if hour % 2 == 0 { "one" } else { "two" };
+        store
+            .append_live(&live_table(program), &rows(hour..hour + 1), &moment(3600.0 * f64::from(hour)))
+            .unwrap();
+    }
+    assert_eq!(catalogue::flights(disk.as_ref(), Path::new(ROOT)).unwrap().len(), 1);
+    store.append_live(&live_table("one"), &rows(9..10), &moment(12.0 * 3600.0)).unwrap();
+    assert_eq!(catalogue::flights(disk.as_ref(), Path::new(ROOT)).unwrap().len(), 2, "four hours later");
+}
+
+/// Whatever becomes of a series of an event, the one under way has its frames and closes.
+#[test]
+fn a_series_beside_another_leaves_it_untouched_whatever_step_of_it_fails() {
+    let event = |work: &mut Work, store: &Store| -> Result<(), StoreError> {
+        let mut series = work.begin(store, Cause::Event, 0)?;
+        series.remark("a gust")?;
+        work.shoot(&mut series, 1)?;
+        work.shoot(&mut series, 2)?;
+        work.finish(store, series)
+    };
+    for step in 1.. {
+        let mut work = Work::on(FakeDisk::default());
+        let store = work.open().unwrap();
+        let mut hourly = work.begin(&store, Cause::Scheduled, 3).unwrap();
+        work.shoot(&mut hourly, 1).unwrap();
+        let at = work.disk.steps() + step;
+        work.disk.set_faults(vec![Fault::Error(at)]);
+        let failed = event(&mut work, &store).is_err();
+        let all_steps = work.disk.steps() < at;
+        work.disk.set_faults(Vec::new());
+        work.shoot(&mut hourly, 2).unwrap();
+        // The next series recovers what the failed one left, and not the one under way.
+        let live = work.begin(&store, Cause::Live, 0).unwrap();
+        work.shoot(&mut hourly, 3).unwrap();
+        let id = hourly.id().to_owned();
+        work.finish(&store, hourly).unwrap();
+        drop(live);
+        work.check().unwrap_or_else(|why| panic!("step {step}: {why}"));
+        let of = |name: &str| {
+            let flight = catalogue::flights(work.disk.as_ref(), Path::new(ROOT)).unwrap().remove(0);
+            let all = catalogue::series(work.disk.as_ref(), &flight).unwrap();
+            let found = all.into_iter().find(|series| series.id == name);
+            found.map(|series| catalogue::manifest(work.disk.as_ref(), &series).unwrap())
+        };
+        let manifest = of(&id).unwrap();
+        assert_eq!((manifest.state, manifest.shots.len(), manifest.remarks.len()), (State::Complete, 3, 0));
+        if all_steps {
+            let event = of("s000002").unwrap();
+            assert!(!failed && step > 20, "{step} steps");
+            assert_eq!(
+                (event.cause, event.planned_shots, event.remarks),
+                (Cause::Event, 2, vec!["a gust".to_owned()])
+            );
+            return;
+        }
+    }
+}
+
+/// Frames from before the event, with the hourly series' before and after.
+#[test]
+fn frames_of_a_ring_are_older_than_their_series_and_that_is_no_fault() {
+    let mut work = Work::on(FakeDisk::default());
+    let store = work.open().unwrap();
+    let mut hourly = work.begin(&store, Cause::Scheduled, 2).unwrap();
+    work.shoot(&mut hourly, 1).unwrap();
+    let mut event = work.begin(&store, Cause::Event, 0).unwrap();
+    work.time_s -= 70.0;
+    work.shoot(&mut event, 1).unwrap();
+    work.time_s += 90.0;
+    work.shoot(&mut hourly, 2).unwrap();
+    work.finish(&store, hourly).unwrap();
+    work.time_s += 5.0;
+    work.finish(&store, event).unwrap();
+    work.check().unwrap();
+    assert_eq!(store.last_moment().unwrap().since_boot_s, work.time_s);
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+#[test]
+fn live_results_are_exported_with_units_zones_and_names() {
+    let dir = made();
+    let csv = stdout(&["export", text(dir.path()), "--format", "csv", "--table", "live"]);
+    let mut lines = csv.lines();
+    let heading = "recorder_id,flight,boot_id,utc,number,lift_M1_m,lift_M2_m,lift_M3_m,latency_ms";
+    assert_eq!(lines.next(), Some(heading));
+    let row: Vec<&str> = lines.nth(3).unwrap().split(',').collect();
+    assert_eq!(row[1..], ["f0001", "boot", "2001-09-09T01:46:40.3Z", "3", "0.503", "", "1.5", "80.25"]);
+    assert_eq!(csv.lines().count(), 61);
+    let one = ["export", text(dir.path()), "--format", "jsonl", "--table", "live", "--flight", "f0002"];
+    let objects: Vec<Value> = stdout(&one).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(
+        (objects.len(), &objects[0]["number"], &objects[0]["lift_M2_m"]),
+        (10, &json!(50), &Value::Null)
+    );
+    assert_eq!(
+        (&objects[0]["utc"], &objects[1]["lift_M1_m"]),
+        (&json!("2001-09-09T01:46:45Z"), &json!(0.502))
+    );
+    let file = dir.path().with_extension("parquet");
+    stdout(&["export", text(dir.path()), "--format", "parquet", "--table", "live", "-o", text(&file)]);
+    let bytes = std::fs::read(&file).unwrap();
+    assert!(bytes.starts_with(b"PAR1") && bytes.ends_with(b"PAR1"));
+    std::fs::remove_file(file).unwrap();
+    let (status, said) = outcome(&["export", text(dir.path()), "--format", "vtk", "--table", "live"]);
+    assert!(status == Some(2) && said.contains("take csv, parquet or jsonl"), "{status:?} {said}");
+    let empty = tempfile::tempdir().unwrap();
+    drop(open(empty.path()));
+    let (status, said) = outcome(&["export", text(empty.path()), "--format", "csv", "--table", "live"]);
+    assert!(status == Some(1) && said.contains("there are no live results"), "{said}");
+}
+
+/// Curvature that swings once a second, of a known size: as many cycles as swings, of the moment's range.
+#[test]
+fn stress_counts_the_cycles_of_live_results() {
+    let dir = tempfile::tempdir().unwrap();
+    stdout(&["demo", "--output", text(&dir.path().join("demo"))]);
+    let root = dir.path().join("demo/store");
+    let series = catalogue::series(&RealDisk, &flights(&root)[0]).unwrap().remove(0);
+    let provenance = catalogue::results(&RealDisk, &series).unwrap().remove(0).provenance;
+    let store = open(&root);
+    store.want_new_flight();
+    let column = |name: &str, unit: &str, kind, width| {
+        let (name, unit) = (name.to_owned(), unit.to_owned());
+        Column { name, unit, kind, width }
+    };
+    let columns = vec![
+        column(live::names::UTC, wingd::store::columns::UTC, Kind::U64, 1),
+        column(live::names::SINCE_BOOT, "s", Kind::F64, 1),
+        column(live::names::NUMBER, "", Kind::U32, 1),
+        column(live::names::CURVATURE, "1/m", Kind::F64, 2),
+        column(live::names::CURVATURE_COVARIANCE, "1/m2", Kind::F64, 3),
+    ];
+    let table = LiveTable { source: json!({"provenance": provenance}), columns };
+    let row = |n: u32| {
+        let s = f64::from(n) / 10.0;
+        let swing = 1.0 + 0.5 * (std::f64::consts::TAU * s).sin();
+        let first = if n == 77 { f64::NAN } else { 4e-3 * swing };
+        vec![1.772e15 + 1e6 * s, 100.0 + s, f64::from(n), first, -1e-3 * swing, 1e-12, 0.0, 1e-12]
+    };
+    for block in 0..15 {
+        let rows: Vec<Row> = (20 * block..20 * block + 20).map(row).collect();
+        store.append_live(&table, &rows, &stamp(2 * u64::from(block))).unwrap();
+    }
+    store.close_live().unwrap();
+    let structure = dir.path().join("structure.csv");
+    std::fs::write(&structure, "s_m,ei_n_m2,sigma_ei_n_m2\n3,1e9,0\n8,4e8,0\n").unwrap();
+    let place = text(&root);
+    let ask = |hz: &str| {
+        let output =
+            run(&["stress", place, "--live", "--structure", text(&structure), "--json", "--bending-hz", hz]);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(said.contains(": 1 live results were not solved"), "{said}");
+        serde_json::from_slice::<Value>(&output.stdout).unwrap()
+    };
+    let load = ask("0.5");
+    assert_eq!(
+        (&load["frames"], &load["no_cycles_because"], &load["live"]),
+        (&json!(299), &Value::Null, &json!(true))
+    );
+    let station = &load["stations"][0];
+    let cycles: Vec<(f64, f64)> = station["cycles"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|c| (c["range_n_m"].as_f64().unwrap(), c["count"].as_f64().unwrap()))
+        .collect();
+    let (most, least) = (&station["greatest"]["moment_n_m"], &station["smallest"]["moment_n_m"]);
+    let swing = most.as_f64().unwrap() - least.as_f64().unwrap();
+    let swings: f64 =
+        cycles.iter().filter(|(range, _)| (range - swing).abs() < 1e-6 * swing).map(|(_, n)| n).sum();
+    assert!((28.0..=30.0).contains(&swings), "{swings} of {cycles:?}");
+    let ratio = most.as_f64().unwrap() / least.as_f64().unwrap();
+    let sampled = 0.5 * (0.3 * std::f64::consts::TAU).sin();
+    assert!((ratio - (1.0 + sampled) / (1.0 - sampled)).abs() < 1e-6, "{ratio}");
+    let slow = ask("3");
+    assert!(slow["no_cycles_because"].as_str().unwrap().contains("frames a second tell no cycles"), "{slow}");
+}
