@@ -9,8 +9,8 @@ use crate::measure::render::{Light, Random, Scene};
 
 /// Gusts: about how often a second they swing, Hz. A short gust, the wing's first bending, and a patch of rough air.
 const GUSTS_HZ: [f64; 3] = [0.17, 0.6, 1.9];
-/// How far the fuel's relief swings with the fastest of them, as a share of the lift at the root: the weights' inertia
-/// answers a gust in its own time.
+/// How far the fuel's relief swings with the fastest of them, as a share of itself: the weights' inertia answers a gust in
+/// its own time.
 const RELIEF: f64 = 0.1;
 /// The mounting walks by its drift in this time, s.
 const WALK_S: f64 = 60.0;
@@ -91,7 +91,7 @@ pub(super) fn shots(args: &Simulate, scene: &Scene, seconds: f64) -> Vec<SetFram
         let swing: f64 = gusts.iter().map(|gust| gust_m * gust.at(time_s)).sum();
         let mut shot = args.picture.applied(scene.flight_shot(level_m + swing, light, seed(i + 1)));
         shot.light_seed = seed(1);
-        shot.state.load.relief += RELIEF * gusts[2].at(time_s + 0.1);
+        shot.state.load.relief *= 1.0 + RELIEF * gusts[2].at(time_s + 0.1);
         shot.mount = mount;
         shot.hidden = hidden.clone();
         let image = format!("flight-{:0digits$}.jpg", i + 1);

@@ -131,12 +131,12 @@
     measured("twist", solved ? pair.twist_deg : null, pair.sigma_twist_deg, 2, "°");
     const recent = history.filter((one) => one.came > performance.now() - 10000);
     const elapsed = recent.length > 1 ? (recent[recent.length - 1].came - recent[0].came) / 1000 : 0;
-    tile("rate", elapsed > 0 ? `${((recent.length - 1) / elapsed).toFixed(1)} a second` : null, "over ten seconds");
+    tile("rate", elapsed > 0 ? `${((recent.length - 1) / elapsed).toFixed(1)} Hz` : null, "over ten seconds");
     const late = recent.map((one) => one.latency).sort((a, b) => a - b);
     const p95 = late[Math.max(0, Math.ceil(0.95 * late.length) - 1)];
     tile("latency", `${Math.round(result.latency_ms)} ms`, p95 && `95 %: ${Math.round(p95)} ms`);
     tile("skipped", String(result.skipped), `of ${result.number} frames`);
-    tile("test", result.global_test, `variance factor ${number(result.variance_factor, 2) ?? "–"}`);
+    tile("test", result.global_test, `variance ${number(result.variance_factor, 2) ?? "–"}`);
     const curve = (result.curve ?? []).map((p) => ({ x: p.span_m, y: p.lift_m, sigma: p.sigma_lift_m }));
     if (curve.length > 1) {
       const range = [curve[0].x, curve[curve.length - 1].x];
