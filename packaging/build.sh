@@ -17,6 +17,7 @@ put 644 config/99-wingd.rules lib/udev/rules.d/99-wingd.rules
 put 644 config/wingd.toml etc/wingd/wingd.toml
 # The default's paths count from its own folder; the service may write to its state directory only.
 sed -i -e 's#^path = "store"#path = "/var/lib/wingd/store"#' -e 's#^socket = .*#socket = "/run/wingd/wingd.sock"#' \
+    -e 's#"live.sock"#"/run/wingd/live.sock"#' \
     -e 's#^folder = .*#folder = "/var/lib/wingd/frames"#' "$root/etc/wingd/wingd.toml"
 grep -q '^path = "/var/lib/wingd/store"' "$root/etc/wingd/wingd.toml" || { echo "config/wingd.toml: no [store] path to set" >&2; exit 1; }
 for page in README.md LICENSE* CHANGELOG.md docs/operations.md docs/operations/camera.md docs/operations/flights-to-the-desk.md docs/licences.md docs/store.md; do

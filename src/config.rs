@@ -131,6 +131,7 @@ impl Config {
         resolve(folder, &mut self.status.socket);
         let optional = [&mut self.installation, &mut self.power.file, &mut self.store.signing_key];
         optional.into_iter().flatten().for_each(|path| resolve(folder, path));
+        self.live.socket.iter_mut().for_each(|path| resolve(folder, path));
         self.serve.iter_mut().flat_map(ServeConfig::paths).for_each(|path| resolve(folder, path));
         resolve_camera(&mut self.camera, folder);
         self
@@ -140,6 +141,7 @@ impl Config {
     fn tildes(&mut self, file: &Path) -> Vec<Fault> {
         let mut paths = vec![("store.path", &self.store.path), ("status.socket", &self.status.socket)];
         paths.extend(self.installation.iter().map(|path| ("installation", path)));
+        paths.extend(self.live.socket.iter().map(|path| ("live.socket", path)));
         paths.extend(self.power.file.iter().map(|path| ("power.file", path)));
         paths.extend(self.store.signing_key.iter().map(|path| ("store.signing_key", path)));
         if let Some(replay) = self.camera.replay() {

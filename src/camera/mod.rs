@@ -56,6 +56,15 @@ pub enum Format {
     },
 }
 
+/// Of a file with such bytes, without the dot.
+pub fn extension(format: &Format) -> &str {
+    match format {
+        Format::Jpeg => "jpg",
+        Format::File { extension } => extension,
+        Format::Raw { fourcc, .. } => fourcc.trim(),
+    }
+}
+
 /// Why a camera did not deliver, cut by what the caller does about it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error, serde::Serialize, serde::Deserialize)]
 pub enum CameraError {
@@ -105,6 +114,11 @@ pub trait Camera: Send {
     }
     /// Takes one shot.
     fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError>;
+    /// The next frame of a stream that goes on until the next shot of a series or `close`: newly exposed, and without what a
+    /// shot costs beside.
+    fn live(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
+        self.shoot(deadline)
+    }
     /// Tells the camera that our copy of its last frame is durable (it may now delete its own).
     fn release_last(&mut self) -> Result<(), CameraError> {
         Ok(())

@@ -34,6 +34,9 @@ pub struct Args {
     /// The installation, for the report's ground shape and lines of sight
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
+    /// Where a recorder in live mode gives out its results, [live] socket of its configuration: for the page /live
+    #[arg(long, value_name = "PATH", default_value = "/run/wingd/live.sock")]
+    live_socket: PathBuf,
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
@@ -42,7 +45,8 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     catalogue::check_format(&RealDisk, &args.store).map_err(|e| Failure::Undone(e.to_string()))?;
     let installation = args.installation.as_deref().map(installation::load_without_orientation);
     let setup = installation.transpose()?.map(|i| i.setup);
-    let site = http::Site { root: args.store.clone(), setup, status: None };
+    let site =
+        http::Site { root: args.store.clone(), setup, status: None, live: Some(args.live_socket.clone()) };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
     let runtime = runtime.map_err(|e| Failure::Undone(format!("could not start: {e}")))?;
     let done = runtime.block_on(serve(site, access, address));

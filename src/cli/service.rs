@@ -7,9 +7,12 @@ use std::time::{Duration, Instant};
 use super::{Failure, interrupt};
 use crate::clock::Clock;
 use crate::config::{Config, SolveConfig};
-use crate::daemon::{self, Board, Observer, Parts, Solver, Status};
+use crate::daemon::{self, Board, Observer, Parts, Solver, Status, Track};
 use crate::http::section::ServeConfig;
-use crate::installation::{self, Fault};
+use crate::installation::{self, Fault, Installation};
+use crate::measure::adjust::Method;
+use crate::measure::setup::Orientation;
+use crate::pipeline::live::Tracker;
 use crate::store::{Inputs, RealDisk, Recovery, Store};
 use crate::{http, pipeline};
 
@@ -54,10 +57,25 @@ pub fn solver(directory: &Path, config: &SolveConfig) -> Result<Solver, Vec<Faul
     let orientation = installation.require_orientation().map_err(|f| vec![f])?.clone();
     let job = config.job();
     let inputs = Inputs::new(pipeline::inputs(&installation, &job));
+    let installation = Arc::new(installation);
+    let track = track(installation.clone(), orientation.clone(), job.clone());
     let solve = move |name: &str, bytes: &[u8], format: &crate::camera::Format| {
         pipeline::solve_frame(name, bytes, Some(format), &installation, &orientation, &job)
     };
-    Ok(Solver { inputs, solve: Arc::new(solve), deadline: config.deadline })
+    Ok(Solver { inputs, solve: Arc::new(solve), deadline: config.deadline, track: Some(track) })
+}
+
+/// Live frames are solved spatially, whatever `[solve] method` says.
+fn track(installation: Arc<Installation>, orientation: Orientation, job: pipeline::Job) -> Track {
+    let job = pipeline::Job { method: Method::Spatial, ..job };
+    Arc::new(move || {
+        let begun = Tracker::begin(installation.clone(), orientation.clone(), job.clone());
+        let mut tracker = begun.inspect_err(|why| tracing::error!(why, "live frames are not solved"))?;
+        let track = move |name: &str, bytes: &[u8], format: &crate::camera::Format, at_s: f64| {
+            tracker.frame(name, bytes, Some(format), at_s)
+        };
+        Ok(Box::new(track))
+    })
 }
 
 /// Runs the daemon until its timetable is over or it is told to stop.
@@ -122,6 +140,7 @@ impl Page {
             root: config.store.path.clone(),
             setup: setup.and_then(Result::ok).map(|installation| installation.setup),
             status: Some(Arc::new(move || serde_json::to_value(status.snapshot()).unwrap_or_default())),
+            live: config.live.socket.clone(),
         };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
         let runtime = runtime.map_err(|e| e.to_string())?;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::{Done, Failure, print};
 use crate::config;
-use crate::daemon::{self, Health, Status, StatusConfig};
+use crate::daemon::{self, Health, LiveStatus, Status, StatusConfig};
 
 /// Ask the running daemon how it is.
 #[derive(clap::Args)]
@@ -16,7 +16,8 @@ pub struct StatusArgs {
     json: bool,
 }
 
-/// Ask the running daemon for an extra series.
+/// Ask the running daemon for an extra series; in live mode it also keeps the raw frames of the last and the next seconds,
+/// as [live.keep] says
 #[derive(clap::Args)]
 pub struct TriggerArgs {
     #[command(flatten)]
@@ -101,6 +102,7 @@ fn text(status: &Status) -> String {
         format!("camera       {}", or_none(&status.camera.name)),
         format!("store        {}, {free} free, {} MB reserve", status.store.path, status.store.reserve_mb),
     ];
+    lines.extend(status.live.iter().flat_map(live));
     if let Some(aircraft) = &status.aircraft {
         let last = aircraft.last.as_ref().map_or("none yet".to_owned(), |stamp| stamp.utc.to_string());
         let (recorded, read, lost) = (aircraft.recorded, aircraft.read, aircraft.lost);
@@ -112,6 +114,36 @@ fn text(status: &Status) -> String {
         lines.push(format!("last fault   {} ({})", fault.what, fault.stamp.utc));
     }
     lines.join("\n")
+}
+
+fn live(live: &LiveStatus) -> Vec<String> {
+    let ms = |value: Option<f64>| value.map_or("unknown".to_owned(), |ms| format!("{ms:.0} ms"));
+    let mut lines = vec![
+        format!(
+            "live         {:.1} results a second of {}, latency {} (95 %: {})",
+            live.rate_hz,
+            live.wanted_hz,
+            ms(live.latency_median_ms),
+            ms(live.latency_p95_ms)
+        ),
+        format!(
+            "live         {} frames, {} results, {} without numbers, {} skipped, {} jolts",
+            live.frames, live.results, live.unsolvable, live.skipped, live.jolts
+        ),
+        format!(
+            "live         {} results stored, {} dropped; {} events, {} raw frames kept, {} lost",
+            live.stored, live.dropped, live.events, live.kept_frames, live.lost_frames
+        ),
+    ];
+    if live.allowed_hz < live.wanted_hz {
+        let heat = live.temperature_c.map_or(String::new(), |c| format!(" at {c:.0} C"));
+        lines.push(format!(
+            "warning      live: {:.1} frames a second for its temperature{heat}",
+            live.allowed_hz
+        ));
+    }
+    lines.extend(live.fault.iter().map(|fault| format!("warning      live: {fault}")));
+    lines
 }
 
 fn word<T: serde::Serialize>(value: &T) -> String {

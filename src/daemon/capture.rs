@@ -20,6 +20,7 @@ enum Request {
     Open,
     Recover(Duration),
     Shoot(Duration),
+    Live(Duration),
     Release,
     Close,
 }
@@ -88,7 +89,16 @@ impl Host {
 
     /// Takes one shot. The camera gets `deadline`; a quarter more and it is given up.
     pub fn shoot(&mut self, deadline: Duration, beat: &dyn Fn()) -> Result<Frame, CameraError> {
-        match self.call(Request::Shoot(deadline), hard(deadline), "the frame", beat)? {
+        self.frame(Request::Shoot(deadline), deadline, beat)
+    }
+
+    /// Takes the next frame of a stream, by the same limits.
+    pub fn live(&mut self, deadline: Duration, beat: &dyn Fn()) -> Result<Frame, CameraError> {
+        self.frame(Request::Live(deadline), deadline, beat)
+    }
+
+    fn frame(&mut self, request: Request, deadline: Duration, beat: &dyn Fn()) -> Result<Frame, CameraError> {
+        match self.call(request, hard(deadline), "the frame", beat)? {
             Reply::Shot(result) => {
                 if matches!(result, Err(CameraError::Gone(_) | CameraError::Timeout { .. })) {
                     self.reset(beat);
@@ -199,6 +209,7 @@ fn serve(mut camera: Box<dyn Camera>, inbox: &Receiver<Request>, outbox: &Sender
             Request::Open => Reply::Opened(camera.open()),
             Request::Recover(deadline) => Reply::Recovered(camera.recover(deadline)),
             Request::Shoot(deadline) => Reply::Shot(camera.shoot(deadline)),
+            Request::Live(deadline) => Reply::Shot(camera.live(deadline)),
             Request::Release => {
                 let _ = camera.release_last();
                 Reply::Done

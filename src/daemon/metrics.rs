@@ -10,7 +10,7 @@ type Metric = (&'static str, &'static str, &'static str, Option<f64>);
 /// All of the status that is a number.
 pub fn exposition(status: &Status) -> String {
     let mut text = String::new();
-    for (name, kind, help, value) in metrics(status) {
+    for (name, kind, help, value) in metrics(status).into_iter().chain(live(status)) {
         // Writing to a string does not fail.
         if let Some(value) = value {
             let _ = writeln!(
@@ -60,6 +60,43 @@ fn metrics(status: &Status) -> Vec<Metric> {
     ]
 }
 
+/// Of live mode, where it is on.
+fn live(status: &Status) -> Vec<Metric> {
+    let Some(live) = &status.live else { return Vec::new() };
+    let total = |name, help, value: u64| (name, "counter", help, Some(value as f64));
+    let gauge = |name, help, value: Option<f64>| (name, "gauge", help, value);
+    let seconds = |ms: Option<f64>| ms.map(|ms| 1e-3 * ms);
+    vec![
+        gauge("live_rate_hertz", "Results a second, over ten seconds.", Some(live.rate_hz)),
+        gauge("live_wanted_hertz", "Frames a second asked for.", Some(live.wanted_hz)),
+        gauge("live_allowed_hertz", "Frames a second that the temperature allows.", Some(live.allowed_hz)),
+        gauge(
+            "live_latency_median_seconds",
+            "From exposure to result, over a minute.",
+            seconds(live.latency_median_ms),
+        ),
+        gauge("live_latency_p95_seconds", "Of 20 results 19 were quicker.", seconds(live.latency_p95_ms)),
+        gauge("live_temperature_celsius", "The hottest place.", live.temperature_c),
+        gauge("live_healthy", "0 while something is wrong.", Some(f64::from(u8::from(live.fault.is_none())))),
+        total("live_frames_total", "Frames taken.", live.frames),
+        total("live_failed_shots_total", "Frames that the camera did not deliver.", live.failed_shots),
+        total("live_results_total", "Results.", live.results),
+        total("live_unsolvable_total", "Results without numbers.", live.unsolvable),
+        total("live_whole_searches_total", "Frames searched as a whole.", live.whole_searches),
+        total("live_skipped_total", "Frames not solved: the next had come.", live.skipped),
+        total("live_solver_hangs_total", "Frames given up after the deadline.", live.solver_hangs),
+        total("live_jolts_total", "Times that the camera was jolted.", live.jolts),
+        total("live_stored_total", "Results made durable.", live.stored),
+        total("live_dropped_total", "Results that the disk did not take.", live.dropped),
+        total("live_lines_lost_total", "Lines that listeners were too slow for.", live.lines_lost),
+        total("live_datagrams_total", "Datagrams sent.", live.datagrams),
+        total("live_datagrams_lost_total", "Datagrams that were not sent.", live.datagrams_lost),
+        total("live_events_total", "Events.", live.events),
+        total("live_kept_frames_total", "Raw frames kept.", live.kept_frames),
+        total("live_lost_frames_total", "Raw frames that were to be kept and are lost.", live.lost_frames),
+    ]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -68,8 +105,11 @@ mod tests {
     fn every_metric_has_help_type_and_value_once() {
         let mut status = Status::default();
         status.counts.frames = 7;
+        assert!(!exposition(&status).contains("_live_"), "live mode is off");
+        status.live = Some(crate::daemon::LiveStatus { skipped: 3, ..Default::default() });
         let text = exposition(&status);
         assert!(text.contains("# TYPE wingd_frames_total counter\nwingd_frames_total 7\n"));
+        assert!(text.contains("\nwingd_live_skipped_total 3\n"));
         assert!(!text.contains("last_frame_age"), "no frame, no age");
         let values: Vec<_> = text.lines().filter(|line| !line.starts_with('#')).collect();
         assert_eq!(text.lines().count(), 3 * values.len());

@@ -8,12 +8,13 @@
 //! | solver | one frame; given up where it does not return | |
 //! | power | looks at the supply | |
 //! | aircraft-feed, aircraft-store | the aircraft's data | the feed; the disk |
+//! | live, live-solver, live-store, live-frames | frames between the series ([`live`]) | see there |
 //! | main | signals, the status socket, the service manager | all of these |
 
 pub mod aircraft;
 mod capture;
 mod halt;
-mod live;
+pub mod live;
 pub mod machine;
 mod metrics;
 pub mod power;
@@ -33,7 +34,7 @@ use serde::{Deserialize, Serialize};
 
 pub use aircraft::{AircraftConfig, AircraftStatus};
 pub use capture::CameraFactory;
-pub use live::LiveConfig;
+pub use live::{LiveConfig, LiveStatus, Track, Tracking};
 pub use power::PowerConfig;
 pub use schedule::Align;
 pub use socket::{StatusConfig, ask};
@@ -141,6 +142,8 @@ pub struct Solver {
     pub solve: Solve,
     /// A frame that takes longer is given up and recorded as failed. Machine time.
     pub deadline: Duration,
+    /// Solves live frames one after the other; none, and they are recorded only.
+    pub track: Option<Track>,
 }
 
 /// Something that a progress display may show.
@@ -263,9 +266,18 @@ pub fn run(parts: Parts, board: &Board) -> Result<Status, DaemonError> {
         observer: parts.observer.clone(),
         halt: halt.clone(),
         running: Arc::new(()),
+        gives_way: parts.live.on(),
     });
-    let (live, store, clock) = (&parts.live, &parts.store, &parts.clock);
-    let feed = live.aircraft_data.as_ref().map(|config| aircraft::listen(config, store, clock, board, &halt));
+    let (config, store, clock) = (&parts.live, &parts.store, &parts.clock);
+    let feed =
+        config.aircraft_data.as_ref().map(|config| aircraft::listen(config, store, clock, board, &halt));
+    let track = parts.solver.as_ref().and_then(|solver| solver.track.clone());
+    let source = parts.solver.as_ref().map(|solver| solver.inputs.provenance.clone()).unwrap_or_default();
+    let around = live::Surroundings { config, store, clock, board, halt: &halt, track, source };
+    let (feeder, live, tap) = match live::start(around) {
+        Some((feeder, live, tap)) => (Some(feeder), Some(live), Some(tap)),
+        None => (None, None, None),
+    };
     let recorder = Recorder {
         camera: capture::Host::new(parts.cameras, parts.series.open_deadline, halt.clone()),
         freshness: Freshness::remembering(parts.series.stale_window),
@@ -280,6 +292,7 @@ pub fn run(parts: Parts, board: &Board) -> Result<Status, DaemonError> {
         opened: None,
         triggered: false,
         halt: halt.clone(),
+        live: feeder,
     };
     let _watch = power::watch(&parts.power, &halt, commands.clone(), board);
     let stop_within = parts.power.stop_within;
@@ -289,8 +302,8 @@ pub fn run(parts: Parts, board: &Board) -> Result<Status, DaemonError> {
         let _ = done.send(());
         result
     })?;
-    let stopped = runtime.block_on(attend(socket, board, commands, (&halt, stop_within), finished));
-    drop(feed);
+    let stopped = runtime.block_on(attend((socket, tap), board, commands, (&halt, stop_within), finished));
+    drop((feed, live));
     runtime.shutdown_background();
     if !stopped {
         return Err(DaemonError::Late { within_s: stop_within.as_secs_f64() });
@@ -324,7 +337,7 @@ fn join<T>(thread: JoinHandle<T>, name: &'static str) -> Result<T, DaemonError> 
 
 /// Signals, the socket and the service manager, until the work is done (true) or the time for stopping is over.
 async fn attend(
-    socket: Option<StatusConfig>,
+    (socket, tap): (Option<StatusConfig>, Option<live::Tap>),
     board: &Board,
     commands: Sender<Command>,
     (halt, within): (&Halt, Duration),
@@ -342,6 +355,9 @@ async fn attend(
                 board.fault(&format!("{}: {error}", config.socket.display()));
             }
         }
+    }
+    if let Some(tap) = tap {
+        tokio::spawn(tap.serve());
     }
     tokio::spawn(tell_service_manager(board.clone()));
     tokio::select! {

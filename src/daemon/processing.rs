@@ -29,6 +29,8 @@ pub(crate) struct Processing {
     pub halt: Halt,
     /// One count per solver that runs, and ours.
     pub running: Arc<()>,
+    /// Frames are solved live meanwhile, and go before these.
+    pub gives_way: bool,
 }
 
 impl Processing {
@@ -153,10 +155,13 @@ impl Processing {
         bytes: Vec<u8>,
         format: Format,
     ) -> Result<Option<ImageRecord>, String> {
-        let (solve, running) = (self.solver.solve.clone(), self.running.clone());
+        let (solve, running, gives_way) = (self.solver.solve.clone(), self.running.clone(), self.gives_way);
         let (done, result) = channel();
         let thread = std::thread::Builder::new().name("solver".to_owned()).spawn(move || {
             let running = running;
+            if gives_way {
+                super::live::give_way(super::live::SERIES_NICE);
+            }
             let record = solve(&file, &bytes, &format);
             // Before the answer, or the next frame would count this thread as hanging.
             drop(running);

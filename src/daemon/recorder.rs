@@ -9,12 +9,13 @@ use serde_json::{Map, Value};
 
 use super::capture::Host;
 use super::halt::Halt;
+use super::live::Feeder;
 use super::machine;
 use super::schedule::{self, Moment, Next, Progress};
 use super::status::{Activity, Board};
 use super::{Event, Observer, SeriesConfig};
 use crate::camera::freshness::Freshness;
-use crate::camera::{CameraError, CameraInfo, Format, Frame, exif, jpeg};
+use crate::camera::{CameraError, CameraInfo, Format, Frame, exif, extension, jpeg};
 use crate::clock::exposure::{self, Exposure};
 use crate::clock::{Clock, Stamp};
 use crate::store::manifest::{Cause, Failure, Shot, State};
@@ -58,6 +59,8 @@ pub(crate) struct Recorder {
     pub opened: Option<CameraInfo>,
     pub triggered: bool,
     pub halt: Halt,
+    /// Between the series, in live mode.
+    pub live: Option<Feeder>,
 }
 
 impl Recorder {
@@ -81,12 +84,20 @@ impl Recorder {
                 Next::Over => break,
                 Next::Begin(slot) => {
                     progress.last_slot = Some(slot);
-                    self.series(Cause::Scheduled);
+                    if self.live.as_ref().is_none_or(Feeder::series) {
+                        self.series(Cause::Scheduled);
+                    }
                 }
                 Next::Wait(wait) => {
-                    self.board.update(|status| status.activity = Activity::Waiting);
-                    self.board.next_series_in(Some(wait));
-                    self.wait(wait.min(SLICE), true);
+                    let series = self.live.as_ref().is_none_or(Feeder::series);
+                    self.board.next_series_in(series.then_some(wait));
+                    match self.live {
+                        Some(_) => self.live(wait.min(SLICE)),
+                        None => {
+                            self.board.update(|status| status.activity = Activity::Waiting);
+                            self.wait(wait.min(SLICE), true);
+                        }
+                    }
                 }
             }
         }
@@ -109,7 +120,7 @@ impl Recorder {
     }
 
     /// Waits on the clock and listens; returns early to stop, and where asked to on a trigger.
-    fn wait(&mut self, duration: Duration, until_triggered: bool) {
+    pub(super) fn wait(&mut self, duration: Duration, until_triggered: bool) {
         let end = self.clock.since_boot() + duration;
         let paused = self.halt.paused();
         while !(self.halt.ending() || self.halt.paused() != paused || until_triggered && self.triggered) {
@@ -128,7 +139,10 @@ impl Recorder {
 
     fn obey(&mut self, command: Command) {
         match command {
-            Command::Trigger => self.triggered = true,
+            Command::Trigger => {
+                self.triggered = true;
+                self.live.iter().for_each(Feeder::trigger);
+            }
             Command::NewFlight => {
                 self.store.want_new_flight();
                 self.triggered = true;
@@ -142,6 +156,7 @@ impl Recorder {
 
     /// Until the power is back or goes, nothing is begun.
     fn pause(&mut self) {
+        self.close_camera();
         self.board.update(|status| status.activity = Activity::PowerFailing);
         self.board.next_series_in(None);
         self.wait(SLICE, false);
@@ -160,6 +175,8 @@ impl Recorder {
         if self.halt.wanted() {
             return self.close_camera();
         }
+        // In live mode it is open already; each series says by what camera it was taken.
+        self.opened = self.opened.take().or_else(|| self.live.as_ref()?.info.clone());
         let plan = Plan { cause, shots: self.config.shots };
         let begun = self.store.begin_series(plan, &self.clock.stamp());
         let (mut series, recovery) = match begun {
@@ -184,20 +201,27 @@ impl Recorder {
         let complete = series.shots().len() == plan.shots as usize;
         // Before the camera is closed: that may take its time, and the power may be about to go.
         let closed = taken.and_then(|()| self.close(series, complete));
-        self.close_camera();
+        self.rest_camera();
         self.note_end(&id, complete, closed);
         let _ = self.wake.send(());
     }
 
     fn refused(&mut self, error: &StoreError) {
         tracing::error!(%error, "series refused by the store");
-        self.close_camera();
+        self.rest_camera();
         self.board.fault(&error.to_string());
         self.board.update(|status| {
             status.counts.series_refused += 1;
             status.store.free_mb = self.store.free_mb().ok();
         });
         (self.observer)(&Event::Refused { reason: error.to_string() });
+    }
+
+    /// In live mode it goes on.
+    fn rest_camera(&mut self) {
+        if self.live.is_none() {
+            self.close_camera();
+        }
     }
 
     fn close_camera(&mut self) {
@@ -224,7 +248,7 @@ impl Recorder {
         self.board.update(|status| {
             let counts = &mut status.counts;
             *(if complete { &mut counts.series_complete } else { &mut counts.series_interrupted }) += 1;
-            status.camera.open = false;
+            status.camera.open = self.live.is_some();
             status.store.free_mb = self.store.free_mb().ok();
         });
         (self.observer)(&Event::SeriesClosed { series: id.to_owned(), complete });
@@ -287,7 +311,7 @@ impl Recorder {
         self.store.close_series(series, State::Interrupted, &self.clock.stamp(), vec![remark])
     }
 
-    fn listen(&mut self) {
+    pub(super) fn listen(&mut self) {
         while let Ok(command) = self.inbox.try_recv() {
             self.obey(command);
         }
@@ -330,7 +354,7 @@ impl Recorder {
     }
 
     /// When a frame was exposed that has just been delivered; a camera whose own clock disagrees is noted with it.
-    fn exposure(&mut self, frame: &mut Frame, asked: &Stamp) -> Exposure {
+    pub(super) fn exposure(&mut self, frame: &mut Frame, asked: &Stamp) -> Exposure {
         let (now, clock) = (self.clock.stamp(), self.clock.quality());
         let mut exposure = match &frame.exposed {
             Some(evidence) => Exposure::new(&exposure::instant(evidence), &now, clock),
@@ -376,10 +400,8 @@ impl Recorder {
         for warning in &info.warnings {
             tracing::warn!(camera = info.name, warning);
         }
-        let mut camera = Map::new();
-        camera.insert("name".to_owned(), Value::from(info.name.clone()));
-        camera.insert("settings".to_owned(), Value::Object(info.settings));
-        camera.insert("warnings".to_owned(), Value::from(info.warnings.clone()));
+        let camera = camera_map(&info);
+        self.live.iter_mut().for_each(|live| live.opened(&info));
         self.board.update(|status| {
             status.camera.name = Some(info.name);
             status.camera.open = true;
@@ -389,7 +411,7 @@ impl Recorder {
     }
 
     /// A frame that came without an error may still be half or old.
-    fn judge(&mut self, frame: &Frame) -> Result<(), Failure> {
+    pub(super) fn judge(&mut self, frame: &Frame) -> Result<(), Failure> {
         let whole = match &frame.format {
             Format::Jpeg => jpeg::whole(&frame.bytes),
             _ if frame.bytes.is_empty() => Err("it is empty".to_owned()),
@@ -410,7 +432,7 @@ impl Recorder {
 
     fn keep(&mut self, series: &mut OpenSeries, shot: Shot, frame: Option<Frame>) -> Result<(), StoreError> {
         let stamp: Stamp = shot.stamp.clone();
-        let number = shot.shot;
+        let (number, duration_s, exposure) = (shot.shot, shot.duration_s, shot.exposure.clone());
         let new = frame.as_ref().map(|frame| NewFrame {
             bytes: &frame.bytes,
             extension: extension(&frame.format),
@@ -429,6 +451,9 @@ impl Recorder {
                 (self.observer)(&Event::FrameStored { series: id, shot: number, file, sha256 });
                 let board = self.board.clone();
                 self.camera.release_last(&|| board.beat());
+                if let (Some(live), Some(frame), Some(exposure)) = (&mut self.live, frame, exposure) {
+                    live.offer(frame, stamp, duration_s.unwrap_or(0.0), exposure);
+                }
             }
             None => {
                 tracing::error!(series = id, shot = number, "shot without a frame");
@@ -453,12 +478,13 @@ pub(crate) fn log_recovery(recovery: &Recovery) {
     }
 }
 
-fn extension(format: &Format) -> &str {
-    match format {
-        Format::Jpeg => "jpg",
-        Format::File { extension } => extension,
-        Format::Raw { fourcc, .. } => fourcc.trim(),
-    }
+/// As a series keeps it.
+pub(crate) fn camera_map(info: &CameraInfo) -> Map<String, Value> {
+    let mut camera = Map::new();
+    camera.insert("name".to_owned(), Value::from(info.name.clone()));
+    camera.insert("settings".to_owned(), Value::Object(info.settings.clone()));
+    camera.insert("warnings".to_owned(), Value::from(info.warnings.clone()));
+    camera
 }
 
 /// Another attempt at the same shot may help. A camera that did not answer has cost its time already.

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use serde::{Deserialize, Serialize};
 
 use super::aircraft::AircraftStatus;
+use super::live::LiveStatus;
 use super::pulse::Beats;
 use crate::clock::{Clock, Stamp};
 
@@ -17,6 +18,8 @@ pub enum Activity {
     Starting,
     /// For the next series.
     Waiting,
+    /// For the next series, taking live frames meanwhile.
+    Live,
     /// Taking a series.
     Capturing,
     /// Taking no more series; solving what is left.
@@ -77,6 +80,9 @@ pub struct Status {
     /// The aircraft's data; `null` where none are configured.
     #[serde(default)]
     pub aircraft: Option<AircraftStatus>,
+    /// Live mode; `null` where it is off.
+    #[serde(default)]
+    pub live: Option<LiveStatus>,
     /// The last thing that went wrong, in words.
     pub last_fault: Option<Noted>,
 }
@@ -204,12 +210,17 @@ impl Board {
         });
     }
 
-    pub(crate) fn frame_stored(&self, stamp: &Stamp) {
+    /// A good frame that is not stored: the camera is well.
+    pub(crate) fn frame_seen(&self, stamp: &Stamp) {
         self.with(|state| {
-            state.status.counts.frames += 1;
             state.last_frame_s = Some(stamp.since_boot_s);
             state.frame_due_s = Some(stamp.since_boot_s + 1.5 * state.interval_s);
         });
+    }
+
+    pub(crate) fn frame_stored(&self, stamp: &Stamp) {
+        self.frame_seen(stamp);
+        self.with(|state| state.status.counts.frames += 1);
     }
 
     pub(crate) fn next_series_in(&self, wait: Option<std::time::Duration>) {

@@ -12,6 +12,9 @@
 //! | `/tar/{flight}.tar` | the flight as one archive, by range: unpacked it is a store |
 //! | `/bundle/{flight}.json` | the archive's files: name, length, SHA-256, where its bytes begin |
 //! | `/report/{flight}` | the report |
+//! | `/live`, `/live.js` | the wing as it is measured |
+//! | `/live/events` | its results as server-sent events |
+//! | `/live/frame.jpg` | a small picture of the newest frame |
 //! | `/status.json` | what the store holds, and the daemon's state where one runs |
 //!
 //! Nothing comes from outside, nothing can be changed, and no name leads out of the store.
@@ -22,6 +25,7 @@ pub mod client;
 pub mod fetch;
 mod files;
 mod frames;
+mod live;
 mod pages;
 pub mod section;
 mod send;
@@ -64,6 +68,8 @@ pub struct Site {
     pub setup: Option<Setup>,
     /// The daemon's state, where one runs.
     pub status: Option<StatusSource>,
+    /// Where a recorder in live mode gives out its results.
+    pub live: Option<PathBuf>,
 }
 
 /// Archives that are streamed at once; a small computer records meanwhile.
@@ -84,6 +90,10 @@ struct Shared {
     archives: Arc<Semaphore>,
     reports: Semaphore,
     pictures: Semaphore,
+    watchers: Arc<Semaphore>,
+    pictures_live: Semaphore,
+    /// True once the server stops.
+    closing: tokio::sync::watch::Receiver<bool>,
 }
 
 type Context = State<Arc<Shared>>;
@@ -123,10 +133,11 @@ pub async fn serve(
     shutdown: impl Future<Output = ()>,
 ) -> io::Result<()> {
     let access = Arc::new(access);
-    server::run(router(site, access.clone()), access, listener, shutdown).await
+    let (shutdown, closing) = live::stopping(shutdown);
+    server::run(router(site, access.clone(), closing), access, listener, shutdown).await
 }
 
-fn router(site: Site, access: Arc<Access>) -> Router {
+fn router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Receiver<bool>) -> Router {
     let archives = Arc::new(Semaphore::new(ARCHIVES));
     let shared = Arc::new(Shared {
         site,
@@ -134,6 +145,9 @@ fn router(site: Site, access: Arc<Access>) -> Router {
         archives,
         reports: Semaphore::new(REPORTS),
         pictures: Semaphore::new(PICTURES),
+        watchers: Arc::new(Semaphore::new(live::WATCHERS)),
+        pictures_live: Semaphore::new(live::PICTURES),
+        closing,
     });
     let policy =
         "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'";
@@ -151,6 +165,10 @@ fn router(site: Site, access: Arc<Access>) -> Router {
         .route("/tar/{name}", get(tar))
         .route("/bundle/{name}", get(listing))
         .route("/report/{flight}", get(report))
+        .route("/live", get(live::page))
+        .route("/live.js", get(live::script))
+        .route("/live/events", get(live::events))
+        .route("/live/frame.jpg", get(live::frame))
         .route("/status.json", get(status))
         .fallback(async || Refusal::NotFound)
         .layer(axum::middleware::from_fn_with_state(access, access::check))
@@ -158,7 +176,10 @@ fn router(site: Site, access: Arc<Access>) -> Router {
             header::CACHE_CONTROL,
             HeaderValue::from_static("no-store"),
         ))
-        .layer(header(header::CONTENT_SECURITY_POLICY, policy))
+        .layer(SetResponseHeaderLayer::if_not_present(
+            header::CONTENT_SECURITY_POLICY,
+            HeaderValue::from_static(policy),
+        ))
         .layer(header(header::X_CONTENT_TYPE_OPTIONS, "nosniff"))
         .layer(header(header::REFERRER_POLICY, "no-referrer"))
         .with_state(shared)

@@ -5,10 +5,12 @@
 //! | decode | bytes as delivered | grey picture | [`decode`] |
 //! | measure | grey picture, installation | identified markers | [`measure`](self::stages) |
 //! | adjust | identified markers | solution | [`crate::measure::adjust`] |
+//! | live | frames as they come | the same, one by one | [`live`] |
 //! | record | solution | the line of the results | [`recording`] |
 
 pub mod decode;
 pub mod guard;
+pub mod live;
 pub mod recording;
 pub mod stages;
 

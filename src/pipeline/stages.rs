@@ -125,15 +125,40 @@ pub fn detect_predicted(
     predictions: &[Prediction],
 ) -> Sighting {
     let mut sighting = unseen(name, bytes);
+    look_guided(&mut sighting, bytes, format, predictions);
+    sighting
+}
+
+/// How a frame was searched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Search {
+    /// All of it.
+    Whole,
+    /// Where the frame before foretold markers.
+    Guided,
+}
+
+/// Without predictions the whole frame is searched, and where guided detection misses one that was seen. The picture that
+/// comes back may be black where nothing was read.
+pub(super) fn look_guided(
+    sighting: &mut Sighting,
+    bytes: &[u8],
+    format: Option<&Format>,
+    predictions: &[Prediction],
+) -> (Option<Raster>, Search) {
+    if predictions.is_empty() {
+        return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
+    }
     let columns = |width, height| detect::columns_read(predictions, width, height);
     let part = sighting.look(
         || decode::decode_part(bytes, format, &columns),
         |raster| detect::detect_guided(raster, predictions),
     );
     if part.is_some() && !detect::is_complete(&sighting.detections, predictions) {
-        sighting.look(|| decode::decode(bytes, format), detect::detect);
+        return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
     }
-    sighting
+    (part, Search::Guided)
 }
 
 fn unseen(name: &str, bytes: &[u8]) -> Sighting {
@@ -175,7 +200,37 @@ pub fn recognise(
 ) {
     let setup = &installation.setup;
     let found = sighting.detections.clone();
-    match sighting.timed("identify", || identified(setup, orientation, raster, found)) {
+    let known = sighting.timed("identify", || identified(setup, orientation, raster, found));
+    take_up(sighting, setup, orientation, known);
+}
+
+/// The same, and what foretells the next frame: what was found without a closer look, and who that is. Guided detection does not
+/// find what only a closer look shows: were it promised, the whole frame would be searched each time.
+pub(super) fn recognise_for_next(
+    sighting: &mut Sighting,
+    raster: &Raster,
+    installation: &Installation,
+    orientation: &Orientation,
+) -> Option<(Vec<Detection>, Identities)> {
+    let setup = &installation.setup;
+    let found = sighting.detections.clone();
+    let mut plainly = None;
+    let known = sighting.timed("identify", || {
+        let first = identify::identify(setup, orientation, &found.markers)?;
+        plainly = Some((found.markers.clone(), first.clone()));
+        Ok(looked_closer(setup, orientation, raster, (found, first)))
+    });
+    take_up(sighting, setup, orientation, known);
+    plainly
+}
+
+fn take_up(
+    sighting: &mut Sighting,
+    setup: &Setup,
+    orientation: &Orientation,
+    known: Result<(Detections, Identities), IdentifyError>,
+) {
+    match known {
         Err(error) => sighting.failure = Some(unidentified(setup, orientation, sighting, &error)),
         Ok((found, identities)) => {
             let centred = identify::remove_perspective_bias(setup, orientation, &found.markers, &identities);
@@ -213,19 +268,28 @@ pub fn identified(
     raster: &Raster,
     found: Detections,
 ) -> Result<(Detections, Identities), IdentifyError> {
-    let mut identities = identify::identify(setup, orientation, &found.markers)?;
-    let mut found = found;
+    let identities = identify::identify(setup, orientation, &found.markers)?;
+    Ok(looked_closer(setup, orientation, raster, (found, identities)))
+}
+
+fn looked_closer(
+    setup: &Setup,
+    orientation: &Orientation,
+    raster: &Raster,
+    known: (Detections, Identities),
+) -> (Detections, Identities) {
+    let (mut found, mut identities) = known;
     // What is measured better foretells the others better.
     for _ in 0..LOOKS {
         let expected = identify::expect(setup, orientation, &found.markers, &identities);
         let mut closer = found.clone();
         if !detect::look_closer(raster, &mut closer, &expected) {
-            return Ok((closer, identities));
+            return (closer, identities);
         }
         let Ok(again) = identify::identify(setup, orientation, &closer.markers) else { break };
         (found, identities) = (closer, again);
     }
-    Ok((found, identities))
+    (found, identities)
 }
 
 /// The identified detections, in the survey's order.

@@ -133,6 +133,7 @@ impl Flight {
                 inputs: Inputs::new(provenance),
                 solve: Arc::new(move |image, _, _| solve(image)),
                 deadline: self.solver_deadline,
+                track: None,
             }),
             observer: Arc::new(move |event| events.lock().unwrap().push(event.clone())),
         };

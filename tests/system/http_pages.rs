@@ -22,7 +22,10 @@ impl Server {
     }
 
     pub(crate) fn guarded(root: &Path, access: Access) -> Self {
-        let site = Site { root: root.to_owned(), setup: None, status: None };
+        Self::of(Site { root: root.to_owned(), setup: None, status: None, live: None }, access)
+    }
+
+    pub(crate) fn of(site: Site, access: Access) -> Self {
         let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
         let (tell, told) = std::sync::mpsc::channel();
         let thread = std::thread::spawn(move || {

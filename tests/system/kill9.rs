@@ -14,7 +14,7 @@ use wingd::store::verify::verify;
 use wingd::store::{RealDisk, catalogue};
 
 /// A configuration with quick series of bundled frames, solved with the bundled installation.
-fn configuration(dir: &Path) -> std::path::PathBuf {
+pub(crate) fn configuration(dir: &Path) -> std::path::PathBuf {
     let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dev");
     let installation = dir.join("installation");
     std::fs::create_dir(&installation).unwrap();

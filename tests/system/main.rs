@@ -16,6 +16,8 @@ mod http_pages;
 mod installation_faults;
 mod installation_geometry;
 mod kill9;
+mod live;
+mod live_page;
 mod mount_check_command;
 mod mutations;
 mod other_pictures;

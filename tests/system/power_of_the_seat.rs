@@ -71,6 +71,7 @@ fn boot(disk: Arc<FakeDisk>, number: usize, minutes: (u64, u64), frames: &Path, 
             inputs: Inputs::new(Map::new()),
             solve: Arc::new(|name, _, _| ImageRecord::failed(name, "", "a test".to_owned())),
             deadline: Duration::from_secs(60),
+            track: None,
         }),
         observer: Arc::new(move |event| {
             let mut heard = heard.lock().unwrap();

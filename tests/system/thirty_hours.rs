@@ -136,6 +136,7 @@ fn fly(root: &Path, watch: Arc<Watch>) -> Status {
                 pipeline::solve_frame(name, bytes, Some(format), &installation, &orientation, &job)
             }),
             deadline: Duration::from_secs(60),
+            track: None,
         }),
         observer: Arc::new(move |event| watch.note(event)),
     };

@@ -107,7 +107,20 @@ struct Opened {
     format: Format,
     /// Bytes that a whole frame has at least.
     shortest: usize,
+    live: Option<LiveStream>,
 }
+
+/// Live frames come from one stream.
+struct LiveStream {
+    running: stream::Running,
+    /// The controls as read last.
+    settings: Map<String, Value>,
+    /// Frames since.
+    frames: u32,
+}
+
+/// Live frames from one look at the controls to the next.
+const CONTROLS_EVERY: u32 = 50;
 
 impl V4lCamera {
     /// Nothing is touched before `open`.
@@ -134,7 +147,7 @@ impl V4lCamera {
         settings.insert("device".to_owned(), node.into());
         settings.insert("bus".to_owned(), caps.bus.clone().into());
         settings.insert("format".to_owned(), json!(format));
-        self.opened = Some(Opened { device, format, shortest });
+        self.opened = Some(Opened { device, format, shortest, live: None });
         Ok(CameraInfo { name: format!("{} ({}, {})", caps.card, caps.driver, caps.bus), settings, warnings })
     }
 
@@ -156,6 +169,51 @@ impl V4lCamera {
         describe(&mut settings, &got, drift);
         let exposed = self.exposed(&settings, &got);
         Ok(Frame { bytes: got.bytes, format: opened.format.clone(), settings, exposed })
+    }
+}
+
+impl V4lCamera {
+    fn take_live(&mut self, deadline: &Deadline) -> Result<Frame, CameraError> {
+        let closed = || CameraError::Gone("the camera is not open".to_owned());
+        let opened = self.opened.as_mut().ok_or_else(closed)?;
+        let mut live = match opened.live.take() {
+            Some(live) => live,
+            None => LiveStream {
+                running: stream::Running::start(&opened.device, self.section.settle_frames)?,
+                settings: Map::new(),
+                frames: 0,
+            },
+        };
+        let mut drift = Vec::new();
+        if live.frames.is_multiple_of(CONTROLS_EVERY) {
+            (live.settings, drift) = controls::read_back(&opened.device, &self.section.controls);
+            if !drift.is_empty() {
+                let (again, still) = controls::apply(&opened.device, &self.section.controls);
+                live.settings = again;
+                drift.extend(still);
+            }
+        }
+        live.frames = live.frames.wrapping_add(1);
+        let got = match live.running.next(opened.shortest, deadline) {
+            Ok(got) => got,
+            Err(error) => {
+                live.running.stop();
+                return Err(error);
+            }
+        };
+        let mut settings = live.settings.clone();
+        opened.live = Some(live);
+        let format = opened.format.clone();
+        describe(&mut settings, &got, drift);
+        let exposed = self.exposed(&settings, &got);
+        Ok(Frame { bytes: got.bytes, format, settings, exposed })
+    }
+
+    /// A series has streams of its own.
+    fn stop_live(&mut self) {
+        if let Some(live) = self.opened.as_mut().and_then(|opened| opened.live.take()) {
+            live.running.stop();
+        }
     }
 }
 
@@ -250,6 +308,7 @@ impl Camera for V4lCamera {
 
     fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
         let deadline = Deadline::after(deadline);
+        self.stop_live();
         let shot = walled(|| self.take(&deadline));
         if matches!(shot, Err(CameraError::Gone(_))) {
             self.close();
@@ -257,7 +316,17 @@ impl Camera for V4lCamera {
         shot
     }
 
+    fn live(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
+        let deadline = Deadline::after(deadline);
+        let shot = walled(|| self.take_live(&deadline));
+        if matches!(shot, Err(CameraError::Gone(_))) {
+            self.close();
+        }
+        shot
+    }
+
     fn close(&mut self) {
+        self.stop_live();
         self.opened = None;
     }
 }

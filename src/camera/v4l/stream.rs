@@ -1,9 +1,11 @@
 //! One frame from an open device.
 //!
-//! Every shot starts a stream of its own: buffers that were filled in an idle hour are old pictures,
-//! and the binding's stream cannot be used again after a time-out.
+//! Every shot of a series starts a stream of its own: buffers that were filled in an idle hour are old pictures,
+//! and the binding's stream cannot be used again after a time-out. Live frames come from one stream that goes on; what
+//! lies in its buffers from before a frame is asked for is passed over.
 
 use std::io;
+use std::time::{Duration, Instant};
 
 use v4l::Device;
 use v4l::buffer::{Flags, Metadata, Type};
@@ -40,6 +42,45 @@ pub struct Grabbed {
     pub stale: u32,
 }
 
+/// A stream that was started.
+pub struct Running {
+    stream: Stream<'static>,
+    period: Period,
+    /// Frames that are to be thrown away still, while exposure and white level settle.
+    settle: u32,
+    /// A frame has been taken: buffers may have filled since.
+    taken: bool,
+}
+
+impl Running {
+    /// `settle` frames will be discarded, once.
+    pub fn start(device: &Device, settle: u32) -> Result<Self, CameraError> {
+        let stream = Stream::with_buffers(device, Type::VideoCapture, BUFFERS);
+        let stream = stream.map_err(|e| streaming(&e, "buffers"))?;
+        Ok(Self { stream, period: Period::default(), settle, taken: false })
+    }
+
+    /// The first whole frame that comes from now on. After an error the stream is of no use.
+    pub fn next(&mut self, shortest: usize, deadline: &Deadline) -> Result<Grabbed, CameraError> {
+        first_whole(self, shortest, deadline)
+    }
+
+    /// Stopped here, since dropping a stream that cannot be stopped panics. What cannot be stopped is
+    /// left to the kernel, which frees it when the camera is closed.
+    pub fn stop(mut self) {
+        match self.stream.stop() {
+            Ok(()) => drop(self.stream),
+            Err(error) if error.raw_os_error() == Some(rustix::io::Errno::NODEV.raw_os_error()) => {
+                drop(self.stream);
+            }
+            Err(error) => {
+                tracing::warn!(%error, "the video stream could not be stopped");
+                std::mem::forget(self.stream);
+            }
+        }
+    }
+}
+
 /// Discards `settle` frames, then takes the first whole one.
 pub fn grab(
     device: &Device,
@@ -47,20 +88,9 @@ pub fn grab(
     shortest: usize,
     deadline: &Deadline,
 ) -> Result<Grabbed, CameraError> {
-    let begun_s = crate::clock::monotonic_s();
-    let mut stream =
-        Stream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(|e| streaming(&e, "buffers"))?;
-    let result = first_whole(&mut stream, Wanted { settle, shortest, begun_s }, deadline);
-    // Stopped here, since dropping a stream that cannot be stopped panics. What cannot be stopped is
-    // left to the kernel, which frees it when the camera is closed.
-    match stream.stop() {
-        Ok(()) => drop(stream),
-        Err(error) if error.raw_os_error() == Some(rustix::io::Errno::NODEV.raw_os_error()) => drop(stream),
-        Err(error) => {
-            tracing::warn!(%error, "the video stream could not be stopped");
-            std::mem::forget(stream);
-        }
-    }
+    let mut running = Running::start(device, settle)?;
+    let result = running.next(shortest, deadline);
+    running.stop();
     result
 }
 
@@ -84,23 +114,20 @@ impl Period {
     }
 }
 
-/// What makes a frame the one that is wanted.
-struct Wanted {
-    settle: u32,
-    shortest: usize,
-    /// An older frame was taken before the shot.
-    begun_s: f64,
-}
+/// A buffer that is there at once was filled before it was asked for.
+const AT_ONCE: Duration = Duration::from_millis(1);
 
-fn first_whole(stream: &mut Stream<'_>, wanted: Wanted, deadline: &Deadline) -> Result<Grabbed, CameraError> {
-    let Wanted { settle, shortest, begun_s } = wanted;
-    let (mut seen, mut damaged, mut dropped, mut expected, mut stale) = (0, 0, 0, None, 0);
-    let mut period = Period::default();
+fn first_whole(running: &mut Running, shortest: usize, deadline: &Deadline) -> Result<Grabbed, CameraError> {
+    // An older frame was taken before the shot.
+    let begun_s = crate::clock::monotonic_s();
+    let Running { stream, period, settle, taken } = running;
+    let (mut damaged, mut dropped, mut expected, mut stale) = (0, 0, None, 0);
     loop {
         // At least a millisecond: 0 would not wait at all.
-        stream.set_timeout(deadline.left("a frame")?.max(std::time::Duration::from_millis(1)));
+        stream.set_timeout(deadline.left("a frame")?.max(Duration::from_millis(1)));
+        let asked = Instant::now();
         let (bytes, meta) = stream.next().map_err(|error| match error.kind() {
-            io::ErrorKind::TimedOut => deadline.passed(&format!("a frame; {seen} came and were discarded")),
+            io::ErrorKind::TimedOut => deadline.passed("a frame"),
             _ => streaming(&error, "a frame"),
         })?;
         dropped += expected.map_or(0, |expected| meta.sequence.wrapping_sub(expected).min(1 << 16));
@@ -119,12 +146,14 @@ fn first_whole(stream: &mut Stream<'_>, wanted: Wanted, deadline: &Deadline) -> 
         let time_s = meta.timestamp.sec as f64 + meta.timestamp.usec as f64 * 1e-6;
         period.see(meta.sequence, time_s);
         let monotonic = meta.flags.contains(Flags::TIMESTAMP_MONOTONIC);
+        let old = if monotonic { time_s < begun_s } else { *taken && asked.elapsed() < AT_ONCE };
         // No more than there are buffers: a driver's clock may be wrong.
-        if stale < BUFFERS && monotonic && time_s < begun_s {
+        if stale < BUFFERS && old {
             stale += 1;
-        } else if seen < settle {
-            seen += 1;
+        } else if *settle > 0 {
+            *settle -= 1;
         } else {
+            *taken = true;
             return Ok(Grabbed {
                 bytes: used.to_vec(),
                 sequence: meta.sequence,

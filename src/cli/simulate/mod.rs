@@ -1,6 +1,7 @@
 //! `wingd simulate`: frames of a wing with known truth.
 
 mod boards;
+mod gusts;
 mod writer;
 
 use std::path::PathBuf;
@@ -31,6 +32,8 @@ pub struct Args {
     /// Light of the flight frames in turn: plain, gradient, shadow, glare, dusk, backlight, haze
     #[arg(long, value_delimiter = ',', default_value = "plain", value_parser = light)]
     lights: Vec<Light>,
+    #[command(flatten)]
+    gusts: gusts::Args,
     #[command(flatten)]
     wing: WingArgs,
     #[command(flatten)]
@@ -137,8 +140,12 @@ fn side(name: &str) -> Result<Side, String> {
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
+    args.gusts.check()?;
     let scene = scene(args)?;
-    let frames = shots(args, &scene);
+    let frames = match args.gusts.seconds {
+        Some(seconds) => gusts::shots(args, &scene, seconds),
+        None => shots(args, &scene),
+    };
     let name = args.output.file_name().map_or("set".into(), |name| name.to_string_lossy());
     let bar = frames::progress(frames.len(), "rendering");
     write_set(&args.output, &name, &scene, &frames, || bar.inc(1))
@@ -154,7 +161,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
 }
 
 fn scene(args: &Args) -> Result<Scene, Failure> {
-    let highest = args.tip_lifts.iter().copied().fold(0.5, f64::max);
+    let highest = args.tip_lifts.iter().copied().fold(0.5, f64::max) + args.gusts.highest_m();
     let Some(directory) = &args.installation else {
         let options = args.wing.options(args.seed, highest);
         check(&options)?;
@@ -244,7 +251,7 @@ fn shots(args: &Args, scene: &Scene) -> Vec<SetFrame> {
     let quality = args.picture.quality;
     let seed = |i: usize| args.seed.wrapping_mul(1000).wrapping_add(i as u64);
     let ground = args.picture.applied(scene.ground_shot(seed(0)));
-    let mut frames = vec![SetFrame { image: "ground.jpg".into(), shot: ground, quality }];
+    let mut frames = vec![SetFrame { image: "ground.jpg".into(), shot: ground, quality, time_s: None }];
     for (i, &lift) in args.tip_lifts.iter().enumerate() {
         let light = args.lights.get(i % args.lights.len().max(1)).copied().unwrap_or(Light::Plain);
         let mut shot = args.picture.applied(scene.flight_shot(lift, light, seed(i + 1)));
@@ -256,7 +263,8 @@ fn shots(args: &Args, scene: &Scene) -> Vec<SetFrame> {
             shot.mount = mount;
         }
         shot.hidden = hidden(&mut random, args.hide, scene.markers.len());
-        frames.push(SetFrame { image: format!("flight-{:0digits$}.jpg", i + 1), shot, quality });
+        let image = format!("flight-{:0digits$}.jpg", i + 1);
+        frames.push(SetFrame { image, shot, quality, time_s: None });
     }
     frames
 }

@@ -21,6 +21,8 @@ pub struct SetFrame {
     pub shot: Shot,
     /// JPEG quality, 1 to 100.
     pub quality: u8,
+    /// Since the flight's first frame, s.
+    pub time_s: Option<f64>,
 }
 
 /// Writes `installation/`, `frames/` and `truth.json` below `directory`; `done` is called after
@@ -146,14 +148,18 @@ fn survey_csv(setup: &Setup) -> String {
 }
 
 fn frame_json(frame: &SetFrame, truth: &FrameTruth) -> Value {
-    json!({
+    let mut value = json!({
         "image": frame.image,
         "light": frame.shot.light.name(),
         "tip_lift_m": truth.tip_lift_m,
         "markers": truth.markers.iter().map(marker_json).collect::<Vec<_>>(),
         "camera_from_survey": rows(&truth.camera_from_survey),
         "torsion_deg": truth.torsion_rad.map(f64::to_degrees),
-    })
+    });
+    if let (Some(time_s), Some(map)) = (frame.time_s, value.as_object_mut()) {
+        map.insert("time_s".into(), time_s.into());
+    }
+    value
 }
 
 fn marker_json(marker: &MarkerTruth) -> Value {

@@ -2,6 +2,7 @@
 
 mod curve;
 mod flight;
+mod live;
 mod series;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -13,6 +14,7 @@ use crate::report::overview::{self, Overview};
 use crate::store::{RealDisk, catalogue};
 
 pub use flight::flight;
+pub use live::live;
 pub use series::{frame, series};
 
 const STYLE: &str = include_str!("style.css");
@@ -37,7 +39,7 @@ fn page(title: &str, trail: &Markup, content: &Markup) -> Markup {
                 a.skip href="#content" { "To the content" }
                 main {
                     header {
-                        nav aria-label="Where you are" { a href="/" { "All flights" } (trail) a href="/status.json" { "status.json" } }
+                        nav aria-label="Where you are" { a href="/" { "All flights" } (trail) a href="/live" { "Live" } a href="/status.json" { "status.json" } }
                         h1 { (title) }
                     }
                     div id="content" tabindex="-1" { (content) }

@@ -9,8 +9,6 @@ use super::scene::{Scene, usable};
 use crate::measure::detect::{Detection, Expected, Prediction};
 use crate::measure::setup::Shape;
 
-/// How far the wing may move from one frame to the next: change of the tip's lift, m.
-const NEXT_LIFT_M: f64 = 0.2;
 /// How far the image may shift, px.
 const NEXT_SHIFT_PX: f64 = 8.0;
 
@@ -97,16 +95,17 @@ fn prediction(
     })
 }
 
-/// See [`super::predict`].
+/// See [`super::predict_within`].
 pub(super) fn predictions(
     scene: &Scene<'_>,
     detections: &[Detection],
     identities: &Identities,
+    lift_m: f64,
 ) -> Vec<Prediction> {
     let Some(state) = state_of(scene, detections, identities) else { return Vec::new() };
     let mut lifted = state;
     // Curvature that falls to 0 at the tip: the usual change of a load.
-    lifted[0] += 3.0 * NEXT_LIFT_M / scene.beam.length_m.powi(2);
+    lifted[0] += 3.0 * lift_m / scene.beam.length_m.powi(2);
     let moved = scene.pixels(&lifted);
     let markers = scene.setup.markers.iter().zip(scene.outlines(&state)).zip(moved);
     markers

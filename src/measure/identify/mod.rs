@@ -184,5 +184,19 @@ pub fn predict(
     detections: &[Detection],
     identities: &Identities,
 ) -> Vec<Prediction> {
-    known::predictions(&scene::Scene::new(setup, orientation, true), detections, identities)
+    predict_within(setup, orientation, detections, identities, NEXT_LIFT_M)
 }
+
+/// The same where the lift of the tip may change by `lift_m`, m, until the next frame.
+pub fn predict_within(
+    setup: &Setup,
+    orientation: &Orientation,
+    detections: &[Detection],
+    identities: &Identities,
+    lift_m: f64,
+) -> Vec<Prediction> {
+    known::predictions(&scene::Scene::new(setup, orientation, true), detections, identities, lift_m)
+}
+
+/// How far the wing may move from one frame to the next: change of the tip's lift, m.
+pub const NEXT_LIFT_M: f64 = 0.2;

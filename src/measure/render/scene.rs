@@ -39,15 +39,17 @@ pub struct Scene {
 pub struct Shot {
     /// Shape and temperature of the wing.
     pub state: State,
-    /// Kind of light; its details follow from `seed`.
+    /// Kind of light; its details follow from `light_seed`.
     pub light: Light,
+    /// Frames that are shot right after one another share it.
+    pub light_seed: u64,
     /// Blur, noise, tone.
     pub sensor: Sensor,
     /// Shift of the mount: rotates the camera frame, `exp([mount]x) * camera_from_survey`.
     pub mount: Rotation3<f64>,
     /// Indices of markers that are not there.
     pub hidden: Vec<usize>,
-    /// Of the light and the noise.
+    /// Of the noise.
     pub seed: u64,
 }
 
@@ -57,6 +59,7 @@ impl Scene {
         Shot {
             state: State::ground(self.load),
             light: Light::Plain,
+            light_seed: seed,
             sensor: Sensor::default(),
             mount: Rotation3::identity(),
             hidden: Vec::new(),
@@ -109,7 +112,7 @@ impl Scene {
     }
 
     pub(super) fn illumination(&self, shot: &Shot, pose: &Pose) -> Illumination {
-        Illumination::random(shot.light, &mut Random::new(shot.seed, 1), pose)
+        Illumination::random(shot.light, &mut Random::new(shot.light_seed, 1), pose)
     }
 
     pub(super) fn placed(&self, pose: &Pose) -> Vec<Placed> {

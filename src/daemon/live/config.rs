@@ -1,0 +1,193 @@
+//! `[live]` of the configuration.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::daemon::aircraft::AircraftConfig;
+
+/// No camera gives more frames a second.
+const MOST_HZ: f64 = 100.0;
+/// At most so much memory for frames before an event, MB.
+const MOST_RING_MB: u32 = 4000;
+
+/// What happens beside the series.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LiveConfig {
+    /// Frames a second; without it there is no live mode.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rate_hz: Option<f64>,
+    /// Series by the timetable, too.
+    pub series: bool,
+    /// Raw frames that are kept.
+    pub keep: KeepConfig,
+    /// `host:port` that a datagram goes to with each result.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub udp: Option<String>,
+    /// Where a line of JSON comes with each result.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub socket: Option<PathBuf>,
+    /// Above it the rate is lowered, then the frames pause.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_temperature_c: Option<f64>,
+    /// Listen to the aircraft's own data.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub aircraft_data: Option<AircraftConfig>,
+}
+
+impl Default for LiveConfig {
+    fn default() -> Self {
+        Self {
+            rate_hz: None,
+            series: true,
+            keep: KeepConfig::default(),
+            udp: None,
+            socket: None,
+            max_temperature_c: None,
+            aircraft_data: None,
+        }
+    }
+}
+
+/// `[live.keep]`: which raw frames are kept.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct KeepConfig {
+    /// Every so manieth frame; 0 keeps none.
+    pub every: u32,
+    /// Memory for the last frames, which an event saves, MB; 0 keeps none.
+    pub ring_mb: u32,
+    /// Saved from before an event.
+    #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    pub before: Duration,
+    /// And from after it.
+    #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    pub after: Duration,
+    /// From one event's end to the next that is not asked for: a camera that is jolted all the time must not fill the disk.
+    #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    pub pause: Duration,
+    /// An event: the global test of a frame rejects.
+    pub rejected: bool,
+    /// An event: the camera is jolted.
+    pub jolt: bool,
+    /// An event: the tip moves faster, m/s.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tip_rate_m_s: Option<f64>,
+    /// An event: the tip's lift is farther from its mean of a minute, m.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tip_departure_m: Option<f64>,
+}
+
+impl Default for KeepConfig {
+    fn default() -> Self {
+        Self {
+            every: 0,
+            ring_mb: 48,
+            before: Duration::from_secs(5),
+            after: Duration::from_secs(5),
+            pause: Duration::from_secs(60),
+            rejected: false,
+            jolt: true,
+            tip_rate_m_s: None,
+            tip_departure_m: None,
+        }
+    }
+}
+
+impl LiveConfig {
+    /// Whether frames are taken between the series.
+    pub fn on(&self) -> bool {
+        self.rate_hz.is_some()
+    }
+
+    /// Every fault, as `key: what; how to mend it`.
+    pub fn faults(&self) -> Vec<String> {
+        let mut faults = Vec::new();
+        let mut must = |holds: bool, fault: &str| {
+            if !holds {
+                faults.push(format!("live.{fault}"));
+            }
+        };
+        let positive = |value: Option<f64>| value.is_none_or(|v| v.is_finite() && v > 0.0);
+        must(
+            self.rate_hz.is_none_or(|hz| (0.1..=MOST_HZ).contains(&hz)),
+            "rate_hz: must be 0.1 to 100; give frames a second, for example 10",
+        );
+        must(
+            self.on() || !self.has_output(),
+            "rate_hz: is missing, so that there are no results to give out; give frames a second, for example 10",
+        );
+        must(
+            self.series || self.on(),
+            "series: is false without rate_hz, so that nothing is recorded; give rate_hz, or leave series out",
+        );
+        let port = |text: &str| {
+            text.rsplit_once(':').is_some_and(|(host, port)| {
+                !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0)
+            })
+        };
+        must(
+            self.udp.as_deref().is_none_or(port),
+            "udp: is no host and port; write it as \"192.168.1.20:7072\"",
+        );
+        must(
+            self.max_temperature_c.is_none_or(|c| (30.0..=120.0).contains(&c)),
+            "max_temperature_c: must be 30 to 120; the processor's data sheet names what it bears",
+        );
+        must(
+            self.keep.ring_mb <= MOST_RING_MB,
+            "keep.ring_mb: is more than 4000; what an event saves lies in memory until then",
+        );
+        let longest = Duration::from_secs(600);
+        must(
+            self.keep.before <= longest && self.keep.after <= longest,
+            "keep.before: before and after an event at most 10 min; give for example \"5s\"",
+        );
+        must(
+            positive(self.keep.tip_rate_m_s),
+            "keep.tip_rate_m_s: must be above 0; leave it out for no such event",
+        );
+        must(
+            positive(self.keep.tip_departure_m),
+            "keep.tip_departure_m: must be above 0; leave it out for no such event",
+        );
+        faults.extend(self.aircraft_data.iter().flat_map(AircraftConfig::faults));
+        faults
+    }
+
+    fn has_output(&self) -> bool {
+        self.udp.is_some() || self.socket.is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn a_section_is_read_and_its_faults_are_named() {
+        let text = "rate_hz = 10\nudp = \"127.0.0.1:7072\"\n[keep]\nevery = 600\nbefore = \"3s\"\n";
+        let live: LiveConfig = toml::from_str(text).unwrap();
+        assert_eq!(live.faults(), [""; 0]);
+        assert!(live.on() && live.series && live.keep.jolt);
+        let bad =
+            "rate_hz = 0\nudp = \"7072\"\nmax_temperature_c = 1\n[keep]\nring_mb = 9999\ntip_rate_m_s = -1\n";
+        let bad: LiveConfig = toml::from_str(bad).unwrap();
+        let keys: Vec<String> =
+            bad.faults().iter().map(|f| f.split(": ").next().unwrap_or_default().to_owned()).collect();
+        let expected = [
+            "live.rate_hz",
+            "live.udp",
+            "live.max_temperature_c",
+            "live.keep.ring_mb",
+            "live.keep.tip_rate_m_s",
+        ];
+        assert_eq!(keys, expected);
+        let idle: LiveConfig = toml::from_str("series = false\nsocket = \"live.sock\"").unwrap();
+        assert_eq!(idle.faults().len(), 2);
+        assert!(toml::from_str::<LiveConfig>("rate = 10").is_err());
+    }
+}

@@ -1,0 +1,281 @@
+//! Raw frames that are kept: every so manieth, and those about an event. They wait in memory that is bounded; what it does
+//! not hold is lost and counted.
+
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use serde_json::{Map, Value};
+
+use super::Shared;
+use super::config::KeepConfig;
+use super::result::LiveFrame;
+use crate::camera::extension;
+use crate::store::manifest::{Cause, Shot, State as Ended};
+use crate::store::{NewFrame, OpenSeries, Plan, Store, StoreError};
+
+/// Of every so manieth frame so many may wait for the disk.
+const NTH_WAITING: usize = 4;
+/// Frames of a series of every so manieth; then the next begins.
+const NTH_OF_SERIES: usize = 500;
+/// An event that others prolong ends after so many frames; a file's name has four digits.
+const EVENT_FRAMES: usize = 9000;
+
+/// What is to be saved about an event.
+struct Wanted {
+    from_s: f64,
+    until_s: f64,
+    reasons: Vec<String>,
+    frames: usize,
+}
+
+#[derive(Default)]
+struct State {
+    ring: VecDeque<Arc<LiveFrame>>,
+    bytes: usize,
+    nth: VecDeque<Arc<LiveFrame>>,
+    event: Option<Wanted>,
+    /// Before this time since boot, s, nothing but a wish begins an event.
+    quiet_until_s: f64,
+    camera: Map<String, Value>,
+    closed: bool,
+}
+
+/// Frames in memory, between the recorder and the keeper.
+pub(crate) struct Raw {
+    keep: KeepConfig,
+    state: Mutex<State>,
+    changed: Condvar,
+    /// A series of raw frames is there to be solved.
+    pub unsolved: AtomicBool,
+}
+
+/// What the keeper does next.
+enum Job {
+    Nth(Arc<LiveFrame>),
+    OfEvent(Arc<LiveFrame>),
+    EndEvent(Vec<String>),
+    Wait,
+    End,
+}
+
+impl Raw {
+    pub fn new(keep: KeepConfig) -> Self {
+        Self { keep, state: Mutex::default(), changed: Condvar::new(), unsolved: AtomicBool::new(false) }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What is written of the camera into each series.
+    pub fn camera(&self, camera: Map<String, Value>) {
+        self.state().camera = camera;
+    }
+
+    /// Takes up a frame; returns how many are lost for it.
+    pub fn push(&self, frame: &Arc<LiveFrame>) -> u64 {
+        let mut state = self.state();
+        let mut lost = 0;
+        if self.keep.every > 0 && frame.number.is_multiple_of(self.keep.every.into()) {
+            state.nth.push_back(frame.clone());
+            if state.nth.len() > NTH_WAITING {
+                state.nth.pop_front();
+                lost += 1;
+            }
+        }
+        if self.keep.ring_mb > 0 {
+            state.bytes += frame.frame.bytes.len();
+            state.ring.push_back(frame.clone());
+            lost += state.make_room(self.keep.ring_mb as usize * 1_000_000, self.keep.before.as_secs_f64());
+        }
+        drop(state);
+        self.changed.notify_all();
+        lost
+    }
+
+    /// Something happened at this time since boot, s, or somebody asks. True where it begins an event, and does not prolong
+    /// one.
+    pub fn event(&self, reason: String, at_s: f64, asked: bool) -> bool {
+        let mut state = self.state();
+        let begins = state.event.is_none();
+        if self.keep.ring_mb == 0 || begins && !asked && at_s < state.quiet_until_s {
+            return false;
+        }
+        let until_s = at_s + self.keep.after.as_secs_f64();
+        state.quiet_until_s = until_s + self.keep.pause.as_secs_f64();
+        match &mut state.event {
+            Some(event) => {
+                event.until_s = event.until_s.max(until_s);
+                if !event.reasons.contains(&reason) && event.reasons.len() < 20 {
+                    event.reasons.push(reason);
+                }
+            }
+            none => {
+                let from_s = at_s - self.keep.before.as_secs_f64();
+                *none = Some(Wanted { from_s, until_s, reasons: vec![reason], frames: 0 });
+            }
+        }
+        drop(state);
+        self.changed.notify_all();
+        begins
+    }
+
+    /// No more frames come.
+    pub fn close(&self) {
+        self.state().closed = true;
+        self.changed.notify_all();
+    }
+
+    fn wait(&self) {
+        let state = self.state();
+        let _ = self.changed.wait_timeout(state, Duration::from_millis(500));
+    }
+}
+
+impl State {
+    /// The oldest frames go; how many of them an event wanted.
+    fn make_room(&mut self, most_bytes: usize, before_s: f64) -> u64 {
+        let newest_s = self.ring.back().map_or(0.0, |f| f.exposure.exposure_since_boot_s);
+        let mut lost = 0;
+        while let Some(front) = self.ring.front() {
+            let at_s = front.exposure.exposure_since_boot_s;
+            let wanted = self.event.as_ref().is_some_and(|e| (e.from_s..=e.until_s).contains(&at_s));
+            let old = !wanted && newest_s - at_s > before_s;
+            // The newest stays, however large.
+            if self.ring.len() < 2 || !(old || self.bytes > most_bytes) {
+                break;
+            }
+            lost += u64::from(wanted);
+            self.pop();
+        }
+        lost
+    }
+
+    fn pop(&mut self) -> Option<Arc<LiveFrame>> {
+        let frame = self.ring.pop_front()?;
+        self.bytes -= frame.frame.bytes.len();
+        Some(frame)
+    }
+
+    fn next(&mut self) -> Job {
+        if let Some(frame) = self.nth.pop_front() {
+            return Job::Nth(frame);
+        }
+        while let Some(event) = &mut self.event {
+            let at_s = self.ring.front().map(|f| f.exposure.exposure_since_boot_s);
+            let (from_s, until_s) = (event.from_s, event.until_s);
+            let over = at_s.is_some_and(|at| at > until_s) || event.frames >= EVENT_FRAMES;
+            if over || (at_s.is_none() && self.closed) {
+                return Job::EndEvent(self.event.take().map(|e| e.reasons).unwrap_or_default());
+            }
+            match at_s {
+                None => return Job::Wait,
+                Some(at) if at < from_s => drop(self.pop()),
+                Some(_) => {
+                    event.frames += 1;
+                    if let Some(frame) = self.pop() {
+                        return Job::OfEvent(frame);
+                    }
+                }
+            }
+        }
+        if self.closed { Job::End } else { Job::Wait }
+    }
+}
+
+/// Writes the frames, on a thread of its own.
+pub(super) struct Keeper {
+    pub shared: Shared,
+    pub store: Arc<Store>,
+    pub raw: Arc<Raw>,
+}
+
+impl Keeper {
+    /// Until no more frames come.
+    pub fn run(self) {
+        let (mut nth, mut event) = (None, None);
+        loop {
+            let job = self.raw.state().next();
+            match job {
+                Job::Nth(frame) => {
+                    self.keep(&mut nth, Cause::Live, &frame);
+                    if nth.as_ref().is_some_and(|series: &OpenSeries| series.shots().len() >= NTH_OF_SERIES) {
+                        self.close(&mut nth, vec![self.words_of_nth()]);
+                    }
+                }
+                Job::OfEvent(frame) => self.keep(&mut event, Cause::Event, &frame),
+                Job::EndEvent(reasons) => self.close(&mut event, reasons),
+                Job::Wait => self.raw.wait(),
+                Job::End => break,
+            }
+        }
+        self.close(&mut nth, vec![self.words_of_nth()]);
+    }
+
+    fn words_of_nth(&self) -> String {
+        format!("every {}th frame of live mode", self.raw.keep.every)
+    }
+
+    fn keep(&self, series: &mut Option<OpenSeries>, cause: Cause, frame: &LiveFrame) {
+        match self.store(series, cause, frame) {
+            Ok(()) => {
+                self.shared.update(|live| live.kept_frames += 1);
+                self.shared.clear("frames");
+            }
+            Err(error) => {
+                // A series that a call failed in is recovered before the next one begins.
+                *series = None;
+                self.shared.update(|live| live.lost_frames += 1);
+                self.shared.fault("frames", &format!("raw frames cannot be kept: {error}"));
+            }
+        }
+    }
+
+    fn store(
+        &self,
+        series: &mut Option<OpenSeries>,
+        cause: Cause,
+        frame: &LiveFrame,
+    ) -> Result<(), StoreError> {
+        let open = match series {
+            Some(open) => open,
+            none => {
+                let (mut begun, recovery) =
+                    self.store.begin_series(Plan { cause, shots: 0 }, &self.shared.clock.stamp())?;
+                crate::daemon::recorder::log_recovery(&recovery);
+                begun.note_camera(self.raw.state().camera.clone())?;
+                none.insert(begun)
+            }
+        };
+        let number = u32::try_from(open.shots().len()).unwrap_or(u32::MAX).saturating_add(1);
+        let shot = Shot {
+            shot: number,
+            stamp: frame.stamp.clone(),
+            duration_s: Some(frame.duration_s),
+            exposure: Some(frame.exposure.clone()),
+            frame: None,
+            failures: Vec::new(),
+        };
+        let new = NewFrame {
+            bytes: &frame.frame.bytes,
+            extension: extension(&frame.frame.format),
+            format: serde_json::to_value(&frame.frame.format).unwrap_or(Value::Null),
+            settings: frame.frame.settings.clone(),
+        };
+        open.add_shot(shot, Some(new)).map(drop)
+    }
+
+    fn close(&self, series: &mut Option<OpenSeries>, remarks: Vec<String>) {
+        let Some(series) = series.take() else { return };
+        let id = series.id().to_owned();
+        match self.store.close_series(series, Ended::Complete, &self.shared.clock.stamp(), remarks.clone()) {
+            Ok(()) => {
+                tracing::info!(series = id, why = remarks.join("; "), "raw frames of live mode are kept")
+            }
+            Err(error) => self.shared.fault("frames", &format!("raw frames cannot be kept: {error}")),
+        }
+        self.raw.unsolved.store(true, Ordering::Relaxed);
+    }
+}

@@ -1,0 +1,80 @@
+//! A processor that is too hot gets fewer frames, then none. Pure.
+
+/// It must be cooler than the limit by this before it gets more, degrees.
+const COOLER: f64 = 5.0;
+/// A change of the rate shows in the temperature after some time, s.
+const PATIENCE_S: f64 = 20.0;
+/// Below this rate frames pause, Hz.
+const SLOWEST_HZ: f64 = 1.0;
+
+/// The rate that the temperature allows.
+pub(crate) struct Governor {
+    wanted_hz: f64,
+    limit_c: Option<f64>,
+    allowed_hz: f64,
+    changed_s: f64,
+}
+
+impl Governor {
+    pub fn new(wanted_hz: f64, limit_c: Option<f64>) -> Self {
+        Self { wanted_hz, limit_c, allowed_hz: wanted_hz, changed_s: f64::NEG_INFINITY }
+    }
+
+    /// Frames a second; 0: none for the time being.
+    pub fn allowed_hz(&self) -> f64 {
+        self.allowed_hz
+    }
+
+    /// Whether temperatures matter.
+    pub fn limited(&self) -> bool {
+        self.limit_c.is_some()
+    }
+
+    /// The hottest place now. True where the rate changed.
+    pub fn look(&mut self, now_s: f64, temperature_c: Option<f64>) -> bool {
+        let (Some(limit), Some(now_c)) = (self.limit_c, temperature_c) else { return false };
+        if now_s - self.changed_s < PATIENCE_S {
+            return false;
+        }
+        let allowed_hz = if now_c > limit {
+            let half = 0.5 * self.allowed_hz;
+            if half < SLOWEST_HZ.min(self.wanted_hz) { 0.0 } else { half }
+        } else if now_c < limit - COOLER {
+            (2.0 * self.allowed_hz).max(SLOWEST_HZ).min(self.wanted_hz)
+        } else {
+            self.allowed_hz
+        };
+        if allowed_hz == self.allowed_hz {
+            return false;
+        }
+        (self.allowed_hz, self.changed_s) = (allowed_hz, now_s);
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn heat_lowers_the_rate_then_pauses_and_cold_brings_it_back() {
+        let mut governor = Governor::new(10.0, Some(80.0));
+        let mut rates = vec![];
+        for (step, temperature) in
+            [(0, 85.0), (1, 85.0), (2, 85.0), (3, 85.0), (4, 85.0), (5, 78.0), (6, 70.0)]
+        {
+            governor.look(f64::from(step) * 30.0, Some(temperature));
+            rates.push(governor.allowed_hz());
+        }
+        assert_eq!(rates, [5.0, 2.5, 1.25, 0.0, 0.0, 0.0, 1.0]);
+        for step in 7..12 {
+            governor.look(f64::from(step) * 30.0, Some(60.0));
+        }
+        assert_eq!(governor.allowed_hz(), 10.0);
+        assert!(!governor.look(1e3, None) && !Governor::new(10.0, None).look(0.0, Some(200.0)));
+        assert!(
+            governor.look(1e3, Some(81.0)) && !governor.look(1001.0, Some(90.0)),
+            "it waits for its effect"
+        );
+    }
+}

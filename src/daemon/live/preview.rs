@@ -1,0 +1,106 @@
+//! A small picture of the newest solved frame, for the page: made when somebody asks, at most once a second, and with
+//! nothing that the solving needs.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use super::result::LiveFrame;
+use crate::measure::raster::Raster;
+use crate::pipeline::decode::decode;
+use crate::pipeline::guard::guarded;
+
+/// Longer side, px.
+const LONGER: usize = 1280;
+/// Of the JPEG.
+const QUALITY: u8 = 70;
+/// The least time between two pictures.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// A small picture.
+pub(crate) struct Picture {
+    /// Of the frame.
+    pub number: u64,
+    /// Of the frame, px: the outlines are in it.
+    pub size: (usize, usize),
+    /// The file.
+    pub jpeg: Vec<u8>,
+}
+
+#[derive(Default)]
+struct State {
+    frame: Option<Arc<LiveFrame>>,
+    made: Option<(Instant, Arc<Picture>)>,
+}
+
+/// The newest frame and the last picture.
+#[derive(Default)]
+pub(crate) struct Preview {
+    state: Mutex<State>,
+    /// One picture at a time.
+    making: Mutex<()>,
+}
+
+impl Preview {
+    /// The newest solved frame.
+    pub fn show(&self, frame: &Arc<LiveFrame>) {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner).frame = Some(frame.clone());
+    }
+
+    /// A picture that is at most a second old, or newly made; `None` before the first frame.
+    pub fn newest(&self) -> Option<Arc<Picture>> {
+        let _one = self.making.lock().unwrap_or_else(PoisonError::into_inner);
+        let frame = {
+            let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+            match &state.made {
+                Some((when, picture)) if when.elapsed() < PAUSE => return Some(picture.clone()),
+                _ => state.frame.clone()?,
+            }
+        };
+        let picture = Arc::new(kindly(|| guarded(|| small(&frame)).flatten())?);
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        state.made = Some((Instant::now(), picture.clone()));
+        Some(picture)
+    }
+}
+
+/// On a thread of its own that gives way to all others.
+fn kindly<T: Send>(work: impl FnOnce() -> Option<T> + Send) -> Option<T> {
+    std::thread::scope(|scope| {
+        let thread = std::thread::Builder::new().name("preview".to_owned());
+        let made = thread.spawn_scoped(scope, || {
+            super::give_way(super::DISPLAY_NICE);
+            work()
+        });
+        made.ok()?.join().ok().flatten()
+    })
+}
+
+fn small(frame: &LiveFrame) -> Option<Picture> {
+    let raster = decode(&frame.frame.bytes, Some(&frame.frame.format)).ok()?;
+    let size = (raster.width(), raster.height());
+    let step = size.0.max(size.1).div_ceil(LONGER).max(1);
+    let (width, height) = (size.0 / step, size.1 / step);
+    let luma = means(&raster, step, width, height);
+    let mut jpeg = Vec::new();
+    let encoder = jpeg_encoder::Encoder::new(&mut jpeg, QUALITY);
+    let (w, h) = (u16::try_from(width).ok()?, u16::try_from(height).ok()?);
+    encoder.encode(&luma, w, h, jpeg_encoder::ColorType::Luma).ok()?;
+    Some(Picture { number: frame.number, size, jpeg })
+}
+
+/// Means of `step` x `step` pixels.
+fn means(raster: &Raster, step: usize, width: usize, height: usize) -> Vec<u8> {
+    let mut luma = Vec::with_capacity(width * height);
+    let mut sums = vec![0_u32; width];
+    for row in 0..height {
+        sums.fill(0);
+        for line in 0..step {
+            let pixels = raster.row(row * step + line).chunks_exact(step);
+            for (sum, block) in sums.iter_mut().zip(pixels) {
+                *sum += block.iter().map(|p| u32::from(*p)).sum::<u32>();
+            }
+        }
+        luma.extend(sums.iter().map(|sum| (sum / (step * step) as u32) as u8));
+    }
+    luma
+}

@@ -1,0 +1,181 @@
+//! The wing as it is measured: results relayed from the recorder's live socket to browsers.
+//!
+//! A browser that is slow misses results, and stops nobody.
+
+use std::future::Future;
+use std::io;
+use std::path::Path;
+use std::pin::Pin;
+use std::task::{Context as Poller, Poll};
+use std::time::Duration;
+
+use axum::body::{Body, Bytes};
+use axum::extract::State;
+use axum::http::{HeaderName, HeaderValue, StatusCode, header};
+use axum::response::{Html, IntoResponse, Response};
+use base64::Engine;
+use http_body::Frame;
+use serde::Deserialize;
+use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader, Lines};
+use tokio::net::UnixStream;
+use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
+use tokio::sync::mpsc::{Receiver, Sender, channel, error::TrySendError};
+use tokio::sync::watch;
+
+use super::{Context, Refusal, pages};
+
+/// Browsers that may watch at a time.
+pub(super) const WATCHERS: usize = 16;
+/// Results that wait for a slow browser.
+const WAITING: usize = 4;
+/// Before a recorder that is not there is called again.
+const AGAIN: Duration = Duration::from_secs(2);
+/// After so long without a result the browser is told that the line is open.
+const SILENCE: Duration = Duration::from_secs(5);
+/// For a picture of the frame.
+const PICTURE_TIME: Duration = Duration::from_secs(5);
+const SCRIPT: &str = include_str!("pages/live.js");
+/// Its own script, and pictures that it has fetched.
+const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'self'; connect-src 'self'; \
+     img-src 'self' blob:; frame-ancestors 'none'";
+
+pub(super) async fn page(State(shared): Context) -> Response {
+    let policy = [(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY))];
+    (policy, Html(pages::live(shared.site.live.is_some()).into_string())).into_response()
+}
+
+pub(super) async fn script() -> Response {
+    ([(header::CONTENT_TYPE, "text/javascript; charset=utf-8")], SCRIPT).into_response()
+}
+
+/// Server-sent events: one object of JSON per result; `down` with a sentence while no recorder answers.
+pub(super) async fn events(State(shared): Context) -> Result<Response, Refusal> {
+    let socket = shared.site.live.clone().ok_or(Refusal::NotFound)?;
+    let permit = shared.watchers.clone().try_acquire_owned().map_err(|_| Refusal::Busy)?;
+    let (sender, receiver) = channel(WAITING);
+    let closing = shared.closing.clone();
+    tokio::spawn(async move {
+        let _permit = permit;
+        relay(&socket, &sender, closing).await;
+    });
+    let mut response = Response::new(Body::new(Events(receiver)));
+    response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static("text/event-stream"));
+    Ok(response)
+}
+
+/// A small picture of the newest solved frame; its number and the frame's size are in the head.
+pub(super) async fn frame(State(shared): Context) -> Result<Response, Refusal> {
+    let socket = shared.site.live.clone().ok_or(Refusal::NotFound)?;
+    let _one_of_few = shared.pictures_live.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
+    let asked = tokio::time::timeout(PICTURE_TIME, ask_frame(&socket)).await;
+    let missing = |why: &str| (StatusCode::SERVICE_UNAVAILABLE, why.to_owned()).into_response();
+    let Ok(Ok(picture)) = asked else { return Ok(missing("The recorder has no live frame now.")) };
+    let jpeg = base64::engine::general_purpose::STANDARD.decode(&picture.jpeg);
+    let jpeg = jpeg.map_err(|e| Refusal::Failed(e.to_string()))?;
+    let mut response = Response::new(Body::from(jpeg));
+    let value = |text: String| HeaderValue::try_from(text).map_err(|e| Refusal::Failed(e.to_string()));
+    let headers = response.headers_mut();
+    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("image/jpeg"));
+    headers.insert(HeaderName::from_static("x-wingd-frame"), value(picture.frame.to_string())?);
+    let size = format!("{}x{}", picture.width, picture.height);
+    headers.insert(HeaderName::from_static("x-wingd-size"), value(size)?);
+    Ok(response)
+}
+
+/// A line of the live socket that brings a picture.
+#[derive(Deserialize)]
+struct Picture {
+    frame: u64,
+    width: usize,
+    height: usize,
+    jpeg: String,
+}
+
+async fn connect(socket: &Path) -> io::Result<(Lines<BufReader<OwnedReadHalf>>, OwnedWriteHalf)> {
+    let (read, write) = UnixStream::connect(socket).await?.into_split();
+    Ok((BufReader::new(read).lines(), write))
+}
+
+async fn ask_frame(socket: &Path) -> io::Result<Picture> {
+    let (mut lines, mut write) = connect(socket).await?;
+    write.write_all(b"frame\n").await?;
+    while let Some(line) = lines.next_line().await? {
+        if let Some(picture) = picture(&line) {
+            return serde_json::from_str(picture).map_err(Into::into);
+        }
+    }
+    Err(io::ErrorKind::UnexpectedEof.into())
+}
+
+/// A line that brings a picture, which begins so.
+fn picture(line: &str) -> Option<&str> {
+    line.starts_with("{\"frame\":").then_some(line)
+}
+
+/// Until the browser goes or the server stops.
+async fn relay(socket: &Path, to: &Sender<Bytes>, mut closing: watch::Receiver<bool>) {
+    let work = async {
+        while !to.is_closed() {
+            let why = match listen(socket, to).await {
+                Ok(()) => "the recorder has ended, or live mode is off".to_owned(),
+                Err(error) => format!("no recorder in live mode answers at {}: {error}", socket.display()),
+            };
+            let down = serde_json::json!({ "reason": why });
+            if to.send(format!("event: down\ndata: {down}\n\n").into()).await.is_err() {
+                return;
+            }
+            tokio::time::sleep(AGAIN).await;
+        }
+    };
+    tokio::select! { () = work => {}, _ = closing.wait_for(|closing| *closing) => {} }
+}
+
+/// `Ok`: the other side has ended, or the browser.
+async fn listen(socket: &Path, to: &Sender<Bytes>) -> io::Result<()> {
+    // The writing half is kept: its end would be heard.
+    let (mut lines, _write) = connect(socket).await?;
+    loop {
+        let event = match tokio::time::timeout(SILENCE, lines.next_line()).await {
+            Err(_) => ": open\n\n".into(),
+            Ok(line) => match line? {
+                None => return Ok(()),
+                Some(line) if picture(&line).is_some() => continue,
+                Some(line) => format!("data: {line}\n\n").into(),
+            },
+        };
+        if let Err(TrySendError::Closed(_)) = to.try_send(event) {
+            return Ok(());
+        }
+    }
+}
+
+/// The answer's body.
+struct Events(Receiver<Bytes>);
+
+impl http_body::Body for Events {
+    type Data = Bytes;
+    type Error = std::convert::Infallible;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Poller<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, Self::Error>>> {
+        self.0.poll_recv(context).map(|bytes| bytes.map(|bytes| Ok(Frame::data(bytes))))
+    }
+}
+
+/// Pictures that are asked for at a time.
+pub(super) const PICTURES: usize = 4;
+
+/// The server stops: whoever is told ends.
+pub(super) fn stopping(
+    shutdown: impl Future<Output = ()>,
+) -> (impl Future<Output = ()>, watch::Receiver<bool>) {
+    let (closing, closed) = watch::channel(false);
+    let then = async move {
+        shutdown.await;
+        // Nobody watching is no error.
+        let _ = closing.send(true);
+    };
+    (then, closed)
+}

@@ -1,0 +1,203 @@
+//! Frames of one camera as they come (docs/live.md): detection guided by the frame before, adjustment with all that the
+//! frames before told.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::stages::{self, Search, Sighting};
+use super::{Job, Stage, corrected, recording};
+use crate::camera::Format;
+use crate::installation::Installation;
+use crate::measure::adjust::{Live, Parameter, Solution};
+use crate::measure::detect::{Detection, Prediction};
+use crate::measure::identify::{self, Identities, NEXT_LIFT_M};
+use crate::measure::setup::Orientation;
+use crate::pipeline::guard::{BROKE_OFF, guarded};
+use crate::record::ImageRecord;
+
+/// The image of a marker, as an ellipse in the frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Outline {
+    /// Of the survey; `null` for one without a name.
+    pub id: Option<String>,
+    /// Centre, px.
+    pub u_px: f64,
+    /// px.
+    pub v_px: f64,
+    /// px.
+    pub semi_major_px: f64,
+    /// px.
+    pub semi_minor_px: f64,
+    /// Of the longer axis, from u to v, degrees.
+    pub angle_deg: f64,
+}
+
+/// What one frame told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Told {
+    /// With or without numbers.
+    pub record: ImageRecord,
+    /// How the frame was searched.
+    pub search: Search,
+    /// Which mounting of the camera, from 1; after each jolt the next. 0 before the first solution.
+    pub mounting: usize,
+    /// Whether this frame showed that the camera was jolted.
+    pub jolt: bool,
+    /// Of all that was detected.
+    pub outlines: Vec<Outline>,
+    /// The bending line, where there are numbers.
+    pub curvature: Option<Curvature>,
+}
+
+/// Coefficients of the curvature, in the shape of the record's `curvature_per_m`, with their covariance.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Curvature {
+    /// 1/m.
+    pub per_m: Vec<f64>,
+    /// The upper triangle, row by row, 1/m2.
+    pub covariance: Vec<f64>,
+}
+
+impl Curvature {
+    /// `None` where a coefficient has no standard deviation.
+    fn of(solution: &Solution) -> Option<Self> {
+        let before = |p: &&Parameter| p.name != "curvature_per_m";
+        let first: usize = solution.parameters.iter().take_while(before).map(|p| p.values.len()).sum();
+        let own = &solution.parameters.iter().find(|p| !before(p))?.values;
+        let sigmas: Vec<f64> = own.iter().map(|e| e.sigma).collect::<Option<_>>()?;
+        let correlation = |i: usize, j: usize| solution.correlation.get((first + i, first + j)).copied();
+        let mut covariance = vec![];
+        for (i, row) in sigmas.iter().enumerate() {
+            for (j, column) in sigmas.iter().enumerate().skip(i) {
+                covariance.push(row * column * correlation(i, j)?);
+            }
+        }
+        Some(Self { per_m: own.iter().map(|e| e.value).collect(), covariance })
+    }
+}
+
+/// The last frame's markers.
+struct Seen {
+    detections: Vec<Detection>,
+    identities: Identities,
+    /// When it was exposed, since boot, s.
+    at_s: f64,
+}
+
+/// A tip moves no faster, m/s: a lift of 0.25 m at 2 Hz, about where large wings swing by themselves.
+const FASTEST_M_S: f64 = 3.0;
+/// Farther than this nothing is foretold, m: the whole frame is searched then.
+const FARTHEST_M: f64 = 1.0;
+
+/// All that the frames so far told of one camera.
+pub struct Tracker {
+    installation: Arc<Installation>,
+    orientation: Orientation,
+    job: Job,
+    live: Live,
+    /// Foretells the next frame; none before the first and after a loss.
+    seen: Option<Seen>,
+    /// Exposure of the last frame that was solved, since boot, s.
+    last_s: Option<f64>,
+}
+
+impl Tracker {
+    /// Begins without a frame. The error is a sentence.
+    pub fn begin(
+        installation: Arc<Installation>,
+        orientation: Orientation,
+        job: Job,
+    ) -> Result<Self, String> {
+        let live = Live::begin(installation.setup.clone(), orientation.clone(), job.options.clone());
+        let live = live.map_err(|e| e.to_string())?;
+        Ok(Self { installation, orientation, job, live, seen: None, last_s: None })
+    }
+
+    /// The next frame, exposed `at_s` since boot. Whatever goes wrong with it is in the record; the state stays then.
+    pub fn frame(&mut self, name: &str, bytes: &[u8], format: Option<&Format>, at_s: f64) -> Told {
+        let told = guarded(|| {
+            let predictions = self.foretold(at_s);
+            self.solve(name, bytes, format, at_s, &predictions)
+        });
+        told.unwrap_or_else(|| {
+            self.failed(&Sighting { image: name.into(), ..Sighting::default() }, BROKE_OFF)
+        })
+    }
+
+    /// Where this frame shows the markers: the longer ago the last one, the wider.
+    fn foretold(&mut self, at_s: f64) -> Vec<Prediction> {
+        let Some(seen) = self.seen.take() else { return vec![] };
+        let lift_m = FASTEST_M_S * (at_s - seen.at_s);
+        if !(0.0..=FARTHEST_M).contains(&lift_m) {
+            return vec![];
+        }
+        let (setup, orientation) = (&self.installation.setup, &self.orientation);
+        let lift_m = lift_m.max(NEXT_LIFT_M);
+        identify::predict_within(setup, orientation, &seen.detections, &seen.identities, lift_m)
+    }
+
+    fn failed(&self, sighting: &Sighting, reason: &str) -> Told {
+        let mut record = recording::record(sighting, &self.installation, &self.job, Err(reason.into()));
+        record.provenance.clear();
+        let mounting = self.live.mountings();
+        Told { record, search: Search::Whole, mounting, jolt: false, outlines: vec![], curvature: None }
+    }
+
+    fn solve(
+        &mut self,
+        name: &str,
+        bytes: &[u8],
+        format: Option<&Format>,
+        at_s: f64,
+        predictions: &[Prediction],
+    ) -> Told {
+        let mut sighting = Sighting { image: name.into(), ..Sighting::default() };
+        let (raster, search) = stages::look_guided(&mut sighting, bytes, format, predictions);
+        if let Some(raster) = &raster {
+            sighting.failure = stages::size_fault(raster, &self.installation);
+        }
+        if let (None, Some(raster)) = (&sighting.failure, &raster) {
+            let (installation, orientation) = (&self.installation, &self.orientation);
+            let known = stages::recognise_for_next(&mut sighting, raster, installation, orientation);
+            self.seen = known.map(|(detections, identities)| Seen { detections, identities, at_s });
+        }
+        drop(raster);
+        let before = self.live.mountings();
+        let started = std::time::Instant::now();
+        let outcome = corrected(&sighting, &self.installation, &self.orientation);
+        let outcome = outcome.and_then(|(observations, report)| {
+            // A clock that was set back, or a frame without a time of its own: no time has gone.
+            let elapsed_s = self.last_s.map_or(0.0, |last| (at_s - last).max(0.0));
+            let solution = self.live.frame(&observations, elapsed_s).map_err(|e| e.to_string())?;
+            self.last_s = Some(at_s);
+            Ok((solution, report))
+        });
+        sighting.stages.push(Stage { name: "solve", ms: 1e3 * started.elapsed().as_secs_f64() });
+        let curvature = outcome.as_ref().ok().and_then(|(solution, _)| Curvature::of(solution));
+        let mut record = recording::record(&sighting, &self.installation, &self.job, outcome);
+        // The same in every line, and written once with the table of results.
+        record.provenance.clear();
+        record.quality.remove("correlation");
+        let mounting = self.live.mountings();
+        let jolt = before > 0 && mounting > before;
+        Told { record, search, mounting, jolt, outlines: outlines(&sighting, &self.installation), curvature }
+    }
+}
+
+fn outlines(sighting: &Sighting, installation: &Installation) -> Vec<Outline> {
+    let name = |i: usize| {
+        let marker = (*sighting.identities.as_ref()?.marker_of.get(i)?)?;
+        Some(installation.setup.markers.get(marker)?.id.clone())
+    };
+    let tenth = |value: f64| (value * 10.0).round() / 10.0;
+    let outline = |(i, seen): (usize, &crate::measure::detect::Detection)| Outline {
+        id: name(i),
+        u_px: tenth(seen.centre_px.x),
+        v_px: tenth(seen.centre_px.y),
+        semi_major_px: tenth(seen.semi_major_px),
+        semi_minor_px: tenth(seen.semi_minor_px),
+        angle_deg: tenth(seen.angle_rad.to_degrees()),
+    };
+    sighting.detections.markers.iter().enumerate().map(outline).collect()
+}
