@@ -106,14 +106,18 @@ fn measure_once(
     last.measure(&place)
 }
 
+/// Whether a marker that is seen so would tell nothing.
+pub fn is_too_small(seen: &Ellipse) -> bool {
+    seen.major < 3.5 || seen.minor < 0.7
+}
+
 /// What need not be fitted to be turned down.
 fn turn_down_at_once(blobs: &[Blob], hypothesis: &Hypothesis) -> Result<(), RejectReason> {
     let ellipse = &hypothesis.ellipse;
     if hypothesis.blobs.iter().any(|&i| blobs.get(i).is_some_and(|b| b.at_edge)) {
         return Err(RejectReason::TouchesEdge);
     }
-    let too_small = ellipse.major < 3.5 || ellipse.minor < 0.7;
-    if too_small {
+    if is_too_small(ellipse) {
         return Err(RejectReason::TooSmall);
     }
     if hypothesis.prior.size.is_none() && ellipse.major > MEASURE.surely_flatter * ellipse.minor {

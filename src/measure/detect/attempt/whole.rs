@@ -1,6 +1,6 @@
 //! What a blob measures as a whole disc, and what is tried where a part of it is hidden.
 
-use super::measure::{Bounds, measure};
+use super::measure::{Bounds, is_too_small, measure};
 use crate::measure::detect::accept::verdict::Measured;
 use crate::measure::detect::appearance::parameters::Pattern;
 use crate::measure::detect::attempt::options::WHOLE;
@@ -143,6 +143,9 @@ pub fn measure_whole_or_hidden(
     let Some((index, blob)) = single.filter(|(_, b)| !b.at_edge) else {
         return (measured(hypothesis), None);
     };
+    if is_too_small(&hypothesis.ellipse) {
+        return (Err(RejectReason::TooSmall), None);
+    }
     let whole =
         if looks_cut(blob) { Err(RejectReason::NotAnEllipse) } else { known.measure(index, hypothesis) };
     // A disc that is measured badly although it looks whole may end in glare.

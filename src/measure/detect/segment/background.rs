@@ -29,6 +29,7 @@ type Span = (usize, Range<usize>);
 
 /// The part of a frame that is searched, in reduced pixels: of which the background is wanted, and of which that takes
 /// the means; row by row, none twice.
+#[derive(Clone)]
 pub struct Part {
     wanted: Vec<Span>,
     means: Vec<Span>,
@@ -113,6 +114,7 @@ fn spans(boxes: &[[Range<usize>; 2]], height: usize) -> Vec<Span> {
 }
 
 /// The reduced frame.
+#[derive(Clone)]
 pub struct Coarse {
     /// Side of a block, px.
     pub factor: usize,
