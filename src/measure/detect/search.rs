@@ -8,6 +8,7 @@ use crate::measure::detect::attempt::whole::{WholeDiscs, measure_whole_or_hidden
 use crate::measure::detect::detection::RejectReason;
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::image::histogram::middle;
 use crate::measure::detect::propose::gather::{self, Gathered};
 use crate::measure::detect::propose::{blurred_quadrants, moments};
 use crate::measure::detect::revise::neighbours::{
@@ -29,12 +30,16 @@ pub fn is_faint(found: &Found, factor: usize) -> bool {
     /// Markers of which nothing can be made: an orientation needs four.
     const TOO_FEW: usize = 4;
     /// Of so many one must be faint: a spot or a cap may be, among markers that are not. In haze half of them are.
-    const ONE_OF: usize = 6;
+    const ONE_OF: usize = 4;
+    /// Share of the middle size from which on a thing may be a marker that tells: dirt is smaller.
+    const LARGE: f64 = 0.5;
     // What is thinner than a block takes a part of it only.
     let covered = |m: &Measured| (2.0 * m.detection.semi_minor_px / factor as f64).min(1.0);
-    let is_weak = |m: &&Measured| !m.through_glare && covered(m) * m.darkness < LEAST;
-    let (all, weak) = (found.measured.len(), found.measured.iter().filter(is_weak).count());
-    all < TOO_FEW || weak * ONE_OF > all
+    let is_weak = |m: &&&Measured| !m.through_glare && covered(m) * m.darkness < LEAST;
+    let middle = middle(found.measured.iter().map(|m| m.detection.semi_major_px).collect()).unwrap_or(0.0);
+    let large: Vec<&Measured> =
+        found.measured.iter().filter(|m| m.detection.semi_major_px > LARGE * middle).collect();
+    large.len() < TOO_FEW || large.iter().filter(is_weak).count() * ONE_OF > large.len()
 }
 
 /// A rough fit's blur is that of the last one to this factor. Chosen; `tests/detect/fixtures.rs`.

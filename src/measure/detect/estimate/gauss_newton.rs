@@ -173,8 +173,11 @@ impl<'a> Problem<'a> {
 
     /// Whether residuals, as a share of the contrast, are so large after some steps of a rough fit that it is none of a marker's.
     fn is_hopeless(&self, iteration: usize, scale: f64) -> bool {
-        let crossing = self.pixels.pattern != Pattern::Disc && !self.pixels.outlined;
-        let (after, most) = if crossing { ITERATION.hopeless_crossing } else { ITERATION.hopeless };
+        let (after, most) = match self.pixels.pattern {
+            Pattern::Disc => ITERATION.hopeless,
+            _ if self.pixels.outlined => ITERATION.hopeless_outlined,
+            _ => ITERATION.hopeless_crossing,
+        };
         iteration >= after && scale > most
     }
 

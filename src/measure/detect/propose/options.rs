@@ -47,7 +47,7 @@ pub const BLURRED: BlurredOptions = BlurredOptions {
     least_px: 30.0,
     beside_px: 12.0,
     longest_px: 160.0,
-    seeds: 250,
+    seeds: 120,
     apart: 2.2,
     in_row_rad: 0.25,
     blur_px: (1.5, 0.7),
