@@ -162,19 +162,20 @@ pub fn measure_whole_or_hidden(
         Some(Ok(part)) => (Ok(part), occluded),
         _ if whole.is_ok() => (whole, occluded),
         _ if !looks_cut(blob) => (whole, occluded),
-        failed => match under_decal(hypothesis, blob, blobs, measured) {
-            None => {
-                let again = occluded.is_none().then(|| at_one_level(image, blob, index)).flatten();
-                match again.map(|hypothesis| measured(&hypothesis)) {
-                    Some(Ok(found)) => (Ok(found), None),
-                    _ if occluded.is_none() && is_frayed(blob, bounds.noise) => {
-                        (known.measure(index, hypothesis), Some(hypothesis.clone()))
-                    }
-                    _ => (failed.unwrap_or(whole), occluded),
+        failed => {
+            let reason = match under_decal(hypothesis, blob, blobs, measured) {
+                Some((hidden, Ok(part))) => return (Ok(part), hidden.prior.twin.then_some(hidden)),
+                Some((_, reason)) => reason,
+                None => failed.unwrap_or(whole),
+            };
+            let again = occluded.is_none().then(|| at_one_level(image, blob, index)).flatten();
+            match again.map(|hypothesis| measured(&hypothesis)) {
+                Some(Ok(found)) => (Ok(found), None),
+                _ if occluded.is_none() && is_frayed(blob, bounds.noise) => {
+                    (known.measure(index, hypothesis), Some(hypothesis.clone()))
                 }
+                _ => (reason, occluded),
             }
-            Some((hidden, Ok(part))) => (Ok(part), hidden.prior.twin.then_some(hidden)),
-            Some((_, reason)) => (reason, occluded),
-        },
+        }
     }
 }
