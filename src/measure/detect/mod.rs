@@ -56,10 +56,11 @@ pub fn detect_guided(image: &Raster, predictions: &[Prediction]) -> Detections {
 /// What is found, searched for at the usual levels and, where that is faint, at fainter ones; and the noise.
 fn find(image: &Raster, scope: Scope) -> (Found, f64) {
     let noise = noise::estimate(image);
-    let smoothed = if noise > noise::FRAYING { smoothed(image, scope) } else { None };
-    let seen = smoothed.as_ref().unwrap_or(image);
+    let smooth = |from: f64| if noise > from { smoothed(image, scope) } else { None };
+    let usual = smooth(noise::FRAYING);
+    let seen = usual.as_ref().unwrap_or(image);
     let mut progress = Progress::new(seen, scope);
-    let mut look = |faint: bool| {
+    let mut look = |seen: &Raster, faint: bool| {
         if !progress.search((image, seen), scope, noise, faint) {
             return false;
         }
@@ -69,8 +70,9 @@ fn find(image: &Raster, scope: Scope) -> (Found, f64) {
         let factor = background::factor(image.width(), image.height());
         !faint && !scope.is_done(&progress.found.measured) && is_faint(&progress.found, factor)
     };
-    if look(false) {
-        look(true);
+    if look(seen, false) {
+        let faint = if usual.is_none() { smooth(noise::FRAYING_FAINT) } else { None };
+        look(faint.as_ref().unwrap_or(seen), true);
     }
     let mut found = progress.found;
     inflate_unlike(&mut found);

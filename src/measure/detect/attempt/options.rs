@@ -53,6 +53,8 @@ pub struct WholeOptions {
     /// How much squarer than a whole disc one may look that blur has frayed, a ratio. Chosen;
     /// `tests/detect/bad_light.rs`.
     pub frayed: f64,
+    /// Noise, as a share of the contrast, from which on it frays outlines.
+    pub fraying_noise: f64,
     /// The same in strong noise. Chosen; `tests/detect/bad_light.rs`.
     pub frayed_by_noise: f64,
     /// Share of the residuals of quadrants that two discs in them may leave to be believed instead. Chosen;
@@ -62,4 +64,4 @@ pub struct WholeOptions {
 
 /// The numbers in use.
 pub const WHOLE: WholeOptions =
-    WholeOptions { beside_px: 6.0, frayed: 1.15, frayed_by_noise: 1.5, better: 0.5 };
+    WholeOptions { beside_px: 6.0, frayed: 1.15, fraying_noise: 0.1, frayed_by_noise: 1.5, better: 0.5 };

@@ -6,31 +6,11 @@ use nalgebra::Vector2;
 
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::propose::moments;
-use crate::measure::detect::propose::options::MOMENTS;
+use crate::measure::detect::propose::options::{GATHER, MOMENTS};
 use crate::measure::detect::segment::background::{Coarse, Darkness, Part, Region};
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::detect::segment::{background, blob};
 use crate::measure::raster::Raster;
-
-/// Most regions of a level that are taken up at full resolution.
-const MAX_REGIONS: usize = 2000;
-/// Grey over background, in 1/256, from which on black is so light that quadrants' white, where that is the background, takes
-/// it above the black that lies before the skin.
-const PALE: u16 = 140;
-/// How many times larger than a region that went on outside its window what has swallowed it at the next level is, for it
-/// to be seen by itself; and how large, reduced px, and how dark, as grey over background in 1/256, it must be for that.
-const SWALLOWED: usize = 4;
-const SWALLOWED_LEAST: usize = 4;
-const SWALLOWED_DARK: u16 = 200;
-/// Most blobs, pairs of blobs and hypotheses of a kind: far above what a wing shows, but a town beside it, or a board, shows
-/// hundreds. The largest are kept.
-const MAX_BLOBS: usize = 3000;
-const MAX_PAIRS: usize = 30_000;
-const MAX_CANDIDATES: usize = 1000;
-/// The same of regions whose background is uneven.
-const MAX_UNLIKELY: usize = 100;
-/// What windows may hold together, in frames.
-const WINDOWS: usize = 4;
 
 /// What a frame's levels have shown so far: blobs, each once, from windows that together hold no more than some frames.
 pub struct Gathered {
@@ -88,14 +68,14 @@ impl Gathered {
         let darkness = self.near.coarse.darkness(faint);
         let passes = |level: &usize| {
             *level < background::levels(false)
-                || self.near.coarse.regions(&darkness, *level, faint).len() <= MAX_REGIONS
+                || self.near.coarse.regions(&darkness, *level, faint).len() <= GATHER.regions
         };
         let new = (self.near.next..background::levels(faint)).take_while(passes);
         let end = new.last().map(|level| level + 1);
         let Some(end) = end else { return false };
         self.once.drop_provisional();
         let Self { near, far, once, uneven, late } = self;
-        let budget = WINDOWS * near.coarse.width * near.coarse.height;
+        let budget = GATHER.frames * near.coarse.width * near.coarse.height;
         let mut findings = Findings { once, uneven, late, budget, laxest: end - 1 };
         for (levels, darkness) in [(near, Some(darkness)), (far, None)] {
             let darkness = darkness.unwrap_or_else(|| levels.coarse.darkness(faint));
@@ -106,8 +86,8 @@ impl Gathered {
         }
         // What is swallowed is taken up again after the next levels.
         self.late.iter().for_each(|blob| self.once.add(blob.clone(), Kept::Provisional));
-        self.once.keep(MAX_BLOBS);
-        keep_largest(&mut self.uneven, MAX_UNLIKELY, |region| region.area as f64);
+        self.once.keep(GATHER.blobs);
+        keep_largest(&mut self.uneven, GATHER.uneven, |region| region.area as f64);
         true
     }
 
@@ -141,7 +121,7 @@ impl Findings<'_> {
         let mut regions = coarse.regions(darkness, level, faint);
         regions.retain(|r| r.width() * r.height() <= largest && r.width().min(r.height()) >= *least);
         regions.sort_by_key(|r| std::cmp::Reverse(r.area));
-        regions.truncate(MAX_REGIONS);
+        regions.truncate(GATHER.regions);
         // Uneven ones are seen again where nothing is found in them in the end.
         for region in open.drain(..).filter(|region| is_swallowed(region, &regions)) {
             if !coarse.is_uneven(&region) {
@@ -155,7 +135,8 @@ impl Findings<'_> {
             let Some(left) = self.budget.checked_sub(region.width() * region.height()) else { continue };
             self.budget = left;
             let (blobs, cut) = blob::blobs(image, coarse, &region);
-            let pale = region.least > PALE && region.width().min(region.height()) >= background::THICK / 2;
+            let pale =
+                region.least > GATHER.pale && region.width().min(region.height()) >= background::THICK / 2;
             let at_last = cut && level == self.laxest;
             let once_more = at_last || (pale && !cut);
             if !once_more && coarse.is_uneven(&region) && !blobs.iter().any(is_disc) {
@@ -176,9 +157,9 @@ impl Findings<'_> {
 /// Whether a dark region has flown together with something far larger, or too large, at the next level: a disc in a shadow's
 /// band does, whose background is the light on both sides of that.
 fn is_swallowed(region: &Region, next: &[Region]) -> bool {
-    let dark = region.area >= SWALLOWED_LEAST && region.least < SWALLOWED_DARK;
+    let dark = region.area >= GATHER.swallowed_least && region.least < GATHER.swallowed_dark;
     let into = || next.iter().filter(|other| other.contains(region)).map(|other| other.area).min();
-    dark && into().is_none_or(|area| area > SWALLOWED * region.area)
+    dark && into().is_none_or(|area| area > GATHER.swallowed * region.area)
 }
 
 /// Whether a blob has a disc's shape.
@@ -212,19 +193,13 @@ struct Once {
 }
 
 impl Once {
-    /// Centroids of one thing, taken up twice, lie nearer to each other, px.
-    const NEAR: f64 = 2.0;
-    /// Side of a cell, px: some markers' thickness, so that few hold more than one or two.
-    const CELL: f64 = 32.0;
-
     /// Takes up a blob unless one that is as large to a quarter is there; but one with a disc's shape beside one without.
     fn add(&mut self, blob: Blob, kept: Kept) {
-        // Of thick quadrants the near background shows the greater part only: such are told apart to a twentieth.
-        const THICK: f64 = 5000.0;
-        const PARTED: f64 = 0.7;
-        let alike = if blob.area > THICK && blob.fill() < PARTED { 0.95 } else { 0.75 };
+        // Of thick quadrants the near background shows the greater part only.
+        let in_part = blob.area > GATHER.thick_px && blob.fill() < GATHER.parted;
+        let alike = if in_part { GATHER.alike_parted } else { GATHER.alike };
         let same = |b: &Blob| {
-            (b.centroid - blob.centroid).norm_squared() < Self::NEAR * Self::NEAR
+            (b.centroid - blob.centroid).norm_squared() < GATHER.near_px * GATHER.near_px
                 && (alike..1.0 / alike).contains(&(b.area / blob.area))
         };
         let stands_for = |b: &Blob| same(b) && (is_disc(b) || !is_disc(&blob));
@@ -232,8 +207,8 @@ impl Once {
             self.put(blob, kept);
         }
         // What clutter shows must not be kept for ever.
-        if self.blobs.len() >= 4 * MAX_BLOBS {
-            self.keep(2 * MAX_BLOBS);
+        if self.blobs.len() >= 4 * GATHER.blobs {
+            self.keep(2 * GATHER.blobs);
         }
     }
 
@@ -257,9 +232,9 @@ impl Once {
         std::mem::take(&mut self.blobs).into_iter().zip(std::mem::take(&mut self.kept)).collect()
     }
 
-    /// The blobs of all cells that hold a place less than [`Self::NEAR`] away.
+    /// The blobs of all cells that hold a place less than `GATHER.near_px` away.
     fn near(&self, at: Vector2<f64>) -> impl Iterator<Item = &Blob> {
-        let [low, high] = [-Self::NEAR, Self::NEAR].map(|off| Self::cell(at.add_scalar(off)));
+        let [low, high] = [-GATHER.near_px, GATHER.near_px].map(|off| Self::cell(at.add_scalar(off)));
         let cells = (low[1]..=high[1]).flat_map(move |y| (low[0]..=high[0]).map(move |x| [x, y]));
         let places = cells.filter_map(|cell| self.cells.get(&cell)).flatten();
         places.filter_map(|&place| self.blobs.get(place))
@@ -272,7 +247,7 @@ impl Once {
     }
 
     fn cell(at: Vector2<f64>) -> [i32; 2] {
-        (at / Self::CELL).map(|v| v.floor() as i32).into()
+        (at / GATHER.cell_px).map(|v| v.floor() as i32).into()
     }
 }
 
@@ -281,20 +256,20 @@ impl Once {
 pub fn quadrants(image: &Raster, noise: f64, blobs: &[Blob], pairs: &[[usize; 2]]) -> Vec<Hypothesis> {
     let single = (0..blobs.len()).map(|i| vec![i]);
     let mut pairs = pairs.to_vec();
-    keep_largest(&mut pairs, MAX_PAIRS, |p| p.iter().filter_map(|&i| blobs.get(i)).map(|b| b.area).sum());
+    keep_largest(&mut pairs, GATHER.pairs, |p| p.iter().filter_map(|&i| blobs.get(i)).map(|b| b.area).sum());
     let double = pairs.into_iter().map(|p| p.to_vec());
     let least = MOMENTS.white_over_black.max(noise);
     let mut out: Vec<Hypothesis> = (single.chain(double))
         .filter_map(|i| moments::quadrants(&i, blobs))
         .filter(|hypothesis| hypothesis.white_over_black(image) > least)
         .collect();
-    keep_largest(&mut out, MAX_CANDIDATES, Hypothesis::size);
+    keep_largest(&mut out, GATHER.hypotheses, Hypothesis::size);
     out
 }
 
 /// Blobs that may be discs.
 pub fn discs(blobs: &[Blob]) -> Vec<Hypothesis> {
     let mut out = blobs.iter().enumerate().filter_map(|(i, blob)| moments::disc(i, blob)).collect();
-    keep_largest(&mut out, MAX_CANDIDATES, Hypothesis::size);
+    keep_largest(&mut out, GATHER.hypotheses, Hypothesis::size);
     out
 }
