@@ -29,7 +29,9 @@ for _ in range(RUNS):
     contours = timed("contours", lambda: cv2.findContours(binary, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0])
     large = [c for c in contours if len(c) >= 40]
     ellipses = timed("ellipses", lambda: [cv2.fitEllipse(c) for c in large])
-    centres = np.array([e[0] for e in ellipses], np.float32).reshape(-1, 1, 2)
+    # An ellipse through a part of an outline may have its centre beside the picture, which the refinement refuses.
+    inside = [e[0] for e in ellipses if 0 <= e[0][0] < grey.shape[1] and 0 <= e[0][1] < grey.shape[0]]
+    centres = np.array(inside, np.float32).reshape(-1, 1, 2)
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.001)
     if len(centres):
         timed("corners", lambda: cv2.cornerSubPix(grey, centres, (5, 5), (-1, -1), stop))

@@ -240,3 +240,55 @@ fn narrow_quadrants_under_strong_blur_are_measured_near_the_bound_with_honest_de
         ("noisy", Marker { b: 9.0, noise: 5.0, ..base }.with_quadrants(0.2)),
     ]);
 }
+
+/// Of pale markers, by contrast and noise, how many of `TRIALS` are found, and whether the bound says that their centre can be
+/// told to 0.3 px.
+fn pale(marker: &Marker, random: &mut StdRng) -> Vec<(f64, f64, usize, bool)> {
+    let of_contrast = |contrast: f64| Marker {
+        // White is lighter than the skin by a fifth of what black is darker than it.
+        black: if marker.edges.is_some() { marker.skin - 0.8 * contrast } else { marker.skin - contrast },
+        white: marker.skin + 0.2 * contrast,
+        ..*marker
+    };
+    let centre = Vector2::new(63.3, 64.6);
+    let shares = shares(marker, centre, centre);
+    let shape = if marker.edges.is_some() { Shape::Quadrant } else { Shape::Circle };
+    // It grows with the noise over the contrast.
+    let usual = bound(&Marker { noise: 1.0, ..of_contrast(20.0) }, centre).norm() * 20.0;
+    let mut out = Vec::new();
+    for contrast in [6.0, 8.0, 10.0, 14.0, 20.0, 30.0] {
+        for noise in [0.5, 1.0, 2.0, 3.5, 5.0] {
+            let clean = grey(&of_contrast(contrast), &shares);
+            let is_found = |_: &usize| {
+                let noisy =
+                    clean.iter().map(|v| (v + noise * normal(random)).round().clamp(0.0, 255.0) as u8);
+                let found = detect(&Raster::new(SIZE, SIZE, noisy.collect()).unwrap());
+                found.markers.iter().any(|m| m.shape == shape && (m.centre_px - centre).norm() < 2.0)
+            };
+            let found = (0..TRIALS).filter(is_found).count();
+            out.push((contrast, noise, found, usual * noise / contrast < 0.3));
+        }
+    }
+    out
+}
+
+const TRIALS: usize = 6;
+
+/// Discs from 6 grey levels and five times the noise on, quadrants from 14 and seven times; `--nocapture` prints how many are
+/// found elsewhere, and where the bound says that they could be.
+#[test]
+fn pale_markers_are_found() {
+    let mut random = StdRng::seed_from_u64(3);
+    let disc = Marker { a: 40.0, skin: 160.0, ..BASE };
+    let quadrants = Marker { b: 14.0, ..disc }.with_quadrants(0.4);
+    for (name, marker, [least, over_noise]) in
+        [("disc", disc, [6.0, 5.0]), ("quadrants", quadrants, [14.0, 7.0])]
+    {
+        for (contrast, noise, found, can) in pale(&marker, &mut random) {
+            println!(
+                "{name}: contrast {contrast}, noise {noise}: {found} of {TRIALS}, bound below 0.3 px: {can}"
+            );
+            assert!(contrast < f64::max(least, over_noise * noise) || found == TRIALS);
+        }
+    }
+}

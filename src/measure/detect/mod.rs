@@ -23,13 +23,14 @@ mod simd;
 use std::ops::Range;
 
 use crate::measure::detect::accept::found::Found;
-use crate::measure::detect::accept::{consistency, correlated, dirt, verdict};
+use crate::measure::detect::accept::{consistency, correlated, dirt};
 use crate::measure::detect::detection::by_place;
 use crate::measure::detect::image::histogram::middle;
 use crate::measure::detect::image::{ellipse, noise};
 use crate::measure::detect::revise::neighbours::inflate_unlike;
 use crate::measure::detect::scope::Scope;
-use crate::measure::detect::search::{is_faint, search};
+use crate::measure::detect::search::{Progress, is_faint};
+use crate::measure::detect::segment::background;
 use crate::measure::raster::Raster;
 
 pub use detection::{Detection, Detections, Prediction, RejectReason, Rejected};
@@ -55,19 +56,25 @@ pub fn detect_guided(image: &Raster, predictions: &[Prediction]) -> Detections {
 /// What is found, searched for at the usual levels and, where that is faint, at fainter ones; and the noise.
 fn find(image: &Raster, scope: Scope) -> (Found, f64) {
     let noise = noise::estimate(image);
-    let smoothed = if noise > noise::FRAYING { smoothed(image, scope) } else { None };
-    let seen = smoothed.as_ref().unwrap_or(image);
-    let sound = |faint: bool, known: Vec<verdict::Measured>| {
-        let mut found = search((image, seen), scope, noise, faint, known);
-        consistency::without_blur_outliers(&mut found);
-        consistency::without_orientation_outliers(&mut found);
-        consistency::without_size_outliers(&mut found);
-        found
+    let smooth = |from: f64| if noise > from { smoothed(image, scope) } else { None };
+    let usual = smooth(noise::FRAYING);
+    let seen = usual.as_ref().unwrap_or(image);
+    let mut progress = Progress::new(seen, scope);
+    let mut look = |seen: &Raster, faint: bool| {
+        if !progress.search((image, seen), scope, noise, faint) {
+            return false;
+        }
+        consistency::without_blur_outliers(&mut progress.found);
+        consistency::without_orientation_outliers(&mut progress.found);
+        consistency::without_size_outliers(&mut progress.found);
+        let factor = background::factor(image.width(), image.height());
+        !faint && !scope.is_done(&progress.found.measured) && is_faint(&progress.found, factor)
     };
-    let mut found = sound(false, Vec::new());
-    if !scope.is_done(&found.measured) && is_faint(&found) {
-        found = sound(true, found.measured);
+    if look(seen, false) {
+        let faint = if usual.is_none() { smooth(noise::FRAYING_FAINT) } else { None };
+        look(faint.as_ref().unwrap_or(seen), true);
     }
+    let mut found = progress.found;
     inflate_unlike(&mut found);
     (found, noise)
 }

@@ -8,26 +8,38 @@ use crate::measure::detect::attempt::whole::{WholeDiscs, measure_whole_or_hidden
 use crate::measure::detect::detection::RejectReason;
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::propose::{blurred_quadrants, gather, moments};
+use crate::measure::detect::image::histogram::middle;
+use crate::measure::detect::propose::gather::{self, Gathered};
+use crate::measure::detect::propose::{blurred_quadrants, moments};
 use crate::measure::detect::revise::neighbours::{
     find_against_one_level, is_unsure, revise_with_edge_prior, revise_with_size,
 };
 use crate::measure::detect::revise::under_decal::revise_under_decals;
 use crate::measure::detect::scope::{self, Scope};
-use crate::measure::detect::segment::background;
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::raster::Raster;
 use crate::measure::setup::Shape;
 
-/// Whether black is so light in some marker that farther ones may be too faint for the usual levels:
-/// haze and stray light take contrast away with distance. Black on white leaves a quarter, at most two
-/// fifths, of the grey. So few markers that nothing can be made of them may be all so faint.
-pub fn is_faint(found: &Found) -> bool {
-    /// Contrast over white or skin below which a marker is faint: black on white leaves 0.6 to 0.8.
-    const LEAST: f64 = 0.45;
+/// Whether a part of the markers shows so weakly in the reduced frame, whose blocks have a side of `factor` px, that others may
+/// be too faint for the usual levels: haze and stray light take contrast away with distance. So few markers that nothing can be
+/// made of them may be all so faint.
+pub fn is_faint(found: &Found, factor: usize) -> bool {
+    /// Share of white or skin by which a marker's darkest block is darker, below which it is faint: two and a half times what
+    /// passes the usual levels.
+    const LEAST: f64 = 0.3;
     /// Markers of which nothing can be made: an orientation needs four.
     const TOO_FEW: usize = 4;
-    found.measured.len() < TOO_FEW || found.measured.iter().any(|m| m.darkness < LEAST && !m.through_glare)
+    /// Of so many one must be faint: a spot or a cap may be, among markers that are not. In haze half of them are.
+    const ONE_OF: usize = 4;
+    /// Share of the middle size from which on a thing may be a marker that tells: dirt is smaller.
+    const LARGE: f64 = 0.5;
+    // What is thinner than a block takes a part of it only.
+    let covered = |m: &Measured| (2.0 * m.detection.semi_minor_px / factor as f64).min(1.0);
+    let is_weak = |m: &&&Measured| !m.through_glare && covered(m) * m.darkness < LEAST;
+    let middle = middle(found.measured.iter().map(|m| m.detection.semi_major_px).collect()).unwrap_or(0.0);
+    let large: Vec<&Measured> =
+        found.measured.iter().filter(|m| m.detection.semi_major_px > LARGE * middle).collect();
+    large.len() < TOO_FEW || large.iter().filter(is_weak).count() * ONE_OF > large.len()
 }
 
 /// A rough fit's blur is that of the last one to this factor. Chosen; `tests/detect/fixtures.rs`.
@@ -63,7 +75,7 @@ impl Search<'_> {
     fn hypotheses(&mut self, stage: Stage) -> Vec<Hypothesis> {
         let Self { scope, seen, blobs, pairs, discs, taken, found, .. } = self;
         match stage {
-            Stage::Quadrants => gather::quadrants(seen, blobs, pairs),
+            Stage::Quadrants => gather::quadrants(seen, discs.bounds.noise, blobs, pairs),
             Stage::Narrow => {
                 let missing = scope.missing_quadrants(&found.measured);
                 let wanted = |seen: &Ellipse| {
@@ -110,42 +122,68 @@ impl Search<'_> {
     }
 }
 
-/// All stages on a picture, whose blobs are sought in the one that is seen. What was measured before stays, and its blobs are
-/// not looked at again.
-pub fn search(
-    (image, seen): (&Raster, &Raster),
-    scope: Scope,
-    noise: f64,
-    faint: bool,
-    before: Vec<Measured>,
-) -> Found {
-    let mut coarse = background::reduce(seen, scope.part(image.width(), image.height()));
-    let (blobs, uneven) = gather::find_blobs(seen, &mut coarse, faint);
-    let within = |blob: &Blob| before.iter().any(|m| m.detection.ellipse().holds(blob.centroid));
-    let mut search = Search {
-        scope,
-        seen,
-        blobs: &blobs,
-        pairs: moments::pairs(&blobs),
-        discs: WholeDiscs::new(image, &blobs, Bounds::of(noise)),
-        taken: blobs.iter().map(within).collect(),
-        found: Found { measured: before, rejected: Vec::new() },
-        hidden: Vec::new(),
-        unsure: Vec::new(),
-    };
-    for stage in [Stage::Quadrants, Stage::Narrow, Stage::Discs] {
-        for hypothesis in &search.hypotheses(stage) {
-            if !search.skips(stage, hypothesis) {
-                search.measure(hypothesis);
-            }
+/// What has come of a picture at the levels that were searched so far.
+pub struct Progress {
+    gathered: Gathered,
+    pub found: Found,
+}
+
+impl Progress {
+    /// Nothing yet of a picture whose blobs are sought in the one that is seen.
+    pub fn new(seen: &Raster, scope: Scope) -> Self {
+        Self {
+            gathered: Gathered::new(seen, scope.part(seen.width(), seen.height())),
+            found: Found { measured: Vec::new(), rejected: Vec::new() },
         }
     }
-    let Search { discs, mut found, hidden, unsure, .. } = search;
-    let wanted = |hypothesis: &Hypothesis| scope.wants(hypothesis);
-    revise_with_size(&discs, &mut found, hidden);
-    revise_with_edge_prior(&discs, &mut found, unsure);
-    revise_under_decals(&discs, &mut found, wanted);
-    find_against_one_level(&discs, &mut found, (seen, &coarse, &uneven), wanted);
-    consistency::distinct(&mut found);
-    found
+
+    /// All stages, at the usual levels or at fainter ones too. Blobs are sought where no earlier call has; what was measured
+    /// stays, and what was turned down is measured once more, since more of its neighbours are known.
+    /// Whether there was anything new to look at.
+    pub fn search(
+        &mut self,
+        (image, seen): (&Raster, &Raster),
+        scope: Scope,
+        noise: f64,
+        faint: bool,
+    ) -> bool {
+        if !self.gathered.look(seen, faint) {
+            return false;
+        }
+        let blobs = self.gathered.blobs();
+        let found = Found { measured: std::mem::take(&mut self.found.measured), rejected: Vec::new() };
+        let within = |blob: &Blob| found.holds(blob.centroid);
+        let mut search = Search {
+            scope,
+            seen,
+            blobs,
+            pairs: moments::pairs(blobs),
+            discs: WholeDiscs::new(image, blobs, Bounds::of(noise)),
+            taken: blobs.iter().map(within).collect(),
+            found,
+            hidden: Vec::new(),
+            unsure: Vec::new(),
+        };
+        for stage in [Stage::Quadrants, Stage::Narrow, Stage::Discs] {
+            for hypothesis in &search.hypotheses(stage) {
+                if !search.skips(stage, hypothesis) {
+                    search.measure(hypothesis);
+                }
+            }
+        }
+        let Search { discs, mut found, hidden, unsure, .. } = search;
+        let wanted = |hypothesis: &Hypothesis| scope.wants(hypothesis);
+        revise_with_size(&discs, &mut found, hidden);
+        revise_with_edge_prior(&discs, &mut found, unsure);
+        revise_under_decals(&discs, &mut found, wanted);
+        find_against_one_level(
+            &discs,
+            &mut found,
+            (seen, self.gathered.coarse(), &self.gathered.uneven),
+            wanted,
+        );
+        consistency::distinct(&mut found);
+        self.found = found;
+        true
+    }
 }

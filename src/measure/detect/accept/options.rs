@@ -28,6 +28,13 @@ pub struct VerdictOptions {
     pub flattest: f64,
     /// That of quadrants, which are nearer: flatter ones are two discs side by side.
     pub flattest_quadrants: f64,
+    /// Least darkness: 3 % of the grey of white or skin. Dirt and panel lines are as pale.
+    pub least_dark: f64,
+    /// Least contrast, grey levels: steps of JPEG's are as high.
+    pub least_contrast: f64,
+    /// The same in standard deviations of the noise: of the hundred pixels about the smallest marker's edge chance makes
+    /// no such step.
+    pub over_noise: f64,
     /// Greatest blur that is measured, px. Chosen: farther out of focus than a camera is left.
     pub softest_px: f64,
     /// What noise may be at edges, grey levels, where JPEG has left none of it beside them. Chosen;
@@ -47,6 +54,9 @@ pub const VERDICT: VerdictOptions = VerdictOptions {
     vaguest_crossing_px: 0.5,
     flattest: 40.0,
     flattest_quadrants: 26.0,
+    least_dark: 0.06,
+    least_contrast: 5.0,
+    over_noise: 4.0,
     softest_px: 3.2,
     lost_noise: 1.0,
 };

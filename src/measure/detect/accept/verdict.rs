@@ -75,7 +75,7 @@ pub fn judge(
     let contrast = contrast(m);
     let ellipse = ellipse_of(hypothesis, m);
     judge_shape(image, hypothesis, m, &ellipse)?;
-    if m[DARK] < 0.15 || contrast < 8.0 || contrast < 4.0 * noise {
+    if m[DARK] < VERDICT.least_dark || contrast < VERDICT.least_contrast.max(VERDICT.over_noise * noise) {
         return Err(RejectReason::LowContrast);
     }
     if m[BLUR] > VERDICT.softest_px

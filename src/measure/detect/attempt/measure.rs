@@ -12,7 +12,7 @@ use crate::measure::detect::detection::RejectReason;
 use crate::measure::detect::estimate::gauss_newton::{Fit, fit, rough};
 use crate::measure::detect::estimate::options::PRIOR;
 use crate::measure::detect::estimate::options::WEIGHT;
-use crate::measure::detect::estimate::prior::{darkness_leaving, few_unknowns, unknowns};
+use crate::measure::detect::estimate::prior::{darkness_leaving, few_unknowns, unknowns, without_fine_light};
 use crate::measure::detect::estimate::terms::{glare_spline, veiling_glare};
 use crate::measure::detect::estimate::{lack_of_fit, outlined_quadrants};
 use crate::measure::detect::hypothesis::Hypothesis;
@@ -106,14 +106,18 @@ fn measure_once(
     last.measure(&place)
 }
 
+/// Whether a marker that is seen so would tell nothing.
+pub fn is_too_small(seen: &Ellipse) -> bool {
+    seen.major < 3.5 || seen.minor < 0.7
+}
+
 /// What need not be fitted to be turned down.
 fn turn_down_at_once(blobs: &[Blob], hypothesis: &Hypothesis) -> Result<(), RejectReason> {
     let ellipse = &hypothesis.ellipse;
     if hypothesis.blobs.iter().any(|&i| blobs.get(i).is_some_and(|b| b.at_edge)) {
         return Err(RejectReason::TouchesEdge);
     }
-    let too_small = ellipse.major < 3.5 || ellipse.minor < 0.7;
-    if too_small {
+    if is_too_small(ellipse) {
         return Err(RejectReason::TooSmall);
     }
     if hypothesis.prior.size.is_none() && ellipse.major > MEASURE.surely_flatter * ellipse.minor {
@@ -166,7 +170,13 @@ impl Last<'_> {
         let sag = if place.edges.is_none() { near[THIRD] } else { 0.0 };
         let look = Look { crossing: Vector2::new(near[X], near[Y]), blur: near[BLUR], sag };
         let pixels = pixels(image, masked, place, look, all).ok_or(RejectReason::NoConvergence)?;
-        let bent = fit(&pixels, &near, scale, &unknowns, floor).ok_or(RejectReason::NoConvergence)?;
+        let mut bent = fit(&pixels, &near, scale, &unknowns, floor);
+        if bent.is_none() && place.pattern == Pattern::Disc {
+            // Between neighbours too little of the skin is seen to tell how the light changes.
+            without_fine_light(&mut unknowns);
+            bent = fit(&pixels, &near, scale, &unknowns, floor);
+        }
+        let bent = bent.ok_or(RejectReason::NoConvergence)?;
         // The straight model knows more, where the bend is not significant.
         let significant = !hypothesis.is_whole()
             || (bends.iter()).any(|&k| {
@@ -307,7 +317,7 @@ fn roughly(
     floor: f64,
 ) -> Result<(Parameters, f64), RejectReason> {
     let pixels = pixels(image, masked, hypothesis, look, few).ok_or(RejectReason::LowContrast)?;
-    let start = start(hypothesis, &pixels, look).ok_or(RejectReason::LowContrast)?;
+    let start = start(hypothesis, &pixels, look, floor).ok_or(RejectReason::LowContrast)?;
     rough(&pixels, &start, &few_unknowns(hypothesis), floor).ok_or(RejectReason::NoConvergence)
 }
 
@@ -320,7 +330,7 @@ fn crossing_in_small(image: &Raster, hypothesis: &Hypothesis, floor: f64) -> Opt
 }
 
 /// First parameters: geometry of the hypothesis, grey levels of its pixels.
-fn start(hypothesis: &Hypothesis, pixels: &Pixels, look: Look) -> Option<Parameters> {
+fn start(hypothesis: &Hypothesis, pixels: &Pixels, look: Look, floor: f64) -> Option<Parameters> {
     let ellipse = &hypothesis.ellipse;
     let mut m = [0.0; N];
     m[X] = look.crossing.x;
@@ -348,5 +358,6 @@ fn start(hypothesis: &Hypothesis, pixels: &Pixels, look: Look) -> Option<Paramet
     m[LIGHT] = high.max(1.0);
     m[GAMMA] = PRIOR.gamma.0;
     m[DARK] = darkness_leaving(low.max(1.0) / high.max(1.0));
-    (m[DARK] > 0.08 && high - low > 6.0).then_some(m)
+    (m[DARK] > MEASURE.least_dark && high - low > MEASURE.least_step + MEASURE.spread_by_noise * floor)
+        .then_some(m)
 }

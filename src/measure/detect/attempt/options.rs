@@ -20,6 +20,13 @@ pub struct MeasureOptions {
     /// Share of a marker's contrast by which what is darker than the skin around it is foreign. Chosen on the
     /// rendered sets; `tests/detect/bad_light.rs`.
     pub foreign: f64,
+    /// Least darkness to begin with: what is measured in the end has a little more.
+    pub least_dark: f64,
+    /// Least step from the darkest fortieth of the pixels to the lightest fifth, grey levels, to begin with.
+    pub least_step: f64,
+    /// By how much noise alone spreads them, in least scales of residuals, which are 0.8 of the noise. Derived: 1.96 and
+    /// 0.84 standard deviations.
+    pub spread_by_noise: f64,
     /// Axis ratio of a blob which is no marker whatever a fit would say: the flattest that is taken, and what a
     /// blob may be off.
     pub surely_flatter: f64,
@@ -33,6 +40,9 @@ pub const MEASURE: MeasureOptions = MeasureOptions {
     glare_px: 0.03,
     one_end_px: 0.4,
     foreign: 0.25,
+    least_dark: 0.05,
+    least_step: 3.0,
+    spread_by_noise: 3.5,
     surely_flatter: 45.0,
 };
 
@@ -43,6 +53,8 @@ pub struct WholeOptions {
     /// How much squarer than a whole disc one may look that blur has frayed, a ratio. Chosen;
     /// `tests/detect/bad_light.rs`.
     pub frayed: f64,
+    /// Noise, as a share of the contrast, from which on it frays outlines.
+    pub fraying_noise: f64,
     /// The same in strong noise. Chosen; `tests/detect/bad_light.rs`.
     pub frayed_by_noise: f64,
     /// Share of the residuals of quadrants that two discs in them may leave to be believed instead. Chosen;
@@ -52,4 +64,4 @@ pub struct WholeOptions {
 
 /// The numbers in use.
 pub const WHOLE: WholeOptions =
-    WholeOptions { beside_px: 6.0, frayed: 1.15, frayed_by_noise: 1.5, better: 0.5 };
+    WholeOptions { beside_px: 6.0, frayed: 1.15, fraying_noise: 0.1, frayed_by_noise: 1.5, better: 0.5 };

@@ -1,6 +1,6 @@
 //! What a blob measures as a whole disc, and what is tried where a part of it is hidden.
 
-use super::measure::{Bounds, measure};
+use super::measure::{Bounds, is_too_small, measure};
 use crate::measure::detect::accept::verdict::Measured;
 use crate::measure::detect::appearance::parameters::Pattern;
 use crate::measure::detect::attempt::options::WHOLE;
@@ -79,8 +79,23 @@ pub fn looks_cut(blob: &Blob) -> bool {
 }
 
 /// Whether a blob that looks cut by nothing may be a whole disc all the same, which blur or noise has frayed.
-fn is_frayed(blob: &Blob, noise: f64) -> bool {
-    cut_by(blob) < if noise > FRAYING { WHOLE.frayed_by_noise } else { WHOLE.frayed }
+fn is_frayed(image: &Raster, blob: &Blob, noise: f64) -> bool {
+    let contrast = || levels(image, blob).map_or(0.0, |(black, skin)| skin as f64 - black as f64);
+    let by_noise = noise > FRAYING || noise > WHOLE.fraying_noise * contrast();
+    cut_by(blob) < if by_noise { WHOLE.frayed_by_noise } else { WHOLE.frayed }
+}
+
+/// Grey values of a blob and of the skin about it.
+fn levels(image: &Raster, blob: &Blob) -> Option<(usize, usize)> {
+    let (low, high) = blob::about(&Ellipse::of(blob), WHOLE.beside_px);
+    let about = Histogram::of(image.part(low, high, 1).map(|(_, _, value)| value));
+    let own = blob.runs.iter().flat_map(|&[y, from, to]| {
+        image.row(y as usize).iter().take(to as usize + 1).skip(from as usize).copied()
+    });
+    let (black, middle) = (Histogram::of(own).middle()?, about.middle()?);
+    // Between close neighbours most of what is about is as black.
+    let lightest = about.at(about.total() * 9 / 10)?;
+    Some((black, if middle < black.midpoint(lightest) { lightest } else { middle }))
 }
 
 /// How square a blob is against what a whole disc of its size may be.
@@ -93,12 +108,7 @@ pub fn cut_by(blob: &Blob) -> f64 {
 /// lowers, as a line at its tip does: seen once more against one level.
 fn at_one_level(image: &Raster, blob: &Blob, index: usize) -> Option<Hypothesis> {
     let seen = Ellipse::of(blob);
-    let (low, high) = blob::about(&seen, WHOLE.beside_px);
-    let about = image.part(low, high, 1).map(|(_, _, value)| value);
-    let own = blob.runs.iter().flat_map(|&[y, from, to]| {
-        image.row(y as usize).iter().take(to as usize + 1).skip(from as usize).copied()
-    });
-    let (black, skin) = (Histogram::of(own).middle()?, Histogram::of(about).middle()?);
+    let (black, skin) = levels(image, blob)?;
     let found = blob::dark_parts(image, &seen, WHOLE.beside_px, black.midpoint(skin) as u8);
     moments::disc(index, found.iter().find(|blob| !looks_cut(blob))?)
 }
@@ -143,6 +153,9 @@ pub fn measure_whole_or_hidden(
     let Some((index, blob)) = single.filter(|(_, b)| !b.at_edge) else {
         return (measured(hypothesis), None);
     };
+    if is_too_small(&hypothesis.ellipse) {
+        return (Err(RejectReason::TooSmall), None);
+    }
     let whole =
         if looks_cut(blob) { Err(RejectReason::NotAnEllipse) } else { known.measure(index, hypothesis) };
     // A disc that is measured badly although it looks whole may end in glare.
@@ -159,19 +172,20 @@ pub fn measure_whole_or_hidden(
         Some(Ok(part)) => (Ok(part), occluded),
         _ if whole.is_ok() => (whole, occluded),
         _ if !looks_cut(blob) => (whole, occluded),
-        failed => match under_decal(hypothesis, blob, blobs, measured) {
-            None => {
-                let again = occluded.is_none().then(|| at_one_level(image, blob, index)).flatten();
-                match again.map(|hypothesis| measured(&hypothesis)) {
-                    Some(Ok(found)) => (Ok(found), None),
-                    _ if occluded.is_none() && is_frayed(blob, bounds.noise) => {
-                        (known.measure(index, hypothesis), Some(hypothesis.clone()))
-                    }
-                    _ => (failed.unwrap_or(whole), occluded),
+        failed => {
+            let reason = match under_decal(hypothesis, blob, blobs, measured) {
+                Some((hidden, Ok(part))) => return (Ok(part), hidden.prior.twin.then_some(hidden)),
+                Some((_, reason)) => reason,
+                None => failed.unwrap_or(whole),
+            };
+            let again = occluded.is_none().then(|| at_one_level(image, blob, index)).flatten();
+            match again.map(|hypothesis| measured(&hypothesis)) {
+                Some(Ok(found)) => (Ok(found), None),
+                _ if occluded.is_none() && is_frayed(image, blob, bounds.noise) => {
+                    (known.measure(index, hypothesis), Some(hypothesis.clone()))
                 }
+                _ => (reason, occluded),
             }
-            Some((hidden, Ok(part))) => (Ok(part), hidden.prior.twin.then_some(hidden)),
-            Some((_, reason)) => (reason, occluded),
-        },
+        }
     }
 }

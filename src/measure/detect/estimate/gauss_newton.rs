@@ -161,11 +161,24 @@ impl<'a> Problem<'a> {
                 return None;
             }
             let far = iteration >= ITERATION.late && moved > 1.0 && step.scale > 0.05 * contrast(&m);
-            if far || (iteration >= ITERATION.early && step.scale > 0.2 * contrast(&m)) {
+            if far
+                || (iteration >= ITERATION.early && step.scale > 0.2 * contrast(&m))
+                || (until == Until::Near && self.is_hopeless(iteration, step.scale / contrast(&m)))
+            {
                 return None;
             }
         }
         None
+    }
+
+    /// Whether residuals, as a share of the contrast, are so large after some steps of a rough fit that it is none of a marker's.
+    fn is_hopeless(&self, iteration: usize, scale: f64) -> bool {
+        let (after, most) = match self.pixels.pattern {
+            Pattern::Disc => ITERATION.hopeless,
+            _ if self.pixels.outlined => ITERATION.hopeless_outlined,
+            _ => ITERATION.hopeless_crossing,
+        };
+        iteration >= after && scale > most
     }
 
     /// Whether the length, px, of what has an outline hardly changes.

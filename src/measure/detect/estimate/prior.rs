@@ -49,6 +49,11 @@ pub fn few_unknowns(hypothesis: &Hypothesis) -> Unknowns {
     unknowns
 }
 
+/// Of the light of a disc nothing is sought but how bright it is, and how dark its black.
+pub fn without_fine_light(unknowns: &mut Unknowns) {
+    FINE_LIGHT.iter().chain(&[LIGHT + 1, LIGHT + 2]).for_each(|&k| unknowns.free[k] = false);
+}
+
 /// The darkness that leaves such a share of the light's grey value, with the usual tone curve.
 pub fn darkness_leaving(left: f64) -> f64 {
     1.0 - left.powf(1.0 / PRIOR.gamma.0)

@@ -86,17 +86,21 @@ impl Hypothesis {
         self.ellipse.major * self.ellipse.minor
     }
 
-    /// By how much the darker of its white quadrants is lighter than the lighter of its black ones, half way out in the middle
-    /// of each, grey levels; 0 for discs.
-    pub fn white_over_black(&self, image: &Raster) -> i32 {
-        let Some((direction, _)) = self.edges else { return 0 };
+    /// By how much the darker of its white quadrants is lighter than the lighter of its black ones, each in a mean along its
+    /// middle, grey levels; 0 for discs.
+    pub fn white_over_black(&self, image: &Raster) -> f64 {
+        /// Where, from the centre (0) to the outline (1): both are blurred.
+        const AT: [f64; 5] = [0.3, 0.4, 0.5, 0.6, 0.7];
+        let Some((direction, _)) = self.edges else { return 0.0 };
         let (sin, cos) = direction.sin_cos();
         let (along, across) = (Vector2::new(cos, sin), Vector2::new(-sin, cos));
-        let ends = |direction: Vector2<f64>| {
-            let half = direction * (0.5 * self.ellipse.radius(direction));
-            [half, -half].map(|off| self.ellipse.centre + off).map(|at| i32::from(image.nearest(at.x, at.y)))
+        let mean = |direction: Vector2<f64>| {
+            let outline = direction * self.ellipse.radius(direction);
+            let greys =
+                AT.map(|share| self.ellipse.centre + outline * share).map(|at| image.nearest(at.x, at.y));
+            greys.iter().map(|&grey| f64::from(grey)).sum::<f64>() / AT.len() as f64
         };
-        let (along, across) = (ends(along), ends(across));
+        let (along, across) = ([mean(along), mean(-along)], [mean(across), mean(-across)]);
         let (black, white) =
             if self.pattern == Pattern::BlackAlong { (along, across) } else { (across, along) };
         white[0].min(white[1]) - black[0].max(black[1])

@@ -8,6 +8,8 @@ use crate::measure::raster::Raster;
 
 /// Noise from which on outlines fray, grey levels: blobs are then sought in the smoothed picture.
 pub const FRAYING: f64 = 3.0;
+/// The same at the levels of faint frames, whose contrast is a third of that.
+pub const FRAYING_FAINT: f64 = 1.0;
 
 /// The picture under the binomial filter of 3 x 3 px, which leaves three eighths of the noise, of each row in some columns;
 /// rims as they are, 0 elsewhere.

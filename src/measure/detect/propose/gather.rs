@@ -6,93 +6,160 @@ use nalgebra::Vector2;
 
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::propose::moments;
-use crate::measure::detect::segment::background::{Coarse, Region};
+use crate::measure::detect::propose::options::{GATHER, MOMENTS};
+use crate::measure::detect::segment::background::{Coarse, Darkness, Part, Region};
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::detect::segment::{background, blob};
 use crate::measure::raster::Raster;
 
-/// Most regions of a level that are taken up at full resolution.
-const MAX_REGIONS: usize = 2000;
-/// Grey over background, in 1/256, from which on black is so light that quadrants' white, where that is the background, takes
-/// it above the black that lies before the skin.
-const PALE: u16 = 140;
-/// How many times larger than a region that went on outside its window what has swallowed it at the next level is, for it
-/// to be seen by itself; and how large, reduced px, and how dark, as grey over background in 1/256, it must be for that.
-const SWALLOWED: usize = 4;
-const SWALLOWED_LEAST: usize = 4;
-const SWALLOWED_DARK: u16 = 200;
-/// Most blobs, pairs of blobs and hypotheses of a kind: far above what a wing shows, but a town beside it, or a board, shows
-/// hundreds. The largest are kept.
-const MAX_BLOBS: usize = 3000;
-const MAX_PAIRS: usize = 30_000;
-const MAX_CANDIDATES: usize = 1000;
-/// The same of quadrants whose white is no lighter than their black, and of regions whose background is uneven.
-const MAX_UNLIKELY: usize = 100;
-/// What windows may hold together, in frames.
-const WINDOWS: usize = 4;
+/// What a frame's levels have shown so far: blobs, each once, from windows that together hold no more than some frames.
+pub struct Gathered {
+    /// Of the near background, and of the far one, against which only thick regions are seen.
+    near: Levels,
+    far: Levels,
+    once: Once,
+    /// Regions without a disc's shape whose background is uneven.
+    pub uneven: Vec<Region>,
+    /// Blobs of dark regions that something larger has swallowed, taken up last.
+    late: Vec<Blob>,
+}
 
-/// Blobs of all levels, each once, from windows that together hold no more than some frames; against the near background,
-/// then thick ones against the far; last those of dark regions that something larger has swallowed. Beside them the regions
-/// without a disc's shape whose background is uneven.
-pub fn find_blobs(image: &Raster, coarse: &mut Coarse, faint: bool) -> (Vec<Blob>, Vec<Region>) {
-    let (mut out, mut uneven) = (Once::default(), Vec::<Region>::new());
-    let (mut done, mut open) = (Vec::<Region>::new(), Vec::<Region>::new());
-    let mut late: Vec<Blob> = Vec::new();
-    let laxest = background::levels(faint) - 1;
-    let mut budget = WINDOWS * coarse.width * coarse.height;
-    let largest = (coarse.width * coarse.height / 8).max(64);
-    let mut darkness = coarse.darkness(faint);
-    for (far, level) in [false, true].into_iter().flat_map(|far| (0..=laxest).map(move |level| (far, level)))
-    {
-        if far && level == 0 {
-            coarse.look_far();
-            darkness = coarse.darkness(faint);
-            done.clear();
-            open.clear();
+/// The levels against one background.
+struct Levels {
+    coarse: Coarse,
+    /// The first level that has not been looked at.
+    next: usize,
+    /// Least thickness of a region, reduced px.
+    least: usize,
+    /// Regions that are done with, by their darkest, and those that went on outside their window at the last level.
+    done: HashMap<u16, Vec<Region>>,
+    open: Vec<Region>,
+}
+
+impl Levels {
+    fn new(coarse: Coarse, least: usize) -> Self {
+        Self { coarse, next: 0, least, done: HashMap::new(), open: Vec::new() }
+    }
+}
+
+impl Gathered {
+    /// Nothing yet of a part of a picture.
+    pub fn new(image: &Raster, part: Part) -> Self {
+        let near = background::reduce(image, part);
+        let mut far = near.clone();
+        far.look_far();
+        Self {
+            near: Levels::new(near, 0),
+            far: Levels::new(far, background::THICK),
+            once: Once::default(),
+            uneven: Vec::new(),
+            late: Vec::new(),
         }
-        let mut regions = coarse.regions(&darkness, level, faint);
-        let least = if far { background::THICK } else { 0 };
-        regions.retain(|r| r.width() * r.height() <= largest && r.width().min(r.height()) >= least);
+    }
+
+    /// Against the far background.
+    pub fn coarse(&self) -> &Coarse {
+        &self.far.coarse
+    }
+
+    /// Takes up the levels of a usual or a faint frame that were not looked at before; whether there are any: what more regions
+    /// pass than are looked at lies in the picture's grain.
+    pub fn look(&mut self, image: &Raster, faint: bool) -> bool {
+        let darkness = self.near.coarse.darkness(faint);
+        let passes = |level: &usize| {
+            *level < background::levels(false)
+                || self.near.coarse.regions(&darkness, *level, faint).len() <= GATHER.regions
+        };
+        let new = (self.near.next..background::levels(faint)).take_while(passes);
+        let end = new.last().map(|level| level + 1);
+        let Some(end) = end else { return false };
+        self.once.drop_provisional();
+        let Self { near, far, once, uneven, late } = self;
+        let budget = GATHER.frames * near.coarse.width * near.coarse.height;
+        let mut findings = Findings { once, uneven, late, budget, laxest: end - 1 };
+        for (levels, darkness) in [(near, Some(darkness)), (far, None)] {
+            let darkness = darkness.unwrap_or_else(|| levels.coarse.darkness(faint));
+            for level in levels.next..end {
+                findings.look(image, levels, (&darkness, level, faint));
+            }
+            levels.next = end;
+        }
+        // What is swallowed is taken up again after the next levels.
+        self.late.iter().for_each(|blob| self.once.add(blob.clone(), Kept::Provisional));
+        self.once.keep(GATHER.blobs);
+        keep_largest(&mut self.uneven, GATHER.uneven, |region| region.area as f64);
+        true
+    }
+
+    /// All that was found, in the order of discovery by call.
+    pub fn blobs(&self) -> &[Blob] {
+        &self.once.blobs
+    }
+}
+
+/// Where a level's findings go.
+struct Findings<'a> {
+    once: &'a mut Once,
+    uneven: &'a mut Vec<Region>,
+    late: &'a mut Vec<Blob>,
+    /// What windows may still hold, reduced px.
+    budget: usize,
+    /// The last level that is looked at.
+    laxest: usize,
+}
+
+impl Findings<'_> {
+    /// Takes up the regions of one level.
+    fn look(
+        &mut self,
+        image: &Raster,
+        levels: &mut Levels,
+        (darkness, level, faint): (&Darkness, usize, bool),
+    ) {
+        let Levels { coarse, least, done, open, .. } = levels;
+        let largest = (coarse.width * coarse.height / 8).max(64);
+        let mut regions = coarse.regions(darkness, level, faint);
+        regions.retain(|r| r.width() * r.height() <= largest && r.width().min(r.height()) >= *least);
         regions.sort_by_key(|r| std::cmp::Reverse(r.area));
-        regions.truncate(MAX_REGIONS);
+        regions.truncate(GATHER.regions);
         // Uneven ones are seen again where nothing is found in them in the end.
         for region in open.drain(..).filter(|region| is_swallowed(region, &regions)) {
             if !coarse.is_uneven(&region) {
-                late.extend(blob::blobs_against_surround(image, coarse, &region));
+                self.late.extend(blob::blobs_against_surround(image, coarse, &region));
             }
         }
         for region in regions {
-            if done.iter().any(|d| d.stands_for(&region)) {
+            if done.get(&region.least).is_some_and(|done| done.iter().any(|d| d.stands_for(&region))) {
                 continue;
             }
-            let Some(left) = budget.checked_sub(region.width() * region.height()) else { continue };
-            budget = left;
+            let Some(left) = self.budget.checked_sub(region.width() * region.height()) else { continue };
+            self.budget = left;
             let (blobs, cut) = blob::blobs(image, coarse, &region);
-            let pale = region.least > PALE && region.width().min(region.height()) >= background::THICK / 2;
-            let once_more = (cut && level == laxest) || (pale && !cut);
+            let pale =
+                region.least > GATHER.pale && region.width().min(region.height()) >= background::THICK / 2;
+            let at_last = cut && level == self.laxest;
+            let once_more = at_last || (pale && !cut);
             if !once_more && coarse.is_uneven(&region) && !blobs.iter().any(is_disc) {
-                uneven.push(region.clone());
+                self.uneven.push(region.clone());
             }
-            blobs.into_iter().for_each(|blob| out.add(blob));
+            blobs.into_iter().for_each(|blob| self.once.add(blob, Kept::Firm));
             if once_more {
+                // At a laxer level the region may lie wholly in its window.
+                let kept = if at_last { Kept::Provisional } else { Kept::Firm };
                 let again = blob::blobs_against_surround(image, coarse, &region);
-                again.into_iter().for_each(|blob| out.add(blob));
+                again.into_iter().for_each(|blob| self.once.add(blob, kept));
             }
-            if cut { open.push(region) } else { done.push(region) }
+            if cut { open.push(region) } else { done.entry(region.least).or_default().push(region) }
         }
     }
-    late.into_iter().for_each(|blob| out.add(blob));
-    out.keep(MAX_BLOBS);
-    keep_largest(&mut uneven, MAX_UNLIKELY, |region| region.area as f64);
-    (out.blobs, uneven)
 }
 
 /// Whether a dark region has flown together with something far larger, or too large, at the next level: a disc in a shadow's
 /// band does, whose background is the light on both sides of that.
 fn is_swallowed(region: &Region, next: &[Region]) -> bool {
-    let dark = region.area >= SWALLOWED_LEAST && region.least < SWALLOWED_DARK;
+    let dark = region.area >= GATHER.swallowed_least && region.least < GATHER.swallowed_dark;
     let into = || next.iter().filter(|other| other.contains(region)).map(|other| other.area).min();
-    dark && into().is_none_or(|area| area > SWALLOWED * region.area)
+    dark && into().is_none_or(|area| area > GATHER.swallowed * region.area)
 }
 
 /// Whether a blob has a disc's shape.
@@ -108,91 +175,101 @@ fn keep_largest<T>(items: &mut Vec<T>, most: usize, size: impl Fn(&T) -> f64) {
     }
 }
 
+/// Whether a blob stays when further levels are looked at, which may show more of the same thing.
+#[derive(Clone, Copy, PartialEq)]
+enum Kept {
+    Firm,
+    Provisional,
+}
+
 /// Blobs, each once, found again by their place.
 #[derive(Default)]
 struct Once {
     blobs: Vec<Blob>,
+    /// Of each of them.
+    kept: Vec<Kept>,
     /// Of each cell of the picture the blobs with their centroid in it.
     cells: HashMap<[i32; 2], Vec<usize>>,
 }
 
 impl Once {
-    /// Centroids of one thing, taken up twice, lie nearer to each other, px.
-    const NEAR: f64 = 2.0;
-    /// Side of a cell, px: some markers' thickness, so that few hold more than one or two.
-    const CELL: f64 = 32.0;
-
     /// Takes up a blob unless one that is as large to a quarter is there; but one with a disc's shape beside one without.
-    fn add(&mut self, blob: Blob) {
-        // Of thick quadrants the near background shows the greater part only: such are told apart to a twentieth.
-        const THICK: f64 = 5000.0;
-        const PARTED: f64 = 0.7;
-        let alike = if blob.area > THICK && blob.fill() < PARTED { 0.95 } else { 0.75 };
+    fn add(&mut self, blob: Blob, kept: Kept) {
+        // Of thick quadrants the near background shows the greater part only.
+        let in_part = blob.area > GATHER.thick_px && blob.fill() < GATHER.parted;
+        let alike = if in_part { GATHER.alike_parted } else { GATHER.alike };
         let same = |b: &Blob| {
-            (b.centroid - blob.centroid).norm_squared() < Self::NEAR * Self::NEAR
+            (b.centroid - blob.centroid).norm_squared() < GATHER.near_px * GATHER.near_px
                 && (alike..1.0 / alike).contains(&(b.area / blob.area))
         };
         let stands_for = |b: &Blob| same(b) && (is_disc(b) || !is_disc(&blob));
         if !self.near(blob.centroid).any(stands_for) {
-            self.put(blob);
+            self.put(blob, kept);
         }
         // What clutter shows must not be kept for ever.
-        if self.blobs.len() >= 4 * MAX_BLOBS {
-            self.keep(2 * MAX_BLOBS);
+        if self.blobs.len() >= 4 * GATHER.blobs {
+            self.keep(2 * GATHER.blobs);
         }
     }
 
     /// Keeps the largest.
     fn keep(&mut self, most: usize) {
         if self.blobs.len() > most {
-            let mut blobs = std::mem::take(&mut self.blobs);
-            keep_largest(&mut blobs, most, |blob| blob.area);
-            self.cells.clear();
-            blobs.into_iter().for_each(|blob| self.put(blob));
+            let mut all = self.take();
+            keep_largest(&mut all, most, |(blob, _)| blob.area);
+            all.into_iter().for_each(|(blob, kept)| self.put(blob, kept));
         }
     }
 
-    /// The blobs of all cells that hold a place less than [`Self::NEAR`] away.
+    fn drop_provisional(&mut self) {
+        let firm = self.take().into_iter().filter(|(_, kept)| *kept == Kept::Firm);
+        firm.for_each(|(blob, kept)| self.put(blob, kept));
+    }
+
+    /// All of them, of which none are left.
+    fn take(&mut self) -> Vec<(Blob, Kept)> {
+        self.cells.clear();
+        std::mem::take(&mut self.blobs).into_iter().zip(std::mem::take(&mut self.kept)).collect()
+    }
+
+    /// The blobs of all cells that hold a place less than `GATHER.near_px` away.
     fn near(&self, at: Vector2<f64>) -> impl Iterator<Item = &Blob> {
-        let [low, high] = [-Self::NEAR, Self::NEAR].map(|off| Self::cell(at.add_scalar(off)));
+        let [low, high] = [-GATHER.near_px, GATHER.near_px].map(|off| Self::cell(at.add_scalar(off)));
         let cells = (low[1]..=high[1]).flat_map(move |y| (low[0]..=high[0]).map(move |x| [x, y]));
         let places = cells.filter_map(|cell| self.cells.get(&cell)).flatten();
         places.filter_map(|&place| self.blobs.get(place))
     }
 
-    fn put(&mut self, blob: Blob) {
+    fn put(&mut self, blob: Blob, kept: Kept) {
         self.cells.entry(Self::cell(blob.centroid)).or_default().push(self.blobs.len());
         self.blobs.push(blob);
+        self.kept.push(kept);
     }
 
     fn cell(at: Vector2<f64>) -> [i32; 2] {
-        (at / Self::CELL).map(|v| v.floor() as i32).into()
+        (at / GATHER.cell_px).map(|v| v.floor() as i32).into()
     }
 }
 
-/// Blobs and pairs of blobs that may be two black quadrants.
-pub fn quadrants(image: &Raster, blobs: &[Blob], pairs: &[[usize; 2]]) -> Vec<Hypothesis> {
+/// Blobs and pairs of blobs that may be two black quadrants: of what has their shape, what is lighter where it should be white.
+/// Few true ones are not, thin for the blur, and those are sought by their white.
+pub fn quadrants(image: &Raster, noise: f64, blobs: &[Blob], pairs: &[[usize; 2]]) -> Vec<Hypothesis> {
     let single = (0..blobs.len()).map(|i| vec![i]);
     let mut pairs = pairs.to_vec();
-    keep_largest(&mut pairs, MAX_PAIRS, |p| p.iter().filter_map(|&i| blobs.get(i)).map(|b| b.area).sum());
+    keep_largest(&mut pairs, GATHER.pairs, |p| p.iter().filter_map(|&i| blobs.get(i)).map(|b| b.area).sum());
     let double = pairs.into_iter().map(|p| p.to_vec());
-    let mut out: Vec<Hypothesis> =
-        single.chain(double).filter_map(|i| moments::quadrants(&i, blobs)).collect();
-    if out.len() > MAX_UNLIKELY {
-        // Nearly all of what has the shape is no darker where it should be black; so are a few true ones, thin for the blur.
-        let (likely, mut others): (Vec<_>, Vec<_>) =
-            out.into_iter().partition(|hypothesis| hypothesis.white_over_black(image) > 0);
-        out = likely;
-        keep_largest(&mut out, MAX_CANDIDATES, Hypothesis::size);
-        keep_largest(&mut others, MAX_UNLIKELY, Hypothesis::size);
-        out.append(&mut others);
-    }
+    let least = MOMENTS.white_over_black.max(noise);
+    let mut out: Vec<Hypothesis> = (single.chain(double))
+        .filter_map(|i| moments::quadrants(&i, blobs))
+        .filter(|hypothesis| hypothesis.white_over_black(image) > least)
+        .collect();
+    keep_largest(&mut out, GATHER.hypotheses, Hypothesis::size);
     out
 }
 
 /// Blobs that may be discs.
 pub fn discs(blobs: &[Blob]) -> Vec<Hypothesis> {
     let mut out = blobs.iter().enumerate().filter_map(|(i, blob)| moments::disc(i, blob)).collect();
-    keep_largest(&mut out, MAX_CANDIDATES, Hypothesis::size);
+    keep_largest(&mut out, GATHER.hypotheses, Hypothesis::size);
     out
 }

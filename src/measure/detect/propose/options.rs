@@ -47,13 +47,85 @@ pub const BLURRED: BlurredOptions = BlurredOptions {
     least_px: 30.0,
     beside_px: 12.0,
     longest_px: 160.0,
-    seeds: 250,
+    seeds: 120,
     apart: 2.2,
     in_row_rad: 0.25,
     blur_px: (1.5, 0.7),
     seen: 0.4,
     full: 0.9,
 };
+
+/// What is gathered of a frame's dark regions. Those without another origin are bounds on time: far above what a wing shows,
+/// but a town beside it, or a board, shows hundreds; the largest are kept.
+pub struct GatherOptions {
+    /// Most regions of a level that are taken up at full resolution; a level of a faint frame that more pass lies in
+    /// the picture's grain. In rendered haze up to 300 pass one.
+    pub regions: usize,
+    /// Most blobs.
+    pub blobs: usize,
+    /// Most pairs of blobs.
+    pub pairs: usize,
+    /// Most hypotheses of a kind.
+    pub hypotheses: usize,
+    /// Most regions whose background is uneven.
+    pub uneven: usize,
+    /// What windows may hold together, frames.
+    pub frames: usize,
+    /// Grey over background, in 1/256, from which on black is so light that quadrants' white, where that is the
+    /// background, takes it above the black that lies before the skin. In rendered haze it is three quarters of white.
+    pub pale: u16,
+    /// How many times larger than a region that went on outside its window what has swallowed it at the next level
+    /// is, for it to be seen by itself. Chosen, as the next two.
+    pub swallowed: usize,
+    /// How large it must be for that, reduced px.
+    pub swallowed_least: usize,
+    /// How dark, as grey over background, in 1/256.
+    pub swallowed_dark: u16,
+    /// Centroids of one thing, taken up twice, lie nearer to each other, px.
+    pub near_px: f64,
+    /// Its areas at two levels over one another at least.
+    pub alike: f64,
+    /// The same of quadrants of which the near background shows the greater part only.
+    pub alike_parted: f64,
+    /// Area from which on it may show a part only, px: of quadrants thicker than about 140 px.
+    pub thick_px: f64,
+    /// Share of its ellipse that such a part fills at most: quadrants 0.64.
+    pub parted: f64,
+    /// Side of a cell in which blobs are found again, px: some markers' thickness, so that few hold more than two.
+    pub cell_px: f64,
+}
+
+/// The numbers in use.
+pub const GATHER: GatherOptions = GatherOptions {
+    regions: 2000,
+    blobs: 3000,
+    pairs: 30_000,
+    hypotheses: 1000,
+    uneven: 100,
+    frames: 4,
+    pale: 140,
+    swallowed: 4,
+    swallowed_least: 4,
+    swallowed_dark: 200,
+    near_px: 2.0,
+    alike: 0.75,
+    alike_parted: 0.95,
+    thick_px: 5000.0,
+    parted: 0.7,
+    cell_px: 32.0,
+};
+
+/// Quadrants by the moments of their black.
+pub struct MomentsOptions {
+    /// Least by which the darker of the white quadrants must be lighter than the lighter of the black ones, each in
+    /// a mean along its middle, grey levels; and the noise, if that is more. Of 123 rendered ones with a contrast
+    /// of 36 and more the least was 26; a contrast of 8, the least of a marker, leaves a quarter under a blur of
+    /// half their thickness.
+    pub white_over_black: f64,
+}
+
+/// The numbers in use.
+pub const MOMENTS: MomentsOptions = MomentsOptions { white_over_black: 2.0 };
 
 /// What a decal leaves of a disc. Chosen on drawn and rendered decals; `tests/detect/sheets.rs` holds them.
 pub struct DecalCutOptions {

@@ -1,6 +1,7 @@
 //! Markers whose outline the orientation predicts. Where glare drowns an end, or where a disc is as thin as the
 //! blur, size and place are told badly together; with the surveyed diameter at the known distance only the place is sought.
-//! Quadrants that glare cuts may look like none any more; within their outline the edges that are seen tell the crossing.
+//! Quadrants that glare cuts, or that something dark touches, may look like none any more; within their outline the edges that
+//! are seen tell the crossing.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -77,8 +78,7 @@ impl Sure {
 }
 
 impl Sizes {
-    /// The hypothesis of an expected disc, with glare reaching so much farther than it is seen (`FRINGES`), and of quadrants if
-    /// glare lies over them: what else hides them is not known.
+    /// The hypothesis of an expected marker, with glare reaching so much farther than it is seen (`FRINGES`).
     fn hypothesis(&self, image: &Raster, expected: &Prediction, fringe: f64) -> Option<Hypothesis> {
         let ellipse = expected.ellipse()?;
         let (major, minor) = (self.major.0 * ellipse.major, self.minor.0 * ellipse.minor);
@@ -89,12 +89,9 @@ impl Sizes {
                 (bands, Hypothesis::of(Pattern::Disc, ellipse, Vec::new()))
             }
             Shape::Quadrant => {
-                // White must not pass for lit skin.
+                // White must not pass for lit skin. Without glare something dark may touch them.
                 let beside = Ellipse { minor: ellipse.minor + ORIENTATION.aside_px, ..ellipse };
                 let bands = glare::lit_slanting(image, &beside, ORIENTATION.blinds);
-                if bands.is_empty() {
-                    return None;
-                }
                 let (major, minor) = (ORIENTATION.inner * ellipse.major, ORIENTATION.inner * ellipse.minor);
                 let hypothesis = quadrant_edges::placed(&Ellipse { major, minor, ..ellipse }, image, &bands)?;
                 (bands, hypothesis)
@@ -138,7 +135,7 @@ impl Sizes {
 }
 
 /// Measures the expected discs that were not found, or whose place is told badly, once more with the size that is predicted,
-/// and quadrants that were not found where glare lies over them; whether that is better for any. The markers stay in order.
+/// and quadrants that were not found; whether that is better for any. The markers stay in order.
 pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]) -> bool {
     let Some(psf) = found.psf_sigma_px else { return false };
     let sure = Sure::of(&found.markers, expected);

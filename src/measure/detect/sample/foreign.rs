@@ -1,19 +1,24 @@
 //! Pixels that a fit leaves out: near other dark things.
 
 use super::bands::Bands;
-use crate::measure::detect::appearance::parameters::{LIGHT, Parameters, light_at};
+use crate::measure::detect::appearance::parameters::{BLUR, LIGHT, Parameters, light_at};
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::scanline::{EllipseFrame, PixelBox, columns, row_of};
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::raster::Raster;
 
-/// How far what is near a thing is not used either, px.
+/// How far what is near another blob is not used either, px: the blur is not known yet.
 const MARGIN: usize = 3;
+/// The same of what is darker than the light by a limit, blurs: from an edge, where that is a quarter of the contrast, it then is
+/// 2.2 blurs, which leave 1.4 % of it.
+const MARGIN_BLURS: f64 = 1.5;
 
 /// Pixels of an area that are not used.
 struct Mask {
     area: PixelBox,
+    /// How far what is near a thing is not used either, px.
+    margin: usize,
     marks: Option<Vec<bool>>,
 }
 
@@ -23,8 +28,9 @@ impl Mask {
         let [x0, y0, x1, y1] = self.area;
         let width = x1 - x0 + 1;
         let marks = self.marks.get_or_insert_with(|| vec![false; width * (y1 - y0 + 1)]);
-        let (from, to) = (from.saturating_sub(MARGIN).max(x0), (to + MARGIN).min(x1));
-        for row in y.saturating_sub(MARGIN).max(y0)..=(y + MARGIN).min(y1) {
+        let margin = self.margin;
+        let (from, to) = (from.saturating_sub(margin).max(x0), (to + margin).min(x1));
+        for row in y.saturating_sub(margin).max(y0)..=(y + margin).min(y1) {
             if from <= to {
                 marks[(row - y0) * width + from - x0..=(row - y0) * width + to - x0].fill(true);
             }
@@ -41,9 +47,10 @@ pub fn darker(
     m: &Parameters,
     limit: f64,
 ) -> Option<Vec<bool>> {
-    let mut mask = Mask { area, marks: None };
+    let margin = (MARGIN_BLURS * m[BLUR]).ceil().clamp(1.0, 2.0 * MARGIN as f64) as usize;
+    let mut mask = Mask { area, margin, marks: None };
     let frame = EllipseFrame::new(ellipse);
-    let reach = f64::from(bands.flat) + MARGIN as f64;
+    let reach = f64::from(bands.flat) + margin as f64;
     // No pixel that is lighter than this is darker than the light anywhere near.
     let (p, q) = (1.0 + reach / ellipse.major, 1.0 + reach / ellipse.minor);
     let most = m[LIGHT] + (m[LIGHT + 1].abs() + m[LIGHT + 3].abs() * p) * p + m[LIGHT + 2].abs() * q - limit;
@@ -72,7 +79,7 @@ pub fn darker(
 pub fn foreign(blobs: &[Blob], hypothesis: &Hypothesis, area: PixelBox) -> Option<Vec<bool>> {
     let ellipse = &hypothesis.ellipse;
     let [x0, y0, x1, y1] = area;
-    let mut mask = Mask { area, marks: None };
+    let mut mask = Mask { area, margin: MARGIN, marks: None };
     for (i, blob) in blobs.iter().enumerate() {
         let b = blob.bounds;
         let apart = b[0] > x1 + MARGIN || b[2] + MARGIN < x0 || b[1] > y1 + MARGIN || b[3] + MARGIN < y0;

@@ -18,17 +18,18 @@ const FAR: [usize; 2] = [40, 64];
 pub const THICK: usize = 24;
 /// Grey over local background below which a reduced pixel is dark, in 1/256, strictest first.
 /// Several levels, so that a faint line that touches a marker does not swallow it.
-/// The last two are for frames whose contrast haze or stray light take away with distance.
-const LEVELS: [u16; FAINT] = [115, 160, 195, 225, 240, 248];
+/// The last three are for frames whose contrast haze or stray light take away with distance.
+const LEVELS: [u16; FAINT] = [115, 160, 195, 225, 240, 248, 252];
 /// Levels of a frame, and of a faint one.
 const USUAL: usize = 4;
-const FAINT: usize = 6;
+const FAINT: usize = 7;
 
 /// A row, and some of its columns.
 type Span = (usize, Range<usize>);
 
 /// The part of a frame that is searched, in reduced pixels: of which the background is wanted, and of which that takes
 /// the means; row by row, none twice.
+#[derive(Clone)]
 pub struct Part {
     wanted: Vec<Span>,
     means: Vec<Span>,
@@ -113,6 +114,7 @@ fn spans(boxes: &[[Range<usize>; 2]], height: usize) -> Vec<Span> {
 }
 
 /// The reduced frame.
+#[derive(Clone)]
 pub struct Coarse {
     /// Side of a block, px.
     pub factor: usize,
