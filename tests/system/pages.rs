@@ -206,7 +206,12 @@ fn commands_and_options_that_the_pages_name_exist() {
             else {
                 continue;
             };
-            if OPTIONAL.contains(command) || command.starts_with('-') {
+            // What ends in a space is no command line but the beginning of a text.
+            if OPTIONAL.contains(command)
+                || command.starts_with('-')
+                || *command == "help"
+                || line.ends_with(' ')
+            {
                 continue;
             }
             let help = helps.entry((*command).to_owned()).or_insert_with(|| help_of(command));
@@ -257,7 +262,8 @@ fn missing(line: &str, makefile: &str) -> Option<String> {
         }
         ["cargo", "test", rest @ ..] => {
             let after = |flag: &str| rest.iter().skip_while(|w| **w != flag).nth(1).copied();
-            let filter = after("--").filter(|w| !w.starts_with("--")).unwrap_or_default();
+            let named = |w: &&str| !w.starts_with("--") && *w != "NAME";
+            let filter = after("--").filter(named).unwrap_or_default();
             let names = names_of_tests(after("--test").filter(|b| *b != "layers"));
             let known = |part: &str| {
                 let mut heads = names.lines().map(str::trim_start);
