@@ -68,7 +68,7 @@ enum Command {
     CameraChild,
     /// Pictures by the configured camera, without the recorder
     CameraTest(camera_test::Args),
-    /// A bundled flight through the real recorder: a store and a report
+    /// A bundled flight through the real recorder: store and report
     Demo(demo::Args),
     /// The recorder: series of frames, solved until told to stop
     Run(run::Args),
