@@ -14,6 +14,7 @@
 pub mod aircraft;
 mod capture;
 mod halt;
+mod judging;
 pub mod live;
 pub mod machine;
 mod metrics;
@@ -246,7 +247,7 @@ pub enum DaemonError {
 /// Runs until the timetable is over (what is left is solved then) or until SIGTERM or SIGINT: the shot and
 /// the frame under way are finished or given up, the series is closed, all within `[power] stop_within`.
 pub fn run(parts: Parts, board: &Board) -> Result<Status, DaemonError> {
-    recorder::log_recovery(&parts.recovery);
+    judging::log_recovery(&parts.recovery);
     board.update(|status| {
         status.store.path = parts.store.root().display().to_string();
         status.store.reserve_mb = parts.store.reserve_mb();

@@ -87,8 +87,11 @@ struct Seen {
 
 /// A tip moves no faster, m/s: a lift of 0.25 m at 2 Hz, about where large wings swing by themselves.
 const FASTEST_M_S: f64 = 3.0;
-/// Farther than this nothing is foretold, m: the whole frame is searched then.
-const FARTHEST_M: f64 = 1.0;
+/// However long ago the last frame is, a tip in gusts is no farther from where it was, m. Where it is, the whole frame is
+/// searched, since markers are missing.
+const FARTHEST_M: f64 = 0.6;
+/// After so long nothing is foretold, s.
+const LONGEST_S: f64 = 5.0;
 
 /// All that the frames so far told of one camera.
 pub struct Tracker {
@@ -128,12 +131,12 @@ impl Tracker {
     /// Where this frame shows the markers: the longer ago the last one, the wider.
     fn foretold(&mut self, at_s: f64) -> Vec<Prediction> {
         let Some(seen) = self.seen.take() else { return vec![] };
-        let lift_m = FASTEST_M_S * (at_s - seen.at_s);
-        if !(0.0..=FARTHEST_M).contains(&lift_m) {
+        let elapsed_s = at_s - seen.at_s;
+        if !(0.0..=LONGEST_S).contains(&elapsed_s) {
             return vec![];
         }
         let (setup, orientation) = (&self.installation.setup, &self.orientation);
-        let lift_m = lift_m.max(NEXT_LIFT_M);
+        let lift_m = (FASTEST_M_S * elapsed_s).clamp(NEXT_LIFT_M, FARTHEST_M);
         identify::predict_within(setup, orientation, &seen.detections, &seen.identities, lift_m)
     }
 

@@ -7,6 +7,7 @@ mod coverage;
 mod flight;
 mod identification;
 mod live;
+mod live_start;
 mod long_flights;
 mod mountings;
 mod plan;

@@ -13,8 +13,9 @@ use super::result::LiveFrame;
 use crate::camera::{CameraError, CameraInfo, Frame};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
+use crate::daemon::judging::camera_map;
 use crate::daemon::machine;
-use crate::daemon::recorder::{Recorder, camera_map};
+use crate::daemon::recorder::Recorder;
 use crate::daemon::status::Activity;
 
 /// After a shot that failed; twice as long after each further one.

@@ -244,7 +244,7 @@ impl Keeper {
             none => {
                 let (mut begun, recovery) =
                     self.store.begin_series(Plan { cause, shots: 0 }, &self.shared.clock.stamp())?;
-                crate::daemon::recorder::log_recovery(&recovery);
+                crate::daemon::judging::log_recovery(&recovery);
                 begun.note_camera(self.raw.state().camera.clone())?;
                 none.insert(begun)
             }
