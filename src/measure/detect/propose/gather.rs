@@ -7,8 +7,9 @@ use nalgebra::Vector2;
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::propose::moments;
 use crate::measure::detect::propose::options::{GATHER, MOMENTS};
-use crate::measure::detect::segment::background::{Coarse, Darkness, Part, Region};
+use crate::measure::detect::segment::background::{Coarse, DarkRegion, Darkness, Part};
 use crate::measure::detect::segment::blob::Blob;
+use crate::measure::detect::segment::options::BACKGROUND;
 use crate::measure::detect::segment::{background, blob};
 use crate::measure::raster::Raster;
 
@@ -19,7 +20,7 @@ pub struct Gathered {
     far: Levels,
     once: Once,
     /// Regions without a disc's shape whose background is uneven.
-    pub uneven: Vec<Region>,
+    pub uneven: Vec<DarkRegion>,
     /// Blobs of dark regions that something larger has swallowed, taken up last.
     late: Vec<Blob>,
 }
@@ -32,8 +33,8 @@ struct Levels {
     /// Least thickness of a region, reduced px.
     least: usize,
     /// Regions that are done with, by their darkest, and those that went on outside their window at the last level.
-    done: HashMap<u16, Vec<Region>>,
-    open: Vec<Region>,
+    done: HashMap<u16, Vec<DarkRegion>>,
+    open: Vec<DarkRegion>,
 }
 
 impl Levels {
@@ -50,7 +51,7 @@ impl Gathered {
         far.look_far();
         Self {
             near: Levels::new(near, 0),
-            far: Levels::new(far, background::THICK),
+            far: Levels::new(far, BACKGROUND.thick),
             once: Once::default(),
             uneven: Vec::new(),
             late: Vec::new(),
@@ -100,7 +101,7 @@ impl Gathered {
 /// Where a level's findings go.
 struct Findings<'a> {
     once: &'a mut Once,
-    uneven: &'a mut Vec<Region>,
+    uneven: &'a mut Vec<DarkRegion>,
     late: &'a mut Vec<Blob>,
     /// What windows may still hold, reduced px.
     budget: usize,
@@ -136,7 +137,7 @@ impl Findings<'_> {
             self.budget = left;
             let (blobs, cut) = blob::blobs(image, coarse, &region);
             let pale =
-                region.least > GATHER.pale && region.width().min(region.height()) >= background::THICK / 2;
+                region.least > GATHER.pale && region.width().min(region.height()) >= BACKGROUND.thick / 2;
             let at_last = cut && level == self.laxest;
             let once_more = at_last || (pale && !cut);
             if !once_more && coarse.is_uneven(&region) && !blobs.iter().any(is_disc) {
@@ -156,7 +157,7 @@ impl Findings<'_> {
 
 /// Whether a dark region has flown together with something far larger, or too large, at the next level: a disc in a shadow's
 /// band does, whose background is the light on both sides of that.
-fn is_swallowed(region: &Region, next: &[Region]) -> bool {
+fn is_swallowed(region: &DarkRegion, next: &[DarkRegion]) -> bool {
     let dark = region.area >= GATHER.swallowed_least && region.least < GATHER.swallowed_dark;
     let into = || next.iter().filter(|other| other.contains(region)).map(|other| other.area).min();
     dark && into().is_none_or(|area| area > GATHER.swallowed * region.area)

@@ -16,7 +16,7 @@ use crate::measure::detect::image::histogram::middle;
 use crate::measure::detect::occlusion::region::Band;
 use crate::measure::detect::propose::moments;
 use crate::measure::detect::revise::options::NEIGHBOUR;
-use crate::measure::detect::segment::background::{Coarse, Region};
+use crate::measure::detect::segment::background::{Coarse, DarkRegion};
 use crate::measure::detect::segment::blob;
 use crate::measure::raster::Raster;
 use crate::measure::setup::Shape;
@@ -118,7 +118,7 @@ pub fn revise_with_edge_prior(known: &WholeDiscs, found: &mut Found, unsure: Vec
 pub fn find_against_one_level(
     known: &WholeDiscs,
     found: &mut Found,
-    (seen, coarse, regions): (&Raster, &Coarse, &[Region]),
+    (seen, coarse, regions): (&Raster, &Coarse, &[DarkRegion]),
     wanted: impl Fn(&Hypothesis) -> bool,
 ) {
     for region in regions {

@@ -6,23 +6,13 @@ use nalgebra::Vector2;
 
 use super::components::Run;
 use crate::measure::detect::segment::components;
+use crate::measure::detect::segment::options::BACKGROUND;
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::raster::Raster;
 
-/// Distances, in reduced pixels, at which both sides of a dark pixel are looked at. The longest
-/// bounds the thickness of what can be found.
-const REACH: [usize; 5] = [2, 4, 8, 16, 24];
-/// Farther ones, for thick markers only: between two stretches of sky the whole wing is dark.
-const FAR: [usize; 2] = [40, 64];
-/// Least thickness, reduced px, of a region that is taken up against the far background.
-pub const THICK: usize = 24;
-/// Grey over local background below which a reduced pixel is dark, in 1/256, strictest first.
-/// Several levels, so that a faint line that touches a marker does not swallow it.
-/// The last three are for frames whose contrast haze or stray light take away with distance.
-const LEVELS: [u16; FAINT] = [115, 160, 195, 225, 240, 248, 252];
 /// Levels of a frame, and of a faint one.
-const USUAL: usize = 4;
-const FAINT: usize = 7;
+const USUAL: usize = BACKGROUND.usual;
+const FAINT: usize = BACKGROUND.levels.len();
 
 /// A row, and some of its columns.
 type Span = (usize, Range<usize>);
@@ -58,7 +48,7 @@ impl Part {
             let reduced = |v: f64, most: usize| ((v / factor as f64).max(0.0) as usize).min(most);
             let columns = reduced(low[0], width)..reduced(high[0] + factor as f64, width);
             let rows = reduced(low[1], height)..reduced(high[1] + factor as f64, height);
-            let reach = FAR[FAR.len() - 1];
+            let reach = BACKGROUND.far[BACKGROUND.far.len() - 1];
             means.push([rows.clone(), wider(&columns, reach, width)]);
             means.push([wider(&rows, reach, height), columns.clone()]);
             wanted.push([rows, columns]);
@@ -133,13 +123,13 @@ pub struct Coarse {
 impl Coarse {
     /// Raises the background to that of the farther distances.
     pub fn look_far(&mut self) {
-        self.raise_by(&FAR);
+        self.raise_by(&BACKGROUND.far);
     }
 }
 
 /// A connected set of dark reduced pixels.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Region {
+pub struct DarkRegion {
     /// First column, reduced px.
     pub x0: usize,
     /// First row, reduced px.
@@ -154,7 +144,7 @@ pub struct Region {
     pub least: u16,
 }
 
-impl Region {
+impl DarkRegion {
     /// Columns.
     pub fn width(&self) -> usize {
         self.x1 - self.x0 + 1
@@ -215,7 +205,7 @@ pub fn reduce(image: &Raster, part: Part) -> Coarse {
     }
     let background = mean.clone();
     let mut coarse = Coarse { factor, width, height, mean, background, part };
-    coarse.raise_by(&REACH);
+    coarse.raise_by(&BACKGROUND.reach);
     coarse
 }
 
@@ -314,9 +304,9 @@ wide! {
 /// How many of the first levels each pixel passes.
 #[inline(always)]
 fn passed<const COUNT: usize>(mean: &[u8], background: &[u8], out: &mut [u8]) {
-    let levels: [u16; COUNT] = std::array::from_fn(|i| LEVELS[i]);
+    let levels: [u16; COUNT] = std::array::from_fn(|i| BACKGROUND.levels[i]);
     for ((o, &v), &b) in out.iter_mut().zip(mean).zip(background) {
-        let (grey, bright) = (u16::from(v) * 256, u16::from(b.saturating_sub(2)));
+        let (grey, bright) = (u16::from(v) * 256, u16::from(b.saturating_sub(BACKGROUND.above_noise)));
         *o = levels.iter().map(|&level| u8::from(grey < bright * level)).sum();
     }
 }
@@ -341,26 +331,25 @@ impl Coarse {
     }
 
     /// Whether the background differs within a region's bounds by more than a part of it.
-    pub fn is_uneven(&self, region: &Region) -> bool {
-        const STEP: u32 = 8;
+    pub fn is_uneven(&self, region: &DarkRegion) -> bool {
         let (mut least, mut most) = (u8::MAX, 0);
         for y in region.y0..=region.y1 {
             for &v in &self.background[y * self.width..][region.x0..=region.x1] {
                 (least, most) = (least.min(v), most.max(v));
             }
         }
-        u32::from(most - least) * 100 > STEP * u32::from(most)
+        u32::from(most - least) * 100 > BACKGROUND.uneven_percent * u32::from(most)
     }
 
     /// Dark regions at the `level`-th level, in the order of their first pixel.
-    pub fn regions(&self, dark: &Darkness, level: usize, faint: bool) -> Vec<Region> {
+    pub fn regions(&self, dark: &Darkness, level: usize, faint: bool) -> Vec<DarkRegion> {
         let least = (levels(faint) - level) as u8;
         let runs = components::at_least(&dark.runs, &dark.passed, least);
         components::connected(&runs).iter().map(|set| self.region(set)).collect()
     }
 
-    fn region(&self, runs: &[Run]) -> Region {
-        let mut region = Region { x0: usize::MAX, y0: usize::MAX, x1: 0, y1: 0, area: 0, least: 256 };
+    fn region(&self, runs: &[Run]) -> DarkRegion {
+        let mut region = DarkRegion { x0: usize::MAX, y0: usize::MAX, x1: 0, y1: 0, area: 0, least: 256 };
         // Grey and background of the darkest, compared by products.
         let mut darkest = [256u32, 255];
         for &Run { y, from, to } in runs {

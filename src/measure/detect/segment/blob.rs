@@ -2,11 +2,12 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::background::{Coarse, Region};
+use super::background::{Coarse, DarkRegion};
 use super::bitmask::{Side, WORD, mark_below, mark_side};
 use super::components::Run;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::segment::components;
+use crate::measure::detect::segment::options::BLOB;
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::raster::Raster;
 
@@ -38,43 +39,35 @@ struct Window {
 
 /// Rows that are marked before their runs are sought.
 const ROWS: usize = 16;
-/// Fewer pixels are noise.
-const LEAST_AREA: u32 = 6;
 
 /// The blobs of one region, and whether one of them goes on outside its window.
-pub fn blobs(image: &Raster, coarse: &Coarse, region: &Region) -> (Vec<Blob>, bool) {
+pub fn blobs(image: &Raster, coarse: &Coarse, region: &DarkRegion) -> (Vec<Blob>, bool) {
     let least = f64::from(region.least) / 256.0;
     let at = |share: f64| {
         let level = ((least + share * (1.0 - least)) * 256.0) as u32;
-        below(image, coarse, region, [PAD; 2], Threshold::Share(level))
+        below(image, coarse, region, [BLOB.pad; 2], Threshold::Share(level))
     };
     let (mut out, cut) = at(0.5);
     if out.iter().any(Blob::is_ragged) {
-        out.extend(at(STRICT).0.into_iter().filter(|blob| blob.area > RAGGED_AREA));
+        out.extend(at(BLOB.strict).0.into_iter().filter(|blob| blob.area > BLOB.ragged_px));
     }
     (out, cut)
 }
-
-/// Where a line touches a disc, the threshold's share of the way from black to the background at
-/// which they come apart.
-const STRICT: f64 = 0.3;
-/// Least area of a blob that is looked at again.
-const RAGGED_AREA: f64 = 100.0;
 
 /// The blobs of a region that went on outside its window at every level: the local background was too
 /// bright, as beside a quadrant's white or below the sky, and the skin passed for dark. Here what
 /// surrounds the region bounds it, and the window is wider, for faint tips are not in the region: of a
 /// flat marker they may be half of it, of flat quadrants more.
-pub fn blobs_against_surround(image: &Raster, coarse: &Coarse, region: &Region) -> Vec<Blob> {
+pub fn blobs_against_surround(image: &Raster, coarse: &Coarse, region: &DarkRegion) -> Vec<Blob> {
     let (dark, skin) = levels(coarse, region);
     let sides = [region.width(), region.height()];
     let longest = sides[0].max(sides[1]);
     let flat = 3 * region.area < longest * longest;
     // What is longer than a marker holds one as it is.
-    let most = LONGEST_PX.max(image.width().max(image.height()) / LONGEST) / coarse.factor;
+    let most = BLOB.longest_px.max(image.width().max(image.height()) / BLOB.longest) / coarse.factor;
     let more = |side: usize| if flat { side.max(longest / 4) } else { longest / 4 };
     let window = |times: usize| {
-        let pad = sides.map(|side| times * (PAD + more(side).min(most.saturating_sub(side))));
+        let pad = sides.map(|side| times * (BLOB.pad + more(side).min(most.saturating_sub(side))));
         below(image, coarse, region, pad, Threshold::Between { dark, skin })
     };
     let (blobs, cut) = window(1);
@@ -84,14 +77,8 @@ pub fn blobs_against_surround(image: &Raster, coarse: &Coarse, region: &Region) 
     out
 }
 
-/// Part of a large frame's longer side that the longest marker takes; and how long it may be in any frame, px.
-const LONGEST: usize = 4;
-const LONGEST_PX: usize = 1000;
-/// Reduced pixels by which a window is wider than its region, on each side.
-const PAD: usize = 2;
-
 /// The darkest reduced pixel of a region, and the median of those two beyond its bounds.
-fn levels(coarse: &Coarse, region: &Region) -> (u32, u32) {
+fn levels(coarse: &Coarse, region: &DarkRegion) -> (u32, u32) {
     let (x0, y0) = (region.x0.saturating_sub(2), region.y0.saturating_sub(2));
     let (x1, y1) = ((region.x1 + 2).min(coarse.width - 1), (region.y1 + 2).min(coarse.height - 1));
     let (mut dark, mut ring) = (255, Vec::new());
@@ -185,7 +172,7 @@ fn limited(values: &mut [u8], threshold: Threshold) {
 fn below(
     image: &Raster,
     coarse: &Coarse,
-    region: &Region,
+    region: &DarkRegion,
     pad: [usize; 2],
     threshold: Threshold,
 ) -> (Vec<Blob>, bool) {
@@ -204,7 +191,7 @@ fn spread(blocks: &[u8], factor: usize, out: &mut [u8]) {
 
 impl Window {
     /// With so many reduced pixels about a region, to the sides and above and below.
-    fn around(image: &Raster, coarse: &Coarse, region: &Region, pad: [usize; 2]) -> Self {
+    fn around(image: &Raster, coarse: &Coarse, region: &DarkRegion, pad: [usize; 2]) -> Self {
         let f = coarse.factor;
         let [beside, above] = pad.map(|pad| pad * f);
         Self {
@@ -264,7 +251,7 @@ impl Window {
         for set in components::connected(runs).iter() {
             if self.cuts(image, set) {
                 cut = true;
-            } else if set.iter().map(|r| r.to + 1 - r.from).sum::<u32>() >= LEAST_AREA {
+            } else if set.iter().map(|r| r.to + 1 - r.from).sum::<u32>() >= BLOB.least_px {
                 out.push(Blob::new(image, set));
             }
         }
@@ -325,7 +312,7 @@ impl Blob {
 
     /// Neither an ellipse nor two quadrants: perhaps a disc with a line that touches it.
     fn is_ragged(&self) -> bool {
-        self.area > RAGGED_AREA && (0.78..0.95).contains(&self.fill())
+        self.area > BLOB.ragged_px && (BLOB.ragged.0..BLOB.ragged.1).contains(&self.fill())
     }
 
     /// Pixels over those of the ellipse with the same second moments: 1 for an ellipse.
