@@ -68,6 +68,18 @@ impl Recorder {
         panic!("no line with {words:?}: {all:#?}");
     }
 
+    /// Lines with each of these words; threads may write them in any order.
+    fn says_each(&self, words: &[&str]) {
+        let end = Instant::now() + PATIENCE;
+        let (mut left, mut all) = (words.to_vec(), Vec::new());
+        while !left.is_empty() {
+            let line = self.lines.recv_timeout(end.saturating_duration_since(Instant::now()));
+            let Ok(line) = line else { panic!("no line with {left:?}: {all:#?}") };
+            left.retain(|words| !line.contains(words));
+            all.push(line);
+        }
+    }
+
     fn terminate(&mut self) -> Option<i32> {
         let pid = rustix::process::Pid::from_child(&self.child);
         rustix::process::kill_process(pid, rustix::process::Signal::TERM).unwrap();
@@ -149,7 +161,6 @@ fn when_the_power_fails_all_is_durable_in_time_and_when_it_is_back_recording_goe
 #[test]
 fn a_supply_that_cannot_be_watched_keeps_nothing_from_being_recorded() {
     let mut recorder = Recorder::start("file = \"no-such-file\"\nstop_within = \"2s\"\n");
-    recorder.says("the supply cannot be watched");
-    recorder.says("frame is durable");
+    recorder.says_each(&["the supply cannot be watched", "frame is durable"]);
     assert_eq!(recorder.terminate(), Some(0));
 }

@@ -37,7 +37,8 @@ const CONVERGED: f64 = 1e-10;
 /// of a standard deviation, what it leaves is a hundredth.
 const ROUGH: f64 = 1e-2;
 /// Where little tells two unknowns apart, rounding of the sum of squares may turn down the last steps for ever. After so
-/// many iterations a solution is taken whose last step is a thousandth of a standard deviation.
+/// many iterations a solution is taken from which the undamped step is a thousandth of a standard deviation: a damped one
+/// may be as short on its way along a valley.
 const LATE: (usize, f64) = (60, 1e-6);
 /// Rise of the sum of squares that a step may cause, over the sum that is still open.
 const OPEN_SHARE: f64 = 0.1;
@@ -212,6 +213,7 @@ pub fn solve_from(
     course: &Course,
     linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), AdjustError>,
 ) -> Result<Fit, AdjustError> {
+    let converged = if course.rough { ROUGH } else { CONVERGED };
     let mut state = State::start(problem, course.residuals);
     let mut next = state.clone();
     let mut system = System::new(problem)?;
@@ -219,11 +221,12 @@ pub fn solve_from(
     let mut damping = 0.0;
     let mut relaxation = Relaxation::default();
     for iteration in 1..=MAX_ITERATIONS {
-        let converged = match course.rough {
-            true => ROUGH,
-            false if iteration > LATE.0 => LATE.1,
-            false => CONVERGED,
-        };
+        if !course.rough && iteration > LATE.0 && system.unclosed <= LATE.1 {
+            let undamped = system.step(problem, 0.0)?;
+            if undamped.dot(&(&system.normal * &undamped)) <= LATE.1 {
+                return system.finish(problem, state, iteration);
+            }
+        }
         let step = system.step(problem, damping)?;
         let step = relaxation.of(step, &system.normal, damping);
         system.moved(problem, &state, &step, &mut next);
