@@ -212,8 +212,9 @@ pub struct EdgesOptions {
     pub turns: usize,
     /// Share of an outline's radius within which pixels count: the rest is blurred with the skin.
     pub inner: f64,
-    /// Semi-minor axis above which not all rows and columns are looked at, px: a bound on time.
-    pub thick_px: f64,
+    /// Pixels of an outline that are looked at, about; of a larger one not all rows and columns are. A bound on time: what
+    /// edges explain is known from so many to some percent.
+    pub pixels: f64,
     /// Shifts that are tried to each side: a predicted place is off by up to 6 px.
     pub steps: i32,
     /// Their step, px: within, a fit finds the crossing.
@@ -222,7 +223,7 @@ pub struct EdgesOptions {
 
 /// The numbers in use.
 pub const EDGES: EdgesOptions =
-    EdgesOptions { turns: 72, inner: 0.85, thick_px: 12.0, steps: 3, step_px: 2.0 };
+    EdgesOptions { turns: 72, inner: 0.85, pixels: 600.0, steps: 3, step_px: 2.0 };
 
 /// The outline of quadrants. Chosen on drawn and rendered quadrants; `tests/detect/bad_light.rs` and
 /// `tests/detect/near.rs` hold them.

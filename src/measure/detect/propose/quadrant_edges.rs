@@ -12,7 +12,6 @@ use crate::measure::detect::propose::moments;
 use crate::measure::detect::propose::options::EDGES;
 use crate::measure::raster::Raster;
 
-/// Directions, and those in a quarter.
 /// Directions in a quarter.
 const QUARTER: usize = EDGES.turns / 4;
 
@@ -48,7 +47,8 @@ impl EdgeSearch {
     fn of(ellipse: Ellipse, image: &Raster, bands: &[Band]) -> Self {
         let frame = EllipseFrame::new(&ellipse);
         let reach = ellipse.extent();
-        let step = (ellipse.minor / EDGES.thick_px).max(1.0) as usize;
+        let area = PI * ellipse.major * ellipse.minor * EDGES.inner * EDGES.inner;
+        let step = (area / EDGES.pixels).sqrt().max(1.0) as usize;
         let mut sums = [(0.0, 0.0); EDGES.turns];
         let mut squares = 0.0;
         for (x, y, value) in image.part(ellipse.centre - reach, ellipse.centre + reach, step) {
