@@ -27,6 +27,9 @@ pub struct Args {
     /// The flight, for example f0001
     #[arg(long)]
     flight: String,
+    /// One JSON object: flight, lines, read, samples, repeated
+    #[arg(long)]
+    json: bool,
 }
 
 /// The file of `--mapping`.
@@ -92,11 +95,15 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     for flight in &flight {
         let (track, _) = aircraft::track(store.disk(), store.root(), flight).map_err(undone)?;
         let (samples, repeated) = (track.len(), track.unused.repeated);
-        print(&format!(
-            "{}: {} lines kept, {read} read; {samples} samples in all, {repeated} of a time that was there before",
-            flight.id,
-            lines.len()
-        ))?;
+        let (id, kept) = (&flight.id, lines.len());
+        let told =
+            json!({"flight": id, "lines": kept, "read": read, "samples": samples, "repeated": repeated});
+        print(&match args.json {
+            true => told.to_string(),
+            false => format!(
+                "{id}: {kept} lines kept, {read} read; {samples} samples in all, {repeated} of a time that was there before"
+            ),
+        })?;
     }
     Ok(Done::all(read == lines.len()))
 }
