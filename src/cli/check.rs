@@ -31,6 +31,9 @@ pub struct Args {
     json: bool,
 }
 
+/// What was looked at, and how it is.
+type Found = (&'static str, String);
+
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let (mut faults, mut said) = (vec![], vec![]);
     if let Some(directory) = &args.installation {
@@ -46,7 +49,8 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         return as_json(&said, &faults);
     }
     if !said.is_empty() {
-        print(&said.join("\n"))?;
+        let lines: Vec<String> = said.iter().map(|(what, how)| format!("{what:<15}{how}")).collect();
+        print(&lines.join("\n"))?;
     }
     if faults.is_empty() { Ok(Done::All) } else { Err(Failure::Faults(faults)) }
 }
@@ -55,13 +59,13 @@ fn check_configuration(
     args: &Args,
     file: &Path,
     config: &Config,
-    said: &mut Vec<String>,
+    said: &mut Vec<Found>,
     faults: &mut Vec<Fault>,
 ) {
-    said.push(format!("configuration  {}", file.display()));
+    said.push(("configuration", file.display().to_string()));
     match &config.installation {
         Some(directory) => check_installation(directory, true, said, faults),
-        None => said.push("installation   none configured: frames are recorded, not solved".into()),
+        None => said.push(("installation", "none configured: frames are recorded, not solved".into())),
     }
     check_store(config, file, said, faults);
     if !args.no_camera {
@@ -70,13 +74,10 @@ fn check_configuration(
     said.extend(cabin(config, Path::new(machine::SYS)));
 }
 
-/// `found`: what was looked at and how it is, by the word that begins its line.
-fn as_json(said: &[String], faults: &[Fault]) -> Result<Done, Failure> {
-    let split = |line: &String| {
-        let (what, how) = line.split_at_checked(COLUMN).unwrap_or((line, ""));
-        (what.trim().to_owned(), serde_json::Value::from(how))
-    };
-    let found: serde_json::Map<_, _> = said.iter().map(split).collect();
+/// `found`: how what was looked at is, by its name.
+fn as_json(said: &[Found], faults: &[Fault]) -> Result<Done, Failure> {
+    let found: serde_json::Map<_, _> =
+        said.iter().map(|(what, how)| ((*what).to_owned(), how.as_str().into())).collect();
     let fault = |f: &Fault| json!({"file": f.file, "place": f.place, "problem": f.problem, "mend": f.mend});
     let faults: Vec<_> = faults.iter().map(fault).collect();
     let ok = faults.is_empty();
@@ -84,11 +85,8 @@ fn as_json(said: &[String], faults: &[Fault]) -> Result<Done, Failure> {
     if ok { Ok(Done::All) } else { Err(Failure::Said) }
 }
 
-/// Where what was found begins in a line, characters.
-const COLUMN: usize = 15;
-
 /// What the rules of the cabin ask: transmitters, heat, supply, how long a stop takes. No fault: the operator decides.
-fn cabin(config: &Config, sys: &Path) -> Vec<String> {
+fn cabin(config: &Config, sys: &Path) -> Vec<Found> {
     let radios = machine::radios(sys);
     let open: Vec<String> =
         radios.iter().filter(|r| !r.blocked).map(|r| format!("{} ({})", r.name, r.kind)).collect();
@@ -104,41 +102,39 @@ fn cabin(config: &Config, sys: &Path) -> Vec<String> {
         true => format!("; once the power fails all is durable within {:?}", power.hold_up),
     };
     vec![
-        format!("radios         {radios}"),
-        format!("machine        {machine}"),
-        format!("a stop takes   at most {:?}{hold_up}", power.stop_within),
+        ("radios", radios),
+        ("machine", machine),
+        ("a stop takes", format!("at most {:?}{hold_up}", power.stop_within)),
     ]
 }
 
 /// `flies`: it is to solve frames, and needs its orientation.
-fn check_installation(directory: &Path, flies: bool, said: &mut Vec<String>, faults: &mut Vec<Fault>) {
+fn check_installation(directory: &Path, flies: bool, said: &mut Vec<Found>, faults: &mut Vec<Fault>) {
     match installation::load(directory) {
         Err(found) => faults.extend(found),
         Ok(installation) => {
             let markers = installation.setup.markers.len();
             let pairs = installation.setup.torsion.len();
-            said.push(format!(
-                "installation   {}: {markers} markers, {pairs} torsion pairs",
-                directory.display()
-            ));
+            let how = format!("{}: {markers} markers, {pairs} torsion pairs", directory.display());
+            said.push(("installation", how));
             super::say_doubts(&installation);
             match installation.require_orientation() {
-                Ok(_) => said.push("orientation    there".into()),
+                Ok(_) => said.push(("orientation", "there".into())),
                 Err(fault) if flies => faults.push(fault),
-                Err(_) => said.push("orientation    none yet: `wingd orient` writes it".into()),
+                Err(_) => said.push(("orientation", "none yet: `wingd orient` writes it".into())),
             }
         }
     }
 }
 
-fn check_store(config: &Config, file: &std::path::Path, said: &mut Vec<String>, faults: &mut Vec<Fault>) {
+fn check_store(config: &Config, file: &std::path::Path, said: &mut Vec<Found>, faults: &mut Vec<Fault>) {
     let path = &config.store.path;
     faults.extend(unwritable(&RealDisk, path).map(|problem| {
         let mend = "give the recorder's user the right to write there, or name another place";
         fault(file, "store.path", problem, mend)
     }));
     if is_vacant(&RealDisk, path) {
-        said.push(format!("store          {} will be made", path.display()));
+        said.push(("store", format!("{} will be made", path.display())));
         let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
         if parent.is_some_and(|p| !p.is_dir()) {
             let problem = format!("the folder above {} does not exist", path.display());
@@ -155,17 +151,17 @@ fn check_store(config: &Config, file: &std::path::Path, said: &mut Vec<String>, 
         .map(|f| fault(&f.path, &format!("invariant {}", f.invariant), f.what.clone(), "see docs/store.md"))
         .collect();
     if found.is_empty() {
-        said.push(format!("store          {}: sound", path.display()));
+        said.push(("store", format!("{}: sound", path.display())));
     }
     faults.extend(found);
 }
 
-fn check_camera(config: &Config, file: &std::path::Path, said: &mut Vec<String>, faults: &mut Vec<Fault>) {
+fn check_camera(config: &Config, file: &std::path::Path, said: &mut Vec<Found>, faults: &mut Vec<Fault>) {
     let make = config.camera.factory(Arc::new(System::new()), Duration::ZERO);
     let mut camera = make();
     match camera.open() {
         Ok(info) => {
-            said.push(format!("camera         {}", info.name));
+            said.push(("camera", info.name));
             for warning in &info.warnings {
                 let mend = "set it by hand, or correct the configuration";
                 faults.push(fault(file, "camera", warning.clone(), mend));

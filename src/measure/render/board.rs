@@ -21,9 +21,10 @@ const GREY: [f64; 3] = [45.0, 205.0, 110.0];
 /// White rim around the squares, in squares.
 const RIM: f64 = 0.7;
 
-/// How a board is held for a calibration: so many times as far away as where it would fill the picture, and tilted so
-/// much, degrees.
+/// How a board is held for a calibration (docs/calibration.md): so many times as far away as where it would fill the
+/// picture, from and to.
 const DISTANCE: [f64; 2] = [1.8, 2.7];
+/// How far it is tilted, from and to, degrees.
 const TILT_DEG: [f64; 2] = [20.0, 40.0];
 /// How far it is turned in its own plane, rad.
 const TURN: f64 = 0.25;

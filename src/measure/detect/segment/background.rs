@@ -10,8 +10,9 @@ use crate::measure::detect::segment::options::BACKGROUND;
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::raster::Raster;
 
-/// Levels of a frame, and of a faint one.
+/// How many levels a frame is searched at.
 const USUAL: usize = BACKGROUND.usual;
+/// The same of a faint frame: all of them.
 const FAINT: usize = BACKGROUND.levels.len();
 
 /// A row, and some of its columns.
