@@ -1,6 +1,8 @@
 # The two commands: make demo, make test. Everything else is below `make help`.
 CARGO ?= cargo
 PACKAGES := build-essential pkg-config libclang-dev libgphoto2-dev
+# What the pages' examples call besides.
+TEST_PACKAGES := curl openssl python3
 MACHINE_PACKAGES := flex bison bc xz-utils dpkg-dev libexif-dev mmdebstrap e2fsprogs kmod procps systemd
 # --cached: without the parts that need the virtual machine's kernel, where it is not built yet.
 MACHINE_OPTIONS ?=
@@ -33,6 +35,7 @@ demo: dependencies
 	target/release/wingd demo --output $(DEMO_OUTPUT)
 
 test: dependencies lint
+	@sh packaging/dependencies.sh $(TEST_PACKAGES)
 	$(CARGO) test --release --locked
 
 # In about half an hour; WINGD_MUTATIONS=400 for a look.

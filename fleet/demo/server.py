@@ -22,7 +22,7 @@ GRPC_OFFSET = 10_000
 START_S, STOP_S = 60, 3
 
 
-def _free_ports(count: int) -> list[int]:
+def free_ports(count: int) -> list[int]:
     """Ports in a row that are free, and those of their calls too."""
     for _ in range(100):
         first = random.randrange(12_000, 22_000 - count)
@@ -55,7 +55,7 @@ class Server:
     def __init__(self, folder: Path):
         self.folder = folder
         self.key, self.secret = secrets.token_hex(8).upper(), secrets.token_hex(20)
-        self.master, self.volume, self.filer, self.s3, self.iceberg = _free_ports(5)
+        self.master, self.volume, self.filer, self.s3, self.iceberg = free_ports(5)
         self.process: subprocess.Popen | None = None
 
     @property
@@ -115,25 +115,28 @@ class Server:
         }
         return {f"PYICEBERG_CATALOG__FLEET__{name}": value for name, value in settings.items()}
 
-    def _wait(self) -> None:
-        """Until an object can be put. The bucket is made by the first one."""
+    def make(self, bucket: str) -> None:
+        """A bucket is made by its first object."""
         import obstore
         from obstore.store import S3Store
 
+        store = S3Store(
+            bucket,
+            access_key_id=self.key,
+            secret_access_key=self.secret,
+            region="us-east-1",
+            endpoint=f"http://{HOST}:{self.s3}",
+            client_options={"allow_http": True},
+            retry_config={"max_retries": 0},
+        )
+        obstore.put(store, "started", b"")
+
+    def _wait(self) -> None:
+        """Until an object can be put."""
         end = time.monotonic() + START_S
         while True:
             try:
-                store = S3Store(
-                    BUCKET,
-                    access_key_id=self.key,
-                    secret_access_key=self.secret,
-                    region="us-east-1",
-                    endpoint=f"http://{HOST}:{self.s3}",
-                    client_options={"allow_http": True},
-                    retry_config={"max_retries": 0},
-                )
-                obstore.put(store, "started", b"")
-                return
+                return self.make(BUCKET)
             except Exception:
                 if time.monotonic() > end or self.process.poll() is not None:
                     raise

@@ -1,0 +1,219 @@
+//! Every command line of the pages runs: `sh` blocks and the help's examples here, in the folder that the tutorial
+//! leaves; the lines of `console` blocks by what `CONSOLE` names.
+
+use std::os::unix::fs::symlink;
+use std::path::Path;
+
+use super::running::{Running, copied, free_port, shell, wait};
+use super::{Block, ROOT, blocks, pages};
+
+/// Who runs the `sh` blocks of a page that needs more than this program; that file reads the page.
+const BY_OTHERS: [(&str, &str); 1] = [("docs/fleet.md", "fleet/tests/test_page.py")];
+
+/// How a line of a `console` block begins, and what proves it. Nothing else may stand in one.
+const CONSOLE: [(&str, &str); 7] = [
+    ("make ", "a target of the Makefile, which `named` looks up"),
+    ("cargo test ", "a test that `make test` runs, which `named` looks up"),
+    ("cargo build --release --locked --features upload", "make fleet-test builds so"),
+    ("python3.11 -m venv venv", "make fleet-test installs so, in a folder of its own"),
+    ("rclone ", "not run: needs a remote of one's own"),
+    ("python3 tests/validation/rendered_sets.py ", "not run: minutes a set; `named` looks the file up"),
+    (
+        "python3 docs/validation/calibration/compare.py ",
+        "not run: needs OpenCV and mrcal; `named` looks it up",
+    ),
+];
+
+/// Only numbers, so that a page's figures are of minutes and its test of seconds.
+const SHORTER: [(&str, &str, &str); 2] =
+    [("docs/live.md", "--gusts 5 ", "--gusts 0.3 "), ("docs/live.md", "--seconds 60 ", "--seconds 2 ")];
+
+/// The machine of the pages is this one, at a port that is free.
+fn here(page: &str, text: &str, port: u16) -> String {
+    let mut text = text.replace("0.0.0.0:8080", "127.0.0.1:8080").replace("seat12a.local", "localhost");
+    for (_, long, short) in SHORTER.iter().filter(|(of, _, _)| *of == page) {
+        text = text.replace(long, short);
+    }
+    text.replace(":8080", &format!(":{port}"))
+}
+
+/// Writes a file whose name stands in the block's first line.
+fn write_named(block: &Block, folder: &Path) {
+    let named = block.text.split_once('\n').and_then(|(first, rows)| Some((first.strip_prefix("# ")?, rows)));
+    if let Some((name, rows)) = named.filter(|(name, _)| ["toml", "csv"].iter().any(|e| name.ends_with(e))) {
+        std::fs::write(folder.join(name), rows).unwrap();
+    }
+}
+
+/// Does what a block says; `wingd serve` runs on until what comes back is dropped.
+fn follow_block(page: &str, block: &Block, folder: &Path, port: u16) -> Option<Running> {
+    if block.language != "sh" {
+        write_named(block, folder);
+        return None;
+    }
+    let text = here(page, &block.text, port);
+    if text.starts_with("wingd serve ") {
+        return Some(Running::serving(folder, text.trim_end(), port));
+    }
+    let output = shell(folder, &text);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{page}:{}: {text}\n{said}", block.line);
+    None
+}
+
+/// Does what a page says, with its files there from the beginning.
+fn follow(page: &str, text: &str, folder: &Path) {
+    let (blocks, port) = (blocks(text), free_port());
+    blocks.iter().for_each(|block| write_named(block, folder));
+    let served: Vec<Running> =
+        blocks.iter().filter_map(|block| follow_block(page, block, folder, port)).collect();
+    drop(served);
+}
+
+/// A folder as the first leaves it, and beside it what a clone of the repository has.
+fn folder_like(first: &Path, folder: &Path) {
+    copied(first, folder);
+    for name in ["fixtures", "tests"] {
+        symlink(Path::new(ROOT).join(name), folder.join(name)).unwrap();
+    }
+    std::fs::create_dir(folder.join("target")).unwrap();
+    let binaries = Path::new(env!("CARGO_BIN_EXE_wingd")).parent().unwrap();
+    symlink(binaries, folder.join("target/release")).unwrap();
+}
+
+/// Every line, each to its end.
+fn run_all<'a>(lines: impl Iterator<Item = &'a str>, folder: &Path, port: u16) {
+    for line in lines {
+        let output = shell(folder, &here("", line, port));
+        assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+}
+
+fn examples(wanted: impl Fn(&str) -> bool) -> impl Iterator<Item = &'static str> {
+    let of = wingd::cli::help::EXAMPLES.iter().filter(move |(name, _)| wanted(name));
+    of.flat_map(|(_, lines)| lines.iter().copied())
+}
+
+/// What asks the recorder, or needs a page; `upload` is in no program that `make test` builds (make fleet-test).
+const RECORDER: [&str; 2] = ["status", "trigger"];
+const BESIDE: [&str; 2] = ["serve", "upload"];
+
+/// The tutorial's recorder without its end, in live mode, with signatures.
+fn record(folder: &Path) {
+    let told = std::fs::read_to_string(folder.join("wingd.toml")).unwrap();
+    let told = told
+        .replace("until = \"1s\"\n", "stale_window = 0\n")
+        .replace("[store]\n", "[store]\nsigning_key = \"recorder.pem\"\n");
+    let live = "\n[live]\nrate_hz = 5\nsocket = \"live.sock\"\n";
+    std::fs::write(folder.join("recorder.toml"), told + live).unwrap();
+    let recorder = Running::start(folder, "wingd run --config recorder.toml");
+    wait("live results", || folder.join("store/live.rows").exists());
+    run_all(examples(|name| RECORDER.contains(&name)), folder, 0);
+    recorder.stop();
+}
+
+fn follow_examples(folder: &Path) {
+    std::fs::create_dir(folder.join("look")).unwrap();
+    let port = free_port();
+    let serve = examples(|name| name == "serve").next().unwrap();
+    let served = Running::serving(folder, &format!("{serve} --listen 127.0.0.1:{port}"), port);
+    run_all(examples(|name| ![RECORDER, BESIDE].concat().contains(&name)), folder, port);
+    drop(served);
+}
+
+/// What a user has filled in stays, and commands that delete say so in JSON too.
+fn check_what_is_left(tutorial: &Path) {
+    let again = shell(tutorial, "wingd init && wingd check --config wingd.toml --json");
+    let said = String::from_utf8(again.stdout).unwrap();
+    assert!(said.contains("wingd.toml  is there already, left as it is"), "{said}");
+    let checked: serde_json::Value = serde_json::from_str(said.lines().last().unwrap()).unwrap();
+    assert_eq!((&checked["ok"], checked["faults"].as_array().unwrap().len()), (&true.into(), 0), "{said}");
+    assert!(checked["found"]["installation"].as_str().unwrap().contains("24 markers"), "{said}");
+    let copied_away =
+        "wingd copy store away --json && wingd prune store --verified-copy away --keep 0 --dry-run --json";
+    let said = String::from_utf8(shell(tutorial, copied_away).stdout).unwrap();
+    let objects: Vec<serde_json::Value> = said.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    assert_eq!((&objects[0]["flights"], &objects[1]["flight"]), (&1.into(), &"f0001".into()), "{said}");
+    assert_eq!((&objects[1]["deleted"], &objects[1]["reason"]), (&false.into(), &().into()), "{said}");
+}
+
+/// The store page's own reader gives the export's numbers, of a column that is packed and of one that may not be.
+fn check_column(folder: &Path) {
+    let printed = |script: &str| String::from_utf8(shell(folder, script).stdout).unwrap();
+    let table = printed("wingd export store --format csv --table live --flight f0001");
+    let mut lines = table.lines();
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
+    assert!(!rows.is_empty());
+    for (column, exported) in [("since_boot", "since_boot_s"), ("number", "number")] {
+        let read = printed(&format!("python3 column.py store/flights/f0001/live-000001.rows {column}"));
+        let read: Vec<f64> = read.lines().map(|value| value.parse().unwrap()).collect();
+        let at = names.iter().position(|name| *name == exported).unwrap();
+        let wanted: Vec<f64> = rows.iter().map(|row| row[at].parse().unwrap()).collect();
+        assert_eq!(read, wanted, "{column}");
+    }
+}
+
+#[test]
+fn every_command_of_the_pages_runs_where_the_tutorial_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let tutorial = folder.path().join("tutorial");
+    std::fs::create_dir(&tutorial).unwrap();
+    let pages = pages();
+    let is_tutorial = |page: &str| page == "docs/tutorial.md";
+    let (page, text) = pages.iter().find(|(page, _)| is_tutorial(page)).unwrap();
+    blocks(text).iter().for_each(|block| assert!(follow_block(page, block, &tutorial, 0).is_none()));
+    assert!(tutorial.join("report.html").exists());
+    check_what_is_left(&tutorial);
+    record(&tutorial);
+    let inputs = ["docs/stress.md", "docs/aircraft-data.md"];
+    let examples = folder.path().join("examples");
+    folder_like(&tutorial, &examples);
+    for (page, text) in pages.iter().filter(|(page, _)| inputs.contains(&page.as_str())) {
+        follow(page, text, &examples);
+    }
+    follow_examples(&examples);
+    let elsewhere = |page: &str| is_tutorial(page) || BY_OTHERS.iter().any(|(other, _)| *other == page);
+    for (number, (page, text)) in pages.iter().enumerate().filter(|(_, (page, _))| !elsewhere(page)) {
+        if blocks(text).iter().any(|block| block.language == "sh") {
+            let own = folder.path().join(number.to_string());
+            folder_like(&tutorial, &own);
+            follow(page, text, &own);
+            if page == "docs/store.md" {
+                check_column(&own);
+            }
+        }
+    }
+}
+
+#[test]
+fn what_does_not_run_here_is_proven_by_something_else_that_is_named() {
+    let pages = pages();
+    for (page, file) in BY_OTHERS {
+        let runner = std::fs::read_to_string(Path::new(ROOT).join(file)).unwrap();
+        assert!(runner.contains(page) && runner.contains("```sh"), "{file} does not read {page}");
+    }
+    let mut wrong = vec![];
+    for (page, text) in &pages {
+        for block in blocks(text) {
+            match block.language.as_str() {
+                "sh" | "toml" | "csv" | "json" | "text" | "rust" => {}
+                "console" => wrong.extend(
+                    block
+                        .lines()
+                        .into_iter()
+                        .filter(|line| !CONSOLE.iter().any(|(begins, _)| line.starts_with(begins)))
+                        .map(|line| format!("{page}:{}: nothing runs `{line}`", block.line)),
+                ),
+                other => wrong.push(format!("{page}:{}: what is a block of `{other}`?", block.line)),
+            }
+        }
+    }
+    for (page, long, _) in SHORTER {
+        let text = &pages.iter().find(|(name, _)| name == page).unwrap().1;
+        if !text.contains(long) {
+            wrong.push(format!("{page}: `{long}` stands there no more"));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
