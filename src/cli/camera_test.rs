@@ -17,19 +17,19 @@ use crate::config;
 #[derive(ClapArgs)]
 pub struct Args {
     /// Configuration; only its [camera] is used
-    #[arg(long)]
+    #[arg(long, value_name = "wingd.toml")]
     config: PathBuf,
     /// Shots to take
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_name = "N")]
     shots: u32,
     /// Longest time for a shot, s
-    #[arg(long, default_value_t = 20.0)]
+    #[arg(long, default_value_t = 20.0, value_name = "S")]
     deadline: f64,
     /// Attempts for a shot; the camera is reopened in between
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_name = "N")]
     attempts: u32,
     /// Existing directory that takes the frames, as delivered
-    #[arg(long)]
+    #[arg(long, value_name = "DIR")]
     output: PathBuf,
 }
 

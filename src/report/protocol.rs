@@ -177,15 +177,15 @@ fn observations(record: &ImageRecord) -> String {
         "<marker",
         "u / px",
         "v / px",
-        "sigma u",
-        "sigma v",
-        "residual u",
-        "residual v",
+        "sigma u / px",
+        "sigma v / px",
+        "residual u / px",
+        "residual v / px",
         "r u",
         "r v",
         "w",
-        "MDB u",
-        "MDB v",
+        "MDB u / px",
+        "MDB v / px",
     ]);
     for m in record.markers.iter().filter(|m| m.used) {
         grid.push(observation_row(m));

@@ -24,10 +24,10 @@ pub struct Args {
     #[arg(long = "gusts", value_name = "SECONDS")]
     pub seconds: Option<f64>,
     /// Frames a second
-    #[arg(long, default_value_t = 10.0, requires = "seconds")]
+    #[arg(long, default_value_t = 10.0, value_name = "HZ", requires = "seconds")]
     rate_hz: f64,
     /// Lift of each of three gusts, m
-    #[arg(long, default_value_t = 0.15, requires = "seconds")]
+    #[arg(long, default_value_t = 0.15, value_name = "M", requires = "seconds")]
     gust: f64,
 }
 

@@ -27,11 +27,26 @@ pub struct Args {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Tip lift of each flight frame, m
-    #[arg(long, value_delimiter = ',', allow_hyphen_values = true, default_value = "2.6,2.3,2.0,1.7,1.4")]
+    #[arg(
+        long,
+        value_delimiter = ',',
+        allow_hyphen_values = true,
+        default_value = "2.6,2.3,2.0,1.7,1.4",
+        value_name = "M,M"
+    )]
     tip_lifts: Vec<f64>,
     /// Light of the flight frames in turn: plain, gradient, shadow, glare, dusk, backlight, haze
-    #[arg(long, value_delimiter = ',', default_value = "plain", value_parser = light)]
+    #[arg(long, value_delimiter = ',', default_value = "plain", value_name = "LIGHT,LIGHT", value_parser = light)]
     lights: Vec<Light>,
+    /// Markers missing in each flight frame
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    hide: usize,
+    /// Change of the load's shape over the flight, e.g. 0.05
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true, value_name = "SHARE")]
+    shape_change: f64,
+    /// The camera is mounted anew before this flight frame, counted from 1
+    #[arg(long, value_name = "N")]
+    remount: Option<usize>,
     #[command(flatten)]
     gusts: gusts::Args,
     #[command(flatten)]
@@ -40,15 +55,6 @@ pub struct Args {
     picture: PictureArgs,
     #[command(flatten)]
     board: BoardArgs,
-    /// Markers missing in each flight frame
-    #[arg(long, default_value_t = 0, value_name = "N")]
-    hide: usize,
-    /// Change of the load's shape over the flight, e.g. 0.05
-    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
-    shape_change: f64,
-    /// The camera is mounted anew before this flight frame, counted from 1
-    #[arg(long, value_name = "N")]
-    remount: Option<usize>,
 }
 
 /// Pictures of a board by the same camera
@@ -68,40 +74,40 @@ struct BoardArgs {
 #[command(next_help_heading = "Random wing (not with --installation)")]
 struct WingArgs {
     /// Side of the wing [default: by seed]
-    #[arg(long, value_parser = side)]
+    #[arg(long, value_name = "left|right", value_parser = side)]
     side: Option<Side>,
     /// Length of the wing, m
-    #[arg(long)]
+    #[arg(long, value_name = "M")]
     length: Option<f64>,
     /// Markers, the pair at the tip included
-    #[arg(long)]
+    #[arg(long, value_name = "N")]
     markers: Option<usize>,
     /// How many of them are quadrants
-    #[arg(long)]
+    #[arg(long, value_name = "N")]
     quadrants: Option<usize>,
     /// Diameter of the markers, m
-    #[arg(long)]
+    #[arg(long, value_name = "M")]
     diameter: Option<f64>,
     /// Camera above the skin at the root, m
-    #[arg(long)]
+    #[arg(long, value_name = "M")]
     camera_height: Option<f64>,
     /// Marks rigid to the cabin, 0 to 4, in the frame's corners
-    #[arg(long, value_parser = clap::value_parser!(u8).range(0..=4))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=4))]
     fixed_marks: Option<u8>,
     /// Noise of the survey, m
-    #[arg(long)]
+    #[arg(long, value_name = "M")]
     survey_sigma: Option<f64>,
     /// Clutter on the skin: 1 usual, 0 none
-    #[arg(long)]
+    #[arg(long, value_name = "FACTOR")]
     clutter: Option<f64>,
     /// Size of the frames, px
     #[arg(long, num_args = 2, value_names = ["WIDTH", "HEIGHT"])]
     size: Option<Vec<u32>>,
     /// Camera constant, px
-    #[arg(long)]
+    #[arg(long, value_name = "PX")]
     focal: Option<f64>,
-    /// Distortion k1,k2,k3,p1,p2
-    #[arg(long, value_delimiter = ',', num_args = 5, allow_hyphen_values = true)]
+    /// Distortion
+    #[arg(long, value_delimiter = ',', num_args = 5, value_names = ["K1", "K2", "K3", "P1", "P2"], allow_hyphen_values = true)]
     distortion: Option<Vec<f64>>,
 }
 
@@ -110,13 +116,13 @@ struct WingArgs {
 #[command(next_help_heading = "Picture")]
 struct PictureArgs {
     /// Standard deviation of the point spread, px
-    #[arg(long, default_value_t = 0.8)]
+    #[arg(long, default_value_t = 0.8, value_name = "PX")]
     blur: f64,
     /// Movement during the exposure, px
     #[arg(long, num_args = 2, value_names = ["U", "V"], allow_hyphen_values = true)]
     motion: Option<Vec<f64>>,
     /// Noise at white, grey levels
-    #[arg(long, default_value_t = 1.5)]
+    #[arg(long, default_value_t = 1.5, value_name = "LEVELS")]
     noise: f64,
     /// Exponent of the tone curve
     #[arg(long, default_value_t = 2.2)]

@@ -118,14 +118,17 @@ fn tiles(summaries: &[SeriesSummary]) -> Markup {
     let largest = with_lift.max_by(|a, b| a.1.value.total_cmp(&b.1.value));
     let (lift, sigma) = rounded(largest.map(|l| l.1.value), largest.and_then(|l| l.1.sigma), 3);
     let at = largest.map_or(String::new(), |(s, _)| format!("; series {}, {} UTC", s.name, s.begun_text()));
-    let change = lifts.first().zip(lifts.last()).filter(|_| lifts.len() > 1).map(|(a, b)| b.value - a.value);
+    // What both series share (survey, mounting) cancels, so the root of the squares is the most it can be.
+    let ends = lifts.first().zip(lifts.last()).filter(|_| lifts.len() > 1);
+    let both = ends.and_then(|(a, b)| Some(a.sigma?.hypot(b.sigma?)));
+    let (change, sigma_change) = rounded(ends.map(|(a, b)| b.value - a.value), both, 3);
     let sum = |f: fn(&SeriesSummary) -> usize| summaries.iter().map(f).sum::<usize>();
     let (frames, solved) = (sum(|s| s.shots), sum(|s| s.solved));
     let (passed, made) = (sum(|s| s.tests_passed), sum(|s| s.tests_made));
     html! {
         div.tiles {
             div.tile { b { (lift) @if sigma != NONE { " ± " (sigma) } " m" } span { "largest tip lift, mean of a series ± 1 sigma" (at) } }
-            div.tile { b { (fixed(change, 3)) " m" } span { "change of the tip lift, first to last series" } }
+            div.tile { b { (change) @if sigma_change != NONE { " ± " (sigma_change) } " m" } span { "change of the tip lift, first to last series ± 1 sigma at most" } }
             div.tile.warn[solved < frames] { b { (solved) " of " (frames) } span { "frames solved, in " (summaries.len()) " series" } }
             div.tile.warn[passed < made] { b { (passed) " of " (made) } span { "global tests passed" } }
         }
