@@ -57,7 +57,12 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
     ("upload", &["wingd upload store --to file:///srv/wings --aircraft D-ABCD"]),
     ("prune", &["wingd prune store --verified-copy copy --dry-run"]),
     ("demo", &["wingd demo --output demo"]),
-    ("simulate", &["wingd simulate --output practice --seed 4 --tip-lifts 2.4,1.8 --board board.toml"]),
+    (
+        "simulate",
+        &[
+            "wingd simulate --output practice --seed 4 --size 1600 1200 --focal 1400 --tip-lifts 2.4,1.8 --board board.toml",
+        ],
+    ),
     ("completions", &["wingd completions bash > wingd.bash"]),
 ];
 
