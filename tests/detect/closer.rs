@@ -1,4 +1,4 @@
-//! Promise: with the sizes that the orientation foretells, markers that glare hides in part are found, nearer to the truth,
+//! Promise: with the sizes that the orientation predicts, markers that glare hides in part are found, nearer to the truth,
 //! and say how near.
 
 use nalgebra::{Cholesky, Matrix2, Matrix3, Vector2};

@@ -160,7 +160,7 @@ fn hold(name: &str, mut set: Set, worse_by: f64) -> (usize, f64) {
 #[test]
 fn the_independent_set_is_measured_as_promised() {
     let (missed, circles) = hold("dev", set("dev", |bytes, _| bytes), 1.0);
-    // The sheet of M20 lies over half of M18, and over most of it in the ground frame: with its size known it is measured
+    // The decal of M20 lies over half of M18, and over most of it in the ground frame: with its size known it is measured
     // all the same. Without that it is missed there and off by 0.3 px in flight, which makes 0.13 px of all circles.
     assert!(missed == 0 && circles < 0.1, "{missed} missed, {circles} px");
 }

@@ -23,24 +23,24 @@ fn with_glare(
 fn a_disc_that_ends_in_glare_is_measured_and_says_how_well() {
     let discs = discs();
     // The middle one of the second row.
-    let drowned = discs[4];
+    let occluded = discs[4];
     let mut square = 0.0;
     for (seed, share) in [0.35f64, 0.2, 0.05].into_iter().enumerate() {
-        let from = drowned[0] + share * drowned[2] + 0.3 * (drowned[1] - 200.0);
+        let from = occluded[0] + share * occluded[2] + 0.3 * (occluded[1] - 200.0);
         let scene = with_glare(on_skin(&discs, 160.0, 55.0), 420.0, [from, from + 80.0], 3.0);
         let markers = detect(&picture(scene, 0.9, 1.5, seed as u64)).markers;
-        let (m, error) = nearest(&markers, drowned).expect("the disc is found");
+        let (m, error) = nearest(&markers, occluded).expect("the disc is found");
         println!("glare from {share}: {error:.2?}, variances {:.3?}", m.covariance_px2.diagonal());
         assert!(error.norm() < 2.0, "glare from {share}: off by {error}");
         square += normalised_square(m, error) / 3.0;
         assert!(nearest(&markers, discs[3]).is_some_and(|(_, error)| error.norm() < 0.3), "its neighbour");
     }
     assert!(square.sqrt() < 2.0, "{} standard deviations", square.sqrt());
-    // Of what is drowned as a whole, nothing is said.
-    let from = drowned[0] - 0.7 * drowned[2] + 0.3 * (drowned[1] - 200.0);
+    // Of what is hidden as a whole, nothing is said.
+    let from = occluded[0] - 0.7 * occluded[2] + 0.3 * (occluded[1] - 200.0);
     let scene = with_glare(on_skin(&discs, 160.0, 55.0), 420.0, [from, from + 90.0], 3.0);
     let markers = detect(&picture(scene, 0.9, 1.5, 9)).markers;
-    let near = |m: &&Detection| (m.centre_px - Vector2::new(drowned[0], drowned[1])).norm() < drowned[2];
+    let near = |m: &&Detection| (m.centre_px - Vector2::new(occluded[0], occluded[1])).norm() < occluded[2];
     assert_eq!(markers.iter().find(near), None);
 }
 
@@ -90,8 +90,8 @@ fn a_disc_whose_end_is_saturated_is_not_taken_for_a_shorter_one() {
     }
 }
 
-/// What an orientation would foretell of discs, to a pixel.
-fn foretold(discs: &[Ellipse], found: &[Detection]) -> Vec<Expected> {
+/// What an orientation would predict of discs, to a pixel.
+fn expected_discs(discs: &[Ellipse], found: &[Detection]) -> Vec<Expected> {
     let expected = |&[x, y, a, b, angle]: &Ellipse| {
         let at = Vector2::new(x, y);
         let prediction = Prediction {
@@ -120,7 +120,7 @@ fn a_disc_that_glare_hides_but_for_its_ends_is_found_with_its_size_known() {
         let scene = with_glare(on_skin(&discs, 160.0, 55.0), 420.0, columns, 2.0);
         let image = picture(scene, 0.9, 1.5, seed as u64);
         let mut found = detect(&image);
-        look_closer(&image, &mut found, &foretold(&discs, &detect(&image).markers));
+        look_closer(&image, &mut found, &expected_discs(&discs, &detect(&image).markers));
         let (m, error) = nearest(&found.markers, discs[4]).expect("the disc is found");
         println!("glare at {band:?}: {error:.3?}, variances {:.4?}", m.covariance_px2.diagonal());
         assert!(error.norm() < 0.6, "glare at {band:?}: off by {error}");
@@ -137,7 +137,7 @@ fn of_a_disc_that_glare_hides_as_a_whole_nothing_is_said_though_its_size_is_know
     let scene = with_glare(on_skin(&discs, 160.0, 55.0), 420.0, columns, 2.0);
     let image = picture(scene, 0.9, 1.5, 1);
     let mut found = detect(&image);
-    look_closer(&image, &mut found, &foretold(&discs, &detect(&image).markers));
+    look_closer(&image, &mut found, &expected_discs(&discs, &detect(&image).markers));
     let near = |m: &&Detection| (m.centre_px - Vector2::new(x, y)).norm() < a;
     assert_eq!(found.markers.iter().find(near), None);
     assert!(found.markers.len() >= 7, "{} others are found", found.markers.len());

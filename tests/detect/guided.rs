@@ -8,7 +8,7 @@ use wingd::measure::detect::{Detection, Prediction};
 use wingd::measure::identify;
 use wingd::pipeline::stages::{Sighting, detect_only, detect_predicted};
 
-/// A frame of a fixture with all that it shows, and its surveyed markers foretold some pixels off.
+/// A frame of a fixture with all that it shows, and its surveyed markers seen some pixels off.
 struct Case {
     name: String,
     bytes: Vec<u8>,
@@ -61,8 +61,8 @@ fn what_was_seen_is_found_again_with_the_same_answer() {
         let guided = detect_predicted(&case.name, &case.bytes, None, &case.predictions);
         let stages: Vec<&str> = guided.stages.iter().map(|s| s.name).collect();
         assert_eq!(stages, ["decode", "detect"], "{}: the whole frame was searched after all", case.name);
-        let foretold = case.predictions.iter().filter(|p| p.seen).count();
-        assert!(guided.detections.markers.len() >= foretold, "{}", case.name);
+        let seen = case.predictions.iter().filter(|p| p.seen).count();
+        assert!(guided.detections.markers.len() >= seen, "{}", case.name);
         for marker in &guided.detections.markers {
             let same = (case.whole.detections.markers.iter())
                 .find(|m| (m.centre_px - marker.centre_px).norm() < 3.0)

@@ -10,6 +10,7 @@ mod calibration;
 mod closer;
 #[path = "../common/mod.rs"]
 mod common;
+mod decals;
 mod dirt;
 mod fixtures;
 mod glare;
@@ -19,5 +20,4 @@ mod motion;
 mod near;
 mod render_truth;
 mod robustness;
-mod sheets;
 mod sweep;

@@ -33,11 +33,11 @@ const HORIZON: f64 = -1530.0;
 fn quadrants_that_are_not_centred_in_their_outline_are_found() {
     // On the skin, m: aside and ahead, and the radius. Their outline's centre is 8 px below their own.
     let [aside, ahead, radius] = [0.02, 2.58, 0.17];
-    let sheet: Ellipse = [aside, ahead, radius, radius, 0.0];
-    let on_sheet = quadrants(sheet, 0.6, [160.0, 60.0, 225.0]);
+    let target: Ellipse = [aside, ahead, radius, radius, 0.0];
+    let on_target = quadrants(target, 0.6, [160.0, 60.0, 225.0]);
     let scene = |x: f64, y: f64| {
         let away = FOCAL * HEIGHT_M / (y - HORIZON);
-        on_sheet((x - 0.5 * WIDTH as f64) * away / FOCAL, away)
+        on_target((x - 0.5 * WIDTH as f64) * away / FOCAL, away)
     };
     let centre = [0.5 * WIDTH as f64 + FOCAL * aside / ahead, HORIZON + FOCAL * HEIGHT_M / ahead];
     assert!(centre[1] > 100.0 && centre[1] < HEIGHT as f64 - 100.0);
@@ -78,9 +78,9 @@ fn what_is_seen_from_little_above_the_skin_is_found() {
         [700.2, 140.4, 90.0, 2.4, -0.09],
     ];
     let target: Ellipse = [420.3, 260.6, 74.0, 3.5, 0.12];
-    let on_sheet = quadrants(target, 0.75, [160.0, 90.0, 215.0]);
+    let on_target = quadrants(target, 0.75, [160.0, 90.0, 215.0]);
     let discs = on_skin(&flat, 160.0, 90.0);
-    let scene = |x: f64, y: f64| if within(target, x, y) { on_sheet(x, y) } else { discs(x, y) };
+    let scene = |x: f64, y: f64| if within(target, x, y) { on_target(x, y) } else { discs(x, y) };
     for seed in 0..3 {
         let image = picture(scene, 1.0, 1.5, seed);
         measured(&image, target, 6.0);

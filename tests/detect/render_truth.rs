@@ -54,7 +54,7 @@ fn the_truth_hangs_together() {
 }
 
 #[test]
-fn glare_drowns_only_what_it_covers() {
+fn glare_hides_only_what_it_covers() {
     let scene = scene(2, Side::Right);
     let seen = |light| {
         let truth = scene.truth(&scene.flight_shot(2.0, light, 8));

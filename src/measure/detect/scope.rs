@@ -167,8 +167,8 @@ pub fn may_show_part_of(seen: &Ellipse, predictions: &[Prediction]) -> bool {
 pub fn matched(found: &[&Detection], predictions: &[Prediction]) -> (Vec<bool>, Vec<bool>) {
     let mut pairs = Vec::new();
     for (i, prediction) in predictions.iter().enumerate().filter(|(_, p)| p.ellipse().is_some()) {
-        let like = found.iter().enumerate().filter(|(_, d)| prediction.is_like(d));
-        pairs.extend(like.map(|(j, d)| (prediction.distance(&d.centre_px), i, j)));
+        let alike = found.iter().enumerate().filter(|(_, d)| prediction.is_like(d));
+        pairs.extend(alike.map(|(j, d)| (prediction.distance(&d.centre_px), i, j)));
     }
     pairs.sort_by(|one, other| one.0.total_cmp(&other.0));
     let (mut taken, mut there) = (vec![false; found.len()], vec![false; predictions.len()]);

@@ -39,7 +39,7 @@ pub fn distinct(found: &mut Found) {
 }
 
 /// Turns down quadrants in which two discs were found with skin between them: the black of quadrants meets. One of the two
-/// was seen badly, else the pair was known for discs before it was measured (`Whole::are_discs`); but no
+/// was seen badly, else the pair was known for discs before it was measured (`WholeDiscs::are_discs`); but no
 /// worse than the quadrants, as their black parts are that pass for discs.
 fn without_rows_of_discs(found: &mut Found) {
     let discs = found.measured.iter().map(|m| &m.detection).filter(|d| d.shape == Shape::Circle);
@@ -124,8 +124,8 @@ pub fn without_size_outliers(found: &mut Found) {
             .iter()
             .map(|m| &m.detection)
             .filter(|d| d.semi_major_px > CONSISTENCY.longer * semi_major_px);
-        let foretold = || neighbours::predicted_major(larger, centre_px);
-        semi_major_px < least || foretold().is_some_and(|(major, _)| major > CONSISTENCY.gap * semi_major_px)
+        let predicted = || neighbours::predicted_major(larger, centre_px);
+        semi_major_px < least || predicted().is_some_and(|(major, _)| major > CONSISTENCY.gap * semi_major_px)
     };
     let all = found.measured.iter().enumerate();
     let size_outliers: Vec<usize> = all.filter(|(_, m)| is_size_outlier(m)).map(|(i, _)| i).collect();

@@ -14,7 +14,7 @@ pub fn factor(measured: &[Measured]) -> f64 {
 }
 
 /// Raises a covariance by that, in the directions in which its own residuals do not show more. One marker alone shows it
-/// only where it is gross (`blocks.rs`): it has few blocks.
+/// only where it is gross (`estimate/sandwich.rs`): it has few blocks.
 pub fn raise(marker: &mut Measured, factor: f64) {
     let covariance = &mut marker.detection.covariance_px2;
     if let Some((raised, _)) = at_least(&(marker.white * factor), covariance, 1.0).filter(|_| factor > 1.0) {

@@ -19,7 +19,7 @@ struct Edges {
     by_own: [f32; 2],
 }
 
-/// Share and derivatives at one place: c, s, t, FIRST, SECOND, THIRD, BLUR, EGG.
+/// Share and derivatives at one place: c, s, t, FIRST, SECOND, THIRD, BLUR, TAPER.
 type One = [f32; 8];
 
 /// The blurred share between two crossing edges `t = +-f s + k s^2`, `f <= 1`, around the s axis; motion blurs one of them

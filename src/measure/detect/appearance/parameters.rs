@@ -53,7 +53,7 @@ pub enum Pattern {
     WhiteAlong,
 }
 
-/// Share of black and its derivatives by s, t, FIRST, SECOND, THIRD, BLUR and EGG.
+/// Share of black and its derivatives by s, t, FIRST, SECOND, THIRD, BLUR and TAPER.
 #[derive(Clone, Debug, Default)]
 pub struct Share {
     pub c: Lanes,

@@ -158,7 +158,7 @@ impl Last<'_> {
     /// The answer at a place that the first geometry told.
     fn measure(&self, place: &Hypothesis) -> Result<Measured, RejectReason> {
         let Self { image, blobs, hypothesis, bounds, near, scale, floor } = *self;
-        // What is known of a disc from its like beside it is known beforehand.
+        // What is known of a disc from a twin beside it is known beforehand.
         let (mut unknowns, bends) = unknowns(if hypothesis.prior.twin { hypothesis } else { place });
         unknowns.free[GAMMA] &= contrast(&near) > MEASURE.tells_gamma * near[LIGHT];
         let (masked, all) = if hypothesis.is_under_decal() {

@@ -109,7 +109,7 @@ pub struct PriorOptions {
     /// How far the blurs of quadrants' edges differ from their mean, as a share: motion blurs them by their
     /// direction. `tests/detect/motion.rs`.
     pub uneven_blur: f64,
-    /// How far the directions of twins differ, rad. Chosen, as the next two; `tests/detect/sheets.rs`.
+    /// How far the directions of twins differ, rad. Chosen, as the next two; `tests/detect/decals.rs`.
     pub twin_angle_rad: f64,
     /// The same of their lengths, as a share.
     pub twin_major: f64,

@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn the_line_in_which_a_blob_ends_tells_how_a_sheet_lies() {
+    fn the_line_in_which_a_blob_ends_tells_how_a_decal_lies() {
         for slope in [-0.2, -0.1, -0.05, 0.05, 0.1, 0.2f64] {
             let angle = seen(slope).expect("a slanting line");
             assert!((angle - slope.atan()).abs() < 0.012, "{slope}: {angle}");

@@ -3,12 +3,12 @@
 /// Decals that may lie over a marker.
 pub struct DecalOptions {
     /// How far a decal reaches beyond its print, before and behind it, px. The decals of the rendered sets, seen
-    /// from the cabin; `tests/detect/sheets.rs`.
+    /// from the cabin; `tests/detect/decals.rs`.
     pub margin_px: f64,
     /// Points of a blob's contour of which a line is made, about. A bound on time: all pairs of them are tried.
     pub line_points: usize,
     /// Points that must lie on the line in which a decal cuts a blob. Chosen; the slanted decals of
-    /// `tests/detect/sheets.rs`.
+    /// `tests/detect/decals.rs`.
     pub line_support: usize,
     /// Least distance of the two points that a line is drawn through, px. Derived: contours are told to half a
     /// pixel, so that the direction is told to 0.06 rad before all points refine it.

@@ -42,23 +42,25 @@ pub fn beside(
 pub fn under(
     image: &Raster,
     blob: &Blob,
-    like: &Ellipse,
+    neighbour: &Ellipse,
     axis: Vector2<f64>,
     major: (f64, f64),
     blur: f64,
 ) -> Option<Hypothesis> {
-    let minor = like.minor / like.major * major.0;
-    let shape = Ellipse { centre: blob.centroid, major: major.0, minor, angle: like.angle };
-    let decal = Decal::over(axis, print_of(like, axis), bounds_of(blob, axis), [0.0, DECAL_CUT.cut_px]);
+    let minor = neighbour.minor / neighbour.major * major.0;
+    let shape = Ellipse { centre: blob.centroid, major: major.0, minor, angle: neighbour.angle };
+    let decal = Decal::over(axis, print_of(neighbour, axis), bounds_of(blob, axis), [0.0, DECAL_CUT.cut_px]);
     let seen: Vec<Vector2<f64>> = contour(blob).into_iter().filter(|at| !decal.holds(at)).collect();
-    let centre = centre_of(&shape, &seen, like.centre)?;
-    let slope =
-        Slope { minor: (minor, DECAL_CUT.same_minor * minor), angle: (like.angle, DECAL_CUT.same_angle_rad) };
+    let centre = centre_of(&shape, &seen, neighbour.centre)?;
+    let slope = Slope {
+        minor: (minor, DECAL_CUT.same_minor * minor),
+        angle: (neighbour.angle, DECAL_CUT.same_angle_rad),
+    };
     let ellipse = Ellipse { centre, ..shape };
     let mut whole = Hypothesis::of(Pattern::Disc, ellipse, Vec::new());
     whole.prior.size = Some(SizePrior { major, slope: Some(slope) });
     let covered = ellipse.share(|at| decal.holds(at));
-    if covered < DECAL_CUT.covered_alone { beside(image, &whole, &[*like], axis, blur) } else { None }
+    if covered < DECAL_CUT.covered_alone { beside(image, &whole, &[*neighbour], axis, blur) } else { None }
 }
 
 /// Where an ellipse of known shape lies through points of its rim, on the side of its neighbour.
@@ -162,9 +164,9 @@ mod tests {
     }
 
     #[test]
-    fn a_sheet_hides_what_lies_between_its_print_and_the_last_black() {
+    fn a_decal_hides_what_lies_between_its_print_and_the_last_black() {
         let other = |y: f64| Ellipse { centre: Vector2::new(95.0, y), ..EXPECTED };
-        let seen = hidden(other(61.0), 51).expect("a sheet lies over it");
+        let seen = hidden(other(61.0), 51).expect("a decal lies over it");
         // The last black is row 50; two blurs before its edge at 50.5 are left out.
         let want =
             [55.0 - DECAL_CUT.side_px, 50.5 - DECAL_CUT.edge_blurs, 135.0 + DECAL_CUT.side_px, 61.0 + 13.0];

@@ -102,7 +102,7 @@ fn together(
     Some(Hypothesis { ellipse, blobs, ..hypothesis.clone() }.with_glare(bands))
 }
 
-/// What glare has left of a blob; `None` where no end of it is drowned.
+/// What glare has left of a blob; `None` where no end of it lies in glare.
 fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
     let ellipse = Ellipse::of(blob);
     let axis = ellipse.axis();

@@ -127,7 +127,7 @@ pub struct MomentsOptions {
 /// The numbers in use.
 pub const MOMENTS: MomentsOptions = MomentsOptions { white_over_black: 2.0 };
 
-/// What a decal leaves of a disc. Chosen on drawn and rendered decals; `tests/detect/sheets.rs` holds them.
+/// What a decal leaves of a disc. Chosen on drawn and rendered decals; `tests/detect/decals.rs` holds them.
 pub struct DecalCutOptions {
     /// Share of a disc's outline that a decal must lie over.
     pub touches: f64,
@@ -187,7 +187,7 @@ pub struct GlareCutOptions {
 /// The numbers in use.
 pub const GLARE_CUT: GlareCutOptions = GlareCutOptions { reach_px: 3.0, step: 0.6, left: 40 };
 
-/// The ellipse through a part of a contour. Chosen on `fixtures/dev` and drawn decals; `tests/detect/sheets.rs`
+/// The ellipse through a part of a contour. Chosen on `fixtures/dev` and drawn decals; `tests/detect/decals.rs`
 /// holds them.
 pub struct PartialOptions {
     /// How far a cut edge is blurred into what it leaves, px.

@@ -45,9 +45,9 @@ pub fn completed(
     let alike = (near.iter())
         .filter(|(o, _)| is_ellipse(o))
         .min_by(|a, b| distance(a.0, blob).total_cmp(&distance(b.0, blob)));
-    let (like, free) = alike.map_or((blob, true), |(o, _)| (*o, false));
-    let mut ellipse = if free { any_ellipse(&seen, like) } else { same_ellipse(&seen, like) }?;
-    let size = Ellipse::of(like).major;
+    let (twin, free) = alike.map_or((blob, true), |(o, _)| (*o, false));
+    let mut ellipse = if free { any_ellipse(&seen, twin) } else { same_ellipse(&seen, twin) }?;
+    let size = Ellipse::of(twin).major;
     let same_size = !free && (ellipse.major / size - 1.0).abs() < PARTIAL.same_size;
     if same_size {
         ellipse.major = size;
@@ -102,9 +102,9 @@ pub fn any_ellipse(points: &[Vector2<f64>], blob: &Blob) -> Option<Ellipse> {
     Some(Ellipse::from_moments(blob.centroid + back * centre, back * moments * back.transpose(), 1.0))
 }
 
-/// The ellipse through the points that has the axis ratio and direction of `like`.
-fn same_ellipse(points: &[Vector2<f64>], like: &Blob) -> Option<Ellipse> {
-    let whiten = whitening(like)?;
+/// The ellipse through the points that has the axis ratio and direction of `twin`.
+fn same_ellipse(points: &[Vector2<f64>], twin: &Blob) -> Option<Ellipse> {
+    let whiten = whitening(twin)?;
     let middle = points.iter().sum::<Vector2<f64>>() / points.len() as f64;
     let (mut normal, mut right) = (Matrix3::identity() * 1e-9, Vector3::zeros());
     for p in points {

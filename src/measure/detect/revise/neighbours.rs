@@ -54,17 +54,17 @@ pub fn revise_with_size(known: &WholeDiscs, found: &mut Found, hidden: Vec<(Opti
         shifts.iter().for_each(|shift| hypothesis.ellipse.centre += shift);
         hypothesis.ellipse.major = major;
         hypothesis.prior.size = Some(SizePrior::of_major((major, deviation)));
-        let like = |m: &Measured| is_as_long(m, (major, deviation), NEIGHBOUR.unlike_sigmas);
-        let again = measure(known.image, known.blobs, &hypothesis, bounds).ok().filter(like);
+        let fits = |m: &Measured| is_as_long(m, (major, deviation), NEIGHBOUR.unlike_sigmas);
+        let again = measure(known.image, known.blobs, &hypothesis, bounds).ok().filter(fits);
         let slot = index.and_then(|i| found.measured.get_mut(i));
         // Whole discs may lie beside what is saturated.
-        if slot.as_ref().is_some_and(|slot| slot.is_whole && slot.is_sure() && like(slot)) {
+        if slot.as_ref().is_some_and(|slot| slot.is_whole && slot.is_sure() && fits(slot)) {
             continue;
         }
         match (again, slot) {
             (Some(again), Some(slot)) => *slot = again,
             (Some(again), None) => found.measured.push(again),
-            (None, Some(slot)) if !like(slot) => wrong.extend(index),
+            (None, Some(slot)) if !fits(slot) => wrong.extend(index),
             (None, _) => {}
         }
     }

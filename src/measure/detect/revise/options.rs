@@ -15,7 +15,7 @@ pub struct NeighbourOptions {
     pub enough: usize,
     /// How far blurs differ from one marker to another, as a share. Chosen: one lens blurs all alike.
     pub same_blur: f64,
-    /// How far darkness differs. Chosen: one print, in like light.
+    /// How far darkness differs. Chosen: one print, in the same light.
     pub same_dark: f64,
     /// Semi-minor axis below which a marker does not tell blur and darkness apart, blurs. Chosen;
     /// `tests/detect/robustness.rs`.
@@ -38,7 +38,7 @@ pub const NEIGHBOUR: NeighbourOptions = NeighbourOptions {
 };
 
 /// Discs over which the decal of one beside them lies. Chosen on drawn and rendered decals;
-/// `tests/detect/sheets.rs` holds them.
+/// `tests/detect/decals.rs` holds them.
 pub struct UnderDecalOptions {
     /// How far a disc may be whose decal hides another one, in its semi-major axes.
     pub beside: f64,
@@ -86,7 +86,7 @@ pub struct OrientationOptions {
     /// Discs that tell it at least.
     pub enough: usize,
     /// How many of those alike tell what the skin's slope does.
-    pub like: usize,
+    pub alike: usize,
     /// How far predicted major axes fail at least, as a share: diameter over distance, and prints differ by as
     /// much.
     pub major: f64,
@@ -127,7 +127,7 @@ pub const ORIENTATION: OrientationOptions = OrientationOptions {
     hidden_px2: 0.01,
     sure_px2: 0.08,
     enough: 3,
-    like: 5,
+    alike: 5,
     major: 0.0015,
     minor: 0.03,
     angle_rad: 0.015,

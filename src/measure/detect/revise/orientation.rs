@@ -1,4 +1,4 @@
-//! Markers whose outline the orientation predicts. Where glare drowns an end, or where a disc is as thin as the
+//! Markers whose outline the orientation predicts. Where glare hides an end, or where a disc is as thin as the
 //! blur, size and place are told badly together; with the surveyed diameter at the known distance only the place is sought.
 //! Quadrants that glare cuts, or that something dark touches, may look like none any more; within their outline the edges that
 //! are seen tell the crossing.
@@ -56,17 +56,17 @@ impl Sure {
     /// How the sizes of a marker fail: the major axis as all discs tell, the others as those do that are predicted in about the
     /// same direction, for they follow the skin's slope, which is another at the leading edge than at the trailing one.
     fn sizes(&self, expected: &Prediction) -> Sizes {
-        let mut like: Vec<_> = self.0.iter().collect();
+        let mut alike: Vec<_> = self.0.iter().collect();
         let aside = |p: &Prediction| half_turn(p.angle_rad - expected.angle_rad).abs();
-        like.sort_by(|(one, _), (other, _)| aside(one).total_cmp(&aside(other)));
-        let few = like.len().min(ORIENTATION.like);
+        alike.sort_by(|(one, _), (other, _)| aside(one).total_cmp(&aside(other)));
+        let few = alike.len().min(ORIENTATION.alike);
         let spread = |count: usize, value: &dyn Fn(&Prediction, &Detection) -> f64, least: f64| {
-            let all: Vec<f64> = like[..count].iter().map(|(p, d)| value(p, d)).collect();
+            let all: Vec<f64> = alike[..count].iter().map(|(p, d)| value(p, d)).collect();
             let usual = middle(all.clone()).filter(|_| all.len() >= ORIENTATION.enough);
             let off = usual.and_then(|usual| middle(all.iter().map(|v| (v - usual).abs()).collect()));
             Some((usual?, least.max(1.5 * off?)))
         };
-        let major = spread(like.len(), &|p, d| d.semi_major_px / p.semi_major_px, ORIENTATION.major);
+        let major = spread(alike.len(), &|p, d| d.semi_major_px / p.semi_major_px, ORIENTATION.major);
         let minor = spread(few, &|p, d| d.semi_minor_px / p.semi_minor_px, ORIENTATION.minor);
         let angle = spread(few, &|p, d| half_turn(d.angle_rad - p.angle_rad), ORIENTATION.angle_rad);
         Sizes {
@@ -78,7 +78,7 @@ impl Sure {
 }
 
 impl Sizes {
-    /// The hypothesis of an expected marker, with glare reaching so much farther than it is seen (`FRINGES`).
+    /// The hypothesis of an expected marker, with glare reaching so much farther than it is seen (`ORIENTATION.fringes`).
     fn hypothesis(&self, image: &Raster, expected: &Prediction, fringe: f64) -> Option<Hypothesis> {
         let ellipse = expected.ellipse()?;
         let (major, minor) = (self.major.0 * ellipse.major, self.minor.0 * ellipse.minor);
@@ -119,17 +119,18 @@ impl Sizes {
             (along, disc.semi_major_px, self.major, expected.semi_major_px),
             (across, disc.semi_minor_px, self.minor, expected.semi_minor_px),
         ];
-        let inflation = |(axis, size, (ratio, deviation), foretold): (Vector2<f64>, f64, (f64, f64), f64)| {
-            // Both ends tell the size as well as the centre.
-            let chance = axis.dot(&(disc.covariance_px2 * axis)) + (deviation * foretold).powi(2);
-            let off = (size - ratio * foretold).powi(2);
-            axis * axis.transpose()
-                * if off > ORIENTATION.unlike_sigmas * ORIENTATION.unlike_sigmas * chance {
-                    off - chance
-                } else {
-                    0.0
-                }
-        };
+        let inflation =
+            |(axis, size, (ratio, deviation), predicted): (Vector2<f64>, f64, (f64, f64), f64)| {
+                // Both ends tell the size as well as the centre.
+                let chance = axis.dot(&(disc.covariance_px2 * axis)) + (deviation * predicted).powi(2);
+                let off = (size - ratio * predicted).powi(2);
+                axis * axis.transpose()
+                    * if off > ORIENTATION.unlike_sigmas * ORIENTATION.unlike_sigmas * chance {
+                        off - chance
+                    } else {
+                        0.0
+                    }
+            };
         axes.into_iter().map(inflation).sum()
     }
 }

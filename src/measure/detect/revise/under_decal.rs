@@ -23,7 +23,7 @@ struct Part<'a> {
     blob: &'a Blob,
     index: usize,
     /// The disc beside it, whose decal may hide it.
-    like: &'a Measured,
+    neighbour: &'a Measured,
     /// Its semi-major axis and the standard deviation of that, px.
     size: (f64, f64),
     /// What was measured as a disc of that size.
@@ -33,7 +33,7 @@ struct Part<'a> {
 impl Part<'_> {
     /// Whether a disc is too thin beside that one: what a decal leaves that ends along a disc looks like a thinner one.
     fn is_thin(&self, m: &Measured) -> bool {
-        flatness(m) < UNDER_DECAL.thinner * flatness(self.like)
+        flatness(m) < UNDER_DECAL.thinner * flatness(self.neighbour)
     }
 
     /// Whether it was seen as a whole.
@@ -49,16 +49,16 @@ impl Part<'_> {
         });
         better
             && is_as_long(new, self.size, NEIGHBOUR.unlike_sigmas)
-            && same(new.detection.contrast, self.like.detection.contrast, UNDER_DECAL.same_contrast)
-            && !self.like.detection.ellipse().holds(new.detection.centre_px)
+            && same(new.detection.contrast, self.neighbour.detection.contrast, UNDER_DECAL.same_contrast)
+            && !self.neighbour.detection.ellipse().holds(new.detection.centre_px)
     }
 
     /// What the decal leaves of the disc, if it lies along rows or along the line in which the blob ends.
     fn measured(&self, known: &WholeDiscs, wanted: impl Fn(&Hypothesis) -> bool) -> Option<Measured> {
-        let beside = self.like.detection.ellipse();
+        let beside = self.neighbour.detection.ellipse();
         let under = |axis| {
             let hypothesis =
-                decal_cut::under(known.image, self.blob, &beside, axis, self.size, self.like.blur)?;
+                decal_cut::under(known.image, self.blob, &beside, axis, self.size, self.neighbour.blur)?;
             let hypothesis = Some(Hypothesis { blobs: vec![self.index], ..hypothesis }).filter(&wanted)?;
             measure(known.image, known.blobs, &hypothesis, known.bounds)
                 .ok()
@@ -70,12 +70,12 @@ impl Part<'_> {
 }
 
 /// What the place of a disc is doubted by, px^2, that is too thin beside another one: it may lie as far across as it is too thin.
-fn inflation_of_thin(thin: &Measured, like: &Measured) -> Option<(Ellipse, Matrix2<f64>)> {
-    let (ellipse, beside) = (thin.detection.ellipse(), like.detection.ellipse());
+fn inflation_of_thin(thin: &Measured, neighbour: &Measured) -> Option<(Ellipse, Matrix2<f64>)> {
+    let (ellipse, beside) = (thin.detection.ellipse(), neighbour.detection.ellipse());
     let least = if thin.is_whole { UNDER_DECAL.far_thinner } else { UNDER_DECAL.thinner_part };
-    let is_far_thinner =
-        flatness(thin) < least * flatness(like) && same(ellipse.major, beside.major, UNDER_DECAL.same_kind);
-    let off = ellipse.across() * (flatness(like) * ellipse.major - ellipse.minor);
+    let is_far_thinner = flatness(thin) < least * flatness(neighbour)
+        && same(ellipse.major, beside.major, UNDER_DECAL.same_kind);
+    let off = ellipse.across() * (flatness(neighbour) * ellipse.major - ellipse.minor);
     is_far_thinner.then(|| (ellipse, off * off.transpose()))
 }
 
@@ -99,11 +99,12 @@ pub fn revise_under_decals(known: &WholeDiscs, found: &mut Found, wanted: impl F
         let others = found.measured.iter().filter(|m| !m.detection.ellipse().holds(blob.centroid));
         let near = |m: &&Measured| has_decal(m) && decal_cut::meets(blob, &reach(m));
         let apart = |m: &Measured| (m.detection.centre_px - blob.centroid).norm();
-        let like = others.filter(near).min_by(|one, other| apart(one).total_cmp(&apart(other)));
-        let Some(like) = like.filter(|m| apart(m) < UNDER_DECAL.beside * m.detection.semi_major_px) else {
+        let neighbour = others.filter(near).min_by(|one, other| apart(one).total_cmp(&apart(other)));
+        let Some(neighbour) = neighbour.filter(|m| apart(m) < UNDER_DECAL.beside * m.detection.semi_major_px)
+        else {
             continue;
         };
-        let beside = like.detection.ellipse();
+        let beside = neighbour.detection.ellipse();
         let left = blob.area / (std::f64::consts::PI * beside.major * beside.minor);
         let size = if (UNDER_DECAL.left..1.0).contains(&left) {
             predicted_major(found, own, blob.centroid)
@@ -114,7 +115,7 @@ pub fn revise_under_decals(known: &WholeDiscs, found: &mut Found, wanted: impl F
         let part = size.map(|size| Part {
             blob,
             index,
-            like,
+            neighbour,
             size,
             old: slot.filter(|m| is_as_long(m, size, NEIGHBOUR.unlike_sigmas)),
         });
@@ -122,7 +123,7 @@ pub fn revise_under_decals(known: &WholeDiscs, found: &mut Found, wanted: impl F
             continue;
         }
         let Some(measured) = part.and_then(|part| part.measured(known, &wanted)) else {
-            inflations.extend(slot.and_then(|slot| inflation_of_thin(slot, like)));
+            inflations.extend(slot.and_then(|slot| inflation_of_thin(slot, neighbour)));
             continue;
         };
         let ellipse = measured.detection.ellipse();

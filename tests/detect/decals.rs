@@ -1,4 +1,4 @@
-//! Promise: a disc over which the sheet lies that another one is printed on is found, and says how well it is told.
+//! Promise: a disc over which the decal lies that another one is printed on is found, and says how well it is told.
 
 use crate::common::drawn::{Ellipse, discs, nearest, normalised_square, picture, within};
 use wingd::measure::detect::detect;
@@ -6,7 +6,7 @@ use wingd::measure::detect::detect;
 const SKIN: f64 = 190.0;
 const BLACK: f64 = 50.0;
 
-/// Nine whole discs, one more beside the last of them, over which that one's sheet lies, and what this leaves of it: all above
+/// Nine whole discs, one more beside the last of them, over which that one's decal lies, and what this leaves of it: all above
 /// a row at its centre, and a slant of so much.
 fn scene(hidden: Ellipse, beside: Ellipse, [row, slant]: [f64; 2]) -> impl Fn(f64, f64) -> f64 {
     let mut whole = discs().to_vec();
@@ -17,7 +17,7 @@ fn scene(hidden: Ellipse, beside: Ellipse, [row, slant]: [f64; 2]) -> impl Fn(f6
     }
 }
 
-/// The normalised error of a disc that is hidden by a sheet whose edges have some slants.
+/// The normalised error of a disc that is hidden by a decal whose edges have some slants.
 fn normalised_error(slants: &[f64]) -> f64 {
     let (mut squares, mut count) = (0.0, 0);
     for (blur, noise) in [(0.9, 2.0), (1.8, 2.0), (0.9, 5.0)] {
@@ -43,21 +43,21 @@ fn normalised_error(slants: &[f64]) -> f64 {
 }
 
 #[test]
-fn what_a_sheet_leaves_of_a_disc_tells_its_place() {
+fn what_a_decal_leaves_of_a_disc_tells_its_place() {
     let normalised = normalised_error(&[0.0]);
     assert!((0.5..1.4).contains(&normalised), "{normalised} standard deviations");
 }
 
 #[test]
-fn so_does_what_a_slanting_sheet_leaves() {
-    // As the discs slant, and as sheets do that are turned on the skin, or in the picture of a camera that is.
+fn so_does_what_a_slanting_decal_leaves() {
+    // As the discs slant, and as decals do that are turned on the skin, or in the picture of a camera that is.
     let normalised = normalised_error(&[-0.16, 0.06, -0.09, 0.1]);
     assert!((0.5..1.4).contains(&normalised), "{normalised} standard deviations");
 }
 
 #[test]
 fn half_a_disc_is_no_thinner_one() {
-    // What a sheet leaves that ends along the disc looks like an ellipse of half its thickness, 3 px aside.
+    // What a decal leaves that ends along the disc looks like an ellipse of half its thickness, 3 px aside.
     let (hidden, beside) = ([560.4, 372.0, 51.0, 6.0, 0.0], [566.0, 386.5, 51.7, 6.1, 0.0]);
     let mut count = 0;
     for (k, row) in [371.7, 372.4, 373.3, 374.2].into_iter().enumerate() {
