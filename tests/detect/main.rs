@@ -21,3 +21,4 @@ mod render_truth;
 mod robustness;
 mod sheets;
 mod sweep;
+mod time_code;

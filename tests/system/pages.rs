@@ -105,13 +105,14 @@ fn copied(from: &Path, to: &Path) {
 }
 
 /// Examples of the help that need a running recorder or page, another feature, or more than a folder: what runs them.
-const ELSEWHERE: [(&str, &str); 7] = [
+const ELSEWHERE: [(&str, &str); 8] = [
     ("status", "daemon_replay"),
     ("trigger", "daemon_replay"),
     ("serve", "http_pages"),
     ("fetch", "http_fetch"),
     ("upload", "make fleet-test"),
     ("demo", "make demo"),
+    ("time-check", "tests/validation/time_check.py"),
     ("run", "the tutorial"),
 ];
 
