@@ -203,8 +203,11 @@ fn what_shows_no_whole_clock_is_named_and_never_misread() {
         let mut luma = picture.luma().to_vec();
         let (u, v, r) =
             (random.between(350.0, 850.0), random.between(300.0, 600.0), random.between(10.0, 110.0));
-        let (level, share) =
-            if seed % 2 == 0 { (255.0, random.between(0.5, 1.0)) } else { (0.0, random.between(0.5, 1.0)) };
+        let (level, share) = if seed.is_multiple_of(2) {
+            (255.0, random.between(0.5, 1.0))
+        } else {
+            (0.0, random.between(0.5, 1.0))
+        };
         for (k, grey) in luma.iter_mut().enumerate() {
             let (x, y) = ((k % SIZE_PX.0) as f64, (k / SIZE_PX.0) as f64);
             if (x - u).hypot(y - v) < r {

@@ -227,7 +227,7 @@ mod tests {
         let instant = Instant { since_boot_s: 100.5, sigma_s: 0.005, delay_s: 0.02, source };
         let exposure = Exposure::new(&instant, &stamp, Quality::exact());
         let reading = |k: usize| {
-            let late_s = late_s + if k % 2 == 0 { 0.003 } else { -0.003 };
+            let late_s = late_s + if k.is_multiple_of(2) { 0.003 } else { -0.003 };
             Reading {
                 image: format!("{k}"),
                 told: exposure.exposure_time,

@@ -80,7 +80,9 @@ mod tests {
     #[test]
     fn scatter_beyond_the_reading_is_the_delays_own() {
         let jumps = |far: f64| {
-            (0..200).map(|k| (0.05 + if k % 2 == 0 { far } else { -far }, 0.005)).collect::<Vec<_>>()
+            (0..200u32)
+                .map(|k| (0.05 + if k.is_multiple_of(2) { far } else { -far }, 0.005))
+                .collect::<Vec<_>>()
         };
         let found = delay(&jumps(0.02), 0.0).unwrap();
         assert!((found.mean_s - 0.05).abs() < 1e-12);
