@@ -6,7 +6,17 @@ use clap::Command;
 const GROUPS: [(&str, &[&str]); 5] = [
     (
         "Prepare an aircraft",
-        &["init", "plan", "calibrate", "convert", "orient", "mount-check", "check", "camera-test"],
+        &[
+            "init",
+            "plan",
+            "calibrate",
+            "convert",
+            "orient",
+            "mount-check",
+            "check",
+            "camera-test",
+            "time-check",
+        ],
     ),
     ("Record in flight", &["run", "status", "trigger"]),
     ("Evaluate", &["detect", "solve", "compare", "report", "export", "aircraft-data", "stress"]),
@@ -27,6 +37,7 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
     ("mount-check", &["wingd mount-check --installation installation frames/ground.jpg frames/ground.jpg"]),
     ("check", &["wingd check --config wingd.toml", "wingd check --installation installation"]),
     ("camera-test", &["wingd camera-test --config wingd.toml --shots 2 --output look"]),
+    ("time-check", &["wingd time-check --page clock.html", "wingd time-check store --series s000001"]),
     ("run", &["wingd run --config wingd.toml"]),
     ("status", &["wingd status --config wingd.toml --json"]),
     ("trigger", &["wingd trigger --config wingd.toml"]),

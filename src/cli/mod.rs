@@ -33,6 +33,7 @@ mod solve;
 mod solve_store;
 mod status;
 mod stress;
+mod time_check;
 #[cfg(feature = "upload")]
 mod upload;
 mod verify;
@@ -82,6 +83,8 @@ enum Command {
     Convert(convert::Args),
     /// How far the camera moved between frames taken on ground
     MountCheck(mount_check::Args),
+    /// The instant of exposure, from pictures of a clock on a screen
+    TimeCheck(time_check::Args),
     /// Markers in images
     Detect(detect::Args),
     /// The camera's attitude from ground frames: orientation.toml
@@ -178,6 +181,7 @@ pub fn main() -> ExitCode {
         Command::Calibrate(args) => calibrate::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::MountCheck(args) => mount_check::run(&args),
+        Command::TimeCheck(args) => time_check::run(&args),
         Command::Detect(args) => detect::run(&args),
         Command::Orient(args) => orient::run(&args),
         Command::Plan(args) => plan::run(&args),

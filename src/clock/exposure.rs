@@ -73,6 +73,8 @@ pub struct Instant {
     pub since_boot_s: f64,
     /// Standard deviation against this machine's clock, s.
     pub sigma_s: f64,
+    /// From the event that tells it, as it was taken to be, s.
+    pub delay_s: f64,
     /// What it is told by.
     pub source: Source,
 }
@@ -114,27 +116,27 @@ fn anywhere(length: f64) -> f64 {
 /// The middle of the exposure. What is not known counts as anywhere in its bounds: an exposure in a stream is no longer than
 /// a period, nor is the time in which a frame is read out.
 pub fn instant(evidence: &Evidence) -> Instant {
-    let (since_boot_s, sigma_s, source) = match *evidence {
+    let (event_s, delay_s, sigma_s, source) = match *evidence {
         Evidence::StartOfExposure { at_s, exposure_s, period_s, delay } => {
             let (half, sigma) = measured_or(delay, || half_exposure(exposure_s, period_s));
-            (at_s + half, sigma, Source::StartOfExposure)
+            (at_s, half, sigma, Source::StartOfExposure)
         }
         Evidence::EndOfFrame { at_s, exposure_s, period_s, delay } => {
             let (delay, sigma) = measured_or(delay, || {
                 let (half, sigma) = half_exposure(exposure_s, period_s);
                 (-half - 0.5 * period_s, sigma.hypot(anywhere(period_s)))
             });
-            (at_s + delay, sigma, Source::EndOfFrame)
+            (at_s, delay, sigma, Source::EndOfFrame)
         }
         Evidence::Edge { from_s, to_s, delay } => {
             let sigma = anywhere(to_s - from_s).hypot(delay.sigma_s);
-            (0.5 * (from_s + to_s) + delay.seconds, sigma, Source::ReleaseEdge)
+            (0.5 * (from_s + to_s), delay.seconds, sigma, Source::ReleaseEdge)
         }
         Evidence::Between { from_s, to_s } => {
-            (0.5 * (from_s + to_s), anywhere(to_s - from_s), Source::TriggerAndEvent)
+            (from_s, 0.5 * (to_s - from_s), anywhere(to_s - from_s), Source::TriggerAndEvent)
         }
     };
-    Instant { since_boot_s, sigma_s, source }
+    Instant { since_boot_s: event_s + delay_s, sigma_s, delay_s, source }
 }
 
 /// From the event to a driver's stamp, where nobody has measured it, standard deviation, s: an assumption that covers
@@ -165,6 +167,9 @@ pub struct Exposure {
     pub exposure_sigma_s: f64,
     /// What it is told by.
     pub exposure_source: Source,
+    /// From the event that the source names to `exposure_time`, as it was configured or assumed, s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposure_delay_s: Option<f64>,
     /// Standard deviation of UTC itself, s; `null` where it is not synchronised, or nobody says.
     pub clock_sigma_s: Option<f64>,
     /// What the kernel says of its clock.
@@ -184,6 +189,7 @@ impl Exposure {
             exposure_since_boot_s: instant.since_boot_s,
             exposure_sigma_s: instant.sigma_s,
             exposure_source: instant.source,
+            exposure_delay_s: Some(instant.delay_s),
             clock_sigma_s: clock.sigma_s,
             clock,
             camera_clock_offset_s: None,
@@ -249,7 +255,8 @@ mod tests {
             since_boot_s: 50.0,
         };
         let clock = Quality::stated(true, 0.01, 0.003);
-        let told = Instant { since_boot_s: 51.25, sigma_s: 0.004, source: Source::EndOfFrame };
+        let told =
+            Instant { since_boot_s: 51.25, sigma_s: 0.004, delay_s: -0.05, source: Source::EndOfFrame };
         let exposure = Exposure::new(&told, &stamp, clock);
         assert_eq!(exposure.exposure_time, "2026-03-01T06:00:01.25Z".parse().unwrap());
         assert!((exposure.utc_sigma_s().unwrap() - 0.005).abs() < 1e-12);
@@ -257,6 +264,8 @@ mod tests {
         assert_eq!(unknown.utc_sigma_s(), None);
         let asked = Exposure::asked(&stamp, 52.0, clock);
         assert_eq!((asked.exposure_since_boot_s, asked.exposure_source), (51.0, Source::AskedAndDelivered));
+        // What `wingd time-check` replaces, by what it measures.
+        assert_eq!((exposure.exposure_delay_s, asked.exposure_delay_s), (Some(-0.05), Some(1.0)));
     }
 
     proptest! {

@@ -16,3 +16,4 @@ pub mod robust;
 pub mod samples;
 pub mod setup;
 pub mod stress;
+pub mod time_code;

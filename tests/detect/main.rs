@@ -21,3 +21,4 @@ mod near;
 mod render_truth;
 mod robustness;
 mod sweep;
+mod time_code;

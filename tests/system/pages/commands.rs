@@ -11,11 +11,15 @@ use super::{Block, ROOT, blocks, pages};
 const BY_OTHERS: [(&str, &str); 1] = [("docs/fleet.md", "fleet/tests/test_page.py")];
 
 /// How a line of a `console` block begins, and what proves it. Nothing else may stand in one.
-const CONSOLE: [(&str, &str); 7] = [
+const CONSOLE: [(&str, &str); 8] = [
     ("make ", "a target of the Makefile, which `named` looks up"),
     ("cargo test ", "a test that `make test` runs, which `named` looks up"),
     ("cargo build --release --locked --features upload", "make fleet-test builds so"),
     ("python3.11 -m venv venv", "make fleet-test installs so, in a folder of its own"),
+    (
+        "wingd time-check store ",
+        "photographs of a clock: tests/detect/time_code.rs, tests/validation/time_check.py",
+    ),
     ("rclone ", "not run: needs a remote of one's own"),
     ("python3 tests/validation/rendered_sets.py ", "not run: minutes a set; `named` looks the file up"),
     (
@@ -94,9 +98,10 @@ fn examples(wanted: impl Fn(&str) -> bool) -> impl Iterator<Item = &'static str>
     of.flat_map(|(_, lines)| lines.iter().copied())
 }
 
-/// What asks the recorder, or needs a page; `upload` is in no program that `make test` builds (make fleet-test).
+/// What asks the recorder, or needs a page; `upload` is in no program that `make test` builds (make fleet-test), and
+/// `time-check` needs photographs of a clock (tests/validation/time_check.py).
 const RECORDER: [&str; 2] = ["status", "trigger"];
-const BESIDE: [&str; 2] = ["serve", "upload"];
+const BESIDE: [&str; 3] = ["serve", "upload", "time-check"];
 
 /// The tutorial's recorder without its end, in live mode, with signatures.
 fn record(folder: &Path) {

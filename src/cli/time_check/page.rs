@@ -1,0 +1,38 @@
+//! The page that shows the clock: one file, no server.
+
+use crate::measure::time_code::{
+    BITS, COUNT_BITS, DISC_RADIUS, DISCS, FAST_BITS, HAMMING, SIZE, TICK_MS, cell,
+};
+
+const PAGE: &str = include_str!("page.html");
+
+/// The page, with the places and the numbers of the code.
+pub(super) fn page() -> String {
+    let discs = DISCS.map(|[x, y]| format!(r#"<circle cx="{x}" cy="{y}" r="{DISC_RADIUS}"/>"#)).join("\n  ");
+    let rect = |(bit, opposite): (usize, bool)| {
+        let [x, y, width, height] = cell(bit, opposite);
+        format!(
+            r#"<rect data-bit="{bit}" data-opposite="{opposite}" x="{x:.4}" y="{y:.4}" width="{width:.4}" height="{height:.4}"/>"#
+        )
+    };
+    let cells: Vec<String> = (0..BITS).flat_map(|bit| [(bit, false), (bit, true)]).map(rect).collect();
+    PAGE.replace("{{SIZE}}", &format!("{} {}", SIZE[0], SIZE[1]))
+        .replace("{{DISCS}}", &discs)
+        .replace("{{CELLS}}", &cells.join("\n  "))
+        .replace("{{TICK_MS}}", &TICK_MS.to_string())
+        .replace("{{HAMMING}}", &format!("{HAMMING:?}"))
+        .replace("{{COUNT_BITS}}", &COUNT_BITS.to_string())
+        .replace("{{FAST_BITS}}", &FAST_BITS.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_is_whole_and_asks_for_nothing() {
+        let page = page();
+        assert!(!page.contains("{{") && !page.contains("http"), "{page}");
+        assert_eq!((page.matches("<circle").count(), page.matches("<rect").count()), (4, 2 * BITS));
+    }
+}

@@ -1,0 +1,206 @@
+//! Frame and its discs -> the code's cells.
+
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+use super::decode::{Shown, decode};
+use super::{BITS, DISCS, cell};
+use crate::measure::detect::Detections;
+use crate::measure::raster::Raster;
+use crate::measure::setup::Shape;
+
+/// Of the discs that a picture shows so many are tried, the largest first.
+const TRIED: usize = 8;
+/// Least difference of white and black cells, grey levels.
+const LEAST_CONTRAST: f64 = 20.0;
+/// Least side of a cell, px: below it blur mixes neighbours.
+const LEAST_SIDE_PX: f64 = 6.0;
+/// A bit is told where its cells differ by this share of the contrast: a tenth of the light is another one's, with a tone
+/// curve of 2.2.
+const TOLD: f64 = 0.6;
+/// Both cells of a mixed bit lie within these shares of the contrast; beyond, glare or shade hides them.
+const MIXED: [f64; 2] = [0.1, 0.93];
+/// Samples along each side of the middle half of a cell.
+const SAMPLES: usize = 7;
+
+/// Why a picture tells no time; a clause for a person.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unread {
+    /// Fewer than four discs.
+    NoDiscs(usize),
+    /// No four of them have a code between them.
+    NoCode,
+    /// The cells are too small.
+    TooSmall,
+    /// Glare or shade hides a bit.
+    Hidden,
+}
+
+impl std::fmt::Display for Unread {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::NoDiscs(n) => write!(
+                f,
+                "{n} of the clock's four discs are found; show the whole page, in focus and not over-exposed"
+            ),
+            Self::NoCode => write!(
+                f,
+                "no four discs have a time between them; show the whole page, expose for at most 60 ms, avoid reflections"
+            ),
+            Self::TooSmall => {
+                write!(f, "the cells are less than {LEAST_SIDE_PX} px wide; go nearer to the screen")
+            }
+            Self::Hidden => write!(f, "glare or shade hides a bit of the clock; turn the screen"),
+        }
+    }
+}
+
+/// The time that a frame shows of the clock's page.
+///
+/// # Errors
+/// Where it shows none that can be told for sure.
+pub fn read(image: &Raster, found: &Detections) -> Result<Shown, Unread> {
+    let mut discs: Vec<_> = found.markers.iter().filter(|m| m.shape == Shape::Circle).collect();
+    discs.sort_by(|a, b| (b.semi_major_px * b.semi_minor_px).total_cmp(&(a.semi_major_px * a.semi_minor_px)));
+    discs.truncate(TRIED);
+    let centres: Vec<Vector2<f64>> = discs.iter().map(|d| d.centre_px).collect();
+    let mut why = if centres.len() < 4 { Unread::NoDiscs(centres.len()) } else { Unread::NoCode };
+    for corners in fours(&centres) {
+        for turn in 0..4 {
+            let mut turned = corners;
+            turned.rotate_left(turn);
+            match pixel_from_page(&turned).map_or(Err(Unread::NoCode), |h| between(image, &h)) {
+                Ok(shown) => return Ok(shown),
+                Err(Unread::NoCode) => {}
+                Err(other) => why = other,
+            }
+        }
+    }
+    Err(why)
+}
+
+/// Every four of the points that are corners of a convex quadrangle, clockwise in the picture.
+fn fours(points: &[Vector2<f64>]) -> Vec<[Vector2<f64>; 4]> {
+    let n = points.len();
+    let choices = (0u32..1 << n).filter(|set| set.count_ones() == 4);
+    let corners = |set: u32| {
+        let mut four: Vec<Vector2<f64>> = (0..n).filter(|k| set >> k & 1 == 1).map(|k| points[k]).collect();
+        let middle = four.iter().sum::<Vector2<f64>>() / 4.0;
+        let angle = |p: &Vector2<f64>| (p.y - middle.y).atan2(p.x - middle.x);
+        four.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
+        <[Vector2<f64>; 4]>::try_from(four).ok().filter(is_convex)
+    };
+    choices.filter_map(corners).collect()
+}
+
+fn is_convex(corners: &[Vector2<f64>; 4]) -> bool {
+    let side = |k: usize| corners[(k + 1) % 4] - corners[k % 4];
+    (0..4).all(|k| side(k).perp(&side(k + 1)) > 0.0)
+}
+
+/// Pixel from the page's units, by the images of the discs (Heckbert 1989); `None` where they lie on a line.
+fn pixel_from_page(corners: &[Vector2<f64>; 4]) -> Option<Matrix3<f64>> {
+    let [a, b, c, d] = corners;
+    let (right, down, sum) = (b - c, d - c, a - b + c - d);
+    let area = right.perp(&down);
+    let (g, h) = (sum.perp(&down) / area, right.perp(&sum) / area);
+    let (x, y) = (b - a + b * g, d - a + d * h);
+    let pixel_from_unit = Matrix3::new(x.x, y.x, a.x, x.y, y.y, a.y, g, h, 1.0);
+    let [[left, top], [end, _], [_, bottom], _] = DISCS;
+    let (width, height) = (end - left, bottom - top);
+    let unit_from_page =
+        Matrix3::new(1.0 / width, 0.0, -left / width, 0.0, 1.0 / height, -top / height, 0.0, 0.0, 1.0);
+    let all = pixel_from_unit * unit_from_page;
+    all.iter().all(|v| v.is_finite()).then_some(all)
+}
+
+/// The time in the cells between four discs.
+fn between(image: &Raster, pixel_from_page: &Matrix3<f64>) -> Result<Shown, Unread> {
+    let pairs: Vec<[f64; 2]> = (0..BITS)
+        .map(|bit| [false, true].map(|opposite| level(image, pixel_from_page, cell(bit, opposite))))
+        .collect();
+    let median = |mut values: Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let white = median(pairs.iter().map(|[a, b]| a.max(*b)).collect());
+    let black = median(pairs.iter().map(|[a, b]| a.min(*b)).collect());
+    let contrast = white - black;
+    if contrast < LEAST_CONTRAST {
+        return Err(Unread::NoCode);
+    }
+    let (mut one, mut mixed, mut hidden) = (0, 0, false);
+    for (bit, pair) in pairs.iter().enumerate() {
+        let [share, opposite] = pair.map(|level| (level - black) / contrast);
+        if share - opposite > TOLD {
+            one |= 1 << bit;
+        } else if opposite - share <= TOLD {
+            mixed |= 1 << bit;
+            hidden |= [share, opposite].iter().any(|s| !(MIXED[0]..=MIXED[1]).contains(s))
+                && (share - opposite).abs() < 0.5 * TOLD;
+        }
+    }
+    // The ends tell that this is the code at all.
+    let ends = 1 | 1 << (BITS - 1);
+    if one & ends != ends {
+        return Err(Unread::NoCode);
+    }
+    let shown = decode(one, mixed).ok_or(Unread::NoCode)?;
+    if hidden {
+        return Err(Unread::Hidden);
+    }
+    if least_side(pixel_from_page) < LEAST_SIDE_PX {
+        return Err(Unread::TooSmall);
+    }
+    Ok(shown)
+}
+
+/// Mean grey level of the middle half of a cell.
+fn level(image: &Raster, pixel_from_page: &Matrix3<f64>, [x, y, width, height]: [f64; 4]) -> f64 {
+    let step = |k: usize| 0.25 + 0.5 * (k as f64 + 0.5) / SAMPLES as f64;
+    let places =
+        (0..SAMPLES * SAMPLES).map(|k| (x + width * step(k % SAMPLES), y + height * step(k / SAMPLES)));
+    let sum: f64 = places
+        .map(|(x, y)| {
+            let p = placed(pixel_from_page, x, y);
+            f64::from(image.nearest(p.x, p.y))
+        })
+        .sum();
+    sum / (SAMPLES * SAMPLES) as f64
+}
+
+fn placed(pixel_from_page: &Matrix3<f64>, x: f64, y: f64) -> Vector2<f64> {
+    let p = pixel_from_page * Vector3::new(x, y, 1.0);
+    p.xy() / p.z
+}
+
+/// The shortest side of any cell, px.
+fn least_side(pixel_from_page: &Matrix3<f64>) -> f64 {
+    let sides = (0..BITS).flat_map(|bit| {
+        let [x, y, width, height] = cell(bit, false);
+        let corner = placed(pixel_from_page, x, y);
+        let across = placed(pixel_from_page, x + width, y) - corner;
+        let down = placed(pixel_from_page, x, y + height) - corner;
+        [across.norm(), down.norm()]
+    });
+    sides.fold(f64::INFINITY, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn the_discs_images_are_those_of_the_discs() {
+        let corners =
+            [(100.0, 80.0), (900.0, 120.0), (860.0, 600.0), (140.0, 500.0)].map(|(x, y)| Vector2::new(x, y));
+        let h = pixel_from_page(&corners).unwrap();
+        for (corner, [x, y]) in corners.iter().zip(DISCS) {
+            assert!((placed(&h, x, y) - corner).norm() < 1e-9);
+        }
+        let all = [corners.as_slice(), &[Vector2::new(500.0, 300.0)]].concat();
+        // With the one inside there are four triangles, of which none is convex in all four corners.
+        assert_eq!(fours(&all).iter().filter(|four| corners.iter().all(|c| four.contains(c))).count(), 1);
+        assert!(fours(&[Vector2::zeros(); 4]).is_empty());
+    }
+}

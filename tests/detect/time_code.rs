@@ -1,0 +1,229 @@
+//! Pictures of a screen with the clock: the delay comes back within its standard deviation, and no time is misread.
+
+use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
+use wingd::measure::detect::{Detections, detect};
+use wingd::measure::raster::Raster;
+use wingd::measure::render::{Random, Sensor};
+use wingd::measure::time_code::{
+    BITS, DISC_RADIUS, DISCS, FASTEST, SIZE, Screen, Shown, TICK_MS, Unread, cell, delay, near, read, word,
+};
+
+const SIZE_PX: (usize, usize) = (1200, 900);
+/// Samples along each side of a pixel.
+const FINE: usize = 3;
+/// Samples of an exposure: a screen's frame of 17 ms is met by several even where it lasts a fifth of a second.
+const MOMENTS: usize = 400;
+
+/// A screen that shows the clock, s.
+struct Display {
+    refresh_s: f64,
+    /// From reading the clock to the light in the row of the fastest bits.
+    latency_s: f64,
+    /// Of its first frame.
+    phase_s: f64,
+}
+
+impl Display {
+    /// The code that a row shows at a moment; the screen is written from its top to its bottom within a refresh.
+    fn word(&self, at_s: f64, y: f64) -> u32 {
+        let [_, top, _, height] = cell(FASTEST, false);
+        let row_s = (y - top - 0.5 * height) / SIZE[1] * self.refresh_s;
+        let frame = ((at_s - self.latency_s - row_s - self.phase_s) / self.refresh_s).floor();
+        let drawn_s = self.phase_s + frame * self.refresh_s;
+        word(((1e3 * drawn_s / f64::from(TICK_MS)).floor() as u64 % (1 << 17)) as u32)
+    }
+
+    /// Of each bit's row the share of the exposure in which it is one.
+    fn shares(&self, middle_s: f64, exposure_s: f64) -> Vec<f64> {
+        let share = |bit: usize| {
+            let [_, y, _, height] = cell(bit, false);
+            let lit = |k: usize| {
+                let at_s = middle_s + exposure_s * ((k as f64 + 0.5) / MOMENTS as f64 - 0.5);
+                f64::from(self.word(at_s, y + 0.5 * height) >> bit & 1)
+            };
+            (0..MOMENTS).map(lit).sum::<f64>() / MOMENTS as f64
+        };
+        (0..BITS).map(share).collect()
+    }
+}
+
+/// Light of a place of the page, 1 for white.
+fn light(shares: &[f64], x: f64, y: f64) -> f64 {
+    if DISCS.iter().any(|[u, v]| (x - u).hypot(y - v) < DISC_RADIUS) {
+        return 0.0;
+    }
+    let inside = |[left, top, width, height]: [f64; 4]| {
+        (left..left + width).contains(&x) && (top..top + height).contains(&y)
+    };
+    (0..BITS)
+        .find_map(|bit| {
+            let own = inside(cell(bit, false)).then(|| shares[bit]);
+            own.or_else(|| inside(cell(bit, true)).then(|| 1.0 - shares[bit]))
+        })
+        .unwrap_or(1.0)
+}
+
+/// A picture of the screen, held somehow; about half of its width is the screen.
+fn photograph(shares: &[f64], sensor: &Sensor, white: f64, random: &mut Random) -> Raster {
+    let (width, height) = SIZE_PX;
+    let axis = |random: &mut Random| random.between(-0.5, 0.5);
+    let attitude = Rotation3::from_euler_angles(axis(random), axis(random), random.between(-0.6, 0.6));
+    let distance = random.between(26.0, 34.0);
+    let f = 1300.0;
+    let k = Matrix3::new(f, 0.0, 0.5 * width as f64, 0.0, f, 0.5 * height as f64, 0.0, 0.0, 1.0);
+    let m = attitude.matrix();
+    let shift = Vector3::new(0.0, 0.0, distance) - m * Vector3::new(0.5 * SIZE[0], 0.5 * SIZE[1], 0.0);
+    let pixel_from_page = k * Matrix3::from_columns(&[m.column(0).into(), m.column(1).into(), shift]);
+    let page_from_pixel = pixel_from_page.try_inverse().unwrap();
+    let seen = |u: f64, v: f64| {
+        let p = page_from_pixel * Vector3::new(u, v, 1.0);
+        let page: Vector2<f64> = p.xy() / p.z;
+        // A dark frame about the screen, and a wall.
+        let rim = (-page.x).max(page.x - SIZE[0]).max(-page.y).max(page.y - SIZE[1]);
+        if rim < 0.0 {
+            white * light(shares, page.x, page.y)
+        } else if rim < 0.6 {
+            0.01
+        } else {
+            0.12
+        }
+    };
+    let mut radiance = Vec::with_capacity(width * height);
+    for (v, u) in (0..height).flat_map(|v| (0..width).map(move |u| (v, u))) {
+        let part = |k: usize| (k as f64 + 0.5) / FINE as f64 - 0.5;
+        let parts = (0..FINE * FINE).map(|k| seen(u as f64 + part(k % FINE), v as f64 + part(k / FINE)));
+        radiance.push((parts.sum::<f64>() / (FINE * FINE) as f64) as f32);
+    }
+    sensor.develop(radiance, width, height, random.bits()).unwrap()
+}
+
+/// 22 November 2026, about.
+const BEGIN_S: f64 = 1_795_300_000.0;
+
+fn screen() -> Screen {
+    Screen { refresh_s: 1.0 / 60.0, latency_s: 0.03, latency_sigma_s: 0.04 / 12f64.sqrt() }
+}
+
+/// From the true middle of the exposure to that which a picture tells, s, its latency known, and the standard deviation.
+fn error(shown: &Shown, middle_s: f64, display: &Display) -> (f64, f64) {
+    let screen = Screen { latency_s: display.latency_s, latency_sigma_s: 0.0, ..screen() };
+    let told_s = 1e-3 * near(shown, 1e3 * middle_s) + screen.late_s();
+    (told_s - middle_s, screen.read_sigma_s(1e-3 * shown.width_ms))
+}
+
+/// The largest error there may be, s: both parts are uniform, and of an exposure a tenth is not told, at either end.
+fn most(shown: &Shown, exposure_s: f64) -> f64 {
+    0.5 * (1e-3 * shown.width_ms + screen().refresh_s) + 0.1 * exposure_s
+}
+
+#[test]
+fn the_instant_of_exposure_is_told_within_its_standard_deviation() {
+    let (mut squares, mut read_pictures, mut unread) = (0.0, 0, vec![]);
+    for seed in 0..50u64 {
+        let random = &mut Random::new(seed, 31);
+        let display =
+            Display { refresh_s: 1.0 / 60.0, latency_s: random.between(0.01, 0.05), phase_s: random.unit() };
+        // From a hundredth of a tick to three of them.
+        let exposure_s = 0.0002 * 300f64.powf(random.unit());
+        let middle_s = BEGIN_S + random.between(0.0, 3000.0);
+        let sensor = Sensor {
+            blur_px: random.between(0.6, 2.5),
+            noise: random.between(1.0, 5.0),
+            gamma: random.between(1.8, 2.4),
+            ..Sensor::default()
+        };
+        let white = random.between(0.25, 0.9);
+        let picture = photograph(&display.shares(middle_s, exposure_s), &sensor, white, random);
+        match read(&picture, &detect(&picture)) {
+            Ok(shown) => {
+                let (error_s, sigma_s) = error(&shown, middle_s, &display);
+                assert!(
+                    error_s.abs() < most(&shown, exposure_s),
+                    "seed {seed}: {error_s}, {exposure_s}, {shown:?}"
+                );
+                squares += (error_s / sigma_s).powi(2);
+                read_pictures += 1;
+            }
+            Err(why) => unread.push(format!("{seed} ({:.1} ms): {why:?}", 1e3 * exposure_s)),
+        }
+    }
+    let rms = (squares / f64::from(read_pictures)).sqrt();
+    println!("{read_pictures} read, normalised rms {rms:.2}; unread: {unread:?}");
+    assert!(unread.is_empty(), "{unread:?}");
+    assert!((0.7..1.3).contains(&rms), "{rms}");
+}
+
+#[test]
+fn a_cameras_delay_is_recovered_with_the_screens_latency_in_its_standard_deviation() {
+    let (mut squares, sessions) = (0.0, 50);
+    for seed in 0..sessions {
+        let random = &mut Random::new(seed, 32);
+        let display =
+            Display { refresh_s: 1.0 / 60.0, latency_s: random.between(0.01, 0.05), phase_s: random.unit() };
+        let (truth_s, jitter_s) = (random.between(-0.1, 0.1), random.between(0.0, 0.01));
+        let pictures: Vec<(f64, f64)> = (0..30)
+            .map(|_| {
+                let middle_s = BEGIN_S + random.between(0.0, 2000.0);
+                let event_s = middle_s - truth_s - jitter_s * random.normal();
+                let bits = display.shares(middle_s, 0.004);
+                let of = |test: &dyn Fn(f64) -> bool| {
+                    bits.iter().enumerate().filter(|(_, s)| test(**s)).map(|(bit, _)| 1 << bit).sum::<u32>()
+                };
+                let shown =
+                    wingd::measure::time_code::decode(of(&|s| s > 0.9), of(&|s| (0.1..=0.9).contains(&s)));
+                let shown = shown.unwrap();
+                let told_s = 1e-3 * near(&shown, 1e3 * event_s) + screen().late_s();
+                (told_s - event_s, screen().read_sigma_s(1e-3 * shown.width_ms))
+            })
+            .collect();
+        let found = delay(&pictures, screen().systematic_s()).unwrap();
+        squares += ((found.mean_s - truth_s) / found.mean_sigma_s).powi(2);
+        assert!(found.sigma_s.unwrap() >= found.mean_sigma_s);
+    }
+    let rms = (squares / sessions as f64).sqrt();
+    println!("normalised rms {rms:.2}");
+    // The phase of the refresh counts twice: as if pictures came at random, and as if they came at a fixed rate.
+    assert!((0.7..1.3).contains(&rms), "{rms}");
+}
+
+#[test]
+fn what_shows_no_whole_clock_is_named_and_never_misread() {
+    let none = Raster::new(400, 300, vec![200; 400 * 300]).unwrap();
+    assert_eq!(read(&none, &Detections::default()), Err(Unread::NoDiscs(0)));
+    let (mut refused, mut right) = (0, 0);
+    for seed in 0..60u64 {
+        let random = &mut Random::new(seed, 33);
+        let display = Display { refresh_s: 1.0 / 60.0, latency_s: 0.03, phase_s: random.unit() };
+        let middle_s = BEGIN_S + random.between(0.0, 3000.0);
+        // Up to ten ticks: more than can be read for sure.
+        let exposure_s = 0.001 * 200f64.powf(random.unit());
+        let picture = photograph(&display.shares(middle_s, exposure_s), &Sensor::default(), 0.7, random);
+        let found = detect(&picture);
+        // A glare or a shade of some cells' size, somewhere on the screen.
+        let mut luma = picture.luma().to_vec();
+        let (u, v, r) =
+            (random.between(350.0, 850.0), random.between(300.0, 600.0), random.between(10.0, 110.0));
+        let (level, share) = if seed.is_multiple_of(2) {
+            (255.0, random.between(0.5, 1.0))
+        } else {
+            (0.0, random.between(0.5, 1.0))
+        };
+        for (k, grey) in luma.iter_mut().enumerate() {
+            let (x, y) = ((k % SIZE_PX.0) as f64, (k / SIZE_PX.0) as f64);
+            if (x - u).hypot(y - v) < r {
+                *grey = (f64::from(*grey) + share * (level - f64::from(*grey))) as u8;
+            }
+        }
+        let spoiled = Raster::new(SIZE_PX.0, SIZE_PX.1, luma).unwrap();
+        match read(&spoiled, &found) {
+            Err(_) => refused += 1,
+            Ok(shown) => {
+                let (error_s, _) = error(&shown, middle_s, &display);
+                assert!(error_s.abs() < most(&shown, exposure_s), "seed {seed}: {error_s} {shown:?}");
+                right += 1;
+            }
+        }
+    }
+    println!("{refused} refused, {right} read");
+    assert!(refused >= 10 && right >= 10);
+}
