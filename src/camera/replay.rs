@@ -44,7 +44,7 @@ fn yes() -> bool {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ScriptedFault {
-    /// The how-manieth call for a shot, from 1, repeats included.
+    /// Which call for a shot, from 1, repeats included.
     pub shot: u64,
     /// What happens.
     pub kind: FaultKind,

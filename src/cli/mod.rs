@@ -101,7 +101,7 @@ enum Command {
     Compare(compare::Args),
     /// A store's flights to another disk, resumed and read back
     Copy(copy::Args),
-    /// The same from the page of a recorder or of `wingd serve`
+    /// Flights from the page of a recorder or `wingd serve`, read back
     Fetch(fetch::Args),
     /// Flights into an object store (not in the program on board)
     Upload(upload::Args),

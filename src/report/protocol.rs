@@ -129,20 +129,29 @@ fn correlations(record: &ImageRecord) -> String {
         }
     }
     if names.len() <= MATRIX_LIMIT {
-        let numbers: Vec<String> = (1..=names.len()).map(|k| k.to_string()).collect();
-        let mut titles = vec!["<parameter"];
-        titles.extend(numbers.iter().map(String::as_str));
-        let mut grid = Grid::new(&titles);
-        for (i, (name, row)) in names.iter().zip(&rows).enumerate() {
-            let mut cells = vec![format!("{} {name}", i + 1)];
-            cells.extend(
-                row.iter().enumerate().map(|(j, r)| if j <= i { format!("{r:.2}") } else { String::new() }),
-            );
-            grid.push(cells);
-        }
-        out.push_str(&grid.text());
+        out.push_str(&triangle(&names, &rows).text());
     }
     out
+}
+
+/// The correlations of a solution's parameters as a lower triangle; `None` where there are none.
+pub(super) fn correlation_grid(record: &ImageRecord) -> Option<Grid> {
+    matrix(record).map(|(names, rows)| triangle(&names, &rows))
+}
+
+fn triangle(names: &[String], rows: &[Vec<f64>]) -> Grid {
+    let numbers: Vec<String> = (1..=names.len()).map(|k| k.to_string()).collect();
+    let mut titles = vec!["<parameter"];
+    titles.extend(numbers.iter().map(String::as_str));
+    let mut grid = Grid::new(&titles);
+    for (i, (name, row)) in names.iter().zip(rows).enumerate() {
+        let mut cells = vec![format!("{} {name}", i + 1)];
+        cells.extend(
+            row.iter().enumerate().map(|(j, r)| if j <= i { format!("{r:.2}") } else { String::new() }),
+        );
+        grid.push(cells);
+    }
+    grid
 }
 
 /// Square, with a name for each row; anything else is left alone.

@@ -75,7 +75,7 @@ impl Store {
         read_frame(self.disk(), frame)
     }
 
-    /// Says that a frame is about to be solved; returns the how-manieth beginning in a row it is. More
+    /// Says that a frame is about to be solved; returns how often in a row it was, this time included. More
     /// than one means that the program ended while it solved the frame.
     pub fn begin_solving(&self, frame: &FrameRef, inputs: &Inputs) -> Result<u32, StoreError> {
         let path = self.root.join(layout::SOLVING_FILE);

@@ -26,7 +26,7 @@ pub enum Cause {
     Triggered,
     /// Frames that an interrupted series left on the camera's card.
     Recovered,
-    /// Frames of live mode, every so-manieth. Beside other series; so is the next.
+    /// Frames of live mode, every n-th. Beside other series; so is the next.
     Live,
     /// The frames around an event in live mode; the remarks say which. They may be from before the series began.
     Event,

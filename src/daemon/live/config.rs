@@ -55,7 +55,7 @@ impl Default for LiveConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct KeepConfig {
-    /// Every so manieth frame; 0 keeps none.
+    /// Every n-th frame; 0 keeps none.
     pub every: u32,
     /// Memory for the last frames, which an event saves, MB; 0 keeps none.
     pub ring_mb: u32,

@@ -1,4 +1,4 @@
-//! Raw frames that are kept: every so manieth, and those about an event. They wait in memory that is bounded; what it does
+//! Raw frames that are kept: every n-th, and those about an event. They wait in memory that is bounded; what it does
 //! not hold is lost and counted.
 
 use std::collections::VecDeque;
@@ -15,9 +15,9 @@ use crate::camera::extension;
 use crate::store::manifest::{Cause, Shot, State as Ended};
 use crate::store::{NewFrame, OpenSeries, Plan, Store, StoreError};
 
-/// Of every so manieth frame so many may wait for the disk.
+/// Of every n-th frame so many may wait for the disk.
 const NTH_WAITING: usize = 4;
-/// Frames of a series of every so manieth; then the next begins.
+/// Frames of a series of every n-th frame; then the next begins.
 const NTH_OF_SERIES: usize = 500;
 /// An event that others prolong ends after so many frames; a file's name has four digits.
 const EVENT_FRAMES: usize = 9000;

@@ -6,7 +6,7 @@ use serde_json::{Map, Value};
 use super::super::grid::Grid;
 use super::super::number::{NONE, fixed, general};
 use super::super::summary::SeriesSummary;
-use super::super::{ReportData, SeriesData, ShotData, table};
+use super::super::{ReportData, SeriesData, ShotData, protocol, table};
 use crate::clock::Stamp;
 use crate::record::{ImageRecord, Status};
 
@@ -41,23 +41,22 @@ pub fn results(data: &ReportData) -> Markup {
 /// Parameters of one solution.
 pub fn solution(record: Option<&ImageRecord>) -> Markup {
     let Some(record) = record else { return html! {} };
-    let columns = ["<parameter", "value", "sigma"];
-    let (mut grid, mut folded) = (Grid::new(&columns), Grid::new(&columns));
+    let mut grid = Grid::new(&["<parameter", "value", "sigma"]);
     for (name, value) in &record.model {
         parameter(&mut grid, name, value);
     }
-    for (name, value) in &record.quality {
-        parameter(if name == "correlation" { &mut folded } else { &mut grid }, name, value);
+    for (name, value) in record.quality.iter().filter(|(name, _)| *name != "correlation") {
+        parameter(&mut grid, name, value);
     }
     html! {
         @if !grid.rows.is_empty() {
             h3 { "Parameters of " (record.image) }
             div.scroll { (grid.html()) }
         }
-        @if !folded.rows.is_empty() {
+        @if let Some(correlations) = protocol::correlation_grid(record) {
             details {
                 summary { "Correlations of the parameters" }
-                div.scroll { (folded.html()) }
+                div.scroll { (correlations.html()) }
             }
         }
     }
