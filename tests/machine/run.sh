@@ -10,7 +10,7 @@ FEED=${FEED:-$ROOT/target/release/examples/feed}; export FEED
 FAULT_ROUNDS=${FAULT_ROUNDS:-2}; export FAULT_ROUNDS
 [ -x "$WINGD" ] || die "$WINGD is missing; run make build"
 cached=; [ "${1:-}" != --cached ] || { cached=yes; shift; }
-[ $# -gt 0 ] || set -- unit gphoto daemon package start v4l release power boot aarch64
+[ $# -gt 0 ] || set -- unit gphoto daemon package start v4l live release power boot aarch64
 lines=$(mktemp); trap 'rm -f "$lines"' EXIT
 
 fed() { # what plays pictures and draws boards
@@ -25,7 +25,7 @@ skipped= uncrossed=
 for part in "$@"; do
     begin=$SECONDS
     case $part in
-        start | v4l | release | power | boot)
+        start | v4l | live | release | power | boot)
             if [ -n "$cached" ] && ! "$MACHINE/kernel.sh" --cached >/dev/null 2>&1; then
                 skipped="$skipped $part"; continue
             fi ;;
@@ -36,7 +36,7 @@ for part in "$@"; do
         gphoto) fed ;;
     esac
     case $part in
-        start | v4l | release | power) guest "$part" 2>&1 | tee -a "$lines" ;;
+        start | v4l | live | release | power) guest "$part" 2>&1 | tee -a "$lines" ;;
         # The virtual camera's library looks for files that need not be there.
         *) "$MACHINE/$part.sh" 2>&1 | grep --line-buffered -v '^[0-9,]*: No such file' | tee -a "$lines" ;;
     esac
