@@ -56,6 +56,17 @@ pub enum Format {
     },
 }
 
+impl Format {
+    /// As a series' manifest keeps it.
+    ///
+    /// # Errors
+    /// A sentence for a person where it is none.
+    pub fn of_manifest(kept: &Value) -> Result<Self, String> {
+        serde_json::from_value(kept.clone())
+            .map_err(|error| format!("series.json does not say how to read it: {error}"))
+    }
+}
+
 /// Of a file with such bytes, without the dot.
 pub fn extension(format: &Format) -> &str {
     match format {

@@ -140,7 +140,7 @@ impl Work<'_> {
 
     /// A result follows from all the frames: their digests are among its inputs.
     fn together(&self, output: &mut Output) -> Result<(), Failure> {
-        let frames = all_frames(self.store.disk(), self.flight).map_err(undone)?;
+        let frames = frames(self.store.disk(), self.flight, None).map_err(undone)?;
         let job = Job { method: crate::measure::adjust::Method::Flight, ..self.job.clone() };
         let mut provenance = pipeline::inputs(self.installation, &job);
         let digests: String = frames.iter().map(|frame| format!("{}\n", frame.entry.sha256)).collect();
@@ -183,13 +183,11 @@ impl Work<'_> {
 
     fn sight(&self, frame: &FrameRef, bytes: Result<&[u8], String>) -> Sighting {
         let name = format!("{}/{}", frame.series.id, frame.entry.file);
-        let format = serde_json::from_value::<Format>(frame.entry.format.clone());
-        let sighting = match (bytes, format) {
+        let sighting = match (bytes, Format::of_manifest(&frame.entry.format)) {
             (Ok(bytes), Ok(format)) => {
                 stages::sight(&name, bytes, Some(&format), self.installation, Some(self.orientation))
             }
-            (Err(reason), _) => failed(name, reason),
-            (_, Err(error)) => failed(name, format!("series.json does not say how to read it: {error}")),
+            (Err(reason), _) | (_, Err(reason)) => failed(name, reason),
         };
         let aircraft = self.track.at(&frame.stamp, frame.exposure.as_ref());
         Sighting { aircraft, ..sighting }
@@ -232,9 +230,15 @@ fn mountings(disk: &dyn Disk, flight: &FlightRef) -> Result<BTreeMap<String, Mou
     Ok(all)
 }
 
-fn all_frames(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<FrameRef>, StoreError> {
+/// A flight's frames in order: of the series that is named, or of all.
+pub(super) fn frames(
+    disk: &dyn Disk,
+    flight: &FlightRef,
+    wanted: Option<&str>,
+) -> Result<Vec<FrameRef>, StoreError> {
     let mut frames = Vec::new();
-    for series in catalogue::series(disk, flight)? {
+    let is_wanted = |id: &str| wanted.is_none_or(|wanted| wanted == id);
+    for series in catalogue::series(disk, flight)?.into_iter().filter(|series| is_wanted(&series.id)) {
         frames.extend(store::frames(&series, catalogue::manifest(disk, &series)?));
     }
     Ok(frames)

@@ -127,12 +127,9 @@ impl Processing {
     /// `None` where it was given up because wingd stops or the power fails.
     fn compute(&self, frame: &FrameRef, bytes: Vec<u8>) -> Option<ImageRecord> {
         let file = &frame.entry.file;
-        let format = match serde_json::from_value::<Format>(frame.entry.format.clone()) {
+        let format = match Format::of_manifest(&frame.entry.format) {
             Ok(format) => format,
-            Err(error) => {
-                let what = format!("series.json does not say how to read it: {error}");
-                return Some(ImageRecord::failed(file, "", what));
-            }
+            Err(what) => return Some(ImageRecord::failed(file, "", what)),
         };
         let deadline = self.solver.deadline;
         Some(match self.within_deadline(file.clone(), bytes, format) {

@@ -33,3 +33,15 @@ all_as_sent() { # FILES…: each is one of the pictures shown, and no two are th
     local hashes; hashes=$(sha256sum "$@" | cut -d' ' -f1)
     [ "$(sort -u <<<"$hashes" | wc -l)" = $# ] && [ "$(grep -cxFf /mnt/sent <<<"$hashes")" = $# ]
 }
+
+# The driver's virtual camera, vivid: what it needs, once; load_vivid NUMBER, as that video device; which one it is; press
+# CONTROL, a button (vivid's own numbers).
+load_for_vivid() {
+    local m
+    for m in v4l2-tpg videobuf2-common videobuf2-memops videobuf2-v4l2 videobuf2-vmalloc videobuf2-dma-contig cfbcopyarea cfbfillrect cfbimgblt font; do load $m; done
+}
+load_vivid() { load vivid n_devs=1 node_types=0x1 input_types=0xff num_inputs=1 vid_cap_nr="$1"; }
+node() { basename "$(dirname "$(grep -l vivid /sys/class/video4linux/video*/name | head -n 1)")"; }
+press() { "$feed" set "/dev/$(node)" "$1" 1 2>>/mnt/feed.log; }
+# A number of all series' manifests, added up.
+counted() { cat /mnt/store/flights/*/*/series.json | tr ',{}' '\n\n\n' | sed -n 's/^ *"'"$1"'": *\([0-9]*\).*/\1/p' | awk '{sum += $1} END {print sum + 0}'; }

@@ -101,14 +101,11 @@ verdict $status "live: killed: verified, the last result in the store was expose
 stop_feed
 rmmod v4l2loopback
 
-for m in v4l2-tpg videobuf2-common videobuf2-memops videobuf2-v4l2 videobuf2-vmalloc videobuf2-dma-contig cfbcopyarea cfbfillrect cfbimgblt font; do load $m; done
-load_vivid() { load vivid n_devs=1 node_types=0x1 input_types=0xff num_inputs=1 vid_cap_nr="$1"; }
+load_for_vivid
 load_vivid 0 || { echo "failed: live: vivid does not load"; exit 1; }
-node() { basename "$(dirname "$(grep -l vivid /sys/class/video4linux/video*/name | head -n 1)")"; }
 card=$(cat "/sys/class/video4linux/$(node)/name")
 small=('kind = "v4l"' "card = \"$card\"" 'format = "GREY"' 'width = 640' 'height = 360' 'settle_frames = 1' '[camera.controls]' '0x00f0f000 = 21')
 live_config 5 "${small[@]}"
-press() { "$feed" set "/dev/$(node)" "$1" 1 2>>/mnt/feed.log; }
 disconnect() { press 0xf0f041; }
 fatal() { press 0xf0f046; }
 unplug() { disconnect; for _ in $(seq 200); do rmmod vivid 2>/dev/null && return; sleep 0.02; done; }
@@ -122,7 +119,7 @@ start_recorder; status=$?
 for ((i = 0; i < 20; i++)); do sleep 0.2; press 0xf0f042; done
 wait_more results "$(results)" 30 || status=1
 lost=$(failed_shots); stop_recorder && nothing_stored_lost && [ "$lost" = 0 ] || status=1
-damaged=$(cat /mnt/store/flights/*/*/series.json | tr ',{}' '\n\n\n' | sed -n 's/^ *"damaged_frames": *\([0-9]*\).*/\1/p' | awk '{sum += $1} END {print sum + 0}')
+damaged=$(counted damaged_frames)
 [ "$damaged" -gt 0 ] || status=1
 verdict $status "live: 20 buffers flagged as damaged: $damaged passed over and counted, $lost live frames failed"
 [ "$(sources)" = end_of_frame ]; verdict $? "live: vivid's stamp tells the instants: $(sources)"

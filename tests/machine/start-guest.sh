@@ -34,8 +34,8 @@ recorder_config "$every" 'kind = "v4l"' 'card = "vivid-000-vid-cap"' 'format = "
     '[camera.controls]' '0x00f0f000 = 21'
 rm -rf /mnt/store; start; until_true 30 log_has 'kind="gone"'; status=$?
 status_of >/mnt/lines || true; kill -0 $recorder || status=1
-for m in v4l2-tpg videobuf2-common videobuf2-memops videobuf2-v4l2 videobuf2-vmalloc videobuf2-dma-contig cfbcopyarea cfbfillrect cfbimgblt font; do load $m 2>/dev/null; done
-load vivid n_devs=1 node_types=0x1 input_types=0xff num_inputs=1 || status=1
+load_for_vivid 2>/dev/null
+load_vivid 0 || status=1
 wait_more durable 0 30 || status=1
 stop_recorder && nothing_stored_lost || status=1
 verdict $status "start: without a camera: recorded as gone, and frames without a restart once it is there"

@@ -45,10 +45,8 @@ stop_feed
 rmmod v4l2loopback
 
 # vivid: controls, Bayer, dropped and damaged buffers, unplugging and coming back under another number.
-for m in v4l2-tpg videobuf2-common videobuf2-memops videobuf2-v4l2 videobuf2-vmalloc videobuf2-dma-contig cfbcopyarea cfbfillrect cfbimgblt font; do load $m; done
-load_vivid() { load vivid n_devs=1 node_types=0x1 input_types=0xff num_inputs=1 vid_cap_nr="$1"; }
+load_for_vivid
 load_vivid 0 || { echo "failed: v4l: vivid does not load"; exit 1; }
-node() { basename "$(dirname "$(grep -l vivid /sys/class/video4linux/video*/name | head -n 1)")"; }
 [ -c "/dev/$(node)" ] || { echo "failed: v4l: vivid has no video node"; exit 1; }
 card=$(cat "/sys/class/video4linux/$(node)/name")
 vivid() { config 'kind = "v4l"' "card = \"$card\"" "format = \"$1\"" 'width = 4000' 'height = 3000' 'settle_frames = 2' '[camera.controls]' "${@:2}"; }
@@ -73,7 +71,6 @@ small=('kind = "v4l"' "card = \"$card\"" 'format = "GREY"' 'width = 640' 'height
 # Noise, so that no two frames are alike: the numbers in vivid's pictures begin anew with each stream.
 noise=('[camera.controls]' '0x00f0f000 = 21')
 recorder_config "$series" "${small[@]}" "${noise[@]}"
-press() { "$feed" set "/dev/$(node)" "$1" 1 2>>/mnt/feed.log; }
 # A fault that is set while no stream runs is without effect: again, until it is felt.
 hammer() { local before; before=$(failures); for _ in $(seq 40); do press "$1"; [ "$(failures)" -eq "$before" ] || return; sleep 0.02; done; }
 disconnect() { hammer 0xf0f041; }
@@ -91,7 +88,6 @@ replug() { number=$(((number + 1) % 8)); load_vivid $number; }
 campaign v4l "unplugged and back under another number" unplug replug
 
 # Damaged and dropped buffers are passed over within the shot, and counted with it.
-counted() { cat /mnt/store/flights/*/*/series.json | tr ',{}' '\n\n\n' | sed -n 's/^ *"'"$1"'": *\([0-9]*\).*/\1/p' | awk '{sum += $1} END {print sum + 0}'; }
 start_recorder; status=$?
 for ((i = 0; i < rounds; i++)); do sleep "0.$(printf %03d $((RANDOM % 400 + 100)))"; press 0xf0f042; done
 before=$(durable); wait_more durable "$before" 20 && stop_recorder && nothing_stored_lost || status=1

@@ -1,10 +1,11 @@
 //! What `wingd time-check` says: of a picture, of them all, and the lines for the configuration.
 
 use serde_json::{Value, json};
-use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::Reading;
 use crate::clock::exposure::Source;
+use crate::measure::adjust::GlobalTest;
+use crate::measure::adjust::quality::global_test;
 use crate::measure::time_code::{Delay, Screen, delay};
 use crate::report::grid::Grid;
 
@@ -119,10 +120,11 @@ fn test(found: Delay, readings: &[Reading]) -> Test {
         readings.iter().filter_map(|r| Some(r.exposure.as_ref()?.exposure_sigma_s.powi(2))).collect();
     let stated2 = stated.iter().sum::<f64>() / stated.len().max(1) as f64;
     let normalised = found.mean_s.abs() / (found.mean_sigma_s.powi(2) + stated2).sqrt();
-    let freedom = found.pictures as f64 - 1.0;
-    let most =
-        ChiSquared::new(freedom).map_or(f64::INFINITY, |law| law.inverse_cdf(1.0 - BY_CHANCE) / freedom);
-    let scattered = found.scatter_s.is_some_and(|s| s * s > most * (found.read_sigma_s.powi(2) + stated2));
+    let freedom = found.pictures.saturating_sub(1);
+    let scattered = found.scatter_s.is_some_and(|scatter_s| {
+        let omega = freedom as f64 * scatter_s.powi(2) / (found.read_sigma_s.powi(2) + stated2);
+        global_test(omega, freedom, BY_CHANCE) == GlobalTest::Rejected
+    });
     Test { found, stated_s: stated2.sqrt(), normalised, agrees: normalised <= AGREES && !scattered }
 }
 

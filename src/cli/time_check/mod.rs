@@ -11,7 +11,7 @@ use crate::clock::exposure::Exposure;
 use crate::measure::time_code::{self, Screen};
 use crate::pipeline::guard::{BROKE_OFF, guarded};
 use crate::pipeline::stages;
-use crate::store::{self, FrameRef, RealDisk, catalogue};
+use crate::store::{self, FrameRef, RealDisk};
 
 /// Photographs of a screen that shows the clock -> instants of exposure checked, the delay for [camera].
 #[derive(clap::Args)]
@@ -134,12 +134,7 @@ fn chosen(args: &Args) -> Result<Vec<FrameRef>, Failure> {
     let Some(root) = &args.store else { return Ok(Vec::new()) };
     let mut all = Vec::new();
     for flight in solve_store::flights(&RealDisk, root, args.flight.as_deref())? {
-        for series in catalogue::series(&RealDisk, &flight)? {
-            if args.series.as_ref().is_none_or(|wanted| *wanted == series.id) {
-                let manifest = catalogue::manifest(&RealDisk, &series)?;
-                all.extend(store::frames(&series, manifest));
-            }
-        }
+        all.extend(solve_store::frames(&RealDisk, &flight, args.series.as_deref())?);
     }
     if all.is_empty() {
         let what = "there is no frame of that flight and series";
@@ -150,8 +145,7 @@ fn chosen(args: &Args) -> Result<Vec<FrameRef>, Failure> {
 
 fn reading(frame: &FrameRef, name: &str, screen: &Screen) -> Result<Reading, String> {
     let bytes = store::read_frame(&RealDisk, frame).map_err(|e| e.to_string())?;
-    let format = serde_json::from_value::<Format>(frame.entry.format.clone())
-        .map_err(|e| format!("series.json does not say how to read it: {e}"))?;
+    let format = Format::of_manifest(&frame.entry.format)?;
     let (sighting, raster) = stages::detect_only(name, &bytes, Some(&format));
     if let Some(reason) = sighting.failure {
         return Err(reason);

@@ -4,8 +4,9 @@ use std::collections::BTreeSet;
 
 use super::{BITS, COUNT_BITS, COUNT_MASK, PARITY, TICK_MS, gray_of, word};
 
-/// Most mixed bits of a count, and most ticks in a row, that one exposure may mix.
+/// Most bits of a count that one exposure may mix: each doubles what is tried.
 const MOST_MIXED: u32 = 5;
+/// Most ticks in a row that one exposure may mix: so many change five bits.
 const MOST_TICKS: u32 = 16;
 /// Counts before the code begins anew.
 const COUNTS: u32 = 1 << COUNT_BITS;
@@ -30,7 +31,8 @@ pub struct Shown {
     pub ticks: u32,
 }
 
-/// The shortest runs of ticks that show bits that are one, bits that are mixed, and the others zero; `None` where there are none, or several that are no neighbours.
+/// The shortest runs of ticks that show bits that are one, bits that are mixed, and the others zero; `None` where there are
+/// none, or several that are no neighbours.
 pub fn decode(one: u32, mixed: u32) -> Option<Shown> {
     let pattern = Pattern { one, mixed };
     if !has_parity(&pattern) {

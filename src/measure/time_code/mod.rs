@@ -68,23 +68,24 @@ pub fn word(count: u32) -> u32 {
         HAMMING.iter().enumerate().filter(|(bit, _)| slow >> bit & 1 == 1).fold(0, |sum, (_, c)| sum ^ c);
     // Of the ends, which are one, the picture's attitude is told: upside down they are zero. The fastest bits and parity
     // share a row near the middle: a screen lights a row at a time.
-    1 | check << 1 | gray >> LOW_BITS << 5 | (count & 1) << 8 | (gray & LOW) << 9 | 1 << (BITS - 1)
+    1 | check << 1 | gray >> LOW_BITS << 5 | (count & 1) << 8 | (gray & LOW) << FASTEST | 1 << (BITS - 1)
 }
 
 /// So many bits of Gray's code stand together, the fastest one in the tenth bit of the word; the slowest ones before them.
 const LOW_BITS: usize = 14;
+/// These bits of a count in Gray's code.
 const LOW: u32 = (1 << LOW_BITS) - 1;
 /// The bit of the word that is the count's fastest.
 pub const FASTEST: usize = 9;
 /// The bits of the count in Gray's code.
-const COUNT_MASK: u32 = LOW << 9 | ((1 << (COUNT_BITS - LOW_BITS)) - 1) << 5;
+const COUNT_MASK: u32 = LOW << FASTEST | ((1 << (COUNT_BITS - LOW_BITS)) - 1) << 5;
 
 /// The bit of a word that is the count's parity.
 const PARITY: u32 = 1 << 8;
 
 /// Gray's code in the bits of a word.
 fn gray_of(word: u32) -> u32 {
-    word >> 9 & LOW | (word & COUNT_MASK & 0xff) >> 5 << LOW_BITS
+    word >> FASTEST & LOW | (word & COUNT_MASK & 0xff) >> 5 << LOW_BITS
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use super::decode::{Shown, decode};
 use super::{BITS, DISCS, cell};
 use crate::measure::detect::Detections;
 use crate::measure::raster::Raster;
+use crate::measure::robust::median;
 use crate::measure::setup::Shape;
 
 /// Of the discs that a picture shows so many are tried, the largest first.
@@ -118,12 +119,9 @@ fn between(image: &Raster, pixel_from_page: &Matrix3<f64>) -> Result<Shown, Unre
     let pairs: Vec<[f64; 2]> = (0..BITS)
         .map(|bit| [false, true].map(|opposite| level(image, pixel_from_page, cell(bit, opposite))))
         .collect();
-    let median = |mut values: Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
-    let white = median(pairs.iter().map(|[a, b]| a.max(*b)).collect());
-    let black = median(pairs.iter().map(|[a, b]| a.min(*b)).collect());
+    let usual = |values: Vec<f64>| median(values).ok_or(Unread::NoCode);
+    let white = usual(pairs.iter().map(|[a, b]| a.max(*b)).collect())?;
+    let black = usual(pairs.iter().map(|[a, b]| a.min(*b)).collect())?;
     let contrast = white - black;
     if contrast < LEAST_CONTRAST {
         return Err(Unread::NoCode);
