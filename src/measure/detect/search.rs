@@ -3,8 +3,8 @@
 use crate::measure::detect::accept::consistency;
 use crate::measure::detect::accept::found::Found;
 use crate::measure::detect::accept::verdict::Measured;
+use crate::measure::detect::attempt::ladder::{Ladder, Outcome};
 use crate::measure::detect::attempt::measure::Bounds;
-use crate::measure::detect::attempt::whole::{WholeDiscs, measure_whole_or_hidden};
 use crate::measure::detect::detection::RejectReason;
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
@@ -60,7 +60,7 @@ struct Search<'a> {
     seen: &'a Raster,
     blobs: &'a [Blob],
     pairs: Vec<[usize; 2]>,
-    discs: WholeDiscs<'a>,
+    ladder: Ladder<'a>,
     /// Of each blob whether it belongs to something that was measured.
     taken: Vec<bool>,
     found: Found,
@@ -73,17 +73,17 @@ struct Search<'a> {
 impl Search<'_> {
     /// The hypotheses of a stage.
     fn hypotheses(&mut self, stage: Stage) -> Vec<Hypothesis> {
-        let Self { scope, seen, blobs, pairs, discs, taken, found, .. } = self;
+        let Self { scope, seen, blobs, pairs, ladder, taken, found, .. } = self;
         match stage {
-            Stage::Quadrants => gather::quadrants(seen, discs.bounds.noise, blobs, pairs),
+            Stage::Quadrants => gather::quadrants(seen, ladder.bounds.noise, blobs, pairs),
             Stage::Narrow => {
                 let missing = scope.missing_quadrants(&found.measured);
                 let wanted = |seen: &Ellipse| {
                     missing.as_ref().is_none_or(|missing| scope::may_show_part_of(seen, missing))
                 };
-                let (image, noise) = (discs.image, discs.bounds.noise);
+                let (image, noise) = (ladder.image, ladder.bounds.noise);
                 blurred_quadrants::narrow(image, (blobs, pairs), taken, noise, wanted, |i| {
-                    discs.is_sure_disc(i)
+                    ladder.is_sure_disc(i)
                 })
             }
             Stage::Discs => gather::discs(blobs),
@@ -95,23 +95,23 @@ impl Search<'_> {
         !self.scope.wants(hypothesis)
             || hypothesis.blobs.iter().any(|&i| self.taken[i])
             || self.scope.is_beside(hypothesis, &self.found.measured)
-            || (stage == Stage::Quadrants && self.discs.are_discs(hypothesis))
+            || (stage == Stage::Quadrants && self.ladder.are_discs(hypothesis))
     }
 
     /// Measures a hypothesis, and keeps what is found or why it is not.
     fn measure(&mut self, hypothesis: &Hypothesis) {
-        let (measured, part) = measure_whole_or_hidden(&mut self.discs, hypothesis);
+        let Outcome { measured, lacks_size } = self.ladder.climb(hypothesis);
         let holds_discs =
-            |m: &Measured| m.detection.shape == Shape::Quadrant && self.discs.hold_discs(&m.detection);
+            |m: &Measured| m.detection.shape == Shape::Quadrant && self.ladder.hold_discs(&m.detection);
         let measured =
             if measured.as_ref().is_ok_and(holds_discs) { Err(RejectReason::Duplicate) } else { measured };
         let index = measured.is_ok().then_some(self.found.measured.len());
-        self.hidden.extend(part.map(|part| (index, part)));
+        self.hidden.extend(lacks_size.map(|hidden| (index, hidden)));
         match measured {
             Ok(measured) => {
                 hypothesis.blobs.iter().for_each(|&i| self.taken[i] = true);
                 self.found.measured.push(measured);
-                let bounds = &mut self.discs.bounds;
+                let bounds = &mut self.ladder.bounds;
                 bounds.blur = consistency::softest(&self.found).map_or(bounds.blur, |b| MARGIN * b);
             }
             Err(reason) => {
@@ -158,7 +158,7 @@ impl Progress {
             seen,
             blobs,
             pairs: moments::pairs(blobs),
-            discs: WholeDiscs::new(image, blobs, Bounds::of(noise)),
+            ladder: Ladder::new(image, blobs, Bounds::of(noise)),
             taken: blobs.iter().map(within).collect(),
             found,
             hidden: Vec::new(),
@@ -171,13 +171,13 @@ impl Progress {
                 }
             }
         }
-        let Search { discs, mut found, hidden, unsure, .. } = search;
+        let Search { ladder, mut found, hidden, unsure, .. } = search;
         let wanted = |hypothesis: &Hypothesis| scope.wants(hypothesis);
-        revise_with_size(&discs, &mut found, hidden);
-        revise_with_edge_prior(&discs, &mut found, unsure);
-        revise_under_decals(&discs, &mut found, wanted);
+        revise_with_size(&ladder, &mut found, hidden);
+        revise_with_edge_prior(&ladder, &mut found, unsure);
+        revise_under_decals(&ladder, &mut found, wanted);
         find_against_one_level(
-            &discs,
+            &ladder,
             &mut found,
             (seen, self.gathered.coarse(), &self.gathered.uneven),
             wanted,

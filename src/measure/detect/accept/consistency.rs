@@ -39,7 +39,7 @@ pub fn distinct(found: &mut Found) {
 }
 
 /// Turns down quadrants in which two discs were found with skin between them: the black of quadrants meets. One of the two
-/// was seen badly, else the pair was known for discs before it was measured (`WholeDiscs::are_discs`); but no
+/// was seen badly, else the pair was known for discs before it was measured (`Ladder::are_discs`); but no
 /// worse than the quadrants, as their black parts are that pass for discs.
 fn without_rows_of_discs(found: &mut Found) {
     let discs = found.measured.iter().map(|m| &m.detection).filter(|d| d.shape == Shape::Circle);

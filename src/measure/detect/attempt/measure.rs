@@ -20,8 +20,7 @@ use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::histogram::Histogram;
 use crate::measure::detect::occlusion::region::{Band, Region};
 use crate::measure::detect::occlusion::{glare, seam};
-use crate::measure::detect::propose::blurred_quadrants::against_skin;
-use crate::measure::detect::propose::quadrant_outline::{at_one_level, outlined, with_outline};
+use crate::measure::detect::propose::quadrant_outline::{outlined, with_outline};
 use crate::measure::detect::propose::reduced::Reduced;
 use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::sample::select::{ALL, EVERY, FEW, Look, Masked, Wanted, pixels};
@@ -49,23 +48,8 @@ impl Bounds {
     }
 }
 
-/// Fits the model to a hypothesis.
+/// Fits the model to a hypothesis, and judges the answer.
 pub fn measure(
-    image: &Raster,
-    blobs: &[Blob],
-    hypothesis: &Hypothesis,
-    bounds: Bounds,
-) -> Result<Measured, RejectReason> {
-    let levelled = at_one_level(image, hypothesis, blobs);
-    let levelled = levelled.and_then(|hypothesis| measure_once(image, blobs, &hypothesis, bounds).ok());
-    let measured = levelled.map_or_else(|| measure_once(image, blobs, hypothesis, bounds), Ok);
-    measured.or_else(|reason| {
-        let again = against_skin(image, hypothesis, bounds.blur).ok_or(reason)?;
-        measure_once(image, blobs, &again, bounds).map_err(|_| reason)
-    })
-}
-
-fn measure_once(
     image: &Raster,
     blobs: &[Blob],
     hypothesis: &Hypothesis,

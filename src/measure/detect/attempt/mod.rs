@@ -1,5 +1,6 @@
 //! One hypothesis measured, in the ways that there are.
 
+pub mod ladder;
 pub mod measure;
 pub mod options;
 pub mod whole;

@@ -5,8 +5,8 @@ use nalgebra::Vector2;
 use crate::measure::detect::accept::found::Found;
 use crate::measure::detect::accept::verdict::Measured;
 use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::attempt::measure::{Bounds, measure};
-use crate::measure::detect::attempt::whole::{WholeDiscs, looks_cut};
+use crate::measure::detect::attempt::ladder::Ladder;
+use crate::measure::detect::attempt::whole::looks_cut;
 use crate::measure::detect::detection::RejectReason;
 use crate::measure::detect::estimate::prior::darkness_leaving;
 use crate::measure::detect::hypothesis::Hypothesis;
@@ -24,15 +24,15 @@ use crate::measure::setup::Shape;
 /// Measures discs that are hidden in part once more, when the whole ones about them have told how
 /// large they are; also those of which too little was seen before. One of quite another size is turned down: something
 /// else passes for its hidden end.
-pub fn revise_with_size(known: &WholeDiscs, found: &mut Found, hidden: Vec<(Option<usize>, Hypothesis)>) {
+pub fn revise_with_size(ladder: &Ladder, found: &mut Found, hidden: Vec<(Option<usize>, Hypothesis)>) {
     let mut wrong: Vec<usize> = Vec::new();
-    let bounds = Bounds { through_glare: true, ..known.bounds };
+    let through_glare = ladder.through_glare();
     for (index, mut hypothesis) in hidden {
         let Some((major, deviation)) = predicted_major(found, index, hypothesis.ellipse.centre) else {
             // What glare lies over may show as a whole.
             let slot = index.and_then(|i| found.measured.get_mut(i));
             if slot.as_ref().is_none_or(|slot| !slot.is_sure()) {
-                let shown = measure(known.image, known.blobs, &hypothesis, bounds).ok();
+                let shown = through_glare.measure(&hypothesis).ok();
                 match (shown.filter(|m| m.through_glare), slot) {
                     (Some(shown), Some(slot)) => *slot = shown,
                     (shown, _) => found.measured.extend(shown),
@@ -55,7 +55,7 @@ pub fn revise_with_size(known: &WholeDiscs, found: &mut Found, hidden: Vec<(Opti
         hypothesis.ellipse.major = major;
         hypothesis.prior.size = Some(SizePrior::of_major((major, deviation)));
         let fits = |m: &Measured| is_as_long(m, (major, deviation), NEIGHBOUR.unlike_sigmas);
-        let again = measure(known.image, known.blobs, &hypothesis, bounds).ok().filter(fits);
+        let again = through_glare.measure(&hypothesis).ok().filter(fits);
         let slot = index.and_then(|i| found.measured.get_mut(i));
         // Whole discs may lie beside what is saturated.
         if slot.as_ref().is_some_and(|slot| slot.is_whole && slot.is_sure() && fits(slot)) {
@@ -85,7 +85,7 @@ pub fn is_unsure(reason: RejectReason, hypothesis: &Hypothesis) -> bool {
 
 /// Measures what is about as thin as the blur once more, when the markers about it have told blur and darkness. Discs also
 /// need to be as long as those about them predict.
-pub fn revise_with_edge_prior(known: &WholeDiscs, found: &mut Found, unsure: Vec<Hypothesis>) {
+pub fn revise_with_edge_prior(ladder: &Ladder, found: &mut Found, unsure: Vec<Hypothesis>) {
     for mut hypothesis in unsure {
         let ellipse = hypothesis.ellipse;
         if found.holds(ellipse.centre) {
@@ -104,7 +104,7 @@ pub fn revise_with_edge_prior(known: &WholeDiscs, found: &mut Found, unsure: Vec
             hypothesis.ellipse.major = major;
             hypothesis.prior.size = Some(SizePrior::of_major((major, deviation)));
         }
-        let measured = measure(known.image, known.blobs, &hypothesis, known.bounds).ok();
+        let measured = ladder.measure(&hypothesis).ok();
         let sure = |m: &Measured| size.is_none_or(|size| is_as_long(m, size, NEIGHBOUR.unlike_thin_sigmas));
         if let Some(measured) = measured.filter(sure) {
             let own = measured.detection.ellipse();
@@ -116,7 +116,7 @@ pub fn revise_with_edge_prior(known: &WholeDiscs, found: &mut Found, unsure: Vec
 
 /// Measures discs in regions whose background is uneven, seen against one level, where nothing else was found.
 pub fn find_against_one_level(
-    known: &WholeDiscs,
+    ladder: &Ladder,
     found: &mut Found,
     (seen, coarse, regions): (&Raster, &Coarse, &[DarkRegion]),
     wanted: impl Fn(&Hypothesis) -> bool,
@@ -130,7 +130,7 @@ pub fn find_against_one_level(
                 continue;
             }
             let disc = moments::disc(usize::MAX, &blob).filter(&wanted);
-            let measured = disc.map(|disc| measure(known.image, known.blobs, &disc, known.bounds));
+            let measured = disc.map(|disc| ladder.measure(&disc));
             found.measured.extend(measured.and_then(Result::ok));
         }
     }

@@ -8,7 +8,8 @@ use nalgebra::{Matrix2, Vector2};
 use crate::measure::detect::accept::verdict::Measured;
 use crate::measure::detect::accept::{correlated, dirt};
 use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::attempt::measure::{Bounds, measure};
+use crate::measure::detect::attempt::ladder::Ladder;
+use crate::measure::detect::attempt::measure::Bounds;
 use crate::measure::detect::detection::{Detection, Detections, Prediction, by_place};
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::hypothesis::prior::{EdgePrior, Prior, SizePrior, Slope};
@@ -144,7 +145,8 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
     let near_px = ORIENTATION.near_px;
     let most = middle(sure.0.iter().map(off).collect()).map_or(near_px, |usual| near_px.max(3.0 * usual));
     let bounds = Bounds { blur: ORIENTATION.softer * psf, through_glare: true, ..Bounds::of(found.noise) };
-    let look = Closer { image, found, sure: &sure, psf, bounds, most };
+    let ladder = Ladder::new(image, &[], bounds);
+    let look = Closer { ladder, found, sure: &sure, psf, most };
     let mut new: Vec<(Option<usize>, Measured)> = Vec::new();
     let mut unlike: Vec<(usize, Matrix2<f64>)> = Vec::new();
     for expected in expected {
@@ -186,11 +188,10 @@ fn put(found: &mut Detections, new: Vec<(Option<usize>, Measured)>) {
 
 /// A look at a frame in which some markers have been found.
 struct Closer<'a> {
-    image: &'a Raster,
+    ladder: Ladder<'a>,
     found: &'a Detections,
     sure: &'a Sure,
     psf: f64,
-    bounds: Bounds,
     /// How far from its expected place a marker may be, px.
     most: f64,
 }
@@ -248,11 +249,11 @@ impl Closer<'_> {
     ) -> Vec<Hypothesis> {
         let fringes = if is_sure { &ORIENTATION.fringes[1..] } else { &ORIENTATION.fringes[..] };
         let hypotheses =
-            fringes.iter().filter_map(|fringe| sizes.hypothesis(self.image, prediction, *fringe));
+            fringes.iter().filter_map(|fringe| sizes.hypothesis(self.ladder.image, prediction, *fringe));
         let mut hypotheses: Vec<Hypothesis> = hypotheses.collect();
         hypotheses.dedup();
         // Only where it does not look whole is it taken for hidden.
-        let hidden = |last| decal_cut::beside(self.image, last, others, ROWS, self.psf);
+        let hidden = |last| decal_cut::beside(self.ladder.image, last, others, ROWS, self.psf);
         let hidden = hypotheses.last().and_then(hidden);
         hypotheses.retain(|_| !is_sure);
         hypotheses.extend(hidden);
@@ -272,9 +273,9 @@ impl Closer<'_> {
             hypothesis.prior.edge =
                 Some(EdgePrior { blur: (psf, ORIENTATION.same_blur * psf), dark: (0.7, f64::INFINITY) });
         }
-        let mut measured = measure(self.image, &[], &hypothesis, self.bounds).ok()?;
+        let mut measured = self.ladder.measure(&hypothesis).ok()?;
         correlated::raise(&mut measured, self.found.inflation);
-        dirt::inflate(self.image, &mut measured, others);
+        dirt::inflate(self.ladder.image, &mut measured, others);
         if prediction.shape == Shape::Quadrant {
             measured.detection.semi_major_px /= ORIENTATION.inner;
             measured.detection.semi_minor_px /= ORIENTATION.inner;

@@ -1,12 +1,11 @@
-//! Discs over which the decal of one beside them lies, measured once more when that one is known.
+//! Discs over which the decal of one beside them lies, measured once more when that one is ladder.
 
 use nalgebra::Matrix2;
 
 use super::neighbours::{is_as_long, predicted_major};
 use crate::measure::detect::accept::found::Found;
 use crate::measure::detect::accept::verdict::Measured;
-use crate::measure::detect::attempt::measure::measure;
-use crate::measure::detect::attempt::whole::WholeDiscs;
+use crate::measure::detect::attempt::ladder::Ladder;
 use crate::measure::detect::detection::RejectReason;
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
@@ -54,13 +53,13 @@ impl Part<'_> {
     }
 
     /// What the decal leaves of the disc, if it lies along rows or along the line in which the blob ends.
-    fn measured(&self, known: &WholeDiscs, wanted: impl Fn(&Hypothesis) -> bool) -> Option<Measured> {
+    fn measured(&self, ladder: &Ladder, wanted: impl Fn(&Hypothesis) -> bool) -> Option<Measured> {
         let beside = self.neighbour.detection.ellipse();
         let under = |axis| {
             let hypothesis =
-                decal_cut::under(known.image, self.blob, &beside, axis, self.size, self.neighbour.blur)?;
+                decal_cut::under(ladder.image, self.blob, &beside, axis, self.size, self.neighbour.blur)?;
             let hypothesis = Some(Hypothesis { blobs: vec![self.index], ..hypothesis }).filter(&wanted)?;
-            measure(known.image, known.blobs, &hypothesis, known.bounds)
+            ladder.measure(&hypothesis)
                 .ok()
                 .filter(|new| self.is_better(new))
         };
@@ -82,14 +81,14 @@ fn inflation_of_thin(thin: &Measured, neighbour: &Measured) -> Option<(Ellipse, 
 /// Measures what the decal of a disc leaves of one beside it, with the size that the discs about predict and the shape of that
 /// one: a blob in which nothing was found, something of another size, or something too thin. What is too thin and cannot be
 /// told so is doubted.
-pub fn revise_under_decals(known: &WholeDiscs, found: &mut Found, wanted: impl Fn(&Hypothesis) -> bool) {
+pub fn revise_under_decals(ladder: &Ladder, found: &mut Found, wanted: impl Fn(&Hypothesis) -> bool) {
     let is_disc = |m: &Measured| m.detection.shape == Shape::Circle;
     let has_decal = |m: &Measured| is_disc(m) && m.is_sure();
     let reach = |m: &Measured| decal_cut::reach(&m.detection.ellipse());
     let decals: Vec<[f64; 4]> = found.measured.iter().filter(|m| has_decal(m)).map(reach).collect();
     let touched = |blob: &Blob| !blob.at_edge && decals.iter().any(|decal| decal_cut::meets(blob, decal));
     let mut inflations: Vec<(Ellipse, Matrix2<f64>)> = Vec::new();
-    for (index, blob) in known.blobs.iter().enumerate().filter(|(_, blob)| touched(blob)) {
+    for (index, blob) in ladder.blobs.iter().enumerate().filter(|(_, blob)| touched(blob)) {
         let own = found.measured.iter().position(|m| m.detection.ellipse().holds(blob.centroid));
         let slot = own.and_then(|own| found.measured.get(own));
         if slot.is_some_and(|slot| !is_disc(slot)) {
@@ -122,7 +121,7 @@ pub fn revise_under_decals(known: &WholeDiscs, found: &mut Found, wanted: impl F
         if part.as_ref().is_some_and(Part::is_seen) {
             continue;
         }
-        let Some(measured) = part.and_then(|part| part.measured(known, &wanted)) else {
+        let Some(measured) = part.and_then(|part| part.measured(ladder, &wanted)) else {
             inflations.extend(slot.and_then(|slot| inflation_of_thin(slot, neighbour)));
             continue;
         };
