@@ -1,5 +1,6 @@
 //! Among a frame's detections each thing once, and nothing far smaller, softer or otherwise turned than the markers.
 
+use super::better::is_better;
 use super::found::Found;
 use super::verdict::Measured;
 use crate::measure::detect::accept::options::CONSISTENCY;
@@ -15,20 +16,13 @@ pub fn distinct(found: &mut Found) {
     let within = |one: &Detection, other: &Detection| {
         other.ellipse().outwards(one.centre_px) < if one.shape == other.shape { 0.5 } else { 0.8 }
     };
-    let better = |one: &Detection, other: &Detection| {
-        let size = |d: &Detection| d.semi_major_px * d.semi_minor_px;
-        let alike = one.shape == other.shape && (0.5..2.0).contains(&(size(one) / size(other)));
-        if alike {
-            one.covariance_px2.determinant() <= other.covariance_px2.determinant()
-        } else {
-            size(one) >= size(other)
-        }
-    };
     let mut i = 0;
     while let Some(one) = found.measured.get(i).map(|m| m.detection.clone()) {
         let beaten = found.measured.iter().enumerate().any(|(j, other)| {
-            let near = within(&one, &other.detection) || within(&other.detection, &one);
-            j != i && near && (better(&other.detection, &one) && (j < i || !better(&one, &other.detection)))
+            let other = &other.detection;
+            let near = within(&one, other) || within(other, &one);
+            let beats = || is_better(other, &one) || j < i && !is_better(&one, other);
+            j != i && near && beats()
         });
         if beaten {
             found.turn_down(i, RejectReason::Duplicate);

@@ -18,6 +18,14 @@ impl Found {
         self.measured.iter().any(|m| m.detection.ellipse().holds(at))
     }
 
+    /// Puts an answer in the place of a former one, or beside all of them.
+    pub fn put(&mut self, own: Option<usize>, new: Measured) {
+        match own.and_then(|i| self.measured.get_mut(i)) {
+            Some(old) => *old = new,
+            None => self.measured.push(new),
+        }
+    }
+
     /// Moves a detection to those turned down.
     pub fn turn_down(&mut self, index: usize, reason: RejectReason) {
         let d = self.measured.remove(index).detection;

@@ -1,5 +1,6 @@
 //! Whether a fit is a marker, and with what accuracy; what a frame's markers tell of one another.
 
+pub mod better;
 pub mod consistency;
 pub mod correlated;
 pub mod dirt;

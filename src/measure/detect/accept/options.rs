@@ -181,3 +181,15 @@ pub const DIRT: DirtOptions = DirtOptions {
     cut_scales: 4.7,
     floor: 0.3,
 };
+
+/// Which of two answers for one thing is kept.
+pub struct BetterOptions {
+    /// Size of one over the other's, products of their semi-axes, from which on the smaller one is a part: a decal or glare that
+    /// hides half of a disc.
+    pub part: f64,
+    /// Standard deviations by which two answers for one place may differ: one in 16 000 by chance.
+    pub alike_sigmas: f64,
+}
+
+/// The numbers in use.
+pub const BETTER: BetterOptions = BetterOptions { part: 2.0, alike_sigmas: 4.0 };

@@ -114,7 +114,12 @@ const DISC: [Rung; 6] = [
         size: Size::Told,
     },
     // Blur or noise has frayed its rim.
-    Rung { when: When::CutOutsideGlare, propose: |climb| climb.frayed(), tells_why: true, size: Size::Lacking },
+    Rung {
+        when: When::CutOutsideGlare,
+        propose: |climb| climb.frayed(),
+        tells_why: true,
+        size: Size::Lacking,
+    },
 ];
 
 /// What is measured, and in which picture.

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
+use crate::measure::detect::accept::better::is_better;
 use crate::measure::detect::accept::options::VERDICT;
 use crate::measure::detect::accept::verdict::{Measured, fits_poorly, judge};
 use crate::measure::detect::appearance::parameters::{
@@ -208,7 +209,7 @@ fn in_glare(
         || through(glare::lit(image, &hypothesis.ellipse, MEASURE.fringe, 0.0)).map(|(fringe, _)| fringe);
     let fringe = if known { fringe() } else { None };
     match (plain, fringe) {
-        (Ok(plain), Some(fringe)) if plain.detection.variance() < fringe.detection.variance() => Ok(plain),
+        (Ok(plain), Some(fringe)) if !is_better(&fringe.detection, &plain.detection) => Ok(plain),
         (_, Some(fringe)) => Ok(fringe),
         (Err(reason), None) => {
             let (mut all, _) = all.ok_or(reason)?;

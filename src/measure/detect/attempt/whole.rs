@@ -27,8 +27,7 @@ impl Ladder<'_> {
 
     /// Whether the two blobs of a pair are whole discs side by side: the image model tells.
     pub fn are_discs(&self, hypothesis: &Hypothesis) -> bool {
-        let disc =
-            |&i: &usize| matches!(self.measure_round(i), Some(Ok(_) | Err(RejectReason::Uncertain)));
+        let disc = |&i: &usize| matches!(self.measure_round(i), Some(Ok(_) | Err(RejectReason::Uncertain)));
         hypothesis.blobs.len() == 2 && hypothesis.blobs.iter().all(disc)
     }
 

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector2;
 
+use crate::measure::detect::accept::better::is_better;
 use crate::measure::detect::accept::found::Found;
 use crate::measure::detect::accept::verdict::Measured;
 use crate::measure::detect::appearance::parameters::Pattern;
@@ -27,50 +28,52 @@ use crate::measure::setup::Shape;
 pub fn revise_with_size(ladder: &Ladder, found: &mut Found, hidden: Vec<(Option<usize>, Hypothesis)>) {
     let mut wrong: Vec<usize> = Vec::new();
     let through_glare = ladder.through_glare();
-    for (index, mut hypothesis) in hidden {
-        let Some((major, deviation)) = predicted_major(found, index, hypothesis.ellipse.centre) else {
+    for (index, hypothesis) in hidden {
+        let old = index.and_then(|i| found.measured.get(i));
+        let Some(size) = predicted_major(found, index, hypothesis.ellipse.centre) else {
             // What glare lies over may show as a whole.
-            let slot = index.and_then(|i| found.measured.get_mut(i));
-            if slot.as_ref().is_none_or(|slot| !slot.is_sure()) {
-                let shown = through_glare.measure(&hypothesis).ok();
-                match (shown.filter(|m| m.through_glare), slot) {
-                    (Some(shown), Some(slot)) => *slot = shown,
-                    (shown, _) => found.measured.extend(shown),
-                }
-            }
+            let better = |new: &Measured| old.is_none_or(|old| is_better(&new.detection, &old.detection));
+            let shown = if old.is_some_and(Measured::is_sure) {
+                None
+            } else {
+                through_glare.measure(&hypothesis).ok().filter(|new| new.through_glare && better(new))
+            };
+            shown.into_iter().for_each(|shown| found.put(index, shown));
             continue;
         };
-        // The end that is seen stays where it is.
-        let by = major - hypothesis.ellipse.major;
-        let shift = |band: &Band| {
-            let longer = band.axis * by;
-            match (band.from.is_finite(), band.to.is_finite()) {
-                (true, false) => longer,
-                (false, true) => -longer,
-                _ => Vector2::zeros(),
-            }
-        };
-        let shifts: Vec<Vector2<f64>> = hypothesis.glare().map(shift).collect();
-        shifts.iter().for_each(|shift| hypothesis.ellipse.centre += shift);
-        hypothesis.ellipse.major = major;
-        hypothesis.prior.size = Some(SizePrior::of_major((major, deviation)));
-        let fits = |m: &Measured| is_as_long(m, (major, deviation), NEIGHBOUR.unlike_sigmas);
-        let again = through_glare.measure(&hypothesis).ok().filter(fits);
-        let slot = index.and_then(|i| found.measured.get_mut(i));
+        let fits = |m: &Measured| is_as_long(m, size, NEIGHBOUR.unlike_sigmas);
         // Whole discs may lie beside what is saturated.
-        if slot.as_ref().is_some_and(|slot| slot.is_whole && slot.is_sure() && fits(slot)) {
+        if old.is_some_and(|old| old.is_whole && old.is_sure() && fits(old)) {
             continue;
         }
-        match (again, slot) {
-            (Some(again), Some(slot)) => *slot = again,
-            (Some(again), None) => found.measured.push(again),
-            (None, Some(slot)) if !fits(slot) => wrong.extend(index),
-            (None, _) => {}
+        // With the size it knows more than the former answer, which it replaces.
+        let again = through_glare.measure(&with_size(hypothesis, size)).ok().filter(fits);
+        match again {
+            Some(again) => found.put(index, again),
+            None => wrong.extend(index.filter(|_| old.is_some_and(|old| !fits(old)))),
         }
     }
     wrong.sort_unstable();
     wrong.dedup();
     found.turn_down_these(RejectReason::Uncertain, &wrong);
+}
+
+/// The hypothesis with a predicted semi-major axis and its standard deviation, px. The end that is seen stays where it is.
+fn with_size(mut hypothesis: Hypothesis, (major, deviation): (f64, f64)) -> Hypothesis {
+    let by = major - hypothesis.ellipse.major;
+    let shift = |band: &Band| {
+        let longer = band.axis * by;
+        match (band.from.is_finite(), band.to.is_finite()) {
+            (true, false) => longer,
+            (false, true) => -longer,
+            _ => Vector2::zeros(),
+        }
+    };
+    let shift: Vector2<f64> = hypothesis.glare().map(shift).sum();
+    hypothesis.ellipse.centre += shift;
+    hypothesis.ellipse.major = major;
+    hypothesis.prior.size = Some(SizePrior::of_major((major, deviation)));
+    hypothesis
 }
 
 /// Whether a thin marker may be turned down so only because it does not tell blur and thickness apart.
@@ -100,9 +103,8 @@ pub fn revise_with_edge_prior(ladder: &Ladder, found: &mut Found, unsure: Vec<Hy
         if hypothesis.pattern == Pattern::Disc {
             size = predicted_major(found, None, ellipse.centre);
             size = size.filter(|(major, _)| ellipse.major > NEIGHBOUR.seen * major);
-            let Some((major, deviation)) = size else { continue };
-            hypothesis.ellipse.major = major;
-            hypothesis.prior.size = Some(SizePrior::of_major((major, deviation)));
+            let Some(size) = size else { continue };
+            hypothesis = with_size(hypothesis, size);
         }
         let measured = ladder.measure(&hypothesis).ok();
         let sure = |m: &Measured| size.is_none_or(|size| is_as_long(m, size, NEIGHBOUR.unlike_thin_sigmas));

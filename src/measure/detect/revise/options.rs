@@ -99,8 +99,6 @@ pub struct OrientationOptions {
     pub unknown: f64,
     /// How far from its expected place a marker may be, px, unless the sure discs are farther.
     pub near_px: f64,
-    /// Standard deviations by which both answers may differ: one in 16 000 by chance.
-    pub alike_sigmas: f64,
     /// Share of the former variances from which on a disc is taken for hidden that may be seen as a whole.
     pub surer: f64,
     /// Standard deviations by which a size differs from the predicted one that say that something is wrong.
@@ -133,7 +131,6 @@ pub const ORIENTATION: OrientationOptions = OrientationOptions {
     angle_rad: 0.015,
     unknown: 0.01,
     near_px: 4.0,
-    alike_sigmas: 4.0,
     surer: 0.5,
     unlike_sigmas: 3.0,
     inner: 0.75,

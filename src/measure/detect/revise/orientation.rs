@@ -5,6 +5,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
+use crate::measure::detect::accept::better::is_better;
 use crate::measure::detect::accept::verdict::Measured;
 use crate::measure::detect::accept::{correlated, dirt};
 use crate::measure::detect::appearance::parameters::Pattern;
@@ -221,7 +222,6 @@ impl Closer<'_> {
             let (measured, whole) = measured?;
             let centre = measured.detection.centre_px;
             // It may have been found and left without a name.
-            let named = own.is_some();
             let own = own.or_else(|| markers.iter().position(|d| d.ellipse().outwards(centre) < 0.5));
             let old = own.and_then(|i| markers.get(i)).map(|old| {
                 // What has another size than predicted may have another place too.
@@ -229,11 +229,12 @@ impl Closer<'_> {
                 Detection { covariance_px2, ..old.clone() }
             });
             let near = (centre - prediction.centre_px).norm() < self.most;
-            let surer = if whole { 1.0 } else { ORIENTATION.surer };
-            let better =
-                near && old.as_ref().is_none_or(|old| is_better(&measured.detection, old, surer, named));
+            let new = &measured.detection;
+            // What is taken for hidden may be seen as a whole.
+            let is_sure = |old: &Detection| whole || new.variance() < ORIENTATION.surer * old.variance();
+            let better = near && old.as_ref().is_none_or(|old| is_better(new, old) && is_sure(old));
             if let (false, true, Some(i), Some(old)) = (better, near && whole, own, &old) {
-                unlike.extend(disagreement(&measured.detection, old).map(|inflation| (i, inflation)));
+                unlike.extend(disagreement(new, old).map(|inflation| (i, inflation)));
             }
             better.then_some((own, measured))
         })
@@ -291,18 +292,4 @@ fn disagreement(new: &Detection, old: &Detection) -> Option<Matrix2<f64>> {
     let apart: Vector2<f64> = new.centre_px - old.centre_px;
     let off = apart.dot(&(old.covariance_px2.try_inverse()? * apart));
     (new.shape == old.shape && off > 1.0).then(|| apart * apart.transpose())
-}
-
-/// Whether an answer is surer than the former one, by a factor of the variances, and no other. Quadrants that were found and
-/// could not be named were measured wrongly: they have no say.
-fn is_better(new: &Detection, old: &Detection, factor: f64, named: bool) -> bool {
-    let apart: Vector2<f64> = new.centre_px - old.centre_px;
-    let both = new.covariance_px2 + old.covariance_px2;
-    let off = both.try_inverse().map_or(f64::INFINITY, |inverse| apart.dot(&(inverse * apart)));
-    let is_surer = new.variance() < factor * old.variance();
-    match new.shape {
-        _ if new.shape != old.shape => false,
-        Shape::Quadrant => off < ORIENTATION.alike_sigmas * ORIENTATION.alike_sigmas || !named && is_surer,
-        Shape::Circle => is_surer && off < ORIENTATION.alike_sigmas * ORIENTATION.alike_sigmas,
-    }
 }

@@ -3,6 +3,7 @@
 use nalgebra::Matrix2;
 
 use super::neighbours::{is_as_long, predicted_major};
+use crate::measure::detect::accept::better::is_better;
 use crate::measure::detect::accept::found::Found;
 use crate::measure::detect::accept::verdict::Measured;
 use crate::measure::detect::attempt::ladder::Ladder;
@@ -41,12 +42,9 @@ impl Part<'_> {
     }
 
     /// Whether an answer is one for the disc, and better than what was measured before.
-    fn is_better(&self, new: &Measured) -> bool {
-        let better = self.old.is_none_or(|old| {
-            let surer = !self.is_thin(old) && new.detection.variance() < old.detection.variance();
-            surer || new.detection.fit_rms < old.detection.fit_rms
-        });
-        better
+    fn is_for_it(&self, new: &Measured) -> bool {
+        let old = self.old.filter(|old| !self.is_thin(old));
+        old.is_none_or(|old| is_better(&new.detection, &old.detection))
             && is_as_long(new, self.size, NEIGHBOUR.unlike_sigmas)
             && same(new.detection.contrast, self.neighbour.detection.contrast, UNDER_DECAL.same_contrast)
             && !self.neighbour.detection.ellipse().holds(new.detection.centre_px)
@@ -59,12 +57,10 @@ impl Part<'_> {
             let hypothesis =
                 decal_cut::under(ladder.image, self.blob, &beside, axis, self.size, self.neighbour.blur)?;
             let hypothesis = Some(Hypothesis { blobs: vec![self.index], ..hypothesis }).filter(&wanted)?;
-            ladder.measure(&hypothesis)
-                .ok()
-                .filter(|new| self.is_better(new))
+            ladder.measure(&hypothesis).ok().filter(|new| self.is_for_it(new))
         };
         let both = [Some(ROWS), decal::cut(self.blob, &beside)].into_iter().flatten().filter_map(under);
-        both.min_by(|a, b| a.detection.fit_rms.total_cmp(&b.detection.fit_rms))
+        both.reduce(|one, other| if is_better(&other.detection, &one.detection) { other } else { one })
     }
 }
 
@@ -135,10 +131,7 @@ pub fn revise_under_decals(ladder: &Ladder, found: &mut Found, wanted: impl Fn(&
         };
         let parts = found.measured.iter().enumerate().filter(|(k, m)| Some(*k) != own && is_part(m));
         let parts: Vec<usize> = parts.map(|(k, _)| k).collect();
-        match own.and_then(|own| found.measured.get_mut(own)) {
-            Some(slot) => *slot = measured,
-            None => found.measured.push(measured),
-        }
+        found.put(own, measured);
         found.turn_down_these(RejectReason::Duplicate, &parts);
     }
     inflate(found, &inflations);
