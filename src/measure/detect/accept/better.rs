@@ -8,7 +8,7 @@ use crate::measure::detect::detection::Detection;
 /// Whether an answer is better than another one for the same thing.
 ///
 /// - One that is far smaller is a part of it: the larger one tells more of the picture.
-/// - Where both say the same place, the surer one.
+/// - Where both say the same place, the surer one: that with the smaller standard ellipse.
 /// - Where they contradict one another, the one that leaves less of the picture untold.
 pub fn is_better(new: &Detection, old: &Detection) -> bool {
     let size = |d: &Detection| d.semi_major_px * d.semi_minor_px;
@@ -16,7 +16,8 @@ pub fn is_better(new: &Detection, old: &Detection) -> bool {
     if new.shape != old.shape || !(1.0 / BETTER.part..BETTER.part).contains(&ratio) {
         return ratio > 1.0;
     }
-    if agree(new, old) { new.variance() < old.variance() } else { new.fit_rms < old.fit_rms }
+    let area = |d: &Detection| d.covariance_px2.determinant();
+    if agree(new, old) { area(new) < area(old) } else { new.fit_rms < old.fit_rms }
 }
 
 /// Whether two answers say the same place.
