@@ -21,7 +21,7 @@ pub fn is_better(new: &Detection, old: &Detection) -> bool {
 }
 
 /// Whether two answers say the same place.
-pub fn agree(one: &Detection, other: &Detection) -> bool {
+fn agree(one: &Detection, other: &Detection) -> bool {
     let apart: Vector2<f64> = one.centre_px - other.centre_px;
     let both = one.covariance_px2 + other.covariance_px2;
     let off = both.try_inverse().map_or(f64::INFINITY, |inverse| apart.dot(&(inverse * apart)));

@@ -41,7 +41,7 @@ impl Part<'_> {
         self.old.is_some_and(|old| old.is_whole && !self.is_thin(old))
     }
 
-    /// Whether an answer is one for the disc, and better than what was measured before.
+    /// Whether an answer is one for the disc, and better than what was measured before, if that is not too thin for it.
     fn is_for_it(&self, new: &Measured) -> bool {
         let old = self.old.filter(|old| !self.is_thin(old));
         old.is_none_or(|old| is_better(&new.detection, &old.detection))
