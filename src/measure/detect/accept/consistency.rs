@@ -5,7 +5,6 @@ use super::found::Found;
 use super::verdict::Measured;
 use crate::measure::detect::accept::options::CONSISTENCY;
 use crate::measure::detect::detection::{Detection, RejectReason};
-use crate::measure::detect::hypothesis::neighbours;
 use crate::measure::detect::image::ellipse::{Ellipse, half_turn};
 use crate::measure::setup::Shape;
 
@@ -104,26 +103,37 @@ pub fn without_orientation_outliers(found: &mut Found) {
 
 /// A frame's markers are prints of about one diameter along one wing: seen at less than half the size of
 /// the next larger one, one would have to be more than twice as far away as all the others.
-/// What is as much smaller than the discs about it predict is none either.
+/// What is as much smaller than nearly all of the nearest that are larger is none either.
 pub fn without_size_outliers(found: &mut Found) {
     let mut sizes: Vec<f64> = found.measured.iter().map(|m| m.detection.semi_major_px).collect();
     sizes.sort_unstable_by(|a, b| b.total_cmp(a));
     let gap = sizes.windows(2).skip(CONSISTENCY.sizes - 1).find(|w| w[0] > CONSISTENCY.gap * w[1]);
     let least = gap.map_or(0.0, |w| w[0]);
-    let is_size_outlier = |m: &Measured| {
-        let Detection { semi_major_px, centre_px, .. } = m.detection;
-        // Other dots do not tell.
-        let larger = found
-            .measured
-            .iter()
-            .map(|m| &m.detection)
-            .filter(|d| d.semi_major_px > CONSISTENCY.longer * semi_major_px);
-        let predicted = || neighbours::predicted_major(larger, centre_px);
-        semi_major_px < least || predicted().is_some_and(|(major, _)| major > CONSISTENCY.gap * semi_major_px)
-    };
-    let all = found.measured.iter().enumerate();
-    let size_outliers: Vec<usize> = all.filter(|(_, m)| is_size_outlier(m)).map(|(i, _)| i).collect();
-    found.turn_down_these(RejectReason::SizeOutlier, &size_outliers);
+    found.turn_down_all(RejectReason::SizeOutlier, |m| m.detection.semi_major_px < least);
+    // Small things hide one another: those are looked at again beside what is left.
+    loop {
+        let before = found.measured.len();
+        let all: Vec<[f64; 3]> = found.measured.iter().map(|m| place_and_size(&m.detection)).collect();
+        found.turn_down_all(RejectReason::SizeOutlier, |m| {
+            is_small_beside(&place_and_size(&m.detection), &all)
+        });
+        if found.measured.len() == before {
+            return;
+        }
+    }
+}
+
+fn place_and_size(d: &Detection) -> [f64; 3] {
+    [d.centre_px.x, d.centre_px.y, d.semi_major_px]
+}
+
+/// Whether all but one of the nearest larger things are so much larger that it would have to be far behind them.
+fn is_small_beside([x, y, size]: &[f64; 3], all: &[[f64; 3]]) -> bool {
+    let larger = all.iter().filter(|[_, _, other]| *other > CONSISTENCY.longer * size);
+    let mut near: Vec<(f64, f64)> = larger.map(|[u, v, other]| ((u - x).hypot(v - y), *other)).collect();
+    near.sort_unstable_by(|(one, _), (other, _)| one.total_cmp(other));
+    near.truncate(CONSISTENCY.sizes + 1);
+    near.iter().filter(|(_, other)| *other > CONSISTENCY.gap * size).count() >= CONSISTENCY.sizes
 }
 
 #[cfg(test)]

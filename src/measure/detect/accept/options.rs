@@ -98,9 +98,9 @@ pub struct ConsistencyOptions {
     /// Size of the next larger one over a thing that is too small to be a marker: one would have to be so many
     /// times as far away as all others. Chosen on the rendered sets; `tests/detect/near.rs`.
     pub gap: f64,
-    /// How much longer those must be that predict a thing's size: other dots do not tell.
+    /// How much longer those beside a thing must be that tell it: other dots do not.
     pub longer: f64,
-    /// Larger ones that tell it.
+    /// Larger ones that tell it: of the nearest one more, for that may be a dot.
     pub sizes: usize,
 }
 
