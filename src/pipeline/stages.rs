@@ -135,7 +135,7 @@ pub fn detect_predicted(
 pub enum Search {
     /// All of it.
     Whole,
-    /// Where the frame before foretold markers.
+    /// Where the frame before predicted markers.
     Guided,
 }
 

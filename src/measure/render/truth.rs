@@ -34,7 +34,7 @@ pub struct MarkerTruth {
     pub pixel: Option<Vector2<f64>>,
     /// Width and height of the outline's box, px.
     pub size_px: Vector2<f64>,
-    /// Whole, in the frame, not hidden and not drowned in glare.
+    /// Whole, in the frame, not hidden and not saturated by glare.
     pub visible: bool,
     /// Centre, survey frame, m.
     pub position_m: Vector3<f64>,
@@ -78,7 +78,7 @@ impl Scene {
                         shape: marker.shape,
                         pixel,
                         size_px,
-                        visible: in_view && !drowned(&lit) && !shot.hidden.contains(&i),
+                        visible: in_view && !saturated(&lit) && !shot.hidden.contains(&i),
                         position_m: flight[i],
                         lift_m: lift[i],
                     }
@@ -125,6 +125,6 @@ impl Scene {
     }
 }
 
-fn drowned(lit: &Lit) -> bool {
+fn saturated(lit: &Lit) -> bool {
     lit.added > DROWNED || (lit.added > 0.2 && lit.added + 0.045 * lit.diffuse > 0.97)
 }
