@@ -5,6 +5,7 @@ use super::found::Found;
 use super::verdict::Measured;
 use crate::measure::detect::accept::options::CONSISTENCY;
 use crate::measure::detect::detection::{Detection, RejectReason};
+use crate::measure::detect::hypothesis::neighbours;
 use crate::measure::detect::image::ellipse::{Ellipse, half_turn};
 use crate::measure::setup::Shape;
 
@@ -103,7 +104,7 @@ pub fn without_orientation_outliers(found: &mut Found) {
 
 /// A frame's markers are prints of about one diameter along one wing: seen at less than half the size of
 /// the next larger one, one would have to be more than twice as far away as all the others.
-/// What is as much smaller than nearly all of the nearest that are larger is none either.
+/// What is as much smaller than larger things about it is none either.
 pub fn without_size_outliers(found: &mut Found) {
     let mut sizes: Vec<f64> = found.measured.iter().map(|m| m.detection.semi_major_px).collect();
     sizes.sort_unstable_by(|a, b| b.total_cmp(a));
@@ -112,28 +113,28 @@ pub fn without_size_outliers(found: &mut Found) {
     found.turn_down_all(RejectReason::SizeOutlier, |m| m.detection.semi_major_px < least);
     // Small things hide one another: those are looked at again beside what is left.
     loop {
-        let before = found.measured.len();
-        let all: Vec<[f64; 3]> = found.measured.iter().map(|m| place_and_size(&m.detection)).collect();
-        found.turn_down_all(RejectReason::SizeOutlier, |m| {
-            is_small_beside(&place_and_size(&m.detection), &all)
-        });
-        if found.measured.len() == before {
+        let all: Vec<Detection> = found.measured.iter().map(|m| m.detection.clone()).collect();
+        found.turn_down_all(RejectReason::SizeOutlier, |m| is_small_beside(&m.detection, &all));
+        if found.measured.len() == all.len() {
             return;
         }
     }
 }
 
-fn place_and_size(d: &Detection) -> [f64; 3] {
-    [d.centre_px.x, d.centre_px.y, d.semi_major_px]
-}
-
-/// Whether all but one of the nearest larger things are so much larger that it would have to be far behind them.
-fn is_small_beside([x, y, size]: &[f64; 3], all: &[[f64; 3]]) -> bool {
-    let larger = all.iter().filter(|[_, _, other]| *other > CONSISTENCY.longer * size);
-    let mut near: Vec<(f64, f64)> = larger.map(|[u, v, other]| ((u - x).hypot(v - y), *other)).collect();
-    near.sort_unstable_by(|(one, _), (other, _)| one.total_cmp(other));
+/// Whether a thing is far smaller than the larger ones about it predict, or where those lie on no plane, as among letters, than
+/// all but one of the nearest.
+fn is_small_beside(own: &Detection, all: &[Detection]) -> bool {
+    let far_larger = |major: f64| major > CONSISTENCY.gap * own.semi_major_px;
+    // Other dots do not tell.
+    let larger = || all.iter().filter(|d| d.semi_major_px > CONSISTENCY.longer * own.semi_major_px);
+    if let Some((major, _)) = neighbours::predicted_major(larger(), own.centre_px) {
+        return far_larger(major);
+    }
+    let apart = |d: &Detection| (d.centre_px - own.centre_px).norm();
+    let mut near: Vec<&Detection> = larger().collect();
+    near.sort_by(|one, other| apart(one).total_cmp(&apart(other)));
     near.truncate(CONSISTENCY.sizes + 1);
-    near.iter().filter(|(_, other)| *other > CONSISTENCY.gap * size).count() >= CONSISTENCY.sizes
+    near.iter().filter(|d| far_larger(d.semi_major_px)).count() >= CONSISTENCY.sizes
 }
 
 #[cfg(test)]
