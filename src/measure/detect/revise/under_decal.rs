@@ -3,7 +3,7 @@
 use nalgebra::Matrix2;
 
 use super::neighbours::{is_as_long, predicted_major};
-use crate::measure::detect::accept::better::is_better;
+use crate::measure::detect::accept::better::explains_better;
 use crate::measure::detect::accept::found::Found;
 use crate::measure::detect::accept::verdict::Measured;
 use crate::measure::detect::attempt::ladder::Ladder;
@@ -41,9 +41,10 @@ impl Part<'_> {
         self.old.is_some_and(|old| old.is_whole && !self.is_thin(old))
     }
 
-    /// Whether an answer is one for the disc. With size and shape it knows more than one of a part, which it replaces.
+    /// Whether an answer is one for the disc, and explains it better than what was measured before.
     fn is_for_it(&self, new: &Measured) -> bool {
-        is_as_long(new, self.size, NEIGHBOUR.unlike_sigmas)
+        self.old.is_none_or(|old| explains_better(&new.detection, &old.detection))
+            && is_as_long(new, self.size, NEIGHBOUR.unlike_sigmas)
             && same(new.detection.contrast, self.neighbour.detection.contrast, UNDER_DECAL.same_contrast)
             && !self.neighbour.detection.ellipse().holds(new.detection.centre_px)
     }
@@ -58,7 +59,7 @@ impl Part<'_> {
             ladder.measure(&hypothesis).ok().filter(|new| self.is_for_it(new))
         };
         let both = [Some(ROWS), decal::cut(self.blob, &beside)].into_iter().flatten().filter_map(under);
-        both.reduce(|one, other| if is_better(&other.detection, &one.detection) { other } else { one })
+        both.reduce(|one, other| if explains_better(&other.detection, &one.detection) { other } else { one })
     }
 }
 
