@@ -3,8 +3,9 @@
 use nalgebra::{Cholesky, Vector2};
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
-use wingd::measure::detect::{Detection, detect};
+use wingd::measure::detect::{Detection, Expected, Prediction, detect};
 use wingd::measure::raster::Raster;
+use wingd::measure::setup::Shape;
 
 pub const WIDTH: usize = 900;
 pub const HEIGHT: usize = 420;
@@ -185,4 +186,22 @@ pub fn measured(image: &Raster, marker: Ellipse, most: f64) -> Detection {
     println!("{:.1} x {:.1} px, off by {:.3} {:.3} px", m.semi_major_px, m.semi_minor_px, error.x, error.y);
     assert!(normalised_square(m, error) < most, "off by {error}");
     m.clone()
+}
+
+/// What an orientation would predict of discs, to a pixel.
+pub fn expected_discs(discs: &[Ellipse], found: &[Detection]) -> Vec<Expected> {
+    let expected = |&[x, y, a, b, angle]: &Ellipse| {
+        let at = Vector2::new(x, y);
+        let prediction = Prediction {
+            shape: Shape::Circle,
+            centre_px: at + Vector2::new(0.7, -0.4),
+            semi_major_px: a,
+            semi_minor_px: b,
+            angle_rad: angle,
+            search_px: 4.0,
+            seen: false,
+        };
+        Expected { prediction, found: found.iter().position(|m| (m.centre_px - at).norm() < 3.0) }
+    };
+    discs.iter().map(expected).collect()
 }

@@ -1,9 +1,10 @@
 //! Promise: glare costs neither a disc that shows in part nor its standard deviations their truth.
 
-use crate::common::drawn::{Ellipse, TONE, discs, measured, nearest, normalised_square, on_skin, picture};
+use crate::common::drawn::{
+    TONE, discs, expected_discs, measured, nearest, normalised_square, on_skin, picture,
+};
 use nalgebra::Vector2;
-use wingd::measure::detect::{Detection, Expected, Prediction, detect, look_closer};
-use wingd::measure::setup::Shape;
+use wingd::measure::detect::{Detection, detect, look_closer};
 
 /// Light that is mirrored, as much as of a grey value: added to everything from some column on, with a slope of so many px.
 fn with_glare(
@@ -88,24 +89,6 @@ fn a_disc_whose_end_is_saturated_is_not_taken_for_a_shorter_one() {
         let m = measured(&picture(scene, 0.9, 1.5, seed as u64), cut, 8.0);
         assert!((m.semi_major_px - cut[2]).abs() < 1.5, "{share}: {:.1} px long", m.semi_major_px);
     }
-}
-
-/// What an orientation would predict of discs, to a pixel.
-fn expected_discs(discs: &[Ellipse], found: &[Detection]) -> Vec<Expected> {
-    let expected = |&[x, y, a, b, angle]: &Ellipse| {
-        let at = Vector2::new(x, y);
-        let prediction = Prediction {
-            shape: Shape::Circle,
-            centre_px: at + Vector2::new(0.7, -0.4),
-            semi_major_px: a,
-            semi_minor_px: b,
-            angle_rad: angle,
-            search_px: 4.0,
-            seen: false,
-        };
-        Expected { prediction, found: found.iter().position(|m| (m.centre_px - at).norm() < 3.0) }
-    };
-    discs.iter().map(expected).collect()
 }
 
 #[test]

@@ -18,6 +18,7 @@ mod guided;
 mod jpeg_kinds;
 mod motion;
 mod near;
+mod paint;
 mod render_truth;
 mod robustness;
 mod sweep;

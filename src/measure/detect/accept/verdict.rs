@@ -201,6 +201,10 @@ fn greatest_spread(hypothesis: &Hypothesis, ellipse: &Ellipse) -> f64 {
         (Some(_), _) => (VERDICT.vaguest_crossing_px, 1.0),
         (None, _) => (VERDICT.vaguest_px, 1.0),
     };
-    let most = if hypothesis.is_whole() { vaguer * (0.02 * ellipse.major).max(0.6) } else { vaguest };
+    let most = if hypothesis.is_whole() && !hypothesis.is_painted() {
+        vaguer * (0.02 * ellipse.major).max(0.6)
+    } else {
+        vaguest
+    };
     most.min(0.05 * ellipse.major).min(vaguest)
 }

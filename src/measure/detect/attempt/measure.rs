@@ -20,7 +20,7 @@ use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::histogram::Histogram;
 use crate::measure::detect::occlusion::region::{Band, Region};
-use crate::measure::detect::occlusion::{glare, seam};
+use crate::measure::detect::occlusion::{glare, paint, seam};
 use crate::measure::detect::propose::quadrant_outline::{outlined, with_outline};
 use crate::measure::detect::propose::reduced::Reduced;
 use crate::measure::detect::sample::pixels::Pixels;
@@ -77,15 +77,19 @@ pub fn measure(
     let last = Last { image, blobs, hypothesis, bounds, near, scale, floor };
     let told = !place.is_in_glare() || place.prior.tells_all_of_size();
     if place.pattern == Pattern::Disc && !place.is_under_decal() && told {
-        let seams = seam::find(image, &place.ellipse, &near, scale.max(floor));
-        if !seams.is_empty() {
+        let scale = scale.max(floor);
+        let seams = seam::find(image, &place.ellipse, &near, scale);
+        let paint = paint::at_end(image, &place.ellipse, &near, scale);
+        let shown: Vec<Region> =
+            seams.into_iter().map(Region::Seam).chain(paint.map(Region::Paint)).collect();
+        if !shown.is_empty() {
             let mut without = place.clone();
-            without.excluded.extend(seams.into_iter().map(Region::Seam));
+            without.excluded.extend(shown);
             let without = last.measure(&without);
             if without.is_ok() {
                 return without;
             }
-            // What is left may be too little; with the seam's pixels it is at least found.
+            // What is left may be too little; with these pixels it is at least found.
         }
     }
     last.measure(&place)

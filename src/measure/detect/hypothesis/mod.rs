@@ -47,6 +47,11 @@ impl Hypothesis {
         !self.is_under_decal() && !self.is_in_glare()
     }
 
+    /// Whether dark paint touches an end of it.
+    pub fn is_painted(&self) -> bool {
+        self.excluded.iter().any(|region| matches!(region, Region::Paint(_)))
+    }
+
     /// The decals that may lie over it.
     pub fn decals(&self) -> impl Iterator<Item = &Decal> {
         self.excluded.iter().filter_map(Region::decal)

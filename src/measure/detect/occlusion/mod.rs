@@ -3,5 +3,6 @@
 pub mod decal;
 pub mod glare;
 pub mod options;
+pub mod paint;
 pub mod region;
 pub mod seam;

@@ -13,6 +13,8 @@ pub enum Region {
     Glare(Band),
     /// A seam of the skin that meets the marker.
     Seam(Band),
+    /// An end of the marker that dark paint touches.
+    Paint(Band),
 }
 
 impl Region {
@@ -20,7 +22,7 @@ impl Region {
     pub fn holds(&self, at: &Vector2<f64>) -> bool {
         match self {
             Self::Decal(decal) => decal.holds(at),
-            Self::Glare(band) | Self::Seam(band) => band.holds(at),
+            Self::Glare(band) | Self::Seam(band) | Self::Paint(band) => band.holds(at),
         }
     }
 

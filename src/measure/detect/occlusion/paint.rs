@@ -1,0 +1,44 @@
+//! Dark paint that touches an end of a flat disc, as a dash or a letter does. The end is thin: what the paint adds there to the
+//! outline passes for a longer disc, and residuals do not tell. Beside the end the paint itself shows.
+
+use nalgebra::Vector2;
+
+use super::region::Band;
+use crate::measure::detect::appearance::parameters::{BLUR, Parameters, contrast, light_at};
+use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::occlusion::options::PAINT;
+use crate::measure::raster::Raster;
+
+/// The end that dark paint touches of a disc whose image is known to `m`, as a band of the picture; `scale` is that of the
+/// residuals. `None` where no end is thin, none is touched, or both are: then they move the centre as little as they tell of it.
+pub fn at_end(image: &Raster, ellipse: &Ellipse, m: &Parameters, scale: f64) -> Option<Band> {
+    // The radius of curvature of an end.
+    if ellipse.minor * ellipse.minor > PAINT.thin_blurs * m[BLUR] * ellipse.major {
+        return None;
+    }
+    let limit = (PAINT.dark * contrast(m)).max(PAINT.certain * scale);
+    let (clear, reach) = (PAINT.clear_blurs * m[BLUR], PAINT.reach_blurs * m[BLUR] + 1.0);
+    let grown = |by: f64| Ellipse { major: ellipse.major + by, minor: ellipse.minor + by, ..*ellipse };
+    let (inner, outer) = (grown(clear), grown(reach));
+    let (axis, extent) = (ellipse.axis(), outer.extent());
+    let inwards = |end: f64| {
+        let tip = ellipse.centre + axis * (end * ellipse.major);
+        let half = extent.map(|v| v.min((1.0 - PAINT.end) * ellipse.major + reach));
+        let dark = image.part(tip - half, tip + half, 1).filter(|&(x, y, value)| {
+            let at = Vector2::new(x as f64, y as f64);
+            let (s, t) = ellipse.local(at);
+            let lies_there = end * s > PAINT.end * ellipse.major && outer.holds(at) && !inner.holds(at);
+            lies_there && light_at(m, s / ellipse.major, t / ellipse.minor) - f64::from(value) > limit
+        });
+        let along: Vec<f64> =
+            dark.map(|(x, y, _)| end * ellipse.local(Vector2::new(x as f64, y as f64)).0).collect();
+        (along.len() >= PAINT.least_px).then(|| along.iter().fold(f64::MAX, |least, &s| s.min(least)))
+    };
+    let middle = ellipse.centre.dot(&axis);
+    let skirt = PAINT.skirt_blurs * m[BLUR] + 1.0;
+    match (inwards(1.0), inwards(-1.0)) {
+        (Some(from), None) => Some(Band { axis, from: middle + from - skirt, to: f64::INFINITY }),
+        (None, Some(from)) => Some(Band { axis, from: f64::NEG_INFINITY, to: middle - from + skirt }),
+        _ => None,
+    }
+}
