@@ -4,6 +4,7 @@
 //! after the other; `N`, picture N again and again; `hold`, the present one; `once N`, picture N in a
 //! burst of eight; `stop`. The hash of every picture is added to the file SENT before it is shown.
 //! `feed set DEVICE ID VALUE`
+//! `feed lines SOCKET`: what comes at a Unix socket.
 //! `feed boards DIRECTORY COUNT SCALE`: renders photographs of a checkerboard of 9 x 7 corners, 0.1 m, by a camera of 640 x 480 px
 //! with a constant of 1250 px, all times SCALE (6.25 for 12 MP).
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -99,6 +100,11 @@ fn set(device: &str, id: &str, value: &str) {
     Device::with_path(device).expect("the device").set_control(Control { id, value }).expect("the control");
 }
 
+fn lines(socket: &str) {
+    let mut stream = std::os::unix::net::UnixStream::connect(socket).expect("the socket");
+    std::io::copy(&mut stream, &mut std::io::stdout()).expect("lines");
+}
+
 /// Over the image and tilted, as a person shows a board.
 fn boards(directory: &str, count: &str, scale: &str) {
     let scale: f64 = scale.parse().expect("a scale");
@@ -133,10 +139,11 @@ fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     match arguments.as_slice() {
         [set_, device, id, value] if set_ == "set" => set(device, id, value),
+        [lines_, socket] if lines_ == "lines" => lines(socket),
         [boards_, directory, count, scale] if boards_ == "boards" => boards(directory, count, scale),
         [device, fourcc, control, sent, frames @ ..] => play(device, fourcc, control, sent, frames),
         _ => panic!(
-            "feed DEVICE FOURCC CONTROL SENT FRAME.jpg…, feed set DEVICE ID VALUE, or feed boards DIRECTORY COUNT"
+            "feed DEVICE FOURCC CONTROL SENT FRAME.jpg…, feed set DEVICE ID VALUE, feed lines SOCKET, or feed boards DIRECTORY COUNT"
         ),
     }
 }
