@@ -69,16 +69,12 @@ struct Flight<'a> {
     drift_rad: f64,
 }
 
-/// What a frame's departures from the shared shape show of their variance.
+/// What a frame's departures from the shared shape show of their variance: the weighted square of their residuals and its
+/// redundancy (Koch's estimate of one variance component).
 fn departure_shown(setting: &Setting, fit: &Fit, frame: usize) -> Option<(f64, f64)> {
-    shown(setting, fit, frame, setting.members[frame].len())
-}
-
-/// What a block's residuals show of its variance: their weighted square and their redundancy (Koch's estimate of one variance
-/// component).
-fn shown(setting: &Setting, fit: &Fit, frame: usize, block: usize) -> Option<(f64, f64)> {
-    let factor = setting.problem.groups[frame].blocks.get(block)?.covariance.clone().cholesky()?;
-    let residuals = &fit.groups[frame].blocks.get(block)?.residuals;
+    let block = setting.members[frame].len();
+    let factor = setting.problem.groups[frame].blocks[block].covariance.clone().cholesky()?;
+    let residuals = &fit.groups[frame].blocks[block].residuals;
     let adjusted = factor.solve(&fit.adjusted_covariance(frame, block));
     Some((residuals.dot(&factor.solve(residuals)), residuals.len() as f64 - adjusted.trace()))
 }

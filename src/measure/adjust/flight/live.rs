@@ -12,7 +12,6 @@ mod known;
 mod words;
 
 use nalgebra::{DMatrix, DVector};
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 use self::departure::Departure;
 use self::first::first;
@@ -43,9 +42,10 @@ const LOAD_CURVATURE_PER_M: f64 = 5e-3;
 const LEAST_ELAPSED_S: f64 = 1e-3;
 /// What a jolt must gain, and what a marker that is left out must: quantiles of their chi-squares at this level.
 const JOLT_ALPHA: f64 = 1e-6;
-/// Level at which a frame that chance does not explain fits worse with the state than by itself.
-const CONTRADICTION_ALPHA: f64 = 1e-3;
-/// Frames in a row that contradict the state before it is given up; one that rests on fewer frames, by as many.
+/// From one frame to the next the factor by which standard deviations are stated too small is taken to change by no more: one
+/// frame is an exception, many are the rule.
+const FACTOR_STEP: f64 = 1.5;
+/// Frames in a row that contradict the state before it is given up.
 const DOUBTS: usize = 3;
 /// No more markers than one in so many are left out of a frame.
 const LEFT_OUT: usize = 3;
@@ -82,6 +82,8 @@ struct State {
     /// Frames that contradicted it since the last that it rests on, and the time that went by with them, s.
     doubts: usize,
     doubted_s: f64,
+    /// Variance factor that frames have shown of late, not below 1.
+    factor: f64,
 }
 
 /// A frame solved with what is known.
@@ -125,11 +127,12 @@ impl Live {
     /// The next frame, `elapsed_s` after the last one. On an error the state stays as it was; the time does not count.
     ///
     /// A frame that contradicts the state, jolted or not, is adjusted by itself. Nothing is learnt from it; after three of
-    /// them in a row the state begins anew, since its first frame may have been a wrong one.
+    /// them in a row the state begins anew, since its first frame may have been a wrong one. A state of fewer frames begins
+    /// anew after as many of them, with one that passes the global test by itself.
     pub fn frame(&mut self, observations: &[Observation], elapsed_s: f64) -> Result<Solution, AdjustError> {
         let frames = [observations.to_vec()];
         let (state, solution) = match &self.state {
-            None => first(&mut self.flight(&frames)?, remarks(1, 1, false)).map(|(begun, _)| begun)?,
+            None => first(&mut self.flight(&frames)?)?,
             Some(state) => self.next(state, &frames, elapsed_s.max(LEAST_ELAPSED_S))?,
         };
         self.mountings += usize::from(state.frames == 1 && state.doubts == 0);
@@ -160,17 +163,20 @@ impl Live {
             Ok((next, solution))
         };
         let step = match step {
-            Ok(step) if step.attempt.explained() => return learn(step),
+            Ok(step) if step.attempt.explained(state.factor) => return learn(step),
             doubtful => doubtful.ok(),
         };
-        let given_up = state.doubts + 1 >= DOUBTS.min(state.learnt);
-        let words = contradiction(given_up, self.mountings + 1);
-        let ((begun, alone), images) = first(&mut self.flight(frames)?, words)?;
-        match step.filter(|step| step.attempt.fits_as(images)) {
-            Some(step) => learn(step),
-            None if given_up => Ok((begun, alone)),
-            None => Ok((State { doubts: state.doubts + 1, doubted_s: elapsed_s, ..state.clone() }, alone)),
-        }
+        let factor = state.next_factor(step.and_then(|step| step.attempt.fit.variance_factor()));
+        let doubts = state.doubts + 1;
+        let (begun, mut alone) = first(&mut self.flight(frames)?)?;
+        let sound = alone.global_test != GlobalTest::Rejected;
+        let given_up = doubts >= DOUBTS || doubts >= state.learnt && sound;
+        alone.remarks.insert(0, contradiction(given_up, self.mountings + 1));
+        let next = match given_up {
+            true => State { factor, ..begun },
+            false => State { doubts, doubted_s: elapsed_s, factor, ..state.clone() },
+        };
+        Ok((next, alone))
     }
 
     /// How many mountings there were: the first, and one after each jolt.
@@ -205,6 +211,12 @@ impl State {
         Ok(Step { attempt, jolt, base })
     }
 
+    /// After a frame with this variance factor; `None`: it could not be solved.
+    fn next_factor(&self, shown: Option<f64>) -> f64 {
+        let (least, most) = (self.factor / FACTOR_STEP, self.factor * FACTOR_STEP);
+        shown.unwrap_or(most).clamp(least, most).max(1.0)
+    }
+
     /// The state with a frame. One that chance does not explain teaches as much less as its variance factor says.
     fn learn(&self, step: &Step, flight: &Flight, elapsed_s: f64) -> Result<Self, AdjustError> {
         let Step { attempt, jolt, base } = step;
@@ -217,12 +229,15 @@ impl State {
             learnt: self.learnt.saturating_add(1),
             doubts: 0,
             doubted_s: 0.0,
+            factor: self.next_factor(attempt.fit.variance_factor()),
             ..self.clone()
         };
-        if let (false, Some(before)) = (attempt.explained(), &attempt.setting.problem.known) {
-            fade(&mut next.known, before, 1.0 / attempt.fit.variance_factor().unwrap_or(1.0).max(1.0))?;
+        let factor = attempt.fit.variance_factor().unwrap_or(1.0).max(1.0);
+        let share = if attempt.explained(1.0) { 1.0 } else { 1.0 / factor };
+        if let Some(before) = attempt.setting.problem.known.as_ref().filter(|_| share < 1.0) {
+            fade(&mut next.known, before, share)?;
         }
-        next.departure.learn(attempt, flight.departure, elapsed_s);
+        next.departure.learn(attempt, flight.departure, elapsed_s, share);
         Ok(next)
     }
 
@@ -341,18 +356,9 @@ impl State {
 }
 
 impl Attempt {
-    /// Whether chance explains what is left.
-    fn explained(&self) -> bool {
-        let Fit { omega, redundancy, .. } = self.fit;
-        quality::global_test(omega, redundancy, JOLT_ALPHA) != GlobalTest::Rejected
-    }
-
-    /// Whether the frame fits as well as its images by themselves, whose squared residuals and redundancy these are
-    /// (F-test): then it is their standard deviations that are stated too small.
-    fn fits_as(&self, (square, redundancy): (f64, f64)) -> bool {
-        let law = FisherSnedecor::new(self.fit.redundancy as f64, redundancy);
-        let own = self.fit.variance_factor().zip(law.ok());
-        own.is_none_or(|(own, law)| law.sf(own * redundancy / square) >= CONTRADICTION_ALPHA)
+    /// Whether chance explains what is left, where standard deviations are stated too small by the root of a factor.
+    fn explained(&self, factor: f64) -> bool {
+        quality::global_test(self.fit.omega / factor, self.fit.redundancy, JOLT_ALPHA) != GlobalTest::Rejected
     }
 
     /// Sum of squares, and for each marker left out what a marker must gain to be left out.

@@ -26,11 +26,11 @@ impl Departure {
         (self.square / self.redundancy).sqrt().clamp(DEPARTURE_BOUNDS.0, DEPARTURE_BOUNDS.1)
     }
 
-    /// Adds what a frame's departures show (Koch's estimate of one variance component), solved with `used`.
-    pub(super) fn learn(&mut self, attempt: &Attempt, used: f64, elapsed_s: f64) {
+    /// Adds this share of what a frame's departures show (Koch's estimate of one variance component), solved with `used`.
+    pub(super) fn learn(&mut self, attempt: &Attempt, used: f64, elapsed_s: f64, share: f64) {
         let Some((square, redundancy)) = departure_shown(&attempt.setting, &attempt.fit, 0) else { return };
         let kept = (-elapsed_s / DEPARTURE_MEMORY_S).exp();
-        self.square = self.square * kept + square * used * used;
-        self.redundancy = self.redundancy * kept + redundancy;
+        self.square = self.square * kept + share * square * used * used;
+        self.redundancy = self.redundancy * kept + share * redundancy;
     }
 }

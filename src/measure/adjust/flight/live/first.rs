@@ -2,17 +2,13 @@
 
 use super::departure::Departure;
 use super::{Flight, Shape, State, known_of};
-use crate::measure::adjust::flight::{dress_frame, shown};
+use crate::measure::adjust::flight::dress_frame;
 use crate::measure::adjust::gauss_helmert::Course;
 use crate::measure::adjust::snooping::Target;
 use crate::measure::adjust::{AdjustError, Solution};
 
-/// The first frame is a flight of one, with survey and ground frame. With it the square of its images' residuals, and their
-/// redundancy.
-pub(super) fn first(
-    flight: &mut Flight,
-    remarks: Vec<String>,
-) -> Result<((State, Solution), (f64, f64)), AdjustError> {
+/// The first frame is a flight of one, with survey and ground frame.
+pub(super) fn first(flight: &mut Flight) -> Result<(State, Solution), AdjustError> {
     let last = flight.solve(None)?;
     let snooped = flight.snoop(last)?;
     let (setting, fit, mut removed) = flight.snoop_again(snooped)?;
@@ -35,9 +31,8 @@ pub(super) fn first(
         learnt: 1,
         doubts: 0,
         doubted_s: 0.0,
+        factor: 1.0,
     };
-    let solution = dress_frame(flight, &setting, &fit, &removed, 0, remarks);
-    let images = (0..setting.members[0].len()).filter_map(|block| shown(&setting, &fit, 0, block));
-    let images = images.fold((0.0, 0.0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
-    Ok(((state, solution), images))
+    let solution = dress_frame(flight, &setting, &fit, &removed, 0, vec![]);
+    Ok((state, solution))
 }

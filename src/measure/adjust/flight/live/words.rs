@@ -11,10 +11,10 @@ pub(super) fn remarks(frames: usize, mounting: usize, jolt: bool) -> Vec<String>
 }
 
 /// Of one that contradicts it.
-pub(super) fn contradiction(given_up: bool, mounting: usize) -> Vec<String> {
+pub(super) fn contradiction(given_up: bool, mounting: usize) -> String {
     let what = "adjusted by itself: what the frames before it told contradicts it, whether the camera was jolted or not";
-    vec![match given_up {
+    match given_up {
         true => format!("{what}; all is learnt anew from here, in mounting {mounting}"),
         false => format!("{what}; nothing is learnt from it"),
-    }]
+    }
 }
