@@ -270,7 +270,8 @@ fn noise_that_is_stated_too_small_is_no_contradiction() {
         1e3 * rms(&apart),
         1e3 * rms(&single)
     );
-    assert!(by_itself < 5 && rms(&apart) < 0.8 * rms(&single), "{by_itself}");
+    // By 1.5 a frame, four times what is stated takes four frames, of each of the 12 wings.
+    assert!(by_itself <= 48 && rms(&apart) < 0.8 * rms(&single), "{by_itself}");
 }
 
 /// Frames of one flight adjusted together, with one mounting that is known, against the same as they came.
