@@ -44,7 +44,7 @@ const LEAST_ELAPSED_S: f64 = 1e-3;
 const JOLT_ALPHA: f64 = 1e-6;
 /// From one frame to the next the factor by which standard deviations are stated too small is taken to change by no more: one
 /// frame is an exception, many are the rule.
-const FACTOR_STEP: f64 = 1.5;
+const FACTOR_STEP: f64 = 1.25;
 /// Frames in a row that contradict the state before it is given up.
 const DOUBTS: usize = 3;
 /// No more markers than one in so many are left out of a frame.
@@ -58,6 +58,8 @@ pub struct Live {
     options: Options,
     scene: Scene,
     state: Option<State>,
+    /// Frames that no state began with.
+    unsound: usize,
     mountings: usize,
 }
 
@@ -121,18 +123,25 @@ impl Live {
         let scene = Scene::new(&setup, &orientation)?;
         let first = options.mountings.as_ref().map(|list| list.iter().take(1).copied().collect());
         let options = Options { mountings: first, variance_components: false, ..options };
-        Ok(Self { setup, orientation, options, scene, state: None, mountings: 0 })
+        Ok(Self { setup, orientation, options, scene, state: None, unsound: 0, mountings: 0 })
     }
 
     /// The next frame, `elapsed_s` after the last one. On an error the state stays as it was; the time does not count.
     ///
     /// A frame that contradicts the state, jolted or not, is adjusted by itself. Nothing is learnt from it; after three of
     /// them in a row the state begins anew, since its first frame may have been a wrong one. A state of fewer frames begins
-    /// anew after as many of them, with one that passes the global test by itself.
+    /// anew after as many of them with a sound one, of which nothing is left out. With others it begins at the third only.
     pub fn frame(&mut self, observations: &[Observation], elapsed_s: f64) -> Result<Solution, AdjustError> {
         let frames = [observations.to_vec()];
         let (state, solution) = match &self.state {
-            None => first(&mut self.flight(&frames)?)?,
+            None => {
+                let (state, solution, sound) = first(&mut self.flight(&frames)?)?;
+                if !sound && self.unsound + 1 < DOUBTS {
+                    self.unsound += 1;
+                    return Ok(solution);
+                }
+                (state, solution)
+            }
             Some(state) => self.next(state, &frames, elapsed_s.max(LEAST_ELAPSED_S))?,
         };
         self.mountings += usize::from(state.frames == 1 && state.doubts == 0);
@@ -168,8 +177,7 @@ impl Live {
         };
         let factor = state.next_factor(step.and_then(|step| step.attempt.fit.variance_factor()));
         let doubts = state.doubts + 1;
-        let (begun, mut alone) = first(&mut self.flight(frames)?)?;
-        let sound = alone.global_test != GlobalTest::Rejected;
+        let (begun, mut alone, sound) = first(&mut self.flight(frames)?)?;
         let given_up = doubts >= DOUBTS || doubts >= state.learnt && sound;
         alone.remarks.insert(0, contradiction(given_up, self.mountings + 1));
         let next = match given_up {

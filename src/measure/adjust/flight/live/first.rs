@@ -5,10 +5,11 @@ use super::{Flight, Shape, State, known_of};
 use crate::measure::adjust::flight::dress_frame;
 use crate::measure::adjust::gauss_helmert::Course;
 use crate::measure::adjust::snooping::Target;
-use crate::measure::adjust::{AdjustError, Solution};
+use crate::measure::adjust::{AdjustError, GlobalTest, Solution};
 
-/// The first frame is a flight of one, with survey and ground frame.
-pub(super) fn first(flight: &mut Flight) -> Result<(State, Solution), AdjustError> {
+/// The first frame is a flight of one, with survey and ground frame. Whether it is sound: it passes the global test, and nothing
+/// of it is left out.
+pub(super) fn first(flight: &mut Flight) -> Result<(State, Solution, bool), AdjustError> {
     let last = flight.solve(None)?;
     let snooped = flight.snoop(last)?;
     let (setting, fit, mut removed) = flight.snoop_again(snooped)?;
@@ -34,5 +35,6 @@ pub(super) fn first(flight: &mut Flight) -> Result<(State, Solution), AdjustErro
         factor: 1.0,
     };
     let solution = dress_frame(flight, &setting, &fit, &removed, 0, vec![]);
-    Ok((state, solution))
+    let sound = removed.is_empty() && solution.global_test != GlobalTest::Rejected;
+    Ok((state, solution, sound))
 }
