@@ -197,6 +197,83 @@ fn a_wrong_image_is_left_out_and_is_no_jolt() {
     assert!(left_out >= 94 && rms(&normalised) < 1.3);
 }
 
+/// One picture's inner markers with another's outer ones, as of a buffer that is overwritten while it is read: another lift,
+/// another mounting. The first marker of the other picture is given.
+fn torn(ride: &mut Ride, rng: &mut StdRng, outer: usize) -> Vec<Observation> {
+    let (level_m, turn) = (ride.level_m, ride.turn);
+    let (mut inner, _) = ride.frame(rng);
+    (ride.level_m, ride.turn) = (level_m * 0.6, remounted(rng, &ride.truth.setup));
+    let (other, _) = ride.frame(rng);
+    (ride.level_m, ride.turn) = (level_m, turn);
+    inner.retain(|o| o.marker < outer);
+    inner.extend(other.into_iter().filter(|o| o.marker >= outer));
+    inner
+}
+
+#[test]
+fn a_torn_picture_teaches_nothing_wherever_it_comes() {
+    let mut rng = rng(306);
+    for at in [0, 1, 2, 8] {
+        let (mut normalised, mut wholly) = (vec![], vec![]);
+        for wing in 0..12 {
+            let mut ride = Ride::new(&mut rng, 21);
+            let mut live = ride.live();
+            for k in 0..=at + 12 {
+                if k == at {
+                    let seen = torn(&mut ride, &mut rng, 8 + wing / 2);
+                    // With numbers or without.
+                    let _ = live.frame(&seen, STEP_S);
+                    continue;
+                }
+                let (seen, points) = ride.frame(&mut rng);
+                let solution = live.frame(&seen, STEP_S).unwrap();
+                let (n, _) = errors(&ride.truth, &points, &solution);
+                if k > at {
+                    wholly.push(rms(&n));
+                    normalised.extend(n);
+                }
+            }
+        }
+        // A frame's lifts err together: beyond 3.5 sigma one frame in 2,000 would be, of 144.
+        let worst = wholly.iter().fold(0.0, |m: f64, n| m.max(*n));
+        println!(
+            "torn in frame {}: normalised {:.2} after it, {worst:.2} in the worst frame",
+            at + 1,
+            rms(&normalised)
+        );
+        assert!(rms(&normalised) < 1.3 && worst < 3.5, "torn in frame {}", at + 1);
+    }
+}
+
+#[test]
+fn noise_that_is_stated_too_small_is_no_contradiction() {
+    let mut rng = rng(307);
+    let (mut apart, mut single, mut by_itself) = (vec![], vec![], 0);
+    for _ in 0..12 {
+        let mut ride = Ride::new(&mut rng, 21);
+        let mut live = ride.live();
+        for k in 0..40 {
+            let (mut seen, points) = ride.frame(&mut rng);
+            seen.iter_mut().for_each(|o| o.covariance_px2 /= 4.0);
+            let solution = live.frame(&seen, STEP_S).unwrap();
+            by_itself += usize::from(solution.remarks.iter().any(|r| r.starts_with("adjusted by itself")));
+            if k == 39 {
+                let alone =
+                    adjust::spatial(&ride.setup, &ride.orientation, &seen, &Options::default()).unwrap();
+                apart.extend(errors(&ride.truth, &points, &solution).1);
+                single.extend(errors(&ride.truth, &points, &alone).1);
+            }
+        }
+    }
+    println!(
+        "noise twice what is stated: lift {:.2} mm rms, {:.2} mm alone; {by_itself} of 480 frames by themselves",
+        1e3 * rms(&apart),
+        1e3 * rms(&single)
+    );
+    // By 1.5 a frame, four times what is stated takes four frames, of each of the 12 wings.
+    assert!(by_itself <= 48 && rms(&apart) < 0.8 * rms(&single), "{by_itself}");
+}
+
 /// Frames of one flight adjusted together, with one mounting that is known, against the same as they came.
 #[test]
 fn the_last_of_many_frames_agrees_with_all_of_them_together() {

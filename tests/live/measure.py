@@ -116,6 +116,12 @@ def stages(results):
     return ", ".join(f"{name} {ms:.1f}" for name, ms in times.items())
 
 
+def over_time(samples):
+    """Resident memory at the start, after a sixth, half and all of the time."""
+    at = lambda share: samples[round(share * (len(samples) - 1))]
+    return ", ".join(f"{mb:.1f} MB after {s:.0f} s" for s, mb, _ in (at(0), at(1 / 6), at(1 / 2), at(1)))
+
+
 def say(args, count, results, samples):
     lines = [result for _, result in results]
     solved = [r for r in lines if r["status"] == "ok"]
@@ -125,7 +131,6 @@ def say(args, count, results, samples):
     late = [r["latency_ms"] for r in lines]
     skipped = lines[-1]["skipped"] - lines[0]["skipped"]
     memory = [s[1] for s in samples]
-    half = len(memory) // 2
     processor = (samples[-1][2] - samples[0][2]) / max(1, len(lines) - 1)
     load = os.getloadavg()[0]
     print(f"{count} frames replayed at {args.rate} Hz for {elapsed:.0f} s; load of the machine {load:.1f}")
@@ -134,7 +139,7 @@ def say(args, count, results, samples):
         print(f"                {sum(r.get('reason') == reason for r in lines)}: {reason}")
     print(f"latency         median {quantile(late, 0.5):.0f} ms, 95 % {quantile(late, 0.95):.0f} ms, most {max(late):.0f} ms")
     print(f"skipped         {skipped}")
-    print(f"memory          {max(memory[:half + 1]):.0f} MB at most in the first half, {max(memory[half:]):.0f} MB in the second")
+    print(f"memory          {max(memory):.0f} MB at most; {over_time(samples)}")
     print(f"processor       {1e3 * processor:.0f} ms a frame")
     print(f"guided          {len(guided)} frames, median ms: {stages(guided)}")
     print(f"whole search    {len(whole)} frames, median ms: {stages(whole)}")
@@ -144,7 +149,7 @@ def say(args, count, results, samples):
     first = [r for r in solved if r["number"] <= count]
     for name, those in (("first pass", first), ("all", solved)):
         apart, normalised = errors(those, truth)
-        print(f"lifts, {name:<9}rms {1e3 * rms(apart):.1f} mm, normalised {rms(normalised):.2f} ({len(those)} frames)")
+        print(f"lifts, {name:<11}rms {1e3 * rms(apart):.1f} mm, normalised {rms(normalised):.2f} ({len(those)} frames)")
     return len(solved) == len(lines)
 
 

@@ -1,9 +1,10 @@
 //! Plays pictures into a video loopback device, as a camera would; sets a control of a video device.
 //!
 //! `feed DEVICE FOURCC CONTROL SENT FRAME.jpg…`: the file CONTROL says what is shown: `auto`, one picture
-//! after the other; `N`, picture N again and again; `hold`, the present one; `once N`, picture N in a
+//! after the other; `slow`, the same, four a second; `N`, picture N again and again; `hold`, the present one; `once N`, picture N in a
 //! burst of eight; `stop`. The hash of every picture is added to the file SENT before it is shown.
 //! `feed set DEVICE ID VALUE`
+//! `feed lines SOCKET`: what comes at a Unix socket.
 //! `feed boards DIRECTORY COUNT SCALE`: renders photographs of a checkerboard of 9 x 7 corners, 0.1 m, by a camera of 640 x 480 px
 //! with a constant of 1250 px, all times SCALE (6.25 for 12 MP).
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -23,6 +24,9 @@ use wingd::pipeline::decode::decode;
 
 /// Between two frames, besides what they take.
 const PAUSE: Duration = Duration::from_millis(20);
+
+/// The same where pictures are shown slowly: the device has few buffers, and overwrites what is read for longer than that.
+const SLOW: Duration = Duration::from_millis(230);
 
 /// Pictures to show; no two numbers give the same.
 struct Pictures {
@@ -88,6 +92,9 @@ fn play(device: &str, fourcc: &str, control: &str, sent: &str, files: &[String])
                 std::thread::sleep(PAUSE);
             }
             shown = Some(next);
+            if text.trim() == "slow" {
+                std::thread::sleep(SLOW);
+            }
         }
         std::thread::sleep(PAUSE);
     }
@@ -97,6 +104,11 @@ fn set(device: &str, id: &str, value: &str) {
     let id = u32::from_str_radix(id.trim_start_matches("0x"), 16).expect("the control's id");
     let value = Value::Integer(value.parse().expect("a number"));
     Device::with_path(device).expect("the device").set_control(Control { id, value }).expect("the control");
+}
+
+fn lines(socket: &str) {
+    let mut stream = std::os::unix::net::UnixStream::connect(socket).expect("the socket");
+    std::io::copy(&mut stream, &mut std::io::stdout()).expect("lines");
 }
 
 /// Over the image and tilted, as a person shows a board.
@@ -133,10 +145,11 @@ fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     match arguments.as_slice() {
         [set_, device, id, value] if set_ == "set" => set(device, id, value),
+        [lines_, socket] if lines_ == "lines" => lines(socket),
         [boards_, directory, count, scale] if boards_ == "boards" => boards(directory, count, scale),
         [device, fourcc, control, sent, frames @ ..] => play(device, fourcc, control, sent, frames),
         _ => panic!(
-            "feed DEVICE FOURCC CONTROL SENT FRAME.jpg…, feed set DEVICE ID VALUE, or feed boards DIRECTORY COUNT"
+            "feed DEVICE FOURCC CONTROL SENT FRAME.jpg…, feed set DEVICE ID VALUE, feed lines SOCKET, or feed boards DIRECTORY COUNT"
         ),
     }
 }

@@ -239,6 +239,21 @@ fn a_full_disk_says_why_and_results_go_on() {
 }
 
 #[test]
+fn a_camera_that_repeats_itself_is_told_once() {
+    let mut ride = Ride::new(20.0);
+    ride.live.series = false;
+    for i in 1..50 {
+        std::fs::remove_file(ride.dir.path().join(format!("frames/f{i:02}.jpg"))).unwrap();
+    }
+    let status = ride.fly();
+    let live = live_status(&status);
+    let fault = live.fault.clone().unwrap_or_default();
+    assert!(fault.starts_with("no live frame: camera delivered a bad frame: it is the same"), "{live:?}");
+    assert!(live.failed_shots > 0 && live.results == 1, "{live:?}");
+    sound(&ride.root());
+}
+
+#[test]
 fn raw_frames_are_kept_by_number_and_about_an_event() {
     let mut ride = Ride::new(20.0);
     let second = Duration::from_secs(1);

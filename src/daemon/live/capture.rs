@@ -115,12 +115,12 @@ impl Feeder {
         self.shared.update(|live| (live.temperature_c, live.allowed_hz) = (hottest, allowed_hz));
     }
 
-    fn failed(&mut self, error: &CameraError, now: Duration) {
+    fn failed(&mut self, reason: &str, now: Duration) {
         let pause = FIRST_PAUSE.saturating_mul(1 << self.failures.min(10)).min(LONGEST_PAUSE);
         self.failures = self.failures.saturating_add(1);
         self.next = now + pause;
         self.shared.update(|live| live.failed_shots += 1);
-        self.shared.fault("camera", &format!("no live frame: {error}"));
+        self.shared.fault("camera", &format!("no live frame: {reason}"));
     }
 }
 
@@ -165,23 +165,25 @@ impl Recorder {
                 live.shared.clear("camera");
                 live.offer(frame, asked, duration_s, exposure);
             }
-            Err(error) => {
+            Err(reason) => {
                 let (hangs, hanging) = (self.camera.hangs(), self.camera.hanging());
                 self.board.update(|status| {
                     status.counts.hangs = hangs;
                     status.camera.hanging_calls = hanging;
                 });
                 if let Some(live) = &mut self.live {
-                    live.failed(&error, now);
+                    live.failed(&reason, now);
                 }
             }
         }
     }
 
-    fn take_live(&mut self) -> Result<Frame, CameraError> {
+    /// A frame that is good, or why there is none.
+    fn take_live(&mut self) -> Result<Frame, String> {
+        let told = |error: CameraError| error.to_string();
         let board = self.board.clone();
         let beat = || board.beat();
-        if let Some(info) = self.camera.ensure_open(&beat)? {
+        if let Some(info) = self.camera.ensure_open(&beat).map_err(told)? {
             for warning in &info.warnings {
                 tracing::warn!(camera = info.name, warning);
             }
@@ -192,10 +194,8 @@ impl Recorder {
             });
             self.live.iter_mut().for_each(|live| live.opened(&info));
         }
-        let frame = self.camera.live(self.config.shot_deadline, &beat)?;
-        match self.judge(&frame) {
-            Ok(()) => Ok(frame),
-            Err(failure) => Err(CameraError::BadFrame(failure.reason)),
-        }
+        let frame = self.camera.live(self.config.shot_deadline, &beat).map_err(told)?;
+        self.judge(&frame).map_err(|failure| failure.reason)?;
+        Ok(frame)
     }
 }

@@ -3,20 +3,27 @@
 //! The state is what a flight's frames share, with its full information matrix: errors that are common to all frames
 //! are counted once, however many frames there are. A frame is one group beside it, whose own unknowns leave with it.
 //! Between two frames the mounting's rotation and the shape's ratios walk. A frame that the state cannot explain is
-//! tried with a mounting of its own: a jolt.
+//! tried with a mounting of its own: a jolt. One that this does not explain either teaches nothing, and a state that is
+//! contradicted again and again is given up.
+
+mod departure;
+mod first;
+mod known;
+mod words;
 
 use nalgebra::{DMatrix, DVector};
 
+use self::departure::Departure;
+use self::first::first;
+use self::known::{fade, forget, walk};
+use self::words::{contradiction, remarks};
 use super::setting::{Progress, Setting};
-use super::{
-    DEPARTURE, DEPARTURE_BOUNDS, FEWEST, Flight, SMALLEST_CURVATURE_PER_M, chi_square_limit, departure_shown,
-    dress_frame,
-};
+use super::{FEWEST, Flight, SMALLEST_CURVATURE_PER_M, chi_square_limit, dress_frame};
 use crate::measure::adjust::gauss_helmert::{Course, Fit, Known, Problem};
 use crate::measure::adjust::layout::Layout;
 use crate::measure::adjust::scene::Scene;
 use crate::measure::adjust::shapes::{self, RATIOS};
-use crate::measure::adjust::snooping::{self, Suspect, Target};
+use crate::measure::adjust::snooping::{self, Suspect};
 use crate::measure::adjust::{AdjustError, GlobalTest, Observation, Options, Solution, quality, unknowns};
 use crate::measure::setup::{Orientation, Setup};
 
@@ -31,14 +38,15 @@ const MEMORY_S: f64 = 30.0;
 /// A gust that bends the wing by this, 1/m, as much as the usual flight does, may change the shape as much as burning
 /// fuel: lift and the weights' inertia answer it in their own times and places.
 const LOAD_CURVATURE_PER_M: f64 = 5e-3;
-/// The departure from the shared shape is learnt from this time's frames, s.
-const DEPARTURE_MEMORY_S: f64 = 600.0;
-/// The departure to begin with counts as so many observations: with fewer, the first frames' chance would rule.
-const DEPARTURE_WEIGHT: f64 = 2.0;
 /// Frames that follow at once are taken to be apart by this, s: a walk needs a width.
 const LEAST_ELAPSED_S: f64 = 1e-3;
 /// What a jolt must gain, and what a marker that is left out must: quantiles of their chi-squares at this level.
 const JOLT_ALPHA: f64 = 1e-6;
+/// From one frame to the next the factor by which standard deviations are stated too small is taken to change by no more: one
+/// frame is an exception, many are the rule.
+const FACTOR_STEP: f64 = 1.25;
+/// Frames in a row that contradict the state before it is given up.
+const DOUBTS: usize = 3;
 /// No more markers than one in so many are left out of a frame.
 const LEFT_OUT: usize = 3;
 
@@ -50,6 +58,8 @@ pub struct Live {
     options: Options,
     scene: Scene,
     state: Option<State>,
+    /// Frames that no state began with.
+    unsound: usize,
     mountings: usize,
 }
 
@@ -69,6 +79,21 @@ struct State {
     wrong: Vec<Suspect>,
     /// Frames of this mounting.
     frames: usize,
+    /// Frames that it rests on.
+    learnt: usize,
+    /// Frames that contradicted it since the last that it rests on, and the time that went by with them, s.
+    doubts: usize,
+    doubted_s: f64,
+    /// Variance factor that frames have shown of late, not below 1.
+    factor: f64,
+}
+
+/// A frame solved with what is known.
+struct Step {
+    attempt: Attempt,
+    jolt: bool,
+    /// What does not fade, after the time that went by.
+    base: Known,
 }
 
 /// Where the shared shape stands, and the amplitude that its shortening counts from: fixed at the first frame, so that
@@ -80,13 +105,6 @@ struct Shape {
     lever: usize,
     shortening: [f64; RATIOS],
     middle: f64,
-}
-
-/// Sums that the departure from the shared shape is learnt from.
-#[derive(Clone, Copy, Debug)]
-struct Departure {
-    square: f64,
-    redundancy: f64,
 }
 
 /// A frame solved under one hypothesis.
@@ -105,21 +123,68 @@ impl Live {
         let scene = Scene::new(&setup, &orientation)?;
         let first = options.mountings.as_ref().map(|list| list.iter().take(1).copied().collect());
         let options = Options { mountings: first, variance_components: false, ..options };
-        Ok(Self { setup, orientation, options, scene, state: None, mountings: 0 })
+        Ok(Self { setup, orientation, options, scene, state: None, unsound: 0, mountings: 0 })
     }
 
     /// The next frame, `elapsed_s` after the last one. On an error the state stays as it was; the time does not count.
+    ///
+    /// A frame that contradicts the state, jolted or not, is adjusted by itself. Nothing is learnt from it; after three of
+    /// them in a row the state begins anew, since its first frame may have been a wrong one. A state of fewer frames begins
+    /// anew after as many of them with a sound one, of which nothing is left out. With others it begins at the third only.
     pub fn frame(&mut self, observations: &[Observation], elapsed_s: f64) -> Result<Solution, AdjustError> {
         let frames = [observations.to_vec()];
-        let mut flight = Flight::new(&self.setup, &self.orientation, &self.scene, &frames, &self.options)?;
-        flight.mountings = Some(vec![0]);
         let (state, solution) = match &self.state {
-            None => first(&mut flight)?,
-            Some(state) => state.next(&mut flight, elapsed_s.max(LEAST_ELAPSED_S), self.mountings)?,
+            None => {
+                let (state, solution, sound) = first(&mut self.flight(&frames)?)?;
+                if !sound && self.unsound + 1 < DOUBTS {
+                    self.unsound += 1;
+                    return Ok(solution);
+                }
+                (state, solution)
+            }
+            Some(state) => self.next(state, &frames, elapsed_s.max(LEAST_ELAPSED_S))?,
         };
-        self.mountings += usize::from(state.frames == 1);
+        self.mountings += usize::from(state.frames == 1 && state.doubts == 0);
         self.state = Some(state);
         Ok(solution)
+    }
+
+    fn flight<'a>(&'a self, frames: &'a [Vec<Observation>]) -> Result<Flight<'a>, AdjustError> {
+        let mut flight = Flight::new(&self.setup, &self.orientation, &self.scene, frames, &self.options)?;
+        flight.mountings = Some(vec![0]);
+        Ok(flight)
+    }
+
+    fn next(
+        &self,
+        state: &State,
+        frames: &[Vec<Observation>],
+        elapsed_s: f64,
+    ) -> Result<(State, Solution), AdjustError> {
+        let mut flight = self.flight(frames)?;
+        let elapsed_s = state.doubted_s + elapsed_s;
+        let step = state.step(&mut flight, elapsed_s);
+        let learn = |step: Step| {
+            let next = state.learn(&step, &flight, elapsed_s)?;
+            let remarks = remarks(next.frames, self.mountings + usize::from(step.jolt), step.jolt);
+            let Attempt { setting, fit, removed, .. } = &step.attempt;
+            let solution = dress_frame(&flight, setting, fit, removed, 0, remarks);
+            Ok((next, solution))
+        };
+        let step = match step {
+            Ok(step) if step.attempt.explained(state.factor) => return learn(step),
+            doubtful => doubtful.ok(),
+        };
+        let factor = state.next_factor(step.and_then(|step| step.attempt.fit.variance_factor()));
+        let doubts = state.doubts + 1;
+        let (begun, mut alone, sound) = first(&mut self.flight(frames)?)?;
+        let given_up = doubts >= DOUBTS || doubts >= state.learnt && sound;
+        alone.remarks.insert(0, contradiction(given_up, self.mountings + 1));
+        let next = match given_up {
+            true => State { factor, ..begun },
+            false => State { doubts, doubted_s: elapsed_s, factor, ..state.clone() },
+        };
+        Ok((next, alone))
     }
 
     /// How many mountings there were: the first, and one after each jolt.
@@ -128,42 +193,9 @@ impl Live {
     }
 }
 
-/// The first frame is a flight of one, with survey and ground frame.
-fn first(flight: &mut Flight) -> Result<(State, Solution), AdjustError> {
-    let last = flight.solve(None)?;
-    let snooped = flight.snoop(last)?;
-    let (setting, fit, mut removed) = flight.snoop_again(snooped)?;
-    let (_, rough) = flight.readmit((setting, fit), &mut removed)?;
-    let setting = flight.setting(Some(&rough));
-    let fit = setting.solve(flight.input.scene, &Course { rough: false, residuals: Some(&rough) })?;
-    let (ratios, changes, lever) = (setting.ratios, setting.changes, setting.lever);
-    let shape = Shape { ratios, changes, lever, shortening: setting.shortening, middle: setting.middle };
-    let wrong = removed.iter().map(|(_, s)| *s).filter(|s| s.target == Target::Survey).collect();
-    let state = State {
-        known: known(&fit),
-        base: known(&fit),
-        layout: setting.layouts[0],
-        missing: setting.problem.missing.clone(),
-        shape,
-        local: fit.groups[0].local.clone(),
-        departure: Departure {
-            square: DEPARTURE_WEIGHT * DEPARTURE * DEPARTURE,
-            redundancy: DEPARTURE_WEIGHT,
-        },
-        wrong,
-        frames: 1,
-    };
-    let solution = dress_frame(flight, &setting, &fit, &removed, 0, remarks(1, 1, false));
-    Ok((state, solution))
-}
-
 impl State {
-    fn next(
-        &self,
-        flight: &mut Flight,
-        elapsed_s: f64,
-        mountings: usize,
-    ) -> Result<(State, Solution), AdjustError> {
+    /// The next frame, as it is carried by the state, or after a jolt where that explains it better.
+    fn step(&self, flight: &mut Flight, elapsed_s: f64) -> Result<Step, AdjustError> {
         flight.departure = self.departure.value();
         flight.amplitudes = vec![self.local[0].abs().max(SMALLEST_CURVATURE_PER_M)];
         let mut base = self.base.clone();
@@ -181,17 +213,40 @@ impl State {
             (Err(_), Some(restarted)) => (restarted, true),
             (Err(error), None) => return Err(error),
         };
-        let mut next = State { frames: if jolt { 1 } else { self.frames + 1 }, ..self.clone() };
-        next.known = known(&attempt.fit);
         if jolt {
             self.remounted(flight, &mut base)?;
         }
-        next.base = base;
-        next.local.copy_from(&attempt.fit.groups[0].local);
-        next.departure.learn(&attempt, flight.departure, elapsed_s);
-        let remarks = remarks(next.frames, mountings + usize::from(jolt), jolt);
-        let solution = dress_frame(flight, &attempt.setting, &attempt.fit, &attempt.removed, 0, remarks);
-        Ok((next, solution))
+        Ok(Step { attempt, jolt, base })
+    }
+
+    /// After a frame with this variance factor; `None`: it could not be solved.
+    fn next_factor(&self, shown: Option<f64>) -> f64 {
+        let (least, most) = (self.factor / FACTOR_STEP, self.factor * FACTOR_STEP);
+        shown.unwrap_or(most).clamp(least, most).max(1.0)
+    }
+
+    /// The state with a frame. One that chance does not explain teaches as much less as its variance factor says.
+    fn learn(&self, step: &Step, flight: &Flight, elapsed_s: f64) -> Result<Self, AdjustError> {
+        let Step { attempt, jolt, base } = step;
+        let frames = if *jolt { 1 } else { self.frames + 1 };
+        let mut next = State {
+            known: known_of(&attempt.fit),
+            base: base.clone(),
+            local: attempt.fit.groups[0].local.clone(),
+            frames,
+            learnt: self.learnt.saturating_add(1),
+            doubts: 0,
+            doubted_s: 0.0,
+            factor: self.next_factor(attempt.fit.variance_factor()),
+            ..self.clone()
+        };
+        let factor = attempt.fit.variance_factor().unwrap_or(1.0).max(1.0);
+        let share = if attempt.explained(1.0) { 1.0 } else { 1.0 / factor };
+        if let Some(before) = attempt.setting.problem.known.as_ref().filter(|_| share < 1.0) {
+            fade(&mut next.known, before, share)?;
+        }
+        next.departure.learn(attempt, flight.departure, elapsed_s, share);
+        Ok(next)
     }
 
     /// What is known when the next frame comes: rotation and ratios have walked, of the base too, and all beside that
@@ -309,80 +364,18 @@ impl State {
 }
 
 impl Attempt {
+    /// Whether chance explains what is left, where standard deviations are stated too small by the root of a factor.
+    fn explained(&self, factor: f64) -> bool {
+        quality::global_test(self.fit.omega / factor, self.fit.redundancy, JOLT_ALPHA) != GlobalTest::Rejected
+    }
+
     /// Sum of squares, and for each marker left out what a marker must gain to be left out.
     fn cost(&self) -> f64 {
         self.fit.omega + self.removed.len() as f64 * chi_square_limit(2.0, JOLT_ALPHA)
     }
 }
 
-impl Departure {
-    fn value(&self) -> f64 {
-        (self.square / self.redundancy).sqrt().clamp(DEPARTURE_BOUNDS.0, DEPARTURE_BOUNDS.1)
-    }
-
-    /// Adds what a frame's departures show (Koch's estimate of one variance component), solved with `used`.
-    fn learn(&mut self, attempt: &Attempt, used: f64, elapsed_s: f64) {
-        let Some((square, redundancy)) = departure_shown(&attempt.setting, &attempt.fit, 0) else { return };
-        let kept = (-elapsed_s / DEPARTURE_MEMORY_S).exp();
-        self.square = self.square * kept + square * used * used;
-        self.redundancy = self.redundancy * kept + redundancy;
-    }
-}
-
-/// Adds noise of a covariance to some unknowns (Woodbury's identity).
-fn walk(known: &mut Known, columns: &[usize], noise: DMatrix<f64>) -> Result<(), AdjustError> {
-    let of = known.information.select_columns(columns);
-    let inner = inverse(noise)? + of.select_rows(columns);
-    known.information -= &of * inverse(inner)? * of.transpose();
-    Ok(())
-}
-
-/// Leaves a share of what is known beyond the base.
-fn fade(known: &mut Known, base: &Known, share: f64) -> Result<(), AdjustError> {
-    let beyond = &known.information - &base.information;
-    let fixed = &base.information * &base.mean;
-    let right = &fixed + (&known.information * &known.mean - &fixed) * share;
-    known.information = &base.information + beyond * share;
-    let factor = known.information.clone().cholesky().ok_or_else(lost)?;
-    known.mean = factor.solve(&right);
-    Ok(())
-}
-
-/// Replaces what is known of the unknowns from `first` on.
-fn forget(
-    known: &mut Known,
-    first: usize,
-    mean: &DVector<f64>,
-    covariance: DMatrix<f64>,
-) -> Result<(), AdjustError> {
-    let count = mean.len();
-    let of = known.information.columns(first, count).into_owned();
-    known.information -= &of * inverse(of.rows(first, count).into_owned())? * of.transpose();
-    known.information.columns_mut(first, count).fill(0.0);
-    known.information.rows_mut(first, count).fill(0.0);
-    known.information.view_mut((first, first), (count, count)).copy_from(&inverse(covariance)?);
-    known.mean.rows_mut(first, count).copy_from(mean);
-    Ok(())
-}
-
-fn inverse(matrix: DMatrix<f64>) -> Result<DMatrix<f64>, AdjustError> {
-    matrix.cholesky().map(|c| c.inverse()).ok_or_else(lost)
-}
-
-fn lost() -> AdjustError {
-    AdjustError::Input("the state of the live adjustment has lost its numerical meaning".into())
-}
-
 /// What a solution tells of all that frames share.
-fn known(fit: &Fit) -> Known {
+fn known_of(fit: &Fit) -> Known {
     Known { mean: fit.global.clone(), information: fit.information.clone() }
-}
-
-fn remarks(frames: usize, mounting: usize, jolt: bool) -> Vec<String> {
-    let mut list =
-        vec![format!("adjusted with what the frames before it told, frame {frames} of mounting {mounting}")];
-    if jolt {
-        list.push("the camera was jolted: its rotation and shift are learnt anew".into());
-    }
-    list
 }
