@@ -83,7 +83,7 @@ const AS_SEEN: Rung = Rung {
 };
 
 /// Of a blob that may be a disc.
-const DISC: [Rung; 6] = [
+const DISC: [Rung; 5] = [
     Rung { when: When::Whole, ..AS_SEEN },
     // Glare hides an end of it, or crosses it: also where it looks whole and is measured badly.
     Rung {
@@ -112,13 +112,6 @@ const DISC: [Rung; 6] = [
         propose: |climb| climb.blob.and_then(|(i, blob)| whole::at_one_level(climb.ladder.image, blob, i)),
         tells_why: false,
         size: Size::Told,
-    },
-    // Blur or noise has frayed its rim.
-    Rung {
-        when: When::CutOutsideGlare,
-        propose: |climb| climb.frayed(),
-        tells_why: true,
-        size: Size::Lacking,
     },
 ];
 
@@ -271,10 +264,5 @@ impl<'a> Climb<'a> {
         let hidden = self.under_decal(|other| cut(other).unwrap_or(ROWS))?;
         let is_slanted = hidden.decals().any(|decal| decal.axis != ROWS);
         (hidden.prior.twin && is_slanted).then_some(hidden)
-    }
-
-    fn frayed(&self) -> Option<Hypothesis> {
-        let is_frayed = whole::is_frayed(self.ladder.image, self.blob?.1, self.ladder.bounds.noise);
-        is_frayed.then(|| self.seen.clone())
     }
 }

@@ -50,18 +50,10 @@ pub const MEASURE: MeasureOptions = MeasureOptions {
 pub struct WholeOptions {
     /// Skin about a disc that tells its grey, px.
     pub beside_px: f64,
-    /// How much squarer than a whole disc one may look that blur has frayed, a ratio. Chosen;
-    /// `tests/detect/bad_light.rs`.
-    pub frayed: f64,
-    /// Noise, as a share of the contrast, from which on it frays outlines.
-    pub fraying_noise: f64,
-    /// The same in strong noise. Chosen; `tests/detect/bad_light.rs`.
-    pub frayed_by_noise: f64,
     /// Share of the residuals of quadrants that two discs in them may leave to be believed instead. Chosen;
     /// `tests/detect/bad_light.rs`.
     pub better: f64,
 }
 
 /// The numbers in use.
-pub const WHOLE: WholeOptions =
-    WholeOptions { beside_px: 6.0, frayed: 1.15, fraying_noise: 0.1, frayed_by_noise: 1.5, better: 0.5 };
+pub const WHOLE: WholeOptions = WholeOptions { beside_px: 6.0, better: 0.5 };

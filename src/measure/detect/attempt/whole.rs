@@ -7,7 +7,6 @@ use crate::measure::detect::detection::{Detection, RejectReason};
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::histogram::Histogram;
-use crate::measure::detect::image::noise::FRAYING;
 use crate::measure::detect::propose::moments;
 use crate::measure::detect::segment::blob;
 use crate::measure::detect::segment::blob::Blob;
@@ -50,13 +49,6 @@ impl Ladder<'_> {
 /// Whether a blob is too square for a whole disc of its size.
 pub fn looks_cut(blob: &Blob) -> bool {
     cut_by(blob) > 1.0
-}
-
-/// Whether a blob that looks cut by nothing may be a whole disc all the same, which blur or noise has frayed.
-pub fn is_frayed(image: &Raster, blob: &Blob, noise: f64) -> bool {
-    let contrast = || levels(image, blob).map_or(0.0, |(black, skin)| skin as f64 - black as f64);
-    let by_noise = noise > FRAYING || noise > WHOLE.fraying_noise * contrast();
-    cut_by(blob) < if by_noise { WHOLE.frayed_by_noise } else { WHOLE.frayed }
 }
 
 /// Grey values of a blob and of the skin about it.
