@@ -90,7 +90,7 @@ const FASTEST_M_S: f64 = 3.0;
 /// However long ago the last frame is, a tip in gusts is no farther from where it was, m. Where it is, the whole frame is
 /// searched, since markers are missing.
 const FARTHEST_M: f64 = 0.6;
-/// After so long nothing is foretold, s.
+/// After so long nothing is predicted, s.
 const LONGEST_S: f64 = 5.0;
 
 /// All that the frames so far told of one camera.
@@ -120,7 +120,7 @@ impl Tracker {
     /// The next frame, exposed `at_s` since boot. Whatever goes wrong with it is in the record; the state stays then.
     pub fn frame(&mut self, name: &str, bytes: &[u8], format: Option<&Format>, at_s: f64) -> Told {
         let told = guarded(|| {
-            let predictions = self.foretold(at_s);
+            let predictions = self.predicted(at_s);
             self.solve(name, bytes, format, at_s, &predictions)
         });
         told.unwrap_or_else(|| {
@@ -129,7 +129,7 @@ impl Tracker {
     }
 
     /// Where this frame shows the markers: the longer ago the last one, the wider.
-    fn foretold(&mut self, at_s: f64) -> Vec<Prediction> {
+    fn predicted(&mut self, at_s: f64) -> Vec<Prediction> {
         let Some(seen) = self.seen.take() else { return vec![] };
         let elapsed_s = at_s - seen.at_s;
         if !(0.0..=LONGEST_S).contains(&elapsed_s) {

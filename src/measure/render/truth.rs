@@ -43,7 +43,7 @@ pub struct MarkerTruth {
 }
 
 /// Added light over diffuse light beyond which a marker's contrast is gone.
-const DROWNED: f64 = 0.9;
+const SATURATED: f64 = 0.9;
 
 impl Scene {
     /// The truth of a shot.
@@ -126,5 +126,5 @@ impl Scene {
 }
 
 fn saturated(lit: &Lit) -> bool {
-    lit.added > DROWNED || (lit.added > 0.2 && lit.added + 0.045 * lit.diffuse > 0.97)
+    lit.added > SATURATED || (lit.added > 0.2 && lit.added + 0.045 * lit.diffuse > 0.97)
 }
