@@ -204,7 +204,11 @@ struct Climb<'a> {
 impl<'a> Climb<'a> {
     fn of(ladder: &'a Ladder, seen: &'a Hypothesis) -> Self {
         let blob = match seen.blobs[..] {
-            [index] if seen.pattern == Pattern::Disc && seen.prior == Prior::default() => {
+            [index]
+                if seen.pattern == Pattern::Disc
+                    && seen.prior == Prior::default()
+                    && seen.excluded.is_empty() =>
+            {
                 ladder.blobs.get(index).map(|blob| (index, blob))
             }
             _ => None,

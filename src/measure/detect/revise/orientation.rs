@@ -232,7 +232,8 @@ impl Closer<'_> {
             let new = &measured.detection;
             // What is taken for hidden may be seen as a whole.
             let is_sure = |old: &Detection| whole || new.variance() < ORIENTATION.surer * old.variance();
-            let better = near && old.as_ref().is_none_or(|old| is_better(new, old) && is_sure(old));
+            let beats = |old: &Detection| new.shape == old.shape && is_better(new, old) && is_sure(old);
+            let better = near && old.as_ref().is_none_or(beats);
             if let (false, true, Some(i), Some(old)) = (better, near && whole, own, &old) {
                 unlike.extend(disagreement(new, old).map(|inflation| (i, inflation)));
             }

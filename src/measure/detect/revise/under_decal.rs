@@ -1,4 +1,4 @@
-//! Discs over which the decal of one beside them lies, measured once more when that one is ladder.
+//! Discs over which the decal of one beside them lies, measured once more when that one is known.
 
 use nalgebra::Matrix2;
 
