@@ -41,10 +41,9 @@ impl Part<'_> {
         self.old.is_some_and(|old| old.is_whole && !self.is_thin(old))
     }
 
-    /// Whether an answer is one for the disc, and explains it better than what was measured before.
+    /// Whether an answer is one for the disc. With size and shape it knows more than one of a part, which it replaces.
     fn is_for_it(&self, new: &Measured) -> bool {
-        self.old.is_none_or(|old| explains_better(&new.detection, &old.detection))
-            && is_as_long(new, self.size, NEIGHBOUR.unlike_sigmas)
+        is_as_long(new, self.size, NEIGHBOUR.unlike_sigmas)
             && same(new.detection.contrast, self.neighbour.detection.contrast, UNDER_DECAL.same_contrast)
             && !self.neighbour.detection.ellipse().holds(new.detection.centre_px)
     }
