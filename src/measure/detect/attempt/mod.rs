@@ -1,5 +1,6 @@
 //! One hypothesis measured, in the ways that there are.
 
+pub mod discs;
 pub mod ladder;
 pub mod measure;
 pub mod options;

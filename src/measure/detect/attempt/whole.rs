@@ -1,9 +1,6 @@
-//! Whether a blob is a whole disc.
+//! Whether a blob looks like a whole disc.
 
-use super::ladder::Ladder;
-use crate::measure::detect::accept::verdict::Measured;
 use crate::measure::detect::attempt::options::WHOLE;
-use crate::measure::detect::detection::{Detection, RejectReason};
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::histogram::Histogram;
@@ -11,40 +8,6 @@ use crate::measure::detect::propose::moments;
 use crate::measure::detect::segment::blob;
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::raster::Raster;
-
-impl Ladder<'_> {
-    /// What a blob measures that looks like a whole disc; `None` for others.
-    fn measure_round(&self, index: usize) -> Option<Result<Measured, RejectReason>> {
-        let round = self.blobs.get(index).filter(|b| !looks_cut(b)).and_then(|b| moments::disc(index, b));
-        round.map(|disc| self.measure_whole(index, &disc))
-    }
-
-    /// Whether a blob is a whole disc whose place is told well: the image model tells.
-    pub fn is_sure_disc(&self, index: usize) -> bool {
-        matches!(self.measure_round(index), Some(Ok(disc)) if disc.is_sure())
-    }
-
-    /// Whether the two blobs of a pair are whole discs side by side: the image model tells.
-    pub fn are_discs(&self, hypothesis: &Hypothesis) -> bool {
-        let disc = |&i: &usize| matches!(self.measure_round(i), Some(Ok(_) | Err(RejectReason::Uncertain)));
-        hypothesis.blobs.len() == 2 && hypothesis.blobs.iter().all(disc)
-    }
-
-    /// Whether in what was measured as quadrants lie two discs or more, each of which leaves less than half the residuals.
-    pub fn hold_discs(&self, quadrants: &Detection) -> bool {
-        let whole = quadrants.ellipse();
-        let mut found: Vec<Ellipse> = Vec::new();
-        for (i, _) in self.blobs.iter().enumerate().filter(|(_, b)| whole.holds(b.centroid)) {
-            let Some(Ok(disc)) = self.measure_round(i) else { continue };
-            let ellipse = disc.detection.ellipse();
-            let better = disc.is_sure() && disc.detection.fit_rms < WHOLE.better * quadrants.fit_rms;
-            if better && !found.iter().any(|other| other.holds(ellipse.centre)) {
-                found.push(ellipse);
-            }
-        }
-        found.len() > 1
-    }
-}
 
 /// Whether a blob is too square for a whole disc of its size.
 pub fn looks_cut(blob: &Blob) -> bool {
