@@ -2,7 +2,9 @@
 
 use wingd::measure::detect::{detect, look_closer};
 
-use crate::common::drawn::{discs, expected_discs, local, nearest, normalised_square, on_skin, picture};
+use crate::common::drawn::{
+    blurred, discs, expected_discs, local, nearest, normalised_square, on_skin, with_noise,
+};
 
 /// A dash at an end of a disc: its grey, and its bounds along and across the disc, px.
 struct Dash {
@@ -31,8 +33,9 @@ fn a_dash_that_touches_an_end_is_in_the_standard_deviation() {
                 (dash.along[0]..dash.along[1]).contains(&s) && (dash.across[0]..dash.across[1]).contains(&t);
             if is_dash && p.hypot(q) >= 1.0 { dash.grey } else { disc(x, y) }
         };
+        let light = blurred(scene, 1.0);
         for seed in 0..4 {
-            let image = picture(&scene, 1.0, 1.5, seed);
+            let image = with_noise(&light, 1.5, seed);
             let mut found = detect(&image);
             look_closer(&image, &mut found, &expected_discs(&flat, &detect(&image).markers));
             let (m, error) = nearest(&found.markers, touched).expect("the disc is found");
