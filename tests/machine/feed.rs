@@ -1,7 +1,7 @@
 //! Plays pictures into a video loopback device, as a camera would; sets a control of a video device.
 //!
 //! `feed DEVICE FOURCC CONTROL SENT FRAME.jpg…`: the file CONTROL says what is shown: `auto`, one picture
-//! after the other; `slow`, the same, four a second; `N`, picture N again and again; `hold`, the present one; `once N`, picture N in a
+//! after the other; `slow`, the same, one a second; `N`, picture N again and again; `hold`, the present one; `once N`, picture N in a
 //! burst of eight; `stop`. The hash of every picture is added to the file SENT before it is shown.
 //! `feed set DEVICE ID VALUE`
 //! `feed lines SOCKET`: what comes at a Unix socket.
@@ -26,7 +26,7 @@ use wingd::pipeline::decode::decode;
 const PAUSE: Duration = Duration::from_millis(20);
 
 /// The same where pictures are shown slowly: the device has few buffers, and overwrites what is read for longer than that.
-const SLOW: Duration = Duration::from_millis(230);
+const SLOW: Duration = Duration::from_millis(980);
 
 /// Pictures to show; no two numbers give the same.
 struct Pictures {

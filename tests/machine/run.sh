@@ -1,7 +1,7 @@
 #!/bin/bash
 [ -n "${BASH_VERSION:-}" ] || exec bash "$0" "$@"
 # The hardware paths in virtual machines; see README.md. Ends with a line `N passed, N failed`.
-#   run.sh [--cached] [PART…]; --cached: the parts that need a kernel or a Debian of their own only where it is there.
+#   run.sh [--cached] [PART…] (`live` only where it is named); --cached: the parts that need a kernel or a Debian of their own only where it is there.
 . "$(dirname "$0")/common.sh"
 set +e
 WINGD=${WINGD:-$ROOT/target/release/wingd}; export WINGD
@@ -10,7 +10,7 @@ FEED=${FEED:-$ROOT/target/release/examples/feed}; export FEED
 FAULT_ROUNDS=${FAULT_ROUNDS:-2}; export FAULT_ROUNDS
 [ -x "$WINGD" ] || die "$WINGD is missing; run make build"
 cached=; [ "${1:-}" != --cached ] || { cached=yes; shift; }
-[ $# -gt 0 ] || set -- unit gphoto daemon package start v4l live release power boot aarch64
+[ $# -gt 0 ] || set -- unit gphoto daemon package start v4l release power boot aarch64
 lines=$(mktemp); trap 'rm -f "$lines"' EXIT
 
 fed() { # what plays pictures and draws boards
