@@ -24,14 +24,14 @@ pub fn at_end(image: &Raster, ellipse: &Ellipse, m: &Parameters, scale: f64) -> 
     let inwards = |end: f64| {
         let tip = ellipse.centre + axis * (end * ellipse.major);
         let half = extent.map(|v| v.min((1.0 - PAINT.end) * ellipse.major + reach));
-        let dark = image.part(tip - half, tip + half, 1).filter(|&(x, y, value)| {
+        let along = |(x, y, value): (usize, usize, u8)| {
             let at = Vector2::new(x as f64, y as f64);
             let (s, t) = ellipse.local(at);
             let lies_there = end * s > PAINT.end * ellipse.major && outer.holds(at) && !inner.holds(at);
-            lies_there && light_at(m, s / ellipse.major, t / ellipse.minor) - f64::from(value) > limit
-        });
-        let along: Vec<f64> =
-            dark.map(|(x, y, _)| end * ellipse.local(Vector2::new(x as f64, y as f64)).0).collect();
+            let darker = || light_at(m, s / ellipse.major, t / ellipse.minor) - f64::from(value);
+            (lies_there && darker() > limit).then_some(end * s)
+        };
+        let along: Vec<f64> = image.part(tip - half, tip + half, 1).filter_map(along).collect();
         (along.len() >= PAINT.least_px).then(|| along.iter().fold(f64::MAX, |least, &s| s.min(least)))
     };
     let middle = ellipse.centre.dot(&axis);
