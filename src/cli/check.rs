@@ -127,18 +127,18 @@ fn check_installation(directory: &Path, flies: bool, said: &mut Vec<Found>, faul
     }
 }
 
-fn check_store(config: &Config, file: &std::path::Path, said: &mut Vec<Found>, faults: &mut Vec<Fault>) {
+fn check_store(config: &Config, file: &Path, said: &mut Vec<Found>, faults: &mut Vec<Fault>) {
     let path = &config.store.path;
     faults.extend(unwritable(&RealDisk, path).map(|problem| {
         let mend = "give the recorder's user the right to write there, or name another place";
-        fault(file, "store.path", problem, mend)
+        Fault::new(file, "store.path", problem, mend)
     }));
     if is_vacant(&RealDisk, path) {
         said.push(("store", format!("{} will be made", path.display())));
         let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
         if parent.is_some_and(|p| !p.is_dir()) {
             let problem = format!("the folder above {} does not exist", path.display());
-            faults.push(fault(file, "store.path", problem, "make it, or name another place"));
+            faults.push(Fault::new(file, "store.path", problem, "make it, or name another place"));
         }
         return;
     }
@@ -148,7 +148,7 @@ fn check_store(config: &Config, file: &std::path::Path, said: &mut Vec<Found>, f
     let found: Vec<Fault> = report
         .faults
         .iter()
-        .map(|f| fault(&f.path, &format!("invariant {}", f.invariant), f.what.clone(), "see docs/store.md"))
+        .map(|f| Fault::new(&f.path, format!("invariant {}", f.invariant), &f.what, "see docs/store.md"))
         .collect();
     if found.is_empty() {
         said.push(("store", format!("{}: sound", path.display())));
@@ -156,7 +156,7 @@ fn check_store(config: &Config, file: &std::path::Path, said: &mut Vec<Found>, f
     faults.extend(found);
 }
 
-fn check_camera(config: &Config, file: &std::path::Path, said: &mut Vec<Found>, faults: &mut Vec<Fault>) {
+fn check_camera(config: &Config, file: &Path, said: &mut Vec<Found>, faults: &mut Vec<Fault>) {
     let make = config.camera.factory(Arc::new(System::new()), Duration::ZERO);
     let mut camera = make();
     match camera.open() {
@@ -164,7 +164,7 @@ fn check_camera(config: &Config, file: &std::path::Path, said: &mut Vec<Found>, 
             said.push(("camera", info.name));
             for warning in &info.warnings {
                 let mend = "set it by hand, or correct the configuration";
-                faults.push(fault(file, "camera", warning.clone(), mend));
+                faults.push(Fault::new(file, "camera", warning.clone(), mend));
             }
         }
         Err(error) => {
@@ -173,12 +173,8 @@ fn check_camera(config: &Config, file: &std::path::Path, said: &mut Vec<Found>, 
             } else {
                 "see docs/operations/camera.md, or check without it: --no-camera"
             };
-            faults.push(fault(file, "camera", error.to_string(), mend));
+            faults.push(Fault::new(file, "camera", error.to_string(), mend));
         }
     }
     camera.close();
-}
-
-fn fault(file: &std::path::Path, place: &str, problem: String, mend: &str) -> Fault {
-    Fault { file: file.into(), place: place.into(), problem, mend: mend.into() }
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use rust_embed::RustEmbed;
 
-use super::{Done, Failure, logging, print, service};
+use super::{Done, Failure, logging, print, service, unwritable};
 use crate::camera::replay::ReplayConfig;
 use crate::camera::section::CameraSection;
 use crate::clock::{Clock, Simulated};
@@ -58,9 +58,8 @@ fn unpack(input: &Path) -> Result<(), Failure> {
             continue;
         }
         let made = path.parent().map_or(Ok(()), std::fs::create_dir_all);
-        made.and_then(|()| std::fs::write(&path, &file.data)).map_err(|e| {
-            Failure::Undone(format!("{} cannot be written ({e}); name another --output", path.display()))
-        })?;
+        let written = made.and_then(|()| std::fs::write(&path, &file.data));
+        written.map_err(unwritable(&path, "name another --output"))?;
     }
     Ok(())
 }
@@ -70,17 +69,17 @@ fn orient(directory: &Path, ground: &Path) -> Result<(), Failure> {
     if installation::load(directory).is_ok_and(|i| i.orientation.is_some()) {
         return Ok(());
     }
-    let undone = |text: String| Failure::Undone(format!("{}: {text}", ground.display()));
+    let undone = |error: &dyn std::error::Error| Failure::Undone(format!("{}: {error}", ground.display()));
     let installation = installation::load_without_orientation(directory)?;
-    let bytes = std::fs::read(ground).map_err(|e| undone(e.to_string()))?;
+    let bytes = std::fs::read(ground).map_err(|e| undone(&e))?;
     let sighting = stages::sight("ground.jpg", &bytes, None, &installation, None);
     if let Some(reason) = sighting.failure {
-        return Err(undone(reason));
+        return Err(undone(&reason));
     }
-    let fit = identify::orient(&installation.setup, &[sighting.detections.markers])
-        .map_err(|e| undone(e.to_string()))?;
+    let fit =
+        identify::orient(&installation.setup, &[sighting.detections.markers]).map_err(|e| undone(&e))?;
     installation::write_orientation(&installation, &fit, &[(sighting.image, sighting.digest)])
-        .map_err(|e| undone(e.to_string()))
+        .map_err(|e| undone(&e))
 }
 
 /// The daemon, until its timetable is over. A demo that was broken off goes on where it stopped.
@@ -131,11 +130,9 @@ fn finish(output: &Path, directory: &Path) -> Result<Done, Failure> {
     let store = output.join("store");
     let checked = verify::verify(&RealDisk, &store);
     let setup = installation::load(directory)?.setup;
-    let data = source::flight(&store, source::Choice::default(), Some(&setup))
-        .map_err(|e| Failure::Undone(e.to_string()))?;
+    let data = source::flight(&store, source::Choice::default(), Some(&setup))?;
     let page = output.join("report.html");
-    std::fs::write(&page, html::page(&data))
-        .map_err(|e| Failure::Undone(format!("{} cannot be written ({e}); free space", page.display())))?;
+    std::fs::write(&page, html::page(&data)).map_err(unwritable(&page, "free space"))?;
     print(table::series(&summary::summaries(&data.series)).trim_end())?;
     for fault in &checked.faults {
         eprintln!("wingd: invariant {}: {}: {}", fault.invariant, fault.path.display(), fault.what);

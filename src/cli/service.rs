@@ -70,7 +70,7 @@ fn track(installation: Arc<Installation>, orientation: Orientation, job: pipelin
     let job = pipeline::Job { method: Method::Spatial, ..job };
     Arc::new(move || {
         let begun = Tracker::begin(installation.clone(), orientation.clone(), job.clone());
-        let mut tracker = begun.inspect_err(|why| tracing::error!(why, "live frames are not solved"))?;
+        let mut tracker = begun.inspect_err(|why| tracing::error!(%why, "live frames are not solved"))?;
         let track = move |name: &str, bytes: &[u8], format: &crate::camera::Format, at_s: f64| {
             tracker.frame(name, bytes, Some(format), at_s)
         };
@@ -114,6 +114,17 @@ struct Page {
     thread: Option<std::thread::JoinHandle<()>>,
 }
 
+/// Why there is no page; all that is done about it is to say it.
+#[derive(Debug, thiserror::Error)]
+enum NoPage {
+    #[error("{}", .0.iter().map(Fault::to_string).collect::<Vec<_>>().join("; "))]
+    Faults(Vec<Fault>),
+    #[error("{0}: {1}")]
+    Bound(std::net::SocketAddr, std::io::Error),
+    #[error(transparent)]
+    Machine(#[from] std::io::Error),
+}
+
 /// For files that are being read when the page ends.
 const LAST_WORK: Duration = Duration::from_secs(1);
 
@@ -122,18 +133,17 @@ impl Page {
     fn open(serve: &ServeConfig, config: &Config, board: &Board) -> Option<Self> {
         Self::start(serve, config, board)
             .map_err(|why| {
-                tracing::error!(why, "no page");
+                tracing::error!(%why, "no page");
                 board.fault(&format!("no page: {why}"));
             })
             .ok()
     }
 
-    fn start(serve: &ServeConfig, config: &Config, board: &Board) -> Result<Self, String> {
+    fn start(serve: &ServeConfig, config: &Config, board: &Board) -> Result<Self, NoPage> {
         let place = |key: &str| ("wingd.toml".into(), format!("serve.{key}"));
-        let texts = |faults: Vec<Fault>| faults.iter().map(Fault::to_string).collect::<Vec<_>>().join("; ");
-        let (address, access) = serve.open(place).map_err(texts)?;
-        let listener = std::net::TcpListener::bind(address).map_err(|e| format!("{address}: {e}"))?;
-        listener.set_nonblocking(true).map_err(|e| e.to_string())?;
+        let (address, access) = serve.open(place).map_err(NoPage::Faults)?;
+        let listener = std::net::TcpListener::bind(address).map_err(|e| NoPage::Bound(address, e))?;
+        listener.set_nonblocking(true)?;
         let setup = config.installation.as_deref().map(installation::load_without_orientation);
         let status = board.clone();
         let site = http::Site {
@@ -143,7 +153,7 @@ impl Page {
             live: config.live.socket.clone(),
         };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-        let runtime = runtime.map_err(|e| e.to_string())?;
+        let runtime = runtime?;
         let (stop, stopped) = tokio::sync::oneshot::channel();
         let thread = std::thread::Builder::new().name("page".to_owned()).spawn(move || {
             let served = runtime.block_on(async {
@@ -160,7 +170,7 @@ impl Page {
             runtime.shutdown_timeout(LAST_WORK);
         });
         tracing::info!(address = serve.listen, "page");
-        Ok(Self { stop: Some(stop), thread: Some(thread.map_err(|e| e.to_string())?) })
+        Ok(Self { stop: Some(stop), thread: Some(thread?) })
     }
 }
 

@@ -39,7 +39,7 @@ impl Recorder {
     /// A frame that came without an error may still be half or old.
     pub(super) fn judge(&mut self, frame: &Frame) -> Result<(), Failure> {
         let whole = match &frame.format {
-            Format::Jpeg => jpeg::whole(&frame.bytes),
+            Format::Jpeg => jpeg::whole(&frame.bytes).map_err(|why| why.to_string()),
             _ if frame.bytes.is_empty() => Err("it is empty".to_owned()),
             _ => Ok(()),
         };

@@ -130,7 +130,7 @@ impl Processing {
         let file = &frame.entry.file;
         let format = match Format::of_manifest(&frame.entry.format) {
             Ok(format) => format,
-            Err(what) => return Some(ImageRecord::failed(file, Method::None, what)),
+            Err(what) => return Some(ImageRecord::failed(file, Method::None, what.to_string())),
         };
         let deadline = self.solver.deadline;
         Some(match self.within_deadline(file.clone(), bytes, format) {

@@ -103,6 +103,17 @@ pub struct ShotData {
     pub failures: Vec<String>,
 }
 
+/// Each once, in the order of their first appearance.
+pub fn distinct<T: PartialEq>(all: impl Iterator<Item = T>) -> Vec<T> {
+    let mut known = Vec::new();
+    for one in all {
+        if !known.contains(&one) {
+            known.push(one);
+        }
+    }
+    known
+}
+
 /// A marker as surveyed on ground.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroundMarker {

@@ -42,6 +42,7 @@ use super::halt::Halt;
 use super::status::Board;
 use crate::camera::Format;
 use crate::clock::Clock;
+use crate::measure::adjust::AdjustError;
 use crate::pipeline::live::Told;
 use crate::store::Store;
 pub(crate) use capture::Feeder;
@@ -55,8 +56,8 @@ use storing::Storing;
 /// Solves one frame after the other: its name, bytes, how to read them, when it was exposed (since boot, s).
 pub type Tracking = Box<dyn FnMut(&str, &[u8], &Format, f64) -> Told + Send>;
 
-/// Begins tracking, at the start and after a solver was given up. The error is a sentence.
-pub type Track = Arc<dyn Fn() -> Result<Tracking, String> + Send + Sync>;
+/// Begins tracking, at the start and after a solver was given up.
+pub type Track = Arc<dyn Fn() -> Result<Tracking, AdjustError> + Send + Sync>;
 
 /// Niceness of solving series while frames are solved live.
 pub(crate) const SERIES_NICE: i32 = 5;
