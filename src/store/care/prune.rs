@@ -6,11 +6,9 @@
 use std::path::Path;
 
 use super::verify;
-use crate::store::disk::Disk;
-use crate::store::error::StoreError;
-use crate::store::format::digest::sha256;
+use crate::store::disk::{Disk, StoreError};
 use crate::store::format::manifest::Pruned;
-use crate::store::format::{jsonl, layout, sums};
+use crate::store::format::{jsonl, layout, sha256, sums};
 use crate::store::read::catalogue::{self, FlightRef};
 use crate::store::read::installations;
 use crate::store::write::store::Store;

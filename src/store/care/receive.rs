@@ -10,11 +10,9 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::verify::{self, Report};
-use crate::store::disk::{Disk, Lock};
-use crate::store::error::StoreError;
-use crate::store::format::digest::sha256;
-use crate::store::format::layout;
+use crate::store::disk::{Disk, Lock, StoreError};
 use crate::store::format::manifest::Counter;
+use crate::store::format::{layout, sha256};
 use crate::store::read::bundle::{Bundle, Item};
 use crate::store::write::opening;
 use crate::store::write::root::Root;
@@ -213,12 +211,10 @@ impl<'a> Receiver<'a> {
     /// Above the ids of this flight and of those that were here.
     fn count(&self, listing: &Listing) -> Result<(), StoreError> {
         let here = self.disk.json::<Counter>(&self.root.join(layout::COUNTER_FILE));
-        let series = listing.items.iter().filter_map(|i| layout::series_number(i.name.split('/').nth(2)?));
-        let next = |n: Option<u64>| n.unwrap_or(0).saturating_add(1);
-        let (flight, series) = (next(layout::flight_number(&listing.flight)), next(series.max()));
-        let flight = flight.max(here.map_or(1, |c| c.next_flight));
-        let series = series.max(here.map_or(1, |c| c.next_series));
-        opening::save_counter(self.at(), flight, series)
+        let mut counter = here.unwrap_or(Counter::FIRST);
+        counter.pass(&listing.flight);
+        listing.items.iter().filter_map(|item| item.name.split('/').nth(2)).for_each(|id| counter.pass(id));
+        opening::save_counter(self.at(), &counter)
     }
 
     /// Results that were added here are not written over.

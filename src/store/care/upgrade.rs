@@ -5,12 +5,10 @@ use std::sync::Arc;
 
 use super::verify;
 use crate::store::config::StoreConfig;
-use crate::store::disk::Disk;
-use crate::store::error::StoreError;
-use crate::store::format::chain::{self, Event};
-use crate::store::format::digest::sha256;
+use crate::store::disk::{Disk, StoreError};
+use crate::store::format::chain::{self, ClosedFile, Event};
 use crate::store::format::kinds::KINDS;
-use crate::store::format::layout;
+use crate::store::format::{layout, sha256};
 use crate::store::read::catalogue::{self, FlightRef};
 use crate::store::read::installations::File;
 use crate::store::write::root::Root;
@@ -63,7 +61,7 @@ fn history(
     for kind in KINDS {
         for file in catalogue::files(disk, flight, kind)? {
             let (bytes, sha256) = digest(&flight.folder.join(&file))?;
-            events.push((kind.event)(file, bytes, sha256));
+            events.push((kind.event)(ClosedFile { file, bytes, sha256 }));
         }
     }
     for series in catalogue::series(disk, flight)? {

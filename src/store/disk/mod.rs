@@ -1,5 +1,6 @@
 //! The file system as the store needs it. Every fsync of the project is in this file.
 
+mod error;
 pub mod fake;
 
 use std::any::Any;
@@ -9,7 +10,7 @@ use std::path::Path;
 
 use serde::de::DeserializeOwned;
 
-use super::error::StoreError;
+pub use error::StoreError;
 
 /// An entry of a directory.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -5,8 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use super::digest::sha256;
-use super::jsonl;
+use super::{jsonl, sha256};
 
 /// `before` of the first line.
 pub const BEGINNING: &str = "0000000000000000000000000000000000000000000000000000000000000000";
@@ -51,23 +50,9 @@ pub enum Event {
         sha256: String,
     },
     /// A file with lines of the aircraft's data was closed.
-    Aircraft {
-        /// Its name.
-        file: String,
-        /// Its length.
-        bytes: u64,
-        /// Of it.
-        sha256: String,
-    },
+    Aircraft(ClosedFile),
     /// A file with live results was closed.
-    Live {
-        /// Its name.
-        file: String,
-        /// Its length.
-        bytes: u64,
-        /// Of it.
-        sha256: String,
-    },
+    Live(ClosedFile),
     /// An installation that results from here on may come from lies in `installations/`.
     Installation {
         /// Its digest and folder's name.
@@ -80,6 +65,17 @@ pub enum Event {
         /// Of `wingd chain ` and this line's `before`, hex.
         signature: String,
     },
+}
+
+/// A file of a flight that grows no more.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ClosedFile {
+    /// Its name.
+    pub file: String,
+    /// Its length.
+    pub bytes: u64,
+    /// Of it.
+    pub sha256: String,
 }
 
 /// A chain that was read.
@@ -151,8 +147,8 @@ impl State {
             Event::Results { series, bytes, sha256 } => {
                 self.results.entry(series).or_default().push((bytes, sha256));
             }
-            Event::Aircraft { file, bytes, sha256 } | Event::Live { file, bytes, sha256 } => {
-                self.files.insert(file, (bytes, sha256));
+            Event::Aircraft(closed) | Event::Live(closed) => {
+                self.files.insert(closed.file, (closed.bytes, closed.sha256));
             }
             Event::Installation { sha256 } => drop(self.installations.insert(sha256)),
             Event::Signature { .. } => {}

@@ -1,6 +1,6 @@
 //! Kinds of files of a flight that grow at their end and are then closed.
 
-use super::chain::Event;
+use super::chain::{ClosedFile, Event};
 use super::{aircraft, columns, layout};
 
 /// A kind of such files.
@@ -19,7 +19,7 @@ pub(crate) struct Kind {
     /// How many bytes are whole, and their flight; `None` where not even the first line is.
     pub whole: fn(&[u8]) -> Option<(usize, String)>,
     /// Its line in the chain.
-    pub event: fn(String, u64, String) -> Event,
+    pub event: fn(ClosedFile) -> Event,
     /// Its invariant in docs/store.md.
     pub invariant: u8,
     /// Beyond this a file is closed and another one begun, bytes.
@@ -34,7 +34,7 @@ pub(crate) const AIRCRAFT: Kind = Kind {
     name: layout::aircraft_name,
     number: layout::aircraft_number,
     whole: aircraft::whole,
-    event: |file, bytes, sha256| Event::Aircraft { file, bytes, sha256 },
+    event: Event::Aircraft,
     invariant: 20,
     longest: 1 << 20,
 };
@@ -47,7 +47,7 @@ pub(crate) const LIVE: Kind = Kind {
     name: layout::live_name,
     number: layout::live_number,
     whole: columns::whole,
-    event: |file, bytes, sha256| Event::Live { file, bytes, sha256 },
+    event: Event::Live,
     invariant: 21,
     // Read as a whole, at the start after a power cut and by readers.
     longest: 8 << 20,

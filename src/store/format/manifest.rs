@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use super::layout;
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
 
@@ -163,6 +164,25 @@ pub struct Counter {
     pub next_flight: u64,
     /// Of a series.
     pub next_series: u64,
+}
+
+impl Counter {
+    /// Of an empty store.
+    pub const FIRST: Self = Self { next_flight: 1, next_series: 1 };
+
+    /// Puts the next ids above those of a flight or series, by its name.
+    pub fn pass(&mut self, id: &str) {
+        let above = |next: u64, number: Option<u64>| number.map_or(next, |n| next.max(n.saturating_add(1)));
+        self.next_flight = above(self.next_flight, layout::flight_number(id));
+        self.next_series = above(self.next_series, layout::series_number(id));
+    }
+
+    /// Above all that two counters know of.
+    pub fn max(self, other: Self) -> Self {
+        let (next_flight, next_series) =
+            (self.next_flight.max(other.next_flight), self.next_series.max(other.next_series));
+        Self { next_flight, next_series }
+    }
 }
 
 /// `solving.json`: the frame under work, so that one that brings the program down is not tried for ever.

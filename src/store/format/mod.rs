@@ -3,10 +3,12 @@
 pub mod aircraft;
 pub mod chain;
 pub mod columns;
-pub mod digest;
+mod digest;
 pub mod heads;
 pub mod jsonl;
 pub(crate) mod kinds;
 pub mod layout;
 pub mod manifest;
 pub(crate) mod sums;
+
+pub use digest::{Inputs, sha256};

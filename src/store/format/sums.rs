@@ -39,8 +39,8 @@ pub(crate) fn add<E>(
         Event::Results { series, sha256, .. } => {
             sums.insert(format!("{series}/{}", layout::RESULTS_FILE), sha256.clone());
         }
-        Event::Aircraft { file, sha256, .. } | Event::Live { file, sha256, .. } => {
-            sums.insert(file.clone(), sha256.clone());
+        Event::Aircraft(closed) | Event::Live(closed) => {
+            sums.insert(closed.file.clone(), closed.sha256.clone());
         }
         Event::Installation { .. } | Event::Signature { .. } => {}
     }

@@ -3,12 +3,11 @@
 use std::path::Path;
 
 use super::catalogue::{self, FlightRef};
-use crate::store::disk::Disk;
-use crate::store::error::StoreError;
+use crate::store::disk::{Disk, StoreError};
 use crate::store::format::aircraft::parse;
 pub use crate::store::format::aircraft::{AircraftLine, Head};
-use crate::store::format::digest::sha256;
 use crate::store::format::kinds::AIRCRAFT;
+use crate::store::format::sha256;
 
 /// The closed files of a flight, in order.
 pub fn files(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<String>, StoreError> {
@@ -21,16 +20,14 @@ pub type Recorded = Vec<(Head, Vec<AircraftLine>)>;
 /// Heads and lines of a flight, the file being written among them; and what could not be read.
 pub fn read(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<(Recorded, Vec<String>), StoreError> {
     let (mut all, mut notes) = (Vec::new(), Vec::new());
-    // The file in the root may be another flight's.
-    let open = Some(root.join(AIRCRAFT.open)).filter(|path| disk.exists(path));
-    let closed = files(disk, flight)?.into_iter().map(|file| flight.folder.join(file));
-    for path in closed.chain(open) {
-        match parse(&disk.load(&path)?) {
+    catalogue::each_file(disk, root, flight, &AIRCRAFT, |path, bytes| {
+        match parse(bytes) {
             Some((head, lines)) if head.flight == flight.id => all.push((head, lines)),
             Some(_) => {}
             None => notes.push(format!("{}: its first line is damaged; run `wingd verify`", path.display())),
         }
-    }
+        Ok::<_, StoreError>(())
+    })?;
     Ok((all, notes))
 }
 

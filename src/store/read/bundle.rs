@@ -8,12 +8,10 @@ use std::path::{Path, PathBuf};
 
 use super::catalogue::{self, FlightRef, SeriesRef};
 use super::installations;
-use crate::store::disk::Disk;
-use crate::store::error::StoreError;
-use crate::store::format::digest::sha256;
+use crate::store::disk::{Disk, StoreError};
 use crate::store::format::kinds::KINDS;
 use crate::store::format::manifest::Counter;
-use crate::store::format::{jsonl, layout, sums};
+use crate::store::format::{jsonl, layout, sha256, sums};
 
 /// A file of a bundle.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,13 +46,16 @@ pub struct Bundle {
 
 /// The bundle of a flight; an error where a file is missing, a link, or shorter than it was.
 pub fn flight(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<Bundle, StoreError> {
-    let mut gather = Gather { disk, root, items: Vec::new(), last_series: 0 };
+    let mut gather = Gather { disk, root, items: Vec::new(), counter: Counter::FIRST };
     gather.whole(Path::new(layout::STORE_FILE))?;
     match catalogue::store_id(disk, root) {
         Some(_) => gather.chained(flight)?,
         None => gather.unchained(flight)?,
     }
-    gather.counter(flight)?;
+    gather.counter.pass(&flight.id);
+    let path = Path::new(layout::COUNTER_FILE);
+    let counter = jsonl::line(&gather.counter).map_err(StoreError::io(path, "write"))?;
+    gather.bytes(path, counter);
     let line = |item: &Item| format!("{} {} {}\n", item.sha256, item.length, item.name);
     let digest = sha256(gather.items.iter().map(line).collect::<String>().as_bytes());
     Ok(Bundle { items: gather.items, digest })
@@ -64,7 +65,8 @@ struct Gather<'a> {
     disk: &'a dyn Disk,
     root: &'a Path,
     items: Vec<Item>,
-    last_series: u64,
+    /// Above what is in the bundle, as it would be had the store no more.
+    counter: Counter,
 }
 
 impl Gather<'_> {
@@ -122,7 +124,7 @@ impl Gather<'_> {
         id: &str,
         results: Option<(u64, String)>,
     ) -> Result<(), StoreError> {
-        self.last_series = self.last_series.max(layout::series_number(id).unwrap_or(0));
+        self.counter.pass(id);
         let place = Path::new(layout::FLIGHTS).join(&flight.id).join(id);
         self.whole(&place.join(layout::SERIES_FILE))?;
         let series =
@@ -167,19 +169,6 @@ impl Gather<'_> {
         for entry in self.disk.entries(&folder)? {
             self.whole(&Path::new(layout::INSTALLATIONS).join(digest).join(entry.name))?;
         }
-        Ok(())
-    }
-
-    /// Above what is in the bundle, as it would be had the store no more.
-    fn counter(&mut self, flight: &FlightRef) -> Result<(), StoreError> {
-        let number = layout::flight_number(&flight.id).unwrap_or(0);
-        let counter = Counter {
-            next_flight: number.saturating_add(1),
-            next_series: self.last_series.saturating_add(1),
-        };
-        let path = Path::new(layout::COUNTER_FILE);
-        let text = jsonl::line(&counter).map_err(StoreError::io(path, "write"))?;
-        self.bytes(path, text);
         Ok(())
     }
 

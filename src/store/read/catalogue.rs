@@ -2,8 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::store::disk::{Disk, Entry};
-use crate::store::error::StoreError;
+use crate::store::disk::{Disk, Entry, StoreError};
 use crate::store::format::chain::Chain;
 use crate::store::format::kinds::Kind;
 use crate::store::format::manifest::{FlightManifest, ResultLine, SeriesManifest};
@@ -81,6 +80,26 @@ pub fn series(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<SeriesRef>, Sto
 /// The closed files of a kind in a flight, in order.
 pub(crate) fn files(disk: &dyn Disk, flight: &FlightRef, kind: &Kind) -> Result<Vec<String>, StoreError> {
     numbered(disk, &flight.folder, kind.number, |entry| !entry.is_dir && !entry.is_link)
+}
+
+/// Gives the bytes of a flight's files of a kind, in the order written: the closed ones, then the one being written,
+/// which may be another flight's.
+pub(crate) fn each_file<E: From<StoreError>>(
+    disk: &dyn Disk,
+    root: &Path,
+    flight: &FlightRef,
+    kind: &Kind,
+    mut give: impl FnMut(&Path, &[u8]) -> Result<(), E>,
+) -> Result<(), E> {
+    // The open file first: a recorder that closes it meanwhile moves it to those that are listed after.
+    let path = root.join(kind.open);
+    let mut open = disk.load_if_there(&path)?;
+    for closed in files(disk, flight, kind)?.into_iter().map(|file| flight.folder.join(file)) {
+        let bytes = disk.load(&closed)?;
+        open = open.filter(|open| !bytes.starts_with(open));
+        give(&closed, &bytes)?;
+    }
+    open.map_or(Ok(()), |bytes| give(&path, &bytes))
 }
 
 /// Names with a number in a folder, by their numbers.

@@ -3,11 +3,9 @@
 use super::catalogue::SeriesRef;
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
-use crate::store::disk::Disk;
-use crate::store::error::StoreError;
-use crate::store::format::digest::sha256;
-use crate::store::format::layout;
+use crate::store::disk::{Disk, StoreError};
 use crate::store::format::manifest::{FrameEntry, SeriesManifest};
+use crate::store::format::{layout, sha256};
 
 /// A stored frame that can be read and given a result.
 #[derive(Clone, Debug, PartialEq)]

@@ -8,11 +8,9 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value};
 
 use super::catalogue::{self, FlightRef};
-use crate::store::disk::Disk;
-use crate::store::error::StoreError;
+use crate::store::disk::{Disk, StoreError};
 use crate::store::format::chain::Event;
-use crate::store::format::digest::sha256;
-use crate::store::format::{layout, sums};
+use crate::store::format::{layout, sha256, sums};
 
 /// A file of an installation: its name in the folder, its bytes.
 pub type File = (String, Vec<u8>);

@@ -4,8 +4,7 @@ use std::path::Path;
 
 use super::catalogue::{self, FlightRef};
 use crate::clock::Stamp;
-use crate::store::disk::Disk;
-use crate::store::error::StoreError;
+use crate::store::disk::{Disk, StoreError};
 use crate::store::format::columns::{File, Head, Row};
 use crate::store::format::kinds::LIVE;
 
@@ -57,7 +56,7 @@ pub fn each_file<E: From<StoreError>>(
     mut read: impl FnMut(File<'_>) -> Result<usize, E>,
 ) -> Result<Vec<String>, E> {
     let mut notes = Vec::new();
-    let mut give = |path: &Path, bytes: &[u8]| {
+    catalogue::each_file(disk, root, flight, &LIVE, |path, bytes| {
         let place = path.display();
         let Some(file) = File::parse(bytes) else {
             notes.push(format!("{place}: its first line is damaged; run `wingd verify`"));
@@ -67,19 +66,8 @@ pub fn each_file<E: From<StoreError>>(
         if rest > 0 {
             notes.push(format!("{place}: its last {rest} bytes are torn or damaged; run `wingd verify`"));
         }
-        Result::<(), E>::Ok(())
-    };
-    // The open file first: a recorder that closes it meanwhile moves it to those that are listed after.
-    let path = root.join(LIVE.open);
-    let mut open = disk.load_if_there(&path)?;
-    for closed in files(disk, flight)?.into_iter().map(|file| flight.folder.join(file)) {
-        let bytes = disk.load(&closed)?;
-        open = open.filter(|open| !bytes.starts_with(open));
-        give(&closed, &bytes)?;
-    }
-    if let Some(bytes) = open {
-        give(&path, &bytes)?;
-    }
+        Ok::<_, E>(())
+    })?;
     Ok(notes)
 }
 

@@ -7,12 +7,10 @@ use std::path::Path;
 use serde_json::{Map, Value};
 
 use super::catalogue::{self, FlightRef, SeriesRef};
-use crate::store::disk::Disk;
-use crate::store::error::StoreError;
-use crate::store::format::digest::Inputs;
+use crate::store::disk::{Disk, StoreError};
 use crate::store::format::heads::{self, Head};
-use crate::store::format::layout;
 use crate::store::format::manifest::ResultLine;
+use crate::store::format::{Inputs, layout};
 
 /// Characters of a set's key that a person reads and types.
 const SHORT: usize = 8;

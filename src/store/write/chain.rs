@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::root::Root;
-use crate::store::error::StoreError;
+use crate::store::disk::StoreError;
 use crate::store::format::chain::{BEGINNING, Event, Link, digest, last_line, whole};
 use crate::store::format::{jsonl, layout};
 use crate::store::read::catalogue;

@@ -2,11 +2,9 @@
 
 use std::path::Path;
 
-use crate::store::disk::Disk;
-use crate::store::error::StoreError;
-use crate::store::format::digest::sha256;
-use crate::store::format::layout;
+use crate::store::disk::{Disk, StoreError};
 use crate::store::format::sums::{self, Sums};
+use crate::store::format::{layout, sha256};
 use crate::store::read::catalogue::{self, SeriesRef};
 
 /// Brings a flight's sums up to its chain. Sums and chain that disagree stay as they are: that is

@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use super::segment::{self, Growing, Piece, Segment};
 use super::store::Store;
 use crate::clock::Stamp;
-use crate::store::error::StoreError;
+use crate::store::disk::StoreError;
 use crate::store::format::aircraft::{AircraftLine, Head};
 use crate::store::format::columns::{self, LiveTable, Row};
 use crate::store::format::jsonl;

@@ -3,12 +3,12 @@
 use std::collections::{BTreeSet, HashSet};
 
 use crate::clock::Stamp;
+use crate::store::format::manifest::Counter;
 
 /// In memory only; rebuilt by scanning.
-#[derive(Default)]
 pub(crate) struct Index {
-    pub next_flight: u64,
-    pub next_series: u64,
+    /// The next ids.
+    pub counter: Counter,
     /// The newest flight.
     pub flight: Option<String>,
     /// The last moment recorded in it.
@@ -23,6 +23,11 @@ pub(crate) struct Index {
 }
 
 impl Index {
+    pub fn new(counter: Counter, flight: Option<String>, last: Option<Stamp>) -> Self {
+        let (settled, installations, unsealed) = (HashSet::new(), HashSet::new(), BTreeSet::new());
+        Self { counter, flight, last, new_flight_wanted: false, settled, installations, unsealed }
+    }
+
     /// Something was recorded at a moment; the last one stays where it is later in the same boot.
     pub fn note(&mut self, now: &Stamp) {
         let last = self.last.as_ref().filter(|last| last.boot_id == now.boot_id);

@@ -4,9 +4,8 @@ use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
 use super::root::Root;
-use crate::store::error::StoreError;
-use crate::store::format::digest::sha256;
-use crate::store::format::{layout, sums};
+use crate::store::disk::StoreError;
+use crate::store::format::{layout, sha256, sums};
 use crate::store::read::installations::{File, folder};
 
 /// Keeps an installation durably and returns its digest. One that is there already stays.

@@ -6,8 +6,7 @@ use super::index::Index;
 use super::recover::Recovery;
 use super::root::Root;
 use crate::clock::Stamp;
-use crate::store::disk::{Disk, Lock, random};
-use crate::store::error::StoreError;
+use crate::store::disk::{Disk, Lock, StoreError, random};
 use crate::store::format::manifest::Counter;
 use crate::store::format::{jsonl, layout};
 use crate::store::read::catalogue::{self, FlightRef};
@@ -18,7 +17,7 @@ pub(super) fn create(root: Root<'_>) -> Result<(), StoreError> {
     make_root(root.disk, root.path)?;
     refuse_foreign(root.disk, root.path)?;
     root.ensure_folders()?;
-    save_counter(root, 1, 1)?;
+    save_counter(root, &Counter::FIRST)?;
     write_mark(root, &random_id()?)
 }
 
@@ -115,39 +114,31 @@ pub(crate) fn refuse_foreign(disk: &dyn Disk, root: &Path) -> Result<(), StoreEr
 }
 
 /// Writes the next ids.
-pub(crate) fn save_counter(root: Root<'_>, next_flight: u64, next_series: u64) -> Result<(), StoreError> {
+pub(crate) fn save_counter(root: Root<'_>, counter: &Counter) -> Result<(), StoreError> {
     let path = root.join(layout::COUNTER_FILE);
-    let text = jsonl::line(&Counter { next_flight, next_series }).map_err(StoreError::io(&path, "write"))?;
-    root.disk.replace(&path, &text)
+    root.disk.replace(&path, &jsonl::line(counter).map_err(StoreError::io(&path, "write"))?)
 }
 
 /// Reads the counter and the newest flight. Ids on disk win over a counter that was lost or set back.
 pub(super) fn scan(root: Root<'_>, recovery: &mut Recovery) -> Result<Index, StoreError> {
     let disk = root.disk;
-    let mut index = Index { next_flight: 1, next_series: 1, ..Index::default() };
-    let after = |number: Option<u64>| number.unwrap_or(0).saturating_add(1);
+    let (mut on_disk, mut newest, mut last) = (Counter::FIRST, None, None);
     for flight in catalogue::flights(disk, root.path)? {
-        index.next_flight = after(layout::flight_number(&flight.id));
-        for series in catalogue::series(disk, &flight)? {
-            index.next_series = index.next_series.max(after(layout::series_number(&series.id)));
-        }
-        index.last = last_moment(disk, &flight).or(index.last);
-        index.flight = Some(flight.id);
+        on_disk.pass(&flight.id);
+        catalogue::series(disk, &flight)?.iter().for_each(|series| on_disk.pass(&series.id));
+        last = last_moment(disk, &flight).or(last);
+        newest = Some(flight.id);
     }
-    for entry in disk.list(&root.join(layout::INCOMING)).unwrap_or_default() {
-        index.next_series = index.next_series.max(after(layout::series_number(&entry.name)));
-    }
-    let on_disk = (index.next_flight, index.next_series);
-    let counter = disk.json::<Counter>(&root.join(layout::COUNTER_FILE));
-    if let Some(counter) = counter {
-        index.next_flight = index.next_flight.max(counter.next_flight);
-        index.next_series = index.next_series.max(counter.next_series);
-    }
-    if counter.is_none_or(|c| c.next_flight < on_disk.0 || c.next_series < on_disk.1) {
+    let incoming = disk.list(&root.join(layout::INCOMING)).unwrap_or_default();
+    let series = incoming.iter().filter(|entry| layout::series_number(&entry.name).is_some());
+    series.for_each(|entry| on_disk.pass(&entry.name));
+    let saved = disk.json::<Counter>(&root.join(layout::COUNTER_FILE));
+    let counter = saved.map_or(on_disk, |saved| saved.max(on_disk));
+    if saved != Some(counter) {
         recovery.remarks.push("counter.json was damaged or behind; mended from the ids on disk".to_owned());
-        save_counter(root, index.next_flight, index.next_series)?;
+        save_counter(root, &counter)?;
     }
-    Ok(index)
+    Ok(Index::new(counter, newest, last))
 }
 
 /// The last moment recorded in a flight.

@@ -5,14 +5,12 @@ use std::path::Path;
 use super::root::Root;
 use super::series::UnderWay;
 use super::{results, series};
-use crate::store::disk::{Disk, Entry};
-use crate::store::error::StoreError;
+use crate::store::disk::{Disk, Entry, StoreError};
 use crate::store::format::chain::{self, Event};
-use crate::store::format::digest::sha256;
 use crate::store::format::manifest::{
     Failure, FlightManifest, JournalHead, JournalLine, SeriesManifest, Shot, State,
 };
-use crate::store::format::{jsonl, layout, sums};
+use crate::store::format::{jsonl, layout, sha256, sums};
 use crate::store::read::catalogue;
 
 /// What was found and mended.

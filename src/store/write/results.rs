@@ -6,12 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use super::chain;
 use super::root::Root;
-use crate::store::disk::Disk;
-use crate::store::error::StoreError;
+use crate::store::disk::{Disk, StoreError};
 use crate::store::format::chain::{Event, last_results};
-use crate::store::format::digest::sha256;
 use crate::store::format::manifest::ResultLine;
-use crate::store::format::{jsonl, layout};
+use crate::store::format::{jsonl, layout, sha256};
 use crate::store::read::catalogue::{self, SeriesRef};
 
 /// The identity of a result, without its numbers.

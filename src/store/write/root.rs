@@ -2,8 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::store::disk::Disk;
-use crate::store::error::StoreError;
+use crate::store::disk::{Disk, StoreError};
 use crate::store::format::layout;
 use crate::store::read::catalogue;
 

@@ -10,10 +10,10 @@ use sha2::{Digest, Sha256};
 use super::chain;
 use super::recover::Recovery;
 use super::root::Root;
-use crate::store::error::StoreError;
-use crate::store::format::digest::sha256;
+use crate::store::disk::StoreError;
+use crate::store::format::chain::ClosedFile;
 use crate::store::format::kinds::Kind;
-use crate::store::format::layout;
+use crate::store::format::{layout, sha256};
 use crate::store::read::catalogue::{self, FlightRef};
 
 /// A file that this process began. Whatever of its writing fails, it is given up, and closed before the next begins.
@@ -99,7 +99,7 @@ pub(super) fn conclude(
     let last = files.last().and_then(|name| (kind.number)(name)).unwrap_or(0);
     let file = (kind.name)(last + 1);
     if root.has_evidence() {
-        chain::note(root, &flight.folder, (kind.event)(file.clone(), bytes, sha256))?;
+        chain::note(root, &flight.folder, (kind.event)(ClosedFile { file: file.clone(), bytes, sha256 }))?;
     }
     root.disk.move_durably(&root.join(kind.open), &flight.folder.join(file))
 }

@@ -9,12 +9,10 @@ use serde_json::{Map, Value};
 use super::chain;
 use super::root::Root;
 use crate::clock::Stamp;
-use crate::store::disk::Disk;
-use crate::store::error::StoreError;
+use crate::store::disk::{Disk, StoreError};
 use crate::store::format::chain::Event;
-use crate::store::format::digest::sha256;
 use crate::store::format::manifest::{FrameEntry, JournalHead, JournalLine, SeriesManifest, Shot, State};
-use crate::store::format::{jsonl, layout};
+use crate::store::format::{jsonl, layout, sha256};
 
 /// A frame to be stored.
 #[derive(Clone, Debug, PartialEq)]

@@ -12,8 +12,7 @@ use ed25519_dalek::{Signature, Signer as _, SigningKey, VerifyingKey};
 
 use super::chain;
 use super::root::Root;
-use crate::store::disk;
-use crate::store::error::StoreError;
+use crate::store::disk::{StoreError, random};
 use crate::store::format::chain::{Chain, Event, Link};
 use crate::store::format::{jsonl, layout};
 
@@ -103,7 +102,7 @@ fn beside(path: &Path, ending: &str) -> PathBuf {
 
 fn make(path: &Path) -> Result<String, StoreError> {
     let mut seed = [0; 32];
-    disk::random(&mut seed).map_err(StoreError::io(Path::new("/dev/urandom"), "read"))?;
+    random(&mut seed).map_err(StoreError::io(Path::new("/dev/urandom"), "read"))?;
     let text = SigningKey::from_bytes(&seed).to_pkcs8_pem(LineEnding::LF);
     let text = text.map_err(|error| StoreError::io(path, "write")(io::Error::other(error.to_string())))?;
     write_new(path, text.as_bytes(), 0o600).map_err(StoreError::io(path, "write"))?;

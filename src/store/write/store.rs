@@ -12,8 +12,7 @@ use super::series::{OpenSeries, UnderWay};
 use super::{evidence, flight, installations, opening, signing};
 use crate::clock::Stamp;
 use crate::store::config::StoreConfig;
-use crate::store::disk::{Disk, Lock};
-use crate::store::error::StoreError;
+use crate::store::disk::{Disk, Lock, StoreError};
 use crate::store::format::kinds::{AIRCRAFT, KINDS, LIVE};
 use crate::store::format::manifest::{Cause, FlightManifest, JournalHead, Refusal, SeriesManifest, State};
 use crate::store::format::{jsonl, layout};
@@ -147,12 +146,12 @@ impl Store {
         let recovery = recover::recover(self.at(), &self.under_way)?;
         self.refuse_below_reserve().inspect_err(|error| self.note_refusal(error, now))?;
         let flight = self.flight_for(&mut index, now)?;
-        let number = index.next_series;
-        index.next_series += 1;
-        self.save_counter(&index)?;
+        let id = layout::series_id(index.counter.next_series);
+        index.counter.pass(&id);
+        opening::save_counter(self.at(), &index.counter)?;
         let head = JournalHead { flight, started: now.clone(), cause: plan.cause, planned_shots: plan.shots };
         index.note(now);
-        let place = self.under_way.enter(layout::series_id(number));
+        let place = self.under_way.enter(id);
         let open = OpenSeries::begin(self.disk.clone(), &self.root, place, head)?;
         Ok((open, recovery))
     }
@@ -245,18 +244,14 @@ impl Store {
     }
 
     fn new_flight(&self, index: &mut Index, now: &Stamp, because: String) -> Result<String, StoreError> {
-        let flight = layout::flight_id(index.next_flight);
-        index.next_flight += 1;
-        self.save_counter(index)?;
+        let flight = layout::flight_id(index.counter.next_flight);
+        index.counter.pass(&flight);
+        opening::save_counter(self.at(), &index.counter)?;
         let manifest = FlightManifest { flight: flight.clone(), started: now.clone(), because };
         recover::make_flight(self.at(), &manifest)?;
         index.flight = Some(flight.clone());
         index.new_flight_wanted = false;
         Ok(flight)
-    }
-
-    fn save_counter(&self, index: &Index) -> Result<(), StoreError> {
-        opening::save_counter(self.at(), index.next_flight, index.next_series)
     }
 
     pub(crate) fn index(&self) -> MutexGuard<'_, Index> {

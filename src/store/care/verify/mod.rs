@@ -10,12 +10,12 @@ use std::path::{Path, PathBuf};
 pub use report::{Fault, Report};
 
 use audit::{Audit, Manifests};
+use serde::de::DeserializeOwned;
 
 use crate::clock::Stamp;
 use crate::store::disk::{Disk, Entry};
-use crate::store::format::digest::sha256;
 use crate::store::format::manifest::{Counter, FlightManifest, JournalLine, Pruned, Refusal, Shot};
-use crate::store::format::{jsonl, layout};
+use crate::store::format::{jsonl, layout, sha256};
 use crate::store::read::catalogue::{self, FlightRef, SeriesRef};
 use crate::store::read::sets;
 use crate::store::write::signing::{self, PublicKey};
@@ -219,13 +219,9 @@ impl Checker<'_> {
         self.report.flights += 1;
         self.manifests.clear();
         let path = flight.folder.join(layout::FLIGHT_FILE);
-        match self.json::<FlightManifest>(&path) {
-            Ok(manifest) if manifest.flight == flight.id => {}
-            Ok(manifest) => {
-                let what = format!("names flight {}, its folder is {}", manifest.flight, flight.id);
-                self.report.fault(3, &path, what);
-            }
-            Err(error) => self.report.fault(3, &path, error),
+        if let Some(manifest) = self.json::<FlightManifest>(&path, 3).filter(|m| m.flight != flight.id) {
+            let what = format!("names flight {}, its folder is {}", manifest.flight, flight.id);
+            self.report.fault(3, &path, what);
         }
         for entry in self.list(&flight.folder, 3) {
             let folder = flight.folder.join(&entry.name);
@@ -306,8 +302,16 @@ impl Checker<'_> {
         }));
     }
 
-    fn json<T: serde::de::DeserializeOwned>(&self, path: &Path) -> Result<T, String> {
-        let bytes = self.disk.read(path).map_err(|error| format!("cannot be read: {error}"))?;
-        serde_json::from_slice(&bytes).map_err(|error| format!("is damaged: {error}"))
+    /// A file's bytes; a fault where they cannot be read.
+    fn read(&mut self, path: &Path, invariant: u8) -> Option<Vec<u8>> {
+        let fault = |error| self.report.fault(invariant, path, format!("cannot be read: {error}"));
+        self.disk.read(path).map_err(fault).ok()
+    }
+
+    /// What a file of JSON says; a fault where it says nothing.
+    fn json<T: DeserializeOwned>(&mut self, path: &Path, invariant: u8) -> Option<T> {
+        let bytes = self.read(path, invariant)?;
+        let fault = |error| self.report.fault(invariant, path, format!("is damaged: {error}"));
+        serde_json::from_slice(&bytes).map_err(fault).ok()
     }
 }

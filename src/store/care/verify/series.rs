@@ -4,9 +4,8 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::Checker;
-use crate::store::format::digest::{Inputs, sha256};
 use crate::store::format::manifest::{ResultLine, SeriesManifest, Shot, State};
-use crate::store::format::{jsonl, layout};
+use crate::store::format::{Inputs, jsonl, layout, sha256};
 use crate::store::read::catalogue::SeriesRef;
 
 impl Checker<'_> {
@@ -16,10 +15,7 @@ impl Checker<'_> {
             self.report.fault(4, &series.folder, format!("has the same id as {}", other.display()));
         }
         let path = series.folder.join(layout::SERIES_FILE);
-        let manifest = match self.json::<SeriesManifest>(&path) {
-            Ok(manifest) => manifest,
-            Err(error) => return self.report.fault(4, &path, error),
-        };
+        let Some(manifest) = self.json::<SeriesManifest>(&path, 4) else { return };
         let digest = self.disk.read(&path).map(|bytes| sha256(&bytes)).unwrap_or_default();
         self.manifests.insert(series.id.clone(), (digest, manifest.clone()));
         if manifest.format != layout::SERIES_FORMAT {
@@ -51,18 +47,14 @@ impl Checker<'_> {
                 self.report.fault(5, &series.folder, format!("{:?} is not a frame's name", entry.file));
                 continue;
             }
-            match self.disk.read(&path) {
-                Err(error) => self.report.fault(5, &path, format!("cannot be read: {error}")),
-                Ok(bytes) => {
-                    self.report.frames += 1;
-                    self.report.bytes += bytes.len() as u64;
-                    if bytes.len() as u64 != entry.bytes {
-                        let what = format!("has {} bytes, series.json says {}", bytes.len(), entry.bytes);
-                        self.report.fault(5, &path, what);
-                    } else if sha256(&bytes) != entry.sha256 {
-                        self.report.fault(5, &path, "does not have the SHA-256 of series.json");
-                    }
-                }
+            let Some(bytes) = self.read(&path, 5) else { continue };
+            self.report.frames += 1;
+            self.report.bytes += bytes.len() as u64;
+            if bytes.len() as u64 != entry.bytes {
+                let what = format!("has {} bytes, series.json says {}", bytes.len(), entry.bytes);
+                self.report.fault(5, &path, what);
+            } else if sha256(&bytes) != entry.sha256 {
+                self.report.fault(5, &path, "does not have the SHA-256 of series.json");
             }
         }
     }
@@ -122,10 +114,7 @@ impl Checker<'_> {
         if !self.disk.exists(&path) {
             return;
         }
-        let bytes = match self.disk.read(&path) {
-            Ok(bytes) => bytes,
-            Err(error) => return self.report.fault(9, &path, format!("cannot be read: {error}")),
-        };
+        let Some(bytes) = self.read(&path, 9) else { return };
         let lines = jsonl::parse::<ResultLine>(&bytes);
         for number in &lines.damaged {
             self.report.fault(9, &path, format!("line {number} is damaged"));
