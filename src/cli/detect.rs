@@ -133,9 +133,7 @@ fn json_line(sighting: &Sighting, installation: Option<&Installation>, with_reje
     if with_rejected {
         line.insert("rejected".into(), sighting.detections.rejected.iter().map(rejected).collect());
     }
-    let timing: Map<String, Value> =
-        sighting.stages.iter().map(|s| (s.name.into(), recording::milliseconds(s.ms))).collect();
-    line.insert("timing_ms".into(), timing.into());
+    line.insert("timing_ms".into(), json!(recording::timing(&sighting.stages)));
     line.into()
 }
 

@@ -10,7 +10,7 @@ use super::halt::Halt;
 use super::status::{Activity, Board};
 use super::{Event, Observer, Solver};
 use crate::camera::Format;
-use crate::record::{ImageRecord, Status};
+use crate::record::{ImageRecord, Method, Status};
 use crate::store::{FrameRef, Store, StoreError};
 
 /// Beginnings of one frame after which the frame is taken to bring the program down.
@@ -88,7 +88,7 @@ impl Processing {
                 let what = format!("wingd ended {MAX_BEGINNINGS} times while solving this frame");
                 ImageRecord::failed(
                     &frame.entry.file,
-                    "",
+                    Method::None,
                     format!("{what}; solve it with `wingd solve`, which says more"),
                 )
             }
@@ -96,12 +96,13 @@ impl Processing {
                 Some(record) => record,
                 None => return self.store.forget_solving(),
             },
-            Err(error) => ImageRecord::failed(&frame.entry.file, "", error.to_string()),
+            Err(error) => ImageRecord::failed(&frame.entry.file, Method::None, error.to_string()),
         };
         let ok = record.status == Status::Ok;
         let value = serde_json::to_value(&record).unwrap_or_else(|error| {
             let reason = format!("the result cannot be written as JSON: {error}");
-            serde_json::to_value(ImageRecord::failed(&frame.entry.file, "", reason)).unwrap_or(Value::Null)
+            serde_json::to_value(ImageRecord::failed(&frame.entry.file, Method::None, reason))
+                .unwrap_or(Value::Null)
         });
         let new = self.store.add_result(frame, &self.solver.inputs, value)?;
         let (series, file) = (frame.series.id.as_str(), frame.entry.file.as_str());
@@ -129,7 +130,7 @@ impl Processing {
         let file = &frame.entry.file;
         let format = match Format::of_manifest(&frame.entry.format) {
             Ok(format) => format,
-            Err(what) => return Some(ImageRecord::failed(file, "", what)),
+            Err(what) => return Some(ImageRecord::failed(file, Method::None, what)),
         };
         let deadline = self.solver.deadline;
         Some(match self.within_deadline(file.clone(), bytes, format) {
@@ -138,9 +139,9 @@ impl Processing {
             Ok(None) => {
                 self.board.update(|status| status.counts.solver_hangs += 1);
                 let what = format!("the solver had no result after {deadline:?} and was given up");
-                ImageRecord::failed(file, "", format!("{what}; send the frame to the developers"))
+                ImageRecord::failed(file, Method::None, format!("{what}; send the frame to the developers"))
             }
-            Err(why) => ImageRecord::failed(file, "", why),
+            Err(why) => ImageRecord::failed(file, Method::None, why),
         })
     }
 

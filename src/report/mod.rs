@@ -70,6 +70,18 @@ pub struct SeriesData {
     pub remarks: Vec<String>,
 }
 
+impl SeriesData {
+    /// The result of a shot's frame.
+    pub fn record_of(&self, shot: &ShotData) -> Option<&ImageRecord> {
+        self.records.iter().find(|r| Some(&r.image) == shot.image.as_ref())
+    }
+
+    /// The shot that a result is of.
+    pub fn shot_of(&self, record: &ImageRecord) -> Option<&ShotData> {
+        self.shots.iter().find(|s| s.image.as_ref() == Some(&record.image))
+    }
+}
+
 /// A shot as the series' manifest keeps it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ShotData {

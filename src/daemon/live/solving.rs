@@ -13,7 +13,7 @@ use super::status::Meter;
 use super::{Shared, Track};
 use crate::pipeline::live::Told;
 use crate::pipeline::stages::Search;
-use crate::record::ImageRecord;
+use crate::record::{ImageRecord, Method};
 
 /// A frame that takes longer is given up, with its thread. Machine time.
 const DEADLINE: Duration = Duration::from_secs(5);
@@ -68,7 +68,7 @@ impl Solving {
             None => self.start()?,
         };
         let failed = |why: &str| Told {
-            record: ImageRecord::failed(&frame.name(), "spatial", why),
+            record: ImageRecord::failed(&frame.name(), Method::Spatial, why),
             search: Search::Whole,
             mounting: 0,
             jolt: false,
