@@ -12,7 +12,9 @@ use serde_json::{Map, Value, json};
 use wingd::camera::Camera;
 use wingd::camera::replay::{ReplayConfig, ReplayFactory};
 use wingd::clock::{Clock, System};
-use wingd::daemon::{self, Board, LiveConfig, LiveStatus, Parts, SeriesConfig, Solver, Status, StatusConfig};
+use wingd::daemon::{
+    self, LiveConfig, LiveStatus, Parts, SeriesConfig, Solver, Status, StatusBoard, StatusConfig,
+};
 use wingd::daemon::{Tracking, live::KeepConfig};
 use wingd::pipeline::live::Told;
 use wingd::pipeline::stages::Search;
@@ -83,7 +85,7 @@ impl Ride {
         let clock: Arc<dyn Clock> = Arc::new(System::new());
         let replay = ReplayConfig::folder(self.dir.path().join("frames"));
         let cameras = ReplayFactory::new(replay, clock.clone(), clock.since_boot());
-        let board = Board::new(clock.clone());
+        let board = StatusBoard::new(clock.clone());
         let mut provenance = Map::new();
         provenance.insert("installation".to_owned(), Value::from("test"));
         let (calls, panics) = (Arc::new(AtomicUsize::new(0)), self.panics.clone());
