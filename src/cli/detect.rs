@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use image::codecs::png::PngEncoder;
 use serde_json::{Map, Value, json};
 
 use super::{Done, Failure, frames, print};
@@ -89,10 +90,13 @@ fn draw(
     // Several folders' frames have their folder in their names.
     let name = sighting.image.trim_start_matches('/').replace('/', "_");
     let file = directory.join(Path::new(&name).with_extension("png"));
+    let mut png = vec![];
+    let drawn = picture.write_with_encoder(PngEncoder::new(&mut png));
+    let written = drawn.and_then(|()| Ok(std::fs::write(&file, png)?));
     let text = |e: &image::ImageError| {
         format!("{} cannot be written ({e}); free space or name another DIR", file.display())
     };
-    picture.save(&file).map_err(|e| Reason::new(text(&e), e))
+    written.map_err(|e| Reason::new(text(&e), e))
 }
 
 /// Per detection: the survey's id.

@@ -1,5 +1,5 @@
 //! Frames of one camera as they come (docs/live.md): detection guided by the frame before, adjustment with all that the
-//! frames before told.
+//! frames before determined.
 
 use std::sync::Arc;
 
@@ -33,9 +33,9 @@ pub struct Outline {
     pub angle_deg: f64,
 }
 
-/// What one frame told.
+/// What tracking gave of one frame.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Told {
+pub struct Tracked {
     /// With or without numbers.
     pub record: ImageRecord,
     /// How the frame was searched.
@@ -48,6 +48,14 @@ pub struct Told {
     pub outlines: Vec<Outline>,
     /// The bending line, where there are numbers.
     pub curvature: Option<Curvature>,
+}
+
+impl Tracked {
+    /// Of a frame without numbers; its record says why.
+    pub fn failed(record: ImageRecord) -> Self {
+        let (outlines, curvature) = (vec![], None);
+        Self { record, search: Search::Whole, mounting: 0, jolt: false, outlines, curvature }
+    }
 }
 
 /// Coefficients of the curvature, in the shape of the record's `curvature_per_m`, with their covariance.
@@ -93,7 +101,7 @@ const FARTHEST_M: f64 = 0.6;
 /// After so long nothing is predicted, s.
 const LONGEST_S: f64 = 5.0;
 
-/// All that the frames so far told of one camera.
+/// All that the frames so far determined of one camera.
 pub struct Tracker {
     installation: Arc<Installation>,
     orientation: Orientation,
@@ -120,12 +128,12 @@ impl Tracker {
     }
 
     /// The next frame, exposed `at_s` since boot. Whatever goes wrong with it is in the record; the state stays then.
-    pub fn frame(&mut self, name: &str, bytes: &[u8], format: Option<&Format>, at_s: f64) -> Told {
-        let told = guarded(|| {
+    pub fn frame(&mut self, name: &str, bytes: &[u8], format: Option<&Format>, at_s: f64) -> Tracked {
+        let tracked = guarded(|| {
             let predictions = self.predicted(at_s);
             self.solve(name, bytes, format, at_s, &predictions)
         });
-        told.unwrap_or_else(|| {
+        tracked.unwrap_or_else(|| {
             self.failed(&Sighting { image: name.into(), ..Sighting::default() }, BROKE_OFF)
         })
     }
@@ -142,11 +150,10 @@ impl Tracker {
         identify::predict_within(setup, orientation, &seen.detections, &seen.identities, lift_m)
     }
 
-    fn failed(&self, sighting: &Sighting, reason: &str) -> Told {
+    fn failed(&self, sighting: &Sighting, reason: &str) -> Tracked {
         let mut record = recording::record(sighting, &self.installation, &self.job, Err(reason.into()));
         record.provenance = Provenance::default();
-        let mounting = self.live.mountings();
-        Told { record, search: Search::Whole, mounting, jolt: false, outlines: vec![], curvature: None }
+        Tracked { mounting: self.live.mountings(), ..Tracked::failed(record) }
     }
 
     fn solve(
@@ -156,7 +163,7 @@ impl Tracker {
         format: Option<&Format>,
         at_s: f64,
         predictions: &[Prediction],
-    ) -> Told {
+    ) -> Tracked {
         let mut sighting = Sighting { image: name.into(), ..Sighting::default() };
         let (raster, search) = stages::look_guided(&mut sighting, bytes, format, predictions);
         if let Some(raster) = &raster {
@@ -186,7 +193,14 @@ impl Tracker {
         record.quality.correlation = None;
         let mounting = self.live.mountings();
         let jolt = before > 0 && mounting > before;
-        Told { record, search, mounting, jolt, outlines: outlines(&sighting, &self.installation), curvature }
+        Tracked {
+            record,
+            search,
+            mounting,
+            jolt,
+            outlines: outlines(&sighting, &self.installation),
+            curvature,
+        }
     }
 }
 

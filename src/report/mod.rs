@@ -16,6 +16,7 @@
 //! | `overlay` | a frame and its detections | a picture to look at |
 
 pub mod aircraft;
+#[cfg(feature = "boards")]
 pub mod calibration;
 pub mod compare;
 pub mod export;

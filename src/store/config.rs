@@ -5,7 +5,6 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::flight;
 use crate::installation::KeyFault;
 
 /// `[store]` of the configuration.
@@ -25,10 +24,23 @@ pub struct StoreConfig {
     pub new_flight_after: Duration,
     /// What another boot means for the flight.
     #[serde(default)]
-    pub new_flight_at_boot: flight::AtBoot,
+    pub new_flight_at_boot: AtBoot,
     /// Signs the flights with the key in this file, which is made where there is none.
     #[serde(default)]
     pub signing_key: Option<PathBuf>,
+}
+
+/// What another boot means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AtBoot {
+    /// The clock decides (`docs/store.md`).
+    #[default]
+    ByClock,
+    /// Every boot is a new flight: for a machine without a battery clock that is switched on for each flight.
+    Always,
+    /// Only pauses within one boot and commands begin a flight.
+    Never,
 }
 
 fn default_reserve_mb() -> u64 {
@@ -46,7 +58,7 @@ impl StoreConfig {
             path: path.into(),
             reserve_mb: default_reserve_mb(),
             new_flight_after: default_new_flight_after(),
-            new_flight_at_boot: flight::AtBoot::default(),
+            new_flight_at_boot: AtBoot::default(),
             signing_key: None,
         }
     }

@@ -12,7 +12,7 @@ use serde_json::Map;
 use wingd::camera::Camera;
 use wingd::camera::replay::{ReplayConfig, ReplayFactory};
 use wingd::clock::{Clock, Simulated, Stamp};
-use wingd::daemon::{self, Board, Event, Parts, PowerConfig, SeriesConfig, Solver};
+use wingd::daemon::{self, Event, Parts, PowerConfig, SeriesConfig, Solver, StatusBoard};
 use wingd::record::{ImageRecord, Method};
 use wingd::store::fake::{FakeDisk, Fault, Survival};
 use wingd::store::verify::verify;
@@ -87,7 +87,7 @@ fn boot(disk: Arc<FakeDisk>, number: usize, minutes: (u64, u64), frames: &Path, 
             }
         }),
     };
-    daemon::run(parts, &Board::new(clock)).unwrap();
+    daemon::run(parts, &StatusBoard::new(clock)).unwrap();
 }
 
 /// Flight -> series, and every frame with its number of results.

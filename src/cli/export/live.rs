@@ -36,7 +36,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let outcome = sink.and_then(|mut sink| {
         flights.iter().try_for_each(|flight| {
             notes.extend(write(args, flight, &columns, &mut sink, |bytes| bar.inc(bytes))?);
-            Ok(())
+            Result::<(), Stop>::Ok(())
         })?;
         sink.end(args)
     });

@@ -8,7 +8,6 @@ use std::path::Path;
 use super::{Args, FormatName};
 use crate::cli::{Failure, print};
 use crate::report::export::{self, Column, Csv};
-use crate::store::StoreError;
 
 /// Why rows end early.
 pub(super) enum Stop {

@@ -2,13 +2,16 @@
 
 pub mod beam;
 mod components;
+mod curve;
 mod estimated;
 #[cfg(test)]
 mod example;
 mod flight;
 pub mod gauss_helmert;
 pub mod ground;
+mod input;
 mod layout;
+mod marker_state;
 mod model_error;
 mod outcome;
 pub mod profile;
@@ -17,7 +20,9 @@ mod scene;
 mod shapes;
 mod snooping;
 mod spatial;
-mod unknowns;
+mod term;
+mod terms;
+mod values;
 
 pub use flight::Live;
 
