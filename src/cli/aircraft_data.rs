@@ -1,4 +1,4 @@
-//! `wingd aircraft-data`: a table of the aircraft's own data, taken into a flight after it.
+//! `wingd aircraft-data` takes a table of the aircraft's own data into a flight after it.
 
 use std::path::{Path, PathBuf};
 
@@ -89,10 +89,10 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         let (track, _) = aircraft::track(store.disk(), store.root(), flight)?;
         let (samples, repeated) = (track.len(), track.unused.repeated);
         let (id, kept) = (&flight.id, lines.len());
-        let told =
+        let answer =
             json!({"flight": id, "lines": kept, "read": read, "samples": samples, "repeated": repeated});
         print(&match args.json {
-            true => told.to_string(),
+            true => answer.to_string(),
             false => format!(
                 "{id}: {kept} lines kept, {read} read; {samples} samples in all, {repeated} of a time that was there before"
             ),

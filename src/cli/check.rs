@@ -1,4 +1,4 @@
-//! `wingd check`: every fault of configuration, installation, store and camera in one go.
+//! `wingd check` names every fault of configuration, installation, store and camera in one go.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

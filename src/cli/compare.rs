@@ -1,4 +1,4 @@
-//! `wingd compare`: what changed between two solves of a store, or between two stores.
+//! `wingd compare` says what changed between two solves of a store, or between two stores.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! `wingd copy`: a store's flights to another directory, disk or stick.
+//! `wingd copy` brings a store's flights to another directory, disk or stick.
 
 use std::path::{Path, PathBuf};
 

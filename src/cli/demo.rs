@@ -1,4 +1,4 @@
-//! `wingd demo`: a bundled flight through the real daemon, with no hardware and no configuration.
+//! `wingd demo` sends a bundled flight through the real daemon, with no hardware and no configuration.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

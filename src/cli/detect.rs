@@ -1,4 +1,4 @@
-//! `wingd detect`: markers in images.
+//! `wingd detect` finds markers in images.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! `wingd export`: a store's results for other tools.
+//! `wingd export` writes a store's results for other tools.
 
 mod live;
 mod sink;

@@ -1,4 +1,4 @@
-//! `wingd fetch`: flights from a recorder's page into a directory.
+//! `wingd fetch` brings flights from a recorder's page into a directory.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! Image files of a command line: read and worked on in parallel, answered in the order given.
+//! Image files of a command line are read and worked on in parallel, and answered in the order given.
 
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};

@@ -1,4 +1,4 @@
-//! One file per command. Results go to standard output, logs and progress to standard error.
+//! Each command has a file. Results go to standard output, logs and progress to standard error.
 
 mod aircraft_data;
 #[cfg(feature = "boards")]

@@ -1,4 +1,4 @@
-//! `wingd mount-check`: did the camera move between frames of a scene that did not?
+//! `wingd mount-check` says whether the camera moved between frames of a scene that did not.
 
 use std::path::PathBuf;
 

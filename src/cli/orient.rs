@@ -1,4 +1,4 @@
-//! `wingd orient`: ground frames -> orientation.toml.
+//! `wingd orient` finds the camera's attitude from ground frames and writes orientation.toml.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `wingd plan`: what an installation will be able to see.
+//! `wingd plan` says what an installation will be able to see.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `wingd prune`: the only command that deletes recorded data.
+//! `wingd prune` is the only command that deletes recorded data.
 
 use std::path::{Path, PathBuf};
 

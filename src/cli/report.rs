@@ -1,4 +1,4 @@
-//! `wingd report`: a flight's figures and tables as one HTML file.
+//! `wingd report` shows a flight's figures and tables as one HTML file.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `wingd run`: the daemon.
+//! `wingd run` is the daemon.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! `wingd serve`: the download page for a store, without the daemon.
+//! `wingd serve` shows the download page for a store, without the daemon.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! What `wingd run` and `wingd demo` share: the daemon's parts from a configuration.
+//! `wingd run` and `wingd demo` make the daemon's parts from a configuration here.
 
 use std::path::Path;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! `wingd status` and `wingd trigger`: ask the running daemon.
+//! `wingd status` and `wingd trigger` ask the running daemon.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! What commands ask of a store on this machine.
+//! This file answers what several commands ask of a store on this machine.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

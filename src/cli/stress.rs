@@ -1,4 +1,4 @@
-//! `wingd stress`: bending moments of a store's flights, their extremes, cycles and relative damage.
+//! `wingd stress` gives bending moments of a store's flights, their extremes, cycles and relative damage.
 
 mod live;
 
@@ -62,7 +62,7 @@ pub struct Args {
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     usage(args)?;
     let stated = args.structure.as_deref().map(installation::read_stiffness).transpose()?;
-    let (mut told, mut whole, mut table) = (0, true, MOMENTS_HEADER.to_owned());
+    let (mut answered, mut whole, mut table) = (0, true, MOMENTS_HEADER.to_owned());
     for flight in flights(&args.store, args.flight.as_deref())? {
         let Some(from) = Origin::of(args, &flight)? else { continue };
         let question = question(args, stated.as_deref(), &flight, from.provenance())?;
@@ -75,13 +75,13 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         }
         whole &= left_out.is_empty();
         let Some(load) = stress::of(&frames, &question.0) else { continue };
-        told += 1;
+        answered += 1;
         if args.moments.is_some() {
             moments(&mut table, &flight, &frames, &question.0.sections);
         }
         show(args, &flight, from.key(), &load)?;
     }
-    if told == 0 {
+    if answered == 0 {
         let store = args.store.display();
         let why = if args.live {
             format!(
@@ -240,8 +240,8 @@ fn frames(flight: &FlightRef, set: &ResultSet, line: &Line) -> Result<(Vec<Frame
 /// The instant of exposure as a stamp.
 fn exposed(shot: &ShotData) -> Option<Stamp> {
     let asked = shot.stamp.clone()?;
-    let told = shot.exposure.as_ref();
-    Some(told.map_or(asked.clone(), |exposure| Stamp {
+    let exposure = shot.exposure.as_ref();
+    Some(exposure.map_or(asked.clone(), |exposure| Stamp {
         utc: exposure.exposure_time,
         since_boot_s: exposure.exposure_since_boot_s,
         ..asked

@@ -1,4 +1,4 @@
-//! `wingd upload`: flights into an object store.
+//! `wingd upload` brings flights into an object store.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `wingd verify`: every checksum and every invariant of a store or of a copy.
+//! `wingd verify` checks every checksum and every invariant of a store or of a copy.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! A solution as the line of the results (docs/interface.md).
+//! A solution becomes the line of the results here (docs/interface.md).
 
 use std::collections::HashMap;
 

@@ -1,4 +1,4 @@
-//! Why an image has no result.
+//! An image without a result has a reason: one sentence, with the error that it comes from.
 
 use std::error::Error;
 use std::fmt::Display;

@@ -1,4 +1,4 @@
-//! A calibration as one page: verdict, parameters, pictures, and what the residuals look like.
+//! This page shows a calibration: its verdict, its parameters, its pictures and what its residuals look like.
 
 use maud::{Markup, html};
 use nalgebra::Vector2;

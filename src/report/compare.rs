@@ -1,4 +1,4 @@
-//! What changed between two sets of results of the same frames.
+//! Two sets of results of the same frames are compared here, frame by frame.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! A table once built, shown in a terminal or in the report.
+//! A grid is a table that is built once and shown in a terminal or in the report.
 
 use maud::{Markup, html};
 

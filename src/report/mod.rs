@@ -1,4 +1,4 @@
-//! Figures, tables, exports.
+//! Everything that people and other programs read of results is made here: figures, tables and exports.
 //!
 //! | file | from | to |
 //! |---|---|---|

@@ -1,4 +1,4 @@
-//! From a store to what a report shows. Damage in one place does not hide the rest: it is noted.
+//! This file reads what a report shows from a store. Damage in one place does not hide the rest: it is noted.
 
 use std::path::Path;
 

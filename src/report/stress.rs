@@ -1,4 +1,4 @@
-//! Moments of a flight at the stations of the structure, and what they say of wear (docs/stress.md).
+//! The moments of a flight at the stations of the structure say what it meant for wear (docs/stress.md).
 
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
@@ -17,7 +17,7 @@ pub struct Frame {
     pub series: String,
     /// File in the series' folder.
     pub image: String,
-    /// When it was exposed; where that is not told, when the camera was asked.
+    /// When it was exposed; where that is not recorded, when the camera was asked.
     pub stamp: Stamp,
     /// Its bending line.
     pub curvature: Curvature,
@@ -47,7 +47,7 @@ pub struct FlightLoad {
     pub rate_hz: Option<f64>,
     /// What cycles need: ten frames a period of the lowest bending.
     pub needed_hz: f64,
-    /// Why no cycles are told; `null` where they are.
+    /// Why no cycles are counted; `null` where they are.
     pub no_cycles_because: Option<String>,
     /// From root to tip.
     pub stations: Vec<StationLoad>,
@@ -68,7 +68,7 @@ pub struct StationLoad {
     pub ground_air_ground: GagLoad,
     /// Levels from low to high.
     pub exceedances: Vec<ExceedanceLoad>,
-    /// Rainflow cycles, largest first; `null` where the sampling tells none.
+    /// Rainflow cycles, largest first; `null` where the sampling shows none.
     pub cycles: Option<Vec<CycleLoad>>,
     /// Smallest range counted, N m.
     pub smallest_range_n_m: Option<f64>,
@@ -113,7 +113,7 @@ pub struct ExceedanceLoad {
     pub level_n_m: f64,
     /// Frames above.
     pub frames_above: usize,
-    /// Upward crossings; `null` where the sampling tells none.
+    /// Upward crossings; `null` where the sampling shows none.
     pub upward_crossings: Option<usize>,
 }
 

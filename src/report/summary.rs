@@ -1,4 +1,4 @@
-//! A series in one line: means over its shots.
+//! A series is summed up in one line: means over its shots.
 
 use super::{SeriesData, distinct};
 use crate::clock::Stamp;

@@ -1,4 +1,4 @@
-//! Tables for a terminal.
+//! The tables that a terminal and the report share are laid out here.
 
 use super::grid::Grid;
 use super::number::{NONE, decimals_for, fixed, rounded};

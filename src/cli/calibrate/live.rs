@@ -1,4 +1,4 @@
-//! Pictures by the configured camera, until the verdict is good.
+//! The configured camera takes pictures until the verdict is good.
 
 use std::path::Path;
 use std::sync::Arc;

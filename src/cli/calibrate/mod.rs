@@ -1,4 +1,4 @@
-//! `wingd calibrate`: interior orientation from pictures of a board.
+//! `wingd calibrate` finds the interior orientation from pictures of a board.
 
 mod live;
 mod output;

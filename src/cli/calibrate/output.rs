@@ -1,4 +1,4 @@
-//! What `wingd calibrate` prints and writes.
+//! This file composes what `wingd calibrate` prints and writes.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! The pictures of a calibration: from files or from a file of corners.
+//! The pictures of a calibration come from image files or from a file of corners.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! `wingd export --table live`: a block at a time, so that an hour of results takes no more memory than a minute.
+//! `wingd export --table live` goes block by block, so that an hour of results takes no more memory than a minute.
 
 use super::sink::{Sink, Stop, ended};
 use super::{Args, FormatName, recorder_notes};

@@ -1,4 +1,4 @@
-//! Where an export's rows go: CSV, JSON lines or Parquet, into a file or to standard output.
+//! An export's rows go to a file or to standard output, as CSV, JSON lines or Parquet.
 
 use std::fmt::Display;
 use std::fs::File;

@@ -1,4 +1,4 @@
-//! `wingd simulate`: frames of a wing with known truth.
+//! `wingd simulate` renders frames of a wing with known truth.
 
 mod boards;
 mod gusts;

@@ -1,4 +1,4 @@
-//! Frames of the command line, or points measured by hand.
+//! Here frames of the command line are solved, or points measured by hand.
 
 use super::{Args, Output, job};
 use crate::cli::{Done, Failure, frames, load_installation};

@@ -1,4 +1,4 @@
-//! `wingd solve`: one result per image.
+//! `wingd solve` gives one result per image.
 
 mod images;
 mod store;

@@ -1,4 +1,4 @@
-//! `wingd solve STORE`: the frames of a store solved again, results beside the old ones.
+//! `wingd solve STORE` solves the frames of a store again, results beside the old ones.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! What `wingd time-check` says: of a picture, of them all, and the lines for the configuration.
+//! This file composes what `wingd time-check` says of a picture and of them all, and the lines for the configuration.
 
 use serde_json::{Value, json};
 
@@ -188,7 +188,7 @@ fn table(readings: &[Reading]) -> Grid {
         readings,
         &[
             ("<picture", &|r| r.image.clone()),
-            ("<exposure by the screen", &|r| format!("{:.3}", r.told)),
+            ("<exposure by the screen", &|r| format!("{:.3}", r.shown)),
             ("sigma / ms", &|r| ms(Some(r.sigma_s))),
             ("ticks", &|r| r.ticks.to_string()),
             ("command less screen / ms", &|r| ms(Some(r.command_s))),
@@ -206,7 +206,7 @@ pub(super) fn json_line(read: &Result<Reading, (String, Reason)>, screen: &Scree
             let sigma_s = r.sigma_s.hypot(screen.latency_sigma_s);
             let stated_s = r.exposure.as_ref().map(|e| e.exposure_sigma_s);
             json!({
-                "image": r.image, "status": "ok", "shown_time": r.told, "sigma_shown_s": sigma_s, "ticks": r.ticks,
+                "image": r.image, "status": "ok", "shown_time": r.shown, "sigma_shown_s": sigma_s, "ticks": r.ticks,
                 "command_less_shown_s": r.command_s, "sigma_command_less_shown_s": sigma_s,
                 "exposure_less_shown_s": r.exposure_s,
                 "sigma_exposure_less_shown_s": stated_s.map(|stated| stated.hypot(sigma_s)),
@@ -239,7 +239,7 @@ mod tests {
             let late_s = late_s + if k.is_multiple_of(2) { 0.003 } else { -0.003 };
             Reading {
                 image: format!("{k}"),
-                told: exposure.exposure_time,
+                shown: exposure.exposure_time,
                 sigma_s: 0.007,
                 ticks: 1,
                 command_s: late_s - 0.5,

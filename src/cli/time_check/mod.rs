@@ -1,4 +1,4 @@
-//! `wingd time-check`: photographs of a screen that shows the clock -> the instant of exposure checked, the delay measured.
+//! `wingd time-check` reads photographs of a screen that shows the clock: instants of exposure are checked, delays measured.
 
 mod answer;
 mod page;
@@ -59,14 +59,14 @@ pub(super) struct Reading {
     /// Series and file.
     image: String,
     /// Middle of the exposure by the screen, UTC.
-    told: jiff::Timestamp,
+    shown: jiff::Timestamp,
     /// Its standard deviation, the latency's left out.
     sigma_s: f64,
     /// Ticks that the exposure saw.
     ticks: u32,
-    /// The camera was asked, less `told`.
+    /// The camera was asked, less `shown`.
     command_s: f64,
-    /// The exposure of the record less `told`.
+    /// The exposure of the record less `shown`.
     exposure_s: Option<f64>,
     /// As it stands in the record.
     exposure: Option<Exposure>,
@@ -165,7 +165,7 @@ fn reading(frame: &FrameRef, name: &str, screen: &Screen) -> Result<Reading, Rea
     let less = |utc: jiff::Timestamp| utc.duration_since(recorded).as_secs_f64() - later_s;
     Ok(Reading {
         image: name.to_owned(),
-        told: recorded.checked_add(apart).unwrap_or(recorded),
+        shown: recorded.checked_add(apart).unwrap_or(recorded),
         sigma_s: screen.read_sigma_s(1e-3 * shown.width_ms),
         ticks: shown.ticks,
         command_s: less(frame.stamp.utc),

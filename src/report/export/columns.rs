@@ -1,4 +1,4 @@
-//! Results as tables: rows of a series with named, typed columns.
+//! Results become tables here: the rows of a series in named, typed columns.
 
 use super::super::{SeriesData, ShotData, distinct};
 use crate::aircraft::Quantity;

@@ -1,4 +1,4 @@
-//! Mean marker positions of a series as legacy VTK PolyData, for ParaView and its like.
+//! The mean marker positions of a series are written as legacy VTK PolyData, for ParaView and its like.
 
 use std::fmt::Write;
 

@@ -1,4 +1,4 @@
-//! Several flights on one page: lift against time of each.
+//! This page shows several flights: the lift of each against time.
 
 use maud::{Markup, html};
 

@@ -1,4 +1,4 @@
-//! The report: one page that opens offline and prints well.
+//! The report is one page that opens offline and prints well.
 
 mod aircraft;
 mod figures;

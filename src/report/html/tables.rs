@@ -1,4 +1,4 @@
-//! The report's tables: series, solution, quality, provenance.
+//! The report has tables of its series, of a solution, of quality and of provenance.
 
 use maud::{Markup, html};
 use serde_json::Value;
