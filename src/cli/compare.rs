@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::stores::flights;
 use super::{Done, Failure, print};
-use crate::report::compare::{self, Change, Summary};
+use crate::report::compare::{self, Change, Side, Summary};
 use crate::report::grid::Grid;
 use crate::report::number::{NONE, fields, fixed};
 use crate::store::sets::{self, ResultSet, Sets};
@@ -34,19 +34,13 @@ pub struct Args {
     json: bool,
 }
 
-/// A flight with the results of it that are meant.
-struct Side {
-    flight: FlightRef,
-    set: ResultSet,
-}
-
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let ours = flights(&args.store, args.flight.as_deref())?;
     let mut compared = 0;
     for flight in &ours {
         let Some((old, new)) = sides(args, flight)? else { continue };
         compared += 1;
-        let changes = compare::changes(&RealDisk, (&old.flight, &old.set), (&new.flight, &new.set));
+        let changes = compare::changes(&RealDisk, &old, &new);
         show(args, &old, &new, &changes?)?;
     }
     if compared == 0 {

@@ -124,14 +124,14 @@ fn fly(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
     };
     let solver = service::solver(directory, &config.solve)?;
     let opened = service::open_store(&config)?;
-    service::keep_installation(&opened.0, directory);
-    let begun = opened.0.last_moment();
+    service::keep_installation(&opened.store, directory);
+    let begun = opened.store.last_moment();
     let take_off = jiff::Timestamp::from_second(TAKE_OFF).unwrap_or_default();
     let clock: Arc<dyn Clock> = Arc::new(match &begun {
         Some(last) => Simulated::starting_at(last, Some(SPEED_UP)),
         None => Simulated::new("demo", take_off, Some(SPEED_UP)),
     });
-    let origin = opened.0.series_of_boot("demo").first().copied().unwrap_or_else(|| clock.since_boot());
+    let origin = opened.store.series_of_boot("demo").first().copied().unwrap_or_else(|| clock.since_boot());
     service::run(&config, clock, origin, opened, Some(solver), progress())?;
     Ok(())
 }

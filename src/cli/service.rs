@@ -16,8 +16,14 @@ use crate::pipeline::live::Tracker;
 use crate::store::{Inputs, RealDisk, Recovery, Store};
 use crate::{http, pipeline};
 
+/// A store, and what was recovered as it was opened.
+pub struct Opened {
+    pub store: Arc<Store>,
+    pub recovery: Recovery,
+}
+
 /// Opens the store, making it where there is none.
-pub fn open_store(config: &Config) -> Result<(Arc<Store>, Recovery), Failure> {
+pub fn open_store(config: &Config) -> Result<Opened, Failure> {
     let begin = Instant::now();
     let (store, recovery) = Store::open(Arc::new(RealDisk), config.store.clone())
         .map_err(|error| Failure::Undone(error.to_string()))?;
@@ -31,7 +37,7 @@ pub fn open_store(config: &Config) -> Result<(Arc<Store>, Recovery), Failure> {
         took_ms,
         "store is open"
     );
-    Ok((Arc::new(store), recovery))
+    Ok(Opened { store: Arc::new(store), recovery })
 }
 
 /// Keeps the installation in the store. A fault costs the keeping, not the results: it is logged.
@@ -83,12 +89,12 @@ pub fn run(
     config: &Config,
     clock: Arc<dyn Clock>,
     origin: Duration,
-    opened: (Arc<Store>, Recovery),
+    opened: Opened,
     solver: Option<Solver>,
     observer: Observer,
 ) -> Result<Status, Failure> {
     let make = config.camera.factory(clock.clone(), origin);
-    let (store, recovery) = opened;
+    let Opened { store, recovery } = opened;
     let board = StatusBoard::new(clock.clone());
     let page = config.serve.as_ref().and_then(|serve| Page::open(serve, config, &board));
     let parts = Parts {

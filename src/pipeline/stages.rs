@@ -238,7 +238,7 @@ pub(super) fn recognise_for_next(
     let known = sighting.timed(Work::Identify, || {
         let first = identify::identify(setup, orientation, &found.markers)?;
         plainly = Some((found.markers.clone(), first.clone()));
-        Ok(looked_closer(setup, orientation, raster, (found, first)))
+        Ok(looked_closer(setup, orientation, raster, found, first))
     });
     take_up(sighting, setup, orientation, known);
     plainly
@@ -289,16 +289,16 @@ pub fn identified(
     found: Detections,
 ) -> Result<(Detections, Identities), IdentifyError> {
     let identities = identify::identify(setup, orientation, &found.markers)?;
-    Ok(looked_closer(setup, orientation, raster, (found, identities)))
+    Ok(looked_closer(setup, orientation, raster, found, identities))
 }
 
 fn looked_closer(
     setup: &Setup,
     orientation: &Orientation,
     raster: &Raster,
-    known: (Detections, Identities),
+    mut found: Detections,
+    mut identities: Identities,
 ) -> (Detections, Identities) {
-    let (mut found, mut identities) = known;
     // What is measured better foretells the others better.
     for _ in 0..LOOKS {
         let expected = identify::expect(setup, orientation, &found.markers, &identities);

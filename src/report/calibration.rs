@@ -32,7 +32,8 @@ pub fn correlation(c: &Calibration, one: usize, other: usize) -> Option<f64> {
 /// The whole page; nothing in it comes from outside. `names` and `left_out` per picture.
 pub fn page(
     c: &Calibration,
-    (verdict, reasons): (Verdict, &[String]),
+    verdict: Verdict,
+    reasons: &[String],
     names: &[&str],
     left_out: &[Option<String>],
 ) -> String {

@@ -61,8 +61,8 @@ pub struct SeriesData {
     pub records: Vec<ImageRecord>,
     /// Mean over the records; empty where it is still to be computed from them.
     pub curve: Vec<CurveRecord>,
-    /// Markers used and surveyed, of each record; empty where the records have their markers.
-    pub used: Vec<(usize, usize)>,
+    /// Markers of each record; empty where the records have them.
+    pub counts: Vec<MarkerCount>,
     /// Key of the inputs that the records were computed from.
     pub inputs: Option<String>,
     /// Every shot asked for, failed ones included.
@@ -80,6 +80,22 @@ impl SeriesData {
     /// The shot that a result is of.
     pub fn shot_of(&self, record: &ImageRecord) -> Option<&ShotData> {
         self.shots.iter().find(|s| s.image.as_ref() == Some(&record.image))
+    }
+}
+
+/// Markers of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MarkerCount {
+    /// That took part in the adjustment.
+    pub used: usize,
+    /// Of the survey.
+    pub surveyed: usize,
+}
+
+impl MarkerCount {
+    /// Of a record that has its markers.
+    pub fn of(record: &ImageRecord) -> Self {
+        Self { used: record.used(), surveyed: record.markers.len() }
     }
 }
 

@@ -1,5 +1,6 @@
 //! The tables that a terminal and the report share are laid out here.
 
+use super::MarkerCount;
 use super::grid::Grid;
 use super::number::{NONE, decimals_for, fixed, rounded};
 use super::summary::{Mean, SeriesSummary};
@@ -99,15 +100,15 @@ fn scatter(value: Option<Mean>) -> String {
 
 /// One row per image; the terminal's and the report's.
 pub fn images(records: &[ImageRecord]) -> Grid {
-    image_rows(&records.iter().map(|r| (r, (r.used(), r.markers.len()))).collect::<Vec<_>>())
+    image_rows(&records.iter().map(|r| (r, MarkerCount::of(r))).collect::<Vec<_>>())
 }
 
-/// The same of records whose markers were left out, with the counts of used and surveyed ones.
-pub fn images_counted(records: &[ImageRecord], used: &[(usize, usize)]) -> Grid {
-    image_rows(&records.iter().zip(used.iter().copied()).collect::<Vec<_>>())
+/// The same of records whose markers were left out.
+pub fn images_counted(records: &[ImageRecord], counts: &[MarkerCount]) -> Grid {
+    image_rows(&records.iter().zip(counts.iter().copied()).collect::<Vec<_>>())
 }
 
-fn image_rows(rows: &[(&ImageRecord, (usize, usize))]) -> Grid {
+fn image_rows(rows: &[(&ImageRecord, MarkerCount)]) -> Grid {
     let tip = |r: &ImageRecord| r.tip.as_ref().map_or(NONE.to_owned(), |t| t.marker.clone());
     let lift = |r: &ImageRecord| {
         rounded(r.tip.as_ref().map(|t| t.lift_m), r.tip.as_ref().and_then(|t| t.sigma_lift_m), 3)
@@ -131,7 +132,7 @@ fn image_rows(rows: &[(&ImageRecord, (usize, usize))]) -> Grid {
             ("sigma / deg", &|(r, _)| angle(r).1),
             ("twist / deg", &|(r, _)| twist(r).0),
             ("sigma / deg", &|(r, _)| twist(r).1),
-            ("used", &|(_, (used, of))| format!("{used}/{of}")),
+            ("used", &|(_, count)| format!("{}/{}", count.used, count.surveyed)),
             ("variance factor", &|(r, _)| fixed(r.variance_factor, 2)),
             ("<global test", &|(r, _)| r.global_test.map_or(NONE.to_owned(), word)),
         ],

@@ -103,7 +103,7 @@ fn finish(args: &Args, pictures: &[Picture], judged: &Judged) -> Result<Done, Fa
         pictures.iter().enumerate().map(|(k, p)| reason(calibration, k, p)).collect();
     if let Some(file) = &args.report {
         let names: Vec<&str> = pictures.iter().map(|p| p.name.as_str()).collect();
-        let page = report::calibration::page(calibration, (*verdict, reasons), &names, &left_out);
+        let page = report::calibration::page(calibration, *verdict, reasons, &names, &left_out);
         installation::write_page(file, &page).map_err(unwritable(file, RIGHTS))?;
     }
     for (picture, reason) in pictures.iter().zip(&left_out) {
