@@ -320,7 +320,7 @@ fn row(station: &StationLoad) -> Vec<String> {
     if let (Some(cycles), Some(damage)) = (&station.cycles, &station.damage) {
         cells.push(fixed(Some(cycles.iter().map(|c| c.count).sum()), 1));
         cells.extend(damage.iter().map(|d| {
-            let (value, sigma) = rounded(d.relative, d.sigma_relative, 2);
+            let (value, sigma) = rounded(Some(d.relative), Some(d.sigma_relative), 2);
             if sigma == NONE { value } else { format!("{value} ± {sigma}") }
         }));
     }
