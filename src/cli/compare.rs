@@ -107,19 +107,16 @@ fn show(args: &Args, old: &Side, new: &Side, changes: &[Change]) -> Result<(), F
 
 fn table(changes: &[Change]) -> Grid {
     let largest = |c: &Change| c.marker.as_ref().map(|(id, m)| format!("{id} {}", fixed(Some(*m), 4)));
-    Grid::of(
-        changes,
-        &[
-            ("<frame", &|c| format!("{}/{}", c.series, c.frame)),
-            ("<status", &|c| c.status_text()),
-            ("tip lift / m", &|c| fixed(c.tip_lift_m.0, 4)),
-            ("now / m", &|c| fixed(c.tip_lift_m.1, 4)),
-            ("change / m", &|c| fixed(c.change_m, 4)),
-            ("sigma / m", &|c| fixed(c.sigma_m, 4)),
-            ("change / sigma", &|c| fixed(c.change_sigmas, 2)),
-            ("largest of a marker / m", &|c| largest(c).unwrap_or_else(|| NONE.to_owned())),
-        ],
-    )
+    Grid::each(changes).columns(&[
+        ("<frame", &|c| format!("{}/{}", c.series, c.frame)),
+        ("<status", &|c| c.status_text()),
+        ("tip lift / m", &|c| fixed(c.tip_lift_m.0, 4)),
+        ("now / m", &|c| fixed(c.tip_lift_m.1, 4)),
+        ("change / m", &|c| fixed(c.change_m, 4)),
+        ("sigma / m", &|c| fixed(c.sigma_m, 4)),
+        ("change / sigma", &|c| fixed(c.change_sigmas, 2)),
+        ("largest of a marker / m", &|c| largest(c).unwrap_or_else(|| NONE.to_owned())),
+    ])
 }
 
 fn summary(s: &Summary) -> String {

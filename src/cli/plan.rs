@@ -119,22 +119,19 @@ fn optics(plan: &Plan) -> String {
 
 fn markers(markers: &[MarkerPlan]) -> Grid {
     let mm = |value: Option<f64>| fixed(value.map(|m| 1e3 * m), 1);
-    Grid::of(
-        markers,
-        &[
-            ("<marker", &|m| m.id.clone()),
-            ("<shape", &|m| m.shape.to_owned()),
-            ("span / m", &|m| fixed(Some(m.span_m), 2)),
-            ("distance / m", &|m| fixed(Some(m.distance_m), 2)),
-            ("spanwise / (mm/px)", &|m| fixed(Some(m.ground.spanwise_mm), 1)),
-            ("in flight", &|m| fixed(Some(m.flight.spanwise_mm), 1)),
-            ("streamwise / (mm/px)", &|m| fixed(Some(m.ground.streamwise_mm), 2)),
-            ("image / px", &|m| format!("{:.1} x {:.1}", m.image_px[1], m.image_px[0])),
-            ("sigma lift / mm", &|m| mm(m.sigma.as_ref().map(|s| s.lift_m))),
-            ("sigma span / mm", &|m| mm(m.sigma.as_ref().map(|s| s.span_m))),
-            ("<seen", &|m| if m.visible { "yes" } else { "no" }.to_owned()),
-        ],
-    )
+    Grid::each(markers).columns(&[
+        ("<marker", &|m| m.id.clone()),
+        ("<shape", &|m| m.shape.to_owned()),
+        ("span / m", &|m| fixed(Some(m.span_m), 2)),
+        ("distance / m", &|m| fixed(Some(m.distance_m), 2)),
+        ("spanwise / (mm/px)", &|m| fixed(Some(m.ground.spanwise_mm), 1)),
+        ("in flight", &|m| fixed(Some(m.flight.spanwise_mm), 1)),
+        ("streamwise / (mm/px)", &|m| fixed(Some(m.ground.streamwise_mm), 2)),
+        ("image / px", &|m| format!("{:.1} x {:.1}", m.image_px[1], m.image_px[0])),
+        ("sigma lift / mm", &|m| mm(m.sigma.as_ref().map(|s| s.lift_m))),
+        ("sigma span / mm", &|m| mm(m.sigma.as_ref().map(|s| s.span_m))),
+        ("<seen", &|m| if m.visible { "yes" } else { "no" }.to_owned()),
+    ])
 }
 
 fn predicted(prediction: &Prediction) -> String {
@@ -175,28 +172,22 @@ fn changes(prediction: &Prediction) -> Grid {
         let name = change.without.as_ref().map_or("one more".to_owned(), |id| format!("without {id}"));
         (name, Some(change.span_m), change.expected)
     }));
-    Grid::of(
-        &rows,
-        &[
-            ("<layout", &|(name, ..)| name.clone()),
-            ("span / m", &|(_, span_m, _)| fixed(*span_m, 2)),
-            ("tip lift / mm", &|(.., e)| mm(*e, |e| e.sigma_tip_lift_m)),
-            ("mean lift / mm", &|(.., e)| mm(*e, |e| e.sigma_mean_lift_m)),
-            ("tip twist / deg", &|(.., e)| fixed(e.and_then(|e| e.sigma_tip_twist_deg), 3)),
-            ("along span / mm", &|(.., e)| mm(*e, |e| e.sigma_span_m)),
-            ("tip lift changes by", &|(.., e)| change(prediction, *e)),
-        ],
-    )
+    Grid::each(&rows).columns(&[
+        ("<layout", &|(name, ..)| name.clone()),
+        ("span / m", &|(_, span_m, _)| fixed(*span_m, 2)),
+        ("tip lift / mm", &|(.., e)| mm(*e, |e| e.sigma_tip_lift_m)),
+        ("mean lift / mm", &|(.., e)| mm(*e, |e| e.sigma_mean_lift_m)),
+        ("tip twist / deg", &|(.., e)| fixed(e.and_then(|e| e.sigma_tip_twist_deg), 3)),
+        ("along span / mm", &|(.., e)| mm(*e, |e| e.sigma_span_m)),
+        ("tip lift changes by", &|(.., e)| change(prediction, *e)),
+    ])
 }
 
 fn alternatives(prediction: &Prediction, list: &[Alternative]) -> Grid {
-    Grid::of(
-        list,
-        &[
-            ("<assumed", &|one| one.name.clone()),
-            ("tip lift / mm", &|one| mm(one.expected, |e| e.sigma_tip_lift_m)),
-            ("mean lift / mm", &|one| mm(one.expected, |e| e.sigma_mean_lift_m)),
-            ("tip lift changes by", &|one| change(prediction, one.expected)),
-        ],
-    )
+    Grid::each(list).columns(&[
+        ("<assumed", &|one| one.name.clone()),
+        ("tip lift / mm", &|one| mm(one.expected, |e| e.sigma_tip_lift_m)),
+        ("mean lift / mm", &|one| mm(one.expected, |e| e.sigma_mean_lift_m)),
+        ("tip lift changes by", &|one| change(prediction, one.expected)),
+    ])
 }

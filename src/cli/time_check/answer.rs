@@ -184,18 +184,15 @@ fn statistics(d: &Delay) -> Value {
 fn table(readings: &[Reading]) -> Grid {
     let ms = |seconds: Option<f64>| fixed(seconds.map(|s| 1e3 * s), 1);
     let stated = |r: &Reading| r.exposure.as_ref().map(|e| e.exposure_sigma_s.hypot(r.sigma_s));
-    Grid::of(
-        readings,
-        &[
-            ("<picture", &|r| r.image.clone()),
-            ("<exposure by the screen", &|r| format!("{:.3}", r.shown)),
-            ("sigma / ms", &|r| ms(Some(r.sigma_s))),
-            ("ticks", &|r| r.ticks.to_string()),
-            ("command less screen / ms", &|r| ms(Some(r.command_s))),
-            ("exposure less screen / ms", &|r| ms(r.exposure_s)),
-            ("sigma / ms", &|r| ms(stated(r))),
-        ],
-    )
+    Grid::each(readings).columns(&[
+        ("<picture", &|r| r.image.clone()),
+        ("<exposure by the screen", &|r| format!("{:.3}", r.shown)),
+        ("sigma / ms", &|r| ms(Some(r.sigma_s))),
+        ("ticks", &|r| r.ticks.to_string()),
+        ("command less screen / ms", &|r| ms(Some(r.command_s))),
+        ("exposure less screen / ms", &|r| ms(r.exposure_s)),
+        ("sigma / ms", &|r| ms(stated(r))),
+    ])
 }
 
 /// A picture's line; every standard deviation with the screen's latency.

@@ -77,17 +77,14 @@ fn table(flights: &[Overview]) -> Grid {
         let greatest = f.greatest().map(|(_, lift)| lift);
         rounded(greatest.map(|lift| lift.value), greatest.and_then(|lift| lift.sigma), 3)
     };
-    Grid::of(
-        flights,
-        &[
-            ("<flight", &|f| f.flight.clone()),
-            ("<begun (UTC)", &|f| begun(f).map_or("unknown".to_owned(), day)),
-            ("series", &|f| f.series.len().to_string()),
-            ("frames", &|f| f.sum(|line| line.frames).to_string()),
-            ("solved", &|f| f.sum(|line| line.solved).to_string()),
-            ("greatest lift / m", &|f| lift(f).0),
-            ("sigma / m", &|f| lift(f).1),
-            ("<in series", &|f| f.greatest().map_or(String::new(), |(line, _)| line.name.clone())),
-        ],
-    )
+    Grid::each(flights).columns(&[
+        ("<flight", &|f| f.flight.clone()),
+        ("<begun (UTC)", &|f| begun(f).map_or("unknown".to_owned(), day)),
+        ("series", &|f| f.series.len().to_string()),
+        ("frames", &|f| f.sum(|line| line.frames).to_string()),
+        ("solved", &|f| f.sum(|line| line.solved).to_string()),
+        ("greatest lift / m", &|f| lift(f).0),
+        ("sigma / m", &|f| lift(f).1),
+        ("<in series", &|f| f.greatest().map_or(String::new(), |(line, _)| line.name.clone())),
+    ])
 }
