@@ -7,6 +7,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use toml::{Table, Value};
+use wingd::installation::Fault;
 
 use super::{ROOT, blocks};
 
@@ -170,9 +171,8 @@ fn every_key_of_an_installation_stands_on_its_page() {
     std::fs::write(folder.path().join("structure.csv"), beam).unwrap();
     let read = |table: &Table| {
         std::fs::write(folder.path().join("installation.toml"), table.to_string()).unwrap();
-        let said =
-            |faults: Vec<_>| faults.iter().map(|f: &wingd::installation::Fault| f.to_string()).collect();
-        let found = wingd::installation::load(folder.path()).map_err(|faults| said(faults).join("\n"))?;
+        let said = |faults: Vec<Fault>| faults.iter().map(Fault::to_string).collect::<Vec<_>>().join("\n");
+        let found = wingd::installation::load(folder.path()).map_err(said)?;
         Ok(format!("{:?}", (found.setup, found.cad, found.optics, found.structure)))
     };
     let base = std::fs::read_to_string(fixture.join("installation.toml")).unwrap().parse().unwrap();
