@@ -47,10 +47,11 @@ pub fn store_id(disk: &dyn Disk, root: &Path) -> Option<String> {
 /// Checks that `root` is a store of our format.
 pub fn check_format(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
     let path = root.join(layout::STORE_FILE);
-    if disk.load_if_there(&path)?.is_none() {
+    if !disk.exists(&path) {
         let why = format!("it has no {}", layout::STORE_FILE);
         return Err(StoreError::NotAStore { path: root.to_owned(), why });
     }
+    disk.load(&path)?;
     let mark = mark(disk, root);
     match mark.as_ref().and_then(|mark| mark.get("format")) {
         Some(format) if KNOWN.iter().any(|known| format.as_integer() == Some((*known).into())) => Ok(()),
