@@ -118,9 +118,9 @@ impl Section {
         let without = read(&self.without(key));
         let literal = default.strip_prefix('`').and_then(|rest| rest.strip_suffix('`'));
         match (default, literal) {
-            ("required", _) => {
-                let asked =
-                    without.as_ref().is_err_and(|said| said.contains(&format!("missing field `{key}`")));
+            (required, _) if required.starts_with("required") => {
+                let missing = [format!("missing field `{key}`"), format!(".{key}: is missing")];
+                let asked = without.as_ref().is_err_and(|said| missing.iter().any(|m| said.contains(m)));
                 (!asked).then(|| format!("`{key}` is not required: {without:?}"))
             }
             (_, Some(literal)) => {
