@@ -5,6 +5,8 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+use crate::installation::KeyFault;
+
 /// `[store]` of the configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -61,14 +63,16 @@ impl StoreConfig {
         }
     }
 
-    /// Every fault, as `key: what and how to mend it`.
-    pub fn faults(&self) -> Vec<String> {
+    /// Every fault, at its key of the whole file.
+    pub fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
         if self.path.as_os_str().is_empty() {
-            faults.push("store.path: is empty; name a directory, for example /var/lib/wingd".to_owned());
+            let mend = "name a directory, for example /var/lib/wingd";
+            faults.push(KeyFault::new("store.path", "is empty", mend));
         }
         if self.new_flight_after.is_zero() {
-            faults.push("store.new_flight_after: must be longer than 0, for example \"3h\"".to_owned());
+            let mend = "for example \"3h\"";
+            faults.push(KeyFault::new("store.new_flight_after", "must be longer than 0", mend));
         }
         faults
     }

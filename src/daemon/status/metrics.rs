@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::status::{Activity, Health, Status};
+use super::{Activity, Health, Status};
 
 /// One metric without labels: name, kind, help, value. Without a value it is left out.
 type Metric = (&'static str, &'static str, &'static str, Option<f64>);
@@ -22,11 +22,20 @@ pub fn exposition(status: &Status) -> String {
     text
 }
 
+fn total(name: &'static str, help: &'static str, value: u64) -> Metric {
+    (name, "counter", help, Some(value as f64))
+}
+
+fn gauge(name: &'static str, help: &'static str, value: Option<f64>) -> Metric {
+    (name, "gauge", help, value)
+}
+
+fn flag(yes: bool) -> Option<f64> {
+    Some(f64::from(u8::from(yes)))
+}
+
 fn metrics(status: &Status) -> Vec<Metric> {
     let counts = &status.counts;
-    let total = |name, help, value: u64| (name, "counter", help, Some(value as f64));
-    let gauge = |name, help, value: Option<f64>| (name, "gauge", help, value);
-    let flag = |yes: bool| Some(f64::from(u8::from(yes)));
     vec![
         gauge("healthy", "1 while good frames come.", flag(status.health != Health::Stale)),
         gauge("capturing", "1 during a series.", flag(status.activity == Activity::Capturing)),
@@ -63,8 +72,6 @@ fn metrics(status: &Status) -> Vec<Metric> {
 /// Of live mode, where it is on.
 fn live(status: &Status) -> Vec<Metric> {
     let Some(live) = &status.live else { return Vec::new() };
-    let total = |name, help, value: u64| (name, "counter", help, Some(value as f64));
-    let gauge = |name, help, value: Option<f64>| (name, "gauge", help, value);
     let seconds = |ms: Option<f64>| ms.map(|ms| 1e-3 * ms);
     vec![
         gauge("live_rate_hertz", "Results a second, over ten seconds.", Some(live.rate_hz)),
@@ -77,7 +84,7 @@ fn live(status: &Status) -> Vec<Metric> {
         ),
         gauge("live_latency_p95_seconds", "Of 20 results 19 were quicker.", seconds(live.latency_p95_ms)),
         gauge("live_temperature_celsius", "The hottest place.", live.temperature_c),
-        gauge("live_healthy", "0 while something is wrong.", Some(f64::from(u8::from(live.fault.is_none())))),
+        gauge("live_healthy", "0 while something is wrong.", flag(live.fault.is_none())),
         total("live_frames_total", "Frames taken.", live.frames),
         total("live_failed_shots_total", "Frames that the camera did not deliver.", live.failed_shots),
         total("live_results_total", "Results.", live.results),
@@ -106,7 +113,7 @@ mod tests {
         let mut status = Status::default();
         status.counts.frames = 7;
         assert!(!exposition(&status).contains("_live_"), "live mode is off");
-        status.live = Some(crate::daemon::LiveStatus { skipped: 3, ..Default::default() });
+        status.live = Some(super::super::LiveStatus { skipped: 3, ..Default::default() });
         let text = exposition(&status);
         assert!(text.contains("# TYPE wingd_frames_total counter\nwingd_frames_total 7\n"));
         assert!(text.contains("\nwingd_live_skipped_total 3\n"));
