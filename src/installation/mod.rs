@@ -8,10 +8,12 @@ mod corners;
 mod document;
 mod doubtful;
 mod exchange;
+mod keyed;
 mod mountings;
 mod observations;
 mod orientation;
 mod plausible;
+mod rows;
 mod structure;
 mod survey;
 mod tables;
@@ -26,10 +28,12 @@ pub use board::{DescribedBoard, load_board};
 pub use camera::{CalibrationReport, write_camera};
 pub use corners::{PictureCorners, read_corners, write_corners};
 pub use doubtful::doubts;
-pub use exchange::{CameraFormat, format_of, read_exchange, write_exchange};
+pub use exchange::{CameraFormat, ReadCamera, WriteError, format_of_name, read_exchange, write_exchange};
+pub use keyed::Trouble;
 pub use mountings::{Mountings, read_mountings};
 pub use observations::{HandObservation, read_observations};
 pub use orientation::write_orientation;
+pub use rows::{Row, RowsError, rows, separator_line};
 pub use structure::{Structure, read_stiffness};
 pub use tables::Optics;
 
@@ -48,6 +52,20 @@ pub struct Fault {
     pub problem: String,
     /// What to do.
     pub mend: String,
+}
+
+impl Fault {
+    /// What is wrong at a place of this file.
+    pub fn of(file: &Path, trouble: Trouble) -> Self {
+        let Trouble { line, key, problem, mend } = trouble;
+        let place = match (line, key.is_empty()) {
+            (0, true) => "file".to_owned(),
+            (0, false) => key,
+            (line, true) => format!("line {line}"),
+            (line, false) => format!("line {line}, {key}"),
+        };
+        Self { file: file.into(), place, problem, mend }
+    }
 }
 
 /// A directory that was read and found in order.
@@ -112,6 +130,17 @@ struct Reader {
 }
 
 impl Reader {
+    /// For a file that lies anywhere: its directory's reader, and its name.
+    fn of_file(file: &Path) -> (Self, String) {
+        let directory = file.parent().unwrap_or(Path::new("")).to_owned();
+        let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        (Self { directory, faults: vec![], digests: vec![] }, name)
+    }
+
+    fn trouble(&mut self, file: &Path, trouble: Trouble) {
+        self.faults.push(Fault::of(file, trouble));
+    }
+
     fn fault(&mut self, file: &Path, place: &str, problem: impl Into<String>, mend: impl Into<String>) {
         let (problem, mend) = (problem.into(), mend.into());
         self.faults.push(Fault { file: file.into(), place: place.into(), problem, mend });
@@ -204,9 +233,7 @@ fn folded(faults: Vec<Fault>) -> Vec<Fault> {
 
 /// Reads a camera file alone (`camera.toml`).
 pub fn load_camera(file: &Path) -> Result<crate::measure::geometry::Lens, Vec<Fault>> {
-    let directory = file.parent().unwrap_or(Path::new("")).to_owned();
-    let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let mut reader = Reader { directory, faults: vec![], digests: vec![] };
+    let (mut reader, name) = Reader::of_file(file);
     let lens = camera::read(&mut reader, &name);
     lens.map(|(lens, _)| lens).filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
 }
@@ -216,7 +243,23 @@ pub fn toml_fault(file: &Path, text: &str, error: &toml::de::Error, mend: &str) 
     let line = error.span().map(|s| 1 + text.get(..s.start).map_or(0, |t| t.matches('\n').count()));
     let shown = line.and_then(|l| text.lines().nth(l - 1)).map(str::trim).unwrap_or_default();
     let place = line.map_or("file".into(), |l| format!("line {l} (`{shown}`)"));
-    Fault { file: file.into(), place, problem: error.message().replace('\n', " "), mend: mend.into() }
+    let at = error.span().and_then(|span| text.get(span)).unwrap_or_default();
+    let (problem, mend) = match slip_of_the_pen(shown, at, error.message()) {
+        Some((problem, mend)) => (problem.to_owned(), mend),
+        None => (error.message().replace('\n', " "), mend),
+    };
+    Fault { file: file.into(), place, problem, mend: mend.into() }
+}
+
+/// What hands write that TOML takes for something else, and the mend: paths with backslashes, dates without quotes.
+fn slip_of_the_pen(line: &str, at: &str, said: &str) -> Option<(&'static str, &'static str)> {
+    let value = line.split_once('=').map_or("", |(_, value)| value.trim());
+    if value.starts_with('"') && said.contains("escape") {
+        let mend = "write the path with /, or in single quotes: 'C:\\data'";
+        return Some(("has a backslash, which begins an escape within double quotes", mend));
+    }
+    let date = !at.is_empty() && at.trim().parse::<toml::value::Datetime>().is_ok();
+    date.then_some(("is a date where a text or a number must be", "write a text in quotes: \"2026-06-01\""))
 }
 
 /// Writes a page whole or not at all.

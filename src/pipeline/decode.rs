@@ -8,6 +8,7 @@ use crate::measure::samples;
 use crate::pipeline::guard::guarded;
 
 mod coefficients;
+mod dnl;
 mod jpeg;
 mod kind;
 mod scans;
@@ -32,6 +33,12 @@ pub enum DecodeError {
     /// Another picture file that cannot be read.
     #[error("the picture cannot be read ({0}); use JPEG, PNG, PNM or TIFF")]
     Picture(String),
+    /// Samples of 16 bits of which a camera used the lower ones alone.
+    #[error(
+        "its samples have 16 bits, of which {0} are used: it would be black; save it with 8 bits, or with its samples shifted \
+         to the upper bits"
+    )]
+    Narrow(u32),
     /// A library broke off.
     #[error(
         "the decoder broke off at this file, which is most likely damaged; copy the frame again from the camera or the store, and report it with the file"
@@ -88,7 +95,7 @@ fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) ->
     // Zeros before the picture are padding.
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
     if bytes[zeros..].starts_with(&JPEG_START) {
-        return jpeg::luma(&bytes[zeros..], wanted);
+        return jpeg_luma(&bytes[zeros..], wanted);
     }
     match (image::guess_format(bytes), memchr::memmem::find(bytes, &JPEG_START)) {
         (Ok(_), _) => picture(bytes),
@@ -97,17 +104,59 @@ fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) ->
     }
 }
 
+/// A JPEG; where it cannot be read as it is, perhaps its height stands behind its first scan.
+fn jpeg_luma(bytes: &[u8], wanted: Option<&Wanted>) -> Result<Raster, DecodeError> {
+    let read = jpeg::luma(bytes, wanted);
+    let damaged = matches!(read, Err(DecodeError::Jpeg(_)));
+    match if damaged { dnl::resolved(bytes) } else { None } {
+        Some(whole) => jpeg::luma(&whole?, wanted),
+        None => read,
+    }
+}
+
 fn picture(bytes: &[u8]) -> Result<Raster, DecodeError> {
+    if is_preview(bytes) {
+        return Err(DecodeError::Picture("it is a camera's raw file, of which only a preview could be read".into()));
+    }
     let reader = image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format();
     let mut reader = reader.map_err(|e| DecodeError::Picture(e.to_string()))?;
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(LARGEST_SIDE as u32);
     limits.max_image_height = Some(LARGEST_SIDE as u32);
     reader.limits(limits);
-    let luma = reader.decode().map_err(|e| DecodeError::Picture(short(&e.to_string())))?.into_luma8();
+    let picture = reader.decode().map_err(|e| DecodeError::Picture(short(&e.to_string())))?;
+    if let Some(bits) = narrow(&picture) {
+        return Err(DecodeError::Narrow(bits));
+    }
+    let luma = picture.into_luma8();
     let (width, height) = luma.dimensions();
     Raster::new(width as usize, height as usize, luma.into_raw())
         .ok_or_else(|| DecodeError::Picture("it has no pixels".into()))
+}
+
+/// Whether a TIFF begins with a reduced picture, as raw files do (TIFF 6.0, NewSubfileType): the sensor's lies elsewhere in it.
+fn is_preview(bytes: &[u8]) -> bool {
+    const NEW_SUBFILE_TYPE: exif::Tag = exif::Tag(exif::Context::Tiff, 254);
+    if !bytes.starts_with(b"II*\0") && !bytes.starts_with(b"MM\0*") {
+        return false;
+    }
+    let fields = exif::parse_exif(bytes).map(|(fields, _)| fields).unwrap_or_default();
+    let kind = fields.iter().find(|f| f.tag == NEW_SUBFILE_TYPE && f.ifd_num == exif::In::PRIMARY);
+    kind.and_then(|field| field.value.get_uint(0)).is_some_and(|kind| kind & 1 == 1)
+}
+
+/// Bits of a picture of 16 that are used, where a sensor's 10 or 12 lie at the lower end: all of it would be black. A dark
+/// picture of 14 bits has up to 63 of 255 grey levels and may be meant so.
+fn narrow(picture: &image::DynamicImage) -> Option<u32> {
+    use image::DynamicImage::{ImageLuma16, ImageLumaA16, ImageRgb16, ImageRgba16};
+    let most = match picture {
+        ImageLuma16(p) => p.iter().copied().max(),
+        ImageLumaA16(p) => p.pixels().map(|p| p.0[0]).max(),
+        ImageRgb16(p) => p.iter().copied().max(),
+        ImageRgba16(p) => p.pixels().flat_map(|p| [p.0[0], p.0[1], p.0[2]]).max(),
+        _ => None,
+    };
+    most.filter(|most| (1 << 8..1 << 12).contains(most)).map(|most| u16::BITS - most.leading_zeros())
 }
 
 /// The first line of a foreign message, so that a reason stays one sentence.
