@@ -1,5 +1,7 @@
 //! Where the fields of a line stand, and the line as a sample. Pure.
 
+use std::borrow::Cow;
+
 use serde::{Deserialize, Serialize};
 
 use super::times::TimeFormat;
@@ -113,14 +115,13 @@ impl Layout {
     }
 
     /// The fields of a line, without quotes and the blanks about them.
-    pub fn fields(&self, line: &str) -> Vec<String> {
+    pub fn fields<'a>(&self, line: &'a str) -> Vec<Cow<'a, str>> {
         let line = line.trim_end_matches(['\r', '\n']);
         let quoted = if line.contains('"') { rows(line, self.separator).ok() } else { None };
-        let quoted = quoted.and_then(|rows| rows.into_iter().next());
-        quoted.map_or_else(
-            || line.split(self.separator).map(|field| field.trim().to_owned()).collect(),
-            |row| row.cells,
-        )
+        match quoted.and_then(|rows| rows.into_iter().next()) {
+            Some(row) => row.cells.into_iter().map(Cow::Owned).collect(),
+            None => line.split(self.separator).map(|field| Cow::Borrowed(field.trim())).collect(),
+        }
     }
 
     /// A line as a sample; `None` where it is none of these lines or has no time.
@@ -129,8 +130,9 @@ impl Layout {
     }
 
     /// The same of its fields.
-    pub fn sample(&self, fields: &[String]) -> Option<Sample> {
-        if self.begins_with.as_ref().is_some_and(|word| fields.first() != Some(word)) {
+    pub fn sample(&self, fields: &[impl AsRef<str>]) -> Option<Sample> {
+        let begins = self.begins_with.as_deref();
+        if begins.is_some_and(|word| fields.first().is_none_or(|first| first.as_ref() != word)) {
             return None;
         }
         let time = self.time_format.seconds(field(fields, self.time_field)?, self.date)?;
@@ -143,8 +145,10 @@ impl Layout {
     }
 
     /// What stands in a column's cell.
-    pub fn cell(&self, fields: &[String], column: &Column) -> Cell {
-        let Some(text) = field(fields, column.field).filter(|text| !text.is_empty()) else { return Cell::Blank };
+    pub fn cell(&self, fields: &[impl AsRef<str>], column: &Column) -> Cell {
+        let Some(text) = field(fields, column.field).filter(|text| !text.is_empty()) else {
+            return Cell::Blank;
+        };
         // A point beside a decimal comma parts thousands, which no feed writes.
         let comma = self.decimal == ',' && !text.contains('.');
         let text = if comma { text.replace(',', ".") } else { text.to_owned() };
@@ -159,8 +163,8 @@ impl Layout {
 }
 
 /// A field by its number from 1.
-fn field(fields: &[String], number: usize) -> Option<&str> {
-    fields.get(number.checked_sub(1)?).map(String::as_str)
+fn field(fields: &[impl AsRef<str>], number: usize) -> Option<&str> {
+    fields.get(number.checked_sub(1)?).map(AsRef::as_ref)
 }
 
 /// What a line says.
@@ -223,7 +227,10 @@ mod tests {
         let commas = Layout::text(',', 2, vec![mach]);
         assert_eq!(of(&commas, "\"climb, flaps\",\"1772344800\",\"0.78\""), Some(0.78));
         let decimal = Layout { decimal: ',', ..Layout::text(';', 2, vec![mach]) };
-        assert_eq!((of(&decimal, "x;1772344800;0,78"), of(&decimal, "x;1772344800;0.78")), (Some(0.78), Some(0.78)));
+        assert_eq!(
+            (of(&decimal, "x;1772344800;0,78"), of(&decimal, "x;1772344800;0.78")),
+            (Some(0.78), Some(0.78))
+        );
         assert_eq!(of(&Layout::text(';', 2, vec![mach]), "x;1772344800;0,78"), None);
         let kept = serde_json::to_value(&commas).unwrap();
         assert_eq!(kept.as_object().unwrap().len(), 3, "as layouts of older stores: {kept}");

@@ -102,7 +102,9 @@ impl Mapping {
             }
             match (iwg1, &column.name, column.field) {
                 (false, Some(_), None) => {}
-                (false, ..) => fault("column.name", format!("is missing for {name}"), "name the table's column"),
+                (false, ..) => {
+                    fault("column.name", format!("is missing for {name}"), "name the table's column")
+                }
                 (true, None, Some(field)) if field > 2 => {}
                 (true, ..) => {
                     let mend = "give the field of IWG1's line; a platform's own begin at field = 34";

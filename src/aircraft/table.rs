@@ -1,10 +1,12 @@
 //! A table of the aircraft's data as other programs write it: separator, header, units and time found or named. Pure.
 
+use std::borrow::Cow;
+
 use super::layout::{Cell, Column, Kind, Layout};
 use super::mapping::{Mapping, Named};
 use super::units::{self, Agreement};
 use super::{Quantity, iwg1};
-use crate::installation::{Row, Trouble, rows, separator_line};
+use crate::installation::{Row, RowsError, Trouble, rows, separator_line};
 
 /// A table that can be taken into a flight.
 #[derive(Clone, Debug, PartialEq)]
@@ -82,7 +84,7 @@ impl Table {
             let fields = self.layout.fields(text);
             let Some(sample) = self.layout.sample(&fields) else {
                 let tag = self.layout.time_field.checked_sub(1).and_then(|k| fields.get(k));
-                unread.push((*line, tag.cloned().unwrap_or_default()));
+                unread.push((*line, tag.map(ToString::to_string).unwrap_or_default()));
                 continue;
             };
             times_s.push(sample.time_s);
@@ -95,14 +97,14 @@ impl Table {
 }
 
 impl Tally {
-    fn count(&mut self, layout: &Layout, fields: &[String], column: &Column) {
+    fn count(&mut self, layout: &Layout, fields: &[Cow<str>], column: &Column) {
         match layout.cell(fields, column) {
             Cell::Value(_) => self.values += 1,
             Cell::Blank => self.blank += 1,
             Cell::Text => {
                 self.text.0 += 1;
                 let cell = column.field.checked_sub(1).and_then(|k| fields.get(k));
-                self.text.1 = self.text.1.take().or_else(|| cell.cloned());
+                self.text.1 = self.text.1.take().or_else(|| cell.map(ToString::to_string));
             }
             Cell::OutOfReason(value) => {
                 self.out_of_reason.0 += 1;
@@ -121,9 +123,9 @@ impl Tally {
                 Some(format!("{name} has decimal commas ({text}); write decimal = \",\" in the mapping"))
             }
             (0, Some(text), _) => Some(format!("{name} has texts for numbers ({text}); name another column")),
-            (0, None, Some(value)) => {
-                Some(format!("{name} cannot be {value:.6}; correct the mapping's scale, or name another column"))
-            }
+            (0, None, Some(value)) => Some(format!(
+                "{name} cannot be {value:.6}; correct the mapping's scale, or name another column"
+            )),
             (0, None, None) => Some(format!("the column of {name} is empty; name another")),
         }
     }
@@ -133,34 +135,66 @@ fn column(named: &Named, field: usize) -> Column {
     Column { field, quantity: named.quantity, scale: named.scale, offset: named.offset }
 }
 
-fn with_header(mapping: &Mapping, text: &str) -> Result<Table, Trouble> {
+/// A text parted by a separator.
+struct Parted {
+    separator: char,
+    rows: Vec<Row>,
+    /// Place of the header among the rows.
+    header: usize,
+    /// Columns of the mapping that it has.
+    columns: usize,
+}
+
+/// `None` where no row is the header then.
+fn parted(mapping: &Mapping, text: &str, separator: char) -> Result<Option<Parted>, RowsError> {
+    let rows = rows(text, separator)?;
+    let has = |row: &Row, name: &Option<String>| row.cells.iter().any(|cell| Some(cell) == name.as_ref());
+    let header = rows.iter().take(BEFORE_HEADER).position(|row| has(row, &mapping.time));
+    Ok(header.map(|header| {
+        let columns = mapping.column.iter().filter(|c| has(&rows[header], &c.name)).count();
+        Parted { separator, rows, header, columns }
+    }))
+}
+
+/// By the separator that the mapping or a first line `sep=;` states, else by the one that shows most of the columns.
+fn found(mapping: &Mapping, text: &str) -> Result<(Parted, bool), Trouble> {
     let stated = mapping.separator.or_else(|| text.lines().next().and_then(separator_line));
-    let time = mapping.time.as_deref().unwrap_or_default();
-    let of = |separator: char| rows(text, separator).map_err(|e| Trouble::new(0, "", e.to_string(), "correct the line"));
-    let place = |found: &[Row]| found.iter().take(BEFORE_HEADER).position(|r| r.cells.iter().any(|c| c == time));
-    let named = |row: &Row| mapping.column.iter().filter(|c| row.cells.iter().any(|h| Some(h) == c.name.as_ref())).count();
-    let mut best: Option<(usize, char, Vec<Row>, usize)> = None;
+    let (mut best, mut error): (Option<Parted>, _) = (None, None);
     for separator in stated.map_or(SEPARATORS.to_vec(), |s| vec![s]) {
-        let found = of(separator)?;
-        let Some(at) = place(&found) else { continue };
-        let columns = named(&found[at]);
-        if best.as_ref().is_none_or(|b| columns > b.0) {
-            best = Some((columns, separator, found, at));
+        match parted(mapping, text, separator) {
+            Ok(Some(parted)) if best.as_ref().is_none_or(|b| parted.columns > b.columns) => {
+                best = Some(parted)
+            }
+            Ok(_) => {}
+            Err(other) => error = error.or(Some(other)),
         }
     }
-    let Some((_, separator, mut found, at)) = best else { return Err(no_header(text, time, stated)) };
+    match (best, error) {
+        (Some(best), _) => Ok((best, stated.is_some())),
+        (None, Some(error)) => Err(Trouble::new(0, "", error.to_string(), "correct the line")),
+        (None, None) => Err(no_header(text, mapping.time.as_deref().unwrap_or_default(), stated)),
+    }
+}
+
+fn with_header(mapping: &Mapping, text: &str) -> Result<Table, Trouble> {
+    let (Parted { separator, rows, header: at, .. }, stated) = found(mapping, text)?;
     let mut remarks: Vec<String> = vec![];
-    if stated.is_none() && separator != ',' {
+    if !stated && separator != ',' {
         remarks.push(format!("its columns are separated by {separator:?}"));
     }
     if at > 0 {
-        remarks.push(format!("{at} lines before the header are left out"));
+        remarks.push(format!("left out before the header: {}", counted(at, "line")));
     }
-    let data = found.split_off(at + 1);
-    let header = found.pop().ok_or_else(|| no_header(text, time, stated))?;
+    let mut rows = rows.into_iter().skip(at);
+    let header = rows.next().ok_or_else(|| no_header(text, "", None))?;
     let layout = layout(mapping, &header, separator)?;
-    let lines = records(&layout, mapping, &header, data, &mut remarks)?;
+    let lines = records(&layout, mapping, &header, rows.collect(), &mut remarks)?;
     Ok(Table { layout, lines, remarks })
+}
+
+/// `1 line`, `2 lines`.
+fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 /// Why no line is the header.
@@ -168,7 +202,12 @@ fn no_header(text: &str, time: &str, stated: Option<char>) -> Trouble {
     let first = text.lines().find(|l| !l.trim().is_empty()).unwrap_or_default();
     let shown: String = first.chars().take(80).collect();
     if first.trim_start_matches('"').starts_with(iwg1::KEYWORD) {
-        return Trouble::new(1, "", "is a line of IWG1, and no header", "write format = \"iwg1\" in the mapping");
+        return Trouble::new(
+            1,
+            "",
+            "is a line of IWG1, and no header",
+            "write format = \"iwg1\" in the mapping",
+        );
     }
     let has = |separator: &char| {
         let found = rows(text, *separator).unwrap_or_default();
@@ -192,9 +231,12 @@ fn layout(mapping: &Mapping, header: &Row, separator: char) -> Result<Layout, Tr
         let mut found = header.cells.iter().enumerate().filter(|(_, cell)| *cell == name).map(|(k, _)| k + 1);
         match (found.next(), found.next()) {
             (Some(field), None) => Ok(field),
-            (Some(_), Some(_)) => {
-                Err(Trouble::new(header.line, name, "stands twice in the header", "keep the column that holds"))
-            }
+            (Some(_), Some(_)) => Err(Trouble::new(
+                header.line,
+                name,
+                "stands twice in the header",
+                "keep the column that holds",
+            )),
             (None, _) => {
                 let mend = format!("its header has {}", header.cells.join(", "));
                 Err(Trouble::new(header.line, name, "is no column of the table", mend))
@@ -227,7 +269,7 @@ fn agree(named: &Named, unit: &str, line: u64) -> Result<bool, Trouble> {
                 "is in {unit}, but the mapping makes {quantity} of it by scale = {}, offset = {}",
                 named.scale, named.offset
             );
-            Err(Trouble::new(line, name, problem, format!("write scale = {scale:.8}, offset = {offset:.4}")))
+            Err(Trouble::new(line, name, problem, format!("write scale = {scale}, offset = {offset}")))
         }
         Agreement::NoneOfIt => {
             let problem = format!("is in {unit}, which is no unit of {quantity}");
@@ -252,9 +294,9 @@ fn records(
     }
     let (data, short): (Vec<Row>, Vec<Row>) = data.into_iter().partition(|row| row.cells.len() >= width);
     if let Some(first) = short.first() {
+        let lines = counted(short.len(), "line");
         remarks.push(format!(
-            "{} lines with fewer cells than the header are left out, line {} first",
-            short.len(),
+            "left out for fewer cells than the header has: {lines}, line {} first",
             first.line
         ));
     }
@@ -264,7 +306,10 @@ fn records(
             let unit = row.cells.get(column.field - 1).map(|u| u.trim_matches(['[', ']', '(', ')']));
             let unit = unit.unwrap_or_default();
             if !agree(named, unit, row.line)? {
-                remarks.push(format!("nobody knows the unit {unit} of {}: the mapping's counts", named.quantity.name()));
+                remarks.push(format!(
+                    "nobody knows the unit {unit} of {}: the mapping's counts",
+                    named.quantity.name()
+                ));
             }
         }
         remarks.push(format!("line {} is a row of units", row.line));

@@ -93,7 +93,9 @@ pub(super) fn agreement(quantity: Quantity, unit: &str, scale: f64, offset: f64)
     match known.iter().find(|(_, dimension, ..)| *dimension == wanted) {
         None if known.is_empty() => Agreement::Unknown,
         None => Agreement::NoneOfIt,
-        Some((_, _, s, o)) if (scale / s - 1.0).abs() < SAME && (offset - o).abs() < SAME_OFFSET => Agreement::Same,
+        Some((_, _, s, o)) if (scale / s - 1.0).abs() < SAME && (offset - o).abs() < SAME_OFFSET => {
+            Agreement::Same
+        }
         Some((_, _, s, o)) => Agreement::Other(*s, *o),
     }
 }
@@ -120,6 +122,9 @@ mod tests {
         assert_eq!((of("furlong", 1.0), of("-", 1.0)), (Agreement::Unknown, Agreement::Same));
         let kelvin = agreement(Quantity::StaticTemperatureC, "K", 1.0, 0.0);
         assert_eq!(kelvin, Agreement::Other(1.0, -273.15));
-        assert_eq!((in_name("ALT [ft]"), in_name("SAT (degC) x"), in_name("MACH")), (Some("ft"), Some("degC"), None));
+        assert_eq!(
+            (in_name("ALT [ft]"), in_name("SAT (degC) x"), in_name("MACH")),
+            (Some("ft"), Some("degC"), None)
+        );
     }
 }

@@ -159,7 +159,8 @@ enum Asked {
 
 fn parse(range: &str, length: u64) -> Asked {
     let set = range.split_once('=').filter(|(unit, _)| unit.trim().eq_ignore_ascii_case("bytes"));
-    let mut ranges = set.map_or("", |(_, set)| set).split(',').map(str::trim).filter(|range| !range.is_empty());
+    let mut ranges =
+        set.map_or("", |(_, set)| set).split(',').map(str::trim).filter(|range| !range.is_empty());
     let one = ranges.next().filter(|_| ranges.next().is_none());
     one.and_then(|range| part(range, length)).unwrap_or(Asked::Whole)
 }

@@ -80,7 +80,11 @@ fn target(tree: &Node) -> Result<Table, Trouble> {
         let (node, number) = (need(key)?, need(key)?.number(key)?);
         let whole = number >= 0.0 && number.fract() == 0.0 && number <= MOST as f64;
         let mend = "give a whole number of tags, or of inner corners";
-        if whole { Ok(number as usize) } else { Err(Trouble::new(node.line, key, format!("is {number}"), mend)) }
+        if whole {
+            Ok(number as usize)
+        } else {
+            Err(Trouble::new(node.line, key, format!("is {number}"), mend))
+        }
     };
     let kind = need("target_type")?;
     match kind.text().unwrap_or("a list") {

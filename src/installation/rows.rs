@@ -82,11 +82,10 @@ pub fn rows(text: &str, separator: char) -> Result<Vec<Row>, RowsError> {
         let own = raw.trim_start_matches(['\r', '\n']);
         let line = begin.line() + raw[..raw.len() - own.len()].matches('\n').count() as u64;
         let own = own.trim_end_matches(['\r', '\n']);
-        if own.contains('\n') && own.matches('"').count() % 2 == 1 {
-            return Err(RowsError::OpenQuote { line });
-        }
-        if !quotes_hold_fields(own, separator) {
-            return Err(RowsError::AfterQuote { line });
+        match quotes(own, separator) {
+            Quotes::Sound => {}
+            Quotes::Open => return Err(RowsError::OpenQuote { line }),
+            Quotes::Followed => return Err(RowsError::AfterQuote { line }),
         }
         let cells = record.iter().map(|cell| cell.trim().to_owned()).collect();
         let row = Row { line, text: own.to_owned(), cells };
@@ -96,21 +95,30 @@ pub fn rows(text: &str, separator: char) -> Result<Vec<Row>, RowsError> {
     }
 }
 
-/// Whether every quoted field ends with its quote: what a reader makes of `"1"2` is its own invention.
-fn quotes_hold_fields(record: &str, separator: char) -> bool {
+/// How the quotes of a record stand.
+enum Quotes {
+    /// Every quoted field ends with its quote.
+    Sound,
+    /// One does not end.
+    Open,
+    /// Something follows on one: what a reader makes of `"1"2` is its own invention.
+    Followed,
+}
+
+fn quotes(record: &str, separator: char) -> Quotes {
     let (mut quoted, mut begins) = (false, true);
     let mut signs = record.chars().peekable();
     while let Some(sign) = signs.next() {
         match (sign, quoted) {
             ('"', true) if signs.peek() == Some(&'"') => drop(signs.next()),
-            ('"', true) if signs.peek().is_some_and(|next| *next != separator && *next != '\r') => return false,
+            ('"', true) if signs.peek().is_some_and(|next| *next != separator) => return Quotes::Followed,
             ('"', true) => quoted = false,
             ('"', false) => quoted = begins,
             _ => {}
         }
         begins = !quoted && sign == separator;
     }
-    true
+    if quoted { Quotes::Open } else { Quotes::Sound }
 }
 
 /// The separator that a first line `sep=;` names, as spreadsheets write it.
@@ -175,7 +183,12 @@ fn places<const N: usize>(
     let place = format!("line {}", header.line);
     if let Some(separator) = foreign_separator(&header.cells) {
         let problem = format!("is separated by {separator}");
-        reader.fault(file, &place, problem, "save it with commas between the columns and points in the numbers");
+        reader.fault(
+            file,
+            &place,
+            problem,
+            "save it with commas between the columns and points in the numbers",
+        );
         return None;
     }
     let cells = &header.cells;
@@ -184,8 +197,12 @@ fn places<const N: usize>(
     for name in columns.iter().filter(|name| cells.iter().filter(|h| h == *name).count() > 1) {
         reader.fault(file, &format!("column {name}"), "stands twice", "keep the one that holds");
     }
-    let missing: Vec<&str> =
-        columns.iter().zip(&index).filter(|(n, k)| k.is_none() && needed.contains(n)).map(|(n, _)| *n).collect();
+    let missing: Vec<&str> = columns
+        .iter()
+        .zip(&index)
+        .filter(|(n, k)| k.is_none() && needed.contains(n))
+        .map(|(n, _)| *n)
+        .collect();
     let otherwise = |name: &str| cells.iter().any(|h| h.eq_ignore_ascii_case(name) && h != name);
     let mend = format!("the header must hold {}", needed.join(","));
     if !missing.is_empty() && missing.iter().all(|name| otherwise(name)) {

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use image::ImageFormat;
+
 use crate::camera::Format;
 use crate::measure::raster::Raster;
 use crate::measure::samples;
@@ -97,8 +99,13 @@ fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) ->
     if bytes[zeros..].starts_with(&JPEG_START) {
         return jpeg_luma(&bytes[zeros..], wanted);
     }
+    // Such files may hold a preview as JPEG.
+    if bytes.get(4..8) == Some(b"ftyp") {
+        return Err(DecodeError::Picture("it is HEIC, AVIF, CR3 or a film".into()));
+    }
     match (image::guess_format(bytes), memchr::memmem::find(bytes, &JPEG_START)) {
-        (Ok(_), _) => picture(bytes),
+        (Ok(ImageFormat::Png | ImageFormat::Pnm | ImageFormat::Tiff), _) => picture(bytes),
+        (Ok(other), _) => Err(DecodeError::Picture(format!("it is of the kind {other:?}"))),
         (Err(_), Some(before)) => Err(DecodeError::Before(before)),
         (Err(_), None) => Err(DecodeError::Picture("it is no picture file that is known".into())),
     }
@@ -116,7 +123,9 @@ fn jpeg_luma(bytes: &[u8], wanted: Option<&Wanted>) -> Result<Raster, DecodeErro
 
 fn picture(bytes: &[u8]) -> Result<Raster, DecodeError> {
     if is_preview(bytes) {
-        return Err(DecodeError::Picture("it is a camera's raw file, of which only a preview could be read".into()));
+        return Err(DecodeError::Picture(
+            "it is a camera's raw file, of which only a preview could be read".into(),
+        ));
     }
     let reader = image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format();
     let mut reader = reader.map_err(|e| DecodeError::Picture(e.to_string()))?;

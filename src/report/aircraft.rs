@@ -61,7 +61,9 @@ pub fn sources(
         if let Ok(Withdrawal { withdraws, at }) = serde_json::from_value(head.source.clone()) {
             match found.iter_mut().find(|source| source.number == withdraws) {
                 Some(source) => source.withdrawn = source.withdrawn.or(Some(at)),
-                None => notes.push(format!("{}: source {withdraws}, which was withdrawn, is not here", flight.id)),
+                None => {
+                    notes.push(format!("{}: source {withdraws}, which was withdrawn, is not here", flight.id))
+                }
             }
             goes_on = false;
             continue;

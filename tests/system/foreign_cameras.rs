@@ -58,7 +58,10 @@ fn one_of_several_cameras_is_read_by_its_name() {
     let out = directory.path().join("camera.toml").to_string_lossy().into_owned();
     let file = fixture("cameras/stereo-camchain.yaml").to_string_lossy().into_owned();
     let (status, said) = outcome(&["convert", "--camera", "cam0", &file, &out]);
-    assert!(status == Some(0) && said.contains("cam0, pinhole, radtan") && said.contains("fx 1210.5"), "{said}");
+    assert!(
+        status == Some(0) && said.contains("cam0, pinhole, radtan") && said.contains("fx 1210.5"),
+        "{said}"
+    );
     let (status, said) = outcome(&["convert", "--camera", "cam7", &file, &out]);
     assert!(status == Some(78) && said.contains("its cameras are cam0, cam1"), "{said}");
     let (status, said) = outcome(&["convert", "--camera", "cam0", &out, &out]);
@@ -74,7 +77,12 @@ fn read(directory: &Path, name: &str, text: &str) -> Result<ReadCamera, String> 
     let file = directory.join(name);
     std::fs::write(&file, text).unwrap();
     read_exchange(&file, None, None).map_err(|faults| {
-        faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n").replace(&file.display().to_string(), "")
+        faults
+            .iter()
+            .map(ToString::to_string)
+            .collect::<Vec<_>>()
+            .join("\n")
+            .replace(&file.display().to_string(), "")
     })
 }
 
@@ -148,7 +156,8 @@ fn models_and_elements_that_are_not_ours_are_named() {
         let refused = read(directory.path(), "x_camera_info.yaml", &text).unwrap_err();
         assert!(refused.contains(words), "{words}: {refused}");
     }
-    let whole = read(directory.path(), "x_camera_info.yaml", &ros("rational_polynomial", good, &zero)).unwrap();
+    let whole =
+        read(directory.path(), "x_camera_info.yaml", &ros("rational_polynomial", good, &zero)).unwrap();
     assert_eq!(whole.lens, lens(), "terms of 0 are no other model");
     let aliased = ros("plumb_bob", "*m", brown).replace("[*m]", "*m") + "";
     let anchored = format!("x: &m [{good}]\n{aliased}");
@@ -176,9 +185,13 @@ fn every_kalibr_and_mrcal_model_that_is_not_ours_is_named() {
         let refused = read(directory.path(), "camchain.yaml", &kalibr(projection, distortion)).unwrap_err();
         assert!(refused.contains("another lens model"), "{refused}");
     }
-    for model in
-        ["CAHVOR", "CAHVORE_linearity=0.37", "STEREOGRAPHIC", "LONLAT", "SPLINED_STEREOGRAPHIC_order=3_Nx=30_Ny=18_fov_x_deg=150"]
-    {
+    for model in [
+        "CAHVOR",
+        "CAHVORE_linearity=0.37",
+        "STEREOGRAPHIC",
+        "LONLAT",
+        "SPLINED_STEREOGRAPHIC_order=3_Nx=30_Ny=18_fov_x_deg=150",
+    ] {
         let text = format!(
             "{{'lensmodel': 'LENSMODEL_{model}', 'intrinsics': [2410.5, 2409.8, 955, 610, 0, 0, 0, 0], 'imagersize': [1920, 1200]}}"
         );

@@ -65,7 +65,11 @@ fn every_table_that_can_be_read_is_read() {
         let dir = tempfile::tempdir().unwrap();
         let store = store(dir.path());
         let (status, answer, said) = take(&store, &table(name), &table(mapping));
-        assert_eq!((status, &answer["read"], &answer["lines"]), (Some(0), &120.into(), &120.into()), "{name}: {said}");
+        assert_eq!(
+            (status, &answer["read"], &answer["lines"]),
+            (Some(0), &120.into(), &120.into()),
+            "{name}: {said}"
+        );
         assert_eq!((frames(&answer, "mach"), frames(&answer, "pressure_altitude_m")), (2, 2), "{name}");
         assert_eq!(joined(&store, "mach"), Some((0.78, 1)), "{name}");
         let altitude = joined(&store, "pressure_altitude_m").unwrap().0;
@@ -127,7 +131,11 @@ fn iwg1_is_read_without_a_header_and_glued_records_are_named() {
     let store = store(dir.path());
     for name in ["n-iwg1-noheader.txt", "o-iwg1-glued.txt"] {
         let (status, answer, said) = take(&store, &table(name), &table("iwg1.toml"));
-        assert_eq!((status, &answer["read"], frames(&answer, "mach")), (Some(0), &120.into(), 2), "{name}: {said}");
+        assert_eq!(
+            (status, &answer["read"], frames(&answer, "mach")),
+            (Some(0), &120.into(), 2),
+            "{name}: {said}"
+        );
         assert_eq!(said.contains("60 lines hold several records"), name.starts_with('o'), "{said}");
         assert!((joined(&store, "pressure_altitude_m").unwrap().0 - 10_668.0).abs() < 1e-6);
     }
@@ -146,7 +154,10 @@ fn a_comma_within_quotes_shifts_no_column() {
     std::fs::write(&file, text).unwrap();
     let (status, answer, said) = take(&store, &file.to_string_lossy(), &table("map-wf.toml"));
     assert!(status == Some(0) && frames(&answer, "weight_kg") > 0, "{said}");
-    assert_eq!((joined(&store, "weight_kg"), joined(&store, "fuel_kg")), (Some((71_500.0, 1)), Some((12_000.0, 1))));
+    assert_eq!(
+        (joined(&store, "weight_kg"), joined(&store, "fuel_kg")),
+        (Some((71_500.0, 1)), Some((12_000.0, 1)))
+    );
     std::fs::write(&file, text.replace('"', "")).unwrap();
     let (status, _, said) = take(&store, &file.to_string_lossy(), &table("map-wf.toml"));
     assert!(status == Some(78) && said.contains("line 2: has 5 cells under a header of 4"), "{said}");
@@ -165,7 +176,8 @@ fn a_corrected_table_counts_more_quantities_join_and_a_source_can_be_withdrawn()
     assert_eq!(take(&store, &plain, &table("map.toml")).0, Some(0));
     assert_eq!((altitude(), joined(&store, "mach")), (Some((10_668.0, 3)), Some((0.78, 3))));
 
-    let withdraw = |source: &str| outcome(&["aircraft-data", &store, "--flight", "f0001", "--withdraw", source]);
+    let withdraw =
+        |source: &str| outcome(&["aircraft-data", &store, "--flight", "f0001", "--withdraw", source]);
     for source in ["3", "2"] {
         let (status, said) = withdraw(source);
         assert!(status == Some(0) && said.contains("does not count any more"), "{said}");
@@ -175,7 +187,10 @@ fn a_corrected_table_counts_more_quantities_join_and_a_source_can_be_withdrawn()
     let list = stdout(&["aircraft-data", &store, "--flight", "f0001", "--list", "--json"]);
     let list: Value = serde_json::from_str(&list).unwrap();
     let of = |k: usize| &list["sources"][k];
-    assert_eq!((&of(0)["name"], &of(0)["lines"], &of(0)["withdrawn"]), (&"a-plain.csv".into(), &120.into(), &Value::Null));
+    assert_eq!(
+        (&of(0)["name"], &of(0)["lines"], &of(0)["withdrawn"]),
+        (&"a-plain.csv".into(), &120.into(), &Value::Null)
+    );
     assert!(of(1)["withdrawn"].is_string() && of(2)["quantities"].as_array().unwrap().is_empty(), "{list}");
 
     // Evidence: every file is in the chain, a changed withdrawal is found, and a copy has it all.
@@ -213,8 +228,16 @@ fn units_and_headers_that_are_not_the_mappings_are_named() {
         (format!("utc,ALT\n{row}"), map.to_owned(), "no line holds the column UTC"),
         (format!("UTC;ALT\n{row}"), format!("separator = ','\n{map}"), "separated by ';', not by ','"),
         (format!("UTC,ALT\n\"{row}"), map.to_owned(), "a quote is not closed"),
-        (format!("UTC,ALT\n{row}"), format!("{map}[[column]]\nname='x'\nquantity='pressure_altitude_m'\n"), "twice"),
-        (format!("UTC,ALT\n{row}"), map.replace("'UTC'", "'UTC'\ntime_format = 'seconds_of_day'"), "date: is missing"),
+        (
+            format!("UTC,ALT\n{row}"),
+            format!("{map}[[column]]\nname='x'\nquantity='pressure_altitude_m'\n"),
+            "twice",
+        ),
+        (
+            format!("UTC,ALT\n{row}"),
+            map.replace("'UTC'", "'UTC'\ntime_format = 'seconds_of_day'"),
+            "date: is missing",
+        ),
         (format!("UTC,ALT\n{row}"), map.replace("'UTC'", "'UTC'\ndate = 'June'"), "is no date"),
         (format!("UTC,ALT\n{row}"), map.replace("time = 'UTC'", "format = 'iwg1'"), "column.field"),
     ] {
@@ -232,6 +255,61 @@ fn units_and_headers_that_are_not_the_mappings_are_named() {
     // One quantity of two that reaches no frame is exit 1, and the other is kept.
     let two = format!("{map}[[column]]\nname = 'M'\nquantity = 'mach'\n");
     let (status, answer, said) = attempt("UTC,ALT,M\n2026-06-01T08:00:00Z,10668,NCD\n", &two);
-    assert!(status == Some(1) && said.contains("texts for numbers (NCD)") && answer["source"].is_u64(), "{said}");
+    assert!(
+        status == Some(1) && said.contains("texts for numbers (NCD)") && answer["source"].is_u64(),
+        "{said}"
+    );
 }
 
+/// An installation with another text for its survey.
+fn checked(survey: &str) -> (Option<i32>, String) {
+    let dir = tempfile::tempdir().unwrap();
+    for name in ["camera.toml", "installation.toml"] {
+        std::fs::copy(fixture("dev/installation").join(name), dir.path().join(name)).unwrap();
+    }
+    std::fs::write(dir.path().join("survey.csv"), survey).unwrap();
+    outcome(&["check", "--installation", &dir.path().to_string_lossy()])
+}
+
+#[test]
+fn one_cause_in_a_survey_is_one_fault() {
+    let sound = std::fs::read_to_string(fixture("dev/installation/survey.csv")).unwrap();
+    let (header, rows) = sound.split_once('\n').unwrap();
+    let decimal = rows.replacen("38.6089", "38,6089", 1);
+    for (survey, words) in [
+        (format!("sep=,\n{sound}"), "line 1: is a spreadsheet's separator line"),
+        (format!("{}\n{rows}", header.to_uppercase()), "write it in small letters: id,shape"),
+        (format!("a,b,c\n{rows}"), "line 1: is no header with id, shape"),
+        (sound.replace(',', ";"), "is separated by semicolons"),
+        (format!("{header}\n{decimal}"), "line 2: has 8 cells under a header of 7"),
+        (format!("{header},x_m\n{rows}"), "column x_m: stands twice"),
+        (format!("{header}\n\"{rows}"), "line 2: a quote is not closed"),
+    ] {
+        let (status, said) = checked(&survey);
+        assert!(
+            status == Some(78) && said.contains(words) && said.contains("1 fault to mend"),
+            "{words}: {said}"
+        );
+    }
+    let quoted = format!(
+        "{header},note\n{}",
+        rows.lines().map(|l| format!("{l},\"near, the rib\"\n")).collect::<String>()
+    );
+    assert_eq!(checked(&quoted).0, checked(&sound).0);
+}
+
+#[test]
+fn slips_of_the_pen_in_toml_are_named_with_the_mend() {
+    let dir = tempfile::tempdir().unwrap();
+    let main = dir.path().join("installation.toml");
+    let sound = std::fs::read_to_string(fixture("dev/installation/installation.toml")).unwrap();
+    let survey = sound.lines().find(|line| line.starts_with("survey")).unwrap();
+    for (line, words) in [
+        ("survey = \"C:\\wing\\survey.csv\"", "single quotes"),
+        ("survey = 2026-06-01", "is a date where a text or a number must be"),
+    ] {
+        std::fs::write(&main, sound.replace(survey, line)).unwrap();
+        let (status, said) = outcome(&["check", "--installation", &dir.path().to_string_lossy()]);
+        assert!(status == Some(78) && said.contains(words), "{words}: {said}");
+    }
+}

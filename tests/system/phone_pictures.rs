@@ -35,7 +35,10 @@ fn slope(shift: u32) -> ImageBuffer<Luma<u16>, Vec<u16>> {
 fn an_orientation_tag_turns_nothing_and_what_follows_a_picture_is_not_read() {
     let plain = decode(&jpeg(), None).unwrap();
     for orientation in 1..=8 {
-        assert!(decode(&with_orientation(orientation), None).unwrap().luma() == plain.luma(), "{orientation}");
+        assert!(
+            decode(&with_orientation(orientation), None).unwrap().luma() == plain.luma(),
+            "{orientation}"
+        );
     }
     let other = std::fs::read(fixture("dev/frames/ground.jpg")).unwrap();
     for behind in [&other[..], b"\0\0\0\x18ftypmp42 a film"] {
@@ -91,8 +94,16 @@ fn what_is_not_read_is_named_by_detect_and_calibrate() {
     let path = |file: &Path| file.to_string_lossy().into_owned();
     for (name, bytes, words) in [
         ("a.dng", raw_file(), "raw file"),
-        ("a.heic", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic, then a picture".to_vec(), "use JPEG, PNG, PNM or TIFF"),
-        ("a.webp", b"RIFF\x24\0\0\0WEBPVP8 and so on, not to be decoded".to_vec(), "use JPEG, PNG, PNM or TIFF"),
+        (
+            "a.heic",
+            b"\0\0\0\x18ftypheic\0\0\0\0mif1heic, then a picture".to_vec(),
+            "use JPEG, PNG, PNM or TIFF",
+        ),
+        (
+            "a.webp",
+            b"RIFF\x24\0\0\0WEBPVP8 and so on, not to be decoded".to_vec(),
+            "use JPEG, PNG, PNM or TIFF",
+        ),
         ("ten.png", png(slope(6)), "16 bits, of which 10 are used"),
     ] {
         let file = folder.path().join(name);
@@ -100,7 +111,23 @@ fn what_is_not_read_is_named_by_detect_and_calibrate() {
         let (status, said) = outcome(&["detect", "--json", &path(&file)]);
         assert!(status == Some(1) && said.contains(words), "{name}: {said}");
         let out = path(&folder.path().join("camera.toml"));
-        let (status, said) = outcome(&["calibrate", "--board", &path(&board), "--output", &out, &path(&file)]);
+        let (status, said) =
+            outcome(&["calibrate", "--board", &path(&board), "--output", &out, &path(&file)]);
         assert!(status == Some(1) && said.contains(words) && said.contains(name), "{name}: {said}");
     }
+}
+
+#[test]
+fn names_that_are_no_utf8_stay_told_apart() {
+    use std::os::unix::ffi::OsStrExt;
+    let folder = tempfile::tempdir().unwrap();
+    let names = [b"fl\xfcgel.jpg".as_slice(), b"fl\xe4gel.jpg"].map(std::ffi::OsStr::from_bytes);
+    let files = names.map(|name| folder.path().join(name));
+    files.iter().for_each(|file| std::fs::write(file, jpeg()).unwrap());
+    let mut detect = std::process::Command::new(env!("CARGO_BIN_EXE_wingd"));
+    let done = detect.args(["detect", "--json"]).args(&files).output().unwrap();
+    let said = String::from_utf8(done.stdout).unwrap();
+    let images =
+        said.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["image"].clone());
+    assert_eq!(images.collect::<Vec<_>>(), ["fl\\xfcgel.jpg", "fl\\xe4gel.jpg"]);
 }

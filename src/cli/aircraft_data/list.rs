@@ -12,7 +12,10 @@ use crate::report::aircraft::{self, Source};
 use crate::store::{FlightRef, RealDisk};
 
 /// Frames at which each source counts, by its number and the quantity.
-pub(super) fn counts(track: &Track, frames: &[(Stamp, Option<Exposure>)]) -> BTreeMap<(usize, Quantity), usize> {
+pub(super) fn counts(
+    track: &Track,
+    frames: &[(Stamp, Option<Exposure>)],
+) -> BTreeMap<(usize, Quantity), usize> {
     let mut counts = BTreeMap::new();
     for (stamp, exposure) in frames {
         for (quantity, joined) in track.at(stamp, exposure.as_ref()) {
@@ -30,7 +33,11 @@ pub(super) fn run(args: &Args, flight: &FlightRef) -> Result<Done, Failure> {
     let frames = aircraft::frames(disk, flight).map_err(undone)?;
     let counts = counts(&track, &frames);
     let of = |source: &Source| -> Vec<(Quantity, usize)> {
-        counts.iter().filter(|((n, _), _)| *n == source.number).map(|((_, q), frames)| (*q, *frames)).collect()
+        counts
+            .iter()
+            .filter(|((n, _), _)| *n == source.number)
+            .map(|((_, q), frames)| (*q, *frames))
+            .collect()
     };
     if args.json {
         let one = |source: &Source| {
@@ -49,7 +56,8 @@ pub(super) fn run(args: &Args, flight: &FlightRef) -> Result<Done, Failure> {
     }
     print(&format!("{}: {} frames, {} sources of aircraft data", flight.id, frames.len(), sources.len()))?;
     for source in &sources {
-        let counts: Vec<String> = of(source).iter().map(|(q, n)| format!("{} {n} frames", q.name())).collect();
+        let counts: Vec<String> =
+            of(source).iter().map(|(q, n)| format!("{} {n} frames", q.name())).collect();
         let said = match (source.withdrawn, counts.is_empty()) {
             (Some(at), _) => format!("withdrawn {at:.0}"),
             (None, true) => "counts at no frame".to_owned(),

@@ -44,7 +44,8 @@ fn undone(error: StoreError) -> Failure {
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let found = flights(&RealDisk, &args.store, Some(&args.flight))?;
-    let flight = found.first().ok_or_else(|| Failure::Undone(format!("there is no flight {}", args.flight)))?;
+    let flight =
+        found.first().ok_or_else(|| Failure::Undone(format!("there is no flight {}", args.flight)))?;
     match (args.withdraw, &args.table, &args.mapping) {
         (Some(source), ..) => withdraw(args, flight, source),
         (None, Some(table), Some(mapping)) if !args.list => take::run(args, flight, table, mapping),

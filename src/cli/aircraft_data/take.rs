@@ -99,7 +99,8 @@ impl<'a> Answer<'a> {
         let (Some(first), Some(last)) = (frames_s.first(), frames_s.last()) else {
             return Some("no frame of the flight has a UTC: neither clock nor feed tells it".into());
         };
-        let mut why_none = self.contents.tallies.iter().filter_map(aircraft::Tally::why_none).collect::<Vec<_>>();
+        let mut why_none =
+            self.contents.tallies.iter().filter_map(aircraft::Tally::why_none).collect::<Vec<_>>();
         let values = self.contents.tallies.iter().any(|tally| tally.values > 0);
         if let Some(cause) = self.other_times(mapping, (*first, *last)) {
             why_none.insert(0, cause);
@@ -112,12 +113,14 @@ impl<'a> Answer<'a> {
     /// Times in another way of writing than the mapping says.
     fn other_times(&self, mapping: &Mapping, frames: (f64, f64)) -> Option<String> {
         let field = self.table.layout.time_field - 1;
-        let fields = |(_, line): &(u64, String)| self.table.layout.fields(line).get(field).cloned();
+        let fields =
+            |(_, line): &(u64, String)| self.table.layout.fields(line).get(field).map(ToString::to_string);
         let tags: Vec<String> = self.table.lines.iter().filter_map(fields).collect();
         let tags: Vec<&str> = tags.iter().map(String::as_str).collect();
         let likeliest = aircraft::likeliest(&tags, mapping.time_format, frames)?;
         let day = aircraft::shown(frames.0).chars().take(10).collect::<String>();
-        let date = if likeliest == TimeFormat::SecondsOfDay { format!(", date = \"{day}\"") } else { String::new() };
+        let date =
+            if likeliest == TimeFormat::SecondsOfDay { format!(", date = \"{day}\"") } else { String::new() };
         Some(format!(
             "its times are {} ({}), not {}; write time_format = \"{}\"{date} in the mapping",
             likeliest.words(),
@@ -158,7 +161,11 @@ impl<'a> Answer<'a> {
         let stated = |q: Quantity| mapping.column.iter().any(|c| c.quantity == q);
         let wanted = |(q, frames): &&(Quantity, usize)| *frames > 0 || stated(*q);
         let reached: Vec<_> = self.reached.iter().filter(wanted).copied().collect();
-        print(&if self.args.json { self.json(&reached, cause.as_deref()) } else { self.text(&reached, cause.is_none()) })?;
+        print(&if self.args.json {
+            self.json(&reached, cause.as_deref())
+        } else {
+            self.text(&reached, cause.is_none())
+        })?;
         self.table.remarks.iter().for_each(|remark| eprintln!("wingd: {remark}"));
         if let Some((line, tag)) = self.contents.unread.first() {
             let count = self.contents.unread.len();
@@ -168,7 +175,10 @@ impl<'a> Answer<'a> {
             eprintln!("wingd: its seconds of the day begin anew: give a table, with its date, for each day");
         }
         if let Some(cause) = cause {
-            return Err(Failure::Undone(format!("no frame of {} gets a value, nothing is kept: {cause}", self.flight.id)));
+            return Err(Failure::Undone(format!(
+                "no frame of {} gets a value, nothing is kept: {cause}",
+                self.flight.id
+            )));
         }
         for tally in self.contents.tallies.iter().filter(|tally| stated(tally.quantity)) {
             tally.why_none().iter().for_each(|why| eprintln!("wingd: {why}"));
@@ -213,7 +223,8 @@ impl<'a> Answer<'a> {
         let id = &self.flight.id;
         let as_source = if kept { format!("kept as source {}", self.source) } else { "not kept".into() };
         let (lines, read) = (self.table.lines.len(), self.contents.times_s.len());
-        let mut text = format!("{id}: {lines} lines {as_source}, {read} with a time, {} repeated", self.repeated);
+        let mut text =
+            format!("{id}: {lines} lines {as_source}, {read} with a time, {} repeated", self.repeated);
         for (quantity, frames) in reached {
             let tally = self.contents.tallies.iter().rfind(|tally| tally.quantity == *quantity);
             let values = tally.map_or(0, |t| t.values);

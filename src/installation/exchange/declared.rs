@@ -50,7 +50,11 @@ pub(super) fn foreign(node: &Node, key: &str, name: &str) -> Trouble {
 ///
 /// # Errors
 /// The first key with another model, by its name.
-pub(super) fn check(map: &Node, known: &[&str], beside: &[&str]) -> Result<(Vec<String>, Vec<String>), Trouble> {
+pub(super) fn check(
+    map: &Node,
+    known: &[&str],
+    beside: &[&str],
+) -> Result<(Vec<String>, Vec<String>), Trouble> {
     let (mut left, mut remarks) = (vec![], vec![]);
     for entry in map.entries() {
         let key = entry.key.to_ascii_lowercase();
@@ -68,7 +72,8 @@ pub(super) fn check(map: &Node, known: &[&str], beside: &[&str]) -> Result<(Vec<
         if is(beside) || (declares && none) {
             left.push(entry.key.clone());
         } else {
-            remarks.push(format!("line {}: the key {} is not known and not read", entry.node.line, entry.key));
+            remarks
+                .push(format!("line {}: the key {} is not known and not read", entry.node.line, entry.key));
         }
     }
     Ok((left, remarks))

@@ -78,7 +78,12 @@ impl Interior {
         let ([fx, fy, cx, cy], [width, height]) = (self.core, self.size);
         if fx == 0.0 && fy == 0.0 {
             let problem = "holds zeros: this camera was never calibrated".to_owned();
-            return self.trouble(map, 1, problem, "calibrate it, or take the file that its calibration wrote");
+            return self.trouble(
+                map,
+                1,
+                problem,
+                "calibrate it, or take the file that its calibration wrote",
+            );
         }
         let sides = [fx, fy].map(|f| f / width.max(height));
         if sides.iter().any(|s| !(CONSTANT_SIDES[0]..=CONSTANT_SIDES[1]).contains(s)) {
@@ -86,7 +91,8 @@ impl Interior {
             return self.trouble(map, 1, problem, "give fx and fy in pixels, in their places");
         }
         if !(0.0..=width).contains(&cx) || !(0.0..=height).contains(&cy) {
-            let problem = format!("puts the principal point at ({cx}, {cy}) px, outside {width} x {height} px");
+            let problem =
+                format!("puts the principal point at ({cx}, {cy}) px, outside {width} x {height} px");
             return self.trouble(map, 1, problem, "give cx and cy in pixels, in their places");
         }
         Ok(())
@@ -120,7 +126,8 @@ impl Interior {
         let ([fx, fy, cx, cy], [width, height]) = (self.core, self.size);
         let sides = fx / width.max(height);
         if !(USUAL_SIDES[0]..=USUAL_SIDES[1]).contains(&sides) {
-            self.remarks.push(format!("the camera constant is {sides:.2} widths of the image; are all lengths px?"));
+            self.remarks
+                .push(format!("the camera constant is {sides:.2} widths of the image; are all lengths px?"));
         }
         if (fx / fy - 1.0).abs() > SQUARE {
             self.remarks.push(format!("fx and fy differ by {:.0} %", 100.0 * (fx / fy - 1.0).abs()));
@@ -131,11 +138,13 @@ impl Interior {
             ));
         }
         if lens.p1.abs().max(lens.p2.abs()) > TANGENTIAL {
-            self.remarks.push(format!("p1 = {} and p2 = {} are large: is the order k1 k2 p1 p2 k3?", lens.p1, lens.p2));
+            self.remarks.push(format!(
+                "p1 = {} and p2 = {} are large: is the order k1 k2 p1 p2 k3?",
+                lens.p1, lens.p2
+            ));
         }
     }
 }
 
 /// Mend of every model that is not ours.
-pub(super) const CALIBRATE: &str =
-    "calibrate with Brown's model or the rational one: OPENCV4, OPENCV5, OPENCV8, radtan, plumb_bob, rational_polynomial";
+pub(super) const CALIBRATE: &str = "calibrate with Brown's model or the rational one: OPENCV4, OPENCV5, OPENCV8, radtan, plumb_bob, rational_polynomial";

@@ -48,7 +48,12 @@ pub(super) fn read(map: &Node, of_ros: bool) -> Result<Interior, Trouble> {
     let terms = terms(map.need(TERMS, MEND)?)?;
     if model == "plumb_bob" && terms.len() > 5 {
         let problem = format!("are {} numbers, but {MODEL} is plumb_bob, which has 5", terms.len());
-        return Err(Trouble::new(map.need(TERMS, MEND)?.line, TERMS, problem, "name the model that was calibrated"));
+        return Err(Trouble::new(
+            map.need(TERMS, MEND)?.line,
+            TERMS,
+            problem,
+            "name the model that was calibrated",
+        ));
     }
     let keys = [SIZE[0], MATRIX, TERMS];
     Ok(Interior { size, core, terms, model, keys, remarks, left })
@@ -110,8 +115,10 @@ fn core(node: &Node) -> Result<[f64; 4], Trouble> {
         return fault("holds zeros: this camera was never calibrated".into(), mend);
     }
     if m[2] == 0.0 && m[5] == 0.0 && (m[6] != 0.0 || m[7] != 0.0) {
-        let problem =
-            format!("is transposed: row 3 begins with {} and {}, where cx and cy stand in column 3", m[6], m[7]);
+        let problem = format!(
+            "is transposed: row 3 begins with {} and {}, where cx and cy stand in column 3",
+            m[6], m[7]
+        );
         return fault(problem, "give its rows: fx 0 cx, 0 fy cy, 0 0 1");
     }
     if m[1] != 0.0 {

@@ -54,7 +54,14 @@ fn own(reader: &mut Reader, name: &str, chosen: Option<&str>) -> Option<ReadCame
     }
     let model = if lens.denominator == [0.0; 3] { "Brown's" } else { "rational" };
     let left = covariance.map(|_| "covariance".to_owned()).into_iter().collect();
-    Some(ReadCamera { lens, format: CameraFormat::Wingd, name: None, model: model.into(), remarks: vec![], left })
+    Some(ReadCamera {
+        lens,
+        format: CameraFormat::Wingd,
+        name: None,
+        model: model.into(),
+        remarks: vec![],
+        left,
+    })
 }
 
 fn foreign(
@@ -83,7 +90,12 @@ fn read(
     let tree = keyed::parse(text, syntax.unwrap_or_else(|| syntax_of(text, format)))?;
     let format = format.or_else(|| format::by_keys(&tree)).or(named).ok_or_else(|| {
         let problem = "holds no camera that is known";
-        Trouble::new(0, "", problem, "give OpenCV's, ROS's, Kalibr's or mrcal's file, or name its format with --from")
+        Trouble::new(
+            0,
+            "",
+            problem,
+            "give OpenCV's, ROS's, Kalibr's or mrcal's file, or name its format with --from",
+        )
     })?;
     let (name, map) = choose(&tree, format, camera)?;
     let mut interior = interior(map, format)?;
@@ -130,9 +142,12 @@ fn choose<'a>(
             Err(Trouble::new(0, "", problem, "leave --camera out"))
         }
         (false, None, [one]) => Ok((Some(one.key.clone()), &one.node)),
-        (false, None, []) => {
-            Err(Trouble::new(0, keys[0], "is missing", "export the calibration again, or name its format with --from"))
-        }
+        (false, None, []) => Err(Trouble::new(
+            0,
+            keys[0],
+            "is missing",
+            "export the calibration again, or name its format with --from",
+        )),
         (false, None, _) => {
             let problem = format!("holds {} cameras: {}", parts.len(), names.join(", "));
             Err(Trouble::new(0, "", problem, format!("say which: --camera {}", names[0])))

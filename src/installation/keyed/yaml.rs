@@ -15,7 +15,8 @@ pub(super) fn parse(text: &str) -> Result<Node, Trouble> {
     let mut builder = Builder::default();
     for event in Parser::new_from_str(&text) {
         let (event, span) = event.map_err(|error| {
-            let mend = "write it as YAML: keys in line, blanks instead of tabs, lists in brackets or with dashes";
+            let mend =
+                "write it as YAML: keys in line, blanks instead of tabs, lists in brackets or with dashes";
             Trouble::new(error.marker().line() as u64, "", format!("is no YAML ({})", error.info()), mend)
         })?;
         builder.take(event, span.start.line() as u64)?;

@@ -11,7 +11,11 @@
 //! which may make any number of another, a parameter that differs must stand in the text as a number more often
 //! than before the change. The usual run does some hundred of each format; `make test-mutations` 3,000.
 
+mod pieces;
+
 use std::path::Path;
+
+use self::pieces::{FORMATS, Format, Pieces, lens};
 
 use rand::prelude::*;
 use rand::rngs::StdRng;
@@ -21,149 +25,6 @@ use wingd::measure::geometry::Lens;
 /// Changes of each format in the usual run, and by `make test-mutations`.
 const USUAL: u64 = 400;
 const ALL: u64 = 3000;
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Format {
-    OpencvYaml,
-    OpencvXml,
-    Ros,
-    Kalibr,
-    Mrcal,
-}
-
-const FORMATS: [Format; 5] =
-    [Format::OpencvYaml, Format::OpencvXml, Format::Ros, Format::Kalibr, Format::Mrcal];
-
-/// A camera as named lists of numbers and texts: what a file of it holds.
-#[derive(Clone, Debug)]
-struct Pieces {
-    format: Format,
-    size: Vec<String>,
-    /// fx fy cx cy.
-    core: Vec<String>,
-    terms: Vec<String>,
-    /// The number of terms that the file states.
-    stated: usize,
-    model: String,
-    /// Of formats with a matrix: its nine elements in the file's order.
-    matrix: Option<Vec<String>>,
-}
-
-fn lens(format: Format) -> Lens {
-    let k3 = if format == Format::Kalibr { 0.0 } else { 0.0123 };
-    let pinhole = Lens::pinhole(1920, 1200, 2410.5, 955.25, 610.75);
-    Lens { fy: 2409.8, k1: -0.1123, k2: 0.0745, p1: 0.00031, p2: -0.00027, k3, ..pinhole }
-}
-
-impl Pieces {
-    fn new(format: Format) -> Self {
-        let l = lens(format);
-        let texts = |values: &[f64]| values.iter().map(|v| format!("{v:?}")).collect::<Vec<_>>();
-        let terms = [l.k1, l.k2, l.p1, l.p2, l.k3];
-        let terms = texts(if format == Format::Kalibr { &terms[..4] } else { &terms });
-        let model = match format {
-            Format::Ros => "plumb_bob",
-            Format::Kalibr => "radtan",
-            Format::Mrcal => "LENSMODEL_OPENCV5",
-            _ => "",
-        };
-        let matrix = matches!(format, Format::OpencvYaml | Format::OpencvXml | Format::Ros);
-        let matrix = matrix.then(|| texts(&[l.fx, 0.0, l.cx, 0.0, l.fy, l.cy, 0.0, 0.0, 1.0]));
-        let size = vec!["1920".to_owned(), "1200".to_owned()];
-        let core = texts(&[l.fx, l.fy, l.cx, l.cy]);
-        Self { format, size, core, stated: terms.len(), terms, model: model.into(), matrix }
-    }
-
-    fn name(&self) -> &'static str {
-        match self.format {
-            Format::OpencvYaml => "camera.yaml",
-            Format::OpencvXml => "camera.xml",
-            Format::Ros => "wing_camera_info.yaml",
-            Format::Kalibr => "wing-camchain.yaml",
-            Format::Mrcal => "wing.cameramodel",
-        }
-    }
-
-    /// The blocks of the file, each whole lines; their order has no meaning.
-    fn blocks(&self) -> Vec<String> {
-        let list = |values: &[String]| values.join(", ");
-        let matrix = self.matrix.clone().unwrap_or_default();
-        let (m, d, n) = (list(&matrix), list(&self.terms), self.stated);
-        let size = |k: usize| self.size.get(k).cloned().unwrap_or_default();
-        match self.format {
-            Format::OpencvYaml => vec![
-                format!("image_width: {}\n", size(0)),
-                format!("image_height: {}\n", size(1)),
-                format!("camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ {m} ]\n"),
-                format!("distortion_coefficients: !!opencv-matrix\n   rows: 1\n   cols: {n}\n   dt: d\n   data: [ {d} ]\n"),
-                "avg_reprojection_error: 0.21\n".into(),
-            ],
-            Format::Ros => vec![
-                format!("image_width: {}\n", size(0)),
-                format!("image_height: {}\n", size(1)),
-                "camera_name: wing\n".into(),
-                format!("camera_matrix:\n  rows: 3\n  cols: 3\n  data: [{m}]\n"),
-                format!("distortion_model: {}\n", self.model),
-                format!("distortion_coefficients:\n  rows: 1\n  cols: {n}\n  data: [{d}]\n"),
-                "rectification_matrix:\n  rows: 3\n  cols: 3\n  data: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n".into(),
-            ],
-            Format::OpencvXml => {
-                let words = |values: &[String]| values.join(" ");
-                let matrix = |name: &str, rows: usize, cols: usize, data: &str| {
-                    format!(
-                        "<{name} type_id=\"opencv-matrix\">\n  <rows>{rows}</rows>\n  <cols>{cols}</cols>\n  <dt>d</dt>\n  \
-                         <data>\n    {data}</data>\n</{name}>\n"
-                    )
-                };
-                vec![
-                    format!("<image_width>{}</image_width>\n", size(0)),
-                    format!("<image_height>{}</image_height>\n", size(1)),
-                    matrix("camera_matrix", 3, 3, &words(&self.matrix.clone().unwrap_or_default())),
-                    matrix("distortion_coefficients", 1, n, &words(&self.terms)),
-                ]
-            }
-            Format::Kalibr => vec![
-                "  camera_model: pinhole\n".into(),
-                format!("  intrinsics: [{}]\n", list(&self.core)),
-                format!("  distortion_model: {}\n", self.model),
-                format!("  distortion_coeffs: [{d}]\n"),
-                format!("  resolution: [{}]\n", list(&self.size)),
-                "  rostopic: /wing/image_raw\n".into(),
-            ],
-            Format::Mrcal => vec![
-                format!("    'lensmodel':  '{}',\n", self.model),
-                format!("    'intrinsics': [ {}, {d},],\n", list(&self.core)),
-                "    'extrinsics': [ 0, 0, 0, 0, 0, 0,],\n".into(),
-                format!("    'imagersize': [ {},],\n", list(&self.size)),
-            ],
-        }
-    }
-
-    fn framed(&self, blocks: &[String]) -> String {
-        let body = blocks.concat();
-        match self.format {
-            Format::OpencvYaml => format!("%YAML:1.0\n---\n{body}"),
-            Format::OpencvXml => format!("<?xml version=\"1.0\"?>\n<opencv_storage>\n{body}</opencv_storage>\n"),
-            Format::Ros => body,
-            Format::Kalibr => format!("cam0:\n{body}"),
-            Format::Mrcal => format!("{{\n{body}}}\n"),
-        }
-    }
-
-    fn text(&self) -> String {
-        self.framed(&self.blocks())
-    }
-
-    /// The matrix again where the core was changed.
-    fn with_core(mut self) -> Self {
-        if let Some(m) = &mut self.matrix {
-            for (at, k) in [(0, 0), (4, 1), (2, 2), (5, 3)] {
-                m[at] = self.core[k].clone();
-            }
-        }
-        self
-    }
-}
 
 /// What must come of a changed text.
 #[derive(Debug)]
@@ -252,11 +113,16 @@ fn layout(rng: &mut StdRng, pieces: &Pieces) -> String {
     let text = pieces.text();
     let xml = pieces.format == Format::OpencvXml;
     match rng.random_range(0..4) {
-        0 if !xml => text.lines().map(|l| if l.starts_with(['%', '-']) { format!("{l}\n") } else { format!("{l}  # x: 1\n") }).collect(),
+        0 if !xml => text
+            .lines()
+            .map(|l| if l.starts_with(['%', '-']) { format!("{l}\n") } else { format!("{l}  # x: 1\n") })
+            .collect(),
         1 if !xml => text.replace(", ", ",\n      "),
         2 if !xml => text.replace("[ ", "[").replace('[', "[   ").replace(", ", " , "),
         2 => text.replace(' ', "\n ").replace("<?xml\n ", "<?xml ").replace("\n type_id", " type_id"),
-        3 if pieces.format != Format::Mrcal && !xml => text.replace("image_width:", "\"image_width\":").replace("intrinsics:", "'intrinsics':"),
+        3 if pieces.format != Format::Mrcal && !xml => {
+            text.replace("image_width:", "\"image_width\":").replace("intrinsics:", "'intrinsics':")
+        }
         _ => text.replace('\n', "\n\n"),
     }
 }
@@ -264,8 +130,23 @@ fn layout(rng: &mut StdRng, pieces: &Pieces) -> String {
 /// A key with a letter more, less or other.
 fn renamed(rng: &mut StdRng, pieces: &Pieces) -> String {
     let keys = [
-        "image_width", "image_height", "camera_matrix", "distortion_model", "distortion_coefficients", "rows", "cols", "data",
-        "camera_model", "intrinsics", "distortion_coeffs", "resolution", "lensmodel", "imagersize", "cam0", "camera_name", "dt",
+        "image_width",
+        "image_height",
+        "camera_matrix",
+        "distortion_model",
+        "distortion_coefficients",
+        "rows",
+        "cols",
+        "data",
+        "camera_model",
+        "intrinsics",
+        "distortion_coeffs",
+        "resolution",
+        "lensmodel",
+        "imagersize",
+        "cam0",
+        "camera_name",
+        "dt",
     ];
     let text = pieces.text();
     let there: Vec<&str> = keys.into_iter().filter(|key| text.contains(key)).collect();
@@ -389,7 +270,11 @@ fn characters(rng: &mut StdRng, text: &str) -> String {
 fn values(lens: &Lens) -> Vec<f64> {
     let [k4, k5, k6] = lens.denominator;
     let size = [f64::from(lens.width), f64::from(lens.height)];
-    [&size[..], &[lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.p1, lens.p2, lens.k3, k4, k5, k6]].concat()
+    [
+        &size[..],
+        &[lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.p1, lens.p2, lens.k3, k4, k5, k6],
+    ]
+    .concat()
 }
 
 /// The numbers that stand in a text, as they are written.
