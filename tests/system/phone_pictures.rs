@@ -96,8 +96,8 @@ fn what_is_not_read_is_named_by_detect_and_calibrate() {
         ("a.dng", raw_file(), "raw file"),
         (
             "a.heic",
-            b"\0\0\0\x18ftypheic\0\0\0\0mif1heic, then a picture".to_vec(),
-            "use JPEG, PNG, PNM or TIFF",
+            b"\0\0\0\x18ftypheic\0\0\0\0mif1heic, then \xff\xd8\xff a preview".to_vec(),
+            "it is HEIC",
         ),
         (
             "a.webp",
