@@ -54,7 +54,7 @@ impl Table {
     /// Finds header and records of a table's text.
     ///
     /// # Errors
-    /// What is wrong with the table, or with the mapping about it, at its first place.
+    /// What is wrong with the table at its first place; a key without a line is one of the mapping.
     pub fn find(mapping: &Mapping, text: &str) -> Result<Self, Trouble> {
         match mapping.format {
             Kind::Iwg1 => {
@@ -171,7 +171,7 @@ fn found(mapping: &Mapping, text: &str) -> Result<(Parted, bool), Trouble> {
     }
     match (best, error) {
         (Some(best), _) => Ok((best, stated.is_some())),
-        (None, Some(error)) => Err(Trouble::new(0, "", error.to_string(), "correct the line")),
+        (None, Some(error)) => Err(Trouble::new(error.line(), "", error.to_string(), "correct the line")),
         (None, None) => Err(no_header(text, mapping.time.as_deref().unwrap_or_default(), stated)),
     }
 }
@@ -239,7 +239,7 @@ fn layout(mapping: &Mapping, header: &Row, separator: char) -> Result<Layout, Tr
             )),
             (None, _) => {
                 let mend = format!("its header has {}", header.cells.join(", "));
-                Err(Trouble::new(header.line, name, "is no column of the table", mend))
+                Err(Trouble::new(0, name, "is no column of the table", mend))
             }
         }
     };

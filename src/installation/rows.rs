@@ -32,13 +32,13 @@ impl Row {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RowsError {
     /// A field whose quotes do not end takes all lines after it in.
-    #[error("line {line}: a quote is not closed")]
+    #[error("a quote is not closed")]
     OpenQuote {
         /// Where the record begins.
         line: u64,
     },
     /// Something stands between a field's closing quote and the next separator.
-    #[error("line {line}: something follows on a closing quote")]
+    #[error("something follows on a closing quote")]
     AfterQuote {
         /// Where the record begins.
         line: u64,
@@ -47,13 +47,23 @@ pub enum RowsError {
     #[error("the separator {0:?} is no single byte")]
     Separator(char),
     /// A record that cannot be read.
-    #[error("line {line}: {problem}")]
+    #[error("{problem}")]
     Record {
         /// Where it begins.
         line: u64,
         /// What the parser says.
         problem: String,
     },
+}
+
+impl RowsError {
+    /// The line where the record begins; 0 where it is none.
+    pub fn line(&self) -> u64 {
+        match self {
+            Self::OpenQuote { line } | Self::AfterQuote { line } | Self::Record { line, .. } => *line,
+            Self::Separator(_) => 0,
+        }
+    }
 }
 
 /// The records of a text that are not blank.
@@ -147,7 +157,7 @@ pub(super) fn read<const N: usize>(
     let found = match rows(&text, ',') {
         Ok(found) => found,
         Err(error) => {
-            reader.fault(file, "file", error.to_string(), "correct the line");
+            reader.fault(file, &format!("line {}", error.line()), error.to_string(), "correct the line");
             return None;
         }
     };

@@ -129,14 +129,14 @@ fn times_and_commas_that_the_mapping_states_are_converted() {
 fn iwg1_is_read_without_a_header_and_glued_records_are_named() {
     let dir = tempfile::tempdir().unwrap();
     let store = store(dir.path());
-    for name in ["n-iwg1-noheader.txt", "o-iwg1-glued.txt"] {
+    for (name, records) in [("n-iwg1-noheader.txt", 120), ("o-iwg1-glued.txt", 119)] {
         let (status, answer, said) = take(&store, &table(name), &table("iwg1.toml"));
         assert_eq!(
             (status, &answer["read"], frames(&answer, "mach")),
-            (Some(0), &120.into(), 2),
+            (Some(0), &records.into(), 2),
             "{name}: {said}"
         );
-        assert_eq!(said.contains("60 lines hold several records"), name.starts_with('o'), "{said}");
+        assert_eq!(said.contains("59 lines hold several records"), name.starts_with('o'), "{said}");
         assert!((joined(&store, "pressure_altitude_m").unwrap().0 - 10_668.0).abs() < 1e-6);
     }
     let (status, _, said) = take(&store, &table("n-iwg1-noheader.txt"), &table("map-iwg1.toml"));
@@ -273,7 +273,7 @@ fn checked(survey: &str) -> (Option<i32>, String) {
 
 #[test]
 fn one_cause_in_a_survey_is_one_fault() {
-    let sound = std::fs::read_to_string(fixture("dev/installation/survey.csv")).unwrap();
+    let sound = std::fs::read_to_string(fixture("dev/installation/survey.csv")).unwrap().replace('\r', "");
     let (header, rows) = sound.split_once('\n').unwrap();
     let decimal = rows.replacen("38.6089", "38,6089", 1);
     for (survey, words) in [

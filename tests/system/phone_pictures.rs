@@ -94,11 +94,7 @@ fn what_is_not_read_is_named_by_detect_and_calibrate() {
     let path = |file: &Path| file.to_string_lossy().into_owned();
     for (name, bytes, words) in [
         ("a.dng", raw_file(), "raw file"),
-        (
-            "a.heic",
-            b"\0\0\0\x18ftypheic\0\0\0\0mif1heic, then \xff\xd8\xff a preview".to_vec(),
-            "it is HEIC",
-        ),
+        ("a.heic", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic, then \xff\xd8\xff a preview".to_vec(), "it is HEIC"),
         (
             "a.webp",
             b"RIFF\x24\0\0\0WEBPVP8 and so on, not to be decoded".to_vec(),

@@ -43,7 +43,10 @@ pub(super) fn run(args: &Args, flight: &FlightRef, file: &Path, mapping: &Path) 
     if !faults.is_empty() {
         return Err(faults.into());
     }
-    let table = Table::find(&asked, &text).map_err(|trouble| Fault::of(file, trouble))?;
+    let table = Table::find(&asked, &text).map_err(|trouble| {
+        let of_mapping = trouble.line == 0 && !trouble.key.is_empty();
+        Fault::of(if of_mapping { mapping } else { file }, trouble)
+    })?;
     let (sources, _) = joined::sources(&RealDisk, &args.store, flight).map_err(undone)?;
     let (track, _) = joined::track(&RealDisk, &args.store, flight).map_err(undone)?;
     let frames = joined::frames(&RealDisk, flight).map_err(undone)?;
