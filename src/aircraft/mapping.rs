@@ -6,6 +6,7 @@ use serde::{Deserialize, Deserializer};
 use super::layout::Kind;
 use super::times::TimeFormat;
 use super::{Quantity, layout};
+use crate::installation::KeyFault;
 
 /// Which column is which quantity, and how the table is written.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -71,10 +72,11 @@ fn date<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Date>, D::E
 }
 
 impl Mapping {
-    /// What is wrong with it by itself: key, problem, mend.
-    pub fn faults(&self) -> Vec<(&'static str, String, &'static str)> {
+    /// What is wrong with it by itself.
+    pub fn faults(&self) -> Vec<KeyFault> {
         let mut faults = vec![];
-        let mut fault = |key, problem: String, mend| faults.push((key, problem, mend));
+        let mut fault =
+            |key: &str, problem: String, mend: &str| faults.push(KeyFault::new(key, problem, mend));
         let iwg1 = self.format == Kind::Iwg1;
         if !iwg1 && self.time.is_none() {
             fault("time", "is missing".into(), "name the column with the time, or write format = \"iwg1\"");

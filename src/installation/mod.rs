@@ -8,6 +8,7 @@ mod corners;
 mod document;
 mod doubtful;
 mod exchange;
+mod fault;
 mod keyed;
 mod mountings;
 mod observations;
@@ -29,6 +30,7 @@ pub use camera::{CalibrationReport, write_camera};
 pub use corners::{PictureCorners, read_corners, write_corners};
 pub use doubtful::doubts;
 pub use exchange::{CameraFormat, ReadCamera, WriteError, format_of_name, read_exchange, write_exchange};
+pub use fault::{Fault, KeyFault};
 pub use keyed::Trouble;
 pub use mountings::{Mountings, read_mountings};
 pub use observations::{HandObservation, read_observations};
@@ -39,34 +41,6 @@ pub use tables::Optics;
 
 use crate::measure::geometry::TransformFit;
 use crate::measure::setup::{Orientation, Setup};
-
-/// A fault in something a user wrote: names the file, the key or line, the value and the mend.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{}: {place}: {problem}; {mend}", .file.display())]
-pub struct Fault {
-    /// The file at fault.
-    pub file: PathBuf,
-    /// Key such as `camera.fx`, or `line 7, column sigma_m`.
-    pub place: String,
-    /// What is wrong, with the value.
-    pub problem: String,
-    /// What to do.
-    pub mend: String,
-}
-
-impl Fault {
-    /// What is wrong at a place of this file.
-    pub fn of(file: &Path, trouble: Trouble) -> Self {
-        let Trouble { line, key, problem, mend } = trouble;
-        let place = match (line, key.is_empty()) {
-            (0, true) => "file".to_owned(),
-            (0, false) => key,
-            (line, true) => format!("line {line}"),
-            (line, false) => format!("line {line}, {key}"),
-        };
-        Self { file: file.into(), place, problem, mend }
-    }
-}
 
 /// A directory that was read and found in order.
 #[derive(Clone, Debug)]
@@ -100,12 +74,9 @@ impl Installation {
         let read = |(name, digest): &(String, String)| {
             let file = self.directory.join(name);
             let same = |bytes: &Vec<u8>| hex::encode(Sha256::digest(bytes)) == *digest;
-            let bytes = std::fs::read(&file).ok().filter(same).ok_or_else(|| Fault {
-                file,
-                place: "file".into(),
-                problem: "has changed while it was read".into(),
-                mend: "start again".into(),
-            })?;
+            let bytes = std::fs::read(&file).ok().filter(same);
+            let bytes = bytes
+                .ok_or_else(|| Fault::new(file, "file", "has changed while it was read", "start again"))?;
             Ok((name.clone(), bytes))
         };
         self.digests.iter().map(read).collect()
@@ -113,11 +84,9 @@ impl Installation {
 
     /// The orientation, or the fault of not having one.
     pub fn require_orientation(&self) -> Result<&Orientation, Fault> {
-        self.orientation.as_ref().ok_or_else(|| Fault {
-            file: self.directory.join(ORIENTATION_FILE),
-            place: "file".into(),
-            problem: "there is no orientation yet".into(),
-            mend: format!("run `wingd orient --installation {} GROUND_FRAME`", self.directory.display()),
+        self.orientation.as_ref().ok_or_else(|| {
+            let mend = format!("run `wingd orient --installation {} GROUND_FRAME`", self.directory.display());
+            Fault::new(self.directory.join(ORIENTATION_FILE), "file", "there is no orientation yet", mend)
         })
     }
 }
@@ -138,12 +107,11 @@ impl Reader {
     }
 
     fn trouble(&mut self, file: &Path, trouble: Trouble) {
-        self.faults.push(Fault::of(file, trouble));
+        self.faults.push(trouble.of(file));
     }
 
     fn fault(&mut self, file: &Path, place: &str, problem: impl Into<String>, mend: impl Into<String>) {
-        let (problem, mend) = (problem.into(), mend.into());
-        self.faults.push(Fault { file: file.into(), place: place.into(), problem, mend });
+        self.faults.push(Fault::new(file, place, problem, mend));
     }
 
     /// A file's text; a fault where it cannot be read.
@@ -248,7 +216,7 @@ pub fn toml_fault(file: &Path, text: &str, error: &toml::de::Error, mend: &str) 
         Some((problem, mend)) => (problem.to_owned(), mend),
         None => (error.message().replace('\n', " "), mend),
     };
-    Fault { file: file.into(), place, problem, mend: mend.into() }
+    Fault::new(file, place, problem, mend)
 }
 
 /// What hands write that TOML takes for something else, and the mend: paths with backslashes, dates without quotes.

@@ -2,8 +2,6 @@
 
 use std::ops::Range;
 
-use image::ImageFormat;
-
 use crate::camera::Format;
 use crate::measure::raster::Raster;
 use crate::measure::samples;
@@ -13,6 +11,7 @@ mod coefficients;
 mod dnl;
 mod jpeg;
 mod kind;
+mod picture;
 mod scans;
 
 /// Why a frame cannot be read; each says what to do.
@@ -104,8 +103,7 @@ fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) ->
         return Err(DecodeError::Picture("it is HEIC, AVIF, CR3 or a film".into()));
     }
     match (image::guess_format(bytes), memchr::memmem::find(bytes, &JPEG_START)) {
-        (Ok(ImageFormat::Png | ImageFormat::Pnm | ImageFormat::Tiff), _) => picture(bytes),
-        (Ok(other), _) => Err(DecodeError::Picture(format!("it is of the kind {other:?}"))),
+        (Ok(format), _) => picture::luma(bytes, format),
         (Err(_), Some(before)) => Err(DecodeError::Before(before)),
         (Err(_), None) => Err(DecodeError::Picture("it is no picture file that is known".into())),
     }
@@ -119,58 +117,6 @@ fn jpeg_luma(bytes: &[u8], wanted: Option<&Wanted>) -> Result<Raster, DecodeErro
         Some(whole) => jpeg::luma(&whole?, wanted),
         None => read,
     }
-}
-
-fn picture(bytes: &[u8]) -> Result<Raster, DecodeError> {
-    if is_preview(bytes) {
-        return Err(DecodeError::Picture(
-            "it is a camera's raw file, of which only a preview could be read".into(),
-        ));
-    }
-    let reader = image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format();
-    let mut reader = reader.map_err(|e| DecodeError::Picture(e.to_string()))?;
-    let mut limits = image::Limits::default();
-    limits.max_image_width = Some(LARGEST_SIDE as u32);
-    limits.max_image_height = Some(LARGEST_SIDE as u32);
-    reader.limits(limits);
-    let picture = reader.decode().map_err(|e| DecodeError::Picture(short(&e.to_string())))?;
-    if let Some(bits) = narrow(&picture) {
-        return Err(DecodeError::Narrow(bits));
-    }
-    let luma = picture.into_luma8();
-    let (width, height) = luma.dimensions();
-    Raster::new(width as usize, height as usize, luma.into_raw())
-        .ok_or_else(|| DecodeError::Picture("it has no pixels".into()))
-}
-
-/// Whether a TIFF begins with a reduced picture, as raw files do (TIFF 6.0, NewSubfileType): the sensor's lies elsewhere in it.
-fn is_preview(bytes: &[u8]) -> bool {
-    const NEW_SUBFILE_TYPE: exif::Tag = exif::Tag(exif::Context::Tiff, 254);
-    if !bytes.starts_with(b"II*\0") && !bytes.starts_with(b"MM\0*") {
-        return false;
-    }
-    let fields = exif::parse_exif(bytes).map(|(fields, _)| fields).unwrap_or_default();
-    let kind = fields.iter().find(|f| f.tag == NEW_SUBFILE_TYPE && f.ifd_num == exif::In::PRIMARY);
-    kind.and_then(|field| field.value.get_uint(0)).is_some_and(|kind| kind & 1 == 1)
-}
-
-/// Bits of a picture of 16 that are used, where a sensor's 10 or 12 lie at the lower end: all of it would be black. A dark
-/// picture of 14 bits has up to 63 of 255 grey levels and may be meant so.
-fn narrow(picture: &image::DynamicImage) -> Option<u32> {
-    use image::DynamicImage::{ImageLuma16, ImageLumaA16, ImageRgb16, ImageRgba16};
-    let most = match picture {
-        ImageLuma16(p) => p.iter().copied().max(),
-        ImageLumaA16(p) => p.pixels().map(|p| p.0[0]).max(),
-        ImageRgb16(p) => p.iter().copied().max(),
-        ImageRgba16(p) => p.pixels().flat_map(|p| [p.0[0], p.0[1], p.0[2]]).max(),
-        _ => None,
-    };
-    most.filter(|most| (1 << 8..1 << 12).contains(most)).map(|most| u16::BITS - most.leading_zeros())
-}
-
-/// The first line of a foreign message, so that a reason stays one sentence.
-fn short(text: &str) -> String {
-    text.lines().next().unwrap_or_default().chars().take(120).collect()
 }
 
 #[cfg(test)]

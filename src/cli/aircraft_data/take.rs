@@ -8,7 +8,7 @@ use super::{Args, Done, Failure, list, open, print, undone};
 use crate::aircraft::{self, Contents, DAY_S, Mapping, Quantity, Received, Table, TimeFormat, Track};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
-use crate::installation::{self, Fault, Trouble};
+use crate::installation::{self, Fault};
 use crate::report::aircraft as joined;
 use crate::store::aircraft::AircraftLine;
 use crate::store::{FlightRef, RealDisk, Store};
@@ -37,15 +37,13 @@ pub(super) fn run(args: &Args, flight: &FlightRef, file: &Path, mapping: &Path) 
     let (text, written) = (read(file)?, read(mapping)?);
     let asked: Mapping = toml::from_str(&written)
         .map_err(|error| installation::toml_fault(mapping, &written, &error, "see docs/aircraft-data.md"))?;
-    let faults = asked.faults().into_iter();
-    let faults: Vec<Fault> =
-        faults.map(|(key, problem, mend)| Fault::of(mapping, Trouble::new(0, key, problem, mend))).collect();
+    let faults: Vec<Fault> = asked.faults().into_iter().map(|fault| fault.of(mapping)).collect();
     if !faults.is_empty() {
         return Err(faults.into());
     }
     let table = Table::find(&asked, &text).map_err(|trouble| {
         let of_mapping = trouble.line == 0 && !trouble.key.is_empty();
-        Fault::of(if of_mapping { mapping } else { file }, trouble)
+        trouble.of(if of_mapping { mapping } else { file })
     })?;
     let (sources, _) = joined::sources(&RealDisk, &args.store, flight).map_err(undone)?;
     let (track, _) = joined::track(&RealDisk, &args.store, flight).map_err(undone)?;
@@ -60,7 +58,7 @@ pub(super) fn run(args: &Args, flight: &FlightRef, file: &Path, mapping: &Path) 
 }
 
 fn read(file: &Path) -> Result<String, Fault> {
-    let trouble = |problem: String, mend: &str| Fault::of(file, Trouble::new(0, "", problem, mend));
+    let trouble = |problem: String, mend: &str| Fault::new(file, "file", problem, mend);
     let bytes = std::fs::read(file)
         .map_err(|error| trouble(format!("cannot be read ({error})"), "name a file of UTF-8 text"))?;
     let text = String::from_utf8(bytes)

@@ -1,5 +1,9 @@
 //! The tree of a keyed file, each value with the line that it stands on.
 
+use std::path::Path;
+
+use crate::installation::fault::Fault;
+
 /// What is wrong at a place of a file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}, {key}: {problem}; {mend}")]
@@ -18,6 +22,17 @@ impl Trouble {
     /// A trouble at a line and a key.
     pub fn new(line: u64, key: &str, problem: impl Into<String>, mend: impl Into<String>) -> Self {
         Self { line, key: key.into(), problem: problem.into(), mend: mend.into() }
+    }
+
+    /// The fault of the file in which the place is.
+    pub fn of(self, file: &Path) -> Fault {
+        let place = match (self.line, self.key.is_empty()) {
+            (0, true) => "file".to_owned(),
+            (0, false) => self.key,
+            (line, true) => format!("line {line}"),
+            (line, false) => format!("line {line}, {}", self.key),
+        };
+        Fault::new(file, place, self.problem, self.mend)
     }
 }
 
