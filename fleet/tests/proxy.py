@@ -1,19 +1,22 @@
-"""A connection that breaks: a TCP proxy on the loopback that ends everything after so many bytes."""
+"""A connection that breaks, or is slow: a TCP proxy on the loopback."""
 
 from __future__ import annotations
 
 import socket
 import threading
+import time
 from typing import Callable
 
 HOST = "127.0.0.1"
 
 
 class Proxy:
-    """Passes connections on to a port; after `budget` bytes towards it calls `broken` and lets nothing through."""
+    """Passes connections on to a port; after `budget` bytes towards it calls `broken` and lets nothing through. `rate`: bytes a
+    second towards it, over all connections."""
 
-    def __init__(self, port: int):
-        self.target = port
+    def __init__(self, port: int, rate: float | None = None):
+        self.target, self.rate, self.free = port, rate, time.monotonic()
+        self.passed = 0
         self.budget: int | None = None
         self.broken: Callable[[], None] = lambda: None
         self.lock = threading.Lock()
@@ -39,6 +42,8 @@ class Proxy:
             while data := source.recv(16_384):
                 if counted and not self._count(len(data)):
                     break
+                if counted and self.rate:
+                    self._wait(len(data))
                 sink.sendall(data)
         except OSError:
             pass
@@ -50,8 +55,15 @@ class Proxy:
                     pass
                 one.close()
 
+    def _wait(self, length: int) -> None:
+        with self.lock:
+            turn = max(self.free, time.monotonic())
+            self.free = turn + length / self.rate
+        time.sleep(max(0.0, turn + length / self.rate - time.monotonic()))
+
     def _count(self, length: int) -> bool:
         with self.lock:
+            self.passed += length
             if self.budget is None:
                 return True
             before, self.budget = self.budget, self.budget - length
