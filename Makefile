@@ -89,28 +89,32 @@ test-powercut: build
 	bash tests/powercut/run.sh --cuts 20 --fs $(FS) --without-fsync
 
 # The desk's side (docs/fleet.md): its packages in an environment of their own, its wingd with `upload` beside the daemon's.
+# WINGD=/usr/bin/wingd takes one that is there, as of the desk's package.
 FLEET := $(CURDIR)/target/fleet
+WINGD ?= $(FLEET)/wingd
 export RAY_USAGE_STATS_ENABLED := 0
 # Without any network but the loopback.
 ALONE := $(FLEET)/venv/bin/python -m demo.alone
 
-fleet-demo: $(FLEET)/installed $(FLEET)/wingd
-	cd fleet && $(ALONE) $(FLEET)/venv/bin/python -m demo $(FLEET)/wingd $(FLEET)/demo
+fleet-demo: $(FLEET)/installed-demo $(WINGD)
+	cd fleet && $(ALONE) $(FLEET)/venv/bin/python -m demo $(WINGD) $(FLEET)/demo
 
-fleet-test: $(FLEET)/installed $(FLEET)/wingd
+# FLEET_SLOW_LINK=1: 100 MB over 2 Mbit/s too, ten minutes more.
+fleet-test: $(FLEET)/installed-test $(WINGD)
 	$(CARGO) clippy --release --locked --all-targets --features upload -- -D warnings
 	cd fleet && $(FLEET)/venv/bin/ruff format --check . && $(FLEET)/venv/bin/ruff check .
-	cd fleet && WINGD=$(FLEET)/wingd $(ALONE) $(FLEET)/venv/bin/python -m pytest
+	cd fleet && WINGD=$(WINGD) $(ALONE) $(FLEET)/venv/bin/python -m pytest
 
 # 20, 200 and 2,000 synthetic flights: some minutes and 1 GB to make them.
-fleet-growth: $(FLEET)/installed $(FLEET)/wingd
-	cd fleet && $(FLEET)/venv/bin/python -m demo.growth $(FLEET)/wingd $(FLEET)/growth
+fleet-growth: $(FLEET)/installed-test $(WINGD)
+	cd fleet && $(FLEET)/venv/bin/python -m demo.growth $(WINGD) $(FLEET)/growth
 
-$(FLEET)/installed: fleet/pyproject.toml
+# installed-demo: 470 MB with the S3 server; installed-test: 1.2 GB, Ray and other engines among it.
+$(FLEET)/installed-%: fleet/pyproject.toml
 	@sh packaging/dependencies.sh python3-venv
 	mkdir -p $(FLEET)
 	python3 -m venv $(FLEET)/venv
-	$(FLEET)/venv/bin/pip install --quiet --disable-pip-version-check --editable 'fleet[test]'
+	$(FLEET)/venv/bin/pip install --quiet --disable-pip-version-check --editable 'fleet[$*]'
 	touch $@
 
 .PHONY: $(FLEET)/wingd

@@ -95,7 +95,7 @@ def lake(uploaded, tmp_path) -> Lake:
 @pytest.fixture
 def solved(published, tmp_path) -> Lake:
     """Both flights in both solves, of the test's own."""
-    return copy(published, tmp_path / "lake")
+    return copy(published, tmp_path / "solved")
 
 
 def contents(lake: Lake, *places: str) -> dict[str, bytes]:

@@ -8,6 +8,7 @@ import time
 from typing import Callable
 
 HOST = "127.0.0.1"
+BUFFER_BYTES = 64 << 10
 
 
 class Proxy:
@@ -21,6 +22,9 @@ class Proxy:
         self.broken: Callable[[], None] = lambda: None
         self.lock = threading.Lock()
         self.listener = socket.create_server((HOST, 0))
+        if rate:
+            # What the machine's buffers would take at once is on no slow link.
+            self.listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         self.port = self.listener.getsockname()[1]
         threading.Thread(target=self._accept, daemon=True).start()
 

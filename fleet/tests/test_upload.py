@@ -238,8 +238,8 @@ def test_a_limit_of_the_rate_is_kept(wingd, recorders, server):
 
 @pytest.mark.skipif("FLEET_SLOW_LINK" in os.environ, reason="the long one runs")
 def test_a_slow_link_that_breaks_all_the_time_finishes(wingd, recorders, server, tmp_path):
-    """The long one, ten times as fast: 20 MB over 4 Mbit/s, killed every 2 to 12 s."""
-    slow_link(wingd, recorders[0], server, tmp_path, 20e6, 0.5e6, (2, 12))
+    """The long one, ten times as fast: 60 MB over 20 Mbit/s, killed every 2 to 12 s."""
+    slow_link(wingd, recorders[0], server, tmp_path, 60e6, 2.5e6, (2, 12))
 
 
 @pytest.mark.skipif("FLEET_SLOW_LINK" not in os.environ, reason="ten minutes: FLEET_SLOW_LINK=1")
@@ -269,4 +269,4 @@ def slow_link(wingd, template, server, tmp_path, size: float, rate: float, kills
     print(
         f"{whole / 1e6:.1f} MB in {time.monotonic() - begun:.0f} s, killed {killed} times, sent {proxy.passed / whole:.2f} times"
     )
-    assert killed > 2 and proxy.passed < 1.5 * whole
+    assert killed > 1 and proxy.passed < 1.5 * whole

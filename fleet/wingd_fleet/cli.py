@@ -165,7 +165,7 @@ def main(arguments: list[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:
-        print(f"wingd-fleet: {error.filename or 'files'}: {error.strerror or error}", file=sys.stderr)
+        print(f"wingd-fleet: {error.filename or type(error).__name__}: {error.strerror or error}", file=sys.stderr)
     except KeyboardInterrupt:
         print("wingd-fleet: stopped; the same command goes on with what is missing", file=sys.stderr)
     return 1

@@ -196,7 +196,6 @@ def report(args) -> None:
 
     asked = [one for one in (args.against, args.solve) if one] if args.solve and args.against else None
     lake = Lake(args.lake)
-    desk.clean(_cache(args))
     page.write(desk.Desk(lake, asked, _cache(args)), args.output, args.solve, args.against, synthesise.is_made(lake))
     print(args.output)
 
@@ -205,20 +204,12 @@ def query(args) -> None:
     from . import desk
 
     asked = desk.Desk(Lake(args.lake), args.solve, _cache(args))
-    answer = asked.ask(args.sql)
     for text in asked.incomplete():
         print(f"wingd-fleet: {text}", file=sys.stderr)
-    if answer is None:
-        return
     if args.csv:
-        import csv
-
-        writer = csv.writer(sys.stdout, lineterminator="\n")
-        writer.writerow(answer.columns)
-        while rows := answer.fetchmany(10_000):
-            writer.writerows(rows)
+        asked.write_csv(args.sql, sys.stdout)
     else:
-        answer.show(max_width=200, max_rows=10_000)
+        asked.show(args.sql)
 
 
 def synthesise(args) -> None:

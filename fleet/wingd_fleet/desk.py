@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import re
+from contextlib import contextmanager
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -14,10 +16,12 @@ from . import parquet, snapshot
 from .corrections import ATTRIBUTES
 from .lake import Damaged, FleetError, Flight, Lake
 from .records import sha256
-from .state import Published, State, at_once, chosen, keep
+from .state import Published, State, at_once, chosen, clean, keep
 
 # Of DuckDB, MB: what it cannot hold it writes to the disk meanwhile.
 MEMORY_MB = 400
+# Rows written at a time.
+FETCHED = 10_000
 # A fresh connection's `frames` reads these of `shots`.
 _FRAMES = """
 CREATE TABLE frames AS
@@ -40,6 +44,7 @@ class Desk:
     def __init__(self, lake: Lake, solves: list[str] | None = None, cache: Path | None = None):
         self.lake = lake
         self.cache = cache or Path.home() / ".cache" / "wingd-fleet"
+        clean(self.cache)
         self.state = State(lake, self.cache)
         self.solves = chosen(self.state, solves)
         self.snapshot = snapshot.newest(lake)
@@ -148,14 +153,23 @@ class Desk:
         names = [column[0] for column in result.description]
         return [dict(zip(names, row)) for row in result.fetchall()]
 
-    def ask(self, sql: str):
-        """A question's answer as DuckDB shows it; None where the statement has none."""
-        try:
+    def show(self, sql: str) -> None:
+        """Prints a question's answer as a table; nothing where the statement has none."""
+        with _said():
             self._need(sql)
-            return self.connection.sql(sql)
-        except duckdb.Error as error:
-            lines = [line for line in str(error).splitlines() if line.strip()]
-            raise FleetError(f"the question: {' '.join(lines)[:600]}") from None
+            answer = self.connection.sql(sql)
+            if answer is not None:
+                answer.show(max_width=200, max_rows=10_000)
+
+    def write_csv(self, sql: str, output) -> None:
+        """Writes all rows of a question's answer."""
+        writer = csv.writer(output, lineterminator="\n")
+        with _said():
+            self._need(sql)
+            answer = self.connection.execute(sql)
+            writer.writerow([column[0] for column in answer.description])
+            while rows := answer.fetchmany(FETCHED):
+                writer.writerows(rows)
 
     def incomplete(self) -> list[str]:
         """What an answer lacks, in sentences."""
@@ -184,6 +198,15 @@ class Desk:
 
     def flights(self, solve: str) -> list[Published]:
         return [one for one in self.published if one.solve == solve]
+
+
+@contextmanager
+def _said():
+    """What is wrong with a question, in a line."""
+    try:
+        yield
+    except duckdb.Error as error:
+        raise FleetError(f"the question: {' '.join(str(error).split())[:600]}") from None
 
 
 _JOIN = "JOIN published p ON t.solve = p.solve AND t.recorder_id = p.recorder_id AND t.flight = p.flight"

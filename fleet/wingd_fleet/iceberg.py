@@ -14,8 +14,9 @@ from .state import State
 NAMESPACE = "wingd"
 # In an Iceberg snapshot's summary: which of our snapshots it is.
 STATE = "wingd.snapshot"
-# Attempts where another call commits at the same time.
+# Attempts where another call commits at the same time. pyiceberg's own repeats add the files to what the other one added.
 ATTEMPTS = 5
+PROPERTIES = {"format-version": "2", "commit.retry.num-retries": "0"}
 
 
 def catalogue(lake: Lake, uri: str):
@@ -105,5 +106,5 @@ def _table(lake: Lake, catalog, name: str, key: str):
     except NoSuchTableError:
         # A REST catalogue has places of its own for its metadata.
         place = None if catalog.properties.get("type") == "rest" else f"{lake.url}/iceberg/{name}"
-        how = {"schema": _schema(lake, key), "location": place, "properties": {"format-version": "2"}}
+        how = {"schema": _schema(lake, key), "location": place, "properties": PROPERTIES}
         return catalog.create_table((NAMESPACE, name), **how)

@@ -65,7 +65,7 @@ def id_of(state: State) -> str:
 def current(state: State) -> Snapshot | None:
     """The snapshot of exactly this state."""
     id = id_of(state)
-    return Snapshot.read(state.lake, id) if state.lake.keys(f"{PLACE}/{id}/manifest.json") else None
+    return Snapshot.read(state.lake, id) if id in ids(state.lake) else None
 
 
 def newest(lake: Lake) -> Snapshot | None:

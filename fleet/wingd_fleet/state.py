@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,6 +15,7 @@ from .lake import VERSION, Damaged, FleetError, Flight, Lake, flight_of, solve_o
 
 # Requests at a time.
 AT_ONCE = 16
+DAY_S = 86_400
 
 
 @dataclass(frozen=True)
@@ -167,13 +171,21 @@ class State:
 
 def keep(path: Path, data: bytes) -> None:
     """Writes a file of the cache in one step."""
-    import os
-    import threading
-
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}.part")
-    part.write_bytes(data)
-    part.rename(path)
+    handle, part = tempfile.mkstemp(suffix=".part", dir=path.parent)
+    with os.fdopen(handle, "wb") as file:
+        file.write(data)
+    os.rename(part, path)
+
+
+def clean(cache: Path) -> None:
+    """Removes halves that killed calls left a day ago."""
+    for half in cache.rglob("*.part"):
+        try:
+            if time.time() - half.stat().st_mtime > DAY_S:
+                half.unlink()
+        except FileNotFoundError:
+            continue
 
 
 def order(one: Published) -> tuple:
