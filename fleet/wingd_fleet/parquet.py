@@ -7,6 +7,7 @@ import json
 import re
 from functools import lru_cache
 from importlib import resources
+from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -23,7 +24,10 @@ TABLES = (*EXPORTED, *LIVE)
 ABOUT = ("aircraft", "aircraft_type", "wing")
 # Without them a row says nothing.
 REQUIRED = ("recorder_id", "flight")
-ROW_GROUP = 128 * 1024
+# Rows of a row group: what is in memory of a table while a snapshot is written.
+ROW_GROUP = 32 * 1024
+# Live results taken at a time: of 40 stations 40,000 rows.
+RESULTS = 1024
 _TYPES = {
     "string": pa.string(),
     "int64": pa.int64(),
@@ -77,9 +81,29 @@ def weighed(content: pa.Table, shots: pa.Table, table: str) -> pa.Table:
     return content
 
 
-def live(content: pa.Table) -> dict[str, pa.Table]:
-    """Live results, whose export has a column for each marker and station of its installation, as three tables: a row per
-    result, per marker, per station of the span."""
+def live(export: Path, solve: str) -> dict[str, Path]:
+    """Live results, whose export has a column for each marker and station of its installation, as three tables beside it: a row
+    per result, per marker, per station of the span. Some thousand results at a time."""
+    writers: dict[str, pq.ParquetWriter] = {}
+    paths = {name: export.with_name(f"{name}.parquet") for name in LIVE}
+    source = export.with_name("export-of-live.parquet")
+    export.rename(source)
+    try:
+        for batch in pq.ParquetFile(source).iter_batches(batch_size=RESULTS):
+            for name, content in live_rows(pa.table(batch)).items():
+                if len(content):
+                    whole = completed(content, name, solve)
+                    if name not in writers:
+                        writers[name] = pq.ParquetWriter(paths[name], whole.schema, compression="zstd")
+                    writers[name].write_table(whole, row_group_size=ROW_GROUP)
+    finally:
+        for writer in writers.values():
+            writer.close()
+    return {name: paths[name] for name in writers}
+
+
+def live_rows(content: pa.Table) -> dict[str, pa.Table]:
+    """The three tables of so many results."""
     names = content.column_names
     found = {}
     for table, label in (("live_markers", r"u_(.+)_px"), ("live_span", r"span_(.+)_m")):
@@ -130,8 +154,14 @@ def write(content: pa.Table) -> bytes:
     return output.getvalue()
 
 
+def facts(data: bytes) -> dict:
+    """Rows and columns of a file."""
+    head = pq.read_metadata(io.BytesIO(data))
+    return {"rows": head.num_rows, "columns": columns(head.schema.to_arrow_schema())}
+
+
 def read(data: bytes) -> pa.Table:
-    return pq.read_table(io.BytesIO(data))
+    return pq.read_table(io.BytesIO(data), use_threads=False)
 
 
 def columns(content: pa.Schema) -> str:

@@ -70,13 +70,18 @@ def solve(wingd: str, store: Path, flight: str, installation: Path, arguments: l
 
 def export(wingd: str, store: Path, flight: str, table: str, inputs: str | None) -> pa.Table:
     """A table of a flight."""
+    return pq.read_table(export_file(wingd, store, flight, table, inputs))
+
+
+def export_file(wingd: str, store: Path, flight: str, table: str, inputs: str | None = None) -> Path:
+    """The same as a Parquet file: hours of live results are not for the memory."""
     output = store.parent / f"{table}.parquet"
     what = ["export", str(store), f"--flight={flight}", "--format=parquet", f"--table={table}"]
     what += [f"--inputs={inputs}"] if inputs else []
     status, _, said = call(wingd, [*what, "--output", str(output)])
     if status != 0:
         raise FleetError(f"wingd export: {said.strip()}")
-    return pq.read_table(output)
+    return output
 
 
 def results(store: Path, flight: str) -> list[dict]:

@@ -21,8 +21,6 @@ from .task import Folder
 PLACE = f"snapshots/{VERSION}"
 # Rows of a file: 100 to 200 MB of markers.
 ROWS = 1_000_000
-# Tables read at a time: what is in memory.
-READ = 64
 _ID = re.compile(rf"{PLACE}/(\d+-[0-9a-f]{{16}})/manifest\.json")
 
 
@@ -146,17 +144,37 @@ def _types(lake: Lake, table: str, own: list[Published]) -> pa.Schema:
 
 
 def _groups(lake: Lake, table: str, own: list[Published], types: pa.Schema) -> Iterator[pa.Table]:
-    """The flights' rows in their order, a row group at a time."""
+    """The flights' rows in their order, about a row group at a time."""
     waiting: list[pa.Table] = []
-    for begin in range(0, len(own), READ):
-        part = own[begin : begin + READ]
-        for one, data in zip(part, at_once(lambda one: bytes_of(lake, one.tables[table]), part)):
-            waiting.append(_conformed(parquet.read(data), one, types))
+    for part in _together(table, own):
+        if part[0].tables[table].rows > parquet.ROW_GROUP:
+            if waiting:
+                yield pa.concat_tables(waiting)
+            waiting = []
+            source = pq.ParquetFile(pa.BufferReader(bytes_of(lake, part[0].tables[table])))
+            for batch in source.iter_batches(batch_size=parquet.ROW_GROUP):
+                yield _conformed(pa.table(batch), part[0], types)
+            continue
+        waiting += at_once(lambda one: _conformed(parquet.read(bytes_of(lake, one.tables[table])), one, types), part)
         if sum(map(len, waiting)) >= parquet.ROW_GROUP:
             yield pa.concat_tables(waiting)
             waiting = []
     if waiting:
         yield pa.concat_tables(waiting)
+
+
+def _together(table: str, own: list[Published]) -> Iterator[list[Published]]:
+    """Flights that are read at a time: a row group of them, or one that is longer."""
+    part, rows = [], 0
+    for one in own:
+        length = one.tables[table].rows
+        if part and (rows + length > parquet.ROW_GROUP or length > parquet.ROW_GROUP):
+            yield part
+            part, rows = [], 0
+        part.append(one)
+        rows += length
+    if part:
+        yield part
 
 
 def _conformed(content: pa.Table, one: Published, types: pa.Schema) -> pa.Table:

@@ -28,6 +28,8 @@ WEIGHTS_T, BURNT = (58.0, 78.0), 0.2
 SLOPES_M_PER_T, AIRCRAFT_SIGMA_M, GUST_SIGMA = (0.030, 0.026), 0.015, 0.04
 # Copies of the template's series: a long flight has more.
 SERIES = 5
+# Flights with live results, of each template that has some.
+LIVE_FLIGHTS = 2
 # Every so many flights a dark one, whose frames fail.
 DARK_EVERY = 50
 # Of a second solve against the first, m and its scatter by frame.
@@ -40,7 +42,7 @@ def is_made(lake: Lake) -> bool:
 
 
 def make(source: Lake, target: Lake, count: int) -> None:
-    """So many flights, each in two solves; live results where the template has some, for the first of each template."""
+    """So many flights, each in two solves; live results where the template has some."""
     if source.get(MARK):
         raise FleetError(f"{source.url}: is synthetic itself; name a lake of real flights")
     published = State(source).published()
@@ -51,7 +53,7 @@ def make(source: Lake, target: Lake, count: int) -> None:
     definitions = {solve: solves.define(target, solve, None, [], "synthetic")["seal"] for solve in SOLVES}
     tables = [{name: parquet.read(snapshot.bytes_of(source, t)) for name, t in one.tables.items()} for one in own]
     for number in range(count):
-        _flight(target, tables[number % len(tables)], number, definitions, number < len(tables))
+        _flight(target, tables[number % len(tables)], number, definitions, number < LIVE_FLIGHTS * len(tables))
 
 
 def _flight(target: Lake, tables: dict[str, pa.Table], number: int, definitions: dict[str, str], live: bool) -> None:

@@ -10,6 +10,7 @@ import fcntl
 import shutil
 import tempfile
 from pathlib import Path, PurePosixPath
+from typing import Iterator
 
 from . import parquet, program, records, solves
 from .corrections import About, Corrections
@@ -60,12 +61,11 @@ def make(lake: Lake, solve: str, flight: Flight, manifest: dict, wingd: str, fol
     if not kept:
         inputs = _solve(lake, definition, flight, manifest, wingd, store, folder / "installation", jobs)
     tables = {}
-    for name, content in _tables(wingd, store, flight, solve, inputs, kept).items():
-        data = parquet.write(content)
+    for name, data in _tables(wingd, store, flight, solve, inputs, kept):
         digest = sha256(data)
         key = flight.table(name, solve, digest)
         lake.settle(key, data)
-        tables[name] = {"key": key, "sha256": digest, "rows": len(content), "columns": parquet.columns(content.schema)}
+        tables[name] = {"key": key, "sha256": digest, **parquet.facts(data)}
     about = {name: manifest[name] for name in (*parquet.ABOUT, "started")}
     return {
         "solve": solve,
@@ -83,16 +83,18 @@ def needs(lake: Lake, flight: Flight, stage: str) -> None:
         raise Passing(f"{flight}: its {stage} have not arrived yet; try again when `wingd upload` is through")
 
 
-def _tables(wingd: str, store: Path, flight: Flight, solve: str, inputs: str | None, kept: bool) -> dict:
+def _tables(
+    wingd: str, store: Path, flight: Flight, solve: str, inputs: str | None, kept: bool
+) -> Iterator[tuple[str, bytes]]:
     """Tables with rows. Live results are not solved again: they belong to the results that came along."""
-    found = {}
-    for name in parquet.EXPORTED:
-        found[name] = program.export(wingd, store, flight.flight, name, inputs)
-    for name in parquet.EXPORTED[1:]:
-        found[name] = parquet.weighed(found[name], found["shots"], name)
+    found = {name: program.export(wingd, store, flight.flight, name, inputs) for name in parquet.EXPORTED}
+    for name, content in found.items():
+        whole = content if name == "shots" else parquet.weighed(content, found["shots"], name)
+        if len(whole):
+            yield name, parquet.write(parquet.completed(whole, name, solve))
     if kept and any(store.glob(f"flights/{flight.flight}/live-*")):
-        found |= parquet.live(program.export(wingd, store, flight.flight, "live", None))
-    return {name: parquet.completed(content, name, solve) for name, content in found.items() if len(content)}
+        for name, path in parquet.live(program.export_file(wingd, store, flight.flight, "live"), solve).items():
+            yield name, path.read_bytes()
 
 
 def keys_of(flight: Flight, entry: dict) -> list[tuple[str, str, int]]:
