@@ -180,7 +180,7 @@ impl Manifest {
     }
 
     /// With whose it is as another one says it, where the call does not say it; `None` where the call contradicts.
-    pub(super) fn as_said(mut self, there: &Self, about: &About) -> Option<Self> {
+    pub(super) fn agreed_with(mut self, there: &Self, about: &About) -> Option<Self> {
         let fits = |said: &Option<String>, there: Option<&String>| said.is_none() || said.as_ref() == there;
         let all = fits(&about.aircraft, Some(&there.aircraft))
             && fits(&about.aircraft_type, there.aircraft_type.as_ref())
@@ -337,9 +337,9 @@ mod tests {
         there.aircraft = "D-A".into();
         there.seal();
         let about = |name: &str| About { aircraft: Some(name.into()), ..About::default() };
-        assert_eq!(manifest().as_said(&there, &About::default()), Some(there.clone()));
-        assert_eq!(manifest().as_said(&there, &about("D-A")), Some(there.clone()));
-        assert_eq!(manifest().as_said(&there, &about("DA")), None);
+        assert_eq!(manifest().agreed_with(&there, &About::default()), Some(there.clone()));
+        assert_eq!(manifest().agreed_with(&there, &about("D-A")), Some(there.clone()));
+        assert_eq!(manifest().agreed_with(&there, &about("DA")), None);
     }
 
     #[test]

@@ -54,7 +54,7 @@ impl Upload<'_> {
     /// The manifest as it is published; an error where it is of another state of the flight, or another aircraft's.
     fn agreed(&self, manifest: Manifest, there: &Manifest) -> Result<Manifest, TargetError> {
         let key = manifest.key();
-        let Some(agreed) = manifest.as_said(there, self.about) else {
+        let Some(agreed) = manifest.agreed_with(there, self.about) else {
             let or_none = |text: &Option<String>| text.clone().unwrap_or_else(|| "none".to_owned());
             let there = format!(
                 "aircraft {}, type {}, wing {}",
