@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use super::{Failure, interrupt};
 use crate::clock::Clock;
 use crate::config::{Config, SolveConfig};
-use crate::daemon::{self, Board, Observer, Parts, Solver, Status, Track};
+use crate::daemon::{self, Observer, Parts, Solver, Status, StatusBoard, Track};
 use crate::http::section::ServeConfig;
 use crate::installation::{self, Fault, Installation};
 use crate::measure::adjust::Method;
@@ -89,7 +89,7 @@ pub fn run(
 ) -> Result<Status, Failure> {
     let make = config.camera.factory(clock.clone(), origin);
     let (store, recovery) = opened;
-    let board = Board::new(clock.clone());
+    let board = StatusBoard::new(clock.clone());
     let page = config.serve.as_ref().and_then(|serve| Page::open(serve, config, &board));
     let parts = Parts {
         series: config.series.clone(),
@@ -119,7 +119,7 @@ const LAST_WORK: Duration = Duration::from_secs(1);
 
 impl Page {
     /// A page that cannot be shown costs the page, not the recording: it is logged and in the status.
-    fn open(serve: &ServeConfig, config: &Config, board: &Board) -> Option<Self> {
+    fn open(serve: &ServeConfig, config: &Config, board: &StatusBoard) -> Option<Self> {
         Self::start(serve, config, board)
             .map_err(|why| {
                 tracing::error!(why, "no page");
@@ -128,7 +128,7 @@ impl Page {
             .ok()
     }
 
-    fn start(serve: &ServeConfig, config: &Config, board: &Board) -> Result<Self, String> {
+    fn start(serve: &ServeConfig, config: &Config, board: &StatusBoard) -> Result<Self, String> {
         let place = |key: &str| ("wingd.toml".into(), format!("serve.{key}"));
         let texts = |faults: Vec<Fault>| faults.iter().map(Fault::to_string).collect::<Vec<_>>().join("; ");
         let (address, access) = serve.open(place).map_err(texts)?;

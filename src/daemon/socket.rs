@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader as AsyncBufReader};
 use tokio::net::{UnixListener, UnixStream};
 
-use super::recorder::Command;
-use super::status::Board;
+use super::command::Command;
+use super::status::{StatusBoard, exposition};
 
 /// `[status]` of the configuration.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -37,24 +37,8 @@ const MAX_LINE: u64 = 256;
 /// For a client that connects and says nothing.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Listens; a socket that a killed daemon left is taken over. The store's lock has already kept a
-/// second daemon out, so that a living socket belongs to a daemon with another store.
-pub(crate) fn listen(path: &Path) -> io::Result<UnixListener> {
-    if path.exists() {
-        if BlockingStream::connect(path).is_ok() {
-            let what = "another daemon answers there; give each its own [status] socket";
-            return Err(io::Error::new(io::ErrorKind::AddrInUse, what));
-        }
-        std::fs::remove_file(path)?;
-    }
-    if let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) {
-        std::fs::create_dir_all(parent)?;
-    }
-    UnixListener::bind(path)
-}
-
 /// Answers clients for ever, each on its own task.
-pub(crate) async fn serve(listener: UnixListener, board: Board, recorder: Sender<Command>) {
+pub(crate) async fn serve(listener: UnixListener, board: StatusBoard, recorder: Sender<Command>) {
     loop {
         match listener.accept().await {
             Ok((stream, _)) => {
@@ -71,7 +55,7 @@ pub(crate) async fn serve(listener: UnixListener, board: Board, recorder: Sender
     }
 }
 
-async fn answer(mut stream: UnixStream, board: &Board, recorder: &Sender<Command>) -> io::Result<()> {
+async fn answer(mut stream: UnixStream, board: &StatusBoard, recorder: &Sender<Command>) -> io::Result<()> {
     let (read, mut write) = stream.split();
     let mut line = String::new();
     AsyncBufReader::new(tokio::io::AsyncReadExt::take(read, MAX_LINE)).read_line(&mut line).await?;
@@ -80,10 +64,10 @@ async fn answer(mut stream: UnixStream, board: &Board, recorder: &Sender<Command
     write.write_all(reply.as_bytes()).await
 }
 
-fn reply(command: &str, board: &Board, recorder: &Sender<Command>) -> String {
+fn reply(command: &str, board: &StatusBoard, recorder: &Sender<Command>) -> String {
     let asked = match command {
         "status" => return serde_json::to_string(&board.snapshot()).unwrap_or_default(),
-        "metrics" => return super::metrics::exposition(&board.snapshot()),
+        "metrics" => return exposition(&board.snapshot()),
         "trigger" => recorder.send(Command::Trigger).map(|()| "an extra series begins"),
         "new-flight" => recorder.send(Command::NewFlight).map(|()| "an extra series begins a new flight"),
         _ => {

@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 use wingd::camera::replay::{FaultKind, Replay, ReplayConfig, ReplayFactory, ScriptedFault};
 use wingd::camera::{Camera, CameraError, CameraInfo, Format, Frame};
 use wingd::clock::{Clock, Simulated};
-use wingd::daemon::{self, Board, Event, Health, Parts, SeriesConfig, Solver, Status, StatusConfig};
+use wingd::daemon::{self, Event, Health, Parts, SeriesConfig, Solver, Status, StatusBoard, StatusConfig};
 use wingd::record::ImageRecord;
 use wingd::store::manifest::{Cause, SeriesManifest, State};
 use wingd::store::verify::verify;
@@ -117,7 +117,7 @@ impl Flight {
         let events = self.events.clone();
         let card = self.card.clone();
         let camera = move || WithCard { replay: replay.make(), card: card.clone(), fetched: false };
-        let board = Board::new(self.clock.clone());
+        let board = StatusBoard::new(self.clock.clone());
         let mut provenance = Map::new();
         provenance.insert("installation".to_owned(), Value::from("test"));
         let parts = Parts {
