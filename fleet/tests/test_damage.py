@@ -113,6 +113,13 @@ def test_a_task_takes_nothing_that_was_changed(wingd, lake, tmp_path):
     assert lake.keys("tables") == [] and lake.keys("failures") == []
 
 
+def test_a_stranger_among_a_flights_files_is_named(wingd, solved, tmp_path):
+    solved.create(solves.flights(solved)[0].file("notes.txt"), b"mine")
+    (fault,) = damage.verify(solved)
+    assert fault.kind == "foreign" and "notes.txt" in fault.key
+    assert damage.repair(solved, [fault], wingd, tmp_path / "work") == [fault]
+
+
 def test_frames_that_a_rule_has_aged_are_no_damage_to_what_is_kept(wingd, solved, recorders, tmp_path):
     wanted = answers(solved)
     solved.delete(solved.keys("frames"))

@@ -30,6 +30,7 @@ def flights(args) -> None:
         for flight in state.missing(args.solve):
             print(flight)
         return
+    state.read_manifests()
     for flight in state.flights:
         about = state.about(flight)
         whose = "  ".join(part or "-" for part in (about.aircraft, about.aircraft_type, about.wing))

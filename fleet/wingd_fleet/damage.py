@@ -18,7 +18,7 @@ UPLOAD = "`wingd upload --repair` from a copy of the store"
 @dataclass(frozen=True)
 class Fault:
     """An object that is not what it was, or is gone. `kind` says what it is: `copy`, `upload`, `commit`, `snapshot`,
-    `failure`, `installation`, `lost`."""
+    `failure`, `installation`, `foreign`, `lost`."""
 
     kind: str
     key: str
@@ -99,22 +99,34 @@ def _manifests(lake: Lake, state: State) -> tuple[dict[Flight, dict], list[Fault
     return whole, faults
 
 
-def _files(lake: Lake, state: State, manifests: dict[Flight, dict], frames: bool) -> list[Fault]:
-    """A flight's files that have arrived, byte by byte."""
+def _held(lake: Lake, wanted: list[tuple[str, str]], kind: str, mend: str) -> list[Fault]:
+    """Objects against the digests that others know of them."""
 
     def look(item: tuple[str, str]) -> Fault | None:
         data = lake.get(item[0])
         if data is None:
-            return Fault("upload", item[0], "is gone", UPLOAD)
-        return None if sha256(data) == item[1] else Fault("upload", item[0], "is damaged", UPLOAD)
+            return Fault(kind, item[0], "is gone", mend)
+        return None if sha256(data) == item[1] else Fault(kind, item[0], "is damaged", mend)
 
-    wanted = []
+    return [fault for fault in at_once(look, wanted) if fault]
+
+
+def _files(lake: Lake, state: State, manifests: dict[Flight, dict], frames: bool) -> list[Fault]:
+    """A flight's files that have arrived, byte by byte; and what lies among them."""
+    wanted, known = [], set()
     for flight, manifest in manifests.items():
         for entry in manifest["files"]:
             stage = "frames" if is_frame(entry["name"]) else "results"
+            objects = [(key, digest) for key, digest, _ in task.keys_of(flight, entry)]
+            known.update(key for key, _ in objects)
             if stage in state.marks[flight] and (frames or stage == "results"):
-                wanted += [(key, digest) for key, digest, _ in task.keys_of(flight, entry)]
-    return [fault for fault in at_once(look, wanted) if fault]
+                wanted += objects
+    there = [key for place in ("flights", "frames") for key in lake.keys(place)]
+    foreign = [key for key in there if key not in known and flight_of(key) in manifests]
+    mend = "move it away"
+    return [Fault("foreign", key, "is no file of its flight", mend) for key in foreign] + _held(
+        lake, wanted, "upload", UPLOAD
+    )
 
 
 def _strangers(lake: Lake, state: State) -> list[Fault]:
@@ -142,26 +154,15 @@ def _installations(lake: Lake) -> list[Fault]:
 
 
 def _commits(lake: Lake, state: State) -> list[Fault]:
-    faults, named = [], set()
     again = "`wingd-fleet repair` makes it again"
-    for (solve, flight), key in sorted(state.commits.items()):
-        found = _sealed(lake, key, "commit", again)
-        faults += found
-        if found:
-            continue
-        record = records.read(lake, key)
-        for table in record["tables"].values():
-            named.add(table["key"])
-            data = lake.get(table["key"])
-            if data is None or sha256(data) != table["sha256"]:
-                faults.append(Fault("commit", table["key"], "is gone" if data is None else "is damaged", again))
+    keys = sorted(state.commits.values())
+    broken = [fault for found in at_once(lambda key: _sealed(lake, key, "commit", again), keys) for fault in found]
+    whole = [key for key in keys if key not in {fault.key for fault in broken}]
+    tables = [t for record in at_once(lambda key: records.read(lake, key), whole) for t in record["tables"].values()]
+    faults = broken + _held(lake, [(table["key"], table["sha256"]) for table in tables], "commit", again)
     # Tables whose commit is there but names others were left by a killed task; those without any commit lost it, or wait.
-    without = {}
-    for key in lake.keys(f"tables/{VERSION}"):
-        place = (solve_of(key), flight_of(key))
-        if key not in named and place not in state.commits:
-            without[place] = key
-    for (solve, flight), key in sorted(without.items()):
+    without = {(solve_of(key), flight_of(key)) for key in lake.keys(f"tables/{VERSION}")} - set(state.commits)
+    for solve, flight in sorted(without):
         faults.append(Fault("commit", flight.commit(solve, 1), "is gone, or its task was broken off", again))
     return faults
 
@@ -172,15 +173,9 @@ def _snapshots(lake: Lake) -> list[Fault]:
     for id in snapshot.ids(lake):
         found = _sealed(lake, snapshot.manifest(id), "snapshot", mend)
         faults += found
-        files = (
-            []
-            if found
-            else [f for by in snapshot.Snapshot.read(lake, id).files.values() for fs in by.values() for f in fs]
-        )
-        for file in files:
-            data = lake.get(file["key"])
-            if data is None or sha256(data) != file["sha256"]:
-                faults.append(Fault("snapshot", file["key"], "is gone" if data is None else "is damaged", mend))
+        if not found:
+            files = [f for by in snapshot.Snapshot.read(lake, id).files.values() for fs in by.values() for f in fs]
+            faults += _held(lake, [(file["key"], file["sha256"]) for file in files], "snapshot", mend)
     return faults
 
 
@@ -188,7 +183,7 @@ def repair(
     lake: Lake, faults: list[Fault], wingd: str, work: Path, said: Callable[[str], None] = lambda text: None
 ) -> list[Fault]:
     """Makes again what can be; the faults that somebody else has to mend."""
-    left = [fault for fault in faults if fault.kind in ("upload", "installation", "lost")]
+    left = [fault for fault in faults if fault.kind in ("upload", "installation", "lost", "foreign")]
     for fault in faults:
         if fault.kind == "copy":
             _from_twin(lake, fault.key)

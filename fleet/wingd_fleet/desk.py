@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -15,8 +15,7 @@ import pyarrow as pa
 from . import parquet, snapshot
 from .corrections import ATTRIBUTES
 from .lake import Damaged, FleetError, Flight, Lake
-from .records import sha256
-from .state import Published, State, at_once, chosen, clean, keep
+from .state import Published, State, at_once, chosen, clean, part_of
 
 # Of DuckDB, MB: what it cannot hold it writes to the disk meanwhile.
 MEMORY_MB = 400
@@ -136,10 +135,10 @@ class Desk:
         if found == digest:
             return path
         if not lake.folder:
-            data = lake.get(key)
-            found = data and sha256(data)
-            if found == digest:
-                keep(path, data)
+            with suppress(_Wrong), part_of(path) as part:
+                found = lake.download(key, part)
+                if found != digest:
+                    raise _Wrong
                 return path
         return f"{lake.url}/{key}: {'is not there' if found is None else 'is damaged: its digest does not fit'}"
 
@@ -198,6 +197,10 @@ class Desk:
 
     def flights(self, solve: str) -> list[Published]:
         return [one for one in self.published if one.solve == solve]
+
+
+class _Wrong(Exception):
+    """What came is not what was asked for."""
 
 
 @contextmanager
