@@ -51,8 +51,10 @@ def test_killed_workers_give_the_same(wingd, recorders, installation, server, tm
             assert all(worker.wait(120) in (0, -signal.SIGKILL) for worker in workers)
     assert killed, "no worker was caught at work"
     assert contents(lake) == faultless
-    with task.Folder(work):
-        assert len(list(work.glob("task-*"))) == 1, "what killed workers left is removed"
+    with task.Folder(work) as folder:
+        assert sorted(work.iterdir()) == sorted([folder, folder.with_suffix(".lock")]), (
+            "what killed workers left is removed"
+        )
 
 
 def test_any_queue_does(wingd, lake, tmp_path, faultless):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -152,8 +153,14 @@ def _keep(command) -> None:
     _cache(sub)
 
 
+def _stop(number, frame) -> None:
+    raise KeyboardInterrupt
+
+
 def main(arguments: list[str] | None = None) -> int:
     args = _parser().parse_args(arguments)
+    # A polite end leaves nothing, as Ctrl-C does.
+    signal.signal(signal.SIGTERM, _stop)
     try:
         status = args.run(args) or 0
         sys.stdout.flush()

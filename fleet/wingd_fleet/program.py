@@ -28,6 +28,7 @@ try:
     _LIBC = ctypes.CDLL("libc.so.6")
 except OSError:
     _LIBC = None
+_RUNNING: set[subprocess.Popen] = set()
 
 
 def find(name: str | None = None) -> str:
@@ -52,12 +53,24 @@ def end_with_parent() -> None:
 
 def call(wingd: str, arguments: list[str]) -> tuple[int, str, str]:
     """Exit status, output, and what was said. A signal or a panic may pass with the machine: it is tried again."""
-    how = {"capture_output": True, "text": True, "timeout": TIMEOUT_S, "preexec_fn": end_with_parent}
-    done = subprocess.run([wingd, *arguments], **how)
+    how = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "preexec_fn": end_with_parent}
+    with subprocess.Popen([wingd, *arguments], **how) as done:
+        _RUNNING.add(done)
+        try:
+            output, said = done.communicate(timeout=TIMEOUT_S)
+        finally:
+            done.kill()
+            _RUNNING.discard(done)
     if done.returncode < 0 or done.returncode == PANICKED:
-        last = done.stderr.strip().splitlines()[-1:] or ["no word"]
+        last = said.strip().splitlines()[-1:] or ["no word"]
         raise Passing(f"wingd {arguments[0]} ended by {done.returncode}: {last[0]}")
-    return done.returncode, done.stdout, done.stderr
+    return done.returncode, output, said
+
+
+def end_all() -> None:
+    """Ends what runs now, for a driver that is told to stop."""
+    for running in list(_RUNNING):
+        running.kill()
 
 
 def solve(wingd: str, store: Path, flight: str, installation: Path, arguments: list[str], jobs: int) -> None:

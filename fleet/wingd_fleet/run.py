@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import signal
 import threading
 import time
 from collections import Counter
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Callable, Iterable, Iterator
+from typing import Callable, Iterable
 
-from . import task
+from . import program, task
 from .lake import FleetError, Flight, Lake, Passing
 from .records import sha256
 
@@ -52,7 +50,7 @@ def run(
                 time.sleep(PAUSE_S * 2**attempt)
         raise AssertionError("unreachable")
 
-    with _stopped_by_signals(), ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(workers) as pool:
         pending = {pool.submit(one, flight): flight for flight in flights}
         try:
             while pending:
@@ -60,6 +58,7 @@ def run(
                     _count(counts, pending.pop(future), future, len(flights), said)
         except BaseException:
             stop.set()
+            program.end_all()
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return counts
@@ -74,20 +73,3 @@ def _count(counts: Counter, flight: Flight, future, whole: int, said: Callable[[
         outcome = "failed"
         said(f"{number}/{whole}  {flight}  failed: {str(error).splitlines()[0]}")
     counts[outcome] += 1
-
-
-@contextmanager
-def _stopped_by_signals() -> Iterator[None]:
-    """A polite end leaves nothing: as by Ctrl-C."""
-
-    def stop(number, frame):
-        raise KeyboardInterrupt
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -7,8 +7,10 @@ created where none is and comes last, and readers look at commits alone. So any 
 from __future__ import annotations
 
 import fcntl
+import os
 import shutil
 import tempfile
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Iterator
 
@@ -149,30 +151,45 @@ def _solve(lake, definition, flight, manifest, wingd, store, folder, jobs) -> st
 
 
 class Folder:
-    """A task's own folder, removed at its end; those that killed tasks left are removed with the next one."""
+    """A task's own folder, removed at its end; those that killed tasks left are removed with the next one.
+
+    A lock file beside it says that its task lives. It is ours when it is locked and still there: another task may have taken a
+    file that nobody had locked yet for a dead one's.
+    """
 
     def __init__(self, work: Path):
         self.work = work
 
     def __enter__(self) -> Path:
-        self.work.mkdir(parents=True, exist_ok=True)
-        sweep(self.work)
-        self.folder = Path(tempfile.mkdtemp(prefix="task-", dir=self.work))
-        self.lock = (self.folder / "lock").open("w")
-        fcntl.flock(self.lock, fcntl.LOCK_EX)
+        while True:
+            self.work.mkdir(parents=True, exist_ok=True)
+            sweep(self.work)
+            try:
+                handle, name = tempfile.mkstemp(prefix="task-", suffix=".lock", dir=self.work)
+            except FileNotFoundError:
+                # Its end took the empty place away.
+                continue
+            fcntl.flock(handle, fcntl.LOCK_EX)
+            if os.path.exists(name):
+                break
+            os.close(handle)
+        self.handle, self.lock = handle, Path(name)
+        self.folder = self.lock.with_suffix("")
+        self.folder.mkdir()
         return self.folder
 
     def __exit__(self, *_) -> None:
         shutil.rmtree(self.folder, ignore_errors=True)
-        self.lock.close()
+        self.lock.unlink(missing_ok=True)
+        os.close(self.handle)
+        with suppress(OSError):
+            self.work.rmdir()
 
 
 def sweep(work: Path) -> None:
     """Removes folders whose task lives no more: nobody holds their lock."""
-    for folder in work.glob("task-*"):
-        try:
-            with (folder / "lock").open() as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(folder, ignore_errors=True)
-        except OSError:
-            continue
+    for lock in work.glob("task-*.lock"):
+        with suppress(OSError), lock.open() as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(lock.with_suffix(""), ignore_errors=True)
+            lock.unlink()
