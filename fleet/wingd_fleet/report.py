@@ -344,9 +344,10 @@ def _failing(desk: Desk, solve: str) -> str:
 
 
 def _live(desk: Desk, solve: str) -> str:
-    rows = desk.rows("FROM live_by_flight WHERE solve = ? ORDER BY solved_share, began", [solve])
-    if not rows:
+    of = desk.rows("SELECT DISTINCT solve FROM live_by_flight ORDER BY solve <> ?, solve", [solve])
+    if not of:
         return ""
+    rows = desk.rows("FROM live_by_flight WHERE solve = ? ORDER BY solved_share, began", [of[0]["solve"]])
     columns = [
         ("aircraft", "aircraft", None, 1),
         ("wing", "wing", None, 1),
@@ -358,7 +359,8 @@ def _live(desk: Desk, solve: str) -> str:
         ("scatter_m", "its scatter, mm", 1, 1000),
         ("sigma_m", "sigma of a result, mm", 1, 1000),
     ]
-    return f"<h2>Live results</h2>{table(rows, columns)}"
+    caption = "As they came along: live results are not solved again."
+    return f'<h2>Live results</h2>{table(rows, columns)}<p class="caption">{caption}</p>'
 
 
 def _compared(desk: Desk, one: str | None, other: str) -> str:
