@@ -1,9 +1,8 @@
-//! `wingd upload`: flights into an object store.
+//! `wingd upload` brings flights into an object store.
 
 use std::path::PathBuf;
 
 use super::{Done, Failure};
-use crate::store::RealDisk;
 use crate::upload::{About, Outcome, Settings, Target, Upload};
 
 /// Flights into an object store: what exists first, then results, then frames; create-only, goes on where it ended.
@@ -69,7 +68,7 @@ fn rate(text: &str) -> Result<u64, String> {
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let flights = super::solve_store::flights(&RealDisk, &args.store, args.flight.as_deref())?;
+    let flights = super::stores::flights(&args.store, args.flight.as_deref())?;
     let settings = Settings { jobs: args.jobs.into(), retries: args.retries, limit: args.limit_rate };
     let target = Target::open(&args.to, settings)?;
     let about = About {

@@ -123,7 +123,7 @@ impl Processing {
         bytes: Vec<u8>,
         format: &Value,
     ) -> Result<ImageRecord, Option<String>> {
-        let format = Format::of_manifest(format)?;
+        let format = Format::of_manifest(format).map_err(|why| why.to_string())?;
         if !self.worker.is_ready() {
             let gives_way = self.gives_way;
             let make = move || {

@@ -127,7 +127,7 @@ impl GphotoCamera {
         let request = Request::Shoot { deadline_s: deadline.as_secs_f64(), trigger };
         match self.ask(&request, grace(deadline), "a shot; the camera process was killed")? {
             (Answer::Picture { path, settings }, bytes) => {
-                jpeg::whole(&bytes).map_err(CameraError::BadFrame)?;
+                jpeg::whole(&bytes).map_err(|why| CameraError::BadFrame(why.to_string()))?;
                 self.freshness.check(&bytes, Some(&path))?;
                 let exposed = exposed(&settings);
                 Ok(Frame { bytes, format: Format::Jpeg, settings, exposed })

@@ -154,7 +154,7 @@ impl V4lCamera {
         }
         let got = stream::grab(&opened.device, self.section.settle_frames, opened.shortest, deadline)?;
         if opened.format == Format::Jpeg {
-            jpeg::whole(&got.bytes).map_err(CameraError::BadFrame)?;
+            jpeg::whole(&got.bytes).map_err(|why| CameraError::BadFrame(why.to_string()))?;
         }
         self.freshness.check(&got.bytes, None)?;
         describe(&mut settings, &got, drift);
