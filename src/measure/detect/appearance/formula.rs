@@ -8,12 +8,14 @@
 use super::crossing::wedge;
 use super::disc::disc;
 use super::parameters::{
-    ANGLE, BLUR, COMMON, DARK, FIRST, GAMMA, Grey, LIGHT, N, Parameters, Pattern, SECOND, Share, TAPER,
-    THIRD, X, Y,
+    ANGLE, BLUR, COMMON, DARK, GAMMA, Grey, LIGHT, N, Parameters, Pattern, SHAPE, Share, TAPER, WHITEST, X, Y,
 };
 use crate::measure::detect::simd::batch::Batch;
 use crate::measure::detect::simd::functions::{exp, ln};
 use crate::measure::detect::simd::lanes::{LANES, Lanes, each};
+
+/// Least light over that of white, so that it has a logarithm: 4 % of its grey value under the usual tone curve.
+const DARKEST: f32 = 1e-3;
 
 /// A marker's image at some parameters, for batches of one origin.
 pub struct Model {
@@ -89,7 +91,7 @@ impl Model {
     /// What the tone curve makes of light.
     #[inline(always)]
     pub fn tone(&self, linear: f32) -> Tone {
-        let linear = if linear > 1e-3 { linear } else { 1e-3 };
+        let linear = if linear > DARKEST { linear } else { DARKEST };
         let log = ln(linear);
         Tone { linear, log, through: exp(self.k[GAMMA] * log) }
     }
@@ -112,8 +114,8 @@ pub fn grey(model: &Model, batch: &Batch, out: &mut Grey) {
         let dark = model.dark(at);
         let Tone { linear, log, through } = model.tone(1.0 - dark * c);
         let value = model.light(at) * through;
-        let clipped = value >= 255.0;
-        let (value, through) = if clipped { (255.0, 0.0) } else { (value, through) };
+        let clipped = value >= WHITEST;
+        let (value, through) = if clipped { (WHITEST, 0.0) } else { (value, through) };
         let open = if clipped { 0.0 } else { 1.0 };
         let slope = open * model.k[GAMMA] * value / linear;
         out.value[i] = value;
@@ -148,9 +150,9 @@ impl Slopes {
         gradient[X][i] = self.share * by_x;
         gradient[Y][i] = self.share * by_y;
         gradient[ANGLE][i] = self.share * by_angle;
-        gradient[FIRST][i] = self.share * share.first[i];
-        gradient[SECOND][i] = self.share * share.second[i];
-        gradient[THIRD][i] = self.share * share.third[i];
+        gradient[SHAPE][i] = self.share * share.first[i];
+        gradient[SHAPE + 1][i] = self.share * share.second[i];
+        gradient[SHAPE + 2][i] = self.share * share.third[i];
         gradient[BLUR][i] = self.share * share.blur[i];
         self.put_light(i, [p, q], gradient);
         gradient[TAPER][i] = self.share * share.taper[i];
@@ -173,6 +175,7 @@ impl Slopes {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::measure::detect::appearance::parameters::{BEND, MAJOR, MINOR, SAG, TANGENT};
 
     /// A place with its coordinates in the marker's fixed frame.
     #[derive(Clone, Copy, Debug)]
@@ -236,12 +239,12 @@ mod tests {
                 let (s, t) = (dx * cos + dy * sin, dy * cos - dx * sin);
                 let inside = match pattern {
                     Pattern::Disc => {
-                        let t = t - m[THIRD] * (s / m[FIRST]).powi(2);
-                        (s / m[FIRST]).powi(2) + (t / m[SECOND]).powi(2) < 1.0
+                        let t = t - m[SAG] * (s / m[MAJOR]).powi(2);
+                        (s / m[MAJOR]).powi(2) + (t / m[MINOR]).powi(2) < 1.0
                     }
                     _ => {
-                        let one = t - m[FIRST] * s - m[SECOND] * s * s;
-                        let other = t + m[FIRST] * s - m[THIRD] * s * s;
+                        let one = t - m[TANGENT] * s - m[BEND] * s * s;
+                        let other = t + m[TANGENT] * s - m[BEND + 1] * s * s;
                         (one * other < 0.0) == (pattern == Pattern::BlackAlong)
                     }
                 };
@@ -281,7 +284,7 @@ mod tests {
                     let at = pixel(f64::from(i * 7 % 60) - 8.3, f64::from(i * 3 % 29) + 6.7);
                     let (_, gradient) = one(pattern, &m, &at);
                     for k in 0..COMMON {
-                        let step = if (SECOND..=THIRD).contains(&k) && m[k] < 0.1 { 1e-5 } else { 4e-3 };
+                        let step = if [BEND, BEND + 1].contains(&k) && m[k] < 0.1 { 1e-5 } else { 4e-3 };
                         let (mut low, mut high) = (m, m);
                         low[k] -= step;
                         high[k] += step;

@@ -1,4 +1,4 @@
-//! Ellipses and intervals, row by row.
+//! Ellipses, straight lines and intervals, row by row.
 
 use nalgebra::Vector2;
 
@@ -80,4 +80,22 @@ pub fn columns(from: f64, to: f64, [x0, _, x1, _]: PixelBox) -> std::ops::Range<
     let first = from as usize;
     let end = if to < 0.0 { 0 } else { to as usize + 1 };
     first + usize::from((first as f64) < from)..end
+}
+
+/// A straight edge between quadrants: a point, and the direction across it.
+#[derive(Clone, Copy)]
+pub struct Line {
+    pub at: Vector2<f64>,
+    pub across: Vector2<f64>,
+}
+
+impl Line {
+    /// The part of a row that is within `reach`.
+    pub fn row(&self, y: f64, reach: f64) -> (f64, f64) {
+        /// Keeps lines along rows off infinity.
+        const LEVEL: f64 = 1e-6;
+        let steep = self.across.x.abs().max(LEVEL);
+        let middle = self.at.x - (y - self.at.y) * self.across.y * self.across.x.signum() / steep;
+        (middle - reach / steep, middle + reach / steep)
+    }
 }

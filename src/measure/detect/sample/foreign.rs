@@ -54,7 +54,7 @@ pub fn darker(
     // No pixel that is lighter than this is darker than the light anywhere near.
     let (p, q) = (1.0 + reach / ellipse.major, 1.0 + reach / ellipse.minor);
     let most = m[LIGHT] + (m[LIGHT + 1].abs() + m[LIGHT + 3].abs() * p) * p + m[LIGHT + 2].abs() * q - limit;
-    let most = most.ceil().clamp(0.0, 255.0) as u8;
+    let most = most.ceil().clamp(0.0, f64::from(u8::MAX)) as u8;
     let (outer, inner) = (frame.grown(reach), frame.grown(f64::from(bands.edge) + 1.0));
     for y in area[1]..=area[3] {
         let Some((from, to)) = row_of(&outer, y as f64) else { continue };
