@@ -132,7 +132,7 @@ impl<'a> Progress<'a> {
     /// Nothing yet of a picture with some noise, grey levels, whose blobs are sought in the one that is seen.
     pub fn new(image: &'a Raster, seen: &Raster, scope: Scope<'a>, noise: f64) -> Self {
         let gathered = Gathered::new(seen, scope.part(seen.width(), seen.height()));
-        Self { image, scope, noise, gathered, found: Found { measured: Vec::new(), rejected: Vec::new() } }
+        Self { image, scope, noise, gathered, found: Found::default() }
     }
 
     /// All stages, at the usual levels or at fainter ones too. Blobs are sought where no earlier call has; what was measured

@@ -65,8 +65,7 @@ fn spots(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse]) -> Ve
         !ellipse.holds(other.centre)
             && apart < other.major + major + 2.0 * skirt + DIRT.clear_blurs * blur + DIRT.reach_px as f64
     };
-    let grown = |o: &Ellipse| Ellipse { major: o.major + skirt, minor: o.minor + skirt, ..*o };
-    let others: Vec<Ellipse> = others.iter().filter(near).map(grown).collect();
+    let others: Vec<Ellipse> = others.iter().filter(near).map(|other| other.larger(1.0, skirt)).collect();
     let last = (DIRT.length * major / DIRT.step_px).max(DIRT.steps) as i32;
     let mut out = Vec::with_capacity((2 * last as usize + 1) * 2 * DIRT.reach_px);
     for side in [1.0, -1.0] {

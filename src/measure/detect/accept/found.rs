@@ -6,6 +6,7 @@ use super::verdict::Measured;
 use crate::measure::detect::detection::{RejectReason, Rejected};
 
 /// What a search yields, in order of discovery.
+#[derive(Default)]
 pub struct Found {
     pub measured: Vec<Measured>,
     pub rejected: Vec<Rejected>,

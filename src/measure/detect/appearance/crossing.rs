@@ -101,12 +101,12 @@ fn side<const TILTED: bool>(s: f32, t: f32, Edges { f, k1, k2, by_sigma, by_own,
     } else {
         (1.0, 1.0)
     };
-    let (by_spread1, by_spread2) = (by_sigma * tilt1 * by_own[0], by_sigma * tilt2 * by_own[1]);
-    let z1 = (t - f * s - k1 * s * s) * by_spread1;
-    let z2 = (t + f * s - k2 * s * s) * by_spread2;
+    let (by_width1, by_width2) = (by_sigma * tilt1 * by_own[0], by_sigma * tilt2 * by_own[1]);
+    let z1 = (t - f * s - k1 * s * s) * by_width1;
+    let z2 = (t + f * s - k2 * s * s) * by_width2;
     let [(d1, c1), (d2, c2)] = normals([z1, z2]);
     let side = if s >= 0.0 { 1.0 } else { -1.0 };
-    let (e1, e2) = (side * d1 * by_spread1, side * d2 * by_spread2);
+    let (e1, e2) = (side * d1 * by_width1, side * d2 * by_width2);
     let turn1 = if TILTED { side * d1 * z1 * slope1 * tilt1 * tilt1 } else { 0.0 };
     let turn2 = if TILTED { side * d2 * z2 * slope2 * tilt2 * tilt2 } else { 0.0 };
     [

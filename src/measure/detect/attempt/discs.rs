@@ -2,7 +2,7 @@
 
 use super::ladder::Ladder;
 use super::whole::looks_cut;
-use crate::measure::detect::accept::verdict::{Answer, Measured};
+use crate::measure::detect::accept::verdict::Answer;
 use crate::measure::detect::attempt::options::WHOLE;
 use crate::measure::detect::detection::{Detection, RejectReason};
 use crate::measure::detect::hypothesis::Hypothesis;

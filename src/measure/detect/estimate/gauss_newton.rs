@@ -112,12 +112,8 @@ impl<'a> Problem<'a> {
     fn new(pixels: &'a Pixels, start: &Parameters, unknowns: &'a Unknowns, floor: f64) -> Option<Self> {
         let count = unknowns.free.iter().filter(|&&f| f).count();
         let enough = pixels.count() >= 2 * count;
-        enough.then(|| Self {
-            pixels,
-            images: None,
-            unknowns,
-            floor: floor.max(WEIGHT.floor * contrast(start)),
-        })
+        let floor = floor.max(WEIGHT.floor * contrast(start));
+        enough.then_some(Self { pixels, images: None, unknowns, floor })
     }
 
     /// Repeats the linear solution until the centre stands still.
@@ -126,11 +122,8 @@ impl<'a> Problem<'a> {
         let most = if until == Until::Near { ITERATION.most_rough } else { ITERATION.most_last };
         for iteration in 0..most {
             let step = linearise(self.pixels, &m, self.unknowns, scale, self.floor, self.images.as_mut());
-            let damping = if until == Until::Near && iteration < ITERATION.damped {
-                ITERATION.damping
-            } else {
-                ITERATION.undamped
-            };
+            let damped = until == Until::Near && iteration < ITERATION.damped;
+            let damping = if damped { ITERATION.damping } else { ITERATION.undamped };
             let factor = Factor::new(&step.normal, &self.unknowns.free, damping)?;
             let mut change = factor.solve(&step.right);
             let moved = change[X].hypot(change[Y]);

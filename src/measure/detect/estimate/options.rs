@@ -190,7 +190,7 @@ numbers! {
         /// Least contrast, grey levels.
         least_contrast: f64 = 6.0,
         /// How much larger than an outline its pixels reach.
-        room: f64 = 1.2,
+        larger: f64 = 1.2,
         /// How much it may grow until others are chosen: half of that.
         grown: f64 = 1.1,
         /// How often they are chosen: a bound on time.

@@ -119,8 +119,7 @@ fn outline_of(m: &Parameters) -> Ellipse {
 fn pixels(image: &Raster, pattern: Pattern, ellipse: &Ellipse, blur: f64, wanted: f64) -> Option<Pixels> {
     let (centre, margin) = (ellipse.centre, OUTLINED.beyond.0 * blur + OUTLINED.beyond.1);
     let origin = [centre.x.round(), centre.y.round()];
-    let about =
-        Ellipse { major: OUTLINED.room * ellipse.major, minor: OUTLINED.room * ellipse.minor, ..*ellipse };
+    let about = ellipse.larger(OUTLINED.larger, 0.0);
     let (frame, own) = (EllipseFrame::new(&about), EllipseFrame::new(ellipse));
     let (rows, inner) = (Some(frame.grown(margin)?), Some(own.grown(blur)?));
     let count = std::f64::consts::PI * (about.major + margin) * (about.minor + margin);

@@ -8,7 +8,7 @@ use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 use super::region::Band;
 use crate::measure::detect::appearance::parameters::{BLUR, LIGHT, Parameters, WHITEST, light_at};
 use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::scanline::{self, EllipseFrame, columns, row_of};
+use crate::measure::detect::image::scanline::{self, EllipseFrame};
 use crate::measure::detect::occlusion::options::SEAM;
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::detect::simd::lanes::{LANES, Lanes, all, each, total};
@@ -60,12 +60,8 @@ impl<'a> Ring<'a> {
         let row = |v: f64| (v.max(0.0) as usize).min(image.height() - 1);
         let all = [0, 0, image.width() - 1, image.height() - 1];
         let frame = EllipseFrame::new(ellipse);
-        let (outer, inner) = (frame.grown(SEAM.reach_px), frame.grown(SEAM.clear_blurs * m[BLUR]));
-        let rows = (row(low.y)..=row(high.y)).filter_map(|y| {
-            let (from, to) = row_of(&outer, y as f64)?;
-            let hole = row_of(&inner, y as f64).unwrap_or((to, to));
-            Some((y, [columns(from, hole.0, all), columns(hole.1.max(hole.0), to, all)]))
-        });
+        let ring = scanline::Ring::new(&frame, SEAM.clear_blurs * m[BLUR], SEAM.reach_px);
+        let rows = (row(low.y)..=row(high.y)).filter_map(|y| Some((y, ring.columns(y as f64, all)?)));
         let rows = rows.collect();
         Self { image, ellipse, frame, m, scale: scale.max(SEAM.least_scale), rows }
     }

@@ -112,11 +112,7 @@ fn decal(image: &Raster, expected: &Ellipse, other: &Ellipse, axis: Vector2<f64>
     let around = image.part(expected.centre - reach, expected.centre + reach, 2).map(|(_, _, value)| value);
     let skin = Histogram::of(around).median().unwrap_or(255) as u8;
     let level = image.nearest(other.centre.x, other.centre.y).midpoint(skin);
-    let grown = Ellipse {
-        major: expected.major + DECAL_CUT.aside_px,
-        minor: expected.minor + DECAL_CUT.aside_px,
-        ..*expected
-    };
+    let grown = expected.larger(1.0, DECAL_CUT.aside_px);
     // Whether a line beside the print, so far from its middle, shows black of the expected disc within bounds.
     let shows = |bounds: &[f64; 4], along_rows: bool, at: f64| {
         let (from, to) = if along_rows { (bounds[0], bounds[2]) } else { (bounds[1], bounds[3]) };

@@ -91,8 +91,8 @@ impl Sizes {
                 // White must not pass for lit skin. Without glare something dark may touch them.
                 let beside = Ellipse { minor: ellipse.minor + ORIENTATION.aside_px, ..ellipse };
                 let bands = glare::lit_slanting(image, &beside, ORIENTATION.blinds);
-                let (major, minor) = (ORIENTATION.inner * ellipse.major, ORIENTATION.inner * ellipse.minor);
-                let hypothesis = quadrant_edges::placed(&Ellipse { major, minor, ..ellipse }, image, &bands)?;
+                let inner = ellipse.larger(ORIENTATION.inner, 0.0);
+                let hypothesis = quadrant_edges::placed(&inner, image, &bands)?;
                 (bands, hypothesis)
             }
         };
@@ -177,6 +177,13 @@ fn put(found: &mut Detections, new: Vec<(Option<usize>, Measured)>) {
     found.markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
 }
 
+/// An expected marker, how its sizes fail, and the outlines of all others.
+struct Sought<'a> {
+    prediction: &'a Prediction,
+    sizes: Sizes,
+    others: Vec<Ellipse>,
+}
+
 /// A look at a frame in which some markers have been found.
 struct Closer<'a> {
     ladder: Ladder<'a>,
@@ -204,19 +211,18 @@ impl Closer<'_> {
             return None;
         }
         let is_sure = surer(if is_disc { UNSURE_PX2 } else { f64::INFINITY });
-        let sizes = &self.sure.sizes(prediction);
         let others = markers.iter().enumerate().filter(|(i, _)| Some(*i) != *own);
-        let others: Vec<Ellipse> = others.map(|(_, d)| d.ellipse()).collect();
-        self.hypotheses(prediction, is_sure, sizes, &others).into_iter().find_map(|hypothesis| {
-            let measured = self.measured(prediction, hypothesis, sizes, &others);
-            let (measured, whole) = measured?;
+        let others = others.map(|(_, d)| d.ellipse()).collect();
+        let sought = Sought { prediction, sizes: self.sure.sizes(prediction), others };
+        self.hypotheses(&sought, is_sure).into_iter().find_map(|hypothesis| {
+            let (measured, whole) = self.measured(&sought, hypothesis)?;
             let centre = measured.detection.centre_px;
             // It may have been found and left without a name.
             let own = own
                 .or_else(|| markers.iter().position(|d| d.ellipse().outwards(centre) < CONSISTENCY.within));
             let mut old = own.and_then(|i| markers.get(i)).cloned();
             // What has another size than predicted may have another place too.
-            old.iter_mut().for_each(|old| sizes.inflate(prediction, old));
+            old.iter_mut().for_each(|old| sought.sizes.inflate(prediction, old));
             let near = (centre - prediction.centre_px).norm() < self.most;
             let new = &measured.detection;
             // What is taken for hidden may be seen as a whole.
@@ -231,17 +237,11 @@ impl Closer<'_> {
     }
 
     /// What an expected marker may be, in the order in which it is tried; of one that is sure enough only what a decal leaves.
-    fn hypotheses(
-        &self,
-        prediction: &Prediction,
-        is_sure: bool,
-        sizes: &Sizes,
-        others: &[Ellipse],
-    ) -> Vec<Hypothesis> {
+    fn hypotheses(&self, sought: &Sought, is_sure: bool) -> Vec<Hypothesis> {
+        let Sought { prediction, sizes, others } = sought;
         let fringes = if is_sure { &ORIENTATION.fringes[1..] } else { &ORIENTATION.fringes[..] };
-        let hypotheses =
-            fringes.iter().filter_map(|fringe| sizes.hypothesis(self.ladder.image, prediction, *fringe));
-        let mut hypotheses: Vec<Hypothesis> = hypotheses.collect();
+        let of = |fringe: &f64| sizes.hypothesis(self.ladder.image, prediction, *fringe);
+        let mut hypotheses: Vec<Hypothesis> = fringes.iter().filter_map(of).collect();
         hypotheses.dedup();
         // Only where it does not look whole is it taken for hidden.
         let hidden = |last| decal_cut::beside(self.ladder.image, last, others, ROWS, self.psf);
@@ -252,14 +252,8 @@ impl Closer<'_> {
     }
 
     /// What a hypothesis measures, as accurately as the frame's markers and its size say; and whether it was seen as a whole.
-    fn measured(
-        &self,
-        prediction: &Prediction,
-        mut hypothesis: Hypothesis,
-        sizes: &Sizes,
-        others: &[Ellipse],
-    ) -> Option<(Measured, bool)> {
-        let psf = self.psf;
+    fn measured(&self, sought: &Sought, mut hypothesis: Hypothesis) -> Option<(Measured, bool)> {
+        let (Sought { prediction, sizes, others }, psf) = (sought, self.psf);
         if prediction.shape == Shape::Circle && hypothesis.ellipse.minor < NEIGHBOUR.thin_blurs * psf {
             hypothesis.prior.edge = Some(EdgePrior {
                 blur: Estimate::to_share(psf, NEIGHBOUR.same_blur),

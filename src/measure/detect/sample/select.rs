@@ -13,7 +13,7 @@ use super::weight::{Edges, Ruler, Taker};
 use crate::measure::detect::appearance::parameters::Parameters;
 use crate::measure::detect::hypothesis::{EdgePair, Hypothesis};
 use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::scanline::{EllipseFrame, Line, PixelBox, Rows, columns, row_of};
+use crate::measure::detect::image::scanline::{EllipseFrame, Line, PixelBox, Ring, Rows, columns, row_of};
 use crate::measure::detect::segment::{bitmask::WORD, blob::Blob};
 use crate::measure::raster::Raster;
 
@@ -258,8 +258,8 @@ struct Strips {
     flat: f64,
     near: f64,
     /// About a disc's outline, outside and inside of it: of all, and near it.
-    far: [Option<Rows>; 2],
-    close: [Option<Rows>; 2],
+    far: Ring,
+    close: Ring,
     /// Where quadrants' pixels end.
     inside: Option<Rows>,
 }
@@ -270,7 +270,7 @@ impl Strips {
     fn new(frame: &EllipseFrame, edges: Option<Edges>, bands: Bands, area: PixelBox) -> Self {
         let flat = f64::from(bands.flat);
         let near = f64::from(bands.edge) + 0.5 * FADE + 1.0;
-        let ring = |by: f64| [by, -by].map(|by| frame.grown(by));
+        let ring = |by: f64| Ring::new(frame, -by, by);
         let inside = edges.and_then(|e: Edges| frame.grown(FADE - e.margin));
         Self { area, edges, flat, near, far: ring(flat + 1.0), close: ring(near), inside }
     }
@@ -278,7 +278,8 @@ impl Strips {
     /// Of a row; `None` where it is not met.
     fn columns(&self, y: f64) -> Option<(Both, Both)> {
         let Some(Edges { lines, .. }) = self.edges else {
-            return Some((self.ring(&self.far, y)?, self.ring(&self.close, y).unwrap_or([0..0, 0..0])));
+            let close = self.close.columns(y, self.area).unwrap_or([0..0, 0..0]);
+            return Some((self.far.columns(y, self.area)?, close));
         };
         let (from, to) = row_of(&self.inside, y)?;
         let parts = |reach: f64| {
@@ -292,13 +293,6 @@ impl Strips {
             [first, second]
         };
         Some((parts(self.flat + FADE), parts(self.near)))
-    }
-
-    /// Of a row between two ellipses.
-    fn ring(&self, [outer, inner]: &[Option<Rows>; 2], y: f64) -> Option<Both> {
-        let (from, to) = row_of(outer, y)?;
-        let hole = row_of(inner, y).unwrap_or((to, to));
-        Some([columns(from, hole.0, self.area), columns(hole.1, to, self.area)])
     }
 }
 
