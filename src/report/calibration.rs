@@ -5,8 +5,8 @@ use nalgebra::Vector2;
 
 use super::html::document;
 use crate::measure::calibrate::{Calibration, Verdict};
+use crate::measure::geometry::Lens;
 
-const NAMES: [&str; 9] = ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "p1", "p2"];
 /// Width of a figure, px of the page.
 const WIDTH: f64 = 640.0;
 /// Length of the longest arrow, px of the page.
@@ -57,8 +57,7 @@ fn summary(c: &Calibration) -> Markup {
 }
 
 fn parameters(c: &Calibration) -> Markup {
-    let l = &c.lens;
-    let values = [l.fx, l.fy, l.cx, l.cy, l.k1, l.k2, l.k3, l.p1, l.p2];
+    let values = c.lens.parameters();
     html! {
         table {
             thead { tr { th { "parameter" } th { "value" } th { "sigma" } th { "value / sigma" } th { "at 95 %" } } }
@@ -68,7 +67,7 @@ fn parameters(c: &Calibration) -> Markup {
                     @let t = (k >= FIRST_DISTORTION && sigma > 0.0).then(|| values[k] / sigma);
                     @let digits = if k < FIRST_DISTORTION { 3 } else { 6 };
                     tr {
-                        td { (NAMES[k]) }
+                        td { (Lens::PARAMETERS[k]) }
                         td { (format!("{:.digits$}", values[k])) }
                         td { @if c.held[k] { "held" } @else { (format!("{sigma:.digits$}")) } }
                         td { @if let Some(t) = t { (format!("{t:.1}")) } }
@@ -95,8 +94,8 @@ fn correlations(c: &Calibration) -> Markup {
             }
         }
         table {
-            thead { tr { th { "correlation" } @for name in NAMES { th { (name) } } } }
-            tbody { @for i in 0..9 { tr { td { (NAMES[i]) } @for j in 0..=i { td { (of(i, j)) } } } } }
+            thead { tr { th { "correlation" } @for name in Lens::PARAMETERS { th { (name) } } } }
+            tbody { @for i in 0..9 { tr { td { (Lens::PARAMETERS[i]) } @for j in 0..=i { td { (of(i, j)) } } } } }
         }
     }
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 use super::pictures::{Picture, reason};
 use crate::installation::CalibrationReport;
 use crate::measure::calibrate::{Calibration, Verdict};
+use crate::measure::geometry::Lens;
 
 pub(super) fn report(calibration: &Calibration, verdict: Verdict) -> CalibrationReport {
     let c = &calibration.covariance;
@@ -29,13 +30,10 @@ pub(super) fn report(calibration: &Calibration, verdict: Verdict) -> Calibration
 const FIRST_DISTORTION: usize = 4;
 /// Some hundred points leave Student's t at 95 % at the normal's.
 const SIGNIFICANT: f64 = 1.96;
-pub(super) const NAMES: [&str; 9] = ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "p1", "p2"];
-
 const DENOMINATOR: [&str; 3] = ["k4", "k5", "k6"];
 
 pub(super) fn values(c: &Calibration) -> [f64; 9] {
-    let l = &c.lens;
-    [l.fx, l.fy, l.cx, l.cy, l.k1, l.k2, l.k3, l.p1, l.p2]
+    c.lens.parameters().into()
 }
 
 pub(super) fn json(
@@ -45,7 +43,7 @@ pub(super) fn json(
     pictures: &[Picture],
 ) -> String {
     let by_name = |values: [Option<f64>; 9]| -> serde_json::Map<String, serde_json::Value> {
-        NAMES.iter().zip(values).map(|(n, v)| ((*n).to_owned(), v.into())).collect()
+        Lens::PARAMETERS.iter().zip(values).map(|(n, v)| ((*n).to_owned(), v.into())).collect()
     };
     let parameters = values(calibration).map(Some);
     let mut camera = serde_json::Map::new();
@@ -126,7 +124,9 @@ pub(super) fn text(output: &Path, calibration: &Calibration, report: &Calibratio
         report.observations,
         report.rms_px
     );
-    for (k, ((name, value), sigma)) in NAMES.iter().zip(values(calibration)).zip(report.sigma).enumerate() {
+    for (k, ((name, value), sigma)) in
+        Lens::PARAMETERS.iter().zip(values(calibration)).zip(report.sigma).enumerate()
+    {
         let digits = if k < FIRST_DISTORTION { 3 } else { 6 };
         let weak = t_value(calibration, report, k).is_some_and(|t| t.abs() < SIGNIFICANT);
         let sigma = sigma.map_or("held".to_owned(), |s| format!("+- {s:.digits$}"));

@@ -2,12 +2,11 @@
 
 use nalgebra::{DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
-use super::AdjustError;
-use super::gauss_helmert::{Gradient, Linearised, Prior};
 use super::marker_state::MarkerState;
 use super::scene::{Bent, Camera, Predicted, Scene};
-use super::term::{Place, Placed, Sight};
+use super::term::{Place, Placed};
 use super::values::Values;
+use crate::measure::estimation::{EstimationError, Gradient, Linearised, Prior};
 
 /// Where the markers' positions on ground stand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,7 +66,7 @@ impl Layout {
     /// What is known beforehand of the local parameters.
     pub fn local_priors(&self) -> Vec<Prior> {
         let of = |placed: &Placed| match placed.place {
-            Place::Local(first) => placed.term.priors().into_iter().map(|p| p.moved(first)).collect(),
+            Place::Local(first) => placed.term.priors.iter().map(|p| p.clone().moved(first)).collect(),
             Place::Global(_) => vec![],
         };
         self.terms.iter().flat_map(of).collect()
@@ -136,7 +135,7 @@ impl Layout {
 
     /// Every unknown: its term and its column in that.
     pub fn unknowns(&self) -> impl Iterator<Item = (&Placed, usize)> {
-        self.terms.iter().flat_map(|placed| (0..placed.term.size()).map(move |k| (placed, k)))
+        self.terms.iter().flat_map(|placed| (0..placed.term.size).map(move |k| (placed, k)))
     }
 }
 
@@ -195,15 +194,14 @@ impl<'a> Rows<'a> {
         seen: &Seen,
         scene: &Scene,
         camera: &Camera,
-    ) -> Result<(), AdjustError> {
+    ) -> Result<(), EstimationError> {
         let (bending, estimated) = (seen.values.bending(), &seen.values.estimated);
         let state = scene.marker(seen.marker, seen.bent, &seen.ground_m, &bending, estimated);
         let predicted = scene.project(&state.carried.position_m, camera).ok_or_else(behind)?;
         self.put_pixel(row, seen.observation, &predicted, seen.observed);
-        let sight = Sight { state: &state, predicted: &predicted };
         let layout = self.layout;
         for (placed, k) in layout.unknowns() {
-            self.put(placed.place, row, k, placed.term.in_flight(k, &sight));
+            self.put(placed.place, row, k, placed.term.in_flight(k, &state, &predicted));
         }
         self.put_survey(row, &(predicted.by_point * state.carried.by_ground));
         Ok(())
@@ -216,7 +214,7 @@ impl<'a> Rows<'a> {
         seen: &Seen,
         scene: &Scene,
         camera: &Camera,
-    ) -> Result<(), AdjustError> {
+    ) -> Result<(), EstimationError> {
         let predicted = scene.project(&seen.ground_m, camera).ok_or_else(behind)?;
         self.put_pixel(row, seen.observation, &predicted, seen.observed);
         let layout = self.layout;
@@ -254,8 +252,8 @@ pub struct Seen<'a> {
     pub observation: usize,
 }
 
-fn behind() -> AdjustError {
-    AdjustError::Input(
+fn behind() -> EstimationError {
+    EstimationError::Input(
         "a marker comes to lie behind the camera; check projection_centre_m, span_direction and orientation.toml".into(),
     )
 }

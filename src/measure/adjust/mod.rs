@@ -1,13 +1,11 @@
 //! Observations -> deflection: profile, spatial, flight; quality, variance components.
 
 pub mod beam;
-mod components;
 mod curve;
 mod estimated;
 #[cfg(test)]
 mod example;
 mod flight;
-pub mod gauss_helmert;
 pub mod ground;
 mod input;
 mod layout;
@@ -15,7 +13,6 @@ mod marker_state;
 mod model_error;
 mod outcome;
 pub mod profile;
-pub mod quality;
 mod scene;
 mod shapes;
 mod snooping;
@@ -24,10 +21,12 @@ mod term;
 mod terms;
 mod values;
 
+pub use super::estimation::{Estimate, GlobalTest, SigmaKind, VarianceComponent};
 pub use flight::Live;
 
 use nalgebra::{DMatrix, Matrix2, Matrix3, Vector2, Vector3};
 
+use super::estimation::EstimationError;
 use super::setup::{Orientation, Setup};
 
 /// One marker seen in one frame.
@@ -39,18 +38,6 @@ pub struct Observation {
     pub pixel: Vector2<f64>,
     /// Its covariance, px^2.
     pub covariance_px2: Matrix2<f64>,
-}
-
-/// Which standard deviations are reported.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub enum SigmaKind {
-    /// A posteriori where the global test rejects, a priori where it accepts.
-    #[default]
-    ByTest,
-    /// A priori.
-    Prior,
-    /// A posteriori: scaled by the root of the variance factor.
-    Posterior,
 }
 
 /// A mounting of the camera: what is between two remounts.
@@ -119,15 +106,6 @@ pub enum Method {
     Flight,
 }
 
-/// A number with its standard deviation; `None` for one that was held fixed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Estimate {
-    /// The value, in the unit that the field's name bears.
-    pub value: f64,
-    /// Its standard deviation, same unit.
-    pub sigma: Option<f64>,
-}
-
 /// A named parameter of the model, with the unit in the name.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameter {
@@ -135,17 +113,6 @@ pub struct Parameter {
     pub name: &'static str,
     /// One entry, or one per term.
     pub values: Vec<Estimate>,
-}
-
-/// Verdict of the chi-square test on the variance factor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum GlobalTest {
-    /// The variance factor is compatible with 1.
-    Passed,
-    /// It is not.
-    Rejected,
-    /// No redundancy, no verdict.
-    NotPossible,
 }
 
 /// What the adjustment says of one marker of the survey.
@@ -222,18 +189,6 @@ pub struct CurvePoint {
     pub twist_rad: Option<Estimate>,
 }
 
-/// One group's variance component.
-#[derive(Clone, Debug, PartialEq)]
-pub struct VarianceComponent {
-    /// `image` or `survey`.
-    pub group: &'static str,
-    /// The component (1: the group's standard deviations are right); `None` where the observations do
-    /// not show it and the stated standard deviations were kept.
-    pub factor: Option<Estimate>,
-    /// The group's share of the redundancy.
-    pub redundancy: f64,
-}
-
 /// The outcome of an adjustment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
@@ -278,20 +233,9 @@ pub enum AdjustError {
         /// Needed.
         needed: usize,
     },
-    /// The normal matrix is singular; the datum that is missing is named.
-    #[error("the adjustment has no unique solution: {missing}")]
-    Singular {
-        /// What cannot be determined, and from what it could.
-        missing: String,
-    },
-    /// The iteration did not settle.
-    #[error(
-        "the adjustment did not converge after {iterations} iterations; look for a wrong survey point or a wrong identity"
-    )]
-    NoConvergence {
-        /// Iterations done.
-        iterations: usize,
-    },
+    /// The observations determine no solution.
+    #[error(transparent)]
+    Estimation(#[from] EstimationError),
     /// A pixel has no ray, or a number is not finite.
     #[error("{0}")]
     Input(String),

@@ -1,8 +1,8 @@
 //! Data snooping (Baarda): the observation that most probably holds a blunder, one at a time.
 
-use super::gauss_helmert::{Fit, Problem};
-use super::quality::{self, Reliability};
 use super::{AdjustError, GlobalTest, Options};
+use crate::measure::estimation::quality::{self, Reliability};
+use crate::measure::estimation::{Fit, Problem};
 use crate::measure::setup::Setup;
 
 /// A blunder in the survey must stand out by this factor against one in the images, which are

@@ -1,7 +1,6 @@
 //! Boards: what is printed, and where its points are.
 
-use super::{View, checkerboard};
-use crate::measure::raster::Raster;
+use super::View;
 
 /// A calibration board (docs/interface.md).
 #[derive(Clone, Debug, PartialEq)]
@@ -106,24 +105,9 @@ pub fn misdescribed(board: &Board, misfits: &[Option<Misfit>]) -> Option<String>
     }
 }
 
+#[cfg(feature = "aprilgrid")]
 impl Board {
-    /// The board's points in a picture.
-    pub fn find(&self, raster: &Raster) -> Result<Sighting, BoardError> {
-        match *self {
-            Self::Checkerboard { columns, rows, square_m } => {
-                checkerboard::find(raster, columns, rows, square_m)
-            }
-            #[cfg(feature = "aprilgrid")]
-            Self::AprilGrid { columns, rows, tag_m, spacing } => {
-                super::aprilgrid::find(raster, columns, rows, tag_m, spacing)
-            }
-            #[cfg(not(feature = "aprilgrid"))]
-            Self::AprilGrid { .. } => Err(BoardError::NotBuilt),
-        }
-    }
-
     /// Corner `corner` of tag `id`: counter-clockwise from the bottom left, as Kalibr counts, m.
-    #[cfg(feature = "aprilgrid")]
     pub(super) fn tag_corner(
         columns: usize,
         tag_m: f64,

@@ -74,11 +74,11 @@ fn fold(c: &Calibration) -> Option<(Verdict, String)> {
     if c.projections.is_some() {
         return None;
     }
-    let (lens, corner, told_px) = (&c.lens, c.farthest_corner_px(), c.told_px);
+    let (lens, corner, shown_px) = (&c.lens, c.farthest_corner_px(), c.shown_px);
     let middle = Vector2::new(lens.cx, lens.cy);
     let folds = |k: &i32| lens.ray(&(middle + corner * (f64::from(*k) / 100.0))).is_err();
     let fold_px = (1..=100).find(folds).map_or(corner.norm(), |k| corner.norm() * f64::from(k) / 100.0);
-    let why = if !c.is_told() {
+    let why = if !c.is_shown_to_the_corner() {
         "nothing told the lens's distortion out there: show the board in all corners of the image, or let --select drop \
          the terms that the pictures do not tell"
     } else {
@@ -86,7 +86,7 @@ fn fold(c: &Calibration) -> Option<(Verdict, String)> {
     };
     let text = format!(
         "the lens model has no inverse over the whole image: it folds at {fold_px:.0} px from the principal point, the \
-         image's corners lie at {:.0} px, and boards were shown up to {told_px:.0} px; {why}",
+         image's corners lie at {:.0} px, and boards were shown up to {shown_px:.0} px; {why}",
         corner.norm()
     );
     Some((Verdict::Refused, text))

@@ -35,7 +35,7 @@ pub(super) fn state_of(
     let mut state = prior.mean;
     for _ in 0..15 {
         let predicted = scene.linearise(&state);
-        let step = solve(&pairs, &predicted, detections, &prior, &state, Clutter::new(0, 1.0))?;
+        let step = solve(&pairs, &predicted, detections, &prior, &state, Clutter::new(0, &scene.setup.lens))?;
         state += step.delta;
         if step.delta.amax() < 1e-7 {
             break;

@@ -5,12 +5,12 @@ use nalgebra::{DMatrix, DVector};
 use super::assumed::{Assumed, own_rotation_column};
 use super::shape::SharedShape;
 use super::usage::Usage;
-use crate::measure::adjust::gauss_helmert::{Block, Fit, Group};
 use crate::measure::adjust::input::{Input, Sights, by_marker, on_the_wing};
 use crate::measure::adjust::layout::Layout;
 use crate::measure::adjust::model_error::image_covariance;
 use crate::measure::adjust::snooping::Member;
 use crate::measure::adjust::{AdjustError, Observation};
+use crate::measure::estimation::{Block, Fit, Group};
 
 /// Fewest markers on the wing in one frame.
 pub const FEWEST: usize = 4;

@@ -1,21 +1,19 @@
 //! One frame set up for the engine: its unknowns, its observations, its conditions.
 
-use std::sync::Arc;
-
 use nalgebra::{DMatrix, DVector};
 
+use crate::measure::adjust::Observation;
 use crate::measure::adjust::beam::MAX_TWIST_TERMS;
-use crate::measure::adjust::gauss_helmert::{
-    Block, Course, Fit, Group, GroupPoint, Linearised, Problem, solve_from,
-};
 use crate::measure::adjust::input::{Input, Sights};
 use crate::measure::adjust::layout::{Layout, Own, Rows, Seen, Survey};
 use crate::measure::adjust::model_error::image_covariance;
 use crate::measure::adjust::scene::Scene;
 use crate::measure::adjust::snooping::Member;
 use crate::measure::adjust::term::Columns;
-use crate::measure::adjust::terms::{self, Curvature, Twist};
-use crate::measure::adjust::{AdjustError, Observation};
+use crate::measure::adjust::terms;
+use crate::measure::estimation::{
+    Block, Course, EstimationError, Fit, Group, GroupPoint, Linearised, Problem, solve_from,
+};
 use crate::measure::setup::Thermal;
 
 /// Which observations take part.
@@ -82,7 +80,7 @@ impl<'a> Frame<'a> {
     }
 
     /// All blocks of the frame at a point.
-    pub fn linearise(&self, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> Result<(), AdjustError> {
+    pub fn linearise(&self, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> Result<(), EstimationError> {
         let values = self.layout.values(at.global, at.local);
         let bent = self.scene.bend(&values.bending());
         let camera = self.scene.camera(&values.pose);
@@ -111,30 +109,32 @@ impl<'a> Frame<'a> {
         Ok(())
     }
 
-    pub fn solve(&self, course: &Course) -> Result<Fit, AdjustError> {
+    pub fn solve(&self, course: &Course) -> Result<Fit, EstimationError> {
         solve_from(&self.problem, course, |at, blocks| self.linearise(at, blocks))
     }
 }
 
 fn layout(input: &Input, curvature_terms: usize, amplitude_per_m: f64, columns: &mut Columns) -> Layout {
-    let twist_terms = input.options.twist_terms.min(MAX_TWIST_TERMS);
     let stayed = input.options.is_of_the_ground();
-    let amplitude_per_m = Some(amplitude_per_m);
-    let curvature = columns.place(Arc::new(Curvature { terms: curvature_terms, amplitude_per_m }));
-    let twist = columns.place(Arc::new(Twist { terms: twist_terms }));
-    let rotation = columns.place(terms::rotation(input, stayed));
+    let first = [
+        terms::curvature(curvature_terms, Some(amplitude_per_m)),
+        terms::twist(input.options.twist_terms.min(MAX_TWIST_TERMS)),
+        terms::rotation(input, stayed),
+    ];
+    let first = first.map(|term| columns.place(term));
     let shared = terms::shared(input, columns);
     let mounting = terms::of_mounting(input, stayed).into_iter().map(|term| columns.place(term));
     let mounting: Vec<_> = mounting.collect();
+    let [curvature, twist, rotation] = &first;
     let head = columns.missing.len();
     Layout {
         curvature: curvature.place,
         curvature_terms,
         twist: twist.place,
-        twist_terms,
+        twist_terms: twist.term.size,
         rotation: vec![rotation.place],
         axis_height: shared.axis_height,
-        terms: [vec![curvature, twist, rotation], shared.placed, mounting].concat(),
+        terms: [&first, &shared.placed[..], &mounting].concat(),
         expected_scale: input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
         survey: Survey::Observed,
         head,
