@@ -1,6 +1,7 @@
 //! Observations -> deflection: profile, spatial, flight; quality, variance components.
 
 pub mod beam;
+mod blocks;
 mod curve;
 mod estimated;
 #[cfg(test)]
@@ -10,7 +11,6 @@ pub mod ground;
 mod input;
 mod layout;
 mod marker_state;
-mod model_error;
 mod outcome;
 pub mod profile;
 mod scene;

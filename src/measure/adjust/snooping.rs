@@ -1,5 +1,6 @@
 //! Data snooping (Baarda): the observation that most probably holds a blunder, one at a time.
 
+use super::layout::Member;
 use super::{AdjustError, GlobalTest, Options};
 use crate::measure::estimation::quality::{self, Reliability};
 use crate::measure::estimation::{Fit, Problem};
@@ -8,17 +9,6 @@ use crate::measure::setup::Setup;
 /// A blunder in the survey must stand out by this factor against one in the images, which are
 /// more often wrong.
 const SURVEY_LEAD: f64 = 1.05;
-
-/// Which marker a block belongs to, and where its observations stand in the block.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Member {
-    /// Index in the survey.
-    pub marker: usize,
-    /// First of the two pixel coordinates in flight.
-    pub flight: Option<usize>,
-    /// First of the two pixel coordinates on ground.
-    pub ground: Option<usize>,
-}
 
 /// What of a marker is wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

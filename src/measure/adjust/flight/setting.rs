@@ -6,9 +6,8 @@ use super::frames::Flight;
 use super::shape::{ShapeColumns, SharedShape};
 use crate::measure::adjust::beam::{MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
 use crate::measure::adjust::input::Input;
-use crate::measure::adjust::layout::{Layout, Own, Rows, Seen, Survey};
+use crate::measure::adjust::layout::{Layout, Member, Own, Survey};
 use crate::measure::adjust::scene::Scene;
-use crate::measure::adjust::snooping::Member;
 use crate::measure::adjust::term::{Columns, Place, Placed};
 use crate::measure::adjust::terms::{self, Shared};
 use crate::measure::estimation::{
@@ -169,64 +168,17 @@ impl Setting {
         at: &GroupPoint,
         blocks: &mut Vec<Linearised>,
     ) -> Result<(), EstimationError> {
-        match (self.layouts.get(at.group), &self.ground) {
-            (Some(layout), _) => self.frame(scene, layout, at, blocks),
-            (None, Some(layout)) => self.ground(scene, layout, at, blocks),
-            (None, None) => Ok(()),
-        }
-    }
-
-    fn frame(
-        &self,
-        scene: &Scene,
-        layout: &Layout,
-        at: &GroupPoint,
-        blocks: &mut Vec<Linearised>,
-    ) -> Result<(), EstimationError> {
-        let values = layout.values(at.global, at.local);
-        let bent = scene.bend(&values.bending());
-        let camera = scene.camera(&values.pose);
-        for (block, (member, observed)) in self.members[at.group].iter().zip(at.observed).enumerate() {
-            let seen = Seen {
-                marker: member.marker,
-                bent: &bent,
-                values: &values,
-                ground_m: layout.on_ground(member.marker, at.global, observed),
-                observed,
-                observation: 0,
-            };
-            Rows::new(layout, (blocks, block), member.marker, 2, 2).flight(0, &seen, scene, &camera)?;
-        }
+        let (layout, members) = match (self.layouts.get(at.group), &self.ground) {
+            (Some(layout), _) => (layout, &self.members[at.group]),
+            (None, Some(layout)) => return layout.linearise(scene, &self.ground_members, at, blocks),
+            (None, None) => return Ok(()),
+        };
+        layout.linearise(scene, members, at, blocks)?;
         let Some(departure) = at.observed.last() else { return Ok(()) };
-        let last = self.members[at.group].len();
-        if blocks.len() == last {
+        if blocks.len() == members.len() {
             blocks.push(self.shape.empty(layout));
         }
-        self.shape.linearise(layout, at, departure, &mut blocks[last]);
-        Ok(())
-    }
-
-    fn ground(
-        &self,
-        scene: &Scene,
-        layout: &Layout,
-        at: &GroupPoint,
-        blocks: &mut Vec<Linearised>,
-    ) -> Result<(), EstimationError> {
-        let values = layout.values(at.global, at.local);
-        let flat = scene.bend(&values.bending());
-        let camera = scene.ground_camera(&values.pose);
-        for (block, (member, observed)) in self.ground_members.iter().zip(at.observed).enumerate() {
-            let sights = member.ground.map_or(0, |_| 2);
-            let mut rows = Rows::new(layout, (blocks, block), member.marker, 3 + sights, 3 + sights);
-            let ground_m = layout.on_ground(member.marker, at.global, observed);
-            rows.surveyed(0, &ground_m, observed);
-            if let Some(observation) = member.ground {
-                let (marker, bent) = (member.marker, &flat);
-                let seen = Seen { marker, bent, values: &values, ground_m, observed, observation };
-                rows.ground(3, &seen, scene, &camera)?;
-            }
-        }
+        self.shape.linearise(layout, at, departure, &mut blocks[members.len()]);
         Ok(())
     }
 
