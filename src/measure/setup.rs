@@ -341,3 +341,14 @@ pub struct GroundSight {
     /// Its covariance, px^2.
     pub covariance_px2: nalgebra::Matrix2<f64>,
 }
+
+/// One marker seen in one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Observation {
+    /// Index in [`Setup::markers`].
+    pub marker: usize,
+    /// Image of the marker's centre, px.
+    pub pixel: Vector2<f64>,
+    /// Its covariance, px^2.
+    pub covariance_px2: nalgebra::Matrix2<f64>,
+}

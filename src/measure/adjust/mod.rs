@@ -22,23 +22,13 @@ mod terms;
 mod values;
 
 pub use super::estimation::{Estimate, GlobalTest, SigmaKind, VarianceComponent};
+pub use super::setup::Observation;
 pub use flight::Live;
 
-use nalgebra::{DMatrix, Matrix2, Matrix3, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector2, Vector3};
 
 use super::estimation::EstimationError;
 use super::setup::{Orientation, Setup};
-
-/// One marker seen in one frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Observation {
-    /// Index in [`Setup::markers`].
-    pub marker: usize,
-    /// Image of the marker's centre, px.
-    pub pixel: Vector2<f64>,
-    /// Its covariance, px^2.
-    pub covariance_px2: Matrix2<f64>,
-}
 
 /// A mounting of the camera: what is between two remounts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
