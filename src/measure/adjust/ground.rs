@@ -94,7 +94,7 @@ const USUAL_HALF_THICKNESS: (f64, f64, f64) = (0.015, 0.004, 0.007);
 
 /// Height of the skin above the bending axis with its standard deviation, m: as stated, else what wings have.
 fn skin(setup: &Setup, points: &[Vector3<f64>]) -> (SkinHeight, f64) {
-    let stated = setup.uncertainty.skin_height_m;
+    let stated = setup.uncertainty.skin_height_sigma_m;
     if let Some(skin) = setup.skin_height {
         return (skin, stated);
     }
