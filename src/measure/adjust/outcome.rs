@@ -124,7 +124,8 @@ impl<'a> Outcome<'a> {
     fn add(
         &self,
         gradient: &mut Gradient,
-        (block, nth): (usize, usize),
+        block: usize,
+        nth: usize,
         state: &MarkerState,
         directions: &[Vector3<f64>],
         ground: &[Vector3<f64>],
@@ -172,7 +173,7 @@ impl<'a> Outcome<'a> {
         let none = Vector3::zeros();
         let mut gradient = self.gradient(5, &[member.marker]);
         let directions = [x, y, z, y, towards];
-        self.add(&mut gradient, (block, 0), &state, &directions, &[none, none, none, -y, none]);
+        self.add(&mut gradient, block, 0, &state, &directions, &[none, none, none, -y, none]);
         let covariance = self.covariance(&gradient);
         let survey_from_wing = self.input.scene.ground.frame.wing_from_survey.inverse();
         let in_wing = covariance.fixed_view::<3, 3>(0, 0).into_owned();
@@ -236,7 +237,7 @@ impl<'a> Outcome<'a> {
             let (ground, state) = self.state(block);
             difference += sign * (state.carried.position_m.y - ground.y);
             let up = Vector3::y() * sign;
-            self.add(&mut gradient, (block, nth), &state, &[up], &[-up]);
+            self.add(&mut gradient, block, nth, &state, &[up], &[-up]);
         }
         let by_difference = base / (base * base + difference * difference);
         let sigma = self.sigmas(&gradient).first().map(|s| s * by_difference);

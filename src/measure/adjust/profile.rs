@@ -358,7 +358,7 @@ impl Adjusted<'_> {
             Some((index, larger(all)?.w?.abs(), image.w? * image.minimal_detectable_bias? / shift))
         });
         let (index, w, size) = suspects.reduce(|a, b| if b.1 > a.1 { b } else { a })?;
-        let w = w / snooping::spread(&self.fit, w, options);
+        let w = w / snooping::root_variance_factor(&self.fit, w, options);
         let id = &self.geometry.setup.markers[self.observations[index].marker].id;
         (w > limit).then(|| {
             let sentence = format!(

@@ -147,12 +147,13 @@ pub fn worst_of<'a>(
     let best = blocks
         .filter_map(|(block, member)| suspect(problem, fit, group, block, member, options))
         .reduce(|a, b| if b.w.abs() > a.w.abs() { b } else { a })?;
-    // The spread is not below 1 and costs more than all the rest.
-    (best.w.abs() > limit && best.w.abs() / spread(fit, best.w, options) > limit).then_some(best)
+    // The factor is not below 1 and costs more than all the rest.
+    (best.w.abs() > limit && best.w.abs() / root_variance_factor(fit, best.w, options) > limit)
+        .then_some(best)
 }
 
 /// Root of the variance factor without the suspect, not below 1.
-pub(super) fn spread(fit: &Fit, w: f64, options: &Options) -> f64 {
+pub(super) fn root_variance_factor(fit: &Fit, w: f64, options: &Options) -> f64 {
     if fit.redundancy < 2
         || quality::global_test(fit.omega, fit.redundancy, options.global_alpha) == GlobalTest::Passed
     {

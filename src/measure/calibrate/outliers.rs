@@ -122,8 +122,9 @@ impl Selection {
         let residuals = adjusted.residuals(&self.used);
         let squares = adjusted.squares(&self.used, &residuals);
         let zoomed = self.zoomed(adjusted, &residuals);
-        let worst = zoomed
-            .or_else(|| self.far_off(&residuals, &squares).map(|w| self.reason(adjusted, &residuals, w)));
+        let worst = zoomed.or_else(|| {
+            self.far_off(&residuals, &squares).map(|(k, reason)| self.reason(adjusted, &residuals, k, reason))
+        });
         match worst.filter(|_| self.used.len() > LEAST_VIEWS) {
             Some((k, reason)) => {
                 let (index, _) = self.used.remove(k);
@@ -157,7 +158,8 @@ impl Selection {
         &self,
         adjusted: &Adjusted,
         residuals: &[Vec<Vector2<f64>>],
-        (k, reason): (usize, Dropped),
+        k: usize,
+        reason: Dropped,
     ) -> (usize, Dropped) {
         match own_constant(adjusted, k, &self.used[k].1, &residuals[k]) {
             Some((change, sigma)) if change.abs() > sigma * limit(residuals.len(), 2.0) => {

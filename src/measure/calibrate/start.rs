@@ -53,11 +53,11 @@ fn plane_misfit_px(view: &View, centre: &Vector2<f64>) -> f64 {
 fn homography(view: &[BoardPoint], centre: &Vector2<f64>) -> Option<Matrix3<f64>> {
     let n = view.len() as f64;
     let mean = view.iter().map(|p| p.board_m).sum::<Vector2<f64>>() / n;
-    let spread = (view.iter().map(|p| (p.board_m - mean).norm_squared()).sum::<f64>() / n).sqrt();
+    let radius_m = (view.iter().map(|p| (p.board_m - mean).norm_squared()).sum::<f64>() / n).sqrt();
     let scale = 0.25 * (centre.x + centre.y);
     let mut rows = DMatrix::zeros(2 * view.len(), 9);
     for (k, p) in view.iter().enumerate() {
-        let b = (p.board_m - mean) / spread;
+        let b = (p.board_m - mean) / radius_m;
         let q = (p.pixel - centre) / scale;
         let (x, y) = (b.x, b.y);
         let u = [x, y, 1.0, 0.0, 0.0, 0.0, -q.x * x, -q.x * y, -q.x];
@@ -71,8 +71,17 @@ fn homography(view: &[BoardPoint], centre: &Vector2<f64>) -> Option<Matrix3<f64>
     let smallest = eigen.eigenvalues.imin();
     let h = eigen.eigenvectors.column(smallest);
     let h = Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], h[8]);
-    let board =
-        Matrix3::new(1.0 / spread, 0.0, -mean.x / spread, 0.0, 1.0 / spread, -mean.y / spread, 0.0, 0.0, 1.0);
+    let board = Matrix3::new(
+        1.0 / radius_m,
+        0.0,
+        -mean.x / radius_m,
+        0.0,
+        1.0 / radius_m,
+        -mean.y / radius_m,
+        0.0,
+        0.0,
+        1.0,
+    );
     let pixel = Matrix3::new(scale, 0.0, 0.0, 0.0, scale, 0.0, 0.0, 0.0, 1.0);
     let h = pixel * h * board;
     h.iter().all(|v| v.is_finite()).then_some(h)

@@ -187,7 +187,7 @@ fn left_out(c: &Calibration) -> Option<(Verdict, String)> {
 /// lens is exactly the model.
 fn uncovered(c: &Calibration) -> Option<(Verdict, String)> {
     let empty: Vec<&str> =
-        (0..9).filter(|k| c.coverage[k / 3][k % 3] == 0).map(|k| region((k % 3, k / 3))).collect();
+        (0..9).filter(|k| c.coverage[k / 3][k % 3] == 0).map(|k| region(k % 3, k / 3)).collect();
     (!empty.is_empty()).then(|| {
         let text =
             format!("no board was shown in these parts of the image: {}; show it there", empty.join(", "));
@@ -213,19 +213,22 @@ fn uncertain(c: &Calibration) -> Option<(Verdict, String)> {
             c.spread_deg
         )
     } else {
-        format!("show the board some times more in the {} of the image, tilted", region(worst.worst))
+        format!(
+            "show the board some times more in the {} of the image, tilted",
+            region(worst.worst.0, worst.worst.1)
+        )
     };
     let text = format!(
         "a point at {} m is projected to {:.2} px only ({:.2} px in the {}); {what}",
         worst.distance_m,
         worst.sigma_px,
         worst.worst_sigma_px,
-        region(worst.worst)
+        region(worst.worst.0, worst.worst.1)
     );
     Some((verdict, text))
 }
 
-fn region((column, row): (usize, usize)) -> &'static str {
+fn region(column: usize, row: usize) -> &'static str {
     [
         ["upper left", "upper middle", "upper right"],
         ["left", "middle", "right"],
