@@ -23,12 +23,13 @@ mod values;
 
 pub use super::estimation::{Estimate, GlobalTest, SigmaKind, VarianceComponent};
 pub use super::setup::Observation;
-pub use flight::Live;
+pub use flight::{Live, solve as flight};
+pub use profile::solve as profile;
+pub use spatial::solve as spatial;
 
 use nalgebra::{DMatrix, Matrix3, Vector2, Vector3};
 
 use super::estimation::EstimationError;
-use super::setup::{Orientation, Setup};
 
 /// A mounting of the camera: what is between two remounts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -229,34 +230,4 @@ pub enum AdjustError {
     /// A pixel has no ray, or a number is not finite.
     #[error("{0}")]
     Input(String),
-}
-
-/// The paper's method (docs/model.md).
-pub fn profile(
-    setup: &Setup,
-    orientation: &Orientation,
-    observations: &[Observation],
-    options: &Options,
-) -> Result<Solution, AdjustError> {
-    profile::solve(setup, orientation, observations, options)
-}
-
-/// The rigid-section beam, one frame (docs/model.md).
-pub fn spatial(
-    setup: &Setup,
-    orientation: &Orientation,
-    observations: &[Observation],
-    options: &Options,
-) -> Result<Solution, AdjustError> {
-    spatial::solve(setup, orientation, observations, options)
-}
-
-/// The rigid-section beam, the frames between two remounts together; one solution per frame.
-pub fn flight(
-    setup: &Setup,
-    orientation: &Orientation,
-    frames: &[Vec<Observation>],
-    options: &Options,
-) -> Result<Vec<Solution>, AdjustError> {
-    flight::solve(setup, orientation, frames, options)
 }

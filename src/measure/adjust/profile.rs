@@ -112,7 +112,7 @@ pub fn correlations_with_distances(
 }
 
 /// The paper's method, one frame.
-pub(super) fn solve(
+pub fn solve(
     setup: &Setup,
     orientation: &Orientation,
     observations: &[Observation],

@@ -147,7 +147,7 @@ fn choose_order<'a>(single: &Single<'a>, usual: Solved<'a>) -> Result<Solved<'a>
 }
 
 /// The rigid-section beam, one frame.
-pub(super) fn solve(
+pub fn solve(
     setup: &Setup,
     orientation: &Orientation,
     observations: &[Observation],
