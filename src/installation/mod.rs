@@ -1,6 +1,27 @@
-//! The directory a user prepares: read, validate, write back (docs/interface.md).
+//! The directory that a user prepares for an aircraft: it is read, checked, and written back to.
 //!
-//! Every fault of every file is gathered in one go; each names file, key or line, and the mend.
+//! `installation.toml` names the other files (`docs/reference/installation-toml.md` has every key). Every
+//! fault of every file is gathered in one go, and each names the file, the key or line, the value and the mend:
+//!
+//! ```
+//! use std::path::Path;
+//! use wingd::installation;
+//!
+//! let folder = tempfile::tempdir()?;
+//! for name in ["installation.toml", "camera.toml", "survey.csv"] {
+//!     std::fs::copy(Path::new("fixtures/dev/installation").join(name), folder.path().join(name))?;
+//! }
+//! let found = installation::load(folder.path()).expect("the fixture is in order");
+//! assert_eq!(found.setup.markers.len(), 21);
+//!
+//! let text = std::fs::read_to_string(folder.path().join("installation.toml"))?;
+//! let text = text.replace("root_offset_m = 0.55", "root_offset_m = 550");
+//! std::fs::write(folder.path().join("installation.toml"), text)?;
+//! let faults = installation::load(folder.path()).unwrap_err();
+//! assert_eq!((faults[0].place.as_str(), faults[0].problem.as_str()), ("wing.root_offset_m", "is 550.0 m"));
+//! assert_eq!(faults[0].mend, "give a number from -50 to 50 m");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod board;
 mod camera;
@@ -8,6 +29,7 @@ mod corners;
 mod document;
 mod doubtful;
 mod exchange;
+mod fault;
 mod mountings;
 mod observations;
 mod orientation;
@@ -16,6 +38,7 @@ mod structure;
 mod survey;
 mod tables;
 mod ties;
+mod toml_file;
 mod window;
 
 use std::path::{Path, PathBuf};
@@ -27,6 +50,7 @@ pub use camera::{CalibrationReport, write_camera};
 pub use corners::{PictureCorners, read_corners, write_corners};
 pub use doubtful::doubts;
 pub use exchange::{CameraFormat, format_of, read_exchange, write_exchange};
+pub use fault::{Fault, KeyFault};
 pub use mountings::{Mountings, read_mountings};
 pub use observations::{HandObservation, read_observations};
 pub use orientation::write_orientation;
@@ -35,20 +59,6 @@ pub use tables::Optics;
 
 use crate::measure::geometry::TransformFit;
 use crate::measure::setup::{Orientation, Setup};
-
-/// A fault in something a user wrote: names the file, the key or line, the value and the mend.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{}: {place}: {problem}; {mend}", .file.display())]
-pub struct Fault {
-    /// The file at fault.
-    pub file: PathBuf,
-    /// Key such as `camera.fx`, or `line 7, column sigma_m`.
-    pub place: String,
-    /// What is wrong, with the value.
-    pub problem: String,
-    /// What to do.
-    pub mend: String,
-}
 
 /// A directory that was read and found in order.
 #[derive(Clone, Debug)]
@@ -82,12 +92,9 @@ impl Installation {
         let read = |(name, digest): &(String, String)| {
             let file = self.directory.join(name);
             let same = |bytes: &Vec<u8>| hex::encode(Sha256::digest(bytes)) == *digest;
-            let bytes = std::fs::read(&file).ok().filter(same).ok_or_else(|| Fault {
-                file,
-                place: "file".into(),
-                problem: "has changed while it was read".into(),
-                mend: "start again".into(),
-            })?;
+            let bytes = std::fs::read(&file).ok().filter(same);
+            let bytes = bytes
+                .ok_or_else(|| Fault::new(file, "file", "has changed while it was read", "start again"))?;
             Ok((name.clone(), bytes))
         };
         self.digests.iter().map(read).collect()
@@ -95,11 +102,9 @@ impl Installation {
 
     /// The orientation, or the fault of not having one.
     pub fn require_orientation(&self) -> Result<&Orientation, Fault> {
-        self.orientation.as_ref().ok_or_else(|| Fault {
-            file: self.directory.join(ORIENTATION_FILE),
-            place: "file".into(),
-            problem: "there is no orientation yet".into(),
-            mend: format!("run `wingd orient --installation {} GROUND_FRAME`", self.directory.display()),
+        self.orientation.as_ref().ok_or_else(|| {
+            let mend = format!("run `wingd orient --installation {} GROUND_FRAME`", self.directory.display());
+            Fault::new(self.directory.join(ORIENTATION_FILE), "file", "there is no orientation yet", mend)
         })
     }
 }
@@ -113,8 +118,7 @@ struct Reader {
 
 impl Reader {
     fn fault(&mut self, file: &Path, place: &str, problem: impl Into<String>, mend: impl Into<String>) {
-        let (problem, mend) = (problem.into(), mend.into());
-        self.faults.push(Fault { file: file.into(), place: place.into(), problem, mend });
+        self.faults.push(Fault::new(file, place, problem, mend));
     }
 
     /// A file's text; a fault where it cannot be read.
@@ -177,8 +181,8 @@ fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fa
     }
 }
 
-/// Faults alike that are told one by one; of more the first stands for all.
-const TOLD_ALIKE: usize = 3;
+/// Faults alike that are given one by one; of more the first stands for all.
+const MOST_ALIKE: usize = 3;
 
 /// One cause on many lines as one fault.
 fn folded(faults: Vec<Fault>) -> Vec<Fault> {
@@ -191,7 +195,7 @@ fn folded(faults: Vec<Fault>) -> Vec<Fault> {
     let mut kept: Vec<Fault> = vec![];
     for (k, mut fault) in faults.into_iter().enumerate() {
         let alike = kinds.iter().filter(|other| **other == kinds[k]).count();
-        if alike > TOLD_ALIKE {
+        if alike > MOST_ALIKE {
             if kinds[..k].contains(&kinds[k]) {
                 continue;
             }
@@ -216,7 +220,7 @@ pub fn toml_fault(file: &Path, text: &str, error: &toml::de::Error, mend: &str) 
     let line = error.span().map(|s| 1 + text.get(..s.start).map_or(0, |t| t.matches('\n').count()));
     let shown = line.and_then(|l| text.lines().nth(l - 1)).map(str::trim).unwrap_or_default();
     let place = line.map_or("file".into(), |l| format!("line {l} (`{shown}`)"));
-    Fault { file: file.into(), place, problem: error.message().replace('\n', " "), mend: mend.into() }
+    Fault::new(file, place, error.message().replace('\n', " "), mend)
 }
 
 /// Writes a page whole or not at all.

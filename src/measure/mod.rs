@@ -10,6 +10,7 @@ pub mod estimation;
 pub mod geometry;
 pub mod identify;
 pub mod mount;
+pub mod observation;
 pub mod plan;
 pub mod raster;
 pub mod render;

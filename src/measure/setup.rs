@@ -6,7 +6,8 @@ use nalgebra::{Rotation3, SMatrix, Vector2, Vector3};
 use super::geometry::{Lens, WingFrame};
 
 /// The two kinds of marker (docs/model.md).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Shape {
     /// Four alternating quadrants, near the fuselage.
     Quadrant,
@@ -337,17 +338,6 @@ pub struct GroundSight {
     /// Index in [`Setup::markers`].
     pub marker: usize,
     /// px, the mean where there are several frames.
-    pub pixel: Vector2<f64>,
-    /// Its covariance, px^2.
-    pub covariance_px2: nalgebra::Matrix2<f64>,
-}
-
-/// One marker seen in one frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Observation {
-    /// Index in [`Setup::markers`].
-    pub marker: usize,
-    /// Image of the marker's centre, px.
     pub pixel: Vector2<f64>,
     /// Its covariance, px^2.
     pub covariance_px2: nalgebra::Matrix2<f64>,

@@ -21,8 +21,8 @@ mod term;
 mod terms;
 mod values;
 
-pub use super::estimation::{Estimate, GlobalTest, SigmaKind, VarianceComponent};
-pub use super::setup::Observation;
+pub use super::estimation::{GlobalTest, SigmaKind, VarianceComponent};
+pub use super::observation::{Estimate, Observation};
 pub use flight::{Live, solve as flight};
 pub use profile::solve as profile;
 pub use spatial::solve as spatial;

@@ -15,15 +15,20 @@ mod aprilgrid;
 mod board;
 mod bundle;
 mod check;
+#[cfg(feature = "boards")]
 mod checkerboard;
+#[cfg(feature = "boards")]
 mod corner;
+#[cfg(feature = "boards")]
 mod find;
 mod fitting;
 mod model;
 mod outcome;
 mod outliers;
 mod quality;
+#[cfg(feature = "boards")]
 mod reduced;
+#[cfg(feature = "boards")]
 mod saddle;
 mod shape;
 mod start;

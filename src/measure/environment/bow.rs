@@ -18,45 +18,35 @@ use super::refraction::refract;
 use crate::measure::setup::Pane;
 
 /// The ray outside of one that leaves the projection centre: a point on it and its direction; `None` where it
-/// misses a face. The radius is the inner face's, positive where the pane bulges outwards.
+/// misses a face. `normal` is the pane's, outward. The radius is the inner face's, positive where the pane bulges outwards.
 pub(super) fn trace(
-    normal: &Vector3<f64>,
     pane: &Pane,
+    normal: &Vector3<f64>,
     radius_m: f64,
     ray: &Vector3<f64>,
 ) -> Option<(Vector3<f64>, Vector3<f64>)> {
-    let face = |depth_m: f64| Face {
-        apex_m: normal * (pane.distance_m + depth_m),
-        curvature_per_m: 1.0 / (radius_m + depth_m),
-    };
-    let (enters, facing) = face(0.0).meet(&Vector3::zeros(), ray, normal)?;
+    let inner = (normal * pane.distance_m, 1.0 / radius_m);
+    let outer = (normal * (pane.distance_m + pane.thickness_m), 1.0 / (radius_m + pane.thickness_m));
+    let (enters, facing) = meet(&Vector3::zeros(), ray, normal, inner)?;
     let inside = refract(ray, &facing, 1.0 / pane.index)?;
-    let (leaves, facing) = face(pane.thickness_m).meet(&enters, &inside, normal)?;
+    let (leaves, facing) = meet(&enters, &inside, normal, outer)?;
     let outside = refract(&inside, &facing, pane.index)?;
     Some((leaves - outside * leaves.dot(&outside), outside))
 }
 
-struct Face {
-    apex_m: Vector3<f64>,
-    curvature_per_m: f64,
-}
-
-impl Face {
-    /// Where a ray meets it, and its normal there.
-    fn meet(
-        &self,
-        from: &Vector3<f64>,
-        ray: &Vector3<f64>,
-        normal: &Vector3<f64>,
-    ) -> Option<(Vector3<f64>, Vector3<f64>)> {
-        let Self { apex_m: apex, curvature_per_m: curvature } = self;
-        let start = from - apex;
-        let b = ray.dot(normal) + curvature * ray.dot(&start);
-        let c = start.dot(normal) + 0.5 * curvature * start.norm_squared();
-        let root = b * b - 2.0 * curvature * c;
-        (root >= 0.0 && b > 0.0).then(|| {
-            let p = from - ray * (2.0 * c / (b + root.sqrt()));
-            (p, normal + (p - apex) * *curvature)
-        })
-    }
+/// Where a ray meets a face (apex, curvature), and the face's normal there.
+fn meet(
+    from: &Vector3<f64>,
+    ray: &Vector3<f64>,
+    normal: &Vector3<f64>,
+    (apex, curvature): (Vector3<f64>, f64),
+) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    let start = from - apex;
+    let b = ray.dot(normal) + curvature * ray.dot(&start);
+    let c = start.dot(normal) + 0.5 * curvature * start.norm_squared();
+    let root = b * b - 2.0 * curvature * c;
+    (root >= 0.0 && b > 0.0).then(|| {
+        let p = from - ray * (2.0 * c / (b + root.sqrt()));
+        (p, normal + (p - apex) * curvature)
+    })
 }

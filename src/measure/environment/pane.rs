@@ -59,7 +59,7 @@ impl Plate {
             return (Vector3::zeros(), *ray);
         }
         let curved =
-            self.pane.bow_radius_m.and_then(|radius| bow::trace(&self.normal, &self.pane, radius, ray));
+            self.pane.bow_radius_m.and_then(|radius| bow::trace(&self.pane, &self.normal, radius, ray));
         curved.unwrap_or((self.normal * shift_m(self.pane.thickness_m, self.pane.index, cosine), *ray))
     }
 

@@ -15,15 +15,7 @@ use super::error::EstimationError;
 use super::fit::{BlockFit, Fit};
 use super::problem::{GroupPoint, Linearised, Problem};
 use super::solve::solve_groups;
-
-/// A number with its standard deviation; `None` for one that was held fixed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Estimate {
-    /// The value, in the unit that the field's name bears.
-    pub value: f64,
-    /// Its standard deviation, same unit.
-    pub sigma: Option<f64>,
-}
+use crate::measure::observation::Estimate;
 
 /// One group's variance component.
 #[derive(Clone, Debug, PartialEq)]

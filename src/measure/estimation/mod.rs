@@ -37,7 +37,7 @@ mod solve;
 mod stack;
 mod system;
 
-pub use components::{Components, Estimate, VarianceComponent, VarianceGroup, variance_components};
+pub use components::{Components, VarianceComponent, VarianceGroup, variance_components};
 pub use error::EstimationError;
 pub use fit::{BlockFit, Fit, Gradient, GroupFit, Propagated};
 pub use problem::{Block, Group, GroupPoint, Known, Linearised, Point, Prior, Problem};

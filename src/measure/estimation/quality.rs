@@ -11,10 +11,12 @@ use super::fit::Fit;
 use super::problem::Problem;
 
 /// Which standard deviations are reported.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum SigmaKind {
     /// A posteriori where the global test rejects, a priori where it accepts.
     #[default]
+    #[serde(rename = "by test")]
     ByTest,
     /// A priori.
     Prior,
