@@ -36,7 +36,7 @@ mod verdict;
 
 use nalgebra::{DMatrix, Matrix2, Vector2};
 
-pub use board::{Board, BoardError, Misfit, Sighting, misdescribed};
+pub use board::{Board, BoardError, Misfit, Sighting, misdescribed, never_whole};
 
 use super::geometry::Lens;
 pub use check::{Halves, Pattern};
