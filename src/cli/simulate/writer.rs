@@ -97,7 +97,7 @@ fn installation_toml(setup: &Setup) -> String {
             "skin_height_m = {{ root = {:?}, tip = {:?}, tip_span_m = {:?} }}",
             skin.root_m, skin.tip_m, skin.tip_span_m
         );
-        let _ = writeln!(text, "skin_height_sigma_m = {:?}", setup.uncertainty.skin_height_m);
+        let _ = writeln!(text, "skin_height_sigma_m = {:?}", setup.uncertainty.skin_height_sigma_m);
     }
     if let Some(thermal) = setup.thermal {
         let _ = writeln!(

@@ -4,7 +4,7 @@ use nalgebra::{DVector, Matrix2, Vector2};
 
 use super::*;
 use crate::measure::adjust::example::{orientation, setup};
-use crate::measure::adjust::gauss_helmert::GroupPoint;
+use crate::measure::estimation::GroupPoint;
 
 #[test]
 fn derivatives_match_differences() {

@@ -12,7 +12,7 @@ use crate::measure::detect::numbers::TINY;
 use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::detect::simd::lanes::{LANES, Lanes, each, total};
-use crate::measure::robust::SIGMA_OVER_MEDIAN;
+use crate::measure::estimation::robust::SIGMA_OVER_MEDIAN;
 
 pub type Square = SMatrix<f64, N, N>;
 
