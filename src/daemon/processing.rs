@@ -11,7 +11,7 @@ use super::solver::Solver;
 use super::status::Activity;
 use super::worker::{NoThread, Unanswered, Worker};
 use crate::camera::Format;
-use crate::record::{ImageRecord, Method};
+use crate::record::{ImageRecord, Method, Reason};
 use crate::store::{FrameRef, StoreError};
 
 /// Beginnings of one frame after which the frame is taken to bring the program down.
@@ -113,7 +113,7 @@ impl Processing {
             Ok(record) => return Some(record),
             Err(why) => why?,
         };
-        Some(ImageRecord::failed(&file, Method::None, why))
+        Some(ImageRecord::failed(&file, Method::None, why.text()))
     }
 
     /// The solver's record, or why there is none; no reason where work is to be given up.
@@ -122,8 +122,8 @@ impl Processing {
         file: String,
         bytes: Vec<u8>,
         format: &Value,
-    ) -> Result<ImageRecord, Option<String>> {
-        let format = Format::of_manifest(format).map_err(|why| why.to_string())?;
+    ) -> Result<ImageRecord, Option<Reason>> {
+        let format = Format::of_manifest(format).map_err(Reason::of)?;
         if !self.worker.is_ready() {
             let gives_way = self.gives_way;
             let make = move || {
@@ -133,9 +133,9 @@ impl Processing {
                 Some(())
             };
             self.worker.begin(make).map_err(|why| match why {
-                NoThread::TooManyHang => "solvers hang; solve it with `wingd solve`".to_owned(),
+                NoThread::TooManyHang => Reason::from("solvers hang; solve it with `wingd solve`"),
                 NoThread::Machine(error) => {
-                    format!("no thread to solve it on: {error}; solve it with `wingd solve`")
+                    format!("no thread to solve it on: {error}; solve it with `wingd solve`").into()
                 }
             })?;
         }
@@ -150,7 +150,7 @@ impl Processing {
                 Unanswered::Late => format!("the solver had no result after {deadline:?} and was given up"),
                 Unanswered::Broken => "the solver broke off on this frame".to_owned(),
             };
-            Some(format!("{what}; send the frame to the developers"))
+            Some(format!("{what}; send the frame to the developers").into())
         })
     }
 }
