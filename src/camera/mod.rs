@@ -1,7 +1,9 @@
-//! Cameras: replay, V4L2, gphoto; the remote release.
+//! Cameras. One interface, [`Camera`], and what works behind it: files replayed, Video for Linux, a still camera on USB, and
+//! any of them on a remote release.
 
 pub mod deadline;
 pub mod exif;
+pub mod fault;
 pub mod freshness;
 #[cfg(feature = "gphoto")]
 pub mod gphoto;
@@ -99,6 +101,13 @@ pub enum CameraError {
     /// A frame came, but it is damaged or an old one.
     #[error("camera delivered a bad frame: {0}")]
     BadFrame(String),
+}
+
+impl CameraError {
+    /// Of a camera that is asked while it is not open.
+    pub fn closed() -> Self {
+        Self::Gone("the camera is not open".to_owned())
+    }
 }
 
 /// What a camera says of itself when opened.

@@ -7,6 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
 #[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
+use crate::camera::fault::Fault;
+#[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
 use crate::camera::freshness::Freshness;
 use crate::camera::replay::{ReplayConfig, ReplayFactory};
 use crate::clock::Clock;
@@ -35,7 +37,7 @@ impl CameraSection {
     /// Every fault, as `camera.key: what; how to mend it`.
     pub fn faults(&self) -> Vec<String> {
         #[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
-        let told = |faults: Vec<(String, String, String)>| {
+        let worded = |faults: Vec<Fault>| {
             faults
                 .into_iter()
                 .map(|(key, problem, mend)| format!("camera.{key}: {problem}; {mend}"))
@@ -44,11 +46,11 @@ impl CameraSection {
         match self {
             Self::Replay(section) => section.faults(),
             #[cfg(feature = "v4l")]
-            Self::V4l(section) => told(section.faults()),
+            Self::V4l(section) => worded(section.faults()),
             #[cfg(feature = "gphoto")]
-            Self::Gphoto(section) => told(section.faults()),
+            Self::Gphoto(section) => worded(section.faults()),
             #[cfg(feature = "gpio")]
-            Self::Release(section) => told(section.faults()),
+            Self::Release(section) => worded(section.faults()),
         }
     }
 
@@ -84,31 +86,5 @@ impl CameraSection {
                 Box::new(crate::camera::release::ReleaseCamera::new(section.clone(), memory.clone()))
             }),
         }
-    }
-}
-
-/// Longest delay that is believed, s.
-#[cfg(any(feature = "v4l", feature = "gpio"))]
-const LONGEST_DELAY_S: f64 = 10.0;
-
-/// What is wrong with a measured delay and its standard deviation: (key, problem, mend).
-#[cfg(any(feature = "v4l", feature = "gpio"))]
-pub(crate) fn delay_fault(
-    key: &str,
-    seconds: Option<f64>,
-    sigma_s: Option<f64>,
-) -> Option<(String, String, String)> {
-    let mend = format!("give {key}_s and {key}_sigma_s together, measured, or leave both out");
-    match (seconds, sigma_s) {
-        (None, None) => None,
-        (Some(s), Some(sigma)) if s.abs() <= LONGEST_DELAY_S && (0.0..=LONGEST_DELAY_S).contains(&sigma) => {
-            None
-        }
-        (Some(s), Some(sigma)) => {
-            let mend = format!("give at most {LONGEST_DELAY_S} s, and a standard deviation of 0 or more");
-            Some((format!("{key}_s"), format!("is {s} s with a standard deviation of {sigma} s"), mend))
-        }
-        (Some(_), None) => Some((format!("{key}_sigma_s"), "is missing".to_owned(), mend)),
-        (None, Some(_)) => Some((format!("{key}_s"), "is missing".to_owned(), mend)),
     }
 }

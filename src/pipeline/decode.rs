@@ -8,6 +8,7 @@ use crate::measure::samples;
 use crate::pipeline::guard::guarded;
 
 mod coefficients;
+mod intervals;
 mod jpeg;
 mod kind;
 mod scans;

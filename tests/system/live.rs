@@ -16,7 +16,7 @@ use wingd::daemon::{
     self, LiveConfig, LiveStatus, Parts, SeriesConfig, Solver, Status, StatusBoard, StatusConfig,
 };
 use wingd::daemon::{Tracking, live::KeepConfig};
-use wingd::pipeline::live::Told;
+use wingd::pipeline::live::Tracked;
 use wingd::pipeline::stages::Search;
 use wingd::record::ImageRecord;
 use wingd::store::manifest::{Cause, SeriesManifest, State};
@@ -39,9 +39,9 @@ fn record(image: &str) -> ImageRecord {
     .unwrap()
 }
 
-fn told(image: &str) -> Told {
+fn told(image: &str) -> Tracked {
     let (search, outlines) = (Search::Guided, vec![]);
-    Told { record: record(image), search, mounting: 1, jolt: false, outlines, curvature: None }
+    Tracked { record: record(image), search, mounting: 1, jolt: false, outlines, curvature: None }
 }
 
 /// Seconds of live mode with series in between, by the machine's clock.

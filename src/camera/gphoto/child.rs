@@ -38,8 +38,7 @@ fn handle(driver: &mut Option<Driver>, request: Request) -> Result<(Answer, Vec<
         *driver = Some(opened);
         return Ok((answer, Vec::new()));
     }
-    let closed = || CameraError::Gone("the camera is not open".to_owned());
-    let driver = driver.as_mut().ok_or_else(closed)?;
+    let driver = driver.as_mut().ok_or_else(CameraError::closed)?;
     match request {
         Request::Recover => driver.recover(),
         Request::Shoot { deadline_s, trigger } => {

@@ -16,6 +16,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+use crate::camera::fault::Fault;
 use crate::camera::freshness::Freshness;
 use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
 use crate::clock::exposure::Evidence;
@@ -72,8 +73,8 @@ fn default_recover() -> usize {
 }
 
 impl GphotoSection {
-    /// What is wrong with the section: (key, problem, mend).
-    pub fn faults(&self) -> Vec<(String, String, String)> {
+    /// What is wrong with the section.
+    pub fn faults(&self) -> Vec<Fault> {
         let sane = (1.0..=600.0).contains(&self.open_s);
         let fault = ("open_s".to_owned(), format!("{} s", self.open_s), "use 1 to 600 s".to_owned());
         if sane { Vec::new() } else { vec![fault] }
@@ -100,8 +101,7 @@ impl GphotoCamera {
         limit: Duration,
         what: &str,
     ) -> Result<(Answer, Vec<u8>), CameraError> {
-        let process =
-            self.process.as_mut().ok_or_else(|| CameraError::Gone("the camera is not open".to_owned()))?;
+        let process = self.process.as_mut().ok_or_else(CameraError::closed)?;
         let answer = process.ask(request, limit, what);
         if matches!(answer, Err(CameraError::Gone(_))) || !process.alive() {
             self.process = None;
