@@ -112,7 +112,7 @@ pub fn since_boot_of_monotonic(at_s: f64) -> f64 {
 }
 
 /// systemd-timesyncd leaves this file when it has set the clock since boot, and other services may; it is the only sign
-/// where the kernel may not be asked, or is not told (chrony without `rtcsync`).
+/// where the kernel may not be asked, or is not informed (chrony without `rtcsync`).
 fn utc_was_set() -> bool {
     std::path::Path::new("/run/systemd/timesync/synchronized").exists()
 }

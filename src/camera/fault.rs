@@ -1,4 +1,4 @@
-//! What is wrong with a section of the configuration.
+//! A section of the configuration has its faults in this form.
 
 /// Key, problem, mend.
 pub type Fault = (String, String, String);

@@ -1,4 +1,4 @@
-//! Whether a frame is a new one: a camera may answer well and deliver an old picture.
+//! A camera may answer well and deliver an old picture; its bytes and its name say whether a frame is new.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};

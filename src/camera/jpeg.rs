@@ -1,4 +1,4 @@
-//! Whether a JPEG file is whole, without decoding it.
+//! A JPEG file is whole or not, which shows without decoding it.
 
 /// Walks the markers from SOI to EOI (ITU-T T.81, annex B); `Err` says what is missing. Bytes after
 /// EOI are allowed: cameras pad, and append previews; zeros before SOI are, as the decoder skips them.

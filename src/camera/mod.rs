@@ -15,6 +15,7 @@ pub mod section;
 #[cfg(feature = "v4l")]
 pub mod v4l;
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use serde_json::{Map, Value};
@@ -111,7 +112,7 @@ impl CameraError {
 }
 
 /// What a camera says of itself when opened.
-#[derive(Clone, Debug, PartialEq, Default)]
+#[derive(Clone, Debug, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct CameraInfo {
     /// Maker, model, serial number as far as known.
     pub name: String,
@@ -146,3 +147,6 @@ pub trait Camera: Send {
     /// Closes; errors are of no interest any more.
     fn close(&mut self);
 }
+
+/// Makes a camera, closed; called anew as often as one had to be given up.
+pub type CameraFactory = Arc<dyn Fn() -> Box<dyn Camera> + Send + Sync>;

@@ -1,11 +1,11 @@
-//! `[camera]` of the configuration: which camera, and how it is to be set.
+//! `[camera]` of the configuration says which camera there is, and how it is to be set.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use crate::camera::Camera;
+use crate::camera::CameraFactory;
 #[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
 use crate::camera::fault::Fault;
 #[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
@@ -29,9 +29,6 @@ pub enum CameraSection {
     #[cfg(feature = "gpio")]
     Release(crate::camera::release::ReleaseSection),
 }
-
-/// Makes the camera anew, as often as one had to be abandoned.
-pub type CameraFactory = Box<dyn Fn() -> Box<dyn Camera> + Send>;
 
 impl CameraSection {
     /// Every fault, as `camera.key: what; how to mend it`.
@@ -71,18 +68,18 @@ impl CameraSection {
         match self.clone() {
             Self::Replay(section) => {
                 let replay = ReplayFactory::new(section, clock, origin);
-                Box::new(move || Box::new(replay.make()))
+                Arc::new(move || Box::new(replay.make()))
             }
             #[cfg(feature = "v4l")]
-            Self::V4l(section) => Box::new(move || {
+            Self::V4l(section) => Arc::new(move || {
                 Box::new(crate::camera::v4l::V4lCamera::new(section.clone(), memory.clone()))
             }),
             #[cfg(feature = "gphoto")]
-            Self::Gphoto(section) => Box::new(move || {
+            Self::Gphoto(section) => Arc::new(move || {
                 Box::new(crate::camera::gphoto::GphotoCamera::new(section.clone(), memory.clone()))
             }),
             #[cfg(feature = "gpio")]
-            Self::Release(section) => Box::new(move || {
+            Self::Release(section) => Arc::new(move || {
                 Box::new(crate::camera::release::ReleaseCamera::new(section.clone(), memory.clone()))
             }),
         }

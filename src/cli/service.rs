@@ -87,7 +87,6 @@ pub fn run(
     solver: Option<Solver>,
     observer: Observer,
 ) -> Result<Status, Failure> {
-    let make = config.camera.factory(clock.clone(), origin);
     let (store, recovery) = opened;
     let board = StatusBoard::new(clock.clone());
     let page = config.serve.as_ref().and_then(|serve| Page::open(serve, config, &board));
@@ -98,8 +97,8 @@ pub fn run(
         status: Some(config.status.clone()),
         store,
         recovery,
+        cameras: config.camera.factory(clock.clone(), origin),
         clock,
-        cameras: Box::new(move || Ok(make())),
         solver,
         observer,
     };

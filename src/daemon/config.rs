@@ -1,4 +1,4 @@
-//! `[series]` of the configuration: when series are taken, and how long the camera has.
+//! `[series]` of the configuration says when series are taken, and how long the camera has.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! What all of the daemon's threads work with.
+//! All of the daemon's threads work with these.
 
 use std::sync::Arc;
 

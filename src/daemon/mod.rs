@@ -50,7 +50,6 @@ mod status;
 mod worker;
 
 pub use aircraft::AircraftConfig;
-pub use capture::CameraFactory;
 pub use config::SeriesConfig;
 pub use event::{Event, Observer};
 pub use live::LiveConfig;

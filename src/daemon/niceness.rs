@@ -1,5 +1,5 @@
-//! Who goes before whom on the processor: capturing before live solving, that before the solving of series, and that before
-//! what is only shown.
+//! Capturing goes before live solving on the processor, that before the solving of series, and that before what is
+//! only shown.
 
 /// Niceness of solving series while frames are solved live.
 pub(crate) const SERIES_NICE: i32 = 5;

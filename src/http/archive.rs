@@ -1,5 +1,5 @@
-//! A flight as one tar archive, laid out beforehand: so it has a length, an ETag and ranges, and the
-//! same state gives the same bytes.
+//! A flight as one tar archive is laid out beforehand: so it has a length, an ETag and ranges, and the same state gives the
+//! same bytes.
 
 use axum::body::Bytes;
 use tokio::sync::OwnedSemaphorePermit;

@@ -1,4 +1,4 @@
-//! Names of a request -> files of the store, and their bytes.
+//! The names of a request lead to files of the store, and their bytes.
 
 use std::fs;
 use std::path::{Path, PathBuf};

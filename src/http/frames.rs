@@ -1,4 +1,4 @@
-//! Series and frames to look at: a series alone is read, and frames are drawn one at a time.
+//! Series and frames are looked at here: a series alone is read, and frames are drawn one at a time.
 
 use axum::extract::{Path, State};
 use axum::response::{Html, Response};

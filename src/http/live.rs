@@ -28,7 +28,7 @@ pub(super) const WATCHERS: usize = 16;
 const WAITING: usize = 4;
 /// Before a recorder that is not there is called again.
 const AGAIN: Duration = Duration::from_secs(2);
-/// After so long without a result the browser is told that the line is open.
+/// After so long without a result the browser hears that the line is open.
 const SILENCE: Duration = Duration::from_secs(5);
 /// For a picture of the frame.
 const PICTURE_TIME: Duration = Duration::from_secs(5);

@@ -1,4 +1,4 @@
-//! `[serve]` of the configuration: where the page is, and who gets in.
+//! `[serve]` of the configuration says where the page is, and who gets in.
 
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;

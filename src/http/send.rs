@@ -1,4 +1,4 @@
-//! Bytes of files as an answer: of known length, with a strong ETag, by range.
+//! Bytes of files are an answer of known length, with a strong ETag, by range.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};

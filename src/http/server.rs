@@ -1,4 +1,4 @@
-//! Connections: how many, how long, and how they end.
+//! Connections are accepted here: so many, so long, and so they end.
 
 use std::future::Future;
 use std::io;

@@ -1,4 +1,4 @@
-//! TLS with the installation's own certificate.
+//! Pages come by TLS with the installation's own certificate.
 
 use std::path::Path;
 

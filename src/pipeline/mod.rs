@@ -101,7 +101,7 @@ pub fn solve_sighting(
     record
 }
 
-/// The installation with the air and the wing's temperature that the aircraft's data tell of a frame.
+/// The installation with the air and the wing's temperature of a frame, where the aircraft's data have them.
 fn in_its_air<'a>(sighting: &Sighting, installation: &'a Installation) -> Cow<'a, Installation> {
     if sighting.aircraft.is_empty() {
         return Cow::Borrowed(installation);
@@ -124,14 +124,14 @@ fn with_sigma(
 
 /// The mean of what the wing's temperatures are over a flight, whose frames share one length.
 fn mean_temperature(sightings: &[Sighting]) -> Conditions {
-    let told = |s: &Sighting| aircraft::conditions(&s.aircraft).wing_temperature_c;
-    let all: Vec<Estimate> = sightings.iter().filter_map(told).collect();
+    let known = |s: &Sighting| aircraft::conditions(&s.aircraft).wing_temperature_c;
+    let all: Vec<Estimate> = sightings.iter().filter_map(known).collect();
     let count = all.len() as f64;
     let mean = all.iter().map(|e| e.value).sum::<f64>() / count;
-    let spread = all.iter().map(|e| (e.value - mean).powi(2)).sum::<f64>() / count;
+    let variance = all.iter().map(|e| (e.value - mean).powi(2)).sum::<f64>() / count;
     // One doubt of the structure for all frames, and how far they differ.
     let doubt = all.iter().filter_map(|e| e.sigma).fold(0.0, f64::max);
-    let sigma = Some(doubt.hypot(spread.sqrt()));
+    let sigma = Some(doubt.hypot(variance.sqrt()));
     let wing_temperature_c = (count > 0.0).then_some(Estimate { value: mean, sigma });
     Conditions { wing_temperature_c, ..Conditions::default() }
 }

@@ -1,4 +1,4 @@
-//! What is published of a flight: identities, and each file with its digest.
+//! The manifest is what is published of a flight: identities, and each file with its digest.
 
 use std::path::Path;
 

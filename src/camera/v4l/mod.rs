@@ -1,4 +1,4 @@
-//! A camera behind Video for Linux (V4L2): USB video class, CSI, frame grabbers.
+//! A camera behind Video for Linux (V4L2) is a webcam, a CSI camera or a frame grabber.
 
 pub mod controls;
 mod find;

@@ -1,4 +1,4 @@
-//! Whether a frame is good, when it was exposed, and what a failure is called.
+//! A frame is judged: whether it is good, when it was exposed, and what a failure is called.
 
 use crate::camera::freshness::Freshness;
 use crate::camera::{CameraError, Format, Frame, exif, jpeg};

@@ -1,4 +1,4 @@
-//! `[live]` of the configuration.
+//! `[live]` of the configuration says what happens between the series, and which raw frames are kept.
 
 use std::path::PathBuf;
 use std::time::Duration;

@@ -1,5 +1,5 @@
-//! Raw frames that are kept: every n-th, and those about an event. They wait in memory that is bounded; what it does
-//! not hold is lost and counted.
+//! Raw frames are kept: every n-th, and those about an event. They wait in memory that is bounded; what it does not hold is
+//! lost and counted.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,4 +1,4 @@
-//! A small picture of the newest solved frame, for the page: made when somebody asks, at most once a second, and with
+//! The page gets a small picture of the newest solved frame. It is made when somebody asks, at most once a second, and with
 //! nothing that the solving needs.
 
 use std::sync::{Arc, Mutex, PoisonError};

@@ -1,4 +1,4 @@
-//! What the status says of live mode.
+//! The status of live mode counts frames, results and losses since the start.
 
 use serde::{Deserialize, Serialize};
 

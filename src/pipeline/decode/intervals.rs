@@ -1,4 +1,4 @@
-//! A scan's coded bytes, cut at its restart markers, so that no code of a missing stretch is taken for picture.
+//! A scan's coded bytes are cut at its restart markers, so that no code of a missing stretch is taken for picture.
 
 use std::ops::Range;
 

@@ -1,5 +1,5 @@
-//! The grey values of a JPEG: sequential in one scan, as cameras write it, here; header, codes and transform from a
-//! library, no colour, and no code of a missing stretch taken for picture.
+//! A JPEG's grey values are decoded: sequential in one scan, as cameras write it, here. Header, codes and transform come from
+//! a library, no colour is made, and no code of a missing stretch is taken for picture.
 
 use std::ops::Range;
 use std::slice::ChunksExactMut;
