@@ -5,8 +5,7 @@ use std::sync::mpsc::Receiver;
 
 use serde_json::Value;
 
-use super::core::Core;
-use super::niceness::{SERIES_NICE, give_way};
+use super::core::{Core, SERIES_NICE, give_way};
 use super::solver::Solver;
 use super::status::Activity;
 use super::worker::{Unanswered, Worker};

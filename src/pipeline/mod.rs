@@ -7,11 +7,14 @@
 //! | adjust | identified markers | solution | [`crate::measure::adjust`] |
 //! | live | frames as they come | the same, one by one | [`live`] |
 //! | record | solution | the line of the results | [`recording`] |
+//!
+//! Beside them, [`shrink`] makes a frame small enough to be shown, and [`guard`] stands about libraries that may panic.
 
 pub mod decode;
 pub mod guard;
 pub mod live;
 pub mod recording;
+pub mod shrink;
 pub mod stages;
 
 use std::borrow::Cow;
