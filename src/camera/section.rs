@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use crate::camera::CameraFactory;
 #[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
 use crate::camera::fault::Fault;
-#[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
-use crate::camera::freshness::Freshness;
+#[cfg(any(feature = "gphoto", feature = "gpio"))]
+use crate::camera::freshness::LastName;
 use crate::camera::replay::{ReplayConfig, ReplayFactory};
 use crate::clock::Clock;
 
@@ -61,26 +61,26 @@ impl CameraSection {
     }
 
     /// Nothing is touched before a camera is opened. The cameras of one factory remember the camera's name
-    /// for the last shot together; the recorder compares the bytes. `origin`: the time since boot from which a replay list counts.
+    /// for the last shot together; bytes are compared by the recorder. `origin`: the time since boot from which a replay list counts.
     pub fn factory(&self, clock: Arc<dyn Clock>, origin: Duration) -> CameraFactory {
-        #[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
-        let memory = Freshness::remembering(0);
+        #[cfg(any(feature = "gphoto", feature = "gpio"))]
+        let last = LastName::default();
         match self.clone() {
             Self::Replay(section) => {
                 let replay = ReplayFactory::new(section, clock, origin);
                 Arc::new(move || Box::new(replay.make()))
             }
             #[cfg(feature = "v4l")]
-            Self::V4l(section) => Arc::new(move || {
-                Box::new(crate::camera::v4l::V4lCamera::new(section.clone(), memory.clone()))
-            }),
+            Self::V4l(section) => {
+                Arc::new(move || Box::new(crate::camera::v4l::V4lCamera::new(section.clone())))
+            }
             #[cfg(feature = "gphoto")]
             Self::Gphoto(section) => Arc::new(move || {
-                Box::new(crate::camera::gphoto::GphotoCamera::new(section.clone(), memory.clone()))
+                Box::new(crate::camera::gphoto::GphotoCamera::new(section.clone(), last.clone()))
             }),
             #[cfg(feature = "gpio")]
             Self::Release(section) => Arc::new(move || {
-                Box::new(crate::camera::release::ReleaseCamera::new(section.clone(), memory.clone()))
+                Box::new(crate::camera::release::ReleaseCamera::new(section.clone(), last.clone()))
             }),
         }
     }

@@ -18,7 +18,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::fault::Fault;
-use crate::camera::freshness::Freshness;
+use crate::camera::freshness::LastName;
 use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
 use crate::clock::exposure::Evidence;
 use process::Process;
@@ -88,13 +88,13 @@ impl GphotoSection {
 pub struct GphotoCamera {
     section: GphotoSection,
     process: Option<Process>,
-    freshness: Freshness,
+    last_name: LastName,
 }
 
 impl GphotoCamera {
     /// Nothing is touched before `open`.
-    pub fn new(section: GphotoSection, freshness: Freshness) -> Self {
-        Self { section, process: None, freshness }
+    pub fn new(section: GphotoSection, last_name: LastName) -> Self {
+        Self { section, process: None, last_name }
     }
 
     /// Asks the camera process; one that is of no more use is dropped.
@@ -122,7 +122,7 @@ impl GphotoCamera {
         let request = Request::Shoot { deadline_s: deadline.as_secs_f64(), trigger };
         let (picture, bytes): (Picture, _) = self.ask(&request, grace(deadline), "a shot")?;
         jpeg::whole(&bytes).map_err(CameraError::BadFrame)?;
-        self.freshness.check(&bytes, Some(&picture.path))?;
+        self.last_name.check(&picture.path)?;
         let exposed = exposed(&picture.settings);
         Ok(Frame { bytes, format: Format::Jpeg, settings: picture.settings, exposed })
     }
@@ -190,7 +190,7 @@ mod tests {
 
     #[test]
     fn a_closed_camera_is_gone() {
-        let mut camera = GphotoCamera::new(GphotoSection::default(), Freshness::default());
+        let mut camera = GphotoCamera::new(GphotoSection::default(), LastName::default());
         assert!(matches!(camera.shoot(Duration::from_secs(1)), Err(CameraError::Gone(_))));
         assert!(matches!(camera.release_last(), Err(CameraError::Gone(_))));
     }

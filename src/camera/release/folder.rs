@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Map;
 
 use crate::camera::deadline::Deadline;
-use crate::camera::freshness::Freshness;
+use crate::camera::freshness::LastName;
 use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
 
 /// Between two looks. A file counts when two looks agree on its size and it is whole.
@@ -32,7 +32,7 @@ pub struct FolderSection {
 /// A watched folder; see [`Camera`].
 pub struct Folder {
     section: FolderSection,
-    freshness: Freshness,
+    last_name: LastName,
     /// Files that are old; `None` while it is closed.
     known: Option<BTreeSet<PathBuf>>,
     last: Option<PathBuf>,
@@ -40,8 +40,8 @@ pub struct Folder {
 
 impl Folder {
     /// Nothing is touched before `open`.
-    pub fn new(section: FolderSection, freshness: Freshness) -> Self {
-        Self { section, freshness, known: None, last: None }
+    pub fn new(section: FolderSection, last_name: LastName) -> Self {
+        Self { section, last_name, known: None, last: None }
     }
 
     /// Files that came without having been asked for; they are old from now on.
@@ -76,7 +76,7 @@ impl Camera for Folder {
                         known.insert(file.clone());
                         self.last = Some(file.clone());
                         let path = file.display().to_string();
-                        self.freshness.check(&bytes, Some(&path))?;
+                        self.last_name.check(&path)?;
                         let settings = Map::from_iter([("camera_path".to_owned(), path.into())]);
                         return Ok(Frame { bytes, format: Format::Jpeg, settings, exposed: None });
                     }
@@ -151,7 +151,7 @@ mod tests {
         fs::create_dir_all(&card).unwrap();
         fs::write(card.join("old.jpg"), picture(3)).unwrap();
         let section = FolderSection { path: dir.path().to_owned(), delete: true };
-        let mut folder = Folder::new(section, Freshness::default());
+        let mut folder = Folder::new(section, LastName::default());
         folder.open().unwrap();
 
         let late = picture(7);

@@ -10,7 +10,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::fault::{Fault, delay_fault};
-use crate::camera::freshness::Freshness;
+use crate::camera::freshness::LastName;
 #[cfg(feature = "gphoto")]
 use crate::camera::gphoto::{GphotoCamera, GphotoSection};
 #[cfg(feature = "v4l")]
@@ -173,13 +173,13 @@ impl Lines {
 
 impl ReleaseCamera {
     /// Nothing is touched before `open`.
-    pub fn new(section: ReleaseSection, freshness: Freshness) -> Self {
+    pub fn new(section: ReleaseSection, last_name: LastName) -> Self {
         let source: Box<dyn Source> = match section.frames.clone() {
             #[cfg(feature = "gphoto")]
-            FramesSection::Gphoto(section) => Box::new(GphotoCamera::new(section, freshness)),
-            FramesSection::Folder(section) => Box::new(Folder::new(section, freshness)),
+            FramesSection::Gphoto(section) => Box::new(GphotoCamera::new(section, last_name)),
+            FramesSection::Folder(section) => Box::new(Folder::new(section, last_name)),
             #[cfg(feature = "v4l")]
-            FramesSection::V4l(section) => Box::new(V4lCamera::new(section, freshness)),
+            FramesSection::V4l(section) => Box::new(V4lCamera::new(section)),
         };
         Self { section, lines: None, source }
     }
@@ -280,7 +280,7 @@ mod tests {
     #[test]
     fn a_missing_line_is_refused_with_its_name() {
         let section = "full_press = { chip = '/dev/no-such-chip', offset = 3 }\n[frames]\nkind = 'folder'\npath = '/'\n";
-        let mut camera = ReleaseCamera::new(toml::from_str(section).unwrap(), Freshness::default());
+        let mut camera = ReleaseCamera::new(toml::from_str(section).unwrap(), LastName::default());
         let error = camera.open().unwrap_err();
         assert!(matches!(&error, CameraError::Refused(why) if why.contains("/dev/no-such-chip")), "{error}");
     }
