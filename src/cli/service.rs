@@ -134,11 +134,10 @@ impl Page {
         let listener = std::net::TcpListener::bind(address).map_err(|e| format!("{address}: {e}"))?;
         listener.set_nonblocking(true).map_err(|e| e.to_string())?;
         let setup = config.installation.as_deref().map(installation::load_without_orientation);
-        let status = board.clone();
         let site = http::Site {
             root: config.store.path.clone(),
             setup: setup.and_then(Result::ok).map(|installation| installation.setup),
-            status: Some(Arc::new(move || serde_json::to_value(status.snapshot()).unwrap_or_default())),
+            status: Some(board.clone()),
             live: config.live.socket.clone(),
         };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();

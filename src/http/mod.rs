@@ -48,6 +48,7 @@ use tokio::net::TcpListener;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tower_http::set_header::SetResponseHeaderLayer;
 
+use crate::daemon::StatusBoard;
 use crate::measure::setup::Setup;
 use crate::report::html;
 use crate::report::overview;
@@ -58,9 +59,6 @@ use crate::store::{FlightRef, RealDisk, StoreError, catalogue};
 use access::Access;
 use send::Content;
 
-/// Asked for the daemon's state.
-pub type StatusSource = Arc<dyn Fn() -> Value + Send + Sync>;
-
 /// What is served.
 #[derive(Clone)]
 pub struct Site {
@@ -69,7 +67,7 @@ pub struct Site {
     /// For the report's ground shape and lines of sight.
     pub setup: Option<Setup>,
     /// The daemon's state, where one runs.
-    pub status: Option<StatusSource>,
+    pub status: Option<StatusBoard>,
     /// Where a recorder in live mode gives out its results.
     pub live: Option<PathBuf>,
 }

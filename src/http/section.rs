@@ -62,7 +62,7 @@ impl ServeConfig {
             );
         }
         let tls = match (&self.certificate, &self.key) {
-            (Some(certificate), Some(key)) => tls::server(certificate, key)
+            (Some(certificate), Some(key)) => tls::acceptor(certificate, key)
                 .map_err(|(file, (what, mend))| {
                     fault("certificate", format!("{} {what}", file.display()), mend)
                 })
