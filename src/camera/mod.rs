@@ -2,8 +2,9 @@
 //! any of them on a remote release.
 
 pub mod deadline;
+#[cfg(any(feature = "v4l", feature = "gpio"))]
+mod delay;
 pub mod exif;
-pub mod fault;
 pub mod freshness;
 #[cfg(feature = "gphoto")]
 pub mod gphoto;

@@ -6,12 +6,11 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::CameraFactory;
-#[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
-use crate::camera::fault::Fault;
 #[cfg(any(feature = "gphoto", feature = "gpio"))]
 use crate::camera::freshness::LastName;
 use crate::camera::replay::{ReplayConfig, ReplayFactory};
 use crate::clock::Clock;
+use crate::installation::KeyFault;
 
 /// One camera, chosen by `kind`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -31,24 +30,18 @@ pub enum CameraSection {
 }
 
 impl CameraSection {
-    /// Every fault, as `camera.key: what; how to mend it`.
-    pub fn faults(&self) -> Vec<String> {
-        #[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
-        let worded = |faults: Vec<Fault>| {
-            faults
-                .into_iter()
-                .map(|(key, problem, mend)| format!("camera.{key}: {problem}; {mend}"))
-                .collect()
-        };
-        match self {
-            Self::Replay(section) => section.faults(),
+    /// Every fault, at its key of the whole file.
+    pub fn faults(&self) -> Vec<KeyFault> {
+        let faults = match self {
+            Self::Replay(section) => return section.faults(),
             #[cfg(feature = "v4l")]
-            Self::V4l(section) => worded(section.faults()),
+            Self::V4l(section) => section.faults(),
             #[cfg(feature = "gphoto")]
-            Self::Gphoto(section) => worded(section.faults()),
+            Self::Gphoto(section) => section.faults(),
             #[cfg(feature = "gpio")]
-            Self::Release(section) => worded(section.faults()),
-        }
+            Self::Release(section) => section.faults(),
+        };
+        faults.into_iter().map(|fault| fault.within("camera")).collect()
     }
 
     /// The pictures that take a camera's place, where they do.

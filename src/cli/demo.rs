@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use rust_embed::RustEmbed;
+use tracing::level_filters::LevelFilter;
 
 use super::{Done, Failure, logging, print, service};
 use crate::camera::replay::ReplayConfig;
@@ -26,9 +26,32 @@ pub struct Args {
     output: PathBuf,
 }
 
-#[derive(RustEmbed)]
-#[folder = "fixtures/demo"]
-struct Bundle;
+/// Files of `fixtures/demo`, each with its name there and its bytes.
+macro_rules! bundled {
+    ($($name:literal)*) => {
+        &[$(($name, include_bytes!(concat!("../../fixtures/demo/", $name)).as_slice())),*]
+    };
+}
+
+const BUNDLE: &[(&str, &[u8])] = bundled![
+    "README.md"
+    "frames.toml"
+    "frames/flight-01.jpg"
+    "frames/flight-02.jpg"
+    "frames/flight-03.jpg"
+    "frames/flight-04.jpg"
+    "frames/flight-05.jpg"
+    "frames/flight-06.jpg"
+    "frames/flight-07.jpg"
+    "frames/flight-08.jpg"
+    "frames/flight-09.jpg"
+    "frames/flight-10.jpg"
+    "frames/ground.jpg"
+    "installation/camera.toml"
+    "installation/installation.toml"
+    "installation/survey.csv"
+    "truth.json"
+];
 
 /// The flight of the demonstration.
 const FLIGHT: Duration = Duration::from_secs(8 * 3600 + 1800);
@@ -40,7 +63,7 @@ const SPEED_UP: f64 = 20_000.0;
 const TAKE_OFF: i64 = 1_780_300_800;
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    logging::start_at("warn");
+    logging::start_at(LevelFilter::WARN);
     let input = args.output.join("input");
     unpack(&input)?;
     let installation = input.join("installation");
@@ -51,14 +74,13 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
 
 /// Writes the bundled files; those that are there already and equal stay.
 fn unpack(input: &Path) -> Result<(), Failure> {
-    for name in Bundle::iter() {
-        let Some(file) = Bundle::get(&name) else { continue };
-        let path = input.join(&*name);
-        if std::fs::read(&path).is_ok_and(|there| there == *file.data) {
+    for (name, bytes) in BUNDLE {
+        let path = input.join(name);
+        if std::fs::read(&path).is_ok_and(|there| there == *bytes) {
             continue;
         }
         let made = path.parent().map_or(Ok(()), std::fs::create_dir_all);
-        made.and_then(|()| std::fs::write(&path, &file.data)).map_err(|e| {
+        made.and_then(|()| std::fs::write(&path, bytes)).map_err(|e| {
             Failure::Undone(format!("{} cannot be written ({e}); name another --output", path.display()))
         })?;
     }
@@ -148,4 +170,24 @@ fn finish(output: &Path, directory: &Path) -> Result<Done, Failure> {
         page.display()
     ))?;
     Ok(Done::all(checked.is_sound()))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn files(folder: &Path) -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
+        entries.flat_map(|path| if path.is_dir() { files(&path) } else { vec![path] }).collect()
+    }
+
+    #[test]
+    fn every_file_of_the_fixture_is_bundled() {
+        let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/demo");
+        let mut there = files(&fixture);
+        there.sort();
+        let bundled: Vec<PathBuf> = BUNDLE.iter().map(|(name, _)| fixture.join(name)).collect();
+        assert_eq!(bundled, there);
+    }
 }

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use image::codecs::png::PngEncoder;
 use serde_json::{Map, Value, json};
 
 use super::{Done, Failure, frames, print};
@@ -88,8 +89,11 @@ fn draw(
     // Several folders' frames have their folder in their names.
     let name = sighting.image.trim_start_matches('/').replace('/', "_");
     let file = directory.join(Path::new(&name).with_extension("png"));
+    let mut png = vec![];
     picture
-        .save(&file)
+        .write_with_encoder(PngEncoder::new(&mut png))
+        .map_err(|e| e.to_string())
+        .and_then(|()| std::fs::write(&file, png).map_err(|e| e.to_string()))
         .map_err(|e| format!("{} cannot be written ({e}); free space or name another DIR", file.display()))
 }
 
@@ -133,9 +137,7 @@ fn json_line(sighting: &Sighting, installation: Option<&Installation>, with_reje
     if with_rejected {
         line.insert("rejected".into(), sighting.detections.rejected.iter().map(rejected).collect());
     }
-    let timing: Map<String, Value> =
-        sighting.stages.iter().map(|s| (s.name.into(), recording::milliseconds(s.ms))).collect();
-    line.insert("timing_ms".into(), timing.into());
+    line.insert("timing_ms".into(), json!(recording::timing(&sighting.stages)));
     line.into()
 }
 

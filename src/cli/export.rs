@@ -10,6 +10,7 @@ use clap::ValueEnum;
 
 use super::{Done, Failure, print};
 use crate::installation;
+use crate::record::TorsionRecord;
 use crate::report::export::{self, Common, Csv, Table};
 use crate::report::source::{self, Choice};
 use crate::report::{GroundMarker, ReportData, SeriesData, Site, summary};
@@ -112,10 +113,9 @@ fn common(args: &Args) -> Result<Common, Failure> {
         for series in catalogue::series(&RealDisk, &flight)? {
             let bytes = fs::read(series.folder.join(layout::RESULTS_FILE)).unwrap_or_default();
             for head in heads::parse(&bytes, &["torsion"]) {
-                let torsion =
-                    head.record.get("torsion").and_then(|t| t.as_array()).cloned().unwrap_or_default();
-                let names = torsion.iter().filter_map(|pair| pair.get("name")?.as_str().map(str::to_owned));
-                for name in names {
+                let torsion = head.record.into_values().next().map(serde_json::from_value);
+                let torsion: Vec<TorsionRecord> = torsion.and_then(Result::ok).unwrap_or_default();
+                for name in torsion.into_iter().map(|pair| pair.name) {
                     if !pairs.contains(&name) {
                         pairs.push(name);
                     }
@@ -307,8 +307,7 @@ fn vtk_flight(args: &Args, flight: &FlightRef, folder: &Path) -> Result<ReportDa
         }
         write(&folder.join(format!("{name}.vtu")), &export::series_shape(&series, &ground).vtu())?;
         for record in summary::solved(&series) {
-            let shot = series.shots.iter().find(|s| s.image.as_ref() == Some(&record.image));
-            let Some(stamp) = shot.and_then(|s| s.stamp.clone()) else { continue };
+            let Some(stamp) = series.shot_of(record).and_then(|s| s.stamp.clone()) else { continue };
             let began = first.get_or_insert_with(|| stamp.clone());
             let time_s = 3600.0 * summary::hours_between(began, &stamp);
             let stem = record.image.split('.').next().unwrap_or_default();

@@ -35,12 +35,7 @@ pub struct Args {
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let token = args.token_file.as_deref().map(|file| {
-        access::read_token(file).map_err(|(problem, mend)| Fault {
-            file: file.to_owned(),
-            place: "token".into(),
-            problem,
-            mend,
-        })
+        access::read_token(file).map_err(|(problem, mend)| Fault::new(file, "token", problem, mend))
     });
     let client = Client::new(&args.url, token.transpose()?, args.certificate.as_deref());
     let mut client = client.map_err(|e| Failure::Undone(e.to_string()))?;

@@ -1,6 +1,7 @@
 //! One file per command. Results go to standard output, logs and progress to standard error.
 
 mod aircraft_data;
+#[cfg(feature = "boards")]
 mod calibrate;
 #[cfg(feature = "gphoto")]
 mod camera_child;
@@ -18,8 +19,8 @@ pub mod help;
 mod init;
 mod logging;
 mod mount_check;
-#[cfg(not(feature = "upload"))]
-mod no_upload;
+#[cfg(any(not(feature = "boards"), not(feature = "upload")))]
+mod not_built;
 mod orient;
 mod pages;
 mod plan;
@@ -46,8 +47,10 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::installation::{self, Fault, Installation};
 use crate::store::layout;
+#[cfg(not(feature = "boards"))]
+use not_built as calibrate;
 #[cfg(not(feature = "upload"))]
-use no_upload as upload;
+use not_built as upload;
 
 /// The shape of a wing in flight, measured with one camera at a cabin window.
 #[derive(Parser)]
@@ -178,7 +181,10 @@ pub fn main() -> ExitCode {
         Command::Demo(args) => demo::run(&args),
         Command::Run(args) => run::run(&args),
         Command::Check(args) => check::run(&args),
+        #[cfg(feature = "boards")]
         Command::Calibrate(args) => calibrate::run(&args),
+        #[cfg(not(feature = "boards"))]
+        Command::Calibrate(_) => not_built::refused("calibrate, as for the demonstration", "boards"),
         Command::Convert(args) => convert::run(&args),
         Command::MountCheck(args) => mount_check::run(&args),
         Command::TimeCheck(args) => time_check::run(&args),
@@ -191,7 +197,10 @@ pub fn main() -> ExitCode {
         Command::Compare(args) => compare::run(&args),
         Command::Copy(args) => copy::run(&args),
         Command::Fetch(args) => fetch::run(&args),
+        #[cfg(feature = "upload")]
         Command::Upload(args) => upload::run(&args),
+        #[cfg(not(feature = "upload"))]
+        Command::Upload(_) => not_built::refused("upload, as for on board", "upload"),
         Command::Prune(args) => prune::run(&args),
         Command::Status(args) => status::status(&args),
         Command::Trigger(args) => status::trigger(&args),

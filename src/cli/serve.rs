@@ -4,6 +4,8 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use tracing::level_filters::LevelFilter;
+
 use super::{Done, Failure, interrupt};
 use crate::http::access::Access;
 use crate::http::section::{self, ServeConfig};
@@ -40,7 +42,7 @@ pub struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    super::logging::start_at("warn");
+    super::logging::start_at(LevelFilter::WARN);
     let (address, access) = open(args)?;
     catalogue::check_format(&RealDisk, &args.store).map_err(|e| Failure::Undone(e.to_string()))?;
     let installation = args.installation.as_deref().map(installation::load_without_orientation);

@@ -9,7 +9,7 @@ use crate::installation::{self, Fault, Installation, Mountings};
 use crate::measure::adjust::{Method, Options, SigmaKind};
 use crate::measure::setup::Orientation;
 use crate::pipeline::{self, Job, Sighting, stages};
-use crate::record::{ImageRecord, Status};
+use crate::record::ImageRecord;
 use crate::report::{protocol, table};
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -201,7 +201,7 @@ impl<'a> Output<'a> {
     }
 
     pub(super) fn take(&mut self, record: ImageRecord) -> Result<(), Failure> {
-        self.all_well &= record.status == Status::Ok;
+        self.all_well &= record.is_solved();
         if self.args.protocol {
             return print(&protocol::protocol(&record));
         }

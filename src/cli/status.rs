@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use super::{Done, Failure, print};
 use crate::config;
 use crate::daemon::{self, Health, LiveStatus, Status, StatusConfig};
+use crate::record::word;
 
 /// Ask the running daemon how it is.
 #[derive(clap::Args)]
@@ -74,7 +75,7 @@ fn text(status: &Status) -> String {
     let or_none = |text: &Option<String>| text.clone().unwrap_or_else(|| "none yet".to_owned());
     let free = status.store.free_mb.map_or("unknown".to_owned(), |mb| format!("{mb} MB"));
     let mut lines = vec![
-        format!("wingd {}: {}", status.version, word(&status.activity)),
+        format!("wingd {}: {}", status.version, word(status.activity)),
         format!("health       {}", health(status)),
         format!("flight       {}", or_none(&status.flight)),
         format!(
@@ -144,11 +145,6 @@ fn live(live: &LiveStatus) -> Vec<String> {
     }
     lines.extend(live.fault.iter().map(|fault| format!("warning      live: {fault}")));
     lines
-}
-
-fn word<T: serde::Serialize>(value: &T) -> String {
-    let value = serde_json::to_value(value).unwrap_or_default();
-    value.as_str().unwrap_or_default().to_owned()
 }
 
 fn health(status: &Status) -> String {

@@ -221,8 +221,7 @@ fn frames(flight: &FlightRef, set: &ResultSet, line: &Line) -> Result<(Vec<Frame
     for series in catalogue::series(&RealDisk, flight).map_err(undone)? {
         let Some(read) = source::read_series(&RealDisk, &series, Some(set), &mut left_out) else { continue };
         for record in &read.records {
-            let shot = read.shots.iter().find(|shot| shot.image.as_ref() == Some(&record.image));
-            let Some(stamp) = shot.and_then(exposed) else { continue };
+            let Some(stamp) = read.shot_of(record).and_then(exposed) else { continue };
             match stress::coefficients(record) {
                 Err(why) => left_out.push(format!("{}/{}: {why}", series.id, record.image)),
                 Ok((coefficients_per_m, covariance)) => frames.push(Frame {

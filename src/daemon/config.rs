@@ -4,6 +4,8 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+use crate::installation::KeyFault;
+
 use super::schedule::{Align, Timetable};
 
 /// `[series]` of the configuration.
@@ -55,29 +57,26 @@ impl Default for SeriesConfig {
 }
 
 impl SeriesConfig {
-    /// Every fault, as `key: what and how to mend it`.
-    pub fn faults(&self) -> Vec<String> {
+    /// Every fault, at its key of the whole file.
+    pub fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
-        let mut must = |holds: bool, fault: &str| {
+        let mut must = |holds: bool, key: &str, problem: &str, mend: &str| {
             if !holds {
-                faults.push(fault.to_owned());
+                faults.push(KeyFault::new(format!("series.{key}"), problem, mend));
             }
         };
-        must(!self.interval.is_zero(), "series.interval: must be longer than 0, for example \"1h\"");
-        must((1..=9999).contains(&self.shots), "series.shots: must be 1 to 9999");
-        must(
-            !self.shot_deadline.is_zero(),
-            "series.shot_deadline: must be longer than 0, for example \"20s\"",
-        );
-        must(
-            !self.open_deadline.is_zero(),
-            "series.open_deadline: must be longer than 0, for example \"30s\"",
-        );
-        must(self.retries <= 10, "series.retries: must be at most 10");
+        let positive = "must be longer than 0";
+        must(!self.interval.is_zero(), "interval", positive, "for example \"1h\"");
+        must((1..=9999).contains(&self.shots), "shots", "must be 1 to 9999", "correct it");
+        must(!self.shot_deadline.is_zero(), "shot_deadline", positive, "for example \"20s\"");
+        must(!self.open_deadline.is_zero(), "open_deadline", positive, "for example \"30s\"");
+        must(self.retries <= 10, "retries", "must be at most 10", "correct it");
         let least = self.gap.saturating_mul(self.shots.saturating_sub(1));
         must(
             least < self.interval || self.interval.is_zero(),
-            "series.interval: is shorter than the series' gaps together; lengthen it, or lower shots or gap",
+            "interval",
+            "is shorter than the series' gaps together",
+            "lengthen it, or lower shots or gap",
         );
         faults
     }

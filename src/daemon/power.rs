@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::command::Command;
 use super::core::Core;
+use crate::installation::KeyFault;
 
 /// Between two looks; two equal ones count, so that a bounce of the contact is none.
 const LOOK: Duration = Duration::from_millis(25);
@@ -42,24 +43,23 @@ impl Default for PowerConfig {
 }
 
 impl PowerConfig {
-    /// Every fault, as `key: what; how to mend it`.
-    pub fn faults(&self) -> Vec<String> {
+    /// Every fault, at its key of the whole file.
+    pub fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
         for (key, time) in [("stop_within", self.stop_within), ("hold_up", self.hold_up)] {
             if time < Duration::from_millis(200) {
-                faults.push(format!("power.{key}: is {time:?}; give at least \"200ms\", or leave it out"));
+                let mend = "give at least \"200ms\", or leave it out";
+                faults.push(KeyFault::new(format!("power.{key}"), format!("is {time:?}"), mend));
             }
         }
         #[cfg(feature = "gpio")]
         if let Some(line) = &self.line {
             if !line.is_clear() {
-                faults.push(
-                    "power.line: no single GPIO line is named; give either name, or chip and offset"
-                        .to_owned(),
-                );
+                let mend = "give either name, or chip and offset";
+                faults.push(KeyFault::new("power.line", "no single GPIO line is named", mend));
             }
             if self.file.is_some() {
-                faults.push("power.line: there is a file too; leave one of the two out".to_owned());
+                faults.push(KeyFault::new("power.line", "there is a file too", "leave one of the two out"));
             }
         }
         faults

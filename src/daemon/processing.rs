@@ -10,7 +10,7 @@ use super::solver::Solver;
 use super::status::Activity;
 use super::worker::{Unanswered, Worker};
 use crate::camera::Format;
-use crate::record::ImageRecord;
+use crate::record::{ImageRecord, Method};
 use crate::store::{FrameRef, StoreError};
 
 /// Beginnings of one frame after which the frame is taken to bring the program down.
@@ -87,17 +87,18 @@ impl Processing {
                 let what = format!(
                     "wingd ended {MAX_BEGINNINGS} times while solving this frame; solve it with `wingd solve`, which says more"
                 );
-                ImageRecord::failed(&frame.entry.file, "", what)
+                ImageRecord::failed(&frame.entry.file, Method::None, what)
             }
             Ok(bytes) => match self.compute(frame, bytes) {
                 Some(record) => record,
                 None => return self.core.store.forget_solving(),
             },
-            Err(error) => ImageRecord::failed(&frame.entry.file, "", error.to_string()),
+            Err(error) => ImageRecord::failed(&frame.entry.file, Method::None, error.to_string()),
         };
         let value = serde_json::to_value(&record).unwrap_or_else(|error| {
             let reason = format!("the result cannot be written as JSON: {error}");
-            serde_json::to_value(ImageRecord::failed(&frame.entry.file, "", reason)).unwrap_or(Value::Null)
+            serde_json::to_value(ImageRecord::failed(&frame.entry.file, Method::None, reason))
+                .unwrap_or(Value::Null)
         });
         let new = self.core.store.add_result(frame, &self.solver.inputs, value)?;
         self.core.frame_solved(frame, &record, new);
@@ -111,7 +112,7 @@ impl Processing {
             Ok(record) => return Some(record),
             Err(why) => why?,
         };
-        Some(ImageRecord::failed(&file, "", why))
+        Some(ImageRecord::failed(&file, Method::None, why))
     }
 
     /// The solver's record, or why there is none; no reason where work is to be given up.

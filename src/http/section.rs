@@ -40,7 +40,7 @@ impl ServeConfig {
         let mut faults = Vec::new();
         let mut fault = |key: &str, problem: String, mend: String| {
             let (file, place) = place(key);
-            faults.push(Fault { file, place, problem, mend });
+            faults.push(Fault::new(file, place, problem, mend));
         };
         let address = address(&self.listen).map_err(|why| {
             fault(

@@ -8,6 +8,7 @@ mod corners;
 mod document;
 mod doubtful;
 mod exchange;
+mod fault;
 mod mountings;
 mod observations;
 mod orientation;
@@ -27,6 +28,7 @@ pub use camera::{CalibrationReport, write_camera};
 pub use corners::{PictureCorners, read_corners, write_corners};
 pub use doubtful::doubts;
 pub use exchange::{CameraFormat, format_of, read_exchange, write_exchange};
+pub use fault::{Fault, KeyFault};
 pub use mountings::{Mountings, read_mountings};
 pub use observations::{HandObservation, read_observations};
 pub use orientation::write_orientation;
@@ -35,20 +37,6 @@ pub use tables::Optics;
 
 use crate::measure::geometry::TransformFit;
 use crate::measure::setup::{Orientation, Setup};
-
-/// A fault in something a user wrote: names the file, the key or line, the value and the mend.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{}: {place}: {problem}; {mend}", .file.display())]
-pub struct Fault {
-    /// The file at fault.
-    pub file: PathBuf,
-    /// Key such as `camera.fx`, or `line 7, column sigma_m`.
-    pub place: String,
-    /// What is wrong, with the value.
-    pub problem: String,
-    /// What to do.
-    pub mend: String,
-}
 
 /// A directory that was read and found in order.
 #[derive(Clone, Debug)]
@@ -82,12 +70,9 @@ impl Installation {
         let read = |(name, digest): &(String, String)| {
             let file = self.directory.join(name);
             let same = |bytes: &Vec<u8>| hex::encode(Sha256::digest(bytes)) == *digest;
-            let bytes = std::fs::read(&file).ok().filter(same).ok_or_else(|| Fault {
-                file,
-                place: "file".into(),
-                problem: "has changed while it was read".into(),
-                mend: "start again".into(),
-            })?;
+            let bytes = std::fs::read(&file).ok().filter(same);
+            let bytes = bytes
+                .ok_or_else(|| Fault::new(file, "file", "has changed while it was read", "start again"))?;
             Ok((name.clone(), bytes))
         };
         self.digests.iter().map(read).collect()
@@ -95,11 +80,9 @@ impl Installation {
 
     /// The orientation, or the fault of not having one.
     pub fn require_orientation(&self) -> Result<&Orientation, Fault> {
-        self.orientation.as_ref().ok_or_else(|| Fault {
-            file: self.directory.join(ORIENTATION_FILE),
-            place: "file".into(),
-            problem: "there is no orientation yet".into(),
-            mend: format!("run `wingd orient --installation {} GROUND_FRAME`", self.directory.display()),
+        self.orientation.as_ref().ok_or_else(|| {
+            let mend = format!("run `wingd orient --installation {} GROUND_FRAME`", self.directory.display());
+            Fault::new(self.directory.join(ORIENTATION_FILE), "file", "there is no orientation yet", mend)
         })
     }
 }
@@ -113,8 +96,7 @@ struct Reader {
 
 impl Reader {
     fn fault(&mut self, file: &Path, place: &str, problem: impl Into<String>, mend: impl Into<String>) {
-        let (problem, mend) = (problem.into(), mend.into());
-        self.faults.push(Fault { file: file.into(), place: place.into(), problem, mend });
+        self.faults.push(Fault::new(file, place, problem, mend));
     }
 
     /// A file's text; a fault where it cannot be read.
@@ -216,7 +198,7 @@ pub fn toml_fault(file: &Path, text: &str, error: &toml::de::Error, mend: &str) 
     let line = error.span().map(|s| 1 + text.get(..s.start).map_or(0, |t| t.matches('\n').count()));
     let shown = line.and_then(|l| text.lines().nth(l - 1)).map(str::trim).unwrap_or_default();
     let place = line.map_or("file".into(), |l| format!("line {l} (`{shown}`)"));
-    Fault { file: file.into(), place, problem: error.message().replace('\n', " "), mend: mend.into() }
+    Fault::new(file, place, error.message().replace('\n', " "), mend)
 }
 
 /// Writes a page whole or not at all.

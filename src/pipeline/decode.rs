@@ -1,6 +1,12 @@
 //! Bytes as a camera or a file delivers them become a grey picture.
 
+use std::io::Cursor;
 use std::ops::Range;
+
+use image::codecs::png::PngDecoder;
+use image::codecs::pnm::PnmDecoder;
+use image::codecs::tiff::TiffDecoder;
+use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, Limits};
 
 use crate::camera::Format;
 use crate::measure::raster::Raster;
@@ -92,23 +98,41 @@ fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) ->
         return jpeg::luma(&bytes[zeros..], wanted);
     }
     match (image::guess_format(bytes), memchr::memmem::find(bytes, &JPEG_START)) {
-        (Ok(_), _) => picture(bytes),
+        (Ok(format), _) => picture(bytes, format),
         (Err(_), Some(before)) => Err(DecodeError::Before(before)),
         (Err(_), None) => Err(DecodeError::Picture("it is no picture file that is known".into())),
     }
 }
 
-fn picture(bytes: &[u8]) -> Result<Raster, DecodeError> {
-    let reader = image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format();
-    let mut reader = reader.map_err(|e| DecodeError::Picture(e.to_string()))?;
-    let mut limits = image::Limits::default();
-    limits.max_image_width = Some(LARGEST_SIDE as u32);
-    limits.max_image_height = Some(LARGEST_SIDE as u32);
-    reader.limits(limits);
-    let luma = reader.decode().map_err(|e| DecodeError::Picture(short(&e.to_string())))?.into_luma8();
+/// Each kind by its own decoder: the library's choice among all that any dependency switches on would bring every one of
+/// them into the program.
+fn picture(bytes: &[u8], format: ImageFormat) -> Result<Raster, DecodeError> {
+    let source = Cursor::new(bytes);
+    let decoded = match format {
+        ImageFormat::Png => PngDecoder::with_limits(source, limits()).and_then(limited),
+        ImageFormat::Pnm => PnmDecoder::new(source).and_then(limited),
+        ImageFormat::Tiff => TiffDecoder::new(source).and_then(limited),
+        other => return Err(DecodeError::Picture(format!("{other:?} is not read"))),
+    };
+    let luma = decoded.map_err(|e| DecodeError::Picture(short(&e.to_string())))?.into_luma8();
     let (width, height) = luma.dimensions();
     Raster::new(width as usize, height as usize, luma.into_raw())
         .ok_or_else(|| DecodeError::Picture("it has no pixels".into()))
+}
+
+fn limits() -> Limits {
+    let mut limits = Limits::default();
+    limits.max_image_width = Some(LARGEST_SIDE as u32);
+    limits.max_image_height = Some(LARGEST_SIDE as u32);
+    limits
+}
+
+/// Within the limits, of which the memory is asked for first.
+fn limited(mut decoder: impl ImageDecoder) -> Result<DynamicImage, ImageError> {
+    let mut limits = limits();
+    limits.reserve(decoder.total_bytes())?;
+    decoder.set_limits(limits)?;
+    DynamicImage::from_decoder(decoder)
 }
 
 /// The first line of a foreign message, so that a reason stays one sentence.

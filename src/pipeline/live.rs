@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::stages::{self, Search, Sighting};
-use super::{Job, Stage, corrected, recording};
+use super::stages::{self, Search, Sighting, Stage, Work};
+use super::{Job, corrected, recording};
 use crate::camera::Format;
 use crate::installation::Installation;
 use crate::measure::adjust::{Live, Parameter, Solution};
@@ -14,7 +14,7 @@ use crate::measure::detect::{Detection, Prediction};
 use crate::measure::identify::{self, Identities, NEXT_LIFT_M};
 use crate::measure::setup::Orientation;
 use crate::pipeline::guard::{BROKE_OFF, guarded};
-use crate::record::ImageRecord;
+use crate::record::{ImageRecord, Provenance};
 
 /// The image of a marker, as an ellipse in the frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -150,7 +150,7 @@ impl Tracker {
 
     fn failed(&self, sighting: &Sighting, reason: &str) -> Tracked {
         let mut record = recording::record(sighting, &self.installation, &self.job, Err(reason.into()));
-        record.provenance.clear();
+        record.provenance = Provenance::default();
         Tracked { mounting: self.live.mountings(), ..Tracked::failed(record) }
     }
 
@@ -183,12 +183,12 @@ impl Tracker {
             self.last_s = Some(at_s);
             Ok((solution, report))
         });
-        sighting.stages.push(Stage { name: "solve", ms: 1e3 * started.elapsed().as_secs_f64() });
+        sighting.stages.push(Stage::ended(Work::Solve, started));
         let curvature = outcome.as_ref().ok().and_then(|(solution, _)| Curvature::of(solution));
         let mut record = recording::record(&sighting, &self.installation, &self.job, outcome);
         // The same in every line, and written once with the table of results.
-        record.provenance.clear();
-        record.quality.remove("correlation");
+        record.provenance = Provenance::default();
+        record.quality.correlation = None;
         let mounting = self.live.mountings();
         let jolt = before > 0 && mounting > before;
         Tracked {

@@ -20,7 +20,7 @@ pub mod stages;
 use std::borrow::Cow;
 use std::time::Instant;
 
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 
 use crate::aircraft;
 use crate::camera::Format;
@@ -28,10 +28,10 @@ use crate::installation::Installation;
 use crate::measure::adjust::{self, Estimate, Method, Observation, Options};
 use crate::measure::environment::{Conditions, RefractionReport, correct_observations};
 use crate::measure::setup::Orientation;
-use crate::record::ImageRecord;
+use crate::record::{ImageRecord, Parameters, Provenance};
 use guard::{BROKE_OFF, guarded};
 
-pub use stages::{Sighting, Stage};
+pub use stages::{Sighting, Stage, Work};
 
 /// What to compute.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,17 +50,8 @@ impl Default for Job {
 
 impl Job {
     /// Parameters as they enter the provenance.
-    pub fn provenance(&self) -> Value {
-        let o = &self.options;
-        json!({
-            "method": recording::method_name(self.method),
-            "curvature_terms": o.curvature_terms,
-            "twist_terms": o.twist_terms,
-            "variance_components": o.variance_components,
-            "global_alpha": o.global_alpha,
-            "snooping_alpha": o.snooping_alpha,
-            "sigma": recording::sigma_choice(o.sigma),
-        })
+    fn parameters(&self) -> Parameters {
+        Parameters::new(recording::method(self.method), &self.options)
     }
 }
 
@@ -99,8 +90,7 @@ pub fn solve_sighting(
         solution.map(|s| (s, report)).map_err(|e| e.to_string())
     });
     let mut record = recording::record(sighting, installation, job, outcome);
-    let solve_ms = 1e3 * started.elapsed().as_secs_f64();
-    record.timing_ms.insert("solve".into(), recording::milliseconds(solve_ms));
+    record.timing_ms.solve = Some(recording::milliseconds(Stage::ended(Work::Solve, started).ms));
     record
 }
 
@@ -201,21 +191,29 @@ pub fn solve_flight(
         });
         let mut record = recording::record(sighting, own, &job, outcome);
         record.flight = true;
-        record.timing_ms.insert("solve".into(), recording::milliseconds(solve_ms));
+        record.timing_ms.solve = Some(recording::milliseconds(solve_ms));
         records.push(record);
     }
     records
 }
 
 /// Hashes and versions that a result stands on.
-pub fn inputs(installation: &Installation, job: &Job) -> Map<String, Value> {
-    let mut map = Map::new();
-    map.insert("program".into(), format!("wingd {}", env!("CARGO_PKG_VERSION")).into());
-    for (file, digest) in &installation.digests {
-        map.insert(format!("{file}.sha256"), digest.clone().into());
+pub fn provenance(installation: &Installation, job: &Job) -> Provenance {
+    let file = |(name, digest): &(String, String)| (format!("{name}.sha256"), digest.clone().into());
+    Provenance {
+        program: Some(format!("wingd {}", env!("CARGO_PKG_VERSION"))),
+        files: installation.digests.iter().map(file).collect(),
+        parameters: Some(job.parameters()),
+        frame_sha256: None,
     }
-    map.insert("parameters".into(), job.provenance());
-    map
+}
+
+/// The same as the store keeps it.
+pub fn inputs(installation: &Installation, job: &Job) -> Map<String, Value> {
+    match serde_json::to_value(provenance(installation, job)) {
+        Ok(Value::Object(map)) => map,
+        _ => Map::new(),
+    }
 }
 
 #[cfg(test)]

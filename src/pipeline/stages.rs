@@ -15,13 +15,33 @@ use crate::measure::identify::{self, IdentifyError, Identities, OrientationFit};
 use crate::measure::raster::Raster;
 use crate::measure::setup::{GroundSight, Orientation, Setup};
 
+/// What is done with a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Work {
+    /// Bytes to a grey picture.
+    Decode,
+    /// Markers in it.
+    Detect,
+    /// Their names.
+    Identify,
+    /// The adjustment.
+    Solve,
+}
+
 /// A stage's duration.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stage {
-    /// `decode`, `detect`, `identify`.
-    pub name: &'static str,
+    /// Which one.
+    pub work: Work,
     /// Milliseconds.
     pub ms: f64,
+}
+
+impl Stage {
+    /// What was begun at `started` and ends now.
+    pub fn ended(work: Work, started: Instant) -> Self {
+        Self { work, ms: 1e3 * started.elapsed().as_secs_f64() }
+    }
 }
 
 /// What was seen in one frame.
@@ -70,23 +90,23 @@ impl Sighting {
         decode: impl FnOnce() -> Result<Raster, decode::DecodeError>,
         detect: impl FnOnce(&Raster) -> Detections,
     ) -> Option<Raster> {
-        match self.timed("decode", decode) {
+        match self.timed(Work::Decode, decode) {
             Err(error) => {
                 self.failure = Some(error.to_string());
                 None
             }
             Ok(raster) => {
                 self.size = Some((raster.width(), raster.height()));
-                self.detections = self.timed("detect", || detect(&raster));
+                self.detections = self.timed(Work::Detect, || detect(&raster));
                 Some(raster)
             }
         }
     }
 
-    fn timed<T>(&mut self, name: &'static str, work: impl FnOnce() -> T) -> T {
+    fn timed<T>(&mut self, work: Work, run: impl FnOnce() -> T) -> T {
         let started = Instant::now();
-        let result = work();
-        self.stages.push(Stage { name, ms: 1e3 * started.elapsed().as_secs_f64() });
+        let result = run();
+        self.stages.push(Stage::ended(work, started));
         result
     }
 }
@@ -200,7 +220,7 @@ pub fn recognise(
 ) {
     let setup = &installation.setup;
     let found = sighting.detections.clone();
-    let known = sighting.timed("identify", || identified(setup, orientation, raster, found));
+    let known = sighting.timed(Work::Identify, || identified(setup, orientation, raster, found));
     take_up(sighting, setup, orientation, known);
 }
 
@@ -215,7 +235,7 @@ pub(super) fn recognise_for_next(
     let setup = &installation.setup;
     let found = sighting.detections.clone();
     let mut plainly = None;
-    let known = sighting.timed("identify", || {
+    let known = sighting.timed(Work::Identify, || {
         let first = identify::identify(setup, orientation, &found.markers)?;
         plainly = Some((found.markers.clone(), first.clone()));
         Ok(looked_closer(setup, orientation, raster, (found, first)))

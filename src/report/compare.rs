@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::record::{ImageRecord, MarkerRecord, Status};
+use super::number::words;
+use crate::record::{ImageRecord, MarkerRecord, Provenance, Quality, Status, word};
 use crate::store::sets::{self, ResultSet};
 use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue};
 
@@ -35,13 +36,9 @@ pub struct Change {
 impl Change {
     /// In a word or two.
     pub fn status_text(&self) -> String {
-        let word = |status: Option<Status>| match status {
-            Some(Status::Ok) => "ok",
-            Some(Status::Failed) => "failed",
-            None => "no result",
-        };
-        let (old, new) = (word(self.status.0), word(self.status.1));
-        if old == new { new.to_owned() } else { format!("{old} -> {new}") }
+        let said = |status: Option<Status>| status.map_or("no result".to_owned(), word);
+        let (old, new) = (said(self.status.0), said(self.status.1));
+        if old == new { new } else { format!("{old} -> {new}") }
     }
 }
 
@@ -78,9 +75,9 @@ fn records(
     let lines = sets::results_of(disk, series, Some(set))?.into_iter();
     let record = |value| serde_json::from_value::<ImageRecord>(value).ok();
     let lean = |r: ImageRecord| ImageRecord {
-        quality: serde_json::Map::new(),
+        quality: Quality::default(),
         curve: Vec::new(),
-        provenance: serde_json::Map::new(),
+        provenance: Provenance::default(),
         ..r
     };
     let one = |line: crate::store::manifest::ResultLine| {
@@ -119,11 +116,7 @@ fn largest(old: &[MarkerRecord], new: &[MarkerRecord]) -> Option<(String, f64)> 
 
 /// Inputs that differ: name, before, now.
 pub fn inputs(old: &ResultSet, new: &ResultSet) -> Vec<(String, String, String)> {
-    let text = |value: Option<&Value>| match value {
-        None => "none".to_owned(),
-        Some(Value::String(text)) => text.clone(),
-        Some(other) => other.to_string(),
-    };
+    let text = |value: Option<&Value>| value.map_or("none".to_owned(), words);
     let mut names: Vec<&String> = old.provenance.keys().chain(new.provenance.keys()).collect();
     names.sort();
     names.dedup();

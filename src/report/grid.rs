@@ -30,6 +30,16 @@ impl Grid {
         Self { columns: titles.iter().map(column).collect(), rows: Vec::new() }
     }
 
+    /// A row for each of `rows`: of each column its heading, as [`Grid::new`] takes it, and what stands below.
+    pub fn of<'r, T: 'r>(
+        rows: impl IntoIterator<Item = &'r T>,
+        columns: &[(&str, &dyn Fn(&T) -> String)],
+    ) -> Self {
+        let titles: Vec<&str> = columns.iter().map(|(title, _)| *title).collect();
+        let cells = |row: &T| columns.iter().map(|(_, cell)| cell(row)).collect();
+        Self { rows: rows.into_iter().map(cells).collect(), ..Self::new(&titles) }
+    }
+
     /// Adds a row.
     pub fn push(&mut self, cells: Vec<String>) {
         self.rows.push(cells);

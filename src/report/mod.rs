@@ -16,6 +16,7 @@
 //! | `overlay` | a frame and its detections | a picture to look at |
 
 pub mod aircraft;
+#[cfg(feature = "boards")]
 pub mod calibration;
 pub mod compare;
 pub mod export;
@@ -68,6 +69,18 @@ pub struct SeriesData {
     pub shots: Vec<ShotData>,
     /// What a person should read.
     pub remarks: Vec<String>,
+}
+
+impl SeriesData {
+    /// The result of a shot's frame.
+    pub fn record_of(&self, shot: &ShotData) -> Option<&ImageRecord> {
+        self.records.iter().find(|r| Some(&r.image) == shot.image.as_ref())
+    }
+
+    /// The shot that a result is of.
+    pub fn shot_of(&self, record: &ImageRecord) -> Option<&ShotData> {
+        self.shots.iter().find(|s| s.image.as_ref() == Some(&record.image))
+    }
 }
 
 /// A shot as the series' manifest keeps it.

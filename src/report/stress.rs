@@ -8,7 +8,7 @@ use crate::clock::Stamp;
 use crate::measure::stress::{
     self, Curvature, Goodman, GroundAirGround, Moment, OverAFlight, SAMPLES_PER_PERIOD, Sampling, Section,
 };
-use crate::record::{ImageRecord, Measured, Status};
+use crate::record::ImageRecord;
 
 /// A solved frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -145,37 +145,49 @@ pub struct DamageLoad {
     pub sigma_equivalent_range_n_m: Option<f64>,
 }
 
-/// The coefficients of a record's bending line with their covariance; a sentence where there are none.
-pub fn coefficients(record: &ImageRecord) -> Result<(DVector<f64>, DMatrix<f64>), String> {
-    if record.status != Status::Ok {
-        return Err("it was not solved".to_owned());
+/// The coefficients of a record's bending line, 1/m, with their covariance, 1/m^2.
+///
+/// # Errors
+/// Where there are none.
+pub fn coefficients(record: &ImageRecord) -> Result<(DVector<f64>, DMatrix<f64>), NoCurvature> {
+    if !record.is_solved() {
+        return Err(NoCurvature::Unsolved);
     }
-    let none = || "its result has no curvature: solve it with --method spatial".to_owned();
-    let list = record.model.get("curvature_per_m").cloned().ok_or_else(none)?;
-    let list: Vec<Measured> = serde_json::from_value(list).map_err(|_| none())?;
+    let terms = &record.model.curvature_per_m;
+    if terms.is_empty() || terms.iter().any(|term| term.value.is_nan()) {
+        return Err(NoCurvature::OtherMethod);
+    }
     let place = |k: usize| format!("curvature_per_m[{k}]");
-    let correlation = record.quality.get("correlation");
-    let names = correlation.and_then(|c| c.get("parameters")?.as_array());
-    let rows = correlation.and_then(|c| c.get("matrix")?.as_array());
-    let at: Vec<Option<usize>> = (0..list.len())
-        .map(|k| names?.iter().position(|name| name.as_str() == Some(place(k).as_str())))
-        .collect();
-    let entry = |i: usize, j: usize| rows?.get(at[i]?)?.as_array()?.get(at[j]?)?.as_f64();
-    let sigma = |k: usize| list[k].sigma.unwrap_or(0.0);
-    let mut covariance = DMatrix::zeros(list.len(), list.len());
-    for i in 0..list.len() {
-        for j in 0..list.len() {
+    let sigma = |k: usize| terms[k].sigma.unwrap_or(0.0);
+    let entry = |i: usize, j: usize| record.quality.correlation.as_ref()?.of(&place(i), &place(j));
+    let mut covariance = DMatrix::zeros(terms.len(), terms.len());
+    for i in 0..terms.len() {
+        for j in 0..terms.len() {
             // A coefficient that was held varies with none.
             let held = sigma(i) == 0.0 || sigma(j) == 0.0;
             let correlated = if i == j { Some(1.0) } else { entry(i, j) };
             covariance[(i, j)] = match (held, correlated) {
                 (true, _) => 0.0,
                 (false, Some(r)) => r * sigma(i) * sigma(j),
-                (false, None) => return Err("its result has no correlations: solve it again".to_owned()),
+                (false, None) => return Err(NoCurvature::NoCorrelations),
             };
         }
     }
-    Ok((DVector::from_iterator(list.len(), list.iter().map(|m| m.value)), covariance))
+    Ok((DVector::from_iterator(terms.len(), terms.iter().map(|m| m.value)), covariance))
+}
+
+/// Why a result has no bending line to take moments from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoCurvature {
+    /// It has no numbers.
+    #[error("it was not solved")]
+    Unsolved,
+    /// The published parabola is no beam.
+    #[error("its result has no curvature: solve it with --method spatial")]
+    OtherMethod,
+    /// A program that did not write them.
+    #[error("its result has no correlations: solve it again")]
+    NoCorrelations,
 }
 
 /// Seconds from the first frame: time since boot within a boot, UTC from boot to boot.

@@ -13,7 +13,7 @@ use wingd::camera::Camera;
 use wingd::camera::replay::{ReplayConfig, ReplayFactory};
 use wingd::clock::{Clock, Simulated, Stamp};
 use wingd::daemon::{self, Event, Parts, PowerConfig, SeriesConfig, Solver, StatusBoard};
-use wingd::record::ImageRecord;
+use wingd::record::{ImageRecord, Method};
 use wingd::store::fake::{FakeDisk, Fault, Survival};
 use wingd::store::verify::verify;
 use wingd::store::{Disk, Inputs, Store, StoreConfig, catalogue};
@@ -69,7 +69,7 @@ fn boot(disk: Arc<FakeDisk>, number: usize, minutes: (u64, u64), frames: &Path, 
         cameras: Arc::new(move || Box::new(cameras.make()) as Box<dyn Camera>),
         solver: Some(Solver {
             inputs: Inputs::new(Map::new()),
-            solve: Arc::new(|name, _, _| ImageRecord::failed(name, "", "a test".to_owned())),
+            solve: Arc::new(|name, _, _| ImageRecord::failed(name, Method::None, "a test")),
             deadline: Duration::from_secs(60),
             track: None,
         }),

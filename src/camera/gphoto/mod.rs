@@ -17,10 +17,10 @@ use std::time::Duration;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::camera::fault::Fault;
 use crate::camera::freshness::LastName;
 use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
 use crate::clock::exposure::Evidence;
+use crate::installation::KeyFault;
 use process::Process;
 use protocol::{Answer, Picture, Request};
 
@@ -76,11 +76,11 @@ fn default_recover() -> usize {
 }
 
 impl GphotoSection {
-    /// What is wrong with the section.
-    pub fn faults(&self) -> Vec<Fault> {
+    /// Every fault, at its key of the section.
+    pub fn faults(&self) -> Vec<KeyFault> {
         let sane = (1.0..=600.0).contains(&self.open_s);
-        let fault = ("open_s".to_owned(), format!("{} s", self.open_s), "use 1 to 600 s".to_owned());
-        if sane { Vec::new() } else { vec![fault] }
+        let fault = || KeyFault::new("open_s", format!("{} s", self.open_s), "use 1 to 600 s");
+        (!sane).then(fault).into_iter().collect()
     }
 }
 

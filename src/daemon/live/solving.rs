@@ -16,7 +16,7 @@ use crate::daemon::solver::{Track, Tracking};
 use crate::daemon::worker::{Unanswered, Worker};
 use crate::pipeline::live::Tracked;
 use crate::pipeline::stages::Search;
-use crate::record::ImageRecord;
+use crate::record::{ImageRecord, Method};
 
 /// A frame that takes longer is given up, with its thread. Machine time.
 const DEADLINE: Duration = Duration::from_secs(5);
@@ -93,7 +93,7 @@ impl Solving {
         self.shared.fault("solver", &why);
         let hangs = self.worker.given_up();
         self.shared.update(|live| live.solver_hangs = hangs);
-        Some(Tracked::failed(ImageRecord::failed(&frame.name(), "spatial", why)))
+        Some(Tracked::failed(ImageRecord::failed(&frame.name(), Method::Spatial, why)))
     }
 
     fn give(&self, frame: &Arc<LiveFrame>, tracked: Tracked, (watch, meter): (&mut Watch, &mut Meter)) {

@@ -2,13 +2,16 @@
 
 pub mod beam;
 mod components;
+mod curve;
 mod estimated;
 #[cfg(test)]
 mod example;
 mod flight;
 pub mod gauss_helmert;
 pub mod ground;
+mod input;
 mod layout;
+mod marker_state;
 mod model_error;
 mod outcome;
 pub mod profile;
@@ -17,7 +20,9 @@ mod scene;
 mod shapes;
 mod snooping;
 mod spatial;
-mod unknowns;
+mod term;
+mod terms;
+mod values;
 
 pub use flight::Live;
 
@@ -37,10 +42,12 @@ pub struct Observation {
 }
 
 /// Which standard deviations are reported.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum SigmaKind {
     /// A posteriori where the global test rejects, a priori where it accepts.
     #[default]
+    #[serde(rename = "by test")]
     ByTest,
     /// A priori.
     Prior,

@@ -1,6 +1,9 @@
 //! Boards: what is printed, and where its points are.
 
-use super::{View, checkerboard};
+use super::View;
+#[cfg(feature = "boards")]
+use super::checkerboard;
+#[cfg(feature = "boards")]
 use crate::measure::raster::Raster;
 
 /// A calibration board (docs/interface.md).
@@ -106,6 +109,7 @@ pub fn misdescribed(board: &Board, misfits: &[Option<Misfit>]) -> Option<String>
     }
 }
 
+#[cfg(feature = "boards")]
 impl Board {
     /// The board's points in a picture.
     pub fn find(&self, raster: &Raster) -> Result<Sighting, BoardError> {

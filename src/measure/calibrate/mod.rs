@@ -15,11 +15,15 @@ mod aprilgrid;
 mod board;
 mod bundle;
 mod check;
+#[cfg(feature = "boards")]
 mod checkerboard;
+#[cfg(feature = "boards")]
 mod corner;
 mod outliers;
 mod quality;
+#[cfg(feature = "boards")]
 mod reduced;
+#[cfg(feature = "boards")]
 mod saddle;
 mod shape;
 mod start;

@@ -109,7 +109,7 @@ fn index_ratio(window: &Window) -> f64 {
 }
 
 /// What refraction does to a frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct RefractionReport {
     /// Whether the pixels were corrected (the window's normal is known).
     pub applied: bool,

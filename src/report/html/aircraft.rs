@@ -44,7 +44,7 @@ fn points(data: &ReportData, quantity: Quantity) -> Vec<(f64, f64, Option<f64>)>
     let of = |series: &SeriesData| {
         let one = |record: &crate::record::ImageRecord| {
             let tip = record.tip.as_ref()?;
-            let shot = series.shots.iter().find(|shot| shot.image.as_ref() == Some(&record.image))?;
+            let shot = series.shot_of(record)?;
             Some((shot.aircraft.get(&quantity)?.value, tip.lift_m, tip.sigma_lift_m))
         };
         series.records.iter().filter_map(one).collect::<Vec<_>>()

@@ -13,7 +13,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use super::number::{NONE, fixed, rounded};
 use super::summary::{SeriesSummary, summaries};
 use super::{ReportData, table};
-use crate::record::{ImageRecord, Status};
+use crate::record::ImageRecord;
 
 pub use flights::flights;
 pub use plot::round_step;
@@ -79,9 +79,7 @@ fn shown_record(data: &ReportData) -> Option<&ImageRecord> {
         .picture
         .as_ref()
         .and_then(|p| records().find(|(s, r)| s.name == p.series && r.image == p.image).map(|(_, r)| r));
-    pictured
-        .filter(|r| r.status == Status::Ok)
-        .or_else(|| records().map(|(_, r)| r).find(|r| r.status == Status::Ok))
+    pictured.filter(|r| r.is_solved()).or_else(|| records().map(|(_, r)| r).find(|r| r.is_solved()))
 }
 
 fn title(data: &ReportData) -> String {
@@ -153,7 +151,7 @@ fn notes(data: &ReportData) -> Markup {
     html! {
         @if data.series.is_empty() {
             p.warning { "The store holds no series yet." }
-        } @else if !data.series.iter().flat_map(|s| &s.records).any(|r| r.status == Status::Ok) {
+        } @else if !data.series.iter().flat_map(|s| &s.records).any(ImageRecord::is_solved) {
             p.warning { "No frame has been solved; the reasons stand under Quality." }
         }
         @for note in data.warnings.iter().chain(&data.notes) { p.warning { (note) } }
