@@ -149,11 +149,6 @@ impl Simulated {
         Self::starting_at(&start, speed_up)
     }
 
-    /// Sets UTC, as a time server does when the network comes up.
-    pub fn set_utc(&self, utc: jiff::Timestamp) {
-        self.with(|time| time.utc = utc);
-    }
-
     fn with<T>(&self, f: impl FnOnce(&mut SimulatedTime) -> T) -> T {
         f(&mut self.state.lock().unwrap_or_else(std::sync::PoisonError::into_inner))
     }

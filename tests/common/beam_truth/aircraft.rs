@@ -106,7 +106,8 @@ impl Aircraft {
         let skin_m = truth.stations.iter().map(|_| effects.skin_m * normal(rng)).collect();
         let fixed = |_: &Vector3<f64>| effects.fixed_m + normal3(rng) * effects.fixed_each_m;
         let fixed_m = truth.fixed_m.iter().map(fixed).collect();
-        let aft = |station: &(usize, &(f64, f64, f64))| station.1.0 > 0.6 && station.1.2 * truth.wing.side > 0.0;
+        let aft =
+            |station: &(usize, &(f64, f64, f64))| station.1.0 > 0.6 && station.1.2 * truth.wing.side > 0.0;
         let on_aileron = truth.stations.iter().enumerate().filter(aft).map(|(k, _)| k).collect();
         Self { truth, effects, skin_m, fixed_m, on_aileron }
     }
