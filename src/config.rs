@@ -1,4 +1,4 @@
-//! `wingd.toml`: composed of each module's own section.
+//! This file reads `wingd.toml`, which is composed of the sections that each module defines for itself.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;

@@ -7,6 +7,7 @@
 mod model;
 mod provenance;
 mod quality;
+mod reason;
 
 use serde::{Deserialize, Serialize};
 
@@ -14,6 +15,7 @@ pub use crate::measure::setup::Shape;
 pub use model::{Measured, Model, Term};
 pub use provenance::{Parameters, Provenance, Timing};
 pub use quality::{CadFit, Correlation, Panes, Quality, VarianceComponent};
+pub use reason::Reason;
 
 /// Whether an image could be solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

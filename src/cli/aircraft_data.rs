@@ -1,18 +1,16 @@
-//! `wingd aircraft-data`: a table of the aircraft's own data, taken into a flight after it.
+//! `wingd aircraft-data` takes a table of the aircraft's own data into a flight after it.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use serde::Deserialize;
 use serde_json::json;
 
-use super::solve_store::flights;
+use super::stores::{self, flights};
 use super::{Done, Failure, print};
 use crate::aircraft::{Column, Layout, Quantity};
 use crate::installation::{self, Fault};
 use crate::report::aircraft;
 use crate::store::aircraft::AircraftLine;
-use crate::store::{RealDisk, Store, StoreConfig, StoreError};
 
 /// Take a table of the aircraft's own data into a flight: its lines are kept as they are
 #[derive(clap::Args)]
@@ -62,10 +60,6 @@ fn one() -> f64 {
     1.0
 }
 
-fn undone(error: StoreError) -> Failure {
-    Failure::Undone(error.to_string())
-}
-
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let (mapping, table) = (read(&args.mapping)?, read(&args.table)?);
     let mapping: Mapping = toml::from_str(&mapping).map_err(|error| {
@@ -81,25 +75,24 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     if read == 0 {
         let problem = format!("none of its {} lines has a time in column {}", lines.len(), mapping.time);
         let mend = "write times as 2026-03-01T06:00:00Z, or as seconds since 1970";
-        return Err(fault(&args.table, &mapping.time, problem, mend).into());
+        return Err(Fault::new(&args.table, &mapping.time, problem, mend).into());
     }
-    let flight = flights(&RealDisk, &args.store, Some(&args.flight))?;
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(&args.store) };
-    let (store, _) = Store::open(Arc::new(RealDisk), config).map_err(undone)?;
+    let flight = flights(&args.store, Some(&args.flight))?;
+    let (store, _) = stores::open(&args.store)?;
     let source =
         json!({"table": args.table.file_name().map(|name| name.to_string_lossy()), "layout": layout});
     for chunk in lines.chunks(CHUNK) {
-        store.add_aircraft_to(&args.flight, &source, chunk).map_err(undone)?;
+        store.add_aircraft_to(&args.flight, &source, chunk)?;
     }
-    store.close_aircraft().map_err(undone)?;
+    store.close_aircraft()?;
     for flight in &flight {
-        let (track, _) = aircraft::track(store.disk(), store.root(), flight).map_err(undone)?;
+        let (track, _) = aircraft::track(store.disk(), store.root(), flight)?;
         let (samples, repeated) = (track.len(), track.unused.repeated);
         let (id, kept) = (&flight.id, lines.len());
-        let told =
+        let answer =
             json!({"flight": id, "lines": kept, "read": read, "samples": samples, "repeated": repeated});
         print(&match args.json {
-            true => told.to_string(),
+            true => answer.to_string(),
             false => format!(
                 "{id}: {kept} lines kept, {read} read; {samples} samples in all, {repeated} of a time that was there before"
             ),
@@ -112,8 +105,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
 const CHUNK: usize = 5000;
 
 fn read(file: &Path) -> Result<String, Fault> {
-    let text = std::fs::read_to_string(file)
-        .map_err(|e| fault(file, "file", format!("cannot be read ({e})"), "name a file of UTF-8 text"))?;
+    let text = std::fs::read_to_string(file).map_err(|e| {
+        Fault::new(file, "file", format!("cannot be read ({e})"), "name a file of UTF-8 text")
+    })?;
     Ok(text.trim_start_matches('\u{feff}').to_owned())
 }
 
@@ -124,7 +118,12 @@ fn layout(args: &Args, mapping: &Mapping, header: &str) -> Result<Layout, Vec<Fa
         let place = names.iter().position(|known| *known == name);
         if place.is_none() {
             let problem = format!("there is no column {name} in {}", args.table.display());
-            faults.push(fault(&args.mapping, name, problem, &format!("its header has {}", names.join(", "))));
+            faults.push(Fault::new(
+                &args.mapping,
+                name,
+                problem,
+                format!("its header has {}", names.join(", ")),
+            ));
         }
         place.map_or(0, |k| k + 1)
     };
@@ -135,12 +134,13 @@ fn layout(args: &Args, mapping: &Mapping, header: &str) -> Result<Layout, Vec<Fa
     let sound = |c: &Column| c.scale.is_finite() && c.scale != 0.0 && c.offset.is_finite();
     if column.is_empty() || !column.iter().all(sound) {
         let problem = "has no column, or a scale of 0".to_owned();
-        faults.push(fault(&args.mapping, "column", problem, "give name, quantity, and a scale other than 0"));
+        faults.push(Fault::new(
+            &args.mapping,
+            "column",
+            problem,
+            "give name, quantity, and a scale other than 0",
+        ));
     }
     let layout = Layout { begins_with: None, separator: mapping.separator, time_field, column };
     if faults.is_empty() { Ok(layout) } else { Err(faults) }
-}
-
-fn fault(file: &Path, place: &str, problem: String, mend: &str) -> Fault {
-    Fault { file: file.into(), place: place.into(), problem, mend: mend.into() }
 }

@@ -1,4 +1,4 @@
-//! `wingd fetch`: flights from a recorder's page into a directory.
+//! `wingd fetch` brings flights from a recorder's page into a directory.
 
 use std::path::PathBuf;
 
@@ -54,8 +54,7 @@ fn fetch_all(
     flights: &[String],
     thorough: bool,
 ) -> Result<crate::store::verify::Report, Failure> {
-    let store = |e: crate::store::StoreError| Failure::Undone(e.to_string());
-    let receiver = Receiver::open(&RealDisk, &args.directory).map_err(store)?;
+    let receiver = Receiver::open(&RealDisk, &args.directory)?;
     for flight in flights {
         let bar = bar(0, flight);
         let mut progress = |done, whole| {
@@ -65,7 +64,7 @@ fn fetch_all(
         fetch::flight(client, &receiver, flight, thorough, &mut progress).map_err(|e| undone(args, e))?;
         bar.finish_and_clear();
     }
-    read_back(receiver).map_err(store)
+    Ok(read_back(receiver)?)
 }
 
 fn undone(args: &Args, error: fetch::FetchError) -> Failure {

@@ -1,4 +1,4 @@
-//! Image files of a command line: read and worked on in parallel, answered in the order given.
+//! Image files of a command line are read and worked on in parallel, and answered in the order given.
 
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use super::{Failure, interrupt};
 use crate::pipeline::guard::{BROKE_OFF, guarded};
+use crate::record::Reason;
 use crate::store::FrameRef;
 
 /// Jobs a core at most: more only take memory.
@@ -50,7 +51,7 @@ pub fn map<T: Send>(
     files: &[PathBuf],
     jobs: usize,
     what: &str,
-    work: impl Fn(&str, Result<&[u8], String>) -> T + Sync,
+    work: impl Fn(&str, Result<&[u8], Reason>) -> T + Sync,
 ) -> Result<Vec<T>, Failure> {
     let mut results = Vec::with_capacity(files.len());
     each(files, jobs, what, work, |result| {
@@ -65,7 +66,7 @@ pub fn each<T: Send>(
     files: &[PathBuf],
     jobs: usize,
     what: &str,
-    work: impl Fn(&str, Result<&[u8], String>) -> T + Sync,
+    work: impl Fn(&str, Result<&[u8], Reason>) -> T + Sync,
     take: impl FnMut(T) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
     let names = names(files);
@@ -158,21 +159,21 @@ pub fn stored<T: Send>(
     store: &crate::store::Store,
     frames: &[FrameRef],
     jobs: usize,
-    work: impl Fn(&FrameRef, Result<&[u8], String>) -> T + Sync,
+    work: impl Fn(&FrameRef, Result<&[u8], Reason>) -> T + Sync,
     take: impl FnMut(T) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
     let one = |frame: &FrameRef| {
-        let bytes = store.read_frame(frame).map_err(|e| e.to_string());
+        let bytes = store.read_frame(frame).map_err(Reason::of);
         let readable = bytes.as_deref().map_err(Clone::clone);
         guarded(|| work(frame, readable)).unwrap_or_else(|| work(frame, Err(BROKE_OFF.into())))
     };
     run(frames, jobs, "solving", one, take)
 }
 
-fn one<T>(file: &Path, name: &str, work: &(impl Fn(&str, Result<&[u8], String>) -> T + Sync)) -> T {
-    let bytes = std::fs::read(file);
-    let readable =
-        bytes.as_deref().map_err(|e| format!("{} cannot be read ({e}); check the path", file.display()));
+fn one<T>(file: &Path, name: &str, work: &(impl Fn(&str, Result<&[u8], Reason>) -> T + Sync)) -> T {
+    let text = |e: &std::io::Error| format!("{} cannot be read ({e}); check the path", file.display());
+    let bytes = std::fs::read(file).map_err(|e| Reason::new(text(&e), e));
+    let readable = bytes.as_deref().map_err(Clone::clone);
     guarded(|| work(name, readable)).unwrap_or_else(|| work(name, Err(BROKE_OFF.into())))
 }
 
@@ -242,8 +243,8 @@ mod tests {
     #[test]
     fn a_panic_costs_one_picture() {
         let files: Vec<PathBuf> = (0..5).map(|k| PathBuf::from(format!("{k}.jpg"))).collect();
-        let work = |name: &str, bytes: Result<&[u8], String>| match bytes {
-            Err(reason) if reason == BROKE_OFF => None,
+        let work = |name: &str, bytes: Result<&[u8], Reason>| match bytes {
+            Err(reason) if reason.text() == BROKE_OFF => None,
             _ if name == "3.jpg" => panic!("inside"),
             _ => Some(name.to_owned()),
         };

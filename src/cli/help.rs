@@ -1,4 +1,4 @@
-//! What `wingd help` shows: the commands by what they are for, and examples of each.
+//! `wingd help` shows the commands by what they are for, and examples of each.
 
 use clap::Command;
 

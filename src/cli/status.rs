@@ -1,4 +1,4 @@
-//! `wingd status` and `wingd trigger`: ask the running daemon.
+//! `wingd status` and `wingd trigger` ask the running daemon.
 
 use std::path::PathBuf;
 
@@ -50,7 +50,8 @@ impl SocketArgs {
 
 /// Exit status 1 where the daemon is there but its last good frame is too old.
 pub(super) fn status(args: &StatusArgs) -> Result<Done, Failure> {
-    let value = daemon::ask(&args.socket.path()?, "status").map_err(Failure::Undone)?;
+    let value =
+        daemon::ask(&args.socket.path()?, "status").map_err(|why| Failure::Undone(why.to_string()))?;
     if args.json {
         print(&value.to_string())?;
     }
@@ -64,7 +65,8 @@ pub(super) fn status(args: &StatusArgs) -> Result<Done, Failure> {
 
 pub(super) fn trigger(args: &TriggerArgs) -> Result<Done, Failure> {
     let command = if args.new_flight { "new-flight" } else { "trigger" };
-    let answer = daemon::ask(&args.socket.path()?, command).map_err(Failure::Undone)?;
+    let answer =
+        daemon::ask(&args.socket.path()?, command).map_err(|why| Failure::Undone(why.to_string()))?;
     print(answer.get("answer").and_then(|answer| answer.as_str()).unwrap_or("done"))?;
     Ok(Done::All)
 }

@@ -1,4 +1,4 @@
-//! `wingd upload`: flights into an object store.
+//! `wingd upload` brings flights into an object store.
 
 use std::path::PathBuf;
 
@@ -42,7 +42,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         let what = "--aircraft holds more than letters, digits, '.', '_', '-' (64 at most, not '.' first)";
         return Err(Failure::Usage(format!("{what}; give its registration")));
     }
-    let flights = super::solve_store::flights(&RealDisk, &args.store, args.flight.as_deref())?;
+    let flights = super::stores::flights(&args.store, args.flight.as_deref())?;
     let target = Target::open(&args.to, Settings { jobs: args.jobs.into(), retries: args.retries })?;
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
     let runtime = runtime.map_err(|e| Failure::Undone(format!("could not start: {e}")))?;

@@ -75,10 +75,10 @@ impl PowerConfig {
     }
 
     /// What is to be looked at; `None` where nothing is named.
-    fn supply(&self) -> Result<Option<Supply>, String> {
+    fn supply(&self) -> Result<Option<Supply>, Unseen> {
         #[cfg(feature = "gpio")]
         if let Some(section) = &self.line {
-            let line = crate::camera::release::Line::watch(section).map_err(|error| error.to_string())?;
+            let line = crate::camera::release::Line::watch(section)?;
             return Ok(Some(Supply::Line(line)));
         }
         Ok(self.file.clone().map(Supply::File))
@@ -91,14 +91,24 @@ enum Supply {
     Line(crate::camera::release::Line),
 }
 
+/// Why the supply cannot be looked at; all that is done about it is to say it.
+#[derive(Debug, thiserror::Error)]
+enum Unseen {
+    #[error("{}: {}", .0.display(), .1)]
+    File(PathBuf, std::io::Error),
+    #[cfg(feature = "gpio")]
+    #[error(transparent)]
+    Line(#[from] crate::camera::CameraError),
+}
+
 impl Supply {
-    fn fails(&self) -> Result<bool, String> {
+    fn fails(&self) -> Result<bool, Unseen> {
         match self {
             Self::File(path) => std::fs::read_to_string(path)
                 .map(|text| text.trim() == "0")
-                .map_err(|error| format!("{}: {error}", path.display())),
+                .map_err(|error| Unseen::File(path.clone(), error)),
             #[cfg(feature = "gpio")]
-            Self::Line(line) => line.is_active().map_err(|error| error.to_string()),
+            Self::Line(line) => Ok(line.is_active()?),
         }
     }
 }
@@ -118,8 +128,8 @@ pub(crate) fn watch(core: &Core, config: &PowerConfig, commands: Sender<Command>
     }
 }
 
-fn unwatched(core: &Core, error: &str) {
-    tracing::error!(error, "the supply cannot be watched");
+fn unwatched(core: &Core, error: &Unseen) {
+    tracing::error!(%error, "the supply cannot be watched");
     core.board.fault(&format!("power: {error}"));
 }
 

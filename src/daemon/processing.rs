@@ -122,7 +122,7 @@ impl Processing {
         bytes: Vec<u8>,
         format: &Value,
     ) -> Result<ImageRecord, Option<String>> {
-        let format = Format::of_manifest(format)?;
+        let format = Format::of_manifest(format).map_err(|why| why.to_string())?;
         let (solve, deadline, gives_way) = (self.solver.solve.clone(), self.solver.deadline, self.gives_way);
         let make = move || {
             if gives_way {

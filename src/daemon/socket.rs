@@ -75,27 +75,45 @@ fn reply(command: &str, board: &StatusBoard, recorder: &Sender<Command>) -> Stri
     }
 }
 
-/// Asks a running daemon; returns its line of JSON, or one sentence for a person.
-pub fn ask(socket: &Path, command: &str) -> Result<serde_json::Value, String> {
-    let fault = |error: io::Error| {
-        let mend = match error.kind() {
-            io::ErrorKind::NotFound | io::ErrorKind::ConnectionRefused => {
-                "no daemon is running there (systemctl status wingd), or [status] socket names another place"
-            }
-            io::ErrorKind::PermissionDenied => "run as the user of the daemon or as root",
-            _ => "the daemon does not answer (journalctl -u wingd)",
-        };
-        format!("{}: {error}; {mend}", socket.display())
-    };
+/// Why a question has no answer; all that is done about it is to say it.
+#[derive(Debug, thiserror::Error)]
+pub enum Unanswered {
+    /// By the socket.
+    #[error("{}: {}; {}", .0.display(), .1, mend(.1))]
+    Socket(PathBuf, io::Error),
+    /// Something else listens there.
+    #[error("{}: answers no JSON: {}", .0.display(), .1)]
+    Foreign(PathBuf, serde_json::Error),
+    /// The daemon says why.
+    #[error("{0}")]
+    Refused(String),
+}
+
+fn mend(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::NotFound | io::ErrorKind::ConnectionRefused => {
+            "no daemon is running there (systemctl status wingd), or [status] socket names another place"
+        }
+        io::ErrorKind::PermissionDenied => "run as the user of the daemon or as root",
+        _ => "the daemon does not answer (journalctl -u wingd)",
+    }
+}
+
+/// Asks a running daemon; its line of JSON.
+///
+/// # Errors
+/// Where there is none, or it refuses.
+pub fn ask(socket: &Path, command: &str) -> Result<serde_json::Value, Unanswered> {
+    let fault = |error: io::Error| Unanswered::Socket(socket.to_owned(), error);
     let mut stream = BlockingStream::connect(socket).map_err(fault)?;
     stream.set_read_timeout(Some(PATIENCE)).map_err(fault)?;
     stream.write_all(format!("{command}\n").as_bytes()).map_err(fault)?;
     let mut line = String::new();
     BufReader::new(stream).read_line(&mut line).map_err(fault)?;
-    let value: serde_json::Value = serde_json::from_str(&line)
-        .map_err(|error| format!("{}: answers no JSON: {error}", socket.display()))?;
+    let value: serde_json::Value =
+        serde_json::from_str(&line).map_err(|error| Unanswered::Foreign(socket.to_owned(), error))?;
     match value.get("error").and_then(|error| error.as_str()) {
-        Some(error) => Err(error.to_owned()),
+        Some(error) => Err(Unanswered::Refused(error.to_owned())),
         None => Ok(value),
     }
 }

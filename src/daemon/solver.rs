@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::camera::Format;
+use crate::measure::adjust::AdjustError;
 use crate::pipeline::live::Tracked;
 use crate::record::ImageRecord;
 use crate::store::Inputs;
@@ -11,8 +12,8 @@ use crate::store::Inputs;
 /// Solves one frame after the other: its name, bytes, how to read them, when it was exposed (since boot, s).
 pub type Tracking = Box<dyn FnMut(&str, &[u8], &Format, f64) -> Tracked + Send>;
 
-/// Begins tracking, at the start and after a solver was given up. The error is a sentence.
-pub type Track = Arc<dyn Fn() -> Result<Tracking, String> + Send + Sync>;
+/// Begins tracking, at the start and after a solver was given up.
+pub type Track = Arc<dyn Fn() -> Result<Tracking, AdjustError> + Send + Sync>;
 
 /// File name, bytes, how to read them -> the result.
 pub type Solve = Arc<dyn Fn(&str, &[u8], &Format) -> ImageRecord + Send + Sync>;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::Deserialize;
 
-use super::{Fault, Reader, document};
+use super::{Fault, Reader, toml_file};
 use crate::measure::calibrate::Board;
 
 #[derive(Deserialize)]
@@ -54,7 +54,7 @@ pub fn load_board(file: &Path) -> Result<DescribedBoard, Vec<Fault>> {
 
 fn read(reader: &mut Reader, name: &str) -> Option<DescribedBoard> {
     let (file, text) = reader.text(name, "name a file with pattern = \"checkerboard\" or \"aprilgrid\"")?;
-    let table: Table = document::parse_toml(reader, &file, &text)?;
+    let table: Table = toml_file::parse_toml(reader, &file, &text)?;
     let (columns, rows, least, scale_sigma) = match &table {
         Table::Checkerboard { columns, rows, scale_sigma, .. } => (*columns, *rows, 3, *scale_sigma),
         Table::Aprilgrid { columns, rows, scale_sigma, .. } => (*columns, *rows, 1, *scale_sigma),

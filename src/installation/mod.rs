@@ -1,6 +1,27 @@
-//! The directory a user prepares: read, validate, write back (docs/interface.md).
+//! The directory that a user prepares for an aircraft: it is read, checked, and written back to.
 //!
-//! Every fault of every file is gathered in one go; each names file, key or line, and the mend.
+//! `installation.toml` names the other files (`docs/reference/installation-toml.md` has every key). Every
+//! fault of every file is gathered in one go, and each names the file, the key or line, the value and the mend:
+//!
+//! ```
+//! use std::path::Path;
+//! use wingd::installation;
+//!
+//! let folder = tempfile::tempdir()?;
+//! for name in ["installation.toml", "camera.toml", "survey.csv"] {
+//!     std::fs::copy(Path::new("fixtures/dev/installation").join(name), folder.path().join(name))?;
+//! }
+//! let found = installation::load(folder.path()).expect("the fixture is in order");
+//! assert_eq!(found.setup.markers.len(), 21);
+//!
+//! let text = std::fs::read_to_string(folder.path().join("installation.toml"))?;
+//! let text = text.replace("root_offset_m = 0.55", "root_offset_m = 550");
+//! std::fs::write(folder.path().join("installation.toml"), text)?;
+//! let faults = installation::load(folder.path()).unwrap_err();
+//! assert_eq!((faults[0].place.as_str(), faults[0].problem.as_str()), ("wing.root_offset_m", "is 550.0 m"));
+//! assert_eq!(faults[0].mend, "give a number from -50 to 50 m");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod board;
 mod camera;
@@ -17,6 +38,7 @@ mod structure;
 mod survey;
 mod tables;
 mod ties;
+mod toml_file;
 mod window;
 
 use std::path::{Path, PathBuf};
@@ -159,8 +181,8 @@ fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fa
     }
 }
 
-/// Faults alike that are told one by one; of more the first stands for all.
-const TOLD_ALIKE: usize = 3;
+/// Faults alike that are given one by one; of more the first stands for all.
+const MOST_ALIKE: usize = 3;
 
 /// One cause on many lines as one fault.
 fn folded(faults: Vec<Fault>) -> Vec<Fault> {
@@ -173,7 +195,7 @@ fn folded(faults: Vec<Fault>) -> Vec<Fault> {
     let mut kept: Vec<Fault> = vec![];
     for (k, mut fault) in faults.into_iter().enumerate() {
         let alike = kinds.iter().filter(|other| **other == kinds[k]).count();
-        if alike > TOLD_ALIKE {
+        if alike > MOST_ALIKE {
             if kinds[..k].contains(&kinds[k]) {
                 continue;
             }

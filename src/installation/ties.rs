@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use super::toml_file::FILE;
 use super::{Reader, survey, tables};
 use crate::measure::geometry::{PointPair, TransformFit};
 use crate::measure::setup::{Setup, TiePoint};
@@ -16,7 +17,7 @@ pub(super) fn read(reader: &mut Reader, cad: &tables::Cad) -> Option<Vec<TiePoin
     let rows = survey::read_table(reader, &file, &text, COLUMNS, &[])?;
     let sigma_m = cad.sigma_m.unwrap_or(DEFAULT_SIGMA_M);
     if !(1e-6..=10.0).contains(&sigma_m) {
-        let installation = reader.directory.join("installation.toml");
+        let installation = reader.directory.join(FILE);
         reader.fault(
             &installation,
             "cad.sigma_m",
@@ -60,7 +61,7 @@ pub(super) fn transform(reader: &mut Reader, setup: &Setup) -> Option<TransformF
     match TransformFit::estimate(&pairs, setup.cad_similarity) {
         Ok(fit) => Some(fit),
         Err(error) => {
-            let installation = reader.directory.join("installation.toml");
+            let installation = reader.directory.join(FILE);
             let mend = "correct the tie points, or leave [cad] out";
             reader.fault(&installation, "cad.tie_points", error.to_string(), mend);
             None

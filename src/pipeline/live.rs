@@ -9,12 +9,12 @@ use super::stages::{self, Search, Sighting, Stage, Work};
 use super::{Job, corrected, recording};
 use crate::camera::Format;
 use crate::installation::Installation;
-use crate::measure::adjust::{Live, Parameter, Solution};
+use crate::measure::adjust::{AdjustError, Live, Parameter, Solution};
 use crate::measure::detect::{Detection, Prediction};
 use crate::measure::identify::{self, Identities, NEXT_LIFT_M};
 use crate::measure::setup::Orientation;
 use crate::pipeline::guard::{BROKE_OFF, guarded};
-use crate::record::{ImageRecord, Provenance};
+use crate::record::{ImageRecord, Provenance, Reason};
 
 /// The image of a marker, as an ellipse in the frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -114,14 +114,16 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// Begins without a frame. The error is a sentence.
+    /// Begins without a frame.
+    ///
+    /// # Errors
+    /// Where the installation cannot be adjusted.
     pub fn begin(
         installation: Arc<Installation>,
         orientation: Orientation,
         job: Job,
-    ) -> Result<Self, String> {
-        let live = Live::begin(installation.setup.clone(), orientation.clone(), job.options.clone());
-        let live = live.map_err(|e| e.to_string())?;
+    ) -> Result<Self, AdjustError> {
+        let live = Live::begin(installation.setup.clone(), orientation.clone(), job.options.clone())?;
         Ok(Self { installation, orientation, job, live, seen: None, last_s: None })
     }
 
@@ -179,7 +181,7 @@ impl Tracker {
         let outcome = outcome.and_then(|(observations, report)| {
             // A clock that was set back, or a frame without a time of its own: no time has gone.
             let elapsed_s = self.last_s.map_or(0.0, |last| (at_s - last).max(0.0));
-            let solution = self.live.frame(&observations, elapsed_s).map_err(|e| e.to_string())?;
+            let solution = self.live.frame(&observations, elapsed_s).map_err(Reason::of)?;
             self.last_s = Some(at_s);
             Ok((solution, report))
         });

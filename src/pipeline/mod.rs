@@ -28,7 +28,7 @@ use crate::installation::Installation;
 use crate::measure::adjust::{self, Estimate, Method, Observation, Options};
 use crate::measure::environment::{Conditions, RefractionReport, correct_observations};
 use crate::measure::setup::Orientation;
-use crate::record::{ImageRecord, Parameters, Provenance};
+use crate::record::{ImageRecord, Parameters, Provenance, Reason};
 use guard::{BROKE_OFF, guarded};
 
 pub use stages::{Sighting, Stage, Work};
@@ -68,7 +68,7 @@ pub fn solve_frame(
         let sighting = stages::sight(name, bytes, format, installation, Some(orientation));
         solve_sighting(&sighting, installation, orientation, job)
     };
-    let broken = || Sighting { image: name.into(), failure: Some(BROKE_OFF.into()), ..Sighting::default() };
+    let broken = || Sighting::failed(name, BROKE_OFF);
     guarded(solve).unwrap_or_else(|| recording::record(&broken(), installation, job, Err(BROKE_OFF.into())))
 }
 
@@ -87,7 +87,7 @@ pub fn solve_sighting(
     let job = &Job { options, ..job.clone() };
     let outcome = corrected.and_then(|(observations, report)| {
         let solution = adjust_one(installation, orientation, &observations, job);
-        solution.map(|s| (s, report)).map_err(|e| e.to_string())
+        solution.map(|s| (s, report)).map_err(Reason::of)
     });
     let mut record = recording::record(sighting, installation, job, outcome);
     record.timing_ms.solve = Some(recording::milliseconds(Stage::ended(Work::Solve, started).ms));
@@ -117,8 +117,8 @@ fn with_sigma(
 
 /// The mean of what the wing's temperatures are over a flight, whose frames share one length.
 fn mean_temperature(sightings: &[Sighting]) -> Conditions {
-    let known = |s: &Sighting| aircraft::conditions(&s.aircraft).wing_temperature_c;
-    let all: Vec<Estimate> = sightings.iter().filter_map(known).collect();
+    let of = |s: &Sighting| aircraft::conditions(&s.aircraft).wing_temperature_c;
+    let all: Vec<Estimate> = sightings.iter().filter_map(of).collect();
     let count = all.len() as f64;
     let mean = all.iter().map(|e| e.value).sum::<f64>() / count;
     let variance = all.iter().map(|e| (e.value - mean).powi(2)).sum::<f64>() / count;
@@ -134,14 +134,14 @@ fn corrected(
     sighting: &Sighting,
     installation: &Installation,
     orientation: &Orientation,
-) -> Result<(Vec<Observation>, Option<RefractionReport>), String> {
+) -> Result<(Vec<Observation>, Option<RefractionReport>), Reason> {
     if let Some(reason) = &sighting.failure {
         return Err(reason.clone());
     }
     let mut observations = sighting.observations.clone();
     let report = correct_observations(&installation.setup, orientation, &mut observations);
     let report = report.map(|report| report.map(|r| with_sigma(r, sighting, installation)));
-    report.map(|report| (observations, report)).map_err(|e| e.to_string())
+    report.map(|report| (observations, report)).map_err(Reason::of)
 }
 
 fn adjust_one(
@@ -176,7 +176,7 @@ pub fn solve_flight(
     let of_frames = sightings.iter().zip(&corrected).filter(|(_, c)| c.is_ok()).map(|(s, _)| s.mounting);
     let options = Options { mountings: of_frames.collect(), ..job.options.clone() };
     let solved = guarded(|| adjust::flight(&setup, orientation, &frames, &options));
-    let solved = solved.ok_or_else(|| BROKE_OFF.to_owned()).and_then(|s| s.map_err(|e| e.to_string()));
+    let solved = solved.ok_or_else(|| BROKE_OFF.into()).and_then(|s| s.map_err(Reason::of));
     let mut solutions = match solved {
         Ok(solutions) => solutions.into_iter().map(Ok).collect::<Vec<_>>(),
         Err(reason) => vec![Err(reason); frames.len()],

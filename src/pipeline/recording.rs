@@ -1,4 +1,4 @@
-//! A solution as the line of the results (docs/interface.md).
+//! A solution becomes the line of the results here (docs/interface.md).
 
 use std::collections::HashMap;
 
@@ -15,7 +15,7 @@ use crate::measure::geometry::TransformFit;
 use crate::measure::setup::SurveyMarker;
 use crate::record::{
     CadFit, Correlation, CurveRecord, GlobalTest, ImageRecord, MarkerRecord, Measured, Method, Model, Panes,
-    Provenance, Quality, SigmaKind, Status, Timing, Tip, TorsionRecord, VarianceComponent,
+    Provenance, Quality, Reason, SigmaKind, Status, Timing, Tip, TorsionRecord, VarianceComponent,
 };
 
 /// The method as results have it; a flight's frames are solved spatially.
@@ -47,7 +47,7 @@ pub fn record(
     sighting: &Sighting,
     installation: &Installation,
     job: &Job,
-    outcome: Result<(Solution, Option<RefractionReport>), String>,
+    outcome: Result<(Solution, Option<RefractionReport>), Reason>,
 ) -> ImageRecord {
     let frame_sha256 = Some(sighting.digest.clone()).filter(|digest| !digest.is_empty());
     let mut record = ImageRecord {
@@ -59,7 +59,7 @@ pub fn record(
         ..ImageRecord::default()
     };
     match outcome {
-        Err(reason) => record.reason = Some(reason),
+        Err(reason) => record.reason = Some(reason.to_string()),
         Ok((solution, refraction)) => {
             fill(&mut record, sighting, installation, &solution);
             record.quality.aircraft = aircraft::named(&sighting.aircraft);

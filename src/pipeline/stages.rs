@@ -14,6 +14,7 @@ use crate::measure::detect::{self, Detection, Detections, Prediction};
 use crate::measure::identify::{self, IdentifyError, Identities, OrientationFit};
 use crate::measure::raster::Raster;
 use crate::measure::setup::{GroundSight, Orientation, Setup};
+use crate::record::Reason;
 
 /// What is done with a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,7 +65,7 @@ pub struct Sighting {
     /// What the aircraft's data say of it; empty where nothing does.
     pub aircraft: State,
     /// Why the frame cannot be solved; one sentence with the mend.
-    pub failure: Option<String>,
+    pub failure: Option<Reason>,
     /// Stages and their durations.
     pub stages: Vec<Stage>,
 }
@@ -84,6 +85,11 @@ impl Sighting {
         }
     }
 
+    /// Without anything seen, and why.
+    pub fn failed(image: impl Into<String>, reason: impl Into<Reason>) -> Self {
+        Self { image: image.into(), failure: Some(reason.into()), ..Self::default() }
+    }
+
     /// Takes up what is detected in a picture, which comes back, or why there is none.
     fn look(
         &mut self,
@@ -92,7 +98,7 @@ impl Sighting {
     ) -> Option<Raster> {
         match self.timed(Work::Decode, decode) {
             Err(error) => {
-                self.failure = Some(error.to_string());
+                self.failure = Some(Reason::of(error));
                 None
             }
             Ok(raster) => {
@@ -186,29 +192,23 @@ fn unseen(name: &str, bytes: &[u8]) -> Sighting {
 }
 
 /// A sentence where the frame is not of the calibrated camera's size.
-pub fn size_fault(raster: &Raster, installation: &Installation) -> Option<String> {
+pub fn size_fault(raster: &Raster, installation: &Installation) -> Option<Reason> {
     let lens = &installation.setup.lens;
     let fits = raster.width() == lens.width as usize && raster.height() == lens.height as usize;
     let turned = raster.width() == lens.height as usize && raster.height() == lens.width as usize;
-    (!fits).then(|| {
-        if turned {
-            return format!(
-                "the frame is {} x {} px, camera.toml is for {} x {} px: it was turned by 90 degrees; switch the \
-                 rotation of pictures off in the camera and in what copies them",
-                raster.width(),
-                raster.height(),
-                lens.width,
-                lens.height
-            );
-        }
-        format!(
-            "the frame is {} x {} px, but camera.toml was calibrated for {} x {} px; use the camera's full frames",
-            raster.width(),
-            raster.height(),
-            lens.width,
-            lens.height
-        )
-    })
+    let frame = format!("{} x {} px", raster.width(), raster.height());
+    let camera = format!("{} x {} px", lens.width, lens.height);
+    let text = match (fits, turned) {
+        (true, _) => return None,
+        (false, true) => format!(
+            "the frame is {frame}, camera.toml is for {camera}: it was turned by 90 degrees; switch the rotation of \
+             pictures off in the camera and in what copies them"
+        ),
+        (false, false) => format!(
+            "the frame is {frame}, but camera.toml was calibrated for {camera}; use the camera's full frames"
+        ),
+    };
+    Some(text.into())
 }
 
 /// Identities, closer looks at markers that are hidden in part or hardly seen, perspective bias, observations.
@@ -238,7 +238,7 @@ pub(super) fn recognise_for_next(
     let known = sighting.timed(Work::Identify, || {
         let first = identify::identify(setup, orientation, &found.markers)?;
         plainly = Some((found.markers.clone(), first.clone()));
-        Ok(looked_closer(setup, orientation, raster, (found, first)))
+        Ok(looked_closer(setup, orientation, raster, found, first))
     });
     take_up(sighting, setup, orientation, known);
     plainly
@@ -251,7 +251,7 @@ fn take_up(
     known: Result<(Detections, Identities), IdentifyError>,
 ) {
     match known {
-        Err(error) => sighting.failure = Some(unidentified(setup, orientation, sighting, &error)),
+        Err(error) => sighting.failure = Some(unidentified(setup, orientation, sighting, error)),
         Ok((found, identities)) => {
             let centred = identify::remove_perspective_bias(setup, orientation, &found.markers, &identities);
             sighting.observations = observations(&centred, &identities);
@@ -266,13 +266,13 @@ fn unidentified(
     setup: &Setup,
     orientation: &Orientation,
     sighting: &Sighting,
-    error: &IdentifyError,
-) -> String {
+    error: IdentifyError,
+) -> Reason {
     let cause = match error {
         IdentifyError::TooFew { .. } => None,
         _ => identify::explain(setup, orientation, &sighting.detections.markers),
     };
-    cause.map_or_else(|| error.to_string(), |cause| cause.to_string())
+    cause.map_or_else(|| Reason::of(error), |cause| Reason::from(cause.to_string()))
 }
 
 /// Closer looks at most.
@@ -289,16 +289,16 @@ pub fn identified(
     found: Detections,
 ) -> Result<(Detections, Identities), IdentifyError> {
     let identities = identify::identify(setup, orientation, &found.markers)?;
-    Ok(looked_closer(setup, orientation, raster, (found, identities)))
+    Ok(looked_closer(setup, orientation, raster, found, identities))
 }
 
 fn looked_closer(
     setup: &Setup,
     orientation: &Orientation,
     raster: &Raster,
-    known: (Detections, Identities),
+    mut found: Detections,
+    mut identities: Identities,
 ) -> (Detections, Identities) {
-    let (mut found, mut identities) = known;
     // What is measured better foretells the others better.
     for _ in 0..LOOKS {
         let expected = identify::expect(setup, orientation, &found.markers, &identities);

@@ -1,4 +1,4 @@
-//! The parameters of a solution.
+//! The parameters of a solution are written under their names, each with its standard deviation.
 
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -51,7 +51,7 @@ pub struct Term {
     pub name: &'static str,
     /// Which one of a list, from 0.
     pub index: Option<usize>,
-    /// `None` for a parameter that could not be told.
+    /// `None` for a parameter that could not be determined.
     pub measured: Option<Measured>,
 }
 

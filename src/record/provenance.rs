@@ -1,4 +1,4 @@
-//! What a result follows from, and what it cost.
+//! A record says what its numbers follow from and what each stage took.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};

@@ -1,4 +1,4 @@
-//! How good an adjustment is, and what it allowed for.
+//! A record says how good its adjustment is and what that allowed for.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};

@@ -1,4 +1,4 @@
-//! The aircraft's data of a flight, joined with its shots.
+//! The aircraft's data of a flight are joined with its shots here.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! What changed between two sets of results of the same frames.
+//! Two sets of results of the same frames are compared here, frame by frame.
 
 use std::collections::BTreeMap;
 
@@ -42,19 +42,25 @@ impl Change {
     }
 }
 
+/// A flight with the results of it that are meant.
+#[derive(Clone, Debug)]
+pub struct Side {
+    /// The flight.
+    pub flight: FlightRef,
+    /// Its results.
+    pub set: ResultSet,
+}
+
 /// All frames of two flights that are the same pictures (by SHA-256), in order.
-pub fn changes(
-    disk: &dyn Disk,
-    old: (&FlightRef, &ResultSet),
-    new: (&FlightRef, &ResultSet),
-) -> Result<Vec<Change>, StoreError> {
+pub fn changes(disk: &dyn Disk, old: &Side, new: &Side) -> Result<Vec<Change>, StoreError> {
     let mut before = BTreeMap::new();
-    for series in catalogue::series(disk, old.0)? {
-        before.extend(records(disk, &series, old.1)?.into_iter().map(|(key, r)| (key.2.clone(), (key, r))));
+    for series in catalogue::series(disk, &old.flight)? {
+        before
+            .extend(records(disk, &series, &old.set)?.into_iter().map(|(key, r)| (key.2.clone(), (key, r))));
     }
     let mut all = Vec::new();
-    for series in catalogue::series(disk, new.0)? {
-        for (key, record) in records(disk, &series, new.1)? {
+    for series in catalogue::series(disk, &new.flight)? {
+        for (key, record) in records(disk, &series, &new.set)? {
             let old = before.remove(&key.2).map(|(_, record)| record);
             all.push(change(key, old.as_ref(), Some(&record)));
         }

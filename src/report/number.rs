@@ -1,4 +1,4 @@
-//! Numbers for people: rounded by their standard deviation, never a number where there is none.
+//! Numbers for people are rounded by their standard deviation; where there is none, none is shown.
 
 use serde::Serialize;
 use serde_json::{Map, Value};

@@ -105,15 +105,12 @@ fn parameters(record: &ImageRecord) -> Grid {
     let sigma = |one: &Measured| one.sigma.filter(|s| *s > 0.0);
     let ratio = |term: &Term| term.measured.and_then(|m| Some(m.value.abs() / sigma(&m)?));
     let of = |value: Option<f64>, none: &str| value.map_or(none.to_owned(), general);
-    Grid::of(
-        &record.model.terms(),
-        &[
-            ("<parameter", &name),
-            ("value", &|term| of(term.measured.map(|m| m.value), NONE)),
-            ("sigma", &|term| of(term.measured.and_then(|m| m.sigma), "fixed")),
-            ("value / sigma", &|term| fixed(ratio(term), 1)),
-        ],
-    )
+    Grid::each(&record.model.terms()).columns(&[
+        ("<parameter", &name),
+        ("value", &|term| of(term.measured.map(|m| m.value), NONE)),
+        ("sigma", &|term| of(term.measured.and_then(|m| m.sigma), "fixed")),
+        ("value / sigma", &|term| fixed(ratio(term), 1)),
+    ])
 }
 
 fn correlations(record: &ImageRecord) -> String {
@@ -164,17 +161,15 @@ fn variance_components(record: &ImageRecord) -> String {
         return String::new();
     }
     let root = |one: &VarianceComponent| one.factor.filter(|f| *f >= 0.0).map(f64::sqrt);
-    Grid::of(
-        &record.quality.variance_components,
-        &[
+    Grid::each(&record.quality.variance_components)
+        .columns(&[
             ("<group", &|one| one.group.clone()),
             ("component", &|one| fixed(one.factor, 3)),
             ("its sigma", &|one| fixed(one.sigma_factor, 3)),
             ("sigma scaled by", &|one| fixed(root(one), 3)),
             ("redundancy", &|one| fixed(one.redundancy, 2)),
-        ],
-    )
-    .text()
+        ])
+        .text()
 }
 
 fn used(record: &ImageRecord) -> impl Iterator<Item = &MarkerRecord> {
@@ -182,23 +177,20 @@ fn used(record: &ImageRecord) -> impl Iterator<Item = &MarkerRecord> {
 }
 
 fn observations(record: &ImageRecord) -> String {
-    let grid = Grid::of(
-        used(record),
-        &[
-            ("<marker", &|m| m.id.clone()),
-            ("u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).0),
-            ("v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).0),
-            ("sigma u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).1),
-            ("sigma v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).1),
-            ("residual u / px", &|m| fixed(m.residual_u_px, 3)),
-            ("residual v / px", &|m| fixed(m.residual_v_px, 3)),
-            ("r u", &|m| fixed(m.redundancy_u, 2)),
-            ("r v", &|m| fixed(m.redundancy_v, 2)),
-            ("w", &|m| fixed(m.w_test, 2)),
-            ("MDB u / px", &|m| fixed(m.mdb_u_px, 2)),
-            ("MDB v / px", &|m| fixed(m.mdb_v_px, 2)),
-        ],
-    );
+    let grid = Grid::each(used(record)).columns(&[
+        ("<marker", &|m| m.id.clone()),
+        ("u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).0),
+        ("v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).0),
+        ("sigma u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).1),
+        ("sigma v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).1),
+        ("residual u / px", &|m| fixed(m.residual_u_px, 3)),
+        ("residual v / px", &|m| fixed(m.residual_v_px, 3)),
+        ("r u", &|m| fixed(m.redundancy_u, 2)),
+        ("r v", &|m| fixed(m.redundancy_v, 2)),
+        ("w", &|m| fixed(m.w_test, 2)),
+        ("MDB u / px", &|m| fixed(m.mdb_u_px, 2)),
+        ("MDB v / px", &|m| fixed(m.mdb_v_px, 2)),
+    ]);
     let critical = level(record, |p| p.snooping_alpha).and_then(|alpha| {
         let law = Normal::new(0.0, 1.0).ok()?;
         Some(format!(
@@ -232,22 +224,19 @@ fn positions(record: &ImageRecord) -> Grid {
     };
     let distance = |m: &MarkerRecord| rounded(m.distance_m, m.sigma_distance_m, 4);
     let lift = |m: &MarkerRecord| rounded(m.lift_m, m.sigma_lift_m, 4);
-    Grid::of(
-        used(record),
-        &[
-            ("<marker", &|m| m.id.clone()),
-            ("x / m", &|m| of(m, 0).0),
-            ("sigma", &|m| of(m, 0).1),
-            ("y / m", &|m| of(m, 1).0),
-            ("sigma", &|m| of(m, 1).1),
-            ("z / m", &|m| of(m, 2).0),
-            ("sigma", &|m| of(m, 2).1),
-            ("distance / m", &|m| distance(m).0),
-            ("sigma", &|m| distance(m).1),
-            ("lift / m", &|m| lift(m).0),
-            ("sigma", &|m| lift(m).1),
-        ],
-    )
+    Grid::each(used(record)).columns(&[
+        ("<marker", &|m| m.id.clone()),
+        ("x / m", &|m| of(m, 0).0),
+        ("sigma", &|m| of(m, 0).1),
+        ("y / m", &|m| of(m, 1).0),
+        ("sigma", &|m| of(m, 1).1),
+        ("z / m", &|m| of(m, 2).0),
+        ("sigma", &|m| of(m, 2).1),
+        ("distance / m", &|m| distance(m).0),
+        ("sigma", &|m| distance(m).1),
+        ("lift / m", &|m| lift(m).0),
+        ("sigma", &|m| lift(m).1),
+    ])
 }
 
 fn torsion(record: &ImageRecord) -> String {
@@ -256,17 +245,15 @@ fn torsion(record: &ImageRecord) -> String {
     }
     let angle = |t: &TorsionRecord| rounded(t.angle_deg, t.sigma_deg, 2);
     let twist = |t: &TorsionRecord| rounded(t.twist_deg, t.sigma_twist_deg, 2);
-    Grid::of(
-        &record.torsion,
-        &[
+    Grid::each(&record.torsion)
+        .columns(&[
             ("<pair", &|t| t.name.clone()),
             ("angle / deg", &|t| angle(t).0),
             ("sigma", &|t| angle(t).1),
             ("twist free of bending / deg", &|t| twist(t).0),
             ("sigma", &|t| twist(t).1),
-        ],
-    )
-    .text()
+        ])
+        .text()
 }
 
 fn left_out(record: &ImageRecord) -> String {
@@ -278,15 +265,12 @@ fn left_out(record: &ImageRecord) -> String {
 }
 
 fn seen(record: &ImageRecord) -> Grid {
-    Grid::of(
-        &record.markers,
-        &[
-            ("<marker", &|m| m.id.clone()),
-            ("u / px", &|m| fixed(m.u_px, 2)),
-            ("v / px", &|m| fixed(m.v_px, 2)),
-            ("<remark", &|m| m.reason.clone().unwrap_or_default()),
-        ],
-    )
+    Grid::each(&record.markers).columns(&[
+        ("<marker", &|m| m.id.clone()),
+        ("u / px", &|m| fixed(m.u_px, 2)),
+        ("v / px", &|m| fixed(m.v_px, 2)),
+        ("<remark", &|m| m.reason.clone().unwrap_or_default()),
+    ])
 }
 
 /// Everything that the numbers stand on, one line each.

@@ -1,4 +1,4 @@
-//! Small made-up series for the tests of this folder.
+//! The tests of this folder work on the small made-up series of this file.
 
 use jiff::{SignedDuration, Timestamp};
 

@@ -1,8 +1,8 @@
-//! From a store to what a report shows. Damage in one place does not hide the rest: it is noted.
+//! This file reads what a report shows from a store. Damage in one place does not hide the rest: it is noted.
 
 use std::path::Path;
 
-use super::{Picture, ReportData, SeriesData, ShotData, Site, aircraft, summary};
+use super::{MarkerCount, Picture, ReportData, SeriesData, ShotData, Site, aircraft, summary};
 use crate::aircraft::{State as AircraftState, Track};
 use crate::measure::setup::Setup;
 use crate::record::{ImageRecord, Model, Quality};
@@ -120,7 +120,7 @@ fn lean(mut series: SeriesData, whole: &mut Option<(String, ImageRecord)>) -> Se
         if whole.is_none() && record.is_solved() {
             *whole = Some((series.name.clone(), record.clone()));
         }
-        series.used.push((record.used(), record.markers.len()));
+        series.counts.push(MarkerCount::of(record));
         record.markers.retain(|m| !m.used);
         record.markers.shrink_to_fit();
         record.curve = Vec::new();
@@ -162,7 +162,7 @@ pub fn read_series(
         interrupted: manifest.state == State::Interrupted,
         planned: manifest.planned_shots as usize,
         curve: Vec::new(),
-        used: Vec::new(),
+        counts: Vec::new(),
         inputs: set.map(|set| set.key.clone()),
         records,
         remarks: manifest.remarks,

@@ -1,4 +1,4 @@
-//! Moments of a flight at the stations of the structure, and what they say of wear (docs/stress.md).
+//! The moments of a flight at the stations of the structure say what it meant for wear (docs/stress.md).
 
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
@@ -6,7 +6,8 @@ use serde::Serialize;
 use super::number::general;
 use crate::clock::Stamp;
 use crate::measure::stress::{
-    self, Curvature, Goodman, GroundAirGround, Moment, OverAFlight, SAMPLES_PER_PERIOD, Sampling, Section,
+    self, Curvature, Damage, Goodman, GroundAirGround, Moment, OverAFlight, SAMPLES_PER_PERIOD, Sampling,
+    Section,
 };
 use crate::record::ImageRecord;
 
@@ -17,7 +18,7 @@ pub struct Frame {
     pub series: String,
     /// File in the series' folder.
     pub image: String,
-    /// When it was exposed; where that is not told, when the camera was asked.
+    /// When it was exposed; where that is not recorded, when the camera was asked.
     pub stamp: Stamp,
     /// Its bending line.
     pub curvature: Curvature,
@@ -47,7 +48,7 @@ pub struct FlightLoad {
     pub rate_hz: Option<f64>,
     /// What cycles need: ten frames a period of the lowest bending.
     pub needed_hz: f64,
-    /// Why no cycles are told; `null` where they are.
+    /// Why no cycles are counted; `null` where they are.
     pub no_cycles_because: Option<String>,
     /// From root to tip.
     pub stations: Vec<StationLoad>,
@@ -65,17 +66,17 @@ pub struct StationLoad {
     /// The smallest.
     pub smallest: ExtremeLoad,
     /// From the ground to the extreme and back.
-    pub ground_air_ground: GagLoad,
+    pub ground_air_ground: GroundAirGround,
     /// Levels from low to high.
     pub exceedances: Vec<ExceedanceLoad>,
-    /// Rainflow cycles, largest first; `null` where the sampling tells none.
+    /// Rainflow cycles, largest first; `null` where the sampling shows none.
     pub cycles: Option<Vec<CycleLoad>>,
     /// Smallest range counted, N m.
     pub smallest_range_n_m: Option<f64>,
     /// Cycles below it.
     pub cycles_left_out: Option<f64>,
     /// One for each slope; `null` as above.
-    pub damage: Option<Vec<DamageLoad>>,
+    pub damage: Option<Vec<Damage>>,
 }
 
 /// An extreme moment and its frame.
@@ -95,17 +96,6 @@ pub struct ExtremeLoad {
     pub utc: jiff::Timestamp,
 }
 
-/// The ground-air-ground cycle.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct GagLoad {
-    /// N m.
-    pub range_n_m: f64,
-    /// N m.
-    pub sigma_range_n_m: f64,
-    /// N m.
-    pub mean_n_m: f64,
-}
-
 /// How often a level was exceeded.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ExceedanceLoad {
@@ -113,7 +103,7 @@ pub struct ExceedanceLoad {
     pub level_n_m: f64,
     /// Frames above.
     pub frames_above: usize,
-    /// Upward crossings; `null` where the sampling tells none.
+    /// Upward crossings; `null` where the sampling shows none.
     pub upward_crossings: Option<usize>,
 }
 
@@ -128,21 +118,6 @@ pub struct CycleLoad {
     pub mean_n_m: f64,
     /// 1 or 0.5.
     pub count: f64,
-}
-
-/// Damage for a slope.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct DamageLoad {
-    /// Of the S-N curve.
-    pub slope: f64,
-    /// Over that of one ground-air-ground cycle; `null` where a cycle reaches failure.
-    pub relative: Option<f64>,
-    /// Its standard deviation.
-    pub sigma_relative: Option<f64>,
-    /// Range of one cycle that does the same, N m.
-    pub equivalent_range_n_m: Option<f64>,
-    /// N m.
-    pub sigma_equivalent_range_n_m: Option<f64>,
 }
 
 /// The coefficients of a record's bending line, 1/m, with their covariance, 1/m^2.
@@ -250,11 +225,7 @@ fn station(
         ei_n_m2: section.ei_n_m2,
         greatest: extreme(frames, &moments, 1.0)?,
         smallest: extreme(frames, &moments, -1.0)?,
-        ground_air_ground: GagLoad {
-            range_n_m: whole.range_n_m,
-            sigma_range_n_m: whole.sigma_n_m,
-            mean_n_m: whole.mean_n_m,
-        },
+        ground_air_ground: whole,
         exceedances: exceedances(&moments, question.levels, sampling),
         cycles: counted.as_ref().map(cycles),
         smallest_range_n_m: counted.as_ref().map(|flight| flight.gate_n_m),
@@ -306,20 +277,9 @@ fn damage(
     whole: &GroundAirGround,
     section: &Section,
     question: &Question,
-) -> Vec<DamageLoad> {
+) -> Vec<Damage> {
     let line = section.ultimate_n_m.filter(|_| question.goodman);
     let goodman = line.map(|ultimate_n_m| Goodman { ground_n_m: section.ground_n_m, ultimate_n_m });
     let share = section.sigma_ei_n_m2 / section.ei_n_m2;
-    let one = |slope: &f64| {
-        let d = stress::damage(flight, whole, *slope, goodman, share);
-        let finite = |value: f64| Some(value).filter(|v| v.is_finite());
-        DamageLoad {
-            slope: *slope,
-            relative: finite(d.relative),
-            sigma_relative: finite(d.sigma_relative),
-            equivalent_range_n_m: finite(d.equivalent_range_n_m),
-            sigma_equivalent_range_n_m: finite(d.sigma_equivalent_range_n_m),
-        }
-    };
-    question.slopes.iter().map(one).collect()
+    question.slopes.iter().map(|slope| stress::damage(flight, whole, *slope, goodman, share)).collect()
 }

@@ -1,6 +1,6 @@
-//! A series in one line: means over its shots.
+//! A series is summed up in one line: means over its shots.
 
-use super::SeriesData;
+use super::{SeriesData, distinct};
 use crate::clock::Stamp;
 use crate::record::{CurveRecord, GlobalTest, ImageRecord};
 
@@ -157,12 +157,7 @@ fn extremes(range: Option<(f64, f64)>, value: f64) -> Option<(f64, f64)> {
 }
 
 fn torsion(solved: &[&ImageRecord]) -> Vec<TorsionMean> {
-    let mut names: Vec<&str> = Vec::new();
-    for pair in solved.iter().flat_map(|r| &r.torsion) {
-        if !names.contains(&pair.name.as_str()) {
-            names.push(&pair.name);
-        }
-    }
+    let names = distinct(solved.iter().flat_map(|r| &r.torsion).map(|pair| pair.name.as_str()));
     names.iter().map(|name| torsion_of(solved, name)).collect()
 }
 

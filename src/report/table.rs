@@ -1,5 +1,6 @@
-//! Tables for a terminal.
+//! The tables that a terminal and the report share are laid out here.
 
+use super::MarkerCount;
 use super::grid::Grid;
 use super::number::{NONE, decimals_for, fixed, rounded};
 use super::summary::{Mean, SeriesSummary};
@@ -37,19 +38,16 @@ pub fn detections(image: &str, found: &Detections, ids: &[Option<String>]) -> St
     let named: Vec<(String, &Detection)> = (found.markers.iter().enumerate())
         .map(|(i, m)| (ids.get(i).cloned().flatten().unwrap_or_else(none), m))
         .collect();
-    let grid = Grid::of(
-        &named,
-        &[
-            ("<id", &|(id, _)| id.clone()),
-            ("<shape", &|(_, m)| m.shape.name().to_owned()),
-            ("u / px", &|(_, m)| u(m).0),
-            ("sigma u / px", &|(_, m)| u(m).1),
-            ("v / px", &|(_, m)| v(m).0),
-            ("sigma v / px", &|(_, m)| v(m).1),
-            ("semi-axes / px", &|(_, m)| format!("{:.1} x {:.1}", m.semi_major_px, m.semi_minor_px)),
-            ("angle / deg", &|(_, m)| fixed(Some(m.angle_rad.to_degrees()), 1)),
-        ],
-    );
+    let grid = Grid::each(&named).columns(&[
+        ("<id", &|(id, _)| id.clone()),
+        ("<shape", &|(_, m)| m.shape.name().to_owned()),
+        ("u / px", &|(_, m)| u(m).0),
+        ("sigma u / px", &|(_, m)| u(m).1),
+        ("v / px", &|(_, m)| v(m).0),
+        ("sigma v / px", &|(_, m)| v(m).1),
+        ("semi-axes / px", &|(_, m)| format!("{:.1} x {:.1}", m.semi_major_px, m.semi_minor_px)),
+        ("angle / deg", &|(_, m)| fixed(Some(m.angle_rad.to_degrees()), 1)),
+    ]);
     let psf = found.psf_sigma_px.map(|s| format!(", blur {s:.2} px")).unwrap_or_default();
     format!(
         "{image}: {} markers, {} candidates turned down{psf}, noise {:.1} grey levels\n{}",
@@ -69,24 +67,21 @@ pub fn series(summaries: &[SeriesSummary]) -> String {
 pub fn series_grid(summaries: &[SeriesSummary]) -> Grid {
     let angle = |s: &SeriesSummary| mean(s.torsion.first().and_then(|p| p.angle_deg), 2);
     let twist = |s: &SeriesSummary| mean(s.torsion.first().and_then(|p| p.twist_deg), 2);
-    Grid::of(
-        summaries,
-        &[
-            ("<series", &|s| s.name.clone()),
-            ("<begun (UTC)", &|s| s.begun_text()),
-            ("frames", &|s| s.shots.to_string()),
-            ("solved", &|s| s.solved.to_string()),
-            ("tip lift / m", &|s| mean(s.tip_lift_m, 3).0),
-            ("sigma / m", &|s| mean(s.tip_lift_m, 3).1),
-            ("scatter / m", &|s| scatter(s.tip_lift_m)),
-            ("torsion / deg", &|s| angle(s).0),
-            ("sigma / deg", &|s| angle(s).1),
-            ("twist / deg", &|s| twist(s).0),
-            ("sigma / deg", &|s| twist(s).1),
-            ("variance factor", &|s| s.variance_text()),
-            ("test passed", &|s| format!("{}/{}", s.tests_passed, s.tests_made)),
-        ],
-    )
+    Grid::each(summaries).columns(&[
+        ("<series", &|s| s.name.clone()),
+        ("<begun (UTC)", &|s| s.begun_text()),
+        ("frames", &|s| s.shots.to_string()),
+        ("solved", &|s| s.solved.to_string()),
+        ("tip lift / m", &|s| mean(s.tip_lift_m, 3).0),
+        ("sigma / m", &|s| mean(s.tip_lift_m, 3).1),
+        ("scatter / m", &|s| scatter(s.tip_lift_m)),
+        ("torsion / deg", &|s| angle(s).0),
+        ("sigma / deg", &|s| angle(s).1),
+        ("twist / deg", &|s| twist(s).0),
+        ("sigma / deg", &|s| twist(s).1),
+        ("variance factor", &|s| s.variance_text()),
+        ("test passed", &|s| format!("{}/{}", s.tests_passed, s.tests_made)),
+    ])
 }
 
 fn mean(value: Option<Mean>, fallback: usize) -> (String, String) {
@@ -99,15 +94,15 @@ fn scatter(value: Option<Mean>) -> String {
 
 /// One row per image; the terminal's and the report's.
 pub fn images(records: &[ImageRecord]) -> Grid {
-    image_rows(&records.iter().map(|r| (r, (r.used(), r.markers.len()))).collect::<Vec<_>>())
+    image_rows(&records.iter().map(|r| (r, MarkerCount::of(r))).collect::<Vec<_>>())
 }
 
-/// The same of records whose markers were left out, with the counts of used and surveyed ones.
-pub fn images_counted(records: &[ImageRecord], used: &[(usize, usize)]) -> Grid {
-    image_rows(&records.iter().zip(used.iter().copied()).collect::<Vec<_>>())
+/// The same of records whose markers were left out.
+pub fn images_counted(records: &[ImageRecord], counts: &[MarkerCount]) -> Grid {
+    image_rows(&records.iter().zip(counts.iter().copied()).collect::<Vec<_>>())
 }
 
-fn image_rows(rows: &[(&ImageRecord, (usize, usize))]) -> Grid {
+fn image_rows(rows: &[(&ImageRecord, MarkerCount)]) -> Grid {
     let tip = |r: &ImageRecord| r.tip.as_ref().map_or(NONE.to_owned(), |t| t.marker.clone());
     let lift = |r: &ImageRecord| {
         rounded(r.tip.as_ref().map(|t| t.lift_m), r.tip.as_ref().and_then(|t| t.sigma_lift_m), 3)
@@ -118,49 +113,43 @@ fn image_rows(rows: &[(&ImageRecord, (usize, usize))]) -> Grid {
     };
     let angle = |r: &ImageRecord| pair(r, |p| (p.angle_deg, p.sigma_deg));
     let twist = |r: &ImageRecord| pair(r, |p| (p.twist_deg, p.sigma_twist_deg));
-    Grid::of(
-        rows,
-        &[
-            ("<image", &|(r, _)| r.image.clone()),
-            ("<status", &|(r, _)| word(r.status)),
-            ("<method", &|(r, _)| if r.flight { "flight".to_owned() } else { word(r.method) }),
-            ("<tip", &|(r, _)| tip(r)),
-            ("lift / m", &|(r, _)| lift(r).0),
-            ("sigma / m", &|(r, _)| lift(r).1),
-            ("torsion / deg", &|(r, _)| angle(r).0),
-            ("sigma / deg", &|(r, _)| angle(r).1),
-            ("twist / deg", &|(r, _)| twist(r).0),
-            ("sigma / deg", &|(r, _)| twist(r).1),
-            ("used", &|(_, (used, of))| format!("{used}/{of}")),
-            ("variance factor", &|(r, _)| fixed(r.variance_factor, 2)),
-            ("<global test", &|(r, _)| r.global_test.map_or(NONE.to_owned(), word)),
-        ],
-    )
+    Grid::each(rows).columns(&[
+        ("<image", &|(r, _)| r.image.clone()),
+        ("<status", &|(r, _)| word(r.status)),
+        ("<method", &|(r, _)| if r.flight { "flight".to_owned() } else { word(r.method) }),
+        ("<tip", &|(r, _)| tip(r)),
+        ("lift / m", &|(r, _)| lift(r).0),
+        ("sigma / m", &|(r, _)| lift(r).1),
+        ("torsion / deg", &|(r, _)| angle(r).0),
+        ("sigma / deg", &|(r, _)| angle(r).1),
+        ("twist / deg", &|(r, _)| twist(r).0),
+        ("sigma / deg", &|(r, _)| twist(r).1),
+        ("used", &|(_, count)| format!("{}/{}", count.used, count.surveyed)),
+        ("variance factor", &|(r, _)| fixed(r.variance_factor, 2)),
+        ("<global test", &|(r, _)| r.global_test.map_or(NONE.to_owned(), word)),
+    ])
 }
 
 /// Every marker of one image; the terminal's and the report's.
 pub fn markers(record: &ImageRecord) -> Grid {
     let distance = |m: &MarkerRecord| rounded(m.distance_m, m.sigma_distance_m, 3);
     let lift = |m: &MarkerRecord| rounded(m.lift_m, m.sigma_lift_m, 3);
-    Grid::of(
-        &record.markers,
-        &[
-            ("<marker", &|m| m.id.clone()),
-            ("<shape", &|m| m.shape.name().to_owned()),
-            ("u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).0),
-            ("v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).0),
-            ("sigma u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).1),
-            ("sigma v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).1),
-            ("residual u / px", &|m| fixed(m.residual_u_px, 3)),
-            ("residual v / px", &|m| fixed(m.residual_v_px, 3)),
-            ("distance / m", &|m| distance(m).0),
-            ("sigma / m", &|m| distance(m).1),
-            ("lift / m", &|m| lift(m).0),
-            ("sigma / m", &|m| lift(m).1),
-            ("w", &|m| fixed(m.w_test, 1)),
-            ("<remark", &remark),
-        ],
-    )
+    Grid::each(&record.markers).columns(&[
+        ("<marker", &|m| m.id.clone()),
+        ("<shape", &|m| m.shape.name().to_owned()),
+        ("u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).0),
+        ("v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).0),
+        ("sigma u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).1),
+        ("sigma v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).1),
+        ("residual u / px", &|m| fixed(m.residual_u_px, 3)),
+        ("residual v / px", &|m| fixed(m.residual_v_px, 3)),
+        ("distance / m", &|m| distance(m).0),
+        ("sigma / m", &|m| distance(m).1),
+        ("lift / m", &|m| lift(m).0),
+        ("sigma / m", &|m| lift(m).1),
+        ("w", &|m| fixed(m.w_test, 1)),
+        ("<remark", &remark),
+    ])
 }
 
 fn remark(m: &MarkerRecord) -> String {
@@ -189,15 +178,12 @@ pub fn unused_of<'a>(records: impl Iterator<Item = (String, &'a ImageRecord)>) -
         }
     }
     seen.sort_by(|a, b| a.0.cmp(&b.0));
-    Grid::of(
-        &seen,
-        &[
-            ("<marker", &|s| s.0.clone()),
-            ("<reason", &|s| s.1.clone()),
-            ("frames", &|s| s.2.to_string()),
-            ("<first in", &|s| s.3.clone()),
-        ],
-    )
+    Grid::each(&seen).columns(&[
+        ("<marker", &|s| s.0.clone()),
+        ("<reason", &|s| s.1.clone()),
+        ("frames", &|s| s.2.to_string()),
+        ("<first in", &|s| s.3.clone()),
+    ])
 }
 
 fn notes(records: &[ImageRecord]) -> String {

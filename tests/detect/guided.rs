@@ -103,6 +103,6 @@ fn a_frame_that_cannot_be_read_is_a_failure_and_no_answer() {
     let case = cases("dev").swap_remove(0);
     let cut = &case.bytes[..case.bytes.len() / 2];
     let guided = detect_predicted(&case.name, cut, None, &case.predictions);
-    assert!(guided.failure.is_some_and(|f| !f.contains(&case.name) && f.contains("cut short")));
+    assert!(guided.failure.is_some_and(|f| !f.text().contains(&case.name) && f.text().contains("cut short")));
     assert!(guided.detections.markers.is_empty());
 }

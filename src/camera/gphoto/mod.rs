@@ -121,7 +121,7 @@ impl GphotoCamera {
     pub fn shoot_or_wait(&mut self, deadline: Duration, trigger: bool) -> Result<Frame, CameraError> {
         let request = Request::Shoot { deadline_s: deadline.as_secs_f64(), trigger };
         let (picture, bytes): (Picture, _) = self.ask(&request, grace(deadline), "a shot")?;
-        jpeg::whole(&bytes).map_err(CameraError::BadFrame)?;
+        jpeg::whole(&bytes).map_err(|why| CameraError::BadFrame(why.to_string()))?;
         self.last_name.check(&picture.path)?;
         let exposed = exposed(&picture.settings);
         Ok(Frame { bytes, format: Format::Jpeg, settings: picture.settings, exposed })

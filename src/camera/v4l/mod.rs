@@ -148,7 +148,7 @@ impl V4lCamera {
         let (settings, drift) = controls::hold(&opened.device, &self.section.controls);
         let got = stream::grab(&opened.device, self.section.settle_frames, opened.shortest, deadline)?;
         if opened.format == Format::Jpeg {
-            jpeg::whole(&got.bytes).map_err(CameraError::BadFrame)?;
+            jpeg::whole(&got.bytes).map_err(|why| CameraError::BadFrame(why.to_string()))?;
         }
         Ok(self.frame(opened.format.clone(), settings, drift, got))
     }

@@ -25,7 +25,7 @@ impl Judge {
     /// A frame that came without an error may still be half or old.
     pub fn judge(&mut self, frame: &Frame) -> Result<(), Failure> {
         let whole = match &frame.format {
-            Format::Jpeg => jpeg::whole(&frame.bytes),
+            Format::Jpeg => jpeg::whole(&frame.bytes).map_err(|why| why.to_string()),
             _ if frame.bytes.is_empty() => Err("it is empty".to_owned()),
             _ => Ok(()),
         };

@@ -5,8 +5,8 @@
 
 use nalgebra::{Vector2, Vector3};
 
-use crate::measure::adjust::Observation;
 use crate::measure::geometry::LensError;
+use crate::measure::observation::Observation;
 use crate::measure::setup::{Air, Orientation, Setup, Window};
 
 /// Incidence assumed where the window's normal is not known: the paper's 30 degrees.

@@ -1,8 +1,6 @@
-//! Results as tables: rows of a series with named, typed columns.
+//! Results become tables here: the rows of a series in named, typed columns.
 
-use std::collections::BTreeSet;
-
-use super::super::{SeriesData, ShotData};
+use super::super::{SeriesData, ShotData, distinct};
 use crate::aircraft::Quantity;
 use crate::record::{CurveRecord, ImageRecord, MarkerRecord, Parameters, Term, TorsionRecord, word};
 use crate::store::installations;
@@ -119,14 +117,9 @@ pub struct Common {
 impl Common {
     /// Of series that are at hand.
     pub fn of(store_id: Option<String>, series: &[SeriesData]) -> Self {
-        let mut pairs = Vec::new();
-        let mut seen = BTreeSet::new();
-        for pair in series.iter().flat_map(|s| &s.records).flat_map(|r| &r.torsion) {
-            if seen.insert(pair.name.as_str()) {
-                pairs.push(pair.name.clone());
-            }
-        }
-        Self { store_id, pairs }
+        let pairs = series.iter().flat_map(|s| &s.records).flat_map(|r| &r.torsion);
+        let names = distinct(pairs.map(|pair| pair.name.as_str()));
+        Self { store_id, pairs: names.into_iter().map(str::to_owned).collect() }
     }
 }
 

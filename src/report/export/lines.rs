@@ -1,4 +1,4 @@
-//! One JSON object per shot: when and where it was taken, and the whole record.
+//! Each shot becomes one JSON object: when and where it was taken, and its whole record.
 
 use std::io::{self, Write};
 

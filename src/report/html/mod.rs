@@ -1,4 +1,4 @@
-//! The report: one page that opens offline and prints well.
+//! The report is one page that opens offline and prints well.
 
 mod aircraft;
 mod figures;
@@ -12,7 +12,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::number::{NONE, fixed, rounded};
 use super::summary::{SeriesSummary, summaries};
-use super::{ReportData, table};
+use super::{ReportData, distinct, table};
 use crate::record::ImageRecord;
 
 pub use flights::flights;
@@ -203,12 +203,7 @@ fn over_time(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
     if summaries.iter().all(|s| s.solved == 0) {
         return html! { h2 id="time" { "Lift and torsion over time" } p { "No frame has been solved." } };
     }
-    let mut pairs: Vec<&str> = Vec::new();
-    for pair in summaries.iter().flat_map(|s| &s.torsion) {
-        if !pairs.contains(&pair.name.as_str()) {
-            pairs.push(&pair.name);
-        }
-    }
+    let pairs = distinct(summaries.iter().flat_map(|s| &s.torsion).map(|pair| pair.name.as_str()));
     html! {
         h2 id="time" { "Lift and torsion over time" }
         figure {

@@ -1,4 +1,4 @@
-//! The report's tables: series, solution, quality, provenance.
+//! The report has tables of its series, of a solution, of quality and of provenance.
 
 use maud::{Markup, html};
 use serde_json::Value;
@@ -31,7 +31,7 @@ pub fn results(data: &ReportData) -> Markup {
         @for s in data.series.iter().filter(|s| !s.records.is_empty()) {
             details open[!many] {
             summary { "Series " (s.flight) "/" (s.name) @if s.interrupted { " (interrupted)" } }
-            @let rows = if s.used.is_empty() { table::images(&s.records) } else { table::images_counted(&s.records, &s.used) };
+            @let rows = if s.counts.is_empty() { table::images(&s.records) } else { table::images_counted(&s.records, &s.counts) };
             div.scroll { (rows.html()) }
             }
         }

@@ -134,7 +134,7 @@ impl<'a> Receiver<'a> {
         Ok(())
     }
 
-    /// Which of the files are not here yet. Frames are told by their length, for each was checked before it
+    /// Which of the files are not here yet. Frames are compared by their length, for each was checked before it
     /// got its name; `thorough` reads all of them.
     pub fn missing<'l>(&self, listing: &'l Listing, thorough: bool) -> Vec<&'l Listed> {
         let there = |path: &Path, item: &Listed| {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::verify;
 use crate::store::config::StoreConfig;
 use crate::store::disk::{Disk, StoreError};
-use crate::store::format::chain::{self, ClosedFile, Event};
+use crate::store::format::chain::{self, Appended, ClosedFile, Event};
 use crate::store::format::kinds::KINDS;
 use crate::store::format::{layout, sha256};
 use crate::store::read::catalogue::{self, FlightRef};
@@ -71,7 +71,7 @@ fn history(
         if disk.exists(&path) {
             results::mend(root, &series.folder)?;
             let (bytes, sha256) = digest(&path)?;
-            events.push(Event::Results { series: series.id, bytes, sha256 });
+            events.push(Event::Results(Appended { series: series.id, bytes, sha256 }));
         }
     }
     chain::lines(events).map_err(StoreError::io(&flight.folder.join(layout::CHAIN_FILE), "write"))

@@ -1,4 +1,4 @@
-//! The file system as the store needs it. Every fsync of the project is in this file.
+//! The file system as the store needs it. Every fsync of what is recorded is in this file.
 
 mod error;
 pub mod fake;

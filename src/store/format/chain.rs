@@ -41,14 +41,7 @@ pub enum Event {
         sha256: String,
     },
     /// Results were appended.
-    Results {
-        /// The series' name.
-        series: String,
-        /// Length of `results.jsonl` from here on.
-        bytes: u64,
-        /// Of those bytes.
-        sha256: String,
-    },
+    Results(Appended),
     /// A file with lines of the aircraft's data was closed.
     Aircraft(ClosedFile),
     /// A file with live results was closed.
@@ -65,6 +58,17 @@ pub enum Event {
         /// Of `wingd chain ` and this line's `before`, hex.
         signature: String,
     },
+}
+
+/// What `results.jsonl` of a series is from here on.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Appended {
+    /// The series' name.
+    pub series: String,
+    /// Length.
+    pub bytes: u64,
+    /// Of those bytes.
+    pub sha256: String,
 }
 
 /// A file of a flight that grows no more.
@@ -144,7 +148,7 @@ impl State {
         match event {
             Event::Flight { store, flight, sha256 } => self.flight = Some((store, flight, sha256)),
             Event::Series { series, sha256 } => drop(self.series.insert(series, sha256)),
-            Event::Results { series, bytes, sha256 } => {
+            Event::Results(Appended { series, bytes, sha256 }) => {
                 self.results.entry(series).or_default().push((bytes, sha256));
             }
             Event::Aircraft(closed) | Event::Live(closed) => {
@@ -189,14 +193,12 @@ pub(crate) fn last_line(bytes: &[u8]) -> Option<&[u8]> {
     bytes.split_inclusive(|byte| *byte == b'\n').next_back()
 }
 
-/// The length and digest of a series' results by the chain; `None` where it has none. Read from the
-/// end, because results are mostly added to the newest series.
-pub(crate) fn last_results(bytes: &[u8], wanted: &str) -> Option<(u64, String)> {
+/// A series' results by the chain; `None` where it has none. Read from the end, because results are mostly added to the
+/// newest series.
+pub(crate) fn last_results(bytes: &[u8], wanted: &str) -> Option<Appended> {
     for line in bytes.split_inclusive(|byte| *byte == b'\n').rev() {
         match serde_json::from_slice::<Link>(line).ok().map(|link| link.event) {
-            Some(Event::Results { series, bytes, sha256 }) if series == wanted => {
-                return Some((bytes, sha256));
-            }
+            Some(Event::Results(results)) if results.series == wanted => return Some(results),
             Some(Event::Series { series, .. }) if series == wanted => return None,
             _ => {}
         }

@@ -70,6 +70,30 @@ pub struct SeriesManifest {
     pub remarks: Vec<String>,
 }
 
+impl SeriesManifest {
+    /// Of a series that was begun and has no shot yet.
+    pub fn begun(id: &str, head: JournalHead) -> Self {
+        Self {
+            format: layout::SERIES_FORMAT,
+            series: id.to_owned(),
+            flight: head.flight,
+            state: State::Interrupted,
+            cause: head.cause,
+            started: Some(head.started),
+            ended: None,
+            planned_shots: head.planned_shots,
+            camera: Map::new(),
+            shots: Vec::new(),
+            remarks: Vec::new(),
+        }
+    }
+
+    /// The frames that its shots name.
+    pub fn frames(&self) -> impl Iterator<Item = &FrameEntry> {
+        self.shots.iter().filter_map(|shot| shot.frame.as_ref())
+    }
+}
+
 /// One shot: a frame, or the reasons why there is none.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Shot {

@@ -36,8 +36,8 @@ pub(crate) fn add<E>(
             let frames = manifest(series)?.shots.into_iter().filter_map(|shot| shot.frame);
             sums.extend(frames.map(|frame| (format!("{series}/{}", frame.file), frame.sha256)));
         }
-        Event::Results { series, sha256, .. } => {
-            sums.insert(format!("{series}/{}", layout::RESULTS_FILE), sha256.clone());
+        Event::Results(results) => {
+            sums.insert(format!("{}/{}", results.series, layout::RESULTS_FILE), results.sha256.clone());
         }
         Event::Aircraft(closed) | Event::Live(closed) => {
             sums.insert(closed.file.clone(), closed.sha256.clone());

@@ -31,13 +31,17 @@ pub struct SeriesRef {
 /// Formats that are read and written.
 const KNOWN: [u32; 2] = [layout::FORMAT_WITHOUT_EVIDENCE, layout::FORMAT];
 
+/// What `store.toml` says; `None` where it cannot be read.
+fn mark(disk: &dyn Disk, root: &Path) -> Option<toml::Table> {
+    let bytes = disk.read(&root.join(layout::STORE_FILE)).ok()?;
+    std::str::from_utf8(&bytes).ok()?.parse().ok()
+}
+
 /// The store's id; `None` in a store without evidence (format 1).
 pub fn store_id(disk: &dyn Disk, root: &Path) -> Option<String> {
-    let bytes = disk.read(&root.join(layout::STORE_FILE)).ok()?;
-    let table: toml::Table = std::str::from_utf8(&bytes).ok()?.parse().ok()?;
-    let format = table.get("format")?.as_integer()?;
-    let id = table.get("id").and_then(toml::Value::as_str).unwrap_or_default();
-    (format == i64::from(layout::FORMAT)).then(|| id.to_owned())
+    let mark = mark(disk, root)?;
+    let id = mark.get("id").and_then(toml::Value::as_str).unwrap_or_default();
+    (mark.get("format")?.as_integer()? == i64::from(layout::FORMAT)).then(|| id.to_owned())
 }
 
 /// Checks that `root` is a store of our format.
@@ -47,10 +51,9 @@ pub fn check_format(disk: &dyn Disk, root: &Path) -> Result<(), StoreError> {
         let why = format!("it has no {}", layout::STORE_FILE);
         return Err(StoreError::NotAStore { path: root.to_owned(), why });
     }
-    let bytes = disk.load(&path)?;
-    let table = std::str::from_utf8(&bytes).ok().and_then(|text| text.parse::<toml::Table>().ok());
-    let found = table.as_ref().and_then(|table| table.get("format"));
-    match found {
+    disk.load(&path)?;
+    let mark = mark(disk, root);
+    match mark.as_ref().and_then(|mark| mark.get("format")) {
         Some(format) if KNOWN.iter().any(|known| format.as_integer() == Some((*known).into())) => Ok(()),
         Some(format) => {
             Err(StoreError::Version { path, found: format.to_string(), supported: layout::FORMAT })

@@ -7,9 +7,7 @@ use super::series::UnderWay;
 use super::{results, series};
 use crate::store::disk::{Disk, Entry, StoreError};
 use crate::store::format::chain::{self, Event};
-use crate::store::format::manifest::{
-    Failure, FlightManifest, JournalHead, JournalLine, SeriesManifest, Shot, State,
-};
+use crate::store::format::manifest::{Failure, FlightManifest, JournalLine, SeriesManifest, Shot};
 use crate::store::format::{jsonl, layout, sha256, sums};
 use crate::store::read::catalogue;
 
@@ -62,17 +60,17 @@ impl Recovering<'_> {
     }
 
     fn series(&mut self, folder: &Path, id: &str) -> Result<(), StoreError> {
-        let closed = closed(self.root.disk, folder, id);
-        let is_closed = closed.is_some();
-        let Some(manifest) =
-            closed.map_or_else(|| self.rebuild(folder, id), |manifest| Ok(Some(manifest)))?
-        else {
-            self.found.remarks.push(format!("{id}: broken off before its first shot"));
-            return self.quarantine(folder, id);
+        let manifest = match closed(self.root.disk, folder, id) {
+            Some(manifest) => manifest,
+            None => {
+                let Some(manifest) = self.rebuild(folder, id)? else {
+                    self.found.remarks.push(format!("{id}: broken off before its first shot"));
+                    return self.quarantine(folder, id);
+                };
+                series::write_manifest(self.root.disk, folder, &manifest)?;
+                manifest
+            }
         };
-        if !is_closed {
-            series::write_manifest(self.root.disk, folder, &manifest)?;
-        }
         self.clear(folder, &manifest)?;
         ensure_flight(self.root, &manifest)?;
         series::commit(self.root, folder, &manifest)?;
@@ -84,7 +82,7 @@ impl Recovering<'_> {
     fn rebuild(&mut self, folder: &Path, id: &str) -> Result<Option<SeriesManifest>, StoreError> {
         let bytes = self.root.disk.load_if_there(&folder.join(layout::JOURNAL_FILE))?.unwrap_or_default();
         let lines = jsonl::parse::<JournalLine>(&bytes);
-        let Some(mut manifest) = head(id, &lines.good) else { return Ok(None) };
+        let Some(mut manifest) = begun(id, &lines.good) else { return Ok(None) };
         for (_, line) in lines.good {
             match line {
                 JournalLine::Head(_) => {}
@@ -140,7 +138,7 @@ impl Recovering<'_> {
     /// Moves everything that the manifest does not name out of the folder.
     fn clear(&mut self, folder: &Path, manifest: &SeriesManifest) -> Result<(), StoreError> {
         let named = |name: &str| {
-            let mut frames = manifest.shots.iter().filter_map(|shot| shot.frame.as_ref());
+            let mut frames = manifest.frames();
             [layout::SERIES_FILE, layout::JOURNAL_FILE].contains(&name)
                 || frames.any(|frame| frame.file == name)
         };
@@ -179,25 +177,14 @@ fn closed(disk: &dyn Disk, folder: &Path, id: &str) -> Option<SeriesManifest> {
     (manifest.series == id && layout::flight_number(&manifest.flight).is_some()).then_some(manifest)
 }
 
-fn head(id: &str, lines: &[(usize, JournalLine)]) -> Option<SeriesManifest> {
-    let head: &JournalHead = lines.iter().find_map(|(_, line)| match line {
-        JournalLine::Head(head) => Some(head),
+fn begun(id: &str, lines: &[(usize, JournalLine)]) -> Option<SeriesManifest> {
+    let head = lines.iter().find_map(|(_, line)| match line {
+        JournalLine::Head(head) => Some(head.clone()),
         _ => None,
     })?;
     layout::flight_number(&head.flight)?;
-    Some(SeriesManifest {
-        format: layout::SERIES_FORMAT,
-        series: id.to_owned(),
-        flight: head.flight.clone(),
-        state: State::Interrupted,
-        cause: head.cause,
-        started: Some(head.started.clone()),
-        ended: None,
-        planned_shots: head.planned_shots,
-        camera: serde_json::Map::new(),
-        shots: Vec::new(),
-        remarks: vec!["not closed by the daemon; put together at its next start".to_owned()],
-    })
+    let remarks = vec!["not closed by the daemon; put together at its next start".to_owned()];
+    Some(SeriesManifest { remarks, ..SeriesManifest::begun(id, head) })
 }
 
 /// A flight whose folder was moved away by hand is begun again under its name.

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::chain;
 use super::root::Root;
 use crate::store::disk::{Disk, StoreError};
-use crate::store::format::chain::{Event, last_results};
+use crate::store::format::chain::{Appended, Event, last_results};
 use crate::store::format::manifest::ResultLine;
 use crate::store::format::{jsonl, layout, sha256};
 use crate::store::read::catalogue::{self, SeriesRef};
@@ -29,9 +29,8 @@ pub(super) fn keys(disk: &dyn Disk, series: &Path) -> Result<Vec<ResultKey>, Sto
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Pending {
     pub flight: String,
-    pub series: String,
-    pub bytes: u64,
-    pub sha256: String,
+    #[serde(flatten)]
+    pub results: Appended,
 }
 
 /// What is pending; `None` where nothing is, or the file is torn and nothing was begun yet.
@@ -42,25 +41,23 @@ pub(crate) fn pending(disk: &dyn Disk, root: &Path) -> Option<Pending> {
 /// After a crash between a result and its line in the chain: a result that is whole gets its line, half
 /// of one is set aside. Before the next one is announced, or nothing would speak for the bytes.
 pub(super) fn settle(root: Root<'_>) -> Result<(), StoreError> {
-    let Some(Pending { flight, series, bytes, sha256: wanted }) = pending(root.disk, root.path) else {
-        return Ok(());
-    };
-    if layout::flight_number(&flight).and(layout::series_number(&series)).is_none() {
+    let Some(Pending { flight, results }) = pending(root.disk, root.path) else { return Ok(()) };
+    if layout::flight_number(&flight).and(layout::series_number(&results.series)).is_none() {
         return Ok(());
     }
     let flight = root.flight(&flight);
-    let folder = flight.join(&series);
+    let folder = flight.join(&results.series);
     let Ok(written) = root.disk.read(&folder.join(layout::RESULTS_FILE)) else { return Ok(()) };
     let (chain, _) = catalogue::chain(root.disk, &flight)?;
-    if last_results(&chain, &series).is_some_and(|known| known == (bytes, wanted.clone())) {
+    if last_results(&chain, &results.series).as_ref() == Some(&results) {
         return Ok(());
     }
-    if written.len() as u64 != bytes || sha256(&written) != wanted {
+    if written.len() as u64 != results.bytes || sha256(&written) != results.sha256 {
         return mend(root, &folder);
     }
     // The file may be new, and its name not on the medium yet.
     root.disk.sync(&folder)?;
-    chain::append(root, &flight, Event::Results { series, bytes, sha256: wanted })
+    chain::append(root, &flight, Event::Results(results))
 }
 
 /// Appends a result durably (`false` where there is one already): a torn last line is set aside, what
@@ -85,16 +82,19 @@ pub(super) fn append(root: Root<'_>, place: &SeriesRef, line: &ResultLine) -> Re
     if before.is_empty() {
         root.disk.sync(&place.folder)?;
     }
-    if let Some(Pending { flight, series, bytes, sha256 }) = pending {
-        chain::append(root, &root.flight(&flight), Event::Results { series, bytes, sha256 })?;
+    if let Some(Pending { flight, results }) = pending {
+        chain::append(root, &root.flight(&flight), Event::Results(results))?;
     }
     Ok(true)
 }
 
 /// Writes `pending.json`: what the results will be.
 fn announce(root: Root<'_>, place: &SeriesRef, whole: &[u8]) -> Result<Pending, StoreError> {
-    let (flight, series) = (place.flight.clone(), place.id.clone());
-    let pending = Pending { flight, series, bytes: whole.len() as u64, sha256: sha256(whole) };
+    let (bytes, sha256) = (whole.len() as u64, sha256(whole));
+    let pending = Pending {
+        flight: place.flight.clone(),
+        results: Appended { series: place.id.clone(), bytes, sha256 },
+    };
     let path = root.join(layout::PENDING_FILE);
     let text = jsonl::line(&pending).map_err(StoreError::io(&path, "write"))?;
     root.disk.save(&path, &text)?;

@@ -1,8 +1,7 @@
 //! A series being taken.
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use serde_json::{Map, Value};
 
@@ -27,30 +26,22 @@ pub struct NewFrame<'a> {
     pub settings: Map<String, Value>,
 }
 
-/// Series of this process in `incoming/`: recovering leaves them alone.
-#[derive(Clone, Default)]
-pub(crate) struct UnderWay(Arc<Mutex<BTreeSet<String>>>);
-
-/// A series' place among them, until it is dropped.
-pub(crate) struct Place {
-    id: String,
-    all: UnderWay,
-}
+/// Series of this process in `incoming/`, which recovering leaves alone: each for as long as its name is held.
+#[derive(Default)]
+pub(super) struct UnderWay(Mutex<Vec<Weak<str>>>);
 
 impl UnderWay {
-    pub fn enter(&self, id: String) -> Place {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(id.clone());
-        Place { id, all: self.clone() }
+    pub fn enter(&self, id: &str) -> Arc<str> {
+        let name: Arc<str> = id.into();
+        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        all.retain(|held| held.strong_count() > 0);
+        all.push(Arc::downgrade(&name));
+        name
     }
 
     pub fn has(&self, id: &str) -> bool {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).contains(id)
-    }
-}
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        self.all.0.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.id);
+        let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        all.iter().filter_map(Weak::upgrade).any(|name| *name == *id)
     }
 }
 
@@ -60,11 +51,9 @@ pub struct OpenSeries {
     disk: Arc<dyn Disk>,
     root: PathBuf,
     folder: PathBuf,
-    place: Place,
-    head: JournalHead,
-    camera: Map<String, Value>,
-    shots: Vec<Shot>,
-    remarks: Vec<String>,
+    /// Held until it is closed or dropped.
+    id: Arc<str>,
+    manifest: SeriesManifest,
 }
 
 impl OpenSeries {
@@ -72,15 +61,15 @@ impl OpenSeries {
     pub(crate) fn begin(
         disk: Arc<dyn Disk>,
         root: &Path,
-        place: Place,
+        id: Arc<str>,
         head: JournalHead,
     ) -> Result<Self, StoreError> {
-        let folder = layout::incoming(root, &place.id);
+        let folder = layout::incoming(root, &id);
         let incoming = root.join(layout::INCOMING);
         disk.make_dir(&folder)?;
-        let (camera, shots, remarks) = (Map::new(), Vec::new(), Vec::new());
-        let series = Self { disk, root: root.to_owned(), folder, place, head, camera, shots, remarks };
-        series.journal(&JournalLine::Head(series.head.clone()))?;
+        let manifest = SeriesManifest::begun(&id, head.clone());
+        let series = Self { disk, root: root.to_owned(), folder, id, manifest };
+        series.journal(&JournalLine::Head(head))?;
         series.disk.sync(&series.folder)?;
         series.disk.sync(&incoming)?;
         Ok(series)
@@ -88,33 +77,33 @@ impl OpenSeries {
 
     /// Its name.
     pub fn id(&self) -> &str {
-        &self.place.id
+        &self.id
     }
 
     /// Its flight's name.
     pub fn flight(&self) -> &str {
-        &self.head.flight
+        &self.manifest.flight
     }
 
     /// Shots so far.
     pub fn shots(&self) -> &[Shot] {
-        &self.shots
+        &self.manifest.shots
     }
 
     /// Notes the camera as it opened; the first note stays.
     pub fn note_camera(&mut self, camera: Map<String, Value>) -> Result<(), StoreError> {
-        if !self.camera.is_empty() || camera.is_empty() {
+        if !self.manifest.camera.is_empty() || camera.is_empty() {
             return Ok(());
         }
         self.journal(&JournalLine::Camera(camera.clone()))?;
-        self.camera = camera;
+        self.manifest.camera = camera;
         Ok(())
     }
 
     /// Notes durably what a person should read: why the series is taken.
     pub fn remark(&mut self, remark: &str) -> Result<(), StoreError> {
         self.journal(&JournalLine::Remark(remark.to_owned()))?;
-        self.remarks.push(remark.to_owned());
+        self.manifest.remarks.push(remark.to_owned());
         Ok(())
     }
 
@@ -134,37 +123,27 @@ impl OpenSeries {
         if let (Some(frame), Some(entry)) = (frame, &shot.frame) {
             self.write_frame(&entry.file, frame.bytes)?;
         }
-        let index = self.shots.len();
-        self.shots.push(shot);
-        Ok(&self.shots[index])
+        let index = self.manifest.shots.len();
+        self.manifest.shots.push(shot);
+        Ok(&self.manifest.shots[index])
     }
 
     /// Keeps the bytes of a bad frame under `partial/`; returns the name there.
     pub fn set_aside(&self, shot: u32, attempt: usize, bytes: &[u8]) -> Result<String, StoreError> {
-        let name = format!("{}-{shot:04}-{attempt}.bad", self.place.id);
+        let name = format!("{}-{shot:04}-{attempt}.bad", self.id);
         self.at().set_aside(&name, bytes)?;
         Ok(name)
     }
 
     /// Writes the manifest and moves the folder to its flight by one rename.
     pub(crate) fn close(self, state: State, ended: &Stamp, remarks: Vec<String>) -> Result<(), StoreError> {
-        let head = self.head;
-        let open = head.cause.is_beside() && head.planned_shots == 0 && state == State::Complete;
-        let taken = u32::try_from(self.shots.len()).unwrap_or(u32::MAX);
         let root = Root { disk: self.disk.as_ref(), path: &self.root };
-        let manifest = SeriesManifest {
-            format: layout::SERIES_FORMAT,
-            series: self.place.id.clone(),
-            flight: head.flight,
-            state,
-            cause: head.cause,
-            started: Some(head.started),
-            ended: Some(ended.clone()),
-            planned_shots: if open { taken } else { head.planned_shots },
-            camera: self.camera,
-            shots: self.shots,
-            remarks: self.remarks.into_iter().chain(remarks).collect(),
-        };
+        let mut manifest = self.manifest;
+        if manifest.cause.is_beside() && manifest.planned_shots == 0 && state == State::Complete {
+            manifest.planned_shots = u32::try_from(manifest.shots.len()).unwrap_or(u32::MAX);
+        }
+        (manifest.state, manifest.ended) = (state, Some(ended.clone()));
+        manifest.remarks.extend(remarks);
         write_manifest(root.disk, &self.folder, &manifest)?;
         commit(root, &self.folder, &manifest)
     }

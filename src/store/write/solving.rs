@@ -7,7 +7,7 @@ use super::store::Store;
 use super::{chain, results};
 use crate::store::disk::StoreError;
 use crate::store::format::chain::Event;
-use crate::store::format::manifest::{FrameEntry, ResultLine, Solving};
+use crate::store::format::manifest::{FrameEntry, ResultLine, SeriesManifest, Solving};
 use crate::store::format::{Inputs, jsonl, layout, sha256};
 use crate::store::read::catalogue::{self, FlightRef, SeriesRef};
 use crate::store::read::frames::{FrameRef, frames, read_frame};
@@ -88,7 +88,7 @@ impl Store {
     pub fn holds(&self, bytes: &[u8]) -> bool {
         let hash = sha256(bytes);
         let manifests = self.newest_manifests();
-        manifests.iter().flat_map(|m| &m.shots).filter_map(|s| s.frame.as_ref()).any(|f| f.sha256 == hash)
+        manifests.iter().flat_map(SeriesManifest::frames).any(|frame| frame.sha256 == hash)
     }
 
     /// Writes a result durably, once: `false` where this frame has one for these inputs already.

@@ -151,8 +151,8 @@ impl Store {
         opening::save_counter(self.at(), &index.counter)?;
         let head = JournalHead { flight, started: now.clone(), cause: plan.cause, planned_shots: plan.shots };
         index.note(now);
-        let place = self.under_way.enter(id);
-        let open = OpenSeries::begin(self.disk.clone(), &self.root, place, head)?;
+        let name = self.under_way.enter(&id);
+        let open = OpenSeries::begin(self.disk.clone(), &self.root, name, head)?;
         Ok((open, recovery))
     }
 

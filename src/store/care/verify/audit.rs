@@ -119,9 +119,9 @@ impl Audit<'_> {
         }
         let pending = self.root.and_then(|root| pending(self.disk, root));
         let announced = pending.is_some_and(|p| {
-            let here = p.flight == self.flight.id && p.series == series;
+            let here = p.flight == self.flight.id && p.results.series == series;
             let torn = jsonl::parse::<ResultKey>(bytes.get(known..).unwrap_or_default()).good.is_empty();
-            here && (p.sha256 == sha256(bytes) || (torn && p.bytes >= bytes.len() as u64))
+            here && (p.results.sha256 == sha256(bytes) || (torn && p.results.bytes >= bytes.len() as u64))
         });
         if announced {
             let what = "a result is being written, or was when the program ended; the next start settles it";

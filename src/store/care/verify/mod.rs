@@ -47,7 +47,7 @@ pub fn verify_signed(disk: &dyn Disk, path: &Path, key: &PublicKey) -> Report {
     report
 }
 
-/// Checks a store, or a copied flight or series (told by the files in it).
+/// Checks a store, or a copied flight or series (the files in it say which).
 pub fn verify(disk: &dyn Disk, path: &Path) -> Report {
     let mut checker = Checker {
         disk,

@@ -41,7 +41,7 @@ impl Checker<'_> {
     }
 
     fn frames(&mut self, series: &SeriesRef, manifest: &SeriesManifest) {
-        for entry in manifest.shots.iter().filter_map(|shot| shot.frame.as_ref()) {
+        for entry in manifest.frames() {
             let path = series.folder.join(&entry.file);
             if !layout::is_frame_name(&entry.file) {
                 self.report.fault(5, &series.folder, format!("{:?} is not a frame's name", entry.file));
@@ -60,8 +60,7 @@ impl Checker<'_> {
     }
 
     fn nothing_else(&mut self, series: &SeriesRef, manifest: &SeriesManifest) {
-        let mut names: BTreeSet<&str> =
-            manifest.shots.iter().filter_map(|shot| shot.frame.as_ref()).map(|f| f.file.as_str()).collect();
+        let mut names: BTreeSet<&str> = manifest.frames().map(|f| f.file.as_str()).collect();
         names.extend([layout::SERIES_FILE, layout::RESULTS_FILE]);
         for entry in self.list(&series.folder, 6) {
             let path = series.folder.join(&entry.name);
@@ -138,7 +137,7 @@ impl Checker<'_> {
     }
 
     fn result(&mut self, path: &Path, number: usize, line: &ResultLine, manifest: &SeriesManifest) {
-        let mut frames = manifest.shots.iter().filter_map(|shot| shot.frame.as_ref());
+        let mut frames = manifest.frames();
         let frame = frames.find(|frame| frame.file == line.frame);
         if frame.is_none_or(|frame| frame.sha256 != line.frame_sha256) {
             let what = format!("line {number}: {} with that hash is not in this series", line.frame);

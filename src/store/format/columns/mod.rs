@@ -1,7 +1,7 @@
 //! Rows of numbers in a file that grows at its end: one line of JSON, then blocks of columns (docs/store.md).
 //!
 //! A block's check covers the check of the block before, so that a block which is torn, zeroed, old or out of its
-//! place is told from a whole one, and what lies after it is not read.
+//! place is distinguished from a whole one, and what lies after it is not read.
 
 mod block;
 

@@ -1,14 +1,15 @@
-//! `wingd solve`: one result per image.
+//! `wingd solve` gives one result per image.
+
+mod images;
+mod store;
 
 use std::path::PathBuf;
 
 use clap::ValueEnum;
 
-use super::{Done, Failure, frames, print, solve_store};
-use crate::installation::{self, Fault, Installation, Mountings};
+use super::{Done, Failure, print};
 use crate::measure::adjust::{Method, Options, SigmaKind};
-use crate::measure::setup::Orientation;
-use crate::pipeline::{self, Job, Sighting, stages};
+use crate::pipeline::Job;
 use crate::record::ImageRecord;
 use crate::report::{protocol, table};
 
@@ -33,14 +34,14 @@ enum SigmaName {
 pub struct Args {
     /// The installation, with its orientation [of a store: the one kept there that its results came from]
     #[arg(long, value_name = "DIR")]
-    pub(super) installation: Option<PathBuf>,
+    installation: Option<PathBuf>,
     /// How the deflection is modelled
     #[arg(long, value_enum, default_value = "spatial")]
     method: MethodName,
     /// Adjust all the frames together (spatial). Of a store: name the flight to solve, for example
     /// --flight f0001 [default: every flight]
     #[arg(long, value_name = "FLIGHT", num_args = 0..=1, require_equals = true, conflicts_with = "observations")]
-    pub(super) flight: Option<Option<String>>,
+    flight: Option<Option<String>>,
     /// The same as --flight without a name: also the frames of each flight of a store together
     #[arg(long, conflicts_with = "observations")]
     together: bool,
@@ -62,7 +63,7 @@ pub struct Args {
     variance_components: bool,
     /// Of a store: hold air and temperatures as the installation states them, though there are aircraft data
     #[arg(long)]
-    pub(super) no_aircraft_data: bool,
+    no_aircraft_data: bool,
     /// Print the readable protocol of each adjustment
     #[arg(long, conflicts_with = "json")]
     protocol: bool,
@@ -71,7 +72,7 @@ pub struct Args {
     json: bool,
     /// Images worked on at once [default: the cores]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
-    pub(super) jobs: usize,
+    jobs: usize,
     /// Frames: JPEG, PNG, PNM or TIFF; or a store, whose frames get results beside their old ones
     #[arg(required_unless_present = "observations", value_name = "IMAGE|STORE")]
     images: Vec<PathBuf>,
@@ -79,7 +80,7 @@ pub struct Args {
 
 impl Args {
     /// Whether the frames of a flight are adjusted together.
-    pub(super) fn together(&self) -> bool {
+    fn together(&self) -> bool {
         self.together || self.flight == Some(None)
     }
 }
@@ -93,40 +94,17 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     if let [store] = args.images.as_slice()
         && store.is_dir()
     {
-        return solve_store::run(args, store);
+        return store::run(args, store);
     }
     if let Some(Some(flight)) = &args.flight {
         return Err(Failure::Usage(format!(
             "--flight {flight} names a flight of a store; name the store too"
         )));
     }
-    let Some(directory) = &args.installation else {
-        return Err(Failure::Usage("name the installation: --installation DIR".into()));
-    };
-    let mountings = mountings(args)?;
-    let installation = super::load_installation(directory)?;
-    let orientation = installation.require_orientation()?;
-    let job = job(args);
-    let mut output = Output::new(args);
-    let outcome = match &args.observations {
-        Some(file) => {
-            let observations = installation::read_observations(file, &installation.setup)?;
-            let sighting = Sighting::by_hand(&frames::name(file), &observations);
-            output.take(pipeline::solve_sighting(&sighting, &installation, orientation, &job))
-        }
-        None => solve_images(
-            args,
-            &Known { installation: &installation, orientation, mountings },
-            &job,
-            &mut output,
-        ),
-    };
-    // What is done is kept, also where the rest is given up.
-    let done = output.end();
-    outcome.and(done)
+    images::run(args)
 }
 
-pub(super) fn job(args: &Args) -> Job {
+fn job(args: &Args) -> Job {
     let sigma = match args.sigma {
         None => SigmaKind::ByTest,
         Some(SigmaName::Prior) => SigmaKind::Prior,
@@ -146,61 +124,19 @@ pub(super) fn job(args: &Args) -> Job {
     Job { method, options }
 }
 
-/// What is known before a frame is seen.
-struct Known<'a> {
-    installation: &'a Installation,
-    orientation: &'a Orientation,
-    mountings: Option<Mountings>,
-}
-
-fn solve_images(args: &Args, known: &Known, job: &Job, output: &mut Output) -> Result<(), Failure> {
-    let Known { installation, orientation, mountings } = known;
-    let sight = |name: &str, bytes: Result<&[u8], String>| {
-        let sighting = match bytes {
-            Ok(bytes) => stages::sight(name, bytes, None, installation, Some(*orientation)),
-            Err(reason) => Sighting { image: name.into(), failure: Some(reason), ..Sighting::default() },
-        };
-        Sighting { mounting: mountings.as_ref().and_then(|m| m.of(name)), ..sighting }
-    };
-    if args.together() {
-        let sightings = frames::map(&args.images, args.jobs, "measuring", sight)?;
-        let records = pipeline::solve_flight(&sightings, installation, orientation, job);
-        return records.into_iter().try_for_each(|record| output.take(record));
-    }
-    let solve = |name: &str, bytes: Result<&[u8], String>| {
-        pipeline::solve_sighting(&sight(name, bytes), installation, orientation, job)
-    };
-    frames::each(&args.images, args.jobs, "solving", solve, |record| output.take(record))
-}
-
-/// The mountings as the user knows them, of every frame.
-fn mountings(args: &Args) -> Result<Option<Mountings>, Failure> {
-    let Some(file) = &args.mountings else { return Ok(None) };
-    let read = installation::read_mountings(file)?;
-    let names = frames::names(&args.images);
-    let missing: Vec<&str> = names.iter().map(String::as_str).filter(|n| read.of(n).is_none()).collect();
-    let Some(first) = missing.first() else { return Ok(Some(read)) };
-    let problem = match missing.len() {
-        1 => format!("says nothing of {first}, or names two files like it"),
-        n => format!("says nothing of {first} and {} more frames, or names several files like them", n - 1),
-    };
-    let mend = "give a line for every frame, with as much of its path as tells it from the others".into();
-    Err(Fault { file: file.clone(), place: "column image".into(), problem, mend }.into())
-}
-
 /// Where records go: lines and protocols at once, so that what is done is kept; the table with its widths at the end.
-pub(super) struct Output<'a> {
+struct Output<'a> {
     args: &'a Args,
     records: Vec<ImageRecord>,
     all_well: bool,
 }
 
 impl<'a> Output<'a> {
-    pub(super) fn new(args: &'a Args) -> Self {
+    fn new(args: &'a Args) -> Self {
         Self { args, records: vec![], all_well: true }
     }
 
-    pub(super) fn take(&mut self, record: ImageRecord) -> Result<(), Failure> {
+    fn take(&mut self, record: ImageRecord) -> Result<(), Failure> {
         self.all_well &= record.is_solved();
         if self.args.protocol {
             return print(&protocol::protocol(&record));
@@ -217,7 +153,7 @@ impl<'a> Output<'a> {
         Ok(())
     }
 
-    pub(super) fn end(self) -> Result<Done, Failure> {
+    fn end(self) -> Result<Done, Failure> {
         if !self.records.is_empty() {
             print(&table::results(&self.records))?;
         }
