@@ -121,14 +121,14 @@ pub(crate) fn watch(core: &Core, config: &PowerConfig, commands: Sender<Command>
         Ok(Some(supply)) => {
             let watcher = Watcher { core: core.clone(), supply, hold_up: config.hold_up, commands };
             if let Err(error) = Core::spawn("power", move || watcher.run()) {
-                unwatched(core, &error.to_string());
+                unwatched(core, &error);
             }
         }
         Err(error) => unwatched(core, &error),
     }
 }
 
-fn unwatched(core: &Core, error: &Unseen) {
+fn unwatched(core: &Core, error: &dyn std::fmt::Display) {
     tracing::error!(%error, "the supply cannot be watched");
     core.board.fault(&format!("power: {error}"));
 }
