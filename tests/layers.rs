@@ -46,7 +46,8 @@ const IMPURE: [&str; 9] = [
 ];
 
 /// The stages of `src/measure/detect`, lowest first: each uses only those before it, and itself.
-const STAGES: [&str; 15] = [
+const STAGES: [&str; 16] = [
+    "numbers",
     "simd",
     "image",
     "detection",
@@ -65,13 +66,13 @@ const STAGES: [&str; 15] = [
 ];
 
 /// Folders whose circles are still to be opened.
-const OPEN: [&str; 3] = ["measure/calibrate", "measure/identify", "measure/render"];
+const OPEN: [&str; 2] = ["measure/calibrate", "measure/identify"];
 
 /// Lines of a file, and of a function from its first to its last, at most.
 const LONGEST_FILE: usize = 400;
 const LONGEST_FUNCTION: usize = 70;
 /// Files that are still to be shortened.
-const LONG: [&str; 1] = ["measure/calibrate/mod.rs"];
+const LONG: [&str; 2] = ["measure/calibrate/mod.rs", "measure/detect/estimate/normal_equations.rs"];
 
 /// A path of modules from the crate's root.
 type Place = Vec<String>;
