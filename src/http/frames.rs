@@ -3,7 +3,7 @@
 use axum::extract::{Path, State};
 use axum::response::{Html, Response};
 
-use super::{Asked, Context, Refusal, Site, blocking, files, pages, send};
+use super::{Context, Refusal, RequestHead, Site, blocking, files, pages, send};
 use crate::report::html::picture;
 use crate::report::{SeriesData, source};
 use crate::store::{RealDisk, heads, layout, sets};
@@ -52,7 +52,7 @@ pub(super) const LARGE: usize = 1600;
 pub(super) async fn drawn(
     State(shared): Context,
     Path((flight, series, name)): Path<(String, String, String)>,
-    asked: Asked,
+    asked: RequestHead,
     largest: usize,
 ) -> Result<Response, Refusal> {
     let file = name.strip_suffix(".svg").ok_or(Refusal::NotFound)?.to_owned();

@@ -99,7 +99,7 @@ struct Shared {
 type Context = State<Arc<Shared>>;
 
 /// Method and headers of a request.
-type Asked = (Method, HeaderMap);
+type RequestHead = (Method, HeaderMap);
 
 /// Why there is no page.
 #[derive(Debug)]
@@ -226,7 +226,7 @@ async fn flight(
 async fn flight_file(
     State(shared): Context,
     Path((flight, file)): Path<(String, String)>,
-    asked: Asked,
+    asked: RequestHead,
 ) -> Result<Response, Refusal> {
     blocking(shared, move |site| files::in_flight(site, &flight, &file)?.answer(&asked)).await
 }
@@ -234,7 +234,7 @@ async fn flight_file(
 async fn series_file(
     State(shared): Context,
     Path((flight, series, file)): Path<(String, String, String)>,
-    asked: Asked,
+    asked: RequestHead,
 ) -> Result<Response, Refusal> {
     blocking(shared, move |site| files::in_series(site, &flight, &series, &file)?.answer(&asked)).await
 }
@@ -249,7 +249,7 @@ async fn permit(shared: &Shared) -> Result<OwnedSemaphorePermit, Refusal> {
 async fn bundled(
     shared: Arc<Shared>,
     (name, ending): (String, &str),
-    asked: Asked,
+    asked: RequestHead,
     content: fn(&FlightRef, Bundle, OwnedSemaphorePermit) -> Result<Content, Refusal>,
 ) -> Result<Response, Refusal> {
     let flight = name.strip_suffix(ending).ok_or(Refusal::NotFound)?.to_owned();
@@ -265,13 +265,17 @@ async fn bundled(
 async fn results(
     State(shared): Context,
     Path(name): Path<String>,
-    asked: Asked,
+    asked: RequestHead,
 ) -> Result<Response, Refusal> {
     let content = |flight: &FlightRef, bundle, permit| Ok(archive::results(&flight.id, bundle, permit));
     bundled(shared, (name, ".jsonl"), asked, content).await
 }
 
-async fn tar(State(shared): Context, Path(name): Path<String>, asked: Asked) -> Result<Response, Refusal> {
+async fn tar(
+    State(shared): Context,
+    Path(name): Path<String>,
+    asked: RequestHead,
+) -> Result<Response, Refusal> {
     let content = |flight: &FlightRef, bundle, permit| {
         let begun_s = catalogue::flight_manifest(&RealDisk, flight)?.started.utc.as_second();
         archive::layout(&flight.id, bundle, u64::try_from(begun_s).unwrap_or(0), permit)

@@ -13,7 +13,7 @@ use http_body::Frame;
 use tokio::sync::OwnedSemaphorePermit;
 use tokio::sync::mpsc::{Receiver, Sender, channel};
 
-use super::{Asked, Refusal};
+use super::{Refusal, RequestHead};
 use crate::store::bundle;
 
 const CHUNK: usize = 256 * 1024;
@@ -63,7 +63,7 @@ impl Content {
     }
 
     /// The answer to a request with this method and these headers.
-    pub fn answer(self, (method, headers): &Asked) -> Result<Response, Refusal> {
+    pub fn answer(self, (method, headers): &RequestHead) -> Result<Response, Refusal> {
         let (length, etag) = (self.length(), format!("\"{}\"", self.digest));
         if matches(headers, header::IF_NONE_MATCH, &etag) {
             return self.head(StatusCode::NOT_MODIFIED, &etag, None, None);
