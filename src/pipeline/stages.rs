@@ -1,4 +1,4 @@
-//! Decode, detect and identify one frame.
+//! One frame is decoded, its markers are detected and identified.
 
 use std::time::Instant;
 
