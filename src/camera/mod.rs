@@ -60,12 +60,16 @@ impl Format {
     /// As a series' manifest keeps it.
     ///
     /// # Errors
-    /// A sentence for a person where it is none.
-    pub fn of_manifest(kept: &Value) -> Result<Self, String> {
-        serde_json::from_value(kept.clone())
-            .map_err(|error| format!("series.json does not say how to read it: {error}"))
+    /// Where it is none.
+    pub fn of_manifest(kept: &Value) -> Result<Self, UnknownFormat> {
+        Ok(serde_json::from_value(kept.clone())?)
     }
 }
+
+/// A manifest that does not say how to read a frame.
+#[derive(Debug, thiserror::Error)]
+#[error("series.json does not say how to read it: {0}")]
+pub struct UnknownFormat(#[from] serde_json::Error);
 
 /// Of a file with such bytes, without the dot.
 pub fn extension(format: &Format) -> &str {

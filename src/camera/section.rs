@@ -10,6 +10,7 @@ use crate::camera::Camera;
 use crate::camera::freshness::Freshness;
 use crate::camera::replay::{ReplayConfig, ReplayFactory};
 use crate::clock::Clock;
+use crate::installation::KeyFault;
 
 /// One camera, chosen by `kind`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,24 +33,18 @@ pub enum CameraSection {
 pub type CameraFactory = Box<dyn Fn() -> Box<dyn Camera> + Send>;
 
 impl CameraSection {
-    /// Every fault, as `camera.key: what; how to mend it`.
-    pub fn faults(&self) -> Vec<String> {
-        #[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
-        let told = |faults: Vec<(String, String, String)>| {
-            faults
-                .into_iter()
-                .map(|(key, problem, mend)| format!("camera.{key}: {problem}; {mend}"))
-                .collect()
-        };
-        match self {
-            Self::Replay(section) => section.faults(),
+    /// Every fault, at its key of the whole file.
+    pub fn faults(&self) -> Vec<KeyFault> {
+        let faults = match self {
+            Self::Replay(section) => return section.faults(),
             #[cfg(feature = "v4l")]
-            Self::V4l(section) => told(section.faults()),
+            Self::V4l(section) => section.faults(),
             #[cfg(feature = "gphoto")]
-            Self::Gphoto(section) => told(section.faults()),
+            Self::Gphoto(section) => section.faults(),
             #[cfg(feature = "gpio")]
-            Self::Release(section) => told(section.faults()),
-        }
+            Self::Release(section) => section.faults(),
+        };
+        faults.into_iter().map(|fault| fault.within("camera")).collect()
     }
 
     /// The pictures that take a camera's place, where they do.
@@ -91,13 +86,9 @@ impl CameraSection {
 #[cfg(any(feature = "v4l", feature = "gpio"))]
 const LONGEST_DELAY_S: f64 = 10.0;
 
-/// What is wrong with a measured delay and its standard deviation: (key, problem, mend).
+/// What is wrong with a measured delay and its standard deviation.
 #[cfg(any(feature = "v4l", feature = "gpio"))]
-pub(crate) fn delay_fault(
-    key: &str,
-    seconds: Option<f64>,
-    sigma_s: Option<f64>,
-) -> Option<(String, String, String)> {
+pub(crate) fn delay_fault(key: &str, seconds: Option<f64>, sigma_s: Option<f64>) -> Option<KeyFault> {
     let mend = format!("give {key}_s and {key}_sigma_s together, measured, or leave both out");
     match (seconds, sigma_s) {
         (None, None) => None,
@@ -106,9 +97,10 @@ pub(crate) fn delay_fault(
         }
         (Some(s), Some(sigma)) => {
             let mend = format!("give at most {LONGEST_DELAY_S} s, and a standard deviation of 0 or more");
-            Some((format!("{key}_s"), format!("is {s} s with a standard deviation of {sigma} s"), mend))
+            let problem = format!("is {s} s with a standard deviation of {sigma} s");
+            Some(KeyFault::new(format!("{key}_s"), problem, mend))
         }
-        (Some(_), None) => Some((format!("{key}_sigma_s"), "is missing".to_owned(), mend)),
-        (None, Some(_)) => Some((format!("{key}_s"), "is missing".to_owned(), mend)),
+        (Some(_), None) => Some(KeyFault::new(format!("{key}_sigma_s"), "is missing", mend)),
+        (None, Some(_)) => Some(KeyFault::new(format!("{key}_s"), "is missing", mend)),
     }
 }

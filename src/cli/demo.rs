@@ -1,4 +1,4 @@
-//! `wingd demo`: a bundled flight through the real daemon, with no hardware and no configuration.
+//! `wingd demo` sends a bundled flight through the real daemon, with no hardware and no configuration.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use tracing::level_filters::LevelFilter;
 
-use super::{Done, Failure, logging, print, service};
+use super::{Done, Failure, logging, print, service, unwritable};
 use crate::camera::replay::ReplayConfig;
 use crate::camera::section::CameraSection;
 use crate::clock::{Clock, Simulated};
@@ -80,9 +80,8 @@ fn unpack(input: &Path) -> Result<(), Failure> {
             continue;
         }
         let made = path.parent().map_or(Ok(()), std::fs::create_dir_all);
-        made.and_then(|()| std::fs::write(&path, bytes)).map_err(|e| {
-            Failure::Undone(format!("{} cannot be written ({e}); name another --output", path.display()))
-        })?;
+        let written = made.and_then(|()| std::fs::write(&path, bytes));
+        written.map_err(unwritable(&path, "name another --output"))?;
     }
     Ok(())
 }
@@ -92,17 +91,17 @@ fn orient(directory: &Path, ground: &Path) -> Result<(), Failure> {
     if installation::load(directory).is_ok_and(|i| i.orientation.is_some()) {
         return Ok(());
     }
-    let undone = |text: String| Failure::Undone(format!("{}: {text}", ground.display()));
+    let undone = |error: &dyn std::error::Error| Failure::Undone(format!("{}: {error}", ground.display()));
     let installation = installation::load_without_orientation(directory)?;
-    let bytes = std::fs::read(ground).map_err(|e| undone(e.to_string()))?;
+    let bytes = std::fs::read(ground).map_err(|e| undone(&e))?;
     let sighting = stages::sight("ground.jpg", &bytes, None, &installation, None);
     if let Some(reason) = sighting.failure {
-        return Err(undone(reason));
+        return Err(undone(&reason));
     }
-    let fit = identify::orient(&installation.setup, &[sighting.detections.markers])
-        .map_err(|e| undone(e.to_string()))?;
+    let fit =
+        identify::orient(&installation.setup, &[sighting.detections.markers]).map_err(|e| undone(&e))?;
     installation::write_orientation(&installation, &fit, &[(sighting.image, sighting.digest)])
-        .map_err(|e| undone(e.to_string()))
+        .map_err(|e| undone(&e))
 }
 
 /// The daemon, until its timetable is over. A demo that was broken off goes on where it stopped.
@@ -125,14 +124,14 @@ fn fly(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
     };
     let solver = service::solver(directory, &config.solve)?;
     let opened = service::open_store(&config)?;
-    service::keep_installation(&opened.0, directory);
-    let begun = opened.0.last_moment();
+    service::keep_installation(&opened.store, directory);
+    let begun = opened.store.last_moment();
     let take_off = jiff::Timestamp::from_second(TAKE_OFF).unwrap_or_default();
     let clock: Arc<dyn Clock> = Arc::new(match &begun {
         Some(last) => Simulated::starting_at(last, Some(SPEED_UP)),
         None => Simulated::new("demo", take_off, Some(SPEED_UP)),
     });
-    let origin = opened.0.series_of_boot("demo").first().copied().unwrap_or_else(|| clock.since_boot());
+    let origin = opened.store.series_of_boot("demo").first().copied().unwrap_or_else(|| clock.since_boot());
     service::run(&config, clock, origin, opened, Some(solver), progress())?;
     Ok(())
 }
@@ -153,11 +152,9 @@ fn finish(output: &Path, directory: &Path) -> Result<Done, Failure> {
     let store = output.join("store");
     let checked = verify::verify(&RealDisk, &store);
     let setup = installation::load(directory)?.setup;
-    let data = source::flight(&store, source::Choice::default(), Some(&setup))
-        .map_err(|e| Failure::Undone(e.to_string()))?;
+    let data = source::flight(&store, source::Choice::default(), Some(&setup))?;
     let page = output.join("report.html");
-    std::fs::write(&page, html::page(&data))
-        .map_err(|e| Failure::Undone(format!("{} cannot be written ({e}); free space", page.display())))?;
+    std::fs::write(&page, html::page(&data)).map_err(unwritable(&page, "free space"))?;
     print(table::series(&summary::summaries(&data.series)).trim_end())?;
     for fault in &checked.faults {
         eprintln!("wingd: invariant {}: {}: {}", fault.invariant, fault.path.display(), fault.what);

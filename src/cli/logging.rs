@@ -1,4 +1,4 @@
-//! Logs: to the journal where the service manager listens, to standard error otherwise.
+//! Logs go to the journal where the service manager listens, and to standard error otherwise.
 
 use std::io::IsTerminal;
 

@@ -1,4 +1,4 @@
-//! One file per command. Results go to standard output, logs and progress to standard error.
+//! Each command has a file. Results go to standard output, logs and progress to standard error.
 
 mod aircraft_data;
 #[cfg(feature = "boards")]
@@ -31,8 +31,8 @@ mod serve;
 mod service;
 mod simulate;
 mod solve;
-mod solve_store;
 mod status;
+mod stores;
 mod stress;
 mod time_check;
 #[cfg(feature = "upload")]
@@ -46,7 +46,8 @@ use std::process::ExitCode;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::installation::{self, Fault, Installation};
-use crate::store::layout;
+use crate::record::Reason;
+use crate::store::{StoreError, layout};
 #[cfg(not(feature = "boards"))]
 use not_built as calibrate;
 #[cfg(not(feature = "upload"))]
@@ -153,6 +154,18 @@ impl From<Vec<Fault>> for Failure {
 impl From<Fault> for Failure {
     fn from(fault: Fault) -> Self {
         Self::Faults(vec![fault])
+    }
+}
+
+impl From<StoreError> for Failure {
+    fn from(error: StoreError) -> Self {
+        Self::Undone(error.to_string())
+    }
+}
+
+impl From<Reason> for Failure {
+    fn from(reason: Reason) -> Self {
+        Self::Undone(reason.to_string())
     }
 }
 
@@ -272,6 +285,15 @@ fn print(text: &str) -> Result<(), Failure> {
         _ => Ok(()),
     }
 }
+
+/// A file that could not be written, and what to do about it.
+fn unwritable(file: &Path, mend: &str) -> impl Fn(std::io::Error) -> Failure {
+    let (file, mend) = (file.display().to_string(), mend.to_owned());
+    move |error| Failure::Undone(format!("{file} cannot be written ({error}); {mend}"))
+}
+
+/// What mostly helps there.
+const RIGHTS: &str = "check rights and space";
 
 /// Says on standard error which surveyed points are to be looked at; that holds nothing up.
 fn say_doubts(installation: &Installation) {

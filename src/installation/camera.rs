@@ -6,7 +6,8 @@ use std::path::Path;
 use nalgebra::{SMatrix, Vector2};
 use serde::{Deserialize, Serialize};
 
-use super::{Reader, document, write_whole};
+use super::toml_file::parse_toml;
+use super::{Reader, write_whole};
 use crate::measure::geometry::Lens;
 
 #[derive(Deserialize)]
@@ -80,7 +81,7 @@ const LARGEST_SIDE: i64 = 100_000;
 pub(super) fn read(reader: &mut Reader, name: &str) -> Option<(Lens, Option<SMatrix<f64, 9, 9>>)> {
     let mend = "write it with `wingd calibrate`, or name the right file in camera.calibration";
     let (file, text) = reader.text(name, mend)?;
-    let table: Table = document::parse_toml(reader, &file, &text)?;
+    let table: Table = parse_toml(reader, &file, &text)?;
     let before = reader.faults.len();
     for (key, side) in [("width", table.width), ("height", table.height)] {
         if !(1..=LARGEST_SIDE).contains(&side) {

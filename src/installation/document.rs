@@ -6,10 +6,10 @@ use nalgebra::{Vector2, Vector3};
 
 use super::structure::{self, Structure};
 use super::tables::{self, Document, Optics};
+use super::toml_file::{FILE, parse_toml};
 use super::{Reader, camera, plausible, survey, ties, window};
 use crate::measure::setup::{Setup, Side, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty};
 
-pub(super) const FILE: &str = "installation.toml";
 /// Shift between two mountings where the user gives none, px (paper, section 3.1.3).
 const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
 
@@ -67,23 +67,6 @@ pub(super) fn read(reader: &mut Reader) -> Option<Parts> {
     }
     let sources = [document.camera.calibration, document.wing.survey];
     Some(Parts { setup, optics: document.camera.optics, structure, sources })
-}
-
-/// TOML into a table of ours; the fault names the line and the key as the parser saw them.
-pub(super) fn parse_toml<T: serde::de::DeserializeOwned>(
-    reader: &mut Reader,
-    file: &Path,
-    text: &str,
-) -> Option<T> {
-    match toml::from_str(text) {
-        Ok(value) => Some(value),
-        Err(error) => {
-            let fault =
-                super::toml_fault(file, text, &error, "correct it as docs/interface.md describes the key");
-            reader.faults.push(fault);
-            None
-        }
-    }
 }
 
 /// Width of a wing's temperature in flight where none is given, K: between the still air's and the air's that the

@@ -9,6 +9,7 @@ pub mod environment;
 pub mod geometry;
 pub mod identify;
 pub mod mount;
+pub mod observation;
 pub mod plan;
 pub mod raster;
 pub mod render;

@@ -6,7 +6,8 @@ use nalgebra::{Rotation3, SMatrix, Vector2, Vector3};
 use super::geometry::{Lens, WingFrame};
 
 /// The two kinds of marker (docs/model.md).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Shape {
     /// Four alternating quadrants, near the fuselage.
     Quadrant,

@@ -11,7 +11,7 @@ use rand::{Rng, SeedableRng};
 use wingd::camera::Camera;
 use wingd::camera::replay::{FaultKind, ReplayConfig, ReplayFactory, ScriptedFault};
 use wingd::clock::{Clock, Simulated};
-use wingd::daemon::{self, Board, Event, Parts, SeriesConfig, Solver, Status};
+use wingd::daemon::{self, Event, Parts, SeriesConfig, Solver, Status, StatusBoard};
 use wingd::installation;
 use wingd::measure::adjust::{Method, Options};
 use wingd::pipeline::{self, Job};
@@ -140,7 +140,7 @@ fn fly(root: &Path, watch: Arc<Watch>) -> Status {
         }),
         observer: Arc::new(move |event| watch.note(event)),
     };
-    daemon::run(parts, &Board::new(clock)).unwrap()
+    daemon::run(parts, &StatusBoard::new(clock)).unwrap()
 }
 
 fn mean(values: &[u64]) -> u64 {

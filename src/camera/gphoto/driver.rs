@@ -71,7 +71,7 @@ impl Driver {
             let (bytes, mut settings) = self.fetch(&left)?;
             if let Err(why) = jpeg::whole(&bytes) {
                 // Stays on the card; a person may still read something out of it.
-                tracing::warn!(path = left.path(), why, "a picture on the card is damaged and left there");
+                tracing::warn!(path = left.path(), %why, "a picture on the card is damaged and left there");
                 continue;
             }
             settings.insert("recovered".to_owned(), true.into());

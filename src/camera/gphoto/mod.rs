@@ -19,6 +19,7 @@ use serde::{Deserialize, Serialize};
 use crate::camera::freshness::Freshness;
 use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
 use crate::clock::exposure::Evidence;
+use crate::installation::KeyFault;
 use process::Process;
 use protocol::{Answer, Request};
 
@@ -72,11 +73,11 @@ fn default_recover() -> usize {
 }
 
 impl GphotoSection {
-    /// What is wrong with the section: (key, problem, mend).
-    pub fn faults(&self) -> Vec<(String, String, String)> {
+    /// Every fault, at its key of the section.
+    pub fn faults(&self) -> Vec<KeyFault> {
         let sane = (1.0..=600.0).contains(&self.open_s);
-        let fault = ("open_s".to_owned(), format!("{} s", self.open_s), "use 1 to 600 s".to_owned());
-        if sane { Vec::new() } else { vec![fault] }
+        let fault = || KeyFault::new("open_s", format!("{} s", self.open_s), "use 1 to 600 s");
+        (!sane).then(fault).into_iter().collect()
     }
 }
 
@@ -126,7 +127,7 @@ impl GphotoCamera {
         let request = Request::Shoot { deadline_s: deadline.as_secs_f64(), trigger };
         match self.ask(&request, grace(deadline), "a shot; the camera process was killed")? {
             (Answer::Picture { path, settings }, bytes) => {
-                jpeg::whole(&bytes).map_err(CameraError::BadFrame)?;
+                jpeg::whole(&bytes).map_err(|why| CameraError::BadFrame(why.to_string()))?;
                 self.freshness.check(&bytes, Some(&path))?;
                 let exposed = exposed(&settings);
                 Ok(Frame { bytes, format: Format::Jpeg, settings, exposed })

@@ -20,6 +20,7 @@ use crate::camera::v4l::{V4lCamera, V4lSection};
 use crate::camera::{Camera, CameraError, CameraInfo, Frame};
 use crate::clock;
 use crate::clock::exposure::{Delay, Evidence};
+use crate::installation::KeyFault;
 use folder::Folder;
 pub use folder::FolderSection;
 pub(crate) use line::Line;
@@ -70,27 +71,27 @@ fn default_full() -> f64 {
 }
 
 impl ReleaseSection {
-    /// What is wrong with the section: (key, problem, mend).
-    pub fn faults(&self) -> Vec<(String, String, String)> {
-        let mut faults: Vec<(String, String, String)> = match &self.frames {
+    /// Every fault, at its key of the section.
+    pub fn faults(&self) -> Vec<KeyFault> {
+        let frames = match &self.frames {
             #[cfg(feature = "gphoto")]
             FramesSection::Gphoto(section) => section.faults(),
             #[cfg(feature = "v4l")]
             FramesSection::V4l(section) => section.faults(),
             FramesSection::Folder(_) => Vec::new(),
         };
-        faults.iter_mut().for_each(|(key, ..)| *key = format!("frames.{key}"));
+        let mut faults: Vec<KeyFault> = frames.into_iter().map(|fault| fault.within("frames")).collect();
         let lines = [("full_press", Some(&self.full_press)), ("half_press", self.half_press.as_ref())];
         for (key, line) in lines {
             if line.is_some_and(|line| !line.is_clear()) {
                 let mend = "give either name, or chip and offset";
-                faults.push((key.to_owned(), "no single GPIO line is named".to_owned(), mend.to_owned()));
+                faults.push(KeyFault::new(key, "no single GPIO line is named", mend));
             }
         }
         faults.extend(delay_fault("exposure_delay", self.exposure_delay_s, self.exposure_delay_sigma_s));
         for (key, time_s) in [("half_press_s", self.half_press_s), ("full_press_s", self.full_press_s)] {
             if !(0.01..=10.0).contains(&time_s) {
-                faults.push((key.to_owned(), format!("{time_s} s"), "use 0.01 to 10 s".to_owned()));
+                faults.push(KeyFault::new(key, format!("{time_s} s"), "use 0.01 to 10 s"));
             }
         }
         faults
@@ -283,7 +284,7 @@ mod tests {
         assert_eq!(section.faults(), []);
         let bad = "half_press_s = 0\nexposure_delay_s = 0.05\nfull_press = { name = 'GPIO17', offset = 3 }\n[frames]\nkind = 'folder'\npath = '/mnt/card'\n";
         let keys: Vec<_> =
-            toml::from_str::<ReleaseSection>(bad).unwrap().faults().into_iter().map(|f| f.0).collect();
+            toml::from_str::<ReleaseSection>(bad).unwrap().faults().into_iter().map(|f| f.key).collect();
         assert_eq!(keys, ["full_press", "exposure_delay_sigma_s", "half_press_s"]);
         assert!(toml::from_str::<ReleaseSection>(&good.replace("path", "pth")).is_err());
     }

@@ -19,6 +19,7 @@ use crate::camera::section::delay_fault;
 use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
 use crate::clock;
 use crate::clock::exposure::{Delay, Evidence};
+use crate::installation::KeyFault;
 
 /// `[camera]` with `kind = "v4l"`. One of `device`, `serial` and `card` names the camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,34 +54,24 @@ fn default_settle() -> u32 {
 }
 
 impl V4lSection {
-    /// What is wrong with the section: (key, problem, mend).
-    pub fn faults(&self) -> Vec<(String, String, String)> {
+    /// Every fault, at its key of the section.
+    pub fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
-        let mut fault =
-            |key: &str, problem: String, mend: &str| faults.push((key.to_owned(), problem, mend.to_owned()));
         if self.device.is_none() && self.serial.is_none() && self.card.is_none() {
-            fault("device", "no camera is named".to_owned(), "give device, serial or card");
+            faults.push(KeyFault::new("device", "no camera is named", "give device, serial or card"));
         }
         if fourcc(&self.format).is_none() {
-            fault(
-                "format",
-                format!("{:?} is not a FourCC", self.format),
-                "use four letters such as GREY, YUYV, MJPG or RG10",
-            );
+            let mend = "use four letters such as GREY, YUYV, MJPG or RG10";
+            faults.push(KeyFault::new("format", format!("{:?} is not a FourCC", self.format), mend));
         }
         if self.width < 16 || self.height < 16 {
-            fault(
-                "width",
-                format!("{} x {} px is no picture", self.width, self.height),
-                "give the camera's full size",
-            );
+            let problem = format!("{} x {} px is no picture", self.width, self.height);
+            faults.push(KeyFault::new("width", problem, "give the camera's full size"));
         }
         faults.extend(delay_fault("stamp_delay", self.stamp_delay_s, self.stamp_delay_sigma_s));
-        let mut fault =
-            |key: &str, problem: String, mend: &str| faults.push((key.to_owned(), problem, mend.to_owned()));
         for name in self.controls.keys().filter(|name| controls::id(name).is_none()) {
             let mend = format!("use 0x and the control's id, or one of: {}", controls::names());
-            fault(&format!("controls.{name}"), "no such control is known".to_owned(), &mend);
+            faults.push(KeyFault::new(format!("controls.{name}"), "no such control is known", mend));
         }
         faults
     }
@@ -163,7 +154,7 @@ impl V4lCamera {
         }
         let got = stream::grab(&opened.device, self.section.settle_frames, opened.shortest, deadline)?;
         if opened.format == Format::Jpeg {
-            jpeg::whole(&got.bytes).map_err(CameraError::BadFrame)?;
+            jpeg::whole(&got.bytes).map_err(|why| CameraError::BadFrame(why.to_string()))?;
         }
         self.freshness.check(&got.bytes, None)?;
         describe(&mut settings, &got, drift);
@@ -345,7 +336,7 @@ mod tests {
         assert_eq!(section.settle_frames, 4);
         let bad = "format='GREYISH'\nwidth=4000\nheight=0\n[controls]\nexposur=1\n";
         let keys: Vec<_> =
-            toml::from_str::<V4lSection>(bad).unwrap().faults().into_iter().map(|f| f.0).collect();
+            toml::from_str::<V4lSection>(bad).unwrap().faults().into_iter().map(|f| f.key).collect();
         assert_eq!(keys, ["device", "format", "width", "controls.exposur"]);
         assert!(toml::from_str::<V4lSection>("format='GREY'\nwidth=1\nheight=1\nwidht=2").is_err());
         assert_eq!(fourcc("Y10").unwrap().repr, *b"Y10 ");

@@ -1,4 +1,4 @@
-//! Pictures by the configured camera, until the verdict is good.
+//! The configured camera takes pictures until the verdict is good.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -61,7 +61,7 @@ pub(super) fn pictures(args: &Args, config: &Path, board: &DescribedBoard) -> Re
 fn said(picture: &Picture) -> String {
     match &picture.view {
         Ok(view) => format!("{} points of the board", view.len()),
-        Err(reason) => reason.clone(),
+        Err(reason) => reason.to_string(),
     }
 }
 
@@ -77,7 +77,7 @@ fn good(taken: &mut [Picture], board: &DescribedBoard, select: bool) -> bool {
             judged.verdict == Verdict::Good
         }
         Err(reason) => {
-            eprintln!("{}", reason.lines().next().unwrap_or_default());
+            eprintln!("{}", reason.text().lines().next().unwrap_or_default());
             false
         }
     }

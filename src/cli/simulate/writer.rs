@@ -1,4 +1,4 @@
-//! Writes a set: installation, frames, truth (format: `fixtures/dev`).
+//! A set is written with its installation, its frames and their truth (format: `fixtures/dev`).
 
 use std::fmt::Write as _;
 use std::fs;

@@ -13,9 +13,9 @@ use tokio::sync::Semaphore;
 use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 use tokio::sync::broadcast::{Receiver, Sender};
 
-use super::Shared;
 use super::preview::Preview;
 use super::result::Given;
+use super::shared::Shared;
 
 /// Results that wait for a slow listener: three seconds at 20 a second.
 pub(super) const WAITING: usize = 64;
@@ -46,19 +46,19 @@ impl Tap {
             tokio::spawn(send(self.clone(), to));
         }
         let Some(path) = socket else { return };
-        match crate::daemon::socket::listen(&path) {
+        match crate::daemon::endpoint::listen(&path) {
             Ok(listener) => self.accept(listener).await,
             Err(error) => self.shared.fault("socket", &format!("{}: {error}", path.display())),
         }
     }
 
     async fn accept(self, listener: UnixListener) {
-        let room = Arc::new(Semaphore::new(LISTENERS));
+        let places = Arc::new(Semaphore::new(LISTENERS));
         loop {
             match listener.accept().await {
                 Ok((stream, _)) => {
                     // One too many is let go at once.
-                    let Ok(permit) = room.clone().try_acquire_owned() else { continue };
+                    let Ok(permit) = places.clone().try_acquire_owned() else { continue };
                     let tap = self.clone();
                     let results = self.results.subscribe();
                     tokio::spawn(async move {

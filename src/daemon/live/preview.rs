@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::result::LiveFrame;
+use crate::daemon::niceness::{DISPLAY_NICE, give_way};
 use crate::measure::raster::Raster;
 use crate::pipeline::decode::decode;
 use crate::pipeline::guard::guarded;
@@ -68,7 +69,7 @@ fn kindly<T: Send>(work: impl FnOnce() -> Option<T> + Send) -> Option<T> {
     std::thread::scope(|scope| {
         let thread = std::thread::Builder::new().name("preview".to_owned());
         let made = thread.spawn_scoped(scope, || {
-            super::give_way(super::DISPLAY_NICE);
+            give_way(DISPLAY_NICE);
             work()
         });
         made.ok()?.join().ok().flatten()
@@ -76,7 +77,7 @@ fn kindly<T: Send>(work: impl FnOnce() -> Option<T> + Send) -> Option<T> {
 }
 
 fn small(frame: &LiveFrame) -> Option<Picture> {
-    let raster = decode(&frame.frame.bytes, Some(&frame.frame.format)).ok()?;
+    let raster = decode(&frame.taken.frame.bytes, Some(&frame.taken.frame.format)).ok()?;
     let size = (raster.width(), raster.height());
     let step = size.0.max(size.1).div_ceil(LONGER).max(1);
     let (width, height) = (size.0 / step, size.1 / step);

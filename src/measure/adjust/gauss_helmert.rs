@@ -68,6 +68,8 @@ pub struct Group {
 /// Knowledge about parameters from elsewhere: a pseudo-observation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prior {
+    /// What it is, for a person.
+    pub name: &'static str,
     /// Which parameters.
     pub columns: Vec<usize>,
     /// Their expected values.
@@ -78,12 +80,21 @@ pub struct Prior {
 
 impl Prior {
     /// A prior on one parameter.
-    pub fn scalar(column: usize, mean: f64, sigma: f64) -> Self {
-        Self {
-            columns: vec![column],
-            mean: DVector::from_element(1, mean),
-            covariance: DMatrix::from_element(1, 1, sigma * sigma),
-        }
+    pub fn scalar(name: &'static str, column: usize, mean: f64, sigma: f64) -> Self {
+        let covariance = DMatrix::from_element(1, 1, sigma * sigma);
+        Self { mean: DVector::from_element(1, mean), ..Self::centred(name, column, covariance) }
+    }
+
+    /// A prior on the parameters from `first` on, which are expected to be 0.
+    pub fn centred(name: &'static str, first: usize, covariance: DMatrix<f64>) -> Self {
+        let count = covariance.nrows();
+        Self { name, columns: (first..first + count).collect(), mean: DVector::zeros(count), covariance }
+    }
+
+    /// The same on parameters so many columns farther.
+    pub fn moved(mut self, by: usize) -> Self {
+        self.columns.iter_mut().for_each(|column| *column += by);
+        self
     }
 }
 

@@ -48,7 +48,7 @@ pub struct GroundShape {
     /// Covariance of the axis' height, coefficients of the powers of s/L, m^2.
     pub axis_covariance: Matrix4<f64>,
     /// Standard deviation of the height of the skin above the bending axis, m.
-    pub skin_sigma_m: f64,
+    pub skin_height_sigma_m: f64,
     /// +1 where Z points aft (right wing), -1 where it points forward: sign of a nose-up twist.
     pub nose: f64,
 }
@@ -65,7 +65,7 @@ impl GroundShape {
         }
         let mean = points.iter().map(|p| p.z).sum::<f64>() / points.len() as f64;
         let axis_z = setup.axis_chord_offset_m.unwrap_or(mean);
-        let (skin, skin_sigma_m) = skin(setup, &points);
+        let (skin, skin_height_sigma_m) = skin(setup, &points);
         let all = weights(setup, trusted);
         let weights: Vec<f64> = wing.iter().map(|k| all[*k]).collect();
         let (axis, axis_covariance) = Axis::through(&points, &weights, axis_z, setup.root_offset_m, skin)?;
@@ -74,7 +74,7 @@ impl GroundShape {
             surveyed_m: *p,
         };
         let stations = setup.markers.iter().zip(&surveyed).map(station).collect();
-        Ok(Self { frame, axis, stations, axis_covariance, skin_sigma_m, nose: nose(setup) })
+        Ok(Self { frame, axis, stations, axis_covariance, skin_height_sigma_m, nose: nose(setup) })
     }
 }
 

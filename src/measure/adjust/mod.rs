@@ -2,13 +2,16 @@
 
 pub mod beam;
 mod components;
+mod curve;
 mod estimated;
 #[cfg(test)]
 mod example;
 mod flight;
 pub mod gauss_helmert;
 pub mod ground;
+mod input;
 mod layout;
+mod marker_state;
 mod model_error;
 mod outcome;
 pub mod profile;
@@ -17,30 +20,25 @@ mod scene;
 mod shapes;
 mod snooping;
 mod spatial;
-mod unknowns;
+mod term;
+mod terms;
+mod values;
 
 pub use flight::Live;
 
-use nalgebra::{DMatrix, Matrix2, Matrix3, Vector2, Vector3};
+pub use super::observation::{Estimate, Observation};
+
+use nalgebra::{DMatrix, Matrix3, Vector2, Vector3};
 
 use super::setup::{Orientation, Setup};
 
-/// One marker seen in one frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Observation {
-    /// Index in [`Setup::markers`].
-    pub marker: usize,
-    /// Image of the marker's centre, px.
-    pub pixel: Vector2<f64>,
-    /// Its covariance, px^2.
-    pub covariance_px2: Matrix2<f64>,
-}
-
 /// Which standard deviations are reported.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum SigmaKind {
     /// A posteriori where the global test rejects, a priori where it accepts.
     #[default]
+    #[serde(rename = "by test")]
     ByTest,
     /// A priori.
     Prior,
@@ -112,15 +110,6 @@ pub enum Method {
     Spatial,
     /// Spatial, the frames of a flight together.
     Flight,
-}
-
-/// A number with its standard deviation; `None` for one that was held fixed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Estimate {
-    /// The value, in the unit that the field's name bears.
-    pub value: f64,
-    /// Its standard deviation, same unit.
-    pub sigma: Option<f64>,
 }
 
 /// A named parameter of the model, with the unit in the name.

@@ -30,6 +30,11 @@ pub fn global_test(omega: f64, redundancy: usize, alpha: f64) -> GlobalTest {
     }
 }
 
+/// What a chi-square of so many degrees of freedom exceeds with a probability; infinite without any.
+pub fn chi_square_limit(freedom: f64, alpha: f64) -> f64 {
+    ChiSquared::new(freedom).map_or(f64::INFINITY, |law| law.inverse_cdf(1.0 - alpha))
+}
+
 /// Whether standard deviations are scaled by the root of the variance factor.
 pub fn is_posterior(kind: SigmaKind, test: GlobalTest) -> bool {
     match kind {

@@ -7,7 +7,7 @@
 
 use std::sync::LazyLock;
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{DMatrix, SMatrix, SVector};
 
 /// Largest number of terms of the curvature.
 pub const MAX_CURVATURE_TERMS: usize = 10;
@@ -97,18 +97,23 @@ static SHAPES: LazyLock<Vec<Integrals>> = LazyLock::new(shape_integrals);
 /// Covariance of c_k / c_0, k = 1.., over the fleet and beyond.
 static SPREAD: LazyLock<SMatrix<f64, RATIOS, RATIOS>> = LazyLock::new(fleet_spread);
 
-/// Covariance of the ratios c_k / c_0, k = 1 to 9: what is known of a wing's shape beforehand.
-pub fn spread() -> &'static SMatrix<f64, RATIOS, RATIOS> {
-    &SPREAD
+/// Covariance of the ratios c_k / c_0 of `terms` coefficients, from the second on: what is known of a wing's shape
+/// beforehand.
+pub fn shape_covariance(terms: usize) -> DMatrix<f64> {
+    leading(&SPREAD, terms.saturating_sub(1))
+}
+
+fn leading(covariance: &SMatrix<f64, RATIOS, RATIOS>, n: usize) -> DMatrix<f64> {
+    DMatrix::from_fn(n, n, |i, j| covariance[(i, j)])
 }
 
 /// Covariance of the change of c_k / c_0, k = 1.., while a flight burns its fuel.
 static BURNING: LazyLock<SMatrix<f64, RATIOS, RATIOS>> = LazyLock::new(burning_spread);
 
-/// Covariance of the change of the ratios c_k / c_0, k = 1 to 9, from the heaviest frame of a flight to
-/// the lightest: anything between nothing and all the fuel may have been burnt.
-pub fn burning() -> &'static SMatrix<f64, RATIOS, RATIOS> {
-    &BURNING
+/// Covariance of the change of the ratios c_k / c_0 of `terms` coefficients, from the second on, from the heaviest frame
+/// of a flight to the lightest: anything between nothing and all the fuel may have been burnt.
+pub fn burning_covariance(terms: usize) -> DMatrix<f64> {
+    leading(&BURNING, terms.saturating_sub(1))
 }
 
 /// m P_k at `count` points; m has mean 1.

@@ -3,6 +3,9 @@
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, SMatrix, SVector, Vector2, Vector3};
 
+/// Interior parameters of Brown's model.
+pub const BROWN: usize = 9;
+
 /// A calibrated camera. Camera frame: x right, y down, z forward. Pixel (0, 0) is the centre of
 /// the top-left pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,6 +56,9 @@ const MAX_ITERATIONS: usize = 50;
 const INVERSE_TOLERANCE: f64 = 1e-13;
 
 impl Lens {
+    /// Names of Brown's parameters, in the order of every vector and covariance of them.
+    pub const PARAMETERS: [&str; BROWN] = ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "p1", "p2"];
+
     /// A camera without distortion.
     pub fn pinhole(width: u32, height: u32, f_px: f64, cx: f64, cy: f64) -> Self {
         let (fx, fy) = (f_px, f_px);

@@ -4,7 +4,7 @@ mod lens;
 mod transform;
 mod wing_frame;
 
-pub use lens::{Lens, LensError};
+pub use lens::{BROWN, Lens, LensError};
 pub use transform::{FitError, PointPair, Similarity, TransformFit};
 pub use wing_frame::WingFrame;
 

@@ -1,4 +1,4 @@
-//! Results for other tools: tables as CSV or Parquet, records as JSON Lines, shapes as VTK.
+//! Other tools get results as CSV or Parquet tables, as JSON Lines of records and as VTK shapes.
 
 mod columns;
 mod lines;

@@ -1,17 +1,17 @@
-//! Mean marker positions of a series as legacy VTK PolyData, for ParaView and its like.
+//! The mean marker positions of a series are written as legacy VTK PolyData, for ParaView and its like.
 
 use std::fmt::Write;
 
-use super::super::SeriesData;
 use super::super::summary::{Mean, solved};
+use super::super::{SeriesData, distinct};
 use crate::record::{ImageRecord, MarkerRecord};
 
 /// A marker over the solved frames of a series.
-struct Point {
-    id: String,
-    position_m: [f64; 3],
+pub(super) struct Point {
+    pub id: String,
+    pub position_m: [f64; 3],
     sigma_m: [Option<f64>; 3],
-    lift_m: Option<Mean>,
+    pub lift_m: Option<Mean>,
     frames: usize,
 }
 
@@ -79,13 +79,8 @@ fn encoded(text: &str) -> String {
     text.bytes().map(code).collect()
 }
 
-fn points(records: &[&ImageRecord]) -> Vec<Point> {
-    let mut ids: Vec<&str> = Vec::new();
-    for m in records.iter().flat_map(|r| &r.markers) {
-        if !ids.contains(&m.id.as_str()) {
-            ids.push(&m.id);
-        }
-    }
+pub(super) fn points(records: &[&ImageRecord]) -> Vec<Point> {
+    let ids = distinct(records.iter().flat_map(|r| &r.markers).map(|m| m.id.as_str()));
     ids.iter().filter_map(|id| point(records, id)).collect()
 }
 

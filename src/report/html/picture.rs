@@ -1,4 +1,4 @@
-//! A frame, embedded, with the markers drawn on it.
+//! The report embeds a frame with the markers drawn on it.
 
 use base64::Engine;
 use maud::{Markup, html};

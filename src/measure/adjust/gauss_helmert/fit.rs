@@ -4,8 +4,8 @@ use std::borrow::Cow;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::Linearised;
 use super::linear::{add_scaled, dot};
+use super::{Known, Linearised};
 
 /// State of one block at the solution.
 #[derive(Clone, Debug, PartialEq)]
@@ -101,6 +101,11 @@ impl Fit {
     /// Variance factor a posteriori; `None` at redundancy 0.
     pub fn variance_factor(&self) -> Option<f64> {
         (self.redundancy > 0).then(|| self.omega / self.redundancy as f64)
+    }
+
+    /// What it tells of the global parameters.
+    pub fn known(&self) -> Known {
+        Known { mean: self.global.clone(), information: self.information.clone() }
     }
 
     /// Functions of parameters alone, and their noise through the adjusted observations.

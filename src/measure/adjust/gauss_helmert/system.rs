@@ -364,9 +364,10 @@ impl BlockSystem {
 fn weights(priors: &[Prior]) -> Result<Vec<DMatrix<f64>>, AdjustError> {
     let weight = |prior: &Prior| {
         inverse(&prior.covariance).ok_or_else(|| {
-            AdjustError::Input(
-                "a prior's covariance is not positive definite; check the standard deviations".into(),
-            )
+            AdjustError::Input(format!(
+                "what is known beforehand of the {} has no positive definite covariance; check its standard deviations",
+                prior.name
+            ))
         })
     };
     priors.iter().map(weight).collect()

@@ -96,7 +96,7 @@ fn local_parameters_give_the_same_answer_as_conditions() {
 #[test]
 fn a_prior_counts_as_an_observation() {
     let mut problem = line(&POINTS, 0.1, 0.1);
-    problem.priors.push(Prior::scalar(1, 1.0, 1e-9));
+    problem.priors.push(Prior::scalar("offset", 1, 1.0, 1e-9));
     let fit = solve(&problem, line_block).unwrap();
     assert!((fit.global[1] - 1.0).abs() < 1e-9 && fit.redundancy == 5);
     assert!((fit.covariance[(1, 1)].sqrt() - 1e-9).abs() < 1e-12);

@@ -1,18 +1,20 @@
 //! One frame set up for the engine: its unknowns, its observations, its conditions.
 
+use std::sync::Arc;
+
 use nalgebra::{DMatrix, DVector};
 
 use crate::measure::adjust::beam::MAX_TWIST_TERMS;
 use crate::measure::adjust::gauss_helmert::{
     Block, Course, Fit, Group, GroupPoint, Linearised, Problem, solve_from,
 };
-use crate::measure::adjust::layout::{Layout, Place, Rows, Seen, Survey};
+use crate::measure::adjust::input::{Input, Sights};
+use crate::measure::adjust::layout::{Layout, Own, Rows, Seen, Survey};
 use crate::measure::adjust::model_error::image_covariance;
-use crate::measure::adjust::outcome::Member;
 use crate::measure::adjust::scene::Scene;
-use crate::measure::adjust::unknowns::{
-    Columns, Input, MISSING, common, mount_prior, shape_prior, shift_columns, stayed_prior, twist_priors,
-};
+use crate::measure::adjust::snooping::Member;
+use crate::measure::adjust::term::Columns;
+use crate::measure::adjust::terms::{self, Curvature, Twist};
 use crate::measure::adjust::{AdjustError, Observation};
 use crate::measure::setup::Thermal;
 
@@ -25,6 +27,22 @@ pub(super) struct Usage {
     pub ground: Vec<bool>,
 }
 
+impl Usage {
+    /// Everything that there is.
+    pub fn all(markers: usize) -> Self {
+        Self { flight: vec![true; markers], ground: vec![true; markers] }
+    }
+}
+
+/// One frame's observations, what of them takes part, and the order that the curvature is sought with.
+#[derive(Clone)]
+pub(super) struct Single<'a> {
+    pub input: Input<'a>,
+    pub sights: Sights<'a>,
+    pub usage: Usage,
+    pub terms: usize,
+}
+
 /// A frame set up for the engine.
 pub(super) struct Frame<'a> {
     pub scene: &'a Scene,
@@ -35,63 +53,31 @@ pub(super) struct Frame<'a> {
 
 /// The values a frame starts from.
 pub(super) struct Start<'a> {
-    pub curvature_terms: usize,
-    /// Leading coefficient that the shape ratios are weighed with, 1/m.
-    pub amplitude: f64,
+    /// Leading coefficient that the shape ratios are weighed with.
+    pub amplitude_per_m: f64,
     /// Earlier solution of the same layout but for the number of terms.
     pub from: Option<(&'a Layout, &'a DVector<f64>)>,
 }
 
 impl<'a> Frame<'a> {
-    pub fn new(input: &Input<'a>, usage: &Usage, start: &Start) -> Self {
+    pub fn new(single: &Single<'a>, start: &Start) -> Self {
+        let input = &single.input;
         let mut columns = Columns::default();
-        let (n, t) = (start.curvature_terms, input.options.twist_terms.min(MAX_TWIST_TERMS));
-        let curvature = columns.take(n, MISSING[0]);
-        let twist = columns.take(t, MISSING[1]);
-        let mount = columns.take(3, MISSING[2]);
-        let common = common(input, &mut columns);
-        let mut priors: Vec<_> = shape_prior(curvature + 1, n, start.amplitude).into_iter().collect();
-        priors.extend(twist_priors(twist, t));
-        let stayed = input.options.is_of_the_ground();
-        priors.push(if stayed { stayed_prior(input, mount) } else { mount_prior(input, mount) });
-        priors.extend(common.priors);
-        let shift = if stayed { None } else { shift_columns(input, &mut columns, &mut priors) };
-        let shift = shift.map(Place::Global);
-        let layout = Layout {
-            curvature: Place::Global(curvature),
-            curvature_terms: n,
-            twist: Place::Global(twist),
-            twist_terms: t,
-            mount: Place::Global(mount),
-            common_mount: None,
-            shift,
-            lens: common.lens.map(Place::Global),
-            estimated: common.estimated.map(|e| e.map(Place::Global)),
-            ground: common.ground.map(Place::Global),
-            centre: common.centre.map(Place::Global),
-            window: common.window.map(Place::Global),
-            bow: common.bow.map(Place::Global),
-            scale: common.scale.map(Place::Global),
-            raise: Place::Global(common.raise),
-            nominal_scale: input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
-            survey: Survey::Observed,
-            head: columns.missing.len(),
-            own: (columns.missing.len(), 0),
-            local: 0,
-        };
+        let layout = layout(input, single.terms, start.amplitude_per_m, &mut columns);
         let mut members = vec![];
         let mut blocks = vec![];
         for marker in 0..input.setup.markers.len() {
             let mut member = Member { marker, flight: None, ground: None };
-            let block = block(input, &mut member, usage.flight[marker], usage.ground[marker]);
+            let block = block(single, &mut member);
             if member.flight.is_some() || member.ground.is_some() {
                 members.push(member);
                 blocks.push(block);
             }
         }
         let group = Group { local: DVector::zeros(0), priors: vec![], blocks };
+        let Columns { missing, priors, .. } = columns;
         let start = start_values(&layout, start);
-        let problem = Problem { start, missing: columns.missing, priors, known: None, groups: vec![group] };
+        let problem = Problem { start, missing, priors, known: None, groups: vec![group] };
         Self { scene: input.scene, layout, problem, members }
     }
 
@@ -130,12 +116,40 @@ impl<'a> Frame<'a> {
     }
 }
 
+fn layout(input: &Input, curvature_terms: usize, amplitude_per_m: f64, columns: &mut Columns) -> Layout {
+    let twist_terms = input.options.twist_terms.min(MAX_TWIST_TERMS);
+    let stayed = input.options.is_of_the_ground();
+    let amplitude_per_m = Some(amplitude_per_m);
+    let curvature = columns.place(Arc::new(Curvature { terms: curvature_terms, amplitude_per_m }));
+    let twist = columns.place(Arc::new(Twist { terms: twist_terms }));
+    let rotation = columns.place(terms::rotation(input, stayed));
+    let shared = terms::shared(input, columns);
+    let mounting = terms::of_mounting(input, stayed).into_iter().map(|term| columns.place(term));
+    let mounting: Vec<_> = mounting.collect();
+    let head = columns.missing.len();
+    Layout {
+        curvature: curvature.place,
+        curvature_terms,
+        twist: twist.place,
+        twist_terms,
+        rotation: vec![rotation.place],
+        axis_height: shared.axis_height,
+        terms: [vec![curvature, twist, rotation], shared.placed, mounting].concat(),
+        expected_scale: input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
+        survey: Survey::Observed,
+        head,
+        own: Own { first: head, count: 0 },
+        local: 0,
+    }
+}
+
 /// Survey, flight image and ground image of a marker as one block.
-fn block(input: &Input, member: &mut Member, with_flight: bool, with_ground: bool) -> Block {
+fn block(single: &Single, member: &mut Member) -> Block {
+    let (input, usage) = (&single.input, &single.usage);
     let marker = &input.setup.markers[member.marker];
     let mut observed = input.scene.ground.stations[member.marker].surveyed_m.as_slice().to_vec();
-    let flight = input.flight[member.marker].filter(|_| with_flight);
-    let ground = input.scene.ground_sights[member.marker].as_ref().filter(|_| with_ground);
+    let flight = single.sights[member.marker].filter(|_| usage.flight[member.marker]);
+    let ground = input.scene.ground_sights[member.marker].as_ref().filter(|_| usage.ground[member.marker]);
     member.flight = flight.map(|_| 3);
     member.ground = ground.map(|_| if flight.is_some() { 5 } else { 3 });
     let images: Vec<&Observation> = flight.into_iter().chain(ground).collect();

@@ -1,0 +1,34 @@
+//! What all of the daemon's threads work with.
+
+use std::sync::Arc;
+
+use super::event::Observer;
+use super::halt::Halt;
+use super::status::StatusBoard;
+use crate::clock::Clock;
+use crate::store::Store;
+
+/// Cheap to clone; all clones are of the same things.
+#[derive(Clone)]
+pub(crate) struct Core {
+    /// Open for writing.
+    pub store: Arc<Store>,
+    /// Of the schedule and the stamps.
+    pub clock: Arc<dyn Clock>,
+    /// What the daemon says of itself.
+    pub board: StatusBoard,
+    /// A wish to stop, or word that the power fails.
+    pub halt: Halt,
+    /// A progress display.
+    pub observer: Observer,
+}
+
+impl Core {
+    /// A thread with this name.
+    pub fn spawn<T: Send + 'static>(
+        name: &str,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> std::io::Result<std::thread::JoinHandle<T>> {
+        std::thread::Builder::new().name(name.to_owned()).spawn(work)
+    }
+}

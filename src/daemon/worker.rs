@@ -1,0 +1,174 @@
+//! What may hang, on a thread of its own: a call that has not returned by its deadline is given up with its thread, and
+//! counted. The camera's driver, the solver of the series and that of live mode work so.
+
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::thread::{Builder, JoinHandle};
+use std::time::Duration;
+
+use super::halt::Halt;
+
+/// The longest wait without a sign of life from who waits, and without a look at the halt. Machine time.
+const BEAT: Duration = Duration::from_millis(50);
+
+type Call<S> = Box<dyn FnOnce(&mut S) + Send>;
+
+/// Why a call has no answer. Its thread is gone, and the next call needs another one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Unanswered {
+    /// It had not returned by its deadline, and is counted.
+    Late,
+    /// wingd stops or the power fails, after this time.
+    Halted(Duration),
+    /// It panicked, or what it works on could not be made.
+    Broken,
+}
+
+/// Why there is no thread.
+#[derive(Debug)]
+pub(crate) enum NoThread {
+    /// As many as may hang do: each holds a thread, at worst a core.
+    TooManyHang,
+    /// The machine gave none.
+    Machine(std::io::Error),
+}
+
+/// A thread with what the calls work on, of type `S`. It ends once it is let go of, after the call under way.
+pub(crate) struct Worker<S> {
+    name: &'static str,
+    most_hanging: usize,
+    halt: Halt,
+    thread: Option<(Sender<Call<S>>, JoinHandle<()>)>,
+    left_behind: Vec<JoinHandle<()>>,
+    given_up: u64,
+}
+
+impl<S: 'static> Worker<S> {
+    /// Without a thread as yet. So many threads that were given up may run on at a time.
+    pub fn new(name: &'static str, most_hanging: usize, halt: Halt) -> Self {
+        Self { name, most_hanging, halt, thread: None, left_behind: Vec::new(), given_up: 0 }
+    }
+
+    /// Whether there is a thread for calls.
+    pub fn is_ready(&self) -> bool {
+        self.thread.is_some()
+    }
+
+    /// Calls given up at their deadline so far.
+    pub fn given_up(&self) -> u64 {
+        self.given_up
+    }
+
+    /// Threads that were given up and run still.
+    pub fn hanging(&self) -> usize {
+        self.left_behind.iter().filter(|thread| !thread.is_finished()).count()
+    }
+
+    /// Lets go of the thread.
+    pub fn dismiss(&mut self) {
+        self.thread = None;
+    }
+
+    /// Begins a thread, on which `make` makes what the calls work on.
+    pub fn begin(&mut self, make: impl FnOnce() -> Option<S> + Send + 'static) -> Result<(), NoThread> {
+        self.left_behind.retain(|thread| !thread.is_finished());
+        if self.left_behind.len() >= self.most_hanging {
+            return Err(NoThread::TooManyHang);
+        }
+        let (calls, inbox) = channel::<Call<S>>();
+        let thread = Builder::new().name(self.name.to_owned()).spawn(move || {
+            let Some(mut state) = make() else { return };
+            while let Ok(call) = inbox.recv() {
+                call(&mut state);
+            }
+        });
+        self.thread = Some((calls, thread.map_err(NoThread::Machine)?));
+        Ok(())
+    }
+
+    /// What `work` returns within `limit`, machine time; `beat` is called while it is waited for.
+    pub fn call<T: Send + 'static>(
+        &mut self,
+        limit: Duration,
+        beat: &dyn Fn(),
+        work: impl FnOnce(&mut S) -> T + Send + 'static,
+    ) -> Result<T, Unanswered> {
+        let (calls, thread) = self.thread.take().ok_or(Unanswered::Broken)?;
+        let (answer, answered) = channel();
+        // Nobody waits any more for a call that was given up.
+        let call: Call<S> = Box::new(move |state| drop(answer.send(work(state))));
+        calls.send(call).map_err(|_| Unanswered::Broken)?;
+        let mut left = limit;
+        while !left.is_zero() && !self.halt.over() {
+            let slice = left.min(BEAT);
+            beat();
+            match answered.recv_timeout(slice) {
+                Ok(result) => {
+                    self.thread = Some((calls, thread));
+                    return Ok(result);
+                }
+                Err(RecvTimeoutError::Disconnected) => return Err(Unanswered::Broken),
+                Err(RecvTimeoutError::Timeout) => left -= slice,
+            }
+        }
+        self.left_behind.push(thread);
+        if self.halt.over() {
+            return Err(Unanswered::Halted(limit - left));
+        }
+        self.given_up += 1;
+        Err(Unanswered::Late)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::thread::sleep;
+
+    /// Far above what a thread needs to answer.
+    const LONG: Duration = Duration::from_secs(60);
+
+    fn worker(most_hanging: usize) -> Worker<u32> {
+        let mut worker = Worker::new("test", most_hanging, Halt::default());
+        assert!(worker.begin(|| Some(7)).is_ok());
+        worker
+    }
+
+    fn hang(worker: &mut Worker<u32>) -> Result<(), Unanswered> {
+        worker.call(Duration::from_millis(1), &|| {}, |_| sleep(LONG))
+    }
+
+    #[test]
+    fn calls_share_a_state_and_one_that_panics_costs_its_thread_alone() {
+        let mut worker = worker(1);
+        let add = |state: &mut u32| {
+            *state += 1;
+            *state
+        };
+        assert_eq!(worker.call(LONG, &|| {}, add), Ok(8));
+        assert_eq!(worker.call(LONG, &|| {}, add), Ok(9));
+        #[allow(clippy::panic)]
+        let broken = worker.call(LONG, &|| {}, |_| -> u32 { panic!("asked for by the test") });
+        assert_eq!(broken, Err(Unanswered::Broken));
+        assert!(!worker.is_ready() && worker.given_up() == 0);
+        assert!(worker.begin(|| None).is_ok());
+        assert_eq!(worker.call(LONG, &|| {}, add), Err(Unanswered::Broken));
+    }
+
+    #[test]
+    fn what_hangs_is_given_up_and_counted_up_to_a_limit() {
+        let mut worker = worker(2);
+        assert_eq!(hang(&mut worker), Err(Unanswered::Late));
+        assert_eq!((worker.given_up(), worker.hanging()), (1, 1));
+        assert!(worker.begin(|| Some(0)).is_ok());
+        assert_eq!(hang(&mut worker), Err(Unanswered::Late));
+        assert!(matches!(worker.begin(|| Some(0)), Err(NoThread::TooManyHang)));
+    }
+
+    #[test]
+    fn a_halt_gives_a_call_up_without_counting_it() {
+        let mut worker = worker(1);
+        worker.halt.pause(Duration::ZERO);
+        assert!(matches!(worker.call(LONG, &|| {}, |_| sleep(LONG)), Err(Unanswered::Halted(_))));
+        assert_eq!((worker.given_up(), worker.hanging()), (0, 1));
+    }
+}
