@@ -90,8 +90,9 @@ fn faults(module: &str, source: &str) -> Vec<(String, &'static str)> {
     found
 }
 
-/// The rooms of `src/measure/detect`, lowest first: each uses only those before it, and itself.
-const ROOMS: [&str; 15] = [
+/// The stages of `src/measure/detect`, lowest first: each uses only those before it, and itself.
+const STAGES: [&str; 16] = [
+    "numbers",
     "simd",
     "image",
     "detection",
@@ -145,16 +146,16 @@ impl<'a> Visit<'a> for Named {
     }
 }
 
-/// The files of detection, as paths of modules, each with those that it names; and what names a room above its own.
-fn rooms(files: &[(Vec<String>, String)]) -> (Vec<Vec<usize>>, Vec<String>) {
-    let room =
-        |path: &[String]| ROOMS.iter().position(|room| Some(*room) == path.first().map(String::as_str));
+/// The files of detection, as paths of modules, each with those that it names; and what names a stage above its own.
+fn stages(files: &[(Vec<String>, String)]) -> (Vec<Vec<usize>>, Vec<String>) {
+    let stage =
+        |path: &[String]| STAGES.iter().position(|stage| Some(*stage) == path.first().map(String::as_str));
     let (mut uses, mut found) = (vec![], vec![]);
     for (own, source) in files {
         let mut named = Named { own: own.clone(), found: vec![] };
         named.visit_file(&syn::parse_file(source).expect("source parses"));
         for path in &named.found {
-            let down = room(path).zip(room(own)).is_some_and(|(theirs, own)| theirs <= own);
+            let down = stage(path).zip(stage(own)).is_some_and(|(theirs, own)| theirs <= own);
             if !down {
                 found.push(format!("{} names {}", own.join("::"), path.join("::")));
             }
@@ -189,7 +190,7 @@ fn circle(uses: &[Vec<usize>]) -> Option<Vec<usize>> {
 }
 
 #[test]
-fn the_rooms_of_detection_name_only_those_below_and_no_imports_run_in_a_circle() {
+fn the_stages_of_detection_name_only_those_below_and_no_imports_run_in_a_circle() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/measure/detect");
     let mut paths = vec![];
     sources(&root, &mut paths);
@@ -202,23 +203,23 @@ fn the_rooms_of_detection_name_only_those_below_and_no_imports_run_in_a_circle()
     // The topmost one is above them all.
     let files: Vec<_> = paths.into_iter().map(file).filter(|(names, _)| !names.is_empty()).collect();
     assert!(files.len() > 40, "only {} sources found", files.len());
-    let (uses, found) = rooms(&files);
+    let (uses, found) = stages(&files);
     assert!(found.is_empty(), "{}", found.join("\n"));
     let circle = circle(&uses).map(|way| way.iter().map(|i| files[*i].0.join("::")).collect::<Vec<_>>());
     assert_eq!(circle, None);
 }
 
 #[test]
-fn the_check_of_the_rooms_sees_a_breach() {
+fn the_check_of_the_stages_sees_a_breach() {
     let file = |path: &str, source: &str| (path.split("::").map(str::to_owned).collect(), source.to_owned());
     let up = [file("simd::a", "use crate::measure::detect::image::b::B;"), file("image::b", "")];
-    assert_eq!(rooms(&up).1, ["simd::a names image::b::B"]);
-    assert_eq!(rooms(&[file("simd::a", "fn f() { super::super::search::g(); }")]).1.len(), 1);
+    assert_eq!(stages(&up).1, ["simd::a names image::b::B"]);
+    assert_eq!(stages(&[file("simd::a", "fn f() { super::super::search::g(); }")]).1.len(), 1);
     let round = [file("image::a", "use super::b::B;"), file("image::b", "use super::a;")];
-    let (uses, found) = rooms(&round);
+    let (uses, found) = stages(&round);
     assert_eq!((found.len(), circle(&uses)), (0, Some(vec![0, 1])));
     let down = [file("image::b", "use crate::measure::detect::simd::a::A;"), file("simd::a", "")];
-    let (uses, found) = rooms(&down);
+    let (uses, found) = stages(&down);
     assert_eq!((found.len(), circle(&uses)), (0, None));
 }
 

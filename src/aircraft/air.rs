@@ -65,7 +65,7 @@ mod tests {
     fn state(values: &[(Quantity, f64, f64)]) -> State {
         values
             .iter()
-            .map(|(q, value, sigma)| (*q, Joined { value: *value, sigma: *sigma, apart_s: 0.1 }))
+            .map(|(q, value, sigma)| (*q, Joined { value: *value, sigma: *sigma, apart_s: 0.1, source: 1 }))
             .collect()
     }
 

@@ -30,10 +30,12 @@ mod document;
 mod doubtful;
 mod exchange;
 mod fault;
+mod keyed;
 mod mountings;
 mod observations;
 mod orientation;
 mod plausible;
+mod rows;
 mod structure;
 mod survey;
 mod tables;
@@ -49,11 +51,13 @@ pub use board::{DescribedBoard, load_board};
 pub use camera::{CalibrationReport, write_camera};
 pub use corners::{PictureCorners, read_corners, write_corners};
 pub use doubtful::doubts;
-pub use exchange::{CameraFormat, format_of, read_exchange, write_exchange};
+pub use exchange::{CameraFormat, ReadCamera, WriteError, format_of_name, read_exchange, write_exchange};
 pub use fault::{Fault, KeyFault};
+pub use keyed::Trouble;
 pub use mountings::{Mountings, read_mountings};
 pub use observations::{HandObservation, read_observations};
 pub use orientation::write_orientation;
+pub use rows::{Row, RowsError, rows, separator_line};
 pub use structure::{Structure, read_stiffness};
 pub use tables::Optics;
 
@@ -117,6 +121,17 @@ struct Reader {
 }
 
 impl Reader {
+    /// For a file that lies anywhere: its directory's reader, and its name.
+    fn of_file(file: &Path) -> (Self, String) {
+        let directory = file.parent().unwrap_or(Path::new("")).to_owned();
+        let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        (Self { directory, faults: vec![], digests: vec![] }, name)
+    }
+
+    fn trouble(&mut self, file: &Path, trouble: Trouble) {
+        self.faults.push(trouble.of(file));
+    }
+
     fn fault(&mut self, file: &Path, place: &str, problem: impl Into<String>, mend: impl Into<String>) {
         self.faults.push(Fault::new(file, place, problem, mend));
     }
@@ -208,9 +223,7 @@ fn folded(faults: Vec<Fault>) -> Vec<Fault> {
 
 /// Reads a camera file alone (`camera.toml`).
 pub fn load_camera(file: &Path) -> Result<crate::measure::geometry::Lens, Vec<Fault>> {
-    let directory = file.parent().unwrap_or(Path::new("")).to_owned();
-    let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let mut reader = Reader { directory, faults: vec![], digests: vec![] };
+    let (mut reader, name) = Reader::of_file(file);
     let lens = camera::read(&mut reader, &name);
     lens.map(|(lens, _)| lens).filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
 }
@@ -220,7 +233,23 @@ pub fn toml_fault(file: &Path, text: &str, error: &toml::de::Error, mend: &str) 
     let line = error.span().map(|s| 1 + text.get(..s.start).map_or(0, |t| t.matches('\n').count()));
     let shown = line.and_then(|l| text.lines().nth(l - 1)).map(str::trim).unwrap_or_default();
     let place = line.map_or("file".into(), |l| format!("line {l} (`{shown}`)"));
-    Fault::new(file, place, error.message().replace('\n', " "), mend)
+    let at = error.span().and_then(|span| text.get(span)).unwrap_or_default();
+    let (problem, mend) = match slip_of_the_pen(shown, at, error.message()) {
+        Some((problem, mend)) => (problem.to_owned(), mend),
+        None => (error.message().replace('\n', " "), mend),
+    };
+    Fault::new(file, place, problem, mend)
+}
+
+/// What hands write that TOML takes for something else, and the mend: paths with backslashes, dates without quotes.
+fn slip_of_the_pen(line: &str, at: &str, said: &str) -> Option<(&'static str, &'static str)> {
+    let value = line.split_once('=').map_or("", |(_, value)| value.trim());
+    if value.starts_with('"') && said.contains("escape") {
+        let mend = "write the path with /, or in single quotes: 'C:\\data'";
+        return Some(("has a backslash, which begins an escape within double quotes", mend));
+    }
+    let date = !at.is_empty() && at.trim().parse::<toml::value::Datetime>().is_ok();
+    date.then_some(("is a date where a text or a number must be", "write a text in quotes: \"2026-06-01\""))
 }
 
 /// Writes a page whole or not at all.

@@ -1,12 +1,6 @@
 //! Bytes as a camera or a file delivers them -> grey picture.
 
-use std::io::Cursor;
 use std::ops::Range;
-
-use image::codecs::png::PngDecoder;
-use image::codecs::pnm::PnmDecoder;
-use image::codecs::tiff::TiffDecoder;
-use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, Limits};
 
 use crate::camera::Format;
 use crate::measure::raster::Raster;
@@ -14,8 +8,10 @@ use crate::measure::samples;
 use crate::pipeline::guard::guarded;
 
 mod coefficients;
+mod dnl;
 mod jpeg;
 mod kind;
+mod picture;
 mod scans;
 
 /// Why a frame cannot be read; each says what to do.
@@ -38,6 +34,12 @@ pub enum DecodeError {
     /// Another picture file that cannot be read.
     #[error("the picture cannot be read ({0}); use JPEG, PNG, PNM or TIFF")]
     Picture(String),
+    /// Samples of 16 bits of which a camera used the lower ones alone.
+    #[error(
+        "its samples have 16 bits, of which {0} are used: it would be black; save it with 8 bits, or with its samples shifted \
+         to the upper bits"
+    )]
+    Narrow(u32),
     /// A library broke off.
     #[error(
         "the decoder broke off at this file, which is most likely damaged; copy the frame again from the camera or the store, and report it with the file"
@@ -94,49 +96,27 @@ fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) ->
     // Zeros before the picture are padding.
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
     if bytes[zeros..].starts_with(&JPEG_START) {
-        return jpeg::luma(&bytes[zeros..], wanted);
+        return jpeg_luma(&bytes[zeros..], wanted);
+    }
+    // Such files may hold a preview as JPEG.
+    if bytes.get(4..8) == Some(b"ftyp") {
+        return Err(DecodeError::Picture("it is HEIC, AVIF, CR3 or a film".into()));
     }
     match (image::guess_format(bytes), memchr::memmem::find(bytes, &JPEG_START)) {
-        (Ok(format), _) => picture(bytes, format),
+        (Ok(format), _) => picture::luma(bytes, format),
         (Err(_), Some(before)) => Err(DecodeError::Before(before)),
         (Err(_), None) => Err(DecodeError::Picture("it is no picture file that is known".into())),
     }
 }
 
-/// Each kind by its own decoder: the library's choice among all that any dependency switches on would bring every one of
-/// them into the program.
-fn picture(bytes: &[u8], format: ImageFormat) -> Result<Raster, DecodeError> {
-    let source = Cursor::new(bytes);
-    let decoded = match format {
-        ImageFormat::Png => PngDecoder::with_limits(source, limits()).and_then(limited),
-        ImageFormat::Pnm => PnmDecoder::new(source).and_then(limited),
-        ImageFormat::Tiff => TiffDecoder::new(source).and_then(limited),
-        other => return Err(DecodeError::Picture(format!("{other:?} is not read"))),
-    };
-    let luma = decoded.map_err(|e| DecodeError::Picture(short(&e.to_string())))?.into_luma8();
-    let (width, height) = luma.dimensions();
-    Raster::new(width as usize, height as usize, luma.into_raw())
-        .ok_or_else(|| DecodeError::Picture("it has no pixels".into()))
-}
-
-fn limits() -> Limits {
-    let mut limits = Limits::default();
-    limits.max_image_width = Some(LARGEST_SIDE as u32);
-    limits.max_image_height = Some(LARGEST_SIDE as u32);
-    limits
-}
-
-/// Within the limits, of which the memory is asked for first.
-fn limited(mut decoder: impl ImageDecoder) -> Result<DynamicImage, ImageError> {
-    let mut limits = limits();
-    limits.reserve(decoder.total_bytes())?;
-    decoder.set_limits(limits)?;
-    DynamicImage::from_decoder(decoder)
-}
-
-/// The first line of a foreign message, so that a reason stays one sentence.
-fn short(text: &str) -> String {
-    text.lines().next().unwrap_or_default().chars().take(120).collect()
+/// A JPEG; where it cannot be read as it is, perhaps its height stands behind its first scan.
+fn jpeg_luma(bytes: &[u8], wanted: Option<&Wanted>) -> Result<Raster, DecodeError> {
+    let read = jpeg::luma(bytes, wanted);
+    let damaged = matches!(read, Err(DecodeError::Jpeg(_)));
+    match if damaged { dnl::resolved(bytes) } else { None } {
+        Some(whole) => jpeg::luma(&whole?, wanted),
+        None => read,
+    }
 }
 
 #[cfg(test)]

@@ -81,14 +81,20 @@ fn judged(pictures: &mut [Picture], described: &DescribedBoard, select: bool) ->
     let views: Vec<View> = pictures.iter().map(|p| p.view.clone().unwrap_or_default()).collect();
     let misfits: Vec<Option<Misfit>> = pictures.iter().filter(|p| p.view.is_ok()).map(|p| p.misfit).collect();
     let board_reason = calibrate::misdescribed(&described.board, &misfits);
+    let never_whole = calibrate::never_whole(&described.board, &views);
     let options = Options { select, scale_sigma: described.scale_sigma };
     let calibration = calibrate::calibrate_with(&views, size.0, size.1, &options).map_err(|e| {
-        let first = board_reason.clone().unwrap_or_else(|| e.to_string());
+        let board = board_reason.clone().or_else(|| never_whole.clone());
+        let first = board.unwrap_or_else(|| e.to_string());
         let left_out = if let CalibrateError::TooFewViews { dropped, .. } = &e { &dropped[..] } else { &[] };
         let text = format!("no calibration: {first}{}", pictures::failures(pictures, left_out));
         Reason::new(text, e)
     })?;
-    let (verdict, reasons) = calibrate::judge(&calibration, board_reason);
+    let (mut verdict, mut reasons) = calibrate::judge(&calibration, board_reason);
+    if let Some(reason) = never_whole {
+        verdict = verdict.max(Verdict::Poor);
+        reasons.push(reason);
+    }
     Ok(Judged { calibration, verdict, reasons })
 }
 

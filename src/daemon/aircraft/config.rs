@@ -86,9 +86,7 @@ impl AircraftConfig {
             Kind::Iwg1 => Layout::iwg1(&self.column),
             Kind::Text => Layout {
                 begins_with: self.begins_with.clone(),
-                separator: self.separator,
-                time_field: self.time_field,
-                column: self.column.clone(),
+                ..Layout::text(self.separator, self.time_field, self.column.clone())
             },
         }
     }

@@ -109,6 +109,29 @@ pub fn misdescribed(board: &Board, misfits: &[Option<Misfit>]) -> Option<String>
     }
 }
 
+/// Columns or rows of a checkerboard that no picture shows, as a reason; `None` where one shows it whole. A description that
+/// counts squares has one of each too many.
+pub fn never_whole(board: &Board, views: &[View]) -> Option<String> {
+    let Board::Checkerboard { columns, rows, square_m } = *board else { return None };
+    let spanned = |view: &View, axis: usize| {
+        let places = view.iter().map(|p| (p.board_m[axis] / square_m).round() as i64);
+        places.clone().max().zip(places.min()).map_or(0, |(last, first)| (last - first + 1) as usize)
+    };
+    let most = |axis: usize| views.iter().map(|view| spanned(view, axis)).max().unwrap_or(0);
+    let seen: Vec<String> = [(most(0), columns, "columns"), (most(1), rows, "rows")]
+        .iter()
+        .filter(|(seen, described, _)| (1..*described).contains(seen))
+        .map(|(seen, described, what)| format!("{seen} of {described} {what}"))
+        .collect();
+    (!seen.is_empty()).then(|| {
+        format!(
+            "never more than {} of corners seen: count the inner corners, one fewer than the squares, or show the whole \
+             board once",
+            seen.join(" and ")
+        )
+    })
+}
+
 #[cfg(feature = "boards")]
 impl Board {
     /// The board's points in a picture.

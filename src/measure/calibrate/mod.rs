@@ -33,7 +33,7 @@ use nalgebra::{DMatrix, Matrix2, Vector2, Vector3};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 use adjust::{Adjusted, Start, adjust, adjust_views, first, with_parameters};
-pub use board::{Board, BoardError, Misfit, Sighting, misdescribed};
+pub use board::{Board, BoardError, Misfit, Sighting, misdescribed, never_whole};
 
 use super::geometry::Lens;
 use bundle::{BROWN, GLOBAL, INTERIOR, STRETCH};

@@ -1,6 +1,6 @@
 //! Why a frame's markers fit nothing: other readings of the picture, each of which names a cause.
 
-use nalgebra::{Rotation3, Vector2, Vector3};
+use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
 
 use super::Identities;
 use super::beam::State;
@@ -186,8 +186,8 @@ fn mirrored(lens: &Lens, detections: &[Detection]) -> Vec<Detection> {
     let mirror = |d: &Detection| {
         let mut next = d.clone();
         next.centre_px.x = last - d.centre_px.x;
-        next.covariance_px2[(0, 1)] = -d.covariance_px2[(0, 1)];
-        next.covariance_px2[(1, 0)] = -d.covariance_px2[(1, 0)];
+        let [uu, uv, vv] = [(0, 0), (0, 1), (1, 1)].map(|k| d.covariance_px2[k]);
+        next.covariance_px2 = Matrix2::new(uu, -uv, -uv, vv).into();
         next.angle_rad = -d.angle_rad;
         next
     };

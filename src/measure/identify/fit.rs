@@ -55,7 +55,7 @@ pub(super) struct Step {
 }
 
 fn spread(detection: &Detection, predicted: &Predicted) -> Matrix2<f64> {
-    predicted.covariance + detection.covariance_px2
+    predicted.covariance + *detection.covariance_px2
 }
 
 /// Solves for the change of the state; `None` where a pair has no prediction.

@@ -180,7 +180,7 @@ fn sights(frames: &[Vec<Detection>], identities: &[Identities]) -> Vec<Sight> {
     for (frame, (detections, of)) in frames.iter().zip(identities).enumerate() {
         for (detection, (d, marker)) in detections.iter().zip(&of.marker_of).enumerate() {
             if let Some(marker) = *marker {
-                let (pixel, covariance_px2) = (d.centre_px, d.covariance_px2);
+                let (pixel, covariance_px2) = (d.centre_px, *d.covariance_px2);
                 sights.push(Sight { frame, detection, marker, pixel, covariance_px2 });
             }
         }

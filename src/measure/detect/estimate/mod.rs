@@ -1,6 +1,6 @@
 //! The image formula fitted to pixels: Gauss-Newton with robust weights, priors, covariance, optional terms.
 
-pub mod bordered;
+pub mod bounds;
 pub mod cholesky;
 pub mod gauss_newton;
 pub mod lack_of_fit;
@@ -11,4 +11,3 @@ pub mod prior;
 pub mod residuals;
 pub mod sandwich;
 pub mod terms;
-pub mod unknowns;

@@ -2,18 +2,24 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::unknowns::Unknowns;
+use super::prior::Unknowns;
 use crate::measure::detect::appearance::formula::{Model, grey};
 use crate::measure::detect::appearance::parameters::{Grey, N, Parameters, X, Y};
 use crate::measure::detect::appearance::quadrants;
-use crate::measure::detect::estimate::options::WEIGHT;
+use crate::measure::detect::estimate::options::{ITERATION, WEIGHT};
+use crate::measure::detect::hypothesis::prior::Estimate;
+use crate::measure::detect::numbers::TINY;
 use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::detect::simd::lanes::{LANES, Lanes, each, total};
+use crate::measure::robust::SIGMA_OVER_MEDIAN;
 
 pub type Square = SMatrix<f64, N, N>;
 
 pub type Column = SVector<f64, N>;
+
+/// Least weight of an unknown, so that what nothing tells stays where it is: a part in 10^12 of one grey level's.
+pub const LEAST_WEIGHT: f64 = 1e-12;
 
 /// One linearisation: normal equations and residual statistics.
 pub struct Step {
@@ -34,12 +40,17 @@ impl Step {
 
     /// The share of the residuals' squares that a step takes off if the model is linear.
     pub fn promise(&self, change: &Column) -> f64 {
-        change.dot(&self.right) / self.square.max(1e-9)
+        change.dot(&self.right) / self.square.max(TINY)
     }
 
     /// By how much a step falls short because the weights follow the residuals.
     pub fn gain(&self) -> f64 {
-        (self.weight / self.curvature.max(1e-9)).clamp(1.0, 1.5)
+        (self.weight / self.curvature.max(TINY)).clamp(1.0, ITERATION.gain)
+    }
+
+    /// Weighted root mean square of the residuals, grey levels.
+    pub fn rms(&self) -> f64 {
+        (self.square / self.weight.max(TINY)).sqrt()
     }
 }
 
@@ -187,10 +198,10 @@ pub fn linearise(
         right[k] = totals.next().unwrap_or(0.0);
     }
     for &k in list {
-        let (prior, deviation) = unknowns.prior[k];
-        let weight = (scale / deviation).powi(2);
+        let Estimate { value, sigma } = unknowns.prior[k];
+        let weight = (scale / sigma).powi(2);
         normal[(k, k)] += weight;
-        right[k] += weight * (prior - m[k]);
+        right[k] += weight * (value - m[k]);
     }
     Step {
         normal,
@@ -250,6 +261,7 @@ impl Pixels {
             sizes.add(&r, &batch.root);
             for i in 0..LANES {
                 weight[i] += root[i] * root[i];
+                // The biweight's influence is (1 - u^2)^2 r, and `tukey` 1 - u^2.
                 curvature[i] += batch.root[i] * root[i] * (5.0 * tukey[i] - 4.0);
                 square[i] += (root[i] * r[i]) * (root[i] * r[i]);
             }
@@ -261,7 +273,7 @@ impl Pixels {
         block.flush(&mut sums);
         Sums {
             products: sums,
-            scale: sizes.spread(scale),
+            scale: sizes.sigma(scale),
             weight: total(&weight),
             curvature: total(&curvature),
             square: total(&square),
@@ -295,17 +307,19 @@ impl Sizes {
     /// Takes up a batch's residuals of pixels that have at least half their weight.
     #[inline(always)]
     fn add(&mut self, r: &Lanes, root: &Lanes) {
-        self.sizes.push(each(|i| if root[i] > 0.7 { r[i].abs() } else { f32::MAX }));
-        self.count = each(|i| self.count[i] + if root[i] > 0.7 { 1.0 } else { 0.0 });
+        self.sizes.push(each(|i| if root[i] > WEIGHT.tells_scale { r[i].abs() } else { f32::MAX }));
+        self.count = each(|i| self.count[i] + if root[i] > WEIGHT.tells_scale { 1.0 } else { 0.0 });
     }
 
     /// Robust standard deviation, grey levels: from the median size, to a thousandth of `scale`.
     #[inline(always)]
-    fn spread(&self, scale: f64) -> f64 {
-        /// Halvings: to an eight-thousandth of eight scales, a thousandth of one.
+    fn sigma(&self, scale: f64) -> f64 {
+        /// Old scales within which the new median is sought.
+        const SCALES: f32 = 8.0;
+        /// Halvings: to an eight-thousandth of that, a thousandth of one scale.
         const STEPS: usize = 13;
         let half = 0.5 * total(&self.count);
-        let (mut low, mut high) = (0.0, 8.0 * scale as f32);
+        let (mut low, mut high) = (0.0, SCALES * scale as f32);
         for _ in 0..STEPS {
             let middle = 0.5 * (low + high);
             // Four counts side by side: none waits for the last.
@@ -322,18 +336,18 @@ impl Sizes {
             let under = below.iter().map(total).sum::<f64>() < half;
             (low, high) = if under { (middle, high) } else { (low, middle) };
         }
-        1.4826 * f64::from(0.5 * (low + high))
+        SIGMA_OVER_MEDIAN * f64::from(0.5 * (low + high))
     }
 }
 
 /// Robust standard deviation from absolute residuals.
-pub fn spread(residuals: &mut [f32]) -> f64 {
+pub fn robust_sigma(residuals: &mut [f32]) -> f64 {
     if residuals.is_empty() {
         return 0.0;
     }
     let middle = residuals.len() / 2;
     let (_, median, _) = residuals.select_nth_unstable_by(middle, f32::total_cmp);
-    1.4826 * f64::from(*median)
+    SIGMA_OVER_MEDIAN * f64::from(*median)
 }
 
 #[cfg(test)]
@@ -388,9 +402,9 @@ mod tests {
                 halved.add(&Lanes::of(1e6), &Lanes::of(0.5));
             }
             // Between two sizes, which are 0.11 apart, or at one of them.
-            let exact = spread(&mut sizes.clone()) - 1.4826 * 0.055;
-            let got = halved.spread(scale);
-            assert!((got - exact).abs() < 1.4826 * 0.055 + 0.002 * scale, "{got} against {exact}");
+            let exact = robust_sigma(&mut sizes.clone()) - SIGMA_OVER_MEDIAN * 0.055;
+            let got = halved.sigma(scale);
+            assert!((got - exact).abs() < SIGMA_OVER_MEDIAN * 0.055 + 0.002 * scale, "{got} against {exact}");
         }
     }
 }
