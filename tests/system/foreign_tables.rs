@@ -171,7 +171,8 @@ fn a_corrected_table_counts_more_quantities_join_and_a_source_can_be_withdrawn()
     let plain = table("a-plain.csv");
     assert_eq!(take(&store, &plain, &table("map-flwrong.toml")).0, Some(0));
     assert_eq!((altitude(), joined(&store, "mach")), (Some((1067.0, 1)), None));
-    assert_eq!(take(&store, &plain, &table("map-fl.toml")).0, Some(0));
+    let (status, answer, _) = take(&store, &plain, &table("map-fl.toml"));
+    assert_eq!((status, &answer["quantities"][0]["replaced"]), (Some(0), &2.into()), "{answer}");
     assert_eq!(altitude(), Some((10_668.0, 2)), "the corrected one counts");
     assert_eq!(take(&store, &plain, &table("map.toml")).0, Some(0));
     assert_eq!((altitude(), joined(&store, "mach")), (Some((10_668.0, 3)), Some((0.78, 3))));

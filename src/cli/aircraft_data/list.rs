@@ -12,10 +12,10 @@ use crate::report::aircraft::{self, Source};
 use crate::store::{FlightRef, RealDisk};
 
 /// Frames at which each source counts, by its number and the quantity.
-pub(super) fn counts(
-    track: &Track,
-    frames: &[(Stamp, Option<Exposure>)],
-) -> BTreeMap<(usize, Quantity), usize> {
+pub(super) type Counts = BTreeMap<(usize, Quantity), usize>;
+
+/// Of these frames.
+pub(super) fn counts(track: &Track, frames: &[(Stamp, Option<Exposure>)]) -> Counts {
     let mut counts = BTreeMap::new();
     for (stamp, exposure) in frames {
         for (quantity, joined) in track.at(stamp, exposure.as_ref()) {

@@ -29,8 +29,18 @@ struct Answer<'a> {
     repeated: usize,
     /// Frames of the flight.
     frames: usize,
-    /// Frames at which it counts, by quantity; those that the mapping names, of IWG1 those that came.
-    reached: Vec<(Quantity, usize)>,
+    /// The frames of each of its quantities.
+    reached: Vec<Reached>,
+}
+
+/// Frames of a quantity.
+#[derive(Clone, Copy)]
+struct Reached {
+    quantity: Quantity,
+    /// At which the table counts.
+    frames: usize,
+    /// Of these, told by an earlier source without it.
+    replaced: usize,
 }
 
 pub(super) fn run(args: &Args, flight: &FlightRef, file: &Path, mapping: &Path) -> Result<Done, Failure> {
@@ -76,19 +86,28 @@ impl<'a> Answer<'a> {
         frames: &[(Stamp, Option<Exposure>)],
     ) -> Self {
         let contents = table.contents();
-        let repeated = track.unused.repeated;
+        let (repeated, before) = (track.unused.repeated, list::counts(&track, frames));
         track.begin_source(source);
         let lines = table.lines.iter().map(|(_, line)| Received { at: None, line: line.clone() });
         track.add(&table.layout, &lines.collect::<Vec<_>>());
-        let counts = list::counts(&track, frames);
-        let count = |q: Quantity| (q, counts.get(&(source, q)).copied().unwrap_or(0));
-        let reached = contents.tallies.iter().map(|tally| count(tally.quantity)).collect();
+        let after = list::counts(&track, frames);
+        let reached = |quantity: Quantity| {
+            let told = |counts: &list::Counts| -> usize {
+                counts.iter().filter(|((_, q), _)| *q == quantity).map(|(_, frames)| frames).sum()
+            };
+            let frames = after.get(&(source, quantity)).copied().unwrap_or(0);
+            Reached { quantity, frames, replaced: (told(&before) + frames).saturating_sub(told(&after)) }
+        };
+        let mut quantities: Vec<Quantity> = contents.tallies.iter().map(|tally| tally.quantity).collect();
+        quantities.sort_unstable();
+        quantities.dedup();
+        let reached = quantities.into_iter().map(reached).collect();
         let (samples, repeated) = (track.len(), track.unused.repeated - repeated);
         Self { args, flight, table, contents, source, samples, repeated, frames: frames.len(), reached }
     }
 
     fn reaches_any(&self) -> bool {
-        self.reached.iter().any(|(_, frames)| *frames > 0)
+        self.reached.iter().any(|reached| reached.frames > 0)
     }
 
     /// Why no frame gets a value, where none does.
@@ -160,7 +179,7 @@ impl<'a> Answer<'a> {
     /// What came and where it went; exit 1 where a quantity reached no frame, or a line has no time.
     fn say(&self, mapping: &Mapping, cause: Option<String>) -> Result<Done, Failure> {
         let stated = |q: Quantity| mapping.column.iter().any(|c| c.quantity == q);
-        let wanted = |(q, frames): &&(Quantity, usize)| *frames > 0 || stated(*q);
+        let wanted = |r: &&Reached| r.frames > 0 || stated(r.quantity);
         let reached: Vec<_> = self.reached.iter().filter(wanted).copied().collect();
         print(&if self.args.json {
             self.json(&reached, cause.as_deref())
@@ -184,7 +203,7 @@ impl<'a> Answer<'a> {
         for tally in self.contents.tallies.iter().filter(|tally| stated(tally.quantity)) {
             tally.why_none().iter().for_each(|why| eprintln!("wingd: {why}"));
         }
-        let whole = self.contents.unread.is_empty() && reached.iter().all(|(_, frames)| *frames > 0);
+        let whole = self.contents.unread.is_empty() && reached.iter().all(|r| r.frames > 0);
         Ok(Done::all(whole && !self.passes_midnight(mapping)))
     }
 
@@ -193,16 +212,17 @@ impl<'a> Answer<'a> {
         mapping.time_format == TimeFormat::SecondsOfDay && self.contents.times_s.windows(2).any(back)
     }
 
-    fn json(&self, reached: &[(Quantity, usize)], cause: Option<&str>) -> String {
-        let quantity = |(q, frames): &(Quantity, usize)| {
-            let tally = self.contents.tallies.iter().rfind(|tally| tally.quantity == *q);
+    fn json(&self, reached: &[Reached], cause: Option<&str>) -> String {
+        let quantity = |r: &Reached| {
+            let tally = self.tally(r.quantity);
             json!({
-                "quantity": q.name(),
+                "quantity": r.quantity.name(),
                 "values": tally.map_or(0, |t| t.values),
                 "blank": tally.map_or(0, |t| t.blank),
                 "text": tally.map_or(0, |t| t.text.0),
                 "out_of_reason": tally.map_or(0, |t| t.out_of_reason.0),
-                "frames": frames,
+                "frames": r.frames,
+                "replaced": r.replaced,
             })
         };
         json!({
@@ -220,14 +240,14 @@ impl<'a> Answer<'a> {
         .to_string()
     }
 
-    fn text(&self, reached: &[(Quantity, usize)], kept: bool) -> String {
+    fn text(&self, reached: &[Reached], kept: bool) -> String {
         let id = &self.flight.id;
         let as_source = if kept { format!("kept as source {}", self.source) } else { "not kept".into() };
         let (lines, read) = (self.table.lines.len(), self.contents.times_s.len());
         let mut text =
             format!("{id}: {lines} lines {as_source}, {read} with a time, {} repeated", self.repeated);
-        for (quantity, frames) in reached {
-            let tally = self.contents.tallies.iter().rfind(|tally| tally.quantity == *quantity);
+        for Reached { quantity, frames, replaced } in reached {
+            let tally = self.tally(*quantity);
             let values = tally.map_or(0, |t| t.values);
             let none = tally.map_or(String::new(), |t| {
                 let parts = [(t.blank, "blank"), (t.text.0, "text"), (t.out_of_reason.0, "out of reason")];
@@ -236,7 +256,15 @@ impl<'a> Answer<'a> {
             });
             let name = quantity.name();
             text += &format!("\n  {name}: {values} values{none}; {frames} of {} frames", self.frames);
+            if *replaced > 0 {
+                text += &format!(", {replaced} of them in place of an earlier source");
+            }
         }
         text
+    }
+
+    /// The cells of a quantity's column; of two the later counts.
+    fn tally(&self, quantity: Quantity) -> Option<&aircraft::Tally> {
+        self.contents.tallies.iter().rfind(|tally| tally.quantity == quantity)
     }
 }

@@ -40,6 +40,9 @@ const FOREIGN: [&str; 29] = [
 /// Values that say "not this model" or "no name".
 const NONE: [&str; 6] = ["", "0", "false", "no", "none", "off"];
 
+/// Models that are ours, where a key declares one beside those that the format knows: `camera_model: pinhole`.
+const OURS: [&str; 5] = ["pinhole", "plumb_bob", "radtan", "brown", "rational_polynomial"];
+
 /// The refusal of a model by its name.
 pub(super) fn foreign(node: &Node, key: &str, name: &str) -> Trouble {
     Trouble::new(node.line, key, format!("\"{name}\" is another lens model"), CALIBRATE)
@@ -64,7 +67,7 @@ pub(super) fn check(
         }
         let text = entry.node.text().map(|t| t.trim().to_ascii_lowercase());
         let declares = key.contains("model") || key.contains("fisheye") || key.contains("omni");
-        let none = text.as_deref().is_some_and(|t| NONE.contains(&t));
+        let none = text.as_deref().is_some_and(|t| NONE.contains(&t) || OURS.contains(&t));
         let names_one = text.as_deref().is_some_and(|t| FOREIGN.contains(&t));
         if (declares && !none) || (names_one && !is(beside)) {
             return Err(foreign(&entry.node, &entry.key, &declared_name(&key, text.as_deref())));

@@ -66,7 +66,7 @@ fn model(map: &Node, of_ros: bool, remarks: &mut Vec<String>) -> Result<String, 
             return Err(Trouble::new(map.line, MODEL, "is missing", mend));
         }
         remarks.push("no lens model is declared: taken for OpenCV's k1 k2 p1 p2 k3 k4 k5 k6".into());
-        return Ok("OpenCV's".into());
+        return Ok("no model declared".into());
     };
     let name = node.text().unwrap_or("a list");
     match name.trim().to_ascii_lowercase().as_str() {

@@ -169,7 +169,12 @@ pub fn strict(kind: Kind, text: &str) -> Option<Rows> {
 
 /// A cell of the aircraft's table: a moment, or a value; one that is none is a text.
 fn aircraft_cell(header: &[String], k: usize, cell: &str) -> Read {
-    let stamp = || cell.parse::<jiff::Timestamp>().ok().map(|t| t.as_microsecond() as f64 * 1e-6);
+    let utc = |civil: jiff::civil::DateTime| civil.to_zoned(jiff::tz::TimeZone::UTC).ok();
+    let civil = || cell.parse().ok().and_then(utc).map(|zoned| zoned.timestamp());
+    let stamp = || {
+        let stamp = cell.parse::<jiff::Timestamp>().ok().or_else(civil);
+        stamp.map(|t| t.as_microsecond() as f64 * 1e-6)
+    };
     let number = cell.parse::<f64>().ok().filter(|v| v.is_finite());
     let (scale, most) = if header[k] == "FL" { (30.48, 30_000.0) } else { (1.0, 3.0) };
     let value = match header[k].as_str() {
