@@ -115,19 +115,21 @@ fleet-test: $(FLEET)/installed-test $(WINGD)
 fleet-growth: $(FLEET)/installed-test $(WINGD)
 	cd fleet && $(FLEET)/venv/bin/python -m demo.growth $(WINGD) $(FLEET)/growth
 
-# installed-demo: 470 MB with the S3 server; installed-test: 1.2 GB, Ray and other engines among it.
+# installed-demo: 400 MB with the S3 server, 480 MB with wingd and what the demonstration makes; installed-test: 1.2 GB, Ray and other
+# engines among it.
 $(FLEET)/installed-%: fleet/pyproject.toml
 	@sh packaging/dependencies.sh python3-venv
 	mkdir -p $(FLEET)
 	python3 -m venv $(FLEET)/venv
 	$(FLEET)/venv/bin/pip install --quiet --disable-pip-version-check --editable 'fleet[$*]'
+	$(if $(filter demo,$*),$(FLEET)/venv/bin/python -m pip uninstall --yes --quiet setuptools pip)
 	touch $@
 
 .PHONY: $(FLEET)/wingd
 $(FLEET)/wingd: dependencies
 	$(CARGO) build --release --locked --bins --test layers --features upload
 	mkdir -p $(FLEET)
-	cp target/release/wingd $@
+	strip -o $@ target/release/wingd
 
 # Installs the Debian packages that are missing, as root or through sudo; elsewhere says which.
 dependencies:
