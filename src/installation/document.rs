@@ -7,7 +7,7 @@ use nalgebra::{Vector2, Vector3};
 use super::structure::{self, Structure};
 use super::tables::{self, Document, Optics};
 use super::toml_file::{FILE, parse_toml};
-use super::{Reader, camera, plausible, survey, ties, window};
+use super::{Reader, camera, in_flight, plausible, survey, ties, window};
 use crate::measure::setup::{Setup, Side, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty};
 
 /// Shift between two mountings where the user gives none, px (paper, section 3.1.3).
@@ -82,6 +82,7 @@ fn uncertainty(document: &Document) -> Uncertainty {
         root_offset_m: wing.root_offset_sigma_m.unwrap_or(usual.root_offset_m),
         axis_chord_offset_m: wing.axis_chord_offset_sigma_m.unwrap_or(usual.axis_chord_offset_m),
         span_direction_rad: wing.span_direction_sigma_deg.map_or(usual.span_direction_rad, f64::to_radians),
+        in_flight: in_flight::widths(document),
         lens: None,
     }
 }
@@ -127,7 +128,7 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &Document) {
         ("wing.span_direction_sigma_deg", wing.span_direction_sigma_deg, 20.0, "degrees"),
         ("thermal.sigma_k", document.thermal.as_ref().and_then(|t| t.sigma_k), 100.0, "K"),
     ];
-    for (place, value, high, unit) in widths {
+    for (place, value, high, unit) in widths.into_iter().chain(in_flight::bounded(document)) {
         checks.extend(value.map(|v| check(place, v, 0.0, high, unit)));
     }
     checks.extend(wing.axis_chord_offset_m.map(|v| check("wing.axis_chord_offset_m", v, -20.0, 20.0, "m")));

@@ -30,6 +30,7 @@ mod document;
 mod doubtful;
 mod exchange;
 mod fault;
+mod in_flight;
 mod keyed;
 mod mountings;
 mod observations;

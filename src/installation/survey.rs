@@ -6,15 +6,22 @@ use std::path::Path;
 use nalgebra::Vector3;
 
 use super::{Reader, rows};
-use crate::measure::setup::{Shape, SurveyMarker};
+use crate::measure::setup::{Shape, SurveyMarker, fixed_mark};
 
-const COLUMNS: [&str; 8] = ["id", "shape", "diameter_m", "x_m", "y_m", "z_m", "sigma_m", FIXED];
+const COLUMNS: [&str; 10] =
+    ["id", "shape", "diameter_m", "x_m", "y_m", "z_m", "sigma_m", FIXED, PART, MOTION];
 /// A column that need not be there: `yes` for a mark that is rigid to the cabin.
 const FIXED: &str = "fixed";
+/// Another: the moving part of the wing that the marker sits on.
+const PART: &str = "part";
+/// What stands there for the wing itself, as nothing does.
+const WING: &str = "wing";
+/// Another: how far a fixed mark moves in flight, m.
+const MOTION: &str = "flight_motion_m";
 
 pub(super) fn read(reader: &mut Reader, name: &str) -> Option<Vec<SurveyMarker>> {
     let (file, text) = reader.text(name, "name the survey in wing.survey of installation.toml")?;
-    let lines = rows::read(reader, &file, &text, COLUMNS, &[FIXED])?;
+    let lines = rows::read(reader, &file, &text, COLUMNS, &[FIXED, PART, MOTION])?;
     if lines.is_empty() {
         reader.fault(&file, "file", "holds no marker", "add one line per surveyed marker");
         return None;
@@ -61,7 +68,35 @@ fn check_id(reader: &mut Reader, file: &Path, line: u64, id: &str, seen: &mut Ha
     }
 }
 
-fn marker(reader: &mut Reader, file: &Path, line: u64, cells: &[String; 8]) -> Option<SurveyMarker> {
+/// What moves in flight: by how much a fixed mark, and which part of the wing.
+fn check_motion(
+    reader: &mut Reader,
+    file: &Path,
+    line: u64,
+    fixed: bool,
+    (motion_m, part): (f64, Option<&str>),
+) {
+    if !(0.0..=1.0).contains(&motion_m) {
+        let mend = "give a number from 0 to 1 m, or nothing";
+        reader.fault(file, &format!("line {line}, column {MOTION}"), format!("is {motion_m:?} m"), mend);
+    }
+    if !fixed && motion_m > 0.0 {
+        let mend = "leave it empty: of markers on the wing wing.skin_motion_m of installation.toml says it";
+        let problem = "is given for a marker that is not fixed";
+        reader.fault(file, &format!("line {line}, column {MOTION}"), problem, mend);
+    }
+    if let Some(part) = part.filter(|_| fixed) {
+        let mend = "leave part empty, or write no under fixed";
+        reader.fault(
+            file,
+            &format!("line {line}, column {PART}"),
+            format!("is \"{part}\" for a fixed mark"),
+            mend,
+        );
+    }
+}
+
+fn marker(reader: &mut Reader, file: &Path, line: u64, cells: &[String; 10]) -> Option<SurveyMarker> {
     let shape = match cells[1].as_str() {
         "quadrant" => Some(Shape::Quadrant),
         "circle" => Some(Shape::Circle),
@@ -98,5 +133,18 @@ fn marker(reader: &mut Reader, file: &Path, line: u64, cells: &[String; 8]) -> O
         }
     };
     let position_m = Vector3::new(x?, y?, z?);
-    Some(SurveyMarker { id: cells[0].clone(), shape: shape?, diameter_m, position_m, sigma_m, fixed })
+    let flight_motion_m = match cells[9].as_str() {
+        "" => {
+            if fixed {
+                fixed_mark::FLIGHT_MOTION_M
+            } else {
+                0.0
+            }
+        }
+        text => rows::number(reader, file, line, MOTION, text)?,
+    };
+    let part = Some(cells[8].as_str()).filter(|part| !part.is_empty() && *part != WING).map(str::to_owned);
+    check_motion(reader, file, line, fixed, (flight_motion_m, part.as_deref()));
+    let (id, shape) = (cells[0].clone(), shape?);
+    Some(SurveyMarker { id, shape, diameter_m, position_m, sigma_m, fixed, flight_motion_m, part })
 }

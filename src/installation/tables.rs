@@ -2,12 +2,15 @@
 
 use serde::Deserialize;
 
+use super::in_flight;
+
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Document {
     pub name: Option<String>,
     pub camera: Camera,
     pub wing: Wing,
+    pub survey: Option<in_flight::Survey>,
     pub thermal: Option<Thermal>,
     #[serde(default)]
     pub torsion: Vec<Torsion>,
@@ -25,6 +28,9 @@ pub(super) struct Camera {
     pub mount_repeatability_px: Option<f64>,
     pub mount_shift_m: Option<f64>,
     pub mount_drift_mrad: Option<f64>,
+    pub flight_scale_sigma: Option<f64>,
+    pub flight_principal_point_sigma_px: Option<f64>,
+    pub readout_s: Option<f64>,
     pub optics: Option<Optics>,
 }
 
@@ -55,6 +61,11 @@ pub(super) struct Wing {
     pub span_direction_sigma_deg: Option<f64>,
     pub skin_height_m: Option<Skin>,
     pub skin_height_sigma_m: Option<f64>,
+    pub skin_motion_m: Option<f64>,
+    pub root_turn_sigma_mrad: Option<f64>,
+    pub root_heave_sigma_m: Option<f64>,
+    pub in_plane_sigma_m: Option<f64>,
+    pub vibration: Option<Vec<in_flight::Vibrating>>,
 }
 
 #[derive(Clone, Copy, Deserialize)]

@@ -40,6 +40,10 @@ pub struct SurveyMarker {
     pub sigma_m: f64,
     /// Rigid to the cabin, not to the wing: tells the camera's rotation and shift in every frame.
     pub fixed: bool,
+    /// How far a fixed mark moves in flight, standard deviation of each coordinate, m: cabin pressure and cold.
+    pub flight_motion_m: f64,
+    /// Moving part of the wing that it sits on (`aileron`, `flap`); `None`: the wing itself.
+    pub part: Option<String>,
 }
 
 /// A usual fixed mark, where nobody has put one up yet: planned and drawn.
@@ -50,6 +54,8 @@ pub mod fixed_mark {
     pub const DISTANCE_M: f64 = 3.0;
     /// Some 150 px at that distance, m.
     pub const DIAMETER_M: f64 = 0.06;
+    /// How far it moves in flight, each axis, m: a cabin under pressure and cold moves by tenths of a millimetre over metres.
+    pub const FLIGHT_MOTION_M: f64 = 5e-4;
 }
 
 /// Height of the skin above the bending axis, linear along the span.
@@ -160,6 +166,75 @@ pub struct Window {
     pub pane: Option<Pane>,
 }
 
+/// A vibration that a frame's rows catch at different instants.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vibration {
+    /// Amplitude: at the tip, m, or of the camera's rotation, rad.
+    pub amplitude: f64,
+    /// Hertz.
+    pub frequency_hz: f64,
+}
+
+/// What flight does to wing, cabin and camera and a laboratory does not, as standard deviations
+/// (docs/adjustment/installation.md has the reasons). 0: it does not happen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InFlight {
+    /// Bend of the wing between survey and ground frame (fuel, jacks, sun), at the tip, m.
+    pub ground_bend_m: f64,
+    /// The survey's vertical, about each horizontal axis, rad.
+    pub vertical_rad: f64,
+    /// The skin at each marker, each axis, m.
+    pub skin_motion_m: f64,
+    /// The wing's root against the cabin since the ground frame, about each axis, rad.
+    pub root_turn_rad: f64,
+    /// The same, along each axis, m.
+    pub root_shift_m: f64,
+    /// Bending in the wing's plane, at the tip, m.
+    pub in_plane_m: f64,
+    /// Camera constant in flight over that on ground, as a share.
+    pub scale: f64,
+    /// Principal point in flight against that on ground, each coordinate, px.
+    pub principal_point_px: f64,
+    /// From the exposure of the first row to that of the last, s.
+    pub readout_s: f64,
+    /// Of the wing.
+    pub vibration: Vibration,
+    /// Of the camera.
+    pub shake: Vibration,
+}
+
+impl InFlight {
+    /// What holds where an installation says nothing.
+    pub const USUAL: Self = Self {
+        ground_bend_m: 0.010,
+        vertical_rad: 0.1 * std::f64::consts::PI / 180.0,
+        skin_motion_m: 3e-4,
+        root_turn_rad: 2e-4,
+        root_shift_m: 1e-3,
+        in_plane_m: 0.05,
+        scale: 2e-4,
+        principal_point_px: 0.3,
+        readout_s: 0.03,
+        vibration: Vibration { amplitude: 0.01, frequency_hz: 3.0 },
+        shake: Vibration { amplitude: 3e-5, frequency_hz: 15.0 },
+    };
+
+    /// Nothing of it: rendered scenes.
+    pub const NONE: Self = Self {
+        ground_bend_m: 0.0,
+        vertical_rad: 0.0,
+        skin_motion_m: 0.0,
+        root_turn_rad: 0.0,
+        root_shift_m: 0.0,
+        in_plane_m: 0.0,
+        scale: 0.0,
+        principal_point_px: 0.0,
+        readout_s: 0.0,
+        vibration: Vibration { amplitude: 0.0, frequency_hz: 0.0 },
+        shake: Vibration { amplitude: 0.0, frequency_hz: 0.0 },
+    };
+}
+
 /// How far off may be what a user can only estimate, as standard deviations. 0: held as stated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Uncertainty {
@@ -175,6 +250,8 @@ pub struct Uncertainty {
     pub axis_chord_offset_m: f64,
     /// Direction of the span about the vertical, rad.
     pub span_direction_rad: f64,
+    /// What an aircraft in flight does to wing, cabin and camera.
+    pub in_flight: InFlight,
     /// Covariance of fx, fy, cx, cy, k1, k2, k3, p1, p2 as the calibration states it; `None`: held.
     pub lens: Option<SMatrix<f64, 9, 9>>,
 }
@@ -184,11 +261,12 @@ impl Default for Uncertainty {
     fn default() -> Self {
         Self {
             mount_shift_m: 0.002,
-            mount_drift_rad: 2e-5,
+            mount_drift_rad: 5e-5,
             skin_height_sigma_m: 0.1,
             root_offset_m: 0.3,
             axis_chord_offset_m: 0.3,
             span_direction_rad: 1f64.to_radians(),
+            in_flight: InFlight::USUAL,
             lens: None,
         }
     }
@@ -196,7 +274,7 @@ impl Default for Uncertainty {
 
 impl Uncertainty {
     /// Drawings that are right to some millimetres, a mount that neither shifts nor creeps: rendered scenes.
-    pub fn of_drawings() -> Self {
+    pub const fn of_drawings() -> Self {
         Self {
             mount_shift_m: 0.0,
             mount_drift_rad: 0.0,
@@ -204,6 +282,7 @@ impl Uncertainty {
             root_offset_m: 0.0,
             axis_chord_offset_m: 0.0,
             span_direction_rad: 0.0,
+            in_flight: InFlight::NONE,
             lens: None,
         }
     }

@@ -4,7 +4,7 @@
 use nalgebra::{Vector2, Vector3};
 use rand::Rng;
 use rand::rngs::StdRng;
-use wingd::measure::adjust::{self, GlobalTest, Mounting, Options, Solution};
+use wingd::measure::adjust::{self, GlobalTest, MarkerSolution, Mounting, Options, Solution};
 use wingd::measure::setup::{Setup, Uncertainty};
 
 use crate::common::beam_truth::{
@@ -60,10 +60,11 @@ impl SetUp {
 /// What one wing or flight shows.
 #[derive(Default)]
 struct Shown {
-    /// Errors of the lifts over their standard deviations: against the survey.
-    lift: Vec<f64>,
+    /// Errors of the lifts over their standard deviations: against survey, ground frame, root.
+    lifts: [Vec<f64>; 3],
     twist: Vec<f64>,
-    tip_sigma_m: Vec<f64>,
+    /// Of the same three.
+    tip_sigmas_m: [Vec<f64>; 3],
     passed: Vec<f64>,
 }
 
@@ -71,13 +72,18 @@ impl Shown {
     fn add(&mut self, aircraft: &Aircraft, when: When, solution: &Solution) {
         let lifts = aircraft.lifts_m(when);
         for marker in solution.markers.iter().filter(|m| m.used) {
-            let Some((lift, truth)) = marker.lift_m.zip(lifts.get(marker.marker)) else { continue };
-            self.lift.push((lift.value - truth[0]) / lift.sigma.unwrap());
+            let found = [marker.lift_m, marker.lift_ground_m, marker.lift_root_m];
+            for (k, lift) in found.into_iter().enumerate() {
+                let Some((lift, truth)) = lift.zip(lifts.get(marker.marker)) else { continue };
+                self.lifts[k].push((lift.value - truth[k]) / lift.sigma.unwrap());
+            }
         }
         let twist = solution.torsion[0].twist_rad;
         self.twist.extend(twist.map(|t| (t.value - aircraft.pair_twist_rad(when)) / t.sigma.unwrap()));
-        let sigmas = solution.markers.iter().filter_map(|m| m.lift_m?.sigma);
-        self.tip_sigma_m.push(sigmas.fold(0.0, f64::max));
+        for (k, sigmas) in self.tip_sigmas_m.iter_mut().enumerate() {
+            let of = |m: &MarkerSolution| [m.lift_m, m.lift_ground_m, m.lift_root_m][k]?.sigma;
+            sigmas.push(solution.markers.iter().filter_map(of).fold(0.0, f64::max));
+        }
         self.passed.push(f64::from(solution.global_test == GlobalTest::Passed));
     }
 }
@@ -197,14 +203,15 @@ fn table_of_what_an_aircraft_does() {
     let number = |name: &str, usual: f64| std::env::var(name).map_or(usual, |v| v.parse().expect("a number"));
     let (wings, times) = (number("WINGS", 8.0) as usize, number("TIMES", 1.0));
     for frames in [1, number("FRAMES", 5.0) as usize] {
-        for set_up in SET_UPS {
+        let wanted = std::env::var("SET_UP").unwrap_or_default();
+        for set_up in SET_UPS.into_iter().filter(|s| wanted.is_empty() || format!("{s:?}") == wanted) {
             for (k, (name, kind)) in KINDS.iter().enumerate() {
                 let shown = draw(4000 + k as u64, set_up, frames, wings, |rng| kind(rng, times));
                 println!(
-                    "{frames:3} {set_up:?}: {name}: lift {:.2}, twist {:.2}, sigma of the tip {:.1} mm, passed {:.0} %",
-                    rms(&shown.lift),
+                    "{frames:3} {set_up:?}: {name}: lifts {:.2?}, twist {:.2}, sigmas of the tip {:.1?} mm, passed {:.0} %",
+                    shown.lifts.each_ref().map(|lifts| rms(lifts)),
                     rms(&shown.twist),
-                    1e3 * median(&shown.tip_sigma_m),
+                    shown.tip_sigmas_m.each_ref().map(|sigmas| 1e3 * median(sigmas)),
                     100.0 * shown.passed.iter().sum::<f64>() / shown.passed.len() as f64
                 );
             }

@@ -40,6 +40,8 @@ impl Case {
             position_m: survey(ground),
             sigma_m: 0.005,
             fixed: false,
+            flight_motion_m: 0.0,
+            part: None,
         };
         let observe = |(marker, (_, flight)): (usize, &(Vector3<f64>, Vector3<f64>))| Observation {
             marker,

@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Rotation3, SMatrix, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, Estimate, GlobalTest, Observation, Options, Solution};
 use wingd::measure::render::{FrameTruth, Light, MarkerTruth, Options as RenderOptions, Scene, Side};
-use wingd::measure::setup::{GroundSight, Orientation, Setup, SkinHeight, Thermal, Uncertainty};
+use wingd::measure::setup::{GroundSight, InFlight, Orientation, Setup, SkinHeight, Thermal, Uncertainty};
 
 use crate::common::beam_truth::{Truth, normal, normal2, normal3, random_wing, remounted, rms, rng};
 
@@ -17,6 +17,7 @@ const WIDTHS: Uncertainty = Uncertainty {
     root_offset_m: 0.3,
     axis_chord_offset_m: 0.3,
     span_direction_rad: 0.017_453,
+    in_flight: InFlight::NONE,
     lens: None,
 };
 const TEMPERATURE_K: f64 = 20.0;
@@ -48,6 +49,7 @@ impl Wrong {
             root_offset_m: self.is(Wrong::Root) * WIDTHS.root_offset_m,
             axis_chord_offset_m: self.is(Wrong::Chord) * WIDTHS.axis_chord_offset_m,
             span_direction_rad: self.is(Wrong::Span) * WIDTHS.span_direction_rad,
+            in_flight: InFlight::NONE,
             lens: (self.is(Wrong::Camera) > 0.0).then_some(lens),
         }
     }

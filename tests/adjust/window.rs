@@ -6,7 +6,7 @@ use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, Observation, Options, Solution};
 use wingd::measure::environment::Plate;
 use wingd::measure::geometry::Lens;
-use wingd::measure::setup::{Air, GroundSight, Orientation, Pane, Setup, Uncertainty, Window};
+use wingd::measure::setup::{Air, GroundSight, InFlight, Orientation, Pane, Setup, Uncertainty, Window};
 
 use crate::common::beam_truth::{Truth, normal, normal2, random_wing, remounted, rms, rng};
 
@@ -245,6 +245,7 @@ const SHIFTED: Uncertainty = Uncertainty {
     root_offset_m: 0.0,
     axis_chord_offset_m: 0.0,
     span_direction_rad: 0.0,
+    in_flight: InFlight::NONE,
     lens: None,
 };
 

@@ -220,6 +220,8 @@ impl Truth {
             position_m: *p,
             sigma_m: 0.002,
             fixed: false,
+            flight_motion_m: 0.0,
+            part: None,
         };
         self.setup.markers = self.ground_m.iter().enumerate().map(marker).collect();
         self.setup.torsion =
@@ -243,6 +245,8 @@ impl Truth {
                 position_m: frame.survey_point(&point),
                 sigma_m: 0.002,
                 fixed: true,
+                flight_motion_m: 0.0,
+                part: None,
             });
         }
         self

@@ -258,6 +258,8 @@ impl World {
                 position_m: surveyed(p, rng),
                 sigma_m: 0.002,
                 fixed: false,
+                flight_motion_m: 0.0,
+                part: None,
             })
             .collect();
         let centre = true_centre_m + normal3(rng) * 0.002;

@@ -38,13 +38,19 @@ impl<'a> Curve<'a> {
 
     /// Lifts of the axis, m.
     pub fn lifts_m(&self) -> Vec<f64> {
-        self.bent.iter().zip(&self.ground_y_m).map(|(bent, ground)| bent.axis_m.y - ground).collect()
+        let lift = |(bent, ground): (&Section, &f64)| self.with_root(bent) - ground;
+        self.bent.iter().zip(&self.ground_y_m).map(lift).collect()
+    }
+
+    /// Height of the axis in flight with the root's motion, m.
+    fn with_root(&self, bent: &Section) -> f64 {
+        bent.axis_m.y + self.values.by_root_m(&(bent.axis_m - self.root_m)).y
     }
 
     /// The same with the bending of this wing on another grid.
     pub fn lifts_on(&self, grid: &Grid) -> Vec<f64> {
         let (bent, ground) = both(grid, self.values);
-        bent.iter().zip(ground).map(|(bent, ground)| bent.axis_m.y - ground).collect()
+        bent.iter().zip(ground).map(|(bent, ground)| self.with_root(bent) - ground).collect()
     }
 }
 

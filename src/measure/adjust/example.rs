@@ -21,6 +21,8 @@ pub fn setup() -> Setup {
         ),
         sigma_m: 0.002,
         fixed: false,
+        flight_motion_m: 0.0,
+        part: None,
     };
     Setup {
         name: "t".into(),

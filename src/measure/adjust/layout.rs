@@ -1,10 +1,13 @@
 //! Where each unknown of a frame stands, and a marker's conditions written into it.
 
+use std::sync::Arc;
+
 use nalgebra::{DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
+use super::input::Input;
 use super::marker_state::MarkerState;
-use super::scene::{Bent, Camera, Scene};
-use super::term::{Place, Placed, Term};
+use super::scene::{Bent, Camera, Scene, moved};
+use super::term::{Columns, Place, Placed, Term};
 use super::values::Values;
 use crate::measure::estimation::{EstimationError, Gradient, GroupPoint, Linearised, Prior};
 
@@ -15,6 +18,54 @@ pub enum Survey {
     Observed,
     /// Global parameters, three per marker, from this column to the last.
     Global(usize),
+}
+
+/// How markers may move in flight by themselves, each along its own directions: the skin along its normal, a fixed mark
+/// along all axes. An unknown for each, the same in all frames.
+#[derive(Debug)]
+pub struct Motions {
+    /// Column of the first.
+    first: usize,
+    /// Per marker: directions on ground, wing frame, and where its unknowns begin among them.
+    of: Vec<(Vec<Vector3<f64>>, usize)>,
+}
+
+const MISSING_MOTION: &str = "a marker's motion in flight is not determined";
+
+impl Motions {
+    /// Takes columns for them, with what is known beforehand.
+    pub fn place(input: &Input, columns: &mut Columns) -> Self {
+        let width = &input.setup.uncertainty.in_flight;
+        let axis = &input.scene.ground.axis;
+        let first = columns.missing.len();
+        let mut of = vec![];
+        for (marker, station) in input.setup.markers.iter().zip(&input.scene.ground.stations) {
+            let (name, sigma_m, directions) = if marker.fixed {
+                let all = vec![Vector3::x(), Vector3::y(), Vector3::z()];
+                ("motion of the fixed marks", marker.flight_motion_m, all)
+            } else {
+                let (sin, cos) = axis.slope_rad(station.arc_m).sin_cos();
+                ("motion of the skin", width.skin_motion_m, vec![Vector3::new(-sin, cos, 0.0)])
+            };
+            let directions = if sigma_m > 0.0 { directions } else { vec![] };
+            let own = columns.take(directions.len(), MISSING_MOTION);
+            let prior = |k| Prior::scalar(name, own + k, 0.0, sigma_m);
+            columns.priors.extend((0..directions.len()).map(prior));
+            of.push((directions, own - first));
+        }
+        Self { first, of }
+    }
+
+    /// A marker's columns.
+    pub fn columns(&self, marker: usize) -> std::ops::Range<usize> {
+        let (directions, own) = &self.of[marker];
+        self.first + own..self.first + own + directions.len()
+    }
+
+    /// Its directions.
+    pub fn directions(&self, marker: usize) -> &[Vector3<f64>] {
+        &self.of[marker].0
+    }
 }
 
 /// A frame's own global parameters behind the head: those of its mounting.
@@ -47,6 +98,10 @@ pub struct Layout {
     pub expected_scale: f64,
     /// The markers on ground.
     pub survey: Survey,
+    /// How each marker may move in flight by itself.
+    pub motions: Arc<Motions>,
+    /// The root's motion, without which a lift is counted from the root's tangent.
+    pub root: Option<Placed>,
     /// Number of leading global parameters that all blocks depend on.
     pub head: usize,
     /// The mounting's.
@@ -80,6 +135,8 @@ impl Layout {
             own: Own { first: 0, count: 0 },
             local: 0,
             rotation: vec![],
+            motions: self.motions.clone(),
+            root: None,
             ..*self
         }
     }
@@ -95,16 +152,27 @@ impl Layout {
         }
     }
 
+    /// A marker's place on ground, moved by its own motion in flight, wing frame, m.
+    pub fn with_motion(&self, marker: usize, ground_m: &Vector3<f64>, global: &DVector<f64>) -> Vector3<f64> {
+        let columns = self.motions.columns(marker);
+        let moved = self.motions.directions(marker).iter().zip(columns).map(|(d, c)| d * global[c]);
+        ground_m + moved.sum::<Vector3<f64>>()
+    }
+
     /// Column of an unknown among [`Layout::columns`].
     fn column(&self, first: usize) -> usize {
         if first < self.head { first } else { self.head + first - self.own.first }
     }
 
-    /// Global columns of conditions on markers: all of the head, the mounting's, three of each marker.
+    /// Global columns of conditions on markers: all of the head, the mounting's, and of each marker its place on ground
+    /// and its motion in flight.
     pub fn columns(&self, markers: &[usize]) -> Vec<usize> {
-        let own = markers.iter().flat_map(|marker| match self.survey {
-            Survey::Observed => 0..0,
-            Survey::Global(first) => first + 3 * marker..first + 3 * marker + 3,
+        let own = markers.iter().flat_map(|&marker| {
+            let place = match self.survey {
+                Survey::Observed => 0..0,
+                Survey::Global(first) => first + 3 * marker..first + 3 * marker + 3,
+            };
+            place.chain(self.motions.columns(marker))
         });
         (0..self.head).chain(self.own.first..self.own.first + self.own.count).chain(own).collect()
     }
@@ -112,6 +180,11 @@ impl Layout {
     /// First of the columns of the first marker among [`Layout::columns`].
     pub fn survey_column(&self) -> usize {
         self.head + self.own.count
+    }
+
+    /// Its motion's among them.
+    fn motion_column(&self) -> usize {
+        self.survey_column() + if self.survey == Survey::Observed { 0 } else { 3 }
     }
 
     /// Adds `value` to the derivative of a function by an unknown; the gradient's columns are
@@ -186,11 +259,12 @@ impl Layout {
                 blocks.push(Linearised::empty(conditions, columns, self.local, observed.len()));
             }
             let ground_m = self.on_ground(member.marker, at.global, observed);
+            let moved_m = self.with_motion(member.marker, &ground_m, at.global);
             let mut rows = Rows { layout: self, out: &mut blocks[index], observed, row: 0 };
             if surveyed {
                 rows.surveyed(&ground_m);
             }
-            rows.images(member, &ground_m, &frame)?;
+            rows.images(member, &ground_m, &moved_m, &frame)?;
         }
         Ok(())
     }
@@ -239,22 +313,34 @@ impl Rows<'_> {
         self.row += 2;
     }
 
+    /// Derivatives of the next two conditions by the marker's motion in flight.
+    fn motion(&mut self, marker: usize, by_ground: &Matrix2x3<f64>) {
+        let first = self.layout.motion_column();
+        for (k, direction) in self.layout.motions.directions(marker).iter().enumerate() {
+            self.out.global.fixed_view_mut::<2, 1>(self.row, first + k).copy_from(&(by_ground * direction));
+        }
+    }
+
     /// In flight, and on ground.
     fn images(
         &mut self,
         member: &Member,
         ground_m: &Vector3<f64>,
+        moved_m: &Vector3<f64>,
         Evaluated { scene, values, bent, in_flight, on_ground }: &Evaluated,
     ) -> Result<(), EstimationError> {
         if let Some(first) = member.flight {
-            let state = scene.marker(member.marker, bent, ground_m, &values.bending(), &values.estimated);
-            let seen = scene.project(&state.carried.position_m, in_flight).ok_or_else(behind)?;
+            let state = scene.in_flight(member.marker, bent, moved_m, values);
+            let at_row_m = state.carried.position_m + moved(&values.moved_at_row_m, member.marker);
+            let seen = scene.project(&at_row_m, in_flight).ok_or_else(behind)?;
             let by_ground = seen.by_point * state.carried.by_ground;
+            self.motion(member.marker, &by_ground);
             self.image(first, &seen.pixel, |term, k| term.in_flight(k, &state, &seen), &by_ground);
         }
         if let Some(first) = member.ground {
-            let seen = scene.project(ground_m, on_ground).ok_or_else(behind)?;
-            self.image(first, &seen.pixel, |term, k| term.on_ground(k, &seen), &seen.by_point);
+            let there_m = ground_m + moved(&values.moved_on_ground_m, member.marker);
+            let seen = scene.project(&there_m, on_ground).ok_or_else(behind)?;
+            self.image(first, &seen.pixel, |term, k| term.on_ground(k, member.marker, &seen), &seen.by_point);
         }
         Ok(())
     }

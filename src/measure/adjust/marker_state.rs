@@ -13,6 +13,10 @@ pub const ESTIMATED: usize = 3;
 /// A marker in flight with the derivatives of its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MarkerState {
+    /// Index in the survey.
+    pub marker: usize,
+    /// From the root, wing frame, m; `None` for a mark that is rigid to the cabin.
+    pub from_root_m: Option<Vector3<f64>>,
     /// Position and its answer to slope, twist and ground position.
     pub carried: Carried,
     /// d position / d curvature coefficients, m^2.
@@ -32,6 +36,8 @@ impl MarkerState {
     pub fn fixed(ground_m: &Vector3<f64>) -> Self {
         let none = Vector3::zeros();
         Self {
+            marker: 0,
+            from_root_m: None,
             carried: Carried {
                 position_m: *ground_m,
                 by_slope: none,
@@ -63,7 +69,8 @@ impl MarkerState {
         let by_scale = (carried.position_m - root_m) / bending.scale;
         let up = carried.by_ground * Vector3::y();
         let by_raise = std::array::from_fn(|j| section.axis_by_raise[j] - up * section.raise_by_terms[j]);
-        Self { carried, by_curvature, by_twist, by_scale, by_raise, by_estimated: Default::default() }
+        let (by_estimated, from_root_m) = (Default::default(), Some(carried.position_m - root_m));
+        Self { marker: 0, from_root_m, carried, by_curvature, by_twist, by_scale, by_raise, by_estimated }
     }
 
     /// Moves position and derivatives by a share of the way from one wing to another.
@@ -91,6 +98,8 @@ impl MarkerState {
             by_ground: turn * self.carried.by_ground * turn.transpose(),
         };
         Self {
+            marker: self.marker,
+            from_root_m: self.from_root_m.map(|from| turn * from),
             carried,
             by_curvature: self.by_curvature.map(|v| turn * v),
             by_twist: self.by_twist.map(|v| turn * v),

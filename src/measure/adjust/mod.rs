@@ -134,6 +134,10 @@ pub struct MarkerSolution {
     pub covariance_m2: Option<Matrix3<f64>>,
     /// Vertical displacement against the survey, positive up, m; `None` for a fixed mark, too.
     pub lift_m: Option<Estimate>,
+    /// The same against the ground frame, m; `None` with the profile method, too.
+    pub lift_ground_m: Option<Estimate>,
+    /// The same from the tangent of the root, which may have turned and moved since the ground frame, m.
+    pub lift_root_m: Option<Estimate>,
 }
 
 impl MarkerSolution {
@@ -152,6 +156,8 @@ impl MarkerSolution {
             position_m: None,
             covariance_m2: None,
             lift_m: None,
+            lift_ground_m: None,
+            lift_root_m: None,
         }
     }
 }

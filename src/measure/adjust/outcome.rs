@@ -8,9 +8,8 @@ use super::curve::Curve;
 use super::input::Input;
 use super::layout::{Layout, Member, Survey};
 use super::marker_state::MarkerState;
-use super::scene::Bent;
+use super::scene::{Bent, moved};
 use super::snooping::{Suspect, Target};
-use super::term::Effect;
 use super::values::Values;
 use super::{CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Parameter, Solution, Torsion};
 use crate::measure::estimation::quality::{self, Reliability};
@@ -115,22 +114,28 @@ impl<'a> Outcome<'a> {
     fn state(&self, block: usize) -> (Vector3<f64>, MarkerState) {
         let marker = self.members[block].marker;
         let ground = self.on_ground(block);
-        let (bending, estimated) = (self.values.bending(), &self.values.estimated);
-        (ground, self.input.scene.marker(marker, &self.bent, &ground, &bending, estimated))
+        let moved = self.layout.with_motion(marker, &ground, &self.fit.global);
+        (ground, self.input.scene.in_flight(marker, &self.bent, &moved, &self.values))
     }
 
     /// Adds `directions * d(position in flight) + ground * d(position on ground)` to a gradient, a function
-    /// for each direction. The marker is the `nth` of those that the gradient was set up for.
+    /// for each direction. The marker is one of those that the gradient was set up for.
     fn add(
         &self,
         gradient: &mut Gradient,
         block: usize,
-        nth: usize,
         state: &MarkerState,
         directions: &[Vector3<f64>],
         ground: &[Vector3<f64>],
     ) {
         self.layout.put_position(gradient, state, directions);
+        let motions = &self.layout.motions;
+        for (direction, column) in motions.directions(state.marker).iter().zip(motions.columns(state.marker))
+        {
+            let by = state.carried.by_ground * direction;
+            let Some(at) = gradient.columns.iter().position(|c| *c == column) else { continue };
+            directions.iter().enumerate().for_each(|(f, d)| gradient.global[(at, f)] += d.dot(&by));
+        }
         let by_ground = directions.iter().zip(ground).map(|(d, g)| state.carried.by_ground.tr_mul(d) + g);
         match self.layout.survey {
             Survey::Observed => {
@@ -141,8 +146,9 @@ impl<'a> Outcome<'a> {
                 }
                 gradient.observed.push((block, derivative));
             }
-            Survey::Global(_) => {
-                let first = self.layout.survey_column() + 3 * nth;
+            Survey::Global(surveyed) => {
+                let column = surveyed + 3 * state.marker;
+                let Some(first) = gradient.columns.iter().position(|c| *c == column) else { return };
                 for (f, by) in by_ground.enumerate() {
                     (0..3).for_each(|k| gradient.global[(first + k, f)] += by[k]);
                 }
@@ -168,12 +174,14 @@ impl<'a> Outcome<'a> {
         let position = state.carried.position_m;
         let distance = position.norm();
         let towards = position / distance;
-        // Position, lift, distance.
+        // Position, distance, lifts.
         let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
         let none = Vector3::zeros();
-        let mut gradient = self.gradient(5, &[member.marker]);
-        let directions = [x, y, z, y, towards];
-        self.add(&mut gradient, block, 0, &state, &directions, &[none, none, none, -y, none]);
+        let mut gradient = self.gradient(7, &[member.marker]);
+        let directions = [x, y, z, towards, y, y, y];
+        self.add(&mut gradient, block, &state, &directions, &[none, none, none, none, -y, -y, -y]);
+        self.add_references(&mut gradient, &state, &(position - ground), [4, 5, 6]);
+        let lifts = self.lifts(&state, &ground);
         let covariance = self.covariance(&gradient);
         let survey_from_wing = self.input.scene.ground.frame.wing_from_survey.inverse();
         let in_wing = covariance.fixed_view::<3, 3>(0, 0).into_owned();
@@ -181,14 +189,46 @@ impl<'a> Outcome<'a> {
         let solution = MarkerSolution {
             used: true,
             reason: None,
-            distance_m: Some(Estimate { value: distance, sigma: sigma(4) }),
+            distance_m: Some(Estimate { value: distance, sigma: sigma(3) }),
             position_m: Some(self.input.scene.ground.frame.survey_point(&position)),
             covariance_m2: Some(survey_from_wing.matrix() * in_wing * survey_from_wing.matrix().transpose()),
-            lift_m: (!self.input.setup.markers[member.marker].fixed)
-                .then(|| Estimate { value: position.y - ground.y, sigma: sigma(3) }),
+            lift_m: lifts.map(|lifts| Estimate { value: lifts[0], sigma: sigma(4) }),
+            lift_ground_m: lifts.map(|lifts| Estimate { value: lifts[1], sigma: sigma(5) }),
+            lift_root_m: lifts.map(|lifts| Estimate { value: lifts[2], sigma: sigma(6) }),
             ..MarkerSolution::unused(member.marker, String::new())
         };
         self.with_quality(solution, block)
+    }
+
+    /// Lifts against survey, ground frame and the root's tangent, m; `None` for a fixed mark.
+    fn lifts(&self, state: &MarkerState, ground: &Vector3<f64>) -> Option<[f64; 3]> {
+        let root_m = self.values.by_root_m(&state.from_root_m?).y;
+        let lift = state.carried.position_m.y - ground.y;
+        let against_ground = lift - moved(&self.values.moved_on_ground_m, state.marker).y;
+        Some([lift, against_ground, against_ground - root_m])
+    }
+
+    /// What sets the three lifts apart, and along what they are counted: their functions' further derivatives.
+    fn add_references(
+        &self,
+        gradient: &mut Gradient,
+        state: &MarkerState,
+        displacement_m: &Vector3<f64>,
+        [survey, ground, root]: [usize; 3],
+    ) {
+        for (placed, k) in self.layout.unknowns() {
+            let mut put = |function, by| self.layout.put(gradient, placed.place, k, function, by);
+            let leaning = placed.term.along_vertical(k, displacement_m);
+            let on_ground = placed.term.ground(k, state.marker).y;
+            put(survey, leaning);
+            put(ground, leaning - on_ground);
+            put(root, leaning - on_ground);
+        }
+        if let Some(placed) = &self.layout.root {
+            for k in 0..placed.term.size {
+                self.layout.put(gradient, placed.place, k, root, -placed.term.position(k, state).y);
+            }
+        }
     }
 
     fn with_quality(&self, mut solution: MarkerSolution, block: usize) -> MarkerSolution {
@@ -233,11 +273,11 @@ impl<'a> Outcome<'a> {
         let base = apart.xy().norm();
         let mut gradient = self.gradient(1, &[pair.leading, pair.trailing]);
         let mut difference = 0.0;
-        for (nth, (block, sign)) in blocks.into_iter().zip([1.0, -1.0]).enumerate() {
+        for (block, sign) in blocks.into_iter().zip([1.0, -1.0]) {
             let (ground, state) = self.state(block);
             difference += sign * (state.carried.position_m.y - ground.y);
             let up = Vector3::y() * sign;
-            self.add(&mut gradient, block, nth, &state, &[up], &[-up]);
+            self.add(&mut gradient, block, &state, &[up], &[-up]);
         }
         let by_difference = base / (base * base + difference * difference);
         let sigma = self.sigmas(&gradient).first().map(|s| s * by_difference);
@@ -252,8 +292,7 @@ impl<'a> Outcome<'a> {
         let section = grid.bend(&self.values.bending()).pop()?;
         let mut gradient = self.gradient(1, &[]);
         for (placed, k) in self.layout.unknowns() {
-            let Effect::Wing { twist, .. } = placed.term.effect else { continue };
-            self.layout.put(&mut gradient, placed.place, k, 0, twist(&section, k));
+            self.layout.put(&mut gradient, placed.place, k, 0, placed.term.twist(k, &section));
         }
         Some(Estimate { value: section.twist_rad, sigma: self.sigmas(&gradient).first().copied() })
     }
@@ -296,10 +335,9 @@ impl<'a> Outcome<'a> {
         let count = curve.bent.len();
         let mut gradient = self.gradient(2 * count, &[]);
         for (placed, k) in self.layout.unknowns() {
-            let Effect::Wing { lifts, twist, .. } = placed.term.effect else { continue };
             let mut put = |function, by| self.layout.put(&mut gradient, placed.place, k, function, by);
-            lifts(curve, k).into_iter().enumerate().for_each(|(at, by)| put(at, by));
-            let twists = curve.bent.iter().map(|section| twist(section, k));
+            placed.term.lifts(k, curve).into_iter().enumerate().for_each(|(at, by)| put(at, by));
+            let twists = curve.bent.iter().map(|section| placed.term.twist(k, section));
             twists.enumerate().for_each(|(at, by)| put(count + at, by));
         }
         gradient

@@ -6,6 +6,7 @@ use super::beam::{Bending, Grid, Mount, Section};
 use super::estimated::Neighbour;
 use super::ground::GroundShape;
 use super::marker_state::{ESTIMATED, MarkerState};
+use super::values::Values;
 use super::{AdjustError, Observation};
 use crate::measure::environment::Plate;
 use crate::measure::geometry::{BROWN, Lens, left_jacobian, skew};
@@ -53,13 +54,25 @@ pub struct Pose {
     pub window_m: Vector3<f64>,
     /// What the curvature of the panes' bow is more than stated, a share of it.
     pub bow: f64,
+    /// Camera constant in flight over that on ground, less 1.
+    pub flight_scale: f64,
+    /// Principal point in flight against that on ground, px.
+    pub flight_principal_px: Vector2<f64>,
 }
 
 impl Pose {
     /// The same before the camera was remounted.
     pub fn on_ground(&self) -> Self {
         let none = Vector3::zeros();
-        Self { mount_rad: none, shift_m: none, window_m: none, ..*self }
+        let flight_principal_px = Vector2::zeros();
+        Self {
+            mount_rad: none,
+            shift_m: none,
+            window_m: none,
+            flight_scale: 0.0,
+            flight_principal_px,
+            ..*self
+        }
     }
 }
 
@@ -104,6 +117,8 @@ pub struct Predicted {
     pub by_ground_rotation: Matrix2x3<f64>,
     /// d pixel / d interior orientation, in the order of [`Lens::PARAMETERS`].
     pub by_lens: SMatrix<f64, 2, BROWN>,
+    /// d pixel / d share by which both camera constants are larger, px.
+    pub by_scale: Vector2<f64>,
 }
 
 /// The wing bent, and its neighbours bent alike: sections at the markers' stations.
@@ -183,7 +198,7 @@ impl Scene {
         let mount = *Rotation3::new(pose.mount_rad).matrix();
         let camera_from_wing = mount * ground_from_wing;
         Camera {
-            lens: self.lens.changed(&pose.lens),
+            lens: self.lens.changed(&pose.lens).in_flight(pose.flight_scale, &pose.flight_principal_px),
             centre_m: pose.centre_m + pose.shift_m + pose.window_m,
             mount,
             camera_from_wing,
@@ -202,6 +217,7 @@ impl Scene {
         // Panes and point turn together, so what is seen turns with them.
         let before_mount = camera.mount.transpose() * seen;
         let turned = by_seen * camera.mount;
+        let Lens { cx, cy, .. } = camera.lens;
         Some(Predicted {
             pixel,
             by_point: by_seen * by_place * camera.camera_from_wing,
@@ -209,6 +225,7 @@ impl Scene {
             by_mount: -(by_seen * skew(&seen)) * camera.mount_jacobian,
             by_ground_rotation: -(turned * skew(&before_mount)) * camera.ground_jacobian,
             by_lens: camera.lens.by_parameters(&seen),
+            by_scale: pixel - Vector2::new(cx, cy),
         })
     }
 
@@ -216,6 +233,27 @@ impl Scene {
     pub fn bend(&self, bending: &Bending) -> Bent {
         let neighbours = [0, 1, 2].map(|k| self.neighbours[k].as_ref().map_or(vec![], |n| n.bend(bending)));
         Bent { sections: self.grid.bend(bending), neighbours }
+    }
+
+    /// Whether a marker is rigid to the cabin.
+    pub fn is_fixed(&self, marker: usize) -> bool {
+        self.fixed.get(marker).copied().unwrap_or(false)
+    }
+
+    /// A marker in flight with all that moves it there. `ground_m`: its place on ground, moved by its own motion in
+    /// flight, wing frame, m.
+    pub fn in_flight(
+        &self,
+        marker: usize,
+        bent: &Bent,
+        ground_m: &Vector3<f64>,
+        values: &Values,
+    ) -> MarkerState {
+        let mut state = self.marker(marker, bent, ground_m, &values.bending(), &values.estimated);
+        state.carried.position_m +=
+            state.from_root_m.map_or_else(Vector3::zeros, |from| values.by_root_m(&from));
+        state.carried.position_m += moved(&values.moved_m, marker);
+        state
     }
 
     /// Carries a marker from its place on ground (wing frame, m) into flight. `estimated`: by how much what
@@ -229,10 +267,11 @@ impl Scene {
         estimated: &[f64; ESTIMATED],
     ) -> MarkerState {
         if self.fixed[index] {
-            return MarkerState::fixed(ground_m);
+            return MarkerState { marker: index, ..MarkerState::fixed(ground_m) };
         }
-        let mut state =
+        let of_wing =
             MarkerState::of(&self.grid, &self.mounts[index], &bent.sections[index], ground_m, bending);
+        let mut state = MarkerState { marker: index, ..of_wing };
         let nominal = state;
         for (k, (neighbour, off)) in self.neighbours.iter().zip(estimated).enumerate() {
             let Some(neighbour) = neighbour else { continue };
@@ -242,6 +281,11 @@ impl Scene {
         }
         state
     }
+}
+
+/// A marker's own among displacements, of which those that are not there are 0, m.
+pub fn moved(displacements_m: &[Vector3<f64>], marker: usize) -> Vector3<f64> {
+    displacements_m.get(marker).copied().unwrap_or_else(Vector3::zeros)
 }
 
 /// A sight on ground that lies farther from where the survey puts its marker, in standard deviations,

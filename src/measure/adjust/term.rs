@@ -30,7 +30,7 @@ pub struct Term {
 }
 
 /// What answers to a term: derivatives by its k-th column.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub enum Effect {
     /// The wing in flight.
     Wing {
@@ -48,6 +48,49 @@ pub enum Effect {
         /// Whether it is the same in the ground frame, which else does not answer.
         on_ground: bool,
     },
+    /// Markers are moved by a little.
+    Moves(Displacement),
+    /// The direction that lifts are counted along: d lift, m per its unit, where a marker is displaced by so much (wing
+    /// frame, m).
+    Vertical(fn(&Vector3<f64>, usize) -> f64),
+}
+
+/// When markers are displaced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Instant {
+    /// In flight: a part of a marker's position.
+    InFlight,
+    /// In the ground frame.
+    OnGround,
+    /// In flight at the instant of the marker's row, against that of the middle row, at which positions are given.
+    AtItsRow,
+}
+
+/// Displacements of markers that go with an unknown, wing frame, m per its unit.
+#[derive(Clone, Debug)]
+pub struct Displacement {
+    /// When.
+    pub instant: Instant,
+    /// Per column, per marker.
+    pub fields: Vec<Vec<Vector3<f64>>>,
+}
+
+impl Displacement {
+    fn by(&self, k: usize, marker: usize, instant: Instant) -> Vector3<f64> {
+        if instant == self.instant { self.fields[k][marker] } else { Vector3::zeros() }
+    }
+
+    fn enter(&self, x: &[f64], values: &mut Values) {
+        let target = match self.instant {
+            Instant::InFlight => &mut values.moved_m,
+            Instant::OnGround => &mut values.moved_on_ground_m,
+            Instant::AtItsRow => &mut values.moved_at_row_m,
+        };
+        for (field, x) in self.fields.iter().zip(x) {
+            target.resize(field.len(), Vector3::zeros());
+            target.iter_mut().zip(field).for_each(|(moved, by)| *moved += by * *x);
+        }
+    }
 }
 
 impl Term {
@@ -55,7 +98,41 @@ impl Term {
     pub fn position(&self, k: usize, state: &MarkerState) -> Vector3<f64> {
         match self.effect {
             Effect::Wing { position, .. } => position(state, k),
-            Effect::Picture { .. } => Vector3::zeros(),
+            Effect::Moves(ref moves) => moves.by(k, state.marker, Instant::InFlight),
+            Effect::Picture { .. } | Effect::Vertical(_) => Vector3::zeros(),
+        }
+    }
+
+    /// d place of a marker in the ground frame, wing frame, m per the unknown's unit.
+    pub fn ground(&self, k: usize, marker: usize) -> Vector3<f64> {
+        match &self.effect {
+            Effect::Moves(moves) => moves.by(k, marker, Instant::OnGround),
+            _ => Vector3::zeros(),
+        }
+    }
+
+    /// d lift of a marker that is displaced by so much (wing frame, m), where the unknown changes what it is counted
+    /// along, m per its unit.
+    pub fn along_vertical(&self, k: usize, displacement_m: &Vector3<f64>) -> f64 {
+        match &self.effect {
+            Effect::Vertical(by) => by(displacement_m, k),
+            _ => 0.0,
+        }
+    }
+
+    /// d lift of the axis along the curve, m per the unknown's unit; empty where it does not lift the axis.
+    pub fn lifts(&self, k: usize, curve: &Curve) -> Vec<f64> {
+        match &self.effect {
+            Effect::Wing { lifts, .. } => lifts(curve, k),
+            _ => vec![],
+        }
+    }
+
+    /// d twist of a section, rad per the unknown's unit.
+    pub fn twist(&self, k: usize, section: &Section) -> f64 {
+        match &self.effect {
+            Effect::Wing { twist, .. } => twist(section, k),
+            _ => 0.0,
         }
     }
 
@@ -64,13 +141,19 @@ impl Term {
         match self.effect {
             Effect::Wing { position, .. } => predicted.by_point * position(state, k),
             Effect::Picture { pixel, .. } => pixel(predicted, k),
+            Effect::Moves(ref moves) => {
+                let at_row = moves.by(k, state.marker, Instant::AtItsRow);
+                predicted.by_point * (at_row + moves.by(k, state.marker, Instant::InFlight))
+            }
+            Effect::Vertical(_) => Vector2::zeros(),
         }
     }
 
     /// d pixel in the ground frame, px per the unknown's unit.
-    pub fn on_ground(&self, k: usize, predicted: &Predicted) -> Vector2<f64> {
+    pub fn on_ground(&self, k: usize, marker: usize, predicted: &Predicted) -> Vector2<f64> {
         match self.effect {
             Effect::Picture { pixel, on_ground: true } => pixel(predicted, k),
+            Effect::Moves(_) => predicted.by_point * self.ground(k, marker),
             _ => Vector2::zeros(),
         }
     }
@@ -101,7 +184,11 @@ impl Placed {
             Place::Global(first) => (global, first),
             Place::Local(first) => (local, first),
         };
-        (self.term.enter)(&vector.as_slice()[first..first + self.term.size], values);
+        let x = &vector.as_slice()[first..first + self.term.size];
+        (self.term.enter)(x, values);
+        if let Effect::Moves(moves) = &self.term.effect {
+            moves.enter(x, values);
+        }
     }
 }
 

@@ -9,9 +9,11 @@
 //! [`super::values::Values`] and to the function of [`super::scene`] that takes it.
 
 mod camera;
+mod motion;
 mod wing;
 
 pub use camera::{repeatability_rad, rotation_of_mounting, stated_drift_rad};
+pub use motion::of_frame;
 pub use wing::{curvature, twist};
 
 use nalgebra::Matrix3;
@@ -26,6 +28,8 @@ pub struct Shared {
     pub placed: Vec<Placed>,
     /// Height of the bending axis.
     pub axis_height: Place,
+    /// The root's motion.
+    pub root: Option<Placed>,
 }
 
 /// Takes columns for camera, window, temperature and drawings.
@@ -45,7 +49,24 @@ pub fn shared(input: &Input, columns: &mut Columns) -> Shared {
     placed.push(height);
     let lens = setup.uncertainty.lens.iter().map(camera::interior);
     placed.extend(lens.chain(wing::drawn(&setup.uncertainty)).map(|term| columns.place(term)));
-    Shared { placed, axis_height }
+    let width = &setup.uncertainty.in_flight;
+    let moves = width.root_turn_rad > 0.0 && width.root_shift_m > 0.0;
+    let root = moves.then(|| columns.place(motion::root(width.root_turn_rad, width.root_shift_m)));
+    placed.extend(root.clone());
+    placed.extend(in_flight(input).into_iter().flatten().map(|term| columns.place(term)));
+    Shared { placed, axis_height, root }
+}
+
+/// What else flight changes alike in all frames.
+fn in_flight(input: &Input) -> [Option<Term>; 3] {
+    let width = &input.setup.uncertainty.in_flight;
+    let bend_m = if input.scene.has_ground_sights() { width.ground_bend_m } else { 0.0 };
+    let camera = || camera::in_flight(width.scale, width.principal_point_px);
+    [
+        motion::ground_bend(input.scene, bend_m),
+        (width.vertical_rad > 0.0).then(|| motion::vertical(width.vertical_rad)),
+        (width.scale > 0.0 && width.principal_point_px > 0.0).then(camera),
+    ]
 }
 
 /// Rotation of a mounting; `stayed`: it is that of the ground frames.

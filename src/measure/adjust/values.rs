@@ -1,5 +1,7 @@
 //! The unknowns of one frame as the model takes them.
 
+use nalgebra::Vector3;
+
 use super::beam::{Bending, RAISE_TERMS};
 use super::marker_state::ESTIMATED;
 use super::scene::Pose;
@@ -19,6 +21,16 @@ pub struct Values {
     pub raise_m: [f64; RAISE_TERMS],
     /// Corrections of what the user can only estimate.
     pub estimated: [f64; ESTIMATED],
+    /// Per marker, what flight moves it by, wing frame, m; shorter where it moves none.
+    pub moved_m: Vec<Vector3<f64>>,
+    /// The same in the ground frame.
+    pub moved_on_ground_m: Vec<Vector3<f64>>,
+    /// The same at the instant of its row, against the middle row's.
+    pub moved_at_row_m: Vec<Vector3<f64>>,
+    /// Rotation of the root since the ground frame, about the wing frame's axes, rad.
+    pub root_turn_rad: Vector3<f64>,
+    /// Shift of the root since then, m.
+    pub root_shift_m: Vector3<f64>,
 }
 
 impl Values {
@@ -31,7 +43,17 @@ impl Values {
             scale,
             raise_m: [0.0; RAISE_TERMS],
             estimated: [0.0; ESTIMATED],
+            moved_m: vec![],
+            moved_on_ground_m: vec![],
+            moved_at_row_m: vec![],
+            root_turn_rad: Vector3::zeros(),
+            root_shift_m: Vector3::zeros(),
         }
+    }
+
+    /// What the root's motion moves a point of the wing by, wing frame, m.
+    pub fn by_root_m(&self, from_root_m: &Vector3<f64>) -> Vector3<f64> {
+        self.root_turn_rad.cross(from_root_m) + self.root_shift_m
     }
 
     /// What bends the wing.

@@ -127,6 +127,12 @@ impl Lens {
         }
     }
 
+    /// The same in flight, where the camera constants are larger by a share and the principal point lies elsewhere, px.
+    pub fn in_flight(&self, share: f64, principal_point_px: &Vector2<f64>) -> Self {
+        let (fx, fy) = (self.fx * (1.0 + share), self.fy * (1.0 + share));
+        Self { fx, fy, cx: self.cx + principal_point_px.x, cy: self.cy + principal_point_px.y, ..*self }
+    }
+
     /// d pixel / d Brown's parameters at a camera-frame point, in the order of [`Lens::PARAMETERS`].
     pub fn by_parameters(&self, p: &Vector3<f64>) -> SMatrix<f64, 2, BROWN> {
         let n = Vector2::new(p.x / p.z, p.y / p.z);

@@ -232,6 +232,8 @@ impl Scene {
                     position_m: rounded(position, 4),
                     sigma_m: sigma,
                     fixed: marker.fixed_m.is_some(),
+                    flight_motion_m: 0.0,
+                    part: None,
                 }
             })
             .collect();

@@ -6,12 +6,14 @@ use nalgebra::{Rotation3, Unit, Vector2, Vector3};
 use rand::rngs::StdRng;
 use wingd::measure::adjust::Observation;
 use wingd::measure::geometry::Lens;
-use wingd::measure::setup::{Orientation, Setup};
+use wingd::measure::setup::{Orientation, Setup, fixed_mark};
 
 use super::{Bent, STEPS, Truth, Wing, at, normal, normal3};
 
 /// The axis along the chord, wing frame, m.
 const AXIS_Z_M: f64 = 0.1;
+/// What a tape at a lens gives of its projection centre, m.
+const TAPE_M: f64 = 0.010;
 /// Where an engine hangs, as a share of the length.
 const ENGINE: f64 = 0.33;
 /// Where an aileron's torque acts.
@@ -247,6 +249,13 @@ impl Aircraft {
     /// The survey as the tachymeter reports it, its vertical and the entrance pupil as far off as drawn.
     pub fn surveyed(&self, rng: &mut StdRng, sigma_m: f64) -> Setup {
         let mut setup = self.truth.surveyed(rng, sigma_m, sigma_m);
+        setup.projection_centre_sigma_m = TAPE_M;
+        for &marker in self.on_aileron.iter().filter(|_| self.effects.aileron_rad != 0.0) {
+            setup.markers[marker].part = Some("aileron".into());
+        }
+        for marker in setup.markers.iter_mut().filter(|m| m.fixed) {
+            marker.flight_motion_m = fixed_mark::FLIGHT_MOTION_M;
+        }
         let axis = self.truth.camera_from_survey.inverse() * Vector3::z();
         setup.projection_centre_m -= axis * self.effects.pupil_m;
         let tilt = Rotation3::new(Vector3::new(self.effects.tilt_rad.x, self.effects.tilt_rad.y, 0.0));

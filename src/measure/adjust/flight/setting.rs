@@ -1,12 +1,14 @@
 //! A flight set up for the engine: shared unknowns, one group per frame, survey and ground frame last.
 
+use std::sync::Arc;
+
 use nalgebra::{DVector, Matrix3};
 
 use super::frames::Flight;
 use super::shape::{ShapeColumns, SharedShape};
 use crate::measure::adjust::beam::{MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
 use crate::measure::adjust::input::Input;
-use crate::measure::adjust::layout::{Layout, Member, Own, Survey};
+use crate::measure::adjust::layout::{Layout, Member, Motions, Own, Survey};
 use crate::measure::adjust::scene::Scene;
 use crate::measure::adjust::term::{Columns, Place, Placed};
 use crate::measure::adjust::terms::{self, Shared};
@@ -66,8 +68,8 @@ struct Unknowns {
     shape: ShapeColumns,
     mountings: Vec<OfMounting>,
     survey: usize,
-    /// A frame's own: coefficients of curvature and twist, and a rotation about its mounting's.
-    own: [Placed; 3],
+    motions: Arc<Motions>,
+    curvature_terms: usize,
 }
 
 impl Unknowns {
@@ -82,20 +84,29 @@ impl Unknowns {
         let place = |mounting| OfMounting::place(input, mountings.stayed(mounting), &mut columns);
         let mountings = (0..mountings.count()).map(place).collect();
         let survey = columns.take(3 * input.setup.markers.len(), MISSING_GROUND);
+        let motions = Arc::new(Motions::place(input, &mut columns));
+        Self { columns, shared, head, shape, mountings, survey, motions, curvature_terms }
+    }
+
+    /// A frame's own: coefficients of curvature and twist, a rotation about its mounting's, and what moves it.
+    fn own(&self, flight: &Flight, frame: usize) -> Vec<Placed> {
+        let input = &flight.input;
         let own = [
-            terms::curvature(curvature_terms, None),
+            terms::curvature(self.curvature_terms, None),
             terms::twist(input.options.twist_terms.min(MAX_TWIST_TERMS)),
             terms::own_rotation(&own_rotation_covariance(flight)),
         ];
+        let others = terms::of_frame(input, &flight.frames[frame]);
         let mut local = Columns::local();
-        Self { columns, shared, head, shape, mountings, survey, own: own.map(|term| local.place(term)) }
+        own.into_iter().chain(others).map(|term| local.place(term)).collect()
     }
 
     fn layout(&self, flight: &Flight, frame: usize) -> Layout {
         let mounting = &self.mountings[flight.assumed.mountings.of(frame)];
-        let [curvature, twist, rotation] = &self.own;
+        let own = self.own(flight, frame);
+        let [curvature, twist, rotation] = [0, 1, 2].map(|k| &own[k]);
         Layout {
-            terms: [&self.own, &mounting.placed[..], &self.shared.placed].concat(),
+            terms: [&own[..], &mounting.placed, &self.shared.placed].concat(),
             curvature: curvature.place,
             curvature_terms: curvature.term.size,
             twist: twist.place,
@@ -104,9 +115,11 @@ impl Unknowns {
             axis_height: self.shared.axis_height,
             expected_scale: flight.input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
             survey: Survey::Global(self.survey),
+            motions: self.motions.clone(),
+            root: self.shared.root.clone(),
             head: self.head,
             own: mounting.columns,
-            local: self.own.iter().map(|placed| placed.term.size).sum(),
+            local: own.iter().map(|placed| placed.term.size).sum(),
         }
     }
 

@@ -1,11 +1,13 @@
 //! One frame set up for the engine: its unknowns, its observations, its conditions.
 
+use std::sync::Arc;
+
 use nalgebra::DVector;
 
 use crate::measure::adjust::beam::MAX_TWIST_TERMS;
 use crate::measure::adjust::blocks::survey_block;
 use crate::measure::adjust::input::{Input, Sights};
-use crate::measure::adjust::layout::{Layout, Member, Own, Survey};
+use crate::measure::adjust::layout::{Layout, Member, Motions, Own, Survey};
 use crate::measure::adjust::scene::Scene;
 use crate::measure::adjust::term::Columns;
 use crate::measure::adjust::terms;
@@ -59,7 +61,7 @@ impl<'a> Frame<'a> {
     pub fn new(single: &Single<'a>, start: &Start) -> Self {
         let input = &single.input;
         let mut columns = Columns::default();
-        let layout = layout(input, single.terms, start.amplitude_per_m, &mut columns);
+        let layout = layout(single, start.amplitude_per_m, &mut columns);
         let mut members = vec![];
         let mut blocks = vec![];
         for marker in 0..input.setup.markers.len() {
@@ -72,7 +74,7 @@ impl<'a> Frame<'a> {
         }
         let group = Group { local: DVector::zeros(0), priors: vec![], blocks };
         let Columns { missing, priors, .. } = columns;
-        let start = start_values(&layout, start);
+        let start = start_values(&layout, missing.len(), start);
         let problem = Problem { start, missing, priors, known: None, groups: vec![group] };
         Self { scene: input.scene, layout, problem, members }
     }
@@ -87,7 +89,8 @@ impl<'a> Frame<'a> {
     }
 }
 
-fn layout(input: &Input, curvature_terms: usize, amplitude_per_m: f64, columns: &mut Columns) -> Layout {
+fn layout(single: &Single, amplitude_per_m: f64, columns: &mut Columns) -> Layout {
+    let (input, curvature_terms) = (&single.input, single.terms);
     let stayed = input.options.is_of_the_ground();
     let first = [
         terms::curvature(curvature_terms, Some(amplitude_per_m)),
@@ -98,8 +101,11 @@ fn layout(input: &Input, curvature_terms: usize, amplitude_per_m: f64, columns: 
     let shared = terms::shared(input, columns);
     let mounting = terms::of_mounting(input, stayed).into_iter().map(|term| columns.place(term));
     let mounting: Vec<_> = mounting.collect();
+    let others = terms::of_frame(input, &single.sights).into_iter().map(|term| columns.place(term));
+    let others: Vec<_> = others.collect();
     let [curvature, twist, rotation] = &first;
     let head = columns.missing.len();
+    let motions = Arc::new(Motions::place(input, columns));
     Layout {
         curvature: curvature.place,
         curvature_terms,
@@ -107,9 +113,11 @@ fn layout(input: &Input, curvature_terms: usize, amplitude_per_m: f64, columns: 
         twist_terms: twist.term.size,
         rotation: vec![rotation.place],
         axis_height: shared.axis_height,
-        terms: [&first, &shared.placed[..], &mounting].concat(),
+        terms: [&first, &shared.placed[..], &mounting, &others].concat(),
         expected_scale: input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
         survey: Survey::Observed,
+        motions,
+        root: shared.root,
         head,
         own: Own { first: head, count: 0 },
         local: 0,
@@ -126,14 +134,14 @@ fn block(single: &Single, member: &mut Member) -> Block {
     survey_block(input, member.marker, flight.into_iter().chain(ground))
 }
 
-fn start_values(layout: &Layout, start: &Start) -> DVector<f64> {
-    let mut values = DVector::zeros(layout.head);
+fn start_values(layout: &Layout, columns: usize, start: &Start) -> DVector<f64> {
+    let mut values = DVector::zeros(columns);
     if let Some((from, solution)) = start.from {
         let (old, new) = (from.curvature_terms, layout.curvature_terms);
         for k in 0..old.min(new) {
             values[k] = solution[k];
         }
-        for k in 0..from.head - old {
+        for k in 0..solution.len() - old {
             values[new + k] = solution[old + k];
         }
     }

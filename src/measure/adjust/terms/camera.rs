@@ -1,6 +1,6 @@
 //! Where the camera is, where it looks, and what it looks through.
 
-use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector2, Vector3};
 
 use crate::measure::adjust::input::Input;
 use crate::measure::adjust::term::{Effect, Term};
@@ -157,5 +157,26 @@ pub fn interior(covariance: &SMatrix<f64, BROWN, BROWN>) -> Term {
         priors: vec![Prior::centred("interior orientation", 0, covariance)],
         enter: |x, values| values.pose.lens.iter_mut().zip(x).for_each(|(lens, x)| *lens += x),
         effect: Effect::Picture { pixel: |p, k| p.by_lens.column(k).into_owned(), on_ground: true },
+    }
+}
+
+/// What makes the camera in flight another one than on ground: cold and focus change its camera constant (a share) and move
+/// its principal point (px), and refraction at a window that nobody describes does the same. A width of each.
+pub fn in_flight(scale_sigma: f64, principal_point_sigma_px: f64) -> Term {
+    let name = "camera in flight";
+    let sigmas = [scale_sigma, principal_point_sigma_px, principal_point_sigma_px];
+    Term {
+        name,
+        missing: "the camera in flight cannot be determined; give camera.flight_scale_sigma and flight_principal_point_sigma_px",
+        size: 3,
+        priors: sigmas.into_iter().enumerate().map(|(k, sigma)| Prior::scalar(name, k, 0.0, sigma)).collect(),
+        enter: |x, values| {
+            values.pose.flight_scale += x[0];
+            values.pose.flight_principal_px += Vector2::new(x[1], x[2]);
+        },
+        effect: Effect::Picture {
+            pixel: |p, k| if k == 0 { p.by_scale } else { Vector2::ith(k - 1, 1.0) },
+            on_ground: false,
+        },
     }
 }

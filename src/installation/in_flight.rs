@@ -1,0 +1,76 @@
+//! What flight does to wing, cabin and camera, as `installation.toml` states it -> [`InFlight`].
+
+use serde::Deserialize;
+
+use super::tables::Document;
+use crate::measure::setup::{InFlight, Vibration};
+
+/// `[survey]`.
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Survey {
+    pub bend_sigma_m: Option<f64>,
+    pub vertical_sigma_deg: Option<f64>,
+}
+
+/// One of `[wing] vibration`.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Vibrating {
+    pub frequency_hz: f64,
+    pub amplitude_m: f64,
+}
+
+/// From a first row to a last one that any sensor takes, s.
+const LONGEST_READOUT_S: f64 = 1.0;
+
+/// As stated, with what is usual where nothing is. Several modes count as one: their velocities add up in squares.
+pub(super) fn widths(document: &Document) -> InFlight {
+    let (survey, camera, wing, usual) =
+        (document.survey.as_ref(), &document.camera, &document.wing, InFlight::USUAL);
+    let milli = |value: Option<f64>, usual: f64| value.map_or(usual, |v| 1e-3 * v);
+    InFlight {
+        ground_bend_m: survey.and_then(|s| s.bend_sigma_m).unwrap_or(usual.ground_bend_m),
+        vertical_rad: survey.and_then(|s| s.vertical_sigma_deg).map_or(usual.vertical_rad, f64::to_radians),
+        skin_motion_m: wing.skin_motion_m.unwrap_or(usual.skin_motion_m),
+        root_turn_rad: milli(wing.root_turn_sigma_mrad, usual.root_turn_rad),
+        root_shift_m: wing.root_heave_sigma_m.unwrap_or(usual.root_shift_m),
+        in_plane_m: wing.in_plane_sigma_m.unwrap_or(usual.in_plane_m),
+        scale: camera.flight_scale_sigma.unwrap_or(usual.scale),
+        principal_point_px: camera.flight_principal_point_sigma_px.unwrap_or(usual.principal_point_px),
+        readout_s: camera.readout_s.unwrap_or(usual.readout_s),
+        vibration: wing.vibration.as_deref().map_or(usual.vibration, together),
+        shake: usual.shake,
+    }
+}
+
+fn together(modes: &[Vibrating]) -> Vibration {
+    let amplitude = modes.iter().map(|m| m.amplitude_m.powi(2)).sum::<f64>().sqrt();
+    let velocity = modes.iter().map(|m| (m.amplitude_m * m.frequency_hz).powi(2)).sum::<f64>().sqrt();
+    Vibration { amplitude, frequency_hz: if amplitude > 0.0 { velocity / amplitude } else { 0.0 } }
+}
+
+/// A key, its value, the largest that is believed, its unit.
+pub(super) type Width = (&'static str, Option<f64>, f64, &'static str);
+
+/// What must lie between 0 and a bound.
+pub(super) fn bounded(document: &Document) -> Vec<Width> {
+    let (camera, wing) = (&document.camera, &document.wing);
+    let survey = document.survey.as_ref();
+    let mut list = vec![
+        ("survey.bend_sigma_m", survey.and_then(|s| s.bend_sigma_m), 5.0, "m"),
+        ("survey.vertical_sigma_deg", survey.and_then(|s| s.vertical_sigma_deg), 20.0, "degrees"),
+        ("wing.skin_motion_m", wing.skin_motion_m, 0.1, "m"),
+        ("wing.root_turn_sigma_mrad", wing.root_turn_sigma_mrad, 100.0, "mrad"),
+        ("wing.root_heave_sigma_m", wing.root_heave_sigma_m, 1.0, "m"),
+        ("wing.in_plane_sigma_m", wing.in_plane_sigma_m, 5.0, "m"),
+        ("camera.flight_scale_sigma", camera.flight_scale_sigma, 0.1, ""),
+        ("camera.flight_principal_point_sigma_px", camera.flight_principal_point_sigma_px, 1000.0, "px"),
+        ("camera.readout_s", camera.readout_s, LONGEST_READOUT_S, "s"),
+    ];
+    for mode in wing.vibration.iter().flatten() {
+        list.push(("wing.vibration.frequency_hz", Some(mode.frequency_hz), 1000.0, "Hz"));
+        list.push(("wing.vibration.amplitude_m", Some(mode.amplitude_m), 5.0, "m"));
+    }
+    list
+}

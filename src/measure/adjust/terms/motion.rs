@@ -1,0 +1,214 @@
+//! What flight moves by a little: each unknown displaces every marker in proportion. To first order nothing else is needed,
+//! since none of them moves a marker by more than some centimetres.
+
+use nalgebra::Vector3;
+
+use crate::measure::adjust::beam::Bending;
+use crate::measure::adjust::input::{Input, Sights};
+use crate::measure::adjust::scene::Scene;
+use crate::measure::adjust::term::{Displacement, Effect, Instant, Term};
+use crate::measure::estimation::Prior;
+use crate::measure::setup::{InFlight, SurveyMarker, Vibration};
+
+type Field = Vec<Vector3<f64>>;
+
+const MISSING: &str = "a motion of the wing in flight cannot be determined; give its standard deviation";
+
+fn moves(name: &'static str, instant: Instant, fields: Vec<Field>, sigmas: &[f64]) -> Term {
+    let prior = |(k, sigma): (usize, &f64)| Prior::scalar(name, k, 0.0, *sigma);
+    Term {
+        name,
+        missing: MISSING,
+        size: fields.len(),
+        priors: sigmas.iter().enumerate().map(prior).collect(),
+        enter: |_, _| (),
+        effect: Effect::Moves(Displacement { instant, fields }),
+    }
+}
+
+/// Deflection of a cantilever's first mode over that of its tip, and its slope, by the share of the length.
+fn mode(eta: f64) -> (f64, f64) {
+    (eta * eta * (3.0 - eta) / 2.0, 1.5 * eta * (2.0 - eta))
+}
+
+/// One on the wing.
+struct OnWing {
+    marker: usize,
+    /// Share of the length.
+    eta: f64,
+    /// Arm along the chord from the axis, m.
+    arm_m: f64,
+}
+
+fn wing(scene: &Scene) -> impl Iterator<Item = OnWing> {
+    let axis = &scene.ground.axis;
+    let stations = scene.ground.stations.iter().enumerate().filter(|(k, _)| !scene.is_fixed(*k));
+    stations.map(|(marker, s)| OnWing {
+        marker,
+        eta: s.arc_m / axis.length_m,
+        arm_m: s.surveyed_m.z - axis.root_m.z,
+    })
+}
+
+fn empty(scene: &Scene) -> Field {
+    vec![Vector3::zeros(); scene.ground.stations.len()]
+}
+
+/// Bend of the wing between survey and ground frame, at the tip, m: the shape in which lift bends it, scaled.
+pub fn ground_bend(scene: &Scene, sigma_m: f64) -> Option<Term> {
+    let flat = scene.bend(&Bending::NONE);
+    let mut field = empty(scene);
+    for OnWing { marker, .. } in wing(scene) {
+        let ground_m = scene.ground.stations[marker].surveyed_m;
+        let state = scene.marker(marker, &flat, &ground_m, &Bending::NONE, &Default::default());
+        field[marker] = state.by_curvature[0];
+    }
+    // The tip's: the outermost marker's, carried on as the square of the length.
+    let outermost = wing(scene).max_by(|a, b| a.eta.total_cmp(&b.eta))?;
+    let tip = field[outermost.marker].y / outermost.eta.powi(2).max(f64::EPSILON);
+    field.iter_mut().for_each(|by| *by /= tip);
+    let name = "bend between survey and ground frame";
+    (sigma_m > 0.0 && tip > 0.0).then(|| moves(name, Instant::OnGround, vec![field], &[sigma_m]))
+}
+
+/// Second unknown of the bending in the wing's plane over the first.
+const SECOND_IN_PLANE: f64 = 0.4;
+
+/// Bending in the wing's plane at the tip, aft on a right wing, m: as the first mode, and a part that grows farther
+/// outboard; sections turn with it.
+fn in_plane(scene: &Scene, sigma_m: f64) -> Option<Term> {
+    let mut fields = vec![empty(scene); 2];
+    let length_m = scene.ground.axis.length_m;
+    for OnWing { marker, eta, arm_m } in wing(scene) {
+        let shapes = [mode(eta), (eta.powi(4), 4.0 * eta.powi(3))];
+        for (field, (deflection, slope)) in fields.iter_mut().zip(shapes) {
+            field[marker] = Vector3::new(-arm_m * slope / length_m, 0.0, deflection);
+        }
+    }
+    let sigmas = [sigma_m, SECOND_IN_PLANE * sigma_m];
+    (sigma_m > 0.0).then(|| moves("bending in the wing's plane", Instant::InFlight, fields, &sigmas))
+}
+
+/// Standard deviations of a part's deflection, rad, of its hinge's height, m, and along the chord, m: a part turns by some
+/// ten degrees about a hinge that nobody surveys.
+const PART: [f64; 3] = [0.2, 0.1, 0.02];
+
+/// One moving part with these markers.
+fn part(scene: &Scene, of: &[usize]) -> Term {
+    let place = |marker: usize| scene.ground.stations[marker].surveyed_m.z;
+    let mean_m = of.iter().map(|k| place(*k)).sum::<f64>() / of.len().max(1) as f64;
+    let mut fields = vec![empty(scene); PART.len()];
+    for &marker in of {
+        fields[0][marker] = Vector3::y() * (place(marker) - mean_m);
+        fields[1][marker] = Vector3::y();
+        fields[2][marker] = Vector3::z();
+    }
+    moves("moving part", Instant::InFlight, fields, &PART)
+}
+
+/// All moving parts that markers sit on.
+fn parts(scene: &Scene, markers: &[SurveyMarker]) -> Vec<Term> {
+    let mut names: Vec<&str> = markers.iter().filter_map(|m| m.part.as_deref()).collect();
+    names.sort_unstable();
+    names.dedup();
+    let of = |name: &str| -> Vec<usize> {
+        (0..markers.len()).filter(|k| markers[*k].part.as_deref() == Some(name)).collect()
+    };
+    names.into_iter().map(|name| part(scene, &of(name))).collect()
+}
+
+/// Root mean square of a sinusoid's velocity and of half its acceleration, its unit per s and per s^2.
+fn rates(vibration: Vibration) -> [f64; 2] {
+    let circular = std::f64::consts::TAU * vibration.frequency_hz;
+    let rms = vibration.amplitude / 2f64.sqrt();
+    [rms * circular, 0.5 * rms * circular * circular]
+}
+
+/// Instants of the markers' rows against the middle row's, s; 0 where a marker is not seen.
+fn row_times_s(scene: &Scene, sights: &Sights, height_px: f64, readout_s: f64) -> Vec<f64> {
+    let time_s = |v: f64| (v / height_px - 0.5) * readout_s;
+    let of = |k: usize| sights.get(k).copied().flatten().map_or(0.0, |seen| time_s(seen.pixel.y));
+    (0..scene.ground.stations.len()).map(of).collect()
+}
+
+/// The wing in its first mode while the rows are read: its tip's velocity at the middle row, m/s.
+fn vibration(scene: &Scene, times_s: &[f64], of: Vibration) -> Option<Term> {
+    let mut field = empty(scene);
+    for OnWing { marker, eta, .. } in wing(scene) {
+        field[marker] = Vector3::y() * (mode(eta).0 * times_s[marker]);
+    }
+    let [velocity, _] = rates(of);
+    (velocity > 0.0).then(|| moves("vibration of the wing", Instant::AtItsRow, vec![field], &[velocity]))
+}
+
+/// The camera about its two transverse axes while the rows are read, rad/s and rad/s^2. A camera that turns sees what
+/// points that turn the other way about it show.
+fn shake(scene: &Scene, times_s: &[f64], of: Vibration) -> Option<Term> {
+    let mut fields = vec![];
+    for (axis, power) in [(Vector3::x(), 1), (Vector3::x(), 2), (Vector3::y(), 1), (Vector3::y(), 2)] {
+        let about = scene.camera_from_wing.transpose() * axis;
+        let stations = scene.ground.stations.iter().zip(times_s);
+        fields.push(stations.map(|(s, t)| s.surveyed_m.cross(&about) * t.powi(power)).collect());
+    }
+    let [velocity, acceleration] = rates(of);
+    let sigmas = [velocity, acceleration, velocity, acceleration];
+    (velocity > 0.0).then(|| moves("shake of the camera", Instant::AtItsRow, fields, &sigmas))
+}
+
+/// What each frame has for itself beside bending, twist and rotation.
+pub fn of_frame(input: &Input, sights: &Sights) -> Vec<Term> {
+    let InFlight { in_plane_m, readout_s, vibration: of_wing, shake: of_camera, .. } =
+        input.setup.uncertainty.in_flight;
+    let scene = input.scene;
+    let mut terms: Vec<_> = in_plane(scene, in_plane_m).into_iter().collect();
+    terms.extend(parts(scene, &input.setup.markers));
+    if readout_s > 0.0 {
+        let times_s = row_times_s(scene, sights, f64::from(input.setup.lens.height), readout_s);
+        terms.extend(vibration(scene, &times_s, of_wing));
+        terms.extend(shake(scene, &times_s, of_camera));
+    }
+    terms
+}
+
+/// d position / d the root's rotation about the wing frame's axes, then its shift.
+fn by_root(k: usize, from_root_m: &Vector3<f64>) -> Vector3<f64> {
+    let axis = Vector3::ith(k % 3, 1.0);
+    if k < 3 { axis.cross(from_root_m) } else { axis }
+}
+
+/// The root against the cabin since the ground frame: rotation about the wing frame's axes, rad, then shift, m, of which a
+/// width is given each. Marks that are fixed to the cabin stay.
+pub fn root(turn_sigma_rad: f64, shift_sigma_m: f64) -> Term {
+    let sigma = |k: usize| if k < 3 { turn_sigma_rad } else { shift_sigma_m };
+    let name = "motion of the root";
+    Term {
+        name,
+        missing: "the root's motion cannot be determined; give wing.root_turn_sigma_mrad and wing.root_heave_sigma_m",
+        size: 6,
+        priors: (0..6).map(|k| Prior::scalar(name, k, 0.0, sigma(k))).collect(),
+        enter: |x, values| {
+            values.root_turn_rad += Vector3::from_column_slice(&x[..3]);
+            values.root_shift_m += Vector3::from_column_slice(&x[3..]);
+        },
+        effect: Effect::Wing {
+            position: |state, k| state.from_root_m.map_or_else(Vector3::zeros, |from| by_root(k, &from)),
+            lifts: |curve, k| {
+                curve.bent.iter().map(|section| by_root(k, &(section.axis_m - curve.root_m)).y).collect()
+            },
+            twist: |_, _| 0.0,
+        },
+    }
+}
+
+/// The survey's vertical about the wing frame's X and Z, rad: it moves nothing, and lifts are counted along it.
+pub fn vertical(sigma_rad: f64) -> Term {
+    let name = "vertical of the survey";
+    Term {
+        name,
+        missing: "the survey's vertical cannot be determined",
+        size: 2,
+        priors: (0..2).map(|k| Prior::scalar(name, k, 0.0, sigma_rad)).collect(),
+        enter: |_, _| (),
+        effect: Effect::Vertical(|displaced_m, k| if k == 0 { displaced_m.z } else { -displaced_m.x }),
+    }
+}
