@@ -13,7 +13,7 @@ use crate::measure::detect::appearance::formula::{Model, Slopes, Tone};
 use crate::measure::detect::appearance::parameters::{
     BLUR, GAMMA, LIGHT, N, Parameters, Pattern, WHITEST, X, Y,
 };
-use crate::measure::detect::estimate::normal_equations::{biweights, robust_sigma};
+use crate::measure::detect::estimate::{normal_equations::biweights, scale::robust_sigma};
 use crate::measure::detect::estimate::options::{ITERATION, TERM};
 use crate::measure::detect::estimate::prior::Unknowns;
 use crate::measure::detect::estimate::sandwich::{Blocks, REACH};

@@ -13,7 +13,7 @@ use super::knot_field::{self, Cell, Centre, Over, Rows, Step, Term};
 use crate::measure::detect::appearance::formula::{Model, Slopes, Tone};
 use crate::measure::detect::appearance::parameters::{COMMON, GAMMA, MAJOR, Parameters, Pattern, X, Y};
 use crate::measure::detect::estimate::bounds::{has_shape, is_sharp};
-use crate::measure::detect::estimate::normal_equations::{biweights, robust_sigma};
+use crate::measure::detect::estimate::{normal_equations::biweights, scale::robust_sigma};
 use crate::measure::detect::estimate::options::{ITERATION, TERM};
 use crate::measure::detect::estimate::{gauss_newton::Fit, prior::Unknowns, sandwich::Blocks};
 use crate::measure::detect::hypothesis::prior::Estimate;
