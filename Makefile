@@ -8,24 +8,33 @@ MACHINE_PACKAGES := flex bison bc xz-utils dpkg-dev libexif-dev mmdebstrap e2fsp
 MACHINE_OPTIONS ?=
 DEMO_OUTPUT ?= demo-output
 
-# What the demonstration needs: no cameras but replay, no AprilGrid, no Parquet.
+# The desk's side (docs/fleet.md): its packages in an environment of their own, its wingd with `upload` beside the daemon's.
+# WINGD=/usr/bin/wingd takes one that is there, as of the desk's package.
+FLEET := $(CURDIR)/target/fleet
+WINGD ?= $(FLEET)/wingd
+export RAY_USAGE_STATS_ENABLED := 0
+# Without any network but the loopback.
+ALONE := $(FLEET)/venv/bin/python -m demo.alone
+
+# What the demonstration needs: no cameras but replay, no boards, no Parquet, no TIFF.
 DEMO_FEATURES := --no-default-features
 
-.PHONY: help demo test test-mutations check lint bench compare docs package package-aarch64 test-machine test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
+.PHONY: help demo test test-mutations check lint bench compare docs package package-desk package-aarch64 test-machine test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
 	@echo 'make build         the whole program: target/release/wingd'
 	@echo 'make test          formatting, lints, every test (Debian 12: installs what it lacks)'
-	@echo 'make test-mutations  10,000 mutated installations, frames, measurements, configurations'
+	@echo 'make test-mutations  10,000 mutated installations, frames, measurements, configurations; 3,000 of each foreign file'
 	@echo 'make check         format, lints, unit tests and layers: what usually breaks, in a minute after a change'
 	@echo 'make bench         the figures of docs/performance.md'
 	@echo 'make docs          all pages as a book: target/book/index.html'
 	@echo 'make compare BASE=revision  what detects otherwise than at that revision (QUICK=1, TOLERANCE; tests/compare)'
 	@echo 'make package       a Debian package in target/package'
+	@echo 'make package-desk  the desk'"'"'s: wingd with upload, wingd-fleet; packaging/Containerfile makes an image of it'
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
 	@echo 'make test-machine  cameras, GPIO and systemd in virtual machines'
-	@echo 'make fleet-demo    two aircraft on this machine: S3 server, upload, another calibration, tables, report'
+	@echo 'make fleet-demo    two aircraft, two wings on this machine: S3 server, upload, another calibration, corrections, damage, report'
 	@echo 'make fleet-test    upload broken off, workers killed, engines, schema (docs/fleet.md)'
 	@echo 'make fleet-growth  questions to 20, 200 and 2,000 synthetic flights, timed'
 	@echo 'make test-powercut  300 power cuts of a virtual machine, and the control without fsync'
@@ -34,9 +43,12 @@ demo: dependencies
 	$(CARGO) build --release --locked --bin wingd $(DEMO_FEATURES)
 	target/release/wingd demo --output $(DEMO_OUTPUT)
 
-test: dependencies lint
+# Lints and tests of one build: .ci/linted.
+test: dependencies
 	@sh packaging/dependencies.sh $(TEST_PACKAGES)
-	$(CARGO) test --release --locked
+	$(CARGO) fmt --check
+	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/linted $(CARGO) test --release --locked --all-targets --no-run
+	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/linted $(CARGO) test --release --locked
 
 # In about half an hour; WINGD_MUTATIONS=400 for a look.
 test-mutations: dependencies
@@ -51,9 +63,8 @@ lint: dependencies
 	$(CARGO) fmt --check
 	$(CARGO) clippy --release --locked --all-targets -- -D warnings
 
-# With one test, so that the dependencies get the tests' features and are not built twice.
 build: dependencies
-	$(CARGO) build --release --locked --bins --test layers
+	$(CARGO) build --release --locked --bins
 
 bench: build
 	sh benches/run.sh
@@ -74,6 +85,9 @@ compare: dependencies
 package: build
 	sh packaging/build.sh
 
+package-desk: $(FLEET)/wingd
+	sh packaging/desk.sh $(FLEET)/wingd
+
 package-aarch64: machine-dependencies
 	bash packaging/aarch64.sh
 
@@ -88,36 +102,34 @@ test-powercut: build
 	bash tests/powercut/run.sh --cuts $(CUTS) --fs $(FS)
 	bash tests/powercut/run.sh --cuts 20 --fs $(FS) --without-fsync
 
-# The desk's side (docs/fleet.md): its packages in an environment of their own, its wingd with `upload` beside the daemon's.
-FLEET := $(CURDIR)/target/fleet
-export RAY_USAGE_STATS_ENABLED := 0
-# Without any network but the loopback.
-ALONE := $(FLEET)/venv/bin/python -m demo.alone
+fleet-demo: $(FLEET)/installed-demo $(WINGD)
+	cd fleet && $(ALONE) $(FLEET)/venv/bin/python -m demo $(WINGD) $(FLEET)/demo
 
-fleet-demo: $(FLEET)/installed $(FLEET)/wingd
-	cd fleet && $(ALONE) $(FLEET)/venv/bin/python -m demo $(FLEET)/wingd $(FLEET)/demo
-
-fleet-test: $(FLEET)/installed $(FLEET)/wingd
+# FLEET_SLOW_LINK=1: 100 MB over 2 Mbit/s too, ten minutes more.
+fleet-test: $(FLEET)/installed-test $(WINGD)
 	$(CARGO) clippy --release --locked --all-targets --features upload -- -D warnings
 	cd fleet && $(FLEET)/venv/bin/ruff format --check . && $(FLEET)/venv/bin/ruff check .
-	cd fleet && WINGD=$(FLEET)/wingd $(ALONE) $(FLEET)/venv/bin/python -m pytest
+	cd fleet && WINGD=$(WINGD) $(ALONE) $(FLEET)/venv/bin/python -m pytest
 
 # 20, 200 and 2,000 synthetic flights: some minutes and 1 GB to make them.
-fleet-growth: $(FLEET)/installed $(FLEET)/wingd
-	cd fleet && $(FLEET)/venv/bin/python -m demo.growth $(FLEET)/wingd $(FLEET)/growth
+fleet-growth: $(FLEET)/installed-test $(WINGD)
+	cd fleet && $(FLEET)/venv/bin/python -m demo.growth $(WINGD) $(FLEET)/growth
 
-$(FLEET)/installed: fleet/pyproject.toml
+# installed-demo: 400 MB with the S3 server, 480 MB with wingd and what the demonstration makes; installed-test: 1.2 GB, Ray and other
+# engines among it.
+$(FLEET)/installed-%: fleet/pyproject.toml
 	@sh packaging/dependencies.sh python3-venv
 	mkdir -p $(FLEET)
 	python3 -m venv $(FLEET)/venv
-	$(FLEET)/venv/bin/pip install --quiet --disable-pip-version-check --editable 'fleet[test]'
+	$(FLEET)/venv/bin/pip install --quiet --disable-pip-version-check --editable 'fleet[$*]'
+	$(if $(filter demo,$*),$(FLEET)/venv/bin/python -m pip uninstall --yes --quiet setuptools pip)
 	touch $@
 
 .PHONY: $(FLEET)/wingd
 $(FLEET)/wingd: dependencies
 	$(CARGO) build --release --locked --bins --test layers --features upload
 	mkdir -p $(FLEET)
-	cp target/release/wingd $@
+	strip -o $@ target/release/wingd
 
 # Installs the Debian packages that are missing, as root or through sudo; elsewhere says which.
 dependencies:

@@ -20,7 +20,7 @@ sed -i -e 's#^path = "store"#path = "/var/lib/wingd/store"#' -e 's#^socket = .*#
     -e 's#"live.sock"#"/run/wingd/live.sock"#' \
     -e 's#^folder = .*#folder = "/var/lib/wingd/frames"#' "$root/etc/wingd/wingd.toml"
 grep -q '^path = "/var/lib/wingd/store"' "$root/etc/wingd/wingd.toml" || { echo "config/wingd.toml: no [store] path to set" >&2; exit 1; }
-for page in README.md LICENSE* CHANGELOG.md docs/operations.md docs/operations/camera.md docs/operations/flights-to-the-desk.md docs/licences.md docs/store.md; do
+for page in README.md LICENSE* CHANGELOG.md docs/operations.md docs/operations/camera.md docs/operations/flights-to-the-desk.md docs/reference/*.md docs/licences.md docs/store.md; do
     [ ! -f "$page" ] || put 644 "$page" "usr/share/doc/wingd/$(basename "$page")"
 done
 # Man pages and completions come from the program itself; of another processor's, from this machine's build.
@@ -39,11 +39,7 @@ mv "$root/usr/share/doc/wingd/LICENSE" "$root/usr/share/doc/wingd/copyright" 2>/
 install -d -m 755 "$root/DEBIAN"
 for script in postinst prerm postrm; do install -m 755 "packaging/debian/$script" "$root/DEBIAN/$script"; done
 echo /etc/wingd/wingd.toml >"$root/DEBIAN/conffiles"
-# What it links, and the newest C library symbol it needs, from the binary itself; names of Debian 12, and of 13 and later.
-linked=$(objdump -p "$binary")
-libc=$(echo "$linked" | sed -n 's/.* GLIBC_\([0-9.]*\)$/\1/p' | sort -V | tail -n 1)
-needs="libc6 (>= ${libc:?$binary: no C library version}), libgcc-s1"
-case $linked in *" libgphoto2."*) needs="$needs, libgphoto2-6 | libgphoto2-6t64, libgphoto2-port12 | libgphoto2-port12t64" ;; esac
+needs=$(sh packaging/needs.sh "$binary")
 cat >"$root/DEBIAN/control" <<END
 Package: wingd
 Version: $version

@@ -1,4 +1,4 @@
-//! `wingd.toml`: composed of each module's own section.
+//! This file reads `wingd.toml`, which is composed of the sections that each module defines for itself.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -8,7 +8,7 @@ use serde::Deserialize;
 use crate::camera::section::CameraSection;
 use crate::daemon::{LiveConfig, PowerConfig, SeriesConfig, StatusConfig};
 use crate::http::section::ServeConfig;
-use crate::installation::Fault;
+use crate::installation::{Fault, KeyFault};
 use crate::measure::adjust::{Method, Options};
 use crate::pipeline::Job;
 use crate::store::StoreConfig;
@@ -81,6 +81,18 @@ impl SolveConfig {
         };
         Job { method, options: Options { curvature_terms: self.curvature_terms, ..Options::default() } }
     }
+
+    fn faults(&self) -> Vec<KeyFault> {
+        let terms = self.curvature_terms.filter(|n| !(1..=10).contains(n)).map(|terms| {
+            let mend = "give 1 to 10, or leave it out";
+            KeyFault::new("solve.curvature_terms", format!("is {terms}"), mend)
+        });
+        let deadline = (self.deadline < Duration::from_secs(1)).then(|| {
+            let mend = "give at least \"1s\", or leave it out";
+            KeyFault::new("solve.deadline", format!("is {:?}", self.deadline), mend)
+        });
+        terms.into_iter().chain(deadline).collect()
+    }
 }
 
 /// Reads and checks a configuration; every fault in one go. Relative paths count from the file's folder.
@@ -101,7 +113,7 @@ pub fn load_camera(file: &Path) -> Result<CameraSection, Vec<Fault>> {
     }
     let text = read(file)?;
     let mut camera = toml::from_str::<CameraAlone>(&text).map_err(|e| vec![syntax(file, &text, &e)])?.camera;
-    let faults: Vec<Fault> = camera.faults().iter().map(|text| split(file, text)).collect();
+    let faults: Vec<Fault> = camera.faults().into_iter().map(|fault| fault.of(file)).collect();
     resolve_camera(&mut camera, file.parent().unwrap_or(Path::new("")));
     if faults.is_empty() { Ok(camera) } else { Err(faults) }
 }
@@ -109,7 +121,12 @@ pub fn load_camera(file: &Path) -> Result<CameraSection, Vec<Fault>> {
 fn read(file: &Path) -> Result<String, Vec<Fault>> {
     std::fs::read_to_string(file).map_err(|e| {
         let problem = format!("cannot be read ({e})");
-        vec![fault(file, "file", problem, "name it with --config; config/wingd.toml is a commented default")]
+        vec![Fault::new(
+            file,
+            "file",
+            problem,
+            "name it with --config; config/wingd.toml is a commented default",
+        )]
     })
 }
 
@@ -150,48 +167,25 @@ impl Config {
         }
         let one = |(place, path): (&str, &PathBuf)| {
             let problem = format!("is \"{}\"; ~ is known to shells only", path.display());
-            fault(file, place, problem, "write the whole path, beginning with /")
+            Fault::new(file, place, problem, "write the whole path, beginning with /")
         };
         paths.into_iter().filter(|(_, path)| path.starts_with("~")).map(one).collect()
     }
 
     fn faults(&self, file: &Path) -> Vec<Fault> {
-        let mut texts = self.camera.faults();
-        texts.extend(self.series.faults());
-        texts.extend(self.store.faults());
-        texts.extend(self.power.faults());
-        texts.extend(self.live.faults());
-        let mut faults: Vec<Fault> = texts.iter().map(|text| split(file, text)).collect();
+        let mut keys = self.camera.faults();
+        keys.extend(self.series.faults());
+        keys.extend(self.store.faults());
+        keys.extend(self.power.faults());
+        keys.extend(self.live.faults());
+        let mut faults: Vec<Fault> = keys.into_iter().map(|fault| fault.of(file)).collect();
         if let Some(serve) = &self.serve {
             let place = |key: &str| (file.to_owned(), format!("serve.{key}"));
             faults.extend(serve.open(place).err().unwrap_or_default());
         }
-        if let Some(terms) = self.solve.curvature_terms.filter(|n| !(1..=10).contains(n)) {
-            faults.push(fault(
-                file,
-                "solve.curvature_terms",
-                format!("is {terms}"),
-                "give 1 to 10, or leave it out",
-            ));
-        }
-        if self.solve.deadline < Duration::from_secs(1) {
-            let problem = format!("is {:?}", self.solve.deadline);
-            faults.push(fault(file, "solve.deadline", problem, "give at least \"1s\", or leave it out"));
-        }
+        faults.extend(self.solve.faults().into_iter().map(|fault| fault.of(file)));
         faults
     }
-}
-
-fn fault(file: &Path, place: &str, problem: impl Into<String>, mend: &str) -> Fault {
-    Fault { file: file.into(), place: place.into(), problem: problem.into(), mend: mend.into() }
-}
-
-/// A section's `key: what; how to mend it`.
-fn split(file: &Path, text: &str) -> Fault {
-    let (place, rest) = text.split_once(": ").unwrap_or(("file", text));
-    let (problem, mend) =
-        rest.split_once("; ").or_else(|| rest.split_once(", ")).unwrap_or((rest, "correct it"));
-    fault(file, place, problem, mend)
 }
 
 fn syntax(file: &Path, text: &str, error: &toml::de::Error) -> Fault {

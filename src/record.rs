@@ -1,7 +1,21 @@
 //! The result of one image, as written to disk and to standard output (docs/interface.md).
+//!
+//! The fields stand in the order in which they are written, and their names are the keys. What is new of a marker gets
+//! its field in [`MarkerRecord`], of the tip in [`Tip`], a parameter in [`Model`], and what says how good the adjustment
+//! is in [`Quality`]; an `Option` that is left out where it is `None` keeps the records of older programs readable.
+
+mod model;
+mod provenance;
+mod quality;
+mod reason;
 
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
+
+pub use crate::measure::setup::Shape;
+pub use model::{Measured, Model, Term};
+pub use provenance::{Parameters, Provenance, Timing};
+pub use quality::{CadFit, Correlation, Panes, Quality, VarianceComponent};
+pub use reason::Reason;
 
 /// Whether an image could be solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -14,13 +28,43 @@ pub enum Status {
     Failed,
 }
 
-/// A value with its standard deviation, in the unit that the field's name bears.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Measured {
-    /// The value.
-    pub value: f64,
-    /// `null` for a parameter that was held fixed.
-    pub sigma: Option<f64>,
+/// How the deflection is modelled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// The published method: a parabola in the vertical plane.
+    Profile,
+    /// A beam of rigid sections in space.
+    Spatial,
+    /// The frame never came to be solved; an empty word is written.
+    #[default]
+    #[serde(rename = "")]
+    None,
+}
+
+/// Verdict of the global test, where there is redundancy to test.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum GlobalTest {
+    /// The variance factor is compatible with 1.
+    Passed,
+    /// It is not.
+    Rejected,
+}
+
+/// Which standard deviations a result has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SigmaKind {
+    /// From the observations' own standard deviations.
+    Prior,
+    /// Scaled by the root of the variance factor.
+    Posterior,
+}
+
+/// The word that an enum of unit variants is written as.
+pub fn word(value: impl Serialize) -> String {
+    serde_json::to_value(value).ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
 /// One image's result.
@@ -33,8 +77,8 @@ pub struct ImageRecord {
     /// One sentence that says what to do; with `failed` only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// `profile` or `spatial`.
-    pub method: String,
+    /// How it was solved.
+    pub method: Method,
     /// True where the frames of a flight were adjusted together.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub flight: bool,
@@ -42,12 +86,12 @@ pub struct ImageRecord {
     pub variance_factor: Option<f64>,
     /// Conditions less parameters.
     pub redundancy: Option<usize>,
-    /// `passed`, `rejected` or `null`.
-    pub global_test: Option<String>,
-    /// `prior` or `posterior`.
-    pub sigma_kind: Option<String>,
-    /// The model's parameters; name -> value with sigma, or a list of them.
-    pub model: Map<String, Value>,
+    /// `None` where there is no redundancy.
+    pub global_test: Option<GlobalTest>,
+    /// `None` without a solution.
+    pub sigma_kind: Option<SigmaKind>,
+    /// The model's parameters.
+    pub model: Model,
     /// The outermost marker.
     pub tip: Option<Tip>,
     /// Every marker of the survey.
@@ -58,22 +102,32 @@ pub struct ImageRecord {
     #[serde(default)]
     pub curve: Vec<CurveRecord>,
     /// Correlations, variance components, refraction and the like.
-    #[serde(default, skip_serializing_if = "Map::is_empty")]
-    pub quality: Map<String, Value>,
+    #[serde(default, skip_serializing_if = "Quality::is_empty")]
+    pub quality: Quality,
     /// What a person should read.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub remarks: Vec<String>,
     /// Hashes of frame, camera, survey, orientation; program version; parameters.
-    #[serde(default, skip_serializing_if = "Map::is_empty")]
-    pub provenance: Map<String, Value>,
-    /// Stages and their durations, ms.
-    pub timing_ms: Map<String, Value>,
+    #[serde(default, skip_serializing_if = "Provenance::is_empty")]
+    pub provenance: Provenance,
+    /// What each stage took, ms.
+    pub timing_ms: Timing,
 }
 
 impl ImageRecord {
     /// An image without numbers, and the sentence that says what to do.
-    pub fn failed(image: &str, method: &str, reason: impl Into<String>) -> Self {
-        Self { image: image.into(), method: method.into(), reason: Some(reason.into()), ..Self::default() }
+    pub fn failed(image: &str, method: Method, reason: impl Into<String>) -> Self {
+        Self { image: image.into(), method, reason: Some(reason.into()), ..Self::default() }
+    }
+
+    /// Whether it has numbers.
+    pub fn is_solved(&self) -> bool {
+        self.status == Status::Ok
+    }
+
+    /// Markers that took part in the adjustment.
+    pub fn used(&self) -> usize {
+        self.markers.iter().filter(|m| m.used).count()
     }
 }
 
@@ -93,8 +147,8 @@ pub struct Tip {
 pub struct MarkerRecord {
     /// Survey id.
     pub id: String,
-    /// `quadrant` or `circle`.
-    pub shape: String,
+    /// Which kind of target.
+    pub shape: Shape,
     /// Image of the centre, px.
     pub u_px: Option<f64>,
     /// Image of the centre, px.

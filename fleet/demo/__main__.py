@@ -1,4 +1,5 @@
-"""python -m demo WINGD FOLDER"""
+"""python -m demo WINGD FOLDER: two aircraft that differ, one of them with both wings, a trial on ground that is withdrawn, an object
+that is damaged and repaired."""
 
 from __future__ import annotations
 
@@ -6,46 +7,119 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
-from .prepare import recalibrated, record
+from wingd_fleet.lake import Lake
+
+from .prepare import fly, recalibrated, record, recorder_of, weigh
 from .server import BUCKET, Server
 
 LAKE = f"s3://{BUCKET}/demo"
-AIRCRAFT = ("D-DEMA", "D-DEMB")
+# Lift of the tip by which the second aircraft differs from the first at the same load, m.
+DIFFERS_M = 0.15
+
+
+def prepared(wingd: str, folder: Path) -> dict[str, tuple[Path, str, str]]:
+    """Stores of four recorders, with aircraft and wing. Three flew the bundled flight, one a simulated right wing."""
+    stores = {
+        "left": (record(wingd, folder / "recorder-left"), "D-DEMA", "left"),
+        "right": (
+            fly(wingd, folder / "recorder-right", "--side", "right", "--seed", "7", "--tip-lifts", "2.4,2.2"),
+            "D-DEMA",
+            "right",
+        ),
+        "other": (record(wingd, folder / "recorder-other"), "D-DEMB", "left"),
+        "trial": (record(wingd, folder / "recorder-trial"), "D-DEMB", "right"),
+    }
+    weigh(wingd, stores["left"][0])
+    weigh(wingd, stores["other"][0], DIFFERS_M)
+    return stores
+
+
+def damage(environment: dict[str, str]) -> None:
+    """As a bad disk of the object store does: a bit of one table."""
+    os.environ.update(environment)
+    lake = Lake(LAKE)
+    key = next(key for key in lake.keys("tables") if "/shots/" in key)
+    data = bytearray(lake.need(key))
+    data[len(data) // 3] ^= 1
+    lake.replace(key, bytes(data))
+    print(f"\n(a bit of {key} is flipped)", flush=True)
 
 
 def main(wingd: str, folder: Path) -> None:
+    begun = time.monotonic()
     fleet = str(Path(sys.executable).with_name("wingd-fleet"))
-    recorders = [record(wingd, folder / f"recorder-{name}") for name in AIRCRAFT]
-    installation = recalibrated(wingd, recorders[0].parent, folder / "recalibrated")
-    shutil.rmtree(folder / "server", ignore_errors=True)
-    shutil.rmtree(folder / "cache", ignore_errors=True)
+    stores = prepared(wingd, folder)
+    for name in ("server", "cache", "work"):
+        shutil.rmtree(folder / name, ignore_errors=True)
     with Server(folder / "server") as server:
-        environment = {**os.environ, **server.environment, "WINGD": wingd}
+        environment = {**os.environ, **server.environment, "WINGD": wingd, "HOME": str(folder / "cache")}
 
-        def step(*command: str) -> None:
-            print("\n$ " + " ".join(command), flush=True)
-            subprocess.run(command, env=environment, check=True)
+        def step(*command: str, check: bool = True) -> None:
+            print("\n$ " + " ".join(part if " " not in part else f'"{part}"' for part in command), flush=True)
+            subprocess.run(command, env=environment, check=check)
 
-        for store, name in zip(recorders, AIRCRAFT):
-            step(wingd, "upload", str(store), "--to", LAKE, "--aircraft", name, "--aircraft-type", "DEMO")
-        step(fleet, "flights", "--lake", LAKE)
-        step(fleet, "define", "--lake", LAKE, "--solve", "onboard", "--kept")
-        other = [part for name in AIRCRAFT for part in ("--installation", f"{name}={installation}")]
-        step(fleet, "define", "--lake", LAKE, "--solve", "recalibrated", *other)
+        def ask(word: str, *more: str, check: bool = True) -> None:
+            step(fleet, word, "--lake", LAKE, *more, check=check)
+
+        for store, aircraft, wing in stores.values():
+            kind = "DEMO-A" if wing == "right" and aircraft == "D-DEMA" else "DEMO"
+            step(
+                wingd,
+                "upload",
+                str(store),
+                "--to",
+                LAKE,
+                "--aircraft",
+                aircraft,
+                "--aircraft-type",
+                kind,
+                "--wing",
+                wing,
+            )
+        ask(
+            "correct",
+            "aircraft=D-DEMA",
+            "--set",
+            "aircraft_type=DEMO",
+            "--why",
+            "the right wing was sent with a wrong type",
+        )
+        ask("flights")
+        ask("define", "--solve", "onboard", "--kept")
+        own = []
+        for name, (store, *_) in stores.items():
+            installation = recalibrated(wingd, store.parent, folder / f"recalibrated-{name}")
+            own += ["--installation", f"{recorder_of(store)[:8]}={installation}"]
+        ask("define", "--solve", "recalibrated", *own)
         for solve in ("onboard", "recalibrated"):
-            step(fleet, "run", "--lake", LAKE, "--solve", solve, "--workers", "2")
-        catalogue = folder / "catalogue.db"
-        catalogue.unlink(missing_ok=True)
-        for solve in ("onboard", "recalibrated"):
-            step(fleet, "iceberg", "--lake", LAKE, "--solve", solve, "--catalogue", f"sqlite:///{catalogue}")
-        cache = ["--cache", str(folder / "cache")]
-        asked = "SELECT aircraft, frames, round(1000 * mean_m, 2) AS mean_mm FROM compared_by_aircraft('onboard', 'recalibrated')"
-        step(fleet, "query", "--lake", LAKE, *cache, asked)
-        report = ["--solve", "recalibrated", "--against", "onboard", "--output", str(folder / "fleet.html")]
-        step(fleet, "report", "--lake", LAKE, *cache, *report)
-    print(f"\nReport: {folder / 'fleet.html'}")
+            ask("run", "--solve", solve, "--workers", "2")
+        trial = f"{recorder_of(stores['trial'][0])[:8]}/f0001"
+        ask("withdraw", trial, "--why", "a trial on ground, not a flight")
+        damage(environment)
+        asked = (
+            "SELECT aircraft, wing, flights, round(lift_m, 3) AS lift_m FROM lift_by_aircraft WHERE solve = 'onboard'"
+        )
+        ask("query", asked, check=False)
+        ask("verify", check=False)
+        ask("repair")
+        ask("compact", "--prune")
+        ask("query", asked)
+        ask(
+            "query",
+            "SELECT aircraft, wing, frames, round(1000 * mean_m, 2) AS mean_mm FROM compared_by_aircraft('onboard', 'recalibrated')",
+        )
+        ask(
+            "query",
+            "SELECT aircraft, wing, results, round(rate_hz, 1) AS rate_hz, round(lift_m, 3) AS lift_m FROM live_by_flight",
+        )
+        ask("corrections")
+        ask("report", "--solve", "recalibrated", "--against", "onboard", "--output", str(folder / "fleet.html"))
+    # The lake is of no use without its server.
+    shutil.rmtree(folder / "server")
+    print(f"\nReport: {folder / 'fleet.html'} ({time.monotonic() - begun:.0f} s)")
 
 
 if __name__ == "__main__":

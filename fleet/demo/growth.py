@@ -9,12 +9,13 @@ import sys
 import time
 from pathlib import Path
 
-from wingd_fleet import desk, engines, report, solves, synthesise, task
+from wingd_fleet import desk, engines, report, snapshot, solves, synthesise, task
 from wingd_fleet.lake import Lake
 
-from .prepare import call, record
+from .prepare import call, fly, record, weigh
 
 SIZES = (20, 200, 2000)
+RIGHT = ("--side", "right", "--seed", "7", "--tip-lifts", "2.4,2.2")
 QUESTIONS = {
     "lift by aircraft": "FROM lift_by_aircraft",
     "line of type": "FROM line_of_type",
@@ -24,17 +25,19 @@ QUESTIONS = {
     "reasons of markers": "FROM marker_reasons",
     "failing flights": "FROM failing_flights",
     "two solves": "FROM compared_by_aircraft('onboard', 'recalibrated')",
+    "live results": "FROM live_by_flight",
 }
 
 
 def real(wingd: str, folder: Path) -> Lake:
-    """A lake of two real flights, as recorded."""
+    """A lake of two real flights, as recorded: one with aircraft data, one with live results."""
     lake = Lake(f"file://{folder / 'lake'}")
-    for name in ("D-DEMA", "D-DEMB"):
-        store = record(wingd, folder / f"recorder-{name}")
+    stores = [record(wingd, folder / "recorder-left"), fly(wingd, folder / "recorder-right", *RIGHT)]
+    weigh(wingd, stores[0])
+    for store, name in zip(stores, ("D-DEMA", "D-DEMB")):
         call(wingd, "upload", str(store), "--to", lake.url, "--aircraft", name)
     solves.define(lake, "onboard", None, [], "as recorded")
-    for flight in lake.flights():
+    for flight in solves.flights(lake):
         task.run(lake, "onboard", flight, wingd, folder / "work")
     return lake
 
@@ -61,28 +64,45 @@ def measure(lake: Lake, output: Path) -> dict[str, float]:
     return times
 
 
+def child(call: str, *arguments: str) -> dict[str, float]:
+    """Runs in a process of its own: its memory is the measure."""
+    code = f"import sys, json; from pathlib import Path; from wingd_fleet.lake import Lake; from demo.growth import *; print(json.dumps({call}))"
+    done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(done.stderr)
+    return json.loads(done.stdout)
+
+
+def compacted(lake: Lake, work: Path) -> dict[str, float]:
+    begun = time.perf_counter()
+    id = snapshot.make(lake, work)
+    sizes = lake.sizes(f"{snapshot.PLACE}/{id}")
+    return {
+        "compacting": time.perf_counter() - begun,
+        "compacting, most memory, MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
+        "files": len(sizes),
+        "their MB": sum(sizes.values()) / 1e6,
+    }
+
+
 def main(wingd: str, folder: Path, sizes: list[int]) -> None:
     source, columns = real(wingd, folder), {}
     for size in sizes:
         lake = Lake(f"file://{folder / f'synthetic-{size}'}")
-        if len(lake.committed().get("recalibrated", [])) < size:
+        if len(lake.keys("commits")) < 2 * size:
             synthesise.make(source, lake, size)
-        # In a process of its own: its memory is the measure.
-        code = (
-            "import sys, json; from pathlib import Path; from wingd_fleet.lake import Lake; from demo.growth import measure;"
-            "print(json.dumps(measure(Lake(sys.argv[1]), Path(sys.argv[2]))))"
-        )
-        done = subprocess.run(
-            [sys.executable, "-c", code, lake.url, str(folder / f"synthetic-{size}.html")],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        columns[size] = json.loads(done.stdout)
-    print(f"{'synthetic flights':26}" + "".join(f"{size:>12}" for size in sizes))
+        snapshot.remove(lake, snapshot.ids(lake))
+        page, work = str(folder / f"synthetic-{size}.html"), str(folder / "work")
+        one = {
+            f"flight by flight: {name}": v
+            for name, v in child("measure(Lake(sys.argv[1]), Path(sys.argv[2]))", lake.url, page).items()
+        }
+        one |= child("compacted(Lake(sys.argv[1]), Path(sys.argv[2]))", lake.url, work)
+        columns[size] = one | child("measure(Lake(sys.argv[1]), Path(sys.argv[2]))", lake.url, page)
+    print(f"{'synthetic flights':44}" + "".join(f"{size:>12}" for size in sizes))
     for name in columns[sizes[0]]:
-        print(f"{name:26}" + "".join(f"{columns[size][name]:12.2f}" for size in sizes))
-    engines.compare(Lake(f"file://{folder / f'synthetic-{sizes[-1]}'}"), "recalibrated")
+        print(f"{name:44}" + "".join(f"{columns[size][name]:12.2f}" for size in sizes))
+    engines.compare(Lake(f"file://{folder / f'synthetic-{sizes[-1]}'}"), "recalibrated", folder / "cache")
 
 
 if __name__ == "__main__":

@@ -1,14 +1,66 @@
-"""What demonstration and tests begin with: recorders' stores, and an installation with another calibration."""
+"""What demonstration and tests begin with: recorders' stores, aircraft data, and an installation with another calibration."""
 
 from __future__ import annotations
 
+import csv
+import datetime
+import os
 import re
 import shutil
+import signal
+import socket
 import subprocess
+import time
 from pathlib import Path
 
 # The other calibration: focal lengths longer by a thousandth, what a second calibration may find.
 FACTOR = 1.001
+# A flight in the simulated wing's own time: series, seconds between them, results a second between those.
+SERIES, INTERVAL_S, LIVE_HZ = 4, 3, 4
+# The invented aircraft: lift of the tip, m per t of weight times load factor, and at 60 t.
+SLOPE_M_PER_T, LIFT_AT_60_T_M = 0.060, 1.5
+# Of the simulated flight, kg.
+WEIGHT_KG = 72_000
+
+CONFIGURATION = """installation = "installation"
+[camera]
+kind = "replay"
+folder = "frames"
+[store]
+path = "store"
+reserve_mb = 0
+[status]
+socket = "wingd.sock"
+[series]
+interval = "{interval}s"
+shots = 2
+stale_window = 0
+[live]
+rate_hz = {rate}
+socket = "live.sock"
+[live.keep]
+ring_mb = 16
+jolt = false
+[live.aircraft_data]
+udp = "127.0.0.1:{port}"
+[[live.aircraft_data.column]]
+field = 34
+quantity = "weight_kg"
+[[live.aircraft_data.column]]
+field = 35
+quantity = "load_factor"
+"""
+MAPPING = """time = "UTC"
+[[column]]
+name = "GW"
+quantity = "weight_kg"
+[[column]]
+name = "NZ"
+quantity = "load_factor"
+[[column]]
+name = "MACH"
+quantity = "mach"
+"""
 
 
 def call(wingd: str, *arguments: str, environment: dict[str, str] | None = None, check: bool = True):
@@ -27,15 +79,89 @@ def record(wingd: str, folder: Path) -> Path:
     return folder / "store"
 
 
-def recalibrated(wingd: str, demo: Path, folder: Path) -> Path:
-    """The demonstration's installation with the other calibration, oriented anew."""
+def fly(wingd: str, folder: Path, *simulated: str) -> Path:
+    """A recorder's store with a flight of simulated frames, live results between its series, kept in `folder`."""
+    if (folder / "flown").exists():
+        return folder / "store"
     shutil.rmtree(folder, ignore_errors=True)
-    shutil.copytree(demo / "input/installation", folder, ignore=shutil.ignore_patterns("orientation.toml"))
+    call(wingd, "simulate", "--output", str(folder), *simulated)
+    if not (folder / "installation/orientation.toml").exists():
+        ground = str(folder / "frames/ground.jpg")
+        call(wingd, "orient", "--installation", str(folder / "installation"), ground)
+    (folder / "frames/ground.jpg").rename(folder / "ground.jpg")
+    recorded(wingd, folder)
+    (folder / "flown").touch()
+    return folder / "store"
+
+
+def recorded(wingd: str, folder: Path) -> None:
+    """Lets the recorder run over a folder's frames, beside a feed of aircraft data, until it has its series."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as feed:
+        feed.bind(("127.0.0.1", 0))
+        port = feed.getsockname()[1]
+    (folder / "wingd.toml").write_text(CONFIGURATION.format(interval=INTERVAL_S, rate=LIVE_HZ, port=port))
+    recorder = subprocess.Popen(
+        [wingd, "run", "--config", str(folder / "wingd.toml")], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    end = time.monotonic() + 60 * INTERVAL_S
+    while len(list(folder.glob("store/flights/*/*/results.jsonl"))) < SERIES and time.monotonic() < end:
+        tell(port)
+        time.sleep(0.2)
+    recorder.send_signal(signal.SIGINT)
+    recorder.wait(60)
+    call(wingd, "verify", str(folder / "store"))
+
+
+def tell(port: int) -> None:
+    """A line of the aircraft's data now: IWG1's 33 fields, then weight and load factor."""
+    tag = datetime.datetime.now(datetime.UTC).isoformat().replace("+00:00", "")
+    fields = ["IWG1", tag, *[""] * 9, "0.78", *[""] * 21, f"{WEIGHT_KG}", "1.0"]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as feed:
+        feed.sendto((",".join(fields) + "\r\n").encode(), ("127.0.0.1", port))
+
+
+def weigh(wingd: str, store: Path, off_m: float = 0.0) -> None:
+    """Aircraft data for a store's flight: the weight that its lifts follow from, but for so many metres."""
+    if (store.parent / "weighed").exists():
+        return
+    text = call(wingd, "export", str(store), "--format", "csv", "--table", "shots").stdout
+    lines = ["UTC,GW,NZ,MACH"]
+    for number, row in enumerate(csv.DictReader(text.splitlines())):
+        if row["tip_lift_m"]:
+            load = 60 + (float(row["tip_lift_m"]) - off_m - LIFT_AT_60_T_M) / SLOPE_M_PER_T
+            factor = 1 + 0.02 * (number % 3 - 1)
+            at = datetime.datetime.fromisoformat(row["exposure_time"] or row["utc"])
+            for seconds in (-0.2, 0.2):
+                tag = (at + datetime.timedelta(seconds=seconds)).isoformat().replace("+00:00", "Z")
+                lines.append(f"{tag},{1000 * load / factor:.1f},{factor:.3f},0.78")
+    flight = next((store / "flights").iterdir()).name
+    table, mapping = store.parent / "aircraft.csv", store.parent / "mapping.toml"
+    table.write_text("\n".join(lines) + "\n")
+    mapping.write_text(MAPPING)
+    call(wingd, "aircraft-data", str(store), str(table), "--mapping", str(mapping), "--flight", flight)
+    (store.parent / "weighed").touch()
+
+
+def recalibrated(wingd: str, demo: Path, folder: Path) -> Path:
+    """A recorder's installation with the other calibration, oriented anew."""
+    shutil.rmtree(folder, ignore_errors=True)
+    source = demo / "input" if (demo / "input").exists() else demo
+    ground = next(path for path in (source / "frames/ground.jpg", source / "ground.jpg") if path.exists())
+    shutil.copytree(source / "installation", folder, ignore=shutil.ignore_patterns("orientation.toml"))
     camera = folder / "camera.toml"
 
     def longer(found: re.Match) -> str:
         return f"{found[1]}{float(found[2]) * FACTOR:.1f}"
 
     camera.write_text(re.sub(r"(?m)^(f[xy] = )([0-9.]+)$", longer, camera.read_text()))
-    call(wingd, "orient", "--installation", str(folder), str(demo / "input/frames/ground.jpg"))
+    call(wingd, "orient", "--installation", str(folder), str(ground))
     return folder
+
+
+def recorder_of(store: Path) -> str:
+    """A store's id."""
+    return re.search(r'(?m)^id = "([^"]+)"', (store / "store.toml").read_text())[1]
+
+
+def path_with(wingd: str) -> str:
+    return f"{Path(wingd).parent}:{os.environ['PATH']}"

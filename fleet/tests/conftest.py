@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
 
-from demo.prepare import call, recalibrated, record
+from demo.prepare import call, recalibrated, record, recorder_of, weigh
 from demo.server import Server
-from wingd_fleet import program, solves
-from wingd_fleet.lake import Lake
+from wingd_fleet import program, solves, task
+from wingd_fleet.lake import Flight, Lake
+from wingd_fleet.state import State
+
+SOLVES = ("onboard", "recalibrated")
+AIRCRAFT = ("D-DEMA", "D-DEMB")
 
 
 @pytest.fixture(scope="session")
@@ -20,8 +25,11 @@ def wingd() -> str:
 
 @pytest.fixture(scope="session")
 def recorders(wingd, tmp_path_factory) -> list[Path]:
+    """The first has aircraft data, the second none."""
     folder = tmp_path_factory.mktemp("recorders")
-    return [record(wingd, folder / name) for name in ("a", "b")]
+    stores = [record(wingd, folder / name) for name in ("a", "b")]
+    weigh(wingd, stores[0])
+    return stores
 
 
 @pytest.fixture(scope="session")
@@ -37,24 +45,57 @@ def server(tmp_path_factory):
 
 
 def upload(wingd: str, stores: list[Path], url: str) -> None:
-    for store, name in zip(stores, ("D-DEMA", "D-DEMB")):
-        call(wingd, "upload", str(store), "--to", url, "--aircraft", name, "--aircraft-type", "DEMO")
+    for store, name, wing in zip(stores, AIRCRAFT, ("left", "right")):
+        about = ("--aircraft", name, "--aircraft-type", "DEMO", "--wing", wing)
+        call(wingd, "upload", str(store), "--to", url, *about)
+
+
+def flights(stores: list[Path]) -> list[Flight]:
+    return [Flight(recorder_of(store), "f0001") for store in stores]
 
 
 def define(lake: Lake, wingd: str, installation: Path) -> None:
     solves.define(lake, "onboard", None, [], "as recorded")
-    both = {"D-DEMA": installation, "D-DEMB": installation}
+    both = [({"recorder": flight.recorder, "from": None}, installation) for flight in solves.flights(lake)]
     solves.define(lake, "recalibrated", both, [], program.version(wingd))
 
 
-@pytest.fixture
-def lake(wingd, recorders, installation, tmp_path) -> Lake:
-    """A directory with both flights and both solves defined, nothing solved."""
-    url = f"file://{tmp_path / 'lake'}"
+def copy(lake: Lake, folder: Path) -> Lake:
+    shutil.copytree(lake.folder, folder)
+    return Lake(f"file://{folder}")
+
+
+@pytest.fixture(scope="session")
+def uploaded(wingd, recorders, installation, tmp_path_factory) -> Lake:
+    """A directory with both flights and both solves defined, nothing solved; not to be changed."""
+    url = f"file://{tmp_path_factory.mktemp('uploaded') / 'lake'}"
     upload(wingd, recorders, url)
     made = Lake(url)
     define(made, wingd, installation)
     return made
+
+
+@pytest.fixture(scope="session")
+def published(wingd, uploaded, tmp_path_factory) -> Lake:
+    """The same, solved without a fault; not to be changed."""
+    folder = tmp_path_factory.mktemp("published")
+    made = copy(uploaded, folder / "lake")
+    for solve in SOLVES:
+        for flight in solves.flights(made):
+            assert task.run(made, solve, flight, wingd, folder / "work") == "done"
+    return made
+
+
+@pytest.fixture
+def lake(uploaded, tmp_path) -> Lake:
+    """Both flights and both solves, nothing solved, of the test's own."""
+    return copy(uploaded, tmp_path / "lake")
+
+
+@pytest.fixture
+def solved(published, tmp_path) -> Lake:
+    """Both flights in both solves, of the test's own."""
+    return copy(published, tmp_path / "solved")
 
 
 def contents(lake: Lake, *places: str) -> dict[str, bytes]:
@@ -63,16 +104,14 @@ def contents(lake: Lake, *places: str) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="session")
-def faultless(wingd, recorders, installation, tmp_path_factory) -> dict[str, bytes]:
+def faultless(published) -> dict[str, bytes]:
     """Tables and commits of a run in which nothing failed."""
-    from wingd_fleet import task
+    return contents(published)
 
-    folder = tmp_path_factory.mktemp("faultless")
-    url = f"file://{folder / 'lake'}"
-    upload(wingd, recorders, url)
-    made = Lake(url)
-    define(made, wingd, installation)
-    for solve in ("onboard", "recalibrated"):
-        for flight in made.flights():
-            assert task.run(made, solve, flight, wingd, folder / "work") == "done"
-    return contents(made)
+
+def of(faultless: dict[str, bytes], solve: str) -> dict[str, bytes]:
+    return {key: data for key, data in faultless.items() if f"solve={solve}/" in key}
+
+
+def state(lake: Lake) -> State:
+    return State(lake)

@@ -1,23 +1,30 @@
-"""A connection that breaks: a TCP proxy on the loopback that ends everything after so many bytes."""
+"""A connection that breaks, or is slow: a TCP proxy on the loopback."""
 
 from __future__ import annotations
 
 import socket
 import threading
+import time
 from typing import Callable
 
 HOST = "127.0.0.1"
+BUFFER_BYTES = 64 << 10
 
 
 class Proxy:
-    """Passes connections on to a port; after `budget` bytes towards it calls `broken` and lets nothing through."""
+    """Passes connections on to a port; after `budget` bytes towards it calls `broken` and lets nothing through. `rate`: bytes a
+    second towards it, over all connections."""
 
-    def __init__(self, port: int):
-        self.target = port
+    def __init__(self, port: int, rate: float | None = None):
+        self.target, self.rate, self.free = port, rate, time.monotonic()
+        self.passed = 0
         self.budget: int | None = None
         self.broken: Callable[[], None] = lambda: None
         self.lock = threading.Lock()
         self.listener = socket.create_server((HOST, 0))
+        if rate:
+            # What the machine's buffers would take at once is on no slow link.
+            self.listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         self.port = self.listener.getsockname()[1]
         threading.Thread(target=self._accept, daemon=True).start()
 
@@ -39,6 +46,8 @@ class Proxy:
             while data := source.recv(16_384):
                 if counted and not self._count(len(data)):
                     break
+                if counted and self.rate:
+                    self._wait(len(data))
                 sink.sendall(data)
         except OSError:
             pass
@@ -50,8 +59,15 @@ class Proxy:
                     pass
                 one.close()
 
+    def _wait(self, length: int) -> None:
+        with self.lock:
+            turn = max(self.free, time.monotonic())
+            self.free = turn + length / self.rate
+        time.sleep(max(0.0, turn + length / self.rate - time.monotonic()))
+
     def _count(self, length: int) -> bool:
         with self.lock:
+            self.passed += length
             if self.budget is None:
                 return True
             before, self.budget = self.budget, self.budget - length

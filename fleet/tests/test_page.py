@@ -13,14 +13,16 @@ from pathlib import Path
 
 import pytest
 
-from demo.prepare import call, recalibrated
+from demo.prepare import call, recalibrated, recorder_of
 from demo.server import HOST, free_ports
+from wingd_fleet import parquet, solves
 from wingd_fleet.lake import Lake
+from wingd_fleet.state import State
 
 PAGE = Path(__file__).parents[2] / "docs/fleet.md"
 LAKE = "s3://wings/fleet"
 # The page speaks of a cluster; this is one machine.
-SMALLER = {"--workers 8 ": "--workers 2 "}
+SMALLER = {"--workers 8": "--workers 2", "-P 8 ": "-P 2 "}
 
 
 @pytest.fixture
@@ -51,19 +53,43 @@ def blocks(port: int) -> list[str]:
 
 def test_every_command_of_the_page_runs(wingd, recorders, recorder, server, tmp_path):
     shutil.copy(recorders[0].parent / "input/frames/ground.jpg", tmp_path)
-    for folder in ("new/D-ABCD", "same/D-ABCE"):
-        (tmp_path / folder).parent.mkdir()
+    for folder in ("new/left", "new/right", "same/right"):
+        (tmp_path / folder).parent.mkdir(exist_ok=True)
         recalibrated(wingd, recorders[0].parent, tmp_path / folder)
     server.make("wings")
-    # The other aircraft of the page has its flight in the lake already.
-    call(wingd, "upload", str(recorders[1]), "--to", LAKE, "--aircraft", "D-ABCE", "--aircraft-type", "A320")
+    # The other wing's flight is in the lake already, and its store on the desk.
+    shutil.copytree(recorders[1], tmp_path / "incoming/D-ABCE")
+    call(
+        wingd,
+        "upload",
+        str(recorders[1]),
+        "--to",
+        LAKE,
+        "--aircraft",
+        "D-ABCD",
+        "--aircraft-type",
+        "A320",
+        "--wing",
+        "right",
+    )
     path = f"{Path(wingd).parent}:{Path(sys.executable).parent}:{os.environ['PATH']}"
-    environment = {**os.environ, "PATH": path, "HOME": str(tmp_path)}
+    named = {"LEFT": recorder_of(recorders[0])[:8], "RIGHT": recorder_of(recorders[1])[:8], "WINGD": wingd}
+    environment = {**os.environ, **named, "PATH": path, "HOME": str(tmp_path)}
     script = "\n".join(blocks(recorder))
     said = subprocess.run(["sh", "-eux", "-c", script], cwd=tmp_path, env=environment)
     assert said.returncode == 0
-    assert sorted(Lake(LAKE).committed()) == ["cal-2026-11", "onboard"]
-    assert all(len(flights) == 2 for flights in Lake(LAKE).committed().values())
+    state = State(Lake(LAKE))
+    assert state.solves == ["cal-2026-11", "onboard"] and len(state.published()) == 4
     for report in ("fleet.html", "changed.html"):
         assert "</html>" in (tmp_path / report).read_text()
-    assert len(Lake(f"file://{tmp_path / 'staging'}").flights()) == 1
+    assert len(solves.flights(Lake(f"file://{tmp_path / 'staging'}"))) == 1
+
+
+def test_the_page_of_the_tables_names_every_column():
+    text = (PAGE.parent / "fleet/tables.md").read_text()
+    named = set(re.findall(r"`([a-z_0-9]+)`", text))
+    ranges = {f"position_{frame}{axis}_m" for frame in ("", "cad_") for axis in "xyz"}
+    for table in parquet.TABLES:
+        assert f"| `{table}` |" in text
+        for column in parquet.schema(table):
+            assert column.removeprefix("sigma_") in named | ranges or column in named, column

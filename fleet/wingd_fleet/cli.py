@@ -1,14 +1,17 @@
-"""The command `wingd-fleet`."""
+"""The command `wingd-fleet`: its words. What they do stands in commands.py."""
 
 from __future__ import annotations
 
 import argparse
+import os
+import signal
 import sys
-import tempfile
 from pathlib import Path
 
-from . import __version__, program, solves, task
-from .lake import FleetError, Flight, Lake
+from . import __version__, commands
+from .lake import FleetError
+
+_TARGET = "RECORDER/FLIGHT, RECORDER, RECORDER@f0012 or @2026-11-01 (from there on), aircraft=NAME; the beginning of a recorder's id will do"
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -19,177 +22,160 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit status: 0 all went well, 1 something could not be done, 2 wrong usage.",
     )
     parser.add_argument("--version", action="version", version=f"wingd-fleet {__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    subs = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def command(name: str, what: str):
-        sub = commands.add_parser(name, help=what, description=what)
+        sub = subs.add_parser(name, help=what, description=what)
         sub.add_argument("--lake", required=True, help="s3://BUCKET/PREFIX or file:///DIRECTORY")
-        sub.set_defaults(run=globals()[f"_{name}"])
+        sub.set_defaults(run=commands.task_of if name == "task" else getattr(commands, name))
         return sub
 
-    def worker(sub):
-        sub.add_argument("--solve", required=True, metavar="NAME")
-        sub.add_argument("--wingd", help="the binary [default: WINGD, or wingd on the path]")
-        sub.add_argument("--jobs", type=int, default=1, help="frames of a flight at a time [1]")
+    _ask(command)
+    _solve(command)
+    _correct(command)
+    _keep(command)
+    return parser
 
-    sub = command("flights", "Published flights, one a line; with --solve those without its tables")
-    sub.add_argument("--solve", metavar="NAME")
+
+def _worker(sub) -> None:
+    sub.add_argument("--solve", required=True, metavar="NAME")
+    sub.add_argument("--jobs", type=int, default=1, help="frames of a flight at a time [1]")
+    _program(sub)
+    sub.add_argument("--work", type=Path, help="for frames, emptied [default: the system's place for such]")
+
+
+def _program(sub) -> None:
+    sub.add_argument("--wingd", help="the binary [default: WINGD, or wingd on the path]")
+
+
+def _cache(sub) -> None:
+    sub.add_argument("--cache", type=Path, metavar="DIR", help="what a bucket gave is kept here [~/.cache/wingd-fleet]")
+
+
+def _ask(command) -> None:
+    sub = command(
+        "flights", "Flights with whose wing they are and how far they have come; with --solve those without its tables"
+    )
+    sub.add_argument("--solve", metavar="NAME", help="only what a task can do now, one a line, for xargs and its like")
+    sub = command("query", "The answer to a question, as a table")
+    _cache(sub)
+    sub.add_argument("--solve", metavar="NAME", action="append", help="[default: all]")
+    sub.add_argument("--csv", action="store_true", help="as CSV, all rows")
+    sub.add_argument("sql", help='e.g. "FROM lift_by_aircraft"; the views are in the .sql files of the package')
+    sub = command("report", "One HTML file")
+    _cache(sub)
+    sub.add_argument("--solve", metavar="NAME", help="[default: the last by name]")
+    sub.add_argument("--against", metavar="NAME", help="another solve to hold it against")
+    sub.add_argument("--output", type=Path, default=Path("fleet.html"), metavar="FILE")
+    sub = command("files", "Files with all published rows of a table, held against their digests, for other engines")
+    _cache(sub)
+    sub.add_argument("--table", required=True, help="shots, markers, parameters, span, live, live_markers, live_span")
+    sub.add_argument("--solve", metavar="NAME", action="append", help="[default: all]")
+    sub = command("fetch", "A flight's files, held against its manifest: a store that wingd reads")
+    sub.add_argument("--flight", required=True, metavar="RECORDER/FLIGHT")
+    sub.add_argument("--to", type=Path, required=True, metavar="DIR")
+
+
+def _solve(command) -> None:
     sub = command("define", "Say once what a solve is: its installations, arguments and program")
     sub.add_argument("--solve", required=True, metavar="NAME")
-    sub.add_argument("--wingd", help="the binary [default: WINGD, or wingd on the path]")
+    _program(sub)
     what = sub.add_mutually_exclusive_group(required=True)
     what.add_argument("--kept", action="store_true", help="the results that came with the flights, nothing computed")
-    what.add_argument("--installation", action="append", metavar="AIRCRAFT=DIR", help="once for each aircraft")
+    what.add_argument(
+        "--installation",
+        action="append",
+        metavar="RECORDER[@FROM]=DIR",
+        help="once for each recorder, and again from a flight (@f0012) or a date (@2026-11-01) on",
+    )
     sub.add_argument(
         "arguments", nargs="*", metavar="ARGUMENT", help="after --: for wingd solve, e.g. --method profile"
     )
     sub = command("task", "One flight: fetch, solve, export, publish")
-    worker(sub)
-    sub.add_argument("--flight", required=True, metavar="AIRCRAFT/RECORDER/FLIGHT")
-    sub.add_argument("--work", type=Path, help="for frames, emptied [default: the system's place for such]")
-    sub = command("run", "All flights that lack this solve's tables, on Ray")
-    worker(sub)
-    sub.add_argument("--workers", type=int, help="on this machine [default: the cores]")
-    sub.add_argument("--address", help="a Ray cluster's")
-    sub.add_argument("--work", type=Path, help="on each node, for frames, emptied")
-    sub = command("slurm", "The same as a Slurm array: writes DIR/array.sh and DIR/flights.txt")
-    worker(sub)
-    sub.add_argument("--output", type=Path, required=True, metavar="DIR")
-    sub.add_argument("--chunk", type=int, default=1, help="flights of an element [1]")
-    sub = command("iceberg", "Iceberg tables over a solve's Parquet files: a snapshot and a tag per solve")
-    sub.add_argument("--solve", required=True, metavar="NAME")
+    _worker(sub)
+    sub.add_argument("--flight", required=True, metavar="RECORDER/FLIGHT")
+    sub = command("run", "All flights that lack this solve's tables")
+    _worker(sub)
+    sub.add_argument(
+        "--workers", type=int, default=os.cpu_count(), help="flights at a time on this machine [the cores]"
+    )
+    sub.add_argument("--part", metavar="I/N", help="only the share of element I of N that run side by side, I from 0")
+    sub.add_argument("--ray", metavar="ADDRESS", help="on a Ray cluster that runs already, e.g. auto")
+
+
+def _correct(command) -> None:
+    def by(sub):
+        sub.add_argument("--why", required=True, help="for those who ask later")
+        sub.add_argument("--by", help="who [default: this user's name]")
+
+    for name, what in (
+        ("withdraw", "Take a flight, or a solve, out of every answer; who and why is kept"),
+        ("restore", "Take a withdrawal back"),
+    ):
+        sub = command(name, what)
+        sub.add_argument("target", nargs="?", metavar="WHAT", help=_TARGET)
+        sub.add_argument("--solve", metavar="NAME", help="of this solve only; alone: all of the solve")
+        by(sub)
+    sub = command("correct", "Correct whose wing it is: aircraft, aircraft_type, wing")
+    sub.add_argument("target", metavar="WHAT", help=_TARGET)
+    sub.add_argument(
+        "--set", action="append", required=True, metavar="NAME=VALUE", help="e.g. aircraft=D-ABCD; empty: not known"
+    )
+    by(sub)
+    command("corrections", "What was withdrawn or corrected, by whom and why")
+
+
+def _keep(command) -> None:
+    sub = command(
+        "compact", "A snapshot: all that is published in few sorted files, for many flights and other engines"
+    )
+    sub.add_argument("--prune", action="store_true", help="remove the snapshots before it")
+    sub.add_argument("--work", type=Path, help="for files under way, emptied")
+    sub = command("verify", "Read every byte of the lake and name what is damaged or gone")
+    sub.add_argument(
+        "--without-frames", action="store_true", help="leave out the frames: a rule of the bucket ages them"
+    )
+    sub = command("repair", "Make again what is damaged or gone, from what is whole")
+    sub.add_argument(
+        "--without-frames", action="store_true", help="leave out the frames: a rule of the bucket ages them"
+    )
+    _program(sub)
+    sub.add_argument("--work", type=Path, help="for files under way, emptied")
+    sub = command("iceberg", "Iceberg tables over the current snapshot, derived anew (an extra of the package)")
     sub.add_argument("--catalogue", required=True, metavar="URI", help="sqlite:///FILE, or a REST catalogue's URL")
-    for name, help_text in (("report", "One HTML file"), ("query", "The answer to a question, as a table")):
-        sub = command(name, help_text)
-        sub.add_argument(
-            "--cache", type=Path, metavar="DIR", help="tables of a bucket are kept here [~/.cache/wingd-fleet]"
-        )
-        if name == "report":
-            sub.add_argument("--solve", metavar="NAME", help="[default: the last by name]")
-            sub.add_argument("--against", metavar="NAME", help="another solve to hold it against")
-            sub.add_argument("--output", type=Path, default=Path("fleet.html"), metavar="FILE")
-        else:
-            sub.add_argument("--solve", metavar="NAME", action="append", help="[default: all]")
-            sub.add_argument("sql", help='e.g. "FROM lift_by_aircraft"; the views are in the .sql files of the package')
     sub = command(
         "synthesise", "Synthetic flights, made from the results of real ones, into another lake: for trying sizes"
     )
     sub.add_argument("--to", required=True, help="the other lake")
     sub.add_argument("--flights", type=int, required=True)
-    sub = command("engines", "Whether pandas, polars, DuckDB and DataFusion read the same in the tables")
+    sub = command("engines", "Whether pandas, polars, DuckDB and pyarrow read the same in the tables")
     sub.add_argument("--solve", required=True, metavar="NAME")
-    return parser
+    _cache(sub)
+
+
+def _stop(number, frame) -> None:
+    raise KeyboardInterrupt
 
 
 def main(arguments: list[str] | None = None) -> int:
     args = _parser().parse_args(arguments)
+    # A polite end leaves nothing, as Ctrl-C does.
+    signal.signal(signal.SIGTERM, _stop)
     try:
-        return args.run(args) or 0
+        status = args.run(args) or 0
+        sys.stdout.flush()
+        return status
     except FleetError as error:
         print(f"wingd-fleet: {error}", file=sys.stderr)
-        return 1
+    except BrokenPipeError:
+        # Nobody reads on, as after `| head`: no fault. What Python would flush at its end goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        print(f"wingd-fleet: {error.filename or type(error).__name__}: {error.strerror or error}", file=sys.stderr)
     except KeyboardInterrupt:
         print("wingd-fleet: stopped; the same command goes on with what is missing", file=sys.stderr)
-        return 1
-
-
-def _missing(lake: Lake, solve: str | None) -> list[Flight]:
-    done = set(lake.committed(solve).get(solve, [])) if solve else set()
-    return [flight for flight in lake.flights() if flight not in done]
-
-
-def _flights(args) -> None:
-    for flight in _missing(Lake(args.lake), args.solve):
-        print(flight)
-
-
-def _define(args) -> None:
-    installations = None
-    if not args.kept:
-        pairs = [text.partition("=") for text in args.installation]
-        wrong = [name for name, equals, _ in pairs if not equals]
-        if wrong:
-            raise FleetError(f"--installation {wrong[0]}: give AIRCRAFT=DIR")
-        installations = {name: Path(folder) for name, _, folder in pairs}
-    # What is kept needs a binary too: its export.
-    version = program.version(program.find(args.wingd)) if installations is not None else "as recorded"
-    definition = solves.define(Lake(args.lake), args.solve, installations, args.arguments, version)
-    of = "the results that came along" if args.kept else f"{version}, {len(definition['installations'])} installations"
-    print(f"{args.solve}: {of}")
-
-
-def _task(args) -> None:
-    work = args.work or Path(tempfile.gettempdir()) / "wingd-fleet"
-    outcome = task.run(
-        Lake(args.lake), args.solve, Flight.parse(args.flight), program.find(args.wingd), work, args.jobs
-    )
-    print(f"{args.flight}  {outcome}")
-
-
-def _run(args) -> int:
-    from . import ray_driver
-
-    lake = Lake(args.lake)
-    definition = solves.read(lake, args.solve)
-    flights, wingd = _missing(lake, args.solve), program.find(args.wingd)
-    # Before the workers find it out one by one.
-    if definition["installations"] != solves.KEPT and program.version(wingd) != definition["program"]:
-        raise FleetError(f"{wingd} is {program.version(wingd)}, solve {args.solve} is of {definition['program']}")
-    if not flights:
-        print("every published flight has its tables")
-        return 0
-    work = args.work or Path(tempfile.mkdtemp(prefix="wingd-fleet-"))
-    counts = ray_driver.run(args.lake, args.solve, flights, wingd, work, args.workers, args.address, args.jobs)
-    print(", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items())))
-    return 1 if counts["failed"] else 0
-
-
-def _slurm(args) -> None:
-    from . import slurm
-
-    flights = _missing(Lake(args.lake), args.solve)
-    wingd, fleet = program.find(args.wingd), str(Path(sys.argv[0]).resolve())
-    script, elements = slurm.write(args.output, args.lake, args.solve, flights, wingd, fleet, args.chunk, args.jobs)
-    print(f"{script}: {len(flights)} flights in {elements} elements")
-
-
-def _iceberg(args) -> None:
-    from . import iceberg
-
-    lake = Lake(args.lake)
-    counts = iceberg.update(lake, iceberg.catalogue(lake, args.catalogue), args.solve)
-    print(", ".join(f"{table}: {count} files" for table, count in counts.items()))
-
-
-def _report(args) -> None:
-    from . import desk, report, synthesise
-
-    solves_asked = [one for one in (args.against, args.solve) if one] if args.solve and args.against else None
-    lake = Lake(args.lake)
-    report.write(
-        desk.Desk(lake, solves_asked, args.cache), args.output, args.solve, args.against, synthesise.is_made(lake)
-    )
-    print(args.output)
-
-
-def _query(args) -> None:
-    from . import desk
-
-    answer = desk.Desk(Lake(args.lake), args.solve, args.cache).ask(args.sql)
-    if answer is not None:
-        answer.show(max_width=200, max_rows=10_000)
-
-
-def _synthesise(args) -> None:
-    from . import synthesise
-
-    synthesise.make(Lake(args.lake), Lake(args.to), args.flights)
-
-
-def _engines(args) -> int:
-    from . import engines
-
-    return 0 if engines.compare(Lake(args.lake), args.solve) else 1
+    return 1
 
 
 if __name__ == "__main__":

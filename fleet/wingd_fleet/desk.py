@@ -2,36 +2,38 @@
 
 from __future__ import annotations
 
-import os
+import csv
 import re
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from functools import partial
 from importlib import resources
 from pathlib import Path
 
 import duckdb
-import obstore
+import pyarrow as pa
 
-from .lake import TABLES, FleetError, Flight, Lake
+from . import parquet, snapshot
+from .corrections import ATTRIBUTES
+from .lake import Damaged, FleetError, Flight, Lake
+from .state import Published, State, at_once, chosen, clean, part_of
 
-# Columns of aircraft data that the results may have: the first one that is there is taken.
-WEIGHT = ("weight_kg", "aircraft_weight_kg")
-LOAD_FACTOR = ("load_factor", "aircraft_load_factor")
-# Objects brought at a time.
-FETCHES = 16
+# Of DuckDB, MB: what it cannot hold it writes to the disk meanwhile.
+MEMORY_MB = 400
+# Rows written at a time.
+FETCHED = 10_000
 # A fresh connection's `frames` reads these of `shots`.
 _FRAMES = """
 CREATE TABLE frames AS
-SELECT solve, aircraft, aircraft_type, recorder_id, flight, series, shot, image, utc, status, reason, camera_failures,
+SELECT solve, aircraft, aircraft_type, wing, recorder_id, flight, series, shot, image, utc, status, reason, camera_failures,
        variance_factor, global_test, sigma_kind, tip_marker, tip_lift_m, tip_sigma_lift_m, program,
-       {weight}::DOUBLE AS weight_kg, {factor}::DOUBLE AS load_factor,
-       {weight}::DOUBLE * {factor}::DOUBLE / 1000 AS load_t
+       weight_kg, load_factor, mach, weight_kg * load_factor / 1000 AS load_t
 FROM shots
 """
-
 # File -> the table that it reads, and what it makes.
 _ON_DEMAND = {
     "mount.sql": ("parameters", {"rotations", "mount_by_flight", "mount_by_aircraft"}),
     "detection.sql": ("markers", {"marks", "detection", "marker_reasons"}),
+    "live.sql": ("live", {"live_by_flight"}),
 }
 
 
@@ -40,27 +42,46 @@ class Desk:
 
     def __init__(self, lake: Lake, solves: list[str] | None = None, cache: Path | None = None):
         self.lake = lake
-        committed = lake.committed()
-        self.solves = solves or sorted(committed)
-        unknown = [solve for solve in self.solves if solve not in committed]
-        if unknown or not self.solves:
-            known = ", ".join(sorted(committed)) or "none"
-            raise FleetError(f"{lake.url}: no tables of {', '.join(unknown) or 'any solve'}; there are: {known}")
-        self.flights = {solve: committed[solve] for solve in self.solves}
         self.cache = cache or Path.home() / ".cache" / "wingd-fleet"
+        clean(self.cache)
+        self.state = State(lake, self.cache)
+        self.solves = chosen(self.state, solves)
+        self.snapshot = snapshot.newest(lake)
+        self.published = self.state.published(self.solves, snapshot.covered(self.snapshot, self.state))
         self.connection = duckdb.connect()
         # The bar would stand among the answers.
         self.connection.execute("SET enable_progress_bar = false")
-        # Thousands of files: each one's footer is read once.
-        self.connection.execute("SET parquet_metadata_cache = true")
+        # Days are of UTC wherever the desk is.
+        self.connection.execute("SET TimeZone = 'UTC'")
+        self.connection.execute(f"SET memory_limit = '{MEMORY_MB}MB'")
+        self.connection.execute("SET preserve_insertion_order = false")
         self.made: set[str] = set()
+        self._place_published()
         self._need("shots")
-        columns = {row[0] for row in self.connection.sql("DESCRIBE shots").fetchall()}
-        weight, factor = (next((c for c in names if c in columns), None) for names in (WEIGHT, LOAD_FACTOR))
-        self.connection.execute(_FRAMES.format(weight=weight or "NULL", factor=factor or "NULL"))
+        self.connection.execute(_FRAMES)
         # The columns are there without an aircraft's data too, and empty.
         self.has_load = self.rows("SELECT count(load_t) > 0 AS some FROM frames")[0]["some"]
         self._views("views.sql")
+
+    def _place_published(self) -> None:
+        """A table of the published flights: whose they are by now, and which lie in the snapshot."""
+        inside = set(self.snapshot.commits) if self.snapshot else set()
+        names = ("solve", "recorder_id", "flight", *ATTRIBUTES, "inside")
+        rows = [
+            (
+                one.solve,
+                one.flight.recorder,
+                one.flight.flight,
+                *(getattr(one.about, name) for name in ATTRIBUTES),
+                one.commit in inside,
+            )
+            for one in self.published
+        ]
+        types = [pa.string()] * 6 + [pa.bool_()]
+        arrays = [pa.array([row[k] for row in rows], kind) for k, kind in enumerate(types)]
+        self.connection.register("published_now", pa.table(arrays, names=list(names)))
+        self.connection.execute("CREATE TABLE published AS FROM published_now")
+        self.connection.unregister("published_now")
 
     def _need(self, sql: str) -> None:
         """Makes what a question names and nothing else: opening thousands of files takes seconds."""
@@ -70,33 +91,59 @@ class Desk:
                 self._need(table)
                 self.made |= names
                 self._views(file)
-        for table in words & set(TABLES):
+        for table in words & set(parquet.TABLES):
             self.made.add(table)
-            keys = [flight.table(table, solve) for solve in self.solves for flight in self.flights[solve]]
-            listed = ", ".join("'" + str(file).replace("'", "''") + "'" for file in self._local(keys))
-            how = "union_by_name = true, hive_partitioning = false"
-            self.connection.execute(f"CREATE VIEW {table} AS SELECT * FROM read_parquet([{listed}], {how})")
+            self.connection.execute(f"CREATE VIEW {table} AS {' UNION ALL BY NAME '.join(self._parts(table))}")
+
+    def _parts(self, table: str) -> list[str]:
+        """Selections that give each row of each published flight once."""
+        inside = set(self.snapshot.commits) if self.snapshot else set()
+        about = ", ".join(ATTRIBUTES)
+        parts = [_empty(table)]
+        if self.snapshot:
+            files = [file for solve in self.solves for file in self.snapshot.files.get(table, {}).get(solve, [])]
+            for listed in self._grouped([(f["key"], f["sha256"], f["columns"]) for f in files]):
+                old = f"SELECT * EXCLUDE ({about}) FROM read_parquet([{listed}], hive_partitioning = false)"
+                parts.append(f"SELECT {_prefixed(about)}, t.* FROM ({old}) t {_JOIN} AND p.inside")
+        own = [one.tables[table] for one in self.published if one.commit not in inside and table in one.tables]
+        for listed in self._grouped([(one.key, one.sha256, one.columns) for one in own]):
+            old = f"FROM read_parquet([{listed}], hive_partitioning = false)"
+            parts.append(f"SELECT {_prefixed(about)}, t.* FROM ({old}) t {_JOIN} AND NOT p.inside")
+        return parts
+
+    def _grouped(self, objects: list[tuple[str, str, str]]) -> list[str]:
+        """Local files of objects, each held against its digest, grouped by their columns."""
+        paths, faults = [], []
+        for object, path in zip(objects, at_once(partial(self.local, self.lake, self.cache), objects)):
+            if isinstance(path, str):
+                faults.append(path)
+            else:
+                paths.append((object[2], path))
+        if faults:
+            raise Damaged(faults)
+        groups: dict[str, list[str]] = {}
+        for columns, path in paths:
+            groups.setdefault(columns, []).append("'" + str(path).replace("'", "''") + "'")
+        return [", ".join(files) for files in groups.values()]
+
+    @staticmethod
+    def local(lake: Lake, cache: Path, object: tuple[str, str, str]) -> Path | str:
+        """A file with an object's bytes, or what is wrong: in place where the lake is a directory, else brought once."""
+        key, digest, _ = object
+        path = lake.folder / key if lake.folder else cache / "objects" / f"{digest}.parquet"
+        found = snapshot.digest_of(path)
+        if found == digest:
+            return path
+        if not lake.folder:
+            with suppress(_Wrong), part_of(path) as part:
+                found = lake.download(key, part)
+                if found != digest:
+                    raise _Wrong
+                return path
+        return f"{lake.url}/{key}: {'is not there' if found is None else 'is damaged: its digest does not fit'}"
 
     def _views(self, file: str) -> None:
         self.connection.execute(resources.files(__package__).joinpath(file).read_text())
-
-    def _local(self, keys: list[str]) -> list[Path]:
-        """Files of the keys: in place where the lake is a directory, else brought once, for they never change."""
-        if self.lake.folder:
-            return [self.lake.folder / key for key in keys]
-        place = self.cache / self.lake.url.removeprefix("s3://")
-
-        def bring(key: str) -> Path:
-            path = place / key
-            if not path.exists():
-                path.parent.mkdir(parents=True, exist_ok=True)
-                part = path.with_name(f"{path.name}.{os.getpid()}.part")
-                part.write_bytes(bytes(obstore.get(self.lake.store, key).bytes()))
-                part.rename(path)
-            return path
-
-        with ThreadPoolExecutor(FETCHES) as pool:
-            return list(pool.map(bring, keys))
 
     def rows(self, sql: str, parameters: list | None = None) -> list[dict]:
         """A question's answer."""
@@ -105,12 +152,76 @@ class Desk:
         names = [column[0] for column in result.description]
         return [dict(zip(names, row)) for row in result.fetchall()]
 
-    def ask(self, sql: str):
-        """A question's answer as DuckDB shows it; None where the statement has none."""
-        self._need(sql)
-        return self.connection.sql(sql)
+    def show(self, sql: str) -> None:
+        """Prints a question's answer as a table; nothing where the statement has none."""
+        with _said():
+            self._need(sql)
+            answer = self.connection.sql(sql)
+            if answer is not None:
+                answer.show(max_width=200, max_rows=10_000)
 
-    def missing(self, solve: str) -> tuple[list[Flight], dict[Flight, list[dict]]]:
-        """Published flights without tables of a solve, and what their tasks said."""
-        done = set(self.flights[solve])
-        return [flight for flight in self.lake.flights() if flight not in done], self.lake.failures(solve)
+    def write_csv(self, sql: str, output) -> None:
+        """Writes all rows of a question's answer."""
+        writer = csv.writer(output, lineterminator="\n")
+        with _said():
+            self._need(sql)
+            answer = self.connection.execute(sql)
+            writer.writerow([column[0] for column in answer.description])
+            while rows := answer.fetchmany(FETCHED):
+                writer.writerows(rows)
+
+    def incomplete(self) -> list[str]:
+        """What an answer lacks, in sentences."""
+        said = []
+        for solve in self.solves:
+            if missing := self.state.missing(solve):
+                named = ", ".join(map(str, missing[:3])) + (" …" if len(missing) > 3 else "")
+                said.append(
+                    f"solve {solve}: no tables yet of {len(missing)} flights: {named}; `wingd-fleet run` makes them"
+                )
+        coming = [flight for flight in self.state.flights if self.state.arrived(flight) != "whole"]
+        if coming:
+            said.append(
+                f"{len(coming)} flights have not arrived as a whole; `wingd-fleet flights` says how far they are"
+            )
+        return said
+
+    def withdrawn(self) -> list[tuple[Flight, str, dict]]:
+        """Flights of the chosen solves that were withdrawn, and by which record."""
+        found = []
+        for solve in self.solves:
+            for flight in self.state.flights if self.state.corrections.records else []:
+                if record := self.state.withdrawn(flight, solve if (solve, flight) in self.state.commits else None):
+                    found.append((flight, solve, record))
+        return found
+
+    def flights(self, solve: str) -> list[Published]:
+        return [one for one in self.published if one.solve == solve]
+
+
+class _Wrong(Exception):
+    """What came is not what was asked for."""
+
+
+@contextmanager
+def _said():
+    """What is wrong with a question, in a line."""
+    try:
+        yield
+    except duckdb.Error as error:
+        raise FleetError(f"the question: {' '.join(str(error).split())[:600]}") from None
+
+
+_JOIN = "JOIN published p ON t.solve = p.solve AND t.recorder_id = p.recorder_id AND t.flight = p.flight"
+_KINDS = {"string": "VARCHAR", "int64": "BIGINT", "double": "DOUBLE", "float": "FLOAT", "bool": "BOOLEAN"}
+
+
+def _prefixed(about: str) -> str:
+    return ", ".join(f"p.{name.strip()}" for name in about.split(","))
+
+
+def _empty(table: str) -> str:
+    """A table's columns of this version, without rows: a question may name them where no flight has any."""
+    kinds = dict.fromkeys(ATTRIBUTES, "VARCHAR")
+    kinds |= {name: _KINDS.get(kind, "TIMESTAMPTZ") for name, kind in parquet.schema(table).items()}
+    return f"SELECT {', '.join(f'NULL::{kind} AS {name}' for name, kind in kinds.items())} WHERE false"

@@ -1,4 +1,4 @@
-"""The same answer from several engines, each reading the Parquet files by its own code."""
+"""The same answer from several engines, each reading the files of the current snapshot by its own code, as docs/fleet.md says."""
 
 from __future__ import annotations
 
@@ -6,70 +6,78 @@ import math
 import time
 from pathlib import Path
 
-from .lake import VERSION, FleetError, Lake
+from . import snapshot
+from .lake import Damaged, FleetError, Lake
+from .state import State
 
 
-def _pandas(folder: str, solve: str):
+def files(lake: Lake, table: str, solves: list[str] | None, cache: Path) -> list[Path]:
+    """Local files with all published rows of a table, each held against its digest. A directory's are in place."""
+    from .desk import Desk
+
+    now = snapshot.current(State(lake))
+    if now is None:
+        raise FleetError(
+            f"{lake.url}: there is no snapshot of what is published now; make one with `wingd-fleet compact`"
+        )
+    listed = now.files.get(table, {})
+    wanted = [file for solve in (solves or sorted(listed)) for file in listed.get(solve, [])]
+    found = [Desk.local(lake, cache, (file["key"], file["sha256"], file["columns"])) for file in wanted]
+    if faults := [one for one in found if isinstance(one, str)]:
+        raise Damaged(faults)
+    return found
+
+
+def _pandas(files: list[str]):
     import pandas
 
-    frame = pandas.read_parquet(
-        folder, columns=["aircraft", "status", "tip_lift_m"], partitioning=None, filters=[("solve", "==", solve)]
+    frame = pandas.concat(
+        pandas.read_parquet(one, columns=["aircraft", "status", "tip_lift_m"], partitioning=None) for one in files
     )
     frame = frame[frame.status == "ok"]
-    return frame.groupby(frame.aircraft.astype(str)).tip_lift_m.agg(["count", "mean"]).itertuples(name=None)
+    return frame.groupby("aircraft").tip_lift_m.agg(["count", "mean"]).itertuples(name=None)
 
 
-def _polars(folder: str, solve: str):
+def _polars(files: list[str]):
     import polars
 
-    frame = polars.scan_parquet(
-        f"{folder}/**/*.parquet", hive_partitioning=True, missing_columns="insert", extra_columns="ignore"
+    frame = (
+        polars.scan_parquet(files, hive_partitioning=False).filter(polars.col("status") == "ok").group_by("aircraft")
     )
-    frame = frame.filter((polars.col("solve") == solve) & (polars.col("status") == "ok")).group_by("aircraft")
-    return (
-        frame.agg(polars.col("tip_lift_m").count().alias("n"), polars.col("tip_lift_m").mean().alias("m"))
-        .collect()
-        .iter_rows()
-    )
+    mean = frame.agg(polars.col("tip_lift_m").count().alias("n"), polars.col("tip_lift_m").mean().alias("m"))
+    return mean.collect().iter_rows()
 
 
-def _duckdb(folder: str, solve: str):
+def _duckdb(files: list[str]):
     import duckdb
 
-    return duckdb.execute(
-        f"SELECT aircraft, count(tip_lift_m), avg(tip_lift_m) FROM read_parquet('{folder}/**/*.parquet', "
-        "hive_partitioning = true, union_by_name = true) WHERE solve = ? AND status = 'ok' GROUP BY aircraft",
-        [solve],
-    ).fetchall()
+    listed = "read_parquet($files, hive_partitioning = false)"
+    sql = f"SELECT aircraft, count(tip_lift_m), avg(tip_lift_m) FROM {listed} WHERE status = 'ok' GROUP BY aircraft"
+    return duckdb.execute(sql, {"files": files}).fetchall()
 
 
-def _datafusion(folder: str, solve: str):
-    import datafusion
+def _pyarrow(files: list[str]):
+    import pyarrow.compute as pc
+    import pyarrow.dataset as ds
 
-    context = datafusion.SessionContext()
-    context.register_parquet("shots", folder, file_extension=".parquet")
-    text = solve.replace("'", "''")
-    frame = context.sql(
-        f"SELECT aircraft, count(tip_lift_m) AS n, avg(tip_lift_m) AS m FROM shots WHERE solve = '{text}' AND status = 'ok' GROUP BY aircraft"
-    )
-    return [tuple(row.values()) for row in frame.to_pylist()]
-
-
-ENGINES = {"pandas": _pandas, "polars": _polars, "duckdb": _duckdb, "datafusion": _datafusion}
+    content = ds.dataset(files).to_table(["aircraft", "tip_lift_m"], filter=pc.field("status") == "ok")
+    grouped = content.group_by("aircraft").aggregate([("tip_lift_m", "count"), ("tip_lift_m", "mean")])
+    return [
+        tuple(row.values()) for row in grouped.select(["aircraft", "tip_lift_m_count", "tip_lift_m_mean"]).to_pylist()
+    ]
 
 
-def compare(lake: Lake, solve: str, said=print) -> bool:
-    """Frames and mean lift of each aircraft by each engine; whether they agree. For a lake that is a directory."""
-    if not lake.folder:
-        raise FleetError("the engines read a directory; give file:///DIRECTORY, a copy of the lake's tables")
-    folder = str(lake.folder / f"tables/{VERSION}/shots")
-    if not Path(folder).is_dir():
-        raise FleetError(f"{folder}: is not there; run a solve first")
+ENGINES = {"pandas": _pandas, "polars": _polars, "duckdb": _duckdb, "pyarrow": _pyarrow}
+
+
+def compare(lake: Lake, solve: str, cache: Path, said=print) -> bool:
+    """Frames and mean lift of each aircraft by each engine; whether they agree."""
+    listed = [str(path) for path in files(lake, "shots", [solve], cache)]
     answers = {}
     said(f"{'engine':12} {'version':10} {'aircraft':>8} {'frames':>8} {'mean lift, m':>13} {'seconds':>8}")
     for name, ask in ENGINES.items():
         begun = time.perf_counter()
-        rows = {str(a): (int(n), m) for a, n, m in ask(folder, solve)}
+        rows = {str(a): (int(n), m) for a, n, m in ask(listed)}
         took = time.perf_counter() - begun
         answers[name] = rows
         frames = sum(n for n, _ in rows.values())

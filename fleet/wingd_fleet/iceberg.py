@@ -1,27 +1,32 @@
-"""Iceberg tables over the committed Parquet files: one snapshot and one tag per solve. No byte is copied."""
+"""Iceberg tables over the files of the current snapshot, for engines that want them: derived, and derived anew. An extra of the
+package. No byte of data is copied, nothing is believed because a catalogue says it."""
 
 from __future__ import annotations
 
-import io
 import os
 
 import pyarrow.parquet as pq
-from pyiceberg.catalog import Catalog, load_catalog
-from pyiceberg.exceptions import NamespaceAlreadyExistsError, NoSuchTableError, ValidationError
-from pyiceberg.table import Table
-from pyiceberg.transforms import IdentityTransform
 
-from .lake import TABLES, FleetError, Flight, Lake
+from . import parquet, snapshot
+from .lake import FleetError, Lake
+from .state import State
 
 NAMESPACE = "wingd"
-PARTITIONS = ("solve", "aircraft", "recorder_id", "flight")
-# A snapshot's own note of what it is.
-SOLVE = "wingd.solve"
+# In an Iceberg snapshot's summary: which of our snapshots it is.
+STATE = "wingd.snapshot"
+# Attempts where another call commits at the same time. pyiceberg's own repeats add the files to what the other one added.
+ATTEMPTS = 5
+PROPERTIES = {"format-version": "2", "commit.retry.num-retries": "0"}
 
 
-def catalogue(lake: Lake, uri: str) -> Catalog:
+def catalogue(lake: Lake, uri: str):
     """`sqlite:///FILE` (or another database of SQLAlchemy's), or the URL of a REST catalogue, whose further settings are
     pyiceberg's own: PYICEBERG_CATALOG__FLEET__..."""
+    os.environ.setdefault("AWS_EC2_METADATA_DISABLED", "true")
+    try:
+        from pyiceberg.catalog import load_catalog
+    except ImportError:
+        raise FleetError("pyiceberg is not installed; pip install 'wingd-fleet[iceberg]'") from None
     kind = "rest" if uri.startswith(("http://", "https://")) else "sql"
     properties = {"uri": uri} if kind == "rest" else {"uri": uri, "warehouse": f"{lake.url}/iceberg"}
     for name, variable in {
@@ -36,74 +41,70 @@ def catalogue(lake: Lake, uri: str) -> Catalog:
     return load_catalog("fleet", type=kind, **properties)
 
 
-def update(lake: Lake, catalog: Catalog, solve: str) -> dict[str, int]:
-    """Brings the tables up to a solve's commits; how many files each got. Nothing new: no snapshot."""
-    flights = lake.committed(solve).get(solve, [])
-    if not flights:
-        raise FleetError(f"{lake.url}: no flight of solve {solve} is committed; run it first")
+def update(lake: Lake, catalog) -> dict[str, int]:
+    """Makes each table the current snapshot, in one transaction; the files of each that is new. Called twice at once, or killed
+    and called again, it ends the same."""
+    from pyiceberg.exceptions import NamespaceAlreadyExistsError
+
+    now = snapshot.current(State(lake))
+    if now is None:
+        raise FleetError(
+            f"{lake.url}: there is no snapshot of what is published now; make one with `wingd-fleet compact`"
+        )
     try:
         catalog.create_namespace(NAMESPACE)
     except NamespaceAlreadyExistsError:
         pass
-    return {table: _update(lake, catalog, table, solve, flights) for table in TABLES}
+    return {table: _tried(lake, catalog, table, now) for table in parquet.TABLES if table in now.files}
 
 
-def _update(lake: Lake, catalog: Catalog, name: str, solve: str, flights: list[Flight]) -> int:
-    table = _table(lake, catalog, name, flights[0].table(name, solve))
-    known = {row["file_path"] for row in table.inspect.files().select(["file_path"]).to_pylist()}
-    keys = [flight.table(name, solve) for flight in flights]
-    heads = {key: pq.read_metadata(io.BytesIO(lake.need(key))) for key in keys if f"{lake.url}/{key}" not in known}
-    # A file without rows belongs to no partition.
-    new = [key for key, head in heads.items() if head.num_rows]
-    if not new:
+def _tried(lake: Lake, catalog, name: str, now: snapshot.Snapshot) -> int:
+    from pyiceberg.exceptions import CommitFailedException, TableAlreadyExistsError
+
+    for attempt in range(ATTEMPTS):
+        try:
+            return _update(lake, catalog, name, now)
+        except (CommitFailedException, TableAlreadyExistsError) as error:
+            if attempt == ATTEMPTS - 1:
+                raise FleetError(f"table {name}: other calls commit all the time: {error}") from error
+    raise AssertionError("unreachable")
+
+
+def _update(lake: Lake, catalog, name: str, now: snapshot.Snapshot) -> int:
+    from pyiceberg.expressions import AlwaysTrue
+
+    files = [file for solve in now.files[name].values() for file in solve]
+    schemas = {file["columns"]: file["key"] for file in files}
+    table = _table(lake, catalog, name, next(iter(schemas.values())))
+    last = table.current_snapshot()
+    if last is not None and last.summary.additional_properties.get(STATE) == now.id:
         return 0
-    _widen(table, [heads[key].schema.to_arrow_schema() for key in new])
-    table.add_files([f"{lake.url}/{key}" for key in new], {SOLVE: solve}, check_duplicate_files=False)
-    snapshot = table.current_snapshot().snapshot_id
-    if solve in table.metadata.refs:
-        table.manage_snapshots().remove_tag(solve).commit()
-    table.manage_snapshots().create_tag(snapshot, solve).commit()
-    return len(new)
+    with table.transaction() as transaction:
+        with transaction.update_schema() as update:
+            for key in schemas.values():
+                update.union_by_name(_schema(lake, key))
+        mapping = transaction.table_metadata.schema().name_mapping.model_dump_json()
+        transaction.set_properties({"schema.name-mapping.default": mapping})
+        if last is not None:
+            transaction.delete(AlwaysTrue())
+        paths = [f"{lake.url}/{file['key']}" for file in files]
+        transaction.add_files(paths, {STATE: now.id}, check_duplicate_files=False)
+    return len(files)
 
 
-def _table(lake: Lake, catalog: Catalog, name: str, key: str) -> Table:
+def _schema(lake: Lake, key: str):
+    import pyarrow as pa
+
+    return pq.read_schema(pa.BufferReader(lake.need(key))).remove_metadata()
+
+
+def _table(lake: Lake, catalog, name: str, key: str):
+    from pyiceberg.exceptions import NoSuchTableError
+
     try:
         return catalog.load_table((NAMESPACE, name))
     except NoSuchTableError:
-        pass
-    # A REST catalogue has places of its own for its metadata.
-    place = None if catalog.properties.get("type") == "rest" else f"{lake.url}/iceberg/{name}"
-    table = catalog.create_table(
-        (NAMESPACE, name),
-        schema=pq.read_schema(io.BytesIO(lake.need(key))).remove_metadata(),
-        location=place,
-        properties={"format-version": "2"},
-    )
-    with table.update_spec() as spec:
-        for column in PARTITIONS:
-            spec.add_field(column, IdentityTransform(), column)
-    return catalog.load_table((NAMESPACE, name))
-
-
-def _widen(table: Table, schemas: list) -> None:
-    """Columns that newer files have more; a changed type is a fault."""
-    seen = set()
-    for schema in schemas:
-        if tuple(schema.names) in seen:
-            continue
-        seen.add(tuple(schema.names))
-        try:
-            with table.update_schema() as update:
-                update.union_by_name(schema.remove_metadata())
-        except (ValidationError, ValueError, TypeError) as error:
-            raise FleetError(f"table {table.name()[-1]}: a file's columns do not go with it: {error}") from error
-    _map(table)
-
-
-def _map(table: Table) -> None:
-    """Names for columns that came since the first files were added: these have no ids of their own."""
-    key = "schema.name-mapping.default"
-    mapping = table.schema().name_mapping.model_dump_json()
-    if table.properties.get(key) != mapping:
-        with table.transaction() as transaction:
-            transaction.set_properties({key: mapping})
+        # A REST catalogue has places of its own for its metadata.
+        place = None if catalog.properties.get("type") == "rest" else f"{lake.url}/iceberg/{name}"
+        how = {"schema": _schema(lake, key), "location": place, "properties": PROPERTIES}
+        return catalog.create_table((NAMESPACE, name), **how)

@@ -1,21 +1,21 @@
 -- Rotation of the camera against its ground frame, mrad.
 CREATE TABLE rotations AS
-SELECT solve, aircraft, recorder_id, flight, series, shot, min(utc) AS utc,
+SELECT solve, aircraft, wing, recorder_id, flight, series, shot, min(utc) AS utc,
        max(value) FILTER (index = 1) * pi() / 0.18 AS x_mrad, max(value) FILTER (index = 2) * pi() / 0.18 AS y_mrad,
        max(value) FILTER (index = 3) * pi() / 0.18 AS z_mrad,
        sqrt(avg(sigma ** 2)) * pi() / 0.18 AS sigma_mrad
 FROM parameters WHERE parameter = 'mount_rotation_deg' AND status = 'ok'
-GROUP BY solve, aircraft, recorder_id, flight, series, shot;
+GROUP BY solve, aircraft, wing, recorder_id, flight, series, shot;
 
 -- Of one frame or flight alone no scatter is told: null. Within a flight it creeps, between flights it is taken down and put up.
 CREATE VIEW mount_by_flight AS
-SELECT solve, aircraft, recorder_id, flight, min(utc) AS began, count(*) AS frames,
+SELECT solve, aircraft, wing, recorder_id, flight, min(utc) AS began, count(*) AS frames,
        avg(x_mrad) AS x_mrad, avg(y_mrad) AS y_mrad, avg(z_mrad) AS z_mrad,
        sqrt(var_samp(x_mrad) + var_samp(y_mrad) + var_samp(z_mrad)) AS within_mrad,
        sqrt(avg(sigma_mrad ** 2)) AS sigma_mrad
 FROM rotations GROUP BY ALL;
 
 CREATE VIEW mount_by_aircraft AS
-SELECT solve, aircraft, recorder_id, count(*) AS flights, sqrt(avg(within_mrad ** 2)) AS within_mrad,
+SELECT solve, aircraft, wing, recorder_id, count(*) AS flights, sqrt(avg(within_mrad ** 2)) AS within_mrad,
        sqrt(var_samp(x_mrad) + var_samp(y_mrad) + var_samp(z_mrad)) AS between_mrad, sqrt(avg(sigma_mrad ** 2)) AS sigma_mrad
 FROM mount_by_flight GROUP BY ALL;

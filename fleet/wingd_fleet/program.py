@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import json
 import os
 import shutil
+import signal
 import subprocess
 from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from .lake import FleetError, Passing
 
@@ -17,6 +22,13 @@ TIMEOUT_S = 24 * 3600
 AT_FAULT = 78
 # Of a Rust program that panicked.
 PANICKED = 101
+# linux/prctl.h
+PR_SET_PDEATHSIG = 1
+try:
+    _LIBC = ctypes.CDLL("libc.so.6")
+except OSError:
+    _LIBC = None
+_RUNNING: set[subprocess.Popen] = set()
 
 
 def find(name: str | None = None) -> str:
@@ -33,13 +45,32 @@ def version(wingd: str) -> str:
     return call(wingd, ["--version"])[1].strip()
 
 
+def end_with_parent() -> None:
+    """Linux: a child is killed when whoever began it ends, however that ends."""
+    if _LIBC is not None:
+        _LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
 def call(wingd: str, arguments: list[str]) -> tuple[int, str, str]:
     """Exit status, output, and what was said. A signal or a panic may pass with the machine: it is tried again."""
-    done = subprocess.run([wingd, *arguments], capture_output=True, text=True, timeout=TIMEOUT_S)
+    how = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "preexec_fn": end_with_parent}
+    with subprocess.Popen([wingd, *arguments], **how) as done:
+        _RUNNING.add(done)
+        try:
+            output, said = done.communicate(timeout=TIMEOUT_S)
+        finally:
+            done.kill()
+            _RUNNING.discard(done)
     if done.returncode < 0 or done.returncode == PANICKED:
-        last = done.stderr.strip().splitlines()[-1:] or ["no word"]
+        last = said.strip().splitlines()[-1:] or ["no word"]
         raise Passing(f"wingd {arguments[0]} ended by {done.returncode}: {last[0]}")
-    return done.returncode, done.stdout, done.stderr
+    return done.returncode, output, said
+
+
+def end_all() -> None:
+    """Ends what runs now, for a driver that is told to stop."""
+    for running in list(_RUNNING):
+        running.kill()
 
 
 def solve(wingd: str, store: Path, flight: str, installation: Path, arguments: list[str], jobs: int) -> None:
@@ -50,12 +81,20 @@ def solve(wingd: str, store: Path, flight: str, installation: Path, arguments: l
         raise FleetError(f"wingd solve: {said.strip() or status}")
 
 
-def export(wingd: str, store: Path, flight: str, table: str, output: Path, inputs: str | None) -> None:
+def export(wingd: str, store: Path, flight: str, table: str, inputs: str | None) -> pa.Table:
+    """A table of a flight."""
+    return pq.read_table(export_file(wingd, store, flight, table, inputs))
+
+
+def export_file(wingd: str, store: Path, flight: str, table: str, inputs: str | None = None) -> Path:
+    """The same as a Parquet file: hours of live results are not for the memory."""
+    output = store.parent / f"{table}.parquet"
     what = ["export", str(store), f"--flight={flight}", "--format=parquet", f"--table={table}"]
     what += [f"--inputs={inputs}"] if inputs else []
     status, _, said = call(wingd, [*what, "--output", str(output)])
     if status != 0:
         raise FleetError(f"wingd export: {said.strip()}")
+    return output
 
 
 def results(store: Path, flight: str) -> list[dict]:

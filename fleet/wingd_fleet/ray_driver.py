@@ -1,9 +1,7 @@
-"""A solve over many flights on Ray: one task per flight, begun again where its worker was lost."""
+"""The same on a Ray cluster that runs already: one task per flight, begun again where its worker was lost. An extra of the package."""
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections import Counter
 from pathlib import Path
 from typing import Callable, Iterable
@@ -21,18 +19,18 @@ def run(
     flights: Iterable[Flight],
     wingd: str,
     work: Path,
-    workers: int | None = None,
-    address: str | None = None,
+    address: str,
     jobs: int = 1,
     said: Callable[[str], None] = print,
 ) -> Counter:
-    """Counts of `done`, `there`, `failed`. `address`: a cluster's; without one, workers on this machine."""
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    import ray
-
-    local = {} if address else {"num_cpus": workers or os.cpu_count(), "_node_ip_address": "127.0.0.1"}
-    ray.init(address=address, include_dashboard=False, log_to_driver=False, logging_level="ERROR", **local)
+    """Counts of `done`, `there`, `failed`."""
+    try:
+        import ray
+    except ImportError:
+        raise FleetError(
+            "Ray is not installed; pip install 'wingd-fleet[ray]', or use run --part with any other queue"
+        ) from None
+    ray.init(address=address, log_to_driver=False, logging_level="ERROR")
     # Credentials go as the workers' own environment, not as an argument, which Ray would show.
     remote = ray.remote(num_cpus=jobs, max_retries=RETRIES, retry_exceptions=[Passing])(_one)
     try:
@@ -40,13 +38,10 @@ def run(
         return _collect(ray, pending, said)
     finally:
         ray.shutdown()
-        # What killed workers left.
-        shutil.rmtree(work, ignore_errors=True)
 
 
 def _one(url: str, solve: str, flight: str, wingd: str, work: str, jobs: int) -> str:
-    folder = Path(work) / f"worker-{os.getpid()}"
-    return task.run(Lake(url), solve, Flight.parse(flight), wingd, folder, jobs)
+    return task.run(Lake(url), solve, Flight.parse(flight), wingd, Path(work), jobs)
 
 
 def _collect(ray, pending: dict, said: Callable[[str], None]) -> Counter:

@@ -9,12 +9,12 @@ from typing import Sequence
 
 from . import __version__
 from .charts import Series, chart
-from .desk import LOAD_FACTOR, WEIGHT, Desk
+from .desk import Desk
 from .lake import FleetError
 
 # Rows of a long table; further ones are counted, and there for `wingd-fleet query`.
 ROWS = 25
-# Aircraft of a figure, the ones with the most flights; a figure of more cannot be read.
+# Wings of a figure, the worst of what it shows; a figure of more cannot be read.
 DRAWN = 8
 # Points of load in a figure, per aircraft.
 BINS = 10
@@ -28,7 +28,7 @@ def write(desk: Desk, output: Path, solve: str | None = None, against: str | Non
         raise FleetError(f"solve {solve} or {against} is not among: {', '.join(desk.solves)}")
     against = against or next((one for one in desk.solves if one != solve), None)
     parts = [_head(desk, solve, made), _lift(desk, solve), _mount(desk, solve), _detection(desk, solve)]
-    parts += [_failing(desk, solve), _compared(desk, against, solve)]
+    parts += [_live(desk, solve), _failing(desk, solve), _compared(desk, against, solve)]
     style = Path(__file__).with_name("report.css").read_text()
     title = f"Wings of a fleet: {solve}"
     output.write_text(
@@ -100,9 +100,10 @@ def _head(desk: Desk, solve: str, made: bool) -> str:
 
 
 def _lift(desk: Desk, solve: str) -> str:
-    rows = desk.rows("FROM lift_by_aircraft WHERE solve = ? ORDER BY aircraft_type, aircraft", [solve])
+    rows = desk.rows("FROM lift_by_aircraft WHERE solve = ? ORDER BY aircraft_type, aircraft, wing", [solve])
     columns = [
         ("aircraft", "aircraft", None, 1),
+        ("wing", "wing", None, 1),
         ("aircraft_type", "type", None, 1),
         ("flights", "flights", 0, 1),
         ("frames", "frames", 0, 1),
@@ -116,40 +117,54 @@ def _lift(desk: Desk, solve: str) -> str:
     return f"<h2>Lift</h2>{text}<h3>By aircraft</h3>{table(rows, columns)}"
 
 
-def _drawn(desk: Desk, solve: str) -> list[str]:
-    rows = desk.rows(
-        "SELECT aircraft FROM lift_by_flight WHERE solve = ? GROUP BY ALL ORDER BY count(*) DESC, aircraft LIMIT ?",
-        [solve, DRAWN],
-    )
-    return sorted(row["aircraft"] for row in rows)
+def _worst(desk: Desk, solve: str, sql: str) -> list[tuple[str, str]]:
+    """Aircraft and wing of those that a figure shows: the first by `sql`, in the order of their names."""
+    rows = desk.rows(f"SELECT aircraft, wing FROM ({sql}) LIMIT {DRAWN}", [solve])
+    return sorted((row["aircraft"], row["wing"]) for row in rows)
+
+
+def _name(row) -> str:
+    aircraft, wing = row if isinstance(row, tuple) else (row["aircraft"], row["wing"])
+    return f"{aircraft} {wing}"
+
+
+_OF_LEVEL = (
+    "SELECT aircraft, wing FROM (SELECT *, abs(lift_m - median(lift_m) OVER ()) AS off FROM lift_by_aircraft WHERE solve = ?) "
+    "ORDER BY off DESC, aircraft, wing"
+)
+_OF_TYPE = "SELECT aircraft, wing FROM aircraft_against_type WHERE solve = ? ORDER BY abs(over_sigma) DESC NULLS LAST, aircraft, wing"
+_OF_MOUNT = (
+    "SELECT aircraft, wing FROM mount_by_aircraft WHERE solve = ? GROUP BY ALL "
+    "ORDER BY max(greatest(within_mrad, coalesce(between_mrad, 0))) DESC NULLS LAST, aircraft, wing"
+)
 
 
 def _without_load(desk: Desk, solve: str) -> str:
     series = []
-    for aircraft in _drawn(desk, solve):
+    for aircraft, wing in _worst(desk, solve, _OF_LEVEL):
         rows = desk.rows(
             "SELECT epoch(utc - min(utc) OVER (PARTITION BY recorder_id, flight)) / 3600 AS x, tip_lift_m AS y, "
-            "tip_sigma_lift_m AS s FROM frames WHERE solve = ? AND aircraft = ? AND status = 'ok' "
+            "tip_sigma_lift_m AS s FROM frames WHERE solve = ? AND aircraft = ? AND wing = ? AND status = 'ok' "
             "AND tip_lift_m IS NOT NULL ORDER BY hash(recorder_id, flight, series, shot) LIMIT 400",
-            [solve, aircraft],
+            [solve, aircraft, wing],
         )
-        series.append(Series(aircraft, [(r["x"], r["y"], r["s"]) for r in rows]))
+        series.append(Series(_name((aircraft, wing)), [(r["x"], r["y"], r["s"]) for r in rows]))
     return (
-        '<p class="warning">The results have no weight and load factor '
-        f"({' and '.join(WEIGHT[:1] + LOAD_FACTOR[:1])}): a lift cannot be held against its load, nor one aircraft against "
-        "another. Below, lift over the hours of each flight. Record aircraft data, and solve the flights again.</p>"
+        '<p class="warning">The results have no weight and load factor (weight_kg and load_factor): a lift cannot be held '
+        "against its load, nor one aircraft against another. Below, lift over the hours of each flight. Record aircraft data, "
+        "and solve the flights again.</p>"
         + chart(
             series,
             "hours since the flight's first frame",
             "lift of the tip, m",
-            "Lift over the hours of a flight, by aircraft",
+            "Lift over the hours of a flight, by wing",
         )
-        + _caption("Bars: one standard deviation of a frame.", series)
+        + _caption("Bars: one standard deviation of a frame.", series, "whose mean lift is farthest from the usual")
     )
 
 
-def _caption(text: str, series: list[Series]) -> str:
-    more = f" Drawn are the {DRAWN} aircraft with the most flights." if len(series) == DRAWN else ""
+def _caption(text: str, series: list[Series], which: str) -> str:
+    more = f" Drawn are the {DRAWN} wings {which}." if len(series) == DRAWN else ""
     return f'<p class="caption">{text}{more}</p>'
 
 
@@ -166,22 +181,22 @@ def _load(desk: Desk, solve: str) -> str:
         slope = _number(line["slope_m_per_t"] and 1000 * line["slope_m_per_t"], 2)
         parts.append(
             f"<h3>{html.escape(kind)}: lift against weight times load factor</h3>"
-            + chart(
-                series, "weight times load factor, t", "lift of the tip, m", f"Lift against load, {kind}, by aircraft"
-            )
+            + chart(series, "weight times load factor, t", "lift of the tip, m", f"Lift against load, {kind}, by wing")
             + _caption(
                 f"Means of {BINS} classes of load; bars: standard deviation of the class's frames about the line's slope. Line of all frames of "
                 f"the type: {slope} mm a tonne, scatter {_number(line['scatter_m'] and 1000 * line['scatter_m'], 1)} mm.",
                 series[:DRAWN],
+                "farthest from their type's line, in sigmas",
             )
             + _beside(line, series)
         )
     rows = desk.rows(
-        "FROM aircraft_against_type WHERE solve = ? ORDER BY abs(over_sigma) DESC NULLS LAST, aircraft",
+        "FROM aircraft_against_type WHERE solve = ? ORDER BY abs(over_sigma) DESC NULLS LAST, aircraft, wing",
         [solve],
     )
     columns = [
         ("aircraft", "aircraft", None, 1),
+        ("wing", "wing", None, 1),
         ("aircraft_type", "type", None, 1),
         ("flights", "flights", 0, 1),
         ("mean_m", "from its type's line, mm", 1, 1000),
@@ -211,29 +226,35 @@ def _beside(line: dict, series: list[Series]) -> str:
         for one in series
         if not one.line
     ]
-    what = f"Lift beside the line of {line['aircraft_type']}, by aircraft"
+    what = f"Lift beside the line of {line['aircraft_type']}, by wing"
     return chart(off, "weight times load factor, t", "lift beside the line, mm", what)
 
 
 def _of_load(desk: Desk, solve: str, kind: str, slope: float) -> list[Series]:
     rows = desk.rows(
-        "WITH f AS (SELECT aircraft, load_t, tip_lift_m, tip_sigma_lift_m FROM frames WHERE solve = ? AND status = 'ok' AND "
+        "WITH f AS (SELECT aircraft, wing, load_t, tip_lift_m, tip_sigma_lift_m FROM frames WHERE solve = ? AND status = 'ok' AND "
         "coalesce(aircraft_type, 'unknown') = ? AND load_t IS NOT NULL AND tip_lift_m IS NOT NULL), "
         "edges AS (SELECT min(load_t) AS low, (max(load_t) - min(load_t)) / ? AS step FROM f) "
-        "SELECT aircraft, avg(load_t) AS x, avg(tip_lift_m) AS y, "
+        "SELECT aircraft, wing, avg(load_t) AS x, avg(tip_lift_m) AS y, "
         "coalesce(stddev_samp(tip_lift_m - ? * load_t), avg(tip_sigma_lift_m)) AS s FROM f, edges "
-        "GROUP BY aircraft, least(floor((load_t - low) / nullif(step, 0)), ? - 1) ORDER BY aircraft, x",
+        "GROUP BY aircraft, wing, least(floor((load_t - low) / nullif(step, 0)), ? - 1) ORDER BY aircraft, wing, x",
         [solve, kind, BINS, slope, BINS],
     )
-    drawn = [a for a in _drawn(desk, solve) if any(r["aircraft"] == a for r in rows)]
-    drawn = drawn or sorted({r["aircraft"] for r in rows})[:DRAWN]
-    return [Series(a, [(r["x"], r["y"], r["s"]) for r in rows if r["aircraft"] == a]) for a in drawn]
+    names = {_name(row) for row in rows}
+    of_kind = _OF_TYPE.replace(
+        "WHERE solve = ?", f"WHERE solve = ? AND aircraft_type = '{kind.replace(chr(39), chr(39) * 2)}'"
+    )
+    drawn = [name for name in map(_name, _worst(desk, solve, of_kind)) if name in names] or sorted(names)[:DRAWN]
+    return [Series(name, [(r["x"], r["y"], r["s"]) for r in rows if _name(r) == name]) for name in drawn]
 
 
 def _mount(desk: Desk, solve: str) -> str:
-    rows = desk.rows("FROM mount_by_aircraft WHERE solve = ? ORDER BY within_mrad DESC NULLS LAST, aircraft", [solve])
+    rows = desk.rows(
+        "FROM mount_by_aircraft WHERE solve = ? ORDER BY within_mrad DESC NULLS LAST, aircraft, wing", [solve]
+    )
     columns = [
         ("aircraft", "aircraft", None, 1),
+        ("wing", "wing", None, 1),
         ("recorder_id", "recorder", None, 1),
         ("flights", "flights", 0, 1),
         ("within_mrad", "within a flight, mrad", 3, 1),
@@ -241,13 +262,15 @@ def _mount(desk: Desk, solve: str) -> str:
         ("sigma_mrad", "sigma of a frame, mrad", 3, 1),
     ]
     flights = desk.rows(
-        "SELECT aircraft, epoch(began) / 86400 AS day, sqrt(x_mrad ** 2 + y_mrad ** 2 + z_mrad ** 2) AS turn, within_mrad "
+        "SELECT aircraft, wing, epoch(began) / 86400 AS day, sqrt(x_mrad ** 2 + y_mrad ** 2 + z_mrad ** 2) AS turn, within_mrad "
         "FROM mount_by_flight WHERE solve = ? AND began IS NOT NULL ORDER BY began",
         [solve],
     )
     series = [
-        Series(a, [(r["day"], r["turn"], r["within_mrad"]) for r in flights if r["aircraft"] == a])
-        for a in _drawn(desk, solve)
+        Series(
+            _name(one), [(r["day"], r["turn"], r["within_mrad"]) for r in flights if (r["aircraft"], r["wing"]) == one]
+        )
+        for one in _worst(desk, solve, _OF_MOUNT)
     ]
     figure = chart(
         series,
@@ -259,13 +282,14 @@ def _mount(desk: Desk, solve: str) -> str:
     if not any(one.points for one in series):
         figure = '<p class="soft">These results have no rotation of the mount (method profile).</p>'
     caption = "A flight's mean rotation of the camera against the ground frame; bars: how far it moved within the flight (rms)."
-    return f"<h2>The mount</h2>{figure}{_caption(caption, series)}{table(rows, columns)}"
+    return f"<h2>The mount</h2>{figure}{_caption(caption, series, 'whose camera moved most')}{table(rows, columns)}"
 
 
 def _detection(desk: Desk, solve: str) -> str:
-    rows = desk.rows("FROM detection WHERE solve = ? ORDER BY used_share, aircraft", [solve])
+    rows = desk.rows("FROM detection WHERE solve = ? ORDER BY used_share, aircraft, wing", [solve])
     columns = [
         ("aircraft", "aircraft", None, 1),
+        ("wing", "wing", None, 1),
         ("recorder_id", "recorder", None, 1),
         ("frames", "frames", 0, 1),
         ("used_share", "markers used, %", 1, 100),
@@ -296,27 +320,58 @@ def _failing(desk: Desk, solve: str) -> str:
         ("ok", "solved", 0, 1),
         ("reason", "most often", None, 1),
     ]
-    missing, said = desk.missing(solve)
-    gone = [
-        {
-            "flight": str(flight),
-            "why": said[flight][-1]["reason"] if flight in said else "no task has come to its end yet",
-        }
-        for flight in missing
+    said = desk.state.failures(solve)
+    lost = [
+        {"flight": str(flight), "why": said[flight][-1] if flight in said else "no task has come to its end yet"}
+        for flight in desk.state.missing(solve)
     ]
-    lost = [("flight", "flight", None, 1), ("why", "why", None, 1)]
+    coming = [
+        {"flight": str(flight), "why": f"{desk.state.arrived(flight)}: the rest has not arrived yet"}
+        for flight in desk.state.flights
+        if desk.state.arrived(flight) != "whole"
+    ]
+    withdrawn = [
+        {"flight": str(flight), "why": f"{record['why']} ({record['by']}, {record['at'][:10]})"}
+        for flight, one, record in desk.withdrawn()
+        if one == solve
+    ]
+    why = [("flight", "flight", None, 1), ("why", "why", None, 1)]
     return (
         f"<h2>What failed</h2><h3>Flights with shots that gave no number</h3>{table(rows, columns)}"
-        f"<h3>Published flights without tables of this solve</h3>{table(gone, lost)}"
+        f"<h3>Flights without tables of this solve</h3>{table(lost + coming, why)}"
+        f"<h3>Withdrawn flights, in no figure above</h3>{table(withdrawn, why)}"
     )
+
+
+def _live(desk: Desk, solve: str) -> str:
+    of = desk.rows("SELECT DISTINCT solve FROM live_by_flight ORDER BY solve <> ?, solve", [solve])
+    if not of:
+        return ""
+    rows = desk.rows("FROM live_by_flight WHERE solve = ? ORDER BY solved_share, began", [of[0]["solve"]])
+    columns = [
+        ("aircraft", "aircraft", None, 1),
+        ("wing", "wing", None, 1),
+        ("flight", "flight", None, 1),
+        ("results", "results", 0, 1),
+        ("rate_hz", "a second", 2, 1),
+        ("solved_share", "solved, %", 1, 100),
+        ("lift_m", "mean lift of the tip, m", 3, 1),
+        ("scatter_m", "its scatter, mm", 1, 1000),
+        ("sigma_m", "sigma of a result, mm", 1, 1000),
+    ]
+    caption = "As they came along: live results are not solved again."
+    return f'<h2>Live results</h2>{table(rows, columns)}<p class="caption">{caption}</p>'
 
 
 def _compared(desk: Desk, one: str | None, other: str) -> str:
     if one is None:
         return "<h2>Two solves</h2><p class=soft>There is one solve only.</p>"
-    rows = desk.rows("FROM compared_by_aircraft(?, ?) ORDER BY abs(mean_m) DESC NULLS LAST, aircraft", [one, other])
+    rows = desk.rows(
+        "FROM compared_by_aircraft(?, ?) ORDER BY abs(mean_m) DESC NULLS LAST, aircraft, wing", [one, other]
+    )
     columns = [
         ("aircraft", "aircraft", None, 1),
+        ("wing", "wing", None, 1),
         ("frames", "frames of both", 0, 1),
         ("mean_m", "mean difference, mm", 2, 1000),
         ("rms_m", "rms, mm", 2, 1000),
@@ -325,15 +380,18 @@ def _compared(desk: Desk, one: str | None, other: str) -> str:
         ("won", "solved now", 0, 1),
         ("lost", "no longer", 0, 1),
     ]
+    drawn = [(row["aircraft"], row["wing"]) for row in rows[:DRAWN]]
     points = desk.rows(
-        "SELECT aircraft, lift_one_m AS x, 1000 * difference_m AS y, 1000 * sigma_m AS s FROM compared(?, ?) "
-        "WHERE difference_m IS NOT NULL ORDER BY hash(recorder_id, flight, series, shot) LIMIT 1500",
-        [one, other],
+        "SELECT aircraft, wing, lift_one_m AS x, 1000 * difference_m AS y, 1000 * sigma_m AS s FROM compared(?, ?) "
+        "WHERE difference_m IS NOT NULL AND list_contains(?, aircraft || ' ' || wing) "
+        "ORDER BY hash(recorder_id, flight, series, shot) LIMIT 1500",
+        [one, other, list(map(_name, drawn))],
     )
-    drawn = _drawn(desk, other)
-    series = [Series(a, [(r["x"], r["y"], r["s"]) for r in points if r["aircraft"] == a]) for a in drawn]
+    series = [
+        Series(_name(a), [(r["x"], r["y"], r["s"]) for r in points if _name(r) == _name(a)]) for a in sorted(drawn)
+    ]
     figure = chart(
         series, f"lift in {one}, m", f"{other} minus {one}, mm", f"Difference of lift between {one} and {other}"
     )
     caption = "Lift of the tip frame by frame; bars: the larger of the two standard deviations. 1,500 frames at most are drawn."
-    return f"<h2>Two solves: {html.escape(other)} against {html.escape(one)}</h2>{figure}{_caption(caption, series)}{table(rows, columns)}"
+    return f"<h2>Two solves: {html.escape(other)} against {html.escape(one)}</h2>{figure}{_caption(caption, series, 'that differ most')}{table(rows, columns)}"

@@ -1,13 +1,17 @@
-"""What a solve is: a name for one choice of program, installations and arguments."""
+"""What a solve is: a name for one choice of program, installations and arguments. Installations are a recorder's, each valid from
+a flight or a date on: two wings of an aircraft have two, and a new survey does not change older flights."""
 
 from __future__ import annotations
 
 import tomllib
 from pathlib import Path
 
-from .lake import NAME, FleetError, Lake, dump, sha256
+from . import records
+from .corrections import FLIGHT, from_whence, reached, recorder
+from .lake import NAME, Damaged, FleetError, Flight, Lake
+from .records import sha256
 
-# In place of an installation: the results that came with the flight, nothing computed.
+# In place of installations: the results that came with the flight, nothing computed.
 KEPT = "kept"
 
 
@@ -39,34 +43,116 @@ def key(name: str) -> str:
     return f"solves/{name}.json"
 
 
-def define(lake: Lake, name: str, installations: dict[str, Path] | None, arguments: list[str], program: str) -> dict:
-    """Writes what a solve is, once. `installations`: aircraft -> folder; None: the results that came along.
+def rules(lake: Lake, texts: list[str]) -> list[tuple[dict, Path]]:
+    """`RECORDER=DIR`, `RECORDER@f0012=DIR`, `RECORDER@2026-11-01=DIR`, as rules with their folders."""
+    known, found = [flight.recorder for flight in flights(lake)], []
+    for text in texts:
+        who, equals, folder = text.partition("=")
+        if not equals:
+            raise FleetError(f"--installation {text}: give RECORDER=DIR or RECORDER@FROM=DIR")
+        who, at, since = who.partition("@")
+        try:
+            of = recorder(known, who)
+        except FleetError as error:
+            hint = "installations are a recorder's, for an aircraft has two wings and is surveyed anew"
+            raise FleetError(f"--installation {text}: {error} ({hint})") from None
+        found.append(({"recorder": of, "from": from_whence(since if at else None)}, Path(folder)))
+    _refuse_unclear([rule for rule, _ in found])
+    return found
 
-    A name stands for one definition for good: with another one it is refused.
+
+def _refuse_unclear(all_of: list[dict]) -> None:
+    for rule in all_of:
+        same = [one["from"] for one in all_of if one["recorder"] == rule["recorder"]]
+        if len(set(same)) < len(same):
+            raise FleetError(
+                f"--installation: recorder {rule['recorder']} has two from {rule['from'] or 'the start'} on"
+            )
+        if len({bool(FLIGHT.fullmatch(since)) for since in same if since}) > 1:
+            raise FleetError(
+                f"--installation: recorder {rule['recorder']} has some from a flight and some from a date on; "
+                "give all of one kind, for which comes first is not known"
+            )
+
+
+def flights(lake: Lake) -> list[Flight]:
+    """Flights that exist."""
+    from .lake import flight_of
+
+    return sorted({flight for name in lake.keys("manifests") if (flight := flight_of(name))})
+
+
+def define(
+    lake: Lake, name: str, installations: list[tuple[dict, Path]] | None, arguments: list[str], program: str
+) -> dict:
+    """Writes what a solve is, once. `installations`: rules with folders; None: the results that came along.
+
+    A name stands for one definition for good: with another one it is refused, and what differs is said.
     """
     if not NAME.fullmatch(name):
         raise FleetError(f"{name!r} is no name of a solve; give letters, digits, '.', '_', '-'")
-    known = {}
-    for aircraft, folder in sorted((installations or {}).items()):
-        if not NAME.fullmatch(aircraft):
-            raise FleetError(f"{folder}: {aircraft!r} is no aircraft's name; letters, digits, '.', '_', '-'")
+    known = []
+    for rule, folder in installations or []:
         files = files_of(folder)
-        known[aircraft] = digest_of(files)
+        digest = digest_of(files)
+        known.append({**rule, "digest": digest})
         for file, data in files.items():
-            lake.create(f"installations/{known[aircraft]}/{file}", data)
-    definition = {
+            lake.settle(f"installations/{digest}/{file}", data)
+    known.sort(key=lambda rule: (rule["recorder"], rule["from"] or ""))
+    wanted = {
         "solve": name,
         "installations": KEPT if installations is None else known,
         "arguments": arguments,
         "program": program,
     }
-    data = dump(definition)
-    if not lake.create(key(name), data) and lake.get(key(name)) != data:
-        raise FleetError(f"{lake.url}/{key(name)}: is another solve already; choose another name")
-    return definition
+    if not records.create_twice(lake, key(name), records.dump(wanted)):
+        there = read(lake, name)
+        differing = [part for part in wanted if there[part] != wanted[part]]
+        if differing:
+            part = differing[0]
+            raise FleetError(
+                f"{lake.url}/{key(name)}: is another solve already: {part} {_short(there[part])}, not "
+                f"{_short(wanted[part])}; nothing was changed: choose another name"
+            )
+    return read(lake, name)
+
+
+def _short(value) -> str:
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return ", ".join(f"{one['recorder'][:8]}@{one['from'] or 'start'}={one['digest'][:8]}" for one in value)
+    return str(value)
 
 
 def read(lake: Lake, name: str) -> dict:
-    if lake.get(key(name)) is None:
+    found = records.read_twice(lake, key(name))
+    if found is None:
         raise FleetError(f"{lake.url}/{key(name)}: is not there; define it with `wingd-fleet define`")
-    return lake.json(key(name))
+    return found
+
+
+def names(lake: Lake) -> list[str]:
+    return [name.removeprefix("solves/").removesuffix(".json") for name in records.names_twice(lake, "solves")]
+
+
+def choose(definition: dict, flight: Flight, started: str) -> str:
+    """Digest of the installation that is valid for a flight."""
+    own = [rule for rule in definition["installations"] if rule["recorder"] == flight.recorder]
+    valid = [rule for rule in own if reached(rule["from"], flight, started)]
+    if not valid:
+        since = f" before {min(rule['from'] for rule in own)}" if own else ""
+        raise FleetError(
+            f"solve {definition['solve']} has no installation for recorder {flight.recorder}{since}; "
+            "define another solve that has"
+        )
+    # `f0012` and dates sort as they follow one another; none is the first.
+    return max(valid, key=lambda rule: (rule["from"] is not None, len(rule["from"] or ""), rule["from"]))["digest"]
+
+
+def installation(lake: Lake, digest: str) -> dict[str, bytes]:
+    """The files of an installation; what is missing or changed is said."""
+    files = {name.rsplit("/", 1)[1]: lake.need(name) for name in lake.keys(f"installations/{digest}")}
+    if digest_of(files) != digest:
+        raise Damaged(
+            [f"{lake.url}/installations/{digest}: is not whole; define the solve once more with the same folders"]
+        )
+    return files

@@ -6,17 +6,19 @@ load factor. Nothing in it was measured. The lake says so: in `synthetic.json`, 
 
 from __future__ import annotations
 
-import io
+import datetime
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
-from . import parquet
-from .lake import TABLES, FleetError, Flight, Lake, dump, sha256
+from . import parquet, records, snapshot, solves
+from .lake import FleetError, Flight, Lake
+from .records import sha256
+from .state import State
 
 MARK = "synthetic.json"
+SOLVES = ("onboard", "recalibrated")
 SEED = 20261125
 # Aircraft, and types of them; each aircraft has one recorder, and every tenth a second one.
 AIRCRAFT, TYPES = 40, ("SYN-A", "SYN-B")
@@ -26,6 +28,8 @@ WEIGHTS_T, BURNT = (58.0, 78.0), 0.2
 SLOPES_M_PER_T, AIRCRAFT_SIGMA_M, GUST_SIGMA = (0.030, 0.026), 0.015, 0.04
 # Copies of the template's series: a long flight has more.
 SERIES = 5
+# Flights with live results, of each template that has some.
+LIVE_FLIGHTS = 2
 # Every so many flights a dark one, whose frames fail.
 DARK_EVERY = 50
 # Of a second solve against the first, m and its scatter by frame.
@@ -38,40 +42,53 @@ def is_made(lake: Lake) -> bool:
 
 
 def make(source: Lake, target: Lake, count: int) -> None:
-    """So many flights, each in two solves."""
-    committed = source.committed()
-    templates = [(solve, flight) for solve, flights in committed.items() for flight in flights]
-    if not templates:
-        raise FleetError(f"{source.url}: has no tables to make flights from")
+    """So many flights, each in two solves; live results where the template has some."""
     if source.get(MARK):
         raise FleetError(f"{source.url}: is synthetic itself; name a lake of real flights")
-    target.create(MARK, dump({"synthetic": True, "made_from": sorted(str(flight) for _, flight in templates)}))
-    solve, _ = templates[0]
-
-    def read(flight: Flight, table: str) -> pa.Table:
-        return pq.read_table(io.BytesIO(source.need(flight.table(table, solve))))
-
-    tables = [{table: read(flight, table) for table in TABLES} for name, flight in templates if name == solve]
+    published = State(source).published()
+    if not published:
+        raise FleetError(f"{source.url}: has no tables to make flights from")
+    own = [one for one in published if one.solve == published[0].solve]
+    target.create(MARK, records.dump({"synthetic": True, "made_from": sorted(str(one.flight) for one in own)}))
+    definitions = {solve: solves.define(target, solve, None, [], "synthetic")["seal"] for solve in SOLVES}
+    tables = [{name: parquet.read(snapshot.bytes_of(source, t)) for name, t in one.tables.items()} for one in own]
     for number in range(count):
-        _flight(target, tables[number % len(tables)], number)
+        _flight(target, tables[number % len(tables)], number, definitions, number < LIVE_FLIGHTS * len(tables))
 
 
-def _flight(target: Lake, tables: dict[str, pa.Table], number: int) -> None:
+def _flight(target: Lake, tables: dict[str, pa.Table], number: int, definitions: dict[str, str], live: bool) -> None:
     random = np.random.default_rng([SEED, number])
     craft = number % AIRCRAFT
     second = craft % 10 == 9 and number // AIRCRAFT % 2
     recorder = sha256(f"synthetic recorder {craft} {second}".encode())[:32]
-    flight = Flight(f"SYN-{craft:03d}", recorder, f"f{number // AIRCRAFT + 1:04d}")
-    target.create(flight.manifest, dump({"synthetic": True, "aircraft_type": TYPES[craft % 2], "files": []}))
+    flight = Flight(recorder, f"f{number // AIRCRAFT + 1:04d}")
     story = _story(tables["shots"], random, craft, number)
-    for solve, shift in (("onboard", 0.0), ("recalibrated", SHIFT_M)):
+    began = tables["shots"]["utc"][0].as_py() + datetime.timedelta(days=story["days"])
+    about = {
+        "aircraft": f"SYN-{craft:03d}",
+        "aircraft_type": TYPES[craft % 2],
+        "wing": "right" if second else "left",
+        "started": began.strftime("%Y-%m-%dT%H:%M:%SZ"),
+    }
+    manifest = {"synthetic": True, "recorder": flight.recorder, "flight": flight.flight, "files": [], **about}
+    target.create(flight.manifest, records.dump(manifest))
+    for stage in ("results", "frames"):
+        target.create(flight.mark(stage), records.dump({"stage": stage}))
+    for solve, shift in zip(SOLVES, (0.0, SHIFT_M)):
         published = {}
-        for table in TABLES:
-            content = _table(tables[table], table, flight, TYPES[craft % 2], solve, story, shift, random)
+        for name, content in tables.items():
+            if name in parquet.LIVE and (not live or solve != SOLVES[0]):
+                continue
+            whose = {"solve": solve, "recorder_id": flight.recorder, "flight": flight.flight}
+            content = _table(content, name, whose, story, shift, random)
             data = parquet.write(content)
-            target.create(flight.table(table, solve), data)
-            published[table] = {"sha256": sha256(data), "rows": len(content)}
-        target.create(flight.commit(solve), dump({"synthetic": True, "solve": solve, "tables": published}))
+            key = flight.table(name, solve, sha256(data))
+            target.create(key, data)
+            columns = parquet.columns(content.schema)
+            published[name] = {"key": key, "sha256": sha256(data), "rows": len(content), "columns": columns}
+        commit = {"solve": solve, "definition": definitions[solve], "manifest": "", "tables": published, **about}
+        commit |= {"recorder": flight.recorder, "flight": flight.flight}
+        target.create(flight.commit(solve, 1), records.dump(commit))
 
 
 def _story(shots: pa.Table, random, craft: int, number: int) -> dict:
@@ -94,21 +111,14 @@ def _story(shots: pa.Table, random, craft: int, number: int) -> dict:
     }
 
 
-def _table(
-    content: pa.Table, table: str, flight: Flight, kind: str, solve: str, story: dict, shift: float, random
-) -> pa.Table:
+def _table(content: pa.Table, table: str, whose: dict, story: dict, shift: float, random) -> pa.Table:
+    if table in parquet.LIVE:
+        return _live(content, whose, story)
     one = _numbers(content)
     parts = [_series(content, one, k, story, shift) for k in range(SERIES)]
     content = pa.concat_tables(parts)
     rows = len(content)
-    words = {
-        "solve": solve,
-        "aircraft": flight.aircraft,
-        "aircraft_type": kind,
-        "recorder_id": flight.recorder,
-        "flight": flight.flight,
-    }
-    for name, word in words.items():
+    for name, word in whose.items():
         content = _put(content, name, pa.array([word] * rows, pa.string()))
     if table == "parameters":
         turned = pc.equal(content["parameter"], "mount_rotation_deg")
@@ -120,6 +130,14 @@ def _table(
         for name in ("residual_u_px", "residual_v_px", "w_test"):
             content = _put(content, name, pc.multiply(content[name], pa.array(scatter)))
     return _darkened(content) if story["dark"] else content
+
+
+def _live(content: pa.Table, whose: dict, story: dict) -> pa.Table:
+    """Live results as they are, of another flight on another day."""
+    for name, word in whose.items():
+        content = _put(content, name, pa.array([word] * len(content), pa.string()))
+    days = pa.scalar(int(story["days"] * 24 * 3.6e9), pa.duration("us"))
+    return _put(content, "utc", pc.add(content["utc"], days).cast(content["utc"].type))
 
 
 def _numbers(content: pa.Table) -> np.ndarray:
@@ -160,5 +178,6 @@ def _darkened(content: pa.Table) -> pa.Table:
 
 def _put(content: pa.Table, name: str, values) -> pa.Table:
     if name in content.column_names:
+        values = values.cast(content[name].type)
         return content.set_column(content.column_names.index(name), name, values)
     return content.append_column(name, values)

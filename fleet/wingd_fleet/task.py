@@ -1,144 +1,195 @@
 """One flight, one task: fetch, solve, export, publish. Done twice, or half and again, it gives the same tables.
 
-What makes it so: a task changes nothing but its own folder until it publishes; an object is created where there is
-none; the commit comes last, and readers look at committed flights alone.
+What makes it so: a task changes nothing but its own folder until it publishes; tables are named by their digest; the commit is
+created where none is and comes last, and readers look at commits alone. So any queue that calls it often enough does.
 """
 
 from __future__ import annotations
 
+import fcntl
+import os
 import shutil
 import tempfile
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
-from typing import Callable
+from typing import Iterator
 
-from . import parquet, program, solves
-from .lake import TABLES, FleetError, Flight, Lake, Passing, dump, sha256
+from . import parquet, program, records, solves
+from .corrections import About, Corrections
+from .lake import VERSION, Damaged, FleetError, Flight, Lake, Passing, is_frame
+from .records import sha256
+from .state import at_once
 
-# Objects fetched at a time.
-FETCHES = 8
+# As `wingd upload` cuts long files.
+PART_BYTES = 4 << 20
 
 
-def run(
-    lake: Lake,
-    solve: str,
-    flight: Flight,
-    wingd: str,
-    work: Path,
-    jobs: int = 1,
-    at: Callable[[str], None] = lambda step: None,
-) -> str:
-    """Publishes the tables of a flight; `there` where they were, `done` where this task made them.
+def run(lake: Lake, solve: str, flight: Flight, wingd: str, work: Path, jobs: int = 1) -> str:
+    """Publishes the tables of a flight; `there` where they were, `done` where this task made them, `withdrawn`.
 
-    `work` is a folder for frames and tables, emptied at the end. `at` is told each step before it is done: for tests.
+    `work` is a folder for frames and tables, emptied at the end.
     """
-    if lake.get(flight.commit(solve)) is not None:
+    if commits(lake, solve, flight):
         return "there"
+    manifest = records.read(lake, flight.manifest)
+    if Corrections.read(lake).withdrawn(solve, flight, About.of(manifest)):
+        return "withdrawn"
+    with Folder(work) as folder:
+        try:
+            record = make(lake, solve, flight, manifest, wingd, folder, jobs)
+        except (Passing, Damaged):
+            raise
+        except FleetError as error:
+            reason = str(error).replace(str(folder), "")
+            data = records.dump({"flight": str(flight), "solve": solve, "reason": reason})
+            lake.create(flight.failure(solve, sha256(data)), data)
+            raise FleetError(f"{flight}: {reason}") from error
+    return "done" if lake.create(flight.commit(solve, 1), records.dump(record)) else "there"
+
+
+def commits(lake: Lake, solve: str, flight: Flight) -> list[str]:
+    """Keys of a flight's commits, the one that counts last."""
+    return lake.keys(f"commits/{VERSION}/solve={solve}/{flight.place}")
+
+
+def make(lake: Lake, solve: str, flight: Flight, manifest: dict, wingd: str, folder: Path, jobs: int) -> dict:
+    """Puts a flight's tables into the lake; what its commit says."""
     definition = solves.read(lake, solve)
-    work.mkdir(parents=True, exist_ok=True)
-    folder = Path(tempfile.mkdtemp(prefix=f"{flight.flight}-", dir=work))
-    try:
-        return _run(lake, definition, flight, wingd, folder, jobs, at)
-    except Passing:
-        raise
-    except FleetError as error:
-        reason = str(error).replace(str(folder), "")
-        data = dump({"flight": str(flight), "solve": solve, "reason": reason})
-        lake.create(flight.failure(solve, sha256(data)), data)
-        raise FleetError(f"{flight}: {reason}") from error
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def _run(lake, definition, flight, wingd, folder, jobs, at) -> str:
-    at("fetch")
-    manifest = lake.json(flight.manifest)
     kept = definition["installations"] == solves.KEPT
     store = folder / "store"
+    needs(lake, flight, "results" if kept else "frames")
     fetch(lake, flight, manifest, store, frames=not kept)
     inputs = None
     if not kept:
-        at("solve")
-        inputs = _solve(lake, definition, flight, wingd, store, folder / "installation", jobs)
-    at("export")
-    identity = {
-        "solve": definition["solve"],
-        "aircraft": flight.aircraft,
-        "aircraft_type": manifest["aircraft_type"],
+        inputs = _solve(lake, definition, flight, manifest, wingd, store, folder / "installation", jobs)
+    tables = {}
+    for name, data in _tables(wingd, store, flight, solve, inputs, kept):
+        digest = sha256(data)
+        key = flight.table(name, solve, digest)
+        lake.settle(key, data)
+        tables[name] = {"key": key, "sha256": digest, **parquet.facts(data)}
+    about = {name: manifest[name] for name in (*parquet.ABOUT, "started")}
+    return {
+        "solve": solve,
+        "definition": definition["seal"],
+        "recorder": flight.recorder,
+        "flight": flight.flight,
+        "manifest": manifest["seal"],
+        "tables": tables,
+        **about,
     }
-    published = {}
-    for table in TABLES:
-        file = folder / f"{table}.parquet"
-        program.export(wingd, store, flight.flight, table, file, inputs)
-        data, facts = parquet.identified(file, table, identity)
-        at(f"publish {table}")
-        published[table] = _publish(lake, flight.table(table, definition["solve"]), data, facts)
-    at("commit")
-    commit = {
-        "solve": definition["solve"],
-        "flight": str(flight),
-        "aircraft_type": manifest["aircraft_type"],
-        "started": manifest["started"],
-        "manifest": manifest["digest"],
-        "tables": published,
-    }
-    return "done" if lake.create(flight.commit(definition["solve"]), dump(commit)) else "there"
+
+
+def needs(lake: Lake, flight: Flight, stage: str) -> None:
+    if lake.get(flight.mark(stage)) is None:
+        raise Passing(f"{flight}: its {stage} have not arrived yet; try again when `wingd upload` is through")
+
+
+def _tables(
+    wingd: str, store: Path, flight: Flight, solve: str, inputs: str | None, kept: bool
+) -> Iterator[tuple[str, bytes]]:
+    """Tables with rows. Live results are not solved again: they belong to the results that came along."""
+    found = {name: program.export(wingd, store, flight.flight, name, inputs) for name in parquet.EXPORTED}
+    for name, content in found.items():
+        whole = content if name == "shots" else parquet.weighed(content, found["shots"], name)
+        if len(whole):
+            yield name, parquet.write(parquet.completed(whole, name, solve))
+    if kept and any(store.glob(f"flights/{flight.flight}/live-*")):
+        for name, path in parquet.live(program.export_file(wingd, store, flight.flight, "live"), solve).items():
+            yield name, path.read_bytes()
+
+
+def keys_of(flight: Flight, entry: dict) -> list[tuple[str, str, int]]:
+    """Objects of a file: key, SHA-256, bytes."""
+    key, length = flight.file(entry["name"]), entry["length"]
+    if not entry.get("parts"):
+        return [(key, entry["sha256"], length)]
+    sizes = [min(PART_BYTES, length - k * PART_BYTES) for k in range(len(entry["parts"]))]
+    return [(f"{key}.part-{k:04d}", digest, sizes[k]) for k, digest in enumerate(entry["parts"])]
 
 
 def fetch(lake: Lake, flight: Flight, manifest: dict, store: Path, frames: bool = True) -> None:
     """A published flight as a store; each file is held against the manifest. Without frames where none is solved."""
+    faults: list[str] = []
 
     def bring(entry: dict) -> None:
-        key = flight.file(entry["name"])
-        data = lake.get(key)
-        if data is None or len(data) != entry["length"] or sha256(data) != entry["sha256"]:
-            raise FleetError(f"{lake.url}/{key}: is not what the manifest says; upload the flight below another prefix")
         name = PurePosixPath(entry["name"])
         if name.is_absolute() or ".." in name.parts:
             raise FleetError(f"{flight.manifest}: names {entry['name']!r}, which lies outside of the flight")
         path = store / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data)
+        with path.open("wb") as file:
+            for key, digest, _ in keys_of(flight, entry):
+                data = lake.get(key)
+                if data is None or sha256(data) != digest:
+                    what = "is not there" if data is None else "is damaged"
+                    faults.append(
+                        f"{lake.url}/{key}: {what}; `wingd upload --repair` from a copy of the store mends it"
+                    )
+                    return
+                file.write(data)
 
-    wanted = [entry for entry in manifest["files"] if frames or not _is_frame(entry["name"])]
-    with ThreadPoolExecutor(FETCHES) as pool:
-        list(pool.map(bring, wanted))
+    at_once(bring, [entry for entry in manifest["files"] if frames or not is_frame(entry["name"])])
+    if faults:
+        raise Damaged(sorted(faults))
     for name in ("flights", "incoming", "partial"):
         (store / name).mkdir(exist_ok=True)
 
 
-def _is_frame(name: str) -> bool:
-    parts = name.split("/")
-    return len(parts) == 4 and parts[0] == "flights" and parts[3] not in ("series.json", "results.jsonl")
-
-
-def _solve(lake, definition, flight, wingd, store, folder, jobs) -> str:
-    digest = definition["installations"].get(flight.aircraft)
-    if digest is None:
-        known = ", ".join(sorted(definition["installations"])) or "none"
-        raise FleetError(f"solve {definition['solve']} has no installation for {flight.aircraft}, only for: {known}")
+def _solve(lake, definition, flight, manifest, wingd, store, folder, jobs) -> str | None:
+    digest = solves.choose(definition, flight, manifest["started"])
     if (now := program.version(wingd)) != definition["program"]:
         raise Passing(f"solve {definition['solve']} is of {definition['program']}, this worker has {now}")
+    files = solves.installation(lake, digest)
     folder.mkdir()
-    files = {}
-    for key in lake.keys(f"installations/{digest}"):
-        name = key.rsplit("/", 1)[1]
-        files[name] = lake.need(key)
-        (folder / name).write_bytes(files[name])
-    if solves.digest_of(files) != digest:
-        raise Passing(f"{lake.url}/installations/{digest}: is not whole; define the solve once more")
+    for name, data in files.items():
+        (folder / name).write_bytes(data)
     before = program.results(store, flight.flight)
     program.solve(wingd, store, flight.flight, folder, definition["arguments"], jobs)
     after = program.results(store, flight.flight)
     return program.chosen(before, after, files, definition["program"]) if after else None
 
 
-def _publish(lake: Lake, key: str, data: bytes, facts: dict) -> dict:
-    """Creates a table. One that is there, of the same inputs and rows, stays, though another processor may have
-    rounded its last digits otherwise; the commit then names that one."""
-    if not lake.create(key, data):
-        data = lake.need(key)
-        there = parquet.facts(data)
-        if there != facts:
-            raise FleetError(f"{lake.url}/{key}: is there with other rows or inputs; choose another solve's name")
-    return {"sha256": sha256(data), "rows": facts["rows"]}
+class Folder:
+    """A task's own folder, removed at its end; those that killed tasks left are removed with the next one.
+
+    A lock file beside it says that its task lives. It is ours when it is locked and still there: another task may have taken a
+    file that nobody had locked yet for a dead one's.
+    """
+
+    def __init__(self, work: Path):
+        self.work = work
+
+    def __enter__(self) -> Path:
+        while True:
+            self.work.mkdir(parents=True, exist_ok=True)
+            sweep(self.work)
+            try:
+                handle, name = tempfile.mkstemp(prefix="task-", suffix=".lock", dir=self.work)
+            except FileNotFoundError:
+                # Its end took the empty place away.
+                continue
+            fcntl.flock(handle, fcntl.LOCK_EX)
+            if os.path.exists(name):
+                break
+            os.close(handle)
+        self.handle, self.lock = handle, Path(name)
+        self.folder = self.lock.with_suffix("")
+        self.folder.mkdir()
+        return self.folder
+
+    def __exit__(self, *_) -> None:
+        shutil.rmtree(self.folder, ignore_errors=True)
+        self.lock.unlink(missing_ok=True)
+        os.close(self.handle)
+        with suppress(OSError):
+            self.work.rmdir()
+
+
+def sweep(work: Path) -> None:
+    """Removes folders whose task lives no more: nobody holds their lock."""
+    for lock in work.glob("task-*.lock"):
+        with suppress(OSError), lock.open() as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(lock.with_suffix(""), ignore_errors=True)
+            lock.unlink()

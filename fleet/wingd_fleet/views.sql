@@ -1,21 +1,22 @@
 -- What the report asks, as views that anybody may ask too: wingd-fleet query --lake LAKE "SELECT ... FROM lift_by_aircraft".
--- shots, markers, parameters, span are the exported tables of all chosen solves; `frames` is shots with the columns of
--- aircraft data, null where the results have none. More views stand in mount.sql and detection.sql.
+-- shots, markers, parameters, span, live, live_markers, live_span are the tables of all chosen solves; `frames` is shots with what
+-- most questions need. More views stand in mount.sql, detection.sql and live.sql. A wing is an aircraft's left or right one; where it
+-- is not said, each recorder's is one of its own.
 
 -- A flight's own mean and scatter about its line against the load (weight times load factor), or about its mean.
 CREATE VIEW lift_by_flight AS
-SELECT solve, aircraft, aircraft_type, recorder_id, flight, min(utc) AS began,
-       count(*) AS frames, avg(tip_lift_m) AS lift_m, min(tip_lift_m) AS least_m, max(tip_lift_m) AS most_m,
+SELECT solve, aircraft, aircraft_type, wing, recorder_id, flight,
+       min(utc) AS began, count(*) AS frames, avg(tip_lift_m) AS lift_m, min(tip_lift_m) AS least_m, max(tip_lift_m) AS most_m,
        sqrt(avg(tip_sigma_lift_m ** 2)) AS sigma_m,
        avg(weight_kg) AS weight_kg, avg(load_factor) AS load_factor, avg(load_t) AS load_t
 FROM frames WHERE status = 'ok' AND tip_lift_m IS NOT NULL
 GROUP BY ALL;
 
 CREATE VIEW lift_by_aircraft AS
-SELECT solve, aircraft, any_value(aircraft_type) AS aircraft_type, count(*) AS flights, sum(frames) AS frames,
+SELECT solve, aircraft, wing, any_value(aircraft_type) AS aircraft_type, count(*) AS flights, sum(frames) AS frames,
        avg(lift_m) AS lift_m, stddev_samp(lift_m) / sqrt(count(*)) AS sigma_mean_m,
        min(least_m) AS least_m, max(most_m) AS most_m, sqrt(avg(sigma_m ** 2)) AS sigma_frame_m
-FROM lift_by_flight GROUP BY solve, aircraft;
+FROM lift_by_flight GROUP BY solve, aircraft, wing;
 
 -- Lift = a + b load, by type: the line that an aircraft is held against.
 CREATE VIEW line_of_type AS
@@ -31,14 +32,14 @@ GROUP BY ALL;
 -- of a frame is taken as common to them, beside the flights' scatter.
 CREATE VIEW aircraft_against_type AS
 WITH residuals AS (
-    SELECT solve, aircraft, coalesce(aircraft_type, 'unknown') AS aircraft_type, recorder_id, flight,
+    SELECT solve, aircraft, aircraft_type, wing, recorder_id, flight,
            avg(tip_lift_m - intercept_m - slope_m_per_t * load_t) AS residual_m, avg(tip_sigma_lift_m) AS sigma_m
     FROM (SELECT * REPLACE (coalesce(aircraft_type, 'unknown') AS aircraft_type) FROM frames)
     JOIN line_of_type USING (solve, aircraft_type)
     WHERE status = 'ok' AND tip_lift_m IS NOT NULL AND load_t IS NOT NULL
     GROUP BY ALL)
 SELECT *, mean_m / sqrt(coalesce(scatter_m, 0) ** 2 + common_m ** 2) AS over_sigma
-FROM (SELECT solve, aircraft, aircraft_type, count(*) AS flights, avg(residual_m) AS mean_m,
+FROM (SELECT solve, aircraft, aircraft_type, wing, count(*) AS flights, avg(residual_m) AS mean_m,
              stddev_samp(residual_m) / sqrt(count(*)) AS scatter_m, sqrt(avg(sigma_m ** 2)) AS common_m
       FROM residuals GROUP BY ALL);
 
@@ -56,14 +57,14 @@ FROM frames GROUP BY ALL HAVING count(*) FILTER (status = 'ok') < count(*);
 -- The same frames in two solves. Standard deviations of the two are not independent: the difference is held against
 -- the larger one.
 CREATE MACRO compared(one, other) AS TABLE
-SELECT a.aircraft, a.recorder_id, a.flight, a.series, a.shot, a.status AS status_one, b.status AS status_other,
+SELECT a.aircraft, a.wing, recorder_id, flight, series, shot, a.status AS status_one, b.status AS status_other,
        b.tip_lift_m - a.tip_lift_m AS difference_m, greatest(a.tip_sigma_lift_m, b.tip_sigma_lift_m) AS sigma_m,
        a.tip_lift_m AS lift_one_m, b.tip_lift_m AS lift_other_m
 FROM (FROM frames WHERE solve = one) a JOIN (FROM frames WHERE solve = other) b
-    USING (aircraft, recorder_id, flight, series, shot);
+    USING (recorder_id, flight, series, shot);
 
 CREATE MACRO compared_by_aircraft(one, other) AS TABLE
-SELECT aircraft, count(*) AS frames, avg(difference_m) AS mean_m, sqrt(avg(difference_m ** 2)) AS rms_m,
+SELECT aircraft, wing, count(*) AS frames, avg(difference_m) AS mean_m, sqrt(avg(difference_m ** 2)) AS rms_m,
        max(abs(difference_m)) AS most_m, sqrt(avg((difference_m / sigma_m) ** 2)) AS over_sigma,
        count(*) FILTER (status_one = 'ok' AND status_other <> 'ok') AS lost,
        count(*) FILTER (status_one <> 'ok' AND status_other = 'ok') AS won

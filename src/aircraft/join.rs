@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::layout::{Layout, Sample, seconds};
+use super::layout::{Layout, Sample};
+use super::times::seconds;
 use super::{QUANTITIES, Quantity};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
@@ -40,14 +41,22 @@ pub struct Unused {
     pub jumped: usize,
 }
 
-/// A flight's samples in the order of their tags.
+/// A flight's samples, source by source: a feed, a table taken in later, a corrected one. Of several that tell a quantity
+/// at a frame the latest counts.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Track {
-    samples: Vec<Sample>,
+    sources: Vec<Source>,
     /// Lines that say nothing.
     pub unused: Unused,
     /// By boot: the tags' UTC less the time since boot of receipt, median, s.
     lead_s: BTreeMap<String, f64>,
+}
+
+/// The samples of a source in the order of their tags.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Source {
+    number: usize,
+    samples: Vec<Sample>,
 }
 
 /// A quantity at a frame.
@@ -57,15 +66,24 @@ pub struct Joined {
     pub value: f64,
     /// Its standard deviation: instrument, time, and what lies between the tags.
     pub sigma: f64,
-    /// From the frame to the nearest tag that tells it, s.
+    /// From the frame to the nearest tag with a value, s.
     pub apart_s: f64,
+    /// The source that tells it, as `wingd aircraft-data --list` counts them; 0 in results that name none.
+    #[serde(default)]
+    pub source: usize,
 }
 
 /// What the aircraft's data say of a frame.
 pub type State = BTreeMap<Quantity, Joined>;
 
 impl Track {
-    /// Takes lines of one layout in.
+    /// Begins a source: the lines that are added next are its own.
+    pub fn begin_source(&mut self, number: usize) {
+        self.sources.push(Source { number, samples: vec![] });
+    }
+
+    /// Takes lines of one layout in, to the source begun last. Of two with one tag the first counts, but for what it does
+    /// not tell.
     pub fn add(&mut self, layout: &Layout, lines: &[Received]) {
         let read = |line: &Received| Some((layout.read(&line.line)?, line.at.clone()));
         let tagged: Vec<_> = lines.iter().filter_map(read).collect();
@@ -78,27 +96,29 @@ impl Track {
             all.sort_by(f64::total_cmp);
             self.lead_s.extend(all.get(all.len() / 2).map(|median| (boot, *median)));
         }
+        if self.sources.is_empty() {
+            self.begin_source(1);
+        }
+        let Some(source) = self.sources.last_mut() else { return };
         for (sample, at) in tagged {
             let lead = at.as_ref().and_then(|at| Some((self.lead_s.get(&at.boot_id)?, at.since_boot_s)));
             let jumped = lead.is_some_and(|(lead, at_s)| (sample.time_s - at_s - lead).abs() > JUMP_S);
-            let place = self.samples.partition_point(|known| known.time_s < sample.time_s);
-            let known = self.samples.get(place).is_some_and(|known| known.time_s == sample.time_s);
-            match (jumped, known) {
-                (true, _) => self.unused.jumped += 1,
-                (false, true) => self.unused.repeated += 1,
-                (false, false) => self.samples.insert(place, sample),
+            if jumped {
+                self.unused.jumped += 1;
+            } else if !source.take(sample) {
+                self.unused.repeated += 1;
             }
         }
     }
 
     /// Samples.
     pub fn len(&self) -> usize {
-        self.samples.len()
+        self.sources.iter().map(|source| source.samples.len()).sum()
     }
 
     /// Whether there is none.
     pub fn is_empty(&self) -> bool {
-        self.samples.is_empty()
+        self.len() == 0
     }
 
     /// A frame's UTC for the join, seconds since 1970, and its standard deviation. Where this machine's clock was not
@@ -118,8 +138,37 @@ impl Track {
     /// The state at a frame; empty where no tag is near enough.
     pub fn at(&self, stamp: &Stamp, exposure: Option<&Exposure>) -> State {
         let Some((time_s, sigma_s)) = self.instant(stamp, exposure) else { return State::new() };
-        let one = |quantity: Quantity| Some((quantity, self.quantity(quantity, time_s, sigma_s)?));
-        Quantity::ALL.into_iter().filter_map(one).collect()
+        let latest = |quantity: Quantity| {
+            let mut sources = self.sources.iter().rev();
+            Some((quantity, sources.find_map(|source| source.quantity(quantity, time_s, sigma_s))?))
+        };
+        Quantity::ALL.into_iter().filter_map(latest).collect()
+    }
+
+    /// A frame's UTC for the join, seconds since 1970; `None` where neither this machine's clock nor a feed tells it.
+    pub fn time_s(&self, stamp: &Stamp, exposure: Option<&Exposure>) -> Option<f64> {
+        self.instant(stamp, exposure).map(|(time_s, _)| time_s)
+    }
+}
+
+impl Source {
+    /// Takes a sample in its place; `false` where one with its tag tells all that it does.
+    fn take(&mut self, sample: Sample) -> bool {
+        let place = self.samples.partition_point(|known| known.time_s < sample.time_s);
+        match self.samples.get_mut(place).filter(|known| known.time_s == sample.time_s) {
+            Some(known) => {
+                let mut more = false;
+                for (own, other) in known.values.iter_mut().zip(sample.values) {
+                    more |= own.is_none() && other.is_some();
+                    *own = own.or(other);
+                }
+                more
+            }
+            None => {
+                self.samples.insert(place, sample);
+                true
+            }
+        }
     }
 
     /// Linear between the tags on both sides; with one side only the nearest, and what a change as fast as the last one
@@ -128,9 +177,9 @@ impl Track {
         let index = quantity.index();
         let place = self.samples.partition_point(|sample| sample.time_s <= time_s);
         let near = |sample: &&Sample| (sample.time_s - time_s).abs() <= WIDTH_S;
-        let told = |sample: &Sample| Some((sample.time_s, sample.values.get(index).copied().flatten()?));
-        let mut before = self.samples.get(..place)?.iter().rev().take_while(near).filter_map(told);
-        let mut after = self.samples.get(place..)?.iter().take_while(near).filter_map(told);
+        let value_of = |sample: &Sample| Some((sample.time_s, sample.values.get(index).copied().flatten()?));
+        let mut before = self.samples.get(..place)?.iter().rev().take_while(near).filter_map(value_of);
+        let mut after = self.samples.get(place..)?.iter().take_while(near).filter_map(value_of);
         let (value, rate, apart_s, held_s) = match (before.next(), after.next()) {
             (Some((t0, v0)), Some((t1, v1))) => {
                 let rate = (v1 - v0) / (t1 - t0);
@@ -141,7 +190,8 @@ impl Track {
             (None, None) => return None,
         };
         let by_time = rate * sigma_s.hypot(held_s);
-        Some(Joined { value, sigma: quantity.sigma(value).hypot(by_time), apart_s })
+        let sigma = quantity.sigma(value).hypot(by_time);
+        Some(Joined { value, sigma, apart_s, source: self.number })
     }
 }
 
@@ -174,7 +224,7 @@ mod tests {
     fn layout() -> Layout {
         let columns = [(2, Quantity::Mach), (3, Quantity::FuelKg)];
         let column = |(field, quantity)| Column { field, quantity, scale: 1.0, offset: 0.0 };
-        Layout { begins_with: None, separator: ',', time_field: 1, column: columns.map(column).to_vec() }
+        Layout::text(',', 1, columns.map(column).to_vec())
     }
 
     fn stamp(second: f64, synchronised: bool) -> Stamp {
@@ -232,6 +282,26 @@ mod tests {
         assert_eq!((held.value, held.apart_s), (1.4, 3.0));
         assert!((held.sigma - 0.005f64.hypot(0.1 * 3.0)).abs() < 1e-6, "{held:?}");
         assert!(at(14.5).is_empty() && at(-6.0).is_empty());
+    }
+
+    #[test]
+    fn the_latest_source_counts_per_quantity_and_older_ones_fill_what_it_does_not_tell() {
+        let text = |tag: f64, mach: &str, fuel: &str| Received {
+            at: None,
+            line: format!("{},{mach},{fuel}", BEGIN_S + tag),
+        };
+        let mut track = Track::default();
+        track.begin_source(1);
+        track.add(&layout(), &[text(0.0, "0.70", ""), text(10.0, "0.70", ""), text(20.0, "0.70", "9000")]);
+        track.begin_source(3);
+        track.add(&layout(), &[text(0.0, "", "8000"), text(10.0, "0.80", "8000"), text(10.0, "0.81", "1")]);
+        let at = |second: f64| track.at(&stamp(second, true), Some(&exposure(second)));
+        let told = |second: f64, quantity| at(second).get(&quantity).map(|j| (j.value, j.source));
+        assert_eq!(told(0.0, Quantity::Mach), Some((0.70, 1)));
+        assert_eq!(told(0.0, Quantity::FuelKg), Some((8000.0, 3)));
+        assert_eq!(told(10.0, Quantity::Mach), Some((0.80, 3)), "the first of two with one tag");
+        assert_eq!(told(20.0, Quantity::FuelKg), Some((9000.0, 1)));
+        assert_eq!((track.len(), track.unused.repeated), (5, 1));
     }
 
     #[test]

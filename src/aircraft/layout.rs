@@ -1,8 +1,12 @@
-//! Where the fields of a line stand, and the line as a sample. Pure.
+//! A layout says where the fields of a line stand, and reads the line as a sample. Pure.
+
+use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 
+use super::times::TimeFormat;
 use super::{QUANTITIES, Quantity};
+use crate::installation::rows;
 
 /// How a feed's lines are made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -31,8 +35,12 @@ pub struct Column {
     pub offset: f64,
 }
 
-fn one() -> f64 {
+pub(super) fn one() -> f64 {
     1.0
+}
+
+pub(super) fn point() -> char {
+    '.'
 }
 
 /// Where the fields of a line stand.
@@ -44,10 +52,40 @@ pub struct Layout {
     pub begins_with: Option<String>,
     /// Between the fields.
     pub separator: char,
-    /// The time tag's field, from 1: ISO 8601 (UTC where it has no zone), or seconds since 1970.
+    /// The time tag's field, from 1.
     pub time_field: usize,
+    /// How it is written.
+    #[serde(default, skip_serializing_if = "is_usual")]
+    pub time_format: TimeFormat,
+    /// The date of seconds of a day.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub date: Option<jiff::civil::Date>,
+    /// The decimal sign.
+    #[serde(default = "point", skip_serializing_if = "is_point")]
+    pub decimal: char,
     /// What is taken; of two with one quantity the later.
     pub column: Vec<Column>,
+}
+
+fn is_usual(format: &TimeFormat) -> bool {
+    *format == TimeFormat::default()
+}
+
+fn is_point(decimal: &char) -> bool {
+    *decimal == point()
+}
+
+/// What stands in a cell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Cell {
+    /// A value in the quantity's unit.
+    Value(f64),
+    /// Nothing.
+    Blank,
+    /// A text that is no number.
+    Text,
+    /// A number that cannot be true, in the quantity's unit.
+    OutOfReason(f64),
 }
 
 const M_PER_FOOT: f64 = 0.3048;
@@ -63,43 +101,70 @@ const IWG1: [(usize, Quantity, f64); 6] = [
 ];
 
 impl Layout {
+    /// Text with a column each.
+    pub fn text(separator: char, time_field: usize, column: Vec<Column>) -> Self {
+        let (time_format, date, decimal) = (TimeFormat::default(), None, point());
+        Self { begins_with: None, separator, time_field, time_format, date, decimal, column }
+    }
+
     /// IWG1 with a platform's own fields.
     pub fn iwg1(own: &[Column]) -> Self {
         let fixed = IWG1.map(|(field, quantity, scale)| Column { field, quantity, scale, offset: 0.0 });
         let column = fixed.iter().chain(own).copied().collect();
-        Self { begins_with: Some("IWG1".to_owned()), separator: ',', time_field: 2, column }
+        Self { begins_with: Some("IWG1".to_owned()), ..Self::text(',', 2, column) }
+    }
+
+    /// The fields of a line, without quotes and the blanks about them.
+    pub fn fields<'a>(&self, line: &'a str) -> Vec<Cow<'a, str>> {
+        let line = line.trim_end_matches(['\r', '\n']);
+        let quoted = if line.contains('"') { rows(line, self.separator).ok() } else { None };
+        match quoted.and_then(|rows| rows.into_iter().next()) {
+            Some(row) => row.cells.into_iter().map(Cow::Owned).collect(),
+            None => line.split(self.separator).map(|field| Cow::Borrowed(field.trim())).collect(),
+        }
     }
 
     /// A line as a sample; `None` where it is none of these lines or has no time.
     pub fn read(&self, line: &str) -> Option<Sample> {
-        let fields: Vec<&str> = line.trim().split(self.separator).map(str::trim).collect();
-        if self.begins_with.as_deref().is_some_and(|word| fields.first() != Some(&word)) {
+        self.sample(&self.fields(line))
+    }
+
+    /// The same of its fields.
+    pub fn sample(&self, fields: &[impl AsRef<str>]) -> Option<Sample> {
+        let begins = self.begins_with.as_deref();
+        if begins.is_some_and(|word| fields.first().is_none_or(|first| first.as_ref() != word)) {
             return None;
         }
-        let field = |number: usize| fields.get(number.checked_sub(1)?).copied();
-        let mut sample = Sample { time_s: time(field(self.time_field)?)?, values: [None; QUANTITIES] };
+        let time = self.time_format.seconds(field(fields, self.time_field)?, self.date)?;
+        let mut sample = Sample { time_s: time, values: [None; QUANTITIES] };
         for column in &self.column {
-            let number = field(column.field).and_then(|text| text.parse::<f64>().ok());
-            let value = number.map(|n| column.scale * n + column.offset);
-            sample.values[column.quantity.index()] = value.and_then(|v| column.quantity.believable(v));
+            let value = if let Cell::Value(value) = self.cell(fields, column) { Some(value) } else { None };
+            sample.values[column.quantity.index()] = value;
         }
         Some(sample)
     }
-}
 
-/// Seconds since 1970 of a time tag.
-fn time(text: &str) -> Option<f64> {
-    let utc = |civil: jiff::civil::DateTime| civil.to_zoned(jiff::tz::TimeZone::UTC).map(|z| z.timestamp());
-    if let Ok(number) = text.parse::<f64>() {
-        return Some(number).filter(|s| s.is_finite() && *s > 0.0);
+    /// What stands in a column's cell.
+    pub fn cell(&self, fields: &[impl AsRef<str>], column: &Column) -> Cell {
+        let Some(text) = field(fields, column.field).filter(|text| !text.is_empty()) else {
+            return Cell::Blank;
+        };
+        // A point beside a decimal comma parts thousands, which no feed writes.
+        let comma = self.decimal == ',' && !text.contains('.');
+        let text = if comma { text.replace(',', ".") } else { text.to_owned() };
+        match text.parse::<f64>() {
+            Ok(number) => {
+                let value = column.scale * number + column.offset;
+                column.quantity.believable(value).map_or(Cell::OutOfReason(value), Cell::Value)
+            }
+            Err(_) => Cell::Text,
+        }
     }
-    let stamp = text.parse::<jiff::Timestamp>().ok();
-    stamp.or_else(|| utc(text.parse::<jiff::civil::DateTime>().ok()?).ok()).map(seconds)
 }
 
-/// Seconds since 1970.
-pub(super) fn seconds(stamp: jiff::Timestamp) -> f64 {
-    stamp.as_microsecond() as f64 * 1e-6
+/// A field by its number from 1.
+fn field(fields: &[impl AsRef<str>], number: usize) -> Option<&str> {
+    fields.get(number.checked_sub(1)?).map(AsRef::as_ref)
 }
 
 /// What a line says.
@@ -145,12 +210,30 @@ mod tests {
     #[test]
     fn text_is_read_as_its_columns_say() {
         let kelvin = Column { field: 3, quantity: Quantity::TotalTemperatureC, scale: 1.0, offset: -273.15 };
-        let layout = Layout { begins_with: None, separator: ';', time_field: 1, column: vec![kelvin] };
+        let layout = Layout::text(';', 1, vec![kelvin]);
         let sample = layout.read("1772344800.25;x;250.15").unwrap();
         assert_eq!(sample.time_s, 1_772_344_800.25);
         assert!((sample.values[Quantity::TotalTemperatureC.index()].unwrap() + 23.0).abs() < 1e-9);
         let zone = layout.read("2026-03-01T07:00:00+01:00;x;1").unwrap();
         assert_eq!(zone.time_s, 1_772_344_800.0);
+    }
+
+    #[test]
+    fn quotes_blank_first_cells_and_decimal_commas_are_read() {
+        let mach = Column { field: 3, quantity: Quantity::Mach, scale: 1.0, offset: 0.0 };
+        let of = |layout: &Layout, line: &str| layout.read(line).unwrap().values[Quantity::Mach.index()];
+        let tabs = Layout::text('\t', 2, vec![mach]);
+        assert_eq!(of(&tabs, "\t1772344800\t0.78\r\n"), Some(0.78));
+        let commas = Layout::text(',', 2, vec![mach]);
+        assert_eq!(of(&commas, "\"climb, flaps\",\"1772344800\",\"0.78\""), Some(0.78));
+        let decimal = Layout { decimal: ',', ..Layout::text(';', 2, vec![mach]) };
+        assert_eq!(
+            (of(&decimal, "x;1772344800;0,78"), of(&decimal, "x;1772344800;0.78")),
+            (Some(0.78), Some(0.78))
+        );
+        assert_eq!(of(&Layout::text(';', 2, vec![mach]), "x;1772344800;0,78"), None);
+        let kept = serde_json::to_value(&commas).unwrap();
+        assert_eq!(kept.as_object().unwrap().len(), 3, "as layouts of older stores: {kept}");
     }
 
     proptest::proptest! {

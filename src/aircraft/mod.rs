@@ -2,17 +2,28 @@
 //!
 //! | file | from | to |
 //! |---|---|---|
+//! | `mapping` | the file that a user writes about a table | which column is which quantity |
+//! | `table`, `iwg1`, `units` | a table's text, its mapping | layout and lines, what the cells hold, what is to be mended |
+//! | `times` | a time tag | seconds since 1970; what tags are that are none |
 //! | `layout` | a line of text, where its fields stand | sample: time tag and quantities |
 //! | `join` | samples, a frame's instant | state with standard deviations |
 //! | `air` | state | air on both sides of the window, the wing's temperature |
 
 mod air;
+mod iwg1;
 mod join;
 mod layout;
+mod mapping;
+mod table;
+mod times;
+mod units;
 
 pub use air::conditions;
 pub use join::{Joined, Received, State, Track, Unused, named};
-pub use layout::{Column, Kind, Layout, Sample};
+pub use layout::{Cell, Column, Kind, Layout, Sample};
+pub use mapping::{Mapping, Named};
+pub use table::{Contents, Table, Tally};
+pub use times::{DAY_S, TimeFormat, likeliest, shown};
 
 use serde::{Deserialize, Serialize};
 

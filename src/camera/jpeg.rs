@@ -1,14 +1,34 @@
-//! Whether a JPEG file is whole, without decoding it.
+//! A JPEG file is whole or not, which shows without decoding it.
 
-/// Walks the markers from SOI to EOI (ITU-T T.81, annex B); `Err` says what is missing. Bytes after
-/// EOI are allowed: cameras pad, and append previews; zeros before SOI are, as the decoder skips them.
-pub fn whole(bytes: &[u8]) -> Result<(), String> {
+/// What a JPEG file lacks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Unwhole {
+    /// It does not begin as one; its bytes.
+    #[error("not a JPEG file: {0} bytes without its first marker")]
+    Foreign(usize),
+    /// Its end, after so many bytes.
+    #[error("JPEG file ends early, after {0} bytes")]
+    Cut(usize),
+    /// A marker at this byte.
+    #[error("JPEG file is damaged at byte {0}")]
+    Damaged(usize),
+    /// A scan.
+    #[error("JPEG file holds no picture")]
+    Empty,
+}
+
+/// Walks the markers from SOI to EOI (ITU-T T.81, annex B). Bytes after EOI are allowed: cameras pad, and append
+/// previews; zeros before SOI are, as the decoder skips them.
+///
+/// # Errors
+/// Where it is not whole.
+pub fn whole(bytes: &[u8]) -> Result<(), Unwhole> {
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
     let bytes = &bytes[zeros..];
     if !bytes.starts_with(&[0xFF, 0xD8]) {
-        return Err(format!("not a JPEG file: {} bytes without its first marker", bytes.len()));
+        return Err(Unwhole::Foreign(bytes.len()));
     }
-    let cut = || format!("JPEG file ends early, after {} bytes", bytes.len());
+    let cut = || Unwhole::Cut(bytes.len());
     let mut at = 2;
     let mut scans = 0;
     loop {
@@ -16,14 +36,14 @@ pub fn whole(bytes: &[u8]) -> Result<(), String> {
             match (bytes.get(at), bytes.get(at + 1)) {
                 (Some(0xFF), Some(0xFF)) => at += 1,
                 (Some(0xFF), Some(marker)) => break *marker,
-                (Some(_), _) => return Err(format!("JPEG file is damaged at byte {at}")),
+                (Some(_), _) => return Err(Unwhole::Damaged(at)),
                 _ => return Err(cut()),
             }
         };
         at += 2;
         match marker {
             0xD9 if scans > 0 => return Ok(()),
-            0xD9 => return Err("JPEG file holds no picture".to_owned()),
+            0xD9 => return Err(Unwhole::Empty),
             0x01 | 0xD0..=0xD7 => continue,
             _ => {}
         }

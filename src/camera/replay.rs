@@ -10,6 +10,7 @@ use serde_json::{Map, Value};
 
 use super::{Camera, CameraError, CameraInfo, Format, Frame};
 use crate::clock::Clock;
+use crate::installation::KeyFault;
 
 mod items;
 
@@ -90,15 +91,15 @@ impl ReplayConfig {
         Self { list: Some(list.into()), repeat: true, ..Self::default() }
     }
 
-    /// Every fault, as `key: what and how to mend it`.
-    pub fn faults(&self) -> Vec<String> {
+    /// Every fault, at its key of the whole file.
+    pub fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
+        let mut fault = |key: &str, what: &str| faults.push(KeyFault::new(key, what, "correct it"));
         if self.folder.is_some() == self.list.is_some() {
-            faults
-                .push("camera: a replay camera needs either folder = \"…\" or list = \"….toml\"".to_owned());
+            fault("camera", "a replay camera needs either folder = \"…\" or list = \"….toml\"");
         }
         if self.fault.iter().any(|fault| fault.shot == 0) {
-            faults.push("camera.fault.shot: shots count from 1".to_owned());
+            fault("camera.fault.shot", "shots count from 1");
         }
         faults
     }
@@ -145,7 +146,7 @@ pub struct Replay {
 impl Camera for Replay {
     fn open(&mut self) -> Result<CameraInfo, CameraError> {
         if let Some(fault) = self.shared.config.faults().first() {
-            return Err(CameraError::Refused(fault.clone()));
+            return Err(CameraError::Refused(format!("{}: {}", fault.key, fault.problem)));
         }
         self.items = read_items(&self.shared.config)?;
         self.open = true;

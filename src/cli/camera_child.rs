@@ -1,4 +1,4 @@
-//! The camera process; started by the recorder, never by a person.
+//! This is the camera process, which the recorder starts and never a person.
 
 use crate::cli::{Done, Failure};
 

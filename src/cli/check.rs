@@ -1,4 +1,4 @@
-//! `wingd check`: every fault of configuration, installation, store and camera in one go.
+//! `wingd check` names every fault of configuration, installation, store and camera in one go.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -35,16 +35,17 @@ pub struct Args {
 type Found = (&'static str, String);
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let (mut faults, mut said) = (vec![], vec![]);
+    let mut findings = Findings::default();
     if let Some(directory) = &args.installation {
-        check_installation(directory, false, &mut said, &mut faults);
+        findings.installation(directory, false);
     }
     if let Some(file) = &args.config {
         match config::load(file) {
-            Ok(config) => check_configuration(args, file, &config, &mut said, &mut faults),
-            Err(found) => faults.extend(found),
+            Ok(config) => findings.configuration(args, file, &config),
+            Err(found) => findings.faults.extend(found),
         }
     }
+    let Findings { said, faults } = findings;
     if args.json {
         return as_json(&said, &faults);
     }
@@ -53,25 +54,6 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         print(&lines.join("\n"))?;
     }
     if faults.is_empty() { Ok(Done::All) } else { Err(Failure::Faults(faults)) }
-}
-
-fn check_configuration(
-    args: &Args,
-    file: &Path,
-    config: &Config,
-    said: &mut Vec<Found>,
-    faults: &mut Vec<Fault>,
-) {
-    said.push(("configuration", file.display().to_string()));
-    match &config.installation {
-        Some(directory) => check_installation(directory, true, said, faults),
-        None => said.push(("installation", "none configured: frames are recorded, not solved".into())),
-    }
-    check_store(config, file, said, faults);
-    if !args.no_camera {
-        check_camera(config, file, said, faults);
-    }
-    said.extend(cabin(config, Path::new(machine::SYS)));
 }
 
 /// `found`: how what was looked at is, by its name.
@@ -108,77 +90,97 @@ fn cabin(config: &Config, sys: &Path) -> Vec<Found> {
     ]
 }
 
-/// `flies`: it is to solve frames, and needs its orientation.
-fn check_installation(directory: &Path, flies: bool, said: &mut Vec<Found>, faults: &mut Vec<Fault>) {
-    match installation::load(directory) {
-        Err(found) => faults.extend(found),
-        Ok(installation) => {
-            let markers = installation.setup.markers.len();
-            let pairs = installation.setup.torsion.len();
-            let how = format!("{}: {markers} markers, {pairs} torsion pairs", directory.display());
-            said.push(("installation", how));
-            super::say_doubts(&installation);
-            match installation.require_orientation() {
-                Ok(_) => said.push(("orientation", "there".into())),
-                Err(fault) if flies => faults.push(fault),
-                Err(_) => said.push(("orientation", "none yet: `wingd orient` writes it".into())),
+/// What was found so far.
+#[derive(Default)]
+struct Findings {
+    said: Vec<Found>,
+    faults: Vec<Fault>,
+}
+
+impl Findings {
+    fn configuration(&mut self, args: &Args, file: &Path, config: &Config) {
+        self.said.push(("configuration", file.display().to_string()));
+        match &config.installation {
+            Some(directory) => self.installation(directory, true),
+            None => {
+                self.said.push(("installation", "none configured: frames are recorded, not solved".into()))
+            }
+        }
+        self.store(config, file);
+        if !args.no_camera {
+            self.camera(config, file);
+        }
+        self.said.extend(cabin(config, Path::new(machine::SYS)));
+    }
+
+    /// `flies`: it is to solve frames, and needs its orientation.
+    fn installation(&mut self, directory: &Path, flies: bool) {
+        match installation::load(directory) {
+            Err(found) => self.faults.extend(found),
+            Ok(installation) => {
+                let markers = installation.setup.markers.len();
+                let pairs = installation.setup.torsion.len();
+                let how = format!("{}: {markers} markers, {pairs} torsion pairs", directory.display());
+                self.said.push(("installation", how));
+                super::say_doubts(&installation);
+                match installation.require_orientation() {
+                    Ok(_) => self.said.push(("orientation", "there".into())),
+                    Err(fault) if flies => self.faults.push(fault),
+                    Err(_) => self.said.push(("orientation", "none yet: `wingd orient` writes it".into())),
+                }
             }
         }
     }
-}
 
-fn check_store(config: &Config, file: &std::path::Path, said: &mut Vec<Found>, faults: &mut Vec<Fault>) {
-    let path = &config.store.path;
-    faults.extend(unwritable(&RealDisk, path).map(|problem| {
-        let mend = "give the recorder's user the right to write there, or name another place";
-        fault(file, "store.path", problem, mend)
-    }));
-    if is_vacant(&RealDisk, path) {
-        said.push(("store", format!("{} will be made", path.display())));
-        let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
-        if parent.is_some_and(|p| !p.is_dir()) {
-            let problem = format!("the folder above {} does not exist", path.display());
-            faults.push(fault(file, "store.path", problem, "make it, or name another place"));
+    fn store(&mut self, config: &Config, file: &Path) {
+        let path = &config.store.path;
+        self.faults.extend(unwritable(&RealDisk, path).map(|problem| {
+            let mend = "give the recorder's user the right to write there, or name another place";
+            Fault::new(file, "store.path", problem, mend)
+        }));
+        if is_vacant(&RealDisk, path) {
+            self.said.push(("store", format!("{} will be made", path.display())));
+            let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
+            if parent.is_some_and(|p| !p.is_dir()) {
+                let problem = format!("the folder above {} does not exist", path.display());
+                self.faults.push(Fault::new(file, "store.path", problem, "make it, or name another place"));
+            }
+            return;
         }
-        return;
+        let busy = frames::busy("verifying the store");
+        let report = verify::verify(&RealDisk, path);
+        drop(busy);
+        let found: Vec<Fault> = report
+            .faults
+            .iter()
+            .map(|f| Fault::new(&f.path, format!("invariant {}", f.invariant), &f.what, "see docs/store.md"))
+            .collect();
+        if found.is_empty() {
+            self.said.push(("store", format!("{}: sound", path.display())));
+        }
+        self.faults.extend(found);
     }
-    let busy = frames::busy("verifying the store");
-    let report = verify::verify(&RealDisk, path);
-    drop(busy);
-    let found: Vec<Fault> = report
-        .faults
-        .iter()
-        .map(|f| fault(&f.path, &format!("invariant {}", f.invariant), f.what.clone(), "see docs/store.md"))
-        .collect();
-    if found.is_empty() {
-        said.push(("store", format!("{}: sound", path.display())));
-    }
-    faults.extend(found);
-}
 
-fn check_camera(config: &Config, file: &std::path::Path, said: &mut Vec<Found>, faults: &mut Vec<Fault>) {
-    let make = config.camera.factory(Arc::new(System::new()), Duration::ZERO);
-    let mut camera = make();
-    match camera.open() {
-        Ok(info) => {
-            said.push(("camera", info.name));
-            for warning in &info.warnings {
-                let mend = "set it by hand, or correct the configuration";
-                faults.push(fault(file, "camera", warning.clone(), mend));
+    fn camera(&mut self, config: &Config, file: &Path) {
+        let make = config.camera.factory(Arc::new(System::new()), Duration::ZERO);
+        let mut camera = make();
+        match camera.open() {
+            Ok(info) => {
+                self.said.push(("camera", info.name));
+                for warning in &info.warnings {
+                    let mend = "set it by hand, or correct the configuration";
+                    self.faults.push(Fault::new(file, "camera", warning.clone(), mend));
+                }
+            }
+            Err(error) => {
+                let mend = if matches!(config.camera, CameraSection::Replay(_)) {
+                    "name a folder or a list with pictures"
+                } else {
+                    "see docs/operations/camera.md, or check without it: --no-camera"
+                };
+                self.faults.push(Fault::new(file, "camera", error.to_string(), mend));
             }
         }
-        Err(error) => {
-            let mend = if matches!(config.camera, CameraSection::Replay(_)) {
-                "name a folder or a list with pictures"
-            } else {
-                "see docs/operations/camera.md, or check without it: --no-camera"
-            };
-            faults.push(fault(file, "camera", error.to_string(), mend));
-        }
+        camera.close();
     }
-    camera.close();
-}
-
-fn fault(file: &std::path::Path, place: &str, problem: String, mend: &str) -> Fault {
-    Fault { file: file.into(), place: place.into(), problem, mend: mend.into() }
 }

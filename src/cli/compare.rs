@@ -1,16 +1,16 @@
-//! `wingd compare`: what changed between two solves of a store, or between two stores.
+//! `wingd compare` says what changed between two solves of a store, or between two stores.
 
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use super::solve_store::flights;
+use super::stores::flights;
 use super::{Done, Failure, print};
-use crate::report::compare::{self, Change, Summary};
+use crate::report::compare::{self, Change, Side, Summary};
 use crate::report::grid::Grid;
-use crate::report::number::{NONE, fixed};
+use crate::report::number::{NONE, fields, fixed};
 use crate::store::sets::{self, ResultSet, Sets};
-use crate::store::{FlightRef, RealDisk, StoreError};
+use crate::store::{FlightRef, RealDisk};
 
 /// What changed between two solves of a store, or between two stores.
 #[derive(clap::Args)]
@@ -34,24 +34,14 @@ pub struct Args {
     json: bool,
 }
 
-fn undone(error: StoreError) -> Failure {
-    Failure::Undone(error.to_string())
-}
-
-/// A flight with the results of it that are meant.
-struct Side {
-    flight: FlightRef,
-    set: ResultSet,
-}
-
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let ours = flights(&RealDisk, &args.store, args.flight.as_deref())?;
+    let ours = flights(&args.store, args.flight.as_deref())?;
     let mut compared = 0;
     for flight in &ours {
         let Some((old, new)) = sides(args, flight)? else { continue };
         compared += 1;
-        let changes = compare::changes(&RealDisk, (&old.flight, &old.set), (&new.flight, &new.set));
-        show(args, &old, &new, &changes.map_err(undone)?)?;
+        let changes = compare::changes(&RealDisk, &old, &new);
+        show(args, &old, &new, &changes?)?;
     }
     if compared == 0 {
         let store = args.store.display();
@@ -64,10 +54,10 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
 
 /// The two sides; `None` where a flight has only one.
 fn sides(args: &Args, flight: &FlightRef) -> Result<Option<(Side, Side)>, Failure> {
-    let sets = sets::of_flight(&RealDisk, flight).map_err(undone)?;
+    let sets = sets::of_flight(&RealDisk, flight)?;
     if let Some(other) = &args.other {
         let Some(there) = there(other, flight)? else { return Ok(None) };
-        let theirs = sets::of_flight(&RealDisk, &there).map_err(undone)?;
+        let theirs = sets::of_flight(&RealDisk, &there)?;
         let old = chosen(&sets, args.from.as_deref(), flight)?;
         let new = chosen(&theirs, args.to.as_deref(), &there)?;
         let side = |(flight, set): (&FlightRef, Option<ResultSet>)| {
@@ -85,7 +75,7 @@ fn sides(args: &Args, flight: &FlightRef) -> Result<Option<(Side, Side)>, Failur
 }
 
 fn there(other: &Path, flight: &FlightRef) -> Result<Option<FlightRef>, Failure> {
-    Ok(flights(&RealDisk, other, None)?.into_iter().find(|there| there.id == flight.id))
+    Ok(flights(other, None)?.into_iter().find(|there| there.id == flight.id))
 }
 
 fn chosen(sets: &Sets, wanted: Option<&str>, flight: &FlightRef) -> Result<Option<ResultSet>, Failure> {
@@ -101,14 +91,9 @@ fn chosen(sets: &Sets, wanted: Option<&str>, flight: &FlightRef) -> Result<Optio
 fn show(args: &Args, old: &Side, new: &Side, changes: &[Change]) -> Result<(), Failure> {
     if args.json {
         for change in changes {
-            let line = json!({"flight": new.flight.id, "from": old.set.key, "to": new.set.key});
-            let mut line = line;
-            if let (Some(line), Ok(serde_json::Value::Object(more))) =
-                (line.as_object_mut(), serde_json::to_value(change))
-            {
-                line.extend(more);
-            }
-            print(&line.to_string())?;
+            let mut line = fields(&json!({"flight": new.flight.id, "from": old.set.key, "to": new.set.key}));
+            line.extend(fields(change));
+            print(&json!(line).to_string())?;
         }
         return Ok(());
     }
@@ -121,29 +106,17 @@ fn show(args: &Args, old: &Side, new: &Side, changes: &[Change]) -> Result<(), F
 }
 
 fn table(changes: &[Change]) -> Grid {
-    let mut grid = Grid::new(&[
-        "<frame",
-        "<status",
-        "tip lift / m",
-        "now / m",
-        "change / m",
-        "sigma / m",
-        "change / sigma",
-        "largest of a marker / m",
-    ]);
-    for change in changes {
-        grid.push(vec![
-            format!("{}/{}", change.series, change.frame),
-            change.status_text(),
-            fixed(change.tip_lift_m.0, 4),
-            fixed(change.tip_lift_m.1, 4),
-            fixed(change.change_m, 4),
-            fixed(change.sigma_m, 4),
-            fixed(change.change_sigmas, 2),
-            change.marker.as_ref().map_or(NONE.to_owned(), |(id, m)| format!("{id} {}", fixed(Some(*m), 4))),
-        ]);
-    }
-    grid
+    let largest = |c: &Change| c.marker.as_ref().map(|(id, m)| format!("{id} {}", fixed(Some(*m), 4)));
+    Grid::each(changes).columns(&[
+        ("<frame", &|c| format!("{}/{}", c.series, c.frame)),
+        ("<status", &|c| c.status_text()),
+        ("tip lift / m", &|c| fixed(c.tip_lift_m.0, 4)),
+        ("now / m", &|c| fixed(c.tip_lift_m.1, 4)),
+        ("change / m", &|c| fixed(c.change_m, 4)),
+        ("sigma / m", &|c| fixed(c.sigma_m, 4)),
+        ("change / sigma", &|c| fixed(c.change_sigmas, 2)),
+        ("largest of a marker / m", &|c| largest(c).unwrap_or_else(|| NONE.to_owned())),
+    ])
 }
 
 fn summary(s: &Summary) -> String {

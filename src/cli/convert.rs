@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use super::{Done, Failure};
-use crate::installation::{self, CameraFormat};
+use super::{Done, Failure, print};
+use crate::installation::{self, CameraFormat, ReadCamera};
 
-/// A camera from and to the files of OpenCV, ROS, Kalibr and mrcal
+/// A camera from and to the files of OpenCV, ROS, Kalibr and mrcal; what is read is shown
 #[derive(clap::Args)]
 pub struct Args {
     /// The camera as it is
@@ -14,7 +14,10 @@ pub struct Args {
     /// Where it is written: camera.toml, NAME.cameramodel, camchain.yaml, camera_info.yaml, NAME.yaml (OpenCV)
     #[arg(value_name = "OUT")]
     output: PathBuf,
-    /// Format of IN, where its ending does not tell
+    /// Which camera of IN, where it holds several: Kalibr's cam0, cam1
+    #[arg(long, value_name = "NAME")]
+    camera: Option<String>,
+    /// Format of IN, where neither its name nor its keys tell
     #[arg(long, value_name = "FORMAT")]
     from: Option<Format>,
     /// Format of OUT, where its name does not tell
@@ -26,7 +29,7 @@ pub struct Args {
 enum Format {
     /// camera.toml
     Wingd,
-    /// OpenCV's YAML
+    /// OpenCV's YAML; XML and JSON are read
     Opencv,
     /// ROS camera_info
     Ros,
@@ -49,18 +52,30 @@ impl From<Format> for CameraFormat {
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let text = std::fs::read_to_string(&args.input).ok();
-    let told = |given: Option<Format>, file: &PathBuf, text: Option<&str>, option: &str| {
-        given.map(CameraFormat::from).or_else(|| installation::format_of(file, text)).ok_or_else(|| {
-            Failure::Usage(format!("the name {} does not tell its format; give {option}", file.display()))
-        })
-    };
-    let from = told(args.from, &args.input, text.as_deref(), "--from")?;
-    let to = told(args.to, &args.output, None, "--to")?;
-    let lens = installation::read_exchange(&args.input, from)?;
-    installation::write_exchange(&args.output, &lens, to).map_err(Failure::Undone)?;
-    if from == CameraFormat::Wingd && text.is_some_and(|t| t.contains("covariance")) {
-        eprintln!("the covariance stays behind: {} has no place for it", args.output.display());
-    }
+    let to = args.to.map(CameraFormat::from).or_else(|| installation::format_of_name(&args.output));
+    let to = to.ok_or_else(|| {
+        Failure::Usage(format!("the name {} does not tell its format; give --to", args.output.display()))
+    })?;
+    let from = args.from.map(CameraFormat::from);
+    let read = installation::read_exchange(&args.input, from, args.camera.as_deref())?;
+    installation::write_exchange(&args.output, &read.lens, to).map_err(|e| Failure::Undone(e.to_string()))?;
+    print(&shown(args, &read, to))?;
     Ok(Done::All)
+}
+
+/// What was read, term by term, what stayed behind, and what is to be looked at.
+fn shown(args: &Args, read: &ReadCamera, to: CameraFormat) -> String {
+    let l = &read.lens;
+    let name = read.name.as_ref().map_or(String::new(), |name| format!(", {name}"));
+    let mut text = format!("{}: {}{name}, {}\n", args.input.display(), read.format, read.model);
+    text += &format!("  {} x {} px, fx {} fy {} cx {} cy {} px\n", l.width, l.height, l.fx, l.fy, l.cx, l.cy);
+    text += &format!("  k1 {} k2 {} p1 {} p2 {} k3 {}", l.k1, l.k2, l.p1, l.p2, l.k3);
+    if l.denominator != [0.0; 3] {
+        let [k4, k5, k6] = l.denominator;
+        text += &format!(" k4 {k4} k5 {k5} k6 {k6}");
+    }
+    let dropped = if read.left.is_empty() { "nothing".to_owned() } else { read.left.join(", ") };
+    text += &format!("\n  dropped: {dropped}\n");
+    read.remarks.iter().for_each(|remark| text += &format!("  to be looked at: {remark}\n"));
+    text + &format!("{}: written, {to}", args.output.display())
 }

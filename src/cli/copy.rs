@@ -1,8 +1,8 @@
-//! `wingd copy`: a store's flights to another directory, disk or stick.
+//! `wingd copy` brings a store's flights to another directory, disk or stick.
 
 use std::path::{Path, PathBuf};
 
-use super::solve_store::flights;
+use super::stores::flights;
 use super::{Done, Failure, frames, print};
 use crate::store::bundle::{self, Content};
 use crate::store::receive::{Listing, Receiver};
@@ -25,18 +25,14 @@ pub struct Args {
     json: bool,
 }
 
-fn undone(error: StoreError) -> Failure {
-    Failure::Undone(error.to_string())
-}
-
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let disk = RealDisk;
-    let flights = flights(&disk, &args.store, args.flight.as_deref())?;
-    let receiver = Receiver::open(&disk, &args.directory).map_err(undone)?;
+    let flights = flights(&args.store, args.flight.as_deref())?;
+    let receiver = Receiver::open(&disk, &args.directory)?;
     for flight in &flights {
-        copy(&disk, &args.store, flight, &receiver, false).map_err(undone)?;
+        copy(&disk, &args.store, flight, &receiver, false)?;
     }
-    let report = read_back(receiver).map_err(undone)?;
+    let report = read_back(receiver)?;
     let report = if report.is_sound() { report } else { again(args, &disk, &flights)? };
     ended(&report, &args.directory, args.json)
 }
@@ -49,11 +45,11 @@ pub(super) fn read_back(receiver: Receiver) -> Result<Report, StoreError> {
 
 /// What lies there damaged is copied anew, once.
 fn again(args: &Args, disk: &dyn Disk, flights: &[FlightRef]) -> Result<Report, Failure> {
-    let receiver = Receiver::open(disk, &args.directory).map_err(undone)?;
+    let receiver = Receiver::open(disk, &args.directory)?;
     for flight in flights {
-        copy(disk, &args.store, flight, &receiver, true).map_err(undone)?;
+        copy(disk, &args.store, flight, &receiver, true)?;
     }
-    read_back(receiver).map_err(undone)
+    Ok(read_back(receiver)?)
 }
 
 fn copy(

@@ -1,12 +1,12 @@
-//! `wingd demo`: a bundled flight through the real daemon, with no hardware and no configuration.
+//! `wingd demo` sends a bundled flight through the real daemon, with no hardware and no configuration.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use rust_embed::RustEmbed;
+use tracing::level_filters::LevelFilter;
 
-use super::{Done, Failure, logging, print, service};
+use super::{Done, Failure, logging, print, service, unwritable};
 use crate::camera::replay::ReplayConfig;
 use crate::camera::section::CameraSection;
 use crate::clock::{Clock, Simulated};
@@ -26,9 +26,32 @@ pub struct Args {
     output: PathBuf,
 }
 
-#[derive(RustEmbed)]
-#[folder = "fixtures/demo"]
-struct Bundle;
+/// Files of `fixtures/demo`, each with its name there and its bytes.
+macro_rules! bundled {
+    ($($name:literal)*) => {
+        &[$(($name, include_bytes!(concat!("../../fixtures/demo/", $name)).as_slice())),*]
+    };
+}
+
+const BUNDLE: &[(&str, &[u8])] = bundled![
+    "README.md"
+    "frames.toml"
+    "frames/flight-01.jpg"
+    "frames/flight-02.jpg"
+    "frames/flight-03.jpg"
+    "frames/flight-04.jpg"
+    "frames/flight-05.jpg"
+    "frames/flight-06.jpg"
+    "frames/flight-07.jpg"
+    "frames/flight-08.jpg"
+    "frames/flight-09.jpg"
+    "frames/flight-10.jpg"
+    "frames/ground.jpg"
+    "installation/camera.toml"
+    "installation/installation.toml"
+    "installation/survey.csv"
+    "truth.json"
+];
 
 /// The flight of the demonstration.
 const FLIGHT: Duration = Duration::from_secs(8 * 3600 + 1800);
@@ -40,7 +63,7 @@ const SPEED_UP: f64 = 20_000.0;
 const TAKE_OFF: i64 = 1_780_300_800;
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    logging::start_at("warn");
+    logging::start_at(LevelFilter::WARN);
     let input = args.output.join("input");
     unpack(&input)?;
     let installation = input.join("installation");
@@ -51,16 +74,14 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
 
 /// Writes the bundled files; those that are there already and equal stay.
 fn unpack(input: &Path) -> Result<(), Failure> {
-    for name in Bundle::iter() {
-        let Some(file) = Bundle::get(&name) else { continue };
-        let path = input.join(&*name);
-        if std::fs::read(&path).is_ok_and(|there| there == *file.data) {
+    for (name, bytes) in BUNDLE {
+        let path = input.join(name);
+        if std::fs::read(&path).is_ok_and(|there| there == *bytes) {
             continue;
         }
         let made = path.parent().map_or(Ok(()), std::fs::create_dir_all);
-        made.and_then(|()| std::fs::write(&path, &file.data)).map_err(|e| {
-            Failure::Undone(format!("{} cannot be written ({e}); name another --output", path.display()))
-        })?;
+        let written = made.and_then(|()| std::fs::write(&path, bytes));
+        written.map_err(unwritable(&path, "name another --output"))?;
     }
     Ok(())
 }
@@ -70,17 +91,17 @@ fn orient(directory: &Path, ground: &Path) -> Result<(), Failure> {
     if installation::load(directory).is_ok_and(|i| i.orientation.is_some()) {
         return Ok(());
     }
-    let undone = |text: String| Failure::Undone(format!("{}: {text}", ground.display()));
+    let undone = |error: &dyn std::error::Error| Failure::Undone(format!("{}: {error}", ground.display()));
     let installation = installation::load_without_orientation(directory)?;
-    let bytes = std::fs::read(ground).map_err(|e| undone(e.to_string()))?;
+    let bytes = std::fs::read(ground).map_err(|e| undone(&e))?;
     let sighting = stages::sight("ground.jpg", &bytes, None, &installation, None);
     if let Some(reason) = sighting.failure {
-        return Err(undone(reason));
+        return Err(undone(&reason));
     }
-    let fit = identify::orient(&installation.setup, &[sighting.detections.markers])
-        .map_err(|e| undone(e.to_string()))?;
+    let fit =
+        identify::orient(&installation.setup, &[sighting.detections.markers]).map_err(|e| undone(&e))?;
     installation::write_orientation(&installation, &fit, &[(sighting.image, sighting.digest)])
-        .map_err(|e| undone(e.to_string()))
+        .map_err(|e| undone(&e))
 }
 
 /// The daemon, until its timetable is over. A demo that was broken off goes on where it stopped.
@@ -103,14 +124,14 @@ fn fly(output: &Path, input: &Path, directory: &Path) -> Result<(), Failure> {
     };
     let solver = service::solver(directory, &config.solve)?;
     let opened = service::open_store(&config)?;
-    service::keep_installation(&opened.0, directory);
-    let begun = opened.0.last_moment();
+    service::keep_installation(&opened.store, directory);
+    let begun = opened.store.last_moment();
     let take_off = jiff::Timestamp::from_second(TAKE_OFF).unwrap_or_default();
     let clock: Arc<dyn Clock> = Arc::new(match &begun {
         Some(last) => Simulated::starting_at(last, Some(SPEED_UP)),
         None => Simulated::new("demo", take_off, Some(SPEED_UP)),
     });
-    let origin = opened.0.series_of_boot("demo").first().copied().unwrap_or_else(|| clock.since_boot());
+    let origin = opened.store.series_of_boot("demo").first().copied().unwrap_or_else(|| clock.since_boot());
     service::run(&config, clock, origin, opened, Some(solver), progress())?;
     Ok(())
 }
@@ -131,11 +152,9 @@ fn finish(output: &Path, directory: &Path) -> Result<Done, Failure> {
     let store = output.join("store");
     let checked = verify::verify(&RealDisk, &store);
     let setup = installation::load(directory)?.setup;
-    let data = source::flight(&store, source::Choice::default(), Some(&setup))
-        .map_err(|e| Failure::Undone(e.to_string()))?;
+    let data = source::flight(&store, source::Choice::default(), Some(&setup))?;
     let page = output.join("report.html");
-    std::fs::write(&page, html::page(&data))
-        .map_err(|e| Failure::Undone(format!("{} cannot be written ({e}); free space", page.display())))?;
+    std::fs::write(&page, html::page(&data)).map_err(unwritable(&page, "free space"))?;
     print(table::series(&summary::summaries(&data.series)).trim_end())?;
     for fault in &checked.faults {
         eprintln!("wingd: invariant {}: {}: {}", fault.invariant, fault.path.display(), fault.what);
@@ -148,4 +167,24 @@ fn finish(output: &Path, directory: &Path) -> Result<Done, Failure> {
         page.display()
     ))?;
     Ok(Done::all(checked.is_sound()))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn files(folder: &Path) -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
+        entries.flat_map(|path| if path.is_dir() { files(&path) } else { vec![path] }).collect()
+    }
+
+    #[test]
+    fn every_file_of_the_fixture_is_bundled() {
+        let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/demo");
+        let mut there = files(&fixture);
+        there.sort();
+        let bundled: Vec<PathBuf> = BUNDLE.iter().map(|(name, _)| fixture.join(name)).collect();
+        assert_eq!(bundled, there);
+    }
 }

@@ -1,7 +1,8 @@
-//! `wingd detect`: markers in images.
+//! `wingd detect` finds markers in images.
 
 use std::path::{Path, PathBuf};
 
+use image::codecs::png::PngEncoder;
 use nalgebra::Matrix2;
 use serde_json::{Map, Value, json};
 
@@ -10,6 +11,7 @@ use crate::installation::Installation;
 use crate::measure::detect::{Detection, Rejected, Source};
 use crate::measure::raster::Raster;
 use crate::pipeline::{Sighting, recording, stages};
+use crate::record::Reason;
 use crate::report::{overlay, table};
 
 /// Markers in images.
@@ -49,9 +51,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         );
     }
     let mut all_well = true;
-    let work = |name: &str, bytes: Result<&[u8], String>| match bytes {
+    let work = |name: &str, bytes: Result<&[u8], Reason>| match bytes {
         Ok(bytes) => detect(name, bytes, installation.as_ref(), overlay),
-        Err(reason) => Sighting { image: name.into(), failure: Some(reason), ..Sighting::default() },
+        Err(reason) => Sighting::failed(name, reason),
     };
     frames::each(&args.images, args.jobs, "detecting", work, |sighting| {
         all_well &= sighting.failure.is_none();
@@ -84,14 +86,18 @@ fn draw(
     sighting: &Sighting,
     installation: Option<&Installation>,
     directory: &Path,
-) -> Result<(), String> {
+) -> Result<(), Reason> {
     let picture = overlay::overlay(raster, &sighting.detections, &ids(sighting, installation));
     // Several folders' frames have their folder in their names.
     let name = sighting.image.trim_start_matches('/').replace('/', "_");
     let file = directory.join(Path::new(&name).with_extension("png"));
-    picture
-        .save(&file)
-        .map_err(|e| format!("{} cannot be written ({e}); free space or name another DIR", file.display()))
+    let mut png = vec![];
+    let drawn = picture.write_with_encoder(PngEncoder::new(&mut png));
+    let written = drawn.and_then(|()| Ok(std::fs::write(&file, png)?));
+    let text = |e: &image::ImageError| {
+        format!("{} cannot be written ({e}); free space or name another DIR", file.display())
+    };
+    written.map_err(|e| Reason::new(text(&e), e))
 }
 
 /// Per detection: the survey's id.
@@ -121,7 +127,7 @@ fn json_line(sighting: &Sighting, installation: Option<&Installation>, with_reje
     line.insert("image".into(), sighting.image.clone().into());
     line.insert("status".into(), if sighting.failure.is_none() { "ok" } else { "failed" }.into());
     if let Some(reason) = &sighting.failure {
-        line.insert("reason".into(), reason.clone().into());
+        line.insert("reason".into(), reason.text().into());
     }
     line.insert("width".into(), json!(sighting.size.map(|s| s.0)));
     line.insert("height".into(), json!(sighting.size.map(|s| s.1)));
@@ -134,9 +140,7 @@ fn json_line(sighting: &Sighting, installation: Option<&Installation>, with_reje
     if with_rejected {
         line.insert("rejected".into(), sighting.detections.rejected.iter().map(rejected).collect());
     }
-    let timing: Map<String, Value> =
-        sighting.stages.iter().map(|s| (s.name.into(), recording::milliseconds(s.ms))).collect();
-    line.insert("timing_ms".into(), timing.into());
+    line.insert("timing_ms".into(), json!(recording::timing(&sighting.stages)));
     line.into()
 }
 

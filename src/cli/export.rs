@@ -1,19 +1,22 @@
-//! `wingd export`: a store's results for other tools.
+//! `wingd export` writes a store's results for other tools.
 
 mod live;
+mod sink;
 
-use std::fs::{self, File};
-use std::io::{BufWriter, Write};
+use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 
-use super::{Done, Failure, print};
+use self::sink::{Notes, Sink, cannot_write, ended};
+use super::{Done, Failure, print, stores};
 use crate::installation;
-use crate::report::export::{self, Common, Csv, Table};
+use crate::record::TorsionRecord;
+use crate::report::export::{self, Common, Table};
 use crate::report::source::{self, Choice};
-use crate::report::{GroundMarker, ReportData, SeriesData, Site, summary};
-use crate::store::{FlightRef, RealDisk, StoreError, catalogue, heads, installations, layout};
+use crate::report::{GroundMarker, ReportData, SeriesData, Site, distinct, summary};
+use crate::store::{FlightRef, RealDisk, catalogue, heads, layout};
 
 #[derive(Clone, Copy, ValueEnum)]
 enum FormatName {
@@ -79,12 +82,6 @@ pub struct Args {
     output: Option<PathBuf>,
 }
 
-impl From<StoreError> for Failure {
-    fn from(error: StoreError) -> Self {
-        Self::Undone(error.to_string())
-    }
-}
-
 impl Args {
     fn choice(&self) -> Choice<'_> {
         Choice { flight: self.flight.as_deref(), inputs: self.inputs.as_deref() }
@@ -94,8 +91,7 @@ impl Args {
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let Some(table) = Option::<Table>::from(args.table) else { return live::run(args) };
     let said = match args.format {
-        FormatName::Csv => csv(args, table)?,
-        FormatName::Parquet => parquet(args, table)?,
+        FormatName::Csv | FormatName::Parquet => rows(args, table)?,
         FormatName::Vtk => vtk(args)?,
         FormatName::Jsonl => jsonl(args)?,
     };
@@ -107,120 +103,50 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
 
 /// What is common to all rows: torsion pairs are found by a first look through the results.
 fn common(args: &Args) -> Result<Common, Failure> {
-    let mut pairs: Vec<String> = Vec::new();
+    let mut names: Vec<String> = Vec::new();
     for flight in source::chosen(&args.store, args.flight.as_deref())? {
         for series in catalogue::series(&RealDisk, &flight)? {
             let bytes = fs::read(series.folder.join(layout::RESULTS_FILE)).unwrap_or_default();
             for head in heads::parse(&bytes, &["torsion"]) {
-                let torsion =
-                    head.record.get("torsion").and_then(|t| t.as_array()).cloned().unwrap_or_default();
-                let names = torsion.iter().filter_map(|pair| pair.get("name")?.as_str().map(str::to_owned));
-                for name in names {
-                    if !pairs.contains(&name) {
-                        pairs.push(name);
-                    }
-                }
+                let torsion = head.record.into_values().next().map(serde_json::from_value);
+                let torsion: Vec<TorsionRecord> = torsion.and_then(Result::ok).unwrap_or_default();
+                names = distinct(names.into_iter().chain(torsion.into_iter().map(|pair| pair.name)));
             }
         }
     }
-    Ok(Common { store_id: catalogue::store_id(&RealDisk, &args.store), pairs })
+    Ok(Common { store_id: catalogue::store_id(&RealDisk, &args.store), pairs: names })
 }
 
-/// Where text goes: the file, or standard output.
-fn text_output(args: &Args) -> Result<Box<dyn Write>, Failure> {
-    match &args.output {
-        Some(file) => Ok(Box::new(BufWriter::new(create(file)?))),
-        None => Ok(Box::new(BufWriter::new(std::io::stdout()))),
-    }
-}
-
-fn create(file: &Path) -> Result<File, Failure> {
-    File::create(file).map_err(|e| cannot_write(file, &e))
-}
-
-fn cannot_write(file: &Path, error: &dyn std::fmt::Display) -> Failure {
-    Failure::Undone(format!("{}: could not write: {error}; choose another --output", file.display()))
-}
-
-/// A closed pipe (`| head`) is no fault.
-fn ended(args: &Args, outcome: Result<ReportData, Failure>, broken: bool) -> Result<ReportData, Failure> {
-    match outcome {
-        Err(_) if broken && args.output.is_none() => Ok(ReportData::default()),
-        Err(failure) => Err(failure),
-        Ok(said) => {
-            if let Some(file) = &args.output {
-                print(&file.display().to_string())?;
-            }
-            Ok(said)
-        }
-    }
-}
-
-fn csv(args: &Args, table: Table) -> Result<ReportData, Failure> {
+/// The table's rows, series by series.
+fn rows(args: &Args, table: Table) -> Result<ReportData, Failure> {
     let common = common(args)?;
     let empty = export::columns(table, &SeriesData::default(), &common);
-    let mut broken = false;
-    let place = args.output.clone().unwrap_or_else(|| "standard output".into());
-    let mut failed = |error: csv::Error| {
-        let pipe = |e: &std::io::Error| e.kind() == std::io::ErrorKind::BrokenPipe;
-        broken = matches!(error.kind(), csv::ErrorKind::Io(e) if pipe(e));
-        cannot_write(&place, &error)
-    };
-    let output = text_output(args)?;
-    let outcome = (|| {
-        let mut csv = Csv::begin(output, &empty).map_err(&mut failed)?;
+    let written = || {
+        let mut sink = Sink::begin(args, empty, || notes(args, &common))?;
         let said = source::each(&args.store, args.choice(), |series| {
-            csv.add(&export::columns(table, &series, &common)).map_err(&mut failed)
+            sink.add(args, export::columns(table, &series, &common))
         })?;
-        csv.end().map_err(&mut failed)?;
+        sink.end(args)?;
         Ok(said)
-    })();
-    ended(args, outcome, broken)
+    };
+    ended(args, written())
 }
 
 fn jsonl(args: &Args) -> Result<ReportData, Failure> {
     let id = catalogue::store_id(&RealDisk, &args.store);
-    let mut broken = false;
-    let place = args.output.clone().unwrap_or_else(|| "standard output".into());
-    let mut failed = |error: std::io::Error| {
-        broken = error.kind() == std::io::ErrorKind::BrokenPipe;
-        cannot_write(&place, &error)
-    };
-    let mut output = text_output(args)?;
-    let outcome = (|| {
+    let written = || {
+        let mut output = args.text_output()?;
         let said = source::each(&args.store, args.choice(), |series| {
-            export::lines(&mut output, &series, id.as_deref()).map_err(&mut failed)
+            export::lines(&mut output, &series, id.as_deref()).map_err(|error| args.stopped(&error))
         })?;
-        output.flush().map_err(&mut failed)?;
+        output.flush().map_err(|error| args.stopped(&error))?;
         Ok(said)
-    })();
-    ended(args, outcome, broken)
+    };
+    ended(args, written())
 }
 
-#[cfg(feature = "parquet")]
-fn parquet_place(args: &Args) -> &Path {
-    args.output.as_deref().unwrap_or(Path::new("export.parquet"))
-}
-
-#[cfg(feature = "parquet")]
-fn parquet(args: &Args, table: Table) -> Result<ReportData, Failure> {
-    let common = common(args)?;
-    let file = parquet_place(args);
-    let failed = |error: parquet::errors::ParquetError| cannot_write(file, &error);
-    let output = BufWriter::new(create(file)?);
-    let empty = export::columns(table, &SeriesData::default(), &common);
-    let mut parquet = export::ParquetFile::begin(output, empty, &notes(args, &common)?).map_err(failed)?;
-    let said = source::each(&args.store, args.choice(), |series| {
-        parquet.add(export::columns(table, &series, &common)).map_err(failed)
-    })?;
-    let mut output = parquet.end().map_err(failed)?;
-    output.flush().map_err(|e| cannot_write(file, &e))?;
-    print(&file.display().to_string())?;
-    Ok(said)
-}
-
-#[cfg(feature = "parquet")]
-fn recorder_notes(store_id: Option<&str>) -> Vec<(String, String)> {
+/// Who recorded.
+fn recorder_notes(store_id: Option<&str>) -> Notes {
     let units = "m, deg, px, s by the ending of a column's name; frames: docs/conventions.md";
     vec![
         ("program".to_owned(), format!("wingd {}", env!("CARGO_PKG_VERSION"))),
@@ -230,8 +156,7 @@ fn recorder_notes(store_id: Option<&str>) -> Vec<(String, String)> {
 }
 
 /// The file's own metadata: who recorded, and what the results follow from, by the key in column `inputs`.
-#[cfg(feature = "parquet")]
-fn notes(args: &Args, common: &Common) -> Result<Vec<(String, String)>, Failure> {
+fn notes(args: &Args, common: &Common) -> Result<Notes, Failure> {
     let mut notes = recorder_notes(common.store_id.as_deref());
     for flight in source::chosen(&args.store, args.flight.as_deref())? {
         if let Some(set) = crate::store::sets::of_flight(&RealDisk, &flight)?.chosen(args.inputs.as_deref()) {
@@ -243,16 +168,6 @@ fn notes(args: &Args, common: &Common) -> Result<Vec<(String, String)>, Failure>
         }
     }
     Ok(notes)
-}
-
-#[cfg(not(feature = "parquet"))]
-fn parquet(_: &Args, _: Table) -> Result<ReportData, Failure> {
-    Err(without_parquet())
-}
-
-#[cfg(not(feature = "parquet"))]
-fn without_parquet() -> Failure {
-    Failure::Usage("this wingd was built without Parquet; use --format csv".into())
 }
 
 fn vtk(args: &Args) -> Result<ReportData, Failure> {
@@ -268,13 +183,9 @@ fn vtk(args: &Args) -> Result<ReportData, Failure> {
 
 /// The survey that displacements count from.
 fn ground(args: &Args, flight: &FlightRef) -> Result<Vec<GroundMarker>, Failure> {
-    let kept = || {
-        let last = installations::of_flight(&RealDisk, flight)?.pop();
-        Result::<_, StoreError>::Ok(last.map(|digest| installations::folder(&args.store, &digest)))
-    };
     let directory = match &args.installation {
         Some(directory) => Some(directory.clone()),
-        None => kept()?,
+        None => stores::kept(&args.store, flight)?,
     };
     let Some(directory) = directory else {
         let flight = &flight.id;
@@ -307,8 +218,7 @@ fn vtk_flight(args: &Args, flight: &FlightRef, folder: &Path) -> Result<ReportDa
         }
         write(&folder.join(format!("{name}.vtu")), &export::series_shape(&series, &ground).vtu())?;
         for record in summary::solved(&series) {
-            let shot = series.shots.iter().find(|s| s.image.as_ref() == Some(&record.image));
-            let Some(stamp) = shot.and_then(|s| s.stamp.clone()) else { continue };
+            let Some(stamp) = series.shot_of(record).and_then(|s| s.stamp.clone()) else { continue };
             let began = first.get_or_insert_with(|| stamp.clone());
             let time_s = 3600.0 * summary::hours_between(began, &stamp);
             let stem = record.image.split('.').next().unwrap_or_default();

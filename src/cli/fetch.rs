@@ -1,4 +1,4 @@
-//! `wingd fetch`: flights from a recorder's page into a directory.
+//! `wingd fetch` brings flights from a recorder's page into a directory.
 
 use std::path::PathBuf;
 
@@ -35,12 +35,7 @@ pub struct Args {
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let token = args.token_file.as_deref().map(|file| {
-        access::read_token(file).map_err(|(problem, mend)| Fault {
-            file: file.to_owned(),
-            place: "token".into(),
-            problem,
-            mend,
-        })
+        access::read_token(file).map_err(|(problem, mend)| Fault::new(file, "token", problem, mend))
     });
     let client = Client::new(&args.url, token.transpose()?, args.certificate.as_deref());
     let mut client = client.map_err(|e| Failure::Undone(e.to_string()))?;
@@ -59,8 +54,7 @@ fn fetch_all(
     flights: &[String],
     thorough: bool,
 ) -> Result<crate::store::verify::Report, Failure> {
-    let store = |e: crate::store::StoreError| Failure::Undone(e.to_string());
-    let receiver = Receiver::open(&RealDisk, &args.directory).map_err(store)?;
+    let receiver = Receiver::open(&RealDisk, &args.directory)?;
     for flight in flights {
         let bar = bar(0, flight);
         let mut progress = |done, whole| {
@@ -70,7 +64,7 @@ fn fetch_all(
         fetch::flight(client, &receiver, flight, thorough, &mut progress).map_err(|e| undone(args, e))?;
         bar.finish_and_clear();
     }
-    read_back(receiver).map_err(store)
+    Ok(read_back(receiver)?)
 }
 
 fn undone(args: &Args, error: fetch::FetchError) -> Failure {

@@ -1,6 +1,8 @@
-//! Image files of a command line: read and worked on in parallel, answered in the order given.
+//! Image files of a command line are read and worked on in parallel, and answered in the order given.
 
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::os::unix::ffi::OsStrExt;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,6 +11,7 @@ use std::time::Duration;
 
 use super::{Failure, interrupt};
 use crate::pipeline::guard::{BROKE_OFF, guarded};
+use crate::record::Reason;
 use crate::store::FrameRef;
 
 /// Jobs a core at most: more only take memory.
@@ -50,7 +53,7 @@ pub fn map<T: Send>(
     files: &[PathBuf],
     jobs: usize,
     what: &str,
-    work: impl Fn(&str, Result<&[u8], String>) -> T + Sync,
+    work: impl Fn(&str, Result<&[u8], Reason>) -> T + Sync,
 ) -> Result<Vec<T>, Failure> {
     let mut results = Vec::with_capacity(files.len());
     each(files, jobs, what, work, |result| {
@@ -65,7 +68,7 @@ pub fn each<T: Send>(
     files: &[PathBuf],
     jobs: usize,
     what: &str,
-    work: impl Fn(&str, Result<&[u8], String>) -> T + Sync,
+    work: impl Fn(&str, Result<&[u8], Reason>) -> T + Sync,
     take: impl FnMut(T) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
     let names = names(files);
@@ -158,27 +161,40 @@ pub fn stored<T: Send>(
     store: &crate::store::Store,
     frames: &[FrameRef],
     jobs: usize,
-    work: impl Fn(&FrameRef, Result<&[u8], String>) -> T + Sync,
+    work: impl Fn(&FrameRef, Result<&[u8], Reason>) -> T + Sync,
     take: impl FnMut(T) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
     let one = |frame: &FrameRef| {
-        let bytes = store.read_frame(frame).map_err(|e| e.to_string());
+        let bytes = store.read_frame(frame).map_err(Reason::of);
         let readable = bytes.as_deref().map_err(Clone::clone);
         guarded(|| work(frame, readable)).unwrap_or_else(|| work(frame, Err(BROKE_OFF.into())))
     };
     run(frames, jobs, "solving", one, take)
 }
 
-fn one<T>(file: &Path, name: &str, work: &(impl Fn(&str, Result<&[u8], String>) -> T + Sync)) -> T {
-    let bytes = std::fs::read(file);
-    let readable =
-        bytes.as_deref().map_err(|e| format!("{} cannot be read ({e}); check the path", file.display()));
+fn one<T>(file: &Path, name: &str, work: &(impl Fn(&str, Result<&[u8], Reason>) -> T + Sync)) -> T {
+    let text = |e: &std::io::Error| format!("{} cannot be read ({e}); check the path", file.display());
+    let bytes = std::fs::read(file).map_err(|e| Reason::new(text(&e), e));
+    let readable = bytes.as_deref().map_err(Clone::clone);
     guarded(|| work(name, readable)).unwrap_or_else(|| work(name, Err(BROKE_OFF.into())))
 }
 
-/// The file's name as it stands in results.
+/// The file's name as it stands in results; a byte that is no UTF-8 as `\xfc`.
 pub fn name(file: &Path) -> String {
-    file.file_name().map_or_else(|| file.display().to_string(), |n| n.to_string_lossy().into_owned())
+    file.file_name().map_or_else(|| shown(file.as_os_str()), shown)
+}
+
+/// A name in which bytes that are no UTF-8 stand as `\xfc`, so that two that differ in them stay two.
+fn shown(name: &OsStr) -> String {
+    use std::fmt::Write;
+    let mut text = String::new();
+    for chunk in name.as_bytes().utf8_chunks() {
+        text.push_str(chunk.valid());
+        chunk.invalid().iter().for_each(|byte| {
+            let _ = write!(text, "\\x{byte:02x}");
+        });
+    }
+    text
 }
 
 /// The files' names as they stand in results: each with as much of its path as tells it from the others.
@@ -203,7 +219,7 @@ fn tail(file: &Path, parts: usize) -> String {
     }
     let all: Vec<Component> = file.components().collect();
     let last: PathBuf = all[all.len().saturating_sub(parts)..].iter().collect();
-    last.display().to_string()
+    shown(last.as_os_str())
 }
 
 #[cfg(test)]
@@ -218,6 +234,14 @@ mod tests {
         assert_eq!(of(&["a/c/1.jpg", "b/c/1.jpg"]), ["a/c/1.jpg", "b/c/1.jpg"]);
         assert_eq!(of(&["1.jpg", "1.jpg"]), ["1.jpg", "1.jpg"], "one file twice");
         assert_eq!(of(&["1.jpg", "b/1.jpg"]), ["1.jpg", "b/1.jpg"]);
+    }
+
+    #[test]
+    fn names_that_are_no_utf8_stay_two() {
+        let of = |bytes: &[u8]| PathBuf::from(OsStr::from_bytes(bytes));
+        let files = [of(b"/x/fl\xfcgel.jpg"), of(b"/x/fl\xe4gel.jpg"), of("/x/fl\u{fc}gel.jpg".as_bytes())];
+        assert_eq!(names(&files), ["fl\\xfcgel.jpg", "fl\\xe4gel.jpg", "fl\u{fc}gel.jpg"]);
+        assert_eq!(names(&[of(b"a/\xfc/1.jpg"), of(b"a/\xe4/1.jpg")]), ["\\xfc/1.jpg", "\\xe4/1.jpg"]);
     }
 
     #[test]
@@ -242,8 +266,8 @@ mod tests {
     #[test]
     fn a_panic_costs_one_picture() {
         let files: Vec<PathBuf> = (0..5).map(|k| PathBuf::from(format!("{k}.jpg"))).collect();
-        let work = |name: &str, bytes: Result<&[u8], String>| match bytes {
-            Err(reason) if reason == BROKE_OFF => None,
+        let work = |name: &str, bytes: Result<&[u8], Reason>| match bytes {
+            Err(reason) if reason.text() == BROKE_OFF => None,
             _ if name == "3.jpg" => panic!("inside"),
             _ => Some(name.to_owned()),
         };

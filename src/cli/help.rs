@@ -1,4 +1,4 @@
-//! What `wingd help` shows: the commands by what they are for, and examples of each.
+//! `wingd help` shows the commands by what they are for, and examples of each.
 
 use clap::Command;
 
@@ -59,7 +59,13 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
             "wingd export store --format parquet --output markers.parquet",
         ],
     ),
-    ("aircraft-data", &["wingd aircraft-data store qar.csv --mapping mapping.toml --flight f0001"]),
+    (
+        "aircraft-data",
+        &[
+            "wingd aircraft-data demo-flight/store qar.csv --mapping mapping.toml --flight f0001",
+            "wingd aircraft-data store --flight f0001 --list",
+        ],
+    ),
     ("stress", &["wingd stress store --structure structure.csv"]),
     ("verify", &["wingd verify store"]),
     ("copy", &["wingd copy store copy"]),

@@ -1,4 +1,4 @@
-//! `wingd init`: the files of a new installation, to be filled in.
+//! `wingd init` writes the files of a new installation, to be filled in.
 
 use std::fs::OpenOptions;
 use std::io::{ErrorKind, Write};

@@ -1,19 +1,20 @@
-//! Logs: to the journal where the service manager listens, to standard error otherwise.
+//! Logs go to the journal where the service manager listens, and to standard error otherwise.
 
 use std::io::IsTerminal;
 
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
 /// Level from `WINGD_LOG` (as `info` or `wingd::daemon=debug`), `info` where it is not set.
 pub fn start() {
-    start_at("info");
+    start_at(LevelFilter::INFO);
 }
 
 /// The same with another level by default.
-pub fn start_at(level: &str) {
-    let filter = EnvFilter::try_from_env("WINGD_LOG").unwrap_or_else(|_| EnvFilter::new(level));
+pub fn start_at(level: LevelFilter) {
+    let asked = std::env::var("WINGD_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
+    let filter = asked.unwrap_or_else(|| Targets::new().with_default(level));
     let registry = tracing_subscriber::registry().with(filter);
     let journal = std::env::var_os("JOURNAL_STREAM").and_then(|_| tracing_journald::layer().ok());
     let started = match journal {

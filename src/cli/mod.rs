@@ -1,6 +1,7 @@
-//! One file per command. Results go to standard output, logs and progress to standard error.
+//! Each command has a file. Results go to standard output, logs and progress to standard error.
 
 mod aircraft_data;
+#[cfg(feature = "boards")]
 mod calibrate;
 #[cfg(feature = "gphoto")]
 mod camera_child;
@@ -18,8 +19,8 @@ pub mod help;
 mod init;
 mod logging;
 mod mount_check;
-#[cfg(not(feature = "upload"))]
-mod no_upload;
+#[cfg(any(not(feature = "boards"), not(feature = "upload")))]
+mod not_built;
 mod orient;
 mod pages;
 mod plan;
@@ -30,8 +31,8 @@ mod serve;
 mod service;
 mod simulate;
 mod solve;
-mod solve_store;
 mod status;
+mod stores;
 mod stress;
 mod time_check;
 #[cfg(feature = "upload")]
@@ -45,9 +46,12 @@ use std::process::ExitCode;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::installation::{self, Fault, Installation};
-use crate::store::layout;
+use crate::record::Reason;
+use crate::store::{StoreError, layout};
+#[cfg(not(feature = "boards"))]
+use not_built as calibrate;
 #[cfg(not(feature = "upload"))]
-use no_upload as upload;
+use not_built as upload;
 
 /// The shape of a wing in flight, measured with one camera at a cabin window.
 #[derive(Parser)]
@@ -153,6 +157,18 @@ impl From<Fault> for Failure {
     }
 }
 
+impl From<StoreError> for Failure {
+    fn from(error: StoreError) -> Self {
+        Self::Undone(error.to_string())
+    }
+}
+
+impl From<Reason> for Failure {
+    fn from(reason: Reason) -> Self {
+        Self::Undone(reason.to_string())
+    }
+}
+
 /// Outcome of a command: whether everything asked for was done.
 pub enum Done {
     /// Exit status 0.
@@ -178,7 +194,10 @@ pub fn main() -> ExitCode {
         Command::Demo(args) => demo::run(&args),
         Command::Run(args) => run::run(&args),
         Command::Check(args) => check::run(&args),
+        #[cfg(feature = "boards")]
         Command::Calibrate(args) => calibrate::run(&args),
+        #[cfg(not(feature = "boards"))]
+        Command::Calibrate(_) => not_built::refused("calibrate, as for the demonstration", "boards"),
         Command::Convert(args) => convert::run(&args),
         Command::MountCheck(args) => mount_check::run(&args),
         Command::TimeCheck(args) => time_check::run(&args),
@@ -191,7 +210,10 @@ pub fn main() -> ExitCode {
         Command::Compare(args) => compare::run(&args),
         Command::Copy(args) => copy::run(&args),
         Command::Fetch(args) => fetch::run(&args),
+        #[cfg(feature = "upload")]
         Command::Upload(args) => upload::run(&args),
+        #[cfg(not(feature = "upload"))]
+        Command::Upload(_) => not_built::refused("upload, as for on board", "upload"),
         Command::Prune(args) => prune::run(&args),
         Command::Status(args) => status::status(&args),
         Command::Trigger(args) => status::trigger(&args),
@@ -263,6 +285,15 @@ fn print(text: &str) -> Result<(), Failure> {
         _ => Ok(()),
     }
 }
+
+/// A file that could not be written, and what to do about it.
+fn unwritable(file: &Path, mend: &str) -> impl Fn(std::io::Error) -> Failure {
+    let (file, mend) = (file.display().to_string(), mend.to_owned());
+    move |error| Failure::Undone(format!("{file} cannot be written ({error}); {mend}"))
+}
+
+/// What mostly helps there.
+const RIGHTS: &str = "check rights and space";
 
 /// Says on standard error which surveyed points are to be looked at; that holds nothing up.
 fn say_doubts(installation: &Installation) {

@@ -1,4 +1,4 @@
-//! `wingd mount-check`: did the camera move between frames of a scene that did not?
+//! `wingd mount-check` says whether the camera moved between frames of a scene that did not.
 
 use std::path::PathBuf;
 
@@ -10,6 +10,7 @@ use crate::measure::identify;
 use crate::measure::mount::{self, Movement, Pair};
 use crate::measure::setup::GroundSight;
 use crate::pipeline::{Sighting, stages};
+use crate::record::Reason;
 
 /// How far the camera moved between frames of a scene at rest, against what the installation expects
 #[derive(clap::Args)]
@@ -42,10 +43,10 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let installation = installation::load_without_orientation(&args.installation)?;
     let sightings = frames::map(&args.images, args.jobs, "detecting", |name, bytes| match bytes {
         Ok(bytes) => stages::sight(name, bytes, None, &installation, None),
-        Err(reason) => Sighting { image: name.into(), failure: Some(reason), ..Sighting::default() },
+        Err(reason) => Sighting::failed(name, reason),
     })?;
     let mut found = sightings.iter().map(|s| frame(&installation, s));
-    let first = found.next().transpose().map_err(Failure::Undone)?;
+    let first = found.next().transpose()?;
     let Some(first) = first else { return Ok(Done::All) };
     let mut whole = true;
     for other in found {
@@ -56,7 +57,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
             Err(reason) => {
                 whole = false;
                 if args.json {
-                    print(&serde_json::json!({ "status": "failed", "reason": reason }).to_string())?;
+                    print(&serde_json::json!({ "status": "failed", "reason": reason.text() }).to_string())?;
                 } else {
                     eprintln!("wingd: {reason}");
                 }
@@ -66,14 +67,13 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     Ok(Done::all(whole))
 }
 
-fn frame(installation: &Installation, sighting: &Sighting) -> Result<Frame, String> {
-    let named = |reason: String| format!("{}: {reason}", sighting.image);
+fn frame(installation: &Installation, sighting: &Sighting) -> Result<Frame, Reason> {
     if let Some(reason) = &sighting.failure {
-        return Err(named(reason.clone()));
+        return Err(reason.clone().about(&sighting.image));
     }
     let setup = &installation.setup;
     let detections = vec![sighting.detections.markers.clone()];
-    let fit = identify::orient(setup, &detections).map_err(|e| named(e.to_string()))?;
+    let fit = identify::orient(setup, &detections).map_err(|e| Reason::of(e).about(&sighting.image))?;
     let into_camera = |k: usize| {
         let from_centre = setup.markers[k].position_m - setup.projection_centre_m;
         fit.orientation.camera_from_survey * from_centre
@@ -85,7 +85,7 @@ fn frame(installation: &Installation, sighting: &Sighting) -> Result<Frame, Stri
     })
 }
 
-fn compared(installation: &Installation, first: &Frame, other: &Frame) -> Result<Movement, String> {
+fn compared(installation: &Installation, first: &Frame, other: &Frame) -> Result<Movement, Reason> {
     let pair = |before: &GroundSight| {
         let after = other.sights.iter().find(|s| s.marker == before.marker)?;
         Some(Pair {
@@ -97,7 +97,8 @@ fn compared(installation: &Installation, first: &Frame, other: &Frame) -> Result
     let pairs: Vec<Pair> = first.sights.iter().filter_map(pair).collect();
     // A shift of a decimetre is no shift of a mounting: the frames alone decide below it.
     mount::movement(&installation.setup.lens, &pairs, WIDE_SHIFT_M).ok_or_else(|| {
-        format!("{} and {} have {} markers in common, three are needed", first.name, other.name, pairs.len())
+        let (first, other) = (&first.name, &other.name);
+        format!("{first} and {other} have {} markers in common, three are needed", pairs.len()).into()
     })
 }
 

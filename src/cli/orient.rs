@@ -1,10 +1,10 @@
-//! `wingd orient`: ground frames -> orientation.toml.
+//! `wingd orient` finds the camera's attitude from ground frames and writes orientation.toml.
 
 use std::path::PathBuf;
 
 use nalgebra::Vector3;
 
-use super::{Done, Failure, frames, print};
+use super::{Done, Failure, RIGHTS, frames, print, unwritable};
 use crate::installation::{self, Installation};
 use crate::measure::detect::Detection;
 use crate::measure::identify::{self, IdentifyError, OrientationFit};
@@ -32,7 +32,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     super::say_doubts(&installation);
     let sightings = frames::map(&args.images, args.jobs, "detecting", |name, bytes| match bytes {
         Ok(bytes) => stages::sight(name, bytes, None, &installation, None),
-        Err(reason) => Sighting { image: name.into(), failure: Some(reason), ..Sighting::default() },
+        Err(reason) => Sighting::failed(name, reason),
     })?;
     let reasons: Vec<String> =
         sightings.iter().filter_map(|s| Some(format!("{}: {}", s.image, s.failure.as_ref()?))).collect();
@@ -46,10 +46,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     fit.orientation.ground = stages::ground_sights(&installation.setup, &detections, &fit);
     let images: Vec<(String, String)> =
         sightings.iter().map(|s| (s.image.clone(), s.digest.clone())).collect();
-    installation::write_orientation(&installation, &fit, &images).map_err(|e| {
-        let file = installation.directory.join(installation::ORIENTATION_FILE);
-        Failure::Undone(format!("{} cannot be written ({e}); check rights and space", file.display()))
-    })?;
+    let file = installation.directory.join(installation::ORIENTATION_FILE);
+    let written = installation::write_orientation(&installation, &fit, &images);
+    written.map_err(unwritable(&file, RIGHTS))?;
     print(&if args.json { json(&installation, &fit) } else { text(&installation, &fit) })?;
     Ok(Done::All)
 }

@@ -1,4 +1,4 @@
-//! `wingd completions` and the man pages of the package, both from the command line's own description.
+//! `wingd completions` and the man pages of the package come from the command line's own description.
 
 use std::io;
 use std::path::{Path, PathBuf};

@@ -1,8 +1,8 @@
-//! `wingd plan`: what an installation will be able to see.
+//! `wingd plan` says what an installation will be able to see.
 
 use std::path::PathBuf;
 
-use super::{Done, Failure, print};
+use super::{Done, Failure, RIGHTS, print, unwritable};
 use crate::installation::Installation;
 use crate::measure::plan::{self, Alternative, Expected, MarkerPlan, Optics, Plan, PlanOptions, Prediction};
 use crate::report::grid::Grid;
@@ -42,9 +42,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let plan = plan::plan(&installation.setup, installation.orientation.as_ref(), &options)
         .map_err(|e| Failure::Undone(format!("no plan: {e}")))?;
     if let Some(file) = &args.figure {
-        std::fs::write(file, plan_figure::figure(&plan)).map_err(|e| {
-            Failure::Undone(format!("{} cannot be written ({e}); check rights and space", file.display()))
-        })?;
+        std::fs::write(file, plan_figure::figure(&plan)).map_err(unwritable(file, RIGHTS))?;
     }
     if args.json {
         let line = serde_json::to_string(&plan)
@@ -120,37 +118,20 @@ fn optics(plan: &Plan) -> String {
 }
 
 fn markers(markers: &[MarkerPlan]) -> Grid {
-    let mut grid = Grid::new(&[
-        "<marker",
-        "<shape",
-        "span / m",
-        "distance / m",
-        "spanwise / (mm/px)",
-        "in flight",
-        "streamwise / (mm/px)",
-        "image / px",
-        "sigma lift / mm",
-        "sigma span / mm",
-        "<seen",
-    ]);
-    for m in markers {
-        let sigma =
-            |pick: &dyn Fn(&plan::MarkerSigma) -> f64| fixed(m.sigma.as_ref().map(|s| 1e3 * pick(s)), 1);
-        grid.push(vec![
-            m.id.clone(),
-            m.shape.to_owned(),
-            fixed(Some(m.span_m), 2),
-            fixed(Some(m.distance_m), 2),
-            fixed(Some(m.ground.spanwise_mm), 1),
-            fixed(Some(m.flight.spanwise_mm), 1),
-            fixed(Some(m.ground.streamwise_mm), 2),
-            format!("{:.1} x {:.1}", m.image_px[1], m.image_px[0]),
-            sigma(&|s| s.lift_m),
-            sigma(&|s| s.span_m),
-            if m.visible { "yes" } else { "no" }.to_owned(),
-        ]);
-    }
-    grid
+    let mm = |value: Option<f64>| fixed(value.map(|m| 1e3 * m), 1);
+    Grid::each(markers).columns(&[
+        ("<marker", &|m| m.id.clone()),
+        ("<shape", &|m| m.shape.to_owned()),
+        ("span / m", &|m| fixed(Some(m.span_m), 2)),
+        ("distance / m", &|m| fixed(Some(m.distance_m), 2)),
+        ("spanwise / (mm/px)", &|m| fixed(Some(m.ground.spanwise_mm), 1)),
+        ("in flight", &|m| fixed(Some(m.flight.spanwise_mm), 1)),
+        ("streamwise / (mm/px)", &|m| fixed(Some(m.ground.streamwise_mm), 2)),
+        ("image / px", &|m| format!("{:.1} x {:.1}", m.image_px[1], m.image_px[0])),
+        ("sigma lift / mm", &|m| mm(m.sigma.as_ref().map(|s| s.lift_m))),
+        ("sigma span / mm", &|m| mm(m.sigma.as_ref().map(|s| s.span_m))),
+        ("<seen", &|m| if m.visible { "yes" } else { "no" }.to_owned()),
+    ])
 }
 
 fn predicted(prediction: &Prediction) -> String {
@@ -174,50 +155,39 @@ fn predicted(prediction: &Prediction) -> String {
     out
 }
 
-fn changes(prediction: &Prediction) -> Grid {
-    let mut grid = Grid::new(&[
-        "<layout",
-        "span / m",
-        "tip lift / mm",
-        "mean lift / mm",
-        "tip twist / deg",
-        "along span / mm",
-        "tip lift changes by",
-    ]);
+/// How much larger the tip's lift is in its standard deviation than as surveyed.
+fn change(prediction: &Prediction, e: Option<Expected>) -> String {
     let before = prediction.expected.sigma_tip_lift_m;
-    let mut row = |name: String, span: Option<f64>, e: Option<Expected>| {
-        let mm = |pick: fn(&Expected) -> f64| fixed(e.as_ref().map(|e| 1e3 * pick(e)), 2);
-        let change = e.map(|e| 100.0 * (e.sigma_tip_lift_m / before - 1.0));
-        grid.push(vec![
-            name,
-            fixed(span, 2),
-            mm(|e| e.sigma_tip_lift_m),
-            mm(|e| e.sigma_mean_lift_m),
-            fixed(e.and_then(|e| e.sigma_tip_twist_deg), 3),
-            mm(|e| e.sigma_span_m),
-            change.map_or_else(|| fixed(None, 0), |c| format!("{c:+.1} %")),
-        ]);
-    };
-    row("as surveyed".into(), None, Some(prediction.expected));
-    for change in &prediction.changes {
+    let change = e.map(|e| 100.0 * (e.sigma_tip_lift_m / before - 1.0));
+    change.map_or_else(|| fixed(None, 0), |c| format!("{c:+.1} %"))
+}
+
+fn mm(e: Option<Expected>, pick: fn(&Expected) -> f64) -> String {
+    fixed(e.as_ref().map(|e| 1e3 * pick(e)), 2)
+}
+
+fn changes(prediction: &Prediction) -> Grid {
+    let mut rows = vec![("as surveyed".to_owned(), None, Some(prediction.expected))];
+    rows.extend(prediction.changes.iter().map(|change| {
         let name = change.without.as_ref().map_or("one more".to_owned(), |id| format!("without {id}"));
-        row(name, Some(change.span_m), change.expected);
-    }
-    grid
+        (name, Some(change.span_m), change.expected)
+    }));
+    Grid::each(&rows).columns(&[
+        ("<layout", &|(name, ..)| name.clone()),
+        ("span / m", &|(_, span_m, _)| fixed(*span_m, 2)),
+        ("tip lift / mm", &|(.., e)| mm(*e, |e| e.sigma_tip_lift_m)),
+        ("mean lift / mm", &|(.., e)| mm(*e, |e| e.sigma_mean_lift_m)),
+        ("tip twist / deg", &|(.., e)| fixed(e.and_then(|e| e.sigma_tip_twist_deg), 3)),
+        ("along span / mm", &|(.., e)| mm(*e, |e| e.sigma_span_m)),
+        ("tip lift changes by", &|(.., e)| change(prediction, *e)),
+    ])
 }
 
 fn alternatives(prediction: &Prediction, list: &[Alternative]) -> Grid {
-    let mut grid = Grid::new(&["<assumed", "tip lift / mm", "mean lift / mm", "tip lift changes by"]);
-    let before = prediction.expected.sigma_tip_lift_m;
-    for alternative in list {
-        let e = alternative.expected;
-        let change = e.map(|e| 100.0 * (e.sigma_tip_lift_m / before - 1.0));
-        grid.push(vec![
-            alternative.name.clone(),
-            fixed(e.map(|e| 1e3 * e.sigma_tip_lift_m), 2),
-            fixed(e.map(|e| 1e3 * e.sigma_mean_lift_m), 2),
-            change.map_or_else(|| fixed(None, 0), |c| format!("{c:+.1} %")),
-        ]);
-    }
-    grid
+    Grid::each(list).columns(&[
+        ("<assumed", &|one| one.name.clone()),
+        ("tip lift / mm", &|one| mm(one.expected, |e| e.sigma_tip_lift_m)),
+        ("mean lift / mm", &|one| mm(one.expected, |e| e.sigma_mean_lift_m)),
+        ("tip lift changes by", &|one| change(prediction, one.expected)),
+    ])
 }

@@ -1,14 +1,13 @@
-//! `wingd prune`: the only command that deletes recorded data.
+//! `wingd prune` is the only command that deletes recorded data.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use serde_json::json;
 
-use super::solve_store::flights;
+use super::stores::{self, flights};
 use super::{Done, Failure, frames, print};
 use crate::store::prune::{Proof, prove};
-use crate::store::{RealDisk, Store, StoreConfig, StoreError};
+use crate::store::{RealDisk, Store};
 
 /// Delete flights of which a verified copy holds every byte.
 #[derive(clap::Args)]
@@ -32,12 +31,8 @@ pub struct Args {
     json: bool,
 }
 
-fn undone(error: StoreError) -> Failure {
-    Failure::Undone(error.to_string())
-}
-
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let mut flights = flights(&RealDisk, &args.store, args.flight.as_deref())?;
+    let mut flights = flights(&args.store, args.flight.as_deref())?;
     if args.flight.is_none() {
         flights.truncate(flights.len().saturating_sub(args.keep));
     }
@@ -50,7 +45,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
             None => prove(&RealDisk, &args.store, flight, &args.verified_copy),
         };
         drop(busy);
-        let (bytes, why) = match proof.map_err(undone)? {
+        let (bytes, why) = match proof? {
             Proof::Copied { bytes, .. } => (bytes, None),
             Proof::Stays(why) => (0, Some(why)),
         };
@@ -80,8 +75,7 @@ fn line(args: &Args, flight: &str, bytes: u64, why: Option<String>) -> String {
 }
 
 fn open(root: &Path) -> Result<Store, Failure> {
-    let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(root) };
-    let (store, _) = Store::open(Arc::new(RealDisk), config).map_err(undone)?;
-    store.sweep().map_err(undone)?;
+    let (store, _) = stores::open(root)?;
+    store.sweep()?;
     Ok(store)
 }

@@ -1,4 +1,4 @@
-//! `wingd report`: a flight's figures and tables as one HTML file.
+//! `wingd report` shows a flight's figures and tables as one HTML file.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ use super::{Done, Failure, frames, print};
 use crate::installation;
 use crate::report::source::{self, Choice};
 use crate::report::{html, overview, summary, table};
-use crate::store::{RealDisk, StoreError};
+use crate::store::RealDisk;
 
 /// Write a flight's figures and tables as one HTML file.
 #[derive(clap::Args)]
@@ -39,7 +39,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let setup = installation.as_ref().map(|i| &i.setup);
     let choice = Choice { flight: args.flight.as_deref(), inputs: args.inputs.as_deref() };
     let busy = frames::busy("reading the store");
-    let data = source::flight(&args.store, choice, setup).map_err(|e| Failure::Undone(e.to_string()))?;
+    let data = source::flight(&args.store, choice, setup)?;
     drop(busy);
     for note in data.warnings.iter().chain(&data.notes) {
         eprintln!("wingd: {note}");
@@ -51,10 +51,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
 }
 
 fn all_flights(args: &Args) -> Result<Done, Failure> {
-    let undone = |e: StoreError| Failure::Undone(e.to_string());
-    let flights = source::chosen(&args.store, None).map_err(undone)?;
+    let flights = source::chosen(&args.store, None)?;
     let read = flights.iter().map(|flight| overview::flight(&RealDisk, flight));
-    let all = read.collect::<Result<Vec<_>, _>>().map_err(undone)?;
+    let all = read.collect::<Result<Vec<_>, _>>()?;
     for note in all.iter().flat_map(|f| f.warning.iter().chain(&f.notes)) {
         eprintln!("wingd: {note}");
     }

@@ -1,4 +1,4 @@
-//! `wingd run`: the daemon.
+//! `wingd run` is the daemon.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -31,7 +31,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     });
     let opened = service::open_store(&config)?;
     if let (Some(directory), true) = (config.installation.as_deref(), solver.is_some()) {
-        service::keep_installation(&opened.0, directory);
+        service::keep_installation(&opened.store, directory);
     }
     let origin = clock.since_boot();
     service::run(&config, clock, origin, opened, solver, Arc::new(|_| ()))?;

@@ -1,8 +1,10 @@
-//! `wingd serve`: the download page for a store, without the daemon.
+//! `wingd serve` shows the download page for a store, without the daemon.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
+
+use tracing::level_filters::LevelFilter;
 
 use super::{Done, Failure, interrupt};
 use crate::http::access::Access;
@@ -40,7 +42,7 @@ pub struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    super::logging::start_at("warn");
+    super::logging::start_at(LevelFilter::WARN);
     let (address, access) = open(args)?;
     catalogue::check_format(&RealDisk, &args.store).map_err(|e| Failure::Undone(e.to_string()))?;
     let installation = args.installation.as_deref().map(installation::load_without_orientation);
@@ -54,10 +56,14 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     done
 }
 
-/// Wrong usage where it is no address.
-fn listen(text: &str) -> Result<String, String> {
-    let known = section::address(text).map(|_| text.to_owned());
-    known.map_err(|why| format!("{why}; give HOST:PORT, for example localhost:8080"))
+/// Wrong usage of `--listen`.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}; give HOST:PORT, for example localhost:8080")]
+struct WrongListen(#[from] section::NoAddress);
+
+fn listen(text: &str) -> Result<String, WrongListen> {
+    section::address(text)?;
+    Ok(text.to_owned())
 }
 
 /// For files that are being read when the server stops.

@@ -1,4 +1,4 @@
-//! What `wingd run` and `wingd demo` share: the daemon's parts from a configuration.
+//! `wingd run` and `wingd demo` make the daemon's parts from a configuration here.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use super::{Failure, interrupt};
 use crate::clock::Clock;
 use crate::config::{Config, SolveConfig};
-use crate::daemon::{self, Board, Observer, Parts, Solver, Status, Track};
+use crate::daemon::{self, Observer, Parts, Solver, Status, StatusBoard, Track};
 use crate::http::section::ServeConfig;
 use crate::installation::{self, Fault, Installation};
 use crate::measure::adjust::Method;
@@ -16,8 +16,14 @@ use crate::pipeline::live::Tracker;
 use crate::store::{Inputs, RealDisk, Recovery, Store};
 use crate::{http, pipeline};
 
+/// A store, and what was recovered as it was opened.
+pub struct Opened {
+    pub store: Arc<Store>,
+    pub recovery: Recovery,
+}
+
 /// Opens the store, making it where there is none.
-pub fn open_store(config: &Config) -> Result<(Arc<Store>, Recovery), Failure> {
+pub fn open_store(config: &Config) -> Result<Opened, Failure> {
     let begin = Instant::now();
     let (store, recovery) = Store::open(Arc::new(RealDisk), config.store.clone())
         .map_err(|error| Failure::Undone(error.to_string()))?;
@@ -31,7 +37,7 @@ pub fn open_store(config: &Config) -> Result<(Arc<Store>, Recovery), Failure> {
         took_ms,
         "store is open"
     );
-    Ok((Arc::new(store), recovery))
+    Ok(Opened { store: Arc::new(store), recovery })
 }
 
 /// Keeps the installation in the store. A fault costs the keeping, not the results: it is logged.
@@ -70,7 +76,7 @@ fn track(installation: Arc<Installation>, orientation: Orientation, job: pipelin
     let job = pipeline::Job { method: Method::Spatial, ..job };
     Arc::new(move || {
         let begun = Tracker::begin(installation.clone(), orientation.clone(), job.clone());
-        let mut tracker = begun.inspect_err(|why| tracing::error!(why, "live frames are not solved"))?;
+        let mut tracker = begun.inspect_err(|why| tracing::error!(%why, "live frames are not solved"))?;
         let track = move |name: &str, bytes: &[u8], format: &crate::camera::Format, at_s: f64| {
             tracker.frame(name, bytes, Some(format), at_s)
         };
@@ -83,13 +89,12 @@ pub fn run(
     config: &Config,
     clock: Arc<dyn Clock>,
     origin: Duration,
-    opened: (Arc<Store>, Recovery),
+    opened: Opened,
     solver: Option<Solver>,
     observer: Observer,
 ) -> Result<Status, Failure> {
-    let make = config.camera.factory(clock.clone(), origin);
-    let (store, recovery) = opened;
-    let board = Board::new(clock.clone());
+    let Opened { store, recovery } = opened;
+    let board = StatusBoard::new(clock.clone());
     let page = config.serve.as_ref().and_then(|serve| Page::open(serve, config, &board));
     let parts = Parts {
         series: config.series.clone(),
@@ -98,8 +103,8 @@ pub fn run(
         status: Some(config.status.clone()),
         store,
         recovery,
+        cameras: config.camera.factory(clock.clone(), origin),
         clock,
-        cameras: Box::new(move || Ok(make())),
         solver,
         observer,
     };
@@ -114,36 +119,45 @@ struct Page {
     thread: Option<std::thread::JoinHandle<()>>,
 }
 
+/// Why there is no page; all that is done about it is to say it.
+#[derive(Debug, thiserror::Error)]
+enum NoPage {
+    #[error("{}", .0.iter().map(Fault::to_string).collect::<Vec<_>>().join("; "))]
+    Faults(Vec<Fault>),
+    #[error("{0}: {1}")]
+    Bound(std::net::SocketAddr, std::io::Error),
+    #[error(transparent)]
+    Machine(#[from] std::io::Error),
+}
+
 /// For files that are being read when the page ends.
 const LAST_WORK: Duration = Duration::from_secs(1);
 
 impl Page {
     /// A page that cannot be shown costs the page, not the recording: it is logged and in the status.
-    fn open(serve: &ServeConfig, config: &Config, board: &Board) -> Option<Self> {
+    fn open(serve: &ServeConfig, config: &Config, board: &StatusBoard) -> Option<Self> {
         Self::start(serve, config, board)
             .map_err(|why| {
-                tracing::error!(why, "no page");
+                tracing::error!(%why, "no page");
                 board.fault(&format!("no page: {why}"));
             })
             .ok()
     }
 
-    fn start(serve: &ServeConfig, config: &Config, board: &Board) -> Result<Self, String> {
+    fn start(serve: &ServeConfig, config: &Config, board: &StatusBoard) -> Result<Self, NoPage> {
         let place = |key: &str| ("wingd.toml".into(), format!("serve.{key}"));
-        let texts = |faults: Vec<Fault>| faults.iter().map(Fault::to_string).collect::<Vec<_>>().join("; ");
-        let (address, access) = serve.open(place).map_err(texts)?;
-        let listener = std::net::TcpListener::bind(address).map_err(|e| format!("{address}: {e}"))?;
-        listener.set_nonblocking(true).map_err(|e| e.to_string())?;
+        let (address, access) = serve.open(place).map_err(NoPage::Faults)?;
+        let listener = std::net::TcpListener::bind(address).map_err(|e| NoPage::Bound(address, e))?;
+        listener.set_nonblocking(true)?;
         let setup = config.installation.as_deref().map(installation::load_without_orientation);
-        let status = board.clone();
         let site = http::Site {
             root: config.store.path.clone(),
             setup: setup.and_then(Result::ok).map(|installation| installation.setup),
-            status: Some(Arc::new(move || serde_json::to_value(status.snapshot()).unwrap_or_default())),
+            status: Some(board.clone()),
             live: config.live.socket.clone(),
         };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-        let runtime = runtime.map_err(|e| e.to_string())?;
+        let runtime = runtime?;
         let (stop, stopped) = tokio::sync::oneshot::channel();
         let thread = std::thread::Builder::new().name("page".to_owned()).spawn(move || {
             let served = runtime.block_on(async {
@@ -160,7 +174,7 @@ impl Page {
             runtime.shutdown_timeout(LAST_WORK);
         });
         tracing::info!(address = serve.listen, "page");
-        Ok(Self { stop: Some(stop), thread: Some(thread.map_err(|e| e.to_string())?) })
+        Ok(Self { stop: Some(stop), thread: Some(thread?) })
     }
 }
 

@@ -1,10 +1,11 @@
-//! `wingd status` and `wingd trigger`: ask the running daemon.
+//! `wingd status` and `wingd trigger` ask the running daemon.
 
 use std::path::PathBuf;
 
 use super::{Done, Failure, print};
 use crate::config;
 use crate::daemon::{self, Health, LiveStatus, Status, StatusConfig};
+use crate::record::word;
 
 /// Ask the running daemon how it is.
 #[derive(clap::Args)]
@@ -49,7 +50,8 @@ impl SocketArgs {
 
 /// Exit status 1 where the daemon is there but its last good frame is too old.
 pub(super) fn status(args: &StatusArgs) -> Result<Done, Failure> {
-    let value = daemon::ask(&args.socket.path()?, "status").map_err(Failure::Undone)?;
+    let value =
+        daemon::ask(&args.socket.path()?, "status").map_err(|why| Failure::Undone(why.to_string()))?;
     if args.json {
         print(&value.to_string())?;
     }
@@ -63,7 +65,8 @@ pub(super) fn status(args: &StatusArgs) -> Result<Done, Failure> {
 
 pub(super) fn trigger(args: &TriggerArgs) -> Result<Done, Failure> {
     let command = if args.new_flight { "new-flight" } else { "trigger" };
-    let answer = daemon::ask(&args.socket.path()?, command).map_err(Failure::Undone)?;
+    let answer =
+        daemon::ask(&args.socket.path()?, command).map_err(|why| Failure::Undone(why.to_string()))?;
     print(answer.get("answer").and_then(|answer| answer.as_str()).unwrap_or("done"))?;
     Ok(Done::All)
 }
@@ -74,7 +77,7 @@ fn text(status: &Status) -> String {
     let or_none = |text: &Option<String>| text.clone().unwrap_or_else(|| "none yet".to_owned());
     let free = status.store.free_mb.map_or("unknown".to_owned(), |mb| format!("{mb} MB"));
     let mut lines = vec![
-        format!("wingd {}: {}", status.version, word(&status.activity)),
+        format!("wingd {}: {}", status.version, word(status.activity)),
         format!("health       {}", health(status)),
         format!("flight       {}", or_none(&status.flight)),
         format!(
@@ -144,11 +147,6 @@ fn live(live: &LiveStatus) -> Vec<String> {
     }
     lines.extend(live.fault.iter().map(|fault| format!("warning      live: {fault}")));
     lines
-}
-
-fn word<T: serde::Serialize>(value: &T) -> String {
-    let value = serde_json::to_value(value).unwrap_or_default();
-    value.as_str().unwrap_or_default().to_owned()
 }
 
 fn health(status: &Status) -> String {

@@ -1,4 +1,4 @@
-//! `wingd stress`: bending moments of a store's flights, their extremes, cycles and relative damage.
+//! `wingd stress` gives bending moments of a store's flights, their extremes, cycles and relative damage.
 
 mod live;
 
@@ -6,17 +6,17 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use super::solve_store::flights;
+use super::stores::flights;
 use super::{Done, Failure, print};
 use crate::clock::Stamp;
 use crate::installation::{self, Installation, Structure};
 use crate::measure::stress::{Curvature, Section, USUAL_BENDING_HZ, bending_length_m};
 use crate::report::grid::Grid;
-use crate::report::number::{NONE, fixed, general, rounded};
+use crate::report::number::{NONE, fields, fixed, general, rounded};
 use crate::report::stress::{self, FlightLoad, Frame, Question, StationLoad};
 use crate::report::{ShotData, source};
 use crate::store::sets::{self, ResultSet};
-use crate::store::{FlightRef, RealDisk, StoreError, catalogue, installations};
+use crate::store::{FlightRef, RealDisk, catalogue, installations};
 
 /// Bending moments against ground at stations along the span, from the curvature of the solved bending line.
 #[derive(clap::Args)]
@@ -59,15 +59,11 @@ pub struct Args {
     json: bool,
 }
 
-fn undone(error: StoreError) -> Failure {
-    Failure::Undone(error.to_string())
-}
-
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     usage(args)?;
     let stated = args.structure.as_deref().map(installation::read_stiffness).transpose()?;
-    let (mut told, mut whole, mut table) = (0, true, MOMENTS_HEADER.to_owned());
-    for flight in flights(&RealDisk, &args.store, args.flight.as_deref())? {
+    let (mut answered, mut whole, mut table) = (0, true, MOMENTS_HEADER.to_owned());
+    for flight in flights(&args.store, args.flight.as_deref())? {
         let Some(from) = Origin::of(args, &flight)? else { continue };
         let question = question(args, stated.as_deref(), &flight, from.provenance())?;
         let (frames, left_out) = match &from {
@@ -79,13 +75,13 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         }
         whole &= left_out.is_empty();
         let Some(load) = stress::of(&frames, &question.0) else { continue };
-        told += 1;
+        answered += 1;
         if args.moments.is_some() {
             moments(&mut table, &flight, &frames, &question.0.sections);
         }
         show(args, &flight, from.key(), &load)?;
     }
-    if told == 0 {
+    if answered == 0 {
         let store = args.store.display();
         let why = if args.live {
             format!(
@@ -128,7 +124,7 @@ impl Origin {
         if args.live {
             return Ok(live::provenance(&args.store, flight)?.map(Self::Live));
         }
-        let all = sets::of_flight(&RealDisk, flight).map_err(undone)?;
+        let all = sets::of_flight(&RealDisk, flight)?;
         let Some(set) = all.chosen(args.inputs.as_deref()) else { return Ok(None) };
         if let Some(warning) = all.warning(&flight.id, args.inputs.as_deref()) {
             eprintln!("wingd: {warning}");
@@ -218,11 +214,10 @@ fn installation_of(
 /// The solved frames of a flight, and why others are left out.
 fn frames(flight: &FlightRef, set: &ResultSet, line: &Line) -> Result<(Vec<Frame>, Vec<String>), Failure> {
     let (mut frames, mut left_out) = (Vec::new(), Vec::new());
-    for series in catalogue::series(&RealDisk, flight).map_err(undone)? {
+    for series in catalogue::series(&RealDisk, flight)? {
         let Some(read) = source::read_series(&RealDisk, &series, Some(set), &mut left_out) else { continue };
         for record in &read.records {
-            let shot = read.shots.iter().find(|shot| shot.image.as_ref() == Some(&record.image));
-            let Some(stamp) = shot.and_then(exposed) else { continue };
+            let Some(stamp) = read.shot_of(record).and_then(exposed) else { continue };
             match stress::coefficients(record) {
                 Err(why) => left_out.push(format!("{}/{}: {why}", series.id, record.image)),
                 Ok((coefficients_per_m, covariance)) => frames.push(Frame {
@@ -245,8 +240,8 @@ fn frames(flight: &FlightRef, set: &ResultSet, line: &Line) -> Result<(Vec<Frame
 /// The instant of exposure as a stamp.
 fn exposed(shot: &ShotData) -> Option<Stamp> {
     let asked = shot.stamp.clone()?;
-    let told = shot.exposure.as_ref();
-    Some(told.map_or(asked.clone(), |exposure| Stamp {
+    let exposure = shot.exposure.as_ref();
+    Some(exposure.map_or(asked.clone(), |exposure| Stamp {
         utc: exposure.exposure_time,
         since_boot_s: exposure.exposure_since_boot_s,
         ..asked
@@ -279,13 +274,9 @@ fn unwritable(file: &Path, error: &std::io::Error) -> Failure {
 
 fn show(args: &Args, flight: &FlightRef, inputs: Option<&str>, load: &FlightLoad) -> Result<(), Failure> {
     if args.json {
-        let mut line = json!({"flight": flight.id, "inputs": inputs, "live": args.live});
-        if let (Some(line), Ok(serde_json::Value::Object(more))) =
-            (line.as_object_mut(), serde_json::to_value(load))
-        {
-            line.extend(more);
-        }
-        return print(&line.to_string());
+        let mut line = fields(&json!({"flight": flight.id, "inputs": inputs, "live": args.live}));
+        line.extend(fields(load));
+        return print(&json!(line).to_string());
     }
     let rate = load.rate_hz.map_or(NONE.to_owned(), general);
     print(&format!("Flight {}: {} frames, {rate} a second; change against ground", flight.id, load.frames))?;
@@ -329,7 +320,7 @@ fn row(station: &StationLoad) -> Vec<String> {
     if let (Some(cycles), Some(damage)) = (&station.cycles, &station.damage) {
         cells.push(fixed(Some(cycles.iter().map(|c| c.count).sum()), 1));
         cells.extend(damage.iter().map(|d| {
-            let (value, sigma) = rounded(d.relative, d.sigma_relative, 2);
+            let (value, sigma) = rounded(Some(d.relative), Some(d.sigma_relative), 2);
             if sigma == NONE { value } else { format!("{value} ± {sigma}") }
         }));
     }

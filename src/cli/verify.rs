@@ -1,4 +1,4 @@
-//! `wingd verify`: every checksum and every invariant of a store or of a copy.
+//! `wingd verify` checks every checksum and every invariant of a store or of a copy.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -7,7 +7,7 @@ use super::{Done, Failure, frames, print};
 use crate::installation;
 use crate::store::signing::PublicKey;
 use crate::store::verify::{Report, verify, verify_signed};
-use crate::store::{self, RealDisk, StoreError, catalogue};
+use crate::store::{self, RealDisk, catalogue};
 
 /// Check every checksum and every invariant of a store, or of a copied flight or series.
 #[derive(clap::Args)]
@@ -57,11 +57,10 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
 }
 
 fn upgrade(args: &Args) -> Result<(), Failure> {
-    let undone = |error: StoreError| Failure::Undone(error.to_string());
-    catalogue::check_format(&RealDisk, &args.store).map_err(undone)?;
+    catalogue::check_format(&RealDisk, &args.store)?;
     let installation = args.installation.as_deref().map(installation::load).transpose()?;
     let files = installation.map(|i| i.files()).transpose()?;
-    store::upgrade(Arc::new(RealDisk), &args.store, files.as_deref()).map_err(undone)
+    Ok(store::upgrade(Arc::new(RealDisk), &args.store, files.as_deref())?)
 }
 
 fn text(report: &Report) -> String {

@@ -1,4 +1,4 @@
-//! Being told to stop, or that the power fails: what is under way is finished or given up by a stated time.
+//! All threads see here a wish to stop, or that the power fails: what is under way is finished or given up by a stated time.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -6,12 +6,12 @@ use std::time::{Duration, Instant};
 /// Of the time that there is, what a camera or a solver may take; the rest is for closing and syncing.
 const FOR_WORK: f64 = 0.5;
 
-/// What the threads are told.
+/// What the threads are to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Told {
+enum Order {
     /// To work.
     Work,
-    /// That the power fails: to begin nothing until it is back.
+    /// To begin nothing until the power is back, which fails.
     Pause,
     /// To end.
     End,
@@ -19,7 +19,7 @@ enum Told {
 
 #[derive(Debug)]
 struct State {
-    told: Told,
+    order: Order,
     /// When work under way is given up.
     give_up: Option<Instant>,
 }
@@ -32,51 +32,51 @@ pub(crate) struct Halt {
 
 impl Default for Halt {
     fn default() -> Self {
-        Self { state: Arc::new(Mutex::new(State { told: Told::Work, give_up: None })) }
+        Self { state: Arc::new(Mutex::new(State { order: Order::Work, give_up: None })) }
     }
 }
 
 impl Halt {
     /// The program ends within this time, machine time. It is not taken back, and an earlier limit stays.
     pub fn end(&self, within: Duration) {
-        self.tell(Told::End, within);
+        self.give(Order::End, within);
     }
 
     /// Nothing new begins, and what is under way is durable within this time, machine time.
     pub fn pause(&self, within: Duration) {
         if !self.ending() {
-            self.tell(Told::Pause, within);
+            self.give(Order::Pause, within);
         }
     }
 
     /// The power is back.
     pub fn resume(&self) {
         let mut state = self.state();
-        if state.told == Told::Pause {
-            *state = State { told: Told::Work, give_up: None };
+        if state.order == Order::Pause {
+            *state = State { order: Order::Work, give_up: None };
         }
     }
 
-    fn tell(&self, told: Told, within: Duration) {
+    fn give(&self, order: Order, within: Duration) {
         let limit = Instant::now().checked_add(within.mul_f64(FOR_WORK));
         let mut state = self.state();
         let give_up = state.give_up.into_iter().chain(limit).min();
-        *state = State { told, give_up };
+        *state = State { order, give_up };
     }
 
     /// To end, or to pause.
     pub fn wanted(&self) -> bool {
-        self.state().told != Told::Work
+        self.state().order != Order::Work
     }
 
     /// To pause.
     pub fn paused(&self) -> bool {
-        self.state().told == Told::Pause
+        self.state().order == Order::Pause
     }
 
     /// To end.
     pub fn ending(&self) -> bool {
-        self.state().told == Told::End
+        self.state().order == Order::End
     }
 
     /// Work under way is to be given up now.

@@ -1,16 +1,14 @@
-//! The supply: a file or a GPIO line that says that it fails, a little before it does.
+//! A file or a GPIO line says that the supply fails, a little before it does.
 
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::halt::Halt;
-use super::recorder::Command;
-use super::status::Board;
+use super::command::Command;
+use super::core::Core;
+use crate::installation::KeyFault;
 
 /// Between two looks; two equal ones count, so that a bounce of the contact is none.
 const LOOK: Duration = Duration::from_millis(25);
@@ -45,24 +43,23 @@ impl Default for PowerConfig {
 }
 
 impl PowerConfig {
-    /// Every fault, as `key: what; how to mend it`.
-    pub fn faults(&self) -> Vec<String> {
+    /// Every fault, at its key of the whole file.
+    pub fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
         for (key, time) in [("stop_within", self.stop_within), ("hold_up", self.hold_up)] {
             if time < Duration::from_millis(200) {
-                faults.push(format!("power.{key}: is {time:?}; give at least \"200ms\", or leave it out"));
+                let mend = "give at least \"200ms\", or leave it out";
+                faults.push(KeyFault::new(format!("power.{key}"), format!("is {time:?}"), mend));
             }
         }
         #[cfg(feature = "gpio")]
         if let Some(line) = &self.line {
             if !line.is_clear() {
-                faults.push(
-                    "power.line: no single GPIO line is named; give either name, or chip and offset"
-                        .to_owned(),
-                );
+                let mend = "give either name, or chip and offset";
+                faults.push(KeyFault::new("power.line", "no single GPIO line is named", mend));
             }
             if self.file.is_some() {
-                faults.push("power.line: there is a file too; leave one of the two out".to_owned());
+                faults.push(KeyFault::new("power.line", "there is a file too", "leave one of the two out"));
             }
         }
         faults
@@ -78,10 +75,10 @@ impl PowerConfig {
     }
 
     /// What is to be looked at; `None` where nothing is named.
-    fn supply(&self) -> Result<Option<Supply>, String> {
+    fn supply(&self) -> Result<Option<Supply>, Unseen> {
         #[cfg(feature = "gpio")]
         if let Some(section) = &self.line {
-            let line = crate::camera::release::Line::watch(section).map_err(|error| error.to_string())?;
+            let line = crate::camera::release::Line::watch(section)?;
             return Ok(Some(Supply::Line(line)));
         }
         Ok(self.file.clone().map(Supply::File))
@@ -94,72 +91,59 @@ enum Supply {
     Line(crate::camera::release::Line),
 }
 
+/// Why the supply cannot be looked at; all that is done about it is to say it.
+#[derive(Debug, thiserror::Error)]
+enum Unseen {
+    #[error("{}: {}", .0.display(), .1)]
+    File(PathBuf, std::io::Error),
+    #[cfg(feature = "gpio")]
+    #[error(transparent)]
+    Line(#[from] crate::camera::CameraError),
+}
+
 impl Supply {
-    fn fails(&self) -> Result<bool, String> {
+    fn fails(&self) -> Result<bool, Unseen> {
         match self {
             Self::File(path) => std::fs::read_to_string(path)
                 .map(|text| text.trim() == "0")
-                .map_err(|error| format!("{}: {error}", path.display())),
+                .map_err(|error| Unseen::File(path.clone(), error)),
             #[cfg(feature = "gpio")]
-            Self::Line(line) => line.is_active().map_err(|error| error.to_string()),
+            Self::Line(line) => Ok(line.is_active()?),
         }
     }
 }
 
-/// Looks at the supply on a thread of its own until the program ends. Recording matters more than
+/// Looks at the supply on a thread of its own until the daemon ends. Recording matters more than
 /// knowing of the supply: what cannot be looked at is a fault in the status, and nothing stops for it.
-pub(crate) fn watch(
-    config: &PowerConfig,
-    halt: &Halt,
-    commands: Sender<Command>,
-    board: &Board,
-) -> Option<Watch> {
-    let supply = match config.supply() {
-        Ok(None) => return None,
-        Ok(Some(supply)) => supply,
-        Err(error) => {
-            tracing::error!(%error, "the supply cannot be watched");
-            board.fault(&format!("power: {error}"));
-            return None;
+pub(crate) fn watch(core: &Core, config: &PowerConfig, commands: Sender<Command>) {
+    match config.supply() {
+        Ok(None) => {}
+        Ok(Some(supply)) => {
+            let watcher = Watcher { core: core.clone(), supply, hold_up: config.hold_up, commands };
+            if let Err(error) = Core::spawn("power", move || watcher.run()) {
+                unwatched(core, &error);
+            }
         }
-    };
-    let ended = Arc::new(AtomicBool::new(false));
-    let watcher = Watcher {
-        supply,
-        hold_up: config.hold_up,
-        halt: halt.clone(),
-        commands,
-        board: board.clone(),
-        ended: ended.clone(),
-    };
-    let thread = std::thread::Builder::new().name("power".to_owned()).spawn(move || watcher.run());
-    thread.ok().map(|_| Watch { ended })
-}
-
-/// Dropped, and the thread ends.
-pub(crate) struct Watch {
-    ended: Arc<AtomicBool>,
-}
-
-impl Drop for Watch {
-    fn drop(&mut self) {
-        self.ended.store(true, Ordering::Relaxed);
+        Err(error) => unwatched(core, &error),
     }
+}
+
+fn unwatched(core: &Core, error: &dyn std::fmt::Display) {
+    tracing::error!(%error, "the supply cannot be watched");
+    core.board.fault(&format!("power: {error}"));
 }
 
 struct Watcher {
+    core: Core,
     supply: Supply,
     hold_up: Duration,
-    halt: Halt,
     commands: Sender<Command>,
-    board: Board,
-    ended: Arc<AtomicBool>,
 }
 
 impl Watcher {
     fn run(self) {
         let (mut known, mut last, mut readable) = (false, false, true);
-        while !self.ended.load(Ordering::Relaxed) {
+        while !self.core.halt.ending() {
             match self.supply.fails() {
                 Ok(fails) => {
                     readable = true;
@@ -171,8 +155,7 @@ impl Watcher {
                 }
                 Err(error) => {
                     if std::mem::take(&mut readable) {
-                        tracing::error!(%error, "the supply cannot be watched");
-                        self.board.fault(&format!("power: {error}"));
+                        unwatched(&self.core, &error);
                     }
                 }
             }
@@ -186,10 +169,10 @@ impl Watcher {
                 hold_up_s = self.hold_up.as_secs_f64(),
                 "the power fails: everything is made durable"
             );
-            self.halt.pause(self.hold_up);
+            self.core.halt.pause(self.hold_up);
         } else {
             tracing::info!("the power is back");
-            self.halt.resume();
+            self.core.halt.resume();
         }
         // It only wakes: what to do is in the halt.
         let _ = self.commands.send(Command::Look);

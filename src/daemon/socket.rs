@@ -1,4 +1,4 @@
-//! The status socket: one command per line in, one line of JSON out (`metrics`: Prometheus text).
+//! The status socket takes one command per line and answers each with one line of JSON (`metrics`: Prometheus text).
 
 use std::io::{self, BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream as BlockingStream;
@@ -10,8 +10,9 @@ use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader as AsyncBufReader};
 use tokio::net::{UnixListener, UnixStream};
 
-use super::recorder::Command;
-use super::status::Board;
+use super::command::Command;
+use super::endpoint;
+use super::status::{StatusBoard, exposition};
 
 /// `[status]` of the configuration.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -37,41 +38,18 @@ const MAX_LINE: u64 = 256;
 /// For a client that connects and says nothing.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Listens; a socket that a killed daemon left is taken over. The store's lock has already kept a
-/// second daemon out, so that a living socket belongs to a daemon with another store.
-pub(crate) fn listen(path: &Path) -> io::Result<UnixListener> {
-    if path.exists() {
-        if BlockingStream::connect(path).is_ok() {
-            let what = "another daemon answers there; give each its own [status] socket";
-            return Err(io::Error::new(io::ErrorKind::AddrInUse, what));
-        }
-        std::fs::remove_file(path)?;
-    }
-    if let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) {
-        std::fs::create_dir_all(parent)?;
-    }
-    UnixListener::bind(path)
-}
-
 /// Answers clients for ever, each on its own task.
-pub(crate) async fn serve(listener: UnixListener, board: Board, recorder: Sender<Command>) {
-    loop {
-        match listener.accept().await {
-            Ok((stream, _)) => {
-                let (board, recorder) = (board.clone(), recorder.clone());
-                tokio::spawn(async move {
-                    let _ = tokio::time::timeout(PATIENCE, answer(stream, &board, &recorder)).await;
-                });
-            }
-            Err(error) => {
-                tracing::warn!(%error, "status socket");
-                tokio::time::sleep(PATIENCE).await;
-            }
-        }
-    }
+pub(crate) async fn serve(listener: UnixListener, board: StatusBoard, recorder: Sender<Command>) {
+    let client = |stream| {
+        let (board, recorder) = (board.clone(), recorder.clone());
+        tokio::spawn(async move {
+            let _ = tokio::time::timeout(PATIENCE, answer(stream, &board, &recorder)).await;
+        });
+    };
+    endpoint::accept(listener, client).await;
 }
 
-async fn answer(mut stream: UnixStream, board: &Board, recorder: &Sender<Command>) -> io::Result<()> {
+async fn answer(mut stream: UnixStream, board: &StatusBoard, recorder: &Sender<Command>) -> io::Result<()> {
     let (read, mut write) = stream.split();
     let mut line = String::new();
     AsyncBufReader::new(tokio::io::AsyncReadExt::take(read, MAX_LINE)).read_line(&mut line).await?;
@@ -80,10 +58,10 @@ async fn answer(mut stream: UnixStream, board: &Board, recorder: &Sender<Command
     write.write_all(reply.as_bytes()).await
 }
 
-fn reply(command: &str, board: &Board, recorder: &Sender<Command>) -> String {
+fn reply(command: &str, board: &StatusBoard, recorder: &Sender<Command>) -> String {
     let asked = match command {
         "status" => return serde_json::to_string(&board.snapshot()).unwrap_or_default(),
-        "metrics" => return super::metrics::exposition(&board.snapshot()),
+        "metrics" => return exposition(&board.snapshot()),
         "trigger" => recorder.send(Command::Trigger).map(|()| "an extra series begins"),
         "new-flight" => recorder.send(Command::NewFlight).map(|()| "an extra series begins a new flight"),
         _ => {
@@ -97,27 +75,45 @@ fn reply(command: &str, board: &Board, recorder: &Sender<Command>) -> String {
     }
 }
 
-/// Asks a running daemon; returns its line of JSON, or one sentence for a person.
-pub fn ask(socket: &Path, command: &str) -> Result<serde_json::Value, String> {
-    let fault = |error: io::Error| {
-        let mend = match error.kind() {
-            io::ErrorKind::NotFound | io::ErrorKind::ConnectionRefused => {
-                "no daemon is running there (systemctl status wingd), or [status] socket names another place"
-            }
-            io::ErrorKind::PermissionDenied => "run as the user of the daemon or as root",
-            _ => "the daemon does not answer (journalctl -u wingd)",
-        };
-        format!("{}: {error}; {mend}", socket.display())
-    };
+/// Why a question has no answer; all that is done about it is to say it.
+#[derive(Debug, thiserror::Error)]
+pub enum Unanswered {
+    /// By the socket.
+    #[error("{}: {}; {}", .0.display(), .1, mend(.1))]
+    Socket(PathBuf, io::Error),
+    /// Something else listens there.
+    #[error("{}: answers no JSON: {}", .0.display(), .1)]
+    Foreign(PathBuf, serde_json::Error),
+    /// The daemon says why.
+    #[error("{0}")]
+    Refused(String),
+}
+
+fn mend(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::NotFound | io::ErrorKind::ConnectionRefused => {
+            "no daemon is running there (systemctl status wingd), or [status] socket names another place"
+        }
+        io::ErrorKind::PermissionDenied => "run as the user of the daemon or as root",
+        _ => "the daemon does not answer (journalctl -u wingd)",
+    }
+}
+
+/// Asks a running daemon; its line of JSON.
+///
+/// # Errors
+/// Where there is none, or it refuses.
+pub fn ask(socket: &Path, command: &str) -> Result<serde_json::Value, Unanswered> {
+    let fault = |error: io::Error| Unanswered::Socket(socket.to_owned(), error);
     let mut stream = BlockingStream::connect(socket).map_err(fault)?;
     stream.set_read_timeout(Some(PATIENCE)).map_err(fault)?;
     stream.write_all(format!("{command}\n").as_bytes()).map_err(fault)?;
     let mut line = String::new();
     BufReader::new(stream).read_line(&mut line).map_err(fault)?;
-    let value: serde_json::Value = serde_json::from_str(&line)
-        .map_err(|error| format!("{}: answers no JSON: {error}", socket.display()))?;
+    let value: serde_json::Value =
+        serde_json::from_str(&line).map_err(|error| Unanswered::Foreign(socket.to_owned(), error))?;
     match value.get("error").and_then(|error| error.as_str()) {
-        Some(error) => Err(error.to_owned()),
+        Some(error) => Err(Unanswered::Refused(error.to_owned())),
         None => Ok(value),
     }
 }

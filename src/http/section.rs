@@ -1,4 +1,4 @@
-//! `[serve]` of the configuration: where the page is, and who gets in.
+//! `[serve]` of the configuration says where the page is, and who gets in.
 
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
@@ -40,7 +40,7 @@ impl ServeConfig {
         let mut faults = Vec::new();
         let mut fault = |key: &str, problem: String, mend: String| {
             let (file, place) = place(key);
-            faults.push(Fault { file, place, problem, mend });
+            faults.push(Fault::new(file, place, problem, mend));
         };
         let address = address(&self.listen).map_err(|why| {
             fault(
@@ -62,7 +62,7 @@ impl ServeConfig {
             );
         }
         let tls = match (&self.certificate, &self.key) {
-            (Some(certificate), Some(key)) => tls::server(certificate, key)
+            (Some(certificate), Some(key)) => tls::acceptor(certificate, key)
                 .map_err(|(file, (what, mend))| {
                     fault("certificate", format!("{} {what}", file.display()), mend)
                 })
@@ -84,8 +84,22 @@ impl ServeConfig {
 }
 
 /// A name or number with a port; of several addresses an old-style one, which a browser tries in any case.
-pub fn address(text: &str) -> Result<SocketAddr, String> {
-    let all: Vec<SocketAddr> = text.to_socket_addrs().map_err(|e| e.to_string())?.collect();
+///
+/// # Errors
+/// Where it is none, or nobody knows the name.
+pub fn address(text: &str) -> Result<SocketAddr, NoAddress> {
+    let all: Vec<SocketAddr> = text.to_socket_addrs()?.collect();
     let first = all.iter().find(|a| a.is_ipv4()).or(all.first());
-    first.copied().ok_or_else(|| "has no address".into())
+    first.copied().ok_or(NoAddress::Unknown)
+}
+
+/// Why a text is no address to listen on.
+#[derive(Debug, thiserror::Error)]
+pub enum NoAddress {
+    /// It is no name with a port, or the name cannot be looked up.
+    #[error(transparent)]
+    Unreadable(#[from] std::io::Error),
+    /// A name without one.
+    #[error("has no address")]
+    Unknown,
 }

@@ -1,7 +1,7 @@
-//! Bytes of files as an answer: of known length, with a strong ETag, by range.
+//! Bytes of files are an answer of known length, with a strong ETag, by range.
 
 use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom};
+use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::PathBuf;
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -13,7 +13,8 @@ use http_body::Frame;
 use tokio::sync::OwnedSemaphorePermit;
 use tokio::sync::mpsc::{Receiver, Sender, channel};
 
-use super::Refusal;
+use super::{Refusal, RequestHead};
+use crate::store::bundle;
 
 const CHUNK: usize = 256 * 1024;
 
@@ -24,6 +25,15 @@ pub enum Source {
     File(PathBuf),
     /// These bytes.
     Bytes(Bytes),
+}
+
+impl From<bundle::Content> for Source {
+    fn from(content: bundle::Content) -> Self {
+        match content {
+            bundle::Content::File(path) => Self::File(path),
+            bundle::Content::Bytes(bytes) => Self::Bytes(bytes.into()),
+        }
+    }
 }
 
 /// What is sent: stretches with their lengths, one after the other.
@@ -43,26 +53,33 @@ pub struct Content {
 }
 
 impl Content {
+    /// One stretch.
+    pub fn one(length: u64, source: Source, digest: String, kind: &'static str, by_range: bool) -> Self {
+        Self { parts: vec![(length, source)], digest, kind, save_as: None, by_range, permit: None }
+    }
+
     fn length(&self) -> u64 {
         self.parts.iter().map(|(length, _)| length).sum()
     }
 
     /// The answer to a request with this method and these headers.
-    pub fn answer(self, method: &Method, headers: &HeaderMap) -> Result<Response, Refusal> {
+    pub fn answer(self, (method, headers): &RequestHead) -> Result<Response, Refusal> {
         let (length, etag) = (self.length(), format!("\"{}\"", self.digest));
         if matches(headers, header::IF_NONE_MATCH, &etag) {
             return self.head(StatusCode::NOT_MODIFIED, &etag, None, None);
         }
         // A range of another state than the one that is here would not fit: then all of it is sent.
-        let same = !headers.contains_key(header::IF_RANGE) || matches(headers, header::IF_RANGE, &etag);
-        let range = headers.get(header::RANGE).filter(|_| self.by_range && same);
-        match range.map(|range| parse(range.to_str().unwrap_or_default(), length)) {
-            None => self.send(method, StatusCode::OK, &etag, (0, length), None),
-            Some(Some((from, to))) => {
+        let same = headers.get(header::IF_RANGE).is_none_or(|value| value == etag.as_str());
+        // Of other methods than GET a range means nothing (RFC 9110, 14.2).
+        let asked = self.by_range && same && method == Method::GET;
+        let range = headers.get(header::RANGE).filter(|_| asked).and_then(|range| range.to_str().ok());
+        match range.map_or(Asked::Whole, |range| parse(range, length)) {
+            Asked::Whole => self.send(method, StatusCode::OK, &etag, (0, length), None),
+            Asked::Part(from, to) => {
                 let range = format!("bytes {from}-{}/{length}", to - 1);
                 self.send(method, StatusCode::PARTIAL_CONTENT, &etag, (from, to), Some(range))
             }
-            Some(None) => {
+            Asked::Beyond => {
                 let range = Some(format!("bytes */{length}"));
                 self.head(StatusCode::RANGE_NOT_SATISFIABLE, &etag, range, Some(0))
             }
@@ -136,103 +153,102 @@ pub fn is_known(headers: &HeaderMap, digest: &str) -> bool {
     matches(headers, header::IF_NONE_MATCH, &format!("\"{digest}\""))
 }
 
-/// Whether a header names this ETag. Weak ones never match: bytes are compared here.
+/// Whether a header names this ETag. A weak one of the same bytes will do: proxies weaken what they compress (RFC 9110,
+/// 13.1.2).
 fn matches(headers: &HeaderMap, name: HeaderName, etag: &str) -> bool {
     let values = headers.get_all(name).into_iter().filter_map(|value| value.to_str().ok());
-    values.flat_map(|value| value.split(',')).any(|value| [etag, "*"].contains(&value.trim()))
+    let mut values = values.flat_map(|value| value.split(',')).map(str::trim);
+    values.any(|value| value == "*" || value.strip_prefix("W/").unwrap_or(value) == etag)
 }
 
-/// From and to (not included) of one range; `None` where it cannot be had or is not one range of bytes.
-fn parse(range: &str, length: u64) -> Option<(u64, u64)> {
-    let (from, to) = range.strip_prefix("bytes=")?.split_once('-')?;
-    let number = |text: &str| text.bytes().all(|b| b.is_ascii_digit()).then(|| text.parse::<u64>().ok())?;
-    match (from.is_empty(), to.is_empty()) {
-        (true, true) => None,
-        (true, false) => {
-            let last = number(to)?.min(length);
-            (last > 0).then_some((length - last, length))
-        }
-        (false, open) => {
-            let from = number(from)?;
-            let to = if open { length } else { number(to)?.saturating_add(1).min(length) };
-            (from < to).then_some((from, to))
-        }
+/// What a Range header asks for.
+#[derive(Debug, PartialEq)]
+enum Asked {
+    /// All of it: another unit, several ranges, or no range by the grammar, which are all left unheeded (RFC 9110, 14.2).
+    Whole,
+    /// From and to, which is not included.
+    Part(u64, u64),
+    /// A range that begins behind the end.
+    Beyond,
+}
+
+fn parse(range: &str, length: u64) -> Asked {
+    let set = range.split_once('=').filter(|(unit, _)| unit.trim().eq_ignore_ascii_case("bytes"));
+    let mut ranges =
+        set.map_or("", |(_, set)| set).split(',').map(str::trim).filter(|range| !range.is_empty());
+    let one = ranges.next().filter(|_| ranges.next().is_none());
+    one.and_then(|range| part(range, length)).unwrap_or(Asked::Whole)
+}
+
+/// One range; `None` where it is none by the grammar.
+fn part(range: &str, length: u64) -> Option<Asked> {
+    let (from, to) = range.split_once('-')?;
+    // A number too large to count is beyond any end.
+    let number = |text: &str| {
+        let digits = !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+        digits.then(|| text.parse::<u64>().unwrap_or(u64::MAX))
+    };
+    if from.is_empty() {
+        let last = number(to)?.min(length);
+        return Some(if last > 0 { Asked::Part(length - last, length) } else { Asked::Beyond });
     }
+    let from = number(from)?;
+    let end = if to.is_empty() { length } else { number(to)?.saturating_add(1).min(length) };
+    if !to.is_empty() && number(to)? < from {
+        return None;
+    }
+    Some(if from < end { Asked::Part(from, end) } else { Asked::Beyond })
 }
 
 /// Sends the bytes from `from` to `to`; waits while the client is slow.
 fn write(parts: &[(u64, Source)], from: u64, to: u64, sender: &Sender<io::Result<Bytes>>) -> io::Result<()> {
-    let mut chunks = Chunker { sender, buffer: Vec::with_capacity(CHUNK) };
+    let mut out = BufWriter::with_capacity(CHUNK, Client(sender));
     let mut begin = 0;
     for (length, source) in parts {
         let end = begin + length;
         let (first, last) = (from.max(begin), to.min(end));
         if first < last {
-            part(source, first - begin, last - begin, &mut chunks)?;
+            stretch(source, first - begin, last - begin, &mut out)?;
         }
         begin = end;
     }
-    chunks.flush()
+    out.flush()
 }
 
-fn part(source: &Source, from: u64, to: u64, chunks: &mut Chunker<'_>) -> io::Result<()> {
+/// Exactly these bytes of a stretch; where there are fewer, that is an error.
+fn stretch(source: &Source, from: u64, to: u64, out: &mut impl Write) -> io::Result<()> {
     match source {
         Source::Bytes(bytes) => {
-            let range =
-                usize::try_from(from).unwrap_or(usize::MAX)..usize::try_from(to).unwrap_or(usize::MAX);
-            chunks.add(bytes.get(range).ok_or(io::ErrorKind::UnexpectedEof)?)
+            let place = |at: u64| usize::try_from(at).unwrap_or(usize::MAX);
+            out.write_all(bytes.get(place(from)..place(to)).ok_or(io::ErrorKind::UnexpectedEof)?)
         }
         Source::File(path) => {
             let named = |e: io::Error| io::Error::new(e.kind(), format!("{}: {e}", path.display()));
             let mut file = File::open(path).map_err(named)?;
             file.seek(SeekFrom::Start(from)).map_err(named)?;
-            chunks.copy(file, to - from).map_err(named)
+            let copied = io::copy(&mut file.take(to - from), out).map_err(named)?;
+            if copied < to - from { Err(named(io::ErrorKind::UnexpectedEof.into())) } else { Ok(()) }
         }
     }
 }
 
-/// Collects small pieces.
-struct Chunker<'a> {
-    sender: &'a Sender<io::Result<Bytes>>,
-    buffer: Vec<u8>,
-}
+/// Takes chunks for the client, and waits while it is slow.
+struct Client<'a>(&'a Sender<io::Result<Bytes>>);
 
-impl Chunker<'_> {
-    fn add(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.buffer.extend_from_slice(bytes);
-        if self.buffer.len() >= CHUNK { self.flush() } else { Ok(()) }
-    }
-
-    /// Exactly `length` bytes; fewer are an error.
-    fn copy(&mut self, file: File, length: u64) -> io::Result<()> {
-        let mut left = length;
-        let mut file = file.take(length);
-        while left > 0 {
-            let room = CHUNK.saturating_sub(self.buffer.len()).max(1);
-            let read = file.by_ref().take(room as u64).read_to_end(&mut self.buffer)?;
-            if read == 0 {
-                return Err(io::ErrorKind::UnexpectedEof.into());
-            }
-            left -= read as u64;
-            if self.buffer.len() >= CHUNK {
-                self.flush()?;
-            }
-        }
-        Ok(())
+impl Write for Client<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let gone = |_| io::Error::new(io::ErrorKind::BrokenPipe, "the client went away");
+        self.0.blocking_send(Ok(Bytes::copy_from_slice(bytes))).map_err(gone)?;
+        Ok(bytes.len())
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        if self.buffer.is_empty() {
-            return Ok(());
-        }
-        let chunk = std::mem::replace(&mut self.buffer, Vec::with_capacity(CHUNK));
-        let gone = |_| io::Error::new(io::ErrorKind::BrokenPipe, "the client went away");
-        self.sender.blocking_send(Ok(chunk.into())).map_err(gone)
+        Ok(())
     }
 }
 
-/// The answer's body.
-struct Chunks(Receiver<io::Result<Bytes>>);
+/// An answer's body, as its chunks come.
+pub(super) struct Chunks(pub Receiver<io::Result<Bytes>>);
 
 impl http_body::Body for Chunks {
     type Data = Bytes;
@@ -252,29 +268,37 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_range_of_bytes_and_nothing_else() {
-        assert_eq!(parse("bytes=0-9", 100), Some((0, 10)));
-        assert_eq!(parse("bytes=90-", 100), Some((90, 100)));
-        assert_eq!(parse("bytes=90-999", 100), Some((90, 100)));
-        assert_eq!(parse("bytes=-5", 100), Some((95, 100)));
-        assert_eq!(parse("bytes=-500", 100), Some((0, 100)));
-        for bad in [
+    fn one_range_of_bytes_is_a_part_and_all_else_is_the_whole() {
+        for (range, from, to) in [
+            ("bytes=0-9", 0, 10),
+            ("Bytes=0-9", 0, 10),
+            ("bytes=90-", 90, 100),
+            ("bytes=90-999", 90, 100),
+            ("bytes=90-99999999999999999999", 90, 100),
+            ("bytes=-5", 95, 100),
+            ("bytes=-500", 0, 100),
+            ("bytes= 1-2", 1, 3),
+            ("bytes=,1-2 ,", 1, 3),
+        ] {
+            assert_eq!(parse(range, 100), Asked::Part(from, to), "{range}");
+        }
+        for beyond in ["bytes=100-", "bytes=-0", "bytes=99999999999999999999-"] {
+            assert_eq!(parse(beyond, 100), Asked::Beyond, "{beyond}");
+        }
+        for whole in [
             "",
             "bytes",
             "bytes=",
             "bytes=-",
             "bytes=9-1",
-            "bytes=100-",
-            "bytes=-0",
             "bytes=0-1,5-6",
-            "lines=0-1",
+            "items=0-1",
             "bytes=+1-5",
             "bytes=1-5x",
-            "bytes=99999999999999999999-",
-            "bytes= 1-2",
+            "bytes=1",
         ] {
-            assert_eq!(parse(bad, 100), None, "{bad}");
+            assert_eq!(parse(whole, 100), Asked::Whole, "{whole}");
         }
-        assert_eq!(parse("bytes=0-", 0), None);
+        assert_eq!(parse("bytes=0-", 0), Asked::Beyond);
     }
 }

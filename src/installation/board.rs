@@ -1,10 +1,11 @@
 //! `BOARD.toml`: a calibration board (docs/interface.md).
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use super::{Fault, Reader, document};
+use super::keyed::{self, Node, Syntax, Trouble};
+use super::{Fault, Reader, toml_file};
 use crate::measure::calibrate::Board;
 
 #[derive(Deserialize)]
@@ -39,22 +40,81 @@ pub struct DescribedBoard {
 const FAMILY: &str = "t36h11";
 /// Beyond it a slip of the pen is likelier than a board.
 const MOST: usize = 100;
-
+/// No board is longer, m: millimetres or centimetres stand for metres then.
+const LARGEST_M: f64 = 10.0;
 /// A board known worse than this, a share, is better measured.
 const LOOSEST: f64 = 0.05;
 
-/// Reads a board's description.
+/// Reads a board's description; a `.yaml` as Kalibr's.
 pub fn load_board(file: &Path) -> Result<DescribedBoard, Vec<Fault>> {
-    let directory = file.parent().unwrap_or(Path::new("")).to_owned();
-    let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let mut reader = Reader { directory, faults: vec![], digests: vec![] };
-    let board = read(&mut reader, &name);
+    let (mut reader, name) = Reader::of_file(file);
+    let kalibr = file.extension().is_some_and(|e| e == "yaml" || e == "yml");
+    let table = if kalibr { of_kalibr(&mut reader, &name) } else { of_toml(&mut reader, &name) };
+    let board = table.map(|(file, table)| checked(&mut reader, &file, table));
     board.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
 }
 
-fn read(reader: &mut Reader, name: &str) -> Option<DescribedBoard> {
-    let (file, text) = reader.text(name, "name a file with pattern = \"checkerboard\" or \"aprilgrid\"")?;
-    let table: Table = document::parse_toml(reader, &file, &text)?;
+const MEND: &str = "name a file with pattern = \"checkerboard\" or \"aprilgrid\", or Kalibr's target yaml";
+
+fn of_toml(reader: &mut Reader, name: &str) -> Option<(PathBuf, Table)> {
+    let (file, text) = reader.text(name, MEND)?;
+    let table = toml_file::parse_toml(reader, &file, &text)?;
+    Some((file, table))
+}
+
+fn of_kalibr(reader: &mut Reader, name: &str) -> Option<(PathBuf, Table)> {
+    let (file, text) = reader.text(name, MEND)?;
+    match keyed::parse(&text, Syntax::Yaml).and_then(|tree| target(&tree)) {
+        Ok(table) => Some((file, table)),
+        Err(trouble) => {
+            reader.trouble(&file, trouble);
+            None
+        }
+    }
+}
+
+/// A target of Kalibr (github.com/ethz-asl/kalibr/wiki/calibration-targets), whose checkerboards count inner corners too.
+fn target(tree: &Node) -> Result<Table, Trouble> {
+    let need = |key: &str| tree.need(key, "write it as Kalibr's wiki describes the target");
+    let count = |key: &str| {
+        let (node, number) = (need(key)?, need(key)?.number(key)?);
+        let whole = number >= 0.0 && number.fract() == 0.0 && number <= MOST as f64;
+        let mend = "give a whole number of tags, or of inner corners";
+        if whole {
+            Ok(number as usize)
+        } else {
+            Err(Trouble::new(node.line, key, format!("is {number}"), mend))
+        }
+    };
+    let kind = need("target_type")?;
+    match kind.text().unwrap_or("a list") {
+        "aprilgrid" => Ok(Table::Aprilgrid {
+            family: None,
+            columns: count("tagCols")?,
+            rows: count("tagRows")?,
+            tag_m: need("tagSize")?.number("tagSize")?,
+            spacing: need("tagSpacing")?.number("tagSpacing")?,
+            scale_sigma: None,
+        }),
+        "checkerboard" => {
+            let side = |key: &str| need(key)?.number(key);
+            let (along, across) = (side("colSpacingMeters")?, side("rowSpacingMeters")?);
+            if along != across {
+                let problem = format!("is {across} m, colSpacingMeters {along} m");
+                let mend = "squares alone are read: measure both, and describe other boards by scale_sigma";
+                return Err(Trouble::new(need("rowSpacingMeters")?.line, "rowSpacingMeters", problem, mend));
+            }
+            let (columns, rows) = (count("targetCols")?, count("targetRows")?);
+            Ok(Table::Checkerboard { columns, rows, square_m: along, scale_sigma: None })
+        }
+        other => {
+            let problem = format!("\"{other}\" is another target");
+            Err(Trouble::new(kind.line, "target_type", problem, "show an aprilgrid or a checkerboard"))
+        }
+    }
+}
+
+fn checked(reader: &mut Reader, file: &Path, table: Table) -> DescribedBoard {
     let (columns, rows, least, scale_sigma) = match &table {
         Table::Checkerboard { columns, rows, scale_sigma, .. } => (*columns, *rows, 3, *scale_sigma),
         Table::Aprilgrid { columns, rows, scale_sigma, .. } => (*columns, *rows, 1, *scale_sigma),
@@ -64,17 +124,26 @@ fn read(reader: &mut Reader, name: &str) -> Option<DescribedBoard> {
             "give the share to which the board's lengths are known, above 0 and at most {LOOSEST}, or leave it out \
              where they are exact"
         );
-        reader.fault(&file, "scale_sigma", format!("is {sigma}"), mend);
+        reader.fault(file, "scale_sigma", format!("is {sigma}"), mend);
     }
     for (key, count) in [("columns", columns), ("rows", rows)] {
         if !(least..=MOST).contains(&count) {
-            reader.fault(&file, key, format!("is {count}"), format!("give a number from {least} to {MOST}"));
+            reader.fault(file, key, format!("is {count}"), format!("give a number from {least} to {MOST}"));
         }
+    }
+    let (key, largest, side_m) = match &table {
+        Table::Checkerboard { square_m, .. } => ("square_m", "squares", *square_m),
+        Table::Aprilgrid { tag_m, .. } => ("tag_m", "tags", *tag_m),
+    };
+    let board_m = side_m * columns.max(rows) as f64;
+    if board_m > LARGEST_M && (1e-4..=100.0).contains(&side_m) {
+        let problem = format!("is {side_m}: {largest} of {side_m} m, a board of {board_m:.0} m");
+        reader.fault(file, key, problem, format!("give metres: {} for {side_m} mm", 1e-3 * side_m));
     }
     let mut length = |key: &str, value: f64, unit: &str| {
         if !(1e-4..=100.0).contains(&value) {
             let problem = format!("is {value} {unit}");
-            reader.fault(&file, key, problem.trim_end(), "give a number from 0.0001 to 100");
+            reader.fault(file, key, problem.trim_end(), "give a number from 0.0001 to 100");
         }
     };
     let board = match table {
@@ -87,7 +156,7 @@ fn read(reader: &mut Reader, name: &str) -> Option<DescribedBoard> {
             length("spacing", spacing, "");
             if let Some(family) = family.filter(|f| f != FAMILY) {
                 reader.fault(
-                    &file,
+                    file,
                     "family",
                     format!("\"{family}\" is not known"),
                     format!("write \"{FAMILY}\""),
@@ -96,5 +165,5 @@ fn read(reader: &mut Reader, name: &str) -> Option<DescribedBoard> {
             Board::AprilGrid { columns, rows, tag_m, spacing }
         }
     };
-    Some(DescribedBoard { board, scale_sigma })
+    DescribedBoard { board, scale_sigma }
 }

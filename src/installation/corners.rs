@@ -5,7 +5,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::{Fault, Reader, survey, write_whole};
+use super::{Fault, Reader, rows, write_whole};
 use crate::measure::calibrate::{BoardPoint, View};
 
 const COLUMNS: [&str; 10] = [
@@ -65,9 +65,7 @@ pub fn write_corners(file: &Path, pictures: &[PictureCorners]) -> std::io::Resul
 /// # Errors
 /// Every fault, with line and column.
 pub fn read_corners(file: &Path) -> Result<Vec<PictureCorners>, Vec<Fault>> {
-    let directory = file.parent().unwrap_or(Path::new("")).to_owned();
-    let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let mut reader = Reader { directory, faults: vec![], digests: vec![] };
+    let (mut reader, name) = Reader::of_file(file);
     let found = read(&mut reader, &name);
     found.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
 }
@@ -75,11 +73,11 @@ pub fn read_corners(file: &Path) -> Result<Vec<PictureCorners>, Vec<Fault>> {
 fn read(reader: &mut Reader, name: &str) -> Option<Vec<PictureCorners>> {
     let mend = "name pictures, or a file that `wingd calibrate --corners` wrote";
     let (file, text) = reader.text(name, mend)?;
-    let rows = survey::read_table(reader, &file, &text, COLUMNS, &[])?;
+    let lines = rows::read(reader, &file, &text, COLUMNS, &[])?;
     let mut pictures: Vec<PictureCorners> = vec![];
-    for (line, cells) in rows {
+    for (line, cells) in lines {
         let values: Vec<f64> = (1..COLUMNS.len())
-            .filter_map(|k| survey::number(reader, &file, line, COLUMNS[k], &cells[k]))
+            .filter_map(|k| rows::number(reader, &file, line, COLUMNS[k], &cells[k]))
             .collect();
         let &[width, height, x, y, u, v, su, sv, correlation] = &values[..] else { continue };
         let sides = (1.0..=1e5).contains(&width) && (1.0..=1e5).contains(&height);

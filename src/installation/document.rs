@@ -6,10 +6,10 @@ use nalgebra::{Vector2, Vector3};
 
 use super::structure::{self, Structure};
 use super::tables::{self, Document, Optics};
+use super::toml_file::{FILE, parse_toml};
 use super::{Reader, camera, plausible, survey, ties, window};
 use crate::measure::setup::{Setup, Side, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty};
 
-pub(super) const FILE: &str = "installation.toml";
 /// Shift between two mountings where the user gives none, px (paper, section 3.1.3).
 const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
 
@@ -69,23 +69,6 @@ pub(super) fn read(reader: &mut Reader) -> Option<Parts> {
     Some(Parts { setup, optics: document.camera.optics, structure, sources })
 }
 
-/// TOML into a table of ours; the fault names the line and the key as the parser saw them.
-pub(super) fn parse_toml<T: serde::de::DeserializeOwned>(
-    reader: &mut Reader,
-    file: &Path,
-    text: &str,
-) -> Option<T> {
-    match toml::from_str(text) {
-        Ok(value) => Some(value),
-        Err(error) => {
-            let fault =
-                super::toml_fault(file, text, &error, "correct it as docs/interface.md describes the key");
-            reader.faults.push(fault);
-            None
-        }
-    }
-}
-
 /// Width of a wing's temperature in flight where none is given, K: between the still air's and the air's that the
 /// wing stops, and what fuel keeps warm.
 const DEFAULT_TEMPERATURE_SIGMA_K: f64 = 15.0;
@@ -95,7 +78,7 @@ fn uncertainty(document: &Document) -> Uncertainty {
     Uncertainty {
         mount_shift_m: camera.mount_shift_m.unwrap_or(usual.mount_shift_m),
         mount_drift_rad: camera.mount_drift_mrad.map_or(usual.mount_drift_rad, |v| 1e-3 * v),
-        skin_height_m: wing.skin_height_sigma_m.unwrap_or(usual.skin_height_m),
+        skin_height_sigma_m: wing.skin_height_sigma_m.unwrap_or(usual.skin_height_sigma_m),
         root_offset_m: wing.root_offset_sigma_m.unwrap_or(usual.root_offset_m),
         axis_chord_offset_m: wing.axis_chord_offset_sigma_m.unwrap_or(usual.axis_chord_offset_m),
         span_direction_rad: wing.span_direction_sigma_deg.map_or(usual.span_direction_rad, f64::to_radians),

@@ -1,6 +1,27 @@
-//! The directory a user prepares: read, validate, write back (docs/interface.md).
+//! The directory that a user prepares for an aircraft: it is read, checked, and written back to.
 //!
-//! Every fault of every file is gathered in one go; each names file, key or line, and the mend.
+//! `installation.toml` names the other files (`docs/reference/installation-toml.md` has every key). Every
+//! fault of every file is gathered in one go, and each names the file, the key or line, the value and the mend:
+//!
+//! ```
+//! use std::path::Path;
+//! use wingd::installation;
+//!
+//! let folder = tempfile::tempdir()?;
+//! for name in ["installation.toml", "camera.toml", "survey.csv"] {
+//!     std::fs::copy(Path::new("fixtures/dev/installation").join(name), folder.path().join(name))?;
+//! }
+//! let found = installation::load(folder.path()).expect("the fixture is in order");
+//! assert_eq!(found.setup.markers.len(), 21);
+//!
+//! let text = std::fs::read_to_string(folder.path().join("installation.toml"))?;
+//! let text = text.replace("root_offset_m = 0.55", "root_offset_m = 550");
+//! std::fs::write(folder.path().join("installation.toml"), text)?;
+//! let faults = installation::load(folder.path()).unwrap_err();
+//! assert_eq!((faults[0].place.as_str(), faults[0].problem.as_str()), ("wing.root_offset_m", "is 550.0 m"));
+//! assert_eq!(faults[0].mend, "give a number from -50 to 50 m");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod board;
 mod camera;
@@ -8,14 +29,18 @@ mod corners;
 mod document;
 mod doubtful;
 mod exchange;
+mod fault;
+mod keyed;
 mod mountings;
 mod observations;
 mod orientation;
 mod plausible;
+mod rows;
 mod structure;
 mod survey;
 mod tables;
 mod ties;
+mod toml_file;
 mod window;
 
 use std::path::{Path, PathBuf};
@@ -26,29 +51,18 @@ pub use board::{DescribedBoard, load_board};
 pub use camera::{CalibrationReport, write_camera};
 pub use corners::{PictureCorners, read_corners, write_corners};
 pub use doubtful::doubts;
-pub use exchange::{CameraFormat, format_of, read_exchange, write_exchange};
+pub use exchange::{CameraFormat, ReadCamera, WriteError, format_of_name, read_exchange, write_exchange};
+pub use fault::{Fault, KeyFault};
+pub use keyed::Trouble;
 pub use mountings::{Mountings, read_mountings};
 pub use observations::{HandObservation, read_observations};
 pub use orientation::write_orientation;
+pub use rows::{Row, RowsError, rows, separator_line};
 pub use structure::{Structure, read_stiffness};
 pub use tables::Optics;
 
 use crate::measure::geometry::TransformFit;
 use crate::measure::setup::{Orientation, Setup};
-
-/// A fault in something a user wrote: names the file, the key or line, the value and the mend.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{}: {place}: {problem}; {mend}", .file.display())]
-pub struct Fault {
-    /// The file at fault.
-    pub file: PathBuf,
-    /// Key such as `camera.fx`, or `line 7, column sigma_m`.
-    pub place: String,
-    /// What is wrong, with the value.
-    pub problem: String,
-    /// What to do.
-    pub mend: String,
-}
 
 /// A directory that was read and found in order.
 #[derive(Clone, Debug)]
@@ -82,12 +96,9 @@ impl Installation {
         let read = |(name, digest): &(String, String)| {
             let file = self.directory.join(name);
             let same = |bytes: &Vec<u8>| hex::encode(Sha256::digest(bytes)) == *digest;
-            let bytes = std::fs::read(&file).ok().filter(same).ok_or_else(|| Fault {
-                file,
-                place: "file".into(),
-                problem: "has changed while it was read".into(),
-                mend: "start again".into(),
-            })?;
+            let bytes = std::fs::read(&file).ok().filter(same);
+            let bytes = bytes
+                .ok_or_else(|| Fault::new(file, "file", "has changed while it was read", "start again"))?;
             Ok((name.clone(), bytes))
         };
         self.digests.iter().map(read).collect()
@@ -95,11 +106,9 @@ impl Installation {
 
     /// The orientation, or the fault of not having one.
     pub fn require_orientation(&self) -> Result<&Orientation, Fault> {
-        self.orientation.as_ref().ok_or_else(|| Fault {
-            file: self.directory.join(ORIENTATION_FILE),
-            place: "file".into(),
-            problem: "there is no orientation yet".into(),
-            mend: format!("run `wingd orient --installation {} GROUND_FRAME`", self.directory.display()),
+        self.orientation.as_ref().ok_or_else(|| {
+            let mend = format!("run `wingd orient --installation {} GROUND_FRAME`", self.directory.display());
+            Fault::new(self.directory.join(ORIENTATION_FILE), "file", "there is no orientation yet", mend)
         })
     }
 }
@@ -112,9 +121,19 @@ struct Reader {
 }
 
 impl Reader {
+    /// For a file that lies anywhere: its directory's reader, and its name.
+    fn of_file(file: &Path) -> (Self, String) {
+        let directory = file.parent().unwrap_or(Path::new("")).to_owned();
+        let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        (Self { directory, faults: vec![], digests: vec![] }, name)
+    }
+
+    fn trouble(&mut self, file: &Path, trouble: Trouble) {
+        self.faults.push(trouble.of(file));
+    }
+
     fn fault(&mut self, file: &Path, place: &str, problem: impl Into<String>, mend: impl Into<String>) {
-        let (problem, mend) = (problem.into(), mend.into());
-        self.faults.push(Fault { file: file.into(), place: place.into(), problem, mend });
+        self.faults.push(Fault::new(file, place, problem, mend));
     }
 
     /// A file's text; a fault where it cannot be read.
@@ -177,8 +196,8 @@ fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fa
     }
 }
 
-/// Faults alike that are told one by one; of more the first stands for all.
-const TOLD_ALIKE: usize = 3;
+/// Faults alike that are given one by one; of more the first stands for all.
+const MOST_ALIKE: usize = 3;
 
 /// One cause on many lines as one fault.
 fn folded(faults: Vec<Fault>) -> Vec<Fault> {
@@ -191,7 +210,7 @@ fn folded(faults: Vec<Fault>) -> Vec<Fault> {
     let mut kept: Vec<Fault> = vec![];
     for (k, mut fault) in faults.into_iter().enumerate() {
         let alike = kinds.iter().filter(|other| **other == kinds[k]).count();
-        if alike > TOLD_ALIKE {
+        if alike > MOST_ALIKE {
             if kinds[..k].contains(&kinds[k]) {
                 continue;
             }
@@ -204,9 +223,7 @@ fn folded(faults: Vec<Fault>) -> Vec<Fault> {
 
 /// Reads a camera file alone (`camera.toml`).
 pub fn load_camera(file: &Path) -> Result<crate::measure::geometry::Lens, Vec<Fault>> {
-    let directory = file.parent().unwrap_or(Path::new("")).to_owned();
-    let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let mut reader = Reader { directory, faults: vec![], digests: vec![] };
+    let (mut reader, name) = Reader::of_file(file);
     let lens = camera::read(&mut reader, &name);
     lens.map(|(lens, _)| lens).filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
 }
@@ -216,7 +233,23 @@ pub fn toml_fault(file: &Path, text: &str, error: &toml::de::Error, mend: &str) 
     let line = error.span().map(|s| 1 + text.get(..s.start).map_or(0, |t| t.matches('\n').count()));
     let shown = line.and_then(|l| text.lines().nth(l - 1)).map(str::trim).unwrap_or_default();
     let place = line.map_or("file".into(), |l| format!("line {l} (`{shown}`)"));
-    Fault { file: file.into(), place, problem: error.message().replace('\n', " "), mend: mend.into() }
+    let at = error.span().and_then(|span| text.get(span)).unwrap_or_default();
+    let (problem, mend) = match slip_of_the_pen(shown, at, error.message()) {
+        Some((problem, mend)) => (problem.to_owned(), mend),
+        None => (error.message().replace('\n', " "), mend),
+    };
+    Fault::new(file, place, problem, mend)
+}
+
+/// What hands write that TOML takes for something else, and the mend: paths with backslashes, dates without quotes.
+fn slip_of_the_pen(line: &str, at: &str, said: &str) -> Option<(&'static str, &'static str)> {
+    let value = line.split_once('=').map_or("", |(_, value)| value.trim());
+    if value.starts_with('"') && said.contains("escape") {
+        let mend = "write the path with /, or in single quotes: 'C:\\data'";
+        return Some(("has a backslash, which begins an escape within double quotes", mend));
+    }
+    let date = !at.is_empty() && at.trim().parse::<toml::value::Datetime>().is_ok();
+    date.then_some(("is a date where a text or a number must be", "write a text in quotes: \"2026-06-01\""))
 }
 
 /// Writes a page whole or not at all.

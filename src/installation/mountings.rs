@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::{Fault, Reader, survey};
+use super::{Fault, Reader, rows};
 use crate::measure::adjust::Mounting;
 
 const COLUMNS: [&str; 2] = ["image", "mounting"];
@@ -33,19 +33,17 @@ impl Mountings {
 
 /// Reads which frame belongs to which mounting. `ground` names that of the ground frames: the camera stayed.
 pub fn read_mountings(file: &Path) -> Result<Mountings, Vec<Fault>> {
-    let directory = file.parent().unwrap_or(Path::new("")).to_owned();
-    let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let mut reader = Reader { directory, faults: vec![], digests: vec![] };
+    let (mut reader, name) = Reader::of_file(file);
     let found = read(&mut reader, &name);
     found.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
 }
 
 fn read(reader: &mut Reader, name: &str) -> Option<Mountings> {
     let (file, text) = reader.text(name, "name a file with the columns image,mounting")?;
-    let rows = survey::read_table(reader, &file, &text, COLUMNS, &[])?;
+    let lines = rows::read(reader, &file, &text, COLUMNS, &[])?;
     let mut numbers: BTreeMap<String, usize> = BTreeMap::new();
     let mut mountings = Mountings::default();
-    for (line, [image, mounting]) in rows {
+    for (line, [image, mounting]) in lines {
         if image.is_empty() || mounting.is_empty() {
             let mend =
                 "give every frame the name of its mounting, ground where the camera stayed as on ground";

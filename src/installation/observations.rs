@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::Vector2;
 
-use super::{Fault, Reader, survey};
+use super::{Fault, Reader, rows};
 use crate::measure::setup::Setup;
 
 const COLUMNS: [&str; 4] = ["id", "u_px", "v_px", "sigma_px"];
@@ -22,18 +22,16 @@ pub struct HandObservation {
 
 /// Reads a file of hand measurements against the survey.
 pub fn read_observations(file: &Path, setup: &Setup) -> Result<Vec<HandObservation>, Vec<Fault>> {
-    let directory = file.parent().unwrap_or(Path::new("")).to_owned();
-    let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let mut reader = Reader { directory, faults: vec![], digests: vec![] };
+    let (mut reader, name) = Reader::of_file(file);
     let found = read(&mut reader, &name, setup);
     found.filter(|_| reader.faults.is_empty()).ok_or_else(|| super::folded(reader.faults))
 }
 
 fn read(reader: &mut Reader, name: &str, setup: &Setup) -> Option<Vec<HandObservation>> {
     let (file, text) = reader.text(name, "name a file with the columns id,u_px,v_px,sigma_px")?;
-    let rows = survey::read_table(reader, &file, &text, COLUMNS, &[])?;
+    let lines = rows::read(reader, &file, &text, COLUMNS, &[])?;
     let mut found: Vec<HandObservation> = vec![];
-    for (line, cells) in rows {
+    for (line, cells) in lines {
         let place = format!("line {line}, column id");
         let marker = setup.markers.iter().position(|m| m.id == cells[0]);
         match marker {
@@ -52,7 +50,7 @@ fn read(reader: &mut Reader, name: &str, setup: &Setup) -> Option<Vec<HandObserv
             Some(_) => {}
         }
         let v: Vec<Option<f64>> =
-            (1..4).map(|k| survey::number(reader, &file, line, COLUMNS[k], &cells[k])).collect();
+            (1..4).map(|k| rows::number(reader, &file, line, COLUMNS[k], &cells[k])).collect();
         let ([Some(u), Some(v), Some(sigma_px)], Some(marker)) = (&v[..], marker) else { continue };
         if !(1e-4..=1e3).contains(sigma_px) {
             let place = format!("line {line}, column sigma_px");

@@ -8,7 +8,7 @@ use std::path::Path;
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2};
 use serde::Deserialize;
 
-use super::{Installation, ORIENTATION_FILE, Reader, document, write_whole};
+use super::{Installation, ORIENTATION_FILE, Reader, toml_file, write_whole};
 use crate::measure::identify::OrientationFit;
 use crate::measure::setup::{GroundSight, Orientation, SurveyMarker};
 
@@ -52,7 +52,7 @@ pub(super) fn read(
         return None;
     }
     let (file, text) = reader.text(ORIENTATION_FILE, "write it with `wingd orient`")?;
-    let table: Table = document::parse_toml(reader, &file, &text)?;
+    let table: Table = toml_file::parse_toml(reader, &file, &text)?;
     check_sources(reader, &file, &table.made_with);
     let m = matrix(&table.camera_from_survey);
     let defect = (m * m.transpose() - Matrix3::identity()).amax();

@@ -4,19 +4,19 @@ use std::path::Path;
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::{Reader, document};
+use super::{Reader, toml_file};
 use crate::measure::setup::{Setup, Side};
 
 /// Beyond any wing, m: the widest aircraft that flew measures 117 m from tip to tip.
 const LONGEST_WING_M: f64 = 100.0;
-/// Markers lie along a line where their spread along it is this many times that across.
+/// Markers lie along a line where their deviation along it is this many times that across.
 const ELONGATED: f64 = 3.0;
 /// Angle between that line and the span that no planform explains, degrees: a tapered wing's markers keep to 10.
 const LARGEST_SKEW_DEG: f64 = 30.0;
 
 /// Faults that only the numbers together show. Wrong units put all the rest out: then nothing else is said.
 pub(super) fn check(reader: &mut Reader, setup: &Setup, survey: &str) {
-    let file = reader.directory.join(document::FILE);
+    let file = reader.directory.join(toml_file::FILE);
     let survey = reader.directory.join(survey);
     let before = reader.faults.len();
     check_units(reader, &file, &survey, setup);
@@ -82,13 +82,13 @@ fn check_skew(reader: &mut Reader, file: &Path, setup: &Setup) {
     }
 }
 
-/// Direction of the markers' greatest horizontal spread; `None` where they lie in a heap.
+/// Direction of the markers' greatest horizontal variance; `None` where they lie in a heap.
 fn line_of_markers(setup: &Setup) -> Option<Vector2<f64>> {
     let wing = setup.markers.iter().filter(|m| !m.fixed);
     let points: Vec<Vector2<f64>> = wing.map(|m| m.position_m.xy()).collect();
     let mean = points.iter().sum::<Vector2<f64>>() / points.len().max(1) as f64;
-    let spread: Matrix2<f64> = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum();
-    let axes = spread.symmetric_eigen();
+    let moments: Matrix2<f64> = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum();
+    let axes = moments.symmetric_eigen();
     let longest = axes.eigenvalues.imax();
     let (long, short) = (axes.eigenvalues[longest], axes.eigenvalues[1 - longest].max(0.0));
     (long > ELONGATED * ELONGATED * short).then(|| axes.eigenvectors.column(longest).into_owned())

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{Fault, Reader, survey, tables};
+use super::{Fault, Reader, rows, tables};
 use crate::measure::stress::{Section, USUAL_BENDING_HZ};
 
 const COLUMNS: [&str; 5] = ["s_m", "ei_n_m2", "sigma_ei_n_m2", "ground_n_m", "ultimate_n_m"];
@@ -40,9 +40,7 @@ pub(super) fn of_installation(
 
 /// Reads a table of stiffness that lies anywhere.
 pub fn read_stiffness(file: &Path) -> Result<Vec<Section>, Vec<Fault>> {
-    let directory = file.parent().unwrap_or(Path::new("")).to_owned();
-    let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let mut reader = Reader { directory, faults: vec![], digests: vec![] };
+    let (mut reader, name) = Reader::of_file(file);
     let mend = format!("name a file with the columns {},{},{}", COLUMNS[0], COLUMNS[1], COLUMNS[2]);
     let found = sections(&mut reader, &name, &mend);
     found.filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
@@ -50,14 +48,14 @@ pub fn read_stiffness(file: &Path) -> Result<Vec<Section>, Vec<Fault>> {
 
 fn sections(reader: &mut Reader, name: &str, mend: &str) -> Option<Vec<Section>> {
     let (file, text) = reader.text(name, mend)?;
-    let rows = survey::read_table(reader, &file, &text, COLUMNS, &OPTIONAL)?;
-    if rows.is_empty() {
+    let lines = rows::read(reader, &file, &text, COLUMNS, &OPTIONAL)?;
+    if lines.is_empty() {
         reader.fault(&file, "file", "holds no station", "add one line per station along the span");
         return None;
     }
     let before = reader.faults.len();
     let mut sections: Vec<Section> = vec![];
-    for (line, cells) in rows {
+    for (line, cells) in lines {
         let Some(section) = section(reader, &file, line, &cells) else { continue };
         if sections.last().is_some_and(|last| section.s_m <= last.s_m) {
             let place = format!("line {line}, column s_m");
@@ -75,7 +73,7 @@ fn sections(reader: &mut Reader, name: &str, mend: &str) -> Option<Vec<Section>>
 }
 
 fn section(reader: &mut Reader, file: &Path, line: u64, cells: &[String; 5]) -> Option<Section> {
-    let mut cell = |k: usize| survey::number(reader, file, line, COLUMNS[k], &cells[k]);
+    let mut cell = |k: usize| rows::number(reader, file, line, COLUMNS[k], &cells[k]);
     let (s_m, ei, sigma) = (cell(0), cell(1), cell(2));
     let ground_n_m = if cells[3].is_empty() { Some(0.0) } else { cell(3) };
     let ultimate = if cells[4].is_empty() { Some(None) } else { cell(4).map(Some) };

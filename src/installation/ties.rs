@@ -2,7 +2,8 @@
 
 use nalgebra::Vector3;
 
-use super::{Reader, survey, tables};
+use super::toml_file::FILE;
+use super::{Reader, rows, tables};
 use crate::measure::geometry::{PointPair, TransformFit};
 use crate::measure::setup::{Setup, TiePoint};
 
@@ -13,10 +14,10 @@ const DEFAULT_SIGMA_M: f64 = 0.005;
 pub(super) fn read(reader: &mut Reader, cad: &tables::Cad) -> Option<Vec<TiePoint>> {
     let (file, text) =
         reader.text(&cad.tie_points, "name the file in cad.tie_points of installation.toml")?;
-    let rows = survey::read_table(reader, &file, &text, COLUMNS, &[])?;
+    let lines = rows::read(reader, &file, &text, COLUMNS, &[])?;
     let sigma_m = cad.sigma_m.unwrap_or(DEFAULT_SIGMA_M);
     if !(1e-6..=10.0).contains(&sigma_m) {
-        let installation = reader.directory.join("installation.toml");
+        let installation = reader.directory.join(FILE);
         reader.fault(
             &installation,
             "cad.sigma_m",
@@ -26,7 +27,7 @@ pub(super) fn read(reader: &mut Reader, cad: &tables::Cad) -> Option<Vec<TiePoin
     }
     let before = reader.faults.len();
     let mut points: Vec<TiePoint> = vec![];
-    for (line, cells) in rows {
+    for (line, cells) in lines {
         if points.iter().any(|p| p.id == cells[0]) {
             let place = format!("line {line}, column id");
             reader.fault(
@@ -37,7 +38,7 @@ pub(super) fn read(reader: &mut Reader, cad: &tables::Cad) -> Option<Vec<TiePoin
             );
         }
         let v: Vec<Option<f64>> =
-            (1..7).map(|k| survey::number(reader, &file, line, COLUMNS[k], &cells[k])).collect();
+            (1..7).map(|k| rows::number(reader, &file, line, COLUMNS[k], &cells[k])).collect();
         if let [Some(x), Some(y), Some(z), Some(cx), Some(cy), Some(cz)] = v[..] {
             let (survey_m, cad_m) = (Vector3::new(x, y, z), Vector3::new(cx, cy, cz));
             points.push(TiePoint { id: cells[0].clone(), survey_m, cad_m, sigma_m });
@@ -60,7 +61,7 @@ pub(super) fn transform(reader: &mut Reader, setup: &Setup) -> Option<TransformF
     match TransformFit::estimate(&pairs, setup.cad_similarity) {
         Ok(fit) => Some(fit),
         Err(error) => {
-            let installation = reader.directory.join("installation.toml");
+            let installation = reader.directory.join(FILE);
             let mend = "correct the tie points, or leave [cad] out";
             reader.fault(&installation, "cad.tie_points", error.to_string(), mend);
             None

@@ -1,4 +1,4 @@
-//! Bytes as a camera or a file delivers them -> grey picture.
+//! Bytes as a camera or a file delivers them become a grey picture.
 
 use std::ops::Range;
 
@@ -8,8 +8,11 @@ use crate::measure::samples;
 use crate::pipeline::guard::guarded;
 
 mod coefficients;
+mod dnl;
+mod intervals;
 mod jpeg;
 mod kind;
+mod picture;
 mod scans;
 
 /// Why a frame cannot be read; each says what to do.
@@ -32,6 +35,12 @@ pub enum DecodeError {
     /// Another picture file that cannot be read.
     #[error("the picture cannot be read ({0}); use JPEG, PNG, PNM or TIFF")]
     Picture(String),
+    /// Samples of 16 bits of which a camera used the lower ones alone.
+    #[error(
+        "its samples have 16 bits, of which {0} are used: it would be black; save it with 8 bits, or with its samples shifted \
+         to the upper bits"
+    )]
+    Narrow(u32),
     /// A library broke off.
     #[error(
         "the decoder broke off at this file, which is most likely damaged; copy the frame again from the camera or the store, and report it with the file"
@@ -88,31 +97,27 @@ fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) ->
     // Zeros before the picture are padding.
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
     if bytes[zeros..].starts_with(&JPEG_START) {
-        return jpeg::luma(&bytes[zeros..], wanted);
+        return jpeg_luma(&bytes[zeros..], wanted);
+    }
+    // Such files may hold a preview as JPEG.
+    if bytes.get(4..8) == Some(b"ftyp") {
+        return Err(DecodeError::Picture("it is HEIC, AVIF, CR3 or a film".into()));
     }
     match (image::guess_format(bytes), memchr::memmem::find(bytes, &JPEG_START)) {
-        (Ok(_), _) => picture(bytes),
+        (Ok(format), _) => picture::luma(bytes, format),
         (Err(_), Some(before)) => Err(DecodeError::Before(before)),
         (Err(_), None) => Err(DecodeError::Picture("it is no picture file that is known".into())),
     }
 }
 
-fn picture(bytes: &[u8]) -> Result<Raster, DecodeError> {
-    let reader = image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format();
-    let mut reader = reader.map_err(|e| DecodeError::Picture(e.to_string()))?;
-    let mut limits = image::Limits::default();
-    limits.max_image_width = Some(LARGEST_SIDE as u32);
-    limits.max_image_height = Some(LARGEST_SIDE as u32);
-    reader.limits(limits);
-    let luma = reader.decode().map_err(|e| DecodeError::Picture(short(&e.to_string())))?.into_luma8();
-    let (width, height) = luma.dimensions();
-    Raster::new(width as usize, height as usize, luma.into_raw())
-        .ok_or_else(|| DecodeError::Picture("it has no pixels".into()))
-}
-
-/// The first line of a foreign message, so that a reason stays one sentence.
-fn short(text: &str) -> String {
-    text.lines().next().unwrap_or_default().chars().take(120).collect()
+/// A JPEG; where it cannot be read as it is, perhaps its height stands behind its first scan.
+fn jpeg_luma(bytes: &[u8], wanted: Option<&Wanted>) -> Result<Raster, DecodeError> {
+    let read = jpeg::luma(bytes, wanted);
+    let damaged = matches!(read, Err(DecodeError::Jpeg(_)));
+    match if damaged { dnl::resolved(bytes) } else { None } {
+        Some(whole) => jpeg::luma(&whole?, wanted),
+        None => read,
+    }
 }
 
 #[cfg(test)]

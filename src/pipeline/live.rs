@@ -1,20 +1,20 @@
 //! Frames of one camera as they come (docs/live.md): detection guided by the frame before, adjustment with all that the
-//! frames before told.
+//! frames before determined.
 
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::stages::{self, Search, Sighting};
-use super::{Job, Stage, corrected, recording};
+use super::stages::{self, Search, Sighting, Stage, Work};
+use super::{Job, corrected, recording};
 use crate::camera::Format;
 use crate::installation::Installation;
-use crate::measure::adjust::{Live, Parameter, Solution};
+use crate::measure::adjust::{AdjustError, Live, Parameter, Solution};
 use crate::measure::detect::{Detection, Prediction};
 use crate::measure::identify::{self, Identities, NEXT_LIFT_M};
 use crate::measure::setup::Orientation;
 use crate::pipeline::guard::{BROKE_OFF, guarded};
-use crate::record::ImageRecord;
+use crate::record::{ImageRecord, Provenance, Reason};
 
 /// The image of a marker, as an ellipse in the frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,9 +33,9 @@ pub struct Outline {
     pub angle_deg: f64,
 }
 
-/// What one frame told.
+/// What tracking gave of one frame.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Told {
+pub struct Tracked {
     /// With or without numbers.
     pub record: ImageRecord,
     /// How the frame was searched.
@@ -48,6 +48,14 @@ pub struct Told {
     pub outlines: Vec<Outline>,
     /// The bending line, where there are numbers.
     pub curvature: Option<Curvature>,
+}
+
+impl Tracked {
+    /// Of a frame without numbers; its record says why.
+    pub fn failed(record: ImageRecord) -> Self {
+        let (outlines, curvature) = (vec![], None);
+        Self { record, search: Search::Whole, mounting: 0, jolt: false, outlines, curvature }
+    }
 }
 
 /// Coefficients of the curvature, in the shape of the record's `curvature_per_m`, with their covariance.
@@ -93,7 +101,7 @@ const FARTHEST_M: f64 = 0.6;
 /// After so long nothing is predicted, s.
 const LONGEST_S: f64 = 5.0;
 
-/// All that the frames so far told of one camera.
+/// All that the frames so far determined of one camera.
 pub struct Tracker {
     installation: Arc<Installation>,
     orientation: Orientation,
@@ -106,24 +114,26 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// Begins without a frame. The error is a sentence.
+    /// Begins without a frame.
+    ///
+    /// # Errors
+    /// Where the installation cannot be adjusted.
     pub fn begin(
         installation: Arc<Installation>,
         orientation: Orientation,
         job: Job,
-    ) -> Result<Self, String> {
-        let live = Live::begin(installation.setup.clone(), orientation.clone(), job.options.clone());
-        let live = live.map_err(|e| e.to_string())?;
+    ) -> Result<Self, AdjustError> {
+        let live = Live::begin(installation.setup.clone(), orientation.clone(), job.options.clone())?;
         Ok(Self { installation, orientation, job, live, seen: None, last_s: None })
     }
 
     /// The next frame, exposed `at_s` since boot. Whatever goes wrong with it is in the record; the state stays then.
-    pub fn frame(&mut self, name: &str, bytes: &[u8], format: Option<&Format>, at_s: f64) -> Told {
-        let told = guarded(|| {
+    pub fn frame(&mut self, name: &str, bytes: &[u8], format: Option<&Format>, at_s: f64) -> Tracked {
+        let tracked = guarded(|| {
             let predictions = self.predicted(at_s);
             self.solve(name, bytes, format, at_s, &predictions)
         });
-        told.unwrap_or_else(|| {
+        tracked.unwrap_or_else(|| {
             self.failed(&Sighting { image: name.into(), ..Sighting::default() }, BROKE_OFF)
         })
     }
@@ -140,11 +150,10 @@ impl Tracker {
         identify::predict_within(setup, orientation, &seen.detections, &seen.identities, lift_m)
     }
 
-    fn failed(&self, sighting: &Sighting, reason: &str) -> Told {
+    fn failed(&self, sighting: &Sighting, reason: &str) -> Tracked {
         let mut record = recording::record(sighting, &self.installation, &self.job, Err(reason.into()));
-        record.provenance.clear();
-        let mounting = self.live.mountings();
-        Told { record, search: Search::Whole, mounting, jolt: false, outlines: vec![], curvature: None }
+        record.provenance = Provenance::default();
+        Tracked { mounting: self.live.mountings(), ..Tracked::failed(record) }
     }
 
     fn solve(
@@ -154,7 +163,7 @@ impl Tracker {
         format: Option<&Format>,
         at_s: f64,
         predictions: &[Prediction],
-    ) -> Told {
+    ) -> Tracked {
         let mut sighting = Sighting { image: name.into(), ..Sighting::default() };
         let (raster, search) = stages::look_guided(&mut sighting, bytes, format, predictions);
         if let Some(raster) = &raster {
@@ -172,19 +181,26 @@ impl Tracker {
         let outcome = outcome.and_then(|(observations, report)| {
             // A clock that was set back, or a frame without a time of its own: no time has gone.
             let elapsed_s = self.last_s.map_or(0.0, |last| (at_s - last).max(0.0));
-            let solution = self.live.frame(&observations, elapsed_s).map_err(|e| e.to_string())?;
+            let solution = self.live.frame(&observations, elapsed_s).map_err(Reason::of)?;
             self.last_s = Some(at_s);
             Ok((solution, report))
         });
-        sighting.stages.push(Stage { name: "solve", ms: 1e3 * started.elapsed().as_secs_f64() });
+        sighting.stages.push(Stage::ended(Work::Solve, started));
         let curvature = outcome.as_ref().ok().and_then(|(solution, _)| Curvature::of(solution));
         let mut record = recording::record(&sighting, &self.installation, &self.job, outcome);
         // The same in every line, and written once with the table of results.
-        record.provenance.clear();
-        record.quality.remove("correlation");
+        record.provenance = Provenance::default();
+        record.quality.correlation = None;
         let mounting = self.live.mountings();
         let jolt = before > 0 && mounting > before;
-        Told { record, search, mounting, jolt, outlines: outlines(&sighting, &self.installation), curvature }
+        Tracked {
+            record,
+            search,
+            mounting,
+            jolt,
+            outlines: outlines(&sighting, &self.installation),
+            curvature,
+        }
     }
 }
 

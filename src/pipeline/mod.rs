@@ -7,17 +7,20 @@
 //! | adjust | identified markers | solution | [`crate::measure::adjust`] |
 //! | live | frames as they come | the same, one by one | [`live`] |
 //! | record | solution | the line of the results | [`recording`] |
+//!
+//! Beside them, [`shrink`] makes a frame small enough to be shown, and [`guard`] stands about libraries that may panic.
 
 pub mod decode;
 pub mod guard;
 pub mod live;
 pub mod recording;
+pub mod shrink;
 pub mod stages;
 
 use std::borrow::Cow;
 use std::time::Instant;
 
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 
 use crate::aircraft;
 use crate::camera::Format;
@@ -25,10 +28,10 @@ use crate::installation::Installation;
 use crate::measure::adjust::{self, Estimate, Method, Observation, Options};
 use crate::measure::environment::{Conditions, RefractionReport, correct_observations};
 use crate::measure::setup::Orientation;
-use crate::record::ImageRecord;
+use crate::record::{ImageRecord, Parameters, Provenance, Reason};
 use guard::{BROKE_OFF, guarded};
 
-pub use stages::{Sighting, Stage};
+pub use stages::{Sighting, Stage, Work};
 
 /// What to compute.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,17 +50,8 @@ impl Default for Job {
 
 impl Job {
     /// Parameters as they enter the provenance.
-    pub fn provenance(&self) -> Value {
-        let o = &self.options;
-        json!({
-            "method": recording::method_name(self.method),
-            "curvature_terms": o.curvature_terms,
-            "twist_terms": o.twist_terms,
-            "variance_components": o.variance_components,
-            "global_alpha": o.global_alpha,
-            "snooping_alpha": o.snooping_alpha,
-            "sigma": recording::sigma_choice(o.sigma),
-        })
+    fn parameters(&self) -> Parameters {
+        Parameters::new(recording::method(self.method), &self.options)
     }
 }
 
@@ -74,7 +68,7 @@ pub fn solve_frame(
         let sighting = stages::sight(name, bytes, format, installation, Some(orientation));
         solve_sighting(&sighting, installation, orientation, job)
     };
-    let broken = || Sighting { image: name.into(), failure: Some(BROKE_OFF.into()), ..Sighting::default() };
+    let broken = || Sighting::failed(name, BROKE_OFF);
     guarded(solve).unwrap_or_else(|| recording::record(&broken(), installation, job, Err(BROKE_OFF.into())))
 }
 
@@ -93,15 +87,14 @@ pub fn solve_sighting(
     let job = &Job { options, ..job.clone() };
     let outcome = corrected.and_then(|(observations, report)| {
         let solution = adjust_one(installation, orientation, &observations, job);
-        solution.map(|s| (s, report)).map_err(|e| e.to_string())
+        solution.map(|s| (s, report)).map_err(Reason::of)
     });
     let mut record = recording::record(sighting, installation, job, outcome);
-    let solve_ms = 1e3 * started.elapsed().as_secs_f64();
-    record.timing_ms.insert("solve".into(), recording::milliseconds(solve_ms));
+    record.timing_ms.solve = Some(recording::milliseconds(Stage::ended(Work::Solve, started).ms));
     record
 }
 
-/// The installation with the air and the wing's temperature that the aircraft's data tell of a frame.
+/// The installation with the air and the wing's temperature of a frame, where the aircraft's data have them.
 fn in_its_air<'a>(sighting: &Sighting, installation: &'a Installation) -> Cow<'a, Installation> {
     if sighting.aircraft.is_empty() {
         return Cow::Borrowed(installation);
@@ -124,14 +117,14 @@ fn with_sigma(
 
 /// The mean of what the wing's temperatures are over a flight, whose frames share one length.
 fn mean_temperature(sightings: &[Sighting]) -> Conditions {
-    let told = |s: &Sighting| aircraft::conditions(&s.aircraft).wing_temperature_c;
-    let all: Vec<Estimate> = sightings.iter().filter_map(told).collect();
+    let of = |s: &Sighting| aircraft::conditions(&s.aircraft).wing_temperature_c;
+    let all: Vec<Estimate> = sightings.iter().filter_map(of).collect();
     let count = all.len() as f64;
     let mean = all.iter().map(|e| e.value).sum::<f64>() / count;
-    let spread = all.iter().map(|e| (e.value - mean).powi(2)).sum::<f64>() / count;
+    let variance = all.iter().map(|e| (e.value - mean).powi(2)).sum::<f64>() / count;
     // One doubt of the structure for all frames, and how far they differ.
     let doubt = all.iter().filter_map(|e| e.sigma).fold(0.0, f64::max);
-    let sigma = Some(doubt.hypot(spread.sqrt()));
+    let sigma = Some(doubt.hypot(variance.sqrt()));
     let wing_temperature_c = (count > 0.0).then_some(Estimate { value: mean, sigma });
     Conditions { wing_temperature_c, ..Conditions::default() }
 }
@@ -141,14 +134,14 @@ fn corrected(
     sighting: &Sighting,
     installation: &Installation,
     orientation: &Orientation,
-) -> Result<(Vec<Observation>, Option<RefractionReport>), String> {
+) -> Result<(Vec<Observation>, Option<RefractionReport>), Reason> {
     if let Some(reason) = &sighting.failure {
         return Err(reason.clone());
     }
     let mut observations = sighting.observations.clone();
     let report = correct_observations(&installation.setup, orientation, &mut observations);
     let report = report.map(|report| report.map(|r| with_sigma(r, sighting, installation)));
-    report.map(|report| (observations, report)).map_err(|e| e.to_string())
+    report.map(|report| (observations, report)).map_err(Reason::of)
 }
 
 fn adjust_one(
@@ -183,7 +176,7 @@ pub fn solve_flight(
     let of_frames = sightings.iter().zip(&corrected).filter(|(_, c)| c.is_ok()).map(|(s, _)| s.mounting);
     let options = Options { mountings: of_frames.collect(), ..job.options.clone() };
     let solved = guarded(|| adjust::flight(&setup, orientation, &frames, &options));
-    let solved = solved.ok_or_else(|| BROKE_OFF.to_owned()).and_then(|s| s.map_err(|e| e.to_string()));
+    let solved = solved.ok_or_else(|| BROKE_OFF.into()).and_then(|s| s.map_err(Reason::of));
     let mut solutions = match solved {
         Ok(solutions) => solutions.into_iter().map(Ok).collect::<Vec<_>>(),
         Err(reason) => vec![Err(reason); frames.len()],
@@ -198,21 +191,29 @@ pub fn solve_flight(
         });
         let mut record = recording::record(sighting, own, &job, outcome);
         record.flight = true;
-        record.timing_ms.insert("solve".into(), recording::milliseconds(solve_ms));
+        record.timing_ms.solve = Some(recording::milliseconds(solve_ms));
         records.push(record);
     }
     records
 }
 
 /// Hashes and versions that a result stands on.
-pub fn inputs(installation: &Installation, job: &Job) -> Map<String, Value> {
-    let mut map = Map::new();
-    map.insert("program".into(), format!("wingd {}", env!("CARGO_PKG_VERSION")).into());
-    for (file, digest) in &installation.digests {
-        map.insert(format!("{file}.sha256"), digest.clone().into());
+pub fn provenance(installation: &Installation, job: &Job) -> Provenance {
+    let file = |(name, digest): &(String, String)| (format!("{name}.sha256"), digest.clone().into());
+    Provenance {
+        program: Some(format!("wingd {}", env!("CARGO_PKG_VERSION"))),
+        files: installation.digests.iter().map(file).collect(),
+        parameters: Some(job.parameters()),
+        frame_sha256: None,
     }
-    map.insert("parameters".into(), job.provenance());
-    map
+}
+
+/// The same as the store keeps it.
+pub fn inputs(installation: &Installation, job: &Job) -> Map<String, Value> {
+    match serde_json::to_value(provenance(installation, job)) {
+        Ok(Value::Object(map)) => map,
+        _ => Map::new(),
+    }
 }
 
 #[cfg(test)]

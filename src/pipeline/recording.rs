@@ -1,42 +1,45 @@
-//! A solution as the line of the results (docs/interface.md).
+//! A solution becomes the line of the results here (docs/interface.md).
 
 use std::collections::HashMap;
 
 use nalgebra::Matrix3;
-use serde_json::{Map, Value, json};
 
-use super::{Job, Sighting, inputs};
+use super::{Job, Sighting, Stage, Work, provenance};
 use crate::aircraft;
 use crate::installation::Installation;
 use crate::measure::adjust::{
-    CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Observation, Parameter, SigmaKind, Solution,
-    Torsion,
+    self, CurvePoint, Estimate, MarkerSolution, Observation, Parameter, Solution, Torsion,
 };
 use crate::measure::environment::RefractionReport;
 use crate::measure::geometry::TransformFit;
 use crate::measure::setup::SurveyMarker;
-use crate::record::{CurveRecord, ImageRecord, MarkerRecord, Measured, Status, Tip, TorsionRecord};
+use crate::record::{
+    CadFit, Correlation, CurveRecord, GlobalTest, ImageRecord, MarkerRecord, Measured, Method, Model, Panes,
+    Provenance, Quality, Reason, SigmaKind, Status, Timing, Tip, TorsionRecord, VarianceComponent,
+};
 
-/// The method's word in results; a flight's frames are solved spatially.
-pub fn method_name(method: Method) -> &'static str {
+/// The method as results have it; a flight's frames are solved spatially.
+pub fn method(method: adjust::Method) -> Method {
     match method {
-        Method::Profile => "profile",
-        Method::Spatial | Method::Flight => "spatial",
-    }
-}
-
-/// The word of `--sigma`.
-pub fn sigma_choice(kind: SigmaKind) -> &'static str {
-    match kind {
-        SigmaKind::ByTest => "by test",
-        SigmaKind::Prior => "prior",
-        SigmaKind::Posterior => "posterior",
+        adjust::Method::Profile => Method::Profile,
+        adjust::Method::Spatial | adjust::Method::Flight => Method::Spatial,
     }
 }
 
 /// Milliseconds, to a thousandth.
-pub fn milliseconds(ms: f64) -> Value {
-    json!((ms * 1e3).round() / 1e3)
+pub fn milliseconds(ms: f64) -> f64 {
+    (ms * 1e3).round() / 1e3
+}
+
+/// Of a stage that was done twice the last.
+pub fn timing(stages: &[Stage]) -> Timing {
+    let of = |work| stages.iter().rev().find(|s| s.work == work).map(|s| milliseconds(s.ms));
+    Timing {
+        decode: of(Work::Decode),
+        detect: of(Work::Detect),
+        identify: of(Work::Identify),
+        solve: of(Work::Solve),
+    }
 }
 
 /// A sighting and the outcome of its adjustment as one record.
@@ -44,28 +47,23 @@ pub fn record(
     sighting: &Sighting,
     installation: &Installation,
     job: &Job,
-    outcome: Result<(Solution, Option<RefractionReport>), String>,
+    outcome: Result<(Solution, Option<RefractionReport>), Reason>,
 ) -> ImageRecord {
-    let mut provenance = inputs(installation, job);
-    if !sighting.digest.is_empty() {
-        provenance.insert("frame.sha256".into(), sighting.digest.clone().into());
-    }
+    let frame_sha256 = Some(sighting.digest.clone()).filter(|digest| !digest.is_empty());
     let mut record = ImageRecord {
         image: sighting.image.clone(),
-        method: method_name(job.method).into(),
+        method: method(job.method),
         markers: unsolved_markers(sighting, installation),
-        provenance,
-        timing_ms: sighting.stages.iter().map(|s| (s.name.into(), milliseconds(s.ms))).collect(),
+        provenance: Provenance { frame_sha256, ..provenance(installation, job) },
+        timing_ms: timing(&sighting.stages),
         ..ImageRecord::default()
     };
     match outcome {
-        Err(reason) => record.reason = Some(reason),
+        Err(reason) => record.reason = Some(reason.to_string()),
         Ok((solution, refraction)) => {
             fill(&mut record, sighting, installation, &solution);
-            if !sighting.aircraft.is_empty() {
-                record.quality.insert("aircraft".into(), aircraft::named(&sighting.aircraft).into());
-            }
-            record.quality.extend(refraction.map(|r| ("refraction".into(), refraction_quality(&r))));
+            record.quality.aircraft = aircraft::named(&sighting.aircraft);
+            record.quality.refraction = refraction;
         }
     }
     record
@@ -80,12 +78,12 @@ fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installati
     record.variance_factor = s.variance_factor.filter(|v| v.is_finite());
     record.redundancy = Some(s.redundancy);
     record.global_test = match s.global_test {
-        GlobalTest::Passed => Some("passed".into()),
-        GlobalTest::Rejected => Some("rejected".into()),
-        GlobalTest::NotPossible => None,
+        adjust::GlobalTest::Passed => Some(GlobalTest::Passed),
+        adjust::GlobalTest::Rejected => Some(GlobalTest::Rejected),
+        adjust::GlobalTest::NotPossible => None,
     };
-    record.sigma_kind = Some(if s.posterior { "posterior" } else { "prior" }.into());
-    record.model = s.parameters.iter().map(parameter).collect();
+    record.sigma_kind = Some(if s.posterior { SigmaKind::Posterior } else { SigmaKind::Prior });
+    record.model = model(s);
     let seen: HashMap<usize, &Observation> = sighting.observations.iter().map(|o| (o.marker, o)).collect();
     let mut missing = missing_reasons(sighting);
     for m in &s.markers {
@@ -105,11 +103,7 @@ fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installati
         record.remarks.push(SIDE_UNKNOWN.into());
     }
     record.remarks.extend(turned_mount(installation, s));
-    record.quality = quality(s);
-    record.quality.extend(pane_quality(installation).map(|pane| ("window".into(), pane)));
-    if let Some(fit) = &installation.cad {
-        record.quality.insert("cad".into(), cad_quality(fit));
-    }
+    record.quality = quality(installation, s);
 }
 
 /// Standard deviations of the mounting from which on a turn of the camera is no chance: one in 3000.
@@ -128,19 +122,27 @@ fn turned_mount(installation: &Installation, s: &Solution) -> Option<String> {
     })
 }
 
-/// Radians inside, degrees at the edge: the name bears the unit.
-fn parameter(p: &Parameter) -> (String, Value) {
-    let (name, factor) = match p.name.strip_suffix("_rad") {
-        Some(stem) => (format!("{stem}_deg"), 180.0 / std::f64::consts::PI),
-        None => (p.name.to_owned(), 1.0),
+/// Radians inside, degrees at the edge.
+fn model(s: &Solution) -> Model {
+    let of = |name: &str, factor: f64| {
+        let scaled = |e: &Estimate| Measured {
+            value: e.value * factor,
+            sigma: e.sigma.map(|s| s * factor).filter(|s| s.is_finite()),
+        };
+        let found = s.parameters.iter().find(|p| p.name == name)?;
+        Some(found.values.iter().map(scaled).collect::<Vec<_>>())
     };
-    let one = |e: &Estimate| json!(Measured { value: e.value * factor, sigma: e.sigma.map(|s| s * factor) });
-    let value = match p.values.as_slice() {
-        [] => Value::Null,
-        [single] if !matches!(p.name, "curvature_per_m") => one(single),
-        many => Value::Array(many.iter().map(one).collect()),
-    };
-    (name, value)
+    let one = |name, factor| of(name, factor)?.into_iter().next();
+    let degrees = 180.0 / std::f64::consts::PI;
+    Model {
+        curvature_per_m: of("curvature_per_m", 1.0).unwrap_or_default(),
+        twist_deg: of("twist_rad", degrees),
+        mount_rotation_deg: of("mount_rotation_rad", degrees).unwrap_or_default(),
+        a_per_m: one("a_per_m", 1.0),
+        axis_raise_m: one("axis_raise_m", 1.0),
+        shape_departure: one("shape_departure", 1.0),
+        mount_drift_deg: one("mount_drift_rad", degrees),
+    }
 }
 
 /// A marker that the ground frames turned down is not merely hidden in flight.
@@ -172,7 +174,7 @@ fn unsolved_markers(sighting: &Sighting, installation: &Installation) -> Vec<Mar
 fn blank(marker: &SurveyMarker, seen: Option<&Observation>, reason: Option<String>) -> MarkerRecord {
     MarkerRecord {
         id: marker.id.clone(),
-        shape: marker.shape.name().into(),
+        shape: marker.shape,
         u_px: seen.map(|o| o.pixel.x),
         v_px: seen.map(|o| o.pixel.y),
         sigma_u_px: seen.map(|o| o.covariance_px2[(0, 0)].sqrt()),
@@ -239,38 +241,28 @@ fn to_cad(line: &mut MarkerRecord, m: &MarkerSolution, installation: &Installati
     line.sigma_position_cad_m = Some(sigmas(&covariance));
 }
 
-fn refraction_quality(r: &RefractionReport) -> Value {
-    json!({
-        "applied": r.applied,
-        "max_shift_px": r.max_shift_px,
-        "index_cabin": r.index_cabin,
-        "index_outside": r.index_outside,
-        "sigma_max_shift_px": r.sigma_max_shift_px,
-    })
-}
-
 /// The panes that the result allows for.
-fn pane_quality(installation: &Installation) -> Option<Value> {
+fn panes(installation: &Installation) -> Option<Panes> {
     let pane = installation.setup.window.as_ref()?.pane?;
-    Some(json!({
-        "thickness_m": pane.thickness_m,
-        "sigma_thickness_m": pane.thickness_sigma_m,
-        "index": pane.index,
-        "bow_radius_m": pane.bow_radius_m,
-        "same_on_ground": pane.same_on_ground,
-    }))
+    Some(Panes {
+        thickness_m: pane.thickness_m,
+        sigma_thickness_m: pane.thickness_sigma_m,
+        index: pane.index,
+        bow_radius_m: pane.bow_radius_m,
+        same_on_ground: pane.same_on_ground,
+    })
 }
 
 /// Quality of the CAD transform, as it stands in every result.
-fn cad_quality(fit: &TransformFit) -> Value {
-    let residuals: Vec<[f64; 3]> = fit.residuals_m.iter().map(|&r| r.into()).collect();
-    json!({
-        "variance_factor": fit.variance_factor,
-        "redundancy": fit.redundancy,
-        "global_test": fit.passes(0.01).map(|p| if p { "passed" } else { "rejected" }),
-        "scale": fit.transform.scale,
-        "residuals_m": residuals,
-    })
+fn cad(fit: &TransformFit) -> CadFit {
+    let verdict = |passed| if passed { GlobalTest::Passed } else { GlobalTest::Rejected };
+    CadFit {
+        variance_factor: fit.variance_factor,
+        redundancy: fit.redundancy,
+        global_test: fit.passes(0.01).map(verdict),
+        scale: fit.transform.scale,
+        residuals_m: fit.residuals_m.iter().map(|&r| r.into()).collect(),
+    }
 }
 
 /// Roots of a covariance's diagonal.
@@ -318,35 +310,30 @@ fn curve(p: &CurvePoint) -> CurveRecord {
     }
 }
 
-fn quality(s: &Solution) -> Map<String, Value> {
-    let mut map = Map::new();
-    map.insert("iterations".into(), s.iterations.into());
-    if let Some(r) = s.pitch_bending_correlation {
-        map.insert("pitch_bending_correlation".into(), json!(r));
+fn quality(installation: &Installation, s: &Solution) -> Quality {
+    let component = |c: &adjust::VarianceComponent| VarianceComponent {
+        group: c.group.into(),
+        factor: c.factor.map(|f| f.value),
+        sigma_factor: c.factor.and_then(|f| f.sigma),
+        redundancy: Some(c.redundancy),
+    };
+    Quality {
+        iterations: Some(s.iterations),
+        pitch_bending_correlation: s.pitch_bending_correlation,
+        correlation: correlation(s),
+        variance_components: s.variance_components.iter().map(component).collect(),
+        window: panes(installation),
+        cad: installation.cad.as_ref().map(cad),
+        ..Quality::default()
     }
-    let names: Vec<String> = s
-        .parameters
-        .iter()
-        .flat_map(|p| (0..p.values.len()).map(move |k| format!("{}[{k}]", p.name)))
-        .collect();
-    if s.correlation.nrows() > 0 {
-        let rows: Vec<Vec<f64>> = s.correlation.row_iter().map(|r| r.iter().copied().collect()).collect();
-        map.insert("correlation".into(), json!({ "parameters": names, "matrix": rows }));
-    }
-    if !s.variance_components.is_empty() {
-        let list: Vec<Value> = s
-            .variance_components
-            .iter()
-            .map(|c| {
-                json!({
-                    "group": c.group,
-                    "factor": c.factor.map(|f| f.value),
-                    "sigma_factor": c.factor.and_then(|f| f.sigma),
-                    "redundancy": c.redundancy,
-                })
-            })
-            .collect();
-        map.insert("variance_components".into(), Value::Array(list));
-    }
-    map
+}
+
+fn correlation(s: &Solution) -> Option<Correlation> {
+    let names =
+        |p: &Parameter| (0..p.values.len()).map(|k| format!("{}[{k}]", p.name)).collect::<Vec<String>>();
+    let finite = |r: &f64| Some(*r).filter(|r| r.is_finite());
+    (s.correlation.nrows() > 0).then(|| Correlation {
+        parameters: s.parameters.iter().flat_map(names).collect(),
+        matrix: s.correlation.row_iter().map(|row| row.iter().map(finite).collect()).collect(),
+    })
 }

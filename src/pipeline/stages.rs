@@ -1,4 +1,4 @@
-//! Decode, detect and identify one frame.
+//! One frame is decoded, its markers are detected and identified.
 
 use std::time::Instant;
 
@@ -14,14 +14,35 @@ use crate::measure::detect::{self, Detection, Detections, Prediction};
 use crate::measure::identify::{self, IdentifyError, Identities, OrientationFit};
 use crate::measure::raster::Raster;
 use crate::measure::setup::{GroundSight, Orientation, Setup};
+use crate::record::Reason;
+
+/// What is done with a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Work {
+    /// Bytes to a grey picture.
+    Decode,
+    /// Markers in it.
+    Detect,
+    /// Their names.
+    Identify,
+    /// The adjustment.
+    Solve,
+}
 
 /// A stage's duration.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stage {
-    /// `decode`, `detect`, `identify`.
-    pub name: &'static str,
+    /// Which one.
+    pub work: Work,
     /// Milliseconds.
     pub ms: f64,
+}
+
+impl Stage {
+    /// What was begun at `started` and ends now.
+    pub fn ended(work: Work, started: Instant) -> Self {
+        Self { work, ms: 1e3 * started.elapsed().as_secs_f64() }
+    }
 }
 
 /// What was seen in one frame.
@@ -44,7 +65,7 @@ pub struct Sighting {
     /// What the aircraft's data say of it; empty where nothing does.
     pub aircraft: State,
     /// Why the frame cannot be solved; one sentence with the mend.
-    pub failure: Option<String>,
+    pub failure: Option<Reason>,
     /// Stages and their durations.
     pub stages: Vec<Stage>,
 }
@@ -64,29 +85,34 @@ impl Sighting {
         }
     }
 
+    /// Without anything seen, and why.
+    pub fn failed(image: impl Into<String>, reason: impl Into<Reason>) -> Self {
+        Self { image: image.into(), failure: Some(reason.into()), ..Self::default() }
+    }
+
     /// Takes up what is detected in a picture, which comes back, or why there is none.
     fn look(
         &mut self,
         decode: impl FnOnce() -> Result<Raster, decode::DecodeError>,
         detect: impl FnOnce(&Raster) -> Detections,
     ) -> Option<Raster> {
-        match self.timed("decode", decode) {
+        match self.timed(Work::Decode, decode) {
             Err(error) => {
-                self.failure = Some(error.to_string());
+                self.failure = Some(Reason::of(error));
                 None
             }
             Ok(raster) => {
                 self.size = Some((raster.width(), raster.height()));
-                self.detections = self.timed("detect", || detect(&raster));
+                self.detections = self.timed(Work::Detect, || detect(&raster));
                 Some(raster)
             }
         }
     }
 
-    fn timed<T>(&mut self, name: &'static str, work: impl FnOnce() -> T) -> T {
+    fn timed<T>(&mut self, work: Work, run: impl FnOnce() -> T) -> T {
         let started = Instant::now();
-        let result = work();
-        self.stages.push(Stage { name, ms: 1e3 * started.elapsed().as_secs_f64() });
+        let result = run();
+        self.stages.push(Stage::ended(work, started));
         result
     }
 }
@@ -166,29 +192,23 @@ fn unseen(name: &str, bytes: &[u8]) -> Sighting {
 }
 
 /// A sentence where the frame is not of the calibrated camera's size.
-pub fn size_fault(raster: &Raster, installation: &Installation) -> Option<String> {
+pub fn size_fault(raster: &Raster, installation: &Installation) -> Option<Reason> {
     let lens = &installation.setup.lens;
     let fits = raster.width() == lens.width as usize && raster.height() == lens.height as usize;
     let turned = raster.width() == lens.height as usize && raster.height() == lens.width as usize;
-    (!fits).then(|| {
-        if turned {
-            return format!(
-                "the frame is {} x {} px, camera.toml is for {} x {} px: it was turned by 90 degrees; switch the \
-                 rotation of pictures off in the camera and in what copies them",
-                raster.width(),
-                raster.height(),
-                lens.width,
-                lens.height
-            );
-        }
-        format!(
-            "the frame is {} x {} px, but camera.toml was calibrated for {} x {} px; use the camera's full frames",
-            raster.width(),
-            raster.height(),
-            lens.width,
-            lens.height
-        )
-    })
+    let frame = format!("{} x {} px", raster.width(), raster.height());
+    let camera = format!("{} x {} px", lens.width, lens.height);
+    let text = match (fits, turned) {
+        (true, _) => return None,
+        (false, true) => format!(
+            "the frame is {frame}, camera.toml is for {camera}: it was turned by 90 degrees; switch the rotation of \
+             pictures off in the camera and in what copies them"
+        ),
+        (false, false) => format!(
+            "the frame is {frame}, but camera.toml was calibrated for {camera}; use the camera's full frames"
+        ),
+    };
+    Some(text.into())
 }
 
 /// Identities, closer looks at markers that are hidden in part or hardly seen, perspective bias, observations.
@@ -200,7 +220,7 @@ pub fn recognise(
 ) {
     let setup = &installation.setup;
     let found = sighting.detections.clone();
-    let known = sighting.timed("identify", || identified(setup, orientation, raster, found));
+    let known = sighting.timed(Work::Identify, || identified(setup, orientation, raster, found));
     take_up(sighting, setup, orientation, known);
 }
 
@@ -215,10 +235,10 @@ pub(super) fn recognise_for_next(
     let setup = &installation.setup;
     let found = sighting.detections.clone();
     let mut plainly = None;
-    let known = sighting.timed("identify", || {
+    let known = sighting.timed(Work::Identify, || {
         let first = identify::identify(setup, orientation, &found.markers)?;
         plainly = Some((found.markers.clone(), first.clone()));
-        Ok(looked_closer(setup, orientation, raster, (found, first)))
+        Ok(looked_closer(setup, orientation, raster, found, first))
     });
     take_up(sighting, setup, orientation, known);
     plainly
@@ -231,7 +251,7 @@ fn take_up(
     known: Result<(Detections, Identities), IdentifyError>,
 ) {
     match known {
-        Err(error) => sighting.failure = Some(unidentified(setup, orientation, sighting, &error)),
+        Err(error) => sighting.failure = Some(unidentified(setup, orientation, sighting, error)),
         Ok((found, identities)) => {
             let centred = identify::remove_perspective_bias(setup, orientation, &found.markers, &identities);
             sighting.observations = observations(&centred, &identities);
@@ -246,13 +266,13 @@ fn unidentified(
     setup: &Setup,
     orientation: &Orientation,
     sighting: &Sighting,
-    error: &IdentifyError,
-) -> String {
+    error: IdentifyError,
+) -> Reason {
     let cause = match error {
         IdentifyError::TooFew { .. } => None,
         _ => identify::explain(setup, orientation, &sighting.detections.markers),
     };
-    cause.map_or_else(|| error.to_string(), |cause| cause.to_string())
+    cause.map_or_else(|| Reason::of(error), |cause| Reason::from(cause.to_string()))
 }
 
 /// Closer looks at most.
@@ -269,16 +289,16 @@ pub fn identified(
     found: Detections,
 ) -> Result<(Detections, Identities), IdentifyError> {
     let identities = identify::identify(setup, orientation, &found.markers)?;
-    Ok(looked_closer(setup, orientation, raster, (found, identities)))
+    Ok(looked_closer(setup, orientation, raster, found, identities))
 }
 
 fn looked_closer(
     setup: &Setup,
     orientation: &Orientation,
     raster: &Raster,
-    known: (Detections, Identities),
+    mut found: Detections,
+    mut identities: Identities,
 ) -> (Detections, Identities) {
-    let (mut found, mut identities) = known;
     // What is measured better foretells the others better.
     for _ in 0..LOOKS {
         let expected = identify::expect(setup, orientation, &found.markers, &identities);

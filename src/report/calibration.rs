@@ -1,24 +1,37 @@
-//! A calibration as one page: verdict, parameters, pictures, and what the residuals look like.
+//! This page shows a calibration: its verdict, its parameters, its pictures and what its residuals look like.
 
 use maud::{Markup, html};
 use nalgebra::Vector2;
 
 use super::html::document;
 use crate::measure::calibrate::{Calibration, Verdict};
+use crate::measure::geometry::Lens;
 
-const NAMES: [&str; 9] = ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "p1", "p2"];
 /// Width of a figure, px of the page.
 const WIDTH: f64 = 640.0;
 /// Length of the longest arrow, px of the page.
 const ARROW: f64 = 36.0;
-/// Index of k1; and Student's t at 95 % of some hundred points.
-const FIRST_DISTORTION: usize = 4;
-const SIGNIFICANT: f64 = 1.96;
+/// Index of k1.
+pub const FIRST_DISTORTION: usize = 4;
+/// Some hundred points leave Student's t at 95 % at the normal's.
+pub const SIGNIFICANT: f64 = 1.96;
+
+/// In the order of [`Lens::PARAMETERS`].
+pub fn values(c: &Calibration) -> [f64; 9] {
+    c.lens.parameters().into()
+}
+
+/// Correlation of two parameters; `None` with one that was held.
+pub fn correlation(c: &Calibration, one: usize, other: usize) -> Option<f64> {
+    let product = (c.covariance[(one, one)] * c.covariance[(other, other)]).sqrt();
+    (product > 0.0).then(|| c.covariance[(one, other)] / product)
+}
 
 /// The whole page; nothing in it comes from outside. `names` and `left_out` per picture.
 pub fn page(
     c: &Calibration,
-    (verdict, reasons): (Verdict, &[String]),
+    verdict: Verdict,
+    reasons: &[String],
     names: &[&str],
     left_out: &[Option<String>],
 ) -> String {
@@ -57,8 +70,7 @@ fn summary(c: &Calibration) -> Markup {
 }
 
 fn parameters(c: &Calibration) -> Markup {
-    let l = &c.lens;
-    let values = [l.fx, l.fy, l.cx, l.cy, l.k1, l.k2, l.k3, l.p1, l.p2];
+    let values = values(c);
     html! {
         table {
             thead { tr { th { "parameter" } th { "value" } th { "sigma" } th { "value / sigma" } th { "at 95 %" } } }
@@ -68,7 +80,7 @@ fn parameters(c: &Calibration) -> Markup {
                     @let t = (k >= FIRST_DISTORTION && sigma > 0.0).then(|| values[k] / sigma);
                     @let digits = if k < FIRST_DISTORTION { 3 } else { 6 };
                     tr {
-                        td { (NAMES[k]) }
+                        td { (Lens::PARAMETERS[k]) }
                         td { (format!("{:.digits$}", values[k])) }
                         td { @if c.held[k] { "held" } @else { (format!("{sigma:.digits$}")) } }
                         td { @if let Some(t) = t { (format!("{t:.1}")) } }
@@ -83,10 +95,7 @@ fn parameters(c: &Calibration) -> Markup {
 fn correlations(c: &Calibration) -> Markup {
     let denominator =
         |k: usize| format!("k{} {:.6} +- {:.6}", k + 4, c.lens.denominator[k], c.denominator_sigma[k]);
-    let of = |i: usize, j: usize| {
-        let product = (c.covariance[(i, i)] * c.covariance[(j, j)]).sqrt();
-        if product > 0.0 { format!("{:.2}", c.covariance[(i, j)] / product) } else { String::new() }
-    };
+    let of = |i: usize, j: usize| correlation(c, i, j).map_or(String::new(), |r| format!("{r:.2}"));
     html! {
         @if c.lens.denominator != [0.0; 3] {
             p {
@@ -95,8 +104,8 @@ fn correlations(c: &Calibration) -> Markup {
             }
         }
         table {
-            thead { tr { th { "correlation" } @for name in NAMES { th { (name) } } } }
-            tbody { @for i in 0..9 { tr { td { (NAMES[i]) } @for j in 0..=i { td { (of(i, j)) } } } } }
+            thead { tr { th { "correlation" } @for name in Lens::PARAMETERS { th { (name) } } } }
+            tbody { @for i in 0..9 { tr { td { (Lens::PARAMETERS[i]) } @for j in 0..=i { td { (of(i, j)) } } } } }
         }
     }
 }

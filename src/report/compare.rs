@@ -1,11 +1,12 @@
-//! What changed between two sets of results of the same frames.
+//! Two sets of results of the same frames are compared here, frame by frame.
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::record::{ImageRecord, MarkerRecord, Status};
+use super::number::words;
+use crate::record::{ImageRecord, MarkerRecord, Provenance, Quality, Status, word};
 use crate::store::sets::{self, ResultSet};
 use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue};
 
@@ -35,29 +36,31 @@ pub struct Change {
 impl Change {
     /// In a word or two.
     pub fn status_text(&self) -> String {
-        let word = |status: Option<Status>| match status {
-            Some(Status::Ok) => "ok",
-            Some(Status::Failed) => "failed",
-            None => "no result",
-        };
-        let (old, new) = (word(self.status.0), word(self.status.1));
-        if old == new { new.to_owned() } else { format!("{old} -> {new}") }
+        let said = |status: Option<Status>| status.map_or("no result".to_owned(), word);
+        let (old, new) = (said(self.status.0), said(self.status.1));
+        if old == new { new } else { format!("{old} -> {new}") }
     }
 }
 
+/// A flight with the results of it that are meant.
+#[derive(Clone, Debug)]
+pub struct Side {
+    /// The flight.
+    pub flight: FlightRef,
+    /// Its results.
+    pub set: ResultSet,
+}
+
 /// All frames of two flights that are the same pictures (by SHA-256), in order.
-pub fn changes(
-    disk: &dyn Disk,
-    old: (&FlightRef, &ResultSet),
-    new: (&FlightRef, &ResultSet),
-) -> Result<Vec<Change>, StoreError> {
+pub fn changes(disk: &dyn Disk, old: &Side, new: &Side) -> Result<Vec<Change>, StoreError> {
     let mut before = BTreeMap::new();
-    for series in catalogue::series(disk, old.0)? {
-        before.extend(records(disk, &series, old.1)?.into_iter().map(|(key, r)| (key.2.clone(), (key, r))));
+    for series in catalogue::series(disk, &old.flight)? {
+        before
+            .extend(records(disk, &series, &old.set)?.into_iter().map(|(key, r)| (key.2.clone(), (key, r))));
     }
     let mut all = Vec::new();
-    for series in catalogue::series(disk, new.0)? {
-        for (key, record) in records(disk, &series, new.1)? {
+    for series in catalogue::series(disk, &new.flight)? {
+        for (key, record) in records(disk, &series, &new.set)? {
             let old = before.remove(&key.2).map(|(_, record)| record);
             all.push(change(key, old.as_ref(), Some(&record)));
         }
@@ -78,9 +81,9 @@ fn records(
     let lines = sets::results_of(disk, series, Some(set))?.into_iter();
     let record = |value| serde_json::from_value::<ImageRecord>(value).ok();
     let lean = |r: ImageRecord| ImageRecord {
-        quality: serde_json::Map::new(),
+        quality: Quality::default(),
         curve: Vec::new(),
-        provenance: serde_json::Map::new(),
+        provenance: Provenance::default(),
         ..r
     };
     let one = |line: crate::store::manifest::ResultLine| {
@@ -119,11 +122,7 @@ fn largest(old: &[MarkerRecord], new: &[MarkerRecord]) -> Option<(String, f64)> 
 
 /// Inputs that differ: name, before, now.
 pub fn inputs(old: &ResultSet, new: &ResultSet) -> Vec<(String, String, String)> {
-    let text = |value: Option<&Value>| match value {
-        None => "none".to_owned(),
-        Some(Value::String(text)) => text.clone(),
-        Some(other) => other.to_string(),
-    };
+    let text = |value: Option<&Value>| value.map_or("none".to_owned(), words);
     let mut names: Vec<&String> = old.provenance.keys().chain(new.provenance.keys()).collect();
     names.sort();
     names.dedup();

@@ -1,4 +1,4 @@
-//! A table once built, shown in a terminal or in the report.
+//! A grid is a table that is built once and shown in a terminal or in the report.
 
 use maud::{Markup, html};
 
@@ -28,6 +28,11 @@ impl Grid {
             None => Column { title: (*t).to_owned(), right: true },
         };
         Self { columns: titles.iter().map(column).collect(), rows: Vec::new() }
+    }
+
+    /// Begins a table with a row for each of these.
+    pub fn each<I>(rows: I) -> Each<I> {
+        Each(rows)
     }
 
     /// Adds a row.
@@ -74,6 +79,18 @@ impl Grid {
         out.truncate(out.trim_end().len());
         out.push('\n');
         out
+    }
+}
+
+/// A table whose columns are still to be named.
+pub struct Each<I>(I);
+
+impl<'r, T: 'r, I: IntoIterator<Item = &'r T>> Each<I> {
+    /// Of each column its heading, as [`Grid::new`] takes it, and what stands below.
+    pub fn columns(self, columns: &[(&str, &dyn Fn(&T) -> String)]) -> Grid {
+        let titles: Vec<&str> = columns.iter().map(|(title, _)| *title).collect();
+        let cells = |row: &T| columns.iter().map(|(_, cell)| cell(row)).collect();
+        Grid { rows: self.0.into_iter().map(cells).collect(), ..Grid::new(&titles) }
     }
 }
 

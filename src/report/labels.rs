@@ -1,4 +1,4 @@
-//! Places for texts beside points, so that none covers another.
+//! This file finds places for texts beside points, so that none covers another.
 
 use nalgebra::{Vector2, vector};
 
@@ -61,10 +61,10 @@ impl Labels {
 fn around(at: Vector2<f64>, half: Vector2<f64>, size: Vector2<f64>, gap: f64) -> [Vector2<f64>; 8] {
     let (right, left) = (at.x + half.x + gap, at.x - half.x - gap - size.x);
     let (above, below) = (at.y - half.y - gap - size.y, at.y + half.y + gap);
-    let (centre, middle) = (at.x - size.x / 2.0, at.y - size.y / 2.0);
+    let (centre, half_way) = (at.x - size.x / 2.0, at.y - size.y / 2.0);
     [
-        vector![right, middle],
-        vector![left, middle],
+        vector![right, half_way],
+        vector![left, half_way],
         vector![centre, above],
         vector![centre, below],
         vector![right, above],

@@ -1,4 +1,4 @@
-//! Figures, tables, exports.
+//! Everything that people and other programs read of results is made here: figures, tables and exports.
 //!
 //! | file | from | to |
 //! |---|---|---|
@@ -16,6 +16,7 @@
 //! | `overlay` | a frame and its detections | a picture to look at |
 
 pub mod aircraft;
+#[cfg(feature = "boards")]
 pub mod calibration;
 pub mod compare;
 pub mod export;
@@ -60,14 +61,42 @@ pub struct SeriesData {
     pub records: Vec<ImageRecord>,
     /// Mean over the records; empty where it is still to be computed from them.
     pub curve: Vec<CurveRecord>,
-    /// Markers used and surveyed, of each record; empty where the records have their markers.
-    pub used: Vec<(usize, usize)>,
+    /// Markers of each record; empty where the records have them.
+    pub counts: Vec<MarkerCount>,
     /// Key of the inputs that the records were computed from.
     pub inputs: Option<String>,
     /// Every shot asked for, failed ones included.
     pub shots: Vec<ShotData>,
     /// What a person should read.
     pub remarks: Vec<String>,
+}
+
+impl SeriesData {
+    /// The result of a shot's frame.
+    pub fn record_of(&self, shot: &ShotData) -> Option<&ImageRecord> {
+        self.records.iter().find(|r| Some(&r.image) == shot.image.as_ref())
+    }
+
+    /// The shot that a result is of.
+    pub fn shot_of(&self, record: &ImageRecord) -> Option<&ShotData> {
+        self.shots.iter().find(|s| s.image.as_ref() == Some(&record.image))
+    }
+}
+
+/// Markers of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MarkerCount {
+    /// That took part in the adjustment.
+    pub used: usize,
+    /// Of the survey.
+    pub surveyed: usize,
+}
+
+impl MarkerCount {
+    /// Of a record that has its markers.
+    pub fn of(record: &ImageRecord) -> Self {
+        Self { used: record.used(), surveyed: record.markers.len() }
+    }
 }
 
 /// A shot as the series' manifest keeps it.
@@ -89,6 +118,17 @@ pub struct ShotData {
     pub format: Option<Format>,
     /// Attempts that failed, before the frame or instead of it.
     pub failures: Vec<String>,
+}
+
+/// Each once, in the order of their first appearance.
+pub fn distinct<T: PartialEq>(all: impl Iterator<Item = T>) -> Vec<T> {
+    let mut known = Vec::new();
+    for one in all {
+        if !known.contains(&one) {
+            known.push(one);
+        }
+    }
+    known
 }
 
 /// A marker as surveyed on ground.

@@ -1,4 +1,7 @@
-//! Numbers for people: rounded by their standard deviation, never a number where there is none.
+//! Numbers for people are rounded by their standard deviation; where there is none, none is shown.
+
+use serde::Serialize;
+use serde_json::{Map, Value};
 
 /// What stands where there is no number.
 pub const NONE: &str = "-";
@@ -45,6 +48,19 @@ pub fn general(value: f64) -> String {
     } else {
         let n = (3.0 - magnitude.log10().floor()).clamp(0.0, 6.0) as usize;
         format!("{value:.n$}")
+    }
+}
+
+/// A JSON value in words.
+pub fn words(value: &Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}
+
+/// What is written of a part of a record, key by key.
+pub fn fields(part: &impl Serialize) -> Map<String, Value> {
+    match serde_json::to_value(part) {
+        Ok(Value::Object(map)) => map,
+        _ => Map::new(),
     }
 }
 

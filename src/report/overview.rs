@@ -1,10 +1,12 @@
 //! A flight in a line per series, for pages that must cost little: of each result only its beginning is
 //! read, so that a thousand series take a moment and no memory to speak of.
 
+use serde::Deserialize;
 use serde_json::Value;
 
 use super::summary::Mean;
 use crate::clock::Stamp;
+use crate::record::{Status, Tip};
 use crate::store::manifest::{SeriesManifest, State};
 use crate::store::sets::{Gather, Sets};
 use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue, heads, layout};
@@ -89,6 +91,14 @@ impl Overview {
     }
 }
 
+/// What the pages ask of a record.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Brief {
+    status: Status,
+    tip: Option<Tip>,
+}
+
 /// What a head says of lift and success.
 struct Seen {
     set: usize,
@@ -148,11 +158,9 @@ fn seen(disk: &dyn Disk, series: &SeriesRef, gather: &mut Gather, notes: &mut Ve
     let heads = heads::parse(&bytes, &["status", "tip"]);
     let sets = gather.add(&series.id, &heads);
     let one = |(head, set): (heads::Head, usize)| {
-        let tip = head.record.get("tip");
-        let lift_m = tip.and_then(|t| t.get("lift_m")).and_then(Value::as_f64);
-        let sigma_m = tip.and_then(|t| t.get("sigma_lift_m")).and_then(Value::as_f64);
-        let ok = head.record.get("status").and_then(Value::as_str) == Some("ok");
-        Seen { set, frame: head.frame, ok, lift_m: lift_m.map(|lift_m| (lift_m, sigma_m)) }
+        let brief: Brief = serde_json::from_value(Value::Object(head.record)).unwrap_or_default();
+        let lift_m = brief.tip.map(|tip| (tip.lift_m, tip.sigma_lift_m));
+        Seen { set, frame: head.frame, ok: brief.status == Status::Ok, lift_m }
     };
     heads.into_iter().zip(sets).map(one).collect()
 }

@@ -1,4 +1,4 @@
-//! A plan as one drawing: predicted uncertainty and resolution along the span.
+//! This drawing shows a plan: predicted uncertainty and resolution along the span.
 
 use maud::{Markup, PreEscaped, html};
 

@@ -1,12 +1,15 @@
 //! The adjustment of one image as a protocol to read: what was estimated, how well the model fits,
 //! how each observation is controlled, and what was left out and why.
 
-use serde_json::Value;
+use serde_json::{Map, Value};
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
 use super::grid::Grid;
-use super::number::{NONE, fixed, general, rounded};
-use crate::record::{ImageRecord, MarkerRecord, Status};
+use super::number::{NONE, fields, fixed, general, rounded, words};
+use crate::record::{
+    GlobalTest, ImageRecord, MarkerRecord, Measured, Method, Parameters, Quality, SigmaKind, Status, Term,
+    TorsionRecord, VarianceComponent,
+};
 
 /// Correlations from here on are named as strong.
 const STRONG_CORRELATION: f64 = 0.9;
@@ -49,27 +52,27 @@ fn lines(texts: &[String]) -> String {
 }
 
 fn overview(record: &ImageRecord) -> String {
-    let method = match (record.method.as_str(), record.flight) {
-        ("profile", _) => "profile (a parabola in the vertical plane)",
+    let method = match (record.method, record.flight) {
+        (Method::Profile, _) => "profile (a parabola in the vertical plane)",
         (_, true) => "spatial (a beam of rigid sections), all frames of the flight together",
         _ => "spatial (a beam of rigid sections), this frame alone",
     };
-    let used = record.markers.iter().filter(|m| m.used).count();
-    let kind = match record.sigma_kind.as_deref() {
-        Some("posterior") => "a posteriori (scaled by the root of the variance factor)",
+    let kind = match record.sigma_kind {
+        Some(SigmaKind::Posterior) => "a posteriori (scaled by the root of the variance factor)",
         _ => "a priori (from the standard deviations of the observations)",
     };
-    let iterations = record.quality.get("iterations").map_or(NONE.into(), Value::to_string);
+    let iterations = record.quality.iterations.map_or(NONE.to_owned(), |count| count.to_string());
     format!(
-        "Method               {method}\nMarkers used         {used} of {}\nIterations           {iterations}\n\
+        "Method               {method}\nMarkers used         {} of {}\nIterations           {iterations}\n\
          Standard deviations  {kind}\n",
+        record.used(),
         record.markers.len()
     )
 }
 
 fn global_test(record: &ImageRecord) -> String {
     let redundancy = record.redundancy.unwrap_or(0);
-    let alpha = level(record, "global_alpha");
+    let alpha = level(record, |p| p.global_alpha);
     let limit = alpha.and_then(|a| {
         let law = ChiSquared::new(redundancy as f64).ok()?;
         Some(law.inverse_cdf(1.0 - a) / redundancy as f64)
@@ -79,47 +82,40 @@ fn global_test(record: &ImageRecord) -> String {
         _ => String::new(),
     };
     let factor = fixed(record.variance_factor, 3);
-    let verdict = match record.global_test.as_deref() {
-        Some("passed") => "passed: the residuals are as large as the stated standard deviations let expect",
-        Some("rejected") => {
+    let verdict = match record.global_test {
+        Some(GlobalTest::Passed) => {
+            "passed: the residuals are as large as the stated standard deviations let expect"
+        }
+        Some(GlobalTest::Rejected) => {
             "rejected: the residuals are larger than the stated standard deviations allow; a wrong survey \
              point, a wrong identity, standard deviations stated too small or a model that does not fit"
         }
-        _ => "not possible: there is no redundancy",
+        None => "not possible: there is no redundancy",
     };
     format!("Variance factor {factor} with redundancy {redundancy}{against}.\nVerdict {verdict}.\n")
 }
 
-fn level(record: &ImageRecord, key: &str) -> Option<f64> {
-    record.provenance.get("parameters")?.get(key)?.as_f64().filter(|a| *a > 0.0 && *a < 1.0)
+/// A level of significance that was asked for.
+fn level(record: &ImageRecord, of: fn(&Parameters) -> f64) -> Option<f64> {
+    record.provenance.parameters.as_ref().map(of).filter(|a| *a > 0.0 && *a < 1.0)
 }
 
 fn parameters(record: &ImageRecord) -> Grid {
-    let mut grid = Grid::new(&["<parameter", "value", "sigma", "value / sigma"]);
-    for (name, value) in &record.model {
-        match value {
-            Value::Array(terms) => {
-                for (k, term) in terms.iter().enumerate() {
-                    grid.push(parameter_row(&format!("{name}[{k}]"), term));
-                }
-            }
-            single => grid.push(parameter_row(name, single)),
-        }
-    }
-    grid
-}
-
-fn parameter_row(name: &str, term: &Value) -> Vec<String> {
-    let number = |key: &str| term.get(key).and_then(Value::as_f64);
-    let (value, sigma) = (number("value").or(term.as_f64()), number("sigma"));
-    let ratio = value.zip(sigma).filter(|(_, s)| *s > 0.0).map(|(v, s)| v.abs() / s);
-    let sigma_text = sigma.map_or("fixed".to_owned(), general);
-    vec![name.to_owned(), value.map_or(NONE.into(), general), sigma_text, fixed(ratio, 1)]
+    let name = |term: &Term| term.index.map_or(term.name.to_owned(), |k| format!("{}[{k}]", term.name));
+    let sigma = |one: &Measured| one.sigma.filter(|s| *s > 0.0);
+    let ratio = |term: &Term| term.measured.and_then(|m| Some(m.value.abs() / sigma(&m)?));
+    let of = |value: Option<f64>, none: &str| value.map_or(none.to_owned(), general);
+    Grid::each(&record.model.terms()).columns(&[
+        ("<parameter", &name),
+        ("value", &|term| of(term.measured.map(|m| m.value), NONE)),
+        ("sigma", &|term| of(term.measured.and_then(|m| m.sigma), "fixed")),
+        ("value / sigma", &|term| fixed(ratio(term), 1)),
+    ])
 }
 
 fn correlations(record: &ImageRecord) -> String {
     let mut out = String::new();
-    if let Some(r) = record.quality.get("pitch_bending_correlation").and_then(Value::as_f64) {
+    if let Some(r) = record.quality.pitch_bending_correlation {
         out.push_str(&format!("Mount's pitch with the amplitude of bending: {r:.3}\n"));
     }
     let Some((names, rows)) = matrix(record).filter(|(names, _)| names.len() > 1) else { return out };
@@ -129,14 +125,14 @@ fn correlations(record: &ImageRecord) -> String {
         }
     }
     if names.len() <= MATRIX_LIMIT {
-        out.push_str(&triangle(&names, &rows).text());
+        out.push_str(&triangle(names, &rows).text());
     }
     out
 }
 
 /// The correlations of a solution's parameters as a lower triangle; `None` where there are none.
 pub(super) fn correlation_grid(record: &ImageRecord) -> Option<Grid> {
-    matrix(record).map(|(names, rows)| triangle(&names, &rows))
+    matrix(record).map(|(names, rows)| triangle(names, &rows))
 }
 
 fn triangle(names: &[String], rows: &[Vec<f64>]) -> Grid {
@@ -154,52 +150,48 @@ fn triangle(names: &[String], rows: &[Vec<f64>]) -> Grid {
     grid
 }
 
-/// Square, with a name for each row; anything else is left alone.
-fn matrix(record: &ImageRecord) -> Option<(Vec<String>, Vec<Vec<f64>>)> {
-    let found = record.quality.get("correlation")?;
-    let names: Vec<String> = serde_json::from_value(found.get("parameters")?.clone()).ok()?;
-    let rows: Vec<Vec<f64>> = serde_json::from_value(found.get("matrix")?.clone()).ok()?;
-    let square = rows.len() == names.len() && rows.iter().all(|r| r.len() == names.len());
-    square.then_some((names, rows))
+/// Names and rows; what is not complete is left alone.
+fn matrix(record: &ImageRecord) -> Option<(&[String], Vec<Vec<f64>>)> {
+    let found = record.quality.correlation.as_ref()?;
+    Some((&found.parameters, found.complete()?))
 }
 
 fn variance_components(record: &ImageRecord) -> String {
-    let Some(Value::Array(list)) = record.quality.get("variance_components") else { return String::new() };
-    let mut grid = Grid::new(&["<group", "component", "its sigma", "sigma scaled by", "redundancy"]);
-    for one in list {
-        let number = |key: &str| one.get(key).and_then(Value::as_f64);
-        let root = number("factor").filter(|f| *f >= 0.0).map(f64::sqrt);
-        let group = one.get("group").and_then(Value::as_str).unwrap_or(NONE);
-        grid.push(vec![
-            group.to_owned(),
-            fixed(number("factor"), 3),
-            fixed(number("sigma_factor"), 3),
-            fixed(root, 3),
-            fixed(number("redundancy"), 2),
-        ]);
+    if record.quality.variance_components.is_empty() {
+        return String::new();
     }
-    grid.text()
+    let root = |one: &VarianceComponent| one.factor.filter(|f| *f >= 0.0).map(f64::sqrt);
+    Grid::each(&record.quality.variance_components)
+        .columns(&[
+            ("<group", &|one| one.group.clone()),
+            ("component", &|one| fixed(one.factor, 3)),
+            ("its sigma", &|one| fixed(one.sigma_factor, 3)),
+            ("sigma scaled by", &|one| fixed(root(one), 3)),
+            ("redundancy", &|one| fixed(one.redundancy, 2)),
+        ])
+        .text()
+}
+
+fn used(record: &ImageRecord) -> impl Iterator<Item = &MarkerRecord> {
+    record.markers.iter().filter(|m| m.used)
 }
 
 fn observations(record: &ImageRecord) -> String {
-    let mut grid = Grid::new(&[
-        "<marker",
-        "u / px",
-        "v / px",
-        "sigma u / px",
-        "sigma v / px",
-        "residual u / px",
-        "residual v / px",
-        "r u",
-        "r v",
-        "w",
-        "MDB u / px",
-        "MDB v / px",
+    let grid = Grid::each(used(record)).columns(&[
+        ("<marker", &|m| m.id.clone()),
+        ("u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).0),
+        ("v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).0),
+        ("sigma u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).1),
+        ("sigma v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).1),
+        ("residual u / px", &|m| fixed(m.residual_u_px, 3)),
+        ("residual v / px", &|m| fixed(m.residual_v_px, 3)),
+        ("r u", &|m| fixed(m.redundancy_u, 2)),
+        ("r v", &|m| fixed(m.redundancy_v, 2)),
+        ("w", &|m| fixed(m.w_test, 2)),
+        ("MDB u / px", &|m| fixed(m.mdb_u_px, 2)),
+        ("MDB v / px", &|m| fixed(m.mdb_v_px, 2)),
     ]);
-    for m in record.markers.iter().filter(|m| m.used) {
-        grid.push(observation_row(m));
-    }
-    let critical = level(record, "snooping_alpha").and_then(|alpha| {
+    let critical = level(record, |p| p.snooping_alpha).and_then(|alpha| {
         let law = Normal::new(0.0, 1.0).ok()?;
         Some(format!(
             "\nr: redundancy number; w: test statistic, critical beyond {:.2} (level {} %); MDB: minimal detectable \
@@ -210,25 +202,6 @@ fn observations(record: &ImageRecord) -> String {
     });
     let weak = weakly_controlled(record);
     format!("{}{}{weak}", grid.text(), critical.unwrap_or_default())
-}
-
-fn observation_row(m: &MarkerRecord) -> Vec<String> {
-    let (u, sigma_u) = rounded(m.u_px, m.sigma_u_px, 2);
-    let (v, sigma_v) = rounded(m.v_px, m.sigma_v_px, 2);
-    vec![
-        m.id.clone(),
-        u,
-        v,
-        sigma_u,
-        sigma_v,
-        fixed(m.residual_u_px, 3),
-        fixed(m.residual_v_px, 3),
-        fixed(m.redundancy_u, 2),
-        fixed(m.redundancy_v, 2),
-        fixed(m.w_test, 2),
-        fixed(m.mdb_u_px, 2),
-        fixed(m.mdb_v_px, 2),
-    ]
 }
 
 /// Markers whose image the others hardly check in either coordinate.
@@ -246,43 +219,41 @@ fn weakly_controlled(record: &ImageRecord) -> String {
 }
 
 fn positions(record: &ImageRecord) -> Grid {
-    let mut grid = Grid::new(&[
-        "<marker",
-        "x / m",
-        "sigma",
-        "y / m",
-        "sigma",
-        "z / m",
-        "sigma",
-        "distance / m",
-        "sigma",
-        "lift / m",
-        "sigma",
-    ]);
-    for m in record.markers.iter().filter(|m| m.used) {
-        let mut cells = vec![m.id.clone()];
-        for axis in 0..3 {
-            let sigma = m.sigma_position_m.map(|s| s[axis]);
-            cells.extend(<[String; 2]>::from(rounded(m.position_m.map(|p| p[axis]), sigma, 4)));
-        }
-        cells.extend(<[String; 2]>::from(rounded(m.distance_m, m.sigma_distance_m, 4)));
-        cells.extend(<[String; 2]>::from(rounded(m.lift_m, m.sigma_lift_m, 4)));
-        grid.push(cells);
-    }
-    grid
+    let of = |m: &MarkerRecord, axis: usize| {
+        rounded(m.position_m.map(|p| p[axis]), m.sigma_position_m.map(|s| s[axis]), 4)
+    };
+    let distance = |m: &MarkerRecord| rounded(m.distance_m, m.sigma_distance_m, 4);
+    let lift = |m: &MarkerRecord| rounded(m.lift_m, m.sigma_lift_m, 4);
+    Grid::each(used(record)).columns(&[
+        ("<marker", &|m| m.id.clone()),
+        ("x / m", &|m| of(m, 0).0),
+        ("sigma", &|m| of(m, 0).1),
+        ("y / m", &|m| of(m, 1).0),
+        ("sigma", &|m| of(m, 1).1),
+        ("z / m", &|m| of(m, 2).0),
+        ("sigma", &|m| of(m, 2).1),
+        ("distance / m", &|m| distance(m).0),
+        ("sigma", &|m| distance(m).1),
+        ("lift / m", &|m| lift(m).0),
+        ("sigma", &|m| lift(m).1),
+    ])
 }
 
 fn torsion(record: &ImageRecord) -> String {
     if record.torsion.is_empty() {
         return String::new();
     }
-    let mut grid = Grid::new(&["<pair", "angle / deg", "sigma", "twist free of bending / deg", "sigma"]);
-    for t in &record.torsion {
-        let (angle, sigma) = rounded(t.angle_deg, t.sigma_deg, 2);
-        let (twist, sigma_twist) = rounded(t.twist_deg, t.sigma_twist_deg, 2);
-        grid.push(vec![t.name.clone(), angle, sigma, twist, sigma_twist]);
-    }
-    grid.text()
+    let angle = |t: &TorsionRecord| rounded(t.angle_deg, t.sigma_deg, 2);
+    let twist = |t: &TorsionRecord| rounded(t.twist_deg, t.sigma_twist_deg, 2);
+    Grid::each(&record.torsion)
+        .columns(&[
+            ("<pair", &|t| t.name.clone()),
+            ("angle / deg", &|t| angle(t).0),
+            ("sigma", &|t| angle(t).1),
+            ("twist free of bending / deg", &|t| twist(t).0),
+            ("sigma", &|t| twist(t).1),
+        ])
+        .text()
 }
 
 fn left_out(record: &ImageRecord) -> String {
@@ -294,45 +265,52 @@ fn left_out(record: &ImageRecord) -> String {
 }
 
 fn seen(record: &ImageRecord) -> Grid {
-    let mut grid = Grid::new(&["<marker", "u / px", "v / px", "<remark"]);
-    for m in &record.markers {
-        grid.push(vec![
-            m.id.clone(),
-            fixed(m.u_px, 2),
-            fixed(m.v_px, 2),
-            m.reason.clone().unwrap_or_default(),
-        ]);
-    }
-    grid
+    Grid::each(&record.markers).columns(&[
+        ("<marker", &|m| m.id.clone()),
+        ("u / px", &|m| fixed(m.u_px, 2)),
+        ("v / px", &|m| fixed(m.v_px, 2)),
+        ("<remark", &|m| m.reason.clone().unwrap_or_default()),
+    ])
 }
 
 /// Everything that the numbers stand on, one line each.
 fn provenance(record: &ImageRecord) -> String {
-    let plain = |v: &Value| v.as_str().map_or_else(|| v.to_string(), str::to_owned);
-    let printed = ["iterations", "correlation", "pitch_bending_correlation", "variance_components"];
-    let extra = record.quality.iter().filter(|(key, _)| !printed.contains(&key.as_str()));
-    extra.chain(&record.provenance).map(|(key, value)| format!("{key}: {}\n", plain(value))).collect()
+    let shown = Quality {
+        iterations: None,
+        pitch_bending_correlation: None,
+        correlation: None,
+        variance_components: vec![],
+        ..record.quality.clone()
+    };
+    let lines = |fields: Map<String, Value>| -> String {
+        fields.iter().map(|(key, value)| format!("{key}: {}\n", words(value))).collect()
+    };
+    lines(fields(&shown)) + &lines(fields(&record.provenance))
 }
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use serde_json::json;
 
     use super::super::sample;
     use super::*;
+    use crate::record::Provenance;
 
     fn full() -> ImageRecord {
         let mut record = sample::record("f01.jpg", 2.93);
-        let provenance =
-            json!({ "program": "wingd 1", "parameters": { "global_alpha": 0.01, "snooping_alpha": 0.001 } });
-        record.provenance = provenance.as_object().unwrap().clone();
+        record.provenance = Provenance {
+            program: Some("wingd 1".into()),
+            parameters: Some(Parameters::default()),
+            ..Provenance::default()
+        };
         let quality = json!({
             "iterations": 5,
             "pitch_bending_correlation": -0.981,
             "correlation": { "parameters": ["curvature[0]", "pitch"], "matrix": [[1.0, -0.95], [-0.95, 1.0]] },
             "variance_components": [{ "group": "image", "factor": 1.21, "redundancy": 20.5 }],
         });
-        record.quality = quality.as_object().unwrap().clone();
+        record.quality = serde_json::from_value(quality).unwrap();
         record.remarks = vec!["three terms of the curvature were chosen by test".into()];
         record
     }
@@ -362,9 +340,9 @@ mod tests {
     #[test]
     fn a_rejected_model_is_called_so() {
         let mut record = full();
-        record.global_test = Some("rejected".into());
+        record.global_test = Some(GlobalTest::Rejected);
         record.variance_factor = Some(14.2);
-        record.sigma_kind = Some("posterior".into());
+        record.sigma_kind = Some(SigmaKind::Posterior);
         let text = protocol(&record);
         assert!(text.contains("Verdict rejected") && text.contains("a posteriori"), "{text}");
     }
@@ -387,8 +365,8 @@ mod tests {
     #[test]
     fn damaged_quality_is_left_out() {
         let mut record = full();
-        let odd = json!({ "correlation": { "parameters": ["a"], "matrix": [[1.0, 2.0]] }, "variance_components": 3 });
-        record.quality = odd.as_object().unwrap().clone();
+        let odd = json!({ "correlation": { "parameters": ["a"], "matrix": [[1.0, null]] } });
+        record.quality = serde_json::from_value(odd).unwrap();
         let text = protocol(&record);
         assert!(!text.contains("Correlations") && !text.contains("Variance components"));
     }

@@ -1,25 +1,27 @@
-//! Small made-up series for the tests of this folder.
+//! The tests of this folder work on the small made-up series of this file.
 
 use jiff::{SignedDuration, Timestamp};
-use serde_json::json;
 
 use super::{SeriesData, ShotData};
 use crate::clock::Stamp;
-use crate::record::{CurveRecord, ImageRecord, MarkerRecord, Status, Tip, TorsionRecord};
+use crate::record::{
+    CurveRecord, GlobalTest, ImageRecord, MarkerRecord, Measured, Method, Model, Provenance, Shape,
+    SigmaKind, Status, Tip, TorsionRecord,
+};
 
 /// A solved image of a wing along +y with four markers, the last one hidden.
 pub fn record(image: &str, tip_lift_m: f64) -> ImageRecord {
     let markers = (1..=4).map(|i| marker(i, tip_lift_m)).collect();
-    let model = json!({"a_per_m": {"value": 0.00219, "sigma": 5.9e-6}});
+    let a_per_m = Some(Measured { value: 0.00219, sigma: Some(5.9e-6) });
     ImageRecord {
         image: image.to_owned(),
         status: Status::Ok,
-        method: "spatial".to_owned(),
+        method: Method::Spatial,
         variance_factor: Some(0.97),
         redundancy: Some(33),
-        global_test: Some("passed".to_owned()),
-        sigma_kind: Some("prior".to_owned()),
-        model: model.as_object().cloned().unwrap_or_default(),
+        global_test: Some(GlobalTest::Passed),
+        sigma_kind: Some(SigmaKind::Prior),
+        model: Model { a_per_m, ..Model::default() },
         tip: Some(Tip { marker: "M03".to_owned(), lift_m: tip_lift_m, sigma_lift_m: Some(0.006) }),
         markers,
         torsion: vec![TorsionRecord {
@@ -30,7 +32,7 @@ pub fn record(image: &str, tip_lift_m: f64) -> ImageRecord {
             sigma_twist_deg: Some(0.2),
         }],
         curve: (0..=12).map(|i| curve_point(f64::from(i) * 3.0, tip_lift_m)).collect(),
-        provenance: json!({"version": "0.1.0"}).as_object().cloned().unwrap_or_default(),
+        provenance: Provenance { program: Some("wingd 0.1.0".into()), ..Provenance::default() },
         ..ImageRecord::default()
     }
 }
@@ -54,7 +56,7 @@ fn marker(number: u32, tip_lift_m: f64) -> MarkerRecord {
     let some = |v: f64| (!hidden).then_some(v);
     MarkerRecord {
         id: format!("M0{number}"),
-        shape: if number < 2 { "quadrant" } else { "circle" }.to_owned(),
+        shape: if number < 2 { Shape::Quadrant } else { Shape::Circle },
         u_px: some(2000.0 + span_m),
         v_px: some(1500.0 - 10.0 * lift_m),
         sigma_u_px: some(0.03),
@@ -81,7 +83,10 @@ fn marker(number: u32, tip_lift_m: f64) -> MarkerRecord {
 
 /// An image without a result.
 pub fn failed(image: &str, reason: &str) -> ImageRecord {
-    ImageRecord { provenance: record(image, 0.0).provenance, ..ImageRecord::failed(image, "spatial", reason) }
+    ImageRecord {
+        provenance: record(image, 0.0).provenance,
+        ..ImageRecord::failed(image, Method::Spatial, reason)
+    }
 }
 
 /// A series that began `after_s` seconds after the first one, one shot per lift.

@@ -1,11 +1,11 @@
-//! From a store to what a report shows. Damage in one place does not hide the rest: it is noted.
+//! This file reads what a report shows from a store. Damage in one place does not hide the rest: it is noted.
 
 use std::path::Path;
 
-use super::{Picture, ReportData, SeriesData, ShotData, Site, aircraft, summary};
+use super::{MarkerCount, Picture, ReportData, SeriesData, ShotData, Site, aircraft, summary};
 use crate::aircraft::{State as AircraftState, Track};
 use crate::measure::setup::Setup;
-use crate::record::{ImageRecord, Status};
+use crate::record::{ImageRecord, Model, Quality};
 use crate::store::manifest::{Refusal, ResultLine, SeriesManifest, Shot, State};
 use crate::store::sets::{self, ResultSet};
 use crate::store::{self, Disk, FlightRef, RealDisk, SeriesRef, StoreError, catalogue, jsonl, layout};
@@ -117,15 +117,15 @@ fn pick(
 fn lean(mut series: SeriesData, whole: &mut Option<(String, ImageRecord)>) -> SeriesData {
     series.curve = summary::curve_of(&series.records);
     for record in &mut series.records {
-        if whole.is_none() && record.status == Status::Ok {
+        if whole.is_none() && record.is_solved() {
             *whole = Some((series.name.clone(), record.clone()));
         }
-        series.used.push((record.markers.iter().filter(|m| m.used).count(), record.markers.len()));
+        series.counts.push(MarkerCount::of(record));
         record.markers.retain(|m| !m.used);
         record.markers.shrink_to_fit();
         record.curve = Vec::new();
-        record.model = serde_json::Map::new();
-        record.quality = serde_json::Map::new();
+        record.model = Model::default();
+        record.quality = Quality::default();
     }
     series
 }
@@ -162,7 +162,7 @@ pub fn read_series(
         interrupted: manifest.state == State::Interrupted,
         planned: manifest.planned_shots as usize,
         curve: Vec::new(),
-        used: Vec::new(),
+        counts: Vec::new(),
         inputs: set.map(|set| set.key.clone()),
         records,
         remarks: manifest.remarks,
@@ -217,10 +217,7 @@ fn refusals(disk: &dyn Disk, root: &Path) -> Vec<String> {
 /// The first solved frame, or the first frame at all.
 fn picture(disk: &dyn Disk, root: &Path, series: &[SeriesData], notes: &mut Vec<String>) -> Option<Picture> {
     let frames = || series.iter().flat_map(|s| s.shots.iter().map(move |shot| (s, shot)));
-    let solved = |(s, shot): &(&SeriesData, &ShotData)| {
-        let of_shot = |r: &&ImageRecord| Some(&r.image) == shot.image.as_ref();
-        s.records.iter().find(of_shot).is_some_and(|r| r.status == Status::Ok)
-    };
+    let solved = |(s, shot): &(&SeriesData, &ShotData)| s.record_of(shot).is_some_and(ImageRecord::is_solved);
     let (s, shot) = frames().find(solved).or_else(|| frames().find(|(_, shot)| shot.image.is_some()))?;
     let image = shot.image.clone().filter(|name| layout::is_frame_name(name))?;
     let path = layout::finished(root, &s.flight, &s.name).join(&image);

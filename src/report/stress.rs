@@ -1,4 +1,4 @@
-//! Moments of a flight at the stations of the structure, and what they say of wear (docs/stress.md).
+//! The moments of a flight at the stations of the structure say what it meant for wear (docs/stress.md).
 
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
@@ -6,9 +6,10 @@ use serde::Serialize;
 use super::number::general;
 use crate::clock::Stamp;
 use crate::measure::stress::{
-    self, Curvature, Goodman, GroundAirGround, Moment, OverAFlight, SAMPLES_PER_PERIOD, Sampling, Section,
+    self, Curvature, Damage, Goodman, GroundAirGround, Moment, OverAFlight, SAMPLES_PER_PERIOD, Sampling,
+    Section,
 };
-use crate::record::{ImageRecord, Measured, Status};
+use crate::record::ImageRecord;
 
 /// A solved frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,7 +18,7 @@ pub struct Frame {
     pub series: String,
     /// File in the series' folder.
     pub image: String,
-    /// When it was exposed; where that is not told, when the camera was asked.
+    /// When it was exposed; where that is not recorded, when the camera was asked.
     pub stamp: Stamp,
     /// Its bending line.
     pub curvature: Curvature,
@@ -47,7 +48,7 @@ pub struct FlightLoad {
     pub rate_hz: Option<f64>,
     /// What cycles need: ten frames a period of the lowest bending.
     pub needed_hz: f64,
-    /// Why no cycles are told; `null` where they are.
+    /// Why no cycles are counted; `null` where they are.
     pub no_cycles_because: Option<String>,
     /// From root to tip.
     pub stations: Vec<StationLoad>,
@@ -65,17 +66,17 @@ pub struct StationLoad {
     /// The smallest.
     pub smallest: ExtremeLoad,
     /// From the ground to the extreme and back.
-    pub ground_air_ground: GagLoad,
+    pub ground_air_ground: GroundAirGround,
     /// Levels from low to high.
     pub exceedances: Vec<ExceedanceLoad>,
-    /// Rainflow cycles, largest first; `null` where the sampling tells none.
+    /// Rainflow cycles, largest first; `null` where the sampling shows none.
     pub cycles: Option<Vec<CycleLoad>>,
     /// Smallest range counted, N m.
     pub smallest_range_n_m: Option<f64>,
     /// Cycles below it.
     pub cycles_left_out: Option<f64>,
     /// One for each slope; `null` as above.
-    pub damage: Option<Vec<DamageLoad>>,
+    pub damage: Option<Vec<Damage>>,
 }
 
 /// An extreme moment and its frame.
@@ -95,17 +96,6 @@ pub struct ExtremeLoad {
     pub utc: jiff::Timestamp,
 }
 
-/// The ground-air-ground cycle.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct GagLoad {
-    /// N m.
-    pub range_n_m: f64,
-    /// N m.
-    pub sigma_range_n_m: f64,
-    /// N m.
-    pub mean_n_m: f64,
-}
-
 /// How often a level was exceeded.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ExceedanceLoad {
@@ -113,7 +103,7 @@ pub struct ExceedanceLoad {
     pub level_n_m: f64,
     /// Frames above.
     pub frames_above: usize,
-    /// Upward crossings; `null` where the sampling tells none.
+    /// Upward crossings; `null` where the sampling shows none.
     pub upward_crossings: Option<usize>,
 }
 
@@ -130,52 +120,49 @@ pub struct CycleLoad {
     pub count: f64,
 }
 
-/// Damage for a slope.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct DamageLoad {
-    /// Of the S-N curve.
-    pub slope: f64,
-    /// Over that of one ground-air-ground cycle; `null` where a cycle reaches failure.
-    pub relative: Option<f64>,
-    /// Its standard deviation.
-    pub sigma_relative: Option<f64>,
-    /// Range of one cycle that does the same, N m.
-    pub equivalent_range_n_m: Option<f64>,
-    /// N m.
-    pub sigma_equivalent_range_n_m: Option<f64>,
-}
-
-/// The coefficients of a record's bending line with their covariance; a sentence where there are none.
-pub fn coefficients(record: &ImageRecord) -> Result<(DVector<f64>, DMatrix<f64>), String> {
-    if record.status != Status::Ok {
-        return Err("it was not solved".to_owned());
+/// The coefficients of a record's bending line, 1/m, with their covariance, 1/m^2.
+///
+/// # Errors
+/// Where there are none.
+pub fn coefficients(record: &ImageRecord) -> Result<(DVector<f64>, DMatrix<f64>), NoCurvature> {
+    if !record.is_solved() {
+        return Err(NoCurvature::Unsolved);
     }
-    let none = || "its result has no curvature: solve it with --method spatial".to_owned();
-    let list = record.model.get("curvature_per_m").cloned().ok_or_else(none)?;
-    let list: Vec<Measured> = serde_json::from_value(list).map_err(|_| none())?;
+    let terms = &record.model.curvature_per_m;
+    if terms.is_empty() || terms.iter().any(|term| term.value.is_nan()) {
+        return Err(NoCurvature::OtherMethod);
+    }
     let place = |k: usize| format!("curvature_per_m[{k}]");
-    let correlation = record.quality.get("correlation");
-    let names = correlation.and_then(|c| c.get("parameters")?.as_array());
-    let rows = correlation.and_then(|c| c.get("matrix")?.as_array());
-    let at: Vec<Option<usize>> = (0..list.len())
-        .map(|k| names?.iter().position(|name| name.as_str() == Some(place(k).as_str())))
-        .collect();
-    let entry = |i: usize, j: usize| rows?.get(at[i]?)?.as_array()?.get(at[j]?)?.as_f64();
-    let sigma = |k: usize| list[k].sigma.unwrap_or(0.0);
-    let mut covariance = DMatrix::zeros(list.len(), list.len());
-    for i in 0..list.len() {
-        for j in 0..list.len() {
+    let sigma = |k: usize| terms[k].sigma.unwrap_or(0.0);
+    let entry = |i: usize, j: usize| record.quality.correlation.as_ref()?.of(&place(i), &place(j));
+    let mut covariance = DMatrix::zeros(terms.len(), terms.len());
+    for i in 0..terms.len() {
+        for j in 0..terms.len() {
             // A coefficient that was held varies with none.
             let held = sigma(i) == 0.0 || sigma(j) == 0.0;
             let correlated = if i == j { Some(1.0) } else { entry(i, j) };
             covariance[(i, j)] = match (held, correlated) {
                 (true, _) => 0.0,
                 (false, Some(r)) => r * sigma(i) * sigma(j),
-                (false, None) => return Err("its result has no correlations: solve it again".to_owned()),
+                (false, None) => return Err(NoCurvature::NoCorrelations),
             };
         }
     }
-    Ok((DVector::from_iterator(list.len(), list.iter().map(|m| m.value)), covariance))
+    Ok((DVector::from_iterator(terms.len(), terms.iter().map(|m| m.value)), covariance))
+}
+
+/// Why a result has no bending line to take moments from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoCurvature {
+    /// It has no numbers.
+    #[error("it was not solved")]
+    Unsolved,
+    /// The published parabola is no beam.
+    #[error("its result has no curvature: solve it with --method spatial")]
+    OtherMethod,
+    /// A program that did not write them.
+    #[error("its result has no correlations: solve it again")]
+    NoCorrelations,
 }
 
 /// Seconds from the first frame: time since boot within a boot, UTC from boot to boot.
@@ -238,11 +225,7 @@ fn station(
         ei_n_m2: section.ei_n_m2,
         greatest: extreme(frames, &moments, 1.0)?,
         smallest: extreme(frames, &moments, -1.0)?,
-        ground_air_ground: GagLoad {
-            range_n_m: whole.range_n_m,
-            sigma_range_n_m: whole.sigma_n_m,
-            mean_n_m: whole.mean_n_m,
-        },
+        ground_air_ground: whole,
         exceedances: exceedances(&moments, question.levels, sampling),
         cycles: counted.as_ref().map(cycles),
         smallest_range_n_m: counted.as_ref().map(|flight| flight.gate_n_m),
@@ -294,20 +277,9 @@ fn damage(
     whole: &GroundAirGround,
     section: &Section,
     question: &Question,
-) -> Vec<DamageLoad> {
+) -> Vec<Damage> {
     let line = section.ultimate_n_m.filter(|_| question.goodman);
     let goodman = line.map(|ultimate_n_m| Goodman { ground_n_m: section.ground_n_m, ultimate_n_m });
     let share = section.sigma_ei_n_m2 / section.ei_n_m2;
-    let one = |slope: &f64| {
-        let d = stress::damage(flight, whole, *slope, goodman, share);
-        let finite = |value: f64| Some(value).filter(|v| v.is_finite());
-        DamageLoad {
-            slope: *slope,
-            relative: finite(d.relative),
-            sigma_relative: finite(d.sigma_relative),
-            equivalent_range_n_m: finite(d.equivalent_range_n_m),
-            sigma_equivalent_range_n_m: finite(d.sigma_equivalent_range_n_m),
-        }
-    };
-    question.slopes.iter().map(one).collect()
+    question.slopes.iter().map(|slope| stress::damage(flight, whole, *slope, goodman, share)).collect()
 }

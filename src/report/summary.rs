@@ -1,8 +1,8 @@
-//! A series in one line: means over its shots.
+//! A series is summed up in one line: means over its shots.
 
-use super::SeriesData;
+use super::{SeriesData, distinct};
 use crate::clock::Stamp;
-use crate::record::{CurveRecord, ImageRecord, Status};
+use crate::record::{CurveRecord, GlobalTest, ImageRecord};
 
 /// A mean over the shots of a series.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,7 +86,7 @@ impl SeriesSummary {
             solved.iter().filter_map(|r| r.tip.as_ref()).map(|t| (t.lift_m, t.sigma_lift_m)).collect();
         let factors: Vec<f64> =
             solved.iter().filter_map(|r| r.variance_factor).filter(|f| f.is_finite()).collect();
-        let tests: Vec<&str> = solved.iter().filter_map(|r| r.global_test.as_deref()).collect();
+        let tests: Vec<GlobalTest> = solved.iter().filter_map(|r| r.global_test).collect();
         Self {
             name: series.name.clone(),
             begun: series.begun.clone(),
@@ -96,7 +96,7 @@ impl SeriesSummary {
             tip_lift_m: Mean::of(&tips),
             torsion: torsion(&solved),
             variance_factor: factors.iter().copied().fold(None, extremes),
-            tests_passed: tests.iter().filter(|t| **t == "passed").count(),
+            tests_passed: tests.iter().filter(|t| **t == GlobalTest::Passed).count(),
             tests_made: tests.len(),
             curve: if series.curve.is_empty() { mean_curve(&solved) } else { series.curve.clone() },
         }
@@ -143,12 +143,12 @@ pub fn hours_between(from: &Stamp, to: &Stamp) -> f64 {
 
 /// The mean curve of the records with numbers.
 pub fn curve_of(records: &[ImageRecord]) -> Vec<CurveRecord> {
-    mean_curve(&records.iter().filter(|r| r.status == Status::Ok).collect::<Vec<_>>())
+    mean_curve(&records.iter().filter(|r| r.is_solved()).collect::<Vec<_>>())
 }
 
 /// The records with numbers.
 pub fn solved(series: &SeriesData) -> Vec<&ImageRecord> {
-    series.records.iter().filter(|r| r.status == Status::Ok).collect()
+    series.records.iter().filter(|r| r.is_solved()).collect()
 }
 
 fn extremes(range: Option<(f64, f64)>, value: f64) -> Option<(f64, f64)> {
@@ -157,12 +157,7 @@ fn extremes(range: Option<(f64, f64)>, value: f64) -> Option<(f64, f64)> {
 }
 
 fn torsion(solved: &[&ImageRecord]) -> Vec<TorsionMean> {
-    let mut names: Vec<&str> = Vec::new();
-    for pair in solved.iter().flat_map(|r| &r.torsion) {
-        if !names.contains(&pair.name.as_str()) {
-            names.push(&pair.name);
-        }
-    }
+    let names = distinct(solved.iter().flat_map(|r| &r.torsion).map(|pair| pair.name.as_str()));
     names.iter().map(|name| torsion_of(solved, name)).collect()
 }
 

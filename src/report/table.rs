@@ -1,10 +1,11 @@
-//! Tables for a terminal.
+//! The tables that a terminal and the report share are laid out here.
 
+use super::MarkerCount;
 use super::grid::Grid;
-use super::number::{NONE, fixed, rounded};
+use super::number::{NONE, decimals_for, fixed, rounded};
 use super::summary::{Mean, SeriesSummary};
-use crate::measure::detect::Detections;
-use crate::record::{ImageRecord, MarkerRecord, Status, TorsionRecord};
+use crate::measure::detect::{Detection, Detections};
+use crate::record::{ImageRecord, MarkerRecord, TorsionRecord, word};
 
 /// One line per image; below it the markers where there is one image only, otherwise the markers
 /// that were turned down, then failures and remarks.
@@ -30,25 +31,23 @@ pub fn results(records: &[ImageRecord]) -> String {
 
 /// The markers of one frame as detected; `ids` in their order, or empty where none are known.
 pub fn detections(image: &str, found: &Detections, ids: &[Option<String>]) -> String {
-    let mut grid = Grid::new(&[
-        "<id",
-        "<shape",
-        "u / px",
-        "sigma u / px",
-        "v / px",
-        "sigma v / px",
-        "semi-axes / px",
-        "angle / deg",
+    let sigma = |m: &Detection, k: usize| m.covariance_px2.get((k, k)).map(|v| v.sqrt());
+    let u = |m: &Detection| rounded(Some(m.centre_px.x), sigma(m, 0), 2);
+    let v = |m: &Detection| rounded(Some(m.centre_px.y), sigma(m, 1), 2);
+    let none = || NONE.to_owned();
+    let named: Vec<(String, &Detection)> = (found.markers.iter().enumerate())
+        .map(|(i, m)| (ids.get(i).cloned().flatten().unwrap_or_else(none), m))
+        .collect();
+    let grid = Grid::each(&named).columns(&[
+        ("<id", &|(id, _)| id.clone()),
+        ("<shape", &|(_, m)| m.shape.name().to_owned()),
+        ("u / px", &|(_, m)| u(m).0),
+        ("sigma u / px", &|(_, m)| u(m).1),
+        ("v / px", &|(_, m)| v(m).0),
+        ("sigma v / px", &|(_, m)| v(m).1),
+        ("semi-axes / px", &|(_, m)| format!("{:.1} x {:.1}", m.semi_major_px, m.semi_minor_px)),
+        ("angle / deg", &|(_, m)| fixed(Some(m.angle_rad.to_degrees()), 1)),
     ]);
-    for (i, m) in found.markers.iter().enumerate() {
-        let sigma = |k: usize| m.covariance_px2.get((k, k)).map(|v| v.sqrt());
-        let (u, su) = rounded(Some(m.centre_px.x), sigma(0), 2);
-        let (v, sv) = rounded(Some(m.centre_px.y), sigma(1), 2);
-        let id = ids.get(i).cloned().flatten().unwrap_or_else(|| NONE.to_owned());
-        let axes = format!("{:.1} x {:.1}", m.semi_major_px, m.semi_minor_px);
-        let angle = fixed(Some(m.angle_rad.to_degrees()), 1);
-        grid.push(vec![id, m.shape.name().to_owned(), u, su, v, sv, axes, angle]);
-    }
     let psf = found.psf_sigma_px.map(|s| format!(", blur {s:.2} px")).unwrap_or_default();
     format!(
         "{image}: {} markers, {} candidates turned down{psf}, noise {:.1} grey levels\n{}",
@@ -66,164 +65,91 @@ pub fn series(summaries: &[SeriesSummary]) -> String {
 
 /// One row per series; the terminal's and the report's.
 pub fn series_grid(summaries: &[SeriesSummary]) -> Grid {
-    let mut grid = Grid::new(&[
-        "<series",
-        "<begun (UTC)",
-        "frames",
-        "solved",
-        "tip lift / m",
-        "sigma / m",
-        "scatter / m",
-        "torsion / deg",
-        "sigma / deg",
-        "twist / deg",
-        "sigma / deg",
-        "variance factor",
-        "test passed",
-    ]);
-    for s in summaries {
-        let (lift, sigma) = mean(s.tip_lift_m.as_ref(), 3);
-        let scatter = scatter(s.tip_lift_m.as_ref());
-        let pair = s.torsion.first();
-        let (angle, sigma_angle) = mean(pair.and_then(|p| p.angle_deg.as_ref()), 2);
-        let (twist, sigma_twist) = mean(pair.and_then(|p| p.twist_deg.as_ref()), 2);
-        grid.push(vec![
-            s.name.clone(),
-            s.begun_text(),
-            s.shots.to_string(),
-            s.solved.to_string(),
-            lift,
-            sigma,
-            scatter,
-            angle,
-            sigma_angle,
-            twist,
-            sigma_twist,
-            s.variance_text(),
-            format!("{}/{}", s.tests_passed, s.tests_made),
-        ]);
-    }
-    grid
+    let angle = |s: &SeriesSummary| mean(s.torsion.first().and_then(|p| p.angle_deg), 2);
+    let twist = |s: &SeriesSummary| mean(s.torsion.first().and_then(|p| p.twist_deg), 2);
+    Grid::each(summaries).columns(&[
+        ("<series", &|s| s.name.clone()),
+        ("<begun (UTC)", &|s| s.begun_text()),
+        ("frames", &|s| s.shots.to_string()),
+        ("solved", &|s| s.solved.to_string()),
+        ("tip lift / m", &|s| mean(s.tip_lift_m, 3).0),
+        ("sigma / m", &|s| mean(s.tip_lift_m, 3).1),
+        ("scatter / m", &|s| scatter(s.tip_lift_m)),
+        ("torsion / deg", &|s| angle(s).0),
+        ("sigma / deg", &|s| angle(s).1),
+        ("twist / deg", &|s| twist(s).0),
+        ("sigma / deg", &|s| twist(s).1),
+        ("variance factor", &|s| s.variance_text()),
+        ("test passed", &|s| format!("{}/{}", s.tests_passed, s.tests_made)),
+    ])
 }
 
-fn mean(value: Option<&Mean>, fallback: usize) -> (String, String) {
+fn mean(value: Option<Mean>, fallback: usize) -> (String, String) {
     rounded(value.map(|m| m.value), value.and_then(|m| m.sigma), fallback)
 }
 
-fn scatter(value: Option<&Mean>) -> String {
-    match value.and_then(|m| m.scatter) {
-        Some(s) => fixed(Some(s), super::number::decimals_for(s)),
-        None => NONE.to_owned(),
-    }
+fn scatter(value: Option<Mean>) -> String {
+    value.and_then(|m| m.scatter).map_or(NONE.to_owned(), |s| fixed(Some(s), decimals_for(s)))
 }
 
 /// One row per image; the terminal's and the report's.
 pub fn images(records: &[ImageRecord]) -> Grid {
-    let mut grid = Grid::new(&[
-        "<image",
-        "<status",
-        "<method",
-        "<tip",
-        "lift / m",
-        "sigma / m",
-        "torsion / deg",
-        "sigma / deg",
-        "twist / deg",
-        "sigma / deg",
-        "used",
-        "variance factor",
-        "<global test",
-    ]);
-    for r in records {
-        grid.push(image_row(r, (r.markers.iter().filter(|m| m.used).count(), r.markers.len())));
-    }
-    grid
+    image_rows(&records.iter().map(|r| (r, MarkerCount::of(r))).collect::<Vec<_>>())
 }
 
-/// The same of records whose markers were left out, with the counts of used and surveyed ones.
-pub fn images_counted(records: &[ImageRecord], used: &[(usize, usize)]) -> Grid {
-    let mut grid = images(&[]);
-    grid.rows = records.iter().zip(used).map(|(r, used)| image_row(r, *used)).collect();
-    grid
+/// The same of records whose markers were left out.
+pub fn images_counted(records: &[ImageRecord], counts: &[MarkerCount]) -> Grid {
+    image_rows(&records.iter().zip(counts.iter().copied()).collect::<Vec<_>>())
 }
 
-fn image_row(r: &ImageRecord, (used, of): (usize, usize)) -> Vec<String> {
-    let tip = r.tip.as_ref();
-    let pair = r.torsion.first();
-    let (lift, sigma) = rounded(tip.map(|t| t.lift_m), tip.and_then(|t| t.sigma_lift_m), 3);
-    let (angle, sigma_angle) = angle(pair);
-    let (twist, sigma_twist) = twist(pair);
-    let status = if r.status == Status::Ok { "ok" } else { "failed" };
-    vec![
-        r.image.clone(),
-        status.to_owned(),
-        if r.flight { "flight".to_owned() } else { r.method.clone() },
-        tip.map_or(NONE.to_owned(), |t| t.marker.clone()),
-        lift,
-        sigma,
-        angle,
-        sigma_angle,
-        twist,
-        sigma_twist,
-        format!("{used}/{of}"),
-        fixed(r.variance_factor, 2),
-        r.global_test.clone().unwrap_or_else(|| NONE.to_owned()),
-    ]
-}
-
-fn angle(pair: Option<&TorsionRecord>) -> (String, String) {
-    rounded(pair.and_then(|p| p.angle_deg), pair.and_then(|p| p.sigma_deg), 2)
-}
-
-fn twist(pair: Option<&TorsionRecord>) -> (String, String) {
-    rounded(pair.and_then(|p| p.twist_deg), pair.and_then(|p| p.sigma_twist_deg), 2)
+fn image_rows(rows: &[(&ImageRecord, MarkerCount)]) -> Grid {
+    let tip = |r: &ImageRecord| r.tip.as_ref().map_or(NONE.to_owned(), |t| t.marker.clone());
+    let lift = |r: &ImageRecord| {
+        rounded(r.tip.as_ref().map(|t| t.lift_m), r.tip.as_ref().and_then(|t| t.sigma_lift_m), 3)
+    };
+    let pair = |r: &ImageRecord, of: fn(&TorsionRecord) -> (Option<f64>, Option<f64>)| {
+        let (value, sigma) = r.torsion.first().map(of).unwrap_or_default();
+        rounded(value, sigma, 2)
+    };
+    let angle = |r: &ImageRecord| pair(r, |p| (p.angle_deg, p.sigma_deg));
+    let twist = |r: &ImageRecord| pair(r, |p| (p.twist_deg, p.sigma_twist_deg));
+    Grid::each(rows).columns(&[
+        ("<image", &|(r, _)| r.image.clone()),
+        ("<status", &|(r, _)| word(r.status)),
+        ("<method", &|(r, _)| if r.flight { "flight".to_owned() } else { word(r.method) }),
+        ("<tip", &|(r, _)| tip(r)),
+        ("lift / m", &|(r, _)| lift(r).0),
+        ("sigma / m", &|(r, _)| lift(r).1),
+        ("torsion / deg", &|(r, _)| angle(r).0),
+        ("sigma / deg", &|(r, _)| angle(r).1),
+        ("twist / deg", &|(r, _)| twist(r).0),
+        ("sigma / deg", &|(r, _)| twist(r).1),
+        ("used", &|(_, count)| format!("{}/{}", count.used, count.surveyed)),
+        ("variance factor", &|(r, _)| fixed(r.variance_factor, 2)),
+        ("<global test", &|(r, _)| r.global_test.map_or(NONE.to_owned(), word)),
+    ])
 }
 
 /// Every marker of one image; the terminal's and the report's.
 pub fn markers(record: &ImageRecord) -> Grid {
-    let mut grid = Grid::new(&[
-        "<marker",
-        "<shape",
-        "u / px",
-        "v / px",
-        "sigma u / px",
-        "sigma v / px",
-        "residual u / px",
-        "residual v / px",
-        "distance / m",
-        "sigma / m",
-        "lift / m",
-        "sigma / m",
-        "w",
-        "<remark",
-    ]);
-    for m in &record.markers {
-        grid.push(marker_row(m));
-    }
-    grid
-}
-
-fn marker_row(m: &MarkerRecord) -> Vec<String> {
-    let (u, sigma_u) = rounded(m.u_px, m.sigma_u_px, 2);
-    let (v, sigma_v) = rounded(m.v_px, m.sigma_v_px, 2);
-    let (distance, sigma_distance) = rounded(m.distance_m, m.sigma_distance_m, 3);
-    let (lift, sigma_lift) = rounded(m.lift_m, m.sigma_lift_m, 3);
-    vec![
-        m.id.clone(),
-        m.shape.clone(),
-        u,
-        v,
-        sigma_u,
-        sigma_v,
-        fixed(m.residual_u_px, 3),
-        fixed(m.residual_v_px, 3),
-        distance,
-        sigma_distance,
-        lift,
-        sigma_lift,
-        fixed(m.w_test, 1),
-        remark(m),
-    ]
+    let distance = |m: &MarkerRecord| rounded(m.distance_m, m.sigma_distance_m, 3);
+    let lift = |m: &MarkerRecord| rounded(m.lift_m, m.sigma_lift_m, 3);
+    Grid::each(&record.markers).columns(&[
+        ("<marker", &|m| m.id.clone()),
+        ("<shape", &|m| m.shape.name().to_owned()),
+        ("u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).0),
+        ("v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).0),
+        ("sigma u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).1),
+        ("sigma v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).1),
+        ("residual u / px", &|m| fixed(m.residual_u_px, 3)),
+        ("residual v / px", &|m| fixed(m.residual_v_px, 3)),
+        ("distance / m", &|m| distance(m).0),
+        ("sigma / m", &|m| distance(m).1),
+        ("lift / m", &|m| lift(m).0),
+        ("sigma / m", &|m| lift(m).1),
+        ("w", &|m| fixed(m.w_test, 1)),
+        ("<remark", &remark),
+    ])
 }
 
 fn remark(m: &MarkerRecord) -> String {
@@ -241,9 +167,8 @@ pub fn unused(records: &[ImageRecord]) -> Grid {
 
 /// The same of several series, each record with what goes before its name.
 pub fn unused_of<'a>(records: impl Iterator<Item = (String, &'a ImageRecord)>) -> Grid {
-    let mut grid = Grid::new(&["<marker", "<reason", "frames", "<first in"]);
     let mut seen: Vec<(String, String, usize, String)> = Vec::new();
-    for (prefix, r) in records.filter(|(_, r)| r.status == Status::Ok) {
+    for (prefix, r) in records.filter(|(_, r)| r.is_solved()) {
         for m in r.markers.iter().filter(|m| !m.used) {
             let reason = remark(m);
             match seen.iter_mut().find(|s| s.0 == m.id && s.1 == reason) {
@@ -253,10 +178,12 @@ pub fn unused_of<'a>(records: impl Iterator<Item = (String, &'a ImageRecord)>) -
         }
     }
     seen.sort_by(|a, b| a.0.cmp(&b.0));
-    for (id, reason, count, image) in seen {
-        grid.push(vec![id, reason, count.to_string(), image]);
-    }
-    grid
+    Grid::each(&seen).columns(&[
+        ("<marker", &|s| s.0.clone()),
+        ("<reason", &|s| s.1.clone()),
+        ("frames", &|s| s.2.to_string()),
+        ("<first in", &|s| s.3.clone()),
+    ])
 }
 
 fn notes(records: &[ImageRecord]) -> String {

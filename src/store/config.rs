@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::flight;
+use crate::installation::KeyFault;
 
 /// `[store]` of the configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -24,10 +24,23 @@ pub struct StoreConfig {
     pub new_flight_after: Duration,
     /// What another boot means for the flight.
     #[serde(default)]
-    pub new_flight_at_boot: flight::AtBoot,
+    pub new_flight_at_boot: AtBoot,
     /// Signs the flights with the key in this file, which is made where there is none.
     #[serde(default)]
     pub signing_key: Option<PathBuf>,
+}
+
+/// What another boot means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AtBoot {
+    /// The clock decides (`docs/store.md`).
+    #[default]
+    ByClock,
+    /// Every boot is a new flight: for a machine without a battery clock that is switched on for each flight.
+    Always,
+    /// Only pauses within one boot and commands begin a flight.
+    Never,
 }
 
 fn default_reserve_mb() -> u64 {
@@ -45,19 +58,21 @@ impl StoreConfig {
             path: path.into(),
             reserve_mb: default_reserve_mb(),
             new_flight_after: default_new_flight_after(),
-            new_flight_at_boot: flight::AtBoot::default(),
+            new_flight_at_boot: AtBoot::default(),
             signing_key: None,
         }
     }
 
-    /// Every fault, as `key: what and how to mend it`.
-    pub fn faults(&self) -> Vec<String> {
+    /// Every fault, at its key of the whole file.
+    pub fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
         if self.path.as_os_str().is_empty() {
-            faults.push("store.path: is empty; name a directory, for example /var/lib/wingd".to_owned());
+            let mend = "name a directory, for example /var/lib/wingd";
+            faults.push(KeyFault::new("store.path", "is empty", mend));
         }
         if self.new_flight_after.is_zero() {
-            faults.push("store.new_flight_after: must be longer than 0, for example \"3h\"".to_owned());
+            let mend = "for example \"3h\"";
+            faults.push(KeyFault::new("store.new_flight_after", "must be longer than 0", mend));
         }
         faults
     }

@@ -1,335 +1,54 @@
-//! Safe keeping: layout, commit, recovery, verification, space. docs/store.md states the invariants.
+//! Safe keeping of frames and results: what a call has acknowledged survives crashes, power cuts and full disks.
 //!
-//! One directory is the only truth; what is kept in memory can be rebuilt by scanning. The store
-//! knows frames and results as bytes and JSON, not what they mean.
+//! A store is one directory of plain files, and the only truth; what is kept in memory can be rebuilt by scanning it.
+//! Frames and results are bytes and JSON here, whatever they mean. `docs/store.md` states the layout and the invariants,
+//! `docs/store/durability.md` the order of every write, and [`verify`] checks all of it.
+//!
+//! ```
+//! use std::sync::Arc;
+//! use wingd::clock::Stamp;
+//! use wingd::store::manifest::{Cause, Shot, State};
+//! use wingd::store::{NewFrame, Plan, RealDisk, Store, StoreConfig, verify};
+//!
+//! let folder = tempfile::tempdir()?;
+//! let config = StoreConfig { reserve_mb: 0, ..StoreConfig::at(folder.path()) };
+//! let (store, _recovery) = Store::open(Arc::new(RealDisk), config)?;
+//!
+//! // A series is under way until it is closed; each frame is durable when `add_shot` returns.
+//! let utc = "2026-03-01T08:00:00Z".parse()?;
+//! let now = Stamp { utc, utc_synchronised: true, boot_id: "boot".into(), since_boot_s: 60.0 };
+//! let (mut series, _) = store.begin_series(Plan { cause: Cause::Scheduled, shots: 1 }, &now)?;
+//! let shot = Shot { shot: 1, stamp: now.clone(), duration_s: None, exposure: None, frame: None, failures: vec![] };
+//! let (format, settings) = (serde_json::json!("jpeg"), serde_json::Map::new());
+//! series.add_shot(shot, Some(NewFrame { bytes: b"as delivered", extension: "jpg", format, settings }))?;
+//! store.close_series(series, State::Complete, &now, vec![])?;
+//!
+//! assert!(folder.path().join("flights/f0001/s000001/0001.jpg").exists());
+//! assert!(verify::verify(store.disk(), store.root()).is_sound());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! Folders, lowest first; each uses only those before it: [`disk`] calls the file system, `format` reads and writes
+//! bytes, `read` finds what is there without a lock, `write` makes what is new durable, `care` checks, copies and deletes.
 
-pub mod aircraft;
-mod audit;
-pub mod bundle;
-pub mod catalogue;
-pub mod chain;
-pub mod columns;
+mod care;
 mod config;
 pub mod disk;
-mod error;
-pub mod fake;
-pub mod flight;
-mod frames;
-pub mod heads;
-pub mod installations;
-pub mod jsonl;
-pub mod layout;
-pub mod live;
-pub mod manifest;
-mod opening;
-pub mod prune;
-pub mod receive;
-mod recover;
-mod results;
-mod segment;
-mod series;
-pub mod sets;
-pub mod signing;
-mod sums;
-mod upgrade;
-pub mod verify;
+mod format;
+mod read;
+mod write;
 
-use std::collections::{BTreeSet, HashSet};
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
-
-pub use catalogue::{FlightRef, SeriesRef};
-pub use columns::{Column, Kind, LiveTable, Row};
-pub use config::StoreConfig;
-pub use disk::{Disk, RealDisk};
-pub use error::StoreError;
-pub use frames::{FrameRef, frames, read_frame};
-pub use opening::{is_vacant, unwritable};
-pub use recover::Recovery;
-pub use results::{Inputs, sha256};
-pub use series::{NewFrame, OpenSeries};
-pub use upgrade::upgrade;
-
-use crate::clock::Stamp;
-use manifest::{Cause, FlightManifest, JournalHead, Refusal, SeriesManifest, State};
-
-/// What is asked for when a series begins.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Plan {
-    /// Why.
-    pub cause: Cause,
-    /// Shots that are wanted; 0 for a series beside others whose number is open ([`Cause::is_beside`]).
-    pub shots: u32,
-}
-
-/// A store open for writing, by one process at a time.
-pub struct Store {
-    disk: Arc<dyn Disk>,
-    root: PathBuf,
-    config: StoreConfig,
-    index: Mutex<Index>,
-    signer: Option<signing::Signer>,
-    aircraft: segment::Growing,
-    live: segment::Growing,
-    under_way: series::UnderWay,
-    _lock: disk::Lock,
-}
-
-/// In memory only; rebuilt by scanning.
-#[derive(Default)]
-struct Index {
-    next_flight: u64,
-    next_series: u64,
-    /// The newest flight.
-    flight: Option<String>,
-    /// The last moment recorded in it.
-    last: Option<Stamp>,
-    new_flight_wanted: bool,
-    /// Series without any frame to solve, by the inputs asked for.
-    settled: HashSet<(String, String)>,
-    /// Installations that the chains name, by flight and digest.
-    installations: HashSet<(String, String)>,
-    /// Flights whose SHA256SUMS are behind their chains.
-    unsealed: BTreeSet<String>,
-}
-
-impl Index {
-    /// Something was recorded at a moment; the last one stays where it is later in the same boot.
-    fn note(&mut self, now: &Stamp) {
-        let last = self.last.as_ref().filter(|last| last.boot_id == now.boot_id);
-        if last.is_none_or(|last| last.since_boot_s <= now.since_boot_s) {
-            self.last = Some(now.clone());
-        }
-    }
-}
-
-impl Store {
-    /// Opens a store, making it where the directory is empty or missing, and recovers what a crash left.
-    pub fn open(disk: Arc<dyn Disk>, config: StoreConfig) -> Result<(Self, Recovery), StoreError> {
-        let root = config.path.clone();
-        if !disk.exists(&root.join(layout::STORE_FILE)) {
-            opening::create(disk.as_ref(), &root)?;
-        }
-        catalogue::check_format(disk.as_ref(), &root)?;
-        let lock_path = root.join(layout::LOCK_FILE);
-        let lock = disk.lock(&lock_path).map_err(StoreError::io(&lock_path, "lock"))?;
-        let Some(lock) = lock else { return Err(StoreError::Locked { path: lock_path }) };
-        for name in [layout::INCOMING, layout::FLIGHTS, layout::PARTIAL] {
-            opening::ensure_dir(disk.as_ref(), &root, name)?;
-        }
-        let mut recovery = recover::recover(disk.as_ref(), &root, &series::UnderWay::default())?;
-        segment::settle(disk.as_ref(), &root, &mut recovery);
-        let index = opening::scan(disk.as_ref(), &root, &mut recovery)?;
-        // Recording matters more than its signature.
-        let signer = config.signing_key.as_deref().map(signing::Signer::load_or_make).transpose();
-        recovery.remarks.extend(signer.as_ref().err().map(|error| format!("nothing is signed: {error}")));
-        let signer = signer.ok().flatten();
-        let store = Self {
-            disk,
-            root,
-            config,
-            index: Mutex::new(index),
-            signer,
-            aircraft: segment::Growing::new(&aircraft::KIND),
-            live: segment::Growing::new(&live::KIND),
-            under_way: series::UnderWay::default(),
-            _lock: lock,
-        };
-        if catalogue::store_id(store.disk(), &store.root).is_some() {
-            for flight in catalogue::flights(store.disk(), &store.root)? {
-                let sealed = store.seal_flight(&flight.folder);
-                recovery.remarks.extend(sealed.err().map(|error| error.to_string()));
-            }
-        }
-        Ok((store, recovery))
-    }
-
-    /// The directory.
-    pub fn root(&self) -> &Path {
-        &self.root
-    }
-
-    /// What signs its flights.
-    pub fn signer(&self) -> Option<&signing::Signer> {
-        self.signer.as_ref()
-    }
-
-    /// The file system it is on.
-    pub fn disk(&self) -> &dyn Disk {
-        self.disk.as_ref()
-    }
-
-    /// Space left, MB.
-    pub fn free_mb(&self) -> Result<u64, StoreError> {
-        let free = self.disk.free_bytes(&self.root).map_err(StoreError::io(&self.root, "measure"))?;
-        Ok(free / 1_000_000)
-    }
-
-    /// Space kept free, MB.
-    pub fn reserve_mb(&self) -> u64 {
-        self.config.reserve_mb
-    }
-
-    /// The newest flight's name.
-    pub fn current_flight(&self) -> Option<String> {
-        self.index().flight.clone()
-    }
-
-    /// The last moment recorded in the newest flight.
-    pub fn last_moment(&self) -> Option<Stamp> {
-        self.index().last.clone()
-    }
-
-    /// Makes the next series begin a new flight.
-    pub fn want_new_flight(&self) {
-        self.index().new_flight_wanted = true;
-    }
-
-    /// When the scheduled series of the newest flight began in this boot, since boot, in order.
-    pub fn series_of_boot(&self, boot_id: &str) -> Vec<Duration> {
-        let scheduled = self.newest_manifests().into_iter().filter(|m| m.cause == Cause::Scheduled);
-        let began = scheduled.filter_map(|m| m.started).filter(|stamp| stamp.boot_id == boot_id);
-        began.filter_map(|stamp| Duration::try_from_secs_f64(stamp.since_boot_s).ok()).collect()
-    }
-
-    /// The readable manifests of the newest flight, in order.
-    fn newest_manifests(&self) -> Vec<SeriesManifest> {
-        let Some(id) = self.current_flight() else { return Vec::new() };
-        let flight = FlightRef { folder: self.root.join(layout::FLIGHTS).join(&id), id };
-        let series = catalogue::series(self.disk(), &flight).unwrap_or_default();
-        series.iter().filter_map(|series| catalogue::manifest(self.disk(), series).ok()).collect()
-    }
-
-    /// Begins a series; recovers first what an abandoned one left. Others may be under way: each has its own folder, and
-    /// is whole with what it has whatever becomes of this one. A refusal is recorded.
-    pub fn begin_series(&self, plan: Plan, now: &Stamp) -> Result<(OpenSeries, Recovery), StoreError> {
-        let mut index = self.index();
-        let recovery = recover::recover(self.disk.as_ref(), &self.root, &self.under_way)?;
-        let free_mb = self.free_mb()?;
-        if free_mb < self.config.reserve_mb {
-            return Err(self.refuse(free_mb, now));
-        }
-        let flight = self.flight_for(&mut index, now)?;
-        let number = index.next_series;
-        index.next_series += 1;
-        self.save_counter(&index)?;
-        let head = JournalHead { flight, started: now.clone(), cause: plan.cause, planned_shots: plan.shots };
-        index.note(now);
-        let place = self.under_way.enter(layout::series_id(number));
-        let open = OpenSeries::begin(self.disk.clone(), &self.root, place, head)?;
-        Ok((open, recovery))
-    }
-
-    /// Closes a series: its manifest, then one rename to its flight.
-    pub fn close_series(
-        &self,
-        series: OpenSeries,
-        state: State,
-        now: &Stamp,
-        remarks: Vec<String>,
-    ) -> Result<(), StoreError> {
-        let mut index = self.index();
-        index.note(now);
-        index.unsealed.insert(series.flight().to_owned());
-        series.close(state, now, remarks)?;
-        self.seal_all(&mut index);
-        Ok(())
-    }
-
-    /// Brings SHA256SUMS up to what was recorded and solved. Best effort: what fails is done again with
-    /// the next call or at the next opening, and the chain has it all meanwhile.
-    pub fn seal(&self) {
-        self.seal_all(&mut self.index());
-    }
-
-    fn seal_all(&self, index: &mut Index) {
-        if catalogue::store_id(self.disk(), &self.root).is_some() {
-            let flights = self.root.join(layout::FLIGHTS);
-            index.unsealed.retain(|flight| self.seal_flight(&flights.join(flight)).is_err());
-        }
-    }
-
-    /// Signs the chain, where there is a key, and brings the sums up to it.
-    fn seal_flight(&self, flight: &Path) -> Result<(), StoreError> {
-        let signed =
-            self.signer.as_ref().map_or(Ok(()), |signer| signer.sign(self.disk(), &self.root, flight));
-        signed.and(sums::seal(self.disk(), flight))
-    }
-
-    /// Keeps an installation by its digest, so that results that come from it can be computed again.
-    /// A store without evidence keeps none.
-    pub fn keep_installation(&self, files: &[installations::File]) -> Result<(), StoreError> {
-        let _one_writer = self.index();
-        match catalogue::store_id(self.disk(), &self.root) {
-            Some(_) => installations::keep(self.disk(), &self.root, files).map(drop),
-            None => Ok(()),
-        }
-    }
-
-    /// The flight that what is recorded now belongs to.
-    fn flight_at(&self, now: &Stamp) -> Result<String, StoreError> {
-        let mut index = self.index();
-        let flight = self.flight_for(&mut index, now)?;
-        index.note(now);
-        Ok(flight)
-    }
-
-    /// What can wait is not recorded into the space that is kept for frames and their results.
-    fn refuse_below_reserve(&self) -> Result<(), StoreError> {
-        let (free_mb, reserve_mb) = (self.free_mb()?, self.config.reserve_mb);
-        let path = self.root.clone();
-        if free_mb < reserve_mb {
-            Err(StoreError::BelowReserve { path, free_mb, reserve_mb })
-        } else {
-            Ok(())
-        }
-    }
-
-    /// Records that a series could not be taken, and says why.
-    fn refuse(&self, free_mb: u64, now: &Stamp) -> StoreError {
-        let error =
-            StoreError::BelowReserve { path: self.root.clone(), free_mb, reserve_mb: self.config.reserve_mb };
-        let refusal = Refusal { stamp: now.clone(), reason: error.to_string() };
-        let path = self.root.join(layout::REFUSED_FILE);
-        let torn = self.disk.read(&path).is_ok_and(|bytes| bytes.last().is_some_and(|last| *last != b'\n'));
-        let lead: &[u8] = if torn { b"\n" } else { b"" };
-        // The record is best effort: the refusal itself reaches the caller in any case.
-        let line = jsonl::line(&refusal).map(|line| [lead, &line].concat());
-        let written = line.and_then(|line| self.disk.append(&path, &line));
-        let _ = written.and_then(|()| self.disk.sync_dir(&self.root));
-        error
-    }
-
-    fn flight_for(&self, index: &mut Index, now: &Stamp) -> Result<String, StoreError> {
-        let by_command = index.new_flight_wanted.then(|| "by command".to_owned());
-        let rule = (self.config.new_flight_after, self.config.new_flight_at_boot);
-        let because = by_command.or_else(|| flight::begins(index.last.as_ref(), now, rule.0, rule.1));
-        match (because, &index.flight) {
-            (None, Some(flight)) => Ok(flight.clone()),
-            (because, _) => {
-                let because = because.unwrap_or_else(|| "the last flight is not here any more".to_owned());
-                self.new_flight(index, now, because)
-            }
-        }
-    }
-
-    fn new_flight(&self, index: &mut Index, now: &Stamp, because: String) -> Result<String, StoreError> {
-        let flight = layout::flight_id(index.next_flight);
-        index.next_flight += 1;
-        self.save_counter(index)?;
-        let manifest = FlightManifest { flight: flight.clone(), started: now.clone(), because };
-        recover::make_flight(self.disk.as_ref(), &self.root, &manifest)?;
-        index.flight = Some(flight.clone());
-        index.new_flight_wanted = false;
-        Ok(flight)
-    }
-
-    fn save_counter(&self, index: &Index) -> Result<(), StoreError> {
-        opening::save_counter(self.disk.as_ref(), &self.root, index.next_flight, index.next_series)
-    }
-
-    fn index(&self) -> MutexGuard<'_, Index> {
-        self.index.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
+pub use care::upgrade::upgrade;
+pub use care::{prune, receive, verify};
+pub use config::{AtBoot, StoreConfig};
+pub use disk::{Disk, RealDisk, StoreError, fake};
+pub use format::columns::{Column, Kind, LiveTable, Row};
+pub use format::{Inputs, chain, columns, heads, jsonl, layout, manifest, sha256};
+pub use read::catalogue::{FlightRef, SeriesRef};
+pub use read::frames::{FrameRef, frames, read_frame};
+pub use read::{aircraft, bundle, catalogue, installations, live, sets};
+pub use write::opening::{is_vacant, unwritable};
+pub use write::recover::Recovery;
+pub use write::series::{NewFrame, OpenSeries};
+pub use write::signing;
+pub use write::store::{Plan, Store};

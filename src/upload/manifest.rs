@@ -1,63 +1,60 @@
-//! What is published of a flight: identities, and each file with its digest.
+//! What is published of a flight: whose it is, each file with its digest, and where each lies.
 
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::store::bundle::Bundle;
-use crate::store::receive::{Listed, Listing};
-use crate::store::{Disk, FlightRef, RealDisk, StoreError, catalogue, installations};
+use crate::store::bundle::{Bundle, Content, Item};
+use crate::store::{Disk, FlightRef, RealDisk, StoreError, catalogue, installations, layout, sha256};
 
 /// Of the manifest's own fields.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 /// Characters of a name in a key.
 const NAME_LENGTH: usize = 64;
+/// Bytes of an object at most: longer files are parts, so that what a break costs is bounded. At 0.25 MB/s a part
+/// takes 17 s.
+pub(super) const PART_BYTES: usize = 4 << 20;
+/// Where a record's own digest stands until it is known.
+const UNSEALED: &str = "0000000000000000000000000000000000000000000000000000000000000000";
+/// Characters of a recorder's id that name an aircraft nobody has named.
+const SHORT_ID: usize = 8;
 
-/// Whose wing it is.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Aircraft {
-    /// Its registration, or what stands for it; [`is_name`] holds.
-    pub name: String,
-    /// The kind of aircraft.
-    pub kind: Option<String>,
+/// Whose wing it is: what can be corrected later, and identifies nothing. `None`: not said.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct About {
+    /// Registration; [`About::is_name`] holds.
+    pub aircraft: Option<String>,
+    /// Kind of aircraft.
+    pub aircraft_type: Option<String>,
+    /// Which wing of it: `left`, `right`, or another name.
+    pub wing: Option<String>,
 }
 
-impl Aircraft {
+impl About {
     /// Letters, digits, `.`, `_`, `-`, at most 64: what every object store, file system and table engine
     /// takes without quoting. Not `.` first, which would be hidden, or lead up.
     pub fn is_name(text: &str) -> bool {
         let plain = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
         (1..=NAME_LENGTH).contains(&text.len()) && text.chars().all(plain) && !text.starts_with('.')
     }
-
-    /// The name of the installation that the flight's results came from last, other characters as `-`;
-    /// `unknown` where none is kept.
-    pub fn of_installation(root: &Path, flight: &FlightRef) -> Result<String, StoreError> {
-        let last = installations::of_flight(&RealDisk, flight)?.pop();
-        let file = last.map(|digest| installations::folder(root, &digest).join("installation.toml"));
-        let text = file.and_then(|file| RealDisk.read(&file).ok());
-        let table = text.and_then(|text| std::str::from_utf8(&text).ok()?.parse::<toml::Table>().ok());
-        let name = table.and_then(|table| Some(table.get("name")?.as_str()?.to_owned()));
-        let plain = |c: char| if Self::is_name(&c.to_string()) { c } else { '-' };
-        let name: String = name.unwrap_or_default().chars().map(plain).take(NAME_LENGTH).collect();
-        let name = name.trim_matches('-').to_owned();
-        Ok(if Self::is_name(&name) { name } else { "unknown".to_owned() })
-    }
 }
 
-/// `manifests/aircraft=A/recorder=R/f0001.json`: a flight is published when this is there.
+/// `manifests/recorder=R/flight=F/manifest.json`: the flight exists, and this is all of it. What of it has arrived
+/// is said by the marks beside it, [`Stage`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
     /// Of this file.
     pub format: u32,
-    /// Registration, or the installation's name.
-    pub aircraft: String,
-    /// Kind of aircraft; `null` where it was not said.
-    pub aircraft_type: Option<String>,
-    /// The store's id.
+    /// The store's id. With the flight's name it is the flight's identity.
     pub recorder: String,
     /// The flight's name in its store.
     pub flight: String,
+    /// Registration as first said; of a recorder that nobody named one of its own.
+    pub aircraft: String,
+    /// Kind of aircraft; `null` where it was not said.
+    pub aircraft_type: Option<String>,
+    /// Which wing; `null` where neither the call nor the installation says it.
+    pub wing: Option<String>,
     /// When it began, UTC as the recorder knew it.
     pub started: String,
     /// Over all files.
@@ -66,6 +63,8 @@ pub struct Manifest {
     pub bytes: u64,
     /// From the flight's folder: together they are a store.
     pub files: Vec<File>,
+    /// SHA-256 of this text with the 64 digits of this field as zeros.
+    pub seal: String,
 }
 
 /// A file of a published flight.
@@ -77,61 +76,289 @@ pub struct File {
     pub length: u64,
     /// Hex.
     pub sha256: String,
+    /// Of a file that lies in several objects, `NAME.part-0000` and on: each one's SHA-256.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub parts: Vec<String>,
 }
 
-impl From<Listed> for File {
-    fn from(item: Listed) -> Self {
-        Self { name: item.name, length: item.length, sha256: item.sha256 }
+/// What arrives one after the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// All that is no frame.
+    Results,
+    /// The frames.
+    Frames,
+}
+
+/// An object of a flight.
+#[derive(Clone, Debug)]
+pub(super) struct Piece {
+    pub key: String,
+    pub stage: Stage,
+    /// Bytes before it in its file.
+    pub offset: u64,
+    pub length: u64,
+    pub sha256: String,
+    /// Its file.
+    pub item: Item,
+}
+
+/// A mark: everything of a stage is there.
+#[derive(Serialize)]
+struct Mark<'a> {
+    format: u32,
+    stage: &'a str,
+    /// SHA-256 of the manifest that it speaks of.
+    manifest: String,
+    seal: &'a str,
+}
+
+impl Stage {
+    /// As files name it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Results => "results",
+            Self::Frames => "frames",
+        }
+    }
+
+    /// Frames lie below a prefix of their own, which a rule of the bucket can age.
+    fn place(self) -> &'static str {
+        match self {
+            Self::Results => "flights",
+            Self::Frames => "frames",
+        }
+    }
+
+    fn of(name: &str) -> Self {
+        match name.split('/').collect::<Vec<_>>().as_slice() {
+            [layout::FLIGHTS, _, _, file] if layout::is_frame_name(file) => Self::Frames,
+            _ => Self::Results,
+        }
     }
 }
 
 impl Manifest {
+    /// Of a flight as it is here; files that lie in parts are read for their digests.
     pub(super) fn of(
-        recorder: &str,
-        aircraft: &Aircraft,
+        root: &Path,
         flight: &FlightRef,
+        about: &About,
         bundle: &Bundle,
     ) -> Result<Self, StoreError> {
-        let listing = Listing::of(&flight.id, bundle);
-        Ok(Self {
+        let recorder = catalogue::store_id(&RealDisk, root).ok_or_else(|| no_id(root))?;
+        let files: Vec<File> = bundle.items.iter().map(file).collect::<Result<_, _>>()?;
+        let short = recorder.get(..SHORT_ID).unwrap_or(&recorder);
+        let mut manifest = Self {
             format: FORMAT,
-            aircraft: aircraft.name.clone(),
-            aircraft_type: aircraft.kind.clone(),
-            recorder: recorder.to_owned(),
+            aircraft: about.aircraft.clone().unwrap_or_else(|| format!("recorder-{short}")),
+            aircraft_type: about.aircraft_type.clone(),
+            wing: about.wing.clone().or(side(root, flight)?),
+            recorder,
             flight: flight.id.clone(),
             started: catalogue::flight_manifest(&RealDisk, flight)?.started.utc.to_string(),
-            digest: listing.digest.clone(),
-            bytes: listing.bytes(),
-            files: listing.items.into_iter().map(File::from).collect(),
-        })
+            digest: bundle.digest.clone(),
+            bytes: files.iter().map(|file| file.length).sum(),
+            files,
+            seal: UNSEALED.to_owned(),
+        };
+        manifest.seal();
+        Ok(manifest)
+    }
+
+    fn seal(&mut self) {
+        UNSEALED.clone_into(&mut self.seal);
+        self.seal = sha256(self.text().as_bytes());
+    }
+
+    /// A manifest that its seal fits.
+    pub(super) fn read(bytes: &[u8]) -> Option<Self> {
+        let found: Self = serde_json::from_slice(bytes).ok()?;
+        let text = std::str::from_utf8(bytes).ok()?;
+        let open = text.replacen(&found.seal, UNSEALED, 1);
+        (sha256(open.as_bytes()) == found.seal).then_some(found)
+    }
+
+    /// With whose it is as another one says it, where the call does not say it; `None` where the call contradicts.
+    pub(super) fn agreed_with(mut self, there: &Self, about: &About) -> Option<Self> {
+        let fits = |said: &Option<String>, there: Option<&String>| said.is_none() || said.as_ref() == there;
+        let all = fits(&about.aircraft, Some(&there.aircraft))
+            && fits(&about.aircraft_type, there.aircraft_type.as_ref())
+            && fits(&about.wing, there.wing.as_ref());
+        self.aircraft.clone_from(&there.aircraft);
+        self.aircraft_type.clone_from(&there.aircraft_type);
+        self.wing.clone_from(&there.wing);
+        self.seal();
+        all.then_some(self)
+    }
+
+    fn owner(&self) -> String {
+        format!("recorder={}/flight={}", self.recorder, self.flight)
     }
 
     /// Its own key.
     pub fn key(&self) -> String {
-        format!("manifests/{}/{}.json", self.owner(), self.flight)
+        format!("manifests/{}/manifest.json", self.owner())
+    }
+
+    /// Key and text of the mark of a stage.
+    pub(super) fn mark(&self, stage: Stage) -> (String, String) {
+        let manifest = sha256(self.text().as_bytes());
+        let text = |seal: &str| {
+            let mark = Mark { format: FORMAT, stage: stage.name(), manifest: manifest.clone(), seal };
+            serde_json::to_string_pretty(&mark).unwrap_or_default() + "\n"
+        };
+        let key = format!("manifests/{}/{}.json", self.owner(), stage.name());
+        (key, text(&sha256(text(UNSEALED).as_bytes())))
     }
 
     /// What all keys of its files begin with.
-    pub fn place(&self) -> String {
-        format!("flights/{}/{}", self.owner(), self.flight)
+    pub fn places(&self) -> [String; 2] {
+        [Stage::Results, Stage::Frames].map(|stage| format!("{}/{}", stage.place(), self.owner()))
     }
 
-    /// Equal flight numbers of two recorders have other keys.
-    fn owner(&self) -> String {
-        format!("aircraft={}/recorder={}", self.aircraft, self.recorder)
+    /// Every object of its files, in the order in which they are sent.
+    pub(super) fn pieces(&self, bundle: &Bundle) -> Vec<Piece> {
+        let mut pieces: Vec<Piece> =
+            self.files.iter().zip(&bundle.items).flat_map(|(file, item)| self.of_file(file, item)).collect();
+        pieces.sort_by_key(|piece| piece.stage == Stage::Frames);
+        pieces
     }
 
-    pub(super) fn object(&self, name: &str) -> String {
-        format!("{}/{name}", self.place())
-    }
-
-    /// Key and length of every file.
-    pub(super) fn objects(&self) -> impl Iterator<Item = (String, u64)> {
-        self.files.iter().map(|file| (self.object(&file.name), file.length))
+    fn of_file(&self, file: &File, item: &Item) -> Vec<Piece> {
+        let stage = Stage::of(&file.name);
+        let whole = format!("{}/{}/{}", stage.place(), self.owner(), file.name);
+        let piece = |key: String, offset: u64, length: u64, sha256: &String| Piece {
+            key,
+            stage,
+            offset,
+            length,
+            sha256: sha256.clone(),
+            item: item.clone(),
+        };
+        if file.parts.is_empty() {
+            return vec![piece(whole, 0, file.length, &file.sha256)];
+        }
+        let part = |(number, sha256)| {
+            let offset = (number * PART_BYTES) as u64;
+            let length = (file.length - offset.min(file.length)).min(PART_BYTES as u64);
+            piece(format!("{whole}.part-{number:04}"), offset, length, sha256)
+        };
+        file.parts.iter().enumerate().map(part).collect()
     }
 
     /// The same flight gives the same bytes: there is nothing of the moment or the machine in it.
     pub(super) fn text(&self) -> String {
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
+    }
+}
+
+fn file(item: &Item) -> Result<File, StoreError> {
+    let parts = if item.length > PART_BYTES as u64 {
+        whole(item)?.chunks(PART_BYTES).map(sha256).collect()
+    } else {
+        Vec::new()
+    };
+    Ok(File { name: item.name.clone(), length: item.length, sha256: item.sha256.clone(), parts })
+}
+
+/// A file's bytes, of the state that the bundle is; they are the ones that the chain knows, or none.
+pub(super) fn whole(item: &Item) -> Result<Vec<u8>, StoreError> {
+    let (bytes, path) = match &item.content {
+        Content::Bytes(bytes) => (bytes.clone(), item.name.clone().into()),
+        Content::File(path) => {
+            let mut bytes = RealDisk.read(path).map_err(StoreError::io(path, "read"))?;
+            bytes.truncate(usize::try_from(item.length).unwrap_or(usize::MAX));
+            (bytes, path.clone())
+        }
+    };
+    if sha256(&bytes) == item.sha256 {
+        return Ok(bytes);
+    }
+    let what = "has other bytes than its SHA-256 is of, and the flight is not sent".to_owned();
+    Err(StoreError::Damaged { path, what, mend: "take it from a copy; `wingd verify` says what else" })
+}
+
+/// Which wing, as the installation that the flight's results came from last has it.
+fn side(root: &Path, flight: &FlightRef) -> Result<Option<String>, StoreError> {
+    let last = installations::of_flight(&RealDisk, flight)?.pop();
+    let file = last.map(|digest| installations::folder(root, &digest).join("installation.toml"));
+    let text = file.and_then(|file| RealDisk.read(&file).ok());
+    let table = text.and_then(|text| std::str::from_utf8(&text).ok()?.parse::<toml::Table>().ok());
+    let side = table.and_then(|table| Some(table.get("wing")?.get("side")?.as_str()?.to_owned()));
+    Ok(side.filter(|side| About::is_name(side)))
+}
+
+fn no_id(root: &Path) -> StoreError {
+    StoreError::Damaged {
+        path: root.to_owned(),
+        what: "is of format 1 and has no id that would tell its flights from those of other recorders".into(),
+        mend: "`wingd verify --upgrade` gives it one",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn manifest() -> Manifest {
+        let mut manifest = Manifest {
+            format: FORMAT,
+            recorder: "ab12".into(),
+            flight: "f0001".into(),
+            aircraft: "recorder-ab12".into(),
+            aircraft_type: None,
+            wing: None,
+            started: "2026-06-01T08:00:00Z".into(),
+            digest: "d".into(),
+            bytes: 9,
+            files: Vec::new(),
+            seal: String::new(),
+        };
+        manifest.seal();
+        manifest
+    }
+
+    #[test]
+    fn any_changed_byte_breaks_the_seal() {
+        let text = manifest().text();
+        assert_eq!(Manifest::read(text.as_bytes()), Some(manifest()));
+        for place in 0..text.len() {
+            let mut bytes = text.clone().into_bytes();
+            *bytes.get_mut(place).unwrap() ^= 1;
+            assert_eq!(Manifest::read(&bytes), None, "byte {place}");
+        }
+    }
+
+    #[test]
+    fn whose_it_is_stays_as_first_said_and_is_not_contradicted() {
+        let mut there = manifest();
+        there.aircraft = "D-A".into();
+        there.seal();
+        let about = |name: &str| About { aircraft: Some(name.into()), ..About::default() };
+        assert_eq!(manifest().agreed_with(&there, &About::default()), Some(there.clone()));
+        assert_eq!(manifest().agreed_with(&there, &about("D-A")), Some(there.clone()));
+        assert_eq!(manifest().agreed_with(&there, &about("DA")), None);
+    }
+
+    #[test]
+    fn frames_alone_go_below_their_prefix_and_long_files_in_parts() {
+        assert_eq!(Stage::of("flights/f0001/s000001/0001.jpg"), Stage::Frames);
+        for name in ["flights/f0001/s000001/results.jsonl", "store.toml", "flights/f0001/live-000001.rows"] {
+            assert_eq!(Stage::of(name), Stage::Results, "{name}");
+        }
+        let bytes = vec![7; 2 * PART_BYTES + 1];
+        let item = Item {
+            name: "flights/f0001/s000001/0001.tif".into(),
+            length: bytes.len() as u64,
+            sha256: sha256(&bytes),
+            content: Content::Bytes(bytes),
+        };
+        let pieces = manifest().of_file(&file(&item).unwrap(), &item);
+        assert_eq!(pieces.iter().map(|p| p.length).sum::<u64>(), item.length);
+        let last = pieces.last().unwrap();
+        assert_eq!((pieces.len(), last.length, last.offset), (3, 1, 2 * PART_BYTES as u64));
+        assert!(last.key.ends_with("0001.tif.part-0002"), "{}", last.key);
     }
 }

@@ -1,16 +1,17 @@
-//! Where a flight goes: a bucket of S3's kind, or a directory.
+//! A flight goes to a bucket of S3's kind, or to a directory.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
 use futures_util::TryStreamExt;
-use object_store::aws::{AmazonS3Builder, Checksum};
 use object_store::local::LocalFileSystem;
 use object_store::path::Path;
-use object_store::{Attribute, Attributes, ClientOptions, GetOptions, ObjectStore, PutMode, PutOptions};
-use object_store::{ObjectStoreExt, RetryConfig};
+use object_store::{
+    Attribute, Attributes, GetOptions, ObjectStore, ObjectStoreExt, PutMode, PutOptions, PutPayload,
+};
 
+use super::bucket::{self, fault, passes, said};
 use crate::installation::Fault;
 use crate::store::sha256;
 
@@ -18,22 +19,18 @@ use crate::store::sha256;
 const FIRST_PAUSE: Duration = Duration::from_millis(250);
 /// Longest pause between two repeats.
 const LONGEST_PAUSE: Duration = Duration::from_secs(8);
-/// For a connection to be made.
-const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
-/// For a request: a raw frame of 50 MB over 1 Mbit/s takes seven minutes.
-const REQUEST_TIMEOUT: Duration = Duration::from_secs(600);
 /// Metadata of an object with its SHA-256, so that it can be compared without being read.
 const DIGEST: &str = "sha256";
-/// What may not stand in any text of ours.
-const SECRETS: [&str; 3] = ["AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN", "AWS_ACCESS_KEY_ID"];
 
 /// How much at once, and how often again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
-    /// Objects at a time.
+    /// Objects at a time, at most.
     pub jobs: usize,
     /// Repeats of a request that failed.
     pub retries: u32,
+    /// Bytes a second at most, over the network; `None`: what the link gives.
+    pub limit: Option<u64>,
 }
 
 /// What the other side did not do.
@@ -46,6 +43,17 @@ pub enum TargetError {
         place: String,
         /// What to do.
         mend: &'static str,
+    },
+    /// The same flight, of another aircraft, type or wing than the call says.
+    #[error(
+        "{place}: is published as {there}; whose it is stays as it was said first: correct it with \
+        `wingd-fleet correct`, or leave the options out"
+    )]
+    Contradicted {
+        /// URL.
+        place: String,
+        /// Aircraft, type and wing there.
+        there: String,
     },
     /// Something that is not of this flight.
     #[error("{place}: is not a file of this flight; move it away, or upload below another prefix")]
@@ -61,14 +69,6 @@ pub enum TargetError {
         /// The other side's answer, and the mend.
         why: String,
     },
-}
-
-impl TargetError {
-    pub(super) fn different(target: &Target, key: &str) -> Self {
-        let mend = "a published flight stays as it is: results that were added since belong into tables \
-            (docs/fleet.md), another state of the flight below another prefix";
-        Self::Different { place: target.shown(key), mend }
-    }
 }
 
 /// What became of an object.
@@ -111,15 +111,11 @@ impl Target {
         if bucket.is_empty() || !bucket.chars().all(plain) {
             // The text is not repeated: what stands before an @ may be a secret.
             let problem = "names no bucket (letters, digits, '.', '-', '_' alone)".to_owned();
-            return Err(fault(
-                "--to",
-                "value",
-                problem,
-                "give s3://BUCKET/PREFIX, credentials in AWS_* variables",
-            ));
+            let mend = "give s3://BUCKET/PREFIX, credentials in AWS_* variables";
+            return Err(fault("--to", "value", problem, mend));
         }
         let prefix = Path::parse(prefix).map_err(|e| fault("--to", "prefix", e.to_string(), known))?;
-        let store = bucket_of(bucket)?;
+        let store = bucket::open(bucket, settings.limit)?;
         Ok(Self { store: Arc::new(store), prefix, url: url.to_owned(), metadata: true, settings })
     }
 
@@ -151,6 +147,13 @@ impl Target {
         key.split('/').fold(self.prefix.clone(), |path, part| path.join(part))
     }
 
+    /// The first question, asked once: whether anybody is there, and lets us in.
+    pub async fn greet(&self, place: &str) -> Result<(), TargetError> {
+        let below = self.path(place);
+        let listed = self.store.list(Some(&below)).try_collect::<Vec<_>>().await;
+        listed.map(|_| ()).map_err(|error| self.failed(place, &error))
+    }
+
     /// Keys below a place, with their lengths.
     pub async fn list(&self, place: &str) -> Result<BTreeMap<String, u64>, TargetError> {
         let below = self.path(place);
@@ -176,16 +179,20 @@ impl Target {
         self.again(key, get).await
     }
 
-    /// Puts an object where there is none. One that is there with the same bytes is as good: it may be ours, of an
-    /// attempt whose answer was lost.
-    pub async fn put(&self, key: &str, bytes: Vec<u8>, digest: &str) -> Result<Put, TargetError> {
-        let (path, length) = (self.path(key), bytes.len() as u64);
-        let payload = object_store::PutPayload::from(bytes);
+    fn options(&self, mode: PutMode, digest: &str) -> PutOptions {
         let mut attributes = Attributes::new();
         if self.metadata {
             attributes.insert(Attribute::Metadata(DIGEST.into()), digest.to_owned().into());
         }
-        let options = PutOptions { mode: PutMode::Create, attributes, ..PutOptions::default() };
+        PutOptions { mode, attributes, ..PutOptions::default() }
+    }
+
+    /// Puts an object where there is none. One that is there with the same bytes is as good: it may be ours, of an
+    /// attempt whose answer was lost.
+    pub async fn put(&self, key: &str, bytes: Vec<u8>, digest: &str) -> Result<Put, TargetError> {
+        let (path, length) = (self.path(key), bytes.len() as u64);
+        let payload = PutPayload::from(bytes);
+        let options = self.options(PutMode::Create, digest);
         let put = || async {
             match self.store.put_opts(&path, payload.clone(), options.clone()).await {
                 Ok(_) => Ok(true),
@@ -193,14 +200,23 @@ impl Target {
                 Err(error) => Err(error),
             }
         };
-        match self.again(key, put).await? {
-            true => Ok(Put::Sent),
-            false => self.compare(key, length, digest).await,
+        if self.again(key, put).await? {
+            return Ok(Put::Sent);
         }
+        if self.same(key, length, digest).await? { Ok(Put::There) } else { Err(self.different(key)) }
+    }
+
+    /// Puts the right bytes in place of damaged ones.
+    pub async fn replace(&self, key: &str, bytes: Vec<u8>, digest: &str) -> Result<Put, TargetError> {
+        let path = self.path(key);
+        let payload = PutPayload::from(bytes);
+        let options = self.options(PutMode::Overwrite, digest);
+        let put = || async { self.store.put_opts(&path, payload.clone(), options.clone()).await };
+        self.again(key, put).await.map(|_| Put::Sent)
     }
 
     /// Whether an object is the one that was to be put; read where it does not carry its digest.
-    pub async fn compare(&self, key: &str, length: u64, digest: &str) -> Result<Put, TargetError> {
+    pub async fn same(&self, key: &str, length: u64, digest: &str) -> Result<bool, TargetError> {
         let path = self.path(key);
         let get = |head: bool| {
             let options = GetOptions { head, ..GetOptions::default() };
@@ -217,8 +233,18 @@ impl Target {
                 None => Ok(sha256(&get(false).await?.bytes().await?) == digest),
             }
         };
-        let same = self.again(key, look).await?;
-        if same { Ok(Put::There) } else { Err(TargetError::different(self, key)) }
+        self.again(key, look).await
+    }
+
+    pub(super) fn different(&self, key: &str) -> TargetError {
+        let mend = "a published flight stays as it is: results that were added since belong into tables \
+            (docs/fleet.md), another state of the flight below another prefix; where the object was changed \
+            or damaged there, `--repair` puts the right bytes again";
+        TargetError::Different { place: self.shown(key), mend }
+    }
+
+    fn failed(&self, key: &str, error: &object_store::Error) -> TargetError {
+        TargetError::Failed { place: self.shown(key), why: said(error) }
     }
 
     /// Does it again where the reason may pass, so many times, with growing pauses.
@@ -236,70 +262,8 @@ impl Target {
                     pause = (2 * pause).min(LONGEST_PAUSE);
                     left -= 1;
                 }
-                Err(error) => return Err(TargetError::Failed { place: self.shown(key), why: said(&error) }),
+                Err(error) => return Err(self.failed(key, &error)),
             }
         }
     }
-}
-
-/// A fault of an option or of the environment.
-fn fault(file: &str, place: &str, problem: String, mend: &str) -> Fault {
-    Fault { file: file.into(), place: place.to_owned(), problem, mend: mend.to_owned() }
-}
-
-fn bucket_of(bucket: &str) -> Result<object_store::aws::AmazonS3, Fault> {
-    let given = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
-    let pair = given("AWS_ACCESS_KEY_ID") && given("AWS_SECRET_ACCESS_KEY");
-    let others = [
-        "AWS_WEB_IDENTITY_TOKEN_FILE",
-        "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
-        "AWS_CONTAINER_CREDENTIALS_FULL_URI",
-    ];
-    if !pair && !others.iter().any(|name| given(name)) {
-        let problem = "are not both set, and no other credentials are in the environment".to_owned();
-        let mend = "export them; a server of your own needs AWS_ENDPOINT_URL and AWS_REGION too";
-        return Err(fault("environment", "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY", problem, mend));
-    }
-    // One library of cryptography; that it is set already is as good.
-    let _ = tokio_rustls::rustls::crypto::ring::default_provider().install_default();
-    let options = ClientOptions::new().with_connect_timeout(CONNECT_TIMEOUT).with_timeout(REQUEST_TIMEOUT);
-    let http = std::env::var("AWS_ALLOW_HTTP").is_ok_and(|value| value.eq_ignore_ascii_case("true"));
-    let builder = AmazonS3Builder::from_env()
-        .with_bucket_name(bucket)
-        .with_client_options(options.with_allow_http(http))
-        // A put that is create-only is repeated by us: the crate does not know that it may be.
-        .with_retry(RetryConfig { max_retries: 0, ..RetryConfig::default() })
-        .with_checksum_algorithm(Checksum::SHA256);
-    let mend = "set the AWS_* variables as docs/fleet.md says";
-    builder.build().map_err(|e| fault("environment", "AWS_*", redacted(&e.to_string()), mend))
-}
-
-/// Whether the same request may do later.
-fn passes(error: &object_store::Error) -> bool {
-    matches!(error, object_store::Error::Generic { .. } | object_store::Error::JoinError { .. })
-}
-
-/// An error in words, with what to look at.
-fn said(error: &object_store::Error) -> String {
-    use object_store::Error;
-    let mend = match error {
-        Error::NotFound { .. } => "make the bucket, or name another",
-        Error::PermissionDenied { .. } | Error::Unauthenticated { .. } => {
-            "look at the credentials in the environment and at what they may do"
-        }
-        Error::NotImplemented { .. } | Error::NotSupported { .. } => {
-            "the server has to know conditional puts"
-        }
-        _ => {
-            "look at the network, AWS_ENDPOINT_URL and AWS_REGION (AWS_ALLOW_HTTP=true for http), and call \
-            the command again: it goes on where it ended"
-        }
-    };
-    format!("{}; {mend}", redacted(&error.to_string()))
-}
-
-/// A text without the secrets that the environment holds: servers repeat keys in their answers.
-fn redacted(text: &str) -> String {
-    let secrets = SECRETS.iter().filter_map(|name| std::env::var(name).ok()).filter(|value| value.len() > 3);
-    secrets.fold(text.to_owned(), |text, secret| text.replace(&secret, "***"))
 }

@@ -1,6 +1,7 @@
 //! Promises of orientation, identification, adjustment and planning, on wings that the models do not know.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod aircraft;
 #[path = "../common/mod.rs"]
 mod common;
 mod coverage;

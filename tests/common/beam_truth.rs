@@ -11,7 +11,10 @@ use wingd::measure::setup::{
     GroundSight, Orientation, Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty,
 };
 
+mod aircraft;
+
 pub use super::random::{normal, normal2, normal3, rng};
+pub use aircraft::{Aircraft, Effects, When};
 
 const STEPS: usize = 2000;
 

@@ -6,7 +6,7 @@ use nalgebra::{Cholesky, Vector2};
 use wingd::installation;
 use wingd::measure::detect::{Detection, Prediction};
 use wingd::measure::identify;
-use wingd::pipeline::stages::{Sighting, detect_only, detect_predicted};
+use wingd::pipeline::stages::{Sighting, Work, detect_only, detect_predicted};
 
 /// A frame of a fixture with all that it shows, and its surveyed markers seen some pixels off.
 struct Case {
@@ -59,8 +59,13 @@ fn what_was_seen_is_found_again_with_the_same_answer() {
     let (mut count, mut alike) = (0, 0);
     for case in ["dev", "demo"].iter().flat_map(|set| cases(set)) {
         let guided = detect_predicted(&case.name, &case.bytes, None, &case.predictions);
-        let stages: Vec<&str> = guided.stages.iter().map(|s| s.name).collect();
-        assert_eq!(stages, ["decode", "detect"], "{}: the whole frame was searched after all", case.name);
+        let stages: Vec<Work> = guided.stages.iter().map(|s| s.work).collect();
+        assert_eq!(
+            stages,
+            [Work::Decode, Work::Detect],
+            "{}: the whole frame was searched after all",
+            case.name
+        );
         let seen = case.predictions.iter().filter(|p| p.seen).count();
         assert!(guided.detections.markers.len() >= seen, "{}", case.name);
         for marker in &guided.detections.markers {
@@ -98,6 +103,6 @@ fn a_frame_that_cannot_be_read_is_a_failure_and_no_answer() {
     let case = cases("dev").swap_remove(0);
     let cut = &case.bytes[..case.bytes.len() / 2];
     let guided = detect_predicted(&case.name, cut, None, &case.predictions);
-    assert!(guided.failure.is_some_and(|f| !f.contains(&case.name) && f.contains("cut short")));
+    assert!(guided.failure.is_some_and(|f| !f.text().contains(&case.name) && f.text().contains("cut short")));
     assert!(guided.detections.markers.is_empty());
 }

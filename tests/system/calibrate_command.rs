@@ -95,6 +95,14 @@ fn pictures_become_a_camera_a_report_and_corners_that_give_the_same_camera() {
         assert!(off.abs() < 0.05 * first["sigma"][name].as_f64().unwrap(), "{name}: {off}");
     }
     assert_eq!(std::fs::read_to_string(&corners).unwrap().lines().next().unwrap().split(',').count(), 11);
+    // Squares counted for inner corners.
+    std::fs::write(&board, BOARD.replace("columns = 9", "columns = 10").replace("rows = 7", "rows = 8"))
+        .unwrap();
+    let done = run(&["calibrate", "--json", "--board", &board, "--output", &again, "--corners", &corners]);
+    let third: Value = serde_json::from_slice(&done.stdout).unwrap();
+    let said = text(&done.stderr);
+    assert!(done.status.success() && third["verdict"] == "poor", "{said}");
+    assert!(said.contains("never more than 9 of 10 columns and 7 of 8 rows of corners seen"), "{said}");
 }
 
 #[test]
@@ -160,7 +168,20 @@ fn a_camera_goes_to_other_programs_and_comes_back() {
     std::fs::write(at("empty.yaml"), "nothing: here\n").unwrap();
     let done = run(&["convert", &at("empty.yaml"), &at("x.toml")]);
     assert_eq!(done.status.code(), Some(78));
-    assert!(text(&done.stderr).contains("image_width"), "{}", text(&done.stderr));
+    assert!(text(&done.stderr).contains("holds no camera that is known"), "{}", text(&done.stderr));
+}
+
+#[test]
+fn millimetres_for_metres_are_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).display().to_string();
+    std::fs::write(at("board.toml"), BOARD.replace("0.1", "25")).unwrap();
+    let done = run(&["calibrate", "--board", &at("board.toml"), "--output", &at("camera.toml"), "x.png"]);
+    let said = text(&done.stderr);
+    assert!(
+        done.status.code() == Some(78) && said.contains("squares of 25 m") && said.contains("0.025"),
+        "{said}"
+    );
 }
 
 #[test]

@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 use wingd::camera::replay::{FaultKind, Replay, ReplayConfig, ReplayFactory, ScriptedFault};
 use wingd::camera::{Camera, CameraError, CameraInfo, Format, Frame};
 use wingd::clock::{Clock, Simulated};
-use wingd::daemon::{self, Board, Event, Health, Parts, SeriesConfig, Solver, Status, StatusConfig};
+use wingd::daemon::{self, Event, Health, Parts, SeriesConfig, Solver, Status, StatusBoard, StatusConfig};
 use wingd::record::ImageRecord;
 use wingd::store::manifest::{Cause, SeriesManifest, State};
 use wingd::store::verify::verify;
@@ -117,7 +117,7 @@ impl Flight {
         let events = self.events.clone();
         let card = self.card.clone();
         let camera = move || WithCard { replay: replay.make(), card: card.clone(), fetched: false };
-        let board = Board::new(self.clock.clone());
+        let board = StatusBoard::new(self.clock.clone());
         let mut provenance = Map::new();
         provenance.insert("installation".to_owned(), Value::from("test"));
         let parts = Parts {
@@ -128,7 +128,7 @@ impl Flight {
             store: Arc::new(store),
             recovery,
             clock: self.clock.clone(),
-            cameras: Box::new(move || Ok(Box::new(camera()) as Box<dyn Camera>)),
+            cameras: Arc::new(move || Box::new(camera()) as Box<dyn Camera>),
             solver: Some(Solver {
                 inputs: Inputs::new(provenance),
                 solve: Arc::new(move |image, _, _| solve(image)),
@@ -348,13 +348,13 @@ fn the_socket_answers_and_triggers_a_series() {
     flight.clock = Arc::new(Simulated::starting_at(&start, Some(3600.0)));
     std::thread::scope(|scope| {
         let flying = scope.spawn(|| flight.fly());
-        let mut answer = Err(String::new());
+        let mut answer = daemon::ask(&socket, "status");
         for _ in 0..200 {
-            answer = daemon::ask(&socket, "status");
             if answer.as_ref().is_ok_and(|status| status["counts"]["series_complete"] == 1) {
                 break;
             }
             std::thread::sleep(Duration::from_millis(5));
+            answer = daemon::ask(&socket, "status");
         }
         let status: Status = serde_json::from_value(answer.unwrap()).unwrap();
         assert_eq!(status.flight.as_deref(), Some("f0001"));
@@ -362,13 +362,13 @@ fn the_socket_answers_and_triggers_a_series() {
         assert_eq!(metrics["wingd_healthy"], 1.0);
         assert!(metrics["wingd_frames_total"] >= 4.0 && metrics["wingd_last_frame_age_seconds"] >= 0.0);
         assert!(daemon::ask(&socket, "new-flight").is_ok());
-        assert!(daemon::ask(&socket, "dance").unwrap_err().contains("unknown command"));
+        assert!(daemon::ask(&socket, "dance").unwrap_err().to_string().contains("unknown command"));
         flying.join().unwrap();
     });
     let triggered: Vec<_> = flight.manifests().into_iter().filter(|m| m.flight == "f0002").collect();
     assert_eq!(triggered.len(), 3, "the extra series and the two scheduled after it");
     assert_eq!(flight.manifests().len(), 4);
-    assert!(daemon::ask(&socket, "status").unwrap_err().contains("no daemon is running"));
+    assert!(daemon::ask(&socket, "status").unwrap_err().to_string().contains("no daemon is running"));
     flight.sound();
 }
 

@@ -152,6 +152,16 @@ fn frames_come_whole_and_by_range() {
     let tail = server.ask("GET", FRAME, &format!("Range: bytes={}-\r\n", jpeg.len() - 5));
     assert_eq!((tail.status, &tail.body[..]), (206, &jpeg[jpeg.len() - 5..]));
     assert_eq!(server.ask("GET", FRAME, "Range: bytes=99999999-\r\n").status, 416);
+    // RFC 9110, 14.1 and 14.2: another unit, several ranges and other methods than GET get the whole.
+    assert_eq!(server.ask("GET", FRAME, "Range: Bytes=0-9\r\n").status, 206);
+    for (method, range) in [("GET", "items=0-1"), ("GET", "bytes=0-1,5-6"), ("HEAD", "bytes=0-1")] {
+        let answer = server.ask(method, FRAME, &format!("Range: {range}\r\n"));
+        assert!(
+            answer.status == 200 && !answer.head.contains("content-range"),
+            "{method} {range}: {}",
+            answer.head
+        );
+    }
     let head = server.ask("HEAD", FRAME, "");
     assert_eq!((head.status, head.body.len()), (200, 0));
 }

@@ -12,9 +12,11 @@ use serde_json::{Map, Value, json};
 use wingd::camera::Camera;
 use wingd::camera::replay::{ReplayConfig, ReplayFactory};
 use wingd::clock::{Clock, System};
-use wingd::daemon::{self, Board, LiveConfig, LiveStatus, Parts, SeriesConfig, Solver, Status, StatusConfig};
+use wingd::daemon::{
+    self, LiveConfig, LiveStatus, Parts, SeriesConfig, Solver, Status, StatusBoard, StatusConfig,
+};
 use wingd::daemon::{Tracking, live::KeepConfig};
-use wingd::pipeline::live::Told;
+use wingd::pipeline::live::Tracked;
 use wingd::pipeline::stages::Search;
 use wingd::record::ImageRecord;
 use wingd::store::manifest::{Cause, SeriesManifest, State};
@@ -37,9 +39,9 @@ fn record(image: &str) -> ImageRecord {
     .unwrap()
 }
 
-fn told(image: &str) -> Told {
+fn told(image: &str) -> Tracked {
     let (search, outlines) = (Search::Guided, vec![]);
-    Told { record: record(image), search, mounting: 1, jolt: false, outlines, curvature: None }
+    Tracked { record: record(image), search, mounting: 1, jolt: false, outlines, curvature: None }
 }
 
 /// Seconds of live mode with series in between, by the machine's clock.
@@ -83,7 +85,7 @@ impl Ride {
         let clock: Arc<dyn Clock> = Arc::new(System::new());
         let replay = ReplayConfig::folder(self.dir.path().join("frames"));
         let cameras = ReplayFactory::new(replay, clock.clone(), clock.since_boot());
-        let board = Board::new(clock.clone());
+        let board = StatusBoard::new(clock.clone());
         let mut provenance = Map::new();
         provenance.insert("installation".to_owned(), Value::from("test"));
         let (calls, panics) = (Arc::new(AtomicUsize::new(0)), self.panics.clone());
@@ -110,7 +112,7 @@ impl Ride {
             store: Arc::new(store),
             recovery,
             clock,
-            cameras: Box::new(move || Ok(Box::new(cameras.make()) as Box<dyn Camera>)),
+            cameras: Arc::new(move || Box::new(cameras.make()) as Box<dyn Camera>),
             solver: Some(Solver {
                 inputs: Inputs::new(provenance),
                 solve: Arc::new(|image, _, _| record(image)),

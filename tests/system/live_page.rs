@@ -22,7 +22,7 @@ fn server(store: &Path, socket: &Path) -> Server {
 fn events_until(server: &Server, words: &str) -> String {
     let mut stream = TcpStream::connect(server.address).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-    write!(stream, "GET /live/events HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
+    write!(stream, "GET /live/events HTTP/1.1\r\nHost: localhost\r\nLast-Event-ID: 7\r\n\r\n").unwrap();
     let (mut text, mut bytes) = (String::new(), [0; 4096]);
     while !text.contains(words) {
         let count = stream.read(&mut bytes).unwrap();

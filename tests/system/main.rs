@@ -4,11 +4,14 @@
 mod aircraft_feed;
 mod bad_input;
 mod calibrate_command;
+mod camera_mutations;
 mod check_command;
 #[path = "../common/mod.rs"]
 mod common;
 mod daemon_replay;
 mod fixed_marks;
+mod foreign_cameras;
+mod foreign_tables;
 mod http_access;
 mod http_downloads;
 mod http_fetch;
@@ -23,6 +26,7 @@ mod mutations;
 mod other_pictures;
 mod output;
 mod pages;
+mod phone_pictures;
 mod plan_command;
 mod power_fails;
 mod power_of_the_seat;
@@ -40,4 +44,5 @@ mod store_live_figures;
 mod store_speed;
 mod store_verify;
 mod survey_typo;
+mod table_mutations;
 mod thirty_hours;

@@ -12,8 +12,8 @@ use serde_json::Map;
 use wingd::camera::Camera;
 use wingd::camera::replay::{ReplayConfig, ReplayFactory};
 use wingd::clock::{Clock, Simulated, Stamp};
-use wingd::daemon::{self, Board, Event, Parts, PowerConfig, SeriesConfig, Solver};
-use wingd::record::ImageRecord;
+use wingd::daemon::{self, Event, Parts, PowerConfig, SeriesConfig, Solver, StatusBoard};
+use wingd::record::{ImageRecord, Method};
 use wingd::store::fake::{FakeDisk, Fault, Survival};
 use wingd::store::verify::verify;
 use wingd::store::{Disk, Inputs, Store, StoreConfig, catalogue};
@@ -66,10 +66,10 @@ fn boot(disk: Arc<FakeDisk>, number: usize, minutes: (u64, u64), frames: &Path, 
         store: Arc::new(store),
         recovery,
         clock: clock.clone(),
-        cameras: Box::new(move || Ok(Box::new(cameras.make()) as Box<dyn Camera>)),
+        cameras: Arc::new(move || Box::new(cameras.make()) as Box<dyn Camera>),
         solver: Some(Solver {
             inputs: Inputs::new(Map::new()),
-            solve: Arc::new(|name, _, _| ImageRecord::failed(name, "", "a test".to_owned())),
+            solve: Arc::new(|name, _, _| ImageRecord::failed(name, Method::None, "a test")),
             deadline: Duration::from_secs(60),
             track: None,
         }),
@@ -87,7 +87,7 @@ fn boot(disk: Arc<FakeDisk>, number: usize, minutes: (u64, u64), frames: &Path, 
             }
         }),
     };
-    daemon::run(parts, &Board::new(clock)).unwrap();
+    daemon::run(parts, &StatusBoard::new(clock)).unwrap();
 }
 
 /// Flight -> series, and every frame with its number of results.

@@ -11,7 +11,7 @@ use rand::{Rng, SeedableRng};
 use wingd::camera::Camera;
 use wingd::camera::replay::{FaultKind, ReplayConfig, ReplayFactory, ScriptedFault};
 use wingd::clock::{Clock, Simulated};
-use wingd::daemon::{self, Board, Event, Parts, SeriesConfig, Solver, Status};
+use wingd::daemon::{self, Event, Parts, SeriesConfig, Solver, Status, StatusBoard};
 use wingd::installation;
 use wingd::measure::adjust::{Method, Options};
 use wingd::pipeline::{self, Job};
@@ -129,7 +129,7 @@ fn fly(root: &Path, watch: Arc<Watch>) -> Status {
         store: Arc::new(store),
         recovery,
         clock: clock.clone(),
-        cameras: Box::new(move || Ok(Box::new(cameras.make()) as Box<dyn Camera>)),
+        cameras: Arc::new(move || Box::new(cameras.make()) as Box<dyn Camera>),
         solver: Some(Solver {
             inputs,
             solve: Arc::new(move |name, bytes, format| {
@@ -140,7 +140,7 @@ fn fly(root: &Path, watch: Arc<Watch>) -> Status {
         }),
         observer: Arc::new(move |event| watch.note(event)),
     };
-    daemon::run(parts, &Board::new(clock)).unwrap()
+    daemon::run(parts, &StatusBoard::new(clock)).unwrap()
 }
 
 fn mean(values: &[u64]) -> u64 {

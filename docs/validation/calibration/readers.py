@@ -13,7 +13,7 @@ CORE, BROWN = ["fx", "fy", "cx", "cy"], ["k1", "k2", "p1", "p2", "k3"]
 
 
 def convert(a, b):
-    subprocess.run([wingd, "convert", a, b], check=True)
+    subprocess.run([wingd, "convert", a, b], check=True, stdout=subprocess.DEVNULL)
 
 
 def camera_toml(path, **changes):
@@ -48,6 +48,13 @@ with tempfile.TemporaryDirectory() as d:
     f.release()
     convert(at("b.yaml"), at("b.toml"))
     same("OpenCV -> wingd", [read_toml(at("b.toml"))[k] for k in CORE + BROWN], core + brown)
+    for ending in ("xml", "json"):
+        f = cv2.FileStorage(at(f"b.{ending}"), cv2.FILE_STORAGE_WRITE)
+        f.write("image_width", 1280), f.write("image_height", 960)
+        f.write("camera_matrix", m), f.write("distortion_coefficients", k)
+        f.release()
+        convert(at(f"b.{ending}"), at(f"b-{ending}.toml"))
+        same(f"OpenCV's {ending} -> wingd", [read_toml(at(f"b-{ending}.toml"))[k] for k in CORE + BROWN], core + brown)
 
     convert(toml, at("a.cameramodel"))
     model = mrcal.cameramodel(at("a.cameramodel"))
@@ -59,6 +66,13 @@ with tempfile.TemporaryDirectory() as d:
     points = np.array([[0.2, -0.1, 5.0], [-0.9, 0.5, 4.0]])
     ours = cv2.projectPoints(points, np.zeros(3), np.zeros(3), m, k)[0][:, 0]
     same("one projection in OpenCV and mrcal", mrcal.project(points, *model.intrinsics()), ours)
+
+    for name in ("LENSMODEL_CAHVOR", "LENSMODEL_STEREOGRAPHIC"):
+        terms = [2500.5, 2499.25, 640.5, 470.0] + [0.01] * (5 if "CAHVOR" in name else 0)
+        mrcal.cameramodel(intrinsics=(name, np.array(terms)), imagersize=(1280, 960)).write(at("other.cameramodel"))
+        refused = subprocess.run([wingd, "convert", at("other.cameramodel"), at("no.toml")], capture_output=True, text=True)
+        assert refused.returncode == 78 and f'"{name}" is another lens model' in refused.stderr, refused.stderr
+        print(f"mrcal's {name} -> wingd: refused by name")
 
     convert(toml, at("camera_info.yaml"))
     y = yaml.safe_load(open(at("camera_info.yaml")))

@@ -1,4 +1,4 @@
-//! A camera's settings by name: read, set where they differ, read back.
+//! A camera's settings are read by name, set where they differ, and read back.
 
 use std::collections::BTreeMap;
 
@@ -33,7 +33,7 @@ pub fn apply(camera: &Camera, wanted: &BTreeMap<String, String>) -> (Map<String,
             Ok(now) => {
                 settings.insert(name.clone(), now.into());
             }
-            Err(warning) => warnings.push(warning),
+            Err(why) => warnings.push(why.to_string()),
         }
     }
     for name in RECORDED {
@@ -44,23 +44,48 @@ pub fn apply(camera: &Camera, wanted: &BTreeMap<String, String>) -> (Map<String,
     (settings, warnings)
 }
 
-/// The value in force after the attempt; where it is not the wanted one, a warning.
-fn set(camera: &Camera, name: &str, value: &str) -> Result<String, String> {
+/// Why a setting is not as wanted: a warning for the operator.
+#[derive(Debug, thiserror::Error)]
+enum Unset {
+    #[error("the camera has no setting {0} ({1})")]
+    Unknown(String, gphoto2::Error),
+    #[error("setting {name} is {now}, and cannot be set to {wanted}: {why}{}", hint(.name))]
+    Refused { name: String, now: String, wanted: String, why: Unfit },
+    #[error("setting {0}: {1}")]
+    Unread(String, gphoto2::Error),
+    #[error("setting {name} is {now}, wanted {wanted}{}", hint(.name))]
+    Other { name: String, now: String, wanted: String },
+}
+
+/// Why a setting does not take a value.
+#[derive(Debug, thiserror::Error)]
+enum Unfit {
+    #[error(transparent)]
+    Camera(#[from] gphoto2::Error),
+    #[error("it takes a number")]
+    NoNumber,
+    #[error("it takes one of: {0}")]
+    NoChoice(String),
+    #[error("it is not a setting")]
+    NoSetting,
+}
+
+/// The value in force after the attempt.
+///
+/// # Errors
+/// Where it is not the wanted one.
+fn set(camera: &Camera, name: &str, value: &str) -> Result<String, Unset> {
     let read = || camera.config_key::<Widget>(name).wait();
-    let widget = read().map_err(|error| format!("the camera has no setting {name} ({error})"))?;
+    let widget = read().map_err(|error| Unset::Unknown(name.to_owned(), error))?;
     if same(&text(&widget), value) {
         return Ok(text(&widget));
     }
-    change(&widget, value)
-        .and_then(|()| camera.set_config(&widget).wait().map_err(|error| error.to_string()))
-        .map_err(|why| {
-            format!("setting {name} is {}, and cannot be set to {value}: {why}{}", text(&widget), hint(name))
-        })?;
-    let now = read().map(|widget| text(&widget)).map_err(|error| format!("setting {name}: {error}"))?;
-    match same(&now, value) {
-        true => Ok(now),
-        false => Err(format!("setting {name} is {now}, wanted {value}{}", hint(name))),
+    let (name, wanted) = (name.to_owned(), value.to_owned());
+    if let Err(why) = change(&widget, value).and_then(|()| Ok(camera.set_config(&widget).wait()?)) {
+        return Err(Unset::Refused { name, now: text(&widget), wanted, why });
     }
+    let now = read().map(|widget| text(&widget)).map_err(|error| Unset::Unread(name.clone(), error))?;
+    if same(&now, value) { Ok(now) } else { Err(Unset::Other { name, now, wanted }) }
 }
 
 fn hint(name: &str) -> &'static str {
@@ -88,11 +113,11 @@ fn text(widget: &Widget) -> String {
     }
 }
 
-fn change(widget: &Widget, value: &str) -> Result<(), String> {
+fn change(widget: &Widget, value: &str) -> Result<(), Unfit> {
     match widget {
-        Widget::Text(widget) => widget.set_value(value).map_err(|error| error.to_string()),
+        Widget::Text(widget) => Ok(widget.set_value(value)?),
         Widget::Range(widget) => {
-            widget.set_value(value.parse().map_err(|_| "it takes a number".to_owned())?);
+            widget.set_value(value.parse().map_err(|_| Unfit::NoNumber)?);
             Ok(())
         }
         Widget::Toggle(widget) => {
@@ -102,9 +127,9 @@ fn change(widget: &Widget, value: &str) -> Result<(), String> {
         Widget::Radio(widget) => {
             let choices: Vec<_> = widget.choices_iter().collect();
             let choice = choices.iter().find(|choice| same(choice, value));
-            let choice = choice.ok_or_else(|| format!("it takes one of: {}", choices.join(", ")))?;
-            widget.set_choice(choice).map_err(|error| error.to_string())
+            let choice = choice.ok_or_else(|| Unfit::NoChoice(choices.join(", ")))?;
+            Ok(widget.set_choice(choice)?)
         }
-        _ => Err("it is not a setting".to_owned()),
+        _ => Err(Unfit::NoSetting),
     }
 }

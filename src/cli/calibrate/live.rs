@@ -1,4 +1,4 @@
-//! Pictures by the configured camera, until the verdict is good.
+//! The configured camera takes pictures until the verdict is good.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -34,10 +34,10 @@ pub(super) fn pictures(args: &Args, config: &Path, board: &DescribedBoard) -> Re
     let mut camera = config.camera.factory(Arc::new(System::new()), Duration::ZERO)();
     let opened = camera.open().map_err(|e| Failure::Undone(e.to_string()))?;
     eprintln!("{}: show the board, tilted by 20 to 40 degrees, all over the image", opened.name);
-    let freshness = Freshness::default();
+    let mut freshness = Freshness::default();
     let mut taken: Vec<Picture> = vec![];
     for shot in 1..=args.shots {
-        let frame = match camera.shoot(DEADLINE).and_then(|f| freshness.check(&f.bytes, None).map(|_| f)) {
+        let frame = match camera.shoot(DEADLINE).and_then(|f| freshness.check(&f.bytes).map(|_| f)) {
             Ok(frame) => frame,
             // A replay ends, a camera is unplugged: what was taken still counts.
             Err(error) => {
@@ -61,7 +61,7 @@ pub(super) fn pictures(args: &Args, config: &Path, board: &DescribedBoard) -> Re
 fn said(picture: &Picture) -> String {
     match &picture.view {
         Ok(view) => format!("{} points of the board", view.len()),
-        Err(reason) => reason.clone(),
+        Err(reason) => reason.to_string(),
     }
 }
 
@@ -77,7 +77,7 @@ fn good(taken: &mut [Picture], board: &DescribedBoard, select: bool) -> bool {
             judged.verdict == Verdict::Good
         }
         Err(reason) => {
-            eprintln!("{}", reason.lines().next().unwrap_or_default());
+            eprintln!("{}", reason.text().lines().next().unwrap_or_default());
             false
         }
     }

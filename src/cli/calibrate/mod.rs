@@ -1,15 +1,16 @@
-//! `wingd calibrate`: interior orientation from pictures of a board.
+//! `wingd calibrate` finds the interior orientation from pictures of a board.
 
 mod live;
 mod output;
 mod pictures;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use self::pictures::{Picture, common_size, reason};
-use super::{Done, Failure, print};
+use super::{Done, Failure, RIGHTS, print, unwritable};
 use crate::installation::{self, DescribedBoard};
 use crate::measure::calibrate::{self, CalibrateError, Calibration, Misfit, Options, Verdict, View};
+use crate::record::Reason;
 use crate::report;
 
 /// Interior orientation from pictures of a board.
@@ -67,7 +68,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     if let Some(file) = writes {
         pictures::write_corners(file, &pictures, None)?;
     }
-    let judged = judged(&mut pictures, &board, args.select).map_err(Failure::Undone)?;
+    let judged = judged(&mut pictures, &board, args.select)?;
     if let Some(file) = writes {
         pictures::write_corners(file, &pictures, Some(&judged.calibration))?;
     }
@@ -75,18 +76,25 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
 }
 
 /// Calibrates and judges; the reasons of a failure begin with the gravest.
-fn judged(pictures: &mut [Picture], described: &DescribedBoard, select: bool) -> Result<Judged, String> {
+fn judged(pictures: &mut [Picture], described: &DescribedBoard, select: bool) -> Result<Judged, Reason> {
     let size = common_size(pictures)?;
     let views: Vec<View> = pictures.iter().map(|p| p.view.clone().unwrap_or_default()).collect();
     let misfits: Vec<Option<Misfit>> = pictures.iter().filter(|p| p.view.is_ok()).map(|p| p.misfit).collect();
     let board_reason = calibrate::misdescribed(&described.board, &misfits);
+    let never_whole = calibrate::never_whole(&described.board, &views);
     let options = Options { select, scale_sigma: described.scale_sigma };
     let calibration = calibrate::calibrate_with(&views, size.0, size.1, &options).map_err(|e| {
-        let first = board_reason.clone().unwrap_or_else(|| e.to_string());
+        let board = board_reason.clone().or_else(|| never_whole.clone());
+        let first = board.unwrap_or_else(|| e.to_string());
         let left_out = if let CalibrateError::TooFewViews { dropped, .. } = &e { &dropped[..] } else { &[] };
-        format!("no calibration: {first}{}", pictures::failures(pictures, left_out))
+        let text = format!("no calibration: {first}{}", pictures::failures(pictures, left_out));
+        Reason::new(text, e)
     })?;
-    let (verdict, reasons) = calibrate::judge(&calibration, board_reason);
+    let (mut verdict, mut reasons) = calibrate::judge(&calibration, board_reason);
+    if let Some(reason) = never_whole {
+        verdict = verdict.max(Verdict::Poor);
+        reasons.push(reason);
+    }
     Ok(Judged { calibration, verdict, reasons })
 }
 
@@ -95,14 +103,14 @@ fn finish(args: &Args, pictures: &[Picture], judged: &Judged) -> Result<Done, Fa
     let written = output::report(calibration, *verdict);
     if *verdict != Verdict::Refused {
         installation::write_camera(&args.output, &calibration.lens, Some(&written))
-            .map_err(|e| unwritable(&args.output, &e))?;
+            .map_err(unwritable(&args.output, RIGHTS))?;
     }
     let left_out: Vec<Option<String>> =
         pictures.iter().enumerate().map(|(k, p)| reason(calibration, k, p)).collect();
     if let Some(file) = &args.report {
         let names: Vec<&str> = pictures.iter().map(|p| p.name.as_str()).collect();
-        let page = report::calibration::page(calibration, (*verdict, reasons), &names, &left_out);
-        installation::write_page(file, &page).map_err(|e| unwritable(file, &e))?;
+        let page = report::calibration::page(calibration, *verdict, reasons, &names, &left_out);
+        installation::write_page(file, &page).map_err(unwritable(file, RIGHTS))?;
     }
     for (picture, reason) in pictures.iter().zip(&left_out) {
         if let Some(reason) = reason {
@@ -122,8 +130,4 @@ fn finish(args: &Args, pictures: &[Picture], judged: &Judged) -> Result<Done, Fa
         eprintln!("{}: {reason}", verdict.name());
     }
     Ok(Done::All)
-}
-
-fn unwritable(file: &Path, error: &std::io::Error) -> Failure {
-    Failure::Undone(format!("{} cannot be written ({error}); check rights and space", file.display()))
 }

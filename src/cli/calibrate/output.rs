@@ -1,10 +1,12 @@
-//! What `wingd calibrate` prints and writes.
+//! This file composes what `wingd calibrate` prints and writes.
 
 use std::path::Path;
 
 use super::pictures::{Picture, reason};
 use crate::installation::CalibrationReport;
 use crate::measure::calibrate::{Calibration, Verdict};
+use crate::measure::geometry::Lens;
+use crate::report::calibration::{FIRST_DISTORTION, SIGNIFICANT, correlation, values};
 
 pub(super) fn report(calibration: &Calibration, verdict: Verdict) -> CalibrationReport {
     let c = &calibration.covariance;
@@ -25,18 +27,7 @@ pub(super) fn report(calibration: &Calibration, verdict: Verdict) -> Calibration
     }
 }
 
-/// Index of k1 among the parameters.
-const FIRST_DISTORTION: usize = 4;
-/// Some hundred points leave Student's t at 95 % at the normal's.
-const SIGNIFICANT: f64 = 1.96;
-pub(super) const NAMES: [&str; 9] = ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "p1", "p2"];
-
 const DENOMINATOR: [&str; 3] = ["k4", "k5", "k6"];
-
-pub(super) fn values(c: &Calibration) -> [f64; 9] {
-    let l = &c.lens;
-    [l.fx, l.fy, l.cx, l.cy, l.k1, l.k2, l.k3, l.p1, l.p2]
-}
 
 pub(super) fn json(
     calibration: &Calibration,
@@ -45,7 +36,7 @@ pub(super) fn json(
     pictures: &[Picture],
 ) -> String {
     let by_name = |values: [Option<f64>; 9]| -> serde_json::Map<String, serde_json::Value> {
-        NAMES.iter().zip(values).map(|(n, v)| ((*n).to_owned(), v.into())).collect()
+        Lens::PARAMETERS.iter().zip(values).map(|(n, v)| ((*n).to_owned(), v.into())).collect()
     };
     let parameters = values(calibration).map(Some);
     let mut camera = serde_json::Map::new();
@@ -83,7 +74,7 @@ pub(super) fn json(
         "sigma": sigma,
         "model": if rational { "rational" } else { "brown" },
         "t_values": by_name(std::array::from_fn(|k| t_value(calibration, report, k))),
-        "correlation": correlation(calibration),
+        "correlation": (0..9).map(|i| (0..9).map(|j| correlation(calibration, i, j)).collect::<Vec<_>>()).collect::<Vec<_>>(),
         "halves": calibration.halves.map(|h| serde_json::json!({
             "distance_m": h.distance_m, "difference_px": h.difference_px, "predicted_px": h.predicted_px,
         })),
@@ -107,15 +98,6 @@ fn t_value(calibration: &Calibration, report: &CalibrationReport, k: usize) -> O
     report.sigma[k].filter(|s| k >= FIRST_DISTORTION && *s > 0.0).map(|s| values(calibration)[k] / s)
 }
 
-fn correlation(calibration: &Calibration) -> Vec<Vec<Option<f64>>> {
-    let c = &calibration.covariance;
-    let of = |i: usize, j: usize| {
-        let product = (c[(i, i)] * c[(j, j)]).sqrt();
-        (product > 0.0).then(|| c[(i, j)] / product)
-    };
-    (0..9).map(|i| (0..9).map(|j| of(i, j)).collect()).collect()
-}
-
 pub(super) fn text(output: &Path, calibration: &Calibration, report: &CalibrationReport) -> String {
     let mut text = format!(
         "{}: {}\n{} of {} pictures, {} points, rms {:.4} px\n",
@@ -126,7 +108,9 @@ pub(super) fn text(output: &Path, calibration: &Calibration, report: &Calibratio
         report.observations,
         report.rms_px
     );
-    for (k, ((name, value), sigma)) in NAMES.iter().zip(values(calibration)).zip(report.sigma).enumerate() {
+    for (k, ((name, value), sigma)) in
+        Lens::PARAMETERS.iter().zip(values(calibration)).zip(report.sigma).enumerate()
+    {
         let digits = if k < FIRST_DISTORTION { 3 } else { 6 };
         let weak = t_value(calibration, report, k).is_some_and(|t| t.abs() < SIGNIFICANT);
         let sigma = sigma.map_or("held".to_owned(), |s| format!("+- {s:.digits$}"));

@@ -1,18 +1,19 @@
-//! The pictures of a calibration: from files or from a file of corners.
+//! The pictures of a calibration come from image files or from a file of corners.
 
 use std::path::Path;
 
-use super::{Args, Failure, unwritable};
-use crate::cli::frames;
+use super::{Args, Failure};
+use crate::cli::{RIGHTS, frames, unwritable};
 use crate::installation::{self, PictureCorners};
 use crate::measure::calibrate::{Board, BoardPoint, Calibration, Dropped, Misfit, View};
 use crate::pipeline::decode;
+use crate::record::Reason;
 
 /// One picture: its size and points, or why there are none.
 pub(super) struct Picture {
     pub name: String,
     pub size: Option<(u32, u32)>,
-    pub view: Result<View, String>,
+    pub view: Result<View, Reason>,
     pub misfit: Option<Misfit>,
 }
 
@@ -41,38 +42,38 @@ pub(super) fn write_corners(
         Some(PictureCorners { image: p.name.clone(), size, view, used })
     };
     let corners: Vec<PictureCorners> = pictures.iter().enumerate().filter_map(corners).collect();
-    installation::write_corners(file, &corners).map_err(|e| unwritable(file, &e))
+    installation::write_corners(file, &corners).map_err(unwritable(file, RIGHTS))
 }
 
 /// Why a picture took no part.
 pub(super) fn reason(calibration: &Calibration, k: usize, picture: &Picture) -> Option<String> {
     match &picture.view {
-        Err(reason) => Some(reason.clone()),
+        Err(reason) => Some(reason.to_string()),
         Ok(_) => calibration.dropped[k].map(|d| d.to_string()),
     }
 }
 
-pub(super) fn picture(name: &str, bytes: Result<&[u8], String>, board: &Board) -> Picture {
-    let raster = bytes.and_then(|b| decode::decode(b, None).map_err(|e| e.to_string()));
+pub(super) fn picture(name: &str, bytes: Result<&[u8], Reason>, board: &Board) -> Picture {
+    let raster = bytes.and_then(|b| decode::decode(b, None).map_err(Reason::of));
     let size = raster.as_ref().ok().map(|r| (r.width() as u32, r.height() as u32));
-    let sighting = raster.and_then(|r| board.find(&r).map_err(|e| e.to_string()));
+    let sighting = raster.and_then(|r| board.find(&r).map_err(Reason::of));
     let misfit = sighting.as_ref().ok().and_then(|s| s.misfit);
     Picture { name: name.into(), size, view: sighting.map(|s| s.view), misfit }
 }
 
 /// The size of most pictures; others are left out with a reason, as they come from another camera
 /// or another cropping.
-pub(super) fn common_size(pictures: &mut [Picture]) -> Result<(u32, u32), String> {
+pub(super) fn common_size(pictures: &mut [Picture]) -> Result<(u32, u32), Reason> {
     let sizes: Vec<(u32, u32)> = pictures.iter().filter(|p| p.view.is_ok()).filter_map(|p| p.size).collect();
     let count = |s: &(u32, u32)| sizes.iter().filter(|o| *o == s).count();
     let size = sizes.iter().copied().max_by_key(|s| (count(s), *s));
     let Some(size) = size else {
-        return Err(format!("no picture shows the board{}", failures(pictures, &[])));
+        return Err(format!("no picture shows the board{}", failures(pictures, &[])).into());
     };
     for picture in pictures.iter_mut().filter(|p| p.view.is_ok()) {
         if let Some(own) = picture.size.filter(|own| *own != size) {
-            picture.view =
-                Err(format!("its size is {} x {} px, the others' {} x {} px", own.0, own.1, size.0, size.1));
+            let ((own_w, own_h), (w, h)) = (own, size);
+            picture.view = Err(format!("its size is {own_w} x {own_h} px, the others' {w} x {h} px").into());
         }
     }
     Ok(size)

@@ -1,4 +1,4 @@
-//! Pictures of a calibration board, by the camera of the wing.
+//! This file renders pictures of a calibration board, as the camera of the wing takes them.
 
 use std::path::Path;
 

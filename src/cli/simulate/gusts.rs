@@ -1,4 +1,4 @@
-//! A flight in time: the tip's lift swings in gusts, and the last frame is followed by the first.
+//! A flight in time swings in gusts, and its last frame is followed by the first.
 
 use nalgebra::{Rotation3, Vector3};
 
@@ -123,9 +123,12 @@ mod tests {
         assert_eq!((flight.len(), flight[50].time_s), (1000, Some(1.0)));
         let lifts: Vec<f64> = flight.iter().map(|f| f.shot.state.tip_lift_m).collect();
         let mean = lifts.iter().sum::<f64>() / 1000.0;
-        let spread = (lifts.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / 1000.0).sqrt();
+        let scatter = (lifts.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / 1000.0).sqrt();
         // Three sines over whole periods.
-        assert!((mean - 2.0).abs() < 1e-9 && (spread - 0.1 * 1.5_f64.sqrt()).abs() < 1e-9, "{mean} {spread}");
+        assert!(
+            (mean - 2.0).abs() < 1e-9 && (scatter - 0.1 * 1.5_f64.sqrt()).abs() < 1e-9,
+            "{mean} {scatter}"
+        );
         let fastest = 0.1 * std::f64::consts::TAU * GUSTS_HZ.iter().sum::<f64>() * 1.1 / 50.0;
         let steps = (0..1000).map(|i| (lifts[(i + 1) % 1000] - lifts[i]).abs());
         assert!(steps.fold(0.0, f64::max) < fastest, "the last frame is followed by the first");

@@ -1,4 +1,4 @@
-//! `wingd simulate`: frames of a wing with known truth.
+//! `wingd simulate` renders frames of a wing with known truth.
 
 mod boards;
 mod gusts;
@@ -132,16 +132,21 @@ struct PictureArgs {
     quality: u8,
 }
 
-fn light(name: &str) -> Result<Light, String> {
-    let words = Light::ALL.map(Light::name).join(", ");
-    Light::named(name).ok_or_else(|| format!("one of {words}"))
+/// A word of the command line that is not among those that are known.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct UnknownWord(String);
+
+fn light(name: &str) -> Result<Light, UnknownWord> {
+    let words = || UnknownWord(format!("one of {}", Light::ALL.map(Light::name).join(", ")));
+    Light::named(name).ok_or_else(words)
 }
 
-fn side(name: &str) -> Result<Side, String> {
+fn side(name: &str) -> Result<Side, UnknownWord> {
     match name {
         "left" => Ok(Side::Left),
         "right" => Ok(Side::Right),
-        _ => Err("left or right".into()),
+        _ => Err(UnknownWord("left or right".into())),
     }
 }
 

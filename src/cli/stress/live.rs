@@ -1,4 +1,4 @@
-//! Bending lines of live results.
+//! The bending lines of live results are read here.
 
 use std::path::Path;
 
@@ -13,8 +13,8 @@ use crate::store::columns::{Block, File, Head, LiveTable};
 use crate::store::{FlightRef, RealDisk, StoreError, live};
 
 fn of(table: &LiveTable) -> Option<Map<String, Value>> {
-    let told = table.columns.iter().any(|column| column.name == live::names::CURVATURE);
-    told.then(|| table.source.get(live::names::PROVENANCE)?.as_object().cloned()).flatten()
+    let is_there = table.columns.iter().any(|column| column.name == live::names::CURVATURE);
+    is_there.then(|| table.source.get(live::names::PROVENANCE)?.as_object().cloned()).flatten()
 }
 
 /// What the last results with a curvature follow from; `None` where a flight has none.
@@ -84,8 +84,8 @@ fn of_block(head: &Head, block: &Block, line: &Line) -> Option<Vec<Frame>> {
         let utc = *utc.get(row)?;
         let curvature = curvature.get(row * terms..(row + 1) * terms)?;
         let covariance = covariance.get(row * entries..(row + 1) * entries)?;
-        let told = utc.is_finite() && curvature.iter().chain(covariance).all(|value| value.is_finite());
-        let utc = jiff::Timestamp::from_microsecond(utc as i64).ok().filter(|_| told)?;
+        let known = utc.is_finite() && curvature.iter().chain(covariance).all(|value| value.is_finite());
+        let utc = jiff::Timestamp::from_microsecond(utc as i64).ok().filter(|_| known)?;
         let began = &head.began;
         let by_utc_s = began.since_boot_s + utc.duration_since(began.utc).as_secs_f64();
         let by_boot_s = since_boot_s.as_ref().and_then(|all| all.get(row)).filter(|s| s.is_finite());

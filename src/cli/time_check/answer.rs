@@ -1,13 +1,15 @@
-//! What `wingd time-check` says: of a picture, of them all, and the lines for the configuration.
+//! This file composes what `wingd time-check` says of a picture and of them all, and the lines for the configuration.
 
 use serde_json::{Value, json};
 
 use super::Reading;
 use crate::clock::exposure::Source;
 use crate::measure::adjust::GlobalTest;
-use crate::measure::adjust::quality::global_test;
+use crate::measure::estimation::quality::global_test;
 use crate::measure::time_code::{Delay, Screen, delay};
+use crate::record::Reason;
 use crate::report::grid::Grid;
+use crate::report::number::fixed;
 
 /// The record's exposures agree with the screen within so many standard deviations of the mean.
 const AGREES: f64 = 3.0;
@@ -27,14 +29,36 @@ struct Test {
     agrees: bool,
 }
 
+/// What to write into the configuration.
+#[derive(Debug)]
+struct Lines {
+    text: String,
+    /// Where they belong.
+    section: &'static str,
+}
+
+/// Why there is nothing to write there.
+#[derive(Debug, PartialEq, thiserror::Error)]
+enum NoLines {
+    #[error("the record has no instants of exposure")]
+    NoInstants,
+    #[error("the pictures' exposures are told by different sources; choose one --series")]
+    SeveralSources,
+    #[error("the camera tells nothing of its exposure, so that there is no delay to configure")]
+    NoEvent,
+    #[error("the record does not keep the delay that was assumed; take the pictures anew")]
+    NoDelay,
+    #[error("{0} pictures are too few, {LEAST_PICTURES} are needed")]
+    TooFew(usize),
+}
+
 /// All pictures together.
 pub(super) struct Summary {
     pictures: usize,
     command: Option<Delay>,
     exposure: Option<Test>,
     delay: Option<Delay>,
-    /// Two lines for the configuration and the section that they belong to, or why there are none.
-    lines: Result<(String, &'static str), String>,
+    lines: Result<Lines, NoLines>,
 }
 
 impl Summary {
@@ -66,8 +90,8 @@ impl Summary {
                 all
             }),
             "delay": self.delay.as_ref().map(statistics),
-            "configuration": self.lines.as_ref().ok().map(|(lines, _)| lines),
-            "reason": self.lines.as_ref().err(),
+            "configuration": self.lines.as_ref().ok().map(|lines| &lines.text),
+            "reason": self.lines.as_ref().err().map(NoLines::to_string),
         }})
     }
 
@@ -103,7 +127,7 @@ impl Summary {
             &self.delay.as_ref().map_or(String::new(), |d| said("from stamp or edge to exposure", d)),
         );
         match &self.lines {
-            Ok((lines, section)) => out.push_str(&format!("\nFor {section}:\n{lines}")),
+            Ok(Lines { text, section }) => out.push_str(&format!("\nFor {section}:\n{text}")),
             Err(reason) => out.push_str(&format!("\nNo lines for the configuration: {reason}\n")),
         }
         out
@@ -129,33 +153,25 @@ fn test(found: Delay, readings: &[Reading]) -> Test {
 }
 
 /// The delay as the configuration takes it.
-fn lines(readings: &[Reading], found: Option<Delay>) -> Result<(String, &'static str), String> {
+fn lines(readings: &[Reading], found: Option<Delay>) -> Result<Lines, NoLines> {
     let sources: Vec<Source> =
         readings.iter().filter_map(|r| Some(r.exposure.as_ref()?.exposure_source)).collect();
-    let Some(&source) = sources.first() else { return Err("the record has no instants of exposure".into()) };
+    let Some(&source) = sources.first() else { return Err(NoLines::NoInstants) };
     if sources.iter().any(|other| *other != source) {
-        return Err("the pictures' exposures are told by different sources; choose one --series".into());
+        return Err(NoLines::SeveralSources);
     }
     let (key, section) = match source {
         Source::StartOfExposure | Source::EndOfFrame => ("stamp_delay", "the section with kind = \"v4l\""),
         Source::ReleaseEdge | Source::TriggerAndEvent => {
             ("exposure_delay", "[camera] with kind = \"release\" (a camera on USB alone has no such key)")
         }
-        Source::AskedAndDelivered => {
-            return Err(
-                "the camera tells nothing of its exposure, so that there is no delay to configure".into()
-            );
-        }
+        Source::AskedAndDelivered => return Err(NoLines::NoEvent),
     };
-    let Some(found) = found else {
-        return Err("the record does not keep the delay that was assumed; take the pictures anew".into());
-    };
-    match found.sigma_s.filter(|_| found.pictures >= LEAST_PICTURES) {
-        Some(sigma_s) => {
-            Ok((format!("{key}_s = {:.4}\n{key}_sigma_s = {:.4}\n", found.mean_s, sigma_s), section))
-        }
-        None => Err(format!("{} pictures are too few, {LEAST_PICTURES} are needed", found.pictures)),
-    }
+    let found = found.ok_or(NoLines::NoDelay)?;
+    let sigma_s = found.sigma_s.filter(|_| found.pictures >= LEAST_PICTURES);
+    let sigma_s = sigma_s.ok_or(NoLines::TooFew(found.pictures))?;
+    let text = format!("{key}_s = {:.4}\n{key}_sigma_s = {:.4}\n", found.mean_s, sigma_s);
+    Ok(Lines { text, section })
 }
 
 fn statistics(d: &Delay) -> Value {
@@ -166,40 +182,28 @@ fn statistics(d: &Delay) -> Value {
 }
 
 fn table(readings: &[Reading]) -> Grid {
-    let mut grid = Grid::new(&[
-        "<picture",
-        "<exposure by the screen",
-        "sigma / ms",
-        "ticks",
-        "command less screen / ms",
-        "exposure less screen / ms",
-        "sigma / ms",
-    ]);
-    let ms = |seconds: Option<f64>| crate::report::number::fixed(seconds.map(|s| 1e3 * s), 1);
-    for r in readings {
-        let stated = r.exposure.as_ref().map(|e| e.exposure_sigma_s.hypot(r.sigma_s));
-        grid.push(vec![
-            r.image.clone(),
-            format!("{:.3}", r.told),
-            ms(Some(r.sigma_s)),
-            r.ticks.to_string(),
-            ms(Some(r.command_s)),
-            ms(r.exposure_s),
-            ms(stated),
-        ]);
-    }
-    grid
+    let ms = |seconds: Option<f64>| fixed(seconds.map(|s| 1e3 * s), 1);
+    let stated = |r: &Reading| r.exposure.as_ref().map(|e| e.exposure_sigma_s.hypot(r.sigma_s));
+    Grid::each(readings).columns(&[
+        ("<picture", &|r| r.image.clone()),
+        ("<exposure by the screen", &|r| format!("{:.3}", r.shown)),
+        ("sigma / ms", &|r| ms(Some(r.sigma_s))),
+        ("ticks", &|r| r.ticks.to_string()),
+        ("command less screen / ms", &|r| ms(Some(r.command_s))),
+        ("exposure less screen / ms", &|r| ms(r.exposure_s)),
+        ("sigma / ms", &|r| ms(stated(r))),
+    ])
 }
 
 /// A picture's line; every standard deviation with the screen's latency.
-pub(super) fn json_line(read: &Result<Reading, (String, String)>, screen: &Screen) -> Value {
+pub(super) fn json_line(read: &Result<Reading, (String, Reason)>, screen: &Screen) -> Value {
     match read {
-        Err((image, reason)) => json!({ "image": image, "status": "failed", "reason": reason }),
+        Err((image, reason)) => json!({ "image": image, "status": "failed", "reason": reason.text() }),
         Ok(r) => {
             let sigma_s = r.sigma_s.hypot(screen.latency_sigma_s);
             let stated_s = r.exposure.as_ref().map(|e| e.exposure_sigma_s);
             json!({
-                "image": r.image, "status": "ok", "shown_time": r.told, "sigma_shown_s": sigma_s, "ticks": r.ticks,
+                "image": r.image, "status": "ok", "shown_time": r.shown, "sigma_shown_s": sigma_s, "ticks": r.ticks,
                 "command_less_shown_s": r.command_s, "sigma_command_less_shown_s": sigma_s,
                 "exposure_less_shown_s": r.exposure_s,
                 "sigma_exposure_less_shown_s": stated_s.map(|stated| stated.hypot(sigma_s)),
@@ -232,7 +236,7 @@ mod tests {
             let late_s = late_s + if k.is_multiple_of(2) { 0.003 } else { -0.003 };
             Reading {
                 image: format!("{k}"),
-                told: exposure.exposure_time,
+                shown: exposure.exposure_time,
                 sigma_s: 0.007,
                 ticks: 1,
                 command_s: late_s - 0.5,
@@ -252,19 +256,19 @@ mod tests {
     fn an_exposure_that_is_recorded_too_late_shortens_the_delay() {
         let found = summary(20, Source::EndOfFrame, 0.05);
         assert!(!found.exposure.as_ref().unwrap().agrees);
-        let (lines, _) = found.lines.unwrap();
+        let lines = found.lines.unwrap().text;
         assert!(lines.starts_with("stamp_delay_s = -0.0300\nstamp_delay_sigma_s = 0.00"), "{lines}");
         let found = summary(20, Source::ReleaseEdge, 0.004);
         assert!(found.exposure.as_ref().unwrap().agrees);
-        let (lines, _) = found.lines.unwrap();
+        let lines = found.lines.unwrap().text;
         assert!(lines.starts_with("exposure_delay_s = 0.0160\n"), "{lines}");
     }
 
     #[test]
     fn there_are_no_lines_where_nothing_can_be_configured() {
         assert!(summary(20, Source::AskedAndDelivered, 0.0).lines.is_err());
-        assert!(summary(4, Source::EndOfFrame, 0.0).lines.unwrap_err().contains("too few"));
+        assert!(summary(4, Source::EndOfFrame, 0.0).lines.unwrap_err().to_string().contains("too few"));
         let mixed = [readings(5, Source::EndOfFrame, 0.0), readings(5, Source::ReleaseEdge, 0.0)].concat();
-        assert!(lines(&mixed, None).unwrap_err().contains("--series"));
+        assert!(lines(&mixed, None).unwrap_err() == NoLines::SeveralSources);
     }
 }

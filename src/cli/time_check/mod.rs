@@ -1,16 +1,17 @@
-//! `wingd time-check`: photographs of a screen that shows the clock -> the instant of exposure checked, the delay measured.
+//! `wingd time-check` reads photographs of a screen that shows the clock: instants of exposure are checked, delays measured.
 
 mod answer;
 mod page;
 
 use std::path::PathBuf;
 
-use super::{Done, Failure, frames, print, solve_store};
+use super::{Done, Failure, RIGHTS, frames, print, stores, unwritable};
 use crate::camera::Format;
 use crate::clock::exposure::Exposure;
 use crate::measure::time_code::{self, Screen};
 use crate::pipeline::guard::{BROKE_OFF, guarded};
 use crate::pipeline::stages;
+use crate::record::Reason;
 use crate::store::{self, FrameRef, RealDisk};
 
 /// Photographs of a screen that shows the clock -> instants of exposure checked, the delay for [camera].
@@ -58,14 +59,14 @@ pub(super) struct Reading {
     /// Series and file.
     image: String,
     /// Middle of the exposure by the screen, UTC.
-    told: jiff::Timestamp,
+    shown: jiff::Timestamp,
     /// Its standard deviation, the latency's left out.
     sigma_s: f64,
     /// Ticks that the exposure saw.
     ticks: u32,
-    /// The camera was asked, less `told`.
+    /// The camera was asked, less `shown`.
     command_s: f64,
-    /// The exposure of the record less `told`.
+    /// The exposure of the record less `shown`.
     exposure_s: Option<f64>,
     /// As it stands in the record.
     exposure: Option<Exposure>,
@@ -80,9 +81,7 @@ impl Reading {
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     if let Some(file) = &args.page {
-        std::fs::write(file, page::page()).map_err(|e| {
-            Failure::Undone(format!("{} cannot be written ({e}); check rights and space", file.display()))
-        })?;
+        std::fs::write(file, page::page()).map_err(unwritable(file, RIGHTS))?;
         print(&format!("{}: open it on the recorder's computer, full screen", file.display()))?;
         return Ok(Done::All);
     }
@@ -91,7 +90,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let mut readings = Vec::new();
     let work = |frame: &FrameRef| {
         let name = format!("{}/{}", frame.series.id, frame.entry.file);
-        let read = guarded(|| reading(frame, &name, &screen)).unwrap_or_else(|| Err(BROKE_OFF.to_owned()));
+        let read = guarded(|| reading(frame, &name, &screen)).unwrap_or_else(|| Err(BROKE_OFF.into()));
         read.map_err(|reason| (name, reason))
     };
     frames::run(&chosen, args.jobs, "reading", work, |read| {
@@ -133,8 +132,8 @@ fn screen(args: &Args) -> Result<Screen, Failure> {
 fn chosen(args: &Args) -> Result<Vec<FrameRef>, Failure> {
     let Some(root) = &args.store else { return Ok(Vec::new()) };
     let mut all = Vec::new();
-    for flight in solve_store::flights(&RealDisk, root, args.flight.as_deref())? {
-        all.extend(solve_store::frames(&RealDisk, &flight, args.series.as_deref())?);
+    for flight in stores::flights(root, args.flight.as_deref())? {
+        all.extend(stores::frames(&RealDisk, &flight, args.series.as_deref())?);
     }
     if all.is_empty() {
         let what = "there is no frame of that flight and series";
@@ -143,15 +142,15 @@ fn chosen(args: &Args) -> Result<Vec<FrameRef>, Failure> {
     Ok(all)
 }
 
-fn reading(frame: &FrameRef, name: &str, screen: &Screen) -> Result<Reading, String> {
-    let bytes = store::read_frame(&RealDisk, frame).map_err(|e| e.to_string())?;
-    let format = Format::of_manifest(&frame.entry.format)?;
+fn reading(frame: &FrameRef, name: &str, screen: &Screen) -> Result<Reading, Reason> {
+    let bytes = store::read_frame(&RealDisk, frame).map_err(Reason::of)?;
+    let format = Format::of_manifest(&frame.entry.format).map_err(Reason::of)?;
     let (sighting, raster) = stages::detect_only(name, &bytes, Some(&format));
     if let Some(reason) = sighting.failure {
         return Err(reason);
     }
-    let Some(raster) = raster else { return Err(BROKE_OFF.to_owned()) };
-    let shown = time_code::read(&raster, &sighting.detections).map_err(|e| e.to_string())?;
+    let Some(raster) = raster else { return Err(BROKE_OFF.into()) };
+    let shown = time_code::read(&raster, &sighting.detections).map_err(Reason::of)?;
     let recorded = frame.exposure.as_ref().map_or(frame.stamp.utc, |exposure| exposure.exposure_time);
     let about_ms = 1e-6 * recorded.as_nanosecond() as f64;
     // The difference first: milliseconds since 1970 leave a float a quarter of a microsecond.
@@ -159,13 +158,14 @@ fn reading(frame: &FrameRef, name: &str, screen: &Screen) -> Result<Reading, Str
     if later_s.abs() > FARTHEST_S {
         return Err(format!(
             "the screen is {later_s:+.0} s off the recorder's clock (or whole turns of 41.5 minutes more); show the recorder's own clock"
-        ));
+        )
+        .into());
     }
     let apart = jiff::SignedDuration::try_from_secs_f64(later_s).unwrap_or_default();
     let less = |utc: jiff::Timestamp| utc.duration_since(recorded).as_secs_f64() - later_s;
     Ok(Reading {
         image: name.to_owned(),
-        told: recorded.checked_add(apart).unwrap_or(recorded),
+        shown: recorded.checked_add(apart).unwrap_or(recorded),
         sigma_s: screen.read_sigma_s(1e-3 * shown.width_ms),
         ticks: shown.ticks,
         command_s: less(frame.stamp.utc),

@@ -1,4 +1,4 @@
-//! The page that shows the clock: one file, no server.
+//! The page that shows the clock is one file and needs no server.
 
 use crate::measure::time_code::{
     BITS, COUNT_BITS, DISC_RADIUS, DISCS, FAST_BITS, HAMMING, SIZE, TICK_MS, cell,

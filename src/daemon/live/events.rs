@@ -1,7 +1,8 @@
-//! What in the results is an event, whose raw frames are kept. Pure.
+//! An event in the results has its raw frames kept. Pure.
 
 use super::config::KeepConfig;
 use super::result::LiveResult;
+use crate::record::GlobalTest;
 
 /// The mean that a departure counts from is of about this time, s.
 const MEAN_OF_S: f64 = 60.0;
@@ -31,7 +32,7 @@ impl Watch {
         if result.jolt && self.keep.jolt {
             return Some("the camera was jolted".to_owned());
         }
-        let rejected = result.record.global_test.as_deref() == Some("rejected");
+        let rejected = result.record.global_test == Some(GlobalTest::Rejected);
         if rejected && self.keep.rejected {
             return Some("the global test of a frame rejected".to_owned());
         }

@@ -1,5 +1,5 @@
-//! Raw frames that are kept: every n-th, and those about an event. They wait in memory that is bounded; what it does
-//! not hold is lost and counted.
+//! Raw frames are kept: every n-th, and those about an event. They wait in memory that is bounded; what it does not hold is
+//! lost and counted.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,12 +8,12 @@ use std::time::Duration;
 
 use serde_json::{Map, Value};
 
-use super::Shared;
 use super::config::KeepConfig;
 use super::result::LiveFrame;
-use crate::camera::extension;
-use crate::store::manifest::{Cause, Shot, State as Ended};
-use crate::store::{NewFrame, OpenSeries, Plan, Store, StoreError};
+use super::shared::Shared;
+use crate::daemon::keep;
+use crate::store::manifest::{Cause, State as Ended};
+use crate::store::{OpenSeries, Plan, StoreError};
 
 /// Of every n-th frame so many may wait for the disk.
 const NTH_WAITING: usize = 4;
@@ -86,7 +86,7 @@ impl Raw {
             }
         }
         if self.keep.ring_mb > 0 {
-            state.bytes += frame.frame.bytes.len();
+            state.bytes += frame.taken.frame.bytes.len();
             state.ring.push_back(frame.clone());
             lost += state.make_room(self.keep.ring_mb as usize * 1_000_000, self.keep.before.as_secs_f64());
         }
@@ -95,13 +95,11 @@ impl Raw {
         lost
     }
 
-    /// Something happened at this time since boot, s, or somebody asks. True where it begins an event, and does not prolong
-    /// one.
-    pub fn event(&self, reason: String, at_s: f64, asked: bool) -> bool {
+    /// Something happened at this time since boot, s, or somebody asks: it begins an event, or prolongs one.
+    pub fn event(&self, shared: &Shared, reason: String, at_s: f64, asked: bool) {
         let mut state = self.state();
-        let begins = state.event.is_none();
-        if self.keep.ring_mb == 0 || begins && !asked && at_s < state.quiet_until_s {
-            return false;
+        if self.keep.ring_mb == 0 || state.event.is_none() && !asked && at_s < state.quiet_until_s {
+            return;
         }
         let until_s = at_s + self.keep.after.as_secs_f64();
         state.quiet_until_s = until_s + self.keep.pause.as_secs_f64();
@@ -113,13 +111,14 @@ impl Raw {
                 }
             }
             none => {
+                tracing::info!(reason, "event");
+                shared.update(|live| live.events += 1);
                 let from_s = at_s - self.keep.before.as_secs_f64();
                 *none = Some(Wanted { from_s, until_s, reasons: vec![reason], frames: 0 });
             }
         }
         drop(state);
         self.changed.notify_all();
-        begins
     }
 
     /// No more frames come.
@@ -137,10 +136,10 @@ impl Raw {
 impl State {
     /// The oldest frames go; how many of them an event wanted.
     fn make_room(&mut self, most_bytes: usize, before_s: f64) -> u64 {
-        let newest_s = self.ring.back().map_or(0.0, |f| f.exposure.exposure_since_boot_s);
+        let newest_s = self.ring.back().map_or(0.0, |f| f.at_s());
         let mut lost = 0;
         while let Some(front) = self.ring.front() {
-            let at_s = front.exposure.exposure_since_boot_s;
+            let at_s = front.at_s();
             let wanted = self.event.as_ref().is_some_and(|e| (e.from_s..=e.until_s).contains(&at_s));
             let old = !wanted && newest_s - at_s > before_s;
             // The newest stays, however large.
@@ -155,7 +154,7 @@ impl State {
 
     fn pop(&mut self) -> Option<Arc<LiveFrame>> {
         let frame = self.ring.pop_front()?;
-        self.bytes -= frame.frame.bytes.len();
+        self.bytes -= frame.taken.frame.bytes.len();
         Some(frame)
     }
 
@@ -164,7 +163,7 @@ impl State {
             return Job::Nth(frame);
         }
         while let Some(event) = &mut self.event {
-            let at_s = self.ring.front().map(|f| f.exposure.exposure_since_boot_s);
+            let at_s = self.ring.front().map(|f| f.at_s());
             let (from_s, until_s) = (event.from_s, event.until_s);
             let over = at_s.is_some_and(|at| at > until_s) || event.frames >= EVENT_FRAMES;
             if over || (at_s.is_none() && self.closed) {
@@ -188,7 +187,6 @@ impl State {
 /// Writes the frames, on a thread of its own.
 pub(super) struct Keeper {
     pub shared: Shared,
-    pub store: Arc<Store>,
     pub raw: Arc<Raw>,
 }
 
@@ -242,35 +240,21 @@ impl Keeper {
         let open = match series {
             Some(open) => open,
             none => {
-                let (mut begun, recovery) =
-                    self.store.begin_series(Plan { cause, shots: 0 }, &self.shared.clock.stamp())?;
-                crate::daemon::judging::log_recovery(&recovery);
+                let (core, plan) = (&self.shared.core, Plan { cause, shots: 0 });
+                let mut begun = keep::begin(&core.store, plan, &core.clock.stamp())?;
                 begun.note_camera(self.raw.state().camera.clone())?;
                 none.insert(begun)
             }
         };
         let number = u32::try_from(open.shots().len()).unwrap_or(u32::MAX).saturating_add(1);
-        let shot = Shot {
-            shot: number,
-            stamp: frame.stamp.clone(),
-            duration_s: Some(frame.duration_s),
-            exposure: Some(frame.exposure.clone()),
-            frame: None,
-            failures: Vec::new(),
-        };
-        let new = NewFrame {
-            bytes: &frame.frame.bytes,
-            extension: extension(&frame.frame.format),
-            format: serde_json::to_value(&frame.frame.format).unwrap_or(Value::Null),
-            settings: frame.frame.settings.clone(),
-        };
-        open.add_shot(shot, Some(new)).map(drop)
+        keep::add(open, frame.taken.shot(number, Vec::new()), Some(&frame.taken.frame)).map(drop)
     }
 
     fn close(&self, series: &mut Option<OpenSeries>, remarks: Vec<String>) {
         let Some(series) = series.take() else { return };
         let id = series.id().to_owned();
-        match self.store.close_series(series, Ended::Complete, &self.shared.clock.stamp(), remarks.clone()) {
+        let core = &self.shared.core;
+        match core.store.close_series(series, Ended::Complete, &core.clock.stamp(), remarks.clone()) {
             Ok(()) => {
                 tracing::info!(series = id, why = remarks.join("; "), "raw frames of live mode are kept")
             }

@@ -1,4 +1,4 @@
-//! A place for one thing: what is still there when the next comes is replaced, never queued.
+//! A mailbox has a place for one thing: what is still there when the next comes is replaced, never queued.
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -16,7 +16,7 @@ pub(crate) struct Mailbox<T> {
 
 /// What a look into the mailbox gave.
 #[derive(Debug, PartialEq)]
-pub(crate) enum Taken<T> {
+pub(crate) enum Look<T> {
     Thing(T),
     Nothing,
     Closed,
@@ -43,15 +43,15 @@ impl<T> Mailbox<T> {
     }
 
     /// Waits at most so long; machine time.
-    pub fn take(&self, patience: Duration) -> Taken<T> {
+    pub fn take(&self, patience: Duration) -> Look<T> {
         let slot = self.slot();
         let waiting = |slot: &mut Slot<T>| slot.thing.is_none() && !slot.closed;
         let waited = self.changed.wait_timeout_while(slot, patience, waiting);
         let mut slot = waited.unwrap_or_else(PoisonError::into_inner).0;
         match (slot.thing.take(), slot.closed) {
-            (Some(thing), _) => Taken::Thing(thing),
-            (None, true) => Taken::Closed,
-            (None, false) => Taken::Nothing,
+            (Some(thing), _) => Look::Thing(thing),
+            (None, true) => Look::Closed,
+            (None, false) => Look::Nothing,
         }
     }
 
@@ -67,11 +67,11 @@ mod tests {
     #[test]
     fn the_newest_is_there_and_the_last_is_taken_before_the_end() {
         let mailbox = Mailbox::default();
-        assert_eq!(mailbox.take(Duration::ZERO), Taken::Nothing);
+        assert_eq!(mailbox.take(Duration::ZERO), Look::Nothing);
         assert!(!mailbox.put(1));
         assert!(mailbox.put(2));
         mailbox.close();
-        assert_eq!(mailbox.take(Duration::from_secs(60)), Taken::Thing(2));
-        assert_eq!(mailbox.take(Duration::from_secs(60)), Taken::Closed);
+        assert_eq!(mailbox.take(Duration::from_secs(60)), Look::Thing(2));
+        assert_eq!(mailbox.take(Duration::from_secs(60)), Look::Closed);
     }
 }

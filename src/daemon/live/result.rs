@@ -1,13 +1,12 @@
-//! A live frame, and its result as given out: a line of JSON, a datagram (docs/live.md).
+//! A live frame's result is given out as a line of JSON and as a datagram (docs/live.md).
 
 use std::fmt::Write as _;
 
 use serde::Serialize;
 
-use crate::camera::Frame;
-use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
-use crate::pipeline::live::{Curvature, Outline, Told};
+use crate::daemon::capture::Taken;
+use crate::pipeline::live::{Curvature, Outline, Tracked};
 use crate::pipeline::stages::Search;
 use crate::record::{ImageRecord, Status};
 
@@ -15,21 +14,20 @@ use crate::record::{ImageRecord, Status};
 pub(crate) struct LiveFrame {
     /// Counted since the start, from 1; the gaps are frames that were skipped.
     pub number: u64,
-    /// As the camera delivered it.
-    pub frame: Frame,
-    /// When the camera was asked.
-    pub stamp: Stamp,
-    /// From asking to delivery, s.
-    pub duration_s: f64,
-    /// When it was exposed.
-    pub exposure: Exposure,
+    /// The frame.
+    pub taken: Taken,
 }
 
 impl LiveFrame {
     /// As its result names it.
     pub fn name(&self) -> String {
-        let source = self.frame.settings.get("source").and_then(|name| name.as_str());
+        let source = self.taken.frame.settings.get("source").and_then(|name| name.as_str());
         source.map_or_else(|| format!("live {}", self.number), str::to_owned)
+    }
+
+    /// When it was exposed, since boot, s.
+    pub fn at_s(&self) -> f64 {
+        self.taken.exposure.exposure_since_boot_s
     }
 }
 
@@ -65,9 +63,9 @@ pub struct LiveResult {
 pub const DATAGRAM_POINTS: usize = 11;
 
 impl LiveResult {
-    pub(crate) fn new(frame: &LiveFrame, told: Told, latency_ms: f64, skipped: u64) -> Self {
-        let Told { record, search, mounting, jolt, outlines, curvature } = told;
-        let (number, exposure) = (frame.number, frame.exposure.clone());
+    pub(crate) fn new(frame: &LiveFrame, tracked: Tracked, latency_ms: f64, skipped: u64) -> Self {
+        let Tracked { record, search, mounting, jolt, outlines, curvature } = tracked;
+        let (number, exposure) = (frame.number, frame.taken.exposure.clone());
         Self { number, exposure, latency_ms, skipped, search, mounting, jolt, outlines, curvature, record }
     }
 

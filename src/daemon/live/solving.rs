@@ -1,34 +1,31 @@
-//! Solving frames as they come: the newest first, behind a deadline. What goes wrong with a frame costs its result.
+//! Frames are solved as they come, the newest first and behind a deadline. What goes wrong with a frame costs its result.
 
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TrySendError, channel};
+use std::sync::mpsc::{SyncSender, TrySendError};
 use std::time::Duration;
 
 use super::events::Watch;
 use super::frames::Raw;
-use super::mailbox::{Mailbox, Taken};
+use super::mailbox::{Look, Mailbox};
+use super::meter::Meter;
 use super::out::Tap;
 use super::result::{Given, LiveFrame, LiveResult};
-use super::status::Meter;
-use super::{Shared, Track};
-use crate::pipeline::live::Told;
+use super::shared::Shared;
+use crate::camera::Frame;
+use crate::daemon::solver::{Track, Tracking};
+use crate::daemon::worker::{Unanswered, Worker};
+use crate::pipeline::live::Tracked;
 use crate::pipeline::stages::Search;
-use crate::record::ImageRecord;
+use crate::record::{ImageRecord, Method};
 
 /// A frame that takes longer is given up, with its thread. Machine time.
 const DEADLINE: Duration = Duration::from_secs(5);
 /// Solvers given up that may run on at a time; each holds a thread, at worst a core.
-const MAX_HANGING: usize = 2;
-/// The longest wait without a look at the halt.
-const BEAT: Duration = Duration::from_millis(100);
+pub(super) const MAX_HANGING: usize = 2;
+/// Without a frame for so long the rate is looked at.
+const QUIET: Duration = Duration::from_millis(100);
 /// Results between two looks at the latencies.
 const LATENCIES_EVERY: u64 = 8;
-
-/// The thread that has the state of the adjustment.
-struct Worker {
-    frames: Sender<Arc<LiveFrame>>,
-    told: Receiver<Told>,
-}
 
 /// What the live thread works with.
 pub(super) struct Solving {
@@ -38,111 +35,74 @@ pub(super) struct Solving {
     pub raw: Arc<Raw>,
     pub tap: Tap,
     pub rows: SyncSender<Arc<LiveResult>>,
-    /// One count per worker, and ours.
-    pub running: Arc<()>,
+    /// The thread that has the state of the adjustment.
+    pub worker: Worker<Tracking>,
 }
 
 impl Solving {
     /// Until the recorder ends.
-    pub fn run(self) {
-        let mut worker = None;
+    pub fn run(mut self) {
         let mut watch = Watch::new(self.shared.config.keep.clone());
         let mut meter = Meter::default();
         loop {
-            match self.mailbox.take(BEAT) {
-                Taken::Thing(frame) => {
-                    if let Some(told) = self.solve(&mut worker, &frame) {
-                        self.give(&frame, told, (&mut watch, &mut meter));
+            match self.mailbox.take(QUIET) {
+                Look::Thing(frame) => {
+                    if let Some(tracked) = self.solve(&frame) {
+                        self.give(&frame, tracked, (&mut watch, &mut meter));
                     }
                 }
-                Taken::Nothing => self.quiet(&meter),
-                Taken::Closed => break,
+                Look::Nothing => self.quiet(&meter),
+                Look::Closed => break,
             }
         }
     }
 
     /// `None` where frames are not solved: nothing is known to solve them with, or too many solvers hang.
-    fn solve(&self, worker: &mut Option<Worker>, frame: &Arc<LiveFrame>) -> Option<Told> {
-        let ready = match worker.take() {
-            Some(ready) => ready,
-            None => self.start()?,
-        };
-        let failed = |why: &str| Told {
-            record: ImageRecord::failed(&frame.name(), "spatial", why),
-            search: Search::Whole,
-            mounting: 0,
-            jolt: false,
-            outlines: Vec::new(),
-            curvature: None,
-        };
-        if ready.frames.send(frame.clone()).is_err() {
-            return Some(failed("the solver broke off before this frame"));
-        }
-        let mut left = DEADLINE;
-        loop {
-            let slice = left.min(BEAT);
-            match ready.told.recv_timeout(slice) {
-                Ok(told) => {
-                    *worker = Some(ready);
-                    return Some(told);
-                }
-                Err(RecvTimeoutError::Disconnected) => {
-                    let what = "the solver broke off on this frame, and begins anew; send the frame to the developers";
-                    self.shared.fault("solver", what);
-                    return Some(failed(what));
-                }
-                Err(RecvTimeoutError::Timeout) if left <= slice || self.shared.halt.over() => {
-                    self.shared.update(|live| live.solver_hangs += 1);
-                    let what = format!(
-                        "the solver had no result after {DEADLINE:?} and was given up, and begins anew"
-                    );
-                    self.shared.fault("solver", &what);
-                    return Some(failed(&what));
-                }
-                Err(RecvTimeoutError::Timeout) => left -= slice,
-            }
-        }
-    }
-
-    fn start(&self) -> Option<Worker> {
+    fn solve(&mut self, frame: &Arc<LiveFrame>) -> Option<Tracked> {
         let track = self.track.clone()?;
-        if Arc::strong_count(&self.running) > MAX_HANGING + 1 {
-            self.shared.fault("solver", "solvers hang; live frames are not solved before a restart of wingd");
-            return None;
-        }
-        let (frames, inbox) = channel::<Arc<LiveFrame>>();
-        let (say, told) = channel();
-        let running = self.running.clone();
-        let thread = std::thread::Builder::new().name("live-solver".to_owned());
-        let spawned = thread.spawn(move || {
-            let _running = running;
-            let Ok(mut tracker) = track() else { return };
-            while let Ok(frame) = inbox.recv() {
-                let at_s = frame.exposure.exposure_since_boot_s;
-                let told = tracker(&frame.name(), &frame.frame.bytes, &frame.frame.format, at_s);
-                // Before the answer: the frame's memory is not ours any more.
-                drop(frame);
-                if say.send(told).is_err() {
-                    break;
-                }
+        let work = {
+            let frame = frame.clone();
+            // The frame is let go of before the answer: its memory is not the solver's any more.
+            move |tracking: &mut Tracking| {
+                let Frame { bytes, format, .. } = &frame.taken.frame;
+                tracking(&frame.name(), bytes, format, frame.at_s())
             }
-        });
-        match spawned {
-            Ok(_) => Some(Worker { frames, told }),
-            Err(error) => {
+        };
+        let why = match self.worker.call(DEADLINE, &|| {}, move || track().ok(), work) {
+            Ok(tracked) => return Some(tracked),
+            Err(Unanswered::TooManyHang) => {
+                let why = "solvers hang; live frames are not solved before a restart of wingd";
+                self.shared.fault("solver", why);
+                return None;
+            }
+            Err(Unanswered::NoThread(error)) => {
                 self.shared.fault("solver", &format!("no thread to solve live frames on: {error}"));
-                None
+                return None;
             }
-        }
+            Err(Unanswered::Broken) => {
+                "the solver broke off on this frame, and begins anew; send the frame to the developers"
+                    .to_owned()
+            }
+            Err(Unanswered::Late) => {
+                format!("the solver had no result after {DEADLINE:?} and was given up, and begins anew")
+            }
+            Err(Unanswered::Halted(_)) => {
+                "the solver was given up because wingd stops or the power fails".to_owned()
+            }
+        };
+        self.shared.fault("solver", &why);
+        let hangs = self.worker.given_up();
+        self.shared.update(|live| live.solver_hangs = hangs);
+        Some(Tracked::failed(ImageRecord::failed(&frame.name(), Method::Spatial, why)))
     }
 
-    fn give(&self, frame: &Arc<LiveFrame>, told: Told, (watch, meter): (&mut Watch, &mut Meter)) {
-        let now_s = self.shared.clock.since_boot().as_secs_f64();
-        let latency_ms = 1e3 * (now_s - frame.exposure.exposure_since_boot_s);
+    fn give(&self, frame: &Arc<LiveFrame>, tracked: Tracked, (watch, meter): (&mut Watch, &mut Meter)) {
+        let now_s = self.shared.core.clock.since_boot().as_secs_f64();
+        let latency_ms = 1e3 * (now_s - frame.at_s());
         let skipped = self.shared.skipped();
-        let result = Arc::new(LiveResult::new(frame, told, latency_ms, skipped));
+        let result = Arc::new(LiveResult::new(frame, tracked, latency_ms, skipped));
         if let Some(reason) = watch.look(&result) {
-            self.shared.event(&self.raw, reason, frame.exposure.exposure_since_boot_s, false);
+            self.raw.event(&self.shared, reason, frame.at_s(), false);
         }
         if result.solved() {
             self.tap.preview.show(frame);
@@ -170,7 +130,7 @@ impl Solving {
     }
 
     fn quiet(&self, meter: &Meter) {
-        let rate_hz = meter.rate_hz(self.shared.clock.since_boot().as_secs_f64());
+        let rate_hz = meter.rate_hz(self.shared.core.clock.since_boot().as_secs_f64());
         self.shared.update(|live| live.rate_hz = rate_hz);
     }
 }

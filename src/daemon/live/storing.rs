@@ -6,10 +6,9 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value};
 
-use super::Shared;
 use super::result::LiveResult;
+use super::shared::Shared;
 use super::table::Table;
-use crate::store::Store;
 
 /// A result is durable at most this long after it came, but for the disk's own time.
 const FLUSH: Duration = Duration::from_secs(2);
@@ -18,7 +17,6 @@ pub(super) const WAITING: usize = 600;
 
 pub(super) struct Storing {
     pub shared: Shared,
-    pub store: Arc<Store>,
     /// What all results come from.
     pub source: Map<String, Value>,
 }
@@ -33,7 +31,7 @@ impl Storing {
             open = gather(inbox, &mut waiting);
             self.flush(&mut table, &mut waiting);
         }
-        if let Err(error) = self.store.close_live() {
+        if let Err(error) = self.shared.core.store.close_live() {
             tracing::warn!(%error, "the live results' file is closed at the next start");
         }
     }
@@ -46,7 +44,7 @@ impl Storing {
         }
         let Some(table) = table.as_ref().filter(|_| !waiting.is_empty()) else { return self.bound(waiting) };
         let rows: Vec<_> = waiting.iter().map(|result| table.row(result)).collect();
-        match self.store.append_live(&table.table, &rows, &self.shared.clock.stamp()) {
+        match self.shared.core.store.append_live(&table.table, &rows, &self.shared.core.clock.stamp()) {
             Ok(()) => {
                 self.shared.update(|live| live.stored += rows.len() as u64);
                 self.shared.clear("results");

@@ -1,10 +1,10 @@
-//! A live result as a row of the store's table (docs/store.md).
+//! A live result becomes a row of the store's table (docs/store.md).
 
 use serde_json::{Map, Value, json};
 
 use super::result::LiveResult;
 use crate::pipeline::stages::Search;
-use crate::record::{CurveRecord, ImageRecord, MarkerRecord, TorsionRecord};
+use crate::record::{CurveRecord, GlobalTest, ImageRecord, MarkerRecord, TorsionRecord};
 use crate::store::columns::{Column, Kind, LiveTable, Row, UTC};
 use crate::store::live::names;
 
@@ -136,7 +136,7 @@ fn once(result: &LiveResult) -> Row {
         flag(result.jolt),
         result.latency_ms,
         or_none(record.variance_factor),
-        or_none(record.global_test.as_deref().map(|test| flag(test == "passed"))),
+        or_none(record.global_test.map(|test| flag(test == GlobalTest::Passed))),
         or_none(tip.map(|tip| tip.lift_m)),
         or_none(tip.and_then(|tip| tip.sigma_lift_m)),
     ]

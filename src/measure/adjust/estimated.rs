@@ -10,11 +10,9 @@ use nalgebra::{Matrix3, Vector3};
 use super::AdjustError;
 use super::beam::{Bending, Grid, Mount, Section};
 use super::ground::GroundShape;
-use super::scene::MarkerState;
+use super::marker_state::{ESTIMATED, MarkerState};
 use crate::measure::setup::{Setup, Uncertainty};
 
-/// Number of such unknowns: root offset (m), chord offset of the axis (m), direction of the span (rad).
-pub const ESTIMATED: usize = 3;
 /// Differences to the neighbouring wings, in the same order: within what users state.
 const STEPS: [f64; ESTIMATED] = [0.05, 0.05, 2e-3];
 

@@ -3,34 +3,24 @@
 
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 
-use super::beam::{Bending, Grid, RAISE_TERMS, Section};
-use super::gauss_helmert::{Fit, Gradient, Problem};
-use super::layout::{Layout, Survey, Values};
-use super::quality::{self, Reliability};
-use super::scene::{Bent, MarkerState, Scene};
-use super::{CurvePoint, Estimate, MarkerSolution, Options, Parameter, Torsion};
-use crate::measure::setup::{Setup, TorsionPair};
-
-/// Intervals of the curves along the span.
-const CURVE_INTERVALS: usize = 40;
-
-/// Which marker a block belongs to, and where its observations stand in the block.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Member {
-    /// Index in the survey.
-    pub marker: usize,
-    /// First of the two pixel coordinates in flight.
-    pub flight: Option<usize>,
-    /// First of the two pixel coordinates on ground.
-    pub ground: Option<usize>,
-}
+use super::beam::{Grid, RAISE_TERMS};
+use super::curve::Curve;
+use super::input::Input;
+use super::layout::{Layout, Member, Survey};
+use super::marker_state::MarkerState;
+use super::scene::Bent;
+use super::snooping::{Suspect, Target};
+use super::term::Effect;
+use super::values::Values;
+use super::{CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Parameter, Solution, Torsion};
+use crate::measure::estimation::quality::{self, Reliability};
+use crate::measure::estimation::{Fit, Gradient, Problem};
+use crate::measure::setup::TorsionPair;
 
 /// One frame's part of a fit.
 pub struct Outcome<'a> {
-    /// The installation.
-    pub setup: &'a Setup,
-    /// The same, prepared.
-    pub scene: &'a Scene,
+    /// What it was set up from.
+    pub input: &'a Input<'a>,
     /// Where the unknowns stand.
     pub layout: &'a Layout,
     /// What was solved.
@@ -41,31 +31,61 @@ pub struct Outcome<'a> {
     pub group: usize,
     /// Its blocks.
     pub members: &'a [Member],
-    /// Choices.
-    pub options: &'a Options,
-    /// Factor of the standard deviations: 1 a priori.
-    pub scale: f64,
     values: Values,
     bent: Bent,
+    global_test: GlobalTest,
+    posterior: bool,
+    /// Factor of the standard deviations: 1 a priori.
+    scale: f64,
 }
 
 impl<'a> Outcome<'a> {
     /// Evaluates the model at the solution.
-    #[expect(clippy::too_many_arguments, reason = "a view of eight things, built in two places")]
     pub fn new(
-        setup: &'a Setup,
-        scene: &'a Scene,
+        input: &'a Input<'a>,
         layout: &'a Layout,
         problem: &'a Problem,
         fit: &'a Fit,
         group: usize,
         members: &'a [Member],
-        options: &'a Options,
-        scale: f64,
     ) -> Self {
         let values = layout.values(&fit.global, &fit.groups[group].local);
-        let bent = scene.bend(&values.bending());
-        Self { setup, scene, layout, problem, fit, group, members, options, scale, values, bent }
+        let bent = input.scene.bend(&values.bending());
+        let global_test = quality::global_test(fit.omega, fit.redundancy, input.options.global_alpha);
+        let posterior = quality::is_posterior(input.options.sigma, global_test);
+        let scale = if posterior { fit.variance_factor().map_or(1.0, f64::sqrt) } else { 1.0 };
+        Self { input, layout, problem, fit, group, members, values, bent, global_test, posterior, scale }
+    }
+
+    /// All that the fit says of the frame; `removed`: what data snooping left out of it, with a remark and a reason each.
+    pub fn solution<'s>(&self, method: Method, removed: impl Iterator<Item = &'s Suspect>) -> Solution {
+        let (curve, parabola, a) = self.curve();
+        let (mut parameters, correlation, pitch_bending_correlation) = self.parameters(&parabola, a);
+        parameters.push(self.axis_raise());
+        let (mut markers, mut remarks) = (self.markers(), vec![]);
+        for suspect in removed {
+            let sentence = suspect.sentence(self.input.setup, self.input.options);
+            if suspect.target != Target::Ground {
+                markers[suspect.marker].reason = Some(sentence.clone());
+            }
+            remarks.push(sentence);
+        }
+        Solution {
+            method,
+            variance_factor: self.fit.variance_factor(),
+            redundancy: self.fit.redundancy,
+            global_test: self.global_test,
+            posterior: self.posterior,
+            parameters,
+            correlation,
+            pitch_bending_correlation,
+            markers,
+            torsion: self.torsion(),
+            curve,
+            variance_components: vec![],
+            remarks,
+            iterations: self.fit.iterations,
+        }
     }
 
     /// Of functions of the frame's unknowns and of the places of some markers on ground.
@@ -96,7 +116,7 @@ impl<'a> Outcome<'a> {
         let marker = self.members[block].marker;
         let ground = self.on_ground(block);
         let (bending, estimated) = (self.values.bending(), &self.values.estimated);
-        (ground, self.scene.marker(marker, &self.bent, &ground, &bending, estimated))
+        (ground, self.input.scene.marker(marker, &self.bent, &ground, &bending, estimated))
     }
 
     /// Adds `directions * d(position in flight) + ground * d(position on ground)` to a gradient, a function
@@ -104,7 +124,8 @@ impl<'a> Outcome<'a> {
     fn add(
         &self,
         gradient: &mut Gradient,
-        (block, nth): (usize, usize),
+        block: usize,
+        nth: usize,
         state: &MarkerState,
         directions: &[Vector3<f64>],
         ground: &[Vector3<f64>],
@@ -130,9 +151,9 @@ impl<'a> Outcome<'a> {
     }
 
     /// Every marker of the survey; those without an observation stay without numbers.
-    pub fn markers(&self) -> Vec<MarkerSolution> {
+    fn markers(&self) -> Vec<MarkerSolution> {
         let unseen = |marker| MarkerSolution::unused(marker, "not measured in this frame".into());
-        let mut markers: Vec<_> = (0..self.setup.markers.len()).map(unseen).collect();
+        let mut markers: Vec<_> = (0..self.input.setup.markers.len()).map(unseen).collect();
         for (block, member) in self.members.iter().enumerate() {
             if member.flight.is_some() {
                 markers[member.marker] = self.marker(block);
@@ -152,18 +173,18 @@ impl<'a> Outcome<'a> {
         let none = Vector3::zeros();
         let mut gradient = self.gradient(5, &[member.marker]);
         let directions = [x, y, z, y, towards];
-        self.add(&mut gradient, (block, 0), &state, &directions, &[none, none, none, -y, none]);
+        self.add(&mut gradient, block, 0, &state, &directions, &[none, none, none, -y, none]);
         let covariance = self.covariance(&gradient);
-        let survey_from_wing = self.scene.ground.frame.wing_from_survey.inverse();
+        let survey_from_wing = self.input.scene.ground.frame.wing_from_survey.inverse();
         let in_wing = covariance.fixed_view::<3, 3>(0, 0).into_owned();
         let sigma = |k: usize| Some(covariance[(k, k)].max(0.0).sqrt());
         let solution = MarkerSolution {
             used: true,
             reason: None,
             distance_m: Some(Estimate { value: distance, sigma: sigma(4) }),
-            position_m: Some(self.scene.ground.frame.survey_point(&position)),
+            position_m: Some(self.input.scene.ground.frame.survey_point(&position)),
             covariance_m2: Some(survey_from_wing.matrix() * in_wing * survey_from_wing.matrix().transpose()),
-            lift_m: (!self.setup.markers[member.marker].fixed)
+            lift_m: (!self.input.setup.markers[member.marker].fixed)
                 .then(|| Estimate { value: position.y - ground.y, sigma: sigma(3) }),
             ..MarkerSolution::unused(member.marker, String::new())
         };
@@ -174,8 +195,13 @@ impl<'a> Outcome<'a> {
         let member = self.members[block];
         let Some(first) = member.flight else { return solution };
         let residuals = &self.fit.groups[self.group].blocks[block].residuals;
-        let all =
-            quality::reliability(self.problem, self.fit, self.group, block, self.options.snooping_alpha);
+        let all = quality::reliability(
+            self.problem,
+            self.fit,
+            self.group,
+            block,
+            self.input.options.snooping_alpha,
+        );
         let (u, v) = (all[first], all[first + 1]);
         let bias = |r: &Reliability| r.minimal_detectable_bias.unwrap_or(f64::INFINITY);
         solution.residual_px = Some(Vector2::new(residuals[first], residuals[first + 1]));
@@ -190,19 +216,19 @@ impl<'a> Outcome<'a> {
     }
 
     /// Torsion of every pair.
-    pub fn torsion(&self) -> Vec<Torsion> {
+    fn torsion(&self) -> Vec<Torsion> {
         let one = |pair: &TorsionPair| Torsion {
             name: pair.name.clone(),
             angle_rad: self.angle(pair),
             twist_rad: self.section_twist(pair),
         };
-        self.setup.torsion.iter().map(one).collect()
+        self.input.setup.torsion.iter().map(one).collect()
     }
 
     /// From the lifts of the two markers (paper, section 4.3).
     fn angle(&self, pair: &TorsionPair) -> Option<Estimate> {
         let blocks = [self.block_of(pair.leading)?, self.block_of(pair.trailing)?];
-        let markers = &self.setup.markers;
+        let markers = &self.input.setup.markers;
         let apart = markers[pair.leading].position_m - markers[pair.trailing].position_m;
         let base = apart.xy().norm();
         let mut gradient = self.gradient(1, &[pair.leading, pair.trailing]);
@@ -211,7 +237,7 @@ impl<'a> Outcome<'a> {
             let (ground, state) = self.state(block);
             difference += sign * (state.carried.position_m.y - ground.y);
             let up = Vector3::y() * sign;
-            self.add(&mut gradient, (block, nth), &state, &[up], &[-up]);
+            self.add(&mut gradient, block, nth, &state, &[up], &[-up]);
         }
         let by_difference = base / (base * base + difference * difference);
         let sigma = self.sigmas(&gradient).first().map(|s| s * by_difference);
@@ -220,48 +246,42 @@ impl<'a> Outcome<'a> {
 
     /// Rotation of the section half-way between the two stations.
     fn section_twist(&self, pair: &TorsionPair) -> Option<Estimate> {
-        let station = |m: usize| self.scene.ground.stations.get(m).map(|s| s.arc_m);
+        let station = |m: usize| self.input.scene.ground.stations.get(m).map(|s| s.arc_m);
         let arc = 0.5 * (station(pair.leading)? + station(pair.trailing)?);
-        let grid = Grid::new(&self.scene.ground, &[arc]);
+        let grid = Grid::new(&self.input.scene.ground, &[arc]);
         let section = grid.bend(&self.values.bending()).pop()?;
         let mut gradient = self.gradient(1, &[]);
-        self.put_twist(&mut gradient, 0, &section);
+        for (placed, k) in self.layout.unknowns() {
+            let Effect::Wing { twist, .. } = placed.term.effect else { continue };
+            self.layout.put(&mut gradient, placed.place, k, 0, twist(&section, k));
+        }
         Some(Estimate { value: section.twist_rad, sigma: self.sigmas(&gradient).first().copied() })
     }
 
     /// Lift of the axis and twist from the root to the outermost marker, and `a_per_m` fitted to it.
-    pub fn curve(&self) -> (Vec<CurvePoint>, Gradient, f64) {
-        let reach = self.scene.ground.stations.iter().fold(0.0, |a: f64, s| a.max(s.arc_m));
-        let arcs: Vec<f64> =
-            (0..=CURVE_INTERVALS).map(|k| reach * k as f64 / CURVE_INTERVALS as f64).collect();
-        let grid = Grid::new(&self.scene.ground, &arcs);
-        let flat = grid.bend(&Bending { raise_m: self.values.raise_m, ..Bending::NONE });
-        let bent = grid.bend(&self.values.bending());
-        let root = grid.root_m() + Vector3::y() * self.values.raise_m[0];
-        let count = arcs.len();
-        // Lifts, then twists.
-        let mut gradient = self.gradient(2 * count, &[]);
+    fn curve(&self) -> (Vec<CurvePoint>, Gradient, f64) {
+        let curve = Curve::new(self.input.scene, &self.values);
+        let lifts_m = curve.lifts_m();
+        let count = lifts_m.len();
+        let gradient = self.along(&curve);
         let mut by_lift = DVector::zeros(2 * count);
         let (mut moment, mut fourth) = (0.0, 0.0);
-        for (k, (flat, bent)) in flat.iter().zip(&bent).enumerate() {
-            self.put_lift(&mut gradient, k, bent, root.y);
-            self.put_twist(&mut gradient, count + k, bent);
-            let x2 = (bent.axis_m.x - root.x).powi(2);
+        for (k, (section, lift_m)) in curve.bent.iter().zip(&lifts_m).enumerate() {
+            let x2 = (section.axis_m.x - curve.root_m.x).powi(2);
             by_lift[k] = x2;
-            moment += (bent.axis_m.y - flat.axis_m.y) * x2;
+            moment += lift_m * x2;
             fourth += x2 * x2;
         }
         by_lift /= fourth;
-        self.put_estimated_lifts(&mut gradient, &arcs, |k| bent[k].axis_m.y - flat[k].axis_m.y);
         let sigmas = self.sigmas(&gradient);
         let sigma = |k: usize| sigmas.get(k).copied();
         // Which way is nose up hangs on it.
-        let side = self.setup.side();
+        let side = self.input.setup.side();
         let point = |k: usize| CurvePoint {
-            arc_length_m: arcs[k],
-            span_m: bent[k].axis_m.x,
-            lift_m: Estimate { value: bent[k].axis_m.y - flat[k].axis_m.y, sigma: sigma(k) },
-            twist_rad: side.map(|_| Estimate { value: bent[k].twist_rad, sigma: sigma(count + k) }),
+            arc_length_m: curve.arcs_m[k],
+            span_m: curve.bent[k].axis_m.x,
+            lift_m: Estimate { value: lifts_m[k], sigma: sigma(k) },
+            twist_rad: side.map(|_| Estimate { value: curve.bent[k].twist_rad, sigma: sigma(count + k) }),
         };
         let parabola = Gradient {
             global: DMatrix::from_columns(&[&gradient.global * &by_lift]),
@@ -271,52 +291,32 @@ impl<'a> Outcome<'a> {
         ((0..count).map(point).collect(), parabola, moment / fourth)
     }
 
-    /// Lifts of the axis of wings that differ in what the user can only estimate, at the same places.
-    fn put_estimated_lifts(&self, gradient: &mut Gradient, arcs: &[f64], lift: impl Fn(usize) -> f64) {
-        let flat = Bending { raise_m: self.values.raise_m, ..Bending::NONE };
-        for (place, neighbour) in self.layout.estimated.iter().zip(&self.scene.neighbours) {
-            let (Some(place), Some(neighbour)) = (place, neighbour) else { continue };
-            let own: Vec<f64> = arcs.iter().map(|arc| (arc - neighbour.root_m).max(0.0)).collect();
-            let grid = Grid::new(&neighbour.ground, &own);
-            let (flat, bent) = (grid.bend(&flat), grid.bend(&self.values.bending()));
-            for (k, (flat, bent)) in flat.iter().zip(&bent).enumerate() {
-                let by = (bent.axis_m.y - flat.axis_m.y - lift(k)) / neighbour.step;
-                self.layout.put(gradient, *place, 0, k, by);
-            }
+    /// Lifts, then twists, of the curve's points.
+    fn along(&self, curve: &Curve) -> Gradient {
+        let count = curve.bent.len();
+        let mut gradient = self.gradient(2 * count, &[]);
+        for (placed, k) in self.layout.unknowns() {
+            let Effect::Wing { lifts, twist, .. } = placed.term.effect else { continue };
+            let mut put = |function, by| self.layout.put(&mut gradient, placed.place, k, function, by);
+            lifts(curve, k).into_iter().enumerate().for_each(|(at, by)| put(at, by));
+            let twists = curve.bent.iter().map(|section| twist(section, k));
+            twists.enumerate().for_each(|(at, by)| put(count + at, by));
         }
-    }
-
-    fn put_twist(&self, gradient: &mut Gradient, row: usize, section: &Section) {
-        for k in 0..self.layout.twist_terms {
-            self.layout.put(gradient, self.layout.twist, k, row, section.twist_by_terms[k]);
-        }
-    }
-
-    fn put_lift(&self, gradient: &mut Gradient, row: usize, section: &Section, root_y: f64) {
-        for k in 0..self.layout.curvature_terms {
-            self.layout.put(gradient, self.layout.curvature, k, row, section.axis_by_curvature[k].y);
-        }
-        for j in 0..RAISE_TERMS {
-            let by = section.axis_by_raise[j].y - section.raise_by_terms[j];
-            self.layout.put(gradient, self.layout.raise, j, row, by);
-        }
-        if let Some(place) = self.layout.scale {
-            self.layout.put(gradient, place, 0, row, (section.axis_m.y - root_y) / self.values.scale);
-        }
+        gradient
     }
 
     /// How much higher the bending axis lies than stated, mean along the span, m.
-    pub fn axis_raise(&self) -> Parameter {
+    fn axis_raise(&self) -> Parameter {
         let mut gradient = self.gradient(1, &[]);
         let mean = |j: usize| 1.0 / (j + 1) as f64;
-        (0..RAISE_TERMS).for_each(|j| self.layout.put(&mut gradient, self.layout.raise, j, 0, mean(j)));
+        (0..RAISE_TERMS).for_each(|j| self.layout.put(&mut gradient, self.layout.axis_height, j, 0, mean(j)));
         let value = self.values.raise_m.iter().enumerate().map(|(j, raise)| mean(j) * raise).sum();
         let sigma = self.sigmas(&gradient).first().copied();
         Parameter { name: "axis_raise_m", values: vec![Estimate { value, sigma }] }
     }
 
     /// Parameters, their correlation, and the correlation of the mount's pitch with bending.
-    pub fn parameters(&self, parabola: &Gradient, a: f64) -> (Vec<Parameter>, DMatrix<f64>, Option<f64>) {
+    fn parameters(&self, parabola: &Gradient, a: f64) -> (Vec<Parameter>, DMatrix<f64>, Option<f64>) {
         let (n, t) = (self.layout.curvature_terms, self.layout.twist_terms);
         let count = n + t + 4;
         // One row more for pitch, which is not among the results' parameters.
@@ -327,14 +327,10 @@ impl<'a> Outcome<'a> {
         for k in 0..t {
             self.layout.put(&mut gradient, self.layout.twist, k, n + k, 1.0);
         }
-        let pitch_axis = self.scene.camera_from_wing * Vector3::z();
-        for k in 0..3 {
-            self.layout.put(&mut gradient, self.layout.mount, k, n + t + k, 1.0);
-            self.layout.put(&mut gradient, self.layout.mount, k, count, pitch_axis[k]);
-            if let Some(common) = self.layout.common_mount {
-                self.layout.put(&mut gradient, common, k, n + t + k, 1.0);
-                self.layout.put(&mut gradient, common, k, count, pitch_axis[k]);
-            }
+        let pitch_axis = self.input.scene.camera_from_wing * Vector3::z();
+        for (place, k) in self.layout.rotation.iter().flat_map(|place| (0..3).map(move |k| (*place, k))) {
+            self.layout.put(&mut gradient, place, k, n + t + k, 1.0);
+            self.layout.put(&mut gradient, place, k, count, pitch_axis[k]);
         }
         gradient.global.column_mut(count - 1).copy_from(&parabola.global.column(0));
         gradient.local.column_mut(count - 1).copy_from(&parabola.local.column(0));
@@ -347,7 +343,7 @@ impl<'a> Outcome<'a> {
             values.iter().enumerate().map(one).collect()
         };
         let v = &self.values;
-        let twist = self.setup.side().map_or(vec![], |_| list(&v.twist_rad, n));
+        let twist = self.input.setup.side().map_or(vec![], |_| list(&v.twist_rad, n));
         let parameters = vec![
             Parameter { name: "curvature_per_m", values: list(&v.curvature_per_m, 0) },
             Parameter { name: "twist_rad", values: twist },

@@ -2,14 +2,13 @@
 
 use nalgebra::{Matrix2x3, Matrix3, Rotation3, SMatrix, SVector, Vector2, Vector3};
 
-use super::beam::{
-    Bending, Carried, Grid, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS, Mount, RAISE_TERMS, Section,
-};
-use super::estimated::{ESTIMATED, Neighbour};
+use super::beam::{Bending, Grid, Mount, Section};
+use super::estimated::Neighbour;
 use super::ground::GroundShape;
+use super::marker_state::{ESTIMATED, MarkerState};
 use super::{AdjustError, Observation};
 use crate::measure::environment::Plate;
-use crate::measure::geometry::{Lens, skew};
+use crate::measure::geometry::{BROWN, Lens, left_jacobian, skew};
 use crate::measure::setup::{Orientation, Setup};
 
 /// Difference for the derivative by the bow, in which the image is linear to 1e-3 of its effect.
@@ -48,8 +47,8 @@ pub struct Pose {
     pub centre_m: Vector3<f64>,
     /// Shift of the projection centre since the ground frame, wing frame, m.
     pub shift_m: Vector3<f64>,
-    /// Correction of the interior orientation, in the order of [`Lens::changed`].
-    pub lens: SVector<f64, 9>,
+    /// Correction of the interior orientation, in the order of [`Lens::PARAMETERS`].
+    pub lens: SVector<f64, BROWN>,
     /// What the description of the panes leaves unknown of their shift, in flight, wing frame, m.
     pub window_m: Vector3<f64>,
     /// What the curvature of the panes' bow is more than stated, a share of it.
@@ -103,25 +102,8 @@ pub struct Predicted {
     pub by_mount: Matrix2x3<f64>,
     /// d pixel / d ground rotation, px/rad.
     pub by_ground_rotation: Matrix2x3<f64>,
-    /// d pixel / d interior orientation, in the order of [`Lens::changed`].
-    pub by_lens: SMatrix<f64, 2, 9>,
-}
-
-/// A marker in flight with the derivatives of its position.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MarkerState {
-    /// Position and its answer to slope, twist and ground position.
-    pub carried: Carried,
-    /// d position / d curvature coefficients, m^2.
-    pub by_curvature: [Vector3<f64>; MAX_CURVATURE_TERMS],
-    /// d position / d twist coefficients, m.
-    pub by_twist: [Vector3<f64>; MAX_TWIST_TERMS],
-    /// d position / d scale, m.
-    pub by_scale: Vector3<f64>,
-    /// d position / d coefficients of the axis' height.
-    pub by_raise: [Vector3<f64>; RAISE_TERMS],
-    /// d position / d what the user can only estimate; 0 for what is held.
-    pub by_estimated: [Vector3<f64>; ESTIMATED],
+    /// d pixel / d interior orientation, in the order of [`Lens::PARAMETERS`].
+    pub by_lens: SMatrix<f64, 2, BROWN>,
 }
 
 /// The wing bent, and its neighbours bent alike: sections at the markers' stations.
@@ -262,80 +244,6 @@ impl Scene {
     }
 }
 
-impl MarkerState {
-    /// Rigid to the cabin: in flight where it is on ground (wing frame, m).
-    fn fixed(ground_m: &Vector3<f64>) -> Self {
-        let none = Vector3::zeros();
-        Self {
-            carried: Carried {
-                position_m: *ground_m,
-                by_slope: none,
-                by_twist: none,
-                by_ground: Matrix3::identity(),
-            },
-            by_curvature: [none; MAX_CURVATURE_TERMS],
-            by_twist: [none; MAX_TWIST_TERMS],
-            by_scale: none,
-            by_raise: [none; RAISE_TERMS],
-            by_estimated: [none; ESTIMATED],
-        }
-    }
-
-    /// On one wing, with nothing that is only estimated.
-    pub fn of(
-        grid: &Grid,
-        mount: &Mount,
-        section: &Section,
-        ground_m: &Vector3<f64>,
-        bending: &Bending,
-    ) -> Self {
-        let carried = mount.carry(section, ground_m, bending.scale);
-        let by_curvature = std::array::from_fn(|k| {
-            section.axis_by_curvature[k] + carried.by_slope * section.slope_by_curvature[k]
-        });
-        let by_twist = section.twist_by_terms.map(|t| carried.by_twist * t);
-        let root_m = grid.root_m() + Vector3::y() * bending.raise_m[0];
-        let by_scale = (carried.position_m - root_m) / bending.scale;
-        let up = carried.by_ground * Vector3::y();
-        let by_raise = std::array::from_fn(|j| section.axis_by_raise[j] - up * section.raise_by_terms[j]);
-        Self { carried, by_curvature, by_twist, by_scale, by_raise, by_estimated: Default::default() }
-    }
-
-    /// Moves position and derivatives by a share of the way from one wing to another.
-    fn towards(&mut self, from: &Self, to: &Self, share: f64) {
-        self.carried.position_m += (to.carried.position_m - from.carried.position_m) * share;
-        self.carried.by_ground += (to.carried.by_ground - from.carried.by_ground) * share;
-        self.by_scale += (to.by_scale - from.by_scale) * share;
-        for k in 0..MAX_CURVATURE_TERMS {
-            self.by_curvature[k] += (to.by_curvature[k] - from.by_curvature[k]) * share;
-        }
-        for k in 0..MAX_TWIST_TERMS {
-            self.by_twist[k] += (to.by_twist[k] - from.by_twist[k]) * share;
-        }
-        for k in 0..RAISE_TERMS {
-            self.by_raise[k] += (to.by_raise[k] - from.by_raise[k]) * share;
-        }
-    }
-
-    /// In another frame that is turned against its own.
-    pub fn turned(&self, turn: &Matrix3<f64>) -> Self {
-        let carried = Carried {
-            position_m: turn * self.carried.position_m,
-            by_slope: turn * self.carried.by_slope,
-            by_twist: turn * self.carried.by_twist,
-            by_ground: turn * self.carried.by_ground * turn.transpose(),
-        };
-        Self {
-            carried,
-            by_curvature: self.by_curvature.map(|v| turn * v),
-            by_twist: self.by_twist.map(|v| turn * v),
-            by_scale: turn * self.by_scale,
-            by_raise: self.by_raise.map(|v| turn * v),
-            by_estimated: self.by_estimated,
-        }
-    }
-}
-
 /// A sight on ground that lies farther from where the survey puts its marker, in standard deviations,
 /// speaks against the survey: one in a million by chance.
 const TRUSTED: f64 = 5.0;
@@ -359,19 +267,6 @@ fn trusted(setup: &Setup, orientation: &Orientation) -> Vec<bool> {
         trusted.fill(true);
     }
     trusted.into_iter().zip(may_shape).map(|(agrees, seen)| agrees && seen).collect()
-}
-
-/// exp(w + dw) = exp(J dw) exp(w) to first order.
-fn left_jacobian(w: &Vector3<f64>) -> Matrix3<f64> {
-    let angle2 = w.norm_squared();
-    let k = skew(w);
-    let (a, b) = if angle2 < 1e-6 {
-        (0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0)
-    } else {
-        let angle = angle2.sqrt();
-        ((1.0 - angle.cos()) / angle2, (angle - angle.sin()) / (angle2 * angle))
-    };
-    Matrix3::identity() + k * a + k * k * b
 }
 
 #[cfg(test)]

@@ -1,9 +1,9 @@
 //! Data snooping (Baarda): the observation that most probably holds a blunder, one at a time.
 
-use super::gauss_helmert::{Fit, Problem};
-use super::outcome::Member;
-use super::quality::{self, Reliability};
-use super::{GlobalTest, Options};
+use super::layout::Member;
+use super::{AdjustError, GlobalTest, Options};
+use crate::measure::estimation::quality::{self, Reliability};
+use crate::measure::estimation::{Fit, Problem};
 use crate::measure::setup::Setup;
 
 /// A blunder in the survey must stand out by this factor against one in the images, which are
@@ -59,6 +59,68 @@ impl Suspect {
     }
 }
 
+/// A model that data snooping takes observations out of, one after the other.
+pub trait Removable: Clone {
+    /// It and its solution.
+    type Solved;
+
+    /// The suspect beyond the limit, if there is one.
+    fn worst(&self, solved: &Self::Solved) -> Option<Suspect>;
+
+    /// Whether what is suspect of a marker takes part.
+    fn use_marker(&mut self, suspect: &Suspect, used: bool);
+
+    /// Whether what is in use determines a solution and checks it.
+    fn is_enough(&self, last: &Self::Solved) -> bool;
+
+    /// Solves with what is in use, from an earlier solution.
+    fn solve(&self, before: Option<&Self::Solved>) -> Result<Self::Solved, AdjustError>;
+}
+
+/// What is left after data snooping.
+pub struct Snooped<M: Removable> {
+    /// With what is in use.
+    pub model: M,
+    /// Its solution.
+    pub solved: M::Solved,
+    /// What was taken out.
+    pub removed: Vec<Suspect>,
+}
+
+/// Takes blunders out one by one, the worst first, `allowed` of them at most. An early suspect may have been the victim of a
+/// later one: each gets a second chance, with all the others out.
+pub fn one_by_one<M: Removable>(
+    mut model: M,
+    mut solved: M::Solved,
+    allowed: usize,
+) -> Result<Snooped<M>, AdjustError> {
+    let mut removed: Vec<Suspect> = vec![];
+    while removed.len() < allowed {
+        let Some(suspect) = model.worst(&solved) else { break };
+        let mut without = model.clone();
+        without.use_marker(&suspect, false);
+        if !without.is_enough(&solved) {
+            break;
+        }
+        solved = without.solve(Some(&solved))?;
+        model = without;
+        removed.push(suspect);
+    }
+    if removed.len() < 2 {
+        return Ok(Snooped { model, solved, removed });
+    }
+    let mut out = vec![];
+    for suspect in removed {
+        let mut with = model.clone();
+        with.use_marker(&suspect, true);
+        match with.solve(Some(&solved)) {
+            Ok(again) if with.worst(&again).is_none() => (model, solved) = (with, again),
+            _ => out.push(suspect),
+        }
+    }
+    Ok(Snooped { model, solved, removed: out })
+}
+
 /// The largest w beyond the limit, if there is one. Where the global test rejects, w is studentised
 /// by the variance factor of the others (Pope's tau in its external form), so that standard
 /// deviations stated too small do not turn good markers into blunders.
@@ -85,12 +147,13 @@ pub fn worst_of<'a>(
     let best = blocks
         .filter_map(|(block, member)| suspect(problem, fit, group, block, member, options))
         .reduce(|a, b| if b.w.abs() > a.w.abs() { b } else { a })?;
-    // The spread is not below 1 and costs more than all the rest.
-    (best.w.abs() > limit && best.w.abs() / spread(fit, best.w, options) > limit).then_some(best)
+    // The factor is not below 1 and costs more than all the rest.
+    (best.w.abs() > limit && best.w.abs() / root_variance_factor(fit, best.w, options) > limit)
+        .then_some(best)
 }
 
 /// Root of the variance factor without the suspect, not below 1.
-pub(super) fn spread(fit: &Fit, w: f64, options: &Options) -> f64 {
+pub(super) fn root_variance_factor(fit: &Fit, w: f64, options: &Options) -> f64 {
     if fit.redundancy < 2
         || quality::global_test(fit.omega, fit.redundancy, options.global_alpha) == GlobalTest::Passed
     {

@@ -6,23 +6,29 @@ use std::borrow::Cow;
 
 use nalgebra::DMatrix;
 
-use self::frame::{Frame, Start, Usage};
+use self::frame::{Frame, Single, Start, Usage};
 use super::beam::MAX_CURVATURE_TERMS;
-use super::components::{VarianceGroup, variance_components};
-use super::gauss_helmert::{Course, Fit};
+use super::input::{Input, by_marker, on_the_wing};
 use super::outcome::Outcome;
 use super::scene::Scene;
-use super::snooping::{self, Suspect, Target};
-use super::unknowns::{Input, by_marker, on_the_wing, shape_covariance};
-use super::{AdjustError, Method, Observation, Options, Solution, quality};
+use super::shapes::shape_covariance;
+use super::snooping::{self, Removable, Suspect, Target};
+use super::{AdjustError, Method, Observation, Options, Solution, VarianceComponent};
+use crate::measure::estimation::{Course, EstimationError, Fit, VarianceGroup, variance_components};
 use crate::measure::setup::{Orientation, Setup};
 
 /// Fewest markers on the wing, in flight.
 const FEWEST: usize = 6;
+/// Of a frame's observations, no more than one in so many are left out.
+const LEFT_OUT: usize = 3;
 /// Bending below this counts as unbent when the shape ratios are weighed, 1/m (0.1 m at 32 m).
 const SMALLEST_CURVATURE_PER_M: f64 = 2e-4;
 /// Bending to start with, 1/m.
 const USUAL_CURVATURE_PER_M: f64 = 5e-3;
+/// Passes in which the amplitude settles that the shape ratios are weighed with.
+const AMPLITUDE_PASSES: usize = 3;
+/// Change of the amplitude's logarithm that no longer matters.
+const AMPLITUDE_SETTLED: f64 = 0.05;
 
 /// Orders of the curvature that are weighed against one another where none is given.
 const ORDERS: [usize; 2] = [8, 10];
@@ -38,28 +44,21 @@ struct Solved<'a> {
 
 impl<'a> Solved<'a> {
     /// Two passes: the first finds the amplitude that the shape ratios are weighed with.
-    fn new(
-        input: &Input<'a>,
-        usage: &Usage,
-        terms: usize,
-        before: Option<&Solved>,
-    ) -> Result<Self, AdjustError> {
+    fn new(single: &Single<'a>, before: Option<&Solved>) -> Result<Self, AdjustError> {
         let mut amplitude = before.map_or(USUAL_CURVATURE_PER_M, |b| b.amplitude);
         let mut solved: Option<Self> = None;
-        for _ in 0..3 {
+        for _ in 0..AMPLITUDE_PASSES {
             let last = solved.as_ref().or(before);
-            let from = last.map(|s| (&s.frame.layout, &s.fit.global));
-            let frame = Frame::new(input, usage, &Start { curvature_terms: terms, amplitude, from });
-            let fit = frame.solve(&Course { rough: true, residuals: last.map(|s| &s.fit) })?;
+            let (frame, fit) = rough(single, amplitude, last)?;
             let found = fit.global[0].abs().max(SMALLEST_CURVATURE_PER_M);
-            let settled = (found / amplitude).ln().abs() < 0.05;
+            let settled = (found / amplitude).ln().abs() < AMPLITUDE_SETTLED;
             solved = Some(Self { frame, fit, amplitude: if settled { amplitude } else { found } });
             if settled {
                 break;
             }
             amplitude = found;
         }
-        solved.ok_or(AdjustError::NoConvergence { iterations: 0 })
+        solved.ok_or(EstimationError::NoConvergence { iterations: 0 }.into())
     }
 
     /// From rough to converged.
@@ -77,16 +76,68 @@ impl<'a> Solved<'a> {
             log(shape_covariance(terms)) + 2.0 * (terms.saturating_sub(1) as f64) * self.amplitude.ln();
         self.fit.omega - log(self.fit.covariance.clone()) + shape
     }
+
+    /// Variance components of images and survey, with what a person should read; the solution becomes theirs.
+    fn weigh(&mut self) -> Result<(Vec<VarianceComponent>, Vec<String>), AdjustError> {
+        let (frame, mut problem) = (&self.frame, self.frame.problem.clone());
+        let size = |block: usize| frame.problem.groups[0].blocks[block].observed.len();
+        let image = |_: usize, block: usize| (3..size(block)).collect();
+        let survey = |_: usize, _: usize| vec![0, 1, 2];
+        let groups = [
+            VarianceGroup { name: "image", members: &image },
+            VarianceGroup { name: "survey", members: &survey },
+        ];
+        let found = variance_components(&mut problem, &groups, |at, blocks| frame.linearise(at, blocks))?;
+        (self.fit, self.frame.problem) = (found.fit, problem);
+        Ok((found.components, found.remarks))
+    }
+}
+
+/// From where an earlier solution left off.
+fn rough<'a>(
+    single: &Single<'a>,
+    amplitude_per_m: f64,
+    last: Option<&Solved>,
+) -> Result<(Frame<'a>, Fit), AdjustError> {
+    let from = last.map(|s| (&s.frame.layout, &s.fit.global));
+    let frame = Frame::new(single, &Start { amplitude_per_m, from });
+    let fit = frame.solve(&Course { rough: true, residuals: last.map(|s| &s.fit) })?;
+    Ok((frame, fit))
+}
+
+impl<'a> Removable for Single<'a> {
+    type Solved = Solved<'a>;
+
+    fn worst(&self, solved: &Solved<'a>) -> Option<Suspect> {
+        let Solved { frame, fit, .. } = solved;
+        snooping::worst(&frame.problem, fit, 0, &frame.members, self.input.options)
+    }
+
+    fn use_marker(&mut self, suspect: &Suspect, used: bool) {
+        if suspect.target != Target::Ground {
+            self.usage.flight[suspect.marker] = used;
+        }
+        if suspect.target != Target::Flight {
+            self.usage.ground[suspect.marker] = used;
+        }
+    }
+
+    fn is_enough(&self, _: &Solved<'a>) -> bool {
+        let left = self.usage.flight.iter().zip(&self.sights).map(|(used, seen)| seen.filter(|_| *used));
+        on_the_wing(self.input.setup, &left.collect::<Vec<_>>()) >= FEWEST
+    }
+
+    fn solve(&self, before: Option<&Solved<'a>>) -> Result<Solved<'a>, AdjustError> {
+        Solved::new(self, before)
+    }
 }
 
 /// The most probable order of the curvature, given the data and what beams look like.
-fn choose_order<'a>(input: &Input<'a>, usage: &Usage, usual: Solved<'a>) -> Result<Solved<'a>, AdjustError> {
+fn choose_order<'a>(single: &Single<'a>, usual: Solved<'a>) -> Result<Solved<'a>, AdjustError> {
     let amplitude = usual.amplitude;
     let mut best = usual;
     for terms in ORDERS.into_iter().filter(|&t| t != USUAL_ORDER) {
-        let from = Some((&best.frame.layout, &best.fit.global));
-        let frame = Frame::new(input, usage, &Start { curvature_terms: terms, amplitude, from });
-        let fit = frame.solve(&Course { rough: true, residuals: Some(&best.fit) })?;
+        let (frame, fit) = rough(&Single { terms, ..single.clone() }, amplitude, Some(&best))?;
         let other = Solved { frame, fit, amplitude };
         if other.misfit() < best.misfit() {
             best = other;
@@ -95,172 +146,41 @@ fn choose_order<'a>(input: &Input<'a>, usage: &Usage, usual: Solved<'a>) -> Resu
     Ok(best)
 }
 
-/// Adjusts, removing blunders one by one, the worst first; a removed one that fits later comes back.
-fn adjust<'a>(
-    input: &Input<'a>,
-    usage: &mut Usage,
-    terms: usize,
-) -> Result<(Solved<'a>, Vec<Suspect>), AdjustError> {
-    let mut removed: Vec<Suspect> = vec![];
-    let mut solved = Solved::new(input, usage, terms, None)?;
-    let allowed = input.flight.iter().flatten().count() / 3;
-    while removed.len() < allowed {
-        let Some(suspect) =
-            snooping::worst(&solved.frame.problem, &solved.fit, 0, &solved.frame.members, input.options)
-        else {
-            break;
-        };
-        apply(&suspect, usage, false);
-        let left = usage.flight.iter().zip(&input.flight).map(|(used, seen)| seen.filter(|_| *used));
-        if on_the_wing(input.setup, &left.collect::<Vec<_>>()) < FEWEST {
-            apply(&suspect, usage, true);
-            break;
-        }
-        removed.push(suspect);
-        solved = Solved::new(input, usage, terms, Some(&solved))?;
-    }
-    readmit(input, usage, terms, solved, removed)
-}
-
-fn apply(suspect: &Suspect, usage: &mut Usage, value: bool) {
-    if suspect.target != Target::Ground {
-        usage.flight[suspect.marker] = value;
-    }
-    if suspect.target != Target::Flight {
-        usage.ground[suspect.marker] = value;
-    }
-}
-
-/// An early suspect may have been the victim of a later one: each gets a second chance, with all the
-/// others out.
-fn readmit<'a>(
-    input: &Input<'a>,
-    usage: &mut Usage,
-    terms: usize,
-    mut solved: Solved<'a>,
-    removed: Vec<Suspect>,
-) -> Result<(Solved<'a>, Vec<Suspect>), AdjustError> {
-    if removed.len() < 2 {
-        return Ok((solved, removed));
-    }
-    let mut out = vec![];
-    for suspect in removed {
-        let mut with = usage.clone();
-        apply(&suspect, &mut with, true);
-        let again = Solved::new(input, &with, terms, Some(&solved));
-        match again {
-            Ok(again)
-                if snooping::worst(
-                    &again.frame.problem,
-                    &again.fit,
-                    0,
-                    &again.frame.members,
-                    input.options,
-                )
-                .is_none() =>
-            {
-                *usage = with;
-                solved = again;
-            }
-            _ => out.push(suspect),
-        }
-    }
-    Ok((solved, out))
-}
-
 /// The rigid-section beam, one frame.
-pub(super) fn solve(
+pub fn solve(
     setup: &Setup,
     orientation: &Orientation,
     observations: &[Observation],
     options: &Options,
 ) -> Result<Solution, AdjustError> {
     let scene = Scene::new(setup, orientation)?;
-    let flight = by_marker(setup, observations)?;
-    let found = on_the_wing(setup, &flight);
+    let sights = by_marker(setup, observations)?;
+    let found = on_the_wing(setup, &sights);
     if found < FEWEST {
         return Err(AdjustError::TooFewMarkers { found, needed: FEWEST });
     }
-    let input = Input { setup, orientation, scene: &scene, options, flight };
-    let n = setup.markers.len();
-    let mut usage = Usage { flight: vec![true; n], ground: vec![true; n] };
+    let input = Input { setup, orientation, scene: &scene, options };
+    let allowed = sights.iter().flatten().count() / LEFT_OUT;
     let terms = options.curvature_terms.map_or(USUAL_ORDER, |t| t.clamp(1, MAX_CURVATURE_TERMS));
-    let (mut solved, removed) = adjust(&input, &mut usage, terms)?;
+    let single = Single { input, sights, usage: Usage::all(setup.markers.len()), terms };
+    let all = single.solve(None)?;
+    let snooping::Snooped { model: single, mut solved, removed } =
+        snooping::one_by_one(single, all, allowed)?;
     if options.curvature_terms.is_none() {
-        solved = choose_order(&input, &usage, solved)?;
+        solved = choose_order(&single, solved)?;
     }
     solved.finish()?;
-    dress(&input, solved, &removed)
-}
-
-fn dress(input: &Input, mut solved: Solved, removed: &[Suspect]) -> Result<Solution, AdjustError> {
-    let (setup, options) = (input.setup, input.options);
-    let (mut components, mut remarks) = (vec![], vec![]);
-    if options.variance_components {
-        let mut problem = solved.frame.problem.clone();
-        let image = |_: usize, block: usize| (3..problem_size(&solved.frame, block)).collect();
-        let survey = |_: usize, _: usize| vec![0, 1, 2];
-        let groups = [
-            VarianceGroup { name: "image", members: &image },
-            VarianceGroup { name: "survey", members: &survey },
-        ];
-        let found =
-            variance_components(&mut problem, &groups, |at, blocks| solved.frame.linearise(at, blocks))?;
-        (solved.fit, components, remarks) = (found.fit, found.components, found.remarks);
-        solved.frame.problem = problem;
-    }
-    let fit = &solved.fit;
-    let test = quality::global_test(fit.omega, fit.redundancy, options.global_alpha);
-    let posterior = quality::is_posterior(options.sigma, test);
-    let factor = fit.variance_factor();
-    let scale = if posterior { factor.map_or(1.0, f64::sqrt) } else { 1.0 };
-    let frame = &solved.frame;
-    let outcome = Outcome::new(
-        setup,
-        input.scene,
-        &frame.layout,
-        &frame.problem,
-        fit,
-        0,
-        &frame.members,
-        options,
-        scale,
-    );
-    let mut markers = outcome.markers();
-    for suspect in removed {
-        let sentence = suspect.sentence(setup, options);
-        if suspect.target != Target::Ground {
-            markers[suspect.marker].reason = Some(sentence.clone());
-        }
-        remarks.push(sentence);
-    }
-    let (curve, parabola, a) = outcome.curve();
-    let (mut parameters, correlation, pitch_bending_correlation) = outcome.parameters(&parabola, a);
-    parameters.push(outcome.axis_raise());
+    let (components, mut remarks) =
+        if options.variance_components { solved.weigh()? } else { Default::default() };
+    let Solved { frame, fit, .. } = &solved;
+    let outcome = Outcome::new(&input, &frame.layout, &frame.problem, fit, 0, &frame.members);
+    let solution = outcome.solution(Method::Spatial, removed.iter());
+    remarks.extend(solution.remarks);
     if options.curvature_terms.is_none() {
         remarks.push(format!("curvature of {} terms, chosen by test", frame.layout.curvature_terms));
     }
-    remarks.extend(separation(input.scene, pitch_bending_correlation).map(Cow::into_owned));
-    Ok(Solution {
-        method: Method::Spatial,
-        variance_factor: factor,
-        redundancy: fit.redundancy,
-        global_test: test,
-        posterior,
-        parameters,
-        correlation,
-        pitch_bending_correlation,
-        markers,
-        torsion: outcome.torsion(),
-        curve,
-        variance_components: components,
-        remarks,
-        iterations: fit.iterations,
-    })
-}
-
-fn problem_size(frame: &Frame, block: usize) -> usize {
-    frame.problem.groups[0].blocks[block].observed.len()
+    remarks.extend(separation(&scene, solution.pitch_bending_correlation).map(Cow::into_owned));
+    Ok(Solution { variance_components: components, remarks, ..solution })
 }
 
 /// Says where pitch and bending can hardly be told apart.

@@ -2,9 +2,9 @@
 
 use std::collections::HashMap;
 
-use calib_targets::chessboard::ChessboardParams;
-use calib_targets::detect;
-use calib_targets::image::GrayImage;
+use calib_targets_chessboard::{
+    ChessboardDetector, ChessboardParams, GrayImageView, default_chess_config, detect_corners,
+};
 use nalgebra::Vector2;
 
 use super::board::{BoardError, Misfit, Sighting};
@@ -67,11 +67,12 @@ fn labelled(raster: &Raster) -> Option<Corners> {
 }
 
 fn searched(raster: &Raster) -> Option<Corners> {
-    let (width, height) = (raster.width() as u32, raster.height() as u32);
-    let gray = GrayImage::from_raw(width, height, raster.luma().to_vec())?;
-    let config = detect::default_chess_config();
-    let found = detect::detect_chessboard_best(&gray, &config, &ChessboardParams::sweep_default()).ok()?;
-    let corners = found.corners.iter();
+    let gray = GrayImageView { width: raster.width(), height: raster.height(), data: raster.luma() };
+    let corners = detect_corners(&gray, &default_chess_config());
+    let ways = ChessboardParams::sweep_default().into_iter();
+    let found = ways.filter_map(|way| ChessboardDetector::new(way).ok()?.detect(&corners));
+    let best = found.max_by_key(|board| board.corners.len())?;
+    let corners = best.corners.iter();
     Some(
         corners
             .map(|c| ((c.grid.u, c.grid.v), Vector2::new(f64::from(c.position.x), f64::from(c.position.y))))

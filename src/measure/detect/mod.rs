@@ -56,8 +56,8 @@ use crate::measure::detect::revise::neighbours::inflate_unlike;
 use crate::measure::detect::scope::Scope;
 use crate::measure::detect::search::{Progress, is_faint};
 use crate::measure::detect::segment::background;
+use crate::measure::estimation::robust::median;
 use crate::measure::raster::Raster;
-use crate::measure::robust::median;
 
 pub use detection::covariance::{Covariance, Source};
 pub use detection::{Detection, Detections, Prediction, RejectReason, Rejected};

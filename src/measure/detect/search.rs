@@ -14,8 +14,8 @@ use crate::measure::detect::revise::neighbours::{
 use crate::measure::detect::revise::under_decal::revise_under_decals;
 use crate::measure::detect::scope::{self, Scope};
 use crate::measure::detect::segment::blob::Blob;
+use crate::measure::estimation::robust::median;
 use crate::measure::raster::Raster;
-use crate::measure::robust::median;
 use crate::measure::setup::Shape;
 
 /// Whether a part of the markers shows so weakly in the reduced frame, whose blocks have a side of `factor` px, that others may

@@ -14,22 +14,22 @@
 
 use nalgebra::Vector3;
 
-use super::pane::Plate;
 use super::refraction::refract;
+use crate::measure::setup::Pane;
 
 /// The ray outside of one that leaves the projection centre: a point on it and its direction; `None` where it
-/// misses a face. The radius is the inner face's, positive where the pane bulges outwards.
+/// misses a face. `normal` is the pane's, outward. The radius is the inner face's, positive where the pane bulges outwards.
 pub(super) fn trace(
-    plate: &Plate,
+    pane: &Pane,
+    normal: &Vector3<f64>,
     radius_m: f64,
     ray: &Vector3<f64>,
 ) -> Option<(Vector3<f64>, Vector3<f64>)> {
-    let (normal, pane) = (plate.normal, &plate.pane);
     let inner = (normal * pane.distance_m, 1.0 / radius_m);
     let outer = (normal * (pane.distance_m + pane.thickness_m), 1.0 / (radius_m + pane.thickness_m));
-    let (enters, facing) = meet(&Vector3::zeros(), ray, &normal, inner)?;
+    let (enters, facing) = meet(&Vector3::zeros(), ray, normal, inner)?;
     let inside = refract(ray, &facing, 1.0 / pane.index)?;
-    let (leaves, facing) = meet(&enters, &inside, &normal, outer)?;
+    let (leaves, facing) = meet(&enters, &inside, normal, outer)?;
     let outside = refract(&inside, &facing, pane.index)?;
     Some((leaves - outside * leaves.dot(&outside), outside))
 }

@@ -1,7 +1,7 @@
 //! What was measured of air and wing in flight, in place of an installation's constants.
 
 use super::refraction::refractive_index;
-use crate::measure::adjust::Estimate;
+use crate::measure::observation::Estimate;
 use crate::measure::setup::{Setup, Window};
 
 /// `None`: the installation's constant holds.

@@ -58,7 +58,8 @@ impl Plate {
         if cosine <= 0.0 {
             return (Vector3::zeros(), *ray);
         }
-        let curved = self.pane.bow_radius_m.and_then(|radius| bow::trace(self, radius, ray));
+        let curved =
+            self.pane.bow_radius_m.and_then(|radius| bow::trace(&self.pane, &self.normal, radius, ray));
         curved.unwrap_or((self.normal * shift_m(self.pane.thickness_m, self.pane.index, cosine), *ray))
     }
 

@@ -5,8 +5,8 @@
 
 use nalgebra::{Vector2, Vector3};
 
-use crate::measure::adjust::Observation;
 use crate::measure::geometry::LensError;
+use crate::measure::observation::Observation;
 use crate::measure::setup::{Air, Orientation, Setup, Window};
 
 /// Incidence assumed where the window's normal is not known: the paper's 30 degrees.
@@ -109,7 +109,7 @@ fn index_ratio(window: &Window) -> f64 {
 }
 
 /// What refraction does to a frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct RefractionReport {
     /// Whether the pixels were corrected (the window's normal is known).
     pub applied: bool,

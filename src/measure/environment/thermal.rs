@@ -1,6 +1,6 @@
 //! Uniform thermal expansion with its uncertainty.
 
-use crate::measure::adjust::Estimate;
+use crate::measure::observation::Estimate;
 use crate::measure::setup::Thermal;
 
 /// Length in flight over length on ground. The standard deviation follows from those of the

@@ -49,16 +49,17 @@ pub fn extreme(moments: &[Moment], sign: f64) -> Option<(usize, Moment)> {
 }
 
 /// From the ground up to the flight's extreme and back.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct GroundAirGround {
     /// Between the lowest and the highest moment, the ground's 0 among them, N m.
     pub range_n_m: f64,
+    /// Of the range, from all, N m.
+    pub sigma_range_n_m: f64,
     /// Half-way, against ground, N m.
     pub mean_n_m: f64,
     /// Of the range, from the curvature, N m.
+    #[serde(skip)]
     pub sigma_by_curvature_n_m: f64,
-    /// Of the range, from all, N m.
-    pub sigma_n_m: f64,
 }
 
 /// The ground-air-ground cycle; `None` without a moment.
@@ -75,7 +76,7 @@ pub fn ground_air_ground(moments: &[Moment]) -> Option<GroundAirGround> {
         range_n_m: high.value - low.value,
         mean_n_m: 0.5 * (high.value + low.value),
         sigma_by_curvature_n_m: by_curvature,
-        sigma_n_m: by_curvature.hypot(by_stiffness),
+        sigma_range_n_m: by_curvature.hypot(by_stiffness),
     })
 }
 
@@ -162,8 +163,9 @@ impl Goodman {
     }
 }
 
-/// Damage of a flight for one slope of the S-N curve.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Damage of a flight for one slope of the S-N curve; what is not finite, where a cycle reaches failure, is written as
+/// `null`.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Damage {
     /// Slope: N goes with range to the power of -slope.
     pub slope: f64,

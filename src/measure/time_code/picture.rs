@@ -5,8 +5,8 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use super::decode::{Shown, decode};
 use super::{BITS, DISCS, cell};
 use crate::measure::detect::Detections;
+use crate::measure::estimation::robust::median;
 use crate::measure::raster::Raster;
-use crate::measure::robust::median;
 use crate::measure::setup::Shape;
 
 /// Of the discs that a picture shows so many are tried, the largest first.
@@ -24,35 +24,22 @@ const MIXED: [f64; 2] = [0.1, 0.93];
 const SAMPLES: usize = 7;
 
 /// Why a picture tells no time; a clause for a person.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Unread {
     /// Fewer than four discs.
+    #[error("{0} of the clock's four discs are found; show the whole page, in focus and not over-exposed")]
     NoDiscs(usize),
     /// No four of them have a code between them.
+    #[error(
+        "no four discs have a time between them; show the whole page, expose for at most 60 ms, avoid reflections"
+    )]
     NoCode,
     /// The cells are too small.
+    #[error("the cells are less than {LEAST_SIDE_PX} px wide; go nearer to the screen")]
     TooSmall,
     /// Glare or shade hides a bit.
+    #[error("glare or shade hides a bit of the clock; turn the screen")]
     Hidden,
-}
-
-impl std::fmt::Display for Unread {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::NoDiscs(n) => write!(
-                f,
-                "{n} of the clock's four discs are found; show the whole page, in focus and not over-exposed"
-            ),
-            Self::NoCode => write!(
-                f,
-                "no four discs have a time between them; show the whole page, expose for at most 60 ms, avoid reflections"
-            ),
-            Self::TooSmall => {
-                write!(f, "the cells are less than {LEAST_SIDE_PX} px wide; go nearer to the screen")
-            }
-            Self::Hidden => write!(f, "glare or shade hides a bit of the clock; turn the screen"),
-        }
-    }
 }
 
 /// The time that a frame shows of the clock's page.

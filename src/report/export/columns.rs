@@ -1,12 +1,8 @@
-//! Results as tables: rows of a series with named, typed columns.
+//! Results become tables here: the rows of a series in named, typed columns.
 
-use std::collections::BTreeSet;
-
-use serde_json::{Map, Value};
-
-use super::super::{SeriesData, ShotData};
+use super::super::{SeriesData, ShotData, distinct};
 use crate::aircraft::Quantity;
-use crate::record::{CurveRecord, ImageRecord, MarkerRecord, Status, TorsionRecord};
+use crate::record::{CurveRecord, ImageRecord, MarkerRecord, Parameters, Term, TorsionRecord, word};
 use crate::store::installations;
 
 /// Values of one column; `None` where there is none.
@@ -121,14 +117,9 @@ pub struct Common {
 impl Common {
     /// Of series that are at hand.
     pub fn of(store_id: Option<String>, series: &[SeriesData]) -> Self {
-        let mut pairs = Vec::new();
-        let mut seen = BTreeSet::new();
-        for pair in series.iter().flat_map(|s| &s.records).flat_map(|r| &r.torsion) {
-            if seen.insert(pair.name.as_str()) {
-                pairs.push(pair.name.clone());
-            }
-        }
-        Self { store_id, pairs }
+        let pairs = series.iter().flat_map(|s| &s.records).flat_map(|r| &r.torsion);
+        let names = distinct(pairs.map(|pair| pair.name.as_str()));
+        Self { store_id, pairs: names.into_iter().map(str::to_owned).collect() }
     }
 }
 
@@ -139,7 +130,7 @@ struct Row<'a> {
     image: Option<&'a ImageRecord>,
     marker: Option<&'a MarkerRecord>,
     point: Option<&'a CurveRecord>,
-    parameter: Option<(&'a str, Option<usize>, &'a Value)>,
+    parameter: Option<Term>,
 }
 
 /// The rows of a series.
@@ -169,29 +160,18 @@ fn rows(table: Table, series: &SeriesData) -> Vec<Row<'_>> {
 }
 
 fn shot_row<'a>(series: &'a SeriesData, shot: &'a ShotData) -> Row<'a> {
-    let image = series.records.iter().find(|r| Some(&r.image) == shot.image.as_ref());
-    Row { shot: Some(shot), image, ..Row::default() }
+    Row { shot: Some(shot), image: series.record_of(shot), ..Row::default() }
 }
 
 fn image_rows<'a>(table: Table, series: &'a SeriesData, image: &'a ImageRecord) -> Vec<Row<'a>> {
-    let shot = series.shots.iter().find(|s| s.image.as_ref() == Some(&image.image));
-    let row = Row { shot, image: Some(image), ..Row::default() };
+    let row = Row { shot: series.shot_of(image), image: Some(image), ..Row::default() };
     match table {
         Table::Span => image.curve.iter().map(|p| Row { point: Some(p), ..row }).collect(),
         Table::Parameters => {
-            let parameters = image.model.iter().flat_map(|(name, value)| parameters(name, value));
-            parameters.map(|p| Row { parameter: Some(p), ..row }).collect()
+            image.model.terms().into_iter().map(|term| Row { parameter: Some(term), ..row }).collect()
         }
         _ if image.markers.is_empty() => vec![row],
         _ => image.markers.iter().map(|m| Row { marker: Some(m), ..row }).collect(),
-    }
-}
-
-/// A list of values is one parameter with an index from 1.
-fn parameters<'a>(name: &'a str, value: &'a Value) -> Vec<(&'a str, Option<usize>, &'a Value)> {
-    match value {
-        Value::Array(items) => items.iter().enumerate().map(|(i, v)| (name, Some(i + 1), v)).collect(),
-        single => vec![(name, None, single)],
     }
 }
 
@@ -235,17 +215,16 @@ fn identity(series: &SeriesData, common: &Common, rows: &[Row]) -> Vec<Column> {
         number(rows, "exposure_sigma_s", |row| Some(exposure(row)?.exposure_sigma_s)),
         text(rows, "exposure_source", |row| Some(exposure(row)?.exposure_source.name().to_owned())),
         number(rows, "clock_sigma_s", |row| exposure(row)?.clock_sigma_s),
-        text(rows, "status", |row| Some(status(row).to_owned())),
+        text(rows, "status", |row| Some(status(row))),
         text(rows, "reason", |row| row.image.and_then(|i| i.reason.clone())),
     ]
 }
 
-fn status(row: &Row) -> &'static str {
+fn status(row: &Row) -> String {
     match (row.image, row.shot.and_then(|shot| shot.image.as_ref())) {
-        (Some(image), _) if image.status == Status::Ok => "ok",
-        (Some(_), _) => "failed",
-        (None, Some(_)) => "not solved",
-        (None, None) => "no frame",
+        (Some(image), _) => word(image.status),
+        (None, Some(_)) => "not solved".to_owned(),
+        (None, None) => "no frame".to_owned(),
     }
 }
 
@@ -274,28 +253,23 @@ fn shot_columns(rows: &[Row]) -> Vec<Column> {
 
 /// What a result follows from. The installation's digest names its folder in the store.
 fn provenance(series: &SeriesData, rows: &[Row]) -> Vec<Column> {
-    let of = |row: &Row, key: &str| row.image.and_then(|i| i.provenance.get(key)).map(words);
-    let files = |map: &Map<String, Value>| installations::named(map);
+    let parameters = |p: &Parameters| serde_json::to_string(p).ok();
     vec![
-        text(rows, "program", |row| of(row, "program")),
-        text(rows, "installation_sha256", |row| row.image.and_then(|i| files(&i.provenance))),
-        text(rows, "parameters", |row| of(row, "parameters")),
+        text(rows, "program", |row| row.image?.provenance.program.clone()),
+        text(rows, "installation_sha256", |row| installations::named(&row.image?.provenance.files)),
+        text(rows, "parameters", |row| row.image?.provenance.parameters.as_ref().and_then(parameters)),
         text(rows, "inputs", |row| row.image.and(series.inputs.clone())),
     ]
 }
 
-fn words(value: &Value) -> String {
-    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
-}
-
 fn image_columns(rows: &[Row]) -> Vec<Column> {
     vec![
-        text(rows, "method", |row| row.image.map(|i| i.method.clone())),
+        text(rows, "method", |row| row.image.map(|i| word(i.method))),
         flag(rows, "flight_adjustment", |row| row.image.map(|i| i.flight)),
         number(rows, "variance_factor", |row| row.image?.variance_factor),
         count(rows, "redundancy", |row| row.image?.redundancy),
-        text(rows, "global_test", |row| row.image?.global_test.clone()),
-        text(rows, "sigma_kind", |row| row.image?.sigma_kind.clone()),
+        text(rows, "global_test", |row| row.image?.global_test.map(word)),
+        text(rows, "sigma_kind", |row| row.image?.sigma_kind.map(word)),
         text(rows, "tip_marker", |row| row.image?.tip.as_ref().map(|t| t.marker.clone())),
         number(rows, "tip_lift_m", |row| row.image?.tip.as_ref().map(|t| t.lift_m)),
         number(rows, "tip_sigma_lift_m", |row| row.image?.tip.as_ref()?.sigma_lift_m),
@@ -332,14 +306,13 @@ fn point_columns(rows: &[Row]) -> Vec<Column> {
     ]
 }
 
+/// The terms of a list count from 1.
 fn parameter_columns(rows: &[Row]) -> Vec<Column> {
-    let field = |row: &Row, name: &str| row.parameter.and_then(|p| p.2.get(name)).and_then(Value::as_f64);
-    let value = |row: &Row| field(row, "value").or_else(|| row.parameter.and_then(|p| p.2.as_f64()));
     vec![
-        text(rows, "parameter", |row| row.parameter.map(|p| p.0.to_owned())),
-        count(rows, "index", |row| row.parameter.and_then(|p| p.1)),
-        number(rows, "value", value),
-        number(rows, "sigma", |row| field(row, "sigma")),
+        text(rows, "parameter", |row| row.parameter.map(|p| p.name.to_owned())),
+        count(rows, "index", |row| Some(row.parameter?.index? + 1)),
+        number(rows, "value", |row| Some(row.parameter?.measured?.value)),
+        number(rows, "sigma", |row| row.parameter?.measured?.sigma),
     ]
 }
 
@@ -350,7 +323,7 @@ fn marker_number(rows: &[Row], name: &str, of: impl Fn(&MarkerRecord) -> Option<
 fn marker_columns(rows: &[Row]) -> Vec<Column> {
     vec![
         text(rows, "marker", |row| row.marker.map(|m| m.id.clone())),
-        text(rows, "shape", |row| row.marker.map(|m| m.shape.clone())),
+        text(rows, "shape", |row| row.marker.map(|m| m.shape.name().to_owned())),
         flag(rows, "used", |row| row.marker.map(|m| m.used)),
         text(rows, "marker_reason", |row| row.marker.and_then(|m| m.reason.clone())),
         marker_number(rows, "u_px", |m| m.u_px),

@@ -1,4 +1,4 @@
-//! One JSON object per shot: when and where it was taken, and the whole record.
+//! Each shot becomes one JSON object: when and where it was taken, and its whole record.
 
 use std::io::{self, Write};
 
@@ -10,7 +10,7 @@ use crate::aircraft::named;
 /// Writes the shots of a series, those without a frame or result too (`record` is `null`).
 pub fn lines(output: &mut dyn Write, series: &SeriesData, store_id: Option<&str>) -> io::Result<()> {
     for shot in &series.shots {
-        let record = series.records.iter().find(|r| Some(&r.image) == shot.image.as_ref());
+        let record = series.record_of(shot);
         let stamp = shot.stamp.as_ref();
         let line = json!({
             "recorder_id": store_id,

@@ -1,4 +1,4 @@
-//! Live results as a table: one row per result, one column per value.
+//! Live results become a table here, with one row per result and one column per value.
 
 use std::io::{self, Write};
 

@@ -1,4 +1,4 @@
-//! A table as a Parquet file: row groups of bounded size, optional columns, Snappy, times as UTC timestamps.
+//! A Parquet file has row groups of bounded size, optional columns, Snappy, and times as UTC timestamps.
 
 use std::io::Write;
 use std::sync::Arc;

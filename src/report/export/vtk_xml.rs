@@ -10,6 +10,7 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::super::summary::{Mean, solved};
 use super::super::{GroundMarker, SeriesData};
+use super::vtk::points;
 use crate::record::{ImageRecord, MarkerRecord};
 
 /// Points with their data.
@@ -108,18 +109,16 @@ fn array(kind: &str, name: &str, components: usize, bytes: &[u8]) -> String {
 
 const UNKNOWN: [f64; 3] = [f64::NAN; 3];
 
-/// Where a marker was on ground, where that is known.
-fn ground_of(ground: &[GroundMarker], id: &str) -> Option<[f64; 3]> {
-    ground.iter().find(|g| g.id == id).map(|g| g.position_m)
+/// From where a marker was on ground, where that is known.
+fn displacement(ground: &[GroundMarker], id: &str, at_m: [f64; 3]) -> [f64; 3] {
+    let from = ground.iter().find(|g| g.id == id).map(|g| g.position_m);
+    from.map_or(UNKNOWN, |from| std::array::from_fn(|k| at_m[k] - from[k]))
 }
 
 /// One frame's markers in flight, with their whole displacement against the survey.
 pub fn frame_shape(record: &ImageRecord, ground: &[GroundMarker]) -> Shape {
     let placed: Vec<(&MarkerRecord, [f64; 3])> =
         record.markers.iter().filter_map(|m| Some((m, m.position_m?))).collect();
-    let displacement = |(m, p): &(&MarkerRecord, [f64; 3])| {
-        ground_of(ground, &m.id).map_or(UNKNOWN, |g| [p[0] - g[0], p[1] - g[1], p[2] - g[2]])
-    };
     let one = |f: fn(&MarkerRecord) -> Option<f64>| {
         placed.iter().map(|(m, _)| f(m).unwrap_or(f64::NAN)).collect::<Vec<f64>>()
     };
@@ -128,7 +127,7 @@ pub fn frame_shape(record: &ImageRecord, ground: &[GroundMarker]) -> Shape {
         ids: placed.iter().map(|(m, _)| m.id.clone()).collect(),
         ..Shape::default()
     };
-    shape.vector("displacement_m", placed.iter().map(displacement).collect());
+    shape.vector("displacement_m", placed.iter().map(|(m, p)| displacement(ground, &m.id, *p)).collect());
     shape.vector(
         "sigma_position_m",
         placed.iter().map(|(m, _)| m.sigma_position_m.unwrap_or(UNKNOWN)).collect(),
@@ -150,32 +149,19 @@ pub fn ground_shape(ground: &[GroundMarker]) -> Shape {
 
 /// Means over a series' solved frames.
 pub fn series_shape(series: &SeriesData, ground: &[GroundMarker]) -> Shape {
-    let records = solved(series);
-    let mut ids: Vec<&str> = Vec::new();
-    for m in records.iter().flat_map(|r| &r.markers).filter(|m| m.position_m.is_some()) {
-        if !ids.contains(&m.id.as_str()) {
-            ids.push(&m.id);
-        }
-    }
-    let mut shape = Shape::default();
-    let (mut displacement, mut lift, mut sigma) = (Vec::new(), Vec::new(), Vec::new());
-    for id in ids {
-        let of = || records.iter().filter_map(move |r| r.markers.iter().find(|m| m.id == id));
-        let axis =
-            |k: usize| Mean::of(&of().filter_map(|m| Some((m.position_m?[k], None))).collect::<Vec<_>>());
-        let (Some(x), Some(y), Some(z)) = (axis(0), axis(1), axis(2)) else { continue };
-        let at = [x.value, y.value, z.value];
-        let mean = Mean::of(&of().filter_map(|m| Some((m.lift_m?, m.sigma_lift_m))).collect::<Vec<_>>());
-        shape.points_m.push(at);
-        shape.ids.push(id.to_owned());
-        let from = ground_of(ground, id);
-        displacement.push(from.map_or(UNKNOWN, |g| [at[0] - g[0], at[1] - g[1], at[2] - g[2]]));
-        lift.push(mean.map_or(f64::NAN, |m| m.value));
-        sigma.push(mean.and_then(|m| m.sigma).unwrap_or(f64::NAN));
-    }
-    shape.vector("displacement_m", displacement);
-    shape.scalar("lift_m", lift);
-    shape.scalar("sigma_lift_m", sigma);
+    let points = points(&solved(series));
+    let mut shape = Shape {
+        points_m: points.iter().map(|p| p.position_m).collect(),
+        ids: points.iter().map(|p| p.id.clone()).collect(),
+        ..Shape::default()
+    };
+    let lift = |of: fn(Mean) -> Option<f64>| {
+        points.iter().map(|p| p.lift_m.and_then(of).unwrap_or(f64::NAN)).collect::<Vec<f64>>()
+    };
+    shape
+        .vector("displacement_m", points.iter().map(|p| displacement(ground, &p.id, p.position_m)).collect());
+    shape.scalar("lift_m", lift(|m| Some(m.value)));
+    shape.scalar("sigma_lift_m", lift(|m| m.sigma));
     shape
 }
 

@@ -1,4 +1,4 @@
-//! The aircraft's data beside the lift.
+//! This section of the report shows the aircraft's data beside the lift.
 
 use maud::{Markup, html};
 
@@ -44,7 +44,7 @@ fn points(data: &ReportData, quantity: Quantity) -> Vec<(f64, f64, Option<f64>)>
     let of = |series: &SeriesData| {
         let one = |record: &crate::record::ImageRecord| {
             let tip = record.tip.as_ref()?;
-            let shot = series.shots.iter().find(|shot| shot.image.as_ref() == Some(&record.image))?;
+            let shot = series.shot_of(record)?;
             Some((shot.aircraft.get(&quantity)?.value, tip.lift_m, tip.sigma_lift_m))
         };
         series.records.iter().filter_map(one).collect::<Vec<_>>()
@@ -69,23 +69,23 @@ fn against(points: &[(f64, f64, Option<f64>)], label: &str, scale: f64) -> Marku
 }
 
 fn table(data: &ReportData) -> Grid {
-    let told: Vec<Quantity> = Quantity::ALL
+    let joined: Vec<Quantity> = Quantity::ALL
         .into_iter()
         .filter(|q| data.series.iter().flat_map(|s| &s.shots).any(|shot| shot.aircraft.contains_key(q)))
         .collect();
     let mut titles = vec!["<series"];
-    titles.extend(told.iter().map(|q| q.name()));
+    titles.extend(joined.iter().map(|q| q.name()));
     let mut grid = Grid::new(&titles);
     for series in &data.series {
         let first = series.shots.iter().find(|shot| !shot.aircraft.is_empty());
         let cell = |q: &Quantity| {
-            let joined = first.and_then(|shot| shot.aircraft.get(q));
-            joined.map_or(NONE.to_owned(), |j| {
+            let value = first.and_then(|shot| shot.aircraft.get(q));
+            value.map_or(NONE.to_owned(), |j| {
                 let (value, sigma) = rounded(Some(j.value), Some(j.sigma), 2);
                 format!("{value} ± {sigma}")
             })
         };
-        grid.push(std::iter::once(series.name.clone()).chain(told.iter().map(cell)).collect());
+        grid.push(std::iter::once(series.name.clone()).chain(joined.iter().map(cell)).collect());
     }
     grid
 }

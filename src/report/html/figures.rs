@@ -1,11 +1,11 @@
-//! Deflection and twist along the span; lift and torsion over time.
+//! These figures show deflection and twist along the span, and lift and torsion over time.
 
 use maud::{Markup, html};
 
 use super::super::SeriesData;
 use super::super::number::fixed;
 use super::super::summary::{Mean, SeriesSummary, hours_between, solved};
-use super::plot::{Axis, Plot, drawing, px, series_colour, spread};
+use super::plot::{Axis, Plot, drawing, px, series_colour, set_apart};
 use crate::record::{CurveRecord, ImageRecord};
 
 const WIDTH: f64 = 1040.0;
@@ -96,7 +96,7 @@ fn names(plot: &Plot, shown: &[&SeriesSummary], column: Column, decimals: usize)
         .collect();
     let wanted: Vec<f64> = ends.iter().map(|(_, (x, y))| plot.at(*x, *y).1).collect();
     let gap = (height / ends.len().max(1) as f64).min(LINE);
-    let placed = spread(&wanted, gap, top + 4.0, top + height - 2.0);
+    let placed = set_apart(&wanted, gap, top + 4.0, top + height - 2.0);
     let right = left + width;
     html! {
         @for ((i, (x, y)), at) in ends.iter().zip(&placed) {

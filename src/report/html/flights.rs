@@ -1,4 +1,4 @@
-//! Several flights on one page: lift against time of each.
+//! This page shows several flights: the lift of each against time.
 
 use maud::{Markup, html};
 
@@ -8,6 +8,7 @@ use super::super::overview::{Line, Overview};
 use super::super::summary::{Mean, hours_between};
 use super::document;
 use super::plot::{Axis, Plot, drawing, px, series_colour};
+use crate::clock::Stamp;
 
 const WIDTH: f64 = 1040.0;
 
@@ -70,30 +71,20 @@ fn lift(flights: &[Overview]) -> Markup {
 }
 
 fn table(flights: &[Overview]) -> Grid {
-    let mut grid = Grid::new(&[
-        "<flight",
-        "<begun (UTC)",
-        "series",
-        "frames",
-        "solved",
-        "greatest lift / m",
-        "sigma / m",
-        "<in series",
-    ]);
-    for f in flights {
-        let begun = f.series.iter().find_map(|line| line.begun.as_ref());
-        let greatest = f.greatest();
-        let (lift, sigma) = rounded(greatest.map(|g| g.1.value), greatest.and_then(|g| g.1.sigma), 3);
-        grid.push(vec![
-            f.flight.clone(),
-            begun.map_or("unknown".to_owned(), |b| b.utc.strftime("%Y-%m-%d %H:%M").to_string()),
-            f.series.len().to_string(),
-            f.sum(|line| line.frames).to_string(),
-            f.sum(|line| line.solved).to_string(),
-            lift,
-            sigma,
-            greatest.map_or(String::new(), |g| g.0.name.clone()),
-        ]);
-    }
-    grid
+    let begun = |f: &Overview| f.series.iter().find_map(|line| line.begun.clone());
+    let day = |at: Stamp| at.utc.strftime("%Y-%m-%d %H:%M").to_string();
+    let lift = |f: &Overview| {
+        let greatest = f.greatest().map(|(_, lift)| lift);
+        rounded(greatest.map(|lift| lift.value), greatest.and_then(|lift| lift.sigma), 3)
+    };
+    Grid::each(flights).columns(&[
+        ("<flight", &|f| f.flight.clone()),
+        ("<begun (UTC)", &|f| begun(f).map_or("unknown".to_owned(), day)),
+        ("series", &|f| f.series.len().to_string()),
+        ("frames", &|f| f.sum(|line| line.frames).to_string()),
+        ("solved", &|f| f.sum(|line| line.solved).to_string()),
+        ("greatest lift / m", &|f| lift(f).0),
+        ("sigma / m", &|f| lift(f).1),
+        ("<in series", &|f| f.greatest().map_or(String::new(), |(line, _)| line.name.clone())),
+    ])
 }

@@ -1,4 +1,4 @@
-//! The report: one page that opens offline and prints well.
+//! The report is one page that opens offline and prints well.
 
 mod aircraft;
 mod figures;
@@ -12,8 +12,8 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::number::{NONE, fixed, rounded};
 use super::summary::{SeriesSummary, summaries};
-use super::{ReportData, table};
-use crate::record::{ImageRecord, Status};
+use super::{ReportData, distinct, table};
+use crate::record::ImageRecord;
 
 pub use flights::flights;
 pub use plot::round_step;
@@ -79,9 +79,7 @@ fn shown_record(data: &ReportData) -> Option<&ImageRecord> {
         .picture
         .as_ref()
         .and_then(|p| records().find(|(s, r)| s.name == p.series && r.image == p.image).map(|(_, r)| r));
-    pictured
-        .filter(|r| r.status == Status::Ok)
-        .or_else(|| records().map(|(_, r)| r).find(|r| r.status == Status::Ok))
+    pictured.filter(|r| r.is_solved()).or_else(|| records().map(|(_, r)| r).find(|r| r.is_solved()))
 }
 
 fn title(data: &ReportData) -> String {
@@ -153,7 +151,7 @@ fn notes(data: &ReportData) -> Markup {
     html! {
         @if data.series.is_empty() {
             p.warning { "The store holds no series yet." }
-        } @else if !data.series.iter().flat_map(|s| &s.records).any(|r| r.status == Status::Ok) {
+        } @else if !data.series.iter().flat_map(|s| &s.records).any(ImageRecord::is_solved) {
             p.warning { "No frame has been solved; the reasons stand under Quality." }
         }
         @for note in data.warnings.iter().chain(&data.notes) { p.warning { (note) } }
@@ -205,12 +203,7 @@ fn over_time(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
     if summaries.iter().all(|s| s.solved == 0) {
         return html! { h2 id="time" { "Lift and torsion over time" } p { "No frame has been solved." } };
     }
-    let mut pairs: Vec<&str> = Vec::new();
-    for pair in summaries.iter().flat_map(|s| &s.torsion) {
-        if !pairs.contains(&pair.name.as_str()) {
-            pairs.push(&pair.name);
-        }
-    }
+    let pairs = distinct(summaries.iter().flat_map(|s| &s.torsion).map(|pair| pair.name.as_str()));
     html! {
         h2 id="time" { "Lift and torsion over time" }
         figure {

@@ -1,4 +1,4 @@
-//! Axes, curves, bands and labels as SVG.
+//! This file draws axes, curves, bands and labels as SVG.
 
 use maud::{Markup, PreEscaped, html};
 
@@ -226,7 +226,7 @@ pub fn series_colour(index: usize, count: usize) -> String {
 
 /// Moves labels apart: the heights wanted, at least `gap` from each other, in their order, and
 /// within `low` to `high` where they fit.
-pub fn spread(wanted: &[f64], gap: f64, low: f64, high: f64) -> Vec<f64> {
+pub fn set_apart(wanted: &[f64], gap: f64, low: f64, high: f64) -> Vec<f64> {
     let mut order: Vec<usize> = (0..wanted.len()).collect();
     order.sort_by(|a, b| wanted[*a].total_cmp(&wanted[*b]));
     let mut placed = wanted.to_vec();
@@ -292,10 +292,10 @@ mod tests {
 
     #[test]
     fn labels_keep_their_distance_and_order() {
-        let placed = spread(&[10.0, 11.0, 50.0, 9.0], 12.0, 0.0, 60.0);
+        let placed = set_apart(&[10.0, 11.0, 50.0, 9.0], 12.0, 0.0, 60.0);
         assert!(placed[3] + 12.0 <= placed[0] + 1e-9 && placed[0] + 12.0 <= placed[1] + 1e-9);
         assert_eq!(placed[2], 50.0);
-        assert!(spread(&[58.0, 59.0], 12.0, 0.0, 60.0).iter().all(|p| *p <= 60.0));
+        assert!(set_apart(&[58.0, 59.0], 12.0, 0.0, 60.0).iter().all(|p| *p <= 60.0));
     }
 
     #[test]

@@ -1,14 +1,14 @@
-//! The report's tables: series, solution, quality, provenance.
+//! The report has tables of its series, of a solution, of quality and of provenance.
 
 use maud::{Markup, html};
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 use super::super::grid::Grid;
-use super::super::number::{NONE, fixed, general};
+use super::super::number::{NONE, fields, fixed, general, words};
 use super::super::summary::SeriesSummary;
 use super::super::{ReportData, SeriesData, ShotData, protocol, table};
 use crate::clock::Stamp;
-use crate::record::{ImageRecord, Status};
+use crate::record::{GlobalTest, ImageRecord, Provenance, Quality};
 
 /// Means of the series.
 pub fn series(summaries: &[SeriesSummary]) -> Markup {
@@ -31,7 +31,7 @@ pub fn results(data: &ReportData) -> Markup {
         @for s in data.series.iter().filter(|s| !s.records.is_empty()) {
             details open[!many] {
             summary { "Series " (s.flight) "/" (s.name) @if s.interrupted { " (interrupted)" } }
-            @let rows = if s.used.is_empty() { table::images(&s.records) } else { table::images_counted(&s.records, &s.used) };
+            @let rows = if s.counts.is_empty() { table::images(&s.records) } else { table::images_counted(&s.records, &s.counts) };
             div.scroll { (rows.html()) }
             }
         }
@@ -42,10 +42,14 @@ pub fn results(data: &ReportData) -> Markup {
 pub fn solution(record: Option<&ImageRecord>) -> Markup {
     let Some(record) = record else { return html! {} };
     let mut grid = Grid::new(&["<parameter", "value", "sigma"]);
-    for (name, value) in &record.model {
-        parameter(&mut grid, name, value);
+    for term in record.model.terms() {
+        let name = term.index.map_or(term.name.to_owned(), |k| format!("{} [{}]", term.name, k + 1));
+        let of = |value: Option<f64>| value.map_or(NONE.to_owned(), general);
+        let measured = term.measured;
+        grid.push(vec![name, of(measured.map(|m| m.value)), of(measured.and_then(|m| m.sigma))]);
     }
-    for (name, value) in record.quality.iter().filter(|(name, _)| *name != "correlation") {
+    let quality = Quality { correlation: None, ..record.quality.clone() };
+    for (name, value) in &fields(&quality) {
         parameter(&mut grid, name, value);
     }
     html! {
@@ -62,7 +66,7 @@ pub fn solution(record: Option<&ImageRecord>) -> Markup {
     }
 }
 
-/// One row per number; a value with its sigma in one row.
+/// One row per number; of the aircraft's data a value with its sigma in one row.
 fn parameter(grid: &mut Grid, name: &str, value: &Value) {
     let number = |v: Option<&Value>| v.and_then(Value::as_f64).map_or(NONE.to_owned(), general);
     match value {
@@ -80,16 +84,12 @@ fn parameter(grid: &mut Grid, name: &str, value: &Value) {
             }
         }
         Value::Number(_) => grid.push(vec![name.to_owned(), number(Some(value)), NONE.to_owned()]),
-        other => grid.push(vec![name.to_owned(), words(other), NONE.to_owned()]),
+        other => grid.push(vec![name.to_owned(), shown(other), NONE.to_owned()]),
     }
 }
 
-fn words(value: &Value) -> String {
-    match value {
-        Value::String(text) => text.clone(),
-        Value::Null => NONE.to_owned(),
-        other => other.to_string(),
-    }
+fn shown(value: &Value) -> String {
+    if value.is_null() { NONE.to_owned() } else { words(value) }
 }
 
 /// How well it is known when the frames were exposed.
@@ -143,9 +143,9 @@ fn section(title: &str, none: &str, grid: &Grid) -> Markup {
 
 fn tests<'a>(records: impl Iterator<Item = &'a ImageRecord>) -> Markup {
     let (mut passed, mut rejected) = (0, 0);
-    for verdict in records.filter_map(|r| r.global_test.as_deref()) {
-        passed += usize::from(verdict == "passed");
-        rejected += usize::from(verdict == "rejected");
+    for verdict in records.filter_map(|r| r.global_test) {
+        passed += usize::from(verdict == GlobalTest::Passed);
+        rejected += usize::from(verdict == GlobalTest::Rejected);
     }
     html! {
         @if passed + rejected == 0 {
@@ -161,7 +161,7 @@ fn tests<'a>(records: impl Iterator<Item = &'a ImageRecord>) -> Markup {
 fn failed(data: &ReportData) -> Grid {
     let mut grid = Grid::new(&["<series", "<frame", "<reason"]);
     for s in &data.series {
-        for r in s.records.iter().filter(|r| r.status == Status::Failed) {
+        for r in s.records.iter().filter(|r| !r.is_solved()) {
             let reason = r.reason.clone().unwrap_or_else(|| "no reason recorded".to_owned());
             grid.push(vec![s.name.clone(), r.image.clone(), reason]);
         }
@@ -218,21 +218,20 @@ fn remarks(data: &ReportData) -> Grid {
 
 /// Inputs of the results, then every frame with its hash.
 pub fn provenance(data: &ReportData) -> Markup {
-    let mut sets: Vec<(Map<String, Value>, usize)> = Vec::new();
+    let mut sets: Vec<(Provenance, usize)> = Vec::new();
     for record in data.series.iter().flat_map(|s| &s.records) {
-        let mut map = record.provenance.clone();
-        map.remove("frame.sha256");
-        match sets.iter_mut().find(|known| known.0 == map) {
+        let inputs = Provenance { frame_sha256: None, ..record.provenance.clone() };
+        match sets.iter_mut().find(|known| known.0 == inputs) {
             Some(known) => known.1 += 1,
-            None => sets.push((map, 1)),
+            None => sets.push((inputs, 1)),
         }
     }
     html! {
         h2 id="provenance" { "Provenance" }
         @if sets.is_empty() { p { "There are no results." } }
-        @for (map, count) in &sets {
+        @for (set, count) in &sets {
             h3 { "Inputs of " (count) " results" }
-            div.scroll { (inputs(map).html()) }
+            div.scroll { (inputs(set).html()) }
         }
         @let frames = frames(data);
         @if !frames.rows.is_empty() {
@@ -244,16 +243,16 @@ pub fn provenance(data: &ReportData) -> Markup {
     }
 }
 
-fn inputs(map: &Map<String, Value>) -> Grid {
+fn inputs(set: &Provenance) -> Grid {
     let mut grid = Grid::new(&["<input", "<value"]);
-    for (key, value) in map {
+    for (key, value) in &fields(set) {
         match value {
             Value::Object(inner) => {
                 for (name, value) in inner {
-                    grid.push(vec![format!("{key}, {name}"), words(value)]);
+                    grid.push(vec![format!("{key}, {name}"), shown(value)]);
                 }
             }
-            other => grid.push(vec![key.clone(), words(other)]),
+            other => grid.push(vec![key.clone(), shown(other)]),
         }
     }
     grid
@@ -264,8 +263,7 @@ fn frames(data: &ReportData) -> Grid {
     for s in &data.series {
         for shot in &s.shots {
             let Some(image) = &shot.image else { continue };
-            let record = s.records.iter().find(|r| r.image == *image);
-            let ms = record.map(|r| r.timing_ms.values().filter_map(Value::as_f64).sum::<f64>());
+            let ms = s.record_of(shot).map(|r| r.timing_ms.total());
             grid.push(vec![
                 s.name.clone(),
                 image.clone(),

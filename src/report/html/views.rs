@@ -1,4 +1,4 @@
-//! Three orthographic views: ground, flight, lines of sight (the publication's figure 9).
+//! Three orthographic views show ground, flight and lines of sight (the publication's figure 9).
 
 use maud::{Markup, html};
 use nalgebra::{Vector2, Vector3, vector};

@@ -1,4 +1,4 @@
-//! Lines, ellipses and text on a colour picture; what falls outside is cut off.
+//! The canvas draws lines, ellipses and text on a colour picture; what falls outside is cut off.
 
 use image::{Rgb, RgbImage};
 use nalgebra::{Vector2, vector};

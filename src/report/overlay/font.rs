@@ -1,4 +1,4 @@
-//! A 5 x 7 bitmap font for the printable ASCII characters, so that pictures need no font file.
+//! Pictures need no font file: the printable ASCII characters are a bitmap of 5 x 7 dots here.
 
 /// Columns of a glyph.
 pub const WIDTH: usize = 5;

@@ -1,4 +1,4 @@
-//! A frame with what was found in it: fitted outlines, ids, error ellipses, candidates turned down.
+//! A frame is drawn with what was found in it: outlines, ids, error ellipses and candidates turned down.
 
 mod canvas;
 mod font;

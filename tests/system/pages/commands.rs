@@ -29,8 +29,10 @@ const CONSOLE: [(&str, &str); 8] = [
 ];
 
 /// Only numbers, so that a page's figures are of minutes and its test of seconds.
-const SHORTER: [(&str, &str, &str); 2] =
-    [("docs/live.md", "--gusts 5 ", "--gusts 0.3 "), ("docs/live.md", "--seconds 60 ", "--seconds 2 ")];
+const SHORTER: [(&str, &str, &str); 2] = [
+    ("docs/live/figures.md", "--gusts 5 ", "--gusts 0.3 "),
+    ("docs/live/figures.md", "--seconds 60 ", "--seconds 2 "),
+];
 
 /// The machine of the pages is this one, at a port that is free.
 fn here(page: &str, text: &str, port: u16) -> String {

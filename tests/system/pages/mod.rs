@@ -1,8 +1,9 @@
-//! Promises of README and docs: `commands` run, what else is `named` is there, and the `text` can be read.
+//! Promises of README and docs: `commands` run, `keys` are known, what else is `named` is there, and the `text` can be read.
 
 use std::path::{Path, PathBuf};
 
 mod commands;
+mod keys;
 mod named;
 mod running;
 mod text;

@@ -83,6 +83,21 @@ fn cells(row: &str) -> usize {
     row.trim().replace("\\|", "").trim_matches('|').split('|').count()
 }
 
+/// A blank line in a table parts its rows from its heading, and they are shown as text.
+#[test]
+fn every_table_has_a_heading() {
+    let mut wrong = vec![];
+    for (page, text) in pages() {
+        let lines: Vec<&str> = text.lines().map(str::trim_start).collect();
+        let begins = |k: usize| lines[k].starts_with('|') && (k == 0 || !lines[k - 1].starts_with('|'));
+        let headed = |k: usize| lines.get(k + 1).is_some_and(|line| line.starts_with("|--"));
+        wrong.extend(
+            (0..lines.len()).filter(|k| begins(*k) && !headed(*k)).map(|k| format!("{page}:{}", k + 1)),
+        );
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
 #[test]
 fn every_row_of_a_table_has_its_headings_columns() {
     let mut wrong = vec![];

@@ -5,8 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use num_dual::{Dual64, DualNum};
 
 use super::*;
-use crate::measure::adjust::beam::{Bending, twist_basis};
-use crate::measure::adjust::estimated::ESTIMATED;
+use crate::measure::adjust::beam::{Bending, RAISE_TERMS, twist_basis};
 use crate::measure::adjust::example::{orientation, setup};
 use crate::measure::adjust::shapes::shapes_at;
 

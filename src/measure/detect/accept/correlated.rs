@@ -3,7 +3,7 @@
 use super::verdict::Measured;
 use crate::measure::detect::accept::options::CORRELATED;
 use crate::measure::detect::detection::covariance::Source;
-use crate::measure::robust::median;
+use crate::measure::estimation::robust::median;
 
 /// By how much a frame's markers show in the median that residuals hang together, beyond chance; at least 1.
 pub fn factor(measured: &[Measured]) -> f64 {

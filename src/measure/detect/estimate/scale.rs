@@ -2,7 +2,7 @@
 
 use crate::measure::detect::estimate::options::WEIGHT;
 use crate::measure::detect::simd::lanes::{Lanes, each, total};
-use crate::measure::robust::SIGMA_OVER_MEDIAN;
+use crate::measure::estimation::robust::SIGMA_OVER_MEDIAN;
 
 /// The sizes of residuals.
 pub struct Sizes {

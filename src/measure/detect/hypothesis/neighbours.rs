@@ -5,7 +5,7 @@ use nalgebra::{Cholesky, Matrix3, Vector2, Vector3};
 use crate::measure::detect::detection::Detection;
 use crate::measure::detect::hypothesis::{options::NEIGHBOURS, prior::Estimate};
 use crate::measure::detect::numbers::TINY;
-use crate::measure::robust::median;
+use crate::measure::estimation::robust::median;
 use crate::measure::setup::Shape;
 
 /// The semi-major axis of a disc at a place, px, from the whole ones nearest to it: on a

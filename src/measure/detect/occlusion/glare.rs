@@ -5,8 +5,8 @@ use nalgebra::Vector2;
 use super::region::Band;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::occlusion::options::GLARE;
+use crate::measure::estimation::robust::median;
 use crate::measure::raster::Raster;
-use crate::measure::robust::median;
 
 /// Whether the skin beyond an end of a disc is saturated: glare may have cut it.
 pub fn ends_in_white(image: &Raster, ellipse: &Ellipse) -> bool {

@@ -8,8 +8,8 @@ use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::occlusion::{glare::occluded, options::GLARE, region::Band};
 use crate::measure::detect::propose::options::GLARE_CUT;
 use crate::measure::detect::segment::blob::Blob;
+use crate::measure::estimation::robust::median;
 use crate::measure::raster::Raster;
-use crate::measure::robust::median;
 
 /// A point of a blob's rim, px: where, along the blob's axis, and the step across it, grey levels.
 struct ContourPoint {

@@ -13,8 +13,8 @@ use crate::measure::detect::occlusion::region::Band;
 use crate::measure::detect::propose::{gather::Gathered, moments};
 use crate::measure::detect::revise::options::NEIGHBOUR;
 use crate::measure::detect::segment::blob;
+use crate::measure::estimation::robust::median;
 use crate::measure::raster::Raster;
-use crate::measure::robust::median;
 use crate::measure::setup::Shape;
 
 /// Measures discs that are hidden in part once more, when the whole ones about them have told how

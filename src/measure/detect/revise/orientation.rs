@@ -17,8 +17,8 @@ use crate::measure::detect::image::ellipse::{Ellipse, half_turn};
 use crate::measure::detect::occlusion::{decal::ROWS, glare, options::GLARE};
 use crate::measure::detect::propose::{decal_cut, quadrant_edges};
 use crate::measure::detect::revise::options::{NEIGHBOUR, ORIENTATION};
+use crate::measure::estimation::robust::median;
 use crate::measure::raster::Raster;
-use crate::measure::robust::median;
 use crate::measure::setup::Shape;
 
 /// A marker that should be in the frame, from its orientation and the markers that are known.

@@ -1,40 +1,53 @@
 //! Where the state begins.
 
+use super::attempt::Model;
 use super::departure::Departure;
-use super::{Flight, Shape, State, known_of};
-use crate::measure::adjust::flight::dress_frame;
-use crate::measure::adjust::gauss_helmert::Course;
+use super::state::State;
+use crate::measure::adjust::flight::dressing::dressed;
+use crate::measure::adjust::flight::frames::Flight;
+use crate::measure::adjust::flight::solving::Solved;
 use crate::measure::adjust::snooping::Target;
 use crate::measure::adjust::{AdjustError, GlobalTest, Solution};
 
-/// The first frame is a flight of one, with survey and ground frame. Whether it is sound: it passes the global test, and nothing
-/// of it is left out.
-pub(super) fn first(flight: &mut Flight) -> Result<(State, Solution, bool), AdjustError> {
-    let last = flight.solve(None)?;
-    let snooped = flight.snoop(last)?;
-    let (setting, fit, mut removed) = flight.snoop_again(snooped)?;
-    let (_, rough) = flight.readmit((setting, fit), &mut removed)?;
-    let setting = flight.setting(Some(&rough));
-    let fit = setting.solve(flight.input.scene, &Course { rough: false, residuals: Some(&rough) })?;
-    let (ratios, changes, lever) = (setting.ratios, setting.changes, setting.lever);
-    let shape = Shape { ratios, changes, lever, shortening: setting.shortening, middle: setting.middle };
-    let wrong = removed.iter().map(|(_, s)| *s).filter(|s| s.target == Target::Survey).collect();
+/// A gust that bends the wing by this, 1/m, as much as the usual flight does, may change the shape as much as burning
+/// fuel: lift and the weights' inertia answer it in their own times and places.
+const LOAD_CURVATURE_PER_M: f64 = 5e-3;
+
+/// A state of one frame.
+pub struct Begun {
+    /// What it tells.
+    pub state: State,
+    /// Its result.
+    pub solution: Solution,
+    /// Whether it passes the global test, and nothing of it is left out.
+    pub sound: bool,
+}
+
+/// The first frame is a flight of one, with survey and ground frame.
+pub fn first(mut flight: Flight) -> Result<Begun, AdjustError> {
+    let (solved, mut removed) = flight.without_blunders()?;
+    let rough = flight.readmit(solved, &mut removed)?;
+    let solved = flight.finish(&rough.fit)?;
+    let solution = dressed(&flight, &solved, &removed, 0, vec![]);
+    let sound = removed.is_empty() && solution.global_test != GlobalTest::Rejected;
+    let Solved { setting, fit } = solved;
+    let wrong = removed.iter().map(|r| r.suspect).filter(|s| s.target == Target::Survey).collect();
     let state = State {
-        known: known_of(&fit),
-        base: known_of(&fit),
-        layout: setting.layouts[0],
-        missing: setting.problem.missing.clone(),
-        shape,
+        known: fit.known(),
+        base: fit.known(),
+        model: Model {
+            layout: setting.layouts[0].clone(),
+            missing: setting.problem.missing,
+            shape: setting.shape.of_amplitude(LOAD_CURVATURE_PER_M),
+            wrong,
+        },
         local: fit.groups[0].local.clone(),
         departure: Departure::assumed(),
-        wrong,
         frames: 1,
         learnt: 1,
         doubts: 0,
         doubted_s: 0.0,
         factor: 1.0,
     };
-    let solution = dress_frame(flight, &setting, &fit, &removed, 0, vec![]);
-    let sound = removed.is_empty() && solution.global_test != GlobalTest::Rejected;
-    Ok((state, solution, sound))
+    Ok(Begun { state, solution, sound })
 }

@@ -3,10 +3,10 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::measure::adjust::AdjustError;
-use crate::measure::adjust::gauss_helmert::Known;
+use crate::measure::estimation::Known;
 
 /// Adds noise of a covariance to some unknowns (Woodbury's identity).
-pub(super) fn walk(known: &mut Known, columns: &[usize], noise: DMatrix<f64>) -> Result<(), AdjustError> {
+pub fn walk(known: &mut Known, columns: &[usize], noise: DMatrix<f64>) -> Result<(), AdjustError> {
     let of = known.information.select_columns(columns);
     let inner = inverse(noise)? + of.select_rows(columns);
     known.information -= &of * inverse(inner)? * of.transpose();
@@ -14,7 +14,7 @@ pub(super) fn walk(known: &mut Known, columns: &[usize], noise: DMatrix<f64>) ->
 }
 
 /// Leaves a share of what is known beyond the base.
-pub(super) fn fade(known: &mut Known, base: &Known, share: f64) -> Result<(), AdjustError> {
+pub fn fade(known: &mut Known, base: &Known, share: f64) -> Result<(), AdjustError> {
     let beyond = &known.information - &base.information;
     let fixed = &base.information * &base.mean;
     let right = &fixed + (&known.information * &known.mean - &fixed) * share;
@@ -25,7 +25,7 @@ pub(super) fn fade(known: &mut Known, base: &Known, share: f64) -> Result<(), Ad
 }
 
 /// Replaces what is known of the unknowns from `first` on.
-pub(super) fn forget(
+pub fn forget(
     known: &mut Known,
     first: usize,
     mean: &DVector<f64>,

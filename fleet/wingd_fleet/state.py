@@ -1,0 +1,236 @@
+"""What is published: the commits that no correction took back. Everything that answers begins here."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Iterator
+
+from . import records, solves
+from .corrections import About, Corrections
+from .lake import VERSION, Damaged, FleetError, Flight, Lake, flight_of, solve_of
+
+# Requests at a time.
+AT_ONCE = 16
+DAY_S = 86_400
+
+
+@dataclass(frozen=True)
+class Table:
+    """An object with a flight's rows of a table."""
+
+    key: str
+    sha256: str
+    rows: int
+    columns: str
+
+
+@dataclass(frozen=True)
+class Published:
+    """A flight's tables of a solve, and whose wing it is by now."""
+
+    solve: str
+    flight: Flight
+    about: About
+    tables: dict[str, Table] = field(hash=False)
+    commit: str
+
+    @classmethod
+    def of(cls, record: dict, about: About, commit: str) -> "Published":
+        tables = {name: Table(**table) for name, table in record["tables"].items()}
+        return cls(record["solve"], Flight(record["recorder"], record["flight"]), about, tables, commit)
+
+
+def at_once(work, items: list) -> list:
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        return list(pool.map(work, items))
+
+
+class State:
+    """The lake as it is now: read once, then asked."""
+
+    def __init__(self, lake: Lake, cache: Path | None = None):
+        self.lake = lake
+        self.cache = cache
+        self.corrections = Corrections.read(lake)
+        self.marks = _marks(lake)
+        keys = lake.keys(f"commits/{VERSION}")
+        # Superseded ones too: it only grows.
+        self.commit_count = len(keys)
+        self.commits = _last(keys)
+        self._read: dict[str, dict] = {}
+
+    @property
+    def flights(self) -> list[Flight]:
+        """Flights that exist, withdrawn ones too."""
+        return sorted(self.marks)
+
+    @property
+    def solves(self) -> list[str]:
+        return sorted({solve for solve, _ in self.commits})
+
+    def manifest(self, flight: Flight) -> dict:
+        return self._record(flight.manifest)
+
+    def about(self, flight: Flight) -> About:
+        return self.corrections.about(flight, About.of(self.manifest(flight)))
+
+    def arrived(self, flight: Flight) -> str:
+        """How far a flight has come: `announced`, `results`, `whole`."""
+        marks = self.marks.get(flight, set())
+        return "whole" if "frames" in marks else "results" if "results" in marks else "announced"
+
+    def withdrawn(self, flight: Flight, solve: str | None = None) -> dict | None:
+        """The withdrawal of a flight in a solve, or in all."""
+        key = self.commits.get((solve, flight)) if solve else None
+        first = About.of(self._record(key) if key else self.manifest(flight))
+        return self.corrections.withdrawn(solve, flight, first)
+
+    def missing(self, solve: str) -> list[Flight]:
+        """Flights that have come as far as a solve needs, have no tables of it, and are not withdrawn."""
+        kept = solves.read(self.lake, solve)["installations"] == solves.KEPT
+        if self.corrections.records:
+            self.read_manifests()
+        stage = "results" if kept else "frames"
+        return [
+            flight
+            for flight in self.flights
+            if stage in self.marks[flight]
+            and (solve, flight) not in self.commits
+            and not self.corrections.withdrawn(solve, flight, self._first(flight))
+        ]
+
+    def read_manifests(self) -> None:
+        """Reads all manifests at once: one after the other takes a minute for thousands in a bucket."""
+        for found in at_once(self._read_or_fault, [flight.manifest for flight in self.flights]):
+            if isinstance(found, Damaged):
+                raise found
+
+    def _first(self, flight: Flight) -> About:
+        # Without corrections nobody asks whose it is.
+        return About.of(self.manifest(flight)) if self.corrections.records else About("", None, None, "")
+
+    def published(self, wanted: list[str] | None = None, known: dict[str, dict] | None = None) -> list[Published]:
+        """The published flights of solves (None: all), in the order of aircraft, day, wing, recorder and flight. Where nobody
+        said which wing it is, each recorder's is one of its own.
+
+        `known`: commits by their keys that need not be read again.
+        """
+        self._read.update(known or {})
+        keys = [key for (solve, _), key in sorted(self.commits.items()) if wanted is None or solve in wanted]
+        definitions = {solve: solves.read(self.lake, solve)["seal"] for solve in wanted or self.solves}
+        found, faults = [], []
+        for key, record in zip(keys, at_once(self._read_or_fault, keys)):
+            if isinstance(record, Damaged):
+                faults += record.faults
+            elif record["definition"] != definitions[record["solve"]]:
+                faults.append(f"{self.lake.url}/{key}: is of another definition of solve {record['solve']}")
+            else:
+                first, flight = About.of(record), flight_of(key)
+                if not self.corrections.withdrawn(record["solve"], flight, first):
+                    about = self.corrections.about(flight, first)
+                    wing = about.wing or f"recorder-{flight.recorder[:8]}"
+                    found.append(Published.of(record, replace(about, wing=wing), key))
+        if faults:
+            raise Damaged(faults)
+        return sorted(found, key=order)
+
+    def _read_or_fault(self, key: str) -> dict | Damaged:
+        try:
+            return self._record(key)
+        except Damaged as damage:
+            return damage
+
+    def _record(self, key: str) -> dict:
+        """A record; of a bucket it is kept, for records do not change."""
+        if key in self._read:
+            return self._read[key]
+        place = self.cache / self.lake.url.removeprefix("s3://") / key if self.cache and not self.lake.folder else None
+        if place and place.exists():
+            try:
+                self._read[key] = records.load(str(place), place.read_bytes())
+                return self._read[key]
+            except Damaged:
+                place.unlink(missing_ok=True)
+        data = self.lake.need(key)
+        self._read[key] = records.load(f"{self.lake.url}/{key}", data)
+        if place:
+            with part_of(place) as part:
+                part.write_bytes(data)
+        return self._read[key]
+
+    def record(self, key: str) -> dict:
+        return self._record(key)
+
+    def failures(self, solve: str) -> dict[Flight, list[str]]:
+        """Why tasks gave up, of flights that have no tables."""
+        found: dict[Flight, list[str]] = {}
+        for key in self.lake.keys(f"failures/{VERSION}/solve={solve}"):
+            flight = flight_of(key)
+            if flight and (solve, flight) not in self.commits:
+                try:
+                    found.setdefault(flight, []).append(records.read(self.lake, key)["reason"])
+                except Damaged:
+                    found.setdefault(flight, []).append("the record of why is damaged itself")
+        return found
+
+
+@contextmanager
+def part_of(path: Path) -> Iterator[Path]:
+    """A place to write a file of the cache, which then appears in one step; the file is gone where the writing failed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, part = tempfile.mkstemp(suffix=".part", dir=path.parent)
+    os.close(handle)
+    try:
+        yield Path(part)
+        os.rename(part, path)
+    except BaseException:
+        Path(part).unlink(missing_ok=True)
+        raise
+
+
+def clean(cache: Path) -> None:
+    """Removes halves that killed calls left a day ago."""
+    for half in cache.rglob("*.part"):
+        try:
+            if time.time() - half.stat().st_mtime > DAY_S:
+                half.unlink()
+        except FileNotFoundError:
+            continue
+
+
+def order(one: Published) -> tuple:
+    return (one.solve, one.about.aircraft, one.about.started[:10], one.about.wing or "", one.flight)
+
+
+def _marks(lake: Lake) -> dict[Flight, set[str]]:
+    found: dict[Flight, set[str]] = {}
+    for key in lake.keys("manifests"):
+        if flight := flight_of(key):
+            found.setdefault(flight, set()).add(key.rsplit("/", 1)[1].removesuffix(".json"))
+    return found
+
+
+def _last(keys: list[str]) -> dict[tuple[str, Flight], str]:
+    """The last commit of each flight and solve; keys are in their order, the highest number last."""
+    found = {}
+    for key in keys:
+        flight, solve = flight_of(key), solve_of(key)
+        if flight and solve:
+            found[solve, flight] = key
+    return found
+
+
+def chosen(state: State, wanted: list[str] | None) -> list[str]:
+    """The solves that are asked about, each with tables."""
+    names = wanted or state.solves
+    unknown = [name for name in names if name not in state.solves]
+    if unknown or not names:
+        known = ", ".join(state.solves) or "none"
+        raise FleetError(f"{state.lake.url}: no tables of {', '.join(unknown) or 'any solve'}; there are: {known}")
+    return names

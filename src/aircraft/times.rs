@@ -1,0 +1,167 @@
+//! Time tags: which way of writing a moment they are, and which one they most likely are where they are none.
+
+use jiff::civil::{Date, DateTime};
+use jiff::tz::TimeZone;
+use serde::{Deserialize, Serialize};
+
+/// How a table or a feed writes its moments.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TimeFormat {
+    /// ISO 8601 (UTC where it has no zone), or seconds since 1970.
+    #[default]
+    Utc,
+    /// Milliseconds since 1970.
+    UnixMs,
+    /// Days of a spreadsheet, with 1900 as its first year.
+    ExcelDays,
+    /// Seconds since 6 January 1980, without leap seconds.
+    GpsSeconds,
+    /// Seconds since midnight of a date that is stated.
+    SecondsOfDay,
+    /// `20260601075950`.
+    Compact,
+}
+
+const MS_PER_S: f64 = 1000.0;
+/// Seconds of a day.
+pub const DAY_S: f64 = 86_400.0;
+/// 1 January 1970 as a spreadsheet counts days (1 January 1900 is 1, and 1900 is taken for a leap year).
+const EXCEL_1970: f64 = 25_569.0;
+/// From 1 January 1970 to 6 January 1980, where GPS time begins (IS-GPS-200), s.
+const GPS_EPOCH_S: f64 = 315_964_800.0;
+/// GPS time less UTC since 1 January 2017 (IERS Bulletin C 52; no leap second has come since), s.
+const GPS_LESS_UTC_S: f64 = 18.0;
+/// 1 January 2017 in GPS time, s: earlier the difference is another.
+const GPS_2017_S: f64 = 1_167_264_018.0;
+
+impl TimeFormat {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Utc, Self::UnixMs, Self::ExcelDays, Self::GpsSeconds, Self::SecondsOfDay, Self::Compact];
+
+    /// As in a mapping.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Utc => "utc",
+            Self::UnixMs => "unix_ms",
+            Self::ExcelDays => "excel_days",
+            Self::GpsSeconds => "gps_seconds",
+            Self::SecondsOfDay => "seconds_of_day",
+            Self::Compact => "compact",
+        }
+    }
+
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Utc => "ISO 8601 or seconds since 1970",
+            Self::UnixMs => "milliseconds since 1970",
+            Self::ExcelDays => "a spreadsheet's day numbers",
+            Self::GpsSeconds => "GPS seconds since 1980",
+            Self::SecondsOfDay => "seconds of a day",
+            Self::Compact => "14 digits, year to second",
+        }
+    }
+
+    /// Seconds since 1970, UTC; `date` is that of [`TimeFormat::SecondsOfDay`]. `None` where the text is no such moment.
+    pub fn seconds(self, text: &str, date: Option<Date>) -> Option<f64> {
+        let number = || text.parse::<f64>().ok().filter(|s| s.is_finite() && *s >= 0.0);
+        match self {
+            Self::Utc => number().filter(|s| *s > 0.0).or_else(|| civil(text)),
+            Self::UnixMs => number().map(|n| n / MS_PER_S),
+            Self::ExcelDays => number().filter(|n| *n >= EXCEL_1970).map(|n| (n - EXCEL_1970) * DAY_S),
+            Self::GpsSeconds => {
+                number().filter(|n| *n >= GPS_2017_S).map(|n| n + GPS_EPOCH_S - GPS_LESS_UTC_S)
+            }
+            Self::SecondsOfDay => {
+                let midnight = date?.to_zoned(TimeZone::UTC).ok()?.timestamp();
+                number().filter(|n| *n <= DAY_S).map(|n| n + seconds(midnight))
+            }
+            Self::Compact => {
+                let (day, time) = text.split_at_checked(8)?;
+                let digits = day.bytes().all(|b| b.is_ascii_digit()) && time.len() >= 6;
+                digits.then(|| civil(&format!("{day}T{time}")))?
+            }
+        }
+    }
+}
+
+/// ISO 8601; UTC where it has no zone.
+fn civil(text: &str) -> Option<f64> {
+    let utc = |civil: DateTime| civil.to_zoned(TimeZone::UTC).map(|z| z.timestamp());
+    let stamp = text.parse::<jiff::Timestamp>().ok();
+    stamp.or_else(|| utc(text.parse::<DateTime>().ok()?).ok()).map(seconds)
+}
+
+/// Seconds since 1970.
+pub(super) fn seconds(stamp: jiff::Timestamp) -> f64 {
+    stamp.as_microsecond() as f64 * 1e-6
+}
+
+/// A moment for people; the number where it is beyond any calendar.
+pub fn shown(time_s: f64) -> String {
+    let stamp = jiff::Timestamp::from_second(time_s.floor() as i64);
+    stamp.map_or_else(|_| format!("{time_s} s"), |stamp| stamp.to_string())
+}
+
+/// What tags are, where read as `declared` they do not lie about a flight: the way of writing that puts most of them
+/// between its first and last frame (seconds since 1970), with a day's rest for seconds of a day. `None` where no way does.
+pub fn likeliest(tags: &[&str], declared: TimeFormat, frames: (f64, f64)) -> Option<TimeFormat> {
+    let date = jiff::Timestamp::from_second(frames.0 as i64).ok()?.to_zoned(TimeZone::UTC).date();
+    let within = |format: &TimeFormat| {
+        let about = |tag: &&&str| {
+            let time_s = format.seconds(tag, Some(date));
+            time_s.is_some_and(|t| t > frames.0 - ABOUT_S && t < frames.1 + ABOUT_S)
+        };
+        tags.iter().filter(about).count()
+    };
+    let others = TimeFormat::ALL.into_iter().filter(|f| *f != declared);
+    let (count, format) = others.map(|f| (within(&f), f)).max_by_key(|(count, f)| (*count, f.certainty()))?;
+    (2 * count > tags.len()).then_some(format)
+}
+
+/// A table begins at most so long before the first frame and ends so long after the last, s.
+const ABOUT_S: f64 = 6.0 * 3600.0;
+
+impl TimeFormat {
+    /// Of two that fit the same tags the one with more to go wrong: any number up to 86,400 is a second of a day.
+    fn certainty(self) -> usize {
+        usize::from(self != Self::SecondsOfDay)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    /// 2026-06-01T07:59:50Z.
+    const BEGIN_S: f64 = 1_780_300_790.0;
+
+    #[test]
+    fn one_moment_in_every_way_of_writing_it() {
+        let date = Some("2026-06-01".parse().unwrap());
+        for (format, text, within_s) in [
+            (TimeFormat::Utc, "2026-06-01T07:59:50", 0.0),
+            (TimeFormat::Utc, "2026-06-01T09:59:50+02:00", 0.0),
+            (TimeFormat::Utc, "1780300790", 0.0),
+            (TimeFormat::UnixMs, "1780300790000", 0.0),
+            (TimeFormat::ExcelDays, "46174.333218", 0.1),
+            (TimeFormat::GpsSeconds, "1464336008", 0.0),
+            (TimeFormat::SecondsOfDay, "28790.0", 0.0),
+            (TimeFormat::Compact, "20260601075950", 0.0),
+        ] {
+            let found = format.seconds(text, date).unwrap();
+            assert!((found - BEGIN_S).abs() <= within_s, "{format:?} {text}: {}", found - BEGIN_S);
+            let read = TimeFormat::Utc.seconds(text, None).is_some_and(|t| (t - BEGIN_S).abs() < 3600.0);
+            let told = likeliest(&[text], TimeFormat::Utc, (BEGIN_S, BEGIN_S + 60.0));
+            assert_eq!(told, Some(format).filter(|f| *f != TimeFormat::Utc), "{text}");
+            assert_eq!(read, told.is_none(), "{text}");
+        }
+        assert_eq!(TimeFormat::SecondsOfDay.seconds("28790", None), None);
+        assert_eq!(TimeFormat::GpsSeconds.seconds("1", None), None);
+        assert_eq!(TimeFormat::Compact.seconds("2026060107595", None), None);
+        assert_eq!(likeliest(&["2026-06-02T07:59:50Z"], TimeFormat::Utc, (BEGIN_S, BEGIN_S)), None);
+    }
+}

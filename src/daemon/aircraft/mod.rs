@@ -1,0 +1,179 @@
+//! The aircraft's data while it flies: a feed is listened to and its lines are recorded. Nothing here can stop capturing: a
+//! feed that hangs, floods or is gone, and a disk that is full, cost its lines, which are counted.
+
+mod config;
+mod feed;
+mod recording;
+
+use std::sync::mpsc::{Receiver, channel, sync_channel};
+use std::time::Duration;
+
+use super::core::Core;
+pub use config::AircraftConfig;
+use feed::{Shared, hear};
+use recording::record;
+
+/// What the end of the recorder waits for the last lines.
+const LAST_LINES: Duration = Duration::from_secs(3);
+
+/// The feed of a running recorder.
+pub(crate) struct Feed {
+    ended: Receiver<()>,
+}
+
+impl Drop for Feed {
+    /// The last lines become durable, in a time that is bounded. The daemon has been asked to end before.
+    fn drop(&mut self) {
+        let _ = self.ended.recv_timeout(LAST_LINES);
+    }
+}
+
+/// Listens and records until the daemon ends. Where the machine gives no threads the status says so.
+pub(crate) fn listen(core: &Core, config: &AircraftConfig) -> Feed {
+    let shared = Shared { core: core.clone(), config: config.clone() };
+    let (lines, inbox) = sync_channel(recording::WAITING);
+    let (done, ended) = channel();
+    let (hearing, recording) = (shared.clone(), shared.clone());
+    let hear = Core::spawn("aircraft-feed", move || hear(&hearing, &lines));
+    let record = Core::spawn("aircraft-store", move || {
+        record(&recording, &inbox);
+        let _ = done.send(());
+    });
+    if let Some(error) = hear.err().or(record.err()) {
+        shared.fault(Some(format!("no thread to listen on: {error}")));
+    }
+    Feed { ended }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    use std::io::{Read, Write};
+    use std::net::UdpSocket;
+    use std::sync::Arc;
+
+    use crate::clock::{Clock, System};
+    use crate::daemon::halt::Halt;
+    use crate::daemon::status::{AircraftStatus, StatusBoard};
+    use crate::store::manifest::{Cause, State};
+    use crate::store::{Plan, RealDisk, Store, StoreConfig, catalogue, verify};
+
+    struct Bench {
+        dir: tempfile::TempDir,
+        core: Core,
+    }
+
+    /// A store with a flight, and `reserve_mb` to be kept free.
+    fn bench(reserve_mb: u64) -> Bench {
+        let dir = tempfile::tempdir().unwrap();
+        let config = |reserve_mb| StoreConfig { reserve_mb, ..StoreConfig::at(dir.path()) };
+        let clock: Arc<dyn Clock> = Arc::new(System::new());
+        let (store, _) = Store::open(Arc::new(RealDisk), config(0)).unwrap();
+        let (series, _) =
+            store.begin_series(Plan { cause: Cause::Scheduled, shots: 1 }, &clock.stamp()).unwrap();
+        store.close_series(series, State::Interrupted, &clock.stamp(), vec![]).unwrap();
+        drop(store);
+        let store = Arc::new(Store::open(Arc::new(RealDisk), config(reserve_mb)).unwrap().0);
+        let board = StatusBoard::new(clock.clone());
+        let core = Core { store, clock, board, halt: Halt::default(), observer: Arc::new(|_| ()) };
+        Bench { dir, core }
+    }
+
+    impl Bench {
+        fn listen(&self, config: &str) -> Feed {
+            let config: AircraftConfig = toml::from_str(config).unwrap();
+            listen(&self.core, &config)
+        }
+
+        fn end(&self, feed: Feed) {
+            self.core.halt.end(LAST_LINES);
+            drop(feed);
+        }
+
+        /// Waits, for a machine that is slow, until the status is as wanted.
+        fn until(&self, wanted: impl Fn(&AircraftStatus) -> bool) -> AircraftStatus {
+            for _ in 0..600 {
+                let status = self.core.board.snapshot().aircraft.unwrap_or_default();
+                if wanted(&status) {
+                    return status;
+                }
+                std::thread::sleep(Duration::from_millis(50));
+            }
+            self.core.board.snapshot().aircraft.unwrap_or_default()
+        }
+    }
+
+    /// A port that nobody has.
+    fn free_port() -> u16 {
+        UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+    }
+
+    fn send(port: u16, count: usize) {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        for k in 0..count {
+            let line = format!("IWG1,2026-03-01T06:00:{:02}.{k:03},1,2\r\nnoise\r\n", k % 60);
+            socket.send_to(line.as_bytes(), ("127.0.0.1", port)).unwrap();
+        }
+    }
+
+    #[test]
+    fn datagrams_are_recorded_and_covered_at_the_end() {
+        let bench = bench(0);
+        let port = free_port();
+        let feed = bench.listen(&format!("udp = '127.0.0.1:{port}'"));
+        // The socket may not be bound yet: nobody promises a datagram's arrival.
+        let status = bench.until(|status| {
+            send(port, 5);
+            status.recorded >= 20
+        });
+        assert!(status.recorded >= 20 && status.lost == 0 && status.fault.is_none(), "{status:?}");
+        // Every other line is noise, and kept; the last one may still wait.
+        assert!((status.read * 2).abs_diff(status.recorded) <= 1, "{status:?}");
+        bench.end(feed);
+        let flight = catalogue::flights(&RealDisk, bench.dir.path()).unwrap().remove(0);
+        assert_eq!(crate::store::aircraft::files(&RealDisk, &flight).unwrap().len(), 1);
+        assert!(verify::verify(&RealDisk, bench.dir.path()).is_sound());
+    }
+
+    #[test]
+    fn a_full_disk_costs_the_lines_and_says_so() {
+        let bench = bench(u64::MAX / 2_000_000);
+        let port = free_port();
+        let _feed = bench.listen(&format!("udp = '127.0.0.1:{port}'"));
+        let status = bench.until(|status| {
+            send(port, 5);
+            status.lost > 0
+        });
+        assert!(status.recorded == 0 && status.lost > 0);
+        assert!(status.fault.is_some_and(|fault| fault.contains("reserve")));
+    }
+
+    #[test]
+    fn a_server_that_hangs_or_goes_is_called_again_and_holds_nothing_up() {
+        let bench = bench(0);
+        let server = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = server.local_addr().unwrap().port();
+        let text = format!(
+            "tcp = '127.0.0.1:{port}'\nformat = 'text'\nsubscribe = ['add,mach']\n[[column]]\nfield = 2\nquantity = 'mach'\n"
+        );
+        let feed = bench.listen(&text);
+        let (first, _) = server.accept().unwrap();
+        // It says nothing, then goes.
+        drop(first);
+        let status = bench.until(|status| status.fault.is_some());
+        assert!(status.fault.is_some_and(|fault| fault.contains(&port.to_string())));
+        let (mut second, _) = server.accept().unwrap();
+        let mut asked = [0; 10];
+        second.read_exact(&mut asked).unwrap();
+        assert_eq!(&asked, b"add,mach\r\n");
+        second.write_all(b"2026-03-01T06:00:00,0.78\n2026-03-01T06:00:01,0.").unwrap();
+        second.write_all(b"79\n").unwrap();
+        let status = bench.until(|status| status.read == 2);
+        assert_eq!((status.recorded, status.read, status.fault), (2, 2, None));
+        // It hangs: the connection stays and nothing comes.
+        bench.end(feed);
+        assert!(verify::verify(&RealDisk, bench.dir.path()).is_sound());
+    }
+}

@@ -1,0 +1,81 @@
+//! `[series]` of the configuration says when series are taken, and how long the camera has.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::installation::KeyFault;
+
+use super::schedule::{Align, Timetable};
+
+/// `[series]` of the configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SeriesConfig {
+    /// From the beginning of one series to that of the next.
+    #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    pub interval: Duration,
+    /// Per series.
+    pub shots: u32,
+    /// Pause between two shots.
+    #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    pub gap: Duration,
+    /// The camera must deliver within; a quarter more and its call is given up. Machine time.
+    #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    pub shot_deadline: Duration,
+    /// Opening the camera must be done within. Machine time.
+    #[serde(with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    pub open_deadline: Duration,
+    /// More attempts at a shot that failed.
+    pub retries: u32,
+    /// `start` or `clock`.
+    pub align: Align,
+    /// The daemon ends by itself when the next series would begin later than this after the first.
+    #[serde(
+        with = "jiff::fmt::serde::unsigned_duration::friendly::compact::optional",
+        skip_serializing_if = "Option::is_none"
+    )]
+    pub until: Option<Duration>,
+    /// A frame that equals one of so many before it is stale.
+    pub stale_window: usize,
+}
+
+impl Default for SeriesConfig {
+    fn default() -> Self {
+        Self {
+            interval: Duration::from_secs(3600),
+            shots: 10,
+            gap: Duration::from_secs(2),
+            shot_deadline: Duration::from_secs(20),
+            open_deadline: Duration::from_secs(30),
+            retries: 2,
+            align: Align::Start,
+            until: None,
+            stale_window: 16,
+        }
+    }
+}
+
+impl SeriesConfig {
+    /// Every fault, at its key of the whole file.
+    pub fn faults(&self) -> Vec<KeyFault> {
+        let least = self.gap.saturating_mul(self.shots.saturating_sub(1));
+        let fits = least < self.interval || self.interval.is_zero();
+        let too_short = "is shorter than the series' gaps together";
+        let positive = "must be longer than 0";
+        let rules = [
+            (!self.interval.is_zero(), "interval", positive, "for example \"1h\""),
+            ((1..=9999).contains(&self.shots), "shots", "must be 1 to 9999", "correct it"),
+            (!self.shot_deadline.is_zero(), "shot_deadline", positive, "for example \"20s\""),
+            (!self.open_deadline.is_zero(), "open_deadline", positive, "for example \"30s\""),
+            (self.retries <= 10, "retries", "must be at most 10", "correct it"),
+            (fits, "interval", too_short, "lengthen it, or lower shots or gap"),
+        ];
+        KeyFault::broken("series", &rules)
+    }
+
+    /// When the series begin.
+    pub(crate) fn timetable(&self) -> Timetable {
+        Timetable { interval: self.interval, align: self.align, until: self.until }
+    }
+}

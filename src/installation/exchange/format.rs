@@ -1,0 +1,73 @@
+//! The formats of camera files, and which one a file has.
+
+use std::fmt;
+use std::path::Path;
+
+use crate::installation::keyed::{Node, Syntax};
+
+/// A file format for cameras.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CameraFormat {
+    /// `camera.toml`.
+    Wingd,
+    /// OpenCV's FileStorage in YAML, XML or JSON.
+    Opencv,
+    /// camera_info, as camera_calibration_parsers writes it.
+    Ros,
+    /// Kalibr's camchain.
+    Kalibr,
+    /// mrcal's cameramodel.
+    Mrcal,
+}
+
+impl fmt::Display for CameraFormat {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Wingd => "camera.toml",
+            Self::Opencv => "OpenCV",
+            Self::Ros => "ROS camera_info",
+            Self::Kalibr => "Kalibr camchain",
+            Self::Mrcal => "mrcal cameramodel",
+        })
+    }
+}
+
+/// What a file's name says: the format, where there is but one of that name, and how the text is written.
+pub(super) fn by_name(file: &Path) -> (Option<CameraFormat>, Option<Syntax>) {
+    let name = file.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
+    match name.rsplit_once('.').map(|(_, ending)| ending) {
+        Some("toml") => (Some(CameraFormat::Wingd), None),
+        Some("cameramodel") => (Some(CameraFormat::Mrcal), Some(Syntax::Literal)),
+        Some("xml") => (Some(CameraFormat::Opencv), Some(Syntax::Xml)),
+        Some("yaml" | "yml" | "json") => {
+            let parts = [("camchain", CameraFormat::Kalibr), ("camera_info", CameraFormat::Ros)];
+            let format = parts.into_iter().find(|(part, _)| name.contains(part)).map(|(_, format)| format);
+            (format, Some(Syntax::Yaml))
+        }
+        _ => (None, None),
+    }
+}
+
+/// Format of a file that is to be written, by its name; YAML of no other name is OpenCV's.
+pub fn format_of_name(file: &Path) -> Option<CameraFormat> {
+    match by_name(file) {
+        (Some(format), _) => Some(format),
+        (None, syntax) => syntax.map(|_| CameraFormat::Opencv),
+    }
+}
+
+/// Format by the keys that stand in a file.
+pub(super) fn by_keys(tree: &Node) -> Option<CameraFormat> {
+    let mut cameras = vec![tree];
+    cameras.extend(tree.entries().iter().map(|e| &e.node));
+    let has = |key: &str| cameras.iter().any(|c| c.entries().iter().any(|e| e.key.eq_ignore_ascii_case(key)));
+    let tagged = cameras.iter().any(|c| c.tag.as_deref().is_some_and(|t| t.starts_with("opencv-")));
+    let signs = [
+        (tagged, CameraFormat::Opencv),
+        (has("lensmodel"), CameraFormat::Mrcal),
+        (has("intrinsics") || has("distortion_coeffs"), CameraFormat::Kalibr),
+        (has("camera_matrix") && has("distortion_model"), CameraFormat::Ros),
+        (has("camera_matrix"), CameraFormat::Opencv),
+    ];
+    signs.into_iter().find(|(there, _)| *there).map(|(_, format)| format)
+}

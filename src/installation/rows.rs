@@ -1,0 +1,303 @@
+//! Tables: the one reader of every CSV file (RFC 4180: quotes, separators within them). No line is trimmed: a blank
+//! first cell stays one.
+
+use std::path::Path;
+
+use super::Reader;
+
+/// A record of a table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// The line on which it begins, from 1.
+    pub line: u64,
+    /// As it stands in the file, without its line end.
+    pub text: String,
+    /// Its cells without their quotes and the blanks about them.
+    pub cells: Vec<String>,
+}
+
+impl Row {
+    /// Whether nothing stands in it.
+    pub fn is_blank(&self) -> bool {
+        self.cells.iter().all(String::is_empty)
+    }
+
+    /// Whether something stands beyond so many columns.
+    pub fn exceeds(&self, columns: usize) -> bool {
+        self.cells.iter().skip(columns).any(|cell| !cell.is_empty())
+    }
+}
+
+/// Why a text is no table.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RowsError {
+    /// A field whose quotes do not end takes all lines after it in.
+    #[error("a quote is not closed")]
+    OpenQuote {
+        /// Where the record begins.
+        line: u64,
+    },
+    /// Something stands between a field's closing quote and the next separator.
+    #[error("something follows on a closing quote")]
+    AfterQuote {
+        /// Where the record begins.
+        line: u64,
+    },
+    /// A separator that cannot be one.
+    #[error("the separator {0:?} is no single byte")]
+    Separator(char),
+    /// A record that cannot be read.
+    #[error("{problem}")]
+    Record {
+        /// Where it begins.
+        line: u64,
+        /// What the parser says.
+        problem: String,
+    },
+}
+
+impl RowsError {
+    /// The line where the record begins; 0 where it is none.
+    pub fn line(&self) -> u64 {
+        match self {
+            Self::OpenQuote { line } | Self::AfterQuote { line } | Self::Record { line, .. } => *line,
+            Self::Separator(_) => 0,
+        }
+    }
+}
+
+/// The records of a text that are not blank.
+///
+/// # Errors
+/// The first record that is none.
+pub fn rows(text: &str, separator: char) -> Result<Vec<Row>, RowsError> {
+    let delimiter = u8::try_from(separator).map_err(|_| RowsError::Separator(separator))?;
+    let mut csv = csv::ReaderBuilder::new();
+    csv.delimiter(delimiter).has_headers(false).flexible(true);
+    let mut csv = csv.from_reader(text.as_bytes());
+    let mut record = csv::StringRecord::new();
+    let mut found: Vec<Row> = vec![];
+    loop {
+        let begin = csv.position().clone();
+        let more = csv.read_record(&mut record).map_err(|error| {
+            let line = error.position().map_or(begin.line(), csv::Position::line);
+            RowsError::Record { line, problem: error.to_string() }
+        })?;
+        if !more {
+            return Ok(found);
+        }
+        let bytes = begin.byte() as usize..csv.position().byte() as usize;
+        // Empty lines before a record are passed over together with it.
+        let raw = text.get(bytes).unwrap_or_default();
+        let own = raw.trim_start_matches(['\r', '\n']);
+        let line = begin.line() + raw[..raw.len() - own.len()].matches('\n').count() as u64;
+        let own = own.trim_end_matches(['\r', '\n']);
+        match quotes(own, separator) {
+            Quotes::Sound => {}
+            Quotes::Open => return Err(RowsError::OpenQuote { line }),
+            Quotes::Followed => return Err(RowsError::AfterQuote { line }),
+        }
+        let cells = record.iter().map(|cell| cell.trim().to_owned()).collect();
+        let row = Row { line, text: own.to_owned(), cells };
+        if !row.is_blank() {
+            found.push(row);
+        }
+    }
+}
+
+/// How the quotes of a record stand.
+enum Quotes {
+    /// Every quoted field ends with its quote.
+    Sound,
+    /// One does not end.
+    Open,
+    /// Something follows on one: what a reader makes of `"1"2` is its own invention.
+    Followed,
+}
+
+fn quotes(record: &str, separator: char) -> Quotes {
+    let (mut quoted, mut begins) = (false, true);
+    let mut signs = record.chars().peekable();
+    while let Some(sign) = signs.next() {
+        match (sign, quoted) {
+            ('"', true) if signs.peek() == Some(&'"') => drop(signs.next()),
+            ('"', true) if signs.peek().is_some_and(|next| *next != separator) => return Quotes::Followed,
+            ('"', true) => quoted = false,
+            ('"', false) => quoted = begins,
+            _ => {}
+        }
+        begins = !quoted && sign == separator;
+    }
+    if quoted { Quotes::Open } else { Quotes::Sound }
+}
+
+/// The separator that a first line `sep=;` names, as spreadsheets write it.
+pub fn separator_line(line: &str) -> Option<char> {
+    let rest = line.trim_matches(['\r', '\n', '"']).strip_prefix("sep=")?;
+    let mut signs = rest.chars();
+    signs.next().filter(|_| signs.next().is_none())
+}
+
+/// A file of ours with named columns, separated by commas: (line, the wanted columns' texts) per row; empty texts in
+/// `optional` columns that are not there. One cause is one fault.
+pub(super) fn read<const N: usize>(
+    reader: &mut Reader,
+    file: &Path,
+    text: &str,
+    columns: [&str; N],
+    optional: &[&str],
+) -> Option<Vec<(u64, [String; N])>> {
+    let needed: Vec<&str> = columns.into_iter().filter(|c| !optional.contains(c)).collect();
+    if text.lines().next().and_then(separator_line).is_some() {
+        let mend = "leave the line out: columns are separated by commas";
+        reader.fault(file, "line 1", "is a spreadsheet's separator line (sep=)", mend);
+        return None;
+    }
+    let text = without_comments(reader, file, text, needed.len());
+    let found = match rows(&text, ',') {
+        Ok(found) => found,
+        Err(error) => {
+            reader.fault(file, &format!("line {}", error.line()), error.to_string(), "correct the line");
+            return None;
+        }
+    };
+    let mut found = found.into_iter();
+    let header = found.next().unwrap_or_else(|| Row { line: 1, text: String::new(), cells: vec![] });
+    let index = places(reader, file, &header, columns, optional)?;
+    let width = header.cells.len();
+    let mut rows = vec![];
+    for row in found {
+        // Columns at the end that need not be there may be left out with their commas.
+        let short = header.cells.iter().skip(row.cells.len()).any(|name| !optional.contains(&name.as_str()));
+        if short || row.exceeds(width) {
+            let problem = format!("has {} cells under a header of {width}", row.cells.len());
+            let mend = "give one cell per column: points in numbers, quotes about a text with a comma";
+            reader.fault(file, &format!("line {}", row.line), problem, mend);
+            continue;
+        }
+        let cell = |k: Option<usize>| k.and_then(|k| row.cells.get(k)).cloned().unwrap_or_default();
+        rows.push((row.line, index.map(cell)));
+    }
+    Some(rows)
+}
+
+/// Where each column stands in the header; faults where one does not, or twice.
+fn places<const N: usize>(
+    reader: &mut Reader,
+    file: &Path,
+    header: &Row,
+    columns: [&str; N],
+    optional: &[&str],
+) -> Option<[Option<usize>; N]> {
+    let needed = columns.iter().filter(|c| !optional.contains(c)).copied().collect::<Vec<_>>();
+    let place = format!("line {}", header.line);
+    if let Some(separator) = foreign_separator(&header.cells) {
+        let problem = format!("is separated by {separator}");
+        reader.fault(
+            file,
+            &place,
+            problem,
+            "save it with commas between the columns and points in the numbers",
+        );
+        return None;
+    }
+    let cells = &header.cells;
+    let index = columns.map(|name| cells.iter().position(|h| h == name));
+    let before = reader.faults.len();
+    for name in columns.iter().filter(|name| cells.iter().filter(|h| h == *name).count() > 1) {
+        reader.fault(file, &format!("column {name}"), "stands twice", "keep the one that holds");
+    }
+    let missing: Vec<&str> = columns
+        .iter()
+        .zip(&index)
+        .filter(|(n, k)| k.is_none() && needed.contains(n))
+        .map(|(n, _)| *n)
+        .collect();
+    let otherwise = |name: &str| cells.iter().any(|h| h.eq_ignore_ascii_case(name) && h != name);
+    let mend = format!("the header must hold {}", needed.join(","));
+    if !missing.is_empty() && missing.iter().all(|name| otherwise(name)) {
+        let problem = format!("has the header {} in other letters", cells.join(","));
+        reader.fault(file, &place, problem, format!("write it in small letters: {}", needed.join(",")));
+    } else if missing.len() > super::MOST_ALIKE {
+        reader.fault(file, &place, format!("is no header with {}", missing.join(", ")), mend);
+    } else {
+        for name in missing {
+            reader.fault(file, &format!("column {name}"), "is missing", mend.clone());
+        }
+    }
+    (reader.faults.len() == before).then_some(index)
+}
+
+/// The text with its comments as empty lines. A line that begins with `#` and is a whole row may be a
+/// comment or a name: the user must say.
+fn without_comments(reader: &mut Reader, file: &Path, text: &str, columns: usize) -> String {
+    let mut kept = String::with_capacity(text.len());
+    for (k, line) in text.lines().enumerate() {
+        let comment = line.trim_start().strip_prefix('#');
+        if comment.is_some_and(|c| !c.starts_with([' ', '\t', '#']) && c.split(',').count() >= columns) {
+            let id = line.split(',').next().unwrap_or_default().trim();
+            let mend =
+                "write a blank after # to leave the line out, or give a name that does not begin with #";
+            reader.fault(
+                file,
+                &format!("line {}", k + 1),
+                format!("\"{id}\" may be a comment or a name"),
+                mend,
+            );
+        }
+        kept.push_str(if comment.is_some() { "" } else { line });
+        kept.push('\n');
+    }
+    kept
+}
+
+/// What else than a comma stands between the columns, if the header is one cell for that reason.
+fn foreign_separator(header: &[String]) -> Option<&'static str> {
+    let [only] = header else { return None };
+    [(';', "semicolons"), ('\t', "tabs")].into_iter().find(|(c, _)| only.contains(*c)).map(|(_, name)| name)
+}
+
+/// A finite number; a fault where it is not one.
+pub(super) fn number(reader: &mut Reader, file: &Path, line: u64, column: &str, text: &str) -> Option<f64> {
+    let value = text.parse::<f64>().ok().filter(|v| v.is_finite());
+    if value.is_none() {
+        let place = format!("line {line}, column {column}");
+        reader.fault(
+            file,
+            &place,
+            format!("\"{text}\" is not a finite number"),
+            "give a decimal number with a point",
+        );
+    }
+    value
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn cells(text: &str, separator: char) -> Vec<(u64, Vec<String>)> {
+        rows(text, separator).unwrap().into_iter().map(|row| (row.line, row.cells)).collect()
+    }
+
+    #[test]
+    fn quotes_hold_separators_and_line_ends_and_blank_cells_stay() {
+        let found = cells("a,b\r\n\r\n\"x, y\",\"2\n3\"\n\tlast,\" \"\"q\"\" \"\n", ',');
+        assert_eq!(found[0], (1, vec!["a".into(), "b".into()]));
+        assert_eq!(found[1], (3, vec!["x, y".into(), "2\n3".into()]));
+        assert_eq!(found[2], (5, vec!["last".into(), "\"q\"".into()]));
+        assert_eq!(cells("T/O\t1\t2\n\t3\t4\n", '\t')[1].1, ["", "3", "4"]);
+        assert_eq!(rows("a,b\n1,\"2\n3,4\n", ','), Err(RowsError::OpenQuote { line: 2 }));
+        assert_eq!(rows("a,b\n1,5\" pipe\n3,4\n", ',').unwrap().len(), 3);
+        assert_eq!(rows("a,b\n\"1\"2,3\n", ','), Err(RowsError::AfterQuote { line: 2 }));
+    }
+
+    #[test]
+    fn rows_keep_their_text() {
+        let found = rows("a;b\n\n \"1\";2 \r\n;;\n3;4", ';').unwrap();
+        let texts: Vec<(u64, &str)> = found.iter().map(|row| (row.line, row.text.as_str())).collect();
+        assert_eq!(texts, [(1, "a;b"), (3, " \"1\";2 "), (5, "3;4")]);
+        assert_eq!((separator_line("sep=;\r"), separator_line("separator")), (Some(';'), None));
+    }
+}

@@ -1,0 +1,107 @@
+//! What a flight's setting rests on beside observations: assumed at first, then as the last solution shows it.
+
+use nalgebra::{DVector, Matrix3, Vector3};
+
+use super::mountings::Mountings;
+use crate::measure::adjust::input::Input;
+use crate::measure::adjust::layout::Layout;
+use crate::measure::adjust::term::Place;
+use crate::measure::adjust::terms::stated_drift_rad;
+use crate::measure::estimation::Fit;
+
+/// Departure of a frame's shape from the shared one to begin with, a share of the usual width of shapes.
+pub const DEPARTURE: f64 = 0.03;
+/// Bending to begin with, 1/m.
+const USUAL_CURVATURE_PER_M: f64 = 0.005;
+/// Bending below this counts as unbent, 1/m.
+const SMALLEST_CURVATURE_PER_M: f64 = 2e-4;
+
+/// Drift in pitch over that about the other axes, which tell it: the mean of a variance that some f degrees of freedom tell
+/// is f / (f - 2) times what they show. A random walk of ten frames leaves about five in yaw and roll together.
+const PITCH_DRIFT: f64 = 1.3;
+
+/// What is taken for granted of a flight's frames.
+#[derive(Clone, Debug)]
+pub struct Assumed<'a> {
+    /// Leading coefficient of each frame's curvature, 1/m.
+    pub amplitudes_per_m: Vec<f64>,
+    /// A frame's departure from the shared shape, a share of the usual width of shapes.
+    pub departure: f64,
+    /// Which mounting each frame belongs to.
+    pub mountings: Mountings<'a>,
+    /// Standard deviation of a frame's rotation about its mounting's, rad.
+    pub drift_rad: f64,
+    /// Per frame what its mounting's unknowns are with its own part of the rotation, which is the first three.
+    of_mounting: Vec<DVector<f64>>,
+}
+
+impl<'a> Assumed<'a> {
+    /// Before the first solution.
+    pub fn at_first(input: &Input, frames: usize, mountings: Mountings<'a>) -> Self {
+        Self {
+            amplitudes_per_m: vec![USUAL_CURVATURE_PER_M; frames],
+            departure: DEPARTURE,
+            mountings,
+            drift_rad: stated_drift_rad(input.setup),
+            of_mounting: vec![DVector::zeros(3); frames],
+        }
+    }
+
+    /// With another frame's bending and shape's departure.
+    pub fn with(self, curvature_per_m: f64, departure: f64) -> Self {
+        Self { amplitudes_per_m: vec![amplitude(curvature_per_m)], departure, ..self }
+    }
+
+    /// Takes over what a solution says of a frame.
+    pub fn learn(&mut self, frame: usize, layout: &Layout, fit: &Fit) {
+        let local = &fit.groups[frame].local;
+        self.amplitudes_per_m[frame] = amplitude(local[0]);
+        let mut own = fit.global.rows(layout.own.first, layout.own.count).into_owned();
+        if let Some(first) = own_rotation_column(layout) {
+            let mut rotation = own.rows_mut(0, 3);
+            rotation += local.rows(first, 3);
+        }
+        self.of_mounting[frame] = own;
+    }
+
+    /// Mean of a mounting's unknowns over its frames.
+    pub fn mean(&self, mounting: usize) -> DVector<f64> {
+        let frames = (0..self.of_mounting.len()).filter(|f| self.mountings.of(*f) == mounting);
+        let own: Vec<_> = frames.map(|f| &self.of_mounting[f]).collect();
+        let mut sum = DVector::zeros(own.first().map_or(0, |o| o.len()));
+        own.iter().for_each(|o| sum += *o);
+        sum / own.len().max(1) as f64
+    }
+
+    /// A frame's rotation about its mounting's, camera frame, rad.
+    pub fn own_rotation_rad(&self, frame: usize) -> Vector3<f64> {
+        let mean = self.mean(self.mountings.of(frame));
+        (self.of_mounting[frame].rows(0, 3) - mean.rows(0, 3)).fixed_rows::<3>(0).into_owned()
+    }
+
+    /// Root mean square of the rotations about their mountings' means, each axis, rad.
+    pub fn rotations_rms_rad(&self) -> f64 {
+        let frames = self.of_mounting.len();
+        let sum: f64 = (0..frames).map(|f| self.own_rotation_rad(f).norm_squared()).sum();
+        (sum / (3 * frames.max(1)) as f64).sqrt()
+    }
+
+    /// Of a frame's rotation about its mounting's, camera frame, rad^2.
+    pub fn drift_covariance(&self, camera_from_wing: &Matrix3<f64>) -> Matrix3<f64> {
+        let pitch = camera_from_wing * Vector3::z();
+        let more = pitch * pitch.transpose() * (PITCH_DRIFT * PITCH_DRIFT - 1.0);
+        (Matrix3::identity() + more) * (self.drift_rad * self.drift_rad)
+    }
+}
+
+fn amplitude(curvature_per_m: f64) -> f64 {
+    curvature_per_m.abs().max(SMALLEST_CURVATURE_PER_M)
+}
+
+/// First local column of a frame's rotation about its mounting's.
+pub fn own_rotation_column(layout: &Layout) -> Option<usize> {
+    layout.rotation.iter().find_map(|place| match place {
+        Place::Local(first) => Some(*first),
+        Place::Global(_) => None,
+    })
+}

@@ -1,0 +1,57 @@
+//! A frame's result from a flight's solution.
+
+use super::frames::Flight;
+use super::solving::Solved;
+use super::tuning::STEADY_RAD;
+use super::usage::Removed;
+use crate::measure::adjust::outcome::Outcome;
+use crate::measure::adjust::snooping::Target;
+use crate::measure::adjust::terms::stated_drift_rad;
+use crate::measure::adjust::{Estimate, Method, Parameter, Solution};
+
+/// A drift so many times what is stated is remarked.
+const DOUBTED_DRIFT: f64 = 3.0;
+
+/// One frame's part of a solution, with what was removed from it or from all frames, after what else is remarked.
+pub fn dressed(
+    flight: &Flight,
+    Solved { setting, fit }: &Solved,
+    removed: &[Removed],
+    frame: usize,
+    mut remarks: Vec<String>,
+) -> Solution {
+    let (layout, members) = (&setting.layouts[frame], &setting.members[frame]);
+    let outcome = Outcome::new(&flight.input, layout, &setting.problem, fit, frame, members);
+    let of_frame = removed.iter().filter(|r| r.group == frame || r.suspect.target == Target::Survey);
+    let mut solution = outcome.solution(Method::Flight, of_frame.map(|r| &r.suspect));
+    let unmeasured = |name, value| Parameter { name, values: vec![Estimate { value, sigma: None }] };
+    solution.parameters.push(unmeasured("shape_departure", flight.assumed.departure));
+    solution.parameters.push(unmeasured("mount_drift_rad", flight.assumed.drift_rad));
+    remarks.extend(solution.remarks);
+    Solution { remarks, ..solution }
+}
+
+/// What is remarked of a frame among the others.
+pub fn flight_remarks(flight: &Flight, frame: usize) -> Vec<String> {
+    let assumed = &flight.assumed;
+    let mountings = &assumed.mountings;
+    let by = if mountings.are_stated() { "as stated" } else { "by evidence" };
+    let mut remarks = vec![format!(
+        "adjusted with {} frames in {} mounting(s), {by}, this one in mounting {}; shapes depart from the shared one by {:.1} % of the usual spread",
+        flight.frames.len(),
+        mountings.count(),
+        mountings.of(frame) + 1,
+        1e2 * assumed.departure
+    )];
+    let stated = stated_drift_rad(flight.input.setup);
+    if assumed.drift_rad > DOUBTED_DRIFT * stated.max(STEADY_RAD) {
+        remarks.push(format!(
+            "the camera turned by {:.3} mrad from frame to frame within its mountings, {:.3} are stated \
+             (camera.mount_drift_mrad): {}",
+            1e3 * assumed.drift_rad,
+            1e3 * stated,
+            if mountings.are_stated() { "was it remounted within one of them?" } else { "look at its mount" }
+        ));
+    }
+    remarks
+}

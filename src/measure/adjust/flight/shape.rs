@@ -1,0 +1,153 @@
+//! The shape of bending that a flight's frames share, and how far a frame may leave it.
+//!
+//! `c_k = (r_k + progress * change_k + lever * shortening_k * (c_0 - middle)^2) c_0 + departure`, for every coefficient of
+//! the curvature from the second on.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::assumed::Assumed;
+use crate::measure::adjust::ground::Axis;
+use crate::measure::adjust::layout::Layout;
+use crate::measure::adjust::shapes::{RATIOS, burning_covariance, shape_covariance, shortening};
+use crate::measure::adjust::term::Columns;
+use crate::measure::estimation::{Block, GroupPoint, Linearised, Prior};
+
+const MISSING_RATIO: &str =
+    "the shape of bending cannot be determined; markers along the whole span are needed";
+
+/// A flight whose amplitudes differ by less, over the largest, burns no fuel worth speaking of.
+const SMALLEST_RANGE: f64 = 0.1;
+
+/// What is known of the share of the net load that stays vertical while the wing bends: weight does, lift
+/// turns with the wing.
+const VERTICAL_SHARE: f64 = 0.5;
+const VERTICAL_SHARE_SIGMA: f64 = 0.5;
+
+/// How much of the ratios' changes a frame has.
+#[derive(Clone, Debug)]
+pub enum Progress {
+    /// Per frame, as its amplitude in an earlier solution tells.
+    OfFrames(Vec<f64>),
+    /// The amplitude's distance from the middle over this, 1/m.
+    OfAmplitude(f64),
+}
+
+/// Where the shared shape's unknowns stand.
+#[derive(Clone, Copy, Debug)]
+pub struct ShapeColumns {
+    /// Ratios of the curvature's coefficients to the first, from the second on.
+    pub ratios: usize,
+    /// Changes of the ratios from the heaviest frame to the lightest.
+    pub changes: usize,
+    /// Share of the load that stays vertical while the wing bends.
+    pub lever: usize,
+}
+
+impl ShapeColumns {
+    /// Takes them, for so many terms of the curvature.
+    pub fn take(columns: &mut Columns, terms: usize) -> Self {
+        let ratios = columns.take(terms - 1, MISSING_RATIO);
+        let changes = columns.take(terms - 1, MISSING_RATIO);
+        let lever = columns.take(1, MISSING_RATIO);
+        if terms > 1 {
+            columns.priors.push(Prior::centred("shape of bending", ratios, shape_covariance(terms)));
+        }
+        columns.priors.push(Prior::centred("burning of fuel", changes, burning_covariance(terms)));
+        columns.priors.push(Prior::scalar("load's turning", lever, VERTICAL_SHARE, VERTICAL_SHARE_SIGMA));
+        Self { ratios, changes, lever }
+    }
+
+    /// Its start.
+    pub fn start(&self, global: &mut DVector<f64>) {
+        global[self.lever] = VERTICAL_SHARE;
+    }
+
+    /// First column behind it.
+    pub fn end(&self) -> usize {
+        self.lever + 1
+    }
+}
+
+/// The shared shape.
+#[derive(Clone, Debug)]
+pub struct SharedShape {
+    /// Its unknowns.
+    pub columns: ShapeColumns,
+    /// What the load's staying vertical does to the ratios, times the square of the amplitude's distance from the middle,
+    /// m^2. What goes with the distance itself is far below what burning fuel may do, and left to that.
+    shortening: [f64; RATIOS],
+    /// Amplitude half-way between the heaviest frame and the lightest, 1/m.
+    middle_per_m: f64,
+    /// Where a frame stands between the two, -0.5 to 0.5.
+    progress: Progress,
+}
+
+impl SharedShape {
+    /// Counted from the middle amplitude, which nothing tells before the first solution.
+    pub fn new(columns: ShapeColumns, assumed: &Assumed, axis: &Axis, is_first: bool) -> Self {
+        let shortening = match is_first {
+            true => [0.0; RATIOS],
+            false => shortening(axis.length_m, |eta| axis.slope_rad(eta * axis.length_m)),
+        };
+        let amplitudes = &assumed.amplitudes_per_m;
+        let (low, high) =
+            amplitudes.iter().fold((f64::INFINITY, 0.0_f64), |(low, high), &a| (low.min(a), high.max(a)));
+        // Fuel burns while the lift falls: what its loss does to the shape goes with the amplitude, and
+        // nothing but knowledge of beams tells that from another shape seen with another pitch.
+        let range = (high - low).max(SMALLEST_RANGE * high);
+        let middle_per_m = 0.5 * (low + high);
+        let progress = Progress::OfFrames(amplitudes.iter().map(|a| (a - middle_per_m) / range).collect());
+        Self { columns, shortening, middle_per_m, progress }
+    }
+
+    /// The same for frames whose amplitude nobody knows before.
+    pub fn of_amplitude(self, range_per_m: f64) -> Self {
+        Self { progress: Progress::OfAmplitude(range_per_m), ..self }
+    }
+
+    /// A frame's departures, as observations.
+    pub fn block(terms: usize, departure_per_m: f64) -> Block {
+        let covariance = shape_covariance(terms) * (departure_per_m * departure_per_m);
+        Block { observed: DVector::zeros(terms - 1), covariance }
+    }
+
+    /// Conditions of the departures, less the derivatives that change.
+    pub fn empty(&self, layout: &Layout) -> Linearised {
+        let n = layout.curvature_terms - 1;
+        let ShapeColumns { ratios, changes, lever } = self.columns;
+        let columns = (ratios..ratios + n).chain(changes..changes + n).chain([lever]).collect();
+        let mut empty = Linearised::empty(n, columns, layout.local, n);
+        empty.observations = -DMatrix::identity(n, n);
+        (0..n).for_each(|k| empty.local[(k, k + 1)] = 1.0);
+        empty
+    }
+
+    /// The conditions at a point.
+    pub fn linearise(
+        &self,
+        layout: &Layout,
+        at: &GroupPoint,
+        departure: &DVector<f64>,
+        out: &mut Linearised,
+    ) {
+        let n = layout.curvature_terms - 1;
+        let ShapeColumns { ratios, changes, lever } = self.columns;
+        let (amplitude, lever) = (at.local[0], at.global[lever]);
+        let off = amplitude - self.middle_per_m;
+        let (progress, grows) = match &self.progress {
+            Progress::OfFrames(list) => (list[at.group], 0.0),
+            Progress::OfAmplitude(range) => (off / range, 1.0 / range),
+        };
+        for k in 0..n {
+            let shortened = self.shortening[k] * off * off;
+            let by_amplitude = 2.0 * self.shortening[k] * off;
+            let change = at.global[changes + k];
+            let ratio = at.global[ratios + k] + progress * change + lever * shortened;
+            out.misclosure[k] = at.local[k + 1] - ratio * amplitude - departure[k];
+            out.local[(k, 0)] = -ratio - (grows * change + lever * by_amplitude) * amplitude;
+            out.global[(k, k)] = -amplitude;
+            out.global[(k, n + k)] = -amplitude * progress;
+            out.global[(k, 2 * n)] = -amplitude * shortened;
+        }
+    }
+}

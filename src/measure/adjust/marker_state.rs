@@ -1,0 +1,102 @@
+//! A marker in flight and how its place answers to every unknown that moves it.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::beam::{
+    Bending, Carried, Grid, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS, Mount, RAISE_TERMS, Section,
+};
+
+/// Number of quantities that the user can only estimate: root offset (m), chord offset of the axis (m), direction of
+/// the span (rad).
+pub const ESTIMATED: usize = 3;
+
+/// A marker in flight with the derivatives of its position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MarkerState {
+    /// Position and its answer to slope, twist and ground position.
+    pub carried: Carried,
+    /// d position / d curvature coefficients, m^2.
+    pub by_curvature: [Vector3<f64>; MAX_CURVATURE_TERMS],
+    /// d position / d twist coefficients, m.
+    pub by_twist: [Vector3<f64>; MAX_TWIST_TERMS],
+    /// d position / d scale, m.
+    pub by_scale: Vector3<f64>,
+    /// d position / d coefficients of the axis' height.
+    pub by_raise: [Vector3<f64>; RAISE_TERMS],
+    /// d position / d what the user can only estimate; 0 for what is held.
+    pub by_estimated: [Vector3<f64>; ESTIMATED],
+}
+
+impl MarkerState {
+    /// Rigid to the cabin: in flight where it is on ground (wing frame, m).
+    pub fn fixed(ground_m: &Vector3<f64>) -> Self {
+        let none = Vector3::zeros();
+        Self {
+            carried: Carried {
+                position_m: *ground_m,
+                by_slope: none,
+                by_twist: none,
+                by_ground: Matrix3::identity(),
+            },
+            by_curvature: [none; MAX_CURVATURE_TERMS],
+            by_twist: [none; MAX_TWIST_TERMS],
+            by_scale: none,
+            by_raise: [none; RAISE_TERMS],
+            by_estimated: [none; ESTIMATED],
+        }
+    }
+
+    /// On one wing, with nothing that is only estimated.
+    pub fn of(
+        grid: &Grid,
+        mount: &Mount,
+        section: &Section,
+        ground_m: &Vector3<f64>,
+        bending: &Bending,
+    ) -> Self {
+        let carried = mount.carry(section, ground_m, bending.scale);
+        let by_curvature = std::array::from_fn(|k| {
+            section.axis_by_curvature[k] + carried.by_slope * section.slope_by_curvature[k]
+        });
+        let by_twist = section.twist_by_terms.map(|t| carried.by_twist * t);
+        let root_m = grid.root_m() + Vector3::y() * bending.raise_m[0];
+        let by_scale = (carried.position_m - root_m) / bending.scale;
+        let up = carried.by_ground * Vector3::y();
+        let by_raise = std::array::from_fn(|j| section.axis_by_raise[j] - up * section.raise_by_terms[j]);
+        Self { carried, by_curvature, by_twist, by_scale, by_raise, by_estimated: Default::default() }
+    }
+
+    /// Moves position and derivatives by a share of the way from one wing to another.
+    pub fn towards(&mut self, from: &Self, to: &Self, share: f64) {
+        self.carried.position_m += (to.carried.position_m - from.carried.position_m) * share;
+        self.carried.by_ground += (to.carried.by_ground - from.carried.by_ground) * share;
+        self.by_scale += (to.by_scale - from.by_scale) * share;
+        for k in 0..MAX_CURVATURE_TERMS {
+            self.by_curvature[k] += (to.by_curvature[k] - from.by_curvature[k]) * share;
+        }
+        for k in 0..MAX_TWIST_TERMS {
+            self.by_twist[k] += (to.by_twist[k] - from.by_twist[k]) * share;
+        }
+        for k in 0..RAISE_TERMS {
+            self.by_raise[k] += (to.by_raise[k] - from.by_raise[k]) * share;
+        }
+    }
+
+    /// In another frame that is turned against its own.
+    pub fn turned(&self, turn: &Matrix3<f64>) -> Self {
+        let carried = Carried {
+            position_m: turn * self.carried.position_m,
+            by_slope: turn * self.carried.by_slope,
+            by_twist: turn * self.carried.by_twist,
+            by_ground: turn * self.carried.by_ground * turn.transpose(),
+        };
+        Self {
+            carried,
+            by_curvature: self.by_curvature.map(|v| turn * v),
+            by_twist: self.by_twist.map(|v| turn * v),
+            by_scale: turn * self.by_scale,
+            by_raise: self.by_raise.map(|v| turn * v),
+            by_estimated: self.by_estimated,
+        }
+    }
+}

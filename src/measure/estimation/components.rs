@@ -1,0 +1,297 @@
+//! Variance components of groups of observations: restricted maximum likelihood, whose estimate is
+//! that of Koch (1986), by Fisher's scoring in the logarithm of the components.
+//!
+//! ```text
+//! score_i = (v_i' Q_i^-1 v_i - r_i) / 2     r_i = tr(R V_i)     V_i = B_i Q_i B_i'
+//! F_ij    = tr(R V_i R V_j) / 2             R   = M^-1 - M^-1 J Qxx J' M^-1
+//! ```
+//!
+//! The logarithm keeps components positive, and the inverse of `F` says how well they are known. A
+//! component that the observations do not show keeps the stated standard deviations.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::error::EstimationError;
+use super::fit::{BlockFit, Fit};
+use super::problem::{GroupPoint, Linearised, Problem};
+use super::solve::solve_groups;
+use crate::measure::observation::Estimate;
+
+/// One group's variance component.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VarianceComponent {
+    /// `image` or `survey`.
+    pub group: &'static str,
+    /// The component (1: the group's standard deviations are right); `None` where the observations do
+    /// not show it and the stated standard deviations were kept.
+    pub factor: Option<Estimate>,
+    /// The group's share of the redundancy.
+    pub redundancy: f64,
+}
+
+const ITERATIONS: usize = 40;
+/// Iterations after which a component that is vague where it stands is given up.
+const PATIENCE: usize = 15;
+/// Gain in likelihood below which the iteration ends: a thousandth of a standard deviation, of which
+/// Fisher's step leaves a small part.
+const SETTLED: f64 = 1e-6;
+/// Information added to each component's own, so that one without any stays where it is.
+const RIDGE: f64 = 0.1;
+/// Longest step, in the logarithm.
+const LONGEST_STEP: f64 = 1.0;
+/// A component on its way below this is zero, for all that the observations say.
+const SMALLEST: f64 = 1e-3;
+/// Relative standard deviation of a component that is not worth stating: that of two redundant
+/// observations. How well a component is known that has to be taken as stated: the same.
+const VAGUE: f64 = 1.0;
+
+/// Which observations of which blocks form a group of variance. Groups must not be correlated.
+pub struct VarianceGroup<'a> {
+    /// `image` or `survey`.
+    pub name: &'static str,
+    /// Observations of a block that belong to it, given (group, block).
+    pub members: &'a dyn Fn(usize, usize) -> Vec<usize>,
+}
+
+/// Components, the fit that they lead to, and what a person should read.
+pub struct Components {
+    /// Of the problem with its covariances scaled.
+    pub fit: Fit,
+    /// One per group.
+    pub components: Vec<VarianceComponent>,
+    /// A sentence per component that could not be estimated.
+    pub remarks: Vec<String>,
+}
+
+/// Estimates the components, iterated to convergence. The problem's covariances are scaled in place.
+/// Where the iteration finds no end, everything stays as stated and a remark says so.
+pub fn variance_components(
+    problem: &mut Problem,
+    groups: &[VarianceGroup],
+    linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
+) -> Result<Components, EstimationError> {
+    let stated = problem.clone();
+    let mut free = vec![true; groups.len()];
+    let mut logs = vec![0.0; groups.len()];
+    let mut remarks = vec![];
+    let (mut share, mut before) = (1.0_f64, vec![0.0; groups.len()]);
+    for iteration in 0..ITERATIONS {
+        *problem = scaled(&stated, groups, &logs);
+        let Ok(fit) = solve_groups(problem, &linearise) else { break };
+        let shares = Shares::new(problem, &fit, groups);
+        let (steps, gain) = shares.steps(&free);
+        let settled = gain < SETTLED;
+        if settled || iteration >= PATIENCE {
+            let sigmas = shares.sigmas(&free);
+            let vague = |i: &usize| free[*i] && sigmas[*i] > VAGUE;
+            let worst = (0..groups.len()).filter(vague).max_by(|&a, &b| sigmas[a].total_cmp(&sigmas[b]));
+            if let Some(worst) = worst {
+                remarks.push(sentence(groups[worst].name, shares.redundancy[worst]));
+                (free[worst], logs[worst]) = (false, 0.0);
+                continue;
+            }
+            if settled {
+                return Ok(Components { components: shares.components(groups, &free, &logs), fit, remarks });
+            }
+        }
+        // Expected information may be less than there is: steps that turn back were too long.
+        let turned = steps.iter().zip(&before).map(|(a, b)| a * b).sum::<f64>() < 0.0;
+        share = if turned { 0.5 * share } else { (1.5 * share).min(1.0) };
+        before.clone_from(&steps);
+        for i in 0..groups.len() {
+            logs[i] += share * steps[i].clamp(-LONGEST_STEP, LONGEST_STEP);
+            if logs[i] < SMALLEST.ln() {
+                remarks.push(sentence(groups[i].name, shares.redundancy[i]));
+                (free[i], logs[i]) = (false, 0.0);
+            }
+        }
+    }
+    *problem = stated;
+    let fit = solve_groups(problem, &linearise)?;
+    let shares = Shares::new(problem, &fit, groups);
+    let components = shares.components(groups, &vec![false; groups.len()], &logs);
+    let sentence = "the variance components did not settle; all standard deviations stay as stated";
+    Ok(Components { fit, components, remarks: vec![sentence.into()] })
+}
+
+fn sentence(name: &str, redundancy: f64) -> String {
+    format!(
+        "the variance component of {name} cannot be estimated from this frame (its share of the redundancy is \
+         {redundancy:.1}); its standard deviations stay as stated"
+    )
+}
+
+/// The problem with each group's covariances multiplied by its component.
+fn scaled(stated: &Problem, groups: &[VarianceGroup], logs: &[f64]) -> Problem {
+    let mut problem = stated.clone();
+    for (group, log) in groups.iter().zip(logs) {
+        for (g, data) in problem.groups.iter_mut().enumerate() {
+            for (b, block) in data.blocks.iter_mut().enumerate() {
+                let members = (group.members)(g, b);
+                for &i in &members {
+                    for &j in &members {
+                        block.covariance[(i, j)] *= log.exp();
+                    }
+                }
+            }
+        }
+    }
+    problem
+}
+
+/// What the residuals say of each group.
+struct Shares {
+    omega: Vec<f64>,
+    redundancy: Vec<f64>,
+    information: DMatrix<f64>,
+}
+
+impl Shares {
+    fn new(problem: &Problem, fit: &Fit, groups: &[VarianceGroup]) -> Self {
+        let conditions = Conditions::new(problem, fit);
+        let products: Vec<_> = groups.iter().map(|g| conditions.product(problem, fit, g)).collect();
+        let n = groups.len();
+        let information =
+            DMatrix::from_fn(n, n, |i, j| 0.5 * products[i].component_mul(&products[j].transpose()).sum());
+        Self {
+            omega: groups.iter().map(|g| weighted_squares(problem, fit, g)).collect(),
+            redundancy: products.iter().map(DMatrix::trace).collect(),
+            information,
+        }
+    }
+
+    fn picked(&self, free: &[bool]) -> (Vec<usize>, DMatrix<f64>) {
+        let list: Vec<usize> = (0..free.len()).filter(|&i| free[i]).collect();
+        let n = list.len();
+        let part = DMatrix::from_fn(n, n, |i, j| self.information[(list[i], list[j])]);
+        (list, part)
+    }
+
+    /// Steps of the logarithms, and what they gain. Where two components act alike, the step goes along
+    /// what they have in common.
+    fn steps(&self, free: &[bool]) -> (Vec<f64>, f64) {
+        let (list, mut part) = self.picked(free);
+        (0..list.len()).for_each(|k| part[(k, k)] += RIDGE);
+        let score = |&i: &usize| 0.5 * (self.omega[i] - self.redundancy[i]);
+        let score = DVector::from_iterator(list.len(), list.iter().map(score));
+        let mut steps = vec![0.0; free.len()];
+        let Some(found) = part.cholesky().map(|c| c.solve(&score)) else { return (steps, 0.0) };
+        list.iter().zip(found.iter()).for_each(|(&i, &step)| steps[i] = step);
+        (steps, found.dot(&score))
+    }
+
+    /// Standard deviations of the logarithms; those taken as stated are uncertain themselves.
+    fn sigmas(&self, free: &[bool]) -> Vec<f64> {
+        let (list, part) = self.picked(free);
+        let mut sigmas = vec![f64::INFINITY; free.len()];
+        let Some(inverse) = part.cholesky().map(|c| c.inverse()) else { return sigmas };
+        for (k, &i) in list.iter().enumerate() {
+            let held = (0..free.len()).filter(|&h| !free[h]);
+            let through = held.map(|h| {
+                let answer: f64 =
+                    list.iter().enumerate().map(|(m, &j)| inverse[(k, m)] * self.information[(j, h)]).sum();
+                (answer * VAGUE).powi(2)
+            });
+            sigmas[i] = (inverse[(k, k)] + through.sum::<f64>()).sqrt();
+        }
+        sigmas
+    }
+
+    fn components(&self, groups: &[VarianceGroup], free: &[bool], logs: &[f64]) -> Vec<VarianceComponent> {
+        let sigmas = self.sigmas(free);
+        let one = |i: usize| {
+            let value = logs[i].exp();
+            VarianceComponent {
+                group: groups[i].name,
+                factor: free[i].then(|| Estimate { value, sigma: Some(value * sigmas[i]) }),
+                redundancy: self.redundancy[i],
+            }
+        };
+        (0..groups.len()).map(one).collect()
+    }
+}
+
+/// v' Q^-1 v of a group.
+fn weighted_squares(problem: &Problem, fit: &Fit, group: &VarianceGroup) -> f64 {
+    let mut omega = 0.0;
+    for (g, data) in problem.groups.iter().enumerate() {
+        for (b, block) in data.blocks.iter().enumerate() {
+            let members = (group.members)(g, b);
+            let Some(factor) = block.covariance.select_rows(&members).select_columns(&members).cholesky()
+            else {
+                continue;
+            };
+            let residuals = fit.groups[g].blocks[b].residuals.select_rows(&members);
+            omega += residuals.dot(&factor.solve(&residuals));
+        }
+    }
+    omega
+}
+
+/// All conditions side by side.
+struct Conditions {
+    /// First row of each (group, block).
+    first: Vec<Vec<usize>>,
+    /// R.
+    cofactor: DMatrix<f64>,
+}
+
+impl Conditions {
+    fn new(problem: &Problem, fit: &Fit) -> Self {
+        let mut rows = 0;
+        let mut first = vec![];
+        for group in &fit.groups {
+            let start = |b: &BlockFit| {
+                rows += b.linearised.misclosure.len();
+                rows - b.linearised.misclosure.len()
+            };
+            first.push(group.blocks.iter().map(start).collect::<Vec<_>>());
+        }
+        let p = fit.global.len();
+        let mut weighted = DMatrix::zeros(rows, p);
+        let mut cofactor = DMatrix::zeros(rows, rows);
+        for (g, group) in fit.groups.iter().enumerate() {
+            let start = first[g].first().copied().unwrap_or(0);
+            let own = group.blocks.iter().map(|b| b.linearised.misclosure.len()).sum();
+            let mut local = DMatrix::zeros(own, group.local.len());
+            for (b, block) in group.blocks.iter().enumerate() {
+                let (lin, row) = (&block.linearised, first[g][b]);
+                let n = lin.misclosure.len();
+                let normal = &lin.observations
+                    * &problem.groups[g].blocks[b].covariance
+                    * lin.observations.transpose();
+                let weight = normal.cholesky().map_or_else(|| DMatrix::zeros(n, n), |c| c.inverse());
+                let mut total = &lin.local * &group.sensitivity;
+                for (k, &column) in lin.columns.iter().enumerate() {
+                    let mut target = total.column_mut(column);
+                    target += lin.global.column(k);
+                }
+                weighted.rows_mut(row, n).copy_from(&(&weight * total));
+                local.rows_mut(row - start, n).copy_from(&(&weight * &lin.local));
+                cofactor.view_mut((row, row), (n, n)).copy_from(&weight);
+            }
+            if !group.local.is_empty() {
+                let mut square = cofactor.view_mut((start, start), (own, own));
+                square -= &local * &group.conditional * local.transpose();
+            }
+        }
+        cofactor -= &weighted * &fit.covariance * weighted.transpose();
+        Self { first, cofactor }
+    }
+
+    /// R V of a group; V is block diagonal.
+    fn product(&self, problem: &Problem, fit: &Fit, group: &VarianceGroup) -> DMatrix<f64> {
+        let mut product = DMatrix::zeros(self.cofactor.nrows(), self.cofactor.ncols());
+        for (g, data) in problem.groups.iter().enumerate() {
+            for (b, block) in data.blocks.iter().enumerate() {
+                let members = (group.members)(g, b);
+                let by = fit.groups[g].blocks[b].linearised.observations.select_columns(&members);
+                let own = block.covariance.select_rows(&members).select_columns(&members);
+                let (row, n) = (self.first[g][b], by.nrows());
+                let share = self.cofactor.columns(row, n) * (&by * own * by.transpose());
+                product.columns_mut(row, n).copy_from(&share);
+            }
+        }
+        product
+    }
+}

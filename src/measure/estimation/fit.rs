@@ -1,0 +1,266 @@
+//! The solution of a problem, and how its covariance is carried to functions of the unknowns.
+
+use std::borrow::Cow;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::linear::{add_scaled, dot};
+use super::problem::{Known, Linearised};
+
+/// State of one block at the solution.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BlockFit {
+    /// Adjusted less observed.
+    pub residuals: DVector<f64>,
+    /// The conditions' derivatives at the solution.
+    pub linearised: Linearised,
+    /// Q B' M^-1: minus the residuals' answer to the conditions.
+    pub(super) gain: DMatrix<f64>,
+    /// Q - Q B' M^-1 B Q: covariance of the adjusted observations for given parameters.
+    pub(super) conditional: DMatrix<f64>,
+}
+
+/// State of one group at the solution.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GroupFit {
+    /// Local parameters.
+    pub local: DVector<f64>,
+    /// d local / d global at the minimum.
+    pub sensitivity: DMatrix<f64>,
+    /// Covariance of the local parameters for given global ones.
+    pub conditional: DMatrix<f64>,
+    /// Covariance of local with global parameters (local x global).
+    pub(super) cross: DMatrix<f64>,
+    /// Covariance of the local parameters.
+    pub(super) covariance: DMatrix<f64>,
+    /// Its blocks.
+    pub blocks: Vec<BlockFit>,
+}
+
+/// A solution of a [`Problem`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fit {
+    /// Global parameters.
+    pub global: DVector<f64>,
+    /// Their covariance, a priori (variance factor 1).
+    pub covariance: DMatrix<f64>,
+    /// Its inverse: the normal matrix.
+    pub information: DMatrix<f64>,
+    /// The groups.
+    pub groups: Vec<GroupFit>,
+    /// Weighted sum of squared residuals, priors included.
+    pub omega: f64,
+    /// The priors' share of it.
+    pub omega_priors: f64,
+    /// Conditions and priors less parameters.
+    pub redundancy: usize,
+    /// Iterations until convergence.
+    pub iterations: usize,
+}
+
+/// Derivatives of functions of the unknowns of one group, one column per function.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gradient {
+    /// Global parameters that they depend on, each once.
+    pub columns: Vec<usize>,
+    /// d functions / d those (columns x functions).
+    pub global: DMatrix<f64>,
+    /// d functions / d local parameters of the group (local x functions).
+    pub local: DMatrix<f64>,
+    /// (block, d functions / d its adjusted observations).
+    pub observed: Vec<(usize, DMatrix<f64>)>,
+}
+
+impl Gradient {
+    /// Functions that depend on nothing yet.
+    pub fn empty(columns: Vec<usize>, local: usize, functions: usize) -> Self {
+        Self {
+            global: DMatrix::zeros(columns.len(), functions),
+            local: DMatrix::zeros(local, functions),
+            observed: vec![],
+            columns,
+        }
+    }
+
+    fn functions(&self) -> usize {
+        self.global.ncols()
+    }
+}
+
+/// Random part of a function: covariance = `total Qxx total' + own`; functions of different groups
+/// have the covariance `total_1 Qxx total_2'`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Propagated {
+    /// Total derivative to the global parameters.
+    pub total: DMatrix<f64>,
+    /// Covariance for given global parameters.
+    pub own: DMatrix<f64>,
+}
+
+impl Fit {
+    /// Variance factor a posteriori; `None` at redundancy 0.
+    pub fn variance_factor(&self) -> Option<f64> {
+        (self.redundancy > 0).then(|| self.omega / self.redundancy as f64)
+    }
+
+    /// What it tells of the global parameters.
+    pub fn known(&self) -> Known {
+        Known { mean: self.global.clone(), information: self.information.clone() }
+    }
+
+    /// Functions of parameters alone, and their noise through the adjusted observations.
+    fn by_parameters<'a>(&self, group: usize, gradient: &'a Gradient) -> (Cow<'a, Gradient>, DMatrix<f64>) {
+        let functions = gradient.functions();
+        let mut own = DMatrix::zeros(functions, functions);
+        if gradient.observed.is_empty() {
+            return (Cow::Borrowed(gradient), own);
+        }
+        let mut by = Gradient { observed: vec![], ..gradient.clone() };
+        for (index, derivative) in &gradient.observed {
+            let block = &self.groups[group].blocks[*index];
+            let lin = &block.linearised;
+            let answer = small_product(&block.gain, derivative);
+            for (k, column) in lin.columns.iter().enumerate() {
+                let at = by.columns.iter().position(|c| c == column).unwrap_or_else(|| {
+                    by.columns.push(*column);
+                    by.global.resize_vertically_mut(by.columns.len(), 0.0);
+                    by.columns.len() - 1
+                });
+                for f in 0..functions {
+                    by.global[(at, f)] -= lin.global.column(k).dot(&answer.column(f));
+                }
+            }
+            for k in 0..lin.local.ncols() {
+                for f in 0..functions {
+                    by.local[(k, f)] -= lin.local.column(k).dot(&answer.column(f));
+                }
+            }
+            own += small_product(derivative, &small_product(&block.conditional, derivative));
+        }
+        (Cow::Owned(by), own)
+    }
+
+    /// Splits functions' derivatives into their answer to the global parameters and their own noise.
+    pub fn propagate(&self, group: usize, gradient: &Gradient) -> Propagated {
+        let (by, mut own) = self.by_parameters(group, gradient);
+        let mut total = DMatrix::zeros(gradient.functions(), self.global.len());
+        for (k, &column) in by.columns.iter().enumerate() {
+            (0..by.functions()).for_each(|f| total[(f, column)] += by.global[(k, f)]);
+        }
+        if by.local.nrows() > 0 {
+            let local = by.local.transpose();
+            total += &local * &self.groups[group].sensitivity;
+            own += &local * (&self.groups[group].conditional * &by.local);
+        }
+        Propagated { total, own }
+    }
+
+    /// Covariance of functions of one group.
+    pub fn covariance_of(&self, group: usize, gradient: &Gradient) -> DMatrix<f64> {
+        let (by, mut covariance) = self.by_parameters(group, gradient);
+        let mut common = Common::new(self, group, &by);
+        for f in 0..by.functions() {
+            common.with_parameters(f);
+            for g in 0..=f {
+                let both = common.with_function(g);
+                covariance[(f, g)] += both;
+                if g < f {
+                    covariance[(g, f)] += both;
+                }
+            }
+        }
+        covariance
+    }
+
+    /// Its diagonal.
+    pub fn variances_of(&self, group: usize, gradient: &Gradient) -> Vec<f64> {
+        let (by, own) = self.by_parameters(group, gradient);
+        let mut common = Common::new(self, group, &by);
+        let one = |f: usize| {
+            common.with_parameters(f);
+            own[(f, f)] + common.with_function(f)
+        };
+        (0..by.functions()).map(one).collect()
+    }
+
+    /// Covariance of a block's adjusted observations, a priori.
+    pub fn adjusted_covariance(&self, group: usize, block: usize) -> DMatrix<f64> {
+        let block = &self.groups[group].blocks[block];
+        let lin = &block.linearised;
+        let gain = block.gain.transpose();
+        let by = Gradient {
+            columns: lin.columns.clone(),
+            global: small_product(&lin.global, &gain),
+            local: small_product(&lin.local, &gain),
+            observed: vec![],
+        };
+        self.covariance_of(group, &by) + &block.conditional
+    }
+}
+
+/// What functions have in common through the parameters.
+struct Common<'a> {
+    by: &'a Gradient,
+    /// Covariance of the gradient's global columns.
+    shared: Vec<f64>,
+    /// Of the local parameters with them, and of the local ones.
+    cross: Vec<f64>,
+    local: &'a [f64],
+    /// Covariance of one function with the global columns, and with the local parameters.
+    with_global: Vec<f64>,
+    with_local: Vec<f64>,
+}
+
+impl<'a> Common<'a> {
+    fn new(fit: &'a Fit, group: usize, by: &'a Gradient) -> Self {
+        let (q, p, n) = (by.local.nrows(), fit.global.len(), by.columns.len());
+        let group = &fit.groups[group];
+        let mut shared = Vec::with_capacity(n * n);
+        let mut cross = Vec::with_capacity(n * q);
+        for &column in &by.columns {
+            let covariance = &fit.covariance.as_slice()[column * p..(column + 1) * p];
+            shared.extend(by.columns.iter().map(|&c| covariance[c]));
+            cross.extend_from_slice(&group.cross.as_slice()[column * q..(column + 1) * q]);
+        }
+        let local = if q > 0 { group.covariance.as_slice() } else { &[] };
+        Self { by, shared, cross, local, with_global: vec![0.0; n], with_local: vec![0.0; q] }
+    }
+
+    /// Of a function with the parameters.
+    fn with_parameters(&mut self, f: usize) {
+        let (n, q) = (self.with_global.len(), self.with_local.len());
+        self.with_global.fill(0.0);
+        self.with_local.fill(0.0);
+        let local = self.by.local.column(f);
+        for (k, &derivative) in self.by.global.column(f).iter().enumerate() {
+            let cross = &self.cross[k * q..(k + 1) * q];
+            self.with_global[k] += dot(cross, local.as_slice());
+            if derivative != 0.0 {
+                add_scaled(&mut self.with_global, derivative, &self.shared[k * n..(k + 1) * n]);
+                add_scaled(&mut self.with_local, derivative, cross);
+            }
+        }
+        for (k, &derivative) in local.iter().enumerate().filter(|(_, d)| **d != 0.0) {
+            add_scaled(&mut self.with_local, derivative, &self.local[k * q..(k + 1) * q]);
+        }
+    }
+
+    /// Of that function with another.
+    fn with_function(&self, g: usize) -> f64 {
+        dot(self.by.global.column(g).as_slice(), &self.with_global)
+            + dot(self.by.local.column(g).as_slice(), &self.with_local)
+    }
+}
+
+/// `a' b`, for matrices too small for a library's product.
+fn small_product(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = a.nrows().max(1);
+    let mut out = DMatrix::zeros(a.ncols(), b.ncols());
+    for (column, b) in out.as_mut_slice().chunks_exact_mut(a.ncols().max(1)).zip(b.as_slice().chunks_exact(n))
+    {
+        for (target, a) in column.iter_mut().zip(a.as_slice().chunks_exact(n)) {
+            *target = dot(a, b);
+        }
+    }
+    out
+}

@@ -1,0 +1,204 @@
+//! Small symmetric matrices: products, inverses, and a factor that names what is missing.
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+use super::error::EstimationError;
+
+/// Smallest pivot of the normal matrix scaled to a unit diagonal.
+const SMALLEST_PIVOT: f64 = 1e-13;
+
+/// `W` with `W' W = (B Q B')^-1`, lower triangular, and the `B` that it holds for: most conditions
+/// answer to their observations in the same way at every point.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Whitener {
+    lower: DMatrix<f64>,
+    by: DMatrix<f64>,
+}
+
+impl Whitener {
+    /// For these derivatives by observations of this covariance.
+    pub(super) fn update(
+        &mut self,
+        by: &DMatrix<f64>,
+        covariance: &DMatrix<f64>,
+    ) -> Result<(), EstimationError> {
+        if self.by.shape() == by.shape() && self.by.as_slice() == by.as_slice() {
+            return Ok(());
+        }
+        self.by.clone_from(by);
+        sandwich(by, covariance, &mut self.lower);
+        let regular = cholesky(&mut self.lower);
+        if regular {
+            invert_lower(&mut self.lower);
+        }
+        regular.then_some(()).ok_or_else(|| singular("a condition without an observation of its own"))
+    }
+
+    /// Entry `i` of W times a vector.
+    pub(super) fn row_times(&self, i: usize, values: &[f64]) -> f64 {
+        let row = self.lower.as_slice()[i..].iter().step_by(self.lower.nrows().max(1));
+        row.zip(&values[..=i]).map(|(w, v)| w * v).sum()
+    }
+
+    /// W by rows, where it has N of them.
+    pub(super) fn rows<const N: usize>(&self) -> Option<[[f64; N]; N]> {
+        let square = self.lower.nrows() == N;
+        square.then(|| std::array::from_fn(|i| std::array::from_fn(|j| self.lower[(i, j)])))
+    }
+
+    /// Square of W times a vector.
+    pub(super) fn weighted_square(&self, values: &[f64]) -> f64 {
+        (0..values.len()).map(|i| self.row_times(i, values).powi(2)).sum()
+    }
+
+    /// W' W times a vector.
+    pub(super) fn weigh(&self, values: &mut [f64]) {
+        let n = values.len();
+        for i in (0..n).rev() {
+            values[i] = self.row_times(i, values);
+        }
+        for j in 0..n {
+            values[j] = dot(&self.lower.as_slice()[j * n + j..(j + 1) * n], &values[j..]);
+        }
+    }
+}
+
+/// `B Q B'`, for matrices too small for a library's product.
+fn sandwich(b: &DMatrix<f64>, q: &DMatrix<f64>, out: &mut DMatrix<f64>) {
+    let (n, m) = b.shape();
+    out.resize_mut(n, n, 0.0);
+    out.as_mut_slice().fill(0.0);
+    for l in 0..m {
+        for k in (0..m).filter(|&k| q[(k, l)] != 0.0) {
+            for j in (0..n).filter(|&j| b[(j, l)] != 0.0) {
+                let factor = q[(k, l)] * b[(j, l)];
+                for i in 0..n {
+                    out[(i, j)] += b[(i, k)] * factor;
+                }
+            }
+        }
+    }
+}
+
+/// Cholesky's factor in place of the lower triangle; `false` where a pivot is lost in rounding.
+pub(super) fn cholesky(m: &mut DMatrix<f64>) -> bool {
+    let n = m.nrows();
+    for j in 0..n {
+        let all = m[(j, j)];
+        let (left, right) = m.as_mut_slice().split_at_mut(j * n);
+        let column = &mut right[j..n];
+        for done in left.chunks_exact(n) {
+            add_scaled(column, -done[j], &done[j..]);
+        }
+        let pivot = column[0];
+        if !(all > 0.0 && pivot > all * 1e-15) {
+            return false;
+        }
+        let inverse = 1.0 / pivot.sqrt();
+        column.iter_mut().for_each(|v| *v *= inverse);
+    }
+    true
+}
+
+/// Inverse of a lower triangular matrix in its place; what stands above the diagonal goes.
+pub(super) fn invert_lower(m: &mut DMatrix<f64>) {
+    let n = m.nrows();
+    for j in 0..n {
+        for i in 0..j {
+            m[(i, j)] = 0.0;
+        }
+        m[(j, j)] = 1.0 / m[(j, j)];
+        for i in j + 1..n {
+            // Row i still holds the factor, rows above it the inverse.
+            let sum: f64 = (j..i).map(|k| m[(i, k)] * m[(k, j)]).sum();
+            m[(i, j)] = -sum / m[(i, i)];
+        }
+    }
+}
+
+/// `into += factor * column`.
+pub(super) fn add_scaled(into: &mut [f64], factor: f64, column: &[f64]) {
+    for (target, value) in into.iter_mut().zip(column) {
+        *target += factor * value;
+    }
+}
+
+/// Sum of products.
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+pub(super) fn singular(missing: &str) -> EstimationError {
+    EstimationError::Singular { missing: missing.into() }
+}
+
+/// Inverse of a small symmetric positive definite matrix; 1 x 1 and 2 x 2 in closed form.
+pub(super) fn inverse(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    match m.nrows() {
+        1 => (m[(0, 0)] > 0.0).then(|| DMatrix::from_element(1, 1, 1.0 / m[(0, 0)])),
+        2 => {
+            let (a, b, d) = (m[(0, 0)], m[(1, 0)], m[(1, 1)]);
+            let det = a * d - b * b;
+            (a > 0.0 && det > a * d * 1e-15)
+                .then(|| DMatrix::from_row_slice(2, 2, &[d / det, -b / det, -b / det, a / det]))
+        }
+        _ => Cholesky::new(m.clone()).map(|c| c.inverse()),
+    }
+}
+
+/// Cholesky factor of the normal matrix, scaled to a unit diagonal so that pivots can be judged.
+pub(super) struct Factor {
+    scale: DVector<f64>,
+    cholesky: Cholesky<f64, Dyn>,
+}
+
+impl Factor {
+    pub(super) fn solve(&self, right: &DVector<f64>) -> DVector<f64> {
+        self.cholesky.solve(&right.component_mul(&self.scale)).component_mul(&self.scale)
+    }
+
+    pub(super) fn inverse(&self) -> DMatrix<f64> {
+        let mut inverse = self.cholesky.inverse();
+        for j in 0..inverse.ncols() {
+            for i in 0..inverse.nrows() {
+                inverse[(i, j)] *= self.scale[i] * self.scale[j];
+            }
+        }
+        inverse
+    }
+}
+
+/// Factors the normal matrix, or names the datum that is missing.
+pub(super) fn factor(normal: &DMatrix<f64>, missing: &[&'static str]) -> Result<Factor, EstimationError> {
+    let n = normal.nrows();
+    if normal.as_slice().iter().any(|v| !v.is_finite()) {
+        return Err(EstimationError::Input(
+            "a number in the adjustment is not finite; check survey, camera and observations".into(),
+        ));
+    }
+    let scale = normal.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
+    let scaled = DMatrix::from_fn(n, n, |i, j| normal[(i, j)] * scale[i] * scale[j]);
+    let culprit = |column: usize| {
+        let text = missing.get(column).copied().unwrap_or("a parameter has no observation");
+        singular(text)
+    };
+    if let Some(column) = scale.iter().position(|&s| s == 0.0) {
+        return Err(culprit(column));
+    }
+    match Cholesky::new(scaled.clone()) {
+        Some(cholesky) => {
+            let l = cholesky.l_dirty();
+            match (0..n).find(|&i| l[(i, i)] * l[(i, i)] < SMALLEST_PIVOT) {
+                Some(column) => Err(culprit(column)),
+                None => Ok(Factor { scale, cholesky }),
+            }
+        }
+        None => Err(culprit(failing_column(&scaled))),
+    }
+}
+
+/// First leading minor that is not positive definite.
+fn failing_column(scaled: &DMatrix<f64>) -> usize {
+    let fails = |k: usize| Cholesky::new(scaled.view((0, 0), (k, k)).into_owned()).is_none();
+    (1..=scaled.nrows()).find(|&k| fails(k)).unwrap_or(1) - 1
+}

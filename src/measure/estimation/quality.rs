@@ -1,0 +1,125 @@
+//! Quality in the geodesists' terms: global test, redundancy numbers, w-test, minimal detectable
+//! bias.
+//!
+//! The global test is one-sided: a variance factor below 1 says that the standard deviations were
+//! stated too large, which is no reason to distrust the solution or to shrink its figures.
+
+use nalgebra::DMatrix;
+use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
+
+use super::fit::Fit;
+use super::problem::Problem;
+
+/// Which standard deviations are reported.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SigmaKind {
+    /// A posteriori where the global test rejects, a priori where it accepts.
+    #[default]
+    #[serde(rename = "by test")]
+    ByTest,
+    /// A priori.
+    Prior,
+    /// A posteriori: scaled by the root of the variance factor.
+    Posterior,
+}
+
+/// Verdict of the chi-square test on the variance factor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GlobalTest {
+    /// The variance factor is compatible with 1.
+    Passed,
+    /// It is not.
+    Rejected,
+    /// No redundancy, no verdict.
+    NotPossible,
+}
+
+/// Probability of finding a bias as large as the minimal detectable one (Baarda).
+const POWER: f64 = 0.8;
+/// Below this share of its redundancy an observation is uncontrolled.
+const UNCONTROLLED: f64 = 1e-6;
+
+/// Chi-square test of the variance factor against 1, one-sided.
+pub fn global_test(omega: f64, redundancy: usize, alpha: f64) -> GlobalTest {
+    match ChiSquared::new(redundancy as f64) {
+        // The tail's probability instead of its quantile, which is found by bisection.
+        Ok(law) if redundancy > 0 => {
+            if law.sf(omega) >= alpha {
+                GlobalTest::Passed
+            } else {
+                GlobalTest::Rejected
+            }
+        }
+        _ => GlobalTest::NotPossible,
+    }
+}
+
+/// What a chi-square of so many degrees of freedom exceeds with a probability; infinite without any.
+pub fn chi_square_limit(freedom: f64, alpha: f64) -> f64 {
+    ChiSquared::new(freedom).map_or(f64::INFINITY, |law| law.inverse_cdf(1.0 - alpha))
+}
+
+/// Whether standard deviations are scaled by the root of the variance factor.
+pub fn is_posterior(kind: SigmaKind, test: GlobalTest) -> bool {
+    match kind {
+        SigmaKind::ByTest => test == GlobalTest::Rejected,
+        SigmaKind::Prior => false,
+        SigmaKind::Posterior => test != GlobalTest::NotPossible,
+    }
+}
+
+/// Two-sided critical value of the w-test; infinite at level 0.
+pub fn critical_w(alpha: f64) -> f64 {
+    if alpha > 0.0 { normal_quantile(1.0 - 0.5 * alpha) } else { f64::INFINITY }
+}
+
+/// Root of the non-centrality at which the w-test finds a bias with Baarda's power.
+pub fn detectable_shift(alpha: f64) -> f64 {
+    let alpha = if alpha > 0.0 { alpha } else { 0.001 };
+    critical_w(alpha) + normal_quantile(POWER)
+}
+
+fn normal_quantile(p: f64) -> f64 {
+    Normal::new(0.0, 1.0).map_or(f64::NAN, |law| law.inverse_cdf(p))
+}
+
+/// Reliability of one observation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reliability {
+    /// Redundancy number, 0 to 1: share of an error that shows in the residual.
+    pub redundancy: f64,
+    /// Baarda's w; `None` for an uncontrolled observation.
+    pub w: Option<f64>,
+    /// Smallest bias found with probability 0.8, unit of the observation.
+    pub minimal_detectable_bias: Option<f64>,
+}
+
+/// Reliability of every observation of a block; covariance within the block is honoured.
+pub fn reliability(
+    problem: &Problem,
+    fit: &Fit,
+    group: usize,
+    block: usize,
+    snooping_alpha: f64,
+) -> Vec<Reliability> {
+    let data = &problem.groups[group].blocks[block];
+    let residuals = &fit.groups[group].blocks[block].residuals;
+    let n = residuals.len();
+    let weight = data.covariance.clone().cholesky().map_or_else(|| DMatrix::zeros(n, n), |c| c.inverse());
+    let cofactor = &data.covariance - fit.adjusted_covariance(group, block);
+    let weighted = &weight * residuals;
+    let power = &weight * &cofactor * &weight;
+    let shares = &cofactor * &weight;
+    let shift = detectable_shift(snooping_alpha);
+    (0..n)
+        .map(|k| {
+            let controlled = power[(k, k)] > UNCONTROLLED * weight[(k, k)];
+            Reliability {
+                redundancy: shares[(k, k)].clamp(0.0, 1.0),
+                w: controlled.then(|| -weighted[k] / power[(k, k)].sqrt()),
+                minimal_detectable_bias: controlled.then(|| shift / power[(k, k)].sqrt()),
+            }
+        })
+        .collect()
+}

@@ -1,0 +1,291 @@
+//! The blocks of a group, whitened and stacked, so that one matrix product gives what they have in
+//! common: parameters that most blocks depend on. What few depend on (a marker's own position) is
+//! multiplied block by block.
+
+use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, DVector};
+
+use super::error::EstimationError;
+use super::linear::{Whitener, add_scaled, dot};
+use super::problem::{Block, Linearised};
+
+/// Products with fewer multiplications than this are not worth a library's call.
+const SMALL: usize = 1500;
+/// Columns of the normal matrix that are subtracted at once: what lies above the diagonal is not
+/// computed but for the panel's own part.
+const PANEL: usize = 48;
+/// Local parameters whose share of the normal matrix is gathered before it is subtracted.
+const GATHERED: usize = 128;
+
+/// One block's part of the normal equations.
+#[derive(Default)]
+pub(super) struct BlockSystem {
+    /// w = f(l0) + B (l - l0).
+    pub(super) contradiction: DVector<f64>,
+    pub(super) whitener: Whitener,
+    /// Per column of the block: its place in the stack, or after the stack's end among the block's own.
+    places: Vec<usize>,
+    /// The block's own global columns.
+    own: Vec<usize>,
+}
+
+/// What does not change between two points, and the blocks.
+pub(super) struct Stack {
+    /// Global columns in the stack, ascending.
+    pub(super) shared: Vec<usize>,
+    pub(super) blocks: Vec<BlockSystem>,
+    local: usize,
+}
+
+/// Room to work in, used by one group after the other.
+#[derive(Default)]
+pub(super) struct Room {
+    /// Stack, one condition after the other: local, shared, contradiction.
+    rows: Vec<f64>,
+    transposed: Vec<f64>,
+    /// Lower triangle of the stack's square.
+    pub(super) product: Vec<f64>,
+    own: Vec<f64>,
+    /// Stack' times one of a block's own columns.
+    with: Vec<f64>,
+    gathered: Vec<f64>,
+}
+
+/// Where a group's products go: everything counts from the global parameters.
+pub(super) struct Target<'a> {
+    /// Lower triangle.
+    pub(super) normal: &'a mut DMatrix<f64>,
+    pub(super) right: &'a mut DVector<f64>,
+    /// (L' M^-1 A)', global x local.
+    pub(super) coupling: &'a mut DMatrix<f64>,
+}
+
+impl Stack {
+    /// For blocks with these columns.
+    pub(super) fn new(local: usize, linearised: &[Linearised]) -> Self {
+        let shared = shared_columns(linearised);
+        let block = |lin: &Linearised| {
+            let mut system = BlockSystem::default();
+            for column in &lin.columns {
+                let place = match shared.binary_search(column) {
+                    Ok(at) => local + at,
+                    Err(_) => {
+                        system.own.push(*column);
+                        local + shared.len() + system.own.len()
+                    }
+                };
+                system.places.push(place);
+            }
+            system
+        };
+        let blocks = linearised.iter().map(block).collect();
+        Self { shared, blocks, local }
+    }
+
+    /// Local, shared, contradiction.
+    pub(super) fn width(&self) -> usize {
+        self.local + self.shared.len() + 1
+    }
+
+    /// Whitens and stacks the blocks, adds the products of what each has for itself, and leaves the
+    /// square of the rest in the room. Returns f' M^-1 f.
+    pub(super) fn multiply(
+        &mut self,
+        data: &[Block],
+        residuals: &[DVector<f64>],
+        linearised: &[Linearised],
+        room: &mut Room,
+        target: &mut Target,
+    ) -> Result<f64, EstimationError> {
+        let width = self.width();
+        let conditions: usize = linearised.iter().map(|l| l.misclosure.len()).sum();
+        room.rows.clear();
+        room.rows.resize(width * conditions, 0.0);
+        room.with.resize(width, 0.0);
+        let (mut first, mut unclosed) = (0, 0.0);
+        for (k, lin) in linearised.iter().enumerate() {
+            let block = &mut self.blocks[k];
+            block.prepare(&data[k], &residuals[k], lin)?;
+            unclosed += block.whitener.weighted_square(lin.misclosure.as_slice());
+            let n = lin.misclosure.len();
+            let rows = &mut room.rows[first * width..(first + n) * width];
+            room.own.resize(n * block.own.len(), 0.0);
+            block.whiten(lin, rows, &mut room.own);
+            for (a, &column) in block.own.iter().enumerate() {
+                let values = &room.own[a * n..(a + 1) * n];
+                room.with.fill(0.0);
+                for (row, &value) in rows.chunks_exact(width).zip(values) {
+                    add_scaled(&mut room.with, value, row);
+                }
+                target.add_own(column, &room.with, self.local, &self.shared);
+                for (b, &other) in block.own.iter().enumerate().take(a + 1) {
+                    let square = dot(values, &room.own[b * n..(b + 1) * n]);
+                    target.normal[(column.max(other), column.min(other))] += square;
+                }
+            }
+            first += n;
+        }
+        room.square(width, conditions);
+        Ok(unclosed)
+    }
+}
+
+impl Target<'_> {
+    fn add_own(&mut self, column: usize, with: &[f64], local: usize, shared: &[usize]) {
+        let p = self.right.len();
+        let coupling = self.coupling.as_mut_slice().iter_mut().skip(column).step_by(p);
+        coupling.zip(&with[..local]).for_each(|(target, value)| *target += value);
+        let normal = self.normal.as_mut_slice();
+        for (value, &other) in with[local..].iter().zip(shared) {
+            normal[column.min(other) * p + column.max(other)] += value;
+        }
+        self.right[column] -= with[with.len() - 1];
+    }
+}
+
+impl BlockSystem {
+    fn prepare(
+        &mut self,
+        data: &Block,
+        residuals: &DVector<f64>,
+        lin: &Linearised,
+    ) -> Result<(), EstimationError> {
+        self.whitener.update(&lin.observations, &data.covariance)?;
+        self.contradiction.clone_from(&lin.misclosure);
+        let contradiction = self.contradiction.as_mut_slice();
+        let n = contradiction.len().max(1);
+        for (by, &residual) in lin.observations.as_slice().chunks_exact(n).zip(residuals.as_slice()) {
+            add_scaled(contradiction, -residual, by);
+        }
+        Ok(())
+    }
+
+    /// W times the block's derivatives and contradiction.
+    fn whiten(&self, lin: &Linearised, rows: &mut [f64], own: &mut [f64]) {
+        // Images come in pairs, a frame of its own has two of them for each marker.
+        if let Some(white) = self.whitener.rows::<2>() {
+            self.whiten_by(&white, lin, rows, own);
+        } else if let Some(white) = self.whitener.rows::<4>() {
+            self.whiten_by(&white, lin, rows, own);
+        } else {
+            let n = lin.misclosure.len().max(1);
+            let width = rows.len() / n;
+            for (place, values) in self.columns(lin, n, width) {
+                for i in 0..n {
+                    let white = self.whitener.row_times(i, values);
+                    match place.checked_sub(width) {
+                        None => rows[i * width + place] = white,
+                        Some(a) => own[a * n + i] = white,
+                    }
+                }
+            }
+        }
+    }
+
+    fn whiten_by<const N: usize>(
+        &self,
+        white: &[[f64; N]; N],
+        lin: &Linearised,
+        rows: &mut [f64],
+        own: &mut [f64],
+    ) {
+        let width = rows.len() / N;
+        for (place, values) in self.columns(lin, N, width) {
+            let Ok(values) = <&[f64; N]>::try_from(values) else { continue };
+            let by = white.map(|row| row.iter().zip(values).map(|(w, v)| w * v).sum::<f64>());
+            match place.checked_sub(width) {
+                None => (0..N).for_each(|i| rows[i * width + place] = by[i]),
+                Some(a) => own[a * N..(a + 1) * N].copy_from_slice(&by),
+            }
+        }
+    }
+
+    /// Columns of a block of `n` conditions with their places.
+    fn columns<'a>(
+        &'a self,
+        lin: &'a Linearised,
+        n: usize,
+        width: usize,
+    ) -> impl Iterator<Item = (usize, &'a [f64])> {
+        let local = lin.local.as_slice().chunks_exact(n).enumerate();
+        let global = self.places.iter().copied().zip(lin.global.as_slice().chunks_exact(n));
+        local.chain(global).chain([(width - 1, self.contradiction.as_slice())])
+    }
+}
+
+impl Room {
+    /// Forgets what was gathered.
+    pub(super) fn clear(&mut self) {
+        self.gathered.clear();
+    }
+
+    /// Rows' times rows, its lower triangle at least.
+    fn square(&mut self, width: usize, conditions: usize) {
+        self.product.clear();
+        self.product.resize(width * width, 0.0);
+        if width * width * conditions < SMALL {
+            for row in self.rows.chunks_exact(width) {
+                for (j, column) in self.product.chunks_exact_mut(width).enumerate() {
+                    add_scaled(&mut column[j..], row[j], &row[j..]);
+                }
+            }
+            return;
+        }
+        // Transposed first: nalgebra's product is many times faster than with a transpose in it.
+        transpose(&self.rows, width, &mut self.transposed);
+        let rows = DMatrixView::from_slice(&self.rows, width, conditions);
+        let transposed = DMatrixView::from_slice(&self.transposed, conditions, width);
+        DMatrixViewMut::from_slice(&mut self.product, width, width).gemm(1.0, &rows, &transposed, 0.0);
+    }
+
+    /// Keeps `factor` (global x local), whose square is to be subtracted from the normal matrix.
+    pub(super) fn gather(&mut self, factor: &DMatrix<f64>, normal: &mut DMatrix<f64>) {
+        self.gathered.extend_from_slice(factor.as_slice());
+        if self.gathered.len() >= GATHERED * factor.nrows() {
+            self.subtract(normal);
+        }
+    }
+
+    /// Subtracts what was gathered from the normal matrix' lower triangle.
+    pub(super) fn subtract(&mut self, normal: &mut DMatrix<f64>) {
+        let p = normal.nrows();
+        let k = self.gathered.len() / p.max(1);
+        if p * p * k < SMALL {
+            for factor in self.gathered.chunks_exact(p.max(1)) {
+                for (j, mut column) in normal.column_iter_mut().enumerate() {
+                    add_scaled(&mut column.as_mut_slice()[j..], -factor[j], &factor[j..]);
+                }
+            }
+        } else {
+            transpose(&self.gathered, p, &mut self.transposed);
+            let factors = DMatrixView::from_slice(&self.gathered, p, k);
+            let transposed = DMatrixView::from_slice(&self.transposed, k, p);
+            for first in (0..p).step_by(PANEL) {
+                let n = PANEL.min(p - first);
+                let (left, right) = (factors.rows(first, p - first), transposed.columns(first, n));
+                normal.view_mut((first, first), (p - first, n)).gemm(-1.0, &left, &right, 1.0);
+            }
+        }
+        self.gathered.clear();
+    }
+}
+
+/// Of a matrix stored column by column, `height` values each.
+fn transpose(columns: &[f64], height: usize, into: &mut Vec<f64>) {
+    let count = columns.len() / height.max(1);
+    into.resize(columns.len(), 0.0);
+    for (j, column) in columns.chunks_exact(height.max(1)).enumerate() {
+        for (target, value) in into[j..].iter_mut().step_by(count).zip(column) {
+            *target = *value;
+        }
+    }
+}
+
+/// Columns that the first two blocks have, ascending: most of what the group has in common.
+fn shared_columns(blocks: &[Linearised]) -> Vec<usize> {
+    let mut shared = blocks.first().map(|b| b.columns.clone()).unwrap_or_default();
+    if let Some(next) = blocks.get(1) {
+        shared.retain(|column| next.columns.contains(column));
+    }
+    shared.sort_unstable();
+    shared
+}

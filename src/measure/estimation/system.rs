@@ -1,0 +1,396 @@
+//! The normal equations at a point of the iteration, and the step that follows from them.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::error::EstimationError;
+use super::fit::{BlockFit, Fit, GroupFit};
+use super::linear::{add_scaled, cholesky, dot, factor, inverse, invert_lower, singular};
+use super::problem::{Block, Group, GroupPoint, Linearised, Prior, Problem};
+use super::stack::{BlockSystem, Room, Stack, Target};
+
+/// Current values of everything unknown.
+#[derive(Clone)]
+pub(super) struct State {
+    global: DVector<f64>,
+    local: Vec<DVector<f64>>,
+    residuals: Vec<Vec<DVector<f64>>>,
+    /// Adjusted observations.
+    observed: Vec<Vec<DVector<f64>>>,
+}
+
+impl State {
+    pub(super) fn start(problem: &Problem, before: Option<&Fit>) -> Self {
+        let residuals = |(index, group): (usize, &Group)| -> Vec<DVector<f64>> {
+            let before = before.and_then(|fit| fit.groups.get(index));
+            let before = before.filter(|b| b.blocks.len() == group.blocks.len());
+            let of_block = |(k, block): (usize, &Block)| {
+                let old = before.map(|b| &b.blocks[k].residuals).filter(|v| v.len() == block.observed.len());
+                old.cloned().unwrap_or_else(|| DVector::zeros(block.observed.len()))
+            };
+            group.blocks.iter().enumerate().map(of_block).collect()
+        };
+        let residuals: Vec<_> = problem.groups.iter().enumerate().map(residuals).collect();
+        let observed = |(group, residuals): (&Group, &Vec<DVector<f64>>)| {
+            group.blocks.iter().zip(residuals).map(|(b, v)| &b.observed + v).collect()
+        };
+        Self {
+            global: problem.start.clone(),
+            local: problem.groups.iter().map(|g| g.local.clone()).collect(),
+            observed: problem.groups.iter().zip(&residuals).map(observed).collect(),
+            residuals,
+        }
+    }
+}
+
+/// Squared change of the residuals, in standard deviations: they steer where the conditions are
+/// linearised, so parameters at rest are not enough.
+pub(super) fn residual_change(problem: &Problem, a: &State, b: &State) -> f64 {
+    let mut sum = 0.0;
+    for (group, (ra, rb)) in problem.groups.iter().zip(a.residuals.iter().zip(&b.residuals)) {
+        for (block, (va, vb)) in group.blocks.iter().zip(ra.iter().zip(rb)) {
+            for k in 0..va.len() {
+                sum += (va[k] - vb[k]).powi(2) / block.covariance[(k, k)];
+            }
+        }
+    }
+    sum
+}
+
+/// One group's part, local parameters eliminated: `L' M^-1 L = C C'` with its priors.
+struct GroupSystem {
+    linearised: Vec<Linearised>,
+    /// Set up when the blocks are first seen.
+    stack: Option<Stack>,
+    /// Inverses of the priors' covariances.
+    weights: Vec<DMatrix<f64>>,
+    /// C, lower triangle.
+    factor: DMatrix<f64>,
+    /// (C^-1 L' M^-1 A)', global x local.
+    coupling: DMatrix<f64>,
+    /// -C^-1 L' M^-1 w.
+    right: DVector<f64>,
+}
+
+/// The normal equations at a point.
+pub(super) struct System {
+    pub(super) normal: DMatrix<f64>,
+    right: DVector<f64>,
+    pub(super) omega: f64,
+    omega_priors: f64,
+    /// f' M^-1 f at the adjusted observations: 0 where the conditions hold exactly.
+    pub(super) unclosed: f64,
+    /// Inverses of the priors' covariances.
+    weights: Vec<DMatrix<f64>>,
+    groups: Vec<GroupSystem>,
+    room: Room,
+}
+
+impl System {
+    /// Room for a problem's normal equations.
+    pub(super) fn new(problem: &Problem) -> Result<Self, EstimationError> {
+        let p = problem.start.len();
+        let group = |group: &Group| -> Result<GroupSystem, EstimationError> {
+            let q = group.local.len();
+            Ok(GroupSystem {
+                linearised: Vec::with_capacity(group.blocks.len()),
+                stack: None,
+                weights: weights(&group.priors)?,
+                factor: DMatrix::zeros(q, q),
+                coupling: DMatrix::zeros(p, q),
+                right: DVector::zeros(q),
+            })
+        };
+        Ok(Self {
+            normal: DMatrix::zeros(p, p),
+            right: DVector::zeros(p),
+            omega: 0.0,
+            omega_priors: 0.0,
+            unclosed: 0.0,
+            weights: weights(&problem.priors)?,
+            groups: problem.groups.iter().map(group).collect::<Result<_, _>>()?,
+            room: Room::default(),
+        })
+    }
+
+    /// Sets the equations up at a point.
+    pub(super) fn assemble(
+        &mut self,
+        problem: &Problem,
+        state: &State,
+        linearise: &impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
+    ) -> Result<(), EstimationError> {
+        self.normal.as_mut_slice().fill(0.0);
+        self.right.as_mut_slice().fill(0.0);
+        self.room.clear();
+        (self.omega, self.omega_priors, self.unclosed) = (0.0, 0.0, 0.0);
+        for index in 0..problem.groups.len() {
+            self.add_group(&problem.groups[index], state, index, linearise)?;
+        }
+        self.room.subtract(&mut self.normal);
+        self.normal.fill_upper_triangle_with_lower_triangle();
+        for (prior, weight) in problem.priors.iter().zip(&self.weights) {
+            self.omega_priors += add_prior(prior, weight, &state.global, &mut self.normal, &mut self.right);
+        }
+        if let Some(known) = &problem.known {
+            let off = &state.global - &known.mean;
+            let weighted = &known.information * &off;
+            self.normal += &known.information;
+            self.right -= &weighted;
+            self.omega_priors += off.dot(&weighted);
+        }
+        self.omega += self.omega_priors;
+        Ok(())
+    }
+
+    fn add_group(
+        &mut self,
+        group: &Group,
+        state: &State,
+        index: usize,
+        linearise: &impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
+    ) -> Result<(), EstimationError> {
+        let (part, local) = (&mut self.groups[index], &state.local[index]);
+        let observed = &state.observed[index];
+        let at = GroupPoint { group: index, global: &state.global, local, observed };
+        linearise(&at, &mut part.linearised)?;
+        let stack = part.stack.get_or_insert_with(|| Stack::new(local.len(), &part.linearised));
+        part.coupling.as_mut_slice().fill(0.0);
+        let mut target =
+            Target { normal: &mut self.normal, right: &mut self.right, coupling: &mut part.coupling };
+        let residuals = &state.residuals[index];
+        self.unclosed +=
+            stack.multiply(&group.blocks, residuals, &part.linearised, &mut self.room, &mut target)?;
+        // The stack's own square, lower triangle.
+        let (q, width) = (local.len(), stack.width());
+        let product = &self.room.product;
+        let last = width - 1;
+        self.omega += product[last * width + last];
+        let p = self.right.len();
+        for (j, column) in product.chunks_exact(width).enumerate().take(q) {
+            part.factor.as_mut_slice()[j * q + j..(j + 1) * q].copy_from_slice(&column[j..q]);
+            part.right[j] = -column[last];
+            let coupling = &mut part.coupling.as_mut_slice()[j * p..(j + 1) * p];
+            stack.shared.iter().zip(&column[q..]).for_each(|(&at, v)| coupling[at] += v);
+        }
+        for (j, (&at, column)) in stack.shared.iter().zip(product.chunks_exact(width).skip(q)).enumerate() {
+            self.right[at] -= column[last];
+            let normal = &mut self.normal.as_mut_slice()[at * p..(at + 1) * p];
+            stack.shared.iter().zip(&column[q..]).skip(j).for_each(|(&i, v)| normal[i] += v);
+        }
+        for (prior, weight) in group.priors.iter().zip(&part.weights) {
+            self.omega_priors += add_prior(prior, weight, local, &mut part.factor, &mut part.right);
+        }
+        if q > 0 {
+            part.eliminate(&mut self.right)?;
+            self.room.gather(&part.coupling, &mut self.normal);
+        }
+        Ok(())
+    }
+
+    /// The global step, damped after Levenberg and Marquardt.
+    pub(super) fn step(&self, problem: &Problem, damping: f64) -> Result<DVector<f64>, EstimationError> {
+        let mut normal = self.normal.clone();
+        for i in 0..normal.nrows() {
+            normal[(i, i)] *= 1.0 + damping;
+        }
+        Ok(factor(&normal, &problem.missing)?.solve(&self.right))
+    }
+
+    /// All unknowns after a global step: local parameters and residuals follow from it.
+    pub(super) fn moved(&self, problem: &Problem, state: &State, step: &DVector<f64>, next: &mut State) {
+        next.global.copy_from(&state.global);
+        next.global += step;
+        let mut work = vec![];
+        for (index, (part, group)) in self.groups.iter().zip(&problem.groups).enumerate() {
+            let local_step = part.local_step(step);
+            next.local[index].copy_from(&state.local[index]);
+            next.local[index] += &local_step;
+            let systems = part.stack.iter().flat_map(|s| &s.blocks);
+            for (k, (system, lin)) in systems.zip(&part.linearised).enumerate() {
+                let residuals = &mut next.residuals[index][k];
+                system.residuals(lin, &group.blocks[k], step, &local_step, &mut work, residuals);
+                let observed = &mut next.observed[index][k];
+                observed.copy_from(&group.blocks[k].observed);
+                *observed += &*residuals;
+            }
+        }
+    }
+
+    pub(super) fn finish(
+        self,
+        problem: &Problem,
+        state: State,
+        iterations: usize,
+    ) -> Result<Fit, EstimationError> {
+        let covariance = factor(&self.normal, &problem.missing)?.inverse();
+        let priors = problem.priors.iter().chain(problem.groups.iter().flat_map(|g| &g.priors));
+        let mut conditions: usize = priors.map(|p| p.columns.len()).sum();
+        conditions += problem.known.as_ref().map_or(0, |known| known.mean.len());
+        let mut unknowns = state.global.len();
+        let mut groups = Vec::with_capacity(self.groups.len());
+        let states = state.local.into_iter().zip(state.residuals);
+        for ((part, group), (local, residuals)) in self.groups.into_iter().zip(&problem.groups).zip(states) {
+            unknowns += local.len();
+            conditions += part.linearised.iter().map(|b| b.misclosure.len()).sum::<usize>();
+            groups.push(part.finish(group, local, residuals, &covariance));
+        }
+        Ok(Fit {
+            global: state.global,
+            covariance,
+            information: self.normal,
+            groups,
+            omega: self.omega,
+            omega_priors: self.omega_priors,
+            redundancy: conditions.saturating_sub(unknowns),
+            iterations,
+        })
+    }
+}
+
+impl GroupSystem {
+    /// Factors the local parameters' normal matrix and takes their part out of the right side.
+    fn eliminate(&mut self, right: &mut DVector<f64>) -> Result<(), EstimationError> {
+        if !cholesky(&mut self.factor) {
+            return Err(singular("the local parameters of a group of observations"));
+        }
+        let p = self.coupling.nrows();
+        for i in 0..self.right.len() {
+            let (done, rest) = self.coupling.as_mut_slice().split_at_mut(i * p);
+            let column = &mut rest[..p];
+            let mut value = self.right[i];
+            for k in 0..i {
+                let by = self.factor[(i, k)];
+                add_scaled(column, -by, &done[k * p..(k + 1) * p]);
+                value -= by * self.right[k];
+            }
+            let inverse = 1.0 / self.factor[(i, i)];
+            column.iter_mut().for_each(|v| *v *= inverse);
+            self.right[i] = value * inverse;
+            add_scaled(right.as_mut_slice(), -self.right[i], column);
+        }
+        Ok(())
+    }
+
+    fn local_step(&self, step: &DVector<f64>) -> DVector<f64> {
+        let mut local = self.right.clone();
+        for i in (0..local.len()).rev() {
+            let known: f64 = (i + 1..local.len()).map(|k| self.factor[(k, i)] * local[k]).sum();
+            let by_global = dot(self.coupling.column(i).as_slice(), step.as_slice());
+            local[i] = (local[i] - by_global - known) / self.factor[(i, i)];
+        }
+        local
+    }
+
+    fn finish(
+        mut self,
+        group: &Group,
+        local: DVector<f64>,
+        residuals: Vec<DVector<f64>>,
+        covariance: &DMatrix<f64>,
+    ) -> GroupFit {
+        invert_lower(&mut self.factor);
+        let sensitivity = -(self.factor.transpose() * self.coupling.transpose());
+        let conditional = self.factor.transpose() * &self.factor;
+        let cross = &sensitivity * covariance;
+        let systems = self.stack.into_iter().flat_map(|s| s.blocks);
+        let blocks = self.linearised.into_iter().zip(systems).zip(&group.blocks).zip(residuals);
+        let blocks = blocks.map(|(((lin, system), block), residuals)| system.finish(lin, block, residuals));
+        GroupFit {
+            local,
+            covariance: &cross * sensitivity.transpose() + &conditional,
+            cross,
+            sensitivity,
+            conditional,
+            blocks: blocks.collect(),
+        }
+    }
+}
+
+impl BlockSystem {
+    /// v = -Q B' M^-1 (A dx + L dd + w).
+    fn residuals(
+        &self,
+        lin: &Linearised,
+        block: &Block,
+        step: &DVector<f64>,
+        local_step: &DVector<f64>,
+        work: &mut Vec<f64>,
+        into: &mut DVector<f64>,
+    ) {
+        let n = self.contradiction.len().max(1);
+        work.clear();
+        work.extend_from_slice(self.contradiction.as_slice());
+        for (by, &moved) in lin.local.as_slice().chunks_exact(n).zip(local_step.as_slice()) {
+            add_scaled(work, moved, by);
+        }
+        for (by, &column) in lin.global.as_slice().chunks_exact(n).zip(&lin.columns) {
+            add_scaled(work, step[column], by);
+        }
+        self.whitener.weigh(work);
+        into.as_mut_slice().fill(0.0);
+        let observations = lin.observations.as_slice().chunks_exact(n);
+        for (by, covariance) in observations.zip(block.covariance.as_slice().chunks_exact(into.len())) {
+            add_scaled(into.as_mut_slice(), -dot(by, work), covariance);
+        }
+    }
+
+    fn finish(self, linearised: Linearised, block: &Block, residuals: DVector<f64>) -> BlockFit {
+        let (n, m) = linearised.observations.shape();
+        // (Q B')', one observation after the other.
+        let mut answers = vec![0.0; n * m];
+        for (answer, covariance) in
+            answers.chunks_exact_mut(n).zip(block.covariance.as_slice().chunks_exact(m))
+        {
+            let observations = linearised.observations.as_slice().chunks_exact(n);
+            for (by, &covariance) in observations.zip(covariance).filter(|(_, c)| **c != 0.0) {
+                add_scaled(answer, covariance, by);
+            }
+        }
+        let mut gain = DMatrix::zeros(m, n);
+        let mut conditional = block.covariance.clone();
+        let mut weighed = vec![0.0; n];
+        for (i, answer) in answers.chunks_exact(n).enumerate() {
+            weighed.copy_from_slice(answer);
+            self.whitener.weigh(&mut weighed);
+            weighed.iter().enumerate().for_each(|(k, w)| gain[(i, k)] = *w);
+            for (j, other) in answers.chunks_exact(n).enumerate() {
+                conditional[(i, j)] -= dot(&weighed, other);
+            }
+        }
+        BlockFit { residuals, linearised, gain, conditional }
+    }
+}
+
+fn weights(priors: &[Prior]) -> Result<Vec<DMatrix<f64>>, EstimationError> {
+    let weight = |prior: &Prior| {
+        inverse(&prior.covariance).ok_or_else(|| {
+            EstimationError::Input(format!(
+                "what is known beforehand of the {} has no positive definite covariance; check its standard deviations",
+                prior.name
+            ))
+        })
+    };
+    priors.iter().map(weight).collect()
+}
+
+/// Adds a prior to normal equations; returns its share of the sum of squares.
+fn add_prior(
+    prior: &Prior,
+    weight: &DMatrix<f64>,
+    values: &DVector<f64>,
+    normal: &mut DMatrix<f64>,
+    right: &mut DVector<f64>,
+) -> f64 {
+    let off = |k: usize| values[prior.columns[k]] - prior.mean[k];
+    let mut omega = 0.0;
+    for (i, &ci) in prior.columns.iter().enumerate() {
+        let mut weighted = 0.0;
+        for (j, &cj) in prior.columns.iter().enumerate() {
+            normal[(ci, cj)] += weight[(i, j)];
+            weighted += weight[(i, j)] * off(j);
+        }
+        right[ci] -= weighted;
+        omega += off(i) * weighted;
+    }
+    omega
+}

@@ -1,0 +1,132 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+use nalgebra::{DMatrix, DVector};
+
+use super::*;
+
+/// Straight line y = m x + b with errors in x and y: the textbook Gauss-Helmert problem.
+fn line(points: &[(f64, f64)], sx: f64, sy: f64) -> Problem {
+    let block = |&(x, y): &(f64, f64)| Group {
+        local: DVector::zeros(0),
+        priors: vec![],
+        blocks: vec![Block {
+            observed: DVector::from_vec(vec![x, y]),
+            covariance: DMatrix::from_diagonal(&DVector::from_vec(vec![sx * sx, sy * sy])),
+        }],
+    };
+    Problem {
+        start: DVector::from_vec(vec![0.0, 0.0]),
+        missing: vec!["slope", "offset"],
+        priors: vec![],
+        known: None,
+        groups: points.iter().map(block).collect(),
+    }
+}
+
+fn line_block(p: &Point) -> Result<Linearised, EstimationError> {
+    let (m, b, x, y) = (p.global[0], p.global[1], p.observed[0], p.observed[1]);
+    Ok(Linearised {
+        misclosure: DVector::from_element(1, m * x + b - y),
+        columns: vec![0, 1],
+        global: DMatrix::from_row_slice(1, 2, &[x, 1.0]),
+        local: DMatrix::zeros(1, 0),
+        observations: DMatrix::from_row_slice(1, 2, &[m, -1.0]),
+    })
+}
+
+const POINTS: [(f64, f64); 6] = [(0.0, 1.1), (1.0, 2.9), (2.1, 5.2), (2.9, 7.1), (4.2, 9.0), (5.0, 11.2)];
+
+#[test]
+fn total_least_squares_line_is_the_principal_axis() {
+    let fit = solve(&line(&POINTS, 0.1, 0.1), line_block).unwrap();
+    // Equal variances: the orthogonal regression, in closed form.
+    let n = POINTS.len() as f64;
+    let (mx, my) = POINTS.iter().fold((0.0, 0.0), |(a, b), p| (a + p.0 / n, b + p.1 / n));
+    let (sxx, sxy, syy) = POINTS.iter().fold((0.0, 0.0, 0.0), |(a, b, c), p| {
+        let (dx, dy) = (p.0 - mx, p.1 - my);
+        (a + dx * dx, b + dx * dy, c + dy * dy)
+    });
+    let slope = (syy - sxx + ((syy - sxx).powi(2) + 4.0 * sxy * sxy).sqrt()) / (2.0 * sxy);
+    assert!((fit.global[0] - slope).abs() < 1e-8);
+    assert!((fit.global[1] - (my - slope * mx)).abs() < 1e-7);
+    assert_eq!(fit.redundancy, 4);
+    let norm: f64 = fit.groups.iter().map(|g| g.blocks[0].residuals.norm_squared() / 0.01).sum();
+    assert!((norm - fit.omega).abs() < 1e-9);
+}
+
+#[test]
+fn residual_cofactors_sum_to_the_redundancy() {
+    let problem = line(&POINTS, 0.1, 0.3);
+    let fit = solve(&problem, line_block).unwrap();
+    let total: f64 = (0..POINTS.len())
+        .map(|g| {
+            let q = &problem.groups[g].blocks[0].covariance;
+            let cofactor = q - fit.adjusted_covariance(g, 0);
+            (0..2).map(|k| cofactor[(k, k)] / q[(k, k)]).sum::<f64>()
+        })
+        .sum();
+    assert!((total - 4.0).abs() < 1e-9, "{total}");
+}
+
+/// The same line with the adjusted x of every point as a local parameter and y, x observed.
+#[test]
+fn local_parameters_give_the_same_answer_as_conditions() {
+    let mut problem = line(&POINTS, 0.1, 0.3);
+    for (group, p) in problem.groups.iter_mut().zip(POINTS) {
+        group.local = DVector::from_element(1, p.0);
+    }
+    let with_local = |p: &Point| {
+        let (m, b, x) = (p.global[0], p.global[1], p.local[0]);
+        Ok(Linearised {
+            misclosure: DVector::from_vec(vec![x - p.observed[0], m * x + b - p.observed[1]]),
+            columns: vec![0, 1],
+            global: DMatrix::from_row_slice(2, 2, &[0.0, 0.0, x, 1.0]),
+            local: DMatrix::from_column_slice(2, 1, &[1.0, m]),
+            observations: -DMatrix::identity(2, 2),
+        })
+    };
+    let a = solve(&problem, with_local).unwrap();
+    let b = solve(&line(&POINTS, 0.1, 0.3), line_block).unwrap();
+    assert!((&a.global - &b.global).norm() < 1e-9);
+    assert!((a.omega - b.omega).abs() < 1e-8 && a.redundancy == b.redundancy);
+    // Covariances agree to first order in the residuals.
+    assert!((&a.covariance - &b.covariance).norm() < 1e-2 * b.covariance.norm());
+    let ca = a.adjusted_covariance(2, 0);
+    let cb = b.adjusted_covariance(2, 0);
+    assert!((&ca - &cb).norm() < 2e-2 * cb.norm());
+}
+
+#[test]
+fn a_prior_counts_as_an_observation() {
+    let mut problem = line(&POINTS, 0.1, 0.1);
+    problem.priors.push(Prior::scalar("offset", 1, 1.0, 1e-9));
+    let fit = solve(&problem, line_block).unwrap();
+    assert!((fit.global[1] - 1.0).abs() < 1e-9 && fit.redundancy == 5);
+    assert!((fit.covariance[(1, 1)].sqrt() - 1e-9).abs() < 1e-12);
+}
+
+/// Points one after the other, each with what those before it told, are all of them at once.
+#[test]
+fn what_is_known_of_all_parameters_stands_for_the_observations_behind_it() {
+    let at_once = solve(&line(&POINTS, 1e-4, 0.3), line_block).unwrap();
+    let mut before = solve(&line(&POINTS[..2], 1e-4, 0.3), line_block).unwrap();
+    let mut omega = before.omega;
+    for point in &POINTS[2..] {
+        let known = Known { mean: before.global.clone(), information: before.information.clone() };
+        let next = Problem { known: Some(known), start: before.global, ..line(&[*point], 1e-4, 0.3) };
+        before = solve(&next, line_block).unwrap();
+        assert_eq!(before.redundancy, 1);
+        omega += before.omega;
+    }
+    assert!((&before.global - &at_once.global).norm() < 1e-6);
+    assert!((&before.covariance - &at_once.covariance).norm() < 1e-5 * at_once.covariance.norm());
+    assert!((omega - at_once.omega).abs() < 1e-5 * at_once.omega, "{omega} {}", at_once.omega);
+}
+
+#[test]
+fn the_missing_datum_is_named() {
+    let one = line(&POINTS[..1], 0.1, 0.1);
+    let error = solve(&one, line_block).unwrap_err();
+    assert!(
+        matches!(error, EstimationError::Singular { ref missing } if missing == "offset" || missing == "slope")
+    );
+}

@@ -1,0 +1,204 @@
+//! A flight as the files that make a store of its own: for archives, downloads and copies.
+//!
+//! What grows is taken as the flight's SHA256SUMS have it, so that a bundle is one state, has one
+//! digest, and can be read piece by piece while the recorder writes on.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use super::catalogue::{self, FlightRef, SeriesRef};
+use super::installations;
+use crate::store::disk::{Disk, StoreError};
+use crate::store::format::kinds::KINDS;
+use crate::store::format::manifest::Counter;
+use crate::store::format::{jsonl, layout, sha256, sums};
+
+/// A file of a bundle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Item {
+    /// From the store's root, with `/`.
+    pub name: String,
+    /// Bytes.
+    pub length: u64,
+    /// Hex.
+    pub sha256: String,
+    /// Where the bytes are.
+    pub content: Content,
+}
+
+/// Bytes of a file.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Content {
+    /// The first `length` bytes of this file.
+    File(PathBuf),
+    /// These.
+    Bytes(Vec<u8>),
+}
+
+/// The files, in the order in which they are written, and the digest of them all.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bundle {
+    /// Each name once.
+    pub items: Vec<Item>,
+    /// SHA-256 over names, lengths and digests, hex.
+    pub digest: String,
+}
+
+/// The bundle of a flight; an error where a file is missing, a link, or shorter than it was.
+pub fn flight(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<Bundle, StoreError> {
+    let mut gather = Gather { disk, root, items: Vec::new(), counter: Counter::FIRST };
+    gather.whole(Path::new(layout::STORE_FILE))?;
+    match catalogue::store_id(disk, root) {
+        Some(_) => gather.chained(flight)?,
+        None => gather.unchained(flight)?,
+    }
+    gather.counter.pass(&flight.id);
+    let path = Path::new(layout::COUNTER_FILE);
+    let counter = jsonl::line(&gather.counter).map_err(StoreError::io(path, "write"))?;
+    gather.bytes(path, counter);
+    let line = |item: &Item| format!("{} {} {}\n", item.sha256, item.length, item.name);
+    let digest = sha256(gather.items.iter().map(line).collect::<String>().as_bytes());
+    Ok(Bundle { items: gather.items, digest })
+}
+
+struct Gather<'a> {
+    disk: &'a dyn Disk,
+    root: &'a Path,
+    items: Vec<Item>,
+    /// Above what is in the bundle, as it would be had the store no more.
+    counter: Counter,
+}
+
+impl Gather<'_> {
+    /// As the sums have it; they are of the chain up to `end`.
+    fn chained(&mut self, flight: &FlightRef) -> Result<(), StoreError> {
+        let place = Path::new(layout::FLIGHTS).join(&flight.id);
+        let sums_name = place.join(layout::SUMS_FILE);
+        let sums_bytes = self.read(&sums_name)?;
+        let (bytes, chain) = catalogue::chain(self.disk, &flight.folder)?;
+        let sums = sums::parse(&sums_bytes).unwrap_or_default();
+        let end = sums::covered(&sums, &bytes, &chain)
+            .ok_or_else(|| self.damaged(&sums_name, "is not of this flight's chain"))?;
+        let state = chain.state(end);
+        for digest in &state.installations {
+            self.installation(digest)?;
+        }
+        self.whole(&place.join(layout::FLIGHT_FILE))?;
+        for id in state.series.keys() {
+            let results = state.results.get(id).and_then(|entries| entries.last());
+            self.series(flight, id, results.map(|(length, sha256)| (*length, sha256.clone())))?;
+        }
+        for (file, (length, digest)) in &state.files {
+            self.closed(&place.join(file), *length, digest)?;
+        }
+        let chain = bytes.get(..end).unwrap_or_default().to_vec();
+        self.bytes(&place.join(layout::CHAIN_FILE), chain);
+        self.bytes(&sums_name, sums_bytes);
+        Ok(())
+    }
+
+    /// As it lies there; results without a torn tail.
+    fn unchained(&mut self, flight: &FlightRef) -> Result<(), StoreError> {
+        let place = Path::new(layout::FLIGHTS).join(&flight.id);
+        self.whole(&place.join(layout::FLIGHT_FILE))?;
+        for kind in KINDS {
+            for file in catalogue::files(self.disk, flight, kind)? {
+                let bytes = self.disk.load(&flight.folder.join(&file))?;
+                self.closed(&place.join(file), bytes.len() as u64, &sha256(&bytes))?;
+            }
+        }
+        for series in catalogue::series(self.disk, flight)? {
+            let results = self.disk.load_if_there(&series.folder.join(layout::RESULTS_FILE))?.map(|bytes| {
+                let good = jsonl::parse::<serde_json::Value>(&bytes).good_length;
+                (good as u64, sha256(bytes.get(..good).unwrap_or_default()))
+            });
+            self.series(flight, &series.id, results)?;
+        }
+        Ok(())
+    }
+
+    /// A series' manifest and frames, and of its results so many bytes.
+    fn series(
+        &mut self,
+        flight: &FlightRef,
+        id: &str,
+        results: Option<(u64, String)>,
+    ) -> Result<(), StoreError> {
+        self.counter.pass(id);
+        let place = Path::new(layout::FLIGHTS).join(&flight.id).join(id);
+        self.whole(&place.join(layout::SERIES_FILE))?;
+        let series =
+            SeriesRef { flight: flight.id.clone(), id: id.to_owned(), folder: self.root.join(&place) };
+        let list = self.disk.entries(&series.folder)?;
+        let lengths: BTreeMap<&str, u64> =
+            list.iter().filter(|e| !e.is_dir && !e.is_link).map(|e| (e.name.as_str(), e.length)).collect();
+        let shots = catalogue::manifest(self.disk, &series)?.shots;
+        let frames = shots.into_iter().filter_map(|shot| shot.frame);
+        let frames = frames.filter(|frame| layout::is_frame_name(&frame.file));
+        let files = frames.map(|frame| (frame.file, frame.bytes, frame.sha256));
+        let results = results.map(|(length, sha256)| (layout::RESULTS_FILE.to_owned(), length, sha256));
+        for (file, length, sha256) in files.chain(results) {
+            let name = place.join(&file);
+            let grows = file == layout::RESULTS_FILE;
+            match lengths.get(file.as_str()) {
+                Some(there) if *there == length || (grows && *there > length) => {
+                    self.push(&name, length, sha256, Content::File(self.root.join(&name)));
+                }
+                Some(_) => return Err(self.damaged(&name, "does not have its length")),
+                None => return Err(self.damaged(&name, "is missing, or a link")),
+            }
+        }
+        Ok(())
+    }
+
+    /// A closed file, as long as the chain has it.
+    fn closed(&mut self, name: &Path, length: u64, digest: &str) -> Result<(), StoreError> {
+        let path = self.root.join(name);
+        if self.disk.length(&path)? != Some(length) {
+            return Err(self.damaged(name, "is missing, a link, or does not have its length"));
+        }
+        self.push(name, length, digest.to_owned(), Content::File(path));
+        Ok(())
+    }
+
+    fn installation(&mut self, digest: &str) -> Result<(), StoreError> {
+        if let Some((path, what)) = installations::fault(self.disk, self.root, digest) {
+            return Err(StoreError::Damaged { path, what, mend: MEND });
+        }
+        let folder = installations::folder(self.root, digest);
+        for entry in self.disk.entries(&folder)? {
+            self.whole(&Path::new(layout::INSTALLATIONS).join(digest).join(entry.name))?;
+        }
+        Ok(())
+    }
+
+    /// A small file, read here.
+    fn whole(&mut self, name: &Path) -> Result<(), StoreError> {
+        let bytes = self.read(name)?;
+        self.bytes(name, bytes);
+        Ok(())
+    }
+
+    fn read(&self, name: &Path) -> Result<Vec<u8>, StoreError> {
+        let path = self.root.join(name);
+        match self.disk.length(&path)? {
+            Some(_) => self.disk.load(&path),
+            None => Err(self.damaged(name, "is missing, or a link")),
+        }
+    }
+
+    fn bytes(&mut self, name: &Path, bytes: Vec<u8>) {
+        self.push(name, bytes.len() as u64, sha256(&bytes), Content::Bytes(bytes));
+    }
+
+    fn push(&mut self, name: &Path, length: u64, sha256: String, content: Content) {
+        let name = name.to_string_lossy().into_owned();
+        self.items.push(Item { name, length, sha256, content });
+    }
+
+    fn damaged(&self, name: &Path, what: &str) -> StoreError {
+        StoreError::Damaged { path: self.root.join(name), what: what.to_owned(), mend: MEND }
+    }
+}
+
+const MEND: &str = "`wingd verify` says what else is damaged; files can be taken one by one";

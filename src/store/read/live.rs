@@ -1,0 +1,79 @@
+//! Live results: many a second, in files of a flight whose blocks hold columns ([`columns`](crate::store::columns)).
+
+use std::path::Path;
+
+use super::catalogue::{self, FlightRef};
+use crate::clock::Stamp;
+use crate::store::disk::{Disk, StoreError};
+use crate::store::format::columns::{File, Head, Row};
+use crate::store::format::kinds::LIVE;
+
+/// Columns that other commands look for, where a table has them.
+pub mod names {
+    /// Middle of the exposure; unit [`UTC`](crate::store::columns::UTC).
+    pub const UTC: &str = "utc";
+    /// Of the same, s.
+    pub const SINCE_BOOT: &str = "since_boot";
+    /// The result's number, from 1 at each start of live mode.
+    pub const NUMBER: &str = "number";
+    /// Coefficients of the bending line's curvature, 1/m, from the first on.
+    pub const CURVATURE: &str = "curvature";
+    /// Their covariance, 1/m^2: of k coefficients k (k + 1) / 2 values, the upper triangle row by row.
+    pub const CURVATURE_COVARIANCE: &str = "curvature_covariance";
+    /// In the source: what results follow from, as in `results.jsonl`.
+    pub const PROVENANCE: &str = "provenance";
+}
+
+/// The closed files of a flight, in order.
+pub fn files(disk: &dyn Disk, flight: &FlightRef) -> Result<Vec<String>, StoreError> {
+    catalogue::files(disk, flight, &LIVE)
+}
+
+/// Each file's first line and its rows.
+pub type Recorded = Vec<(Head, Vec<Row>)>;
+
+/// All live results of a flight, those of the file being written among them; and what could not be read.
+pub fn read(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<(Recorded, Vec<String>), StoreError> {
+    let mut all = Recorded::new();
+    let notes = each_file(disk, root, flight, |mut file| {
+        let mut rows = Vec::new();
+        while let Some(block) = file.next_block() {
+            rows.extend(block.rows().unwrap_or_default());
+        }
+        let rest = file.torn();
+        all.push((file.head, rows));
+        Result::<usize, StoreError>::Ok(rest)
+    })?;
+    Ok((all, notes))
+}
+
+/// Gives a flight's files one after another, in the order written, the one being written last. What is done with a file
+/// returns how many of its bytes were not whole; notes say so.
+pub fn each_file<E: From<StoreError>>(
+    disk: &dyn Disk,
+    root: &Path,
+    flight: &FlightRef,
+    mut read: impl FnMut(File<'_>) -> Result<usize, E>,
+) -> Result<Vec<String>, E> {
+    let mut notes = Vec::new();
+    catalogue::each_file(disk, root, flight, &LIVE, |path, bytes| {
+        let place = path.display();
+        let Some(file) = File::parse(bytes) else {
+            notes.push(format!("{place}: its first line is damaged; run `wingd verify`"));
+            return Ok(());
+        };
+        let rest = if file.head.flight == flight.id { read(file)? } else { 0 };
+        if rest > 0 {
+            notes.push(format!("{place}: its last {rest} bytes are torn or damaged; run `wingd verify`"));
+        }
+        Ok::<_, E>(())
+    })?;
+    Ok(notes)
+}
+
+/// When the last file of a flight was begun.
+pub(crate) fn last_moment(disk: &dyn Disk, flight: &FlightRef) -> Option<Stamp> {
+    let last = files(disk, flight).ok()?.pop()?;
+    let bytes = disk.read(&flight.folder.join(last)).ok()?;
+    File::parse(&bytes).map(|file| file.head.began)
+}

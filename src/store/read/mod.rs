@@ -1,0 +1,9 @@
+//! What a store holds, read without a lock: for reports, pages, exports, copies and the recorder itself.
+
+pub mod aircraft;
+pub mod bundle;
+pub mod catalogue;
+pub mod frames;
+pub mod installations;
+pub mod live;
+pub mod sets;

@@ -1,0 +1,88 @@
+//! When a new flight begins.
+//!
+//! A flight is what lies between two pauses: the rule must keep a flight together through restarts
+//! of the daemon and power cuts in the air, and must not run two flights into one, because their
+//! frames may be adjusted together. The time since the last recorded shot decides:
+//!
+//! - same boot: by the time since boot, which nothing can set;
+//! - another boot: at least the time since this boot has passed; UTC tells the rest when it went
+//!   forward. The synchronised flag is not asked for: in the air there is no time server, and a
+//!   machine with a battery clock is right without one;
+//! - another boot and UTC went back (no battery clock): the pause is unknown, and a new flight
+//!   begins: a flight in two folders can be put together, two in one are hard to part.
+
+use std::time::Duration;
+
+use crate::clock::Stamp;
+use crate::store::config::AtBoot;
+
+/// Says why a new flight begins at `now`, or `None` where the last one goes on.
+pub fn begins(last: Option<&Stamp>, now: &Stamp, after: Duration, at_boot: AtBoot) -> Option<String> {
+    let Some(last) = last else { return Some("first series of the store".to_owned()) };
+    if last.boot_id == now.boot_id {
+        return paused(now.since_boot_s - last.since_boot_s, after);
+    }
+    match at_boot {
+        AtBoot::Always => return Some("the machine was switched on".to_owned()),
+        AtBoot::Never => return None,
+        AtBoot::ByClock => {}
+    }
+    let by_utc_s = now.utc.duration_since(last.utc).as_secs_f64();
+    if by_utc_s < 0.0 {
+        return Some("the machine was switched on and its clock went back: the pause is unknown".to_owned());
+    }
+    paused(by_utc_s.max(now.since_boot_s), after)
+}
+
+fn paused(pause_s: f64, after: Duration) -> Option<String> {
+    (pause_s > after.as_secs_f64()).then(|| format!("no shot for {:.1} h", pause_s / 3600.0))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    const AFTER: Duration = Duration::from_secs(3 * 3600);
+
+    fn stamp(utc: &str, boot: &str, since_boot_s: f64) -> Stamp {
+        Stamp { utc: utc.parse().unwrap(), utc_synchronised: false, boot_id: boot.to_owned(), since_boot_s }
+    }
+
+    #[test]
+    fn a_restart_or_power_cut_in_the_air_continues_the_flight() {
+        let last = stamp("2026-03-01T10:00:00Z", "a", 7200.0);
+        let restarted = stamp("2026-03-01T10:50:00Z", "a", 10200.0);
+        let rebooted = stamp("2026-03-01T10:20:00Z", "b", 25.0);
+        assert_eq!(begins(Some(&last), &restarted, AFTER, AtBoot::ByClock), None);
+        assert_eq!(begins(Some(&last), &rebooted, AFTER, AtBoot::ByClock), None);
+        assert!(begins(Some(&last), &rebooted, AFTER, AtBoot::Always).is_some());
+    }
+
+    #[test]
+    fn a_night_on_the_ground_begins_a_new_flight() {
+        let last = stamp("2026-03-01T18:00:00Z", "a", 7200.0);
+        let next_day = stamp("2026-03-02T06:00:00Z", "b", 25.0);
+        let left_on = stamp("2026-03-02T06:00:00Z", "a", 50400.0);
+        for now in [&next_day, &left_on] {
+            assert!(begins(Some(&last), now, AFTER, AtBoot::ByClock).is_some());
+        }
+        assert_eq!(begins(Some(&last), &next_day, AFTER, AtBoot::Never), None);
+    }
+
+    #[test]
+    fn a_clock_without_battery_cannot_join_flights() {
+        let last = stamp("2026-03-01T18:00:00Z", "a", 7200.0);
+        let reset = stamp("1970-01-01T00:00:25Z", "b", 25.0);
+        assert!(begins(Some(&last), &reset, AFTER, AtBoot::ByClock).is_some());
+        let stuck = stamp("1970-01-01T00:00:30Z", "c", 4.0 * 3600.0);
+        assert!(begins(Some(&reset), &stuck, AFTER, AtBoot::ByClock).is_some());
+    }
+
+    #[test]
+    fn a_jump_of_utc_within_a_boot_means_nothing() {
+        let last = stamp("1970-01-01T00:10:00Z", "a", 600.0);
+        let synced = stamp("2026-03-01T18:00:00Z", "a", 4200.0);
+        assert_eq!(begins(Some(&last), &synced, AFTER, AtBoot::ByClock), None);
+    }
+}

@@ -1,0 +1,195 @@
+//! A series being taken.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+
+use serde_json::{Map, Value};
+
+use super::chain;
+use super::root::Root;
+use crate::clock::Stamp;
+use crate::store::disk::{Disk, StoreError};
+use crate::store::format::chain::Event;
+use crate::store::format::manifest::{FrameEntry, JournalHead, JournalLine, SeriesManifest, Shot, State};
+use crate::store::format::{jsonl, layout, sha256};
+
+/// A frame to be stored.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NewFrame<'a> {
+    /// As the camera delivered it.
+    pub bytes: &'a [u8],
+    /// Of the file, without the dot.
+    pub extension: &'a str,
+    /// How to read the bytes, in the camera's words.
+    pub format: Value,
+    /// What the camera says of the shot.
+    pub settings: Map<String, Value>,
+}
+
+/// Series of this process in `incoming/`, which recovering leaves alone: each for as long as its name is held.
+#[derive(Default)]
+pub(super) struct UnderWay(Mutex<Vec<Weak<str>>>);
+
+impl UnderWay {
+    pub fn enter(&self, id: &str) -> Arc<str> {
+        let name: Arc<str> = id.into();
+        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        all.retain(|held| held.strong_count() > 0);
+        all.push(Arc::downgrade(&name));
+        name
+    }
+
+    pub fn has(&self, id: &str) -> bool {
+        let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        all.iter().filter_map(Weak::upgrade).any(|name| *name == *id)
+    }
+}
+
+/// A series in `incoming/`. Where it is dropped without being closed, or a call fails, it is
+/// recovered as an interrupted series before the next one begins.
+pub struct OpenSeries {
+    disk: Arc<dyn Disk>,
+    root: PathBuf,
+    folder: PathBuf,
+    /// Held until it is closed or dropped.
+    id: Arc<str>,
+    manifest: SeriesManifest,
+}
+
+impl OpenSeries {
+    /// Makes the folder with the head of its journal, both durable.
+    pub(crate) fn begin(
+        disk: Arc<dyn Disk>,
+        root: &Path,
+        id: Arc<str>,
+        head: JournalHead,
+    ) -> Result<Self, StoreError> {
+        let folder = layout::incoming(root, &id);
+        let incoming = root.join(layout::INCOMING);
+        disk.make_dir(&folder)?;
+        let manifest = SeriesManifest::begun(&id, head.clone());
+        let series = Self { disk, root: root.to_owned(), folder, id, manifest };
+        series.journal(&JournalLine::Head(head))?;
+        series.disk.sync(&series.folder)?;
+        series.disk.sync(&incoming)?;
+        Ok(series)
+    }
+
+    /// Its name.
+    pub fn id(&self) -> &str {
+        &self.id
+    }
+
+    /// Its flight's name.
+    pub fn flight(&self) -> &str {
+        &self.manifest.flight
+    }
+
+    /// Shots so far.
+    pub fn shots(&self) -> &[Shot] {
+        &self.manifest.shots
+    }
+
+    /// Notes the camera as it opened; the first note stays.
+    pub fn note_camera(&mut self, camera: Map<String, Value>) -> Result<(), StoreError> {
+        if !self.manifest.camera.is_empty() || camera.is_empty() {
+            return Ok(());
+        }
+        self.journal(&JournalLine::Camera(camera.clone()))?;
+        self.manifest.camera = camera;
+        Ok(())
+    }
+
+    /// Notes durably what a person should read: why the series is taken.
+    pub fn remark(&mut self, remark: &str) -> Result<(), StoreError> {
+        self.journal(&JournalLine::Remark(remark.to_owned()))?;
+        self.manifest.remarks.push(remark.to_owned());
+        Ok(())
+    }
+
+    /// Stores a shot, with its frame where there is one. When this returns the frame is durable:
+    /// its line in the journal (with the hash that tells a whole file), its bytes, its name.
+    pub fn add_shot(&mut self, mut shot: Shot, frame: Option<NewFrame<'_>>) -> Result<&Shot, StoreError> {
+        if let Some(frame) = &frame {
+            shot.frame = Some(FrameEntry {
+                file: layout::frame_name(shot.shot, frame.extension),
+                sha256: sha256(frame.bytes),
+                bytes: frame.bytes.len() as u64,
+                format: frame.format.clone(),
+                settings: frame.settings.clone(),
+            });
+        }
+        self.journal(&JournalLine::Shot(Box::new(shot.clone())))?;
+        if let (Some(frame), Some(entry)) = (frame, &shot.frame) {
+            self.write_frame(&entry.file, frame.bytes)?;
+        }
+        let index = self.manifest.shots.len();
+        self.manifest.shots.push(shot);
+        Ok(&self.manifest.shots[index])
+    }
+
+    /// Keeps the bytes of a bad frame under `partial/`; returns the name there.
+    pub fn set_aside(&self, shot: u32, attempt: usize, bytes: &[u8]) -> Result<String, StoreError> {
+        let name = format!("{}-{shot:04}-{attempt}.bad", self.id);
+        self.at().set_aside(&name, bytes)?;
+        Ok(name)
+    }
+
+    /// Writes the manifest and moves the folder to its flight by one rename.
+    pub(crate) fn close(self, state: State, ended: &Stamp, remarks: Vec<String>) -> Result<(), StoreError> {
+        let root = Root { disk: self.disk.as_ref(), path: &self.root };
+        let mut manifest = self.manifest;
+        if manifest.cause.is_beside() && manifest.planned_shots == 0 && state == State::Complete {
+            manifest.planned_shots = u32::try_from(manifest.shots.len()).unwrap_or(u32::MAX);
+        }
+        (manifest.state, manifest.ended) = (state, Some(ended.clone()));
+        manifest.remarks.extend(remarks);
+        write_manifest(root.disk, &self.folder, &manifest)?;
+        commit(root, &self.folder, &manifest)
+    }
+
+    fn at(&self) -> Root<'_> {
+        Root { disk: self.disk.as_ref(), path: &self.root }
+    }
+
+    fn journal(&self, line: &JournalLine) -> Result<(), StoreError> {
+        let path = self.folder.join(layout::JOURNAL_FILE);
+        let bytes = jsonl::line(line).map_err(StoreError::io(&path, "write"))?;
+        self.disk.append(&path, &bytes).map_err(StoreError::io(&path, "write"))
+    }
+
+    fn write_frame(&self, name: &str, bytes: &[u8]) -> Result<(), StoreError> {
+        let path = self.folder.join(name);
+        let part = self.folder.join(format!("{name}{}", layout::PART_ENDING));
+        self.disk.save(&part, bytes)?;
+        self.disk.rename(&part, &path).map_err(StoreError::io(&path, "name"))?;
+        self.disk.sync(&self.folder)
+    }
+}
+
+/// Writes `series.json` as a whole; from here on it is the truth and the journal is not.
+pub(super) fn write_manifest(
+    disk: &dyn Disk,
+    folder: &Path,
+    manifest: &SeriesManifest,
+) -> Result<(), StoreError> {
+    let path = folder.join(layout::SERIES_FILE);
+    let text = serde_json::to_vec_pretty(manifest).map_err(|e| StoreError::io(&path, "write")(e.into()))?;
+    disk.replace(&path, &text)
+}
+
+/// Notes the series in its flight's chain, removes the journal and moves the folder to its flight, durably.
+pub(super) fn commit(root: Root<'_>, folder: &Path, manifest: &SeriesManifest) -> Result<(), StoreError> {
+    let series = manifest.series.clone();
+    if root.has_evidence() {
+        let sha256 = sha256(&root.disk.load(&folder.join(layout::SERIES_FILE))?);
+        chain::note(root, &root.flight(&manifest.flight), Event::Series { series, sha256 })?;
+    }
+    let journal = folder.join(layout::JOURNAL_FILE);
+    if root.disk.exists(&journal) {
+        root.disk.remove(&journal)?;
+    }
+    // Without a journal too: its removal may not be on the medium yet.
+    root.disk.sync(folder)?;
+    root.disk.move_durably(folder, &layout::finished(root.path, &manifest.flight, &manifest.series))
+}

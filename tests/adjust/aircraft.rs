@@ -1,0 +1,213 @@
+//! Promise: what an aircraft does that a laboratory does not (docs/model.md) is in the standard deviations, or is rejected
+//! or remarked on. Drawn with exact geometry by `common::beam_truth::Aircraft`.
+
+use nalgebra::{Vector2, Vector3};
+use rand::Rng;
+use rand::rngs::StdRng;
+use wingd::measure::adjust::{self, GlobalTest, Mounting, Options, Solution};
+use wingd::measure::setup::{Setup, Uncertainty};
+
+use crate::common::beam_truth::{
+    Aircraft, Effects, Truth, When, median, normal3, random_wing, remounted, rms, rng,
+};
+
+const NOISE_PX: f64 = 0.05;
+const SURVEY_M: f64 = 0.002;
+
+/// How the camera was set up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum SetUp {
+    /// Remounted, widths as where an installation says nothing.
+    Default,
+    /// Remounted within half a millimetre, the wing known from good drawings.
+    Careful,
+    /// The camera stayed since the ground frame.
+    Stayed,
+    /// Remounted, four marks fixed to the cabin at 3 m.
+    Fixed,
+}
+
+const SET_UPS: [SetUp; 4] = [SetUp::Default, SetUp::Careful, SetUp::Stayed, SetUp::Fixed];
+
+impl SetUp {
+    fn widths(self) -> Uncertainty {
+        match self {
+            SetUp::Careful => Uncertainty {
+                mount_shift_m: 0.0005,
+                skin_height_sigma_m: 0.02,
+                root_offset_m: 0.05,
+                axis_chord_offset_m: 0.05,
+                span_direction_rad: 0.2f64.to_radians(),
+                ..Uncertainty::default()
+            },
+            _ => Uncertainty::default(),
+        }
+    }
+
+    fn truth(self, rng: &mut StdRng) -> Truth {
+        let truth = Truth::new(random_wing(rng), 21);
+        if self == SetUp::Fixed { truth.with_fixed_marks(4) } else { truth }
+    }
+
+    fn mounting(self, rng: &mut StdRng, setup: &Setup) -> (Vector3<f64>, Vector3<f64>) {
+        match self {
+            SetUp::Stayed => (Vector3::zeros(), Vector3::zeros()),
+            _ => (remounted(rng, setup), normal3(rng) * setup.uncertainty.mount_shift_m),
+        }
+    }
+}
+
+/// What one wing or flight shows.
+#[derive(Default)]
+struct Shown {
+    /// Errors of the lifts over their standard deviations: against the survey.
+    lift: Vec<f64>,
+    twist: Vec<f64>,
+    tip_sigma_m: Vec<f64>,
+    passed: Vec<f64>,
+}
+
+impl Shown {
+    fn add(&mut self, aircraft: &Aircraft, when: When, solution: &Solution) {
+        let lifts = aircraft.lifts_m(when);
+        for marker in solution.markers.iter().filter(|m| m.used) {
+            let Some((lift, truth)) = marker.lift_m.zip(lifts.get(marker.marker)) else { continue };
+            self.lift.push((lift.value - truth[0]) / lift.sigma.unwrap());
+        }
+        let twist = solution.torsion[0].twist_rad;
+        self.twist.extend(twist.map(|t| (t.value - aircraft.pair_twist_rad(when)) / t.sigma.unwrap()));
+        let sigmas = solution.markers.iter().filter_map(|m| m.lift_m?.sigma);
+        self.tip_sigma_m.push(sigmas.fold(0.0, f64::max));
+        self.passed.push(f64::from(solution.global_test == GlobalTest::Passed));
+    }
+}
+
+/// Draws wings or flights of so many frames with an effect each.
+fn draw(
+    seed: u64,
+    set_up: SetUp,
+    frames: usize,
+    wings: usize,
+    effects: impl Fn(&mut StdRng) -> Effects,
+) -> Shown {
+    let mut rng = rng(seed);
+    let mut shown = Shown::default();
+    for _ in 0..wings {
+        let effects = effects(&mut rng);
+        let truth = set_up.truth(&mut rng);
+        let aircraft = Aircraft::new(&mut rng, truth, effects);
+        let mut setup = aircraft.surveyed(&mut rng, SURVEY_M);
+        setup.uncertainty = set_up.widths();
+        let orientation = aircraft.orientation(&mut rng, NOISE_PX);
+        let (mount, shift) = set_up.mounting(&mut rng, &setup);
+        let fuel = aircraft.truth.fuel();
+        let whens: Vec<When> = (0..frames)
+            .map(|k| {
+                let share = k as f64 / (frames.max(2) - 1) as f64;
+                let lift_m = if frames == 1 { 2.9 } else { 3.2 - 1.2 * share };
+                When::Flight { lift_m, fuel: fuel * (1.0 - 0.24 * share) }
+            })
+            .collect();
+        let seen: Vec<_> = whens
+            .iter()
+            .map(|when| {
+                let drift = normal3(&mut rng) * setup.uncertainty.mount_drift_rad;
+                aircraft.frame(&mut rng, *when, (mount + drift, shift), NOISE_PX)
+            })
+            .collect();
+        let mounting = if set_up == SetUp::Stayed { Mounting::OfTheGround } else { Mounting::Numbered(0) };
+        let options = Options { mountings: Some(vec![mounting; frames]), ..Options::default() };
+        let solved = match frames {
+            1 => adjust::spatial(&setup, &orientation, &seen[0], &options).map(|s| vec![s]),
+            _ => adjust::flight(&setup, &orientation, &seen, &options),
+        };
+        for (when, solution) in whens.iter().zip(solved.expect("a solution")) {
+            shown.add(&aircraft, *when, &solution);
+        }
+    }
+    shown
+}
+
+/// A kind of effect: its name, and how one is drawn of its size at the magnitude that must hold.
+type Kind = (&'static str, fn(&mut StdRng, f64) -> Effects);
+
+fn sign(rng: &mut StdRng) -> f64 {
+    if rng.random::<bool>() { 1.0 } else { -1.0 }
+}
+
+const KINDS: [Kind; 23] = [
+    ("nothing", |_, _| Effects::default()),
+    ("bent on ground, 10 mm", |r, by| Effects { ground_bend_m: 0.010 * by * sign(r), ..Effects::default() }),
+    ("root turns, 0.2 mrad", |r, by| Effects {
+        root_turn_rad: Vector3::z() * (2e-4 * by * sign(r)),
+        ..Effects::default()
+    }),
+    ("root rises, 1 mm", |r, by| Effects {
+        root_shift_m: Vector3::y() * (0.001 * by * sign(r)),
+        ..Effects::default()
+    }),
+    ("skin bulges at the root, 0.5 mm", |r, by| Effects {
+        bulge_m: 5e-4 * by * sign(r),
+        ..Effects::default()
+    }),
+    ("skin at each marker, 0.3 mm", |_, by| Effects { skin_m: 3e-4 * by, ..Effects::default() }),
+    ("fixed marks rise, 0.5 mm", |r, by| Effects {
+        fixed_m: Vector3::y() * (5e-4 * by * sign(r)),
+        ..Effects::default()
+    }),
+    ("fixed marks move each, 0.5 mm", |_, by| Effects { fixed_each_m: 5e-4 * by, ..Effects::default() }),
+    ("flight scale, 2e-4", |r, by| Effects { flight_scale: 2e-4 * by * sign(r), ..Effects::default() }),
+    ("principal point, 0.3 px", |r, by| Effects {
+        principal_px: Vector2::new(sign(r), sign(r)) * (0.3 * by),
+        ..Effects::default()
+    }),
+    ("refraction, 2e-4", |_, by| Effects { refraction: 2e-4 * by, ..Effects::default() }),
+    ("bow, 30 m", |_, by| Effects { bow_per_m: by / 30.0, ..Effects::default() }),
+    ("in the plane, 20 mm", |r, by| Effects { in_plane_m: 0.020 * by * sign(r), ..Effects::default() }),
+    ("aileron, 1 degree", |r, by| Effects { aileron_rad: 0.0175 * by * sign(r), ..Effects::default() }),
+    ("vibration, 1 cm at 3 Hz, 30 ms", |_, by| Effects {
+        vibration: (0.01 * by, 3.0),
+        readout_s: 0.03,
+        ..Effects::default()
+    }),
+    ("shake, 0.03 mrad at 15 Hz, 30 ms", |_, by| Effects {
+        shake: (3e-5 * by, 15.0),
+        readout_s: 0.03,
+        ..Effects::default()
+    }),
+    ("entrance pupil, 10 mm", |r, by| Effects { pupil_m: 0.010 * by * sign(r), ..Effects::default() }),
+    ("survey's vertical, 0.1 degree", |r, by| Effects {
+        tilt_rad: Vector2::new(sign(r), sign(r)) * (0.1f64.to_radians() * by / 2f64.sqrt()),
+        ..Effects::default()
+    }),
+    ("torque, 1 degree", |r, by| Effects { torque_rad: 0.0175 * by * sign(r), ..Effects::default() }),
+    ("step of stiffness, 20 %", |r, by| Effects { step: 0.2 * by * sign(r), ..Effects::default() }),
+    ("kink, 1 mrad", |r, by| Effects { kink_rad: 1e-3 * by * sign(r), ..Effects::default() }),
+    ("engine, 10 %", |_, by| Effects { engine: 0.1 * by, ..Effects::default() }),
+    ("root moves out, 3 mm", |r, by| Effects {
+        root_shift_m: Vector3::x() * (0.003 * by * sign(r)),
+        ..Effects::default()
+    }),
+];
+
+/// The table of docs/model.md: run with `WINGS=100 FRAMES=5 TIMES=1` to taste.
+#[test]
+#[ignore = "minutes; a table for docs/model.md"]
+fn table_of_what_an_aircraft_does() {
+    let number = |name: &str, usual: f64| std::env::var(name).map_or(usual, |v| v.parse().expect("a number"));
+    let (wings, times) = (number("WINGS", 8.0) as usize, number("TIMES", 1.0));
+    for frames in [1, number("FRAMES", 5.0) as usize] {
+        for set_up in SET_UPS {
+            for (k, (name, kind)) in KINDS.iter().enumerate() {
+                let shown = draw(4000 + k as u64, set_up, frames, wings, |rng| kind(rng, times));
+                println!(
+                    "{frames:3} {set_up:?}: {name}: lift {:.2}, twist {:.2}, sigma of the tip {:.1} mm, passed {:.0} %",
+                    rms(&shown.lift),
+                    rms(&shown.twist),
+                    1e3 * median(&shown.tip_sigma_m),
+                    100.0 * shown.passed.iter().sum::<f64>() / shown.passed.len() as f64
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,316 @@
+//! Promise: a table of the aircraft's data is read as its program meant it, or named with the cause; what was taken in
+//! can be mended, added to and withdrawn, and the store keeps it all (fixtures/tables; docs/aircraft-data.md).
+
+use std::path::Path;
+use std::sync::OnceLock;
+
+use serde_json::Value;
+use wingd::store::RealDisk;
+use wingd::store::verify::verify;
+
+use crate::program::{fixture, outcome, run, stdout};
+
+/// The demonstration's store, made once: shots of f0001 are ten, two of them at 8 o'clock, when the tables are.
+fn demo() -> &'static Path {
+    static STORE: OnceLock<tempfile::TempDir> = OnceLock::new();
+    STORE
+        .get_or_init(|| {
+            let dir = tempfile::tempdir().unwrap();
+            stdout(&["demo", "--output", &dir.path().join("demo").to_string_lossy()]);
+            dir
+        })
+        .path()
+}
+
+/// A copy of it.
+pub fn store(to: &Path) -> String {
+    let copied = std::process::Command::new("cp").arg("-r").arg(demo().join("demo/store")).arg(to).status();
+    assert!(copied.unwrap().success());
+    to.join("store").to_string_lossy().into_owned()
+}
+
+fn table(name: &str) -> String {
+    fixture("tables").join(name).to_string_lossy().into_owned()
+}
+
+/// Exit status, the answer, and what was said besides.
+fn take(store: &str, file: &str, mapping: &str) -> (Option<i32>, Value, String) {
+    let done = run(&["aircraft-data", store, file, "--mapping", mapping, "--flight", "f0001", "--json"]);
+    let answer = serde_json::from_slice(&done.stdout).unwrap_or_default();
+    (done.status.code(), answer, String::from_utf8(done.stderr).unwrap())
+}
+
+fn frames(answer: &Value, quantity: &str) -> u64 {
+    let all = answer["quantities"].as_array().unwrap();
+    all.iter().find(|q| q["quantity"] == quantity).unwrap()["frames"].as_u64().unwrap()
+}
+
+/// A quantity at the flight's first frames: value and source.
+fn joined(store: &str, quantity: &str) -> Option<(f64, u64)> {
+    let lines = stdout(&["export", store, "--format", "jsonl"]);
+    let first: Value = serde_json::from_str(lines.lines().next().unwrap()).unwrap();
+    let told = &first["aircraft"][quantity];
+    Some((told["value"].as_f64()?, told["source"].as_u64()?))
+}
+
+#[test]
+fn every_table_that_can_be_read_is_read() {
+    for (name, mapping) in [
+        ("a-plain.csv", "map.toml"),
+        ("b-quoted.csv", "map.toml"),
+        ("b2-quoted-values.csv", "map.toml"),
+        ("d-tab-blank-first.tsv", "map-tab.toml"),
+        ("units-row.csv", "map.toml"),
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        let store = store(dir.path());
+        let (status, answer, said) = take(&store, &table(name), &table(mapping));
+        assert_eq!(
+            (status, &answer["read"], &answer["lines"]),
+            (Some(0), &120.into(), &120.into()),
+            "{name}: {said}"
+        );
+        assert_eq!((frames(&answer, "mach"), frames(&answer, "pressure_altitude_m")), (2, 2), "{name}");
+        assert_eq!(joined(&store, "mach"), Some((0.78, 1)), "{name}");
+        let altitude = joined(&store, "pressure_altitude_m").unwrap().0;
+        assert!((altitude - 10_668.0).abs() < 1e-6, "{name}: {altitude}");
+        assert!(verify(&RealDisk, Path::new(&store)).is_sound());
+    }
+}
+
+#[test]
+fn what_tells_no_frame_anything_is_named_and_not_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = store(dir.path());
+    for (name, cause) in [
+        ("c-decimal-comma.csv", "decimal commas (350,0); write decimal = \",\""),
+        ("e-excel-serial.csv", "a spreadsheet's day numbers (46174.333218)"),
+        ("f-epoch-ms.csv", "time_format = \"unix_ms\""),
+        ("g-seconds-of-day.csv", "time_format = \"seconds_of_day\", date = \"2026-06-01\""),
+        ("g2-gps-week-seconds.csv", "time_format = \"gps_seconds\""),
+        ("q2-compact-noT.csv", "time_format = \"compact\""),
+        ("v-text-values.csv", "texts for numbers (NCD)"),
+        ("z-otherday.csv", "its times are 2026-06-02T07:59:50Z"),
+    ] {
+        let (status, answer, said) = take(&store, &table(name), &table("map.toml"));
+        assert_eq!(status, Some(1), "{name}: {said}");
+        assert_eq!((frames(&answer, "mach"), &answer["source"]), (0, &Value::Null), "{name}");
+        assert!(said.contains("nothing is kept") && said.contains(cause), "{name}: {said}");
+    }
+    assert!(stdout(&["aircraft-data", &store, "--flight", "f0001", "--list"]).contains("0 sources"));
+}
+
+#[test]
+fn times_and_commas_that_the_mapping_states_are_converted() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = store(dir.path());
+    let written = std::fs::read_to_string(table("map.toml")).unwrap();
+    for (k, (name, more)) in [
+        ("c-decimal-comma.csv", "decimal = ','"),
+        ("e-excel-serial.csv", "time_format = 'excel_days'"),
+        ("f-epoch-ms.csv", "time_format = 'unix_ms'"),
+        ("g-seconds-of-day.csv", "time_format = 'seconds_of_day'\ndate = 2026-06-01"),
+        ("g-seconds-of-day.csv", "time_format = 'seconds_of_day'\ndate = '2026-06-01'"),
+        ("g2-gps-week-seconds.csv", "time_format = 'gps_seconds'"),
+        ("q2-compact-noT.csv", "time_format = 'compact'"),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let mapping = dir.path().join("map.toml");
+        std::fs::write(&mapping, format!("{more}\n{written}")).unwrap();
+        let (status, answer, said) = take(&store, &table(name), &mapping.to_string_lossy());
+        assert_eq!((status, frames(&answer, "mach")), (Some(0), 2), "{name}: {said}");
+        assert_eq!(joined(&store, "mach"), Some((0.78, k as u64 + 1)), "{name}");
+    }
+}
+
+#[test]
+fn iwg1_is_read_without_a_header_and_glued_records_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = store(dir.path());
+    for (name, records) in [("n-iwg1-noheader.txt", 120), ("o-iwg1-glued.txt", 119)] {
+        let (status, answer, said) = take(&store, &table(name), &table("iwg1.toml"));
+        assert_eq!(
+            (status, &answer["read"], frames(&answer, "mach")),
+            (Some(0), &records.into(), 2),
+            "{name}: {said}"
+        );
+        assert_eq!(said.contains("59 lines hold several records"), name.starts_with('o'), "{said}");
+        assert!((joined(&store, "pressure_altitude_m").unwrap().0 - 10_668.0).abs() < 1e-6);
+    }
+    let (status, _, said) = take(&store, &table("n-iwg1-noheader.txt"), &table("map-iwg1.toml"));
+    assert!(status == Some(78) && said.contains("write format = \"iwg1\""), "{said}");
+    let (status, _, said) = take(&store, &table("o-iwg1-glued.txt"), &table("map-iwg1.toml"));
+    assert!(status == Some(78) && said.contains("line 3: has 65 cells under a header of 33"), "{said}");
+}
+
+#[test]
+fn a_comma_within_quotes_shifts_no_column() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = store(dir.path());
+    let text = "UTC,PHASE,WEIGHT,FUEL\n2026-06-01T08:00:00Z,\"climb, flaps up\",71500,12000\n";
+    let file = dir.path().join("qar.csv");
+    std::fs::write(&file, text).unwrap();
+    let (status, answer, said) = take(&store, &file.to_string_lossy(), &table("map-wf.toml"));
+    assert!(status == Some(0) && frames(&answer, "weight_kg") > 0, "{said}");
+    assert_eq!(
+        (joined(&store, "weight_kg"), joined(&store, "fuel_kg")),
+        (Some((71_500.0, 1)), Some((12_000.0, 1)))
+    );
+    std::fs::write(&file, text.replace('"', "")).unwrap();
+    let (status, _, said) = take(&store, &file.to_string_lossy(), &table("map-wf.toml"));
+    assert!(status == Some(78) && said.contains("line 2: has 5 cells under a header of 4"), "{said}");
+}
+
+#[test]
+fn a_corrected_table_counts_more_quantities_join_and_a_source_can_be_withdrawn() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = store(dir.path());
+    let altitude = || joined(&store, "pressure_altitude_m").map(|(value, source)| (value.round(), source));
+    let plain = table("a-plain.csv");
+    assert_eq!(take(&store, &plain, &table("map-flwrong.toml")).0, Some(0));
+    assert_eq!((altitude(), joined(&store, "mach")), (Some((1067.0, 1)), None));
+    let (status, answer, _) = take(&store, &plain, &table("map-fl.toml"));
+    assert_eq!((status, &answer["quantities"][0]["replaced"]), (Some(0), &2.into()), "{answer}");
+    assert_eq!(altitude(), Some((10_668.0, 2)), "the corrected one counts");
+    assert_eq!(take(&store, &plain, &table("map.toml")).0, Some(0));
+    assert_eq!((altitude(), joined(&store, "mach")), (Some((10_668.0, 3)), Some((0.78, 3))));
+
+    let withdraw =
+        |source: &str| outcome(&["aircraft-data", &store, "--flight", "f0001", "--withdraw", source]);
+    for source in ["3", "2"] {
+        let (status, said) = withdraw(source);
+        assert!(status == Some(0) && said.contains("does not count any more"), "{said}");
+    }
+    assert_eq!((altitude(), joined(&store, "mach")), (Some((1067.0, 1)), None), "the first is there still");
+    assert!(withdraw("2").1.contains("withdrawn already") && withdraw("9").1.contains("has 3 sources"));
+    let list = stdout(&["aircraft-data", &store, "--flight", "f0001", "--list", "--json"]);
+    let list: Value = serde_json::from_str(&list).unwrap();
+    let of = |k: usize| &list["sources"][k];
+    assert_eq!(
+        (&of(0)["name"], &of(0)["lines"], &of(0)["withdrawn"]),
+        (&"a-plain.csv".into(), &120.into(), &Value::Null)
+    );
+    assert!(of(1)["withdrawn"].is_string() && of(2)["quantities"].as_array().unwrap().is_empty(), "{list}");
+
+    // Evidence: every file is in the chain, a changed withdrawal is found, and a copy has it all.
+    assert!(verify(&RealDisk, Path::new(&store)).is_sound());
+    let copy = dir.path().join("copy").to_string_lossy().into_owned();
+    stdout(&["copy", &store, &copy]);
+    let listed = |root: &str| stdout(&["aircraft-data", root, "--flight", "f0001", "--list", "--json"]);
+    assert_eq!(listed(&copy), listed(&store));
+    let flight = Path::new(&copy).join("flights/f0001");
+    let file = flight.join("aircraft-000004.jsonl");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let sums = std::fs::read_to_string(flight.join("SHA256SUMS")).unwrap();
+    assert!(text.contains("\"withdraws\":3") && sums.contains("aircraft-000004.jsonl"), "{text}{sums}");
+    std::fs::write(&file, text.replace("\"withdraws\":3", "\"withdraws\":1")).unwrap();
+    assert!(!verify(&RealDisk, Path::new(&copy)).is_sound());
+}
+
+#[test]
+fn units_and_headers_that_are_not_the_mappings_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = store(dir.path());
+    let (file, mapping) = (dir.path().join("qar.csv"), dir.path().join("map.toml"));
+    let attempt = |text: &str, map: &str| {
+        std::fs::write(&file, text).unwrap();
+        std::fs::write(&mapping, map).unwrap();
+        take(&store, &file.to_string_lossy(), &mapping.to_string_lossy())
+    };
+    let map = "time = 'UTC'\n[[column]]\nname = 'ALT'\nquantity = 'pressure_altitude_m'\n";
+    let row = "2026-06-01T08:00:00Z,10668\n";
+    for (text, map, words) in [
+        (format!("UTC,ALT\n-,ft\n{row}"), map.to_owned(), "line 2, ALT: is in ft"),
+        (format!("UTC,ALT\n-,kg\n{row}"), map.to_owned(), "no unit of pressure_altitude_m"),
+        (format!("UTC,ALT (ft)\n{row}"), map.replace("ALT", "ALT (ft)"), "write scale = 0.3048"),
+        (format!("UTC,ALT,ALT\n{row}"), map.to_owned(), "stands twice in the header"),
+        (format!("utc,ALT\n{row}"), map.to_owned(), "no line holds the column UTC"),
+        (format!("UTC;ALT\n{row}"), format!("separator = ','\n{map}"), "separated by ';', not by ','"),
+        (format!("UTC,ALT\n\"{row}"), map.to_owned(), "a quote is not closed"),
+        (
+            format!("UTC,ALT\n{row}"),
+            format!("{map}[[column]]\nname='x'\nquantity='pressure_altitude_m'\n"),
+            "twice",
+        ),
+        (
+            format!("UTC,ALT\n{row}"),
+            map.replace("'UTC'", "'UTC'\ntime_format = 'seconds_of_day'"),
+            "date: is missing",
+        ),
+        (format!("UTC,ALT\n{row}"), map.replace("'UTC'", "'UTC'\ndate = 'June'"), "is no date"),
+        (format!("UTC,ALT\n{row}"), map.replace("time = 'UTC'", "format = 'iwg1'"), "column.field"),
+    ] {
+        let (status, _, said) = attempt(&text, &map);
+        assert!(status == Some(78) && said.contains(words), "{words}: {said}");
+    }
+    for text in [
+        format!("sep=;\nUTC;ALT\n{}", row.replace(',', ";")),
+        format!("Flight 17\n\nUTC\tALT\n-\tm\n{}", row.replace(',', "\t")),
+        format!("UTC,ALT\n{row}2026-06-01T08:00:01Z,,,\n"),
+    ] {
+        let (status, answer, said) = attempt(&text, map);
+        assert!(status == Some(0) && frames(&answer, "pressure_altitude_m") > 0, "{text}: {said}");
+    }
+    // One quantity of two that reaches no frame is exit 1, and the other is kept.
+    let two = format!("{map}[[column]]\nname = 'M'\nquantity = 'mach'\n");
+    let (status, answer, said) = attempt("UTC,ALT,M\n2026-06-01T08:00:00Z,10668,NCD\n", &two);
+    assert!(
+        status == Some(1) && said.contains("texts for numbers (NCD)") && answer["source"].is_u64(),
+        "{said}"
+    );
+}
+
+/// An installation with another text for its survey.
+fn checked(survey: &str) -> (Option<i32>, String) {
+    let dir = tempfile::tempdir().unwrap();
+    for name in ["camera.toml", "installation.toml"] {
+        std::fs::copy(fixture("dev/installation").join(name), dir.path().join(name)).unwrap();
+    }
+    std::fs::write(dir.path().join("survey.csv"), survey).unwrap();
+    outcome(&["check", "--installation", &dir.path().to_string_lossy()])
+}
+
+#[test]
+fn one_cause_in_a_survey_is_one_fault() {
+    let sound = std::fs::read_to_string(fixture("dev/installation/survey.csv")).unwrap().replace('\r', "");
+    let (header, rows) = sound.split_once('\n').unwrap();
+    let decimal = rows.replacen("38.6089", "38,6089", 1);
+    for (survey, words) in [
+        (format!("sep=,\n{sound}"), "line 1: is a spreadsheet's separator line"),
+        (format!("{}\n{rows}", header.to_uppercase()), "write it in small letters: id,shape"),
+        (format!("a,b,c\n{rows}"), "line 1: is no header with id, shape"),
+        (sound.replace(',', ";"), "is separated by semicolons"),
+        (format!("{header}\n{decimal}"), "line 2: has 8 cells under a header of 7"),
+        (format!("{header},x_m\n{rows}"), "column x_m: stands twice"),
+        (format!("{header}\n\"{rows}"), "line 2: a quote is not closed"),
+    ] {
+        let (status, said) = checked(&survey);
+        assert!(
+            status == Some(78) && said.contains(words) && said.contains("1 fault to mend"),
+            "{words}: {said}"
+        );
+    }
+    let quoted = format!(
+        "{header},note\n{}",
+        rows.lines().map(|l| format!("{l},\"near, the rib\"\n")).collect::<String>()
+    );
+    assert_eq!(checked(&quoted).0, checked(&sound).0);
+}
+
+#[test]
+fn slips_of_the_pen_in_toml_are_named_with_the_mend() {
+    let dir = tempfile::tempdir().unwrap();
+    let main = dir.path().join("installation.toml");
+    let sound = std::fs::read_to_string(fixture("dev/installation/installation.toml")).unwrap();
+    let survey = sound.lines().find(|line| line.starts_with("survey")).unwrap();
+    for (line, words) in [
+        ("survey = \"C:\\wing\\survey.csv\"", "single quotes"),
+        ("survey = 2026-06-01", "is a date where a text or a number must be"),
+    ] {
+        std::fs::write(&main, sound.replace(survey, line)).unwrap();
+        let (status, said) = outcome(&["check", "--installation", &dir.path().to_string_lossy()]);
+        assert!(status == Some(78) && said.contains(words), "{words}: {said}");
+    }
+}

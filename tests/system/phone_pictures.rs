@@ -1,0 +1,129 @@
+//! Promise: pictures of phones and cameras are read as the sensor has them, or named (docs/interface.md, Frames).
+
+use std::path::Path;
+
+use image::{DynamicImage, GrayImage, ImageBuffer, Luma, Rgba};
+use wingd::pipeline::decode::decode;
+
+use crate::program::{fixture, outcome};
+
+fn jpeg() -> Vec<u8> {
+    std::fs::read(fixture("jpeg/baseline-2x1.jpg")).unwrap()
+}
+
+/// The JPEG with an Exif block that says how the picture is to be turned.
+fn with_orientation(orientation: u8) -> Vec<u8> {
+    let entry = [0x01, 0x12, 0, 3, 0, 0, 0, 1, 0, orientation, 0, 0];
+    let tiff = [b"MM\0*".as_slice(), &[0, 0, 0, 8, 0, 1], &entry, &[0; 4]].concat();
+    let length = u16::try_from(tiff.len() + 8).unwrap().to_be_bytes();
+    let jpeg = jpeg();
+    [&jpeg[..2], &[0xff, 0xe1], &length, b"Exif\0\0", &tiff, &jpeg[2..]].concat()
+}
+
+fn png(picture: impl Into<DynamicImage>) -> Vec<u8> {
+    let mut bytes = vec![];
+    picture.into().write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Png).unwrap();
+    bytes
+}
+
+/// A slope from black to white of 16 bits, down to its lower bits.
+fn slope(shift: u32) -> ImageBuffer<Luma<u16>, Vec<u16>> {
+    ImageBuffer::from_fn(64, 48, |x, _| Luma([((x * 1040) >> shift) as u16]))
+}
+
+#[test]
+fn an_orientation_tag_turns_nothing_and_what_follows_a_picture_is_not_read() {
+    let plain = decode(&jpeg(), None).unwrap();
+    for orientation in 1..=8 {
+        assert!(
+            decode(&with_orientation(orientation), None).unwrap().luma() == plain.luma(),
+            "{orientation}"
+        );
+    }
+    let other = std::fs::read(fixture("dev/frames/ground.jpg")).unwrap();
+    for behind in [&other[..], b"\0\0\0\x18ftypmp42 a film"] {
+        assert!(decode(&[&jpeg(), behind].concat(), None).unwrap().luma() == plain.luma());
+    }
+}
+
+#[test]
+fn sixteen_bits_are_read_by_their_upper_ones_and_named_where_those_are_empty() {
+    let grey = |bytes: &[u8]| decode(bytes, None).map(|r| r.luma()[63]);
+    // 63 x 1040 of 65535 is 254.9 of 255.
+    assert_eq!(grey(&png(slope(0))), Ok(255));
+    assert_eq!(grey(&png(slope(2))), Ok(64), "14 bits may be a dark picture");
+    let translucent = ImageBuffer::from_fn(64, 48, |x, _| Rgba([(4 * x) as u8; 4]));
+    assert_eq!(grey(&png(translucent)), Ok(252));
+    for (shift, bits) in [(4, 12), (6, 10)] {
+        let reason = grey(&png(slope(shift))).unwrap_err().to_string();
+        assert!(reason.contains(&format!("16 bits, of which {bits} are used")), "{reason}");
+    }
+    let black = GrayImage::new(64, 48);
+    assert_eq!(grey(&png(black)), Ok(0));
+    let samples: Vec<u8> = slope(6).into_raw().iter().flat_map(|v| v.to_be_bytes()).collect();
+    let ten_bits = [b"P5\n64 48\n1023\n".as_slice(), &samples].concat();
+    assert!(matches!(grey(&ten_bits), Ok(250..)), "a PNM that says so is of 10 bits: {:?}", grey(&ten_bits));
+}
+
+/// A TIFF of a reduced picture of 8 x 8, as a DNG begins with.
+fn raw_file() -> Vec<u8> {
+    let entry = |tag: u16, kind: u16, count: u32, value: u32| -> Vec<u8> {
+        [&tag.to_le_bytes()[..], &kind.to_le_bytes(), &count.to_le_bytes(), &value.to_le_bytes()].concat()
+    };
+    let entries = [
+        entry(254, 4, 1, 1),
+        entry(256, 3, 1, 8),
+        entry(257, 3, 1, 8),
+        entry(258, 3, 1, 8),
+        entry(259, 3, 1, 1),
+        entry(262, 3, 1, 1),
+        entry(273, 4, 1, 8),
+        entry(277, 3, 1, 1),
+        entry(278, 3, 1, 8),
+        entry(279, 4, 1, 64),
+    ];
+    let count = u16::try_from(entries.len()).unwrap().to_le_bytes();
+    [&b"II*\0\x48\0\0\0"[..], &[7; 64], &count, &entries.concat(), &[0; 4]].concat()
+}
+
+#[test]
+fn what_is_not_read_is_named_by_detect_and_calibrate() {
+    let folder = tempfile::tempdir().unwrap();
+    let board = folder.path().join("board.toml");
+    std::fs::write(&board, "pattern = \"checkerboard\"\ncolumns = 8\nrows = 6\nsquare_m = 0.025\n").unwrap();
+    let path = |file: &Path| file.to_string_lossy().into_owned();
+    for (name, bytes, words) in [
+        ("a.dng", raw_file(), "raw file"),
+        ("a.heic", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic, then \xff\xd8\xff a preview".to_vec(), "it is HEIC"),
+        (
+            "a.webp",
+            b"RIFF\x24\0\0\0WEBPVP8 and so on, not to be decoded".to_vec(),
+            "use JPEG, PNG, PNM or TIFF",
+        ),
+        ("ten.png", png(slope(6)), "16 bits, of which 10 are used"),
+    ] {
+        let file = folder.path().join(name);
+        std::fs::write(&file, bytes).unwrap();
+        let (status, said) = outcome(&["detect", "--json", &path(&file)]);
+        assert!(status == Some(1) && said.contains(words), "{name}: {said}");
+        let out = path(&folder.path().join("camera.toml"));
+        let (status, said) =
+            outcome(&["calibrate", "--board", &path(&board), "--output", &out, &path(&file)]);
+        assert!(status == Some(1) && said.contains(words) && said.contains(name), "{name}: {said}");
+    }
+}
+
+#[test]
+fn names_that_are_no_utf8_stay_told_apart() {
+    use std::os::unix::ffi::OsStrExt;
+    let folder = tempfile::tempdir().unwrap();
+    let names = [b"fl\xfcgel.jpg".as_slice(), b"fl\xe4gel.jpg"].map(std::ffi::OsStr::from_bytes);
+    let files = names.map(|name| folder.path().join(name));
+    files.iter().for_each(|file| std::fs::write(file, jpeg()).unwrap());
+    let mut detect = std::process::Command::new(env!("CARGO_BIN_EXE_wingd"));
+    let done = detect.args(["detect", "--json"]).args(&files).output().unwrap();
+    let said = String::from_utf8(done.stdout).unwrap();
+    let images =
+        said.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["image"].clone());
+    assert_eq!(images.collect::<Vec<_>>(), ["fl\\xfcgel.jpg", "fl\\xe4gel.jpg"]);
+}
