@@ -125,7 +125,7 @@ $(FLEET)/installed-%: fleet/pyproject.toml
 
 .PHONY: $(FLEET)/wingd
 $(FLEET)/wingd: dependencies
-	$(CARGO) build --release --locked --bins --test layers --features upload
+	$(CARGO) build --release --locked --bins --features upload
 	mkdir -p $(FLEET)
 	cp target/release/wingd $@
 
