@@ -127,7 +127,7 @@ $(FLEET)/installed-%: fleet/pyproject.toml
 
 .PHONY: $(FLEET)/wingd
 $(FLEET)/wingd: dependencies
-	$(CARGO) build --release --locked --bins --test layers --features upload
+	$(CARGO) build --release --locked --bins --features upload
 	mkdir -p $(FLEET)
 	strip -o $@ target/release/wingd
 
