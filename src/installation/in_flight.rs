@@ -24,10 +24,10 @@ pub(super) struct Vibrating {
 /// From a first row to a last one that any sensor takes, s.
 const LONGEST_READOUT_S: f64 = 1.0;
 
-/// As stated, with what is usual where nothing is. Several modes count as one: their velocities add up in squares.
+/// As stated; what is not stated does not happen. Several modes count as one: their velocities add up in squares.
 pub(super) fn widths(document: &Document) -> InFlight {
     let (survey, camera, wing, usual) =
-        (document.survey.as_ref(), &document.camera, &document.wing, InFlight::USUAL);
+        (document.survey.as_ref(), &document.camera, &document.wing, InFlight::NONE);
     let milli = |value: Option<f64>, usual: f64| value.map_or(usual, |v| 1e-3 * v);
     InFlight {
         ground_bend_m: survey.and_then(|s| s.bend_sigma_m).unwrap_or(usual.ground_bend_m),

@@ -204,7 +204,7 @@ pub struct InFlight {
 }
 
 impl InFlight {
-    /// What holds where an installation says nothing.
+    /// What an engineer would allow an airliner.
     pub const USUAL: Self = Self {
         ground_bend_m: 0.010,
         vertical_rad: 0.1 * std::f64::consts::PI / 180.0,
@@ -219,7 +219,7 @@ impl InFlight {
         shake: Vibration { amplitude: 3e-5, frequency_hz: 15.0 },
     };
 
-    /// Nothing of it: rendered scenes.
+    /// Nothing of it: rendered scenes, and installations that state nothing.
     pub const NONE: Self = Self {
         ground_bend_m: 0.0,
         vertical_rad: 0.0,
@@ -261,12 +261,12 @@ impl Default for Uncertainty {
     fn default() -> Self {
         Self {
             mount_shift_m: 0.002,
-            mount_drift_rad: 5e-5,
+            mount_drift_rad: 2e-5,
             skin_height_sigma_m: 0.1,
             root_offset_m: 0.3,
             axis_chord_offset_m: 0.3,
             span_direction_rad: 1f64.to_radians(),
-            in_flight: InFlight::USUAL,
+            in_flight: InFlight::NONE,
             lens: None,
         }
     }

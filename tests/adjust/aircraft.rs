@@ -5,7 +5,7 @@ use nalgebra::{Vector2, Vector3};
 use rand::Rng;
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, GlobalTest, MarkerSolution, Mounting, Options, Solution};
-use wingd::measure::setup::{Setup, Uncertainty};
+use wingd::measure::setup::{InFlight, Setup, Uncertainty};
 
 use crate::common::beam_truth::{
     Aircraft, Effects, Truth, When, median, normal3, random_wing, remounted, rms, rng,
@@ -31,6 +31,8 @@ const SET_UPS: [SetUp; 4] = [SetUp::Default, SetUp::Careful, SetUp::Stayed, SetU
 
 impl SetUp {
     fn widths(self) -> Uncertainty {
+        let usual =
+            Uncertainty { mount_drift_rad: 5e-5, in_flight: InFlight::USUAL, ..Uncertainty::default() };
         match self {
             SetUp::Careful => Uncertainty {
                 mount_shift_m: 0.0005,
@@ -38,9 +40,9 @@ impl SetUp {
                 root_offset_m: 0.05,
                 axis_chord_offset_m: 0.05,
                 span_direction_rad: 0.2f64.to_radians(),
-                ..Uncertainty::default()
+                ..usual
             },
-            _ => Uncertainty::default(),
+            _ => usual,
         }
     }
 
