@@ -112,7 +112,7 @@ pub fn since_boot_of_monotonic(at_s: f64) -> f64 {
 }
 
 /// systemd-timesyncd leaves this file when it has set the clock since boot, and other services may; it is the only sign
-/// where the kernel may not be asked, or is not told (chrony without `rtcsync`).
+/// where the kernel may not be asked, or is not informed (chrony without `rtcsync`).
 fn utc_was_set() -> bool {
     std::path::Path::new("/run/systemd/timesync/synchronized").exists()
 }
@@ -147,11 +147,6 @@ impl Simulated {
     pub fn new(boot_id: &str, utc: jiff::Timestamp, speed_up: Option<f64>) -> Self {
         let start = Stamp { utc, utc_synchronised: true, boot_id: boot_id.to_owned(), since_boot_s: 30.0 };
         Self::starting_at(&start, speed_up)
-    }
-
-    /// Sets UTC, as a time server does when the network comes up.
-    pub fn set_utc(&self, utc: jiff::Timestamp) {
-        self.with(|time| time.utc = utc);
     }
 
     fn with<T>(&self, f: impl FnOnce(&mut SimulatedTime) -> T) -> T {

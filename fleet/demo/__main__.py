@@ -117,6 +117,8 @@ def main(wingd: str, folder: Path) -> None:
         )
         ask("corrections")
         ask("report", "--solve", "recalibrated", "--against", "onboard", "--output", str(folder / "fleet.html"))
+    # The lake is of no use without its server.
+    shutil.rmtree(folder / "server")
     print(f"\nReport: {folder / 'fleet.html'} ({time.monotonic() - begun:.0f} s)")
 
 

@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import time
 from pathlib import Path
@@ -18,6 +19,8 @@ FACTOR = 1.001
 SERIES, INTERVAL_S, LIVE_HZ = 4, 3, 4
 # The invented aircraft: lift of the tip, m per t of weight times load factor, and at 60 t.
 SLOPE_M_PER_T, LIFT_AT_60_T_M = 0.060, 1.5
+# Of the simulated flight, kg.
+WEIGHT_KG = 72_000
 
 CONFIGURATION = """installation = "installation"
 [camera]
@@ -38,6 +41,14 @@ socket = "live.sock"
 [live.keep]
 ring_mb = 16
 jolt = false
+[live.aircraft_data]
+udp = "127.0.0.1:{port}"
+[[live.aircraft_data.column]]
+field = 34
+quantity = "weight_kg"
+[[live.aircraft_data.column]]
+field = 35
+quantity = "load_factor"
 """
 MAPPING = """time = "UTC"
 [[column]]
@@ -84,17 +95,29 @@ def fly(wingd: str, folder: Path, *simulated: str) -> Path:
 
 
 def recorded(wingd: str, folder: Path) -> None:
-    """Lets the recorder run over a folder's frames until it has its series."""
-    (folder / "wingd.toml").write_text(CONFIGURATION.format(interval=INTERVAL_S, rate=LIVE_HZ))
+    """Lets the recorder run over a folder's frames, beside a feed of aircraft data, until it has its series."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as feed:
+        feed.bind(("127.0.0.1", 0))
+        port = feed.getsockname()[1]
+    (folder / "wingd.toml").write_text(CONFIGURATION.format(interval=INTERVAL_S, rate=LIVE_HZ, port=port))
     recorder = subprocess.Popen(
         [wingd, "run", "--config", str(folder / "wingd.toml")], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
     end = time.monotonic() + 60 * INTERVAL_S
     while len(list(folder.glob("store/flights/*/*/results.jsonl"))) < SERIES and time.monotonic() < end:
+        tell(port)
         time.sleep(0.2)
     recorder.send_signal(signal.SIGINT)
     recorder.wait(60)
     call(wingd, "verify", str(folder / "store"))
+
+
+def tell(port: int) -> None:
+    """A line of the aircraft's data now: IWG1's 33 fields, then weight and load factor."""
+    tag = datetime.datetime.now(datetime.UTC).isoformat().replace("+00:00", "")
+    fields = ["IWG1", tag, *[""] * 9, "0.78", *[""] * 21, f"{WEIGHT_KG}", "1.0"]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as feed:
+        feed.sendto((",".join(fields) + "\r\n").encode(), ("127.0.0.1", port))
 
 
 def weigh(wingd: str, store: Path, off_m: float = 0.0) -> None:

@@ -9,7 +9,7 @@ import sys
 import pyarrow as pa
 import pytest
 
-from demo.prepare import call, fly, recorder_of
+from demo.prepare import WEIGHT_KG, call, fly, recorder_of
 from wingd_fleet import charts, engines, iceberg, parquet, records, report, snapshot, solves, synthesise, task
 from wingd_fleet.corrections import ATTRIBUTES
 from wingd_fleet.desk import Desk
@@ -162,6 +162,12 @@ def test_live_results_have_tables(wingd, tmp_path):
     markers = sum(name.startswith("u_") for name in header)
     assert desk.rows("SELECT count(DISTINCT marker) AS n FROM live_markers") == [{"n": markers}]
     assert desk.rows("SELECT results FROM live_by_flight") == [{"results": row["n"]}]
+    # The aircraft's data at the instant of each, and what it follows from, as of frames.
+    for table in ("live", "live_markers", "live_span", "shots"):
+        asked = f"SELECT count(weight_kg) > 0.5 * count(*) AS most, min(weight_kg) AS w, max(mach) AS m FROM {table}"
+        assert desk.rows(asked) == [{"most": True, "w": WEIGHT_KG, "m": 0.78}], table
+    asked = "SELECT count(DISTINCT program) AS p, count(inputs) = count(*) AS i FROM live WHERE status = 'ok'"
+    assert desk.rows(asked) == [{"p": 1, "i": True}]
     report.write(desk, tmp_path / "fleet.html", "onboard")
     assert "Live results" in (tmp_path / "fleet.html").read_text()
 

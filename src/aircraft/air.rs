@@ -1,4 +1,4 @@
-//! The air about the window and the wing's temperature from the aircraft's data.
+//! The air about the window and the wing's temperature follow from the aircraft's data.
 
 use super::Quantity;
 use super::join::{Joined, State};
@@ -71,19 +71,19 @@ mod tests {
 
     #[test]
     fn altitude_and_total_temperature_stand_in() {
-        let told = conditions(&state(&[
+        let found = conditions(&state(&[
             (Quantity::PressureAltitudeM, 11_277.6, 30.0),
             (Quantity::TotalTemperatureC, -30.1, 0.5),
             (Quantity::Mach, 0.78, 0.005),
         ]));
         // ICAO standard atmosphere at flight level 370: 216.6 hPa; 216.65 K.
-        let pressure = told.outside_pressure_hpa.unwrap();
+        let pressure = found.outside_pressure_hpa.unwrap();
         assert!((pressure.value - 216.6).abs() < 0.1 && (pressure.sigma.unwrap() - 1.02).abs() < 0.02);
-        let outside = told.outside_temperature_c.unwrap();
+        let outside = found.outside_temperature_c.unwrap();
         assert!((outside.value + 56.5).abs() < 0.1 && (0.4..0.8).contains(&outside.sigma.unwrap()));
-        let wing = told.wing_temperature_c.unwrap();
+        let wing = found.wing_temperature_c.unwrap();
         assert!((wing.value + 33.0).abs() < 0.3 && (7.0..7.1).contains(&wing.sigma.unwrap()), "{wing:?}");
-        assert_eq!(told.cabin_pressure_hpa, None);
+        assert_eq!(found.cabin_pressure_hpa, None);
     }
 
     #[test]

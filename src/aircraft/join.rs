@@ -66,7 +66,7 @@ pub struct Joined {
     pub value: f64,
     /// Its standard deviation: instrument, time, and what lies between the tags.
     pub sigma: f64,
-    /// From the frame to the nearest tag that tells it, s.
+    /// From the frame to the nearest tag with a value, s.
     pub apart_s: f64,
     /// The source that tells it, as `wingd aircraft-data --list` counts them; 0 in results that name none.
     #[serde(default)]
@@ -177,9 +177,9 @@ impl Source {
         let index = quantity.index();
         let place = self.samples.partition_point(|sample| sample.time_s <= time_s);
         let near = |sample: &&Sample| (sample.time_s - time_s).abs() <= WIDTH_S;
-        let told = |sample: &Sample| Some((sample.time_s, sample.values.get(index).copied().flatten()?));
-        let mut before = self.samples.get(..place)?.iter().rev().take_while(near).filter_map(told);
-        let mut after = self.samples.get(place..)?.iter().take_while(near).filter_map(told);
+        let value_of = |sample: &Sample| Some((sample.time_s, sample.values.get(index).copied().flatten()?));
+        let mut before = self.samples.get(..place)?.iter().rev().take_while(near).filter_map(value_of);
+        let mut after = self.samples.get(place..)?.iter().take_while(near).filter_map(value_of);
         let (value, rate, apart_s, held_s) = match (before.next(), after.next()) {
             (Some((t0, v0)), Some((t1, v1))) => {
                 let rate = (v1 - v0) / (t1 - t0);

@@ -1,4 +1,4 @@
-//! Where the fields of a line stand, and the line as a sample. Pure.
+//! A layout says where the fields of a line stand, and reads the line as a sample. Pure.
 
 use std::borrow::Cow;
 

@@ -1,4 +1,4 @@
-//! When a picture was taken by the camera's own clock.
+//! A picture says when it was taken, by the camera's own clock.
 
 use exif::{In, Reader, Tag, Value};
 

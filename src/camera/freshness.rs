@@ -1,4 +1,4 @@
-//! Whether a frame is a new one: a camera may answer well and deliver an old picture.
+//! A camera may answer well and deliver an old picture; its bytes and its name say whether a frame is new.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,14 +10,10 @@ use crate::camera::CameraError;
 /// How many frames are remembered. Two views of a real scene never agree in every byte.
 const REMEMBERED: usize = 16;
 
-/// The last frames of a camera. Clones share them, so that they outlive one camera object.
-#[derive(Clone, Debug)]
-pub struct Freshness(Arc<Mutex<Memory>>);
-
+/// The last frames, by their bytes.
 #[derive(Debug)]
-struct Memory {
+pub struct Freshness {
     hashes: VecDeque<[u8; 32]>,
-    last_name: Option<String>,
     remembered: usize,
 }
 
@@ -30,30 +26,39 @@ impl Default for Freshness {
 impl Freshness {
     /// Remembers so many frames.
     pub fn remembering(remembered: usize) -> Self {
-        Self(Arc::new(Mutex::new(Memory { hashes: VecDeque::new(), last_name: None, remembered })))
+        Self { hashes: VecDeque::new(), remembered }
     }
 
-    /// Accepts a frame that differs from all that are remembered. `name` is the camera's own name or
-    /// counter for the shot, where there is one: it must change too.
-    pub fn check(&self, bytes: &[u8], name: Option<&str>) -> Result<(), CameraError> {
+    /// Accepts a frame that differs from all that are remembered.
+    pub fn check(&mut self, bytes: &[u8]) -> Result<(), CameraError> {
         if bytes.is_empty() {
             return Err(CameraError::BadFrame("it is empty".to_owned()));
         }
-        let mut memory = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let hash: [u8; 32] = Sha256::digest(bytes).into();
-        if let Some(age) = memory.hashes.iter().position(|old| *old == hash) {
+        if let Some(age) = self.hashes.iter().position(|old| *old == hash) {
             return Err(CameraError::BadFrame(format!(
                 "it is the same, byte for byte, as the one taken {} before; the camera repeats itself",
                 if age == 0 { "just".to_owned() } else { format!("{} shots", age + 1) }
             )));
         }
-        if let Some(name) = name.filter(|name| memory.last_name.as_deref() == Some(name)) {
+        self.hashes.push_front(hash);
+        self.hashes.truncate(self.remembered);
+        Ok(())
+    }
+}
+
+/// The camera's own name for its last shot. Clones share it, so that it outlives one camera object.
+#[derive(Clone, Debug, Default)]
+pub struct LastName(Arc<Mutex<String>>);
+
+impl LastName {
+    /// Accepts a shot whose name differs from that of the one before.
+    pub fn check(&self, name: &str) -> Result<(), CameraError> {
+        let mut last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if *last == name {
             return Err(CameraError::BadFrame(format!("the camera names it {name}, as the shot before")));
         }
-        memory.hashes.push_front(hash);
-        let remembered = memory.remembered;
-        memory.hashes.truncate(remembered);
-        memory.last_name = name.map(str::to_owned);
+        name.clone_into(&mut last);
         Ok(())
     }
 }
@@ -64,12 +69,13 @@ mod tests {
 
     #[test]
     fn repeats_are_refused_and_new_frames_pass() {
-        let freshness = Freshness::default();
-        assert!(freshness.check(b"one", Some("1.jpg")).is_ok());
-        assert!(freshness.check(b"two", Some("1.jpg")).is_err(), "same name");
-        assert!(freshness.check(b"two", Some("2.jpg")).is_ok());
-        assert!(freshness.check(b"one", Some("3.jpg")).is_err(), "same bytes");
-        assert!(freshness.check(b"", None).is_err());
-        assert!(freshness.check(b"three", None).is_ok());
+        let mut freshness = Freshness::remembering(2);
+        assert!(freshness.check(b"one").is_ok() && freshness.check(b"two").is_ok());
+        assert!(freshness.check(b"one").is_err() && freshness.check(b"two").is_err());
+        assert!(freshness.check(b"").is_err() && freshness.check(b"three").is_ok());
+        assert!(freshness.check(b"one").is_ok(), "older than what is remembered");
+        let (name, of_a_new_camera) = (LastName::default(), LastName::default());
+        assert!(name.check("1.jpg").is_ok() && name.clone().check("1.jpg").is_err());
+        assert!(name.check("2.jpg").is_ok() && of_a_new_camera.check("2.jpg").is_ok());
     }
 }

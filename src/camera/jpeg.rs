@@ -1,4 +1,4 @@
-//! Whether a JPEG file is whole, without decoding it.
+//! A JPEG file is whole or not, which shows without decoding it.
 
 /// What a JPEG file lacks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -1,6 +1,9 @@
-//! Cameras: replay, V4L2, gphoto; the remote release.
+//! Cameras. One interface, [`Camera`], and what works behind it: files replayed, Video for Linux, a still camera on USB, and
+//! any of them on a remote release.
 
 pub mod deadline;
+#[cfg(any(feature = "v4l", feature = "gpio"))]
+mod delay;
 pub mod exif;
 pub mod freshness;
 #[cfg(feature = "gphoto")]
@@ -13,6 +16,7 @@ pub mod section;
 #[cfg(feature = "v4l")]
 pub mod v4l;
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use serde_json::{Map, Value};
@@ -105,8 +109,15 @@ pub enum CameraError {
     BadFrame(String),
 }
 
+impl CameraError {
+    /// Of a camera that is asked while it is not open.
+    pub fn closed() -> Self {
+        Self::Gone("the camera is not open".to_owned())
+    }
+}
+
 /// What a camera says of itself when opened.
-#[derive(Clone, Debug, PartialEq, Default)]
+#[derive(Clone, Debug, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct CameraInfo {
     /// Maker, model, serial number as far as known.
     pub name: String,
@@ -141,3 +152,6 @@ pub trait Camera: Send {
     /// Closes; errors are of no interest any more.
     fn close(&mut self);
 }
+
+/// Makes a camera, closed; called anew as often as one had to be given up.
+pub type CameraFactory = Arc<dyn Fn() -> Box<dyn Camera> + Send + Sync>;

@@ -1,13 +1,13 @@
-//! `[camera]` of the configuration: which camera, and how it is to be set.
+//! `[camera]` of the configuration says which camera there is, and how it is to be set.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use crate::camera::Camera;
-#[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
-use crate::camera::freshness::Freshness;
+use crate::camera::CameraFactory;
+#[cfg(any(feature = "gphoto", feature = "gpio"))]
+use crate::camera::freshness::LastName;
 use crate::camera::replay::{ReplayConfig, ReplayFactory};
 use crate::clock::Clock;
 use crate::installation::KeyFault;
@@ -28,9 +28,6 @@ pub enum CameraSection {
     #[cfg(feature = "gpio")]
     Release(crate::camera::release::ReleaseSection),
 }
-
-/// Makes the camera anew, as often as one had to be abandoned.
-pub type CameraFactory = Box<dyn Fn() -> Box<dyn Camera> + Send>;
 
 impl CameraSection {
     /// Every fault, at its key of the whole file.
@@ -57,50 +54,27 @@ impl CameraSection {
     }
 
     /// Nothing is touched before a camera is opened. The cameras of one factory remember the camera's name
-    /// for the last shot together; the recorder compares the bytes. `origin`: the time since boot from which a replay list counts.
+    /// for the last shot together; bytes are compared by the recorder. `origin`: the time since boot from which a replay list counts.
     pub fn factory(&self, clock: Arc<dyn Clock>, origin: Duration) -> CameraFactory {
-        #[cfg(any(feature = "v4l", feature = "gphoto", feature = "gpio"))]
-        let memory = Freshness::remembering(0);
+        #[cfg(any(feature = "gphoto", feature = "gpio"))]
+        let last = LastName::default();
         match self.clone() {
             Self::Replay(section) => {
                 let replay = ReplayFactory::new(section, clock, origin);
-                Box::new(move || Box::new(replay.make()))
+                Arc::new(move || Box::new(replay.make()))
             }
             #[cfg(feature = "v4l")]
-            Self::V4l(section) => Box::new(move || {
-                Box::new(crate::camera::v4l::V4lCamera::new(section.clone(), memory.clone()))
-            }),
+            Self::V4l(section) => {
+                Arc::new(move || Box::new(crate::camera::v4l::V4lCamera::new(section.clone())))
+            }
             #[cfg(feature = "gphoto")]
-            Self::Gphoto(section) => Box::new(move || {
-                Box::new(crate::camera::gphoto::GphotoCamera::new(section.clone(), memory.clone()))
+            Self::Gphoto(section) => Arc::new(move || {
+                Box::new(crate::camera::gphoto::GphotoCamera::new(section.clone(), last.clone()))
             }),
             #[cfg(feature = "gpio")]
-            Self::Release(section) => Box::new(move || {
-                Box::new(crate::camera::release::ReleaseCamera::new(section.clone(), memory.clone()))
+            Self::Release(section) => Arc::new(move || {
+                Box::new(crate::camera::release::ReleaseCamera::new(section.clone(), last.clone()))
             }),
         }
-    }
-}
-
-/// Longest delay that is believed, s.
-#[cfg(any(feature = "v4l", feature = "gpio"))]
-const LONGEST_DELAY_S: f64 = 10.0;
-
-/// What is wrong with a measured delay and its standard deviation.
-#[cfg(any(feature = "v4l", feature = "gpio"))]
-pub(crate) fn delay_fault(key: &str, seconds: Option<f64>, sigma_s: Option<f64>) -> Option<KeyFault> {
-    let mend = format!("give {key}_s and {key}_sigma_s together, measured, or leave both out");
-    match (seconds, sigma_s) {
-        (None, None) => None,
-        (Some(s), Some(sigma)) if s.abs() <= LONGEST_DELAY_S && (0.0..=LONGEST_DELAY_S).contains(&sigma) => {
-            None
-        }
-        (Some(s), Some(sigma)) => {
-            let mend = format!("give at most {LONGEST_DELAY_S} s, and a standard deviation of 0 or more");
-            let problem = format!("is {s} s with a standard deviation of {sigma} s");
-            Some(KeyFault::new(format!("{key}_s"), problem, mend))
-        }
-        (Some(_), None) => Some(KeyFault::new(format!("{key}_sigma_s"), "is missing", mend)),
-        (None, Some(_)) => Some(KeyFault::new(format!("{key}_s"), "is missing", mend)),
     }
 }

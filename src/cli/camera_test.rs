@@ -98,7 +98,7 @@ impl Bench<'_> {
             }
         }
         let frame = self.camera.shoot(self.deadline())?;
-        self.freshness.check(&frame.bytes, None)?;
+        self.freshness.check(&frame.bytes)?;
         self.save(&frame, "shot")?;
         Ok(frame)
     }

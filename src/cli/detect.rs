@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use image::codecs::png::PngEncoder;
+use nalgebra::Matrix2;
 use serde_json::{Map, Value, json};
 
 use super::{Done, Failure, frames, print};
 use crate::installation::Installation;
-use crate::measure::detect::{Detection, Rejected};
+use crate::measure::detect::{Detection, Rejected, Source};
 use crate::measure::raster::Raster;
 use crate::pipeline::{Sighting, recording, stages};
 use crate::record::Reason;
@@ -151,10 +152,20 @@ fn marker(id: Option<&str>, d: &Detection) -> Value {
         "v_px": d.centre_px.y,
         "sigma_u_px": d.covariance_px2[(0, 0)].max(0.0).sqrt(),
         "sigma_v_px": d.covariance_px2[(1, 1)].max(0.0).sqrt(),
+        "sigma_contributions": contributions(d),
         "semi_major_px": d.semi_major_px,
         "semi_minor_px": d.semi_minor_px,
         "angle_deg": d.angle_rad.to_degrees(),
     })
+}
+
+/// Why the standard deviations are as large as they are: the roots of the variances that they are the roots of the sums of.
+fn contributions(d: &Detection) -> Value {
+    let one = |(source, own): (Source, &Matrix2<f64>)| {
+        let [sigma_u_px, sigma_v_px] = [0, 1].map(|k| own[(k, k)].max(0.0).sqrt());
+        json!({ "source": source, "sigma_u_px": sigma_u_px, "sigma_v_px": sigma_v_px })
+    };
+    d.covariance_px2.contributions().map(one).collect()
 }
 
 fn rejected(r: &Rejected) -> Value {

@@ -93,7 +93,6 @@ pub fn run(
     solver: Option<Solver>,
     observer: Observer,
 ) -> Result<Status, Failure> {
-    let make = config.camera.factory(clock.clone(), origin);
     let Opened { store, recovery } = opened;
     let board = StatusBoard::new(clock.clone());
     let page = config.serve.as_ref().and_then(|serve| Page::open(serve, config, &board));
@@ -104,8 +103,8 @@ pub fn run(
         status: Some(config.status.clone()),
         store,
         recovery,
+        cameras: config.camera.factory(clock.clone(), origin),
         clock,
-        cameras: Box::new(move || Ok(make())),
         solver,
         observer,
     };
@@ -151,11 +150,10 @@ impl Page {
         let listener = std::net::TcpListener::bind(address).map_err(|e| NoPage::Bound(address, e))?;
         listener.set_nonblocking(true)?;
         let setup = config.installation.as_deref().map(installation::load_without_orientation);
-        let status = board.clone();
         let site = http::Site {
             root: config.store.path.clone(),
             setup: setup.and_then(Result::ok).map(|installation| installation.setup),
-            status: Some(Arc::new(move || serde_json::to_value(status.snapshot()).unwrap_or_default())),
+            status: Some(board.clone()),
             live: config.live.socket.clone(),
         };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();

@@ -1,4 +1,4 @@
-//! The instant of exposure, its middle, from what a driver or a wire tells of it (docs/time.md). Pure: times since boot in,
+//! The instant of exposure, its middle, from what a driver or a wire knows of it (docs/time.md). Pure: times since boot in,
 //! time since boot with its standard deviation out.
 
 use serde::{Deserialize, Serialize};
@@ -73,13 +73,13 @@ pub struct Instant {
     pub since_boot_s: f64,
     /// Standard deviation against this machine's clock, s.
     pub sigma_s: f64,
-    /// From the event that tells it, as it was taken to be, s.
+    /// From the event that determines it, as it was taken to be, s.
     pub delay_s: f64,
-    /// What it is told by.
+    /// What determines it.
     pub source: Source,
 }
 
-/// What tells the instant.
+/// What determines the instant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Source {
@@ -165,7 +165,7 @@ pub struct Exposure {
     pub exposure_since_boot_s: f64,
     /// Standard deviation against this machine's clock, s.
     pub exposure_sigma_s: f64,
-    /// What it is told by.
+    /// What determines it.
     pub exposure_source: Source,
     /// From the event that the source names to `exposure_time`, as it was configured or assumed, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -196,7 +196,7 @@ impl Exposure {
         }
     }
 
-    /// Where the camera tells nothing: between asking and delivery.
+    /// Where the camera knows nothing: between asking and delivery.
     pub fn asked(asked: &Stamp, delivered_since_boot_s: f64, clock: Quality) -> Self {
         let between = Evidence::Between { from_s: asked.since_boot_s, to_s: delivered_since_boot_s };
         let instant = Instant { source: Source::AskedAndDelivered, ..instant(&between) };
@@ -255,12 +255,12 @@ mod tests {
             since_boot_s: 50.0,
         };
         let clock = Quality::stated(true, 0.01, 0.003);
-        let told =
+        let instant =
             Instant { since_boot_s: 51.25, sigma_s: 0.004, delay_s: -0.05, source: Source::EndOfFrame };
-        let exposure = Exposure::new(&told, &stamp, clock);
+        let exposure = Exposure::new(&instant, &stamp, clock);
         assert_eq!(exposure.exposure_time, "2026-03-01T06:00:01.25Z".parse().unwrap());
         assert!((exposure.utc_sigma_s().unwrap() - 0.005).abs() < 1e-12);
-        let unknown = Exposure::new(&told, &stamp, Quality::unasked(false));
+        let unknown = Exposure::new(&instant, &stamp, Quality::unasked(false));
         assert_eq!(unknown.utc_sigma_s(), None);
         let asked = Exposure::asked(&stamp, 52.0, clock);
         assert_eq!((asked.exposure_since_boot_s, asked.exposure_source), (51.0, Source::AskedAndDelivered));
@@ -276,7 +276,7 @@ mod tests {
         ) {
             let (exposure, readout) = (exposure * period, readout * period);
             let middle = begin + 0.5 * exposure;
-            let within = |told: Instant| (told.since_boot_s - middle).abs() <= 3f64.sqrt() * 2f64.sqrt() * told.sigma_s + 1e-12;
+            let within = |found: Instant| (found.since_boot_s - middle).abs() <= 3f64.sqrt() * 2f64.sqrt() * found.sigma_s + 1e-12;
             let (period_s, delay) = (period, None);
             let end = begin + exposure + readout;
             for exposure_s in [None, Some(exposure)] {

@@ -1,4 +1,4 @@
-//! How far the kernel's UTC may be trusted: what the program that disciplines the clock told the kernel (`adjtimex`).
+//! How far the kernel's UTC may be trusted: what the program that disciplines the clock stated to the kernel (`adjtimex`).
 //! It is the same whether that is chrony or another NTP client, `phc2sys` behind PTP, or a receiver's pulses.
 
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! What others ask of the recorder.
+//! These are the wishes of others to the recorder.
 
 /// By way of a channel, whose other end is the recorder's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

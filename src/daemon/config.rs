@@ -1,4 +1,4 @@
-//! `[series]` of the configuration: when series are taken, and how long the camera has.
+//! `[series]` of the configuration says when series are taken, and how long the camera has.
 
 use std::time::Duration;
 
@@ -59,26 +59,19 @@ impl Default for SeriesConfig {
 impl SeriesConfig {
     /// Every fault, at its key of the whole file.
     pub fn faults(&self) -> Vec<KeyFault> {
-        let mut faults = Vec::new();
-        let mut must = |holds: bool, key: &str, problem: &str, mend: &str| {
-            if !holds {
-                faults.push(KeyFault::new(format!("series.{key}"), problem, mend));
-            }
-        };
-        let positive = "must be longer than 0";
-        must(!self.interval.is_zero(), "interval", positive, "for example \"1h\"");
-        must((1..=9999).contains(&self.shots), "shots", "must be 1 to 9999", "correct it");
-        must(!self.shot_deadline.is_zero(), "shot_deadline", positive, "for example \"20s\"");
-        must(!self.open_deadline.is_zero(), "open_deadline", positive, "for example \"30s\"");
-        must(self.retries <= 10, "retries", "must be at most 10", "correct it");
         let least = self.gap.saturating_mul(self.shots.saturating_sub(1));
-        must(
-            least < self.interval || self.interval.is_zero(),
-            "interval",
-            "is shorter than the series' gaps together",
-            "lengthen it, or lower shots or gap",
-        );
-        faults
+        let fits = least < self.interval || self.interval.is_zero();
+        let too_short = "is shorter than the series' gaps together";
+        let positive = "must be longer than 0";
+        let rules = [
+            (!self.interval.is_zero(), "interval", positive, "for example \"1h\""),
+            ((1..=9999).contains(&self.shots), "shots", "must be 1 to 9999", "correct it"),
+            (!self.shot_deadline.is_zero(), "shot_deadline", positive, "for example \"20s\""),
+            (!self.open_deadline.is_zero(), "open_deadline", positive, "for example \"30s\""),
+            (self.retries <= 10, "retries", "must be at most 10", "correct it"),
+            (fits, "interval", too_short, "lengthen it, or lower shots or gap"),
+        ];
+        KeyFault::broken("series", &rules)
     }
 
     /// When the series begin.

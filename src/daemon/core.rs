@@ -1,4 +1,5 @@
-//! What all of the daemon's threads work with.
+//! All of the daemon's threads work with these. Capturing goes before live solving on the processor, that before the solving
+//! of series, and that before what is only shown.
 
 use std::sync::Arc;
 
@@ -31,4 +32,15 @@ impl Core {
     ) -> std::io::Result<std::thread::JoinHandle<T>> {
         std::thread::Builder::new().name(name.to_owned()).spawn(work)
     }
+}
+
+/// Niceness of solving series while frames are solved live.
+pub(crate) const SERIES_NICE: i32 = 5;
+/// Niceness of what is only shown.
+pub(crate) const DISPLAY_NICE: i32 = 15;
+
+/// The calling thread gives way to those that are less nice. Best effort.
+pub(crate) fn give_way(nice: i32) {
+    // Of Linux: no process is named, and that is this thread.
+    let _ = rustix::process::setpriority_process(None, nice);
 }

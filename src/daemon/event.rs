@@ -1,4 +1,4 @@
-//! What a progress display is told of, and how.
+//! A progress display gets these events.
 
 use std::sync::Arc;
 

@@ -1,5 +1,4 @@
-//! A wish to stop, or word that the power fails, as all threads see it: what is under way is finished or given up by a
-//! stated time.
+//! All threads see here a wish to stop, or that the power fails: what is under way is finished or given up by a stated time.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};

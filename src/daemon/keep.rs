@@ -1,4 +1,4 @@
-//! The one place where a frame becomes a stored frame: of the timetable's series, of live mode, of a camera's card.
+//! Here alone a frame becomes a stored frame, whether it is of the timetable, of live mode or from a camera's card.
 
 use serde_json::Value;
 

@@ -1,5 +1,4 @@
-//! What the kernel says of the machine in the cabin: radios, temperatures, supply. Read from `/sys`; what is not there is
-//! not said.
+//! The kernel describes the machine in the cabin under `/sys`: its radios, temperatures and supplies.
 
 use std::path::Path;
 

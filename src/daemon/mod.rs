@@ -16,7 +16,7 @@
 //!
 //! | files | subject |
 //! |---|---|
-//! | `schedule`, `config`, `halt`, `command`, `pulse`, `machine`, `niceness`, `endpoint`, `event`, `solver` | vocabulary: when, how long, what is asked, what is said |
+//! | `schedule`, `config`, `halt`, `command`, `pulse`, `machine`, `endpoint`, `event`, `solver` | vocabulary: when, how long, what is asked, what is said |
 //! | `status` | the state in words and numbers, and the one definition of health |
 //! | `core`, `worker` | what all threads work with; a call on a thread, with a deadline, given up and counted |
 //! | `capture` | the camera, and of each frame whether it is good and when it was exposed |
@@ -36,7 +36,6 @@ mod halt;
 mod keep;
 pub mod live;
 pub mod machine;
-mod niceness;
 mod notes;
 pub mod power;
 mod processing;
@@ -50,7 +49,6 @@ mod status;
 mod worker;
 
 pub use aircraft::AircraftConfig;
-pub use capture::CameraFactory;
 pub use config::SeriesConfig;
 pub use event::{Event, Observer};
 pub use live::LiveConfig;

@@ -1,4 +1,4 @@
-//! What becomes of series and frames, said in one place to all who listen: the log, the status, the progress display.
+//! What becomes of series and frames is said here to all who listen: the log, the status, the progress display.
 
 use super::capture::STALE;
 use super::core::Core;

@@ -1,8 +1,6 @@
-//! The supply: a file or a GPIO line that says that it fails, a little before it does.
+//! A file or a GPIO line says that the supply fails, a little before it does.
 
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 use std::time::Duration;
 
@@ -115,37 +113,24 @@ impl Supply {
     }
 }
 
-/// Looks at the supply on a thread of its own until the program ends. Recording matters more than
+/// Looks at the supply on a thread of its own until the daemon ends. Recording matters more than
 /// knowing of the supply: what cannot be looked at is a fault in the status, and nothing stops for it.
-pub(crate) fn watch(core: &Core, config: &PowerConfig, commands: Sender<Command>) -> Option<Watch> {
-    let supply = match config.supply() {
-        Ok(None) => return None,
-        Ok(Some(supply)) => supply,
-        Err(error) => {
-            unwatched(core, &error);
-            return None;
+pub(crate) fn watch(core: &Core, config: &PowerConfig, commands: Sender<Command>) {
+    match config.supply() {
+        Ok(None) => {}
+        Ok(Some(supply)) => {
+            let watcher = Watcher { core: core.clone(), supply, hold_up: config.hold_up, commands };
+            if let Err(error) = Core::spawn("power", move || watcher.run()) {
+                unwatched(core, &error);
+            }
         }
-    };
-    let ended = Arc::new(AtomicBool::new(false));
-    let (core, hold_up) = (core.clone(), config.hold_up);
-    let watcher = Watcher { core, supply, hold_up, commands, ended: ended.clone() };
-    Core::spawn("power", move || watcher.run()).ok().map(|_| Watch { ended })
+        Err(error) => unwatched(core, &error),
+    }
 }
 
-fn unwatched(core: &Core, error: &Unseen) {
+fn unwatched(core: &Core, error: &dyn std::fmt::Display) {
     tracing::error!(%error, "the supply cannot be watched");
     core.board.fault(&format!("power: {error}"));
-}
-
-/// Dropped, and the thread ends.
-pub(crate) struct Watch {
-    ended: Arc<AtomicBool>,
-}
-
-impl Drop for Watch {
-    fn drop(&mut self) {
-        self.ended.store(true, Ordering::Relaxed);
-    }
 }
 
 struct Watcher {
@@ -153,13 +138,12 @@ struct Watcher {
     supply: Supply,
     hold_up: Duration,
     commands: Sender<Command>,
-    ended: Arc<AtomicBool>,
 }
 
 impl Watcher {
     fn run(self) {
         let (mut known, mut last, mut readable) = (false, false, true);
-        while !self.ended.load(Ordering::Relaxed) {
+        while !self.core.halt.ending() {
             match self.supply.fails() {
                 Ok(fails) => {
                     readable = true;

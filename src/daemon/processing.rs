@@ -1,17 +1,16 @@
-//! Solving the frames of series: the store is asked for frames without a result, so that a restart needs no other recovery
-//! of work.
+//! Solves the frames of series. The store is asked for frames without a result, so that a restart needs no other recovery of
+//! work.
 
 use std::sync::mpsc::Receiver;
 
 use serde_json::Value;
 
-use super::core::Core;
-use super::niceness::{SERIES_NICE, give_way};
+use super::core::{Core, SERIES_NICE, give_way};
 use super::solver::Solver;
 use super::status::Activity;
-use super::worker::{NoThread, Unanswered, Worker};
+use super::worker::{Unanswered, Worker};
 use crate::camera::Format;
-use crate::record::{ImageRecord, Method};
+use crate::record::{ImageRecord, Method, Reason};
 use crate::store::{FrameRef, StoreError};
 
 /// Beginnings of one frame after which the frame is taken to bring the program down.
@@ -113,7 +112,7 @@ impl Processing {
             Ok(record) => return Some(record),
             Err(why) => why?,
         };
-        Some(ImageRecord::failed(&file, Method::None, why))
+        Some(ImageRecord::failed(&file, Method::None, why.text()))
     }
 
     /// The solver's record, or why there is none; no reason where work is to be given up.
@@ -122,35 +121,34 @@ impl Processing {
         file: String,
         bytes: Vec<u8>,
         format: &Value,
-    ) -> Result<ImageRecord, Option<String>> {
-        let format = Format::of_manifest(format).map_err(|why| why.to_string())?;
-        if !self.worker.is_ready() {
-            let gives_way = self.gives_way;
-            let make = move || {
-                if gives_way {
-                    give_way(SERIES_NICE);
-                }
-                Some(())
-            };
-            self.worker.begin(make).map_err(|why| match why {
-                NoThread::TooManyHang => "solvers hang; solve it with `wingd solve`".to_owned(),
-                NoThread::Machine(error) => {
-                    format!("no thread to solve it on: {error}; solve it with `wingd solve`")
-                }
-            })?;
-        }
-        let (solve, deadline, board) = (self.solver.solve.clone(), self.solver.deadline, &self.core.board);
+    ) -> Result<ImageRecord, Option<Reason>> {
+        let format = Format::of_manifest(format).map_err(Reason::of)?;
+        let (solve, deadline, gives_way) = (self.solver.solve.clone(), self.solver.deadline, self.gives_way);
+        let make = move || {
+            if gives_way {
+                give_way(SERIES_NICE);
+            }
+            Some(())
+        };
+        let board = &self.core.board;
         let beat = || board.beat_processing(true);
-        let answer = self.worker.call(deadline, &beat, move |()| solve(&file, &bytes, &format));
-        let hangs = self.worker.given_up();
-        self.core.board.update(|status| status.counts.solver_hangs = hangs);
+        let answer = self.worker.call(deadline, &beat, make, move |()| solve(&file, &bytes, &format));
+        board.update(|status| status.counts.solver_hangs = self.worker.given_up());
         answer.map_err(|why| {
             let what = match why {
                 Unanswered::Halted(_) => return None,
-                Unanswered::Late => format!("the solver had no result after {deadline:?} and was given up"),
-                Unanswered::Broken => "the solver broke off on this frame".to_owned(),
+                Unanswered::TooManyHang => "solvers hang; solve it with `wingd solve`".to_owned(),
+                Unanswered::NoThread(error) => {
+                    format!("no thread to solve it on: {error}; solve it with `wingd solve`")
+                }
+                Unanswered::Late => format!(
+                    "the solver had no result after {deadline:?} and was given up; send the frame to the developers"
+                ),
+                Unanswered::Broken => {
+                    "the solver broke off on this frame; send the frame to the developers".to_owned()
+                }
             };
-            Some(format!("{what}; send the frame to the developers"))
+            Some(what.into())
         })
     }
 }

@@ -1,4 +1,4 @@
-//! What the watchdog goes by: every thread that has work must take steps.
+//! The watchdog goes by this: every thread that has work must take steps.
 
 /// Steps counted so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

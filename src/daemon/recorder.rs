@@ -1,4 +1,4 @@
-//! The recorder: waits for the schedule, takes series and, in live mode, frames between them. Every frame of a series is
+//! The recorder waits for the schedule, takes series and, in live mode, frames between them. Every frame of a series is
 //! stored before anything computes on it.
 
 use std::path::Path;

@@ -1,11 +1,11 @@
-//! The daemon's threads: begun together, ended within a stated time.
+//! The daemon's threads begin together and end within a stated time.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use super::capture::{CameraFactory, Capture};
+use super::capture::Capture;
 use super::command::Command;
 use super::config::SeriesConfig;
 use super::core::Core;
@@ -20,6 +20,7 @@ use super::socket::{self, StatusConfig};
 use super::solver::Solver;
 use super::status::{Status, StatusBoard};
 use super::{aircraft, endpoint, keep};
+use crate::camera::CameraFactory;
 use crate::clock::Clock;
 use crate::store::{Recovery, Store};
 
@@ -93,7 +94,7 @@ pub fn run(parts: Parts, board: &StatusBoard) -> Result<Status, DaemonError> {
     let (feeder, live, tap) = live::start(&core, &parts.live, track, source)
         .map_or((None, None, None), |(feeder, live, tap)| (Some(feeder), Some(live), Some(tap)));
     let processing = parts.solver.map(|solver| Processing::new(&core, solver, parts.live.on()));
-    let _watch = power::watch(&core, &parts.power, commands.clone());
+    power::watch(&core, &parts.power, commands.clone());
     let recorder = Recorder {
         core: core.clone(),
         capture: Capture::new(parts.cameras, &parts.series, &core),
@@ -112,6 +113,8 @@ pub fn run(parts: Parts, board: &StatusBoard) -> Result<Status, DaemonError> {
         result
     })?;
     let stopped = runtime.block_on(attend((parts.status, tap), &core, commands, stop_within, finished));
+    // The timetable may be over without anybody having asked for the end.
+    core.halt.end(stop_within);
     drop((feed, live));
     runtime.shutdown_background();
     if !stopped {

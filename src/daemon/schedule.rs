@@ -1,4 +1,4 @@
-//! When a series is due: a pure function of state and time.
+//! Whether a series is due is a pure function of state and time.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! The status socket: one command per line in, one line of JSON out (`metrics`: Prometheus text).
+//! The status socket takes one command per line and answers each with one line of JSON (`metrics`: Prometheus text).
 
 use std::io::{self, BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream as BlockingStream;
@@ -11,6 +11,7 @@ use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader as AsyncBufReader};
 use tokio::net::{UnixListener, UnixStream};
 
 use super::command::Command;
+use super::endpoint;
 use super::status::{StatusBoard, exposition};
 
 /// `[status]` of the configuration.
@@ -39,20 +40,13 @@ const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Answers clients for ever, each on its own task.
 pub(crate) async fn serve(listener: UnixListener, board: StatusBoard, recorder: Sender<Command>) {
-    loop {
-        match listener.accept().await {
-            Ok((stream, _)) => {
-                let (board, recorder) = (board.clone(), recorder.clone());
-                tokio::spawn(async move {
-                    let _ = tokio::time::timeout(PATIENCE, answer(stream, &board, &recorder)).await;
-                });
-            }
-            Err(error) => {
-                tracing::warn!(%error, "status socket");
-                tokio::time::sleep(PATIENCE).await;
-            }
-        }
-    }
+    let client = |stream| {
+        let (board, recorder) = (board.clone(), recorder.clone());
+        tokio::spawn(async move {
+            let _ = tokio::time::timeout(PATIENCE, answer(stream, &board, &recorder)).await;
+        });
+    };
+    endpoint::accept(listener, client).await;
 }
 
 async fn answer(mut stream: UnixStream, board: &StatusBoard, recorder: &Sender<Command>) -> io::Result<()> {

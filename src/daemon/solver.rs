@@ -1,4 +1,4 @@
-//! Solving as the daemon is handed it: it knows frames and records, and not how one becomes the other.
+//! The daemon is handed its solver: it knows frames and records, and not how one becomes the other.
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -1,10 +1,11 @@
-//! What may hang, on a thread of its own: a call that has not returned by its deadline is given up with its thread, and
-//! counted. The camera's driver, the solver of the series and that of live mode work so.
+//! A worker is a thread for calls that may hang. A call that has not returned by its deadline is given up with its thread,
+//! and counted. The camera's driver, the solver of series and that of live mode work so.
 
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
-use std::thread::{Builder, JoinHandle};
+use std::thread::JoinHandle;
 use std::time::Duration;
 
+use super::core::Core;
 use super::halt::Halt;
 
 /// The longest wait without a sign of life from who waits, and without a look at the halt. Machine time.
@@ -12,24 +13,19 @@ const BEAT: Duration = Duration::from_millis(50);
 
 type Call<S> = Box<dyn FnOnce(&mut S) + Send>;
 
-/// Why a call has no answer. Its thread is gone, and the next call needs another one.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Why a call has no answer. Where it was begun its thread is gone, and the next call begins another one.
+#[derive(Debug)]
 pub(crate) enum Unanswered {
+    /// As many threads hang as may: each holds a thread, at worst a core.
+    TooManyHang,
+    /// The machine gave no thread.
+    NoThread(std::io::Error),
     /// It had not returned by its deadline, and is counted.
     Late,
     /// wingd stops or the power fails, after this time.
     Halted(Duration),
     /// It panicked, or what it works on could not be made.
     Broken,
-}
-
-/// Why there is no thread.
-#[derive(Debug)]
-pub(crate) enum NoThread {
-    /// As many as may hang do: each holds a thread, at worst a core.
-    TooManyHang,
-    /// The machine gave none.
-    Machine(std::io::Error),
 }
 
 /// A thread with what the calls work on, of type `S`. It ends once it is let go of, after the call under way.
@@ -48,11 +44,6 @@ impl<S: 'static> Worker<S> {
         Self { name, most_hanging, halt, thread: None, left_behind: Vec::new(), given_up: 0 }
     }
 
-    /// Whether there is a thread for calls.
-    pub fn is_ready(&self) -> bool {
-        self.thread.is_some()
-    }
-
     /// Calls given up at their deadline so far.
     pub fn given_up(&self) -> u64 {
         self.given_up
@@ -68,31 +59,34 @@ impl<S: 'static> Worker<S> {
         self.thread = None;
     }
 
-    /// Begins a thread, on which `make` makes what the calls work on.
-    pub fn begin(&mut self, make: impl FnOnce() -> Option<S> + Send + 'static) -> Result<(), NoThread> {
+    fn begin(
+        &mut self,
+        make: impl FnOnce() -> Option<S> + Send + 'static,
+    ) -> Result<(Sender<Call<S>>, JoinHandle<()>), Unanswered> {
         self.left_behind.retain(|thread| !thread.is_finished());
         if self.left_behind.len() >= self.most_hanging {
-            return Err(NoThread::TooManyHang);
+            return Err(Unanswered::TooManyHang);
         }
         let (calls, inbox) = channel::<Call<S>>();
-        let thread = Builder::new().name(self.name.to_owned()).spawn(move || {
+        let thread = Core::spawn(self.name, move || {
             let Some(mut state) = make() else { return };
             while let Ok(call) = inbox.recv() {
                 call(&mut state);
             }
         });
-        self.thread = Some((calls, thread.map_err(NoThread::Machine)?));
-        Ok(())
+        Ok((calls, thread.map_err(Unanswered::NoThread)?))
     }
 
-    /// What `work` returns within `limit`, machine time; `beat` is called while it is waited for.
+    /// What `work` returns within `limit`, machine time; `beat` is called while it is waited for. Where there is no thread
+    /// one is begun, on which `make` makes what the calls work on.
     pub fn call<T: Send + 'static>(
         &mut self,
         limit: Duration,
         beat: &dyn Fn(),
+        make: impl FnOnce() -> Option<S> + Send + 'static,
         work: impl FnOnce(&mut S) -> T + Send + 'static,
     ) -> Result<T, Unanswered> {
-        let (calls, thread) = self.thread.take().ok_or(Unanswered::Broken)?;
+        let (calls, thread) = self.thread.take().map_or_else(|| self.begin(make), Ok)?;
         let (answer, answered) = channel();
         // Nobody waits any more for a call that was given up.
         let call: Call<S> = Box::new(move |state| drop(answer.send(work(state))));
@@ -121,6 +115,7 @@ impl<S: 'static> Worker<S> {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::panic)]
     use super::*;
     use std::thread::sleep;
 
@@ -128,47 +123,40 @@ mod tests {
     const LONG: Duration = Duration::from_secs(60);
 
     fn worker(most_hanging: usize) -> Worker<u32> {
-        let mut worker = Worker::new("test", most_hanging, Halt::default());
-        assert!(worker.begin(|| Some(7)).is_ok());
-        worker
+        Worker::new("test", most_hanging, Halt::default())
     }
 
-    fn hang(worker: &mut Worker<u32>) -> Result<(), Unanswered> {
-        worker.call(Duration::from_millis(1), &|| {}, |_| sleep(LONG))
+    fn count(worker: &mut Worker<u32>) -> Result<u32, Unanswered> {
+        let add = |state: &mut u32| {
+            *state += 1;
+            *state
+        };
+        worker.call(LONG, &|| {}, || Some(7), add)
+    }
+
+    fn hang(worker: &mut Worker<u32>, limit: Duration) -> Result<(), Unanswered> {
+        worker.call(limit, &|| {}, || Some(0), |_| sleep(LONG))
     }
 
     #[test]
     fn calls_share_a_state_and_one_that_panics_costs_its_thread_alone() {
         let mut worker = worker(1);
-        let add = |state: &mut u32| {
-            *state += 1;
-            *state
-        };
-        assert_eq!(worker.call(LONG, &|| {}, add), Ok(8));
-        assert_eq!(worker.call(LONG, &|| {}, add), Ok(9));
-        #[allow(clippy::panic)]
-        let broken = worker.call(LONG, &|| {}, |_| -> u32 { panic!("asked for by the test") });
-        assert_eq!(broken, Err(Unanswered::Broken));
-        assert!(!worker.is_ready() && worker.given_up() == 0);
-        assert!(worker.begin(|| None).is_ok());
-        assert_eq!(worker.call(LONG, &|| {}, add), Err(Unanswered::Broken));
+        assert!(matches!((count(&mut worker), count(&mut worker)), (Ok(8), Ok(9))));
+        let broken = worker.call(LONG, &|| {}, || None, |_| panic!("asked for by the test"));
+        assert!(matches!(broken, Err(Unanswered::Broken)));
+        assert!(matches!(worker.call(LONG, &|| {}, || None, |_| ()), Err(Unanswered::Broken)));
+        assert!(matches!(count(&mut worker), Ok(8)));
+        assert_eq!((worker.given_up(), worker.hanging()), (0, 0));
     }
 
     #[test]
-    fn what_hangs_is_given_up_and_counted_up_to_a_limit() {
+    fn what_hangs_is_given_up_and_counted_up_to_a_limit_and_a_halt_counts_nothing() {
         let mut worker = worker(2);
-        assert_eq!(hang(&mut worker), Err(Unanswered::Late));
+        assert!(matches!(hang(&mut worker, Duration::from_millis(1)), Err(Unanswered::Late)));
         assert_eq!((worker.given_up(), worker.hanging()), (1, 1));
-        assert!(worker.begin(|| Some(0)).is_ok());
-        assert_eq!(hang(&mut worker), Err(Unanswered::Late));
-        assert!(matches!(worker.begin(|| Some(0)), Err(NoThread::TooManyHang)));
-    }
-
-    #[test]
-    fn a_halt_gives_a_call_up_without_counting_it() {
-        let mut worker = worker(1);
         worker.halt.pause(Duration::ZERO);
-        assert!(matches!(worker.call(LONG, &|| {}, |_| sleep(LONG)), Err(Unanswered::Halted(_))));
-        assert_eq!((worker.given_up(), worker.hanging()), (0, 1));
+        assert!(matches!(hang(&mut worker, LONG), Err(Unanswered::Halted(_))));
+        assert_eq!((worker.given_up(), worker.hanging()), (1, 2));
+        assert!(matches!(count(&mut worker), Err(Unanswered::TooManyHang)));
     }
 }

@@ -1,12 +1,12 @@
-//! A flight as one tar archive, laid out beforehand: so it has a length, an ETag and ranges, and the
-//! same state gives the same bytes.
+//! A flight as one tar archive is laid out beforehand: so it has a length, an ETag and ranges, and the same state gives the
+//! same bytes.
 
 use axum::body::Bytes;
 use tokio::sync::OwnedSemaphorePermit;
 
 use super::Refusal;
 use super::send::{Content, Source};
-use crate::store::bundle::{self, Bundle, Item};
+use crate::store::bundle::{Bundle, Item};
 use crate::store::layout as store_layout;
 use crate::store::receive::Listing;
 
@@ -24,11 +24,7 @@ pub fn layout(
     for item in bundle.items {
         parts.push((BLOCK, Source::Bytes(head(&item, begun_s)?)));
         let padding = item.length.next_multiple_of(BLOCK) - item.length;
-        let source = match item.content {
-            bundle::Content::File(path) => Source::File(path),
-            bundle::Content::Bytes(bytes) => Source::Bytes(bytes.into()),
-        };
-        parts.push((item.length, source));
+        parts.push((item.length, item.content.into()));
         parts.push((padding, zeros(padding)));
     }
     parts.push((2 * BLOCK, zeros(2 * BLOCK)));
@@ -58,12 +54,8 @@ pub fn results(flight: &str, bundle: Bundle, permit: OwnedSemaphorePermit) -> Co
     let ours = |item: &Item| item.name.ends_with(store_layout::RESULTS_FILE);
     let items: Vec<Item> = bundle.items.into_iter().filter(ours).collect();
     let digests: String = items.iter().map(|item| format!("{}\n", item.sha256)).collect();
-    let part = |item: Item| match item.content {
-        bundle::Content::File(path) => (item.length, Source::File(path)),
-        bundle::Content::Bytes(bytes) => (item.length, Source::Bytes(bytes.into())),
-    };
     Content {
-        parts: items.into_iter().map(part).collect(),
+        parts: items.into_iter().map(|item| (item.length, item.content.into())).collect(),
         digest: crate::store::sha256(digests.as_bytes()),
         kind: "text/plain; charset=utf-8",
         save_as: Some(format!("{flight}-results.jsonl")),

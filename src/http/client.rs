@@ -1,4 +1,4 @@
-//! Requests to another wingd's page: one connection, every wait bounded.
+//! Another wingd's page is asked over one connection, with every wait bounded.
 
 use std::io;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! A flight from another wingd's page into a directory, resumed as often as the connection breaks.
+//! A flight comes from another wingd's page into a directory, resumed as often as the connection breaks.
 
 use std::io;
 use std::thread::sleep;
@@ -108,7 +108,7 @@ fn patiently<T>(mut ask: impl FnMut() -> Result<T, FetchError>) -> Result<T, Fet
 }
 
 /// Brings a flight here, all of it in one state. `thorough`: reads what is here already and brings
-/// what is damaged anew. `progress` is told the bytes there are and those that have come.
+/// what is damaged anew. `progress` gets the bytes there are and those that have come.
 pub fn flight(
     client: &mut Client,
     receiver: &Receiver,

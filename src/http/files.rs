@@ -1,4 +1,4 @@
-//! Names of a request -> files of the store, and their bytes.
+//! The names of a request lead to files of the store, and their bytes.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -33,8 +33,7 @@ pub fn check_frame(site: &Site, flight: &str, series: &str, file: &str) -> Resul
 
 /// A drawing.
 pub fn svg(text: String, digest: String) -> Content {
-    let parts = vec![(text.len() as u64, Source::Bytes(text.into()))];
-    Content { parts, digest, kind: "image/svg+xml", save_as: None, by_range: false, permit: None }
+    Content::one(text.len() as u64, Source::Bytes(text.into()), digest, "image/svg+xml", false)
 }
 
 /// The flight's own files: `flight.json`, its chain, its sums, the aircraft's data, live results.
@@ -76,8 +75,7 @@ fn frame(path: &Path, series: &SeriesRef, file: &str) -> Result<Content, Refusal
         Some("png") => "image/png",
         _ => "application/octet-stream",
     };
-    let parts = vec![(entry.bytes, Source::File(path.to_owned()))];
-    Ok(Content { parts, digest: entry.sha256, kind, save_as: None, by_range: true, permit: None })
+    Ok(Content::one(entry.bytes, Source::File(path.to_owned()), entry.sha256, kind, true))
 }
 
 /// A file that is read here, with its own digest.
@@ -85,8 +83,7 @@ fn small(path: &Path, kind: &'static str, by_range: bool) -> Result<Content, Ref
     let bytes =
         fs::read(path).map_err(|e| Refusal::Failed(format!("{}: could not read: {e}", path.display())))?;
     let digest = store::sha256(&bytes);
-    let parts = vec![(bytes.len() as u64, Source::Bytes(bytes.into()))];
-    Ok(Content { parts, digest, kind, save_as: None, by_range, permit: None })
+    Ok(Content::one(bytes.len() as u64, Source::Bytes(bytes.into()), digest, kind, by_range))
 }
 
 /// A regular file at exactly this place: no link on the way leads elsewhere.

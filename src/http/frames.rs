@@ -1,10 +1,9 @@
-//! Series and frames to look at: a series alone is read, and frames are drawn one at a time.
+//! Series and frames are looked at here: a series alone is read, and frames are drawn one at a time.
 
 use axum::extract::{Path, State};
-use axum::http::{HeaderMap, Method};
 use axum::response::{Html, Response};
 
-use super::{Context, Refusal, Site, blocking, files, pages, send};
+use super::{Context, Refusal, RequestHead, Site, blocking, files, pages, send};
 use crate::report::html::picture;
 use crate::report::{SeriesData, source};
 use crate::store::{RealDisk, heads, layout, sets};
@@ -44,40 +43,21 @@ pub(super) async fn frame(
     .await
 }
 
-/// Longer side of a small picture and of a large one, px.
-const THUMB: usize = 480;
-const LARGE: usize = 1600;
+/// Longer side of a small picture, px.
+pub(super) const THUMB: usize = 480;
+/// Longer side of a large picture, px.
+pub(super) const LARGE: usize = 1600;
 
-pub(super) async fn thumb(
-    state: Context,
-    path: Path<(String, String, String)>,
-    method: Method,
-    headers: HeaderMap,
-) -> Result<Response, Refusal> {
-    drawn(state, path, method, headers, THUMB).await
-}
-
-pub(super) async fn overlay(
-    state: Context,
-    path: Path<(String, String, String)>,
-    method: Method,
-    headers: HeaderMap,
-) -> Result<Response, Refusal> {
-    drawn(state, path, method, headers, LARGE).await
-}
-
-/// A frame with its markers, known by the digests of both: a browser that has it is told so without drawing.
-async fn drawn(
+/// A frame with its markers, known by the digests of both: a browser that has it learns so without drawing.
+pub(super) async fn drawn(
     State(shared): Context,
     Path((flight, series, name)): Path<(String, String, String)>,
-    method: Method,
-    headers: HeaderMap,
+    asked: RequestHead,
     largest: usize,
 ) -> Result<Response, Refusal> {
     let file = name.strip_suffix(".svg").ok_or(Refusal::NotFound)?.to_owned();
     // A frame takes tens of MB and of ms: one at a time, whoever asks.
     let _one_at_a_time = shared.pictures.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
-    let (asked, with) = (method.clone(), headers.clone());
     blocking(shared.clone(), move |site| {
         let (data, _) = one_series(site, &flight, &series)?;
         let shot = data.shots.iter().find(|s| s.image.as_deref() == Some(file.as_str()));
@@ -86,14 +66,14 @@ async fn drawn(
         let state =
             (shot.sha256.as_deref(), record.and(data.inputs.as_deref()), largest, env!("CARGO_PKG_VERSION"));
         let digest = crate::store::sha256(format!("{state:?}").as_bytes());
-        if send::is_known(&with, &digest) {
-            return files::svg(String::new(), digest).answer(&asked, &with);
+        if send::is_known(&asked.1, &digest) {
+            return files::svg(String::new(), digest).answer(&asked);
         }
         let path = files::check_frame(site, &flight, &series, &file)?;
         let bytes = std::fs::read(&path).map_err(|e| Refusal::Failed(format!("{}: {e}", path.display())))?;
         let drawn = picture::thumbnail(&bytes, shot.format.as_ref(), record, largest);
         let why = || Refusal::Failed(format!("{}: the frame cannot be read", path.display()));
-        files::svg(drawn.ok_or_else(why)?, digest).answer(&asked, &with)
+        files::svg(drawn.ok_or_else(why)?, digest).answer(&asked)
     })
     .await
 }

@@ -5,8 +5,6 @@
 use std::future::Future;
 use std::io;
 use std::path::Path;
-use std::pin::Pin;
-use std::task::{Context as Poller, Poll};
 use std::time::Duration;
 
 use axum::body::{Body, Bytes};
@@ -14,14 +12,14 @@ use axum::extract::State;
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{Html, IntoResponse, Response};
 use base64::Engine;
-use http_body::Frame;
 use serde::Deserialize;
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader, Lines};
 use tokio::net::UnixStream;
 use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
-use tokio::sync::mpsc::{Receiver, Sender, channel, error::TrySendError};
+use tokio::sync::mpsc::{Sender, channel, error::TrySendError};
 use tokio::sync::watch;
 
+use super::send::Chunks;
 use super::{Context, Refusal, pages};
 
 /// Browsers that may watch at a time.
@@ -30,7 +28,7 @@ pub(super) const WATCHERS: usize = 16;
 const WAITING: usize = 4;
 /// Before a recorder that is not there is called again.
 const AGAIN: Duration = Duration::from_secs(2);
-/// After so long without a result the browser is told that the line is open.
+/// After so long without a result the browser hears that the line is open.
 const SILENCE: Duration = Duration::from_secs(5);
 /// For a picture of the frame.
 const PICTURE_TIME: Duration = Duration::from_secs(5);
@@ -58,7 +56,7 @@ pub(super) async fn events(State(shared): Context) -> Result<Response, Refusal> 
         let _permit = permit;
         relay(&socket, &sender, closing).await;
     });
-    let mut response = Response::new(Body::new(Events(receiver)));
+    let mut response = Response::new(Body::new(Chunks(receiver)));
     response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static("text/event-stream"));
     Ok(response)
 }
@@ -113,7 +111,7 @@ fn picture(line: &str) -> Option<&str> {
 }
 
 /// Until the browser goes or the server stops.
-async fn relay(socket: &Path, to: &Sender<Bytes>, mut closing: watch::Receiver<bool>) {
+async fn relay(socket: &Path, to: &Sender<io::Result<Bytes>>, mut closing: watch::Receiver<bool>) {
     let work = async {
         while !to.is_closed() {
             let why = match listen(socket, to).await {
@@ -121,7 +119,7 @@ async fn relay(socket: &Path, to: &Sender<Bytes>, mut closing: watch::Receiver<b
                 Err(error) => format!("no recorder in live mode answers at {}: {error}", socket.display()),
             };
             let down = serde_json::json!({ "reason": why });
-            if to.send(format!("event: down\ndata: {down}\n\n").into()).await.is_err() {
+            if to.send(Ok(format!("event: down\ndata: {down}\n\n").into())).await.is_err() {
                 return;
             }
             tokio::time::sleep(AGAIN).await;
@@ -131,7 +129,7 @@ async fn relay(socket: &Path, to: &Sender<Bytes>, mut closing: watch::Receiver<b
 }
 
 /// `Ok`: the other side has ended, or the browser.
-async fn listen(socket: &Path, to: &Sender<Bytes>) -> io::Result<()> {
+async fn listen(socket: &Path, to: &Sender<io::Result<Bytes>>) -> io::Result<()> {
     // The writing half is kept: its end would be heard.
     let (mut lines, _write) = connect(socket).await?;
     loop {
@@ -143,31 +141,16 @@ async fn listen(socket: &Path, to: &Sender<Bytes>) -> io::Result<()> {
                 Some(line) => format!("data: {line}\n\n").into(),
             },
         };
-        if let Err(TrySendError::Closed(_)) = to.try_send(event) {
+        if let Err(TrySendError::Closed(_)) = to.try_send(Ok(event)) {
             return Ok(());
         }
-    }
-}
-
-/// The answer's body.
-struct Events(Receiver<Bytes>);
-
-impl http_body::Body for Events {
-    type Data = Bytes;
-    type Error = std::convert::Infallible;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Poller<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, Self::Error>>> {
-        self.0.poll_recv(context).map(|bytes| bytes.map(|bytes| Ok(Frame::data(bytes))))
     }
 }
 
 /// Pictures that are asked for at a time.
 pub(super) const PICTURES: usize = 4;
 
-/// The server stops: whoever is told ends.
+/// The server stops: whoever looks at the second ends.
 pub(super) fn stopping(
     shutdown: impl Future<Output = ()>,
 ) -> (impl Future<Output = ()>, watch::Receiver<bool>) {

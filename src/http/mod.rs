@@ -48,16 +48,16 @@ use tokio::net::TcpListener;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tower_http::set_header::SetResponseHeaderLayer;
 
+use crate::daemon::StatusBoard;
 use crate::measure::setup::Setup;
 use crate::report::html;
 use crate::report::overview;
 use crate::report::source::{self, Choice};
+use crate::store::bundle::{self, Bundle};
 use crate::store::receive::Listing;
-use crate::store::{RealDisk, StoreError, bundle, catalogue};
+use crate::store::{FlightRef, RealDisk, StoreError, catalogue};
 use access::Access;
-
-/// Asked for the daemon's state.
-pub type StatusSource = Arc<dyn Fn() -> Value + Send + Sync>;
+use send::Content;
 
 /// What is served.
 #[derive(Clone)]
@@ -67,7 +67,7 @@ pub struct Site {
     /// For the report's ground shape and lines of sight.
     pub setup: Option<Setup>,
     /// The daemon's state, where one runs.
-    pub status: Option<StatusSource>,
+    pub status: Option<StatusBoard>,
     /// Where a recorder in live mode gives out its results.
     pub live: Option<PathBuf>,
 }
@@ -75,7 +75,7 @@ pub struct Site {
 /// Archives that are streamed at once; a small computer records meanwhile.
 const ARCHIVES: usize = 2;
 
-/// For an archive's permit before a client is told to come again.
+/// For an archive's permit before a client is to come again.
 const PERMIT_TIME: Duration = Duration::from_secs(2);
 
 /// Reports that are made at once: each may take a flight's worth of memory.
@@ -97,6 +97,9 @@ struct Shared {
 }
 
 type Context = State<Arc<Shared>>;
+
+/// Method and headers of a request.
+type RequestHead = (Method, HeaderMap);
 
 /// Why there is no page.
 #[derive(Debug)]
@@ -157,8 +160,14 @@ fn router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Receiver
         .route("/flights/{flight}", get(flight))
         .route("/flights/{flight}/{series}", get(frames::series))
         .route("/frames/{flight}/{series}/{file}", get(frames::frame))
-        .route("/thumb/{flight}/{series}/{file}", get(frames::thumb))
-        .route("/overlay/{flight}/{series}/{file}", get(frames::overlay))
+        .route(
+            "/thumb/{flight}/{series}/{file}",
+            get(|state, path, asked| frames::drawn(state, path, asked, frames::THUMB)),
+        )
+        .route(
+            "/overlay/{flight}/{series}/{file}",
+            get(|state, path, asked| frames::drawn(state, path, asked, frames::LARGE)),
+        )
         .route("/results/{name}", get(results))
         .route("/files/{flight}/{file}", get(flight_file))
         .route("/files/{flight}/{series}/{file}", get(series_file))
@@ -214,42 +223,20 @@ async fn flight(
     .await
 }
 
-/// All results of a flight, one after the other.
-async fn results(
-    State(shared): Context,
-    Path(name): Path<String>,
-    method: Method,
-    headers: HeaderMap,
-) -> Result<Response, Refusal> {
-    let flight = name.strip_suffix(".jsonl").ok_or(Refusal::NotFound)?.to_owned();
-    let permit = permit(&shared).await?;
-    let content = blocking(shared, move |site| {
-        let found = files::check_flight(site, &flight)?;
-        let bundle = bundle::flight(&RealDisk, &site.root, &found)?;
-        Ok(archive::results(&flight, bundle, permit))
-    })
-    .await?;
-    content.answer(&method, &headers)
-}
-
 async fn flight_file(
     State(shared): Context,
     Path((flight, file)): Path<(String, String)>,
-    method: Method,
-    headers: HeaderMap,
+    asked: RequestHead,
 ) -> Result<Response, Refusal> {
-    let content = blocking(shared, move |site| files::in_flight(site, &flight, &file)).await?;
-    content.answer(&method, &headers)
+    blocking(shared, move |site| files::in_flight(site, &flight, &file)?.answer(&asked)).await
 }
 
 async fn series_file(
     State(shared): Context,
     Path((flight, series, file)): Path<(String, String, String)>,
-    method: Method,
-    headers: HeaderMap,
+    asked: RequestHead,
 ) -> Result<Response, Refusal> {
-    let content = blocking(shared, move |site| files::in_series(site, &flight, &series, &file)).await?;
-    content.answer(&method, &headers)
+    blocking(shared, move |site| files::in_series(site, &flight, &series, &file)?.answer(&asked)).await
 }
 
 /// One of the archives' permits. That of an answer that has just been sent comes back a moment later.
@@ -258,22 +245,42 @@ async fn permit(shared: &Shared) -> Result<OwnedSemaphorePermit, Refusal> {
     waiting.ok().and_then(Result::ok).ok_or(Refusal::Busy)
 }
 
+/// All files of a flight as one answer, which holds a permit while it is sent; the `name` ends like this.
+async fn bundled(
+    shared: Arc<Shared>,
+    (name, ending): (String, &str),
+    asked: RequestHead,
+    content: fn(&FlightRef, Bundle, OwnedSemaphorePermit) -> Result<Content, Refusal>,
+) -> Result<Response, Refusal> {
+    let flight = name.strip_suffix(ending).ok_or(Refusal::NotFound)?.to_owned();
+    let permit = permit(&shared).await?;
+    let work = move |site: &Site| {
+        let found = files::check_flight(site, &flight)?;
+        content(&found, bundle::flight(&RealDisk, &site.root, &found)?, permit)?.answer(&asked)
+    };
+    blocking(shared, work).await
+}
+
+/// All results of a flight, one after the other.
+async fn results(
+    State(shared): Context,
+    Path(name): Path<String>,
+    asked: RequestHead,
+) -> Result<Response, Refusal> {
+    let content = |flight: &FlightRef, bundle, permit| Ok(archive::results(&flight.id, bundle, permit));
+    bundled(shared, (name, ".jsonl"), asked, content).await
+}
+
 async fn tar(
     State(shared): Context,
     Path(name): Path<String>,
-    method: Method,
-    headers: HeaderMap,
+    asked: RequestHead,
 ) -> Result<Response, Refusal> {
-    let flight = name.strip_suffix(".tar").ok_or(Refusal::NotFound)?.to_owned();
-    let permit = permit(&shared).await?;
-    let content = blocking(shared, move |site| {
-        let found = files::check_flight(site, &flight)?;
-        let begun = catalogue::flight_manifest(&RealDisk, &found)?.started.utc.as_second();
-        let bundle = bundle::flight(&RealDisk, &site.root, &found)?;
-        archive::layout(&flight, bundle, u64::try_from(begun).unwrap_or(0), permit)
-    })
-    .await?;
-    content.answer(&method, &headers)
+    let content = |flight: &FlightRef, bundle, permit| {
+        let begun_s = catalogue::flight_manifest(&RealDisk, flight)?.started.utc.as_second();
+        archive::layout(&flight.id, bundle, u64::try_from(begun_s).unwrap_or(0), permit)
+    };
+    bundled(shared, (name, ".tar"), asked, content).await
 }
 
 async fn listing(State(shared): Context, Path(name): Path<String>) -> Result<Json<Listing>, Refusal> {

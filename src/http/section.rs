@@ -1,4 +1,4 @@
-//! `[serve]` of the configuration: where the page is, and who gets in.
+//! `[serve]` of the configuration says where the page is, and who gets in.
 
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
@@ -62,7 +62,7 @@ impl ServeConfig {
             );
         }
         let tls = match (&self.certificate, &self.key) {
-            (Some(certificate), Some(key)) => tls::server(certificate, key)
+            (Some(certificate), Some(key)) => tls::acceptor(certificate, key)
                 .map_err(|(file, (what, mend))| {
                     fault("certificate", format!("{} {what}", file.display()), mend)
                 })

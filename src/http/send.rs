@@ -1,7 +1,7 @@
-//! Bytes of files as an answer: of known length, with a strong ETag, by range.
+//! Bytes of files are an answer of known length, with a strong ETag, by range.
 
 use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom};
+use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::PathBuf;
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -13,7 +13,8 @@ use http_body::Frame;
 use tokio::sync::OwnedSemaphorePermit;
 use tokio::sync::mpsc::{Receiver, Sender, channel};
 
-use super::Refusal;
+use super::{Refusal, RequestHead};
+use crate::store::bundle;
 
 const CHUNK: usize = 256 * 1024;
 
@@ -24,6 +25,15 @@ pub enum Source {
     File(PathBuf),
     /// These bytes.
     Bytes(Bytes),
+}
+
+impl From<bundle::Content> for Source {
+    fn from(content: bundle::Content) -> Self {
+        match content {
+            bundle::Content::File(path) => Self::File(path),
+            bundle::Content::Bytes(bytes) => Self::Bytes(bytes.into()),
+        }
+    }
 }
 
 /// What is sent: stretches with their lengths, one after the other.
@@ -43,12 +53,17 @@ pub struct Content {
 }
 
 impl Content {
+    /// One stretch.
+    pub fn one(length: u64, source: Source, digest: String, kind: &'static str, by_range: bool) -> Self {
+        Self { parts: vec![(length, source)], digest, kind, save_as: None, by_range, permit: None }
+    }
+
     fn length(&self) -> u64 {
         self.parts.iter().map(|(length, _)| length).sum()
     }
 
     /// The answer to a request with this method and these headers.
-    pub fn answer(self, method: &Method, headers: &HeaderMap) -> Result<Response, Refusal> {
+    pub fn answer(self, (method, headers): &RequestHead) -> Result<Response, Refusal> {
         let (length, etag) = (self.length(), format!("\"{}\"", self.digest));
         if matches(headers, header::IF_NONE_MATCH, &etag) {
             return self.head(StatusCode::NOT_MODIFIED, &etag, None, None);
@@ -187,77 +202,53 @@ fn part(range: &str, length: u64) -> Option<Asked> {
 
 /// Sends the bytes from `from` to `to`; waits while the client is slow.
 fn write(parts: &[(u64, Source)], from: u64, to: u64, sender: &Sender<io::Result<Bytes>>) -> io::Result<()> {
-    let mut chunks = Chunker { sender, buffer: Vec::with_capacity(CHUNK) };
+    let mut out = BufWriter::with_capacity(CHUNK, Client(sender));
     let mut begin = 0;
     for (length, source) in parts {
         let end = begin + length;
         let (first, last) = (from.max(begin), to.min(end));
         if first < last {
-            stretch(source, first - begin, last - begin, &mut chunks)?;
+            stretch(source, first - begin, last - begin, &mut out)?;
         }
         begin = end;
     }
-    chunks.flush()
+    out.flush()
 }
 
-fn stretch(source: &Source, from: u64, to: u64, chunks: &mut Chunker<'_>) -> io::Result<()> {
+/// Exactly these bytes of a stretch; where there are fewer, that is an error.
+fn stretch(source: &Source, from: u64, to: u64, out: &mut impl Write) -> io::Result<()> {
     match source {
         Source::Bytes(bytes) => {
-            let range =
-                usize::try_from(from).unwrap_or(usize::MAX)..usize::try_from(to).unwrap_or(usize::MAX);
-            chunks.add(bytes.get(range).ok_or(io::ErrorKind::UnexpectedEof)?)
+            let place = |at: u64| usize::try_from(at).unwrap_or(usize::MAX);
+            out.write_all(bytes.get(place(from)..place(to)).ok_or(io::ErrorKind::UnexpectedEof)?)
         }
         Source::File(path) => {
             let named = |e: io::Error| io::Error::new(e.kind(), format!("{}: {e}", path.display()));
             let mut file = File::open(path).map_err(named)?;
             file.seek(SeekFrom::Start(from)).map_err(named)?;
-            chunks.copy(file, to - from).map_err(named)
+            let copied = io::copy(&mut file.take(to - from), out).map_err(named)?;
+            if copied < to - from { Err(named(io::ErrorKind::UnexpectedEof.into())) } else { Ok(()) }
         }
     }
 }
 
-/// Collects small pieces.
-struct Chunker<'a> {
-    sender: &'a Sender<io::Result<Bytes>>,
-    buffer: Vec<u8>,
-}
+/// Takes chunks for the client, and waits while it is slow.
+struct Client<'a>(&'a Sender<io::Result<Bytes>>);
 
-impl Chunker<'_> {
-    fn add(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.buffer.extend_from_slice(bytes);
-        if self.buffer.len() >= CHUNK { self.flush() } else { Ok(()) }
-    }
-
-    /// Exactly `length` bytes; fewer are an error.
-    fn copy(&mut self, file: File, length: u64) -> io::Result<()> {
-        let mut left = length;
-        let mut file = file.take(length);
-        while left > 0 {
-            let room = CHUNK.saturating_sub(self.buffer.len()).max(1);
-            let read = file.by_ref().take(room as u64).read_to_end(&mut self.buffer)?;
-            if read == 0 {
-                return Err(io::ErrorKind::UnexpectedEof.into());
-            }
-            left -= read as u64;
-            if self.buffer.len() >= CHUNK {
-                self.flush()?;
-            }
-        }
-        Ok(())
+impl Write for Client<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let gone = |_| io::Error::new(io::ErrorKind::BrokenPipe, "the client went away");
+        self.0.blocking_send(Ok(Bytes::copy_from_slice(bytes))).map_err(gone)?;
+        Ok(bytes.len())
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        if self.buffer.is_empty() {
-            return Ok(());
-        }
-        let chunk = std::mem::replace(&mut self.buffer, Vec::with_capacity(CHUNK));
-        let gone = |_| io::Error::new(io::ErrorKind::BrokenPipe, "the client went away");
-        self.sender.blocking_send(Ok(chunk.into())).map_err(gone)
+        Ok(())
     }
 }
 
-/// The answer's body.
-struct Chunks(Receiver<io::Result<Bytes>>);
+/// An answer's body, as its chunks come.
+pub(super) struct Chunks(pub Receiver<io::Result<Bytes>>);
 
 impl http_body::Body for Chunks {
     type Data = Bytes;

@@ -1,13 +1,11 @@
-//! TLS with the installation's own certificate.
-
-use std::path::Path;
+//! Pages come by TLS with the installation's own certificate.
 
 /// What went wrong with a file, and the mend.
 pub type Complaint = (String, String);
 
 #[cfg(feature = "tls")]
 mod with_rustls {
-    use std::path::Path;
+    use std::path::{Path, PathBuf};
     use std::sync::Arc;
 
     use tokio_rustls::rustls::crypto::{CryptoProvider, ring};
@@ -32,12 +30,12 @@ mod with_rustls {
         }
     }
 
-    /// The server's side.
-    pub fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, (bool, Complaint)> {
-        let chain = certificates(certificate).map_err(|complaint| (false, complaint))?;
+    /// The server's side; the complaint comes with the file that it is of.
+    pub fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, (PathBuf, Complaint)> {
+        let chain = certificates(certificate).map_err(|complaint| (certificate.to_owned(), complaint))?;
         let of_key = |problem: String| {
             let mend = "give the certificate's private key in PEM, readable by the user that runs wingd";
-            (true, (problem, mend.to_owned()))
+            (key.to_owned(), (problem, mend.to_owned()))
         };
         let key = PrivateKeyDer::from_pem_file(key);
         let key = key.map_err(|error| of_key(format!("cannot be read as private key ({error})")))?;
@@ -69,7 +67,7 @@ pub use with_rustls::{acceptor, connector};
 
 #[cfg(not(feature = "tls"))]
 mod without {
-    use std::path::Path;
+    use std::path::{Path, PathBuf};
 
     use super::Complaint;
 
@@ -85,8 +83,8 @@ mod without {
     }
 
     /// The server's side.
-    pub fn acceptor(_: &Path, _: &Path) -> Result<TlsAcceptor, (bool, Complaint)> {
-        Err((false, none()))
+    pub fn acceptor(certificate: &Path, _: &Path) -> Result<TlsAcceptor, (PathBuf, Complaint)> {
+        Err((certificate.to_owned(), none()))
     }
 
     /// The client's side.
@@ -97,11 +95,3 @@ mod without {
 
 #[cfg(not(feature = "tls"))]
 pub use without::{TlsAcceptor, TlsConnector, acceptor, connector};
-
-/// Reads certificate and key; the complaint names the file.
-pub fn server(certificate: &Path, key: &Path) -> Result<TlsAcceptor, (std::path::PathBuf, Complaint)> {
-    acceptor(certificate, key).map_err(|(of_key, complaint)| {
-        let file = if of_key { key } else { certificate };
-        (file.to_owned(), complaint)
-    })
-}

@@ -175,9 +175,7 @@ fn check_inverse(reader: &mut Reader, file: &Path, lens: &Lens) {
 /// Writes `camera.toml` with what the calibration found.
 pub fn write_camera(file: &Path, lens: &Lens, report: Option<&CalibrationReport>) -> std::io::Result<()> {
     let mut text = format!("width = {}\nheight = {}\n", lens.width, lens.height);
-    let names = ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "p1", "p2"];
-    let values = [lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.k3, lens.p1, lens.p2];
-    for (name, value) in names.iter().zip(values) {
+    for (name, value) in Lens::PARAMETERS.iter().zip(&lens.parameters()) {
         let _ = writeln!(text, "{name} = {value:?}");
     }
     if lens.denominator != [0.0; 3] {
@@ -200,8 +198,11 @@ pub fn write_camera(file: &Path, lens: &Lens, report: Option<&CalibrationReport>
         if let Some(halves) = r.halves_px {
             let _ = writeln!(text, "halves_px = {halves:?}");
         }
-        let sigma: Vec<String> =
-            names.iter().zip(r.sigma).filter_map(|(n, s)| Some(format!("{n} = {:?}", s?))).collect();
+        let sigma: Vec<String> = Lens::PARAMETERS
+            .iter()
+            .zip(r.sigma)
+            .filter_map(|(n, s)| Some(format!("{n} = {:?}", s?)))
+            .collect();
         let _ = writeln!(text, "sigma = {{ {} }}\ncovariance = [", sigma.join(", "));
         for row in &r.covariance {
             let _ = writeln!(text, "  {row:?},");

@@ -78,7 +78,7 @@ fn uncertainty(document: &Document) -> Uncertainty {
     Uncertainty {
         mount_shift_m: camera.mount_shift_m.unwrap_or(usual.mount_shift_m),
         mount_drift_rad: camera.mount_drift_mrad.map_or(usual.mount_drift_rad, |v| 1e-3 * v),
-        skin_height_m: wing.skin_height_sigma_m.unwrap_or(usual.skin_height_m),
+        skin_height_sigma_m: wing.skin_height_sigma_m.unwrap_or(usual.skin_height_sigma_m),
         root_offset_m: wing.root_offset_sigma_m.unwrap_or(usual.root_offset_m),
         axis_chord_offset_m: wing.axis_chord_offset_sigma_m.unwrap_or(usual.axis_chord_offset_m),
         span_direction_rad: wing.span_direction_sigma_deg.map_or(usual.span_direction_rad, f64::to_radians),

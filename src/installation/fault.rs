@@ -46,6 +46,12 @@ impl KeyFault {
         Self { key: key.into(), problem: problem.into(), mend: mend.into() }
     }
 
+    /// Of the rules of a section, each with its key, the problem and the mend, those that do not hold.
+    pub fn broken(section: &str, rules: &[(bool, &str, &str, &str)]) -> Vec<Self> {
+        let broken = rules.iter().filter(|(holds, ..)| !holds);
+        broken.map(|(_, key, problem, mend)| Self::new(format!("{section}.{key}"), *problem, *mend)).collect()
+    }
+
     /// The same fault as seen from the section around.
     pub fn within(self, section: &str) -> Self {
         Self { key: format!("{section}.{}", self.key), ..self }

@@ -168,7 +168,7 @@ pub struct Uncertainty {
     /// Rotation of the camera between two frames of one mounting, each axis, rad.
     pub mount_drift_rad: f64,
     /// Height of the skin above the bending axis, along the span, m.
-    pub skin_height_m: f64,
+    pub skin_height_sigma_m: f64,
     /// Where bending starts, along the span, m.
     pub root_offset_m: f64,
     /// Place of the bending axis along the chord, m.
@@ -185,7 +185,7 @@ impl Default for Uncertainty {
         Self {
             mount_shift_m: 0.002,
             mount_drift_rad: 2e-5,
-            skin_height_m: 0.1,
+            skin_height_sigma_m: 0.1,
             root_offset_m: 0.3,
             axis_chord_offset_m: 0.3,
             span_direction_rad: 1f64.to_radians(),
@@ -200,7 +200,7 @@ impl Uncertainty {
         Self {
             mount_shift_m: 0.0,
             mount_drift_rad: 0.0,
-            skin_height_m: 0.003,
+            skin_height_sigma_m: 0.003,
             root_offset_m: 0.0,
             axis_chord_offset_m: 0.0,
             span_direction_rad: 0.0,

@@ -1,4 +1,4 @@
-//! Bytes as a camera or a file delivers them -> grey picture.
+//! Bytes as a camera or a file delivers them become a grey picture.
 
 use std::ops::Range;
 
@@ -9,6 +9,7 @@ use crate::pipeline::guard::guarded;
 
 mod coefficients;
 mod dnl;
+mod intervals;
 mod jpeg;
 mod kind;
 mod picture;

@@ -1,4 +1,4 @@
-//! A boundary about libraries: should one panic, that costs one picture.
+//! A boundary stands about libraries: should one panic, that costs one picture.
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};

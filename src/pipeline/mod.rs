@@ -7,11 +7,14 @@
 //! | adjust | identified markers | solution | [`crate::measure::adjust`] |
 //! | live | frames as they come | the same, one by one | [`live`] |
 //! | record | solution | the line of the results | [`recording`] |
+//!
+//! Beside them, [`shrink`] makes a frame small enough to be shown, and [`guard`] stands about libraries that may panic.
 
 pub mod decode;
 pub mod guard;
 pub mod live;
 pub mod recording;
+pub mod shrink;
 pub mod stages;
 
 use std::borrow::Cow;
@@ -91,7 +94,7 @@ pub fn solve_sighting(
     record
 }
 
-/// The installation with the air and the wing's temperature that the aircraft's data tell of a frame.
+/// The installation with the air and the wing's temperature of a frame, where the aircraft's data have them.
 fn in_its_air<'a>(sighting: &Sighting, installation: &'a Installation) -> Cow<'a, Installation> {
     if sighting.aircraft.is_empty() {
         return Cow::Borrowed(installation);

@@ -1,4 +1,4 @@
-//! Decode, detect and identify one frame.
+//! One frame is decoded, its markers are detected and identified.
 
 use std::time::Instant;
 
@@ -318,7 +318,7 @@ fn observations(detections: &[Detection], identities: &Identities) -> Vec<Observ
         .iter()
         .zip(&identities.marker_of)
         .filter_map(|(d, marker)| {
-            marker.map(|marker| Observation { marker, pixel: d.centre_px, covariance_px2: d.covariance_px2 })
+            marker.map(|marker| Observation { marker, pixel: d.centre_px, covariance_px2: *d.covariance_px2 })
         })
         .collect();
     list.sort_by_key(|o| o.marker);

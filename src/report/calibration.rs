@@ -5,9 +5,8 @@ use nalgebra::Vector2;
 
 use super::html::document;
 use crate::measure::calibrate::{Calibration, Verdict};
+use crate::measure::geometry::Lens;
 
-/// The parameters in the order of the covariance.
-pub const NAMES: [&str; 9] = ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "p1", "p2"];
 /// Width of a figure, px of the page.
 const WIDTH: f64 = 640.0;
 /// Length of the longest arrow, px of the page.
@@ -17,10 +16,9 @@ pub const FIRST_DISTORTION: usize = 4;
 /// Some hundred points leave Student's t at 95 % at the normal's.
 pub const SIGNIFICANT: f64 = 1.96;
 
-/// In the order of [`NAMES`].
+/// In the order of [`Lens::PARAMETERS`].
 pub fn values(c: &Calibration) -> [f64; 9] {
-    let l = &c.lens;
-    [l.fx, l.fy, l.cx, l.cy, l.k1, l.k2, l.k3, l.p1, l.p2]
+    c.lens.parameters().into()
 }
 
 /// Correlation of two parameters; `None` with one that was held.
@@ -82,7 +80,7 @@ fn parameters(c: &Calibration) -> Markup {
                     @let t = (k >= FIRST_DISTORTION && sigma > 0.0).then(|| values[k] / sigma);
                     @let digits = if k < FIRST_DISTORTION { 3 } else { 6 };
                     tr {
-                        td { (NAMES[k]) }
+                        td { (Lens::PARAMETERS[k]) }
                         td { (format!("{:.digits$}", values[k])) }
                         td { @if c.held[k] { "held" } @else { (format!("{sigma:.digits$}")) } }
                         td { @if let Some(t) = t { (format!("{t:.1}")) } }
@@ -106,8 +104,8 @@ fn correlations(c: &Calibration) -> Markup {
             }
         }
         table {
-            thead { tr { th { "correlation" } @for name in NAMES { th { (name) } } } }
-            tbody { @for i in 0..9 { tr { td { (NAMES[i]) } @for j in 0..=i { td { (of(i, j)) } } } } }
+            thead { tr { th { "correlation" } @for name in Lens::PARAMETERS { th { (name) } } } }
+            tbody { @for i in 0..9 { tr { td { (Lens::PARAMETERS[i]) } @for j in 0..=i { td { (of(i, j)) } } } } }
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Where a flight goes: a bucket of S3's kind, or a directory.
+//! A flight goes to a bucket of S3's kind, or to a directory.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

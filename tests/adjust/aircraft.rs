@@ -34,7 +34,7 @@ impl SetUp {
         match self {
             SetUp::Careful => Uncertainty {
                 mount_shift_m: 0.0005,
-                skin_height_m: 0.02,
+                skin_height_sigma_m: 0.02,
                 root_offset_m: 0.05,
                 axis_chord_offset_m: 0.05,
                 span_direction_rad: 0.2f64.to_radians(),

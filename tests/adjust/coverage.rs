@@ -4,9 +4,9 @@
 use crate::common::beam_truth::{Truth, Wing, normal, random_wing, remounted, rms, rng};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2, Vector3};
 use rand::rngs::StdRng;
-use wingd::measure::adjust::gauss_helmert::{Block, Group, Linearised, Problem, solve};
-use wingd::measure::adjust::quality::global_test;
 use wingd::measure::adjust::{self, GlobalTest, Options, SigmaKind, Solution};
+use wingd::measure::estimation::quality::global_test;
+use wingd::measure::estimation::{Block, Group, Linearised, Problem, solve};
 
 const RUNS: usize = 500;
 

@@ -212,11 +212,10 @@ fn symmetric_world() -> (Setup, Vec<Detection>) {
         detections.push(Detection {
             shape: Shape::Circle,
             centre_px: pixel,
-            covariance_px2: Matrix2::identity() * 0.01,
+            covariance_px2: (Matrix2::identity() * 0.01).into(),
             semi_major_px: 58.5,
             semi_minor_px: 20.0,
             angle_rad: 0.0,
-            beside_px2: 0.0,
             fit_rms: 1.0,
             contrast: 100.0,
         });
@@ -261,7 +260,7 @@ fn values_that_are_no_numbers_do_no_harm() {
     let mut view = world.flight_view(1.0, 6, &PLAIN);
     let identities = identify(&world.setup, &known(&world), &view.detections).unwrap();
     view.detections[0].centre_px.x = f64::NAN;
-    view.detections[3].covariance_px2 = Matrix2::zeros();
+    view.detections[3].covariance_px2 = Matrix2::zeros().into();
     view.detections[5].semi_major_px = f64::INFINITY;
     let again = identify(&world.setup, &known(&world), &view.detections).unwrap();
     for (i, (a, b)) in identities.marker_of.iter().zip(&again.marker_of).enumerate() {
@@ -324,11 +323,10 @@ fn dev() -> Dev {
                 view.detections.push(Detection {
                     shape: setup.markers[j].shape,
                     centre_px: centre + Vector2::new(normal(&mut rng), normal(&mut rng)) * 0.1,
-                    covariance_px2: Matrix2::identity() * 0.01,
+                    covariance_px2: (Matrix2::identity() * 0.01).into(),
                     semi_major_px: 0.5 * width,
                     semi_minor_px: 0.35 * height,
                     angle_rad: 0.0,
-                    beside_px2: 0.0,
                     fit_rms: 2.0,
                     contrast: 150.0,
                 });
@@ -366,7 +364,7 @@ fn exact(view: &View) -> Vec<Detection> {
     let mut detections = view.detections.clone();
     for (detection, marker) in detections.iter_mut().zip(view.truth.iter().flatten()) {
         detection.centre_px = view.centres_px[*marker].unwrap();
-        detection.covariance_px2 = Matrix2::identity() * 0.02f64.powi(2);
+        detection.covariance_px2 = (Matrix2::identity() * 0.02f64.powi(2)).into();
     }
     detections
 }

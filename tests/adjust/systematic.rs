@@ -13,7 +13,7 @@ use crate::common::beam_truth::{Truth, normal, normal2, normal3, random_wing, re
 const WIDTHS: Uncertainty = Uncertainty {
     mount_shift_m: 0.002,
     mount_drift_rad: 2e-5,
-    skin_height_m: 0.05,
+    skin_height_sigma_m: 0.05,
     root_offset_m: 0.3,
     axis_chord_offset_m: 0.3,
     span_direction_rad: 0.017_453,
@@ -43,7 +43,8 @@ impl Wrong {
         Uncertainty {
             mount_shift_m: self.is(Wrong::Shift) * WIDTHS.mount_shift_m,
             mount_drift_rad: WIDTHS.mount_drift_rad,
-            skin_height_m: (self.is(Wrong::Axis) * WIDTHS.skin_height_m).max(drawn.skin_height_m),
+            skin_height_sigma_m: (self.is(Wrong::Axis) * WIDTHS.skin_height_sigma_m)
+                .max(drawn.skin_height_sigma_m),
             root_offset_m: self.is(Wrong::Root) * WIDTHS.root_offset_m,
             axis_chord_offset_m: self.is(Wrong::Chord) * WIDTHS.axis_chord_offset_m,
             span_direction_rad: self.is(Wrong::Span) * WIDTHS.span_direction_rad,
@@ -65,7 +66,7 @@ fn stated(rng: &mut StdRng, truth: &Truth, wrong: Wrong) -> Setup {
 /// The same with errors of one stated standard deviation.
 fn misjudged(rng: &mut StdRng, mut setup: Setup, wrong: Wrong) -> Setup {
     let mut draw = |one: Wrong, sigma: f64| wrong.is(one) * sigma * normal(rng);
-    let axis = draw(Wrong::Axis, WIDTHS.skin_height_m);
+    let axis = draw(Wrong::Axis, WIDTHS.skin_height_sigma_m);
     let skin = setup.skin_height.unwrap();
     setup.skin_height = Some(SkinHeight { root_m: skin.root_m + axis, tip_m: skin.tip_m + axis, ..skin });
     setup.root_offset_m += draw(Wrong::Root, WIDTHS.root_offset_m);
@@ -209,7 +210,7 @@ fn with_fixed_marks(marks: usize, wings: usize, moved: Wrong) -> [f64; 3] {
         let truth = Truth::new(random_wing(&mut rng), 21).with_fixed_marks(marks);
         let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
         setup.uncertainty =
-            Uncertainty { skin_height_m: 0.05, mount_shift_m: 0.002, ..Uncertainty::of_drawings() };
+            Uncertainty { skin_height_sigma_m: 0.05, mount_shift_m: 0.002, ..Uncertainty::of_drawings() };
         let skin = setup.skin_height.unwrap();
         setup.skin_height = Some(SkinHeight { root_m: skin.root_m + 0.05, tip_m: skin.tip_m + 0.05, ..skin });
         let orientation = truth.orientation(&mut rng, 0.05, true);
@@ -354,7 +355,7 @@ fn told_of_the_axis(flight: bool, shift_m: f64) -> (Vec<f64>, f64) {
         let truth = Truth::new(random_wing(&mut rng), 21);
         let mut setup = truth.surveyed(&mut rng, 0.002, 0.002);
         setup.uncertainty =
-            Uncertainty { skin_height_m: 0.05, mount_shift_m: shift_m, ..Uncertainty::of_drawings() };
+            Uncertainty { skin_height_sigma_m: 0.05, mount_shift_m: shift_m, ..Uncertainty::of_drawings() };
         let raise = 0.05 * normal(&mut rng);
         let skin = setup.skin_height.unwrap();
         setup.skin_height =

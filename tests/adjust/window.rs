@@ -241,7 +241,7 @@ fn drawn(rng: &mut StdRng, on_ground: bool, radius_m: Option<f64>) -> Drawn {
 const SHIFTED: Uncertainty = Uncertainty {
     mount_shift_m: 0.002,
     mount_drift_rad: 2e-5,
-    skin_height_m: 0.003,
+    skin_height_sigma_m: 0.003,
     root_offset_m: 0.0,
     axis_chord_offset_m: 0.0,
     span_direction_rad: 0.0,

@@ -94,7 +94,7 @@ pub fn nearest(found: &[Detection], ellipse: Ellipse) -> Option<(&Detection, Vec
 
 /// The error's square over what is stated, per coordinate.
 pub fn normalised_square(m: &Detection, error: Vector2<f64>) -> f64 {
-    0.5 * error.dot(&Cholesky::new(m.covariance_px2).unwrap().solve(&error))
+    0.5 * error.dot(&Cholesky::new(*m.covariance_px2).unwrap().solve(&error))
 }
 
 /// Discs that shrink upwards and to the right, as on a wing.

@@ -315,11 +315,10 @@ impl World {
             view.detections.push(Detection {
                 shape: marker.shape,
                 centre_px: centre + Vector2::new(noise_u, noise_v) * conditions.noise_px,
-                covariance_px2: Matrix2::identity() * conditions.noise_px.powi(2),
+                covariance_px2: (Matrix2::identity() * conditions.noise_px.powi(2)).into(),
                 semi_major_px: image.major * (1.0 + 0.02 * normal(rng)),
                 semi_minor_px: (image.minor + 0.2 * normal(rng)).max(1.0),
                 angle_rad: image.angle,
-                beside_px2: 0.0,
                 fit_rms: 2.0,
                 contrast: 150.0,
             });

@@ -45,7 +45,7 @@ fn tally(truth: &[(Vector2<f64>, bool)], bad: &[usize], seen: &[Option<Detection
         };
         let error = marker.centre_px - truth[j].0;
         out.squares += error.norm_squared();
-        out.normalised += 0.5 * error.dot(&Cholesky::new(marker.covariance_px2).unwrap().solve(&error));
+        out.normalised += 0.5 * error.dot(&Cholesky::new(*marker.covariance_px2).unwrap().solve(&error));
         out.count += 1;
     }
     out

@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
-use wingd::measure::detect::{Detection, detect};
+use wingd::measure::detect::{Detection, Source, detect};
 
 /// A streak along a disc: how far beside its edge, how wide (px, one standard deviation) and how dark.
 #[derive(Clone, Copy)]
@@ -37,7 +37,7 @@ impl Streak {
 /// What a disc is off by across its axis, px^2, and what is stated of that.
 fn across(marker: &Detection, error: Vector2<f64>) -> [f64; 2] {
     let axis = Vector2::new(-marker.angle_rad.sin(), marker.angle_rad.cos());
-    [error.dot(&axis).powi(2), axis.dot(&(marker.covariance_px2 * axis))]
+    [error.dot(&axis).powi(2), axis.dot(&(*marker.covariance_px2 * axis))]
 }
 
 /// Sums over discs: normalised squares across of dirty ones, of those without the doubt, of clean ones; clean ones that are
@@ -56,11 +56,11 @@ fn seen(seed: u64) -> [f64; 5] {
         let (marker, error) = nearest(&dirty, disc).expect("found");
         let [square, stated] = across(marker, error);
         out[0] += square / stated;
-        out[1] += square / (stated - marker.beside_px2);
+        out[1] += square / (stated - marker.covariance_px2.of(Source::Beside).trace());
         let (marker, error) = nearest(&clean, disc).expect("found");
         let [square, stated] = across(marker, error);
         out[2] += square / stated;
-        out[3] += if marker.beside_px2 > 0.1 * stated { 1.0 } else { 0.0 };
+        out[3] += if marker.covariance_px2.of(Source::Beside).trace() > 0.1 * stated { 1.0 } else { 0.0 };
         out[4] += 1.0;
     }
     out

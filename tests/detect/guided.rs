@@ -51,7 +51,7 @@ fn cases(set: &str) -> Vec<Case> {
 /// How far apart two answers are, in standard deviations of the first.
 fn apart(one: &Detection, other: &Detection) -> f64 {
     let off = other.centre_px - one.centre_px;
-    Cholesky::new(one.covariance_px2).unwrap().solve(&off).dot(&off).sqrt()
+    Cholesky::new(*one.covariance_px2).unwrap().solve(&off).dot(&off).sqrt()
 }
 
 #[test]

@@ -132,7 +132,7 @@ fn a_seam_that_meets_a_tip_does_not_shift_the_disc() {
             assert_eq!(found.markers.len(), 1, "turn {turn}, seed {seed}");
             let axis = Vector2::new(angle.cos(), angle.sin());
             let along = (found.markers[0].centre_px - centre).dot(&axis);
-            let variance = axis.dot(&(found.markers[0].covariance_px2 * axis));
+            let variance = axis.dot(&(*found.markers[0].covariance_px2 * axis));
             shift += along;
             square += along * along / variance;
             count += 1.0;

@@ -128,7 +128,7 @@ impl Flight {
             store: Arc::new(store),
             recovery,
             clock: self.clock.clone(),
-            cameras: Box::new(move || Ok(Box::new(camera()) as Box<dyn Camera>)),
+            cameras: Arc::new(move || Box::new(camera()) as Box<dyn Camera>),
             solver: Some(Solver {
                 inputs: Inputs::new(provenance),
                 solve: Arc::new(move |image, _, _| solve(image)),

@@ -140,7 +140,7 @@ fn what_does_not_come_whole_is_no_store_and_no_success() {
 
 fn over_tls(store: &Path) -> Server {
     let file = |name: &str| Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/tls").join(name);
-    let tls = wingd::http::tls::server(&file("certificate.pem"), &file("key.pem")).unwrap();
+    let tls = wingd::http::tls::acceptor(&file("certificate.pem"), &file("key.pem")).unwrap();
     Server::guarded(store, Access::new(Some(TOKEN), vec![]).over_tls(Some(tls)))
 }
 

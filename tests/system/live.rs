@@ -112,7 +112,7 @@ impl Ride {
             store: Arc::new(store),
             recovery,
             clock,
-            cameras: Box::new(move || Ok(Box::new(cameras.make()) as Box<dyn Camera>)),
+            cameras: Arc::new(move || Box::new(cameras.make()) as Box<dyn Camera>),
             solver: Some(Solver {
                 inputs: Inputs::new(provenance),
                 solve: Arc::new(|image, _, _| record(image)),

@@ -66,7 +66,7 @@ fn boot(disk: Arc<FakeDisk>, number: usize, minutes: (u64, u64), frames: &Path, 
         store: Arc::new(store),
         recovery,
         clock: clock.clone(),
-        cameras: Box::new(move || Ok(Box::new(cameras.make()) as Box<dyn Camera>)),
+        cameras: Arc::new(move || Box::new(cameras.make()) as Box<dyn Camera>),
         solver: Some(Solver {
             inputs: Inputs::new(Map::new()),
             solve: Arc::new(|name, _, _| ImageRecord::failed(name, Method::None, "a test")),

@@ -129,7 +129,7 @@ fn fly(root: &Path, watch: Arc<Watch>) -> Status {
         store: Arc::new(store),
         recovery,
         clock: clock.clone(),
-        cameras: Box::new(move || Ok(Box::new(cameras.make()) as Box<dyn Camera>)),
+        cameras: Arc::new(move || Box::new(cameras.make()) as Box<dyn Camera>),
         solver: Some(Solver {
             inputs,
             solve: Arc::new(move |name, bytes, format| {

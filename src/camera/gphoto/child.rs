@@ -1,8 +1,10 @@
-//! The camera process: reads questions, drives the camera, answers.
+//! The camera process reads questions, drives the camera and answers.
 
 use std::io::{self, Write};
 use std::sync::mpsc;
 use std::time::Duration;
+
+use serde_json::{Value, json};
 
 use crate::camera::CameraError;
 use crate::camera::gphoto::driver::Driver;
@@ -23,29 +25,31 @@ pub fn serve() -> io::Result<()> {
     let mut driver = None;
     let mut output = io::BufWriter::new(io::stdout().lock());
     for request in requests {
-        let (answer, body) =
-            handle(&mut driver, request).unwrap_or_else(|error| (Answer::Failed { error }, Vec::new()));
+        let (answer, body) = match handle(&mut driver, request) {
+            Ok((answer, body)) => (Ok(answer), body),
+            Err(error) => (Err(error), Vec::new()),
+        };
         protocol::write(&mut output, &answer, &body)?;
         output.flush()?;
     }
     Ok(())
 }
 
-fn handle(driver: &mut Option<Driver>, request: Request) -> Result<(Answer, Vec<u8>), CameraError> {
+fn handle(driver: &mut Option<Driver>, request: Request) -> Answer<(Value, Vec<u8>)> {
     if let Request::Open { section } = &request {
         *driver = None;
-        let (opened, answer) = Driver::open(section)?;
+        let (opened, info) = Driver::open(section)?;
         *driver = Some(opened);
-        return Ok((answer, Vec::new()));
+        return Ok((json!(info), Vec::new()));
     }
-    let closed = || CameraError::Gone("the camera is not open".to_owned());
-    let driver = driver.as_mut().ok_or_else(closed)?;
+    let driver = driver.as_mut().ok_or_else(CameraError::closed)?;
     match request {
-        Request::Recover => driver.recover(),
+        Request::Recover => driver.recover().map(|(picture, body)| (json!(picture), body)),
         Request::Shoot { deadline_s, trigger } => {
-            driver.shoot(Duration::try_from_secs_f64(deadline_s).unwrap_or_default(), trigger)
+            let deadline = Duration::try_from_secs_f64(deadline_s).unwrap_or_default();
+            driver.shoot(deadline, trigger).map(|(picture, body)| (json!(picture), body))
         }
-        Request::Drain => Ok((driver.unexpected(), Vec::new())),
-        Request::Release | Request::Open { .. } => driver.release().map(|()| (Answer::Nothing, Vec::new())),
+        Request::Drain => Ok((json!(driver.unexpected()), Vec::new())),
+        Request::Release | Request::Open { .. } => driver.release().map(|()| (Value::Null, Vec::new())),
     }
 }

@@ -1,4 +1,4 @@
-//! The camera itself, inside the camera process.
+//! The camera is driven here, inside the camera process.
 
 use std::time::Duration;
 
@@ -7,9 +7,9 @@ use gphoto2::{Camera, Context};
 use serde_json::{Map, Value};
 
 use crate::camera::deadline::Deadline;
-use crate::camera::gphoto::protocol::Answer;
-use crate::camera::gphoto::{ASKED, GphotoSection, TOLD, faults, settings};
-use crate::camera::{CameraError, jpeg};
+use crate::camera::gphoto::protocol::Picture;
+use crate::camera::gphoto::{ANSWERED, ASKED, GphotoSection, faults, settings};
+use crate::camera::{CameraError, CameraInfo, jpeg};
 use crate::clock;
 
 /// Below this the card counts as full: no picture fits.
@@ -44,7 +44,7 @@ pub struct Driver {
 
 impl Driver {
     /// Finds and sets up the camera.
-    pub fn open(section: &GphotoSection) -> Result<(Self, Answer), CameraError> {
+    pub fn open(section: &GphotoSection) -> Result<(Self, CameraInfo), CameraError> {
         let context = Context::new().map_err(|e| faults::sort(&e, "libgphoto2"))?;
         let (camera, model) = find(&context, section)?;
         let (mut settings, mut warnings) = settings::apply(&camera, &section.settings);
@@ -62,11 +62,11 @@ impl Driver {
         }
         let serial = settings.get("serialnumber").and_then(Value::as_str);
         let name = serial.map_or(model.clone(), |serial| format!("{model}, serial {serial}"));
-        Ok((driver, Answer::Opened { name, settings, warnings }))
+        Ok((driver, CameraInfo { name, settings, warnings }))
     }
 
-    /// The next leftover, or nothing.
-    pub fn recover(&mut self) -> Result<(Answer, Vec<u8>), CameraError> {
+    /// The next leftover, where there is one.
+    pub fn recover(&mut self) -> Result<(Option<Picture>, Vec<u8>), CameraError> {
         while let Some(left) = self.leftovers.pop() {
             let (bytes, mut settings) = self.fetch(&left)?;
             if let Err(why) = jpeg::whole(&bytes) {
@@ -77,13 +77,13 @@ impl Driver {
             settings.insert("recovered".to_owned(), true.into());
             let path = left.path();
             self.last = Some(left);
-            return Ok((Answer::Picture { path, settings }, bytes));
+            return Ok((Some(Picture { path, settings }), bytes));
         }
-        Ok((Answer::Nothing, Vec::new()))
+        Ok((None, Vec::new()))
     }
 
     /// Releases the shutter (or waits for somebody else's release) and fetches the picture.
-    pub fn shoot(&mut self, deadline: Duration, trigger: bool) -> Result<(Answer, Vec<u8>), CameraError> {
+    pub fn shoot(&mut self, deadline: Duration, trigger: bool) -> Result<(Picture, Vec<u8>), CameraError> {
         let deadline = Deadline::after(deadline);
         let unexpected = if trigger { self.drain() } else { Vec::new() };
         let asked_s = clock::since_boot_s();
@@ -104,15 +104,15 @@ impl Driver {
             }
         }
         settings.insert(ASKED.to_owned(), asked_s.into());
-        settings.insert(TOLD.to_owned(), told_s.into());
+        settings.insert(ANSWERED.to_owned(), told_s.into());
         let path = picture.path();
         self.last = Some(picture);
-        Ok((Answer::Picture { path, settings }, bytes))
+        Ok((Picture { path, settings }, bytes))
     }
 
     /// Pictures that came without a shot.
-    pub fn unexpected(&mut self) -> Answer {
-        Answer::Files { paths: self.drain().iter().map(OnCard::path).collect() }
+    pub fn unexpected(&mut self) -> Vec<String> {
+        self.drain().iter().map(OnCard::path).collect()
     }
 
     /// The last picture is safe.

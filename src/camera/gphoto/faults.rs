@@ -1,4 +1,4 @@
-//! libgphoto2's errors, by what the caller does about them, with the usual culprit named.
+//! libgphoto2's errors are sorted by what the caller does about them, with the usual culprit named.
 
 use gphoto2::error::ErrorKind;
 

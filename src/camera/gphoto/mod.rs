@@ -1,4 +1,4 @@
-//! A still camera on USB, through libgphoto2.
+//! A still camera on USB is driven through libgphoto2.
 //!
 //! The library keeps one global thread, and a call into it cannot be cancelled: a hung camera would hang
 //! the recorder. It therefore runs in a process of its own, the same program again, which is killed at
@@ -14,21 +14,24 @@ mod settings;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::camera::freshness::Freshness;
+use crate::camera::freshness::LastName;
 use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
 use crate::clock::exposure::Evidence;
 use crate::installation::KeyFault;
 use process::Process;
-use protocol::{Answer, Request};
+use protocol::{Answer, Picture, Request};
 
 /// In a shot's settings: time since boot before the trigger, s. Both processes have one such clock.
 const ASKED: &str = "asked_since_boot_s";
 /// The same when the camera said that there is a picture.
-const TOLD: &str = "told_since_boot_s";
+const ANSWERED: &str = "told_since_boot_s";
 /// The hidden command that makes this program a camera process.
 pub const CHILD_COMMAND: &str = "camera-child";
+/// For what neither waits for the shutter nor brings a picture.
+const SHORT: Duration = Duration::from_secs(10);
 /// The running program, even if an upgrade has replaced its file.
 const PROGRAM: &str = "/proc/self/exe";
 /// The camera process keeps deadlines too; it is killed a little later, and before the recorder gives
@@ -85,24 +88,23 @@ impl GphotoSection {
 pub struct GphotoCamera {
     section: GphotoSection,
     process: Option<Process>,
-    freshness: Freshness,
+    last_name: LastName,
 }
 
 impl GphotoCamera {
     /// Nothing is touched before `open`.
-    pub fn new(section: GphotoSection, freshness: Freshness) -> Self {
-        Self { section, process: None, freshness }
+    pub fn new(section: GphotoSection, last_name: LastName) -> Self {
+        Self { section, process: None, last_name }
     }
 
     /// Asks the camera process; one that is of no more use is dropped.
-    fn ask(
+    fn ask<T: DeserializeOwned>(
         &mut self,
         request: &Request,
         limit: Duration,
         what: &str,
-    ) -> Result<(Answer, Vec<u8>), CameraError> {
-        let process =
-            self.process.as_mut().ok_or_else(|| CameraError::Gone("the camera is not open".to_owned()))?;
+    ) -> Answer<(T, Vec<u8>)> {
+        let process = self.process.as_mut().ok_or_else(CameraError::closed)?;
         let answer = process.ask(request, limit, what);
         if matches!(answer, Err(CameraError::Gone(_))) || !process.alive() {
             self.process = None;
@@ -112,46 +114,24 @@ impl GphotoCamera {
 
     /// Pictures that came without a shot; to be asked just before somebody else releases the shutter.
     pub fn drain(&mut self) -> Result<Vec<String>, CameraError> {
-        match self.ask(
-            &Request::Drain,
-            Duration::from_secs(10),
-            "the camera's events; the camera process was killed",
-        )? {
-            (Answer::Files { paths }, _) => Ok(paths),
-            (answer, _) => Err(odd(&answer)),
-        }
+        self.ask(&Request::Drain, SHORT, "the camera's events").map(|(paths, _)| paths)
     }
 
     /// Takes a shot, or with `trigger` false waits for one that something else released.
     pub fn shoot_or_wait(&mut self, deadline: Duration, trigger: bool) -> Result<Frame, CameraError> {
         let request = Request::Shoot { deadline_s: deadline.as_secs_f64(), trigger };
-        match self.ask(&request, grace(deadline), "a shot; the camera process was killed")? {
-            (Answer::Picture { path, settings }, bytes) => {
-                jpeg::whole(&bytes).map_err(|why| CameraError::BadFrame(why.to_string()))?;
-                self.freshness.check(&bytes, Some(&path))?;
-                let exposed = exposed(&settings);
-                Ok(Frame { bytes, format: Format::Jpeg, settings, exposed })
-            }
-            (answer, _) => Err(odd(&answer)),
-        }
+        let (picture, bytes): (Picture, _) = self.ask(&request, grace(deadline), "a shot")?;
+        jpeg::whole(&bytes).map_err(|why| CameraError::BadFrame(why.to_string()))?;
+        self.last_name.check(&picture.path)?;
+        let exposed = exposed(&picture.settings);
+        Ok(Frame { bytes, format: Format::Jpeg, settings: picture.settings, exposed })
     }
 }
 
 /// Between the trigger and the camera's word that there is a picture.
 fn exposed(settings: &serde_json::Map<String, serde_json::Value>) -> Option<Evidence> {
     let time = |key: &str| settings.get(key).and_then(serde_json::Value::as_f64);
-    Some(Evidence::Between { from_s: time(ASKED)?, to_s: time(TOLD)? })
-}
-
-fn odd(answer: &Answer) -> CameraError {
-    let what = match answer {
-        Answer::Opened { .. } => "opening",
-        Answer::Picture { .. } => "a shot",
-        Answer::Files { .. } => "the card's list",
-        Answer::Nothing => "something else",
-        Answer::Failed { error } => return error.clone(),
-    };
-    CameraError::Gone(format!("the camera process answered about {what}, which nobody asked"))
+    Some(Evidence::Between { from_s: time(ASKED)?, to_s: time(ANSWERED)? })
 }
 
 impl Camera for GphotoCamera {
@@ -160,30 +140,22 @@ impl Camera for GphotoCamera {
         self.process = Some(Process::start(PROGRAM, &[CHILD_COMMAND])?);
         let request = Request::Open { section: self.section.clone() };
         let limit = Duration::try_from_secs_f64(self.section.open_s).unwrap_or(Duration::from_secs(30));
-        match self.ask(&request, limit, "the camera to be set up; the camera process was killed") {
-            Ok((Answer::Opened { name, settings, warnings }, _)) => {
-                Ok(CameraInfo { name, settings, warnings })
-            }
-            Ok((answer, _)) => Err(odd(&answer)),
-            Err(error) => {
-                self.close();
-                Err(error)
-            }
+        let opened = self.ask(&request, limit, "the camera to be set up");
+        if opened.is_err() {
+            self.close();
         }
+        opened.map(|(info, _)| info)
     }
 
     fn recover(&mut self, deadline: Duration) -> Result<Option<Frame>, CameraError> {
-        match self.ask(
-            &Request::Recover,
-            deadline,
-            "a picture from the card; the camera process was killed",
-        )? {
-            (Answer::Nothing, _) => Ok(None),
-            (Answer::Picture { settings, .. }, bytes) => {
-                Ok(Some(Frame { bytes, format: Format::Jpeg, settings, exposed: None }))
-            }
-            (answer, _) => Err(odd(&answer)),
-        }
+        let (picture, bytes) = self.ask(&Request::Recover, deadline, "a picture from the card")?;
+        let frame = |picture: Picture| Frame {
+            bytes,
+            format: Format::Jpeg,
+            settings: picture.settings,
+            exposed: None,
+        };
+        Ok(Option::map(picture, frame))
     }
 
     fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
@@ -191,13 +163,7 @@ impl Camera for GphotoCamera {
     }
 
     fn release_last(&mut self) -> Result<(), CameraError> {
-        let limit = Duration::from_secs(10);
-        self.ask(
-            &Request::Release,
-            limit,
-            "a picture to be deleted on the card; the camera process was killed",
-        )?;
-        Ok(())
+        self.ask(&Request::Release, SHORT, "a picture to be deleted on the card").map(|((), _)| ())
     }
 
     fn close(&mut self) {
@@ -224,7 +190,7 @@ mod tests {
 
     #[test]
     fn a_closed_camera_is_gone() {
-        let mut camera = GphotoCamera::new(GphotoSection::default(), Freshness::default());
+        let mut camera = GphotoCamera::new(GphotoSection::default(), LastName::default());
         assert!(matches!(camera.shoot(Duration::from_secs(1)), Err(CameraError::Gone(_))));
         assert!(matches!(camera.release_last(), Err(CameraError::Gone(_))));
     }

@@ -1,14 +1,17 @@
-//! The recorder's side of the camera process: start, ask with a deadline, kill.
+//! The recorder starts the camera process, asks it with a deadline, and kills it.
 
 use std::ffi::OsStr;
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::Duration;
 
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
 use crate::camera::CameraError;
 use crate::camera::gphoto::protocol::{self, Answer, ProtocolError, Request};
 
-type Message = Result<(Answer, Vec<u8>), ProtocolError>;
+type Message = Result<(Answer<Value>, Vec<u8>), ProtocolError>;
 
 /// A running camera process. Dropped, it is killed.
 pub struct Process {
@@ -46,23 +49,26 @@ impl Process {
     }
 
     /// One question and its answer. After an error that is not an answer the process is of no use.
-    pub fn ask(
+    pub fn ask<T: DeserializeOwned>(
         &mut self,
         request: &Request,
         limit: Duration,
         what: &str,
-    ) -> Result<(Answer, Vec<u8>), CameraError> {
+    ) -> Answer<(T, Vec<u8>)> {
         if let Err(error) = protocol::write(&mut self.requests, request, &[]) {
             return Err(self.ended(&error.to_string()));
         }
         match self.answers.recv_timeout(limit) {
-            Ok(Ok((Answer::Failed { error }, _))) => Err(error),
-            Ok(Ok(message)) => Ok(message),
+            Ok(Ok((answer, body))) => {
+                let odd = |_| CameraError::Gone("the camera process answered what nobody asked".to_owned());
+                Ok((serde_json::from_value(answer?).map_err(odd)?, body))
+            }
             Ok(Err(error)) => Err(self.ended(&error.to_string())),
             Err(RecvTimeoutError::Disconnected) => Err(self.ended("the pipe was closed")),
             Err(RecvTimeoutError::Timeout) => {
                 self.kill();
-                Err(CameraError::Timeout { after_s: limit.as_secs_f64(), what: what.to_owned() })
+                let what = format!("{what}; the camera process was killed");
+                Err(CameraError::Timeout { after_s: limit.as_secs_f64(), what })
             }
         }
     }
@@ -101,7 +107,7 @@ mod tests {
     fn ask(script: &str) -> (CameraError, bool, Duration) {
         let start = Instant::now();
         let mut process = Process::start("/bin/sh", &["-c", script]).unwrap();
-        let error = process.ask(&Request::Recover, Duration::from_millis(300), "nothing").unwrap_err();
+        let error = process.ask::<()>(&Request::Recover, Duration::from_millis(300), "nothing").unwrap_err();
         (error, process.alive(), start.elapsed())
     }
 

@@ -1,7 +1,7 @@
-//! What the recorder and its camera process say to each other over a pipe.
+//! The recorder and its camera process talk over a pipe.
 //!
-//! A message: `WGC1`, header length, body length (u32 each, low byte first), header (JSON), body (the
-//! bytes of a picture, or none). The `1` is the version: both ends are the same program, but an upgrade
+//! A message: `WGC2`, header length, body length (u32 each, low byte first), header (JSON), body (the
+//! bytes of a picture, or none). The `2` is the version: both ends are the same program, but an upgrade
 //! may replace it while it runs.
 
 use std::io::{self, Read, Write};
@@ -13,7 +13,7 @@ use serde_json::{Map, Value};
 use crate::camera::CameraError;
 use crate::camera::gphoto::GphotoSection;
 
-const MAGIC: [u8; 4] = *b"WGC1";
+const MAGIC: [u8; 4] = *b"WGC2";
 /// Longer headers are not ours.
 const LONGEST_HEADER: u32 = 1 << 20;
 /// Longer pictures are not ours either.
@@ -43,38 +43,17 @@ pub enum Request {
     Release,
 }
 
-/// Answered by the camera process.
+/// Answered by the camera process: what was asked for, or why not. `Open` gets a [`crate::camera::CameraInfo`], `Recover` a
+/// picture or `null`, `Drain` paths on the card, `Shoot` a picture, `Release` nothing.
+pub type Answer<T> = Result<T, CameraError>;
+
+/// What is said of the picture that the message's body is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "answer", rename_all = "snake_case")]
-pub enum Answer {
-    /// The camera is ready.
-    Opened {
-        /// Model and serial number.
-        name: String,
-        /// In force.
-        settings: Map<String, Value>,
-        /// Not as configured.
-        warnings: Vec<String>,
-    },
-    /// The body is a picture.
-    Picture {
-        /// Path on the card.
-        path: String,
-        /// What the camera says of it.
-        settings: Map<String, Value>,
-    },
-    /// Paths on the card.
-    Files {
-        /// Of pictures that nobody asked for.
-        paths: Vec<String>,
-    },
-    /// There is none, or nothing is to be said.
-    Nothing,
-    /// It did not work.
-    Failed {
-        /// Why.
-        error: CameraError,
-    },
+pub struct Picture {
+    /// Path on the card.
+    pub path: String,
+    /// What the camera says of it.
+    pub settings: Map<String, Value>,
 }
 
 /// Why a message could not be read.
@@ -150,9 +129,11 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn sample() -> (Answer, Vec<u8>) {
+    type Shot = Answer<Picture>;
+
+    fn sample() -> (Shot, Vec<u8>) {
         let settings = Map::from_iter([("iso".to_owned(), Value::from("100"))]);
-        (Answer::Picture { path: "/DCIM/1.JPG".to_owned(), settings }, (0..=255).collect())
+        (Ok(Picture { path: "/DCIM/1.JPG".to_owned(), settings }), (0..=255).collect())
     }
 
     fn written() -> Vec<u8> {
@@ -168,32 +149,32 @@ mod tests {
         let mut input = stream.as_slice();
         assert_eq!(read(&mut input), Ok(sample()));
         assert_eq!(read(&mut input), Ok(sample()));
-        assert_eq!(read::<Answer>(&mut input), Err(ProtocolError::Closed));
+        assert_eq!(read::<Shot>(&mut input), Err(ProtocolError::Closed));
     }
 
     #[test]
     fn every_cut_is_noticed() {
         let bytes = written();
         for length in 0..bytes.len() {
-            assert_eq!(read::<Answer>(&mut &bytes[..length]), Err(ProtocolError::Closed), "{length}");
+            assert_eq!(read::<Shot>(&mut &bytes[..length]), Err(ProtocolError::Closed), "{length}");
         }
     }
 
     #[test]
     fn another_version_and_lying_lengths_are_refused() {
         let mut bytes = written();
-        bytes[3] = b'2';
-        assert_eq!(read::<Answer>(&mut bytes.as_slice()), Err(ProtocolError::Foreign));
         bytes[3] = b'1';
+        assert_eq!(read::<Shot>(&mut bytes.as_slice()), Err(ProtocolError::Foreign));
+        bytes[3] = b'2';
         bytes[4..12].fill(0xFF);
-        let result = read::<Answer>(&mut bytes.as_slice());
+        let result = read::<Shot>(&mut bytes.as_slice());
         assert_eq!(result, Err(ProtocolError::TooLong { header: u32::MAX, body: u32::MAX }));
     }
 
     proptest! {
         #[test]
         fn any_bytes_are_survived(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
-            let _ = read::<Answer>(&mut bytes.as_slice());
+            let _ = read::<Shot>(&mut bytes.as_slice());
             let _ = read::<Request>(&mut [MAGIC.as_slice(), &bytes].concat().as_slice());
         }
 
@@ -202,7 +183,7 @@ mod tests {
             let mut bytes = written();
             let length = bytes.len();
             bytes[at % length] = with;
-            if let Ok((_, body)) = read::<Answer>(&mut bytes.as_slice()) {
+            if let Ok((_, body)) = read::<Shot>(&mut bytes.as_slice()) {
                 prop_assert!(body.len() <= length);
             }
         }

@@ -1,4 +1,4 @@
-//! A camera's settings by name: read, set where they differ, read back.
+//! A camera's settings are read by name, set where they differ, and read back.
 
 use std::collections::BTreeMap;
 

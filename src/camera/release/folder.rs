@@ -10,7 +10,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Map;
 
 use crate::camera::deadline::Deadline;
-use crate::camera::{CameraError, Format, Frame, jpeg};
+use crate::camera::freshness::LastName;
+use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
 
 /// Between two looks. A file counts when two looks agree on its size and it is whole.
 const LOOK: Duration = Duration::from_millis(200);
@@ -28,40 +29,56 @@ pub struct FolderSection {
     pub delete: bool,
 }
 
-/// A watched folder.
+/// A watched folder; see [`Camera`].
 pub struct Folder {
     section: FolderSection,
-    known: BTreeSet<PathBuf>,
+    last_name: LastName,
+    /// Files that are old; `None` while it is closed.
+    known: Option<BTreeSet<PathBuf>>,
     last: Option<PathBuf>,
 }
 
 impl Folder {
-    /// What is there already is old.
-    pub fn open(section: FolderSection) -> Result<Self, CameraError> {
-        let known = list(&section.path)?.into_keys().collect();
-        Ok(Self { section, known, last: None })
+    /// Nothing is touched before `open`.
+    pub fn new(section: FolderSection, last_name: LastName) -> Self {
+        Self { section, last_name, known: None, last: None }
     }
 
     /// Files that came without having been asked for; they are old from now on.
     pub fn unexpected(&mut self) -> Result<Vec<String>, CameraError> {
+        let known = self.known.as_mut().ok_or_else(CameraError::closed)?;
         let mut files: Vec<_> = list(&self.section.path)?.into_keys().collect();
-        files.retain(|file| self.known.insert(file.clone()));
+        files.retain(|file| known.insert(file.clone()));
         Ok(files.iter().map(|file| file.display().to_string()).collect())
+    }
+}
+
+impl Camera for Folder {
+    /// What is there already is old.
+    fn open(&mut self) -> Result<CameraInfo, CameraError> {
+        self.known = Some(list(&self.section.path)?.into_keys().collect());
+        let name = format!("remote release, files in {}", self.section.path.display());
+        Ok(CameraInfo { name, ..CameraInfo::default() })
     }
 
     /// Waits for the next new file.
-    pub fn wait(&mut self, deadline: &Deadline) -> Result<Frame, CameraError> {
+    fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
+        let deadline = Deadline::after(deadline);
+        let known = self.known.as_mut().ok_or_else(CameraError::closed)?;
         let mut before = BTreeMap::new();
         loop {
             let left = deadline.left(&format!("a new JPEG file in {}", self.section.path.display()))?;
             let now = list(&self.section.path)?;
-            for (file, size) in now.iter().filter(|(file, _)| !self.known.contains(*file)) {
+            for (file, size) in now.iter().filter(|(file, _)| !known.contains(*file)) {
                 if before.get(file) == Some(size) {
                     let bytes = fs::read(file).map_err(|error| gone(file, &error))?;
                     if jpeg::whole(&bytes).is_ok() {
-                        self.known.insert(file.clone());
+                        known.insert(file.clone());
                         self.last = Some(file.clone());
-                        return Ok(frame(file, bytes));
+                        let path = file.display().to_string();
+                        self.last_name.check(&path)?;
+                        let settings = Map::from_iter([("camera_path".to_owned(), path.into())]);
+                        return Ok(Frame { bytes, format: Format::Jpeg, settings, exposed: None });
                     }
                 }
             }
@@ -70,18 +87,16 @@ impl Folder {
         }
     }
 
-    /// Our copy of the last file is durable.
-    pub fn release(&mut self) -> Result<(), CameraError> {
+    fn release_last(&mut self) -> Result<(), CameraError> {
         match self.last.take().filter(|_| self.section.delete) {
             Some(file) => fs::remove_file(&file).map_err(|error| gone(&file, &error)),
             None => Ok(()),
         }
     }
-}
 
-fn frame(file: &Path, bytes: Vec<u8>) -> Frame {
-    let settings = Map::from_iter([("camera_path".to_owned(), file.display().to_string().into())]);
-    Frame { bytes, format: Format::Jpeg, settings, exposed: None }
+    fn close(&mut self) {
+        (self.known, self.last) = (None, None);
+    }
 }
 
 fn gone(path: &Path, error: &io::Error) -> CameraError {
@@ -136,7 +151,8 @@ mod tests {
         fs::create_dir_all(&card).unwrap();
         fs::write(card.join("old.jpg"), picture(3)).unwrap();
         let section = FolderSection { path: dir.path().to_owned(), delete: true };
-        let mut folder = Folder::open(section).unwrap();
+        let mut folder = Folder::new(section, LastName::default());
+        folder.open().unwrap();
 
         let late = picture(7);
         let (whole, half) = (late.clone(), late[..late.len() / 2].to_vec());
@@ -146,13 +162,13 @@ mod tests {
             std::thread::sleep(LOOK * 4);
             fs::write(&target, whole).unwrap();
         });
-        let frame = folder.wait(&Deadline::after(Duration::from_secs(20))).unwrap();
+        let frame = folder.shoot(Duration::from_secs(20)).unwrap();
         writer.join().unwrap();
         assert_eq!(frame.bytes, late);
-        folder.release().unwrap();
+        folder.release_last().unwrap();
         assert!(!card.join("new.JPG").exists() && card.join("old.jpg").exists());
 
-        let none = folder.wait(&Deadline::after(LOOK * 3));
+        let none = folder.shoot(LOOK * 3);
         assert!(matches!(none, Err(CameraError::Timeout { .. })), "{none:?}");
         fs::write(card.join("stray.jpg"), picture(5)).unwrap();
         assert_eq!(folder.unexpected().unwrap().len(), 1);

@@ -1,4 +1,4 @@
-//! A GPIO line: it works a camera's remote release, or says that the supply fails.
+//! A GPIO line works a camera's remote release, or says that the supply fails.
 
 use std::path::PathBuf;
 
@@ -55,7 +55,7 @@ impl LineSection {
     }
 }
 
-/// A line of ours, not pressed unless told. The kernel lets go of it when it is dropped.
+/// A line of ours, not pressed unless asked. The kernel lets go of it when it is dropped.
 pub struct Line {
     request: Request,
     label: String,

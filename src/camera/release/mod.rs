@@ -8,13 +8,11 @@ mod line;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
-use crate::camera::deadline::Deadline;
-use crate::camera::freshness::Freshness;
+use crate::camera::delay::delay_fault;
+use crate::camera::freshness::LastName;
 #[cfg(feature = "gphoto")]
 use crate::camera::gphoto::{GphotoCamera, GphotoSection};
-use crate::camera::section::delay_fault;
 #[cfg(feature = "v4l")]
 use crate::camera::v4l::{V4lCamera, V4lSection};
 use crate::camera::{Camera, CameraError, CameraInfo, Frame};
@@ -98,20 +96,51 @@ impl ReleaseSection {
     }
 }
 
-enum Frames {
-    #[cfg(feature = "gphoto")]
-    Gphoto(Box<GphotoCamera>),
-    Folder(FolderSection, Option<Folder>),
-    #[cfg(feature = "v4l")]
-    V4l(Box<V4lCamera>),
+/// What delivers the frames of a release.
+trait Source: Camera {
+    /// Has the button pressed, and takes the frame that this makes; also the names of those that came before, unasked.
+    fn fire(&mut self, press: Press, deadline: Duration) -> Result<(Frame, Edge, Vec<String>), CameraError>;
+}
+
+/// One press of the button.
+type Press<'a> = &'a (dyn Fn() -> Result<Edge, CameraError> + Sync);
+
+#[cfg(feature = "gphoto")]
+impl Source for GphotoCamera {
+    fn fire(&mut self, press: Press, deadline: Duration) -> Result<(Frame, Edge, Vec<String>), CameraError> {
+        let strays = self.drain()?;
+        let edge = press()?;
+        Ok((self.shoot_or_wait(deadline, false)?, edge, strays))
+    }
+}
+
+impl Source for Folder {
+    fn fire(&mut self, press: Press, deadline: Duration) -> Result<(Frame, Edge, Vec<String>), CameraError> {
+        let strays = self.unexpected()?;
+        let edge = press()?;
+        Ok((self.shoot(deadline)?, edge, strays))
+    }
+}
+
+#[cfg(feature = "v4l")]
+impl Source for V4lCamera {
+    /// The stream must run before the release, or its frame is missed.
+    fn fire(&mut self, press: Press, deadline: Duration) -> Result<(Frame, Edge, Vec<String>), CameraError> {
+        std::thread::scope(|scope| {
+            let pressing = scope.spawn(press);
+            let frame = self.shoot(deadline);
+            let broke_off = |_| Err(CameraError::Gone("the release broke off".to_owned()));
+            let edge = pressing.join().unwrap_or_else(broke_off)?;
+            Ok((frame?, edge, Vec::new()))
+        })
+    }
 }
 
 /// The camera; see [`Camera`].
 pub struct ReleaseCamera {
     section: ReleaseSection,
     lines: Option<Lines>,
-    frames: Frames,
-    freshness: Freshness,
+    source: Box<dyn Source>,
 }
 
 struct Lines {
@@ -145,61 +174,15 @@ impl Lines {
 
 impl ReleaseCamera {
     /// Nothing is touched before `open`.
-    pub fn new(section: ReleaseSection, freshness: Freshness) -> Self {
-        let frames = match section.frames.clone() {
+    pub fn new(section: ReleaseSection, last_name: LastName) -> Self {
+        let source: Box<dyn Source> = match section.frames.clone() {
             #[cfg(feature = "gphoto")]
-            FramesSection::Gphoto(section) => {
-                Frames::Gphoto(Box::new(GphotoCamera::new(section, freshness.clone())))
-            }
-            FramesSection::Folder(section) => Frames::Folder(section, None),
+            FramesSection::Gphoto(section) => Box::new(GphotoCamera::new(section, last_name)),
+            FramesSection::Folder(section) => Box::new(Folder::new(section, last_name)),
             #[cfg(feature = "v4l")]
-            FramesSection::V4l(section) => Frames::V4l(Box::new(V4lCamera::new(section, freshness.clone()))),
+            FramesSection::V4l(section) => Box::new(V4lCamera::new(section)),
         };
-        Self { section, lines: None, frames, freshness }
-    }
-
-    /// Presses and takes the frame; also the frames that came before, unasked.
-    fn fire(&mut self, deadline: Duration) -> Result<(Frame, Vec<String>), CameraError> {
-        let closed = || CameraError::Gone("the camera is not open".to_owned());
-        let lines = self.lines.as_ref().ok_or_else(closed)?;
-        let (half_s, full_s) = (self.section.half_press_s, self.section.full_press_s);
-        let delay = Delay::of(self.section.exposure_delay_s, self.section.exposure_delay_sigma_s);
-        match &mut self.frames {
-            #[cfg(feature = "gphoto")]
-            Frames::Gphoto(camera) => {
-                let strays = camera.drain()?;
-                let edge = lines.press(half_s, full_s)?;
-                let frame = camera.shoot_or_wait(deadline, false)?;
-                Ok((exposed(frame, edge, delay), strays))
-            }
-            Frames::Folder(_, folder) => {
-                let folder = folder.as_mut().ok_or_else(closed)?;
-                let strays = folder.unexpected()?;
-                let edge = lines.press(half_s, full_s)?;
-                let frame = folder.wait(&Deadline::after(deadline))?;
-                let name = frame.settings.get("camera_path").and_then(Value::as_str);
-                self.freshness.check(&frame.bytes, name)?;
-                Ok((exposed(frame, edge, delay), strays))
-            }
-            // The stream must run before the release, or its frame is missed.
-            #[cfg(feature = "v4l")]
-            Frames::V4l(camera) => std::thread::scope(|scope| {
-                let press = scope.spawn(|| lines.press(half_s, full_s));
-                let frame = camera.shoot(deadline);
-                let pressed = press.join().unwrap_or_else(|_| Err(closed()));
-                pressed.and_then(|edge| Ok((exposed(frame?, edge, delay), Vec::new())))
-            }),
-        }
-    }
-
-    fn source(&mut self) -> Option<&mut dyn Camera> {
-        match &mut self.frames {
-            #[cfg(feature = "gphoto")]
-            Frames::Gphoto(camera) => Some(camera.as_mut()),
-            #[cfg(feature = "v4l")]
-            Frames::V4l(camera) => Some(camera.as_mut()),
-            Frames::Folder(..) => None,
-        }
+        Self { section, lines: None, source }
     }
 }
 
@@ -220,56 +203,40 @@ impl Camera for ReleaseCamera {
         self.close();
         let half = self.section.half_press.as_ref().map(Line::take).transpose()?;
         self.lines = Some(Lines { full: Line::take(&self.section.full_press)?, half });
-        #[cfg_attr(not(any(feature = "gphoto", feature = "v4l")), allow(irrefutable_let_patterns))]
-        if let Frames::Folder(section, folder) = &mut self.frames {
-            let name = format!("remote release, files in {}", section.path.display());
-            *folder = Some(Folder::open(section.clone())?);
-            return Ok(CameraInfo { name, ..CameraInfo::default() });
-        }
-        self.source().map_or_else(|| Ok(CameraInfo::default()), Camera::open)
+        self.source.open()
     }
 
     fn recover(&mut self, deadline: Duration) -> Result<Option<Frame>, CameraError> {
-        self.source().map_or(Ok(None), |source| source.recover(deadline))
+        self.source.recover(deadline)
     }
 
     fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
-        match self.fire(deadline) {
-            Ok((mut frame, strays)) => {
-                if !strays.is_empty() {
-                    frame.settings.insert("unexpected_files".to_owned(), strays.into());
-                }
-                Ok(frame)
-            }
-            Err(CameraError::Timeout { after_s, what }) => {
-                let what = format!(
+        let lines = self.lines.as_ref().ok_or_else(CameraError::closed)?;
+        let (half_s, full_s) = (self.section.half_press_s, self.section.full_press_s);
+        let fired = self.source.fire(&|| lines.press(half_s, full_s), deadline);
+        let (mut frame, edge, strays) = fired.map_err(|error| match error {
+            CameraError::Timeout { after_s, what } => CameraError::Timeout {
+                after_s,
+                what: format!(
                     "{what}. The release was pressed and no frame came: check its cable, the camera's mode and focus"
-                );
-                Err(CameraError::Timeout { after_s, what })
-            }
-            Err(error) => Err(error),
+                ),
+            },
+            error => error,
+        })?;
+        if !strays.is_empty() {
+            frame.settings.insert("unexpected_files".to_owned(), strays.into());
         }
+        let delay = Delay::of(self.section.exposure_delay_s, self.section.exposure_delay_sigma_s);
+        Ok(exposed(frame, edge, delay))
     }
 
     fn release_last(&mut self) -> Result<(), CameraError> {
-        match &mut self.frames {
-            Frames::Folder(_, folder) => folder.as_mut().map_or(Ok(()), Folder::release),
-            #[cfg(any(feature = "gphoto", feature = "v4l"))]
-            _ => self.source().map_or(Ok(()), Camera::release_last),
-        }
+        self.source.release_last()
     }
 
     fn close(&mut self) {
         self.lines = None;
-        match &mut self.frames {
-            Frames::Folder(_, folder) => *folder = None,
-            #[cfg(any(feature = "gphoto", feature = "v4l"))]
-            _ => {
-                if let Some(source) = self.source() {
-                    source.close();
-                }
-            }
-        }
+        self.source.close();
     }
 }
 
@@ -300,8 +267,8 @@ mod tests {
             exposed,
         };
         let delay = Delay { seconds: 0.05, sigma_s: 0.002 };
-        let told = exposed(frame(None), edge, Some(delay)).exposed;
-        assert_eq!(told, Some(Evidence::Edge { from_s: 5.0, to_s: 5.001, delay }));
+        let dated = exposed(frame(None), edge, Some(delay)).exposed;
+        assert_eq!(dated, Some(Evidence::Edge { from_s: 5.0, to_s: 5.001, delay }));
         let answered = Some(Evidence::Between { from_s: 1.0, to_s: 6.0 });
         assert_eq!(
             exposed(frame(answered), edge, None).exposed,
@@ -314,7 +281,7 @@ mod tests {
     #[test]
     fn a_missing_line_is_refused_with_its_name() {
         let section = "full_press = { chip = '/dev/no-such-chip', offset = 3 }\n[frames]\nkind = 'folder'\npath = '/'\n";
-        let mut camera = ReleaseCamera::new(toml::from_str(section).unwrap(), Freshness::default());
+        let mut camera = ReleaseCamera::new(toml::from_str(section).unwrap(), LastName::default());
         let error = camera.open().unwrap_err();
         assert!(matches!(&error, CameraError::Refused(why) if why.contains("/dev/no-such-chip")), "{error}");
     }

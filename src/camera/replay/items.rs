@@ -1,4 +1,4 @@
-//! The files that a replay camera delivers: a folder's, or a list's.
+//! A replay camera delivers the files of a folder, or those of a list.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;

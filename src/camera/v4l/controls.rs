@@ -60,8 +60,19 @@ pub fn apply(device: &Device, wanted: &BTreeMap<String, i64>) -> (Map<String, Va
     (settings, warnings)
 }
 
+/// The same where a control is not as wanted: a camera that lost its settings, by a brown-out for instance, gets them again.
+pub fn hold(device: &Device, wanted: &BTreeMap<String, i64>) -> (Map<String, Value>, Vec<String>) {
+    let (settings, mut drift) = read_back(device, wanted);
+    if drift.is_empty() {
+        return (settings, drift);
+    }
+    let (settings, still) = apply(device, wanted);
+    drift.extend(still);
+    (settings, drift)
+}
+
 /// Values in force, and a warning for each that is not as wanted.
-pub fn read_back(device: &Device, wanted: &BTreeMap<String, i64>) -> (Map<String, Value>, Vec<String>) {
+fn read_back(device: &Device, wanted: &BTreeMap<String, i64>) -> (Map<String, Value>, Vec<String>) {
     let mut settings = Map::new();
     let mut warnings = Vec::new();
     for (name, value) in wanted {

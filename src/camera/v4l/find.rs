@@ -1,4 +1,4 @@
-//! Which device node is the camera: the number of `/dev/videoN` changes from plug to plug.
+//! The camera's device node is looked for: the number of `/dev/videoN` changes from plug to plug.
 
 use std::fs;
 use std::path::{Path, PathBuf};

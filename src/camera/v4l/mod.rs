@@ -1,4 +1,4 @@
-//! A camera behind Video for Linux (V4L2): USB video class, CSI, frame grabbers.
+//! A camera behind Video for Linux (V4L2) is a webcam, a CSI camera or a frame grabber.
 
 pub mod controls;
 mod find;
@@ -14,8 +14,7 @@ use v4l::video::Capture;
 use v4l::{Device, FourCC};
 
 use crate::camera::deadline::Deadline;
-use crate::camera::freshness::Freshness;
-use crate::camera::section::delay_fault;
+use crate::camera::delay::delay_fault;
 use crate::camera::{Camera, CameraError, CameraInfo, Format, Frame, jpeg};
 use crate::clock;
 use crate::clock::exposure::{Delay, Evidence};
@@ -90,7 +89,6 @@ fn fourcc(name: &str) -> Option<FourCC> {
 pub struct V4lCamera {
     section: V4lSection,
     opened: Option<Opened>,
-    freshness: Freshness,
 }
 
 struct Opened {
@@ -110,13 +108,15 @@ struct LiveStream {
     frames: u32,
 }
 
+/// Unit of the control `exposure_time_absolute`, s (V4L2 API, camera controls).
+const EXPOSURE_UNIT_S: f64 = 1e-4;
 /// Live frames from one look at the controls to the next.
 const CONTROLS_EVERY: u32 = 50;
 
 impl V4lCamera {
     /// Nothing is touched before `open`.
-    pub fn new(section: V4lSection, freshness: Freshness) -> Self {
-        Self { section, opened: None, freshness }
+    pub fn new(section: V4lSection) -> Self {
+        Self { section, opened: None }
     }
 
     fn prepare(&mut self) -> Result<CameraInfo, CameraError> {
@@ -142,31 +142,19 @@ impl V4lCamera {
         Ok(CameraInfo { name: format!("{} ({}, {})", caps.card, caps.driver, caps.bus), settings, warnings })
     }
 
+    /// A shot has a stream of its own.
     fn take(&mut self, deadline: &Deadline) -> Result<Frame, CameraError> {
-        let closed = || CameraError::Gone("the camera is not open".to_owned());
-        let opened = self.opened.as_ref().ok_or_else(closed)?;
-        let (mut settings, mut drift) = controls::read_back(&opened.device, &self.section.controls);
-        if !drift.is_empty() {
-            // A camera that lost its settings, by a brown-out for instance, gets them again.
-            let (again, still) = controls::apply(&opened.device, &self.section.controls);
-            settings = again;
-            drift.extend(still);
-        }
+        let opened = self.opened.as_ref().ok_or_else(CameraError::closed)?;
+        let (settings, drift) = controls::hold(&opened.device, &self.section.controls);
         let got = stream::grab(&opened.device, self.section.settle_frames, opened.shortest, deadline)?;
         if opened.format == Format::Jpeg {
             jpeg::whole(&got.bytes).map_err(|why| CameraError::BadFrame(why.to_string()))?;
         }
-        self.freshness.check(&got.bytes, None)?;
-        describe(&mut settings, &got, drift);
-        let exposed = self.exposed(&settings, &got);
-        Ok(Frame { bytes: got.bytes, format: opened.format.clone(), settings, exposed })
+        Ok(self.frame(opened.format.clone(), settings, drift, got))
     }
-}
 
-impl V4lCamera {
     fn take_live(&mut self, deadline: &Deadline) -> Result<Frame, CameraError> {
-        let closed = || CameraError::Gone("the camera is not open".to_owned());
-        let opened = self.opened.as_mut().ok_or_else(closed)?;
+        let opened = self.opened.as_mut().ok_or_else(CameraError::closed)?;
         let mut live = match opened.live.take() {
             Some(live) => live,
             None => LiveStream {
@@ -177,12 +165,7 @@ impl V4lCamera {
         };
         let mut drift = Vec::new();
         if live.frames.is_multiple_of(CONTROLS_EVERY) {
-            (live.settings, drift) = controls::read_back(&opened.device, &self.section.controls);
-            if !drift.is_empty() {
-                let (again, still) = controls::apply(&opened.device, &self.section.controls);
-                live.settings = again;
-                drift.extend(still);
-            }
+            (live.settings, drift) = controls::hold(&opened.device, &self.section.controls);
         }
         live.frames = live.frames.wrapping_add(1);
         let got = match live.running.next(opened.shortest, deadline) {
@@ -192,26 +175,48 @@ impl V4lCamera {
                 return Err(error);
             }
         };
-        let mut settings = live.settings.clone();
+        let (format, settings) = (opened.format.clone(), live.settings.clone());
         opened.live = Some(live);
-        let format = opened.format.clone();
-        describe(&mut settings, &got, drift);
-        let exposed = self.exposed(&settings, &got);
-        Ok(Frame { bytes: got.bytes, format, settings, exposed })
+        Ok(self.frame(format, settings, drift, got))
     }
 
-    /// A series has streams of its own.
+    /// What the driver gave as a frame.
+    fn frame(
+        &self,
+        format: Format,
+        mut settings: Map<String, Value>,
+        drift: Vec<String>,
+        got: stream::Grabbed,
+    ) -> Frame {
+        settings.insert("sequence".to_owned(), got.sequence.into());
+        settings.insert("driver_time_s".to_owned(), got.time_s.into());
+        settings.insert("dropped_frames".to_owned(), got.dropped.into());
+        settings.insert("damaged_frames".to_owned(), got.damaged.into());
+        settings.insert("stale_frames".to_owned(), got.stale.into());
+        if !drift.is_empty() {
+            settings.insert("warnings".to_owned(), drift.into());
+        }
+        let exposed = self.exposed(&settings, &got);
+        Frame { bytes: got.bytes, format, settings, exposed }
+    }
+
+    fn close_where_gone(
+        &mut self,
+        take: impl FnOnce(&mut Self) -> Result<Frame, CameraError>,
+    ) -> Result<Frame, CameraError> {
+        let taken = walled(|| take(self));
+        if matches!(taken, Err(CameraError::Gone(_))) {
+            self.close();
+        }
+        taken
+    }
+
     fn stop_live(&mut self) {
         if let Some(live) = self.opened.as_mut().and_then(|opened| opened.live.take()) {
             live.running.stop();
         }
     }
-}
 
-/// Unit of the control `exposure_time_absolute`, s (V4L2 API, camera controls).
-const EXPOSURE_UNIT_S: f64 = 1e-4;
-
-impl V4lCamera {
     /// What the driver's stamp says; `None` where its clock is not ours.
     fn exposed(&self, settings: &Map<String, Value>, got: &stream::Grabbed) -> Option<Evidence> {
         let at_s = clock::since_boot_of_monotonic(got.monotonic.then_some(got.time_s)?);
@@ -223,17 +228,6 @@ impl V4lCamera {
             true => Evidence::StartOfExposure { at_s, exposure_s, period_s, delay },
             false => Evidence::EndOfFrame { at_s, exposure_s, period_s, delay },
         })
-    }
-}
-
-fn describe(settings: &mut Map<String, Value>, got: &stream::Grabbed, drift: Vec<String>) {
-    settings.insert("sequence".to_owned(), got.sequence.into());
-    settings.insert("driver_time_s".to_owned(), got.time_s.into());
-    settings.insert("dropped_frames".to_owned(), got.dropped.into());
-    settings.insert("damaged_frames".to_owned(), got.damaged.into());
-    settings.insert("stale_frames".to_owned(), got.stale.into());
-    if !drift.is_empty() {
-        settings.insert("warnings".to_owned(), drift.into());
     }
 }
 
@@ -300,20 +294,12 @@ impl Camera for V4lCamera {
     fn shoot(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
         let deadline = Deadline::after(deadline);
         self.stop_live();
-        let shot = walled(|| self.take(&deadline));
-        if matches!(shot, Err(CameraError::Gone(_))) {
-            self.close();
-        }
-        shot
+        self.close_where_gone(|camera| camera.take(&deadline))
     }
 
     fn live(&mut self, deadline: Duration) -> Result<Frame, CameraError> {
         let deadline = Deadline::after(deadline);
-        let shot = walled(|| self.take_live(&deadline));
-        if matches!(shot, Err(CameraError::Gone(_))) {
-            self.close();
-        }
-        shot
+        self.close_where_gone(|camera| camera.take_live(&deadline))
     }
 
     fn close(&mut self) {

@@ -1,4 +1,4 @@
-//! One frame from an open device.
+//! A stream of an open device gives one frame.
 //!
 //! Every shot of a series starts a stream of its own: buffers that were filled in an idle hour are old pictures,
 //! and the binding's stream cannot be used again after a time-out. Live frames come from one stream that goes on; what

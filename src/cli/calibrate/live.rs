@@ -34,10 +34,10 @@ pub(super) fn pictures(args: &Args, config: &Path, board: &DescribedBoard) -> Re
     let mut camera = config.camera.factory(Arc::new(System::new()), Duration::ZERO)();
     let opened = camera.open().map_err(|e| Failure::Undone(e.to_string()))?;
     eprintln!("{}: show the board, tilted by 20 to 40 degrees, all over the image", opened.name);
-    let freshness = Freshness::default();
+    let mut freshness = Freshness::default();
     let mut taken: Vec<Picture> = vec![];
     for shot in 1..=args.shots {
-        let frame = match camera.shoot(DEADLINE).and_then(|f| freshness.check(&f.bytes, None).map(|_| f)) {
+        let frame = match camera.shoot(DEADLINE).and_then(|f| freshness.check(&f.bytes).map(|_| f)) {
             Ok(frame) => frame,
             // A replay ends, a camera is unplugged: what was taken still counts.
             Err(error) => {

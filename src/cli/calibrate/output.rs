@@ -5,7 +5,8 @@ use std::path::Path;
 use super::pictures::{Picture, reason};
 use crate::installation::CalibrationReport;
 use crate::measure::calibrate::{Calibration, Verdict};
-use crate::report::calibration::{FIRST_DISTORTION, NAMES, SIGNIFICANT, correlation, values};
+use crate::measure::geometry::Lens;
+use crate::report::calibration::{FIRST_DISTORTION, SIGNIFICANT, correlation, values};
 
 pub(super) fn report(calibration: &Calibration, verdict: Verdict) -> CalibrationReport {
     let c = &calibration.covariance;
@@ -35,7 +36,7 @@ pub(super) fn json(
     pictures: &[Picture],
 ) -> String {
     let by_name = |values: [Option<f64>; 9]| -> serde_json::Map<String, serde_json::Value> {
-        NAMES.iter().zip(values).map(|(n, v)| ((*n).to_owned(), v.into())).collect()
+        Lens::PARAMETERS.iter().zip(values).map(|(n, v)| ((*n).to_owned(), v.into())).collect()
     };
     let parameters = values(calibration).map(Some);
     let mut camera = serde_json::Map::new();
@@ -107,7 +108,9 @@ pub(super) fn text(output: &Path, calibration: &Calibration, report: &Calibratio
         report.observations,
         report.rms_px
     );
-    for (k, ((name, value), sigma)) in NAMES.iter().zip(values(calibration)).zip(report.sigma).enumerate() {
+    for (k, ((name, value), sigma)) in
+        Lens::PARAMETERS.iter().zip(values(calibration)).zip(report.sigma).enumerate()
+    {
         let digits = if k < FIRST_DISTORTION { 3 } else { 6 };
         let weak = t_value(calibration, report, k).is_some_and(|t| t.abs() < SIGNIFICANT);
         let sigma = sigma.map_or("held".to_owned(), |s| format!("+- {s:.digits$}"));

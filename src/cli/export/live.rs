@@ -4,8 +4,8 @@ use super::sink::{Sink, Stop, ended};
 use super::{Args, FormatName, recorder_notes};
 use crate::cli::copy::bar;
 use crate::cli::{Done, Failure};
-use crate::report::export::LiveColumns;
-use crate::report::source;
+use crate::report::export::{LiveColumns, LiveFacts};
+use crate::report::{aircraft, source};
 use crate::store::{FlightRef, RealDisk, StoreError, catalogue, live};
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
@@ -32,7 +32,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let columns = LiveColumns::of(&tables, store_id.clone());
     let bar = bar(bytes, "live results");
     let mut notes = Vec::new();
-    let sink = Sink::begin(args, columns.empty(), || Ok(recorder_notes(store_id.as_deref())));
+    let mut empty = columns.empty();
+    empty.extend(LiveFacts::empty());
+    let sink = Sink::begin(args, empty, || Ok(recorder_notes(store_id.as_deref())));
     let outcome = sink.and_then(|mut sink| {
         flights.iter().try_for_each(|flight| {
             notes.extend(write(args, flight, &columns, &mut sink, |bytes| bar.inc(bytes))?);
@@ -54,17 +56,24 @@ fn write(
     sink: &mut Sink,
     read: impl Fn(u64),
 ) -> Result<Vec<String>, Stop> {
-    live::each_file(&RealDisk, &args.store, flight, |mut file| {
+    let (track, mut notes) = aircraft::track(&RealDisk, &args.store, flight)?;
+    let facts = LiveFacts { track };
+    let files = live::each_file(&RealDisk, &args.store, flight, |mut file| {
         read(file.length() as u64);
         let head = file.head.clone();
         while let Some(block) = file.next_block() {
             match columns.rows(&head, &block) {
-                Some(rows) => sink.add(args, rows)?,
+                Some(mut rows) => {
+                    rows.extend(facts.rows(&head, &block));
+                    sink.add(args, rows)?;
+                }
                 None => return Ok(file.torn().max(1)),
             }
         }
-        Ok(file.torn())
-    })
+        Result::<usize, Stop>::Ok(file.torn())
+    })?;
+    notes.extend(files);
+    Ok(notes)
 }
 
 fn usage(args: &Args) -> Result<(), Failure> {

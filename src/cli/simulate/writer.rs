@@ -51,8 +51,12 @@ pub fn write_set(
 /// Writes a raster as a grey JPEG.
 pub fn write_jpeg(path: &Path, raster: &Raster, quality: u8) -> Result<()> {
     let (width, height) = (u16::try_from(raster.width())?, u16::try_from(raster.height())?);
-    jpeg_encoder::Encoder::new_file(path, quality)
-        .and_then(|encoder| encoder.encode(raster.luma(), width, height, jpeg_encoder::ColorType::Luma))
+    // Into memory, as elsewhere: the encoder is compiled for each kind of writer.
+    let mut jpeg = vec![];
+    jpeg_encoder::Encoder::new(&mut jpeg, quality)
+        .encode(raster.luma(), width, height, jpeg_encoder::ColorType::Luma)
+        .map_err(anyhow::Error::from)
+        .and_then(|()| Ok(fs::write(path, &jpeg)?))
         .with_context(|| format!("cannot write {}", path.display()))
 }
 
@@ -97,7 +101,7 @@ fn installation_toml(setup: &Setup) -> String {
             "skin_height_m = {{ root = {:?}, tip = {:?}, tip_span_m = {:?} }}",
             skin.root_m, skin.tip_m, skin.tip_span_m
         );
-        let _ = writeln!(text, "skin_height_sigma_m = {:?}", setup.uncertainty.skin_height_m);
+        let _ = writeln!(text, "skin_height_sigma_m = {:?}", setup.uncertainty.skin_height_sigma_m);
     }
     if let Some(thermal) = setup.thermal {
         let _ = writeln!(

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::Reading;
 use crate::clock::exposure::Source;
 use crate::measure::adjust::GlobalTest;
-use crate::measure::adjust::quality::global_test;
+use crate::measure::estimation::quality::global_test;
 use crate::measure::time_code::{Delay, Screen, delay};
 use crate::record::Reason;
 use crate::report::grid::Grid;

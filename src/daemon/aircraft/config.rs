@@ -1,4 +1,4 @@
-//! `[live.aircraft_data]` of the configuration.
+//! `[live.aircraft_data]` of the configuration says where the lines come from, and what stands in them.
 
 use std::net::SocketAddr;
 

@@ -1,9 +1,7 @@
-//! Hears a feed's lines and hands them on, whatever the other side does.
+//! A feed's lines are heard and handed on, whatever the other side does.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs, UdpSocket};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
@@ -24,12 +22,11 @@ const LONGEST_LINE: usize = 4096;
 pub(super) struct Shared {
     pub core: Core,
     pub config: AircraftConfig,
-    pub over: Arc<AtomicBool>,
 }
 
 impl Shared {
     pub fn over(&self) -> bool {
-        self.over.load(Ordering::Relaxed) || self.core.halt.ending()
+        self.core.halt.ending()
     }
 
     pub fn update(&self, f: impl FnOnce(&mut AircraftStatus)) {

@@ -5,8 +5,6 @@ mod config;
 mod feed;
 mod recording;
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel, sync_channel};
 use std::time::Duration;
 
@@ -20,22 +18,19 @@ const LAST_LINES: Duration = Duration::from_secs(3);
 
 /// The feed of a running recorder.
 pub(crate) struct Feed {
-    over: Arc<AtomicBool>,
     ended: Receiver<()>,
 }
 
 impl Drop for Feed {
-    /// The last lines become durable, in a time that is bounded.
+    /// The last lines become durable, in a time that is bounded. The daemon has been asked to end before.
     fn drop(&mut self) {
-        self.over.store(true, Ordering::Relaxed);
         let _ = self.ended.recv_timeout(LAST_LINES);
     }
 }
 
-/// Listens and records until it is dropped. Where the machine gives no threads the status says so.
+/// Listens and records until the daemon ends. Where the machine gives no threads the status says so.
 pub(crate) fn listen(core: &Core, config: &AircraftConfig) -> Feed {
-    let over = Arc::new(AtomicBool::new(false));
-    let shared = Shared { core: core.clone(), config: config.clone(), over: over.clone() };
+    let shared = Shared { core: core.clone(), config: config.clone() };
     let (lines, inbox) = sync_channel(recording::WAITING);
     let (done, ended) = channel();
     let (hearing, recording) = (shared.clone(), shared.clone());
@@ -47,7 +42,7 @@ pub(crate) fn listen(core: &Core, config: &AircraftConfig) -> Feed {
     if let Some(error) = hear.err().or(record.err()) {
         shared.fault(Some(format!("no thread to listen on: {error}")));
     }
-    Feed { over, ended }
+    Feed { ended }
 }
 
 #[cfg(test)]
@@ -57,6 +52,7 @@ mod tests {
 
     use std::io::{Read, Write};
     use std::net::UdpSocket;
+    use std::sync::Arc;
 
     use crate::clock::{Clock, System};
     use crate::daemon::halt::Halt;
@@ -89,6 +85,11 @@ mod tests {
         fn listen(&self, config: &str) -> Feed {
             let config: AircraftConfig = toml::from_str(config).unwrap();
             listen(&self.core, &config)
+        }
+
+        fn end(&self, feed: Feed) {
+            self.core.halt.end(LAST_LINES);
+            drop(feed);
         }
 
         /// Waits, for a machine that is slow, until the status is as wanted.
@@ -130,7 +131,7 @@ mod tests {
         assert!(status.recorded >= 20 && status.lost == 0 && status.fault.is_none(), "{status:?}");
         // Every other line is noise, and kept; the last one may still wait.
         assert!((status.read * 2).abs_diff(status.recorded) <= 1, "{status:?}");
-        drop(feed);
+        bench.end(feed);
         let flight = catalogue::flights(&RealDisk, bench.dir.path()).unwrap().remove(0);
         assert_eq!(crate::store::aircraft::files(&RealDisk, &flight).unwrap().len(), 1);
         assert!(verify::verify(&RealDisk, bench.dir.path()).is_sound());
@@ -172,7 +173,7 @@ mod tests {
         let status = bench.until(|status| status.read == 2);
         assert_eq!((status.recorded, status.read, status.fault), (2, 2, None));
         // It hangs: the connection stays and nothing comes.
-        drop(feed);
+        bench.end(feed);
         assert!(verify::verify(&RealDisk, bench.dir.path()).is_sound());
     }
 }

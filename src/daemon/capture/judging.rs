@@ -1,4 +1,4 @@
-//! Whether a frame is good, when it was exposed, and what a failure is called.
+//! A frame is judged: whether it is good, when it was exposed, and what a failure is called.
 
 use crate::camera::freshness::Freshness;
 use crate::camera::{CameraError, Format, Frame, exif, jpeg};
@@ -23,14 +23,14 @@ impl Judge {
     }
 
     /// A frame that came without an error may still be half or old.
-    pub fn judge(&self, frame: &Frame) -> Result<(), Failure> {
+    pub fn judge(&mut self, frame: &Frame) -> Result<(), Failure> {
         let whole = match &frame.format {
             Format::Jpeg => jpeg::whole(&frame.bytes).map_err(|why| why.to_string()),
             _ if frame.bytes.is_empty() => Err("it is empty".to_owned()),
             _ => Ok(()),
         };
         whole.map_err(|reason| failure_of(&CameraError::BadFrame(reason)))?;
-        let fresh = self.freshness.check(&frame.bytes, None);
+        let fresh = self.freshness.check(&frame.bytes);
         fresh.map_err(|error| Failure { kind: STALE.to_owned(), ..failure_of(&error) })
     }
 

@@ -9,16 +9,13 @@ use serde_json::{Map, Value};
 
 use super::config::SeriesConfig;
 use super::core::Core;
-use super::worker::{NoThread, Unanswered, Worker};
-use crate::camera::{Camera, CameraError, CameraInfo, Frame};
+use super::worker::{Unanswered, Worker};
+use crate::camera::{Camera, CameraError, CameraFactory, CameraInfo, Frame};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
 use crate::store::manifest::{Failure, Shot};
 pub(crate) use judging::STALE;
 use judging::{Judge, failure_of};
-
-/// Makes a camera, closed. Called again after a hang, a panic or an unplug.
-pub type CameraFactory = Box<dyn FnMut() -> Result<Box<dyn Camera>, CameraError> + Send>;
 
 /// Calls that may hang at a time before no new camera is made: each holds a thread.
 const MAX_HANGING: usize = 8;
@@ -204,12 +201,9 @@ impl Capture {
         what: &str,
         work: impl FnOnce(&mut dyn Camera) -> T + Send + 'static,
     ) -> Result<T, CameraError> {
-        if !self.worker.is_ready() {
-            let camera = (self.factory)()?;
-            self.worker.begin(move || Some(Driver(camera))).map_err(no_thread)?;
-        }
-        let board = &self.core.board;
-        let answer = self.worker.call(limit, &|| board.beat(), move |driver| work(driver.0.as_mut()));
+        let (factory, board) = (self.factory.clone(), &self.core.board);
+        let make = move || Some(Driver(factory()));
+        let answer = self.worker.call(limit, &|| board.beat(), make, move |driver| work(driver.0.as_mut()));
         board.update(|status| {
             status.counts.hangs = self.worker.given_up();
             status.camera.hanging_calls = self.worker.hanging();
@@ -221,17 +215,15 @@ impl Capture {
     }
 }
 
-fn no_thread(why: NoThread) -> CameraError {
-    match why {
-        NoThread::TooManyHang => {
-            CameraError::Gone(format!("{MAX_HANGING} calls to it hang; unplug it and restart wingd"))
-        }
-        NoThread::Machine(error) => CameraError::Busy(format!("no thread for the camera: {error}")),
-    }
-}
-
 fn unanswered(why: Unanswered, limit: Duration, what: &str) -> CameraError {
     let (after, why) = match why {
+        Unanswered::TooManyHang => {
+            let what = format!("{MAX_HANGING} calls to it hang; unplug it and restart wingd");
+            return CameraError::Gone(what);
+        }
+        Unanswered::NoThread(error) => {
+            return CameraError::Busy(format!("no thread for the camera: {error}"));
+        }
         Unanswered::Broken => return CameraError::Gone("its driver panicked; it is opened anew".to_owned()),
         Unanswered::Late => (limit, "the call hangs and is given up"),
         Unanswered::Halted(after) => (after, "it is given up because wingd stops or the power fails"),

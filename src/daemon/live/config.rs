@@ -1,4 +1,4 @@
-//! `[live]` of the configuration.
+//! `[live]` of the configuration says what happens between the series, and which raw frames are kept.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -105,79 +105,50 @@ impl LiveConfig {
 
     /// Every fault, at its key of the whole file.
     pub fn faults(&self) -> Vec<KeyFault> {
-        let mut faults = Vec::new();
-        let mut must = |holds: bool, key: &str, problem: &str, mend: &str| {
-            if !holds {
-                faults.push(KeyFault::new(format!("live.{key}"), problem, mend));
-            }
-        };
-        let positive = |value: Option<f64>| value.is_none_or(|v| v.is_finite() && v > 0.0);
-        must(
-            self.rate_hz.is_none_or(|hz| (0.1..=MOST_HZ).contains(&hz)),
-            "rate_hz",
-            "must be 0.1 to 100",
-            "give frames a second, for example 10",
-        );
-        must(
-            self.on() || !self.has_output(),
-            "rate_hz",
-            "is missing, so that there are no results to give out",
-            "give frames a second, for example 10",
-        );
-        must(
-            self.series || self.on(),
-            "series",
-            "is false without rate_hz, so that nothing is recorded",
-            "give rate_hz, or leave series out",
-        );
         let port = |text: &str| {
             text.rsplit_once(':').is_some_and(|(host, port)| {
                 !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0)
             })
         };
-        must(
-            self.udp.as_deref().is_none_or(port),
-            "udp",
-            "is no host and port",
-            "write it as \"192.168.1.20:7072\"",
-        );
-        must(
-            self.max_temperature_c.is_none_or(|c| (30.0..=120.0).contains(&c)),
-            "max_temperature_c",
-            "must be 30 to 120",
-            "the processor's data sheet names what it bears",
-        );
-        must(
-            self.keep.ring_mb <= MOST_RING_MB,
-            "keep.ring_mb",
-            "is more than 4000",
-            "what an event saves lies in memory until then",
-        );
-        let longest = Duration::from_secs(600);
-        must(
-            self.keep.before <= longest && self.keep.after <= longest,
-            "keep.before",
-            "before and after an event at most 10 min",
-            "give for example \"5s\"",
-        );
-        must(
-            positive(self.keep.tip_rate_m_s),
-            "keep.tip_rate_m_s",
-            "must be above 0",
-            "leave it out for no such event",
-        );
-        must(
-            positive(self.keep.tip_departure_m),
-            "keep.tip_departure_m",
-            "must be above 0",
-            "leave it out for no such event",
-        );
+        let rate = self.rate_hz.is_none_or(|hz| (0.1..=MOST_HZ).contains(&hz));
+        let address = self.udp.as_deref().is_none_or(port);
+        let temperature = self.max_temperature_c.is_none_or(|c| (30.0..=120.0).contains(&c));
+        let give = "give frames a second, for example 10";
+        let no_results = "is missing, so that there are no results to give out";
+        let nothing = "is false without rate_hz, so that nothing is recorded";
+        let sheet = "the processor's data sheet names what it bears";
+        let rules = [
+            (rate, "rate_hz", "must be 0.1 to 100", give),
+            (self.on() || !self.has_output(), "rate_hz", no_results, give),
+            (self.series || self.on(), "series", nothing, "give rate_hz, or leave series out"),
+            (address, "udp", "is no host and port", "write it as \"192.168.1.20:7072\""),
+            (temperature, "max_temperature_c", "must be 30 to 120", sheet),
+        ];
+        let mut faults = KeyFault::broken("live", &rules);
+        faults.extend(self.keep.faults());
         faults.extend(self.aircraft_data.iter().flat_map(AircraftConfig::faults));
         faults
     }
 
     fn has_output(&self) -> bool {
         self.udp.is_some() || self.socket.is_some()
+    }
+}
+
+impl KeepConfig {
+    fn faults(&self) -> Vec<KeyFault> {
+        let positive = |value: Option<f64>| value.is_none_or(|v| v.is_finite() && v > 0.0);
+        let longest = Duration::from_secs(600);
+        let short = self.before <= longest && self.after <= longest;
+        let waits = "what an event saves lies in memory until then";
+        let (above, no_event) = ("must be above 0", "leave it out for no such event");
+        let rules = [
+            (self.ring_mb <= MOST_RING_MB, "ring_mb", "is more than 4000", waits),
+            (short, "before", "before and after an event at most 10 min", "give for example \"5s\""),
+            (positive(self.tip_rate_m_s), "tip_rate_m_s", above, no_event),
+            (positive(self.tip_departure_m), "tip_departure_m", above, no_event),
+        ];
+        KeyFault::broken("live.keep", &rules)
     }
 }
 

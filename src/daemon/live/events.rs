@@ -1,4 +1,4 @@
-//! What in the results is an event, whose raw frames are kept. Pure.
+//! An event in the results has its raw frames kept. Pure.
 
 use super::config::KeepConfig;
 use super::result::LiveResult;

@@ -1,4 +1,4 @@
-//! Frames between the series: one is taken at each tick and handed on through a mailbox for one.
+//! Between the series a frame is taken at each tick and handed on through a mailbox for one.
 
 use std::path::Path;
 use std::sync::Arc;

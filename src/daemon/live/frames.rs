@@ -1,5 +1,5 @@
-//! Raw frames that are kept: every n-th, and those about an event. They wait in memory that is bounded; what it does
-//! not hold is lost and counted.
+//! Raw frames are kept: every n-th, and those about an event. They wait in memory that is bounded; what it does not hold is
+//! lost and counted.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -240,8 +240,8 @@ impl Keeper {
         let open = match series {
             Some(open) => open,
             none => {
-                let plan = Plan { cause, shots: 0 };
-                let mut begun = keep::begin(&self.shared.core.store, plan, &self.shared.core.clock.stamp())?;
+                let (core, plan) = (&self.shared.core, Plan { cause, shots: 0 });
+                let mut begun = keep::begin(&core.store, plan, &core.clock.stamp())?;
                 begun.note_camera(self.raw.state().camera.clone())?;
                 none.insert(begun)
             }
@@ -253,12 +253,8 @@ impl Keeper {
     fn close(&self, series: &mut Option<OpenSeries>, remarks: Vec<String>) {
         let Some(series) = series.take() else { return };
         let id = series.id().to_owned();
-        match self.shared.core.store.close_series(
-            series,
-            Ended::Complete,
-            &self.shared.core.clock.stamp(),
-            remarks.clone(),
-        ) {
+        let core = &self.shared.core;
+        match core.store.close_series(series, Ended::Complete, &core.clock.stamp(), remarks.clone()) {
             Ok(()) => {
                 tracing::info!(series = id, why = remarks.join("; "), "raw frames of live mode are kept")
             }

@@ -1,4 +1,4 @@
-//! A place for one thing: what is still there when the next comes is replaced, never queued.
+//! A mailbox has a place for one thing: what is still there when the next comes is replaced, never queued.
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;

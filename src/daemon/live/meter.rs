@@ -1,4 +1,4 @@
-//! Rate and latency of the last results, for the status.
+//! The status shows rate and latency of the last results, which are measured here.
 
 use std::collections::VecDeque;
 

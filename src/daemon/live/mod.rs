@@ -1,4 +1,4 @@
-//! Frames between the series, solved as they come (docs/live.md).
+//! Live mode takes frames between the series and solves them as they come (docs/live.md).
 //!
 //! | thread | does | waits for |
 //! |---|---|---|

@@ -1,5 +1,5 @@
-//! Results for whoever listens: lines at a Unix socket, datagrams. A listener that hangs loses its lines, which are counted,
-//! and stops nobody: what waits for it is bounded.
+//! Results go to whoever listens, as lines at a Unix socket and as datagrams. A listener that hangs loses its lines, which
+//! are counted, and stops nobody: what waits for it is bounded.
 
 use std::io;
 use std::sync::Arc;
@@ -16,6 +16,7 @@ use tokio::sync::broadcast::{Receiver, Sender};
 use super::preview::Preview;
 use super::result::Given;
 use super::shared::Shared;
+use crate::daemon::endpoint;
 
 /// Results that wait for a slow listener: three seconds at 20 a second.
 pub(super) const WAITING: usize = 64;
@@ -46,7 +47,7 @@ impl Tap {
             tokio::spawn(send(self.clone(), to));
         }
         let Some(path) = socket else { return };
-        match crate::daemon::endpoint::listen(&path) {
+        match endpoint::listen(&path) {
             Ok(listener) => self.accept(listener).await,
             Err(error) => self.shared.fault("socket", &format!("{}: {error}", path.display())),
         }
@@ -54,24 +55,17 @@ impl Tap {
 
     async fn accept(self, listener: UnixListener) {
         let places = Arc::new(Semaphore::new(LISTENERS));
-        loop {
-            match listener.accept().await {
-                Ok((stream, _)) => {
-                    // One too many is let go at once.
-                    let Ok(permit) = places.clone().try_acquire_owned() else { continue };
-                    let tap = self.clone();
-                    let results = self.results.subscribe();
-                    tokio::spawn(async move {
-                        let _ = tap.talk(stream, results).await;
-                        drop(permit);
-                    });
-                }
-                Err(error) => {
-                    tracing::warn!(%error, "live socket");
-                    tokio::time::sleep(PAUSE).await;
-                }
-            }
-        }
+        let client = |stream| {
+            // One too many is let go at once.
+            let Ok(permit) = places.clone().try_acquire_owned() else { return };
+            let tap = self.clone();
+            let results = self.results.subscribe();
+            tokio::spawn(async move {
+                let _ = tap.talk(stream, results).await;
+                drop(permit);
+            });
+        };
+        endpoint::accept(listener, client).await;
     }
 
     /// Lines until the listener goes; asked for the frame it gets that, too.

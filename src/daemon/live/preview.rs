@@ -1,14 +1,14 @@
-//! A small picture of the newest solved frame, for the page: made when somebody asks, at most once a second, and with
+//! The page gets a small picture of the newest solved frame. It is made when somebody asks, at most once a second, and with
 //! nothing that the solving needs.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::result::LiveFrame;
-use crate::daemon::niceness::{DISPLAY_NICE, give_way};
-use crate::measure::raster::Raster;
+use crate::daemon::core::{DISPLAY_NICE, give_way};
 use crate::pipeline::decode::decode;
 use crate::pipeline::guard::guarded;
+use crate::pipeline::shrink::small_jpeg;
 
 /// Longer side, px.
 const LONGER: usize = 1280;
@@ -78,30 +78,6 @@ fn kindly<T: Send>(work: impl FnOnce() -> Option<T> + Send) -> Option<T> {
 
 fn small(frame: &LiveFrame) -> Option<Picture> {
     let raster = decode(&frame.taken.frame.bytes, Some(&frame.taken.frame.format)).ok()?;
-    let size = (raster.width(), raster.height());
-    let step = size.0.max(size.1).div_ceil(LONGER).max(1);
-    let (width, height) = (size.0 / step, size.1 / step);
-    let luma = means(&raster, step, width, height);
-    let mut jpeg = Vec::new();
-    let encoder = jpeg_encoder::Encoder::new(&mut jpeg, QUALITY);
-    let (w, h) = (u16::try_from(width).ok()?, u16::try_from(height).ok()?);
-    encoder.encode(&luma, w, h, jpeg_encoder::ColorType::Luma).ok()?;
-    Some(Picture { number: frame.number, size, jpeg })
-}
-
-/// Means of `step` x `step` pixels.
-fn means(raster: &Raster, step: usize, width: usize, height: usize) -> Vec<u8> {
-    let mut luma = Vec::with_capacity(width * height);
-    let mut sums = vec![0_u32; width];
-    for row in 0..height {
-        sums.fill(0);
-        for line in 0..step {
-            let pixels = raster.row(row * step + line).chunks_exact(step);
-            for (sum, block) in sums.iter_mut().zip(pixels) {
-                *sum += block.iter().map(|p| u32::from(*p)).sum::<u32>();
-            }
-        }
-        luma.extend(sums.iter().map(|sum| (sum / (step * step) as u32) as u8));
-    }
-    luma
+    let jpeg = small_jpeg(&raster, LONGER, QUALITY)?;
+    Some(Picture { number: frame.number, size: (raster.width(), raster.height()), jpeg })
 }

@@ -1,4 +1,4 @@
-//! A live frame, and its result as given out: a line of JSON, a datagram (docs/live.md).
+//! A live frame's result is given out as a line of JSON and as a datagram (docs/live.md).
 
 use std::fmt::Write as _;
 

@@ -1,4 +1,4 @@
-//! What the threads of live mode share: their configuration, and what they write into the status.
+//! The threads of live mode share their configuration, and what they write into the status.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -1,4 +1,4 @@
-//! Solving frames as they come: the newest first, behind a deadline. What goes wrong with a frame costs its result.
+//! Frames are solved as they come, the newest first and behind a deadline. What goes wrong with a frame costs its result.
 
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, TrySendError};
@@ -13,7 +13,7 @@ use super::result::{Given, LiveFrame, LiveResult};
 use super::shared::Shared;
 use crate::camera::Frame;
 use crate::daemon::solver::{Track, Tracking};
-use crate::daemon::worker::{NoThread, Unanswered, Worker};
+use crate::daemon::worker::{Unanswered, Worker};
 use crate::pipeline::live::Tracked;
 use crate::pipeline::stages::Search;
 use crate::record::{ImageRecord, Method};
@@ -59,9 +59,7 @@ impl Solving {
 
     /// `None` where frames are not solved: nothing is known to solve them with, or too many solvers hang.
     fn solve(&mut self, frame: &Arc<LiveFrame>) -> Option<Tracked> {
-        if !self.worker.is_ready() {
-            self.begin()?;
-        }
+        let track = self.track.clone()?;
         let work = {
             let frame = frame.clone();
             // The frame is let go of before the answer: its memory is not the solver's any more.
@@ -70,8 +68,17 @@ impl Solving {
                 tracking(&frame.name(), bytes, format, frame.at_s())
             }
         };
-        let why = match self.worker.call(DEADLINE, &|| {}, work) {
+        let why = match self.worker.call(DEADLINE, &|| {}, move || track().ok(), work) {
             Ok(tracked) => return Some(tracked),
+            Err(Unanswered::TooManyHang) => {
+                let why = "solvers hang; live frames are not solved before a restart of wingd";
+                self.shared.fault("solver", why);
+                return None;
+            }
+            Err(Unanswered::NoThread(error)) => {
+                self.shared.fault("solver", &format!("no thread to solve live frames on: {error}"));
+                return None;
+            }
             Err(Unanswered::Broken) => {
                 "the solver broke off on this frame, and begins anew; send the frame to the developers"
                     .to_owned()
@@ -87,19 +94,6 @@ impl Solving {
         let hangs = self.worker.given_up();
         self.shared.update(|live| live.solver_hangs = hangs);
         Some(Tracked::failed(ImageRecord::failed(&frame.name(), Method::Spatial, why)))
-    }
-
-    fn begin(&mut self) -> Option<()> {
-        let track = self.track.clone()?;
-        let why = match self.worker.begin(move || track().ok()) {
-            Ok(()) => return Some(()),
-            Err(NoThread::TooManyHang) => {
-                "solvers hang; live frames are not solved before a restart of wingd".to_owned()
-            }
-            Err(NoThread::Machine(error)) => format!("no thread to solve live frames on: {error}"),
-        };
-        self.shared.fault("solver", &why);
-        None
     }
 
     fn give(&self, frame: &Arc<LiveFrame>, tracked: Tracked, (watch, meter): (&mut Watch, &mut Meter)) {

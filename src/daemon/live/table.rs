@@ -1,4 +1,4 @@
-//! A live result as a row of the store's table (docs/store.md).
+//! A live result becomes a row of the store's table (docs/store.md).
 
 use serde_json::{Map, Value, json};
 

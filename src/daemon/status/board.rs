@@ -1,4 +1,4 @@
-//! The one place where the daemon's threads write their state.
+//! All threads of the daemon write their state here.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;

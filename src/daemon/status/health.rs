@@ -1,4 +1,4 @@
-//! The one definition of health: by the age of the last good frame.
+//! Health is defined here and nowhere else: by the age of the last good frame.
 
 use serde::{Deserialize, Serialize};
 

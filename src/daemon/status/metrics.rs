@@ -1,4 +1,4 @@
-//! The status as Prometheus metrics (text exposition format 0.0.4).
+//! The status is given out as Prometheus metrics, too (text exposition format 0.0.4).
 
 use std::fmt::Write as _;
 

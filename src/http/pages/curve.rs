@@ -1,4 +1,4 @@
-//! Tip lift over time, as a small drawing.
+//! Tip lift over time is shown as a small drawing.
 
 use maud::{Markup, html};
 

@@ -1,4 +1,4 @@
-//! A flight's page: its lift, its series, what is missing, how to take it away.
+//! A flight's page shows its lift, its series, what is missing, and how to take it away.
 
 use maud::{Markup, html};
 

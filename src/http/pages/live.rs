@@ -1,4 +1,4 @@
-//! The page of live mode; its script draws.
+//! The page of live mode is empty; its script draws.
 
 use maud::{Markup, PreEscaped, html};
 

@@ -6,9 +6,11 @@ mod live;
 mod series;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::{Refusal, Site};
+use crate::daemon::{Health, Status, StatusBoard};
 use crate::report::number::{fixed, rounded};
 use crate::report::overview::{self, Overview};
 use crate::store::{RealDisk, catalogue};
@@ -111,28 +113,29 @@ fn greatest(line: &overview::Line, lift: &crate::report::summary::Mean) -> Strin
     format!("Greatest tip lift {value} ± {sigma} m in series {}{at}", line.name)
 }
 
-/// Health and room.
+/// As the status writes it.
+fn word(value: impl Serialize) -> String {
+    serde_json::to_value(value).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
+}
+
+/// Health and free space.
 fn tiles(site: &Site, newest: Option<&Overview>) -> Markup {
-    let daemon = site.status.as_ref().map(|ask| ask());
-    let word = |key: &str| daemon.as_ref()?.get(key)?.as_str().map(str::to_owned);
-    let health = word("health");
+    let daemon = site.status.as_ref().map(StatusBoard::snapshot);
     let last = newest.and_then(|o| o.last_frame.as_ref());
     let room = room(site, newest, daemon.as_ref());
-    let state = match (&health, word("activity")) {
-        (Some(health), Some(activity)) => format!("{health}, {activity}"),
-        _ => "no recorder here".to_owned(),
-    };
+    let state = |d: &Status| format!("{}, {}", word(d.health), word(d.activity));
+    let state = daemon.as_ref().map_or("no recorder here".to_owned(), state);
     let last = last.map_or("none".to_owned(), |stamp| minute(stamp.utc));
     let fits = |hours: Option<f64>| match hours {
         None => "room unknown".to_owned(),
         Some(h) if h >= MANY_HOURS => format!("over {MANY_HOURS:.0} h"),
         Some(h) => format!("{h:.0} h"),
     };
-    let fault = daemon.as_ref().and_then(|d| d.get("last_fault")?.get("what")?.as_str().map(str::to_owned));
-    let next = daemon.as_ref().and_then(|d| d.get("next_series_s")?.as_f64());
+    let fault = daemon.as_ref().and_then(|d| d.last_fault.as_ref());
+    let next = daemon.as_ref().and_then(|d| d.next_series_s);
     html! {
         ul.tiles {
-            li.alert[health.as_deref() == Some("stale")] {
+            li.alert[daemon.as_ref().is_some_and(|d| d.health == Health::Stale)] {
                 b { (state) }
                 @if daemon.is_some() { "the recorder" } @else { "these pages show a store alone" }
             }
@@ -145,14 +148,14 @@ fn tiles(site: &Site, newest: Option<&Overview>) -> Markup {
                 }
             }
         }
-        @if let Some(fault) = fault { p.warning { "Last fault: " (fault) } }
+        @if let Some(fault) = fault { p.warning { "Last fault: " (fault.what) } }
     }
 }
 
 /// Hours of recording that fit at the newest flight's pace, and MB free above the reserve.
-fn room(site: &Site, newest: Option<&Overview>, daemon: Option<&Value>) -> Option<(Option<f64>, u64)> {
+fn room(site: &Site, newest: Option<&Overview>, daemon: Option<&Status>) -> Option<(Option<f64>, u64)> {
     let free = crate::store::Disk::free_bytes(&RealDisk, &site.root).ok()?;
-    let reserve_mb = daemon.and_then(|d| d.get("store")?.get("reserve_mb")?.as_u64()).unwrap_or(0);
+    let reserve_mb = daemon.map_or(0, |d| d.store.reserve_mb);
     let free = free.saturating_sub(reserve_mb * 1_000_000);
     let pace = newest.and_then(Overview::bytes_per_hour).filter(|pace| *pace > 0.0);
     Some((pace.map(|pace| free as f64 / pace), free / 1_000_000))
@@ -165,7 +168,7 @@ pub fn status(site: &Site) -> Result<Value, Refusal> {
     catalogue::check_format(&disk, &site.root)?;
     let flights = catalogue::flights(&disk, &site.root)?;
     let newest = flights.last().map(|f| overview::flight(&disk, f)).transpose()?.unwrap_or_default();
-    let daemon = site.status.as_ref().map(|ask| ask());
+    let daemon = site.status.as_ref().map(StatusBoard::snapshot);
     let room = room(site, Some(&newest), daemon.as_ref());
     let last = newest.series.last();
     Ok(json!({

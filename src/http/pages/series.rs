@@ -1,4 +1,4 @@
-//! A series' page with its frames, and a frame's page with its markers.
+//! A series' page shows its frames, a frame's page its markers.
 
 use maud::{Markup, html};
 

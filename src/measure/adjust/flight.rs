@@ -44,7 +44,7 @@ use crate::measure::setup::{Orientation, Setup};
 const DEPARTURE_ROUNDS: usize = 3;
 
 /// The rigid-section beam, all frames together; one solution per frame.
-pub(super) fn solve(
+pub fn solve(
     setup: &Setup,
     orientation: &Orientation,
     frames: &[Vec<Observation>],

@@ -3,8 +3,8 @@
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
 use super::AdjustError;
+use crate::measure::estimation::robust;
 use crate::measure::geometry::WingFrame;
-use crate::measure::robust;
 use crate::measure::setup::{Setup, Side, SkinHeight, SurveyMarker};
 
 /// Points of the axis' table.
@@ -94,7 +94,7 @@ const USUAL_HALF_THICKNESS: (f64, f64, f64) = (0.015, 0.004, 0.007);
 
 /// Height of the skin above the bending axis with its standard deviation, m: as stated, else what wings have.
 fn skin(setup: &Setup, points: &[Vector3<f64>]) -> (SkinHeight, f64) {
-    let stated = setup.uncertainty.skin_height_m;
+    let stated = setup.uncertainty.skin_height_sigma_m;
     if let Some(skin) = setup.skin_height {
         return (skin, stated);
     }
@@ -240,10 +240,10 @@ pub fn off_the_skin(setup: &Setup) -> Vec<OffTheSkin> {
                 (k, height, (variance + 1.0 / weights[k]).sqrt())
             })
             .collect();
-        let spread = robust::spread(tests.iter().map(|(_, height, sigma)| (height / sigma).abs()).collect());
+        let factor = robust::sigma(tests.iter().map(|(_, height, sigma)| (height / sigma).abs()).collect());
         let worst = tests.iter().max_by(|a, b| (a.1 / a.2).abs().total_cmp(&(b.1 / b.2).abs()));
         let Some(&(marker, height_m, sigma)) = worst else { break };
-        let sigma_m = sigma * spread;
+        let sigma_m = sigma * factor;
         if height_m.abs() <= DOUBTFUL * sigma_m {
             break;
         }

@@ -2,12 +2,11 @@
 
 use nalgebra::{DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
-use super::AdjustError;
-use super::gauss_helmert::{Gradient, Linearised, Prior};
 use super::marker_state::MarkerState;
-use super::scene::{Bent, Camera, Predicted, Scene};
-use super::term::{Place, Placed, Sight};
+use super::scene::{Bent, Camera, Scene};
+use super::term::{Place, Placed, Term};
 use super::values::Values;
+use crate::measure::estimation::{EstimationError, Gradient, GroupPoint, Linearised, Prior};
 
 /// Where the markers' positions on ground stand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,7 +66,7 @@ impl Layout {
     /// What is known beforehand of the local parameters.
     pub fn local_priors(&self) -> Vec<Prior> {
         let of = |placed: &Placed| match placed.place {
-            Place::Local(first) => placed.term.priors().into_iter().map(|p| p.moved(first)).collect(),
+            Place::Local(first) => placed.term.priors.iter().map(|p| p.clone().moved(first)).collect(),
             Place::Global(_) => vec![],
         };
         self.terms.iter().flat_map(of).collect()
@@ -136,126 +135,144 @@ impl Layout {
 
     /// Every unknown: its term and its column in that.
     pub fn unknowns(&self) -> impl Iterator<Item = (&Placed, usize)> {
-        self.terms.iter().flat_map(|placed| (0..placed.term.size()).map(move |k| (placed, k)))
+        self.terms.iter().flat_map(|placed| (0..placed.term.size).map(move |k| (placed, k)))
     }
 }
 
-/// A block's conditions under construction.
-pub struct Rows<'a> {
+/// Which marker a block belongs to, and where its observations stand in the block.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Member {
+    /// Index in the survey.
+    pub marker: usize,
+    /// First of the two pixel coordinates in flight.
+    pub flight: Option<usize>,
+    /// First of the two pixel coordinates on ground.
+    pub ground: Option<usize>,
+}
+
+/// The wing and the cameras that see it, at a point of the iteration.
+struct Evaluated<'a> {
+    scene: &'a Scene,
+    values: Values,
+    bent: Bent,
+    in_flight: Camera,
+    on_ground: Camera,
+}
+
+impl Layout {
+    /// All blocks of a group at a point, a block for each member: where a position on ground is a parameter and the block
+    /// holds the survey, three conditions for that; two for the image in flight; two for that on ground.
+    pub fn linearise(
+        &self,
+        scene: &Scene,
+        members: &[Member],
+        at: &GroupPoint,
+        blocks: &mut Vec<Linearised>,
+    ) -> Result<(), EstimationError> {
+        let values = self.values(at.global, at.local);
+        let frame = Evaluated {
+            bent: scene.bend(&values.bending()),
+            in_flight: scene.camera(&values.pose),
+            on_ground: scene.ground_camera(&values.pose),
+            scene,
+            values,
+        };
+        for (index, (member, observed)) in members.iter().zip(at.observed).enumerate() {
+            let surveyed = self.survey != Survey::Observed && member.flight.is_none();
+            let images = usize::from(member.flight.is_some()) + usize::from(member.ground.is_some());
+            if index == blocks.len() {
+                let columns = self.columns(&[member.marker]);
+                let conditions = 3 * usize::from(surveyed) + 2 * images;
+                blocks.push(Linearised::empty(conditions, columns, self.local, observed.len()));
+            }
+            let ground_m = self.on_ground(member.marker, at.global, observed);
+            let mut rows = Rows { layout: self, out: &mut blocks[index], observed, row: 0 };
+            if surveyed {
+                rows.surveyed(&ground_m);
+            }
+            rows.images(member, &ground_m, &frame)?;
+        }
+        Ok(())
+    }
+}
+
+/// A block's conditions under construction; it may hold those of another point.
+struct Rows<'a> {
     layout: &'a Layout,
     out: &'a mut Linearised,
+    /// The block's adjusted observations.
+    observed: &'a DVector<f64>,
+    row: usize,
 }
 
-impl<'a> Rows<'a> {
-    /// Block `index` of a group's list, where it may stand from another point; else it is new:
-    /// `conditions` rows over `observations` columns, all zero.
-    pub fn new(
-        layout: &'a Layout,
-        (blocks, index): (&'a mut Vec<Linearised>, usize),
-        marker: usize,
-        conditions: usize,
-        observations: usize,
-    ) -> Self {
-        if index == blocks.len() {
-            blocks.push(Linearised::empty(conditions, layout.columns(&[marker]), layout.local, observations));
-        }
-        Self { layout, out: &mut blocks[index] }
-    }
-
-    fn put(&mut self, place: Place, row: usize, k: usize, v: Vector2<f64>) {
+impl Rows<'_> {
+    fn put(&mut self, place: Place, k: usize, v: Vector2<f64>) {
         let (target, column) = match place {
             Place::Global(first) => (&mut self.out.global, self.layout.column(first) + k),
             Place::Local(first) => (&mut self.out.local, first + k),
         };
-        let first = column * target.nrows() + row;
+        let first = column * target.nrows() + self.row;
         target.as_mut_slice()[first..first + 2].copy_from_slice(v.as_slice());
     }
 
-    /// Derivative to the marker's place on ground.
-    fn put_survey(&mut self, row: usize, m: &Matrix2x3<f64>) {
-        match self.layout.survey {
-            Survey::Observed => self.out.observations.fixed_view_mut::<2, 3>(row, 0).copy_from(m),
-            Survey::Global(_) => {
-                self.out.global.fixed_view_mut::<2, 3>(row, self.layout.survey_column()).copy_from(m)
-            }
-        }
-    }
-
-    fn put_pixel(&mut self, row: usize, observation: usize, predicted: &Predicted, observed: &DVector<f64>) {
+    /// Two conditions: a pixel, its answers to the unknowns and to the marker's place on ground.
+    fn image(
+        &mut self,
+        first: usize,
+        pixel: &Vector2<f64>,
+        by: impl Fn(&Term, usize) -> Vector2<f64>,
+        by_ground: &Matrix2x3<f64>,
+    ) {
         for k in 0..2 {
-            self.out.misclosure[row + k] = predicted.pixel[k] - observed[observation + k];
-            self.out.observations[(row + k, observation + k)] = -1.0;
+            self.out.misclosure[self.row + k] = pixel[k] - self.observed[first + k];
+            self.out.observations[(self.row + k, first + k)] = -1.0;
         }
-    }
-
-    /// Two conditions: the image of a marker in flight.
-    pub fn flight(
-        &mut self,
-        row: usize,
-        seen: &Seen,
-        scene: &Scene,
-        camera: &Camera,
-    ) -> Result<(), AdjustError> {
-        let (bending, estimated) = (seen.values.bending(), &seen.values.estimated);
-        let state = scene.marker(seen.marker, seen.bent, &seen.ground_m, &bending, estimated);
-        let predicted = scene.project(&state.carried.position_m, camera).ok_or_else(behind)?;
-        self.put_pixel(row, seen.observation, &predicted, seen.observed);
-        let sight = Sight { state: &state, predicted: &predicted };
         let layout = self.layout;
         for (placed, k) in layout.unknowns() {
-            self.put(placed.place, row, k, placed.term.in_flight(k, &sight));
+            self.put(placed.place, k, by(&placed.term, k));
         }
-        self.put_survey(row, &(predicted.by_point * state.carried.by_ground));
-        Ok(())
+        let (target, column) = match layout.survey {
+            Survey::Observed => (&mut self.out.observations, 0),
+            Survey::Global(_) => (&mut self.out.global, layout.survey_column()),
+        };
+        target.fixed_view_mut::<2, 3>(self.row, column).copy_from(by_ground);
+        self.row += 2;
     }
 
-    /// Two conditions: the image of a marker on ground.
-    pub fn ground(
+    /// In flight, and on ground.
+    fn images(
         &mut self,
-        row: usize,
-        seen: &Seen,
-        scene: &Scene,
-        camera: &Camera,
-    ) -> Result<(), AdjustError> {
-        let predicted = scene.project(&seen.ground_m, camera).ok_or_else(behind)?;
-        self.put_pixel(row, seen.observation, &predicted, seen.observed);
-        let layout = self.layout;
-        for (placed, k) in layout.unknowns() {
-            self.put(placed.place, row, k, placed.term.on_ground(k, &predicted));
+        member: &Member,
+        ground_m: &Vector3<f64>,
+        Evaluated { scene, values, bent, in_flight, on_ground }: &Evaluated,
+    ) -> Result<(), EstimationError> {
+        if let Some(first) = member.flight {
+            let state = scene.marker(member.marker, bent, ground_m, &values.bending(), &values.estimated);
+            let seen = scene.project(&state.carried.position_m, in_flight).ok_or_else(behind)?;
+            let by_ground = seen.by_point * state.carried.by_ground;
+            self.image(first, &seen.pixel, |term, k| term.in_flight(k, &state, &seen), &by_ground);
         }
-        self.put_survey(row, &predicted.by_point);
+        if let Some(first) = member.ground {
+            let seen = scene.project(ground_m, on_ground).ok_or_else(behind)?;
+            self.image(first, &seen.pixel, |term, k| term.on_ground(k, &seen), &seen.by_point);
+        }
         Ok(())
     }
 
     /// Three conditions: a surveyed position (first three observations) is the parameter.
-    pub fn surveyed(&mut self, row: usize, ground_m: &Vector3<f64>, observed: &DVector<f64>) {
+    fn surveyed(&mut self, ground_m: &Vector3<f64>) {
         let identity = Matrix3::identity();
         for k in 0..3 {
-            self.out.misclosure[row + k] = ground_m[k] - observed[k];
+            self.out.misclosure[k] = ground_m[k] - self.observed[k];
         }
-        self.out.observations.fixed_view_mut::<3, 3>(row, 0).copy_from(&-identity);
-        self.out.global.fixed_view_mut::<3, 3>(row, self.layout.survey_column()).copy_from(&identity);
+        self.out.observations.fixed_view_mut::<3, 3>(0, 0).copy_from(&-identity);
+        self.out.global.fixed_view_mut::<3, 3>(0, self.layout.survey_column()).copy_from(&identity);
+        self.row = 3;
     }
 }
 
-/// One marker's observation at a point of the iteration.
-pub struct Seen<'a> {
-    /// Index in the survey.
-    pub marker: usize,
-    /// The wing in flight.
-    pub bent: &'a Bent,
-    /// The frame's unknowns.
-    pub values: &'a Values,
-    /// Its place on ground, wing frame, m.
-    pub ground_m: Vector3<f64>,
-    /// The block's adjusted observations.
-    pub observed: &'a DVector<f64>,
-    /// First of the pixel's two among them.
-    pub observation: usize,
-}
-
-fn behind() -> AdjustError {
-    AdjustError::Input(
+fn behind() -> EstimationError {
+    EstimationError::Input(
         "a marker comes to lie behind the camera; check projection_centre_m, span_direction and orientation.toml".into(),
     )
 }

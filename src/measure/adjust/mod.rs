@@ -1,21 +1,18 @@
 //! Observations -> deflection: profile, spatial, flight; quality, variance components.
 
 pub mod beam;
-mod components;
+mod blocks;
 mod curve;
 mod estimated;
 #[cfg(test)]
 mod example;
 mod flight;
-pub mod gauss_helmert;
 pub mod ground;
 mod input;
 mod layout;
 mod marker_state;
-mod model_error;
 mod outcome;
 pub mod profile;
-pub mod quality;
 mod scene;
 mod shapes;
 mod snooping;
@@ -24,27 +21,15 @@ mod term;
 mod terms;
 mod values;
 
-pub use flight::Live;
-
+pub use super::estimation::{GlobalTest, SigmaKind, VarianceComponent};
 pub use super::observation::{Estimate, Observation};
+pub use flight::{Live, solve as flight};
+pub use profile::solve as profile;
+pub use spatial::solve as spatial;
 
 use nalgebra::{DMatrix, Matrix3, Vector2, Vector3};
 
-use super::setup::{Orientation, Setup};
-
-/// Which standard deviations are reported.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum SigmaKind {
-    /// A posteriori where the global test rejects, a priori where it accepts.
-    #[default]
-    #[serde(rename = "by test")]
-    ByTest,
-    /// A priori.
-    Prior,
-    /// A posteriori: scaled by the root of the variance factor.
-    Posterior,
-}
+use super::estimation::EstimationError;
 
 /// A mounting of the camera: what is between two remounts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -121,17 +106,6 @@ pub struct Parameter {
     pub values: Vec<Estimate>,
 }
 
-/// Verdict of the chi-square test on the variance factor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum GlobalTest {
-    /// The variance factor is compatible with 1.
-    Passed,
-    /// It is not.
-    Rejected,
-    /// No redundancy, no verdict.
-    NotPossible,
-}
-
 /// What the adjustment says of one marker of the survey.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MarkerSolution {
@@ -206,18 +180,6 @@ pub struct CurvePoint {
     pub twist_rad: Option<Estimate>,
 }
 
-/// One group's variance component.
-#[derive(Clone, Debug, PartialEq)]
-pub struct VarianceComponent {
-    /// `image` or `survey`.
-    pub group: &'static str,
-    /// The component (1: the group's standard deviations are right); `None` where the observations do
-    /// not show it and the stated standard deviations were kept.
-    pub factor: Option<Estimate>,
-    /// The group's share of the redundancy.
-    pub redundancy: f64,
-}
-
 /// The outcome of an adjustment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
@@ -262,51 +224,10 @@ pub enum AdjustError {
         /// Needed.
         needed: usize,
     },
-    /// The normal matrix is singular; the datum that is missing is named.
-    #[error("the adjustment has no unique solution: {missing}")]
-    Singular {
-        /// What cannot be determined, and from what it could.
-        missing: String,
-    },
-    /// The iteration did not settle.
-    #[error(
-        "the adjustment did not converge after {iterations} iterations; look for a wrong survey point or a wrong identity"
-    )]
-    NoConvergence {
-        /// Iterations done.
-        iterations: usize,
-    },
+    /// The observations determine no solution.
+    #[error(transparent)]
+    Estimation(#[from] EstimationError),
     /// A pixel has no ray, or a number is not finite.
     #[error("{0}")]
     Input(String),
-}
-
-/// The paper's method (docs/model.md).
-pub fn profile(
-    setup: &Setup,
-    orientation: &Orientation,
-    observations: &[Observation],
-    options: &Options,
-) -> Result<Solution, AdjustError> {
-    profile::solve(setup, orientation, observations, options)
-}
-
-/// The rigid-section beam, one frame (docs/model.md).
-pub fn spatial(
-    setup: &Setup,
-    orientation: &Orientation,
-    observations: &[Observation],
-    options: &Options,
-) -> Result<Solution, AdjustError> {
-    spatial::solve(setup, orientation, observations, options)
-}
-
-/// The rigid-section beam, the frames between two remounts together; one solution per frame.
-pub fn flight(
-    setup: &Setup,
-    orientation: &Orientation,
-    frames: &[Vec<Observation>],
-    options: &Options,
-) -> Result<Vec<Solution>, AdjustError> {
-    flight::solve(setup, orientation, frames, options)
 }

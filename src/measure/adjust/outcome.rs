@@ -5,15 +5,16 @@ use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 
 use super::beam::{Grid, RAISE_TERMS};
 use super::curve::Curve;
-use super::gauss_helmert::{Fit, Gradient, Problem};
 use super::input::Input;
-use super::layout::{Layout, Survey};
+use super::layout::{Layout, Member, Survey};
 use super::marker_state::MarkerState;
-use super::quality::{self, Reliability};
 use super::scene::Bent;
-use super::snooping::{Member, Suspect, Target};
+use super::snooping::{Suspect, Target};
+use super::term::Effect;
 use super::values::Values;
 use super::{CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Parameter, Solution, Torsion};
+use crate::measure::estimation::quality::{self, Reliability};
+use crate::measure::estimation::{Fit, Gradient, Problem};
 use crate::measure::setup::TorsionPair;
 
 /// One frame's part of a fit.
@@ -123,7 +124,8 @@ impl<'a> Outcome<'a> {
     fn add(
         &self,
         gradient: &mut Gradient,
-        (block, nth): (usize, usize),
+        block: usize,
+        nth: usize,
         state: &MarkerState,
         directions: &[Vector3<f64>],
         ground: &[Vector3<f64>],
@@ -171,7 +173,7 @@ impl<'a> Outcome<'a> {
         let none = Vector3::zeros();
         let mut gradient = self.gradient(5, &[member.marker]);
         let directions = [x, y, z, y, towards];
-        self.add(&mut gradient, (block, 0), &state, &directions, &[none, none, none, -y, none]);
+        self.add(&mut gradient, block, 0, &state, &directions, &[none, none, none, -y, none]);
         let covariance = self.covariance(&gradient);
         let survey_from_wing = self.input.scene.ground.frame.wing_from_survey.inverse();
         let in_wing = covariance.fixed_view::<3, 3>(0, 0).into_owned();
@@ -235,7 +237,7 @@ impl<'a> Outcome<'a> {
             let (ground, state) = self.state(block);
             difference += sign * (state.carried.position_m.y - ground.y);
             let up = Vector3::y() * sign;
-            self.add(&mut gradient, (block, nth), &state, &[up], &[-up]);
+            self.add(&mut gradient, block, nth, &state, &[up], &[-up]);
         }
         let by_difference = base / (base * base + difference * difference);
         let sigma = self.sigmas(&gradient).first().map(|s| s * by_difference);
@@ -250,7 +252,8 @@ impl<'a> Outcome<'a> {
         let section = grid.bend(&self.values.bending()).pop()?;
         let mut gradient = self.gradient(1, &[]);
         for (placed, k) in self.layout.unknowns() {
-            self.layout.put(&mut gradient, placed.place, k, 0, placed.term.twist(k, &section));
+            let Effect::Wing { twist, .. } = placed.term.effect else { continue };
+            self.layout.put(&mut gradient, placed.place, k, 0, twist(&section, k));
         }
         Some(Estimate { value: section.twist_rad, sigma: self.sigmas(&gradient).first().copied() })
     }
@@ -293,9 +296,10 @@ impl<'a> Outcome<'a> {
         let count = curve.bent.len();
         let mut gradient = self.gradient(2 * count, &[]);
         for (placed, k) in self.layout.unknowns() {
+            let Effect::Wing { lifts, twist, .. } = placed.term.effect else { continue };
             let mut put = |function, by| self.layout.put(&mut gradient, placed.place, k, function, by);
-            placed.term.lifts(k, curve).into_iter().enumerate().for_each(|(at, by)| put(at, by));
-            let twists = curve.bent.iter().map(|section| placed.term.twist(k, section));
+            lifts(curve, k).into_iter().enumerate().for_each(|(at, by)| put(at, by));
+            let twists = curve.bent.iter().map(|section| twist(section, k));
             twists.enumerate().for_each(|(at, by)| put(count + at, by));
         }
         gradient

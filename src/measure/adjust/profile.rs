@@ -12,13 +12,14 @@ pub use parabola::{ArcLength, arc_length};
 
 use nalgebra::{DMatrix, DVector, Matrix3, RowVector4, Vector2, Vector3};
 
-use super::components::{VarianceGroup, variance_components};
-use super::gauss_helmert::{self, Block, Fit, Group, Problem};
-use super::quality::{self, Reliability};
 use super::snooping;
 use super::{
     AdjustError, CurvePoint, Estimate, MarkerSolution, Method, Observation, Options, Parameter, Solution,
     Torsion, VarianceComponent,
+};
+use crate::measure::estimation::quality::{self, Reliability};
+use crate::measure::estimation::{
+    Block, Fit, Group, Problem, VarianceGroup, solve_groups, variance_components,
 };
 use crate::measure::setup::{Orientation, Setup, SurveyMarker, TorsionPair};
 use conditions::{ARC_LENGTH, Geometry, HEIGHT, PER_MARKER, PIXEL};
@@ -60,7 +61,7 @@ impl<'a> Adjusted<'a> {
         }
         let geometry = Geometry::new(setup, orientation);
         let problem = problem(&geometry, &observations)?;
-        let fit = gauss_helmert::solve_groups(&problem, |at, blocks| geometry.linearise(at, blocks))?;
+        let fit = solve_groups(&problem, |at, blocks| geometry.linearise(at, blocks))?;
         let response = Response::new(&problem, &fit);
         let reliability = reliability(&problem, &fit, alpha);
         Ok(Self {
@@ -111,7 +112,7 @@ pub fn correlations_with_distances(
 }
 
 /// The paper's method, one frame.
-pub(super) fn solve(
+pub fn solve(
     setup: &Setup,
     orientation: &Orientation,
     observations: &[Observation],
@@ -357,7 +358,7 @@ impl Adjusted<'_> {
             Some((index, larger(all)?.w?.abs(), image.w? * image.minimal_detectable_bias? / shift))
         });
         let (index, w, size) = suspects.reduce(|a, b| if b.1 > a.1 { b } else { a })?;
-        let w = w / snooping::spread(&self.fit, w, options);
+        let w = w / snooping::root_variance_factor(&self.fit, w, options);
         let id = &self.geometry.setup.markers[self.observations[index].marker].id;
         (w > limit).then(|| {
             let sentence = format!(

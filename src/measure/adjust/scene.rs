@@ -8,7 +8,7 @@ use super::ground::GroundShape;
 use super::marker_state::{ESTIMATED, MarkerState};
 use super::{AdjustError, Observation};
 use crate::measure::environment::Plate;
-use crate::measure::geometry::{Lens, skew};
+use crate::measure::geometry::{BROWN, Lens, left_jacobian, skew};
 use crate::measure::setup::{Orientation, Setup};
 
 /// Difference for the derivative by the bow, in which the image is linear to 1e-3 of its effect.
@@ -47,8 +47,8 @@ pub struct Pose {
     pub centre_m: Vector3<f64>,
     /// Shift of the projection centre since the ground frame, wing frame, m.
     pub shift_m: Vector3<f64>,
-    /// Correction of the interior orientation, in the order of [`Lens::changed`].
-    pub lens: SVector<f64, 9>,
+    /// Correction of the interior orientation, in the order of [`Lens::PARAMETERS`].
+    pub lens: SVector<f64, BROWN>,
     /// What the description of the panes leaves unknown of their shift, in flight, wing frame, m.
     pub window_m: Vector3<f64>,
     /// What the curvature of the panes' bow is more than stated, a share of it.
@@ -102,8 +102,8 @@ pub struct Predicted {
     pub by_mount: Matrix2x3<f64>,
     /// d pixel / d ground rotation, px/rad.
     pub by_ground_rotation: Matrix2x3<f64>,
-    /// d pixel / d interior orientation, in the order of [`Lens::changed`].
-    pub by_lens: SMatrix<f64, 2, 9>,
+    /// d pixel / d interior orientation, in the order of [`Lens::PARAMETERS`].
+    pub by_lens: SMatrix<f64, 2, BROWN>,
 }
 
 /// The wing bent, and its neighbours bent alike: sections at the markers' stations.
@@ -267,19 +267,6 @@ fn trusted(setup: &Setup, orientation: &Orientation) -> Vec<bool> {
         trusted.fill(true);
     }
     trusted.into_iter().zip(may_shape).map(|(agrees, seen)| agrees && seen).collect()
-}
-
-/// exp(w + dw) = exp(J dw) exp(w) to first order.
-fn left_jacobian(w: &Vector3<f64>) -> Matrix3<f64> {
-    let angle2 = w.norm_squared();
-    let k = skew(w);
-    let (a, b) = if angle2 < 1e-6 {
-        (0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0)
-    } else {
-        let angle = angle2.sqrt();
-        ((1.0 - angle.cos()) / angle2, (angle - angle.sin()) / (angle2 * angle))
-    };
-    Matrix3::identity() + k * a + k * k * b
 }
 
 #[cfg(test)]

@@ -95,12 +95,12 @@ impl Beam {
 static SHAPES: LazyLock<Vec<Integrals>> = LazyLock::new(shape_integrals);
 
 /// Covariance of c_k / c_0, k = 1.., over the fleet and beyond.
-static SPREAD: LazyLock<SMatrix<f64, RATIOS, RATIOS>> = LazyLock::new(fleet_spread);
+static FLEET_COVARIANCE: LazyLock<SMatrix<f64, RATIOS, RATIOS>> = LazyLock::new(fleet_covariance);
 
 /// Covariance of the ratios c_k / c_0 of `terms` coefficients, from the second on: what is known of a wing's shape
 /// beforehand.
 pub fn shape_covariance(terms: usize) -> DMatrix<f64> {
-    leading(&SPREAD, terms.saturating_sub(1))
+    leading(&FLEET_COVARIANCE, terms.saturating_sub(1))
 }
 
 fn leading(covariance: &SMatrix<f64, RATIOS, RATIOS>, n: usize) -> DMatrix<f64> {
@@ -108,12 +108,12 @@ fn leading(covariance: &SMatrix<f64, RATIOS, RATIOS>, n: usize) -> DMatrix<f64> 
 }
 
 /// Covariance of the change of c_k / c_0, k = 1.., while a flight burns its fuel.
-static BURNING: LazyLock<SMatrix<f64, RATIOS, RATIOS>> = LazyLock::new(burning_spread);
+static BURNT_COVARIANCE: LazyLock<SMatrix<f64, RATIOS, RATIOS>> = LazyLock::new(burnt_covariance);
 
 /// Covariance of the change of the ratios c_k / c_0 of `terms` coefficients, from the second on, from the heaviest frame
 /// of a flight to the lightest: anything between nothing and all the fuel may have been burnt.
 pub fn burning_covariance(terms: usize) -> DMatrix<f64> {
-    leading(&BURNING, terms.saturating_sub(1))
+    leading(&BURNT_COVARIANCE, terms.saturating_sub(1))
 }
 
 /// m P_k at `count` points; m has mean 1.
@@ -136,7 +136,7 @@ fn shape_integrals() -> Vec<Integrals> {
 }
 
 /// Beams all over the fleet, each fitted with the basis.
-fn fleet_spread() -> SMatrix<f64, RATIOS, RATIOS> {
+fn fleet_covariance() -> SMatrix<f64, RATIOS, RATIOS> {
     let ratios = Ratios::new();
     let beams = fleet();
     let squares = beams.iter().map(|beam| ratios.of(beam)).map(|r| r * r.transpose() / beams.len() as f64);
@@ -144,7 +144,7 @@ fn fleet_spread() -> SMatrix<f64, RATIOS, RATIOS> {
 }
 
 /// The same beams with their fuel against without; a flight burns any share of it.
-fn burning_spread() -> SMatrix<f64, RATIOS, RATIOS> {
+fn burnt_covariance() -> SMatrix<f64, RATIOS, RATIOS> {
     let ratios = Ratios::new();
     let beams = fleet();
     let change = |beam: &Beam| ratios.of(beam) - ratios.of(&Beam { relief: 0.0, ..*beam });

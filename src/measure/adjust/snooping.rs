@@ -1,24 +1,14 @@
 //! Data snooping (Baarda): the observation that most probably holds a blunder, one at a time.
 
-use super::gauss_helmert::{Fit, Problem};
-use super::quality::{self, Reliability};
+use super::layout::Member;
 use super::{AdjustError, GlobalTest, Options};
+use crate::measure::estimation::quality::{self, Reliability};
+use crate::measure::estimation::{Fit, Problem};
 use crate::measure::setup::Setup;
 
 /// A blunder in the survey must stand out by this factor against one in the images, which are
 /// more often wrong.
 const SURVEY_LEAD: f64 = 1.05;
-
-/// Which marker a block belongs to, and where its observations stand in the block.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Member {
-    /// Index in the survey.
-    pub marker: usize,
-    /// First of the two pixel coordinates in flight.
-    pub flight: Option<usize>,
-    /// First of the two pixel coordinates on ground.
-    pub ground: Option<usize>,
-}
 
 /// What of a marker is wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -157,12 +147,13 @@ pub fn worst_of<'a>(
     let best = blocks
         .filter_map(|(block, member)| suspect(problem, fit, group, block, member, options))
         .reduce(|a, b| if b.w.abs() > a.w.abs() { b } else { a })?;
-    // The spread is not below 1 and costs more than all the rest.
-    (best.w.abs() > limit && best.w.abs() / spread(fit, best.w, options) > limit).then_some(best)
+    // The factor is not below 1 and costs more than all the rest.
+    (best.w.abs() > limit && best.w.abs() / root_variance_factor(fit, best.w, options) > limit)
+        .then_some(best)
 }
 
 /// Root of the variance factor without the suspect, not below 1.
-pub(super) fn spread(fit: &Fit, w: f64, options: &Options) -> f64 {
+pub(super) fn root_variance_factor(fit: &Fit, w: f64, options: &Options) -> f64 {
     if fit.redundancy < 2
         || quality::global_test(fit.omega, fit.redundancy, options.global_alpha) == GlobalTest::Passed
     {

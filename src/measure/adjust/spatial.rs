@@ -8,14 +8,13 @@ use nalgebra::DMatrix;
 
 use self::frame::{Frame, Single, Start, Usage};
 use super::beam::MAX_CURVATURE_TERMS;
-use super::components::{VarianceGroup, variance_components};
-use super::gauss_helmert::{Course, Fit};
 use super::input::{Input, by_marker, on_the_wing};
 use super::outcome::Outcome;
 use super::scene::Scene;
 use super::shapes::shape_covariance;
 use super::snooping::{self, Removable, Suspect, Target};
 use super::{AdjustError, Method, Observation, Options, Solution, VarianceComponent};
+use crate::measure::estimation::{Course, EstimationError, Fit, VarianceGroup, variance_components};
 use crate::measure::setup::{Orientation, Setup};
 
 /// Fewest markers on the wing, in flight.
@@ -59,7 +58,7 @@ impl<'a> Solved<'a> {
             }
             amplitude = found;
         }
-        solved.ok_or(AdjustError::NoConvergence { iterations: 0 })
+        solved.ok_or(EstimationError::NoConvergence { iterations: 0 }.into())
     }
 
     /// From rough to converged.
@@ -148,7 +147,7 @@ fn choose_order<'a>(single: &Single<'a>, usual: Solved<'a>) -> Result<Solved<'a>
 }
 
 /// The rigid-section beam, one frame.
-pub(super) fn solve(
+pub fn solve(
     setup: &Setup,
     orientation: &Orientation,
     observations: &[Observation],

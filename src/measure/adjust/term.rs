@@ -1,68 +1,78 @@
 //! One kind of unknown of the spatial methods, and where its columns stand.
 
-use std::fmt::Debug;
 use std::sync::Arc;
 
 use nalgebra::{DVector, Vector2, Vector3};
 
 use super::beam::Section;
 use super::curve::Curve;
-use super::gauss_helmert::Prior;
 use super::marker_state::MarkerState;
 use super::scene::Predicted;
 use super::values::Values;
-
-/// A marker's image in flight with everything that it answers to.
-pub struct Sight<'a> {
-    /// The marker in flight.
-    pub state: &'a MarkerState,
-    /// Its pixel.
-    pub predicted: &'a Predicted,
-}
+use crate::measure::estimation::Prior;
 
 /// One kind of unknown: its columns, what is known of them beforehand, how the model takes them, and how all that is
-/// measured or reported answers to them. `k` counts its columns.
-pub trait Term: Debug + Send + Sync {
-    /// Its name in a budget of variance.
-    fn name(&self) -> &'static str;
-
+/// measured or reported answers to them.
+#[derive(Clone, Debug)]
+pub struct Term {
+    /// In a budget of variance.
+    pub name: &'static str,
     /// What is missing where it cannot be determined; ends the sentence "the adjustment has no unique solution: …".
-    fn missing(&self) -> &'static str;
-
+    pub missing: &'static str,
     /// Number of columns.
-    fn size(&self) -> usize;
-
+    pub size: usize,
     /// What is known of it beforehand, its columns counted from 0.
-    fn priors(&self) -> Vec<Prior> {
-        vec![]
-    }
-
+    pub priors: Vec<Prior>,
     /// Adds its values to the model's.
-    fn enter(&self, x: &[f64], values: &mut Values);
+    pub enter: fn(&[f64], &mut Values),
+    /// What answers to it.
+    pub effect: Effect,
+}
 
-    /// d position of a marker in flight / d unknown, wing frame, m per its unit.
-    fn position(&self, _k: usize, _state: &MarkerState) -> Vector3<f64> {
-        Vector3::zeros()
+/// What answers to a term: derivatives by its k-th column.
+#[derive(Clone, Copy, Debug)]
+pub enum Effect {
+    /// The wing in flight.
+    Wing {
+        /// d position of a marker, wing frame, m per its unit.
+        position: fn(&MarkerState, usize) -> Vector3<f64>,
+        /// d lift of the axis along the curve, m per its unit; empty where it does not lift the axis.
+        lifts: fn(&Curve, usize) -> Vec<f64>,
+        /// d twist of a section, rad per its unit.
+        twist: fn(&Section, usize) -> f64,
+    },
+    /// The camera's picture.
+    Picture {
+        /// d pixel, px per its unit.
+        pixel: fn(&Predicted, usize) -> Vector2<f64>,
+        /// Whether it is the same in the ground frame, which else does not answer.
+        on_ground: bool,
+    },
+}
+
+impl Term {
+    /// d position of a marker in flight, wing frame, m per the unknown's unit.
+    pub fn position(&self, k: usize, state: &MarkerState) -> Vector3<f64> {
+        match self.effect {
+            Effect::Wing { position, .. } => position(state, k),
+            Effect::Picture { .. } => Vector3::zeros(),
+        }
     }
 
-    /// d pixel in flight / d unknown, px per its unit.
-    fn in_flight(&self, k: usize, sight: &Sight) -> Vector2<f64> {
-        sight.predicted.by_point * self.position(k, sight.state)
+    /// d pixel in flight, px per the unknown's unit.
+    pub fn in_flight(&self, k: usize, state: &MarkerState, predicted: &Predicted) -> Vector2<f64> {
+        match self.effect {
+            Effect::Wing { position, .. } => predicted.by_point * position(state, k),
+            Effect::Picture { pixel, .. } => pixel(predicted, k),
+        }
     }
 
-    /// d pixel in the ground frame / d unknown, px per its unit.
-    fn on_ground(&self, _k: usize, _predicted: &Predicted) -> Vector2<f64> {
-        Vector2::zeros()
-    }
-
-    /// d lift of the axis / d unknown along the curve, m per its unit; empty where it does not lift the axis.
-    fn lifts(&self, _k: usize, _curve: &Curve) -> Vec<f64> {
-        vec![]
-    }
-
-    /// d twist of a section / d unknown, rad per its unit.
-    fn twist(&self, _k: usize, _section: &Section) -> f64 {
-        0.0
+    /// d pixel in the ground frame, px per the unknown's unit.
+    pub fn on_ground(&self, k: usize, predicted: &Predicted) -> Vector2<f64> {
+        match self.effect {
+            Effect::Picture { pixel, on_ground: true } => pixel(predicted, k),
+            _ => Vector2::zeros(),
+        }
     }
 }
 
@@ -79,7 +89,7 @@ pub enum Place {
 #[derive(Clone, Debug)]
 pub struct Placed {
     /// What it is.
-    pub term: Arc<dyn Term>,
+    pub term: Arc<Term>,
     /// Where it stands.
     pub place: Place,
 }
@@ -91,7 +101,7 @@ impl Placed {
             Place::Global(first) => (global, first),
             Place::Local(first) => (local, first),
         };
-        self.term.enter(&vector.as_slice()[first..first + self.term.size()], values);
+        (self.term.enter)(&vector.as_slice()[first..first + self.term.size], values);
     }
 }
 
@@ -119,10 +129,10 @@ impl Columns {
     }
 
     /// Takes a term's columns.
-    pub fn place(&mut self, term: Arc<dyn Term>) -> Placed {
-        let first = self.take(term.size(), term.missing());
-        self.priors.extend(term.priors().into_iter().map(|prior| prior.moved(first)));
+    pub fn place(&mut self, term: Term) -> Placed {
+        let first = self.take(term.size, term.missing);
+        self.priors.extend(term.priors.iter().map(|prior| prior.clone().moved(first)));
         let place = if self.is_local { Place::Local(first) } else { Place::Global(first) };
-        Placed { term, place }
+        Placed { term: Arc::new(term), place }
     }
 }

@@ -1,29 +1,24 @@
 //! Which unknowns the spatial methods have.
 //!
-//! A new one is one `impl` of [`Term`], in the file of its subject in this folder, and one line in a list here: in
-//! [`shared`] where all frames have it in common, in [`of_mounting`] where those of one mounting have. The `impl` says
-//! how many columns it has, what is known of them beforehand, which quantity of the model it changes, and how positions,
-//! pixels, lifts and twist answer to it. From there follow start and normal equations, the sentence where nothing
-//! determines it, its share of every result's covariance, and under its name the prior's share of a variance
-//! ([`super::gauss_helmert::Prior::name`]); only one that changes what the model has no quantity for yet adds that to
+//! A new one is one function that returns a [`Term`], in the file of its subject in this folder, and its name in a list
+//! here: in [`shared`] where all frames have it in common, in [`of_mounting`] where those of one mounting have. The term
+//! says how many columns it has, what is known of them beforehand, which quantity of the model it changes, and how
+//! positions, pixels, lifts and twist answer to it. From there follow start and normal equations, the sentence where
+//! nothing determines it, its share of every result's covariance, and under its name the prior's share of a variance
+//! ([`crate::measure::estimation::Prior::name`]); only one that changes what the model has no quantity for yet adds that to
 //! [`super::values::Values`] and to the function of [`super::scene`] that takes it.
 
 mod camera;
 mod wing;
 
-pub use camera::{Rotation, repeatability_rad, stated_drift_rad};
-pub use wing::{Curvature, Twist};
+pub use camera::{repeatability_rad, rotation_of_mounting, stated_drift_rad};
+pub use wing::{curvature, twist};
 
-use std::sync::Arc;
+use nalgebra::Matrix3;
 
-use self::camera::{Centre, GroundRotation, Interior, PaneBow, PaneShift, Shift};
-use self::wing::{AxisHeight, Drawn, ThermalScale};
+use self::camera::rotation_since_ground;
 use super::input::Input;
 use super::term::{Columns, Place, Placed, Term};
-
-fn held_or(term: Option<impl Term + 'static>) -> Option<Arc<dyn Term>> {
-    term.map(|term| Arc::new(term) as Arc<dyn Term>)
-}
 
 /// What all frames have in common, placed.
 pub struct Shared {
@@ -37,30 +32,35 @@ pub struct Shared {
 pub fn shared(input: &Input, columns: &mut Columns) -> Shared {
     let (setup, scene) = (input.setup, input.scene);
     let centre_sigma_m = setup.projection_centre_sigma_m;
-    let camera = [
-        held_or(scene.has_ground_sights().then_some(GroundRotation)),
-        held_or((centre_sigma_m > 0.0).then_some(Centre { sigma_m: centre_sigma_m })),
-        held_or(scene.window_covariance_m2().map(|covariance_m2| PaneShift { covariance_m2 })),
-        held_or(scene.bow_sigma().filter(|s| *s > 0.0).map(|sigma| PaneBow { sigma })),
-        held_or(ThermalScale::of(setup.thermal.as_ref())),
+    let before = [
+        scene.has_ground_sights().then(camera::ground_rotation),
+        (centre_sigma_m > 0.0).then(|| camera::centre(centre_sigma_m)),
+        scene.window_covariance_m2().map(camera::pane_shift),
+        scene.bow_sigma().filter(|s| *s > 0.0).map(camera::pane_bow),
+        wing::thermal_scale(setup.thermal.as_ref()),
     ];
-    let mut placed: Vec<_> = camera.into_iter().flatten().map(|term| columns.place(term)).collect();
-    let height = columns.place(Arc::new(AxisHeight::of(&scene.ground)));
+    let mut placed: Vec<_> = before.into_iter().flatten().map(|term| columns.place(term)).collect();
+    let height = columns.place(wing::axis_height(&scene.ground));
     let axis_height = height.place;
     placed.push(height);
-    let lens = held_or(setup.uncertainty.lens.map(|covariance| Interior { covariance }));
-    let drawn = Drawn::all(input).into_iter().map(|term| Arc::new(term) as Arc<dyn Term>);
-    placed.extend(lens.into_iter().chain(drawn).map(|term| columns.place(term)));
+    let lens = setup.uncertainty.lens.iter().map(camera::interior);
+    placed.extend(lens.chain(wing::drawn(&setup.uncertainty)).map(|term| columns.place(term)));
     Shared { placed, axis_height }
 }
 
-/// What the frames of one mounting have in common beside its rotation; `stayed`: it is that of the ground frames.
-pub fn of_mounting(input: &Input, stayed: bool) -> Vec<Arc<dyn Term>> {
-    let sigma_m = input.setup.uncertainty.mount_shift_m;
-    held_or((sigma_m > 0.0 && !stayed).then_some(Shift { sigma_m })).into_iter().collect()
+/// Rotation of a mounting; `stayed`: it is that of the ground frames.
+pub fn rotation(input: &Input, stayed: bool) -> Term {
+    let known = if stayed { rotation_since_ground(input.setup) } else { rotation_of_mounting(input) };
+    camera::rotation(known)
 }
 
-/// A mounting's rotation.
-pub fn rotation(input: &Input, stayed: bool) -> Arc<dyn Term> {
-    Arc::new(if stayed { Rotation::stayed(input.setup) } else { Rotation::of_mounting(input) })
+/// What the frames of one mounting have in common beside that.
+pub fn of_mounting(input: &Input, stayed: bool) -> Vec<Term> {
+    let sigma_m = input.setup.uncertainty.mount_shift_m;
+    (sigma_m > 0.0 && !stayed).then(|| camera::shift(sigma_m)).into_iter().collect()
+}
+
+/// A frame's own rotation about its mounting's, with this covariance, camera frame, rad^2.
+pub fn own_rotation(covariance_rad2: &Matrix3<f64>) -> Term {
+    camera::rotation(camera::rotation_about(covariance_rad2))
 }

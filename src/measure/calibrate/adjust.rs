@@ -1,63 +1,14 @@
 //! One adjustment: from where it begins to camera, board and poses.
 
-use nalgebra::{Matrix2, Rotation3, SVector, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::bundle::{Bundle, GLOBAL, Global, INTERIOR, Prior, Solution, form_of};
-use super::shape::{FORM, Form, Shape};
-use super::{BoardPoint, CalibrateError, View, outliers, start};
+use super::bundle::Bundle;
+use super::model::{Form, GLOBAL, INTERIOR, Pose, Size, form_of, lens_of, parameters, with_common};
+use super::shape::Shape;
+use super::{BoardPoint, CalibrateError, View, start};
+use crate::measure::estimation::arrow::{self, ScalarPrior, Solution};
+use crate::measure::estimation::robust::{MEDIAN_SQUARE, common_variance};
 use crate::measure::geometry::Lens;
-
-/// The board's pose in the camera frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Pose {
-    pub camera_from_board: Rotation3<f64>,
-    pub translation_m: Vector3<f64>,
-}
-
-impl Pose {
-    /// Camera-frame point, m.
-    pub(super) fn apply(&self, board_m: &Vector3<f64>) -> Vector3<f64> {
-        self.camera_from_board * board_m + self.translation_m
-    }
-
-    /// Moved by a rotation about the camera and a shift.
-    pub(super) fn moved(&self, by: &Vector6<f64>) -> Self {
-        let turn = Rotation3::new(by.fixed_rows::<3>(0).clone_owned());
-        let shift = by.fixed_rows::<3>(3).clone_owned();
-        Self {
-            camera_from_board: turn * self.camera_from_board,
-            translation_m: turn * self.translation_m + shift,
-        }
-    }
-}
-
-fn parameters(lens: &Lens) -> SVector<f64, INTERIOR> {
-    let brown = [lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.k3, lens.p1, lens.p2];
-    SVector::from_iterator(brown.into_iter().chain(lens.denominator))
-}
-
-pub(super) fn with_parameters(size: (u32, u32), p: &Global) -> Lens {
-    let (width, height) = size;
-    Lens {
-        width,
-        height,
-        fx: p[0],
-        fy: p[1],
-        cx: p[2],
-        cy: p[3],
-        k1: p[4],
-        k2: p[5],
-        k3: p[6],
-        p1: p[7],
-        p2: p[8],
-        denominator: [p[9], p[10], p[11]],
-    }
-}
-
-/// A point's covariance with what all points have in common.
-pub(super) fn with_common(own_px2: &Matrix2<f64>, model_sigma_px: f64) -> Matrix2<f64> {
-    own_px2 + Matrix2::identity() * model_sigma_px.powi(2)
-}
 
 /// Camera, board and poses of one adjustment.
 pub(super) struct Adjusted {
@@ -69,7 +20,7 @@ pub(super) struct Adjusted {
     pub poses: Vec<Pose>,
     /// Parameters that keep their start.
     pub held: [bool; GLOBAL],
-    pub solution: Solution,
+    pub solution: Solution<GLOBAL, Pose>,
     /// Common to all points, beyond their own, px.
     pub model_sigma_px: f64,
 }
@@ -110,7 +61,7 @@ impl Adjusted {
         let squares: Vec<f64> = residuals.iter().map(Vector2::norm_squared).collect();
         // The adjustment takes its share of the residuals.
         let share = self.solution.redundancy as f64 / (2 * residuals.len()).max(1) as f64;
-        outliers::common_variance(&squares, &own, outliers::MEDIAN_SQUARE * share).sqrt()
+        common_variance(&squares, &own, MEDIAN_SQUARE * share).sqrt()
     }
 }
 
@@ -143,13 +94,13 @@ const FIRST_SIGMA_PX: f64 = 0.1;
 /// from there, that of the usual lenses from which it comes closest.
 pub(super) fn first(
     used: &[(usize, View)],
-    (width, height): (u32, u32),
+    size: Size,
     held: [bool; GLOBAL],
     stretch_sigma: f64,
 ) -> Result<Adjusted, CalibrateError> {
     let views: Vec<&View> = used.iter().map(|(_, v)| v).collect();
     let from = |f_px: Option<f64>| {
-        let (lens, poses) = start::start(&views, width, height, f_px).ok_or(CalibrateError::NoStart)?;
+        let (lens, poses) = start::start(&views, size, f_px).ok_or(CalibrateError::NoStart)?;
         // A lens without distortion first: all at once, few pictures run away.
         let start = Start { lens, form: Form::zeros(), stretch_sigma, poses, held };
         let mut rough = adjust_with(used, &start, FIRST_SIGMA_PX, STIFF[0])?;
@@ -162,7 +113,7 @@ pub(super) fn first(
     if told.is_ok() {
         return told;
     }
-    let tried = start::USUAL.iter().filter_map(|f| from(Some(f * f64::from(width))).ok());
+    let tried = start::USUAL.iter().filter_map(|f| from(Some(f * f64::from(size.width))).ok());
     tried.min_by(|a, b| a.solution.omega.total_cmp(&b.solution.omega)).map_or(told, Ok)
 }
 
@@ -196,33 +147,36 @@ pub(super) fn adjust_views(
     stiff: f64,
 ) -> Result<Adjusted, CalibrateError> {
     let views: Vec<&View> = used.iter().map(|(_, v)| v).collect();
-    let size = (start.lens.width, start.lens.height);
+    let size = Size::of(&start.lens);
     let shape = Shape::of(&views);
     let priors = [lens_priors(&start.lens, stiff), shape.priors(INTERIOR, start.stretch_sigma)].concat();
-    let held = start.held;
-    let bundle = Bundle { views: &views, size, shape, priors, held, common_px };
-    let mut global = Global::zeros();
-    global.fixed_rows_mut::<INTERIOR>(0).copy_from(&parameters(&start.lens));
-    global.fixed_rows_mut::<FORM>(INTERIOR).copy_from(&start.form);
-    let solution = bundle.solve(global, &start.poses).ok_or(CalibrateError::NoFit)?;
-    let lens = with_parameters(size, &solution.global);
-    let form = form_of(&solution.global);
-    let poses = solution.poses.clone();
-    let stretch_sigma = start.stretch_sigma;
-    Ok(Adjusted { lens, shape, form, stretch_sigma, poses, held, solution, model_sigma_px: 0.0 })
+    let bundle = Bundle { views: &views, size, shape, common_px };
+    let global = parameters(&start.lens, &start.form);
+    let solution =
+        arrow::solve(&bundle, &priors, &start.held, global, &start.poses).ok_or(CalibrateError::NoFit)?;
+    Ok(Adjusted {
+        lens: lens_of(size, &solution.global),
+        shape,
+        form: form_of(&solution.global),
+        stretch_sigma: start.stretch_sigma,
+        poses: solution.own.clone(),
+        held: start.held,
+        solution,
+        model_sigma_px: 0.0,
+    })
 }
 
 /// What every lens keeps to, for pictures that do not tell: the camera constant is within its own size of where
 /// it began, the principal point lies within a tenth of the image's width of its middle, and no term of the
 /// distortion moves the image's corner by more than its distance from the middle (one standard deviation). It keeps few pictures from running
 /// away. The sizes are an assumption, chosen wide.
-fn lens_priors(start: &Lens, stiff: f64) -> Vec<Prior> {
+fn lens_priors(start: &Lens, stiff: f64) -> Vec<ScalarPrior> {
     let (width, height) = (f64::from(start.width), f64::from(start.height));
     let corner = 0.5 * width.hypot(height) / start.fx;
-    let middle = start::middle(start.width, start.height);
+    let centre = Size::of(start).centre();
     let mean = |k: usize| match k {
         0 | 1 => start.fx,
-        2 | 3 => middle[k - 2],
+        2 | 3 => centre[k - 2],
         _ => 0.0,
     };
     let sigmas = [
@@ -239,5 +193,5 @@ fn lens_priors(start: &Lens, stiff: f64) -> Vec<Prior> {
         (10, stiff * corner.powi(-4)),
         (11, stiff * corner.powi(-6)),
     ];
-    sigmas.into_iter().map(|(index, sigma)| Prior { index, mean: mean(index), sigma }).collect()
+    sigmas.into_iter().map(|(index, sigma)| ScalarPrior { index, mean: mean(index), sigma }).collect()
 }

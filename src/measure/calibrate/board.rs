@@ -1,10 +1,7 @@
 //! Boards: what is printed, and where its points are.
 
 use super::View;
-#[cfg(feature = "boards")]
-use super::checkerboard;
-#[cfg(feature = "boards")]
-use crate::measure::raster::Raster;
+use crate::measure::estimation::robust::median;
 
 /// A calibration board (docs/interface.md).
 #[derive(Clone, Debug, PartialEq)]
@@ -83,10 +80,9 @@ pub fn misdescribed(board: &Board, misfits: &[Option<Misfit>]) -> Option<String>
     let larger = found().filter(|m| matches!(m, Misfit::Larger)).count();
     let mut columns: Vec<usize> =
         found().filter_map(|m| if let Misfit::Columns { seen } = m { Some(*seen) } else { None }).collect();
-    let mut gaps: Vec<f64> =
+    let gaps: Vec<f64> =
         found().filter_map(|m| if let Misfit::Gap { seen } = m { Some(*seen) } else { None }).collect();
     columns.sort_unstable();
-    gaps.sort_by(f64::total_cmp);
     match *board {
         Board::Checkerboard { columns, rows, .. } if half(larger) => Some(format!(
             "the board is not as described: pictures show more than its {columns} x {rows} inner corners; count \
@@ -99,7 +95,7 @@ pub fn misdescribed(board: &Board, misfits: &[Option<Misfit>]) -> Option<String>
             ))
         }
         Board::AprilGrid { spacing, .. } if half(gaps.len()) => {
-            let seen = gaps[gaps.len() / 2];
+            let seen = median(gaps)?;
             Some(format!(
                 "the board is not as described: the gap between its tags is {seen:.3} of a tag's side, \
                  spacing = {spacing}; measure both"
@@ -132,25 +128,9 @@ pub fn never_whole(board: &Board, views: &[View]) -> Option<String> {
     })
 }
 
-#[cfg(feature = "boards")]
+#[cfg(feature = "aprilgrid")]
 impl Board {
-    /// The board's points in a picture.
-    pub fn find(&self, raster: &Raster) -> Result<Sighting, BoardError> {
-        match *self {
-            Self::Checkerboard { columns, rows, square_m } => {
-                checkerboard::find(raster, columns, rows, square_m)
-            }
-            #[cfg(feature = "aprilgrid")]
-            Self::AprilGrid { columns, rows, tag_m, spacing } => {
-                super::aprilgrid::find(raster, columns, rows, tag_m, spacing)
-            }
-            #[cfg(not(feature = "aprilgrid"))]
-            Self::AprilGrid { .. } => Err(BoardError::NotBuilt),
-        }
-    }
-
     /// Corner `corner` of tag `id`: counter-clockwise from the bottom left, as Kalibr counts, m.
-    #[cfg(feature = "aprilgrid")]
     pub(super) fn tag_corner(
         columns: usize,
         tag_m: f64,

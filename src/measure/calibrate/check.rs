@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::adjust::{Adjusted, Start, adjust};
-use super::bundle::{Covariance, GLOBAL, INTERIOR};
+use super::model::{Covariance, GLOBAL, INTERIOR};
 use super::{LEAST_VIEWS, View, quality};
 
 /// Cells over the image's and the board's width and height.

@@ -9,8 +9,9 @@ use nalgebra::{SMatrix, SVector, Vector2};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::adjust::Adjusted;
-use super::{CalibrateError, LEAST_POINTS, LEAST_VIEWS, View, quality, rms, start};
-use crate::measure::robust::{self, SIGMA_OVER_MEDIAN};
+use super::model::{Jacobians, Size, jacobians, rms};
+use super::{CalibrateError, LEAST_POINTS, LEAST_VIEWS, View, start};
+use crate::measure::estimation::robust::{Location, MEDIAN_SQUARE_OF_ONE, common_variance, median, scale};
 
 /// A point whose residual is this many times the scale is a gross error (a wrong corner).
 const GROSS: f64 = 6.0;
@@ -20,10 +21,6 @@ const FOREIGN: f64 = 5.0;
 const LEVEL: f64 = 0.01;
 /// No hand holds a board so still between two pictures, px.
 const STILL_PX: f64 = 0.05;
-/// Median of a squared length of two standard normal coordinates.
-pub(super) const MEDIAN_SQUARE: f64 = 2.0 * std::f64::consts::LN_2;
-/// The same of one.
-const MEDIAN_SQUARE_OF_ONE: f64 = 0.4549;
 /// Relative standard deviation of a scale from the median of `n` squared lengths, times root n.
 const MEDIAN_SCALE: f64 = 0.72;
 
@@ -92,12 +89,12 @@ pub(super) struct Selection {
 
 impl Selection {
     /// What can be told before any adjustment: with such views it may not converge.
-    pub(super) fn first(views: &[View], width: u32, height: u32) -> Self {
+    pub(super) fn first(views: &[View], size: Size) -> Self {
         let mut dropped: Vec<Option<Dropped>> = (0..views.len()).map(|k| obvious(views, k)).collect();
-        let misfits: Vec<f64> = views.iter().map(|v| start::misfit_px(v, width, height)).collect();
+        let misfits: Vec<f64> = views.iter().map(|v| start::misfit_px(v, size)).collect();
         let rest: Vec<f64> =
             misfits.iter().zip(&dropped).filter(|(_, d)| d.is_none()).map(|(m, _)| *m).collect();
-        let limit = FOREIGN * median(rest.clone()) + 1.0;
+        let limit = FOREIGN * median(rest.clone()).unwrap_or(0.0) + 1.0;
         let foreign = |misfit: f64| misfit.is_nan() || misfit > limit;
         // Where too few would be left, the adjustment must say.
         if rest.iter().filter(|m| !foreign(**m)).count() >= LEAST_VIEWS {
@@ -125,8 +122,9 @@ impl Selection {
         let residuals = adjusted.residuals(&self.used);
         let squares = adjusted.squares(&self.used, &residuals);
         let zoomed = self.zoomed(adjusted, &residuals);
-        let worst = zoomed
-            .or_else(|| self.far_off(&residuals, &squares).map(|w| self.reason(adjusted, &residuals, w)));
+        let worst = zoomed.or_else(|| {
+            self.far_off(&residuals, &squares).map(|(k, reason)| self.reason(adjusted, &residuals, k, reason))
+        });
         match worst.filter(|_| self.used.len() > LEAST_VIEWS) {
             Some((k, reason)) => {
                 let (index, _) = self.used.remove(k);
@@ -144,7 +142,8 @@ impl Selection {
         // What lens and board leave over makes sound pictures differ by more than their standard deviations: by a factor,
         // and where those are small, by a variance that all have in common.
         let squares: Vec<f64> = own.iter().map(|(change, _)| change * change).collect();
-        let factor = deviation(own.iter().map(|(change, sigma)| change / sigma)).1.max(1.0);
+        let normalised: Vec<f64> = own.iter().map(|(change, sigma)| change / sigma).collect();
+        let factor = Location::of(&normalised).sigma.max(1.0);
         let own_variances: Vec<f64> = own.iter().map(|(_, sigma)| sigma * sigma).collect();
         let variances: Vec<f64> = own_variances.iter().map(|v| v * factor * factor).collect();
         let common = common_variance(&squares, &own_variances, MEDIAN_SQUARE_OF_ONE);
@@ -159,7 +158,8 @@ impl Selection {
         &self,
         adjusted: &Adjusted,
         residuals: &[Vec<Vector2<f64>>],
-        (k, reason): (usize, Dropped),
+        k: usize,
+        reason: Dropped,
     ) -> (usize, Dropped) {
         match own_constant(adjusted, k, &self.used[k].1, &residuals[k]) {
             Some((change, sigma)) if change.abs() > sigma * limit(residuals.len(), 2.0) => {
@@ -172,12 +172,13 @@ impl Selection {
     /// The picture whose normalised residuals stand out most.
     fn far_off(&self, residuals: &[Vec<Vector2<f64>>], squares: &[Vec<f64>]) -> Option<(usize, Dropped)> {
         let logs: Vec<f64> = squares.iter().map(|s| scale(s).max(f64::MIN_POSITIVE).ln()).collect();
-        let (middle, spread) = deviation(logs.iter().copied());
-        let over =
-            |k: usize| (logs[k] - middle) / spread.hypot(MEDIAN_SCALE / (squares[k].len() as f64).sqrt());
+        let all = Location::of(&logs);
+        let over = |k: usize| {
+            (logs[k] - all.median) / all.sigma.hypot(MEDIAN_SCALE / (squares[k].len() as f64).sqrt())
+        };
         let k = (0..logs.len()).max_by(|a, b| over(*a).total_cmp(&over(*b)))?;
         let reason =
-            Dropped::OtherCamera { rms_px: rms(residuals[k].iter()), times: (logs[k] - middle).exp() };
+            Dropped::OtherCamera { rms_px: rms(residuals[k].iter()), times: (logs[k] - all.median).exp() };
         (over(k) > limit(logs.len(), 1.0)).then_some((k, reason))
     }
 
@@ -214,7 +215,7 @@ fn own_constant(
     let (mut normal, mut right, mut sum) = (SMatrix::<f64, 7, 7>::zeros(), SVector::<f64, 7>::zeros(), 0.0);
     for (p, r) in view.iter().zip(residuals) {
         let point = adjusted.point(k, p);
-        let (by_motion, by_lens) = quality::jacobians(&adjusted.lens, &point)?;
+        let Jacobians { by_motion, by_lens } = jacobians(&adjusted.lens, &point)?;
         let mut by = SMatrix::<f64, 2, 7>::zeros();
         by.fixed_columns_mut::<6>(0).copy_from(&by_motion);
         let relative = by_lens.column(0) * adjusted.lens.fx + by_lens.column(1) * adjusted.lens.fy;
@@ -254,43 +255,4 @@ fn same(a: &View, b: &View) -> bool {
     }
     // Three standard deviations: two pictures of one moment, compressed twice, differ by about one.
     2 * n > a.len().min(b.len()) && squares < (9.0 * variances).max((n as f64) * STILL_PX * STILL_PX)
-}
-
-/// Scale of normalised residuals that the median of their squares tells: a gross error blows up the mean.
-pub(super) fn scale(squares: &[f64]) -> f64 {
-    (median(squares.to_vec()) / MEDIAN_SQUARE).sqrt()
-}
-
-/// The variance that values must have in common beyond their own for the median of their normalised squares to be
-/// `goal` (Paule and Mandel 1982, with the median for the mean), by bisection.
-pub(super) fn common_variance(squares: &[f64], own: &[f64], goal: f64) -> f64 {
-    let over = |common: f64| median(squares.iter().zip(own).map(|(s, v)| s / (v + common)).collect());
-    if over(0.0) <= goal {
-        return 0.0;
-    }
-    let (mut low, mut high) = (0.0, median(squares.to_vec()) / goal);
-    for _ in 0..BISECTIONS {
-        let middle = 0.5 * (low + high);
-        if over(middle) > goal { low = middle } else { high = middle }
-    }
-    high
-}
-
-/// The range halved so often is known to 1e-12 of it.
-const BISECTIONS: usize = 40;
-
-/// Standard deviation of a coordinate that the median of the residuals' lengths tells, px.
-pub(super) fn coordinate_px(residuals: &[Vector2<f64>]) -> f64 {
-    scale(&residuals.iter().map(Vector2::norm_squared).collect::<Vec<f64>>())
-}
-
-/// Median and the standard deviation that the median absolute deviation tells.
-fn deviation(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
-    let middle = median(values.clone().collect());
-    (middle, SIGMA_OVER_MEDIAN * median(values.map(|v| (v - middle).abs()).collect()))
-}
-
-/// Of no values 0.
-pub(super) fn median(values: Vec<f64>) -> f64 {
-    robust::median(values).unwrap_or(0.0)
 }

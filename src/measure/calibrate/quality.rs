@@ -5,19 +5,18 @@
 //! taken up what a rotation and a shift of its own can explain **at the boards** (the mean-pose method
 //! of mrcal's projection uncertainty): near the boards' distance they cancel, away from it they do not.
 
-use nalgebra::{DMatrix, Matrix2x3, Matrix6, SMatrix, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix6, SMatrix, Vector2, Vector3};
 
 use super::View;
 use super::adjust::Adjusted;
-use super::bundle::{BROWN, Covariance, INTERIOR};
-use crate::measure::geometry::{Lens, skew};
+use super::model::{Covariance, INTERIOR, Jacobians, jacobians};
+use crate::measure::geometry::{BROWN, Lens};
 
 /// Distances at which a wing's markers lie, m.
 pub const DISTANCES_M: [f64; 3] = [5.0, 15.0, 40.0];
 /// Cells over the image's width and height.
 const CELLS: usize = 9;
 
-type ByInterior = SMatrix<f64, 2, INTERIOR>;
 type Motion = SMatrix<f64, 6, INTERIOR>;
 
 /// Standard deviation of a projected point (length of its error vector) over the image, px.
@@ -66,7 +65,7 @@ fn projection(
     let interior = covariance.fixed_view::<INTERIOR, INTERIOR>(0, 0);
     let variance = |row: usize, column: usize| {
         let point = cell_ray(&adjusted.lens, column, row)? * distance_m;
-        let (by_motion, by_lens) = jacobians(&adjusted.lens, &point)?;
+        let Jacobians { by_motion, by_lens } = jacobians(&adjusted.lens, &point)?;
         let error = by_lens + by_motion * motion;
         Some((error * interior * error.transpose()).trace())
     };
@@ -111,25 +110,13 @@ fn cell_ray(lens: &Lens, column: usize, row: usize) -> Option<Vector3<f64>> {
     lens.ray(&pixel).ok().map(|r| r.normalize())
 }
 
-/// d pixel / d (rotation, shift of the camera) and d pixel / d interior parameters.
-pub(super) fn jacobians(lens: &Lens, point: &Vector3<f64>) -> Option<(SMatrix<f64, 2, 6>, ByInterior)> {
-    let (_, by_point): (_, Matrix2x3<f64>) = lens.project_with_jacobian(point)?;
-    let mut by_motion = SMatrix::<f64, 2, 6>::zeros();
-    by_motion.fixed_columns_mut::<3>(0).copy_from(&(-by_point * skew(point)));
-    by_motion.fixed_columns_mut::<3>(3).copy_from(&by_point);
-    let mut by_lens = ByInterior::zeros();
-    by_lens.fixed_columns_mut::<BROWN>(0).copy_from(&lens.by_parameters(point));
-    by_lens.fixed_columns_mut::<3>(BROWN).copy_from(&lens.by_denominator(point));
-    Some((by_motion, by_lens))
-}
-
 /// The camera's motion that best explains, at the boards, an error of the interior parameters.
 fn motion(adjusted: &Adjusted, used: &[(usize, View)]) -> Option<Motion> {
     let (mut normal, mut right) = (Matrix6::zeros(), Motion::zeros());
     for (k, (_, view)) in used.iter().enumerate() {
         for p in view {
             let point = adjusted.point(k, p);
-            let (by_motion, by_lens) = jacobians(&adjusted.lens, &point)?;
+            let Jacobians { by_motion, by_lens } = jacobians(&adjusted.lens, &point)?;
             normal += by_motion.transpose() * by_motion;
             right += by_motion.transpose() * by_lens;
         }
@@ -145,7 +132,7 @@ pub(super) fn of_brown(adjusted: &Adjusted, covariance: &Covariance) -> Option<S
         (0..CELLS * CELLS).filter_map(|k| cell_ray(&adjusted.lens, k % CELLS, k / CELLS)).collect();
     let mut by = DMatrix::zeros(2 * rays.len(), INTERIOR);
     for (k, ray) in rays.iter().enumerate() {
-        by.fixed_view_mut::<2, INTERIOR>(2 * k, 0).copy_from(&jacobians(&adjusted.lens, ray)?.1);
+        by.fixed_view_mut::<2, INTERIOR>(2 * k, 0).copy_from(&jacobians(&adjusted.lens, ray)?.by_lens);
     }
     // Columns of one size, for the inverse's sake.
     let size: Vec<f64> = (0..INTERIOR).map(|k| by.column(k).norm().max(f64::MIN_POSITIVE)).collect();

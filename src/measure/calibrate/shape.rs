@@ -9,10 +9,11 @@
 //! `y (1 + s/2)`. What both directions have in common is a scale, which moves the boards in depth and leaves the
 //! camera as it is: no unknown.
 
-use nalgebra::{Matrix3, SVector, Vector2, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
 
-use super::bundle::Prior;
+use super::model::Form;
 use super::{SIGNIFICANT, View};
+use crate::measure::estimation::arrow::ScalarPrior;
 
 /// Height of the board's middle over the chord between two of its sides.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,11 +34,6 @@ impl Bow {
 /// Standard deviation of a bow beforehand, m per m of the side: an assumption, over three times the
 /// 1.5 mm per metre that boards are expected to bow. It matters only where the pictures tell nothing about the bow.
 const SIGMA_M_PER_M: f64 = 0.005;
-
-/// Unknowns of the form: bow along, bow across (m), stretch.
-pub(super) const FORM: usize = 3;
-/// Their values.
-pub(super) type Form = SVector<f64, FORM>;
 
 /// By how much the board is longer across its rows than along them, as a share, against its description.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,10 +87,10 @@ impl Shape {
     }
 
     /// Priors on bows and stretch, which are the parameters from `first` on.
-    pub(super) fn priors(&self, first: usize, stretch_sigma: f64) -> Vec<Prior> {
+    pub(super) fn priors(&self, first: usize, stretch_sigma: f64) -> Vec<ScalarPrior> {
         let bow = |k: usize| SIGMA_M_PER_M * 2.0 * self.half_m[k];
         let sigmas = [bow(0), bow(1), stretch_sigma];
-        let prior = |(k, sigma)| Prior { index: first + k, mean: 0.0, sigma };
+        let prior = |(k, sigma)| ScalarPrior { index: first + k, mean: 0.0, sigma };
         sigmas.into_iter().enumerate().map(prior).collect()
     }
 

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, Matrix3, Rotation3, Vector2, Vector3};
 
-use super::adjust::Pose;
+use super::model::{Pose, Size};
 use super::{BoardPoint, View};
 use crate::measure::geometry::Lens;
 
@@ -10,25 +10,15 @@ use crate::measure::geometry::Lens;
 /// the root of its neighbours' ratio.
 pub(super) const USUAL: [f64; 6] = [0.4, 0.65, 1.0, 1.6, 2.6, 4.5];
 
-/// The middle of the image, px.
-pub(super) fn middle(width: u32, height: u32) -> Vector2<f64> {
-    Vector2::new(0.5 * (f64::from(width) - 1.0), 0.5 * (f64::from(height) - 1.0))
-}
-
 /// A lens without distortion, its principal point in the middle, and the views' poses; its camera constant as
 /// given or as the views tell it.
-pub(super) fn start(
-    views: &[&View],
-    width: u32,
-    height: u32,
-    f_px: Option<f64>,
-) -> Option<(Lens, Vec<Pose>)> {
-    let middle = middle(width, height);
+pub(super) fn start(views: &[&View], size: Size, f_px: Option<f64>) -> Option<(Lens, Vec<Pose>)> {
+    let centre = size.centre();
     let homographies: Vec<Matrix3<f64>> =
-        views.iter().map(|v| homography(v, &middle)).collect::<Option<Vec<_>>>()?;
+        views.iter().map(|v| homography(v, &centre)).collect::<Option<Vec<_>>>()?;
     let f = f_px.or_else(|| camera_constant(&homographies))?;
     let poses = homographies.iter().map(|h| pose(h, f)).collect::<Option<Vec<_>>>()?;
-    Some((Lens::pinhole(width, height, f, middle.x, middle.y), poses))
+    Some((Lens::pinhole(size.width, size.height, f, centre.x, centre.y), poses))
 }
 
 /// Distortions that are tried when a plane is sought, as `1 + d r^2` with `r` over half the image's diagonal: from a
@@ -37,38 +27,38 @@ const DISTORTIONS: [f64; 9] = [-0.6, -0.5, -0.4, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2
 
 /// Root mean square distance of a view's points from the best image of a plane through a roughly known lens, px;
 /// infinite where there is none.
-pub(super) fn misfit_px(view: &View, width: u32, height: u32) -> f64 {
-    let middle = middle(width, height);
+pub(super) fn misfit_px(view: &View, size: Size) -> f64 {
+    let centre = size.centre();
     let flattened = |distortion: f64| -> View {
         let place = |p: &BoardPoint| {
-            let off = p.pixel - middle;
-            let stretched = off / (1.0 + distortion * off.norm_squared() / middle.norm_squared());
-            BoardPoint { pixel: middle + stretched, ..*p }
+            let off = p.pixel - centre;
+            let stretched = off / (1.0 + distortion * off.norm_squared() / centre.norm_squared());
+            BoardPoint { pixel: centre + stretched, ..*p }
         };
         view.iter().map(place).collect()
     };
-    DISTORTIONS.iter().map(|d| plane_misfit_px(&flattened(*d), &middle)).fold(f64::INFINITY, f64::min)
+    DISTORTIONS.iter().map(|d| plane_misfit_px(&flattened(*d), &centre)).fold(f64::INFINITY, f64::min)
 }
 
-fn plane_misfit_px(view: &View, middle: &Vector2<f64>) -> f64 {
-    let Some(h) = homography(view, middle) else { return f64::INFINITY };
+fn plane_misfit_px(view: &View, centre: &Vector2<f64>) -> f64 {
+    let Some(h) = homography(view, centre) else { return f64::INFINITY };
     let squared = |p: &BoardPoint| {
         let q = h * Vector3::new(p.board_m.x, p.board_m.y, 1.0);
-        (q.xy() / q.z + middle - p.pixel).norm_squared()
+        (q.xy() / q.z + centre - p.pixel).norm_squared()
     };
     (view.iter().map(squared).sum::<f64>() / view.len() as f64).sqrt()
 }
 
 /// Centred pixel from board plane, by the direct linear transform with normalised coordinates.
-fn homography(view: &[BoardPoint], middle: &Vector2<f64>) -> Option<Matrix3<f64>> {
+fn homography(view: &[BoardPoint], centre: &Vector2<f64>) -> Option<Matrix3<f64>> {
     let n = view.len() as f64;
     let mean = view.iter().map(|p| p.board_m).sum::<Vector2<f64>>() / n;
-    let spread = (view.iter().map(|p| (p.board_m - mean).norm_squared()).sum::<f64>() / n).sqrt();
-    let scale = 0.25 * (middle.x + middle.y);
+    let radius_m = (view.iter().map(|p| (p.board_m - mean).norm_squared()).sum::<f64>() / n).sqrt();
+    let scale = 0.25 * (centre.x + centre.y);
     let mut rows = DMatrix::zeros(2 * view.len(), 9);
     for (k, p) in view.iter().enumerate() {
-        let b = (p.board_m - mean) / spread;
-        let q = (p.pixel - middle) / scale;
+        let b = (p.board_m - mean) / radius_m;
+        let q = (p.pixel - centre) / scale;
         let (x, y) = (b.x, b.y);
         let u = [x, y, 1.0, 0.0, 0.0, 0.0, -q.x * x, -q.x * y, -q.x];
         let v = [0.0, 0.0, 0.0, x, y, 1.0, -q.y * x, -q.y * y, -q.y];
@@ -81,8 +71,17 @@ fn homography(view: &[BoardPoint], middle: &Vector2<f64>) -> Option<Matrix3<f64>
     let smallest = eigen.eigenvalues.imin();
     let h = eigen.eigenvectors.column(smallest);
     let h = Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], h[8]);
-    let board =
-        Matrix3::new(1.0 / spread, 0.0, -mean.x / spread, 0.0, 1.0 / spread, -mean.y / spread, 0.0, 0.0, 1.0);
+    let board = Matrix3::new(
+        1.0 / radius_m,
+        0.0,
+        -mean.x / radius_m,
+        0.0,
+        1.0 / radius_m,
+        -mean.y / radius_m,
+        0.0,
+        0.0,
+        1.0,
+    );
     let pixel = Matrix3::new(scale, 0.0, 0.0, 0.0, scale, 0.0, 0.0, 0.0, 1.0);
     let h = pixel * h * board;
     h.iter().all(|v| v.is_finite()).then_some(h)

@@ -74,11 +74,11 @@ fn fold(c: &Calibration) -> Option<(Verdict, String)> {
     if c.projections.is_some() {
         return None;
     }
-    let (lens, corner, told_px) = (&c.lens, c.farthest_corner_px(), c.told_px);
+    let (lens, corner, shown_px) = (&c.lens, c.farthest_corner_px(), c.shown_px);
     let middle = Vector2::new(lens.cx, lens.cy);
     let folds = |k: &i32| lens.ray(&(middle + corner * (f64::from(*k) / 100.0))).is_err();
     let fold_px = (1..=100).find(folds).map_or(corner.norm(), |k| corner.norm() * f64::from(k) / 100.0);
-    let why = if !c.is_told() {
+    let why = if !c.is_shown_to_the_corner() {
         "nothing told the lens's distortion out there: show the board in all corners of the image, or let --select drop \
          the terms that the pictures do not tell"
     } else {
@@ -86,7 +86,7 @@ fn fold(c: &Calibration) -> Option<(Verdict, String)> {
     };
     let text = format!(
         "the lens model has no inverse over the whole image: it folds at {fold_px:.0} px from the principal point, the \
-         image's corners lie at {:.0} px, and boards were shown up to {told_px:.0} px; {why}",
+         image's corners lie at {:.0} px, and boards were shown up to {shown_px:.0} px; {why}",
         corner.norm()
     );
     Some((Verdict::Refused, text))
@@ -187,7 +187,7 @@ fn left_out(c: &Calibration) -> Option<(Verdict, String)> {
 /// lens is exactly the model.
 fn uncovered(c: &Calibration) -> Option<(Verdict, String)> {
     let empty: Vec<&str> =
-        (0..9).filter(|k| c.coverage[k / 3][k % 3] == 0).map(|k| region((k % 3, k / 3))).collect();
+        (0..9).filter(|k| c.coverage[k / 3][k % 3] == 0).map(|k| region(k % 3, k / 3)).collect();
     (!empty.is_empty()).then(|| {
         let text =
             format!("no board was shown in these parts of the image: {}; show it there", empty.join(", "));
@@ -213,19 +213,22 @@ fn uncertain(c: &Calibration) -> Option<(Verdict, String)> {
             c.spread_deg
         )
     } else {
-        format!("show the board some times more in the {} of the image, tilted", region(worst.worst))
+        format!(
+            "show the board some times more in the {} of the image, tilted",
+            region(worst.worst.0, worst.worst.1)
+        )
     };
     let text = format!(
         "a point at {} m is projected to {:.2} px only ({:.2} px in the {}); {what}",
         worst.distance_m,
         worst.sigma_px,
         worst.worst_sigma_px,
-        region(worst.worst)
+        region(worst.worst.0, worst.worst.1)
     );
     Some((verdict, text))
 }
 
-fn region((column, row): (usize, usize)) -> &'static str {
+fn region(column: usize, row: usize) -> &'static str {
     [
         ["upper left", "upper middle", "upper right"],
         ["left", "middle", "right"],

@@ -1,8 +1,35 @@
-//! Image -> markers.
+//! Markers are found in the grey values of one frame: quadrant targets and flat discs, each with the covariance of its place.
+//! Neither camera nor wing is known here. The result is the same for any number of threads, and bit for bit on any processor.
 //!
-//! The folders by stage, each of which uses only those before it (`tests/layers.rs` keeps that): `simd`, `image`, `detection`
-//! (what is answered), `appearance`, `segment`, `occlusion`, `hypothesis`, `sample`, `estimate`, `propose`, `accept`, `attempt`,
-//! `revise`, `scope`, `search`. `docs/detection.md` says what they do and why.
+//! The stages, each of which uses only those before it (`tests/layers.rs`); `docs/detection.md` says what they do and why:
+//!
+//! - `numbers`, `simd`, `image`: how tuned numbers are written, loops in wide registers, geometry and noise of the picture;
+//! - `detection`: what is asked and answered; `appearance`: what a blurred marker looks like;
+//! - `segment`: dark regions and their blobs; `occlusion`: what may hide a part of a marker;
+//! - `hypothesis`: what may be a marker, with what is known beforehand; `sample`: its pixels; `estimate`: the fit to them;
+//! - `propose`: from blobs to hypotheses; `accept`: whether a fit is a marker; `attempt`: the ways to measure a hypothesis;
+//! - `revise`: measured once more with what neighbours or orientation tell; `scope`, `search`: where, and in which order.
+//!
+//! ```
+//! use wingd::measure::{detect::detect, raster::Raster};
+//!
+//! // A black disc on skin, seen at a slant; a lens blurs it, so that a pixel takes the mean of what is near.
+//! let is_black = |x: f64, y: f64| ((x - 100.3) / 30.0).powi(2) + ((y - 60.2) / 10.0).powi(2) < 1.0;
+//! let near = || (0..64).map(|k| [k % 8, k / 8].map(|v| (f64::from(v) - 3.5) / 4.0));
+//! let lit = |x: u32, y: u32| near().filter(|[u, v]| !is_black(f64::from(x) + u, f64::from(y) + v)).count();
+//! let luma = (0..200 * 120).map(|i| 40 + 2 * lit(i % 200, i / 200) as u8).collect();
+//! let frame = Raster::new(200, 120, luma).expect("a value for each pixel");
+//!
+//! let found = detect(&frame);
+//! let disc = &found.markers[0];
+//! assert!((disc.centre_px.x - 100.3).abs() < 0.1 && (disc.centre_px.y - 60.2).abs() < 0.1);
+//! for (source, own) in disc.covariance_px2.contributions() {
+//!     println!("{source:?}: {:.4} px along u", own[(0, 0)].max(0.0).sqrt());
+//! }
+//! ```
+
+#[macro_use]
+mod numbers;
 
 mod accept;
 mod appearance;
@@ -22,17 +49,17 @@ mod simd;
 
 use std::ops::Range;
 
-use crate::measure::detect::accept::found::Found;
-use crate::measure::detect::accept::{consistency, correlated, dirt};
+use crate::measure::detect::accept::{consistency, correlated, dirt, found::Found};
 use crate::measure::detect::detection::by_place;
-use crate::measure::detect::image::histogram::middle;
 use crate::measure::detect::image::{ellipse, noise};
 use crate::measure::detect::revise::neighbours::inflate_unlike;
 use crate::measure::detect::scope::Scope;
 use crate::measure::detect::search::{Progress, is_faint};
 use crate::measure::detect::segment::background;
+use crate::measure::estimation::robust::median;
 use crate::measure::raster::Raster;
 
+pub use detection::covariance::{Covariance, Source};
 pub use detection::{Detection, Detections, Prediction, RejectReason, Rejected};
 pub use revise::orientation::{Expected, UNSURE_PX2, look_closer};
 
@@ -59,9 +86,9 @@ fn find(image: &Raster, scope: Scope) -> (Found, f64) {
     let smooth = |from: f64| if noise > from { smoothed(image, scope) } else { None };
     let usual = smooth(noise::FRAYING);
     let seen = usual.as_ref().unwrap_or(image);
-    let mut progress = Progress::new(seen, scope);
+    let mut progress = Progress::new(image, seen, scope, noise);
     let mut look = |seen: &Raster, faint: bool| {
-        if !progress.search((image, seen), scope, noise, faint) {
+        if !progress.search(seen, faint) {
             return false;
         }
         consistency::without_blur_outliers(&mut progress.found);
@@ -93,7 +120,7 @@ fn detections(image: &Raster, mut found: Found, noise: f64) -> Detections {
     }
     found.rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     found.rejected.truncate(MAX_REJECTED);
-    let psf_sigma_px = middle(found.measured.iter().map(|m| m.blur).collect());
+    let psf_sigma_px = median(found.measured.iter().map(|m| m.blur).collect());
     let mut markers: Vec<Detection> = found.measured.into_iter().map(|m| m.detection).collect();
     markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     Detections { markers, rejected: found.rejected, psf_sigma_px, noise, inflation }

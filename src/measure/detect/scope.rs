@@ -4,13 +4,11 @@ use std::ops::Range;
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::accept::found::Found;
-use crate::measure::detect::accept::verdict::Measured;
+use crate::measure::detect::accept::{found::Found, verdict::Measured};
 use crate::measure::detect::appearance::parameters::Pattern;
 use crate::measure::detect::detection::{Detection, Prediction};
 use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::noise;
+use crate::measure::detect::image::{ellipse::Ellipse, noise};
 use crate::measure::detect::segment::background::{Part, Window};
 use crate::measure::setup::Shape;
 
@@ -23,6 +21,10 @@ const ALIKE_PX: f64 = 1.0;
 const PART: f64 = 0.3;
 /// How much longer it may look before it is measured, a ratio.
 const WIDER: f64 = 1.6;
+/// How far a centre may be off at most, px: a bound on time.
+const FARTHEST_PX: f64 = 500.0;
+/// How much larger than predicted a marker may show, a ratio.
+const LARGER: f64 = 1.1;
 /// Skin around a marker, in which its threshold changes and it may still grow, px.
 const SKIRT: f64 = 12.0;
 /// How far beyond that a marker's fit, its seams and the skin beside it are looked at, px.
@@ -31,7 +33,7 @@ const MARGIN: usize = 40;
 impl Prediction {
     /// How far the centre may be off, px.
     fn reach(&self) -> f64 {
-        self.search_px.clamp(0.0, 500.0)
+        self.search_px.clamp(0.0, FARTHEST_PX)
     }
 
     /// Whether a detection may be the predicted marker.
@@ -84,7 +86,7 @@ impl Scope<'_> {
     pub fn part(&self, width: usize, height: usize) -> Part {
         let window = |p: &Prediction| {
             let ellipse = p.ellipse()?;
-            let extent = ellipse.extent() * 1.1;
+            let extent = ellipse.extent() * LARGER;
             let half = extent.add_scalar(p.reach() + SKIRT);
             let (low, high) = (ellipse.centre - half, ellipse.centre + half);
             Some(Window { low: low.into(), high: high.into() })
@@ -209,11 +211,10 @@ mod tests {
         Detection {
             shape: Shape::Circle,
             centre_px: Vector2::new(x, 50.0),
-            covariance_px2: Matrix2::identity(),
+            covariance_px2: Matrix2::identity().into(),
             semi_major_px,
             semi_minor_px: 4.0,
             angle_rad: 0.0,
-            beside_px2: 0.0,
             fit_rms: 1.0,
             contrast: 100.0,
         }
@@ -233,7 +234,8 @@ mod tests {
 
     #[test]
     fn what_lies_beside_markers_that_are_found_is_not_measured() {
-        let sure = |x: f64| Detection { covariance_px2: 1e-3 * Matrix2::identity(), ..detection(x, 20.0) };
+        let sure =
+            |x: f64| Detection { covariance_px2: (Matrix2::identity() * 1e-3).into(), ..detection(x, 20.0) };
         let found = |x: f64| Measured::whole(sure(x));
         let seen = |x: f64| {
             let ellipse = Ellipse { centre: Vector2::new(x, 52.0), major: 8.0, minor: 3.0, angle: 0.0 };

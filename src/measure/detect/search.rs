@@ -1,14 +1,11 @@
 //! A search of one picture: hypotheses in the order in which they are measured, then revised by their neighbours.
 
-use crate::measure::detect::accept::consistency;
-use crate::measure::detect::accept::found::Found;
-use crate::measure::detect::accept::verdict::Measured;
+use crate::measure::detect::accept::{consistency, found::Found, verdict::Measured};
 use crate::measure::detect::attempt::ladder::{Ladder, Outcome};
 use crate::measure::detect::attempt::measure::Bounds;
-use crate::measure::detect::detection::RejectReason;
+use crate::measure::detect::detection::{RejectReason, Rejected};
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::histogram::middle;
 use crate::measure::detect::propose::gather::{self, Gathered};
 use crate::measure::detect::propose::{blurred_quadrants, moments};
 use crate::measure::detect::revise::neighbours::{
@@ -17,6 +14,7 @@ use crate::measure::detect::revise::neighbours::{
 use crate::measure::detect::revise::under_decal::revise_under_decals;
 use crate::measure::detect::scope::{self, Scope};
 use crate::measure::detect::segment::blob::Blob;
+use crate::measure::estimation::robust::median;
 use crate::measure::raster::Raster;
 use crate::measure::setup::Shape;
 
@@ -31,14 +29,14 @@ pub fn is_faint(found: &Found, factor: usize) -> bool {
     const TOO_FEW: usize = 4;
     /// Of so many one must be faint: a spot or a cap may be, among markers that are not. In haze half of them are.
     const ONE_OF: usize = 4;
-    /// Share of the middle size from which on a thing may be a marker that tells: dirt is smaller.
+    /// Share of the median size from which on a thing may be a marker that tells: dirt is smaller.
     const LARGE: f64 = 0.5;
     // What is thinner than a block takes a part of it only.
     let covered = |m: &Measured| (2.0 * m.detection.semi_minor_px / factor as f64).min(1.0);
     let is_weak = |m: &&&Measured| !m.through_glare && covered(m) * m.darkness < LEAST;
-    let middle = middle(found.measured.iter().map(|m| m.detection.semi_major_px).collect()).unwrap_or(0.0);
+    let usual = median(found.measured.iter().map(|m| m.detection.semi_major_px).collect()).unwrap_or(0.0);
     let large: Vec<&Measured> =
-        found.measured.iter().filter(|m| m.detection.semi_major_px > LARGE * middle).collect();
+        found.measured.iter().filter(|m| m.detection.semi_major_px > LARGE * usual).collect();
     large.len() < TOO_FEW || large.iter().filter(is_weak).count() * ONE_OF > large.len()
 }
 
@@ -82,9 +80,8 @@ impl Search<'_> {
                     missing.as_ref().is_none_or(|missing| scope::may_show_part_of(seen, missing))
                 };
                 let (image, noise) = (ladder.image, ladder.bounds.noise);
-                blurred_quadrants::narrow(image, (blobs, pairs), taken, noise, wanted, |i| {
-                    ladder.is_sure_disc(i)
-                })
+                let is_disc = |i| ladder.is_sure_disc(i);
+                blurred_quadrants::narrow(image, blobs, pairs, taken, noise, wanted, is_disc)
             }
             Stage::Discs => gather::discs(blobs),
         }
@@ -115,7 +112,7 @@ impl Search<'_> {
                 bounds.blur = consistency::softest(&self.found).map_or(bounds.blur, |b| MARGIN * b);
             }
             Err(reason) => {
-                self.found.rejected.push(hypothesis.rejected(reason));
+                self.found.rejected.push(Rejected::of(&hypothesis.ellipse, reason));
                 self.unsure.extend(is_unsure(reason, hypothesis).then(|| hypothesis.clone()));
             }
         }
@@ -123,30 +120,26 @@ impl Search<'_> {
 }
 
 /// What has come of a picture at the levels that were searched so far.
-pub struct Progress {
+pub struct Progress<'a> {
+    image: &'a Raster,
+    scope: Scope<'a>,
+    noise: f64,
     gathered: Gathered,
     pub found: Found,
 }
 
-impl Progress {
-    /// Nothing yet of a picture whose blobs are sought in the one that is seen.
-    pub fn new(seen: &Raster, scope: Scope) -> Self {
-        Self {
-            gathered: Gathered::new(seen, scope.part(seen.width(), seen.height())),
-            found: Found { measured: Vec::new(), rejected: Vec::new() },
-        }
+impl<'a> Progress<'a> {
+    /// Nothing yet of a picture with some noise, grey levels, whose blobs are sought in the one that is seen.
+    pub fn new(image: &'a Raster, seen: &Raster, scope: Scope<'a>, noise: f64) -> Self {
+        let gathered = Gathered::new(seen, scope.part(seen.width(), seen.height()));
+        Self { image, scope, noise, gathered, found: Found::default() }
     }
 
     /// All stages, at the usual levels or at fainter ones too. Blobs are sought where no earlier call has; what was measured
     /// stays, and what was turned down is measured once more, since more of its neighbours are known.
     /// Whether there was anything new to look at.
-    pub fn search(
-        &mut self,
-        (image, seen): (&Raster, &Raster),
-        scope: Scope,
-        noise: f64,
-        faint: bool,
-    ) -> bool {
+    pub fn search(&mut self, seen: &Raster, faint: bool) -> bool {
+        let Self { image, scope, noise, .. } = *self;
         if !self.gathered.look(seen, faint) {
             return false;
         }
@@ -176,12 +169,7 @@ impl Progress {
         revise_with_size(&ladder, &mut found, hidden);
         revise_with_edge_prior(&ladder, &mut found, unsure);
         revise_under_decals(&ladder, &mut found, wanted);
-        find_against_one_level(
-            &ladder,
-            &mut found,
-            (seen, self.gathered.coarse(), &self.gathered.uneven),
-            wanted,
-        );
+        find_against_one_level(&ladder, &mut found, seen, &self.gathered, wanted);
         consistency::distinct(&mut found);
         self.found = found;
         true

@@ -106,8 +106,13 @@ impl Lens {
         [polynomial(self.k1, self.k2, self.k3), polynomial(k4, k5, k6)]
     }
 
-    /// The lens with its parameters changed, in the order fx fy cx cy k1 k2 k3 p1 p2.
-    pub fn changed(&self, by: &SVector<f64, 9>) -> Self {
+    /// Brown's parameters, in the order of [`Lens::PARAMETERS`].
+    pub fn parameters(&self) -> SVector<f64, BROWN> {
+        [self.fx, self.fy, self.cx, self.cy, self.k1, self.k2, self.k3, self.p1, self.p2].into()
+    }
+
+    /// The lens with Brown's parameters changed, in the order of [`Lens::PARAMETERS`].
+    pub fn changed(&self, by: &SVector<f64, BROWN>) -> Self {
         Self {
             fx: self.fx + by[0],
             fy: self.fy + by[1],
@@ -122,8 +127,8 @@ impl Lens {
         }
     }
 
-    /// d pixel / d parameters at a camera-frame point, in the order of [`Lens::changed`].
-    pub fn by_parameters(&self, p: &Vector3<f64>) -> SMatrix<f64, 2, 9> {
+    /// d pixel / d Brown's parameters at a camera-frame point, in the order of [`Lens::PARAMETERS`].
+    pub fn by_parameters(&self, p: &Vector3<f64>) -> SMatrix<f64, 2, BROWN> {
         let n = Vector2::new(p.x / p.z, p.y / p.z);
         let (x, y, r2) = (n.x, n.y, n.norm_squared());
         let (d, _) = self.distort(&n);

@@ -64,7 +64,7 @@ pub struct PointPair {
     pub sigma_m: f64,
 }
 
-/// Spread across the points' main line below this part of the spread along it is a line.
+/// An extent across the points' main line below this part of that along it is a line.
 const LINE_RATIO: f64 = 1e-4;
 /// Gauss-Newton steps after the closed form; one is enough but for rounding.
 const REFINEMENTS: usize = 2;
@@ -145,11 +145,11 @@ fn closed_form(points: &[PointPair], with_scale: bool) -> Result<Similarity, Fit
     let target: Vector3<f64> = points.iter().map(|p| p.target_m * weight(p)).sum::<Vector3<f64>>() / total;
     refuse_a_line(points.iter().map(|p| p.source_m - source))?;
     refuse_a_line(points.iter().map(|p| p.target_m - target))?;
-    let (mut cross, mut spread) = (Matrix3::zeros(), 0.0);
+    let (mut cross, mut inertia) = (Matrix3::zeros(), 0.0);
     for p in points {
         let (s, t) = (p.source_m - source, p.target_m - target);
         cross += t * s.transpose() * weight(p);
-        spread += s.norm_squared() * weight(p);
+        inertia += s.norm_squared() * weight(p);
     }
     let svd = cross.svd(true, true);
     let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else { return Err(FitError::Degenerate) };
@@ -160,7 +160,7 @@ fn closed_form(points: &[PointPair], with_scale: bool) -> Result<Similarity, Fit
     }
     let guard = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign));
     let rotation = Rotation3::from_matrix_unchecked(u * guard * v_t);
-    let scale = if with_scale { (values[0] + values[1] + sign * values[2]) / spread } else { 1.0 };
+    let scale = if with_scale { (values[0] + values[1] + sign * values[2]) / inertia } else { 1.0 };
     Ok(Similarity { scale, rotation, translation_m: target - rotation * source * scale })
 }
 

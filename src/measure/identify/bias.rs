@@ -6,7 +6,7 @@ use super::Identities;
 use super::beam::State;
 use super::outline::Disc;
 use super::scene::Scene;
-use crate::measure::detect::Detection;
+use crate::measure::detect::{Detection, Source};
 use crate::measure::geometry::Lens;
 use crate::measure::setup::Shape;
 
@@ -44,10 +44,10 @@ fn corrected(lens: &Lens, detection: &Detection, disc: &Disc) -> Option<Detectio
     let outboard = disc.normal.cross(&disc.chord);
     let warped = Disc { warp_per_m: WARP_SIGMA_PER_M, ..*disc };
     let others = [disc.tilted(&disc.chord, NORMAL_SIGMA), disc.tilted(&outboard, NORMAL_SIGMA), warped];
-    let mut covariance_px2 = detection.covariance_px2;
+    let mut covariance_px2 = detection.covariance_px2.clone();
     for other in others {
         let change: Vector2<f64> = other.bias(lens).map_or(bias, |b| b - bias);
-        covariance_px2 += change * change.transpose();
+        covariance_px2.add(Source::Perspective, change * change.transpose());
     }
     Some(Detection { centre_px: detection.centre_px - bias, covariance_px2, ..detection.clone() })
 }

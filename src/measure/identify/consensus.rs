@@ -4,22 +4,39 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::IdentifyError;
 use super::attitude::{from_many, from_two};
-use super::fit::Pair;
+use super::fit::{Pair, SEEN_ODDS, clutter_per_px2};
 use super::scene::{looks_like, usable};
 use crate::measure::detect::Detection;
 use crate::measure::setup::Setup;
 
-/// Directions nearer than this to each other fix no rotation well, rad.
-const LEAST_ANGLE: f64 = 0.03;
-/// Standard deviations allowed between a pair's angles, and between a vote and its prediction.
+/// Directions nearer than this to each other fix no rotation well, rad: errors about the line between them are magnified
+/// thirtyfold.
+const LEAST_ANGLE_RAD: f64 = 0.03;
+/// Standard deviations allowed between a pair's angles: 6 of 100,000 true pairs are lost, of some hundred that vote.
 const ANGLE_GATE: f64 = 4.0;
+/// Standard deviations allowed between a vote and its prediction, in two directions: as many are lost.
 const VOTE_GATE: f64 = 4.5;
-/// Perspective bias and a coarse outline, px.
+/// Perspective bias and a coarse outline, standard deviation, px.
 const EXTRA_PX: f64 = 1.0;
+/// Hypotheses kept, one per neighbourhood. An assumption: more than a symmetric layout has readings.
 const KEPT: usize = 24;
-/// ln of the odds one reading must have over the next, and over chance.
+/// Hypotheses nearer to each other than this are one neighbourhood, rad: less than a marker's size at 5 m.
+const NEIGHBOURHOOD_RAD: f64 = 3e-3;
+/// Refined solutions nearer than this are one, rad.
+const SAME_RAD: f64 = 5e-3;
+/// Fewest pairs of a hypothesis: the two that fix the rotation and one that votes.
+const LEAST_VOTES: usize = 3;
+/// By how much a rotation from two directions errs more than they, times the angle between them, rad: votes from it are
+/// allowed as much more. An assumption.
+const TWO_DIRECTIONS_RAD: f64 = 0.1;
+/// The same in the rounds in which it is refined from all pairs, as a factor.
+const REFINING: [f64; 4] = [1.5, 1.0, 1.0, 1.0];
+/// ln of the odds that a reading must have over the next: 160,000 to 1.
 const CLEAR: f64 = 12.0;
+/// ln of the odds that it must have over chance: 8,000 to 1.
 const CERTAIN: f64 = 9.0;
+/// Least that a perfect hit counts, ln of odds: a coarse one in much clutter still tells something.
+const LEAST_GAIN: f64 = 0.5;
 
 /// Directions of both sides with their standard deviations.
 struct Directions<'a> {
@@ -88,7 +105,7 @@ pub(super) fn pairs_under(setup: &Setup, detections: &[Detection], rotation: &Ro
 
 /// Whether two solutions are one: nearly the same rotation.
 fn same(a: &Consensus, b: &Consensus) -> bool {
-    apart(&a.camera_from_survey, &b.camera_from_survey) < 5e-3
+    apart(&a.camera_from_survey, &b.camera_from_survey) < SAME_RAD
 }
 
 /// Angle between two rotations, rad; safe where they are equal.
@@ -136,7 +153,7 @@ impl<'a> Directions<'a> {
             for b in 0..a {
                 let ((da, sa), (db, sb)) = (self.targets[a], self.targets[b]);
                 let angle = da.angle(&db);
-                if angle < LEAST_ANGLE {
+                if angle < LEAST_ANGLE_RAD {
                     continue;
                 }
                 for &i in &self.alike[a] {
@@ -150,7 +167,7 @@ impl<'a> Directions<'a> {
                         let Some(rotation) = from_two([&da, &db], [&ri, &rk]) else { continue };
                         tried += 1;
                         // Errors of two near directions grow with the distance from them.
-                        let slack = 1.0 + 0.1 / angle;
+                        let slack = 1.0 + TWO_DIRECTIONS_RAD / angle;
                         keep(&mut best, self.vote(&rotation, slack));
                     }
                 }
@@ -188,15 +205,14 @@ impl<'a> Directions<'a> {
     /// ln of the odds of a perfect hit against clutter.
     fn gain(&self, (i, j): Pair) -> f64 {
         let lens = &self.setup.lens;
-        let area = f64::from(lens.width) * f64::from(lens.height);
-        let density = 10.0 * (self.detections.len() as f64 + 3.0) / area.max(1.0);
+        let density = clutter_per_px2(self.detections.len(), lens);
         let sigma_px = self.targets[j].1.hypot(self.rays_sigma[i]) * lens.focal_px();
-        (2.0 / (density * std::f64::consts::TAU * sigma_px * sigma_px)).ln().max(0.5)
+        (SEEN_ODDS / (density * std::f64::consts::TAU * sigma_px * sigma_px)).ln().max(LEAST_GAIN)
     }
 
     /// Arun's rotation from all pairs and their vote, in turns.
     fn refine(&self, mut consensus: Consensus) -> Consensus {
-        for slack in [1.5, 1.0, 1.0, 1.0] {
+        for slack in REFINING {
             let directions = consensus.pairs.iter().filter_map(|&(i, j)| {
                 let (target, sigma) = self.targets[j];
                 let weight = 1.0 / (sigma * sigma + self.rays_sigma[i].powi(2));
@@ -211,10 +227,11 @@ impl<'a> Directions<'a> {
 
 /// Keeps the best hypotheses, one per neighbourhood.
 fn keep(best: &mut Vec<Consensus>, next: Consensus) {
-    if next.pairs.len() < 3 || (best.len() == KEPT && best[KEPT - 1].score >= next.score) {
+    if next.pairs.len() < LEAST_VOTES || (best.len() == KEPT && best[KEPT - 1].score >= next.score) {
         return;
     }
-    match best.iter().position(|c| apart(&c.camera_from_survey, &next.camera_from_survey) < 3e-3) {
+    match best.iter().position(|c| apart(&c.camera_from_survey, &next.camera_from_survey) < NEIGHBOURHOOD_RAD)
+    {
         Some(at) if best[at].score >= next.score => return,
         Some(at) => best[at] = next,
         None => best.push(next),

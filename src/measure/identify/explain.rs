@@ -1,6 +1,6 @@
 //! Why a frame's markers fit nothing: other readings of the picture, each of which names a cause.
 
-use nalgebra::{Rotation3, Vector2, Vector3};
+use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
 
 use super::Identities;
 use super::beam::State;
@@ -48,13 +48,16 @@ pub enum Cause {
     },
 }
 
-/// Half of a window that the scan in flight takes in, px; and the step between such windows.
+/// Half of a window that the scan in flight takes in, px: three standard deviations of a mounting's repeatability of 90 px.
 const WINDOW_PX: f64 = 270.0;
+/// Step between such windows, px: less than a whole one, so that they overlap.
 const STEP_PX: f64 = 450.0;
-/// Lift of the outermost marker over span from which on a wing is not as on ground.
+/// Lift of the outermost marker over span from which on a wing is not as on ground: jacks and fuel move it by less.
 const LEAST_BEND: f64 = 0.01;
-/// Lifts tried of a wing whose camera's attitude is unknown, over span, and the step.
+/// Lifts tried of a wing whose camera's attitude is unknown, over span: from taxiing with full tanks to the strongest
+/// gust of a slender wing.
 const LIFTS: (f64, f64) = (-0.04, 0.16);
+/// Step between them, over span: half of it is within what a consensus allows a marker.
 const LIFT_STEP: f64 = 0.02;
 
 /// Detections over markers from which on a frame is clutter: nothing is told from it, and looking takes seconds.
@@ -155,9 +158,9 @@ fn bent(setup: &Setup, detections: &[Detection]) -> Option<Cause> {
             let mut as_bent = setup.clone();
             for (marker, place) in as_bent.markers.iter_mut().zip(beam.place(&state, 1.0)) {
                 // Half a step at the tip, and by the square of the way there.
-                let room_m = 0.5 * LIFT_STEP * span_m * (place.x / span_m).powi(2);
+                let half_step_m = 0.5 * LIFT_STEP * span_m * (place.x / span_m).powi(2);
                 marker.position_m = beam.frame.survey_point(&place);
-                marker.sigma_m = marker.sigma_m.hypot(room_m);
+                marker.sigma_m = marker.sigma_m.hypot(half_step_m);
             }
             let rough = consensus(&as_bent, detections).ok()?;
             let near = Orientation { camera_from_survey: rough.camera_from_survey, ..level.clone() };
@@ -186,8 +189,8 @@ fn mirrored(lens: &Lens, detections: &[Detection]) -> Vec<Detection> {
     let mirror = |d: &Detection| {
         let mut next = d.clone();
         next.centre_px.x = last - d.centre_px.x;
-        next.covariance_px2[(0, 1)] = -d.covariance_px2[(0, 1)];
-        next.covariance_px2[(1, 0)] = -d.covariance_px2[(1, 0)];
+        let [uu, uv, vv] = [(0, 0), (0, 1), (1, 1)].map(|k| d.covariance_px2[k]);
+        next.covariance_px2 = Matrix2::new(uu, -uv, -uv, vv).into();
         next.angle_rad = -d.angle_rad;
         next
     };

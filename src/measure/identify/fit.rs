@@ -5,6 +5,7 @@ use nalgebra::{Matrix2, Vector2};
 use super::beam::State;
 use super::scene::{Matrix8, Predicted, mahalanobis};
 use crate::measure::detect::Detection;
+use crate::measure::geometry::Lens;
 
 /// Detection and marker.
 pub(super) type Pair = (usize, usize);
@@ -26,6 +27,19 @@ impl Prior {
     }
 }
 
+/// Odds that a marker of the survey is seen: an assumption, two of three.
+pub(super) const SEEN_ODDS: f64 = 2.0;
+/// Candidates crowd along the wing, a tenth of the frame: times as many per area.
+const CROWDING: f64 = 10.0;
+/// False candidates where there are none: as many as hardly any frame is without.
+const LEAST_CLUTTER: f64 = 3.0;
+
+/// False candidates per area in a frame of so many detections, 1/px^2.
+pub(super) fn clutter_per_px2(detections: usize, lens: &Lens) -> f64 {
+    let area = f64::from(lens.width) * f64::from(lens.height);
+    CROWDING * (detections as f64 + LEAST_CLUTTER) / area.max(1.0)
+}
+
 /// Frequency of markers and of false candidates in a frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clutter {
@@ -34,12 +48,9 @@ pub(super) struct Clutter {
 }
 
 impl Clutter {
-    /// For so many detections in a frame of this area.
-    pub(super) fn new(detections: usize, area_px2: f64) -> Self {
-        // Candidates crowd along the wing: a tenth of the frame.
-        let density = 10.0 * (detections as f64 + 3.0) / area_px2.max(1.0);
-        let odds = 2.0;
-        Self { gain: (odds / (density * std::f64::consts::TAU)).ln() }
+    /// For so many detections.
+    pub(super) fn new(detections: usize, lens: &Lens) -> Self {
+        Self { gain: (SEEN_ODDS / (clutter_per_px2(detections, lens) * std::f64::consts::TAU)).ln() }
     }
 }
 
@@ -54,8 +65,8 @@ pub(super) struct Step {
     pub(super) evidence: f64,
 }
 
-fn spread(detection: &Detection, predicted: &Predicted) -> Matrix2<f64> {
-    predicted.covariance + detection.covariance_px2
+fn covariance_of(detection: &Detection, predicted: &Predicted) -> Matrix2<f64> {
+    predicted.covariance + *detection.covariance_px2
 }
 
 /// Solves for the change of the state; `None` where a pair has no prediction.
@@ -74,7 +85,7 @@ pub(super) fn solve(
     for &(i, j) in pairs {
         let p = predicted.get(j)?.as_ref()?;
         let detection = detections.get(i)?;
-        let covariance = spread(detection, p);
+        let covariance = covariance_of(detection, p);
         let weight = covariance.try_inverse()?;
         let v = detection.centre_px - p.pixel;
         let weighted = p.jacobian.transpose() * weight;
@@ -105,7 +116,7 @@ pub(super) fn distance2(
         return f64::INFINITY;
     };
     let state = p.jacobian * covariance * p.jacobian.transpose();
-    let noise = spread(detection, p);
+    let noise = covariance_of(detection, p);
     let v: Vector2<f64> = detection.centre_px - p.pixel;
     if took_part { mahalanobis(&v, &(noise - state)) } else { mahalanobis(&v, &(noise + state)) }
 }

@@ -1,7 +1,5 @@
 //! Orientation from ground frames: consensus, identities, then one adjustment of all frames.
 
-use nalgebra::{Rotation3, Vector3};
-
 use super::beam::State;
 use super::bias::centred;
 use super::consensus::{Consensus, consensus, pairs_under};
@@ -180,19 +178,10 @@ fn sights(frames: &[Vec<Detection>], identities: &[Identities]) -> Vec<Sight> {
     for (frame, (detections, of)) in frames.iter().zip(identities).enumerate() {
         for (detection, (d, marker)) in detections.iter().zip(&of.marker_of).enumerate() {
             if let Some(marker) = *marker {
-                let (pixel, covariance_px2) = (d.centre_px, d.covariance_px2);
+                let (pixel, covariance_px2) = (d.centre_px, *d.covariance_px2);
                 sights.push(Sight { frame, detection, marker, pixel, covariance_px2 });
             }
         }
     }
     sights
-}
-
-/// Rotation and position of a surveyed point, camera frame.
-pub(super) fn camera_point(
-    rotation: &Rotation3<f64>,
-    survey_m: &Vector3<f64>,
-    centre_m: &Vector3<f64>,
-) -> Vector3<f64> {
-    rotation * (survey_m - centre_m)
 }

@@ -9,6 +9,18 @@ use super::scene::{Scene, usable};
 use crate::measure::detect::{Detection, Expected, Prediction};
 use crate::measure::setup::Shape;
 
+/// What a wing may do where its markers are known, standard deviations: three terms of the curvature, 1/m, two of the twist,
+/// rad. Wider than any wing bends.
+const WING_SIGMAS: [f64; 5] = [0.01, 0.005, 0.005, 0.06, 0.05];
+/// The camera may have turned by this at least, standard deviation, px.
+const LEAST_TURN_PX: f64 = 20.0;
+/// And about its axis by this, rad: a mounting repeats it less well.
+const LEAST_ROLL_RAD: f64 = 5e-3;
+/// Linear steps at most; they settle in four or five.
+const STEPS: usize = 15;
+/// A step of the state that no longer matters, 1/m and rad: 0.001 px.
+const SETTLED: f64 = 1e-7;
+
 /// How far the image may shift, px.
 const NEXT_SHIFT_PX: f64 = 8.0;
 
@@ -29,15 +41,16 @@ pub(super) fn state_of(
         return None;
     }
     let setup = scene.setup;
-    let turn = setup.mount_repeatability_px.max(20.0) / setup.lens.focal_px();
-    let sigma = State::from([0.01, 0.005, 0.005, 0.06, 0.05, turn, turn, turn.max(5e-3)]);
+    let turn = setup.mount_repeatability_px.max(LEAST_TURN_PX) / setup.lens.focal_px();
+    let [a, b, c, d, e] = WING_SIGMAS;
+    let sigma = State::from([a, b, c, d, e, turn, turn, turn.max(LEAST_ROLL_RAD)]);
     let prior = Prior { mean: State::zeros(), sigma };
     let mut state = prior.mean;
-    for _ in 0..15 {
+    for _ in 0..STEPS {
         let predicted = scene.linearise(&state);
-        let step = solve(&pairs, &predicted, detections, &prior, &state, Clutter::new(0, 1.0))?;
+        let step = solve(&pairs, &predicted, detections, &prior, &state, Clutter::new(0, &scene.setup.lens))?;
         state += step.delta;
-        if step.delta.amax() < 1e-7 {
+        if step.delta.amax() < SETTLED {
             break;
         }
     }

@@ -8,12 +8,20 @@ use crate::measure::detect::Detection;
 
 /// Chi-square of two degrees of freedom, 1e-4: beyond this a pair is none.
 pub(super) const GATE: f64 = 18.4;
-/// What is accepted in the end: the predictions' stated noise is generous.
+/// What is accepted in the end, chi-square of two degrees of freedom, 1 %: the predictions' stated noise is generous.
 const ACCEPTED: f64 = 9.2;
+/// Rounds of matching and fitting at most; pairs settle in two or three.
 const ROUNDS: usize = 8;
+/// Linear steps of a fit at most; bending settles in three.
 const STEPS: usize = 8;
-/// Below this a linear step is exact.
+/// Below this a linear step is exact, px: less than the predictions' own noise.
 const SETTLED_PX: f64 = 2.0;
+/// Bounds of the variance factor by which the state is taken to be known less while pairs are sought.
+const INFLATION: (f64, f64) = (1.0, 9.0);
+/// A pair keeps its place up to so many times the gate: without it two pairs may take turns.
+const LOYALTY: f64 = 1.5;
+/// Fewest pairs of a fit: as many leave one that checks, with what is known before.
+const LEAST_PAIRS: usize = 4;
 
 /// One frame in flight.
 pub(super) struct Problem<'a> {
@@ -46,7 +54,6 @@ struct Fit {
 impl<'a> Problem<'a> {
     pub(super) fn new(scene: &'a Scene<'a>, detections: &'a [Detection]) -> Self {
         let lens = &scene.setup.lens;
-        let area = f64::from(lens.width) * f64::from(lens.height);
         // The major axis of a disc's image hangs on distance and size alone, and distance changes
         // little by bending.
         let candidates = scene
@@ -60,7 +67,7 @@ impl<'a> Problem<'a> {
                 (0..detections.len()).filter(|i| fits(&detections[*i])).collect()
             })
             .collect();
-        Self { scene, detections, clutter: Clutter::new(detections.len(), area), candidates }
+        Self { scene, detections, clutter: Clutter::new(detections.len(), lens), candidates }
     }
 
     /// Detections that look like a marker.
@@ -91,12 +98,12 @@ impl<'a> Problem<'a> {
         [as_given, other].into_iter().flatten().max_by(|a, b| a.evidence.total_cmp(&b.evidence))
     }
 
-    /// Matches and fits in turns until nothing changes; `None` below four pairs.
+    /// Matches and fits in turns until nothing changes; `None` below [`LEAST_PAIRS`].
     fn refine_from(&self, prior: &Prior, mut pairs: Vec<Pair>) -> Option<Refined> {
         let mut fit = self.settle(&pairs, prior, &prior.mean)?;
         let mut outlines = self.scene.outlines(&fit.state);
         for _ in 0..ROUNDS {
-            let inflation = (fit.cost / (2.0 * pairs.len() as f64).max(1.0)).clamp(1.0, 9.0);
+            let inflation = (fit.cost / (2.0 * pairs.len() as f64).max(1.0)).clamp(INFLATION.0, INFLATION.1);
             let next = self.nearest(&fit.predicted, &outlines, &(fit.covariance * inflation), &pairs);
             if next == pairs {
                 break;
@@ -106,7 +113,7 @@ impl<'a> Problem<'a> {
             outlines = self.scene.outlines(&fit.state);
         }
         let (pairs, step) = self.without_outliers(pairs, &fit.predicted, prior, &fit.state)?;
-        (pairs.len() >= 4).then_some(Refined {
+        (pairs.len() >= LEAST_PAIRS).then_some(Refined {
             state: fit.state + step.delta,
             covariance: step.covariance,
             pairs,
@@ -147,8 +154,8 @@ impl<'a> Problem<'a> {
         let mut pairs: Vec<Pair> = Vec::new();
         for j in order {
             let Some(Some(p)) = predicted.get(j) else { continue };
-            let spread = p.jacobian * covariance * p.jacobian.transpose() + p.covariance;
-            let Some(inverse) = spread.try_inverse() else { continue };
+            let expected = p.jacobian * covariance * p.jacobian.transpose() + p.covariance;
+            let Some(inverse) = expected.try_inverse() else { continue };
             let off = |i: usize| {
                 let v = self.detections[i].centre_px - p.pixel - p.jacobian * shift;
                 (v, v.dot(&(inverse * v)))
@@ -178,7 +185,7 @@ impl<'a> Problem<'a> {
             for &i in self.candidates(j) {
                 if self.outline_fits((i, j), outlines) {
                     let d = distance2((i, j), predicted, self.detections, covariance, false);
-                    let loyal = if old.contains(&(i, j)) { 1.5 } else { 1.0 };
+                    let loyal = if old.contains(&(i, j)) { LOYALTY } else { 1.0 };
                     if d < GATE * loyal {
                         all.push((d, (i, j)));
                     }

@@ -89,9 +89,9 @@ impl Disc {
 fn ellipse(points: &[Vector2<f64>]) -> Option<(Vector2<f64>, Matrix2<f64>)> {
     let count = points.len() as f64;
     let mean = points.iter().sum::<Vector2<f64>>() / count;
-    let spread = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum::<Matrix2<f64>>() / count;
+    let scatter = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum::<Matrix2<f64>>() / count;
     // Whitened, the flattest ellipse is a circle and the equations are well conditioned.
-    let root = spread.cholesky()?.l();
+    let root = scatter.cholesky()?.l();
     let whiten = root.try_inverse()?;
     let mut normal = SMatrix::<f64, 5, 5>::zeros();
     let mut right = SVector::<f64, 5>::zeros();

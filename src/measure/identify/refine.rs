@@ -1,17 +1,18 @@
 //! Least squares of the ground frames: rotation, with survey and projection centre as uncertain as
 //! they are stated. Their errors are common to all frames, so that more frames do not hide them.
 
-use nalgebra::{DMatrix, DVector, Matrix2, Rotation3, SMatrix, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix2, Rotation3, Vector2, Vector3};
 
-use super::ground::camera_point;
 use super::scene::mahalanobis;
 use crate::measure::environment::Plate;
-use crate::measure::geometry::skew;
+use crate::measure::estimation::{
+    Block, EstimationError, Fit, Group, Linearised, Point, Prior, Problem, solve,
+};
+use crate::measure::geometry::{left_jacobian, skew};
 use crate::measure::setup::{GroundSight, Orientation, Setup};
 
 /// Chi-square of two degrees of freedom, 1e-4.
 const GATE: f64 = 18.4;
-const ITERATIONS: usize = 20;
 /// A survey that claims no error at all is taken at this, m.
 const LEAST_SIGMA_M: f64 = 1e-5;
 
@@ -35,63 +36,30 @@ pub(super) struct Adjusted {
     pub(super) taken_out: Vec<Sight>,
 }
 
-/// Unknowns: small rotation, shift of the projection centre, shift of every marker.
-struct Unknowns {
-    rotation: Rotation3<f64>,
-    centre_m: Vector3<f64>,
-    markers_m: Vec<Vector3<f64>>,
-}
+/// First columns of the unknowns: small rotation, correction of the projection centre, of every marker.
+const CENTRE: usize = 3;
+const MARKERS: usize = 6;
+const MISSING: &str = "the markers at hand do not tell the rotation";
 
-/// Jacobian of one sight by rotation, centre and its own marker.
-type Rows = SMatrix<f64, 2, 9>;
-
-struct System {
-    inverse: DMatrix<f64>,
-    step: DVector<f64>,
-    cost: f64,
+/// The ground frames' least squares.
+struct Sights<'a> {
+    setup: &'a Setup,
+    /// Rotation that the small one is counted from, camera from survey.
+    start: Rotation3<f64>,
+    list: Vec<Sight>,
 }
 
 /// Adjusts, taking out the worst sight while its residual fails the test.
-pub(super) fn adjust(setup: &Setup, start: &Rotation3<f64>, mut sights: Vec<Sight>) -> Option<Adjusted> {
+pub(super) fn adjust(setup: &Setup, start: &Rotation3<f64>, list: Vec<Sight>) -> Option<Adjusted> {
+    let mut sights = Sights { setup, start: *start, list };
     let mut taken_out = Vec::new();
     loop {
-        let (unknowns, system) = converge(setup, start, &sights)?;
-        let worst = sights
-            .iter()
-            .enumerate()
-            .filter_map(|(k, s)| Some((residual_test(setup, &unknowns, &system, s)?, k)))
-            .max_by(|a, b| a.0.total_cmp(&b.0));
-        match worst {
-            Some((t, k)) if t > GATE && sights.len() > 2 => taken_out.push(sights.remove(k)),
-            _ => return Some(conclude(setup, &unknowns, &system, sights, taken_out)),
+        let fit = sights.solve()?;
+        let tests = (0..sights.list.len()).map(|k| (sights.residual_test(&fit, k), k));
+        match tests.max_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((t, k)) if t > GATE && sights.list.len() > 2 => taken_out.push(sights.list.remove(k)),
+            _ => return Some(sights.conclude(&fit, taken_out)),
         }
-    }
-}
-
-fn conclude(
-    setup: &Setup,
-    unknowns: &Unknowns,
-    system: &System,
-    sights: Vec<Sight>,
-    taken_out: Vec<Sight>,
-) -> Adjusted {
-    let redundancy = (2 * sights.len()).saturating_sub(3);
-    let covariance = system.inverse.fixed_view::<3, 3>(0, 0).into_owned();
-    let residual = |s: &Sight| {
-        let ground = setup.markers[s.marker].position_m;
-        let p = seen(setup, &unknowns.rotation, &ground, &setup.projection_centre_m);
-        setup.lens.project(&p).map_or(Vector2::zeros(), |pixel| pixel - s.pixel)
-    };
-    Adjusted {
-        orientation: Orientation {
-            camera_from_survey: unknowns.rotation,
-            covariance_rad2: Some(covariance),
-            ground: means(setup.markers.len(), &sights),
-        },
-        variance_factor: system.cost / redundancy.max(1) as f64,
-        redundancy,
-        used: sights.into_iter().map(|s| (s.clone(), residual(&s))).collect(),
-        taken_out,
     }
 }
 
@@ -111,27 +79,91 @@ fn means(markers: usize, sights: &[Sight]) -> Vec<GroundSight> {
         .collect()
 }
 
-fn converge(setup: &Setup, start: &Rotation3<f64>, sights: &[Sight]) -> Option<(Unknowns, System)> {
-    let mut unknowns = Unknowns {
-        rotation: *start,
-        centre_m: setup.projection_centre_m,
-        markers_m: setup.markers.iter().map(|m| m.position_m).collect(),
-    };
-    for _ in 0..ITERATIONS {
-        let system = assemble(setup, &unknowns, sights)?;
-        let turn = Vector3::new(system.step[0], system.step[1], system.step[2]);
-        unknowns.rotation = Rotation3::new(turn) * unknowns.rotation;
-        unknowns.centre_m += system.step.fixed_rows::<3>(3);
-        for (j, m) in unknowns.markers_m.iter_mut().enumerate() {
-            *m += system.step.fixed_rows::<3>(6 + 3 * j);
-        }
-        if turn.norm() < 1e-9 {
-            unknowns.rotation.renormalize();
-            let system = assemble(setup, &unknowns, sights)?;
-            return Some((unknowns, system));
+impl Sights<'_> {
+    fn solve(&self) -> Option<Fit> {
+        let Self { setup, list, .. } = self;
+        let unknowns = MARKERS + 3 * setup.markers.len();
+        let block = |sight: &Sight| Block {
+            observed: DVector::from_column_slice(sight.pixel.as_slice()),
+            covariance: DMatrix::from_column_slice(2, 2, sight.covariance_px2.as_slice()),
+        };
+        let known = |name, first: usize, sigma_m: f64| {
+            let variance = sigma_m.max(LEAST_SIGMA_M).powi(2);
+            Prior::centred(name, first, DMatrix::identity(3, 3) * variance)
+        };
+        let markers = setup.markers.iter().enumerate();
+        let markers = markers.map(|(j, marker)| known("survey", MARKERS + 3 * j, marker.sigma_m));
+        let centre = known("projection centre", CENTRE, setup.projection_centre_sigma_m);
+        let problem = Problem {
+            start: DVector::zeros(unknowns),
+            missing: vec![MISSING; unknowns],
+            priors: markers.chain([centre]).collect(),
+            known: None,
+            groups: vec![Group {
+                local: DVector::zeros(0),
+                priors: vec![],
+                blocks: list.iter().map(block).collect(),
+            }],
+        };
+        solve(&problem, |at| self.linearise(at)).ok()
+    }
+
+    fn rotation(&self, fit: &Fit) -> Rotation3<f64> {
+        let mut rotation = Rotation3::new(fit.global.fixed_rows::<3>(0)) * self.start;
+        rotation.renormalize();
+        rotation
+    }
+
+    fn linearise(&self, at: &Point) -> Result<Linearised, EstimationError> {
+        let Self { setup, list, .. } = self;
+        let behind = || EstimationError::Input("a marker comes to lie behind the camera".into());
+        let marker = list[at.block].marker;
+        let first = MARKERS + 3 * marker;
+        let turn = at.global.fixed_rows::<3>(0).into_owned();
+        let rotation = Rotation3::new(turn) * self.start;
+        let centre_m = setup.projection_centre_m + at.global.fixed_rows::<3>(CENTRE);
+        let marker_m = setup.markers[marker].position_m + at.global.fixed_rows::<3>(first);
+        let p = seen(setup, &rotation, &marker_m, &centre_m);
+        let (pixel, by_point) = setup.lens.project_with_jacobian(&p).ok_or_else(behind)?;
+        let by_shift = by_point * rotation.matrix();
+        let mut out = Linearised::empty(2, (0..MARKERS).chain(first..first + 3).collect(), 0, 2);
+        out.global.fixed_columns_mut::<3>(0).copy_from(&(by_point * -skew(&p) * left_jacobian(&turn)));
+        out.global.fixed_columns_mut::<3>(CENTRE).copy_from(&-by_shift);
+        out.global.fixed_columns_mut::<3>(MARKERS).copy_from(&by_shift);
+        out.misclosure.copy_from(&(pixel - at.observed));
+        out.observations.fill_with_identity();
+        out.observations.neg_mut();
+        Ok(out)
+    }
+
+    /// v' Qv^-1 v of a sight: chi-square with two degrees of freedom where it is no blunder.
+    fn residual_test(&self, fit: &Fit, k: usize) -> f64 {
+        let residual = &fit.groups[0].blocks[k].residuals;
+        let adjusted = fit.adjusted_covariance(0, k).fixed_view::<2, 2>(0, 0).into_owned();
+        mahalanobis(&Vector2::new(residual[0], residual[1]), &(self.list[k].covariance_px2 - adjusted))
+    }
+
+    fn conclude(self, fit: &Fit, taken_out: Vec<Sight>) -> Adjusted {
+        let (setup, rotation) = (self.setup, self.rotation(fit));
+        let residual = |s: &Sight| {
+            let ground = setup.markers[s.marker].position_m;
+            let p = seen(setup, &rotation, &ground, &setup.projection_centre_m);
+            setup.lens.project(&p).map_or(Vector2::zeros(), |pixel| pixel - s.pixel)
+        };
+        let by_turn = left_jacobian(&fit.global.fixed_rows::<3>(0).into_owned());
+        let covariance = fit.covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        Adjusted {
+            orientation: Orientation {
+                camera_from_survey: rotation,
+                covariance_rad2: Some(by_turn * covariance * by_turn.transpose()),
+                ground: means(setup.markers.len(), &self.list),
+            },
+            variance_factor: fit.omega / fit.redundancy.max(1) as f64,
+            redundancy: fit.redundancy,
+            used: self.list.iter().map(|s| (s.clone(), residual(s))).collect(),
+            taken_out,
         }
     }
-    None
 }
 
 /// Where the camera sees a surveyed point on ground, through the window where that is stated; camera frame.
@@ -141,67 +173,6 @@ fn seen(
     survey_m: &Vector3<f64>,
     centre_m: &Vector3<f64>,
 ) -> Vector3<f64> {
-    let p = camera_point(rotation, survey_m, centre_m);
+    let p = rotation * (survey_m - centre_m);
     Plate::seen(setup.window.as_ref(), rotation, false).map_or(p, |pane| pane.apparent(&p))
-}
-
-/// Misclosure and Jacobian of a sight.
-fn rows(setup: &Setup, unknowns: &Unknowns, sight: &Sight) -> Option<(Vector2<f64>, Rows)> {
-    let p = seen(setup, &unknowns.rotation, unknowns.markers_m.get(sight.marker)?, &unknowns.centre_m);
-    let (pixel, by_point) = setup.lens.project_with_jacobian(&p)?;
-    let by_shift = by_point * unknowns.rotation.matrix();
-    let mut rows = Rows::zeros();
-    rows.fixed_columns_mut::<3>(0).copy_from(&(by_point * -skew(&p)));
-    rows.fixed_columns_mut::<3>(3).copy_from(&-by_shift);
-    rows.fixed_columns_mut::<3>(6).copy_from(&by_shift);
-    Some((sight.pixel - pixel, rows))
-}
-
-/// Places of a sight's nine unknowns in the system.
-fn places(marker: usize) -> [usize; 9] {
-    std::array::from_fn(|k| if k < 6 { k } else { 6 + 3 * marker + k - 6 })
-}
-
-fn assemble(setup: &Setup, unknowns: &Unknowns, sights: &[Sight]) -> Option<System> {
-    let size = 6 + 3 * setup.markers.len();
-    let mut normal = DMatrix::zeros(size, size);
-    let mut right = DVector::zeros(size);
-    let mut cost = 0.0;
-    let mut hold = |at: usize, shift: Vector3<f64>, sigma: f64| {
-        let weight = 1.0 / sigma.max(LEAST_SIGMA_M).powi(2);
-        for k in 0..3 {
-            normal[(at + k, at + k)] += weight;
-            right[at + k] += weight * shift[k];
-        }
-        cost += weight * shift.norm_squared();
-    };
-    hold(3, setup.projection_centre_m - unknowns.centre_m, setup.projection_centre_sigma_m);
-    for (j, (marker, at)) in setup.markers.iter().zip(&unknowns.markers_m).enumerate() {
-        hold(6 + 3 * j, marker.position_m - at, marker.sigma_m);
-    }
-    for sight in sights {
-        let (v, rows) = rows(setup, unknowns, sight)?;
-        let weight = sight.covariance_px2.try_inverse()?;
-        let weighted = rows.transpose() * weight;
-        let (block, part) = (weighted * rows, weighted * v);
-        let places = places(sight.marker);
-        for (a, &row) in places.iter().enumerate() {
-            right[row] += part[a];
-            for (b, &column) in places.iter().enumerate() {
-                normal[(row, column)] += block[(a, b)];
-            }
-        }
-        cost += v.dot(&(weight * v));
-    }
-    let cholesky = normal.cholesky()?;
-    let step = cholesky.solve(&right);
-    Some(System { inverse: cholesky.inverse(), cost: (cost - right.dot(&step)).max(0.0), step })
-}
-
-/// v' Qv^-1 v of a sight: chi-square with two degrees of freedom where it is no blunder.
-fn residual_test(setup: &Setup, unknowns: &Unknowns, system: &System, sight: &Sight) -> Option<f64> {
-    let (v, rows) = rows(setup, unknowns, sight)?;
-    let places = places(sight.marker);
-    let block = SMatrix::<f64, 9, 9>::from_fn(|a, b| system.inverse[(places[a], places[b])]);
-    Some(mahalanobis(&v, &(sight.covariance_px2 - rows * block * rows.transpose())))
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::measure::robust::median;
+use crate::measure::estimation::robust::median;
 use crate::measure::setup::{GroundSight, Orientation, Setup, Shape, SurveyMarker, fixed_mark};
 
 /// Numbers of marks that are planned with.

@@ -7,7 +7,7 @@ type Term = (&'static str, fn(&mut Setup));
 
 /// In the order of `docs/adjustment/installation.md`.
 const TERMS: [Term; 8] = [
-    ("height of the bending axis", |s| s.uncertainty.skin_height_m = 0.0),
+    ("height of the bending axis", |s| s.uncertainty.skin_height_sigma_m = 0.0),
     ("root offset", |s| s.uncertainty.root_offset_m = 0.0),
     ("chord offset of the axis", |s| s.uncertainty.axis_chord_offset_m = 0.0),
     ("span direction", |s| s.uncertainty.span_direction_rad = 0.0),

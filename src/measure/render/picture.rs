@@ -91,7 +91,7 @@ impl View<'_> {
         }
         let patch = match tile.hits {
             [None, None, None, None] => None,
-            [Some(a), Some(b), Some(c), Some(d)] => Patch::new(self, tile, [a, b, c, d]),
+            [Some(a), Some(b), Some(c), Some(d)] => Patch::new(self.pose, self.clutter, tile, [a, b, c, d]),
             _ => return self.fill_outline(tile, band, width, column),
         };
         if tile.hits[0].is_some() && patch.is_none() {

@@ -2,11 +2,11 @@
 
 use nalgebra::Vector3;
 
-use super::decals::{Footprint, Near};
+use super::decals::{Clutter, Footprint, Near};
 use super::light::Lit;
 use super::markers::Placed;
-use super::picture::View;
 use super::trace::{Hit, Rates};
+use super::wing::Pose;
 
 /// Side of a tile, px. Over it directions are bilinear to 1e-4 px.
 pub const TILE: usize = 8;
@@ -98,7 +98,7 @@ pub struct Patch {
 
 impl Patch {
     /// `None` where the corners are not on one sheet of the skin.
-    pub fn new(view: &View, tile: &Tile, hits: [Hit; 4]) -> Option<Self> {
+    pub fn new(pose: &Pose, clutter: &Clutter, tile: &Tile, hits: [Hit; 4]) -> Option<Self> {
         let [a, b, c, d] = hits;
         let n = 2.0 * TILE as f64;
         let (su, sv) = ((b.s - a.s + d.s - c.s).abs() / n, (c.s - a.s + d.s - b.s).abs() / n);
@@ -118,8 +118,8 @@ impl Patch {
             s: hits.map(|hit| hit.s),
             half_pixel_m: 1.3 * 0.5 * (su.hypot(zu) + sv.hypot(zv)),
             reach_m: 0.5 * (s.1 - s.0) + 0.01,
-            rates: view.pose.rates(a.s, &tile.directions[0])?,
-            near: view.clutter.near(&view.pose.wing, s, z, &footprint),
+            rates: pose.rates(a.s, &tile.directions[0])?,
+            near: clutter.near(&pose.wing, s, z, &footprint),
             footprint,
         })
     }

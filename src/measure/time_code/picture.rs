@@ -5,8 +5,8 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use super::decode::{Shown, decode};
 use super::{BITS, DISCS, cell};
 use crate::measure::detect::Detections;
+use crate::measure::estimation::robust::median;
 use crate::measure::raster::Raster;
-use crate::measure::robust::median;
 use crate::measure::setup::Shape;
 
 /// Of the discs that a picture shows so many are tried, the largest first.

@@ -1,4 +1,4 @@
-//! What kind of JPEG a file is: read, or refused with what to set in the camera.
+//! A JPEG file is of a kind that is read, or refused with what to set in the camera.
 
 use std::sync::Arc;
 

@@ -12,7 +12,7 @@ use libjpeg_turbo_rs::simd;
 
 use super::DecodeError;
 use super::coefficients::{self, Band, Block, Runs};
-use super::jpeg::{BLOCK, END, Intervals, bits_left, damaged};
+use super::intervals::{BLOCK, END, Intervals, bits_left, damaged};
 use super::kind::Colour;
 use crate::measure::raster::Raster;
 

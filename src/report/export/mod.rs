@@ -3,6 +3,7 @@
 mod columns;
 mod lines;
 mod live;
+mod live_facts;
 #[cfg(feature = "parquet")]
 mod parquet_file;
 mod vtk;
@@ -13,6 +14,7 @@ use std::io::Write;
 pub use columns::{Column, Common, Table, Values, columns};
 pub use lines::lines;
 pub use live::{LiveColumns, json_rows};
+pub use live_facts::LiveFacts;
 #[cfg(feature = "parquet")]
 pub use parquet_file::ParquetFile;
 pub use vtk::vtk;

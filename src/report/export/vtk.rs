@@ -1,7 +1,5 @@
 //! The mean marker positions of a series are written as legacy VTK PolyData, for ParaView and its like.
 
-use std::fmt::Write;
-
 use super::super::summary::{Mean, solved};
 use super::super::{SeriesData, distinct};
 use crate::record::{ImageRecord, MarkerRecord};
@@ -25,46 +23,30 @@ pub fn vtk(series: &SeriesData) -> Option<String> {
     let n = points.len();
     let title: String = format!("wingd {}/{}, survey frame, m", series.flight, series.name);
     let title: String = title.chars().filter(|c| !c.is_control()).take(200).collect();
-    let mut out =
-        format!("# vtk DataFile Version 3.0\n{title}\nASCII\nDATASET POLYDATA\nPOINTS {n} double\n");
-    for p in &points {
-        line(&mut out, &p.position_m);
-    }
-    let _ = writeln!(out, "VERTICES {n} {}", 2 * n);
-    for i in 0..n {
-        let _ = writeln!(out, "1 {i}");
-    }
-    let _ = writeln!(out, "POINT_DATA {n}\nVECTORS lift_m double");
-    for p in &points {
-        line(&mut out, &[0.0, 0.0, p.lift_m.map_or(f64::NAN, |l| l.value)]);
-    }
-    let _ = writeln!(out, "VECTORS sigma_position_m double");
-    for p in &points {
-        line(&mut out, &p.sigma_m.map(|s| s.unwrap_or(f64::NAN)));
-    }
-    fields(&mut out, &points);
-    Some(out)
+    let block = |head: String, row: &dyn Fn(&Point) -> String| {
+        format!("{head}\n{}", points.iter().map(|p| row(p) + "\n").collect::<String>())
+    };
+    let head = format!("# vtk DataFile Version 3.0\n{title}\nASCII\nDATASET POLYDATA\nPOINTS {n} double");
+    let vertices: String = (0..n).map(|i| format!("1 {i}\n")).collect();
+    let lift = |p: &Point| p.lift_m.map_or(f64::NAN, |l| l.value);
+    let sigma_lift = |p: &Point| p.lift_m.and_then(|l| l.sigma).unwrap_or(f64::NAN);
+    let blocks = [
+        block(head, &|p| line(&p.position_m)),
+        format!("VERTICES {n} {}\n{vertices}", 2 * n),
+        block(format!("POINT_DATA {n}\nVECTORS lift_m double"), &|p| line(&[0.0, 0.0, lift(p)])),
+        block("VECTORS sigma_position_m double".to_owned(), &|p| {
+            line(&p.sigma_m.map(|s| s.unwrap_or(f64::NAN)))
+        }),
+        block(format!("FIELD FieldData 3\nsigma_lift_m 1 {n} double"), &|p| line(&[sigma_lift(p)])),
+        block(format!("frames 1 {n} int"), &|p| p.frames.to_string()),
+        block(format!("marker 1 {n} string"), &|p| encoded(&p.id)),
+    ];
+    Some(blocks.concat())
 }
 
-fn fields(out: &mut String, points: &[Point]) {
-    let n = points.len();
-    let _ = writeln!(out, "FIELD FieldData 3\nsigma_lift_m 1 {n} double");
-    for p in points {
-        line(out, &[p.lift_m.and_then(|l| l.sigma).unwrap_or(f64::NAN)]);
-    }
-    let _ = writeln!(out, "frames 1 {n} int");
-    for p in points {
-        let _ = writeln!(out, "{}", p.frames);
-    }
-    let _ = writeln!(out, "marker 1 {n} string");
-    for p in points {
-        let _ = writeln!(out, "{}", encoded(&p.id));
-    }
-}
-
-fn line(out: &mut String, numbers: &[f64]) {
+fn line(numbers: &[f64]) -> String {
     let word = |v: &f64| if v.is_finite() { v.to_string() } else { "nan".to_owned() };
-    let _ = writeln!(out, "{}", numbers.iter().map(word).collect::<Vec<_>>().join(" "));
+    numbers.iter().map(word).collect::<Vec<_>>().join(" ")
 }
 
 /// VTK reads `%` codes in strings; blanks and line ends may not stand in them.

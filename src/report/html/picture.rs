@@ -11,13 +11,15 @@ use super::super::overlay::{enlargement, extent};
 use super::plot::px;
 use crate::camera::Format;
 use crate::measure::detect::{Detection, Detections, detect};
-use crate::measure::raster::Raster;
 use crate::pipeline::decode::decode;
 use crate::pipeline::guard::{BROKE_OFF, guarded};
+use crate::pipeline::shrink::small_jpeg;
 use crate::record::{ImageRecord, MarkerRecord};
 
 /// The embedded picture is at most this wide and high, px.
 const LARGEST: usize = 1600;
+/// Of its JPEG, percent.
+const QUALITY: u8 = 82;
 const USED: &str = "#3dea6d";
 const UNUSED: &str = "#ffd23d";
 const UNKNOWN: &str = "#57c8ff";
@@ -38,7 +40,7 @@ fn drawn(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
         Ok(raster) => raster,
         Err(error) => return html! { p.warning { (picture.image) ": " (error) } },
     };
-    let Some(jpeg) = small_jpeg(&raster, LARGEST) else {
+    let Some(jpeg) = small_jpeg(&raster, LARGEST, QUALITY) else {
         return html! { p.warning { (picture.image) ": the frame is too large to be shown" } };
     };
     let found = detect(&raster);
@@ -74,7 +76,7 @@ pub fn thumbnail(
     largest: usize,
 ) -> Option<String> {
     let raster = decode(bytes, format).ok()?;
-    let jpeg = base64::engine::general_purpose::STANDARD.encode(small_jpeg(&raster, largest)?);
+    let jpeg = base64::engine::general_purpose::STANDARD.encode(small_jpeg(&raster, largest, QUALITY)?);
     let (w, h) = (raster.width() as f64, raster.height() as f64);
     let radius = w.max(h) / 70.0;
     let seen = |m: &MarkerRecord| Some((m.u_px?, m.v_px?)).filter(|(u, v)| u.is_finite() && v.is_finite());
@@ -122,24 +124,6 @@ fn names_of(markers: &[(&MarkerRecord, (f64, f64))], radius: f64, width: f64, he
 
 /// Pictures from this size on bear the markers' names, px.
 const NAMED: usize = 1000;
-
-/// Averages blocks of pixels down to at most `largest`.
-fn small_jpeg(raster: &Raster, largest: usize) -> Option<Vec<u8>> {
-    let block = raster.width().max(raster.height()).div_ceil(largest).max(1);
-    let (w, h) = (raster.width() / block, raster.height() / block);
-    let mean = |x: usize, y: usize| {
-        let rows = (0..block).map(|dy| raster.row(y * block + dy));
-        let sum: usize =
-            rows.flat_map(|r| r.iter().skip(x * block).take(block)).map(|v| usize::from(*v)).sum();
-        (sum / (block * block)) as u8
-    };
-    let luma: Vec<u8> = (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
-    let mut jpeg = Vec::new();
-    let encoder = jpeg_encoder::Encoder::new(&mut jpeg, 82);
-    let size = (u16::try_from(w).ok()?, u16::try_from(h).ok()?);
-    encoder.encode(&luma, size.0, size.1, jpeg_encoder::ColorType::Luma).ok()?;
-    Some(jpeg)
-}
 
 fn outlines(found: &Detections, markers: &[MarkerRecord], enlarged: f64) -> Markup {
     html! {

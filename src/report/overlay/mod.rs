@@ -144,11 +144,10 @@ mod tests {
         Detection {
             shape: Shape::Circle,
             centre_px: vector![x, y],
-            covariance_px2: Matrix2::new(0.01, 0.0, 0.0, 0.0004),
+            covariance_px2: Matrix2::new(0.01, 0.0, 0.0, 0.0004).into(),
             semi_major_px: 60.0,
             semi_minor_px: 12.0,
             angle_rad: 0.2,
-            beside_px2: 0.0,
             fit_rms: 1.0,
             contrast: 100.0,
         }
@@ -193,7 +192,7 @@ mod tests {
         for (w, h) in [(1, 1), (3, 900), (64, 64)] {
             let frame = Raster::new(w, h, vec![7; w * h]).unwrap();
             let mut odd = marker(f64::NAN, 3.0);
-            odd.covariance_px2 = Matrix2::repeat(f64::INFINITY);
+            odd.covariance_px2 = Matrix2::repeat(f64::INFINITY).into();
             let far = marker(-5000.0, 1e9);
             let mut wide = marker(1.0, 1.0);
             wide.semi_major_px = 1e300;

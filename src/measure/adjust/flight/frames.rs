@@ -1,16 +1,15 @@
 //! The frames of a flight, what of them takes part, and their observations as the engine takes them.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
 use super::assumed::{Assumed, own_rotation_column};
 use super::shape::SharedShape;
 use super::usage::Usage;
-use crate::measure::adjust::gauss_helmert::{Block, Fit, Group};
+use crate::measure::adjust::blocks::{image_block, survey_block};
 use crate::measure::adjust::input::{Input, Sights, by_marker, on_the_wing};
-use crate::measure::adjust::layout::Layout;
-use crate::measure::adjust::model_error::image_covariance;
-use crate::measure::adjust::snooping::Member;
+use crate::measure::adjust::layout::{Layout, Member};
 use crate::measure::adjust::{AdjustError, Observation};
+use crate::measure::estimation::{Fit, Group};
 
 /// Fewest markers on the wing in one frame.
 pub const FEWEST: usize = 4;
@@ -74,28 +73,12 @@ impl<'a> Flight<'a> {
 
     /// Survey and ground frame.
     pub fn ground_group(&self) -> (Group, Vec<Member>) {
-        let mut members = vec![];
-        let mut blocks = vec![];
-        let scene = self.input.scene;
-        for (marker, surveyed) in self.input.setup.markers.iter().enumerate() {
-            let sight = scene.ground_sights[marker].as_ref().filter(|_| self.usage.ground[marker]);
-            let station = scene.ground.stations[marker].surveyed_m;
-            let mut observed = station.as_slice().to_vec();
-            observed.extend(sight.iter().flat_map(|s| [s.pixel.x, s.pixel.y]));
-            let mut covariance = DMatrix::identity(observed.len(), observed.len()) * surveyed.sigma_m.powi(2);
-            if let Some(sight) = sight {
-                covariance.fixed_view_mut::<2, 2>(3, 3).copy_from(&image_covariance(&sight.covariance_px2));
-            }
-            members.push(Member { marker, flight: None, ground: sight.map(|_| 3) });
-            blocks.push(Block { observed: DVector::from_vec(observed), covariance });
-        }
+        let one = |marker: usize| {
+            let sight = self.input.scene.ground_sights[marker].as_ref().filter(|_| self.usage.ground[marker]);
+            let member = Member { marker, flight: None, ground: sight.map(|_| 3) };
+            (survey_block(&self.input, marker, sight.into_iter()), member)
+        };
+        let (blocks, members) = (0..self.input.setup.markers.len()).map(one).unzip();
         (Group { local: DVector::zeros(0), priors: vec![], blocks }, members)
-    }
-}
-
-fn image_block(seen: &Observation) -> Block {
-    Block {
-        observed: DVector::from_column_slice(seen.pixel.as_slice()),
-        covariance: DMatrix::from_column_slice(2, 2, image_covariance(&seen.covariance_px2).as_slice()),
     }
 }

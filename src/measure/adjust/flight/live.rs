@@ -1,4 +1,4 @@
-//! Frames adjusted one by one, ten a second, each with all that those before it told (docs/live.md).
+//! Frames adjusted one by one, ten a second, each with all that those before it told (docs/live/method.md).
 //!
 //! The state is what a flight's frames share, with its full information matrix: errors that are common to all frames
 //! are counted once, however many frames there are. A frame is one group beside it, whose own unknowns leave with it.

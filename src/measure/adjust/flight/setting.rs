@@ -1,22 +1,18 @@
 //! A flight set up for the engine: shared unknowns, one group per frame, survey and ground frame last.
 
-use std::sync::Arc;
-
 use nalgebra::{DVector, Matrix3};
 
 use super::frames::Flight;
 use super::shape::{ShapeColumns, SharedShape};
-use crate::measure::adjust::AdjustError;
 use crate::measure::adjust::beam::{MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
-use crate::measure::adjust::gauss_helmert::{
-    Course, Fit, Group, GroupPoint, Linearised, Problem, solve_from,
-};
 use crate::measure::adjust::input::Input;
-use crate::measure::adjust::layout::{Layout, Own, Rows, Seen, Survey};
+use crate::measure::adjust::layout::{Layout, Member, Own, Survey};
 use crate::measure::adjust::scene::Scene;
-use crate::measure::adjust::snooping::Member;
-use crate::measure::adjust::term::{Columns, Placed};
-use crate::measure::adjust::terms::{self, Curvature, Rotation, Shared, Twist};
+use crate::measure::adjust::term::{Columns, Place, Placed};
+use crate::measure::adjust::terms::{self, Shared};
+use crate::measure::estimation::{
+    Course, EstimationError, Fit, Group, GroupPoint, Linearised, Problem, solve_from,
+};
 use crate::measure::setup::Thermal;
 
 const MISSING_GROUND: &str = "a marker on ground is not determined";
@@ -38,38 +34,18 @@ pub struct Setting {
     ground: Option<Layout>,
 }
 
-/// What the frames of one mounting have in common.
+/// What the frames of one mounting have in common, its rotation first.
 struct OfMounting {
-    rotation: Placed,
-    others: Vec<Placed>,
+    placed: Vec<Placed>,
     columns: Own,
 }
 
 impl OfMounting {
     fn place(input: &Input, stayed: bool, columns: &mut Columns) -> Self {
-        let rotation = columns.place(terms::rotation(input, stayed));
-        let first = columns.missing.len() - rotation.term.size();
-        let others = terms::of_mounting(input, stayed).into_iter().map(|term| columns.place(term)).collect();
-        Self { rotation, others, columns: Own { first, count: columns.missing.len() - first } }
-    }
-}
-
-/// What a frame has for itself: coefficients of curvature and twist, and a rotation about its mounting's.
-struct OfFrame {
-    curvature: Placed,
-    twist: Placed,
-    rotation: Placed,
-    local: usize,
-}
-
-impl OfFrame {
-    fn place(flight: &Flight, terms: usize) -> Self {
-        let mut columns = Columns::local();
-        let curvature = columns.place(Arc::new(Curvature { terms, amplitude_per_m: None }));
-        let twist_terms = flight.input.options.twist_terms.min(MAX_TWIST_TERMS);
-        let twist = columns.place(Arc::new(Twist { terms: twist_terms }));
-        let rotation = columns.place(Arc::new(Rotation::about_mounting(own_rotation_covariance(flight))));
-        Self { curvature, twist, rotation, local: columns.missing.len() }
+        let first = columns.missing.len();
+        let terms = [vec![terms::rotation(input, stayed)], terms::of_mounting(input, stayed)].concat();
+        let placed = terms.into_iter().map(|term| columns.place(term)).collect();
+        Self { placed, columns: Own { first, count: columns.missing.len() - first } }
     }
 }
 
@@ -77,7 +53,7 @@ impl OfFrame {
 /// for each.
 fn own_rotation_covariance(flight: &Flight) -> Matrix3<f64> {
     match flight.assumed.mountings.are_found() {
-        false => Rotation::of_mounting(&flight.input).covariance_rad2,
+        false => terms::rotation_of_mounting(&flight.input).covariance.fixed_view::<3, 3>(0, 0).into_owned(),
         true => flight.assumed.drift_covariance(&flight.input.scene.camera_from_wing),
     }
 }
@@ -90,41 +66,47 @@ struct Unknowns {
     shape: ShapeColumns,
     mountings: Vec<OfMounting>,
     survey: usize,
-    own: OfFrame,
+    /// A frame's own: coefficients of curvature and twist, and a rotation about its mounting's.
+    own: [Placed; 3],
 }
 
 impl Unknowns {
     fn place(flight: &Flight) -> Self {
         let (input, mountings) = (&flight.input, &flight.assumed.mountings);
-        let terms = input.options.curvature_terms.map_or(TERMS, |t| t.clamp(2, MAX_CURVATURE_TERMS));
+        let curvature_terms =
+            input.options.curvature_terms.map_or(TERMS, |t| t.clamp(2, MAX_CURVATURE_TERMS));
         let mut columns = Columns::default();
         let shared = terms::shared(input, &mut columns);
         let head = columns.missing.len();
-        let shape = ShapeColumns::take(&mut columns, terms);
+        let shape = ShapeColumns::take(&mut columns, curvature_terms);
         let place = |mounting| OfMounting::place(input, mountings.stayed(mounting), &mut columns);
         let mountings = (0..mountings.count()).map(place).collect();
         let survey = columns.take(3 * input.setup.markers.len(), MISSING_GROUND);
-        let own = OfFrame::place(flight, terms);
-        Self { columns, shared, head, shape, mountings, survey, own }
+        let own = [
+            terms::curvature(curvature_terms, None),
+            terms::twist(input.options.twist_terms.min(MAX_TWIST_TERMS)),
+            terms::own_rotation(&own_rotation_covariance(flight)),
+        ];
+        let mut local = Columns::local();
+        Self { columns, shared, head, shape, mountings, survey, own: own.map(|term| local.place(term)) }
     }
 
     fn layout(&self, flight: &Flight, frame: usize) -> Layout {
-        let (own, mounting) = (&self.own, &self.mountings[flight.assumed.mountings.of(frame)]);
-        let placed = [&own.curvature, &own.twist, &own.rotation, &mounting.rotation].map(Clone::clone);
-        let terms = placed.iter().chain(&mounting.others).chain(&self.shared.placed).cloned().collect();
+        let mounting = &self.mountings[flight.assumed.mountings.of(frame)];
+        let [curvature, twist, rotation] = &self.own;
         Layout {
-            terms,
-            curvature: own.curvature.place,
-            curvature_terms: own.curvature.term.size(),
-            twist: own.twist.place,
-            twist_terms: own.twist.term.size(),
-            rotation: vec![own.rotation.place, mounting.rotation.place],
+            terms: [&self.own, &mounting.placed[..], &self.shared.placed].concat(),
+            curvature: curvature.place,
+            curvature_terms: curvature.term.size,
+            twist: twist.place,
+            twist_terms: twist.term.size,
+            rotation: vec![rotation.place, Place::Global(mounting.columns.first)],
             axis_height: self.shared.axis_height,
             expected_scale: flight.input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
             survey: Survey::Global(self.survey),
             head: self.head,
             own: mounting.columns,
-            local: own.local,
+            local: self.own.iter().map(|placed| placed.term.size).sum(),
         }
     }
 
@@ -185,70 +167,23 @@ impl Setting {
         scene: &Scene,
         at: &GroupPoint,
         blocks: &mut Vec<Linearised>,
-    ) -> Result<(), AdjustError> {
-        match (self.layouts.get(at.group), &self.ground) {
-            (Some(layout), _) => self.frame(scene, layout, at, blocks),
-            (None, Some(layout)) => self.ground(scene, layout, at, blocks),
-            (None, None) => Ok(()),
-        }
-    }
-
-    fn frame(
-        &self,
-        scene: &Scene,
-        layout: &Layout,
-        at: &GroupPoint,
-        blocks: &mut Vec<Linearised>,
-    ) -> Result<(), AdjustError> {
-        let values = layout.values(at.global, at.local);
-        let bent = scene.bend(&values.bending());
-        let camera = scene.camera(&values.pose);
-        for (block, (member, observed)) in self.members[at.group].iter().zip(at.observed).enumerate() {
-            let seen = Seen {
-                marker: member.marker,
-                bent: &bent,
-                values: &values,
-                ground_m: layout.on_ground(member.marker, at.global, observed),
-                observed,
-                observation: 0,
-            };
-            Rows::new(layout, (blocks, block), member.marker, 2, 2).flight(0, &seen, scene, &camera)?;
-        }
+    ) -> Result<(), EstimationError> {
+        let (layout, members) = match (self.layouts.get(at.group), &self.ground) {
+            (Some(layout), _) => (layout, &self.members[at.group]),
+            (None, Some(layout)) => return layout.linearise(scene, &self.ground_members, at, blocks),
+            (None, None) => return Ok(()),
+        };
+        layout.linearise(scene, members, at, blocks)?;
         let Some(departure) = at.observed.last() else { return Ok(()) };
-        let last = self.members[at.group].len();
-        if blocks.len() == last {
+        if blocks.len() == members.len() {
             blocks.push(self.shape.empty(layout));
         }
-        self.shape.linearise(layout, at, departure, &mut blocks[last]);
-        Ok(())
-    }
-
-    fn ground(
-        &self,
-        scene: &Scene,
-        layout: &Layout,
-        at: &GroupPoint,
-        blocks: &mut Vec<Linearised>,
-    ) -> Result<(), AdjustError> {
-        let values = layout.values(at.global, at.local);
-        let flat = scene.bend(&values.bending());
-        let camera = scene.ground_camera(&values.pose);
-        for (block, (member, observed)) in self.ground_members.iter().zip(at.observed).enumerate() {
-            let sights = member.ground.map_or(0, |_| 2);
-            let mut rows = Rows::new(layout, (blocks, block), member.marker, 3 + sights, 3 + sights);
-            let ground_m = layout.on_ground(member.marker, at.global, observed);
-            rows.surveyed(0, &ground_m, observed);
-            if let Some(observation) = member.ground {
-                let (marker, bent) = (member.marker, &flat);
-                let seen = Seen { marker, bent, values: &values, ground_m, observed, observation };
-                rows.ground(3, &seen, scene, &camera)?;
-            }
-        }
+        self.shape.linearise(layout, at, departure, &mut blocks[members.len()]);
         Ok(())
     }
 
     /// On a course.
-    pub fn solve(&self, scene: &Scene, course: &Course) -> Result<Fit, AdjustError> {
+    pub fn solve(&self, scene: &Scene, course: &Course) -> Result<Fit, EstimationError> {
         solve_from(&self.problem, course, |at, blocks| self.linearise(scene, at, blocks))
     }
 }

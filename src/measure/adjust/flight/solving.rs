@@ -3,7 +3,7 @@
 use super::frames::Flight;
 use super::setting::Setting;
 use crate::measure::adjust::AdjustError;
-use crate::measure::adjust::gauss_helmert::{Course, Fit};
+use crate::measure::estimation::{Course, Fit};
 
 /// A flight's setting with its solution.
 pub struct Solved {

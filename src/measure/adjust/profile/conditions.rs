@@ -3,9 +3,8 @@
 use nalgebra::{DVector, Matrix3x2, Rotation3, Vector2, Vector3};
 
 use super::arc_length;
-use crate::measure::adjust::AdjustError;
-use crate::measure::adjust::gauss_helmert::{GroupPoint, Linearised};
 use crate::measure::environment::Plate;
+use crate::measure::estimation::{EstimationError, GroupPoint, Linearised};
 use crate::measure::geometry::WingFrame;
 use crate::measure::setup::{Orientation, Setup};
 
@@ -64,13 +63,13 @@ impl<'a> Geometry<'a> {
     }
 
     /// The ray of a pixel; it must point outboard.
-    pub fn ray(&self, pixel: &Vector2<f64>) -> Result<PlaneRay, AdjustError> {
+    pub fn ray(&self, pixel: &Vector2<f64>) -> Result<PlaneRay, EstimationError> {
         let (ray, jacobian) =
-            self.setup.lens.ray_with_jacobian(pixel).map_err(|e| AdjustError::Input(e.to_string()))?;
+            self.setup.lens.ray_with_jacobian(pixel).map_err(|e| EstimationError::Input(e.to_string()))?;
         let (from_m, ray) = self.pane.map_or((Vector3::zeros(), ray), |pane| pane.outside(&ray));
         let (from_m, ray) = (self.wing_from_camera * from_m, self.wing_from_camera * ray);
         if ray.x <= 0.0 {
-            return Err(AdjustError::Input(format!(
+            return Err(EstimationError::Input(format!(
                 "the ray of pixel ({:.1}, {:.1}) points away from the wing; check span_direction in \
                  installation.toml and orientation.toml",
                 pixel.x, pixel.y
@@ -84,7 +83,7 @@ impl<'a> Geometry<'a> {
     }
 
     /// All markers' conditions; each is a group of its own.
-    pub fn linearise(&self, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> Result<(), AdjustError> {
+    pub fn linearise(&self, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> Result<(), EstimationError> {
         if blocks.is_empty() {
             let empty = Linearised::empty(2, vec![0], 1, PER_MARKER);
             blocks.extend(at.observed.iter().map(|_| empty.clone()));
@@ -95,7 +94,13 @@ impl<'a> Geometry<'a> {
 
     /// `0 = l(x'; a) - l` and `0 = y + a x'^2 - y'`, with `x' = f_x + d r_x - root offset`,
     /// `y' = f_y + d r_y`, f the ray's point at the window.
-    fn block(&self, a: f64, d: f64, seen: &DVector<f64>, out: &mut Linearised) -> Result<(), AdjustError> {
+    fn block(
+        &self,
+        a: f64,
+        d: f64,
+        seen: &DVector<f64>,
+        out: &mut Linearised,
+    ) -> Result<(), EstimationError> {
         let ray = self.ray(&Vector2::new(seen[PIXEL], seen[PIXEL + 1]))?;
         let x = ray.from_m.x + d * ray.direction.x - self.setup.root_offset_m;
         let arc = arc_length(x, a);

@@ -1,21 +1,17 @@
 //! One frame set up for the engine: its unknowns, its observations, its conditions.
 
-use std::sync::Arc;
-
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
 use crate::measure::adjust::beam::MAX_TWIST_TERMS;
-use crate::measure::adjust::gauss_helmert::{
-    Block, Course, Fit, Group, GroupPoint, Linearised, Problem, solve_from,
-};
+use crate::measure::adjust::blocks::survey_block;
 use crate::measure::adjust::input::{Input, Sights};
-use crate::measure::adjust::layout::{Layout, Own, Rows, Seen, Survey};
-use crate::measure::adjust::model_error::image_covariance;
+use crate::measure::adjust::layout::{Layout, Member, Own, Survey};
 use crate::measure::adjust::scene::Scene;
-use crate::measure::adjust::snooping::Member;
 use crate::measure::adjust::term::Columns;
-use crate::measure::adjust::terms::{self, Curvature, Twist};
-use crate::measure::adjust::{AdjustError, Observation};
+use crate::measure::adjust::terms;
+use crate::measure::estimation::{
+    Block, Course, EstimationError, Fit, Group, GroupPoint, Linearised, Problem, solve_from,
+};
 use crate::measure::setup::Thermal;
 
 /// Which observations take part.
@@ -82,59 +78,36 @@ impl<'a> Frame<'a> {
     }
 
     /// All blocks of the frame at a point.
-    pub fn linearise(&self, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> Result<(), AdjustError> {
-        let values = self.layout.values(at.global, at.local);
-        let bent = self.scene.bend(&values.bending());
-        let camera = self.scene.camera(&values.pose);
-        let on_ground = self.scene.ground_camera(&values.pose);
-        for (block, (member, observed)) in self.members.iter().zip(at.observed).enumerate() {
-            let conditions =
-                2 * (usize::from(member.flight.is_some()) + usize::from(member.ground.is_some()));
-            let mut rows =
-                Rows::new(&self.layout, (blocks, block), member.marker, conditions, observed.len());
-            let ground_m = self.layout.on_ground(member.marker, at.global, observed);
-            let seen = |observation| Seen {
-                marker: member.marker,
-                bent: &bent,
-                values: &values,
-                ground_m,
-                observed,
-                observation,
-            };
-            if let Some(first) = member.flight {
-                rows.flight(0, &seen(first), self.scene, &camera)?;
-            }
-            if let Some(first) = member.ground {
-                rows.ground(conditions - 2, &seen(first), self.scene, &on_ground)?;
-            }
-        }
-        Ok(())
+    pub fn linearise(&self, at: &GroupPoint, blocks: &mut Vec<Linearised>) -> Result<(), EstimationError> {
+        self.layout.linearise(self.scene, &self.members, at, blocks)
     }
 
-    pub fn solve(&self, course: &Course) -> Result<Fit, AdjustError> {
+    pub fn solve(&self, course: &Course) -> Result<Fit, EstimationError> {
         solve_from(&self.problem, course, |at, blocks| self.linearise(at, blocks))
     }
 }
 
 fn layout(input: &Input, curvature_terms: usize, amplitude_per_m: f64, columns: &mut Columns) -> Layout {
-    let twist_terms = input.options.twist_terms.min(MAX_TWIST_TERMS);
     let stayed = input.options.is_of_the_ground();
-    let amplitude_per_m = Some(amplitude_per_m);
-    let curvature = columns.place(Arc::new(Curvature { terms: curvature_terms, amplitude_per_m }));
-    let twist = columns.place(Arc::new(Twist { terms: twist_terms }));
-    let rotation = columns.place(terms::rotation(input, stayed));
+    let first = [
+        terms::curvature(curvature_terms, Some(amplitude_per_m)),
+        terms::twist(input.options.twist_terms.min(MAX_TWIST_TERMS)),
+        terms::rotation(input, stayed),
+    ];
+    let first = first.map(|term| columns.place(term));
     let shared = terms::shared(input, columns);
     let mounting = terms::of_mounting(input, stayed).into_iter().map(|term| columns.place(term));
     let mounting: Vec<_> = mounting.collect();
+    let [curvature, twist, rotation] = &first;
     let head = columns.missing.len();
     Layout {
         curvature: curvature.place,
         curvature_terms,
         twist: twist.place,
-        twist_terms,
+        twist_terms: twist.term.size,
         rotation: vec![rotation.place],
         axis_height: shared.axis_height,
-        terms: [vec![curvature, twist, rotation], shared.placed, mounting].concat(),
+        terms: [&first, &shared.placed[..], &mounting].concat(),
         expected_scale: input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
         survey: Survey::Observed,
         head,
@@ -146,25 +119,11 @@ fn layout(input: &Input, curvature_terms: usize, amplitude_per_m: f64, columns: 
 /// Survey, flight image and ground image of a marker as one block.
 fn block(single: &Single, member: &mut Member) -> Block {
     let (input, usage) = (&single.input, &single.usage);
-    let marker = &input.setup.markers[member.marker];
-    let mut observed = input.scene.ground.stations[member.marker].surveyed_m.as_slice().to_vec();
     let flight = single.sights[member.marker].filter(|_| usage.flight[member.marker]);
     let ground = input.scene.ground_sights[member.marker].as_ref().filter(|_| usage.ground[member.marker]);
     member.flight = flight.map(|_| 3);
     member.ground = ground.map(|_| if flight.is_some() { 5 } else { 3 });
-    let images: Vec<&Observation> = flight.into_iter().chain(ground).collect();
-    observed.extend(images.iter().flat_map(|o| [o.pixel.x, o.pixel.y]));
-    let n = observed.len();
-    let mut covariance = DMatrix::zeros(n, n);
-    for k in 0..3 {
-        covariance[(k, k)] = marker.sigma_m * marker.sigma_m;
-    }
-    for (k, image) in images.iter().enumerate() {
-        covariance
-            .fixed_view_mut::<2, 2>(3 + 2 * k, 3 + 2 * k)
-            .copy_from(&image_covariance(&image.covariance_px2));
-    }
-    Block { observed: DVector::from_vec(observed), covariance }
+    survey_block(input, member.marker, flight.into_iter().chain(ground))
 }
 
 fn start_values(layout: &Layout, start: &Start) -> DVector<f64> {

@@ -1,12 +1,10 @@
 //! Where the camera is, where it looks, and what it looks through.
 
-use nalgebra::{DMatrix, Matrix3, SMatrix, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector3};
 
-use crate::measure::adjust::gauss_helmert::Prior;
 use crate::measure::adjust::input::Input;
-use crate::measure::adjust::scene::Predicted;
-use crate::measure::adjust::term::{Sight, Term};
-use crate::measure::adjust::values::Values;
+use crate::measure::adjust::term::{Effect, Term};
+use crate::measure::estimation::Prior;
 use crate::measure::geometry::BROWN;
 use crate::measure::setup::Setup;
 
@@ -19,12 +17,20 @@ const LEAST_WINDOW_SIGMA_M: f64 = 1e-6;
 /// Variance of an interior parameter that the calibration held, in its own unit squared: none that shows.
 const HELD_LENS_VARIANCE: f64 = 1e-16;
 
+const PANES_MISSING: &str =
+    "the panes' shift or bow cannot be determined; give the standard deviations in [window]";
+
 fn vector(x: &[f64]) -> Vector3<f64> {
     Vector3::from_column_slice(x)
 }
 
 fn matrix(of: &Matrix3<f64>) -> DMatrix<f64> {
     DMatrix::from_column_slice(3, 3, of.as_slice())
+}
+
+/// Three coordinates, each with this standard deviation.
+fn alike(name: &'static str, sigma_m: f64) -> Vec<Prior> {
+    (0..3).map(|k| Prior::scalar(name, k, 0.0, sigma_m)).collect()
 }
 
 /// Drift of one mounting as stated, each axis, rad; not 0.
@@ -37,278 +43,119 @@ pub fn repeatability_rad(setup: &Setup) -> f64 {
     setup.mount_repeatability_px.max(LEAST_REPEATABILITY_PX) / setup.lens.focal_px()
 }
 
+/// What is known of a mounting's rotation before a frame is seen, camera frame, rad.
+pub fn rotation_of_mounting(input: &Input) -> Prior {
+    let repeatability = repeatability_rad(input.setup);
+    let stated = input.orientation.covariance_rad2.filter(|_| !input.scene.has_ground_sights());
+    let own = Matrix3::identity() * (repeatability * repeatability) + stated.unwrap_or_else(Matrix3::zeros);
+    let (mean, covariance) = input.options.mount_prior.unwrap_or((Vector3::zeros(), own));
+    let mean = DVector::from_column_slice(mean.as_slice());
+    Prior { mean, ..rotation_about(&covariance) }
+}
+
+/// The same where the camera stayed since the ground frames: it drifts.
+pub fn rotation_since_ground(setup: &Setup) -> Prior {
+    rotation_about(&(Matrix3::identity() * stated_drift_rad(setup).powi(2)))
+}
+
+/// The same of a frame's own rotation about its mounting's.
+pub fn rotation_about(covariance_rad2: &Matrix3<f64>) -> Prior {
+    Prior::centred("rotation of the mounting", 0, matrix(covariance_rad2))
+}
+
 /// Small rotation of the camera in flight against the ground frame's, camera frame, rad: a mounting's, or a frame's own
 /// about its mounting's.
-#[derive(Debug)]
-pub struct Rotation {
-    mean_rad: Vector3<f64>,
-    /// Of what is known beforehand, camera frame, rad^2.
-    pub covariance_rad2: Matrix3<f64>,
-}
-
-impl Rotation {
-    /// Before a frame is seen.
-    pub fn of_mounting(input: &Input) -> Self {
-        let repeatability = repeatability_rad(input.setup);
-        let stated = input.orientation.covariance_rad2.filter(|_| !input.scene.has_ground_sights());
-        let own =
-            Matrix3::identity() * (repeatability * repeatability) + stated.unwrap_or_else(Matrix3::zeros);
-        let (mean_rad, covariance_rad2) = input.options.mount_prior.unwrap_or((Vector3::zeros(), own));
-        Self { mean_rad, covariance_rad2 }
-    }
-
-    /// Where the camera stayed since the ground frames: it drifts.
-    pub fn stayed(setup: &Setup) -> Self {
-        Self::about_mounting(Matrix3::identity() * stated_drift_rad(setup).powi(2))
-    }
-
-    /// A frame's own about its mounting's.
-    pub fn about_mounting(covariance_rad2: Matrix3<f64>) -> Self {
-        Self { mean_rad: Vector3::zeros(), covariance_rad2 }
-    }
-
-    /// What is known of it, its columns counted from 0.
-    pub fn prior(&self) -> Prior {
-        let mean = nalgebra::DVector::from_column_slice(self.mean_rad.as_slice());
-        Prior { mean, ..Prior::centred(self.name(), 0, matrix(&self.covariance_rad2)) }
-    }
-}
-
-impl Term for Rotation {
-    fn name(&self) -> &'static str {
-        "rotation of the mounting"
-    }
-
-    fn missing(&self) -> &'static str {
-        "the mounting's rotation cannot be determined; give camera.mount_repeatability_px or more markers near the root"
-    }
-
-    fn size(&self) -> usize {
-        3
-    }
-
-    fn priors(&self) -> Vec<Prior> {
-        vec![self.prior()]
-    }
-
-    fn enter(&self, x: &[f64], values: &mut Values) {
-        values.pose.mount_rad += vector(x);
-    }
-
-    fn in_flight(&self, k: usize, sight: &Sight) -> Vector2<f64> {
-        sight.predicted.by_mount.column(k).into_owned()
+pub fn rotation(known: Prior) -> Term {
+    Term {
+        name: known.name,
+        missing: "the mounting's rotation cannot be determined; give camera.mount_repeatability_px or more markers near the root",
+        size: 3,
+        priors: vec![known],
+        enter: |x, values| values.pose.mount_rad += vector(x),
+        effect: Effect::Picture { pixel: |p, k| p.by_mount.column(k).into_owned(), on_ground: false },
     }
 }
 
 /// Correction of the ground frame's rotation, camera frame, rad.
-#[derive(Debug)]
-pub struct GroundRotation;
-
-impl Term for GroundRotation {
-    fn name(&self) -> &'static str {
-        "rotation on ground"
-    }
-
-    fn missing(&self) -> &'static str {
-        "the rotation on ground cannot be determined; more markers in the ground frame are needed"
-    }
-
-    fn size(&self) -> usize {
-        3
-    }
-
-    fn enter(&self, x: &[f64], values: &mut Values) {
-        values.pose.ground_rad += vector(x);
-    }
-
-    fn in_flight(&self, k: usize, sight: &Sight) -> Vector2<f64> {
-        self.on_ground(k, sight.predicted)
-    }
-
-    fn on_ground(&self, k: usize, predicted: &Predicted) -> Vector2<f64> {
-        predicted.by_ground_rotation.column(k).into_owned()
+pub fn ground_rotation() -> Term {
+    Term {
+        name: "rotation on ground",
+        missing: "the rotation on ground cannot be determined; more markers in the ground frame are needed",
+        size: 3,
+        priors: vec![],
+        enter: |x, values| values.pose.ground_rad += vector(x),
+        effect: Effect::Picture {
+            pixel: |p, k| p.by_ground_rotation.column(k).into_owned(),
+            on_ground: true,
+        },
     }
 }
 
 /// Correction of the projection centre, wing frame, m.
-#[derive(Debug)]
-pub struct Centre {
-    /// Each axis.
-    pub sigma_m: f64,
-}
-
-impl Term for Centre {
-    fn name(&self) -> &'static str {
-        "projection centre"
-    }
-
-    fn missing(&self) -> &'static str {
-        "the projection centre cannot be determined; give camera.projection_centre_sigma_m"
-    }
-
-    fn size(&self) -> usize {
-        3
-    }
-
-    fn priors(&self) -> Vec<Prior> {
-        (0..3).map(|k| Prior::scalar(self.name(), k, 0.0, self.sigma_m)).collect()
-    }
-
-    fn enter(&self, x: &[f64], values: &mut Values) {
-        values.pose.centre_m += vector(x);
-    }
-
-    fn in_flight(&self, k: usize, sight: &Sight) -> Vector2<f64> {
-        self.on_ground(k, sight.predicted)
-    }
-
-    fn on_ground(&self, k: usize, predicted: &Predicted) -> Vector2<f64> {
-        -predicted.by_point.column(k)
+pub fn centre(sigma_m: f64) -> Term {
+    Term {
+        name: "projection centre",
+        missing: "the projection centre cannot be determined; give camera.projection_centre_sigma_m",
+        size: 3,
+        priors: alike("projection centre", sigma_m),
+        enter: |x, values| values.pose.centre_m += vector(x),
+        effect: Effect::Picture { pixel: |p, k| -p.by_point.column(k), on_ground: true },
     }
 }
 
 /// Shift of the projection centre since the ground frame, of one mounting, wing frame, m.
-#[derive(Debug)]
-pub struct Shift {
-    /// Each axis.
-    pub sigma_m: f64,
-}
-
-impl Term for Shift {
-    fn name(&self) -> &'static str {
-        "shift of the mounting"
-    }
-
-    fn missing(&self) -> &'static str {
-        "the mounting's shift cannot be determined; give camera.mount_shift_m"
-    }
-
-    fn size(&self) -> usize {
-        3
-    }
-
-    fn priors(&self) -> Vec<Prior> {
-        (0..3).map(|k| Prior::scalar(self.name(), k, 0.0, self.sigma_m)).collect()
-    }
-
-    fn enter(&self, x: &[f64], values: &mut Values) {
-        values.pose.shift_m += vector(x);
-    }
-
-    fn in_flight(&self, k: usize, sight: &Sight) -> Vector2<f64> {
-        -sight.predicted.by_point.column(k)
+pub fn shift(sigma_m: f64) -> Term {
+    Term {
+        name: "shift of the mounting",
+        missing: "the mounting's shift cannot be determined; give camera.mount_shift_m",
+        size: 3,
+        priors: alike("shift of the mounting", sigma_m),
+        enter: |x, values| values.pose.shift_m += vector(x),
+        effect: Effect::Picture { pixel: |p, k| -p.by_point.column(k), on_ground: false },
     }
 }
 
 /// What is left of the panes' shift where only the flight is seen through them: a shift of the projection
 /// centre that all frames share, wing frame, m. Where ground and flight are seen alike it is a part of the centre's.
-#[derive(Debug)]
-pub struct PaneShift {
-    /// What the description of the panes leaves unknown of it.
-    pub covariance_m2: Matrix3<f64>,
-}
-
-const PANES_MISSING: &str =
-    "the panes' shift or bow cannot be determined; give the standard deviations in [window]";
-
-impl Term for PaneShift {
-    fn name(&self) -> &'static str {
-        "panes' shift"
-    }
-
-    fn missing(&self) -> &'static str {
-        PANES_MISSING
-    }
-
-    fn size(&self) -> usize {
-        3
-    }
-
-    fn priors(&self) -> Vec<Prior> {
-        let least = DMatrix::identity(3, 3) * (LEAST_WINDOW_SIGMA_M * LEAST_WINDOW_SIGMA_M);
-        vec![Prior::centred(self.name(), 0, matrix(&self.covariance_m2) + least)]
-    }
-
-    fn enter(&self, x: &[f64], values: &mut Values) {
-        values.pose.window_m += vector(x);
-    }
-
-    fn in_flight(&self, k: usize, sight: &Sight) -> Vector2<f64> {
-        -sight.predicted.by_point.column(k)
+/// `covariance_m2`: what the description of the panes leaves unknown of it.
+pub fn pane_shift(covariance_m2: Matrix3<f64>) -> Term {
+    let least = DMatrix::identity(3, 3) * (LEAST_WINDOW_SIGMA_M * LEAST_WINDOW_SIGMA_M);
+    Term {
+        name: "panes' shift",
+        missing: PANES_MISSING,
+        size: 3,
+        priors: vec![Prior::centred("panes' shift", 0, matrix(&covariance_m2) + least)],
+        enter: |x, values| values.pose.window_m += vector(x),
+        effect: Effect::Picture { pixel: |p, k| -p.by_point.column(k), on_ground: false },
     }
 }
 
 /// Correction of the panes' bow in flight, a share of its curvature.
-#[derive(Debug)]
-pub struct PaneBow {
-    /// A share, too.
-    pub sigma: f64,
-}
-
-impl Term for PaneBow {
-    fn name(&self) -> &'static str {
-        "panes' bow"
-    }
-
-    fn missing(&self) -> &'static str {
-        PANES_MISSING
-    }
-
-    fn size(&self) -> usize {
-        1
-    }
-
-    fn priors(&self) -> Vec<Prior> {
-        vec![Prior::scalar(self.name(), 0, 0.0, self.sigma)]
-    }
-
-    fn enter(&self, x: &[f64], values: &mut Values) {
-        values.pose.bow += x[0];
-    }
-
-    fn in_flight(&self, _k: usize, sight: &Sight) -> Vector2<f64> {
-        sight.predicted.by_bow
+pub fn pane_bow(sigma: f64) -> Term {
+    Term {
+        name: "panes' bow",
+        missing: PANES_MISSING,
+        size: 1,
+        priors: vec![Prior::scalar("panes' bow", 0, 0.0, sigma)],
+        enter: |x, values| values.pose.bow += x[0],
+        effect: Effect::Picture { pixel: |p, _| p.by_bow, on_ground: false },
     }
 }
 
-/// Correction of the interior orientation, in the order of [`crate::measure::geometry::Lens::PARAMETERS`].
-#[derive(Debug)]
-pub struct Interior {
-    /// As calibrated.
-    pub covariance: SMatrix<f64, BROWN, BROWN>,
-}
-
-impl Term for Interior {
-    fn name(&self) -> &'static str {
-        "interior orientation"
+/// Correction of the interior orientation as calibrated, in the order of
+/// [`crate::measure::geometry::Lens::PARAMETERS`]. A thousand-millionth more of each variance keeps a covariance that
+/// rounding left without an inverse regular.
+pub fn interior(covariance: &SMatrix<f64, BROWN, BROWN>) -> Term {
+    let mut covariance = DMatrix::from_column_slice(BROWN, BROWN, covariance.as_slice());
+    for k in 0..BROWN {
+        covariance[(k, k)] = (covariance[(k, k)] * (1.0 + 1e-9)).max(HELD_LENS_VARIANCE);
     }
-
-    fn missing(&self) -> &'static str {
-        "the interior orientation cannot be determined; give its covariance in camera.toml"
-    }
-
-    fn size(&self) -> usize {
-        BROWN
-    }
-
-    /// A thousand-millionth more of each variance keeps a covariance that rounding left without an inverse regular.
-    fn priors(&self) -> Vec<Prior> {
-        let mut covariance = DMatrix::from_column_slice(BROWN, BROWN, self.covariance.as_slice());
-        for k in 0..BROWN {
-            covariance[(k, k)] = (covariance[(k, k)] * (1.0 + 1e-9)).max(HELD_LENS_VARIANCE);
-        }
-        vec![Prior::centred(self.name(), 0, covariance)]
-    }
-
-    fn enter(&self, x: &[f64], values: &mut Values) {
-        values.pose.lens.iter_mut().zip(x).for_each(|(lens, x)| *lens += x);
-    }
-
-    fn in_flight(&self, k: usize, sight: &Sight) -> Vector2<f64> {
-        self.on_ground(k, sight.predicted)
-    }
-
-    fn on_ground(&self, k: usize, predicted: &Predicted) -> Vector2<f64> {
-        predicted.by_lens.column(k).into_owned()
+    Term {
+        name: "interior orientation",
+        missing: "the interior orientation cannot be determined; give its covariance in camera.toml",
+        size: BROWN,
+        priors: vec![Prior::centred("interior orientation", 0, covariance)],
+        enter: |x, values| values.pose.lens.iter_mut().zip(x).for_each(|(lens, x)| *lens += x),
+        effect: Effect::Picture { pixel: |p, k| p.by_lens.column(k).into_owned(), on_ground: true },
     }
 }

@@ -1,9 +1,7 @@
 //! Which of two answers for one thing is kept.
 
-use nalgebra::Vector2;
-
 use crate::measure::detect::accept::options::BETTER;
-use crate::measure::detect::detection::Detection;
+use crate::measure::detect::detection::{Detection, covariance::mahalanobis};
 
 /// Whether an answer is better than another one for the same thing.
 ///
@@ -27,8 +25,6 @@ pub fn explains_better(new: &Detection, old: &Detection) -> bool {
 
 /// Whether two answers say the same place.
 fn agree(one: &Detection, other: &Detection) -> bool {
-    let apart: Vector2<f64> = one.centre_px - other.centre_px;
-    let both = one.covariance_px2 + other.covariance_px2;
-    let off = both.try_inverse().map_or(f64::INFINITY, |inverse| apart.dot(&(inverse * apart)));
-    off < BETTER.alike_sigmas * BETTER.alike_sigmas
+    let both = *one.covariance_px2 + *other.covariance_px2;
+    mahalanobis(&(one.centre_px - other.centre_px), &both) < BETTER.alike_sigmas * BETTER.alike_sigmas
 }

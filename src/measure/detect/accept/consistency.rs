@@ -14,7 +14,8 @@ use crate::measure::setup::Shape;
 pub fn distinct(found: &mut Found) {
     without_rows_of_discs(found);
     let within = |one: &Detection, other: &Detection| {
-        other.ellipse().outwards(one.centre_px) < if one.shape == other.shape { 0.5 } else { 0.8 }
+        let most = if one.shape == other.shape { CONSISTENCY.within } else { CONSISTENCY.within_other };
+        other.ellipse().outwards(one.centre_px) < most
     };
     let mut i = 0;
     while let Some(one) = found.measured.get(i).map(|m| m.detection.clone()) {
@@ -52,7 +53,7 @@ fn without_rows_of_discs(found: &mut Found) {
     });
 }
 
-/// One lens makes all the edges of a frame: one that is far softer than the middle of them belongs to
+/// One lens makes all the edges of a frame: one that is far softer than their median belongs to
 /// dirt or to a shadow.
 pub fn without_blur_outliers(found: &mut Found) {
     if let Some(softest) = softest(found) {
@@ -127,8 +128,8 @@ fn is_small_beside(own: &Detection, all: &[Detection]) -> bool {
     let far_larger = |major: f64| major > CONSISTENCY.gap * own.semi_major_px;
     // Other dots do not tell.
     let larger = || all.iter().filter(|d| d.semi_major_px > CONSISTENCY.longer * own.semi_major_px);
-    if let Some((major, _)) = neighbours::predicted_major(larger(), own.centre_px) {
-        return far_larger(major);
+    if let Some(major) = neighbours::predicted_major(larger(), own.centre_px) {
+        return far_larger(major.value);
     }
     let apart = |d: &Detection| (d.centre_px - own.centre_px).norm();
     let mut near: Vec<&Detection> = larger().collect();
@@ -146,11 +147,10 @@ mod tests {
         let detection = Detection {
             shape,
             centre_px: Vector2::new(x, 50.0),
-            covariance_px2: Matrix2::identity(),
+            covariance_px2: Matrix2::identity().into(),
             semi_major_px,
             semi_minor_px: 5.0,
             angle_rad: 0.0,
-            beside_px2: 0.0,
             fit_rms: 1.0,
             contrast: 100.0,
         };

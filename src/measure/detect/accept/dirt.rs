@@ -5,8 +5,8 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 
 use super::verdict::Measured;
 use crate::measure::detect::accept::options::DIRT;
-use crate::measure::detect::detection::Detection;
-use crate::measure::detect::estimate::normal_equations::spread;
+use crate::measure::detect::detection::{Detection, covariance::Source};
+use crate::measure::detect::estimate::scale::robust_sigma;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::raster::Raster;
 use crate::measure::setup::Shape;
@@ -28,9 +28,8 @@ struct Spot {
 pub fn inflate(image: &Raster, measured: &mut Measured, others: &[Ellipse]) {
     let Measured { detection, blur, through_glare, is_whole, .. } = measured;
     if detection.shape == Shape::Circle && *is_whole && !*through_glare {
-        let axis = detection.ellipse().across();
-        detection.beside_px2 = across(image, detection, *blur, others);
-        detection.covariance_px2 += axis * axis.transpose() * detection.beside_px2;
+        let variance = across(image, detection, *blur, others);
+        detection.covariance_px2.add_along(Source::Beside, detection.ellipse().across(), variance);
     }
 }
 
@@ -66,9 +65,8 @@ fn spots(image: &Raster, ellipse: &Ellipse, blur: f64, others: &[Ellipse]) -> Ve
         !ellipse.holds(other.centre)
             && apart < other.major + major + 2.0 * skirt + DIRT.clear_blurs * blur + DIRT.reach_px as f64
     };
-    let grown = |o: &Ellipse| Ellipse { major: o.major + skirt, minor: o.minor + skirt, ..*o };
-    let others: Vec<Ellipse> = others.iter().filter(near).map(grown).collect();
-    let last = (DIRT.length * major / DIRT.step_px).max(5.0) as i32;
+    let others: Vec<Ellipse> = others.iter().filter(near).map(|other| other.larger(1.0, skirt)).collect();
+    let last = (DIRT.length * major / DIRT.step_px).max(DIRT.steps) as i32;
     let mut out = Vec::with_capacity((2 * last as usize + 1) * 2 * DIRT.reach_px);
     for side in [1.0, -1.0] {
         for k in -last..=last {
@@ -113,7 +111,7 @@ fn light_of(spots: &[Spot]) -> Option<(Vector4<f64>, f64)> {
         let light = normal.cholesky()?.solve(&right);
         residuals.clear();
         residuals.extend(spots.iter().map(|spot| (spot.value - light.dot(&spot.terms)).abs() as f32));
-        found = Some((light, spread(&mut residuals) + DIRT.floor));
+        found = Some((light, robust_sigma(&mut residuals) + DIRT.floor));
     }
     found
 }

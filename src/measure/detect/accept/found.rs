@@ -3,12 +3,12 @@
 use nalgebra::Vector2;
 
 use super::verdict::Measured;
-use crate::measure::detect::accept::verdict;
 use crate::measure::detect::detection::{RejectReason, Rejected};
 
 /// What a search yields, in order of discovery.
+#[derive(Default)]
 pub struct Found {
-    pub measured: Vec<verdict::Measured>,
+    pub measured: Vec<Measured>,
     pub rejected: Vec<Rejected>,
 }
 
@@ -28,14 +28,8 @@ impl Found {
 
     /// Moves a detection to those turned down.
     pub fn turn_down(&mut self, index: usize, reason: RejectReason) {
-        let d = self.measured.remove(index).detection;
-        self.rejected.push(Rejected {
-            centre_px: d.centre_px,
-            semi_major_px: d.semi_major_px,
-            semi_minor_px: d.semi_minor_px,
-            angle_rad: d.angle_rad,
-            reason,
-        });
+        let ellipse = self.measured.remove(index).detection.ellipse();
+        self.rejected.push(Rejected::of(&ellipse, reason));
     }
 
     /// Moves those with these indices, in ascending order.

@@ -6,7 +6,7 @@ use nalgebra::Vector2;
 
 use crate::measure::detect::accept::options::PATTERN;
 use crate::measure::detect::appearance::parameters::{
-    ANGLE, BLUR, FIRST, LIGHT, Parameters, Pattern, contrast,
+    ANGLE, BLUR, LIGHT, Parameters, Pattern, TANGENT, contrast,
 };
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::raster::Raster;
@@ -21,15 +21,12 @@ pub fn ends_in_arcs(image: &Raster, pattern: Pattern, ellipse: &Ellipse, along: 
         let at = ellipse.centre + direction * (factor * radius);
         f64::from(image.nearest(at.x, at.y))
     };
-    // Skin may be darker than half way from white to black: it need only be lighter than black. The
-    // outline is rough, and a line may cross it: most of three places beyond it decide, all short of
-    // the corner at 1.25 radii that a square of the same size has.
-    let first = 1.0 + (2.0 * m[BLUR] / radius).clamp(0.1, 0.2);
+    let first = 1.0 + (PATTERN.beyond_blurs * m[BLUR] / radius).clamp(PATTERN.beyond.0, PATTERN.beyond.1);
     [-1.0, 1.0].iter().all(|side| {
-        // Blur lifts a thin tip, and leaves less to tell it from the skin.
-        let inside = grey(side * 0.75);
-        let lighter = |step: &&f64| grey(side * (first + **step)) > inside + 0.2 * (light - inside);
-        inside < 0.5 * (light + black) && [0.0, 0.04, 0.08].iter().filter(lighter).count() >= 2
+        let inside = grey(side * PATTERN.inside);
+        let skin = inside + PATTERN.lighter * (light - inside);
+        let lighter = PATTERN.places.iter().filter(|place| grey(side * (first + **place)) > skin);
+        inside < 0.5 * (light + black) && 2 * lighter.count() > PATTERN.places.len()
     })
 }
 
@@ -43,14 +40,14 @@ pub fn have_corners(image: &Raster, pattern: Pattern, ellipse: &Ellipse, m: &Par
         let (s, t) = ellipse.local(ellipse.centre + Vector2::new(angle.cos(), angle.sin()));
         (t / ellipse.minor).atan2(s / ellipse.major)
     };
-    let half = m[FIRST].atan();
+    let half = m[TANGENT].atan();
     let first = turned(m[ANGLE] - half);
     let opening = (turned(m[ANGLE] + half) - first).rem_euclid(PI);
-    let (middle, half) = match pattern {
+    let (bisector, half) = match pattern {
         Pattern::WhiteAlong => (first + 0.5 * (opening + PI), 0.5 * (PI - opening)),
         _ => (first + 0.5 * opening, 0.5 * opening),
     };
-    let edge = m[LIGHT] - 0.6 * contrast(m);
+    let edge = m[LIGHT] - PATTERN.ends * contrast(m);
     // Where black ends in a direction, in radii.
     let end = |angle: f64| {
         let radius = along * (ellipse.major * angle.cos()) + across * (ellipse.minor * angle.sin());
@@ -58,10 +55,11 @@ pub fn have_corners(image: &Raster, pattern: Pattern, ellipse: &Ellipse, m: &Par
             let at = ellipse.centre + radius * *factor;
             f64::from(image.nearest(at.x, at.y)) > edge
         };
-        (25..85).map(|k| 0.02 * f64::from(k)).find(light).unwrap_or(1.7)
+        let steps = [PATTERN.reach.0, PATTERN.reach.1].map(|v| (v / PATTERN.step).round() as i32);
+        (steps[0]..steps[1]).map(|k| PATTERN.step * f64::from(k)).find(light).unwrap_or(PATTERN.reach.1)
     };
     [0.0, PI].iter().all(|side| {
-        let at = |part: f64| end(middle + side + part * half);
+        let at = |part: f64| end(bisector + side + part * half);
         at(0.0) > PATTERN.corner * 0.5 * (at(-PATTERN.aside) + at(PATTERN.aside))
     })
 }

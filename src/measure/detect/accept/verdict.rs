@@ -1,15 +1,17 @@
 //! A fit is a marker with its accuracy, or is turned down with a reason.
 
+use std::f64::consts::FRAC_PI_2;
+
 use nalgebra::{Matrix2, Vector2};
 
 use super::pattern::{ends_in_arcs, have_corners};
 use crate::measure::detect::accept::options::VERDICT;
 use crate::measure::detect::appearance::parameters::{
-    ANGLE, BLUR, DARK, FIRST, LIGHT, Parameters, Pattern, SECOND, TAPER, THIRD, X, Y, contrast,
+    ANGLE, BLUR, DARK, LIGHT, MAJOR, MINOR, Parameters, Pattern, SAG, TAPER, X, Y, contrast,
 };
+use crate::measure::detect::detection::covariance::{Covariance, Source};
 use crate::measure::detect::detection::{Detection, RejectReason};
-use crate::measure::detect::estimate::gauss_newton::Fit;
-use crate::measure::detect::estimate::options::PRIOR;
+use crate::measure::detect::estimate::{gauss_newton::Fit, options::PRIOR};
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::{Ellipse, half_turn};
 use crate::measure::detect::image::noise;
@@ -19,7 +21,7 @@ use crate::measure::setup::Shape;
 /// Whether residuals, root mean square, are larger than a marker's with the frame's noise and, of a disc, with that about it,
 /// grey levels.
 pub fn fits_poorly(image: &Raster, hypothesis: &Hypothesis, rms: f64, noise: f64, contrast: f64) -> bool {
-    let is_larger = |noise: f64| rms > 1.6 * noise + 0.05 * contrast;
+    let is_larger = |noise: f64| rms > VERDICT.poor.0 * noise + VERDICT.poor.1 * contrast;
     // Letters, which are their own noise, are taken for quadrants rather than for discs.
     if hypothesis.pattern == Pattern::Disc {
         is_larger(noise.max(VERDICT.lost_noise)) && is_larger(noise::about(image, &hypothesis.ellipse))
@@ -39,8 +41,6 @@ pub struct Measured {
     pub darkness: f64,
     /// The centre's variance from blocks of residuals over that of the fit.
     pub correlation: f64,
-    /// The centre's covariance if no residuals hung together, px^2.
-    pub white: Matrix2<f64>,
     /// Standard deviation of a disc's semi-major axis, px; 0 of quadrants.
     pub length: f64,
     /// Whether glare lies over it, through which it was measured.
@@ -52,25 +52,22 @@ pub struct Measured {
 impl Measured {
     /// Whether its place is told so well that nothing can hide much of it.
     pub fn is_sure(&self) -> bool {
-        self.detection.variance() < 0.1
+        self.detection.variance() < VERDICT.sure_px2
     }
 
     /// A whole marker of a test.
     #[cfg(test)]
     pub fn whole(detection: Detection) -> Self {
-        let white = Matrix2::identity();
         let (blur, darkness, correlation, length) = (1.5, 0.6, 1.0, 0.0);
-        Self { detection, blur, darkness, correlation, white, length, through_glare: false, is_whole: true }
+        Self { detection, blur, darkness, correlation, length, through_glare: false, is_whole: true }
     }
 }
 
+/// A marker, or why there is none.
+pub type Answer = Result<Measured, RejectReason>;
+
 /// Accepts or turns down a fit.
-pub fn judge(
-    image: &Raster,
-    hypothesis: &Hypothesis,
-    fit: &Fit,
-    noise: f64,
-) -> Result<Measured, RejectReason> {
+pub fn judge(image: &Raster, hypothesis: &Hypothesis, fit: &Fit, noise: f64) -> Answer {
     let m = &fit.parameters;
     let contrast = contrast(m);
     let ellipse = ellipse_of(hypothesis, m);
@@ -79,7 +76,7 @@ pub fn judge(
         return Err(RejectReason::LowContrast);
     }
     if m[BLUR] > VERDICT.softest_px
-        || fit.inliers < 0.55
+        || fit.inliers < VERDICT.inliers
         || fits_poorly(image, hypothesis, fit.rms, noise, contrast)
     {
         return Err(RejectReason::PoorFit);
@@ -88,8 +85,8 @@ pub fn judge(
         return Err(RejectReason::Pattern);
     }
     let covariance = covariance(hypothesis, fit, &ellipse);
-    let spread = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
-    if !(spread > 0.0 && spread < greatest_spread(hypothesis, &ellipse)) {
+    let sigma = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
+    if !(sigma > 0.0 && sigma < vaguest(hypothesis, &ellipse)) {
         return Err(RejectReason::Uncertain);
     }
     let is_disc = hypothesis.pattern == Pattern::Disc;
@@ -98,7 +95,6 @@ pub fn judge(
             shape: if is_disc { Shape::Circle } else { Shape::Quadrant },
             centre_px: ellipse.centre,
             covariance_px2: covariance,
-            beside_px2: 0.0,
             semi_major_px: ellipse.major,
             semi_minor_px: ellipse.minor,
             angle_rad: ellipse.angle,
@@ -108,8 +104,7 @@ pub fn judge(
         blur: m[BLUR],
         darkness: contrast / m[LIGHT].max(1.0),
         correlation: fit.correlation,
-        white: fit.white,
-        length: if is_disc { fit.covariance[(FIRST, FIRST)].max(0.0).sqrt() } else { 0.0 },
+        length: if is_disc { fit.covariance[(MAJOR, MAJOR)].max(0.0).sqrt() } else { 0.0 },
         through_glare: false,
         is_whole: hypothesis.is_whole(),
     })
@@ -121,12 +116,9 @@ fn ellipse_of(hypothesis: &Hypothesis, m: &Parameters) -> Ellipse {
     if hypothesis.pattern != Pattern::Disc {
         return Ellipse { centre, ..hypothesis.ellipse };
     }
-    let (major, minor, angle) = if m[FIRST] >= m[SECOND] {
-        (m[FIRST], m[SECOND], m[ANGLE])
-    } else {
-        (m[SECOND], m[FIRST], m[ANGLE] + std::f64::consts::FRAC_PI_2)
-    };
-    Ellipse { centre, major, minor, angle: half_turn(angle) }
+    let (major, minor) = (m[MAJOR].max(m[MINOR]), m[MINOR].min(m[MAJOR]));
+    let turn = if m[MAJOR] >= m[MINOR] { 0.0 } else { FRAC_PI_2 };
+    Ellipse { centre, major, minor, angle: half_turn(m[ANGLE] + turn) }
 }
 
 /// Whether a fitted ellipse may be a marker's, and enough of it shows.
@@ -137,20 +129,19 @@ fn judge_shape(
     ellipse: &Ellipse,
 ) -> Result<(), RejectReason> {
     let moved = (ellipse.centre - hypothesis.ellipse.centre).norm();
-    if moved > 0.25 * hypothesis.ellipse.major + 2.0 {
+    if moved > VERDICT.moved.0 * hypothesis.ellipse.major + VERDICT.moved.1 {
         return Err(RejectReason::PoorFit);
     }
-    let extent = ellipse.extent();
-    let (w, h) = (image.width() as f64, image.height() as f64);
-    let c = ellipse.centre;
-    if c.x - extent.x < 0.5 || c.y - extent.y < 0.5 || c.x + extent.x > w - 1.5 || c.y + extent.y > h - 1.5 {
+    let (extent, last) = (ellipse.extent(), [image.width() - 1, image.height() - 1].map(|v| v as f64));
+    let (low, high) = (ellipse.centre - extent, ellipse.centre + extent);
+    if (0..2).any(|k| low[k] < VERDICT.rim_px || high[k] > last[k] - VERDICT.rim_px) {
         return Err(RejectReason::TouchesEdge);
     }
-    if ellipse.minor < 0.8 || ellipse.major < 3.5 {
+    if ellipse.major < VERDICT.least_px[0] || ellipse.minor < VERDICT.least_px[1] {
         return Err(RejectReason::TooSmall);
     }
     let is_disc = hypothesis.pattern == Pattern::Disc;
-    let lopsided = is_disc && m[TAPER].abs() > 4.0 * PRIOR.taper;
+    let lopsided = is_disc && m[TAPER].abs() > VERDICT.lopsided * PRIOR.taper;
     let flattest = if is_disc { VERDICT.flattest } else { VERDICT.flattest_quadrants };
     if lopsided || ellipse.major > flattest * ellipse.minor {
         return Err(RejectReason::NotAnEllipse);
@@ -166,45 +157,46 @@ fn judge_shape(
 fn is_other_pattern(image: &Raster, hypothesis: &Hypothesis, m: &Parameters, ellipse: &Ellipse) -> bool {
     let known = hypothesis.prior.blur.is_some() || hypothesis.prior.size.is_some();
     hypothesis.edges.filter(|_| !known).is_some_and(|edges| {
-        !ends_in_arcs(image, hypothesis.pattern, ellipse, edges.0, m)
+        !ends_in_arcs(image, hypothesis.pattern, ellipse, edges.along_rad, m)
             || have_corners(image, hypothesis.pattern, ellipse, m)
     })
 }
 
 /// The centre's covariance, px^2: the fit's, and of a disc what curved skin and glare add.
-fn covariance(hypothesis: &Hypothesis, fit: &Fit, ellipse: &Ellipse) -> Matrix2<f64> {
+fn covariance(hypothesis: &Hypothesis, fit: &Fit, ellipse: &Ellipse) -> Covariance {
     let m = &fit.parameters;
-    let mut out = fit.covariance.fixed_view::<2, 2>(0, 0).into_owned();
+    let mut out = Covariance::of_fit(fit.covariance.fixed_view::<2, 2>(X, X).into_owned(), fit.white);
     // A crossing lies where glare does not.
     if hypothesis.pattern != Pattern::Disc {
         return out;
     }
     let axis = Vector2::new(m[ANGLE].cos(), m[ANGLE].sin());
-    out += axis * axis.transpose() * (VERDICT.laid * m[THIRD]).powi(2);
+    out.add_along(Source::CurvedSkin, axis, (VERDICT.laid * m[SAG]).powi(2));
     if hypothesis.is_in_glare() {
         // Both edges of a thin disc lie in the same light.
         let by =
             if hypothesis.prior.tells_all_of_size() { VERDICT.rest_of_fringe_px } else { VERDICT.fringe_px };
         let (along, across) = (ellipse.axis(), by * (ellipse.minor / VERDICT.even_px).min(1.0));
         let along_too = by.powi(2) - across.powi(2);
-        out += Matrix2::identity() * across.powi(2) + along * along.transpose() * along_too;
+        let doubt = Matrix2::identity() * across.powi(2) + along * along.transpose() * along_too;
+        out.add(Source::GlareFringe, doubt);
     }
     out
 }
 
 /// The standard deviation of a centre beyond which a place is too uncertain, px. A part of an outline, or one in uneven light,
 /// tells the centre less well, and says so; so does what is hardly seen, of which all is known but the place.
-fn greatest_spread(hypothesis: &Hypothesis, ellipse: &Ellipse) -> f64 {
+fn vaguest(hypothesis: &Hypothesis, ellipse: &Ellipse) -> f64 {
     let (vaguest, vaguer) = match (hypothesis.prior.size, hypothesis.pattern) {
-        (Some(_), Pattern::Disc) => (VERDICT.vaguest_predicted_px, 2.0),
+        (Some(_), Pattern::Disc) => (VERDICT.vaguest_predicted_px, VERDICT.predicted),
         // Edges that only point at their crossing.
         (Some(_), _) => (VERDICT.vaguest_crossing_px, 1.0),
         (None, _) => (VERDICT.vaguest_px, 1.0),
     };
     let most = if hypothesis.is_whole() && !hypothesis.is_painted() {
-        vaguer * (0.02 * ellipse.major).max(0.6)
+        vaguer * (VERDICT.vaguest_whole.0 * ellipse.major).max(VERDICT.vaguest_whole.1)
     } else {
         vaguest
     };
-    most.min(0.05 * ellipse.major).min(vaguest)
+    most.min(VERDICT.vaguest * ellipse.major).min(vaguest)
 }

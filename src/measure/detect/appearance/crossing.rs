@@ -1,11 +1,13 @@
 //! The blurred share of black of two opposite quadrants, for a batch of pixels.
 
-use super::parameters::{BLUR, FIRST, Parameters, SECOND, Share, TAPER, THIRD};
+use super::parameters::{BEND, BLUR, Parameters, Share, TANGENT, UNEVEN_BLUR};
 use crate::measure::detect::simd::functions::{GAUSS_8, PEAK, gauss, normals};
 use crate::measure::detect::simd::lanes::{LANES, Lanes, all, each};
 
 /// Standard deviations of blur from the crossing beyond which its two edges are apart.
 pub const NEAR: f64 = 3.6;
+/// Standard deviations of blur that a sum along s reaches to both sides: beyond, 0.003 % is left.
+const REACH: f32 = 4.2;
 
 /// The edges' parameters in single precision.
 #[derive(Clone, Copy)]
@@ -19,7 +21,7 @@ struct Edges {
     by_own: [f32; 2],
 }
 
-/// Share and derivatives at one place: c, s, t, FIRST, SECOND, THIRD, BLUR, TAPER.
+/// Share and derivatives at one place: as [`Share`] has them.
 type One = [f32; 8];
 
 /// The blurred share between two crossing edges `t = +-f s + k s^2`, `f <= 1`, around the s axis; motion blurs one of them
@@ -27,9 +29,10 @@ type One = [f32; 8];
 #[inline(always)]
 pub fn wedge(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
     let sigma = m[BLUR] as f32;
-    let (uneven, by_sigma) = (m[TAPER] as f32, 1.0 / sigma);
+    let (uneven, by_sigma) = (m[UNEVEN_BLUR] as f32, 1.0 / sigma);
     let by_own = [1.0 / (1.0 + uneven), 1.0 / (1.0 - uneven)];
-    let e = Edges { f: m[FIRST] as f32, k1: m[SECOND] as f32, k2: m[THIRD] as f32, sigma, by_sigma, by_own };
+    let e =
+        Edges { f: m[TANGENT] as f32, k1: m[BEND] as f32, k2: m[BEND + 1] as f32, sigma, by_sigma, by_own };
     let far = each(|i| if s[i].abs() > NEAR as f32 * e.sigma { 1.0 } else { 0.0 });
     let mut apart = Share::default();
     for i in 0..LANES {
@@ -61,7 +64,7 @@ impl Share {
 /// Near the crossing: summed along s on both sides of it, in closed form across.
 #[inline(always)]
 fn crossing(s: &Lanes, t: &Lanes, e: Edges, share: &mut Share) {
-    let reach = 4.2 * e.sigma;
+    let reach = REACH * e.sigma;
     for before in [true, false] {
         for (node, weight) in GAUSS_8 {
             for i in 0..LANES {
@@ -98,12 +101,12 @@ fn side<const TILTED: bool>(s: f32, t: f32, Edges { f, k1, k2, by_sigma, by_own,
     } else {
         (1.0, 1.0)
     };
-    let (by_spread1, by_spread2) = (by_sigma * tilt1 * by_own[0], by_sigma * tilt2 * by_own[1]);
-    let z1 = (t - f * s - k1 * s * s) * by_spread1;
-    let z2 = (t + f * s - k2 * s * s) * by_spread2;
+    let (by_width1, by_width2) = (by_sigma * tilt1 * by_own[0], by_sigma * tilt2 * by_own[1]);
+    let z1 = (t - f * s - k1 * s * s) * by_width1;
+    let z2 = (t + f * s - k2 * s * s) * by_width2;
     let [(d1, c1), (d2, c2)] = normals([z1, z2]);
     let side = if s >= 0.0 { 1.0 } else { -1.0 };
-    let (e1, e2) = (side * d1 * by_spread1, side * d2 * by_spread2);
+    let (e1, e2) = (side * d1 * by_width1, side * d2 * by_width2);
     let turn1 = if TILTED { side * d1 * z1 * slope1 * tilt1 * tilt1 } else { 0.0 };
     let turn2 = if TILTED { side * d2 * z2 * slope2 * tilt2 * tilt2 } else { 0.0 };
     [

@@ -1,11 +1,23 @@
 //! The blurred share of black of a disc seen as an ellipse, for a batch of pixels.
 
-use super::parameters::{BLUR, FIRST, Parameters, SECOND, Share, TAPER, THIRD};
+use super::parameters::{BLUR, MAJOR, MINOR, Parameters, SAG, Share, TAPER};
 use crate::measure::detect::simd::functions::{GAUSS_12, PEAK, asin, gauss, normal, normals, sin_quarter};
 use crate::measure::detect::simd::lanes::{LANES, Lanes, all, each};
 
 /// Standard deviations of blur within which the end of a flat ellipse needs the sum along it.
 pub const END: f64 = 4.2;
+
+/// The same that the sum reaches to both sides: beyond, 0.001 % is left.
+const REACH: f32 = 4.4;
+/// Where an outline is blunt: its least radius of curvature, blurs, and its greatest axis ratio.
+const BLUNT: (f64, f64) = (3.0, 3.0);
+/// Keeps divisors off zero: what single precision leaves of numbers near 1, and less than any place in semi-axes.
+const ROUNDING: f32 = 1e-6;
+const TINY: f32 = 1e-9;
+/// Longest step towards the nearest point of the outline, rad: farther, Newton's method may leave it.
+const TURN: f32 = 0.3;
+/// Least share of a chord's square at a flat ellipse's ends, where its edges are not straight.
+const CHORD: f32 = 1e-3;
 
 /// The ellipse's parameters in single precision.
 #[derive(Clone, Copy)]
@@ -37,10 +49,10 @@ pub fn beyond(s: &Lanes, t: &Lanes, [a, b]: [f32; 2], sag: f32, reach: f32) -> L
 #[inline(always)]
 pub fn disc(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
     let d = Disc {
-        a: m[FIRST] as f32,
-        by_a: 1.0 / m[FIRST] as f32,
-        b: m[SECOND] as f32,
-        sag: m[THIRD] as f32,
+        a: m[MAJOR] as f32,
+        by_a: 1.0 / m[MAJOR] as f32,
+        b: m[MINOR] as f32,
+        sag: m[SAG] as f32,
         taper: m[TAPER] as f32,
         sigma: m[BLUR] as f32,
     };
@@ -54,7 +66,7 @@ pub fn disc(s: &Lanes, t: &Lanes, m: &Parameters) -> Share {
     if all(|i| nothing[i] > 0.0) {
         return share;
     }
-    if m[SECOND] * m[SECOND] > 3.0 * m[BLUR] * m[FIRST] && m[FIRST] < 3.0 * m[SECOND] {
+    if m[MINOR] * m[MINOR] > BLUNT.0 * m[BLUR] * m[MAJOR] && m[MAJOR] < BLUNT.1 * m[MINOR] {
         by_distance(s, &straight, d, &mut share);
     } else if all(|i| s[i].abs() < d.a - END as f32 * d.sigma) {
         by_chord(s, &straight, d, &mut share);
@@ -79,12 +91,12 @@ pub fn from_ellipse(a: f32, b: f32, s: &Lanes, t: &Lanes) -> Lanes {
     let (by_a, by_b) = (1.0 / a, 1.0 / b);
     each(|i| {
         let (p, q) = (s[i] * by_a, t[i] * by_b);
-        let r = (p * p + q * q).sqrt() + 1e-6;
-        let slope = ((p * by_a) * (p * by_a) + (q * by_b) * (q * by_b)).sqrt() + 1e-9;
+        let r = (p * p + q * q).sqrt() + ROUNDING;
+        let slope = ((p * by_a) * (p * by_a) + (q * by_b) * (q * by_b)).sqrt() + TINY;
         let outwards = (r - 1.0).abs() * r / slope;
         // In a flat ellipse the outline across is nearer than the one outwards.
         let u = 1.0 - p * p;
-        let u = if u > 1e-9 { u } else { 1e-9 };
+        let u = if u > TINY { u } else { TINY };
         let across = (b * u.sqrt() - t[i].abs()) * (u / (u + (b * by_a * p) * (b * by_a * p))).sqrt();
         let across = if across > 0.0 { across } else { 0.0 };
         if r >= 1.0 || outwards < across { outwards } else { across }
@@ -100,16 +112,16 @@ fn by_distance(s: &Lanes, t: &Lanes, Disc { a, by_a, b, sigma, .. }: Disc, share
     for i in 0..LANES {
         let (s, t) = (s[i], t[i]);
         // The eccentric angle of the nearest point of the outline, by Newton's method, as a unit vector.
-        let (mut cos, mut sin) = (s * by_a + 1e-9, t * by_b);
+        let (mut cos, mut sin) = (s * by_a + TINY, t * by_b);
         let norm = 1.0 / (cos * cos + sin * sin).sqrt();
         (cos, sin) = (cos * norm, sin * norm);
         for _ in 0..3 {
             let slope = unlike * (cos * cos - sin * sin) + s * a * cos + t * b * sin;
             let value = unlike * sin * cos + s * a * sin - t * b * cos;
-            let slope = if slope.abs() > 1e-6 { slope } else { 1e-6 };
+            let slope = if slope.abs() > ROUNDING { slope } else { ROUNDING };
             let turn = -value / slope;
-            let turn = if turn < 0.3 { turn } else { 0.3 };
-            let turn = if turn > -0.3 { turn } else { -0.3 };
+            let turn = if turn < TURN { turn } else { TURN };
+            let turn = if turn > -TURN { turn } else { -TURN };
             let (one, other) = (cos - turn * sin, sin + turn * cos);
             let norm = 1.0 / (1.0 + turn * turn).sqrt();
             (cos, sin) = (one * norm, other * norm);
@@ -138,7 +150,7 @@ fn by_chord(s: &Lanes, t: &Lanes, Disc { by_a, b, sigma, .. }: Disc, share: &mut
     for i in 0..LANES {
         let (along, t) = (s[i] * by_a, t[i]);
         let u = 1.0 - along * along;
-        let u = if u > 1e-3 { u } else { 1e-3 };
+        let u = if u > CHORD { u } else { CHORD };
         let rise = flat * along;
         // The edge's slope is -rise / root: one division for both.
         let (root, steep) = (u.sqrt(), (u + rise * rise).sqrt());
@@ -146,14 +158,14 @@ fn by_chord(s: &Lanes, t: &Lanes, Disc { by_a, b, sigma, .. }: Disc, share: &mut
         let by_root = steep * by_both;
         let slope = -rise * by_root;
         let bend = -flat * by_a * by_root * by_root * by_root;
-        let by_spread = by_sigma * u * by_both;
+        let by_width = by_sigma * u * by_both;
         let edge = b * root + 0.5 * bend * sigma * sigma;
-        let (upper, lower) = ((t - edge) * by_spread, (t + edge) * by_spread);
+        let (upper, lower) = ((t - edge) * by_width, (t + edge) * by_width);
         let [(du, cu), (dl, cl)] = normals([upper, lower]);
-        let by_height = (du + dl) * by_spread;
+        let by_height = (du + dl) * by_width;
         share.c[i] = cl - cu;
         share.s[i] = by_height * slope;
-        share.t[i] = (dl - du) * by_spread;
+        share.t[i] = (dl - du) * by_width;
         share.first[i] = by_height * flat * along * along * by_root;
         share.second[i] = by_height * root;
         share.blur[i] = (upper * du - lower * dl) * by_sigma + by_height * bend * sigma;
@@ -164,7 +176,7 @@ fn by_chord(s: &Lanes, t: &Lanes, Disc { by_a, b, sigma, .. }: Disc, share: &mut
 /// it. The eccentric angle as the variable takes away the chord's infinite slope at the end.
 #[inline(always)]
 fn by_sum(s: &Lanes, t: &Lanes, Disc { a, by_a, b, sigma, .. }: Disc, share: &mut Share) {
-    let reach = 4.4 * sigma;
+    let reach = REACH * sigma;
     let by_sigma = 1.0 / sigma;
     let from = each(|i| asin((s[i] - reach) * by_a));
     let to = each(|i| asin((s[i] + reach) * by_a));

@@ -8,12 +8,14 @@
 use super::crossing::wedge;
 use super::disc::disc;
 use super::parameters::{
-    ANGLE, BLUR, COMMON, DARK, FIRST, GAMMA, Grey, LIGHT, N, Parameters, Pattern, SECOND, Share, TAPER,
-    THIRD, X, Y,
+    ANGLE, BLUR, COMMON, DARK, GAMMA, Grey, LIGHT, N, Parameters, Pattern, SHAPE, Share, TAPER, WHITEST, X, Y,
 };
 use crate::measure::detect::simd::batch::Batch;
 use crate::measure::detect::simd::functions::{exp, ln};
 use crate::measure::detect::simd::lanes::{LANES, Lanes, each};
+
+/// Least light over that of white, so that it has a logarithm: 4 % of its grey value under the usual tone curve.
+const DARKEST: f32 = 1e-3;
 
 /// A marker's image at some parameters, for batches of one origin.
 pub struct Model {
@@ -89,7 +91,7 @@ impl Model {
     /// What the tone curve makes of light.
     #[inline(always)]
     pub fn tone(&self, linear: f32) -> Tone {
-        let linear = if linear > 1e-3 { linear } else { 1e-3 };
+        let linear = if linear > DARKEST { linear } else { DARKEST };
         let log = ln(linear);
         Tone { linear, log, through: exp(self.k[GAMMA] * log) }
     }
@@ -112,8 +114,8 @@ pub fn grey(model: &Model, batch: &Batch, out: &mut Grey) {
         let dark = model.dark(at);
         let Tone { linear, log, through } = model.tone(1.0 - dark * c);
         let value = model.light(at) * through;
-        let clipped = value >= 255.0;
-        let (value, through) = if clipped { (255.0, 0.0) } else { (value, through) };
+        let clipped = value >= WHITEST;
+        let (value, through) = if clipped { (WHITEST, 0.0) } else { (value, through) };
         let open = if clipped { 0.0 } else { 1.0 };
         let slope = open * model.k[GAMMA] * value / linear;
         out.value[i] = value;
@@ -148,9 +150,9 @@ impl Slopes {
         gradient[X][i] = self.share * by_x;
         gradient[Y][i] = self.share * by_y;
         gradient[ANGLE][i] = self.share * by_angle;
-        gradient[FIRST][i] = self.share * share.first[i];
-        gradient[SECOND][i] = self.share * share.second[i];
-        gradient[THIRD][i] = self.share * share.third[i];
+        gradient[SHAPE][i] = self.share * share.first[i];
+        gradient[SHAPE + 1][i] = self.share * share.second[i];
+        gradient[SHAPE + 2][i] = self.share * share.third[i];
         gradient[BLUR][i] = self.share * share.blur[i];
         self.put_light(i, [p, q], gradient);
         gradient[TAPER][i] = self.share * share.taper[i];
@@ -173,50 +175,40 @@ impl Slopes {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::measure::detect::appearance::parameters::{BEND, MAJOR, MINOR, SAG, TANGENT};
 
-    /// A place with its coordinates in the marker's fixed frame.
-    #[derive(Clone, Copy, Debug)]
-    struct Place {
-        x: f64,
-        y: f64,
-    }
+    /// A pixel's column and row.
+    type Place = [f64; 2];
 
-    fn pixel(x: f64, y: f64) -> Place {
-        Place { x, y }
+    /// Shapes in one light.
+    fn lit<const COUNT: usize>(shapes: [[f64; 7]; COUNT]) -> Vec<Parameters> {
+        let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
+        let all = |s: [f64; 7]| std::array::from_fn(|i| *s.iter().chain(&light).nth(i).unwrap_or(&0.0));
+        shapes.map(all).to_vec()
     }
 
     fn discs() -> Vec<Parameters> {
-        let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
-        let shapes: [[f64; 7]; 4] = [
+        lit([
             [20.3, 19.8, 0.3, 30.0, 15.0, 0.0, 0.8],
             [20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.8],
             [20.3, 19.8, 1.2, 20.0, 1.2, 0.0, 0.9],
             [20.3, 19.8, 0.1, 6.0, 5.0, 0.0, 1.6],
-        ];
-        shapes
-            .iter()
-            .map(|s| std::array::from_fn(|i| *s.iter().chain(&light).nth(i).unwrap_or(&0.0)))
-            .collect()
+        ])
     }
 
     fn quadrants() -> Vec<Parameters> {
-        let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
-        let shapes: [[f64; 7]; 3] = [
+        lit([
             [20.3, 19.8, 0.3, 0.9, 0.0, 0.0, 0.8],
             [20.3, 19.8, -0.4, 0.1, 4e-4, 2e-4, 0.8],
             [20.3, 19.8, 1.2, 0.4, -1e-3, 0.0, 1.5],
-        ];
-        shapes
-            .iter()
-            .map(|s| std::array::from_fn(|i| *s.iter().chain(&light).nth(i).unwrap_or(&0.0)))
-            .collect()
+        ])
     }
 
     /// Value and derivatives at one pixel.
-    fn one(pattern: Pattern, m: &Parameters, pixel: &Place) -> (f64, Parameters) {
+    fn one(pattern: Pattern, m: &Parameters, [x, y]: Place) -> (f64, Parameters) {
         let mut batch = Batch::new();
-        batch.push((pixel.x - 20.0) as f32, (pixel.y - 20.0) as f32, 0.0);
-        (batch.p[0], batch.q[0]) = (((pixel.x - 20.0) / 30.0) as f32, ((pixel.y - 20.0) / 10.0) as f32);
+        batch.push((x - 20.0) as f32, (y - 20.0) as f32, 0.0);
+        (batch.p[0], batch.q[0]) = (((x - 20.0) / 30.0) as f32, ((y - 20.0) / 10.0) as f32);
         batch.fill();
         let mut out = Grey::new();
         grey(&Model::new(pattern, m, [20.0, 20.0]), &batch, &mut out);
@@ -224,7 +216,7 @@ mod tests {
     }
 
     /// The share of black by brute force: the sharp pattern, sampled finely, blurred.
-    fn sampled(pattern: Pattern, m: &Parameters, pixel: &Place) -> f64 {
+    fn sampled(pattern: Pattern, m: &Parameters, [x, y]: Place) -> f64 {
         let (sin, cos) = m[ANGLE].sin_cos();
         let (mut sum, mut weights) = (0.0, 0.0);
         let n = 160;
@@ -232,16 +224,16 @@ mod tests {
             for j in -n..=n {
                 let (gx, gy) = (f64::from(i) * 5.0 / f64::from(n), f64::from(j) * 5.0 / f64::from(n));
                 let w = (-0.5 * (gx * gx + gy * gy)).exp();
-                let (dx, dy) = (pixel.x + gx * m[BLUR] - m[X], pixel.y + gy * m[BLUR] - m[Y]);
+                let (dx, dy) = (x + gx * m[BLUR] - m[X], y + gy * m[BLUR] - m[Y]);
                 let (s, t) = (dx * cos + dy * sin, dy * cos - dx * sin);
                 let inside = match pattern {
                     Pattern::Disc => {
-                        let t = t - m[THIRD] * (s / m[FIRST]).powi(2);
-                        (s / m[FIRST]).powi(2) + (t / m[SECOND]).powi(2) < 1.0
+                        let t = t - m[SAG] * (s / m[MAJOR]).powi(2);
+                        (s / m[MAJOR]).powi(2) + (t / m[MINOR]).powi(2) < 1.0
                     }
                     _ => {
-                        let one = t - m[FIRST] * s - m[SECOND] * s * s;
-                        let other = t + m[FIRST] * s - m[THIRD] * s * s;
+                        let one = t - m[TANGENT] * s - m[BEND] * s * s;
+                        let other = t + m[TANGENT] * s - m[BEND + 1] * s * s;
                         (one * other < 0.0) == (pattern == Pattern::BlackAlong)
                     }
                 };
@@ -252,10 +244,10 @@ mod tests {
         sum / weights
     }
 
-    fn black(pattern: Pattern, m: &Parameters, pixel: &Place) -> f64 {
+    fn black(pattern: Pattern, m: &Parameters, at: Place) -> f64 {
         let mut flat = *m;
         flat[LIGHT..COMMON].copy_from_slice(&[100.0, 0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 1.0, 0.0]);
-        (1.0 - one(pattern, &flat, pixel).0 / 100.0) / 0.9
+        (1.0 - one(pattern, &flat, at).0 / 100.0) / 0.9
     }
 
     #[test]
@@ -265,8 +257,8 @@ mod tests {
         {
             for m in sets {
                 for i in 0..60 {
-                    let at = pixel(f64::from(i * 7 % 60) - 8.0, f64::from(i * 3 % 29) + 6.3);
-                    let (got, want) = (black(pattern, &m, &at), sampled(pattern, &m, &at));
+                    let at = [f64::from(i * 7 % 60) - 8.0, f64::from(i * 3 % 29) + 6.3];
+                    let (got, want) = (black(pattern, &m, at), sampled(pattern, &m, at));
                     assert!((got - want).abs() < 6e-3, "{pattern:?} {m:?} {at:?}: {got} against {want}");
                 }
             }
@@ -278,15 +270,15 @@ mod tests {
         for (pattern, sets) in [(Pattern::Disc, discs()), (Pattern::BlackAlong, quadrants())] {
             for m in sets {
                 for i in 0..60 {
-                    let at = pixel(f64::from(i * 7 % 60) - 8.3, f64::from(i * 3 % 29) + 6.7);
-                    let (_, gradient) = one(pattern, &m, &at);
+                    let at = [f64::from(i * 7 % 60) - 8.3, f64::from(i * 3 % 29) + 6.7];
+                    let (_, gradient) = one(pattern, &m, at);
                     for k in 0..COMMON {
-                        let step = if (SECOND..=THIRD).contains(&k) && m[k] < 0.1 { 1e-5 } else { 4e-3 };
+                        let step = if [BEND, BEND + 1].contains(&k) && m[k] < 0.1 { 1e-5 } else { 4e-3 };
                         let (mut low, mut high) = (m, m);
                         low[k] -= step;
                         high[k] += step;
                         let difference =
-                            (one(pattern, &high, &at).0 - one(pattern, &low, &at).0) / (2.0 * step);
+                            (one(pattern, &high, at).0 - one(pattern, &low, at).0) / (2.0 * step);
                         let scale = difference.abs().max(if step < 1e-4 { 2000.0 } else { 10.0 });
                         assert!(
                             (gradient[k] - difference).abs() < 0.06 * scale,

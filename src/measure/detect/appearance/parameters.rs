@@ -12,12 +12,18 @@ pub const X: usize = 0;
 pub const Y: usize = 1;
 /// Direction of s, rad.
 pub const ANGLE: usize = 2;
-/// Ellipse: semi-major axis, px. Quadrants: tangent of half the angle between the edges.
-pub const FIRST: usize = 3;
-/// Ellipse: semi-minor axis, px. Quadrants: curvature term of the first edge, 1/px.
-pub const SECOND: usize = 4;
-/// Ellipse: sag of the bent axis at its ends, px. Quadrants: curvature of the second edge, 1/px.
-pub const THIRD: usize = 5;
+/// First of the three slots of the shape, whose meaning the pattern tells ([`Geometry`]).
+pub const SHAPE: usize = 3;
+/// Disc: semi-major axis, px.
+pub const MAJOR: usize = SHAPE;
+/// Disc: semi-minor axis, px.
+pub const MINOR: usize = SHAPE + 1;
+/// Disc: sag of the bent axis at its ends, px.
+pub const SAG: usize = SHAPE + 2;
+/// Quadrants: tangent of half the angle between the edges.
+pub const TANGENT: usize = SHAPE;
+/// Quadrants: curvature term of the first edge and, in the next slot, of the second, 1/px.
+pub const BEND: usize = SHAPE + 1;
 /// Blur, pixel included, px.
 pub const BLUR: usize = 6;
 /// Light: constant, along s, along t, along s squared.
@@ -26,9 +32,10 @@ pub const LIGHT: usize = 7;
 pub const DARK: usize = 11;
 /// Exponent of the tone curve.
 pub const GAMMA: usize = 14;
-/// Ellipse: relative change of its thickness from the centre to its end. Quadrants: by how much the first edge's blur is more
-/// than the mean of both, as a share.
+/// Disc: relative change of its thickness from the centre to its end.
 pub const TAPER: usize = 15;
+/// Quadrants: by how much the first edge's blur is more than the mean of both, as a share.
+pub const UNEVEN_BLUR: usize = TAPER;
 /// Narrow quadrants' outline, five numbers ([`super::quadrants`]).
 pub const OUTLINE: usize = COMMON;
 /// The skin's light about narrow quadrants over that of their white: constant, along s, along t.
@@ -36,6 +43,9 @@ pub const SKIN: usize = 21;
 
 /// Parameters of a marker's image.
 pub type Parameters = [f64; N];
+
+/// The lightest grey value.
+pub const WHITEST: f32 = u8::MAX as f32;
 
 /// The light `L` of a place, in semi-axes along and across the marker, grey levels.
 pub fn light_at(m: &Parameters, p: f64, q: f64) -> f64 {
@@ -53,7 +63,27 @@ pub enum Pattern {
     WhiteAlong,
 }
 
-/// Share of black and its derivatives by s, t, FIRST, SECOND, THIRD, BLUR and TAPER.
+/// What the slots of a marker's shape hold, by its pattern.
+#[derive(Clone, Copy, Debug)]
+pub enum Geometry {
+    /// A disc's semi-axes, px.
+    Disc { major: f64, minor: f64 },
+    /// Tangent of half the angle between the edges of quadrants, and by how much the first one's blur is more than the mean of
+    /// both, as a share.
+    Quadrants { tangent: f64, uneven_blur: f64 },
+}
+
+impl Geometry {
+    /// Of a pattern's parameters.
+    pub fn of(pattern: Pattern, m: &Parameters) -> Self {
+        match pattern {
+            Pattern::Disc => Self::Disc { major: m[MAJOR], minor: m[MINOR] },
+            _ => Self::Quadrants { tangent: m[TANGENT], uneven_blur: m[UNEVEN_BLUR] },
+        }
+    }
+}
+
+/// Share of black and its derivatives by s, t, the three slots of the shape, BLUR and TAPER or UNEVEN_BLUR.
 #[derive(Clone, Debug, Default)]
 pub struct Share {
     pub c: Lanes,

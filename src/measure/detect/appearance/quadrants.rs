@@ -11,13 +11,12 @@
 
 use super::formula::{Model, Slopes, Tone};
 use super::parameters::{
-    ANGLE, ASIDE, BLUR, CHORD, COMMON, FIRST, GAMMA, Grey, LENGTH, N, OutlineGradient, Pattern, SECOND,
-    SHEAR, SKIN, THIRD, X, Y,
+    ANGLE, ASIDE, BEND, BLUR, CHORD, COMMON, GAMMA, Grey, LENGTH, N, OutlineGradient, Pattern, SHEAR, SKIN,
+    TANGENT, WHITEST, X, Y,
 };
-use crate::measure::detect::simd::batch::Batch;
-use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::detect::simd::functions::{PEAK, asin, exp, normals};
 use crate::measure::detect::simd::lanes::{LANES, Lanes, each};
+use crate::measure::detect::simd::{batch::Batch, dispatch::wide};
 
 /// Chords about a pixel. With the step they reach 3.9 blurs to both sides, where 0.01 % is left.
 const CHORDS: i32 = 12;
@@ -36,6 +35,7 @@ struct Blurred {
 }
 
 /// What lies between the edges and what lies within the outline, at places along and across the edges' bisector.
+#[derive(Default)]
 struct Chords {
     between: Blurred,
     edges: [Lanes; 3],
@@ -43,6 +43,7 @@ struct Chords {
 }
 
 /// What a chord tells of a share: its derivatives by both ends of the outline are `low` and `high`.
+#[derive(Default)]
 struct Part {
     c: Lanes,
     t: Lanes,
@@ -126,13 +127,7 @@ impl Blurred {
 /// What lies between two ends across, in blurs from the pixel, and its derivatives by both.
 #[inline(always)]
 fn part(low: &Lanes, high: &Lanes, by_sigma: f32) -> Part {
-    let mut out = Part {
-        c: Lanes::of(0.0),
-        t: Lanes::of(0.0),
-        blur: Lanes::of(0.0),
-        low: Lanes::of(0.0),
-        high: Lanes::of(0.0),
-    };
+    let mut out = Part::default();
     for i in 0..LANES {
         let [(d_low, c_low), (d_high, c_high)] = normals([low[i], high[i]]);
         out.c[i] = c_low - c_high;
@@ -165,7 +160,7 @@ wide! {
 
 #[inline(always)]
 fn chords_by(s: &Lanes, t: &Lanes, k: &[f32; N]) -> Chords {
-    let mut out = Chords { between: Blurred::default(), edges: Default::default(), own: Blurred::default() };
+    let mut out = Chords::default();
     let by_sigma = 1.0 / k[BLUR];
     let step = STEP * k[BLUR];
     let by_step = 1.0 / step;
@@ -175,12 +170,12 @@ fn chords_by(s: &Lanes, t: &Lanes, k: &[f32; N]) -> Chords {
         let at = each(|i| (first[i] + turn) * step);
         let chord = Chord::at(at, s, k);
         // The outline bends with the edges, on the same skin.
-        let bend = 0.5 * (k[SECOND] + k[THIRD]);
+        let bend = 0.5 * (k[BEND] + k[BEND + 1]);
         let middle = each(|i| k[ASIDE + 1] + k[SHEAR] * chord.along[i] + bend * at[i] * at[i]);
         let low = each(|i| middle[i] - k[CHORD] * chord.by_chord[i]);
         let high = each(|i| middle[i] + k[CHORD] * chord.by_chord[i]);
-        let one = each(|i| at[i] * (k[FIRST] + k[SECOND] * at[i]));
-        let other = each(|i| at[i] * (k[THIRD] * at[i] - k[FIRST]));
+        let one = each(|i| at[i] * (k[TANGENT] + k[BEND] * at[i]));
+        let other = each(|i| at[i] * (k[BEND + 1] * at[i] - k[TANGENT]));
         let lower = each(|i| if at[i] < 0.0 { one[i] } else { other[i] });
         let upper = each(|i| if at[i] < 0.0 { other[i] } else { one[i] });
         let blurs = |v: &Lanes| each(|i| (t[i] - v[i]) * by_sigma);
@@ -222,7 +217,7 @@ fn turn_at_crossing(s: &Lanes, t: &Lanes, k: &[f32; N], out: &mut Chords) {
         STEP * STEP / 6.0 * PEAK * PEAK * exp(-0.5 * (p * p + q * q))
     });
     add(&mut out.edges[0], |i| -turn[i]);
-    let turn = each(|i| turn[i] * k[FIRST]);
+    let turn = each(|i| turn[i] * k[TANGENT]);
     add(&mut out.between.c, |i| -turn[i]);
     add(&mut out.between.s, |i| turn[i] * s[i] * by_sigma * by_sigma);
     add(&mut out.between.t, |i| turn[i] * t[i] * by_sigma * by_sigma);
@@ -252,19 +247,19 @@ fn grey_by(model: &Model, batch: &Batch, out: &mut Grey) {
         let black = if white_along { own.c[i] - between.c[i] } else { between.c[i] };
         let Tone { linear, log, through } = model.tone(skin + own.c[i] * (1.0 - skin) - dark * black);
         let value = model.light([p, q]) * through;
-        let clipped = value >= 255.0;
+        let clipped = value >= WHITEST;
         let open = if clipped { 0.0 } else { 1.0 };
-        grey[i] = if clipped { 255.0 } else { value };
+        grey[i] = if clipped { WHITEST } else { value };
         let slope = open * k[GAMMA] * value / linear;
         let by_between = if white_along { slope * dark } else { -slope * dark };
         let by_own = slope * (1.0 - skin) - if white_along { slope * dark } else { 0.0 };
         let sum = |of_between: f32, of_own: f32| by_between * of_between + by_own * of_own;
         let (by_s, by_t) = (sum(between.s[i], own.s[i]), sum(between.t[i], own.t[i]));
         [gradient[X][i], gradient[Y][i], gradient[ANGLE][i]] = model.moved([by_s, by_t], [s[i], t[i]]);
-        gradient[FIRST][i] = by_between * edges[0][i];
+        gradient[TANGENT][i] = by_between * edges[0][i];
         let by_bend = sum(between.bend[i], own.bend[i]);
-        gradient[SECOND][i] = by_between * edges[1][i] + by_bend;
-        gradient[THIRD][i] = by_between * edges[2][i] + by_bend;
+        gradient[BEND][i] = by_between * edges[1][i] + by_bend;
+        gradient[BEND + 1][i] = by_between * edges[2][i] + by_bend;
         gradient[BLUR][i] = sum(between.blur[i], own.blur[i]);
         for (j, (of_between, of_own)) in between.ellipse.iter().zip(&own.ellipse).enumerate() {
             outline_gradient[j][i] = sum(of_between[i], of_own[i]);
@@ -285,12 +280,12 @@ fn grey_by(model: &Model, batch: &Batch, out: &mut Grey) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measure::detect::appearance::parameters::{DARK, LIGHT, Parameters, TAPER};
+    use crate::measure::detect::appearance::parameters::{DARK, LIGHT, Parameters, UNEVEN_BLUR};
 
     fn narrow() -> Parameters {
         let mut m = [0.0; N];
-        (m[X], m[Y], m[ANGLE], m[FIRST], m[BLUR]) = (20.3, 19.8, -0.3, 0.3, 1.8);
-        (m[SECOND], m[THIRD]) = (2e-3, -1e-3);
+        (m[X], m[Y], m[ANGLE], m[TANGENT], m[BLUR]) = (20.3, 19.8, -0.3, 0.3, 1.8);
+        (m[BEND], m[BEND + 1]) = (2e-3, -1e-3);
         (m[LENGTH], m[CHORD], m[SHEAR], m[ASIDE], m[ASIDE + 1]) = (30.0, 7.0, 0.1, 0.4, -0.3);
         (m[LIGHT], m[LIGHT + 1], m[DARK], m[DARK + 2], m[GAMMA]) = (210.0, 3.0, 0.9, 0.02, 0.45);
         (m[SKIN], m[SKIN + 1], m[SKIN + 2]) = (0.5, 0.05, -0.04);
@@ -321,9 +316,10 @@ mod tests {
                 let (dx, dy) = (x + gx * m[BLUR] - m[X], y + gy * m[BLUR] - m[Y]);
                 let (s, t) = (dx * cos + dy * sin, dy * cos - dx * sin);
                 let along = s - m[ASIDE];
-                let across = t - m[ASIDE + 1] - m[SHEAR] * along - 0.5 * (m[SECOND] + m[THIRD]) * s * s;
+                let across = t - m[ASIDE + 1] - m[SHEAR] * along - 0.5 * (m[BEND] + m[BEND + 1]) * s * s;
                 if (along / m[LENGTH]).powi(2) + (across / m[CHORD]).powi(2) < 1.0 {
-                    let (one, other) = (m[FIRST] * s + m[SECOND] * s * s, -m[FIRST] * s + m[THIRD] * s * s);
+                    let (one, other) =
+                        (m[TANGENT] * s + m[BEND] * s * s, -m[TANGENT] * s + m[BEND + 1] * s * s);
                     sums[usize::from((t - one) * (t - other) > 0.0)] += w;
                 }
             }
@@ -354,7 +350,7 @@ mod tests {
             let (x, y) = (f64::from(i * 7 % 80) - 19.7, f64::from(i * 3 % 29) + 6.3);
             let gradient = one(&m, x, y).1;
             for k in 0..N {
-                let step = if [SECOND, THIRD].contains(&k) { 1e-4 } else { 2e-2 };
+                let step = if [BEND, BEND + 1].contains(&k) { 1e-4 } else { 2e-2 };
                 let (mut low, mut high) = (m, m);
                 low[k] -= step;
                 high[k] += step;
@@ -364,8 +360,8 @@ mod tests {
             }
         }
         // Where an edge meets the outline between two chords, differences and derivatives take different ones.
-        for k in (0..N).filter(|&k| k != TAPER) {
-            let rough = if [FIRST, SHEAR, BLUR].contains(&k) { 0.1 } else { 0.01 };
+        for k in (0..N).filter(|&k| k != UNEVEN_BLUR) {
+            let rough = if [TANGENT, SHEAR, BLUR].contains(&k) { 0.1 } else { 0.01 };
             let (own, off) = (own[k].sqrt(), off[k].sqrt());
             assert!(own > 0.0 && off < rough * own, "parameter {k}: off by {off} of {own}");
         }

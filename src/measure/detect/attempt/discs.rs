@@ -2,7 +2,7 @@
 
 use super::ladder::Ladder;
 use super::whole::looks_cut;
-use crate::measure::detect::accept::verdict::Measured;
+use crate::measure::detect::accept::verdict::Answer;
 use crate::measure::detect::attempt::options::WHOLE;
 use crate::measure::detect::detection::{Detection, RejectReason};
 use crate::measure::detect::hypothesis::Hypothesis;
@@ -11,7 +11,7 @@ use crate::measure::detect::propose::moments;
 
 impl Ladder<'_> {
     /// What a blob measures that looks like a whole disc; `None` for others.
-    fn measure_round(&self, index: usize) -> Option<Result<Measured, RejectReason>> {
+    fn measure_round(&self, index: usize) -> Option<Answer> {
         let round = self.blobs.get(index).filter(|b| !looks_cut(b)).and_then(|b| moments::disc(index, b));
         round.map(|disc| self.measure_whole(index, &disc))
     }

@@ -4,16 +4,14 @@ use std::cell::{OnceCell, RefCell};
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::accept::verdict::Measured;
+use crate::measure::detect::accept::verdict::{Answer, Measured};
 use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::attempt::measure::{Bounds, is_too_small, measure};
+use crate::measure::detect::attempt::measure::{Bounds, measure, turn_down_at_once};
 use crate::measure::detect::attempt::whole;
 use crate::measure::detect::detection::RejectReason;
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::hypothesis::prior::Prior;
+use crate::measure::detect::hypothesis::{Hypothesis, prior::Prior};
 use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::occlusion::decal::ROWS;
-use crate::measure::detect::occlusion::{decal, glare};
+use crate::measure::detect::occlusion::{decal, decal::ROWS, glare};
 use crate::measure::detect::propose::blurred_quadrants::against_skin;
 use crate::measure::detect::propose::{glare_cut, partial_ellipse, quadrant_outline};
 use crate::measure::detect::segment::blob::Blob;
@@ -37,8 +35,8 @@ enum When {
 /// Whether the size that the discs about it predict may help to measure it better.
 #[derive(Clone, Copy)]
 enum Size {
-    /// It tells its size itself.
-    Told,
+    /// It shows its size itself.
+    Seen,
     /// Where it has answered with a twin's.
     OfTwin,
     /// Whether it has answered or not.
@@ -55,64 +53,52 @@ struct Rung {
     size: Size,
 }
 
+impl Rung {
+    /// One that shows its size, and whose failure is not reported.
+    const fn of(when: When, propose: fn(&Climb) -> Option<Hypothesis>) -> Self {
+        Self { when, propose, tells_why: false, size: Size::Seen }
+    }
+
+    const fn telling_why(self) -> Self {
+        Self { tells_why: true, ..self }
+    }
+
+    const fn of_size(self, size: Size) -> Self {
+        Self { size, ..self }
+    }
+
+    /// What was seen, as it is.
+    const fn as_seen(when: When) -> Self {
+        Self::of(when, |climb| Some(climb.seen.clone())).telling_why()
+    }
+}
+
 /// Of quadrants.
 const QUADRANTS: [Rung; 3] = [
     // Black parts that were seen at two levels, seen at one.
-    Rung {
-        when: When::Unanswered,
-        propose: |climb| quadrant_outline::at_one_level(climb.ladder.image, climb.seen, climb.ladder.blobs),
-        tells_why: false,
-        size: Size::Told,
-    },
-    AS_SEEN,
+    Rung::of(When::Unanswered, |climb| {
+        quadrant_outline::at_one_level(climb.ladder.image, climb.seen, climb.ladder.blobs)
+    }),
+    Rung::as_seen(When::Unanswered),
     // Blurred ones, by black and white against the skin.
-    Rung {
-        when: When::Unanswered,
-        propose: |climb| against_skin(climb.ladder.image, climb.seen, climb.ladder.bounds.blur),
-        tells_why: false,
-        size: Size::Told,
-    },
+    Rung::of(When::Unanswered, |climb| {
+        against_skin(climb.ladder.image, climb.seen, climb.ladder.bounds.blur)
+    }),
 ];
-
-/// What was seen, as it is.
-const AS_SEEN: Rung = Rung {
-    when: When::Unanswered,
-    propose: |climb| Some(climb.seen.clone()),
-    tells_why: true,
-    size: Size::Told,
-};
 
 /// Of a blob that may be a disc.
 const DISC: [Rung; 5] = [
-    Rung { when: When::Whole, ..AS_SEEN },
+    Rung::as_seen(When::Whole),
     // Glare hides an end of it, or crosses it: also where it looks whole and is measured badly.
-    Rung {
-        when: When::Unsure,
-        propose: |climb| climb.in_glare().cloned(),
-        tells_why: true,
-        size: Size::Lacking,
-    },
+    Rung::of(When::Unsure, |climb| climb.in_glare().cloned()).telling_why().of_size(Size::Lacking),
     // Under a neighbour's decal that lies along rows or columns.
-    Rung {
-        when: When::Cut,
-        propose: |climb| climb.under_decal(|_| ROWS),
-        tells_why: true,
-        size: Size::OfTwin,
-    },
+    Rung::of(When::Cut, |climb| climb.under_decal(|_| ROWS)).telling_why().of_size(Size::OfTwin),
     // Under one that lies along the line in which the rim ends.
-    Rung {
-        when: When::Cut,
-        propose: |climb| climb.under_slanted_decal(),
-        tells_why: false,
-        size: Size::OfTwin,
-    },
+    Rung::of(When::Cut, |climb| climb.under_slanted_decal()).of_size(Size::OfTwin),
     // Only its threshold cuts it, which followed a background that something beside it lowers, as a line at its tip does.
-    Rung {
-        when: When::CutOutsideGlare,
-        propose: |climb| climb.blob.and_then(|(i, blob)| whole::at_one_level(climb.ladder.image, blob, i)),
-        tells_why: false,
-        size: Size::Told,
-    },
+    Rung::of(When::CutOutsideGlare, |climb| {
+        climb.blob.and_then(|(i, blob)| whole::at_one_level(climb.ladder.image, blob, i))
+    }),
 ];
 
 /// What is measured, and in which picture.
@@ -121,12 +107,12 @@ pub struct Ladder<'a> {
     pub blobs: &'a [Blob],
     pub bounds: Bounds,
     /// What blobs measured as whole discs, each once.
-    whole: RefCell<Vec<Option<Result<Measured, RejectReason>>>>,
+    whole: RefCell<Vec<Option<Answer>>>,
 }
 
 /// What came of a hypothesis.
 pub struct Outcome {
-    pub measured: Result<Measured, RejectReason>,
+    pub measured: Answer,
     /// What it may be, where the size that the discs about it predict may help to measure it better.
     pub lacks_size: Option<Hypothesis>,
 }
@@ -143,17 +129,17 @@ impl<'a> Ladder<'a> {
     }
 
     /// The answer for a hypothesis by the first rung that holds, or the reason why none does.
-    pub fn measure(&self, seen: &Hypothesis) -> Result<Measured, RejectReason> {
+    pub fn measure(&self, seen: &Hypothesis) -> Answer {
         self.climb(seen).measured
     }
 
     /// The same with what may be measured better later.
     pub fn climb(&self, seen: &Hypothesis) -> Outcome {
         let mut climb = Climb::of(self, seen);
-        if climb.blob.is_some() && is_too_small(&seen.ellipse) {
-            return Outcome { measured: Err(RejectReason::TooSmall), lacks_size: None };
-        }
         let (mut reason, mut lacks_size) = (RejectReason::NotAnEllipse, None);
+        if climb.blob.is_some() && turn_down_at_once(self.blobs, seen) == Err(RejectReason::TooSmall) {
+            return Outcome { measured: Err(RejectReason::TooSmall), lacks_size };
+        }
         for rung in climb.rungs() {
             let due = climb.is_due(rung.when);
             let Some(proposed) = due.then(|| (rung.propose)(&climb)).flatten() else { continue };
@@ -178,7 +164,7 @@ impl<'a> Ladder<'a> {
     }
 
     /// What the blob of a disc's hypothesis measures as a whole disc.
-    pub fn measure_whole(&self, index: usize, disc: &Hypothesis) -> Result<Measured, RejectReason> {
+    pub fn measure_whole(&self, index: usize, disc: &Hypothesis) -> Answer {
         if let Some(Some(known)) = self.whole.borrow().get(index) {
             return known.clone();
         }
@@ -221,7 +207,7 @@ impl<'a> Climb<'a> {
     fn rungs(&self) -> &'static [Rung] {
         match self.seen.pattern {
             Pattern::Disc if self.blob.is_some() => &DISC,
-            Pattern::Disc => const { &[AS_SEEN] },
+            Pattern::Disc => const { &[Rung::as_seen(When::Unanswered)] },
             _ => &QUADRANTS,
         }
     }
@@ -242,7 +228,7 @@ impl<'a> Climb<'a> {
     }
 
     /// What a rung proposes measures.
-    fn measure(&self, proposed: &Hypothesis) -> Result<Measured, RejectReason> {
+    fn measure(&self, proposed: &Hypothesis) -> Answer {
         match self.blob {
             Some((index, _)) if proposed == self.seen => self.ladder.measure_whole(index, proposed),
             _ => measure(self.ladder.image, self.ladder.blobs, proposed, self.ladder.bounds),

@@ -2,16 +2,15 @@
 
 use crate::measure::detect::attempt::options::WHOLE;
 use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::histogram::Histogram;
+use crate::measure::detect::image::{ellipse::Ellipse, histogram::Histogram};
 use crate::measure::detect::propose::moments;
-use crate::measure::detect::segment::blob;
-use crate::measure::detect::segment::blob::Blob;
+use crate::measure::detect::segment::blob::{self, Blob};
 use crate::measure::raster::Raster;
 
 /// Whether a blob is too square for a whole disc of its size.
 pub fn looks_cut(blob: &Blob) -> bool {
-    cut_by(blob) > 1.0
+    let minor = Ellipse::of(blob).minor.max(WHOLE.thin_px);
+    moments::squareness(blob) / (WHOLE.square.0 + WHOLE.square.1 / (minor * minor)) > 1.0
 }
 
 /// Grey values of a blob and of the skin about it.
@@ -21,16 +20,10 @@ fn levels(image: &Raster, blob: &Blob) -> Option<(usize, usize)> {
     let own = blob.runs.iter().flat_map(|&[y, from, to]| {
         image.row(y as usize).iter().take(to as usize + 1).skip(from as usize).copied()
     });
-    let (black, middle) = (Histogram::of(own).middle()?, about.middle()?);
+    let (black, usual) = (Histogram::of(own).median()?, about.median()?);
     // Between close neighbours most of what is about is as black.
     let lightest = about.at(about.total() * 9 / 10)?;
-    Some((black, if middle < black.midpoint(lightest) { lightest } else { middle }))
-}
-
-/// How square a blob is against what a whole disc of its size may be.
-fn cut_by(blob: &Blob) -> f64 {
-    let minor = Ellipse::of(blob).minor.max(0.5);
-    moments::squareness(blob) / (0.13 + 1.3 / (minor * minor))
+    Some((black, if usual < black.midpoint(lightest) { lightest } else { usual }))
 }
 
 /// The hypothesis of a disc that only looks cut because its threshold followed a background that something beside it

@@ -2,14 +2,12 @@
 
 use nalgebra::Matrix2;
 
+use super::bounds::{is_plausible, limit};
 use super::cholesky::Factor;
 use super::normal_equations::{Column, Images, Square, Step, linearise};
-use super::unknowns::Unknowns;
-use crate::measure::detect::appearance::parameters::{
-    ANGLE, BLUR, CHORD, DARK, FIRST, GAMMA, LENGTH, LIGHT, N, Parameters, Pattern, SHEAR, TAPER, X, Y,
-    contrast,
-};
-use crate::measure::detect::estimate::options::ITERATION;
+use super::prior::Unknowns;
+use crate::measure::detect::appearance::parameters::{LENGTH, MAJOR, N, Parameters, Pattern, X, Y, contrast};
+use crate::measure::detect::estimate::options::{ITERATION, WEIGHT};
 use crate::measure::detect::sample::pixels::Pixels;
 
 /// A converged fit.
@@ -91,7 +89,7 @@ pub fn rough(
 ) -> Option<(Parameters, f64)> {
     let mut problem = Problem::new(pixels, start, unknowns, floor)?;
     // Most pixels are flat and say nothing of an edge that is still off: the scale comes down slowly.
-    let end = problem.solve(*start, 0.15 * contrast(start), Until::Near)?;
+    let end = problem.solve(*start, ITERATION.first_scale * contrast(start), Until::Near)?;
     Some((end.parameters, end.scale))
 }
 
@@ -104,8 +102,7 @@ pub fn fit(pixels: &Pixels, start: &Parameters, scale: f64, unknowns: &Unknowns,
         problem.solve(*start, scale.max(problem.floor), Until::Fixed)?;
     let variance = step.variance(count);
     let covariance = factor.inverse() * variance;
-    let rms = (step.square / step.weight.max(1e-9)).sqrt();
-    let inliers = step.weight / problem.pixels.weight();
+    let (rms, inliers) = (step.rms(), step.weight / problem.pixels.weight());
     let images = problem.images.unwrap_or_default();
     let white = covariance.fixed_view::<2, 2>(X, X).into_owned();
     Some(Fit { parameters, covariance, variance, rms, inliers, start, images, correlation: 1.0, white })
@@ -115,20 +112,22 @@ impl<'a> Problem<'a> {
     fn new(pixels: &'a Pixels, start: &Parameters, unknowns: &'a Unknowns, floor: f64) -> Option<Self> {
         let count = unknowns.free.iter().filter(|&&f| f).count();
         let enough = pixels.count() >= 2 * count;
-        enough.then(|| Self { pixels, images: None, unknowns, floor: floor.max(0.02 * contrast(start)) })
+        let floor = floor.max(WEIGHT.floor * contrast(start));
+        enough.then_some(Self { pixels, images: None, unknowns, floor })
     }
 
     /// Repeats the linear solution until the centre stands still.
     fn solve(&mut self, mut m: Parameters, mut scale: f64, until: Until) -> Option<End> {
-        let mut last = scale;
+        let (mut last, near_px) = (scale, ITERATION.near_px);
         let most = if until == Until::Near { ITERATION.most_rough } else { ITERATION.most_last };
         for iteration in 0..most {
             let step = linearise(self.pixels, &m, self.unknowns, scale, self.floor, self.images.as_mut());
-            let damping = if until == Until::Near && iteration < 2 { 1e-3 } else { 1e-10 };
+            let damped = until == Until::Near && iteration < ITERATION.damped;
+            let damping = if damped { ITERATION.damping } else { ITERATION.undamped };
             let factor = Factor::new(&step.normal, &self.unknowns.free, damping)?;
             let mut change = factor.solve(&step.right);
             let moved = change[X].hypot(change[Y]);
-            if moved < 0.05 {
+            if moved < ITERATION.gain_px {
                 change *= step.gain();
             }
             let change = limit(change, &m, self.pixels);
@@ -136,33 +135,35 @@ impl<'a> Problem<'a> {
             for i in 0..N {
                 m[i] += change[i];
             }
-            if !plausible(self.pixels, &m) {
+            if !is_plausible(self.pixels, &m) {
                 return None;
             }
             let ratio = (step.scale / scale - 1.0).abs();
             // Either it stood still before this step, or the step takes next to nothing off the residuals.
-            let steady = (step.scale / last - 1.0).abs() < 0.2 || step.promise(&change) < 0.1;
+            let steady = (step.scale / last - 1.0).abs() < ITERATION.steady
+                || step.promise(&change) < ITERATION.hardly;
             last = step.scale;
-            scale = step.scale.max(0.4 * scale);
+            scale = step.scale.max(ITERATION.fall * scale);
             let settled = match until {
-                Until::Near => moved < 0.02 && steady && self.is_calm(&change, 0.02),
+                Until::Near => moved < near_px && steady && self.is_calm(&change, near_px),
                 // What is known to a pixel only need not stand as still.
                 Until::Fixed => {
-                    ratio < 0.15 && {
-                        let most = 0.1 * self.spread(&step, &factor);
-                        moved < most && self.is_calm(&change, most.max(0.02))
+                    ratio < ITERATION.steady_last && {
+                        let most = ITERATION.still * self.sigma(&step, &factor);
+                        moved < most && self.is_calm(&change, most.max(near_px))
                     }
                 }
             };
-            if settled || (iteration + 1 == most && moved < 0.02) {
+            if settled || (iteration + 1 == most && moved < near_px) {
                 return Some(End { parameters: m, start, scale, step, factor });
             }
             if until == Until::Fixed && iteration + 1 >= ITERATION.slow && moved > ITERATION.slow_px {
                 return None;
             }
-            let far = iteration >= ITERATION.late && moved > 1.0 && step.scale > 0.05 * contrast(&m);
-            if far
-                || (iteration >= ITERATION.early && step.scale > 0.2 * contrast(&m))
+            let leaves = |share: f64| step.scale > share * contrast(&m);
+            let is_far = moved > ITERATION.late_px && leaves(ITERATION.late_left);
+            if (is_far && iteration >= ITERATION.late)
+                || (iteration >= ITERATION.early && leaves(ITERATION.early_left))
                 || (until == Until::Near && self.is_hopeless(iteration, step.scale / contrast(&m)))
             {
                 return None;
@@ -184,7 +185,7 @@ impl<'a> Problem<'a> {
     /// Whether the length, px, of what has an outline hardly changes.
     fn is_calm(&self, change: &Column, most: f64) -> bool {
         let length = match self.pixels.pattern {
-            Pattern::Disc => FIRST,
+            Pattern::Disc => MAJOR,
             _ if self.pixels.outlined => LENGTH,
             _ => return true,
         };
@@ -192,47 +193,9 @@ impl<'a> Problem<'a> {
     }
 
     /// The centre's standard deviation, px.
-    fn spread(&self, step: &Step, factor: &Factor) -> f64 {
+    fn sigma(&self, step: &Step, factor: &Factor) -> f64 {
         let count = self.unknowns.free.iter().filter(|&&f| f).count();
         let along = |k: usize| factor.solve(&Column::ith(k, 1.0))[k];
         ((along(X) + along(Y)) * step.variance(count)).max(0.0).sqrt()
     }
-}
-
-/// Keeps a step within what the linearisation can bear.
-fn limit(mut change: Column, m: &Parameters, pixels: &Pixels) -> Column {
-    let mut factor: f64 = 1.0;
-    let mut bound = |step: f64, most: f64| factor = factor.min(most / step.abs().max(1e-12));
-    bound(change[X], 3.0);
-    bound(change[Y], 3.0);
-    bound(change[ANGLE], 0.2);
-    bound(change[BLUR], 0.5);
-    bound(change[GAMMA], 0.2);
-    bound(change[DARK], 0.1);
-    if pixels.pattern == Pattern::Disc {
-        bound(change[FIRST], 0.2 * m[FIRST]);
-        bound(change[FIRST + 1], 0.3 * m[FIRST + 1]);
-    } else {
-        bound(change[FIRST], 0.2);
-        bound(change[TAPER], 0.15);
-    }
-    if pixels.outlined {
-        bound(change[SHEAR], 0.1);
-        bound(change[LENGTH], 0.15 * m[LENGTH]);
-        bound(change[CHORD], 0.2 * m[CHORD]);
-    }
-    change *= factor.min(1.0);
-    change
-}
-
-fn plausible(pixels: &Pixels, m: &Parameters) -> bool {
-    let common = m.iter().all(|v| v.is_finite()) && m[BLUR] > 0.2 && m[BLUR] < 4.0;
-    let lit = m[LIGHT] > 1.0 && m[LIGHT] < 1500.0 && m[DARK] > 0.02 && m[DARK] < 1.5;
-    let lit = lit && m[GAMMA] > 0.15 && m[GAMMA] < 3.0;
-    let shape = match pixels.pattern {
-        Pattern::Disc => m[FIRST] > 1.0 && m[FIRST + 1] > 0.2,
-        _ => m[FIRST] > 0.005 && m[FIRST] < 2.5 && m[TAPER].abs() < 0.7,
-    };
-    let rim = !pixels.outlined || (m[CHORD] > 1.0 && m[LENGTH] > 3.0);
-    common && lit && shape && rim
 }

@@ -5,11 +5,10 @@
 use nalgebra::Vector2;
 
 use super::gauss_newton::Fit;
+use super::prior::Unknowns;
 use super::residuals::analyse;
-use super::unknowns::Unknowns;
 use crate::measure::detect::appearance::parameters::{X, Y};
-use crate::measure::detect::estimate::options::LACK_OF_FIT;
-use crate::measure::detect::estimate::terms::light_field::fit_light_field;
+use crate::measure::detect::estimate::{options::LACK_OF_FIT, terms::light_field::fit_light_field};
 use crate::measure::detect::sample::pixels::Pixels;
 
 /// The fit as it is, with the covariance that its residuals deserve; or a better one. What is left of
@@ -26,25 +25,25 @@ pub fn improve(pixels: &Pixels, fit: Fit, unknowns: &Unknowns, floor: f64, whole
             || foreign > LACK_OF_FIT.foreign);
     // With few foreign pixels the first step tells.
     let least = (foreign <= LACK_OF_FIT.foreign).then_some(LACK_OF_FIT.hopeless);
-    let fit_light_field =
-        if suspect { fit_light_field(pixels, &fit, &seen, unknowns, floor, least) } else { None };
+    let freed = if suspect { fit_light_field(pixels, &fit, &seen, unknowns, floor, least) } else { None };
     let mut out = Fit { correlation: seen.mean, ..fit };
     let mut centre = seen.covariance;
-    if let Some(fit_light_field) = fit_light_field {
-        let gain = (1.0 - (fit_light_field.rms / out.rms).powi(2)) * pixels.weight();
+    if let Some(freed) = freed {
+        let gain = (1.0 - (freed.rms / out.rms).powi(2)) * pixels.weight();
         // Between the two limits both stand, so that a small difference of a pixel or two decides nothing.
         let share =
             ((gain - LACK_OF_FIT.doubtful) / (LACK_OF_FIT.certain - LACK_OF_FIT.doubtful)).clamp(0.0, 1.0);
         let between = |one: f64, other: f64| one + share * (other - one);
-        let apart = [X, Y].map(|k| fit_light_field.parameters[k] - out.parameters[k]);
+        let apart = [X, Y].map(|k| freed.parameters[k] - out.parameters[k]);
         let apart = Vector2::from(apart) * (share * (1.0 - share)).sqrt();
-        centre = centre.zip_map(&fit_light_field.covariance, between) + apart * apart.transpose();
-        out.white = out.white.zip_map(&fit_light_field.white, between);
-        for (own, other) in out.parameters.iter_mut().zip(fit_light_field.parameters) {
+        let own = freed.covariance.fixed_view::<2, 2>(X, X).into_owned();
+        centre = centre.zip_map(&own, between) + apart * apart.transpose();
+        out.white = out.white.zip_map(&freed.white, between);
+        for (own, other) in out.parameters.iter_mut().zip(freed.parameters) {
             *own = between(*own, other);
         }
-        out.rms = between(out.rms, fit_light_field.rms);
-        out.inliers = between(out.inliers, fit_light_field.inliers);
+        out.rms = between(out.rms, freed.rms);
+        out.inliers = between(out.inliers, freed.inliers);
     }
     out.covariance.fixed_view_mut::<2, 2>(X, X).copy_from(&centre);
     out

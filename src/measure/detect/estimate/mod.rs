@@ -1,6 +1,6 @@
 //! The image formula fitted to pixels: Gauss-Newton with robust weights, priors, covariance, optional terms.
 
-pub mod bordered;
+pub mod bounds;
 pub mod cholesky;
 pub mod gauss_newton;
 pub mod lack_of_fit;
@@ -10,5 +10,5 @@ pub mod outlined_quadrants;
 pub mod prior;
 pub mod residuals;
 pub mod sandwich;
+pub mod scale;
 pub mod terms;
-pub mod unknowns;

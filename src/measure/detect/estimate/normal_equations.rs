@@ -2,11 +2,14 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::unknowns::Unknowns;
+use super::prior::Unknowns;
+use super::scale::Sizes;
 use crate::measure::detect::appearance::formula::{Model, grey};
 use crate::measure::detect::appearance::parameters::{Grey, N, Parameters, X, Y};
 use crate::measure::detect::appearance::quadrants;
-use crate::measure::detect::estimate::options::WEIGHT;
+use crate::measure::detect::estimate::options::{ITERATION, WEIGHT};
+use crate::measure::detect::hypothesis::prior::Estimate;
+use crate::measure::detect::numbers::TINY;
 use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::detect::simd::lanes::{LANES, Lanes, each, total};
@@ -14,6 +17,9 @@ use crate::measure::detect::simd::lanes::{LANES, Lanes, each, total};
 pub type Square = SMatrix<f64, N, N>;
 
 pub type Column = SVector<f64, N>;
+
+/// Least weight of an unknown, so that what nothing tells stays where it is: a part in 10^12 of one grey level's.
+pub const LEAST_WEIGHT: f64 = 1e-12;
 
 /// One linearisation: normal equations and residual statistics.
 pub struct Step {
@@ -34,12 +40,17 @@ impl Step {
 
     /// The share of the residuals' squares that a step takes off if the model is linear.
     pub fn promise(&self, change: &Column) -> f64 {
-        change.dot(&self.right) / self.square.max(1e-9)
+        change.dot(&self.right) / self.square.max(TINY)
     }
 
     /// By how much a step falls short because the weights follow the residuals.
     pub fn gain(&self) -> f64 {
-        (self.weight / self.curvature.max(1e-9)).clamp(1.0, 1.5)
+        (self.weight / self.curvature.max(TINY)).clamp(1.0, ITERATION.gain)
+    }
+
+    /// Weighted root mean square of the residuals, grey levels.
+    pub fn rms(&self) -> f64 {
+        (self.square / self.weight.max(TINY)).sqrt()
     }
 }
 
@@ -187,10 +198,10 @@ pub fn linearise(
         right[k] = totals.next().unwrap_or(0.0);
     }
     for &k in list {
-        let (prior, deviation) = unknowns.prior[k];
-        let weight = (scale / deviation).powi(2);
+        let Estimate { value, sigma } = unknowns.prior[k];
+        let weight = (scale / sigma).powi(2);
         normal[(k, k)] += weight;
-        right[k] += weight * (prior - m[k]);
+        right[k] += weight * (value - m[k]);
     }
     Step {
         normal,
@@ -250,6 +261,7 @@ impl Pixels {
             sizes.add(&r, &batch.root);
             for i in 0..LANES {
                 weight[i] += root[i] * root[i];
+                // The biweight's influence is (1 - u^2)^2 r, and `tukey` 1 - u^2.
                 curvature[i] += batch.root[i] * root[i] * (5.0 * tukey[i] - 4.0);
                 square[i] += (root[i] * r[i]) * (root[i] * r[i]);
             }
@@ -261,7 +273,7 @@ impl Pixels {
         block.flush(&mut sums);
         Sums {
             products: sums,
-            scale: sizes.spread(scale),
+            scale: sizes.sigma(scale),
             weight: total(&weight),
             curvature: total(&curvature),
             square: total(&square),
@@ -279,61 +291,6 @@ pub fn biweights(r: &Lanes, by_x: &Lanes, by_y: &Lanes, scale: f64) -> Lanes {
         let root = 1.0 - r[i] * r[i] / (cut2 * (scale2 + edge2));
         if root > 0.0 { root } else { 0.0 }
     })
-}
-
-/// The sizes of residuals.
-struct Sizes {
-    sizes: Vec<Lanes>,
-    count: Lanes,
-}
-
-impl Sizes {
-    fn new(batches: usize) -> Self {
-        Self { sizes: Vec::with_capacity(batches), count: Lanes::of(0.0) }
-    }
-
-    /// Takes up a batch's residuals of pixels that have at least half their weight.
-    #[inline(always)]
-    fn add(&mut self, r: &Lanes, root: &Lanes) {
-        self.sizes.push(each(|i| if root[i] > 0.7 { r[i].abs() } else { f32::MAX }));
-        self.count = each(|i| self.count[i] + if root[i] > 0.7 { 1.0 } else { 0.0 });
-    }
-
-    /// Robust standard deviation, grey levels: from the median size, to a thousandth of `scale`.
-    #[inline(always)]
-    fn spread(&self, scale: f64) -> f64 {
-        /// Halvings: to an eight-thousandth of eight scales, a thousandth of one.
-        const STEPS: usize = 13;
-        let half = 0.5 * total(&self.count);
-        let (mut low, mut high) = (0.0, 8.0 * scale as f32);
-        for _ in 0..STEPS {
-            let middle = 0.5 * (low + high);
-            // Four counts side by side: none waits for the last.
-            let mut below = [Lanes::of(0.0); 4];
-            let (fours, rest) = self.sizes.as_chunks::<4>();
-            for four in fours {
-                for k in 0..4 {
-                    below[k] = each(|i| below[k][i] + if four[k][i] < middle { 1.0 } else { 0.0 });
-                }
-            }
-            for size in rest {
-                below[0] = each(|i| below[0][i] + if size[i] < middle { 1.0 } else { 0.0 });
-            }
-            let under = below.iter().map(total).sum::<f64>() < half;
-            (low, high) = if under { (middle, high) } else { (low, middle) };
-        }
-        1.4826 * f64::from(0.5 * (low + high))
-    }
-}
-
-/// Robust standard deviation from absolute residuals.
-pub fn spread(residuals: &mut [f32]) -> f64 {
-    if residuals.is_empty() {
-        return 0.0;
-    }
-    let middle = residuals.len() / 2;
-    let (_, median, _) = residuals.select_nth_unstable_by(middle, f32::total_cmp);
-    1.4826 * f64::from(*median)
 }
 
 #[cfg(test)]
@@ -375,22 +332,6 @@ mod tests {
                 wide.weight > 100.0 && wide.products.totals().next().is_some_and(|sum| sum > 1.0),
                 "{pattern:?}: nothing was summed"
             );
-        }
-    }
-
-    #[test]
-    fn halving_gives_the_median() {
-        let sizes: Vec<f32> = (0..4 * LANES).map(|i| (i * 37 % 64) as f32 * 0.11).collect();
-        for scale in [2.0, 5.0, 9.0] {
-            let mut halved = Sizes::new(8);
-            for some in sizes.chunks(LANES) {
-                halved.add(&each(|i| if i % 2 == 0 { some[i] } else { -some[i] }), &Lanes::of(1.0));
-                halved.add(&Lanes::of(1e6), &Lanes::of(0.5));
-            }
-            // Between two sizes, which are 0.11 apart, or at one of them.
-            let exact = spread(&mut sizes.clone()) - 1.4826 * 0.055;
-            let got = halved.spread(scale);
-            assert!((got - exact).abs() < 1.4826 * 0.055 + 0.002 * scale, "{got} against {exact}");
         }
     }
 }

@@ -4,44 +4,43 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::gauss_newton::{Fit, fit, rough};
-use super::unknowns::Unknowns;
+use super::prior::Unknowns;
 use crate::measure::detect::appearance::parameters::{
-    ANGLE, ASIDE, BLUR, CHORD, DARK, FIRST, GAMMA, LENGTH, LIGHT, N, OUTLINE, Parameters, Pattern, SECOND,
-    SHEAR, SKIN, THIRD, X, Y, contrast,
+    ANGLE, ASIDE, BEND, BLUR, CHORD, DARK, GAMMA, LENGTH, LIGHT, N, OUTLINE, Parameters, Pattern, SHEAR,
+    SKIN, TANGENT, X, Y, contrast,
 };
-use crate::measure::detect::estimate::options::OUTLINED;
-use crate::measure::detect::estimate::options::PRIOR;
-use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::estimate::options::{OUTLINED, PRIOR};
+use crate::measure::detect::hypothesis::{EdgePair, Hypothesis, prior::Estimate};
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::image::scanline::{EllipseFrame, columns, row_of};
+use crate::measure::detect::numbers::TINY;
 use crate::measure::detect::sample::pixels::{Kind, Pixels, Sorter};
 use crate::measure::detect::simd::batch::Batch;
 use crate::measure::raster::Raster;
 
 /// A hypothesis's first parameters: its geometry, with grey levels and blur of `m`, and the skin's grey level.
 pub fn start(hypothesis: &Hypothesis, m: &Parameters, skin: f64) -> Option<Parameters> {
-    let (ellipse, (angle, half)) = (hypothesis.ellipse, hypothesis.edges?);
+    let (ellipse, EdgePair { along_rad: angle, tangent }) = (hypothesis.ellipse, hypothesis.edges?);
     let mut out = [0.0; N];
-    (out[X], out[Y], out[ANGLE], out[FIRST]) = (ellipse.centre.x, ellipse.centre.y, angle, half);
+    (out[X], out[Y], out[ANGLE], out[TANGENT]) = (ellipse.centre.x, ellipse.centre.y, angle, tangent);
     let (sin, cos) = (ellipse.angle - angle).sin_cos();
     let (major2, minor2) = (ellipse.major.powi(2), ellipse.minor.powi(2));
     out[LENGTH] = (major2 * cos * cos + minor2 * sin * sin).sqrt();
-    out[CHORD] = ellipse.major * ellipse.minor / out[LENGTH].max(1e-9);
-    out[SHEAR] = (major2 - minor2) * sin * cos / out[LENGTH].powi(2).max(1e-9);
-    (out[BLUR], out[LIGHT], out[DARK], out[GAMMA]) = (m[BLUR], m[LIGHT], m[DARK], PRIOR.gamma.0);
-    out[SKIN] = (skin / m[LIGHT]).max(0.0).powf(1.0 / PRIOR.gamma.0);
+    out[CHORD] = ellipse.major * ellipse.minor / out[LENGTH].max(TINY);
+    out[SHEAR] = (major2 - minor2) * sin * cos / out[LENGTH].powi(2).max(TINY);
+    (out[BLUR], out[LIGHT], out[DARK], out[GAMMA]) = (m[BLUR], m[LIGHT], m[DARK], PRIOR.gamma.value);
+    out[SKIN] = (skin / m[LIGHT]).max(0.0).powf(1.0 / PRIOR.gamma.value);
     Some(out)
 }
 
-/// What is sought of narrow quadrants, with a blur, px, that is known with some deviation.
-fn unknowns(blur: (f64, f64)) -> Unknowns {
-    let mut prior = [(0.0, f64::INFINITY); N];
+/// What is sought of narrow quadrants with a blur, px.
+fn unknowns(blur: Estimate) -> Unknowns {
+    let mut prior = [Estimate::UNKNOWN; N];
     prior[GAMMA] = PRIOR.gamma;
     prior[BLUR] = blur;
-    prior[ASIDE] = (0.0, OUTLINED.aside_px);
-    prior[ASIDE + 1] = (0.0, OUTLINED.aside_px);
+    prior[ASIDE..ASIDE + 2].fill(Estimate::zero(OUTLINED.aside_px));
     let mut free = [false; N];
-    for k in [X, Y, ANGLE, FIRST, BLUR, LIGHT, DARK].into_iter().chain(OUTLINE..N) {
+    for k in [X, Y, ANGLE, TANGENT, BLUR, LIGHT, DARK].into_iter().chain(OUTLINE..N) {
         free[k] = true;
     }
     Unknowns { free, prior }
@@ -53,7 +52,7 @@ pub fn refined(
     image: &Raster,
     hypothesis: &Hypothesis,
     start: Parameters,
-    blur: (f64, f64),
+    blur: Estimate,
 ) -> Option<(Hypothesis, Parameters)> {
     if start[LENGTH] < OUTLINED.shortest_px || contrast(&start) < OUTLINED.least_contrast {
         return None;
@@ -67,7 +66,7 @@ pub fn refined(
         (m, scale) = rough(&pixels, &m, &unknowns, OUTLINED.least_scale * contrast(&m))?;
         let now = outline_of(&m);
         if now.major < OUTLINED.grown * ellipse.major && now.minor < OUTLINED.grown * ellipse.minor {
-            let edges = Some((m[ANGLE], m[FIRST]));
+            let edges = Some(EdgePair { along_rad: m[ANGLE], tangent: m[TANGENT] });
             let found = Hypothesis { ellipse: now, edges, ..hypothesis.clone() };
             return (scale < OUTLINED.most_scale * contrast(&m)).then_some((found, m));
         }
@@ -85,15 +84,15 @@ pub fn measured(
     floor: f64,
 ) -> Option<(Pixels, Fit, Unknowns)> {
     let pixels = pixels(image, hypothesis.pattern, &hypothesis.ellipse, m[BLUR], OUTLINED.all_px)?;
-    let mut unknowns = unknowns((m[BLUR], f64::INFINITY));
-    for k in [SECOND, THIRD, LIGHT + 1, LIGHT + 2, DARK + 1, DARK + 2] {
+    let mut unknowns = unknowns(Estimate::UNKNOWN);
+    for k in [BEND, BEND + 1, LIGHT + 1, LIGHT + 2, DARK + 1, DARK + 2] {
         unknowns.free[k] = true;
     }
-    for k in [SECOND, THIRD] {
-        unknowns.prior[k] = (0.0, OUTLINED.bend / m[LENGTH]);
+    for k in [BEND, BEND + 1] {
+        unknowns.prior[k] = Estimate::zero(OUTLINED.bend / m[LENGTH]);
     }
     for k in [DARK + 1, DARK + 2] {
-        unknowns.prior[k] = (0.0, OUTLINED.dark);
+        unknowns.prior[k] = Estimate::zero(OUTLINED.dark);
     }
     let found = fit(&pixels, m, scale, &unknowns, floor)?;
     Some((pixels, found, unknowns))
@@ -118,14 +117,13 @@ fn outline_of(m: &Parameters) -> Ellipse {
 
 /// Some of the pixels in and about an outline.
 fn pixels(image: &Raster, pattern: Pattern, ellipse: &Ellipse, blur: f64, wanted: f64) -> Option<Pixels> {
-    let (centre, margin) = (ellipse.centre, 2.5 * blur + 2.0);
+    let (centre, margin) = (ellipse.centre, OUTLINED.beyond.0 * blur + OUTLINED.beyond.1);
     let origin = [centre.x.round(), centre.y.round()];
-    let about =
-        Ellipse { major: OUTLINED.room * ellipse.major, minor: OUTLINED.room * ellipse.minor, ..*ellipse };
+    let about = ellipse.larger(OUTLINED.larger, 0.0);
     let (frame, own) = (EllipseFrame::new(&about), EllipseFrame::new(ellipse));
     let (rows, inner) = (Some(frame.grown(margin)?), Some(own.grown(blur)?));
     let count = std::f64::consts::PI * (about.major + margin) * (about.minor + margin);
-    let step = (count / wanted).round().clamp(1.0, 1024.0) as usize;
+    let step = (count / wanted).round().clamp(1.0, OUTLINED.sparsest) as usize;
     // Those of a row lie in the gaps of the rows beside it.
     let shift = (OUTLINED.shift * (step * OUTLINED.outside) as f64).round() as usize;
     let (width, height) = (image.width(), image.height());

@@ -1,11 +1,19 @@
 //! Which of the image model's parameters are sought of a marker, and what is known of them beforehand.
 
-use super::unknowns::Unknowns;
 use crate::measure::detect::appearance::parameters::{
-    ANGLE, BLUR, DARK, FIRST, GAMMA, LIGHT, N, OUTLINE, Pattern, SECOND, TAPER, THIRD,
+    ANGLE, BEND, BLUR, DARK, GAMMA, LIGHT, MAJOR, MINOR, N, OUTLINE, Pattern, SAG, TAPER, UNEVEN_BLUR,
 };
 use crate::measure::detect::estimate::options::PRIOR;
-use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::hypothesis::{Hypothesis, prior::Estimate};
+
+/// What is sought, and what is known of it beforehand.
+#[derive(Clone, Debug)]
+pub struct Unknowns {
+    /// Parameters that are sought.
+    pub free: [bool; N],
+    /// What each is usually.
+    pub prior: [Estimate; N],
+}
 
 /// What only a whole thick marker tells of its light.
 const FINE_LIGHT: [usize; 4] = [LIGHT + 3, DARK + 1, DARK + 2, GAMMA];
@@ -14,13 +22,13 @@ const FINE_LIGHT: [usize; 4] = [LIGHT + 3, DARK + 1, DARK + 2, GAMMA];
 pub fn unknowns(hypothesis: &Hypothesis) -> (Unknowns, &'static [usize]) {
     let ellipse = &hypothesis.ellipse;
     let disc = hypothesis.pattern == Pattern::Disc;
-    let bends: &[usize] = if disc { &[THIRD, TAPER] } else { &[SECOND, THIRD] };
+    let bends: &[usize] = if disc { &[SAG, TAPER] } else { &[BEND, BEND + 1] };
     let thick = ellipse.minor >= PRIOR.thick_px;
     let mut free = [true; N];
     free[DARK + 1] = thick;
-    free[DARK + 2] = ellipse.minor >= 6.0;
+    free[DARK + 2] = ellipse.minor >= PRIOR.dark_px;
     free[GAMMA] = thick;
-    free[LIGHT + 3] = thick && ellipse.major >= 15.0;
+    free[LIGHT + 3] = thick && ellipse.major >= PRIOR.light_px;
     free[TAPER] = disc || thick;
     (OUTLINE..N).for_each(|k| free[k] = false);
     let part = hypothesis.is_under_decal();
@@ -31,7 +39,7 @@ pub fn unknowns(hypothesis: &Hypothesis) -> (Unknowns, &'static [usize]) {
     // An end that is not seen tells no bend.
     let tells = thick || (disc && !part);
     let cut = hypothesis.is_in_glare() && hypothesis.prior.size.is_none();
-    if !tells || ellipse.major < 12.0 || cut {
+    if !tells || ellipse.major < PRIOR.bend_px || cut {
         bends.iter().for_each(|&k| free[k] = false);
     }
     (Unknowns { free, prior: prior(hypothesis) }, bends)
@@ -41,10 +49,10 @@ pub fn unknowns(hypothesis: &Hypothesis) -> (Unknowns, &'static [usize]) {
 pub fn few_unknowns(hypothesis: &Hypothesis) -> Unknowns {
     let (mut unknowns, _) = unknowns(hypothesis);
     FINE_LIGHT.iter().for_each(|&k| unknowns.free[k] = false);
-    unknowns.free[TAPER] &= hypothesis.edges.is_none() || hypothesis.ellipse.minor > PRIOR.narrow_px;
+    unknowns.free[UNEVEN_BLUR] &= hypothesis.edges.is_none() || hypothesis.ellipse.minor > PRIOR.narrow_px;
     if hypothesis.edges.is_some() && hypothesis.ellipse.minor > PRIOR.narrow_px {
         // The first crossing may be far off, and long edges reach the right one by bending.
-        [SECOND, THIRD].iter().for_each(|&k| unknowns.prior[k].1 = f64::INFINITY);
+        [BEND, BEND + 1].iter().for_each(|&k| unknowns.prior[k] = Estimate::UNKNOWN);
     }
     unknowns
 }
@@ -56,37 +64,35 @@ pub fn without_fine_light(unknowns: &mut Unknowns) {
 
 /// The darkness that leaves such a share of the light's grey value, with the usual tone curve.
 pub fn darkness_leaving(left: f64) -> f64 {
-    1.0 - left.powf(1.0 / PRIOR.gamma.0)
+    1.0 - left.powf(1.0 / PRIOR.gamma.value)
 }
 
 /// What is known before the fit.
-fn prior(hypothesis: &Hypothesis) -> [(f64, f64); N] {
-    let mut out = [(0.0, f64::INFINITY); N];
-    let ellipse = &hypothesis.ellipse;
+fn prior(hypothesis: &Hypothesis) -> [Estimate; N] {
+    let mut out = [Estimate::UNKNOWN; N];
+    let (ellipse, known) = (&hypothesis.ellipse, &hypothesis.prior);
     out[GAMMA] = PRIOR.gamma;
     if hypothesis.pattern == Pattern::Disc {
-        out[THIRD] = (0.0, PRIOR.sag * ellipse.major);
-        out[TAPER] = (0.0, PRIOR.taper);
+        out[SAG] = Estimate::zero(PRIOR.sag * ellipse.major);
+        out[TAPER] = Estimate::zero(PRIOR.taper);
     } else {
-        out[SECOND] = (0.0, 2.0 * PRIOR.sag / ellipse.major);
-        out[THIRD] = out[SECOND];
-        out[TAPER] = (0.0, PRIOR.uneven_blur);
+        out[BEND] = Estimate::zero(2.0 * PRIOR.sag / ellipse.major);
+        out[BEND + 1] = out[BEND];
+        out[UNEVEN_BLUR] = Estimate::zero(PRIOR.uneven_blur);
     }
-    if hypothesis.prior.twin {
-        out[ANGLE] = (ellipse.angle, PRIOR.twin_angle_rad);
-        out[FIRST] = (ellipse.major, PRIOR.twin_major * ellipse.major);
-        out[SECOND] = (ellipse.minor, PRIOR.twin_minor * ellipse.minor);
+    if known.twin {
+        out[ANGLE] = Estimate { value: ellipse.angle, sigma: PRIOR.twin_angle_rad };
+        out[MAJOR] = Estimate::to_share(ellipse.major, PRIOR.twin_major);
+        out[MINOR] = Estimate::to_share(ellipse.minor, PRIOR.twin_minor);
     }
-    if let Some(known) = hypothesis.prior.size.filter(|_| hypothesis.pattern == Pattern::Disc) {
-        out[FIRST] = known.major;
-        if let Some(slope) = known.slope {
-            out[SECOND] = slope.minor;
-            out[ANGLE] = slope.angle;
+    if let Some(size) = known.size.filter(|_| hypothesis.pattern == Pattern::Disc) {
+        out[MAJOR] = size.major;
+        if let Some(slope) = size.slope {
+            (out[MINOR], out[ANGLE]) = (slope.minor, slope.angle);
         }
     }
-    if let Some(edge) = hypothesis.prior.edge {
-        out[BLUR] = edge.blur;
-        out[DARK] = edge.dark;
+    if let Some(edge) = known.edge {
+        (out[BLUR], out[DARK]) = (edge.blur, edge.dark);
     }
     out
 }

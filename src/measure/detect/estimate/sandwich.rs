@@ -1,8 +1,9 @@
 //! What residuals that lie together did to a fit's centre: a sandwich estimate of its covariance.
 
-use nalgebra::{Cholesky, Matrix2, SymmetricEigen};
+use nalgebra::{Cholesky, Matrix2};
 
 use crate::measure::detect::appearance::parameters::{Parameters, X, Y};
+use crate::measure::detect::detection::covariance::at_least;
 use crate::measure::detect::estimate::options::WEIGHT;
 use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::simd::batch::Batch;
@@ -86,16 +87,5 @@ fn scatter(blocks: &[[f64; 2]], count: usize) -> Matrix2<f64> {
     let seen: Matrix2<f64> = blocks.iter().map(|&[x, y]| Matrix2::new(x * x, x * y, x * y, y * y)).sum();
     // The parameters take up part of what is common to a block.
     let number = blocks.iter().filter(|b| **b != [0.0; 2]).count() as f64;
-    seen * (number / (number - count as f64).max(1.0)).min(2.5)
-}
-
-/// `white` raised to `seen` in the directions in which that is greater by more than a factor, and the greatest of their
-/// ratios.
-pub fn at_least(white: &Matrix2<f64>, seen: &Matrix2<f64>, factor: f64) -> Option<(Matrix2<f64>, f64)> {
-    let root = Cholesky::new(*white)?.l();
-    let inverse = root.try_inverse()?;
-    let eigen = SymmetricEigen::new(inverse * seen * inverse.transpose());
-    let raised = Matrix2::from_diagonal(&eigen.eigenvalues.map(|v| if v > factor { v } else { 1.0 }));
-    let back = root * eigen.eigenvectors;
-    Some((back * raised * back.transpose(), eigen.eigenvalues.max()))
+    seen * (number / (number - count as f64).max(1.0)).min(WEIGHT.taken)
 }

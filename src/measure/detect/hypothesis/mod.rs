@@ -7,7 +7,6 @@ pub mod prior;
 use nalgebra::Vector2;
 
 use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::detection::{RejectReason, Rejected};
 use crate::measure::detect::hypothesis::prior::Prior;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::occlusion::decal::Decal;
@@ -21,14 +20,23 @@ pub struct Hypothesis {
     pub pattern: Pattern,
     /// The marker's outline.
     pub ellipse: Ellipse,
-    /// Quadrants: direction of s, and tangent of half the angle between the edges.
-    pub edges: Option<(f64, f64)>,
+    /// Quadrants: their edges.
+    pub edges: Option<EdgePair>,
     /// Blobs that it is made of.
     pub blobs: Vec<usize>,
     /// Regions of the picture that may show something else.
     pub excluded: Vec<Region>,
     /// What is known of it beforehand.
     pub prior: Prior,
+}
+
+/// Two edges that cross.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EdgePair {
+    /// Direction of s, which halves the angle between them, rad.
+    pub along_rad: f64,
+    /// Tangent of half that angle.
+    pub tangent: f64,
 }
 
 impl Hypothesis {
@@ -96,8 +104,8 @@ impl Hypothesis {
     pub fn white_over_black(&self, image: &Raster) -> f64 {
         /// Where, from the centre (0) to the outline (1): both are blurred.
         const AT: [f64; 5] = [0.3, 0.4, 0.5, 0.6, 0.7];
-        let Some((direction, _)) = self.edges else { return 0.0 };
-        let (sin, cos) = direction.sin_cos();
+        let Some(edges) = self.edges else { return 0.0 };
+        let (sin, cos) = edges.along_rad.sin_cos();
         let (along, across) = (Vector2::new(cos, sin), Vector2::new(-sin, cos));
         let mean = |direction: Vector2<f64>| {
             let outline = direction * self.ellipse.radius(direction);
@@ -109,16 +117,5 @@ impl Hypothesis {
         let (black, white) =
             if self.pattern == Pattern::BlackAlong { (along, across) } else { (across, along) };
         white[0].min(white[1]) - black[0].max(black[1])
-    }
-
-    /// What is said of it when it is turned down.
-    pub fn rejected(&self, reason: RejectReason) -> Rejected {
-        Rejected {
-            centre_px: self.ellipse.centre,
-            semi_major_px: self.ellipse.major,
-            semi_minor_px: self.ellipse.minor,
-            angle_rad: self.ellipse.angle,
-            reason,
-        }
     }
 }

@@ -3,34 +3,33 @@
 use nalgebra::{Cholesky, Matrix3, Vector2, Vector3};
 
 use crate::measure::detect::detection::Detection;
-use crate::measure::detect::hypothesis::options::NEIGHBOURS;
-use crate::measure::detect::image::histogram::middle;
+use crate::measure::detect::hypothesis::{options::NEIGHBOURS, prior::Estimate};
+use crate::measure::detect::numbers::TINY;
+use crate::measure::estimation::robust::median;
 use crate::measure::setup::Shape;
 
-/// The semi-major axis of a disc at a place and its standard deviation, px, from the whole ones nearest to it: on a
+/// The semi-major axis of a disc at a place, px, from the whole ones nearest to it: on a
 /// surface that is about plane, the scale of what lies on it changes linearly over the picture.
-pub fn predicted_major<'a>(
-    whole: impl Iterator<Item = &'a Detection>,
-    at: Vector2<f64>,
-) -> Option<(f64, f64)> {
+pub fn predicted_major<'a>(whole: impl Iterator<Item = &'a Detection>, at: Vector2<f64>) -> Option<Estimate> {
     let discs: Vec<&Detection> = whole.filter(|d| d.shape == Shape::Circle).collect();
     let within = |most: f64| discs.iter().copied().filter(move |d| d.variance() < most);
     let certain = within(NEIGHBOURS.certain_px2).count() >= NEIGHBOURS.enough;
     let whole: Vec<&Detection> =
         within(if certain { NEIGHBOURS.certain_px2 } else { NEIGHBOURS.fairly_px2 }).collect();
     // Letters and dots are discs too, but far smaller.
-    let usual = middle(whole.iter().map(|d| d.semi_major_px).collect())?;
+    let usual = median(whole.iter().map(|d| d.semi_major_px).collect())?;
     let mut near: Vec<&Detection> = Vec::new();
-    for d in whole.into_iter().filter(|d| d.semi_major_px > 0.5 * usual) {
-        if near.iter().all(|other| (other.centre_px - d.centre_px).norm() > 2.0) {
+    for d in whole.into_iter().filter(|d| d.semi_major_px > NEIGHBOURS.small * usual) {
+        if near.iter().all(|other| (other.centre_px - d.centre_px).norm() > NEIGHBOURS.same_px) {
             near.push(d);
         }
     }
     near.sort_by(|a, b| (a.centre_px - at).norm_squared().total_cmp(&(b.centre_px - at).norm_squared()));
     near.truncate(NEIGHBOURS.nearest);
+    // Hundreds of px, so that the terms are of about one size.
     let row =
         |d: &Detection| Vector3::new(1.0, (d.centre_px.x - at.x) / 100.0, (d.centre_px.y - at.y) / 100.0);
-    let (mut normal, mut right) = (Matrix3::identity() * 1e-9, Vector3::zeros());
+    let (mut normal, mut right) = (Matrix3::identity() * TINY, Vector3::zeros());
     for d in &near {
         normal += row(d) * row(d).transpose();
         right += row(d) * d.semi_major_px;
@@ -40,8 +39,10 @@ pub fn predicted_major<'a>(
     // Far from them all the plane itself is less certain.
     let far = 1.0 + factor.solve(&Vector3::x()).x;
     let squares: f64 = near.iter().map(|d| (row(d).dot(&plane) / d.semi_major_px - 1.0).powi(2)).sum();
-    let spread = (squares / (near.len() as f64 - 3.0)).sqrt();
+    // A plane has three unknowns.
+    let scatter = (squares / (near.len() as f64 - 3.0)).sqrt();
     let sound =
-        near.len() >= NEIGHBOURS.enough && spread < NEIGHBOURS.unlike && plane.x > NEIGHBOURS.least * usual;
-    sound.then_some((plane.x, plane.x * spread.max(NEIGHBOURS.spread) * far.sqrt()))
+        near.len() >= NEIGHBOURS.enough && scatter < NEIGHBOURS.unlike && plane.x > NEIGHBOURS.least * usual;
+    let sigma = plane.x * scatter.max(NEIGHBOURS.scatter) * far.sqrt();
+    sound.then_some(Estimate { value: plane.x, sigma })
 }

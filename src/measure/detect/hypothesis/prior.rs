@@ -1,5 +1,28 @@
 //! What is known of a marker's size and edges before it is measured.
 
+/// A number with its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    pub value: f64,
+    /// Infinite where nothing is known.
+    pub sigma: f64,
+}
+
+impl Estimate {
+    /// Of which nothing is known.
+    pub const UNKNOWN: Self = Self::zero(f64::INFINITY);
+
+    /// About 0.
+    pub const fn zero(sigma: f64) -> Self {
+        Self { value: 0.0, sigma }
+    }
+
+    /// With a standard deviation that is a share of it.
+    pub fn to_share(value: f64, share: f64) -> Self {
+        Self { value, sigma: share * value }
+    }
+}
+
 /// What is known beforehand: from a twin beside it, from its neighbours, from the orientation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Prior {
@@ -20,30 +43,23 @@ impl Prior {
     }
 }
 
-/// A disc's semi-axes, px, and direction, rad, each with its standard deviation; minor axis and direction may not be predicted.
+/// A disc's semi-axes, px, and direction, rad; minor axis and direction may not be predicted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SizePrior {
-    pub major: (f64, f64),
+    pub major: Estimate,
     pub slope: Option<Slope>,
 }
 
-/// What of a disc's shape follows the skin's slope: semi-minor axis, px, and direction, rad, each with its standard deviation.
+/// What of a disc's shape follows the skin's slope: semi-minor axis, px, and direction, rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Slope {
-    pub minor: (f64, f64),
-    pub angle: (f64, f64),
+    pub minor: Estimate,
+    pub angle: Estimate,
 }
 
-impl SizePrior {
-    /// Of the major axis alone, as whole discs about it tell it, px.
-    pub fn of_major(major: (f64, f64)) -> Self {
-        Self { major, slope: None }
-    }
-}
-
-/// Usual blur, px, and darkness of a frame's markers, each with its standard deviation.
+/// Usual blur, px, and darkness of a frame's markers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgePrior {
-    pub blur: (f64, f64),
-    pub dark: (f64, f64),
+    pub blur: Estimate,
+    pub dark: Estimate,
 }

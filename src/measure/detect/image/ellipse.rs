@@ -34,6 +34,11 @@ impl Ellipse {
         }
     }
 
+    /// With semi-axes that are `factor` times as long, and `by` px longer.
+    pub fn larger(&self, factor: f64, by: f64) -> Self {
+        Self { major: factor * self.major + by, minor: factor * self.minor + by, ..*self }
+    }
+
     /// Unit vector along.
     pub fn axis(&self) -> Vector2<f64> {
         Vector2::new(self.angle.cos(), self.angle.sin())

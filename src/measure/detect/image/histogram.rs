@@ -1,4 +1,4 @@
-//! Grey values that are counted, and the median.
+//! Grey values that are counted.
 
 /// How often each grey value occurs.
 pub struct Histogram {
@@ -28,13 +28,7 @@ impl Histogram {
     }
 
     /// The median.
-    pub fn middle(&self) -> Option<usize> {
+    pub fn median(&self) -> Option<usize> {
         self.at(self.total() / 2)
     }
-}
-
-/// The median.
-pub fn middle(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_unstable_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }

@@ -2,6 +2,5 @@
 
 pub mod ellipse;
 pub mod histogram;
-pub mod line;
 pub mod noise;
 pub mod scanline;

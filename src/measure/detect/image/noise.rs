@@ -69,6 +69,11 @@ pub fn about(image: &Raster, ellipse: &Ellipse) -> f64 {
     from_rows(rows.map(|(_, _, row)| row))
 }
 
+/// Median size of the normal law over its standard deviation.
+const MEDIAN_OVER_SIGMA: f64 = 0.6745;
+/// What rounding to whole grey levels leaves, grey levels: 1/sqrt(12).
+const ROUNDING: f64 = 0.29;
+
 /// The noise of some rows of pixels.
 fn from_rows<'a>(rows: impl Iterator<Item = &'a [u8]>) -> f64 {
     let mut histogram = [0u32; 511];
@@ -90,9 +95,10 @@ fn from_rows<'a>(rows: impl Iterator<Item = &'a [u8]>) -> f64 {
             let from = (d as f64 - 0.5).max(0.0);
             let width = if d == 0 { 0.5 } else { 1.0 };
             let median = from + width * (half - below) / n;
-            return (median / (0.6745 * 6f64.sqrt())).max(0.29);
+            // A second difference of independent values has six of their variances.
+            return (median / (MEDIAN_OVER_SIGMA * 6f64.sqrt())).max(ROUNDING);
         }
         below += n;
     }
-    0.29
+    ROUNDING
 }

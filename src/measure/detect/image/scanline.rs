@@ -1,4 +1,6 @@
-//! Ellipses and intervals, row by row.
+//! Ellipses, straight lines and intervals, row by row.
+
+use std::ops::Range;
 
 use nalgebra::Vector2;
 
@@ -69,15 +71,53 @@ impl Rows {
     }
 }
 
+/// What lies between two ellipses about one centre, the inner of which may be none.
+pub struct Ring {
+    outer: Option<Rows>,
+    inner: Option<Rows>,
+}
+
+impl Ring {
+    /// From an ellipse grown by so much to one grown by so much more, px.
+    pub fn new(frame: &EllipseFrame, inner: f64, outer: f64) -> Self {
+        Self { outer: frame.grown(outer), inner: frame.grown(inner) }
+    }
+
+    /// The columns of a row in it, before the hole and behind it; `None` where it is not met.
+    pub fn columns(&self, y: f64, area: PixelBox) -> Option<[Range<usize>; 2]> {
+        let (from, to) = row_of(&self.outer, y)?;
+        let hole = row_of(&self.inner, y).unwrap_or((to, to));
+        Some([columns(from, hole.0, area), columns(hole.1, to, area)])
+    }
+}
+
 /// Where a row passes through an ellipse of which something is left.
 pub fn row_of(rows: &Option<Rows>, y: f64) -> Option<(f64, f64)> {
     rows.as_ref()?.at(y)
 }
 
 /// The columns of an interval that lie in the area.
-pub fn columns(from: f64, to: f64, [x0, _, x1, _]: PixelBox) -> std::ops::Range<usize> {
+pub fn columns(from: f64, to: f64, [x0, _, x1, _]: PixelBox) -> Range<usize> {
     let (from, to) = (from.max(x0 as f64), to.min(x1 as f64));
     let first = from as usize;
     let end = if to < 0.0 { 0 } else { to as usize + 1 };
     first + usize::from((first as f64) < from)..end
+}
+
+/// A straight edge between quadrants: a point, and the direction across it.
+#[derive(Clone, Copy)]
+pub struct Line {
+    pub at: Vector2<f64>,
+    pub across: Vector2<f64>,
+}
+
+impl Line {
+    /// The part of a row that is within `reach`.
+    pub fn row(&self, y: f64, reach: f64) -> (f64, f64) {
+        /// Keeps lines along rows off infinity.
+        const LEVEL: f64 = 1e-6;
+        let steep = self.across.x.abs().max(LEVEL);
+        let middle = self.at.x - (y - self.at.y) * self.across.y * self.across.x.signum() / steep;
+        (middle - reach / steep, middle + reach / steep)
+    }
 }

@@ -7,7 +7,6 @@ use nalgebra::Vector2;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::detect::occlusion::options::DECAL;
 use crate::measure::detect::segment::blob::Blob;
-use crate::measure::detect::segment::contour::contour;
 
 /// The direction of the picture's rows, in which decals are taken to lie first.
 pub const ROWS: Vector2<f64> = Vector2::new(1.0, 0.0);
@@ -79,7 +78,8 @@ pub fn bounds_of(blob: &Blob, axis: Vector2<f64>) -> [f64; 4] {
 /// which most of its rim towards the neighbour lies; within 45 degrees of the rows.
 pub fn cut(blob: &Blob, neighbour: &Ellipse) -> Option<Vector2<f64>> {
     let outwards = |[one, other]: [Vector2<f64>; 2]| (neighbour.centre - one).dot(&(one - other)) > 0.0;
-    let points: Vec<Vector2<f64>> = contour(blob)
+    let points: Vec<Vector2<f64>> = blob
+        .contour()
         .as_chunks::<2>()
         .0
         .iter()

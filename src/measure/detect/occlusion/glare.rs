@@ -4,8 +4,8 @@ use nalgebra::Vector2;
 
 use super::region::Band;
 use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::histogram::middle;
 use crate::measure::detect::occlusion::options::GLARE;
+use crate::measure::estimation::robust::median;
 use crate::measure::raster::Raster;
 
 /// Whether the skin beyond an end of a disc is saturated: glare may have cut it.
@@ -131,7 +131,7 @@ pub fn occluded(image: &Raster, ellipse: &Ellipse) -> [Option<f64>; 2] {
     let last = (skin.len() / 2) as i32;
     let at = |s: i32| skin.get((s + last) as usize).copied().unwrap_or(0.0);
     let half = ellipse.major as i32;
-    let Some(usual) = middle_of((-half..=half).map(at)) else { return [None; 2] };
+    let Some(usual) = median((-half..=half).map(at).collect()) else { return [None; 2] };
     [-1, 1].map(|sign| {
         let peak = (0..=last).find(|&s| at(sign * s) > GLARE.lighter * usual)?;
         let begin = (0..=peak).rev().find(|&s| at(sign * s) < GLARE.begins * usual)?;
@@ -139,10 +139,6 @@ pub fn occluded(image: &Raster, ellipse: &Ellipse) -> [Option<f64>; 2] {
             ellipse.centre.dot(&ellipse.axis()) + f64::from(sign) * (f64::from(begin) - GLARE.margin_px)
         })
     })
-}
-
-pub fn middle_of(values: impl Iterator<Item = f64>) -> Option<f64> {
-    middle(values.collect())
 }
 
 #[cfg(test)]

@@ -18,8 +18,7 @@ pub fn at_end(image: &Raster, ellipse: &Ellipse, m: &Parameters, scale: f64) -> 
     }
     let limit = (PAINT.dark * contrast(m)).max(PAINT.certain * scale);
     let (clear, reach) = (PAINT.clear_blurs * m[BLUR], PAINT.reach_blurs * m[BLUR] + 1.0);
-    let grown = |by: f64| Ellipse { major: ellipse.major + by, minor: ellipse.minor + by, ..*ellipse };
-    let (inner, outer) = (grown(clear), grown(reach));
+    let (inner, outer) = (ellipse.larger(1.0, clear), ellipse.larger(1.0, reach));
     let (axis, extent) = (ellipse.axis(), outer.extent());
     let inwards = |end: f64| {
         let tip = ellipse.centre + axis * (end * ellipse.major);

@@ -6,10 +6,9 @@ use std::ops::Range;
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use super::region::Band;
-use crate::measure::detect::appearance::parameters::{BLUR, LIGHT, Parameters, light_at};
+use crate::measure::detect::appearance::parameters::{BLUR, LIGHT, Parameters, WHITEST, light_at};
 use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::line;
-use crate::measure::detect::image::scanline::{EllipseFrame, columns, row_of};
+use crate::measure::detect::image::scanline::{self, EllipseFrame};
 use crate::measure::detect::occlusion::options::SEAM;
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::detect::simd::lanes::{LANES, Lanes, all, each, total};
@@ -61,14 +60,10 @@ impl<'a> Ring<'a> {
         let row = |v: f64| (v.max(0.0) as usize).min(image.height() - 1);
         let all = [0, 0, image.width() - 1, image.height() - 1];
         let frame = EllipseFrame::new(ellipse);
-        let (outer, inner) = (frame.grown(SEAM.reach_px), frame.grown(SEAM.clear_blurs * m[BLUR]));
-        let rows = (row(low.y)..=row(high.y)).filter_map(|y| {
-            let (from, to) = row_of(&outer, y as f64)?;
-            let hole = row_of(&inner, y as f64).unwrap_or((to, to));
-            Some((y, [columns(from, hole.0, all), columns(hole.1.max(hole.0), to, all)]))
-        });
+        let ring = scanline::Ring::new(&frame, SEAM.clear_blurs * m[BLUR], SEAM.reach_px);
+        let rows = (row(low.y)..=row(high.y)).filter_map(|y| Some((y, ring.columns(y as f64, all)?)));
         let rows = rows.collect();
-        Self { image, ellipse, frame, m, scale: scale.max(0.1), rows }
+        Self { image, ellipse, frame, m, scale: scale.max(SEAM.least_scale), rows }
     }
 
     /// A pixel's place in semi-axes.
@@ -121,7 +116,7 @@ impl<'a> Ring<'a> {
     /// Calls for each row's pixels that are so near to a line that they tell whether it is a seam: row, first column and
     /// values.
     fn for_rows_beside(&self, line: &Line, mut call: impl FnMut(usize, usize, &[u8])) {
-        let through = line::Line { at: line.across * line.at, across: line.across };
+        let through = scanline::Line { at: line.across * line.at, across: line.across };
         for (y, parts) in &self.rows {
             let (from, to) = through.row(*y as f64, SEAM.beside_px.1 + 1.0);
             let (from, to) = (from.max(0.0) as usize, to.max(0.0) as usize);
@@ -206,7 +201,7 @@ fn stands_out([sum, count]: [f64; 2], [other, others, squares]: [f64; 3], share:
         return None;
     }
     let skin = other / others;
-    let noise = (squares / others - skin * skin).max(0.25).sqrt();
+    let noise = (squares / others - skin * skin).max(SEAM.least_variance).sqrt();
     let peak = sum / count - skin;
     let certain = peak > share * SEAM.darker_scales && peak * count.sqrt() > share * SEAM.certain * noise;
     certain.then_some((peak, skin))
@@ -222,7 +217,7 @@ fn dark_of(pixels: &[u8], below: [f32; 3], out: &mut Vec<usize>) {
     let [c, b, a] = below;
     for (k, some) in pixels.chunks(LANES).enumerate() {
         let first = (k * LANES) as f32;
-        let mut grey = Lanes::of(255.0);
+        let mut grey = Lanes::of(WHITEST);
         for (grey, &v) in grey.iter_mut().zip(some) {
             *grey = f32::from(v);
         }
@@ -319,11 +314,11 @@ fn through<'a>(points: impl Iterator<Item = &'a Vector2<f64>> + Clone) -> Option
     if count < 2.0 {
         return None;
     }
-    let middle = points.clone().sum::<Vector2<f64>>() / count;
-    let scatter: Matrix2<f64> = points.map(|at| (at - middle) * (at - middle).transpose()).sum();
+    let mean = points.clone().sum::<Vector2<f64>>() / count;
+    let scatter: Matrix2<f64> = points.map(|at| (at - mean) * (at - mean).transpose()).sum();
     let eigen = SymmetricEigen::new(scatter);
     let across = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
-    Some(Line { across, at: across.dot(&middle) })
+    Some(Line { across, at: across.dot(&mean) })
 }
 
 /// Half the width of what is dark along a line, px, if it is a seam: darker than what is beside it, all along.
@@ -352,9 +347,9 @@ fn half_width(spots: &[Spot], line: &Line) -> Option<f64> {
     }
     let (sum, count) = (profile[0][0] + profile[1][0], profile[0][1] + profile[1][1]);
     let (peak, skin) = stands_out([sum, count], beside, 1.0)?;
-    let dark = pieces.iter().filter(|(_, [sum, count])| sum / count - skin > 0.4 * peak).count();
+    let dark = pieces.iter().filter(|(_, [sum, count])| sum / count - skin > SEAM.dark_piece * peak).count();
     let certain = pieces.len() >= SEAM.pieces && dark as f64 >= SEAM.unbroken * pieces.len() as f64;
-    let ended = |&[sum, count]: &[f64; 2]| count > 0.0 && sum / count - skin < 0.12 * peak;
+    let ended = |&[sum, count]: &[f64; 2]| count > 0.0 && sum / count - skin < SEAM.ended * peak;
     let half = (profile.iter().position(ended)? as f64 + 0.5) * SEAM.bin_px;
-    certain.then_some(half.max(1.0) + SEAM.skirt_px)
+    certain.then_some(half.max(SEAM.least_half_px) + SEAM.skirt_px)
 }

@@ -6,17 +6,12 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::quadrant_outline::{inside, skin};
 use crate::measure::detect::appearance::parameters::{BLUR, DARK, LIGHT, N, Parameters};
-use crate::measure::detect::estimate::options::OUTLINED;
-use crate::measure::detect::estimate::outlined_quadrants;
-use crate::measure::detect::estimate::prior::darkness_leaving;
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::hypothesis::prior::Prior;
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::histogram::Histogram;
-use crate::measure::detect::propose::options::BLURRED;
-use crate::measure::detect::propose::{moments, quadrant_edges};
-use crate::measure::detect::segment::blob;
-use crate::measure::detect::segment::blob::Blob;
+use crate::measure::detect::estimate::{options::OUTLINED, outlined_quadrants, prior::darkness_leaving};
+use crate::measure::detect::hypothesis::{Hypothesis, prior::Prior};
+use crate::measure::detect::image::{ellipse::Ellipse, histogram::Histogram};
+use crate::measure::detect::propose::{moments, options::BLURRED, quadrant_edges};
+use crate::measure::detect::segment::bitmask::Side;
+use crate::measure::detect::segment::blob::{self, Blob};
 use crate::measure::raster::Raster;
 
 /// Flat quadrants of whose black blur has left only the middle, seen once more by all that is unlike the skin, black and
@@ -39,7 +34,8 @@ pub fn against_skin(image: &Raster, hypothesis: &Hypothesis, softest: f64) -> Op
 /// only where they are wanted, and of blobs that are no discs.
 pub fn narrow(
     image: &Raster,
-    (blobs, near): (&[Blob], &[[usize; 2]]),
+    blobs: &[Blob],
+    near: &[[usize; 2]],
     taken: &[bool],
     noise: f64,
     wanted: impl Fn(&Ellipse) -> bool,
@@ -100,7 +96,7 @@ fn far_pairs(blobs: &[Blob], wanted: impl Fn(usize) -> bool) -> Vec<[usize; 2]> 
     for (k, (i, one)) in flat.iter().enumerate() {
         for (j, other) in &flat[k + 1..] {
             let ratio = blobs[*i].area / blobs[*j].area;
-            if (0.4..2.5).contains(&ratio) && in_row(one, other) {
+            if (BLURRED.alike..1.0 / BLURRED.alike).contains(&ratio) && in_row(one, other) {
                 out.push([*i, *j]);
             }
         }
@@ -140,7 +136,7 @@ fn by_black_and_white(image: &Raster, seen: &Ellipse, blobs: &[usize]) -> Option
 /// skin's grey level.
 fn unlike_skin(image: &Raster, seen: &Ellipse) -> Option<(Ellipse, Parameters, f64)> {
     let mut seen = *seen;
-    for _ in 0..3 {
+    for _ in 0..BLURRED.rounds {
         let (major, minor) = (
             (BLURRED.hidden * seen.major + BLURRED.skin_px).max(BLURRED.half_px),
             BLURRED.hidden * seen.minor + BLURRED.skin_px,
@@ -157,15 +153,15 @@ fn unlike_skin(image: &Raster, seen: &Ellipse) -> Option<(Ellipse, Parameters, f
         };
         let white = usize::from(inside(image, &grown).max()?);
         let (dark, light) = (skin.midpoint(black.min(skin)) as u8, skin.midpoint(white.max(skin)) as u8);
-        let mut parts = blob::darker_than(image, low, high, dark);
-        parts.extend(blob::lighter_than(image, low, high, light));
-        let least = 0.1 * seen.major * seen.minor;
+        let mut parts = blob::beyond(image, low, high, Side::Darker(dark));
+        parts.extend(blob::beyond(image, low, high, Side::Lighter(light)));
+        let least = BLURRED.part * seen.major * seen.minor;
         let parts: Vec<&Blob> =
             parts.iter().filter(|b| b.area > least && longest.holds(b.centroid)).collect();
-        let found = hull(&parts).filter(|ellipse| ellipse.minor >= 1.0)?;
-        if found.major < 1.2 * seen.major {
+        let found = hull(&parts).filter(|ellipse| ellipse.minor >= BLURRED.thinnest_px)?;
+        if found.major < BLURRED.longer * seen.major {
             let mut m = [0.0; N];
-            (m[LIGHT], m[BLUR]) = (white.max(1) as f64, BLURRED.blur_px.0);
+            (m[LIGHT], m[BLUR]) = (white.max(1) as f64, BLURRED.blur_px.value);
             m[DARK] = darkness_leaving(black as f64 / m[LIGHT]);
             return Some((found, m, skin as f64));
         }

@@ -4,14 +4,13 @@ use nalgebra::{Matrix2, Vector2};
 
 use crate::measure::detect::appearance::parameters::Pattern;
 use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::hypothesis::prior::{SizePrior, Slope};
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::histogram::Histogram;
+use crate::measure::detect::hypothesis::prior::{Estimate, SizePrior, Slope};
+use crate::measure::detect::image::{ellipse::Ellipse, histogram::Histogram};
+use crate::measure::detect::numbers::TINY;
 use crate::measure::detect::occlusion::decal::{Decal, ROWS, bounds_of, print_of};
 use crate::measure::detect::occlusion::options::DECAL;
 use crate::measure::detect::propose::options::DECAL_CUT;
 use crate::measure::detect::segment::blob::Blob;
-use crate::measure::detect::segment::contour::contour;
 use crate::measure::raster::Raster;
 
 /// An expected disc that the decals of others may hide, which lie in a direction: each with a rim about its print, and where
@@ -38,23 +37,23 @@ pub fn beside(
 }
 
 /// The disc of which a blob shows what the decal of one beside it leaves: shaped like that one, for both lie on the same skin,
-/// and as long as is predicted, with a standard deviation, px; the decal lies in a direction.
+/// and as long as is predicted, px; the decal lies in a direction.
 pub fn under(
     image: &Raster,
     blob: &Blob,
     neighbour: &Ellipse,
     axis: Vector2<f64>,
-    major: (f64, f64),
+    major: Estimate,
     blur: f64,
 ) -> Option<Hypothesis> {
-    let minor = neighbour.minor / neighbour.major * major.0;
-    let shape = Ellipse { centre: blob.centroid, major: major.0, minor, angle: neighbour.angle };
+    let minor = neighbour.minor / neighbour.major * major.value;
+    let shape = Ellipse { centre: blob.centroid, major: major.value, minor, angle: neighbour.angle };
     let decal = Decal::over(axis, print_of(neighbour, axis), bounds_of(blob, axis), [0.0, DECAL_CUT.cut_px]);
-    let seen: Vec<Vector2<f64>> = contour(blob).into_iter().filter(|at| !decal.holds(at)).collect();
+    let seen: Vec<Vector2<f64>> = blob.contour().into_iter().filter(|at| !decal.holds(at)).collect();
     let centre = centre_of(&shape, &seen, neighbour.centre)?;
     let slope = Slope {
-        minor: (minor, DECAL_CUT.same_minor * minor),
-        angle: (neighbour.angle, DECAL_CUT.same_angle_rad),
+        minor: Estimate::to_share(minor, DECAL_CUT.same_minor),
+        angle: Estimate { value: neighbour.angle, sigma: DECAL_CUT.same_angle_rad },
     };
     let ellipse = Ellipse { centre, ..shape };
     let mut whole = Hypothesis::of(Pattern::Disc, ellipse, Vec::new());
@@ -74,15 +73,15 @@ fn centre_of(shape: &Ellipse, points: &[Vector2<f64>], neighbour: Vector2<f64>) 
         Vector2::new(s / shape.major, t / shape.minor)
     };
     let round: Vec<Vector2<f64>> = points.iter().map(|&at| whole(at)).collect();
-    let middle = round.iter().sum::<Vector2<f64>>() / round.len() as f64;
-    let mut centre = middle + 0.7 * (whole(neighbour) - middle).try_normalize(1e-9)?;
+    let mean = round.iter().sum::<Vector2<f64>>() / round.len() as f64;
+    let mut centre = mean + DECAL_CUT.first_step * (whole(neighbour) - mean).try_normalize(TINY)?;
     let mut square = f64::MAX;
     for _ in 0..DECAL_CUT.steps {
-        let (mut normal, mut right) = (Matrix2::identity() * 1e-9, Vector2::zeros());
+        let (mut normal, mut right) = (Matrix2::identity() * TINY, Vector2::zeros());
         square = 0.0;
         for point in &round {
             let away = point - centre;
-            let (norm, off) = (away.norm().max(1e-9), away.norm() - 1.0);
+            let (norm, off) = (away.norm().max(TINY), away.norm() - 1.0);
             normal += away * away.transpose() / (norm * norm);
             right += away * (off / norm);
             square += off * off;
@@ -111,13 +110,9 @@ fn decal(image: &Raster, expected: &Ellipse, other: &Ellipse, axis: Vector2<f64>
     let print = print_of(other, axis);
     let reach = expected.extent().add_scalar(2.0 * DECAL.margin_px);
     let around = image.part(expected.centre - reach, expected.centre + reach, 2).map(|(_, _, value)| value);
-    let skin = Histogram::of(around).middle().unwrap_or(255) as u8;
+    let skin = Histogram::of(around).median().unwrap_or(255) as u8;
     let level = image.nearest(other.centre.x, other.centre.y).midpoint(skin);
-    let grown = Ellipse {
-        major: expected.major + DECAL_CUT.aside_px,
-        minor: expected.minor + DECAL_CUT.aside_px,
-        ..*expected
-    };
+    let grown = expected.larger(1.0, DECAL_CUT.aside_px);
     // Whether a line beside the print, so far from its middle, shows black of the expected disc within bounds.
     let shows = |bounds: &[f64; 4], along_rows: bool, at: f64| {
         let (from, to) = if along_rows { (bounds[0], bounds[2]) } else { (bounds[1], bounds[3]) };

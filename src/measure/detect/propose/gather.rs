@@ -7,10 +7,8 @@ use nalgebra::Vector2;
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::propose::moments;
 use crate::measure::detect::propose::options::{GATHER, MOMENTS};
-use crate::measure::detect::segment::background::{Coarse, DarkRegion, Darkness, Part};
-use crate::measure::detect::segment::blob::Blob;
-use crate::measure::detect::segment::options::BACKGROUND;
-use crate::measure::detect::segment::{background, blob};
+use crate::measure::detect::segment::background::{Coarse, DarkRegion, Part};
+use crate::measure::detect::segment::{background, blob, blob::Blob, options::BACKGROUND};
 use crate::measure::raster::Raster;
 
 /// What a frame's levels have shown so far: blobs, each once, from windows that together hold no more than some frames.
@@ -81,7 +79,8 @@ impl Gathered {
         for (levels, darkness) in [(near, Some(darkness)), (far, None)] {
             let darkness = darkness.unwrap_or_else(|| levels.coarse.darkness(faint));
             for level in levels.next..end {
-                findings.look(image, levels, (&darkness, level, faint));
+                let regions = levels.coarse.regions(&darkness, level, faint);
+                findings.look(image, levels, level, regions);
             }
             levels.next = end;
         }
@@ -110,17 +109,14 @@ struct Findings<'a> {
 }
 
 impl Findings<'_> {
-    /// Takes up the regions of one level.
-    fn look(
-        &mut self,
-        image: &Raster,
-        levels: &mut Levels,
-        (darkness, level, faint): (&Darkness, usize, bool),
-    ) {
+    /// Takes up the regions that pass one level.
+    fn look(&mut self, image: &Raster, levels: &mut Levels, level: usize, mut regions: Vec<DarkRegion>) {
         let Levels { coarse, least, done, open, .. } = levels;
         let largest = (coarse.width * coarse.height / 8).max(64);
-        let mut regions = coarse.regions(darkness, level, faint);
-        regions.retain(|r| r.width() * r.height() <= largest && r.width().min(r.height()) >= *least);
+        regions.retain(|r| {
+            let [width, height] = r.sides();
+            width * height <= largest && width.min(height) >= *least
+        });
         regions.sort_by_key(|r| std::cmp::Reverse(r.area));
         regions.truncate(GATHER.regions);
         // Uneven ones are seen again where nothing is found in them in the end.
@@ -133,11 +129,11 @@ impl Findings<'_> {
             if done.get(&region.least).is_some_and(|done| done.iter().any(|d| d.stands_for(&region))) {
                 continue;
             }
-            let Some(left) = self.budget.checked_sub(region.width() * region.height()) else { continue };
+            let [width, height] = region.sides();
+            let Some(left) = self.budget.checked_sub(width * height) else { continue };
             self.budget = left;
             let (blobs, cut) = blob::blobs(image, coarse, &region);
-            let pale =
-                region.least > GATHER.pale && region.width().min(region.height()) >= BACKGROUND.thick / 2;
+            let pale = region.least > GATHER.pale && width.min(height) >= BACKGROUND.thick / 2;
             let at_last = cut && level == self.laxest;
             let once_more = at_last || (pale && !cut);
             if !once_more && coarse.is_uneven(&region) && !blobs.iter().any(is_disc) {

@@ -5,12 +5,10 @@ use nalgebra::Vector2;
 use super::partial_ellipse::any_ellipse;
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::occlusion::glare::{middle_of, occluded};
-use crate::measure::detect::occlusion::options::GLARE;
-use crate::measure::detect::occlusion::region::Band;
+use crate::measure::detect::occlusion::{glare::occluded, options::GLARE, region::Band};
 use crate::measure::detect::propose::options::GLARE_CUT;
 use crate::measure::detect::segment::blob::Blob;
-use crate::measure::detect::segment::contour::contour;
+use crate::measure::estimation::robust::median;
 use crate::measure::raster::Raster;
 
 /// A point of a blob's rim, px: where, along the blob's axis, and the step across it, grey levels.
@@ -63,11 +61,11 @@ fn opposite(part: &Part, blob: &Blob, other: &Blob) -> bool {
     let (along, across) = (d.dot(&part.axis), d.perp(&part.axis).abs());
     let side = if along > 0.0 { part.ends[1] } else { part.ends[0] };
     side.is_some()
-        && other.area > 30.0
-        && other.area < 3.0 * blob.area
-        && along.abs() > own.major
-        && along.abs() < 5.0 * own.major
-        && across < own.minor + 0.1 * along.abs()
+        && other.area > GLARE_CUT.rest.0
+        && other.area < GLARE_CUT.rest.1 * blob.area
+        && along.abs() > GLARE_CUT.along.0 * own.major
+        && along.abs() < GLARE_CUT.along.1 * own.major
+        && across < own.minor + GLARE_CUT.across * along.abs()
 }
 
 /// Both parts of a disc that a band of glare crosses.
@@ -94,7 +92,7 @@ fn together(
     };
     let (near, far_ends) = (ends(&one.left), ends(&far.left));
     let (from, to) = if after { (near.1, far_ends.0) } else { (far_ends.1, near.0) };
-    if mean > 1.0 || from >= to {
+    if mean > GLARE_CUT.off_px || from >= to {
         return None;
     }
     let blobs = hypothesis.blobs.iter().copied().chain([index]).collect();
@@ -108,16 +106,16 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
     let axis = ellipse.axis();
     let inverse = blob.covariance.try_inverse()?;
     let grey = |at: Vector2<f64>| f64::from(image.nearest(at.x, at.y));
-    let points: Vec<ContourPoint> = (contour(blob).into_iter())
+    let points: Vec<ContourPoint> = (blob.contour().into_iter())
         .map(|at| {
             let normal = (inverse * (at - blob.centroid)).normalize() * GLARE_CUT.reach_px;
             let (inside, outside) = (grey(at - normal), grey(at + normal));
             ContourPoint { at, along: at.dot(&axis), step: outside - inside }
         })
         .collect();
-    let usual = middle_of(points.iter().map(|p| p.step))?;
+    let usual = median(points.iter().map(|p| p.step).collect())?;
     let ends = occluded(image, &ellipse);
-    if usual < 8.0 || ends == [None, None] {
+    if usual < GLARE_CUT.least_step || ends == [None, None] {
         return None;
     }
     let open = |p: &&ContourPoint| {
@@ -132,6 +130,7 @@ fn part(image: &Raster, blob: &Blob, least: usize) -> Option<Part> {
 /// The outline, if it is not much larger than what is seen of it.
 fn sound(ellipse: Ellipse, blob: &Blob) -> Option<Ellipse> {
     let seen = Ellipse::of(blob);
-    let fits = ellipse.major < 2.0 * seen.major && ellipse.minor < 1.6 * seen.minor;
+    let fits =
+        ellipse.major < GLARE_CUT.larger[0] * seen.major && ellipse.minor < GLARE_CUT.larger[1] * seen.minor;
     (fits && ellipse.major > seen.major).then_some(ellipse)
 }

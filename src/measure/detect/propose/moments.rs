@@ -6,8 +6,9 @@ use std::sync::LazyLock;
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::hypothesis::{EdgePair, Hypothesis};
 use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::propose::options::MOMENTS;
 use crate::measure::detect::segment::blob::Blob;
 
 /// The shape of one blob or of several together, when only moments are asked.
@@ -40,9 +41,10 @@ pub fn outline_of(indices: &[usize], all: &[Blob]) -> Option<Ellipse> {
 /// A disc, where the blob fills its ellipse of inertia.
 pub fn disc(index: usize, blob: &Blob) -> Option<Hypothesis> {
     let ellipse = Ellipse::of(blob);
-    // Few pixels across make steps in the outline.
-    let most = if ellipse.minor < 1.8 { 1.3 } else { 0.36 + 0.6 / (ellipse.minor * ellipse.minor) };
-    ((0.72..1.2).contains(&blob.fill()) && squareness(blob) < most)
+    let (thin, square) = (MOMENTS.disc_thin, MOMENTS.disc_square);
+    let most =
+        if ellipse.minor < thin.0 { thin.1 } else { square.0 + square.1 / (ellipse.minor * ellipse.minor) };
+    (within(blob.fill(), MOMENTS.disc_fill) && squareness(blob) < most)
         .then(|| Hypothesis::of(Pattern::Disc, ellipse, vec![index]))
 }
 
@@ -58,14 +60,14 @@ pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Hypothesis> {
     let blobs: Vec<&Blob> = indices.iter().map(|&i| all.get(i)).collect::<Option<_>>()?;
     let shape = together(&blobs);
     let det = shape.covariance.determinant();
-    if det <= 1e-6 || !(0.50..0.85).contains(&(shape.area / (4.0 * PI * det.sqrt()))) {
+    if det <= MOMENTS.least_px4 || !within(shape.area / (4.0 * PI * det.sqrt()), MOMENTS.fill) {
         return None;
     }
-    let (whiten, halves) = split(&blobs, &shape)?;
+    let (whiten, [one, other]) = split(&blobs, &shape)?;
     // Whitened, the diagonals (1, 1) and (1, -1) of the pattern are orthogonal and of known length.
-    let diagonal = (whiten * (halves.1 - halves.0)) * (0.5 * 3.0 * PI / 4.0);
+    let diagonal = (whiten * (other - one)) * (0.5 * 3.0 * PI / 4.0);
     let length = (2.0 / ALONG).sqrt();
-    if !(0.85..1.15).contains(&(diagonal.norm() / length)) {
+    if !within(diagonal.norm() / length, MOMENTS.apart) {
         return None;
     }
     let unit = diagonal.normalize();
@@ -75,7 +77,7 @@ pub fn quadrants(indices: &[usize], all: &[Blob]) -> Option<Hypothesis> {
     let (e1, e2) = ((p + q) * 0.5, (p - q) * 0.5);
     let affine = Matrix2::from_columns(&[e1, e2]);
     let expected = 0.5 * PI * affine.determinant().abs();
-    if !(0.75..1.3).contains(&(shape.area / expected)) {
+    if !within(shape.area / expected, MOMENTS.area) {
         return None;
     }
     let ellipse = Ellipse::from_moments(shape.centre, affine * affine.transpose(), 1.0);
@@ -88,11 +90,12 @@ pub fn between(e1: Vector2<f64>, e2: Vector2<f64>, ellipse: Ellipse, blobs: &[us
     let half = 0.5 * u1.dot(&u2).clamp(-1.0, 1.0).acos();
     let bisector = u1 + u2;
     let along = bisector.y.atan2(bisector.x);
-    let (pattern, edges) = if half <= PI / 4.0 {
-        (Pattern::BlackAlong, (along, half.tan()))
+    let (pattern, along_rad, half) = if half <= PI / 4.0 {
+        (Pattern::BlackAlong, along, half)
     } else {
-        (Pattern::WhiteAlong, (along + PI / 2.0, (PI / 2.0 - half).tan()))
+        (Pattern::WhiteAlong, along + PI / 2.0, PI / 2.0 - half)
     };
+    let edges = EdgePair { along_rad, tangent: half.tan() };
     Hypothesis { edges: Some(edges), ..Hypothesis::of(pattern, ellipse, blobs.to_vec()) }
 }
 
@@ -155,11 +158,10 @@ pub fn squareness(blob: &Blob) -> f64 {
 /// The whitening transform and the centroids of the two wedges. After whitening, the direction in
 /// which two opposite wedges lie is the one of least kurtosis; a disc has 2 everywhere, two
 /// quadrants 1.38.
-#[allow(clippy::type_complexity)]
-fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, (Vector2<f64>, Vector2<f64>))> {
+fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, [Vector2<f64>; 2])> {
     let (whiten, kurtosis) = kurtosis(blobs, shape)?;
     let best = (0..DIRECTIONS).min_by(|&i, &j| kurtosis[i].total_cmp(&kurtosis[j]))?;
-    if kurtosis[best] > 1.62 {
+    if kurtosis[best] > MOMENTS.kurtosis {
         return None;
     }
     let (s, c) = direction(best);
@@ -185,7 +187,12 @@ fn split(blobs: &[&Blob], shape: &Shape) -> Option<(Matrix2<f64>, (Vector2<f64>,
         }
     }
     let [(n0, s0), (n1, s1)] = sums;
-    (n0 > 0.35 * shape.area && n1 > 0.35 * shape.area).then(|| (whiten, (s0 / n0, s1 / n1)))
+    let least = MOMENTS.half * shape.area;
+    (n0 > least && n1 > least).then(|| (whiten, [s0 / n0, s1 / n1]))
+}
+
+fn within(value: f64, (least, most): (f64, f64)) -> bool {
+    (least..most).contains(&value)
 }
 
 /// Areas of the two black quadrants of one marker differ by less than this factor.
@@ -199,7 +206,7 @@ pub fn pairs(blobs: &[Blob]) -> Vec<[usize; 2]> {
     let sorted: Vec<(f64, Vector2<f64>, f64)> = order
         .iter()
         .map(|&i| &blobs[i])
-        .map(|b| (b.area, b.centroid, 3.0 * b.covariance.trace().sqrt() + 3.0))
+        .map(|b| (b.area, b.centroid, MOMENTS.pair.0 * b.covariance.trace().sqrt() + MOMENTS.pair.1))
         .collect();
     let mut out = Vec::new();
     for (k, &(area, place, reach)) in sorted.iter().enumerate() {

@@ -2,14 +2,13 @@
 
 use nalgebra::{Cholesky, Matrix2, Matrix3, SMatrix, SVector, SymmetricEigen, Vector2, Vector3};
 
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::hypothesis::prior::Prior;
+use crate::measure::detect::hypothesis::{Hypothesis, prior::Prior};
 use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::numbers::TINY;
 use crate::measure::detect::occlusion::decal::{Decal, bounds_of};
 use crate::measure::detect::occlusion::options::DECAL;
 use crate::measure::detect::propose::options::PARTIAL;
 use crate::measure::detect::segment::blob::Blob;
-use crate::measure::detect::segment::contour::contour;
 
 type Conic = SVector<f64, 5>;
 
@@ -22,7 +21,7 @@ pub fn completed(
     direction: impl Fn(&Blob) -> Vector2<f64>,
 ) -> Option<Hypothesis> {
     let near: Vec<(&Blob, Decal)> = (others.iter())
-        .filter(|o| o.area > 0.3 * blob.area && o.area < 6.0 * blob.area && are_near(o, blob))
+        .filter(|o| are_alike(o, blob) && are_near(o, blob))
         .filter_map(|o| {
             let axis = direction(o);
             let own = bounds_of(blob, axis);
@@ -33,7 +32,7 @@ pub fn completed(
         .filter(|(o, _)| !overlap(o, blob))
         .collect();
     let hidden: Vec<Decal> = near.iter().map(|n| n.1).collect();
-    let contour = contour(blob);
+    let contour = blob.contour();
     let seen: Vec<Vector2<f64>> =
         contour.iter().filter(|p| !hidden.iter().any(|decal| decal.holds(p))).copied().collect();
     if seen.len() == contour.len()
@@ -54,8 +53,8 @@ pub fn completed(
     } else if (seen.len() as f64) < PARTIAL.share_alone * contour.len() as f64 {
         return None;
     }
-    let fits =
-        ellipse.major < 2.0 * hypothesis.ellipse.major && ellipse.minor < 3.0 * hypothesis.ellipse.minor;
+    let (seen, larger) = (&hypothesis.ellipse, PARTIAL.larger);
+    let fits = ellipse.major < larger[0] * seen.major && ellipse.minor < larger[1] * seen.minor;
     let prior = Prior { twin: same_size, ..hypothesis.prior };
     fits.then(|| Hypothesis { ellipse, prior, ..hypothesis.clone() }.with_decals(hidden))
 }
@@ -72,7 +71,12 @@ fn overlap(one: &Blob, other: &Blob) -> bool {
 
 /// Whether a blob is filled as an ellipse is.
 pub fn is_ellipse(blob: &Blob) -> bool {
-    !blob.at_edge && (0.95..1.05).contains(&blob.fill())
+    !blob.at_edge && (PARTIAL.fill.0..PARTIAL.fill.1).contains(&blob.fill())
+}
+
+/// Whether a blob may be a disc beside another one.
+fn are_alike(one: &Blob, other: &Blob) -> bool {
+    one.area > PARTIAL.neighbour.0 * other.area && one.area < PARTIAL.neighbour.1 * other.area
 }
 
 /// Whether the decal of one blob can reach the other, in whatever direction it lies.
@@ -105,10 +109,10 @@ pub fn any_ellipse(points: &[Vector2<f64>], blob: &Blob) -> Option<Ellipse> {
 /// The ellipse through the points that has the axis ratio and direction of `twin`.
 fn same_ellipse(points: &[Vector2<f64>], twin: &Blob) -> Option<Ellipse> {
     let whiten = whitening(twin)?;
-    let middle = points.iter().sum::<Vector2<f64>>() / points.len() as f64;
-    let (mut normal, mut right) = (Matrix3::identity() * 1e-9, Vector3::zeros());
+    let mean = points.iter().sum::<Vector2<f64>>() / points.len() as f64;
+    let (mut normal, mut right) = (Matrix3::identity() * TINY, Vector3::zeros());
     for p in points {
-        let w = whiten * (p - middle);
+        let w = whiten * (p - mean);
         let row = Vector3::new(2.0 * w.x, 2.0 * w.y, 1.0);
         normal += row * row.transpose();
         right += row * w.norm_squared();
@@ -118,7 +122,7 @@ fn same_ellipse(points: &[Vector2<f64>], twin: &Blob) -> Option<Ellipse> {
     let radius2 = circle.z + centre.norm_squared();
     let back = whiten.try_inverse()?;
     (radius2 > 0.0)
-        .then(|| Ellipse::from_moments(middle + back * centre, back * back.transpose() * radius2, 1.0))
+        .then(|| Ellipse::from_moments(mean + back * centre, back * back.transpose() * radius2, 1.0))
 }
 
 pub fn row(p: &Vector2<f64>) -> Conic {
@@ -127,7 +131,7 @@ pub fn row(p: &Vector2<f64>) -> Conic {
 
 /// Least squares of `a x^2 + b x y + c y^2 + d x + e y = 1`.
 fn through(points: &[Vector2<f64>]) -> Option<Conic> {
-    let mut normal = SMatrix::<f64, 5, 5>::identity() * 1e-9;
+    let mut normal = SMatrix::<f64, 5, 5>::identity() * TINY;
     let mut right = Conic::zeros();
     for p in points {
         let r = row(p);

@@ -5,11 +5,9 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::Vector2;
 
 use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::scanline::EllipseFrame;
+use crate::measure::detect::image::{ellipse::Ellipse, scanline::EllipseFrame};
 use crate::measure::detect::occlusion::region::Band;
-use crate::measure::detect::propose::moments;
-use crate::measure::detect::propose::options::EDGES;
+use crate::measure::detect::propose::{moments, options::EDGES};
 use crate::measure::raster::Raster;
 
 /// Directions in a quarter.
@@ -40,7 +38,7 @@ struct EdgeSearch {
     /// Sum of grey values and number of pixels in the quarter that begins in a direction.
     quarters: [(f64, f64); EDGES.turns],
     /// Sum of squares of all grey values about their mean.
-    spread: f64,
+    squares: f64,
 }
 
 impl EdgeSearch {
@@ -67,15 +65,15 @@ impl EdgeSearch {
             (0..QUARTER).map(|k| sums[(from + k) % EDGES.turns]).fold((0.0, 0.0), add)
         });
         let (sum, count) = sums.into_iter().fold((0.0, 0.0), add);
-        let spread = squares - sum * sum / f64::max(count, 1.0);
-        Self { ellipse, step, quarters, spread: spread.max(1.0) }
+        let squares = squares - sum * sum / f64::max(count, 1.0);
+        Self { ellipse, step, quarters, squares: squares.max(1.0) }
     }
 
     fn opposite(&self, turn: usize) -> [(f64, f64); 2] {
         [turn, turn + 2 * QUARTER].map(|turn| self.quarters[turn % EDGES.turns])
     }
 
-    /// Where two opposite quarters are darkest beside the other two, and which share of the spread that explains.
+    /// Where two opposite quarters are darkest beside the other two, and which share of the squares that explains.
     fn best(&self) -> (usize, f64) {
         let both = |turn: usize| {
             let [(one, m), (other, n)] = self.opposite(turn);
@@ -84,7 +82,7 @@ impl EdgeSearch {
         let lighter = |turn: usize| {
             let ((black, m), (white, n)) = (both(turn), both(turn + QUARTER));
             let lighter = white / n - black / m;
-            (turn, lighter * lighter.abs() * m * n / (m + n) / self.spread)
+            (turn, lighter * lighter.abs() * m * n / (m + n) / self.squares)
         };
         let better = |best: (usize, f64), other: (usize, f64)| if other.1 > best.1 { other } else { best };
         (0..2 * QUARTER).map(lighter).fold((0, f64::MIN), better)

@@ -3,16 +3,13 @@
 use nalgebra::Vector2;
 
 use crate::measure::detect::appearance::parameters::{BLUR, LIGHT, Parameters, X, Y, contrast};
-use crate::measure::detect::estimate::options::OUTLINED;
-use crate::measure::detect::estimate::outlined_quadrants;
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::histogram::Histogram;
+use crate::measure::detect::estimate::{options::OUTLINED, outlined_quadrants};
+use crate::measure::detect::hypothesis::{Hypothesis, prior::Estimate};
 use crate::measure::detect::image::scanline::{EllipseFrame, columns, row_of};
-use crate::measure::detect::propose::moments;
-use crate::measure::detect::propose::options::OUTLINE;
-use crate::measure::detect::segment::blob;
-use crate::measure::detect::segment::blob::Blob;
+use crate::measure::detect::image::{ellipse::Ellipse, histogram::Histogram};
+use crate::measure::detect::propose::{moments, options::OUTLINE};
+use crate::measure::detect::segment::bitmask::Side;
+use crate::measure::detect::segment::blob::{self, Blob};
 use crate::measure::raster::Raster;
 
 /// Quadrants with the outline of what is nearer to black than to white.
@@ -25,9 +22,8 @@ pub fn outlined(image: &Raster, hypothesis: Hypothesis, m: &Parameters) -> Hypot
     if hypothesis.prior.blur.is_some() || hypothesis.prior.size.is_some() {
         return Hypothesis { ellipse: Ellipse { centre: saddle, ..*ellipse }, ..hypothesis };
     }
-    // Skin is darker than white: nearer to black it does not run into the quadrants.
-    let found = [0.65, 0.8].iter().find_map(|share| {
-        let level = (m[LIGHT] - share * contrast(m)).clamp(0.0, 255.0) as u8;
+    let found = OUTLINE.ends.iter().find_map(|share| {
+        let level = (m[LIGHT] - share * contrast(m)).clamp(0.0, f64::from(u8::MAX)) as u8;
         let own = blob::dark_parts(image, ellipse, 0.0, level);
         moments::quadrants(&[0, 1], &own).or_else(|| moments::quadrants(&[0], &own))
     });
@@ -58,12 +54,12 @@ pub fn with_outline(
     {
         return None;
     }
-    let reach = (ellipse.extent() * 1.5).add_scalar(OUTLINE.beside_px);
+    let reach = (ellipse.extent() * OUTLINE.about).add_scalar(OUTLINE.beside_px);
     let skin = skin(image, ellipse.centre - reach, ellipse.centre + reach)? as f64;
     let centre = Vector2::new(m[X], m[Y]);
     let centred = Hypothesis { ellipse: Ellipse { centre, ..*ellipse }, ..hypothesis.clone() };
     let start = outlined_quadrants::start(&centred, m, skin)?;
-    outlined_quadrants::refined(image, &centred, start, (m[BLUR], OUTLINE.same_blur * m[BLUR]))
+    outlined_quadrants::refined(image, &centred, start, Estimate::to_share(m[BLUR], OUTLINE.same_blur))
 }
 
 /// Quadrants whose two black parts were seen against thresholds so different that one is much larger, seen once more
@@ -97,7 +93,7 @@ pub fn inside(image: &Raster, ellipse: &Ellipse) -> impl Iterator<Item = u8> {
 
 /// The skin's grey value in a box of which a marker takes less than half.
 pub fn skin(image: &Raster, low: Vector2<f64>, high: Vector2<f64>) -> Option<usize> {
-    Histogram::of(image.part(low, high, 2).map(|(_, _, value)| value)).middle()
+    Histogram::of(image.part(low, high, 2).map(|(_, _, value)| value)).median()
 }
 
 /// Half the length of quadrants' white along their outline's axis, px, which is the whole marker's: of a flat marker blur
@@ -107,19 +103,22 @@ fn length_of_white(image: &Raster, ellipse: &Ellipse, m: &Parameters) -> Option<
         return None;
     }
     let centre = Vector2::new(m[X], m[Y]);
-    let reach = ellipse.extent() * 2.2;
+    let reach = ellipse.extent() * OUTLINE.about_white;
     let (low, high) = (centre - reach, centre + reach);
     let skin = skin(image, low, high)? as f64;
     let level = 0.5 * (skin + m[LIGHT]);
     if m[LIGHT] - skin < OUTLINED.whiter * contrast(m) {
         return None;
     }
-    let own = |s: f64, t: f64| s.abs() < 2.2 * ellipse.major && t.abs() < ellipse.minor + 2.0;
+    let own = |s: f64, t: f64| {
+        s.abs() < OUTLINE.about_white * ellipse.major && t.abs() < ellipse.minor + OUTLINE.white_px
+    };
     let place = |at: Vector2<f64>| Ellipse { centre, ..*ellipse }.local(at);
     let (mut least, mut most) = (0.0f64, 0.0f64);
-    for blob in blob::lighter_than(image, low, high, level.clamp(0.0, 254.0) as u8) {
+    let lighter = Side::Lighter(level.clamp(0.0, f64::from(u8::MAX - 1)) as u8);
+    for blob in blob::beyond(image, low, high, lighter) {
         let (s, t) = place(blob.centroid);
-        if !own(s, t) || blob.area < 0.05 * ellipse.major * ellipse.minor {
+        if !own(s, t) || blob.area < OUTLINE.white * ellipse.major * ellipse.minor {
             continue;
         }
         for &[y, from, to] in &blob.runs {
@@ -129,9 +128,8 @@ fn length_of_white(image: &Raster, ellipse: &Ellipse, m: &Parameters) -> Option<
             }
         }
     }
-    let even = least < -0.7 * ellipse.major
-        && most > 0.7 * ellipse.major
-        && most < -1.25 * least
-        && -least < 1.25 * most;
-    even.then_some(0.5 * (most - least))
+    let (far, unlike) = OUTLINE.white_ends;
+    let (before, behind) = (-least, most);
+    let even = before.min(behind) > far * ellipse.major && before.max(behind) < unlike * before.min(behind);
+    even.then_some(0.5 * (before + behind))
 }

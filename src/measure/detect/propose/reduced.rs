@@ -27,7 +27,7 @@ impl Reduced {
         }
         let step = (ellipse.minor / OUTLINE.small_px) as usize;
         let factor = step as f64;
-        let reach = ellipse.extent() * 1.2;
+        let reach = ellipse.extent() * OUTLINE.small_about;
         let corner = (ellipse.centre - reach).map(|v| v.max(0.0).floor());
         let most = Vector2::new(image.width() as f64, image.height() as f64);
         let size = ((ellipse.centre + reach).inf(&most) - corner).map(|v| (v / factor).max(0.0) as usize);

@@ -2,23 +2,18 @@
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::accept::better::is_better;
-use crate::measure::detect::accept::found::Found;
-use crate::measure::detect::accept::verdict::Measured;
+use crate::measure::detect::accept::{better::is_better, found::Found, verdict::Measured};
 use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::attempt::ladder::Ladder;
-use crate::measure::detect::attempt::whole::looks_cut;
-use crate::measure::detect::detection::RejectReason;
+use crate::measure::detect::attempt::{ladder::Ladder, whole::looks_cut};
+use crate::measure::detect::detection::{RejectReason, covariance::Source};
 use crate::measure::detect::estimate::prior::darkness_leaving;
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::hypothesis::neighbours;
-use crate::measure::detect::hypothesis::prior::{EdgePrior, SizePrior};
-use crate::measure::detect::image::histogram::middle;
+use crate::measure::detect::hypothesis::prior::{EdgePrior, Estimate, SizePrior};
+use crate::measure::detect::hypothesis::{Hypothesis, neighbours};
 use crate::measure::detect::occlusion::region::Band;
-use crate::measure::detect::propose::moments;
+use crate::measure::detect::propose::{gather::Gathered, moments};
 use crate::measure::detect::revise::options::NEIGHBOUR;
-use crate::measure::detect::segment::background::{Coarse, DarkRegion};
 use crate::measure::detect::segment::blob;
+use crate::measure::estimation::robust::median;
 use crate::measure::raster::Raster;
 use crate::measure::setup::Shape;
 
@@ -58,9 +53,9 @@ pub fn revise_with_size(ladder: &Ladder, found: &mut Found, hidden: Vec<(Option<
     found.turn_down_these(RejectReason::Uncertain, &wrong);
 }
 
-/// The hypothesis with a predicted semi-major axis and its standard deviation, px. The end that is seen stays where it is.
-fn with_size(mut hypothesis: Hypothesis, (major, deviation): (f64, f64)) -> Hypothesis {
-    let by = major - hypothesis.ellipse.major;
+/// The hypothesis with a predicted semi-major axis, px. The end that is seen stays where it is.
+fn with_size(mut hypothesis: Hypothesis, major: Estimate) -> Hypothesis {
+    let by = major.value - hypothesis.ellipse.major;
     let shift = |band: &Band| {
         let longer = band.axis * by;
         match (band.from.is_finite(), band.to.is_finite()) {
@@ -71,8 +66,8 @@ fn with_size(mut hypothesis: Hypothesis, (major, deviation): (f64, f64)) -> Hypo
     };
     let shift: Vector2<f64> = hypothesis.glare().map(shift).sum();
     hypothesis.ellipse.centre += shift;
-    hypothesis.ellipse.major = major;
-    hypothesis.prior.size = Some(SizePrior::of_major((major, deviation)));
+    hypothesis.ellipse.major = major.value;
+    hypothesis.prior.size = Some(SizePrior { major, slope: None });
     hypothesis
 }
 
@@ -95,14 +90,14 @@ pub fn revise_with_edge_prior(ladder: &Ladder, found: &mut Found, unsure: Vec<Hy
             continue;
         }
         hypothesis.prior.edge = edge_prior(found, ellipse.centre)
-            .filter(|edge| ellipse.minor < NEIGHBOUR.thin_blurs * edge.blur.0);
+            .filter(|edge| ellipse.minor < NEIGHBOUR.thin_blurs * edge.blur.value);
         if hypothesis.prior.edge.is_none() {
             continue;
         }
         let mut size = None;
         if hypothesis.pattern == Pattern::Disc {
             size = predicted_major(found, None, ellipse.centre);
-            size = size.filter(|(major, _)| ellipse.major > NEIGHBOUR.seen * major);
+            size = size.filter(|major| ellipse.major > NEIGHBOUR.seen * major.value);
             let Some(size) = size else { continue };
             hypothesis = with_size(hypothesis, size);
         }
@@ -120,11 +115,13 @@ pub fn revise_with_edge_prior(ladder: &Ladder, found: &mut Found, unsure: Vec<Hy
 pub fn find_against_one_level(
     ladder: &Ladder,
     found: &mut Found,
-    (seen, coarse, regions): (&Raster, &Coarse, &[DarkRegion]),
+    seen: &Raster,
+    gathered: &Gathered,
     wanted: impl Fn(&Hypothesis) -> bool,
 ) {
-    for region in regions {
-        if found.holds(region.middle(coarse.factor)) {
+    let coarse = gathered.coarse();
+    for region in &gathered.uneven {
+        if found.holds(region.centre(coarse.factor)) {
             continue;
         }
         for blob in blob::blobs_against_surround(seen, coarse, region) {
@@ -138,8 +135,8 @@ pub fn find_against_one_level(
     }
 }
 
-/// The semi-major axis of a disc at a place and its standard deviation, px, from all that was found but itself.
-pub fn predicted_major(found: &Found, own: Option<usize>, at: Vector2<f64>) -> Option<(f64, f64)> {
+/// The semi-major axis of a disc at a place, px, from all that was found but itself.
+pub fn predicted_major(found: &Found, own: Option<usize>, at: Vector2<f64>) -> Option<Estimate> {
     let others = found.measured.iter().enumerate().filter(|(i, _)| Some(*i) != own);
     neighbours::predicted_major(others.map(|(_, m)| &m.detection), at)
 }
@@ -153,9 +150,9 @@ pub fn inflate_unlike(found: &mut Found) {
             let d = &own.detection;
             let thin = d.shape == Shape::Circle && d.semi_minor_px < NEIGHBOUR.thin_blurs * own.blur;
             let size = if thin { predicted_major(found, Some(i), d.centre_px) } else { None };
-            let Some((major, deviation)) = size else { return 0.0 };
-            let longer = (d.semi_major_px - major).powi(2);
-            let chance = own.length.powi(2) + deviation * deviation;
+            let Some(major) = size else { return 0.0 };
+            let longer = (d.semi_major_px - major.value).powi(2);
+            let chance = own.length.powi(2) + major.sigma * major.sigma;
             if longer > NEIGHBOUR.unlikely_sigmas * NEIGHBOUR.unlikely_sigmas * chance {
                 longer - chance
             } else {
@@ -167,8 +164,7 @@ pub fn inflate_unlike(found: &mut Found) {
     for (i, (Measured { detection: own, .. }, inflation)) in
         found.measured.iter_mut().zip(inflations).enumerate()
     {
-        let axis = own.ellipse().axis();
-        own.covariance_px2 += axis * axis.transpose() * inflation;
+        own.covariance_px2.add_along(Source::NeighbourLength, own.ellipse().axis(), inflation);
         none.extend((inflation > (NEIGHBOUR.none * own.semi_major_px).powi(2)).then_some(i));
     }
     found.turn_down_these(RejectReason::Uncertain, &none);
@@ -183,13 +179,16 @@ fn edge_prior(found: &Found, at: Vector2<f64>) -> Option<EdgePrior> {
     let distance = |m: &Measured| (m.detection.centre_px - at).norm_squared();
     near.sort_by(|one, other| distance(one).total_cmp(&distance(other)));
     near.truncate(NEIGHBOUR.enough);
-    let blur = middle(near.iter().map(|m| m.blur).collect())?;
-    let darkness = middle(near.iter().map(|m| m.darkness).collect())?;
+    let blur = median(near.iter().map(|m| m.blur).collect())?;
+    let darkness = median(near.iter().map(|m| m.darkness).collect())?;
     let dark = darkness_leaving((1.0 - darkness).max(0.0));
-    Some(EdgePrior { blur: (blur, NEIGHBOUR.same_blur * blur), dark: (dark, NEIGHBOUR.same_dark) })
+    Some(EdgePrior {
+        blur: Estimate::to_share(blur, NEIGHBOUR.same_blur),
+        dark: Estimate { value: dark, sigma: NEIGHBOUR.same_dark },
+    })
 }
 
-/// Whether a disc is as long as was predicted with some deviation, px, to so many of them.
-pub fn is_as_long(disc: &Measured, (major, deviation): (f64, f64), most: f64) -> bool {
-    (disc.detection.semi_major_px - major).abs() < most * deviation
+/// Whether a disc is as long as was predicted, px, to so many standard deviations.
+pub fn is_as_long(disc: &Measured, major: Estimate, sigmas: f64) -> bool {
+    (disc.detection.semi_major_px - major.value).abs() < sigmas * major.sigma
 }

@@ -5,22 +5,19 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::measure::detect::accept::better::is_better;
-use crate::measure::detect::accept::verdict::Measured;
+use crate::measure::detect::accept::{better::is_better, options::CONSISTENCY, verdict::Measured};
 use crate::measure::detect::accept::{correlated, dirt};
 use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::attempt::ladder::Ladder;
-use crate::measure::detect::attempt::measure::Bounds;
+use crate::measure::detect::attempt::{ladder::Ladder, measure::Bounds};
+use crate::measure::detect::detection::covariance::{Source, mahalanobis};
 use crate::measure::detect::detection::{Detection, Detections, Prediction, by_place};
 use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::hypothesis::prior::{EdgePrior, Prior, SizePrior, Slope};
+use crate::measure::detect::hypothesis::prior::{EdgePrior, Estimate, Prior, SizePrior, Slope};
 use crate::measure::detect::image::ellipse::{Ellipse, half_turn};
-use crate::measure::detect::image::histogram::middle;
-use crate::measure::detect::occlusion::decal::ROWS;
-use crate::measure::detect::occlusion::glare;
-use crate::measure::detect::occlusion::options::GLARE;
+use crate::measure::detect::occlusion::{decal::ROWS, glare, options::GLARE};
 use crate::measure::detect::propose::{decal_cut, quadrant_edges};
-use crate::measure::detect::revise::options::ORIENTATION;
+use crate::measure::detect::revise::options::{NEIGHBOUR, ORIENTATION};
+use crate::measure::estimation::robust::median;
 use crate::measure::raster::Raster;
 use crate::measure::setup::Shape;
 
@@ -33,14 +30,14 @@ pub struct Expected {
     pub found: Option<usize>,
 }
 
-/// Sum of a place's variances from which on a disc is looked at again, px^2.
+/// Sum of a place's variances from which on a disc is looked at again, px^2. Chosen with [`ORIENTATION`].
 pub const UNSURE_PX2: f64 = 0.04;
 
-/// How the predicted sizes fail: each a usual ratio, or difference, and its deviation.
+/// How the predicted sizes fail: ratios of the axes, and the difference of the directions, rad.
 struct Sizes {
-    major: (f64, f64),
-    minor: (f64, f64),
-    angle: (f64, f64),
+    major: Estimate,
+    minor: Estimate,
+    angle: Estimate,
 }
 
 /// The frame's sure discs, as predicted and as found.
@@ -62,19 +59,19 @@ impl Sure {
         let aside = |p: &Prediction| half_turn(p.angle_rad - expected.angle_rad).abs();
         alike.sort_by(|(one, _), (other, _)| aside(one).total_cmp(&aside(other)));
         let few = alike.len().min(ORIENTATION.alike);
-        let spread = |count: usize, value: &dyn Fn(&Prediction, &Detection) -> f64, least: f64| {
+        let usual = |count: usize, value: &dyn Fn(&Prediction, &Detection) -> f64, least: f64| {
             let all: Vec<f64> = alike[..count].iter().map(|(p, d)| value(p, d)).collect();
-            let usual = middle(all.clone()).filter(|_| all.len() >= ORIENTATION.enough);
-            let off = usual.and_then(|usual| middle(all.iter().map(|v| (v - usual).abs()).collect()));
-            Some((usual?, least.max(1.5 * off?)))
+            let value = median(all.clone()).filter(|_| all.len() >= ORIENTATION.enough)?;
+            let off = median(all.iter().map(|v| (v - value).abs()).collect())?;
+            Some(Estimate { value, sigma: least.max(ORIENTATION.sigma_over_median * off) })
         };
-        let major = spread(alike.len(), &|p, d| d.semi_major_px / p.semi_major_px, ORIENTATION.major);
-        let minor = spread(few, &|p, d| d.semi_minor_px / p.semi_minor_px, ORIENTATION.minor);
-        let angle = spread(few, &|p, d| half_turn(d.angle_rad - p.angle_rad), ORIENTATION.angle_rad);
+        let major = usual(alike.len(), &|p, d| d.semi_major_px / p.semi_major_px, ORIENTATION.major);
+        let minor = usual(few, &|p, d| d.semi_minor_px / p.semi_minor_px, ORIENTATION.minor);
+        let angle = usual(few, &|p, d| half_turn(d.angle_rad - p.angle_rad), ORIENTATION.angle_rad);
         Sizes {
-            major: major.unwrap_or((1.0, ORIENTATION.unknown)),
-            minor: minor.unwrap_or((1.0, 2.0 * ORIENTATION.minor)),
-            angle: angle.unwrap_or((0.0, 2.0 * ORIENTATION.angle_rad)),
+            major: major.unwrap_or(Estimate { value: 1.0, sigma: ORIENTATION.unknown }),
+            minor: minor.unwrap_or(Estimate { value: 1.0, sigma: 2.0 * ORIENTATION.minor }),
+            angle: angle.unwrap_or(Estimate::zero(2.0 * ORIENTATION.angle_rad)),
         }
     }
 }
@@ -83,8 +80,8 @@ impl Sizes {
     /// The hypothesis of an expected marker, with glare reaching so much farther than it is seen (`ORIENTATION.fringes`).
     fn hypothesis(&self, image: &Raster, expected: &Prediction, fringe: f64) -> Option<Hypothesis> {
         let ellipse = expected.ellipse()?;
-        let (major, minor) = (self.major.0 * ellipse.major, self.minor.0 * ellipse.minor);
-        let ellipse = Ellipse { major, minor, angle: half_turn(ellipse.angle + self.angle.0), ..ellipse };
+        let (major, minor) = (self.major.value * ellipse.major, self.minor.value * ellipse.minor);
+        let ellipse = Ellipse { major, minor, angle: half_turn(ellipse.angle + self.angle.value), ..ellipse };
         let (bands, hypothesis) = match expected.shape {
             Shape::Circle => {
                 let bands = glare::lit(image, &ellipse, GLARE.begins, fringe);
@@ -94,46 +91,38 @@ impl Sizes {
                 // White must not pass for lit skin. Without glare something dark may touch them.
                 let beside = Ellipse { minor: ellipse.minor + ORIENTATION.aside_px, ..ellipse };
                 let bands = glare::lit_slanting(image, &beside, ORIENTATION.blinds);
-                let (major, minor) = (ORIENTATION.inner * ellipse.major, ORIENTATION.inner * ellipse.minor);
-                let hypothesis = quadrant_edges::placed(&Ellipse { major, minor, ..ellipse }, image, &bands)?;
+                let inner = ellipse.larger(ORIENTATION.inner, 0.0);
+                let hypothesis = quadrant_edges::placed(&inner, image, &bands)?;
                 (bands, hypothesis)
             }
         };
         let slope = Slope {
-            minor: (ellipse.minor, self.minor.1 * expected.semi_minor_px),
-            angle: (ellipse.angle, self.angle.1),
+            minor: Estimate { value: ellipse.minor, sigma: self.minor.sigma * expected.semi_minor_px },
+            angle: Estimate { value: ellipse.angle, sigma: self.angle.sigma },
         };
-        let major = (ellipse.major, self.major.1 * expected.semi_major_px);
+        let major = Estimate { value: ellipse.major, sigma: self.major.sigma * expected.semi_major_px };
         let size = SizePrior { major, slope: Some(slope) };
         let prior = Prior { size: Some(size), ..hypothesis.prior };
         Some(Hypothesis { prior, ..hypothesis }.with_glare(bands))
     }
 
-    /// What a disc that is longer or thicker than predicted is doubted by, px^2: something beside an edge passes for a part of
-    /// it, and the centre may be off by as much. Nothing of quadrants, whose crossing no outline tells.
-    fn inflation(&self, expected: &Prediction, disc: &Detection) -> Matrix2<f64> {
+    /// Doubts a disc that is longer or thicker than predicted: something beside an edge passes for a part of it, and the centre
+    /// may be off by as much. Not quadrants, whose crossing no outline tells.
+    fn inflate(&self, expected: &Prediction, disc: &mut Detection) {
         if disc.shape == Shape::Quadrant {
-            return Matrix2::zeros();
+            return;
         }
         let ellipse = disc.ellipse();
-        let (along, across) = (ellipse.axis(), ellipse.across());
-        let axes = [
-            (along, disc.semi_major_px, self.major, expected.semi_major_px),
-            (across, disc.semi_minor_px, self.minor, expected.semi_minor_px),
-        ];
-        let inflation =
-            |(axis, size, (ratio, deviation), predicted): (Vector2<f64>, f64, (f64, f64), f64)| {
-                // Both ends tell the size as well as the centre.
-                let chance = axis.dot(&(disc.covariance_px2 * axis)) + (deviation * predicted).powi(2);
-                let off = (size - ratio * predicted).powi(2);
-                axis * axis.transpose()
-                    * if off > ORIENTATION.unlike_sigmas * ORIENTATION.unlike_sigmas * chance {
-                        off - chance
-                    } else {
-                        0.0
-                    }
-            };
-        axes.into_iter().map(inflation).sum()
+        let doubt = |axis: Vector2<f64>, size: f64, ratio: Estimate, predicted: f64| {
+            // Both ends tell the size as well as the centre.
+            let chance = axis.dot(&(*disc.covariance_px2 * axis)) + (ratio.sigma * predicted).powi(2);
+            let off = (size - ratio.value * predicted).powi(2);
+            let is_unlike = off > ORIENTATION.unlike_sigmas * ORIENTATION.unlike_sigmas * chance;
+            axis * axis.transpose() * if is_unlike { off - chance } else { 0.0 }
+        };
+        let doubt = doubt(ellipse.axis(), disc.semi_major_px, self.major, expected.semi_major_px)
+            + doubt(ellipse.across(), disc.semi_minor_px, self.minor, expected.semi_minor_px);
+        disc.covariance_px2.add(Source::SurveyedSize, doubt);
     }
 }
 
@@ -144,7 +133,8 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
     let sure = Sure::of(&found.markers, expected);
     let off = |(p, d): &(Prediction, Detection)| (d.centre_px - p.centre_px).norm();
     let near_px = ORIENTATION.near_px;
-    let most = middle(sure.0.iter().map(off).collect()).map_or(near_px, |usual| near_px.max(3.0 * usual));
+    let usual = median(sure.0.iter().map(off).collect());
+    let most = usual.map_or(near_px, |usual| near_px.max(ORIENTATION.farther * usual));
     let bounds = Bounds { blur: ORIENTATION.softer * psf, through_glare: true, ..Bounds::of(found.noise) };
     let ladder = Ladder::new(image, &[], bounds);
     let look = Closer { ladder, found, sure: &sure, psf, most };
@@ -157,12 +147,12 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
     // Else another look decides.
     for (i, inflation) in unlike.into_iter().filter(|_| !changed) {
         if let Some(old) = found.markers.get_mut(i) {
-            old.covariance_px2 += inflation;
+            old.covariance_px2.add(Source::SecondLook, inflation);
         }
     }
     for Expected { prediction, found: own } in expected {
         if let Some(disc) = own.and_then(|i| found.markers.get_mut(i)) {
-            disc.covariance_px2 += sure.sizes(prediction).inflation(prediction, disc);
+            sure.sizes(prediction).inflate(prediction, disc);
         }
     }
     put(found, new);
@@ -185,6 +175,13 @@ fn put(found: &mut Detections, new: Vec<(Option<usize>, Measured)>) {
     let part = |d: &Detection, q: &Ellipse| q.centre != d.centre_px && q.holds(d.centre_px);
     found.markers.retain(|d| !quadrants.iter().any(|q| part(d, q)));
     found.markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
+}
+
+/// An expected marker, how its sizes fail, and the outlines of all others.
+struct Sought<'a> {
+    prediction: &'a Prediction,
+    sizes: Sizes,
+    others: Vec<Ellipse>,
 }
 
 /// A look at a frame in which some markers have been found.
@@ -214,20 +211,18 @@ impl Closer<'_> {
             return None;
         }
         let is_sure = surer(if is_disc { UNSURE_PX2 } else { f64::INFINITY });
-        let sizes = &self.sure.sizes(prediction);
         let others = markers.iter().enumerate().filter(|(i, _)| Some(*i) != *own);
-        let others: Vec<Ellipse> = others.map(|(_, d)| d.ellipse()).collect();
-        self.hypotheses(prediction, is_sure, sizes, &others).into_iter().find_map(|hypothesis| {
-            let measured = self.measured(prediction, hypothesis, sizes, &others);
-            let (measured, whole) = measured?;
+        let others = others.map(|(_, d)| d.ellipse()).collect();
+        let sought = Sought { prediction, sizes: self.sure.sizes(prediction), others };
+        self.hypotheses(&sought, is_sure).into_iter().find_map(|hypothesis| {
+            let (measured, whole) = self.measured(&sought, hypothesis)?;
             let centre = measured.detection.centre_px;
             // It may have been found and left without a name.
-            let own = own.or_else(|| markers.iter().position(|d| d.ellipse().outwards(centre) < 0.5));
-            let old = own.and_then(|i| markers.get(i)).map(|old| {
-                // What has another size than predicted may have another place too.
-                let covariance_px2 = old.covariance_px2 + sizes.inflation(prediction, old);
-                Detection { covariance_px2, ..old.clone() }
-            });
+            let own = own
+                .or_else(|| markers.iter().position(|d| d.ellipse().outwards(centre) < CONSISTENCY.within));
+            let mut old = own.and_then(|i| markers.get(i)).cloned();
+            // What has another size than predicted may have another place too.
+            old.iter_mut().for_each(|old| sought.sizes.inflate(prediction, old));
             let near = (centre - prediction.centre_px).norm() < self.most;
             let new = &measured.detection;
             // What is taken for hidden may be seen as a whole.
@@ -242,17 +237,11 @@ impl Closer<'_> {
     }
 
     /// What an expected marker may be, in the order in which it is tried; of one that is sure enough only what a decal leaves.
-    fn hypotheses(
-        &self,
-        prediction: &Prediction,
-        is_sure: bool,
-        sizes: &Sizes,
-        others: &[Ellipse],
-    ) -> Vec<Hypothesis> {
+    fn hypotheses(&self, sought: &Sought, is_sure: bool) -> Vec<Hypothesis> {
+        let Sought { prediction, sizes, others } = sought;
         let fringes = if is_sure { &ORIENTATION.fringes[1..] } else { &ORIENTATION.fringes[..] };
-        let hypotheses =
-            fringes.iter().filter_map(|fringe| sizes.hypothesis(self.ladder.image, prediction, *fringe));
-        let mut hypotheses: Vec<Hypothesis> = hypotheses.collect();
+        let of = |fringe: &f64| sizes.hypothesis(self.ladder.image, prediction, *fringe);
+        let mut hypotheses: Vec<Hypothesis> = fringes.iter().filter_map(of).collect();
         hypotheses.dedup();
         // Only where it does not look whole is it taken for hidden.
         let hidden = |last| decal_cut::beside(self.ladder.image, last, others, ROWS, self.psf);
@@ -263,17 +252,13 @@ impl Closer<'_> {
     }
 
     /// What a hypothesis measures, as accurately as the frame's markers and its size say; and whether it was seen as a whole.
-    fn measured(
-        &self,
-        prediction: &Prediction,
-        mut hypothesis: Hypothesis,
-        sizes: &Sizes,
-        others: &[Ellipse],
-    ) -> Option<(Measured, bool)> {
-        let psf = self.psf;
-        if prediction.shape == Shape::Circle && hypothesis.ellipse.minor < ORIENTATION.thin_blurs * psf {
-            hypothesis.prior.edge =
-                Some(EdgePrior { blur: (psf, ORIENTATION.same_blur * psf), dark: (0.7, f64::INFINITY) });
+    fn measured(&self, sought: &Sought, mut hypothesis: Hypothesis) -> Option<(Measured, bool)> {
+        let (Sought { prediction, sizes, others }, psf) = (sought, self.psf);
+        if prediction.shape == Shape::Circle && hypothesis.ellipse.minor < NEIGHBOUR.thin_blurs * psf {
+            hypothesis.prior.edge = Some(EdgePrior {
+                blur: Estimate::to_share(psf, NEIGHBOUR.same_blur),
+                dark: Estimate::UNKNOWN,
+            });
         }
         let mut measured = self.ladder.measure(&hypothesis).ok()?;
         correlated::raise(&mut measured, self.found.inflation);
@@ -282,7 +267,7 @@ impl Closer<'_> {
             measured.detection.semi_major_px /= ORIENTATION.inner;
             measured.detection.semi_minor_px /= ORIENTATION.inner;
         }
-        measured.detection.covariance_px2 += sizes.inflation(prediction, &measured.detection);
+        sizes.inflate(prediction, &mut measured.detection);
         Some((measured, !hypothesis.is_under_decal()))
     }
 }
@@ -290,7 +275,7 @@ impl Closer<'_> {
 /// What a former answer that stays is doubted by, px^2, where another look at the same disc sees it farther away than a
 /// standard deviation: pixels that are the same should tell the same.
 fn disagreement(new: &Detection, old: &Detection) -> Option<Matrix2<f64>> {
-    let apart: Vector2<f64> = new.centre_px - old.centre_px;
-    let off = apart.dot(&(old.covariance_px2.try_inverse()? * apart));
-    (new.shape == old.shape && off > 1.0).then(|| apart * apart.transpose())
+    let apart = new.centre_px - old.centre_px;
+    let off = mahalanobis(&apart, &old.covariance_px2);
+    (new.shape == old.shape && off > 1.0 && off.is_finite()).then(|| apart * apart.transpose())
 }

@@ -3,18 +3,15 @@
 use nalgebra::Matrix2;
 
 use super::neighbours::{is_as_long, predicted_major};
-use crate::measure::detect::accept::better::explains_better;
-use crate::measure::detect::accept::found::Found;
 use crate::measure::detect::accept::verdict::Measured;
+use crate::measure::detect::accept::{better::explains_better, found::Found, options::VERDICT};
 use crate::measure::detect::attempt::ladder::Ladder;
-use crate::measure::detect::detection::RejectReason;
-use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::detection::{RejectReason, covariance::Source};
+use crate::measure::detect::hypothesis::{Hypothesis, prior::Estimate};
 use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::occlusion::decal;
-use crate::measure::detect::occlusion::decal::ROWS;
+use crate::measure::detect::occlusion::decal::{self, ROWS};
 use crate::measure::detect::propose::decal_cut;
-use crate::measure::detect::revise::options::NEIGHBOUR;
-use crate::measure::detect::revise::options::UNDER_DECAL;
+use crate::measure::detect::revise::options::{NEIGHBOUR, UNDER_DECAL};
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::setup::Shape;
 
@@ -24,8 +21,8 @@ struct Part<'a> {
     index: usize,
     /// The disc beside it, whose decal may hide it.
     neighbour: &'a Measured,
-    /// Its semi-major axis and the standard deviation of that, px.
-    size: (f64, f64),
+    /// Its semi-major axis, px.
+    size: Estimate,
     /// What was measured as a disc of that size.
     old: Option<&'a Measured>,
 }
@@ -104,7 +101,7 @@ pub fn revise_under_decals(ladder: &Ladder, found: &mut Found, wanted: impl Fn(&
         } else {
             None
         };
-        let size = size.filter(|(major, _)| same(*major, beside.major, UNDER_DECAL.same_size));
+        let size = size.filter(|major| same(major.value, beside.major, UNDER_DECAL.same_size));
         let part = size.map(|size| Part {
             blob,
             index,
@@ -145,8 +142,8 @@ fn inflate(found: &mut Found, inflations: &[(Ellipse, Matrix2<f64>)]) {
     let mut none = Vec::new();
     for (i, m) in found.measured.iter_mut().enumerate() {
         if let Some((_, inflation)) = inflations.iter().find(|(ellipse, _)| is_it(m, ellipse)) {
-            m.detection.covariance_px2 += inflation;
-            none.extend((inflation.trace() > UNDER_DECAL.most_px * UNDER_DECAL.most_px).then_some(i));
+            m.detection.covariance_px2.add(Source::NeighbourThickness, *inflation);
+            none.extend((inflation.trace() > VERDICT.vaguest_px * VERDICT.vaguest_px).then_some(i));
         }
     }
     found.turn_down_these(RejectReason::Uncertain, &none);

@@ -4,6 +4,17 @@
 pub const FADE: f64 = 1.0;
 /// Blurs below which a disc is thin.
 const THIN: f64 = 4.0;
+/// Blurs, px, by which bands are as wide: a sharp picture's at least, and little more than the greatest that is measured.
+const BLUR: (f64, f64) = (0.5, 3.5);
+/// Where a blurred edge still tells its place, blurs and px. Within 1.9 times the blur is all but a hundredth of what it tells.
+const EDGE: (f32, f32) = (1.4, 0.4);
+/// Where flat ground ends that tells the levels, blurs and px. Chosen; `tests/detect/fixtures.rs`.
+const FLAT: (f32, f32) = (3.5, 2.0);
+
+/// A blur, px, within what bands are made for.
+pub fn blur_within(blur: f64) -> f64 {
+    blur.clamp(BLUR.0, BLUR.1)
+}
 
 /// Bands about an edge, px: where its blur reaches, and flat ground beside it.
 #[derive(Clone, Copy)]
@@ -13,11 +24,10 @@ pub struct Bands {
 }
 
 impl Bands {
-    /// For an edge with this blur, px. Within 1.9 times the blur is all but a hundredth of what an edge
-    /// tells of its place.
+    /// For an edge with this blur, px.
     pub fn of(blur: f64) -> Self {
-        let blur = blur.clamp(0.5, 3.5) as f32;
-        Self { edge: 1.4 * blur + 0.4, flat: 3.5 * blur + 2.0 }
+        let blur = blur_within(blur) as f32;
+        Self { edge: EDGE.0 * blur + EDGE.1, flat: FLAT.0 * blur + FLAT.1 }
     }
 
     /// For a disc of this thickness with this blur, px, that uses at least a share of the flat ground.
@@ -29,12 +39,15 @@ impl Bands {
     /// The weight of a pixel at a distance from the edge.
     #[inline(always)]
     pub fn weight(self, keep: [f32; 2], distance: f32) -> f32 {
-        let fade = |band: f32| {
-            let share = (band - distance) / FADE as f32 + 0.5;
-            let share = if share > 0.0 { share } else { 0.0 };
-            if share < 1.0 { share } else { 1.0 }
-        };
-        let (edge, flat) = (keep[0] * fade(self.edge), keep[1] * fade(self.flat));
+        let (edge, flat) = (keep[0] * fade(self.edge - distance), keep[1] * fade(self.flat - distance));
         if edge > flat { edge } else { flat }
     }
+}
+
+/// What is left of a weight so far before the middle of where it falls, px.
+#[inline(always)]
+pub fn fade(before: f32) -> f32 {
+    let share = before / FADE as f32 + 0.5;
+    let share = if share > 0.0 { share } else { 0.0 };
+    if share < 1.0 { share } else { 1.0 }
 }

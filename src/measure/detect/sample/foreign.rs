@@ -4,7 +4,7 @@ use super::bands::Bands;
 use crate::measure::detect::appearance::parameters::{BLUR, LIGHT, Parameters, light_at};
 use crate::measure::detect::hypothesis::Hypothesis;
 use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::scanline::{EllipseFrame, PixelBox, columns, row_of};
+use crate::measure::detect::image::scanline::{EllipseFrame, PixelBox, Ring};
 use crate::measure::detect::segment::blob::Blob;
 use crate::measure::raster::Raster;
 
@@ -54,13 +54,11 @@ pub fn darker(
     // No pixel that is lighter than this is darker than the light anywhere near.
     let (p, q) = (1.0 + reach / ellipse.major, 1.0 + reach / ellipse.minor);
     let most = m[LIGHT] + (m[LIGHT + 1].abs() + m[LIGHT + 3].abs() * p) * p + m[LIGHT + 2].abs() * q - limit;
-    let most = most.ceil().clamp(0.0, 255.0) as u8;
-    let (outer, inner) = (frame.grown(reach), frame.grown(f64::from(bands.edge) + 1.0));
+    let most = most.ceil().clamp(0.0, f64::from(u8::MAX)) as u8;
+    let ring = Ring::new(&frame, f64::from(bands.edge) + 1.0, reach);
     for y in area[1]..=area[3] {
-        let Some((from, to)) = row_of(&outer, y as f64) else { continue };
-        let inside = row_of(&inner, y as f64).unwrap_or((to, to));
         let row = image.row(y);
-        for columns in [columns(from, inside.0, area), columns(inside.1, to, area)] {
+        for columns in ring.columns(y as f64, area).into_iter().flatten() {
             let dark =
                 row.get(columns.clone()).is_some_and(|some| some.iter().fold(255, |l, &v| v.min(l)) < most);
             for x in columns.filter(|_| dark) {

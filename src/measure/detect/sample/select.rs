@@ -6,17 +6,15 @@
 
 use nalgebra::Vector2;
 
-use super::bands::{Bands, FADE};
+use super::bands::{Bands, FADE, blur_within};
 use super::foreign::{darker, foreign};
 use super::pixels::Pixels;
 use super::weight::{Edges, Ruler, Taker};
 use crate::measure::detect::appearance::parameters::Parameters;
-use crate::measure::detect::hypothesis::Hypothesis;
+use crate::measure::detect::hypothesis::{EdgePair, Hypothesis};
 use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::line::Line;
-use crate::measure::detect::image::scanline::{EllipseFrame, PixelBox, Rows, columns, row_of};
-use crate::measure::detect::segment::bitmask::WORD;
-use crate::measure::detect::segment::blob::Blob;
+use crate::measure::detect::image::scanline::{EllipseFrame, Line, PixelBox, Ring, Rows, columns, row_of};
+use crate::measure::detect::segment::{bitmask::WORD, blob::Blob};
 use crate::measure::raster::Raster;
 
 /// About how many pixels are wanted: at the edges, where they tell the place, and beside them, where
@@ -38,13 +36,24 @@ pub const FEW: Wanted = Wanted { edge: 130.0, flat: 70.0, nearest: 1.0 };
 pub const EVERY: Wanted = Wanted { edge: 1e9, flat: 1e9, nearest: 0.55 };
 /// Length from which on an edge's pixels are not all used, px.
 const LONG: f64 = 150.0;
+/// Share of the flat pixels that is wanted about the longest.
+const LEAST_FLAT: f64 = 0.5;
 /// Band of a sharp edge, px.
 const SHARP: f64 = 1.5;
 
-/// How far from quadrants' rim pixels are used, in blurs; so is their semi-minor axis. At 1.5 there is 7 % of skin mixed in,
-/// on opposite sides alike, so that the crossing stays. Thick ones have edges enough farther in.
-fn end_margin(minor: f64) -> f64 {
-    (1.5 + (minor - 10.0) / 15.0).clamp(1.5, 2.5)
+/// How far from quadrants' rim pixels are used at least and at most, blurs. At 1.5 there is 7 % of skin mixed in, on opposite
+/// sides alike, so that the crossing stays. Thick ones have edges enough farther in.
+const END_MARGIN: (f64, f64) = (1.5, 2.5);
+/// Semi-minor axes, blurs, from where on it grows, and to where on by one blur.
+const END_THICK: (f64, f64) = (10.0, 25.0);
+/// Share of the semi-minor axis, and px, that it is at most and at least.
+const END_PART: (f64, f64) = (0.45, 1.0);
+
+/// That margin, px, of quadrants of some thickness, px.
+fn end_margin(minor: f64, blur: f64) -> f64 {
+    let by = (minor / blur - END_THICK.0) / (END_THICK.1 - END_THICK.0);
+    let margin = (END_MARGIN.0 + by).clamp(END_MARGIN.0, END_MARGIN.1) * blur;
+    margin.min(END_PART.0 * minor).max(END_PART.1)
 }
 
 /// Pixels of a pattern: shares of pixels are told to a sixteenth of one of them.
@@ -71,7 +80,7 @@ impl Keep {
             PERIOD as f64 * (more * wanted / (2.0 * width * length).max(1.0)).min(1.0)
         };
         // Where an edge is long, there is enough of it to know the levels less well.
-        let levels = wanted.flat * (LONG / length.max(1.0)).clamp(0.5, 1.0);
+        let levels = wanted.flat * (LONG / length.max(1.0)).clamp(LEAST_FLAT, 1.0);
         Self { edge: share(wanted.edge, edge), flat: share(levels, flat - edge) }
     }
 
@@ -184,7 +193,7 @@ pub fn pixels(
     look: Look,
     wanted: Wanted,
 ) -> Option<Pixels> {
-    let blur = look.blur.clamp(0.5, 3.5);
+    let blur = blur_within(look.blur);
     let ellipse = &hypothesis.ellipse;
     let bands = match hypothesis.edges {
         None => Bands::of_disc(ellipse.minor, blur, wanted.nearest),
@@ -199,8 +208,8 @@ pub fn pixels(
     let frame = EllipseFrame::new(ellipse);
     let edges = hypothesis.edges.map(|edges| Edges {
         lines: lines(edges, look.crossing),
-        margin: (end_margin(ellipse.minor / blur) * blur).min(0.45 * ellipse.minor).max(1.0),
-        along: Vector2::new(edges.0.cos(), edges.0.sin()),
+        margin: end_margin(ellipse.minor, blur),
+        along: Vector2::new(edges.along_rad.cos(), edges.along_rad.sin()),
     });
     let length = edges.map_or_else(
         || around(ellipse),
@@ -216,7 +225,7 @@ pub fn pixels(
         bands,
         ellipse,
         edges,
-        trig: (frame.sin, frame.cos),
+        frame: &frame,
         blur,
         sag: look.sag,
     });
@@ -249,8 +258,8 @@ struct Strips {
     flat: f64,
     near: f64,
     /// About a disc's outline, outside and inside of it: of all, and near it.
-    far: [Option<Rows>; 2],
-    close: [Option<Rows>; 2],
+    far: Ring,
+    close: Ring,
     /// Where quadrants' pixels end.
     inside: Option<Rows>,
 }
@@ -261,7 +270,7 @@ impl Strips {
     fn new(frame: &EllipseFrame, edges: Option<Edges>, bands: Bands, area: PixelBox) -> Self {
         let flat = f64::from(bands.flat);
         let near = f64::from(bands.edge) + 0.5 * FADE + 1.0;
-        let ring = |by: f64| [by, -by].map(|by| frame.grown(by));
+        let ring = |by: f64| Ring::new(frame, -by, by);
         let inside = edges.and_then(|e: Edges| frame.grown(FADE - e.margin));
         Self { area, edges, flat, near, far: ring(flat + 1.0), close: ring(near), inside }
     }
@@ -269,7 +278,8 @@ impl Strips {
     /// Of a row; `None` where it is not met.
     fn columns(&self, y: f64) -> Option<(Both, Both)> {
         let Some(Edges { lines, .. }) = self.edges else {
-            return Some((self.ring(&self.far, y)?, self.ring(&self.close, y).unwrap_or([0..0, 0..0])));
+            let close = self.close.columns(y, self.area).unwrap_or([0..0, 0..0]);
+            return Some((self.far.columns(y, self.area)?, close));
         };
         let (from, to) = row_of(&self.inside, y)?;
         let parts = |reach: f64| {
@@ -284,13 +294,6 @@ impl Strips {
         };
         Some((parts(self.flat + FADE), parts(self.near)))
     }
-
-    /// Of a row between two ellipses.
-    fn ring(&self, [outer, inner]: &[Option<Rows>; 2], y: f64) -> Option<Both> {
-        let (from, to) = row_of(outer, y)?;
-        let hole = row_of(inner, y).unwrap_or((to, to));
-        Some([columns(from, hole.0, self.area), columns(hole.1, to, self.area)])
-    }
 }
 
 /// Length of an ellipse's outline, px, by Ramanujan's formula.
@@ -299,10 +302,11 @@ fn around(ellipse: &Ellipse) -> f64 {
     std::f64::consts::PI * (3.0 * (a + b) - ((3.0 * a + b) * (a + 3.0 * b)).sqrt())
 }
 
-/// The two edges, from the direction of their bisector and the tangent of half their angle.
-fn lines((along, half): (f64, f64), crossing: Vector2<f64>) -> [Line; 2] {
-    [half.atan(), -half.atan()].map(|turn| {
-        let (sin, cos) = (along + turn).sin_cos();
+/// The two edges through their crossing.
+fn lines(edges: EdgePair, crossing: Vector2<f64>) -> [Line; 2] {
+    let half = edges.tangent.atan();
+    [half, -half].map(|turn| {
+        let (sin, cos) = (edges.along_rad + turn).sin_cos();
         Line { at: crossing, across: Vector2::new(-sin, cos) }
     })
 }

@@ -2,16 +2,14 @@
 
 use nalgebra::Vector2;
 
-use super::bands::{Bands, FADE};
+use super::bands::{Bands, fade};
 use super::pixels::{Kind, Pixels, Sorter};
-use crate::measure::detect::appearance::crossing::NEAR;
 use crate::measure::detect::appearance::disc::{END, beyond, from_ellipse};
-use crate::measure::detect::appearance::parameters::Pattern;
+use crate::measure::detect::appearance::{crossing::NEAR, parameters::Pattern};
 use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::line::Line;
-use crate::measure::detect::simd::batch::Batch;
-use crate::measure::detect::simd::dispatch::wide;
+use crate::measure::detect::image::scanline::{EllipseFrame, Line};
 use crate::measure::detect::simd::lanes::{LANES, Lanes, each};
+use crate::measure::detect::simd::{batch::Batch, dispatch::wide};
 
 /// How far ends and crossing may move before pixels are of another kind than they were sorted by, px.
 const MOVE: f32 = 0.2;
@@ -30,8 +28,8 @@ pub struct Ruler<'a> {
     pub bands: Bands,
     pub ellipse: &'a Ellipse,
     pub edges: Option<Edges>,
-    /// Sine and cosine of the outline's direction.
-    pub trig: (f64, f64),
+    /// The outline's own coordinates.
+    pub frame: &'a EllipseFrame<'a>,
     /// Blur and sag, px.
     pub blur: f64,
     pub sag: f64,
@@ -54,8 +52,8 @@ pub struct Taker<'a> {
 impl<'a> Taker<'a> {
     /// Without pixels.
     pub fn new(ruler: Ruler<'a>) -> Self {
-        let middle = ruler.edges.map_or(ruler.ellipse.centre, |e| e.lines[0].at);
-        let origin = [middle.x.round(), middle.y.round()];
+        let centre = ruler.edges.map_or(ruler.ellipse.centre, |e| e.lines[0].at);
+        let origin = [centre.x.round(), centre.y.round()];
         let sorter = Sorter::new(ruler.pattern, origin);
         Self { ruler, origin, waiting: Waiting { batch: Batch::new(), keep: [Lanes::of(0.0); 2] }, sorter }
     }
@@ -97,7 +95,7 @@ wide! {
 fn weighed(waiting: &mut Waiting, sorter: &mut Sorter, ruler: &Ruler, origin: [f64; 2]) {
     let Waiting { batch, keep } = waiting;
     let Ruler { bands, ellipse, edges, .. } = ruler;
-    let (sin, cos) = (ruler.trig.0 as f32, ruler.trig.1 as f32);
+    let (sin, cos) = (ruler.frame.sin as f32, ruler.frame.cos as f32);
     let (a, b, centre) = (ellipse.major as f32, ellipse.minor as f32, ellipse.centre);
     let (cx, cy) = ((centre.x - origin[0]) as f32, (centre.y - origin[1]) as f32);
     let (dx, dy) = (each(|i| batch.x[i] - cx), each(|i| batch.y[i] - cy));
@@ -111,13 +109,9 @@ fn weighed(waiting: &mut Waiting, sorter: &mut Sorter, ruler: &Ruler, origin: [f
     let dear;
     let mut nothing = Lanes::of(0.0);
     if let Some(Edges { lines, margin, along }) = edges {
-        let fade = each(|i| {
-            let share = (distance[i] - *margin as f32) / FADE as f32 + 0.5;
-            let share = if share > 0.0 { share } else { 0.0 };
-            if share < 1.0 { share } else { 1.0 }
-        });
+        let inside = each(|i| fade(distance[i] - *margin as f32));
         for keep in &mut *keep {
-            *keep = each(|i| keep[i] * fade[i]);
+            *keep = each(|i| keep[i] * inside[i]);
         }
         let [mut one, mut other] = [Lanes::of(0.0); 2];
         for (distance, l) in [&mut one, &mut other].into_iter().zip(lines) {

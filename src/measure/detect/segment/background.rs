@@ -5,8 +5,7 @@ use std::ops::Range;
 use nalgebra::Vector2;
 
 use super::components::Run;
-use crate::measure::detect::segment::components;
-use crate::measure::detect::segment::options::BACKGROUND;
+use crate::measure::detect::segment::{components, options::BACKGROUND};
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::raster::Raster;
 
@@ -131,14 +130,8 @@ impl Coarse {
 /// A connected set of dark reduced pixels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DarkRegion {
-    /// First column, reduced px.
-    pub x0: usize,
-    /// First row, reduced px.
-    pub y0: usize,
-    /// Last column, reduced px.
-    pub x1: usize,
-    /// Last row, reduced px.
-    pub y1: usize,
+    /// First column and row, last column and row, reduced px.
+    pub bounds: [usize; 4],
     /// Reduced pixels.
     pub area: usize,
     /// Least grey over background, in 1/256.
@@ -146,41 +139,35 @@ pub struct DarkRegion {
 }
 
 impl DarkRegion {
-    /// Columns.
-    pub fn width(&self) -> usize {
-        self.x1 - self.x0 + 1
+    /// Columns and rows.
+    pub fn sides(&self) -> [usize; 2] {
+        let [x0, y0, x1, y1] = self.bounds;
+        [x1 - x0 + 1, y1 - y0 + 1]
     }
 
-    /// Rows.
-    pub fn height(&self) -> usize {
-        self.y1 - self.y0 + 1
-    }
-
-    /// The middle of its bounds, px.
-    pub fn middle(&self, factor: usize) -> Vector2<f64> {
-        let sums = Vector2::new((self.x0 + self.x1 + 1) as f64, (self.y0 + self.y1 + 1) as f64);
+    /// The centre of its bounds, px.
+    pub fn centre(&self, factor: usize) -> Vector2<f64> {
+        let [x0, y0, x1, y1] = self.bounds;
+        let sums = Vector2::new((x0 + x1 + 1) as f64, (y0 + y1 + 1) as f64);
         (sums * (0.5 * factor as f64)).add_scalar(-0.5)
     }
 
     /// Whether a box of pixels (first column, first row, last column, last row) shares one with the region's.
-    pub fn meets(&self, [x0, y0, x1, y1]: &[usize; 4], factor: usize) -> bool {
-        let [left, top, right, low] = [x0, y0, x1, y1].map(|v| v / factor);
-        left <= self.x1 && right >= self.x0 && top <= self.y1 && low >= self.y0
+    pub fn meets(&self, bounds: &[usize; 4], factor: usize) -> bool {
+        let ([x0, y0, x1, y1], [left, top, right, low]) = (self.bounds, bounds.map(|v| v / factor));
+        left <= x1 && right >= x0 && top <= y1 && low >= y0
     }
 
     /// Whether another region lies within this one's bounds.
     pub fn contains(&self, other: &Self) -> bool {
-        self.x0 <= other.x0 && self.y0 <= other.y0 && self.x1 >= other.x1 && self.y1 >= other.y1
+        let (a, b) = (&self.bounds, &other.bounds);
+        a[0] <= b[0] && a[1] <= b[1] && a[2] >= b[2] && a[3] >= b[3]
     }
 
     /// Whether `other`, of a laxer level, is the same thing with a fringe.
     pub fn stands_for(&self, other: &Self) -> bool {
-        let fringe = |a: usize, b: usize| a.abs_diff(b) <= 2;
-        self.least == other.least
-            && fringe(self.x0, other.x0)
-            && fringe(self.y0, other.y0)
-            && fringe(self.x1, other.x1)
-            && fringe(self.y1, other.y1)
+        let mut sides = self.bounds.iter().zip(&other.bounds);
+        self.least == other.least && sides.all(|(a, b)| a.abs_diff(*b) <= 2)
     }
 }
 
@@ -334,8 +321,9 @@ impl Coarse {
     /// Whether the background differs within a region's bounds by more than a part of it.
     pub fn is_uneven(&self, region: &DarkRegion) -> bool {
         let (mut least, mut most) = (u8::MAX, 0);
-        for y in region.y0..=region.y1 {
-            for &v in &self.background[y * self.width..][region.x0..=region.x1] {
+        let [x0, y0, x1, y1] = region.bounds;
+        for y in y0..=y1 {
+            for &v in &self.background[y * self.width..][x0..=x1] {
                 (least, most) = (least.min(v), most.max(v));
             }
         }
@@ -350,16 +338,14 @@ impl Coarse {
     }
 
     fn region(&self, runs: &[Run]) -> DarkRegion {
-        let mut region = DarkRegion { x0: usize::MAX, y0: usize::MAX, x1: 0, y1: 0, area: 0, least: 256 };
+        let mut region = DarkRegion { bounds: [usize::MAX, usize::MAX, 0, 0], area: 0, least: 256 };
         // Grey and background of the darkest, compared by products.
         let mut darkest = [256u32, 255];
         for &Run { y, from, to } in runs {
             let [y, from, to] = [y, from, to].map(|v| v as usize);
             region.area += to + 1 - from;
-            region.x0 = region.x0.min(from);
-            region.x1 = region.x1.max(to);
-            region.y0 = region.y0.min(y);
-            region.y1 = region.y1.max(y);
+            let [x0, y0, x1, y1] = region.bounds;
+            region.bounds = [x0.min(from), y0.min(y), x1.max(to), y1.max(y)];
             let pixels = y * self.width + from..=y * self.width + to;
             for (&v, &b) in self.mean[pixels.clone()].iter().zip(&self.background[pixels]) {
                 let [v, b] = [u32::from(v), u32::from(b).max(1)];

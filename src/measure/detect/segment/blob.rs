@@ -6,8 +6,8 @@ use super::background::{Coarse, DarkRegion};
 use super::bitmask::{Side, WORD, mark_below, mark_side};
 use super::components::Run;
 use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::segment::components;
-use crate::measure::detect::segment::options::BLOB;
+use crate::measure::detect::numbers::TINY;
+use crate::measure::detect::segment::{components, options::BLOB};
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::raster::Raster;
 
@@ -47,7 +47,7 @@ pub fn blobs(image: &Raster, coarse: &Coarse, region: &DarkRegion) -> (Vec<Blob>
         let level = ((least + share * (1.0 - least)) * 256.0) as u32;
         below(image, coarse, region, [BLOB.pad; 2], Threshold::Share(level))
     };
-    let (mut out, cut) = at(0.5);
+    let (mut out, cut) = at(BLOB.usual);
     if out.iter().any(Blob::is_ragged) {
         out.extend(at(BLOB.strict).0.into_iter().filter(|blob| blob.area > BLOB.ragged_px));
     }
@@ -60,7 +60,7 @@ pub fn blobs(image: &Raster, coarse: &Coarse, region: &DarkRegion) -> (Vec<Blob>
 /// flat marker they may be half of it, of flat quadrants more.
 pub fn blobs_against_surround(image: &Raster, coarse: &Coarse, region: &DarkRegion) -> Vec<Blob> {
     let (dark, skin) = levels(coarse, region);
-    let sides = [region.width(), region.height()];
+    let sides = region.sides();
     let longest = sides[0].max(sides[1]);
     let flat = 3 * region.area < longest * longest;
     // What is longer than a marker holds one as it is.
@@ -79,8 +79,9 @@ pub fn blobs_against_surround(image: &Raster, coarse: &Coarse, region: &DarkRegi
 
 /// The darkest reduced pixel of a region, and the median of those two beyond its bounds.
 fn levels(coarse: &Coarse, region: &DarkRegion) -> (u32, u32) {
-    let (x0, y0) = (region.x0.saturating_sub(2), region.y0.saturating_sub(2));
-    let (x1, y1) = ((region.x1 + 2).min(coarse.width - 1), (region.y1 + 2).min(coarse.height - 1));
+    let [x0, y0, x1, y1] = region.bounds;
+    let (x0, y0) = (x0.saturating_sub(2), y0.saturating_sub(2));
+    let (x1, y1) = ((x1 + 2).min(coarse.width - 1), (y1 + 2).min(coarse.height - 1));
     let (mut dark, mut ring) = (255, Vec::new());
     for y in y0..=y1 {
         let row = &coarse.mean[y * coarse.width..][..coarse.width];
@@ -95,16 +96,11 @@ fn levels(coarse: &Coarse, region: &DarkRegion) -> (u32, u32) {
     (u32::from(dark), u32::from(*ring.select_nth_unstable(middle).1))
 }
 
-/// The blobs of pixels below a level that lie wholly in a box.
-pub fn darker_than(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, level: u8) -> Vec<Blob> {
-    blobs_of(image, low, high, Side::Darker(level))
-}
-
 /// The blobs of pixels below a level with their centre in an outline, the largest first, which lie wholly in a box about
 /// it that is larger by three tenths and a margin, px.
 pub fn dark_parts(image: &Raster, ellipse: &Ellipse, margin: f64, level: u8) -> Vec<Blob> {
     let (low, high) = about(ellipse, margin);
-    let mut out = darker_than(image, low, high, level);
+    let mut out = beyond(image, low, high, Side::Darker(level));
     out.retain(|blob| ellipse.holds(blob.centroid));
     out.sort_by(|a, b| b.area.total_cmp(&a.area));
     out
@@ -112,17 +108,12 @@ pub fn dark_parts(image: &Raster, ellipse: &Ellipse, margin: f64, level: u8) -> 
 
 /// The box about an outline that is larger by three tenths and a margin, px.
 pub fn about(ellipse: &Ellipse, margin: f64) -> (Vector2<f64>, Vector2<f64>) {
-    let reach = (ellipse.extent() * 1.3).add_scalar(margin);
+    let reach = (ellipse.extent() * BLOB.about).add_scalar(margin);
     (ellipse.centre - reach, ellipse.centre + reach)
 }
 
-/// The blobs of pixels above a level that lie wholly in a box.
-pub fn lighter_than(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, level: u8) -> Vec<Blob> {
-    blobs_of(image, low, high, Side::Lighter(level))
-}
-
 /// The blobs of pixels on one side of a level that lie wholly in a box.
-fn blobs_of(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, side: Side) -> Vec<Blob> {
+pub fn beyond(image: &Raster, low: Vector2<f64>, high: Vector2<f64>, side: Side) -> Vec<Blob> {
     let end = |v: f64, most: usize| (v.ceil().max(0.0) as usize).saturating_add(1).min(most);
     let window = Window {
         x0: low.x.floor().max(0.0) as usize,
@@ -181,7 +172,7 @@ fn below(
 }
 
 /// Repeats each block's value for its `factor` pixels in a row, as far as there are blocks.
-fn spread(blocks: &[u8], factor: usize, out: &mut [u8]) {
+fn repeat(blocks: &[u8], factor: usize, out: &mut [u8]) {
     if factor == 4 {
         out.as_chunks_mut::<4>().0.iter_mut().zip(blocks).for_each(|(pixels, &v)| *pixels = [v; 4]);
     } else {
@@ -192,13 +183,13 @@ fn spread(blocks: &[u8], factor: usize, out: &mut [u8]) {
 impl Window {
     /// With so many reduced pixels about a region, to the sides and above and below.
     fn around(image: &Raster, coarse: &Coarse, region: &DarkRegion, pad: [usize; 2]) -> Self {
-        let f = coarse.factor;
+        let (f, [x0, y0, x1, y1]) = (coarse.factor, region.bounds);
         let [beside, above] = pad.map(|pad| pad * f);
         Self {
-            x0: (region.x0 * f).saturating_sub(beside),
-            y0: (region.y0 * f).saturating_sub(above),
-            x1: ((region.x1 + 1) * f + beside).min(image.width()),
-            y1: ((region.y1 + 1) * f + above).min(image.height()),
+            x0: (x0 * f).saturating_sub(beside),
+            y0: (y0 * f).saturating_sub(above),
+            x1: ((x1 + 1) * f + beside).min(image.width()),
+            y1: ((y1 + 1) * f + above).min(image.height()),
         }
     }
 
@@ -235,7 +226,7 @@ impl Window {
                 blocks.extend(row[self.x0 / f..].iter().take(width.div_ceil(f)));
                 blocks.resize(width.div_ceil(f), row.last().copied().unwrap_or(0));
                 limit(&mut blocks, threshold);
-                spread(&blocks, f, &mut limits);
+                repeat(&blocks, f, &mut limits);
             }
             mark_below(pixels, &limits, marks);
         })
@@ -310,6 +301,30 @@ impl Blob {
         self.covariance = second / n - self.centroid * self.centroid.transpose();
     }
 
+    /// Points half a pixel outside the first and last pixel of each row and column.
+    pub fn contour(&self) -> Vec<Vector2<f64>> {
+        let [x0, y0, x1, y1] = self.bounds;
+        let mut rows = vec![(u32::MAX, 0); y1 - y0 + 1];
+        let mut columns = vec![(u32::MAX, 0); x1 - x0 + 1];
+        for &[y, from, to] in &self.runs {
+            let row = &mut rows[y as usize - y0];
+            *row = (row.0.min(from), row.1.max(to));
+            for column in &mut columns[from as usize - x0..=to as usize - x0] {
+                *column = (column.0.min(y), column.1.max(y));
+            }
+        }
+        let mut out = Vec::with_capacity(2 * (rows.len() + columns.len()));
+        for (y, &(from, to)) in (y0..).zip(&rows) {
+            out.push(Vector2::new(f64::from(from) - 0.5, y as f64));
+            out.push(Vector2::new(f64::from(to) + 0.5, y as f64));
+        }
+        for (x, &(from, to)) in (x0..).zip(&columns) {
+            out.push(Vector2::new(x as f64, f64::from(from) - 0.5));
+            out.push(Vector2::new(x as f64, f64::from(to) + 0.5));
+        }
+        out
+    }
+
     /// Neither an ellipse nor two quadrants: perhaps a disc with a line that touches it.
     fn is_ragged(&self) -> bool {
         self.area > BLOB.ragged_px && (BLOB.ragged.0..BLOB.ragged.1).contains(&self.fill())
@@ -317,7 +332,7 @@ impl Blob {
 
     /// Pixels over those of the ellipse with the same second moments: 1 for an ellipse.
     pub fn fill(&self) -> f64 {
-        let det = self.covariance.determinant().max(1e-9);
+        let det = self.covariance.determinant().max(TINY);
         self.area / (4.0 * std::f64::consts::PI * det.sqrt())
     }
 }

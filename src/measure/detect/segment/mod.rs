@@ -4,5 +4,4 @@ pub mod background;
 pub mod bitmask;
 pub mod blob;
 pub mod components;
-pub mod contour;
 pub mod options;

@@ -2,18 +2,22 @@
 
 /// A function whose body, an `#[inline(always)]` function, is compiled three times: for any processor, for one with AVX2,
 /// for one with AVX-512. All give the same bits: the order of sums is fixed, and only what says so is fused.
+/// Generic parameters stand in square brackets.
 macro_rules! wide {
-    ($(#[$doc:meta])* $vis:vis fn $name:ident($($arg:ident: $kind:ty),* $(,)?) $(-> $out:ty)? = $body:path) => {
+    (
+        $(#[$doc:meta])*
+        $vis:vis fn $name:ident $([$($of:tt)*])? ($($arg:ident: $kind:ty),* $(,)?) $(-> $out:ty)? = $body:path
+    ) => {
         $(#[$doc])*
-        $vis fn $name($($arg: $kind),*) $(-> $out)? {
+        $vis fn $name $(<$($of)*>)? ($($arg: $kind),*) $(-> $out)? {
             #[cfg(target_arch = "x86_64")]
             {
                 #[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl")]
-                fn widest($($arg: $kind),*) $(-> $out)? {
+                fn widest $(<$($of)*>)? ($($arg: $kind),*) $(-> $out)? {
                     $body($($arg),*)
                 }
                 #[target_feature(enable = "avx2,fma")]
-                fn widely($($arg: $kind),*) $(-> $out)? {
+                fn widely $(<$($of)*>)? ($($arg: $kind),*) $(-> $out)? {
                     $body($($arg),*)
                 }
                 use std::arch::is_x86_feature_detected as has;

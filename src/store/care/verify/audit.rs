@@ -105,7 +105,7 @@ impl Audit<'_> {
                 Err(_) => continue,
             };
             match grown(&bytes, entries) {
-                Err(what) => found.fault(15, &path, what),
+                Err(unlike) => found.fault(15, &path, unlike.to_string()),
                 Ok(known) => self.unknown_tail(id, &path, &bytes, known, found),
             }
         }
@@ -196,23 +196,32 @@ impl Audit<'_> {
     }
 }
 
+/// How results are not what the chain says.
+#[derive(Debug, thiserror::Error)]
+enum Unlike {
+    #[error("has {length} bytes, the chain had {known}: results are missing")]
+    Short { length: usize, known: usize },
+    #[error("its first {end} bytes do not have the SHA-256 of the chain: it was changed")]
+    Changed { end: usize },
+    #[error("between bytes {from} and {end} lies more than the result in the chain")]
+    More { from: usize, end: usize },
+}
+
 /// Checks that a file grew as the chain says, a line at a time; returns the length that the chain
 /// knows. (The first entry may hold several lines: those from before an upgrade.)
-fn grown(bytes: &[u8], entries: &[(u64, String)]) -> Result<usize, String> {
+fn grown(bytes: &[u8], entries: &[(u64, String)]) -> Result<usize, Unlike> {
     let (mut hasher, mut done) = (Sha256::new(), 0);
     for (index, (length, digest)) in entries.iter().enumerate() {
         let end = usize::try_from(*length).unwrap_or(usize::MAX);
         let Some(part) = bytes.get(done..end) else {
-            return Err(format!("has {} bytes, the chain had {end}: results are missing", bytes.len()));
+            return Err(Unlike::Short { length: bytes.len(), known: end });
         };
         hasher.update(part);
         if hex::encode(hasher.clone().finalize()) != *digest {
-            return Err(format!(
-                "its first {end} bytes do not have the SHA-256 of the chain: it was changed"
-            ));
+            return Err(Unlike::Changed { end });
         }
         if index > 0 && part.iter().filter(|byte| **byte == b'\n').count() != 1 {
-            return Err(format!("between bytes {done} and {end} lies more than the result in the chain"));
+            return Err(Unlike::More { from: done, end });
         }
         done = end;
     }

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::measure::adjust::AdjustError;
-use crate::measure::adjust::gauss_helmert::Known;
+use crate::measure::estimation::Known;
 
 /// Adds noise of a covariance to some unknowns (Woodbury's identity).
 pub fn walk(known: &mut Known, columns: &[usize], noise: DMatrix<f64>) -> Result<(), AdjustError> {

@@ -7,10 +7,10 @@ use super::departure::Departure;
 use super::known::{fade, forget, walk};
 use crate::measure::adjust::AdjustError;
 use crate::measure::adjust::flight::frames::Flight;
-use crate::measure::adjust::gauss_helmert::Known;
-use crate::measure::adjust::quality::chi_square_limit;
 use crate::measure::adjust::shapes::burning_covariance;
-use crate::measure::adjust::terms::Rotation;
+use crate::measure::adjust::terms::rotation_of_mounting;
+use crate::measure::estimation::Known;
+use crate::measure::estimation::quality::chi_square_limit;
 
 /// `mount_drift_rad` is stated between two shots of a series, which are minutes apart: the mounting walks by it in this
 /// time, s, and leaves its walk by it in any frame.
@@ -147,7 +147,7 @@ impl State {
     /// Of rotation and shift only the mount's repeatability is left.
     fn remounted(&self, flight: &Flight, known: &mut Known) -> Result<(), AdjustError> {
         let own = self.model.layout.own;
-        let rotation = Rotation::of_mounting(&flight.input).prior();
+        let rotation = rotation_of_mounting(&flight.input);
         let shift = flight.input.setup.uncertainty.mount_shift_m;
         let mut covariance = DMatrix::identity(own.count, own.count) * (shift * shift);
         covariance.view_mut((0, 0), (3, 3)).copy_from(&rotation.covariance);

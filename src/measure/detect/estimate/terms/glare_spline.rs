@@ -3,6 +3,7 @@
 use crate::measure::detect::appearance::parameters::{BLUR, DARK, GAMMA, Parameters, light_at};
 use crate::measure::detect::estimate::options::TERM;
 use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::numbers::TINY;
 use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::simd::batch::Batch;
 
@@ -19,14 +20,16 @@ pub struct Glare {
 impl Glare {
     /// None yet on a disc of this outline.
     fn new(ellipse: &Ellipse) -> Self {
-        let reach = 1.2 * ellipse.major + 2.0 * ellipse.minor + 20.0;
+        let reach = TERM.reach.0 * ellipse.major + TERM.reach.1 * ellipse.minor + TERM.reach.2;
         let count = (2.0 * reach / TERM.knot_px).ceil() as usize + 3;
         Self { first: -reach, slant: 0.0, knots: vec![0.0; count] }
     }
 
     /// The place of a point along and across the disc, px, counted in knots.
     pub fn place(&self, s: f64, t: f64) -> f64 {
-        ((s - self.slant * t - self.first) / TERM.knot_px).clamp(0.0, (self.knots.len() - 3) as f64 - 1e-6)
+        /// So far before the last knot a place still lies between two.
+        const BEFORE: f64 = 1e-6;
+        ((s - self.slant * t - self.first) / TERM.knot_px).clamp(0.0, (self.knots.len() - 3) as f64 - BEFORE)
     }
 }
 
@@ -49,8 +52,8 @@ pub fn seen(pixels: &Pixels, ellipse: &Ellipse, m: &Parameters) -> Glare {
     for batch in &pixels.batches {
         for (i, s, t) in places(batch, ellipse) {
             let (p, q) = (s / ellipse.major, t / ellipse.minor);
-            let r = p.hypot(q).max(1e-9);
-            let slope = (p / ellipse.major).hypot(q / ellipse.minor).max(1e-9);
+            let r = p.hypot(q).max(TINY);
+            let slope = (p / ellipse.major).hypot(q / ellipse.minor).max(TINY);
             let distance = (r - 1.0) * r / slope;
             if distance.abs() > TERM.clear_blurs * m[BLUR] {
                 let own = if distance > 0.0 { 1.0 } else { 1.0 - m[DARK] };

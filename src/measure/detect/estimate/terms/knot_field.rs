@@ -3,15 +3,17 @@
 //! A pixel knows the few knots about it only. Pixels between the same knots are a cell, whose batches are summed as those of the
 //! plain formula are; the cells' sums are then put where their knots stand.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2};
 
 use crate::measure::detect::appearance::formula::Model;
-use crate::measure::detect::appearance::parameters::COMMON;
-use crate::measure::detect::estimate::bordered::Bordered;
-use crate::measure::detect::estimate::normal_equations::{Block, Products};
-use crate::measure::detect::estimate::sandwich::Blocks;
+use crate::measure::detect::appearance::parameters::{COMMON, Parameters, X, Y};
+use crate::measure::detect::estimate::normal_equations::{Block, LEAST_WEIGHT, Products, Square};
+use crate::measure::detect::estimate::{gauss_newton::Fit, sandwich::Blocks};
+use crate::measure::detect::hypothesis::prior::Estimate;
+use crate::measure::detect::numbers::TINY;
 use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::simd::batch::{Batch, append};
+use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::detect::simd::lanes::{Lanes, each, total};
 
 /// Pixels between the same knots.
@@ -70,16 +72,110 @@ pub struct Step {
 }
 
 impl Step {
-    /// Adds what is known beforehand of the `i`-th unknown, which has some value now: its prior, with a standard deviation.
-    pub fn hold(&mut self, i: usize, now: f64, (prior, deviation): (f64, f64), scale: f64) {
-        let weight = (scale / deviation).powi(2);
-        self.normal[(i, i)] += weight + LEAST;
-        self.right[i] += weight * (prior - now);
+    /// Adds what is known beforehand of the `i`-th unknown, which has some value now.
+    pub fn hold(&mut self, i: usize, now: f64, prior: Estimate, scale: f64) {
+        let weight = (scale / prior.sigma).powi(2);
+        self.normal[(i, i)] += weight + LEAST_WEIGHT;
+        self.right[i] += weight * (prior.value - now);
+    }
+
+    /// Variance of a residual of weight 1, `count` of the formula's parameters being sought.
+    pub fn variance(&self, count: usize) -> f64 {
+        self.square / (self.weight - count as f64).max(1.0)
     }
 }
 
-/// Least weight of an unknown, so that what nothing tells stays where it is: a part in 10^12 of one grey level's.
-const LEAST: f64 = 1e-12;
+/// What a linearisation says of the centre.
+pub struct Centre {
+    /// Its rows of the inverse normal equations.
+    pub influence: [DVector<f64>; 2],
+    /// Its covariance if no residuals hung together, px^2.
+    pub white: Matrix2<f64>,
+}
+
+impl Centre {
+    /// From the factor of normal equations over the parameters of a list and a term's unknowns, and a residual's variance.
+    pub fn of(factor: &Cholesky<f64, Dyn>, list: &[usize], variance: f64) -> Option<Self> {
+        let slot = |k: usize| list.iter().position(|&l| l == k);
+        let slots = [slot(X)?, slot(Y)?];
+        let unknowns = factor.l_dirty().nrows();
+        let influence = slots.map(|at| factor.solve(&DVector::from_fn(unknowns, |i, _| f64::from(i == at))));
+        let white = Matrix2::from_fn(|i, j| influence[j][slots[i]] * variance);
+        Some(Self { influence, white })
+    }
+
+    /// The fit that ends at some parameters: `blocks` is what the residuals did to the centre, `weight` the sum of the pixels'
+    /// own weights.
+    pub fn fit(
+        &self,
+        m: &Parameters,
+        step: &Step,
+        count: usize,
+        blocks: &Blocks,
+        weight: f64,
+    ) -> Option<Fit> {
+        let (centre, _, correlation) = blocks.raise(&self.white, count)?;
+        let mut covariance = Square::zeros();
+        covariance.fixed_view_mut::<2, 2>(X, X).copy_from(&centre);
+        Some(Fit {
+            parameters: *m,
+            covariance,
+            variance: step.variance(count),
+            rms: (step.square / step.weight.max(TINY)).sqrt(),
+            inliers: step.weight / weight,
+            start: *m,
+            images: Vec::new(),
+            correlation,
+            white: self.white,
+        })
+    }
+}
+
+/// Lower triangle and right side: the shared parameters, then the knots.
+struct Bordered {
+    normal: DMatrix<f64>,
+    right: DVector<f64>,
+    shared: usize,
+}
+
+impl Bordered {
+    /// Zero.
+    fn new(shared: usize, knots: usize) -> Self {
+        let all = shared + knots;
+        Self { normal: DMatrix::zeros(all, all), right: DVector::zeros(all), shared }
+    }
+
+    /// Adds what a cell's pixels say of the knots about them, which are the first columns of the products and are then forgotten.
+    #[inline(always)]
+    fn take<const ABOUT: usize>(&mut self, sums: &mut Products, knots: [usize; ABOUT]) {
+        let mut totals = sums.totals();
+        let knots = knots.map(|k| self.shared + k);
+        for (i, &a) in knots.iter().enumerate() {
+            for &b in &knots[i..] {
+                self.normal[(a.max(b), a.min(b))] += totals.next().unwrap_or(0.0);
+            }
+            for k in 0..self.shared {
+                self.normal[(a, k)] += totals.next().unwrap_or(0.0);
+            }
+            self.right[a] += totals.next().unwrap_or(0.0);
+        }
+        drop(totals);
+        sums.forget(ABOUT);
+    }
+
+    /// Sets what all pixels say of the shared parameters, which are the products' columns after so many of knots.
+    #[inline(always)]
+    fn finish(&mut self, sums: &Products, about: usize) {
+        let n = self.shared;
+        let mut totals = sums.totals().skip((0..about).map(|i| about + n + 1 - i).sum());
+        for i in 0..n {
+            for j in i..n {
+                self.normal[(j, i)] = totals.next().unwrap_or(0.0);
+            }
+            self.right[i] = totals.next().unwrap_or(0.0);
+        }
+    }
+}
 
 /// The pixels of some batches by the knots about them; `place` tells a cell's number, of so many, and its knots.
 pub fn cells<const ABOUT: usize>(
@@ -104,14 +200,22 @@ pub fn cells<const ABOUT: usize>(
     out
 }
 
-/// The normal equations without what is known beforehand.
+/// What is linearised: a term over cells of pixels, by the formula's parameters of a list, with residuals of some scale.
+pub struct Over<'a, T, const ABOUT: usize> {
+    pub cells: &'a [Cell<ABOUT>],
+    pub term: &'a T,
+    pub list: &'a [usize],
+    pub scale: f64,
+}
+
+wide! {
+    /// The normal equations without what is known beforehand.
+    pub fn linearise[T: Term<ABOUT>, const ABOUT: usize](over: Over<T, ABOUT>) -> Step = linearised
+}
+
 #[inline(always)]
-pub fn linearise<T: Term<ABOUT>, const ABOUT: usize>(
-    cells: &[Cell<ABOUT>],
-    term: &T,
-    list: &[usize],
-    scale: f64,
-) -> Step {
+fn linearised<T: Term<ABOUT>, const ABOUT: usize>(over: Over<T, ABOUT>) -> Step {
+    let Over { cells, term, list, scale } = over;
     let n = list.len() + T::SHARED;
     let model = term.model();
     let mut sought = Bordered::new(n, term.count());
@@ -140,16 +244,20 @@ pub fn linearise<T: Term<ABOUT>, const ABOUT: usize>(
     Step { normal, right, sizes, weight: total(&weight), square: total(&square) }
 }
 
-/// What the residuals of each batch did to the centre, from the centre's rows of the inverse normal equations.
+wide! {
+    /// Adds what the residuals of each batch did to the centre, from its rows of the inverse normal equations.
+    pub fn add_up[T: Term<ABOUT>, const ABOUT: usize](
+        over: Over<T, ABOUT>, influence: &[DVector<f64>; 2], blocks: &mut Blocks
+    ) = added_up
+}
+
 #[inline(always)]
-pub fn add_up_blocks<T: Term<ABOUT>, const ABOUT: usize>(
-    cells: &[Cell<ABOUT>],
-    term: &T,
-    list: &[usize],
+fn added_up<T: Term<ABOUT>, const ABOUT: usize>(
+    over: Over<T, ABOUT>,
     influence: &[DVector<f64>; 2],
-    scale: f64,
     blocks: &mut Blocks,
 ) {
+    let Over { cells, term, list, scale } = over;
     let model = term.model();
     for cell in cells {
         for batch in &cell.batches {

@@ -6,22 +6,22 @@
 //! what it does to standard deviations under JPEG, `tests/detect/fixtures.rs`. Knots beside the outline too would follow dirt,
 //! and chance in frames with JPEG.
 
-use nalgebra::{Cholesky, DVector, Matrix2};
+use nalgebra::{Cholesky, DVector};
 
-use super::knot_field::{self, Cell, Rows, Step, Term};
-
+use super::knot_field::{self, Cell, Centre, Over, Rows, Step, Term};
 use crate::measure::detect::appearance::formula::{Model, Slopes, Tone};
-use crate::measure::detect::appearance::parameters::{BLUR, GAMMA, LIGHT, N, Parameters, Pattern, X, Y};
-use crate::measure::detect::estimate::gauss_newton::Fit;
-use crate::measure::detect::estimate::normal_equations::{biweights, spread};
-use crate::measure::detect::estimate::options::ITERATION;
-use crate::measure::detect::estimate::options::TERM;
-use crate::measure::detect::estimate::residuals::ResidualAnalysis;
+use crate::measure::detect::appearance::parameters::{
+    BLUR, GAMMA, LIGHT, N, Parameters, Pattern, WHITEST, X, Y,
+};
+use crate::measure::detect::estimate::options::{ITERATION, TERM};
+use crate::measure::detect::estimate::prior::Unknowns;
 use crate::measure::detect::estimate::sandwich::{Blocks, REACH};
-use crate::measure::detect::estimate::unknowns::Unknowns;
+use crate::measure::detect::estimate::{bounds::is_sharp, gauss_newton::Fit, residuals::ResidualAnalysis};
+use crate::measure::detect::estimate::{normal_equations::biweights, scale::robust_sigma};
+use crate::measure::detect::hypothesis::prior::Estimate;
+use crate::measure::detect::numbers::TINY;
 use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::simd::batch::Batch;
-use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::detect::simd::lanes::{LANES, each};
 
 /// Knots of the field of light along the marker. Chosen: a shadow's edge is some tenths of a marker wide;
@@ -44,20 +44,6 @@ struct Field {
     extra: [f64; FIELD],
 }
 
-/// The answer with the light freed.
-pub struct LightFieldFit {
-    /// The model's parameters.
-    pub parameters: Parameters,
-    /// The centre's covariance, at least that which the residuals show, px^2.
-    pub covariance: Matrix2<f64>,
-    /// The same if no residuals hung together.
-    pub white: Matrix2<f64>,
-    /// Weighted root mean square of the residuals, grey levels.
-    pub rms: f64,
-    /// Mean robust weight, 0 to 1.
-    pub inliers: f64,
-}
-
 /// The fit with the light freed, without the pixels of things that are not the marker's; `None` where the first step does not
 /// promise to take off the residuals' squares the `least` that is asked, in variances of one. Nothing is asked where foreign
 /// pixels pull at first.
@@ -68,7 +54,7 @@ pub fn fit_light_field(
     unknowns: &Unknowns,
     floor: f64,
     least: Option<f64>,
-) -> Option<LightFieldFit> {
+) -> Option<Fit> {
     let mut list = Vec::with_capacity(N);
     list.extend((0..N).filter(|&k| unknowns.free[k]));
     let own = own(pixels, seen, fit.parameters[BLUR]);
@@ -82,11 +68,12 @@ pub fn fit_light_field(
     for (batch, r) in pixels.batches.iter().zip(&seen.residuals) {
         sizes.extend(r.iter().take(batch.len).map(|r| r.abs()));
     }
-    let mut scale = floor.max(spread(&mut sizes)) * if least.is_none() { 3.0 } else { 1.0 };
+    let mut scale =
+        floor.max(robust_sigma(&mut sizes)) * if least.is_none() { ITERATION.pulled } else { 1.0 };
     for iteration in 0..ITERATION.field_most {
         let mut step = field.step(&cells, unknowns, &list, scale);
         for i in 0..step.normal.nrows() {
-            step.normal[(i, i)] *= 1.0 + if iteration < 2 { 1e-3 } else { 1e-7 };
+            step.normal[(i, i)] *= 1.0 + ITERATION.field_damping[usize::from(iteration >= ITERATION.damped)];
         }
         let change = Cholesky::new(step.normal)?.solve(&step.right);
         // What the step takes off the residuals' squares, if the model is linear.
@@ -94,35 +81,21 @@ pub fn fit_light_field(
             return None;
         }
         let worst = field.go(&change, &list);
-        let new = floor.max(spread(&mut step.sizes));
-        if worst < 1e-3 && new > 0.9 * scale {
+        let new = floor.max(robust_sigma(&mut step.sizes));
+        if worst < ITERATION.field_px.0 && new > ITERATION.falls * scale {
             break;
         }
-        scale = new.max(0.5 * scale);
+        scale = new.max(ITERATION.fall_last * scale);
     }
-    let m = field.m;
-    let sound = m.iter().all(|v| v.is_finite()) && m[BLUR] > 0.2 && m[BLUR] < 4.0;
-    let Step { normal, weight, square, .. } = field.step(&cells, unknowns, &list, scale);
-    let factor = Cholesky::new(normal).filter(|_| sound)?;
-    let influence = [X, Y].map(|k| {
-        let place = list.iter().position(|&l| l == k);
-        factor.solve(&DVector::from_fn(list.len() + FIELD, |i, _| if Some(i) == place { 1.0 } else { 0.0 }))
-    });
-    let (mut blocks, mut white) = (Blocks::new(pixels, &m), Matrix2::zeros());
-    add_up(&cells, &field, &list, &influence, scale, &mut blocks);
-    let variance = square / (weight - list.len() as f64).max(1.0);
-    for (i, row) in list.iter().enumerate().filter(|(_, k)| [X, Y].contains(k)) {
-        for (j, influence) in influence.iter().enumerate() {
-            white[(*row, j)] = influence[i] * variance;
-        }
-    }
-    Some(LightFieldFit {
-        parameters: m,
-        covariance: blocks.raise(&white, list.len())?.0,
-        white,
-        rms: (square / weight.max(1e-9)).sqrt(),
-        inliers: weight / pixels.weight(),
-    })
+    let m = &field.m;
+    let step = field.step(&cells, unknowns, &list, scale);
+    let variance = step.variance(list.len());
+    let factor = Cholesky::new(step.normal.clone()).filter(|_| is_sharp(m))?;
+    let centre = Centre::of(&factor, &list, variance)?;
+    let mut blocks = Blocks::new(pixels, m);
+    let over = Over { cells: &cells, term: &field, list: &list, scale };
+    knot_field::add_up(over, &centre.influence, &mut blocks);
+    centre.fit(m, &step, list.len(), &blocks, pixels.weight())
 }
 
 /// Batch and lane of the pixels that are not within the blur of two others that the fit took for foreign:
@@ -132,7 +105,7 @@ fn own(pixels: &Pixels, seen: &ResidualAnalysis, blur: f64) -> Vec<[usize; 2]> {
     for (batch, tukey) in pixels.batches.iter().zip(&seen.biweights) {
         foreign.extend((0..batch.len).filter(|&i| tukey[i] <= 0.0).map(|i| [batch.x[i], batch.y[i]]));
     }
-    let reach2 = (2.5 * blur + 1.0).powi(2) as f32;
+    let reach2 = (TERM.foreign.0 * blur + TERM.foreign.1).powi(2) as f32;
     let near = |x: f32, y: f32| {
         foreign.iter().filter(|f| (f[0] - x).powi(2) + (f[1] - y).powi(2) < reach2).take(3).count() >= 3
     };
@@ -168,7 +141,7 @@ impl Field {
     fn go(&mut self, change: &DVector<f64>, list: &[usize]) -> f64 {
         let place = |k: usize| list.iter().position(|&l| l == k).map_or(0.0, |i| change[i]);
         let worst = place(X).hypot(place(Y));
-        let factor = (2.0 / worst.max(1e-9)).min(1.0);
+        let factor = (ITERATION.field_px.1 / worst.max(TINY)).min(1.0);
         for (i, &k) in list.iter().enumerate() {
             self.m[k] += factor * change[i];
         }
@@ -180,11 +153,10 @@ impl Field {
 
     /// The normal equations with what is known beforehand.
     fn step(&self, cells: &[Cell<ABOUT>], unknowns: &Unknowns, list: &[usize], scale: f64) -> Step {
-        let mut out = linearised(cells, self, list, scale);
+        let mut out = knot_field::linearise(Over { cells, term: self, list, scale });
         list.iter().enumerate().for_each(|(i, &k)| out.hold(i, self.m[k], unknowns.prior[k], scale));
         for (k, &extra) in self.extra.iter().enumerate() {
-            let deviation = if k < ALONG * ACROSS { TERM.field_light } else { TERM.field_dark };
-            out.hold(list.len() + k, extra, (0.0, deviation), scale);
+            out.hold(list.len() + k, extra, Estimate::zero(TERM.field), scale);
         }
         out
     }
@@ -221,8 +193,8 @@ impl Term<ABOUT> for Field {
             let dark = model.dark([p, q]) + hats[4] * extra[4] + hats[5] * extra[5];
             let Tone { linear, log, through } = model.tone(1.0 - dark * c);
             let value = light * through;
-            let open = if value < 255.0 { 1.0 } else { 0.0 };
-            out.r[i] = batch.value[i] - if value < 255.0 { value } else { 255.0 };
+            let open = if value < WHITEST { 1.0 } else { 0.0 };
+            out.r[i] = batch.value[i] - if value < WHITEST { value } else { WHITEST };
             let (value, through) = (open * value, open * through);
             let slope = model.k[GAMMA] * value / linear;
             let (by_share, by_dark) = (-slope * dark, -slope * c);
@@ -236,22 +208,4 @@ impl Term<ABOUT> for Field {
         out.root = each(|i| batch.root[i] * tukey[i]);
         out
     }
-}
-
-wide! {
-    /// The normal equations without what is known beforehand.
-    fn linearised(cells: &[Cell<ABOUT>], field: &Field, list: &[usize], scale: f64) -> Step
-        = knot_field::linearise::<Field, ABOUT>
-}
-
-wide! {
-    /// What the residuals of each batch did to the centre.
-    fn add_up(
-        cells: &[Cell<ABOUT>],
-        field: &Field,
-        list: &[usize],
-        influence: &[DVector<f64>; 2],
-        scale: f64,
-        blocks: &mut Blocks,
-    ) = knot_field::add_up_blocks::<Field, ABOUT>
 }

@@ -6,24 +6,21 @@
 //! tell beforehand ([`super::glare_spline`]). What is saturated only says that it is not darker. Held by `tests/detect/glare.rs`;
 //! over 414 discs of 35 rendered glare frames the rms fell from 0.299 to 0.237 px.
 
-use nalgebra::{Cholesky, DVector, Matrix2};
+use nalgebra::{Cholesky, DVector};
 
 use super::glare_spline::{Glare, place, seen, spline};
-use super::knot_field::{self, Cell, Rows, Step, Term};
+use super::knot_field::{self, Cell, Centre, Over, Rows, Step, Term};
 use crate::measure::detect::appearance::formula::{Model, Slopes, Tone};
-use crate::measure::detect::appearance::parameters::{
-    BLUR, COMMON, FIRST, GAMMA, Parameters, Pattern, SECOND, X, Y,
-};
-use crate::measure::detect::estimate::gauss_newton::Fit;
-use crate::measure::detect::estimate::normal_equations::{Square, biweights, spread};
-use crate::measure::detect::estimate::options::ITERATION;
-use crate::measure::detect::estimate::options::TERM;
-use crate::measure::detect::estimate::sandwich::Blocks;
-use crate::measure::detect::estimate::unknowns::Unknowns;
+use crate::measure::detect::appearance::parameters::{COMMON, GAMMA, MAJOR, Parameters, Pattern, X, Y};
+use crate::measure::detect::estimate::bounds::{has_shape, is_sharp};
+use crate::measure::detect::estimate::options::{ITERATION, TERM};
+use crate::measure::detect::estimate::{gauss_newton::Fit, prior::Unknowns, sandwich::Blocks};
+use crate::measure::detect::estimate::{normal_equations::biweights, scale::robust_sigma};
+use crate::measure::detect::hypothesis::prior::Estimate;
 use crate::measure::detect::image::ellipse::Ellipse;
+use crate::measure::detect::numbers::TINY;
 use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::simd::batch::Batch;
-use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::detect::simd::lanes::{LANES, each};
 
 /// Knots about a pixel: a cubic spline's.
@@ -37,30 +34,27 @@ struct State<'a> {
     glare: Glare,
 }
 
-/// What is known of the glare beforehand: its knots, each with a standard deviation.
-struct Known {
-    knots: Vec<f64>,
-    spreads: Vec<f64>,
-}
+/// What is known of the glare's knots beforehand.
+struct Known(Vec<Estimate>);
 
 impl Known {
     fn new(glare: &Glare) -> Self {
-        let knots = glare.knots.clone();
-        let spread = |k: usize| {
+        let knots = &glare.knots;
+        let known = |k: usize| {
             let about = &knots[k.saturating_sub(1)..(k + 2).min(knots.len())];
-            TERM.glare_floor + TERM.glare_share * about.iter().fold(0.0, |a: f64, &b| a.max(b))
+            let most = about.iter().fold(0.0, |a: f64, &b| a.max(b));
+            Estimate { value: knots[k], sigma: TERM.glare_floor + TERM.glare_share * most }
         };
-        let spreads = (0..knots.len()).map(spread).collect();
-        Self { knots, spreads }
+        Self((0..knots.len()).map(known).collect())
     }
 
     /// Adds that, and what is known of the parameters, to the normal equations.
     fn add(&self, step: &mut Step, state: &State, list: &[usize], unknowns: &Unknowns, scale: f64) {
         let n = list.len();
         list.iter().enumerate().for_each(|(i, &k)| step.hold(i, state.m[k], unknowns.prior[k], scale));
-        step.hold(n, state.glare.slant, (state.glare.slant, 1.0), scale);
-        for (k, known) in self.knots.iter().copied().zip(self.spreads.iter().copied()).enumerate() {
-            step.hold(n + 1 + k, state.glare.knots[k], known, scale);
+        step.hold(n, state.glare.slant, Estimate { value: state.glare.slant, sigma: 1.0 }, scale);
+        for (k, known) in self.0.iter().enumerate() {
+            step.hold(n + 1 + k, state.glare.knots[k], *known, scale);
         }
     }
 }
@@ -70,21 +64,12 @@ impl State<'_> {
     fn go(&mut self, change: &DVector<f64>, list: &[usize]) -> f64 {
         let of = |k: usize| list.iter().position(|&l| l == k).map_or(0.0, |i| change[i]);
         let moved = of(X).hypot(of(Y));
-        let most = (1.5 / moved.max(1e-9)).min(1.0);
+        let most = (ITERATION.glare_px / moved.max(TINY)).min(1.0);
         let n = list.len();
         list.iter().enumerate().for_each(|(i, &k)| self.m[k] += most * change[i]);
         self.glare.slant += most * change[n];
         (self.glare.knots.iter_mut().enumerate()).for_each(|(k, knot)| *knot += most * change[n + 1 + k]);
         moved
-    }
-
-    fn is_sound(&self) -> bool {
-        let m = &self.m;
-        m.iter().all(|v| v.is_finite())
-            && (0.2..4.0).contains(&m[BLUR])
-            && (0.15..3.0).contains(&m[GAMMA])
-            && m[FIRST] > 1.0
-            && m[SECOND] > 0.2
     }
 }
 
@@ -97,47 +82,38 @@ pub fn fit_with_glare(
     floor: f64,
 ) -> Option<Fit> {
     let list: Vec<usize> = (0..COMMON).filter(|&k| unknowns.free[k]).collect();
-    let slot = |k: usize| list.iter().position(|&l| l == k);
-    let (x, y) = (slot(X)?, slot(Y)?);
     let (m, origin) = (fit.parameters, pixels.origin);
     let mut state = State { origin, ellipse, m, glare: seen(pixels, ellipse, &m) };
     let known = Known::new(&state.glare);
-    let mut scale = 4.0 * floor.max(fit.rms);
+    let mut scale = ITERATION.lit * floor.max(fit.rms);
     for _ in 0..ITERATION.glare_most {
         let cells = cells(pixels, ellipse, &state.glare);
-        let mut step = linearised(&cells, &state, &list, scale);
+        let over = Over { cells: &cells, term: &state, list: &list, scale };
+        let mut step = knot_field::linearise(over);
         known.add(&mut step, &state, &list, unknowns, scale);
-        let factor = Cholesky::new(step.normal)?;
+        let factor = Cholesky::new(step.normal.clone())?;
         let moved = state.go(&factor.solve(&step.right), &list);
-        if !state.is_sound() {
+        if !(is_sharp(&state.m) && has_shape(Pattern::Disc, &state.m)) {
             return None;
         }
-        let unit = |at: usize| DVector::from_fn(step.right.len(), |i, _| f64::from(i == at));
-        let influence = [x, y].map(|at| factor.solve(&unit(at)));
-        let variance = step.square / (step.weight - list.len() as f64).max(1.0);
-        let white = Matrix2::from_fn(|i, j| influence[j][[x, y][i]] * variance);
-        let new = floor.max(spread(&mut step.sizes));
-        if moved > ITERATION.glare_still * white.trace().max(0.0).sqrt() || new < 0.9 * scale {
-            scale = new.max(0.5 * scale);
+        let variance = step.variance(list.len());
+        let centre = Centre::of(&factor, &list, variance)?;
+        let new = floor.max(robust_sigma(&mut step.sizes));
+        let still = ITERATION.glare_still * centre.white.trace().max(0.0).sqrt();
+        if moved > still || new < ITERATION.falls * scale {
+            scale = new.max(ITERATION.fall_last * scale);
             continue;
         }
         let mut blocks = Blocks::new(pixels, &state.m);
-        add_up(&cells, &state, &list, &influence, new, &mut blocks);
-        let (centre, _, correlation) = blocks.raise(&white, list.len())?;
-        let mut covariance = Square::zeros();
-        covariance.fixed_view_mut::<2, 2>(X, X).copy_from(&centre);
-        covariance[(FIRST, FIRST)] = slot(FIRST).map_or(0.0, |at| factor.solve(&unit(at))[at] * variance);
-        return Some(Fit {
-            parameters: state.m,
-            covariance,
-            variance,
-            rms: (step.square / step.weight.max(1e-9)).sqrt(),
-            inliers: step.weight / open_weight(pixels).max(1e-9),
-            start: state.m,
-            images: Vec::new(),
-            correlation,
-            white,
+        let over = Over { cells: &cells, term: &state, list: &list, scale: new };
+        knot_field::add_up(over, &centre.influence, &mut blocks);
+        let weight = open_weight(pixels).max(TINY);
+        let mut out = centre.fit(&state.m, &step, list.len(), &blocks, weight)?;
+        let major = list.iter().position(|&k| k == MAJOR);
+        out.covariance[(MAJOR, MAJOR)] = major.map_or(0.0, |at| {
+            factor.solve(&DVector::from_fn(step.right.len(), |i, _| f64::from(i == at)))[at] * variance
         });
+        return Some(out);
     }
     None
 }
@@ -161,24 +137,6 @@ fn cells(pixels: &Pixels, ellipse: &Ellipse, glare: &Glare) -> Vec<Cell<ABOUT>> 
     });
     out.sort_by_key(|cell| cell.knots[0]);
     out
-}
-
-wide! {
-    /// The normal equations without what is known beforehand.
-    fn linearised(cells: &[Cell<ABOUT>], state: &State, list: &[usize], scale: f64) -> Step
-        = knot_field::linearise::<State, ABOUT>
-}
-
-wide! {
-    /// What the residuals of each batch did to the centre.
-    fn add_up(
-        cells: &[Cell<ABOUT>],
-        state: &State,
-        list: &[usize],
-        influence: &[DVector<f64>; 2],
-        scale: f64,
-        blocks: &mut Blocks,
-    ) = knot_field::add_up_blocks::<State, ABOUT>
 }
 
 impl Term<ABOUT> for State<'_> {
@@ -249,7 +207,7 @@ mod tests {
     use nalgebra::Vector2;
 
     use super::*;
-    use crate::measure::detect::appearance::parameters::{DARK, LIGHT};
+    use crate::measure::detect::appearance::parameters::{BLUR, DARK, LIGHT, MINOR};
 
     #[test]
     fn derivatives_match_differences() {
@@ -284,7 +242,7 @@ mod tests {
                 assert!(off < 0.02 * difference.abs() + 0.6, "{name}: {by} against {difference}");
             }
         };
-        for k in [X, Y, FIRST, SECOND, BLUR, LIGHT, DARK, GAMMA] {
+        for k in [X, Y, MAJOR, MINOR, BLUR, LIGHT, DARK, GAMMA] {
             let step = if m[k] < 2.0 { 2e-3 } else { 1e-2 };
             let moved = |by: f64| {
                 let mut m = m;

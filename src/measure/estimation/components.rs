@@ -11,8 +11,23 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::gauss_helmert::{Fit, GroupPoint, Linearised, Problem, solve_groups};
-use super::{AdjustError, Estimate, VarianceComponent};
+use super::error::EstimationError;
+use super::fit::{BlockFit, Fit};
+use super::problem::{GroupPoint, Linearised, Problem};
+use super::solve::solve_groups;
+use crate::measure::observation::Estimate;
+
+/// One group's variance component.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VarianceComponent {
+    /// `image` or `survey`.
+    pub group: &'static str,
+    /// The component (1: the group's standard deviations are right); `None` where the observations do
+    /// not show it and the stated standard deviations were kept.
+    pub factor: Option<Estimate>,
+    /// The group's share of the redundancy.
+    pub redundancy: f64,
+}
 
 const ITERATIONS: usize = 40;
 /// Iterations after which a component that is vague where it stands is given up.
@@ -53,8 +68,8 @@ pub struct Components {
 pub fn variance_components(
     problem: &mut Problem,
     groups: &[VarianceGroup],
-    linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), AdjustError>,
-) -> Result<Components, AdjustError> {
+    linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
+) -> Result<Components, EstimationError> {
     let stated = problem.clone();
     let mut free = vec![true; groups.len()];
     let mut logs = vec![0.0; groups.len()];
@@ -226,7 +241,7 @@ impl Conditions {
         let mut rows = 0;
         let mut first = vec![];
         for group in &fit.groups {
-            let start = |b: &super::gauss_helmert::BlockFit| {
+            let start = |b: &BlockFit| {
                 rows += b.linearised.misclosure.len();
                 rows - b.linearised.misclosure.len()
             };

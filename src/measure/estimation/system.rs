@@ -2,11 +2,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::error::EstimationError;
 use super::fit::{BlockFit, Fit, GroupFit};
 use super::linear::{add_scaled, cholesky, dot, factor, inverse, invert_lower, singular};
+use super::problem::{Block, Group, GroupPoint, Linearised, Prior, Problem};
 use super::stack::{BlockSystem, Room, Stack, Target};
-use super::{Block, Group, GroupPoint, Linearised, Prior, Problem};
-use crate::measure::adjust::AdjustError;
 
 /// Current values of everything unknown.
 #[derive(Clone)]
@@ -87,9 +87,9 @@ pub(super) struct System {
 
 impl System {
     /// Room for a problem's normal equations.
-    pub(super) fn new(problem: &Problem) -> Result<Self, AdjustError> {
+    pub(super) fn new(problem: &Problem) -> Result<Self, EstimationError> {
         let p = problem.start.len();
-        let group = |group: &Group| -> Result<GroupSystem, AdjustError> {
+        let group = |group: &Group| -> Result<GroupSystem, EstimationError> {
             let q = group.local.len();
             Ok(GroupSystem {
                 linearised: Vec::with_capacity(group.blocks.len()),
@@ -117,8 +117,8 @@ impl System {
         &mut self,
         problem: &Problem,
         state: &State,
-        linearise: &impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), AdjustError>,
-    ) -> Result<(), AdjustError> {
+        linearise: &impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
+    ) -> Result<(), EstimationError> {
         self.normal.as_mut_slice().fill(0.0);
         self.right.as_mut_slice().fill(0.0);
         self.room.clear();
@@ -147,8 +147,8 @@ impl System {
         group: &Group,
         state: &State,
         index: usize,
-        linearise: &impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), AdjustError>,
-    ) -> Result<(), AdjustError> {
+        linearise: &impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
+    ) -> Result<(), EstimationError> {
         let (part, local) = (&mut self.groups[index], &state.local[index]);
         let observed = &state.observed[index];
         let at = GroupPoint { group: index, global: &state.global, local, observed };
@@ -188,7 +188,7 @@ impl System {
     }
 
     /// The global step, damped after Levenberg and Marquardt.
-    pub(super) fn step(&self, problem: &Problem, damping: f64) -> Result<DVector<f64>, AdjustError> {
+    pub(super) fn step(&self, problem: &Problem, damping: f64) -> Result<DVector<f64>, EstimationError> {
         let mut normal = self.normal.clone();
         for i in 0..normal.nrows() {
             normal[(i, i)] *= 1.0 + damping;
@@ -221,7 +221,7 @@ impl System {
         problem: &Problem,
         state: State,
         iterations: usize,
-    ) -> Result<Fit, AdjustError> {
+    ) -> Result<Fit, EstimationError> {
         let covariance = factor(&self.normal, &problem.missing)?.inverse();
         let priors = problem.priors.iter().chain(problem.groups.iter().flat_map(|g| &g.priors));
         let mut conditions: usize = priors.map(|p| p.columns.len()).sum();
@@ -249,7 +249,7 @@ impl System {
 
 impl GroupSystem {
     /// Factors the local parameters' normal matrix and takes their part out of the right side.
-    fn eliminate(&mut self, right: &mut DVector<f64>) -> Result<(), AdjustError> {
+    fn eliminate(&mut self, right: &mut DVector<f64>) -> Result<(), EstimationError> {
         if !cholesky(&mut self.factor) {
             return Err(singular("the local parameters of a group of observations"));
         }
@@ -361,10 +361,10 @@ impl BlockSystem {
     }
 }
 
-fn weights(priors: &[Prior]) -> Result<Vec<DMatrix<f64>>, AdjustError> {
+fn weights(priors: &[Prior]) -> Result<Vec<DMatrix<f64>>, EstimationError> {
     let weight = |prior: &Prior| {
         inverse(&prior.covariance).ok_or_else(|| {
-            AdjustError::Input(format!(
+            EstimationError::Input(format!(
                 "what is known beforehand of the {} has no positive definite covariance; check its standard deviations",
                 prior.name
             ))

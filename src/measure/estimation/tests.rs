@@ -1,4 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+use nalgebra::{DMatrix, DVector};
+
 use super::*;
 
 /// Straight line y = m x + b with errors in x and y: the textbook Gauss-Helmert problem.
@@ -20,7 +22,7 @@ fn line(points: &[(f64, f64)], sx: f64, sy: f64) -> Problem {
     }
 }
 
-fn line_block(p: &Point) -> Result<Linearised, AdjustError> {
+fn line_block(p: &Point) -> Result<Linearised, EstimationError> {
     let (m, b, x, y) = (p.global[0], p.global[1], p.observed[0], p.observed[1]);
     Ok(Linearised {
         misclosure: DVector::from_element(1, m * x + b - y),
@@ -125,6 +127,6 @@ fn the_missing_datum_is_named() {
     let one = line(&POINTS[..1], 0.1, 0.1);
     let error = solve(&one, line_block).unwrap_err();
     assert!(
-        matches!(error, AdjustError::Singular { ref missing } if missing == "offset" || missing == "slope")
+        matches!(error, EstimationError::Singular { ref missing } if missing == "offset" || missing == "slope")
     );
 }

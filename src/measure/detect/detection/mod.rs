@@ -1,7 +1,12 @@
 //! What detection answers and is asked: detections, rejections, predictions.
 
-use nalgebra::{Matrix2, Vector2};
+pub mod covariance;
 
+use std::ops::Range;
+
+use nalgebra::Vector2;
+
+use self::covariance::{Covariance, Source};
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::setup::Shape;
 
@@ -12,10 +17,8 @@ pub struct Detection {
     pub shape: Shape,
     /// Quadrant: the saddle. Circle: the ellipse's own centre, perspective bias **not** removed. px.
     pub centre_px: Vector2<f64>,
-    /// Covariance of `centre_px` from the fit's residuals and Jacobian, and from what lies beside it, px^2.
-    pub covariance_px2: Matrix2<f64>,
-    /// What of that, across the axis, is for things that lie on the skin beside a disc, px^2.
-    pub beside_px2: f64,
+    /// Covariance of `centre_px`, px^2, with what it is the sum of: the fit's residuals and Jacobian, and what they do not show.
+    pub covariance_px2: Covariance,
     /// Outline's semi-major axis, px.
     pub semi_major_px: f64,
     /// Outline's semi-minor axis, px.
@@ -36,7 +39,7 @@ impl Detection {
 
     /// Sum of the place's variances, px^2, without what is for things beside it.
     pub(super) fn variance(&self) -> f64 {
-        self.covariance_px2.trace() - self.beside_px2
+        self.covariance_px2.trace() - self.covariance_px2.of(Source::Beside).trace()
     }
 }
 
@@ -53,6 +56,14 @@ pub struct Rejected {
     pub angle_rad: f64,
     /// Why.
     pub reason: RejectReason,
+}
+
+impl Rejected {
+    /// Of something with an outline.
+    pub(super) fn of(ellipse: &Ellipse, reason: RejectReason) -> Self {
+        let Ellipse { centre, major, minor, angle } = *ellipse;
+        Self { centre_px: centre, semi_major_px: major, semi_minor_px: minor, angle_rad: angle, reason }
+    }
 }
 
 /// Why a hypothesis is not a marker.
@@ -146,9 +157,11 @@ impl Prediction {
     pub(super) fn ellipse(&self) -> Option<Ellipse> {
         let (major, minor) = (self.semi_major_px, self.semi_minor_px);
         let numbers = [self.centre_px.x, self.centre_px.y, self.angle_rad, self.search_px];
+        /// Semi-axes that a prediction may have, px: major, minor.
+        const AXES_PX: [Range<f64>; 2] = [1.0..2000.0, 0.5..2000.0];
         let sound = numbers.iter().all(|v| v.is_finite())
-            && (1.0..2000.0).contains(&major)
-            && (0.5..2000.0).contains(&minor);
+            && AXES_PX[0].contains(&major)
+            && AXES_PX[1].contains(&minor);
         sound.then_some(Ellipse { centre: self.centre_px, major, minor, angle: self.angle_rad })
     }
 }

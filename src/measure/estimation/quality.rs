@@ -7,8 +7,33 @@
 use nalgebra::DMatrix;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
-use super::gauss_helmert::{Fit, Problem};
-use super::{GlobalTest, SigmaKind};
+use super::fit::Fit;
+use super::problem::Problem;
+
+/// Which standard deviations are reported.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SigmaKind {
+    /// A posteriori where the global test rejects, a priori where it accepts.
+    #[default]
+    #[serde(rename = "by test")]
+    ByTest,
+    /// A priori.
+    Prior,
+    /// A posteriori: scaled by the root of the variance factor.
+    Posterior,
+}
+
+/// Verdict of the chi-square test on the variance factor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GlobalTest {
+    /// The variance factor is compatible with 1.
+    Passed,
+    /// It is not.
+    Rejected,
+    /// No redundancy, no verdict.
+    NotPossible,
+}
 
 /// Probability of finding a bias as large as the minimal detectable one (Baarda).
 const POWER: f64 = 0.8;

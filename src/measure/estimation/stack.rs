@@ -4,9 +4,9 @@
 
 use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, DVector};
 
+use super::error::EstimationError;
 use super::linear::{Whitener, add_scaled, dot};
-use super::{Block, Linearised};
-use crate::measure::adjust::AdjustError;
+use super::problem::{Block, Linearised};
 
 /// Products with fewer multiplications than this are not worth a library's call.
 const SMALL: usize = 1500;
@@ -95,7 +95,7 @@ impl Stack {
         linearised: &[Linearised],
         room: &mut Room,
         target: &mut Target,
-    ) -> Result<f64, AdjustError> {
+    ) -> Result<f64, EstimationError> {
         let width = self.width();
         let conditions: usize = linearised.iter().map(|l| l.misclosure.len()).sum();
         room.rows.clear();
@@ -148,7 +148,7 @@ impl BlockSystem {
         data: &Block,
         residuals: &DVector<f64>,
         lin: &Linearised,
-    ) -> Result<(), AdjustError> {
+    ) -> Result<(), EstimationError> {
         self.whitener.update(&lin.observations, &data.covariance)?;
         self.contradiction.clone_from(&lin.misclosure);
         let contradiction = self.contradiction.as_mut_slice();

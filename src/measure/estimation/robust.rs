@@ -1,4 +1,6 @@
-//! Fits that a few wrong points do not bend.
+//! Scales and fits that a few wrong points do not bend.
+
+use nalgebra::Vector2;
 
 /// Standard deviation over the median of the absolute values, normal law.
 pub const SIGMA_OVER_MEDIAN: f64 = 1.4826;
@@ -13,8 +15,64 @@ pub fn median(mut values: Vec<f64>) -> Option<f64> {
     values.get(values.len() / 2).copied()
 }
 
+/// Median of a squared length of two standard normal coordinates.
+pub const MEDIAN_SQUARE: f64 = 2.0 * std::f64::consts::LN_2;
+/// The same of one.
+pub const MEDIAN_SQUARE_OF_ONE: f64 = 0.4549;
+/// The range of a common variance is halved so often, and then known to 1e-12 of it.
+const BISECTIONS: usize = 40;
+
+/// Of no values 0.
+fn median_or_0(values: Vec<f64>) -> f64 {
+    median(values).unwrap_or(0.0)
+}
+
+/// Where values lie, and how far apart.
+#[derive(Clone, Copy, Debug)]
+pub struct Location {
+    /// Their median.
+    pub median: f64,
+    /// The standard deviation that the median absolute deviation tells.
+    pub sigma: f64,
+}
+
+impl Location {
+    /// Of values; of none 0.
+    pub fn of(values: &[f64]) -> Self {
+        let median = median_or_0(values.to_vec());
+        let off = values.iter().map(|v| (v - median).abs());
+        Self { median, sigma: SIGMA_OVER_MEDIAN * median_or_0(off.collect()) }
+    }
+}
+
+/// Scale of normalised residuals of two coordinates that the median of their squared lengths tells: a gross error blows up
+/// the mean.
+pub fn scale(squares: &[f64]) -> f64 {
+    (median_or_0(squares.to_vec()) / MEDIAN_SQUARE).sqrt()
+}
+
+/// Standard deviation of a coordinate that the median of the residuals' lengths tells, px.
+pub fn coordinate_px(residuals: &[Vector2<f64>]) -> f64 {
+    scale(&residuals.iter().map(Vector2::norm_squared).collect::<Vec<f64>>())
+}
+
+/// The variance that values must have in common beyond their own for the median of their normalised squares to be
+/// `goal` (Paule and Mandel 1982, with the median for the mean), by bisection.
+pub fn common_variance(squares: &[f64], own: &[f64], goal: f64) -> f64 {
+    let over = |common: f64| median_or_0(squares.iter().zip(own).map(|(s, v)| s / (v + common)).collect());
+    if over(0.0) <= goal {
+        return 0.0;
+    }
+    let (mut low, mut high) = (0.0, median_or_0(squares.to_vec()) / goal);
+    for _ in 0..BISECTIONS {
+        let half = 0.5 * (low + high);
+        if over(half) > goal { low = half } else { high = half }
+    }
+    high
+}
+
 /// Robust standard deviation (the median's) of distances in their own, not below 1.
-pub fn spread(distances: Vec<f64>) -> f64 {
+pub fn sigma(distances: Vec<f64>) -> f64 {
     median(distances).map_or(1.0, |median| (SIGMA_OVER_MEDIAN * median).max(1.0))
 }
 
@@ -24,7 +82,7 @@ pub fn spread(distances: Vec<f64>) -> f64 {
 pub fn fit<F>(weights: &[f64], fit: impl Fn(&[f64]) -> F, distances: impl Fn(&F) -> Vec<f64>) -> F {
     let hampel = |off: &[f64]| {
         let counting = off.iter().zip(weights).filter(|(_, w)| **w > 0.0);
-        let limit = OUTLYING * spread(counting.map(|(o, _)| *o).collect());
+        let limit = OUTLYING * sigma(counting.map(|(o, _)| *o).collect());
         off.iter().map(|o| (2.0 - o / limit).clamp(0.0, 1.0)).collect::<Vec<f64>>()
     };
     let nearness = |off: &[f64]| off.iter().map(|o| 1.0 / o.max(1.0)).collect::<Vec<f64>>();

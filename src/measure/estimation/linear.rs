@@ -2,7 +2,7 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-use crate::measure::adjust::AdjustError;
+use super::error::EstimationError;
 
 /// Smallest pivot of the normal matrix scaled to a unit diagonal.
 const SMALLEST_PIVOT: f64 = 1e-13;
@@ -17,7 +17,11 @@ pub(super) struct Whitener {
 
 impl Whitener {
     /// For these derivatives by observations of this covariance.
-    pub(super) fn update(&mut self, by: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Result<(), AdjustError> {
+    pub(super) fn update(
+        &mut self,
+        by: &DMatrix<f64>,
+        covariance: &DMatrix<f64>,
+    ) -> Result<(), EstimationError> {
         if self.by.shape() == by.shape() && self.by.as_slice() == by.as_slice() {
             return Ok(());
         }
@@ -124,8 +128,8 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-pub(super) fn singular(missing: &str) -> AdjustError {
-    AdjustError::Singular { missing: missing.into() }
+pub(super) fn singular(missing: &str) -> EstimationError {
+    EstimationError::Singular { missing: missing.into() }
 }
 
 /// Inverse of a small symmetric positive definite matrix; 1 x 1 and 2 x 2 in closed form.
@@ -165,10 +169,10 @@ impl Factor {
 }
 
 /// Factors the normal matrix, or names the datum that is missing.
-pub(super) fn factor(normal: &DMatrix<f64>, missing: &[&'static str]) -> Result<Factor, AdjustError> {
+pub(super) fn factor(normal: &DMatrix<f64>, missing: &[&'static str]) -> Result<Factor, EstimationError> {
     let n = normal.nrows();
     if normal.as_slice().iter().any(|v| !v.is_finite()) {
-        return Err(AdjustError::Input(
+        return Err(EstimationError::Input(
             "a number in the adjustment is not finite; check survey, camera and observations".into(),
         ));
     }

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use nalgebra::{DMatrix, DVector};
 
 use super::linear::{add_scaled, dot};
-use super::{Known, Linearised};
+use super::problem::{Known, Linearised};
 
 /// State of one block at the solution.
 #[derive(Clone, Debug, PartialEq)]

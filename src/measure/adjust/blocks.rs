@@ -1,0 +1,66 @@
+//! Observations as the engine takes them; what the model cannot promise, however sharp an image is.
+
+use nalgebra::{DMatrix, DVector, Matrix2};
+
+use super::Observation;
+use super::input::Input;
+use crate::measure::estimation::Block;
+
+/// Smallest standard deviation that an image coordinate is credited with, px: some micrometres on a
+/// near quadrant, where neither a decal nor a lens calibration promises more.
+const SMALLEST_SIGMA_PX: f64 = 0.005;
+
+/// The covariance with which an image enters the spatial methods, px^2: standard deviations below
+/// the smallest are raised to it, along the ellipse's axes.
+fn image_covariance(stated_px2: &Matrix2<f64>) -> Matrix2<f64> {
+    let least = SMALLEST_SIGMA_PX * SMALLEST_SIGMA_PX;
+    let axes = stated_px2.symmetric_eigen();
+    if axes.eigenvalues.min() >= least {
+        return *stated_px2;
+    }
+    let raised = Matrix2::from_diagonal(&axes.eigenvalues.map(|v| v.max(least)));
+    axes.eigenvectors * raised * axes.eigenvectors.transpose()
+}
+
+/// One image.
+pub fn image_block(seen: &Observation) -> Block {
+    Block {
+        observed: DVector::from_column_slice(seen.pixel.as_slice()),
+        covariance: DMatrix::from_column_slice(2, 2, image_covariance(&seen.covariance_px2).as_slice()),
+    }
+}
+
+/// A marker's survey, wing frame, and behind it its images.
+pub fn survey_block<'a>(
+    input: &Input,
+    marker: usize,
+    images: impl Iterator<Item = &'a Observation> + Clone,
+) -> Block {
+    let mut observed = input.scene.ground.stations[marker].surveyed_m.as_slice().to_vec();
+    observed.extend(images.clone().flat_map(|o| [o.pixel.x, o.pixel.y]));
+    let variance = input.setup.markers[marker].sigma_m.powi(2);
+    let mut covariance = DMatrix::zeros(observed.len(), observed.len());
+    (0..3).for_each(|k| covariance[(k, k)] = variance);
+    for (k, image) in images.enumerate() {
+        let at = 3 + 2 * k;
+        covariance.fixed_view_mut::<2, 2>(at, at).copy_from(&image_covariance(&image.covariance_px2));
+    }
+    Block { observed: DVector::from_vec(observed), covariance }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_is_too_sharp_is_raised() {
+        let wide = Matrix2::new(0.01, 0.002, 0.002, 0.0025);
+        assert_eq!(image_covariance(&wide), wide);
+        let sharp = Matrix2::new(0.01, 1e-6, 1e-6, 1e-6);
+        let raised = image_covariance(&sharp);
+        assert!((raised[(0, 0)] - 0.01).abs() < 1e-7 && (raised[(1, 1)] - 2.5e-5).abs() < 1e-8);
+        assert!((raised[(0, 1)] - raised[(1, 0)]).abs() < 1e-15);
+        let smallest = raised.symmetric_eigen().eigenvalues.min();
+        assert!((smallest - 2.5e-5).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,48 @@
+//! Least squares: the engine on which adjustment, orientation and calibration stand.
+//!
+//! Conditions `f(x, d, l + v) = 0` between global parameters `x`, parameters `d` local to a group
+//! (a marker's distance, a frame's amplitude) and observations `l` with residuals `v`; minimised
+//! is `v' Q^-1 v` plus the priors' share (Koch, *Parameter Estimation and Hypothesis Testing in
+//! Linear Models*; Niemeier, *Ausgleichungsrechnung*). Work goes block by block: `(B Q B')^-1` is as
+//! large as one block, a group's local parameters leave by their Schur complement, so the cost is
+//! linear in the number of groups.
+//!
+//! ```text
+//! linearised:   A dx + L dd + B v + w = 0      w = f(x, d, l0) + B (l - l0)
+//! M = B Q B'    N = sum A' M^-1 A - (A' M^-1 L)(L' M^-1 L)^-1(L' M^-1 A) + priors
+//! v = -Q B' M^-1 (A dx + L dd + w)
+//! ```
+//!
+//! | subject | file |
+//! |---|---|
+//! | observations, conditions, priors | `problem.rs` |
+//! | Gauss and Helmert: whitening, elimination, steps, covariance | `linear.rs`, `stack.rs`, `system.rs`, `solve.rs`, `fit.rs` |
+//! | few shared parameters of a fixed number, thousands of points | `arrow.rs` |
+//! | global test, redundancy, w, minimal detectable bias | `quality.rs` |
+//! | variance components, robust weights | `components.rs`, `robust.rs` |
+//!
+//! How to use it: fill a [`Problem`], give [`solve`] a closure that returns a [`Linearised`] block
+//! at a [`Point`], and read the [`Fit`]; [`Fit::propagate`] carries covariance to any function of
+//! parameters, local parameters and adjusted observations.
+
+pub mod arrow;
+mod components;
+mod error;
+mod fit;
+mod linear;
+mod problem;
+pub mod quality;
+pub mod robust;
+mod solve;
+mod stack;
+mod system;
+
+pub use components::{Components, VarianceComponent, VarianceGroup, variance_components};
+pub use error::EstimationError;
+pub use fit::{BlockFit, Fit, Gradient, GroupFit, Propagated};
+pub use problem::{Block, Group, GroupPoint, Known, Linearised, Point, Prior, Problem};
+pub use quality::{GlobalTest, SigmaKind};
+pub use solve::{Course, solve, solve_from, solve_groups};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,142 @@
+//! The iteration: Gauss's steps, relaxed where they repeat themselves, damped where they lead up.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::error::EstimationError;
+use super::fit::Fit;
+use super::problem::{GroupPoint, Linearised, Point, Problem};
+use super::system::{State, System, residual_change};
+
+/// The usual flight takes some twenty; one of a short wing whose frames all lack markers in glare took more than sixty.
+const MAX_ITERATIONS: usize = 400;
+/// Squared length of the last step in standard deviations, and of the unclosed conditions.
+const CONVERGED: f64 = 1e-10;
+/// The same for a solution that only decides what the next one looks like: the last step is a tenth
+/// of a standard deviation, what it leaves is a hundredth.
+const ROUGH: f64 = 1e-2;
+/// Where little tells two unknowns apart, rounding of the sum of squares may turn down the last steps for ever. After so
+/// many iterations a solution is taken from which the undamped step is a thousandth of a standard deviation: a damped one
+/// may be as short on its way along a valley.
+const LATE: (usize, f64) = (60, 1e-6);
+/// Rise of the sum of squares that a step may cause, over the sum that is still open.
+const OPEN_SHARE: f64 = 0.1;
+/// Relative rise of the sum of squares that rounding may cause.
+const ROUNDING: f64 = 1e-9;
+
+/// Minimises the problem. `linearise` gives a block's conditions at a point.
+pub fn solve(
+    problem: &Problem,
+    linearise: impl Fn(&Point) -> Result<Linearised, EstimationError>,
+) -> Result<Fit, EstimationError> {
+    solve_groups(problem, |at, blocks| {
+        let point = |(block, observed)| Point {
+            group: at.group,
+            block,
+            global: at.global,
+            local: at.local,
+            observed,
+        };
+        blocks.clear();
+        for b in at.observed.iter().enumerate() {
+            blocks.push(linearise(&point(b))?);
+        }
+        Ok(())
+    })
+}
+
+/// As [`solve`], for models whose blocks share work: `linearise` gives all blocks of a group. It may
+/// find those of another point in the list, with the same columns and sizes, and write over them.
+pub fn solve_groups(
+    problem: &Problem,
+    linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
+) -> Result<Fit, EstimationError> {
+    solve_from(problem, &Course::default(), linearise)
+}
+
+/// How far a solution is carried, and what is known before.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Course<'a> {
+    /// Stop within a hundredth of a standard deviation.
+    pub rough: bool,
+    /// Residuals of an earlier solution to start from, where its blocks are the same.
+    pub residuals: Option<&'a Fit>,
+}
+
+/// As [`solve_groups`], on a given course.
+pub fn solve_from(
+    problem: &Problem,
+    course: &Course,
+    linearise: impl Fn(&GroupPoint, &mut Vec<Linearised>) -> Result<(), EstimationError>,
+) -> Result<Fit, EstimationError> {
+    let converged = if course.rough { ROUGH } else { CONVERGED };
+    let mut state = State::start(problem, course.residuals);
+    let mut next = state.clone();
+    let mut system = System::new(problem)?;
+    system.assemble(problem, &state, &linearise)?;
+    let mut damping = 0.0;
+    let mut relaxation = Relaxation::default();
+    for iteration in 1..=MAX_ITERATIONS {
+        if !course.rough && iteration > LATE.0 && system.unclosed <= LATE.1 {
+            let undamped = system.step(problem, 0.0)?;
+            if undamped.dot(&(&system.normal * &undamped)) <= LATE.1 {
+                return system.finish(problem, state, iteration);
+            }
+        }
+        let step = system.step(problem, damping)?;
+        let step = relaxation.of(step, &system.normal, damping);
+        system.moved(problem, &state, &step, &mut next);
+        let moved = step.dot(&(&system.normal * &step)) + residual_change(problem, &state, &next);
+        let settled = moved <= converged;
+        // The sum of squares holds to first order in the conditions that are still open, and rounding
+        // lets it waver far below what a standard deviation can tell.
+        let limit = system.omega + OPEN_SHARE * system.unclosed + ROUNDING * (1.0 + system.omega);
+        let tried = system.assemble(problem, &next, &linearise);
+        if tried.is_err() || !system.omega.is_finite() || (system.omega > limit && !settled) {
+            damping = if damping == 0.0 { 1e-3 } else { damping * 10.0 };
+            if damping > 1e12 {
+                return Err(tried.err().unwrap_or(EstimationError::NoConvergence { iterations: iteration }));
+            }
+            system.assemble(problem, &state, &linearise)?;
+            continue;
+        }
+        std::mem::swap(&mut state, &mut next);
+        if settled && system.unclosed <= converged {
+            return system.finish(problem, state, iteration);
+        }
+        damping = if damping < 1e-6 { 0.0 } else { damping * 0.1 };
+    }
+    Err(EstimationError::NoConvergence { iterations: MAX_ITERATIONS })
+}
+
+/// Steps that repeat themselves, turning back or not, are too long or too short by a factor that two of them tell
+/// (Aitken's; for vectors Irons and Tuck 1969). Where little tells two unknowns apart, as principal point and
+/// rotation, what Gauss's method leaves out of the second derivatives is as large as what it takes.
+#[derive(Default)]
+struct Relaxation {
+    /// The last step before its factor, and the factor.
+    last: Option<(DVector<f64>, f64)>,
+}
+
+impl Relaxation {
+    /// Steps count as repeated where the cosine between them, in standard deviations, is larger than this.
+    const ALIKE: f64 = 0.9;
+    /// Factors beyond these are no longer told by two steps.
+    const BOUNDS: (f64, f64) = (0.3, 10.0);
+
+    fn of(&mut self, step: DVector<f64>, normal: &DMatrix<f64>, damping: f64) -> DVector<f64> {
+        if damping > 0.0 {
+            self.last = None;
+            return step;
+        }
+        let factor = self.last.as_ref().map_or(1.0, |(last, factor)| {
+            let weighted = normal * &step;
+            let (both, own) = (last.dot(&weighted), step.dot(&weighted));
+            let before = last.dot(&(normal * last));
+            let alike = both.abs() > Self::ALIKE * (own * before).sqrt();
+            if alike { (factor / (1.0 - both / before)).clamp(Self::BOUNDS.0, Self::BOUNDS.1) } else { 1.0 }
+        });
+        let scaled = &step * factor;
+        self.last = Some((step, factor));
+        scaled
+    }
+}

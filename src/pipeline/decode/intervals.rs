@@ -1,0 +1,98 @@
+//! A scan's coded bytes are cut at its restart markers, so that no code of a missing stretch is taken for picture.
+
+use std::ops::Range;
+
+use libjpeg_turbo_rs::decode::bitstream::BitReader;
+
+use super::DecodeError;
+
+/// Side of a block, px.
+pub const BLOCK: usize = 8;
+/// Markers: the picture's end, and the first of the eight that follow intervals in turn.
+pub const END: u8 = 0xd9;
+const FIRST_RESTART: u8 = 0xd0;
+/// What follows an interval's data instead of its marker: as many one bits as the reader reads ahead. No
+/// Huffman code is all ones (ITU-T T.81, C), so that data which end early are an error and not grey blocks.
+const ONES: [u8; 16] = [0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0, 0xff, 0];
+
+/// The intervals between restart markers of a scan, each with what follows it.
+pub struct Intervals<'a> {
+    rest: &'a [u8],
+    /// Units of the scan, and of an interval.
+    units: usize,
+    length: usize,
+    /// The next interval's first unit, and its number.
+    start: usize,
+    number: usize,
+    /// The marker after the last, where it is known.
+    end: Option<u8>,
+    data: Vec<u8>,
+}
+
+impl<'a> Intervals<'a> {
+    /// `interval`: units between restart markers, 0 without any. The marker after the last interval is `end`; any but
+    /// a restart marker where `None`.
+    pub fn new(scan: &'a [u8], units: usize, interval: usize, end: Option<u8>) -> Self {
+        let length = if interval == 0 { units } else { interval };
+        Self { rest: scan, units, length, start: 0, number: 0, end, data: Vec::new() }
+    }
+
+    /// The next interval's units; its data are then [`Intervals::data`].
+    ///
+    /// # Errors
+    /// Where it does not end with the marker that must follow it.
+    pub fn next(&mut self) -> Result<Option<Range<usize>>, DecodeError> {
+        if self.start >= self.units {
+            return Ok(None);
+        }
+        let units = self.start..(self.start + self.length).min(self.units);
+        let (size, marker, next) = until_marker(self.rest).ok_or_else(|| damaged("its end is missing"))?;
+        let right = if units.end < self.units {
+            marker == FIRST_RESTART + (self.number % 8) as u8
+        } else {
+            self.end.map_or(!(FIRST_RESTART..FIRST_RESTART + 8).contains(&marker), |end| marker == end)
+        };
+        if !right {
+            return Err(damaged("data are missing or in the wrong place"));
+        }
+        self.data.clear();
+        self.data.extend_from_slice(&self.rest[..size]);
+        self.data.extend_from_slice(&ONES);
+        (self.rest, self.start, self.number) = (next, units.end, self.number + 1);
+        Ok(Some(units))
+    }
+
+    /// An interval's coded bytes, and ones after them.
+    pub fn data(&self) -> &[u8] {
+        &self.data
+    }
+}
+
+/// Bits of an interval's data that were not read; negative where some of the ones after them were.
+pub fn bits_left(reader: &BitReader, data: &[u8]) -> i64 {
+    let state = reader.state();
+    let rest = data.get(state.pos..).unwrap_or_default();
+    // A byte 0xff is followed by a stuffed zero.
+    let bytes = rest.len() - memchr::memchr_iter(0xff, rest).count();
+    let ahead = i64::from(state.bits_left) - i64::from(state.stuffed_bits);
+    ahead + 8 * bytes as i64 - 8 * (ONES.len() / 2) as i64
+}
+
+/// Bytes until the next marker, its code, and what follows it.
+fn until_marker(data: &[u8]) -> Option<(usize, u8, &[u8])> {
+    let mut at = 0;
+    loop {
+        at += memchr::memchr(0xff, &data[at..])?;
+        // Any number of fill bytes may stand before a marker.
+        let fill = data[at..].iter().take_while(|&&b| b == 0xff).count();
+        match *data.get(at + fill)? {
+            0 => at += fill + 1,
+            code => return Some((at, code, &data[at + fill + 1..])),
+        }
+    }
+}
+
+/// An error of damaged data, in words.
+pub fn damaged(what: &str) -> DecodeError {
+    DecodeError::Jpeg(what.into())
+}
