@@ -3,13 +3,15 @@
 //! A prepared directory, the *installation*, says what the camera is like and where the markers on the wing were surveyed.
 //! Pictures of the wing on ground give the camera's attitude; from then on each picture in flight gives the lift and twist
 //! of the wing, every number with its standard deviation. The program `wingd` is this library with a command line
-//! ([`cli`]); what it may rely on stands in `docs/interface.md`.
+//! ([`cli`]); what scripts may rely on stands in `docs/interface.md`.
 //!
 //! The same by hand, from the files of an aircraft to the lift of the wing's tip:
 //!
 //! ```
 //! use std::path::Path;
-//! use wingd::{installation, measure::identify, pipeline};
+//! use wingd::measure::identify;
+//! use wingd::measure::setup::Orientation;
+//! use wingd::{installation, pipeline};
 //!
 //! let dev = Path::new("fixtures/dev");
 //! let mut wing = installation::load(&dev.join("installation")).expect("every fault names file, key and mend");
@@ -17,15 +19,18 @@
 //! // The attitude, from a picture on ground.
 //! let ground = std::fs::read(dev.join("frames/ground.jpg"))?;
 //! let (seen, _) = pipeline::stages::detect_only("ground.jpg", &ground, None);
-//! wing.orientation = Some(identify::orient(&wing.setup, &[seen.detections])?.orientation);
+//! let frames = [seen.detections.markers];
+//! let fit = identify::orient(&wing.setup, &frames)?;
+//! let ground = pipeline::stages::ground_sights(&wing.setup, &frames, &fit);
+//! wing.orientation = Some(Orientation { ground, ..fit.orientation });
 //!
-//! // The wing, from a picture in flight; the scene was rendered with 2.8 m of lift.
+//! // The wing, from a picture in flight, in which the outermost marker was drawn 2.615 m above its place on ground.
 //! let flight = std::fs::read(dev.join("frames/flight-1.jpg"))?;
 //! let job = pipeline::Job::default();
 //! let result = pipeline::solve_frame("flight-1.jpg", &flight, None, &wing, wing.require_orientation()?, &job);
 //! let tip = result.tip.expect("a frame that cannot be solved has a reason instead");
 //! let sigma_m = tip.sigma_lift_m.expect("lift is estimated, not held");
-//! assert!((tip.lift_m - 2.8).abs() < 4.0 * sigma_m, "{} m, sigma {sigma_m} m", tip.lift_m);
+//! assert!((tip.lift_m - 2.615).abs() < 4.0 * sigma_m, "{} m, sigma {sigma_m} m", tip.lift_m);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!

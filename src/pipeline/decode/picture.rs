@@ -4,6 +4,7 @@ use std::io::Cursor;
 
 use image::codecs::png::PngDecoder;
 use image::codecs::pnm::PnmDecoder;
+#[cfg(feature = "tiff")]
 use image::codecs::tiff::TiffDecoder;
 use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, Limits};
 
@@ -21,8 +22,9 @@ pub fn luma(bytes: &[u8], format: ImageFormat) -> Result<Raster, DecodeError> {
     let decoded = match format {
         ImageFormat::Png => PngDecoder::with_limits(source, limits()).and_then(limited),
         ImageFormat::Pnm => PnmDecoder::new(source).and_then(limited),
+        #[cfg(feature = "tiff")]
         ImageFormat::Tiff => TiffDecoder::new(source).and_then(limited),
-        other => return Err(DecodeError::Picture(format!("{other:?} is not read"))),
+        other => return Err(DecodeError::Picture(format!("this program reads no {other:?}"))),
     };
     let picture = decoded.map_err(|e| DecodeError::Picture(short(&e.to_string())))?;
     if let Some(bits) = narrow(&picture) {

@@ -6,7 +6,7 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 use super::verdict::Measured;
 use crate::measure::detect::accept::options::DIRT;
 use crate::measure::detect::detection::{Detection, covariance::Source};
-use crate::measure::detect::estimate::normal_equations::robust_sigma;
+use crate::measure::detect::estimate::scale::robust_sigma;
 use crate::measure::detect::image::ellipse::Ellipse;
 use crate::measure::raster::Raster;
 use crate::measure::setup::Shape;

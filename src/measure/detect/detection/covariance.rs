@@ -88,9 +88,11 @@ impl Covariance {
     }
 
     fn note(&mut self, source: Source, own: Matrix2<f64>) {
+        /// What rounding leaves where nothing is raised, as a share of the sum.
+        const ROUNDING: f64 = 1e-12;
         match self.contributions.iter_mut().find(|(known, _)| *known == source) {
             Some((_, known)) => *known += own,
-            None if own == Matrix2::zeros() => {}
+            None if own.norm() <= ROUNDING * self.sum.norm() => {}
             None => self.contributions.push((source, own)),
         }
     }

@@ -10,4 +10,5 @@ pub mod outlined_quadrants;
 pub mod prior;
 pub mod residuals;
 pub mod sandwich;
+pub mod scale;
 pub mod terms;

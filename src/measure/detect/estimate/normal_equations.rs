@@ -3,6 +3,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::prior::Unknowns;
+use super::scale::Sizes;
 use crate::measure::detect::appearance::formula::{Model, grey};
 use crate::measure::detect::appearance::parameters::{Grey, N, Parameters, X, Y};
 use crate::measure::detect::appearance::quadrants;
@@ -12,7 +13,6 @@ use crate::measure::detect::numbers::TINY;
 use crate::measure::detect::sample::pixels::Pixels;
 use crate::measure::detect::simd::dispatch::wide;
 use crate::measure::detect::simd::lanes::{LANES, Lanes, each, total};
-use crate::measure::estimation::robust::SIGMA_OVER_MEDIAN;
 
 pub type Square = SMatrix<f64, N, N>;
 
@@ -293,63 +293,6 @@ pub fn biweights(r: &Lanes, by_x: &Lanes, by_y: &Lanes, scale: f64) -> Lanes {
     })
 }
 
-/// The sizes of residuals.
-struct Sizes {
-    sizes: Vec<Lanes>,
-    count: Lanes,
-}
-
-impl Sizes {
-    fn new(batches: usize) -> Self {
-        Self { sizes: Vec::with_capacity(batches), count: Lanes::of(0.0) }
-    }
-
-    /// Takes up a batch's residuals of pixels that have at least half their weight.
-    #[inline(always)]
-    fn add(&mut self, r: &Lanes, root: &Lanes) {
-        self.sizes.push(each(|i| if root[i] > WEIGHT.tells_scale { r[i].abs() } else { f32::MAX }));
-        self.count = each(|i| self.count[i] + if root[i] > WEIGHT.tells_scale { 1.0 } else { 0.0 });
-    }
-
-    /// Robust standard deviation, grey levels: from the median size, to a thousandth of `scale`.
-    #[inline(always)]
-    fn sigma(&self, scale: f64) -> f64 {
-        /// Old scales within which the new median is sought.
-        const SCALES: f32 = 8.0;
-        /// Halvings: to an eight-thousandth of that, a thousandth of one scale.
-        const STEPS: usize = 13;
-        let half = 0.5 * total(&self.count);
-        let (mut low, mut high) = (0.0, SCALES * scale as f32);
-        for _ in 0..STEPS {
-            let middle = 0.5 * (low + high);
-            // Four counts side by side: none waits for the last.
-            let mut below = [Lanes::of(0.0); 4];
-            let (fours, rest) = self.sizes.as_chunks::<4>();
-            for four in fours {
-                for k in 0..4 {
-                    below[k] = each(|i| below[k][i] + if four[k][i] < middle { 1.0 } else { 0.0 });
-                }
-            }
-            for size in rest {
-                below[0] = each(|i| below[0][i] + if size[i] < middle { 1.0 } else { 0.0 });
-            }
-            let under = below.iter().map(total).sum::<f64>() < half;
-            (low, high) = if under { (middle, high) } else { (low, middle) };
-        }
-        SIGMA_OVER_MEDIAN * f64::from(0.5 * (low + high))
-    }
-}
-
-/// Robust standard deviation from absolute residuals.
-pub fn robust_sigma(residuals: &mut [f32]) -> f64 {
-    if residuals.is_empty() {
-        return 0.0;
-    }
-    let middle = residuals.len() / 2;
-    let (_, median, _) = residuals.select_nth_unstable_by(middle, f32::total_cmp);
-    SIGMA_OVER_MEDIAN * f64::from(*median)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -389,22 +332,6 @@ mod tests {
                 wide.weight > 100.0 && wide.products.totals().next().is_some_and(|sum| sum > 1.0),
                 "{pattern:?}: nothing was summed"
             );
-        }
-    }
-
-    #[test]
-    fn halving_gives_the_median() {
-        let sizes: Vec<f32> = (0..4 * LANES).map(|i| (i * 37 % 64) as f32 * 0.11).collect();
-        for scale in [2.0, 5.0, 9.0] {
-            let mut halved = Sizes::new(8);
-            for some in sizes.chunks(LANES) {
-                halved.add(&each(|i| if i % 2 == 0 { some[i] } else { -some[i] }), &Lanes::of(1.0));
-                halved.add(&Lanes::of(1e6), &Lanes::of(0.5));
-            }
-            // Between two sizes, which are 0.11 apart, or at one of them.
-            let exact = robust_sigma(&mut sizes.clone()) - SIGMA_OVER_MEDIAN * 0.055;
-            let got = halved.sigma(scale);
-            assert!((got - exact).abs() < SIGMA_OVER_MEDIAN * 0.055 + 0.002 * scale, "{got} against {exact}");
         }
     }
 }

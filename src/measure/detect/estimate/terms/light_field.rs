@@ -13,11 +13,11 @@ use crate::measure::detect::appearance::formula::{Model, Slopes, Tone};
 use crate::measure::detect::appearance::parameters::{
     BLUR, GAMMA, LIGHT, N, Parameters, Pattern, WHITEST, X, Y,
 };
-use crate::measure::detect::estimate::normal_equations::{biweights, robust_sigma};
 use crate::measure::detect::estimate::options::{ITERATION, TERM};
 use crate::measure::detect::estimate::prior::Unknowns;
 use crate::measure::detect::estimate::sandwich::{Blocks, REACH};
 use crate::measure::detect::estimate::{bounds::is_sharp, gauss_newton::Fit, residuals::ResidualAnalysis};
+use crate::measure::detect::estimate::{normal_equations::biweights, scale::robust_sigma};
 use crate::measure::detect::hypothesis::prior::Estimate;
 use crate::measure::detect::numbers::TINY;
 use crate::measure::detect::sample::pixels::Pixels;
