@@ -108,6 +108,7 @@ fleet-demo: $(FLEET)/installed-demo $(WINGD)
 # FLEET_SLOW_LINK=1: 100 MB over 2 Mbit/s too, ten minutes more.
 fleet-test: $(FLEET)/installed-test $(WINGD)
 	$(CARGO) clippy --release --locked --all-targets --features upload -- -D warnings
+	$(CARGO) test --release --locked --features upload --lib -- upload
 	cd fleet && $(FLEET)/venv/bin/ruff format --check . && $(FLEET)/venv/bin/ruff check .
 	cd fleet && WINGD=$(WINGD) $(ALONE) $(FLEET)/venv/bin/python -m pytest
 

@@ -325,9 +325,9 @@ fn too_long(files: &[(String, String)]) -> BTreeMap<String, Vec<String>> {
 }
 
 fn begins_function(line: &str) -> bool {
-    let words = line.trim_start().split_whitespace();
+    let mut words = line.split_whitespace();
     let leads = |word: &&str| ["async", "const", "unsafe"].contains(word) || word.starts_with("pub");
-    words.skip_while(leads).next() == Some("fn")
+    words.find(|word| !leads(word)) == Some("fn")
 }
 
 #[test]

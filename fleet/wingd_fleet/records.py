@@ -5,12 +5,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 
 from .lake import Damaged, Lake
 
 _OPEN = "0" * 64
-_SEAL = re.compile(rb'"seal": "([0-9a-f]{64})"')
 
 
 def sha256(data: bytes) -> str:
@@ -26,10 +24,14 @@ def dump(value: dict) -> bytes:
 
 def load(place: str, data: bytes) -> dict:
     """A record that its seal fits."""
-    seals = _SEAL.findall(data)
-    if not any(sha256(data.replace(seal, _OPEN.encode(), 1)) == seal.decode() for seal in seals):
+    try:
+        value = json.loads(data)
+        seal = value["seal"].encode()
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise Damaged([f"{place}: is damaged: it is no sealed record"]) from None
+    if sha256(data.replace(b'"seal": "' + seal, b'"seal": "' + _OPEN.encode(), 1)).encode() != seal:
         raise Damaged([f"{place}: is damaged: its seal does not fit"])
-    return json.loads(data)
+    return value
 
 
 def read(lake: Lake, key: str) -> dict:

@@ -85,12 +85,16 @@ def make(lake: Lake, work: Path, prune: bool = False, said: Callable[[str], None
                     if own:
                         files.setdefault(table, {})[solve] = _write(lake, id, table, solve, own, folder)
                         said(f"{table} of {solve}: {len(own)} flights in {len(files[table][solve])} files")
-        commits = {one.commit: state.record(one.commit) for one in published}
+        commits = {one.commit: _unsealed(state.record(one.commit)) for one in published}
         record = {"corrections": len(state.corrections.records), "commits": commits, "files": files}
         lake.settle(manifest(id), records.dump(record))
     if prune:
         remove(lake, [one for one in _all(lake) if _age(one) < _age(id)])
     return id
+
+
+def _unsealed(record: dict) -> dict:
+    return {name: value for name, value in record.items() if name != "seal"}
 
 
 def _all(lake: Lake) -> list[str]:

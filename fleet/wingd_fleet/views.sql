@@ -18,11 +18,13 @@ SELECT solve, aircraft, wing, any_value(aircraft_type) AS aircraft_type, count(*
        min(least_m) AS least_m, max(most_m) AS most_m, sqrt(avg(sigma_m ** 2)) AS sigma_frame_m
 FROM lift_by_flight GROUP BY solve, aircraft, wing;
 
--- Lift = a + b load, by type: the line that an aircraft is held against.
+-- Lift = a + b load, by type: the line that an aircraft is held against; none where all loads are one.
 CREATE VIEW line_of_type AS
 SELECT solve, coalesce(aircraft_type, 'unknown') AS aircraft_type, count(*) AS frames,
-       regr_slope(tip_lift_m, load_t) AS slope_m_per_t, regr_intercept(tip_lift_m, load_t) AS intercept_m,
-       sqrt(regr_syy(tip_lift_m, load_t) * (1 - regr_r2(tip_lift_m, load_t)) / nullif(count(*) - 2, 0)) AS scatter_m,
+       CASE WHEN min(load_t) < max(load_t) THEN regr_slope(tip_lift_m, load_t) END AS slope_m_per_t,
+       CASE WHEN min(load_t) < max(load_t) THEN regr_intercept(tip_lift_m, load_t) END AS intercept_m,
+       CASE WHEN min(load_t) < max(load_t)
+            THEN sqrt(regr_syy(tip_lift_m, load_t) * (1 - regr_r2(tip_lift_m, load_t)) / nullif(count(*) - 2, 0)) END AS scatter_m,
        min(load_t) AS least_t, max(load_t) AS most_t
 FROM frames WHERE status = 'ok' AND tip_lift_m IS NOT NULL AND load_t IS NOT NULL
 GROUP BY ALL;

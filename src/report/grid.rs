@@ -82,12 +82,15 @@ impl Grid {
     }
 }
 
+/// A column: its heading, and what stands below of each row.
+pub type Titled<'a, T> = (&'a str, &'a dyn Fn(&T) -> String);
+
 /// A table whose columns are still to be named.
 pub struct Each<I>(I);
 
 impl<'r, T: 'r, I: IntoIterator<Item = &'r T>> Each<I> {
     /// Of each column its heading, as [`Grid::new`] takes it, and what stands below.
-    pub fn columns(self, columns: &[(&str, &dyn Fn(&T) -> String)]) -> Grid {
+    pub fn columns(self, columns: &[Titled<T>]) -> Grid {
         let titles: Vec<&str> = columns.iter().map(|(title, _)| *title).collect();
         let cells = |row: &T| columns.iter().map(|(_, cell)| cell(row)).collect();
         Grid { rows: self.0.into_iter().map(cells).collect(), ..Grid::new(&titles) }

@@ -73,7 +73,7 @@ pub(crate) struct Missed {
     /// Another attempt at the same shot may help. A camera that did not answer has cost its time already.
     pub again: bool,
     /// What was delivered instead.
-    pub delivered: Option<Frame>,
+    pub delivered: Option<Box<Frame>>,
 }
 
 impl From<CameraError> for Missed {
@@ -162,7 +162,7 @@ impl Capture {
         }
         let mut frame = delivered?;
         if let Err(failure) = self.judge.judge(&frame) {
-            return Err(Missed { failure, again: true, delivered: Some(frame) });
+            return Err(Missed { failure, again: true, delivered: Some(Box::new(frame)) });
         }
         let clock = self.core.clock.as_ref();
         let exposure = self.judge.exposure(&mut frame, asked, clock);

@@ -83,7 +83,7 @@ fn data(node: &Node, key: &str) -> Result<(Vec<f64>, Option<[f64; 2]>), Trouble>
         return Ok((flat(node, key)?, None));
     }
     let values = flat(node.need("data", MEND)?, key)?;
-    let side = |name: &str| Ok(node.get(name)?.map(|n| n.number(&format!("{key}.{name}"))).transpose()?);
+    let side = |name: &str| node.get(name)?.map(|n| n.number(&format!("{key}.{name}"))).transpose();
     let sides: [Option<f64>; 2] = [side("rows")?, side("cols")?];
     let shape = sides[0].zip(sides[1]).map(|(rows, cols)| [rows, cols]);
     if let Some([rows, cols]) = shape.filter(|[rows, cols]| rows * cols != values.len() as f64) {
