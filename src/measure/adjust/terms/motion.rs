@@ -56,11 +56,12 @@ fn empty(scene: &Scene) -> Field {
 
 /// Bend of the wing between survey and ground frame, at the tip, m: the shape in which lift bends it, scaled.
 pub fn ground_bend(scene: &Scene, sigma_m: f64) -> Option<Term> {
-    let flat = scene.bend(&Bending::NONE);
+    let unbent = Bending { curvature_per_m: &[0.0], ..Bending::NONE };
+    let flat = scene.bend(&unbent);
     let mut field = empty(scene);
     for OnWing { marker, .. } in wing(scene) {
         let ground_m = scene.ground.stations[marker].surveyed_m;
-        let state = scene.marker(marker, &flat, &ground_m, &Bending::NONE, &Default::default());
+        let state = scene.marker(marker, &flat, &ground_m, &unbent, &Default::default());
         field[marker] = state.by_curvature[0];
     }
     // The tip's: the outermost marker's, carried on as the square of the length.
