@@ -184,7 +184,8 @@ mod tests {
         let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/demo");
         let mut there = files(&fixture);
         there.sort();
-        let bundled: Vec<PathBuf> = BUNDLE.iter().map(|(name, _)| fixture.join(name)).collect();
+        let mut bundled: Vec<PathBuf> = BUNDLE.iter().map(|(name, _)| fixture.join(name)).collect();
+        bundled.sort();
         assert_eq!(bundled, there);
     }
 }

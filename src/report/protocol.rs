@@ -301,7 +301,7 @@ mod tests {
         let mut record = sample::record("f01.jpg", 2.93);
         record.provenance = Provenance {
             program: Some("wingd 1".into()),
-            parameters: Some(Parameters::default()),
+            parameters: Some(Parameters { curvature_terms: Some(8), ..Parameters::default() }),
             ..Provenance::default()
         };
         let quality = json!({
