@@ -9,6 +9,7 @@ pub mod environment;
 pub mod estimation;
 pub mod geometry;
 pub mod identify;
+mod in_flight;
 pub mod mount;
 pub mod observation;
 pub mod plan;
