@@ -47,7 +47,7 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
         &[
             "wingd solve --installation installation frames/flight-1.jpg",
             "wingd solve --installation installation --flight --json frames/flight-*.jpg",
-            "wingd solve store --method profile",
+            "wingd solve store --sigma prior",
         ],
     ),
     ("compare", &["wingd compare store"]),
