@@ -56,6 +56,9 @@ fn empty(scene: &Scene) -> Field {
 
 /// Bend of the wing between survey and ground frame, at the tip, m: the shape in which lift bends it, scaled.
 pub fn ground_bend(scene: &Scene, sigma_m: f64) -> Option<Term> {
+    if sigma_m <= 0.0 {
+        return None;
+    }
     let unbent = Bending { curvature_per_m: &[0.0], ..Bending::NONE };
     let flat = scene.bend(&unbent);
     let mut field = empty(scene);
@@ -69,7 +72,7 @@ pub fn ground_bend(scene: &Scene, sigma_m: f64) -> Option<Term> {
     let tip = field[outermost.marker].y / outermost.eta.powi(2).max(f64::EPSILON);
     field.iter_mut().for_each(|by| *by /= tip);
     let name = "bend between survey and ground frame";
-    (sigma_m > 0.0 && tip > 0.0).then(|| moves(name, Instant::OnGround, vec![field], &[sigma_m]))
+    (tip > 0.0).then(|| moves(name, Instant::OnGround, vec![field], &[sigma_m]))
 }
 
 /// Second unknown of the bending in the wing's plane over the first.
@@ -78,6 +81,9 @@ const SECOND_IN_PLANE: f64 = 0.4;
 /// Bending in the wing's plane at the tip, aft on a right wing, m: as the first mode, and a part that grows farther
 /// outboard; sections turn with it.
 fn in_plane(scene: &Scene, sigma_m: f64) -> Option<Term> {
+    if sigma_m <= 0.0 {
+        return None;
+    }
     let mut fields = vec![empty(scene); 2];
     let length_m = scene.ground.axis.length_m;
     for OnWing { marker, eta, arm_m } in wing(scene) {
@@ -87,7 +93,7 @@ fn in_plane(scene: &Scene, sigma_m: f64) -> Option<Term> {
         }
     }
     let sigmas = [sigma_m, SECOND_IN_PLANE * sigma_m];
-    (sigma_m > 0.0).then(|| moves("bending in the wing's plane", Instant::InFlight, fields, &sigmas))
+    Some(moves("bending in the wing's plane", Instant::InFlight, fields, &sigmas))
 }
 
 /// Standard deviations of a part's deflection, rad, of its hinge's height, m, and along the chord, m: a part turns by some
