@@ -1,25 +1,7 @@
 //! What flight does to wing, cabin and camera, as `installation.toml` states it -> [`InFlight`].
 
-use serde::Deserialize;
-
-use super::tables::Document;
+use super::tables::{Document, Vibrating};
 use crate::measure::setup::{InFlight, Vibration};
-
-/// `[survey]`.
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Survey {
-    pub bend_sigma_m: Option<f64>,
-    pub vertical_sigma_deg: Option<f64>,
-}
-
-/// One of `[wing] vibration`.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Vibrating {
-    pub frequency_hz: f64,
-    pub amplitude_m: f64,
-}
 
 /// From a first row to a last one that any sensor takes, s.
 const LONGEST_READOUT_S: f64 = 1.0;

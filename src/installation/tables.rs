@@ -2,15 +2,13 @@
 
 use serde::Deserialize;
 
-use super::in_flight;
-
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Document {
     pub name: Option<String>,
     pub camera: Camera,
     pub wing: Wing,
-    pub survey: Option<in_flight::Survey>,
+    pub survey: Option<Survey>,
     pub thermal: Option<Thermal>,
     #[serde(default)]
     pub torsion: Vec<Torsion>,
@@ -65,7 +63,23 @@ pub(super) struct Wing {
     pub root_turn_sigma_mrad: Option<f64>,
     pub root_heave_sigma_m: Option<f64>,
     pub in_plane_sigma_m: Option<f64>,
-    pub vibration: Option<Vec<in_flight::Vibrating>>,
+    pub vibration: Option<Vec<Vibrating>>,
+}
+
+/// `[survey]`.
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Survey {
+    pub bend_sigma_m: Option<f64>,
+    pub vertical_sigma_deg: Option<f64>,
+}
+
+/// One of `[wing] vibration`.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Vibrating {
+    pub frequency_hz: f64,
+    pub amplitude_m: f64,
 }
 
 #[derive(Clone, Copy, Deserialize)]

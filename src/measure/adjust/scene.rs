@@ -1,12 +1,12 @@
 //! From unknowns to pixels: the observation equation of the spatial methods with all derivatives.
 
-use nalgebra::{Matrix2x3, Matrix3, Rotation3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{Matrix2x3, Matrix3, Rotation3, SMatrix, Vector2, Vector3};
 
 use super::beam::{Bending, Grid, Mount, Section};
 use super::estimated::Neighbour;
 use super::ground::GroundShape;
 use super::marker_state::{ESTIMATED, MarkerState};
-use super::values::Values;
+use super::values::{Pose, Values};
 use super::{AdjustError, Observation};
 use crate::measure::environment::Plate;
 use crate::measure::geometry::{BROWN, Lens, left_jacobian, skew};
@@ -35,45 +35,6 @@ pub struct Scene {
     pub camera_from_wing: Matrix3<f64>,
     /// The window's panes in flight and on ground, wing frame.
     panes: [Option<Plate>; 2],
-}
-
-/// The camera and the temperature: what is the same for all markers of a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub struct Pose {
-    /// Small rotation of the mounting against the ground frame's, camera frame, rad.
-    pub mount_rad: Vector3<f64>,
-    /// Correction of the ground frame's rotation, camera frame, rad.
-    pub ground_rad: Vector3<f64>,
-    /// Correction of the projection centre, wing frame, m.
-    pub centre_m: Vector3<f64>,
-    /// Shift of the projection centre since the ground frame, wing frame, m.
-    pub shift_m: Vector3<f64>,
-    /// Correction of the interior orientation, in the order of [`Lens::PARAMETERS`].
-    pub lens: SVector<f64, BROWN>,
-    /// What the description of the panes leaves unknown of their shift, in flight, wing frame, m.
-    pub window_m: Vector3<f64>,
-    /// What the curvature of the panes' bow is more than stated, a share of it.
-    pub bow: f64,
-    /// Camera constant in flight over that on ground, less 1.
-    pub flight_scale: f64,
-    /// Principal point in flight against that on ground, px.
-    pub flight_principal_px: Vector2<f64>,
-}
-
-impl Pose {
-    /// The same before the camera was remounted.
-    pub fn on_ground(&self) -> Self {
-        let none = Vector3::zeros();
-        let flight_principal_px = Vector2::zeros();
-        Self {
-            mount_rad: none,
-            shift_m: none,
-            window_m: none,
-            flight_scale: 0.0,
-            flight_principal_px,
-            ..*self
-        }
-    }
 }
 
 /// A pose, prepared for many points.
