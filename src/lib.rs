@@ -51,6 +51,8 @@
 //! | 8 | [`config`] | composes every module's own section |
 //! | 9 | [`cli`] | one file per command |
 
+pub use wingd_measure as measure;
+
 pub mod aircraft;
 pub mod camera;
 pub mod cli;
@@ -59,7 +61,6 @@ pub mod config;
 pub mod daemon;
 pub mod http;
 pub mod installation;
-pub mod measure;
 pub mod pipeline;
 pub mod record;
 pub mod report;

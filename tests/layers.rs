@@ -281,7 +281,7 @@ fn files() -> Vec<(String, String)> {
                 collect(root, &path, into);
             } else if path.extension().is_some_and(|e| e == "rs") {
                 let inside = path.strip_prefix(root).unwrap().to_string_lossy().into_owned();
-                into.push((inside, std::fs::read_to_string(&path).unwrap()));
+                into.push((inside, read(&path)));
             }
         }
     }
@@ -290,6 +290,13 @@ fn files() -> Vec<(String, String)> {
     collect(&root, &root, &mut files);
     assert!(files.len() > 300, "only {} sources found", files.len());
     files
+}
+
+/// A source file, its paths as the whole program names them: within the package `measure` they begin at its own root.
+fn read(file: &Path) -> String {
+    let source = std::fs::read_to_string(file).unwrap();
+    let measure = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/measure");
+    if file.starts_with(measure) { source.replace("crate::", "crate::measure::") } else { source }
 }
 
 fn sources() -> Sources {

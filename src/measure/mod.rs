@@ -10,6 +10,7 @@ pub mod estimation;
 pub mod geometry;
 pub mod identify;
 mod in_flight;
+pub mod jpeg;
 pub mod mount;
 pub mod observation;
 pub mod plan;

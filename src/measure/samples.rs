@@ -5,7 +5,7 @@
 //! edge moves, and every pixel gets the same weights of the three colours wherever it lies in the
 //! mosaic.
 
-use crate::measure::raster::Raster;
+use crate::raster::Raster;
 
 /// Why bytes are not a picture.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

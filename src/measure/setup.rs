@@ -1,5 +1,5 @@
 //! What a user prepares once per aircraft, as numbers: camera, survey, wing. Read from disk by
-//! [`crate::installation`].
+//! the installation.
 
 use nalgebra::{Rotation3, SMatrix, Vector2, Vector3};
 

@@ -1,19 +1,13 @@
 //! Bytes as a camera or a file delivers them become a grey picture.
 
-use std::ops::Range;
-
 use crate::camera::Format;
+pub use crate::measure::jpeg::Wanted;
+use crate::measure::jpeg::{self, JpegFault, LARGEST_SIDE};
 use crate::measure::raster::Raster;
 use crate::measure::samples;
 use crate::pipeline::guard::guarded;
 
-mod coefficients;
-mod dnl;
-mod intervals;
-mod jpeg;
-mod kind;
 mod picture;
-mod scans;
 
 /// Why a frame cannot be read; each says what to do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -51,14 +45,17 @@ pub enum DecodeError {
     Raw(String),
 }
 
-/// Largest side that is decoded, px: beyond it a damaged header is likelier than a camera.
-const LARGEST_SIDE: usize = 30_000;
-
 /// A JPEG's first marker and the next one's first byte.
 const JPEG_START: [u8; 3] = [0xff, 0xd8, 0xff];
 
-/// Of each pixel row of a picture of some width and height, px, the columns that are wanted.
-pub type Wanted<'a> = dyn Fn(usize, usize) -> Vec<Range<usize>> + 'a;
+impl From<JpegFault> for DecodeError {
+    fn from(fault: JpegFault) -> Self {
+        match fault {
+            JpegFault::Damaged(what) => Self::Jpeg(what),
+            JpegFault::Kind(kind) => Self::Kind(kind),
+        }
+    }
+}
 
 /// Decodes by `format`, or by the first bytes where none is known.
 pub fn decode(bytes: &[u8], format: Option<&Format>) -> Result<Raster, DecodeError> {
@@ -97,7 +94,7 @@ fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) ->
     // Zeros before the picture are padding.
     let zeros = bytes.iter().take_while(|b| **b == 0).count();
     if bytes[zeros..].starts_with(&JPEG_START) {
-        return jpeg_luma(&bytes[zeros..], wanted);
+        return Ok(jpeg::luma(&bytes[zeros..], wanted)?);
     }
     // Such files may hold a preview as JPEG.
     if bytes.get(4..8) == Some(b"ftyp") {
@@ -110,18 +107,10 @@ fn decode_any(bytes: &[u8], format: Option<&Format>, wanted: Option<&Wanted>) ->
     }
 }
 
-/// A JPEG; where it cannot be read as it is, perhaps its height stands behind its first scan.
-fn jpeg_luma(bytes: &[u8], wanted: Option<&Wanted>) -> Result<Raster, DecodeError> {
-    let read = jpeg::luma(bytes, wanted);
-    let damaged = matches!(read, Err(DecodeError::Jpeg(_)));
-    match if damaged { dnl::resolved(bytes) } else { None } {
-        Some(whole) => jpeg::luma(&whole?, wanted),
-        None => read,
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use std::ops::Range;
+
     use super::*;
     use proptest::prelude::*;
 
@@ -157,11 +146,11 @@ mod tests {
     #[test]
     fn one_pass_gives_what_all_scans_give() {
         for (k, bytes) in jpeg_files(61, 43).iter().enumerate() {
-            let (header, colour) = kind::header(bytes).unwrap();
-            let general = scans::luma(bytes, &header, colour).unwrap();
+            let (header, colour) = jpeg::kind::header(bytes).unwrap();
+            let general = jpeg::scans::luma(bytes, &header, colour).unwrap();
             assert_eq!((general.width(), general.height()), (61, 43));
             assert!(jpeg::luma(bytes, None).unwrap().luma() == general.luma(), "file {k}");
-            let one = jpeg::one_scan(bytes, &header, colour, None);
+            let one = jpeg::sequential::one_scan(bytes, &header, colour, None);
             assert_eq!(one.is_none(), k == 7, "only the progressive file has several scans");
         }
     }

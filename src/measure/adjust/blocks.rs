@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector, Matrix2};
 
 use super::Observation;
 use super::input::Input;
-use crate::measure::estimation::Block;
+use crate::estimation::Block;
 
 /// Smallest standard deviation that an image coordinate is credited with, px: some micrometres on a
 /// near quadrant, where neither a decal nor a lens calibration promises more.

@@ -11,7 +11,7 @@ use super::AdjustError;
 use super::beam::{Bending, Grid, Mount, Section};
 use super::ground::GroundShape;
 use super::marker_state::{ESTIMATED, MarkerState};
-use crate::measure::setup::{Setup, Uncertainty};
+use crate::setup::{Setup, Uncertainty};
 
 /// Differences to the neighbouring wings, in the same order: within what users state.
 const STEPS: [f64; ESTIMATED] = [0.05, 0.05, 2e-3];

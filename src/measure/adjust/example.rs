@@ -3,8 +3,8 @@
 
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 
-use crate::measure::geometry::Lens;
-use crate::measure::setup::{
+use crate::geometry::Lens;
+use crate::setup::{
     GroundSight, Orientation, Setup, Shape, Side, SkinHeight, SurveyMarker, Thermal, Uncertainty,
 };
 

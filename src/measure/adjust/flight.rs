@@ -38,7 +38,7 @@ use self::mountings::Mountings;
 use super::input::Input;
 use super::scene::Scene;
 use super::{AdjustError, Observation, Options, Solution};
-use crate::measure::setup::{Orientation, Setup};
+use crate::setup::{Orientation, Setup};
 
 /// Rounds in which departure and drift settle once the mountings are found.
 const DEPARTURE_ROUNDS: usize = 3;

@@ -3,9 +3,9 @@
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
 use super::AdjustError;
-use crate::measure::estimation::robust;
-use crate::measure::geometry::WingFrame;
-use crate::measure::setup::{Setup, Side, SkinHeight, SurveyMarker};
+use crate::estimation::robust;
+use crate::geometry::WingFrame;
+use crate::setup::{Setup, Side, SkinHeight, SurveyMarker};
 
 /// Points of the axis' table.
 const AXIS_POINTS: usize = 257;

@@ -2,7 +2,7 @@
 
 use super::scene::Scene;
 use super::{AdjustError, Observation, Options};
-use crate::measure::setup::{Orientation, Setup};
+use crate::setup::{Orientation, Setup};
 
 /// What a frame is set up from.
 #[derive(Clone, Copy)]

@@ -9,7 +9,7 @@ use super::marker_state::MarkerState;
 use super::scene::{Bent, Camera, Scene, moved};
 use super::term::{Columns, Place, Placed, Term};
 use super::values::Values;
-use crate::measure::estimation::{EstimationError, Gradient, GroupPoint, Linearised, Prior};
+use crate::estimation::{EstimationError, Gradient, GroupPoint, Linearised, Prior};
 
 /// Where the markers' positions on ground stand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -12,9 +12,9 @@ use super::scene::{Bent, moved};
 use super::snooping::{Suspect, Target};
 use super::values::Values;
 use super::{CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Parameter, Solution, Torsion};
-use crate::measure::estimation::quality::{self, Reliability};
-use crate::measure::estimation::{Fit, Gradient, Problem};
-use crate::measure::setup::TorsionPair;
+use crate::estimation::quality::{self, Reliability};
+use crate::estimation::{Fit, Gradient, Problem};
+use crate::setup::TorsionPair;
 
 /// One frame's part of a fit.
 pub struct Outcome<'a> {

@@ -17,11 +17,9 @@ use super::{
     AdjustError, CurvePoint, Estimate, MarkerSolution, Method, Observation, Options, Parameter, Solution,
     Torsion, VarianceComponent,
 };
-use crate::measure::estimation::quality::{self, Reliability};
-use crate::measure::estimation::{
-    Block, Fit, Group, Problem, VarianceGroup, solve_groups, variance_components,
-};
-use crate::measure::setup::{Orientation, Setup, SurveyMarker, TorsionPair};
+use crate::estimation::quality::{self, Reliability};
+use crate::estimation::{Block, Fit, Group, Problem, VarianceGroup, solve_groups, variance_components};
+use crate::setup::{Orientation, Setup, SurveyMarker, TorsionPair};
 use conditions::{ARC_LENGTH, Geometry, HEIGHT, PER_MARKER, PIXEL};
 use response::{Function, Response};
 

@@ -8,9 +8,9 @@ use super::ground::GroundShape;
 use super::marker_state::{ESTIMATED, MarkerState};
 use super::values::{Pose, Values};
 use super::{AdjustError, Observation};
-use crate::measure::environment::Plate;
-use crate::measure::geometry::{BROWN, Lens, left_jacobian, skew};
-use crate::measure::setup::{Orientation, Setup};
+use crate::environment::Plate;
+use crate::geometry::{BROWN, Lens, left_jacobian, skew};
+use crate::setup::{Orientation, Setup};
 
 /// Difference for the derivative by the bow, in which the image is linear to 1e-3 of its effect.
 const BOW_STEP: f64 = 1e-3;

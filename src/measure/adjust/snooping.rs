@@ -2,9 +2,9 @@
 
 use super::layout::Member;
 use super::{AdjustError, GlobalTest, Options};
-use crate::measure::estimation::quality::{self, Reliability};
-use crate::measure::estimation::{Fit, Problem};
-use crate::measure::setup::Setup;
+use crate::estimation::quality::{self, Reliability};
+use crate::estimation::{Fit, Problem};
+use crate::setup::Setup;
 
 /// A blunder in the survey must stand out by this factor against one in the images, which are
 /// more often wrong.

@@ -14,8 +14,8 @@ use super::scene::Scene;
 use super::shapes::shape_covariance;
 use super::snooping::{self, Removable, Suspect, Target};
 use super::{AdjustError, Method, Observation, Options, Solution, VarianceComponent};
-use crate::measure::estimation::{Course, EstimationError, Fit, VarianceGroup, variance_components};
-use crate::measure::setup::{Orientation, Setup};
+use crate::estimation::{Course, EstimationError, Fit, VarianceGroup, variance_components};
+use crate::setup::{Orientation, Setup};
 
 /// Fewest markers on the wing, in flight.
 const FEWEST: usize = 6;

@@ -9,7 +9,7 @@ use super::curve::Curve;
 use super::marker_state::MarkerState;
 use super::scene::Predicted;
 use super::values::Values;
-use crate::measure::estimation::Prior;
+use crate::estimation::Prior;
 
 /// One kind of unknown: its columns, what is known of them beforehand, how the model takes them, and how all that is
 /// measured or reported answers to them.

@@ -5,7 +5,7 @@
 //! says how many columns it has, what is known of them beforehand, which quantity of the model it changes, and how
 //! positions, pixels, lifts and twist answer to it. From there follow start and normal equations, the sentence where
 //! nothing determines it, its share of every result's covariance, and under its name the prior's share of a variance
-//! ([`crate::measure::estimation::Prior::name`]); only one that changes what the model has no quantity for yet adds that to
+//! ([`crate::estimation::Prior::name`]); only one that changes what the model has no quantity for yet adds that to
 //! [`super::values::Values`] and to the function of [`super::scene`] that takes it.
 
 mod camera;

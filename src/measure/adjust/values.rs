@@ -4,7 +4,7 @@ use nalgebra::{SVector, Vector2, Vector3};
 
 use super::beam::{Bending, RAISE_TERMS};
 use super::marker_state::ESTIMATED;
-use crate::measure::geometry::BROWN;
+use crate::geometry::BROWN;
 
 /// A frame's unknowns, read from the vectors.
 #[derive(Clone, Debug, PartialEq)]
@@ -78,7 +78,7 @@ pub struct Pose {
     pub centre_m: Vector3<f64>,
     /// Shift of the projection centre since the ground frame, wing frame, m.
     pub shift_m: Vector3<f64>,
-    /// Correction of the interior orientation, in the order of [`PARAMETERS`](crate::measure::geometry::Lens::PARAMETERS).
+    /// Correction of the interior orientation, in the order of [`PARAMETERS`](crate::geometry::Lens::PARAMETERS).
     pub lens: SVector<f64, BROWN>,
     /// What the description of the panes leaves unknown of their shift, in flight, wing frame, m.
     pub window_m: Vector3<f64>,

@@ -6,9 +6,9 @@ use super::bundle::Bundle;
 use super::model::{Form, GLOBAL, INTERIOR, Pose, Size, form_of, lens_of, parameters, with_common};
 use super::shape::Shape;
 use super::{BoardPoint, CalibrateError, View, start};
-use crate::measure::estimation::arrow::{self, ScalarPrior, Solution};
-use crate::measure::estimation::robust::{MEDIAN_SQUARE, common_variance};
-use crate::measure::geometry::Lens;
+use crate::estimation::arrow::{self, ScalarPrior, Solution};
+use crate::estimation::robust::{MEDIAN_SQUARE, common_variance};
+use crate::geometry::Lens;
 
 /// Camera, board and poses of one adjustment.
 pub(super) struct Adjusted {

@@ -14,7 +14,7 @@ use super::board::{Board, BoardError, Misfit, Sighting};
 use super::checkerboard::REACH;
 use super::corner::{self, Hint};
 use super::{BoardPoint, View, reduced, saddle, start};
-use crate::measure::raster::Raster;
+use crate::raster::Raster;
 
 /// Tags needed for a view.
 const LEAST_TAGS: usize = 4;

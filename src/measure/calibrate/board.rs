@@ -1,7 +1,7 @@
 //! Boards: what is printed, and where its points are.
 
 use super::View;
-use crate::measure::estimation::robust::median;
+use crate::estimation::robust::median;
 
 /// A calibration board (docs/interface.md).
 #[derive(Clone, Debug, PartialEq)]

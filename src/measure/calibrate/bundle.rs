@@ -5,8 +5,8 @@ use nalgebra::{SMatrix, Vector6};
 use super::model::{FORM, GLOBAL, Global, INTERIOR, Pose, Size, form_of, jacobians, lens_of, with_common};
 use super::shape::Shape;
 use super::{BoardPoint, View};
-use crate::measure::estimation::arrow::{Equations, Model, Row};
-use crate::measure::geometry::Lens;
+use crate::estimation::arrow::{Equations, Model, Row};
+use crate::geometry::Lens;
 
 /// What is adjusted.
 pub(super) struct Bundle<'a> {

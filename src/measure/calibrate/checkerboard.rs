@@ -10,7 +10,7 @@ use nalgebra::Vector2;
 use super::board::{BoardError, Misfit, Sighting};
 use super::corner::{self, Hint};
 use super::{BoardPoint, View, reduced, saddle};
-use crate::measure::raster::Raster;
+use crate::raster::Raster;
 
 type Cell = (i32, i32);
 type Corners = HashMap<Cell, Vector2<f64>>;

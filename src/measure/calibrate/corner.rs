@@ -7,7 +7,7 @@
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
-use crate::measure::raster::Raster;
+use crate::raster::Raster;
 
 /// `c` (2), directions of the two edges, blur, mean, half the contrast, gradient (2).
 const UNKNOWNS: usize = 9;

@@ -4,7 +4,7 @@
 use super::aprilgrid;
 use super::board::{Board, BoardError, Sighting};
 use super::checkerboard;
-use crate::measure::raster::Raster;
+use crate::raster::Raster;
 
 impl Board {
     /// The board's points in a picture.

@@ -9,8 +9,8 @@ use super::model::{GLOBAL, INTERIOR, STRETCH, Size, lens_of};
 use super::outcome::outcome;
 use super::outliers::Selection;
 use super::{CalibrateError, Calibration, Options, SIGNIFICANT, View};
-use crate::measure::estimation::robust::coordinate_px;
-use crate::measure::geometry::BROWN;
+use crate::estimation::robust::coordinate_px;
+use crate::geometry::BROWN;
 
 /// Rounds in which the points' common variance settles.
 const MODEL_ROUNDS: usize = 8;

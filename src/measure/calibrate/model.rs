@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Rotation3, SMatrix, SVector, Vector2, Vector3, Vector6};
 
-use crate::measure::geometry::{BROWN, Lens, skew};
+use crate::geometry::{BROWN, Lens, skew};
 
 /// Interior parameters: Brown's, then those of the rational model's denominator, k4 k5 k6; the board's form follows.
 pub(super) const INTERIOR: usize = BROWN + 3;

@@ -7,7 +7,7 @@ use super::model::{INTERIOR, Pose, STRETCH, rms};
 use super::outliers::Selection;
 use super::shape::{Bow, Stretch};
 use super::{Calibration, View, check, quality};
-use crate::measure::geometry::{BROWN, Lens};
+use crate::geometry::{BROWN, Lens};
 
 /// Standard deviation of a stretch beforehand where it is only looked for, a share: an assumption, more than paper shrinks.
 const LOOSE_STRETCH: f64 = 0.01;

@@ -11,7 +11,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use super::adjust::Adjusted;
 use super::model::{Jacobians, Size, jacobians, rms};
 use super::{CalibrateError, LEAST_POINTS, LEAST_VIEWS, View, start};
-use crate::measure::estimation::robust::{Location, MEDIAN_SQUARE_OF_ONE, common_variance, median, scale};
+use crate::estimation::robust::{Location, MEDIAN_SQUARE_OF_ONE, common_variance, median, scale};
 
 /// A point whose residual is this many times the scale is a gross error (a wrong corner).
 const GROSS: f64 = 6.0;

@@ -1,7 +1,7 @@
 //! Smaller copies of large pictures, in which boards are found in less time and memory; corners are then
 //! measured in the picture itself.
 
-use crate::measure::raster::Raster;
+use crate::raster::Raster;
 
 /// Pixels above which a smaller copy is searched first: the finders hold some 16 bytes a pixel, and
 /// two pictures are worked on at once.

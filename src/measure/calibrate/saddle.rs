@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::measure::raster::Raster;
+use crate::raster::Raster;
 
 const ITERATIONS: usize = 30;
 const SETTLED_PX: f64 = 1e-4;

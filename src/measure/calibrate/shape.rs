@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 
 use super::model::Form;
 use super::{SIGNIFICANT, View};
-use crate::measure::estimation::arrow::ScalarPrior;
+use crate::estimation::arrow::ScalarPrior;
 
 /// Height of the board's middle over the chord between two of its sides.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, Matrix3, Rotation3, Vector2, Vector3};
 
 use super::model::{Pose, Size};
 use super::{BoardPoint, View};
-use crate::measure::geometry::Lens;
+use crate::geometry::Lens;
 
 /// Camera constants over the image's width of the lenses there are, from wide to long: each may be off by
 /// the root of its neighbours' ratio.

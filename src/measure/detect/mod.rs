@@ -11,7 +11,7 @@
 //! - `revise`: measured once more with what neighbours or orientation tell; `scope`, `search`: where, and in which order.
 //!
 //! ```
-//! use wingd::measure::{detect::detect, raster::Raster};
+//! use wingd_measure::{detect::detect, raster::Raster};
 //!
 //! // A black disc on skin, seen at a slant; a lens blurs it, so that a pixel takes the mean of what is near.
 //! let is_black = |x: f64, y: f64| ((x - 100.3) / 30.0).powi(2) + ((y - 60.2) / 10.0).powi(2) < 1.0;
@@ -49,15 +49,15 @@ mod simd;
 
 use std::ops::Range;
 
-use crate::measure::detect::accept::{consistency, correlated, dirt, found::Found};
-use crate::measure::detect::detection::by_place;
-use crate::measure::detect::image::{ellipse, noise};
-use crate::measure::detect::revise::neighbours::inflate_unlike;
-use crate::measure::detect::scope::Scope;
-use crate::measure::detect::search::{Progress, is_faint};
-use crate::measure::detect::segment::background;
-use crate::measure::estimation::robust::median;
-use crate::measure::raster::Raster;
+use crate::detect::accept::{consistency, correlated, dirt, found::Found};
+use crate::detect::detection::by_place;
+use crate::detect::image::{ellipse, noise};
+use crate::detect::revise::neighbours::inflate_unlike;
+use crate::detect::scope::Scope;
+use crate::detect::search::{Progress, is_faint};
+use crate::detect::segment::background;
+use crate::estimation::robust::median;
+use crate::raster::Raster;
 
 pub use detection::covariance::{Covariance, Source};
 pub use detection::{Detection, Detections, Prediction, RejectReason, Rejected};

@@ -4,13 +4,13 @@ use std::ops::Range;
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::accept::{found::Found, verdict::Measured};
-use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::detection::{Detection, Prediction};
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::image::{ellipse::Ellipse, noise};
-use crate::measure::detect::segment::background::{Part, Window};
-use crate::measure::setup::Shape;
+use crate::detect::accept::{found::Found, verdict::Measured};
+use crate::detect::appearance::parameters::Pattern;
+use crate::detect::detection::{Detection, Prediction};
+use crate::detect::hypothesis::Hypothesis;
+use crate::detect::image::{ellipse::Ellipse, noise};
+use crate::detect::segment::background::{Part, Window};
+use crate::setup::Shape;
 
 /// How much a marker's axes may differ from their prediction, a ratio. Chosen; `tests/detect/guided.rs` holds this and the
 /// next ones.

@@ -1,22 +1,22 @@
 //! A search of one picture: hypotheses in the order in which they are measured, then revised by their neighbours.
 
-use crate::measure::detect::accept::{consistency, found::Found, verdict::Measured};
-use crate::measure::detect::attempt::ladder::{Ladder, Outcome};
-use crate::measure::detect::attempt::measure::Bounds;
-use crate::measure::detect::detection::{RejectReason, Rejected};
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::propose::gather::{self, Gathered};
-use crate::measure::detect::propose::{blurred_quadrants, moments};
-use crate::measure::detect::revise::neighbours::{
+use crate::detect::accept::{consistency, found::Found, verdict::Measured};
+use crate::detect::attempt::ladder::{Ladder, Outcome};
+use crate::detect::attempt::measure::Bounds;
+use crate::detect::detection::{RejectReason, Rejected};
+use crate::detect::hypothesis::Hypothesis;
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::propose::gather::{self, Gathered};
+use crate::detect::propose::{blurred_quadrants, moments};
+use crate::detect::revise::neighbours::{
     find_against_one_level, is_unsure, revise_with_edge_prior, revise_with_size,
 };
-use crate::measure::detect::revise::under_decal::revise_under_decals;
-use crate::measure::detect::scope::{self, Scope};
-use crate::measure::detect::segment::blob::Blob;
-use crate::measure::estimation::robust::median;
-use crate::measure::raster::Raster;
-use crate::measure::setup::Shape;
+use crate::detect::revise::under_decal::revise_under_decals;
+use crate::detect::scope::{self, Scope};
+use crate::detect::segment::blob::Blob;
+use crate::estimation::robust::median;
+use crate::raster::Raster;
+use crate::setup::Shape;
 
 /// Whether a part of the markers shows so weakly in the reduced frame, whose blocks have a side of `factor` px, that others may
 /// be too faint for the usual levels: haze and stray light take contrast away with distance. So few markers that nothing can be

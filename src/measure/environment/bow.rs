@@ -15,7 +15,7 @@
 use nalgebra::Vector3;
 
 use super::refraction::refract;
-use crate::measure::setup::Pane;
+use crate::setup::Pane;
 
 /// The ray outside of one that leaves the projection centre: a point on it and its direction; `None` where it
 /// misses a face. `normal` is the pane's, outward. The radius is the inner face's, positive where the pane bulges outwards.

@@ -1,8 +1,8 @@
 //! What was measured of air and wing in flight, in place of an installation's constants.
 
 use super::refraction::refractive_index;
-use crate::measure::observation::Estimate;
-use crate::measure::setup::{Setup, Window};
+use crate::observation::Estimate;
+use crate::setup::{Setup, Window};
 
 /// `None`: the installation's constant holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -65,7 +65,7 @@ impl Conditions {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measure::setup::Air;
+    use crate::setup::Air;
 
     #[test]
     fn the_air_takes_the_constants_place_with_its_sigma() {

@@ -15,7 +15,7 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::bow;
-use crate::measure::setup::{Pane, Window};
+use crate::setup::{Pane, Window};
 
 /// Steps from a point to its ray; each takes the error down by k over the distance, a thousandth.
 const STEPS: usize = 4;

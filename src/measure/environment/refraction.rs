@@ -5,9 +5,9 @@
 
 use nalgebra::{Vector2, Vector3};
 
-use crate::measure::geometry::LensError;
-use crate::measure::observation::Observation;
-use crate::measure::setup::{Air, Orientation, Setup, Window};
+use crate::geometry::LensError;
+use crate::observation::Observation;
+use crate::setup::{Air, Orientation, Setup, Window};
 
 /// Incidence assumed where the window's normal is not known: the paper's 30 degrees.
 pub const PAPER_INCIDENCE_RAD: f64 = std::f64::consts::FRAC_PI_6;

@@ -1,7 +1,7 @@
 //! Uniform thermal expansion with its uncertainty.
 
-use crate::measure::observation::Estimate;
-use crate::measure::setup::Thermal;
+use crate::observation::Estimate;
+use crate::setup::Thermal;
 
 /// Length in flight over length on ground. The standard deviation follows from those of the
 /// coefficient and of the flight temperature; `None` where neither is stated.

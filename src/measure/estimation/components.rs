@@ -15,7 +15,7 @@ use super::error::EstimationError;
 use super::fit::{BlockFit, Fit};
 use super::problem::{GroupPoint, Linearised, Problem};
 use super::solve::solve_groups;
-use crate::measure::observation::Estimate;
+use crate::observation::Estimate;
 
 /// One group's variance component.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,8 +4,8 @@
 use nalgebra::{SVector, Vector2, Vector3};
 
 use super::skin::Skin;
-use crate::measure::geometry::WingFrame;
-use crate::measure::setup::{Setup, SurveyMarker};
+use crate::geometry::WingFrame;
+use crate::setup::{Setup, SurveyMarker};
 
 /// Curvature (3 terms, 1/m), twist (2 terms, rad), mount (3 small rotations, camera frame, rad).
 pub(super) type State = SVector<f64, 8>;

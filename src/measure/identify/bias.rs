@@ -6,9 +6,9 @@ use super::Identities;
 use super::beam::State;
 use super::outline::Disc;
 use super::scene::Scene;
-use crate::measure::detect::{Detection, Source};
-use crate::measure::geometry::Lens;
-use crate::measure::setup::Shape;
+use crate::detect::{Detection, Source};
+use crate::geometry::Lens;
+use crate::setup::Shape;
 
 /// Standard deviation of the local normal about each axis: the smooth skin and the fitted bending
 /// and twist against the true ones, rad.

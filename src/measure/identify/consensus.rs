@@ -6,8 +6,8 @@ use super::IdentifyError;
 use super::attitude::{from_many, from_two};
 use super::fit::{Pair, SEEN_ODDS, clutter_per_px2};
 use super::scene::{looks_like, usable};
-use crate::measure::detect::Detection;
-use crate::measure::setup::Setup;
+use crate::detect::Detection;
+use crate::setup::Setup;
 
 /// Directions nearer than this to each other fix no rotation well, rad: errors about the line between them are magnified
 /// thirtyfold.

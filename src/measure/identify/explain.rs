@@ -9,9 +9,9 @@ use super::flight::identify_in;
 use super::known::state_of;
 use super::scan::FAMILY;
 use super::scene::{Scene, usable};
-use crate::measure::detect::Detection;
-use crate::measure::geometry::Lens;
-use crate::measure::setup::{Orientation, Setup};
+use crate::detect::Detection;
+use crate::geometry::Lens;
+use crate::setup::{Orientation, Setup};
 
 /// What the markers fit after all.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]

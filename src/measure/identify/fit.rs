@@ -4,8 +4,8 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::beam::State;
 use super::scene::{Matrix8, Predicted, mahalanobis};
-use crate::measure::detect::Detection;
-use crate::measure::geometry::Lens;
+use crate::detect::Detection;
+use crate::geometry::Lens;
 
 /// Detection and marker.
 pub(super) type Pair = (usize, usize);

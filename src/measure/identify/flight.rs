@@ -6,8 +6,8 @@ use super::matching::{Problem, Refined};
 use super::scan::{Guess, scan};
 use super::scene::{Scene, usable};
 use super::{IdentifyError, Identities};
-use crate::measure::detect::Detection;
-use crate::measure::geometry::Lens;
+use crate::detect::Detection;
+use crate::geometry::Lens;
 
 /// Fewer pairs leave nothing to check a solution with.
 pub(super) const NEEDED: usize = 4;

@@ -11,8 +11,8 @@ use super::matching::Problem;
 use super::refine::{Sight, adjust};
 use super::scene::{Scene, looks_like, usable};
 use super::{IdentifyError, Identities, Misfit, OrientationFit};
-use crate::measure::detect::Detection;
-use crate::measure::setup::{Orientation, Setup};
+use crate::detect::Detection;
+use crate::setup::{Orientation, Setup};
 
 /// How well the consensus knows the rotation, rad.
 const CONSENSUS_SIGMA: f64 = 2e-3;

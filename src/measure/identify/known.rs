@@ -6,8 +6,8 @@ use super::bias::centred;
 use super::fit::{Clutter, Pair, Prior, solve};
 use super::outline::Outline;
 use super::scene::{Scene, usable};
-use crate::measure::detect::{Detection, Expected, Prediction};
-use crate::measure::setup::Shape;
+use crate::detect::{Detection, Expected, Prediction};
+use crate::setup::Shape;
 
 /// What a wing may do where its markers are known, standard deviations: three terms of the curvature, 1/m, two of the twist,
 /// rad. Wider than any wing bends.

@@ -4,7 +4,7 @@ use super::beam::State;
 use super::fit::{Clutter, Pair, Prior, Step, distance2, solve};
 use super::outline::Outline;
 use super::scene::{Matrix8, Predicted, Scene, looks_like, outline_fits, usable};
-use crate::measure::detect::Detection;
+use crate::detect::Detection;
 
 /// Chi-square of two degrees of freedom, 1e-4: beyond this a pair is none.
 pub(super) const GATE: f64 = 18.4;

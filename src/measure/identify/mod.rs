@@ -165,7 +165,7 @@ pub fn remove_perspective_bias(
     known::unbiased(&scene::Scene::new(setup, orientation, true), detections, identities)
 }
 
-/// Where this frame should show the markers, and which of them were found: what [`crate::measure::detect::look_closer`] looks
+/// Where this frame should show the markers, and which of them were found: what [`crate::detect::look_closer`] looks
 /// for. Empty where the identities are too few.
 pub fn expect(
     setup: &Setup,

@@ -3,7 +3,7 @@
 
 use nalgebra::{Matrix2, Rotation3, SMatrix, SVector, SymmetricEigen, Unit, Vector2, Vector3};
 
-use crate::measure::geometry::Lens;
+use crate::geometry::Lens;
 
 /// A disc on a slightly warped skin, camera frame.
 #[derive(Clone, Copy, Debug)]

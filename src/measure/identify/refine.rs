@@ -4,12 +4,10 @@
 use nalgebra::{DMatrix, DVector, Matrix2, Rotation3, Vector2, Vector3};
 
 use super::scene::mahalanobis;
-use crate::measure::environment::Plate;
-use crate::measure::estimation::{
-    Block, EstimationError, Fit, Group, Linearised, Point, Prior, Problem, solve,
-};
-use crate::measure::geometry::{left_jacobian, skew};
-use crate::measure::setup::{GroundSight, Orientation, Setup};
+use crate::environment::Plate;
+use crate::estimation::{Block, EstimationError, Fit, Group, Linearised, Point, Prior, Problem, solve};
+use crate::geometry::{left_jacobian, skew};
+use crate::setup::{GroundSight, Orientation, Setup};
 
 /// Chi-square of two degrees of freedom, 1e-4.
 const GATE: f64 = 18.4;

@@ -4,10 +4,10 @@ use nalgebra::{Matrix2, Rotation3, SMatrix, Vector2, Vector3};
 
 use super::beam::{Beam, State};
 use super::outline::{Disc, Outline};
-use crate::measure::detect::Detection;
-use crate::measure::environment::Plate;
-use crate::measure::geometry::skew;
-use crate::measure::setup::{Orientation, Setup, Shape};
+use crate::detect::Detection;
+use crate::environment::Plate;
+use crate::geometry::skew;
+use crate::setup::{Orientation, Setup, Shape};
 
 pub(super) type Matrix8 = SMatrix<f64, 8, 8>;
 pub(super) type Jacobian = SMatrix<f64, 2, 8>;

@@ -2,7 +2,7 @@
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
-use crate::measure::estimation::robust;
+use crate::estimation::robust;
 
 const TERMS: usize = 8;
 /// How far a marker may lie off a smooth skin, m: survey noise, stickers, panel steps.

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::measure::estimation::robust::median;
-use crate::measure::setup::{GroundSight, Orientation, Setup, Shape, SurveyMarker, fixed_mark};
+use crate::estimation::robust::median;
+use crate::setup::{GroundSight, Orientation, Setup, Shape, SurveyMarker, fixed_mark};
 
 /// Numbers of marks that are planned with.
 pub(super) const COUNTS: [usize; 3] = [1, 2, 4];

@@ -4,11 +4,11 @@ use nalgebra::{Matrix2, Matrix3, Rotation3, Vector3};
 use serde::Serialize;
 
 use super::{PlanOptions, Skin, adjustment_options, fixed_marks, terms};
-use crate::measure::adjust::beam::{Bending, Grid, Mount, Section};
-use crate::measure::adjust::ground::{GroundShape, Station};
-use crate::measure::adjust::{self, AdjustError, Observation, Solution};
-use crate::measure::environment::Plate;
-use crate::measure::setup::{GroundSight, Orientation, Setup, SurveyMarker};
+use crate::adjust::beam::{Bending, Grid, Mount, Section};
+use crate::adjust::ground::{GroundShape, Station};
+use crate::adjust::{self, AdjustError, Observation, Solution};
+use crate::environment::Plate;
+use crate::setup::{GroundSight, Orientation, Setup, SurveyMarker};
 
 /// Predicted standard deviations of one marker.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

@@ -1,6 +1,6 @@
 //! What each thing that a user can only estimate costs in precision: the same installation with it known.
 
-use crate::measure::setup::{Setup, Thermal};
+use crate::setup::{Setup, Thermal};
 
 /// A term of the model, and how it is made known.
 type Term = (&'static str, fn(&mut Setup));

@@ -1,5 +1,5 @@
 //! The tapered cantilever that bends the rendered wing: physics, not the polynomial that
-//! [`crate::measure::adjust`] fits.
+//! [`crate::adjust`] fits.
 //!
 //! Euler and Bernoulli: curvature = M / EI with EI ~ chord^p. The net load (lift less the relief of
 //! the fuel) is vertical, the lever arm is the horizontal one of the bent axis, and the axis keeps

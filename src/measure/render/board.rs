@@ -6,9 +6,9 @@
 use nalgebra::{Matrix2, Rotation3, Unit, Vector2, Vector3};
 
 use super::Random;
-use crate::measure::environment::Plate;
-use crate::measure::geometry::Lens;
-use crate::measure::raster::Raster;
+use crate::environment::Plate;
+use crate::geometry::Lens;
+use crate::raster::Raster;
 
 /// Traced pixels of a row, px.
 const STRIDE: usize = 8;

@@ -9,7 +9,7 @@ use super::markers::Marker;
 use super::random::Random;
 use super::scene::Scene;
 use super::wing::{Linear, Pose, Side, State, Wing};
-use crate::measure::setup::Setup;
+use crate::setup::Setup;
 
 /// Why no scene can be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -101,7 +101,7 @@ fn first_wing(setup: &Setup, points: &[Vector3<f64>]) -> Wing {
         .iter()
         .map(|p| (p.z - axis_z_m).abs() * 1.25 / (1.0 - (1.0 - taper) * eta(p)))
         .fold(0.1 * length_m, f64::max);
-    let leading = |pair: &crate::measure::setup::TorsionPair| {
+    let leading = |pair: &crate::setup::TorsionPair| {
         let z =
             |i: usize| setup.markers.get(i).map_or(0.0, |m| setup.wing_frame().wing_point(&m.position_m).z);
         z(pair.leading) < z(pair.trailing)

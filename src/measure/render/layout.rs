@@ -9,8 +9,8 @@ use super::markers::Marker;
 use super::random::Random;
 use super::scene::Scene;
 use super::wing::{Linear, Side, Wing};
-use crate::measure::geometry::{Lens, WingFrame};
-use crate::measure::setup::{
+use crate::geometry::{Lens, WingFrame};
+use crate::setup::{
     self, Setup, Shape, SkinHeight, SurveyMarker, Thermal, TorsionPair, Uncertainty, fixed_mark,
 };
 

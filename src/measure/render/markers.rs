@@ -6,7 +6,7 @@
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::wing::Pose;
-use crate::measure::setup::Shape;
+use crate::setup::Shape;
 
 /// Reflectance of the black print.
 const BLACK: f64 = 0.045;

@@ -9,7 +9,7 @@ use super::markers::Placed;
 use super::tile::{Corner, Patch, TILE, Tile, bilinear, edge};
 use super::trace::Hit;
 use super::wing::Pose;
-use crate::measure::geometry::Lens;
+use crate::geometry::Lens;
 
 /// Samples of a pixel with an edge of a marker: a lattice of Fibonacci numbers.
 const FINE: (usize, usize) = (233, 144);
@@ -241,7 +241,7 @@ mod tests {
     use super::super::random::Random;
     use super::super::{Options, Scene, Shot, Side};
     use super::*;
-    use crate::measure::setup::Shape;
+    use crate::setup::Shape;
 
     const PAINT: f64 = 0.5;
 

@@ -10,9 +10,9 @@ use super::picture::View;
 use super::random::Random;
 use super::sensor::Sensor;
 use super::wing::{Pose, State, Wing};
-use crate::measure::geometry::WingFrame;
-use crate::measure::raster::Raster;
-use crate::measure::setup::Setup;
+use crate::geometry::WingFrame;
+use crate::raster::Raster;
+use crate::setup::Setup;
 
 /// An installation together with the truth that its survey only approximates.
 #[derive(Clone, Debug)]

@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 
 use super::random::Random;
-use crate::measure::raster::Raster;
+use crate::raster::Raster;
 
 /// How the camera makes grey values.
 #[derive(Clone, Copy, Debug, PartialEq)]

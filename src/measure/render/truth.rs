@@ -8,7 +8,7 @@ use super::picture::outline_box;
 use super::scene::{Scene, Shot};
 use super::trace::Hit;
 use super::wing::{Pose, State};
-use crate::measure::setup::Shape;
+use crate::setup::Shape;
 
 /// Truth of one frame.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,10 +3,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::measure::adjust::beam::curvature_basis;
-use crate::measure::adjust::ground::GroundShape;
-use crate::measure::adjust::{AdjustError, Estimate};
-use crate::measure::setup::{Orientation, Setup};
+use crate::adjust::beam::curvature_basis;
+use crate::adjust::ground::GroundShape;
+use crate::adjust::{AdjustError, Estimate};
+use crate::setup::{Orientation, Setup};
 
 /// A place of the wing of which the stiffness is known.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,10 +4,10 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 
 use super::decode::{Shown, decode};
 use super::{BITS, DISCS, cell};
-use crate::measure::detect::Detections;
-use crate::measure::estimation::robust::median;
-use crate::measure::raster::Raster;
-use crate::measure::setup::Shape;
+use crate::detect::Detections;
+use crate::estimation::robust::median;
+use crate::raster::Raster;
+use crate::setup::Shape;
 
 /// Of the discs that a picture shows so many are tried, the largest first.
 const TRIED: usize = 8;

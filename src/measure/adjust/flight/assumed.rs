@@ -3,11 +3,11 @@
 use nalgebra::{DVector, Matrix3, Vector3};
 
 use super::mountings::Mountings;
-use crate::measure::adjust::input::Input;
-use crate::measure::adjust::layout::Layout;
-use crate::measure::adjust::term::Place;
-use crate::measure::adjust::terms::stated_drift_rad;
-use crate::measure::estimation::Fit;
+use crate::adjust::input::Input;
+use crate::adjust::layout::Layout;
+use crate::adjust::term::Place;
+use crate::adjust::terms::stated_drift_rad;
+use crate::estimation::Fit;
 
 /// Departure of a frame's shape from the shared one to begin with, a share of the usual width of shapes.
 pub const DEPARTURE: f64 = 0.03;

@@ -3,8 +3,8 @@
 use super::frames::{FEWEST, Flight};
 use super::solving::Solved;
 use super::usage::Removed;
-use crate::measure::adjust::AdjustError;
-use crate::measure::adjust::snooping::{self, Target};
+use crate::adjust::AdjustError;
+use crate::adjust::snooping::{self, Target};
 
 /// Rounds of data snooping, each removing at most one observation per frame.
 const ROUNDS: usize = 4;

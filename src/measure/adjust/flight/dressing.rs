@@ -4,10 +4,10 @@ use super::frames::Flight;
 use super::solving::Solved;
 use super::tuning::STEADY_RAD;
 use super::usage::Removed;
-use crate::measure::adjust::outcome::Outcome;
-use crate::measure::adjust::snooping::Target;
-use crate::measure::adjust::terms::stated_drift_rad;
-use crate::measure::adjust::{Estimate, Method, Parameter, Solution};
+use crate::adjust::outcome::Outcome;
+use crate::adjust::snooping::Target;
+use crate::adjust::terms::stated_drift_rad;
+use crate::adjust::{Estimate, Method, Parameter, Solution};
 
 /// A drift so many times what is stated is remarked.
 const DOUBTED_DRIFT: f64 = 3.0;

@@ -5,11 +5,11 @@ use nalgebra::DVector;
 use super::assumed::{Assumed, own_rotation_column};
 use super::shape::SharedShape;
 use super::usage::Usage;
-use crate::measure::adjust::blocks::{image_block, survey_block};
-use crate::measure::adjust::input::{Input, Sights, by_marker, on_the_wing};
-use crate::measure::adjust::layout::{Layout, Member};
-use crate::measure::adjust::{AdjustError, Observation};
-use crate::measure::estimation::{Fit, Group};
+use crate::adjust::blocks::{image_block, survey_block};
+use crate::adjust::input::{Input, Sights, by_marker, on_the_wing};
+use crate::adjust::layout::{Layout, Member};
+use crate::adjust::{AdjustError, Observation};
+use crate::estimation::{Fit, Group};
 
 /// Fewest markers on the wing in one frame.
 pub const FEWEST: usize = 4;

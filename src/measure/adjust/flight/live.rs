@@ -21,10 +21,10 @@ use super::assumed::Assumed;
 use super::dressing::dressed;
 use super::frames::Flight;
 use super::mountings::Mountings;
-use crate::measure::adjust::input::Input;
-use crate::measure::adjust::scene::Scene;
-use crate::measure::adjust::{AdjustError, Observation, Options, Solution};
-use crate::measure::setup::{Orientation, Setup};
+use crate::adjust::input::Input;
+use crate::adjust::scene::Scene;
+use crate::adjust::{AdjustError, Observation, Options, Solution};
+use crate::setup::{Orientation, Setup};
 
 /// Frames that follow at once are taken to be apart by this, s: a walk needs a width.
 const LEAST_ELAPSED_S: f64 = 1e-3;

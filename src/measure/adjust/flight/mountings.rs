@@ -1,6 +1,6 @@
 //! Which mounting of the camera each frame of a flight belongs to.
 
-use crate::measure::adjust::Mounting;
+use crate::adjust::Mounting;
 
 /// The frames' mountings, as stated or as found.
 #[derive(Clone, Debug)]

@@ -6,16 +6,14 @@ use nalgebra::{DVector, Matrix3};
 
 use super::frames::Flight;
 use super::shape::{ShapeColumns, SharedShape};
-use crate::measure::adjust::beam::{MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
-use crate::measure::adjust::input::Input;
-use crate::measure::adjust::layout::{Layout, Member, Motions, Own, Survey};
-use crate::measure::adjust::scene::Scene;
-use crate::measure::adjust::term::{Columns, Place, Placed};
-use crate::measure::adjust::terms::{self, Shared};
-use crate::measure::estimation::{
-    Course, EstimationError, Fit, Group, GroupPoint, Linearised, Problem, solve_from,
-};
-use crate::measure::setup::Thermal;
+use crate::adjust::beam::{MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
+use crate::adjust::input::Input;
+use crate::adjust::layout::{Layout, Member, Motions, Own, Survey};
+use crate::adjust::scene::Scene;
+use crate::adjust::term::{Columns, Place, Placed};
+use crate::adjust::terms::{self, Shared};
+use crate::estimation::{Course, EstimationError, Fit, Group, GroupPoint, Linearised, Problem, solve_from};
+use crate::setup::Thermal;
 
 const MISSING_GROUND: &str = "a marker on ground is not determined";
 /// Terms of the curvature where none are given.

@@ -6,11 +6,11 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::assumed::Assumed;
-use crate::measure::adjust::ground::Axis;
-use crate::measure::adjust::layout::Layout;
-use crate::measure::adjust::shapes::{RATIOS, burning_covariance, shape_covariance, shortening};
-use crate::measure::adjust::term::Columns;
-use crate::measure::estimation::{Block, GroupPoint, Linearised, Prior};
+use crate::adjust::ground::Axis;
+use crate::adjust::layout::Layout;
+use crate::adjust::shapes::{RATIOS, burning_covariance, shape_covariance, shortening};
+use crate::adjust::term::Columns;
+use crate::estimation::{Block, GroupPoint, Linearised, Prior};
 
 const MISSING_RATIO: &str =
     "the shape of bending cannot be determined; markers along the whole span are needed";

@@ -2,8 +2,8 @@
 
 use super::frames::Flight;
 use super::setting::Setting;
-use crate::measure::adjust::AdjustError;
-use crate::measure::estimation::{Course, Fit};
+use crate::adjust::AdjustError;
+use crate::estimation::{Course, Fit};
 
 /// A flight's setting with its solution.
 pub struct Solved {

@@ -5,11 +5,11 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use super::assumed::own_rotation_column;
 use super::frames::Flight;
 use super::solving::Solved;
-use crate::measure::adjust::AdjustError;
-use crate::measure::adjust::terms::{repeatability_rad, stated_drift_rad};
-use crate::measure::estimation::Gradient;
-use crate::measure::estimation::quality::chi_square_limit;
-use crate::measure::estimation::robust::median;
+use crate::adjust::AdjustError;
+use crate::adjust::terms::{repeatability_rad, stated_drift_rad};
+use crate::estimation::Gradient;
+use crate::estimation::quality::chi_square_limit;
+use crate::estimation::robust::median;
 
 /// Bounds of a frame's departure from the shared shape, shares of the usual width of shapes.
 const DEPARTURE_BOUNDS: (f64, f64) = (0.002, 1.0);

@@ -1,6 +1,6 @@
 //! Which of a flight's observations take part.
 
-use crate::measure::adjust::snooping::{Suspect, Target};
+use crate::adjust::snooping::{Suspect, Target};
 
 /// A suspect that was taken out.
 #[derive(Clone, Copy, Debug, PartialEq)]

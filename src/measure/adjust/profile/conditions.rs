@@ -3,10 +3,10 @@
 use nalgebra::{DVector, Matrix3x2, Rotation3, Vector2, Vector3};
 
 use super::arc_length;
-use crate::measure::environment::Plate;
-use crate::measure::estimation::{EstimationError, GroupPoint, Linearised};
-use crate::measure::geometry::WingFrame;
-use crate::measure::setup::{Orientation, Setup};
+use crate::environment::Plate;
+use crate::estimation::{EstimationError, GroupPoint, Linearised};
+use crate::geometry::WingFrame;
+use crate::setup::{Orientation, Setup};
 
 /// Observations of one marker, in this order.
 pub const ARC_LENGTH: usize = 0;

@@ -6,7 +6,7 @@
 use nalgebra::{DMatrix, Matrix4, RowVector4};
 
 use super::conditions::PER_MARKER;
-use crate::measure::estimation::{Fit, Problem};
+use crate::estimation::{Fit, Problem};
 
 /// A scalar that depends on a, on one marker's distance and on its observations.
 #[derive(Clone, Copy, Debug)]

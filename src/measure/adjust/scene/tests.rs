@@ -5,9 +5,9 @@ use nalgebra::{Matrix3, Vector3};
 use num_dual::{Dual64, DualNum};
 
 use super::*;
-use crate::measure::adjust::beam::{Bending, RAISE_TERMS, twist_basis};
-use crate::measure::adjust::example::{orientation, setup};
-use crate::measure::adjust::shapes::shapes_at;
+use crate::adjust::beam::{Bending, RAISE_TERMS, twist_basis};
+use crate::adjust::example::{orientation, setup};
+use crate::adjust::shapes::shapes_at;
 
 const STEPS: usize = 4000;
 const C: usize = 5;
@@ -150,7 +150,7 @@ fn derivatives_match_dual_numbers() {
 
 #[test]
 fn derivatives_through_a_bowed_pane_match_differences() {
-    use crate::measure::setup::{Air, Pane, Setup, Window};
+    use crate::setup::{Air, Pane, Setup, Window};
     let air = Air { temperature_c: 15.0, pressure_hpa: 1013.0, humidity: 0.0, co2_ppm: 420.0 };
     let pane = Pane {
         thickness_m: 0.0145,
@@ -206,7 +206,7 @@ fn derivatives_through_a_bowed_pane_match_differences() {
 /// A root, an axis and a span that lie elsewhere, held against a scene that is built there; lens against differences.
 #[test]
 fn what_is_estimated_moves_markers_as_a_scene_built_elsewhere() {
-    use crate::measure::setup::{Setup, Uncertainty};
+    use crate::setup::{Setup, Uncertainty};
     let free = Setup { uncertainty: Uncertainty::default(), ..setup() };
     let scene = Scene::new(&free, &orientation()).unwrap();
     let bending = Bending { curvature_per_m: &[4e-3, 1e-3], twist_rad: &[0.03], ..Bending::NONE };

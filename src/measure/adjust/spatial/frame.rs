@@ -4,17 +4,17 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
-use crate::measure::adjust::beam::MAX_TWIST_TERMS;
-use crate::measure::adjust::blocks::survey_block;
-use crate::measure::adjust::input::{Input, Sights};
-use crate::measure::adjust::layout::{Layout, Member, Motions, Own, Survey};
-use crate::measure::adjust::scene::Scene;
-use crate::measure::adjust::term::Columns;
-use crate::measure::adjust::terms;
-use crate::measure::estimation::{
+use crate::adjust::beam::MAX_TWIST_TERMS;
+use crate::adjust::blocks::survey_block;
+use crate::adjust::input::{Input, Sights};
+use crate::adjust::layout::{Layout, Member, Motions, Own, Survey};
+use crate::adjust::scene::Scene;
+use crate::adjust::term::Columns;
+use crate::adjust::terms;
+use crate::estimation::{
     Block, Course, EstimationError, Fit, Group, GroupPoint, Linearised, Problem, solve_from,
 };
-use crate::measure::setup::Thermal;
+use crate::setup::Thermal;
 
 /// Which observations take part.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,9 +3,9 @@
 use nalgebra::{DVector, Matrix2, SMatrix, Vector2};
 
 use super::*;
-use crate::measure::adjust::example::{orientation, setup};
-use crate::measure::estimation::GroupPoint;
-use crate::measure::setup::Uncertainty;
+use crate::adjust::example::{orientation, setup};
+use crate::estimation::GroupPoint;
+use crate::setup::Uncertainty;
 
 #[test]
 fn derivatives_match_differences() {

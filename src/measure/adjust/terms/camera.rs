@@ -2,11 +2,11 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector2, Vector3};
 
-use crate::measure::adjust::input::Input;
-use crate::measure::adjust::term::{Effect, Term};
-use crate::measure::estimation::Prior;
-use crate::measure::geometry::BROWN;
-use crate::measure::setup::Setup;
+use crate::adjust::input::Input;
+use crate::adjust::term::{Effect, Term};
+use crate::estimation::Prior;
+use crate::geometry::BROWN;
+use crate::setup::Setup;
 
 /// A mounting that is stated not to drift is taken to do so by this, rad: a prior needs a width (0.001 px at 8000 px).
 const LEAST_DRIFT_RAD: f64 = 1e-7;
@@ -143,7 +143,7 @@ pub fn pane_bow(sigma: f64) -> Term {
 }
 
 /// Correction of the interior orientation as calibrated, in the order of
-/// [`crate::measure::geometry::Lens::PARAMETERS`]. A thousand-millionth more of each variance keeps a covariance that
+/// [`crate::geometry::Lens::PARAMETERS`]. A thousand-millionth more of each variance keeps a covariance that
 /// rounding left without an inverse regular.
 pub fn interior(covariance: &SMatrix<f64, BROWN, BROWN>) -> Term {
     let mut covariance = DMatrix::from_column_slice(BROWN, BROWN, covariance.as_slice());

@@ -3,12 +3,12 @@
 
 use nalgebra::Vector3;
 
-use crate::measure::adjust::beam::Bending;
-use crate::measure::adjust::input::{Input, Sights};
-use crate::measure::adjust::scene::Scene;
-use crate::measure::adjust::term::{Displacement, Effect, Instant, Term};
-use crate::measure::estimation::Prior;
-use crate::measure::setup::{InFlight, SurveyMarker, Vibration};
+use crate::adjust::beam::Bending;
+use crate::adjust::input::{Input, Sights};
+use crate::adjust::scene::Scene;
+use crate::adjust::term::{Displacement, Effect, Instant, Term};
+use crate::estimation::Prior;
+use crate::setup::{InFlight, SurveyMarker, Vibration};
 
 type Field = Vec<Vector3<f64>>;
 

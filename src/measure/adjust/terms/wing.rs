@@ -2,13 +2,13 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::measure::adjust::beam::{Grid, RAISE_TERMS};
-use crate::measure::adjust::estimated::sigmas;
-use crate::measure::adjust::ground::GroundShape;
-use crate::measure::adjust::shapes::shape_covariance;
-use crate::measure::adjust::term::{Effect, Term};
-use crate::measure::estimation::Prior;
-use crate::measure::setup::{Thermal, Uncertainty};
+use crate::adjust::beam::{Grid, RAISE_TERMS};
+use crate::adjust::estimated::sigmas;
+use crate::adjust::ground::GroundShape;
+use crate::adjust::shapes::shape_covariance;
+use crate::adjust::term::{Effect, Term};
+use crate::estimation::Prior;
+use crate::setup::{Thermal, Uncertainty};
 
 /// Coefficients of the curvature, 1/m. Where an amplitude is given, their ratios to the first are weighed with it by what
 /// beams look like.

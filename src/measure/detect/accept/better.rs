@@ -1,7 +1,7 @@
 //! Which of two answers for one thing is kept.
 
-use crate::measure::detect::accept::options::BETTER;
-use crate::measure::detect::detection::{Detection, covariance::mahalanobis};
+use crate::detect::accept::options::BETTER;
+use crate::detect::detection::{Detection, covariance::mahalanobis};
 
 /// Whether an answer is better than another one for the same thing.
 ///

@@ -3,11 +3,11 @@
 use super::better::is_better;
 use super::found::Found;
 use super::verdict::Measured;
-use crate::measure::detect::accept::options::CONSISTENCY;
-use crate::measure::detect::detection::{Detection, RejectReason};
-use crate::measure::detect::hypothesis::neighbours;
-use crate::measure::detect::image::ellipse::{Ellipse, half_turn};
-use crate::measure::setup::Shape;
+use crate::detect::accept::options::CONSISTENCY;
+use crate::detect::detection::{Detection, RejectReason};
+use crate::detect::hypothesis::neighbours;
+use crate::detect::image::ellipse::{Ellipse, half_turn};
+use crate::setup::Shape;
 
 /// Turns down a detection whose centre lies well within the outline of another one that is better:
 /// one thing was seen at two levels.

@@ -1,9 +1,9 @@
 //! What all markers of a frame show together: residuals that hang together, as JPEG leaves them about edges.
 
 use super::verdict::Measured;
-use crate::measure::detect::accept::options::CORRELATED;
-use crate::measure::detect::detection::covariance::Source;
-use crate::measure::estimation::robust::median;
+use crate::detect::accept::options::CORRELATED;
+use crate::detect::detection::covariance::Source;
+use crate::estimation::robust::median;
 
 /// By how much a frame's markers show in the median that residuals hang together, beyond chance; at least 1.
 pub fn factor(measured: &[Measured]) -> f64 {

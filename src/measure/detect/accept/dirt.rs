@@ -4,12 +4,12 @@
 use nalgebra::{Matrix4, Vector2, Vector4};
 
 use super::verdict::Measured;
-use crate::measure::detect::accept::options::DIRT;
-use crate::measure::detect::detection::{Detection, covariance::Source};
-use crate::measure::detect::estimate::scale::robust_sigma;
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::raster::Raster;
-use crate::measure::setup::Shape;
+use crate::detect::accept::options::DIRT;
+use crate::detect::detection::{Detection, covariance::Source};
+use crate::detect::estimate::scale::robust_sigma;
+use crate::detect::image::ellipse::Ellipse;
+use crate::raster::Raster;
+use crate::setup::Shape;
 
 /// A pixel of the skin.
 struct Spot {

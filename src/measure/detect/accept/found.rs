@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::verdict::Measured;
-use crate::measure::detect::detection::{RejectReason, Rejected};
+use crate::detect::detection::{RejectReason, Rejected};
 
 /// What a search yields, in order of discovery.
 #[derive(Default)]

@@ -4,12 +4,10 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::accept::options::PATTERN;
-use crate::measure::detect::appearance::parameters::{
-    ANGLE, BLUR, LIGHT, Parameters, Pattern, TANGENT, contrast,
-};
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::raster::Raster;
+use crate::detect::accept::options::PATTERN;
+use crate::detect::appearance::parameters::{ANGLE, BLUR, LIGHT, Parameters, Pattern, TANGENT, contrast};
+use crate::detect::image::ellipse::Ellipse;
+use crate::raster::Raster;
 
 /// Whether the black quadrants end at the outline: the corner of a checkerboard's squares goes on.
 pub fn ends_in_arcs(image: &Raster, pattern: Pattern, ellipse: &Ellipse, along: f64, m: &Parameters) -> bool {

@@ -5,18 +5,18 @@ use std::f64::consts::FRAC_PI_2;
 use nalgebra::{Matrix2, Vector2};
 
 use super::pattern::{ends_in_arcs, have_corners};
-use crate::measure::detect::accept::options::VERDICT;
-use crate::measure::detect::appearance::parameters::{
+use crate::detect::accept::options::VERDICT;
+use crate::detect::appearance::parameters::{
     ANGLE, BLUR, DARK, LIGHT, MAJOR, MINOR, Parameters, Pattern, SAG, TAPER, X, Y, contrast,
 };
-use crate::measure::detect::detection::covariance::{Covariance, Source};
-use crate::measure::detect::detection::{Detection, RejectReason};
-use crate::measure::detect::estimate::{gauss_newton::Fit, options::PRIOR};
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::image::ellipse::{Ellipse, half_turn};
-use crate::measure::detect::image::noise;
-use crate::measure::raster::Raster;
-use crate::measure::setup::Shape;
+use crate::detect::detection::covariance::{Covariance, Source};
+use crate::detect::detection::{Detection, RejectReason};
+use crate::detect::estimate::{gauss_newton::Fit, options::PRIOR};
+use crate::detect::hypothesis::Hypothesis;
+use crate::detect::image::ellipse::{Ellipse, half_turn};
+use crate::detect::image::noise;
+use crate::raster::Raster;
+use crate::setup::Shape;
 
 /// Whether residuals, root mean square, are larger than a marker's with the frame's noise and, of a disc, with that about it,
 /// grey levels.

@@ -1,8 +1,8 @@
 //! The blurred share of black of two opposite quadrants, for a batch of pixels.
 
 use super::parameters::{BEND, BLUR, Parameters, Share, TANGENT, UNEVEN_BLUR};
-use crate::measure::detect::simd::functions::{GAUSS_8, PEAK, gauss, normals};
-use crate::measure::detect::simd::lanes::{LANES, Lanes, all, each};
+use crate::detect::simd::functions::{GAUSS_8, PEAK, gauss, normals};
+use crate::detect::simd::lanes::{LANES, Lanes, all, each};
 
 /// Standard deviations of blur from the crossing beyond which its two edges are apart.
 pub const NEAR: f64 = 3.6;

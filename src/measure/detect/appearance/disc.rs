@@ -1,8 +1,8 @@
 //! The blurred share of black of a disc seen as an ellipse, for a batch of pixels.
 
 use super::parameters::{BLUR, MAJOR, MINOR, Parameters, SAG, Share, TAPER};
-use crate::measure::detect::simd::functions::{GAUSS_12, PEAK, asin, gauss, normal, normals, sin_quarter};
-use crate::measure::detect::simd::lanes::{LANES, Lanes, all, each};
+use crate::detect::simd::functions::{GAUSS_12, PEAK, asin, gauss, normal, normals, sin_quarter};
+use crate::detect::simd::lanes::{LANES, Lanes, all, each};
 
 /// Standard deviations of blur within which the end of a flat ellipse needs the sum along it.
 pub const END: f64 = 4.2;

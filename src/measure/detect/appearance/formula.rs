@@ -10,9 +10,9 @@ use super::disc::disc;
 use super::parameters::{
     ANGLE, BLUR, COMMON, DARK, GAMMA, Grey, LIGHT, N, Parameters, Pattern, SHAPE, Share, TAPER, WHITEST, X, Y,
 };
-use crate::measure::detect::simd::batch::Batch;
-use crate::measure::detect::simd::functions::{exp, ln};
-use crate::measure::detect::simd::lanes::{LANES, Lanes, each};
+use crate::detect::simd::batch::Batch;
+use crate::detect::simd::functions::{exp, ln};
+use crate::detect::simd::lanes::{LANES, Lanes, each};
 
 /// Least light over that of white, so that it has a logarithm: 4 % of its grey value under the usual tone curve.
 const DARKEST: f32 = 1e-3;
@@ -175,7 +175,7 @@ impl Slopes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measure::detect::appearance::parameters::{BEND, MAJOR, MINOR, SAG, TANGENT};
+    use crate::detect::appearance::parameters::{BEND, MAJOR, MINOR, SAG, TANGENT};
 
     /// A pixel's column and row.
     type Place = [f64; 2];

@@ -1,6 +1,6 @@
 //! The parameters of a marker's image, their slots, and what a pattern says at a batch of pixels.
 
-use crate::measure::detect::simd::lanes::{Lanes, each};
+use crate::detect::simd::lanes::{Lanes, each};
 
 /// Parameters of all markers' images.
 pub const COMMON: usize = 16;

@@ -14,9 +14,9 @@ use super::parameters::{
     ANGLE, ASIDE, BEND, BLUR, CHORD, COMMON, GAMMA, Grey, LENGTH, N, OutlineGradient, Pattern, SHEAR, SKIN,
     TANGENT, WHITEST, X, Y,
 };
-use crate::measure::detect::simd::functions::{PEAK, asin, exp, normals};
-use crate::measure::detect::simd::lanes::{LANES, Lanes, each};
-use crate::measure::detect::simd::{batch::Batch, dispatch::wide};
+use crate::detect::simd::functions::{PEAK, asin, exp, normals};
+use crate::detect::simd::lanes::{LANES, Lanes, each};
+use crate::detect::simd::{batch::Batch, dispatch::wide};
 
 /// Chords about a pixel. With the step they reach 3.9 blurs to both sides, where 0.01 % is left.
 const CHORDS: i32 = 12;
@@ -280,7 +280,7 @@ fn grey_by(model: &Model, batch: &Batch, out: &mut Grey) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measure::detect::appearance::parameters::{DARK, LIGHT, Parameters, UNEVEN_BLUR};
+    use crate::detect::appearance::parameters::{DARK, LIGHT, Parameters, UNEVEN_BLUR};
 
     fn narrow() -> Parameters {
         let mut m = [0.0; N];

@@ -2,12 +2,12 @@
 
 use super::ladder::Ladder;
 use super::whole::looks_cut;
-use crate::measure::detect::accept::verdict::Answer;
-use crate::measure::detect::attempt::options::WHOLE;
-use crate::measure::detect::detection::{Detection, RejectReason};
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::propose::moments;
+use crate::detect::accept::verdict::Answer;
+use crate::detect::attempt::options::WHOLE;
+use crate::detect::detection::{Detection, RejectReason};
+use crate::detect::hypothesis::Hypothesis;
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::propose::moments;
 
 impl Ladder<'_> {
     /// What a blob measures that looks like a whole disc; `None` for others.

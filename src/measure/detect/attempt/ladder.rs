@@ -4,18 +4,18 @@ use std::cell::{OnceCell, RefCell};
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::accept::verdict::{Answer, Measured};
-use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::attempt::measure::{Bounds, measure, turn_down_at_once};
-use crate::measure::detect::attempt::whole;
-use crate::measure::detect::detection::RejectReason;
-use crate::measure::detect::hypothesis::{Hypothesis, prior::Prior};
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::occlusion::{decal, decal::ROWS, glare};
-use crate::measure::detect::propose::blurred_quadrants::against_skin;
-use crate::measure::detect::propose::{glare_cut, partial_ellipse, quadrant_outline};
-use crate::measure::detect::segment::blob::Blob;
-use crate::measure::raster::Raster;
+use crate::detect::accept::verdict::{Answer, Measured};
+use crate::detect::appearance::parameters::Pattern;
+use crate::detect::attempt::measure::{Bounds, measure, turn_down_at_once};
+use crate::detect::attempt::whole;
+use crate::detect::detection::RejectReason;
+use crate::detect::hypothesis::{Hypothesis, prior::Prior};
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::occlusion::{decal, decal::ROWS, glare};
+use crate::detect::propose::blurred_quadrants::against_skin;
+use crate::detect::propose::{glare_cut, partial_ellipse, quadrant_outline};
+use crate::detect::segment::blob::Blob;
+use crate::raster::Raster;
 
 /// When a rung is tried.
 #[derive(Clone, Copy)]

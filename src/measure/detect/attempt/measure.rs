@@ -2,28 +2,28 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::measure::detect::accept::verdict::{Answer, Measured, fits_poorly, judge};
-use crate::measure::detect::accept::{better::is_better, options::VERDICT};
-use crate::measure::detect::appearance::parameters::{
+use crate::detect::accept::verdict::{Answer, Measured, fits_poorly, judge};
+use crate::detect::accept::{better::is_better, options::VERDICT};
+use crate::detect::appearance::parameters::{
     ANGLE, BLUR, DARK, GAMMA, LIGHT, MAJOR, MINOR, N, Parameters, Pattern, SAG, TANGENT, X, Y, contrast,
 };
-use crate::measure::detect::attempt::options::MEASURE;
-use crate::measure::detect::detection::{RejectReason, covariance::Source};
-use crate::measure::detect::estimate::gauss_newton::{Fit, fit, rough};
-use crate::measure::detect::estimate::options::{PRIOR, WEIGHT};
-use crate::measure::detect::estimate::prior::{darkness_leaving, few_unknowns, unknowns, without_fine_light};
-use crate::measure::detect::estimate::terms::{glare_spline, veiling_glare};
-use crate::measure::detect::estimate::{lack_of_fit, outlined_quadrants};
-use crate::measure::detect::hypothesis::{EdgePair, Hypothesis};
-use crate::measure::detect::image::{ellipse::Ellipse, histogram::Histogram};
-use crate::measure::detect::occlusion::region::{Band, Region};
-use crate::measure::detect::occlusion::{glare, paint, seam};
-use crate::measure::detect::propose::quadrant_outline::{outlined, with_outline};
-use crate::measure::detect::propose::reduced::Reduced;
-use crate::measure::detect::sample::pixels::Pixels;
-use crate::measure::detect::sample::select::{ALL, EVERY, FEW, Look, Masked, Wanted, pixels};
-use crate::measure::detect::segment::blob::Blob;
-use crate::measure::raster::Raster;
+use crate::detect::attempt::options::MEASURE;
+use crate::detect::detection::{RejectReason, covariance::Source};
+use crate::detect::estimate::gauss_newton::{Fit, fit, rough};
+use crate::detect::estimate::options::{PRIOR, WEIGHT};
+use crate::detect::estimate::prior::{darkness_leaving, few_unknowns, unknowns, without_fine_light};
+use crate::detect::estimate::terms::{glare_spline, veiling_glare};
+use crate::detect::estimate::{lack_of_fit, outlined_quadrants};
+use crate::detect::hypothesis::{EdgePair, Hypothesis};
+use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
+use crate::detect::occlusion::region::{Band, Region};
+use crate::detect::occlusion::{glare, paint, seam};
+use crate::detect::propose::quadrant_outline::{outlined, with_outline};
+use crate::detect::propose::reduced::Reduced;
+use crate::detect::sample::pixels::Pixels;
+use crate::detect::sample::select::{ALL, EVERY, FEW, Look, Masked, Wanted, pixels};
+use crate::detect::segment::blob::Blob;
+use crate::raster::Raster;
 
 /// What a frame's markers can be like.
 #[derive(Clone, Copy)]

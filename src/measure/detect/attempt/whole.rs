@@ -1,11 +1,11 @@
 //! Whether a blob looks like a whole disc.
 
-use crate::measure::detect::attempt::options::WHOLE;
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::image::{ellipse::Ellipse, histogram::Histogram};
-use crate::measure::detect::propose::moments;
-use crate::measure::detect::segment::blob::{self, Blob};
-use crate::measure::raster::Raster;
+use crate::detect::attempt::options::WHOLE;
+use crate::detect::hypothesis::Hypothesis;
+use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
+use crate::detect::propose::moments;
+use crate::detect::segment::blob::{self, Blob};
+use crate::raster::Raster;
 
 /// Whether a blob is too square for a whole disc of its size.
 pub fn looks_cut(blob: &Blob) -> bool {

@@ -7,8 +7,8 @@ use std::ops::Range;
 use nalgebra::Vector2;
 
 use self::covariance::{Covariance, Source};
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::setup::Shape;
+use crate::detect::image::ellipse::Ellipse;
+use crate::setup::Shape;
 
 /// A marker found in a picture.
 #[derive(Clone, Debug, PartialEq)]

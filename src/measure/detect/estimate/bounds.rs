@@ -1,12 +1,12 @@
 //! What the parameters of a marker's image can be at all, and by how much one step may change them.
 
-use crate::measure::detect::appearance::parameters::{
+use crate::detect::appearance::parameters::{
     ANGLE, BLUR, CHORD, DARK, GAMMA, Geometry, LENGTH, LIGHT, MAJOR, MINOR, Parameters, Pattern, SHEAR,
     TANGENT, UNEVEN_BLUR, X, Y,
 };
-use crate::measure::detect::estimate::normal_equations::Column;
-use crate::measure::detect::numbers::TINY;
-use crate::measure::detect::sample::pixels::Pixels;
+use crate::detect::estimate::normal_equations::Column;
+use crate::detect::numbers::TINY;
+use crate::detect::sample::pixels::Pixels;
 
 numbers! {
     /// Beyond these a fit has lost its marker. Chosen, all of them, far from what markers show.

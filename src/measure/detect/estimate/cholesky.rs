@@ -1,7 +1,7 @@
 //! Normal equations solved for those parameters that are sought.
 
 use super::normal_equations::{Column, LEAST_WEIGHT, Square};
-use crate::measure::detect::appearance::parameters::N;
+use crate::detect::appearance::parameters::N;
 
 /// Cholesky's factor of the normal equations of some of the parameters.
 pub struct Factor {

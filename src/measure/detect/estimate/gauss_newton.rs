@@ -6,9 +6,9 @@ use super::bounds::{is_plausible, limit};
 use super::cholesky::Factor;
 use super::normal_equations::{Column, Images, Square, Step, linearise};
 use super::prior::Unknowns;
-use crate::measure::detect::appearance::parameters::{LENGTH, MAJOR, N, Parameters, Pattern, X, Y, contrast};
-use crate::measure::detect::estimate::options::{ITERATION, WEIGHT};
-use crate::measure::detect::sample::pixels::Pixels;
+use crate::detect::appearance::parameters::{LENGTH, MAJOR, N, Parameters, Pattern, X, Y, contrast};
+use crate::detect::estimate::options::{ITERATION, WEIGHT};
+use crate::detect::sample::pixels::Pixels;
 
 /// A converged fit.
 #[derive(Clone, Debug)]

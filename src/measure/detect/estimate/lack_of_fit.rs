@@ -7,9 +7,9 @@ use nalgebra::Vector2;
 use super::gauss_newton::Fit;
 use super::prior::Unknowns;
 use super::residuals::analyse;
-use crate::measure::detect::appearance::parameters::{X, Y};
-use crate::measure::detect::estimate::{options::LACK_OF_FIT, terms::light_field::fit_light_field};
-use crate::measure::detect::sample::pixels::Pixels;
+use crate::detect::appearance::parameters::{X, Y};
+use crate::detect::estimate::{options::LACK_OF_FIT, terms::light_field::fit_light_field};
+use crate::detect::sample::pixels::Pixels;
 
 /// The fit as it is, with the covariance that its residuals deserve; or a better one. What is left of
 /// a marker that is not `whole` could not bear more unknowns.

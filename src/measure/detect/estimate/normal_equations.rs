@@ -4,15 +4,15 @@ use nalgebra::{SMatrix, SVector};
 
 use super::prior::Unknowns;
 use super::scale::Sizes;
-use crate::measure::detect::appearance::formula::{Model, grey};
-use crate::measure::detect::appearance::parameters::{Grey, N, Parameters, X, Y};
-use crate::measure::detect::appearance::quadrants;
-use crate::measure::detect::estimate::options::{ITERATION, WEIGHT};
-use crate::measure::detect::hypothesis::prior::Estimate;
-use crate::measure::detect::numbers::TINY;
-use crate::measure::detect::sample::pixels::Pixels;
-use crate::measure::detect::simd::dispatch::wide;
-use crate::measure::detect::simd::lanes::{LANES, Lanes, each, total};
+use crate::detect::appearance::formula::{Model, grey};
+use crate::detect::appearance::parameters::{Grey, N, Parameters, X, Y};
+use crate::detect::appearance::quadrants;
+use crate::detect::estimate::options::{ITERATION, WEIGHT};
+use crate::detect::hypothesis::prior::Estimate;
+use crate::detect::numbers::TINY;
+use crate::detect::sample::pixels::Pixels;
+use crate::detect::simd::dispatch::wide;
+use crate::detect::simd::lanes::{LANES, Lanes, each, total};
 
 pub type Square = SMatrix<f64, N, N>;
 
@@ -296,9 +296,9 @@ pub fn biweights(r: &Lanes, by_x: &Lanes, by_y: &Lanes, scale: f64) -> Lanes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measure::detect::appearance::parameters::Pattern;
-    use crate::measure::detect::sample::pixels::{Kind, Sorter};
-    use crate::measure::detect::simd::batch::Batch;
+    use crate::detect::appearance::parameters::Pattern;
+    use crate::detect::sample::pixels::{Kind, Sorter};
+    use crate::detect::simd::batch::Batch;
 
     #[test]
     fn every_processor_gives_the_same_bits() {

@@ -1,6 +1,6 @@
 //! Tuned numbers of the fit: meaning, unit, origin.
 
-use crate::measure::detect::hypothesis::prior::Estimate;
+use crate::detect::hypothesis::prior::Estimate;
 
 numbers! {
     /// When an iteration is given up or ended: bounds on time, which change answers only where a fit does not settle.

@@ -1,22 +1,22 @@
-//! Narrow quadrants, by edges and outline together ([`crate::measure::detect::appearance::quadrants`]), for blur mixes what lies at the one with what
+//! Narrow quadrants, by edges and outline together ([`crate::detect::appearance::quadrants`]), for blur mixes what lies at the one with what
 //! lies at the other.
 
 use nalgebra::{Matrix2, Vector2};
 
 use super::gauss_newton::{Fit, fit, rough};
 use super::prior::Unknowns;
-use crate::measure::detect::appearance::parameters::{
+use crate::detect::appearance::parameters::{
     ANGLE, ASIDE, BEND, BLUR, CHORD, DARK, GAMMA, LENGTH, LIGHT, N, OUTLINE, Parameters, Pattern, SHEAR,
     SKIN, TANGENT, X, Y, contrast,
 };
-use crate::measure::detect::estimate::options::{OUTLINED, PRIOR};
-use crate::measure::detect::hypothesis::{EdgePair, Hypothesis, prior::Estimate};
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::scanline::{EllipseFrame, columns, row_of};
-use crate::measure::detect::numbers::TINY;
-use crate::measure::detect::sample::pixels::{Kind, Pixels, Sorter};
-use crate::measure::detect::simd::batch::Batch;
-use crate::measure::raster::Raster;
+use crate::detect::estimate::options::{OUTLINED, PRIOR};
+use crate::detect::hypothesis::{EdgePair, Hypothesis, prior::Estimate};
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::image::scanline::{EllipseFrame, columns, row_of};
+use crate::detect::numbers::TINY;
+use crate::detect::sample::pixels::{Kind, Pixels, Sorter};
+use crate::detect::simd::batch::Batch;
+use crate::raster::Raster;
 
 /// A hypothesis's first parameters: its geometry, with grey levels and blur of `m`, and the skin's grey level.
 pub fn start(hypothesis: &Hypothesis, m: &Parameters, skin: f64) -> Option<Parameters> {

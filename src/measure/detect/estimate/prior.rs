@@ -1,10 +1,10 @@
 //! Which of the image model's parameters are sought of a marker, and what is known of them beforehand.
 
-use crate::measure::detect::appearance::parameters::{
+use crate::detect::appearance::parameters::{
     ANGLE, BEND, BLUR, DARK, GAMMA, LIGHT, MAJOR, MINOR, N, OUTLINE, Pattern, SAG, TAPER, UNEVEN_BLUR,
 };
-use crate::measure::detect::estimate::options::PRIOR;
-use crate::measure::detect::hypothesis::{Hypothesis, prior::Estimate};
+use crate::detect::estimate::options::PRIOR;
+use crate::detect::hypothesis::{Hypothesis, prior::Estimate};
 
 /// What is sought, and what is known of it beforehand.
 #[derive(Clone, Debug)]

@@ -5,10 +5,10 @@ use nalgebra::Matrix2;
 use super::gauss_newton::Fit;
 use super::normal_equations::biweights;
 use super::sandwich::{Blocks, SECTORS, sectors};
-use crate::measure::detect::appearance::parameters::{N, X, Y};
-use crate::measure::detect::sample::pixels::Pixels;
-use crate::measure::detect::simd::dispatch::wide;
-use crate::measure::detect::simd::lanes::{Lanes, each};
+use crate::detect::appearance::parameters::{N, X, Y};
+use crate::detect::sample::pixels::Pixels;
+use crate::detect::simd::dispatch::wide;
+use crate::detect::simd::lanes::{Lanes, each};
 
 /// What a fit's residuals show.
 pub struct ResidualAnalysis {

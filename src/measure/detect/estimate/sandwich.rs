@@ -2,12 +2,12 @@
 
 use nalgebra::{Cholesky, Matrix2};
 
-use crate::measure::detect::appearance::parameters::{Parameters, X, Y};
-use crate::measure::detect::detection::covariance::at_least;
-use crate::measure::detect::estimate::options::WEIGHT;
-use crate::measure::detect::sample::pixels::Pixels;
-use crate::measure::detect::simd::batch::Batch;
-use crate::measure::detect::simd::lanes::{Lanes, each};
+use crate::detect::appearance::parameters::{Parameters, X, Y};
+use crate::detect::detection::covariance::at_least;
+use crate::detect::estimate::options::WEIGHT;
+use crate::detect::sample::pixels::Pixels;
+use crate::detect::simd::batch::Batch;
+use crate::detect::simd::lanes::{Lanes, each};
 
 /// Markers reach this far, in semi-axes, for sectors and fields of light.
 pub const REACH: f64 = 1.1;

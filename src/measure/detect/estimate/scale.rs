@@ -1,8 +1,8 @@
 //! The scale of residuals: their robust standard deviation.
 
-use crate::measure::detect::estimate::options::WEIGHT;
-use crate::measure::detect::simd::lanes::{Lanes, each, total};
-use crate::measure::estimation::robust::SIGMA_OVER_MEDIAN;
+use crate::detect::estimate::options::WEIGHT;
+use crate::detect::simd::lanes::{Lanes, each, total};
+use crate::estimation::robust::SIGMA_OVER_MEDIAN;
 
 /// The sizes of residuals.
 pub struct Sizes {
@@ -65,7 +65,7 @@ pub fn robust_sigma(residuals: &mut [f32]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measure::detect::simd::lanes::LANES;
+    use crate::detect::simd::lanes::LANES;
 
     #[test]
     fn halving_gives_the_median() {

@@ -6,12 +6,12 @@ pub mod prior;
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::hypothesis::prior::Prior;
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::occlusion::decal::Decal;
-use crate::measure::detect::occlusion::region::{Band, Region};
-use crate::measure::raster::Raster;
+use crate::detect::appearance::parameters::Pattern;
+use crate::detect::hypothesis::prior::Prior;
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::occlusion::decal::Decal;
+use crate::detect::occlusion::region::{Band, Region};
+use crate::raster::Raster;
 
 /// What an attempt starts from.
 #[derive(Clone, Debug, PartialEq)]

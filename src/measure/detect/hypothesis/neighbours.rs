@@ -2,11 +2,11 @@
 
 use nalgebra::{Cholesky, Matrix3, Vector2, Vector3};
 
-use crate::measure::detect::detection::Detection;
-use crate::measure::detect::hypothesis::{options::NEIGHBOURS, prior::Estimate};
-use crate::measure::detect::numbers::TINY;
-use crate::measure::estimation::robust::median;
-use crate::measure::setup::Shape;
+use crate::detect::detection::Detection;
+use crate::detect::hypothesis::{options::NEIGHBOURS, prior::Estimate};
+use crate::detect::numbers::TINY;
+use crate::estimation::robust::median;
+use crate::setup::Shape;
 
 /// The semi-major axis of a disc at a place, px, from the whole ones nearest to it: on a
 /// surface that is about plane, the scale of what lies on it changes linearly over the picture.

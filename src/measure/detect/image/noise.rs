@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use super::ellipse::Ellipse;
-use crate::measure::detect::simd::dispatch::wide;
-use crate::measure::raster::Raster;
+use crate::detect::simd::dispatch::wide;
+use crate::raster::Raster;
 
 /// Noise from which on outlines fray, grey levels: blobs are then sought in the smoothed picture.
 pub const FRAYING: f64 = 3.0;

@@ -4,9 +4,9 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::occlusion::options::DECAL;
-use crate::measure::detect::segment::blob::Blob;
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::occlusion::options::DECAL;
+use crate::detect::segment::blob::Blob;
 
 /// The direction of the picture's rows, in which decals are taken to lie first.
 pub const ROWS: Vector2<f64> = Vector2::new(1.0, 0.0);
@@ -115,8 +115,8 @@ pub fn cut(blob: &Blob, neighbour: &Ellipse) -> Option<Vector2<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measure::detect::segment::blob::dark_parts;
-    use crate::measure::raster::Raster;
+    use crate::detect::segment::blob::dark_parts;
+    use crate::raster::Raster;
 
     /// The direction in which an ellipse seems cut that ends below at a line with a slope.
     fn seen(slope: f64) -> Option<f64> {

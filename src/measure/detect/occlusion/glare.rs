@@ -3,10 +3,10 @@
 use nalgebra::Vector2;
 
 use super::region::Band;
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::occlusion::options::GLARE;
-use crate::measure::estimation::robust::median;
-use crate::measure::raster::Raster;
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::occlusion::options::GLARE;
+use crate::estimation::robust::median;
+use crate::raster::Raster;
 
 /// Whether the skin beyond an end of a disc is saturated: glare may have cut it.
 pub fn ends_in_white(image: &Raster, ellipse: &Ellipse) -> bool {

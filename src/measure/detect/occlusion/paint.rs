@@ -4,10 +4,10 @@
 use nalgebra::Vector2;
 
 use super::region::Band;
-use crate::measure::detect::appearance::parameters::{BLUR, Parameters, contrast, light_at};
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::occlusion::options::PAINT;
-use crate::measure::raster::Raster;
+use crate::detect::appearance::parameters::{BLUR, Parameters, contrast, light_at};
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::occlusion::options::PAINT;
+use crate::raster::Raster;
 
 /// The end that dark paint touches of a disc whose image is known to `m`, as a band of the picture; `scale` is that of the
 /// residuals. `None` where no end is thin, none is touched, or both are: then they move the centre as little as they tell of it.

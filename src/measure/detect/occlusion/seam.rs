@@ -6,13 +6,13 @@ use std::ops::Range;
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use super::region::Band;
-use crate::measure::detect::appearance::parameters::{BLUR, LIGHT, Parameters, WHITEST, light_at};
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::scanline::{self, EllipseFrame};
-use crate::measure::detect::occlusion::options::SEAM;
-use crate::measure::detect::simd::dispatch::wide;
-use crate::measure::detect::simd::lanes::{LANES, Lanes, all, each, total};
-use crate::measure::raster::Raster;
+use crate::detect::appearance::parameters::{BLUR, LIGHT, Parameters, WHITEST, light_at};
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::image::scanline::{self, EllipseFrame};
+use crate::detect::occlusion::options::SEAM;
+use crate::detect::simd::dispatch::wide;
+use crate::detect::simd::lanes::{LANES, Lanes, all, each, total};
+use crate::raster::Raster;
 
 /// A pixel of the ring: place, px, and how much darker it is than the skin, in residual scales.
 struct Spot {

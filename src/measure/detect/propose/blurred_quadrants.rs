@@ -5,14 +5,14 @@ use std::f64::consts::PI;
 use nalgebra::{Matrix2, Vector2};
 
 use super::quadrant_outline::{inside, skin};
-use crate::measure::detect::appearance::parameters::{BLUR, DARK, LIGHT, N, Parameters};
-use crate::measure::detect::estimate::{options::OUTLINED, outlined_quadrants, prior::darkness_leaving};
-use crate::measure::detect::hypothesis::{Hypothesis, prior::Prior};
-use crate::measure::detect::image::{ellipse::Ellipse, histogram::Histogram};
-use crate::measure::detect::propose::{moments, options::BLURRED, quadrant_edges};
-use crate::measure::detect::segment::bitmask::Side;
-use crate::measure::detect::segment::blob::{self, Blob};
-use crate::measure::raster::Raster;
+use crate::detect::appearance::parameters::{BLUR, DARK, LIGHT, N, Parameters};
+use crate::detect::estimate::{options::OUTLINED, outlined_quadrants, prior::darkness_leaving};
+use crate::detect::hypothesis::{Hypothesis, prior::Prior};
+use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
+use crate::detect::propose::{moments, options::BLURRED, quadrant_edges};
+use crate::detect::segment::bitmask::Side;
+use crate::detect::segment::blob::{self, Blob};
+use crate::raster::Raster;
 
 /// Flat quadrants of whose black blur has left only the middle, seen once more by all that is unlike the skin, black and
 /// white; `None` for those that are too thick for the greatest blur, px.

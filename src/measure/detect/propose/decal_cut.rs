@@ -2,16 +2,16 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::hypothesis::prior::{Estimate, SizePrior, Slope};
-use crate::measure::detect::image::{ellipse::Ellipse, histogram::Histogram};
-use crate::measure::detect::numbers::TINY;
-use crate::measure::detect::occlusion::decal::{Decal, ROWS, bounds_of, print_of};
-use crate::measure::detect::occlusion::options::DECAL;
-use crate::measure::detect::propose::options::DECAL_CUT;
-use crate::measure::detect::segment::blob::Blob;
-use crate::measure::raster::Raster;
+use crate::detect::appearance::parameters::Pattern;
+use crate::detect::hypothesis::Hypothesis;
+use crate::detect::hypothesis::prior::{Estimate, SizePrior, Slope};
+use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
+use crate::detect::numbers::TINY;
+use crate::detect::occlusion::decal::{Decal, ROWS, bounds_of, print_of};
+use crate::detect::occlusion::options::DECAL;
+use crate::detect::propose::options::DECAL_CUT;
+use crate::detect::segment::blob::Blob;
+use crate::raster::Raster;
 
 /// An expected disc that the decals of others may hide, which lie in a direction: each with a rim about its print, and where
 /// black ends near it, the last rows or columns of that too, for blur mixes them with the decal. `None` where no decal lies

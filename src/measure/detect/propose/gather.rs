@@ -4,12 +4,12 @@ use std::collections::HashMap;
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::propose::moments;
-use crate::measure::detect::propose::options::{GATHER, MOMENTS};
-use crate::measure::detect::segment::background::{Coarse, DarkRegion, Part};
-use crate::measure::detect::segment::{background, blob, blob::Blob, options::BACKGROUND};
-use crate::measure::raster::Raster;
+use crate::detect::hypothesis::Hypothesis;
+use crate::detect::propose::moments;
+use crate::detect::propose::options::{GATHER, MOMENTS};
+use crate::detect::segment::background::{Coarse, DarkRegion, Part};
+use crate::detect::segment::{background, blob, blob::Blob, options::BACKGROUND};
+use crate::raster::Raster;
 
 /// What a frame's levels have shown so far: blobs, each once, from windows that together hold no more than some frames.
 pub struct Gathered {

@@ -3,13 +3,13 @@
 use nalgebra::Vector2;
 
 use super::partial_ellipse::any_ellipse;
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::occlusion::{glare::occluded, options::GLARE, region::Band};
-use crate::measure::detect::propose::options::GLARE_CUT;
-use crate::measure::detect::segment::blob::Blob;
-use crate::measure::estimation::robust::median;
-use crate::measure::raster::Raster;
+use crate::detect::hypothesis::Hypothesis;
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::occlusion::{glare::occluded, options::GLARE, region::Band};
+use crate::detect::propose::options::GLARE_CUT;
+use crate::detect::segment::blob::Blob;
+use crate::estimation::robust::median;
+use crate::raster::Raster;
 
 /// A point of a blob's rim, px: where, along the blob's axis, and the step across it, grey levels.
 struct ContourPoint {

@@ -5,11 +5,11 @@ use std::sync::LazyLock;
 
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
-use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::hypothesis::{EdgePair, Hypothesis};
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::propose::options::MOMENTS;
-use crate::measure::detect::segment::blob::Blob;
+use crate::detect::appearance::parameters::Pattern;
+use crate::detect::hypothesis::{EdgePair, Hypothesis};
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::propose::options::MOMENTS;
+use crate::detect::segment::blob::Blob;
 
 /// The shape of one blob or of several together, when only moments are asked.
 struct Shape {

@@ -1,6 +1,6 @@
 //! Tuned numbers of proposals: meaning, unit, origin.
 
-use crate::measure::detect::hypothesis::prior::Estimate;
+use crate::detect::hypothesis::prior::Estimate;
 
 numbers! {
     /// Quadrants of whose black blur leaves too little. Chosen on drawn and rendered quadrants; `tests/detect/sweep.rs`

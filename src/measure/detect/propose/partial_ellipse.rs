@@ -2,13 +2,13 @@
 
 use nalgebra::{Cholesky, Matrix2, Matrix3, SMatrix, SVector, SymmetricEigen, Vector2, Vector3};
 
-use crate::measure::detect::hypothesis::{Hypothesis, prior::Prior};
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::numbers::TINY;
-use crate::measure::detect::occlusion::decal::{Decal, bounds_of};
-use crate::measure::detect::occlusion::options::DECAL;
-use crate::measure::detect::propose::options::PARTIAL;
-use crate::measure::detect::segment::blob::Blob;
+use crate::detect::hypothesis::{Hypothesis, prior::Prior};
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::numbers::TINY;
+use crate::detect::occlusion::decal::{Decal, bounds_of};
+use crate::detect::occlusion::options::DECAL;
+use crate::detect::propose::options::PARTIAL;
+use crate::detect::segment::blob::Blob;
 
 type Conic = SVector<f64, 5>;
 

@@ -4,11 +4,11 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::image::{ellipse::Ellipse, scanline::EllipseFrame};
-use crate::measure::detect::occlusion::region::Band;
-use crate::measure::detect::propose::{moments, options::EDGES};
-use crate::measure::raster::Raster;
+use crate::detect::hypothesis::Hypothesis;
+use crate::detect::image::{ellipse::Ellipse, scanline::EllipseFrame};
+use crate::detect::occlusion::region::Band;
+use crate::detect::propose::{moments, options::EDGES};
+use crate::raster::Raster;
 
 /// Directions in a quarter.
 const QUARTER: usize = EDGES.turns / 4;

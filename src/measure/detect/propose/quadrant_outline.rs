@@ -2,15 +2,15 @@
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::appearance::parameters::{BLUR, LIGHT, Parameters, X, Y, contrast};
-use crate::measure::detect::estimate::{options::OUTLINED, outlined_quadrants};
-use crate::measure::detect::hypothesis::{Hypothesis, prior::Estimate};
-use crate::measure::detect::image::scanline::{EllipseFrame, columns, row_of};
-use crate::measure::detect::image::{ellipse::Ellipse, histogram::Histogram};
-use crate::measure::detect::propose::{moments, options::OUTLINE};
-use crate::measure::detect::segment::bitmask::Side;
-use crate::measure::detect::segment::blob::{self, Blob};
-use crate::measure::raster::Raster;
+use crate::detect::appearance::parameters::{BLUR, LIGHT, Parameters, X, Y, contrast};
+use crate::detect::estimate::{options::OUTLINED, outlined_quadrants};
+use crate::detect::hypothesis::{Hypothesis, prior::Estimate};
+use crate::detect::image::scanline::{EllipseFrame, columns, row_of};
+use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
+use crate::detect::propose::{moments, options::OUTLINE};
+use crate::detect::segment::bitmask::Side;
+use crate::detect::segment::blob::{self, Blob};
+use crate::raster::Raster;
 
 /// Quadrants with the outline of what is nearer to black than to white.
 pub fn outlined(image: &Raster, hypothesis: Hypothesis, m: &Parameters) -> Hypothesis {

@@ -2,10 +2,10 @@
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::propose::options::OUTLINE;
-use crate::measure::raster::Raster;
+use crate::detect::hypothesis::Hypothesis;
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::propose::options::OUTLINE;
+use crate::raster::Raster;
 
 /// A picture of a hypothesis, smaller by a whole factor.
 pub struct Reduced {

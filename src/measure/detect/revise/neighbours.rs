@@ -2,20 +2,20 @@
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::accept::{better::is_better, found::Found, verdict::Measured};
-use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::attempt::{ladder::Ladder, whole::looks_cut};
-use crate::measure::detect::detection::{RejectReason, covariance::Source};
-use crate::measure::detect::estimate::prior::darkness_leaving;
-use crate::measure::detect::hypothesis::prior::{EdgePrior, Estimate, SizePrior};
-use crate::measure::detect::hypothesis::{Hypothesis, neighbours};
-use crate::measure::detect::occlusion::region::Band;
-use crate::measure::detect::propose::{gather::Gathered, moments};
-use crate::measure::detect::revise::options::NEIGHBOUR;
-use crate::measure::detect::segment::blob;
-use crate::measure::estimation::robust::median;
-use crate::measure::raster::Raster;
-use crate::measure::setup::Shape;
+use crate::detect::accept::{better::is_better, found::Found, verdict::Measured};
+use crate::detect::appearance::parameters::Pattern;
+use crate::detect::attempt::{ladder::Ladder, whole::looks_cut};
+use crate::detect::detection::{RejectReason, covariance::Source};
+use crate::detect::estimate::prior::darkness_leaving;
+use crate::detect::hypothesis::prior::{EdgePrior, Estimate, SizePrior};
+use crate::detect::hypothesis::{Hypothesis, neighbours};
+use crate::detect::occlusion::region::Band;
+use crate::detect::propose::{gather::Gathered, moments};
+use crate::detect::revise::options::NEIGHBOUR;
+use crate::detect::segment::blob;
+use crate::estimation::robust::median;
+use crate::raster::Raster;
+use crate::setup::Shape;
 
 /// Measures discs that are hidden in part once more, when the whole ones about them have told how
 /// large they are; also those of which too little was seen before. One of quite another size is turned down: something

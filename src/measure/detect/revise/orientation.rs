@@ -5,21 +5,21 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::measure::detect::accept::{better::is_better, options::CONSISTENCY, verdict::Measured};
-use crate::measure::detect::accept::{correlated, dirt};
-use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::attempt::{ladder::Ladder, measure::Bounds};
-use crate::measure::detect::detection::covariance::{Source, mahalanobis};
-use crate::measure::detect::detection::{Detection, Detections, Prediction, by_place};
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::hypothesis::prior::{EdgePrior, Estimate, Prior, SizePrior, Slope};
-use crate::measure::detect::image::ellipse::{Ellipse, half_turn};
-use crate::measure::detect::occlusion::{decal::ROWS, glare, options::GLARE};
-use crate::measure::detect::propose::{decal_cut, quadrant_edges};
-use crate::measure::detect::revise::options::{NEIGHBOUR, ORIENTATION};
-use crate::measure::estimation::robust::median;
-use crate::measure::raster::Raster;
-use crate::measure::setup::Shape;
+use crate::detect::accept::{better::is_better, options::CONSISTENCY, verdict::Measured};
+use crate::detect::accept::{correlated, dirt};
+use crate::detect::appearance::parameters::Pattern;
+use crate::detect::attempt::{ladder::Ladder, measure::Bounds};
+use crate::detect::detection::covariance::{Source, mahalanobis};
+use crate::detect::detection::{Detection, Detections, Prediction, by_place};
+use crate::detect::hypothesis::Hypothesis;
+use crate::detect::hypothesis::prior::{EdgePrior, Estimate, Prior, SizePrior, Slope};
+use crate::detect::image::ellipse::{Ellipse, half_turn};
+use crate::detect::occlusion::{decal::ROWS, glare, options::GLARE};
+use crate::detect::propose::{decal_cut, quadrant_edges};
+use crate::detect::revise::options::{NEIGHBOUR, ORIENTATION};
+use crate::estimation::robust::median;
+use crate::raster::Raster;
+use crate::setup::Shape;
 
 /// A marker that should be in the frame, from its orientation and the markers that are known.
 #[derive(Clone, Debug, PartialEq)]

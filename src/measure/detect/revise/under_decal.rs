@@ -3,17 +3,17 @@
 use nalgebra::Matrix2;
 
 use super::neighbours::{is_as_long, predicted_major};
-use crate::measure::detect::accept::verdict::Measured;
-use crate::measure::detect::accept::{better::explains_better, found::Found, options::VERDICT};
-use crate::measure::detect::attempt::ladder::Ladder;
-use crate::measure::detect::detection::{RejectReason, covariance::Source};
-use crate::measure::detect::hypothesis::{Hypothesis, prior::Estimate};
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::occlusion::decal::{self, ROWS};
-use crate::measure::detect::propose::decal_cut;
-use crate::measure::detect::revise::options::{NEIGHBOUR, UNDER_DECAL};
-use crate::measure::detect::segment::blob::Blob;
-use crate::measure::setup::Shape;
+use crate::detect::accept::verdict::Measured;
+use crate::detect::accept::{better::explains_better, found::Found, options::VERDICT};
+use crate::detect::attempt::ladder::Ladder;
+use crate::detect::detection::{RejectReason, covariance::Source};
+use crate::detect::hypothesis::{Hypothesis, prior::Estimate};
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::occlusion::decal::{self, ROWS};
+use crate::detect::propose::decal_cut;
+use crate::detect::revise::options::{NEIGHBOUR, UNDER_DECAL};
+use crate::detect::segment::blob::Blob;
+use crate::setup::Shape;
 
 /// What is known of a disc that a blob may show a part of.
 struct Part<'a> {

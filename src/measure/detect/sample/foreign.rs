@@ -1,12 +1,12 @@
 //! Pixels that a fit leaves out: near other dark things.
 
 use super::bands::Bands;
-use crate::measure::detect::appearance::parameters::{BLUR, LIGHT, Parameters, light_at};
-use crate::measure::detect::hypothesis::Hypothesis;
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::scanline::{EllipseFrame, PixelBox, Ring};
-use crate::measure::detect::segment::blob::Blob;
-use crate::measure::raster::Raster;
+use crate::detect::appearance::parameters::{BLUR, LIGHT, Parameters, light_at};
+use crate::detect::hypothesis::Hypothesis;
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::image::scanline::{EllipseFrame, PixelBox, Ring};
+use crate::detect::segment::blob::Blob;
+use crate::raster::Raster;
 
 /// How far what is near another blob is not used either, px: the blur is not known yet.
 const MARGIN: usize = 3;

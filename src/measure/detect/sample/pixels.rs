@@ -1,8 +1,8 @@
 //! The pixels of a fit, in batches, sorted by what their share of black takes.
 
-use crate::measure::detect::appearance::parameters::Pattern;
-use crate::measure::detect::simd::batch::Batch;
-use crate::measure::detect::simd::lanes::{LANES, each, total};
+use crate::detect::appearance::parameters::Pattern;
+use crate::detect::simd::batch::Batch;
+use crate::detect::simd::lanes::{LANES, each, total};
 
 /// The pixels of a fit.
 pub struct Pixels {

@@ -10,12 +10,12 @@ use super::bands::{Bands, FADE, blur_within};
 use super::foreign::{darker, foreign};
 use super::pixels::Pixels;
 use super::weight::{Edges, Ruler, Taker};
-use crate::measure::detect::appearance::parameters::Parameters;
-use crate::measure::detect::hypothesis::{EdgePair, Hypothesis};
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::scanline::{EllipseFrame, Line, PixelBox, Ring, Rows, columns, row_of};
-use crate::measure::detect::segment::{bitmask::WORD, blob::Blob};
-use crate::measure::raster::Raster;
+use crate::detect::appearance::parameters::Parameters;
+use crate::detect::hypothesis::{EdgePair, Hypothesis};
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::image::scanline::{EllipseFrame, Line, PixelBox, Ring, Rows, columns, row_of};
+use crate::detect::segment::{bitmask::WORD, blob::Blob};
+use crate::raster::Raster;
 
 /// About how many pixels are wanted: at the edges, where they tell the place, and beside them, where
 /// they only tell the levels.

@@ -4,12 +4,12 @@ use nalgebra::Vector2;
 
 use super::bands::{Bands, fade};
 use super::pixels::{Kind, Pixels, Sorter};
-use crate::measure::detect::appearance::disc::{END, beyond, from_ellipse};
-use crate::measure::detect::appearance::{crossing::NEAR, parameters::Pattern};
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::image::scanline::{EllipseFrame, Line};
-use crate::measure::detect::simd::lanes::{LANES, Lanes, each};
-use crate::measure::detect::simd::{batch::Batch, dispatch::wide};
+use crate::detect::appearance::disc::{END, beyond, from_ellipse};
+use crate::detect::appearance::{crossing::NEAR, parameters::Pattern};
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::image::scanline::{EllipseFrame, Line};
+use crate::detect::simd::lanes::{LANES, Lanes, each};
+use crate::detect::simd::{batch::Batch, dispatch::wide};
 
 /// How far ends and crossing may move before pixels are of another kind than they were sorted by, px.
 const MOVE: f32 = 0.2;

@@ -5,9 +5,9 @@ use std::ops::Range;
 use nalgebra::Vector2;
 
 use super::components::Run;
-use crate::measure::detect::segment::{components, options::BACKGROUND};
-use crate::measure::detect::simd::dispatch::wide;
-use crate::measure::raster::Raster;
+use crate::detect::segment::{components, options::BACKGROUND};
+use crate::detect::simd::dispatch::wide;
+use crate::raster::Raster;
 
 /// How many levels a frame is searched at.
 const USUAL: usize = BACKGROUND.usual;

@@ -1,6 +1,6 @@
 //! The pixels of a row that pass a test, a bit each.
 
-use crate::measure::detect::simd::dispatch::wide;
+use crate::detect::simd::dispatch::wide;
 
 /// Pixels of a row in one word, a bit each, the first lowest.
 pub const WORD: usize = u64::BITS as usize;

@@ -5,11 +5,11 @@ use nalgebra::{Matrix2, Vector2};
 use super::background::{Coarse, DarkRegion};
 use super::bitmask::{Side, WORD, mark_below, mark_side};
 use super::components::Run;
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::numbers::TINY;
-use crate::measure::detect::segment::{components, options::BLOB};
-use crate::measure::detect::simd::dispatch::wide;
-use crate::measure::raster::Raster;
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::numbers::TINY;
+use crate::detect::segment::{components, options::BLOB};
+use crate::detect::simd::dispatch::wide;
+use crate::raster::Raster;
 
 /// A connected set of full-resolution pixels darker than half way to the background.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,16 +2,16 @@
 
 use nalgebra::DVector;
 
-use crate::measure::adjust::flight::frames::{FEWEST, Flight};
-use crate::measure::adjust::flight::setting::Setting;
-use crate::measure::adjust::flight::shape::SharedShape;
-use crate::measure::adjust::flight::solving::Solved;
-use crate::measure::adjust::flight::usage::Removed;
-use crate::measure::adjust::layout::Layout;
-use crate::measure::adjust::snooping::{self, Removable, Suspect};
-use crate::measure::adjust::{AdjustError, GlobalTest};
-use crate::measure::estimation::quality::{self, chi_square_limit};
-use crate::measure::estimation::{Course, Known, Problem};
+use crate::adjust::flight::frames::{FEWEST, Flight};
+use crate::adjust::flight::setting::Setting;
+use crate::adjust::flight::shape::SharedShape;
+use crate::adjust::flight::solving::Solved;
+use crate::adjust::flight::usage::Removed;
+use crate::adjust::layout::Layout;
+use crate::adjust::snooping::{self, Removable, Suspect};
+use crate::adjust::{AdjustError, GlobalTest};
+use crate::estimation::quality::{self, chi_square_limit};
+use crate::estimation::{Course, Known, Problem};
 
 /// What a jolt must gain, and what a marker that is left out must: quantiles of their chi-squares at this level.
 pub const JOLT_ALPHA: f64 = 1e-6;

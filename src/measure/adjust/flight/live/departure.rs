@@ -1,8 +1,8 @@
 //! How far a frame's shape leaves the one that frames share, learnt as they come.
 
-use crate::measure::adjust::flight::assumed::DEPARTURE;
-use crate::measure::adjust::flight::solving::Solved;
-use crate::measure::adjust::flight::tuning::{Shown, bounded_departure};
+use crate::adjust::flight::assumed::DEPARTURE;
+use crate::adjust::flight::solving::Solved;
+use crate::adjust::flight::tuning::{Shown, bounded_departure};
 
 /// The departure from the shared shape is learnt from this time's frames, s.
 const DEPARTURE_MEMORY_S: f64 = 600.0;

@@ -3,11 +3,11 @@
 use super::attempt::Model;
 use super::departure::Departure;
 use super::state::State;
-use crate::measure::adjust::flight::dressing::dressed;
-use crate::measure::adjust::flight::frames::Flight;
-use crate::measure::adjust::flight::solving::Solved;
-use crate::measure::adjust::snooping::Target;
-use crate::measure::adjust::{AdjustError, GlobalTest, Solution};
+use crate::adjust::flight::dressing::dressed;
+use crate::adjust::flight::frames::Flight;
+use crate::adjust::flight::solving::Solved;
+use crate::adjust::snooping::Target;
+use crate::adjust::{AdjustError, GlobalTest, Solution};
 
 /// A gust that bends the wing by this, 1/m, as much as the usual flight does, may change the shape as much as burning
 /// fuel: lift and the weights' inertia answer it in their own times and places.

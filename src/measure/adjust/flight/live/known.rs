@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::measure::adjust::AdjustError;
-use crate::measure::estimation::Known;
+use crate::adjust::AdjustError;
+use crate::estimation::Known;
 
 /// Adds noise of a covariance to some unknowns (Woodbury's identity).
 pub fn walk(known: &mut Known, columns: &[usize], noise: DMatrix<f64>) -> Result<(), AdjustError> {

@@ -5,12 +5,12 @@ use nalgebra::{DMatrix, DVector};
 use super::attempt::{Attempt, JOLT_ALPHA, Model};
 use super::departure::Departure;
 use super::known::{fade, forget, walk};
-use crate::measure::adjust::AdjustError;
-use crate::measure::adjust::flight::frames::Flight;
-use crate::measure::adjust::shapes::burning_covariance;
-use crate::measure::adjust::terms::rotation_of_mounting;
-use crate::measure::estimation::Known;
-use crate::measure::estimation::quality::chi_square_limit;
+use crate::adjust::AdjustError;
+use crate::adjust::flight::frames::Flight;
+use crate::adjust::shapes::burning_covariance;
+use crate::adjust::terms::rotation_of_mounting;
+use crate::estimation::Known;
+use crate::estimation::quality::chi_square_limit;
 
 /// `mount_drift_rad` is stated between two shots of a series, which are minutes apart: the mounting walks by it in this
 /// time, s, and leaves its walk by it in any frame.

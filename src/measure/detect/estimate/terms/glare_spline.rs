@@ -1,11 +1,11 @@
 //! Light that the skin mirrors over a disc, as a spline along it, and what skin and black alone tell of it.
 
-use crate::measure::detect::appearance::parameters::{BLUR, DARK, GAMMA, Parameters, light_at};
-use crate::measure::detect::estimate::options::TERM;
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::numbers::TINY;
-use crate::measure::detect::sample::pixels::Pixels;
-use crate::measure::detect::simd::batch::Batch;
+use crate::detect::appearance::parameters::{BLUR, DARK, GAMMA, Parameters, light_at};
+use crate::detect::estimate::options::TERM;
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::numbers::TINY;
+use crate::detect::sample::pixels::Pixels;
+use crate::detect::simd::batch::Batch;
 
 /// Mirrored light over the skin's own: a cubic spline.
 pub struct Glare {

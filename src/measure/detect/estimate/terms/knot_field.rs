@@ -5,16 +5,16 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2};
 
-use crate::measure::detect::appearance::formula::Model;
-use crate::measure::detect::appearance::parameters::{COMMON, Parameters, X, Y};
-use crate::measure::detect::estimate::normal_equations::{Block, LEAST_WEIGHT, Products, Square};
-use crate::measure::detect::estimate::{gauss_newton::Fit, sandwich::Blocks};
-use crate::measure::detect::hypothesis::prior::Estimate;
-use crate::measure::detect::numbers::TINY;
-use crate::measure::detect::sample::pixels::Pixels;
-use crate::measure::detect::simd::batch::{Batch, append};
-use crate::measure::detect::simd::dispatch::wide;
-use crate::measure::detect::simd::lanes::{Lanes, each, total};
+use crate::detect::appearance::formula::Model;
+use crate::detect::appearance::parameters::{COMMON, Parameters, X, Y};
+use crate::detect::estimate::normal_equations::{Block, LEAST_WEIGHT, Products, Square};
+use crate::detect::estimate::{gauss_newton::Fit, sandwich::Blocks};
+use crate::detect::hypothesis::prior::Estimate;
+use crate::detect::numbers::TINY;
+use crate::detect::sample::pixels::Pixels;
+use crate::detect::simd::batch::{Batch, append};
+use crate::detect::simd::dispatch::wide;
+use crate::detect::simd::lanes::{Lanes, each, total};
 
 /// Pixels between the same knots.
 pub struct Cell<const ABOUT: usize> {

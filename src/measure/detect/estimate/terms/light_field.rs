@@ -9,20 +9,18 @@
 use nalgebra::{Cholesky, DVector};
 
 use super::knot_field::{self, Cell, Centre, Over, Rows, Step, Term};
-use crate::measure::detect::appearance::formula::{Model, Slopes, Tone};
-use crate::measure::detect::appearance::parameters::{
-    BLUR, GAMMA, LIGHT, N, Parameters, Pattern, WHITEST, X, Y,
-};
-use crate::measure::detect::estimate::options::{ITERATION, TERM};
-use crate::measure::detect::estimate::prior::Unknowns;
-use crate::measure::detect::estimate::sandwich::{Blocks, REACH};
-use crate::measure::detect::estimate::{bounds::is_sharp, gauss_newton::Fit, residuals::ResidualAnalysis};
-use crate::measure::detect::estimate::{normal_equations::biweights, scale::robust_sigma};
-use crate::measure::detect::hypothesis::prior::Estimate;
-use crate::measure::detect::numbers::TINY;
-use crate::measure::detect::sample::pixels::Pixels;
-use crate::measure::detect::simd::batch::Batch;
-use crate::measure::detect::simd::lanes::{LANES, each};
+use crate::detect::appearance::formula::{Model, Slopes, Tone};
+use crate::detect::appearance::parameters::{BLUR, GAMMA, LIGHT, N, Parameters, Pattern, WHITEST, X, Y};
+use crate::detect::estimate::options::{ITERATION, TERM};
+use crate::detect::estimate::prior::Unknowns;
+use crate::detect::estimate::sandwich::{Blocks, REACH};
+use crate::detect::estimate::{bounds::is_sharp, gauss_newton::Fit, residuals::ResidualAnalysis};
+use crate::detect::estimate::{normal_equations::biweights, scale::robust_sigma};
+use crate::detect::hypothesis::prior::Estimate;
+use crate::detect::numbers::TINY;
+use crate::detect::sample::pixels::Pixels;
+use crate::detect::simd::batch::Batch;
+use crate::detect::simd::lanes::{LANES, each};
 
 /// Knots of the field of light along the marker. Chosen: a shadow's edge is some tenths of a marker wide;
 /// `tests/detect/bad_light.rs`.

@@ -10,18 +10,18 @@ use nalgebra::{Cholesky, DVector};
 
 use super::glare_spline::{Glare, place, seen, spline};
 use super::knot_field::{self, Cell, Centre, Over, Rows, Step, Term};
-use crate::measure::detect::appearance::formula::{Model, Slopes, Tone};
-use crate::measure::detect::appearance::parameters::{COMMON, GAMMA, MAJOR, Parameters, Pattern, X, Y};
-use crate::measure::detect::estimate::bounds::{has_shape, is_sharp};
-use crate::measure::detect::estimate::options::{ITERATION, TERM};
-use crate::measure::detect::estimate::{gauss_newton::Fit, prior::Unknowns, sandwich::Blocks};
-use crate::measure::detect::estimate::{normal_equations::biweights, scale::robust_sigma};
-use crate::measure::detect::hypothesis::prior::Estimate;
-use crate::measure::detect::image::ellipse::Ellipse;
-use crate::measure::detect::numbers::TINY;
-use crate::measure::detect::sample::pixels::Pixels;
-use crate::measure::detect::simd::batch::Batch;
-use crate::measure::detect::simd::lanes::{LANES, each};
+use crate::detect::appearance::formula::{Model, Slopes, Tone};
+use crate::detect::appearance::parameters::{COMMON, GAMMA, MAJOR, Parameters, Pattern, X, Y};
+use crate::detect::estimate::bounds::{has_shape, is_sharp};
+use crate::detect::estimate::options::{ITERATION, TERM};
+use crate::detect::estimate::{gauss_newton::Fit, prior::Unknowns, sandwich::Blocks};
+use crate::detect::estimate::{normal_equations::biweights, scale::robust_sigma};
+use crate::detect::hypothesis::prior::Estimate;
+use crate::detect::image::ellipse::Ellipse;
+use crate::detect::numbers::TINY;
+use crate::detect::sample::pixels::Pixels;
+use crate::detect::simd::batch::Batch;
+use crate::detect::simd::lanes::{LANES, each};
 
 /// Knots about a pixel: a cubic spline's.
 const ABOUT: usize = 4;
@@ -203,11 +203,11 @@ impl Term<ABOUT> for State<'_> {
 
 #[cfg(test)]
 mod tests {
-    use crate::measure::detect::simd::lanes::Lanes;
+    use crate::detect::simd::lanes::Lanes;
     use nalgebra::Vector2;
 
     use super::*;
-    use crate::measure::detect::appearance::parameters::{BLUR, DARK, LIGHT, MINOR};
+    use crate::detect::appearance::parameters::{BLUR, DARK, LIGHT, MINOR};
 
     #[test]
     fn derivatives_match_differences() {

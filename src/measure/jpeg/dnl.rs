@@ -1,7 +1,7 @@
 //! A JPEG whose number of lines stands behind its first scan, in a DNL marker (ITU-T T.81, B.2.5): line cameras and scanners
 //! begin a picture without knowing its height.
 
-use super::DecodeError;
+use super::JpegFault;
 
 /// Markers.
 const SCAN: u8 = 0xda;
@@ -14,7 +14,7 @@ const SEGMENT: usize = 6;
 ///
 /// # Errors
 /// Where the marker's height is none, or another than the header's.
-pub fn resolved(bytes: &[u8]) -> Option<Result<Vec<u8>, DecodeError>> {
+pub fn resolved(bytes: &[u8]) -> Option<Result<Vec<u8>, JpegFault>> {
     let (height_at, scan) = frame_and_scan(bytes)?;
     let at = first_marker(bytes, scan)?;
     let &[0xff, LINES, 0, 4, high, low] = bytes.get(at..at + SEGMENT)? else { return None };
@@ -23,7 +23,7 @@ pub fn resolved(bytes: &[u8]) -> Option<Result<Vec<u8>, DecodeError>> {
         let number = |two: &[u8]| two.iter().fold(0, |sum, b| 256 * sum + u32::from(*b));
         let (header, marker) = (number(own), number(&[high, low]));
         let what = format!("its header says {header} lines, its DNL marker {marker}");
-        return Some(Err(DecodeError::Jpeg(what)));
+        return Some(Err(JpegFault::Damaged(what)));
     }
     let mut whole = [&bytes[..at], &bytes[at + SEGMENT..]].concat();
     whole[height_at..height_at + 2].copy_from_slice(&[high, low]);

@@ -6,7 +6,7 @@ use libjpeg_turbo_rs::JpegError;
 use libjpeg_turbo_rs::common::huffman_table::{HuffmanTable, std_huffman_tables};
 use libjpeg_turbo_rs::decode::marker::{JpegMetadata, MarkerReader};
 
-use super::{DecodeError, LARGEST_SIDE};
+use super::{JpegFault, LARGEST_SIDE};
 
 /// What the first component holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,14 +21,14 @@ pub enum Colour {
 const MOST_SCANS: usize = 200;
 
 /// The header of a picture of 8 bits, Huffman-coded by cosine transform, grey or in colour, and its colour.
-pub fn header(bytes: &[u8]) -> Result<(JpegMetadata, Colour), DecodeError> {
+pub fn header(bytes: &[u8]) -> Result<(JpegMetadata, Colour), JpegFault> {
     let mut reader = MarkerReader::new(bytes);
     reader.set_scan_cap(MOST_SCANS);
     let mut header = reader.read_markers().map_err(|error| match error {
-        JpegError::Unsupported(_) => DecodeError::Kind("hierarchical coding".into()),
-        other => DecodeError::Jpeg(other.to_string()),
+        JpegError::Unsupported(_) => JpegFault::Kind("hierarchical coding".into()),
+        other => JpegFault::Damaged(other.to_string()),
     })?;
-    let colour = kind(&header).map_err(|kind| DecodeError::Kind(kind.into()))?;
+    let colour = kind(&header).map_err(|kind| JpegFault::Kind(kind.into()))?;
     sound(&header, bytes.len())?;
     standard_tables(&mut header);
     Ok((header, colour))
@@ -76,8 +76,8 @@ fn colour(header: &JpegMetadata) -> Colour {
 }
 
 /// Headers that no picture has: the likeliest damage.
-fn sound(header: &JpegMetadata, length: usize) -> Result<(), DecodeError> {
-    let damaged = |what: String| Err(DecodeError::Jpeg(what));
+fn sound(header: &JpegMetadata, length: usize) -> Result<(), JpegFault> {
+    let damaged = |what: String| Err(JpegFault::Damaged(what));
     let frame = &header.frame;
     let (width, height) = (frame.width(), frame.height());
     if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) {

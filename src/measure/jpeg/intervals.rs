@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use libjpeg_turbo_rs::decode::bitstream::BitReader;
 
-use super::DecodeError;
+use super::JpegFault;
 
 /// Side of a block, px.
 pub const BLOCK: usize = 8;
@@ -41,7 +41,7 @@ impl<'a> Intervals<'a> {
     ///
     /// # Errors
     /// Where it does not end with the marker that must follow it.
-    pub fn next(&mut self) -> Result<Option<Range<usize>>, DecodeError> {
+    pub fn next(&mut self) -> Result<Option<Range<usize>>, JpegFault> {
         if self.start >= self.units {
             return Ok(None);
         }
@@ -93,6 +93,6 @@ fn until_marker(data: &[u8]) -> Option<(usize, u8, &[u8])> {
 }
 
 /// An error of damaged data, in words.
-pub fn damaged(what: &str) -> DecodeError {
-    DecodeError::Jpeg(what.into())
+pub(super) fn damaged(what: &str) -> JpegFault {
+    JpegFault::Damaged(what.into())
 }

@@ -10,11 +10,11 @@ use libjpeg_turbo_rs::decode::huffman::decode_dc_coefficient;
 use libjpeg_turbo_rs::decode::marker::{JpegMetadata, MarkerReader, ScanInfo};
 use libjpeg_turbo_rs::simd;
 
-use super::DecodeError;
+use super::JpegFault;
 use super::coefficients::{self, Band, Block, Runs};
 use super::intervals::{BLOCK, END, Intervals, bits_left, damaged};
 use super::kind::Colour;
-use crate::measure::raster::Raster;
+use crate::raster::Raster;
 
 /// A component's coefficients, and how far they are known.
 struct Plane {
@@ -30,7 +30,7 @@ struct Plane {
 }
 
 /// The picture of all scans.
-pub fn luma(bytes: &[u8], header: &JpegMetadata, colour: Colour) -> Result<Raster, DecodeError> {
+pub fn luma(bytes: &[u8], header: &JpegMetadata, colour: Colour) -> Result<Raster, JpegFault> {
     let mut planes = planes(header);
     let units = units(header);
     let mut runs = Runs::default();
@@ -88,12 +88,12 @@ fn planes(header: &JpegMetadata) -> Vec<Plane> {
 }
 
 /// The steps of component `k` as they were when its first scan began: a later scan may bring others.
-fn quantisation(bytes: &[u8], header: &JpegMetadata, k: usize) -> Result<[u16; BLOCK * BLOCK], DecodeError> {
+fn quantisation(bytes: &[u8], header: &JpegMetadata, k: usize) -> Result<[u16; BLOCK * BLOCK], JpegFault> {
     let component = &header.frame.components[k];
     let of_it = |s: &&ScanInfo| s.header.components.iter().any(|c| c.component_id == component.id);
     let first = header.scans.iter().find(of_it).ok_or_else(|| damaged("a component is missing"))?;
     let until = [&bytes[..first.data_offset], &[0xff, END]].concat();
-    let then = MarkerReader::new(&until).read_markers().map_err(|e| DecodeError::Jpeg(e.to_string()))?;
+    let then = MarkerReader::new(&until).read_markers().map_err(|e| JpegFault::Damaged(e.to_string()))?;
     let table = then.quant_tables.into_iter().nth(usize::from(component.quant_table_index)).flatten();
     table.map(|t| t.values).ok_or_else(|| damaged("a quantisation table is missing"))
 }
@@ -118,7 +118,7 @@ impl Plane {
     }
 
     /// Takes down what a scan tells of this component; an error where it cannot follow on what is known.
-    fn take_up(&mut self, band: Range<usize>, high: u8, low: u8) -> Result<(), DecodeError> {
+    fn take_up(&mut self, band: Range<usize>, high: u8, low: u8) -> Result<(), JpegFault> {
         let before = if high == 0 { None } else { Some(high) };
         if (high != 0 && high != low + 1) || self.lowest_bit[band.clone()].iter().any(|bit| *bit != before) {
             return Err(damaged("its scans do not follow on each other"));
@@ -156,7 +156,7 @@ impl<'a> Scan<'a> {
         planes: &'a mut [Plane],
         runs: &'a mut Runs,
         units: [usize; 2],
-    ) -> Result<Self, DecodeError> {
+    ) -> Result<Self, JpegFault> {
         let h = &scan.header;
         let progressive = header.frame.is_progressive;
         let (first, last, low) =
@@ -189,14 +189,14 @@ impl<'a> Scan<'a> {
         Ok(Self { parts, band, progressive, runs, units, interval, offset: scan.data_offset })
     }
 
-    fn decode(&mut self, bytes: &[u8]) -> Result<(), DecodeError> {
+    fn decode(&mut self, bytes: &[u8]) -> Result<(), JpegFault> {
         let data = bytes.get(self.offset..).unwrap_or_default();
         let mut intervals = Intervals::new(data, self.units[0] * self.units[1], self.interval, None);
         while let Some(units) = intervals.next()? {
             self.runs.restart();
             self.parts.iter_mut().for_each(|p| p.last = 0);
             let row = units.start / self.units[0];
-            let near = |what: String| DecodeError::Jpeg(format!("{what} near block row {row}"));
+            let near = |what: String| JpegFault::Damaged(format!("{what} near block row {row}"));
             let mut reader = BitReader::new(intervals.data());
             for unit in units {
                 self.unit(&mut reader, unit).map_err(|e| near(e.to_string()))?;

@@ -12,15 +12,15 @@ use libjpeg_turbo_rs::simd;
 
 use super::intervals::{BLOCK, END, Intervals, bits_left, damaged};
 use super::kind::{self, Colour};
-use super::{DecodeError, Wanted, scans};
-use crate::measure::raster::Raster;
+use super::{JpegFault, Wanted, scans};
+use crate::raster::Raster;
 
 /// Bits after the last block that are taken for padding: webcams are known to leave a few bytes before the end marker.
 const PADDING_BITS: i64 = 64;
 
 /// The picture, or of its pixel rows at least those columns that `wanted` tells for its width and height, and black
 /// elsewhere.
-pub fn luma(bytes: &[u8], wanted: Option<&Wanted>) -> Result<Raster, DecodeError> {
+pub fn luma(bytes: &[u8], wanted: Option<&Wanted>) -> Result<Raster, JpegFault> {
     let (header, colour) = kind::header(bytes)?;
     one_scan(bytes, &header, colour, wanted).unwrap_or_else(|| scans::luma(bytes, &header, colour))
 }
@@ -31,7 +31,7 @@ pub fn one_scan(
     header: &JpegMetadata,
     colour: Colour,
     wanted: Option<&Wanted>,
-) -> Option<Result<Raster, DecodeError>> {
+) -> Option<Result<Raster, JpegFault>> {
     let mut layout = Layout::new(header, colour)?;
     if let Some(wanted) = wanted {
         layout.keep(&wanted(layout.width, layout.height));
@@ -99,14 +99,14 @@ impl Layout {
     }
 
     /// Every interval between restart markers (the whole scan where there are none).
-    fn decode(&self, scan: &[u8], coding: &Coding, interval: usize) -> Result<Raster, DecodeError> {
+    fn decode(&self, scan: &[u8], coding: &Coding, interval: usize) -> Result<Raster, JpegFault> {
         let mut luma = vec![0; self.width * self.height];
         let mut rows = luma.chunks_exact_mut(self.width);
         let mut line = vec![[0; BLOCK * BLOCK]; self.columns * self.across * self.down];
         let mut intervals = Intervals::new(scan, self.columns * self.rows, interval, Some(END));
         while let Some(units) = intervals.next()? {
             self.interval(intervals.data(), units, coding, &mut line, &mut rows)
-                .map_err(|e| DecodeError::Jpeg(format!("{e} near row {}", self.height - rows.len())))?;
+                .map_err(|e| JpegFault::Damaged(format!("{e} near row {}", self.height - rows.len())))?;
         }
         Raster::new(self.width, self.height, luma).ok_or_else(|| damaged("it has no pixels"))
     }

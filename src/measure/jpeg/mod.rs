@@ -1,0 +1,48 @@
+//! A JPEG's bytes to its grey values.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `kind` | which JPEGs are read; a header that is sound |
+//! | `sequential` | one sequential scan, as cameras write it: one pass |
+//! | `scans` | progressive pictures, and scans of one component each |
+//! | `coefficients` | what scans have given until the last of them is read |
+//! | `dnl` | a height that stands behind the first scan |
+//! | `intervals` | a scan, cut at its restart markers |
+
+use std::ops::Range;
+
+mod coefficients;
+mod dnl;
+mod intervals;
+pub mod kind;
+pub mod scans;
+pub mod sequential;
+
+use crate::raster::Raster;
+
+/// Why a JPEG is not read.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum JpegFault {
+    /// It is cut short or damaged.
+    #[error("damaged or cut short ({0})")]
+    Damaged(String),
+    /// It is whole, and of a kind that is not read.
+    #[error("of a kind that is not read ({0})")]
+    Kind(String),
+}
+
+/// Largest side that is decoded, px: beyond it a damaged header is likelier than a camera.
+pub const LARGEST_SIDE: usize = 30_000;
+
+/// Of each pixel row of a picture of some width and height, px, the columns that are wanted.
+pub type Wanted<'a> = dyn Fn(usize, usize) -> Vec<Range<usize>> + 'a;
+
+/// The grey values; where it cannot be read as it is, perhaps its height stands behind its first scan.
+pub fn luma(bytes: &[u8], wanted: Option<&Wanted>) -> Result<Raster, JpegFault> {
+    let read = sequential::luma(bytes, wanted);
+    let damaged = matches!(read, Err(JpegFault::Damaged(_)));
+    match if damaged { dnl::resolved(bytes) } else { None } {
+        Some(whole) => sequential::luma(&whole?, wanted),
+        None => read,
+    }
+}
