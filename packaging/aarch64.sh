@@ -7,7 +7,7 @@ cd "$ROOT"
 target=aarch64-unknown-linux-gnu
 base=$(packaging/aarch64-root.sh "$@"); base=${base%/root}
 exec 9>"$base/lock"; flock 9 # one at a time
-inputs=(Cargo.toml Cargo.lock src config fixtures/demo)
+inputs=(Cargo.toml Cargo.lock build.rs src config fixtures/demo)
 key=$( (find "${inputs[@]}" -type f -print0 | sort -z | xargs -0 sha256sum; cat packaging/aarch64.sh) | sha256sum | cut -c1-12)
 binary=$base/wingd-$key
 if [ ! -x "$binary" ]; then
