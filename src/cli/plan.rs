@@ -86,7 +86,10 @@ fn text(plan: &Plan) -> String {
     if let Some(prediction) = &plan.prediction {
         out.push_str(&format!("\n{}", predicted(prediction)));
         let shares: Vec<BudgetShare> = prediction.budget.iter().map(Into::into).collect();
-        out.push_str(&format!("\nWhat the variance of that lift comes from\n{}", table::budget(&shares).text()));
+        out.push_str(&format!(
+            "\nWhat the variance of that lift comes from\n{}",
+            table::budget(&shares).text()
+        ));
         out.push_str(&format!("\nOne marker less, one marker more\n{}", changes(prediction).text()));
         let marks = alternatives(prediction, &prediction.fixed_marks);
         out.push_str(&format!(

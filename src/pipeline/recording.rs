@@ -14,9 +14,8 @@ use crate::measure::environment::RefractionReport;
 use crate::measure::geometry::TransformFit;
 use crate::measure::setup::SurveyMarker;
 use crate::record::{
-    CadFit, Correlation, CurveRecord, GlobalTest, ImageRecord, MarkerRecord, Measured, Method,
-    Model, Panes, Provenance, Quality, Reason, SigmaKind, Status, Timing, Tip, TorsionRecord,
-    VarianceComponent,
+    CadFit, Correlation, CurveRecord, GlobalTest, ImageRecord, MarkerRecord, Measured, Method, Model, Panes,
+    Provenance, Quality, Reason, SigmaKind, Status, Timing, Tip, TorsionRecord, VarianceComponent,
 };
 
 /// The method as results have it; a flight's frames are solved spatially.

@@ -130,7 +130,11 @@ mod tests {
         let of = |tips: &[Tip]| Reference::of(tips.iter());
         assert_eq!(of(&[]), Reference::Survey);
         assert_eq!(of(&[tip(0.01, Some(0.003), Some(0.002))]), Reference::Root);
-        assert_eq!(of(&[tip(0.01, Some(0.003), Some(0.00299))]), Reference::Ground, "no better in two digits");
+        assert_eq!(
+            of(&[tip(0.01, Some(0.003), Some(0.00299))]),
+            Reference::Ground,
+            "no better in two digits"
+        );
         assert_eq!(of(&[tip(0.01, Some(0.01), Some(0.01))]), Reference::Survey);
         let older = tip(0.01, None, None);
         assert_eq!(of(&[tip(0.01, Some(0.003), Some(0.002)), older]), Reference::Survey, "not all have it");

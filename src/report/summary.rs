@@ -53,7 +53,10 @@ pub struct Single {
 
 impl Single {
     /// The greatest of some tips' lifts against a reference.
-    pub fn greatest<'a>(tips: impl Iterator<Item = (&'a str, &'a Tip)>, reference: Reference) -> Option<Self> {
+    pub fn greatest<'a>(
+        tips: impl Iterator<Item = (&'a str, &'a Tip)>,
+        reference: Reference,
+    ) -> Option<Self> {
         let of = |(image, tip): (&str, &Tip)| {
             let (lift_m, sigma_m) = tip.lift(reference).filter(|(lift, _)| lift.is_finite())?;
             Some(Self { image: image.to_owned(), lift_m, sigma_m })

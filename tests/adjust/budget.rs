@@ -1,18 +1,21 @@
 //! Promise: what a result says its variance comes from is what errors of that source do, and what `plan` says beforehand.
 
-use nalgebra::Vector3;
+use nalgebra::{SMatrix, Vector3};
 use rand::rngs::StdRng;
-use wingd::measure::adjust::{self, Budget, BudgetShare, Observation, Options, Reference, SigmaKind, Solution};
+use wingd::measure::adjust::{
+    self, Budget, BudgetShare, Observation, Options, Reference, SigmaKind, Solution,
+};
+use wingd::measure::geometry::BROWN;
 use wingd::measure::plan::{self, PlanOptions};
 use wingd::measure::setup::{InFlight, Orientation, Setup, SkinHeight, Uncertainty};
 
-use crate::common::beam_truth::{
-    Aircraft, Effects, Truth, Wing, When, normal, normal2, normal3, rms, rng,
-};
+use crate::common::beam_truth::{Aircraft, Effects, Truth, When, Wing, normal, normal2, normal3, rms, rng};
 
 const NOISE_PX: f64 = 0.05;
 const SURVEY_M: f64 = 0.002;
 const DRAWS: usize = 100;
+/// Of fx, fy, cx, cy, px, and of the distortion, which is held.
+const LENS_SIGMA: [f64; BROWN] = [2.0, 2.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
 /// Shares below this are not drawn: nobody argues with them.
 const LEAST_SHARE: f64 = 0.002;
 
@@ -40,6 +43,7 @@ impl Given {
         let variance = NOISE_PX * NOISE_PX;
         let covariance_px2 = nalgebra::Matrix2::identity() * variance;
         orientation.ground.iter_mut().for_each(|g| g.covariance_px2 = covariance_px2);
+        setup.uncertainty.lens = Some(SMatrix::from_diagonal(&LENS_SIGMA.map(|s| s * s).into()));
         setup.thermal.as_mut().unwrap().flight_temperature_sigma_k = Some(15.0);
         let mut seen = aircraft.frame(&mut rng, when(aircraft), (Vector3::zeros(), Vector3::zeros()), 0.0);
         seen.iter_mut().for_each(|o| o.covariance_px2 = covariance_px2);
@@ -73,82 +77,99 @@ fn with(effects: Effects) -> Aircraft {
     Aircraft::new(&mut rng(2), truth(), effects)
 }
 
-type Draw = fn(&mut Given, &mut StdRng);
+/// What happened to the aircraft, where that is where the error lies.
+type Draw = fn(&mut Given, &mut StdRng) -> Option<Aircraft>;
+
+fn effects(given: &mut Given, effects: Effects) -> Option<Aircraft> {
+    let aircraft = with(effects);
+    given.of(&aircraft, Default::default());
+    Some(aircraft)
+}
 
 /// One error of each source, as wide as stated.
-const SOURCES: [(&str, Draw); 16] = [
-    ("image", |given, rng| given.seen.iter_mut().for_each(|o| o.pixel += normal2(rng) * NOISE_PX)),
+const SOURCES: [(&str, Draw); 17] = [
+    ("image", |given, rng| {
+        given.seen.iter_mut().for_each(|o| o.pixel += normal2(rng) * NOISE_PX);
+        None
+    }),
     ("ground frame", |given, rng| {
         given.orientation.ground.iter_mut().for_each(|g| g.pixel += normal2(rng) * NOISE_PX);
+        None
     }),
     ("survey", |given, rng| {
         given.setup.markers.iter_mut().for_each(|m| m.position_m += normal3(rng) * SURVEY_M);
+        None
     }),
     ("axis", |given, rng| {
         let sigma = given.setup.uncertainty.skin_height_sigma_m;
         let (mean, slope) = (normal(rng) * sigma, normal(rng) * 0.2 * sigma);
         let skin = given.setup.skin_height.unwrap();
-        given.setup.skin_height = Some(SkinHeight {
-            root_m: skin.root_m + mean - slope,
-            tip_m: skin.tip_m + mean + slope,
-            ..skin
-        });
+        given.setup.skin_height =
+            Some(SkinHeight { root_m: skin.root_m + mean - slope, tip_m: skin.tip_m + mean + slope, ..skin });
+        None
     }),
     ("root", |given, rng| {
         given.setup.root_offset_m += normal(rng) * given.setup.uncertainty.root_offset_m;
+        None
     }),
     ("chord offset", |given, rng| {
         let offset = given.setup.axis_chord_offset_m.unwrap();
         let by = normal(rng) * given.setup.uncertainty.axis_chord_offset_m;
         given.setup.axis_chord_offset_m = Some(offset + by);
+        None
     }),
     ("span direction", |given, rng| {
         let (sin, cos) = (normal(rng) * given.setup.uncertainty.span_direction_rad).sin_cos();
         given.setup.span_direction = nalgebra::Matrix2::new(cos, -sin, sin, cos) * given.setup.span_direction;
+        None
     }),
     ("temperature", |given, rng| {
         let thermal = given.setup.thermal.as_mut().unwrap();
         thermal.flight_temperature_c += normal(rng) * thermal.flight_temperature_sigma_k.unwrap();
-        thermal.expansion_per_k += normal(rng) * thermal.expansion_sigma_per_k.unwrap_or(0.0);
+        None
+    }),
+    ("lens", |given, rng| {
+        let by = LENS_SIGMA.map(|sigma| sigma * normal(rng));
+        given.setup.lens = given.setup.lens.changed(&by.into());
+        None
     }),
     ("projection centre", |given, rng| {
         given.setup.projection_centre_m += normal3(rng) * given.setup.projection_centre_sigma_m;
+        None
     }),
     ("mounting", |given, rng| {
         let turn = given.setup.mount_repeatability_px / given.setup.lens.focal_px();
         let mounting = (normal3(rng) * turn, normal3(rng) * given.setup.uncertainty.mount_shift_m);
         given.of(&with(Effects::default()), mounting);
+        None
     }),
     ("ground bend", |given, rng| {
         let ground_bend_m = normal(rng) * given.setup.uncertainty.in_flight.ground_bend_m;
-        given.of(&with(Effects { ground_bend_m, ..Effects::default() }), Default::default());
+        effects(given, Effects { ground_bend_m, ..Effects::default() })
     }),
     ("skin", |given, rng| {
         let skin_m = given.setup.uncertainty.in_flight.skin_motion_m;
-        given.of(&Aircraft::new(rng, truth(), Effects { skin_m, ..Effects::default() }), Default::default());
+        let aircraft = Aircraft::new(rng, truth(), Effects { skin_m, ..Effects::default() });
+        given.of(&aircraft, Default::default());
+        Some(aircraft)
     }),
     ("fixed marks", |given, rng| {
         let fixed_each_m = given.setup.markers.last().unwrap().flight_motion_m;
-        let effects = Effects { fixed_each_m, ..Effects::default() };
-        given.of(&Aircraft::new(rng, truth(), effects), Default::default());
+        let aircraft = Aircraft::new(rng, truth(), Effects { fixed_each_m, ..Effects::default() });
+        given.of(&aircraft, Default::default());
+        Some(aircraft)
     }),
     ("root motion", |given, rng| {
         let width = given.setup.uncertainty.in_flight;
-        let effects = Effects {
-            root_turn_rad: normal3(rng) * width.root_turn_rad,
-            root_shift_m: normal3(rng) * width.root_shift_m,
-            ..Effects::default()
-        };
-        given.of(&with(effects), Default::default());
+        let root_turn_rad = normal3(rng) * width.root_turn_rad;
+        let root_shift_m = normal3(rng) * width.root_shift_m;
+        effects(given, Effects { root_turn_rad, root_shift_m, ..Effects::default() })
     }),
     ("camera in flight", |given, rng| {
         let width = given.setup.uncertainty.in_flight;
-        let effects = Effects {
-            flight_scale: normal(rng) * width.scale,
-            principal_px: normal2(rng) * width.principal_point_px,
-            ..Effects::default()
-        };
-        given.of(&with(effects), Default::default());
+        let (flight_scale, principal_px) =
+            (normal(rng) * width.scale, normal2(rng) * width.principal_point_px);
+        effects(given, Effects { flight_scale, principal_px, ..Effects::default() })
     }),
     ("vertical", |given, rng| {
         let tilt_rad = normal2(rng) * given.setup.uncertainty.in_flight.vertical_rad;
@@ -159,34 +180,37 @@ const SOURCES: [(&str, Draw); 16] = [
         }
         given.setup.projection_centre_m = tilted.projection_centre_m;
         given.orientation.camera_from_survey = aircraft.orientation(rng, 0.0).camera_from_survey;
+        None
     }),
 ];
 
-fn lift_m(solution: &Solution, budget: &Budget) -> f64 {
-    solution.markers[budget.marker].lift_against(budget.reference).unwrap().value
+/// Of the lift that a budget is of, against what is true of the aircraft.
+fn error_m(solution: &Solution, budget: &Budget, aircraft: &Aircraft) -> f64 {
+    let truth_m = aircraft.lifts_m(when(aircraft))[budget.marker][budget.reference as usize];
+    solution.markers[budget.marker].lift_against(budget.reference).unwrap().value - truth_m
 }
 
 #[test]
 fn each_share_is_what_errors_of_that_source_do() {
-    let exact = Given::exact(&with(Effects::default()));
+    let still = with(Effects::default());
+    let exact = Given::exact(&still);
     let nominal = exact.solve();
     let budget = nominal.budget.clone().unwrap();
     let sigma = nominal.markers[budget.marker].lift_against(budget.reference).unwrap().sigma.unwrap();
     println!("sigma {:.2} mm, {:?}: {:.3?}", 1e3 * sigma, budget.reference, budget.shares);
-    let mut rng = rng(51);
-    let mut drawn = 0.0;
+    // What the model does not follow of this wing, without any error.
+    let nominal_m = error_m(&nominal, &budget, &still);
+    let (mut rng, mut drawn) = (rng(51), 0.0);
     for (source, draw) in SOURCES {
         let Some(share) = budget.shares.iter().find(|one| one.source == source) else {
             panic!("{source} is not in the budget")
         };
-        let error = |rng: &mut StdRng| {
+        let errors = (0..DRAWS).map(|_| {
             let mut given = exact.clone();
-            draw(&mut given, rng);
-            // What is counted along another vertical is compared along the true one.
-            lift_m(&given.solve(), &budget) - lift_m(&nominal, &budget)
-        };
-        let errors: Vec<f64> = (0..DRAWS).map(|_| error(&mut rng)).collect();
-        let ratio = rms(&errors) / (sigma * share.share.sqrt());
+            let aircraft = draw(&mut given, &mut rng);
+            error_m(&given.solve(), &budget, aircraft.as_ref().unwrap_or(&still)) - nominal_m
+        });
+        let ratio = rms(&errors.collect::<Vec<_>>()) / (sigma * share.share.sqrt());
         println!("{source}: share {:.4}, drawn over told {ratio:.2}", share.share);
         drawn += share.share;
         if share.share > LEAST_SHARE {
@@ -210,8 +234,7 @@ fn shares_add_up_with_every_method() {
     let exact = Given::exact(&with(Effects::default()));
     let frames: Vec<Vec<Observation>> = (0..4).map(|_| exact.seen.clone()).collect();
     let mut solved = adjust::flight(&exact.setup, &exact.orientation, &frames, &options()).unwrap();
-    let mut live =
-        adjust::Live::begin(exact.setup.clone(), exact.orientation.clone(), options()).unwrap();
+    let mut live = adjust::Live::begin(exact.setup.clone(), exact.orientation.clone(), options()).unwrap();
     solved.extend((0..4).map(|_| live.frame(&exact.seen, 0.1).unwrap()));
     solved.push(exact.solve());
     solved.push(adjust::profile(&exact.setup, &exact.orientation, &exact.seen, &options()).unwrap());
@@ -262,7 +285,8 @@ fn what_is_known_brings_what_another_adjustment_brings() {
     for (source, know) in known {
         let mut given = exact.clone();
         know(&mut given.setup);
-        let there = given.solve().markers[budget.marker].lift_against(budget.reference).unwrap().sigma.unwrap();
+        let there =
+            given.solve().markers[budget.marker].lift_against(budget.reference).unwrap().sigma.unwrap();
         let told = budget.shares.iter().find(|one| one.source == source).unwrap().sigma_if_known_m.unwrap();
         println!("{source}: {:.3} mm, adjusted again {:.3} mm", 1e3 * told, 1e3 * there);
         assert!((told / there - 1.0).abs() < 0.02, "{source}");

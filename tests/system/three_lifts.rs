@@ -36,7 +36,8 @@ fn frame(name: &str) -> String {
 }
 
 fn solved(installation: &Path) -> Value {
-    let arguments = ["solve", "--json", "--installation", installation.to_str().unwrap(), &frame("flight-1.jpg")];
+    let arguments =
+        ["solve", "--json", "--installation", installation.to_str().unwrap(), &frame("flight-1.jpg")];
     serde_json::from_str(&stdout(&arguments)).unwrap()
 }
 
@@ -69,7 +70,10 @@ fn orient_says_how_much_higher_the_wing_stood_than_surveyed() {
     assert!((change - 0.06).abs() < 0.01, "{change}: both errors of the survey are the same");
     assert!((0.002..0.02).contains(&number(&bend[1]["sigma_height_m"])));
     let remark = said["remarks"][0].as_str().unwrap();
-    assert!(remark.contains("the wing stood") && remark.contains("higher at its tip than surveyed"), "{remark}");
+    assert!(
+        remark.contains("the wing stood") && remark.contains("higher at its tip than surveyed"),
+        "{remark}"
+    );
 }
 
 #[test]
@@ -96,9 +100,17 @@ fn results_have_three_lifts_and_a_budget() {
 
     let table = stdout(&["solve", "--installation", bent.path().to_str().unwrap(), &frame("flight-1.jpg")]);
     assert!(table.contains("against the ground frame") && table.contains("variance comes from"), "{table}");
-    let protocol =
-        stdout(&["solve", "--protocol", "--installation", bent.path().to_str().unwrap(), &frame("flight-1.jpg")]);
-    assert!(protocol.contains("do not contradict") && protocol.contains("sigma of the lift if"), "{protocol}");
+    let protocol = stdout(&[
+        "solve",
+        "--protocol",
+        "--installation",
+        bent.path().to_str().unwrap(),
+        &frame("flight-1.jpg"),
+    ]);
+    assert!(
+        protocol.contains("do not contradict") && protocol.contains("sigma of the lift if"),
+        "{protocol}"
+    );
     let plan: PathBuf = bent.path().into();
     let plan = stdout(&["plan", "--json", "--installation", plan.to_str().unwrap()]);
     let plan: Value = serde_json::from_str(&plan).unwrap();
@@ -111,7 +123,15 @@ fn results_have_three_lifts_and_a_budget() {
 fn the_profile_knows_one_lift_and_two_sources() {
     let (plain, _) = oriented(|_| (), "");
     let directory = plain.path().to_str().unwrap();
-    let line = stdout(&["solve", "--json", "--method", "profile", "--installation", directory, &frame("flight-1.jpg")]);
+    let line = stdout(&[
+        "solve",
+        "--json",
+        "--method",
+        "profile",
+        "--installation",
+        directory,
+        &frame("flight-1.jpg"),
+    ]);
     let record: Value = serde_json::from_str(&line).unwrap();
     assert!(record["tip"]["lift_ground_m"].is_null() && record["tip"]["shown"] == "survey");
     let sources: Vec<&str> =

@@ -11,8 +11,8 @@ use serde_json::{Value, json};
 
 use super::{Refusal, Site};
 use crate::daemon::{Health, Status, StatusBoard};
-use crate::report::number::{fixed, rounded};
 use crate::record::Reference;
+use crate::report::number::{fixed, rounded};
 use crate::report::overview::{self, Overview};
 use crate::report::summary::Single;
 use crate::store::{RealDisk, catalogue};
@@ -114,7 +114,10 @@ fn greatest(line: &overview::Line, lift: &Single, reference: Reference) -> Strin
     let (value, sigma) = rounded(Some(lift.lift_m), lift.sigma_m, 3);
     let at = line.begun.as_ref().map_or(String::new(), |b| format!(", begun {}", minute(b.utc)));
     let (image, words) = (&lift.image, reference.words());
-    format!("Greatest tip lift of a frame: {value} ± {sigma} m {words}, in {image} of series {}{at}", line.name)
+    format!(
+        "Greatest tip lift of a frame: {value} ± {sigma} m {words}, in {image} of series {}{at}",
+        line.name
+    )
 }
 
 /// As the status writes it.

@@ -11,8 +11,8 @@ use crate::adjust::AdjustError;
 use crate::adjust::flight::frames::Flight;
 use crate::adjust::shapes::burning_covariance;
 use crate::adjust::terms::rotation_of_mounting;
-use crate::estimation::{Known, Told};
 use crate::estimation::quality::chi_square_limit;
+use crate::estimation::{Known, Told};
 
 /// `mount_drift_rad` is stated between two shots of a series, which are minutes apart: the mounting walks by it in this
 /// time, s, and leaves its walk by it in any frame.
