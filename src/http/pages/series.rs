@@ -56,7 +56,7 @@ fn outcome(series: &SeriesData, shot: &ShotData) -> String {
             let reference = t.shown.unwrap_or_default();
             let (lift_m, sigma_m) = t.lift(reference).unzip();
             let (lift, sigma) = rounded(lift_m, sigma_m.flatten(), 3);
-            format!("tip lift {} {lift} m, sigma {sigma} m", reference.words())
+            format!("tip lift {lift} m, sigma {sigma} m, {}", reference.words())
         }),
     }
 }
