@@ -253,6 +253,9 @@ fn shares_add_up_with_every_method() {
     }
     let last = solved[7].budget.as_ref().unwrap();
     assert!(share(&last.shares, "survey") > 0.0 && share(&last.shares, "frames before") > 0.0);
+    // The mounting's shift keeps its name from frame to frame.
+    let alone = share(&solved[8].budget.as_ref().unwrap().shares, "mounting");
+    assert!(share(&last.shares, "mounting") > 0.5 * alone, "{alone}");
 }
 
 #[test]
@@ -265,7 +268,9 @@ fn plan_says_the_same_beforehand() {
     for one in &budget.shares {
         let there = share(&planned.budget, one.source);
         println!("{}: {:.3}, planned {there:.3}", one.source, one.share);
-        assert!((one.share - there).abs() < 0.1 * one.share.max(0.1), "{}", one.source);
+        // The rehearsed frame bends by one term of the curvature, so that small shares are not the same.
+        let allowed = if one.share > 0.1 { 0.1 * one.share } else { 0.02 };
+        assert!((one.share - there).abs() < allowed, "{}", one.source);
     }
     assert!((sum(&planned.budget) - 1.0).abs() < 1e-9);
 }

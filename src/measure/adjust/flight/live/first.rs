@@ -59,11 +59,12 @@ pub fn first(mut flight: Flight) -> Result<Begun, AdjustError> {
     Ok(Begun { state, solution, sound })
 }
 
-/// What keeps its name in the state: neither the mounting's unknowns nor the shape's ratios, which walk.
+/// What keeps its name in the state: neither the mounting's rotation nor the shape's ratios, which walk. Its shift does: each
+/// mounting begins with the same width.
 fn told(Solved { setting, fit }: &Solved) -> Told {
     let (layout, shape) = (&setting.layouts[0], setting.shape.columns);
-    let of_mounting = layout.own.first..layout.own.first + layout.own.count;
+    let rotation = layout.own.first..layout.own.first + 3;
     let of_shape = shape.ratios..shape.changes;
-    let lasting = |column: usize| !of_mounting.contains(&column) && !of_shape.contains(&column);
+    let lasting = |column: usize| !rotation.contains(&column) && !of_shape.contains(&column);
     budget::told(setting.blocks(), &setting.problem, fit, lasting)
 }
