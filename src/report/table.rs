@@ -75,7 +75,7 @@ pub fn budget_text(budget: &[BudgetShare]) -> String {
     let helps = budget.iter().filter_map(|one| Some((one, one.sigma_if_known_m?)));
     let best = helps.min_by(|a, b| a.1.total_cmp(&b.1));
     let best = best.map_or(String::new(), |(one, sigma)| {
-        format!("; known without error, {} would leave {} mm", one.source, fixed(Some(1e3 * sigma), 1))
+        format!("; were {} known without error, {} mm would be left", one.source, fixed(Some(1e3 * sigma), 1))
     });
     format!("Its variance comes from {}{best}.\n", parts.join(", "))
 }

@@ -89,7 +89,7 @@ fn headlines_say_what_they_are() {
     assert!(html.contains("do not contradict the model") && html.contains("cannot show"));
     assert!(!html.contains("deviations hold"));
     assert!(html.contains("What the uncertainty comes from") && html.contains("<td>mounting"), "budget");
-    assert!(html.contains("mounting would help most"), "what would help");
+    assert!(html.contains("known without error: mounting."), "what would help");
 
     let older = store_with(&[&[with_lifts(1.4, 0.006), solved(2.0, 0.006)]]);
     let html = page(older.path());

@@ -63,7 +63,7 @@ fn helps(records: &[&ImageRecord], shares: &[BudgetShare]) -> String {
     let known = shares.iter().filter_map(|one| Some((one, one.sigma_if_known_m?)));
     match (known.min_by(|a, b| a.1.total_cmp(&b.1)), shares.first()) {
         (Some((one, sigma)), _) => format!(
-            "Known without error, {} would help most: the standard deviation{now} of the tip's lift would fall to {} mm.",
+            "What would help most if it were known without error: {}. The standard deviation{now} of the tip's lift would fall to {} mm.",
             one.source,
             mm(sigma)
         ),
