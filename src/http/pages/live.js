@@ -59,8 +59,9 @@
       element(svg, "text", { x: width / 2, y: height / 2, "text-anchor": "middle" }, "No result yet");
       return 1;
     }
-    let low = Math.min(...seen.map((p) => p.y));
-    let high = Math.max(...seen.map((p) => p.y));
+    // The band is inside, too.
+    let low = Math.min(...seen.map((p) => p.y - (p.sigma ?? 0)));
+    let high = Math.max(...seen.map((p) => p.y + (p.sigma ?? 0)));
     if (yFrom0) [low, high] = [Math.min(0, low), Math.max(0, high)];
     [low, high] = steady(svg.id, low, high);
     const step = roundStep(Math.max(high - low, 4 * Math.max(...seen.map((p) => p.sigma ?? 0)), 1e-3) / 4);
