@@ -108,7 +108,8 @@ impl Solving {
         if result.solved() {
             self.shared.clear("solver");
         }
-        self.shared.core.board.live_result(result.solved(), result.rejected(), skipped);
+        let judged = (result.solved(), result.rejected());
+        self.shared.core.board.live_result(frame.at_s(), judged, skipped);
         // Nobody listening is no error.
         if self.tap.given.receiver_count() > 0 {
             let datagram = result.datagram(self.shared.core.board.health());

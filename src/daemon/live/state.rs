@@ -65,12 +65,11 @@ mod tests {
     #[test]
     fn a_state_is_one_line_and_one_datagram_of_nine_fields() {
         let mut status = Status { health: Health::Bad, age_s: Some(31.0), ..Status::default() };
-        status.reasons = vec!["no live result for 31 s, one every 0.1 s is expected".to_owned()];
+        status.reasons = vec!["the last live result is 31 s old, one every 0.1 s is expected".to_owned()];
         let live = status.live.get_or_insert_default();
         (live.interval_s, live.recent.solved) = (Some(0.1), Some(0.5));
         assert!(line(&status).starts_with("{\"state\":{\"health\":\"bad\""), "{}", line(&status));
-        let expected =
-            "WINGDH,,bad,31.000,0.100,0.500,,,no live result for 31 s  one every 0.1 s is expected\r\n";
+        let expected = "WINGDH,,bad,31.000,0.100,0.500,,,the last live result is 31 s old  one every 0.1 s is expected\r\n";
         assert_eq!(datagram(&status), expected);
         status.reasons = vec!["x".repeat(2000)];
         assert!(datagram(&status).len() < 1400);

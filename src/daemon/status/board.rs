@@ -83,12 +83,11 @@ impl StatusBoard {
         });
     }
 
-    /// A live result came; `skipped`: frames skipped since the start.
-    pub(crate) fn live_result(&self, solved: bool, rejected: bool, skipped: u64) {
-        let now_s = self.now_s();
+    /// A live result came, of a frame exposed at this time since boot, s; `skipped`: frames skipped since the start.
+    pub(crate) fn live_result(&self, at_s: f64, (solved, rejected): (bool, bool), skipped: u64) {
         self.with(|state| {
             if let Some(live) = &mut state.live {
-                live.results.note(now_s, solved, rejected, skipped);
+                live.results.note(at_s, solved, rejected, skipped);
             }
         });
     }

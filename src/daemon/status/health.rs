@@ -94,7 +94,8 @@ impl Live {
         let every = span(interval_s);
         match self.results.age_s(now_s) {
             Some(age_s) if age_s > OLD_INTERVALS.0 * interval_s => {
-                let what = format!("no live result for {}, one every {every} is expected", span(age_s));
+                let what =
+                    format!("the last live result is {} old, one every {every} is expected", span(age_s));
                 reasons.add(
                     if age_s > OLD_INTERVALS.1 * interval_s { Health::Bad } else { Health::Doubtful },
                     what,
@@ -223,7 +224,10 @@ mod tests {
         assert_eq!(judged(&well, 10.25), (Health::Good, String::new()));
         assert_eq!(judged(&well, 10.35).0, Health::Doubtful);
         let (health, why) = judged(&well, 40.0);
-        assert!(health == Health::Bad && why.contains("no live result for 30 s, one every 0.1 s"), "{why}");
+        assert!(
+            health == Health::Bad && why.contains("the last live result is 30 s old, one every 0.1 s"),
+            "{why}"
+        );
         let none = Live::begin(Some(0.1), 0.0);
         assert_eq!((judged(&none, 5.0).0, judged(&none, 20.0).0), (Health::Good, Health::Bad));
         assert_eq!(judged(&Live::begin(None, 0.0), 100.0).0, Health::Doubtful);

@@ -49,7 +49,8 @@ pub struct Status {
     /// Why it is not good, the worst first.
     #[serde(default)]
     pub reasons: Vec<String>,
-    /// Since the last result came, s: of live mode where it is on, else of a series; `null` before the first.
+    /// Of the last result, s: of live mode, where it is on, since its exposure; else since a series' result came. `null` before
+    /// the first.
     #[serde(default)]
     pub age_s: Option<f64>,
     /// When the daemon began.

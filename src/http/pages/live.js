@@ -96,7 +96,7 @@
       else if (rejected(newest.result)) worse("doubtful", "the global test rejects the last result: its standard deviations are in doubt");
     } else if (link.open && reasons.length === 0) worse("doubtful", "no result yet");
     // The recorder says the same of the silence in its own words.
-    if (reasons.some((why) => why.startsWith("no live result"))) reasons = reasons.filter((why) => !why.startsWith("no result for"));
+    if (reasons.some((why) => why.startsWith("the last live result"))) reasons = reasons.filter((why) => !why.startsWith("no result for"));
     text("word", word);
     text("reasons", reasons.join("\n"));
     mark(byId("health"), word);
@@ -184,7 +184,8 @@
   const take = (result) => {
     const pair = (result.status === "ok" && (result.torsion ?? [])[0]) || {};
     const tip = (result.status === "ok" && result.tip) || {};
-    const [time, came] = [Date.parse(result.exposure_time) / 1000, performance.now()];
+    // A result is as old as its exposure, by this browser's clock and the time that solving took.
+    const [time, came] = [Date.parse(result.exposure_time) / 1000, performance.now() - result.latency_ms];
     // A clock that was set, or a recorder that began anew, begins a new history.
     if (history.length > 0 && (time < history[history.length - 1].time || result.number <= newest.result.number)) history.length = 0;
     newest = { result, came, time };
