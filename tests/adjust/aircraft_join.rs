@@ -100,15 +100,19 @@ fn feed(rng: &mut StdRng, truth: &Truth, every_s: f64, jumps: Option<u32>) -> Ve
     lines.into_iter().map(|(_, line)| line).collect()
 }
 
-/// Error over standard deviation by quantity, of 12 flights; and how many frames had the quantity.
+/// Each flight has instruments of its own.
+const FLIGHTS: u64 = 80;
+const FRAMES: usize = 100;
+
+/// Error over standard deviation by quantity, of all flights.
 fn ratios(seed: u64, every_s: f64, jumps: Option<u32>) -> Vec<Vec<f64>> {
     let mut all = vec![vec![]; TOLD.len()];
-    for flight in 0..12 {
+    for flight in 0..FLIGHTS {
         let rng = &mut rng(seed + flight);
         let truth = Truth::drawn(rng);
         let mut track = Track::default();
         track.add(&layout(), &feed(rng, &truth, every_s, jumps));
-        for _ in 0..400 {
+        for _ in 0..FRAMES {
             let at_s = 1.0 + (LASTING_S as f64 - 3.0) * rng.random::<f64>();
             let exposure = Exposure::asked(&stamp(at_s), 50.0 + at_s, Quality::exact());
             let state = track.at(&stamp(at_s), Some(&exposure));
@@ -139,7 +143,7 @@ fn what_is_joined_keeps_its_sigma() {
     ] {
         let all = ratios(seed, every_s, jumps);
         let each: Vec<f64> = all.iter().map(|ratios| rms(ratios)).collect();
-        let share = all[0].len() as f64 / (12.0 * 400.0);
+        let share = all[0].len() as f64 / (FLIGHTS as usize * FRAMES) as f64;
         println!("lines {every_s} s apart, jumps {jumps:?}: {each:.2?}; {share:.2} of the frames");
         assert!(each.iter().all(|rms| *rms <= 1.3), "{every_s} s: {each:?}");
         assert!(share > (9.0 / every_s).min(0.95), "{every_s} s: {share}");

@@ -165,7 +165,8 @@ pub fn damage(
         variance += (slope * own * sigma / cycle.range).powi(2);
     }
     let by_reference = slope * sum * whole.sigma_by_curvature_n_m / whole.range_n_m;
-    let by_unseen = (sum - largest) * (slope * unseen.of_range).hypot(unseen.of_time);
+    // Both are losses: they add.
+    let by_unseen = (sum - largest) * (slope * unseen.of_range + unseen.of_time);
     let equivalent = reference * sum.powf(slope.recip());
     let by_cycles = if sum > 0.0 { variance.sqrt().hypot(by_unseen) / (slope * sum) } else { 0.0 };
     Damage {
