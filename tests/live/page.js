@@ -42,26 +42,17 @@ const run = (args, log) => {
 };
 const end = (child, signal) => new Promise((resolve) => { child.on("exit", resolve); child.kill(signal); });
 
-// An installation with the ground frame's orientation; `wrong_m` puts every other marker so far off its place.
-const installation = (name, wrong_m) => {
-  fs.mkdirSync(at(name));
+// With the ground frame's orientation.
+const installation = () => {
+  fs.mkdirSync(at("installation"));
   for (const file of ["installation.toml", "camera.toml", "survey.csv"]) {
-    fs.copyFileSync(path.join(ROOT, "fixtures/dev/installation", file), at(name, file));
+    fs.copyFileSync(path.join(ROOT, "fixtures/dev/installation", file), at("installation", file));
   }
-  if (wrong_m) {
-    const [head, ...rows] = fs.readFileSync(at(name, "survey.csv"), "utf8").trim().split("\n");
-    const column = head.split(",").indexOf("z_m");
-    const off = (row, k) => {
-      const cells = row.split(",");
-      cells[column] = (Number(cells[column]) + (k % 2 ? wrong_m : -wrong_m)).toFixed(4);
-      return cells.join(",");
-    };
-    fs.writeFileSync(at(name, "survey.csv"), `${[head, ...rows.map(off)].join("\n")}\n`);
-  }
-  execFileSync(WINGD, ["orient", "--installation", at(name), path.join(ROOT, "fixtures/dev/frames/ground.jpg")], { stdio: "ignore" });
+  const ground = path.join(ROOT, "fixtures/dev/frames/ground.jpg");
+  execFileSync(WINGD, ["orient", "--installation", at("installation"), ground], { stdio: "ignore" });
 };
 
-const configure = (rateHz, name = "installation") => fs.writeFileSync(at("wingd.toml"), `installation = "${name}"
+const configure = (rateHz) => fs.writeFileSync(at("wingd.toml"), `installation = "installation"
 [camera]
 kind = "replay"
 folder = "frames"
@@ -88,21 +79,30 @@ const pictures = () => {
     fs.renameSync(at("next.jpg"), at("frames", `${k}.jpg`));
   }
 };
-// Grey JPEGs of the same size without anything in them, each another.
-const black = async (page) => {
+// Five pictures made in the browser, by a function of a canvas' context, the picture's number and a bundled frame.
+const drawn = async (page, draw) => {
+  const frame = fs.readFileSync(path.join(ROOT, "fixtures/dev/frames/flight-1.jpg")).toString("base64");
   for (let k = 1; k <= 5; k++) {
-    const base64 = await page.evaluate((level) => {
+    const base64 = await page.evaluate(async ([text, number, jpeg]) => {
+      const image = new Image();
+      image.src = `data:image/jpeg;base64,${jpeg}`;
+      await image.decode();
       const canvas = document.createElement("canvas");
-      [canvas.width, canvas.height] = [4000, 3000];
-      const context = canvas.getContext("2d");
-      context.fillStyle = `rgb(${level},${level},${level})`;
-      context.fillRect(0, 0, 4000, 3000);
-      return canvas.toDataURL("image/jpeg", 0.9).split(",")[1];
-    }, k);
+      [canvas.width, canvas.height] = [image.width, image.height];
+      new Function("context", "number", "image", text)(canvas.getContext("2d"), number, image);
+      return canvas.toDataURL("image/jpeg", 0.95).split(",")[1];
+    }, [draw, k, frame]);
     fs.writeFileSync(at("next.jpg"), Buffer.from(base64, "base64"));
     fs.renameSync(at("next.jpg"), at("frames", `${k}.jpg`));
   }
 };
+// Nothing in them, each another.
+const BLACK = "context.fillStyle = `rgb(${number},${number},${number})`; context.fillRect(0, 0, image.width, image.height);";
+// Stripes of the wing are shifted up or down by some pixels, which no wing does.
+const SHIFTED = `context.drawImage(image, 0, 0);
+for (let x = 0, k = number; x < image.width; x += 120, k++) {
+  context.drawImage(image, x, 0, 120, image.height, x, [3, -3, 0][(k * 7) % 3], 120, image.height);
+}`;
 
 const recorder = () => run(["run", "--config", at("wingd.toml")], "recorder.log");
 const server = () => run(["serve", at("store"), "--listen", `127.0.0.1:${PORT}`, "--live-socket", at("live.sock")], "server.log");
@@ -187,7 +187,7 @@ const back = async (pages, words, withinS = 30) => {
   for (const { page, width } of pages) await until(page, well, `${words}, ${width} px: good again`, withinS);
 };
 
-const faults = async (pages) => {
+const faults = async (pages, maker) => {
   const desk = pages[0].page;
   let [rec, web] = [recorder(), null];
   await sleep(1500);
@@ -205,7 +205,7 @@ const faults = async (pages) => {
   const goes = flying.exit === 0 || flying.reasons?.every((why) => why.includes("too slow"));
   check(goes && (flying.exit === 0) === (flying.health === "good") && flying.flight, "status: well, a flight", flying);
 
-  await black(desk);
+  await drawn(maker, BLACK);
   for (const { page, width } of pages) {
     const none = ({ tiles, curves, word }) => tiles[1].shown === "–" && curves[0].lines === 0 && word !== "good";
     await until(page, none, `black frames, ${width} px: no lift, no curve, not good`, 3);
@@ -246,9 +246,7 @@ const faults = async (pages) => {
   web = server();
   await back(pages, "server started");
 
-  await end(rec, "SIGTERM");
-  configure(RATE_HZ, "wrong");
-  rec = recorder();
+  await drawn(maker, SHIFTED);
   for (const { page, width } of pages) {
     const doubted = ({ tiles, curves, word }) =>
       word === "doubtful" && tiles[1].style === "doubtful" && tiles[6].shown === "rejected" && curves[0].doubt > 0;
@@ -257,6 +255,7 @@ const faults = async (pages) => {
   await sleep(4000);
   await picture(pages, "rejected");
   check(status().exit === 1, "test rejected: exit 1", status());
+  pictures();
 
   await end(rec, "SIGTERM");
   configure(0.4);
@@ -302,8 +301,7 @@ const crowd = async (browser) => {
 };
 
 const main = async () => {
-  installation("installation", 0);
-  installation("wrong", 0.012);
+  installation();
   fs.mkdirSync(at("frames"));
   pictures();
   configure(RATE_HZ);
@@ -316,7 +314,9 @@ const main = async () => {
   };
   try {
     const pages = [await open(1400), await open(390)];
-    await faults(pages);
+    const { page: maker } = await open(200);
+    await faults(pages, maker);
+    await maker.context().close();
     await back(pages, "at the end");
     for (const { page } of pages) await page.context().close();
     await crowd(browser);

@@ -40,7 +40,8 @@ const plots = (() => {
     const widest = Math.max(...seen.map(sigma));
     const least = Math.max(high - low, 4 * widest, 1e-3);
     const enlarged = enlargement(widest, least);
-    low = Math.min(low, ...seen.map((p) => p.y - enlarged * sigma(p)));
+    // The band of what begins at 0 may be cut there.
+    if (!yFrom0 || low < 0) low = Math.min(low, ...seen.map((p) => p.y - enlarged * sigma(p)));
     high = Math.max(high, ...seen.map((p) => p.y + enlarged * sigma(p)));
     const step = roundStep(Math.max(high - low, least) / 4);
     [low, high] = [Math.floor(low / step + 1e-9) * step, Math.ceil(high / step - 1e-9) * step];
