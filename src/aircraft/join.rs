@@ -290,6 +290,7 @@ mod tests {
         track.add(&layout(), &(0..60).map(late).collect::<Vec<_>>());
         let joined = track.at(&stamp(30.5, false), None)[&Quantity::Mach];
         assert!((joined.value - 0.5305).abs() < 1e-9, "{joined:?}");
-        assert!((joined.sigma - 0.005f64.hypot(0.001)).abs() < 1e-9);
+        // Of the instrument, of the instant, and of what lies half-way between two tags a second apart.
+        assert!((joined.sigma - 0.005f64.hypot(0.001).hypot(0.5 * 0.001 * 0.25)).abs() < 1e-9);
     }
 }
