@@ -281,6 +281,9 @@ fn show(args: &Args, flight: &FlightRef, inputs: Option<&str>, load: &FlightLoad
     let rate = load.rate_hz.map_or(NONE.to_owned(), general);
     print(&format!("Flight {}: {} frames, {rate} a second; change against ground", flight.id, load.frames))?;
     print(table(load).text().trim_end())?;
+    if let Some(said) = load.gaps.said() {
+        print(&format!("Gaps: {said}"))?;
+    }
     load.no_cycles_because.as_ref().map_or(Ok(()), |why| print(&format!("No cycles: {why}")))
 }
 

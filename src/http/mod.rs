@@ -12,7 +12,7 @@
 //! | `/tar/{flight}.tar` | the flight as one archive, by range: unpacked it is a store |
 //! | `/bundle/{flight}.json` | the archive's files: name, length, SHA-256, where its bytes begin |
 //! | `/report/{flight}` | the report |
-//! | `/live`, `/live.js` | the wing as it is measured |
+//! | `/live`, `/live.js`, `/live-plot.js` | the wing as it is measured |
 //! | `/live/events` | its results as server-sent events |
 //! | `/live/frame.jpg` | a small picture of the newest frame |
 //! | `/status.json` | what the store holds, and the daemon's state where one runs |
@@ -176,6 +176,7 @@ fn router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Receiver
         .route("/report/{flight}", get(report))
         .route("/live", get(live::page))
         .route("/live.js", get(live::script))
+        .route("/live-plot.js", get(live::plots))
         .route("/live/events", get(live::events))
         .route("/live/frame.jpg", get(live::frame))
         .route("/status.json", get(status))

@@ -104,6 +104,7 @@ fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installati
         record.remarks.push(SIDE_UNKNOWN.into());
     }
     record.remarks.extend(turned_mount(installation, s));
+    record.remarks.extend(aircraft::contradiction(&sighting.aircraft));
     record.quality = quality(installation, s);
 }
 

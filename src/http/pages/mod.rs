@@ -138,11 +138,12 @@ fn tiles(site: &Site, newest: Option<&Overview>) -> Markup {
         Some(h) if h >= MANY_HOURS => format!("over {MANY_HOURS:.0} h"),
         Some(h) => format!("{h:.0} h"),
     };
+    let reasons = daemon.as_ref().map(|d| d.reasons.as_slice()).unwrap_or_default();
     let fault = daemon.as_ref().and_then(|d| d.last_fault.as_ref());
     let next = daemon.as_ref().and_then(|d| d.next_series_s);
     html! {
         ul.tiles {
-            li.alert[daemon.as_ref().is_some_and(|d| d.health == Health::Stale)] {
+            li.alert[daemon.as_ref().is_some_and(|d| d.health != Health::Good)] {
                 b { (state) }
                 @if daemon.is_some() { "the recorder" } @else { "these pages show a store alone" }
             }
@@ -155,6 +156,7 @@ fn tiles(site: &Site, newest: Option<&Overview>) -> Markup {
                 }
             }
         }
+        @for reason in reasons { p.warning { (reason) } }
         @if let Some(fault) = fault { p.warning { "Last fault: " (fault.what) } }
     }
 }
