@@ -30,10 +30,15 @@ pub struct Args {
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let installation = installation::load_without_orientation(&args.installation)?;
     super::say_doubts(&installation);
-    let sightings = frames::map(&args.images, args.jobs, "detecting", |name, bytes| match bytes {
-        Ok(bytes) => stages::sight(name, bytes, None, &installation, None),
-        Err(reason) => Sighting::failed(name, reason),
-    })?;
+    let sightings = frames::map(
+        &super::pictures::expand(&args.images)?,
+        args.jobs,
+        "detecting",
+        |name, bytes| match bytes {
+            Ok(bytes) => stages::sight(name, bytes, None, &installation, None),
+            Err(reason) => Sighting::failed(name, reason),
+        },
+    )?;
     let reasons: Vec<String> =
         sightings.iter().filter_map(|s| Some(format!("{}: {}", s.image, s.failure.as_ref()?))).collect();
     if !reasons.is_empty() {
