@@ -52,7 +52,8 @@ pub(super) fn kept(root: &Path, flight: &FlightRef) -> Result<Option<PathBuf>, S
 
 /// The one installation that a store keeps, where it keeps one alone: nothing of a flight that was imported has been solved.
 pub(super) fn only_kept(root: &Path) -> Result<Option<PathBuf>, StoreError> {
-    let all = RealDisk.entries(&root.join(layout::INSTALLATIONS)).unwrap_or_default();
+    let disk: &dyn Disk = &RealDisk;
+    let all = disk.entries(&root.join(layout::INSTALLATIONS)).unwrap_or_default();
     match all.as_slice() {
         [one] if one.is_dir => Ok(Some(installations::folder(root, &one.name))),
         _ => Ok(None),

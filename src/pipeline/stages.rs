@@ -288,7 +288,7 @@ fn unidentified(
 }
 
 /// Closer looks at most.
-const LOOKS: usize = 3;
+pub(super) const LOOKS: usize = 3;
 
 /// Detections, some of them after closer looks at `raster`, and who is who; perspective bias is not removed.
 ///

@@ -1,6 +1,6 @@
 //! Series of pictures become series of the store, each picture once.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use jiff::{SignedDuration, Timestamp};
@@ -167,9 +167,9 @@ impl<'a> Import<'a> {
     }
 
     fn copy(&self, open: &mut OpenSeries, began: &Began, new: &[&Picture]) -> Result<(), Failure> {
-        let camera = |p: &Picture| p.taken.settings.iter().filter(|(k, _)| CAMERA.contains(k)).cloned();
-        let camera = new.iter().flat_map(|p| camera(p)).collect::<BTreeSet<_>>();
-        open.note_camera(camera.into_iter().map(|(k, v)| (k.to_owned(), v.into())).collect())?;
+        let settings = new.iter().flat_map(|p| &p.taken.settings);
+        let of_camera = settings.filter(|(name, _)| CAMERA.contains(name));
+        open.note_camera(of_camera.map(|(k, v)| ((*k).to_owned(), v.clone().into())).collect())?;
         if began.utc.is_none() {
             open.remark("the pictures do not say when they were taken: their order is that of the files, their times mean nothing")?;
         }

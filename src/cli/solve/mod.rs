@@ -104,6 +104,13 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     if let [store] = args.images.as_slice()
         && is_store(store)
     {
+        if !store.join(layout::STORE_FILE).exists() && std::fs::read_dir(store).is_ok_and(|mut d| d.next().is_none()) {
+            let what = format!(
+                "{}: holds nothing; name pictures, a folder of pictures, or a store (`wingd import` makes one of pictures)",
+                store.display()
+            );
+            return Err(Failure::Undone(what));
+        }
         if args.observations.is_some() {
             return Err(Failure::Usage("--observations belongs to pictures, not to a store".into()));
         }
