@@ -19,7 +19,7 @@ const GROUPS: [(&str, &[&str]); 5] = [
         ],
     ),
     ("Record in flight", &["run", "status", "trigger"]),
-    ("Evaluate", &["detect", "solve", "compare", "report", "export", "aircraft-data", "stress"]),
+    ("Evaluate", &["import", "detect", "solve", "compare", "report", "export", "aircraft-data", "stress"]),
     ("Keep and hand over", &["verify", "copy", "fetch", "serve", "upload", "prune"]),
     ("Try and learn", &["demo", "simulate", "completions"]),
 ];
@@ -42,9 +42,11 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
     ("status", &["wingd status --config wingd.toml --json"]),
     ("trigger", &["wingd trigger --config wingd.toml"]),
     ("detect", &["wingd detect --installation installation --overlay drawn frames/ground.jpg"]),
+    ("import", &["wingd import frames --store card --installation installation"]),
     (
         "solve",
         &[
+            "wingd solve --installation installation --report report.html frames/flight-1.jpg frames/flight-2.jpg",
             "wingd solve --installation installation frames/flight-1.jpg",
             "wingd solve --installation installation --flight --json frames/flight-*.jpg",
             "wingd solve store --sigma prior",

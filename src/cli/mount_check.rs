@@ -41,10 +41,15 @@ struct Frame {
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let installation = installation::load_without_orientation(&args.installation)?;
-    let sightings = frames::map(&args.images, args.jobs, "detecting", |name, bytes| match bytes {
-        Ok(bytes) => stages::sight(name, bytes, None, &installation, None),
-        Err(reason) => Sighting::failed(name, reason),
-    })?;
+    let sightings = frames::map(
+        &super::pictures::expand(&args.images)?,
+        args.jobs,
+        "detecting",
+        |name, bytes| match bytes {
+            Ok(bytes) => stages::sight(name, bytes, None, &installation, None),
+            Err(reason) => Sighting::failed(name, reason),
+        },
+    )?;
     let mut found = sightings.iter().map(|s| frame(&installation, s));
     let first = found.next().transpose()?;
     let Some(first) = first else { return Ok(Done::All) };

@@ -106,6 +106,8 @@ pub struct ShotData {
     pub number: u32,
     /// File name of the frame; `None` where the camera gave none.
     pub image: Option<String>,
+    /// The name that it came under, where it came from a file.
+    pub source: Option<String>,
     /// When the camera was asked.
     pub stamp: Option<Stamp>,
     /// When the frame was exposed.

@@ -110,7 +110,7 @@ pub struct OrientationFit {
     pub variance_factor: f64,
     /// Conditions less parameters.
     pub redundancy: usize,
-    /// Per frame, per identified marker: (frame, marker index, residual px).
+    /// Per frame, per identified marker: (frame, marker index, residual observed - computed, px).
     pub residuals: Vec<(usize, usize, Vector2<f64>)>,
     /// Per frame: identities.
     pub identities: Vec<Identities>,
@@ -174,6 +174,17 @@ pub fn expect(
     identities: &Identities,
 ) -> Vec<Expected> {
     known::expected(&scene::Scene::new(setup, orientation, true), detections, identities)
+}
+
+/// The same for a ground frame, which shows the wing as surveyed: what [`orient`] did not find is sought there before the
+/// survey is blamed.
+pub fn expect_on_ground(
+    setup: &Setup,
+    orientation: &Orientation,
+    detections: &[Detection],
+    identities: &Identities,
+) -> Vec<Expected> {
+    known::expected(&scene::Scene::new(setup, orientation, false), detections, identities)
 }
 
 /// Where the markers of the next frame are expected, from one frame's detections and identities:

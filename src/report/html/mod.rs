@@ -11,6 +11,7 @@ mod views;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::number::{NONE, fixed, rounded};
+use super::source::PICTURES;
 use super::summary::{SeriesSummary, summaries};
 use super::{ReportData, distinct, table};
 use crate::record::ImageRecord;
@@ -87,6 +88,7 @@ fn title(data: &ReportData) -> String {
     flights.dedup();
     let flights = match flights.as_slice() {
         [] => "empty store".to_owned(),
+        [PICTURES] => PICTURES.to_owned(),
         [one] => format!("flight {one}"),
         [first, .., last] => format!("flights {first} to {last}"),
     };
