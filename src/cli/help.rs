@@ -26,8 +26,14 @@ const GROUPS: [(&str, &[&str]); 5] = [
 
 /// Examples by command. They run in the folder that the tutorial leaves (docs/tutorial.md), which a test does.
 pub const EXAMPLES: &[(&str, &[&str])] = &[
-    ("init", &["wingd init aircraft"]),
-    ("plan", &["wingd plan --installation installation --tip-lift 2.5 --figure plan.svg"]),
+    ("init", &["wingd init aircraft --side left --root-offset 0.7"]),
+    (
+        "plan",
+        &[
+            "wingd plan --span 33 --height 2.5 --chord 4 --focal 12 --sensor 4000x3000x1.54 --markers 20 --fixed 2 --frames 10 --want 5mm",
+            "wingd plan --installation installation --tip-lift 2.5 --figure plan.svg",
+        ],
+    ),
     (
         "calibrate",
         &["wingd calibrate --board board.toml --output camera.toml --report calibration.html board/*.jpg"],

@@ -25,6 +25,7 @@ mod not_built;
 mod orient;
 mod pages;
 mod pictures;
+mod places;
 mod plan;
 mod prune;
 mod report;

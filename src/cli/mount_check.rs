@@ -15,9 +15,9 @@ use crate::record::Reason;
 /// How far the camera moved between frames of a scene at rest, against what the installation expects
 #[derive(clap::Args)]
 pub struct Args {
-    /// The installation
+    /// The installation [default: installation/ of this folder]
     #[arg(long, value_name = "DIR")]
-    installation: PathBuf,
+    installation: Option<PathBuf>,
     /// Frames taken on ground: the first, and those that are compared with it
     #[arg(required = true, num_args = 2.., value_name = "IMAGE")]
     images: Vec<PathBuf>,
@@ -40,7 +40,8 @@ struct Frame {
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let installation = installation::load_without_orientation(&args.installation)?;
+    let installation =
+        installation::load_without_orientation(&super::places::installation(args.installation.as_deref())?)?;
     let sightings = frames::map(
         &super::pictures::expand(&args.images)?,
         args.jobs,

@@ -14,9 +14,9 @@ use crate::record::Reason;
 /// Find the camera's attitude from ground frames and write orientation.toml.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The installation; orientation.toml is written into it
+    /// The installation; orientation.toml is written into it [default: installation/ of this folder]
     #[arg(long, value_name = "DIR")]
-    installation: PathBuf,
+    installation: Option<PathBuf>,
     /// Frames taken on ground with the mounting of the survey
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
@@ -29,7 +29,8 @@ pub struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let installation = installation::load_without_orientation(&args.installation)?;
+    let installation =
+        installation::load_without_orientation(&super::places::installation(args.installation.as_deref())?)?;
     super::say_doubts(&installation);
     let files = super::pictures::expand(&args.images)?;
     let mut frames = Vec::with_capacity(files.len());

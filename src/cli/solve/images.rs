@@ -4,23 +4,21 @@ use std::path::PathBuf;
 
 use super::by_hand::ByHand;
 use super::{Args, Output, job, report};
-use crate::cli::{Done, Failure, frames, load_installation, pictures};
+use crate::cli::{Done, Failure, frames, load_installation, pictures, places};
 use crate::installation::{self, Fault, Installation, Mountings};
 use crate::measure::setup::Orientation;
 use crate::pipeline::{self, Job, Sighting, stages};
 use crate::record::Reason;
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let Some(directory) = &args.installation else {
-        return Err(Failure::Usage("name the installation: --installation DIR".into()));
-    };
+    let directory = places::installation(args.installation.as_deref())?;
     if args.images.is_empty() && (args.together() || args.mountings.is_some() || args.report.is_some()) {
         let what = "--flight, --mountings and --report need images beside --observations";
         return Err(Failure::Usage(what.into()));
     }
     let files = pictures::expand(&args.images)?;
     let mountings = mountings(args, &files)?;
-    let installation = load_installation(directory)?;
+    let installation = load_installation(&directory)?;
     let orientation = installation.require_orientation()?;
     let job = job(args);
     let mut output = Output::keeping(args);

@@ -35,7 +35,8 @@ enum SigmaName {
 /// Solve bending, torsion and positions, one result per image.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The installation, with its orientation [of a store: the one kept there that its results came from]
+    /// The installation, with its orientation [default: installation/ of this folder; of a store: the one kept there that
+    /// its results came from]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
     /// How the deflection is modelled
@@ -104,7 +105,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     if let [store] = args.images.as_slice()
         && is_store(store)
     {
-        if !store.join(layout::STORE_FILE).exists() && std::fs::read_dir(store).is_ok_and(|mut d| d.next().is_none()) {
+        if !store.join(layout::STORE_FILE).exists()
+            && std::fs::read_dir(store).is_ok_and(|mut d| d.next().is_none())
+        {
             let what = format!(
                 "{}: holds nothing; name pictures, a folder of pictures, or a store (`wingd import` makes one of pictures)",
                 store.display()
