@@ -91,6 +91,9 @@ pub fn json(plan: &Plan, together: Option<&Together>, asked: Option<&Asked>) -> 
                 "position_m": m.position_m.as_slice()})
         });
         all.insert("layout".into(), placed.collect());
+        let rows = asked.attitude.camera_from_survey.matrix();
+        let rows: Vec<Vec<f64>> = rows.row_iter().map(|r| r.iter().copied().collect()).collect();
+        all.insert("camera_from_survey".into(), json!(rows));
     }
     if let Some(together) = together {
         all.insert("flight".into(), json!({"frames": together.frames, "expected": together.expected}));

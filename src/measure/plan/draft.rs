@@ -31,8 +31,6 @@ const TAPER: f64 = 0.35;
 const CHORD_SHARE: f64 = 0.6;
 /// Outermost station over the span.
 const OUTERMOST: f64 = 0.975;
-/// Of the torsion pair.
-const PAIR: f64 = 0.93;
 /// Share of the half picture that is used across the span and along the height.
 const USED: f64 = 0.9;
 /// Quadrants out to this share of the span, discs beyond.
@@ -103,18 +101,14 @@ fn markers(draft: &Draft, tip_lift_m: f64, crowding: f64) -> Vec<SurveyMarker> {
     let single = count - 2;
     let first = nearest_m(draft, tip_lift_m);
     let last = OUTERMOST * draft.span_m;
-    (0..count)
-        .map(|k| {
-            let (along, leading) = match k.checked_sub(single) {
-                None => {
-                    let share = (k as f64 / (single - 1) as f64).powf(crowding);
-                    (first + (last - first) * share, k % 2 == 0)
-                }
-                Some(of_pair) => (PAIR * draft.span_m, of_pair == 0),
-            };
-            marker(draft, k, along, leading)
-        })
-        .collect()
+    let station = |k: usize| first + (last - first) * (k as f64 / (single - 1) as f64).powf(crowding);
+    // Clear of the prints on both sides.
+    let pair = 0.5 * (station(single - 2) + station(single - 1));
+    let place = |k: usize| match k.checked_sub(single) {
+        None => (station(k), k % 2 == 0),
+        Some(of_pair) => (pair, of_pair == 0),
+    };
+    (0..count).map(|k| (k, place(k))).map(|(k, (along, leading))| marker(draft, k, along, leading)).collect()
 }
 
 fn marker(draft: &Draft, k: usize, along_m: f64, leading: bool) -> SurveyMarker {

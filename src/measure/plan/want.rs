@@ -170,7 +170,9 @@ fn remedied(
     for (cost, change) in REMEDIES {
         let tried = change(&proposal, options);
         let Some((remedy, next)) = tried else { continue };
-        let alone = change(planned, options).and_then(|(_, state)| worth(&state, options).ok());
+        // By itself it may be another: two marks where the proposal has two already.
+        let by_itself = change(planned, options).filter(|(other, _)| *other == remedy);
+        let alone = by_itself.and_then(|(_, state)| worth(&state, options).ok());
         let mut taken_m = None;
         if reached_m > want_m
             && let Ok(better) = worth(&next, options)
