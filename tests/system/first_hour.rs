@@ -171,7 +171,7 @@ fn what_pictures_do_not_say_is_said() {
         picture(&flight_frame(1 + k), &here.join("card").join(name), &[], &[]);
     }
     std::fs::write(here.join("card/notes.txt"), "window 14").unwrap();
-    std::fs::copy(here.join("card/P9.jpg"), here.join("card/P9 copy.jpg")).unwrap();
+    std::fs::copy(here.join("card/P9.jpg"), here.join("card/copy of P9.jpg")).unwrap();
     let undated = wingd(here, &["import", "card", "card/notes.txt", "--store", "store", "--json"]);
     assert_eq!(undated.status.code(), Some(1), "a file could not be taken: {}", said(&undated));
     let text = said(&undated);

@@ -65,9 +65,7 @@ impl Answers {
         if self.no_questions || !terminal {
             return self;
         }
-        eprintln!(
-            "What is not known yet: press Enter, it stays blank. docs/images/installation.svg shows what is what."
-        );
+        eprintln!("What is not known yet: press Enter, it stays blank. installation.svg shows what is what.");
         ask(&mut self.name, "name of aircraft and wing", word);
         ask(&mut self.side, "which wing (left or right)", side);
         ask(&mut self.projection_centre, "place of the lens in the survey's frame, m (x,y,z)", numbers::<3>);
