@@ -112,11 +112,11 @@ impl Track {
     }
 
     /// A frame's UTC for the join, seconds since 1970, and its standard deviation. Where this machine's clock was not
-    /// synchronised the feed's own tags tell it.
+    /// synchronised, and nobody states how far off it was, the feed's own tags tell it.
     fn instant(&self, stamp: &Stamp, exposure: Option<&Exposure>) -> Option<(f64, f64)> {
         let own_sigma_s = exposure.map_or(0.0, |e| e.exposure_sigma_s);
         let clock = exposure.and_then(|e| e.clock_sigma_s);
-        if stamp.utc_synchronised {
+        if stamp.utc_synchronised || clock.is_some() {
             let utc = exposure.map_or(stamp.utc, |e| e.exposure_time);
             return Some((seconds(utc), own_sigma_s.hypot(clock.unwrap_or(UNSTATED_CLOCK_S))));
         }

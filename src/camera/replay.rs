@@ -14,7 +14,8 @@ use crate::installation::KeyFault;
 
 mod items;
 
-use items::{Item, format_of, read_items};
+pub use items::format_of;
+use items::{Item, read_items};
 
 /// `[camera] kind = "replay"` of the configuration.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]

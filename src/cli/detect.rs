@@ -55,7 +55,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         Ok(bytes) => detect(name, bytes, installation.as_ref(), overlay),
         Err(reason) => Sighting::failed(name, reason),
     };
-    frames::each(&args.images, args.jobs, "detecting", work, |sighting| {
+    frames::each(&super::pictures::expand(&args.images)?, args.jobs, "detecting", work, |sighting| {
         all_well &= sighting.failure.is_none();
         print(&if args.json {
             json_line(&sighting, installation.as_ref(), args.rejected).to_string()

@@ -6,17 +6,18 @@ use nalgebra::Vector3;
 
 use super::{Done, Failure, RIGHTS, frames, print, unwritable};
 use crate::installation::{self, Installation};
-use crate::measure::detect::Detection;
 use crate::measure::identify::{self, IdentifyError, OrientationFit};
-use crate::pipeline::{Sighting, stages};
+use crate::measure::setup::Setup;
+use crate::pipeline::orienting::{self, GroundFrame};
+use crate::record::Reason;
 use crate::report::number::rounded;
 
 /// Find the camera's attitude from ground frames and write orientation.toml.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The installation; orientation.toml is written into it
+    /// The installation; orientation.toml is written into it [default: installation/ of this folder]
     #[arg(long, value_name = "DIR")]
-    installation: PathBuf,
+    installation: Option<PathBuf>,
     /// Frames taken on ground with the mounting of the survey
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
@@ -29,24 +30,30 @@ pub struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let installation = installation::load_without_orientation(&args.installation)?;
+    let installation =
+        installation::load_without_orientation(&super::places::installation(args.installation.as_deref())?)?;
     super::say_doubts(&installation);
-    let sightings = frames::map(&args.images, args.jobs, "detecting", |name, bytes| match bytes {
-        Ok(bytes) => stages::sight(name, bytes, None, &installation, None),
-        Err(reason) => Sighting::failed(name, reason),
+    let files = super::pictures::expand(&args.images)?;
+    let mut frames = Vec::with_capacity(files.len());
+    let mut reasons: Vec<String> = vec![];
+    let sight = |name: &str, bytes: Result<&[u8], Reason>| {
+        bytes.and_then(|b| orienting::sight(name, b, &installation)).map_err(|why| format!("{name}: {why}"))
+    };
+    frames::each(&files, args.jobs, "detecting", sight, |ground| {
+        match ground {
+            Ok(frame) => frames.push(frame),
+            Err(reason) => reasons.push(reason),
+        }
+        Ok(())
     })?;
-    let reasons: Vec<String> =
-        sightings.iter().filter_map(|s| Some(format!("{}: {}", s.image, s.failure.as_ref()?))).collect();
     if !reasons.is_empty() {
         return Err(Failure::Undone(reasons.join("\nwingd: ")));
     }
-    let detections: Vec<_> = sightings.iter().map(|s| s.detections.markers.clone()).collect();
-    let mut fit = identify::orient(&installation.setup, &detections).map_err(|e| {
-        Failure::Undone(format!("no orientation: {}", why(&installation, &detections, &e, &sightings)))
-    })?;
-    fit.orientation.ground = stages::ground_sights(&installation.setup, &detections, &fit);
+    let (setup, names) = (&installation.setup, names(&frames));
+    let fit = orienting::orient(setup, &mut frames)
+        .map_err(|e| Failure::Undone(format!("no orientation: {}", why(setup, &frames, &e, &names))))?;
     let images: Vec<(String, String)> =
-        sightings.iter().map(|s| (s.image.clone(), s.digest.clone())).collect();
+        frames.iter().map(|f| (f.sighting.image.clone(), f.sighting.digest.clone())).collect();
     let file = installation.directory.join(installation::ORIENTATION_FILE);
     let written = installation::write_orientation(&installation, &fit, &images);
     written.map_err(unwritable(&file, RIGHTS))?;
@@ -54,18 +61,17 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     Ok(Done::All)
 }
 
+fn names(frames: &[GroundFrame]) -> Vec<String> {
+    frames.iter().map(|f| f.sighting.image.clone()).collect()
+}
+
 /// A failure with the name of the frame that it is about, and its cause where something tells.
-fn why(
-    installation: &Installation,
-    detections: &[Vec<Detection>],
-    error: &IdentifyError,
-    sightings: &[Sighting],
-) -> String {
-    let name = |frame: usize| sightings.get(frame).map_or("a frame", |s| s.image.as_str());
+fn why(setup: &Setup, frames: &[GroundFrame], error: &IdentifyError, names: &[String]) -> String {
+    let name = |frame: usize| names.get(frame).map_or("a frame", String::as_str);
     match error {
         IdentifyError::Misfit(misfit) => format!("{}: {misfit}", name(misfit.frame)),
         IdentifyError::TooFew { .. } => error.to_string(),
-        _ => identify::explain_ground(&installation.setup, detections)
+        _ => identify::explain_ground(setup, &orienting::markers(frames))
             .map_or_else(|| error.to_string(), |(frame, cause)| format!("{}: {cause}", name(frame))),
     }
 }

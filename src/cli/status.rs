@@ -30,7 +30,8 @@ pub struct TriggerArgs {
 
 #[derive(clap::Args)]
 struct SocketArgs {
-    /// The daemon's socket, [status] socket of its configuration [default: /run/wingd/wingd.sock]
+    /// The daemon's socket, [status] socket of its configuration [default: that of
+    /// wingd.toml in this folder, else /run/wingd/wingd.sock]
     #[arg(long, value_name = "PATH")]
     socket: Option<PathBuf>,
     /// The daemon's configuration, to find its socket
@@ -43,7 +44,10 @@ impl SocketArgs {
         match (&self.socket, &self.config) {
             (Some(socket), _) => Ok(socket.clone()),
             (None, Some(file)) => Ok(config::load(file)?.status.socket),
-            (None, None) => Ok(StatusConfig::default().socket),
+            (None, None) => match super::places::configuration_here() {
+                Some(file) => Ok(config::load(&file)?.status.socket),
+                None => Ok(StatusConfig::default().socket),
+            },
         }
     }
 }

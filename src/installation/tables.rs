@@ -21,6 +21,7 @@ pub(super) struct Document {
 #[serde(deny_unknown_fields)]
 pub(super) struct Camera {
     pub calibration: String,
+    #[serde(deserialize_with = "or_blank")]
     pub projection_centre_m: [f64; 3],
     pub projection_centre_sigma_m: f64,
     pub mount_repeatability_px: Option<f64>,
@@ -50,6 +51,7 @@ pub struct Optics {
 #[serde(deny_unknown_fields)]
 pub(super) struct Wing {
     pub survey: String,
+    #[serde(deserialize_with = "or_blank")]
     pub span_direction: [f64; 2],
     pub side: Option<Side>,
     pub root_offset_m: f64,
@@ -87,6 +89,20 @@ pub(super) struct Vibrating {
 pub(super) enum Side {
     Left,
     Right,
+    /// As in a template that is to be filled in.
+    #[serde(rename = "")]
+    Blank,
+}
+
+/// Numbers, or `[]` as in a template that is to be filled in: then none is a number.
+fn or_blank<'de, const N: usize, D: serde::Deserializer<'de>>(source: D) -> Result<[f64; N], D::Error> {
+    let all = Vec::<f64>::deserialize(source)?;
+    if all.is_empty() {
+        return Ok([f64::NAN; N]);
+    }
+    let count = all.len();
+    all.try_into()
+        .map_err(|_| serde::de::Error::invalid_length(count, &format!("an array of length {N}").as_str()))
 }
 
 #[derive(Deserialize)]

@@ -13,6 +13,7 @@
 //! | `export` | that | CSV, Parquet, VTK |
 //! | `protocol` | the record of an image | its adjustment as a text to read |
 //! | `plan_figure` | a plan | resolution and predicted uncertainty along the span, SVG |
+//! | `layout_figure` | a layout of markers | the wing from above to scale, and as the camera sees it, SVG |
 //! | `overlay` | a frame and its detections | a picture to look at |
 
 pub mod aircraft;
@@ -23,6 +24,7 @@ pub mod export;
 pub mod grid;
 pub mod html;
 pub mod labels;
+pub mod layout_figure;
 pub mod number;
 pub mod overlay;
 pub mod overview;
@@ -106,6 +108,8 @@ pub struct ShotData {
     pub number: u32,
     /// File name of the frame; `None` where the camera gave none.
     pub image: Option<String>,
+    /// The name that it came under, where it came from a file.
+    pub source: Option<String>,
     /// When the camera was asked.
     pub stamp: Option<Stamp>,
     /// When the frame was exposed.

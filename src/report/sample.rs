@@ -103,6 +103,7 @@ pub fn series(name: &str, after_s: i64, lifts_m: &[f64]) -> SeriesData {
     let image = |i: usize| format!("{name}-{i:02}.jpg");
     let shot = |i: usize| ShotData {
         image: Some(image(i)),
+        source: None,
         number: i as u32 + 1,
         stamp: Some(stamp(after_s + 2 * i as i64)),
         exposure: None,

@@ -53,6 +53,27 @@ pub fn flight(root: &Path, choice: Choice, setup: Option<&Setup>) -> Result<Repo
     Ok(data)
 }
 
+/// Flight of pictures that are in no store.
+pub const PICTURES: &str = "pictures";
+
+/// What is shown of pictures that are in no store: their series, with whole records. `picture` gives the bytes of a series'
+/// picture by its name.
+pub fn pictures(
+    series: Vec<SeriesData>,
+    setup: &Setup,
+    picture: impl Fn(&SeriesData, &ShotData) -> Option<Picture>,
+) -> ReportData {
+    let mut data = ReportData { site: Some(Site::from(setup)), ..ReportData::default() };
+    let mut whole = None;
+    data.series.extend(series.into_iter().map(|series| lean(series, &mut whole)));
+    let shots = || data.series.iter().flat_map(|s| s.shots.iter().map(move |shot| (s, shot)));
+    let solved = |(s, shot): &(&SeriesData, &ShotData)| s.record_of(shot).is_some_and(ImageRecord::is_solved);
+    let shown = shots().find(solved).or_else(|| shots().next()).and_then(|(s, shot)| picture(s, shot));
+    data.picture = shown;
+    data.shown = whole.map(|(_, record)| record);
+    data
+}
+
 /// Hands out the series of the chosen flight, or of all flights, one at a time; what could not be read
 /// and what is to be said comes back. `take` gets the records whole.
 pub fn each<E: From<StoreError>>(
@@ -136,7 +157,12 @@ fn choose(disk: &dyn Disk, root: &Path, wanted: Option<&str>) -> Result<Option<F
         let known: Vec<&str> = flights.iter().map(|f| f.id.as_str()).collect();
         let why = format!("there is no flight {wanted}, only: {}", known.join(", "));
         let missing = || StoreError::NotAStore { path: layout::finished(root, wanted, ""), why };
-        return flights.iter().find(|f| f.id == wanted).cloned().map(Some).ok_or_else(missing);
+        return flights
+            .iter()
+            .find(|f| catalogue::is_called(disk, f, wanted))
+            .cloned()
+            .map(Some)
+            .ok_or_else(missing);
     }
     let taken = |f: &&FlightRef| catalogue::series(disk, f).is_ok_and(|s| !s.is_empty());
     Ok(flights.iter().rev().find(taken).cloned())
@@ -189,6 +215,7 @@ fn record(series: &SeriesRef, line: ResultLine, notes: &mut Vec<String>) -> Opti
 fn shot(shot: Shot) -> ShotData {
     let reason = |f: &store::manifest::Failure| format!("{}: {}", f.kind, f.reason);
     let failures = shot.failures.iter().map(reason).collect();
+    let source = shot.frame.as_ref().and_then(|f| f.settings.get("source")?.as_str().map(str::to_owned));
     let (image, sha256, format) = match shot.frame {
         Some(frame) => (Some(frame.file), Some(frame.sha256), Some(frame.format)),
         None => (None, None, None),
@@ -198,6 +225,7 @@ fn shot(shot: Shot) -> ShotData {
     ShotData {
         number,
         image,
+        source,
         stamp: Some(shot.stamp),
         exposure,
         aircraft: AircraftState::new(),

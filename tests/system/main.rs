@@ -9,9 +9,11 @@ mod check_command;
 #[path = "../common/mod.rs"]
 mod common;
 mod daemon_replay;
+mod first_hour;
 mod fixed_marks;
 mod foreign_cameras;
 mod foreign_tables;
+mod guided_orient;
 mod http_access;
 mod http_downloads;
 mod http_fetch;

@@ -12,6 +12,7 @@ use super::{Done, Failure, frames, print};
 use crate::installation;
 use crate::measure::render::{Light, Options, Random, Scene, Shot, Side};
 use crate::measure::setup::{Orientation, Setup};
+pub(super) use writer::survey_csv;
 use writer::{SetFrame, write_set};
 
 /// Frames of a wing, or pictures of a board, with known truth

@@ -115,7 +115,7 @@ pub struct OrientationFit {
     /// How much higher the wing stood in the ground frames than surveyed, by bending, at its tip, m; a posteriori where the
     /// variance factor is above 1. `None` where the sights do not tell.
     pub bend: Option<Estimate>,
-    /// Per frame, per identified marker: (frame, marker index, residual px).
+    /// Per frame, per identified marker: (frame, marker index, residual observed - computed, px).
     pub residuals: Vec<(usize, usize, Vector2<f64>)>,
     /// Per frame: identities.
     pub identities: Vec<Identities>,
@@ -188,6 +188,17 @@ pub fn expect(
     identities: &Identities,
 ) -> Vec<Expected> {
     known::expected(&scene::Scene::new(setup, orientation, true), detections, identities)
+}
+
+/// The same for a ground frame, which shows the wing as surveyed: what [`orient`] did not find is sought there before the
+/// survey is blamed.
+pub fn expect_on_ground(
+    setup: &Setup,
+    orientation: &Orientation,
+    detections: &[Detection],
+    identities: &Identities,
+) -> Vec<Expected> {
+    known::expected(&scene::Scene::new(setup, orientation, false), detections, identities)
 }
 
 /// Where the markers of the next frame are expected, from one frame's detections and identities:

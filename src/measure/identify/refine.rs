@@ -30,7 +30,7 @@ pub(super) struct Adjusted {
     pub(super) orientation: Orientation,
     pub(super) variance_factor: f64,
     pub(super) redundancy: usize,
-    /// With residuals against the survey as given, adjusted - observed, px.
+    /// With residuals against the survey as given, observed - computed, px.
     pub(super) used: Vec<(Sight, Vector2<f64>)>,
     pub(super) taken_out: Vec<Sight>,
 }
@@ -182,7 +182,7 @@ impl Sights<'_> {
         let residual = |s: &Sight| {
             let ground = setup.markers[s.marker].position_m;
             let p = seen(setup, &rotation, &ground, &setup.projection_centre_m);
-            setup.lens.project(&p).map_or(Vector2::zeros(), |pixel| pixel - s.pixel)
+            setup.lens.project(&p).map_or(Vector2::zeros(), |pixel| s.pixel - pixel)
         };
         let by_turn = left_jacobian(&fit.global.fixed_rows::<3>(0).into_owned());
         let covariance = fit.covariance.fixed_view::<3, 3>(0, 0).into_owned();

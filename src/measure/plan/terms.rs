@@ -5,6 +5,9 @@ use crate::setup::{Setup, Thermal};
 /// A term of the model, and how it is made known.
 type Term = (&'static str, fn(&mut Setup));
 
+/// Every term known.
+pub(super) const ALL: &str = "all of these";
+
 /// In the order of `docs/adjustment/installation.md`.
 const TERMS: [Term; 13] = [
     ("height of the bending axis", |s| s.uncertainty.skin_height_sigma_m = 0.0),
@@ -62,7 +65,7 @@ pub(super) fn each_known(setup: &Setup) -> Vec<(&'static str, Setup)> {
     if all.len() > 1 {
         let mut together = setup.clone();
         TERMS.iter().for_each(|(_, make)| make(&mut together));
-        all.push(("all of these", together));
+        all.push((ALL, together));
     }
     all
 }

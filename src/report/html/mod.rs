@@ -12,6 +12,7 @@ mod views;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::number::{NONE, fixed, rounded};
+use super::source::PICTURES;
 use super::summary::{Mean, SeriesSummary, summaries};
 use super::{ReportData, distinct, table};
 use crate::record::ImageRecord;
@@ -89,6 +90,7 @@ fn title(data: &ReportData) -> String {
     flights.dedup();
     let flights = match flights.as_slice() {
         [] => "empty store".to_owned(),
+        [PICTURES] => PICTURES.to_owned(),
         [one] => format!("flight {one}"),
         [first, .., last] => format!("flights {first} to {last}"),
     };

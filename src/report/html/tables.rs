@@ -265,7 +265,7 @@ fn inputs(set: &Provenance) -> Grid {
 }
 
 fn frames(data: &ReportData) -> Grid {
-    let mut grid = Grid::new(&["<series", "<frame", "<UTC", "<SHA-256", "solve / ms"]);
+    let mut grid = Grid::new(&["<series", "<frame", "<came as", "<UTC", "<SHA-256", "solve / ms"]);
     for s in &data.series {
         for shot in &s.shots {
             let Some(image) = &shot.image else { continue };
@@ -273,6 +273,7 @@ fn frames(data: &ReportData) -> Grid {
             grid.push(vec![
                 s.name.clone(),
                 image.clone(),
+                shot.source.clone().unwrap_or_else(|| NONE.to_owned()),
                 time(shot),
                 shot.sha256.clone().unwrap_or_else(|| NONE.to_owned()),
                 fixed(ms, 0),

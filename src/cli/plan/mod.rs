@@ -1,4 +1,7 @@
-//! `wingd plan` says what an installation will be able to see.
+//! `wingd plan` says what an installation will be able to see, or one that is not there yet.
+
+mod draft;
+mod want;
 
 use std::path::PathBuf;
 
@@ -17,7 +20,20 @@ use crate::report::{plan_figure, table};
 pub struct Args {
     /// The installation; without orientation.toml the camera is taken to look at the wing's middle
     #[arg(long, value_name = "DIR")]
-    installation: PathBuf,
+    installation: Option<PathBuf>,
+    #[command(flatten)]
+    draft: draft::DraftArgs,
+    /// Also so many frames of a flight adjusted together
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=500))]
+    frames: Option<u16>,
+    /// The standard deviation of the tip's lift that is wanted, for example 5mm: whether it is reached, where what is
+    /// planned comes from, and what would mend it, cheapest first
+    #[arg(long, value_name = "LENGTH", value_parser = want::length)]
+    want: Option<f64>,
+    /// Write the layout (with --want the one proposed): installation.toml, camera.toml, a survey.csv to be replaced by the
+    /// true one, and layout.svg, a drawing to scale
+    #[arg(long, value_name = "DIR")]
+    layout: Option<PathBuf>,
     /// Lift of the outermost marker to plan for, m
     #[arg(long, value_name = "M", default_value_t = PlanOptions::default().tip_lift_m, allow_negative_numbers = true)]
     tip_lift: f64,
@@ -40,25 +56,34 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     if !sensible {
         return Err(Failure::Usage("--pixel-sigma must be in (0, 100] px, --tip-lift within 100 m".into()));
     }
-    let installation = super::load_installation(&args.installation)?;
-    let options = options(args, &installation);
+    let frames = args.frames.map_or(1, usize::from);
+    let installation = match args.draft.span {
+        None => super::load_installation(&super::places::installation(args.installation.as_deref())?)?,
+        Some(_) => args.draft.installation(&options(args, None), frames)?,
+    };
+    let options = options(args, Some(&installation));
     let plan = plan::plan(&installation.setup, installation.orientation.as_ref(), &options)
         .map_err(|e| Failure::Undone(format!("no plan: {e}")))?;
     if let Some(file) = &args.figure {
         std::fs::write(file, plan_figure::figure(&plan)).map_err(unwritable(file, RIGHTS))?;
     }
+    let together = want::together(&installation, &options, args.frames)?;
+    let asked = args.want.map(|sigma_m| want::ask(&installation, &options, sigma_m, frames)).transpose()?;
+    if let Some(folder) = &args.layout {
+        want::write_layout(folder, &installation, &options, asked.as_ref())?;
+    }
     if args.json {
-        let line = serde_json::to_string(&plan)
-            .map_err(|e| Failure::Undone(format!("the plan cannot be written as JSON: {e}")))?;
-        print(&line)?;
+        print(&want::json(&plan, together.as_ref(), asked.as_ref())?)?;
     } else {
-        print(&text(&plan))?;
+        let mut out = text(&plan);
+        out.push_str(&want::text(together.as_ref(), asked.as_ref()));
+        print(out.trim_end())?;
     }
     Ok(if plan.prediction.is_some() { Done::All } else { Done::Partly })
 }
 
-fn options(args: &Args, installation: &Installation) -> PlanOptions {
-    let optics = installation.optics.as_ref().map(|o| Optics {
+fn options(args: &Args, installation: Option<&Installation>) -> PlanOptions {
+    let optics = installation.and_then(|i| i.optics.as_ref()).map(|o| Optics {
         focal_length_mm: o.focal_length_mm,
         f_number: o.f_number,
         pixel_pitch_um: o.pixel_pitch_um,
