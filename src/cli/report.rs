@@ -25,6 +25,9 @@ pub struct Args {
     /// The installation, for the ground shape and the lines of sight
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
+    /// How many frames' pictures it shows, those to be looked at first; each is some 200 kB of the page
+    #[arg(long, value_name = "COUNT", default_value_t = source::PICTURES, conflicts_with = "all_flights")]
+    pictures: usize,
     /// Where the page goes
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
     output: PathBuf,
@@ -39,7 +42,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let setup = installation.as_ref().map(|i| &i.setup);
     let choice = Choice { flight: args.flight.as_deref(), inputs: args.inputs.as_deref() };
     let busy = frames::busy("reading the store");
-    let data = source::flight(&args.store, choice, setup)?;
+    let data = source::flight_with(&args.store, choice, setup, args.pictures)?;
     drop(busy);
     for note in data.warnings.iter().chain(&data.notes) {
         eprintln!("wingd: {note}");

@@ -103,6 +103,8 @@ fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installati
         record.remarks.push(SIDE_UNKNOWN.into());
     }
     record.remarks.extend(turned_mount(installation, s));
+    let accepted = installation.accepted.as_ref();
+    record.remarks.extend(accepted.map(|reason| format!("the camera's calibration was refused and accepted: {reason}")));
     record.quality = quality(installation, s);
 }
 

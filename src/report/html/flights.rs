@@ -7,6 +7,7 @@ use super::super::number::rounded;
 use super::super::overview::{Line, Overview};
 use super::super::summary::{Mean, hours_between};
 use super::document;
+use super::chart::{Across, Chart, Trace, Upright, point};
 use super::plot::{Axis, Plot, drawing, px, series_colour};
 use crate::clock::Stamp;
 
@@ -67,7 +68,22 @@ fn lift(flights: &[Overview]) -> Markup {
             text.name x=(px(WIDTH - 86.0)) y=(px(y + 4.0)) fill=(colour) { (flights.get(*index).map_or("", |f| f.flight.as_str())) }
         }
     };
-    drawing(WIDTH, height + 60.0, "Lift over time of each flight", &content)
+    let trace = |(index, track): &(usize, Vec<(f64, Mean)>)| Trace {
+        name: flights.get(*index).map_or(String::new(), |f| f.flight.clone()),
+        colour: series_colour(*index, flights.len()),
+        joined: true,
+        points: track.iter().map(|(h, m)| point(*h, m.value, m.sigma)).collect(),
+        ..Trace::default()
+    };
+    let name = "Lift over time of each flight";
+    let chart = Chart {
+        name: name.to_owned(),
+        height: 380.0,
+        x: Across::plain("time since the flight's first series / h"),
+        y: Upright { label: "lift of the tip marker / m".to_owned(), zero: false },
+        tracks: tracks.iter().map(trace).collect(),
+    };
+    html! { (drawing(WIDTH, height + 60.0, name, &content)) (chart.values(None)) }
 }
 
 fn table(flights: &[Overview]) -> Grid {

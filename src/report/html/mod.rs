@@ -1,8 +1,11 @@
 //! The report is one page that opens offline and prints well.
 
 mod aircraft;
+mod axis;
+mod chart;
 mod figures;
 mod flights;
+mod frames;
 pub mod picture;
 pub(in crate::report) mod plot;
 mod tables;
@@ -20,6 +23,14 @@ pub use plot::round_step;
 
 /// The look of the report.
 const STYLE: &str = include_str!("style.css");
+/// What makes its figures answer. It calls nothing, and the page is whole without it.
+pub const SCRIPT: &str = concat!(
+    include_str!("script/base.js"),
+    include_str!("script/chart.js"),
+    include_str!("script/wing.js"),
+    include_str!("script/frames.js"),
+    include_str!("script/start.js")
+);
 
 /// A page that stands alone: `units` says in what it counts.
 pub fn document(title: &str, main: &Markup, units: &str) -> String {
@@ -37,6 +48,7 @@ pub fn document(title: &str, main: &Markup, units: &str) -> String {
                     (main)
                     footer { "Written by wingd " (env!("CARGO_PKG_VERSION")) ". " (units) }
                 }
+                script { (PreEscaped(SCRIPT)) }
             }
         }
     };
@@ -55,6 +67,7 @@ pub fn page(data: &ReportData) -> String {
         (over_time(data, &summaries))
         (aircraft::section(data))
         (tables::series(&summaries))
+        (frames::section(data))
         (orthographic(data, shown))
         (frame(data, shown))
         (tables::solution(shown))
@@ -69,17 +82,12 @@ pub fn page(data: &ReportData) -> String {
     )
 }
 
-/// The record of the picture, or the first one with numbers.
+/// The record to be looked at first, or the first one with numbers.
 fn shown_record(data: &ReportData) -> Option<&ImageRecord> {
-    if data.shown.is_some() {
-        return data.shown.as_ref();
+    if let Some(first) = data.frames.first().filter(|frame| frame.record.is_solved()) {
+        return Some(&first.record);
     }
-    let records = || data.series.iter().flat_map(|s| s.records.iter().map(move |r| (s, r)));
-    let pictured = data
-        .picture
-        .as_ref()
-        .and_then(|p| records().find(|(s, r)| s.name == p.series && r.image == p.image).map(|(_, r)| r));
-    pictured.filter(|r| r.is_solved()).or_else(|| records().map(|(_, r)| r).find(|r| r.is_solved()))
+    data.series.iter().flat_map(|s| &s.records).find(|r| r.is_solved())
 }
 
 fn title(data: &ReportData) -> String {
@@ -138,6 +146,7 @@ fn contents() -> Markup {
         ("deflection", "Deflection along the span"),
         ("time", "Lift and torsion over time"),
         ("series", "Series"),
+        ("every", "Every frame"),
         ("views", "Positions"),
         ("frame", "A frame and its markers"),
         ("quality", "Quality"),
@@ -239,9 +248,10 @@ fn orthographic(data: &ReportData, shown: Option<&ImageRecord>) -> Markup {
 fn frame(data: &ReportData, shown: Option<&ImageRecord>) -> Markup {
     html! {
         h2 id="frame" { "A frame and its markers" }
-        @match &data.picture {
-            Some(p) => (picture::picture(p, shown)),
-            None => p { "No frame is at hand." },
+        @if data.pictures.is_empty() { p { "No frame is at hand." } }
+        @for p in &data.pictures {
+            @let record = data.frames.iter().find(|f| f.series == p.series && f.record.image == p.image).map(|f| &f.record);
+            div.picture data-frame={ (p.series) "/" (p.image) } { (picture::picture(p, record)) }
         }
         @if let Some(record) = shown {
             h3 { "Markers of " (record.image) }

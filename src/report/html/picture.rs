@@ -36,6 +36,9 @@ pub fn picture(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
 }
 
 fn drawn(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
+    if picture.fault.is_some() {
+        return html! {};
+    }
     let raster = match decode(&picture.bytes, picture.format.as_ref()) {
         Ok(raster) => raster,
         Err(error) => return html! { p.warning { (picture.image) ": " (error) } },
