@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::{Done, Failure, print};
+use crate::report::number::count;
 use crate::config;
 use crate::daemon::{self, Health, LiveStatus, Status, StatusConfig};
 use crate::record::word;
@@ -91,9 +92,9 @@ fn text(status: &Status) -> String {
             status.next_series_s.map_or("none planned".to_owned(), |s| format!("in {}", span(s)))
         ),
         format!(
-            "since start  {} frames, {} shots failed, {} series complete, {} interrupted, {} refused",
-            counts.frames,
-            counts.failed_shots,
+            "since start  {}, {} failed, {} series complete, {} interrupted, {} refused",
+            count(counts.frames as usize, "frame"),
+            count(counts.failed_shots as usize, "shot"),
             counts.series_complete,
             counts.series_interrupted,
             counts.series_refused

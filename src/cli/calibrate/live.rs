@@ -8,6 +8,7 @@ use serde::Deserialize;
 
 use super::pictures::{Picture, picture};
 use super::{Args, Failure, judged};
+use crate::report::number::count;
 use crate::camera::freshness::Freshness;
 use crate::camera::section::CameraSection;
 use crate::clock::System;
@@ -60,7 +61,7 @@ pub(super) fn pictures(args: &Args, config: &Path, board: &DescribedBoard) -> Re
 
 fn said(picture: &Picture) -> String {
     match &picture.view {
-        Ok(view) => format!("{} points of the board", view.len()),
+        Ok(view) => format!("{} of the board", count(view.len(), "point")),
         Err(reason) => reason.to_string(),
     }
 }

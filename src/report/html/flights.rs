@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 
 use super::super::grid::Grid;
-use super::super::number::rounded;
+use super::super::number::{count, rounded};
 use super::super::overview::{Line, Overview};
 use super::super::summary::{Mean, hours_between};
 use super::document;
@@ -27,7 +27,7 @@ fn track(flight: &Overview) -> Vec<(f64, Mean)> {
 pub fn flights(flights: &[Overview]) -> String {
     let warnings = flights.iter().flat_map(|f| f.warning.iter().chain(&f.notes));
     let main = html! {
-        header { h1 { "Wing deflection, flight by flight" } p.sub { (flights.len()) " flights" } }
+        header { h1 { "Wing deflection, flight by flight" } p.sub { (count(flights.len(), "flight")) } }
         @for warning in warnings { p.warning { (warning) } }
         h2 { "Lift over time" }
         figure {
@@ -38,7 +38,7 @@ pub fn flights(flights: &[Overview]) -> String {
         div.scroll { (table(flights).html()) }
     };
     document(
-        &format!("Wing deflection: {} flights", flights.len()),
+        &format!("Wing deflection: {}", count(flights.len(), "flight")),
         &main,
         "Lengths in metres; sigma is one standard deviation.",
     )
