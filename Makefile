@@ -2,7 +2,7 @@
 CARGO ?= cargo
 PACKAGES := build-essential pkg-config libclang-dev libgphoto2-dev
 # What the pages' examples call besides.
-TEST_PACKAGES := curl openssl python3
+TEST_PACKAGES := curl openssl python3 python3-jsonschema
 MACHINE_PACKAGES := flex bison bc xz-utils dpkg-dev libexif-dev mmdebstrap e2fsprogs kmod procps systemd
 # --cached: without the parts that need the virtual machine's kernel, where it is not built yet.
 MACHINE_OPTIONS ?=

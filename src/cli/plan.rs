@@ -30,6 +30,9 @@ pub struct Args {
     /// One JSON object
     #[arg(long)]
     json: bool,
+    /// Every column of the tables, however wide [default: those that fit 80 characters]
+    #[arg(long)]
+    wide: bool,
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
@@ -49,7 +52,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
             .map_err(|e| Failure::Undone(format!("the plan cannot be written as JSON: {e}")))?;
         print(&line)?;
     } else {
-        print(&text(&plan))?;
+        print(&text(&plan, args.wide))?;
     }
     Ok(if plan.prediction.is_some() { Done::All } else { Done::Partly })
 }
@@ -69,7 +72,7 @@ fn options(args: &Args, installation: &Installation) -> PlanOptions {
     }
 }
 
-fn text(plan: &Plan) -> String {
+fn text(plan: &Plan, wide: bool) -> String {
     let mut out = format!(
         "Planned for a tip lift of {} m and {} px in the image.\n\nField of view {:.2} x {:.2} deg, camera constant {:.0} px\n",
         plan.tip_lift_m,
@@ -79,7 +82,7 @@ fn text(plan: &Plan) -> String {
         plan.focal_px
     );
     out.push_str(&optics(plan));
-    out.push_str(&format!("\n{}", markers(&plan.markers).text()));
+    out.push_str(&format!("\n{}", markers(&plan.markers).text_at(wide)));
     if let Some(prediction) = &plan.prediction {
         out.push_str(&format!("\n{}", predicted(prediction)));
         out.push_str(&format!("\nOne marker less, one marker more\n{}", changes(prediction).text()));
@@ -121,15 +124,15 @@ fn markers(markers: &[MarkerPlan]) -> Grid {
     let mm = |value: Option<f64>| fixed(value.map(|m| 1e3 * m), 1);
     Grid::each(markers).columns(&[
         ("<marker", &|m| m.id.clone()),
-        ("<shape", &|m| m.shape.to_owned()),
+        ("~<shape", &|m| m.shape.to_owned()),
         ("span / m", &|m| fixed(Some(m.span_m), 2)),
-        ("distance / m", &|m| fixed(Some(m.distance_m), 2)),
+        ("~distance / m", &|m| fixed(Some(m.distance_m), 2)),
         ("spanwise / (mm/px)", &|m| fixed(Some(m.ground.spanwise_mm), 1)),
         ("in flight", &|m| fixed(Some(m.flight.spanwise_mm), 1)),
         ("streamwise / (mm/px)", &|m| fixed(Some(m.ground.streamwise_mm), 2)),
         ("image / px", &|m| format!("{:.1} x {:.1}", m.image_px[1], m.image_px[0])),
         ("sigma lift / mm", &|m| mm(m.sigma.as_ref().map(|s| s.lift_m))),
-        ("sigma span / mm", &|m| mm(m.sigma.as_ref().map(|s| s.span_m))),
+        ("~sigma span / mm", &|m| mm(m.sigma.as_ref().map(|s| s.span_m))),
         ("<seen", &|m| if m.visible { "yes" } else { "no" }.to_owned()),
     ])
 }

@@ -37,7 +37,8 @@ fn order(a: &Whole, b: &Whole) -> Ordering {
 /// Keeps the frames that are to be looked at first.
 pub struct Ranked {
     most: usize,
-    frames: Vec<Whole>,
+    /// In their order; moved as frames come in between.
+    frames: Vec<Box<Whole>>,
 }
 
 impl Ranked {
@@ -48,21 +49,16 @@ impl Ranked {
 
     /// Another frame.
     pub fn push(&mut self, frame: Whole) {
-        self.frames.push(frame);
-        if self.frames.len() >= 2 * self.most.max(1) {
-            self.cut();
+        let place = self.frames.partition_point(|known| order(known, &frame) != Ordering::Greater);
+        if place < self.most {
+            self.frames.insert(place, Box::new(frame));
+            self.frames.truncate(self.most);
         }
     }
 
     /// In their order.
-    pub fn end(mut self) -> Vec<Whole> {
-        self.cut();
-        self.frames
-    }
-
-    fn cut(&mut self) {
-        self.frames.sort_by(order);
-        self.frames.truncate(self.most);
+    pub fn end(self) -> Vec<Whole> {
+        self.frames.into_iter().map(|frame| *frame).collect()
     }
 }
 

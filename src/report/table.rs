@@ -149,7 +149,7 @@ pub fn markers(record: &ImageRecord) -> Grid {
         ("~sigma / m", &|m| distance(m).1),
         ("lift / m", &|m| lift(m).0),
         ("sigma / m", &|m| lift(m).1),
-        ("w", &|m| fixed(m.w_test, 1)),
+        ("~w", &|m| fixed(m.w_test, 1)),
         ("<remark", &remark),
     ])
 }

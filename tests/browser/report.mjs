@@ -143,7 +143,7 @@ const frames = async (page, at) => {
   check((await state()) !== before, `${at}: the wing turns`);
   await viewer.locator("div.wing select").selectOption("5");
   check(/enlarged 5 times/.test(await viewer.locator("div.wing .caption").innerText()), `${at}: its exaggeration is stated`);
-  const table = await download(page, () => page.locator(".taking").last().getByRole("button", { name: /^CSV/ }).click());
+  const table = await download(page, () => viewer.locator(".taking").last().getByRole("button", { name: /^CSV/ }).click());
   check(table.bytes.length > 20, `${at}: ${table.name}, ${table.bytes.length} B`);
 };
 

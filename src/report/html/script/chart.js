@@ -57,7 +57,9 @@ class Chart {
       if (high - low > 1e-9 * (1 + Math.abs(high))) return [low, high];
       return [low - 0.5, high + 0.5];
     };
-    const x = this.view.x ?? span(points.map((p) => p[0]), [0, 1]);
+    const whole = span(points.map((p) => p[0]), [0, 1]);
+    const margin = 0.015 * (whole[1] - whole[0]);
+    const x = this.view.x ?? [whole[0] - margin, whole[1] + margin];
     const inside = points.filter((p) => p[0] >= x[0] && p[0] <= x[1]);
     const ends = inside.flatMap((p) => [p[1] - (p[2] ?? 0), p[1] + (p[2] ?? 0)]);
     const [low, high] = span(this.data.y.zero && !this.view.x ? [...ends, 0] : ends, [0, 1]);
@@ -94,7 +96,7 @@ class Chart {
       const at = Math.max(half, Math.min(px(v), width - half));
       svgNode(marks, "text", { x: tenth(at), y: top + h + 17, "text-anchor": "middle" }, text);
     }
-    for (const [v, text] of linearTicks(y[0], y[1], Math.max(3, h / 50))) {
+    for (const [v, text] of linearTicks(y[0], y[1], Math.max(4, h / 45))) {
       svgNode(marks, "line", { x1: left, x2: left + w, y1: tenth(py(v)), y2: tenth(py(v)), stroke: theme.grid });
       svgNode(marks, "text", { x: left - 6, y: tenth(py(v) + 4), "text-anchor": "end" }, text);
     }
