@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use super::{Done, Failure, frames, print};
 use crate::installation;
-use crate::report::source::{self, Choice};
 use crate::report::number::count;
+use crate::report::source::{self, Choice};
 use crate::report::{html, overview, summary, table};
 use crate::store::RealDisk;
 

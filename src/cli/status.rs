@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use super::{Done, Failure, print};
-use crate::report::number::count;
 use crate::config;
 use crate::daemon::{self, Health, LiveStatus, Status, StatusConfig};
 use crate::record::word;
+use crate::report::number::count;
 
 /// Ask the running daemon how it is.
 #[derive(clap::Args)]

@@ -12,7 +12,7 @@ use crate::clock::Stamp;
 use crate::installation::{self, Installation, Structure};
 use crate::measure::stress::{Curvature, Section, USUAL_BENDING_HZ, bending_length_m};
 use crate::report::grid::Grid;
-use crate::report::number::{count, NONE, fields, fixed, general, rounded};
+use crate::report::number::{NONE, count, fields, fixed, general, rounded};
 use crate::report::stress::{self, FlightLoad, Frame, Question, StationLoad};
 use crate::report::{ShotData, source};
 use crate::store::sets::{self, ResultSet};

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::{Done, Failure, frames, print};
-use crate::report::number::count;
 use crate::installation;
+use crate::report::number::count;
 use crate::store::signing::PublicKey;
 use crate::store::verify::{Report, verify, verify_signed};
 use crate::store::{self, RealDisk, catalogue};
@@ -71,7 +71,9 @@ fn text(report: &Report) -> String {
     let faults: String = report.faults.iter().map(fault).collect();
     let verdict = match report.faults.len() {
         0 => "all invariants hold".to_owned(),
-        n => format!("{} (docs/store.md says what each invariant means and how to mend it)", count(n, "fault")),
+        n => {
+            format!("{} (docs/store.md says what each invariant means and how to mend it)", count(n, "fault"))
+        }
     };
     format!(
         "{faults}{}, {} series, {} ({:.1} MB) with their checksums, {}: {verdict}",

@@ -80,6 +80,7 @@ fn of_a_store() {
 
 #[test]
 fn a_line_that_does_not_hold_is_a_fault() {
-    let broken = std::panic::catch_unwind(|| holds("check", b"{\"ok\":\"yes\",\"found\":{},\"faults\":[]}\n"));
+    let broken =
+        std::panic::catch_unwind(|| holds("check", b"{\"ok\":\"yes\",\"found\":{},\"faults\":[]}\n"));
     assert!(broken.is_err());
 }

@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use serde_json::json;
 
 use super::{Args, Done, Failure, print, undone};
-use crate::report::number::count;
 use crate::aircraft::{Quantity, Track};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
 use crate::report::aircraft::{self, Source};
+use crate::report::number::count;
 use crate::store::{FlightRef, RealDisk};
 
 /// Frames at which each source counts, by its number and the quantity.

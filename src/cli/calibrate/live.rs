@@ -8,12 +8,12 @@ use serde::Deserialize;
 
 use super::pictures::{Picture, picture};
 use super::{Args, Failure, judged};
-use crate::report::number::count;
 use crate::camera::freshness::Freshness;
 use crate::camera::section::CameraSection;
 use crate::clock::System;
 use crate::installation::DescribedBoard;
 use crate::measure::calibrate::Verdict;
+use crate::report::number::count;
 
 /// Longest time for a shot.
 const DEADLINE: Duration = Duration::from_secs(20);

@@ -116,7 +116,13 @@ fn finish(args: &Args, pictures: &[Picture], judged: &Judged) -> Result<Done, Fa
         pictures.iter().enumerate().map(|(k, p)| reason(calibration, k, p)).collect();
     if let Some(file) = &args.report {
         let names: Vec<&str> = pictures.iter().map(|p| p.name.as_str()).collect();
-        let page = report::calibration::page(calibration, (*verdict, accepted.as_deref()), reasons, &names, &left_out);
+        let page = report::calibration::page(
+            calibration,
+            (*verdict, accepted.as_deref()),
+            reasons,
+            &names,
+            &left_out,
+        );
         installation::write_page(file, &page).map_err(unwritable(file, RIGHTS))?;
     }
     for (picture, reason) in pictures.iter().zip(&left_out) {
@@ -150,9 +156,13 @@ fn accepted(args: &Args, judged: &Judged) -> Result<Option<String>, Failure> {
     let fault = if reason.trim().is_empty() {
         "--accept takes a reason in words".to_owned()
     } else if judged.calibration.projections.is_none() {
-        "a lens model without an inverse over the image cannot be accepted: no command could use it".to_owned()
+        "a lens model without an inverse over the image cannot be accepted: no command could use it"
+            .to_owned()
     } else if judged.refusals > 1 {
-        format!("--accept takes a calibration that a single reason refuses; here there are {}", judged.refusals)
+        format!(
+            "--accept takes a calibration that a single reason refuses; here there are {}",
+            judged.refusals
+        )
     } else {
         return Ok(Some(reason.trim().to_owned()));
     };

@@ -9,10 +9,10 @@ use std::path::PathBuf;
 use nalgebra::Vector2;
 
 use super::{Done, Failure, frames, print};
-use crate::report::number::count;
 use crate::installation;
 use crate::measure::render::{Light, Options, Random, Scene, Shot, Side};
 use crate::measure::setup::{Orientation, Setup};
+use crate::report::number::count;
 use writer::{SetFrame, write_set};
 
 /// Frames of a wing, or pictures of a board, with known truth

@@ -149,7 +149,8 @@ fn map(c: &Calibration, projection: &Projection, most: f64) -> Markup {
     let rows = projection.cells_px.len().max(1);
     let columns = projection.cells_px.first().map_or(1, Vec::len).max(1);
     let corner = |i: usize, j: usize| {
-        sheet.at(Vector2::new(i as f64 / columns as f64 * sheet.size.x, j as f64 / rows as f64 * sheet.size.y))
+        sheet
+            .at(Vector2::new(i as f64 / columns as f64 * sheet.size.x, j as f64 / rows as f64 * sheet.size.y))
     };
     let content = html! {
         @for (j, row) in projection.cells_px.iter().enumerate() {
@@ -228,4 +229,3 @@ pub(super) fn profiles(c: &Calibration) -> Markup {
     let content = html! { (line(c.bow[0].value_m, "none")) (line(c.bow[1].value_m, "5 4")) };
     drawing(height, "sections of the board", &content)
 }
-

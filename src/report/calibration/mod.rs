@@ -2,10 +2,10 @@
 
 mod figures;
 
-use maud::{Markup, html};
 use super::html::document;
 use crate::measure::calibrate::{Calibration, Verdict};
 use crate::measure::geometry::Lens;
+use maud::{Markup, html};
 
 /// Index of k1.
 pub const FIRST_DISTORTION: usize = 4;

@@ -70,7 +70,9 @@ impl Sheet {
         let widths = self.widths();
         let words = (0..widths.len()).filter(|k| !self.columns[*k].right).max_by_key(|k| widths[*k]);
         let over = self.width().saturating_sub(TERMINAL);
-        let Some((k, room)) = words.and_then(|k| Some((k, widths[k].checked_sub(over)?))) else { return self };
+        let Some((k, room)) = words.and_then(|k| Some((k, widths[k].checked_sub(over)?))) else {
+            return self;
+        };
         if over > 0 && room >= NARROWEST {
             for cell in self.rows.iter_mut().filter_map(|row| row.get_mut(k)) {
                 *cell = lines_of(&cell.concat(), room);
@@ -158,14 +160,33 @@ mod tests {
 
     #[test]
     fn what_fits_keeps_its_headings_on_a_line() {
-        assert_eq!(grid(&["<name", "lift / m"], "1.5").text(), "name  lift / m\n----  --------\n1.5        1.5\n");
+        assert_eq!(
+            grid(&["<name", "lift / m"], "1.5").text(),
+            "name  lift / m\n----  --------\n1.5        1.5\n"
+        );
     }
 
     #[test]
     fn what_is_too_wide_is_folded_then_loses_spare_columns_then_breaks_words() {
-        let folded = grid(&["<name", "standard deviation / m", "standard deviation / m", "variance factor / 1", "angle / deg"], "1").text();
-        assert!(folded.lines().all(|line| line.chars().count() <= 80) && !folded.contains("--wide"), "{folded}");
-        assert!(folded.lines().nth(1).is_some_and(|line| line.contains("m") && !line.contains("angle")), "{folded}");
+        let folded = grid(
+            &[
+                "<name",
+                "standard deviation / m",
+                "standard deviation / m",
+                "variance factor / 1",
+                "angle / deg",
+            ],
+            "1",
+        )
+        .text();
+        assert!(
+            folded.lines().all(|line| line.chars().count() <= 80) && !folded.contains("--wide"),
+            "{folded}"
+        );
+        assert!(
+            folded.lines().nth(1).is_some_and(|line| line.contains("m") && !line.contains("angle")),
+            "{folded}"
+        );
         let spare = grid(&["<name", "~a", "~b", "c"], "a cell of thirty characters !!").text();
         assert!(spare.contains("2 more columns: --wide"), "{spare}");
         let mut long = Grid::new(&["<marker", "<remark"]);

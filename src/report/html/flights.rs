@@ -6,8 +6,8 @@ use super::super::grid::Grid;
 use super::super::number::{count, rounded};
 use super::super::overview::{Line, Overview};
 use super::super::summary::{Mean, hours_between};
-use super::document;
 use super::chart::{Across, Chart, Trace, Upright, point};
+use super::document;
 use super::plot::{Axis, Plot, drawing, px, series_colour};
 use crate::clock::Stamp;
 
@@ -44,15 +44,28 @@ pub fn flights(flights: &[Overview]) -> String {
     )
 }
 
+/// The unit in which the longest of these times is neither thousands nor hundredths, and how many make an hour.
+fn unit(longest_h: f64) -> (&'static str, f64) {
+    match longest_h {
+        h if h < 0.05 => ("s", 3600.0),
+        h if h < 2.0 => ("min", 60.0),
+        h if h < 72.0 => ("h", 1.0),
+        _ => ("days", 1.0 / 24.0),
+    }
+}
+
 fn lift(flights: &[Overview]) -> Markup {
-    let tracks: Vec<(usize, Vec<(f64, Mean)>)> =
+    let mut tracks: Vec<(usize, Vec<(f64, Mean)>)> =
         flights.iter().map(track).enumerate().filter(|(_, track)| !track.is_empty()).collect();
+    let (unit, an_hour) = unit(tracks.iter().flat_map(|(_, track)| track).map(|p| p.0).fold(0.0, f64::max));
+    tracks.iter_mut().flat_map(|(_, track)| track).for_each(|point| point.0 *= an_hour);
+    let label = format!("time since the flight's first series / {unit}");
     let points = || tracks.iter().flat_map(|(_, track)| track);
     let ends = |m: &Mean| [m.value - m.sigma.unwrap_or(0.0), m.value + m.sigma.unwrap_or(0.0)];
     let height = 320.0_f64.max(14.0 * tracks.len() as f64);
     let plot = Plot {
         area: [64.0, 12.0, WIDTH - 64.0 - 120.0, height],
-        x: Axis::over(points().map(|p| p.0), "time since the flight's first series / h"),
+        x: Axis::over(points().map(|p| p.0), &label),
         y: Axis::over(points().flat_map(|p| ends(&p.1)), "lift of the tip marker / m"),
     };
     let content = html! {
@@ -79,7 +92,7 @@ fn lift(flights: &[Overview]) -> Markup {
     let chart = Chart {
         name: name.to_owned(),
         height: 380.0,
-        x: Across::plain("time since the flight's first series / h"),
+        x: Across::plain(&label),
         y: Upright { label: "lift of the tip marker / m".to_owned(), zero: false },
         tracks: tracks.iter().map(trace).collect(),
     };
