@@ -3,10 +3,10 @@
 use maud::{Markup, html};
 use serde::Serialize;
 
-use super::super::{ReportData, SeriesData, Site, Whole, doubt};
+use super::super::{ReportData, SeriesData, Site, Whole, doubt, summary};
 use super::chart::{brief, json, point};
 use super::views::{Placed, frame_of, placed};
-use crate::record::{GlobalTest, ImageRecord, MarkerRecord};
+use crate::record::{GlobalTest, ImageRecord, MarkerRecord, Reference};
 
 /// A frame as the script reads it.
 #[derive(Serialize)]
@@ -35,7 +35,7 @@ struct Marker<'a> {
     /// In the wing frame, m.
     ground: Option<[f64; 3]>,
     flight: Option<[f64; 3]>,
-    /// With its sigma, m.
+    /// Against the survey with its sigma, m, as the curve's.
     lift: [Option<f64>; 2],
 }
 
@@ -51,7 +51,7 @@ pub fn section(data: &ReportData) -> Markup {
                     p { "Of " (total) " frames with a result the " (data.frames.len()) " that are to be looked at first." }
                 }
                 div id="frames" {}
-                script id="frames-data" type="application/json" { (json(&Frames { frames })) }
+                script id="frames-data" type="application/json" { (json(&Frames { counted: summary::reference(&data.series).words(), frames })) }
             }
         }
     }
@@ -59,6 +59,8 @@ pub fn section(data: &ReportData) -> Markup {
 
 #[derive(Serialize)]
 struct Frames<'a> {
+    /// Against what the tips' lifts are counted.
+    counted: &'static str,
     frames: Vec<Frame<'a>>,
 }
 
@@ -68,7 +70,8 @@ fn frames(data: &ReportData) -> Vec<Frame<'_>> {
         let open = move |image: &&str| !s.records.iter().any(|r| r.image == *image);
         images.filter(open).map(|image| empty(s, image))
     });
-    data.frames.iter().map(|frame| whole(frame, data.site.as_ref())).chain(unfinished).collect()
+    let reference = summary::reference(&data.series);
+    data.frames.iter().map(|frame| whole(frame, data.site.as_ref(), reference)).chain(unfinished).collect()
 }
 
 fn empty<'a>(series: &'a SeriesData, image: &'a str) -> Frame<'a> {
@@ -86,16 +89,16 @@ fn empty<'a>(series: &'a SeriesData, image: &'a str) -> Frame<'a> {
     }
 }
 
-fn whole<'a>(frame: &'a Whole, site: Option<&Site>) -> Frame<'a> {
+fn whole<'a>(frame: &'a Whole, site: Option<&Site>, reference: Reference) -> Frame<'a> {
     let record = &frame.record;
-    let tip = record.tip.as_ref();
+    let (lift, sigma) = record.tip.as_ref().and_then(|tip| tip.lift(reference)).unzip();
     Frame {
         series: &frame.series,
         image: &record.image,
         solved: record.is_solved(),
         why: record.reason.as_deref().unwrap_or_default(),
         doubt: doubt::doubt(record),
-        lift: [tip.and_then(|t| brief(t.lift_m)), tip.and_then(|t| t.sigma_lift_m).and_then(brief)],
+        lift: [lift.and_then(brief), sigma.flatten().and_then(brief)],
         factor: record.variance_factor.and_then(brief),
         test: record.global_test,
         curve: record.curve.iter().map(|p| point(p.span_m, p.lift_m, p.sigma_lift_m)).collect(),

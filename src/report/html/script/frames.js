@@ -102,7 +102,7 @@ class Frames {
     const test = frame.test ? `, global test ${frame.test}` : "";
     const factor = finite(frame.factor) ? `, variance factor ${frame.factor.toFixed(2)}` : "";
     this.said.textContent = frame.solved
-      ? `Tip lift ${measured(frame.lift[0], frame.lift[1], "m")}${factor}${test}${frame.doubt ? `. To be looked at: ${frame.doubt}` : ""}.`
+      ? `Tip lift ${measured(frame.lift[0], frame.lift[1], "m")} ${this.data.counted}${factor}${test}${frame.doubt ? `. To be looked at: ${frame.doubt}` : ""}.`
       : `No result: ${frame.why}`;
     this.said.className = frame.solved && frame.test !== "rejected" ? "said" : "said warning";
     this.picture(frame);
@@ -163,7 +163,7 @@ class Frames {
     ].filter((track) => track.points.length > 0);
     if (tracks.length === 0) { node(this.curve, "p", {}, "It has no curve."); return; }
     const name = `Deflection of ${frame.series} ${frame.image}`;
-    new Chart(this.curve, { name, height: 320, x: { label: "span, outboard from the camera / m" }, y: { label: "lift / m", zero: true }, tracks });
+    new Chart(this.curve, { name, height: 320, x: { label: "span, outboard from the camera / m" }, y: { label: "lift against the survey / m", zero: true }, tracks });
   }
 
   markers(frame) {
@@ -174,7 +174,7 @@ class Frames {
       const made = node(place, "tr", {});
       cells.forEach((cell, k) => node(made, kind, { className: k > 0 && k < 7 ? "n" : "" }, cell));
     };
-    row(node(table, "thead", {}), ["marker", "u / px", "v / px", "residual u / px", "residual v / px", "lift / m", "σ / m", "remark"], "th");
+    row(node(table, "thead", {}), ["marker", "u / px", "v / px", "residual u / px", "residual v / px", "lift against the survey / m", "σ / m", "remark"], "th");
     const body = node(table, "tbody", {});
     const fixed = (value, digits) => (finite(value) ? value.toFixed(digits) : "–");
     for (const m of frame.markers) {
