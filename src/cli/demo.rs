@@ -152,7 +152,7 @@ fn finish(output: &Path, directory: &Path) -> Result<Done, Failure> {
     let data = source::flight(&store, source::Choice::default(), Some(&setup))?;
     let page = output.join("report.html");
     std::fs::write(&page, html::page(&data)).map_err(unwritable(&page, "free space"))?;
-    print(table::series(&summary::summaries(&data.series)).trim_end())?;
+    print(table::series(&summary::summaries(&data.series), false).trim_end())?;
     for fault in &checked.faults {
         eprintln!("wingd: invariant {}: {}: {}", fault.invariant, fault.path.display(), fault.what);
     }

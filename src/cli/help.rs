@@ -21,7 +21,7 @@ const GROUPS: [(&str, &[&str]); 5] = [
     ("Record in flight", &["run", "status", "trigger"]),
     ("Evaluate", &["import", "detect", "solve", "compare", "report", "export", "aircraft-data", "stress"]),
     ("Keep and hand over", &["verify", "copy", "fetch", "serve", "upload", "prune"]),
-    ("Try and learn", &["demo", "simulate", "completions"]),
+    ("Try and learn", &["demo", "simulate", "completions", "man"]),
 ];
 
 /// Examples by command. They run in the folder that the tutorial leaves (docs/tutorial.md), which a test does.
@@ -89,6 +89,7 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
         ],
     ),
     ("completions", &["wingd completions bash > wingd.bash"]),
+    ("man", &["wingd man man1"]),
 ];
 
 /// Where the commands' descriptions begin, characters.

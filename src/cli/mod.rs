@@ -132,8 +132,7 @@ enum Command {
     Simulate(simulate::Args),
     /// Completions for a shell: bash, zsh, fish, elvish, powershell
     Completions(pages::CompletionsArgs),
-    /// Write man pages into a directory, for the package
-    #[command(hide = true)]
+    /// Man pages, one for each command, into a directory
     Man(pages::ManArgs),
 }
 

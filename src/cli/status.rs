@@ -6,6 +6,7 @@ use super::{Done, Failure, print};
 use crate::config;
 use crate::daemon::{self, AircraftStatus, Health, LiveStatus, Recent, Status, StatusConfig, span};
 use crate::record::word;
+use crate::report::number::count;
 
 /// Ask the running daemon how it is.
 #[derive(clap::Args)]
@@ -95,9 +96,9 @@ fn text(status: &Status) -> String {
             status.next_series_s.map_or("none planned".to_owned(), |s| format!("in {}", span(s)))
         ),
         format!(
-            "since start  {} frames, {} shots failed, {} series complete, {} interrupted, {} refused",
-            counts.frames,
-            counts.failed_shots,
+            "since start  {}, {} failed, {} series complete, {} interrupted, {} refused",
+            count(counts.frames as usize, "frame"),
+            count(counts.failed_shots as usize, "shot"),
             counts.series_complete,
             counts.series_interrupted,
             counts.series_refused

@@ -12,7 +12,7 @@ use crate::clock::Stamp;
 use crate::installation::{self, Installation, Structure};
 use crate::measure::stress::{Curvature, Section, USUAL_BENDING_HZ, bending_length_m};
 use crate::report::grid::Grid;
-use crate::report::number::{NONE, fields, fixed, general, rounded};
+use crate::report::number::{NONE, count, fields, fixed, general, rounded};
 use crate::report::stress::{self, FlightLoad, Frame, Question, StationLoad};
 use crate::report::{ShotData, source};
 use crate::store::sets::{self, ResultSet};
@@ -279,7 +279,8 @@ fn show(args: &Args, flight: &FlightRef, inputs: Option<&str>, load: &FlightLoad
         return print(&json!(line).to_string());
     }
     let rate = load.rate_hz.map_or(NONE.to_owned(), general);
-    print(&format!("Flight {}: {} frames, {rate} a second; change against ground", flight.id, load.frames))?;
+    let frames = count(load.frames, "frame");
+    print(&format!("Flight {}: {frames}, {rate} a second; change against ground", flight.id))?;
     print(table(load).text().trim_end())?;
     if let Some(said) = load.gaps.said() {
         print(&format!("Gaps: {said}"))?;

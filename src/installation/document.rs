@@ -20,6 +20,8 @@ pub(super) struct Parts {
     pub structure: Option<Structure>,
     /// Names of the camera's and the survey's file.
     pub sources: [String; 2],
+    /// Why a refused calibration of the camera was taken all the same.
+    pub accepted: Option<String>,
 }
 
 pub(super) fn read(reader: &mut Reader) -> Option<Parts> {
@@ -39,9 +41,10 @@ pub(super) fn read(reader: &mut Reader) -> Option<Parts> {
     let window = window::window(reader, &file, document.window.as_ref());
     let structure = structure::of_installation(reader, &file, document.structure.as_ref());
     let skin = document.wing.skin_height_m.as_ref();
+    let camera = lens?;
     let setup = Setup {
         name: document.name.clone().unwrap_or_else(|| "unnamed".into()),
-        lens: lens?.0,
+        lens: camera.lens,
         projection_centre_m: Vector3::from(document.camera.projection_centre_m),
         projection_centre_sigma_m: document.camera.projection_centre_sigma_m,
         mount_repeatability_px: document.camera.mount_repeatability_px.unwrap_or(DEFAULT_REPEATABILITY_PX),
@@ -54,7 +57,7 @@ pub(super) fn read(reader: &mut Reader) -> Option<Parts> {
         root_offset_m: document.wing.root_offset_m,
         axis_chord_offset_m: document.wing.axis_chord_offset_m,
         skin_height: skin.map(|s| SkinHeight { root_m: s.root, tip_m: s.tip, tip_span_m: s.tip_span_m }),
-        uncertainty: Uncertainty { lens: lens?.1, ..uncertainty(&document) },
+        uncertainty: Uncertainty { lens: camera.covariance, ..uncertainty(&document) },
         thermal: document.thermal.as_ref().map(thermal),
         torsion,
         markers: markers?,
@@ -67,7 +70,8 @@ pub(super) fn read(reader: &mut Reader) -> Option<Parts> {
         plausible::check(reader, &setup, &document.wing.survey);
     }
     let sources = [document.camera.calibration, document.wing.survey];
-    Some(Parts { setup, optics: document.camera.optics, structure, sources })
+    let accepted = camera.accepted;
+    Some(Parts { setup, optics: document.camera.optics, structure, sources, accepted })
 }
 
 /// Width of a wing's temperature in flight where none is given, K: between the still air's and the air's that the

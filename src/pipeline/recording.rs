@@ -105,6 +105,10 @@ fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installati
     }
     record.remarks.extend(turned_mount(installation, s));
     record.remarks.extend(aircraft::contradiction(&sighting.aircraft));
+    let accepted = installation.accepted.as_ref();
+    record.remarks.extend(
+        accepted.map(|reason| format!("the camera's calibration was refused and accepted: {reason}")),
+    );
     record.quality = quality(installation, s);
 }
 

@@ -7,6 +7,7 @@
 //! | `aircraft` | a store | the aircraft's data of each shot |
 //! | `source` | a store | what the report shows |
 //! | `stress` | the bending lines of a flight, the stiffness | moments, extremes, cycles, damage |
+//! | `doubt` | records | which frames are to be looked at first |
 //! | `compare` | two sets of results | what changed |
 //! | `overview` | a store | a flight's series in a line each, without reading whole records |
 //! | `html` | that | one page that opens offline |
@@ -20,6 +21,7 @@ pub mod aircraft;
 #[cfg(feature = "boards")]
 pub mod calibration;
 pub mod compare;
+pub mod doubt;
 pub mod export;
 pub mod grid;
 pub mod html;
@@ -177,6 +179,17 @@ pub struct Picture {
     pub bytes: Vec<u8>,
     /// How to read them, where that is known.
     pub format: Option<Format>,
+    /// Why there are no bytes.
+    pub fault: Option<String>,
+}
+
+/// A frame's record as it was written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Whole {
+    /// Its series.
+    pub series: String,
+    /// With markers and curve.
+    pub record: ImageRecord,
 }
 
 /// All that a report shows.
@@ -186,10 +199,10 @@ pub struct ReportData {
     pub series: Vec<SeriesData>,
     /// The installation, where it is at hand.
     pub site: Option<Site>,
-    /// The frame to be shown.
-    pub picture: Option<Picture>,
-    /// The record of that frame, whole.
-    pub shown: Option<ImageRecord>,
+    /// Frames to be shown: of the records below, in their order.
+    pub pictures: Vec<Picture>,
+    /// Whole records, those to be looked at first before all.
+    pub frames: Vec<Whole>,
     /// Lines of the aircraft's data that say nothing, and those that do; `None` without any.
     pub feed: Option<(Unused, usize)>,
     /// What could not be read, and series that were refused.

@@ -2,26 +2,28 @@
 
 use super::MarkerCount;
 use super::grid::Grid;
-use super::number::{NONE, decimals_for, fixed, rounded};
+use super::number::{NONE, count, decimals_for, fixed, rounded};
 use super::summary::{Mean, SeriesSummary};
 use crate::measure::detect::{Detection, Detections};
 use crate::record::{BudgetShare, ImageRecord, MarkerRecord, Reference, Tip, TorsionRecord, word};
 
 /// One line per image; below it the markers where there is one image only, otherwise the markers
 /// that were turned down, then failures and remarks.
-pub fn results(records: &[ImageRecord]) -> String {
+pub fn results(records: &[ImageRecord], wide: bool) -> String {
     let reference = Reference::of(records.iter().filter_map(|r| r.tip.as_ref()));
-    let mut out = images(records, reference).text();
+    let mut out = images(records, reference).text_at(wide);
     let notes = notes(records);
     out.push_str(&lifts(records, reference));
     match records {
-        [one] if !one.markers.is_empty() => {
-            out.push_str(&format!("\n{}", markers(one).text()));
+        // Of a frame that was never read there is nothing to show but the reason.
+        [one] if one.markers.iter().any(|m| m.used || m.u_px.is_some()) => {
+            out.push_str(&format!("\n{}", markers(one).text_at(wide)));
         }
+        [one] if !one.is_solved() => {}
         _ => {
             let unused = unused(records);
             if !unused.rows.is_empty() {
-                out.push_str(&format!("\nMarkers not used\n{}", unused.text()));
+                out.push_str(&format!("\nMarkers not used\n{}", unused.text_at(wide)));
             }
         }
     }
@@ -92,7 +94,7 @@ pub fn budget(shares: &[BudgetShare]) -> Grid {
 }
 
 /// The markers of one frame as detected; `ids` in their order, or empty where none are known.
-pub fn detections(image: &str, found: &Detections, ids: &[Option<String>]) -> String {
+pub fn detections(image: &str, found: &Detections, ids: &[Option<String>], wide: bool) -> String {
     let sigma = |m: &Detection, k: usize| m.covariance_px2.get((k, k)).map(|v| v.sqrt());
     let u = |m: &Detection| rounded(Some(m.centre_px.x), sigma(m, 0), 2);
     let v = |m: &Detection| rounded(Some(m.centre_px.y), sigma(m, 1), 2);
@@ -112,18 +114,18 @@ pub fn detections(image: &str, found: &Detections, ids: &[Option<String>]) -> St
     ]);
     let psf = found.psf_sigma_px.map(|s| format!(", blur {s:.2} px")).unwrap_or_default();
     format!(
-        "{image}: {} markers, {} candidates turned down{psf}, noise {:.1} grey levels\n{}",
-        found.markers.len(),
-        found.rejected.len(),
+        "{image}: {}, {} turned down{psf}, noise {:.1} grey levels\n{}",
+        count(found.markers.len(), "marker"),
+        count(found.rejected.len(), "candidate"),
         found.noise,
-        grid.text()
+        grid.text_at(wide)
     )
 }
 
 /// One line per series, and what its lifts are.
-pub fn series(summaries: &[SeriesSummary]) -> String {
+pub fn series(summaries: &[SeriesSummary], wide: bool) -> String {
     let reference = summaries.first().map(|s| s.reference).unwrap_or_default();
-    let grid = series_grid(summaries).text();
+    let grid = series_grid(summaries).text_at(wide);
     format!(
         "{grid}Lift: mean of the tip marker's, {}; sigma: of one frame; scatter: of single frames about the mean.\n",
         reference.words()
@@ -142,11 +144,11 @@ pub fn series_grid(summaries: &[SeriesSummary]) -> Grid {
         ("mean tip lift / m", &|s| mean(s.tip_lift_m, 3).0),
         ("sigma / m", &|s| mean(s.tip_lift_m, 3).1),
         ("scatter / m", &|s| scatter(s.tip_lift_m)),
-        ("torsion / deg", &|s| angle(s).0),
-        ("sigma / deg", &|s| angle(s).1),
-        ("twist / deg", &|s| twist(s).0),
-        ("sigma / deg", &|s| twist(s).1),
-        ("variance factor", &|s| s.variance_text()),
+        ("~torsion / deg", &|s| angle(s).0),
+        ("~sigma / deg", &|s| angle(s).1),
+        ("~twist / deg", &|s| twist(s).0),
+        ("~sigma / deg", &|s| twist(s).1),
+        ("~variance factor", &|s| s.variance_text()),
         ("test passed", &|s| format!("{}/{}", s.tests_passed, s.tests_made)),
     ])
 }
@@ -184,13 +186,13 @@ fn image_rows(rows: &[(&ImageRecord, MarkerCount)], reference: Reference) -> Gri
     let twist = |r: &ImageRecord| pair(r, |p| (p.twist_deg, p.sigma_twist_deg));
     Grid::each(rows).columns(&[
         ("<image", &|(r, _)| r.image.clone()),
-        ("<status", &|(r, _)| word(r.status)),
-        ("<method", &|(r, _)| if r.flight { "flight".to_owned() } else { word(r.method) }),
+        ("~<status", &|(r, _)| word(r.status)),
+        ("~<method", &|(r, _)| if r.flight { "flight".to_owned() } else { word(r.method) }),
         ("<tip", &|(r, _)| tip(r)),
         ("lift / m", &|(r, _)| lift(r).0),
         ("sigma / m", &|(r, _)| lift(r).1),
-        ("torsion / deg", &|(r, _)| angle(r).0),
-        ("sigma / deg", &|(r, _)| angle(r).1),
+        ("~torsion / deg", &|(r, _)| angle(r).0),
+        ("~sigma / deg", &|(r, _)| angle(r).1),
         ("twist / deg", &|(r, _)| twist(r).0),
         ("sigma / deg", &|(r, _)| twist(r).1),
         ("used", &|(_, count)| format!("{}/{}", count.used, count.surveyed)),
@@ -210,18 +212,18 @@ pub fn markers(record: &ImageRecord) -> Grid {
     };
     Grid::each(&record.markers).columns(&[
         ("<marker", &|m| m.id.clone()),
-        ("<shape", &|m| m.shape.name().to_owned()),
+        ("~<shape", &|m| m.shape.name().to_owned()),
         ("u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).0),
         ("v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).0),
-        ("sigma u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).1),
-        ("sigma v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).1),
+        ("~sigma u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).1),
+        ("~sigma v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).1),
         ("residual u / px", &|m| fixed(m.residual_u_px, 3)),
         ("residual v / px", &|m| fixed(m.residual_v_px, 3)),
-        ("distance / m", &|m| distance(m).0),
-        ("sigma / m", &|m| distance(m).1),
+        ("~distance / m", &|m| distance(m).0),
+        ("~sigma / m", &|m| distance(m).1),
         ("lift / m", &|m| lift(m).0),
         ("sigma / m", &|m| lift(m).1),
-        ("w", &|m| fixed(m.w_test, 1)),
+        ("~w", &|m| fixed(m.w_test, 1)),
         ("<remark", &remark),
     ])
 }
@@ -277,7 +279,7 @@ mod tests {
 
     #[test]
     fn a_solved_image_shows_lift_torsion_and_its_markers() {
-        let text = results(&[sample::record("f01.jpg", 2.93)]);
+        let text = results(&[sample::record("f01.jpg", 2.93)], true);
         for word in ["f01.jpg", "2.9300", "0.0060", "6.30", "0.20", "2.70", "passed", "M01", "hidden"] {
             assert!(text.contains(word), "{word} is missing in\n{text}");
         }
@@ -285,14 +287,14 @@ mod tests {
 
     #[test]
     fn a_failed_image_shows_its_reason_and_no_number() {
-        let text = results(&[sample::failed("f02.jpg", "the file is cut short; copy it again")]);
+        let text = results(&[sample::failed("f02.jpg", "the file is cut short; copy it again")], true);
         assert!(text.contains("f02.jpg: the file is cut short; copy it again"));
         assert!(!text.contains("NaN") && text.contains("failed"));
     }
 
     #[test]
     fn several_images_list_the_markers_left_out_once() {
-        let text = results(&[sample::record("a.jpg", 2.9), sample::record("b.jpg", 2.8)]);
+        let text = results(&[sample::record("a.jpg", 2.9), sample::record("b.jpg", 2.8)], true);
         let lines: Vec<&str> = text.lines().filter(|l| l.contains("hidden")).collect();
         assert_eq!(lines.len(), 1, "{text}");
         assert!(lines[0].contains('2') && lines[0].contains("a.jpg"));
@@ -300,6 +302,6 @@ mod tests {
 
     #[test]
     fn no_images_give_headings_only() {
-        assert_eq!(results(&[]).lines().count(), 2);
+        assert_eq!(results(&[], true).lines().count(), 2);
     }
 }

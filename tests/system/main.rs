@@ -20,6 +20,7 @@ mod http_fetch;
 mod http_pages;
 mod installation_faults;
 mod installation_geometry;
+mod json_schemas;
 mod kill9;
 mod live;
 mod live_page;

@@ -7,11 +7,28 @@ fn page(root: &std::path::Path) -> String {
     html::page(&source::flight(root, source::Choice::default(), None).unwrap())
 }
 
+/// The page without its own script and the values for it, which are checked to be just these.
+fn without_scripts(html: &str) -> String {
+    let own = format!("<script>{}</script>", html::SCRIPT);
+    assert_eq!(html.matches(&own).count(), 1, "the report's own script, once");
+    let mut rest = html.replace(&own, "");
+    while let Some(start) = rest.find("<script ") {
+        let end = start + rest[start..].find("</script>").expect("the values end");
+        let (head, values) = rest[start..end].split_once('>').unwrap();
+        assert!(head.contains("type=\"application/json\""), "{head}");
+        assert!(!values.contains('<'), "nothing in the values ends their element");
+        serde_json::from_str::<serde_json::Value>(values).unwrap();
+        rest.replace_range(start..end + "</script>".len(), "");
+    }
+    rest
+}
+
 /// Every tag is closed in order; attributes are quoted.
 fn check_well_formed(html: &str) {
+    let html = without_scripts(html);
     let voids = ["meta", "link", "br", "img", "!DOCTYPE"];
     let mut open: Vec<String> = Vec::new();
-    let mut rest = html;
+    let mut rest = html.as_str();
     while let Some(start) = rest.find('<') {
         let end = start + rest[start..].find('>').expect("a tag ends");
         let tag = &rest[start + 1..end];
@@ -28,6 +45,7 @@ fn check_well_formed(html: &str) {
 }
 
 fn check_harmless(html: &str) {
+    let html = without_scripts(html);
     for outside in ["http://", "https://", "//cdn", "@import", "<script", "<iframe", "url("] {
         assert!(!html.contains(outside), "{outside} is in the page");
     }
@@ -123,6 +141,7 @@ fn hostile_texts_stay_text() {
     record["remarks"] = serde_json::json!([hostile]);
     let html = page(store_with(&[&[record, failed(hostile)]]).path());
     check_well_formed(&html);
+    let html = without_scripts(&html);
     assert!(!html.contains("<script") && !html.contains("<img"));
     assert!(html.contains("&lt;script&gt;"));
 }
@@ -146,4 +165,32 @@ fn extreme_numbers_do_not_break_the_page() {
     let html = page(store_with(&[&[record]]).path());
     check_well_formed(&html);
     check_harmless(&html);
+}
+
+/// The values of the frames, as the page's script reads them.
+fn frames(html: &str) -> serde_json::Value {
+    let start = html.find("id=\"frames-data\"").expect("values of the frames");
+    let start = start + html[start..].find('>').unwrap() + 1;
+    let end = start + html[start..].find("</script>").unwrap();
+    serde_json::from_str(&html[start..end]).unwrap()
+}
+
+#[test]
+fn every_frame_is_there_and_the_suspicious_one_stands_first() {
+    let mut rejected = solved(2.2, 0.006);
+    rejected["global_test"] = "rejected".into();
+    rejected["variance_factor"] = 3.1.into();
+    let reason = "only 3 markers found";
+    let store = store_with(&[&[solved(2.9, 0.006), failed(reason)], &[solved(2.1, 0.006), rejected]]);
+    let html = page(store.path());
+    let frames = frames(&html);
+    let all = frames["frames"].as_array().unwrap();
+    assert_eq!(all.len(), 4);
+    assert_eq!((&all[0]["series"], &all[0]["image"]), (&"s000002".into(), &"0002.jpg".into()));
+    assert_eq!(all[0]["doubt"], "global test rejected");
+    assert_eq!(all[0]["lift"], serde_json::json!([2.2, 0.006]));
+    assert_eq!(all[3]["why"], reason);
+    let marker = &all[0]["markers"][0];
+    assert!(marker["flight"][1].as_f64().unwrap() > marker["ground"][1].as_f64().unwrap(), "{marker}");
+    assert!(html.contains("data-frame=\"s000002/0002.jpg\""), "its picture is there");
 }

@@ -49,6 +49,9 @@ pub struct Args {
     /// One JSON object
     #[arg(long)]
     json: bool,
+    /// Every column of the tables, however wide [default: those that fit 80 characters]
+    #[arg(long)]
+    wide: bool,
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
@@ -75,7 +78,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     if args.json {
         print(&want::json(&plan, together.as_ref(), asked.as_ref())?)?;
     } else {
-        let mut out = text(&plan);
+        let mut out = text(&plan, args.wide);
         out.push_str(&want::text(together.as_ref(), asked.as_ref()));
         print(out.trim_end())?;
     }
@@ -97,7 +100,7 @@ fn options(args: &Args, installation: Option<&Installation>) -> PlanOptions {
     }
 }
 
-fn text(plan: &Plan) -> String {
+fn text(plan: &Plan, wide: bool) -> String {
     let mut out = format!(
         "Planned for a tip lift of {} m and {} px in the image.\n\nField of view {:.2} x {:.2} deg, camera constant {:.0} px\n",
         plan.tip_lift_m,
@@ -107,7 +110,7 @@ fn text(plan: &Plan) -> String {
         plan.focal_px
     );
     out.push_str(&optics(plan));
-    out.push_str(&format!("\n{}", markers(&plan.markers).text()));
+    out.push_str(&format!("\n{}", markers(&plan.markers).text_at(wide)));
     if let Some(prediction) = &plan.prediction {
         out.push_str(&format!("\n{}", predicted(prediction)));
         let shares: Vec<BudgetShare> = prediction.budget.iter().map(Into::into).collect();
@@ -154,15 +157,15 @@ fn markers(markers: &[MarkerPlan]) -> Grid {
     let mm = |value: Option<f64>| fixed(value.map(|m| 1e3 * m), 1);
     Grid::each(markers).columns(&[
         ("<marker", &|m| m.id.clone()),
-        ("<shape", &|m| m.shape.to_owned()),
+        ("~<shape", &|m| m.shape.to_owned()),
         ("span / m", &|m| fixed(Some(m.span_m), 2)),
-        ("distance / m", &|m| fixed(Some(m.distance_m), 2)),
+        ("~distance / m", &|m| fixed(Some(m.distance_m), 2)),
         ("spanwise / (mm/px)", &|m| fixed(Some(m.ground.spanwise_mm), 1)),
         ("in flight", &|m| fixed(Some(m.flight.spanwise_mm), 1)),
         ("streamwise / (mm/px)", &|m| fixed(Some(m.ground.streamwise_mm), 2)),
         ("image / px", &|m| format!("{:.1} x {:.1}", m.image_px[1], m.image_px[0])),
         ("sigma lift / mm", &|m| mm(m.sigma.as_ref().map(|s| s.lift_m))),
-        ("sigma span / mm", &|m| mm(m.sigma.as_ref().map(|s| s.span_m))),
+        ("~sigma span / mm", &|m| mm(m.sigma.as_ref().map(|s| s.span_m))),
         ("<seen", &|m| if m.visible { "yes" } else { "no" }.to_owned()),
     ])
 }

@@ -81,6 +81,9 @@ pub struct Args {
     /// One JSON object per image
     #[arg(long)]
     json: bool,
+    /// Every column of the tables, however wide [default: those that fit 80 characters]
+    #[arg(long)]
+    wide: bool,
     /// Images worked on at once [default: the cores]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     jobs: usize,
@@ -192,7 +195,7 @@ impl<'a> Output<'a> {
 
     fn end(self) -> Result<Done, Failure> {
         if !self.records.is_empty() {
-            print(&table::results(&self.records))?;
+            print(&table::results(&self.records, self.args.wide))?;
         }
         Ok(Done::all(self.all_well))
     }

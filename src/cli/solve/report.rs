@@ -9,7 +9,7 @@ use crate::cli::{Failure, RIGHTS, frames, unwritable};
 use crate::clock::Stamp;
 use crate::installation::{self, Installation};
 use crate::record::ImageRecord;
-use crate::report::source::{self, Choice, PICTURES};
+use crate::report::source::{self, Choice, OF_PICTURES};
 use crate::report::{ReportData, SeriesData, ShotData, html};
 use crate::store::Store;
 
@@ -45,7 +45,7 @@ pub(super) fn of_pictures(
         let records = pictures.iter().filter_map(|p| of_name.remove(&name(p))).collect();
         let shots: Vec<ShotData> = pictures.iter().enumerate().map(|(k, p)| shot(k, p, name(p))).collect();
         SeriesData {
-            flight: PICTURES.to_owned(),
+            flight: OF_PICTURES.to_owned(),
             name: (k + 1).to_string(),
             begun: shots.first().and_then(|shot| shot.stamp.clone()),
             planned: shots.len(),
@@ -59,7 +59,7 @@ pub(super) fn of_pictures(
         let file = names.iter().find(|(_, name)| **name == image)?.0;
         let bytes = std::fs::read(file).ok()?;
         let format = shot.format.clone();
-        Some(crate::report::Picture { series: series.name.clone(), image, bytes, format })
+        Some(crate::report::Picture { series: series.name.clone(), image, bytes, format, fault: None })
     };
     let mut data = source::pictures(series.collect(), &installation.setup, of_shot);
     data.warnings.extend(card.remarks.into_iter().map(|(what, _)| what));

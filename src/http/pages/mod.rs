@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use super::{Refusal, Site};
 use crate::daemon::{Health, Status, StatusBoard};
 use crate::record::Reference;
-use crate::report::number::{fixed, rounded};
+use crate::report::number::{count, fixed, rounded};
 use crate::report::overview::{self, Overview};
 use crate::report::summary::Single;
 use crate::store::{RealDisk, catalogue};
@@ -79,7 +79,7 @@ pub fn index(site: &Site) -> Result<Markup, Refusal> {
         ul.cards { @for one in &drawn { (card(one)) } }
         @if flights.len() > DRAWN {
             details {
-                summary { (flights.len() - DRAWN) " earlier flights" }
+                summary { (count(flights.len() - DRAWN, "earlier flight")) }
                 ul { @for f in older { li { a href={ "/flights/" (f.id) } { (f.id) } ", " (begun(f)) } } }
             }
         }
@@ -99,7 +99,7 @@ fn card(one: &Overview) -> Markup {
             h3 { a href={ "/flights/" (one.flight) } { "Flight " (one.flight) } }
             p.soft {
                 @if let Some(begun) = first { (minute(begun.utc)) ", " }
-                (one.series.len()) " series, " (one.sum(|l| l.frames)) " frames, " (one.sum(|l| l.solved)) " solved"
+                (one.series.len()) " series, " (count(one.sum(|l| l.frames), "frame")) ", " (one.sum(|l| l.solved)) " solved"
             }
             (curve::lift(one, 330.0, 110.0))
             @if let Some((line, lift)) = one.greatest() { p { (greatest(line, lift, one.reference)) } }

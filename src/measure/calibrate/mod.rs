@@ -46,7 +46,7 @@ use model::Size;
 pub use outliers::Dropped;
 pub use quality::Projection;
 pub use shape::{Bow, Stretch};
-pub use verdict::{Verdict, judge};
+pub use verdict::{Verdict, judge, refusals};
 
 /// A board point (board plane, m) and its image.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,6 +5,7 @@ use maud::{Markup, html};
 use super::super::grid::Grid;
 use super::super::number::{NONE, rounded};
 use super::super::{ReportData, SeriesData, summary};
+use super::chart::{Across, Chart, Trace, Upright, point};
 use super::plot::{Axis, Plot, drawing};
 use crate::aircraft::Quantity;
 
@@ -66,7 +67,20 @@ fn against(points: &[(f64, f64, Option<f64>)], label: &str, scale: f64) -> Marku
             (plot.value(scale * x, *y, *sigma, COLOUR, ""))
         }
     };
-    drawing(WIDTH, 300.0, &format!("Lift against {label}"), &content)
+    let name = format!("Lift against {label}");
+    let chart = Chart {
+        name: name.clone(),
+        height: 300.0,
+        x: Across::plain(label),
+        y: Upright { label: "lift of the tip marker / m".to_owned(), zero: false },
+        tracks: vec![Trace {
+            name: "single frames".to_owned(),
+            colour: COLOUR.to_owned(),
+            points: points.iter().map(|(x, y, sigma)| point(scale * x, *y, *sigma)).collect(),
+            ..Trace::default()
+        }],
+    };
+    html! { (drawing(WIDTH, 300.0, &name, &content)) (chart.values(None)) }
 }
 
 fn table(data: &ReportData) -> Grid {

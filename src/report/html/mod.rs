@@ -1,9 +1,12 @@
 //! The report is one page that opens offline and prints well.
 
 mod aircraft;
+mod axis;
 mod budget;
+mod chart;
 mod figures;
 mod flights;
+mod frames;
 pub mod picture;
 pub(in crate::report) mod plot;
 mod tables;
@@ -12,7 +15,7 @@ mod views;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::number::{NONE, fixed, rounded};
-use super::source::PICTURES;
+use super::source::OF_PICTURES;
 use super::summary::{Mean, SeriesSummary, summaries};
 use super::{ReportData, distinct, table};
 use crate::record::ImageRecord;
@@ -22,6 +25,14 @@ pub use plot::round_step;
 
 /// The look of the report.
 const STYLE: &str = include_str!("style.css");
+/// What makes its figures answer. It calls nothing, and the page is whole without it.
+pub const SCRIPT: &str = concat!(
+    include_str!("script/base.js"),
+    include_str!("script/chart.js"),
+    include_str!("script/wing.js"),
+    include_str!("script/frames.js"),
+    include_str!("script/start.js")
+);
 
 /// A page that stands alone: `units` says in what it counts.
 pub fn document(title: &str, main: &Markup, units: &str) -> String {
@@ -39,6 +50,7 @@ pub fn document(title: &str, main: &Markup, units: &str) -> String {
                     (main)
                     footer { "Written by wingd " (env!("CARGO_PKG_VERSION")) ". " (units) }
                 }
+                script { (PreEscaped(SCRIPT)) }
             }
         }
     };
@@ -58,6 +70,7 @@ pub fn page(data: &ReportData) -> String {
         (aircraft::section(data))
         (tables::series(&summaries))
         (budget::section(data))
+        (frames::section(data))
         (orthographic(data, shown))
         (frame(data, shown))
         (tables::solution(shown))
@@ -72,17 +85,12 @@ pub fn page(data: &ReportData) -> String {
     )
 }
 
-/// The record of the picture, or the first one with numbers.
+/// The record to be looked at first, or the first one with numbers.
 fn shown_record(data: &ReportData) -> Option<&ImageRecord> {
-    if data.shown.is_some() {
-        return data.shown.as_ref();
+    if let Some(first) = data.frames.first().filter(|frame| frame.record.is_solved()) {
+        return Some(&first.record);
     }
-    let records = || data.series.iter().flat_map(|s| s.records.iter().map(move |r| (s, r)));
-    let pictured = data
-        .picture
-        .as_ref()
-        .and_then(|p| records().find(|(s, r)| s.name == p.series && r.image == p.image).map(|(_, r)| r));
-    pictured.filter(|r| r.is_solved()).or_else(|| records().map(|(_, r)| r).find(|r| r.is_solved()))
+    data.series.iter().flat_map(|s| &s.records).find(|r| r.is_solved())
 }
 
 fn title(data: &ReportData) -> String {
@@ -90,7 +98,7 @@ fn title(data: &ReportData) -> String {
     flights.dedup();
     let flights = match flights.as_slice() {
         [] => "empty store".to_owned(),
-        [PICTURES] => PICTURES.to_owned(),
+        [OF_PICTURES] => OF_PICTURES.to_owned(),
         [one] => format!("flight {one}"),
         [first, .., last] => format!("flights {first} to {last}"),
     };
@@ -150,6 +158,7 @@ fn contents() -> Markup {
         ("time", "Lift and torsion over time"),
         ("series", "Series"),
         ("budget", "What the uncertainty comes from"),
+        ("every", "Every frame"),
         ("views", "Positions"),
         ("frame", "A frame and its markers"),
         ("quality", "Quality"),
@@ -251,9 +260,10 @@ fn orthographic(data: &ReportData, shown: Option<&ImageRecord>) -> Markup {
 fn frame(data: &ReportData, shown: Option<&ImageRecord>) -> Markup {
     html! {
         h2 id="frame" { "A frame and its markers" }
-        @match &data.picture {
-            Some(p) => (picture::picture(p, shown)),
-            None => p { "No frame is at hand." },
+        @if data.pictures.is_empty() { p { "No frame is at hand." } }
+        @for p in &data.pictures {
+            @let record = data.frames.iter().find(|f| f.series == p.series && f.record.image == p.image).map(|f| &f.record);
+            div.picture data-frame={ (p.series) "/" (p.image) } { (picture::picture(p, record)) }
         }
         @if let Some(record) = shown {
             h3 { "Markers of " (record.image) }

@@ -4,7 +4,7 @@ use maud::{Markup, html};
 use serde_json::Value;
 
 use super::super::grid::Grid;
-use super::super::number::{NONE, fields, fixed, general, words};
+use super::super::number::{self, NONE, count, fields, fixed, general, words};
 use super::super::summary::SeriesSummary;
 use super::super::{ReportData, SeriesData, ShotData, protocol, summary, table};
 use crate::clock::Stamp;
@@ -108,7 +108,7 @@ fn instants(data: &ReportData) -> Markup {
         @if !exposures.is_empty() {
             h3 { "Instants of exposure" }
             p {
-                "Of " (exposures.len()) " frames, told by " (sources.join(", ")) ": standard deviation against the recorder's clock at most "
+                "Of " (count(exposures.len(), "frame")) ", told by " (sources.join(", ")) ": standard deviation against the recorder's clock at most "
                 (fixed(Some(own_ms), 1)) " ms. "
                 @if clock.is_empty() { "How far that clock was off UTC is not known." }
                 @else { "Of that clock against UTC, where it was synchronised (" (clock.len()) " frames): at most " (fixed(Some(1e3 * largest(clock.clone())), 1)) " ms." }
@@ -236,7 +236,7 @@ pub fn provenance(data: &ReportData) -> Markup {
         h2 id="provenance" { "Provenance" }
         @if sets.is_empty() { p { "There are no results." } }
         @for (set, count) in &sets {
-            h3 { "Inputs of " (count) " results" }
+            h3 { "Inputs of " (number::count(*count, "result")) }
             div.scroll { (inputs(set).html()) }
         }
         @let frames = frames(data);
