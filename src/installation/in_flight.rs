@@ -1,15 +1,18 @@
 //! What flight does to wing, cabin and camera, as `installation.toml` states it -> [`InFlight`].
 
+use std::path::Path;
+
+use super::Reader;
 use super::tables::{Document, Vibrating};
 use crate::measure::setup::{InFlight, Vibration};
 
 /// From a first row to a last one that any sensor takes, s.
 const LONGEST_READOUT_S: f64 = 1.0;
 
-/// As stated; what is not stated does not happen. Several modes count as one: their velocities add up in squares.
+/// As stated, else as usual. Several modes count as one: their velocities add up in squares.
 pub(super) fn widths(document: &Document) -> InFlight {
     let (survey, camera, wing, usual) =
-        (document.survey.as_ref(), &document.camera, &document.wing, InFlight::NONE);
+        (document.survey.as_ref(), &document.camera, &document.wing, InFlight::USUAL);
     let milli = |value: Option<f64>, usual: f64| value.map_or(usual, |v| 1e-3 * v);
     InFlight {
         ground_bend_m: survey.and_then(|s| s.bend_sigma_m).unwrap_or(usual.ground_bend_m),
@@ -30,6 +33,15 @@ fn together(modes: &[Vibrating]) -> Vibration {
     let amplitude = modes.iter().map(|m| m.amplitude_m.powi(2)).sum::<f64>().sqrt();
     let velocity = modes.iter().map(|m| (m.amplitude_m * m.frequency_hz).powi(2)).sum::<f64>().sqrt();
     Vibration { amplitude, frequency_hz: if amplitude > 0.0 { velocity / amplitude } else { 0.0 } }
+}
+
+/// What says nothing beside another key.
+pub(super) fn check(reader: &mut Reader, file: &Path, document: &Document) {
+    if document.wing.vibration.is_some() && document.camera.readout_s == Some(0.0) {
+        let mend = "leave it out, or give the time from a picture's first row to its last as camera.readout_s";
+        let problem = "is given, but with camera.readout_s = 0 all rows see one instant";
+        reader.fault(file, "wing.vibration", problem, mend);
+    }
 }
 
 /// A key, its value, the largest that is believed, its unit.

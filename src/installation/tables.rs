@@ -22,7 +22,7 @@ pub(super) struct Document {
 pub(super) struct Camera {
     pub calibration: String,
     pub projection_centre_m: [f64; 3],
-    pub projection_centre_sigma_m: f64,
+    pub projection_centre_sigma_m: Option<f64>,
     pub mount_repeatability_px: Option<f64>,
     pub mount_shift_m: Option<f64>,
     pub mount_drift_mrad: Option<f64>,

@@ -129,7 +129,8 @@ fn draw(
             1 => adjust::spatial(&setup, &orientation, &seen[0], &options).map(|s| vec![s]),
             _ => adjust::flight(&setup, &orientation, &seen, &options),
         };
-        for (when, solution) in whens.iter().zip(solved.expect("a solution")) {
+        let solved = match solved { Ok(s) => s, Err(e) => { println!("FAILED {e}"); continue } };
+        for (when, solution) in whens.iter().zip(solved) {
             shown.add(&aircraft, *when, &solution);
         }
     }

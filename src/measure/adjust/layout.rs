@@ -4,10 +4,11 @@ use std::sync::Arc;
 
 use nalgebra::{DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
-use super::input::Input;
+use super::input::{Input, Sights};
 use super::marker_state::MarkerState;
 use super::scene::{Bent, Camera, Scene, moved};
 use super::term::{Columns, Place, Placed, Term};
+use super::terms;
 use super::values::Values;
 use crate::estimation::{EstimationError, Gradient, GroupPoint, Linearised, Prior};
 
@@ -101,7 +102,7 @@ pub struct Layout {
     /// How each marker may move in flight by itself.
     pub motions: Arc<Motions>,
     /// The root's motion, without which a lift is counted from the root's tangent.
-    pub root: Option<Placed>,
+    pub root: Vec<Placed>,
     /// Number of leading global parameters that all blocks depend on.
     pub head: usize,
     /// The mounting's.
@@ -127,6 +128,17 @@ impl Layout {
         self.terms.iter().flat_map(of).collect()
     }
 
+    /// The same with the instants of the rows in which another frame shows its markers.
+    pub fn with_rows(&self, input: &Input, sights: &Sights) -> Self {
+        let rows = terms::of_rows(input, sights);
+        let of_name = |name: &str| rows.iter().find(|term| term.name == name).cloned();
+        let terms = self.terms.iter().map(|placed| match of_name(placed.term.name) {
+            Some(term) => Placed { term: Arc::new(term), place: placed.place },
+            None => placed.clone(),
+        });
+        Self { terms: terms.collect(), ..self.clone() }
+    }
+
     /// The ground frame's part of it, which knows neither bending nor mounting.
     pub fn on_ground_only(&self) -> Self {
         let shared = |placed: &&Placed| matches!(placed.place, Place::Global(first) if first < self.head);
@@ -136,7 +148,7 @@ impl Layout {
             local: 0,
             rotation: vec![],
             motions: self.motions.clone(),
-            root: None,
+            root: vec![],
             ..*self
         }
     }

@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::beam::{
     Bending, Carried, Grid, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS, Mount, RAISE_TERMS, Section,
 };
+use crate::geometry::skew;
 
 /// Number of quantities that the user can only estimate: root offset (m), chord offset of the axis (m), direction of
 /// the span (rad).
@@ -87,6 +88,22 @@ impl MarkerState {
         for k in 0..RAISE_TERMS {
             self.by_raise[k] += (to.by_raise[k] - from.by_raise[k]) * share;
         }
+    }
+
+    /// Carries it with a root that has turned by a small rotation, rad, and moved, m; a fixed mark stays.
+    pub fn carry_with_root(&mut self, turn_rad: &Vector3<f64>, shift_m: &Vector3<f64>) {
+        let Some(from_root_m) = self.from_root_m else { return };
+        let small = skew(turn_rad);
+        let turn = Matrix3::identity() + small;
+        self.carried.position_m += small * from_root_m + shift_m;
+        self.carried.by_slope = turn * self.carried.by_slope;
+        self.carried.by_twist = turn * self.carried.by_twist;
+        self.carried.by_ground = turn * self.carried.by_ground;
+        self.by_scale = turn * self.by_scale;
+        let vectors = self.by_curvature.iter_mut().chain(&mut self.by_twist).chain(&mut self.by_raise);
+        vectors.chain(&mut self.by_estimated).for_each(|v| *v = turn * *v);
+        // The root rises with the axis, about which it turns.
+        self.by_raise[0] -= small * Vector3::y();
     }
 
     /// In another frame that is turned against its own.

@@ -53,7 +53,8 @@ impl Attempt {
         let mut flight = flight.clone();
         let everywhere: Vec<_> = model.wrong.iter().map(|s| Removed { group: 0, suspect: *s }).collect();
         flight.usage.all_but(&everywhere);
-        let frame = Frame { model, local, flight, known };
+        let layout = model.layout.with_rows(&flight.input, &flight.frames[0]);
+        let frame = Frame { model, layout, local, flight, known };
         let all = frame.solve(None)?;
         let (omega, redundancy) = (all.fit.omega, all.fit.redundancy);
         let test = quality::global_test(omega, redundancy, frame.flight.input.options.global_alpha);
@@ -81,6 +82,7 @@ impl Attempt {
 #[derive(Clone)]
 struct Frame<'s, 'a> {
     model: &'s Model,
+    layout: Layout,
     local: &'s DVector<f64>,
     flight: Flight<'a>,
     known: &'s Known,
@@ -88,8 +90,8 @@ struct Frame<'s, 'a> {
 
 impl Frame<'_, '_> {
     fn solve_by(&self, before: Option<&Solved>, rough: bool) -> Result<Solved, AdjustError> {
-        let Self { model, flight, known, .. } = self;
-        let (mut group, members) = flight.group(0, &model.layout, None);
+        let Self { model, layout, flight, known, .. } = self;
+        let (mut group, members) = flight.group(0, layout, None);
         group.local.copy_from(before.map_or(self.local, |b| &b.fit.groups[0].local));
         let problem = Problem {
             start: before.map_or(&known.mean, |b| &b.fit.global).clone(),
@@ -98,7 +100,7 @@ impl Frame<'_, '_> {
             known: Some((*known).clone()),
             groups: vec![],
         };
-        let setting = Setting::of_frame(model.layout.clone(), model.shape.clone(), group, members, problem);
+        let setting = Setting::of_frame(layout.clone(), model.shape.clone(), group, members, problem);
         let course = Course { rough, residuals: before.map(|b| &b.fit) };
         let fit = setting.solve(flight.input.scene, &course)?;
         Ok(Solved { setting, fit })
