@@ -199,17 +199,19 @@ const KINDS: [Kind; 23] = [
     }),
 ];
 
-/// The table of docs/model.md: run with `WINGS=100 FRAMES=5 TIMES=1` to taste.
+/// The table of docs/validation: run with `WINGS=100 FRAMES=1,5,20 TIMES=1 SET_UP=Stayed KIND=torque SEED=7000` to taste.
 #[test]
 #[ignore = "minutes; a table for docs/model.md"]
 fn table_of_what_an_aircraft_does() {
-    let number = |name: &str, usual: f64| std::env::var(name).map_or(usual, |v| v.parse().expect("a number"));
-    let (wings, times) = (number("WINGS", 8.0) as usize, number("TIMES", 1.0));
-    for frames in [1, number("FRAMES", 5.0) as usize] {
-        let wanted = std::env::var("SET_UP").unwrap_or_default();
+    let word = |name: &str| std::env::var(name).unwrap_or_default();
+    let number = |name: &str, usual: f64| word(name).parse().unwrap_or(usual);
+    let (wings, times, seed) = (number("WINGS", 8.0) as usize, number("TIMES", 1.0), number("SEED", 4000.0) as u64);
+    let frames = Some(word("FRAMES")).filter(|f| !f.is_empty()).unwrap_or("1,5".into());
+    for frames in frames.split(',').map(|f| f.parse().expect("a number of frames")) {
+        let wanted = word("SET_UP");
         for set_up in SET_UPS.into_iter().filter(|s| wanted.is_empty() || format!("{s:?}") == wanted) {
-            for (k, (name, kind)) in KINDS.iter().enumerate() {
-                let shown = draw(4000 + k as u64, set_up, frames, wings, |rng| kind(rng, times));
+            for (k, (name, kind)) in KINDS.iter().enumerate().filter(|(_, (name, _))| name.contains(&word("KIND"))) {
+                let shown = draw(seed + k as u64, set_up, frames, wings, |rng| kind(rng, times));
                 println!(
                     "{frames:3} {set_up:?}: {name}: lifts {:.2?}, twist {:.2}, sigmas of the tip {:.1?} mm, passed {:.0} %",
                     shown.lifts.each_ref().map(|lifts| rms(lifts)),
