@@ -25,6 +25,8 @@ pub struct InFlight {
     pub root_shift_m: f64,
     /// Bending in the wing's plane, at the tip, m.
     pub in_plane_m: f64,
+    /// What the torque of a control surface twists the wing by, at its place, rad.
+    pub torque_rad: f64,
     /// Camera constant in flight over that on ground, as a share.
     pub scale: f64,
     /// Principal point in flight against that on ground, each coordinate, px.
@@ -51,6 +53,8 @@ impl InFlight {
         root_shift_m: 1e-3,
         // Drag, and lift on a swept wing.
         in_plane_m: 0.05,
+        // An aileron in a turn; what keeps a wing below reversal.
+        torque_rad: std::f64::consts::PI / 180.0,
         // Cold and focus, and refraction at a window that nobody describes.
         scale: 2e-4,
         // A lens that cools in its mount, in pixels of some micrometres.
@@ -71,6 +75,7 @@ impl InFlight {
         root_turn_rad: 0.0,
         root_shift_m: 0.0,
         in_plane_m: 0.0,
+        torque_rad: 0.0,
         scale: 0.0,
         principal_point_px: 0.0,
         readout_s: 0.0,

@@ -34,8 +34,9 @@ pub struct Motions {
 const MISSING_MOTION: &str = "a marker's motion in flight is not determined";
 
 impl Motions {
-    /// Takes columns for them, with what is known beforehand.
-    pub fn place(input: &Input, columns: &mut Columns) -> Self {
+    /// Takes columns for them, with what is known beforehand. `marks_factor`: by how much more than stated fixed marks are
+    /// taken to move.
+    pub fn place(input: &Input, marks_factor: f64, columns: &mut Columns) -> Self {
         let width = &input.setup.uncertainty.in_flight;
         let axis = &input.scene.ground.axis;
         let first = columns.missing.len();
@@ -43,7 +44,7 @@ impl Motions {
         for (marker, station) in input.setup.markers.iter().zip(&input.scene.ground.stations) {
             let (name, sigma_m, directions) = if marker.fixed {
                 let all = vec![Vector3::x(), Vector3::y(), Vector3::z()];
-                ("motion of the fixed marks", marker.flight_motion_m, all)
+                ("motion of the fixed marks", marks_factor * marker.flight_motion_m, all)
             } else {
                 let (sin, cos) = axis.slope_rad(station.arc_m).sin_cos();
                 ("motion of the skin", width.skin_motion_m, vec![Vector3::new(-sin, cos, 0.0)])

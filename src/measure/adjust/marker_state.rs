@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::beam::{
-    Bending, Carried, Grid, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS, Mount, RAISE_TERMS, Section,
+    Bending, Carried, Grid, MAX_CURVATURE_TERMS, Mount, RAISE_TERMS, Section, TWIST_BASIS,
 };
 use crate::geometry::skew;
 
@@ -23,7 +23,7 @@ pub struct MarkerState {
     /// d position / d curvature coefficients, m^2.
     pub by_curvature: [Vector3<f64>; MAX_CURVATURE_TERMS],
     /// d position / d twist coefficients, m.
-    pub by_twist: [Vector3<f64>; MAX_TWIST_TERMS],
+    pub by_twist: [Vector3<f64>; TWIST_BASIS],
     /// d position / d scale, m.
     pub by_scale: Vector3<f64>,
     /// d position / d coefficients of the axis' height.
@@ -46,7 +46,7 @@ impl MarkerState {
                 by_ground: Matrix3::identity(),
             },
             by_curvature: [none; MAX_CURVATURE_TERMS],
-            by_twist: [none; MAX_TWIST_TERMS],
+            by_twist: [none; TWIST_BASIS],
             by_scale: none,
             by_raise: [none; RAISE_TERMS],
             by_estimated: [none; ESTIMATED],
@@ -82,7 +82,7 @@ impl MarkerState {
         for k in 0..MAX_CURVATURE_TERMS {
             self.by_curvature[k] += (to.by_curvature[k] - from.by_curvature[k]) * share;
         }
-        for k in 0..MAX_TWIST_TERMS {
+        for k in 0..TWIST_BASIS {
             self.by_twist[k] += (to.by_twist[k] - from.by_twist[k]) * share;
         }
         for k in 0..RAISE_TERMS {

@@ -12,7 +12,7 @@ use super::input::{Input, by_marker, on_the_wing};
 use super::outcome::Outcome;
 use super::scene::Scene;
 use super::shapes::shape_covariance;
-use super::snooping::{self, Removable, Suspect, Target};
+use super::snooping::{self, Judged, Removable, Suspect, Target};
 use super::{AdjustError, Method, Observation, Options, Solution, VarianceComponent};
 use crate::estimation::{Course, EstimationError, Fit, VarianceGroup, variance_components};
 use crate::setup::{Orientation, Setup};
@@ -105,12 +105,22 @@ fn rough<'a>(
     Ok((frame, fit))
 }
 
+impl<'a> Single<'a> {
+    fn marks_contradict(&self, Solved { frame, fit, .. }: &Solved<'a>) -> bool {
+        snooping::marks_contradict(&self.input, &frame.problem, fit, 0, &frame.members)
+    }
+}
+
 impl<'a> Removable for Single<'a> {
     type Solved = Solved<'a>;
 
     fn worst(&self, solved: &Solved<'a>) -> Option<Suspect> {
         let Solved { frame, fit, .. } = solved;
-        snooping::worst(&frame.problem, fit, 0, &frame.members, self.input.options)
+        snooping::worst(&self.input, &frame.problem, fit, 0, &frame.members)
+    }
+
+    fn judged(solved: &Solved<'a>) -> Judged {
+        Judged::of(&solved.fit)
     }
 
     fn use_marker(&mut self, suspect: &Suspect, used: bool) {
@@ -162,9 +172,14 @@ pub fn solve(
     let input = Input { setup, orientation, scene: &scene, options };
     let allowed = sights.iter().flatten().count() / LEFT_OUT;
     let terms = options.curvature_terms.map_or(USUAL_ORDER, |t| t.clamp(1, MAX_CURVATURE_TERMS));
-    let single = Single { input, sights, usage: Usage::all(setup.markers.len()), terms };
-    let all = single.solve(None)?;
-    let snooping::Snooped { model: single, mut solved, removed } =
+    let usage = Usage::all(setup.markers.len());
+    let mut single = Single { input, sights, usage, terms, marks_factor: 1.0 };
+    let mut all = single.solve(None)?;
+    while single.marks_factor < snooping::WIDEST_MARKS && single.marks_contradict(&all) {
+        single.marks_factor *= 2.0;
+        all = single.solve(Some(&all))?;
+    }
+    let snooping::Snooped { model: single, mut solved, removed, judged } =
         snooping::one_by_one(single, all, allowed)?;
     if options.curvature_terms.is_none() {
         solved = choose_order(&single, solved)?;
@@ -173,9 +188,10 @@ pub fn solve(
     let (components, mut remarks) =
         if options.variance_components { solved.weigh()? } else { Default::default() };
     let Solved { frame, fit, .. } = &solved;
-    let outcome = Outcome::new(&input, &frame.layout, &frame.problem, fit, 0, &frame.members);
+    let outcome = Outcome::new(&input, &frame.layout, &frame.problem, fit, 0, &frame.members).judged(judged);
     let solution = outcome.solution(Method::Spatial, removed.iter());
     remarks.extend(solution.remarks);
+    remarks.extend(snooping::widened_marks(single.marks_factor));
     if options.curvature_terms.is_none() {
         remarks.push(format!("curvature of {} terms, chosen by test", frame.layout.curvature_terms));
     }

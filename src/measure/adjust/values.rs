@@ -11,7 +11,7 @@ use crate::geometry::BROWN;
 pub struct Values {
     /// 1/m.
     pub curvature_per_m: Vec<f64>,
-    /// rad.
+    /// Of the twist's basis, rad: the terms, and with torques behind them those of all.
     pub twist_rad: Vec<f64>,
     /// Camera.
     pub pose: Pose,

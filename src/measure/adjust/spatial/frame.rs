@@ -39,6 +39,8 @@ pub(super) struct Single<'a> {
     pub sights: Sights<'a>,
     pub usage: Usage,
     pub terms: usize,
+    /// By how much more than stated fixed marks are taken to move.
+    pub marks_factor: f64,
 }
 
 /// A frame set up for the engine.
@@ -105,7 +107,7 @@ fn layout(single: &Single, amplitude_per_m: f64, columns: &mut Columns) -> Layou
     let others: Vec<_> = others.collect();
     let [curvature, twist, rotation] = &first;
     let head = columns.missing.len();
-    let motions = Arc::new(Motions::place(input, columns));
+    let motions = Arc::new(Motions::place(input, single.marks_factor, columns));
     Layout {
         curvature: curvature.place,
         curvature_terms,

@@ -3,6 +3,7 @@
 
 use nalgebra::Vector3;
 
+use super::wing::torques;
 use crate::adjust::beam::Bending;
 use crate::adjust::input::{Input, Sights};
 use crate::adjust::scene::Scene;
@@ -165,8 +166,8 @@ fn shake(scene: &Scene, times_s: &[f64], of: Vibration) -> Option<Term> {
 /// What each frame has for itself beside bending, twist and rotation.
 pub fn of_frame(input: &Input, sights: &Sights) -> Vec<Term> {
     let scene = input.scene;
-    let mut terms: Vec<_> =
-        in_plane(scene, input.setup.uncertainty.in_flight.in_plane_m).into_iter().collect();
+    let width = &input.setup.uncertainty.in_flight;
+    let mut terms: Vec<_> = in_plane(scene, width.in_plane_m).into_iter().chain(torques(width.torque_rad)).collect();
     terms.extend(parts(scene, &input.setup.markers));
     terms.extend(of_rows(input, sights));
     terms

@@ -30,7 +30,7 @@ pub fn first(mut flight: Flight) -> Result<Begun, AdjustError> {
     let solved = flight.finish(&rough.fit)?;
     let solution = dressed(&flight, &solved, &removed, 0, vec![]);
     let sound = removed.is_empty() && solution.global_test != GlobalTest::Rejected;
-    let Solved { setting, fit } = solved;
+    let Solved { setting, fit, .. } = solved;
     let wrong = removed.iter().map(|r| r.suspect).filter(|s| s.target == Target::Survey).collect();
     let state = State {
         known: fit.known(),
