@@ -1,11 +1,12 @@
 //! Promise: what an aircraft does that a laboratory does not (docs/model.md) is in the standard deviations, or is rejected
 //! or remarked on. Drawn with exact geometry by `common::beam_truth::Aircraft`.
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 use rand::Rng;
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, GlobalTest, MarkerSolution, Mounting, Options, Solution};
-use wingd::measure::setup::{InFlight, Setup, Uncertainty};
+use wingd::measure::setup::{Setup, Uncertainty};
+use wingd::measure::stress::{Curvature, Section, USUAL_STEPS};
 
 use crate::common::beam_truth::{
     Aircraft, Effects, Truth, When, median, normal3, random_wing, remounted, rms, rng,
@@ -31,8 +32,7 @@ const SET_UPS: [SetUp; 4] = [SetUp::Default, SetUp::Careful, SetUp::Stayed, SetU
 
 impl SetUp {
     fn widths(self) -> Uncertainty {
-        let usual =
-            Uncertainty { mount_drift_rad: 5e-5, in_flight: InFlight::USUAL, ..Uncertainty::default() };
+        let usual = Uncertainty::default();
         match self {
             SetUp::Careful => Uncertainty {
                 mount_shift_m: 0.0005,
@@ -65,13 +65,15 @@ struct Shown {
     /// Errors of the lifts over their standard deviations: against survey, ground frame, root.
     lifts: [Vec<f64>; 3],
     twist: Vec<f64>,
+    /// Bending moments along the span, of a stiffness that is known.
+    moments: Vec<f64>,
     /// Of the same three.
     tip_sigmas_m: [Vec<f64>; 3],
     passed: Vec<f64>,
 }
 
 impl Shown {
-    fn add(&mut self, aircraft: &Aircraft, when: When, solution: &Solution) {
+    fn add(&mut self, aircraft: &Aircraft, when: When, solution: &Solution, setup: &Setup) {
         let lifts = aircraft.lifts_m(when);
         for marker in solution.markers.iter().filter(|m| m.used) {
             let found = [marker.lift_m, marker.lift_ground_m, marker.lift_root_m];
@@ -86,8 +88,33 @@ impl Shown {
             let of = |m: &MarkerSolution| [m.lift_m, m.lift_ground_m, m.lift_root_m][k]?.sigma;
             sigmas.push(solution.markers.iter().filter_map(of).fold(0.0, f64::max));
         }
+        self.moments.extend(moments(aircraft, when, solution, setup));
         self.passed.push(f64::from(solution.global_test == GlobalTest::Passed));
     }
+}
+
+/// Where moments are looked at, shares of the length.
+const SHARES: [f64; 7] = [0.1, 0.2, 0.3, 0.45, 0.6, 0.7, 0.8];
+
+/// Errors of the bending moments over their standard deviations.
+fn moments(aircraft: &Aircraft, when: When, solution: &Solution, setup: &Setup) -> Vec<f64> {
+    let p = solution.parameters.iter().find(|p| p.name == "curvature_per_m").unwrap();
+    let (n, sigma) = (p.values.len(), |k: usize| p.values[k].sigma.unwrap());
+    let curvature = Curvature {
+        coefficients_per_m: DVector::from_iterator(n, p.values.iter().map(|v| v.value)),
+        covariance: DMatrix::from_fn(n, n, |i, j| solution.correlation[(i, j)] * sigma(i) * sigma(j)),
+        length_m: aircraft.truth.length_m(),
+        root_sigma_m: setup.uncertainty.root_offset_m,
+        steps: USUAL_STEPS,
+    };
+    let one = |(share, bent): (&f64, f64)| {
+        let s_m = share * aircraft.truth.length_m();
+        let section =
+            Section { s_m, ei_n_m2: 1.0, sigma_ei_n_m2: 0.0, ground_n_m: 0.0, ultimate_n_m: None };
+        let moment = curvature.moment(&section);
+        (moment.value - bent) / moment.sigma
+    };
+    SHARES.iter().zip(aircraft.curvature_per_m(when, &SHARES)).map(one).collect()
 }
 
 /// Draws wings or flights of so many frames with an effect each.
@@ -131,7 +158,7 @@ fn draw(
         };
         let solved = match solved { Ok(s) => s, Err(e) => { println!("FAILED {e}"); continue } };
         for (when, solution) in whens.iter().zip(solved) {
-            shown.add(&aircraft, *when, &solution);
+            shown.add(&aircraft, *when, &solution, &setup);
         }
     }
     shown
@@ -213,9 +240,10 @@ fn table_of_what_an_aircraft_does() {
             for (k, (name, kind)) in KINDS.iter().enumerate().filter(|(_, (name, _))| name.contains(&word("KIND"))) {
                 let shown = draw(seed + k as u64, set_up, frames, wings, |rng| kind(rng, times));
                 println!(
-                    "{frames:3} {set_up:?}: {name}: lifts {:.2?}, twist {:.2}, sigmas of the tip {:.1?} mm, passed {:.0} %",
+                    "{frames:3} {set_up:?}: {name}: lifts {:.2?}, twist {:.2}, moment {:.2}, sigmas of the tip {:.1?} mm, passed {:.0} %",
                     shown.lifts.each_ref().map(|lifts| rms(lifts)),
                     rms(&shown.twist),
+                    rms(&shown.moments),
                     shown.tip_sigmas_m.each_ref().map(|sigmas| 1e3 * median(sigmas)),
                     100.0 * shown.passed.iter().sum::<f64>() / shown.passed.len() as f64
                 );

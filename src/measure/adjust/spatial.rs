@@ -1,20 +1,22 @@
 //! The rigid-section beam, one frame (docs/model.md).
 
+mod causes;
 mod frame;
 
 use std::borrow::Cow;
 
 use nalgebra::DMatrix;
 
+use self::causes::causes;
 use self::frame::{Frame, Single, Start, Usage};
 use super::beam::MAX_CURVATURE_TERMS;
 use super::input::{Input, by_marker, on_the_wing};
 use super::outcome::Outcome;
 use super::scene::Scene;
 use super::shapes::shape_covariance;
-use super::snooping::{self, Judged, Removable, Suspect, Target};
+use super::snooping::{self, Judged, Removable, Snooped, Suspect, Target};
 use super::{AdjustError, Method, Observation, Options, Solution, VarianceComponent};
-use crate::estimation::{Course, EstimationError, Fit, VarianceGroup, variance_components};
+use crate::estimation::{Course, EstimationError, Fit, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
 
 /// Fewest markers on the wing, in flight.
@@ -142,6 +144,27 @@ impl<'a> Removable for Single<'a> {
     }
 }
 
+/// A solution without blunders; fixed marks that contradict each other are widened together.
+fn without_blunders(mut single: Single, allowed: usize) -> Result<Snooped<Single>, AdjustError> {
+    let mut all = single.solve(None)?;
+    while single.marks_factor < snooping::WIDEST_MARKS && single.marks_contradict(&all) {
+        single.marks_factor *= 2.0;
+        all = single.solve(Some(&all))?;
+    }
+    snooping::one_by_one(single, all, allowed)
+}
+
+/// The same with the cause that leaves the least over, where one leaves but few markers out.
+fn caused<'a>(single: &Single<'a>, allowed: usize) -> Option<Snooped<Single<'a>>> {
+    let with = |cause| without_blunders(Single { cause: Some(cause), ..single.clone() }, allowed).ok();
+    let tried = causes(&single.input, &single.sights).into_iter().filter_map(with);
+    let cost = |s: &Snooped<Single<'a>>| {
+        let limit = quality::critical_w(single.input.options.snooping_alpha);
+        s.solved.fit.omega + s.removed.len() as f64 * limit * limit
+    };
+    tried.filter(|s| s.judged.is_none()).min_by(|a, b| cost(a).total_cmp(&cost(b)))
+}
+
 /// The most probable order of the curvature, given the data and what beams look like.
 fn choose_order<'a>(single: &Single<'a>, usual: Solved<'a>) -> Result<Solved<'a>, AdjustError> {
     let amplitude = usual.amplitude;
@@ -173,14 +196,12 @@ pub fn solve(
     let allowed = sights.iter().flatten().count() / LEFT_OUT;
     let terms = options.curvature_terms.map_or(USUAL_ORDER, |t| t.clamp(1, MAX_CURVATURE_TERMS));
     let usage = Usage::all(setup.markers.len());
-    let mut single = Single { input, sights, usage, terms, marks_factor: 1.0 };
-    let mut all = single.solve(None)?;
-    while single.marks_factor < snooping::WIDEST_MARKS && single.marks_contradict(&all) {
-        single.marks_factor *= 2.0;
-        all = single.solve(Some(&all))?;
+    let single = Single { input, sights, usage, terms, marks_factor: 1.0, cause: None };
+    let mut clean = without_blunders(single.clone(), allowed)?;
+    if clean.judged.is_some() {
+        clean = caused(&single, allowed).unwrap_or(clean);
     }
-    let snooping::Snooped { model: single, mut solved, removed, judged } =
-        snooping::one_by_one(single, all, allowed)?;
+    let Snooped { model: single, mut solved, removed, judged } = clean;
     if options.curvature_terms.is_none() {
         solved = choose_order(&single, solved)?;
     }
@@ -192,6 +213,7 @@ pub fn solve(
     let solution = outcome.solution(Method::Spatial, removed.iter());
     remarks.extend(solution.remarks);
     remarks.extend(snooping::widened_marks(single.marks_factor));
+    remarks.extend(single.cause.as_ref().map(|cause| cause.sentence(fit.global[frame.layout.own.first])));
     if options.curvature_terms.is_none() {
         remarks.push(format!("curvature of {} terms, chosen by test", frame.layout.curvature_terms));
     }

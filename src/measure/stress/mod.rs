@@ -11,7 +11,7 @@ mod moment;
 pub mod rainflow;
 mod wear;
 
-pub use moment::{Curvature, Moment, Section, bending_length_m};
+pub use moment::{Curvature, Moment, Section, USUAL_STEPS, bending_length_m};
 pub use wear::{
     Damage, Exceedance, Goodman, GroundAirGround, OverAFlight, SAMPLES_PER_PERIOD, Sampling,
     USUAL_BENDING_HZ, damage, exceedances, extreme, ground_air_ground, over_a_flight, sampling,

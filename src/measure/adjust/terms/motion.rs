@@ -125,6 +125,14 @@ fn parts(scene: &Scene, markers: &[SurveyMarker]) -> Vec<Term> {
     names.into_iter().map(|name| part(scene, &of(name))).collect()
 }
 
+/// How far markers may be displaced that have a cause in common, m: as much as a part turns or a survey jumps.
+const COMMON_CAUSE_M: f64 = 0.1;
+
+/// Markers that are displaced together by so much.
+pub fn common_cause(field: Vec<Vector3<f64>>) -> Term {
+    moves("common cause", Instant::InFlight, vec![field], &[COMMON_CAUSE_M])
+}
+
 /// Root mean square of a sinusoid's velocity and of half its acceleration, its unit per s and per s^2.
 fn rates(vibration: Vibration) -> [f64; 2] {
     let circular = std::f64::consts::TAU * vibration.frequency_hz;
