@@ -5,11 +5,11 @@ use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 use rand::Rng;
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, GlobalTest, MarkerSolution, Mounting, Options, Solution};
-use wingd::measure::setup::{Setup, Uncertainty};
+use wingd::measure::setup::{InFlight, Setup, Uncertainty};
 use wingd::measure::stress::{Curvature, Section, USUAL_STEPS};
 
 use crate::common::beam_truth::{
-    Aircraft, Effects, Truth, When, median, normal3, random_wing, remounted, rms, rng,
+    Aircraft, Effects, Truth, When, median, normal, normal3, random_wing, remounted, rms, rng,
 };
 
 const NOISE_PX: f64 = 0.05;
@@ -156,8 +156,7 @@ fn draw(
             1 => adjust::spatial(&setup, &orientation, &seen[0], &options).map(|s| vec![s]),
             _ => adjust::flight(&setup, &orientation, &seen, &options),
         };
-        let solved = match solved { Ok(s) => s, Err(e) => { println!("FAILED {e}"); continue } };
-        for (when, solution) in whens.iter().zip(solved) {
+        for (when, solution) in whens.iter().zip(solved.expect("a solution")) {
             shown.add(&aircraft, *when, &solution, &setup);
         }
     }
@@ -225,6 +224,45 @@ const KINDS: [Kind; 23] = [
         ..Effects::default()
     }),
 ];
+
+/// All of it at once, each drawn from its width; what is marked in survey.csv (an aileron) and what the shape of bending
+/// meets (steps, kinks, engines) too.
+fn all_together(rng: &mut StdRng) -> Effects {
+    let width = InFlight::USUAL;
+    Effects {
+        ground_bend_m: width.ground_bend_m * normal(rng),
+        root_turn_rad: normal3(rng) * width.root_turn_rad,
+        root_shift_m: normal3(rng) * width.root_shift_m,
+        skin_m: width.skin_motion_m,
+        fixed_each_m: 5e-4,
+        flight_scale: width.scale * normal(rng),
+        principal_px: Vector2::new(normal(rng), normal(rng)) * width.principal_point_px,
+        in_plane_m: 0.02 * normal(rng),
+        vibration: (width.vibration.amplitude, width.vibration.frequency_hz),
+        shake: (width.shake.amplitude, width.shake.frequency_hz),
+        readout_s: width.readout_s,
+        pupil_m: 0.010 * normal(rng),
+        tilt_rad: Vector2::new(normal(rng), normal(rng)) * width.vertical_rad,
+        torque_rad: width.torque_rad * normal(rng),
+        ..Effects::default()
+    }
+}
+
+/// Of 23 kinds none is known to a tenth with so few wings: 1.5 is 1.3 with the spread of 24 wings whose markers err together
+/// (1 / sqrt(2 x 24) of it, at two of these).
+#[test]
+fn what_flight_does_is_in_the_standard_deviations() {
+    for (frames, wings) in [(1, 24), (5, 12)] {
+        for (k, set_up) in SET_UPS.into_iter().enumerate() {
+            let shown = draw(7100 + k as u64, set_up, frames, wings, all_together);
+            let lifts = shown.lifts.each_ref().map(|lifts| rms(lifts));
+            let (twist, moment) = (rms(&shown.twist), rms(&shown.moments));
+            println!("{frames} {set_up:?}: lifts {lifts:.2?}, twist {twist:.2}, moment {moment:.2}");
+            assert!(lifts.iter().all(|lift| *lift < 1.5), "{frames} {set_up:?}: {lifts:.2?}");
+            assert!(twist < 1.5 && moment < 1.5, "{frames} {set_up:?}: {twist} {moment}");
+        }
+    }
+}
 
 /// The table of docs/validation: run with `WINGS=100 FRAMES=1,5,20 TIMES=1 SET_UP=Stayed KIND=torque SEED=7000` to taste.
 #[test]

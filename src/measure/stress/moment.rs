@@ -54,7 +54,7 @@ pub struct Curvature {
 
 /// What a curvature of eight terms, which is smooth over an eighth of the length, misses by at a place where the stiffness
 /// steps by a fifth, the slope has a kink of 1 mrad or an engine takes a tenth of the root's moment, as a share.
-pub const USUAL_STEPS: f64 = 0.05;
+pub const USUAL_STEPS: f64 = 0.02;
 
 /// Step of the derivative of the curvature by the place, over the length.
 const STEP: f64 = 1e-3;
