@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod aircraft;
+mod budget;
 mod causes;
 #[path = "../common/mod.rs"]
 mod common;

@@ -59,8 +59,9 @@
       element(svg, "text", { x: width / 2, y: height / 2, "text-anchor": "middle" }, "No result yet");
       return 1;
     }
-    let low = Math.min(...seen.map((p) => p.y));
-    let high = Math.max(...seen.map((p) => p.y));
+    // The band is inside, too.
+    let low = Math.min(...seen.map((p) => p.y - (p.sigma ?? 0)));
+    let high = Math.max(...seen.map((p) => p.y + (p.sigma ?? 0)));
     if (yFrom0) [low, high] = [Math.min(0, low), Math.max(0, high)];
     [low, high] = steady(svg.id, low, high);
     const step = roundStep(Math.max(high - low, 4 * Math.max(...seen.map((p) => p.sigma ?? 0)), 1e-3) / 4);
@@ -90,6 +91,17 @@
       element(svg, "polyline", { class: "curve", points: run.map((p) => at(p, 0)).join(" ") });
     }
     return enlarged;
+  };
+
+  // The lift that the frame tells best, and against what it is counted.
+  const LIFTS = {
+    survey: ["lift_m", "sigma_lift_m", "against the survey"],
+    ground: ["lift_ground_m", "sigma_lift_ground_m", "against the ground frame"],
+    root: ["lift_root_m", "sigma_lift_root_m", "from the root's tangent"],
+  };
+  const shownLift = (tip) => {
+    const [lift, sigma, words] = LIFTS[tip?.shown] ?? LIFTS.survey;
+    return { lift: tip?.[lift], sigma: tip?.[sigma], words };
   };
 
   const runs = (points) => {
@@ -127,7 +139,9 @@
     if (result === null) return;
     const solved = result.status === "ok";
     const pair = (result.torsion ?? [])[0] ?? {};
-    measured("lift", solved ? result.tip?.lift_m : null, result.tip?.sigma_lift_m, 3, "m");
+    const tip = shownLift(solved ? result.tip : null);
+    measured("lift", tip.lift, tip.sigma, 3, "m");
+    if (solved) text("lift-name", `Tip lift ${tip.words}`);
     measured("twist", solved ? pair.twist_deg : null, pair.sigma_twist_deg, 2, "°");
     const recent = history.filter((one) => one.came > performance.now() - 10000);
     const elapsed = recent.length > 1 ? (recent[recent.length - 1].came - recent[0].came) / 1000 : 0;
@@ -144,10 +158,14 @@
         xRange: range, xLabel: "Lift, m, over the span, m", yFrom0: true, xTick: (v) => v.toFixed(1),
       });
       const sigma = curve[curve.length - 1].sigma;
-      const tip = typeof sigma === "number" ? `; at the tip ${(1000 * sigma).toFixed(1)} mm` : "";
-      text("curve-caption", `${band(enlarged)}${tip}.`);
+      const end = typeof sigma === "number" ? `; at its end ${(1000 * sigma).toFixed(1)} mm` : "";
+      text("curve-caption", `Of the bending axis, against the survey. ${band(enlarged)}${end}.`);
     }
-    overTime("lifts", "m", (one) => ({ y: one.lift, sigma: one.liftSigma }));
+    // Where the frames' choice changes, only those of the newest one's are drawn: two lifts make no curve.
+    const lifted = history.filter((one) => typeof one.lift === "number");
+    const words = (lifted[lifted.length - 1] ?? tip).words;
+    const alike = (one) => one.words === words;
+    overTime("lifts", `m, ${words}`, (one) => (alike(one) ? { y: one.lift, sigma: one.liftSigma } : {}));
     overTime("twists", "degrees", (one) => ({ y: one.twist, sigma: one.twistSigma }));
     const when = result.exposure_time.replace("T", " ").slice(0, 21);
     const said = solved ? "" : `: ${result.reason ?? "no numbers"}`;
@@ -165,13 +183,13 @@
     changed = true;
     const solved = result.status === "ok";
     const pair = (solved && (result.torsion ?? [])[0]) || {};
-    const tip = (solved && result.tip) || {};
+    const tip = shownLift(solved ? result.tip : null);
     const time = Date.parse(result.exposure_time) / 1000;
     // A clock that was set begins a new history.
     if (history.length > 0 && time < history[history.length - 1].time) history.length = 0;
     history.push({
       time, came: performance.now(), latency: result.latency_ms,
-      lift: tip.lift_m, liftSigma: tip.sigma_lift_m, twist: pair.twist_deg, twistSigma: pair.sigma_twist_deg,
+      lift: tip.lift, liftSigma: tip.sigma, words: tip.words, twist: pair.twist_deg, twistSigma: pair.sigma_twist_deg,
     });
     while (history.length > 0 && time - history[0].time > SPAN_S) history.shift();
     outlines.set(result.number, result.outlines ?? []);

@@ -10,6 +10,7 @@ use nalgebra::DMatrix;
 use self::causes::causes;
 use self::frame::{Frame, Single, Start, Usage};
 use super::beam::MAX_CURVATURE_TERMS;
+use super::budget::{Blocks, with_sources};
 use super::input::{Input, by_marker, on_the_wing};
 use super::outcome::Outcome;
 use super::scene::Scene;
@@ -210,7 +211,10 @@ pub fn solve(
         if options.variance_components { solved.weigh()? } else { Default::default() };
     let Solved { frame, fit, .. } = &solved;
     let outcome = Outcome::new(&input, &frame.layout, &frame.problem, fit, 0, &frame.members).judged(judged);
-    let solution = outcome.solution(Method::Spatial, removed.iter());
+    let blocks = Blocks { members: std::slice::from_ref(&frame.members), ground: &[] };
+    let solution = with_sources(blocks, &frame.problem, fit, None, |sources| {
+        outcome.solution(Method::Spatial, removed.iter(), sources)
+    });
     remarks.extend(solution.remarks);
     remarks.extend(snooping::widened_marks(single.marks_factor));
     remarks.extend(single.cause.as_ref().map(|cause| cause.sentence(fit.global[frame.layout.own.first])));
