@@ -170,7 +170,8 @@ fn sign(rng: &mut StdRng) -> f64 {
     if rng.random::<bool>() { 1.0 } else { -1.0 }
 }
 
-const KINDS: [Kind; 23] = [
+const KINDS: [Kind; 24] = [
+    ("all together", |r, _| all_together(r)),
     ("nothing", |_, _| Effects::default()),
     ("bent on ground, 10 mm", |r, by| Effects { ground_bend_m: 0.010 * by * sign(r), ..Effects::default() }),
     ("root turns, 0.2 mrad", |r, by| Effects {
