@@ -10,7 +10,7 @@ use super::stores::flights;
 use super::{Done, Failure, print};
 use crate::clock::Stamp;
 use crate::installation::{self, Installation, Structure};
-use crate::measure::stress::{Curvature, Section, USUAL_BENDING_HZ, bending_length_m};
+use crate::measure::stress::{Curvature, Section, USUAL_BENDING_HZ, USUAL_STEPS, bending_length_m};
 use crate::report::grid::Grid;
 use crate::report::number::{NONE, count, fields, fixed, general, rounded};
 use crate::report::stress::{self, FlightLoad, Frame, Question, StationLoad};
@@ -229,6 +229,7 @@ fn frames(flight: &FlightRef, set: &ResultSet, line: &Line) -> Result<(Vec<Frame
                         covariance,
                         length_m: line.length_m,
                         root_sigma_m: line.root_sigma_m,
+                        steps: USUAL_STEPS,
                     },
                 }),
             }

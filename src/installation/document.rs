@@ -12,6 +12,8 @@ use crate::measure::setup::{Setup, Side, SkinHeight, SurveyMarker, Thermal, Tors
 
 /// Shift between two mountings where the user gives none, px (paper, section 3.1.3).
 const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
+/// What a tape at a lens tells of its entrance pupil, each axis, m.
+const DEFAULT_CENTRE_SIGMA_M: f64 = 0.010;
 
 /// What stands in `installation.toml` and the files that it names.
 pub(super) struct Parts {
@@ -46,7 +48,10 @@ pub(super) fn read(reader: &mut Reader) -> Option<Parts> {
         name: document.name.clone().unwrap_or_else(|| "unnamed".into()),
         lens: camera.lens,
         projection_centre_m: Vector3::from(document.camera.projection_centre_m),
-        projection_centre_sigma_m: document.camera.projection_centre_sigma_m,
+        projection_centre_sigma_m: document
+            .camera
+            .projection_centre_sigma_m
+            .unwrap_or(DEFAULT_CENTRE_SIGMA_M),
         mount_repeatability_px: document.camera.mount_repeatability_px.unwrap_or(DEFAULT_REPEATABILITY_PX),
         span_direction: Vector2::from(document.wing.span_direction),
         stated_side: document.wing.side.and_then(|side| match side {
@@ -144,15 +149,13 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &Document) {
     let blanks = check_blanks(reader, file, document);
     let (camera, wing) = (&document.camera, &document.wing);
     let check = |place, value, low, high, unit| Check { place, value, low, high, unit };
-    let mut checks = vec![
-        check("camera.projection_centre_sigma_m", camera.projection_centre_sigma_m, 0.0, 1.0, "m"),
-        check(ROOT, wing.root_offset_m, -50.0, 50.0, "m"),
-    ];
+    let mut checks = vec![check(ROOT, wing.root_offset_m, -50.0, 50.0, "m")];
     checks.extend(camera.projection_centre_m.map(|v| check(LENS, v, -1e6, 1e6, "m")));
     checks.extend(
         camera.mount_repeatability_px.map(|v| check("camera.mount_repeatability_px", v, 0.0, 1000.0, "px")),
     );
     let widths = [
+        ("camera.projection_centre_sigma_m", camera.projection_centre_sigma_m, 1.0, "m"),
         ("camera.mount_shift_m", camera.mount_shift_m, 0.5, "m"),
         ("camera.mount_drift_mrad", camera.mount_drift_mrad, 100.0, "mrad"),
         ("wing.skin_height_sigma_m", wing.skin_height_sigma_m, 5.0, "m"),
@@ -193,6 +196,7 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &Document) {
             reader.fault(file, c.place, problem.trim_end(), mend.trim_end());
         }
     }
+    in_flight::check(reader, file, document);
     let [dx, dy] = wing.span_direction;
     let points = dx.is_finite() && dy.is_finite() && dx.hypot(dy) > 1e-6;
     if !points && !blanks.contains(&SPAN) {

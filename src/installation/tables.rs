@@ -23,7 +23,7 @@ pub(super) struct Camera {
     pub calibration: String,
     #[serde(deserialize_with = "or_blank")]
     pub projection_centre_m: [f64; 3],
-    pub projection_centre_sigma_m: f64,
+    pub projection_centre_sigma_m: Option<f64>,
     pub mount_repeatability_px: Option<f64>,
     pub mount_shift_m: Option<f64>,
     pub mount_drift_mrad: Option<f64>,
@@ -65,6 +65,7 @@ pub(super) struct Wing {
     pub root_turn_sigma_mrad: Option<f64>,
     pub root_heave_sigma_m: Option<f64>,
     pub in_plane_sigma_m: Option<f64>,
+    pub torque_sigma_deg: Option<f64>,
     pub vibration: Option<Vec<Vibrating>>,
 }
 

@@ -4,6 +4,7 @@
 mod aircraft;
 mod aircraft_join;
 mod budget;
+mod causes;
 #[path = "../common/mod.rs"]
 mod common;
 mod coverage;

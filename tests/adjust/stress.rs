@@ -77,7 +77,8 @@ fn curvature(s: &Solution, length_m: f64, root_sigma_m: f64) -> Curvature {
     let sigma = |k: usize| p.values[k].sigma.unwrap();
     let covariance = DMatrix::from_fn(n, n, |i, j| s.correlation[(i, j)] * sigma(i) * sigma(j));
     let coefficients_per_m = DVector::from_iterator(n, p.values.iter().map(|v| v.value));
-    Curvature { coefficients_per_m, covariance, length_m, root_sigma_m }
+    // These beams have no steps.
+    Curvature { coefficients_per_m, covariance, length_m, root_sigma_m, steps: 0.0 }
 }
 
 /// Errors of the moments over their standard deviations, per share of the length.

@@ -18,14 +18,15 @@ const GROUND_FRAME: &str = "ground frame";
 const SHAPE: &str = "shape of bending";
 
 /// Priors by the name of what is stated or measured for them; a name that is not here stands for itself.
-const WORDS: [(&str, &str); 25] = [
+const WORDS: [(&str, &str); 28] = [
     ("height of the bending axis", "axis"),
     ("chord offset of the bending axis", "chord offset"),
     ("root offset", "root"),
     ("direction of the span", "span direction"),
     ("thermal scale", "temperature"),
     ("interior orientation", "lens"),
-    ("camera in flight", "camera in flight"),
+    ("scale of the camera in flight", "camera in flight"),
+    ("principal point in flight", "camera in flight"),
     ("panes' shift", "window"),
     ("panes' bow", "window"),
     ("rotation of the mounting", "mounting"),
@@ -35,9 +36,11 @@ const WORDS: [(&str, &str); 25] = [
     ("vertical of the survey", "vertical"),
     ("motion of the skin", "skin"),
     ("motion of the fixed marks", "fixed marks"),
-    ("motion of the root", "root motion"),
+    ("rotation of the root", "root motion"),
+    ("shift of the root", "root motion"),
     ("bending in the wing's plane", "in-plane"),
     ("moving part", "moving parts"),
+    ("torque of control surfaces", "torque"),
     ("vibration of the wing", "rolling shutter"),
     ("shake of the camera", "rolling shutter"),
     (SHAPE, SHAPE),

@@ -11,7 +11,7 @@ use super::input::Input;
 use super::layout::{Layout, Member, Survey};
 use super::marker_state::MarkerState;
 use super::scene::Bent;
-use super::snooping::{Suspect, Target};
+use super::snooping::{Judged, Suspect, Target};
 use super::values::Values;
 use super::{CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Parameter, Solution, Torsion};
 use crate::estimation::quality::{self, Reliability};
@@ -38,6 +38,10 @@ pub struct Outcome<'a> {
     posterior: bool,
     /// Factor of the standard deviations: 1 a priori.
     scale: f64,
+    /// What the global test judges.
+    judged: Judged,
+    /// Whether that is what there was before much was removed.
+    before_removal: bool,
 }
 
 impl<'a> Outcome<'a> {
@@ -52,10 +56,46 @@ impl<'a> Outcome<'a> {
     ) -> Self {
         let values = layout.values(&fit.global, &fit.groups[group].local);
         let bent = input.scene.bend(&values.bending());
-        let global_test = quality::global_test(fit.omega, fit.redundancy, input.options.global_alpha);
-        let posterior = quality::is_posterior(input.options.sigma, global_test);
-        let scale = if posterior { fit.variance_factor().map_or(1.0, f64::sqrt) } else { 1.0 };
-        Self { input, layout, problem, fit, group, members, values, bent, global_test, posterior, scale }
+        let (global_test, posterior, scale) = (GlobalTest::NotPossible, false, 1.0);
+        let (judged, before_removal) = (Judged::of(fit), false);
+        let new = Self {
+            input,
+            layout,
+            problem,
+            fit,
+            group,
+            members,
+            values,
+            bent,
+            global_test,
+            posterior,
+            scale,
+            judged,
+            before_removal,
+        };
+        new.tested()
+    }
+
+    /// Judged by what there was before much was removed, if anything was: removal cannot buy a passed test.
+    pub fn judged(self, before: Option<Judged>) -> Self {
+        match before {
+            Some(judged) => Self { judged, before_removal: true, ..self }.tested(),
+            None => self,
+        }
+    }
+
+    fn tested(mut self) -> Self {
+        let Judged { omega, redundancy } = self.judged;
+        let options = self.input.options;
+        self.global_test = quality::global_test(omega, redundancy, options.global_alpha);
+        self.posterior = quality::is_posterior(options.sigma, self.global_test);
+        self.scale = self.variance_factor().filter(|_| self.posterior).map_or(1.0, f64::sqrt);
+        self
+    }
+
+    fn variance_factor(&self) -> Option<f64> {
+        let Judged { omega, redundancy } = self.judged;
+        (redundancy > 0).then(|| omega / redundancy as f64)
     }
 
     /// All that the fit says of the frame; `removed`: what data snooping left out of it, with a remark and a reason each.
@@ -76,11 +116,18 @@ impl<'a> Outcome<'a> {
             }
             remarks.push(sentence);
         }
+        if self.before_removal {
+            remarks.push(
+                "so many markers are out that one cause is likelier than as many blunders: the global test judges all of \
+                 them, and standard deviations follow it"
+                    .into(),
+            );
+        }
         let budget = self.budget(&markers, sources);
         Solution {
             method,
-            variance_factor: self.fit.variance_factor(),
-            redundancy: self.fit.redundancy,
+            variance_factor: self.variance_factor(),
+            redundancy: self.judged.redundancy,
             global_test: self.global_test,
             posterior: self.posterior,
             parameters,
@@ -364,7 +411,8 @@ impl<'a> Outcome<'a> {
             values.iter().enumerate().map(one).collect()
         };
         let v = &self.values;
-        let twist = self.input.setup.side().map_or(vec![], |_| list(&v.twist_rad, n));
+        let twist =
+            self.input.setup.side().map_or(vec![], |_| list(&v.twist_rad[..t.min(v.twist_rad.len())], n));
         let parameters = vec![
             Parameter { name: "curvature_per_m", values: list(&v.curvature_per_m, 0) },
             Parameter { name: "twist_rad", values: twist },

@@ -32,7 +32,7 @@ pub(super) fn with_marks(
             position_m,
             sigma_m: usual,
             fixed: true,
-            flight_motion_m: 0.0,
+            flight_motion_m: fixed_mark::FLIGHT_MOTION_M,
             part: None,
         });
     }

@@ -9,7 +9,7 @@ type Term = (&'static str, fn(&mut Setup));
 pub(super) const ALL: &str = "all of these";
 
 /// In the order of `docs/adjustment/installation.md`.
-const TERMS: [Term; 13] = [
+const TERMS: [Term; 16] = [
     ("height of the bending axis", |s| s.uncertainty.skin_height_sigma_m = 0.0),
     ("root offset", |s| s.uncertainty.root_offset_m = 0.0),
     ("chord offset of the axis", |s| s.uncertainty.axis_chord_offset_m = 0.0),
@@ -23,6 +23,9 @@ const TERMS: [Term; 13] = [
     ("motion of the root", know_root),
     ("bending in the plane", |s| s.uncertainty.in_flight.in_plane_m = 0.0),
     ("camera in flight", know_camera_in_flight),
+    ("torque of control surfaces", |s| s.uncertainty.in_flight.torque_rad = 0.0),
+    ("rolling shutter", |s| s.uncertainty.in_flight.readout_s = 0.0),
+    ("motion of the fixed marks", |s| s.markers.iter_mut().for_each(|m| m.flight_motion_m = 0.0)),
 ];
 
 fn know_temperature(setup: &mut Setup) {

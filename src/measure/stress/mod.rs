@@ -13,7 +13,7 @@ pub mod rainflow;
 mod sampling;
 mod wear;
 
-pub use moment::{Curvature, Moment, Section, bending_length_m};
+pub use moment::{Curvature, Moment, Section, USUAL_STEPS, bending_length_m};
 pub use sampling::{SAMPLES_PER_PERIOD, Sampling, USUAL_BENDING_HZ, Unseen, sampling};
 pub use wear::{
     Damage, Exceedance, Goodman, GroundAirGround, OverAFlight, damage, exceedances, extreme,

@@ -83,7 +83,7 @@ impl Unknowns {
         let place = |mounting| OfMounting::place(input, mountings.stayed(mounting), &mut columns);
         let mountings = (0..mountings.count()).map(place).collect();
         let survey = columns.take(3 * input.setup.markers.len(), MISSING_GROUND);
-        let motions = Arc::new(Motions::place(input, &mut columns));
+        let motions = Arc::new(Motions::place(input, flight.marks_factor, &mut columns));
         Self { columns, shared, head, shape, mountings, survey, motions, curvature_terms }
     }
 

@@ -44,7 +44,7 @@ impl Outcome<'_> {
             put(ground, leaning - on_ground);
             put(root, leaning - on_ground);
         }
-        if let Some(placed) = &self.layout.root {
+        for placed in &self.layout.root {
             for k in 0..placed.term.size {
                 self.layout.put(gradient, placed.place, k, root, -placed.term.position(k, state).y);
             }

@@ -36,7 +36,7 @@ pub fn first(mut flight: Flight) -> Result<Begun, AdjustError> {
         with_sources(&solved, None, |sources| dressed(&flight, &solved, &removed, 0, vec![], sources));
     let sound = removed.is_empty() && solution.global_test != GlobalTest::Rejected;
     let told = told(&solved);
-    let Solved { setting, fit } = solved;
+    let Solved { setting, fit, .. } = solved;
     let wrong = removed.iter().map(|r| r.suspect).filter(|s| s.target == Target::Survey).collect();
     let state = State {
         known: fit.known(),
@@ -61,7 +61,7 @@ pub fn first(mut flight: Flight) -> Result<Begun, AdjustError> {
 
 /// What keeps its name in the state: neither the mounting's rotation nor the shape's ratios, which walk. Its shift does: each
 /// mounting begins with the same width.
-fn told(Solved { setting, fit }: &Solved) -> Told {
+fn told(Solved { setting, fit, .. }: &Solved) -> Told {
     let (layout, shape) = (&setting.layouts[0], setting.shape.columns);
     let rotation = layout.own.first..layout.own.first + 3;
     let of_shape = shape.ratios..shape.changes;
