@@ -125,6 +125,23 @@ pub fn sight(
     installation: &Installation,
     orientation: Option<&Orientation>,
 ) -> Sighting {
+    if let Some(orientation) = orientation
+        && let Some(sighting) = sight_located(name, bytes, format, &installation.setup, orientation)
+    {
+        return sighting;
+    }
+    sight_whole(name, bytes, format, installation, orientation).0
+}
+
+/// The same from the whole frame, also where the installation says where to look: all that is there is seen, and why a candidate
+/// was turned down. The picture comes back for drawing.
+pub fn sight_whole(
+    name: &str,
+    bytes: &[u8],
+    format: Option<&Format>,
+    installation: &Installation,
+    orientation: Option<&Orientation>,
+) -> (Sighting, Option<Raster>) {
     let (mut sighting, raster) = detect_only(name, bytes, format);
     if let Some(raster) = &raster {
         sighting.failure = size_fault(raster, installation);
@@ -132,7 +149,46 @@ pub fn sight(
     if let (None, Some(raster), Some(orientation)) = (&sighting.failure, &raster, orientation) {
         recognise(&mut sighting, raster, installation, orientation);
     }
-    sighting
+    (sighting, raster)
+}
+
+/// The same where the installation says to look, from the nearest markers outwards ([`identify::locate`]); only what may show
+/// markers is decoded. `None` where that leaves a marker missing that is there to be seen, or leads nowhere: then the whole frame
+/// tells.
+fn sight_located(
+    name: &str,
+    bytes: &[u8],
+    format: Option<&Format>,
+    setup: &Setup,
+    orientation: &Orientation,
+) -> Option<Sighting> {
+    let mut sighting = unseen(name, bytes);
+    let size = (setup.lens.width as usize, setup.lens.height as usize);
+    let read = detect::columns_read(&identify::anywhere(setup, orientation), size.0, size.1);
+    let columns = |width, height| if (width, height) == size { read.clone() } else { vec![0..0; height] };
+    let raster = sighting.timed(Work::Decode, || decode::decode_part(bytes, format, &columns)).ok()?;
+    if (raster.width(), raster.height()) != size {
+        return None;
+    }
+    sighting.size = Some(size);
+    let found = sighting.timed(Work::Detect, || {
+        let look = |sought: &[Prediction]| detect::detect_guided(&raster, sought).markers;
+        let predictions = identify::locate(setup, orientation, look)?;
+        let needed = detect::columns_read(&predictions, size.0, size.1);
+        let is_read =
+            needed.iter().zip(&read).all(|(n, r)| n.is_empty() || (r.start <= n.start && n.end <= r.end));
+        is_read.then(|| detect::detect_guided(&raster, &predictions))
+    })?;
+    let known = sighting.timed(Work::Identify, || identified(setup, orientation, &raster, found)).ok()?;
+    // What the ground frames did not show, no frame need show.
+    let on_ground: Vec<usize> = orientation.ground.iter().map(|sight| sight.marker).collect();
+    let expected = identify::expect(setup, orientation, &known.0.markers, &known.1);
+    let expected: Vec<_> = expected.into_iter().filter(|e| on_ground.contains(&e.marker)).collect();
+    if detect::shows_missing(&raster, &known.0, &expected) {
+        return None;
+    }
+    take_up(&mut sighting, setup, orientation, Ok(known));
+    Some(sighting)
 }
 
 /// Decodes and detects, without any knowledge of the wing. The picture comes back for drawing.

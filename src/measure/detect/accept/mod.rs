@@ -8,3 +8,4 @@ pub mod found;
 pub mod options;
 pub mod pattern;
 pub mod verdict;
+pub mod visible;

@@ -104,6 +104,10 @@ numbers! {
         /// Greatest blur over the median one, a ratio: one lens makes all edges. Chosen on the rendered sets; the test
         /// of this file.
         softer: f64 = 2.0,
+        /// Semi-minor axis of quadrants, blurs, from which on their own edges tell that they are out of focus and no
+        /// shadow. Derived: a mark of 0.1 m at 3 m has 50 and more, what a shadow's edge makes of one on the wing fewer
+        /// than 8. The test of this file's neighbour, `consistency.rs`.
+        crisp_blurs: f64 = 12.0,
         /// Markers that tell it. Fewer may all be something else.
         blurs: usize = 5,
         /// Flat things that tell the skin's horizon. Fewer may all be something else.
@@ -167,6 +171,17 @@ numbers! {
         cut_scales: f64 = 4.7,
         /// Least scale of residuals, grey levels. Derived: a grey value is a whole number, 1/sqrt(12).
         floor: f64 = 0.3,
+    }
+
+    /// Whether a place shows a marker that was not found.
+    VISIBLE: VisibleOptions {
+        /// How much larger than its outline what is looked at is: skin must be in it.
+        about: f64 = 1.2,
+        /// Shares of the pixels that are darker than black's edge and than the skin: a marker's black takes a third of them.
+        dark: f64 = 0.15,
+        light: f64 = 0.85,
+        /// Share of the usual contrast that they must differ by: of what is hidden half is left at most.
+        contrast: f64 = 0.6,
     }
 
     /// Which of two answers for one thing is kept.
