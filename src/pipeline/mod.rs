@@ -13,6 +13,7 @@
 pub mod decode;
 pub mod guard;
 pub mod live;
+mod located;
 pub mod recording;
 pub mod shrink;
 pub mod stages;

@@ -6,6 +6,7 @@ use nalgebra::{Matrix2, Vector2};
 use sha2::{Digest, Sha256};
 
 use super::decode;
+use super::located::{self, looked_closer};
 use crate::aircraft::State;
 use crate::camera::Format;
 use crate::installation::{HandObservation, Installation};
@@ -15,6 +16,8 @@ use crate::measure::identify::{self, IdentifyError, Identities, OrientationFit};
 use crate::measure::raster::Raster;
 use crate::measure::setup::{GroundSight, Orientation, Setup};
 use crate::record::Reason;
+
+pub use super::located::identified;
 
 /// What is done with a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -125,12 +128,14 @@ pub fn sight(
     installation: &Installation,
     orientation: Option<&Orientation>,
 ) -> Sighting {
-    if let Some(orientation) = orientation
-        && let Some(sighting) = sight_located(name, bytes, format, &installation.setup, orientation)
-    {
-        return sighting;
+    let mut located = unseen(name, bytes);
+    let is_enough = |orientation| look_located(&mut located, bytes, format, &installation.setup, orientation);
+    if orientation.and_then(is_enough).is_some() {
+        return located;
     }
-    sight_whole(name, bytes, format, installation, orientation).0
+    let mut sighting = sight_whole(name, bytes, format, installation, orientation).0;
+    sighting.stages.splice(0..0, located.stages);
+    sighting
 }
 
 /// The same from the whole frame, also where the installation says where to look: all that is there is seen, and why a candidate
@@ -152,43 +157,28 @@ pub fn sight_whole(
     (sighting, raster)
 }
 
-/// The same where the installation says to look, from the nearest markers outwards ([`identify::locate`]); only what may show
-/// markers is decoded. `None` where that leaves a marker missing that is there to be seen, or leads nowhere: then the whole frame
-/// tells.
-fn sight_located(
-    name: &str,
+/// Looks where the installation says, from the nearest markers outwards ([`identify::locate`]); only what may show markers is
+/// decoded. `None` where that leads nowhere, or where a marker is missing that is found aside of its place.
+fn look_located(
+    sighting: &mut Sighting,
     bytes: &[u8],
     format: Option<&Format>,
     setup: &Setup,
     orientation: &Orientation,
-) -> Option<Sighting> {
-    let mut sighting = unseen(name, bytes);
+) -> Option<()> {
     let size = (setup.lens.width as usize, setup.lens.height as usize);
     let read = detect::columns_read(&identify::anywhere(setup, orientation), size.0, size.1);
     let columns = |width, height| if (width, height) == size { read.clone() } else { vec![0..0; height] };
     let raster = sighting.timed(Work::Decode, || decode::decode_part(bytes, format, &columns)).ok()?;
-    if (raster.width(), raster.height()) != size {
-        return None;
-    }
-    sighting.size = Some(size);
-    let found = sighting.timed(Work::Detect, || {
-        let look = |sought: &[Prediction]| detect::detect_guided(&raster, sought).markers;
-        let predictions = identify::locate(setup, orientation, look)?;
-        let needed = detect::columns_read(&predictions, size.0, size.1);
-        let is_read =
-            needed.iter().zip(&read).all(|(n, r)| n.is_empty() || (r.start <= n.start && n.end <= r.end));
-        is_read.then(|| detect::detect_guided(&raster, &predictions))
-    })?;
+    sighting.size = Some(size).filter(|size| *size == (raster.width(), raster.height()));
+    sighting.size?;
+    let found = sighting.timed(Work::Detect, || located::detected(&raster, &read, setup, orientation))?;
     let known = sighting.timed(Work::Identify, || identified(setup, orientation, &raster, found)).ok()?;
-    // What the ground frames did not show, no frame need show.
-    let on_ground: Vec<usize> = orientation.ground.iter().map(|sight| sight.marker).collect();
-    let expected = identify::expect(setup, orientation, &known.0.markers, &known.1);
-    let expected: Vec<_> = expected.into_iter().filter(|e| on_ground.contains(&e.marker)).collect();
-    if detect::shows_missing(&raster, &known.0, &expected) {
+    if sighting.timed(Work::Detect, || located::shows_aside(&raster, setup, orientation, &known)) {
         return None;
     }
-    take_up(&mut sighting, setup, orientation, Ok(known));
-    Some(sighting)
+    take_up(sighting, setup, orientation, Ok(known));
+    Some(())
 }
 
 /// Decodes and detects, without any knowledge of the wing. The picture comes back for drawing.
@@ -329,43 +319,6 @@ fn unidentified(
         _ => identify::explain(setup, orientation, &sighting.detections.markers),
     };
     cause.map_or_else(|| Reason::of(error), |cause| Reason::from(cause.to_string()))
-}
-
-/// Closer looks at most.
-const LOOKS: usize = 3;
-
-/// Detections, some of them after closer looks at `raster`, and who is who; perspective bias is not removed.
-///
-/// # Errors
-/// Where no consensus names the markers.
-pub fn identified(
-    setup: &Setup,
-    orientation: &Orientation,
-    raster: &Raster,
-    found: Detections,
-) -> Result<(Detections, Identities), IdentifyError> {
-    let identities = identify::identify(setup, orientation, &found.markers)?;
-    Ok(looked_closer(setup, orientation, raster, found, identities))
-}
-
-fn looked_closer(
-    setup: &Setup,
-    orientation: &Orientation,
-    raster: &Raster,
-    mut found: Detections,
-    mut identities: Identities,
-) -> (Detections, Identities) {
-    // What is measured better foretells the others better.
-    for _ in 0..LOOKS {
-        let expected = identify::expect(setup, orientation, &found.markers, &identities);
-        let mut closer = found.clone();
-        if !detect::look_closer(raster, &mut closer, &expected) {
-            return (closer, identities);
-        }
-        let Ok(again) = identify::identify(setup, orientation, &closer.markers) else { break };
-        (found, identities) = (closer, again);
-    }
-    (found, identities)
 }
 
 /// The identified detections, in the survey's order.

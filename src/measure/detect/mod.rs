@@ -49,7 +49,7 @@ mod simd;
 
 use std::ops::Range;
 
-use crate::detect::accept::{consistency, correlated, dirt, found::Found, visible};
+use crate::detect::accept::{consistency, correlated, dirt, found::Found};
 use crate::detect::detection::by_place;
 use crate::detect::image::{ellipse, noise};
 use crate::detect::revise::neighbours::inflate_unlike;
@@ -138,14 +138,6 @@ fn detections(image: &Raster, All { mut found, noise, overshoot }: All) -> Detec
 /// need not be decoded.
 pub fn columns_read(predictions: &[Prediction], width: usize, height: usize) -> Vec<Range<usize>> {
     Scope::Around(predictions).columns(width, height)
-}
-
-/// Whether one of the expected markers that were not found is there to be seen: its place is as light and as dark as the found
-/// ones are.
-pub fn shows_missing(image: &Raster, found: &Detections, expected: &[Expected]) -> bool {
-    let Some(contrast) = median(found.markers.iter().map(|m| m.contrast).collect()) else { return true };
-    let missing = expected.iter().filter(|e| e.found.is_none()).filter_map(|e| e.prediction.ellipse());
-    missing.into_iter().any(|outline| visible::shows_marker(image, &outline, contrast))
 }
 
 /// Whether all of the predicted markers that the earlier frame showed are there; without any, no answer is complete.

@@ -7,7 +7,7 @@ use super::beam::State;
 use super::fit::Prior;
 use super::flight::{NEEDED, solutions};
 use super::known::prediction;
-use super::matching::Problem;
+use super::matching::{Problem, Refined};
 use super::scan::LIFT_RANGE;
 use super::scene::{Matrix8, Scene};
 use crate::detect::{Detection, Prediction};
@@ -19,10 +19,10 @@ const SIGMAS: (f64, f64) = (2.0, 4.0);
 const LEAST_PX: f64 = 10.0;
 /// Rounds at most, each with markers farther out.
 const ROUNDS: usize = 5;
-/// Markers of the first round at least, nearest first: four tell a state, and some may be hidden.
-const FIRST: usize = 6;
+/// Markers of the first round at least, nearest first: four tell a state, and one may be hidden.
+const FIRST: usize = 5;
 /// Markers of a later round at least.
-const NEXT: usize = 4;
+const NEXT: usize = 3;
 /// How far a marker may be off to be sought whatever the number, px: what then is searched is hardly larger than a marker.
 const NEAR_PX: f64 = 60.0;
 /// How far markers may be off where all of them are sought together, px.
@@ -87,6 +87,7 @@ pub(super) fn located(
     let mut where_to = expected(scene, &prior.mean, &prior.covariance(), SIGMAS.0);
     let mut looked = vec![false; where_to.len()];
     let mut found: Vec<Detection> = Vec::new();
+    let mut last: Option<Refined> = None;
     for round in 0..ROUNDS {
         let next = next(&where_to, &looked, if round == 0 { FIRST } else { NEXT });
         let sought: Vec<Prediction> = next.iter().filter_map(|&j| where_to[j].clone()).collect();
@@ -101,12 +102,15 @@ pub(super) fn located(
             continue;
         }
         let problem = Problem::new(scene, &found);
-        let Some(best) = solutions(&problem).into_iter().next() else { continue };
+        // What was found stays where it is in the list, and so do its pairs.
+        let further = last.as_ref().and_then(|last| problem.refine(&last.prior, &last.pairs));
+        let Some(best) = further.or_else(|| solutions(&problem).into_iter().next()) else { continue };
         where_to = expected(scene, &best.state, &best.covariance, SIGMAS.1);
         let settled = |p: &Prediction| p.search_px.amax() < SETTLED_PX;
         if where_to.iter().flatten().all(settled) || looked.iter().all(|l| *l) {
             return Some(where_to.into_iter().flatten().collect());
         }
+        last = Some(best);
     }
     None
 }

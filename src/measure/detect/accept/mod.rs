@@ -8,4 +8,3 @@ pub mod found;
 pub mod options;
 pub mod pattern;
 pub mod verdict;
-pub mod visible;

@@ -173,17 +173,6 @@ numbers! {
         floor: f64 = 0.3,
     }
 
-    /// Whether a place shows a marker that was not found.
-    VISIBLE: VisibleOptions {
-        /// How much larger than its outline what is looked at is: skin must be in it.
-        about: f64 = 1.2,
-        /// Shares of the pixels that are darker than black's edge and than the skin: a marker's black takes a third of them.
-        dark: f64 = 0.15,
-        light: f64 = 0.85,
-        /// Share of the usual contrast that they must differ by: of what is hidden half is left at most.
-        contrast: f64 = 0.6,
-    }
-
     /// Which of two answers for one thing is kept.
     BETTER: BetterOptions {
         /// Size of one over the other's, products of their semi-axes, from which on the smaller one is a part: a decal or glare that

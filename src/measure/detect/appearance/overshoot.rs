@@ -8,12 +8,12 @@
 //!
 //! Exact but for the tone curve, through which the copy is taken; that is less than a tenth of the overshoot.
 //!
-//! Rule of thumb: it matters from `a = 0.15` on, where it leaves 2 % of the contrast at an edge. Unknowns: two, shared by the
-//! frame's markers. Let in where the frame's residuals show it ([`super::super::estimate::overshoot`]). Held by
-//! `tests/detect/sharpened.rs`.
+//! Rule of thumb: it matters from `a = 0.15` on, where it leaves 2 % of the contrast at an edge. Unknowns: the
+//! amplitude, of which the frame's markers tell what it usually is. Let in where the frame's residuals show it ([`super::super::estimate::overshoot`]). Held by
+//! `tests/detect/sharpened.rs`. The halo is one of three that are tried, and held.
 
 use super::formula::{self, Model};
-use super::parameters::{BLUR, COMMON, Grey, HALO, OVERSHOOT, Parameters, WHITEST};
+use super::parameters::{BLUR, Grey, HALO, OVERSHOOT, Parameters, WHITEST};
 use super::quadrants;
 use crate::detect::simd::batch::Batch;
 use crate::detect::simd::dispatch::wide;
@@ -23,9 +23,8 @@ use crate::detect::simd::lanes::{LANES, Lanes};
 pub struct Sharpened {
     own: Model,
     copy: Model,
-    /// How the copy's blur changes with the marker's and with the halo's.
+    /// How the copy's blur changes with the marker's.
     by_blur: f32,
-    by_halo: f32,
 }
 
 /// Whether a picture was sharpened.
@@ -40,7 +39,7 @@ impl Sharpened {
         let mut blurred = *m;
         blurred[BLUR] = blur;
         let copy = Model::new(own.pattern, &blurred, origin);
-        Self { own, copy, by_blur: (m[BLUR] / blur) as f32, by_halo: (m[HALO] / blur) as f32 }
+        Self { own, copy, by_blur: (m[BLUR] / blur) as f32 }
     }
 }
 
@@ -81,7 +80,7 @@ fn sharpen(model: &Sharpened, out: &mut Grey, copy: &Grey) {
             own[i] = open[i] * (own[i] + a * (own[i] - by * of_copy[i]));
         }
     };
-    for k in (0..COMMON).filter(|&k| k != OVERSHOOT && k != HALO) {
+    for k in 0..OVERSHOOT {
         mix(&mut out.gradient[k], &copy.gradient[k], if k == BLUR { model.by_blur } else { 1.0 });
     }
     if let (Some(own), Some(of_copy)) = (&mut out.outline_gradient, &copy.outline_gradient) {
@@ -89,14 +88,13 @@ fn sharpen(model: &Sharpened, out: &mut Grey, copy: &Grey) {
     }
     for i in 0..LANES {
         out.gradient[OVERSHOOT][i] = open[i] * apart[i];
-        out.gradient[HALO][i] = -open[i] * a * model.by_halo * copy.gradient[BLUR][i];
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::detect::appearance::parameters::{N, Pattern};
+    use crate::detect::appearance::parameters::{COMMON, N, Pattern};
 
     fn disc() -> Parameters {
         let known = [
@@ -137,7 +135,7 @@ mod tests {
             for i in 0..60 {
                 let at = [f64::from(i * 7 % 60) - 8.3, f64::from(i * 3 % 29) + 6.7];
                 let (_, gradient) = one(pattern, outlined, &m, at);
-                for k in [0, 1, 2, BLUR, 7, 11, 14, OVERSHOOT, HALO] {
+                for k in [0, 1, 2, BLUR, 7, 11, 14, OVERSHOOT] {
                     let (mut low, mut high) = (m, m);
                     low[k] -= 4e-3;
                     high[k] += 4e-3;

@@ -214,10 +214,10 @@ impl Attempt<'_> {
         let sag = if place.edges.is_none() { near[SAG] } else { 0.0 };
         let look = Look { crossing: at, blur: near[BLUR], sag };
         let pixels = pixels(image, darker_than(near, floor), place, look, ALL);
-        let seen = pixels.and_then(|pixels| overshoot::sought(&pixels, near, scale, &unknowns, floor));
+        let seen = pixels.map(|pixels| overshoot::sought(&pixels, near, scale, &unknowns, floor));
         // What is none of a marker's then is a letter, and says nothing.
         let is_marker =
-            |seen: &Sighting| !fits_poorly(image, hypothesis, seen.rms, bounds.noise, contrast(near));
+            |seen: &Sighting| !fits_poorly(image, hypothesis, seen.rms(), bounds.noise, contrast(near));
         sightings.borrow_mut().extend(seen.filter(is_marker));
     }
 

@@ -144,8 +144,6 @@ pub struct Overshoot {
     pub amplitude_sigma: f64,
     /// Blur of the copy beside the frame's own, px.
     pub halo_px: f64,
-    /// By how much that differs from marker to marker, standard deviation, px.
-    pub halo_sigma_px: f64,
 }
 
 /// Where a marker is expected: the outline predicted from an earlier frame.

@@ -35,9 +35,9 @@ numbers! {
 }
 
 /// Most by which one step changes parameters: what the linearisation can bear. Chosen, as all of these. Place and blur, px;
-/// direction, rad; exponent of the tone curve; darkness, a share of the light; overshoot, a ratio, and its halo, px.
-const STEP: [(usize, f64); 8] =
-    [(X, 3.0), (Y, 3.0), (BLUR, 0.5), (ANGLE, 0.2), (GAMMA, 0.2), (DARK, 0.1), (OVERSHOOT, 0.5), (HALO, 0.3)];
+/// direction, rad; exponent of the tone curve; darkness, a share of the light; overshoot, a ratio.
+const STEP: [(usize, f64); 7] =
+    [(X, 3.0), (Y, 3.0), (BLUR, 0.5), (ANGLE, 0.2), (GAMMA, 0.2), (DARK, 0.1), (OVERSHOOT, 0.5)];
 /// The same of a disc's semi-axes, shares of themselves.
 const STEP_AXES: [(usize, f64); 2] = [(MAJOR, 0.2), (MINOR, 0.3)];
 /// The same of quadrants' edges: a tangent, and a share of the blur.

@@ -19,17 +19,37 @@ use crate::estimation::robust::{SIGMA_OVER_MEDIAN, median};
 /// What one marker shows of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sighting {
-    amplitude: Estimate,
-    halo_px: f64,
-    /// Whether it takes away what was more than a marker's residuals.
-    explains: bool,
+    /// For each halo that is tried.
+    with: [Option<Shown>; HALOS],
     /// Place, px.
     at: Vector2<f64>,
-    /// Root mean square of what it leaves, grey levels.
-    pub rms: f64,
 }
 
+/// What a marker shows with one halo.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Shown {
+    amplitude: f64,
+    /// Root mean square of what it leaves, grey levels.
+    rms: f64,
+    /// Whether it takes away what was more than a marker's residuals.
+    explains: bool,
+}
+
+/// Halos that are tried.
+const HALOS: usize = OVERSHOT.halos_px.len();
+
 impl Sighting {
+    /// Where the fits settled with every halo.
+    fn settled(&self) -> Option<[Shown; HALOS]> {
+        let [one, two, three] = self.with;
+        Some([one?, two?, three?])
+    }
+
+    /// Least root mean square of what it leaves, grey levels; infinite where no fit settled.
+    pub fn rms(&self) -> f64 {
+        self.with.iter().flatten().map(|shown| shown.rms).fold(f64::INFINITY, f64::min)
+    }
+
     /// Whether another one is of the same thing.
     pub fn is_of(&self, at: &Vector2<f64>) -> bool {
         (self.at - at).norm() < OVERSHOT.apart_px
@@ -41,36 +61,30 @@ pub fn begin(known: &Overshoot, m: &mut Parameters) {
     (m[OVERSHOOT], m[HALO]) = (known.amplitude, known.halo_px);
 }
 
-/// Makes it known beforehand of a marker, and sought.
+/// Makes the amplitude known beforehand of a marker, and sought; residuals hardly tell the halo.
 pub fn know(known: &Overshoot, unknowns: &mut Unknowns) {
-    let amplitude = Estimate { value: known.amplitude, sigma: known.amplitude_sigma };
-    let halo_px = Estimate { value: known.halo_px, sigma: known.halo_sigma_px };
-    for (k, known) in [(OVERSHOOT, amplitude), (HALO, halo_px)] {
-        unknowns.free[k] = true;
-        unknowns.prior[k] = known;
-    }
+    unknowns.free[OVERSHOOT] = true;
+    unknowns.prior[OVERSHOOT] = Estimate { value: known.amplitude, sigma: known.amplitude_sigma };
 }
 
-/// What markers show together; `None` where they do not agree that there is any.
+/// What markers show together, with the halo that leaves least; `None` where they do not agree that there is any.
 pub fn agreed(sightings: &[Sighting]) -> Option<Overshoot> {
-    let all = |value: fn(&Sighting) -> f64| -> Option<Estimate> {
-        let values: Vec<f64> = sightings.iter().filter(|s| s.explains).map(value).collect();
-        let usual = median(values.clone())?;
-        let off = median(values.iter().map(|v| (v - usual).abs()).collect())?;
-        Some(Estimate { value: usual, sigma: (SIGMA_OVER_MEDIAN * off).max(OVERSHOT.same * usual) })
-    };
-    let count = sightings.iter().filter(|s| s.explains).count();
-    if count < OVERSHOT.least || (count as f64) < OVERSHOT.most_of * sightings.len() as f64 {
+    let settled: Vec<[Shown; HALOS]> = sightings.iter().filter_map(Sighting::settled).collect();
+    let leaves = |halo: &usize| settled.iter().map(|shown| shown[*halo].rms.ln()).sum::<f64>();
+    let halo = (0..HALOS).min_by(|one, other| leaves(one).total_cmp(&leaves(other)))?;
+    let shown = settled.iter().map(|shown| &shown[halo]).filter(|shown| shown.explains);
+    let values: Vec<f64> = shown.map(|shown| shown.amplitude).collect();
+    let count = values.len();
+    if count < OVERSHOT.least || (count as f64) < OVERSHOT.most_of * settled.len() as f64 {
         return None;
     }
-    let (amplitude, halo_px) = (all(|s| s.amplitude.value)?, all(|s| s.halo_px)?);
-    let chance = OVERSHOT.chance * amplitude.sigma / (count as f64).sqrt();
-    (amplitude.value > OVERSHOT.matters && amplitude.value > chance).then_some(Overshoot {
-        amplitude: amplitude.value,
-        amplitude_sigma: amplitude.sigma,
-        halo_px: halo_px.value,
-        halo_sigma_px: halo_px.sigma,
-    })
+    let amplitude = median(values.clone())?;
+    let off = median(values.iter().map(|v| (v - amplitude).abs()).collect())?;
+    let amplitude_sigma = (SIGMA_OVER_MEDIAN * off).max(OVERSHOT.same * amplitude);
+    let chance = OVERSHOT.chance * amplitude_sigma / (count as f64).sqrt();
+    let halo_px = OVERSHOT.halos_px[halo];
+    let sure = amplitude > OVERSHOT.matters && amplitude > chance;
+    sure.then_some(Overshoot { amplitude, amplitude_sigma, halo_px })
 }
 
 /// Whether the residuals of a marker, root mean square, may be those of a sharpened edge: larger than noise, and no larger than
@@ -80,34 +94,25 @@ pub fn may_show(rms: f64, contrast: f64, noise: f64) -> bool {
     rms > OVERSHOT.over_noise * noise && (OVERSHOT.leaves.0..OVERSHOT.leaves.1).contains(&share)
 }
 
-/// What a marker shows of sharpening, from parameters without it that leave residuals of some scale, grey levels; `None` where
-/// the fit with it does not settle.
-pub fn sought(
-    pixels: &Pixels,
-    plain: &Parameters,
-    scale: f64,
-    unknowns: &Unknowns,
-    floor: f64,
-) -> Option<Sighting> {
-    let mut start = *plain;
-    let first = Overshoot {
-        amplitude: OVERSHOT.amplitude.value,
-        amplitude_sigma: OVERSHOT.amplitude.sigma,
-        halo_px: OVERSHOT.halo_px.value,
-        halo_sigma_px: OVERSHOT.halo_px.sigma,
-    };
-    begin(&first, &mut start);
-    start[BLUR] = start[BLUR].max(OVERSHOT.blur_px);
-    let mut unknowns = unknowns.clone();
-    know(&first, &mut unknowns);
-    let found = fit(pixels, &start, scale.max(floor), &unknowns, floor)?;
-    let m = &found.parameters;
-    let sigma = found.covariance[(OVERSHOOT, OVERSHOOT)].max(0.0).sqrt();
-    let gain = (1.0 - (found.rms / scale).powi(2)) * pixels.weight();
-    let explains =
-        m[OVERSHOOT] > OVERSHOT.chance * sigma && gain > OVERSHOT.gain && contrast(m) > 0.5 * contrast(plain);
-    let amplitude = Estimate { value: m[OVERSHOOT], sigma };
-    Some(Sighting { amplitude, halo_px: m[HALO], explains, at: Vector2::new(m[X], m[Y]), rms: found.rms })
+/// What a marker shows of sharpening, from parameters without it that leave residuals of some scale, grey levels.
+pub fn sought(pixels: &Pixels, plain: &Parameters, scale: f64, unknowns: &Unknowns, floor: f64) -> Sighting {
+    let with = OVERSHOT.halos_px.map(|halo_px| {
+        let (amplitude, amplitude_sigma) = (OVERSHOT.amplitude, f64::INFINITY);
+        let first = Overshoot { amplitude, amplitude_sigma, halo_px };
+        let (mut start, mut unknowns) = (*plain, unknowns.clone());
+        begin(&first, &mut start);
+        know(&first, &mut unknowns);
+        start[BLUR] = start[BLUR].max(OVERSHOT.blur_px);
+        let found = fit(pixels, &start, scale.max(floor), &unknowns, floor)?;
+        let m = &found.parameters;
+        let sigma = found.covariance[(OVERSHOOT, OVERSHOOT)].max(0.0).sqrt();
+        let gain = (1.0 - (found.rms / scale).powi(2)) * pixels.weight();
+        let explains = m[OVERSHOOT] > OVERSHOT.chance * sigma
+            && gain > OVERSHOT.gain
+            && contrast(m) > OVERSHOT.faded * contrast(plain);
+        Some(Shown { amplitude: m[OVERSHOOT], rms: found.rms, explains })
+    });
+    Sighting { with, at: Vector2::new(plain[X], plain[Y]) }
 }
 
 #[cfg(test)]
@@ -115,8 +120,8 @@ mod tests {
     use super::*;
 
     fn sighting(amplitude: f64, explains: bool) -> Sighting {
-        let amplitude = Estimate { value: amplitude, sigma: 0.05 };
-        Sighting { amplitude, halo_px: 1.4, explains, at: Vector2::zeros(), rms: 1.0 }
+        let shown = |rms: f64| Some(Shown { amplitude, rms, explains });
+        Sighting { with: [shown(3.0), shown(1.0), shown(2.0)], at: Vector2::zeros() }
     }
 
     #[test]
@@ -124,11 +129,15 @@ mod tests {
         let seen = [1.5, 1.6, 1.7, 1.55, 1.65].map(|a| sighting(a, true));
         let found = agreed(&seen).expect("they agree");
         assert!((found.amplitude - 1.6).abs() < 1e-9 && found.amplitude_sigma >= 0.1 * 1.6);
+        assert_eq!(found.halo_px, OVERSHOT.halos_px[1]);
+        // What no fit settles of says nothing.
+        let lost = Sighting { with: [None; HALOS], at: Vector2::zeros() };
+        assert_eq!(agreed(&[&seen[..], &[lost; 9]].concat()), Some(found));
         // Too few; half of them dirt; too little to matter; no agreement.
         assert_eq!(agreed(&seen[..3]), None);
         let dirt = [sighting(1.6, false); 6];
         assert_eq!(agreed(&[&seen[..], &dirt].concat()), None);
         assert_eq!(agreed(&[0.05; 8].map(|a| sighting(a, true))), None);
-        assert_eq!(agreed(&[0.2, 3.0, 0.3, 6.0, 5.0].map(|a| sighting(a, true))), None);
+        assert_eq!(agreed(&[0.2, 5.8, 0.3, 6.0, 3.0].map(|a| sighting(a, true))), None);
     }
 }
