@@ -39,7 +39,7 @@ fn benches(c: &mut Criterion) {
             semi_major_px: m.semi_major_px,
             semi_minor_px: m.semi_minor_px,
             angle_rad: m.angle_rad,
-            search_px: 12.0,
+            search_px: nalgebra::Vector2::repeat(12.0),
             seen: true,
         })
         .collect();

@@ -55,7 +55,13 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     }
     let mut all_well = true;
     let work = |name: &str, bytes: Result<&[u8], Reason>| match bytes {
-        Ok(bytes) => detect(name, bytes, installation.as_ref(), overlay.as_ref()),
+        // Where only the markers are wanted, only they are sought.
+        Ok(bytes) => match &installation {
+            Some(installation) if overlay.is_none() && !args.rejected => {
+                stages::sight(name, bytes, None, installation, installation.orientation.as_ref())
+            }
+            _ => detect(name, bytes, installation.as_ref(), overlay.as_ref()),
+        },
         Err(reason) => Sighting::failed(name, reason),
     };
     frames::each(&super::pictures::expand(&args.images)?, args.jobs, "detecting", work, |sighting| {
@@ -82,13 +88,10 @@ fn detect(
     installation: Option<&Installation>,
     overlay: Option<&Overlay>,
 ) -> Sighting {
-    let (mut sighting, raster) = stages::detect_only(name, bytes, None);
-    if let (Some(raster), Some(installation)) = (&raster, installation) {
-        sighting.failure = stages::size_fault(raster, installation);
-        if let (None, Some(orientation)) = (&sighting.failure, &installation.orientation) {
-            stages::recognise(&mut sighting, raster, installation, orientation);
-        }
-    }
+    let (mut sighting, raster) = match installation {
+        Some(known) => stages::sight_whole(name, bytes, None, known, known.orientation.as_ref()),
+        None => stages::detect_only(name, bytes, None),
+    };
     if let (Some(raster), Some(overlay)) = (&raster, overlay) {
         let written = draw(raster, &sighting, installation, overlay);
         sighting.failure = sighting.failure.or(written.err());
@@ -149,6 +152,9 @@ fn json_line(sighting: &Sighting, installation: Option<&Installation>, with_reje
     line.insert("height".into(), json!(sighting.size.map(|s| s.1)));
     let markers = named(sighting, installation);
     line.insert("markers".into(), markers.iter().map(|(id, d)| marker(id.as_deref(), d)).collect());
+    if let Some(seen) = sighting.detections.overshoot {
+        line.insert("overshoot".into(), json!({ "amplitude": seen.amplitude, "halo_px": seen.halo_px }));
+    }
     let missing = missing(sighting, installation);
     if !missing.is_empty() {
         line.insert("missing".into(), missing.into());

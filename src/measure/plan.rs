@@ -12,6 +12,7 @@ mod want;
 pub use draft::{Draft, best as best_layout, layout};
 pub use optics::{Optics, OpticsPlan};
 pub use prediction::{Alternative, Change, Expected, MarkerSigma, Prediction, TipSigma};
+use resolution::facing;
 pub use resolution::{Footprint, Skin, footprint};
 pub use want::{Answer, Remedy, Source, Wish, answer, attitude, worth_of};
 
@@ -60,6 +61,8 @@ pub struct MarkerPlan {
     pub flight: Footprint,
     /// Extent of the marker's image along and across the view on ground, px.
     pub image_px: [f64; 2],
+    /// Diameter of the blur disc on ground where the wing's markers are focused best, px; `None` without the lens.
+    pub blur_px: Option<f64>,
     /// Predicted standard deviations.
     pub sigma: Option<MarkerSigma>,
 }
@@ -104,6 +107,9 @@ pub struct Plan {
 const SPAN_POINTS: usize = 33;
 /// Smallest image of a circle that is measured well, px across its small axis.
 const SMALLEST_IMAGE_PX: f64 = 5.0;
+/// Largest blur disc, px across, with which a mark is still measured: a quarter of it, as a disc's standard deviation is, is two
+/// thirds of the greatest blur that detection takes, which is for lens and motion beside it.
+const MOST_BLUR_PX: f64 = 8.0;
 
 /// Plans an installation. Without an orientation the camera is taken to look at the middle of the wing.
 /// Fails where the survey gives no wing at all.
@@ -117,11 +123,24 @@ pub fn plan(
         Ok(prediction) => (Some(prediction), None),
         Err(error) => (None, Some(format!("no uncertainty can be predicted: {error}"))),
     };
-    let markers = markers(setup, &rehearsal, prediction.as_ref());
+    let mut markers = markers(setup, &rehearsal, prediction.as_ref());
     let optics = options.optics.map(|o| {
-        let distances = markers.iter().filter(|m| m.visible).map(|m| m.distance_m);
-        OpticsPlan::new(&o, distances.clone().fold(f64::INFINITY, f64::min), distances.fold(0.0, f64::max))
+        // Marks that are rigid to the cabin stand so near that the wing would be out of focus for their sake.
+        let seen = |wanted: &dyn Fn(bool) -> bool| -> Vec<f64> {
+            let seen = markers.iter().zip(&setup.markers).filter(|(m, s)| m.visible && wanted(s.fixed));
+            seen.map(|(m, _)| m.distance_m).collect()
+        };
+        let mut distances = seen(&|fixed| !fixed);
+        if distances.is_empty() {
+            distances = seen(&|_| true);
+        }
+        let (nearest, farthest) =
+            distances.iter().fold((f64::INFINITY, 0.0), |(n, f): (f64, f64), d| (n.min(*d), f.max(*d)));
+        OpticsPlan::new(&o, nearest, farthest)
     });
+    for marker in &mut markers {
+        marker.blur_px = optics.map(|optics| optics.blur_px(marker.distance_m));
+    }
     let mut plan = Plan {
         field_of_view_deg: field_of_view_deg(setup),
         focal_px: setup.lens.focal_px(),
@@ -149,7 +168,10 @@ fn markers(setup: &Setup, rehearsal: &Rehearsal, prediction: Option<&Prediction>
     let one = |(index, marker): (usize, &super::setup::SurveyMarker)| {
         let ground = rehearsal.ground[index];
         let flight = rehearsal.flight[index];
-        let on_ground = footprint(&ground, rehearsal.skin.slope(ground.x), c);
+        let covers = |point: &Vector3<f64>, slope: f64| {
+            if marker.fixed { facing(point, c) } else { footprint(point, slope, c) }
+        };
+        let on_ground = covers(&ground, rehearsal.skin.slope(ground.x));
         let seen = |o: &Observation| o.marker == index;
         MarkerPlan {
             id: marker.id.clone(),
@@ -158,12 +180,13 @@ fn markers(setup: &Setup, rehearsal: &Rehearsal, prediction: Option<&Prediction>
             distance_m: ground.norm(),
             visible: rehearsal.observations.iter().any(seen)
                 && rehearsal.orientation.ground.iter().any(|g| g.marker == index),
-            flight: footprint(&flight, rehearsal.slope_at(&flight), c),
+            flight: covers(&flight, rehearsal.slope_at(&flight)),
             image_px: [
                 1e3 * marker.diameter_m / on_ground.spanwise_mm,
                 1e3 * marker.diameter_m / on_ground.streamwise_mm,
             ],
             ground: on_ground,
+            blur_px: None,
             sigma: prediction.and_then(|p| p.markers.iter().find(|m| m.marker == index).copied()),
         }
     };
@@ -209,6 +232,12 @@ fn remarks(plan: &Plan) -> Vec<String> {
     if let Some(small) = ids(&|m| m.shape == "circle" && m.image_px[0] < SMALLEST_IMAGE_PX) {
         remarks.push(format!(
             "image less than {SMALLEST_IMAGE_PX} px along the view: {small}; use larger circles or a higher camera"
+        ));
+    }
+    if let Some(soft) = ids(&|m| m.blur_px.is_some_and(|px| px > MOST_BLUR_PX)) {
+        remarks.push(format!(
+            "out of focus by more than {MOST_BLUR_PX} px, which is more than is measured: {soft}; stop down, or put \
+             them farther from the camera"
         ));
     }
     if let Some(optics) = plan.optics.as_ref().filter(|o| !o.sharp) {

@@ -14,6 +14,7 @@
 pub mod decode;
 pub mod guard;
 pub mod live;
+mod located;
 pub mod orienting;
 pub mod recording;
 pub mod shrink;

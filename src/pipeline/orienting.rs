@@ -1,7 +1,8 @@
 //! Ground frames become an orientation, and with it what was not found at first is sought again.
 
 use super::guard::BROKE_OFF;
-use super::stages::{self, LOOKS, Sighting};
+use super::located::LOOKS;
+use super::stages::{self, Sighting};
 use crate::installation::Installation;
 use crate::measure::detect::{self, Detection};
 use crate::measure::identify::{self, IdentifyError, OrientationFit};

@@ -6,6 +6,7 @@ use nalgebra::{Matrix2, Vector2};
 use sha2::{Digest, Sha256};
 
 use super::decode;
+use super::located::{self, looked_closer};
 use crate::aircraft::State;
 use crate::camera::Format;
 use crate::installation::{HandObservation, Installation};
@@ -15,6 +16,8 @@ use crate::measure::identify::{self, IdentifyError, Identities, OrientationFit};
 use crate::measure::raster::Raster;
 use crate::measure::setup::{GroundSight, Orientation, Setup};
 use crate::record::Reason;
+
+pub use super::located::identified;
 
 /// What is done with a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -137,6 +140,25 @@ pub fn sight(
     installation: &Installation,
     orientation: Option<&Orientation>,
 ) -> Sighting {
+    let mut located = unseen(name, bytes);
+    let is_enough = |orientation| look_located(&mut located, bytes, format, &installation.setup, orientation);
+    if orientation.and_then(is_enough).is_some() {
+        return located;
+    }
+    let mut sighting = sight_whole(name, bytes, format, installation, orientation).0;
+    sighting.stages.splice(0..0, located.stages);
+    sighting
+}
+
+/// The same from the whole frame, also where the installation says where to look: all that is there is seen, and why a candidate
+/// was turned down. The picture comes back for drawing.
+pub fn sight_whole(
+    name: &str,
+    bytes: &[u8],
+    format: Option<&Format>,
+    installation: &Installation,
+    orientation: Option<&Orientation>,
+) -> (Sighting, Option<Raster>) {
     let (mut sighting, raster) = detect_only(name, bytes, format);
     if let Some(raster) = &raster {
         sighting.failure = size_fault(raster, installation);
@@ -144,7 +166,31 @@ pub fn sight(
     if let (None, Some(raster), Some(orientation)) = (&sighting.failure, &raster, orientation) {
         recognise(&mut sighting, raster, installation, orientation);
     }
-    sighting
+    (sighting, raster)
+}
+
+/// Looks where the installation says, from the nearest markers outwards ([`identify::locate`]); only what may show markers is
+/// decoded. `None` where that leads nowhere, or where a marker is missing that is found aside of its place.
+fn look_located(
+    sighting: &mut Sighting,
+    bytes: &[u8],
+    format: Option<&Format>,
+    setup: &Setup,
+    orientation: &Orientation,
+) -> Option<()> {
+    let size = (setup.lens.width as usize, setup.lens.height as usize);
+    let read = detect::columns_read(&identify::anywhere(setup, orientation), size.0, size.1);
+    let columns = |width, height| if (width, height) == size { read.clone() } else { vec![0..0; height] };
+    let raster = sighting.timed(Work::Decode, || decode::decode_part(bytes, format, &columns)).ok()?;
+    sighting.size = Some(size).filter(|size| *size == (raster.width(), raster.height()));
+    sighting.size?;
+    let found = sighting.timed(Work::Detect, || located::detected(&raster, &read, setup, orientation))?;
+    let known = sighting.timed(Work::Identify, || identified(setup, orientation, &raster, found)).ok()?;
+    if sighting.timed(Work::Detect, || located::shows_aside(&raster, setup, orientation, &known)) {
+        return None;
+    }
+    take_up(sighting, setup, orientation, Ok(known));
+    Some(())
 }
 
 /// Decodes and detects, without any knowledge of the wing. The picture comes back for drawing.
@@ -285,43 +331,6 @@ fn unidentified(
         _ => identify::explain(setup, orientation, &sighting.detections.markers),
     };
     cause.map_or_else(|| Reason::of(error), |cause| Reason::from(cause.to_string()))
-}
-
-/// Closer looks at most.
-pub(super) const LOOKS: usize = 3;
-
-/// Detections, some of them after closer looks at `raster`, and who is who; perspective bias is not removed.
-///
-/// # Errors
-/// Where no consensus names the markers.
-pub fn identified(
-    setup: &Setup,
-    orientation: &Orientation,
-    raster: &Raster,
-    found: Detections,
-) -> Result<(Detections, Identities), IdentifyError> {
-    let identities = identify::identify(setup, orientation, &found.markers)?;
-    Ok(looked_closer(setup, orientation, raster, found, identities))
-}
-
-fn looked_closer(
-    setup: &Setup,
-    orientation: &Orientation,
-    raster: &Raster,
-    mut found: Detections,
-    mut identities: Identities,
-) -> (Detections, Identities) {
-    // What is measured better foretells the others better.
-    for _ in 0..LOOKS {
-        let expected = identify::expect(setup, orientation, &found.markers, &identities);
-        let mut closer = found.clone();
-        if !detect::look_closer(raster, &mut closer, &expected) {
-            return (closer, identities);
-        }
-        let Ok(again) = identify::identify(setup, orientation, &closer.markers) else { break };
-        (found, identities) = (closer, again);
-    }
-    (found, identities)
 }
 
 /// The identified detections, in the survey's order.

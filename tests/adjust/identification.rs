@@ -185,7 +185,7 @@ fn the_next_frame_is_predicted_within_the_search_radius() {
         for detection in &next.detections {
             let hit = predictions.iter().any(|p| {
                 p.shape == detection.shape
-                    && (p.centre_px - detection.centre_px).norm() < p.search_px
+                    && (p.centre_px - detection.centre_px).norm() < p.search_px.x
                     && (p.semi_major_px / detection.semi_major_px - 1.0).abs() < 0.15
             });
             assert!(hit, "seed {seed}: {detection:?}");

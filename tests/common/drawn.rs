@@ -198,10 +198,10 @@ pub fn expected_discs(discs: &[Ellipse], found: &[Detection]) -> Vec<Expected> {
             semi_major_px: a,
             semi_minor_px: b,
             angle_rad: angle,
-            search_px: 4.0,
+            search_px: Vector2::repeat(4.0),
             seen: false,
         };
-        Expected { prediction, found: found.iter().position(|m| (m.centre_px - at).norm() < 3.0) }
+        Expected { prediction, marker: 0, found: found.iter().position(|m| (m.centre_px - at).norm() < 3.0) }
     };
     discs.iter().map(expected).collect()
 }

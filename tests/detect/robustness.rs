@@ -55,7 +55,7 @@ fn no_picture_makes_it_panic() {
                 semi_major_px: 1e9,
                 semi_minor_px: -3.0,
                 angle_rad: 9.0,
-                search_px: 1e9,
+                search_px: Vector2::repeat(1e9),
                 seen: true,
             };
             let _ = detect_guided(&image, &[prediction]);
@@ -188,7 +188,7 @@ fn a_little_off(marker: &Detection) -> Prediction {
         semi_major_px: marker.semi_major_px * 1.03,
         semi_minor_px: marker.semi_minor_px * 0.95,
         angle_rad: marker.angle_rad,
-        search_px: 12.0,
+        search_px: Vector2::repeat(12.0),
         seen: true,
     }
 }

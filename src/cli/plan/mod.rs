@@ -164,6 +164,7 @@ fn markers(markers: &[MarkerPlan]) -> Grid {
         ("in flight", &|m| fixed(Some(m.flight.spanwise_mm), 1)),
         ("streamwise / (mm/px)", &|m| fixed(Some(m.ground.streamwise_mm), 2)),
         ("image / px", &|m| format!("{:.1} x {:.1}", m.image_px[1], m.image_px[0])),
+        ("blur / px", &|m| fixed(m.blur_px, 1)),
         ("sigma lift / mm", &|m| mm(m.sigma.as_ref().map(|s| s.lift_m))),
         ("~sigma span / mm", &|m| mm(m.sigma.as_ref().map(|s| s.span_m))),
         ("<seen", &|m| if m.visible { "yes" } else { "no" }.to_owned()),

@@ -60,28 +60,34 @@ use crate::estimation::robust::median;
 use crate::raster::Raster;
 
 pub use detection::covariance::{Covariance, Source};
-pub use detection::{Detection, Detections, Prediction, RejectReason, Rejected};
+pub use detection::{Detection, Detections, Overshoot, Prediction, RejectReason, Rejected};
 pub use revise::orientation::{Expected, UNSURE_PX2, look_closer};
 
-/// Most rejected hypotheses that are reported.
+/// Most rejected hypotheses that are reported, the largest.
 const MAX_REJECTED: usize = 200;
 
 /// Finds the markers of a frame without help. Deterministic at any number of threads.
 pub fn detect(image: &Raster) -> Detections {
-    let (found, noise) = find(image, Scope::Frame);
-    detections(image, found, noise)
+    detections(image, find(image, Scope::Frame))
 }
 
 /// Finds the predicted markers, looking only around them: for each that is there the answer of
 /// [`detect`]. Those that are not are missing.
 pub fn detect_guided(image: &Raster, predictions: &[Prediction]) -> Detections {
-    let (mut found, noise) = find(image, Scope::Around(predictions));
-    scope::keep_predicted(&mut found, predictions);
-    detections(image, found, noise)
+    let mut all = find(image, Scope::Around(predictions));
+    scope::keep_predicted(&mut all.found, predictions);
+    detections(image, all)
 }
 
-/// What is found, searched for at the usual levels and, where that is faint, at fainter ones; and the noise.
-fn find(image: &Raster, scope: Scope) -> (Found, f64) {
+/// What a search yields, with the frame's noise, grey levels, and how it was sharpened.
+struct All {
+    found: Found,
+    noise: f64,
+    overshoot: Option<Overshoot>,
+}
+
+/// What is found, searched for at the usual levels and, where that is faint, at fainter ones.
+fn find(image: &Raster, scope: Scope) -> All {
     let noise = noise::estimate(image);
     let smooth = |from: f64| if noise > from { smoothed(image, scope) } else { None };
     let usual = smooth(noise::FRAYING);
@@ -101,9 +107,9 @@ fn find(image: &Raster, scope: Scope) -> (Found, f64) {
         let faint = if usual.is_none() { smooth(noise::FRAYING_FAINT) } else { None };
         look(faint.as_ref().unwrap_or(seen), true);
     }
-    let mut found = progress.found;
+    let Progress { mut found, overshoot, .. } = progress;
     inflate_unlike(&mut found);
-    (found, noise)
+    All { found, noise, overshoot }
 }
 
 /// A frame without most of its noise, of which only that is seen which is read.
@@ -111,19 +117,21 @@ fn smoothed(image: &Raster, scope: Scope) -> Option<Raster> {
     noise::smoothed(image, &scope.columns(image.width(), image.height()))
 }
 
-fn detections(image: &Raster, mut found: Found, noise: f64) -> Detections {
+fn detections(image: &Raster, All { mut found, noise, overshoot }: All) -> Detections {
     let inflation = correlated::factor(&found.measured);
     let ellipses: Vec<ellipse::Ellipse> = found.measured.iter().map(|m| m.detection.ellipse()).collect();
     for measured in &mut found.measured {
         correlated::raise(measured, inflation);
         dirt::inflate(image, measured, &ellipses);
     }
-    found.rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
+    // Markers are larger than dirt.
+    found.rejected.sort_by(|a, b| b.semi_major_px.total_cmp(&a.semi_major_px));
     found.rejected.truncate(MAX_REJECTED);
+    found.rejected.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
     let psf_sigma_px = median(found.measured.iter().map(|m| m.blur).collect());
     let mut markers: Vec<Detection> = found.measured.into_iter().map(|m| m.detection).collect();
     markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
-    Detections { markers, rejected: found.rejected, psf_sigma_px, noise, inflation }
+    Detections { markers, rejected: found.rejected, psf_sigma_px, noise, inflation, overshoot }
 }
 
 /// Of each pixel row of a frame of `width` x `height` px the columns that [`detect_guided`] reads: what lies elsewhere

@@ -31,16 +31,23 @@ const SKIRT: f64 = 12.0;
 const MARGIN: usize = 40;
 
 impl Prediction {
-    /// How far the centre may be off, px.
-    fn reach(&self) -> f64 {
-        self.search_px.clamp(0.0, FARTHEST_PX)
+    /// How far the centre may be off along u and v, px.
+    fn reach(&self) -> Vector2<f64> {
+        self.search_px.map(|far| far.clamp(0.0, FARTHEST_PX))
+    }
+
+    /// A place moved towards the predicted centre by as much as that may be off.
+    fn drawn_in(&self, at: Vector2<f64>) -> Vector2<f64> {
+        let off = at - self.centre_px;
+        at - off.zip_map(&self.reach(), |off, reach| off.clamp(-reach, reach))
     }
 
     /// Whether a detection may be the predicted marker.
     fn is_like(&self, found: &Detection) -> bool {
         let within = |a: f64, b: f64, px: f64| a < b * ALIKE + px && b < a * ALIKE + px;
         found.shape == self.shape
-            && self.distance(&found.centre_px) <= self.reach()
+            && (found.centre_px - self.centre_px)
+                .zip_fold(&self.reach(), true, |all, off, reach| all && off.abs() <= reach)
             && within(found.semi_major_px, self.semi_major_px, ALIKE_PX)
             && within(found.semi_minor_px, self.semi_minor_px, ALIKE_PX)
     }
@@ -54,10 +61,9 @@ impl Prediction {
         let seen = &hypothesis.ellipse;
         let shape = if hypothesis.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant };
         let near = |ellipse: Ellipse| {
-            let (s, t) = ellipse.local(seen.centre);
-            let reach = self.reach();
+            let (s, t) = ellipse.local(self.drawn_in(seen.centre));
             let part = |a: f64, b: f64| a > PART * b - ALIKE_PX && a < WIDER * b + ALIKE_PX;
-            inside(s / (ellipse.major + reach), t / (ellipse.minor + reach))
+            inside(s / ellipse.major, t / ellipse.minor)
                 && part(seen.major, ellipse.major)
                 && part(seen.minor, ellipse.minor)
         };
@@ -87,7 +93,7 @@ impl Scope<'_> {
         let window = |p: &Prediction| {
             let ellipse = p.ellipse()?;
             let extent = ellipse.extent() * LARGER;
-            let half = extent.add_scalar(p.reach() + SKIRT);
+            let half = (extent + p.reach()).add_scalar(SKIRT);
             let (low, high) = (ellipse.centre - half, ellipse.centre + half);
             Some(Window { low: low.into(), high: high.into() })
         };
@@ -158,9 +164,9 @@ fn missing<'a>(
 
 /// Whether what is seen may be a part of one of the predicted markers.
 pub fn may_show_part_of(seen: &Ellipse, predictions: &[Prediction]) -> bool {
-    predictions.iter().filter_map(|p| Some((p.ellipse()?, p.reach()))).any(|(ellipse, reach)| {
-        let (s, t) = ellipse.local(seen.centre);
-        inside(s / (WIDER * ellipse.major + reach), t / (WIDER * ellipse.minor + reach))
+    predictions.iter().filter_map(|p| Some((p.ellipse()?, p.drawn_in(seen.centre)))).any(|(ellipse, at)| {
+        let (s, t) = ellipse.local(at);
+        inside(s / (WIDER * ellipse.major), t / (WIDER * ellipse.minor))
     })
 }
 
@@ -202,7 +208,7 @@ mod tests {
             semi_major_px: 20.0,
             semi_minor_px: 4.0,
             angle_rad: 0.0,
-            search_px: 60.0,
+            search_px: Vector2::repeat(60.0),
             seen: true,
         }
     }

@@ -3,7 +3,8 @@
 use crate::detect::accept::{consistency, found::Found, verdict::Measured};
 use crate::detect::attempt::ladder::{Ladder, Outcome};
 use crate::detect::attempt::measure::Bounds;
-use crate::detect::detection::{RejectReason, Rejected};
+use crate::detect::detection::{Overshoot, RejectReason, Rejected};
+use crate::detect::estimate::overshoot::{Sighting, agreed};
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::propose::gather::{self, Gathered};
@@ -126,32 +127,48 @@ pub struct Progress<'a> {
     noise: f64,
     gathered: Gathered,
     pub found: Found,
+    /// How the frame was sharpened, as far as its markers show it.
+    pub overshoot: Option<Overshoot>,
 }
 
 impl<'a> Progress<'a> {
     /// Nothing yet of a picture with some noise, grey levels, whose blobs are sought in the one that is seen.
     pub fn new(image: &'a Raster, seen: &Raster, scope: Scope<'a>, noise: f64) -> Self {
         let gathered = Gathered::new(seen, scope.part(seen.width(), seen.height()));
-        Self { image, scope, noise, gathered, found: Found::default() }
+        Self { image, scope, noise, gathered, found: Found::default(), overshoot: None }
     }
 
     /// All stages, at the usual levels or at fainter ones too. Blobs are sought where no earlier call has; what was measured
     /// stays, and what was turned down is measured once more, since more of its neighbours are known.
     /// Whether there was anything new to look at.
     pub fn search(&mut self, seen: &Raster, faint: bool) -> bool {
-        let Self { image, scope, noise, .. } = *self;
         if !self.gathered.look(seen, faint) {
             return false;
         }
+        let first = std::mem::take(&mut self.found.measured);
+        let (found, sightings) = self.measured(seen, first);
+        self.found = found;
+        let shown = if self.overshoot.is_none() { agreed(&sightings) } else { None };
+        if shown.is_some() {
+            // All over again, with what is known now.
+            self.overshoot = shown;
+            self.found = self.measured(seen, Vec::new()).0;
+        }
+        true
+    }
+
+    /// What is found at the levels that were looked at, beside what was measured before; and what that shows of sharpening.
+    fn measured(&self, seen: &Raster, before: Vec<Measured>) -> (Found, Vec<Sighting>) {
+        let Self { image, scope, noise, overshoot, .. } = *self;
         let blobs = self.gathered.blobs();
-        let found = Found { measured: std::mem::take(&mut self.found.measured), rejected: Vec::new() };
+        let found = Found { measured: before, rejected: Vec::new() };
         let within = |blob: &Blob| found.holds(blob.centroid);
         let mut search = Search {
             scope,
             seen,
             blobs,
             pairs: moments::pairs(blobs),
-            ladder: Ladder::new(image, blobs, Bounds::of(noise)),
+            ladder: Ladder::new(image, blobs, Bounds { overshoot, ..Bounds::of(noise) }),
             taken: blobs.iter().map(within).collect(),
             found,
             hidden: Vec::new(),
@@ -171,7 +188,6 @@ impl<'a> Progress<'a> {
         revise_under_decals(&ladder, &mut found, wanted);
         find_against_one_level(&ladder, &mut found, seen, &self.gathered, wanted);
         consistency::distinct(&mut found);
-        self.found = found;
-        true
+        (found, ladder.sightings.take())
     }
 }

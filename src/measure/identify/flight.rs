@@ -39,7 +39,7 @@ pub(super) fn identify_in(scene: &Scene<'_>, detections: &[Detection]) -> Result
 }
 
 /// Refined guesses, the strongest evidence first.
-fn solutions(problem: &Problem<'_>) -> Vec<Refined> {
+pub(super) fn solutions(problem: &Problem<'_>) -> Vec<Refined> {
     let mut solutions: Vec<Refined> = Vec::new();
     for guess in scan(problem) {
         let most = solutions.iter().map(|s| s.pairs.len()).max().unwrap_or(0);

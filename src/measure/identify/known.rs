@@ -1,5 +1,7 @@
 //! With the identities known: the state of the wing, and what follows from it.
 
+use nalgebra::Vector2;
+
 use super::Identities;
 use super::beam::State;
 use super::bias::centred;
@@ -82,19 +84,20 @@ pub(super) fn expected(
     let expected = markers.filter_map(|(i, (marker, outline))| {
         let found = identities.marker_of.iter().position(|m| *m == Some(i));
         Some(Expected {
-            prediction: prediction(scene, marker.shape, &outline?, 0.0, found.is_some())?,
+            prediction: prediction(scene, marker.shape, &outline?, Vector2::zeros(), found.is_some())?,
             found,
+            marker: i,
         })
     });
     expected.collect()
 }
 
 /// A marker's image, if it lies in the frame.
-fn prediction(
+pub(super) fn prediction(
     scene: &Scene<'_>,
     shape: Shape,
     outline: &Outline,
-    search_px: f64,
+    search_px: Vector2<f64>,
     seen: bool,
 ) -> Option<Prediction> {
     scene.setup.lens.contains(&outline.ellipse_px).then_some(Prediction {
@@ -127,7 +130,7 @@ pub(super) fn predictions(
             let outline = outline?;
             let travel = moved.map_or(0.0, |m| (m - outline.point_px).norm());
             let seen = identities.marker_of.contains(&Some(i));
-            prediction(scene, marker.shape, &outline, travel + NEXT_SHIFT_PX, seen)
+            prediction(scene, marker.shape, &outline, Vector2::repeat(travel + NEXT_SHIFT_PX), seen)
         })
         .collect()
 }

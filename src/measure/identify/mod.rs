@@ -10,6 +10,7 @@
 //! | bias | identified outlines | images of the centres | `bias.rs`, `outline.rs` |
 //! | cause | a frame that fits nothing | what it fits after all | `explain.rs` |
 //! | prediction | one frame's identities | where to look in the next | `known.rs` |
+//! | location | looks at parts of a frame | where it shows the markers | `locate.rs` |
 //!
 //! The wing behind all of them is in `skin.rs`, `beam.rs` and `scene.rs`.
 
@@ -23,6 +24,7 @@ mod fit;
 mod flight;
 mod ground;
 mod known;
+mod locate;
 mod matching;
 mod outline;
 mod refine;
@@ -221,6 +223,21 @@ pub fn predict_within(
     lift_m: f64,
 ) -> Vec<Prediction> {
     known::predictions(&scene::Scene::new(setup, orientation, true), detections, identities, lift_m)
+}
+
+/// Where a frame shows the markers: those nearest to the camera first, each round telling where the next ones are. `look` finds
+/// markers where they are predicted, as [`crate::detect::detect_guided`] does. `None` where that leads nowhere.
+pub fn locate(
+    setup: &Setup,
+    orientation: &Orientation,
+    look: impl FnMut(&[Prediction]) -> Vec<Detection>,
+) -> Option<Vec<Prediction>> {
+    locate::located(&scene::Scene::new(setup, orientation, true), look)
+}
+
+/// Where the markers may be at all, however the wing is bent: what [`locate`] may look at.
+pub fn anywhere(setup: &Setup, orientation: &Orientation) -> Vec<Prediction> {
+    locate::anywhere(&scene::Scene::new(setup, orientation, true))
 }
 
 /// How far the wing may move from one frame to the next: change of the tip's lift, m.

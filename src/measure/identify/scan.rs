@@ -12,7 +12,7 @@ const MAX_CELLS: usize = 31;
 /// Motion of the outermost marker between two deflections of the scan, px.
 const STEP_PX: f64 = 30.0;
 /// Tip lift over span.
-const LIFT_RANGE: (f64, f64) = (-0.11, 0.22);
+pub(super) const LIFT_RANGE: (f64, f64) = (-0.11, 0.22);
 /// Curvature over the span as coefficients, and L^2 * curvature / tip lift: (1 - x)(1 + 3x) for a
 /// strong taper, 1, 1 - x, (1 - x)^2.
 pub(super) const FAMILY: [([f64; 3], f64); 4] =

@@ -75,6 +75,13 @@ impl OpticsPlan {
             airy_px: airy_um / optics.pixel_pitch_um,
         }
     }
+
+    /// Diameter of the blur disc at a distance, m, when focused at `best_focus_m`, px.
+    pub fn blur_px(&self, distance_m: f64) -> f64 {
+        let Optics { focal_length_mm, f_number, pixel_pitch_um, .. } = self.optics;
+        let power = 1e-6 * focal_length_mm * focal_length_mm / f_number;
+        1e6 * power * (1.0 / distance_m - 1.0 / self.best_focus_m).abs() / pixel_pitch_um
+    }
 }
 
 #[cfg(test)]
@@ -96,6 +103,11 @@ mod tests {
         assert!((plan.hyperfocal_m - 11.44).abs() < 0.005);
         // Diffraction: 5.4 um, 3.5 px, not the paper's two pixels of 2.2 um.
         assert!((plan.airy_um - 5.4).abs() < 0.05 && (plan.airy_px - 3.5).abs() < 0.05);
+        // At both ends alike, and more towards the camera.
+        assert!([5.0, 40.0].iter().all(|d| (plan.blur_px(*d) - 3.15 / 1.54).abs() < 1e-9));
+        assert!(
+            (plan.blur_px(3.0) - 1e6 * 36e-6 * (1.0 / 3.0 - 1.0 / plan.best_focus_m) / 1.54).abs() < 1e-9
+        );
         let open = OpticsPlan::new(&Optics { f_number: 2.0, ..optics }, 5.0, 40.0);
         assert!(!open.sharp && (open.blur_um - 6.3).abs() < 1e-9);
     }

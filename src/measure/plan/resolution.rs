@@ -23,6 +23,12 @@ pub fn footprint(point: &Vector3<f64>, slope: f64, focal_px: f64) -> Footprint {
     }
 }
 
+/// For a mark at such a place that faces the camera, as those are put up that are rigid to the cabin.
+pub fn facing(point: &Vector3<f64>, focal_px: f64) -> Footprint {
+    let mm = 1e3 * point.norm() / focal_px;
+    Footprint { spanwise_mm: mm, streamwise_mm: mm }
+}
+
 /// The skin on ground along the span: height = c0 + c1 X + c2 X^2 through points of the wing frame,
 /// by regression; a straight line or a level one where the points allow no more.
 #[derive(Clone, Copy, Debug, PartialEq)]

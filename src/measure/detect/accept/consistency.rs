@@ -54,11 +54,21 @@ fn without_rows_of_discs(found: &mut Found) {
 }
 
 /// One lens makes all the edges of a frame: one that is far softer than their median belongs to
-/// dirt or to a shadow.
+/// dirt or to a shadow, unless it shows itself that it does not.
 pub fn without_blur_outliers(found: &mut Found) {
     if let Some(softest) = softest(found) {
-        found.turn_down_all(RejectReason::BlurOutlier, |m| m.blur > softest);
+        found.turn_down_all(RejectReason::BlurOutlier, |m| {
+            let Detection { shape, semi_minor_px, .. } = m.detection;
+            m.blur > softest && !is_out_of_focus(shape, semi_minor_px, m.blur)
+        });
     }
+}
+
+/// Whether an edge softer than the frame's others may be that of a marker out of focus, as those are that stand near the camera
+/// while it is focused on the wing: quadrants whose edges are narrow beside themselves. Dirt and shadows are soft all through,
+/// and show no four quadrants.
+pub fn is_out_of_focus(shape: Shape, semi_minor_px: f64, blur: f64) -> bool {
+    shape == Shape::Quadrant && semi_minor_px > CONSISTENCY.crisp_blurs * blur
 }
 
 /// The greatest blur of an edge that the frame's other ones allow, px, where there are some. Long edges count more: grain
@@ -201,6 +211,18 @@ mod tests {
                 .iter()
                 .all(|r| r.reason == RejectReason::OrientationOutlier && r.semi_major_px < 10.0)
         );
+    }
+
+    #[test]
+    fn quadrants_out_of_focus_stay_and_soft_things_go() {
+        let markers = [(Shape::Circle, [60.0, 6.0], 0.0, 0.9); 6];
+        let near = [(Shape::Quadrant, [130.0, 120.0], 0.0, 2.1)];
+        // A shadow that looks like quadrants, and a dark spot.
+        let soft = [(Shape::Quadrant, [40.0, 15.0], 0.0, 2.1), (Shape::Circle, [130.0, 120.0], 0.0, 2.1)];
+        let mut found = seen(&[&markers[..], &near, &soft].concat());
+        without_blur_outliers(&mut found);
+        assert_eq!((found.measured.len(), found.rejected.len()), (7, 2));
+        assert!(found.measured.iter().any(|m| m.detection.semi_minor_px == 120.0));
     }
 
     #[test]

@@ -166,6 +166,7 @@ fn is_other_pattern(image: &Raster, hypothesis: &Hypothesis, m: &Parameters, ell
 fn covariance(hypothesis: &Hypothesis, fit: &Fit, ellipse: &Ellipse) -> Covariance {
     let m = &fit.parameters;
     let mut out = Covariance::of_fit(fit.covariance.fixed_view::<2, 2>(X, X).into_owned(), fit.white);
+    out.add(Source::Beside, fit.beside);
     // A crossing lies where glare does not.
     if hypothesis.pattern != Pattern::Disc {
         return out;

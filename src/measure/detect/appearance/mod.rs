@@ -3,5 +3,6 @@
 pub mod crossing;
 pub mod disc;
 pub mod formula;
+pub mod overshoot;
 pub mod parameters;
 pub mod quadrants;

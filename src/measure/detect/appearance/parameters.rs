@@ -3,7 +3,7 @@
 use crate::detect::simd::lanes::{Lanes, each};
 
 /// Parameters of all markers' images.
-pub const COMMON: usize = 16;
+pub const COMMON: usize = 18;
 /// Those, and narrow quadrants' own.
 pub const N: usize = COMMON + 8;
 /// Centre u.
@@ -36,10 +36,14 @@ pub const GAMMA: usize = 14;
 pub const TAPER: usize = 15;
 /// Quadrants: by how much the first edge's blur is more than the mean of both, as a share.
 pub const UNEVEN_BLUR: usize = TAPER;
+/// Overshoot of a sharpened picture: amplitude, a ratio ([`super::overshoot`]).
+pub const OVERSHOOT: usize = 16;
+/// The same: by how much the copy is more blurred that the picture was held against, px; 0 of a picture that was not sharpened.
+pub const HALO: usize = 17;
 /// Narrow quadrants' outline, five numbers ([`super::quadrants`]).
 pub const OUTLINE: usize = COMMON;
 /// The skin's light about narrow quadrants over that of their white: constant, along s, along t.
-pub const SKIN: usize = 21;
+pub const SKIN: usize = OUTLINE + 5;
 
 /// Parameters of a marker's image.
 pub type Parameters = [f64; N];

@@ -6,7 +6,7 @@ use nalgebra::Vector2;
 
 use crate::detect::accept::verdict::{Answer, Measured};
 use crate::detect::appearance::parameters::Pattern;
-use crate::detect::attempt::measure::{Bounds, measure, turn_down_at_once};
+use crate::detect::attempt::measure::{Bounds, Sightings, measure, turn_down_at_once};
 use crate::detect::attempt::whole;
 use crate::detect::detection::RejectReason;
 use crate::detect::hypothesis::{Hypothesis, prior::Prior};
@@ -106,6 +106,8 @@ pub struct Ladder<'a> {
     pub image: &'a Raster,
     pub blobs: &'a [Blob],
     pub bounds: Bounds,
+    /// What markers show of sharpening, while it is looked for.
+    pub sightings: Sightings,
     /// What blobs measured as whole discs, each once.
     whole: RefCell<Vec<Option<Answer>>>,
 }
@@ -120,7 +122,8 @@ pub struct Outcome {
 impl<'a> Ladder<'a> {
     /// In a picture in which nothing has been measured.
     pub fn new(image: &'a Raster, blobs: &'a [Blob], bounds: Bounds) -> Self {
-        Self { image, blobs, bounds, whole: RefCell::new(vec![None; blobs.len()]) }
+        let whole = RefCell::new(vec![None; blobs.len()]);
+        Self { image, blobs, bounds, sightings: Sightings::default(), whole }
     }
 
     /// The same with nothing remembered, for discs that are measured through the glare over them.
@@ -168,7 +171,7 @@ impl<'a> Ladder<'a> {
         if let Some(Some(known)) = self.whole.borrow().get(index) {
             return known.clone();
         }
-        let measured = measure(self.image, self.blobs, disc, self.bounds);
+        let measured = measure(self.image, self.blobs, disc, self.bounds, &self.sightings);
         if let Some(slot) = self.whole.borrow_mut().get_mut(index) {
             *slot = Some(measured.clone());
         }
@@ -231,7 +234,10 @@ impl<'a> Climb<'a> {
     fn measure(&self, proposed: &Hypothesis) -> Answer {
         match self.blob {
             Some((index, _)) if proposed == self.seen => self.ladder.measure_whole(index, proposed),
-            _ => measure(self.ladder.image, self.ladder.blobs, proposed, self.ladder.bounds),
+            _ => {
+                let Ladder { image, blobs, bounds, sightings, .. } = self.ladder;
+                measure(image, blobs, proposed, *bounds, sightings)
+            }
         }
     }
 

@@ -1,20 +1,23 @@
 //! A hypothesis's pixels and the fit.
 
+use std::cell::RefCell;
+
 use nalgebra::{Matrix2, Vector2};
 
 use crate::detect::accept::verdict::{Answer, Measured, fits_poorly, judge};
-use crate::detect::accept::{better::is_better, options::VERDICT};
+use crate::detect::accept::{better::is_better, consistency::is_out_of_focus, options::VERDICT};
 use crate::detect::appearance::parameters::{
     ANGLE, BLUR, DARK, GAMMA, LIGHT, MAJOR, MINOR, N, Parameters, Pattern, SAG, TANGENT, X, Y, contrast,
 };
 use crate::detect::attempt::options::MEASURE;
-use crate::detect::detection::{RejectReason, covariance::Source};
+use crate::detect::detection::{Overshoot, RejectReason, covariance::Source};
 use crate::detect::estimate::gauss_newton::{Fit, fit, rough};
-use crate::detect::estimate::options::{PRIOR, WEIGHT};
+use crate::detect::estimate::options::{OVERSHOT, PRIOR, WEIGHT};
+use crate::detect::estimate::overshoot::{self, Sighting};
 use crate::detect::estimate::prior::{darkness_leaving, few_unknowns, unknowns, without_fine_light};
 use crate::detect::estimate::terms::{glare_spline, veiling_glare};
 use crate::detect::estimate::{lack_of_fit, outlined_quadrants};
-use crate::detect::hypothesis::{EdgePair, Hypothesis};
+use crate::detect::hypothesis::{EdgePair, Hypothesis, prior::Prior};
 use crate::detect::image::{ellipse::Ellipse, histogram::Histogram};
 use crate::detect::occlusion::region::{Band, Region};
 use crate::detect::occlusion::{glare, paint, seam};
@@ -24,6 +27,7 @@ use crate::detect::sample::pixels::Pixels;
 use crate::detect::sample::select::{ALL, EVERY, FEW, Look, Masked, Wanted, pixels};
 use crate::detect::segment::blob::Blob;
 use crate::raster::Raster;
+use crate::setup::Shape;
 
 /// What a frame's markers can be like.
 #[derive(Clone, Copy)]
@@ -34,25 +38,37 @@ pub struct Bounds {
     pub blur: f64,
     /// Whether discs are measured through the glare that lies over them.
     pub through_glare: bool,
+    /// How the frame was sharpened.
+    pub overshoot: Option<Overshoot>,
 }
 
 impl Bounds {
     /// Of a frame in which nothing has been measured.
     pub fn of(noise: f64) -> Self {
-        Self { noise, blur: VERDICT.softest_px, through_glare: false }
+        Self { noise, blur: VERDICT.softest_px, through_glare: false, overshoot: None }
     }
 }
 
-/// Fits the model to a hypothesis, and judges the answer.
-pub fn measure(image: &Raster, blobs: &[Blob], hypothesis: &Hypothesis, bounds: Bounds) -> Answer {
+/// What markers show of sharpening, while it is looked for.
+pub type Sightings = RefCell<Vec<Sighting>>;
+
+/// Fits the model to a hypothesis, and judges the answer; notes what it shows of sharpening where that is not known.
+pub fn measure(
+    image: &Raster,
+    blobs: &[Blob],
+    hypothesis: &Hypothesis,
+    bounds: Bounds,
+    sightings: &Sightings,
+) -> Answer {
     turn_down_at_once(blobs, hypothesis)?;
-    let attempt = Attempt { image, blobs, hypothesis, bounds, floor: least_scale(bounds.noise) };
+    let attempt = Attempt { image, blobs, hypothesis, bounds, sightings, floor: least_scale(bounds.noise) };
     let (near, scale) = attempt.first_fit()?;
     // A rough fit leaves at most twice what the last one may.
     if fits_poorly(image, hypothesis, 0.5 * scale, bounds.noise, contrast(&near)) {
+        attempt.note_overshoot(&place(hypothesis, &near), &near, scale);
         return Err(RejectReason::PoorFit);
     }
-    if near[BLUR] > bounds.blur {
+    if near[BLUR] > bounds.blur && !may_be_out_of_focus(hypothesis, near[BLUR]) {
         return Err(RejectReason::BlurOutlier);
     }
     let mut place = outlined(image, place(hypothesis, &near), &near);
@@ -81,6 +97,12 @@ pub fn measure(image: &Raster, blobs: &[Blob], hypothesis: &Hypothesis, bounds: 
     attempt.last_fit(&place, &near, scale)
 }
 
+/// Whether a blur may be that of a marker out of focus, whatever the frame's others have.
+fn may_be_out_of_focus(hypothesis: &Hypothesis, blur: f64) -> bool {
+    let shape = if hypothesis.pattern == Pattern::Disc { Shape::Circle } else { Shape::Quadrant };
+    is_out_of_focus(shape, hypothesis.ellipse.minor, blur) && blur < VERDICT.softest_px
+}
+
 /// What need not be fitted to be turned down.
 pub fn turn_down_at_once(blobs: &[Blob], hypothesis: &Hypothesis) -> Result<(), RejectReason> {
     let ellipse = &hypothesis.ellipse;
@@ -102,6 +124,7 @@ struct Attempt<'a> {
     blobs: &'a [Blob],
     hypothesis: &'a Hypothesis,
     bounds: Bounds,
+    sightings: &'a Sightings,
     /// Least scale of residuals, grey levels.
     floor: f64,
 }
@@ -109,24 +132,28 @@ struct Attempt<'a> {
 impl Attempt<'_> {
     /// The first geometry, with its residuals' scale.
     fn first_fit(&self) -> Result<(Parameters, f64), RejectReason> {
-        let Self { image, blobs, hypothesis, floor, .. } = *self;
+        let Self { image, blobs, hypothesis, bounds, floor, .. } = *self;
         let few = if hypothesis.is_under_decal() { EVERY } else { FEW };
         let known = hypothesis.prior.edge.map(|edge| edge.blur.value).or(hypothesis.prior.blur);
         let blur = known.unwrap_or(MEASURE.blur_px);
-        let first = |look: Look| roughly(image, Masked::Blobs(blobs), hypothesis, look, few, floor);
+        let first = |look: Look| {
+            roughly(image, Masked::Blobs(blobs), hypothesis, (look, bounds.overshoot), few, floor)
+        };
         let look = Look { crossing: hypothesis.ellipse.centre, blur, sag: 0.0 };
         first(look).or_else(|reason| {
             let crossing = crossing_in_small(image, hypothesis, floor).ok_or(reason)?;
-            first(Look { crossing, ..look })
+            let soft = Look { crossing, blur: MEASURE.soft_px, ..look };
+            first(Look { crossing, ..look }).or_else(|_| first(soft))
         })
     }
 
     /// The answer at a place that the first geometry told, whose residuals had some scale.
     fn last_fit(&self, place: &Hypothesis, near: &Parameters, scale: f64) -> Answer {
-        let Self { image, blobs, hypothesis, bounds, floor } = *self;
+        let Self { image, blobs, hypothesis, bounds, floor, .. } = *self;
         // What is known of a disc from a twin beside it is known beforehand.
         let (mut unknowns, bends) = unknowns(if hypothesis.prior.twin { hypothesis } else { place });
         unknowns.free[GAMMA] &= contrast(near) > MEASURE.tells_gamma * near[LIGHT];
+        bounds.overshoot.iter().for_each(|known| overshoot::know(known, &mut unknowns));
         let whole = !hypothesis.is_under_decal();
         let (masked, all) =
             if whole { (darker_than(near, floor), ALL) } else { (Masked::Blobs(blobs), EVERY) };
@@ -149,14 +176,49 @@ impl Attempt<'_> {
             bends.iter().for_each(|&k| unknowns.free[k] = false);
             bent.without(bends)
         };
+        self.note_overshoot(place, &result.parameters, result.rms);
         let floor = floor.max(WEIGHT.floor * contrast(near));
-        let result = lack_of_fit::improve(&pixels, result, &unknowns, floor, whole);
+        // A field of light knows no overshoot.
+        let bears_field = whole && bounds.overshoot.is_none();
+        let result = lack_of_fit::improve(&pixels, result, &unknowns, floor, bears_field);
         let plain = judge(image, place, &result, bounds.noise);
         if bounds.through_glare && place.pattern == Pattern::Disc && place.is_in_glare() {
             self.in_glare(place, &result, plain, floor)
         } else {
             plain
         }
+    }
+
+    /// Notes what a whole marker shows of sharpening, while that is not known and enough have not been looked at: from parameters
+    /// that leave residuals of some scale.
+    fn note_overshoot(&self, place: &Hypothesis, near: &Parameters, scale: f64) {
+        let Self { image, hypothesis, bounds, sightings, floor, .. } = *self;
+        let is_whole = place.excluded.is_empty() && hypothesis.prior == Prior::default();
+        let large = place.ellipse.minor > MEASURE.tells_overshoot_blurs * near[BLUR];
+        let at = Vector2::new(near[X], near[Y]);
+        let is_open = || {
+            let seen = sightings.borrow();
+            seen.len() < OVERSHOT.enough && !seen.iter().any(|known| known.is_of(&at))
+        };
+        if bounds.overshoot.is_some()
+            || !is_whole
+            || !large
+            || !overshoot::may_show(scale, contrast(near), bounds.noise)
+            || !is_open()
+        {
+            return;
+        }
+        let (unknowns, bends) = unknowns(place);
+        let mut unknowns = unknowns;
+        bends.iter().for_each(|&k| unknowns.free[k] = false);
+        let sag = if place.edges.is_none() { near[SAG] } else { 0.0 };
+        let look = Look { crossing: at, blur: near[BLUR], sag };
+        let pixels = pixels(image, darker_than(near, floor), place, look, ALL);
+        let seen = pixels.map(|pixels| overshoot::sought(&pixels, near, scale, &unknowns, floor));
+        // What is none of a marker's then is a letter, and says nothing.
+        let is_marker =
+            |seen: &Sighting| !fits_poorly(image, hypothesis, seen.rms(), bounds.noise, contrast(near));
+        sightings.borrow_mut().extend(seen.filter(is_marker));
     }
 
     /// The answer of a disc with glare over it, from the fit to what glare leaves and what that was judged: through the glare
@@ -263,12 +325,13 @@ fn roughly(
     image: &Raster,
     masked: Masked,
     hypothesis: &Hypothesis,
-    look: Look,
+    (look, sharpened): (Look, Option<Overshoot>),
     few: Wanted,
     floor: f64,
 ) -> Result<(Parameters, f64), RejectReason> {
     let pixels = pixels(image, masked, hypothesis, look, few).ok_or(RejectReason::LowContrast)?;
-    let start = start(hypothesis, &pixels, look, floor).ok_or(RejectReason::LowContrast)?;
+    let mut start = start(hypothesis, &pixels, look, floor).ok_or(RejectReason::LowContrast)?;
+    sharpened.iter().for_each(|known| overshoot::begin(known, &mut start));
     rough(&pixels, &start, &few_unknowns(hypothesis), floor).ok_or(RejectReason::NoConvergence)
 }
 
@@ -276,7 +339,9 @@ fn roughly(
 fn crossing_in_small(image: &Raster, hypothesis: &Hypothesis, floor: f64) -> Option<Vector2<f64>> {
     let small = Reduced::of(image, hypothesis)?;
     let look = Look { crossing: small.hypothesis.ellipse.centre, blur: MEASURE.blur_px, sag: 0.0 };
-    let (m, _) = roughly(&small.image, Masked::Blobs(&[]), &small.hypothesis, look, FEW, floor).ok()?;
+    // What is left of an overshoot in the smaller picture hardly shifts a crossing.
+    let (m, _) =
+        roughly(&small.image, Masked::Blobs(&[]), &small.hypothesis, (look, None), FEW, floor).ok()?;
     Some(small.back(Vector2::new(m[X], m[Y])))
 }
 

@@ -21,10 +21,16 @@ numbers! {
         /// Share of a marker's contrast by which what is darker than the skin around it is foreign. Chosen on the
         /// rendered sets; `tests/detect/bad_light.rs`.
         foreign: f64 = 0.25,
+        /// Semi-minor axis, blurs, from which on a marker tells how the frame was sharpened: else the overshoots of both
+        /// its edges meet.
+        tells_overshoot_blurs: f64 = 4.0,
         /// Least semi-axes of what may be a marker, px: major, minor. Below, it would tell nothing.
         least_px: [f64; 2] = [3.5, 0.7],
         /// Blur with which a fit begins where nothing tells it, px: that of a sharp picture.
         blur_px: f64 = 1.0,
+        /// The same of large quadrants with which that fails, px: they may be near the camera and out of focus, by half of the
+        /// greatest blur that is measured and more.
+        soft_px: f64 = 2.0,
         /// Least tangent of half the angle between quadrants' edges to begin with.
         tangent: f64 = 0.02,
         /// Least semi-axes with which the last fit begins, px: major, minor.

@@ -26,7 +26,7 @@ pub enum Source {
     ThroughGlare,
     /// An end that glare saturates.
     SaturatedEnd,
-    /// What lies on the skin beside a disc, as dirt that the air draws along it.
+    /// What lies on the skin beside an edge or across it, as dirt that the air draws along a disc, a streak, another light.
     Beside,
     /// A thin disc is longer or shorter than its neighbours predict.
     NeighbourLength,

@@ -131,6 +131,19 @@ pub struct Detections {
     pub noise: f64,
     /// By how much the markers' variances were raised because residuals hang together, as JPEG leaves them; at least 1.
     pub inflation: f64,
+    /// How the frame was sharpened, where its markers show that.
+    pub overshoot: Option<Overshoot>,
+}
+
+/// How a picture was sharpened: an amplitude times its difference from a blurred copy was added.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Overshoot {
+    /// The amplitude, a ratio.
+    pub amplitude: f64,
+    /// By how much that differs from marker to marker, standard deviation.
+    pub amplitude_sigma: f64,
+    /// Blur of the copy beside the frame's own, px.
+    pub halo_px: f64,
 }
 
 /// Where a marker is expected: the outline predicted from an earlier frame.
@@ -146,8 +159,8 @@ pub struct Prediction {
     pub semi_minor_px: f64,
     /// Expected direction, rad.
     pub angle_rad: f64,
-    /// How far the centre may be off, px.
-    pub search_px: f64,
+    /// How far the centre may be off to both sides along u and v, px.
+    pub search_px: Vector2<f64>,
     /// Whether the earlier frame showed it; what is hidden for long need not be there.
     pub seen: bool,
 }
@@ -156,7 +169,8 @@ impl Prediction {
     /// The expected outline; `None` where a number is none of a marker's.
     pub(super) fn ellipse(&self) -> Option<Ellipse> {
         let (major, minor) = (self.semi_major_px, self.semi_minor_px);
-        let numbers = [self.centre_px.x, self.centre_px.y, self.angle_rad, self.search_px];
+        let [far_u, far_v] = self.search_px.into();
+        let numbers = [self.centre_px.x, self.centre_px.y, self.angle_rad, far_u, far_v];
         /// Semi-axes that a prediction may have, px: major, minor.
         const AXES_PX: [Range<f64>; 2] = [1.0..2000.0, 0.5..2000.0];
         let sound = numbers.iter().all(|v| v.is_finite())

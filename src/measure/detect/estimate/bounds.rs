@@ -1,8 +1,8 @@
 //! What the parameters of a marker's image can be at all, and by how much one step may change them.
 
 use crate::detect::appearance::parameters::{
-    ANGLE, BLUR, CHORD, DARK, GAMMA, Geometry, LENGTH, LIGHT, MAJOR, MINOR, Parameters, Pattern, SHEAR,
-    TANGENT, UNEVEN_BLUR, X, Y,
+    ANGLE, BLUR, CHORD, DARK, GAMMA, Geometry, HALO, LENGTH, LIGHT, MAJOR, MINOR, OVERSHOOT, Parameters,
+    Pattern, SHEAR, TANGENT, UNEVEN_BLUR, X, Y,
 };
 use crate::detect::estimate::normal_equations::Column;
 use crate::detect::numbers::TINY;
@@ -25,14 +25,19 @@ numbers! {
         tangent: (f64, f64) = (0.005, 2.5),
         /// By how much the blurs of their edges differ from the mean, as a share.
         uneven_blur: f64 = 0.7,
+        /// Amplitude of sharpening, a ratio: strong settings of cameras are 2, and blurring would be negative.
+        overshoot: (f64, f64) = (-0.5, 6.0),
+        /// The greatest blur of the copy that it is held against, px.
+        halo_px: f64 = 6.0,
         /// Least half length and half chord of quadrants' outline, px.
         outline_px: [f64; 2] = [3.0, 1.0],
     }
 }
 
 /// Most by which one step changes parameters: what the linearisation can bear. Chosen, as all of these. Place and blur, px;
-/// direction, rad; exponent of the tone curve; darkness, a share of the light.
-const STEP: [(usize, f64); 6] = [(X, 3.0), (Y, 3.0), (BLUR, 0.5), (ANGLE, 0.2), (GAMMA, 0.2), (DARK, 0.1)];
+/// direction, rad; exponent of the tone curve; darkness, a share of the light; overshoot, a ratio.
+const STEP: [(usize, f64); 7] =
+    [(X, 3.0), (Y, 3.0), (BLUR, 0.5), (ANGLE, 0.2), (GAMMA, 0.2), (DARK, 0.1), (OVERSHOOT, 0.5)];
 /// The same of a disc's semi-axes, shares of themselves.
 const STEP_AXES: [(usize, f64); 2] = [(MAJOR, 0.2), (MINOR, 0.3)];
 /// The same of quadrants' edges: a tangent, and a share of the blur.
@@ -66,6 +71,8 @@ pub fn is_plausible(pixels: &Pixels, m: &Parameters) -> bool {
         && within(m[DARK], BOUNDS.dark)
         && has_shape(pixels.pattern, m)
         && (!pixels.outlined || outline())
+        && within(m[OVERSHOOT], BOUNDS.overshoot)
+        && (0.0..BOUNDS.halo_px).contains(&m[HALO])
 }
 
 /// Whether tone curve and shape are: of what glare lies over, light and darkness may be anything.

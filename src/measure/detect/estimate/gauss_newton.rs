@@ -31,6 +31,8 @@ pub struct Fit {
     pub correlation: f64,
     /// The centre's covariance if no residuals hung together, px^2.
     pub white: Matrix2<f64>,
+    /// What foreign ground beside its edges makes doubtful, px^2.
+    pub beside: Matrix2<f64>,
 }
 
 impl Fit {
@@ -104,8 +106,19 @@ pub fn fit(pixels: &Pixels, start: &Parameters, scale: f64, unknowns: &Unknowns,
     let covariance = factor.inverse() * variance;
     let (rms, inliers) = (step.rms(), step.weight / problem.pixels.weight());
     let images = problem.images.unwrap_or_default();
-    let white = covariance.fixed_view::<2, 2>(X, X).into_owned();
-    Some(Fit { parameters, covariance, variance, rms, inliers, start, images, correlation: 1.0, white })
+    let (white, beside) = (covariance.fixed_view::<2, 2>(X, X).into_owned(), Matrix2::zeros());
+    Some(Fit {
+        parameters,
+        covariance,
+        variance,
+        rms,
+        inliers,
+        start,
+        images,
+        correlation: 1.0,
+        white,
+        beside,
+    })
 }
 
 impl<'a> Problem<'a> {

@@ -2,8 +2,9 @@
 //! say that the light is more uneven than a plane, or that something else lies across the marker:
 //! then the light is freed, the foreign pixels are left out, and the covariance grows by what stays.
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
+use super::foreign_ground;
 use super::gauss_newton::Fit;
 use super::prior::Unknowns;
 use super::residuals::analyse;
@@ -26,7 +27,12 @@ pub fn improve(pixels: &Pixels, fit: Fit, unknowns: &Unknowns, floor: f64, whole
     // With few foreign pixels the first step tells.
     let least = (foreign <= LACK_OF_FIT.foreign).then_some(LACK_OF_FIT.hopeless);
     let freed = if suspect { fit_light_field(pixels, &fit, &seen, unknowns, floor, least) } else { None };
-    let mut out = Fit { correlation: seen.mean, ..fit };
+    let beside = if foreign > LACK_OF_FIT.foreign {
+        foreign_ground::doubt(pixels, &fit, &seen, unknowns, scale)
+    } else {
+        Matrix2::zeros()
+    };
+    let mut out = Fit { correlation: seen.mean, beside, ..fit };
     let mut centre = seen.covariance;
     if let Some(freed) = freed {
         let gain = (1.0 - (freed.rms / out.rms).powi(2)) * pixels.weight();
@@ -38,6 +44,8 @@ pub fn improve(pixels: &Pixels, fit: Fit, unknowns: &Unknowns, floor: f64, whole
         let apart = Vector2::from(apart) * (share * (1.0 - share)).sqrt();
         let own = freed.covariance.fixed_view::<2, 2>(X, X).into_owned();
         centre = centre.zip_map(&own, between) + apart * apart.transpose();
+        // The field was fitted without that ground.
+        out.beside *= 1.0 - share;
         out.white = out.white.zip_map(&freed.white, between);
         for (own, other) in out.parameters.iter_mut().zip(freed.parameters) {
             *own = between(*own, other);

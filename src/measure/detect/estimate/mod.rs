@@ -2,11 +2,13 @@
 
 pub mod bounds;
 pub mod cholesky;
+pub mod foreign_ground;
 pub mod gauss_newton;
 pub mod lack_of_fit;
 pub mod normal_equations;
 pub mod options;
 pub mod outlined_quadrants;
+pub mod overshoot;
 pub mod prior;
 pub mod residuals;
 pub mod sandwich;

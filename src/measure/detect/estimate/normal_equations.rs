@@ -5,6 +5,7 @@ use nalgebra::{SMatrix, SVector};
 use super::prior::Unknowns;
 use super::scale::Sizes;
 use crate::detect::appearance::formula::{Model, grey};
+use crate::detect::appearance::overshoot::{self, Sharpened, is_sharpened};
 use crate::detect::appearance::parameters::{Grey, N, Parameters, X, Y};
 use crate::detect::appearance::quadrants;
 use crate::detect::estimate::options::{ITERATION, WEIGHT};
@@ -224,15 +225,16 @@ impl Pixels {
     fn summed(&self, m: &Parameters, list: &[usize], scale: f64, images: Option<&mut Images>) -> Sums {
         // A loop for each: one that knows both models is slower for both, and a model that is handed over as a function
         // is compiled without the processor's wide registers.
-        if self.outlined {
-            self.summed_by::<true>(m, list, scale, images)
-        } else {
-            self.summed_by::<false>(m, list, scale, images)
+        match (self.outlined, is_sharpened(m)) {
+            (false, false) => self.summed_by::<false, false>(m, list, scale, images),
+            (true, false) => self.summed_by::<true, false>(m, list, scale, images),
+            (false, true) => self.summed_by::<false, true>(m, list, scale, images),
+            (true, true) => self.summed_by::<true, true>(m, list, scale, images),
         }
     }
 
     #[inline(always)]
-    fn summed_by<const OUTLINED: bool>(
+    fn summed_by<const OUTLINED: bool, const SHARPENED: bool>(
         &self,
         m: &Parameters,
         list: &[usize],
@@ -244,16 +246,20 @@ impl Pixels {
         }
         let mut unkept = Grey::new();
         let model = Model::new(self.pattern, m, self.origin);
+        let sharpened =
+            SHARPENED.then(|| Sharpened::new(Model::new(self.pattern, m, self.origin), m, self.origin));
+        let mut copy = SHARPENED.then(Grey::new);
         let mut sums = Products::new(list.len());
         let mut block = Block::new();
         let (mut weight, mut curvature, mut square) = (Lanes::of(0.0), Lanes::of(0.0), Lanes::of(0.0));
         let mut sizes = Sizes::new(self.batches.len());
         for (k, batch) in self.batches.iter().enumerate() {
             let image = images.as_mut().and_then(|images| images.get_mut(k)).unwrap_or(&mut unkept);
-            if OUTLINED {
-                quadrants::grey(&model, batch, image);
-            } else {
-                grey(&model, batch, image);
+            match (&sharpened, &mut copy) {
+                (Some(model), Some(copy)) if OUTLINED => overshoot::outlined_grey(model, batch, image, copy),
+                (Some(model), Some(copy)) => overshoot::grey(model, batch, image, copy),
+                _ if OUTLINED => quadrants::grey(&model, batch, image),
+                _ => grey(&model, batch, image),
             }
             let r = each(|i| batch.value[i] - image.value[i]);
             let tukey = biweights(&r, &image.gradient[X], &image.gradient[Y], scale);
@@ -308,10 +314,13 @@ mod tests {
             (Pattern::WhiteAlong, false, [20.3, 19.8, -0.4, 0.1, 4e-4, 2e-4, 0.8]),
             (Pattern::BlackAlong, true, [20.3, 19.8, -0.4, 0.3, 4e-4, 2e-4, 1.8]),
         ];
-        for (pattern, rim, shape) in shapes {
+        let plain_and_sharpened = [[0.0, 0.0], [0.7, 1.3]].into_iter();
+        for ((pattern, rim, shape), halo) in
+            plain_and_sharpened.flat_map(|halo| shapes.map(|shape| (shape, halo)))
+        {
             let light = [180.0, 6.0, -3.0, 2.0, 0.7, 0.05, -0.02, 0.5, 0.02];
             let narrow = [30.0, 8.0, 0.1, 0.3, -0.2, 0.5, 0.05, -0.04];
-            let m: Vec<f64> = shape.into_iter().chain(light).chain(narrow).collect();
+            let m: Vec<f64> = shape.into_iter().chain(light).chain(halo).chain(narrow).collect();
             let m: Parameters = std::array::from_fn(|k| m[k]);
             let mut sorter = Sorter::new(pattern, [20.0, 20.0]);
             let mut batch = Batch::new();

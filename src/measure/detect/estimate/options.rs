@@ -197,6 +197,41 @@ numbers! {
         rounds: usize = 5,
     }
 
+    /// Overshoot of sharpened pictures.
+    OVERSHOT: OvershotOptions {
+        /// Root mean square of a marker's residuals over the noise from which on sharpening is sought: what noise leaves.
+        over_noise: f64 = 1.2,
+        /// The same over its contrast, at least and at most: what the image formula's own floor is, and what an overshoot of twice
+        /// an edge leaves beside one.
+        leaves: (f64, f64) = (0.02, 0.2),
+        /// Least amplitude that matters. Derived: 2 % of the contrast at an edge, the image formula's floor, over the 0.13
+        /// that an edge and its copy differ by.
+        matters: f64 = 0.15,
+        /// Amplitude with which the search begins: nothing is known.
+        amplitude: f64 = 0.5,
+        /// Halos that are tried, px: cameras hold a picture against copies that are blurred by 0.7 to 2 px, and residuals of
+        /// discs in rendered phone frames change by 2 % between 1 and 2.
+        halos_px: [f64; 3] = [1.0, 1.4, 2.0],
+        /// Least contrast over that without: more of it would be no overshoot but the edge.
+        faded: f64 = 0.5,
+        /// Least blur with which it begins, px: sharpening made the edge look sharper than it is.
+        blur_px: f64 = 0.8,
+        /// Standard deviations up to which an amplitude is chance.
+        chance: f64 = 3.0,
+        /// What it must take off a marker's squares, in variances of one: five standard deviations of its one unknown.
+        gain: f64 = 25.0,
+        /// Two sightings nearer to each other are of one thing, px.
+        apart_px: f64 = 5.0,
+        /// Markers that tell it at least: fewer may all be dirt.
+        least: usize = 4,
+        /// Share of the markers that were looked at that must show it.
+        most_of: f64 = 0.6,
+        /// Markers that are looked at, at most: a bound on time.
+        enough: usize = 10,
+        /// How far it differs from marker to marker at least, as a share: noise reduction and tone mapping by place.
+        same: f64 = 0.1,
+    }
+
     /// Optional terms of the image formula.
     TERM: TermOptions {
         /// How far light and darkness depart from a plane, as a share, standard deviation of a knot: a shadow's edge.

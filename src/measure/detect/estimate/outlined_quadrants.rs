@@ -6,8 +6,8 @@ use nalgebra::{Matrix2, Vector2};
 use super::gauss_newton::{Fit, fit, rough};
 use super::prior::Unknowns;
 use crate::detect::appearance::parameters::{
-    ANGLE, ASIDE, BEND, BLUR, CHORD, DARK, GAMMA, LENGTH, LIGHT, N, OUTLINE, Parameters, Pattern, SHEAR,
-    SKIN, TANGENT, X, Y, contrast,
+    ANGLE, ASIDE, BEND, BLUR, CHORD, DARK, GAMMA, HALO, LENGTH, LIGHT, N, OUTLINE, OVERSHOOT, Parameters,
+    Pattern, SHEAR, SKIN, TANGENT, X, Y, contrast,
 };
 use crate::detect::estimate::options::{OUTLINED, PRIOR};
 use crate::detect::hypothesis::{EdgePair, Hypothesis, prior::Estimate};
@@ -29,6 +29,7 @@ pub fn start(hypothesis: &Hypothesis, m: &Parameters, skin: f64) -> Option<Param
     out[CHORD] = ellipse.major * ellipse.minor / out[LENGTH].max(TINY);
     out[SHEAR] = (major2 - minor2) * sin * cos / out[LENGTH].powi(2).max(TINY);
     (out[BLUR], out[LIGHT], out[DARK], out[GAMMA]) = (m[BLUR], m[LIGHT], m[DARK], PRIOR.gamma.value);
+    (out[OVERSHOOT], out[HALO]) = (m[OVERSHOOT], m[HALO]);
     out[SKIN] = (skin / m[LIGHT]).max(0.0).powf(1.0 / PRIOR.gamma.value);
     Some(out)
 }

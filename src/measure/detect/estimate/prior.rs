@@ -1,7 +1,8 @@
 //! Which of the image model's parameters are sought of a marker, and what is known of them beforehand.
 
 use crate::detect::appearance::parameters::{
-    ANGLE, BEND, BLUR, DARK, GAMMA, LIGHT, MAJOR, MINOR, N, OUTLINE, Pattern, SAG, TAPER, UNEVEN_BLUR,
+    ANGLE, BEND, BLUR, DARK, GAMMA, HALO, LIGHT, MAJOR, MINOR, N, OUTLINE, OVERSHOOT, Pattern, SAG, TAPER,
+    UNEVEN_BLUR,
 };
 use crate::detect::estimate::options::PRIOR;
 use crate::detect::hypothesis::{Hypothesis, prior::Estimate};
@@ -30,7 +31,7 @@ pub fn unknowns(hypothesis: &Hypothesis) -> (Unknowns, &'static [usize]) {
     free[GAMMA] = thick;
     free[LIGHT + 3] = thick && ellipse.major >= PRIOR.light_px;
     free[TAPER] = disc || thick;
-    (OUTLINE..N).for_each(|k| free[k] = false);
+    [OVERSHOOT, HALO].into_iter().chain(OUTLINE..N).for_each(|k| free[k] = false);
     let part = hypothesis.is_under_decal();
     if part {
         // The outline that is left tells an ellipse, and no more.

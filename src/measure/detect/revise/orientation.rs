@@ -28,6 +28,8 @@ pub struct Expected {
     pub prediction: Prediction,
     /// Which detection it is, if it was found.
     pub found: Option<usize>,
+    /// Which marker of the survey it is.
+    pub marker: usize,
 }
 
 /// Sum of a place's variances from which on a disc is looked at again, px^2. Chosen with [`ORIENTATION`].
@@ -135,7 +137,8 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
     let near_px = ORIENTATION.near_px;
     let usual = median(sure.0.iter().map(off).collect());
     let most = usual.map_or(near_px, |usual| near_px.max(ORIENTATION.farther * usual));
-    let bounds = Bounds { blur: ORIENTATION.softer * psf, through_glare: true, ..Bounds::of(found.noise) };
+    let (blur, overshoot) = (ORIENTATION.softer * psf, found.overshoot);
+    let bounds = Bounds { blur, through_glare: true, overshoot, ..Bounds::of(found.noise) };
     let ladder = Ladder::new(image, &[], bounds);
     let look = Closer { ladder, found, sure: &sure, psf, most };
     let mut new: Vec<(Option<usize>, Measured)> = Vec::new();
@@ -150,7 +153,7 @@ pub fn look_closer(image: &Raster, found: &mut Detections, expected: &[Expected]
             old.covariance_px2.add(Source::SecondLook, inflation);
         }
     }
-    for Expected { prediction, found: own } in expected {
+    for Expected { prediction, found: own, .. } in expected {
         if let Some(disc) = own.and_then(|i| found.markers.get_mut(i)) {
             sure.sizes(prediction).inflate(prediction, disc);
         }
@@ -199,7 +202,7 @@ impl Closer<'_> {
     /// ones are doubted that stay.
     fn again(
         &self,
-        Expected { prediction, found: own }: &Expected,
+        Expected { prediction, found: own, .. }: &Expected,
         unlike: &mut Vec<(usize, Matrix2<f64>)>,
     ) -> Option<(Option<usize>, Measured)> {
         let markers = &self.found.markers;

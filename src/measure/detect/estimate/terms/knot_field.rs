@@ -127,6 +127,7 @@ impl Centre {
             images: Vec::new(),
             correlation,
             white: self.white,
+            beside: Matrix2::zeros(),
         })
     }
 }

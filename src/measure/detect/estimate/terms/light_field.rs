@@ -15,7 +15,7 @@ use crate::detect::estimate::options::{ITERATION, TERM};
 use crate::detect::estimate::prior::Unknowns;
 use crate::detect::estimate::sandwich::{Blocks, REACH};
 use crate::detect::estimate::{bounds::is_sharp, gauss_newton::Fit, residuals::ResidualAnalysis};
-use crate::detect::estimate::{normal_equations::biweights, scale::robust_sigma};
+use crate::detect::estimate::{foreign_ground::own_pixels, normal_equations::biweights, scale::robust_sigma};
 use crate::detect::hypothesis::prior::Estimate;
 use crate::detect::numbers::TINY;
 use crate::detect::sample::pixels::Pixels;
@@ -55,7 +55,7 @@ pub fn fit_light_field(
 ) -> Option<Fit> {
     let mut list = Vec::with_capacity(N);
     list.extend((0..N).filter(|&k| unknowns.free[k]));
-    let own = own(pixels, seen, fit.parameters[BLUR]);
+    let own = own_pixels(pixels, seen, fit.parameters[BLUR]);
     if own.len() < 3 * N {
         return None;
     }
@@ -94,24 +94,6 @@ pub fn fit_light_field(
     let over = Over { cells: &cells, term: &field, list: &list, scale };
     knot_field::add_up(over, &centre.influence, &mut blocks);
     centre.fit(m, &step, list.len(), &blocks, pixels.weight())
-}
-
-/// Batch and lane of the pixels that are not within the blur of two others that the fit took for foreign:
-/// a line that touches the marker also darkens the pixels beside it, too little to be seen in each.
-fn own(pixels: &Pixels, seen: &ResidualAnalysis, blur: f64) -> Vec<[usize; 2]> {
-    let mut foreign = Vec::new();
-    for (batch, tukey) in pixels.batches.iter().zip(&seen.biweights) {
-        foreign.extend((0..batch.len).filter(|&i| tukey[i] <= 0.0).map(|i| [batch.x[i], batch.y[i]]));
-    }
-    let reach2 = (TERM.foreign.0 * blur + TERM.foreign.1).powi(2) as f32;
-    let near = |x: f32, y: f32| {
-        foreign.iter().filter(|f| (f[0] - x).powi(2) + (f[1] - y).powi(2) < reach2).take(3).count() >= 3
-    };
-    let mut out = Vec::with_capacity(pixels.count());
-    for (k, batch) in pixels.batches.iter().enumerate() {
-        out.extend((0..batch.len).filter(|&i| !near(batch.x[i], batch.y[i])).map(|i| [k, i]));
-    }
-    out
 }
 
 /// The knot before a place on [-REACH, REACH], of `count`, and the share of the one behind it.

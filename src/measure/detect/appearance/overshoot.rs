@@ -1,0 +1,170 @@
+//! Overshoot: what sharpening makes of a marker's image.
+//!
+//! Cameras, phones before all, add to a picture what it differs by from a blurred copy of itself: `I + a (I - G_w * I)`, with an
+//! amplitude `a` and the copy's blur `w`. Of an edge with a blur `b` such a copy is the edge with a blur `sqrt(b^2 + w^2)`, and so
+//! both come from the one image formula `M`, of discs and of quadrants alike:
+//!
+//! `I = (1 + a) M(b) - a M(sqrt(b^2 + w^2))`
+//!
+//! Exact but for the tone curve, through which the copy is taken; that is less than a tenth of the overshoot.
+//!
+//! Rule of thumb: it matters from `a = 0.15` on, where it leaves 2 % of the contrast at an edge. Unknowns: the
+//! amplitude, of which the frame's markers tell what it usually is. Let in where the frame's residuals show it ([`super::super::estimate::overshoot`]). Held by
+//! `tests/detect/sharpened.rs`. The halo is one of three that are tried, and held.
+
+use super::formula::{self, Model};
+use super::parameters::{BLUR, Grey, HALO, OVERSHOOT, Parameters, WHITEST};
+use super::quadrants;
+use crate::detect::simd::batch::Batch;
+use crate::detect::simd::dispatch::wide;
+use crate::detect::simd::lanes::{LANES, Lanes};
+
+/// A marker's image and that in the blurred copy.
+pub struct Sharpened {
+    own: Model,
+    copy: Model,
+    /// How the copy's blur changes with the marker's.
+    by_blur: f32,
+}
+
+/// Whether a picture was sharpened.
+pub fn is_sharpened(m: &Parameters) -> bool {
+    m[HALO] > 0.0
+}
+
+impl Sharpened {
+    /// At some parameters, for batches that count from an origin, px.
+    pub fn new(own: Model, m: &Parameters, origin: [f64; 2]) -> Self {
+        let blur = m[BLUR].hypot(m[HALO]);
+        let mut blurred = *m;
+        blurred[BLUR] = blur;
+        let copy = Model::new(own.pattern, &blurred, origin);
+        Self { own, copy, by_blur: (m[BLUR] / blur) as f32 }
+    }
+}
+
+wide! {
+    /// The grey values of a batch and their derivatives; clipped, with zero derivatives, at 0 and 255.
+    pub fn grey(model: &Sharpened, batch: &Batch, out: &mut Grey, copy: &mut Grey) = grey_by
+}
+
+#[inline(always)]
+fn grey_by(model: &Sharpened, batch: &Batch, out: &mut Grey, copy: &mut Grey) {
+    formula::grey(&model.own, batch, out);
+    formula::grey(&model.copy, batch, copy);
+    sharpen(model, out, copy);
+}
+
+/// The same of narrow quadrants, by edges and outline together.
+pub fn outlined_grey(model: &Sharpened, batch: &Batch, out: &mut Grey, copy: &mut Grey) {
+    quadrants::grey(&model.own, batch, out);
+    quadrants::grey(&model.copy, batch, copy);
+    sharpen(model, out, copy);
+}
+
+/// The image from that before sharpening and that in the copy.
+#[inline(always)]
+fn sharpen(model: &Sharpened, out: &mut Grey, copy: &Grey) {
+    let a = model.own.k[OVERSHOOT];
+    let mut open = Lanes::of(1.0);
+    let mut apart = Lanes::of(0.0);
+    for i in 0..LANES {
+        apart[i] = out.value[i] - copy.value[i];
+        let value = out.value[i] + a * apart[i];
+        open[i] = if value > 0.0 && value < WHITEST { 1.0 } else { 0.0 };
+        let value = if value > 0.0 { value } else { 0.0 };
+        out.value[i] = if value < WHITEST { value } else { WHITEST };
+    }
+    let mix = |own: &mut Lanes, of_copy: &Lanes, by: f32| {
+        for i in 0..LANES {
+            own[i] = open[i] * (own[i] + a * (own[i] - by * of_copy[i]));
+        }
+    };
+    for k in 0..OVERSHOOT {
+        mix(&mut out.gradient[k], &copy.gradient[k], if k == BLUR { model.by_blur } else { 1.0 });
+    }
+    if let (Some(own), Some(of_copy)) = (&mut out.outline_gradient, &copy.outline_gradient) {
+        own.iter_mut().zip(of_copy.iter()).for_each(|(own, of_copy)| mix(own, of_copy, 1.0));
+    }
+    for i in 0..LANES {
+        out.gradient[OVERSHOOT][i] = open[i] * apart[i];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detect::appearance::parameters::{COMMON, N, Pattern};
+
+    fn disc() -> Parameters {
+        let known = [
+            20.3, 19.8, -0.4, 30.0, 4.0, 0.4, 0.9, 150.0, 6.0, -3.0, 2.0, 0.6, 0.05, -0.02, 0.5, 0.02, 1.2,
+            1.4,
+        ];
+        std::array::from_fn(|k| known.get(k).copied().unwrap_or(0.0))
+    }
+
+    fn quadrants() -> Parameters {
+        let mut m = disc();
+        (m[3], m[4], m[5], m[15]) = (0.4, 1e-3, -1e-3, 0.03);
+        let outline = [30.0, 8.0, 0.1, 0.3, -0.2, 0.5, 0.05, -0.04];
+        m[COMMON..].copy_from_slice(&outline);
+        m
+    }
+
+    fn one(pattern: Pattern, outlined: bool, m: &Parameters, [x, y]: [f64; 2]) -> (f64, Parameters) {
+        let mut batch = Batch::new();
+        batch.push((x - 20.0) as f32, (y - 20.0) as f32, 0.0);
+        (batch.p[0], batch.q[0]) = (((x - 20.0) / 30.0) as f32, ((y - 20.0) / 10.0) as f32);
+        batch.fill();
+        let model = Sharpened::new(Model::new(pattern, m, [20.0; 2]), m, [20.0; 2]);
+        let (mut out, mut copy) = (Grey::new(), Grey::new());
+        let grey = if outlined { outlined_grey } else { grey };
+        grey(&model, &batch, &mut out, &mut copy);
+        (f64::from(out.value[0]), std::array::from_fn(|k| f64::from(out.by(k)[0])))
+    }
+
+    #[test]
+    fn derivatives_match_differences() {
+        let all = [
+            (Pattern::Disc, false, disc()),
+            (Pattern::BlackAlong, false, quadrants()),
+            (Pattern::WhiteAlong, true, quadrants()),
+        ];
+        for (pattern, outlined, m) in all {
+            for i in 0..60 {
+                let at = [f64::from(i * 7 % 60) - 8.3, f64::from(i * 3 % 29) + 6.7];
+                let (_, gradient) = one(pattern, outlined, &m, at);
+                for k in [0, 1, 2, BLUR, 7, 11, 14, OVERSHOOT] {
+                    let (mut low, mut high) = (m, m);
+                    low[k] -= 4e-3;
+                    high[k] += 4e-3;
+                    let [low, high] = [low, high].map(|m| one(pattern, outlined, &m, at).0);
+                    let difference = (high - low) / 8e-3;
+                    let most = 0.06 * difference.abs().max(10.0);
+                    assert!(
+                        (gradient[k] - difference).abs() < most,
+                        "{pattern:?} {at:?} {k}: {} for {difference}",
+                        gradient[k]
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_edge_rises_above_both_its_sides() {
+        // Across the middle of the disc, through skin, halo, black.
+        let mut m = disc();
+        (m[2], m[5], m[8], m[9], m[10], m[12], m[13], m[15]) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let at = |m: &Parameters, t: f64| one(Pattern::Disc, false, m, [m[0], m[1] + t]).0;
+        let mut plain = m;
+        plain[OVERSHOOT] = 0.0;
+        let [skin, black] = [12.0, 0.0].map(|t| at(&plain, t));
+        let brightest = (40..90).map(|k| at(&m, 0.1 * f64::from(k))).fold(0.0, f64::max);
+        let contrast = skin - black;
+        assert!((0.08..0.35).contains(&((brightest - skin) / contrast)), "{brightest} of {skin} and {black}");
+        assert!((at(&m, 12.0) - skin).abs() < 0.01 * contrast);
+        assert_eq!(N, COMMON + 8);
+    }
+}

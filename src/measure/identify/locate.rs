@@ -1,0 +1,126 @@
+//! Where a frame shows the markers, from the nearest outwards: those near the camera hardly move, and each one that is found
+//! tells better where the next ones are. Nothing is known of any other frame.
+
+use nalgebra::Vector2;
+
+use super::beam::State;
+use super::fit::Prior;
+use super::flight::{NEEDED, solutions};
+use super::known::prediction;
+use super::matching::{Problem, Refined};
+use super::scan::LIFT_RANGE;
+use super::scene::{Matrix8, Scene};
+use crate::detect::{Detection, Prediction};
+
+/// Standard deviations within which a marker is sought: before anything is known, of a range that is as likely everywhere; and of
+/// a fitted state.
+const SIGMAS: (f64, f64) = (2.0, 4.0);
+/// Least by which a marker may be off its prediction, px: what the simple beam leaves.
+const LEAST_PX: f64 = 10.0;
+/// Rounds at most, each with markers farther out.
+const ROUNDS: usize = 5;
+/// Markers of the first round at least, nearest first: four tell a state, and one may be hidden.
+const FIRST: usize = 5;
+/// Markers of a later round at least.
+const NEXT: usize = 3;
+/// How far a marker may be off to be sought whatever the number, px: what then is searched is hardly larger than a marker.
+const NEAR_PX: f64 = 60.0;
+/// How far markers may be off where all of them are sought together, px.
+const SETTLED_PX: f64 = 40.0;
+/// Two detections nearer to each other are one, px.
+const SAME_PX: f64 = 3.0;
+/// Share of a curvature by which its shape along the span differs from wing to wing, as [`super::scan`] allows for.
+const SHAPE: f64 = 0.5;
+/// Twist of the tip, rad, standard deviation, as there.
+const TWIST_RAD: f64 = 0.06;
+/// The camera may have turned by this at least, px, and about its axis by this, rad, as there.
+const TURN_PX: f64 = 20.0;
+const ROLL_RAD: f64 = 5e-3;
+
+/// What is known before a frame is looked at: the wing may be bent as far as the identification scans.
+fn before(scene: &Scene<'_>) -> Prior {
+    let span = scene.beam.length_m;
+    let (low, high) = LIFT_RANGE;
+    // Curvature that falls to 0 at the tip lifts that by a third of it times the span squared.
+    let [middle, half] = [0.5 * (low + high), 0.5 * (high - low)].map(|lift| 3.0 * lift / span);
+    let bend = half / SIGMAS.0;
+    let turn = scene.setup.mount_repeatability_px.max(TURN_PX) / scene.setup.lens.focal_px();
+    let shape = SHAPE * bend;
+    let mean = State::from([middle, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let sigma = State::from([bend, shape, shape, TWIST_RAD, TWIST_RAD, turn, turn, turn.max(ROLL_RAD)]);
+    Prior { mean, sigma }
+}
+
+/// Where the markers are expected in a state that is known so well; by marker.
+fn expected(scene: &Scene<'_>, state: &State, covariance: &Matrix8, sigmas: f64) -> Vec<Option<Prediction>> {
+    let markers = scene.setup.markers.iter().zip(scene.outlines(state)).zip(scene.linearise(state));
+    markers
+        .map(|((marker, outline), predicted)| {
+            let predicted = predicted?;
+            let spread =
+                predicted.jacobian * covariance * predicted.jacobian.transpose() + predicted.covariance;
+            let off = Vector2::new(spread[(0, 0)], spread[(1, 1)]).map(|v| sigmas * v.max(0.0).sqrt());
+            prediction(scene, marker.shape, &outline?, off.add_scalar(LEAST_PX), true)
+        })
+        .collect()
+}
+
+/// See [`super::anywhere`].
+pub(super) fn anywhere(scene: &Scene<'_>) -> Vec<Prediction> {
+    let prior = before(scene);
+    // A marker that lies outside in the middle of the range may come into the frame.
+    let [low, high] = [-1.0, 1.0].map(|side| {
+        let mut state = prior.mean;
+        state[0] += side * SIGMAS.0 * prior.sigma[0];
+        expected(scene, &state, &prior.covariance(), 1.0)
+    });
+    let middle = expected(scene, &prior.mean, &prior.covariance(), SIGMAS.0);
+    [low, middle, high].into_iter().flatten().flatten().collect()
+}
+
+/// See [`super::locate`].
+pub(super) fn located(
+    scene: &Scene<'_>,
+    mut look: impl FnMut(&[Prediction]) -> Vec<Detection>,
+) -> Option<Vec<Prediction>> {
+    let prior = before(scene);
+    let mut where_to = expected(scene, &prior.mean, &prior.covariance(), SIGMAS.0);
+    let mut looked = vec![false; where_to.len()];
+    let mut found: Vec<Detection> = Vec::new();
+    let mut last: Option<Refined> = None;
+    for round in 0..ROUNDS {
+        let next = next(&where_to, &looked, if round == 0 { FIRST } else { NEXT });
+        let sought: Vec<Prediction> = next.iter().filter_map(|&j| where_to[j].clone()).collect();
+        next.iter().for_each(|&j| looked[j] = true);
+        for new in look(&sought) {
+            let is_new = |old: &Detection| (old.centre_px - new.centre_px).norm() > SAME_PX;
+            if found.iter().all(is_new) {
+                found.push(new);
+            }
+        }
+        if found.len() < NEEDED {
+            continue;
+        }
+        let problem = Problem::new(scene, &found);
+        // What was found stays where it is in the list, and so do its pairs.
+        let further = last.as_ref().and_then(|last| problem.refine(&last.prior, &last.pairs));
+        let Some(best) = further.or_else(|| solutions(&problem).into_iter().next()) else { continue };
+        where_to = expected(scene, &best.state, &best.covariance, SIGMAS.1);
+        let settled = |p: &Prediction| p.search_px.amax() < SETTLED_PX;
+        if where_to.iter().flatten().all(settled) || looked.iter().all(|l| *l) {
+            return Some(where_to.into_iter().flatten().collect());
+        }
+        last = Some(best);
+    }
+    None
+}
+
+/// The markers to be looked for next: at least so many that have not been, those first whose place is known best.
+fn next(where_to: &[Option<Prediction>], looked: &[bool], least: usize) -> Vec<usize> {
+    let far = |j: usize| where_to[j].as_ref().map_or(f64::INFINITY, |p| p.search_px.amax());
+    let mut open: Vec<usize> = (0..where_to.len()).filter(|&j| !looked[j] && where_to[j].is_some()).collect();
+    open.sort_by(|&i, &j| far(i).total_cmp(&far(j)));
+    let enough = open.iter().filter(|&&j| far(j) < NEAR_PX).count().max(least);
+    open.truncate(enough);
+    open
+}

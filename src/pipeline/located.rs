@@ -1,0 +1,87 @@
+//! Markers where the installation says to look, and closer looks at them when they have names.
+
+use std::ops::Range;
+
+use nalgebra::Vector2;
+
+use crate::measure::detect::{self, Detection, Detections, Expected, Prediction};
+use crate::measure::identify::{self, IdentifyError, Identities};
+use crate::measure::raster::Raster;
+use crate::measure::setup::{Orientation, Setup};
+
+/// How far aside of its place a missing marker is looked for, px: ten times as far as a simple beam's predictions fail.
+const ASIDE_PX: f64 = 100.0;
+/// Two detections nearer to each other are one, px.
+const SAME_PX: f64 = 3.0;
+
+/// The markers of a picture of which some columns of each row were decoded, from the nearest outwards ([`identify::locate`]);
+/// `None` where that leads nowhere, or out of what was decoded.
+pub(super) fn detected(
+    raster: &Raster,
+    read: &[Range<usize>],
+    setup: &Setup,
+    orientation: &Orientation,
+) -> Option<Detections> {
+    let look = |sought: &[Prediction]| detect::detect_guided(raster, sought).markers;
+    let predictions = identify::locate(setup, orientation, look)?;
+    let needed = detect::columns_read(&predictions, raster.width(), raster.height());
+    let holds =
+        |(n, r): (&Range<usize>, &Range<usize>)| n.is_empty() || (r.start <= n.start && n.end <= r.end);
+    needed.iter().zip(read).all(holds).then(|| detect::detect_guided(raster, &predictions))
+}
+
+/// Whether a marker that is missing shows aside of its place, so that the predictions are not to be trusted. What the ground
+/// frames did not show, no frame need show.
+pub(super) fn shows_aside(
+    raster: &Raster,
+    setup: &Setup,
+    orientation: &Orientation,
+    (found, identities): &(Detections, Identities),
+) -> bool {
+    let mut missing = identify::expect(setup, orientation, &found.markers, identities);
+    missing.retain(|e| e.found.is_none() && orientation.ground.iter().any(|sight| sight.marker == e.marker));
+    let wider = |e: Expected| Prediction { search_px: Vector2::repeat(ASIDE_PX), ..e.prediction };
+    let missing: Vec<Prediction> = missing.into_iter().map(wider).collect();
+    if missing.is_empty() {
+        return false;
+    }
+    let is_known = |m: &Detection| found.markers.iter().any(|k| (k.centre_px - m.centre_px).norm() < SAME_PX);
+    !detect::detect_guided(raster, &missing).markers.iter().all(is_known)
+}
+
+/// Closer looks at most.
+pub(super) const LOOKS: usize = 3;
+
+/// Detections, some of them after closer looks at `raster`, and who is who; perspective bias is not removed.
+///
+/// # Errors
+/// Where no consensus names the markers.
+pub fn identified(
+    setup: &Setup,
+    orientation: &Orientation,
+    raster: &Raster,
+    found: Detections,
+) -> Result<(Detections, Identities), IdentifyError> {
+    let identities = identify::identify(setup, orientation, &found.markers)?;
+    Ok(looked_closer(setup, orientation, raster, found, identities))
+}
+
+pub(super) fn looked_closer(
+    setup: &Setup,
+    orientation: &Orientation,
+    raster: &Raster,
+    mut found: Detections,
+    mut identities: Identities,
+) -> (Detections, Identities) {
+    // What is measured better foretells the others better.
+    for _ in 0..LOOKS {
+        let expected = identify::expect(setup, orientation, &found.markers, &identities);
+        let mut closer = found.clone();
+        if !detect::look_closer(raster, &mut closer, &expected) {
+            return (closer, identities);
+        }
+        let Ok(again) = identify::identify(setup, orientation, &closer.markers) else { break };
+        (found, identities) = (closer, again);
+    }
+    (found, identities)
+}
