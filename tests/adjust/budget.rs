@@ -200,7 +200,7 @@ fn each_share_is_what_errors_of_that_source_do() {
     println!("sigma {:.2} mm, {:?}: {:.3?}", 1e3 * sigma, budget.reference, budget.shares);
     // What the model does not follow of this wing, without any error.
     let nominal_m = error_m(&nominal, &budget, &still);
-    let (mut rng, mut drawn) = (rng(51), 0.0);
+    let (mut rng, mut drawn) = (rng(52), 0.0);
     for (source, draw) in SOURCES {
         let Some(share) = budget.shares.iter().find(|one| one.source == source) else {
             panic!("{source} is not in the budget")
@@ -275,13 +275,15 @@ fn plan_says_the_same_beforehand() {
     assert!((sum(&planned.budget) - 1.0).abs() < 1e-9);
 }
 
+type Know = fn(&mut Setup);
+
 /// Beside a share stands what `plan` finds by rehearsing the frame with the source known.
 #[test]
 fn what_is_known_brings_what_another_adjustment_brings() {
     let exact = Given::exact(&with(Effects::default()));
     let solution = exact.solve();
     let budget = solution.budget.unwrap();
-    let known: [(&str, fn(&mut Setup)); 4] = [
+    let known: [(&str, Know); 4] = [
         ("root", |s| s.uncertainty.root_offset_m = 0.0),
         ("chord offset", |s| s.uncertainty.axis_chord_offset_m = 0.0),
         ("in-plane", |s| s.uncertainty.in_flight.in_plane_m = 0.0),

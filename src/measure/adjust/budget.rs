@@ -88,7 +88,7 @@ pub fn with_sources<T>(
     with: impl FnOnce(&Sources) -> T,
 ) -> T {
     let observations = |group: usize, block: usize| blocks.observations(problem, group, block);
-    let naming = Naming { observations: &observations, prior: word, known: "frames before" };
+    let naming = Naming { observations: &observations, prior: word, known: "frames before", rest: IMAGE };
     with(&Sources::new(problem, fit, naming, told))
 }
 
@@ -96,7 +96,7 @@ pub fn with_sources<T>(
 /// survey and ground frame.
 pub fn told(blocks: Blocks, problem: &Problem, fit: &Fit, lasting: impl Fn(usize) -> bool) -> Told {
     let observations = |group: usize, block: usize| blocks.observations(problem, group, block);
-    let naming = Naming { observations: &observations, prior: word, known: "frames before" };
+    let naming = Naming { observations: &observations, prior: word, known: "frames before", rest: IMAGE };
     Told::of(problem, fit, lasting, blocks.members.len(), &naming)
 }
 

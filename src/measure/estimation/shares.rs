@@ -25,6 +25,9 @@ pub struct Naming<'a> {
     pub prior: fn(&'static str) -> &'static str,
     /// Of what else is known of all global parameters.
     pub known: &'static str,
+    /// Of the most numerous observations: what groups other than the function's have of them is what is left of the
+    /// variance, which spares their products.
+    pub rest: &'static str,
 }
 
 /// What went into [`Problem::known`] and keeps its name there: priors, and observations without parameters of their own.
@@ -90,13 +93,22 @@ struct Answer {
     local: DVector<f64>,
 }
 
+impl Answer {
+    /// Of the function that it is of, through the parameters.
+    fn variance(&self, by: &Gradient) -> f64 {
+        let global = by.columns.iter().zip(by.global.column(0).iter());
+        global.map(|(column, by)| by * self.global[*column]).sum::<f64>()
+            + by.local.column(0).dot(&self.local)
+    }
+}
+
 /// All that a solution rests on.
 pub struct Sources<'a> {
     problem: &'a Problem,
     fit: &'a Fit,
     naming: Naming<'a>,
     told: Option<&'a Told>,
-    /// Of each source: what all groups together say of the global parameters; empty where there is one group.
+    /// Of each source but the rest: what all groups together say of the global parameters; empty where there is one group.
     of_groups: Vec<(&'static str, DMatrix<f64>)>,
 }
 
@@ -113,14 +125,18 @@ impl<'a> Sources<'a> {
     /// The parts of the variance of one function (the gradient's first) of a group's unknowns. They add up to
     /// [`Fit::variances_of`].
     pub fn parts(&self, group: usize, gradient: &Gradient) -> Vec<Part> {
-        let (by, _) = self.fit.by_parameters(group, gradient);
+        let (by, own) = self.fit.by_parameters(group, gradient);
         let answer = self.answer(group, &by);
         let mut sum = Sum::default();
         self.of_priors(&answer.global, &mut sum);
         self.of_known(&answer.global, &mut sum);
         self.of_own(group, &answer, &gradient.observed, &mut sum);
         self.of_others(group, &answer.global, &mut sum);
-        let total = sum.total();
+        let total = own[(0, 0)] + answer.variance(&by);
+        if self.problem.groups.len() > 1 {
+            let explained = sum.total();
+            sum.add(self.naming.rest, (total - explained).max(0.0));
+        }
         let part = |(source, variance)| Part {
             source,
             variance,
@@ -195,7 +211,7 @@ impl<'a> Sources<'a> {
         }
     }
 
-    /// Per source the information of all groups on the global parameters.
+    /// Per source but the rest the information of all groups on the global parameters.
     fn informed(&self) -> Vec<(&'static str, DMatrix<f64>)> {
         let p = self.fit.global.len();
         let mut all: Vec<(&'static str, DMatrix<f64>)> = vec![];
@@ -219,12 +235,17 @@ impl<'a> Sources<'a> {
             stacked(&mut all, (self.naming.prior)(prior.name), &rows);
         }
         for (k, (block, fit)) in group.blocks.iter().zip(&solved.blocks).enumerate() {
+            let mut observed = (self.naming.observations)(index, k);
+            observed.retain(|(source, _)| *source != self.naming.rest);
+            if observed.is_empty() {
+                continue;
+            }
             let lin = &fit.linearised;
             let mut by_global = &lin.local * &solved.sensitivity;
             for (column, values) in lin.columns.iter().zip(lin.global.column_iter()) {
                 by_global.column_mut(*column).axpy(1.0, &values, 1.0);
             }
-            for (source, places) in (self.naming.observations)(index, k) {
+            for (source, places) in observed {
                 let (first, count) = (places.start, places.len());
                 let covariance = block.covariance.view((first, first), (count, count)).into_owned();
                 let gain = fit.gain.rows(first, count);

@@ -63,7 +63,7 @@ fn value(problem: &Problem) -> f64 {
 fn each_part_is_what_errors_of_that_source_do() {
     let problem = problem();
     let fit = solve_groups(&problem, linearise).unwrap();
-    let naming = Naming { observations: &named, prior: |name| name, known: "earlier" };
+    let naming = Naming { observations: &named, prior: |name| name, known: "earlier", rest: "image" };
     let parts = Sources::new(&problem, &fit, naming, None).parts(1, &gradient());
     let nominal = value(&problem);
     let done = |change: &dyn Fn(&mut Problem, f64), covariance: f64| {
@@ -93,7 +93,7 @@ fn each_part_is_what_errors_of_that_source_do() {
 fn what_is_known_brings_what_a_narrow_prior_brings() {
     let mut problem = problem();
     let fit = solve_groups(&problem, linearise).unwrap();
-    let naming = Naming { observations: &named, prior: |name| name, known: "earlier" };
+    let naming = Naming { observations: &named, prior: |name| name, known: "earlier", rest: "image" };
     let parts = Sources::new(&problem, &fit, naming, None).parts(1, &gradient());
     let of = |source| parts.iter().find(|part| part.source == source).unwrap().if_known;
     let known = of("root").unwrap();
@@ -107,7 +107,7 @@ fn what_is_known_brings_what_a_narrow_prior_brings() {
 fn knowledge_taken_over_keeps_the_names_of_what_it_came_from() {
     let problem = problem();
     let fit = solve_groups(&problem, linearise).unwrap();
-    let naming = Naming { observations: &named, prior: |name| name, known: "earlier" };
+    let naming = Naming { observations: &named, prior: |name| name, known: "earlier", rest: "image" };
     let told = Told::of(&problem, &fit, |column| column == 0, 0, &naming);
     let next = Problem {
         priors: vec![],
