@@ -33,7 +33,7 @@ impl CameraSection {
     /// Every fault, at its key of the whole file.
     pub fn faults(&self) -> Vec<KeyFault> {
         let faults = match self {
-            Self::Replay(section) => return section.faults(),
+            Self::Replay(section) => section.faults(),
             #[cfg(feature = "v4l")]
             Self::V4l(section) => section.faults(),
             #[cfg(feature = "gphoto")]

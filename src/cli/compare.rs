@@ -121,7 +121,7 @@ fn table(changes: &[Change]) -> Grid {
 
 fn summary(s: &Summary) -> String {
     format!(
-        "{} frames with a tip lift on both sides: largest change {} m ({} sigma), root mean square {} m; \
+        "{} frames with a tip lift (against the survey) on both sides: largest change {} m ({} sigma), root mean square {} m; \
          {} solved now and not before, {} before and not now; {} frames on one side only",
         s.both,
         fixed(s.largest_m, 4),

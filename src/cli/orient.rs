@@ -9,6 +9,7 @@ use crate::installation::{self, Installation};
 use crate::measure::detect::Detection;
 use crate::measure::identify::{self, IdentifyError, OrientationFit};
 use crate::pipeline::{Sighting, stages};
+use crate::report::number::rounded;
 
 /// Find the camera's attitude from ground frames and write orientation.toml.
 #[derive(clap::Args)]
@@ -74,9 +75,21 @@ fn remarks(fit: &OrientationFit) -> Vec<String> {
     // The image's v points down.
     let up = fit.orientation.camera_from_survey * Vector3::z();
     let on_its_head = up.y > ON_ITS_HEAD;
-    let text = "the picture stands on its head; if the camera did not, turn the pictures back: camera.toml holds for \
+    let turned = "the picture stands on its head; if the camera did not, turn the pictures back: camera.toml holds for \
                 them as the camera took them";
-    on_its_head.then(|| text.to_owned()).into_iter().collect()
+    on_its_head.then(|| turned.to_owned()).into_iter().chain(bent(fit)).collect()
+}
+
+/// What a bend since the survey means, where it is no chance.
+fn bent(fit: &OrientationFit) -> Option<String> {
+    let bend = fit.bend.filter(|_| fit.is_bent())?;
+    let (mm, sigma) = rounded(Some(1e3 * bend.value.abs()), bend.sigma.map(|s| 1e3 * s), 0);
+    let way = if bend.value > 0.0 { "higher" } else { "lower" };
+    Some(format!(
+        "the wing stood {mm} ± {sigma} mm {way} at its tip than surveyed (fuel, jacks, sun?): lifts against the survey are \
+         off by as much; survey in the state of the ground frames, or state [survey] bend_sigma_m and take the lifts \
+         against the ground frame"
+    ))
 }
 
 /// Share of the vertical that points down in a picture: within 60 degrees of half a turn.
@@ -112,6 +125,11 @@ fn json(installation: &Installation, fit: &OrientationFit) -> String {
         "redundancy": fit.redundancy,
         "markers": markers,
         "rms_px": rms_px,
+        "bend": fit.bend.map(|bend| serde_json::json!({
+            "height_m": bend.value,
+            "sigma_height_m": bend.sigma,
+            "significant": fit.is_bent(),
+        })),
         "remarks": remarks(fit),
         "unused": unused(installation, fit).into_iter().map(|(id, reason)| {
             serde_json::json!({ "id": id, "reason": reason })
@@ -126,11 +144,16 @@ fn text(installation: &Installation, fit: &OrientationFit) -> String {
     let sigma = sigma_mrad(fit).map_or(String::new(), |s| {
         format!("\nstandard deviations about camera x, y, z: {:.3}, {:.3}, {:.3} mrad", s[0], s[1], s[2])
     });
+    let bend = fit.bend.map_or(String::new(), |bend| {
+        let (mm, sigma) = rounded(Some(1e3 * bend.value), bend.sigma.map(|s| 1e3 * s), 0);
+        let verdict = if fit.is_bent() { "no chance" } else { "not significant" };
+        format!("\nhigher at the tip than surveyed, by bending: {mm} ± {sigma} mm, {verdict}")
+    });
     let remarks: String = remarks(fit).iter().map(|remark| format!("\n{remark}")).collect();
     let not_used: String =
         unused(installation, fit).iter().map(|(id, reason)| format!("\nnot used: {id}: {reason}")).collect();
     format!(
-        "{}\n{markers} marker images, rms {rms_px:.3} px, variance factor {:.2} at redundancy {}{sigma}{not_used}{remarks}",
+        "{}\n{markers} marker images, rms {rms_px:.3} px, variance factor {:.2} at redundancy {}{sigma}{bend}{not_used}{remarks}",
         file.display(),
         fit.variance_factor,
         fit.redundancy

@@ -4,10 +4,13 @@ use std::path::PathBuf;
 
 use super::{Done, Failure, RIGHTS, print, unwritable};
 use crate::installation::Installation;
-use crate::measure::plan::{self, Alternative, Expected, MarkerPlan, Optics, Plan, PlanOptions, Prediction};
+use crate::measure::plan::{
+    self, Alternative, Expected, MarkerPlan, Optics, Plan, PlanOptions, Prediction, TipSigma,
+};
+use crate::record::{BudgetShare, Reference};
 use crate::report::grid::Grid;
 use crate::report::number::fixed;
-use crate::report::plan_figure;
+use crate::report::{plan_figure, table};
 
 /// Resolution, depth of field and predicted uncertainty of an installation.
 #[derive(clap::Args)]
@@ -82,6 +85,11 @@ fn text(plan: &Plan) -> String {
     out.push_str(&format!("\n{}", markers(&plan.markers).text()));
     if let Some(prediction) = &plan.prediction {
         out.push_str(&format!("\n{}", predicted(prediction)));
+        let shares: Vec<BudgetShare> = prediction.budget.iter().map(Into::into).collect();
+        out.push_str(&format!(
+            "\nWhat the variance of that lift comes from\n{}",
+            table::budget(&shares).text()
+        ));
         out.push_str(&format!("\nOne marker less, one marker more\n{}", changes(prediction).text()));
         let marks = alternatives(prediction, &prediction.fixed_marks);
         out.push_str(&format!(
@@ -137,14 +145,17 @@ fn markers(markers: &[MarkerPlan]) -> Grid {
 fn predicted(prediction: &Prediction) -> String {
     let e = &prediction.expected;
     let mut out = format!(
-        "Predicted standard deviations (spatial, one frame, redundancy {}): tip lift {:.1} mm, lift along the span \
-         {:.1} mm (root mean square), position along the span {:.1} mm at worst, tip twist {} deg\n",
+        "Predicted standard deviations (spatial, one frame, redundancy {}): lift of the axis against the survey {:.1} mm \
+         at the tip, {:.1} mm along the span (root mean square), position along the span {:.1} mm at worst, tip twist {} deg\n",
         prediction.redundancy,
         1e3 * e.sigma_tip_lift_m,
         1e3 * e.sigma_mean_lift_m,
         1e3 * e.sigma_span_m,
         fixed(e.sigma_tip_twist_deg, 3)
     );
+    if let Some(tip) = &prediction.tip {
+        out.push_str(&tip_lifts(tip));
+    }
     for (name, angle, twist) in &prediction.torsion {
         let (angle, twist) = (fixed(*angle, 3), fixed(*twist, 3));
         out.push_str(&format!("Torsion '{name}': angle {angle} deg, twist free of bending {twist} deg\n"));
@@ -153,6 +164,20 @@ fn predicted(prediction: &Prediction) -> String {
         out.push_str(&format!("Correlation of the mount's pitch with bending: {r:.3}\n"));
     }
     out
+}
+
+/// Of the tip marker, each lift; the one that results show first.
+fn tip_lifts(tip: &TipSigma) -> String {
+    let shown = Reference::from(tip.shown);
+    let sigma = |reference: Reference| match reference {
+        Reference::Survey => tip.lift_m,
+        Reference::Ground => tip.lift_ground_m,
+        Reference::Root => tip.lift_root_m,
+    };
+    let text = |one: Reference| Some(format!("{} {:.1} mm", one.words(), 1e3 * sigma(one)?));
+    let others = Reference::ALL.into_iter().filter(|one| *one != shown).filter_map(text);
+    let all: Vec<String> = text(shown).into_iter().chain(others).collect();
+    format!("Lift of {}, the first is what results show: {}\n", tip.marker, all.join("; "))
 }
 
 /// How much larger the tip's lift is in its standard deviation than as surveyed.

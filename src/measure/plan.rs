@@ -8,7 +8,7 @@ mod resolution;
 mod terms;
 
 pub use optics::{Optics, OpticsPlan};
-pub use prediction::{Alternative, Change, Expected, MarkerSigma, Prediction};
+pub use prediction::{Alternative, Change, Expected, MarkerSigma, Prediction, TipSigma};
 pub use resolution::{Footprint, Skin, footprint};
 
 use nalgebra::Vector3;

@@ -5,13 +5,15 @@ use super::grid::Grid;
 use super::number::{NONE, decimals_for, fixed, rounded};
 use super::summary::{Mean, SeriesSummary};
 use crate::measure::detect::{Detection, Detections};
-use crate::record::{ImageRecord, MarkerRecord, TorsionRecord, word};
+use crate::record::{BudgetShare, ImageRecord, MarkerRecord, Reference, Tip, TorsionRecord, word};
 
 /// One line per image; below it the markers where there is one image only, otherwise the markers
 /// that were turned down, then failures and remarks.
 pub fn results(records: &[ImageRecord]) -> String {
-    let mut out = images(records).text();
+    let reference = Reference::of(records.iter().filter_map(|r| r.tip.as_ref()));
+    let mut out = images(records, reference).text();
     let notes = notes(records);
+    out.push_str(&lifts(records, reference));
     match records {
         [one] if !one.markers.is_empty() => {
             out.push_str(&format!("\n{}", markers(one).text()));
@@ -27,6 +29,66 @@ pub fn results(records: &[ImageRecord]) -> String {
         out.push_str(&format!("\n{notes}"));
     }
     out
+}
+
+/// Which lift the table shows; of one image all three and the budget.
+fn lifts(records: &[ImageRecord], reference: Reference) -> String {
+    match records {
+        [ImageRecord { tip: Some(tip), budget, .. }] if tip.shown.is_some() => {
+            format!("\n{}{}", self::tip(tip).text(), budget_text(budget))
+        }
+        _ if records.iter().any(|r| r.tip.is_some()) => format!("Lifts are counted {}.\n", reference.words()),
+        _ => String::new(),
+    }
+}
+
+/// The tip's three lifts.
+pub fn tip(tip: &Tip) -> Grid {
+    let shown = tip.shown.unwrap_or_default();
+    let lifts: Vec<_> = Reference::ALL.iter().filter_map(|one| Some((*one, tip.lift(*one)?))).collect();
+    let pair = |lift: &(f64, Option<f64>)| rounded(Some(lift.0), lift.1, 4);
+    Grid::each(&lifts).columns(&[
+        ("<lift of", &|_| tip.marker.clone()),
+        ("<counted", &|(one, _)| one.words().to_owned()),
+        ("m", &|(_, lift)| pair(lift).0),
+        ("sigma / m", &|(_, lift)| pair(lift).1),
+        ("<shown", &|(one, _)| if *one == shown { "yes" } else { "" }.to_owned()),
+    ])
+}
+
+/// Sources of a share below this are not named one by one in a sentence.
+const NAMED_SHARE: f64 = 0.02;
+
+/// A budget in a sentence; empty without one.
+pub fn budget_text(budget: &[BudgetShare]) -> String {
+    let percent = |share: f64| format!("{:.0} %", 100.0 * share);
+    let (large, small): (Vec<_>, Vec<_>) = budget.iter().partition(|one| one.share >= NAMED_SHARE);
+    let mut parts: Vec<String> =
+        large.iter().map(|one| format!("{} {}", one.source, percent(one.share))).collect();
+    let rest: f64 = small.iter().map(|one| one.share).sum();
+    if !small.is_empty() {
+        parts.push(format!("others {}", percent(rest)));
+    }
+    if parts.is_empty() {
+        return String::new();
+    }
+    let helps = budget.iter().filter_map(|one| Some((one, one.sigma_if_known_m?)));
+    let best = helps.min_by(|a, b| a.1.total_cmp(&b.1));
+    let best = best.map_or(String::new(), |(one, sigma)| {
+        format!("; were {} known without error, {} mm would be left", one.source, fixed(Some(1e3 * sigma), 1))
+    });
+    format!("Its variance comes from {}{best}.\n", parts.join(", "))
+}
+
+/// One budget as a table.
+pub fn budget(shares: &[BudgetShare]) -> Grid {
+    Grid::each(shares).columns(&[
+        ("<source", &|one| one.source.clone()),
+        ("share / %", &|one| fixed(Some(100.0 * one.share), 1)),
+        ("sigma of the lift if it were known / mm", &|one| {
+            fixed(one.sigma_if_known_m.map(|sigma| 1e3 * sigma), 2)
+        }),
+    ])
 }
 
 /// The markers of one frame as detected; `ids` in their order, or empty where none are known.
@@ -58,9 +120,14 @@ pub fn detections(image: &str, found: &Detections, ids: &[Option<String>]) -> St
     )
 }
 
-/// One line per series.
+/// One line per series, and what its lifts are.
 pub fn series(summaries: &[SeriesSummary]) -> String {
-    series_grid(summaries).text()
+    let reference = summaries.first().map(|s| s.reference).unwrap_or_default();
+    let grid = series_grid(summaries).text();
+    format!(
+        "{grid}Lift: mean of the tip marker's, {}; sigma: of one frame; scatter: of single frames about the mean.\n",
+        reference.words()
+    )
 }
 
 /// One row per series; the terminal's and the report's.
@@ -72,7 +139,7 @@ pub fn series_grid(summaries: &[SeriesSummary]) -> Grid {
         ("<begun (UTC)", &|s| s.begun_text()),
         ("frames", &|s| s.shots.to_string()),
         ("solved", &|s| s.solved.to_string()),
-        ("tip lift / m", &|s| mean(s.tip_lift_m, 3).0),
+        ("mean tip lift / m", &|s| mean(s.tip_lift_m, 3).0),
         ("sigma / m", &|s| mean(s.tip_lift_m, 3).1),
         ("scatter / m", &|s| scatter(s.tip_lift_m)),
         ("torsion / deg", &|s| angle(s).0),
@@ -88,24 +155,26 @@ fn mean(value: Option<Mean>, fallback: usize) -> (String, String) {
     rounded(value.map(|m| m.value), value.and_then(|m| m.sigma), fallback)
 }
 
-fn scatter(value: Option<Mean>) -> String {
+/// Standard deviation of single frames about their mean.
+pub fn scatter(value: Option<Mean>) -> String {
     value.and_then(|m| m.scatter).map_or(NONE.to_owned(), |s| fixed(Some(s), decimals_for(s)))
 }
 
 /// One row per image; the terminal's and the report's.
-pub fn images(records: &[ImageRecord]) -> Grid {
-    image_rows(&records.iter().map(|r| (r, MarkerCount::of(r))).collect::<Vec<_>>())
+pub fn images(records: &[ImageRecord], reference: Reference) -> Grid {
+    image_rows(&records.iter().map(|r| (r, MarkerCount::of(r))).collect::<Vec<_>>(), reference)
 }
 
 /// The same of records whose markers were left out.
-pub fn images_counted(records: &[ImageRecord], counts: &[MarkerCount]) -> Grid {
-    image_rows(&records.iter().zip(counts.iter().copied()).collect::<Vec<_>>())
+pub fn images_counted(records: &[ImageRecord], counts: &[MarkerCount], reference: Reference) -> Grid {
+    image_rows(&records.iter().zip(counts.iter().copied()).collect::<Vec<_>>(), reference)
 }
 
-fn image_rows(rows: &[(&ImageRecord, MarkerCount)]) -> Grid {
+fn image_rows(rows: &[(&ImageRecord, MarkerCount)], reference: Reference) -> Grid {
     let tip = |r: &ImageRecord| r.tip.as_ref().map_or(NONE.to_owned(), |t| t.marker.clone());
     let lift = |r: &ImageRecord| {
-        rounded(r.tip.as_ref().map(|t| t.lift_m), r.tip.as_ref().and_then(|t| t.sigma_lift_m), 3)
+        let (lift_m, sigma_m) = r.tip.as_ref().and_then(|tip| tip.lift(reference)).unzip();
+        rounded(lift_m, sigma_m.flatten(), 3)
     };
     let pair = |r: &ImageRecord, of: fn(&TorsionRecord) -> (Option<f64>, Option<f64>)| {
         let (value, sigma) = r.torsion.first().map(of).unwrap_or_default();
@@ -133,7 +202,12 @@ fn image_rows(rows: &[(&ImageRecord, MarkerCount)]) -> Grid {
 /// Every marker of one image; the terminal's and the report's.
 pub fn markers(record: &ImageRecord) -> Grid {
     let distance = |m: &MarkerRecord| rounded(m.distance_m, m.sigma_distance_m, 3);
-    let lift = |m: &MarkerRecord| rounded(m.lift_m, m.sigma_lift_m, 3);
+    let reference = record.tip.as_ref().and_then(|tip| tip.shown).unwrap_or_default();
+    let lift = |m: &MarkerRecord| match reference {
+        Reference::Survey => rounded(m.lift_m, m.sigma_lift_m, 3),
+        Reference::Ground => rounded(m.lift_ground_m, m.sigma_lift_ground_m, 3),
+        Reference::Root => rounded(m.lift_root_m, m.sigma_lift_root_m, 3),
+    };
     Grid::each(&record.markers).columns(&[
         ("<marker", &|m| m.id.clone()),
         ("<shape", &|m| m.shape.name().to_owned()),

@@ -3,6 +3,7 @@
 
 mod aircraft;
 mod aircraft_join;
+mod budget;
 #[path = "../common/mod.rs"]
 mod common;
 mod coverage;

@@ -46,3 +46,4 @@ mod store_verify;
 mod survey_typo;
 mod table_mutations;
 mod thirty_hours;
+mod three_lifts;

@@ -57,13 +57,43 @@ fn a_flight_gives_all_sections_with_the_stores_numbers() {
         assert!(html.contains(number), "{number} is missing");
     }
     assert!(html.contains("href=\"#quality\"") && html.contains("id=\"quality\""), "contents");
-    assert!(html.contains("series s000001, 2026-03-01 08:00 UTC"), "when the greatest lift was");
+    assert!(html.contains("of series s000001, begun 2026-03-01 08:00 UTC"), "when the greatest lift was");
     assert!(
         html.contains("UTC, from 2026-03-01 08:00") && html.contains(">08:00</text>"),
         "times on the axis"
     );
     assert!(html.contains("data:image/jpeg;base64,"), "the frame is embedded");
     assert!(html.matches("<svg").count() >= 6);
+}
+
+/// A record with three lifts, of which the one from the root's tangent is told best, and a budget.
+fn with_lifts(lift_m: f64, sigma_m: f64) -> serde_json::Value {
+    let mut record = solved(lift_m, sigma_m);
+    let lifts = serde_json::json!({"lift_ground_m": lift_m - 0.01, "sigma_lift_ground_m": 0.8 * sigma_m,
+        "lift_root_m": lift_m - 0.02, "sigma_lift_root_m": 0.5 * sigma_m, "shown": "root"});
+    record["tip"].as_object_mut().unwrap().extend(lifts.as_object().unwrap().clone());
+    record["budget"] = serde_json::json!([{"source": "mounting", "share": 0.7, "sigma_if_known_m": 0.2 * sigma_m},
+        {"source": "image", "share": 0.3}]);
+    record
+}
+
+#[test]
+fn headlines_say_what_they_are() {
+    let store = store_with(&[&[with_lifts(1.4, 0.006), with_lifts(3.0, 0.02)]]);
+    let html = page(store.path());
+    check_well_formed(&html);
+    // 3.0 less 0.02 from the root's tangent, with that frame's own sigma; the mean carries the scatter.
+    assert!(html.contains("2.980 ± 0.010 m"), "the greatest of single frames");
+    assert!(html.contains("greatest tip lift of a single frame ± 1 sigma, from the root's tangent"));
+    assert!(html.contains("mean tip lift / m") && html.contains(">1.1</td>"), "mean and scatter");
+    assert!(html.contains("do not contradict the model") && html.contains("cannot show"));
+    assert!(!html.contains("deviations hold"));
+    assert!(html.contains("What the uncertainty comes from") && html.contains(">mounting<"), "budget");
+    assert!(html.contains("known without error: mounting."), "what would help");
+
+    let older = store_with(&[&[with_lifts(1.4, 0.006), solved(2.0, 0.006)]]);
+    let html = page(older.path());
+    assert!(html.contains("single frame ± 1 sigma, against the survey"), "the one lift that both have");
 }
 
 #[test]

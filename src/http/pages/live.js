@@ -46,6 +46,17 @@
     mark(byId(id).parentElement, style);
   };
 
+  // The lift that the frame tells best, and against what it is counted.
+  const LIFTS = {
+    survey: ["lift_m", "sigma_lift_m", "against the survey"],
+    ground: ["lift_ground_m", "sigma_lift_ground_m", "against the ground frame"],
+    root: ["lift_root_m", "sigma_lift_root_m", "from the root's tangent"],
+  };
+  const shownLift = (tip) => {
+    const [lift, sigma, words] = LIFTS[tip?.shown] ?? LIFTS.survey;
+    return { lift: tip?.[lift], sigma: tip?.[sigma], words };
+  };
+
   const solved = () => newest.result.status === "ok";
   const rejected = (result) => result.global_test === "rejected";
 
@@ -62,7 +73,9 @@
     };
     const pair = (result.torsion ?? [])[0] ?? {};
     tile("age", `${seconds(since(came))} ago`, `one every ${number(interval(), 2)} s expected`, style);
-    measured("lift", result.tip?.lift_m, result.tip?.sigma_lift_m, 3, "m");
+    const tip = shownLift(result.tip);
+    measured("lift", tip.lift, tip.sigma, 3, "m");
+    if (solved()) text("lift-name", `Tip lift ${tip.words}`);
     measured("twist", pair.twist_deg, pair.sigma_twist_deg, 2, "°");
     const recent = history.filter((one) => since(one.came) < RATE_S);
     const over = Math.min(RATE_S, since(history[0].came));
@@ -118,7 +131,7 @@
     const enlarged = plots.plot(byId("curve"), points, {
       xRange: range, xLabel: "Lift, m, over the span, m", yFrom0: true, xTick: (v) => v.toFixed(1), note, noteClass,
     });
-    text("curve-caption", points.length > 0 ? `Lift of the bending axis. ${band(enlarged)}` : "");
+    text("curve-caption", points.length > 0 ? `Of the bending axis, against the survey. ${band(enlarged)}` : "");
   };
 
   const overTime = (id, unit, of) => {
@@ -147,7 +160,11 @@
 
   const draw = () => {
     curve();
-    overTime("lifts", "m", (one) => ({ y: one.lift, sigma: one.liftSigma }));
+    // Where the frames' choice changes, only those of the newest one's are drawn: two lifts make no curve.
+    const lifted = history.filter((one) => typeof one.lift === "number");
+    const words = lifted[lifted.length - 1]?.words ?? LIFTS.survey[2];
+    const alike = (one) => (one.words === words ? { y: one.lift, sigma: one.liftSigma } : {});
+    overTime("lifts", `m, ${words}`, alike);
     overTime("twists", "degrees", (one) => ({ y: one.twist, sigma: one.twistSigma }));
     const { result } = newest;
     const when = result.exposure_time.replace("T", " ").slice(0, 21);
@@ -183,7 +200,7 @@
 
   const take = (result) => {
     const pair = (result.status === "ok" && (result.torsion ?? [])[0]) || {};
-    const tip = (result.status === "ok" && result.tip) || {};
+    const tip = shownLift(result.status === "ok" ? result.tip : null);
     // A result is as old as its exposure, by this browser's clock and the time that solving took.
     const [time, came] = [Date.parse(result.exposure_time) / 1000, performance.now() - result.latency_ms];
     // A clock that was set, or a recorder that began anew, begins a new history.
@@ -191,7 +208,7 @@
     newest = { result, came, time };
     history.push({
       time, came, latency: result.latency_ms, rejected: rejected(result),
-      lift: tip.lift_m, liftSigma: tip.sigma_lift_m, twist: pair.twist_deg, twistSigma: pair.sigma_twist_deg,
+      lift: tip.lift, liftSigma: tip.sigma, words: tip.words, twist: pair.twist_deg, twistSigma: pair.sigma_twist_deg,
     });
     while (history.length > 0 && time - history[0].time > SPAN_S) history.shift();
     frames.set(result.number, { came, outlines: result.outlines ?? [] });

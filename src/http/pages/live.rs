@@ -42,7 +42,7 @@ pub fn live(listens: bool) -> Markup {
 }
 
 fn tile(id: &str, name: &str) -> Markup {
-    html! { li { (name) b id=(id) { "–" } span.soft id={ (id) "-beside" } {} } }
+    html! { li { span id={ (id) "-name" } { (name) } b id=(id) { "–" } span.soft id={ (id) "-beside" } {} } }
 }
 
 fn figure(id: &str, name: &str) -> Markup {

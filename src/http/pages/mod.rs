@@ -11,8 +11,10 @@ use serde_json::{Value, json};
 
 use super::{Refusal, Site};
 use crate::daemon::{Health, Status, StatusBoard};
+use crate::record::Reference;
 use crate::report::number::{fixed, rounded};
 use crate::report::overview::{self, Overview};
+use crate::report::summary::Single;
 use crate::store::{RealDisk, catalogue};
 
 pub use flight::flight;
@@ -100,17 +102,22 @@ fn card(one: &Overview) -> Markup {
                 (one.series.len()) " series, " (one.sum(|l| l.frames)) " frames, " (one.sum(|l| l.solved)) " solved"
             }
             (curve::lift(one, 330.0, 110.0))
-            @if let Some((line, lift)) = one.greatest() { p { (greatest(line, &lift)) } }
+            @if let Some((line, lift)) = one.greatest() { p { (greatest(line, lift, one.reference)) } }
             @if missing > 0 { p.warn { "Something is missing in " (missing) " series." } }
             @if one.warning.is_some() { p.warn { "Results of several inputs." } }
         }
     }
 }
 
-fn greatest(line: &overview::Line, lift: &crate::report::summary::Mean) -> String {
-    let (value, sigma) = rounded(Some(lift.value), lift.sigma, 3);
-    let at = line.begun.as_ref().map_or(String::new(), |b| format!(", {}", minute(b.utc)));
-    format!("Greatest tip lift {value} ± {sigma} m in series {}{at}", line.name)
+/// A single frame's lift.
+fn greatest(line: &overview::Line, lift: &Single, reference: Reference) -> String {
+    let (value, sigma) = rounded(Some(lift.lift_m), lift.sigma_m, 3);
+    let at = line.begun.as_ref().map_or(String::new(), |b| format!(", begun {}", minute(b.utc)));
+    let (image, words) = (&lift.image, reference.words());
+    format!(
+        "Greatest tip lift of a frame: {value} ± {sigma} m {words}, in {image} of series {}{at}",
+        line.name
+    )
 }
 
 /// As the status writes it.

@@ -8,6 +8,7 @@ use nalgebra::DMatrix;
 
 use self::frame::{Frame, Single, Start, Usage};
 use super::beam::MAX_CURVATURE_TERMS;
+use super::budget::{Blocks, with_sources};
 use super::input::{Input, by_marker, on_the_wing};
 use super::outcome::Outcome;
 use super::scene::Scene;
@@ -174,7 +175,10 @@ pub fn solve(
         if options.variance_components { solved.weigh()? } else { Default::default() };
     let Solved { frame, fit, .. } = &solved;
     let outcome = Outcome::new(&input, &frame.layout, &frame.problem, fit, 0, &frame.members);
-    let solution = outcome.solution(Method::Spatial, removed.iter());
+    let blocks = Blocks { members: std::slice::from_ref(&frame.members), ground: &[] };
+    let solution = with_sources(blocks, &frame.problem, fit, None, |sources| {
+        outcome.solution(Method::Spatial, removed.iter(), sources)
+    });
     remarks.extend(solution.remarks);
     if options.curvature_terms.is_none() {
         remarks.push(format!("curvature of {} terms, chosen by test", frame.layout.curvature_terms));

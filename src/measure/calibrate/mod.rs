@@ -41,9 +41,10 @@ pub use board::{Board, BoardError, Misfit, Sighting, misdescribed, never_whole};
 use super::geometry::Lens;
 pub use check::{Halves, Pattern};
 use fitting::Set;
+pub use model::DISTANCES_M;
 use model::Size;
 pub use outliers::Dropped;
-pub use quality::{DISTANCES_M, Projection};
+pub use quality::Projection;
 pub use shape::{Bow, Stretch};
 pub use verdict::{Verdict, judge};
 

@@ -33,6 +33,8 @@ mod skin;
 use nalgebra::Vector2;
 
 use super::detect::{Detection, Expected, Prediction};
+use super::estimation::quality::critical_w;
+use super::observation::Estimate;
 use super::setup::{Orientation, Setup};
 
 pub use explain::Cause;
@@ -110,13 +112,25 @@ pub struct OrientationFit {
     pub variance_factor: f64,
     /// Conditions less parameters.
     pub redundancy: usize,
+    /// How much higher the wing stood in the ground frames than surveyed, by bending, at its tip, m; a posteriori where the
+    /// variance factor is above 1. `None` where the sights do not tell.
+    pub bend: Option<Estimate>,
     /// Per frame, per identified marker: (frame, marker index, residual px).
     pub residuals: Vec<(usize, usize, Vector2<f64>)>,
     /// Per frame: identities.
     pub identities: Vec<Identities>,
 }
 
+/// Level of significance of the test of the bend.
+const BEND_ALPHA: f64 = 0.001;
+
 impl OrientationFit {
+    /// Whether the wing was bent since the survey: a bend is no chance, one-dimensional test at a level of 0.001.
+    pub fn is_bent(&self) -> bool {
+        let w = |bend: &Estimate| bend.sigma.filter(|sigma| *sigma > 0.0).map(|sigma| bend.value / sigma);
+        self.bend.as_ref().and_then(w).is_some_and(|w| w.abs() > critical_w(BEND_ALPHA))
+    }
+
     /// Every marker of the survey that no frame's image of was used, and why.
     pub fn unused(&self, setup: &Setup) -> Vec<(usize, String)> {
         let used = |k: usize| self.residuals.iter().any(|(_, marker, _)| *marker == k);

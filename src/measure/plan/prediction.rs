@@ -38,6 +38,21 @@ pub struct Expected {
     pub sigma_span_m: f64,
 }
 
+/// Predicted standard deviations of the outermost visible marker's lift, counted from three places.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TipSigma {
+    /// Its id.
+    pub marker: String,
+    /// Which lift results would show: the one that is told best.
+    pub shown: adjust::Reference,
+    /// Against the survey, m.
+    pub lift_m: Option<f64>,
+    /// Against the ground frame, m.
+    pub lift_ground_m: Option<f64>,
+    /// From the root's tangent, m.
+    pub lift_root_m: Option<f64>,
+}
+
 /// A layout with one marker more or one less.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Change {
@@ -65,6 +80,10 @@ pub struct Prediction {
     pub redundancy: usize,
     /// The layout as it is.
     pub expected: Expected,
+    /// The tip marker's lift.
+    pub tip: Option<TipSigma>,
+    /// What the variance of the lift that results would show comes from, the largest share first.
+    pub budget: Vec<adjust::BudgetShare>,
     /// Every visible marker.
     pub markers: Vec<MarkerSigma>,
     /// Pairs of the installation: name, standard deviations of angle and twist, degrees.
@@ -188,6 +207,8 @@ impl<'a> Rehearsal<'a> {
             redundancy: solution.redundancy,
             expected: expected(&solution, self.setup)
                 .ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))?,
+            tip: tip_sigma(&solution, self.setup),
+            budget: solution.budget.iter().flat_map(|budget| budget.shares.clone()).collect(),
             markers: marker_sigmas(&solution, self.setup),
             torsion: solution
                 .torsion
@@ -330,6 +351,19 @@ fn looking_at(ground: &[Vector3<f64>], flight: &[Vector3<f64>]) -> Rotation3<f64
     let down = forward.cross(&right);
     let rows = Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()]);
     Rotation3::from_matrix_unchecked(rows)
+}
+
+fn tip_sigma(solution: &Solution, setup: &Setup) -> Option<TipSigma> {
+    let budget = solution.budget.as_ref()?;
+    let marker = &solution.markers[budget.marker];
+    let sigma = |reference| marker.lift_against(reference)?.sigma;
+    Some(TipSigma {
+        marker: setup.markers.get(budget.marker)?.id.clone(),
+        shown: budget.reference,
+        lift_m: sigma(adjust::Reference::Survey),
+        lift_ground_m: sigma(adjust::Reference::Ground),
+        lift_root_m: sigma(adjust::Reference::Root),
+    })
 }
 
 fn marker_sigmas(solution: &Solution, setup: &Setup) -> Vec<MarkerSigma> {

@@ -6,7 +6,7 @@ use crate::setup::{Setup, Thermal};
 type Term = (&'static str, fn(&mut Setup));
 
 /// In the order of `docs/adjustment/installation.md`.
-const TERMS: [Term; 8] = [
+const TERMS: [Term; 13] = [
     ("height of the bending axis", |s| s.uncertainty.skin_height_sigma_m = 0.0),
     ("root offset", |s| s.uncertainty.root_offset_m = 0.0),
     ("chord offset of the axis", |s| s.uncertainty.axis_chord_offset_m = 0.0),
@@ -15,6 +15,11 @@ const TERMS: [Term; 8] = [
     ("shift of the mounting", |s| s.uncertainty.mount_shift_m = 0.0),
     ("camera calibration", |s| s.uncertainty.lens = None),
     ("panes", know_panes),
+    ("bend on ground", |s| s.uncertainty.in_flight.ground_bend_m = 0.0),
+    ("motion of the skin", |s| s.uncertainty.in_flight.skin_motion_m = 0.0),
+    ("motion of the root", know_root),
+    ("bending in the plane", |s| s.uncertainty.in_flight.in_plane_m = 0.0),
+    ("camera in flight", know_camera_in_flight),
 ];
 
 fn know_temperature(setup: &mut Setup) {
@@ -34,6 +39,16 @@ fn know_panes(setup: &mut Setup) {
         (pane.thickness_sigma_m, pane.index_sigma, pane.normal_sigma_rad, pane.bow_sigma) =
             (0.0, 0.0, 0.0, 0.0);
     }
+}
+
+fn know_root(setup: &mut Setup) {
+    let width = &mut setup.uncertainty.in_flight;
+    (width.root_turn_rad, width.root_shift_m) = (0.0, 0.0);
+}
+
+fn know_camera_in_flight(setup: &mut Setup) {
+    let width = &mut setup.uncertainty.in_flight;
+    (width.scale, width.principal_point_px) = (0.0, 0.0);
 }
 
 /// The installation with each term known that it leaves open, and with all of them.

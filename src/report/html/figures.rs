@@ -120,7 +120,8 @@ fn short_name(shown: &[&SeriesSummary], index: usize) -> String {
 
 /// Lift of the tip marker over time: shots, means with their standard deviations.
 pub fn tip_lift(series: &[SeriesData], summaries: &[SeriesSummary]) -> Markup {
-    let shot = |r: &ImageRecord| r.tip.as_ref().map(|t| t.lift_m);
+    let reference = summaries.first().map(|s| s.reference).unwrap_or_default();
+    let shot = |r: &ImageRecord| Some(r.tip.as_ref()?.lift(reference)?.0);
     let mean = |s: &SeriesSummary| s.tip_lift_m;
     let track = Track { name: "tip lift", colour: "#17456f", dashed: false, shot: &shot, mean: &mean };
     over_time(series, summaries, "Tip lift over time", "lift of the tip marker / m", 260.0, &[track])

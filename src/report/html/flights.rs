@@ -31,7 +31,7 @@ pub fn flights(flights: &[Overview]) -> String {
         h2 { "Lift over time" }
         figure {
             (lift(flights))
-            p.caption { "Lift of the outermost marker, mean of each series; bands: 1 sigma of one frame. Each flight from its first series." }
+            p.caption { "Lift of the outermost marker, mean of each series; bands: 1 sigma of one frame. Each flight from its first series, its lifts counted as the table says." }
         }
         h2 { "Flights" }
         div.scroll { (table(flights).html()) }
@@ -75,7 +75,7 @@ fn table(flights: &[Overview]) -> Grid {
     let day = |at: Stamp| at.utc.strftime("%Y-%m-%d %H:%M").to_string();
     let lift = |f: &Overview| {
         let greatest = f.greatest().map(|(_, lift)| lift);
-        rounded(greatest.map(|lift| lift.value), greatest.and_then(|lift| lift.sigma), 3)
+        rounded(greatest.map(|lift| lift.lift_m), greatest.and_then(|lift| lift.sigma_m), 3)
     };
     Grid::each(flights).columns(&[
         ("<flight", &|f| f.flight.clone()),
@@ -85,6 +85,9 @@ fn table(flights: &[Overview]) -> Grid {
         ("solved", &|f| f.sum(|line| line.solved).to_string()),
         ("greatest lift / m", &|f| lift(f).0),
         ("sigma / m", &|f| lift(f).1),
-        ("<in series", &|f| f.greatest().map_or(String::new(), |(line, _)| line.name.clone())),
+        ("<in frame", &|f| {
+            f.greatest().map_or(String::new(), |(line, lift)| format!("{}/{}", line.name, lift.image))
+        }),
+        ("<counted", &|f| f.reference.words().to_owned()),
     ])
 }

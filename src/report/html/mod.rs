@@ -1,6 +1,7 @@
 //! The report is one page that opens offline and prints well.
 
 mod aircraft;
+mod budget;
 mod figures;
 mod flights;
 pub mod picture;
@@ -11,7 +12,7 @@ mod views;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::number::{NONE, fixed, rounded};
-use super::summary::{SeriesSummary, summaries};
+use super::summary::{Mean, SeriesSummary, summaries};
 use super::{ReportData, distinct, table};
 use crate::record::ImageRecord;
 
@@ -55,6 +56,7 @@ pub fn page(data: &ReportData) -> String {
         (over_time(data, &summaries))
         (aircraft::section(data))
         (tables::series(&summaries))
+        (budget::section(data))
         (orthographic(data, shown))
         (frame(data, shown))
         (tables::solution(shown))
@@ -112,21 +114,28 @@ fn head(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
 
 fn tiles(summaries: &[SeriesSummary]) -> Markup {
     let lifts: Vec<_> = summaries.iter().filter_map(|s| s.tip_lift_m).collect();
-    let with_lift = summaries.iter().filter_map(|s| Some((s, s.tip_lift_m?)));
-    let largest = with_lift.max_by(|a, b| a.1.value.total_cmp(&b.1.value));
-    let (lift, sigma) = rounded(largest.map(|l| l.1.value), largest.and_then(|l| l.1.sigma), 3);
-    let at = largest.map_or(String::new(), |(s, _)| format!("; series {}, {} UTC", s.name, s.begun_text()));
+    let with_lift = summaries.iter().filter_map(|s| Some((s, s.greatest.as_ref()?)));
+    let largest = with_lift.max_by(|a, b| a.1.lift_m.total_cmp(&b.1.lift_m));
+    let (lift, sigma) = rounded(largest.map(|l| l.1.lift_m), largest.and_then(|l| l.1.sigma_m), 3);
+    let at = largest.map_or(String::new(), |(s, one)| {
+        format!("; {} of series {}, begun {} UTC", one.image, s.name, s.begun_text())
+    });
+    let words = summaries.first().map(|s| s.reference).unwrap_or_default().words();
     // What both series share (survey, mounting) cancels, so the root of the squares is the most it can be.
     let ends = lifts.first().zip(lifts.last()).filter(|_| lifts.len() > 1);
     let both = ends.and_then(|(a, b)| Some(a.sigma?.hypot(b.sigma?)));
     let (change, sigma_change) = rounded(ends.map(|(a, b)| b.value - a.value), both, 3);
+    let scatter = |mean: &Mean| table::scatter(Some(*mean));
+    let scatters = ends.map_or(String::new(), |(a, b)| {
+        format!("; single frames scatter by {} and {} m about these means", scatter(a), scatter(b))
+    });
     let sum = |f: fn(&SeriesSummary) -> usize| summaries.iter().map(f).sum::<usize>();
     let (frames, solved) = (sum(|s| s.shots), sum(|s| s.solved));
     let (passed, made) = (sum(|s| s.tests_passed), sum(|s| s.tests_made));
     html! {
         div.tiles {
-            div.tile { b { (lift) @if sigma != NONE { " ± " (sigma) } " m" } span { "largest tip lift, mean of a series ± 1 sigma" (at) } }
-            div.tile { b { (change) @if sigma_change != NONE { " ± " (sigma_change) } " m" } span { "change of the tip lift, first to last series ± 1 sigma at most" } }
+            div.tile { b { (lift) @if sigma != NONE { " ± " (sigma) } " m" } span { "greatest tip lift of a single frame ± 1 sigma, " (words) (at) } }
+            div.tile { b { (change) @if sigma_change != NONE { " ± " (sigma_change) } " m" } span { "change of the mean tip lift from the first to the last series ± 1 sigma at most" (scatters) } }
             div.tile.warn[solved < frames] { b { (solved) " of " (frames) } span { "frames solved, in " (summaries.len()) " series" } }
             div.tile.warn[passed < made] { b { (passed) " of " (made) } span { "global tests passed" } }
         }
@@ -138,6 +147,7 @@ fn contents() -> Markup {
         ("deflection", "Deflection along the span"),
         ("time", "Lift and torsion over time"),
         ("series", "Series"),
+        ("budget", "What the uncertainty comes from"),
         ("views", "Positions"),
         ("frame", "A frame and its markers"),
         ("quality", "Quality"),
@@ -166,7 +176,7 @@ fn deflection(summaries: &[SeriesSummary], shown: Option<&ImageRecord>) -> Marku
         h2 id="deflection" { "Deflection along the span" }
         figure {
             (figures::deflection(summaries))
-            p.caption { "Mean curve of every series, vertical lift against the ground shape. Band: 1 sigma of one frame (survey and mount are common to all frames of a series, so it does not shrink with their number); where it is narrower than the line, see the next figure." }
+            p.caption { "Mean curve of every series, vertical lift of the bending axis against the survey. Band: 1 sigma of one frame (survey and mount are common to all frames of a series, so it does not shrink with their number); where it is narrower than the line, see the next figure." }
             @if let Some(text) = shown.and_then(marker_and_axis) { p.caption { (text) } }
         }
         figure {
@@ -189,7 +199,7 @@ fn marker_and_axis(record: &ImageRecord) -> Option<String> {
     let differ = (tip.lift_m - axis.lift_m).abs() > 3.0 * tip.sigma_lift_m.unwrap_or(0.0).max(0.001);
     differ.then(|| {
         format!(
-            "In {}, marker {} lifts by {} m and the bending axis, at the end of its curve, by {} m: a marker \
+            "In {}, marker {} lifts by {} m against the survey and the bending axis, at the end of its curve, by {} m: a marker \
              before or behind the axis also moves by the section's twist, and the curve may end at another span.",
             record.image,
             tip.marker,
@@ -208,7 +218,7 @@ fn over_time(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
         h2 id="time" { "Lift and torsion over time" }
         figure {
             (figures::tip_lift(&data.series, summaries))
-            p.caption { "Lift of the outermost marker: single frames (circles), means of the series with 1 sigma of one frame." }
+            p.caption { "Lift of the outermost marker " (summaries.first().map(|s| s.reference).unwrap_or_default().words()) ": single frames (circles), means of the series with 1 sigma of one frame." }
         }
         @for pair in pairs {
             figure {
