@@ -116,9 +116,7 @@ struct Check {
 fn check_numbers(reader: &mut Reader, file: &Path, document: &Document) {
     let (camera, wing) = (&document.camera, &document.wing);
     let check = |place, value, low, high, unit| Check { place, value, low, high, unit };
-    let mut checks = vec![
-        check("wing.root_offset_m", wing.root_offset_m, -50.0, 50.0, "m"),
-    ];
+    let mut checks = vec![check("wing.root_offset_m", wing.root_offset_m, -50.0, 50.0, "m")];
     checks.extend(camera.projection_centre_m.map(|v| check("camera.projection_centre_m", v, -1e6, 1e6, "m")));
     checks.extend(
         camera.mount_repeatability_px.map(|v| check("camera.mount_repeatability_px", v, 0.0, 1000.0, "px")),

@@ -39,7 +39,8 @@ fn together(modes: &[Vibrating]) -> Vibration {
 /// What says nothing beside another key.
 pub(super) fn check(reader: &mut Reader, file: &Path, document: &Document) {
     if document.wing.vibration.is_some() && document.camera.readout_s == Some(0.0) {
-        let mend = "leave it out, or give the time from a picture's first row to its last as camera.readout_s";
+        let mend =
+            "leave it out, or give the time from a picture's first row to its last as camera.readout_s";
         let problem = "is given, but with camera.readout_s = 0 all rows see one instant";
         reader.fault(file, "wing.vibration", problem, mend);
     }

@@ -75,9 +75,9 @@ fn pane(reader: &mut Reader, file: &Path, table: &tables::Window) -> Option<Pane
         index_sigma: table.index_sigma.unwrap_or(INDEX_SIGMA),
         normal_sigma_rad: table.normal_sigma_deg.unwrap_or(NORMAL_SIGMA_DEG).to_radians(),
         bow_radius_m: table.bow_radius_m,
-        bow_sigma: table.bow_sigma.unwrap_or_else(|| {
-            table.bow_radius_m.map_or(UNSTATED_BOW_SIGMA, |_| BOW_SIGMA)
-        }),
+        bow_sigma: table
+            .bow_sigma
+            .unwrap_or_else(|| table.bow_radius_m.map_or(UNSTATED_BOW_SIGMA, |_| BOW_SIGMA)),
         distance_m: table.distance_m.unwrap_or(DISTANCE_M),
         same_on_ground: table.same_on_ground.unwrap_or(false),
     };

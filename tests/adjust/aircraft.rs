@@ -109,8 +109,7 @@ fn moments(aircraft: &Aircraft, when: When, solution: &Solution, setup: &Setup) 
     };
     let one = |(share, bent): (&f64, f64)| {
         let s_m = share * aircraft.truth.length_m();
-        let section =
-            Section { s_m, ei_n_m2: 1.0, sigma_ei_n_m2: 0.0, ground_n_m: 0.0, ultimate_n_m: None };
+        let section = Section { s_m, ei_n_m2: 1.0, sigma_ei_n_m2: 0.0, ground_n_m: 0.0, ultimate_n_m: None };
         let moment = curvature.moment(&section);
         (moment.value - bent) / moment.sigma
     };
@@ -271,12 +270,15 @@ fn what_flight_does_is_in_the_standard_deviations() {
 fn table_of_what_an_aircraft_does() {
     let word = |name: &str| std::env::var(name).unwrap_or_default();
     let number = |name: &str, usual: f64| word(name).parse().unwrap_or(usual);
-    let (wings, times, seed) = (number("WINGS", 8.0) as usize, number("TIMES", 1.0), number("SEED", 4000.0) as u64);
+    let (wings, times, seed) =
+        (number("WINGS", 8.0) as usize, number("TIMES", 1.0), number("SEED", 4000.0) as u64);
     let frames = Some(word("FRAMES")).filter(|f| !f.is_empty()).unwrap_or("1,5".into());
     for frames in frames.split(',').map(|f| f.parse().expect("a number of frames")) {
         let wanted = word("SET_UP");
         for set_up in SET_UPS.into_iter().filter(|s| wanted.is_empty() || format!("{s:?}") == wanted) {
-            for (k, (name, kind)) in KINDS.iter().enumerate().filter(|(_, (name, _))| name.contains(&word("KIND"))) {
+            for (k, (name, kind)) in
+                KINDS.iter().enumerate().filter(|(_, (name, _))| name.contains(&word("KIND")))
+            {
                 let shown = draw(seed + k as u64, set_up, frames, wings, |rng| kind(rng, times));
                 println!(
                     "{frames:3} {set_up:?}: {name}: lifts {:.2?}, twist {:.2}, moment {:.2}, sigmas of the tip {:.1?} mm, passed {:.0} %",

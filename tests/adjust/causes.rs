@@ -58,7 +58,11 @@ fn many_removals_do_not_buy_a_passed_test() {
     let bought = |s: &&Solved| s.out() > 2 && s.solution.global_test == GlobalTest::Passed;
     let silent = |s: &&Solved| bought(s) && !s.says("lie together");
     let errors: Vec<f64> = frames.iter().flat_map(|s| s.errors.clone()).collect();
-    println!("skin moved by 1 mm: {} frames with three or more out, normalised {:.2}", frames.iter().filter(|s| s.out() > 2).count(), rms(&errors));
+    println!(
+        "skin moved by 1 mm: {} frames with three or more out, normalised {:.2}",
+        frames.iter().filter(|s| s.out() > 2).count(),
+        rms(&errors)
+    );
     assert_eq!(frames.iter().filter(silent).count(), 0);
     assert!(rms(&errors) < 2.0, "{}", rms(&errors));
 }

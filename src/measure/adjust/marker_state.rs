@@ -2,9 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::beam::{
-    Bending, Carried, Grid, MAX_CURVATURE_TERMS, Mount, RAISE_TERMS, Section, TWIST_BASIS,
-};
+use super::beam::{Bending, Carried, Grid, MAX_CURVATURE_TERMS, Mount, RAISE_TERMS, Section, TWIST_BASIS};
 use crate::geometry::skew;
 
 /// Number of quantities that the user can only estimate: root offset (m), chord offset of the axis (m), direction of

@@ -411,7 +411,8 @@ impl<'a> Outcome<'a> {
             values.iter().enumerate().map(one).collect()
         };
         let v = &self.values;
-        let twist = self.input.setup.side().map_or(vec![], |_| list(&v.twist_rad[..t.min(v.twist_rad.len())], n));
+        let twist =
+            self.input.setup.side().map_or(vec![], |_| list(&v.twist_rad[..t.min(v.twist_rad.len())], n));
         let parameters = vec![
             Parameter { name: "curvature_per_m", values: list(&v.curvature_per_m, 0) },
             Parameter { name: "twist_rad", values: twist },

@@ -150,7 +150,10 @@ impl Scene {
 
     /// The camera at a pose in flight.
     pub fn camera(&self, pose: &Pose) -> Camera {
-        Camera { bows: self.bow_sigma().is_some_and(|sigma| sigma > 0.0), ..self.behind(pose, self.panes[0].as_ref()) }
+        Camera {
+            bows: self.bow_sigma().is_some_and(|sigma| sigma > 0.0),
+            ..self.behind(pose, self.panes[0].as_ref())
+        }
     }
 
     /// The camera on ground, before it was remounted.

@@ -184,7 +184,13 @@ pub fn worst(
 }
 
 /// Whether fixed marks contradict each other in flight: they move, and none of few is the wrong one.
-pub fn marks_contradict(input: &Input, problem: &Problem, fit: &Fit, group: usize, members: &[Member]) -> bool {
+pub fn marks_contradict(
+    input: &Input,
+    problem: &Problem,
+    fit: &Fit,
+    group: usize,
+    members: &[Member],
+) -> bool {
     if !marks_are_few(input) {
         return false;
     }

@@ -37,9 +37,9 @@ impl Flight<'_> {
 
     fn marks_contradict(&self, Solved { setting, fit, .. }: &Solved) -> bool {
         let frames = setting.members.iter().enumerate();
-        frames
-            .into_iter()
-            .any(|(frame, members)| snooping::marks_contradict(&self.input, &setting.problem, fit, frame, members))
+        frames.into_iter().any(|(frame, members)| {
+            snooping::marks_contradict(&self.input, &setting.problem, fit, frame, members)
+        })
     }
 
     /// Removes at most one observation per frame and round; returns what was removed.

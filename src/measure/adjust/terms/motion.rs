@@ -175,7 +175,8 @@ fn shake(scene: &Scene, times_s: &[f64], of: Vibration) -> Option<Term> {
 pub fn of_frame(input: &Input, sights: &Sights) -> Vec<Term> {
     let scene = input.scene;
     let width = &input.setup.uncertainty.in_flight;
-    let mut terms: Vec<_> = in_plane(scene, width.in_plane_m).into_iter().chain(torques(width.torque_rad)).collect();
+    let mut terms: Vec<_> =
+        in_plane(scene, width.in_plane_m).into_iter().chain(torques(width.torque_rad)).collect();
     terms.extend(parts(scene, &input.setup.markers));
     terms.extend(of_rows(input, sights));
     terms
