@@ -7,10 +7,13 @@ use nalgebra::Vector2;
 use crate::measure::detect::{self, Detection, Detections, Expected, Prediction};
 use crate::measure::identify::{self, IdentifyError, Identities};
 use crate::measure::raster::Raster;
-use crate::measure::setup::{Orientation, Setup};
+use crate::measure::setup::{Orientation, Setup, Shape};
 
 /// How far aside of its place a missing marker is looked for, px: ten times as far as a simple beam's predictions fail.
 const ASIDE_PX: f64 = 100.0;
+/// By how much the length of a marker may differ from what the survey and its distance say, as a share: of a disc, and of
+/// quadrants, whose white is told less well.
+const SAME_SIZE: (f64, f64) = (0.05, 0.15);
 /// Two detections nearer to each other are one, px.
 const SAME_PX: f64 = 3.0;
 
@@ -46,7 +49,12 @@ pub(super) fn shows_aside(
         return false;
     }
     let is_known = |m: &Detection| found.markers.iter().any(|k| (k.centre_px - m.centre_px).norm() < SAME_PX);
-    !detect::detect_guided(raster, &missing).markers.iter().all(is_known)
+    let is_like = |m: &Detection, p: &Prediction| {
+        let most = if m.shape == Shape::Circle { SAME_SIZE.0 } else { SAME_SIZE.1 };
+        m.shape == p.shape && (m.semi_major_px / p.semi_major_px - 1.0).abs() < most
+    };
+    let aside = detect::detect_guided(raster, &missing).markers;
+    aside.iter().any(|m| !is_known(m) && missing.iter().any(|p| is_like(m, p)))
 }
 
 /// Closer looks at most.

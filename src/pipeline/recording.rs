@@ -33,7 +33,11 @@ pub fn milliseconds(ms: f64) -> f64 {
 
 /// Of a stage that was done twice the last.
 pub fn timing(stages: &[Stage]) -> Timing {
-    let of = |work| stages.iter().rev().find(|s| s.work == work).map(|s| milliseconds(s.ms));
+    // A frame may have been looked at more than once.
+    let of = |work| {
+        let own = || stages.iter().filter(|s| s.work == work).map(|s| s.ms);
+        own().next().map(|_| milliseconds(own().sum()))
+    };
     Timing {
         decode: of(Work::Decode),
         detect: of(Work::Detect),

@@ -46,7 +46,7 @@ fn the_answers_are_those_of_the_whole_frame() {
         for frame in &flight {
             let [whole, located] = whole_and_located(frame, &installation, &orientation);
             frames += 1;
-            parts += usize::from(located.stages.iter().filter(|s| s.work == Work::Detect).count() == 1);
+            parts += usize::from(located.stages.iter().filter(|s| s.work == Work::Decode).count() == 1);
             let markers = |s: &Sighting| s.observations.iter().map(|o| o.marker).collect::<Vec<_>>();
             assert_eq!(markers(&whole), markers(&located), "{set} {}", frame.0);
             for (one, other) in whole.observations.iter().zip(&located.observations) {

@@ -7,7 +7,7 @@ use nalgebra::{Matrix2, Vector2};
 use super::pattern::{ends_in_arcs, have_corners};
 use crate::detect::accept::options::VERDICT;
 use crate::detect::appearance::parameters::{
-    ANGLE, BLUR, DARK, LIGHT, MAJOR, MINOR, Parameters, Pattern, SAG, TAPER, X, Y, contrast,
+    ANGLE, BLUR, DARK, LIGHT, MAJOR, MINOR, OVERSHOOT, Parameters, Pattern, SAG, TAPER, X, Y, contrast,
 };
 use crate::detect::detection::covariance::{Covariance, Source};
 use crate::detect::detection::{Detection, RejectReason};
@@ -19,9 +19,16 @@ use crate::raster::Raster;
 use crate::setup::Shape;
 
 /// Whether residuals, root mean square, are larger than a marker's with the frame's noise and, of a disc, with that about it,
-/// grey levels.
-pub fn fits_poorly(image: &Raster, hypothesis: &Hypothesis, rms: f64, noise: f64, contrast: f64) -> bool {
-    let is_larger = |noise: f64| rms > VERDICT.poor.0 * noise + VERDICT.poor.1 * contrast;
+/// grey levels. What the formula leaves of a marker was sharpened with the picture, by one and the `overshoot`, a ratio.
+pub fn fits_poorly(
+    image: &Raster,
+    hypothesis: &Hypothesis,
+    rms: f64,
+    noise: f64,
+    (contrast, overshoot): (f64, f64),
+) -> bool {
+    let own = VERDICT.poor.1 * contrast * (1.0 + overshoot.max(0.0));
+    let is_larger = |noise: f64| rms > VERDICT.poor.0 * noise + own;
     // Letters, which are their own noise, are taken for quadrants rather than for discs.
     if hypothesis.pattern == Pattern::Disc {
         is_larger(noise.max(VERDICT.lost_noise)) && is_larger(noise::about(image, &hypothesis.ellipse))
@@ -77,7 +84,7 @@ pub fn judge(image: &Raster, hypothesis: &Hypothesis, fit: &Fit, noise: f64) -> 
     }
     if m[BLUR] > VERDICT.softest_px
         || fit.inliers < VERDICT.inliers
-        || fits_poorly(image, hypothesis, fit.rms, noise, contrast)
+        || fits_poorly(image, hypothesis, fit.rms, noise, (contrast, m[OVERSHOOT]))
     {
         return Err(RejectReason::PoorFit);
     }

@@ -7,7 +7,8 @@ use nalgebra::{Matrix2, Vector2};
 use crate::detect::accept::verdict::{Answer, Measured, fits_poorly, judge};
 use crate::detect::accept::{better::is_better, consistency::is_out_of_focus, options::VERDICT};
 use crate::detect::appearance::parameters::{
-    ANGLE, BLUR, DARK, GAMMA, LIGHT, MAJOR, MINOR, N, Parameters, Pattern, SAG, TANGENT, X, Y, contrast,
+    ANGLE, BLUR, DARK, GAMMA, LIGHT, MAJOR, MINOR, N, OVERSHOOT, Parameters, Pattern, SAG, TANGENT, X, Y,
+    contrast,
 };
 use crate::detect::attempt::options::MEASURE;
 use crate::detect::detection::{Overshoot, RejectReason, covariance::Source};
@@ -64,7 +65,7 @@ pub fn measure(
     let attempt = Attempt { image, blobs, hypothesis, bounds, sightings, floor: least_scale(bounds.noise) };
     let (near, scale) = attempt.first_fit()?;
     // A rough fit leaves at most twice what the last one may.
-    if fits_poorly(image, hypothesis, 0.5 * scale, bounds.noise, contrast(&near)) {
+    if fits_poorly(image, hypothesis, 0.5 * scale, bounds.noise, (contrast(&near), near[OVERSHOOT])) {
         attempt.note_overshoot(&place(hypothesis, &near), &near, scale);
         return Err(RejectReason::PoorFit);
     }
@@ -216,8 +217,10 @@ impl Attempt<'_> {
         let pixels = pixels(image, darker_than(near, floor), place, look, ALL);
         let seen = pixels.map(|pixels| overshoot::sought(&pixels, near, scale, &unknowns, floor));
         // What is none of a marker's then is a letter, and says nothing.
-        let is_marker =
-            |seen: &Sighting| !fits_poorly(image, hypothesis, seen.rms(), bounds.noise, contrast(near));
+        let is_marker = |seen: &Sighting| {
+            let (rms, amplitude) = seen.best();
+            !fits_poorly(image, hypothesis, rms, bounds.noise, (contrast(near), amplitude))
+        };
         sightings.borrow_mut().extend(seen.filter(is_marker));
     }
 

@@ -45,9 +45,10 @@ impl Sighting {
         Some([one?, two?, three?])
     }
 
-    /// Least root mean square of what it leaves, grey levels; infinite where no fit settled.
-    pub fn rms(&self) -> f64 {
-        self.with.iter().flatten().map(|shown| shown.rms).fold(f64::INFINITY, f64::min)
+    /// Least root mean square of what it leaves, grey levels, and the amplitude then; infinite where no fit settled.
+    pub fn best(&self) -> (f64, f64) {
+        let all = self.with.iter().flatten().map(|shown| (shown.rms, shown.amplitude));
+        all.min_by(|one, other| one.0.total_cmp(&other.0)).unwrap_or((f64::INFINITY, 0.0))
     }
 
     /// Whether another one is of the same thing.
