@@ -96,9 +96,9 @@ struct Answer {
 impl Answer {
     /// Of the function that it is of, through the parameters.
     fn variance(&self, by: &Gradient) -> f64 {
-        let global = by.columns.iter().zip(by.global.column(0).iter());
-        global.map(|(column, by)| by * self.global[*column]).sum::<f64>()
-            + by.local.column(0).dot(&self.local)
+        let global = |(k, column): (usize, &usize)| by.global[(k, 0)] * self.global[*column];
+        let local = (0..by.local.nrows()).map(|k| by.local[(k, 0)] * self.local[k]);
+        by.columns.iter().enumerate().map(global).chain(local).sum()
     }
 }
 
