@@ -1,6 +1,7 @@
 //! A fit of the spatial methods as a [`Solution`]: positions, lifts, torsion, curves, each with its
 //! standard deviation.
 
+mod judged;
 mod lifts;
 
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
@@ -76,28 +77,6 @@ impl<'a> Outcome<'a> {
         new.tested()
     }
 
-    /// Judged by what there was before much was removed, if anything was: removal cannot buy a passed test.
-    pub fn judged(self, before: Option<Judged>) -> Self {
-        match before {
-            Some(judged) => Self { judged, before_removal: true, ..self }.tested(),
-            None => self,
-        }
-    }
-
-    fn tested(mut self) -> Self {
-        let Judged { omega, redundancy } = self.judged;
-        let options = self.input.options;
-        self.global_test = quality::global_test(omega, redundancy, options.global_alpha);
-        self.posterior = quality::is_posterior(options.sigma, self.global_test);
-        self.scale = self.variance_factor().filter(|_| self.posterior).map_or(1.0, f64::sqrt);
-        self
-    }
-
-    fn variance_factor(&self) -> Option<f64> {
-        let Judged { omega, redundancy } = self.judged;
-        (redundancy > 0).then(|| omega / redundancy as f64)
-    }
-
     /// All that the fit says of the frame; `removed`: what data snooping left out of it, with a remark and a reason each.
     pub fn solution<'s>(
         &self,
@@ -116,13 +95,7 @@ impl<'a> Outcome<'a> {
             }
             remarks.push(sentence);
         }
-        if self.before_removal {
-            remarks.push(
-                "so many markers are out that one cause is likelier than as many blunders: the global test judges all of \
-                 them, and standard deviations follow it"
-                    .into(),
-            );
-        }
+        remarks.extend(self.removal_remark());
         let budget = self.budget(&markers, sources);
         Solution {
             method,

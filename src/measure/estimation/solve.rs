@@ -90,8 +90,7 @@ pub fn solve_from(
         let settled = moved <= converged;
         // The sum of squares holds to first order in the conditions that are still open, and rounding
         // lets it waver far below what a standard deviation can tell.
-        let rounding = system.rounding + ROUNDING * (1.0 + system.omega);
-        let limit = system.omega + OPEN_SHARE * system.unclosed + rounding;
+        let limit = system.omega + OPEN_SHARE * system.unclosed + ROUNDING * (1.0 + system.omega);
         let tried = system.assemble(problem, &next, &linearise);
         if tried.is_err() || !system.omega.is_finite() || (system.omega > limit && !settled) {
             damping = if damping == 0.0 { 1e-3 } else { damping * 10.0 };
