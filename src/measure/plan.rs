@@ -7,6 +7,7 @@ mod optics;
 mod prediction;
 mod resolution;
 mod terms;
+mod view;
 mod want;
 
 pub use draft::{Draft, best as best_layout, layout};

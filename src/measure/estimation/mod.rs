@@ -15,7 +15,7 @@
 //!
 //! | subject | file |
 //! |---|---|
-//! | observations, conditions, priors | `problem.rs` |
+//! | observations, conditions, priors | `problem.rs`, `prior.rs` |
 //! | Gauss and Helmert: whitening, elimination, steps, covariance | `linear.rs`, `stack.rs`, `system.rs`, `solve.rs`, `fit.rs` |
 //! | few shared parameters of a fixed number, thousands of points | `arrow.rs` |
 //! | global test, redundancy, w, minimal detectable bias | `quality.rs` |
@@ -31,6 +31,7 @@ mod components;
 mod error;
 mod fit;
 mod linear;
+mod prior;
 mod problem;
 pub mod quality;
 pub mod robust;

@@ -4,8 +4,9 @@ use nalgebra::{DMatrix, DVector};
 
 use super::error::EstimationError;
 use super::fit::{BlockFit, Fit, GroupFit};
-use super::linear::{add_scaled, cholesky, dot, factor, inverse, invert_lower, singular};
-use super::problem::{Block, Group, GroupPoint, Linearised, Prior, Problem};
+use super::linear::{add_scaled, cholesky, dot, factor, invert_lower, singular};
+use super::prior::{add_prior, weights};
+use super::problem::{Block, Group, GroupPoint, Linearised, Problem};
 use super::stack::{BlockSystem, Room, Stack, Target};
 
 /// Current values of everything unknown.
@@ -372,38 +373,4 @@ fn rounding(information: &DMatrix<f64>, off: &DVector<f64>) -> f64 {
     let columns = information.column_iter().zip(absolute.iter());
     let sum: f64 = columns.map(|(column, by)| by * column.abs().dot(&absolute)).sum();
     off.len() as f64 * f64::EPSILON * sum
-}
-
-fn weights(priors: &[Prior]) -> Result<Vec<DMatrix<f64>>, EstimationError> {
-    let weight = |prior: &Prior| {
-        inverse(&prior.covariance).ok_or_else(|| {
-            EstimationError::Input(format!(
-                "what is known beforehand of the {} has no positive definite covariance; check its standard deviations",
-                prior.name
-            ))
-        })
-    };
-    priors.iter().map(weight).collect()
-}
-
-/// Adds a prior to normal equations; returns its share of the sum of squares.
-fn add_prior(
-    prior: &Prior,
-    weight: &DMatrix<f64>,
-    values: &DVector<f64>,
-    normal: &mut DMatrix<f64>,
-    right: &mut DVector<f64>,
-) -> f64 {
-    let off = |k: usize| values[prior.columns[k]] - prior.mean[k];
-    let mut omega = 0.0;
-    for (i, &ci) in prior.columns.iter().enumerate() {
-        let mut weighted = 0.0;
-        for (j, &cj) in prior.columns.iter().enumerate() {
-            normal[(ci, cj)] += weight[(i, j)];
-            weighted += weight[(i, j)] * off(j);
-        }
-        right[ci] -= weighted;
-        omega += off(i) * weighted;
-    }
-    omega
 }

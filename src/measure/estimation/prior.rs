@@ -1,0 +1,45 @@
+//! What is known beforehand, as normal equations take it.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::error::EstimationError;
+use super::linear::inverse;
+use super::problem::Prior;
+
+/// Weights of the priors, in their order.
+///
+/// # Errors
+/// Where a covariance is not positive definite.
+pub(super) fn weights(priors: &[Prior]) -> Result<Vec<DMatrix<f64>>, EstimationError> {
+    let weight = |prior: &Prior| {
+        inverse(&prior.covariance).ok_or_else(|| {
+            EstimationError::Input(format!(
+                "what is known beforehand of the {} has no positive definite covariance; check its standard deviations",
+                prior.name
+            ))
+        })
+    };
+    priors.iter().map(weight).collect()
+}
+
+/// Adds a prior to normal equations; returns its share of the sum of squares.
+pub(super) fn add_prior(
+    prior: &Prior,
+    weight: &DMatrix<f64>,
+    values: &DVector<f64>,
+    normal: &mut DMatrix<f64>,
+    right: &mut DVector<f64>,
+) -> f64 {
+    let off = |k: usize| values[prior.columns[k]] - prior.mean[k];
+    let mut omega = 0.0;
+    for (i, &ci) in prior.columns.iter().enumerate() {
+        let mut weighted = 0.0;
+        for (j, &cj) in prior.columns.iter().enumerate() {
+            normal[(ci, cj)] += weight[(i, j)];
+            weighted += weight[(i, j)] * off(j);
+        }
+        right[ci] -= weighted;
+        omega += off(i) * weighted;
+    }
+    omega
+}
