@@ -2,7 +2,7 @@
 CARGO ?= cargo
 PACKAGES := build-essential pkg-config libclang-dev libgphoto2-dev
 # What the pages' examples call besides.
-TEST_PACKAGES := curl openssl python3
+TEST_PACKAGES := curl openssl python3 python3-jsonschema
 MACHINE_PACKAGES := flex bison bc xz-utils dpkg-dev libexif-dev mmdebstrap e2fsprogs kmod procps systemd
 # --cached: without the parts that need the virtual machine's kernel, where it is not built yet.
 MACHINE_OPTIONS ?=
@@ -19,7 +19,7 @@ ALONE := $(FLEET)/venv/bin/python -m demo.alone
 # What the demonstration needs: no cameras but replay, no boards, no Parquet, no TIFF.
 DEMO_FEATURES := --no-default-features
 
-.PHONY: help demo test test-mutations check lint bench compare docs package package-desk package-aarch64 test-machine test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
+.PHONY: help demo test test-mutations check lint bench compare docs test-browser package package-desk package-aarch64 test-machine test-powercut fleet-demo fleet-test fleet-growth build dependencies machine-dependencies
 
 help:
 	@echo 'make demo          a bundled flight through the real daemon; ends with a store and a report'
@@ -33,6 +33,7 @@ help:
 	@echo 'make package       a Debian package in target/package'
 	@echo 'make package-desk  the desk'"'"'s: wingd with upload, wingd-fleet; packaging/Containerfile makes an image of it'
 	@echo 'make package-aarch64  the same for aarch64, cross-built (as root)'
+	@echo 'make test-browser  each interaction of a report in Chromium (PLAYWRIGHT=folder with playwright-core)'
 	@echo 'make test-machine  cameras, GPIO and systemd in virtual machines'
 	@echo 'make fleet-demo    two aircraft, two wings on this machine: S3 server, upload, another calibration, corrections, damage, report'
 	@echo 'make fleet-test    upload broken off, workers killed, engines, schema (docs/fleet.md)'
@@ -68,6 +69,12 @@ build: dependencies
 
 bench: build
 	sh benches/run.sh
+
+# Node 18, playwright-core in PLAYWRIGHT and a Chromium (CHROMIUM, /usr/bin/chromium). LOOK=folder keeps pictures of each state.
+PLAYWRIGHT ?= $(CURDIR)
+LOOK ?= target/browser
+test-browser: demo
+	PLAYWRIGHT=$(PLAYWRIGHT) node tests/browser/report.mjs $(DEMO_OUTPUT)/report.html $(LOOK)
 
 # mdBook, built once.
 MDBOOK := target/mdbook/bin/mdbook

@@ -4,6 +4,7 @@
 //! its field in [`MarkerRecord`], of the tip in [`Tip`], a parameter in [`Model`], and what says how good the adjustment
 //! is in [`Quality`]; an `Option` that is left out where it is `None` keeps the records of older programs readable.
 
+mod lift;
 mod model;
 mod provenance;
 mod quality;
@@ -12,6 +13,7 @@ mod reason;
 use serde::{Deserialize, Serialize};
 
 pub use crate::measure::setup::Shape;
+pub use lift::{BudgetShare, Reference, Tip};
 pub use model::{Measured, Model, Term};
 pub use provenance::{Parameters, Provenance, Timing};
 pub use quality::{CadFit, Correlation, Panes, Quality, VarianceComponent};
@@ -94,6 +96,10 @@ pub struct ImageRecord {
     pub model: Model,
     /// The outermost marker.
     pub tip: Option<Tip>,
+    /// What the variance of the tip's lift comes from (of the one that [`Tip::shown`] names), the largest share first;
+    /// empty in results of older programs.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub budget: Vec<BudgetShare>,
     /// Every marker of the survey.
     pub markers: Vec<MarkerRecord>,
     /// Every pair of the installation.
@@ -129,17 +135,6 @@ impl ImageRecord {
     pub fn used(&self) -> usize {
         self.markers.iter().filter(|m| m.used).count()
     }
-}
-
-/// Lift of the outermost used marker.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Tip {
-    /// Its id.
-    pub marker: String,
-    /// m, positive up.
-    pub lift_m: f64,
-    /// m.
-    pub sigma_lift_m: Option<f64>,
 }
 
 /// One marker of the survey in one image.
@@ -194,6 +189,14 @@ pub struct MarkerRecord {
     pub lift_m: Option<f64>,
     /// m.
     pub sigma_lift_m: Option<f64>,
+    /// The same against the ground frame, m; `None` with the profile method and in results of older programs.
+    pub lift_ground_m: Option<f64>,
+    /// m.
+    pub sigma_lift_ground_m: Option<f64>,
+    /// The same from the root's tangent, m.
+    pub lift_root_m: Option<f64>,
+    /// m.
+    pub sigma_lift_root_m: Option<f64>,
 }
 
 /// Torsion of one pair.

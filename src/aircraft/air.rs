@@ -25,6 +25,24 @@ fn pressure_hpa(altitude_m: f64) -> (f64, f64) {
     (pressure, -pressure / 6341.62)
 }
 
+/// Standard deviations that a pressure may be from that of its altitude.
+const CONTRADICTS: f64 = 4.0;
+
+/// A static pressure that is not that of the pressure altitude, which is made of it: one of the two is wrong. One sentence.
+#[must_use]
+pub fn contradiction(state: &State) -> Option<String> {
+    let (told, altitude) =
+        (state.get(&Quantity::StaticPressureHpa)?, state.get(&Quantity::PressureAltitudeM)?);
+    let (expected, slope) = pressure_hpa(altitude.value);
+    let sigma = told.sigma.hypot(slope * altitude.sigma);
+    ((told.value - expected).abs() > CONTRADICTS * sigma).then(|| {
+        format!(
+            "the aircraft's static pressure, {:.1} hPa, contradicts its pressure altitude, {:.0} m: {expected:.1} hPa",
+            told.value, altitude.value
+        )
+    })
+}
+
 /// A value that does not lie in the state is `None`.
 pub fn conditions(state: &State) -> Conditions {
     let of = |q: Quantity| state.get(&q).map(|Joined { value, sigma, .. }| (*value, *sigma));
@@ -84,6 +102,19 @@ mod tests {
         let wing = found.wing_temperature_c.unwrap();
         assert!((wing.value + 33.0).abs() < 0.3 && (7.0..7.1).contains(&wing.sigma.unwrap()), "{wing:?}");
         assert_eq!(found.cabin_pressure_hpa, None);
+    }
+
+    #[test]
+    fn a_pressure_of_another_altitude_is_remarked_on() {
+        let told = |pressure: f64| {
+            let altitude = (Quantity::PressureAltitudeM, 10_363.2, 29.0);
+            contradiction(&state(&[altitude, (Quantity::StaticPressureHpa, pressure, 1.0)]))
+        };
+        assert_eq!(told(250.0), None);
+        assert!(
+            told(300.0).is_some_and(|what| what.contains("300.0 hPa") && what.contains("10363 m: 250.0 hPa"))
+        );
+        assert_eq!(contradiction(&state(&[(Quantity::StaticPressureHpa, 250.0, 1.0)])), None);
     }
 
     #[test]

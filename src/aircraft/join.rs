@@ -5,16 +5,14 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::between;
 use super::layout::{Layout, Sample};
+use super::tags::Judge;
 use super::times::seconds;
 use super::{QUANTITIES, Quantity};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
 
-/// Farthest that a tag may be from a frame, s.
-const WIDTH_S: f64 = 5.0;
-/// A tag whose delay differs by more from the usual one has jumped, s.
-const JUMP_S: f64 = 30.0;
 /// Where only the feed tells UTC: from the tag to its receipt, and that one's standard deviation, s (an assumption: such
 /// feeds are up to some seconds late).
 const LATE_S: (f64, f64) = (1.0, 1.0);
@@ -88,22 +86,14 @@ impl Track {
         let read = |line: &Received| Some((layout.read(&line.line)?, line.at.clone()));
         let tagged: Vec<_> = lines.iter().filter_map(read).collect();
         self.unused.unread += lines.len() - tagged.len();
-        let mut leads: BTreeMap<String, Vec<f64>> = BTreeMap::new();
-        for (sample, at) in tagged.iter().filter_map(|(s, at)| Some((s, at.as_ref()?))) {
-            leads.entry(at.boot_id.clone()).or_default().push(sample.time_s - at.since_boot_s);
-        }
-        for (boot, mut all) in leads {
-            all.sort_by(f64::total_cmp);
-            self.lead_s.extend(all.get(all.len() / 2).map(|median| (boot, *median)));
-        }
+        let mut judge = Judge::of(&tagged);
+        self.lead_s.extend(judge.leads_s());
         if self.sources.is_empty() {
             self.begin_source(1);
         }
         let Some(source) = self.sources.last_mut() else { return };
         for (sample, at) in tagged {
-            let lead = at.as_ref().and_then(|at| Some((self.lead_s.get(&at.boot_id)?, at.since_boot_s)));
-            let jumped = lead.is_some_and(|(lead, at_s)| (sample.time_s - at_s - lead).abs() > JUMP_S);
-            if jumped {
+            if !judge.believes(sample.time_s, at.as_ref()) {
                 self.unused.jumped += 1;
             } else if !source.take(sample) {
                 self.unused.repeated += 1;
@@ -122,11 +112,11 @@ impl Track {
     }
 
     /// A frame's UTC for the join, seconds since 1970, and its standard deviation. Where this machine's clock was not
-    /// synchronised the feed's own tags tell it.
+    /// synchronised, and nobody states how far off it was, the feed's own tags tell it.
     fn instant(&self, stamp: &Stamp, exposure: Option<&Exposure>) -> Option<(f64, f64)> {
         let own_sigma_s = exposure.map_or(0.0, |e| e.exposure_sigma_s);
         let clock = exposure.and_then(|e| e.clock_sigma_s);
-        if stamp.utc_synchronised {
+        if stamp.utc_synchronised || clock.is_some() {
             let utc = exposure.map_or(stamp.utc, |e| e.exposure_time);
             return Some((seconds(utc), own_sigma_s.hypot(clock.unwrap_or(UNSTATED_CLOCK_S))));
         }
@@ -171,35 +161,18 @@ impl Source {
         }
     }
 
-    /// Linear between the tags on both sides; with one side only the nearest, and what a change as fast as the last one
-    /// would make of it in the standard deviation.
+    /// What the tags about an instant tell, with the standard deviations of the instrument, of the instant and of what is
+    /// between the tags.
     fn quantity(&self, quantity: Quantity, time_s: f64, sigma_s: f64) -> Option<Joined> {
         let index = quantity.index();
         let place = self.samples.partition_point(|sample| sample.time_s <= time_s);
-        let near = |sample: &&Sample| (sample.time_s - time_s).abs() <= WIDTH_S;
         let value_of = |sample: &Sample| Some((sample.time_s, sample.values.get(index).copied().flatten()?));
-        let mut before = self.samples.get(..place)?.iter().rev().take_while(near).filter_map(value_of);
-        let mut after = self.samples.get(place..)?.iter().take_while(near).filter_map(value_of);
-        let (value, rate, apart_s, held_s) = match (before.next(), after.next()) {
-            (Some((t0, v0)), Some((t1, v1))) => {
-                let rate = (v1 - v0) / (t1 - t0);
-                (v0 + rate * (time_s - t0), rate, (time_s - t0).min(t1 - time_s), 0.0)
-            }
-            (Some(last), None) => held(last, before.next(), time_s),
-            (None, Some(first)) => held(first, after.next(), time_s),
-            (None, None) => return None,
-        };
-        let by_time = rate * sigma_s.hypot(held_s);
-        let sigma = quantity.sigma(value).hypot(by_time);
-        Some(Joined { value, sigma, apart_s, source: self.number })
+        let before = self.samples.get(..place)?.iter().rev().filter_map(value_of);
+        let after = self.samples.get(place..)?.iter().filter_map(value_of);
+        let told = between::at(quantity, time_s, before, after)?;
+        let sigma = quantity.sigma(told.value).hypot(told.rate * sigma_s).hypot(told.sigma);
+        Some(Joined { value: told.value, sigma, apart_s: told.apart_s, source: self.number })
     }
-}
-
-/// Value, rate by the next tag on the same side, distance, and how long the value is held.
-fn held((at, value): (f64, f64), next: Option<(f64, f64)>, time_s: f64) -> (f64, f64, f64, f64) {
-    let rate = next.map_or(0.0, |(t, v)| (v - value) / (t - at));
-    let apart_s = (time_s - at).abs();
-    (value, rate, apart_s, apart_s)
 }
 
 /// Values of a state by name, for files.
@@ -280,7 +253,8 @@ mod tests {
         let at = |second: f64| track.at(&stamp(second, true), Some(&exposure(second)));
         let held = at(12.0)[&Quantity::Mach];
         assert_eq!((held.value, held.apart_s), (1.4, 3.0));
-        assert!((held.sigma - 0.005f64.hypot(0.1 * 3.0)).abs() < 1e-6, "{held:?}");
+        // A change of 0.1 a second for 3 s, and what it may have turned by: 0.001 a second more in each.
+        assert!((held.sigma - 0.005f64.hypot(0.1 * 3.0).hypot(0.001 * 3.0 * 2.0)).abs() < 1e-6, "{held:?}");
         assert!(at(14.5).is_empty() && at(-6.0).is_empty());
     }
 
@@ -309,12 +283,14 @@ mod tests {
         let mut track = Track::default();
         let late = |k: i32| {
             let mut line = line(f64::from(k), 0.5 + 0.001 * f64::from(k), 1.0);
-            line.at.as_mut().unwrap().utc = "1970-01-01T00:00:00Z".parse().unwrap();
+            let at = line.at.as_mut().unwrap();
+            (at.utc, at.utc_synchronised) = ("1970-01-01T00:00:00Z".parse().unwrap(), false);
             line
         };
         track.add(&layout(), &(0..60).map(late).collect::<Vec<_>>());
         let joined = track.at(&stamp(30.5, false), None)[&Quantity::Mach];
         assert!((joined.value - 0.5305).abs() < 1e-9, "{joined:?}");
-        assert!((joined.sigma - 0.005f64.hypot(0.001)).abs() < 1e-9);
+        // Of the instrument, of the instant, and of what lies half-way between two tags a second apart.
+        assert!((joined.sigma - 0.005f64.hypot(0.001).hypot(0.5 * 0.001 * 0.25)).abs() < 1e-9);
     }
 }

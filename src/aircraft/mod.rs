@@ -6,23 +6,28 @@
 //! | `table`, `iwg1`, `units` | a table's text, its mapping | layout and lines, what the cells hold, what is to be mended |
 //! | `times` | a time tag | seconds since 1970; what tags are that are none |
 //! | `layout` | a line of text, where its fields stand | sample: time tag and quantities |
+//! | `tags` | tags and when their lines came | which tags cannot be true |
+//! | `between` | a quantity's values about an instant | its value there, and what may lie between the tags |
 //! | `join` | samples, a frame's instant | state with standard deviations |
 //! | `air` | state | air on both sides of the window, the wing's temperature |
 
 mod air;
+mod between;
 mod iwg1;
 mod join;
 mod layout;
 mod mapping;
 mod table;
+mod tags;
 mod times;
 mod units;
 
-pub use air::conditions;
+pub use air::{conditions, contradiction};
 pub use join::{Joined, Received, State, Track, Unused, named};
 pub use layout::{Cell, Column, Kind, Layout, Sample};
 pub use mapping::{Mapping, Named};
 pub use table::{Contents, Table, Tally};
+pub use tags::impossible;
 pub use times::{DAY_S, TimeFormat, likeliest, shown};
 
 use serde::{Deserialize, Serialize};
@@ -63,6 +68,17 @@ struct Belief {
     high: f64,
     /// Standard deviation as an absolute and as a share of the value.
     sigma: (f64, f64),
+}
+
+/// How a quantity changes on an aircraft in service, as a standard deviation.
+#[derive(Clone, Copy, Debug)]
+struct Motion {
+    /// Of its rate, per s.
+    rate: f64,
+    /// Of the rate's own rate, per s^2.
+    bend: f64,
+    /// Of the quantity about its mean over a minute.
+    spread: f64,
 }
 
 impl Quantity {
@@ -113,6 +129,23 @@ impl Quantity {
     fn sigma(self, value: f64) -> f64 {
         let (absolute, share) = self.belief().sigma;
         absolute.hypot(share * value)
+    }
+
+    /// Assumptions: climbs of 3000 ft/min with level-offs of 0.05 g, accelerations of 1 m/s^2 and what they do to temperatures
+    /// and pressures up to the ground's, two large engines, turns and gusts, flaps on their way.
+    fn motion(self) -> Motion {
+        let (rate, bend, spread) = match self {
+            Self::Mach => (0.003, 0.001, 0.1),
+            Self::PressureAltitudeM => (15.0, 0.5, 1000.0),
+            Self::StaticTemperatureC => (0.1, 0.005, 10.0),
+            Self::TotalTemperatureC => (0.3, 0.02, 10.0),
+            Self::StaticPressureHpa => (1.5, 0.06, 100.0),
+            Self::CabinPressureHpa => (0.3, 0.05, 20.0),
+            Self::WeightKg | Self::FuelKg => (3.0, 0.3, 300.0),
+            Self::LoadFactor => (0.1, 0.1, 0.2),
+            Self::FlapDeg => (2.0, 1.0, 15.0),
+        };
+        Motion { rate, bend, spread }
     }
 
     /// Place in [`Quantity::ALL`].

@@ -1,14 +1,96 @@
-//! A picture says when it was taken, by the camera's own clock.
+//! A picture says when it was taken, by the camera's own clock, and with what.
 
-use exif::{In, Reader, Tag, Value};
+use exif::{Exif, In, Reader, Tag, Value};
+use jiff::civil::DateTime;
+use jiff::tz::Offset;
+
+/// What a picture says of itself.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Taken {
+    /// By the camera's clock, in the camera's zone, with what it says of the second's parts.
+    pub local: Option<DateTime>,
+    /// Digits of the second's parts: 0 where it counts whole seconds.
+    pub digits: u32,
+    /// The camera's zone, where it says so.
+    pub offset: Option<Offset>,
+    /// Camera, exposure and the like, by name, as text.
+    pub settings: Vec<(&'static str, String)>,
+}
+
+/// The tags that are kept, by the name they are kept under.
+const SETTINGS: [(&str, Tag); 8] = [
+    ("make", Tag::Make),
+    ("model", Tag::Model),
+    ("serial_number", Tag::BodySerialNumber),
+    ("exposure_time", Tag::ExposureTime),
+    ("f_number", Tag::FNumber),
+    ("iso", Tag::PhotographicSensitivity),
+    ("focal_length", Tag::FocalLength),
+    ("orientation", Tag::Orientation),
+];
+
+/// Digits of a second's parts that count: nanoseconds.
+const MOST_DIGITS: usize = 9;
+
+fn read(bytes: &[u8]) -> Option<Exif> {
+    Reader::new().read_from_container(&mut std::io::Cursor::new(bytes)).ok()
+}
+
+fn ascii(exif: &Exif, tag: Tag) -> Option<&str> {
+    let Value::Ascii(texts) = &exif.get_field(tag, In::PRIMARY)?.value else { return None };
+    Some(std::str::from_utf8(texts.first()?).ok()?.trim())
+}
+
+fn original(exif: &Exif) -> Option<DateTime> {
+    DateTime::strptime("%Y:%m:%d %H:%M:%S", ascii(exif, Tag::DateTimeOriginal)?).ok()
+}
 
 /// `DateTimeOriginal` of a JPEG file: whole seconds in an unknown zone. `None` where there is none.
-pub fn taken(bytes: &[u8]) -> Option<jiff::civil::DateTime> {
-    let exif = Reader::new().read_from_container(&mut std::io::Cursor::new(bytes)).ok()?;
-    let field = exif.get_field(Tag::DateTimeOriginal, In::PRIMARY)?;
-    let Value::Ascii(texts) = &field.value else { return None };
-    let text = std::str::from_utf8(texts.first()?).ok()?;
-    jiff::civil::DateTime::strptime("%Y:%m:%d %H:%M:%S", text).ok()
+pub fn taken(bytes: &[u8]) -> Option<DateTime> {
+    original(&read(bytes)?)
+}
+
+/// All that a JPEG, PNG or TIFF file says of when and how it was taken: `DateTimeOriginal` with `SubSecTimeOriginal` and
+/// `OffsetTimeOriginal` (Exif 2.31). Empty where it says nothing.
+pub fn all(bytes: &[u8]) -> Taken {
+    let Some(exif) = read(bytes) else { return Taken::default() };
+    let parts = ascii(&exif, Tag::SubSecTimeOriginal).filter(|t| t.bytes().all(|b| b.is_ascii_digit()));
+    let parts = parts.filter(|t| !t.is_empty()).map(|t| &t[..t.len().min(MOST_DIGITS)]);
+    let nanoseconds = parts.and_then(|t| format!("{t:0<MOST_DIGITS$}").parse().ok());
+    let local = original(&exif).map(|whole| {
+        let finer = nanoseconds.and_then(|n| whole.with().subsec_nanosecond(n).build().ok());
+        finer.unwrap_or(whole)
+    });
+    let setting = |(name, tag): &(&'static str, Tag)| {
+        let field = exif.get_field(*tag, In::PRIMARY)?;
+        let text = field.display_value().with_unit(&exif).to_string();
+        let text = text.trim_matches(|c: char| c == '"' || c.is_whitespace()).to_owned();
+        (!text.is_empty()).then_some((*name, text))
+    };
+    Taken {
+        local,
+        digits: parts.map_or(0, |t| t.len() as u32),
+        offset: ascii(&exif, Tag::OffsetTimeOriginal).and_then(offset),
+        settings: SETTINGS.iter().filter_map(setting).collect(),
+    }
+}
+
+/// A zone as Exif and people write it: `+02:00`, `-03:30`, `Z`.
+pub fn offset(text: &str) -> Option<Offset> {
+    if text == "Z" {
+        return Some(Offset::UTC);
+    }
+    let (sign, rest) = match text.split_at_checked(1)? {
+        ("+", rest) => (1, rest),
+        ("-", rest) => (-1, rest),
+        _ => return None,
+    };
+    let (hours, minutes) = rest.split_once(':').unwrap_or((rest, "0"));
+    let number =
+        |t: &str| t.parse::<i32>().ok().filter(|_| t.len() <= 2 && t.bytes().all(|b| b.is_ascii_digit()));
+    let (hours, minutes) = (number(hours)?, number(minutes)?);
+    let sound = hours <= 14 && minutes < 60;
+    Offset::from_seconds(sign * (3600 * hours + 60 * minutes)).ok().filter(|_| sound)
 }
 
 /// That clock less UTC, s: the zone, the camera's error, and up to a second.
@@ -34,6 +116,21 @@ mod tests {
         [&[0xFF, 0xD8, 0xFF, 0xE1], &length[..], b"Exif\0\0", &tiff, &[0xFF, 0xD9]].concat()
     }
 
+    /// The same with parts of a second and a zone: three entries, and the long texts behind them.
+    fn finer(parts: [u8; 4]) -> Vec<u8> {
+        let mut tiff = b"MM\0\x2a\0\0\0\x08".to_vec();
+        tiff.extend([0, 1, 0x87, 0x69, 0, 4, 0, 0, 0, 1, 0, 0, 0, 26, 0, 0, 0, 0]);
+        tiff.extend([0, 3]);
+        tiff.extend([0x90, 0x03, 0, 2, 0, 0, 0, 20, 0, 0, 0, 68]);
+        tiff.extend([0x90, 0x11, 0, 2, 0, 0, 0, 7, 0, 0, 0, 88]);
+        tiff.extend([0x92, 0x91, 0, 2, 0, 0, 0, 4]);
+        tiff.extend(parts);
+        tiff.extend([0, 0, 0, 0]);
+        tiff.extend(b"2026:03:01 09:00:02\0+02:00\0");
+        let length = u16::try_from(tiff.len() + 8).unwrap().to_be_bytes();
+        [&[0xFF, 0xD8, 0xFF, 0xE1], &length[..], b"Exif\0\0", &tiff, &[0xFF, 0xD9]].concat()
+    }
+
     #[test]
     fn the_cameras_clock_is_read_where_it_is() {
         let bytes = picture("2026:03:01 07:00:02");
@@ -45,13 +142,34 @@ mod tests {
         assert_eq!(taken(b"\xFF\xD8\xFF\xD9"), None);
     }
 
+    #[test]
+    fn parts_of_a_second_and_the_zone_are_read_where_they_are() {
+        let read = all(&finer(*b"250\0"));
+        assert_eq!((read.local.unwrap().to_string().as_str(), read.digits), ("2026-03-01T09:00:02.25", 3));
+        let utc = read.offset.unwrap().to_timestamp(read.local.unwrap()).unwrap();
+        assert_eq!(utc, "2026-03-01T07:00:02.25Z".parse().unwrap());
+        let coarse = all(&finer(*b"   \0"));
+        assert_eq!((coarse.local.unwrap().to_string().as_str(), coarse.digits), ("2026-03-01T09:00:02", 0));
+        assert_eq!(all(&picture("2026:03:01 07:00:02")).offset, None);
+        assert_eq!(all(b"\xFF\xD8\xFF\xD9"), Taken::default());
+        for (text, seconds) in
+            [("+05:45", Some(20_700)), ("-03:30", Some(-12_600)), ("Z", Some(0)), ("+2", Some(7200))]
+        {
+            assert_eq!(offset(text).map(Offset::seconds), seconds, "{text}");
+        }
+        for odd in ["", "02:00", "+aa:00", "+02:75", "+99:00", "   :  ", "+-1:00"] {
+            assert_eq!(offset(odd), None, "{odd}");
+        }
+    }
+
     proptest::proptest! {
         #[test]
-        fn any_flipped_byte_is_survived(at in 0usize..90, with in proptest::num::u8::ANY) {
-            let mut bytes = picture("2026:03:01 07:00:02");
-            let length = bytes.len();
-            bytes[at % length] = with;
-            let _ = taken(&bytes);
+        fn any_flipped_byte_is_survived(at in 0usize..127, with in proptest::num::u8::ANY) {
+            for mut bytes in [picture("2026:03:01 07:00:02"), finer(*b"250\0")] {
+                let length = bytes.len();
+                bytes[at % length] = with;
+                let _ = (taken(&bytes), all(&bytes));
+            }
         }
     }
 }

@@ -14,7 +14,8 @@ use crate::installation::KeyFault;
 
 mod items;
 
-use items::{Item, format_of, read_items};
+pub use items::format_of;
+use items::{Item, read_items};
 
 /// `[camera] kind = "replay"` of the configuration.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
@@ -91,15 +92,15 @@ impl ReplayConfig {
         Self { list: Some(list.into()), repeat: true, ..Self::default() }
     }
 
-    /// Every fault, at its key of the whole file.
+    /// Every fault, at its key of the section.
     pub fn faults(&self) -> Vec<KeyFault> {
         let mut faults = Vec::new();
         let mut fault = |key: &str, what: &str| faults.push(KeyFault::new(key, what, "correct it"));
         if self.folder.is_some() == self.list.is_some() {
-            fault("camera", "a replay camera needs either folder = \"…\" or list = \"….toml\"");
+            fault("folder", "a replay camera needs either folder = \"…\" or list = \"….toml\"");
         }
         if self.fault.iter().any(|fault| fault.shot == 0) {
-            fault("camera.fault.shot", "shots count from 1");
+            fault("fault.shot", "shots count from 1");
         }
         faults
     }

@@ -16,9 +16,9 @@ use crate::config;
 /// Arguments.
 #[derive(ClapArgs)]
 pub struct Args {
-    /// Configuration; only its [camera] is used
+    /// Configuration, of which only [camera] is used [default: wingd.toml of this folder]
     #[arg(long, value_name = "wingd.toml")]
-    config: PathBuf,
+    config: Option<PathBuf>,
     /// Shots to take
     #[arg(long, default_value_t = 1, value_name = "N")]
     shots: u32,
@@ -35,7 +35,7 @@ pub struct Args {
 
 /// One line of JSON on standard output for each shot.
 pub fn run(args: &Args) -> Result<Done, Failure> {
-    let camera = config::load_camera(&args.config)?;
+    let camera = config::load_camera(&super::places::configuration(args.config.as_deref())?)?;
     let mut bench = Bench {
         camera: camera.factory(Arc::new(System::new()), Duration::ZERO)(),
         args,

@@ -6,19 +6,20 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::{Done, Failure, frames, print};
+use super::{Done, Failure, frames, places, print};
 use crate::camera::section::CameraSection;
 use crate::clock::System;
 use crate::config::{self, Config};
 use crate::daemon::machine;
 use crate::installation::{self, Fault};
+use crate::measure::setup::Setup;
 use crate::store::{RealDisk, is_vacant, unwritable, verify};
 
 /// Validate configuration, installation and store, and open the camera if there is one.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The configuration
-    #[arg(long, value_name = "wingd.toml", required_unless_present = "installation")]
+    /// The configuration [default: wingd.toml of this folder, else the installation of this folder]
+    #[arg(long, value_name = "wingd.toml")]
     config: Option<PathBuf>,
     /// An installation alone
     #[arg(long, value_name = "DIR", conflicts_with = "config")]
@@ -36,10 +37,11 @@ type Found = (&'static str, String);
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let mut findings = Findings::default();
-    if let Some(directory) = &args.installation {
+    let (file, directory) = asked(args)?;
+    if let Some(directory) = &directory {
         findings.installation(directory, false);
     }
-    if let Some(file) = &args.config {
+    if let Some(file) = &file {
         match config::load(file) {
             Ok(config) => findings.configuration(args, file, &config),
             Err(found) => findings.faults.extend(found),
@@ -54,6 +56,18 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         print(&lines.join("\n"))?;
     }
     if faults.is_empty() { Ok(Done::All) } else { Err(Failure::Faults(faults)) }
+}
+
+/// What is to be looked at: configuration or installation, as named, or as they lie here.
+fn asked(args: &Args) -> Result<(Option<PathBuf>, Option<PathBuf>), Failure> {
+    if args.config.is_some() || args.installation.is_some() {
+        return Ok((args.config.clone(), args.installation.clone()));
+    }
+    match (places::configuration_here(), places::installation_here()) {
+        (Some(file), _) => Ok((Some(file), None)),
+        (None, Some(directory)) => Ok((None, Some(directory))),
+        (None, None) => places::configuration(None).map(|file| (Some(file), None)),
+    }
 }
 
 /// `found`: how what was looked at is, by its name.
@@ -90,6 +104,30 @@ fn cabin(config: &Config, sys: &Path) -> Vec<Found> {
     ]
 }
 
+/// What is in order, and yet may not be meant.
+fn open_points(setup: &Setup) -> Vec<Found> {
+    let mut all = Vec::new();
+    if setup.thermal.is_none() {
+        let how = "no [thermal]: the wing's length in flight is known to 1.6 mm per metre only";
+        all.push(("temperature", how.to_owned()));
+    }
+    let span = setup.span_direction.try_normalize(0.0);
+    let normal = setup.window.as_ref().and_then(|w| w.normal);
+    if let (Some(span), Some(normal)) = (span, normal) {
+        let turn_deg = normal.xy().dot(&span).clamp(-1.0, 1.0).acos().to_degrees();
+        if turn_deg > ACROSS_DEG {
+            let how = format!(
+                "[window] normal lies at {turn_deg:.0} degrees to the span: it points outwards, as the wing does"
+            );
+            all.push(("window", how));
+        }
+    }
+    all
+}
+
+/// From the window's normal to the span: no sweep and no window in a tapering fuselage explains more, degrees.
+const ACROSS_DEG: f64 = 60.0;
+
 /// What was found so far.
 #[derive(Default)]
 struct Findings {
@@ -120,8 +158,13 @@ impl Findings {
             Ok(installation) => {
                 let markers = installation.setup.markers.len();
                 let pairs = installation.setup.torsion.len();
-                let how = format!("{}: {markers} markers, {pairs} torsion pairs", directory.display());
+                let fixed = installation.setup.markers.iter().filter(|m| m.fixed).count();
+                let how = format!(
+                    "{}: {markers} markers ({fixed} of them rigid to the cabin), {pairs} torsion pairs",
+                    directory.display()
+                );
                 self.said.push(("installation", how));
+                self.said.extend(open_points(&installation.setup));
                 super::say_doubts(&installation);
                 match installation.require_orientation() {
                     Ok(_) => self.said.push(("orientation", "there".into())),
@@ -166,7 +209,13 @@ impl Findings {
         let mut camera = make();
         match camera.open() {
             Ok(info) => {
-                self.said.push(("camera", info.name));
+                let again = match &config.camera {
+                    CameraSection::Replay(replay) if replay.repeat => {
+                        ": begins again after the last picture; loop = false ends there"
+                    }
+                    _ => "",
+                };
+                self.said.push(("camera", format!("{}{again}", info.name)));
                 for warning in &info.warnings {
                     let mend = "set it by hand, or correct the configuration";
                     self.faults.push(Fault::new(file, "camera", warning.clone(), mend));

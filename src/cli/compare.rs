@@ -32,6 +32,9 @@ pub struct Args {
     /// One JSON object per frame
     #[arg(long)]
     json: bool,
+    /// Every column of the tables, however wide [default: those that fit 80 characters]
+    #[arg(long)]
+    wide: bool,
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
@@ -101,7 +104,7 @@ fn show(args: &Args, old: &Side, new: &Side, changes: &[Change]) -> Result<(), F
     for (name, was, is) in compare::inputs(&old.set, &new.set) {
         print(&format!("  {name}: {was} -> {is}"))?;
     }
-    print(table(changes).text().trim_end())?;
+    print(table(changes).text_at(args.wide).trim_end())?;
     print(&summary(&Summary::of(changes)))
 }
 
@@ -109,7 +112,7 @@ fn table(changes: &[Change]) -> Grid {
     let largest = |c: &Change| c.marker.as_ref().map(|(id, m)| format!("{id} {}", fixed(Some(*m), 4)));
     Grid::each(changes).columns(&[
         ("<frame", &|c| format!("{}/{}", c.series, c.frame)),
-        ("<status", &|c| c.status_text()),
+        ("~<status", &|c| c.status_text()),
         ("tip lift / m", &|c| fixed(c.tip_lift_m.0, 4)),
         ("now / m", &|c| fixed(c.tip_lift_m.1, 4)),
         ("change / m", &|c| fixed(c.change_m, 4)),
@@ -121,7 +124,7 @@ fn table(changes: &[Change]) -> Grid {
 
 fn summary(s: &Summary) -> String {
     format!(
-        "{} frames with a tip lift on both sides: largest change {} m ({} sigma), root mean square {} m; \
+        "{} frames with a tip lift (against the survey) on both sides: largest change {} m ({} sigma), root mean square {} m; \
          {} solved now and not before, {} before and not now; {} frames on one side only",
         s.both,
         fixed(s.largest_m, 4),

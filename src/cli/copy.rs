@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::stores::flights;
 use super::{Done, Failure, frames, print};
+use crate::report::number::count;
 use crate::store::bundle::{self, Content};
 use crate::store::receive::{Listing, Receiver};
 use crate::store::verify::Report;
@@ -103,13 +104,13 @@ pub(super) fn ended(report: &Report, directory: &Path, json: bool) -> Result<Don
     }
     let verdict = if report.is_sound() { "whole and sound" } else { "NOT SOUND" };
     print(&format!(
-        "{}: {verdict}, read back: {} flights, {} series, {} frames ({:.1} MB), {} results",
+        "{}: {verdict}, read back: {}, {} series, {} ({:.1} MB), {}",
         directory.display(),
-        report.flights,
+        count(report.flights, "flight"),
         report.series,
-        report.frames,
+        count(report.frames, "frame"),
         report.bytes as f64 / 1e6,
-        report.results
+        count(report.results, "result")
     ))?;
     Ok(Done::all(report.is_sound()))
 }

@@ -13,8 +13,7 @@ use crate::clock::{Clock, Simulated};
 use crate::config::{Config, SolveConfig};
 use crate::daemon::{Event, Observer, PowerConfig, SeriesConfig, StatusConfig};
 use crate::installation;
-use crate::measure::identify;
-use crate::pipeline::stages;
+use crate::pipeline::orienting;
 use crate::report::{html, source, summary, table};
 use crate::store::{RealDisk, StoreConfig, verify};
 
@@ -94,14 +93,12 @@ fn orient(directory: &Path, ground: &Path) -> Result<(), Failure> {
     let undone = |error: &dyn std::error::Error| Failure::Undone(format!("{}: {error}", ground.display()));
     let installation = installation::load_without_orientation(directory)?;
     let bytes = std::fs::read(ground).map_err(|e| undone(&e))?;
-    let sighting = stages::sight("ground.jpg", &bytes, None, &installation, None);
-    if let Some(reason) = sighting.failure {
-        return Err(undone(&reason));
-    }
-    let fit =
-        identify::orient(&installation.setup, &[sighting.detections.markers]).map_err(|e| undone(&e))?;
-    installation::write_orientation(&installation, &fit, &[(sighting.image, sighting.digest)])
-        .map_err(|e| undone(&e))
+    let frame = orienting::sight("ground.jpg", &bytes, &installation);
+    let mut frames = [frame.map_err(|e| undone(&e))?];
+    let fit = orienting::orient(&installation.setup, &mut frames).map_err(|e| undone(&e))?;
+    let [frame] = frames;
+    let images = [(frame.sighting.image, frame.sighting.digest)];
+    installation::write_orientation(&installation, &fit, &images).map_err(|e| undone(&e))
 }
 
 /// The daemon, until its timetable is over. A demo that was broken off goes on where it stopped.
@@ -155,7 +152,7 @@ fn finish(output: &Path, directory: &Path) -> Result<Done, Failure> {
     let data = source::flight(&store, source::Choice::default(), Some(&setup))?;
     let page = output.join("report.html");
     std::fs::write(&page, html::page(&data)).map_err(unwritable(&page, "free space"))?;
-    print(table::series(&summary::summaries(&data.series)).trim_end())?;
+    print(table::series(&summary::summaries(&data.series), false).trim_end())?;
     for fault in &checked.faults {
         eprintln!("wingd: invariant {}: {}: {}", fault.invariant, fault.path.display(), fault.what);
     }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use image::codecs::png::PngEncoder;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use nalgebra::Matrix2;
 use serde_json::{Map, Value, json};
 
@@ -23,15 +23,18 @@ pub struct Args {
     /// Names the markers and removes the circles' perspective bias
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
-    /// Write each frame with outlines, ids, error ellipses and rejected candidates to DIR
+    /// Write each frame with outlines, ids and error ellipses to DIR, as a picture at most 2000 px wide
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
     /// One JSON object per image
     #[arg(long)]
     json: bool,
-    /// With --json: also the candidates that were turned down, and why
-    #[arg(long, requires = "json")]
+    /// With --json or --overlay: also the candidates that were turned down, and why
+    #[arg(long)]
     rejected: bool,
+    /// Every column of the tables, however wide [default: those that fit 80 characters]
+    #[arg(long)]
+    wide: bool,
     /// Images worked on at once [default: the cores]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     jobs: usize,
@@ -44,7 +47,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
             Failure::Undone(format!("{} cannot be made ({e}); name another", directory.display()))
         })?;
     }
-    let overlay = args.overlay.as_deref();
+    let overlay = args.overlay.as_deref().map(|directory| Overlay { directory, rejected: args.rejected });
     if installation.as_ref().is_some_and(|i| i.orientation.is_none()) {
         eprintln!(
             "wingd: the installation has no orientation.toml: markers stay without ids; run `wingd orient` first"
@@ -57,28 +60,40 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
             Some(installation) if overlay.is_none() && !args.rejected => {
                 stages::sight(name, bytes, None, installation, installation.orientation.as_ref())
             }
-            _ => detect(name, bytes, installation.as_ref(), overlay),
+            _ => detect(name, bytes, installation.as_ref(), overlay.as_ref()),
         },
         Err(reason) => Sighting::failed(name, reason),
     };
-    frames::each(&args.images, args.jobs, "detecting", work, |sighting| {
+    frames::each(&super::pictures::expand(&args.images)?, args.jobs, "detecting", work, |sighting| {
         all_well &= sighting.failure.is_none();
         print(&if args.json {
             json_line(&sighting, installation.as_ref(), args.rejected).to_string()
         } else {
-            text(&sighting, installation.as_ref())
+            text(&sighting, installation.as_ref(), args.wide)
         })
     })?;
     Ok(Done::all(all_well))
 }
 
-fn detect(name: &str, bytes: &[u8], installation: Option<&Installation>, overlay: Option<&Path>) -> Sighting {
+/// Pictures of what was found.
+struct Overlay<'a> {
+    directory: &'a Path,
+    /// With the candidates that were turned down.
+    rejected: bool,
+}
+
+fn detect(
+    name: &str,
+    bytes: &[u8],
+    installation: Option<&Installation>,
+    overlay: Option<&Overlay>,
+) -> Sighting {
     let (mut sighting, raster) = match installation {
         Some(known) => stages::sight_whole(name, bytes, None, known, known.orientation.as_ref()),
         None => stages::detect_only(name, bytes, None),
     };
-    if let (Some(raster), Some(directory)) = (&raster, overlay) {
-        let written = draw(raster, &sighting, installation, directory);
+    if let (Some(raster), Some(overlay)) = (&raster, overlay) {
+        let written = draw(raster, &sighting, installation, overlay);
         sighting.failure = sighting.failure.or(written.err());
     }
     sighting
@@ -88,14 +103,15 @@ fn draw(
     raster: &Raster,
     sighting: &Sighting,
     installation: Option<&Installation>,
-    directory: &Path,
+    Overlay { directory, rejected }: &Overlay,
 ) -> Result<(), Reason> {
-    let picture = overlay::overlay(raster, &sighting.detections, &ids(sighting, installation));
+    let picture = overlay::overlay(raster, &sighting.detections, &ids(sighting, installation), *rejected);
     // Several folders' frames have their folder in their names.
     let name = sighting.image.trim_start_matches('/').replace('/', "_");
     let file = directory.join(Path::new(&name).with_extension("png"));
     let mut png = vec![];
-    let drawn = picture.write_with_encoder(PngEncoder::new(&mut png));
+    let encoder = PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive);
+    let drawn = picture.write_with_encoder(encoder);
     let written = drawn.and_then(|()| Ok(std::fs::write(&file, png)?));
     let text = |e: &image::ImageError| {
         format!("{} cannot be written ({e}); free space or name another DIR", file.display())
@@ -118,10 +134,10 @@ fn named(sighting: &Sighting, installation: Option<&Installation>) -> Vec<(Optio
     all.filter(|(id, _)| id.is_some() || sighting.identities.is_none()).collect()
 }
 
-fn text(sighting: &Sighting, installation: Option<&Installation>) -> String {
+fn text(sighting: &Sighting, installation: Option<&Installation>, wide: bool) -> String {
     match &sighting.failure {
         Some(reason) => format!("{}: failed: {reason}\n", sighting.image),
-        None => table::detections(&sighting.image, &sighting.detections, &ids(sighting, installation)),
+        None => table::detections(&sighting.image, &sighting.detections, &ids(sighting, installation), wide),
     }
 }
 

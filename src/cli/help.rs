@@ -19,15 +19,21 @@ const GROUPS: [(&str, &[&str]); 5] = [
         ],
     ),
     ("Record in flight", &["run", "status", "trigger"]),
-    ("Evaluate", &["detect", "solve", "compare", "report", "export", "aircraft-data", "stress"]),
+    ("Evaluate", &["import", "detect", "solve", "compare", "report", "export", "aircraft-data", "stress"]),
     ("Keep and hand over", &["verify", "copy", "fetch", "serve", "upload", "prune"]),
-    ("Try and learn", &["demo", "simulate", "completions"]),
+    ("Try and learn", &["demo", "simulate", "completions", "man"]),
 ];
 
 /// Examples by command. They run in the folder that the tutorial leaves (docs/tutorial.md), which a test does.
 pub const EXAMPLES: &[(&str, &[&str])] = &[
-    ("init", &["wingd init aircraft"]),
-    ("plan", &["wingd plan --installation installation --tip-lift 2.5 --figure plan.svg"]),
+    ("init", &["wingd init aircraft --side left --root-offset 0.7"]),
+    (
+        "plan",
+        &[
+            "wingd plan --span 33 --height 2.5 --chord 4 --focal 12 --sensor 4000x3000x1.54 --markers 20 --fixed 2 --frames 10 --want 5mm",
+            "wingd plan --installation installation --tip-lift 2.5 --figure plan.svg",
+        ],
+    ),
     (
         "calibrate",
         &["wingd calibrate --board board.toml --output camera.toml --report calibration.html board/*.jpg"],
@@ -42,9 +48,11 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
     ("status", &["wingd status --config wingd.toml --json"]),
     ("trigger", &["wingd trigger --config wingd.toml"]),
     ("detect", &["wingd detect --installation installation --overlay drawn frames/ground.jpg"]),
+    ("import", &["wingd import frames --store card --installation installation"]),
     (
         "solve",
         &[
+            "wingd solve --installation installation --report report.html frames/flight-1.jpg frames/flight-2.jpg",
             "wingd solve --installation installation frames/flight-1.jpg",
             "wingd solve --installation installation --flight --json frames/flight-*.jpg",
             "wingd solve store --sigma prior",
@@ -81,6 +89,7 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
         ],
     ),
     ("completions", &["wingd completions bash > wingd.bash"]),
+    ("man", &["wingd man man1"]),
 ];
 
 /// Where the commands' descriptions begin, characters.

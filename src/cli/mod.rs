@@ -16,6 +16,7 @@ mod export;
 mod fetch;
 mod frames;
 pub mod help;
+mod import;
 mod init;
 mod logging;
 mod mount_check;
@@ -23,6 +24,8 @@ mod mount_check;
 mod not_built;
 mod orient;
 mod pages;
+mod pictures;
+mod places;
 mod plan;
 mod prune;
 mod report;
@@ -95,6 +98,8 @@ enum Command {
     Orient(orient::Args),
     /// Resolution and predicted standard deviations
     Plan(plan::Args),
+    /// Pictures of a camera's card into a store
+    Import(import::Args),
     /// Bending, torsion and positions, one result per image
     Solve(solve::Args),
     /// A flight's figures and tables as one HTML file
@@ -127,8 +132,7 @@ enum Command {
     Simulate(simulate::Args),
     /// Completions for a shell: bash, zsh, fish, elvish, powershell
     Completions(pages::CompletionsArgs),
-    /// Write man pages into a directory, for the package
-    #[command(hide = true)]
+    /// Man pages, one for each command, into a directory
     Man(pages::ManArgs),
 }
 
@@ -204,6 +208,7 @@ pub fn main() -> ExitCode {
         Command::Detect(args) => detect::run(&args),
         Command::Orient(args) => orient::run(&args),
         Command::Plan(args) => plan::run(&args),
+        Command::Import(args) => import::run(&args),
         Command::Solve(args) => solve::run(&args),
         Command::Report(args) => report::run(&args),
         Command::Verify(args) => verify::run(&args),

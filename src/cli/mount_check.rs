@@ -15,9 +15,9 @@ use crate::record::Reason;
 /// How far the camera moved between frames of a scene at rest, against what the installation expects
 #[derive(clap::Args)]
 pub struct Args {
-    /// The installation
+    /// The installation [default: installation/ of this folder]
     #[arg(long, value_name = "DIR")]
-    installation: PathBuf,
+    installation: Option<PathBuf>,
     /// Frames taken on ground: the first, and those that are compared with it
     #[arg(required = true, num_args = 2.., value_name = "IMAGE")]
     images: Vec<PathBuf>,
@@ -40,11 +40,17 @@ struct Frame {
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let installation = installation::load_without_orientation(&args.installation)?;
-    let sightings = frames::map(&args.images, args.jobs, "detecting", |name, bytes| match bytes {
-        Ok(bytes) => stages::sight(name, bytes, None, &installation, None),
-        Err(reason) => Sighting::failed(name, reason),
-    })?;
+    let installation =
+        installation::load_without_orientation(&super::places::installation(args.installation.as_deref())?)?;
+    let sightings = frames::map(
+        &super::pictures::expand(&args.images)?,
+        args.jobs,
+        "detecting",
+        |name, bytes| match bytes {
+            Ok(bytes) => stages::sight(name, bytes, None, &installation, None),
+            Err(reason) => Sighting::failed(name, reason),
+        },
+    )?;
     let mut found = sightings.iter().map(|s| frame(&installation, s));
     let first = found.next().transpose()?;
     let Some(first) = first else { return Ok(Done::All) };

@@ -6,16 +6,18 @@ use nalgebra::Vector3;
 
 use super::{Done, Failure, RIGHTS, frames, print, unwritable};
 use crate::installation::{self, Installation};
-use crate::measure::detect::Detection;
 use crate::measure::identify::{self, IdentifyError, OrientationFit};
-use crate::pipeline::{Sighting, stages};
+use crate::measure::setup::Setup;
+use crate::pipeline::orienting::{self, GroundFrame};
+use crate::record::Reason;
+use crate::report::number::rounded;
 
 /// Find the camera's attitude from ground frames and write orientation.toml.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The installation; orientation.toml is written into it
+    /// The installation; orientation.toml is written into it [default: installation/ of this folder]
     #[arg(long, value_name = "DIR")]
-    installation: PathBuf,
+    installation: Option<PathBuf>,
     /// Frames taken on ground with the mounting of the survey
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
@@ -28,24 +30,30 @@ pub struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let installation = installation::load_without_orientation(&args.installation)?;
+    let installation =
+        installation::load_without_orientation(&super::places::installation(args.installation.as_deref())?)?;
     super::say_doubts(&installation);
-    let sightings = frames::map(&args.images, args.jobs, "detecting", |name, bytes| match bytes {
-        Ok(bytes) => stages::sight(name, bytes, None, &installation, None),
-        Err(reason) => Sighting::failed(name, reason),
+    let files = super::pictures::expand(&args.images)?;
+    let mut frames = Vec::with_capacity(files.len());
+    let mut reasons: Vec<String> = vec![];
+    let sight = |name: &str, bytes: Result<&[u8], Reason>| {
+        bytes.and_then(|b| orienting::sight(name, b, &installation)).map_err(|why| format!("{name}: {why}"))
+    };
+    frames::each(&files, args.jobs, "detecting", sight, |ground| {
+        match ground {
+            Ok(frame) => frames.push(frame),
+            Err(reason) => reasons.push(reason),
+        }
+        Ok(())
     })?;
-    let reasons: Vec<String> =
-        sightings.iter().filter_map(|s| Some(format!("{}: {}", s.image, s.failure.as_ref()?))).collect();
     if !reasons.is_empty() {
         return Err(Failure::Undone(reasons.join("\nwingd: ")));
     }
-    let detections: Vec<_> = sightings.iter().map(|s| s.detections.markers.clone()).collect();
-    let mut fit = identify::orient(&installation.setup, &detections).map_err(|e| {
-        Failure::Undone(format!("no orientation: {}", why(&installation, &detections, &e, &sightings)))
-    })?;
-    fit.orientation.ground = stages::ground_sights(&installation.setup, &detections, &fit);
+    let (setup, names) = (&installation.setup, names(&frames));
+    let fit = orienting::orient(setup, &mut frames)
+        .map_err(|e| Failure::Undone(format!("no orientation: {}", why(setup, &frames, &e, &names))))?;
     let images: Vec<(String, String)> =
-        sightings.iter().map(|s| (s.image.clone(), s.digest.clone())).collect();
+        frames.iter().map(|f| (f.sighting.image.clone(), f.sighting.digest.clone())).collect();
     let file = installation.directory.join(installation::ORIENTATION_FILE);
     let written = installation::write_orientation(&installation, &fit, &images);
     written.map_err(unwritable(&file, RIGHTS))?;
@@ -53,18 +61,17 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     Ok(Done::All)
 }
 
+fn names(frames: &[GroundFrame]) -> Vec<String> {
+    frames.iter().map(|f| f.sighting.image.clone()).collect()
+}
+
 /// A failure with the name of the frame that it is about, and its cause where something tells.
-fn why(
-    installation: &Installation,
-    detections: &[Vec<Detection>],
-    error: &IdentifyError,
-    sightings: &[Sighting],
-) -> String {
-    let name = |frame: usize| sightings.get(frame).map_or("a frame", |s| s.image.as_str());
+fn why(setup: &Setup, frames: &[GroundFrame], error: &IdentifyError, names: &[String]) -> String {
+    let name = |frame: usize| names.get(frame).map_or("a frame", String::as_str);
     match error {
         IdentifyError::Misfit(misfit) => format!("{}: {misfit}", name(misfit.frame)),
         IdentifyError::TooFew { .. } => error.to_string(),
-        _ => identify::explain_ground(&installation.setup, detections)
+        _ => identify::explain_ground(setup, &orienting::markers(frames))
             .map_or_else(|| error.to_string(), |(frame, cause)| format!("{}: {cause}", name(frame))),
     }
 }
@@ -74,9 +81,21 @@ fn remarks(fit: &OrientationFit) -> Vec<String> {
     // The image's v points down.
     let up = fit.orientation.camera_from_survey * Vector3::z();
     let on_its_head = up.y > ON_ITS_HEAD;
-    let text = "the picture stands on its head; if the camera did not, turn the pictures back: camera.toml holds for \
+    let turned = "the picture stands on its head; if the camera did not, turn the pictures back: camera.toml holds for \
                 them as the camera took them";
-    on_its_head.then(|| text.to_owned()).into_iter().collect()
+    on_its_head.then(|| turned.to_owned()).into_iter().chain(bent(fit)).collect()
+}
+
+/// What a bend since the survey means, where it is no chance.
+fn bent(fit: &OrientationFit) -> Option<String> {
+    let bend = fit.bend.filter(|_| fit.is_bent())?;
+    let (mm, sigma) = rounded(Some(1e3 * bend.value.abs()), bend.sigma.map(|s| 1e3 * s), 0);
+    let way = if bend.value > 0.0 { "higher" } else { "lower" };
+    Some(format!(
+        "the wing stood {mm} ± {sigma} mm {way} at its tip than surveyed (fuel, jacks, sun?): lifts against the survey are \
+         off by as much; survey in the state of the ground frames, or state [survey] bend_sigma_m and take the lifts \
+         against the ground frame"
+    ))
 }
 
 /// Share of the vertical that points down in a picture: within 60 degrees of half a turn.
@@ -112,6 +131,11 @@ fn json(installation: &Installation, fit: &OrientationFit) -> String {
         "redundancy": fit.redundancy,
         "markers": markers,
         "rms_px": rms_px,
+        "bend": fit.bend.map(|bend| serde_json::json!({
+            "height_m": bend.value,
+            "sigma_height_m": bend.sigma,
+            "significant": fit.is_bent(),
+        })),
         "remarks": remarks(fit),
         "unused": unused(installation, fit).into_iter().map(|(id, reason)| {
             serde_json::json!({ "id": id, "reason": reason })
@@ -126,11 +150,16 @@ fn text(installation: &Installation, fit: &OrientationFit) -> String {
     let sigma = sigma_mrad(fit).map_or(String::new(), |s| {
         format!("\nstandard deviations about camera x, y, z: {:.3}, {:.3}, {:.3} mrad", s[0], s[1], s[2])
     });
+    let bend = fit.bend.map_or(String::new(), |bend| {
+        let (mm, sigma) = rounded(Some(1e3 * bend.value), bend.sigma.map(|s| 1e3 * s), 0);
+        let verdict = if fit.is_bent() { "no chance" } else { "not significant" };
+        format!("\nhigher at the tip than surveyed, by bending: {mm} ± {sigma} mm, {verdict}")
+    });
     let remarks: String = remarks(fit).iter().map(|remark| format!("\n{remark}")).collect();
     let not_used: String =
         unused(installation, fit).iter().map(|(id, reason)| format!("\nnot used: {id}: {reason}")).collect();
     format!(
-        "{}\n{markers} marker images, rms {rms_px:.3} px, variance factor {:.2} at redundancy {}{sigma}{not_used}{remarks}",
+        "{}\n{markers} marker images, rms {rms_px:.3} px, variance factor {:.2} at redundancy {}{sigma}{bend}{not_used}{remarks}",
         file.display(),
         fit.variance_factor,
         fit.redundancy

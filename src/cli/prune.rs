@@ -6,6 +6,7 @@ use serde_json::json;
 
 use super::stores::{self, flights};
 use super::{Done, Failure, frames, print};
+use crate::report::number::count;
 use crate::store::prune::{Proof, prove};
 use crate::store::{RealDisk, Store};
 
@@ -57,7 +58,9 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         return Ok(Done::all(stay == 0));
     }
     let free = if args.dry_run { "would be free" } else { "freed" };
-    print(&format!("{:.1} MB {free}; {stay} flights stay for want of proof", freed as f64 / 1e6))?;
+    let stays = if stay == 1 { "stays" } else { "stay" };
+    let kept = count(stay, "flight");
+    print(&format!("{:.1} MB {free}; {kept} {stays} for want of proof", freed as f64 / 1e6))?;
     Ok(Done::all(stay == 0))
 }
 

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use super::{Done, Failure, frames, print};
 use crate::installation;
+use crate::report::number::count;
 use crate::report::source::{self, Choice};
 use crate::report::{html, overview, summary, table};
 use crate::store::RealDisk;
@@ -25,6 +26,12 @@ pub struct Args {
     /// The installation, for the ground shape and the lines of sight
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
+    /// How many frames' pictures it shows, those to be looked at first; each is some 200 kB of the page
+    #[arg(long, value_name = "COUNT", default_value_t = source::PICTURES, conflicts_with = "all_flights")]
+    pictures: usize,
+    /// Every column of the table, however wide [default: those that fit 80 characters]
+    #[arg(long)]
+    wide: bool,
     /// Where the page goes
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
     output: PathBuf,
@@ -39,13 +46,13 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let setup = installation.as_ref().map(|i| &i.setup);
     let choice = Choice { flight: args.flight.as_deref(), inputs: args.inputs.as_deref() };
     let busy = frames::busy("reading the store");
-    let data = source::flight(&args.store, choice, setup)?;
+    let data = source::flight_with(&args.store, choice, setup, args.pictures)?;
     drop(busy);
     for note in data.warnings.iter().chain(&data.notes) {
         eprintln!("wingd: {note}");
     }
     write(args, &html::page(&data))?;
-    print(table::series(&summary::summaries(&data.series)).trim_end())?;
+    print(table::series(&summary::summaries(&data.series), args.wide).trim_end())?;
     print(&format!("\nReport: {}", args.output.display()))?;
     Ok(Done::all(data.notes.is_empty()))
 }
@@ -58,7 +65,7 @@ fn all_flights(args: &Args) -> Result<Done, Failure> {
         eprintln!("wingd: {note}");
     }
     write(args, &html::flights(&all))?;
-    print(&format!("Report of {} flights: {}", all.len(), args.output.display()))?;
+    print(&format!("Report of {}: {}", count(all.len(), "flight"), args.output.display()))?;
     Ok(Done::all(all.iter().all(|f| f.notes.is_empty())))
 }
 

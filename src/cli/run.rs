@@ -10,14 +10,14 @@ use crate::config;
 /// Record series and solve them until told to stop.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The configuration
+    /// The configuration [default: wingd.toml of this folder]
     #[arg(long, value_name = "wingd.toml")]
-    config: PathBuf,
+    config: Option<PathBuf>,
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     super::logging::start();
-    let config = config::load(&args.config)?;
+    let config = config::load(&super::places::configuration(args.config.as_deref())?)?;
     let clock: Arc<dyn Clock> = Arc::new(System::new());
     // A fault of the installation must not keep the frames from being recorded: they are solved later.
     let solver = config.installation.as_deref().and_then(|directory| {

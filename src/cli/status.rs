@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use super::{Done, Failure, print};
 use crate::config;
-use crate::daemon::{self, Health, LiveStatus, Status, StatusConfig};
+use crate::daemon::{self, AircraftStatus, Health, LiveStatus, Recent, Status, StatusConfig, span};
 use crate::record::word;
+use crate::report::number::count;
 
 /// Ask the running daemon how it is.
 #[derive(clap::Args)]
@@ -30,7 +31,8 @@ pub struct TriggerArgs {
 
 #[derive(clap::Args)]
 struct SocketArgs {
-    /// The daemon's socket, [status] socket of its configuration [default: /run/wingd/wingd.sock]
+    /// The daemon's socket, [status] socket of its configuration [default: that of
+    /// wingd.toml in this folder, else /run/wingd/wingd.sock]
     #[arg(long, value_name = "PATH")]
     socket: Option<PathBuf>,
     /// The daemon's configuration, to find its socket
@@ -43,12 +45,15 @@ impl SocketArgs {
         match (&self.socket, &self.config) {
             (Some(socket), _) => Ok(socket.clone()),
             (None, Some(file)) => Ok(config::load(file)?.status.socket),
-            (None, None) => Ok(StatusConfig::default().socket),
+            (None, None) => match super::places::configuration_here() {
+                Some(file) => Ok(config::load(&file)?.status.socket),
+                None => Ok(StatusConfig::default().socket),
+            },
         }
     }
 }
 
-/// Exit status 1 where the daemon is there but its last good frame is too old.
+/// Exit status 1 where the daemon is there and its health is not good.
 pub(super) fn status(args: &StatusArgs) -> Result<Done, Failure> {
     let value =
         daemon::ask(&args.socket.path()?, "status").map_err(|why| Failure::Undone(why.to_string()))?;
@@ -60,7 +65,7 @@ pub(super) fn status(args: &StatusArgs) -> Result<Done, Failure> {
     if !args.json {
         print(&text(&status))?;
     }
-    Ok(Done::all(status.health != Health::Stale))
+    Ok(Done::all(status.health == Health::Good))
 }
 
 pub(super) fn trigger(args: &TriggerArgs) -> Result<Done, Failure> {
@@ -78,7 +83,7 @@ fn text(status: &Status) -> String {
     let free = status.store.free_mb.map_or("unknown".to_owned(), |mb| format!("{mb} MB"));
     let mut lines = vec![
         format!("wingd {}: {}", status.version, word(status.activity)),
-        format!("health       {}", health(status)),
+        health(status),
         format!("flight       {}", or_none(&status.flight)),
         format!(
             "series       {}, shot {} of {}",
@@ -91,9 +96,9 @@ fn text(status: &Status) -> String {
             status.next_series_s.map_or("none planned".to_owned(), |s| format!("in {}", span(s)))
         ),
         format!(
-            "since start  {} frames, {} shots failed, {} series complete, {} interrupted, {} refused",
-            counts.frames,
-            counts.failed_shots,
+            "since start  {}, {} failed, {} series complete, {} interrupted, {} refused",
+            count(counts.frames as usize, "frame"),
+            count(counts.failed_shots as usize, "shot"),
             counts.series_complete,
             counts.series_interrupted,
             counts.series_refused
@@ -105,11 +110,14 @@ fn text(status: &Status) -> String {
         format!("camera       {}", or_none(&status.camera.name)),
         format!("store        {}, {free} free, {} MB reserve", status.store.path, status.store.reserve_mb),
     ];
+    lines.extend(recent(&status.recent).map(|said| format!("solving      {said}")));
     lines.extend(status.live.iter().flat_map(live));
     if let Some(aircraft) = &status.aircraft {
         let last = aircraft.last.as_ref().map_or("none yet".to_owned(), |stamp| stamp.utc.to_string());
-        let (recorded, read, lost) = (aircraft.recorded, aircraft.read, aircraft.lost);
-        lines.push(format!("aircraft     {recorded} lines, {read} read, {lost} lost, last {last}"));
+        let AircraftStatus { recorded, read, impossible, lost, .. } = aircraft;
+        lines.push(format!(
+            "aircraft     {recorded} lines, {read} read, {impossible} impossible, {lost} lost, last {last}"
+        ));
         lines.extend(aircraft.fault.iter().map(|fault| format!("warning      aircraft data: {fault}")));
     }
     lines.extend(status.camera.warnings.iter().map(|warning| format!("warning      camera: {warning}")));
@@ -138,6 +146,7 @@ fn live(live: &LiveStatus) -> Vec<String> {
             live.stored, live.dropped, live.events, live.kept_frames, live.lost_frames
         ),
     ];
+    lines.extend(recent(&live.recent).map(|said| format!("live         {said}")));
     if live.allowed_hz < live.wanted_hz {
         let heat = live.temperature_c.map_or(String::new(), |c| format!(" at {c:.0} C"));
         lines.push(format!(
@@ -149,20 +158,22 @@ fn live(live: &LiveStatus) -> Vec<String> {
     lines
 }
 
+/// The word with its reasons, a line each, and how old the last result and the last good frame are.
 fn health(status: &Status) -> String {
-    match (status.health, status.last_frame_age_s) {
-        (Health::Young, _) => "no frame due yet".to_owned(),
-        (Health::Good, age) => format!("good, last frame {} ago", span(age.unwrap_or(0.0))),
-        (Health::Stale, Some(age)) => format!("LOOK AT THE CAMERA: last good frame {} ago", span(age)),
-        (Health::Stale, None) => "LOOK AT THE CAMERA: no good frame since the start".to_owned(),
-    }
+    let ago = |what: &str, age_s: Option<f64>| age_s.map(|s| format!("{what} {} ago", span(s)));
+    let ages = [ago("last result", status.age_s), ago("last frame", status.last_frame_age_s)];
+    let ages: Vec<String> = ages.into_iter().flatten().collect();
+    let ages = if ages.is_empty() { "no frame due yet".to_owned() } else { ages.join(", ") };
+    let mut lines = vec![format!("health       {}, {ages}", word(status.health))];
+    lines.extend(status.reasons.iter().map(|reason| format!("             {reason}")));
+    lines.join("\n")
 }
 
-fn span(seconds: f64) -> String {
-    let whole = seconds.round() as u64;
-    match (whole / 3600, whole / 60 % 60, whole % 60) {
-        (0, 0, s) => format!("{s} s"),
-        (0, m, s) => format!("{m} min {s} s"),
-        (h, m, _) => format!("{h} h {m} min"),
-    }
+/// Shares of the last results.
+fn recent(recent: &Recent) -> Option<String> {
+    let percent = |share: Option<f64>| share.map_or("unknown".to_owned(), |s| format!("{:.0} %", 100.0 * s));
+    (recent.results > 0).then(|| {
+        let (solved, rejected) = (percent(recent.solved), percent(recent.rejected));
+        format!("of the last {}: {solved} with numbers, {rejected} rejected", recent.results)
+    })
 }

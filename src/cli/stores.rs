@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::Failure;
 use crate::store::{
     self, Disk, FlightRef, FrameRef, RealDisk, Recovery, Store, StoreConfig, StoreError, catalogue,
-    installations,
+    installations, layout,
 };
 
 /// The flights of a store that a command is about: the one that is named, or all.
@@ -16,7 +16,8 @@ pub(super) fn flights(root: &Path, wanted: Option<&str>) -> Result<Vec<FlightRef
     let Some(wanted) = wanted else { return Ok(all) };
     let known: Vec<&str> = all.iter().map(|flight| flight.id.as_str()).collect();
     let known = known.join(", ");
-    let found: Vec<FlightRef> = all.iter().filter(|flight| flight.id == wanted).cloned().collect();
+    let is_wanted = |flight: &&FlightRef| catalogue::is_called(&RealDisk, flight, wanted);
+    let found: Vec<FlightRef> = all.iter().filter(is_wanted).cloned().collect();
     if found.is_empty() {
         let root = root.display();
         return Err(Failure::Undone(format!("{root}: there is no flight {wanted}, only: {known}")));
@@ -47,4 +48,14 @@ pub(super) fn open(root: &Path) -> Result<(Store, Recovery), StoreError> {
 pub(super) fn kept(root: &Path, flight: &FlightRef) -> Result<Option<PathBuf>, StoreError> {
     let last = installations::of_flight(&RealDisk, flight)?.pop();
     Ok(last.map(|digest| installations::folder(root, &digest)))
+}
+
+/// The one installation that a store keeps, where it keeps one alone: nothing of a flight that was imported has been solved.
+pub(super) fn only_kept(root: &Path) -> Result<Option<PathBuf>, StoreError> {
+    let disk: &dyn Disk = &RealDisk;
+    let all = disk.entries(&root.join(layout::INSTALLATIONS)).unwrap_or_default();
+    match all.as_slice() {
+        [one] if one.is_dir => Ok(Some(installations::folder(root, &one.name))),
+        _ => Ok(None),
+    }
 }

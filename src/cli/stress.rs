@@ -10,9 +10,9 @@ use super::stores::flights;
 use super::{Done, Failure, print};
 use crate::clock::Stamp;
 use crate::installation::{self, Installation, Structure};
-use crate::measure::stress::{Curvature, Section, USUAL_BENDING_HZ, bending_length_m};
+use crate::measure::stress::{Curvature, Section, USUAL_BENDING_HZ, USUAL_STEPS, bending_length_m};
 use crate::report::grid::Grid;
-use crate::report::number::{NONE, fields, fixed, general, rounded};
+use crate::report::number::{NONE, count, fields, fixed, general, rounded};
 use crate::report::stress::{self, FlightLoad, Frame, Question, StationLoad};
 use crate::report::{ShotData, source};
 use crate::store::sets::{self, ResultSet};
@@ -229,6 +229,7 @@ fn frames(flight: &FlightRef, set: &ResultSet, line: &Line) -> Result<(Vec<Frame
                         covariance,
                         length_m: line.length_m,
                         root_sigma_m: line.root_sigma_m,
+                        steps: USUAL_STEPS,
                     },
                 }),
             }
@@ -279,8 +280,12 @@ fn show(args: &Args, flight: &FlightRef, inputs: Option<&str>, load: &FlightLoad
         return print(&json!(line).to_string());
     }
     let rate = load.rate_hz.map_or(NONE.to_owned(), general);
-    print(&format!("Flight {}: {} frames, {rate} a second; change against ground", flight.id, load.frames))?;
+    let frames = count(load.frames, "frame");
+    print(&format!("Flight {}: {frames}, {rate} a second; change against ground", flight.id))?;
     print(table(load).text().trim_end())?;
+    if let Some(said) = load.gaps.said() {
+        print(&format!("Gaps: {said}"))?;
+    }
     load.no_cycles_because.as_ref().map_or(Ok(()), |why| print(&format!("No cycles: {why}")))
 }
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::{Done, Failure, frames, print};
 use crate::installation;
+use crate::report::number::count;
 use crate::store::signing::PublicKey;
 use crate::store::verify::{Report, verify, verify_signed};
 use crate::store::{self, RealDisk, catalogue};
@@ -70,14 +71,16 @@ fn text(report: &Report) -> String {
     let faults: String = report.faults.iter().map(fault).collect();
     let verdict = match report.faults.len() {
         0 => "all invariants hold".to_owned(),
-        n => format!("{n} faults (docs/store.md says what each invariant means and how to mend it)"),
+        n => {
+            format!("{} (docs/store.md says what each invariant means and how to mend it)", count(n, "fault"))
+        }
     };
     format!(
-        "{faults}{} flights, {} series, {} frames ({:.1} MB) with their checksums, {} results: {verdict}",
-        report.flights,
+        "{faults}{}, {} series, {} ({:.1} MB) with their checksums, {}: {verdict}",
+        count(report.flights, "flight"),
         report.series,
-        report.frames,
+        count(report.frames, "frame"),
         report.bytes as f64 / 1e6,
-        report.results
+        count(report.results, "result")
     )
 }

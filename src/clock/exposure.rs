@@ -93,6 +93,8 @@ pub enum Source {
     TriggerAndEvent,
     /// Asking the camera and its delivery.
     AskedAndDelivered,
+    /// The camera's own clock, as the picture says it.
+    CameraClock,
 }
 
 impl Source {
@@ -104,6 +106,7 @@ impl Source {
             Self::ReleaseEdge => "release_edge",
             Self::TriggerAndEvent => "trigger_and_event",
             Self::AskedAndDelivered => "asked_and_delivered",
+            Self::CameraClock => "camera_clock",
         }
     }
 }
@@ -201,6 +204,19 @@ impl Exposure {
         let between = Evidence::Between { from_s: asked.since_boot_s, to_s: delivered_since_boot_s };
         let instant = Instant { source: Source::AskedAndDelivered, ..instant(&between) };
         Self::new(&instant, asked, clock)
+    }
+
+    /// By the camera's own clock, which counts steps of `step_s` and cuts off what is below one: `stamp` tells the beginning
+    /// of the step. `clock_sigma_s` is that clock's standard deviation against UTC, where somebody states it.
+    pub fn by_camera(stamp: &Stamp, step_s: f64, clock_sigma_s: Option<f64>) -> Self {
+        let instant = Instant {
+            since_boot_s: stamp.since_boot_s + 0.5 * step_s,
+            sigma_s: anywhere(step_s),
+            delay_s: 0.0,
+            source: Source::CameraClock,
+        };
+        let clock = Quality { sigma_s: clock_sigma_s, ..Quality::unasked(false) };
+        Self { exposure_delay_s: None, ..Self::new(&instant, stamp, clock) }
     }
 
     /// Standard deviation of the exposure in UTC, s.

@@ -2,15 +2,16 @@
 
 use serde_json::Value;
 
+use super::core::Core;
 use crate::camera::{Frame, extension};
-use crate::clock::Stamp;
 use crate::store::manifest::{FrameEntry, Shot};
-use crate::store::{NewFrame, OpenSeries, Plan, Recovery, Store, StoreError};
+use crate::store::{NewFrame, OpenSeries, Plan, Recovery, StoreError};
 
-/// Begins a series; what had to be recovered for it is in the log.
-pub(crate) fn begin(store: &Store, plan: Plan, now: &Stamp) -> Result<OpenSeries, StoreError> {
-    let (series, recovery) = store.begin_series(plan, now)?;
+/// Begins a series, of which the status names the flight; what had to be recovered for it is in the log.
+pub(crate) fn begin(core: &Core, plan: Plan) -> Result<OpenSeries, StoreError> {
+    let (series, recovery) = core.store.begin_series(plan, &core.clock.stamp())?;
     log_recovery(&recovery);
+    core.board.update(|status| status.flight = Some(series.flight().to_owned()));
     Ok(series)
 }
 

@@ -16,7 +16,7 @@
 //!
 //! | files | subject |
 //! |---|---|
-//! | `schedule`, `config`, `halt`, `command`, `pulse`, `machine`, `endpoint`, `event`, `solver` | vocabulary: when, how long, what is asked, what is said |
+//! | `schedule`, `config`, `halt`, `command`, `pulse`, `machine`, `endpoint`, `lasting`, `event`, `solver` | vocabulary: when, how long, what is asked, what is said |
 //! | `status` | the state in words and numbers, and the one definition of health |
 //! | `core`, `worker` | what all threads work with; a call on a thread, with a deadline, given up and counted |
 //! | `capture` | the camera, and of each frame whether it is good and when it was exposed |
@@ -34,6 +34,7 @@ mod endpoint;
 mod event;
 mod halt;
 mod keep;
+mod lasting;
 pub mod live;
 pub mod machine;
 mod notes;
@@ -51,6 +52,7 @@ mod worker;
 pub use aircraft::AircraftConfig;
 pub use config::SeriesConfig;
 pub use event::{Event, Observer};
+pub use lasting::keep_alive;
 pub use live::LiveConfig;
 pub use power::PowerConfig;
 pub use run::{DaemonError, Parts, run};
@@ -58,6 +60,6 @@ pub use schedule::Align;
 pub use socket::{StatusConfig, ask};
 pub use solver::{Solve, Solver, Track, Tracking};
 pub use status::{
-    Activity, AircraftStatus, CameraStatus, Counts, Health, LiveStatus, Noted, Status, StatusBoard,
-    StoreStatus,
+    Activity, AircraftStatus, CameraStatus, Counts, Health, LiveStatus, Noted, Recent, Status, StatusBoard,
+    StoreStatus, span,
 };

@@ -4,7 +4,7 @@ use super::capture::STALE;
 use super::core::Core;
 use super::event::Event;
 use super::status::Activity;
-use crate::record::{ImageRecord, Status};
+use crate::record::{GlobalTest, ImageRecord, Status};
 use crate::store::manifest::{Cause, Failure, FrameEntry, Shot};
 use crate::store::{FrameRef, OpenSeries, StoreError};
 
@@ -15,7 +15,7 @@ impl Core {
         tracing::info!(series = id, flight, ?cause, "series begins");
         self.board.update(|status| {
             status.activity = Activity::Capturing;
-            status.flight = Some(flight.clone());
+            status.store.refuses = None;
             status.series = Some(id.clone());
             status.shot = 0;
             status.shots_per_series = shots;
@@ -29,6 +29,7 @@ impl Core {
         self.board.fault(&error.to_string());
         self.board.update(|status| {
             status.counts.series_refused += 1;
+            status.store.refuses = Some(error.to_string());
             status.store.free_mb = self.store.free_mb().ok();
         });
         (self.observer)(&Event::Refused { reason: error.to_string() });
@@ -90,6 +91,9 @@ impl Core {
             (Some(reason), true) => tracing::warn!(series, file, reason, "not solved"),
         }
         let ok = record.status == Status::Ok;
+        if new {
+            self.board.series_result(ok, record.global_test == Some(GlobalTest::Rejected));
+        }
         self.board.update(|status| {
             let count = if ok { &mut status.counts.solved } else { &mut status.counts.unsolvable };
             *count += u64::from(new);

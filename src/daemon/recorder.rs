@@ -182,7 +182,7 @@ impl Recorder {
             return self.capture.close();
         }
         let plan = Plan { cause, shots: self.config.shots };
-        let mut series = match keep::begin(&self.core.store, plan, &self.core.clock.stamp()) {
+        let mut series = match keep::begin(&self.core, plan) {
             Ok(begun) => begun,
             Err(error) => {
                 self.rest_camera();
@@ -195,12 +195,14 @@ impl Recorder {
             tracing::info!(machine, "temperatures and supply");
         }
         self.core.series_began(&series, cause, plan.shots);
+        self.live.iter().for_each(|live| live.expect_results(self.config.gap));
         let id = series.id().to_owned();
         let taken = self.shots(&mut series, plan.shots);
         let complete = series.shots().len() == plan.shots as usize;
         // Before the camera is closed: that may take its time, and the power may be about to go.
         let closed = taken.and_then(|()| self.close(series, complete));
         self.rest_camera();
+        self.live.iter().for_each(|live| live.expect_results(Duration::ZERO));
         self.core.series_ended(id, complete, &closed);
         let _ = self.wake.send(());
     }
@@ -250,11 +252,11 @@ impl Recorder {
                 self.capture.release_last();
                 continue;
             }
-            let stamp = self.core.clock.stamp();
             let open = match &mut series {
                 Some(open) => open,
-                none => none.insert(keep::begin(&self.core.store, LEFT_OVER, &stamp)?),
+                none => none.insert(keep::begin(&self.core, LEFT_OVER)?),
             };
+            let stamp = self.core.clock.stamp();
             let failures = Vec::new();
             let shot = Shot { shot: number, stamp, duration_s: None, exposure: None, frame: None, failures };
             let entry = keep::add(open, shot.clone(), Some(&frame))?;

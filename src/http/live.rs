@@ -28,11 +28,14 @@ pub(super) const WATCHERS: usize = 16;
 const WAITING: usize = 4;
 /// Before a recorder that is not there is called again.
 const AGAIN: Duration = Duration::from_secs(2);
-/// After so long without a result the browser hears that the line is open.
-const SILENCE: Duration = Duration::from_secs(5);
+/// A recorder tells its state every second; after so long without a line it hangs.
+const SILENCE: Duration = Duration::from_secs(4);
+/// For a browser that finds no place: it is to come again after, ms.
+const COME_AGAIN_MS: u32 = 5000;
 /// For a picture of the frame.
 const PICTURE_TIME: Duration = Duration::from_secs(5);
 const SCRIPT: &str = include_str!("pages/live.js");
+const PLOTS: &str = include_str!("pages/live-plot.js");
 /// Its own script, and pictures that it has fetched.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'self'; connect-src 'self'; \
      img-src 'self' blob:; frame-ancestors 'none'";
@@ -46,22 +49,41 @@ pub(super) async fn script() -> Response {
     ([(header::CONTENT_TYPE, "text/javascript; charset=utf-8")], SCRIPT).into_response()
 }
 
-/// Server-sent events: one object of JSON per result; `down` with a sentence while no recorder answers.
+/// What the script draws with.
+pub(super) async fn plots() -> Response {
+    ([(header::CONTENT_TYPE, "text/javascript; charset=utf-8")], PLOTS).into_response()
+}
+
+/// Server-sent events: one object of JSON per result; `state` every second, `down` with a sentence while no recorder answers.
+/// Where so many watch that there is no place, one event `full`, and the end.
 pub(super) async fn events(State(shared): Context) -> Result<Response, Refusal> {
     let socket = shared.site.live.clone().ok_or(Refusal::NotFound)?;
-    let permit = shared.watchers.clone().try_acquire_owned().map_err(|_| Refusal::Busy)?;
     let (sender, receiver) = channel(WAITING);
+    let Ok(permit) = shared.watchers.clone().try_acquire_owned() else {
+        return Ok(stream(full()));
+    };
     let closing = shared.closing.clone();
     tokio::spawn(async move {
         let _permit = permit;
         relay(&socket, &sender, closing).await;
     });
-    let mut response = Response::new(Body::new(Chunks(receiver)));
-    response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static("text/event-stream"));
-    Ok(response)
+    Ok(stream(Body::new(Chunks(receiver))))
 }
 
-/// A small picture of the newest solved frame; its number and the frame's size are in the head.
+fn stream(body: Body) -> Response {
+    let mut response = Response::new(body);
+    response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static("text/event-stream"));
+    response
+}
+
+/// A refusal by its status would be the last that the browser asks.
+fn full() -> Body {
+    let why = format!("{WATCHERS} browsers watch already, which is the limit");
+    let said = serde_json::json!({ "reason": why });
+    format!("retry: {COME_AGAIN_MS}\nevent: full\ndata: {said}\n\n").into()
+}
+
+/// A small picture of the newest frame; its number and the frame's size are in the head.
 pub(super) async fn frame(State(shared): Context) -> Result<Response, Refusal> {
     let socket = shared.site.live.clone().ok_or(Refusal::NotFound)?;
     let _one_of_few = shared.pictures_live.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
@@ -110,6 +132,16 @@ fn picture(line: &str) -> Option<&str> {
     line.starts_with("{\"frame\":").then_some(line)
 }
 
+/// What a line that brings the state says.
+fn state(line: &str) -> Option<&str> {
+    line.strip_prefix("{\"state\":")?.strip_suffix('}')
+}
+
+fn down(why: &str) -> Bytes {
+    let down = serde_json::json!({ "reason": why });
+    format!("event: down\ndata: {down}\n\n").into()
+}
+
 /// Until the browser goes or the server stops.
 async fn relay(socket: &Path, to: &Sender<io::Result<Bytes>>, mut closing: watch::Receiver<bool>) {
     let work = async {
@@ -118,8 +150,7 @@ async fn relay(socket: &Path, to: &Sender<io::Result<Bytes>>, mut closing: watch
                 Ok(()) => "the recorder has ended, or live mode is off".to_owned(),
                 Err(error) => format!("no recorder in live mode answers at {}: {error}", socket.display()),
             };
-            let down = serde_json::json!({ "reason": why });
-            if to.send(Ok(format!("event: down\ndata: {down}\n\n").into())).await.is_err() {
+            if to.send(Ok(down(&why))).await.is_err() {
                 return;
             }
             tokio::time::sleep(AGAIN).await;
@@ -131,14 +162,18 @@ async fn relay(socket: &Path, to: &Sender<io::Result<Bytes>>, mut closing: watch
 /// `Ok`: the other side has ended, or the browser.
 async fn listen(socket: &Path, to: &Sender<io::Result<Bytes>>) -> io::Result<()> {
     // The writing half is kept: its end would be heard.
-    let (mut lines, _write) = connect(socket).await?;
+    let (mut lines, mut write) = connect(socket).await?;
+    write.write_all(b"state\n").await?;
     loop {
         let event = match tokio::time::timeout(SILENCE, lines.next_line()).await {
-            Err(_) => ": open\n\n".into(),
+            Err(_) => down("the recorder hangs: it is there, and says nothing"),
             Ok(line) => match line? {
                 None => return Ok(()),
                 Some(line) if picture(&line).is_some() => continue,
-                Some(line) => format!("data: {line}\n\n").into(),
+                Some(line) => match state(&line) {
+                    Some(state) => format!("event: state\ndata: {state}\n\n").into(),
+                    None => format!("data: {line}\n\n").into(),
+                },
             },
         };
         if let Err(TrySendError::Closed(_)) = to.try_send(Ok(event)) {

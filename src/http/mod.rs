@@ -12,7 +12,7 @@
 //! | `/tar/{flight}.tar` | the flight as one archive, by range: unpacked it is a store |
 //! | `/bundle/{flight}.json` | the archive's files: name, length, SHA-256, where its bytes begin |
 //! | `/report/{flight}` | the report |
-//! | `/live`, `/live.js` | the wing as it is measured |
+//! | `/live`, `/live.js`, `/live-plot.js` | the wing as it is measured |
 //! | `/live/events` | its results as server-sent events |
 //! | `/live/frame.jpg` | a small picture of the newest frame |
 //! | `/status.json` | what the store holds, and the daemon's state where one runs |
@@ -27,6 +27,7 @@ mod files;
 mod frames;
 mod live;
 mod pages;
+mod policy;
 pub mod section;
 mod send;
 mod server;
@@ -152,8 +153,6 @@ fn router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Receiver
         pictures_live: Semaphore::new(live::PICTURES),
         closing,
     });
-    let policy =
-        "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'";
     let header = |name, value| SetResponseHeaderLayer::overriding(name, HeaderValue::from_static(value));
     Router::new()
         .route("/", get(index))
@@ -176,6 +175,7 @@ fn router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Receiver
         .route("/report/{flight}", get(report))
         .route("/live", get(live::page))
         .route("/live.js", get(live::script))
+        .route("/live-plot.js", get(live::plots))
         .route("/live/events", get(live::events))
         .route("/live/frame.jpg", get(live::frame))
         .route("/status.json", get(status))
@@ -187,7 +187,7 @@ fn router(site: Site, access: Arc<Access>, closing: tokio::sync::watch::Receiver
         ))
         .layer(SetResponseHeaderLayer::if_not_present(
             header::CONTENT_SECURITY_POLICY,
-            HeaderValue::from_static(policy),
+            HeaderValue::from_static(policy::PLAIN),
         ))
         .layer(header(header::X_CONTENT_TYPE_OPTIONS, "nosniff"))
         .layer(header(header::REFERRER_POLICY, "no-referrer"))
@@ -293,11 +293,14 @@ async fn listing(State(shared): Context, Path(name): Path<String>) -> Result<Jso
     .await
 }
 
-async fn report(State(shared): Context, Path(flight): Path<String>) -> Result<Html<String>, Refusal> {
+/// The report's script runs by its hash, and none beside it.
+async fn report(State(shared): Context, Path(flight): Path<String>) -> Result<Response, Refusal> {
     let _one_at_a_time = shared.reports.acquire().await.map_err(|e| Refusal::Failed(e.to_string()))?;
     blocking(shared.clone(), move |site| {
         files::check_flight(site, &flight)?;
-        Ok(Html(html::page(&source::flight(&site.root, Choice::flight(&flight), site.setup.as_ref())?)))
+        let data = source::flight(&site.root, Choice::flight(&flight), site.setup.as_ref())?;
+        let policy = [(header::CONTENT_SECURITY_POLICY, policy::report())];
+        Ok((policy, Html(html::page(&data))).into_response())
     })
     .await
 }

@@ -19,9 +19,10 @@ use tokio::time::sleep;
 use tokio_io_timeout::TimeoutStream;
 
 use super::access::{Access, Peer};
+use crate::daemon::keep_alive;
 
-/// A page takes six at most; more than ten visitors at once are none of a seat's.
-const CONNECTIONS: usize = 64;
+/// A browser takes six at most, one that watches live mode two or three: for forty of these.
+const CONNECTIONS: usize = 256;
 /// For a request's head, and for the next request on an open connection.
 const HEAD_TIME: Duration = Duration::from_secs(10);
 /// A client that takes no byte for so long is gone.
@@ -65,6 +66,8 @@ pub(super) async fn run(
             }
             continue;
         };
+        // A connection that the kernel does not watch is still one.
+        let _ = keep_alive(&stream);
         let (app, access, watcher) = (app.clone(), access.clone(), graceful.watcher());
         connections.spawn(async move {
             let _permit = permit;

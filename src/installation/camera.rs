@@ -43,6 +43,16 @@ struct Table {
 #[derive(Deserialize)]
 struct Calibrated {
     covariance: Option<Vec<Vec<f64>>>,
+    accepted: Option<String>,
+}
+
+/// What a camera's file says.
+pub(super) struct CameraFile {
+    pub lens: Lens,
+    /// Of fx fy cx cy k1 k2 k3 p1 p2, where it states one.
+    pub covariance: Option<SMatrix<f64, 9, 9>>,
+    /// Why a refused calibration was taken all the same.
+    pub accepted: Option<String>,
 }
 
 /// What `wingd calibrate` adds under `[calibration]` (docs/interface.md).
@@ -56,8 +66,11 @@ pub struct CalibrationReport {
     pub images_rejected: usize,
     /// Image points that took part.
     pub observations: usize,
-    /// `good` or `poor`.
+    /// `good` or `poor`; `refused` where it was accepted.
     pub verdict: &'static str,
+    /// Why a refused calibration is taken all the same, in its user's words.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub accepted: Option<String>,
     /// Standard deviation of projected points at 5, 15 and 40 m, root mean square over the image, px.
     pub projection_sigma_px: Vec<f64>,
     /// Bow of the board along its rows and its columns, m.
@@ -77,8 +90,8 @@ pub struct CalibrationReport {
 
 const LARGEST_SIDE: i64 = 100_000;
 
-/// The lens, and the covariance of fx fy cx cy k1 k2 k3 p1 p2 where the file states one.
-pub(super) fn read(reader: &mut Reader, name: &str) -> Option<(Lens, Option<SMatrix<f64, 9, 9>>)> {
+/// The file, or faults.
+pub(super) fn read(reader: &mut Reader, name: &str) -> Option<CameraFile> {
     let mend = "write it with `wingd calibrate`, or name the right file in camera.calibration";
     let (file, text) = reader.text(name, mend)?;
     let table: Table = parse_toml(reader, &file, &text)?;
@@ -126,9 +139,10 @@ pub(super) fn read(reader: &mut Reader, name: &str) -> Option<(Lens, Option<SMat
         denominator: [table.k4, table.k5, table.k6],
     };
     check_inverse(reader, &file, &lens);
-    let stated = table.covariance.or(table.calibration.and_then(|c| c.covariance));
+    let (of_calibration, accepted) = table.calibration.map_or((None, None), |c| (c.covariance, c.accepted));
+    let stated = table.covariance.or(of_calibration);
     let covariance = stated.and_then(|rows| covariance(reader, &file, &rows));
-    Some((lens, covariance))
+    Some(CameraFile { lens, covariance, accepted })
 }
 
 /// Nine by nine, finite, of variances and correlations that can be.
@@ -187,6 +201,9 @@ pub fn write_camera(file: &Path, lens: &Lens, report: Option<&CalibrationReport>
         let _ = writeln!(text, "images_rejected = {}\nobservations = {}", r.images_rejected, r.observations);
         let _ =
             writeln!(text, "verdict = {:?}\nprojection_sigma_px = {:?}", r.verdict, r.projection_sigma_px);
+        if let Some(reason) = &r.accepted {
+            let _ = writeln!(text, "accepted = {}", toml::Value::from(reason.as_str()));
+        }
         let _ = writeln!(
             text,
             "board_bow_m = {:?}\nboard_bow_sigma_m = {:?}",

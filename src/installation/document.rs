@@ -12,6 +12,8 @@ use crate::measure::setup::{Setup, Side, SkinHeight, SurveyMarker, Thermal, Tors
 
 /// Shift between two mountings where the user gives none, px (paper, section 3.1.3).
 const DEFAULT_REPEATABILITY_PX: f64 = 10.0;
+/// What a tape at a lens tells of its entrance pupil, each axis, m.
+const DEFAULT_CENTRE_SIGMA_M: f64 = 0.010;
 
 /// What stands in `installation.toml` and the files that it names.
 pub(super) struct Parts {
@@ -20,6 +22,8 @@ pub(super) struct Parts {
     pub structure: Option<Structure>,
     /// Names of the camera's and the survey's file.
     pub sources: [String; 2],
+    /// Why a refused calibration of the camera was taken all the same.
+    pub accepted: Option<String>,
 }
 
 pub(super) fn read(reader: &mut Reader) -> Option<Parts> {
@@ -39,21 +43,26 @@ pub(super) fn read(reader: &mut Reader) -> Option<Parts> {
     let window = window::window(reader, &file, document.window.as_ref());
     let structure = structure::of_installation(reader, &file, document.structure.as_ref());
     let skin = document.wing.skin_height_m.as_ref();
+    let camera = lens?;
     let setup = Setup {
         name: document.name.clone().unwrap_or_else(|| "unnamed".into()),
-        lens: lens?.0,
+        lens: camera.lens,
         projection_centre_m: Vector3::from(document.camera.projection_centre_m),
-        projection_centre_sigma_m: document.camera.projection_centre_sigma_m,
+        projection_centre_sigma_m: document
+            .camera
+            .projection_centre_sigma_m
+            .unwrap_or(DEFAULT_CENTRE_SIGMA_M),
         mount_repeatability_px: document.camera.mount_repeatability_px.unwrap_or(DEFAULT_REPEATABILITY_PX),
         span_direction: Vector2::from(document.wing.span_direction),
-        stated_side: document.wing.side.map(|side| match side {
-            tables::Side::Left => Side::Left,
-            tables::Side::Right => Side::Right,
+        stated_side: document.wing.side.and_then(|side| match side {
+            tables::Side::Left => Some(Side::Left),
+            tables::Side::Right => Some(Side::Right),
+            tables::Side::Blank => None,
         }),
         root_offset_m: document.wing.root_offset_m,
         axis_chord_offset_m: document.wing.axis_chord_offset_m,
         skin_height: skin.map(|s| SkinHeight { root_m: s.root, tip_m: s.tip, tip_span_m: s.tip_span_m }),
-        uncertainty: Uncertainty { lens: lens?.1, ..uncertainty(&document) },
+        uncertainty: Uncertainty { lens: camera.covariance, ..uncertainty(&document) },
         thermal: document.thermal.as_ref().map(thermal),
         torsion,
         markers: markers?,
@@ -66,7 +75,8 @@ pub(super) fn read(reader: &mut Reader) -> Option<Parts> {
         plausible::check(reader, &setup, &document.wing.survey);
     }
     let sources = [document.camera.calibration, document.wing.survey];
-    Some(Parts { setup, optics: document.camera.optics, structure, sources })
+    let accepted = camera.accepted;
+    Some(Parts { setup, optics: document.camera.optics, structure, sources, accepted })
 }
 
 /// Width of a wing's temperature in flight where none is given, K: between the still air's and the air's that the
@@ -108,18 +118,44 @@ struct Check {
     unit: &'static str,
 }
 
+/// What a template leaves blank, each with what belongs there; their places come back.
+fn check_blanks(reader: &mut Reader, file: &Path, document: &Document) -> Vec<&'static str> {
+    let (camera, wing) = (&document.camera, &document.wing);
+    let blank = |all: &[f64]| all.iter().all(|v| v.is_nan());
+    let lens = blank(&camera.projection_centre_m);
+    let span = blank(&wing.span_direction);
+    let side = matches!(wing.side, Some(tables::Side::Blank));
+    let root = blank(&[wing.root_offset_m]);
+    let all = [
+        ("name", document.name.as_deref() == Some(""), "name aircraft and wing"),
+        (LENS, lens, "give the surveyed place of the lens: [x, y, z]"),
+        (SPAN, span, "give the horizontal direction from the root to the tip: [dx, dy]"),
+        ("wing.side", side, "write \"left\" or \"right\""),
+        (ROOT, root, "give the distance along the span from the lens to where bending begins"),
+    ];
+    let blanks = all.into_iter().filter(|(_, blank, _)| *blank);
+    let name = |(place, _, mend): (&'static str, bool, &str)| {
+        reader.fault(file, place, "is left blank", mend);
+        place
+    };
+    blanks.map(name).collect()
+}
+
+const LENS: &str = "camera.projection_centre_m";
+const SPAN: &str = "wing.span_direction";
+const ROOT: &str = "wing.root_offset_m";
+
 fn check_numbers(reader: &mut Reader, file: &Path, document: &Document) {
+    let blanks = check_blanks(reader, file, document);
     let (camera, wing) = (&document.camera, &document.wing);
     let check = |place, value, low, high, unit| Check { place, value, low, high, unit };
-    let mut checks = vec![
-        check("camera.projection_centre_sigma_m", camera.projection_centre_sigma_m, 0.0, 1.0, "m"),
-        check("wing.root_offset_m", wing.root_offset_m, -50.0, 50.0, "m"),
-    ];
-    checks.extend(camera.projection_centre_m.map(|v| check("camera.projection_centre_m", v, -1e6, 1e6, "m")));
+    let mut checks = vec![check(ROOT, wing.root_offset_m, -50.0, 50.0, "m")];
+    checks.extend(camera.projection_centre_m.map(|v| check(LENS, v, -1e6, 1e6, "m")));
     checks.extend(
         camera.mount_repeatability_px.map(|v| check("camera.mount_repeatability_px", v, 0.0, 1000.0, "px")),
     );
     let widths = [
+        ("camera.projection_centre_sigma_m", camera.projection_centre_sigma_m, 1.0, "m"),
         ("camera.mount_shift_m", camera.mount_shift_m, 0.5, "m"),
         ("camera.mount_drift_mrad", camera.mount_drift_mrad, 100.0, "mrad"),
         ("wing.skin_height_sigma_m", wing.skin_height_sigma_m, 5.0, "m"),
@@ -153,17 +189,19 @@ fn check_numbers(reader: &mut Reader, file: &Path, document: &Document) {
         let confusion = optics.circle_of_confusion_um.unwrap_or(1.0);
         checks.push(check("camera.optics.circle_of_confusion_um", confusion, 0.1, 1000.0, "um"));
     }
-    for c in checks {
+    for c in checks.into_iter().filter(|c| !blanks.contains(&c.place)) {
         if !(c.low..=c.high).contains(&c.value) {
             let problem = format!("is {:?} {}", c.value, c.unit);
             let mend = format!("give a number from {} to {} {}", c.low, c.high, c.unit);
             reader.fault(file, c.place, problem.trim_end(), mend.trim_end());
         }
     }
+    in_flight::check(reader, file, document);
     let [dx, dy] = wing.span_direction;
-    if !(dx.is_finite() && dy.is_finite() && dx.hypot(dy) > 1e-6) {
+    let points = dx.is_finite() && dy.is_finite() && dx.hypot(dy) > 1e-6;
+    if !points && !blanks.contains(&SPAN) {
         let mend = "give the horizontal direction from the root to the tip in the survey frame";
-        reader.fault(file, "wing.span_direction", format!("is [{dx}, {dy}]"), mend);
+        reader.fault(file, SPAN, format!("is [{dx}, {dy}]"), mend);
     }
 }
 

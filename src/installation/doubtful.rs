@@ -21,5 +21,11 @@ pub fn doubts(installation: &Installation) -> Vec<Fault> {
             mend: "compare its coordinates with the survey's protocol".into(),
         })
     };
-    off_the_skin(&installation.setup).into_iter().filter_map(doubt).collect()
+    let camera = installation.accepted.as_ref().map(|reason| Fault {
+        file: installation.directory.join(&installation.sources[0]),
+        place: "calibration.accepted".into(),
+        problem: format!("the calibration was refused, and taken all the same: {reason}"),
+        mend: "calibrate again with pictures that the verdict asks for".into(),
+    });
+    camera.into_iter().chain(off_the_skin(&installation.setup).into_iter().filter_map(doubt)).collect()
 }

@@ -86,6 +86,8 @@ pub struct Installation {
     pub digests: Vec<(String, String)>,
     /// Names of the files with camera and survey, which an orientation is bound to.
     pub sources: [String; 2],
+    /// Why a refused calibration of the camera was taken all the same (`wingd calibrate --accept`).
+    pub accepted: Option<String>,
 }
 
 /// Name of the file that `wingd orient` writes.
@@ -192,6 +194,7 @@ fn read(directory: &Path, with_orientation: bool) -> Result<Installation, Vec<Fa
             structure: parts.structure,
             digests: reader.digests,
             sources: parts.sources,
+            accepted: parts.accepted,
         }),
         _ => Err(folded(reader.faults)),
     }
@@ -226,7 +229,7 @@ fn folded(faults: Vec<Fault>) -> Vec<Fault> {
 pub fn load_camera(file: &Path) -> Result<crate::measure::geometry::Lens, Vec<Fault>> {
     let (mut reader, name) = Reader::of_file(file);
     let lens = camera::read(&mut reader, &name);
-    lens.map(|(lens, _)| lens).filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
+    lens.map(|camera| camera.lens).filter(|_| reader.faults.is_empty()).ok_or(reader.faults)
 }
 
 /// A TOML parser's complaint as a fault with its line.

@@ -1,4 +1,4 @@
-//! Image points measured by hand: `id,u_px,v_px,sigma_px`.
+//! Image points measured by hand: `id,u_px,v_px,sigma_px`, and `image` where they are of several pictures.
 
 use std::path::Path;
 
@@ -7,11 +7,15 @@ use nalgebra::Vector2;
 use super::{Fault, Reader, rows};
 use crate::measure::setup::Setup;
 
-const COLUMNS: [&str; 4] = ["id", "u_px", "v_px", "sigma_px"];
+const COLUMNS: [&str; 5] = ["id", "u_px", "v_px", "sigma_px", IMAGE];
+/// Need not be there.
+const IMAGE: &str = "image";
 
 /// One marker as a person marked it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HandObservation {
+    /// The picture it is of, by the name that results give it; `None` where the file does not say.
+    pub image: Option<String>,
     /// Index in [`Setup::markers`].
     pub marker: usize,
     /// Image of the marker's centre, px.
@@ -29,22 +33,23 @@ pub fn read_observations(file: &Path, setup: &Setup) -> Result<Vec<HandObservati
 
 fn read(reader: &mut Reader, name: &str, setup: &Setup) -> Option<Vec<HandObservation>> {
     let (file, text) = reader.text(name, "name a file with the columns id,u_px,v_px,sigma_px")?;
-    let lines = rows::read(reader, &file, &text, COLUMNS, &[])?;
+    let lines = rows::read(reader, &file, &text, COLUMNS, &[IMAGE])?;
     let mut found: Vec<HandObservation> = vec![];
     for (line, cells) in lines {
         let place = format!("line {line}, column id");
         let marker = setup.markers.iter().position(|m| m.id == cells[0]);
+        let image = Some(cells[4].clone()).filter(|name| !name.is_empty());
         match marker {
             None => {
                 let problem = format!("marker \"{}\" is not in the survey", cells[0]);
                 reader.fault(&file, &place, problem, "name a marker of the survey");
             }
-            Some(m) if found.iter().any(|o| o.marker == m) => {
+            Some(m) if found.iter().any(|o| o.marker == m && o.image == image) => {
                 reader.fault(
                     &file,
                     &place,
                     format!("\"{}\" stands twice", cells[0]),
-                    "keep one line per marker",
+                    "keep one line per marker and picture",
                 );
             }
             Some(_) => {}
@@ -69,7 +74,7 @@ fn read(reader: &mut Reader, name: &str, setup: &Setup) -> Option<Vec<HandObserv
             );
             reader.fault(&file, &format!("line {line}"), problem, "measure it again, or leave the line out");
         }
-        found.push(HandObservation { marker, pixel: Vector2::new(*u, *v), sigma_px: *sigma_px });
+        found.push(HandObservation { image, marker, pixel: Vector2::new(*u, *v), sigma_px: *sigma_px });
     }
     Some(found)
 }

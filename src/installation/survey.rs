@@ -6,7 +6,7 @@ use std::path::Path;
 use nalgebra::Vector3;
 
 use super::{Reader, rows};
-use crate::measure::setup::{Shape, SurveyMarker};
+use crate::measure::setup::{Shape, SurveyMarker, fixed_mark};
 
 const COLUMNS: [&str; 10] =
     ["id", "shape", "diameter_m", "x_m", "y_m", "z_m", "sigma_m", FIXED, PART, MOTION];
@@ -134,6 +134,7 @@ fn marker(reader: &mut Reader, file: &Path, line: u64, cells: &[String; 10]) -> 
     };
     let position_m = Vector3::new(x?, y?, z?);
     let flight_motion_m = match cells[9].as_str() {
+        "" if fixed => fixed_mark::FLIGHT_MOTION_M,
         "" => 0.0,
         text => rows::number(reader, file, line, MOTION, text)?,
     };

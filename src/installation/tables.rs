@@ -21,8 +21,9 @@ pub(super) struct Document {
 #[serde(deny_unknown_fields)]
 pub(super) struct Camera {
     pub calibration: String,
+    #[serde(deserialize_with = "or_blank")]
     pub projection_centre_m: [f64; 3],
-    pub projection_centre_sigma_m: f64,
+    pub projection_centre_sigma_m: Option<f64>,
     pub mount_repeatability_px: Option<f64>,
     pub mount_shift_m: Option<f64>,
     pub mount_drift_mrad: Option<f64>,
@@ -50,6 +51,7 @@ pub struct Optics {
 #[serde(deny_unknown_fields)]
 pub(super) struct Wing {
     pub survey: String,
+    #[serde(deserialize_with = "or_blank")]
     pub span_direction: [f64; 2],
     pub side: Option<Side>,
     pub root_offset_m: f64,
@@ -63,6 +65,7 @@ pub(super) struct Wing {
     pub root_turn_sigma_mrad: Option<f64>,
     pub root_heave_sigma_m: Option<f64>,
     pub in_plane_sigma_m: Option<f64>,
+    pub torque_sigma_deg: Option<f64>,
     pub vibration: Option<Vec<Vibrating>>,
 }
 
@@ -87,6 +90,20 @@ pub(super) struct Vibrating {
 pub(super) enum Side {
     Left,
     Right,
+    /// As in a template that is to be filled in.
+    #[serde(rename = "")]
+    Blank,
+}
+
+/// Numbers, or `[]` as in a template that is to be filled in: then none is a number.
+fn or_blank<'de, const N: usize, D: serde::Deserializer<'de>>(source: D) -> Result<[f64; N], D::Error> {
+    let all = Vec::<f64>::deserialize(source)?;
+    if all.is_empty() {
+        return Ok([f64::NAN; N]);
+    }
+    let count = all.len();
+    all.try_into()
+        .map_err(|_| serde::de::Error::invalid_length(count, &format!("an array of length {N}").as_str()))
 }
 
 #[derive(Deserialize)]

@@ -41,6 +41,8 @@ const DISTANCE_M: f64 = 0.15;
 
 /// Of a radius worked out from a plate under pressure, or from a sagitta measured to a quarter.
 const BOW_SIGMA: f64 = 0.25;
+/// Where no radius is stated: the usual one may be, either way.
+const UNSTATED_BOW_SIGMA: f64 = 1.0;
 
 /// Half the tolerance of cast acrylic sheet (ISO 7823-1: 0.4 mm and a tenth of the thickness), m.
 fn thickness_sigma_m(thickness_m: f64) -> f64 {
@@ -73,7 +75,9 @@ fn pane(reader: &mut Reader, file: &Path, table: &tables::Window) -> Option<Pane
         index_sigma: table.index_sigma.unwrap_or(INDEX_SIGMA),
         normal_sigma_rad: table.normal_sigma_deg.unwrap_or(NORMAL_SIGMA_DEG).to_radians(),
         bow_radius_m: table.bow_radius_m,
-        bow_sigma: table.bow_sigma.unwrap_or(BOW_SIGMA),
+        bow_sigma: table
+            .bow_sigma
+            .unwrap_or_else(|| table.bow_radius_m.map_or(UNSTATED_BOW_SIGMA, |_| BOW_SIGMA)),
         distance_m: table.distance_m.unwrap_or(DISTANCE_M),
         same_on_ground: table.same_on_ground.unwrap_or(false),
     };

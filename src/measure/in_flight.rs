@@ -25,6 +25,8 @@ pub struct InFlight {
     pub root_shift_m: f64,
     /// Bending in the wing's plane, at the tip, m.
     pub in_plane_m: f64,
+    /// What the torque of a control surface twists the wing by, at its place, rad.
+    pub torque_rad: f64,
     /// Camera constant in flight over that on ground, as a share.
     pub scale: f64,
     /// Principal point in flight against that on ground, each coordinate, px.
@@ -38,22 +40,34 @@ pub struct InFlight {
 }
 
 impl InFlight {
-    /// What an engineer would allow an airliner.
+    /// What an engineer would allow an airliner, and what holds where an installation says nothing.
     pub const USUAL: Self = Self {
+        // Fuel, jacks and sun between survey and ground frame: a tip stands some centimetres higher or lower for tonnes.
         ground_bend_m: 0.010,
+        // A level's tripod on an apron.
         vertical_rad: 0.1 * std::f64::consts::PI / 180.0,
+        // Pressure, fuel and suction on a panel between two stringers.
         skin_motion_m: 3e-4,
+        // A wing box in a fuselage that bends under pressure and load.
         root_turn_rad: 2e-4,
         root_shift_m: 1e-3,
+        // Drag, and lift on a swept wing.
         in_plane_m: 0.05,
+        // An aileron in a turn; what keeps a wing below reversal.
+        torque_rad: std::f64::consts::PI / 180.0,
+        // Cold and focus, and refraction at a window that nobody describes.
         scale: 2e-4,
+        // A lens that cools in its mount, in pixels of some micrometres.
         principal_point_px: 0.3,
+        // Sensors of many pixels without a global shutter take 5 to 30 ms.
         readout_s: 0.03,
+        // An airliner's first mode in light turbulence.
         vibration: Vibration { amplitude: 0.01, frequency_hz: 3.0 },
+        // A camera on a seat rail, by engines and floor: 0.2 px.
         shake: Vibration { amplitude: 3e-5, frequency_hz: 15.0 },
     };
 
-    /// Nothing of it: rendered scenes, and installations that state nothing.
+    /// Nothing of it: rendered scenes.
     pub const NONE: Self = Self {
         ground_bend_m: 0.0,
         vertical_rad: 0.0,
@@ -61,6 +75,7 @@ impl InFlight {
         root_turn_rad: 0.0,
         root_shift_m: 0.0,
         in_plane_m: 0.0,
+        torque_rad: 0.0,
         scale: 0.0,
         principal_point_px: 0.0,
         readout_s: 0.0,

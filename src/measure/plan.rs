@@ -1,16 +1,20 @@
 //! Before an installation: resolution on the wing, depth of field, predicted uncertainty of a layout
 //! of markers (docs/model.md).
 
+mod draft;
 mod fixed_marks;
 mod optics;
 mod prediction;
 mod resolution;
 mod terms;
+mod want;
 
+pub use draft::{Draft, best as best_layout, layout};
 pub use optics::{Optics, OpticsPlan};
-pub use prediction::{Alternative, Change, Expected, MarkerSigma, Prediction};
+pub use prediction::{Alternative, Change, Expected, MarkerSigma, Prediction, TipSigma};
 use resolution::facing;
 pub use resolution::{Footprint, Skin, footprint};
+pub use want::{Answer, Remedy, Source, Wish, answer, attitude, worth_of};
 
 use nalgebra::Vector3;
 use serde::Serialize;

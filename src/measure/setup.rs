@@ -144,7 +144,7 @@ pub struct Pane {
     pub normal_sigma_rad: f64,
     /// Radius of the inner face under pressure, in flight only, positive where it bulges outwards, m; `None`: plane.
     pub bow_radius_m: Option<f64>,
-    /// Its standard deviation as a share of it.
+    /// Standard deviation of the bow's curvature as a share of it; of panes taken as plane, of the usual one (1/30 m).
     pub bow_sigma: f64,
     /// From the projection centre to the inner face, m; only a bow asks for it.
     pub distance_m: f64,
@@ -193,12 +193,12 @@ impl Default for Uncertainty {
     fn default() -> Self {
         Self {
             mount_shift_m: 0.002,
-            mount_drift_rad: 2e-5,
+            mount_drift_rad: 5e-5,
             skin_height_sigma_m: 0.1,
             root_offset_m: 0.3,
             axis_chord_offset_m: 0.3,
             span_direction_rad: 1f64.to_radians(),
-            in_flight: InFlight::NONE,
+            in_flight: InFlight::USUAL,
             lens: None,
         }
     }

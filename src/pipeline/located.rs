@@ -58,7 +58,7 @@ pub(super) fn shows_aside(
 }
 
 /// Closer looks at most.
-const LOOKS: usize = 3;
+pub(super) const LOOKS: usize = 3;
 
 /// Detections, some of them after closer looks at `raster`, and who is who; perspective bias is not removed.
 ///

@@ -5,6 +5,7 @@
 //! | decode | bytes as delivered | grey picture | [`decode`] |
 //! | measure | grey picture, installation | identified markers | [`measure`](self::stages) |
 //! | adjust | identified markers | solution | [`crate::measure::adjust`] |
+//! | orient | ground frames | orientation | [`orienting`] |
 //! | live | frames as they come | the same, one by one | [`live`] |
 //! | record | solution | the line of the results | [`recording`] |
 //!
@@ -14,6 +15,7 @@ pub mod decode;
 pub mod guard;
 pub mod live;
 mod located;
+pub mod orienting;
 pub mod recording;
 pub mod shrink;
 pub mod stages;

@@ -100,6 +100,7 @@ fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installati
         }
     }
     record.tip = tip(installation, s);
+    record.budget = s.budget.iter().flat_map(|budget| &budget.shares).map(Into::into).collect();
     record.torsion = s.torsion.iter().map(torsion).collect();
     record.curve = s.curve.iter().map(curve).collect();
     record.remarks = s.remarks.clone();
@@ -107,6 +108,11 @@ fn fill(record: &mut ImageRecord, sighting: &Sighting, installation: &Installati
         record.remarks.push(SIDE_UNKNOWN.into());
     }
     record.remarks.extend(turned_mount(installation, s));
+    record.remarks.extend(aircraft::contradiction(&sighting.aircraft));
+    let accepted = installation.accepted.as_ref();
+    record.remarks.extend(
+        accepted.map(|reason| format!("the camera's calibration was refused and accepted: {reason}")),
+    );
     record.quality = quality(installation, s);
 }
 
@@ -200,6 +206,10 @@ fn blank(marker: &SurveyMarker, seen: Option<&Observation>, reason: Option<Strin
         sigma_position_cad_m: None,
         lift_m: None,
         sigma_lift_m: None,
+        lift_ground_m: None,
+        sigma_lift_ground_m: None,
+        lift_root_m: None,
+        sigma_lift_root_m: None,
     }
 }
 
@@ -224,12 +234,16 @@ fn solved_marker(
         w_test: m.w_test,
         mdb_u_px: m.minimal_detectable_bias_px.map(|b| b.x).filter(|b| b.is_finite()),
         mdb_v_px: m.minimal_detectable_bias_px.map(|b| b.y).filter(|b| b.is_finite()),
-        distance_m: m.distance_m.map(|d| d.value),
-        sigma_distance_m: m.distance_m.and_then(|d| d.sigma),
+        distance_m: value(m.distance_m),
+        sigma_distance_m: sigma(m.distance_m),
         position_m: m.position_m.map(Into::into),
         sigma_position_m: m.covariance_m2.as_ref().map(sigmas),
-        lift_m: m.lift_m.map(|l| l.value),
-        sigma_lift_m: m.lift_m.and_then(|l| l.sigma),
+        lift_m: value(m.lift_m),
+        sigma_lift_m: sigma(m.lift_m),
+        lift_ground_m: value(m.lift_ground_m),
+        sigma_lift_ground_m: sigma(m.lift_ground_m),
+        lift_root_m: value(m.lift_root_m),
+        sigma_lift_root_m: sigma(m.lift_root_m),
         ..blank(marker, seen, reason)
     }
 }
@@ -288,7 +302,25 @@ fn tip(installation: &Installation, s: &Solution) -> Option<Tip> {
         .max_by(|a, b| span(a).total_cmp(&span(b)))?;
     let lift = outermost.lift_m?;
     let id = setup.markers.get(outermost.marker)?.id.clone();
-    Some(Tip { marker: id, lift_m: lift.value, sigma_lift_m: lift.sigma })
+    let (ground, root) = (outermost.lift_ground_m, outermost.lift_root_m);
+    Some(Tip {
+        marker: id,
+        lift_m: lift.value,
+        sigma_lift_m: lift.sigma,
+        lift_ground_m: value(ground),
+        sigma_lift_ground_m: sigma(ground),
+        lift_root_m: value(root),
+        sigma_lift_root_m: sigma(root),
+        shown: s.budget.as_ref().map(|budget| budget.reference.into()),
+    })
+}
+
+fn value(estimate: Option<Estimate>) -> Option<f64> {
+    estimate.map(|e| e.value)
+}
+
+fn sigma(estimate: Option<Estimate>) -> Option<f64> {
+    estimate.and_then(|e| e.sigma)
 }
 
 fn torsion(t: &Torsion) -> TorsionRecord {

@@ -75,17 +75,29 @@ pub struct Sighting {
 
 impl Sighting {
     /// From measurements by hand.
-    pub fn by_hand(name: &str, observations: &[HandObservation]) -> Self {
-        let observe = |o: &HandObservation| Observation {
-            marker: o.marker,
-            pixel: o.pixel,
-            covariance_px2: nalgebra::Matrix2::identity() * o.sigma_px * o.sigma_px,
-        };
-        Self {
-            image: name.into(),
-            observations: observations.iter().map(observe).collect(),
-            ..Self::default()
+    pub fn by_hand<'a>(name: &str, observations: impl IntoIterator<Item = &'a HandObservation>) -> Self {
+        let mut sighting = Self { image: name.into(), ..Self::default() };
+        sighting.add_by_hand(observations);
+        sighting
+    }
+
+    /// Measurements by hand beside those that were detected: where both are of one marker, the hand's stands for it.
+    pub fn add_by_hand<'a>(&mut self, observations: impl IntoIterator<Item = &'a HandObservation>) {
+        for o in observations {
+            self.observations.retain(|seen| seen.marker != o.marker);
+            let covariance_px2 = Matrix2::identity() * o.sigma_px * o.sigma_px;
+            self.observations.push(Observation { marker: o.marker, pixel: o.pixel, covariance_px2 });
         }
+        self.observations.sort_by_key(|o| o.marker);
+    }
+
+    /// The same, with none that were detected: for a picture that nothing is looked for in.
+    pub fn only_by_hand<'a>(
+        name: &str,
+        bytes: &[u8],
+        observations: impl IntoIterator<Item = &'a HandObservation>,
+    ) -> Self {
+        Self { digest: unseen(name, bytes).digest, ..Self::by_hand(name, observations) }
     }
 
     /// Without anything seen, and why.

@@ -1,5 +1,7 @@
 //! A grid is a table that is built once and shown in a terminal or in the report.
 
+mod fit;
+
 use maud::{Markup, html};
 
 /// A column's heading and how its cells are set.
@@ -9,6 +11,8 @@ pub struct Column {
     pub title: String,
     /// Numbers to the right, words to the left.
     pub right: bool,
+    /// Left out where the table is too wide for a terminal.
+    pub spare: bool,
 }
 
 /// Rows of cells under headings.
@@ -21,11 +25,13 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Headings; one that starts with `<` is a column of words.
+    /// Headings; one that starts with `<` is a column of words, one with `~` before that is left out where there is no
+    /// room for it.
     pub fn new(titles: &[&str]) -> Self {
-        let column = |t: &&str| match t.strip_prefix('<') {
-            Some(title) => Column { title: title.to_owned(), right: false },
-            None => Column { title: (*t).to_owned(), right: true },
+        let column = |t: &&str| {
+            let (spare, title) = t.strip_prefix('~').map_or((false, *t), |title| (true, title));
+            let (right, title) = title.strip_prefix('<').map_or((true, title), |title| (false, title));
+            Column { title: title.to_owned(), right, spare }
         };
         Self { columns: titles.iter().map(column).collect(), rows: Vec::new() }
     }
@@ -40,19 +46,20 @@ impl Grid {
         self.rows.push(cells);
     }
 
-    /// For a terminal: columns two blanks apart, a rule under the headings.
+    /// For a terminal of 80 columns: columns two blanks apart, a rule under the headings. What is wider gets its headings
+    /// on two lines, then loses its spare columns, then has its longest words on several lines.
     pub fn text(&self) -> String {
-        let titles: Vec<String> = self.columns.iter().map(|c| printable(&c.title)).collect();
-        let rows: Vec<Vec<String>> =
-            self.rows.iter().map(|r| r.iter().map(|c| printable(c)).collect()).collect();
-        let widths: Vec<usize> = (0..titles.len()).map(|i| width(&titles, &rows, i)).collect();
-        let rule: Vec<String> = widths.iter().map(|w| "-".repeat(*w)).collect();
-        let mut out = self.line(&titles, &widths);
-        out.push_str(&self.line(&rule, &widths));
-        for row in &rows {
-            out.push_str(&self.line(row, &widths));
-        }
-        out
+        fit::text(self, fit::Width::Terminal)
+    }
+
+    /// Every column, as wide as it comes.
+    pub fn wide(&self) -> String {
+        fit::text(self, fit::Width::All)
+    }
+
+    /// As [`Self::wide`] or as [`Self::text`].
+    pub fn text_at(&self, wide: bool) -> String {
+        if wide { self.wide() } else { self.text() }
     }
 
     /// For the report.
@@ -67,18 +74,6 @@ impl Grid {
                 }
             }
         }
-    }
-
-    fn line(&self, cells: &[String], widths: &[usize]) -> String {
-        let mut out = String::new();
-        for ((cell, column), width) in cells.iter().zip(&self.columns).zip(widths) {
-            let fill = " ".repeat(width.saturating_sub(cell.chars().count()));
-            let (before, after) = if column.right { (fill.as_str(), "") } else { ("", fill.as_str()) };
-            out.push_str(&format!("{before}{cell}{after}  "));
-        }
-        out.truncate(out.trim_end().len());
-        out.push('\n');
-        out
     }
 }
 
@@ -95,16 +90,6 @@ impl<'r, T: 'r, I: IntoIterator<Item = &'r T>> Each<I> {
         let cells = |row: &T| columns.iter().map(|(_, cell)| cell(row)).collect();
         Grid { rows: self.0.into_iter().map(cells).collect(), ..Grid::new(&titles) }
     }
-}
-
-fn width(titles: &[String], rows: &[Vec<String>], column: usize) -> usize {
-    let cells = rows.iter().filter_map(|r| r.get(column));
-    titles.get(column).into_iter().chain(cells).map(|c| c.chars().count()).max().unwrap_or(0)
-}
-
-/// Control characters of outside names must not reach a terminal.
-fn printable(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
 }
 
 #[cfg(test)]

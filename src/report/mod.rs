@@ -7,22 +7,26 @@
 //! | `aircraft` | a store | the aircraft's data of each shot |
 //! | `source` | a store | what the report shows |
 //! | `stress` | the bending lines of a flight, the stiffness | moments, extremes, cycles, damage |
+//! | `doubt` | records | which frames are to be looked at first |
 //! | `compare` | two sets of results | what changed |
 //! | `overview` | a store | a flight's series in a line each, without reading whole records |
 //! | `html` | that | one page that opens offline |
 //! | `export` | that | CSV, Parquet, VTK |
 //! | `protocol` | the record of an image | its adjustment as a text to read |
 //! | `plan_figure` | a plan | resolution and predicted uncertainty along the span, SVG |
+//! | `layout_figure` | a layout of markers | the wing from above to scale, and as the camera sees it, SVG |
 //! | `overlay` | a frame and its detections | a picture to look at |
 
 pub mod aircraft;
 #[cfg(feature = "boards")]
 pub mod calibration;
 pub mod compare;
+pub mod doubt;
 pub mod export;
 pub mod grid;
 pub mod html;
 pub mod labels;
+pub mod layout_figure;
 pub mod number;
 pub mod overlay;
 pub mod overview;
@@ -106,6 +110,8 @@ pub struct ShotData {
     pub number: u32,
     /// File name of the frame; `None` where the camera gave none.
     pub image: Option<String>,
+    /// The name that it came under, where it came from a file.
+    pub source: Option<String>,
     /// When the camera was asked.
     pub stamp: Option<Stamp>,
     /// When the frame was exposed.
@@ -173,6 +179,17 @@ pub struct Picture {
     pub bytes: Vec<u8>,
     /// How to read them, where that is known.
     pub format: Option<Format>,
+    /// Why there are no bytes.
+    pub fault: Option<String>,
+}
+
+/// A frame's record as it was written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Whole {
+    /// Its series.
+    pub series: String,
+    /// With markers and curve.
+    pub record: ImageRecord,
 }
 
 /// All that a report shows.
@@ -182,10 +199,10 @@ pub struct ReportData {
     pub series: Vec<SeriesData>,
     /// The installation, where it is at hand.
     pub site: Option<Site>,
-    /// The frame to be shown.
-    pub picture: Option<Picture>,
-    /// The record of that frame, whole.
-    pub shown: Option<ImageRecord>,
+    /// Frames to be shown: of the records below, in their order.
+    pub pictures: Vec<Picture>,
+    /// Whole records, those to be looked at first before all.
+    pub frames: Vec<Whole>,
     /// Lines of the aircraft's data that say nothing, and those that do; `None` without any.
     pub feed: Option<(Unused, usize)>,
     /// What could not be read, and series that were refused.

@@ -51,6 +51,12 @@ pub fn general(value: f64) -> String {
     }
 }
 
+/// A count with its noun: 1 marker, 2 markers, 1 series, 2 series.
+pub fn count(number: usize, noun: &str) -> String {
+    let plural = if number == 1 || noun.ends_with("series") { "" } else { "s" };
+    format!("{number} {noun}{plural}")
+}
+
 /// A JSON value in words.
 pub fn words(value: &Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)

@@ -4,9 +4,9 @@
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::summary::Mean;
+use super::summary::{Mean, Single};
 use crate::clock::Stamp;
-use crate::record::{Status, Tip};
+use crate::record::{Reference, Status, Tip};
 use crate::store::manifest::{SeriesManifest, State};
 use crate::store::sets::{Gather, Sets};
 use crate::store::{Disk, FlightRef, SeriesRef, StoreError, catalogue, heads, layout};
@@ -30,8 +30,10 @@ pub struct Line {
     pub solved: usize,
     /// Frames with a result that says why not.
     pub failed: usize,
-    /// Lift of the outermost marker.
+    /// Lift of the outermost marker, as the flight's `reference` says.
     pub tip_lift_m: Option<Mean>,
+    /// The greatest of single frames.
+    pub greatest: Option<Single>,
 }
 
 impl Line {
@@ -58,6 +60,8 @@ impl Line {
 pub struct Overview {
     /// Its name.
     pub flight: String,
+    /// Against what its lifts are counted.
+    pub reference: Reference,
     /// Its series, in order.
     pub series: Vec<Line>,
     /// What could not be read.
@@ -74,10 +78,10 @@ impl Overview {
         self.series.iter().map(of).sum()
     }
 
-    /// The series with the greatest tip lift.
-    pub fn greatest(&self) -> Option<(&Line, Mean)> {
-        let lifts = self.series.iter().filter_map(|line| Some((line, line.tip_lift_m?)));
-        lifts.max_by(|a, b| a.1.value.total_cmp(&b.1.value))
+    /// The single frame with the greatest tip lift, and its series.
+    pub fn greatest(&self) -> Option<(&Line, &Single)> {
+        let lifts = self.series.iter().filter_map(|line| Some((line, line.greatest.as_ref()?)));
+        lifts.max_by(|a, b| a.1.lift_m.total_cmp(&b.1.lift_m))
     }
 
     /// Bytes of frames an hour, over the last day of series; `None` before there are two.
@@ -104,7 +108,7 @@ struct Seen {
     set: usize,
     frame: String,
     ok: bool,
-    lift_m: Option<(f64, Option<f64>)>,
+    tip: Option<Tip>,
 }
 
 /// Reads a flight. Damage in one place does not hide the rest: it is noted.
@@ -126,7 +130,10 @@ pub fn flight(disk: &dyn Disk, flight: &FlightRef) -> Result<Overview, StoreErro
     let sets: Sets = gather.end();
     let chosen = sets.chosen(None).map(|set| set.index());
     overview.warning = sets.warning(&flight.id, None);
-    let counted = all.into_iter().map(|(line, seen)| with_results(line, &seen, chosen));
+    let of_set = |seen: &&Seen| seen.ok && Some(seen.set) == chosen;
+    let tips = all.iter().flat_map(|(_, seen)| seen).filter(of_set).filter_map(|seen| seen.tip.as_ref());
+    overview.reference = Reference::of(tips);
+    let counted = all.into_iter().map(|(line, seen)| with_results(line, &seen, chosen, overview.reference));
     overview.series = counted.collect();
     Ok(overview)
 }
@@ -159,18 +166,20 @@ fn seen(disk: &dyn Disk, series: &SeriesRef, gather: &mut Gather, notes: &mut Ve
     let sets = gather.add(&series.id, &heads);
     let one = |(head, set): (heads::Head, usize)| {
         let brief: Brief = serde_json::from_value(Value::Object(head.record)).unwrap_or_default();
-        let lift_m = brief.tip.map(|tip| (tip.lift_m, tip.sigma_lift_m));
-        Seen { set, frame: head.frame, ok: brief.status == Status::Ok, lift_m }
+        Seen { set, frame: head.frame, ok: brief.status == Status::Ok, tip: brief.tip }
     };
     heads.into_iter().zip(sets).map(one).collect()
 }
 
-fn with_results(line: Line, seen: &[Seen], chosen: Option<usize>) -> Line {
+fn with_results(line: Line, seen: &[Seen], chosen: Option<usize>, reference: Reference) -> Line {
     let mut latest = std::collections::BTreeMap::new();
     for one in seen.iter().filter(|one| Some(one.set) == chosen) {
         latest.insert(&one.frame, one);
     }
-    let lifts: Vec<_> = latest.values().filter(|s| s.ok).filter_map(|s| s.lift_m).collect();
-    let solved = latest.values().filter(|s| s.ok).count();
-    Line { solved, failed: latest.len() - solved, tip_lift_m: Mean::of(&lifts), ..line }
+    let solved = || latest.values().filter(|s| s.ok);
+    let tips = || solved().filter_map(|s| Some((s.frame.as_str(), s.tip.as_ref()?)));
+    let lifts: Vec<_> = tips().filter_map(|(_, tip)| tip.lift(reference)).collect();
+    let (tip_lift_m, greatest) = (Mean::of(&lifts), Single::greatest(tips(), reference));
+    let solved = solved().count();
+    Line { solved, failed: latest.len() - solved, tip_lift_m, greatest, ..line }
 }

@@ -6,6 +6,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
 use super::grid::Grid;
 use super::number::{NONE, fields, fixed, general, rounded, words};
+use super::table;
 use crate::record::{
     GlobalTest, ImageRecord, MarkerRecord, Measured, Method, Parameters, Quality, SigmaKind, Status, Term,
     TorsionRecord, VarianceComponent,
@@ -33,6 +34,8 @@ pub fn protocol(record: &ImageRecord) -> String {
     section(&mut out, "Variance components", &variance_components(record));
     section(&mut out, "Observations and their reliability", &observations(record));
     section(&mut out, "Positions and lifts", &positions(record).text());
+    section(&mut out, "Lift of the tip", &tip(record));
+    section(&mut out, "What the variance of the tip's lift comes from", &budget(record));
     section(&mut out, "Torsion", &torsion(record));
     section(&mut out, "Markers left out", &left_out(record));
     section(&mut out, "Remarks", &lines(&record.remarks));
@@ -84,7 +87,8 @@ fn global_test(record: &ImageRecord) -> String {
     let factor = fixed(record.variance_factor, 3);
     let verdict = match record.global_test {
         Some(GlobalTest::Passed) => {
-            "passed: the residuals are as large as the stated standard deviations let expect"
+            "passed: the residuals do not contradict the model and the stated standard deviations; they cannot show \
+             what leaves none, such as a wrong root, axis, lens or window"
         }
         Some(GlobalTest::Rejected) => {
             "rejected: the residuals are larger than the stated standard deviations allow; a wrong survey \
@@ -237,6 +241,14 @@ fn positions(record: &ImageRecord) -> Grid {
         ("lift / m", &|m| lift(m).0),
         ("sigma", &|m| lift(m).1),
     ])
+}
+
+fn tip(record: &ImageRecord) -> String {
+    record.tip.as_ref().map_or(String::new(), |tip| table::tip(tip).text())
+}
+
+fn budget(record: &ImageRecord) -> String {
+    if record.budget.is_empty() { String::new() } else { table::budget(&record.budget).text() }
 }
 
 fn torsion(record: &ImageRecord) -> String {

@@ -22,7 +22,12 @@ pub fn record(image: &str, tip_lift_m: f64) -> ImageRecord {
         global_test: Some(GlobalTest::Passed),
         sigma_kind: Some(SigmaKind::Prior),
         model: Model { a_per_m, ..Model::default() },
-        tip: Some(Tip { marker: "M03".to_owned(), lift_m: tip_lift_m, sigma_lift_m: Some(0.006) }),
+        tip: Some(Tip {
+            marker: "M03".to_owned(),
+            lift_m: tip_lift_m,
+            sigma_lift_m: Some(0.006),
+            ..Tip::default()
+        }),
         markers,
         torsion: vec![TorsionRecord {
             name: "tip".to_owned(),
@@ -78,6 +83,10 @@ fn marker(number: u32, tip_lift_m: f64) -> MarkerRecord {
         sigma_position_cad_m: None,
         lift_m: some(lift_m),
         sigma_lift_m: some(0.006),
+        lift_ground_m: None,
+        sigma_lift_ground_m: None,
+        lift_root_m: None,
+        sigma_lift_root_m: None,
     }
 }
 
@@ -94,6 +103,7 @@ pub fn series(name: &str, after_s: i64, lifts_m: &[f64]) -> SeriesData {
     let image = |i: usize| format!("{name}-{i:02}.jpg");
     let shot = |i: usize| ShotData {
         image: Some(image(i)),
+        source: None,
         number: i as u32 + 1,
         stamp: Some(stamp(after_s + 2 * i as i64)),
         exposure: None,

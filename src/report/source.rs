@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::{MarkerCount, Picture, ReportData, SeriesData, ShotData, Site, aircraft, summary};
+use super::doubt::Ranked;
+use super::{MarkerCount, Picture, ReportData, SeriesData, ShotData, Site, Whole, aircraft, summary};
 use crate::aircraft::{State as AircraftState, Track};
 use crate::measure::setup::Setup;
 use crate::record::{ImageRecord, Model, Quality};
@@ -27,13 +28,34 @@ impl<'a> Choice<'a> {
     }
 }
 
-/// Reads one flight, the newest with a series where none is named, and a frame of it to be shown. Of the
-/// records only that frame's is whole: the others have what a list of them shows.
+/// Frames whose records a report keeps whole: 3 MB of its page with 40 markers each.
+const FRAMES: usize = 400;
+/// Pictures that a report shows where nothing else is asked for; one is some 200 kB of its page.
+pub const PICTURES: usize = 4;
+
+/// Reads one flight, the newest with a series where none is named, with [`PICTURES`] frames to be shown.
+///
+/// # Errors
+/// As [`flight_with`].
 pub fn flight(root: &Path, choice: Choice, setup: Option<&Setup>) -> Result<ReportData, StoreError> {
+    flight_with(root, choice, setup, PICTURES)
+}
+
+/// The same with so many frames to be shown. Of the records those are whole that are to be looked at first: the others
+/// have what a list of them shows.
+///
+/// # Errors
+/// Where there is no store, no such flight, or no results of the inputs that are asked for.
+pub fn flight_with(
+    root: &Path,
+    choice: Choice,
+    setup: Option<&Setup>,
+    pictures: usize,
+) -> Result<ReportData, StoreError> {
     let disk = RealDisk;
     catalogue::check_format(&disk, root)?;
     let mut data = ReportData { site: setup.map(Site::from), ..ReportData::default() };
-    let mut whole = None;
+    let mut whole = Ranked::new(FRAMES.max(pictures));
     if let Some(chosen) = choose(&disk, root, choice.flight)? {
         let set = pick(&disk, &chosen, choice, &mut data.warnings)?;
         let track = track(&disk, root, &chosen, &mut data.notes)?;
@@ -48,9 +70,29 @@ pub fn flight(root: &Path, choice: Choice, setup: Option<&Setup>) -> Result<Repo
         }
     }
     data.notes.extend(refusals(&disk, root));
-    data.picture = picture(&disk, root, &data.series, &mut data.notes);
-    data.shown = whole.map(|(_, record)| record);
+    data.frames = whole.end();
+    data.pictures = shown(&data, pictures, |series, shot| picture(&disk, root, series, shot));
+    let said = data.pictures.iter().filter_map(|p| p.fault.clone());
+    data.notes.extend(said);
     Ok(data)
+}
+
+/// Flight of pictures that are in no store.
+pub const OF_PICTURES: &str = "pictures";
+
+/// What is shown of pictures that are in no store: their series, with whole records. `picture` gives the bytes of a series'
+/// picture by its name.
+pub fn pictures(
+    series: Vec<SeriesData>,
+    setup: &Setup,
+    picture: impl Fn(&SeriesData, &ShotData) -> Option<Picture>,
+) -> ReportData {
+    let mut data = ReportData { site: Some(Site::from(setup)), ..ReportData::default() };
+    let mut whole = Ranked::new(FRAMES);
+    data.series.extend(series.into_iter().map(|series| lean(series, &mut whole)));
+    data.frames = whole.end();
+    data.pictures = shown(&data, PICTURES, picture);
+    data
 }
 
 /// Hands out the series of the chosen flight, or of all flights, one at a time; what could not be read
@@ -113,13 +155,11 @@ fn pick(
     Ok(found)
 }
 
-/// A record as a list of records needs it; the first solved one is kept whole.
-fn lean(mut series: SeriesData, whole: &mut Option<(String, ImageRecord)>) -> SeriesData {
+/// A record as a list of records needs it; as it was it goes among the frames.
+fn lean(mut series: SeriesData, whole: &mut Ranked) -> SeriesData {
     series.curve = summary::curve_of(&series.records);
     for record in &mut series.records {
-        if whole.is_none() && record.is_solved() {
-            *whole = Some((series.name.clone(), record.clone()));
-        }
+        whole.push(Whole { series: series.name.clone(), record: record.clone() });
         series.counts.push(MarkerCount::of(record));
         record.markers.retain(|m| !m.used);
         record.markers.shrink_to_fit();
@@ -136,7 +176,12 @@ fn choose(disk: &dyn Disk, root: &Path, wanted: Option<&str>) -> Result<Option<F
         let known: Vec<&str> = flights.iter().map(|f| f.id.as_str()).collect();
         let why = format!("there is no flight {wanted}, only: {}", known.join(", "));
         let missing = || StoreError::NotAStore { path: layout::finished(root, wanted, ""), why };
-        return flights.iter().find(|f| f.id == wanted).cloned().map(Some).ok_or_else(missing);
+        return flights
+            .iter()
+            .find(|f| catalogue::is_called(disk, f, wanted))
+            .cloned()
+            .map(Some)
+            .ok_or_else(missing);
     }
     let taken = |f: &&FlightRef| catalogue::series(disk, f).is_ok_and(|s| !s.is_empty());
     Ok(flights.iter().rev().find(taken).cloned())
@@ -189,6 +234,7 @@ fn record(series: &SeriesRef, line: ResultLine, notes: &mut Vec<String>) -> Opti
 fn shot(shot: Shot) -> ShotData {
     let reason = |f: &store::manifest::Failure| format!("{}: {}", f.kind, f.reason);
     let failures = shot.failures.iter().map(reason).collect();
+    let source = shot.frame.as_ref().and_then(|f| f.settings.get("source")?.as_str().map(str::to_owned));
     let (image, sha256, format) = match shot.frame {
         Some(frame) => (Some(frame.file), Some(frame.sha256), Some(frame.format)),
         None => (None, None, None),
@@ -198,6 +244,7 @@ fn shot(shot: Shot) -> ShotData {
     ShotData {
         number,
         image,
+        source,
         stamp: Some(shot.stamp),
         exposure,
         aircraft: AircraftState::new(),
@@ -214,18 +261,33 @@ fn refusals(disk: &dyn Disk, root: &Path) -> Vec<String> {
     lines.into_iter().map(|(_, refusal)| text(refusal)).collect()
 }
 
-/// The first solved frame, or the first frame at all.
-fn picture(disk: &dyn Disk, root: &Path, series: &[SeriesData], notes: &mut Vec<String>) -> Option<Picture> {
-    let frames = || series.iter().flat_map(|s| s.shots.iter().map(move |shot| (s, shot)));
-    let solved = |(s, shot): &(&SeriesData, &ShotData)| s.record_of(shot).is_some_and(ImageRecord::is_solved);
-    let (s, shot) = frames().find(solved).or_else(|| frames().find(|(_, shot)| shot.image.is_some()))?;
+/// The frames that stand first, or the first frame at all.
+fn shown(
+    data: &ReportData,
+    most: usize,
+    picture: impl Fn(&SeriesData, &ShotData) -> Option<Picture>,
+) -> Vec<Picture> {
+    let ranked = data.frames.iter().filter_map(|frame| {
+        let series = data.series.iter().find(|s| s.name == frame.series)?;
+        let shot = series.shots.iter().find(|s| s.image.as_ref() == Some(&frame.record.image))?;
+        Some((series, shot))
+    });
+    let all = data.series.iter().flat_map(|s| s.shots.iter().map(move |shot| (s, shot)));
+    let all = all.filter(|(_, shot)| shot.image.is_some());
+    let chosen: Vec<_> = ranked.take(most).collect();
+    let chosen = if chosen.is_empty() { all.take(most.min(1)).collect() } else { chosen };
+    chosen.into_iter().filter_map(|(series, shot)| picture(series, shot)).collect()
+}
+
+fn picture(disk: &dyn Disk, root: &Path, series: &SeriesData, shot: &ShotData) -> Option<Picture> {
     let image = shot.image.clone().filter(|name| layout::is_frame_name(name))?;
-    let path = layout::finished(root, &s.flight, &s.name).join(&image);
-    match disk.read(&path) {
-        Ok(bytes) => Some(Picture { series: s.name.clone(), image, bytes, format: shot.format.clone() }),
+    let path = layout::finished(root, &series.flight, &series.name).join(&image);
+    let (bytes, fault) = match disk.read(&path) {
+        Ok(bytes) => (bytes, None),
         Err(error) => {
-            notes.push(format!("{}: the frame cannot be read ({error}); run `wingd verify`", path.display()));
-            None
+            let text = format!("{}: the frame cannot be read ({error}); run `wingd verify`", path.display());
+            (Vec::new(), Some(text))
         }
-    }
+    };
+    Some(Picture { series: series.name.clone(), image, bytes, format: shot.format.clone(), fault })
 }

@@ -44,14 +44,54 @@ pub struct Question {
 pub struct FlightLoad {
     /// Frames with a moment.
     pub frames: usize,
-    /// Frames a second; `null` with fewer than two.
+    /// Frames a second, by the median interval; `null` with fewer than two.
     pub rate_hz: Option<f64>,
     /// What cycles need: ten frames a period of the lowest bending.
     pub needed_hz: f64,
+    /// Where frames are missing.
+    pub gaps: Gaps,
     /// Why no cycles are counted; `null` where they are.
     pub no_cycles_because: Option<String>,
     /// From root to tip.
     pub stations: Vec<StationLoad>,
+}
+
+/// Where frames are missing, and what is told of cycles.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Gaps {
+    /// Intervals longer than one and a half usual ones.
+    pub count: usize,
+    /// The longest, s; 0 without one.
+    pub longest_s: f64,
+    /// Time whose cycles are counted, s.
+    pub told_s: f64,
+    /// Time whose cycles are not, s.
+    pub untold_s: f64,
+}
+
+impl Gaps {
+    fn of(sampling: &Sampling) -> Self {
+        let Sampling { gaps, longest_gap_s, told_s, untold_s, .. } = *sampling;
+        let (told_s, untold_s) = match sampling.tells_cycles() {
+            true => (told_s, untold_s),
+            false => (0.0, told_s + untold_s),
+        };
+        Self { count: gaps, longest_s: longest_gap_s, told_s, untold_s }
+    }
+
+    /// For people; `None` without a gap.
+    #[must_use]
+    pub fn said(&self) -> Option<String> {
+        let minutes = |s: f64| format!("{:.1} min", s / 60.0);
+        let (told, untold) = (minutes(self.told_s), minutes(self.untold_s));
+        (self.count > 0).then(|| {
+            format!(
+                "{} gaps between frames, the longest {:.1} s; cycles are told over {told}, not over {untold}: those are \
+                 not in the damage, and in its standard deviation as if they were like the others",
+                self.count, self.longest_s
+            )
+        })
+    }
 }
 
 /// At one station. Moments are the change against ground, N m, positive where they bend the tip up.
@@ -194,21 +234,31 @@ pub fn of(frames: &[Frame], question: &Question) -> Option<FlightLoad> {
         frames: frames.len(),
         rate_hz: sampling.rate_hz,
         needed_hz: sampling.needed_hz,
+        gaps: Gaps::of(&sampling),
         no_cycles_because: no_cycles(&sampling, question.bending_hz),
         stations: stations?,
     })
 }
 
 fn no_cycles(sampling: &Sampling, bending_hz: f64) -> Option<String> {
+    if sampling.tells_cycles() {
+        return None;
+    }
+    let still = "extremes and the ground-air-ground cycle are of the frames there are";
+    let rate = sampling.rate_hz.map(general).filter(|_| sampling.is_fast_enough());
+    if let Some(rate) = rate {
+        let (told, all) = (sampling.told_s, sampling.told_s + sampling.untold_s);
+        return Some(format!(
+            "frames come at {rate} a second over {told:.1} s of {all:.1} s only, which tells no cycles of a flight; {still}"
+        ));
+    }
     let rate =
         sampling.rate_hz.map_or("one frame".to_owned(), |rate| format!("{} frames a second", general(rate)));
-    (!sampling.tells_cycles()).then(|| {
-        format!(
-            "{rate} tell no cycles of a wing that bends at {bending_hz} Hz and above: {} a second are needed, \
-             {SAMPLES_PER_PERIOD} a period; extremes and the ground-air-ground cycle are of the frames there are",
-            sampling.needed_hz
-        )
-    })
+    Some(format!(
+        "{rate} tell no cycles of a wing that bends at {bending_hz} Hz and above: {} a second are needed, \
+         {SAMPLES_PER_PERIOD} a period; {still}",
+        sampling.needed_hz
+    ))
 }
 
 fn station(
@@ -230,7 +280,7 @@ fn station(
         cycles: counted.as_ref().map(cycles),
         smallest_range_n_m: counted.as_ref().map(|flight| flight.gate_n_m),
         cycles_left_out: counted.as_ref().map(|flight| flight.left_out),
-        damage: counted.map(|flight| damage(&flight, &whole, section, question)),
+        damage: counted.map(|flight| damage((&flight, sampling), &whole, section, question)),
     })
 }
 
@@ -273,13 +323,13 @@ fn cycles(flight: &OverAFlight) -> Vec<CycleLoad> {
 }
 
 fn damage(
-    flight: &OverAFlight,
+    (flight, sampling): (&OverAFlight, &Sampling),
     whole: &GroundAirGround,
     section: &Section,
     question: &Question,
 ) -> Vec<Damage> {
     let line = section.ultimate_n_m.filter(|_| question.goodman);
     let goodman = line.map(|ultimate_n_m| Goodman { ground_n_m: section.ground_n_m, ultimate_n_m });
-    let share = section.sigma_ei_n_m2 / section.ei_n_m2;
+    let share = (section.sigma_ei_n_m2 / section.ei_n_m2, sampling.unseen());
     question.slopes.iter().map(|slope| stress::damage(flight, whole, *slope, goodman, share)).collect()
 }

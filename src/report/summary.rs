@@ -2,7 +2,7 @@
 
 use super::{SeriesData, distinct};
 use crate::clock::Stamp;
-use crate::record::{CurveRecord, GlobalTest, ImageRecord};
+use crate::record::{CurveRecord, GlobalTest, ImageRecord, Reference, Tip};
 
 /// A mean over the shots of a series.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,6 +40,31 @@ impl Mean {
     }
 }
 
+/// One frame's lift.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Single {
+    /// The frame.
+    pub image: String,
+    /// Of the tip marker, m.
+    pub lift_m: f64,
+    /// Its standard deviation, m.
+    pub sigma_m: Option<f64>,
+}
+
+impl Single {
+    /// The greatest of some tips' lifts against a reference.
+    pub fn greatest<'a>(
+        tips: impl Iterator<Item = (&'a str, &'a Tip)>,
+        reference: Reference,
+    ) -> Option<Self> {
+        let of = |(image, tip): (&str, &Tip)| {
+            let (lift_m, sigma_m) = tip.lift(reference).filter(|(lift, _)| lift.is_finite())?;
+            Some(Self { image: image.to_owned(), lift_m, sigma_m })
+        };
+        tips.filter_map(of).max_by(|a, b| a.lift_m.total_cmp(&b.lift_m))
+    }
+}
+
 /// Torsion of a pair over a series.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TorsionMean {
@@ -64,8 +89,12 @@ pub struct SeriesSummary {
     pub shots: usize,
     /// Frames with a result.
     pub solved: usize,
+    /// Against what the lifts are counted.
+    pub reference: Reference,
     /// Lift of the tip marker.
     pub tip_lift_m: Option<Mean>,
+    /// The greatest of single frames.
+    pub greatest: Option<Single>,
     /// Every pair.
     pub torsion: Vec<TorsionMean>,
     /// Smallest and largest variance factor.
@@ -80,10 +109,10 @@ pub struct SeriesSummary {
 
 impl SeriesSummary {
     /// Of one series; `hour` as [`hours`] gives it.
-    pub fn of(series: &SeriesData, hour: f64) -> Self {
+    pub fn of(series: &SeriesData, hour: f64, reference: Reference) -> Self {
         let solved = solved(series);
-        let tips: Vec<_> =
-            solved.iter().filter_map(|r| r.tip.as_ref()).map(|t| (t.lift_m, t.sigma_lift_m)).collect();
+        let tips = || solved.iter().filter_map(|r| Some((r.image.as_str(), r.tip.as_ref()?)));
+        let lifts: Vec<_> = tips().filter_map(|(_, tip)| tip.lift(reference)).collect();
         let factors: Vec<f64> =
             solved.iter().filter_map(|r| r.variance_factor).filter(|f| f.is_finite()).collect();
         let tests: Vec<GlobalTest> = solved.iter().filter_map(|r| r.global_test).collect();
@@ -93,7 +122,9 @@ impl SeriesSummary {
             hour,
             shots: series.records.len().max(series.shots.len()).max(series.planned),
             solved: solved.len(),
-            tip_lift_m: Mean::of(&tips),
+            reference,
+            tip_lift_m: Mean::of(&lifts),
+            greatest: Single::greatest(tips(), reference),
             torsion: torsion(&solved),
             variance_factor: factors.iter().copied().fold(None, extremes),
             tests_passed: tests.iter().filter(|t| **t == GlobalTest::Passed).count(),
@@ -119,7 +150,13 @@ impl SeriesSummary {
 
 /// All series, in order of time.
 pub fn summaries(series: &[SeriesData]) -> Vec<SeriesSummary> {
-    series.iter().zip(hours(series)).map(|(s, h)| SeriesSummary::of(s, h)).collect()
+    let reference = reference(series);
+    series.iter().zip(hours(series)).map(|(s, h)| SeriesSummary::of(s, h, reference)).collect()
+}
+
+/// Against what the lifts of some series are counted: one for all of them, which all frames have.
+pub fn reference(series: &[SeriesData]) -> Reference {
+    Reference::of(series.iter().flat_map(solved).filter_map(|r| r.tip.as_ref()))
 }
 
 /// Hours since the first series; by number (one per hour) where a time is unknown.
@@ -217,7 +254,9 @@ mod tests {
     fn failed_frames_do_not_enter_the_means() {
         let mut series = sample::series("s1", 0, &[2.9, 3.1]);
         series.records.push(sample::failed("x.jpg", "dark"));
-        let summary = SeriesSummary::of(&series, 0.0);
+        let summary = SeriesSummary::of(&series, 0.0, Reference::Survey);
+        let greatest = summary.greatest.unwrap();
+        assert_eq!((greatest.image.as_str(), greatest.lift_m), ("s1-01.jpg", 3.1));
         assert_eq!((summary.shots, summary.solved, summary.tests_passed), (3, 2, 2));
         assert!((summary.tip_lift_m.unwrap().value - 3.0).abs() < 1e-12);
         assert!((summary.curve.last().unwrap().lift_m - 3.0).abs() < 1e-12);

@@ -2,24 +2,28 @@
 
 use super::MarkerCount;
 use super::grid::Grid;
-use super::number::{NONE, decimals_for, fixed, rounded};
+use super::number::{NONE, count, decimals_for, fixed, rounded};
 use super::summary::{Mean, SeriesSummary};
 use crate::measure::detect::{Detection, Detections};
-use crate::record::{ImageRecord, MarkerRecord, TorsionRecord, word};
+use crate::record::{BudgetShare, ImageRecord, MarkerRecord, Reference, Tip, TorsionRecord, word};
 
 /// One line per image; below it the markers where there is one image only, otherwise the markers
 /// that were turned down, then failures and remarks.
-pub fn results(records: &[ImageRecord]) -> String {
-    let mut out = images(records).text();
+pub fn results(records: &[ImageRecord], wide: bool) -> String {
+    let reference = Reference::of(records.iter().filter_map(|r| r.tip.as_ref()));
+    let mut out = images(records, reference).text_at(wide);
     let notes = notes(records);
+    out.push_str(&lifts(records, reference));
     match records {
-        [one] if !one.markers.is_empty() => {
-            out.push_str(&format!("\n{}", markers(one).text()));
+        // Of a frame that was never read there is nothing to show but the reason.
+        [one] if one.markers.iter().any(|m| m.used || m.u_px.is_some()) => {
+            out.push_str(&format!("\n{}", markers(one).text_at(wide)));
         }
+        [one] if !one.is_solved() => {}
         _ => {
             let unused = unused(records);
             if !unused.rows.is_empty() {
-                out.push_str(&format!("\nMarkers not used\n{}", unused.text()));
+                out.push_str(&format!("\nMarkers not used\n{}", unused.text_at(wide)));
             }
         }
     }
@@ -29,8 +33,68 @@ pub fn results(records: &[ImageRecord]) -> String {
     out
 }
 
+/// Which lift the table shows; of one image all three and the budget.
+fn lifts(records: &[ImageRecord], reference: Reference) -> String {
+    match records {
+        [ImageRecord { tip: Some(tip), budget, .. }] if tip.shown.is_some() => {
+            format!("\n{}{}", self::tip(tip).text(), budget_text(budget))
+        }
+        _ if records.iter().any(|r| r.tip.is_some()) => format!("Lifts are counted {}.\n", reference.words()),
+        _ => String::new(),
+    }
+}
+
+/// The tip's three lifts.
+pub fn tip(tip: &Tip) -> Grid {
+    let shown = tip.shown.unwrap_or_default();
+    let lifts: Vec<_> = Reference::ALL.iter().filter_map(|one| Some((*one, tip.lift(*one)?))).collect();
+    let pair = |lift: &(f64, Option<f64>)| rounded(Some(lift.0), lift.1, 4);
+    Grid::each(&lifts).columns(&[
+        ("<lift of", &|_| tip.marker.clone()),
+        ("<counted", &|(one, _)| one.words().to_owned()),
+        ("m", &|(_, lift)| pair(lift).0),
+        ("sigma / m", &|(_, lift)| pair(lift).1),
+        ("<shown", &|(one, _)| if *one == shown { "yes" } else { "" }.to_owned()),
+    ])
+}
+
+/// Sources of a share below this are not named one by one in a sentence.
+const NAMED_SHARE: f64 = 0.02;
+
+/// A budget in a sentence; empty without one.
+pub fn budget_text(budget: &[BudgetShare]) -> String {
+    let percent = |share: f64| format!("{:.0} %", 100.0 * share);
+    let (large, small): (Vec<_>, Vec<_>) = budget.iter().partition(|one| one.share >= NAMED_SHARE);
+    let mut parts: Vec<String> =
+        large.iter().map(|one| format!("{} {}", one.source, percent(one.share))).collect();
+    let rest: f64 = small.iter().map(|one| one.share).sum();
+    if !small.is_empty() {
+        parts.push(format!("others {}", percent(rest)));
+    }
+    if parts.is_empty() {
+        return String::new();
+    }
+    let helps = budget.iter().filter_map(|one| Some((one, one.sigma_if_known_m?)));
+    let best = helps.min_by(|a, b| a.1.total_cmp(&b.1));
+    let best = best.map_or(String::new(), |(one, sigma)| {
+        format!("; were {} known without error, {} mm would be left", one.source, fixed(Some(1e3 * sigma), 1))
+    });
+    format!("Its variance comes from {}{best}.\n", parts.join(", "))
+}
+
+/// One budget as a table.
+pub fn budget(shares: &[BudgetShare]) -> Grid {
+    Grid::each(shares).columns(&[
+        ("<source", &|one| one.source.clone()),
+        ("share / %", &|one| fixed(Some(100.0 * one.share), 1)),
+        ("sigma of the lift if it were known / mm", &|one| {
+            fixed(one.sigma_if_known_m.map(|sigma| 1e3 * sigma), 2)
+        }),
+    ])
+}
+
 /// The markers of one frame as detected; `ids` in their order, or empty where none are known.
-pub fn detections(image: &str, found: &Detections, ids: &[Option<String>]) -> String {
+pub fn detections(image: &str, found: &Detections, ids: &[Option<String>], wide: bool) -> String {
     let sigma = |m: &Detection, k: usize| m.covariance_px2.get((k, k)).map(|v| v.sqrt());
     let u = |m: &Detection| rounded(Some(m.centre_px.x), sigma(m, 0), 2);
     let v = |m: &Detection| rounded(Some(m.centre_px.y), sigma(m, 1), 2);
@@ -50,17 +114,22 @@ pub fn detections(image: &str, found: &Detections, ids: &[Option<String>]) -> St
     ]);
     let psf = found.psf_sigma_px.map(|s| format!(", blur {s:.2} px")).unwrap_or_default();
     format!(
-        "{image}: {} markers, {} candidates turned down{psf}, noise {:.1} grey levels\n{}",
-        found.markers.len(),
-        found.rejected.len(),
+        "{image}: {}, {} turned down{psf}, noise {:.1} grey levels\n{}",
+        count(found.markers.len(), "marker"),
+        count(found.rejected.len(), "candidate"),
         found.noise,
-        grid.text()
+        grid.text_at(wide)
     )
 }
 
-/// One line per series.
-pub fn series(summaries: &[SeriesSummary]) -> String {
-    series_grid(summaries).text()
+/// One line per series, and what its lifts are.
+pub fn series(summaries: &[SeriesSummary], wide: bool) -> String {
+    let reference = summaries.first().map(|s| s.reference).unwrap_or_default();
+    let grid = series_grid(summaries).text_at(wide);
+    format!(
+        "{grid}Lift: mean of the tip marker's, {}; sigma: of one frame; scatter: of single frames about the mean.\n",
+        reference.words()
+    )
 }
 
 /// One row per series; the terminal's and the report's.
@@ -72,14 +141,14 @@ pub fn series_grid(summaries: &[SeriesSummary]) -> Grid {
         ("<begun (UTC)", &|s| s.begun_text()),
         ("frames", &|s| s.shots.to_string()),
         ("solved", &|s| s.solved.to_string()),
-        ("tip lift / m", &|s| mean(s.tip_lift_m, 3).0),
+        ("mean tip lift / m", &|s| mean(s.tip_lift_m, 3).0),
         ("sigma / m", &|s| mean(s.tip_lift_m, 3).1),
         ("scatter / m", &|s| scatter(s.tip_lift_m)),
-        ("torsion / deg", &|s| angle(s).0),
-        ("sigma / deg", &|s| angle(s).1),
-        ("twist / deg", &|s| twist(s).0),
-        ("sigma / deg", &|s| twist(s).1),
-        ("variance factor", &|s| s.variance_text()),
+        ("~torsion / deg", &|s| angle(s).0),
+        ("~sigma / deg", &|s| angle(s).1),
+        ("~twist / deg", &|s| twist(s).0),
+        ("~sigma / deg", &|s| twist(s).1),
+        ("~variance factor", &|s| s.variance_text()),
         ("test passed", &|s| format!("{}/{}", s.tests_passed, s.tests_made)),
     ])
 }
@@ -88,24 +157,26 @@ fn mean(value: Option<Mean>, fallback: usize) -> (String, String) {
     rounded(value.map(|m| m.value), value.and_then(|m| m.sigma), fallback)
 }
 
-fn scatter(value: Option<Mean>) -> String {
+/// Standard deviation of single frames about their mean.
+pub fn scatter(value: Option<Mean>) -> String {
     value.and_then(|m| m.scatter).map_or(NONE.to_owned(), |s| fixed(Some(s), decimals_for(s)))
 }
 
 /// One row per image; the terminal's and the report's.
-pub fn images(records: &[ImageRecord]) -> Grid {
-    image_rows(&records.iter().map(|r| (r, MarkerCount::of(r))).collect::<Vec<_>>())
+pub fn images(records: &[ImageRecord], reference: Reference) -> Grid {
+    image_rows(&records.iter().map(|r| (r, MarkerCount::of(r))).collect::<Vec<_>>(), reference)
 }
 
 /// The same of records whose markers were left out.
-pub fn images_counted(records: &[ImageRecord], counts: &[MarkerCount]) -> Grid {
-    image_rows(&records.iter().zip(counts.iter().copied()).collect::<Vec<_>>())
+pub fn images_counted(records: &[ImageRecord], counts: &[MarkerCount], reference: Reference) -> Grid {
+    image_rows(&records.iter().zip(counts.iter().copied()).collect::<Vec<_>>(), reference)
 }
 
-fn image_rows(rows: &[(&ImageRecord, MarkerCount)]) -> Grid {
+fn image_rows(rows: &[(&ImageRecord, MarkerCount)], reference: Reference) -> Grid {
     let tip = |r: &ImageRecord| r.tip.as_ref().map_or(NONE.to_owned(), |t| t.marker.clone());
     let lift = |r: &ImageRecord| {
-        rounded(r.tip.as_ref().map(|t| t.lift_m), r.tip.as_ref().and_then(|t| t.sigma_lift_m), 3)
+        let (lift_m, sigma_m) = r.tip.as_ref().and_then(|tip| tip.lift(reference)).unzip();
+        rounded(lift_m, sigma_m.flatten(), 3)
     };
     let pair = |r: &ImageRecord, of: fn(&TorsionRecord) -> (Option<f64>, Option<f64>)| {
         let (value, sigma) = r.torsion.first().map(of).unwrap_or_default();
@@ -115,13 +186,13 @@ fn image_rows(rows: &[(&ImageRecord, MarkerCount)]) -> Grid {
     let twist = |r: &ImageRecord| pair(r, |p| (p.twist_deg, p.sigma_twist_deg));
     Grid::each(rows).columns(&[
         ("<image", &|(r, _)| r.image.clone()),
-        ("<status", &|(r, _)| word(r.status)),
-        ("<method", &|(r, _)| if r.flight { "flight".to_owned() } else { word(r.method) }),
+        ("~<status", &|(r, _)| word(r.status)),
+        ("~<method", &|(r, _)| if r.flight { "flight".to_owned() } else { word(r.method) }),
         ("<tip", &|(r, _)| tip(r)),
         ("lift / m", &|(r, _)| lift(r).0),
         ("sigma / m", &|(r, _)| lift(r).1),
-        ("torsion / deg", &|(r, _)| angle(r).0),
-        ("sigma / deg", &|(r, _)| angle(r).1),
+        ("~torsion / deg", &|(r, _)| angle(r).0),
+        ("~sigma / deg", &|(r, _)| angle(r).1),
         ("twist / deg", &|(r, _)| twist(r).0),
         ("sigma / deg", &|(r, _)| twist(r).1),
         ("used", &|(_, count)| format!("{}/{}", count.used, count.surveyed)),
@@ -133,21 +204,26 @@ fn image_rows(rows: &[(&ImageRecord, MarkerCount)]) -> Grid {
 /// Every marker of one image; the terminal's and the report's.
 pub fn markers(record: &ImageRecord) -> Grid {
     let distance = |m: &MarkerRecord| rounded(m.distance_m, m.sigma_distance_m, 3);
-    let lift = |m: &MarkerRecord| rounded(m.lift_m, m.sigma_lift_m, 3);
+    let reference = record.tip.as_ref().and_then(|tip| tip.shown).unwrap_or_default();
+    let lift = |m: &MarkerRecord| match reference {
+        Reference::Survey => rounded(m.lift_m, m.sigma_lift_m, 3),
+        Reference::Ground => rounded(m.lift_ground_m, m.sigma_lift_ground_m, 3),
+        Reference::Root => rounded(m.lift_root_m, m.sigma_lift_root_m, 3),
+    };
     Grid::each(&record.markers).columns(&[
         ("<marker", &|m| m.id.clone()),
-        ("<shape", &|m| m.shape.name().to_owned()),
+        ("~<shape", &|m| m.shape.name().to_owned()),
         ("u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).0),
         ("v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).0),
-        ("sigma u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).1),
-        ("sigma v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).1),
+        ("~sigma u / px", &|m| rounded(m.u_px, m.sigma_u_px, 2).1),
+        ("~sigma v / px", &|m| rounded(m.v_px, m.sigma_v_px, 2).1),
         ("residual u / px", &|m| fixed(m.residual_u_px, 3)),
         ("residual v / px", &|m| fixed(m.residual_v_px, 3)),
-        ("distance / m", &|m| distance(m).0),
-        ("sigma / m", &|m| distance(m).1),
+        ("~distance / m", &|m| distance(m).0),
+        ("~sigma / m", &|m| distance(m).1),
         ("lift / m", &|m| lift(m).0),
         ("sigma / m", &|m| lift(m).1),
-        ("w", &|m| fixed(m.w_test, 1)),
+        ("~w", &|m| fixed(m.w_test, 1)),
         ("<remark", &remark),
     ])
 }
@@ -203,7 +279,7 @@ mod tests {
 
     #[test]
     fn a_solved_image_shows_lift_torsion_and_its_markers() {
-        let text = results(&[sample::record("f01.jpg", 2.93)]);
+        let text = results(&[sample::record("f01.jpg", 2.93)], true);
         for word in ["f01.jpg", "2.9300", "0.0060", "6.30", "0.20", "2.70", "passed", "M01", "hidden"] {
             assert!(text.contains(word), "{word} is missing in\n{text}");
         }
@@ -211,14 +287,14 @@ mod tests {
 
     #[test]
     fn a_failed_image_shows_its_reason_and_no_number() {
-        let text = results(&[sample::failed("f02.jpg", "the file is cut short; copy it again")]);
+        let text = results(&[sample::failed("f02.jpg", "the file is cut short; copy it again")], true);
         assert!(text.contains("f02.jpg: the file is cut short; copy it again"));
         assert!(!text.contains("NaN") && text.contains("failed"));
     }
 
     #[test]
     fn several_images_list_the_markers_left_out_once() {
-        let text = results(&[sample::record("a.jpg", 2.9), sample::record("b.jpg", 2.8)]);
+        let text = results(&[sample::record("a.jpg", 2.9), sample::record("b.jpg", 2.8)], true);
         let lines: Vec<&str> = text.lines().filter(|l| l.contains("hidden")).collect();
         assert_eq!(lines.len(), 1, "{text}");
         assert!(lines[0].contains('2') && lines[0].contains("a.jpg"));
@@ -226,6 +302,6 @@ mod tests {
 
     #[test]
     fn no_images_give_headings_only() {
-        assert_eq!(results(&[]).lines().count(), 2);
+        assert_eq!(results(&[], true).lines().count(), 2);
     }
 }

@@ -1,14 +1,15 @@
 //! Promise: what an aircraft does that a laboratory does not (docs/model.md) is in the standard deviations, or is rejected
 //! or remarked on. Drawn with exact geometry by `common::beam_truth::Aircraft`.
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 use rand::Rng;
 use rand::rngs::StdRng;
 use wingd::measure::adjust::{self, GlobalTest, MarkerSolution, Mounting, Options, Solution};
 use wingd::measure::setup::{InFlight, Setup, Uncertainty};
+use wingd::measure::stress::{Curvature, Section, USUAL_STEPS};
 
 use crate::common::beam_truth::{
-    Aircraft, Effects, Truth, When, median, normal3, random_wing, remounted, rms, rng,
+    Aircraft, Effects, Truth, When, median, normal, normal3, random_wing, remounted, rms, rng,
 };
 
 const NOISE_PX: f64 = 0.05;
@@ -31,8 +32,7 @@ const SET_UPS: [SetUp; 4] = [SetUp::Default, SetUp::Careful, SetUp::Stayed, SetU
 
 impl SetUp {
     fn widths(self) -> Uncertainty {
-        let usual =
-            Uncertainty { mount_drift_rad: 5e-5, in_flight: InFlight::USUAL, ..Uncertainty::default() };
+        let usual = Uncertainty::default();
         match self {
             SetUp::Careful => Uncertainty {
                 mount_shift_m: 0.0005,
@@ -65,13 +65,15 @@ struct Shown {
     /// Errors of the lifts over their standard deviations: against survey, ground frame, root.
     lifts: [Vec<f64>; 3],
     twist: Vec<f64>,
+    /// Bending moments along the span, of a stiffness that is known.
+    moments: Vec<f64>,
     /// Of the same three.
     tip_sigmas_m: [Vec<f64>; 3],
     passed: Vec<f64>,
 }
 
 impl Shown {
-    fn add(&mut self, aircraft: &Aircraft, when: When, solution: &Solution) {
+    fn add(&mut self, aircraft: &Aircraft, when: When, solution: &Solution, setup: &Setup) {
         let lifts = aircraft.lifts_m(when);
         for marker in solution.markers.iter().filter(|m| m.used) {
             let found = [marker.lift_m, marker.lift_ground_m, marker.lift_root_m];
@@ -86,8 +88,32 @@ impl Shown {
             let of = |m: &MarkerSolution| [m.lift_m, m.lift_ground_m, m.lift_root_m][k]?.sigma;
             sigmas.push(solution.markers.iter().filter_map(of).fold(0.0, f64::max));
         }
+        self.moments.extend(moments(aircraft, when, solution, setup));
         self.passed.push(f64::from(solution.global_test == GlobalTest::Passed));
     }
+}
+
+/// Where moments are looked at, shares of the length.
+const SHARES: [f64; 7] = [0.1, 0.2, 0.3, 0.45, 0.6, 0.7, 0.8];
+
+/// Errors of the bending moments over their standard deviations.
+fn moments(aircraft: &Aircraft, when: When, solution: &Solution, setup: &Setup) -> Vec<f64> {
+    let p = solution.parameters.iter().find(|p| p.name == "curvature_per_m").unwrap();
+    let (n, sigma) = (p.values.len(), |k: usize| p.values[k].sigma.unwrap());
+    let curvature = Curvature {
+        coefficients_per_m: DVector::from_iterator(n, p.values.iter().map(|v| v.value)),
+        covariance: DMatrix::from_fn(n, n, |i, j| solution.correlation[(i, j)] * sigma(i) * sigma(j)),
+        length_m: aircraft.truth.length_m(),
+        root_sigma_m: setup.uncertainty.root_offset_m,
+        steps: USUAL_STEPS,
+    };
+    let one = |(share, bent): (&f64, f64)| {
+        let s_m = share * aircraft.truth.length_m();
+        let section = Section { s_m, ei_n_m2: 1.0, sigma_ei_n_m2: 0.0, ground_n_m: 0.0, ultimate_n_m: None };
+        let moment = curvature.moment(&section);
+        (moment.value - bent) / moment.sigma
+    };
+    SHARES.iter().zip(aircraft.curvature_per_m(when, &SHARES)).map(one).collect()
 }
 
 /// Draws wings or flights of so many frames with an effect each.
@@ -130,7 +156,7 @@ fn draw(
             _ => adjust::flight(&setup, &orientation, &seen, &options),
         };
         for (when, solution) in whens.iter().zip(solved.expect("a solution")) {
-            shown.add(&aircraft, *when, &solution);
+            shown.add(&aircraft, *when, &solution, &setup);
         }
     }
     shown
@@ -143,7 +169,8 @@ fn sign(rng: &mut StdRng) -> f64 {
     if rng.random::<bool>() { 1.0 } else { -1.0 }
 }
 
-const KINDS: [Kind; 23] = [
+const KINDS: [Kind; 24] = [
+    ("all together", |r, _| all_together(r)),
     ("nothing", |_, _| Effects::default()),
     ("bent on ground, 10 mm", |r, by| Effects { ground_bend_m: 0.010 * by * sign(r), ..Effects::default() }),
     ("root turns, 0.2 mrad", |r, by| Effects {
@@ -198,21 +225,66 @@ const KINDS: [Kind; 23] = [
     }),
 ];
 
-/// The table of docs/model.md: run with `WINGS=100 FRAMES=5 TIMES=1` to taste.
+/// All of it at once, each drawn from its width; what is marked in survey.csv (an aileron) and what the shape of bending
+/// meets (steps, kinks, engines) too.
+fn all_together(rng: &mut StdRng) -> Effects {
+    let width = InFlight::USUAL;
+    Effects {
+        ground_bend_m: width.ground_bend_m * normal(rng),
+        root_turn_rad: normal3(rng) * width.root_turn_rad,
+        root_shift_m: normal3(rng) * width.root_shift_m,
+        skin_m: width.skin_motion_m,
+        fixed_each_m: 5e-4,
+        flight_scale: width.scale * normal(rng),
+        principal_px: Vector2::new(normal(rng), normal(rng)) * width.principal_point_px,
+        in_plane_m: 0.02 * normal(rng),
+        vibration: (width.vibration.amplitude, width.vibration.frequency_hz),
+        shake: (width.shake.amplitude, width.shake.frequency_hz),
+        readout_s: width.readout_s,
+        pupil_m: 0.010 * normal(rng),
+        tilt_rad: Vector2::new(normal(rng), normal(rng)) * width.vertical_rad,
+        torque_rad: width.torque_rad * normal(rng),
+        ..Effects::default()
+    }
+}
+
+/// Of 23 kinds none is known to a tenth with so few wings: 1.5 is 1.3 with the spread of 24 wings whose markers err together
+/// (1 / sqrt(2 x 24) of it, at two of these).
+#[test]
+fn what_flight_does_is_in_the_standard_deviations() {
+    for (frames, wings) in [(1, 24), (5, 12)] {
+        for (k, set_up) in SET_UPS.into_iter().enumerate() {
+            let shown = draw(7100 + k as u64, set_up, frames, wings, all_together);
+            let lifts = shown.lifts.each_ref().map(|lifts| rms(lifts));
+            let (twist, moment) = (rms(&shown.twist), rms(&shown.moments));
+            println!("{frames} {set_up:?}: lifts {lifts:.2?}, twist {twist:.2}, moment {moment:.2}");
+            assert!(lifts.iter().all(|lift| *lift < 1.5), "{frames} {set_up:?}: {lifts:.2?}");
+            assert!(twist < 1.5 && moment < 1.5, "{frames} {set_up:?}: {twist} {moment}");
+        }
+    }
+}
+
+/// The table of docs/validation: run with `WINGS=100 FRAMES=1,5,20 TIMES=1 SET_UP=Stayed KIND=torque SEED=7000` to taste.
 #[test]
 #[ignore = "minutes; a table for docs/model.md"]
 fn table_of_what_an_aircraft_does() {
-    let number = |name: &str, usual: f64| std::env::var(name).map_or(usual, |v| v.parse().expect("a number"));
-    let (wings, times) = (number("WINGS", 8.0) as usize, number("TIMES", 1.0));
-    for frames in [1, number("FRAMES", 5.0) as usize] {
-        let wanted = std::env::var("SET_UP").unwrap_or_default();
+    let word = |name: &str| std::env::var(name).unwrap_or_default();
+    let number = |name: &str, usual: f64| word(name).parse().unwrap_or(usual);
+    let (wings, times, seed) =
+        (number("WINGS", 8.0) as usize, number("TIMES", 1.0), number("SEED", 4000.0) as u64);
+    let frames = Some(word("FRAMES")).filter(|f| !f.is_empty()).unwrap_or("1,5".into());
+    for frames in frames.split(',').map(|f| f.parse().expect("a number of frames")) {
+        let wanted = word("SET_UP");
         for set_up in SET_UPS.into_iter().filter(|s| wanted.is_empty() || format!("{s:?}") == wanted) {
-            for (k, (name, kind)) in KINDS.iter().enumerate() {
-                let shown = draw(4000 + k as u64, set_up, frames, wings, |rng| kind(rng, times));
+            for (k, (name, kind)) in
+                KINDS.iter().enumerate().filter(|(_, (name, _))| name.contains(&word("KIND")))
+            {
+                let shown = draw(seed + k as u64, set_up, frames, wings, |rng| kind(rng, times));
                 println!(
-                    "{frames:3} {set_up:?}: {name}: lifts {:.2?}, twist {:.2}, sigmas of the tip {:.1?} mm, passed {:.0} %",
+                    "{frames:3} {set_up:?}: {name}: lifts {:.2?}, twist {:.2}, moment {:.2}, sigmas of the tip {:.1?} mm, passed {:.0} %",
                     shown.lifts.each_ref().map(|lifts| rms(lifts)),
                     rms(&shown.twist),
+                    rms(&shown.moments),
                     shown.tip_sigmas_m.each_ref().map(|sigmas| 1e3 * median(sigmas)),
                     100.0 * shown.passed.iter().sum::<f64>() / shown.passed.len() as f64
                 );

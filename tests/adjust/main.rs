@@ -2,6 +2,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod aircraft;
+mod aircraft_join;
+mod budget;
+mod causes;
 #[path = "../common/mod.rs"]
 mod common;
 mod coverage;

@@ -7,7 +7,10 @@ use nalgebra::{DMatrix, DVector};
 use sha2::{Digest, Sha256};
 use wingd::measure::adjust::{self, Options, SigmaKind, Solution};
 use wingd::measure::setup::Uncertainty;
-use wingd::measure::stress::{Curvature, Section, bending_length_m, rainflow};
+use wingd::measure::stress::{
+    Curvature, Moment, Section, bending_length_m, damage, ground_air_ground, over_a_flight, rainflow,
+    sampling,
+};
 
 /// By `rainflow` and `pylife` (tests/rainflow/README.md).
 const CYCLES: &str = include_str!("../rainflow/cycles.csv");
@@ -74,7 +77,8 @@ fn curvature(s: &Solution, length_m: f64, root_sigma_m: f64) -> Curvature {
     let sigma = |k: usize| p.values[k].sigma.unwrap();
     let covariance = DMatrix::from_fn(n, n, |i, j| s.correlation[(i, j)] * sigma(i) * sigma(j));
     let coefficients_per_m = DVector::from_iterator(n, p.values.iter().map(|v| v.value));
-    Curvature { coefficients_per_m, covariance, length_m, root_sigma_m }
+    // These beams have no steps.
+    Curvature { coefficients_per_m, covariance, length_m, root_sigma_m, steps: 0.0 }
 }
 
 /// Errors of the moments over their standard deviations, per share of the length.
@@ -135,4 +139,65 @@ fn moments_keep_their_sigma_where_the_root_is_not_known() {
     let widths = Uncertainty { root_offset_m: 0.3, ..Uncertainty::of_drawings() };
     let all = ratio("root 0.3 m", &errors(92, 150, Some(widths), 0.03));
     assert!((0.8..1.25).contains(&all), "{all}");
+}
+
+/// Of gusts about a load that changes slowly, N m: a wing that bends at 1 Hz, struck once a second on the average.
+fn gusts(seed: u64, step_s: f64, lasting_s: f64) -> Vec<f64> {
+    let mut rng = rng(seed);
+    let omega = std::f64::consts::TAU;
+    let (mut place, mut speed, mut struck) = (0.0, 0.0, 0.0_f64);
+    let count = (lasting_s / step_s) as usize;
+    (0..count)
+        .map(|k| {
+            let at_s = step_s * k as f64;
+            struck += (normal(&mut rng) * (2.0 * step_s / 0.3_f64).sqrt()) - struck * step_s / 0.3;
+            speed += step_s * (omega * omega * (0.6 * struck - place) - 2.0 * 0.05 * omega * speed);
+            place += step_s * speed;
+            10.0 + 0.5 * (omega * at_s / 200.0).sin() + place
+        })
+        .collect()
+}
+
+/// Damage of slope, with its standard deviation, of some of the history's times.
+fn worn(history: &[f64], step_s: f64, kept: &[usize], slope: f64) -> (f64, f64, bool) {
+    let moment = |k: &usize| Moment {
+        value: history[*k],
+        sigma: 0.01,
+        sigma_by_curvature: 0.01,
+        sigma_by_stiffness: 0.0,
+    };
+    let moments: Vec<Moment> = kept.iter().map(moment).collect();
+    let times: Vec<f64> = kept.iter().map(|k| *k as f64 * step_s).collect();
+    let sampled = sampling(&times, 1.0);
+    let (flight, whole) = (over_a_flight(&moments), ground_air_ground(&moments).unwrap());
+    let found = damage(&flight, &whole, slope, None, (0.0, sampled.unseen()));
+    (found.relative, found.sigma_relative, sampled.tells_cycles())
+}
+
+#[test]
+fn damage_of_sampled_histories_is_that_of_the_dense_one_within_its_sigma() {
+    const STEP_S: f64 = 0.005;
+    type Kept = fn(usize) -> bool;
+    let all: Kept = |_| true;
+    // Three in a hundred frames are skipped, irregularly; a fifth of the time is a hole.
+    let skipped: Kept = |k| k.wrapping_mul(2_654_435_761) % 1000 >= 30;
+    let hole: Kept = |k| !(2000..3200).contains(&k);
+    for (title, keeps) in [("10 Hz", all), ("3 % skipped", skipped), ("a hole", hole)] {
+        for slope in [3.0, 5.0, 10.0] {
+            let one = |seed: u64| {
+                let history = gusts(seed, STEP_S, 600.0);
+                let dense: Vec<usize> = (0..history.len()).collect();
+                // The tenth of a second that a camera keeps to a few thousandths.
+                let kept: Vec<usize> =
+                    (1..5999).filter(|k| keeps(*k)).map(|k| 20 * k + (k * 7919) % 3).collect();
+                let (truth, _, _) = worn(&history, STEP_S, &dense, slope);
+                let (found, sigma, told) = worn(&history, STEP_S, &kept, slope);
+                assert!(told, "{title}");
+                (found - truth) / sigma
+            };
+            let ratios: Vec<f64> = (0..12).map(|seed| one(40 + seed)).collect();
+            println!("{title}, slope {slope}: {ratios:.2?}");
+            assert!(rms(&ratios) <= 1.0, "{title}, slope {slope}: {ratios:?}");
+        }
+    }
 }

@@ -106,6 +106,49 @@ fn pictures_become_a_camera_a_report_and_corners_that_give_the_same_camera() {
 }
 
 #[test]
+fn a_calibration_that_one_reason_refuses_can_be_accepted_and_stays_marked() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).display().to_string();
+    std::fs::write(at("board.toml"), BOARD).unwrap();
+    pictures(&directory.path().join("p"), 12);
+    let (board, camera, corners, few, page) =
+        (at("board.toml"), at("camera.toml"), at("corners.csv"), at("few.csv"), at("page.html"));
+    let all = paths(&directory.path().join("p"));
+    let given = ["calibrate", "--board", &board, "--output", &camera, "--corners", &corners];
+    run(&[&given[..], &all.iter().map(String::as_str).collect::<Vec<_>>()].concat());
+    let _ = std::fs::remove_file(&camera);
+    // So few pictures that one reason refuses them: which, the noise decides.
+    let lines = std::fs::read_to_string(&corners).unwrap();
+    let of = |first: usize, n: usize| -> String {
+        let kept = |line: &&str| {
+            line.starts_with("image,") || (first..first + n).any(|k| line.contains(&format!("b{k:02}.png")))
+        };
+        lines.lines().filter(kept).map(|line| format!("{line}\n")).collect()
+    };
+    let ask = ["calibrate", "--json", "--board", &board, "--output", &camera, "--corners", &few];
+    let accept = [&ask[..], &["--accept", "only a rehearsal \"of\" it", "--report", &page]].concat();
+    let accepted = (0..9).flat_map(|first| [(first, 3), (first, 4)]).find_map(|(first, n)| {
+        std::fs::write(&few, of(first, n)).unwrap();
+        let plain = run(&ask);
+        let refused = text(&plain.stderr).contains("refused, ");
+        assert!(!refused || !std::path::Path::new(&camera).exists(), "nothing is written unasked");
+        let done = refused.then(|| run(&accept)).filter(|done| done.status.success());
+        let _ = std::fs::remove_file(&camera).is_ok();
+        done.map(|_| run(&accept))
+    });
+    let done = accepted.expect("some few pictures are refused for one reason");
+    crate::json_schemas::holds("calibrate", &done.stdout);
+    let found: Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!((&found["verdict"], &found["status"]), (&"refused".into(), &"ok".into()));
+    let written = std::fs::read_to_string(&camera).unwrap();
+    assert!(written.contains("verdict = \"refused\"") && written.contains("accepted = "), "{written}");
+    assert!(wingd::installation::load_camera(std::path::Path::new(&camera)).is_ok(), "{written}");
+    assert!(std::fs::read_to_string(&page).unwrap().contains("only a rehearsal &quot;of&quot; it"));
+    let empty = run(&[&ask[..], &["--accept", " "]].concat());
+    assert!(text(&empty.stderr).contains("takes a reason in words"), "{}", text(&empty.stderr));
+}
+
+#[test]
 fn live_takes_pictures_until_the_verdict_is_good_and_says_what_is_missing() {
     let directory = tempfile::tempdir().unwrap();
     let at = |name: &str| directory.path().join(name).display().to_string();

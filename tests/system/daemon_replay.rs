@@ -228,7 +228,7 @@ fn a_camera_that_always_hangs_does_not_stop_the_daemon() {
     flight.sound();
     assert_eq!(flight.manifests().len(), 3);
     assert_eq!((status.counts.frames, status.counts.failed_shots), (0, 12));
-    assert_eq!(status.health, Health::Stale);
+    assert_eq!(status.health, Health::Bad);
     assert!(status.camera.hanging_calls <= 8, "{}", status.camera.hanging_calls);
 }
 

@@ -197,3 +197,83 @@ fn planned_standard_deviations_are_those_that_the_adjustment_states() {
     }
     assert!(compared >= 20);
 }
+
+/// What is seen less lowers no standard deviation.
+#[test]
+fn a_marker_that_is_not_seen_makes_nothing_more_certain() {
+    for id in ["dev", "demo"] {
+        let plan =
+            stdout(&["plan", "--installation", fixture(id).join("installation").to_str().unwrap(), "--json"]);
+        let plan: Value = serde_json::from_str(&plan).unwrap();
+        let whole = number(&plan["prediction"]["expected"]["sigma_tip_lift_m"]);
+        let changes = plan["prediction"]["changes"].as_array().unwrap();
+        let without = changes.iter().filter(|c| !c["without"].is_null());
+        let mut compared = 0;
+        for change in without {
+            let Some(left) = change["expected"]["sigma_tip_lift_m"].as_f64() else { continue };
+            // The same linearisation: no more than what the iterations leave.
+            assert!(left > (1.0 - 1e-6) * whole, "{id}: without {}: {left} {whole}", change["without"]);
+            compared += 1;
+        }
+        assert!(compared > 15, "{compared}");
+    }
+}
+
+#[test]
+fn frames_together_are_told_beside_one() {
+    let one = plan(installation("").path(), &["--frames", "10"]);
+    let (alone, together) = (
+        number(&one["prediction"]["expected"]["sigma_tip_lift_m"]),
+        number(&one["flight"]["expected"]["sigma_tip_lift_m"]),
+    );
+    assert!(one["flight"]["frames"] == 10 && together < 0.8 * alone, "{together} {alone}");
+}
+
+#[test]
+fn a_wish_is_answered_for_a_wing_that_has_no_installation_yet() {
+    let folder = tempfile::tempdir().unwrap();
+    let layout = folder.path().join("layout");
+    let wing = [
+        "plan",
+        "--span",
+        "33",
+        "--height",
+        "2.5",
+        "--chord",
+        "4",
+        "--focal",
+        "12",
+        "--sensor",
+        "4000x3000x1.54",
+    ];
+    let more = ["--markers", "20", "--fixed", "2", "--frames", "10", "--json"];
+    let ask = |want: &[&str]| -> Value {
+        serde_json::from_str(&stdout(&[&wing[..], &more[..], want].concat())).unwrap()
+    };
+    let strict = ask(&["--want", "0.1mm"]);
+    assert_eq!((&strict["reached"], &strict["proposal_reached"]), (&false.into(), &false.into()));
+    let easy = ask(&["--want", "10m", "--layout", layout.to_str().unwrap()]);
+    assert_eq!(easy["reached"], true, "{easy}");
+    for answer in [&strict, &easy] {
+        let shares = answer["sources"].as_array().unwrap().iter().map(|s| number(&s["share"]));
+        assert!((shares.sum::<f64>() - 1.0).abs() < 1e-9, "{}", answer["sources"]);
+        let remedies = answer["remedies"].as_array().unwrap();
+        assert!(remedies.len() > 4, "{remedies:?}");
+    }
+    let taken: Vec<f64> =
+        strict["remedies"].as_array().unwrap().iter().filter_map(|r| r["sigma_taken_m"].as_f64()).collect();
+    assert!(!taken.is_empty() && taken.windows(2).all(|w| w[1] < w[0]), "{taken:?}");
+    assert!(number(&strict["proposal_sigma_m"]) < number(&strict["sigma_tip_lift_m"]));
+    assert!(easy["remedies"].as_array().unwrap().iter().all(|r| r["sigma_taken_m"].is_null()));
+    assert_eq!(easy["layout"].as_array().unwrap().len(), 22);
+    // What was written is an installation, and is worth what was said.
+    let path = layout.to_str().unwrap();
+    let again: Value =
+        serde_json::from_str(&stdout(&["plan", "--installation", path, "--frames", "10", "--json"])).unwrap();
+    let ratio = number(&again["flight"]["expected"]["sigma_tip_lift_m"]) / number(&easy["sigma_tip_lift_m"]);
+    assert!((0.98..1.02).contains(&ratio), "{ratio}");
+    let svg = std::fs::read_to_string(layout.join("layout.svg")).unwrap();
+    let (names, texts, _) = tags(&svg);
+    assert_eq!(names[0], "svg");
+    assert!(svg.contains("mm\"") && texts.iter().any(|t| t == "M20") && !svg.contains("NaN"));
+}

@@ -7,11 +7,28 @@ fn page(root: &std::path::Path) -> String {
     html::page(&source::flight(root, source::Choice::default(), None).unwrap())
 }
 
+/// The page without its own script and the values for it, which are checked to be just these.
+fn without_scripts(html: &str) -> String {
+    let own = format!("<script>{}</script>", html::SCRIPT);
+    assert_eq!(html.matches(&own).count(), 1, "the report's own script, once");
+    let mut rest = html.replace(&own, "");
+    while let Some(start) = rest.find("<script ") {
+        let end = start + rest[start..].find("</script>").expect("the values end");
+        let (head, values) = rest[start..end].split_once('>').unwrap();
+        assert!(head.contains("type=\"application/json\""), "{head}");
+        assert!(!values.contains('<'), "nothing in the values ends their element");
+        serde_json::from_str::<serde_json::Value>(values).unwrap();
+        rest.replace_range(start..end + "</script>".len(), "");
+    }
+    rest
+}
+
 /// Every tag is closed in order; attributes are quoted.
 fn check_well_formed(html: &str) {
+    let html = without_scripts(html);
     let voids = ["meta", "link", "br", "img", "!DOCTYPE"];
     let mut open: Vec<String> = Vec::new();
-    let mut rest = html;
+    let mut rest = html.as_str();
     while let Some(start) = rest.find('<') {
         let end = start + rest[start..].find('>').expect("a tag ends");
         let tag = &rest[start + 1..end];
@@ -28,6 +45,7 @@ fn check_well_formed(html: &str) {
 }
 
 fn check_harmless(html: &str) {
+    let html = without_scripts(html);
     for outside in ["http://", "https://", "//cdn", "@import", "<script", "<iframe", "url("] {
         assert!(!html.contains(outside), "{outside} is in the page");
     }
@@ -57,13 +75,43 @@ fn a_flight_gives_all_sections_with_the_stores_numbers() {
         assert!(html.contains(number), "{number} is missing");
     }
     assert!(html.contains("href=\"#quality\"") && html.contains("id=\"quality\""), "contents");
-    assert!(html.contains("series s000001, 2026-03-01 08:00 UTC"), "when the greatest lift was");
+    assert!(html.contains("of series s000001, begun 2026-03-01 08:00 UTC"), "when the greatest lift was");
     assert!(
         html.contains("UTC, from 2026-03-01 08:00") && html.contains(">08:00</text>"),
         "times on the axis"
     );
     assert!(html.contains("data:image/jpeg;base64,"), "the frame is embedded");
     assert!(html.matches("<svg").count() >= 6);
+}
+
+/// A record with three lifts, of which the one from the root's tangent is told best, and a budget.
+fn with_lifts(lift_m: f64, sigma_m: f64) -> serde_json::Value {
+    let mut record = solved(lift_m, sigma_m);
+    let lifts = serde_json::json!({"lift_ground_m": lift_m - 0.01, "sigma_lift_ground_m": 0.8 * sigma_m,
+        "lift_root_m": lift_m - 0.02, "sigma_lift_root_m": 0.5 * sigma_m, "shown": "root"});
+    record["tip"].as_object_mut().unwrap().extend(lifts.as_object().unwrap().clone());
+    record["budget"] = serde_json::json!([{"source": "mounting", "share": 0.7, "sigma_if_known_m": 0.2 * sigma_m},
+        {"source": "image", "share": 0.3}]);
+    record
+}
+
+#[test]
+fn headlines_say_what_they_are() {
+    let store = store_with(&[&[with_lifts(1.4, 0.006), with_lifts(3.0, 0.02)]]);
+    let html = page(store.path());
+    check_well_formed(&html);
+    // 3.0 less 0.02 from the root's tangent, with that frame's own sigma; the mean carries the scatter.
+    assert!(html.contains("2.980 ± 0.010 m"), "the greatest of single frames");
+    assert!(html.contains("greatest tip lift of a single frame ± 1 sigma, from the root's tangent"));
+    assert!(html.contains("mean tip lift / m") && html.contains(">1.1</td>"), "mean and scatter");
+    assert!(html.contains("do not contradict the model") && html.contains("cannot show"));
+    assert!(!html.contains("deviations hold"));
+    assert!(html.contains("What the uncertainty comes from") && html.contains(">mounting<"), "budget");
+    assert!(html.contains("known without error: mounting."), "what would help");
+
+    let older = store_with(&[&[with_lifts(1.4, 0.006), solved(2.0, 0.006)]]);
+    let html = page(older.path());
+    assert!(html.contains("single frame ± 1 sigma, against the survey"), "the one lift that both have");
 }
 
 #[test]
@@ -93,6 +141,7 @@ fn hostile_texts_stay_text() {
     record["remarks"] = serde_json::json!([hostile]);
     let html = page(store_with(&[&[record, failed(hostile)]]).path());
     check_well_formed(&html);
+    let html = without_scripts(&html);
     assert!(!html.contains("<script") && !html.contains("<img"));
     assert!(html.contains("&lt;script&gt;"));
 }
@@ -116,4 +165,32 @@ fn extreme_numbers_do_not_break_the_page() {
     let html = page(store_with(&[&[record]]).path());
     check_well_formed(&html);
     check_harmless(&html);
+}
+
+/// The values of the frames, as the page's script reads them.
+fn frames(html: &str) -> serde_json::Value {
+    let start = html.find("id=\"frames-data\"").expect("values of the frames");
+    let start = start + html[start..].find('>').unwrap() + 1;
+    let end = start + html[start..].find("</script>").unwrap();
+    serde_json::from_str(&html[start..end]).unwrap()
+}
+
+#[test]
+fn every_frame_is_there_and_the_suspicious_one_stands_first() {
+    let mut rejected = solved(2.2, 0.006);
+    rejected["global_test"] = "rejected".into();
+    rejected["variance_factor"] = 3.1.into();
+    let reason = "only 3 markers found";
+    let store = store_with(&[&[solved(2.9, 0.006), failed(reason)], &[solved(2.1, 0.006), rejected]]);
+    let html = page(store.path());
+    let frames = frames(&html);
+    let all = frames["frames"].as_array().unwrap();
+    assert_eq!(all.len(), 4);
+    assert_eq!((&all[0]["series"], &all[0]["image"]), (&"s000002".into(), &"0002.jpg".into()));
+    assert_eq!(all[0]["doubt"], "global test rejected");
+    assert_eq!(all[0]["lift"], serde_json::json!([2.2, 0.006]));
+    assert_eq!(all[3]["why"], reason);
+    let marker = &all[0]["markers"][0];
+    assert!(marker["flight"][1].as_f64().unwrap() > marker["ground"][1].as_f64().unwrap(), "{marker}");
+    assert!(html.contains("data-frame=\"s000002/0002.jpg\""), "its picture is there");
 }

@@ -9,6 +9,7 @@ use crate::aircraft::{Quantity, Track};
 use crate::clock::Stamp;
 use crate::clock::exposure::Exposure;
 use crate::report::aircraft::{self, Source};
+use crate::report::number::count;
 use crate::store::{FlightRef, RealDisk};
 
 /// Frames at which each source counts, by its number and the quantity.
@@ -54,16 +55,18 @@ pub(super) fn run(args: &Args, flight: &FlightRef) -> Result<Done, Failure> {
         print(&json!({"flight": flight.id, "frames": frames.len(), "sources": sources}).to_string())?;
         return Ok(Done::All);
     }
-    print(&format!("{}: {} frames, {} sources of aircraft data", flight.id, frames.len(), sources.len()))?;
+    let (number, from) = (count(frames.len(), "frame"), count(sources.len(), "source"));
+    print(&format!("{}: {number}, {from} of aircraft data", flight.id))?;
     for source in &sources {
         let counts: Vec<String> =
-            of(source).iter().map(|(q, n)| format!("{} {n} frames", q.name())).collect();
+            of(source).iter().map(|(q, n)| format!("{} {}", q.name(), count(*n, "frame"))).collect();
         let said = match (source.withdrawn, counts.is_empty()) {
             (Some(at), _) => format!("withdrawn {at:.0}"),
             (None, true) => "counts at no frame".to_owned(),
             (None, false) => counts.join(", "),
         };
-        print(&format!("{:>3}  {}  {} lines  {said}", source.number, source.name(), source.lines.len()))?;
+        let lines = count(source.lines.len(), "line");
+        print(&format!("{:>3}  {}  {lines}  {said}", source.number, source.name()))?;
     }
     Ok(Done::All)
 }

@@ -13,6 +13,7 @@ use crate::camera::section::CameraSection;
 use crate::clock::System;
 use crate::installation::DescribedBoard;
 use crate::measure::calibrate::Verdict;
+use crate::report::number::count;
 
 /// Longest time for a shot.
 const DEADLINE: Duration = Duration::from_secs(20);
@@ -60,7 +61,7 @@ pub(super) fn pictures(args: &Args, config: &Path, board: &DescribedBoard) -> Re
 
 fn said(picture: &Picture) -> String {
     match &picture.view {
-        Ok(view) => format!("{} points of the board", view.len()),
+        Ok(view) => format!("{} of the board", count(view.len(), "point")),
         Err(reason) => reason.to_string(),
     }
 }

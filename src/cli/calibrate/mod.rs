@@ -34,6 +34,9 @@ pub struct Args {
     /// Writes figures and tables as one page that opens offline
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
+    /// Writes a calibration that a single reason refuses, with your reason for taking it; it stays marked
+    #[arg(long, value_name = "REASON")]
+    accept: Option<String>,
     /// Takes the pictures with the camera of --config until the verdict is good, and says what is missing
     #[arg(long, requires = "config", conflicts_with = "images")]
     live: bool,
@@ -56,6 +59,8 @@ struct Judged {
     calibration: Calibration,
     verdict: Verdict,
     reasons: Vec<String>,
+    /// Of the reasons so many, the first ones, refuse it.
+    refusals: usize,
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
@@ -90,18 +95,20 @@ fn judged(pictures: &mut [Picture], described: &DescribedBoard, select: bool) ->
         let text = format!("no calibration: {first}{}", pictures::failures(pictures, left_out));
         Reason::new(text, e)
     })?;
+    let refusals = calibrate::refusals(&calibration, board_reason.clone());
     let (mut verdict, mut reasons) = calibrate::judge(&calibration, board_reason);
     if let Some(reason) = never_whole {
         verdict = verdict.max(Verdict::Poor);
         reasons.push(reason);
     }
-    Ok(Judged { calibration, verdict, reasons })
+    Ok(Judged { calibration, verdict, reasons, refusals })
 }
 
 fn finish(args: &Args, pictures: &[Picture], judged: &Judged) -> Result<Done, Failure> {
-    let Judged { calibration, verdict, reasons } = judged;
-    let written = output::report(calibration, *verdict);
-    if *verdict != Verdict::Refused {
+    let Judged { calibration, verdict, reasons, .. } = judged;
+    let accepted = accepted(args, judged)?;
+    let written = output::report(calibration, *verdict, accepted.clone());
+    if *verdict != Verdict::Refused || accepted.is_some() {
         installation::write_camera(&args.output, &calibration.lens, Some(&written))
             .map_err(unwritable(&args.output, RIGHTS))?;
     }
@@ -109,7 +116,13 @@ fn finish(args: &Args, pictures: &[Picture], judged: &Judged) -> Result<Done, Fa
         pictures.iter().enumerate().map(|(k, p)| reason(calibration, k, p)).collect();
     if let Some(file) = &args.report {
         let names: Vec<&str> = pictures.iter().map(|p| p.name.as_str()).collect();
-        let page = report::calibration::page(calibration, *verdict, reasons, &names, &left_out);
+        let page = report::calibration::page(
+            calibration,
+            (*verdict, accepted.as_deref()),
+            reasons,
+            &names,
+            &left_out,
+        );
         installation::write_page(file, &page).map_err(unwritable(file, RIGHTS))?;
     }
     for (picture, reason) in pictures.iter().zip(&left_out) {
@@ -122,12 +135,37 @@ fn finish(args: &Args, pictures: &[Picture], judged: &Judged) -> Result<Done, Fa
     } else {
         output::text(&args.output, calibration, &written)
     })?;
-    if *verdict == Verdict::Refused {
+    if *verdict == Verdict::Refused && accepted.is_none() {
         let list: String = reasons.iter().map(|r| format!("\n  {r}")).collect();
         return Err(Failure::Undone(format!("refused, {} is not written:{list}", args.output.display())));
+    }
+    if let Some(reason) = &accepted {
+        eprintln!("refused, and written all the same, marked as accepted: {reason}");
     }
     for reason in reasons {
         eprintln!("{}: {reason}", verdict.name());
     }
     Ok(Done::All)
+}
+
+/// Why a refused calibration is written all the same; an error where it cannot be.
+fn accepted(args: &Args, judged: &Judged) -> Result<Option<String>, Failure> {
+    let Some(reason) = args.accept.as_ref().filter(|_| judged.verdict == Verdict::Refused) else {
+        return Ok(None);
+    };
+    let fault = if reason.trim().is_empty() {
+        "--accept takes a reason in words".to_owned()
+    } else if judged.calibration.projections.is_none() {
+        "a lens model without an inverse over the image cannot be accepted: no command could use it"
+            .to_owned()
+    } else if judged.refusals > 1 {
+        format!(
+            "--accept takes a calibration that a single reason refuses; here there are {}",
+            judged.refusals
+        )
+    } else {
+        return Ok(Some(reason.trim().to_owned()));
+    };
+    let list: String = judged.reasons.iter().map(|r| format!("\n  {r}")).collect();
+    Err(Failure::Undone(format!("{fault}:{list}")))
 }

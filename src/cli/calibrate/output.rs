@@ -8,7 +8,11 @@ use crate::measure::calibrate::{Calibration, Verdict};
 use crate::measure::geometry::Lens;
 use crate::report::calibration::{FIRST_DISTORTION, SIGNIFICANT, correlation, values};
 
-pub(super) fn report(calibration: &Calibration, verdict: Verdict) -> CalibrationReport {
+pub(super) fn report(
+    calibration: &Calibration,
+    verdict: Verdict,
+    accepted: Option<String>,
+) -> CalibrationReport {
     let c = &calibration.covariance;
     let used = calibration.view_rms_px.iter().flatten().count();
     CalibrationReport {
@@ -17,6 +21,7 @@ pub(super) fn report(calibration: &Calibration, verdict: Verdict) -> Calibration
         images_rejected: calibration.view_rms_px.len() - used,
         observations: calibration.observations,
         verdict: verdict.name(),
+        accepted,
         projection_sigma_px: calibration.projections.iter().flatten().map(|p| p.sigma_px).collect(),
         board_bow_m: calibration.bow.map(|b| b.value_m),
         board_bow_sigma_m: calibration.bow.map(|b| b.sigma_m),
@@ -67,7 +72,7 @@ pub(super) fn json(
     };
     let images: Vec<_> = pictures.iter().enumerate().map(image).collect();
     serde_json::json!({
-        "status": if report.verdict == Verdict::Refused.name() { "refused" } else { "ok" },
+        "status": if report.verdict == Verdict::Refused.name() && report.accepted.is_none() { "refused" } else { "ok" },
         "verdict": report.verdict,
         "reasons": reasons,
         "parameters": parameters,

@@ -24,7 +24,9 @@ pub(super) fn pictures(args: &Args, board: &Board) -> Result<Vec<Picture>, Failu
             |c: PictureCorners| Picture { name: c.image, size: Some(c.size), view: Ok(c.view), misfit: None };
         return Ok(installation::read_corners(file)?.into_iter().map(from).collect());
     }
-    frames::map(&args.images, args.jobs, "finding boards", |name, bytes| picture(name, bytes, board))
+    frames::map(&crate::cli::pictures::expand(&args.images)?, args.jobs, "finding boards", |name, bytes| {
+        picture(name, bytes, board)
+    })
 }
 
 /// The corners' file: before a calibration, and after it with what it used.

@@ -12,6 +12,8 @@ use super::{Done, Failure, frames, print};
 use crate::installation;
 use crate::measure::render::{Light, Options, Random, Scene, Shot, Side};
 use crate::measure::setup::{Orientation, Setup};
+use crate::report::number::count;
+pub(super) use writer::survey_csv;
 use writer::{SetFrame, write_set};
 
 /// Frames of a wing, or pictures of a board, with known truth
@@ -162,11 +164,12 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     write_set(&args.output, &name, &scene, &frames, || bar.inc(1))
         .map_err(|e| Failure::Undone(format!("{e:#}")))?;
     bar.finish_and_clear();
-    print(&format!("{} frames with their truth in {}", frames.len(), args.output.display()))?;
+    print(&format!("{} with truth in {}", count(frames.len(), "frame"), args.output.display()))?;
     if let Some(file) = &args.board.board {
         let folder = args.output.join("board");
         boards::write(&folder, file, &scene.setup.lens, usize::from(args.board.board_pictures), args.seed)?;
-        print(&format!("{} pictures of the board in {}", args.board.board_pictures, folder.display()))?;
+        let pictures = count(usize::from(args.board.board_pictures), "picture");
+        print(&format!("{pictures} of the board in {}", folder.display()))?;
     }
     Ok(Done::All)
 }

@@ -123,7 +123,7 @@ fn installation_toml(setup: &Setup) -> String {
     text
 }
 
-fn survey_csv(setup: &Setup) -> String {
+pub fn survey_csv(setup: &Setup) -> String {
     let any_fixed = setup.markers.iter().any(|m| m.fixed);
     let mut text = String::from("id,shape,diameter_m,x_m,y_m,z_m,sigma_m");
     text.push_str(if any_fixed { ",fixed\n" } else { "\n" });

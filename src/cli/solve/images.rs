@@ -1,37 +1,44 @@
 //! Here frames of the command line are solved, or points measured by hand.
 
-use super::{Args, Output, job};
-use crate::cli::{Done, Failure, frames, load_installation};
+use std::path::PathBuf;
+
+use super::by_hand::ByHand;
+use super::{Args, Output, job, report};
+use crate::cli::{Done, Failure, frames, load_installation, pictures, places};
 use crate::installation::{self, Fault, Installation, Mountings};
 use crate::measure::setup::Orientation;
 use crate::pipeline::{self, Job, Sighting, stages};
 use crate::record::Reason;
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
-    let Some(directory) = &args.installation else {
-        return Err(Failure::Usage("name the installation: --installation DIR".into()));
-    };
-    let mountings = mountings(args)?;
-    let installation = load_installation(directory)?;
+    let directory = places::installation(args.installation.as_deref())?;
+    if args.images.is_empty() && (args.together() || args.mountings.is_some() || args.report.is_some()) {
+        let what = "--flight, --mountings and --report need images beside --observations";
+        return Err(Failure::Usage(what.into()));
+    }
+    let files = pictures::expand(&args.images)?;
+    let mountings = mountings(args, &files)?;
+    let installation = load_installation(&directory)?;
     let orientation = installation.require_orientation()?;
     let job = job(args);
-    let mut output = Output::new(args);
+    let mut output = Output::keeping(args);
+    let by_hand = ByHand::read(args, &files, &installation)?;
+    let known = Known { installation: &installation, orientation, mountings, by_hand };
     let outcome = match &args.observations {
-        Some(file) => {
-            let observations = installation::read_observations(file, &installation.setup)?;
-            let sighting = Sighting::by_hand(&frames::name(file), &observations);
+        Some(file) if files.is_empty() => {
+            let sighting = Sighting::by_hand(&frames::name(file), known.by_hand.all());
             output.take(pipeline::solve_sighting(&sighting, &installation, orientation, &job))
         }
-        None => solve_images(
-            args,
-            &Known { installation: &installation, orientation, mountings },
-            &job,
-            &mut output,
-        ),
+        _ => solve_images(args, &files, &known, &job, &mut output),
     };
+    let kept = output.kept.take();
     // What is done is kept, also where the rest is given up.
     let done = output.end();
-    outcome.and(done)
+    outcome?;
+    if let (Some(page), Some(records)) = (&args.report, kept) {
+        report::of_pictures(page, &files, records, &installation)?;
+    }
+    done
 }
 
 /// What is known before a frame is seen.
@@ -39,33 +46,45 @@ struct Known<'a> {
     installation: &'a Installation,
     orientation: &'a Orientation,
     mountings: Option<Mountings>,
+    by_hand: ByHand,
 }
 
-fn solve_images(args: &Args, known: &Known, job: &Job, output: &mut Output) -> Result<(), Failure> {
-    let Known { installation, orientation, mountings } = known;
+fn solve_images(
+    args: &Args,
+    files: &[PathBuf],
+    known: &Known,
+    job: &Job,
+    output: &mut Output,
+) -> Result<(), Failure> {
+    let Known { installation, orientation, mountings, by_hand } = known;
     let sight = |name: &str, bytes: Result<&[u8], Reason>| {
         let sighting = match bytes {
-            Ok(bytes) => stages::sight(name, bytes, None, installation, Some(*orientation)),
+            Ok(bytes) if args.observations_only => Sighting::only_by_hand(name, bytes, by_hand.of(name)),
+            Ok(bytes) => {
+                let mut sighting = stages::sight(name, bytes, None, installation, Some(*orientation));
+                sighting.add_by_hand(by_hand.of(name));
+                sighting
+            }
             Err(reason) => Sighting::failed(name, reason),
         };
         Sighting { mounting: mountings.as_ref().and_then(|m| m.of(name)), ..sighting }
     };
     if args.together() {
-        let sightings = frames::map(&args.images, args.jobs, "measuring", sight)?;
+        let sightings = frames::map(files, args.jobs, "measuring", sight)?;
         let records = pipeline::solve_flight(&sightings, installation, orientation, job);
         return records.into_iter().try_for_each(|record| output.take(record));
     }
     let solve = |name: &str, bytes: Result<&[u8], Reason>| {
         pipeline::solve_sighting(&sight(name, bytes), installation, orientation, job)
     };
-    frames::each(&args.images, args.jobs, "solving", solve, |record| output.take(record))
+    frames::each(files, args.jobs, "solving", solve, |record| output.take(record))
 }
 
 /// The mountings as the user knows them, of every frame.
-fn mountings(args: &Args) -> Result<Option<Mountings>, Failure> {
+fn mountings(args: &Args, files: &[PathBuf]) -> Result<Option<Mountings>, Failure> {
     let Some(file) = &args.mountings else { return Ok(None) };
     let read = installation::read_mountings(file)?;
-    let names = frames::names(&args.images);
+    let names = frames::names(files);
     let missing: Vec<&str> = names.iter().map(String::as_str).filter(|n| read.of(n).is_none()).collect();
     let Some(first) = missing.first() else { return Ok(Some(read)) };
     let problem = match missing.len() {

@@ -1,17 +1,20 @@
 //! `wingd solve` gives one result per image.
 
+mod by_hand;
 mod images;
+mod report;
 mod store;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 
-use super::{Done, Failure, print};
+use super::{Done, Failure, pictures, print};
 use crate::measure::adjust::{Method, Options, SigmaKind};
 use crate::pipeline::Job;
 use crate::record::ImageRecord;
 use crate::report::{protocol, table};
+use crate::store::layout;
 
 #[derive(Clone, Copy, ValueEnum)]
 enum MethodName {
@@ -32,7 +35,8 @@ enum SigmaName {
 /// Solve bending, torsion and positions, one result per image.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The installation, with its orientation [of a store: the one kept there that its results came from]
+    /// The installation, with its orientation [default: installation/ of this folder; of a store: the one kept there that
+    /// its results came from]
     #[arg(long, value_name = "DIR")]
     installation: Option<PathBuf>,
     /// How the deflection is modelled
@@ -40,18 +44,25 @@ pub struct Args {
     method: MethodName,
     /// Adjust all the frames together (spatial). Of a store: name the flight to solve, for example
     /// --flight f0001 [default: every flight]
-    #[arg(long, value_name = "FLIGHT", num_args = 0..=1, require_equals = true, conflicts_with = "observations")]
+    #[arg(long, value_name = "FLIGHT", num_args = 0..=1, require_equals = true)]
     flight: Option<Option<String>>,
     /// The same as --flight without a name: also the frames of each flight of a store together
-    #[arg(long, conflicts_with = "observations")]
+    #[arg(long)]
     together: bool,
     /// Which mounting of the camera each frame belongs to (image,mounting); ground: not remounted since the ground
     /// frames [default: remounts are looked for in the frames]
-    #[arg(long, value_name = "FILE.csv", conflicts_with = "observations")]
+    #[arg(long, value_name = "FILE.csv")]
     mountings: Option<PathBuf>,
-    /// Image points measured by hand (id,u_px,v_px,sigma_px) instead of images
-    #[arg(long, value_name = "FILE.csv", conflicts_with = "images")]
+    /// Image points measured by hand (id,u_px,v_px,sigma_px, of several images also image): beside images they are added
+    /// to what is detected, by id; alone they are solved instead of an image
+    #[arg(long, value_name = "FILE.csv")]
     observations: Option<PathBuf>,
+    /// Beside images: nothing is detected, the points measured by hand stand alone
+    #[arg(long, requires_all = ["observations", "images"])]
+    observations_only: bool,
+    /// Also write figures and tables as one HTML file
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Which standard deviations [default: posterior where the global test rejects]
     #[arg(long, value_enum)]
     sigma: Option<SigmaName>,
@@ -70,11 +81,14 @@ pub struct Args {
     /// One JSON object per image
     #[arg(long)]
     json: bool,
+    /// Every column of the tables, however wide [default: those that fit 80 characters]
+    #[arg(long)]
+    wide: bool,
     /// Images worked on at once [default: the cores]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     jobs: usize,
-    /// Frames: JPEG, PNG, PNM or TIFF; or a store, whose frames get results beside their old ones
-    #[arg(required_unless_present = "observations", value_name = "IMAGE|STORE")]
+    /// Frames: JPEG, PNG, PNM or TIFF, or folders of them; or a store, whose frames get results beside their old ones
+    #[arg(required_unless_present = "observations", value_name = "IMAGE|FOLDER|STORE")]
     images: Vec<PathBuf>,
 }
 
@@ -92,8 +106,20 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         ));
     }
     if let [store] = args.images.as_slice()
-        && store.is_dir()
+        && is_store(store)
     {
+        if !store.join(layout::STORE_FILE).exists()
+            && std::fs::read_dir(store).is_ok_and(|mut d| d.next().is_none())
+        {
+            let what = format!(
+                "{}: holds nothing; name pictures, a folder of pictures, or a store (`wingd import` makes one of pictures)",
+                store.display()
+            );
+            return Err(Failure::Undone(what));
+        }
+        if args.observations.is_some() {
+            return Err(Failure::Usage("--observations belongs to pictures, not to a store".into()));
+        }
         return store::run(args, store);
     }
     if let Some(Some(flight)) = &args.flight {
@@ -102,6 +128,11 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
         )));
     }
     images::run(args)
+}
+
+/// Whether a folder is meant as a store: it is one, or holds no pictures that could be meant instead.
+fn is_store(folder: &Path) -> bool {
+    folder.is_dir() && (folder.join(layout::STORE_FILE).exists() || !pictures::holds_any(folder))
 }
 
 fn job(args: &Args) -> Job {
@@ -128,16 +159,25 @@ fn job(args: &Args) -> Job {
 struct Output<'a> {
     args: &'a Args,
     records: Vec<ImageRecord>,
+    /// Whole, where a report is to be made of pictures.
+    kept: Option<Vec<ImageRecord>>,
     all_well: bool,
 }
 
 impl<'a> Output<'a> {
     fn new(args: &'a Args) -> Self {
-        Self { args, records: vec![], all_well: true }
+        Self { args, records: vec![], kept: None, all_well: true }
+    }
+
+    fn keeping(args: &'a Args) -> Self {
+        Self { kept: args.report.as_ref().map(|_| vec![]), ..Self::new(args) }
     }
 
     fn take(&mut self, record: ImageRecord) -> Result<(), Failure> {
         self.all_well &= record.is_solved();
+        if let Some(kept) = &mut self.kept {
+            kept.push(record.clone());
+        }
         if self.args.protocol {
             return print(&protocol::protocol(&record));
         }
@@ -155,7 +195,7 @@ impl<'a> Output<'a> {
 
     fn end(self) -> Result<Done, Failure> {
         if !self.records.is_empty() {
-            print(&table::results(&self.records))?;
+            print(&table::results(&self.records, self.args.wide))?;
         }
         Ok(Done::all(self.all_well))
     }

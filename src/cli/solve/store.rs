@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value};
 
-use super::{Args, Output, job};
+use super::{Args, Output, job, report};
 use crate::aircraft::Track;
 use crate::camera::Format;
 use crate::cli::{Done, Failure, frames, stores};
@@ -15,6 +15,7 @@ use crate::measure::setup::Orientation;
 use crate::pipeline::{self, Job, Sighting, stages};
 use crate::record::{ImageRecord, Reason};
 use crate::report::aircraft;
+use crate::store::manifest::Cause;
 use crate::store::{self, Disk, FlightRef, FrameRef, Inputs, Store, StoreError, catalogue, sets};
 
 /// Kind of a shot's failure where the camera was unplugged or its power cut.
@@ -31,7 +32,16 @@ pub(super) fn run(args: &Args, root: &Path) -> Result<Done, Failure> {
     let solved = flights.iter().try_for_each(|flight| solve_flight(args, &store, flight, &mut output));
     store.seal();
     let done = output.end();
-    solved.and(done)
+    solved?;
+    if let Some(page) = &args.report {
+        report::of_store(
+            page,
+            &store,
+            args.flight.clone().flatten().as_deref(),
+            args.installation.as_deref(),
+        )?;
+    }
+    done
 }
 
 /// The installation of the command line, or the last one kept that the flight's results came from.
@@ -47,7 +57,8 @@ fn installation_for(args: &Args, store: &Store, flight: &FlightRef) -> Result<In
 }
 
 fn kept(store: &Store, flight: &FlightRef) -> Result<PathBuf, Failure> {
-    stores::kept(store.root(), flight)?.ok_or_else(|| {
+    let of_results = stores::kept(store.root(), flight)?;
+    of_results.map_or_else(|| stores::only_kept(store.root()), |kept| Ok(Some(kept)))?.ok_or_else(|| {
         let (root, flight) = (store.root().display(), &flight.id);
         Failure::Undone(format!("{root}: no installation is kept for {flight}; name one with --installation"))
     })
@@ -186,12 +197,15 @@ impl Work<'_> {
 }
 
 /// Mounting of each frame by its digest: another one after a boot and from where the camera was gone, for nothing tells
-/// that it was not taken down then. The recorder opens it anew before each series by itself, which says nothing.
+/// that it was not taken down then. The recorder opens it anew before each series by itself, which says nothing. Of
+/// imported pictures nothing is known: none of them stands here.
 fn mountings(disk: &dyn Disk, flight: &FlightRef) -> Result<BTreeMap<String, Mounting>, StoreError> {
     let mut all = BTreeMap::new();
     let (mut number, mut boot): (usize, Option<String>) = (0, None);
     for series in catalogue::series(disk, flight)? {
-        for shot in catalogue::manifest(disk, &series)?.shots {
+        let manifest = catalogue::manifest(disk, &series)?;
+        let shots = manifest.shots.into_iter().filter(|_| manifest.cause != Cause::Imported);
+        for shot in shots {
             let gone = shot.failures.iter().any(|failure| failure.kind == GONE);
             let booted = boot.replace(shot.stamp.boot_id.clone()).is_some_and(|b| b != shot.stamp.boot_id);
             number += usize::from(gone || booted);

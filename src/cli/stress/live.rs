@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use super::{Failure, Line};
 use crate::clock::Stamp;
-use crate::measure::stress::Curvature;
+use crate::measure::stress::{Curvature, USUAL_STEPS};
 use crate::report::stress::Frame;
 use crate::store::columns::{Block, File, Head, LiveTable};
 use crate::store::{FlightRef, RealDisk, StoreError, live};
@@ -99,6 +99,7 @@ fn of_block(head: &Head, block: &Block, line: &Line) -> Option<Vec<Frame>> {
                 covariance: symmetric(terms, covariance),
                 length_m: line.length_m,
                 root_sigma_m: line.root_sigma_m,
+                steps: USUAL_STEPS,
             },
         })
     };

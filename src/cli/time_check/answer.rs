@@ -165,7 +165,7 @@ fn lines(readings: &[Reading], found: Option<Delay>) -> Result<Lines, NoLines> {
         Source::ReleaseEdge | Source::TriggerAndEvent => {
             ("exposure_delay", "[camera] with kind = \"release\" (a camera on USB alone has no such key)")
         }
-        Source::AskedAndDelivered => return Err(NoLines::NoEvent),
+        Source::AskedAndDelivered | Source::CameraClock => return Err(NoLines::NoEvent),
     };
     let found = found.ok_or(NoLines::NoDelay)?;
     let sigma_s = found.sigma_s.filter(|_| found.pictures >= LEAST_PICTURES);

@@ -1,6 +1,7 @@
 //! `[live.aircraft_data]` of the configuration says where the lines come from, and what stands in them.
 
 use std::net::SocketAddr;
+use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
@@ -14,9 +15,12 @@ pub struct AircraftConfig {
     /// Datagrams to this address and port of ours.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub udp: Option<SocketAddr>,
-    /// Or a server that sends lines: `host:port`.
+    /// Or a server that sends lines: `host:port`; of several the one that answers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub tcp: Option<String>,
+    pub tcp: Option<Servers>,
+    /// A feed that brings no line for so long is taken for dead: a server is called again.
+    #[serde(default = "idle", with = "jiff::fmt::serde::unsigned_duration::friendly::compact::required")]
+    pub idle: Duration,
     /// Said to that server once it is connected, a line each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub subscribe: Vec<String>,
@@ -37,6 +41,38 @@ pub struct AircraftConfig {
     pub column: Vec<Column>,
 }
 
+/// One place, or several.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Servers {
+    /// `"host:port"`.
+    One(String),
+    /// `["host:port", "host:port"]`, called in turn.
+    InTurn(Vec<String>),
+}
+
+impl Servers {
+    /// In the order in which they are called.
+    pub fn places(&self) -> &[String] {
+        match self {
+            Self::One(place) => std::slice::from_ref(place),
+            Self::InTurn(places) => places,
+        }
+    }
+
+    fn are_places(&self) -> bool {
+        let is_place = |place: &String| {
+            place.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
+        };
+        !self.places().is_empty() && self.places().iter().all(is_place)
+    }
+}
+
+/// Feeds send once a second, slow ones every ten.
+fn idle() -> Duration {
+    Duration::from_secs(20)
+}
+
 fn comma() -> char {
     ','
 }
@@ -55,15 +91,16 @@ impl AircraftConfig {
         match (&self.udp, &self.tcp) {
             (Some(_), Some(_)) => fault("tcp", "is given beside udp", "give one of the two"),
             (None, None) => fault("udp", "is missing", "give udp = \"0.0.0.0:7071\" or tcp = \"host:port\""),
-            (None, Some(host))
-                if host.rsplit_once(':').is_none_or(|(_, port)| port.parse::<u16>().is_err()) =>
-            {
+            (None, Some(servers)) if !servers.are_places() => {
                 fault("tcp", "is no host and port", "write it as \"192.168.1.20:4711\"");
             }
             _ => {}
         }
         if self.tcp.is_none() && !self.subscribe.is_empty() {
             fault("subscribe", "is for tcp", "leave it out with udp");
+        }
+        if self.idle.is_zero() {
+            fault("idle", "must be longer than 0", "give for example \"20s\"");
         }
         if self.time_field == 0 || self.column.iter().any(|c| c.field == 0) {
             fault("column", "counts fields from 0", "count from 1");
@@ -111,5 +148,8 @@ mod tests {
         let expected = ["live.aircraft_data.tcp", "live.aircraft_data.column", "live.aircraft_data.column"];
         assert_eq!(keys, expected, "{faults:?}");
         assert!(read("udp = '0.0.0.0:7071'\nprot = 1\n").is_err());
+        let two = read("tcp = ['a:4711', 'a:4712']\nidle = '60s'\n").unwrap();
+        assert_eq!((two.faults(), two.tcp.unwrap().places().len(), two.idle.as_secs()), (vec![], 2, 60));
+        assert_eq!(read("tcp = []\nidle = '0s'\n").unwrap().faults().len(), 2);
     }
 }

@@ -1,13 +1,15 @@
-//! A feed's lines are heard and handed on, whatever the other side does.
+//! A feed's lines are heard and handed on, whatever the other side does. One that falls silent is called again: nobody can tell
+//! it from one that is gone.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs, UdpSocket};
 use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
-use super::config::AircraftConfig;
+use super::config::{AircraftConfig, Servers};
 use crate::daemon::core::Core;
-use crate::daemon::status::AircraftStatus;
+use crate::daemon::lasting::keep_alive;
+use crate::daemon::status::{AircraftStatus, span};
 use crate::store::aircraft::AircraftLine;
 
 /// How often the feed's threads look whether they are to end.
@@ -33,32 +35,50 @@ impl Shared {
         self.core.board.update(|status| f(status.aircraft.get_or_insert_default()));
     }
 
+    /// What is wrong from now on; said once.
     pub fn fault(&self, what: Option<String>) {
-        if let Some(what) = &what {
+        let mut news = false;
+        self.update(|status| {
+            news = status.fault != what;
+            status.fault.clone_from(&what);
+        });
+        if let Some(what) = what.filter(|_| news) {
             tracing::warn!(what, "aircraft data");
         }
-        self.update(|status| status.fault = what);
+    }
+
+    fn silence(&self) -> String {
+        format!("no line for {}", span(self.config.idle.as_secs_f64()))
     }
 }
 
 pub(super) type Lines = SyncSender<AircraftLine>;
 
-/// Hears lines until the feed is over, and calls again where the feed is gone.
+/// Hears lines until the feed is over, and calls again where the feed is gone: of several servers the next.
 pub(super) fn hear(shared: &Shared, lines: &Lines) {
-    while !shared.over() {
-        let heard = match (&shared.config.udp, &shared.config.tcp) {
-            (Some(address), _) => hear_datagrams(shared, *address, lines),
-            (None, Some(server)) => hear_server(shared, server, lines),
-            (None, None) => return,
-        };
-        if let Err(error) = heard {
-            let place = shared.config.udp.map(|a| a.to_string()).or(shared.config.tcp.clone());
-            shared.fault(Some(format!("{}: {error}", place.unwrap_or_default())));
+    let servers = shared.config.tcp.iter().flat_map(Servers::places).cycle();
+    match shared.config.udp {
+        Some(address) => {
+            while !shared.over() {
+                heard(shared, &address.to_string(), hear_datagrams(shared, address, lines));
+            }
         }
-        let until = Instant::now() + AGAIN;
-        while Instant::now() < until && !shared.over() {
-            std::thread::sleep(LOOK);
+        None => {
+            for server in servers.take_while(|_| !shared.over()) {
+                heard(shared, server, hear_server(shared, server, lines));
+            }
         }
+    }
+}
+
+/// Why it ended is said; then a pause.
+fn heard(shared: &Shared, place: &str, ended: std::io::Result<()>) {
+    if let Err(error) = ended {
+        shared.fault(Some(format!("{place}: {error}")));
+    }
+    let until = Instant::now() + AGAIN;
+    while Instant::now() < until && !shared.over() {
+        std::thread::sleep(LOOK);
     }
 }
 
@@ -66,9 +86,16 @@ fn hear_datagrams(shared: &Shared, address: SocketAddr, lines: &Lines) -> std::i
     let socket = UdpSocket::bind(address)?;
     socket.set_read_timeout(Some(LOOK))?;
     let mut datagram = vec![0; 1 << 16];
+    let mut last = Instant::now();
     while !shared.over() {
         match socket.recv(&mut datagram) {
-            Ok(length) => take(shared, datagram.get(..length).unwrap_or_default(), lines),
+            Ok(length) => {
+                last = Instant::now();
+                take(shared, datagram.get(..length).unwrap_or_default(), lines);
+            }
+            Err(error) if is_silence(&error) && last.elapsed() > shared.config.idle => {
+                shared.fault(Some(format!("{address}: {}", shared.silence())));
+            }
             Err(error) if is_silence(&error) => {}
             Err(error) => return Err(error),
         }
@@ -81,25 +108,41 @@ fn is_silence(error: &std::io::Error) -> bool {
     matches!(error.kind(), TimedOut | WouldBlock | Interrupted)
 }
 
+/// The first of the name's addresses that answers.
+fn connect(server: &str) -> std::io::Result<TcpStream> {
+    let mut failed = std::io::Error::other("the host's name is not known");
+    for address in server.to_socket_addrs()? {
+        match TcpStream::connect_timeout(&address, AGAIN) {
+            Ok(stream) => return Ok(stream),
+            Err(error) => failed = error,
+        }
+    }
+    Err(failed)
+}
+
+/// Until the server goes, or falls silent.
 fn hear_server(shared: &Shared, server: &str, lines: &Lines) -> std::io::Result<()> {
-    let unknown = || std::io::Error::other("the host's name is not known");
-    let address = server.to_socket_addrs()?.next().ok_or_else(unknown)?;
-    let mut stream = TcpStream::connect_timeout(&address, AGAIN)?;
+    let mut stream = connect(server)?;
+    keep_alive(&stream)?;
     stream.set_read_timeout(Some(LOOK))?;
     stream.set_write_timeout(Some(AGAIN))?;
     for line in &shared.config.subscribe {
         stream.write_all(format!("{line}\r\n").as_bytes())?;
     }
-    let (mut pending, mut bytes) = (Vec::new(), [0; 4096]);
+    let (mut pending, mut bytes, mut last) = (Vec::new(), [0; 4096], Instant::now());
     while !shared.over() {
         match stream.read(&mut bytes) {
             Ok(0) => return Err(std::io::Error::other("the server closed the connection")),
             Ok(length) => {
+                last = Instant::now();
                 pending.extend_from_slice(bytes.get(..length).unwrap_or_default());
                 let end = pending.iter().rposition(|b| *b == b'\n').map(|at| at + 1);
                 let end = end.or((pending.len() > LONGEST_LINE).then_some(pending.len()));
                 let whole: Vec<u8> = pending.drain(..end.unwrap_or(0)).collect();
                 take(shared, &whole, lines);
+            }
+            Err(error) if is_silence(&error) && last.elapsed() > shared.config.idle => {
+                return Err(std::io::Error::other(format!("{}; it is called again", shared.silence())));
             }
             Err(error) if is_silence(&error) => {}
             Err(error) => return Err(error),

@@ -112,8 +112,9 @@ mod tests {
 
     fn send(port: u16, count: usize) {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-        for k in 0..count {
-            let line = format!("IWG1,2026-03-01T06:00:{:02}.{k:03},1,2\r\nnoise\r\n", k % 60);
+        for _ in 0..count {
+            let now = jiff::Timestamp::now();
+            let line = format!("IWG1,{},1,2\r\nnoise\r\n", now.to_string().trim_end_matches('Z'));
             socket.send_to(line.as_bytes(), ("127.0.0.1", port)).unwrap();
         }
     }
@@ -168,12 +169,48 @@ mod tests {
         let mut asked = [0; 10];
         second.read_exact(&mut asked).unwrap();
         assert_eq!(&asked, b"add,mach\r\n");
-        second.write_all(b"2026-03-01T06:00:00,0.78\n2026-03-01T06:00:01,0.").unwrap();
+        let now = jiff::Timestamp::now();
+        second.write_all(format!("{now},0.78\n{now},0.").as_bytes()).unwrap();
         second.write_all(b"79\n").unwrap();
         let status = bench.until(|status| status.read == 2);
         assert_eq!((status.recorded, status.read, status.fault), (2, 2, None));
         // It hangs: the connection stays and nothing comes.
         bench.end(feed);
         assert!(verify::verify(&RealDisk, bench.dir.path()).is_sound());
+    }
+
+    #[test]
+    fn a_server_that_falls_silent_is_called_again_at_the_next_place() {
+        let bench = bench(0);
+        let servers = [(); 2].map(|()| std::net::TcpListener::bind("127.0.0.1:0").unwrap());
+        let [one, other] = servers.each_ref().map(|server| server.local_addr().unwrap().port());
+        let text = format!(
+            "tcp = ['127.0.0.1:{one}', '127.0.0.1:{other}']\nidle = '500ms'\nformat = 'text'\n[[column]]\nfield = 2\nquantity = 'mach'\n"
+        );
+        let feed = bench.listen(&text);
+        // It keeps the connection and says nothing, as a machine that was switched off.
+        let _silent = servers[0].accept().unwrap();
+        let (mut second, _) = servers[1].accept().unwrap();
+        let fault = bench.until(|status| status.fault.is_some()).fault.unwrap();
+        assert!(fault.contains("no line for 0.5 s") && fault.contains(&one.to_string()), "{fault}");
+        writeln!(second, "{},0.78", jiff::Timestamp::now()).unwrap();
+        let status = bench.until(|status| status.read == 1);
+        assert_eq!((status.read, status.fault), (1, None));
+        bench.end(feed);
+    }
+
+    #[test]
+    fn tags_that_cannot_be_are_a_fault() {
+        let at = |synchronised: bool| crate::clock::Stamp {
+            utc: "2026-03-01T06:00:00Z".parse().unwrap(),
+            utc_synchronised: synchronised,
+            boot_id: "b".to_owned(),
+            since_boot_s: 10.0,
+        };
+        let ahead = |seconds: f64, synchronised| {
+            crate::aircraft::impossible(1_772_344_800.0 + seconds, &at(synchronised))
+        };
+        assert_eq!((ahead(40.0, true), ahead(40.0, false), ahead(1.0, true)), (Some(-40.0), None, None));
+        assert_eq!((ahead(-30.0, true), ahead(-3600.0, true)), (None, Some(3600.0)));
     }
 }

@@ -4,7 +4,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use super::feed::{LOOK, Shared};
-use crate::aircraft::Layout;
+use crate::aircraft::{self, Layout};
+use crate::daemon::status::span;
 use crate::store::aircraft::AircraftLine;
 
 /// Lines that may wait to be recorded: a minute of ten feeds of 10 Hz.
@@ -43,17 +44,17 @@ fn flush(shared: &Shared, (layout, source): (&Layout, &serde_json::Value), waiti
     if waiting.is_empty() {
         return;
     }
-    let read = waiting.iter().filter(|line| layout.read(&line.line).is_some()).count() as u64;
+    let seen = Seen::of(layout, waiting);
     let count = waiting.len() as u64;
     match shared.core.store.add_aircraft(source, waiting) {
         Ok(true) => {
             waiting.clear();
             shared.update(|status| {
                 status.recorded += count;
-                status.read += read;
-                status.fault =
-                    (read == 0).then(|| "lines come and none can be read; look at format".to_owned());
+                status.read += seen.read;
+                status.impossible += seen.impossible;
             });
+            shared.fault(seen.fault());
         }
         // The first series begins the flight that they belong to.
         Ok(false) => {
@@ -66,5 +67,40 @@ fn flush(shared: &Shared, (layout, source): (&Layout, &serde_json::Value), waiti
             shared.update(|status| status.lost += count);
             shared.fault(Some(error.to_string()));
         }
+    }
+}
+
+/// What some lines are.
+#[derive(Default)]
+struct Seen {
+    read: u64,
+    impossible: u64,
+    /// How far the last impossible one came after its tag, s.
+    delay_s: f64,
+}
+
+impl Seen {
+    fn of(layout: &Layout, lines: &[AircraftLine]) -> Self {
+        let mut seen = Self::default();
+        for line in lines {
+            let Some(sample) = layout.read(&line.line) else { continue };
+            seen.read += 1;
+            if let Some(delay_s) = line.at.as_ref().and_then(|at| aircraft::impossible(sample.time_s, at)) {
+                seen.impossible += 1;
+                seen.delay_s = delay_s;
+            }
+        }
+        seen
+    }
+
+    fn fault(&self) -> Option<String> {
+        if self.read == 0 {
+            return Some("lines come and none can be read; look at format".to_owned());
+        }
+        let way = if self.delay_s < 0.0 { "ahead of" } else { "behind" };
+        (self.impossible > 0).then(|| {
+            let apart = span(self.delay_s.abs().round());
+            format!("time tags are {apart} {way} their receipt, which cannot be: look at both clocks; they are not joined")
+        })
     }
 }

@@ -2,7 +2,6 @@
 
 use super::config::KeepConfig;
 use super::result::LiveResult;
-use crate::record::GlobalTest;
 
 /// The mean that a departure counts from is of about this time, s.
 const MEAN_OF_S: f64 = 60.0;
@@ -32,8 +31,7 @@ impl Watch {
         if result.jolt && self.keep.jolt {
             return Some("the camera was jolted".to_owned());
         }
-        let rejected = result.record.global_test == Some(GlobalTest::Rejected);
-        if rejected && self.keep.rejected {
+        if result.rejected() && self.keep.rejected {
             return Some("the global test of a frame rejected".to_owned());
         }
         gust

@@ -112,6 +112,13 @@ impl Feeder {
         }
     }
 
+    /// How often a result is due from now on; `pause`: between two frames of a series.
+    pub fn expect_results(&self, pause: Duration) {
+        let allowed_hz = self.governor.allowed_hz();
+        let interval = (allowed_hz > 0.0).then(|| Duration::from_secs_f64(1.0 / allowed_hz) + pause);
+        self.shared.core.board.expect_results(interval);
+    }
+
     /// A period after the last tick; ticks that went by are let go.
     fn tick(&mut self, now: Duration) {
         let period = Duration::from_secs_f64(1.0 / self.governor.allowed_hz().max(0.1));
@@ -133,6 +140,7 @@ impl Feeder {
                 temperature_c = hottest,
                 "live mode: the rate follows the temperature"
             );
+            self.expect_results(Duration::ZERO);
         }
         self.shared.update(|live| (live.temperature_c, live.allowed_hz) = (hottest, allowed_hz));
     }

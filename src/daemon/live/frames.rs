@@ -240,8 +240,7 @@ impl Keeper {
         let open = match series {
             Some(open) => open,
             none => {
-                let (core, plan) = (&self.shared.core, Plan { cause, shots: 0 });
-                let mut begun = keep::begin(&core.store, plan, &core.clock.stamp())?;
+                let mut begun = keep::begin(&self.shared.core, Plan { cause, shots: 0 })?;
                 begun.note_camera(self.raw.state().camera.clone())?;
                 none.insert(begun)
             }

@@ -7,7 +7,7 @@
 //! | live-solver | the state of the adjustment; given up where it does not return | |
 //! | live-store | results become durable within seconds | the disk |
 //! | live-frames | raw frames that are kept | the disk |
-//! | main | the socket's listeners, datagrams | |
+//! | main | the socket's listeners, datagrams, the state once a second | |
 //!
 //! Between them lies what is bounded: one frame, 600 results, `ring_mb` of frames, 64 lines. Capturing goes before live
 //! solving, that before the solving of series, and that before the page's picture.
@@ -24,6 +24,7 @@ mod preview;
 mod result;
 mod shared;
 mod solving;
+mod state;
 mod storing;
 mod table;
 
@@ -75,14 +76,15 @@ pub(crate) fn start(
     let rate_hz = config.rate_hz?;
     let shared = Shared::new(core, config);
     shared.update(|live| (live.wanted_hz, live.allowed_hz) = (rate_hz, rate_hz));
+    core.board.expect_results(Some(Duration::from_secs_f64(1.0 / rate_hz)));
     if track.is_none() {
         shared.fault("solver", "there is no installation with an orientation: live frames are not solved");
     }
     let mailbox = Arc::new(Mailbox::default());
     let raw = Arc::new(Raw::new(shared.config.keep.clone()));
     let preview = Arc::new(Preview::default());
-    let (results, _) = tokio::sync::broadcast::channel(out::WAITING);
-    let tap = Tap { results, preview, shared: shared.clone() };
+    let (given, _) = tokio::sync::broadcast::channel(out::WAITING);
+    let tap = Tap { given, preview, shared: shared.clone() };
     let (rows, inbox) = sync_channel(storing::WAITING);
     let (done, ended) = channel();
     let solving = Solving {

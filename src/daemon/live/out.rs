@@ -1,4 +1,4 @@
-//! Results go to whoever listens, as lines at a Unix socket and as datagrams. A listener that hangs loses its lines, which
+//! Results and the recorder's state go to whoever listens, as lines at a Unix socket and as datagrams. A listener that hangs loses its lines, which
 //! are counted, and stops nobody: what waits for it is bounded.
 
 use std::io;
@@ -16,6 +16,7 @@ use tokio::sync::broadcast::{Receiver, Sender};
 use super::preview::Preview;
 use super::result::Given;
 use super::shared::Shared;
+use super::state;
 use crate::daemon::endpoint;
 
 /// Results that wait for a slow listener: three seconds at 20 a second.
@@ -34,7 +35,7 @@ const MAX_LINE: u64 = 64;
 /// Where results are heard.
 #[derive(Clone)]
 pub(crate) struct Tap {
-    pub(super) results: Sender<Arc<Given>>,
+    pub(super) given: Sender<Arc<Given>>,
     pub(super) preview: Arc<Preview>,
     pub(super) shared: Shared,
 }
@@ -46,6 +47,7 @@ impl Tap {
         if let Some(to) = udp {
             tokio::spawn(send(self.clone(), to));
         }
+        tokio::spawn(state::tell(self.shared.clone(), self.given.clone()));
         let Some(path) = socket else { return };
         match endpoint::listen(&path) {
             Ok(listener) => self.accept(listener).await,
@@ -59,7 +61,7 @@ impl Tap {
             // One too many is let go at once.
             let Ok(permit) = places.clone().try_acquire_owned() else { return };
             let tap = self.clone();
-            let results = self.results.subscribe();
+            let results = self.given.subscribe();
             tokio::spawn(async move {
                 let _ = tap.talk(stream, results).await;
                 drop(permit);
@@ -68,15 +70,17 @@ impl Tap {
         endpoint::accept(listener, client).await;
     }
 
-    /// Lines until the listener goes; asked for the frame it gets that, too.
+    /// Lines until the listener goes; asked for the frame it gets that, too, and the state from when it asks for it.
     async fn talk(&self, stream: UnixStream, mut results: Receiver<Arc<Given>>) -> io::Result<()> {
         let (read, mut write) = stream.into_split();
         let (asked, mut asks) = tokio::sync::mpsc::channel(1);
         let listening = tokio::spawn(hear(read, asked));
         let end = async {
+            let mut states = false;
             loop {
                 let line = tokio::select! {
                     result = results.recv() => match result {
+                        Ok(given) if given.state && !states => continue,
                         Ok(given) => given.line.clone(),
                         Err(RecvError::Lagged(lines)) => {
                             self.shared.update(|live| live.lines_lost += lines);
@@ -84,9 +88,15 @@ impl Tap {
                         }
                         Err(RecvError::Closed) => return Ok(()),
                     },
-                    Some(()) = asks.recv() => match self.frame().await {
-                        Some(line) => line,
-                        None => continue,
+                    Some(wish) = asks.recv() => match wish {
+                        Wish::State => {
+                            states = true;
+                            state::line(&self.shared.core.board.snapshot())
+                        }
+                        Wish::Frame => match self.frame().await {
+                            Some(line) => line,
+                            None => continue,
+                        },
                     },
                 };
                 self.say(&mut write, &line, &mut results).await?;
@@ -137,24 +147,36 @@ impl Tap {
     }
 }
 
+/// What a listener may ask for, by a line with this word.
+enum Wish {
+    /// One picture.
+    Frame,
+    /// The state, now and from now on.
+    State,
+}
+
 /// A listener's wishes; ends with it.
-async fn hear(read: OwnedReadHalf, asked: tokio::sync::mpsc::Sender<()>) {
+async fn hear(read: OwnedReadHalf, asked: tokio::sync::mpsc::Sender<Wish>) {
     let mut reader = BufReader::new(read);
     loop {
         let mut line = String::new();
         match (&mut reader).take(MAX_LINE).read_line(&mut line).await {
             Ok(0) | Err(_) => return,
-            Ok(_) if line.trim() == "frame" => {
-                let _ = asked.try_send(());
+            Ok(_) => {
+                let wish = match line.trim() {
+                    "frame" => Wish::Frame,
+                    "state" => Wish::State,
+                    _ => continue,
+                };
+                let _ = asked.try_send(wish);
             }
-            Ok(_) => {}
         }
     }
 }
 
 /// A datagram for each result.
 async fn send(tap: Tap, to: String) {
-    let mut results = tap.results.subscribe();
+    let mut results = tap.given.subscribe();
     loop {
         match address(&to).await {
             Ok((socket, address)) => {

@@ -1,4 +1,4 @@
-//! The page gets a small picture of the newest solved frame. It is made when somebody asks, at most once a second, and with
+//! The page gets a small picture of the newest frame with a result, solved or not. It is made when somebody asks, at most once a second, and with
 //! nothing that the solving needs.
 
 use std::sync::{Arc, Mutex, PoisonError};
@@ -42,7 +42,7 @@ pub(crate) struct Preview {
 }
 
 impl Preview {
-    /// The newest solved frame.
+    /// The newest frame with a result, solved or not.
     pub fn show(&self, frame: &Arc<LiveFrame>) {
         self.state.lock().unwrap_or_else(PoisonError::into_inner).frame = Some(frame.clone());
     }

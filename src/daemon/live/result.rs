@@ -6,9 +6,10 @@ use serde::Serialize;
 
 use crate::clock::exposure::Exposure;
 use crate::daemon::capture::Taken;
+use crate::daemon::status::Health;
 use crate::pipeline::live::{Curvature, Outline, Tracked};
 use crate::pipeline::stages::Search;
-use crate::record::{ImageRecord, Status};
+use crate::record::{GlobalTest, ImageRecord, Status, word};
 
 /// A frame on its way to be solved.
 pub(crate) struct LiveFrame {
@@ -74,6 +75,11 @@ impl LiveResult {
         self.record.status == Status::Ok
     }
 
+    /// Whether its global test rejects: its standard deviations are in doubt.
+    pub fn rejected(&self) -> bool {
+        self.record.global_test == Some(GlobalTest::Rejected)
+    }
+
     /// Lift of the outermost marker, m.
     pub fn tip_lift_m(&self) -> Option<f64> {
         self.record.tip.as_ref().filter(|_| self.solved()).map(|tip| tip.lift_m)
@@ -87,7 +93,7 @@ impl LiveResult {
     }
 
     /// ASCII, fields between commas, empty where there is no number; at most 1400 bytes. docs/live.md has the list.
-    pub fn datagram(&self) -> String {
+    pub fn datagram(&self, health: Health) -> String {
         let mut text = format!("WINGD1,{}", self.exposure.exposure_time.strftime("%Y-%m-%dT%H:%M:%S%.3f"));
         let mut field = |value: Option<f64>, digits: usize| {
             text.push(',');
@@ -120,13 +126,16 @@ impl LiveResult {
             field(point.map(|p| p.lift_m), 4);
             field(point.and_then(|p| p.sigma_lift_m), 4);
         }
-        text.push_str("\r\n");
+        field(record.global_test.and_then(|_| flag(self.rejected())), 0);
+        let _ = write!(text, ",{}\r\n", word(health));
         text
     }
 }
 
-/// A result as the listeners get it.
+/// A result, or the recorder's state, as the listeners get it.
 pub(crate) struct Given {
+    /// The state, which only those get that ask for it, and the datagrams.
+    pub state: bool,
     /// JSON, without a line's end.
     pub line: String,
     /// ASCII.

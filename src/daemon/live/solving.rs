@@ -104,14 +104,16 @@ impl Solving {
         if let Some(reason) = watch.look(&result) {
             self.raw.event(&self.shared, reason, frame.at_s(), false);
         }
+        self.tap.preview.show(frame);
         if result.solved() {
-            self.tap.preview.show(frame);
             self.shared.clear("solver");
         }
+        let judged = (result.solved(), result.rejected());
+        self.shared.core.board.live_result(frame.at_s(), judged, skipped);
         // Nobody listening is no error.
-        if self.tap.results.receiver_count() > 0 {
-            let given = Given { line: result.line(), datagram: result.datagram() };
-            let _ = self.tap.results.send(Arc::new(given));
+        if self.tap.given.receiver_count() > 0 {
+            let datagram = result.datagram(self.shared.core.board.health());
+            let _ = self.tap.given.send(Arc::new(Given { state: false, line: result.line(), datagram }));
         }
         let lost = matches!(self.rows.try_send(result.clone()), Err(TrySendError::Full(_)));
         meter.note(now_s, latency_ms);

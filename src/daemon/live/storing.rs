@@ -46,6 +46,8 @@ impl Storing {
         let rows: Vec<_> = waiting.iter().map(|result| table.row(result)).collect();
         match self.shared.core.store.append_live(&table.table, &rows, &self.shared.core.clock.stamp()) {
             Ok(()) => {
+                let core = &self.shared.core;
+                core.board.update(|status| status.flight = core.store.current_flight());
                 self.shared.update(|live| live.stored += rows.len() as u64);
                 self.shared.clear("results");
                 waiting.clear();

@@ -21,7 +21,7 @@ type OfMarker = (&'static str, &'static str, fn(&MarkerRecord) -> Option<f64>);
 type OfStation = (&'static str, &'static str, fn(&CurveRecord) -> Option<f64>);
 type OfPair = (&'static str, &'static str, fn(&TorsionRecord) -> Option<f64>);
 
-const MARKERS: [OfMarker; 8] = [
+const MARKERS: [OfMarker; 12] = [
     ("u", "px", |m| m.u_px),
     ("v", "px", |m| m.v_px),
     ("sigma_u", "px", |m| m.sigma_u_px),
@@ -30,6 +30,10 @@ const MARKERS: [OfMarker; 8] = [
     ("residual_v", "px", |m| m.residual_v_px),
     ("lift", "m", |m| m.lift_m),
     ("sigma_lift", "m", |m| m.sigma_lift_m),
+    ("lift_ground", "m", |m| m.lift_ground_m),
+    ("sigma_lift_ground", "m", |m| m.sigma_lift_ground_m),
+    ("lift_root", "m", |m| m.lift_root_m),
+    ("sigma_lift_root", "m", |m| m.sigma_lift_root_m),
 ];
 const STATIONS: [OfStation; 5] = [
     ("span", "m", |p| Some(p.span_m)),
@@ -45,7 +49,7 @@ const PAIRS: [OfPair; 4] = [
     ("sigma_twist", "deg", |t| t.sigma_twist_deg),
 ];
 /// Name, unit, kind of what a row has once.
-const ONCE: [(&str, &str, Kind); 15] = [
+const ONCE: [(&str, &str, Kind); 19] = [
     (names::UTC, UTC, Kind::U64),
     (names::SINCE_BOOT, "s", Kind::F64),
     ("exposure_sigma", "s", Kind::F32),
@@ -61,6 +65,10 @@ const ONCE: [(&str, &str, Kind); 15] = [
     ("global_test_passed", "", Kind::U8),
     ("tip_lift", "m", Kind::F32),
     ("sigma_tip_lift", "m", Kind::F32),
+    ("tip_lift_ground", "m", Kind::F32),
+    ("sigma_tip_lift_ground", "m", Kind::F32),
+    ("tip_lift_root", "m", Kind::F32),
+    ("sigma_tip_lift_root", "m", Kind::F32),
 ];
 
 impl Table {
@@ -139,6 +147,10 @@ fn once(result: &LiveResult) -> Row {
         or_none(record.global_test.map(|test| flag(test == GlobalTest::Passed))),
         or_none(tip.map(|tip| tip.lift_m)),
         or_none(tip.and_then(|tip| tip.sigma_lift_m)),
+        or_none(tip.and_then(|tip| tip.lift_ground_m)),
+        or_none(tip.and_then(|tip| tip.sigma_lift_ground_m)),
+        or_none(tip.and_then(|tip| tip.lift_root_m)),
+        or_none(tip.and_then(|tip| tip.sigma_lift_root_m)),
     ]
 }
 

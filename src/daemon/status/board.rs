@@ -3,8 +3,9 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use super::health::Frames;
-use super::{LiveStatus, Noted, Status};
+use super::health::{self, Frames, Live};
+use super::recent::Results;
+use super::{Health, LiveStatus, Noted, Recent, Status};
 use crate::clock::{Clock, Stamp};
 use crate::daemon::pulse::Beats;
 
@@ -15,13 +16,20 @@ pub struct StatusBoard {
     state: Arc<Mutex<State>>,
 }
 
-#[derive(Default)]
 struct State {
     status: Status,
     frames: Frames,
+    live: Option<Live>,
+    series: Results,
     /// Since boot, s.
     next_series_at_s: Option<f64>,
     beats: Beats,
+}
+
+impl State {
+    fn judge(&self, now_s: f64) -> (Health, Vec<String>) {
+        health::judge(&self.status, (&self.frames, &self.series, self.live.as_ref()), now_s)
+    }
 }
 
 impl StatusBoard {
@@ -32,19 +40,62 @@ impl StatusBoard {
             started: Some(clock.stamp()),
             ..Status::default()
         };
-        Self { clock, state: Arc::new(Mutex::new(State { status, ..State::default() })) }
+        let (frames, series, beats) = (Frames::default(), Results::of_series(), Beats::default());
+        let state = State { status, frames, live: None, series, next_series_at_s: None, beats };
+        Self { clock, state: Arc::new(Mutex::new(state)) }
     }
 
     /// The status now.
     pub fn snapshot(&self) -> Status {
         let now = self.clock.stamp();
-        self.with(|state| Status {
-            last_frame_age_s: state.frames.age_s(now.since_boot_s),
-            next_series_s: state.next_series_at_s.map(|at| (at - now.since_boot_s).max(0.0)),
-            health: state.frames.health(now.since_boot_s),
-            now: Some(now.clone()),
-            ..state.status.clone()
+        let now_s = now.since_boot_s;
+        self.with(|state| {
+            let mut status = state.status.clone();
+            (status.health, status.reasons) = state.judge(now_s);
+            status.age_s = state.live.as_ref().map_or(&state.series, |live| &live.results).age_s(now_s);
+            status.recent = Recent { skipped: None, ..state.series.recent() };
+            if let (Some(said), Some(live)) = (&mut status.live, &state.live) {
+                (said.interval_s, said.recent) = (live.interval_s, live.results.recent());
+            }
+            status.last_frame_age_s = state.frames.age_s(now_s);
+            status.next_series_s = state.next_series_at_s.map(|at| (at - now_s).max(0.0));
+            status.now = Some(now.clone());
+            status
         })
+    }
+
+    /// Health alone.
+    pub(crate) fn health(&self) -> Health {
+        let now_s = self.now_s();
+        self.with(|state| state.judge(now_s).0)
+    }
+
+    fn now_s(&self) -> f64 {
+        self.clock.since_boot().as_secs_f64()
+    }
+
+    /// A live result is expected every interval, for as long as nothing else is said; none where live frames pause.
+    pub(crate) fn expect_results(&self, interval: Option<Duration>) {
+        let (now_s, interval_s) = (self.now_s(), interval.map(|interval| interval.as_secs_f64()));
+        self.with(|state| match &mut state.live {
+            Some(live) => live.interval_s = interval_s,
+            none => *none = Some(Live::begin(interval_s, now_s)),
+        });
+    }
+
+    /// A live result came, of a frame exposed at this time since boot, s; `skipped`: frames skipped since the start.
+    pub(crate) fn live_result(&self, at_s: f64, (solved, rejected): (bool, bool), skipped: u64) {
+        self.with(|state| {
+            if let Some(live) = &mut state.live {
+                live.results.note(at_s, solved, rejected, skipped);
+            }
+        });
+    }
+
+    /// A frame of a series has its result.
+    pub(crate) fn series_result(&self, solved: bool, rejected: bool) {
+        let now_s = self.now_s();
+        self.with(|state| state.series.note(now_s, solved, rejected, 0));
     }
 
     /// Changes the status.
@@ -59,7 +110,7 @@ impl StatusBoard {
 
     /// A good frame is expected every interval.
     pub(crate) fn expect_frames(&self, interval: Duration) {
-        let now_s = self.clock.since_boot().as_secs_f64();
+        let now_s = self.now_s();
         self.with(|state| state.frames.expect(interval.as_secs_f64(), now_s));
     }
 
@@ -74,7 +125,7 @@ impl StatusBoard {
     }
 
     pub(crate) fn next_series_in(&self, wait: Option<Duration>) {
-        let now_s = self.clock.since_boot().as_secs_f64();
+        let now_s = self.now_s();
         self.with(|state| state.next_series_at_s = wait.map(|wait| now_s + wait.as_secs_f64()));
     }
 
@@ -118,13 +169,13 @@ mod tests {
         let clock = Arc::new(Simulated::new("b", "2026-03-01T06:00:00Z".parse().unwrap(), None));
         let board = StatusBoard::new(clock.clone());
         board.expect_frames(Duration::from_secs(3600));
-        assert_eq!(board.snapshot().health, Health::Young);
+        assert_eq!((board.snapshot().health, board.snapshot().last_frame_age_s), (Health::Good, None));
         board.frame_stored(&clock.stamp());
         clock.sleep(Duration::from_secs(5000));
         assert_eq!(board.snapshot().health, Health::Good);
         assert_eq!(board.snapshot().last_frame_age_s, Some(5000.0));
         clock.sleep(Duration::from_secs(500));
-        assert_eq!(board.snapshot().health, Health::Stale);
+        assert_eq!(board.snapshot().health, Health::Bad);
     }
 
     #[test]
@@ -133,6 +184,6 @@ mod tests {
         let board = StatusBoard::new(clock.clone());
         board.expect_frames(Duration::from_secs(3600));
         clock.sleep(Duration::from_secs(5500));
-        assert_eq!(board.snapshot().health, Health::Stale);
+        assert_eq!(board.snapshot().health, Health::Bad);
     }
 }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::{Activity, Health, Status};
+use super::{Activity, Health, LiveStatus, Recent, Status};
 
 /// One metric without labels: name, kind, help, value. Without a value it is left out.
 type Metric = (&'static str, &'static str, &'static str, Option<f64>);
@@ -10,7 +10,8 @@ type Metric = (&'static str, &'static str, &'static str, Option<f64>);
 /// All of the status that is a number.
 pub fn exposition(status: &Status) -> String {
     let mut text = String::new();
-    for (name, kind, help, value) in metrics(status).into_iter().chain(live(status)) {
+    let shares = recent(&status.recent, SERIES);
+    for (name, kind, help, value) in metrics(status).into_iter().chain(shares).chain(live(status)) {
         // Writing to a string does not fail.
         if let Some(value) = value {
             let _ = writeln!(
@@ -37,7 +38,9 @@ fn flag(yes: bool) -> Option<f64> {
 fn metrics(status: &Status) -> Vec<Metric> {
     let counts = &status.counts;
     vec![
-        gauge("healthy", "1 while good frames come.", flag(status.health != Health::Stale)),
+        gauge("healthy", "1 while health is good.", flag(status.health == Health::Good)),
+        gauge("health", "0 good, 1 doubtful, 2 bad.", Some(f64::from(status.health as u8))),
+        gauge("result_age_seconds", "Since the last result.", status.age_s),
         gauge("capturing", "1 during a series.", flag(status.activity == Activity::Capturing)),
         gauge("last_frame_age_seconds", "Since the last good frame.", status.last_frame_age_s),
         gauge("next_series_seconds", "Until the next scheduled series.", status.next_series_s),
@@ -69,9 +72,27 @@ fn metrics(status: &Status) -> Vec<Metric> {
     ]
 }
 
+/// Names of the shares with numbers, rejected and skipped.
+const SERIES: [&str; 3] = ["solved_ratio", "rejected_ratio", "skipped_ratio"];
+const LIVE: [&str; 3] = ["live_solved_ratio", "live_rejected_ratio", "live_skipped_ratio"];
+
+fn recent(recent: &Recent, [solved, rejected, skipped]: [&'static str; 3]) -> Vec<Metric> {
+    vec![
+        gauge(solved, "Of the last results, those with numbers.", recent.solved),
+        gauge(rejected, "Of the last results, those that the global test rejects.", recent.rejected),
+        gauge(skipped, "Of the last frames, those that were skipped.", recent.skipped),
+    ]
+}
+
 /// Of live mode, where it is on.
 fn live(status: &Status) -> Vec<Metric> {
     let Some(live) = &status.live else { return Vec::new() };
+    let mut all = of_live(live);
+    all.extend(recent(&live.recent, LIVE));
+    all
+}
+
+fn of_live(live: &LiveStatus) -> Vec<Metric> {
     let seconds = |ms: Option<f64>| ms.map(|ms| 1e-3 * ms);
     vec![
         gauge("live_rate_hertz", "Results a second, over ten seconds.", Some(live.rate_hz)),

@@ -4,14 +4,16 @@
 mod board;
 mod health;
 mod metrics;
+mod recent;
 
 use serde::{Deserialize, Serialize};
 
 use crate::clock::Stamp;
 
 pub use board::StatusBoard;
-pub use health::Health;
+pub use health::{Health, span};
 pub(crate) use metrics::exposition;
+pub use recent::Recent;
 
 /// What the daemon is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -42,8 +44,15 @@ pub struct Status {
     pub version: String,
     /// Now.
     pub activity: Activity,
-    /// By the age of the last good frame.
+    /// In one word.
     pub health: Health,
+    /// Why it is not good, the worst first.
+    #[serde(default)]
+    pub reasons: Vec<String>,
+    /// Of the last result, s: of live mode, where it is on, since its exposure; else since a series' result came. `null` before
+    /// the first.
+    #[serde(default)]
+    pub age_s: Option<f64>,
     /// When the daemon began.
     pub started: Option<Stamp>,
     /// The moment of this status.
@@ -64,6 +73,9 @@ pub struct Status {
     pub counts: Counts,
     /// Frames that wait to be solved, of the series under work.
     pub to_solve: usize,
+    /// The last results of series.
+    #[serde(default)]
+    pub recent: Recent,
     /// The camera.
     pub camera: CameraStatus,
     /// The store.
@@ -128,6 +140,9 @@ pub struct StoreStatus {
     pub free_mb: Option<u64>,
     /// MB.
     pub reserve_mb: u64,
+    /// Why it took the last series not; `null` where it took it.
+    #[serde(default)]
+    pub refuses: Option<String>,
 }
 
 /// Something with its time.
@@ -146,6 +161,9 @@ pub struct AircraftStatus {
     pub recorded: u64,
     /// Of those, lines that could be read.
     pub read: u64,
+    /// Of those, lines whose time tag cannot be true: ahead of its receipt, or far behind it. They are joined with no frame.
+    #[serde(default)]
+    pub impossible: u64,
     /// Lines that came and were not recorded: too many at once, or a full disk.
     pub lost: u64,
     /// When the last one came.
@@ -164,6 +182,10 @@ pub struct LiveStatus {
     pub allowed_hz: f64,
     /// Results a second over the last ten seconds.
     pub rate_hz: f64,
+    /// From one result to the next, as it should be, s; longer during a series, `null` while frames pause.
+    pub interval_s: Option<f64>,
+    /// The last results, over ten seconds.
+    pub recent: Recent,
     /// Frames taken.
     pub frames: u64,
     /// Frames that the camera did not deliver.

@@ -5,6 +5,7 @@ use maud::{Markup, html};
 use super::{curve, greatest, minute, page};
 use crate::report::number::rounded;
 use crate::report::overview::{Line, Overview};
+use crate::report::table;
 
 /// `address` is how the client calls this server, for the recipes.
 pub fn flight(overview: &Overview, address: &str) -> Markup {
@@ -20,8 +21,8 @@ pub fn flight(overview: &Overview, address: &str) -> Markup {
             a href={ "/files/" (id) "/SHA256SUMS" } { "SHA256SUMS" }
         }
         div.figure { (curve::lift(overview, 460.0, 190.0)) }
-        p.caption { "Lift of the outermost marker: mean of each series, with 1 sigma of one frame." }
-        @if let Some((line, lift)) = overview.greatest() { p { (greatest(line, &lift)) } }
+        p.caption { "Lift of the outermost marker " (overview.reference.words()) ": mean of each series, with 1 sigma of one frame." }
+        @if let Some((line, lift)) = overview.greatest() { p { (greatest(line, lift, overview.reference)) } }
         h2 { "What is missing" }
         @if missing.is_empty() { p { "Nothing: every shot has its frame, every frame its result." } } @else {
             details open[missing.len() <= 12] {
@@ -33,7 +34,7 @@ pub fn flight(overview: &Overview, address: &str) -> Markup {
         }
         h2 { "Series" }
         table.stack {
-            thead { tr { th { "series" } th { "begun" } th.n { "frames" } th.n { "solved" } th.n { "tip lift / m" } th.n { "sigma / m" } } }
+            thead { tr { th { "series" } th { "begun" } th.n { "frames" } th.n { "solved" } th.n { "mean tip lift / m" } th.n { "sigma / m" } th.n { "scatter / m" } } }
             tbody { @for line in overview.series.iter().rev() { (row(id, line)) } }
         }
         (recipes(id, address))
@@ -48,8 +49,9 @@ fn row(flight: &str, line: &Line) -> Markup {
         td data-name="begun" { @if let Some(begun) = &line.begun { (minute(begun.utc)) } }
         td.n data-name="frames" { (line.frames) " of " (line.planned) }
         td.n data-name="solved" { (line.solved) }
-        td.n data-name="tip lift / m" { (lift) }
+        td.n data-name="mean tip lift / m" { (lift) }
         td.n data-name="sigma / m" { (sigma) }
+        td.n data-name="scatter / m" { (table::scatter(line.tip_lift_m)) }
     } }
 }
 

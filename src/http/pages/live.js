@@ -1,202 +1,242 @@
 "use strict";
-// The wing as it is measured: results come as server-sent events, a picture of the frame is asked for once a second.
+// The wing as it is measured: results and the recorder's state come as server-sent events, a picture of the frame is asked for
+// once a second. What is old by this browser's own clock is marked, whether anything comes or not.
 (() => {
   const SPAN_S = 180;
+  const TICK_MS = 100;
   const DRAW_MS = 200;
   const FRAME_MS = 1000;
-  const SVG = "http://www.w3.org/2000/svg";
+  const RATE_S = 10;
+  // Intervals after which a result is old, and after which it is lost: as in the recorder's health.
+  const [OLD, LOST] = [3, 5];
+  // The server says something every four seconds at least; after this silence the line is dead.
+  const SILENCE_MS = 6000;
+  const AGAIN_MS = 2000;
+  const FULL_MS = 5000;
   const byId = (id) => document.getElementById(id);
-  const text = (id, value) => { byId(id).textContent = value; };
+  const text = (id, value) => { if (byId(id).textContent !== value) byId(id).textContent = value; };
+  const mark = (node, name) => { if (node.getAttribute("class") !== name) node.setAttribute("class", name); };
   const history = [];
-  const outlines = new Map();
+  const frames = new Map();
   let newest = null;
-  let changed = false;
+  let daemon = null;
+  let link = { open: false, young: true, why: "waiting for the recorder" };
+  let drawn = { at: 0, as: "" };
 
   const number = (value, digits) =>
     typeof value === "number" && Number.isFinite(value) ? value.toFixed(digits) : null;
-  const tile = (id, value, beside) => {
+  const seconds = (s) => (s < 10 ? `${s.toFixed(1)} s` : s < 120 ? `${Math.round(s)} s` : `${Math.round(s / 60)} min`);
+  const since = (came) => (performance.now() - came) / 1000;
+
+  const interval = () => {
+    if (typeof daemon?.interval_s === "number") return daemon.interval_s;
+    const last = history.slice(-11);
+    return last.length > 1 ? (last[last.length - 1].came - last[0].came) / 1000 / (last.length - 1) : 1;
+  };
+  // "" while a result that came then counts, "old" after three intervals or without a connection, "lost" after five.
+  const freshness = (came, every = interval()) => {
+    const age = since(came);
+    if (age > LOST * every) return "lost";
+    return age > OLD * every || !link.open ? "old" : "";
+  };
+
+  const tile = (id, value, beside, style) => {
     text(id, value ?? "–");
     text(`${id}-beside`, beside ?? "");
-  };
-  const measured = (id, value, sigma, digits, unit) => {
-    const [shown, spread] = [number(value, digits), number(sigma, digits)];
-    tile(id, shown && `${shown} ${unit}`, shown && spread && `± ${spread} ${unit}`);
+    mark(byId(id).parentElement, style);
   };
 
-  // 1, 2 or 5 times a power of ten, not below the raw step.
-  const roundStep = (raw) => {
-    const power = 10 ** Math.floor(Math.log10(raw));
-    return power * [1, 2, 5, 10].find((factor) => factor * power >= raw * 0.999);
+  // The lift that the frame tells best, and against what it is counted.
+  const LIFTS = {
+    survey: ["lift_m", "sigma_lift_m", "against the survey"],
+    ground: ["lift_ground_m", "sigma_lift_ground_m", "against the ground frame"],
+    root: ["lift_root_m", "sigma_lift_root_m", "from the root's tangent"],
+  };
+  const shownLift = (tip) => {
+    const [lift, sigma, words] = LIFTS[tip?.shown] ?? LIFTS.survey;
+    return { lift: tip?.[lift], sigma: tip?.[sigma], words };
   };
 
-  const element = (parent, name, attributes, content) => {
-    const node = document.createElementNS(SVG, name);
-    for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
-    if (content !== undefined) node.textContent = content;
-    parent.append(node);
-    return node;
+  const solved = () => newest.result.status === "ok";
+  const rejected = (result) => result.global_test === "rejected";
+
+  const tiles = () => {
+    if (newest === null) return tile("age", null, "none yet", link.open ? "" : "lost");
+    const { result, came } = newest;
+    const style = freshness(came);
+    const age = `${seconds(since(came))} old`;
+    const doubt = style === "" && (!solved() || rejected(result)) ? "doubtful" : style;
+    const measured = (id, value, sigma, digits, unit) => {
+      const [shown, spread] = [solved() ? number(value, digits) : null, number(sigma, digits)];
+      const said = [shown && spread && `± ${spread} ${unit}`, !solved() && "no numbers", rejected(result) && "test rejected", style && age];
+      tile(id, shown && `${shown} ${unit}`, said.filter(Boolean).join(", "), doubt);
+    };
+    const pair = (result.torsion ?? [])[0] ?? {};
+    tile("age", `${seconds(since(came))} ago`, `one every ${number(interval(), 2)} s expected`, style);
+    const tip = shownLift(result.tip);
+    measured("lift", tip.lift, tip.sigma, 3, "m");
+    if (solved()) text("lift-name", `Tip lift ${tip.words}`);
+    measured("twist", pair.twist_deg, pair.sigma_twist_deg, 2, "°");
+    const recent = history.filter((one) => since(one.came) < RATE_S);
+    const over = Math.min(RATE_S, since(history[0].came));
+    tile("rate", `${(recent.length / Math.max(over, 1)).toFixed(1)} Hz`, "over ten seconds", style);
+    const late = recent.map((one) => one.latency).sort((a, b) => a - b);
+    const p95 = late[Math.max(0, Math.ceil(0.95 * late.length) - 1)];
+    tile("latency", `${Math.round(result.latency_ms)} ms`, style || p95 === undefined ? age : `95 %: ${Math.round(p95)} ms`, style);
+    tile("skipped", String(result.skipped), style ? age : `of ${result.number} frames`, style);
+    const variance = `variance ${number(result.variance_factor, 2) ?? "–"}`;
+    tile("test", solved() ? result.global_test : null, [solved() ? variance : "no numbers", style && age].filter(Boolean).join(", "), doubt);
   };
 
-  // A range that does not jump with each gust: it grows at once, and shrinks where less than half of it is used.
-  const ranges = new Map();
-  const steady = (id, low, high) => {
-    const [from, to] = ranges.get(id) ?? [low, high];
-    const kept = high - low < 0.5 * (to - from) ? [low, high] : [Math.min(from, low), Math.max(to, high)];
-    ranges.set(id, kept);
-    return kept;
-  };
-
-  // Points: x, y, sigma or null; null itself breaks the line. Returns how many times the band is enlarged.
-  const plot = (svg, points, { xRange, xLabel, yFrom0, xTick }) => {
-    // In the page's own pixels: letters keep their size on a phone.
-    const width = Math.max(240, svg.clientWidth);
-    const height = Math.max(200, Math.min(320, 0.56 * width));
-    const [left, right, top, bottom] = [46, 14, 10, 40];
-    svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-    svg.replaceChildren();
-    const seen = points.filter((p) => p !== null);
-    if (seen.length === 0) {
-      element(svg, "text", { x: width / 2, y: height / 2, "text-anchor": "middle" }, "No result yet");
-      return 1;
+  // One word: the worst of what the recorder says and of what this page sees.
+  const health = () => {
+    let [word, reasons] = ["good", []];
+    const worse = (other, why) => {
+      if (other === "bad" || word === "good") word = other;
+      reasons.push(why);
+    };
+    if (!link.open) worse(link.young ? "doubtful" : "bad", link.why);
+    if (daemon !== null && link.open) {
+      if (daemon.health !== "good") word = daemon.health;
+      reasons.push(...daemon.reasons);
     }
-    let low = Math.min(...seen.map((p) => p.y));
-    let high = Math.max(...seen.map((p) => p.y));
-    if (yFrom0) [low, high] = [Math.min(0, low), Math.max(0, high)];
-    [low, high] = steady(svg.id, low, high);
-    const step = roundStep(Math.max(high - low, 4 * Math.max(...seen.map((p) => p.sigma ?? 0)), 1e-3) / 4);
-    [low, high] = [Math.floor(low / step) * step, Math.ceil(high / step) * step];
-    if (high <= low) high = low + step;
-    const x = (value) => left + ((value - xRange[0]) / (xRange[1] - xRange[0] || 1)) * (width - left - right);
-    const y = (value) => top + ((high - value) / (high - low)) * (height - top - bottom);
-    const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
-    for (let k = 0; k <= Math.round((high - low) / step); k++) {
-      const value = low + k * step;
-      element(svg, "line", { class: "grid", x1: left, x2: width - right, y1: y(value), y2: y(value) });
-      element(svg, "text", { x: left - 6, y: y(value) + 4, "text-anchor": "end" }, value.toFixed(digits));
-    }
-    const ticks = 4;
-    for (let k = 0; k <= ticks; k++) {
-      const value = xRange[0] + (k / ticks) * (xRange[1] - xRange[0]);
-      const anchor = k === 0 ? "start" : k === ticks ? "end" : "middle";
-      element(svg, "text", { x: x(value), y: height - 22, "text-anchor": anchor }, xTick(value));
-    }
-    element(svg, "text", { x: (left + width - right) / 2, y: height - 5, "text-anchor": "middle" }, xLabel);
-    const widest = Math.max(...seen.map((p) => p.sigma ?? 0));
-    const enlarged = [50, 20, 10, 5, 2].find((factor) => widest * factor < 0.12 * (high - low)) ?? 1;
-    for (const run of runs(points)) {
-      const at = (p, side) => `${x(p.x).toFixed(1)},${y(p.y + side * enlarged * (p.sigma ?? 0)).toFixed(1)}`;
-      const around = [...run.map((p) => at(p, 1)), ...[...run].reverse().map((p) => at(p, -1))];
-      element(svg, "polygon", { class: "band", points: around.join(" ") });
-      element(svg, "polyline", { class: "curve", points: run.map((p) => at(p, 0)).join(" ") });
-    }
-    return enlarged;
+    if (newest !== null) {
+      const style = freshness(newest.came);
+      const gone = `no result for ${seconds(since(newest.came))}`;
+      if (style === "lost") worse("bad", gone);
+      else if (style === "old" && link.open) worse("doubtful", gone);
+      if (!solved()) worse("doubtful", `no numbers: ${newest.result.reason ?? "the frame is not solved"}`);
+      else if (rejected(newest.result)) worse("doubtful", "the global test rejects the last result: its standard deviations are in doubt");
+    } else if (link.open && reasons.length === 0) worse("doubtful", "no result yet");
+    // The recorder says the same of the silence in its own words.
+    if (reasons.some((why) => why.startsWith("the last live result"))) reasons = reasons.filter((why) => !why.startsWith("no result for"));
+    text("word", word);
+    text("reasons", reasons.join("\n"));
+    mark(byId("health"), word);
   };
 
-  const runs = (points) => {
-    const all = [[]];
-    for (const point of points) {
-      if (point === null) all.push([]);
-      else all[all.length - 1].push(point);
-    }
-    return all.filter((run) => run.length > 0);
-  };
+  const band = (enlarged) => `Band: 1 sigma${enlarged > 1 ? `, enlarged ${enlarged} times` : ""}.`;
+  const style = (id, name) => mark(byId(id), name);
 
-  const band = (enlarged) => `Band: 1 sigma${enlarged > 1 ? `, enlarged ${enlarged} times` : ""}`;
+  const curve = () => {
+    const { result, came } = newest;
+    const fresh = freshness(came);
+    style("curve", fresh);
+    const points = solved()
+      ? (result.curve ?? []).map((p) => ({ x: p.span_m, y: p.lift_m, sigma: p.sigma_lift_m, doubt: rejected(result) })) : [];
+    const note = !solved() ? `No numbers in frame ${result.number}` : fresh ? `${seconds(since(came))} old`
+      : rejected(result) ? "Test rejected" : undefined;
+    const noteClass = fresh ? "" : "doubtful";
+    const range = points.length > 0 ? [points[0].x, points[points.length - 1].x] : [0, 1];
+    const enlarged = plots.plot(byId("curve"), points, {
+      xRange: range, xLabel: "Lift, m, over the span, m", yFrom0: true, xTick: (v) => v.toFixed(1), note, noteClass,
+    });
+    text("curve-caption", points.length > 0 ? `Of the bending axis, against the survey. ${band(enlarged)}` : "");
+  };
 
   const overTime = (id, unit, of) => {
-    const now = history.length > 0 ? history[history.length - 1].time : 0;
+    const now = newest.time + since(newest.came);
+    const apart = Math.max(1, OLD * interval());
     const points = [];
     let last = null;
     for (const one of history) {
       const value = of(one);
-      // Where results are missing for a second the line ends.
-      if (last !== null && one.time - last > 1) points.push(null);
-      if (typeof value.y === "number") {
-        points.push({ x: one.time - now, ...value });
-        last = one.time;
-      }
+      const there = typeof value.y === "number";
+      // Where results are missing, or have no numbers, the line ends.
+      if (last !== null && (one.time - last > apart || !there)) points.push(null);
+      if (there) points.push({ x: one.time - now, doubt: one.rejected, ...value });
+      last = one.time;
     }
-    const since = history.length > 0 ? now - history[0].time : 0;
-    const range = [-Math.min(SPAN_S, 20 * Math.max(1, Math.ceil(since / 20))), 0];
-    const enlarged = plot(byId(id), points, { xRange: range, xLabel: `${unit}, over seconds`, xTick: (v) => v.toFixed(0) });
-    text(`${id}-caption`, `${band(enlarged)}.`);
+    const fresh = freshness(newest.came);
+    style(id, fresh);
+    const range = [-Math.min(SPAN_S, 20 * Math.max(1, Math.ceil((now - history[0].time) / 20))), 0];
+    const note = fresh ? `No result for ${seconds(since(newest.came))}` : solved() ? undefined : "No numbers";
+    const enlarged = plots.plot(byId(id), points, {
+      xRange: range, xLabel: `${unit}, over seconds`, xTick: (v) => v.toFixed(0), note, noteClass: fresh ? "" : "doubtful",
+      hole: fresh ? [newest.time - now, 0] : undefined,
+    });
+    text(`${id}-caption`, band(enlarged));
   };
 
   const draw = () => {
-    const result = newest;
-    if (result === null) return;
-    const solved = result.status === "ok";
-    const pair = (result.torsion ?? [])[0] ?? {};
-    measured("lift", solved ? result.tip?.lift_m : null, result.tip?.sigma_lift_m, 3, "m");
-    measured("twist", solved ? pair.twist_deg : null, pair.sigma_twist_deg, 2, "°");
-    const recent = history.filter((one) => one.came > performance.now() - 10000);
-    const elapsed = recent.length > 1 ? (recent[recent.length - 1].came - recent[0].came) / 1000 : 0;
-    tile("rate", elapsed > 0 ? `${((recent.length - 1) / elapsed).toFixed(1)} Hz` : null, "over ten seconds");
-    const late = recent.map((one) => one.latency).sort((a, b) => a - b);
-    const p95 = late[Math.max(0, Math.ceil(0.95 * late.length) - 1)];
-    tile("latency", `${Math.round(result.latency_ms)} ms`, p95 && `95 %: ${Math.round(p95)} ms`);
-    tile("skipped", String(result.skipped), `of ${result.number} frames`);
-    tile("test", result.global_test, `variance ${number(result.variance_factor, 2) ?? "–"}`);
-    const curve = (result.curve ?? []).map((p) => ({ x: p.span_m, y: p.lift_m, sigma: p.sigma_lift_m }));
-    if (curve.length > 1) {
-      const range = [curve[0].x, curve[curve.length - 1].x];
-      const enlarged = plot(byId("curve"), curve, {
-        xRange: range, xLabel: "Lift, m, over the span, m", yFrom0: true, xTick: (v) => v.toFixed(1),
-      });
-      const sigma = curve[curve.length - 1].sigma;
-      const tip = typeof sigma === "number" ? `; at the tip ${(1000 * sigma).toFixed(1)} mm` : "";
-      text("curve-caption", `${band(enlarged)}${tip}.`);
-    }
-    overTime("lifts", "m", (one) => ({ y: one.lift, sigma: one.liftSigma }));
+    curve();
+    // Where the frames' choice changes, only those of the newest one's are drawn: two lifts make no curve.
+    const lifted = history.filter((one) => typeof one.lift === "number");
+    const { words } = lifted[lifted.length - 1] ?? shownLift(null);
+    overTime("lifts", `m, ${words}`, (one) => (one.words === words ? { y: one.lift, sigma: one.liftSigma } : {}));
     overTime("twists", "degrees", (one) => ({ y: one.twist, sigma: one.twistSigma }));
+    const { result } = newest;
     const when = result.exposure_time.replace("T", " ").slice(0, 21);
-    const said = solved ? "" : `: ${result.reason ?? "no numbers"}`;
-    state(`Frame ${result.number}, ${when} UTC, mounting ${result.mounting}${result.jolt ? ", jolted" : ""}${said}`, !solved);
+    text("state", `Frame ${result.number}, ${when} UTC, mounting ${result.mounting}${result.jolt ? ", jolted" : ""}`);
+    style("state", `soft ${freshness(newest.came)}`);
   };
 
-  const state = (words, warn) => {
-    const node = byId("state");
-    node.textContent = words;
-    node.className = warn ? "warning" : "soft";
+  // A picture comes once a second, and is as old as its frame.
+  let picture = null;
+  const caption = () => {
+    if (picture === null) return;
+    const fresh = freshness(picture.came, Math.max(interval(), FRAME_MS / 1000));
+    mark(byId("frame").parentElement, `seen ${fresh}`);
+    mark(byId("frame-caption"), `caption ${fresh}`);
+    text("frame-caption", `Frame ${picture.frame}, ${seconds(since(picture.came))} old: ${picture.words}.`);
+  };
+
+  const tick = () => {
+    if (performance.now() - heard > SILENCE_MS) lose("Connection lost: the page's server says nothing; it is called again");
+    if (document.visibilityState !== "visible") return;
+    tiles();
+    health();
+    caption();
+    if (newest === null) return;
+    const as = `${newest.result.number} ${freshness(newest.came)}`;
+    const pause = freshness(newest.came) ? FRAME_MS : as === drawn.as ? Infinity : DRAW_MS;
+    const turned = as.split(" ")[1] !== drawn.as.split(" ")[1];
+    if (turned || performance.now() - drawn.at > pause) {
+      drawn = { at: performance.now(), as };
+      draw();
+    }
   };
 
   const take = (result) => {
-    newest = result;
-    changed = true;
-    const solved = result.status === "ok";
-    const pair = (solved && (result.torsion ?? [])[0]) || {};
-    const tip = (solved && result.tip) || {};
-    const time = Date.parse(result.exposure_time) / 1000;
-    // A clock that was set begins a new history.
-    if (history.length > 0 && time < history[history.length - 1].time) history.length = 0;
+    const pair = (result.status === "ok" && (result.torsion ?? [])[0]) || {};
+    const tip = shownLift(result.status === "ok" ? result.tip : null);
+    // A result is as old as its exposure, by this browser's clock and the time that solving took.
+    const [time, came] = [Date.parse(result.exposure_time) / 1000, performance.now() - result.latency_ms];
+    // A clock that was set, or a recorder that began anew, begins a new history.
+    if (history.length > 0 && (time < history[history.length - 1].time || result.number <= newest.result.number)) history.length = 0;
+    newest = { result, came, time };
     history.push({
-      time, came: performance.now(), latency: result.latency_ms,
-      lift: tip.lift_m, liftSigma: tip.sigma_lift_m, twist: pair.twist_deg, twistSigma: pair.sigma_twist_deg,
+      time, came, latency: result.latency_ms, rejected: rejected(result),
+      lift: tip.lift, liftSigma: tip.sigma, words: tip.words, twist: pair.twist_deg, twistSigma: pair.sigma_twist_deg,
     });
     while (history.length > 0 && time - history[0].time > SPAN_S) history.shift();
-    outlines.set(result.number, result.outlines ?? []);
-    while (outlines.size > 100) outlines.delete(outlines.keys().next().value);
+    frames.set(result.number, { came, outlines: result.outlines ?? [] });
+    while (frames.size > 100) frames.delete(frames.keys().next().value);
   };
 
-  const outline = (frame, [width, height]) => {
+  const show = (frame, [width, height]) => {
     const svg = byId("outlines");
     svg.setAttribute("viewBox", `-0.5 -0.5 ${width} ${height}`);
     svg.replaceChildren();
-    const seen = outlines.get(frame) ?? [];
+    const known = frames.get(frame);
+    const seen = known?.outlines ?? [];
     for (const one of seen) {
-      element(svg, "ellipse", {
+      plots.element(svg, "ellipse", {
         class: one.id === null ? "unnamed" : "named", cx: one.u_px, cy: one.v_px,
         rx: Math.max(one.semi_major_px, width / 250), ry: Math.max(one.semi_minor_px, width / 250),
         transform: `rotate(${one.angle_deg} ${one.u_px} ${one.v_px})`,
       });
     }
     const named = seen.filter((one) => one.id !== null).length;
-    text("frame-caption", `Frame ${frame}: ${named} markers, ${seen.length - named} without a name.`);
+    const words = known ? `${named} markers, ${seen.length - named} without a name` : "its outlines did not come";
+    // Of the same frame as the picture before: its age goes on.
+    const came = known?.came ?? (picture?.frame === frame ? picture.came : performance.now());
+    picture = { frame, came, words };
   };
 
   let shown = null;
   const fetchFrame = async () => {
-    if (newest === null || document.visibilityState !== "visible") return;
+    if (newest === null || !link.open || document.visibilityState !== "visible") return;
     const answer = await fetch("/live/frame.jpg");
     if (!answer.ok) return;
     const frame = Number(answer.headers.get("x-wingd-frame"));
@@ -205,29 +245,44 @@
     const image = byId("frame");
     image.src = url;
     await image.decode();
-    outline(frame, size);
+    show(frame, size);
     if (shown !== null) URL.revokeObjectURL(shown);
     shown = url;
   };
 
-  const frames = async () => {
+  const pictures = async () => {
     try {
       await fetchFrame();
     } catch (error) {
       // The next second brings another.
     }
-    setTimeout(frames, FRAME_MS);
+    setTimeout(pictures, FRAME_MS);
   };
 
-  const source = new EventSource("/live/events");
-  source.addEventListener("message", (event) => take(JSON.parse(event.data)));
-  source.addEventListener("down", (event) => state(`${JSON.parse(event.data).reason}.`, true));
-  source.addEventListener("error", () => state("The page's server does not answer; it is called again.", true));
-  setInterval(() => {
-    if (changed && document.visibilityState === "visible") {
-      changed = false;
-      draw();
-    }
-  }, DRAW_MS);
-  frames();
+  let source = null;
+  let heard = performance.now();
+  let calling = null;
+  const lose = (why, pause = AGAIN_MS) => {
+    source?.close();
+    link = { open: false, why };
+    heard = performance.now();
+    calling ??= setTimeout(() => { calling = null; listen(); }, pause);
+    tick();
+  };
+  const listen = () => {
+    source = new EventSource("/live/events");
+    const on = (name, then) => source.addEventListener(name, (event) => {
+      heard = performance.now();
+      then(event.data && JSON.parse(event.data));
+    });
+    on("message", (result) => { link = { open: true }; take(result); });
+    on("state", (state) => { link = { open: true }; daemon = state; });
+    on("down", ({ reason }) => { link = { open: false, why: reason }; tick(); });
+    on("full", ({ reason }) => lose(`${reason}; tried again every ${FULL_MS / 1000} s`, FULL_MS));
+    source.addEventListener("error", () => lose("Connection lost: the page's server does not answer; it is called again"));
+  };
+  document.addEventListener("visibilitychange", tick);
+  listen();
+  setInterval(tick, TICK_MS);
+  pictures();
 })();

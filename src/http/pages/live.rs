@@ -1,4 +1,4 @@
-//! The page of live mode is empty; its script draws.
+//! The page of live mode is empty; its scripts draw.
 
 use maud::{Markup, PreEscaped, html};
 
@@ -6,7 +6,7 @@ use super::page;
 
 const STYLE: &str = include_str!("live.css");
 
-/// Empty figures that the script fills. `listens`: it is known where a recorder in live mode would answer.
+/// Empty figures that the scripts fill. `listens`: it is known where a recorder in live mode would answer.
 pub fn live(listens: bool) -> Markup {
     let content = html! {
         style { (PreEscaped(STYLE)) }
@@ -15,8 +15,9 @@ pub fn live(listens: bool) -> Markup {
             p.warning { "It is not known where a recorder in live mode answers: set socket in [live] of wingd.toml, or give "
                 code { "wingd serve --live-socket PATH" } "." }
         } @else {
-            p #state role="status" .soft { "Waiting for the recorder." }
+            div #health role="status" .doubtful { b #word { "waiting" } span #reasons { "for the recorder" } }
             ul.tiles {
+                (tile("age", "Last result"))
                 (tile("lift", "Tip lift"))
                 (tile("twist", "Twist"))
                 (tile("rate", "Results"))
@@ -24,14 +25,16 @@ pub fn live(listens: bool) -> Markup {
                 (tile("skipped", "Skipped"))
                 (tile("test", "Global test"))
             }
+            p #state .soft {}
             div.live {
-                section { h2 { "Lift along the span" } svg #curve viewBox="0 0 560 300" role="img" aria-label="Lift along the span" {} p.caption #curve-caption {} }
-                section { h2 { "Tip lift, the last minutes" } svg #lifts viewBox="0 0 560 300" role="img" aria-label="Tip lift over the last minutes" {} p.caption #lifts-caption {} }
+                (figure("curve", "Lift along the span"))
+                (figure("lifts", "Tip lift, the last minutes"))
                 section { h2 { "Frame" }
                     div.seen { img #frame alt="The newest frame"; svg #outlines aria-hidden="true" {} }
                     p.caption #frame-caption {} }
-                section { h2 { "Twist, the last minutes" } svg #twists viewBox="0 0 560 300" role="img" aria-label="Twist over the last minutes" {} p.caption #twists-caption {} }
+                (figure("twists", "Twist, the last minutes"))
             }
+            script src="/live-plot.js" defer {}
             script src="/live.js" defer {}
         }
     };
@@ -39,5 +42,13 @@ pub fn live(listens: bool) -> Markup {
 }
 
 fn tile(id: &str, name: &str) -> Markup {
-    html! { li { (name) b id=(id) { "–" } span.soft id={ (id) "-beside" } {} } }
+    html! { li { span id={ (id) "-name" } { (name) } b id=(id) { "–" } span.soft id={ (id) "-beside" } {} } }
+}
+
+fn figure(id: &str, name: &str) -> Markup {
+    html! {
+        section { h2 { (name) }
+            svg id=(id) viewBox="0 0 560 300" role="img" aria-label=(name) {}
+            p.caption id={ (id) "-caption" } {} }
+    }
 }

@@ -11,8 +11,10 @@ use serde_json::{Value, json};
 
 use super::{Refusal, Site};
 use crate::daemon::{Health, Status, StatusBoard};
-use crate::report::number::{fixed, rounded};
+use crate::record::Reference;
+use crate::report::number::{count, fixed, rounded};
 use crate::report::overview::{self, Overview};
+use crate::report::summary::Single;
 use crate::store::{RealDisk, catalogue};
 
 pub use flight::flight;
@@ -77,7 +79,7 @@ pub fn index(site: &Site) -> Result<Markup, Refusal> {
         ul.cards { @for one in &drawn { (card(one)) } }
         @if flights.len() > DRAWN {
             details {
-                summary { (flights.len() - DRAWN) " earlier flights" }
+                summary { (count(flights.len() - DRAWN, "earlier flight")) }
                 ul { @for f in older { li { a href={ "/flights/" (f.id) } { (f.id) } ", " (begun(f)) } } }
             }
         }
@@ -97,20 +99,25 @@ fn card(one: &Overview) -> Markup {
             h3 { a href={ "/flights/" (one.flight) } { "Flight " (one.flight) } }
             p.soft {
                 @if let Some(begun) = first { (minute(begun.utc)) ", " }
-                (one.series.len()) " series, " (one.sum(|l| l.frames)) " frames, " (one.sum(|l| l.solved)) " solved"
+                (one.series.len()) " series, " (count(one.sum(|l| l.frames), "frame")) ", " (one.sum(|l| l.solved)) " solved"
             }
             (curve::lift(one, 330.0, 110.0))
-            @if let Some((line, lift)) = one.greatest() { p { (greatest(line, &lift)) } }
+            @if let Some((line, lift)) = one.greatest() { p { (greatest(line, lift, one.reference)) } }
             @if missing > 0 { p.warn { "Something is missing in " (missing) " series." } }
             @if one.warning.is_some() { p.warn { "Results of several inputs." } }
         }
     }
 }
 
-fn greatest(line: &overview::Line, lift: &crate::report::summary::Mean) -> String {
-    let (value, sigma) = rounded(Some(lift.value), lift.sigma, 3);
-    let at = line.begun.as_ref().map_or(String::new(), |b| format!(", {}", minute(b.utc)));
-    format!("Greatest tip lift {value} ± {sigma} m in series {}{at}", line.name)
+/// A single frame's lift.
+fn greatest(line: &overview::Line, lift: &Single, reference: Reference) -> String {
+    let (value, sigma) = rounded(Some(lift.lift_m), lift.sigma_m, 3);
+    let at = line.begun.as_ref().map_or(String::new(), |b| format!(", begun {}", minute(b.utc)));
+    let (image, words) = (&lift.image, reference.words());
+    format!(
+        "Greatest tip lift of a frame: {value} ± {sigma} m {words}, in {image} of series {}{at}",
+        line.name
+    )
 }
 
 /// As the status writes it.
@@ -131,11 +138,12 @@ fn tiles(site: &Site, newest: Option<&Overview>) -> Markup {
         Some(h) if h >= MANY_HOURS => format!("over {MANY_HOURS:.0} h"),
         Some(h) => format!("{h:.0} h"),
     };
+    let reasons = daemon.as_ref().map(|d| d.reasons.as_slice()).unwrap_or_default();
     let fault = daemon.as_ref().and_then(|d| d.last_fault.as_ref());
     let next = daemon.as_ref().and_then(|d| d.next_series_s);
     html! {
         ul.tiles {
-            li.alert[daemon.as_ref().is_some_and(|d| d.health == Health::Stale)] {
+            li.alert[daemon.as_ref().is_some_and(|d| d.health != Health::Good)] {
                 b { (state) }
                 @if daemon.is_some() { "the recorder" } @else { "these pages show a store alone" }
             }
@@ -148,6 +156,7 @@ fn tiles(site: &Site, newest: Option<&Overview>) -> Markup {
                 }
             }
         }
+        @for reason in reasons { p.warning { (reason) } }
         @if let Some(fault) = fault { p.warning { "Last fault: " (fault.what) } }
     }
 }

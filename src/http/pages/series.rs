@@ -53,8 +53,10 @@ fn outcome(series: &SeriesData, shot: &ShotData) -> String {
         (_, None) => "not solved yet".to_owned(),
         (_, Some(r)) if r.status == Status::Failed => r.reason.clone().unwrap_or_default(),
         (_, Some(r)) => r.tip.as_ref().map_or("solved".to_owned(), |t| {
-            let (lift, sigma) = rounded(Some(t.lift_m), t.sigma_lift_m, 3);
-            format!("tip lift {lift} m, sigma {sigma} m")
+            let reference = t.shown.unwrap_or_default();
+            let (lift_m, sigma_m) = t.lift(reference).unzip();
+            let (lift, sigma) = rounded(lift_m, sigma_m.flatten(), 3);
+            format!("tip lift {lift} m, sigma {sigma} m, {}", reference.words())
         }),
     }
 }

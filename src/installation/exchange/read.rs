@@ -47,7 +47,7 @@ pub fn read_exchange(
 }
 
 fn own(reader: &mut Reader, name: &str, chosen: Option<&str>) -> Option<ReadCamera> {
-    let (lens, covariance) = camera::read(reader, name)?;
+    let camera::CameraFile { lens, covariance, .. } = camera::read(reader, name)?;
     if let Some(chosen) = chosen {
         let file = reader.directory.join(name);
         reader.fault(&file, "file", format!("holds one camera, none named {chosen}"), "leave --camera out");

@@ -17,6 +17,13 @@ pub use super::shapes::{MAX_CURVATURE_TERMS, curvature_basis};
 pub const RAISE_TERMS: usize = 4;
 /// Largest number of terms of the twist.
 pub const MAX_TWIST_TERMS: usize = 6;
+/// Where torques of control surfaces act, shares of the length: a flap's, ailerons', one at the tip. Between two of them the
+/// twist's kink is told by both.
+pub const TORQUES: [f64; 4] = [0.45, 0.6, 0.75, 0.9];
+/// All functions that a twist is the sum of: the terms, then one for each torque.
+pub const TWIST_BASIS: usize = MAX_TWIST_TERMS + TORQUES.len();
+/// Chord at the tip over that at the root, and power of the chord that torsional stiffness goes with: of a usual wing.
+const TORSION: (f64, f64) = (0.3, 3.3);
 
 /// Longest panel of the integration, m.
 const PANEL_M: f64 = 2.5;
@@ -26,10 +33,23 @@ const GAUSS: [(f64, f64); 3] =
 
 type Raises = [f64; RAISE_TERMS];
 
-/// Basis of the twist at an arc length: s/L P_j(2 s/L - 1).
-pub fn twist_basis(axis: &Axis, arc_m: f64) -> [f64; MAX_TWIST_TERMS] {
+/// Basis of the twist at an arc length: s/L P_j(2 s/L - 1), then for each torque what it twists, which no farther outboard
+/// grows, over that at its place.
+pub fn twist_basis(axis: &Axis, arc_m: f64) -> [f64; TWIST_BASIS] {
     let eta = arc_m / axis.length_m;
-    legendre::<MAX_TWIST_TERMS>(2.0 * eta - 1.0).map(|p| p * eta)
+    let mut basis = [0.0; TWIST_BASIS];
+    let (terms, torques) = basis.split_at_mut(MAX_TWIST_TERMS);
+    terms.copy_from_slice(&legendre::<MAX_TWIST_TERMS>(2.0 * eta - 1.0).map(|p| p * eta));
+    for (by, place) in torques.iter_mut().zip(TORQUES) {
+        *by = compliance(eta.min(place)) / compliance(place);
+    }
+    basis
+}
+
+/// What a torque twists from the root to a share of the length, of any unit.
+fn compliance(eta: f64) -> f64 {
+    let (taper, power) = TORSION;
+    (1.0 - (1.0 - taper) * eta).powf(1.0 - power) - 1.0
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -48,7 +68,7 @@ struct Stop {
     nodes: usize,
     slope_rad: f64,
     integrals: Integrals,
-    twist: [f64; MAX_TWIST_TERMS],
+    twist: [f64; TWIST_BASIS],
     raises: Raises,
 }
 
@@ -77,7 +97,7 @@ pub struct Section {
     /// Twist, nose up positive, rad.
     pub twist_rad: f64,
     /// d twist / d twist coefficients.
-    pub twist_by_terms: [f64; MAX_TWIST_TERMS],
+    pub twist_by_terms: [f64; TWIST_BASIS],
     /// Height of the axis on ground over the surveyed one, m.
     pub raise_m: f64,
     /// d raise / d its coefficients.

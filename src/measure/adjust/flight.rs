@@ -32,7 +32,7 @@ mod usage;
 pub use live::Live;
 
 use self::assumed::Assumed;
-use self::dressing::{dressed, flight_remarks};
+use self::dressing::{dressed, flight_remarks, with_sources};
 use self::frames::Flight;
 use self::mountings::Mountings;
 use super::input::Input;
@@ -64,6 +64,10 @@ pub fn solve(
     let solved = flight.readmit(solved, &mut removed)?;
     let rough = flight.tune(solved, DEPARTURE_ROUNDS)?;
     let solved = flight.finish(&rough.fit)?;
-    let one = |frame: usize| dressed(&flight, &solved, &removed, frame, flight_remarks(&flight, frame));
-    Ok((0..frames.len()).map(one).collect())
+    Ok(with_sources(&solved, None, |sources| {
+        let one = |frame: usize| {
+            dressed(&flight, &solved, &removed, frame, flight_remarks(&flight, frame), sources)
+        };
+        (0..frames.len()).map(one).collect()
+    }))
 }

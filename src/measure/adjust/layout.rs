@@ -4,10 +4,11 @@ use std::sync::Arc;
 
 use nalgebra::{DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
-use super::input::Input;
+use super::input::{Input, Sights};
 use super::marker_state::MarkerState;
 use super::scene::{Bent, Camera, Scene, moved};
 use super::term::{Columns, Place, Placed, Term};
+use super::terms;
 use super::values::Values;
 use crate::estimation::{EstimationError, Gradient, GroupPoint, Linearised, Prior};
 
@@ -33,8 +34,9 @@ pub struct Motions {
 const MISSING_MOTION: &str = "a marker's motion in flight is not determined";
 
 impl Motions {
-    /// Takes columns for them, with what is known beforehand.
-    pub fn place(input: &Input, columns: &mut Columns) -> Self {
+    /// Takes columns for them, with what is known beforehand. `marks_factor`: by how much more than stated fixed marks are
+    /// taken to move.
+    pub fn place(input: &Input, marks_factor: f64, columns: &mut Columns) -> Self {
         let width = &input.setup.uncertainty.in_flight;
         let axis = &input.scene.ground.axis;
         let first = columns.missing.len();
@@ -42,7 +44,7 @@ impl Motions {
         for (marker, station) in input.setup.markers.iter().zip(&input.scene.ground.stations) {
             let (name, sigma_m, directions) = if marker.fixed {
                 let all = vec![Vector3::x(), Vector3::y(), Vector3::z()];
-                ("motion of the fixed marks", marker.flight_motion_m, all)
+                ("motion of the fixed marks", marks_factor * marker.flight_motion_m, all)
             } else {
                 let (sin, cos) = axis.slope_rad(station.arc_m).sin_cos();
                 ("motion of the skin", width.skin_motion_m, vec![Vector3::new(-sin, cos, 0.0)])
@@ -101,7 +103,7 @@ pub struct Layout {
     /// How each marker may move in flight by itself.
     pub motions: Arc<Motions>,
     /// The root's motion, without which a lift is counted from the root's tangent.
-    pub root: Option<Placed>,
+    pub root: Vec<Placed>,
     /// Number of leading global parameters that all blocks depend on.
     pub head: usize,
     /// The mounting's.
@@ -127,6 +129,17 @@ impl Layout {
         self.terms.iter().flat_map(of).collect()
     }
 
+    /// The same with the instants of the rows in which another frame shows its markers.
+    pub fn with_rows(&self, input: &Input, sights: &Sights) -> Self {
+        let rows = terms::of_rows(input, sights);
+        let of_name = |name: &str| rows.iter().find(|term| term.name == name).cloned();
+        let terms = self.terms.iter().map(|placed| match of_name(placed.term.name) {
+            Some(term) => Placed { term: Arc::new(term), place: placed.place },
+            None => placed.clone(),
+        });
+        Self { terms: terms.collect(), ..self.clone() }
+    }
+
     /// The ground frame's part of it, which knows neither bending nor mounting.
     pub fn on_ground_only(&self) -> Self {
         let shared = |placed: &&Placed| matches!(placed.place, Place::Global(first) if first < self.head);
@@ -136,7 +149,7 @@ impl Layout {
             local: 0,
             rotation: vec![],
             motions: self.motions.clone(),
-            root: None,
+            root: vec![],
             ..*self
         }
     }

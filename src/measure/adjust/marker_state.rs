@@ -2,9 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::beam::{
-    Bending, Carried, Grid, MAX_CURVATURE_TERMS, MAX_TWIST_TERMS, Mount, RAISE_TERMS, Section,
-};
+use super::beam::{Bending, Carried, Grid, MAX_CURVATURE_TERMS, Mount, RAISE_TERMS, Section, TWIST_BASIS};
+use crate::geometry::skew;
 
 /// Number of quantities that the user can only estimate: root offset (m), chord offset of the axis (m), direction of
 /// the span (rad).
@@ -22,7 +21,7 @@ pub struct MarkerState {
     /// d position / d curvature coefficients, m^2.
     pub by_curvature: [Vector3<f64>; MAX_CURVATURE_TERMS],
     /// d position / d twist coefficients, m.
-    pub by_twist: [Vector3<f64>; MAX_TWIST_TERMS],
+    pub by_twist: [Vector3<f64>; TWIST_BASIS],
     /// d position / d scale, m.
     pub by_scale: Vector3<f64>,
     /// d position / d coefficients of the axis' height.
@@ -45,7 +44,7 @@ impl MarkerState {
                 by_ground: Matrix3::identity(),
             },
             by_curvature: [none; MAX_CURVATURE_TERMS],
-            by_twist: [none; MAX_TWIST_TERMS],
+            by_twist: [none; TWIST_BASIS],
             by_scale: none,
             by_raise: [none; RAISE_TERMS],
             by_estimated: [none; ESTIMATED],
@@ -81,12 +80,28 @@ impl MarkerState {
         for k in 0..MAX_CURVATURE_TERMS {
             self.by_curvature[k] += (to.by_curvature[k] - from.by_curvature[k]) * share;
         }
-        for k in 0..MAX_TWIST_TERMS {
+        for k in 0..TWIST_BASIS {
             self.by_twist[k] += (to.by_twist[k] - from.by_twist[k]) * share;
         }
         for k in 0..RAISE_TERMS {
             self.by_raise[k] += (to.by_raise[k] - from.by_raise[k]) * share;
         }
+    }
+
+    /// Carries it with a root that has turned by a small rotation, rad, and moved, m; a fixed mark stays.
+    pub fn carry_with_root(&mut self, turn_rad: &Vector3<f64>, shift_m: &Vector3<f64>) {
+        let Some(from_root_m) = self.from_root_m else { return };
+        let small = skew(turn_rad);
+        let turn = Matrix3::identity() + small;
+        self.carried.position_m += small * from_root_m + shift_m;
+        self.carried.by_slope = turn * self.carried.by_slope;
+        self.carried.by_twist = turn * self.carried.by_twist;
+        self.carried.by_ground = turn * self.carried.by_ground;
+        self.by_scale = turn * self.by_scale;
+        let vectors = self.by_curvature.iter_mut().chain(&mut self.by_twist).chain(&mut self.by_raise);
+        vectors.chain(&mut self.by_estimated).for_each(|v| *v = turn * *v);
+        // The root rises with the axis, about which it turns.
+        self.by_raise[0] -= small * Vector3::y();
     }
 
     /// In another frame that is turned against its own.

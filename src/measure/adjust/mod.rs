@@ -2,6 +2,7 @@
 
 pub mod beam;
 mod blocks;
+mod budget;
 mod curve;
 mod estimated;
 #[cfg(test)]
@@ -28,6 +29,7 @@ pub use profile::solve as profile;
 pub use spatial::solve as spatial;
 
 use nalgebra::{DMatrix, Matrix3, Vector2, Vector3};
+use serde::Serialize;
 
 use super::estimation::EstimationError;
 
@@ -162,6 +164,52 @@ impl MarkerSolution {
     }
 }
 
+/// Against what a lift is counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Reference {
+    /// The survey.
+    Survey,
+    /// The wing in the ground frame, which may have been bent since the survey.
+    Ground,
+    /// The root's tangent, which may have turned and moved since the ground frame.
+    Root,
+}
+
+impl MarkerSolution {
+    /// Its lift against one of them, m.
+    pub fn lift_against(&self, reference: Reference) -> Option<Estimate> {
+        match reference {
+            Reference::Survey => self.lift_m,
+            Reference::Ground => self.lift_ground_m,
+            Reference::Root => self.lift_root_m,
+        }
+    }
+}
+
+/// A source's part of the variance of the tip's lift.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct BudgetShare {
+    /// In the field's words (docs/adjustment/standard-deviations.md).
+    pub source: &'static str,
+    /// 0 to 1; those of a budget add up to 1.
+    pub share: f64,
+    /// Standard deviation of the lift if the source were known without error, m; `None` for observations.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sigma_if_known_m: Option<f64>,
+}
+
+/// What the variance of the tip's lift comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Budget {
+    /// Whose lift: index in [`Setup::markers`] of the outermost used marker.
+    pub marker: usize,
+    /// Which lift: the one that is told best.
+    pub reference: Reference,
+    /// The largest share first.
+    pub shares: Vec<BudgetShare>,
+}
+
 /// Torsion of one pair.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Torsion {
@@ -211,6 +259,8 @@ pub struct Solution {
     pub torsion: Vec<Torsion>,
     /// Curves along the span, root to tip.
     pub curve: Vec<CurvePoint>,
+    /// What the variance of the tip's lift comes from; `None` where no used marker has a lift.
+    pub budget: Option<Budget>,
     /// Where asked for.
     pub variance_components: Vec<VarianceComponent>,
     /// Remarks a person should read (rejected markers, order chosen, weak separation).

@@ -1,6 +1,8 @@
 //! A fit of the spatial methods as a [`Solution`]: positions, lifts, torsion, curves, each with its
 //! standard deviation.
 
+mod lifts;
+
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 
 use super::beam::{Grid, RAISE_TERMS};
@@ -8,12 +10,12 @@ use super::curve::Curve;
 use super::input::Input;
 use super::layout::{Layout, Member, Survey};
 use super::marker_state::MarkerState;
-use super::scene::{Bent, moved};
-use super::snooping::{Suspect, Target};
+use super::scene::Bent;
+use super::snooping::{Judged, Suspect, Target};
 use super::values::Values;
 use super::{CurvePoint, Estimate, GlobalTest, MarkerSolution, Method, Parameter, Solution, Torsion};
 use crate::estimation::quality::{self, Reliability};
-use crate::estimation::{Fit, Gradient, Problem};
+use crate::estimation::{Fit, Gradient, Problem, Sources};
 use crate::setup::TorsionPair;
 
 /// One frame's part of a fit.
@@ -36,6 +38,10 @@ pub struct Outcome<'a> {
     posterior: bool,
     /// Factor of the standard deviations: 1 a priori.
     scale: f64,
+    /// What the global test judges.
+    judged: Judged,
+    /// Whether that is what there was before much was removed.
+    before_removal: bool,
 }
 
 impl<'a> Outcome<'a> {
@@ -50,14 +56,55 @@ impl<'a> Outcome<'a> {
     ) -> Self {
         let values = layout.values(&fit.global, &fit.groups[group].local);
         let bent = input.scene.bend(&values.bending());
-        let global_test = quality::global_test(fit.omega, fit.redundancy, input.options.global_alpha);
-        let posterior = quality::is_posterior(input.options.sigma, global_test);
-        let scale = if posterior { fit.variance_factor().map_or(1.0, f64::sqrt) } else { 1.0 };
-        Self { input, layout, problem, fit, group, members, values, bent, global_test, posterior, scale }
+        let (global_test, posterior, scale) = (GlobalTest::NotPossible, false, 1.0);
+        let (judged, before_removal) = (Judged::of(fit), false);
+        let new = Self {
+            input,
+            layout,
+            problem,
+            fit,
+            group,
+            members,
+            values,
+            bent,
+            global_test,
+            posterior,
+            scale,
+            judged,
+            before_removal,
+        };
+        new.tested()
+    }
+
+    /// Judged by what there was before much was removed, if anything was: removal cannot buy a passed test.
+    pub fn judged(self, before: Option<Judged>) -> Self {
+        match before {
+            Some(judged) => Self { judged, before_removal: true, ..self }.tested(),
+            None => self,
+        }
+    }
+
+    fn tested(mut self) -> Self {
+        let Judged { omega, redundancy } = self.judged;
+        let options = self.input.options;
+        self.global_test = quality::global_test(omega, redundancy, options.global_alpha);
+        self.posterior = quality::is_posterior(options.sigma, self.global_test);
+        self.scale = self.variance_factor().filter(|_| self.posterior).map_or(1.0, f64::sqrt);
+        self
+    }
+
+    fn variance_factor(&self) -> Option<f64> {
+        let Judged { omega, redundancy } = self.judged;
+        (redundancy > 0).then(|| omega / redundancy as f64)
     }
 
     /// All that the fit says of the frame; `removed`: what data snooping left out of it, with a remark and a reason each.
-    pub fn solution<'s>(&self, method: Method, removed: impl Iterator<Item = &'s Suspect>) -> Solution {
+    pub fn solution<'s>(
+        &self,
+        method: Method,
+        removed: impl Iterator<Item = &'s Suspect>,
+        sources: &Sources,
+    ) -> Solution {
         let (curve, parabola, a) = self.curve();
         let (mut parameters, correlation, pitch_bending_correlation) = self.parameters(&parabola, a);
         parameters.push(self.axis_raise());
@@ -69,10 +116,18 @@ impl<'a> Outcome<'a> {
             }
             remarks.push(sentence);
         }
+        if self.before_removal {
+            remarks.push(
+                "so many markers are out that one cause is likelier than as many blunders: the global test judges all of \
+                 them, and standard deviations follow it"
+                    .into(),
+            );
+        }
+        let budget = self.budget(&markers, sources);
         Solution {
             method,
-            variance_factor: self.fit.variance_factor(),
-            redundancy: self.fit.redundancy,
+            variance_factor: self.variance_factor(),
+            redundancy: self.judged.redundancy,
             global_test: self.global_test,
             posterior: self.posterior,
             parameters,
@@ -81,6 +136,7 @@ impl<'a> Outcome<'a> {
             markers,
             torsion: self.torsion(),
             curve,
+            budget,
             variance_components: vec![],
             remarks,
             iterations: self.fit.iterations,
@@ -90,6 +146,11 @@ impl<'a> Outcome<'a> {
     /// Of functions of the frame's unknowns and of the places of some markers on ground.
     fn gradient(&self, functions: usize, markers: &[usize]) -> Gradient {
         Gradient::empty(self.layout.columns(markers), self.layout.local, functions)
+    }
+
+    /// Factor of the standard deviations.
+    pub fn scale(&self) -> f64 {
+        self.scale
     }
 
     fn covariance(&self, gradient: &Gradient) -> DMatrix<f64> {
@@ -198,37 +259,6 @@ impl<'a> Outcome<'a> {
             ..MarkerSolution::unused(member.marker, String::new())
         };
         self.with_quality(solution, block)
-    }
-
-    /// Lifts against survey, ground frame and the root's tangent, m; `None` for a fixed mark.
-    fn lifts(&self, state: &MarkerState, ground: &Vector3<f64>) -> Option<[f64; 3]> {
-        let root_m = self.values.by_root_m(&state.from_root_m?).y;
-        let lift = state.carried.position_m.y - ground.y;
-        let against_ground = lift - moved(&self.values.moved_on_ground_m, state.marker).y;
-        Some([lift, against_ground, against_ground - root_m])
-    }
-
-    /// What sets the three lifts apart, and along what they are counted: their functions' further derivatives.
-    fn add_references(
-        &self,
-        gradient: &mut Gradient,
-        state: &MarkerState,
-        displacement_m: &Vector3<f64>,
-        [survey, ground, root]: [usize; 3],
-    ) {
-        for (placed, k) in self.layout.unknowns() {
-            let mut put = |function, by| self.layout.put(gradient, placed.place, k, function, by);
-            let leaning = placed.term.along_vertical(k, displacement_m);
-            let on_ground = placed.term.ground(k, state.marker).y;
-            put(survey, leaning);
-            put(ground, leaning - on_ground);
-            put(root, leaning - on_ground);
-        }
-        if let Some(placed) = &self.layout.root {
-            for k in 0..placed.term.size {
-                self.layout.put(gradient, placed.place, k, root, -placed.term.position(k, state).y);
-            }
-        }
     }
 
     fn with_quality(&self, mut solution: MarkerSolution, block: usize) -> MarkerSolution {
@@ -381,7 +411,8 @@ impl<'a> Outcome<'a> {
             values.iter().enumerate().map(one).collect()
         };
         let v = &self.values;
-        let twist = self.input.setup.side().map_or(vec![], |_| list(&v.twist_rad, n));
+        let twist =
+            self.input.setup.side().map_or(vec![], |_| list(&v.twist_rad[..t.min(v.twist_rad.len())], n));
         let parameters = vec![
             Parameter { name: "curvature_per_m", values: list(&v.curvature_per_m, 0) },
             Parameter { name: "twist_rad", values: twist },

@@ -4,6 +4,7 @@
 //! Like the paper it takes the camera's orientation and the projection centre as free of error and
 //! the ground as a level line along which arc length is counted; neither shows in its residuals.
 
+mod budget;
 mod conditions;
 mod parabola;
 mod response;
@@ -242,6 +243,7 @@ impl Adjusted<'_> {
             markers: self.markers(&placed, scale, blunders),
             torsion: self.torsion(&placed, scale),
             curve: self.curve(sigma_a),
+            budget: self.budget(&placed),
             variance_components: self.components.clone(),
             remarks: self.remarks(blunders),
             iterations: self.fit.iterations,

@@ -50,6 +50,10 @@ pub struct Camera {
     pane: Option<Plate>,
     /// What its bow is more than stated, a share of the curvature.
     bow: f64,
+    /// Whether pressure bows it.
+    bows: bool,
+    /// Camera constants over those on ground.
+    scale: f64,
 }
 
 impl Camera {
@@ -58,7 +62,7 @@ impl Camera {
         let Some(stated) = self.pane else { return (*point_m, Matrix3::identity(), Vector3::zeros()) };
         let (seen, by_place) = stated.bowed(self.bow).apparent_with_jacobian(point_m);
         let more = || stated.bowed(self.bow + BOW_STEP).apparent(point_m);
-        let by_bow = stated.pane.bow_radius_m.map_or(Vector3::zeros(), |_| (more() - seen) / BOW_STEP);
+        let by_bow = if self.bows { (more() - seen) / BOW_STEP } else { Vector3::zeros() };
         (seen, by_place, by_bow)
     }
 }
@@ -70,7 +74,7 @@ pub struct Predicted {
     pub pixel: Vector2<f64>,
     /// d pixel / d point, wing frame, px/m.
     pub by_point: Matrix2x3<f64>,
-    /// d pixel / d share of the bow's curvature, px; 0 where the panes are plane.
+    /// d pixel / d share of the bow's curvature, px; 0 where that is known.
     pub by_bow: Vector2<f64>,
     /// d pixel / d mounting rotation, px/rad.
     pub by_mount: Matrix2x3<f64>,
@@ -139,14 +143,17 @@ impl Scene {
         flight.filter(|_| ground.is_none()).map(|pane| pane.shift_covariance_m2(&axis))
     }
 
-    /// Standard deviation of the bow's curvature as a share of it; `None` where the panes are plane.
+    /// Standard deviation of the bow's curvature as a share of it or of the usual one; `None` without panes.
     pub fn bow_sigma(&self) -> Option<f64> {
-        self.panes[0].and_then(|plate| plate.pane.bow_radius_m.map(|_| plate.pane.bow_sigma))
+        self.panes[0].map(|plate| plate.pane.bow_sigma)
     }
 
     /// The camera at a pose in flight.
     pub fn camera(&self, pose: &Pose) -> Camera {
-        self.behind(pose, self.panes[0].as_ref())
+        Camera {
+            bows: self.bow_sigma().is_some_and(|sigma| sigma > 0.0),
+            ..self.behind(pose, self.panes[0].as_ref())
+        }
     }
 
     /// The camera on ground, before it was remounted.
@@ -167,6 +174,8 @@ impl Scene {
             ground_jacobian: left_jacobian(&pose.ground_rad),
             pane: pane.map(|pane| pane.turned(&camera_from_wing)),
             bow: pose.bow,
+            bows: false,
+            scale: 1.0 + pose.flight_scale,
         }
     }
 
@@ -179,14 +188,16 @@ impl Scene {
         let before_mount = camera.mount.transpose() * seen;
         let turned = by_seen * camera.mount;
         let Lens { cx, cy, .. } = camera.lens;
+        let mut by_lens = camera.lens.by_parameters(&seen);
+        (0..2).for_each(|k| by_lens[(k, k)] *= camera.scale);
         Some(Predicted {
             pixel,
             by_point: by_seen * by_place * camera.camera_from_wing,
             by_bow: by_seen * by_bow,
             by_mount: -(by_seen * skew(&seen)) * camera.mount_jacobian,
             by_ground_rotation: -(turned * skew(&before_mount)) * camera.ground_jacobian,
-            by_lens: camera.lens.by_parameters(&seen),
-            by_scale: pixel - Vector2::new(cx, cy),
+            by_lens,
+            by_scale: (pixel - Vector2::new(cx, cy)) / camera.scale,
         })
     }
 
@@ -211,8 +222,7 @@ impl Scene {
         values: &Values,
     ) -> MarkerState {
         let mut state = self.marker(marker, bent, ground_m, &values.bending(), &values.estimated);
-        state.carried.position_m +=
-            state.from_root_m.map_or_else(Vector3::zeros, |from| values.by_root_m(&from));
+        state.carry_with_root(&values.root_turn_rad, &values.root_shift_m);
         state.carried.position_m += moved(&values.moved_m, marker);
         state
     }
@@ -240,6 +250,8 @@ impl Scene {
             state.by_estimated[k] = (other.carried.position_m - nominal.carried.position_m) / neighbour.step;
             state.towards(&nominal, &other, off / neighbour.step);
         }
+        let estimated_m = state.carried.position_m - nominal.carried.position_m;
+        state.from_root_m = nominal.from_root_m.map(|from| from + estimated_m);
         state
     }
 }

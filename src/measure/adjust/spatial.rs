@@ -1,20 +1,23 @@
 //! The rigid-section beam, one frame (docs/model.md).
 
+mod causes;
 mod frame;
 
 use std::borrow::Cow;
 
 use nalgebra::DMatrix;
 
+use self::causes::causes;
 use self::frame::{Frame, Single, Start, Usage};
 use super::beam::MAX_CURVATURE_TERMS;
+use super::budget::{Blocks, with_sources};
 use super::input::{Input, by_marker, on_the_wing};
 use super::outcome::Outcome;
 use super::scene::Scene;
 use super::shapes::shape_covariance;
-use super::snooping::{self, Removable, Suspect, Target};
+use super::snooping::{self, Judged, Removable, Snooped, Suspect, Target};
 use super::{AdjustError, Method, Observation, Options, Solution, VarianceComponent};
-use crate::estimation::{Course, EstimationError, Fit, VarianceGroup, variance_components};
+use crate::estimation::{Course, EstimationError, Fit, VarianceGroup, quality, variance_components};
 use crate::setup::{Orientation, Setup};
 
 /// Fewest markers on the wing, in flight.
@@ -105,12 +108,22 @@ fn rough<'a>(
     Ok((frame, fit))
 }
 
+impl<'a> Single<'a> {
+    fn marks_contradict(&self, Solved { frame, fit, .. }: &Solved<'a>) -> bool {
+        snooping::marks_contradict(&self.input, &frame.problem, fit, 0, &frame.members)
+    }
+}
+
 impl<'a> Removable for Single<'a> {
     type Solved = Solved<'a>;
 
     fn worst(&self, solved: &Solved<'a>) -> Option<Suspect> {
         let Solved { frame, fit, .. } = solved;
-        snooping::worst(&frame.problem, fit, 0, &frame.members, self.input.options)
+        snooping::worst(&self.input, &frame.problem, fit, 0, &frame.members)
+    }
+
+    fn judged(solved: &Solved<'a>) -> Judged {
+        Judged::of(&solved.fit)
     }
 
     fn use_marker(&mut self, suspect: &Suspect, used: bool) {
@@ -130,6 +143,27 @@ impl<'a> Removable for Single<'a> {
     fn solve(&self, before: Option<&Solved<'a>>) -> Result<Solved<'a>, AdjustError> {
         Solved::new(self, before)
     }
+}
+
+/// A solution without blunders; fixed marks that contradict each other are widened together.
+fn without_blunders(mut single: Single, allowed: usize) -> Result<Snooped<Single>, AdjustError> {
+    let mut all = single.solve(None)?;
+    while single.marks_factor < snooping::WIDEST_MARKS && single.marks_contradict(&all) {
+        single.marks_factor *= 2.0;
+        all = single.solve(Some(&all))?;
+    }
+    snooping::one_by_one(single, all, allowed)
+}
+
+/// The same with the cause that leaves the least over, where one leaves but few markers out.
+fn caused<'a>(single: &Single<'a>, allowed: usize) -> Option<Snooped<Single<'a>>> {
+    let with = |cause| without_blunders(Single { cause: Some(cause), ..single.clone() }, allowed).ok();
+    let tried = causes(&single.input, &single.sights).into_iter().filter_map(with);
+    let cost = |s: &Snooped<Single<'a>>| {
+        let limit = quality::critical_w(single.input.options.snooping_alpha);
+        s.solved.fit.omega + s.removed.len() as f64 * limit * limit
+    };
+    tried.filter(|s| s.judged.is_none()).min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
 
 /// The most probable order of the curvature, given the data and what beams look like.
@@ -162,10 +196,13 @@ pub fn solve(
     let input = Input { setup, orientation, scene: &scene, options };
     let allowed = sights.iter().flatten().count() / LEFT_OUT;
     let terms = options.curvature_terms.map_or(USUAL_ORDER, |t| t.clamp(1, MAX_CURVATURE_TERMS));
-    let single = Single { input, sights, usage: Usage::all(setup.markers.len()), terms };
-    let all = single.solve(None)?;
-    let snooping::Snooped { model: single, mut solved, removed } =
-        snooping::one_by_one(single, all, allowed)?;
+    let usage = Usage::all(setup.markers.len());
+    let single = Single { input, sights, usage, terms, marks_factor: 1.0, cause: None };
+    let mut clean = without_blunders(single.clone(), allowed)?;
+    if clean.judged.is_some() {
+        clean = caused(&single, allowed).unwrap_or(clean);
+    }
+    let Snooped { model: single, mut solved, removed, judged } = clean;
     if options.curvature_terms.is_none() {
         solved = choose_order(&single, solved)?;
     }
@@ -173,9 +210,14 @@ pub fn solve(
     let (components, mut remarks) =
         if options.variance_components { solved.weigh()? } else { Default::default() };
     let Solved { frame, fit, .. } = &solved;
-    let outcome = Outcome::new(&input, &frame.layout, &frame.problem, fit, 0, &frame.members);
-    let solution = outcome.solution(Method::Spatial, removed.iter());
+    let outcome = Outcome::new(&input, &frame.layout, &frame.problem, fit, 0, &frame.members).judged(judged);
+    let blocks = Blocks { members: std::slice::from_ref(&frame.members), ground: &[] };
+    let solution = with_sources(blocks, &frame.problem, fit, None, |sources| {
+        outcome.solution(Method::Spatial, removed.iter(), sources)
+    });
     remarks.extend(solution.remarks);
+    remarks.extend(snooping::widened_marks(single.marks_factor));
+    remarks.extend(single.cause.as_ref().map(|cause| cause.sentence(fit.global[frame.layout.own.first])));
     if options.curvature_terms.is_none() {
         remarks.push(format!("curvature of {} terms, chosen by test", frame.layout.curvature_terms));
     }

@@ -13,7 +13,7 @@ mod motion;
 mod wing;
 
 pub use camera::{repeatability_rad, rotation_of_mounting, stated_drift_rad};
-pub use motion::of_frame;
+pub use motion::{common_cause, of_frame, of_rows};
 pub use wing::{curvature, twist};
 
 use nalgebra::Matrix3;
@@ -29,7 +29,7 @@ pub struct Shared {
     /// Height of the bending axis.
     pub axis_height: Place,
     /// The root's motion.
-    pub root: Option<Placed>,
+    pub root: Vec<Placed>,
 }
 
 /// Takes columns for camera, window, temperature and drawings.
@@ -50,22 +50,22 @@ pub fn shared(input: &Input, columns: &mut Columns) -> Shared {
     let lens = setup.uncertainty.lens.iter().map(camera::interior);
     placed.extend(lens.chain(wing::drawn(&setup.uncertainty)).map(|term| columns.place(term)));
     let width = &setup.uncertainty.in_flight;
-    let moves = width.root_turn_rad > 0.0 && width.root_shift_m > 0.0;
-    let root = moves.then(|| columns.place(motion::root(width.root_turn_rad, width.root_shift_m)));
-    placed.extend(root.clone());
+    let root: Vec<_> = motion::root(width).map(|term| columns.place(term)).collect();
+    placed.extend(root.iter().cloned());
     placed.extend(in_flight(input).into_iter().flatten().map(|term| columns.place(term)));
     Shared { placed, axis_height, root }
 }
 
 /// What else flight changes alike in all frames.
-fn in_flight(input: &Input) -> [Option<Term>; 3] {
+fn in_flight(input: &Input) -> [Option<Term>; 4] {
     let width = &input.setup.uncertainty.in_flight;
     let bend_m = if input.scene.has_ground_sights() { width.ground_bend_m } else { 0.0 };
-    let camera = || camera::in_flight(width.scale, width.principal_point_px);
+    let unless_held = |sigma: f64, term: fn(f64) -> Term| (sigma > 0.0).then(|| term(sigma));
     [
         motion::ground_bend(input.scene, bend_m),
-        (width.vertical_rad > 0.0).then(|| motion::vertical(width.vertical_rad)),
-        (width.scale > 0.0 && width.principal_point_px > 0.0).then(camera),
+        unless_held(width.vertical_rad, motion::vertical),
+        unless_held(width.scale, camera::flight_scale),
+        unless_held(width.principal_point_px, camera::flight_principal_point),
     ]
 }
 

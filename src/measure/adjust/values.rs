@@ -11,7 +11,7 @@ use crate::geometry::BROWN;
 pub struct Values {
     /// 1/m.
     pub curvature_per_m: Vec<f64>,
-    /// rad.
+    /// Of the twist's basis, rad: the terms, and with torques behind them those of all.
     pub twist_rad: Vec<f64>,
     /// Camera.
     pub pose: Pose,
@@ -82,7 +82,8 @@ pub struct Pose {
     pub lens: SVector<f64, BROWN>,
     /// What the description of the panes leaves unknown of their shift, in flight, wing frame, m.
     pub window_m: Vector3<f64>,
-    /// What the curvature of the panes' bow is more than stated, a share of it.
+    /// What the curvature of the panes' bow is more than stated, a share of it or of what is usual
+    /// ([`Plate::bowed`](crate::environment::Plate::bowed)).
     pub bow: f64,
     /// Camera constant in flight over that on ground, less 1.
     pub flight_scale: f64,
@@ -99,6 +100,7 @@ impl Pose {
             mount_rad: none,
             shift_m: none,
             window_m: none,
+            bow: 0.0,
             flight_scale: 0.0,
             flight_principal_px,
             ..*self

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::adjust::{Adjusted, Start, adjust};
-use super::model::{Covariance, GLOBAL, INTERIOR};
+use super::model::{Covariance, DISTANCES_M, GLOBAL, INTERIOR};
 use super::{LEAST_VIEWS, View, quality};
 
 /// Cells over the image's and the board's width and height.
@@ -45,7 +45,7 @@ pub(super) fn halves(adjusted: &Adjusted, used: &[(usize, View)]) -> Option<Halv
     let change = b.solution.global - a.solution.global;
     let scaled = |h: &Adjusted| h.solution.covariance * h.solution.variance_factor();
     // In the middle of the distances at which markers lie.
-    let distance_m = quality::DISTANCES_M[1];
+    let distance_m = DISTANCES_M[1];
     let worth = |m: &Covariance| quality::projection_at(adjusted, used, m, distance_m).map(|p| p.sigma_px);
     let difference_px = worth(&(change * change.transpose()))?;
     let predicted_px = worth(&(scaled(&a) + scaled(&b)))?;

@@ -41,11 +41,12 @@ pub use board::{Board, BoardError, Misfit, Sighting, misdescribed, never_whole};
 use super::geometry::Lens;
 pub use check::{Halves, Pattern};
 use fitting::Set;
+pub use model::DISTANCES_M;
 use model::Size;
 pub use outliers::Dropped;
-pub use quality::{DISTANCES_M, Projection};
+pub use quality::Projection;
 pub use shape::{Bow, Stretch};
-pub use verdict::{Verdict, judge};
+pub use verdict::{Verdict, judge, refusals};
 
 /// A board point (board plane, m) and its image.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -10,6 +10,8 @@ pub(super) const INTERIOR: usize = BROWN + 3;
 pub(super) const FORM: usize = 3;
 /// All that the pictures have in common.
 pub(super) const GLOBAL: usize = INTERIOR + FORM;
+/// Distances at which a wing's markers lie, m.
+pub const DISTANCES_M: [f64; 3] = [5.0, 15.0, 40.0];
 /// Index of the board's stretch.
 pub(super) const STRETCH: usize = INTERIOR + 2;
 

@@ -9,11 +9,9 @@ use nalgebra::{DMatrix, Matrix6, SMatrix, Vector2, Vector3};
 
 use super::View;
 use super::adjust::Adjusted;
-use super::model::{Covariance, INTERIOR, Jacobians, jacobians};
+use super::model::{Covariance, DISTANCES_M, INTERIOR, Jacobians, jacobians};
 use crate::geometry::{BROWN, Lens};
 
-/// Distances at which a wing's markers lie, m.
-pub const DISTANCES_M: [f64; 3] = [5.0, 15.0, 40.0];
 /// Cells over the image's width and height.
 const CELLS: usize = 9;
 

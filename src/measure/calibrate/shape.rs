@@ -11,7 +11,7 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use super::model::Form;
+use super::model::{DISTANCES_M, Form};
 use super::{SIGNIFICANT, View};
 use crate::estimation::arrow::ScalarPrior;
 
@@ -50,7 +50,7 @@ pub struct Stretch {
 
 impl Stretch {
     /// Of the points by which its worth is told, m: in the middle of those at which markers lie.
-    pub(super) const DISTANCE_M: f64 = super::DISTANCES_M[1];
+    pub(super) const DISTANCE_M: f64 = DISTANCES_M[1];
 
     /// Whether it differs from 0 at 95 %.
     pub fn significant(&self) -> bool {

@@ -52,6 +52,18 @@ const PARALLEL_DEG: f64 = 10.0;
 
 /// The verdict with its reasons, the gravest first; `board` is what shows that it is not as described.
 pub fn judge(calibration: &Calibration, board: Option<String>) -> (Verdict, Vec<String>) {
+    let found = findings(calibration, board);
+    let verdict = found.first().map_or(Verdict::Good, |f| f.0);
+    (verdict, found.into_iter().map(|f| f.1).collect())
+}
+
+/// Of the reasons of [`judge`] so many refuse the calibration.
+pub fn refusals(calibration: &Calibration, board: Option<String>) -> usize {
+    findings(calibration, board).iter().filter(|f| f.0 == Verdict::Refused).count()
+}
+
+/// The gravest first.
+fn findings(calibration: &Calibration, board: Option<String>) -> Vec<(Verdict, String)> {
     let mut found: Vec<(Verdict, String)> = [
         board.map(|reason| (Verdict::Refused, reason)),
         misfit(calibration),
@@ -66,8 +78,7 @@ pub fn judge(calibration: &Calibration, board: Option<String>) -> (Verdict, Vec<
     .collect();
     found.extend(uncertain(calibration));
     found.sort_by_key(|(verdict, _)| std::cmp::Reverse(*verdict));
-    let verdict = found.first().map_or(Verdict::Good, |f| f.0);
-    (verdict, found.into_iter().map(|f| f.1).collect())
+    found
 }
 
 fn fold(c: &Calibration) -> Option<(Verdict, String)> {

@@ -85,6 +85,18 @@ impl Gradient {
     fn functions(&self) -> usize {
         self.global.ncols()
     }
+
+    /// One of the functions.
+    pub fn function(&self, index: usize) -> Self {
+        let column = |m: &DMatrix<f64>| m.columns(index, 1).into_owned();
+        let observed = self.observed.iter().map(|(block, by)| (*block, column(by)));
+        Self {
+            columns: self.columns.clone(),
+            global: column(&self.global),
+            local: column(&self.local),
+            observed: observed.collect(),
+        }
+    }
 }
 
 /// Random part of a function: covariance = `total Qxx total' + own`; functions of different groups
@@ -109,7 +121,11 @@ impl Fit {
     }
 
     /// Functions of parameters alone, and their noise through the adjusted observations.
-    fn by_parameters<'a>(&self, group: usize, gradient: &'a Gradient) -> (Cow<'a, Gradient>, DMatrix<f64>) {
+    pub(super) fn by_parameters<'a>(
+        &self,
+        group: usize,
+        gradient: &'a Gradient,
+    ) -> (Cow<'a, Gradient>, DMatrix<f64>) {
         let functions = gradient.functions();
         let mut own = DMatrix::zeros(functions, functions);
         if gradient.observed.is_empty() {

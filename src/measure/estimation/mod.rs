@@ -19,6 +19,7 @@
 //! | Gauss and Helmert: whitening, elimination, steps, covariance | `linear.rs`, `stack.rs`, `system.rs`, `solve.rs`, `fit.rs` |
 //! | few shared parameters of a fixed number, thousands of points | `arrow.rs` |
 //! | global test, redundancy, w, minimal detectable bias | `quality.rs` |
+//! | what a variance comes from | `shares.rs` |
 //! | variance components, robust weights | `components.rs`, `robust.rs` |
 //!
 //! How to use it: fill a [`Problem`], give [`solve`] a closure that returns a [`Linearised`] block
@@ -33,6 +34,7 @@ mod linear;
 mod problem;
 pub mod quality;
 pub mod robust;
+mod shares;
 mod solve;
 mod stack;
 mod system;
@@ -42,6 +44,7 @@ pub use error::EstimationError;
 pub use fit::{BlockFit, Fit, Gradient, GroupFit, Propagated};
 pub use problem::{Block, Group, GroupPoint, Known, Linearised, Point, Prior, Problem};
 pub use quality::{GlobalTest, SigmaKind};
+pub use shares::{Naming, Observed, Part, Sources, Told};
 pub use solve::{Course, solve, solve_from, solve_groups};
 
 #[cfg(test)]

@@ -15,9 +15,9 @@ const CONVERGED: f64 = 1e-10;
 /// of a standard deviation, what it leaves is a hundredth.
 const ROUGH: f64 = 1e-2;
 /// Where little tells two unknowns apart, rounding of the sum of squares may turn down the last steps for ever. After so
-/// many iterations a solution is taken from which the undamped step is a thousandth of a standard deviation: a damped one
-/// may be as short on its way along a valley.
-const LATE: (usize, f64) = (60, 1e-6);
+/// many iterations a solution is taken from which the undamped step is a thousandth of a standard deviation, and after more
+/// of them a hundredth: a damped one may be as short on its way along a valley.
+const LATE: [(usize, f64); 2] = [(60, 1e-6), (120, 1e-4)];
 /// Rise of the sum of squares that a step may cause, over the sum that is still open.
 const OPEN_SHARE: f64 = 0.1;
 /// Relative rise of the sum of squares that rounding may cause.
@@ -76,9 +76,10 @@ pub fn solve_from(
     let mut damping = 0.0;
     let mut relaxation = Relaxation::default();
     for iteration in 1..=MAX_ITERATIONS {
-        if !course.rough && iteration > LATE.0 && system.unclosed <= LATE.1 {
+        let late = LATE.into_iter().rfind(|(after, _)| iteration > *after).map(|(_, enough)| enough);
+        if let Some(enough) = late.filter(|enough| !course.rough && system.unclosed <= *enough) {
             let undamped = system.step(problem, 0.0)?;
-            if undamped.dot(&(&system.normal * &undamped)) <= LATE.1 {
+            if undamped.dot(&(&system.normal * &undamped)) <= enough {
                 return system.finish(problem, state, iteration);
             }
         }
@@ -89,7 +90,8 @@ pub fn solve_from(
         let settled = moved <= converged;
         // The sum of squares holds to first order in the conditions that are still open, and rounding
         // lets it waver far below what a standard deviation can tell.
-        let limit = system.omega + OPEN_SHARE * system.unclosed + ROUNDING * (1.0 + system.omega);
+        let rounding = system.rounding + ROUNDING * (1.0 + system.omega);
+        let limit = system.omega + OPEN_SHARE * system.unclosed + rounding;
         let tried = system.assemble(problem, &next, &linearise);
         if tried.is_err() || !system.omega.is_finite() || (system.omega > limit && !settled) {
             damping = if damping == 0.0 { 1e-3 } else { damping * 10.0 };

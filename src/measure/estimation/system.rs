@@ -79,6 +79,8 @@ pub(super) struct System {
     omega_priors: f64,
     /// f' M^-1 f at the adjusted observations: 0 where the conditions hold exactly.
     pub(super) unclosed: f64,
+    /// What rounding may change of the sum of squares: where much is known of differences, large terms cancel in it.
+    pub(super) rounding: f64,
     /// Inverses of the priors' covariances.
     weights: Vec<DMatrix<f64>>,
     groups: Vec<GroupSystem>,
@@ -106,6 +108,7 @@ impl System {
             omega: 0.0,
             omega_priors: 0.0,
             unclosed: 0.0,
+            rounding: 0.0,
             weights: weights(&problem.priors)?,
             groups: problem.groups.iter().map(group).collect::<Result<_, _>>()?,
             room: Room::default(),
@@ -137,6 +140,7 @@ impl System {
             self.normal += &known.information;
             self.right -= &weighted;
             self.omega_priors += off.dot(&weighted);
+            self.rounding = rounding(&known.information, &off);
         }
         self.omega += self.omega_priors;
         Ok(())
@@ -359,6 +363,15 @@ impl BlockSystem {
         }
         BlockFit { residuals, linearised, gain, conditional }
     }
+}
+
+/// Bound of what rounding changes of a sum of squares: of every sum of n terms, n times the machine's precision of their
+/// absolute values (Higham 2002, 3.1).
+fn rounding(information: &DMatrix<f64>, off: &DVector<f64>) -> f64 {
+    let absolute = off.abs();
+    let columns = information.column_iter().zip(absolute.iter());
+    let sum: f64 = columns.map(|(column, by)| by * column.abs().dot(&absolute)).sum();
+    off.len() as f64 * f64::EPSILON * sum
 }
 
 fn weights(priors: &[Prior]) -> Result<Vec<DMatrix<f64>>, EstimationError> {

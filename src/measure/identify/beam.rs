@@ -115,6 +115,16 @@ impl Beam {
             .collect()
     }
 
+    /// Displacement of each marker when the wing bends as a cantilever under a load at its tip does, wing frame, m per m at
+    /// the tip.
+    pub(super) fn by_bend(&self) -> Vec<Vector3<f64>> {
+        const RISE_M: f64 = 1e-3;
+        let mut state = State::zeros();
+        state[0] = 3.0 * RISE_M / self.length_m.powi(2);
+        let (bent, still) = (self.place(&state, 1.0), self.place(&State::zeros(), 1.0));
+        bent.iter().zip(&still).map(|(bent, still)| (bent - still) / RISE_M).collect()
+    }
+
     /// Normal and chordwise direction of the skin at a marker in flight, wing frame.
     pub(super) fn attitude(&self, state: &State, marker: usize) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let (arm, ground) = (self.arms.get(marker)?, self.ground_m.get(marker)?);

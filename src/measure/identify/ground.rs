@@ -8,10 +8,11 @@ use super::explain::among_others;
 use super::fit::Prior;
 use super::flight::{NEEDED, report};
 use super::matching::Problem;
-use super::refine::{Sight, adjust};
+use super::refine::{self, Adjusted, Sight, adjust};
 use super::scene::{Scene, looks_like, usable};
 use super::{IdentifyError, Identities, Misfit, OrientationFit};
 use crate::detect::Detection;
+use crate::observation::Estimate;
 use crate::setup::{Orientation, Setup};
 
 /// How well the consensus knows the rotation, rad.
@@ -53,6 +54,7 @@ pub(super) fn orient(setup: &Setup, frames: &[Vec<Detection>]) -> Result<Orienta
         return Err(IdentifyError::Misfit(Misfit { cause, ..misfit }));
     }
     let scene = Scene::new(setup, &orientation, false);
+    let bend = bend(&scene, &fitted);
     for (detections, of) in frames.iter().zip(&mut identities) {
         say_where_its_like_is(&scene, detections, of);
     }
@@ -68,9 +70,18 @@ pub(super) fn orient(setup: &Setup, frames: &[Vec<Detection>]) -> Result<Orienta
         orientation,
         variance_factor: fitted.variance_factor,
         redundancy: fitted.redundancy,
+        bend,
         residuals: fitted.used.iter().map(|(s, v)| (s.frame, s.marker, *v)).collect(),
         identities,
     })
+}
+
+/// How much higher the wing stood than surveyed. A bend makes the outer markers look wrong: they are asked, too.
+fn bend(scene: &Scene, fitted: &Adjusted) -> Option<Estimate> {
+    let to_survey = scene.beam.frame.wing_from_survey.inverse();
+    let by_bend: Vec<_> = scene.beam.by_bend().iter().map(|by| to_survey * by).collect();
+    let sights = fitted.used.iter().map(|(sight, _)| sight).chain(&fitted.taken_out).cloned().collect();
+    refine::bend(scene.setup, &fitted.orientation.camera_from_survey, &by_bend, sights)
 }
 
 /// A frame among others of which hardly anything fits; of one alone the consensus has decided. What clutter adds to a frame in which half of the survey is found is no

@@ -35,6 +35,8 @@ mod skin;
 use nalgebra::Vector2;
 
 use super::detect::{Detection, Expected, Prediction};
+use super::estimation::quality::critical_w;
+use super::observation::Estimate;
 use super::setup::{Orientation, Setup};
 
 pub use explain::Cause;
@@ -112,13 +114,25 @@ pub struct OrientationFit {
     pub variance_factor: f64,
     /// Conditions less parameters.
     pub redundancy: usize,
-    /// Per frame, per identified marker: (frame, marker index, residual px).
+    /// How much higher the wing stood in the ground frames than surveyed, by bending, at its tip, m; a posteriori where the
+    /// variance factor is above 1. `None` where the sights do not tell.
+    pub bend: Option<Estimate>,
+    /// Per frame, per identified marker: (frame, marker index, residual observed - computed, px).
     pub residuals: Vec<(usize, usize, Vector2<f64>)>,
     /// Per frame: identities.
     pub identities: Vec<Identities>,
 }
 
+/// Level of significance of the test of the bend.
+const BEND_ALPHA: f64 = 0.001;
+
 impl OrientationFit {
+    /// Whether the wing was bent since the survey: a bend is no chance, one-dimensional test at a level of 0.001.
+    pub fn is_bent(&self) -> bool {
+        let w = |bend: &Estimate| bend.sigma.filter(|sigma| *sigma > 0.0).map(|sigma| bend.value / sigma);
+        self.bend.as_ref().and_then(w).is_some_and(|w| w.abs() > critical_w(BEND_ALPHA))
+    }
+
     /// Every marker of the survey that no frame's image of was used, and why.
     pub fn unused(&self, setup: &Setup) -> Vec<(usize, String)> {
         let used = |k: usize| self.residuals.iter().any(|(_, marker, _)| *marker == k);
@@ -176,6 +190,17 @@ pub fn expect(
     identities: &Identities,
 ) -> Vec<Expected> {
     known::expected(&scene::Scene::new(setup, orientation, true), detections, identities)
+}
+
+/// The same for a ground frame, which shows the wing as surveyed: what [`orient`] did not find is sought there before the
+/// survey is blamed.
+pub fn expect_on_ground(
+    setup: &Setup,
+    orientation: &Orientation,
+    detections: &[Detection],
+    identities: &Identities,
+) -> Vec<Expected> {
+    known::expected(&scene::Scene::new(setup, orientation, false), detections, identities)
 }
 
 /// Where the markers of the next frame are expected, from one frame's detections and identities:

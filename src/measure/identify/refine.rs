@@ -7,6 +7,7 @@ use super::scene::mahalanobis;
 use crate::environment::Plate;
 use crate::estimation::{Block, EstimationError, Fit, Group, Linearised, Point, Prior, Problem, solve};
 use crate::geometry::{left_jacobian, skew};
+use crate::observation::Estimate;
 use crate::setup::{GroundSight, Orientation, Setup};
 
 /// Chi-square of two degrees of freedom, 1e-4.
@@ -29,7 +30,7 @@ pub(super) struct Adjusted {
     pub(super) orientation: Orientation,
     pub(super) variance_factor: f64,
     pub(super) redundancy: usize,
-    /// With residuals against the survey as given, adjusted - observed, px.
+    /// With residuals against the survey as given, observed - computed, px.
     pub(super) used: Vec<(Sight, Vector2<f64>)>,
     pub(super) taken_out: Vec<Sight>,
 }
@@ -44,21 +45,32 @@ struct Sights<'a> {
     setup: &'a Setup,
     /// Rotation that the small one is counted from, camera from survey.
     start: Rotation3<f64>,
+    /// Per marker, survey frame: displacement by a bend of the wing, m per m at the tip; nothing where it is not sought.
+    bend: &'a [Vector3<f64>],
     list: Vec<Sight>,
 }
 
 /// Adjusts, taking out the worst sight while its residual fails the test.
 pub(super) fn adjust(setup: &Setup, start: &Rotation3<f64>, list: Vec<Sight>) -> Option<Adjusted> {
-    let mut sights = Sights { setup, start: *start, list };
-    let mut taken_out = Vec::new();
-    loop {
-        let fit = sights.solve()?;
-        let tests = (0..sights.list.len()).map(|k| (sights.residual_test(&fit, k), k));
-        match tests.max_by(|a, b| a.0.total_cmp(&b.0)) {
-            Some((t, k)) if t > GATE && sights.list.len() > 2 => taken_out.push(sights.list.remove(k)),
-            _ => return Some(sights.conclude(&fit, taken_out)),
-        }
-    }
+    let mut sights = Sights { setup, start: *start, bend: &[], list };
+    let (fit, taken_out) = sights.settle()?;
+    Some(sights.conclude(&fit, taken_out))
+}
+
+/// A bend of the wing since the survey, at the tip, with its standard deviation, m: one unknown more, of which nothing is
+/// known beforehand. `by_bend`: per marker, survey frame, m per m.
+pub(super) fn bend(
+    setup: &Setup,
+    start: &Rotation3<f64>,
+    by_bend: &[Vector3<f64>],
+    list: Vec<Sight>,
+) -> Option<Estimate> {
+    let mut sights = Sights { setup, start: *start, bend: by_bend, list };
+    let (fit, _) = sights.settle()?;
+    let column = sights.bend_column();
+    let scale = fit.variance_factor().map_or(1.0, |factor| factor.max(1.0)).sqrt();
+    let sigma = scale * fit.covariance[(column, column)].max(0.0).sqrt();
+    Some(Estimate { value: fit.global[column], sigma: Some(sigma) })
 }
 
 /// Per marker the weighted mean over the frames.
@@ -78,9 +90,26 @@ fn means(markers: usize, sights: &[Sight]) -> Vec<GroundSight> {
 }
 
 impl Sights<'_> {
+    fn settle(&mut self) -> Option<(Fit, Vec<Sight>)> {
+        let mut taken_out = Vec::new();
+        loop {
+            let fit = self.solve()?;
+            let tests = (0..self.list.len()).map(|k| (self.residual_test(&fit, k), k));
+            match tests.max_by(|a, b| a.0.total_cmp(&b.0)) {
+                Some((t, k)) if t > GATE && self.list.len() > 2 => taken_out.push(self.list.remove(k)),
+                _ => return Some((fit, taken_out)),
+            }
+        }
+    }
+
+    /// Behind all others.
+    fn bend_column(&self) -> usize {
+        MARKERS + 3 * self.setup.markers.len()
+    }
+
     fn solve(&self) -> Option<Fit> {
         let Self { setup, list, .. } = self;
-        let unknowns = MARKERS + 3 * setup.markers.len();
+        let unknowns = self.bend_column() + usize::from(!self.bend.is_empty());
         let block = |sight: &Sight| Block {
             observed: DVector::from_column_slice(sight.pixel.as_slice()),
             covariance: DMatrix::from_column_slice(2, 2, sight.covariance_px2.as_slice()),
@@ -120,14 +149,21 @@ impl Sights<'_> {
         let turn = at.global.fixed_rows::<3>(0).into_owned();
         let rotation = Rotation3::new(turn) * self.start;
         let centre_m = setup.projection_centre_m + at.global.fixed_rows::<3>(CENTRE);
-        let marker_m = setup.markers[marker].position_m + at.global.fixed_rows::<3>(first);
+        let by_bend = self.bend.get(marker);
+        let bent_m = by_bend.map_or_else(Vector3::zeros, |by| by * at.global[self.bend_column()]);
+        let marker_m = setup.markers[marker].position_m + at.global.fixed_rows::<3>(first) + bent_m;
         let p = seen(setup, &rotation, &marker_m, &centre_m);
         let (pixel, by_point) = setup.lens.project_with_jacobian(&p).ok_or_else(behind)?;
         let by_shift = by_point * rotation.matrix();
-        let mut out = Linearised::empty(2, (0..MARKERS).chain(first..first + 3).collect(), 0, 2);
+        let bend = by_bend.map(|_| self.bend_column());
+        let columns = (0..MARKERS).chain(first..first + 3).chain(bend);
+        let mut out = Linearised::empty(2, columns.collect(), 0, 2);
         out.global.fixed_columns_mut::<3>(0).copy_from(&(by_point * -skew(&p) * left_jacobian(&turn)));
         out.global.fixed_columns_mut::<3>(CENTRE).copy_from(&-by_shift);
         out.global.fixed_columns_mut::<3>(MARKERS).copy_from(&by_shift);
+        if let Some(by) = by_bend {
+            out.global.column_mut(MARKERS + 3).copy_from(&(by_shift * by));
+        }
         out.misclosure.copy_from(&(pixel - at.observed));
         out.observations.fill_with_identity();
         out.observations.neg_mut();
@@ -146,7 +182,7 @@ impl Sights<'_> {
         let residual = |s: &Sight| {
             let ground = setup.markers[s.marker].position_m;
             let p = seen(setup, &rotation, &ground, &setup.projection_centre_m);
-            setup.lens.project(&p).map_or(Vector2::zeros(), |pixel| pixel - s.pixel)
+            setup.lens.project(&p).map_or(Vector2::zeros(), |pixel| s.pixel - pixel)
         };
         let by_turn = left_jacobian(&fit.global.fixed_rows::<3>(0).into_owned());
         let covariance = fit.covariance.fixed_view::<3, 3>(0, 0).into_owned();

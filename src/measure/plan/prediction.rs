@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::{PlanOptions, Skin, adjustment_options, fixed_marks, terms};
 use crate::adjust::beam::{Bending, Grid, Mount, Section};
 use crate::adjust::ground::{GroundShape, Station};
-use crate::adjust::{self, AdjustError, Observation, Solution};
+use crate::adjust::{self, AdjustError, Mounting, Observation, Options, Solution};
 use crate::environment::Plate;
 use crate::setup::{GroundSight, Orientation, Setup, SurveyMarker};
 
@@ -38,10 +38,25 @@ pub struct Expected {
     pub sigma_span_m: f64,
 }
 
+/// Predicted standard deviations of the outermost visible marker's lift, counted from three places.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TipSigma {
+    /// Its id.
+    pub marker: String,
+    /// Which lift results would show: the one that is told best.
+    pub shown: adjust::Reference,
+    /// Against the survey, m.
+    pub lift_m: Option<f64>,
+    /// Against the ground frame, m.
+    pub lift_ground_m: Option<f64>,
+    /// From the root's tangent, m.
+    pub lift_root_m: Option<f64>,
+}
+
 /// A layout with one marker more or one less.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Change {
-    /// The marker left out; `None` for one more.
+    /// The marker that is surveyed and not seen; `None` for one more that is.
     pub without: Option<String>,
     /// Where the marker stands or would stand, along the span from the projection centre, m.
     pub span_m: f64,
@@ -65,6 +80,10 @@ pub struct Prediction {
     pub redundancy: usize,
     /// The layout as it is.
     pub expected: Expected,
+    /// The tip marker's lift.
+    pub tip: Option<TipSigma>,
+    /// What the variance of the lift that results would show comes from, the largest share first.
+    pub budget: Vec<adjust::BudgetShare>,
     /// Every visible marker.
     pub markers: Vec<MarkerSigma>,
     /// Pairs of the installation: name, standard deviations of angle and twist, degrees.
@@ -92,6 +111,10 @@ impl Prediction {
     }
 }
 
+/// Variance of a sight that tells nothing, over that of one that is seen.
+const UNSEEN: f64 = 1e8;
+/// Lowest lift of a flight's frames over the highest: from full tanks on ground speed to a gust.
+const LEAST_LIFT: f64 = 0.4;
 /// Steps to the curvature of a tip lift; each leaves a hundredth of the error.
 const PROPORTIONS: usize = 4;
 
@@ -168,6 +191,7 @@ impl<'a> Rehearsal<'a> {
             .filter_map(|(marker, p)| Some(GroundSight { marker, pixel: see(p, false)?, covariance_px2 }))
             .collect();
         self.observations = observations;
+        // The attitude may be known before a ground frame is taken.
         if self.orientation.ground.is_empty() {
             self.orientation.ground = sights;
         }
@@ -188,6 +212,8 @@ impl<'a> Rehearsal<'a> {
             redundancy: solution.redundancy,
             expected: expected(&solution, self.setup)
                 .ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))?,
+            tip: tip_sigma(&solution, self.setup),
+            budget: solution.budget.iter().flat_map(|budget| budget.shares.clone()).collect(),
             markers: marker_sigmas(&solution, self.setup),
             torsion: solution
                 .torsion
@@ -209,26 +235,48 @@ impl<'a> Rehearsal<'a> {
         })
     }
 
+    /// What the rehearsed frame is worth by itself.
+    pub fn alone(&self) -> Result<Expected, AdjustError> {
+        let worth = expected(&self.solve(&self.observations)?, self.setup);
+        worth.ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
+    }
+
+    /// What so many frames of one mounting are worth together, their tips lifted from [`LEAST_LIFT`] of the lift to all of it:
+    /// that of the most lifted frame.
+    pub fn together(&self, frames: usize) -> Result<Expected, AdjustError> {
+        let share = |k: usize| 1.0 - (1.0 - LEAST_LIFT) * k as f64 / (frames.max(2) - 1) as f64;
+        let lifts = (0..frames.max(1)).map(|k| self.options.tip_lift_m * share(k));
+        let seen = lifts.map(|tip_lift_m| {
+            let options = PlanOptions { tip_lift_m, ..*self.options };
+            let frame = Rehearsal::new(self.setup, Some(&self.orientation), &options)?;
+            Ok(frame.observations)
+        });
+        let seen: Vec<Vec<Observation>> = seen.collect::<Result<_, AdjustError>>()?;
+        let mountings = Some(vec![Mounting::Numbered(0); seen.len()]);
+        let options = Options { mountings, ..adjustment_options(self.options) };
+        let solutions = adjust::flight(self.setup, &self.orientation, &seen, &options)?;
+        let first = solutions.first().and_then(|solution| expected(solution, self.setup));
+        first.ok_or_else(|| AdjustError::Input("the adjustment gives no standard deviations".into()))
+    }
+
     fn solve(&self, observations: &[Observation]) -> Result<Solution, AdjustError> {
         adjust::spatial(self.setup, &self.orientation, observations, &adjustment_options(self.options))
     }
 
-    /// The marker is neither glued on nor surveyed.
+    /// The marker is surveyed and not seen, neither on ground nor in flight. Its survey goes on shaping the wing, so that all
+    /// is linearised where it was: what is seen less can then lower no standard deviation.
     fn without(&self, marker: usize) -> Change {
-        let mut setup = self.setup.clone();
-        let removed = setup.markers.remove(marker);
-        let shift = |k: usize| if k > marker { k - 1 } else { k };
-        setup.torsion.retain(|t| t.leading != marker && t.trailing != marker);
-        for pair in &mut setup.torsion {
-            (pair.leading, pair.trailing) = (shift(pair.leading), shift(pair.trailing));
-        }
         let mut orientation = self.orientation.clone();
-        orientation.ground.retain(|g| g.marker != marker);
-        orientation.ground.iter_mut().for_each(|g| g.marker = shift(g.marker));
+        let own = orientation.ground.iter_mut().filter(|g| g.marker == marker);
+        own.for_each(|g| g.covariance_px2 *= UNSEEN);
+        let left: Vec<Observation> =
+            self.observations.iter().filter(|o| o.marker != marker).cloned().collect();
+        let options = adjustment_options(self.options);
+        let solved = adjust::spatial(self.setup, &orientation, &left, &options).ok();
         Change {
             span_m: self.ground[marker].x,
-            without: Some(removed.id),
-            expected: self.replayed(&setup, &orientation),
+            without: self.setup.markers.get(marker).map(|m| m.id.clone()),
+            expected: solved.and_then(|solution| expected(&solution, self.setup)),
         }
     }
 
@@ -259,7 +307,7 @@ impl<'a> Rehearsal<'a> {
     }
 
     fn with_fixed_marks(&self, count: usize) -> Alternative {
-        let wanted = (count, self.options.pixel_sigma);
+        let wanted = (0, count, self.options.pixel_sigma);
         let other = fixed_marks::with_marks(self.setup, &self.orientation, wanted);
         let name = format!("{count} fixed mark{}", if count == 1 { "" } else { "s" });
         Alternative {
@@ -330,6 +378,19 @@ fn looking_at(ground: &[Vector3<f64>], flight: &[Vector3<f64>]) -> Rotation3<f64
     let down = forward.cross(&right);
     let rows = Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()]);
     Rotation3::from_matrix_unchecked(rows)
+}
+
+fn tip_sigma(solution: &Solution, setup: &Setup) -> Option<TipSigma> {
+    let budget = solution.budget.as_ref()?;
+    let marker = &solution.markers[budget.marker];
+    let sigma = |reference| marker.lift_against(reference)?.sigma;
+    Some(TipSigma {
+        marker: setup.markers.get(budget.marker)?.id.clone(),
+        shown: budget.reference,
+        lift_m: sigma(adjust::Reference::Survey),
+        lift_ground_m: sigma(adjust::Reference::Ground),
+        lift_root_m: sigma(adjust::Reference::Root),
+    })
 }
 
 fn marker_sigmas(solution: &Solution, setup: &Setup) -> Vec<MarkerSigma> {

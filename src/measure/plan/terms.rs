@@ -5,8 +5,11 @@ use crate::setup::{Setup, Thermal};
 /// A term of the model, and how it is made known.
 type Term = (&'static str, fn(&mut Setup));
 
+/// Every term known.
+pub(super) const ALL: &str = "all of these";
+
 /// In the order of `docs/adjustment/installation.md`.
-const TERMS: [Term; 8] = [
+const TERMS: [Term; 16] = [
     ("height of the bending axis", |s| s.uncertainty.skin_height_sigma_m = 0.0),
     ("root offset", |s| s.uncertainty.root_offset_m = 0.0),
     ("chord offset of the axis", |s| s.uncertainty.axis_chord_offset_m = 0.0),
@@ -15,6 +18,14 @@ const TERMS: [Term; 8] = [
     ("shift of the mounting", |s| s.uncertainty.mount_shift_m = 0.0),
     ("camera calibration", |s| s.uncertainty.lens = None),
     ("panes", know_panes),
+    ("bend on ground", |s| s.uncertainty.in_flight.ground_bend_m = 0.0),
+    ("motion of the skin", |s| s.uncertainty.in_flight.skin_motion_m = 0.0),
+    ("motion of the root", know_root),
+    ("bending in the plane", |s| s.uncertainty.in_flight.in_plane_m = 0.0),
+    ("camera in flight", know_camera_in_flight),
+    ("torque of control surfaces", |s| s.uncertainty.in_flight.torque_rad = 0.0),
+    ("rolling shutter", |s| s.uncertainty.in_flight.readout_s = 0.0),
+    ("motion of the fixed marks", |s| s.markers.iter_mut().for_each(|m| m.flight_motion_m = 0.0)),
 ];
 
 fn know_temperature(setup: &mut Setup) {
@@ -36,6 +47,16 @@ fn know_panes(setup: &mut Setup) {
     }
 }
 
+fn know_root(setup: &mut Setup) {
+    let width = &mut setup.uncertainty.in_flight;
+    (width.root_turn_rad, width.root_shift_m) = (0.0, 0.0);
+}
+
+fn know_camera_in_flight(setup: &mut Setup) {
+    let width = &mut setup.uncertainty.in_flight;
+    (width.scale, width.principal_point_px) = (0.0, 0.0);
+}
+
 /// The installation with each term known that it leaves open, and with all of them.
 pub(super) fn each_known(setup: &Setup) -> Vec<(&'static str, Setup)> {
     let known = |(name, make): &Term| {
@@ -47,7 +68,7 @@ pub(super) fn each_known(setup: &Setup) -> Vec<(&'static str, Setup)> {
     if all.len() > 1 {
         let mut together = setup.clone();
         TERMS.iter().for_each(|(_, make)| make(&mut together));
-        all.push(("all of these", together));
+        all.push((ALL, together));
     }
     all
 }

@@ -5,43 +5,10 @@
 
 use super::moment::Moment;
 use super::rainflow::{self, Cycle};
+use super::sampling::Unseen;
 
-/// Samples that a period of the lowest bending needs: an extreme between two of them is then missed by 5 % of the
-/// amplitude at most, 1 - cos(pi/10).
-pub const SAMPLES_PER_PERIOD: f64 = 10.0;
-/// Lowest bending frequency where nobody states the wing's, Hz: transport aircraft have 1 to 3 (an assumption on the
-/// safe side, for the more samples are asked for).
-pub const USUAL_BENDING_HZ: f64 = 3.0;
 /// A range below so many of its standard deviations is not told from noise.
 const GATE: f64 = 3.0;
-/// Of the intervals between frames at most so many may be longer than the sampling's.
-const GAPS: f64 = 0.05;
-
-/// Whether a history has enough frames for cycles.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sampling {
-    /// Frames a second that all but one interval in twenty keep; `None` with fewer than two frames.
-    pub rate_hz: Option<f64>,
-    /// What cycles need.
-    pub needed_hz: f64,
-}
-
-impl Sampling {
-    /// Whether cycles can be told.
-    pub fn tells_cycles(&self) -> bool {
-        self.rate_hz.is_some_and(|rate| rate >= self.needed_hz)
-    }
-}
-
-/// The sampling of frames at these times (s, in order) of a wing with this lowest bending frequency (Hz).
-pub fn sampling(times_s: &[f64], bending_hz: f64) -> Sampling {
-    let mut steps: Vec<f64> = times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    steps.sort_by(f64::total_cmp);
-    let last = ((1.0 - GAPS) * steps.len() as f64).ceil() as usize;
-    let longest = last.checked_sub(1).and_then(|k| steps.get(k)).copied().filter(|s| *s > 0.0);
-    Sampling { rate_hz: longest.map(f64::recip), needed_hz: SAMPLES_PER_PERIOD * bending_hz }
-}
-
 /// The greatest (`sign` 1) or smallest (-1) moment and its place in the history.
 pub fn extreme(moments: &[Moment], sign: f64) -> Option<(usize, Moment)> {
     let at = |(k, m): (usize, &Moment)| (k, *m);
@@ -171,7 +138,7 @@ pub struct Damage {
     pub slope: f64,
     /// Over that of one ground-air-ground cycle.
     pub relative: f64,
-    /// Its standard deviation, from the curvature.
+    /// Its standard deviation, from the curvature, and from what frames and gaps do not show.
     pub sigma_relative: f64,
     /// Range of one cycle that does the same, N m.
     pub equivalent_range_n_m: f64,
@@ -179,31 +146,35 @@ pub struct Damage {
     pub sigma_equivalent_range_n_m: f64,
 }
 
-/// The damage of cycles by Palmgren's and Miner's rule. `stiffness_share`: standard deviation of the stiffness over it.
+/// The damage of cycles by Palmgren's and Miner's rule. `stiffness_share`: standard deviation of the stiffness over it. What the
+/// frames do not show of gusts is in the standard deviations: all cycles but the largest are taken for them.
 pub fn damage(
     flight: &OverAFlight,
     whole: &GroundAirGround,
     slope: f64,
     goodman: Option<Goodman>,
-    stiffness_share: f64,
+    (stiffness_share, unseen): (f64, Unseen),
 ) -> Damage {
     let corrected = |range: f64, mean: f64| goodman.map_or(range, |g| g.range(range, mean));
     let reference = corrected(whole.range_n_m, whole.mean_n_m);
-    let (mut sum, mut variance) = (0.0, 0.0);
+    let (mut sum, mut variance, mut largest) = (0.0, 0.0, 0.0_f64);
     for (cycle, sigma) in flight.cycles.iter().zip(&flight.sigmas_n_m) {
         let own = cycle.count * (corrected(cycle.range, cycle.mean) / reference).powf(slope);
         sum += own;
+        largest = largest.max(own);
         variance += (slope * own * sigma / cycle.range).powi(2);
     }
     let by_reference = slope * sum * whole.sigma_by_curvature_n_m / whole.range_n_m;
+    // Both are losses: they add.
+    let by_unseen = (sum - largest) * (slope * unseen.of_range + unseen.of_time);
     let equivalent = reference * sum.powf(slope.recip());
-    let by_curvature = if sum > 0.0 { variance.sqrt() / (slope * sum) } else { 0.0 };
+    let by_cycles = if sum > 0.0 { variance.sqrt().hypot(by_unseen) / (slope * sum) } else { 0.0 };
     Damage {
         slope,
         relative: sum,
-        sigma_relative: variance.sqrt().hypot(by_reference),
+        sigma_relative: variance.sqrt().hypot(by_reference).hypot(by_unseen),
         equivalent_range_n_m: equivalent,
-        sigma_equivalent_range_n_m: equivalent * by_curvature.hypot(stiffness_share),
+        sigma_equivalent_range_n_m: equivalent * by_cycles.hypot(stiffness_share),
     }
 }
 
@@ -216,22 +187,12 @@ mod tests {
         Moment { value, sigma: 0.1, sigma_by_curvature: 0.1, sigma_by_stiffness: 0.0 }
     }
 
-    fn close(a: f64, b: f64) {
-        assert!((a - b).abs() < 1e-9 * b.abs().max(1.0), "{a} {b}");
+    fn seen(stiffness_share: f64) -> (f64, Unseen) {
+        (stiffness_share, Unseen::default())
     }
 
-    #[test]
-    fn a_series_an_hour_tells_no_cycles_and_ten_frames_a_period_do() {
-        let hourly: Vec<f64> =
-            (0..80).map(|k| f64::from(k / 10) * 3600.0 + f64::from(k % 10) * 2.0).collect();
-        let sampled = sampling(&hourly, 1.0);
-        assert!(!sampled.tells_cycles() && sampled.rate_hz.unwrap() < 0.51);
-        let mut live: Vec<f64> = (0..2000).map(|k| 0.1 * f64::from(k)).collect();
-        assert!(sampling(&live, 0.99).tells_cycles());
-        assert!(!sampling(&live, 1.1).tells_cycles());
-        live.retain(|t| (t * 10.0).round() as i64 % 5 != 0);
-        assert!(!sampling(&live, 0.99).tells_cycles(), "every fifth is missing");
-        assert_eq!(sampling(&[1.0], 1.0).rate_hz, None);
+    fn close(a: f64, b: f64) {
+        assert!((a - b).abs() < 1e-9 * b.abs().max(1.0), "{a} {b}");
     }
 
     #[test]
@@ -242,7 +203,7 @@ mod tests {
         let flight = over_a_flight(&moments);
         close(flight.left_out, 0.0);
         for slope in [3.0, 5.0] {
-            let damage = damage(&flight, &whole, slope, None, 0.05);
+            let damage = damage(&flight, &whole, slope, None, seen(0.05));
             close(damage.relative, 1.0);
             close(damage.equivalent_range_n_m, 10.0);
             close(damage.sigma_equivalent_range_n_m, 10.0 * 0.05f64.hypot(0.01 / 2f64.sqrt()));
@@ -254,8 +215,8 @@ mod tests {
         let gusts = [10.0, 5.0, 10.0, 5.0, 10.0, 9.9, 10.0].map(moment).to_vec();
         let (whole, flight) = (ground_air_ground(&gusts).unwrap(), over_a_flight(&gusts));
         close(flight.left_out, 1.0);
-        close(damage(&flight, &whole, 3.0, None, 0.0).relative, 1.0 + 2.0 * 0.125);
-        close(damage(&flight, &whole, 5.0, None, 0.0).relative, 1.0 + 2.0 / 32.0);
+        close(damage(&flight, &whole, 3.0, None, seen(0.0)).relative, 1.0 + 2.0 * 0.125);
+        close(damage(&flight, &whole, 5.0, None, seen(0.0)).relative, 1.0 + 2.0 / 32.0);
     }
 
     #[test]
@@ -263,7 +224,7 @@ mod tests {
         // 3.5 standard deviations of one frame, fewer than three of two.
         let (whole, flight) = (ground_air_ground(&[moment(0.35)]).unwrap(), over_a_flight(&[moment(0.35)]));
         assert!(flight.gate_n_m > 0.35);
-        close(damage(&flight, &whole, 3.0, None, 0.0).relative, 1.0);
+        close(damage(&flight, &whole, 3.0, None, seen(0.0)).relative, 1.0);
     }
 
     #[test]
@@ -274,7 +235,7 @@ mod tests {
         assert_eq!(line.range(10.0, 30.0), f64::INFINITY);
         let gusts = [10.0, 5.0, 10.0].map(moment).to_vec();
         let (whole, flight) = (ground_air_ground(&gusts).unwrap(), over_a_flight(&gusts));
-        let corrected = damage(&flight, &whole, 3.0, Some(line), 0.0).relative;
+        let corrected = damage(&flight, &whole, 3.0, Some(line), seen(0.0)).relative;
         close(corrected, 1.0 + ((5.0 / 0.75) / (10.0 * 6.0 / 5.0f64)).powi(3));
     }
 

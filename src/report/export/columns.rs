@@ -273,6 +273,11 @@ fn image_columns(rows: &[Row]) -> Vec<Column> {
         text(rows, "tip_marker", |row| row.image?.tip.as_ref().map(|t| t.marker.clone())),
         number(rows, "tip_lift_m", |row| row.image?.tip.as_ref().map(|t| t.lift_m)),
         number(rows, "tip_sigma_lift_m", |row| row.image?.tip.as_ref()?.sigma_lift_m),
+        number(rows, "tip_lift_ground_m", |row| row.image?.tip.as_ref()?.lift_ground_m),
+        number(rows, "tip_sigma_lift_ground_m", |row| row.image?.tip.as_ref()?.sigma_lift_ground_m),
+        number(rows, "tip_lift_root_m", |row| row.image?.tip.as_ref()?.lift_root_m),
+        number(rows, "tip_sigma_lift_root_m", |row| row.image?.tip.as_ref()?.sigma_lift_root_m),
+        text(rows, "tip_lift_shown", |row| row.image?.tip.as_ref()?.shown.map(word)),
     ]
 }
 
@@ -341,6 +346,10 @@ fn marker_columns(rows: &[Row]) -> Vec<Column> {
         marker_number(rows, "sigma_distance_m", |m| m.sigma_distance_m),
         marker_number(rows, "lift_m", |m| m.lift_m),
         marker_number(rows, "sigma_lift_m", |m| m.sigma_lift_m),
+        marker_number(rows, "lift_ground_m", |m| m.lift_ground_m),
+        marker_number(rows, "sigma_lift_ground_m", |m| m.sigma_lift_ground_m),
+        marker_number(rows, "lift_root_m", |m| m.lift_root_m),
+        marker_number(rows, "sigma_lift_root_m", |m| m.sigma_lift_root_m),
     ]
 }
 

@@ -4,7 +4,8 @@ use maud::{Markup, html};
 
 use super::super::grid::Grid;
 use super::super::number::{NONE, rounded};
-use super::super::{ReportData, SeriesData};
+use super::super::{ReportData, SeriesData, summary};
+use super::chart::{Across, Chart, Trace, Upright, point};
 use super::plot::{Axis, Plot, drawing};
 use crate::aircraft::Quantity;
 
@@ -27,7 +28,7 @@ pub fn section(data: &ReportData) -> Markup {
             @if points.len() > 1 {
                 figure {
                     (against(&points, label, scale))
-                    p.caption { "Lift of the tip marker of each frame with its 1-sigma bar, against " (label.split(" /").next().unwrap_or(label)) "." }
+                    p.caption { "Lift of the tip marker " (summary::reference(&data.series).words()) " of each frame with its 1-sigma bar, against " (label.split(" /").next().unwrap_or(label)) "." }
                 }
             }
         }
@@ -41,11 +42,12 @@ pub fn section(data: &ReportData) -> Markup {
 
 /// Quantity, lift and its standard deviation of each frame that has both.
 fn points(data: &ReportData, quantity: Quantity) -> Vec<(f64, f64, Option<f64>)> {
+    let reference = summary::reference(&data.series);
     let of = |series: &SeriesData| {
         let one = |record: &crate::record::ImageRecord| {
-            let tip = record.tip.as_ref()?;
+            let (lift_m, sigma_m) = record.tip.as_ref()?.lift(reference)?;
             let shot = series.shot_of(record)?;
-            Some((shot.aircraft.get(&quantity)?.value, tip.lift_m, tip.sigma_lift_m))
+            Some((shot.aircraft.get(&quantity)?.value, lift_m, sigma_m))
         };
         series.records.iter().filter_map(one).collect::<Vec<_>>()
     };
@@ -65,7 +67,20 @@ fn against(points: &[(f64, f64, Option<f64>)], label: &str, scale: f64) -> Marku
             (plot.value(scale * x, *y, *sigma, COLOUR, ""))
         }
     };
-    drawing(WIDTH, 300.0, &format!("Lift against {label}"), &content)
+    let name = format!("Lift against {label}");
+    let chart = Chart {
+        name: name.clone(),
+        height: 300.0,
+        x: Across::plain(label),
+        y: Upright { label: "lift of the tip marker / m".to_owned(), zero: false },
+        tracks: vec![Trace {
+            name: "single frames".to_owned(),
+            colour: COLOUR.to_owned(),
+            points: points.iter().map(|(x, y, sigma)| point(scale * x, *y, *sigma)).collect(),
+            ..Trace::default()
+        }],
+    };
+    html! { (drawing(WIDTH, 300.0, &name, &content)) (chart.values(None)) }
 }
 
 fn table(data: &ReportData) -> Grid {

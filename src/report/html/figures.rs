@@ -5,6 +5,7 @@ use maud::{Markup, html};
 use super::super::SeriesData;
 use super::super::number::fixed;
 use super::super::summary::{Mean, SeriesSummary, hours_between, solved};
+use super::chart::{Across, Chart, Trace, Upright, point};
 use super::plot::{Axis, Plot, drawing, px, series_colour, set_apart};
 use crate::record::{CurveRecord, ImageRecord};
 
@@ -15,12 +16,15 @@ const LINE: f64 = 14.0;
 /// Room at the right for the series' names.
 const NAMES: f64 = 190.0;
 
+/// The figure whose curves others show beside theirs.
+const DEFLECTION: &str = "Deflection curves";
+
 type Column<'a> = &'a dyn Fn(&CurveRecord) -> (f64, Option<f64>);
 
 /// Lift of the bending axis along the span, one curve per series, with 1-sigma bands.
 pub fn deflection(summaries: &[SeriesSummary]) -> Markup {
     let lift = |p: &CurveRecord| (p.lift_m, p.sigma_lift_m);
-    curves(summaries, "Deflection curves", "lift of the bending axis / m", 400.0, &lift, 2)
+    curves(summaries, DEFLECTION, "lift of the bending axis / m", 400.0, &lift, 2)
 }
 
 /// How sure the lift is along the span, mm.
@@ -65,7 +69,29 @@ fn curves(
         }
         (names(&plot, &shown, column, decimals))
     };
-    drawing(WIDTH, height + 60.0, name, &content)
+    html! {
+        (drawing(WIDTH, height + 60.0, name, &content))
+        (chart(&shown, name, label, height, column).values((name == DEFLECTION).then_some("deflection")))
+    }
+}
+
+/// The same for the page's script.
+fn chart(shown: &[&SeriesSummary], name: &str, label: &str, height: f64, column: Column) -> Chart {
+    let trace = |(i, s): (usize, &&SeriesSummary)| Trace {
+        name: short_name(shown, i),
+        series: Some(s.name.clone()),
+        colour: series_colour(i, shown.len()),
+        joined: true,
+        points: banded(s, column).into_iter().map(|(x, y, sigma)| point(x, y, sigma)).collect(),
+        ..Trace::default()
+    };
+    Chart {
+        name: name.to_owned(),
+        height,
+        x: Across::plain("span, outboard from the camera / m"),
+        y: Upright { label: label.to_owned(), zero: true },
+        tracks: shown.iter().enumerate().map(trace).collect(),
+    }
 }
 
 fn banded(s: &SeriesSummary, column: Column) -> Vec<(f64, f64, Option<f64>)> {
@@ -120,7 +146,8 @@ fn short_name(shown: &[&SeriesSummary], index: usize) -> String {
 
 /// Lift of the tip marker over time: shots, means with their standard deviations.
 pub fn tip_lift(series: &[SeriesData], summaries: &[SeriesSummary]) -> Markup {
-    let shot = |r: &ImageRecord| r.tip.as_ref().map(|t| t.lift_m);
+    let reference = summaries.first().map(|s| s.reference).unwrap_or_default();
+    let shot = |r: &ImageRecord| Some(r.tip.as_ref()?.lift(reference)?.0);
     let mean = |s: &SeriesSummary| s.tip_lift_m;
     let track = Track { name: "tip lift", colour: "#17456f", dashed: false, shot: &shot, mean: &mean };
     over_time(series, summaries, "Tip lift over time", "lift of the tip marker / m", 260.0, &[track])
@@ -175,6 +202,35 @@ impl Track<'_> {
         series.iter().zip(summaries).flat_map(of).collect()
     }
 
+    /// Means and single frames for the page's script.
+    fn traces(
+        &self,
+        summaries: &[SeriesSummary],
+        means: &[(f64, Mean)],
+        shots: &[(f64, f64, String)],
+    ) -> [Trace; 2] {
+        let named = summaries.iter().filter(|s| (self.mean)(s).is_some()).map(|s| s.name.clone());
+        let mean = Trace {
+            name: format!("{}, means of the series", self.name),
+            colour: self.colour.to_owned(),
+            joined: true,
+            dashed: self.dashed,
+            dots: true,
+            points: means.iter().map(|(h, m)| point(*h, m.value, m.sigma)).collect(),
+            texts: named.collect(),
+            ..Trace::default()
+        };
+        let single = Trace {
+            name: format!("{}, single frames", self.name),
+            colour: self.colour.to_owned(),
+            small: true,
+            points: shots.iter().map(|(h, v, _)| point(*h, *v, None)).collect(),
+            texts: shots.iter().map(|(_, _, image)| image.clone()).collect(),
+            ..Trace::default()
+        };
+        [mean, single]
+    }
+
     fn draw(&self, plot: &Plot, means: &[(f64, Mean)], shots: &[(f64, f64, String)]) -> Markup {
         let band: Vec<_> = means.iter().map(|(h, m)| (*h, m.value, m.sigma)).collect();
         let line: Vec<_> = means.iter().map(|(h, m)| (*h, m.value)).collect();
@@ -221,7 +277,14 @@ fn over_time(
         @for (track, means, shots) in &drawn { (track.draw(&plot, means, shots)) }
         (key(tracks))
     };
-    drawing(WIDTH, height + 60.0, name, &content)
+    let chart = Chart {
+        name: name.to_owned(),
+        height: height + 60.0,
+        x: Across::hours(series.first().and_then(|s| s.begun.as_ref()).map(|b| b.utc)),
+        y: Upright { label: label.to_owned(), zero: false },
+        tracks: drawn.iter().flat_map(|(t, means, shots)| t.traces(summaries, means, shots)).collect(),
+    };
+    html! { (drawing(WIDTH, height + 60.0, name, &content)) (chart.values(None)) }
 }
 
 fn key(tracks: &[Track]) -> Markup {

@@ -3,9 +3,10 @@
 use maud::{Markup, html};
 
 use super::super::grid::Grid;
-use super::super::number::rounded;
+use super::super::number::{count, rounded};
 use super::super::overview::{Line, Overview};
 use super::super::summary::{Mean, hours_between};
+use super::chart::{Across, Chart, Trace, Upright, point};
 use super::document;
 use super::plot::{Axis, Plot, drawing, px, series_colour};
 use crate::clock::Stamp;
@@ -26,32 +27,45 @@ fn track(flight: &Overview) -> Vec<(f64, Mean)> {
 pub fn flights(flights: &[Overview]) -> String {
     let warnings = flights.iter().flat_map(|f| f.warning.iter().chain(&f.notes));
     let main = html! {
-        header { h1 { "Wing deflection, flight by flight" } p.sub { (flights.len()) " flights" } }
+        header { h1 { "Wing deflection, flight by flight" } p.sub { (count(flights.len(), "flight")) } }
         @for warning in warnings { p.warning { (warning) } }
         h2 { "Lift over time" }
         figure {
             (lift(flights))
-            p.caption { "Lift of the outermost marker, mean of each series; bands: 1 sigma of one frame. Each flight from its first series." }
+            p.caption { "Lift of the outermost marker, mean of each series; bands: 1 sigma of one frame. Each flight from its first series, its lifts counted as the table says." }
         }
         h2 { "Flights" }
         div.scroll { (table(flights).html()) }
     };
     document(
-        &format!("Wing deflection: {} flights", flights.len()),
+        &format!("Wing deflection: {}", count(flights.len(), "flight")),
         &main,
         "Lengths in metres; sigma is one standard deviation.",
     )
 }
 
+/// The unit in which the longest of these times is neither thousands nor hundredths, and how many make an hour.
+fn unit(longest_h: f64) -> (&'static str, f64) {
+    match longest_h {
+        h if h < 0.05 => ("s", 3600.0),
+        h if h < 2.0 => ("min", 60.0),
+        h if h < 72.0 => ("h", 1.0),
+        _ => ("days", 1.0 / 24.0),
+    }
+}
+
 fn lift(flights: &[Overview]) -> Markup {
-    let tracks: Vec<(usize, Vec<(f64, Mean)>)> =
+    let mut tracks: Vec<(usize, Vec<(f64, Mean)>)> =
         flights.iter().map(track).enumerate().filter(|(_, track)| !track.is_empty()).collect();
+    let (unit, an_hour) = unit(tracks.iter().flat_map(|(_, track)| track).map(|p| p.0).fold(0.0, f64::max));
+    tracks.iter_mut().flat_map(|(_, track)| track).for_each(|point| point.0 *= an_hour);
+    let label = format!("time since the flight's first series / {unit}");
     let points = || tracks.iter().flat_map(|(_, track)| track);
     let ends = |m: &Mean| [m.value - m.sigma.unwrap_or(0.0), m.value + m.sigma.unwrap_or(0.0)];
     let height = 320.0_f64.max(14.0 * tracks.len() as f64);
     let plot = Plot {
         area: [64.0, 12.0, WIDTH - 64.0 - 120.0, height],
-        x: Axis::over(points().map(|p| p.0), "time since the flight's first series / h"),
+        x: Axis::over(points().map(|p| p.0), &label),
         y: Axis::over(points().flat_map(|p| ends(&p.1)), "lift of the tip marker / m"),
     };
     let content = html! {
@@ -67,7 +81,22 @@ fn lift(flights: &[Overview]) -> Markup {
             text.name x=(px(WIDTH - 86.0)) y=(px(y + 4.0)) fill=(colour) { (flights.get(*index).map_or("", |f| f.flight.as_str())) }
         }
     };
-    drawing(WIDTH, height + 60.0, "Lift over time of each flight", &content)
+    let trace = |(index, track): &(usize, Vec<(f64, Mean)>)| Trace {
+        name: flights.get(*index).map_or(String::new(), |f| f.flight.clone()),
+        colour: series_colour(*index, flights.len()),
+        joined: true,
+        points: track.iter().map(|(h, m)| point(*h, m.value, m.sigma)).collect(),
+        ..Trace::default()
+    };
+    let name = "Lift over time of each flight";
+    let chart = Chart {
+        name: name.to_owned(),
+        height: 380.0,
+        x: Across::plain(&label),
+        y: Upright { label: "lift of the tip marker / m".to_owned(), zero: false },
+        tracks: tracks.iter().map(trace).collect(),
+    };
+    html! { (drawing(WIDTH, height + 60.0, name, &content)) (chart.values(None)) }
 }
 
 fn table(flights: &[Overview]) -> Grid {
@@ -75,7 +104,7 @@ fn table(flights: &[Overview]) -> Grid {
     let day = |at: Stamp| at.utc.strftime("%Y-%m-%d %H:%M").to_string();
     let lift = |f: &Overview| {
         let greatest = f.greatest().map(|(_, lift)| lift);
-        rounded(greatest.map(|lift| lift.value), greatest.and_then(|lift| lift.sigma), 3)
+        rounded(greatest.map(|lift| lift.lift_m), greatest.and_then(|lift| lift.sigma_m), 3)
     };
     Grid::each(flights).columns(&[
         ("<flight", &|f| f.flight.clone()),
@@ -85,6 +114,9 @@ fn table(flights: &[Overview]) -> Grid {
         ("solved", &|f| f.sum(|line| line.solved).to_string()),
         ("greatest lift / m", &|f| lift(f).0),
         ("sigma / m", &|f| lift(f).1),
-        ("<in series", &|f| f.greatest().map_or(String::new(), |(line, _)| line.name.clone())),
+        ("<in frame", &|f| {
+            f.greatest().map_or(String::new(), |(line, lift)| format!("{}/{}", line.name, lift.image))
+        }),
+        ("<counted", &|f| f.reference.words().to_owned()),
     ])
 }

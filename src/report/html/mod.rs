@@ -1,8 +1,12 @@
 //! The report is one page that opens offline and prints well.
 
 mod aircraft;
+mod axis;
+mod budget;
+mod chart;
 mod figures;
 mod flights;
+mod frames;
 pub mod picture;
 pub(in crate::report) mod plot;
 mod tables;
@@ -11,7 +15,8 @@ mod views;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::number::{NONE, fixed, rounded};
-use super::summary::{SeriesSummary, summaries};
+use super::source::OF_PICTURES;
+use super::summary::{Mean, SeriesSummary, summaries};
 use super::{ReportData, distinct, table};
 use crate::record::ImageRecord;
 
@@ -20,6 +25,14 @@ pub use plot::round_step;
 
 /// The look of the report.
 const STYLE: &str = include_str!("style.css");
+/// What makes its figures answer. It calls nothing, and the page is whole without it.
+pub const SCRIPT: &str = concat!(
+    include_str!("script/base.js"),
+    include_str!("script/chart.js"),
+    include_str!("script/wing.js"),
+    include_str!("script/frames.js"),
+    include_str!("script/start.js")
+);
 
 /// A page that stands alone: `units` says in what it counts.
 pub fn document(title: &str, main: &Markup, units: &str) -> String {
@@ -37,6 +50,7 @@ pub fn document(title: &str, main: &Markup, units: &str) -> String {
                     (main)
                     footer { "Written by wingd " (env!("CARGO_PKG_VERSION")) ". " (units) }
                 }
+                script { (PreEscaped(SCRIPT)) }
             }
         }
     };
@@ -55,6 +69,8 @@ pub fn page(data: &ReportData) -> String {
         (over_time(data, &summaries))
         (aircraft::section(data))
         (tables::series(&summaries))
+        (budget::section(data))
+        (frames::section(data))
         (orthographic(data, shown))
         (frame(data, shown))
         (tables::solution(shown))
@@ -69,17 +85,12 @@ pub fn page(data: &ReportData) -> String {
     )
 }
 
-/// The record of the picture, or the first one with numbers.
+/// The record to be looked at first, or the first one with numbers.
 fn shown_record(data: &ReportData) -> Option<&ImageRecord> {
-    if data.shown.is_some() {
-        return data.shown.as_ref();
+    if let Some(first) = data.frames.first().filter(|frame| frame.record.is_solved()) {
+        return Some(&first.record);
     }
-    let records = || data.series.iter().flat_map(|s| s.records.iter().map(move |r| (s, r)));
-    let pictured = data
-        .picture
-        .as_ref()
-        .and_then(|p| records().find(|(s, r)| s.name == p.series && r.image == p.image).map(|(_, r)| r));
-    pictured.filter(|r| r.is_solved()).or_else(|| records().map(|(_, r)| r).find(|r| r.is_solved()))
+    data.series.iter().flat_map(|s| &s.records).find(|r| r.is_solved())
 }
 
 fn title(data: &ReportData) -> String {
@@ -87,6 +98,7 @@ fn title(data: &ReportData) -> String {
     flights.dedup();
     let flights = match flights.as_slice() {
         [] => "empty store".to_owned(),
+        [OF_PICTURES] => OF_PICTURES.to_owned(),
         [one] => format!("flight {one}"),
         [first, .., last] => format!("flights {first} to {last}"),
     };
@@ -112,21 +124,28 @@ fn head(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
 
 fn tiles(summaries: &[SeriesSummary]) -> Markup {
     let lifts: Vec<_> = summaries.iter().filter_map(|s| s.tip_lift_m).collect();
-    let with_lift = summaries.iter().filter_map(|s| Some((s, s.tip_lift_m?)));
-    let largest = with_lift.max_by(|a, b| a.1.value.total_cmp(&b.1.value));
-    let (lift, sigma) = rounded(largest.map(|l| l.1.value), largest.and_then(|l| l.1.sigma), 3);
-    let at = largest.map_or(String::new(), |(s, _)| format!("; series {}, {} UTC", s.name, s.begun_text()));
+    let with_lift = summaries.iter().filter_map(|s| Some((s, s.greatest.as_ref()?)));
+    let largest = with_lift.max_by(|a, b| a.1.lift_m.total_cmp(&b.1.lift_m));
+    let (lift, sigma) = rounded(largest.map(|l| l.1.lift_m), largest.and_then(|l| l.1.sigma_m), 3);
+    let at = largest.map_or(String::new(), |(s, one)| {
+        format!("; {} of series {}, begun {} UTC", one.image, s.name, s.begun_text())
+    });
+    let words = summaries.first().map(|s| s.reference).unwrap_or_default().words();
     // What both series share (survey, mounting) cancels, so the root of the squares is the most it can be.
     let ends = lifts.first().zip(lifts.last()).filter(|_| lifts.len() > 1);
     let both = ends.and_then(|(a, b)| Some(a.sigma?.hypot(b.sigma?)));
     let (change, sigma_change) = rounded(ends.map(|(a, b)| b.value - a.value), both, 3);
+    let scatter = |mean: &Mean| table::scatter(Some(*mean));
+    let scatters = ends.map_or(String::new(), |(a, b)| {
+        format!("; single frames scatter by {} and {} m about these means", scatter(a), scatter(b))
+    });
     let sum = |f: fn(&SeriesSummary) -> usize| summaries.iter().map(f).sum::<usize>();
     let (frames, solved) = (sum(|s| s.shots), sum(|s| s.solved));
     let (passed, made) = (sum(|s| s.tests_passed), sum(|s| s.tests_made));
     html! {
         div.tiles {
-            div.tile { b { (lift) @if sigma != NONE { " ± " (sigma) } " m" } span { "largest tip lift, mean of a series ± 1 sigma" (at) } }
-            div.tile { b { (change) @if sigma_change != NONE { " ± " (sigma_change) } " m" } span { "change of the tip lift, first to last series ± 1 sigma at most" } }
+            div.tile { b { (lift) @if sigma != NONE { " ± " (sigma) } " m" } span { "greatest tip lift of a single frame ± 1 sigma, " (words) (at) } }
+            div.tile { b { (change) @if sigma_change != NONE { " ± " (sigma_change) } " m" } span { "change of the mean tip lift from the first to the last series ± 1 sigma at most" (scatters) } }
             div.tile.warn[solved < frames] { b { (solved) " of " (frames) } span { "frames solved, in " (summaries.len()) " series" } }
             div.tile.warn[passed < made] { b { (passed) " of " (made) } span { "global tests passed" } }
         }
@@ -138,6 +157,8 @@ fn contents() -> Markup {
         ("deflection", "Deflection along the span"),
         ("time", "Lift and torsion over time"),
         ("series", "Series"),
+        ("budget", "What the uncertainty comes from"),
+        ("every", "Every frame"),
         ("views", "Positions"),
         ("frame", "A frame and its markers"),
         ("quality", "Quality"),
@@ -166,7 +187,7 @@ fn deflection(summaries: &[SeriesSummary], shown: Option<&ImageRecord>) -> Marku
         h2 id="deflection" { "Deflection along the span" }
         figure {
             (figures::deflection(summaries))
-            p.caption { "Mean curve of every series, vertical lift against the ground shape. Band: 1 sigma of one frame (survey and mount are common to all frames of a series, so it does not shrink with their number); where it is narrower than the line, see the next figure." }
+            p.caption { "Mean curve of every series, vertical lift of the bending axis against the survey. Band: 1 sigma of one frame (survey and mount are common to all frames of a series, so it does not shrink with their number); where it is narrower than the line, see the next figure." }
             @if let Some(text) = shown.and_then(marker_and_axis) { p.caption { (text) } }
         }
         figure {
@@ -189,7 +210,7 @@ fn marker_and_axis(record: &ImageRecord) -> Option<String> {
     let differ = (tip.lift_m - axis.lift_m).abs() > 3.0 * tip.sigma_lift_m.unwrap_or(0.0).max(0.001);
     differ.then(|| {
         format!(
-            "In {}, marker {} lifts by {} m and the bending axis, at the end of its curve, by {} m: a marker \
+            "In {}, marker {} lifts by {} m against the survey and the bending axis, at the end of its curve, by {} m: a marker \
              before or behind the axis also moves by the section's twist, and the curve may end at another span.",
             record.image,
             tip.marker,
@@ -208,7 +229,7 @@ fn over_time(data: &ReportData, summaries: &[SeriesSummary]) -> Markup {
         h2 id="time" { "Lift and torsion over time" }
         figure {
             (figures::tip_lift(&data.series, summaries))
-            p.caption { "Lift of the outermost marker: single frames (circles), means of the series with 1 sigma of one frame." }
+            p.caption { "Lift of the outermost marker " (summaries.first().map(|s| s.reference).unwrap_or_default().words()) ": single frames (circles), means of the series with 1 sigma of one frame." }
         }
         @for pair in pairs {
             figure {
@@ -239,9 +260,10 @@ fn orthographic(data: &ReportData, shown: Option<&ImageRecord>) -> Markup {
 fn frame(data: &ReportData, shown: Option<&ImageRecord>) -> Markup {
     html! {
         h2 id="frame" { "A frame and its markers" }
-        @match &data.picture {
-            Some(p) => (picture::picture(p, shown)),
-            None => p { "No frame is at hand." },
+        @if data.pictures.is_empty() { p { "No frame is at hand." } }
+        @for p in &data.pictures {
+            @let record = data.frames.iter().find(|f| f.series == p.series && f.record.image == p.image).map(|f| &f.record);
+            div.picture data-frame={ (p.series) "/" (p.image) } { (picture::picture(p, record)) }
         }
         @if let Some(record) = shown {
             h3 { "Markers of " (record.image) }

@@ -6,7 +6,7 @@ use nalgebra::{Vector2, vector};
 
 use super::super::Picture;
 use super::super::labels::{Area, Labels, leader};
-use super::super::number::fixed;
+use super::super::number::{count, fixed};
 use super::super::overlay::{enlargement, extent};
 use super::plot::px;
 use crate::camera::Format;
@@ -36,6 +36,9 @@ pub fn picture(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
 }
 
 fn drawn(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
+    if picture.fault.is_some() {
+        return html! {};
+    }
     let raster = match decode(&picture.bytes, picture.format.as_ref()) {
         Ok(raster) => raster,
         Err(error) => return html! { p.warning { (picture.image) ": " (error) } },
@@ -56,10 +59,10 @@ fn drawn(picture: &Picture, record: Option<&ImageRecord>) -> Markup {
             (names(&found, markers, w, h))
         }
         p.caption {
-            (picture.series) "/" (picture.image) ": " (found.markers.len()) " markers detected ("
+            (picture.series) "/" (picture.image) ": " (count(found.markers.len(), "marker")) " detected ("
             span style="color:#0b7a2e" { "used" } ", " span style="color:#806200" { "not used" } ", "
             span style="color:#0d6fa8" { "without identity" } "), "
-            (found.rejected.len()) " candidates turned down (" span style="color:#8f5400" { "dashed" } "). "
+            (count(found.rejected.len(), "candidate")) " turned down (" span style="color:#8f5400" { "dashed" } "). "
             @if !found.markers.is_empty() {
                 "Error ellipses (" span style="color:#b3177f" { "pink" } "): 1 sigma, enlarged " (fixed(Some(enlarged), 0)) " times."
             }

@@ -4,9 +4,9 @@ use maud::{Markup, html};
 use serde_json::Value;
 
 use super::super::grid::Grid;
-use super::super::number::{NONE, fields, fixed, general, words};
+use super::super::number::{self, NONE, count, fields, fixed, general, words};
 use super::super::summary::SeriesSummary;
-use super::super::{ReportData, SeriesData, ShotData, protocol, table};
+use super::super::{ReportData, SeriesData, ShotData, protocol, summary, table};
 use crate::clock::Stamp;
 use crate::record::{GlobalTest, ImageRecord, Provenance, Quality};
 
@@ -15,7 +15,7 @@ pub fn series(summaries: &[SeriesSummary]) -> Markup {
     html! {
         h2 id="series" { "Series" }
         div.scroll { (table::series_grid(summaries).html()) }
-        p.caption { "Mean over the solved frames of a series. sigma: standard deviation of one frame by the adjustment; scatter: standard deviation of single frames against the series' mean. Torsion and twist: first pair of the installation." }
+        p.caption { "Mean over the solved frames of a series, lifts of the tip marker " (summaries.first().map(|s| s.reference).unwrap_or_default().words()) ". sigma: standard deviation of one frame by the adjustment; scatter: standard deviation of single frames against the series' mean. Torsion and twist: first pair of the installation." }
     }
 }
 
@@ -28,10 +28,12 @@ pub fn results(data: &ReportData) -> Markup {
         h2 id="results" { "Results of every frame" }
         @if data.series.iter().all(|s| s.records.is_empty()) { p { "There are no results." } }
         @let many = data.series.len() > OPEN;
+        @let reference = summary::reference(&data.series);
+        p.caption { "Lifts of the tip marker " (reference.words()) "." }
         @for s in data.series.iter().filter(|s| !s.records.is_empty()) {
             details open[!many] {
             summary { "Series " (s.flight) "/" (s.name) @if s.interrupted { " (interrupted)" } }
-            @let rows = if s.counts.is_empty() { table::images(&s.records) } else { table::images_counted(&s.records, &s.counts) };
+            @let rows = if s.counts.is_empty() { table::images(&s.records, reference) } else { table::images_counted(&s.records, &s.counts, reference) };
             div.scroll { (rows.html()) }
             }
         }
@@ -106,7 +108,7 @@ fn instants(data: &ReportData) -> Markup {
         @if !exposures.is_empty() {
             h3 { "Instants of exposure" }
             p {
-                "Of " (exposures.len()) " frames, told by " (sources.join(", ")) ": standard deviation against the recorder's clock at most "
+                "Of " (count(exposures.len(), "frame")) ", told by " (sources.join(", ")) ": standard deviation against the recorder's clock at most "
                 (fixed(Some(own_ms), 1)) " ms. "
                 @if clock.is_empty() { "How far that clock was off UTC is not known." }
                 @else { "Of that clock against UTC, where it was synchronised (" (clock.len()) " frames): at most " (fixed(Some(1e3 * largest(clock.clone())), 1)) " ms." }
@@ -151,7 +153,11 @@ fn tests<'a>(records: impl Iterator<Item = &'a ImageRecord>) -> Markup {
         @if passed + rejected == 0 {
             p { "No global test could be made." }
         } @else if rejected == 0 {
-            p { "All " (passed) " global tests passed: the variance factors are compatible with 1, the model and the stated standard deviations hold." }
+            p {
+                "All " (passed) " global tests passed: the residuals do not contradict the model and the stated standard deviations. "
+                "They cannot show what leaves no residuals: an error that bending, mounting or another unknown takes up, such as a wrong root, axis, lens or window. "
+                "Against that stand the standard deviations stated for it, " a href="#budget" { "share by share" } "."
+            }
         } @else {
             p.warning { (rejected) " of " (passed + rejected) " global tests rejected the model or the stated standard deviations; unless fixed otherwise, the standard deviations of those frames are a posteriori." }
         }
@@ -230,7 +236,7 @@ pub fn provenance(data: &ReportData) -> Markup {
         h2 id="provenance" { "Provenance" }
         @if sets.is_empty() { p { "There are no results." } }
         @for (set, count) in &sets {
-            h3 { "Inputs of " (count) " results" }
+            h3 { "Inputs of " (number::count(*count, "result")) }
             div.scroll { (inputs(set).html()) }
         }
         @let frames = frames(data);
@@ -259,7 +265,7 @@ fn inputs(set: &Provenance) -> Grid {
 }
 
 fn frames(data: &ReportData) -> Grid {
-    let mut grid = Grid::new(&["<series", "<frame", "<UTC", "<SHA-256", "solve / ms"]);
+    let mut grid = Grid::new(&["<series", "<frame", "<came as", "<UTC", "<SHA-256", "solve / ms"]);
     for s in &data.series {
         for shot in &s.shots {
             let Some(image) = &shot.image else { continue };
@@ -267,6 +273,7 @@ fn frames(data: &ReportData) -> Grid {
             grid.push(vec![
                 s.name.clone(),
                 image.clone(),
+                shot.source.clone().unwrap_or_else(|| NONE.to_owned()),
                 time(shot),
                 shot.sha256.clone().unwrap_or_else(|| NONE.to_owned()),
                 fixed(ms, 0),

@@ -17,10 +17,10 @@ const FLIGHT: &str = "#17456f";
 const SIGHT: &str = "#a8730f";
 
 /// A marker in the wing frame, m.
-struct Placed {
-    id: String,
-    ground: Option<Vector3<f64>>,
-    flight: Option<Vector3<f64>>,
+pub(super) struct Placed {
+    pub(super) id: String,
+    pub(super) ground: Option<Vector3<f64>>,
+    pub(super) flight: Option<Vector3<f64>>,
 }
 
 /// What the views show, and how much of it is known.
@@ -33,7 +33,7 @@ pub struct Views {
 
 /// Views of one solved frame; `None` without positions.
 pub fn views(record: &ImageRecord, site: Option<&Site>) -> Option<Views> {
-    let frame = site.map(|s| s.wing).or_else(|| guessed_frame(record))?;
+    let frame = frame_of(record, site)?;
     let placed = placed(record, site, &frame);
     let camera = site.map(|_| Vector3::zeros());
     let points: Vec<Vector3<f64>> =
@@ -44,7 +44,12 @@ pub fn views(record: &ImageRecord, site: Option<&Site>) -> Option<Views> {
     Some(Views { drawing: draw(&placed, camera, &points), surveyed: site.is_some() })
 }
 
-fn placed(record: &ImageRecord, site: Option<&Site>, frame: &WingFrame) -> Vec<Placed> {
+/// The installation's wing frame, or one guessed from the results.
+pub(super) fn frame_of(record: &ImageRecord, site: Option<&Site>) -> Option<WingFrame> {
+    site.map(|s| s.wing).or_else(|| guessed_frame(record))
+}
+
+pub(super) fn placed(record: &ImageRecord, site: Option<&Site>, frame: &WingFrame) -> Vec<Placed> {
     let flight = |id: &str| {
         let marker = record.markers.iter().find(|m| m.id == id)?;
         Some(Vector3::from(marker.position_m?)).filter(finite)

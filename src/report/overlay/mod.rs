@@ -9,6 +9,7 @@ use image::{Rgb, RgbImage};
 use nalgebra::{Matrix2, Vector2, vector};
 
 use super::labels::{Area, Labels, leader};
+use super::number::count;
 use crate::measure::detect::{Detection, Detections, Rejected};
 use crate::measure::raster::Raster;
 use canvas::Canvas;
@@ -23,8 +24,14 @@ const ERROR_SIZE: f64 = 10.0;
 /// With more candidates turned down than this only some fit their reasons; the legend counts them.
 const MANY: usize = 150;
 
-/// Draws on a copy of the frame. `ids` in the order of the markers; may be shorter or empty.
-pub fn overlay(frame: &Raster, found: &Detections, ids: &[Option<String>]) -> RgbImage {
+/// Longest side of the picture, px: with markers drawn on it some 2 MB as PNG.
+const LONGEST: usize = 2000;
+
+/// Draws on a copy of the frame that is at most [`LONGEST`] px wide and high. `ids` in the order of the markers; may be
+/// shorter or empty. Candidates turned down are counted, and with `rejected` drawn, too.
+pub fn overlay(frame: &Raster, found: &Detections, ids: &[Option<String>], rejected: bool) -> RgbImage {
+    let smaller = reduced(frame, found);
+    let (frame, found) = smaller.as_ref().map_or((frame, found), |(frame, found)| (frame, found));
     let mut canvas = Canvas::new(frame);
     let enlarged = enlargement(&found.markers, ERROR_SIZE * canvas.scale as f64);
     let (width, height) = canvas.size();
@@ -34,7 +41,7 @@ pub fn overlay(frame: &Raster, found: &Detections, ids: &[Option<String>]) -> Rg
         let id = ids.get(i).and_then(Option::as_deref);
         labels.occupy(draw_marker(&mut canvas, marker, id, enlarged));
     }
-    for rejected in &found.rejected {
+    for rejected in found.rejected.iter().filter(|_| rejected) {
         let semi = [rejected.semi_major_px.max(3.0), rejected.semi_minor_px.max(3.0)];
         canvas.ellipse(rejected.centre_px, semi, rejected.angle_rad, TURNED_DOWN);
     }
@@ -44,12 +51,42 @@ pub fn overlay(frame: &Raster, found: &Detections, ids: &[Option<String>]) -> Rg
         let colour = if known.is_some() { KNOWN } else { UNKNOWN };
         label(&mut canvas, &mut labels, marker.centre_px, reach(marker), text, colour);
     }
-    for r in found.rejected.iter().take(MANY) {
+    for r in found.rejected.iter().filter(|_| rejected).take(MANY) {
         let text = r.reason.text();
         label(&mut canvas, &mut labels, r.centre_px, rejected_reach(r), text, TURNED_DOWN);
     }
     canvas.finish()
 }
+
+/// Frame and detections on fewer pixels, each the mean of a square; `None` where the frame is small enough.
+fn reduced(frame: &Raster, found: &Detections) -> Option<(Raster, Detections)> {
+    let side = frame.width().max(frame.height()).div_ceil(LONGEST);
+    let (width, height) = (frame.width() / side.max(1), frame.height() / side.max(1));
+    let mean = |x: usize, y: usize| {
+        let rows = (0..side).filter_map(|dy| frame.row(side * y + dy).get(side * x..side * (x + 1)));
+        let sum: usize = rows.flatten().map(|grey| usize::from(*grey)).sum();
+        // The eye sees no step of four grey levels, and noise below it costs most of a file.
+        ((sum / (side * side)) as u8) & GREY
+    };
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
+    let small = (side > 1).then(|| Raster::new(width, height, pixels)).flatten()?;
+    let by = 1.0 / side as f64;
+    let place = |p: Vector2<f64>| p.map(|v| (v + 0.5) * by - 0.5);
+    let mut found = found.clone();
+    for m in &mut found.markers {
+        m.centre_px = place(m.centre_px);
+        m.covariance_px2 = (*m.covariance_px2 * (by * by)).into();
+        (m.semi_major_px, m.semi_minor_px) = (m.semi_major_px * by, m.semi_minor_px * by);
+    }
+    for r in &mut found.rejected {
+        r.centre_px = place(r.centre_px);
+        (r.semi_major_px, r.semi_minor_px) = (r.semi_major_px * by, r.semi_minor_px * by);
+    }
+    Some((small, found))
+}
+
+/// Bits of a grey value that are kept in a reduced picture.
+const GREY: u8 = 0b1111_1100;
 
 fn draw_marker(canvas: &mut Canvas, m: &Detection, id: Option<&str>, enlarged: f64) -> Area {
     let colour = if id.is_some() { KNOWN } else { UNKNOWN };
@@ -97,11 +134,11 @@ pub(super) fn enlargement(markers: &[Detection], wanted_px: f64) -> f64 {
 }
 
 fn legend(canvas: &mut Canvas, found: &Detections, enlarged: f64) -> Area {
-    let mut lines = vec![(format!("{} markers", found.markers.len()), PLAIN)];
+    let mut lines = vec![(count(found.markers.len(), "marker"), PLAIN)];
     if !found.markers.is_empty() {
         lines.push((format!("error ellipses 1 sigma, enlarged {enlarged:.0} times"), ERROR));
     }
-    lines.push((format!("{} candidates turned down", found.rejected.len()), TURNED_DOWN));
+    lines.push((format!("{} turned down", count(found.rejected.len(), "candidate")), TURNED_DOWN));
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     for r in &found.rejected {
         *counts.entry(r.reason.text()).or_default() += 1;
@@ -161,7 +198,7 @@ mod tests {
     fn the_outline_is_drawn_where_the_marker_is() {
         let frame = Raster::new(1200, 800, vec![128; 1200 * 800]).unwrap();
         let found = Detections { markers: vec![marker(700.0, 500.0)], ..Detections::default() };
-        let picture = overlay(&frame, &found, &[Some("M07".to_owned())]);
+        let picture = overlay(&frame, &found, &[Some("M07".to_owned())], false);
         let end = vector![700.0 + 60.0 * 0.2_f64.cos(), 500.0 + 60.0 * 0.2_f64.sin()];
         let near = |p: &(u32, u32)| (vector![f64::from(p.0), f64::from(p.1)] - end).norm() < 1.5;
         assert!(coloured(&picture, KNOWN).iter().any(near));
@@ -183,7 +220,7 @@ mod tests {
             reason: RejectReason::PoorFit,
         };
         let found = Detections { rejected: vec![rejected], ..Detections::default() };
-        let drawn = coloured(&overlay(&frame, &found, &[]), TURNED_DOWN);
+        let drawn = coloured(&overlay(&frame, &found, &[], true), TURNED_DOWN);
         assert!(drawn.contains(&(430, 600)) && drawn.iter().any(|p| p.0 > 440));
     }
 
@@ -197,7 +234,7 @@ mod tests {
             let mut wide = marker(1.0, 1.0);
             wide.semi_major_px = 1e300;
             let found = Detections { markers: vec![odd, far, wide], ..Detections::default() };
-            assert_eq!(overlay(&frame, &found, &[None]).dimensions(), (w as u32, h as u32));
+            assert_eq!(overlay(&frame, &found, &[None], true).dimensions(), (w as u32, h as u32));
         }
     }
 }

@@ -33,6 +33,8 @@ pub enum Cause {
     Live,
     /// The frames around an event in live mode; the remarks say which. They may be from before the series began.
     Event,
+    /// Pictures of a camera that no recorder asked, taken in by `wingd import`.
+    Imported,
 }
 
 impl Cause {
@@ -179,6 +181,9 @@ pub struct FlightManifest {
     pub started: Stamp,
     /// Why it was taken for a new flight.
     pub because: String,
+    /// What the user calls it, where it was imported under a name.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
 }
 
 /// `counter.json`: the next ids.

@@ -130,6 +130,12 @@ pub fn flight_manifest(disk: &dyn Disk, flight: &FlightRef) -> Result<FlightMani
     read_json(disk, &flight.folder.join(layout::FLIGHT_FILE))
 }
 
+/// Whether a flight is the one that is meant: by its id, or by the name that it was imported under.
+pub fn is_called(disk: &dyn Disk, flight: &FlightRef, wanted: &str) -> bool {
+    let named = || flight_manifest(disk, flight).ok().and_then(|manifest| manifest.name);
+    flight.id == wanted || layout::flight_number(wanted).is_none() && named().as_deref() == Some(wanted)
+}
+
 /// `series.json`.
 pub fn manifest(disk: &dyn Disk, series: &SeriesRef) -> Result<SeriesManifest, StoreError> {
     read_json(disk, &series.folder.join(layout::SERIES_FILE))

@@ -193,7 +193,8 @@ fn ensure_flight(root: Root<'_>, manifest: &SeriesManifest) -> Result<(), StoreE
     match started {
         Some(started) if !root.disk.exists(&root.flight(&manifest.flight)) => {
             let because = "recovered series of a flight that is not here any more".to_owned();
-            make_flight(root, &FlightManifest { flight: manifest.flight.clone(), started, because })
+            let flight = manifest.flight.clone();
+            make_flight(root, &FlightManifest { flight, started, because, name: None })
         }
         _ => Ok(()),
     }

@@ -142,10 +142,32 @@ impl Store {
     /// Begins a series; recovers first what an abandoned one left. Others may be under way: each has its own folder, and
     /// is whole with what it has whatever becomes of this one. A refusal is recorded.
     pub fn begin_series(&self, plan: Plan, now: &Stamp) -> Result<(OpenSeries, Recovery), StoreError> {
+        self.begin_in(None, plan, now)
+    }
+
+    /// The same in a flight that is named, whatever the pause: for pictures that were taken without a recorder.
+    pub fn begin_series_of(
+        &self,
+        flight: &str,
+        plan: Plan,
+        now: &Stamp,
+    ) -> Result<(OpenSeries, Recovery), StoreError> {
+        self.begin_in(Some(flight), plan, now)
+    }
+
+    fn begin_in(
+        &self,
+        flight: Option<&str>,
+        plan: Plan,
+        now: &Stamp,
+    ) -> Result<(OpenSeries, Recovery), StoreError> {
         let mut index = self.index();
         let recovery = recover::recover(self.at(), &self.under_way)?;
         self.refuse_below_reserve().inspect_err(|error| self.note_refusal(error, now))?;
-        let flight = self.flight_for(&mut index, now)?;
+        let flight = match flight {
+            Some(flight) => flight.to_owned(),
+            None => self.flight_for(&mut index, now)?,
+        };
         let id = layout::series_id(index.counter.next_series);
         index.counter.pass(&id);
         opening::save_counter(self.at(), &index.counter)?;
@@ -243,11 +265,30 @@ impl Store {
         }
     }
 
+    /// Begins a flight that no series of this machine belongs to, under the user's own name for it if there is one.
+    pub fn begin_flight(
+        &self,
+        now: &Stamp,
+        because: String,
+        name: Option<String>,
+    ) -> Result<String, StoreError> {
+        self.make_flight(&mut self.index(), now, (because, name))
+    }
+
     fn new_flight(&self, index: &mut Index, now: &Stamp, because: String) -> Result<String, StoreError> {
+        self.make_flight(index, now, (because, None))
+    }
+
+    fn make_flight(
+        &self,
+        index: &mut Index,
+        now: &Stamp,
+        (because, name): (String, Option<String>),
+    ) -> Result<String, StoreError> {
         let flight = layout::flight_id(index.counter.next_flight);
         index.counter.pass(&flight);
         opening::save_counter(self.at(), &index.counter)?;
-        let manifest = FlightManifest { flight: flight.clone(), started: now.clone(), because };
+        let manifest = FlightManifest { flight: flight.clone(), started: now.clone(), because, name };
         recover::make_flight(self.at(), &manifest)?;
         index.flight = Some(flight.clone());
         index.new_flight_wanted = false;

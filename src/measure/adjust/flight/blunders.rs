@@ -4,7 +4,7 @@ use super::frames::{FEWEST, Flight};
 use super::solving::Solved;
 use super::usage::Removed;
 use crate::adjust::AdjustError;
-use crate::adjust::snooping::{self, Target};
+use crate::adjust::snooping::{self, Judged, Target, WIDEST_MARKS};
 
 /// Rounds of data snooping, each removing at most one observation per frame.
 const ROUNDS: usize = 4;
@@ -14,7 +14,11 @@ const WORST_SHARE: f64 = 0.7;
 impl Flight<'_> {
     /// A rough solution without blunders, and what they are.
     pub fn without_blunders(&mut self) -> Result<(Solved, Vec<Removed>), AdjustError> {
-        let solved = self.solve(None)?;
+        let mut solved = self.solve(None)?;
+        while self.marks_factor < WIDEST_MARKS && self.marks_contradict(&solved) {
+            self.marks_factor *= 2.0;
+            solved = self.solve(Some(&solved.fit))?;
+        }
         let (solved, mut removed) = self.snoop(solved)?;
         // Images that were tested while a wrong surveyed position was still in are tested again without it.
         let of_survey = |r: &Removed| r.suspect.target == Target::Survey;
@@ -31,9 +35,17 @@ impl Flight<'_> {
         Ok((solved, removed))
     }
 
+    fn marks_contradict(&self, Solved { setting, fit, .. }: &Solved) -> bool {
+        let frames = setting.members.iter().enumerate();
+        frames.into_iter().any(|(frame, members)| {
+            snooping::marks_contradict(&self.input, &setting.problem, fit, frame, members)
+        })
+    }
+
     /// Removes at most one observation per frame and round; returns what was removed.
     fn snoop(&mut self, mut last: Solved) -> Result<(Solved, Vec<Removed>), AdjustError> {
-        let mut removed = vec![];
+        let mut removed: Vec<Removed> = vec![];
+        let mut with_all = Judged::of(&last.fit);
         for _ in 0..ROUNDS {
             let mut found = self.suspects(&last);
             let most = found.iter().fold(0.0, |m: f64, r| m.max(r.suspect.w.abs()));
@@ -44,17 +56,23 @@ impl Flight<'_> {
             found.iter().for_each(|r| self.usage.remove(r));
             removed.append(&mut found);
             last = self.solve(Some(&last.fit))?;
+            if removed.iter().all(|r| r.suspect.is_gross()) {
+                with_all = Judged::of(&last.fit);
+            }
         }
+        // Of one frame, or of survey and ground frame.
+        let of = |group: usize| removed.iter().filter(move |r| r.group == group).map(|r| &r.suspect);
+        self.judged = (0..=self.frames.len()).find_map(|group| with_all.unless_few(of(group)));
         Ok((last, removed))
     }
 
     /// The worst of each frame, and of survey and ground frame.
-    fn suspects(&self, Solved { setting, fit }: &Solved) -> Vec<Removed> {
+    fn suspects(&self, Solved { setting, fit, .. }: &Solved) -> Vec<Removed> {
         let ground = self.frames.len();
         let frames = setting.members.iter().enumerate().filter(|(_, members)| members.len() > FEWEST + 1);
         let groups = frames.chain([(ground, &setting.ground_members)]);
         let worst = |(group, members): (usize, &Vec<_>)| {
-            let suspect = snooping::worst(&setting.problem, fit, group, members, self.input.options)?;
+            let suspect = snooping::worst(&self.input, &setting.problem, fit, group, members)?;
             Some(Removed { group, suspect })
         };
         groups.filter_map(worst).collect()
@@ -71,11 +89,10 @@ impl Flight<'_> {
             let others: Vec<_> = removed.iter().filter(|r| **r != candidate).copied().collect();
             self.usage.all_but(&others);
             let with = self.solve(Some(&last.fit))?;
-            let Solved { setting, fit } = &with;
+            let Solved { setting, fit, .. } = &with;
             let members = setting.ground_members.iter().enumerate();
             let blocks = members.filter(|(_, m)| m.marker == candidate.suspect.marker);
-            let options = self.input.options;
-            if snooping::worst_of(&setting.problem, fit, ground, blocks, options).is_some() {
+            if snooping::worst_of(&self.input, &setting.problem, fit, ground, blocks).is_some() {
                 self.usage.all_but(removed);
             } else {
                 *removed = others;

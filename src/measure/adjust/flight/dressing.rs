@@ -4,10 +4,12 @@ use super::frames::Flight;
 use super::solving::Solved;
 use super::tuning::STEADY_RAD;
 use super::usage::Removed;
+use crate::adjust::budget;
 use crate::adjust::outcome::Outcome;
-use crate::adjust::snooping::Target;
+use crate::adjust::snooping::{Target, widened_marks};
 use crate::adjust::terms::stated_drift_rad;
 use crate::adjust::{Estimate, Method, Parameter, Solution};
+use crate::estimation::{Sources, Told};
 
 /// A drift so many times what is stated is remarked.
 const DOUBTED_DRIFT: f64 = 3.0;
@@ -15,20 +17,31 @@ const DOUBTED_DRIFT: f64 = 3.0;
 /// One frame's part of a solution, with what was removed from it or from all frames, after what else is remarked.
 pub fn dressed(
     flight: &Flight,
-    Solved { setting, fit }: &Solved,
+    Solved { setting, fit, judged }: &Solved,
     removed: &[Removed],
     frame: usize,
     mut remarks: Vec<String>,
+    sources: &Sources,
 ) -> Solution {
     let (layout, members) = (&setting.layouts[frame], &setting.members[frame]);
-    let outcome = Outcome::new(&flight.input, layout, &setting.problem, fit, frame, members);
+    let outcome = Outcome::new(&flight.input, layout, &setting.problem, fit, frame, members).judged(*judged);
     let of_frame = removed.iter().filter(|r| r.group == frame || r.suspect.target == Target::Survey);
-    let mut solution = outcome.solution(Method::Flight, of_frame.map(|r| &r.suspect));
+    let mut solution = outcome.solution(Method::Flight, of_frame.map(|r| &r.suspect), sources);
     let unmeasured = |name, value| Parameter { name, values: vec![Estimate { value, sigma: None }] };
     solution.parameters.push(unmeasured("shape_departure", flight.assumed.departure));
     solution.parameters.push(unmeasured("mount_drift_rad", flight.assumed.drift_rad));
     remarks.extend(solution.remarks);
+    remarks.extend(widened_marks(flight.marks_factor));
     Solution { remarks, ..solution }
+}
+
+/// Calls `with` with all that a flight's solution rests on.
+pub fn with_sources<T>(
+    Solved { setting, fit, .. }: &Solved,
+    told: Option<&Told>,
+    with: impl FnOnce(&Sources) -> T,
+) -> T {
+    budget::with_sources(setting.blocks(), &setting.problem, fit, told, with)
 }
 
 /// What is remarked of a frame among the others.

@@ -8,6 +8,7 @@ use super::usage::Usage;
 use crate::adjust::blocks::{image_block, survey_block};
 use crate::adjust::input::{Input, Sights, by_marker, on_the_wing};
 use crate::adjust::layout::{Layout, Member};
+use crate::adjust::snooping::Judged;
 use crate::adjust::{AdjustError, Observation};
 use crate::estimation::{Fit, Group};
 
@@ -25,6 +26,10 @@ pub struct Flight<'a> {
     pub usage: Usage,
     /// What is taken for granted.
     pub assumed: Assumed<'a>,
+    /// What the global test judges, where much was removed.
+    pub judged: Option<Judged>,
+    /// By how much more than stated fixed marks are taken to move.
+    pub marks_factor: f64,
 }
 
 impl<'a> Flight<'a> {
@@ -46,7 +51,7 @@ impl<'a> Flight<'a> {
             return Err(AdjustError::Input("there must be one mounting for every frame".into()));
         }
         let usage = Usage::all(frames.len(), setup.markers.len());
-        Ok(Self { input, frames, usage, assumed })
+        Ok(Self { input, frames, usage, assumed, judged: None, marks_factor: 1.0 })
     }
 
     /// One frame: the images, and last the tie of its curvature to the shared shape.

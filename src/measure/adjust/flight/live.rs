@@ -18,7 +18,7 @@ use self::first::{Begun, first};
 use self::state::{State, Step};
 use self::words::{contradiction, remarks};
 use super::assumed::Assumed;
-use super::dressing::dressed;
+use super::dressing::{dressed, with_sources};
 use super::frames::Flight;
 use super::mountings::Mountings;
 use crate::adjust::input::Input;
@@ -108,7 +108,10 @@ impl Live {
                 let next = state.learn(&step, &flight, elapsed_s)?;
                 let Step { attempt: Attempt { solved, removed, .. }, jolt, .. } = &step;
                 let remarks = remarks(next.frames, self.mountings + usize::from(*jolt), *jolt);
-                return Ok((next, dressed(&flight, solved, removed, 0, remarks)));
+                let solution = with_sources(solved, Some(&state.told), |sources| {
+                    dressed(&flight, solved, removed, 0, remarks, sources)
+                });
+                return Ok((next, solution));
             }
             doubtful => doubtful.ok(),
         };

@@ -7,6 +7,7 @@ use nalgebra::{DVector, Matrix3};
 use super::frames::Flight;
 use super::shape::{ShapeColumns, SharedShape};
 use crate::adjust::beam::{MAX_CURVATURE_TERMS, MAX_TWIST_TERMS};
+use crate::adjust::budget::Blocks;
 use crate::adjust::input::Input;
 use crate::adjust::layout::{Layout, Member, Motions, Own, Survey};
 use crate::adjust::scene::Scene;
@@ -82,7 +83,7 @@ impl Unknowns {
         let place = |mounting| OfMounting::place(input, mountings.stayed(mounting), &mut columns);
         let mountings = (0..mountings.count()).map(place).collect();
         let survey = columns.take(3 * input.setup.markers.len(), MISSING_GROUND);
-        let motions = Arc::new(Motions::place(input, &mut columns));
+        let motions = Arc::new(Motions::place(input, flight.marks_factor, &mut columns));
         Self { columns, shared, head, shape, mountings, survey, motions, curvature_terms }
     }
 
@@ -171,6 +172,11 @@ impl Setting {
         let problem = Problem { groups: vec![group], ..problem };
         let (layouts, members) = (vec![layout], vec![members]);
         Self { layouts, members, ground_members: vec![], problem, shape, ground: None }
+    }
+
+    /// Whose images the blocks are.
+    pub fn blocks(&self) -> Blocks<'_> {
+        Blocks { members: &self.members, ground: &self.ground_members }
     }
 
     fn linearise(

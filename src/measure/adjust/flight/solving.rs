@@ -3,6 +3,7 @@
 use super::frames::Flight;
 use super::setting::Setting;
 use crate::adjust::AdjustError;
+use crate::adjust::snooping::Judged;
 use crate::estimation::{Course, Fit};
 
 /// A flight's setting with its solution.
@@ -11,6 +12,8 @@ pub struct Solved {
     pub setting: Setting,
     /// Its solution.
     pub fit: Fit,
+    /// What the global test judges instead of it, where much was removed.
+    pub judged: Option<Judged>,
 }
 
 impl Flight<'_> {
@@ -31,6 +34,6 @@ impl Flight<'_> {
     fn solve_by(&self, course: &Course) -> Result<Solved, AdjustError> {
         let setting = Setting::new(self, course.residuals);
         let fit = setting.solve(self.input.scene, course)?;
-        Ok(Solved { setting, fit })
+        Ok(Solved { setting, fit, judged: self.judged })
     }
 }

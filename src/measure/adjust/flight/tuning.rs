@@ -39,7 +39,7 @@ pub fn bounded_departure(departure: f64) -> f64 {
 impl Solved {
     /// What a frame's departures from the shared shape show.
     pub fn departure_shown(&self, frame: usize) -> Option<Shown> {
-        let Self { setting, fit } = self;
+        let Self { setting, fit, .. } = self;
         let block = setting.members[frame].len();
         let factor = setting.problem.groups[frame].blocks[block].covariance.clone().cholesky()?;
         let residuals = &fit.groups[frame].blocks[block].residuals;

@@ -5,7 +5,7 @@
 
 use nalgebra::{DMatrix, Matrix4, RowVector4};
 
-use super::conditions::PER_MARKER;
+use super::conditions::{ARC_LENGTH, PER_MARKER, PIXEL};
 use crate::estimation::{Fit, Problem};
 
 /// A scalar that depends on a, on one marker's distance and on its observations.
@@ -77,6 +77,21 @@ impl Response {
             0.0
         };
         common + crossed + own
+    }
+
+    /// The parts of a function's variance that come from the survey and from the images.
+    pub fn parts(&self, f: &Function) -> [f64; 2] {
+        let mut parts = [0.0; 2];
+        for (index, marker) in self.markers.iter().enumerate() {
+            let own = if index == f.marker { f.by_own } else { RowVector4::zeros() };
+            let by = marker.a * f.by_a + own;
+            for (part, first) in parts.iter_mut().zip([ARC_LENGTH, PIXEL]) {
+                let by = by.fixed_columns::<2>(first);
+                let covariance = marker.covariance.fixed_view::<2, 2>(first, first);
+                *part += (by * covariance * by.transpose())[(0, 0)];
+            }
+        }
+        parts
     }
 
     /// Covariance of a function with a.

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
+use super::causes::Cause;
 use crate::adjust::beam::MAX_TWIST_TERMS;
 use crate::adjust::blocks::survey_block;
 use crate::adjust::input::{Input, Sights};
@@ -39,6 +40,10 @@ pub(super) struct Single<'a> {
     pub sights: Sights<'a>,
     pub usage: Usage,
     pub terms: usize,
+    /// By how much more than stated fixed marks are taken to move.
+    pub marks_factor: f64,
+    /// What many markers have in common.
+    pub cause: Option<Cause>,
 }
 
 /// A frame set up for the engine.
@@ -105,7 +110,11 @@ fn layout(single: &Single, amplitude_per_m: f64, columns: &mut Columns) -> Layou
     let others: Vec<_> = others.collect();
     let [curvature, twist, rotation] = &first;
     let head = columns.missing.len();
-    let motions = Arc::new(Motions::place(input, columns));
+    let motions = Arc::new(Motions::place(input, single.marks_factor, columns));
+    // Behind all others, so that a solution without it is one to start from.
+    let first_own = columns.missing.len();
+    let cause = single.cause.as_ref().map(|cause| columns.place(cause.term(input)));
+    let cause: Vec<_> = cause.into_iter().collect();
     Layout {
         curvature: curvature.place,
         curvature_terms,
@@ -113,13 +122,13 @@ fn layout(single: &Single, amplitude_per_m: f64, columns: &mut Columns) -> Layou
         twist_terms: twist.term.size,
         rotation: vec![rotation.place],
         axis_height: shared.axis_height,
-        terms: [&first, &shared.placed[..], &mounting, &others].concat(),
+        terms: [&first, &shared.placed[..], &mounting, &others, &cause].concat(),
         expected_scale: input.setup.thermal.as_ref().map_or(1.0, Thermal::scale),
         survey: Survey::Observed,
         motions,
         root: shared.root,
         head,
-        own: Own { first: head, count: 0 },
+        own: Own { first: first_own, count: cause.len() },
         local: 0,
     }
 }

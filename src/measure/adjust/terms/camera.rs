@@ -160,23 +160,29 @@ pub fn interior(covariance: &SMatrix<f64, BROWN, BROWN>) -> Term {
     }
 }
 
-/// What makes the camera in flight another one than on ground: cold and focus change its camera constant (a share) and move
-/// its principal point (px), and refraction at a window that nobody describes does the same. A width of each.
-pub fn in_flight(scale_sigma: f64, principal_point_sigma_px: f64) -> Term {
-    let name = "camera in flight";
-    let sigmas = [scale_sigma, principal_point_sigma_px, principal_point_sigma_px];
+/// Share by which both camera constants are larger in flight than on ground: cold and focus change them, and so does
+/// refraction at a window that nobody describes.
+pub fn flight_scale(sigma: f64) -> Term {
+    let name = "scale of the camera in flight";
     Term {
         name,
-        missing: "the camera in flight cannot be determined; give camera.flight_scale_sigma and flight_principal_point_sigma_px",
-        size: 3,
-        priors: sigmas.into_iter().enumerate().map(|(k, sigma)| Prior::scalar(name, k, 0.0, sigma)).collect(),
-        enter: |x, values| {
-            values.pose.flight_scale += x[0];
-            values.pose.flight_principal_px += Vector2::new(x[1], x[2]);
-        },
-        effect: Effect::Picture {
-            pixel: |p, k| if k == 0 { p.by_scale } else { Vector2::ith(k - 1, 1.0) },
-            on_ground: false,
-        },
+        missing: "the camera constant in flight cannot be determined; give camera.flight_scale_sigma",
+        size: 1,
+        priors: vec![Prior::scalar(name, 0, 0.0, sigma)],
+        enter: |x, values| values.pose.flight_scale += x[0],
+        effect: Effect::Picture { pixel: |p, _| p.by_scale, on_ground: false },
+    }
+}
+
+/// Principal point in flight against that on ground, px: cold and a lens that settles in its mount move it.
+pub fn flight_principal_point(sigma_px: f64) -> Term {
+    let name = "principal point in flight";
+    Term {
+        name,
+        missing: "the principal point in flight cannot be determined; give camera.flight_principal_point_sigma_px",
+        size: 2,
+        priors: (0..2).map(|k| Prior::scalar(name, k, 0.0, sigma_px)).collect(),
+        enter: |x, values| values.pose.flight_principal_px += Vector2::new(x[0], x[1]),
+        effect: Effect::Picture { pixel: |_, k| Vector2::ith(k, 1.0), on_ground: false },
     }
 }

@@ -3,6 +3,7 @@
 
 use nalgebra::Vector3;
 
+use super::wing::torques;
 use crate::adjust::beam::Bending;
 use crate::adjust::input::{Input, Sights};
 use crate::adjust::scene::Scene;
@@ -124,6 +125,14 @@ fn parts(scene: &Scene, markers: &[SurveyMarker]) -> Vec<Term> {
     names.into_iter().map(|name| part(scene, &of(name))).collect()
 }
 
+/// How far markers may be displaced that have a cause in common, m: as much as a part turns or a survey jumps.
+const COMMON_CAUSE_M: f64 = 0.1;
+
+/// Markers that are displaced together by so much.
+pub fn common_cause(field: Vec<Vector3<f64>>) -> Term {
+    moves("common cause", Instant::InFlight, vec![field], &[COMMON_CAUSE_M])
+}
+
 /// Root mean square of a sinusoid's velocity and of half its acceleration, its unit per s and per s^2.
 fn rates(vibration: Vibration) -> [f64; 2] {
     let circular = std::f64::consts::TAU * vibration.frequency_hz;
@@ -164,47 +173,75 @@ fn shake(scene: &Scene, times_s: &[f64], of: Vibration) -> Option<Term> {
 
 /// What each frame has for itself beside bending, twist and rotation.
 pub fn of_frame(input: &Input, sights: &Sights) -> Vec<Term> {
-    let InFlight { in_plane_m, readout_s, vibration: of_wing, shake: of_camera, .. } =
-        input.setup.uncertainty.in_flight;
     let scene = input.scene;
-    let mut terms: Vec<_> = in_plane(scene, in_plane_m).into_iter().collect();
+    let width = &input.setup.uncertainty.in_flight;
+    let mut terms: Vec<_> =
+        in_plane(scene, width.in_plane_m).into_iter().chain(torques(width.torque_rad)).collect();
     terms.extend(parts(scene, &input.setup.markers));
-    if readout_s > 0.0 {
-        let times_s = row_times_s(scene, sights, f64::from(input.setup.lens.height), readout_s);
-        terms.extend(vibration(scene, &times_s, of_wing));
-        terms.extend(shake(scene, &times_s, of_camera));
-    }
+    terms.extend(of_rows(input, sights));
     terms
 }
 
-/// d position / d the root's rotation about the wing frame's axes, then its shift.
-fn by_root(k: usize, from_root_m: &Vector3<f64>) -> Vector3<f64> {
-    let axis = Vector3::ith(k % 3, 1.0);
-    if k < 3 { axis.cross(from_root_m) } else { axis }
+/// What of it follows from the rows in which this frame shows its markers.
+pub fn of_rows(input: &Input, sights: &Sights) -> Vec<Term> {
+    let InFlight { readout_s, vibration: of_wing, shake: of_camera, .. } = input.setup.uncertainty.in_flight;
+    if readout_s <= 0.0 {
+        return vec![];
+    }
+    let times_s = row_times_s(input.scene, sights, f64::from(input.setup.lens.height), readout_s);
+    let terms = [vibration(input.scene, &times_s, of_wing), shake(input.scene, &times_s, of_camera)];
+    terms.into_iter().flatten().collect()
 }
 
-/// The root against the cabin since the ground frame: rotation about the wing frame's axes, rad, then shift, m, of which a
-/// width is given each. Marks that are fixed to the cabin stay.
-pub fn root(turn_sigma_rad: f64, shift_sigma_m: f64) -> Term {
-    let sigma = |k: usize| if k < 3 { turn_sigma_rad } else { shift_sigma_m };
-    let name = "motion of the root";
+/// Three unknowns, each known to be 0 as well as this.
+fn three(name: &'static str, sigma: f64) -> Vec<Prior> {
+    (0..3).map(|k| Prior::scalar(name, k, 0.0, sigma)).collect()
+}
+
+/// Rotation of the root against the cabin since the ground frame, about the wing frame's axes, rad. Marks that are fixed to
+/// the cabin stay.
+fn root_turn(sigma_rad: f64) -> Term {
+    let name = "rotation of the root";
     Term {
         name,
-        missing: "the root's motion cannot be determined; give wing.root_turn_sigma_mrad and wing.root_heave_sigma_m",
-        size: 6,
-        priors: (0..6).map(|k| Prior::scalar(name, k, 0.0, sigma(k))).collect(),
-        enter: |x, values| {
-            values.root_turn_rad += Vector3::from_column_slice(&x[..3]);
-            values.root_shift_m += Vector3::from_column_slice(&x[3..]);
-        },
+        missing: "the root's rotation cannot be determined; give wing.root_turn_sigma_mrad",
+        size: 3,
+        priors: three(name, sigma_rad),
+        enter: |x, values| values.root_turn_rad += Vector3::from_column_slice(x),
         effect: Effect::Wing {
-            position: |state, k| state.from_root_m.map_or_else(Vector3::zeros, |from| by_root(k, &from)),
+            position: |state, k| {
+                state.from_root_m.map_or_else(Vector3::zeros, |from| Vector3::ith(k, 1.0).cross(&from))
+            },
             lifts: |curve, k| {
-                curve.bent.iter().map(|section| by_root(k, &(section.axis_m - curve.root_m)).y).collect()
+                let lift = |from_root_m: Vector3<f64>| Vector3::ith(k, 1.0).cross(&from_root_m).y;
+                curve.bent.iter().map(|section| lift(section.axis_m - curve.root_m)).collect()
             },
             twist: |_, _| 0.0,
         },
     }
+}
+
+/// Its shift, m.
+fn root_shift(sigma_m: f64) -> Term {
+    let name = "shift of the root";
+    Term {
+        name,
+        missing: "the root's shift cannot be determined; give wing.root_heave_sigma_m",
+        size: 3,
+        priors: three(name, sigma_m),
+        enter: |x, values| values.root_shift_m += Vector3::from_column_slice(x),
+        effect: Effect::Wing {
+            position: |state, k| state.from_root_m.map_or_else(Vector3::zeros, |_| Vector3::ith(k, 1.0)),
+            lifts: |curve, k| vec![f64::from(u8::from(k == 1)); curve.bent.len()],
+            twist: |_, _| 0.0,
+        },
+    }
+}
+
+/// The root's motion against the cabin, as far as it is not held.
+pub fn root(width: &InFlight) -> impl Iterator<Item = Term> {
+    let turn = (width.root_turn_rad > 0.0).then(|| root_turn(width.root_turn_rad));
+    turn.into_iter().chain((width.root_shift_m > 0.0).then(|| root_shift(width.root_shift_m)))
 }
 
 /// The survey's vertical about the wing frame's X and Z, rad: it moves nothing, and lifts are counted along it.

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::adjust::beam::{Grid, RAISE_TERMS};
+use crate::adjust::beam::{Grid, MAX_TWIST_TERMS, RAISE_TERMS, TORQUES};
 use crate::adjust::estimated::sigmas;
 use crate::adjust::ground::GroundShape;
 use crate::adjust::shapes::shape_covariance;
@@ -33,7 +33,7 @@ const TWIST_SIGMA_RAD: f64 = 0.1;
 /// Of the further ones, rad.
 const TWIST_DETAIL_SIGMA_RAD: f64 = 0.02;
 
-/// Coefficients of the twist, rad.
+/// Coefficients of the twist, rad; they enter before the torques.
 pub fn twist(terms: usize) -> Term {
     let sigma = |k: usize| if k < 2 { TWIST_SIGMA_RAD } else { TWIST_DETAIL_SIGMA_RAD };
     Term {
@@ -48,6 +48,26 @@ pub fn twist(terms: usize) -> Term {
             twist: |section, k| section.twist_by_terms[k],
         },
     }
+}
+
+/// Torques of control surfaces, by the twist at their places, rad: those of [`TORQUES`].
+pub fn torques(sigma_rad: f64) -> Option<Term> {
+    let name = "torque of control surfaces";
+    (sigma_rad > 0.0).then(|| Term {
+        name,
+        missing: "the torque of control surfaces cannot be determined; give wing.torque_sigma_deg",
+        size: TORQUES.len(),
+        priors: (0..TORQUES.len()).map(|k| Prior::scalar(name, k, 0.0, sigma_rad)).collect(),
+        enter: |x, values| {
+            values.twist_rad.resize(MAX_TWIST_TERMS, 0.0);
+            values.twist_rad.extend(x);
+        },
+        effect: Effect::Wing {
+            position: |state, k| state.by_twist[MAX_TWIST_TERMS + k],
+            lifts: |_, _| vec![],
+            twist: |section, k| section.twist_by_terms[MAX_TWIST_TERMS + k],
+        },
+    })
 }
 
 /// How the doubt of the axis' height is spread along the span: its mean, then Legendre's polynomials of degree

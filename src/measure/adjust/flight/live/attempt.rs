@@ -8,7 +8,7 @@ use crate::adjust::flight::shape::SharedShape;
 use crate::adjust::flight::solving::Solved;
 use crate::adjust::flight::usage::Removed;
 use crate::adjust::layout::Layout;
-use crate::adjust::snooping::{self, Removable, Suspect};
+use crate::adjust::snooping::{self, Judged, Removable, Suspect};
 use crate::adjust::{AdjustError, GlobalTest};
 use crate::estimation::quality::{self, chi_square_limit};
 use crate::estimation::{Course, Known, Problem};
@@ -53,13 +53,15 @@ impl Attempt {
         let mut flight = flight.clone();
         let everywhere: Vec<_> = model.wrong.iter().map(|s| Removed { group: 0, suspect: *s }).collect();
         flight.usage.all_but(&everywhere);
-        let frame = Frame { model, local, flight, known };
+        let layout = model.layout.with_rows(&flight.input, &flight.frames[0]);
+        let frame = Frame { model, layout, local, flight, known };
         let all = frame.solve(None)?;
         let (omega, redundancy) = (all.fit.omega, all.fit.redundancy);
         let test = quality::global_test(omega, redundancy, frame.flight.input.options.global_alpha);
         let allowed = all.setting.members[0].len() / LEFT_OUT;
-        let snooping::Snooped { model: frame, solved, removed } = snooping::one_by_one(frame, all, allowed)?;
-        let solved = frame.solve_by(Some(&solved), false)?;
+        let snooping::Snooped { model: frame, solved, removed, judged } =
+            snooping::one_by_one(frame, all, allowed)?;
+        let solved = Solved { judged, ..frame.solve_by(Some(&solved), false)? };
         let removed = removed.into_iter().map(|suspect| Removed { group: 0, suspect });
         let removed = everywhere.into_iter().chain(removed).collect();
         Ok(Self { solved, removed, passed: test != GlobalTest::Rejected })
@@ -81,6 +83,7 @@ impl Attempt {
 #[derive(Clone)]
 struct Frame<'s, 'a> {
     model: &'s Model,
+    layout: Layout,
     local: &'s DVector<f64>,
     flight: Flight<'a>,
     known: &'s Known,
@@ -88,8 +91,8 @@ struct Frame<'s, 'a> {
 
 impl Frame<'_, '_> {
     fn solve_by(&self, before: Option<&Solved>, rough: bool) -> Result<Solved, AdjustError> {
-        let Self { model, flight, known, .. } = self;
-        let (mut group, members) = flight.group(0, &model.layout, None);
+        let Self { model, layout, flight, known, .. } = self;
+        let (mut group, members) = flight.group(0, layout, None);
         group.local.copy_from(before.map_or(self.local, |b| &b.fit.groups[0].local));
         let problem = Problem {
             start: before.map_or(&known.mean, |b| &b.fit.global).clone(),
@@ -98,18 +101,22 @@ impl Frame<'_, '_> {
             known: Some((*known).clone()),
             groups: vec![],
         };
-        let setting = Setting::of_frame(model.layout.clone(), model.shape.clone(), group, members, problem);
+        let setting = Setting::of_frame(layout.clone(), model.shape.clone(), group, members, problem);
         let course = Course { rough, residuals: before.map(|b| &b.fit) };
         let fit = setting.solve(flight.input.scene, &course)?;
-        Ok(Solved { setting, fit })
+        Ok(Solved { setting, fit, judged: None })
     }
 }
 
 impl Removable for Frame<'_, '_> {
     type Solved = Solved;
 
-    fn worst(&self, Solved { setting, fit }: &Solved) -> Option<Suspect> {
-        snooping::worst(&setting.problem, fit, 0, &setting.members[0], self.flight.input.options)
+    fn worst(&self, Solved { setting, fit, .. }: &Solved) -> Option<Suspect> {
+        snooping::worst(&self.flight.input, &setting.problem, fit, 0, &setting.members[0])
+    }
+
+    fn judged(solved: &Solved) -> Judged {
+        Judged::of(&solved.fit)
     }
 
     fn use_marker(&mut self, suspect: &Suspect, used: bool) {

@@ -1,13 +1,17 @@
 //! Where the state begins.
 
+use std::sync::Arc;
+
 use super::attempt::Model;
 use super::departure::Departure;
 use super::state::State;
-use crate::adjust::flight::dressing::dressed;
+use crate::adjust::budget;
+use crate::adjust::flight::dressing::{dressed, with_sources};
 use crate::adjust::flight::frames::Flight;
 use crate::adjust::flight::solving::Solved;
 use crate::adjust::snooping::Target;
 use crate::adjust::{AdjustError, GlobalTest, Solution};
+use crate::estimation::Told;
 
 /// A gust that bends the wing by this, 1/m, as much as the usual flight does, may change the shape as much as burning
 /// fuel: lift and the weights' inertia answer it in their own times and places.
@@ -28,9 +32,11 @@ pub fn first(mut flight: Flight) -> Result<Begun, AdjustError> {
     let (solved, mut removed) = flight.without_blunders()?;
     let rough = flight.readmit(solved, &mut removed)?;
     let solved = flight.finish(&rough.fit)?;
-    let solution = dressed(&flight, &solved, &removed, 0, vec![]);
+    let solution =
+        with_sources(&solved, None, |sources| dressed(&flight, &solved, &removed, 0, vec![], sources));
     let sound = removed.is_empty() && solution.global_test != GlobalTest::Rejected;
-    let Solved { setting, fit } = solved;
+    let told = told(&solved);
+    let Solved { setting, fit, .. } = solved;
     let wrong = removed.iter().map(|r| r.suspect).filter(|s| s.target == Target::Survey).collect();
     let state = State {
         known: fit.known(),
@@ -41,6 +47,7 @@ pub fn first(mut flight: Flight) -> Result<Begun, AdjustError> {
             shape: setting.shape.of_amplitude(LOAD_CURVATURE_PER_M),
             wrong,
         },
+        told: Arc::new(told),
         local: fit.groups[0].local.clone(),
         departure: Departure::assumed(),
         frames: 1,
@@ -50,4 +57,14 @@ pub fn first(mut flight: Flight) -> Result<Begun, AdjustError> {
         factor: 1.0,
     };
     Ok(Begun { state, solution, sound })
+}
+
+/// What keeps its name in the state: neither the mounting's rotation nor the shape's ratios, which walk. Its shift does: each
+/// mounting begins with the same width.
+fn told(Solved { setting, fit, .. }: &Solved) -> Told {
+    let (layout, shape) = (&setting.layouts[0], setting.shape.columns);
+    let rotation = layout.own.first..layout.own.first + 3;
+    let of_shape = shape.ratios..shape.changes;
+    let lasting = |column: usize| !rotation.contains(&column) && !of_shape.contains(&column);
+    budget::told(setting.blocks(), &setting.problem, fit, lasting)
 }

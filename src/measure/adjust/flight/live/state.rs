@@ -1,5 +1,7 @@
 //! What the frames so far told, and what a next one makes of it.
 
+use std::sync::Arc;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::attempt::{Attempt, JOLT_ALPHA, Model};
@@ -9,8 +11,8 @@ use crate::adjust::AdjustError;
 use crate::adjust::flight::frames::Flight;
 use crate::adjust::shapes::burning_covariance;
 use crate::adjust::terms::rotation_of_mounting;
-use crate::estimation::Known;
 use crate::estimation::quality::chi_square_limit;
+use crate::estimation::{Known, Told};
 
 /// `mount_drift_rad` is stated between two shots of a series, which are minutes apart: the mounting walks by it in this
 /// time, s, and leaves its walk by it in any frame.
@@ -31,6 +33,8 @@ pub struct State {
     pub known: Known,
     /// The same with the first frame alone, with survey and ground frame: what does not fade.
     pub base: Known,
+    /// What of it keeps its name in a budget of variance.
+    pub told: Arc<Told>,
     /// What all frames are set up with.
     pub model: Model,
     /// Own unknowns of the last frame: where the next one begins.

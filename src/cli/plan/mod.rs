@@ -1,20 +1,39 @@
-//! `wingd plan` says what an installation will be able to see.
+//! `wingd plan` says what an installation will be able to see, or one that is not there yet.
+
+mod draft;
+mod want;
 
 use std::path::PathBuf;
 
 use super::{Done, Failure, RIGHTS, print, unwritable};
 use crate::installation::Installation;
-use crate::measure::plan::{self, Alternative, Expected, MarkerPlan, Optics, Plan, PlanOptions, Prediction};
+use crate::measure::plan::{
+    self, Alternative, Expected, MarkerPlan, Optics, Plan, PlanOptions, Prediction, TipSigma,
+};
+use crate::record::{BudgetShare, Reference};
 use crate::report::grid::Grid;
 use crate::report::number::fixed;
-use crate::report::plan_figure;
+use crate::report::{plan_figure, table};
 
 /// Resolution, depth of field and predicted uncertainty of an installation.
 #[derive(clap::Args)]
 pub struct Args {
     /// The installation; without orientation.toml the camera is taken to look at the wing's middle
     #[arg(long, value_name = "DIR")]
-    installation: PathBuf,
+    installation: Option<PathBuf>,
+    #[command(flatten)]
+    draft: draft::DraftArgs,
+    /// Also so many frames of a flight adjusted together
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=500))]
+    frames: Option<u16>,
+    /// The standard deviation of the tip's lift that is wanted, for example 5mm: whether it is reached, where what is
+    /// planned comes from, and what would mend it, cheapest first
+    #[arg(long, value_name = "LENGTH", value_parser = want::length)]
+    want: Option<f64>,
+    /// Write the layout (with --want the one proposed): installation.toml, camera.toml, a survey.csv to be replaced by the
+    /// true one, and layout.svg, a drawing to scale
+    #[arg(long, value_name = "DIR")]
+    layout: Option<PathBuf>,
     /// Lift of the outermost marker to plan for, m
     #[arg(long, value_name = "M", default_value_t = PlanOptions::default().tip_lift_m, allow_negative_numbers = true)]
     tip_lift: f64,
@@ -30,6 +49,9 @@ pub struct Args {
     /// One JSON object
     #[arg(long)]
     json: bool,
+    /// Every column of the tables, however wide [default: those that fit 80 characters]
+    #[arg(long)]
+    wide: bool,
 }
 
 pub(super) fn run(args: &Args) -> Result<Done, Failure> {
@@ -37,25 +59,34 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     if !sensible {
         return Err(Failure::Usage("--pixel-sigma must be in (0, 100] px, --tip-lift within 100 m".into()));
     }
-    let installation = super::load_installation(&args.installation)?;
-    let options = options(args, &installation);
+    let frames = args.frames.map_or(1, usize::from);
+    let installation = match args.draft.span {
+        None => super::load_installation(&super::places::installation(args.installation.as_deref())?)?,
+        Some(_) => args.draft.installation(&options(args, None), frames)?,
+    };
+    let options = options(args, Some(&installation));
     let plan = plan::plan(&installation.setup, installation.orientation.as_ref(), &options)
         .map_err(|e| Failure::Undone(format!("no plan: {e}")))?;
     if let Some(file) = &args.figure {
         std::fs::write(file, plan_figure::figure(&plan)).map_err(unwritable(file, RIGHTS))?;
     }
+    let together = want::together(&installation, &options, args.frames)?;
+    let asked = args.want.map(|sigma_m| want::ask(&installation, &options, sigma_m, frames)).transpose()?;
+    if let Some(folder) = &args.layout {
+        want::write_layout(folder, &installation, &options, asked.as_ref())?;
+    }
     if args.json {
-        let line = serde_json::to_string(&plan)
-            .map_err(|e| Failure::Undone(format!("the plan cannot be written as JSON: {e}")))?;
-        print(&line)?;
+        print(&want::json(&plan, together.as_ref(), asked.as_ref())?)?;
     } else {
-        print(&text(&plan))?;
+        let mut out = text(&plan, args.wide);
+        out.push_str(&want::text(together.as_ref(), asked.as_ref()));
+        print(out.trim_end())?;
     }
     Ok(if plan.prediction.is_some() { Done::All } else { Done::Partly })
 }
 
-fn options(args: &Args, installation: &Installation) -> PlanOptions {
-    let optics = installation.optics.as_ref().map(|o| Optics {
+fn options(args: &Args, installation: Option<&Installation>) -> PlanOptions {
+    let optics = installation.and_then(|i| i.optics.as_ref()).map(|o| Optics {
         focal_length_mm: o.focal_length_mm,
         f_number: o.f_number,
         pixel_pitch_um: o.pixel_pitch_um,
@@ -69,7 +100,7 @@ fn options(args: &Args, installation: &Installation) -> PlanOptions {
     }
 }
 
-fn text(plan: &Plan) -> String {
+fn text(plan: &Plan, wide: bool) -> String {
     let mut out = format!(
         "Planned for a tip lift of {} m and {} px in the image.\n\nField of view {:.2} x {:.2} deg, camera constant {:.0} px\n",
         plan.tip_lift_m,
@@ -79,9 +110,14 @@ fn text(plan: &Plan) -> String {
         plan.focal_px
     );
     out.push_str(&optics(plan));
-    out.push_str(&format!("\n{}", markers(&plan.markers).text()));
+    out.push_str(&format!("\n{}", markers(&plan.markers).text_at(wide)));
     if let Some(prediction) = &plan.prediction {
         out.push_str(&format!("\n{}", predicted(prediction)));
+        let shares: Vec<BudgetShare> = prediction.budget.iter().map(Into::into).collect();
+        out.push_str(&format!(
+            "\nWhat the variance of that lift comes from\n{}",
+            table::budget(&shares).text()
+        ));
         out.push_str(&format!("\nOne marker less, one marker more\n{}", changes(prediction).text()));
         let marks = alternatives(prediction, &prediction.fixed_marks);
         out.push_str(&format!(
@@ -121,16 +157,16 @@ fn markers(markers: &[MarkerPlan]) -> Grid {
     let mm = |value: Option<f64>| fixed(value.map(|m| 1e3 * m), 1);
     Grid::each(markers).columns(&[
         ("<marker", &|m| m.id.clone()),
-        ("<shape", &|m| m.shape.to_owned()),
+        ("~<shape", &|m| m.shape.to_owned()),
         ("span / m", &|m| fixed(Some(m.span_m), 2)),
-        ("distance / m", &|m| fixed(Some(m.distance_m), 2)),
+        ("~distance / m", &|m| fixed(Some(m.distance_m), 2)),
         ("spanwise / (mm/px)", &|m| fixed(Some(m.ground.spanwise_mm), 1)),
         ("in flight", &|m| fixed(Some(m.flight.spanwise_mm), 1)),
         ("streamwise / (mm/px)", &|m| fixed(Some(m.ground.streamwise_mm), 2)),
         ("image / px", &|m| format!("{:.1} x {:.1}", m.image_px[1], m.image_px[0])),
         ("blur / px", &|m| fixed(m.blur_px, 1)),
         ("sigma lift / mm", &|m| mm(m.sigma.as_ref().map(|s| s.lift_m))),
-        ("sigma span / mm", &|m| mm(m.sigma.as_ref().map(|s| s.span_m))),
+        ("~sigma span / mm", &|m| mm(m.sigma.as_ref().map(|s| s.span_m))),
         ("<seen", &|m| if m.visible { "yes" } else { "no" }.to_owned()),
     ])
 }
@@ -138,14 +174,17 @@ fn markers(markers: &[MarkerPlan]) -> Grid {
 fn predicted(prediction: &Prediction) -> String {
     let e = &prediction.expected;
     let mut out = format!(
-        "Predicted standard deviations (spatial, one frame, redundancy {}): tip lift {:.1} mm, lift along the span \
-         {:.1} mm (root mean square), position along the span {:.1} mm at worst, tip twist {} deg\n",
+        "Predicted standard deviations (spatial, one frame, redundancy {}): lift of the axis against the survey {:.1} mm \
+         at the tip, {:.1} mm along the span (root mean square), position along the span {:.1} mm at worst, tip twist {} deg\n",
         prediction.redundancy,
         1e3 * e.sigma_tip_lift_m,
         1e3 * e.sigma_mean_lift_m,
         1e3 * e.sigma_span_m,
         fixed(e.sigma_tip_twist_deg, 3)
     );
+    if let Some(tip) = &prediction.tip {
+        out.push_str(&tip_lifts(tip));
+    }
     for (name, angle, twist) in &prediction.torsion {
         let (angle, twist) = (fixed(*angle, 3), fixed(*twist, 3));
         out.push_str(&format!("Torsion '{name}': angle {angle} deg, twist free of bending {twist} deg\n"));
@@ -154,6 +193,20 @@ fn predicted(prediction: &Prediction) -> String {
         out.push_str(&format!("Correlation of the mount's pitch with bending: {r:.3}\n"));
     }
     out
+}
+
+/// Of the tip marker, each lift; the one that results show first.
+fn tip_lifts(tip: &TipSigma) -> String {
+    let shown = Reference::from(tip.shown);
+    let sigma = |reference: Reference| match reference {
+        Reference::Survey => tip.lift_m,
+        Reference::Ground => tip.lift_ground_m,
+        Reference::Root => tip.lift_root_m,
+    };
+    let text = |one: Reference| Some(format!("{} {:.1} mm", one.words(), 1e3 * sigma(one)?));
+    let others = Reference::ALL.into_iter().filter(|one| *one != shown).filter_map(text);
+    let all: Vec<String> = text(shown).into_iter().chain(others).collect();
+    format!("Lift of {}, the first is what results show: {}\n", tip.marker, all.join("; "))
 }
 
 /// How much larger the tip's lift is in its standard deviation than as surveyed.

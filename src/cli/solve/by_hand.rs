@@ -1,0 +1,56 @@
+//! Image points measured by hand, beside pictures or instead of them.
+
+use std::path::PathBuf;
+
+use super::Args;
+use crate::cli::{Failure, frames};
+use crate::installation::{self, Fault, HandObservation, Installation};
+
+/// Points measured by hand, by the pictures they are of.
+#[derive(Default)]
+pub(super) struct ByHand {
+    points: Vec<HandObservation>,
+}
+
+impl ByHand {
+    /// Reads them, where there are any.
+    ///
+    /// # Errors
+    /// Where a point says of no picture, or of none that is solved, which it is of.
+    pub fn read(args: &Args, files: &[PathBuf], installation: &Installation) -> Result<Self, Failure> {
+        let Some(file) = &args.observations else { return Ok(Self::default()) };
+        let points = installation::read_observations(file, &installation.setup)?;
+        let names = frames::names(files);
+        let fault = |place: &str, problem: String, mend: &str| {
+            Failure::from(Fault::new(file, place.to_owned(), problem, mend.to_owned()))
+        };
+        if files.len() > 1 && points.iter().any(|p| p.image.is_none()) {
+            let problem = format!("does not say for every point which of {} pictures it is of", files.len());
+            return Err(fault(
+                "column image",
+                problem,
+                "name the picture of every point, as results name it",
+            ));
+        }
+        let strange = points.iter().filter_map(|p| p.image.as_ref()).find(|name| !names.contains(name));
+        if let Some(name) = strange.filter(|_| !files.is_empty()) {
+            let problem = format!("\"{name}\" is none of the pictures");
+            return Err(fault(
+                "column image",
+                problem,
+                "name it as results name it, or leave its points out",
+            ));
+        }
+        Ok(Self { points })
+    }
+
+    /// All of them.
+    pub fn all(&self) -> impl Iterator<Item = &HandObservation> {
+        self.points.iter()
+    }
+
+    /// Those of a picture, by the name that results give it.
+    pub fn of(&self, name: &str) -> impl Iterator<Item = &HandObservation> {
+        self.points.iter().filter(move |p| p.image.as_deref().is_none_or(|image| image == name))
+    }
+}

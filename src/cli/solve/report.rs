@@ -1,0 +1,90 @@
+//! `wingd solve … --report FILE.html`: figures and tables of what was solved, as `wingd report` writes them.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use crate::camera::replay::format_of;
+use crate::cli::pictures::{self, Dating, Picture};
+use crate::cli::{Failure, RIGHTS, frames, unwritable};
+use crate::clock::Stamp;
+use crate::installation::{self, Installation};
+use crate::record::ImageRecord;
+use crate::report::source::{self, Choice, OF_PICTURES};
+use crate::report::{ReportData, SeriesData, ShotData, html};
+use crate::store::Store;
+
+/// The page of a flight of the store, the newest where none is named.
+pub(super) fn of_store(
+    page: &Path,
+    store: &Store,
+    flight: Option<&str>,
+    directory: Option<&Path>,
+) -> Result<(), Failure> {
+    let installation = directory.map(installation::load_without_orientation).transpose()?;
+    let choice = Choice { flight, inputs: None };
+    let data = source::flight(store.root(), choice, installation.as_ref().map(|i| &i.setup))?;
+    for note in data.warnings.iter().chain(&data.notes) {
+        eprintln!("wingd: {note}");
+    }
+    write(page, &data)
+}
+
+/// The page of pictures that are in no store, in series by their own times.
+pub(super) fn of_pictures(
+    page: &Path,
+    files: &[PathBuf],
+    records: Vec<ImageRecord>,
+    installation: &Installation,
+) -> Result<(), Failure> {
+    let names: BTreeMap<&PathBuf, String> = files.iter().zip(frames::names(files)).collect();
+    let mut of_name: BTreeMap<String, ImageRecord> =
+        records.into_iter().map(|record| (record.image.clone(), record)).collect();
+    let card = pictures::card(files, &Dating::default(), 0)?;
+    let name = |picture: &Picture| names.get(&picture.file).cloned().unwrap_or_default();
+    let series = card.series.iter().enumerate().map(|(k, pictures)| {
+        let records = pictures.iter().filter_map(|p| of_name.remove(&name(p))).collect();
+        let shots: Vec<ShotData> = pictures.iter().enumerate().map(|(k, p)| shot(k, p, name(p))).collect();
+        SeriesData {
+            flight: OF_PICTURES.to_owned(),
+            name: (k + 1).to_string(),
+            begun: shots.first().and_then(|shot| shot.stamp.clone()),
+            planned: shots.len(),
+            records,
+            shots,
+            ..SeriesData::default()
+        }
+    });
+    let of_shot = |series: &SeriesData, shot: &ShotData| {
+        let image = shot.image.clone()?;
+        let file = names.iter().find(|(_, name)| **name == image)?.0;
+        let bytes = std::fs::read(file).ok()?;
+        let format = shot.format.clone();
+        Some(crate::report::Picture { series: series.name.clone(), image, bytes, format, fault: None })
+    };
+    let mut data = source::pictures(series.collect(), &installation.setup, of_shot);
+    data.warnings.extend(card.remarks.into_iter().map(|(what, _)| what));
+    write(page, &data)
+}
+
+fn shot(place: usize, picture: &Picture, name: String) -> ShotData {
+    let stamp = picture.utc.map(|utc| Stamp {
+        utc,
+        utc_synchronised: false,
+        boot_id: picture.digest.clone(),
+        since_boot_s: 0.0,
+    });
+    ShotData {
+        number: u32::try_from(place + 1).unwrap_or(u32::MAX),
+        image: Some(name),
+        stamp,
+        sha256: Some(picture.digest.clone()),
+        format: format_of(&picture.file),
+        ..ShotData::default()
+    }
+}
+
+fn write(page: &Path, data: &ReportData) -> Result<(), Failure> {
+    std::fs::write(page, html::page(data)).map_err(unwritable(page, RIGHTS))?;
+    eprintln!("wingd: report: {}", page.display());
+    Ok(())
+}

@@ -1,0 +1,177 @@
+//! Axes have round ticks: of lengths and angles, and of the time of day.
+
+use super::super::number::fixed;
+
+/// A linear axis with round ticks.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    low: f64,
+    high: f64,
+    step: f64,
+    label: String,
+    /// The texts have the other sign.
+    turned: bool,
+    /// The values are hours since this moment, the texts times of day.
+    clock: Option<jiff::Timestamp>,
+    /// The smallest and the largest value.
+    low_value: f64,
+    high_value: f64,
+}
+
+impl Axis {
+    /// Covers all the finite values, with `label` beside it. Without values 0 to 1.
+    pub fn over(values: impl Iterator<Item = f64>, label: &str) -> Self {
+        let range = values.filter(|v| v.is_finite()).fold(None, |range, v| {
+            let (low, high): (f64, f64) = range.unwrap_or((v, v));
+            Some((low.min(v), high.max(v)))
+        });
+        let (low_value, high_value) = range.unwrap_or((0.0, 1.0));
+        let (low, high) = (low_value, high_value);
+        let width = if high - low > 1e-9 * (1.0 + high.abs()) { high - low } else { 1.0 };
+        let step = round_step(width / 6.0);
+        // A band that reaches over a tick by a hair does not open another interval.
+        let (low, high) = ((low / step + 0.04).floor() * step, (high / step - 0.04).ceil() * step);
+        let high = if high > low { high } else { low + step };
+        Self { low, high, step, label: label.to_owned(), turned: false, clock: None, low_value, high_value }
+    }
+
+    /// From tick to tick around `low` to `high`.
+    pub fn between(low: f64, high: f64, step: f64, label: &str) -> Self {
+        let (low, high) = ((low / step).floor() * step, (high / step).ceil() * step);
+        Self {
+            low,
+            high: if high > low { high } else { low + step },
+            step,
+            label: label.to_owned(),
+            turned: false,
+            clock: None,
+            low_value: low,
+            high_value: high,
+        }
+    }
+
+    /// Covers hours since `zero`, with times of day (UTC) at its ticks.
+    pub fn over_hours(hours: impl Iterator<Item = f64>, zero: Option<jiff::Timestamp>) -> Self {
+        let Some(zero) = zero else { return Self::over(hours, "time since the first series / h") };
+        let label = format!("UTC, from {}", zero.strftime("%Y-%m-%d %H:%M"));
+        let axis = Self::over(hours, &label);
+        let wide = axis.width();
+        let step = clock_step(3600.0 * wide / 7.0) / 3600.0;
+        // From one whole time of day to another.
+        let begin = zero.as_second() as f64 / 3600.0;
+        let (low, high) = (axis.low_value, axis.high_value);
+        let low = ((begin + low) / step + 0.04).floor() * step - begin;
+        let high = ((begin + high) / step - 0.04).ceil() * step - begin;
+        Self { clock: Some(zero), low, high: if high > low { high } else { low + step }, step, ..axis }
+    }
+
+    /// The same axis for values with the other sign: what it shows grows downwards or leftwards.
+    pub fn turned(self) -> Self {
+        Self { low: -self.high, high: -self.low, turned: !self.turned, ..self }
+    }
+
+    /// Its length in the data's unit.
+    pub fn width(&self) -> f64 {
+        self.high - self.low
+    }
+
+    /// Where it begins.
+    pub fn low(&self) -> f64 {
+        self.low
+    }
+
+    /// With its unit.
+    pub fn label(&self) -> &str {
+        &self.label
+    }
+
+    /// Where a value stands: 0 at its beginning, 1 at its end.
+    pub fn share(&self, value: f64) -> f64 {
+        (value - self.low) / (self.high - self.low)
+    }
+
+    #[cfg(test)]
+    fn range(&self) -> (f64, f64) {
+        (self.low, self.high)
+    }
+
+    /// Positions of the ticks and their texts.
+    pub fn ticks(&self) -> Vec<(f64, String)> {
+        let n = ((self.high - self.low) / self.step).round() as usize;
+        let decimals = (-self.step.log10().floor()).clamp(0.0, 9.0) as usize;
+        let tick = |i: usize| self.low + i as f64 * self.step;
+        let sign = if self.turned { -1.0 } else { 1.0 };
+        let time = |hours: f64| {
+            let moment = self.clock?.checked_add(jiff::SignedDuration::from_secs_f64(3600.0 * hours)).ok()?;
+            Some(moment.strftime(clock_format(3600.0 * self.step)).to_string())
+        };
+        let text = |v: f64| time(v).unwrap_or_else(|| fixed(Some(sign * v), decimals));
+        (0..=n.min(60)).map(|i| (tick(i), text(tick(i)))).collect()
+    }
+}
+
+/// Whole seconds, minutes, hours and days, s.
+const CLOCK_STEPS: [f64; 18] = [
+    1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 60.0, 120.0, 300.0, 600.0, 900.0, 1800.0, 3600.0, 7200.0, 10800.0,
+    21600.0, 43200.0, 86400.0,
+];
+
+/// A step of a clock, not below `raw`, s.
+fn clock_step(raw: f64) -> f64 {
+    if raw < 1.0 {
+        return round_step(raw.max(1e-3));
+    }
+    let known = CLOCK_STEPS.into_iter().find(|step| *step >= raw);
+    known.unwrap_or_else(|| 86400.0 * round_step(raw / 86400.0))
+}
+
+/// How times are written on an axis with this step, s.
+fn clock_format(step: f64) -> &'static str {
+    match step {
+        s if s >= 86_399.0 => "%m-%d",
+        s if s >= 59.9 => "%H:%M",
+        s if s >= 0.99 => "%H:%M:%S",
+        _ => "%H:%M:%S%.3f",
+    }
+}
+
+/// 1, 2 or 5 times a power of ten, not below `raw`.
+pub fn round_step(raw: f64) -> f64 {
+    let decade = 10f64.powf(raw.log10().floor());
+    [1.0, 2.0, 5.0].into_iter().map(|f| f * decade).find(|s| *s >= raw * 0.999).unwrap_or(10.0 * decade)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_cover_the_data() {
+        let axis = Axis::over([0.02, 2.93].into_iter(), "lift / m");
+        assert_eq!(axis.range(), (0.0, 3.0));
+        let texts: Vec<String> = axis.ticks().into_iter().map(|t| t.1).collect();
+        assert_eq!(texts, ["0.0", "0.5", "1.0", "1.5", "2.0", "2.5", "3.0"]);
+    }
+
+    #[test]
+    fn odd_data_still_give_an_axis() {
+        for values in [vec![], vec![f64::NAN], vec![7.0], vec![-3e5, f64::INFINITY, 1e-9]] {
+            let axis = Axis::over(values.iter().copied(), "");
+            let (low, high) = axis.range();
+            assert!(low < high && axis.ticks().len() >= 2, "{values:?}: {axis:?}");
+        }
+    }
+
+    #[test]
+    fn times_of_day_are_whole_in_seconds_minutes_hours_and_days() {
+        let zero = "2026-03-01T08:30:07Z".parse().ok();
+        let ticks = |hours: f64| {
+            let axis = Axis::over_hours([0.0, hours].into_iter(), zero);
+            axis.ticks().into_iter().map(|t| t.1).take(2).collect::<Vec<_>>()
+        };
+        assert_eq!(ticks(6.0), ["08:00", "09:00"]);
+        assert_eq!(ticks(0.5), ["08:30", "08:35"]);
+        assert_eq!(ticks(0.01), ["08:30:00", "08:30:10"]);
+        assert_eq!(ticks(100.0), ["03-01", "03-02"]);
+    }
+}

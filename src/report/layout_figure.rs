@@ -1,0 +1,192 @@
+//! This drawing is for the people with the decals: the wing from above, to scale, with every marker's place and size; and the
+//! same as the camera sees it.
+
+use maud::{Markup, PreEscaped, html};
+use nalgebra::{Vector2, Vector3};
+
+use super::html::plot::px;
+use crate::measure::setup::{Orientation, Setup, SurveyMarker};
+
+/// Width of the drawing, mm: an A3 sheet across, without its margins.
+const WIDTH_MM: f64 = 390.0;
+/// Scales that a ruler has.
+const SCALES: [f64; 9] = [5.0, 10.0, 20.0, 25.0, 50.0, 100.0, 200.0, 250.0, 500.0];
+const MARGIN_MM: f64 = 12.0;
+/// Width of the picture in the drawing, mm.
+const PICTURE_MM: f64 = 220.0;
+/// A marker is drawn at least so large, mm across.
+const LEAST_MM: f64 = 0.9;
+/// Corners of a drawn disc.
+const CORNERS: usize = 24;
+const STYLE: &str = "text{font:3.2px 'Segoe UI',Arial,'DejaVu Sans',sans-serif;fill:#17202c}\
+.title{font-size:4.4px;font-weight:600}.thin{stroke:#9aa3af;stroke-width:.2;fill:none}\
+.lifted{stroke:#c2571a;stroke-width:.25;fill:none}.marker{fill:#17202c}.cabin{fill:#c2571a}.window{fill:#f4f6f8;stroke:#9aa3af;stroke-width:.3}";
+
+/// A complete SVG file, in millimetres. `tip_lift_m` is the lift that the picture shows beside the wing at rest.
+pub fn figure(setup: &Setup, attitude: &Orientation, tip_lift_m: f64) -> String {
+    let plan = Plan::of(setup);
+    let below = MARGIN_MM + plan.height_mm() + 20.0;
+    let scale = PICTURE_MM / f64::from(setup.lens.width.max(1));
+    let picture = Picture { setup, attitude, tip_lift_m, scale, left: MARGIN_MM, top: below };
+    let list = list(setup, MARGIN_MM + PICTURE_MM + 8.0, below);
+    let rows = 4.4 * (setup.markers.len() + 1) as f64;
+    let height = below + (scale * f64::from(setup.lens.height)).max(rows) + MARGIN_MM;
+    let content = html! {
+        style { (PreEscaped(STYLE)) }
+        rect width=(px(WIDTH_MM)) height=(px(height)) fill="#fff" {}
+        (plan.drawn())
+        (picture.drawn())
+        (list)
+    };
+    let view = format!("0 0 {} {}", px(WIDTH_MM), px(height));
+    let (width, height) = (format!("{}mm", px(WIDTH_MM)), format!("{}mm", px(height)));
+    html! { svg xmlns="http://www.w3.org/2000/svg" viewBox=(view) width=(width) height=(height) { (content) } }
+        .into_string()
+}
+
+/// A marker with its place in the wing frame, m.
+type Placed<'a> = (&'a SurveyMarker, Vector3<f64>);
+
+/// The wing from above: outboard to the right, aft down on a right wing.
+struct Plan<'a> {
+    setup: &'a Setup,
+    markers: Vec<Placed<'a>>,
+    /// Metres a metre.
+    scale: f64,
+    /// Smallest and largest place across the span, m.
+    across: (f64, f64),
+    /// Smallest and largest place along the span, m.
+    along: (f64, f64),
+}
+
+impl<'a> Plan<'a> {
+    fn of(setup: &'a Setup) -> Self {
+        let frame = setup.wing_frame();
+        let markers: Vec<Placed> =
+            setup.markers.iter().map(|m| (m, frame.wing_point(&m.position_m))).collect();
+        let over = |of: fn(&Vector3<f64>) -> f64| {
+            let all = markers.iter().map(|(_, p)| of(p)).filter(|v| v.is_finite());
+            all.fold((0.0, 0.0), |(low, high): (f64, f64), v| (low.min(v), high.max(v)))
+        };
+        let (along, across) = (over(|p| p.x), over(|p| p.z));
+        let least = 1e3 * (along.1 - along.0 + 1.0) / (WIDTH_MM - 2.0 * MARGIN_MM);
+        let scale = SCALES.into_iter().find(|s| *s >= least).unwrap_or(least);
+        let (along, across) = ((along.0 - 0.5, along.1 + 0.5), (across.0 - 0.7, across.1 + 0.7));
+        Self { setup, markers, scale, across, along }
+    }
+
+    fn height_mm(&self) -> f64 {
+        1e3 * (self.across.1 - self.across.0) / self.scale
+    }
+
+    fn at(&self, along_m: f64, across_m: f64) -> (f64, f64) {
+        let mm = |m: f64| 1e3 * m / self.scale;
+        (MARGIN_MM + mm(along_m - self.along.0), MARGIN_MM + mm(across_m - self.across.0))
+    }
+
+    fn drawn(&self) -> Markup {
+        let (camera, tip) = (self.at(0.0, 0.0), self.at(self.along.1, 0.0));
+        let root = self.setup.root_offset_m;
+        let (above, below) = (self.at(root, self.across.0), self.at(root, self.across.1));
+        let title = format!(
+            "{}: from above, 1 : {:.0}. Outboard to the right; places from the lens along and across the span, m",
+            self.setup.name, self.scale
+        );
+        html! {
+            text.title x=(px(MARGIN_MM)) y="8" { (title) }
+            line.thin x1=(px(camera.0)) y1=(px(camera.1)) x2=(px(tip.0)) y2=(px(tip.1)) stroke-dasharray="2 1" {}
+            line.thin x1=(px(above.0)) y1=(px(above.1)) x2=(px(below.0)) y2=(px(below.1)) {}
+            text x=(px(above.0 + 1.0)) y=(px(below.1)) { "bending begins" }
+            circle cx=(px(camera.0)) cy=(px(camera.1)) r="1.2" fill="#17456f" {}
+            text x=(px(camera.0 + 1.6)) y=(px(camera.1 - 1.6)) { "camera" }
+            @for (marker, p) in &self.markers {
+                @let (x, y) = self.at(p.x, p.z);
+                @let r = (0.5e3 * marker.diameter_m / self.scale).max(0.5 * LEAST_MM);
+                circle class=(kind(marker)) cx=(px(x)) cy=(px(y)) r=(px(r)) {}
+                text x=(px(x - 3.0)) y=(px(y - r - 1.0)) { (marker.id) }
+            }
+        }
+    }
+}
+
+fn kind(marker: &SurveyMarker) -> &'static str {
+    if marker.fixed { "cabin" } else { "marker" }
+}
+
+/// What the camera sees of the wing at rest, and lifted.
+struct Picture<'a> {
+    setup: &'a Setup,
+    attitude: &'a Orientation,
+    tip_lift_m: f64,
+    scale: f64,
+    left: f64,
+    top: f64,
+}
+
+impl Picture<'_> {
+    /// A point of the wing frame in the drawing; `None` where the picture does not show it.
+    fn at(&self, point_m: &Vector3<f64>) -> Option<(f64, f64)> {
+        let survey = self.setup.wing_frame().wing_from_survey.inverse() * point_m;
+        let pixel: Vector2<f64> = self.setup.lens.project(&(self.attitude.camera_from_survey * survey))?;
+        let shown = self.setup.lens.contains(&pixel);
+        shown.then_some((self.left + self.scale * pixel.x, self.top + self.scale * pixel.y))
+    }
+
+    /// Lifted by the square of the way to the outermost marker.
+    fn lifted(&self, point_m: &Vector3<f64>, tip_m: f64) -> Vector3<f64> {
+        let root = self.setup.root_offset_m;
+        let share = ((point_m.x - root) / (tip_m - root).max(1e-3)).max(0.0);
+        point_m + Vector3::y() * (self.tip_lift_m * share * share)
+    }
+
+    /// The outline of a disc that lies level, as a path; empty where it is not seen whole.
+    fn disc(&self, centre_m: &Vector3<f64>, diameter_m: f64) -> String {
+        let corner = |k: usize| {
+            let (sin, cos) = (std::f64::consts::TAU * k as f64 / CORNERS as f64).sin_cos();
+            self.at(&(centre_m + 0.5 * diameter_m * Vector3::new(cos, 0.0, sin)))
+        };
+        let Some(corners) = (0..CORNERS).map(corner).collect::<Option<Vec<_>>>() else {
+            return String::new();
+        };
+        corners.iter().map(|(x, y)| format!("{},{} ", px(*x), px(*y))).collect()
+    }
+
+    fn drawn(&self) -> Markup {
+        let frame = self.setup.wing_frame();
+        let placed: Vec<Placed> =
+            self.setup.markers.iter().map(|m| (m, frame.wing_point(&m.position_m))).collect();
+        let tip_m = placed.iter().filter(|(m, _)| !m.fixed).map(|(_, p)| p.x).fold(0.0, f64::max);
+        let size =
+            (self.scale * f64::from(self.setup.lens.width), self.scale * f64::from(self.setup.lens.height));
+        html! {
+            text.title x=(px(self.left)) y=(px(self.top - 3.0)) {
+                "In the picture: at rest, and (outlined) with the tip lifted by " (self.tip_lift_m) " m"
+            }
+            rect.window x=(px(self.left)) y=(px(self.top)) width=(px(size.0)) height=(px(size.1)) {}
+            @for (marker, p) in &placed {
+                polygon class=(kind(marker)) points=(self.disc(p, marker.diameter_m)) {}
+                @if !marker.fixed {
+                    polygon.lifted points=(self.disc(&self.lifted(p, tip_m), marker.diameter_m)) {}
+                }
+                @if let Some((x, y)) = self.at(p) { text x=(px(x + 2.0)) y=(px(y - 1.5)) { (marker.id) } }
+            }
+        }
+    }
+}
+
+/// What goes where, in words and numbers.
+fn list(setup: &Setup, left: f64, top: f64) -> Markup {
+    let frame = setup.wing_frame();
+    let row = |k: usize| top + 4.4 * (k as f64 + 1.0);
+    html! {
+        text x=(px(left)) y=(px(top)) font-weight="600" { "marker, print, along / m, across / m, below lens / m" }
+        @for (k, m) in setup.markers.iter().enumerate() {
+            @let p = frame.wing_point(&m.position_m);
+            text x=(px(left)) y=(px(row(k))) {
+                (m.id) "  " (m.shape.name()) " " (format!("{:.2}", m.diameter_m))
+                (format!("   {:.2}   {:.2}   {:.2}", p.x, p.z, -p.y))
+                @if m.fixed { "  rigid to the cabin" }
+            }
+        }
+    }
+}
