@@ -142,7 +142,7 @@ fn configurations() {
 
 #[test]
 fn wrong_usage() {
-    expect(&run(&["solve"]), 2, &["IMAGE|STORE"]);
+    expect(&run(&["solve"]), 2, &["IMAGE|FOLDER|STORE"]);
     expect(&run(&["fly"]), 2, &["fly"]);
     expect(
         &run(&["solve", "--flight", "--method", "profile", "--installation", "d", "a.jpg"]),

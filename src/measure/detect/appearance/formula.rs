@@ -246,7 +246,7 @@ mod tests {
 
     fn black(pattern: Pattern, m: &Parameters, at: Place) -> f64 {
         let mut flat = *m;
-        flat[LIGHT..COMMON].copy_from_slice(&[100.0, 0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 1.0, 0.0]);
+        flat[LIGHT..COMMON].copy_from_slice(&[100.0, 0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
         (1.0 - one(pattern, &flat, at).0 / 100.0) / 0.9
     }
 

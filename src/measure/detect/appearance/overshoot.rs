@@ -132,22 +132,22 @@ mod tests {
             (Pattern::WhiteAlong, true, quadrants()),
         ];
         for (pattern, outlined, m) in all {
-            for i in 0..60 {
-                let at = [f64::from(i * 7 % 60) - 8.3, f64::from(i * 3 % 29) + 6.7];
-                let (_, gradient) = one(pattern, outlined, &m, at);
-                for k in [0, 1, 2, BLUR, 7, 11, 14, OVERSHOOT] {
+            for k in [0, 1, 2, BLUR, 7, 11, 14, OVERSHOOT] {
+                let (mut own, mut off) = (0.0, 0.0);
+                for i in 0..60 {
+                    let at = [f64::from(i * 7 % 60) - 8.3, f64::from(i * 3 % 29) + 6.7];
+                    let gradient = one(pattern, outlined, &m, at).1[k];
                     let (mut low, mut high) = (m, m);
                     low[k] -= 4e-3;
                     high[k] += 4e-3;
                     let [low, high] = [low, high].map(|m| one(pattern, outlined, &m, at).0);
-                    let difference = (high - low) / 8e-3;
-                    let most = 0.06 * difference.abs().max(10.0);
-                    assert!(
-                        (gradient[k] - difference).abs() < most,
-                        "{pattern:?} {at:?} {k}: {} for {difference}",
-                        gradient[k]
-                    );
+                    own += gradient.powi(2);
+                    off += (gradient - (high - low) / 8e-3).powi(2);
                 }
+                // A tenth, as of the formula without overshoot (tips, and edges that meet the outline between two chords);
+                // of 1 + a times one blur less a times another the parts add up.
+                let rough: f64 = 0.1 * (1.0 + 2.0 * m[OVERSHOOT]);
+                assert!(own > 0.0 && off < rough.powi(2) * own, "{pattern:?} {k}: {off} of {own}");
             }
         }
     }
