@@ -15,9 +15,10 @@ const CONVERGED: f64 = 1e-10;
 /// of a standard deviation, what it leaves is a hundredth.
 const ROUGH: f64 = 1e-2;
 /// Where little tells two unknowns apart, rounding of the sum of squares may turn down the last steps for ever. After so
-/// many iterations a solution is taken from which the undamped step is a thousandth of a standard deviation, and after more
-/// of them a hundredth: a damped one may be as short on its way along a valley.
-const LATE: [(usize, f64); 2] = [(60, 1e-6), (120, 1e-4)];
+/// many iterations a solution is taken from which the undamped step is a thousandth of a standard deviation, after more of
+/// them a hundredth, and at last a tenth, which adds half a hundredth to an error of one: a damped one may be as short on
+/// its way along a valley.
+const LATE: [(usize, f64); 3] = [(60, 1e-6), (120, 1e-4), (200, ROUGH)];
 /// Rise of the sum of squares that a step may cause, over the sum that is still open.
 const OPEN_SHARE: f64 = 0.1;
 /// Relative rise of the sum of squares that rounding may cause.
@@ -77,7 +78,7 @@ pub fn solve_from(
     let mut relaxation = Relaxation::default();
     for iteration in 1..=MAX_ITERATIONS {
         let late = LATE.into_iter().rfind(|(after, _)| iteration > *after).map(|(_, enough)| enough);
-        if let Some(enough) = late.filter(|enough| !course.rough && system.unclosed <= *enough) {
+        if let Some(enough) = late.filter(|enough| system.unclosed <= *enough) {
             let undamped = system.step(problem, 0.0)?;
             if undamped.dot(&(&system.normal * &undamped)) <= enough {
                 return system.finish(problem, state, iteration);
