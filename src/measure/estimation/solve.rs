@@ -1,4 +1,4 @@
-//! The iteration: Gauss's steps, relaxed where they repeat themselves, damped where they lead up.
+//! The iteration: Gauss's steps, relaxed where they repeat themselves, shortened and at last damped where they lead up.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -15,10 +15,14 @@ const CONVERGED: f64 = 1e-10;
 /// of a standard deviation, what it leaves is a hundredth.
 const ROUGH: f64 = 1e-2;
 /// Where little tells two unknowns apart, rounding of the sum of squares may turn down the last steps for ever. After so
-/// many iterations a solution is taken from which the undamped step is a thousandth of a standard deviation, after more of
-/// them a hundredth, and at last a tenth, which adds half a hundredth to an error of one: a damped one may be as short on
-/// its way along a valley.
-const LATE: [(usize, f64); 3] = [(60, 1e-6), (120, 1e-4), (200, ROUGH)];
+/// many iterations a solution is taken from which the undamped step is a thousandth of a standard deviation, and after more
+/// of them a hundredth: a damped one may be as short on its way along a valley.
+const LATE: [(usize, f64); 2] = [(60, 1e-6), (120, 1e-4)];
+/// A step that leads up is tried again at such a share of its length: it points down, and what Gauss's method leaves out of the
+/// second derivatives makes it too long. Damping would turn it away from what little tells, and creep.
+const SHORTER: f64 = 0.25;
+/// Share of a step below which its direction is no longer believed, and it is damped.
+const SHORTEST: f64 = 0.01;
 /// Rise of the sum of squares that a step may cause, over the sum that is still open.
 const OPEN_SHARE: f64 = 0.1;
 /// Relative rise of the sum of squares that rounding may cause.
@@ -74,27 +78,34 @@ pub fn solve_from(
     let mut next = state.clone();
     let mut system = System::new(problem)?;
     system.assemble(problem, &state, &linearise)?;
-    let mut damping = 0.0;
+    let (mut damping, mut length) = (0.0, 1.0);
     let mut relaxation = Relaxation::default();
     for iteration in 1..=MAX_ITERATIONS {
         let late = LATE.into_iter().rfind(|(after, _)| iteration > *after).map(|(_, enough)| enough);
-        if let Some(enough) = late.filter(|enough| system.unclosed <= *enough) {
+        if let Some(enough) = late.filter(|enough| !course.rough && system.unclosed <= *enough) {
             let undamped = system.step(problem, 0.0)?;
             if undamped.dot(&(&system.normal * &undamped)) <= enough {
                 return system.finish(problem, state, iteration);
             }
         }
         let step = system.step(problem, damping)?;
-        let step = relaxation.of(step, &system.normal, damping);
+        let step =
+            if damping > 0.0 { relaxation.none(step) } else { relaxation.of(step, &system.normal, length) };
         system.moved(problem, &state, &step, &mut next);
         let moved = step.dot(&(&system.normal * &step)) + residual_change(problem, &state, &next);
-        let settled = moved <= converged;
+        // By what a whole step would move.
+        let settled = moved <= converged * length * length;
         // The sum of squares holds to first order in the conditions that are still open, and rounding
         // lets it waver far below what a standard deviation can tell.
         let limit = system.omega + OPEN_SHARE * system.unclosed + ROUNDING * (1.0 + system.omega);
         let tried = system.assemble(problem, &next, &linearise);
         if tried.is_err() || !system.omega.is_finite() || (system.omega > limit && !settled) {
-            damping = if damping == 0.0 { 1e-3 } else { damping * 10.0 };
+            relaxation = Relaxation::default();
+            if damping == 0.0 && SHORTER * length >= SHORTEST {
+                length *= SHORTER;
+            } else {
+                (damping, length) = (if damping == 0.0 { 1e-3 } else { damping * 10.0 }, 1.0);
+            }
             if damping > 1e12 {
                 return Err(tried.err().unwrap_or(EstimationError::NoConvergence { iterations: iteration }));
             }
@@ -102,6 +113,7 @@ pub fn solve_from(
             continue;
         }
         std::mem::swap(&mut state, &mut next);
+        length = 1.0;
         if settled && system.unclosed <= converged {
             return system.finish(problem, state, iteration);
         }
@@ -125,12 +137,15 @@ impl Relaxation {
     /// Factors beyond these are no longer told by two steps.
     const BOUNDS: (f64, f64) = (0.3, 10.0);
 
-    fn of(&mut self, step: DVector<f64>, normal: &DMatrix<f64>, damping: f64) -> DVector<f64> {
-        if damping > 0.0 {
-            self.last = None;
-            return step;
-        }
-        let factor = self.last.as_ref().map_or(1.0, |(last, factor)| {
+    /// A step that says nothing of others.
+    fn none(&mut self, step: DVector<f64>) -> DVector<f64> {
+        self.last = None;
+        step
+    }
+
+    /// A step by its factor; the first one, and the first one after one that led up, by `length`.
+    fn of(&mut self, step: DVector<f64>, normal: &DMatrix<f64>, length: f64) -> DVector<f64> {
+        let factor = self.last.as_ref().map_or(length, |(last, factor)| {
             let weighted = normal * &step;
             let (both, own) = (last.dot(&weighted), step.dot(&weighted));
             let before = last.dot(&(normal * last));
