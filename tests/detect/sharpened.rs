@@ -55,7 +55,10 @@ fn hold(markers: &[Ellipse], scene: impl Fn(f64, f64) -> f64) {
         let normalised = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
         println!("sharpened by {amplitude}: {} found, normalised error {normalised:.2}", squares.len());
         assert_eq!(squares.len(), 4 * markers.len());
-        assert!((0.5..1.4).contains(&normalised), "{normalised} standard deviations");
+        // Sharpened noise is fine-grained: what is as large as a marker keeps its size, the residuals grow by up to 1 + a, and
+        // with them the standard deviations.
+        let least = 1.0 / (1.0 + amplitude);
+        assert!((least..1.4).contains(&normalised), "{normalised} standard deviations");
     }
 }
 

@@ -183,15 +183,18 @@ impl<'a> Rehearsal<'a> {
         let observations: Vec<_> = flight
             .filter_map(|(marker, p)| Some(Observation { marker, pixel: see(p, true)?, covariance_px2 }))
             .collect();
-        let ground = self.ground.iter().enumerate();
-        let sights: Vec<_> = ground
-            .filter_map(|(marker, p)| Some(GroundSight { marker, pixel: see(p, false)?, covariance_px2 }))
-            .collect();
-        self.observations = observations;
-        // The attitude may be known before a ground frame is taken.
-        if self.orientation.ground.is_empty() {
-            self.orientation.ground = sights;
-        }
+        // The attitude may be known before a ground frame is taken. What one has shown tells which markers are sighted, and how
+        // well; its own errors are none of the rehearsal's, whose observations are exact.
+        let taken = &self.orientation.ground;
+        let told = |marker: usize| match taken.iter().find(|sight| sight.marker == marker) {
+            Some(sight) => Some(sight.covariance_px2),
+            None => taken.is_empty().then_some(covariance_px2),
+        };
+        let sight = |(marker, p): (usize, &Vector3<f64>)| {
+            Some(GroundSight { marker, covariance_px2: told(marker)?, pixel: see(p, false)? })
+        };
+        let ground = self.ground.iter().enumerate().filter_map(sight).collect();
+        (self.observations, self.orientation.ground) = (observations, ground);
     }
 
     /// Slope of the skin in flight.
