@@ -37,8 +37,8 @@ fn order(a: &Whole, b: &Whole) -> Ordering {
 /// Keeps the frames that are to be looked at first.
 pub struct Ranked {
     most: usize,
-    /// In their order; moved as frames come in between.
-    frames: Vec<Box<Whole>>,
+    /// In their order.
+    frames: Vec<Whole>,
 }
 
 impl Ranked {
@@ -51,14 +51,14 @@ impl Ranked {
     pub fn push(&mut self, frame: Whole) {
         let place = self.frames.partition_point(|known| order(known, &frame) != Ordering::Greater);
         if place < self.most {
-            self.frames.insert(place, Box::new(frame));
+            self.frames.insert(place, frame);
             self.frames.truncate(self.most);
         }
     }
 
     /// In their order.
     pub fn end(self) -> Vec<Whole> {
-        self.frames.into_iter().map(|frame| *frame).collect()
+        self.frames
     }
 }
 

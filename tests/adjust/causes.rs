@@ -99,13 +99,14 @@ fn fixed_marks_that_contradict_each_other_are_widened_together() {
 /// What is held is known, one by one: no width needs another to count.
 #[test]
 fn each_width_counts_alone() {
-    let widths: [(&str, fn(&mut InFlight)); 4] = [
+    type Widen = fn(&mut InFlight);
+    let widths: [(&str, Widen); 4] = [
         ("scale", |w| w.scale = InFlight::USUAL.scale),
         ("principal point", |w| w.principal_point_px = InFlight::USUAL.principal_point_px),
         ("root's turn", |w| w.root_turn_rad = InFlight::USUAL.root_turn_rad),
         ("root's shift", |w| w.root_shift_m = InFlight::USUAL.root_shift_m),
     ];
-    let sigma = |widen: fn(&mut InFlight)| {
+    let sigma = |widen: Widen| {
         let held = solved(7304, 0, Effects::default(), |setup| {
             setup.uncertainty.in_flight = InFlight::NONE;
             widen(&mut setup.uncertainty.in_flight);

@@ -80,7 +80,10 @@ fn four_commands_lead_from_a_card_and_a_board_to_the_report() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     done(here, &["init", "--no-questions"]);
-    std::fs::remove_dir_all(here.join("installation")).unwrap();
+    for file in std::fs::read_dir(here.join("installation")).unwrap() {
+        std::fs::remove_file(file.unwrap().path()).unwrap();
+    }
+    std::fs::remove_dir(here.join("installation")).unwrap();
     // The aircraft, the survey and the photographer.
     let lifts = "2.4,2.2,2.0,1.8,1.6,1.4";
     let size = ["--size", "1600", "1200", "--focal", "1400", "--board", "board.toml"];

@@ -105,6 +105,11 @@ mod tests {
         }
     }
 
+    /// As the recorder's own clock has it.
+    fn now_utc() -> jiff::Timestamp {
+        System::new().stamp().utc
+    }
+
     /// A port that nobody has.
     fn free_port() -> u16 {
         UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
@@ -113,7 +118,7 @@ mod tests {
     fn send(port: u16, count: usize) {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         for _ in 0..count {
-            let now = jiff::Timestamp::now();
+            let now = now_utc();
             let line = format!("IWG1,{},1,2\r\nnoise\r\n", now.to_string().trim_end_matches('Z'));
             socket.send_to(line.as_bytes(), ("127.0.0.1", port)).unwrap();
         }
@@ -169,7 +174,7 @@ mod tests {
         let mut asked = [0; 10];
         second.read_exact(&mut asked).unwrap();
         assert_eq!(&asked, b"add,mach\r\n");
-        let now = jiff::Timestamp::now();
+        let now = now_utc();
         second.write_all(format!("{now},0.78\n{now},0.").as_bytes()).unwrap();
         second.write_all(b"79\n").unwrap();
         let status = bench.until(|status| status.read == 2);
@@ -193,7 +198,7 @@ mod tests {
         let (mut second, _) = servers[1].accept().unwrap();
         let fault = bench.until(|status| status.fault.is_some()).fault.unwrap();
         assert!(fault.contains("no line for 0.5 s") && fault.contains(&one.to_string()), "{fault}");
-        writeln!(second, "{},0.78", jiff::Timestamp::now()).unwrap();
+        writeln!(second, "{},0.78", now_utc()).unwrap();
         let status = bench.until(|status| status.read == 1);
         assert_eq!((status.read, status.fault), (1, None));
         bench.end(feed);

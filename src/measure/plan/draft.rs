@@ -105,7 +105,7 @@ fn markers(draft: &Draft, tip_lift_m: f64, crowding: f64) -> Vec<SurveyMarker> {
     // Clear of the prints on both sides.
     let pair = 0.5 * (station(single - 2) + station(single - 1));
     let place = |k: usize| match k.checked_sub(single) {
-        None => (station(k), k % 2 == 0),
+        None => (station(k), k.is_multiple_of(2)),
         Some(of_pair) => (pair, of_pair == 0),
     };
     (0..count).map(|k| (k, place(k))).map(|(k, (along, leading))| marker(draft, k, along, leading)).collect()
