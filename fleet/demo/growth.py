@@ -53,7 +53,7 @@ def measure(lake: Lake, output: Path) -> dict[str, float]:
         asked.rows(sql)
         times[name] = clock() - begun
     begun = clock()
-    report.write(asked, output, "recalibrated", "onboard", synthesise.is_made(lake))
+    report.write(asked, output, "recalibrated", "onboard", lake.is_synthetic())
     times["report of what was asked"] = clock() - begun
     times["all, elapsed"] = sum(times.values())
     times["all, processor"] = time.process_time()

@@ -213,7 +213,7 @@ def test_synthetic_flights_say_so_and_their_truth_is_found_again(solved, tmp_pat
     reasons = {r["reason"] for r in asked.rows("FROM failing_flights")}
     assert reasons == {"synthetic: no marker was found, the picture is dark"}
     page = tmp_path / "fleet.html"
-    report.write(asked, page, "recalibrated", "onboard", synthesise.is_made(made))
+    report.write(asked, page, "recalibrated", "onboard", made.is_synthetic())
     assert "These flights are synthetic" in page.read_text()
     with pytest.raises(FleetError, match="is synthetic itself"):
         synthesise.make(made, Lake(f"file://{tmp_path / 'twice'}"), 1)

@@ -192,12 +192,12 @@ def iceberg(args) -> None:
 
 
 def report(args) -> None:
-    from . import desk, synthesise
+    from . import desk
     from . import report as page
 
     asked = [one for one in (args.against, args.solve) if one] if args.solve and args.against else None
     lake = Lake(args.lake)
-    page.write(desk.Desk(lake, asked, _cache(args)), args.output, args.solve, args.against, synthesise.is_made(lake))
+    page.write(desk.Desk(lake, asked, _cache(args)), args.output, args.solve, args.against, lake.is_synthetic())
     print(args.output)
 
 

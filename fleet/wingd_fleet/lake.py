@@ -175,6 +175,10 @@ def _bucket(url: str) -> S3Store:
     return S3Store(bucket, prefix=prefix or None, client_options=options, retry_config={"max_retries": 0})
 
 
+# Says of a lake that its flights are synthetic.
+SYNTHETIC = "synthetic.json"
+
+
 class Lake:
     """`s3://bucket/prefix` with AWS_* variables, or `file:///directory`."""
 
@@ -209,6 +213,10 @@ class Lake:
                     raise fault from None
                 time.sleep(PAUSE_S * 2**attempt)
         raise AssertionError("unreachable")
+
+    def is_synthetic(self) -> bool:
+        """Whether its flights are synthetic."""
+        return self.get(SYNTHETIC) is not None
 
     def get(self, key: str) -> bytes | None:
         """An object's bytes; None where there is none."""

@@ -13,11 +13,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from . import parquet, records, snapshot, solves
-from .lake import FleetError, Flight, Lake
+from .lake import SYNTHETIC, FleetError, Flight, Lake
 from .records import sha256
 from .state import State
 
-MARK = "synthetic.json"
 SOLVES = ("onboard", "recalibrated")
 SEED = 20261125
 # Aircraft, and types of them; each aircraft has one recorder, and every tenth a second one.
@@ -36,20 +35,15 @@ DARK_EVERY = 50
 SHIFT_M, SHIFT_SIGMA_M = 0.004, 0.001
 
 
-def is_made(lake: Lake) -> bool:
-    """Whether a lake's flights are synthetic."""
-    return lake.get(MARK) is not None
-
-
 def make(source: Lake, target: Lake, count: int) -> None:
     """So many flights, each in two solves; live results where the template has some."""
-    if source.get(MARK):
+    if source.is_synthetic():
         raise FleetError(f"{source.url}: is synthetic itself; name a lake of real flights")
     published = State(source).published()
     if not published:
         raise FleetError(f"{source.url}: has no tables to make flights from")
     own = [one for one in published if one.solve == published[0].solve]
-    target.create(MARK, records.dump({"synthetic": True, "made_from": sorted(str(one.flight) for one in own)}))
+    target.create(SYNTHETIC, records.dump({"synthetic": True, "made_from": sorted(str(one.flight) for one in own)}))
     definitions = {solve: solves.define(target, solve, None, [], "synthetic")["seal"] for solve in SOLVES}
     tables = [{name: parquet.read(snapshot.bytes_of(source, t)) for name, t in one.tables.items()} for one in own]
     for number in range(count):
