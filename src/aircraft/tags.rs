@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::layout::Sample;
 use super::times::seconds;
 use crate::clock::Stamp;
+use crate::measure::estimation::robust::{SIGMA_OVER_MEDIAN, median};
 
 /// A line cannot come before its tag by more than two clocks that are kept may differ, s (an assumption).
 const AHEAD_S: f64 = 2.0;
@@ -14,8 +15,6 @@ const LATE_S: f64 = 120.0;
 const JUMP_S: f64 = 30.0;
 /// One out of its turn has jumped where its delay differs by so many times the usual scatter, and by this, s.
 const OUT_OF_TURN: (f64, f64) = (6.0, 2.0);
-/// Standard deviation over the median of the absolute differences, normal distribution.
-const NORMAL: f64 = 1.4826;
 /// Delays that differ by less are of one jump, s.
 const SAME_JUMP_S: f64 = 1.0;
 
@@ -42,11 +41,6 @@ pub(super) struct Judge {
     jumped_s: Option<f64>,
 }
 
-fn median(values: &mut [f64]) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
-}
-
 impl Judge {
     pub fn of(lines: &[(Sample, Option<Stamp>)]) -> Self {
         let mut leads: BTreeMap<String, Vec<f64>> = BTreeMap::new();
@@ -55,10 +49,10 @@ impl Judge {
                 leads.entry(at.boot_id.clone()).or_default().push(sample.time_s - at.since_boot_s);
             }
         }
-        let usual = |(boot, mut all): (String, Vec<f64>)| {
-            let lead_s = median(&mut all)?;
-            let mut apart: Vec<f64> = all.iter().map(|lead| (lead - lead_s).abs()).collect();
-            Some((boot, Usual { lead_s, scatter_s: NORMAL * median(&mut apart)? }))
+        let usual = |(boot, all): (String, Vec<f64>)| {
+            let lead_s = median(all.clone())?;
+            let apart = all.into_iter().map(|lead| (lead - lead_s).abs()).collect();
+            Some((boot, Usual { lead_s, scatter_s: SIGMA_OVER_MEDIAN * median(apart)? }))
         };
         let boots = leads.into_iter().filter_map(usual).collect();
         Self { boots, newest_s: BTreeMap::new(), jumped_s: None }

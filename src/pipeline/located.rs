@@ -14,8 +14,6 @@ const ASIDE_PX: f64 = 100.0;
 /// By how much the length of a marker may differ from what the survey and its distance say, as a share: of a disc, and of
 /// quadrants, whose white is told less well.
 const SAME_SIZE: (f64, f64) = (0.05, 0.15);
-/// Two detections nearer to each other are one, px.
-const SAME_PX: f64 = 3.0;
 
 /// The markers of a picture of which some columns of each row were decoded, from the nearest outwards ([`identify::locate`]);
 /// `None` where that leads nowhere, or out of what was decoded.
@@ -48,7 +46,8 @@ pub(super) fn shows_aside(
     if missing.is_empty() {
         return false;
     }
-    let is_known = |m: &Detection| found.markers.iter().any(|k| (k.centre_px - m.centre_px).norm() < SAME_PX);
+    let is_known =
+        |m: &Detection| found.markers.iter().any(|k| (k.centre_px - m.centre_px).norm() < identify::SAME_PX);
     let is_like = |m: &Detection, p: &Prediction| {
         let most = if m.shape == Shape::Circle { SAME_SIZE.0 } else { SAME_SIZE.1 };
         m.shape == p.shape && (m.semi_major_px / p.semi_major_px - 1.0).abs() < most

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::cli::simulate::survey_csv;
+use crate::cli::simulate::{survey_csv, torsion_toml};
 use crate::cli::{Failure, RIGHTS, unwritable};
 use crate::installation::{self, Installation};
 use crate::measure::geometry::Lens;
@@ -221,15 +221,7 @@ fn toml(setup: &Setup) -> String {
             thermal.flight_temperature_sigma_k.map_or_else(String::new, |s| format!("sigma_k = {s:?}\n"))
         );
     }
-    for pair in &setup.torsion {
-        let id = |k: usize| setup.markers.get(k).map_or("", |m| m.id.as_str());
-        let (leading, trailing) = (id(pair.leading), id(pair.trailing));
-        let _ = write!(
-            text,
-            "\n[[torsion]]\nname = {:?}\nleading = {leading:?}\ntrailing = {trailing:?}\n",
-            pair.name
-        );
-    }
+    text.push_str(&torsion_toml(setup));
     text
 }
 

@@ -13,8 +13,8 @@ use crate::installation;
 use crate::measure::render::{Light, Options, Random, Scene, Shot, Side};
 use crate::measure::setup::{Orientation, Setup};
 use crate::report::number::count;
-pub(super) use writer::survey_csv;
 use writer::{SetFrame, write_set};
+pub(super) use writer::{survey_csv, torsion_toml};
 
 /// Frames of a wing, or pictures of a board, with known truth
 #[derive(clap::Args)]

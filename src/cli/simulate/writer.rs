@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use crate::installation;
 use crate::measure::raster::Raster;
 use crate::measure::render::{FrameTruth, MarkerTruth, Scene, Shot};
-use crate::measure::setup::{Setup, Side};
+use crate::measure::setup::{Setup, Side, TorsionPair};
 
 /// A frame of a set.
 pub struct SetFrame {
@@ -110,17 +110,22 @@ fn installation_toml(setup: &Setup) -> String {
             thermal.expansion_per_k, thermal.ground_temperature_c, thermal.flight_temperature_c
         );
     }
-    for pair in &setup.torsion {
-        let id = |i: usize| setup.markers.get(i).map_or("", |marker| marker.id.as_str());
-        let _ = writeln!(
-            text,
-            "\n[[torsion]]\nname = {:?}\nleading = {:?}\ntrailing = {:?}",
+    text.push_str(&torsion_toml(setup));
+    text
+}
+
+/// The torsion pairs as `installation.toml` has them.
+pub fn torsion_toml(setup: &Setup) -> String {
+    let id = |i: usize| setup.markers.get(i).map_or("", |marker| marker.id.as_str());
+    let pair = |pair: &TorsionPair| {
+        format!(
+            "\n[[torsion]]\nname = {:?}\nleading = {:?}\ntrailing = {:?}\n",
             pair.name,
             id(pair.leading),
             id(pair.trailing)
-        );
-    }
-    text
+        )
+    };
+    setup.torsion.iter().map(pair).collect()
 }
 
 pub fn survey_csv(setup: &Setup) -> String {

@@ -89,8 +89,8 @@ pub fn solve_from(
             }
         }
         let step = system.step(problem, damping)?;
-        let step =
-            if damping > 0.0 { relaxation.none(step) } else { relaxation.of(step, &system.normal, length) };
+        // A damped step says nothing of others.
+        let step = if damping > 0.0 { step } else { relaxation.of(step, &system.normal, length) };
         system.moved(problem, &state, &step, &mut next);
         let moved = step.dot(&(&system.normal * &step)) + residual_change(problem, &state, &next);
         // By what a whole step would move.
@@ -136,12 +136,6 @@ impl Relaxation {
     const ALIKE: f64 = 0.9;
     /// Factors beyond these are no longer told by two steps.
     const BOUNDS: (f64, f64) = (0.3, 10.0);
-
-    /// A step that says nothing of others.
-    fn none(&mut self, step: DVector<f64>) -> DVector<f64> {
-        self.last = None;
-        step
-    }
 
     /// A step by its factor; the first one, and the first one after one that led up, by `length`.
     fn of(&mut self, step: DVector<f64>, normal: &DMatrix<f64>, length: f64) -> DVector<f64> {

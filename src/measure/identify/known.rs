@@ -14,10 +14,6 @@ use crate::setup::Shape;
 /// What a wing may do where its markers are known, standard deviations: three terms of the curvature, 1/m, two of the twist,
 /// rad. Wider than any wing bends.
 const WING_SIGMAS: [f64; 5] = [0.01, 0.005, 0.005, 0.06, 0.05];
-/// The camera may have turned by this at least, standard deviation, px.
-const LEAST_TURN_PX: f64 = 20.0;
-/// And about its axis by this, rad: a mounting repeats it less well.
-const LEAST_ROLL_RAD: f64 = 5e-3;
 /// Linear steps at most; they settle in four or five.
 const STEPS: usize = 15;
 /// A step of the state that no longer matters, 1/m and rad: 0.001 px.
@@ -42,10 +38,9 @@ pub(super) fn state_of(
     if pairs.len() < super::flight::NEEDED {
         return None;
     }
-    let setup = scene.setup;
-    let turn = setup.mount_repeatability_px.max(LEAST_TURN_PX) / setup.lens.focal_px();
     let [a, b, c, d, e] = WING_SIGMAS;
-    let sigma = State::from([a, b, c, d, e, turn, turn, turn.max(LEAST_ROLL_RAD)]);
+    let [x, y, z] = scene.turn_sigmas();
+    let sigma = State::from([a, b, c, d, e, x, y, z]);
     let prior = Prior { mean: State::zeros(), sigma };
     let mut state = prior.mean;
     for _ in 0..STEPS {

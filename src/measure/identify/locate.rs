@@ -28,14 +28,11 @@ const NEAR_PX: f64 = 60.0;
 /// How far markers may be off where all of them are sought together, px.
 const SETTLED_PX: f64 = 40.0;
 /// Two detections nearer to each other are one, px.
-const SAME_PX: f64 = 3.0;
+pub const SAME_PX: f64 = 3.0;
 /// Share of a curvature by which its shape along the span differs from wing to wing, as [`super::scan`] allows for.
 const SHAPE: f64 = 0.5;
 /// Twist of the tip, rad, standard deviation, as there.
 const TWIST_RAD: f64 = 0.06;
-/// The camera may have turned by this at least, px, and about its axis by this, rad, as there.
-const TURN_PX: f64 = 20.0;
-const ROLL_RAD: f64 = 5e-3;
 
 /// What is known before a frame is looked at: the wing may be bent as far as the identification scans.
 fn before(scene: &Scene<'_>) -> Prior {
@@ -44,10 +41,10 @@ fn before(scene: &Scene<'_>) -> Prior {
     // Curvature that falls to 0 at the tip lifts that by a third of it times the span squared.
     let [middle, half] = [0.5 * (low + high), 0.5 * (high - low)].map(|lift| 3.0 * lift / span);
     let bend = half / SIGMAS.0;
-    let turn = scene.setup.mount_repeatability_px.max(TURN_PX) / scene.setup.lens.focal_px();
+    let [x, y, z] = scene.turn_sigmas();
     let shape = SHAPE * bend;
     let mean = State::from([middle, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-    let sigma = State::from([bend, shape, shape, TWIST_RAD, TWIST_RAD, turn, turn, turn.max(ROLL_RAD)]);
+    let sigma = State::from([bend, shape, shape, TWIST_RAD, TWIST_RAD, x, y, z]);
     Prior { mean, sigma }
 }
 

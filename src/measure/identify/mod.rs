@@ -40,6 +40,7 @@ use super::observation::Estimate;
 use super::setup::{Orientation, Setup};
 
 pub use explain::Cause;
+pub use locate::SAME_PX;
 
 /// Which detection is which marker.
 #[derive(Clone, Debug, PartialEq, Default)]

@@ -137,10 +137,8 @@ fn agreeing(problem: &Problem<'_>, pixels: &[Option<Vector2<f64>>], shift: &Vect
 }
 
 fn prior(problem: &Problem<'_>, state: &State, amplitude: f64) -> Prior {
-    let setup = problem.scene.setup;
     let a = amplitude.abs();
-    let turn = setup.mount_repeatability_px.max(20.0) / setup.lens.focal_px();
-    let sigma =
-        State::from([0.4 * a + 6e-4, 0.5 * a + 4e-4, 0.9 * a + 6e-4, 0.06, 0.05, turn, turn, turn.max(5e-3)]);
+    let [x, y, z] = problem.scene.turn_sigmas();
+    let sigma = State::from([0.4 * a + 6e-4, 0.5 * a + 4e-4, 0.9 * a + 6e-4, 0.06, 0.05, x, y, z]);
     Prior { mean: *state, sigma }
 }

@@ -16,6 +16,10 @@ pub(super) type Jacobian = SMatrix<f64, 2, 8>;
 const MODEL_SIGMA_M: f64 = 0.004;
 /// What outline centres and a lens of few terms leave, px.
 const PIXEL_FLOOR_PX: f64 = 0.6;
+/// The camera may have turned by this at least, standard deviation, px.
+const LEAST_TURN_PX: f64 = 20.0;
+/// And about its axis by this, rad: a mounting repeats it less well.
+const LEAST_ROLL_RAD: f64 = 5e-3;
 /// Differences for the wing's part of the Jacobian: 1/m, rad.
 const STEPS: [f64; 5] = [1e-5, 1e-5, 1e-5, 1e-4, 1e-4];
 
@@ -47,6 +51,12 @@ impl<'a> Scene<'a> {
         let thermal = setup.thermal.filter(|_| in_flight);
         let pane = Plate::seen(setup.window.as_ref(), &orientation.camera_from_survey, in_flight);
         Self { setup, beam, camera_from_wing, pane, scale: thermal.map_or(1.0, |t| t.scale()) }
+    }
+
+    /// How far the camera may have turned since the ground frames, about its own axes, standard deviations, rad.
+    pub(super) fn turn_sigmas(&self) -> [f64; 3] {
+        let turn = self.setup.mount_repeatability_px.max(LEAST_TURN_PX) / self.setup.lens.focal_px();
+        [turn, turn, turn.max(LEAST_ROLL_RAD)]
     }
 
     /// Where the camera sees a point of the wing frame, camera frame.
