@@ -2,6 +2,7 @@
 #![allow(dead_code, unused_imports, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 pub mod beam_truth;
+pub mod clock_screen;
 pub mod disc_image;
 pub mod drawn;
 pub mod random;
