@@ -157,7 +157,7 @@ fn tests<'a>(records: impl Iterator<Item = &'a ImageRecord>) -> Markup {
             p { "No global test could be made." }
         } @else if rejected == 0 {
             p {
-                "All " (passed) " global tests passed: the residuals do not contradict the model and the stated standard deviations. "
+                @if passed == 1 { "The global test" } @else { "All " (passed) " global tests" } " passed: the residuals do not contradict the model and the stated standard deviations. "
                 "They cannot show what leaves no residuals: an error that bending, mounting or another unknown takes up, such as a wrong root, axis, lens or window. "
                 "Against that stand the standard deviations stated for it, " a href="#budget" { "share by share" } "."
             }

@@ -29,7 +29,7 @@ class Chart {
   legend() {
     const tracks = this.data.tracks;
     if (tracks.length < 2) return;
-    const list = node(this.root, "div", { className: "legend" });
+    const list = node(this.root, "div", { className: tracks.length > 12 ? "legend long" : "legend" });
     if (tracks.length > 3) {
       button(list, "all", `every one of ${tracks.length} tracks`, () => { this.off.clear(); this.draw(); });
       button(list, "none", "no track", () => { this.off = new Set(tracks.keys()); this.draw(); });
