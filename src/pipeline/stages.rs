@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::Matrix2;
 use sha2::{Digest, Sha256};
 
 use super::decode;
@@ -348,21 +348,14 @@ fn observations(detections: &[Detection], identities: &Identities) -> Vec<Observ
 
 /// Where the ground frames show the identified markers: the weighted mean over the frames.
 pub fn ground_sights(setup: &Setup, frames: &[Vec<Detection>], fit: &OrientationFit) -> Vec<GroundSight> {
-    let mut sums: Vec<(Matrix2<f64>, Vector2<f64>)> =
-        vec![(Matrix2::zeros(), Vector2::zeros()); setup.markers.len()];
-    for (found, identities) in frames.iter().zip(&fit.identities) {
+    let sights = frames.iter().zip(&fit.identities).flat_map(|(found, identities)| {
         let centred = identify::remove_perspective_bias(setup, &fit.orientation, found, identities);
-        for seen in observations(&centred, identities) {
-            let weight = seen.covariance_px2.try_inverse();
-            if let (Some(weight), Some(sum)) = (weight, sums.get_mut(seen.marker)) {
-                sum.0 += weight;
-                sum.1 += weight * seen.pixel;
-            }
-        }
-    }
-    let mean = |(marker, (weight, sum)): (usize, &(Matrix2<f64>, Vector2<f64>))| {
-        let covariance_px2 = weight.try_inverse()?;
-        Some(GroundSight { marker, pixel: covariance_px2 * sum, covariance_px2 })
-    };
-    sums.iter().enumerate().filter_map(mean).collect()
+        observations(&centred, identities)
+    });
+    let sights = sights.map(|Observation { marker, pixel, covariance_px2 }| GroundSight {
+        marker,
+        pixel,
+        covariance_px2,
+    });
+    GroundSight::means(setup.markers.len(), sights)
 }
