@@ -8,6 +8,7 @@ use wingd::measure::detect::Detection;
 use wingd::measure::geometry::Lens;
 use wingd::measure::setup::{Setup, Shape, SkinHeight, SurveyMarker, Thermal, Uncertainty};
 
+use super::attitude::look;
 use super::disc_image::image_of_disc;
 pub use super::random::{normal, normal3, rng};
 
@@ -390,14 +391,4 @@ fn setup(
         cad_similarity: false,
         window: None,
     }
-}
-
-/// camera_from_wing of a camera that looks outboard.
-pub fn look(elevation: f64, azimuth: f64, roll: f64) -> Rotation3<f64> {
-    // Camera right is the wing's Z, down is -Y, forward is X.
-    let level = Rotation3::from_matrix_unchecked(Matrix3::new(0.0, 0.0, 1.0, 0.0, -1.0, 0.0, 1.0, 0.0, 0.0));
-    Rotation3::new(Vector3::new(0.0, 0.0, roll))
-        * Rotation3::new(Vector3::new(-elevation, 0.0, 0.0))
-        * Rotation3::new(Vector3::new(0.0, azimuth, 0.0))
-        * level
 }
