@@ -226,21 +226,8 @@ impl World {
             rng.random_range(-50.0..50.0),
             rng.random_range(2.0..6.0),
         );
-        let focal = rng.random_range(6800.0..8200.0);
-        let lens = Lens {
-            fy: focal * rng.random_range(0.999..1.001),
-            k1: rng.random_range(-0.1..0.1),
-            k2: rng.random_range(-0.1..0.1),
-            p1: rng.random_range(-5e-4..5e-4),
-            p2: rng.random_range(-5e-4..5e-4),
-            ..Lens::pinhole(
-                4000,
-                3000,
-                focal,
-                rng.random_range(1950.0..2050.0),
-                rng.random_range(1450.0..1550.0),
-            )
-        };
+        let lens = drawn_lens(rng);
+        let focal = lens.fx;
         let frame = wingd::measure::geometry::WingFrame::new(true_centre_m, span);
         let elevation = |p: &Vector3<f64>| (p.y / p.x).atan();
         let lowest = ground.iter().map(elevation).fold(f64::MAX, f64::min);
@@ -329,6 +316,19 @@ impl World {
         }
         add_false_ones(&mut view, rng, conditions, lens);
         view
+    }
+}
+
+/// Of a camera for 30 m of wing, with some distortion.
+fn drawn_lens(rng: &mut StdRng) -> Lens {
+    let focal = rng.random_range(6800.0..8200.0);
+    Lens {
+        fy: focal * rng.random_range(0.999..1.001),
+        k1: rng.random_range(-0.1..0.1),
+        k2: rng.random_range(-0.1..0.1),
+        p1: rng.random_range(-5e-4..5e-4),
+        p2: rng.random_range(-5e-4..5e-4),
+        ..Lens::pinhole(4000, 3000, focal, rng.random_range(1950.0..2050.0), rng.random_range(1450.0..1550.0))
     }
 }
 
