@@ -3,6 +3,7 @@
 
 pub mod attitude;
 pub mod beam_truth;
+pub mod clock_screen;
 pub mod disc_image;
 pub mod drawn;
 pub mod random;
