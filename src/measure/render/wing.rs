@@ -98,7 +98,7 @@ impl Wing {
         let stations = self.beam.stations();
         let last = (stations - 1) as f64;
         let ground: Vec<f64> = (0..stations).map(|i| self.slope_rad.at(i as f64 / last)).collect();
-        let bent = self.beam.bend(&ground, &state.load, state.tip_lift_m);
+        let bent = self.beam.bend(&ground, &state.load, state.tip_lift_m, state.second_mode_m);
         let twist = self.beam.twist(state.tip_twist_rad);
         let slope: Vec<f64> = ground.iter().zip(&bent.slope_rad).map(|(g, b)| g + b).collect();
         let x = integrated(step, slope.iter().map(|t| t.cos()));
@@ -122,6 +122,8 @@ impl Wing {
 pub struct State {
     /// Rise of the axis at its tip by bending, m.
     pub tip_lift_m: f64,
+    /// Swing in the second bending mode, at the tip, m; beside `tip_lift_m`.
+    pub second_mode_m: f64,
     /// Shape of the load.
     pub load: LoadShape,
     /// Nose up positive, rad.
@@ -133,7 +135,7 @@ pub struct State {
 impl State {
     /// At rest, at the temperature of the survey.
     pub fn ground(load: LoadShape) -> Self {
-        Self { tip_lift_m: 0.0, load, tip_twist_rad: 0.0, thermal_scale: 1.0 }
+        Self { tip_lift_m: 0.0, second_mode_m: 0.0, load, tip_twist_rad: 0.0, thermal_scale: 1.0 }
     }
 }
 
@@ -262,7 +264,13 @@ pub(super) mod tests {
 
     #[test]
     fn the_gap_is_nothing_on_the_skin() {
-        let state = State { tip_lift_m: 2.0, tip_twist_rad: 0.03, thermal_scale: 0.9984, load: LOAD };
+        let state = State {
+            tip_lift_m: 2.0,
+            second_mode_m: 0.0,
+            tip_twist_rad: 0.03,
+            thermal_scale: 0.9984,
+            load: LOAD,
+        };
         let pose = wing().pose(&state);
         for (s, z) in [(6.0, 1.0), (20.03, -1.3), (32.5, 0.4)] {
             let point = pose.point(s, z);
