@@ -240,23 +240,45 @@ pub(super) fn look_guided(
         || decode::decode_part(bytes, format, &columns),
         |raster| detect::detect_guided(raster, predictions),
     );
-    let Some(raster) = &part else { return (None, Search::Guided) };
+    if part.is_none() {
+        return (None, Search::Guided);
+    }
     if detect::is_complete(&sighting.detections, predictions) {
         return (part, Search::Guided);
     }
-    let better = onwards(&sighting.detections.markers).filter(|better| {
+    let better = onwards(&sighting.detections.markers);
+    look_again(sighting, bytes, format, (part, predictions, better))
+}
+
+/// With better predictions, in what was decoded if they lie there; and where that does not do, in the whole frame.
+fn look_again(
+    sighting: &mut Sighting,
+    bytes: &[u8],
+    format: Option<&Format>,
+    (part, predictions, better): (Option<Raster>, &[Prediction], Option<Vec<Prediction>>),
+) -> (Option<Raster>, Search) {
+    let better = better.unwrap_or_default();
+    let lies_there = |raster: &Raster| {
         let [read, needed] =
-            [predictions, better].map(|p| detect::columns_read(p, raster.width(), raster.height()));
+            [predictions, &better].map(|p| detect::columns_read(p, raster.width(), raster.height()));
         holds(&read, &needed)
-    });
-    if let Some(better) = better {
-        let found = sighting.timed(Work::Detect, || detect::detect_guided(raster, &better));
+    };
+    let part = part.filter(|raster| !better.is_empty() && lies_there(raster));
+    let is_whole = part.is_none();
+    let decoded = part.map_or_else(|| sighting.timed(Work::Decode, || decode::decode(bytes, format)), Ok);
+    let Ok(raster) = decoded else {
+        return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
+    };
+    if !better.is_empty() {
+        let found = sighting.timed(Work::Detect, || detect::detect_guided(&raster, &better));
         if detect::is_complete(&found, &better) {
             sighting.detections = found;
-            return (part, Search::Guided);
+            return (Some(raster), Search::Guided);
         }
     }
-    (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole)
+    let all =
+        if is_whole { Ok(raster) } else { sighting.timed(Work::Decode, || decode::decode(bytes, format)) };
+    (sighting.look(|| all, detect::detect), Search::Whole)
 }
 
 fn unseen(name: &str, bytes: &[u8]) -> Sighting {

@@ -13,6 +13,7 @@ mod identification;
 mod live;
 mod live_start;
 mod long_flights;
+mod modes;
 mod mountings;
 mod plan;
 mod profile_figures;
