@@ -1,10 +1,10 @@
 //! Image points measured by hand, beside pictures or instead of them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use super::Args;
-use crate::cli::{Failure, frames};
-use crate::installation::{self, Fault, HandObservation, Installation};
+use super::{Failure, frames};
+use crate::installation::{self, Fault, HandObservation};
+use crate::measure::setup::Setup;
 
 /// Points measured by hand, by the pictures they are of.
 #[derive(Default)]
@@ -13,13 +13,12 @@ pub(super) struct ByHand {
 }
 
 impl ByHand {
-    /// Reads them, where there are any.
+    /// Reads them.
     ///
     /// # Errors
-    /// Where a point says of no picture, or of none that is solved, which it is of.
-    pub fn read(args: &Args, files: &[PathBuf], installation: &Installation) -> Result<Self, Failure> {
-        let Some(file) = &args.observations else { return Ok(Self::default()) };
-        let points = installation::read_observations(file, &installation.setup)?;
+    /// Where a point says of no picture, or of none of these, which it is of.
+    pub fn read(file: &Path, files: &[PathBuf], setup: &Setup) -> Result<Self, Failure> {
+        let points = installation::read_observations(file, setup)?;
         let names = frames::names(files);
         let fault = |place: &str, problem: String, mend: &str| {
             Failure::from(Fault::new(file, place.to_owned(), problem, mend.to_owned()))
