@@ -31,14 +31,24 @@ impl ByHand {
                 "name the picture of every point, as results name it",
             ));
         }
-        let strange = points.iter().filter_map(|p| p.image.as_ref()).find(|name| !names.contains(name));
-        if let Some(name) = strange.filter(|_| !files.is_empty()) {
-            let problem = format!("\"{name}\" is none of the pictures");
-            return Err(fault(
-                "column image",
-                problem,
-                "name it as results name it, or leave its points out",
-            ));
+        let is_strange = |p: &&HandObservation| p.image.as_ref().is_some_and(|name| !names.contains(name));
+        let strange: Vec<&HandObservation> = points.iter().filter(is_strange).collect();
+        let first = strange.first().and_then(|p| p.image.clone()).filter(|_| !files.is_empty());
+        if let Some(name) = first {
+            if strange.len() == points.len() {
+                let problem = format!("\"{name}\" is none of the pictures");
+                return Err(fault(
+                    "column image",
+                    problem,
+                    "name it as results name it, or leave its points out",
+                ));
+            }
+            // One file may hold what was marked in a folder of pictures.
+            let count = strange.len();
+            eprintln!(
+                "wingd: {}: {count} points are of pictures that are not asked for, first {name}",
+                file.display()
+            );
         }
         Ok(Self { points })
     }

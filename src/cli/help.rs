@@ -19,7 +19,10 @@ const GROUPS: [(&str, &[&str]); 5] = [
         ],
     ),
     ("Record in flight", &["run", "status", "trigger"]),
-    ("Evaluate", &["import", "detect", "mark", "solve", "compare", "report", "export", "aircraft-data", "stress"]),
+    (
+        "Evaluate",
+        &["import", "detect", "mark", "solve", "compare", "report", "export", "aircraft-data", "stress"],
+    ),
     ("Keep and hand over", &["verify", "copy", "fetch", "serve", "upload", "prune"]),
     ("Try and learn", &["demo", "simulate", "completions", "man"]),
 ];

@@ -98,7 +98,9 @@ fn load(args: &Args, directory: &Path) -> Result<Installation, Failure> {
 
 fn of_store(args: &Args, root: &Path) -> Result<Workplace, Failure> {
     if args.observations.is_some() {
-        return Err(Failure::Usage("--observations belongs to pictures: a store keeps its marks itself".into()));
+        return Err(Failure::Usage(
+            "--observations belongs to pictures: a store keeps its marks itself".into(),
+        ));
     }
     let none = || Failure::Undone(format!("{}: holds no flight yet", root.display()));
     let flight: FlightRef = stores::flights(root, args.flight.as_deref())?.pop().ok_or_else(none)?;
@@ -136,7 +138,8 @@ fn of_pictures(args: &Args) -> Result<Workplace, Failure> {
     let names = frames::names(&files);
     let beside = || files.first().and_then(|f| f.parent()).unwrap_or(Path::new("")).join(OBSERVATIONS);
     let kept = Kept::in_file(args.observations.clone().unwrap_or_else(beside), &installation.setup)?;
-    let pictures = files.into_iter().zip(names).map(|(file, name)| Picture { name, source: Source::File(file) });
+    let pictures =
+        files.into_iter().zip(names).map(|(file, name)| Picture { name, source: Source::File(file) });
     let pictures = pictures.collect();
     Ok(workplace(args, installation, pictures, kept))
 }

@@ -57,7 +57,10 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let (setup, names) = (&installation.setup, names(&frames));
     if let Some(file) = &args.observations {
         let by_hand = ByHand::read(file, &files, setup)?;
-        frames.iter_mut().zip(&names).for_each(|(frame, name)| frame.hear(by_hand.of(name).cloned().collect()));
+        frames
+            .iter_mut()
+            .zip(&names)
+            .for_each(|(frame, name)| frame.hear(by_hand.of(name).cloned().collect()));
     }
     let fit = orienting::orient(setup, &mut frames)
         .map_err(|e| Failure::Undone(format!("no orientation: {}", why(setup, &frames, &e, &names))))?;

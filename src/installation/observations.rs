@@ -53,7 +53,9 @@ pub fn observations_text(observations: &[HandObservation], setup: &Setup) -> std
     let mut csv = csv::Writer::from_writer(vec![]);
     csv.write_record(COLUMNS)?;
     for o in observations {
-        let number = |value: &dyn Fn(&HandPlace) -> f64| o.place.as_ref().map_or(String::new(), |p| value(p).to_string());
+        let number = |value: &dyn Fn(&HandPlace) -> f64| {
+            o.place.as_ref().map_or(String::new(), |p| value(p).to_string())
+        };
         let id = setup.markers.get(o.marker).map_or("", |m| m.id.as_str());
         let [who, when, why] = &o.note;
         csv.write_record([
@@ -117,11 +119,8 @@ fn read_place(
     let v: Vec<Option<f64>> =
         (1..4).map(|k| rows::number(reader, file, line, COLUMNS[k], &cells[k])).collect();
     let [Some(u), Some(v), Some(sigma_u)] = v[..] else { return None };
-    let sigma_v = if cells[5].is_empty() {
-        sigma_u
-    } else {
-        rows::number(reader, file, line, COLUMNS[5], &cells[5])?
-    };
+    let sigma_v =
+        if cells[5].is_empty() { sigma_u } else { rows::number(reader, file, line, COLUMNS[5], &cells[5])? };
     for (column, sigma) in [(COLUMNS[3], sigma_u), (COLUMNS[5], sigma_v)] {
         if !SIGMAS_PX.contains(&sigma) {
             let place = format!("line {line}, column {column}");

@@ -12,10 +12,9 @@ pub fn observation(mark: &Mark, setup: &Setup) -> Option<HandObservation> {
     let place = match mark.act {
         Act::Withdraw => return None,
         Act::Reject => None,
-        Act::Place(Place { u_px, v_px, covariance_px2: [[uu, uv], [vu, vv]], .. }) => Some(HandPlace {
-            pixel: Vector2::new(u_px, v_px),
-            covariance_px2: Matrix2::new(uu, uv, vu, vv),
-        }),
+        Act::Place(Place { u_px, v_px, covariance_px2: [[uu, uv], [vu, vv]], .. }) => {
+            Some(HandPlace { pixel: Vector2::new(u_px, v_px), covariance_px2: Matrix2::new(uu, uv, vu, vv) })
+        }
     };
     let when = mark.at.map_or(String::new(), |at| at.to_string());
     let image = Some(mark.image.clone()).filter(|image| !image.is_empty());

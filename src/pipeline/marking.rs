@@ -83,7 +83,9 @@ impl Desk {
     /// What it says with what a person says of it.
     pub fn solve(&self, said: &[HandObservation], installation: &Installation) -> Said {
         let solve = || match &self.seen {
-            Seen::Flight { sighting, orientation, .. } => in_flight(sighting, orientation, said, installation),
+            Seen::Flight { sighting, orientation, .. } => {
+                in_flight(sighting, orientation, said, installation)
+            }
             Seen::Ground(frame) => on_ground(frame, said, installation),
         };
         guarded(solve).unwrap_or_else(|| Said {
@@ -173,7 +175,11 @@ fn on_ground(frame: &GroundFrame, said: &[HandObservation], installation: &Insta
         }
         Err(error) => {
             let reason = Some(error.to_string());
-            let record = ImageRecord { reason, markers: ground_markers(&[], said, installation), ..ImageRecord::default() };
+            let record = ImageRecord {
+                reason,
+                markers: ground_markers(&[], said, installation),
+                ..ImageRecord::default()
+            };
             Said { record, observations: vec![], foretold: vec![], orientation: None }
         }
     }

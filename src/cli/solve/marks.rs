@@ -33,7 +33,11 @@ impl Marks {
         let said: Vec<HandObservation> =
             counting.iter().filter_map(|mark| observation(mark, &installation.setup)).collect();
         if !counting.is_empty() {
-            eprintln!("wingd: {}: {} marks by hand are used (--no-marks leaves them out)", flight.id, said.len());
+            eprintln!(
+                "wingd: {}: {} marks by hand are used (--no-marks leaves them out)",
+                flight.id,
+                said.len()
+            );
         }
         if said.len() < counting.len() {
             let strange = counting.len() - said.len();

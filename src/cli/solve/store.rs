@@ -63,8 +63,17 @@ fn solve_flight(args: &Args, store: &Store, flight: &FlightRef, output: &mut Out
     let job = job(args);
     let (track, digest) = aircraft_data(args, store, flight)?;
     let marks = Marks::read(args, store, flight, &installation)?;
-    let work =
-        Work { args, store, flight, installation: &installation, orientation, job: &job, track, digest, marks };
+    let work = Work {
+        args,
+        store,
+        flight,
+        installation: &installation,
+        orientation,
+        job: &job,
+        track,
+        digest,
+        marks,
+    };
     if args.together() { work.together(output) } else { work.one_by_one(output) }?;
     if let Some(warning) = sets::of_flight(store.disk(), flight)?.warning(&flight.id, None) {
         eprintln!("wingd: {warning}");

@@ -7,7 +7,7 @@ use crate::installation::HandObservation;
 use crate::measure::raster::Raster;
 use crate::pipeline::by_hand::observation;
 use crate::pipeline::marking::Said;
-use crate::record::{ImageRecord, MarkerRecord};
+use crate::record::{ImageRecord, MarkerRecord, Reference};
 use crate::store::marks::{Act, Mark};
 
 /// Markers with what is known of each, where lost ones should be, what is solved with the marks and without.
@@ -29,6 +29,7 @@ pub(super) fn state(workplace: &Workplace, open: &Open) -> Value {
         "height": raster.height(),
         "now": result(&now.record),
         "bare": result(&open.bare.record),
+        "change_m": change(&now.record, &open.bare.record),
         "marks": marks.len(),
         "markers": markers,
     })
@@ -90,6 +91,20 @@ fn result(record: &ImageRecord) -> Value {
         "global_test": record.global_test,
         "remarks": record.remarks,
     })
+}
+
+/// How much higher the marks put the tip, m: of the same marker, counted from the same place.
+fn change(now: &ImageRecord, bare: &ImageRecord) -> Option<f64> {
+    let tip = now.tip.as_ref()?;
+    let of = |record: &ImageRecord| {
+        let line = record.markers.iter().find(|m| m.id == tip.marker)?;
+        match tip.shown.unwrap_or_default() {
+            Reference::Survey => line.lift_m,
+            Reference::Ground => line.lift_ground_m,
+            Reference::Root => line.lift_root_m,
+        }
+    };
+    Some(of(now)? - of(bare)?)
 }
 
 /// A grey picture as PNG.

@@ -132,9 +132,9 @@ impl Work<'_> {
                 let who = if mark.who.is_empty() { "somebody" } else { &mark.who };
                 Err(Refused::Asks(format!("{who} has marked {id}. Shall your mark stand for it?")))
             }
-            None if detected => {
-                Err(Refused::Asks(format!("{id} is detected in this picture. Shall your mark stand for that?")))
-            }
+            None if detected => Err(Refused::Asks(format!(
+                "{id} is detected in this picture. Shall your mark stand for that?"
+            ))),
             _ => Ok(()),
         }
     }

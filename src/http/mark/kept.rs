@@ -57,7 +57,8 @@ impl Kept {
                 let rows: Vec<HandObservation> =
                     standing(&all).into_iter().filter_map(|m| observation(m, setup)).collect();
                 let disk: &dyn Disk = &RealDisk;
-                let text = installation::observations_text(&rows, setup).map_err(StoreError::io(path, "write"))?;
+                let text =
+                    installation::observations_text(&rows, setup).map_err(StoreError::io(path, "write"))?;
                 disk.replace(path, &text)?;
             }
         }

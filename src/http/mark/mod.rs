@@ -45,7 +45,7 @@ const LONGEST: usize = 16 * 1024;
 const SCRIPT: &str = include_str!("../pages/mark.js");
 /// Its own script, and pictures that it has fetched.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'self'; connect-src 'self'; \
-     img-src 'self' blob:; frame-ancestors 'none'";
+     img-src 'self' data: blob:; frame-ancestors 'none'";
 
 /// What is marked, and in whose name.
 pub struct Workplace {
@@ -246,8 +246,7 @@ impl Table {
             let picture = pictures.get(number).ok_or(Refused::NotFound)?;
             let failed = |reason: Reason| Refused::Failed(format!("{}: {reason}", picture.name));
             let (bytes, digest, format) = picture.read().map_err(failed)?;
-            let desk =
-                Desk::open(&picture.name, &bytes, format.as_ref(), installation, orientation.as_ref());
+            let desk = Desk::open(&picture.name, &bytes, format.as_ref(), installation, orientation.as_ref());
             let desk = desk.map_err(failed)?;
             let bare = desk.solve(&[], installation);
             self.open = Some(Open { number, digest, desk, bare });

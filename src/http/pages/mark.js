@@ -203,7 +203,10 @@ function look(id) {
 
 function choose(id, centred = false) {
   chosen = id;
-  if (id && centred) look(id);
+  if (id && centred) {
+    look(id);
+    photo.scrollIntoView({ block: "nearest" });
+  }
   const m = id && marker(id);
   if (m) say(words(m));
   table();
@@ -234,7 +237,7 @@ function lift(result, big, beside) {
   const there = result.lift_m !== null && result.lift_m !== undefined;
   $(big).textContent = there ? `${fixed(result.lift_m, 4)} m` : result.status === "ok" ? "–" : "no result";
   const sigma = result.sigma_lift_m;
-  const change = big === "lift" && there && state.bare.lift_m !== null ? ` (${signed(1e3 * (result.lift_m - state.bare.lift_m))} mm)` : "";
+  const change = big === "lift" && state.change_m !== null ? ` (${signed(1e3 * state.change_m)} mm by the marks)` : "";
   $(beside).textContent = there ? `± ${fixed(1e3 * sigma, 1)} mm, ${result.used} markers${change}` : (result.reason ?? result.remarks[0] ?? "");
 }
 
@@ -243,6 +246,7 @@ const signed = (value) => `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(1
 function table() {
   lift(state.now, "lift", "lift-beside");
   lift(state.bare, "bare", "bare-beside");
+  $("bare-name").textContent = state.bare.tip ? `Without marks, ${state.bare.tip}` : "Without marks";
   $("lift-name").textContent = state.now.tip ? `Lift of ${state.now.tip}, ${state.now.reference}` : "Result";
   const factor = state.now.variance_factor;
   $("test").textContent = factor === null ? "" : `variance factor ${fixed(factor, 2)}${state.now.global_test ? `, global test ${state.now.global_test}` : ""}`;
@@ -286,7 +290,7 @@ async function post(asked) {
   if (busy) return;
   busy = true;
   const who = $("who").value.trim();
-  const before = state.now.lift_m;
+  const before = state.now;
   try {
     const body = JSON.stringify({ who, why: $("why").value.trim(), ...asked });
     const got = await fetched(`/picture/${number}`, { method: "POST", headers: { "content-type": "application/json" }, body });
@@ -301,7 +305,9 @@ async function post(asked) {
     pictures[number].marks = state.marks;
     chosen = asked.to ?? asked.id;
     const m = marker(chosen);
-    const change = before !== null && state.now.lift_m !== null ? ` Lift ${signed(1e3 * (state.now.lift_m - before))} mm.` : "";
+    const same = before.tip && before.tip === state.now.tip && before.reference === state.now.reference;
+    const change = same ? ` Lift of ${before.tip} ${signed(1e3 * (state.now.lift_m - before.lift_m))} mm.` : "";
+    remember();
     say(`${words(m)}.${change}`.replace("..", "."));
     photo.dataset.marks = state.marks;
     list();
@@ -314,6 +320,14 @@ async function post(asked) {
     busy = false;
     draw();
   }
+}
+
+// A reason is of one mark; those that were given are offered again.
+function remember() {
+  const why = $("why").value.trim();
+  $("why").value = "";
+  const given = [...$("reasons").children].map((option) => option.value);
+  if (why && !given.includes(why)) $("reasons").append(new Option(why, why));
 }
 
 function mark(id, [u, v], exact) {

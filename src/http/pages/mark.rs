@@ -40,11 +40,12 @@ pub fn mark(place: &str, who: &str) -> Markup {
                     button #after title="]" aria-label="the next picture" { "›" } }
                 ul.tiles {
                     li { span #lift-name { "Tip lift" } b #lift { "–" } span.soft #lift-beside {} }
-                    li { span { "Without marks" } b #bare { "–" } span.soft #bare-beside {} }
+                    li { span #bare-name { "Without marks" } b #bare { "–" } span.soft #bare-beside {} }
                 }
                 p.soft #test {}
                 p.row { label for="who" { "Who" } input #who maxlength="100" value=(who); }
-                p.row { label for="why" { "Why" } input #why maxlength="500" placeholder="glare over its edge, seen by eye"; }
+                p.row { label for="why" { "Why" } input #why maxlength="500" list="reasons" placeholder="glare over its edge, seen by eye";
+                    datalist #reasons {} }
                 p.row {
                     button #next title="N" { "Next lost" }
                     button #reject title="R" { "Reject" }

@@ -44,6 +44,7 @@ fn sheet(title: &str, nav: &Markup, content: &Markup, kind: &str) -> Markup {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 title { (title) ", wingd" }
+                link rel="icon" href="data:,";
                 style { (PreEscaped(STYLE)) }
             }
             body {

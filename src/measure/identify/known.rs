@@ -2,12 +2,12 @@
 
 use nalgebra::Vector2;
 
-use super::{Foretold, Identities};
 use super::beam::State;
 use super::bias::centred;
 use super::fit::{Clutter, Pair, Prior, solve};
 use super::outline::Outline;
 use super::scene::{Scene, usable};
+use super::{Foretold, Identities};
 use crate::detect::{Detection, Expected, Prediction};
 use crate::observation::Observation;
 use crate::setup::Shape;

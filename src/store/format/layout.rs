@@ -123,7 +123,9 @@ pub fn is_root_name(name: &str) -> bool {
 pub fn is_flight_file(name: &str) -> bool {
     let whole = name.strip_suffix(PART_ENDING);
     let known = [CHAIN_FILE, SUMS_FILE].contains(&whole.unwrap_or(name));
-    name == FLIGHT_FILE || known || aircraft_number(name).or(live_number(name)).or(marks_number(name)).is_some()
+    name == FLIGHT_FILE
+        || known
+        || aircraft_number(name).or(live_number(name)).or(marks_number(name)).is_some()
 }
 
 /// Name of a flight's file with lines of the aircraft's data.

@@ -121,7 +121,8 @@ mod tests {
         let line = jsonl::line(&all[0]).unwrap();
         let text = String::from_utf8(line.clone()).unwrap();
         assert!(text.contains(r#""mark":"place","u_px":1.5"#) && text.contains(r#""by":"hand""#), "{text}");
-        let file = [&jsonl::line(&Head { flight: "f0001".into() }).unwrap()[..], &line, b"{\"image\":"].concat();
+        let file =
+            [&jsonl::line(&Head { flight: "f0001".into() }).unwrap()[..], &line, b"{\"image\":"].concat();
         assert_eq!(parse(&file).unwrap().1, [all[0].clone()]);
         assert_eq!(whole(&file).unwrap(), (file.len() - 9, "f0001".to_owned()));
     }

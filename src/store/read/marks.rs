@@ -11,7 +11,11 @@ use crate::store::format::sha256;
 
 /// All marks of a flight in the order in which they were made, those of the file being written among them; and what could not
 /// be read.
-pub fn read(disk: &dyn Disk, root: &Path, flight: &FlightRef) -> Result<(Vec<Mark>, Vec<String>), StoreError> {
+pub fn read(
+    disk: &dyn Disk,
+    root: &Path,
+    flight: &FlightRef,
+) -> Result<(Vec<Mark>, Vec<String>), StoreError> {
     let (mut all, mut notes) = (Vec::new(), Vec::new());
     catalogue::each_file(disk, root, flight, &MARKS, |path, bytes| {
         match parse(bytes) {

@@ -12,9 +12,9 @@ use crate::clock::Stamp;
 use crate::store::disk::StoreError;
 use crate::store::format::aircraft::{AircraftLine, Head};
 use crate::store::format::columns::{self, LiveTable, Row};
+use crate::store::format::jsonl;
 use crate::store::format::kinds::{AIRCRAFT, LIVE, MARKS};
 use crate::store::format::marks::{self, Mark};
-use crate::store::format::jsonl;
 
 impl Store {
     /// Records lines durably with the newest flight; `false` where there is no flight yet. Below the reserve it refuses:
