@@ -199,6 +199,8 @@ fn marks_outlive_a_kill_are_evidence_and_solve_uses_them() {
     done(at, &["copy", "store", "copy"]);
     let file = at.join("copy/flights/f0001/marks-000001.jsonl");
     let text = std::fs::read_to_string(&file).unwrap();
+    let marks = text.split_once('\n').unwrap().1;
+    super::json_schemas::holds("mark", marks.as_bytes());
     assert!(text.contains("\"who\":\"ada\"") && text.contains("\"frame_sha256\":"), "{text}");
     std::fs::write(&file, text.replacen("ada", "bob", 1)).unwrap();
     let spoiled = wingd(at, &["verify", "copy"]);
