@@ -56,7 +56,7 @@ pub use exchange::{CameraFormat, ReadCamera, WriteError, format_of_name, read_ex
 pub use fault::{Fault, KeyFault};
 pub use keyed::Trouble;
 pub use mountings::{Mountings, read_mountings};
-pub use observations::{HandObservation, read_observations};
+pub use observations::{HandObservation, HandPlace, observations_text, read_observations};
 pub use orientation::write_orientation;
 pub use rows::{Row, RowsError, rows, separator_line};
 pub use structure::{Structure, read_stiffness};

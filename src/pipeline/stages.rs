@@ -2,14 +2,13 @@
 
 use std::time::Instant;
 
-use nalgebra::Matrix2;
 use sha2::{Digest, Sha256};
 
 use super::decode;
 use super::located::{self, holds, looked_closer};
 use crate::aircraft::State;
 use crate::camera::Format;
-use crate::installation::{HandObservation, Installation};
+use crate::installation::{HandObservation, HandPlace, Installation};
 use crate::measure::adjust::{Mounting, Observation};
 use crate::measure::detect::{self, Detection, Detections, Prediction};
 use crate::measure::identify::{self, IdentifyError, Identities, OrientationFit};
@@ -63,6 +62,10 @@ pub struct Sighting {
     pub identities: Option<Identities>,
     /// For the adjustment.
     pub observations: Vec<Observation>,
+    /// Markers of which a person said something: where they are (`None`), or why they are not to be used.
+    pub by_hand: Vec<(usize, Option<String>)>,
+    /// Whether the frame cannot be solved because nobody could name what was detected.
+    pub is_unnamed: bool,
     /// The camera's mounting, where it is known.
     pub mounting: Option<Mounting>,
     /// What the aircraft's data say of it; empty where nothing does.
@@ -81,12 +84,21 @@ impl Sighting {
         sighting
     }
 
-    /// Measurements by hand beside those that were detected: where both are of one marker, the hand's stands for it.
+    /// What a person says beside what was detected: where both are of one marker, the person's stands for it. A frame whose
+    /// detections nobody could name may be solved by what a person named in it.
     pub fn add_by_hand<'a>(&mut self, observations: impl IntoIterator<Item = &'a HandObservation>) {
         for o in observations {
-            self.observations.retain(|seen| seen.marker != o.marker);
-            let covariance_px2 = Matrix2::identity() * o.sigma_px * o.sigma_px;
-            self.observations.push(Observation { marker: o.marker, pixel: o.pixel, covariance_px2 });
+            let marker = o.marker;
+            self.observations.retain(|seen| seen.marker != marker);
+            let said = match o.place {
+                Some(HandPlace { pixel, covariance_px2 }) => {
+                    self.observations.push(Observation { marker, pixel, covariance_px2 });
+                    self.failure.take_if(|_| self.is_unnamed);
+                    None
+                }
+                None => Some(rejection(o)),
+            };
+            self.by_hand.push((marker, said));
         }
         self.observations.sort_by_key(|o| o.marker);
     }
@@ -130,6 +142,14 @@ impl Sighting {
         self.stages.push(Stage::ended(work, started));
         result
     }
+}
+
+/// Why a marker is not used that a person rejected.
+pub(super) fn rejection(of: &HandObservation) -> String {
+    let [who, _, why] = &of.note;
+    let by = if who.is_empty() { String::new() } else { format!(" ({who})") };
+    let because = if why.is_empty() { String::new() } else { format!(": {why}") };
+    format!("rejected by hand{by}{because}")
 }
 
 /// Decodes and detects; with an orientation also identifies and removes the perspective bias.
@@ -345,7 +365,10 @@ fn take_up(
     known: Result<(Detections, Identities), IdentifyError>,
 ) {
     match known {
-        Err(error) => sighting.failure = Some(unidentified(setup, orientation, sighting, error)),
+        Err(error) => {
+            sighting.failure = Some(unidentified(setup, orientation, sighting, error));
+            sighting.is_unnamed = true;
+        }
         Ok((found, identities)) => {
             let centred = identify::remove_perspective_bias(setup, orientation, &found.markers, &identities);
             sighting.observations = observations(&centred, &identities);
