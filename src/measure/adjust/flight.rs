@@ -42,6 +42,7 @@ use self::mountings::Mountings;
 use super::input::Input;
 use super::outcome::unless_contradicted;
 use super::scene::Scene;
+use super::terms::LEAST_DRIFT_RAD;
 use super::{AdjustError, Method, Observation, Options, Solution};
 use crate::setup::{Orientation, Setup};
 
@@ -68,7 +69,10 @@ pub fn one(input: &Input, frame: &[Observation]) -> Result<Solution, AdjustError
     let frames = [frame.to_vec()];
     let solve = |options: &Options| {
         let input = Input { options, ..*input };
-        let assumed = Assumed::at_first(&input, 1, Mountings::of_one(options.mountings.as_deref()));
+        let mountings = Mountings::of_one(options.mountings.as_deref());
+        // Its rotation is its mounting's, which has drifted since the ground frames where the camera stayed.
+        let mut assumed = Assumed::at_first(&input, 1, mountings);
+        assumed.drift_rad = LEAST_DRIFT_RAD;
         let joint = Joint::alone(Flight::new(input, &frames, assumed)?)?;
         Ok(joint.solution(Method::Spatial))
     };

@@ -10,7 +10,7 @@ use std::borrow::Cow;
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-use super::AdjustError;
+use super::{AdjustError, Estimate};
 use super::shapes::{burning_covariance, shape_covariance};
 use crate::estimation::Known;
 use crate::setup::Setup;
@@ -67,6 +67,16 @@ pub struct ReducedNormals {
     pub normal: DMatrix<f64>,
     /// The right side.
     pub right: DVector<f64>,
+}
+
+/// What a flight tells, and what is known with it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lesson {
+    /// Told by its images.
+    pub normals: ReducedNormals,
+    /// The same unknowns, less what is stated, as they are known with all that the installation states, the ground frames
+    /// show, earlier flights taught.
+    pub known: Vec<Estimate>,
 }
 
 /// What several flights told, as a later one takes it.

@@ -5,8 +5,8 @@ use nalgebra::{DMatrix, DVector};
 use super::joint::Joint;
 use super::setting::Setting;
 use super::solving::Solved;
-use crate::adjust::taught::{Lasting, ReducedNormals};
-use crate::adjust::{AdjustError, GlobalTest, Observation, Options};
+use crate::adjust::taught::{Lasting, Lesson, ReducedNormals};
+use crate::adjust::{AdjustError, Estimate, GlobalTest, Observation, Options};
 use crate::estimation::quality::global_test;
 use crate::estimation::{Block, BlockFit, Fit, Group, GroupFit, Prior};
 use crate::setup::{Orientation, Setup};
@@ -20,7 +20,7 @@ pub fn learn(
     orientation: &Orientation,
     frames: &[Vec<Observation>],
     options: &Options,
-) -> Result<ReducedNormals, AdjustError> {
+) -> Result<Lesson, AdjustError> {
     let scene = crate::adjust::scene::Scene::new(setup, orientation)?;
     let input = crate::adjust::input::Input { setup, orientation, scene: &scene, options };
     let Joint { solved, .. } = Joint::new(input, frames)?;
@@ -32,7 +32,13 @@ pub fn learn(
             omega / redundancy.max(1) as f64
         )));
     }
-    reduced(setting, fit).ok_or_else(|| AdjustError::Input("the flight's normal equations are singular".into()))
+    let singular = || AdjustError::Input("the flight's normal equations are singular".into());
+    let normals = reduced(setting, fit).ok_or_else(singular)?;
+    let known = |(_, column): &(Lasting, usize)| Estimate {
+        value: fit.global[*column] - setting.stated[*column],
+        sigma: Some(fit.covariance[(*column, *column)].max(0.0).sqrt()),
+    };
+    Ok(Lesson { normals, known: setting.lasting.iter().map(known).collect() })
 }
 
 fn reduced(setting: &Setting, fit: &Fit) -> Option<ReducedNormals> {
