@@ -149,4 +149,17 @@ mod tests {
         assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
         assert_eq!(text.lines().filter(|line| line.starts_with("  ")).count(), EXAMPLES.len());
     }
+
+    #[test]
+    fn every_help_fits_a_terminal_of_80_columns() {
+        let mut all = dress(super::super::Arguments::command()).term_width(80);
+        all.build();
+        let mut texts = vec![all.render_long_help().to_string()];
+        for command in all.get_subcommands_mut() {
+            let mut command = command.clone().term_width(80);
+            texts.extend([command.render_help().to_string(), command.render_long_help().to_string()]);
+        }
+        let wide = texts.iter().flat_map(|text| text.lines()).find(|line| line.chars().count() > 80);
+        assert_eq!(wide, None);
+    }
 }

@@ -364,3 +364,22 @@ pub struct GroundSight {
     /// Its covariance, px^2.
     pub covariance_px2: nalgebra::Matrix2<f64>,
 }
+
+impl GroundSight {
+    /// One per marker that was seen, of those below `markers`: the mean of its sights, weighted by their covariances.
+    pub fn means(markers: usize, sights: impl IntoIterator<Item = Self>) -> Vec<Self> {
+        let mut sums = vec![(nalgebra::Matrix2::zeros(), Vector2::zeros()); markers];
+        for sight in sights {
+            let weight = sight.covariance_px2.try_inverse();
+            if let (Some(weight), Some(sum)) = (weight, sums.get_mut(sight.marker)) {
+                sum.0 += weight;
+                sum.1 += weight * sight.pixel;
+            }
+        }
+        let mean = |(marker, (weight, sum)): (usize, (nalgebra::Matrix2<f64>, Vector2<f64>))| {
+            let covariance_px2 = weight.try_inverse()?;
+            Some(Self { marker, pixel: covariance_px2 * sum, covariance_px2 })
+        };
+        sums.into_iter().enumerate().filter_map(mean).collect()
+    }
+}

@@ -26,9 +26,14 @@ pub(super) fn detected(
     let look = |sought: &[Prediction]| detect::detect_guided(raster, sought).markers;
     let predictions = identify::locate(setup, orientation, look)?;
     let needed = detect::columns_read(&predictions, raster.width(), raster.height());
+    holds(read, &needed).then(|| detect::detect_guided(raster, &predictions))
+}
+
+/// Whether what is needed of each row is among what was read.
+pub(super) fn holds(read: &[Range<usize>], needed: &[Range<usize>]) -> bool {
     let holds =
         |(n, r): (&Range<usize>, &Range<usize>)| n.is_empty() || (r.start <= n.start && n.end <= r.end);
-    needed.iter().zip(read).all(holds).then(|| detect::detect_guided(raster, &predictions))
+    needed.iter().zip(read).all(holds)
 }
 
 /// Whether a marker that is missing shows aside of its place, so that the predictions are not to be trusted. What the ground

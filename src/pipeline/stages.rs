@@ -2,11 +2,10 @@
 
 use std::time::Instant;
 
-use nalgebra::{Matrix2, Vector2};
 use sha2::{Digest, Sha256};
 
 use super::decode;
-use super::located::{self, looked_closer};
+use super::located::{self, holds, looked_closer};
 use crate::aircraft::State;
 use crate::camera::Format;
 use crate::installation::{HandObservation, HandPlace, Installation};
@@ -230,7 +229,7 @@ pub fn detect_predicted(
     predictions: &[Prediction],
 ) -> Sighting {
     let mut sighting = unseen(name, bytes);
-    look_guided(&mut sighting, bytes, format, predictions);
+    look_guided(&mut sighting, bytes, format, predictions, |_| None);
     sighting
 }
 
@@ -244,13 +243,14 @@ pub enum Search {
     Guided,
 }
 
-/// Without predictions the whole frame is searched, and where guided detection misses one that was seen. The picture that
-/// comes back may be black where nothing was read.
+/// Without predictions the whole frame is searched, and where guided detection misses one that was seen, also where `onwards`
+/// says that it is by those found. The picture that comes back may be black where nothing was read.
 pub(super) fn look_guided(
     sighting: &mut Sighting,
     bytes: &[u8],
     format: Option<&Format>,
     predictions: &[Prediction],
+    onwards: impl FnOnce(&[Detection]) -> Option<Vec<Prediction>>,
 ) -> (Option<Raster>, Search) {
     if predictions.is_empty() {
         return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
@@ -260,10 +260,45 @@ pub(super) fn look_guided(
         || decode::decode_part(bytes, format, &columns),
         |raster| detect::detect_guided(raster, predictions),
     );
-    if part.is_some() && !detect::is_complete(&sighting.detections, predictions) {
-        return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
+    if part.is_none() {
+        return (None, Search::Guided);
     }
-    (part, Search::Guided)
+    if detect::is_complete(&sighting.detections, predictions) {
+        return (part, Search::Guided);
+    }
+    let better = onwards(&sighting.detections.markers);
+    look_again(sighting, bytes, format, (part, predictions, better))
+}
+
+/// With better predictions, in what was decoded if they lie there; and where that does not do, in the whole frame.
+fn look_again(
+    sighting: &mut Sighting,
+    bytes: &[u8],
+    format: Option<&Format>,
+    (part, predictions, better): (Option<Raster>, &[Prediction], Option<Vec<Prediction>>),
+) -> (Option<Raster>, Search) {
+    let better = better.unwrap_or_default();
+    let lies_there = |raster: &Raster| {
+        let [read, needed] =
+            [predictions, &better].map(|p| detect::columns_read(p, raster.width(), raster.height()));
+        holds(&read, &needed)
+    };
+    let part = part.filter(|raster| !better.is_empty() && lies_there(raster));
+    let is_whole = part.is_none();
+    let decoded = part.map_or_else(|| sighting.timed(Work::Decode, || decode::decode(bytes, format)), Ok);
+    let Ok(raster) = decoded else {
+        return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
+    };
+    if !better.is_empty() {
+        let found = sighting.timed(Work::Detect, || detect::detect_guided(&raster, &better));
+        if detect::is_complete(&found, &better) {
+            sighting.detections = found;
+            return (Some(raster), Search::Guided);
+        }
+    }
+    let all =
+        if is_whole { Ok(raster) } else { sighting.timed(Work::Decode, || decode::decode(bytes, format)) };
+    (sighting.look(|| all, detect::detect), Search::Whole)
 }
 
 fn unseen(name: &str, bytes: &[u8]) -> Sighting {
@@ -372,21 +407,14 @@ fn observations(detections: &[Detection], identities: &Identities) -> Vec<Observ
 
 /// Where the ground frames show the identified markers: the weighted mean over the frames.
 pub fn ground_sights(setup: &Setup, frames: &[Vec<Detection>], fit: &OrientationFit) -> Vec<GroundSight> {
-    let mut sums: Vec<(Matrix2<f64>, Vector2<f64>)> =
-        vec![(Matrix2::zeros(), Vector2::zeros()); setup.markers.len()];
-    for (found, identities) in frames.iter().zip(&fit.identities) {
+    let sights = frames.iter().zip(&fit.identities).flat_map(|(found, identities)| {
         let centred = identify::remove_perspective_bias(setup, &fit.orientation, found, identities);
-        for seen in observations(&centred, identities) {
-            let weight = seen.covariance_px2.try_inverse();
-            if let (Some(weight), Some(sum)) = (weight, sums.get_mut(seen.marker)) {
-                sum.0 += weight;
-                sum.1 += weight * seen.pixel;
-            }
-        }
-    }
-    let mean = |(marker, (weight, sum)): (usize, &(Matrix2<f64>, Vector2<f64>))| {
-        let covariance_px2 = weight.try_inverse()?;
-        Some(GroundSight { marker, pixel: covariance_px2 * sum, covariance_px2 })
-    };
-    sums.iter().enumerate().filter_map(mean).collect()
+        observations(&centred, identities)
+    });
+    let sights = sights.map(|Observation { marker, pixel, covariance_px2 }| GroundSight {
+        marker,
+        pixel,
+        covariance_px2,
+    });
+    GroundSight::means(setup.markers.len(), sights)
 }

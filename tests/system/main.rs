@@ -9,6 +9,7 @@ mod check_command;
 #[path = "../common/mod.rs"]
 mod common;
 mod daemon_replay;
+mod daemon_socket;
 mod first_hour;
 mod fixed_marks;
 mod foreign_cameras;
@@ -45,6 +46,7 @@ mod store_evidence;
 mod store_faults;
 mod store_live;
 mod store_live_figures;
+mod store_signed;
 mod store_speed;
 mod store_verify;
 mod survey_typo;

@@ -295,7 +295,7 @@ fn shots(args: &Args, scene: &Scene) -> Vec<SetFrame> {
     let quality = args.picture.quality;
     let seed = |i: usize| args.seed.wrapping_mul(1000).wrapping_add(i as u64);
     let ground = args.picture.applied(scene.ground_shot(seed(0)));
-    let mut frames = vec![SetFrame { image: "ground.jpg".into(), shot: ground, quality, time_s: None }];
+    let mut frames = vec![SetFrame { image: "ground.jpg".into(), shot: ground, quality, time: None }];
     for (i, &lift) in args.tip_lifts.iter().enumerate() {
         let light = args.lights.get(i % args.lights.len().max(1)).copied().unwrap_or(Light::Plain);
         let mut shot = args.picture.applied(scene.flight_shot(lift, light, seed(i + 1)));
@@ -308,7 +308,7 @@ fn shots(args: &Args, scene: &Scene) -> Vec<SetFrame> {
         }
         shot.hidden = hidden(&mut random, args.hide, scene.markers.len());
         let image = format!("flight-{:0digits$}.jpg", i + 1);
-        frames.push(SetFrame { image, shot, quality, time_s: None });
+        frames.push(SetFrame { image, shot, quality, time: None });
     }
     frames
 }

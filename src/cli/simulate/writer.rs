@@ -21,8 +21,16 @@ pub struct SetFrame {
     pub shot: Shot,
     /// JPEG quality, 1 to 100.
     pub quality: u8,
+    /// In a flight in time.
+    pub time: Option<Moment>,
+}
+
+/// Of a flight in time.
+pub struct Moment {
     /// Since the flight's first frame, s.
-    pub time_s: Option<f64>,
+    pub time_s: f64,
+    /// How far each mode swings, at the tip, m.
+    pub modes_m: Vec<f64>,
 }
 
 /// Writes `installation/`, `frames/` and `truth.json` below `directory`: the installation as it is `stated`, with its widths
@@ -206,8 +214,11 @@ fn frame_json(frame: &SetFrame, truth: &FrameTruth) -> Value {
         "camera_from_survey": rows(&truth.camera_from_survey),
         "torsion_deg": truth.torsion_rad.map(f64::to_degrees),
     });
-    if let (Some(time_s), Some(map)) = (frame.time_s, value.as_object_mut()) {
-        map.insert("time_s".into(), time_s.into());
+    if let (Some(time), Some(map)) = (&frame.time, value.as_object_mut()) {
+        map.insert("time_s".into(), time.time_s.into());
+        if !time.modes_m.is_empty() {
+            map.insert("modes_m".into(), time.modes_m.clone().into());
+        }
     }
     value
 }

@@ -274,6 +274,17 @@ pub fn locate(
     locate::located(&scene::Scene::new(setup, orientation, true), look)
 }
 
+/// Where a frame shows all markers by those of it that are `found` already, near the camera, where they hardly move; those that
+/// an earlier frame showed, by its `identities`, are expected to be seen. `None` where those found do not fit the wing.
+pub fn onwards(
+    setup: &Setup,
+    orientation: &Orientation,
+    found: &[Detection],
+    identities: &Identities,
+) -> Option<Vec<Prediction>> {
+    locate::onwards(&scene::Scene::new(setup, orientation, true), found, &identities.marker_of)
+}
+
 /// Where the markers may be at all, however the wing is bent: what [`locate`] may look at.
 pub fn anywhere(setup: &Setup, orientation: &Orientation) -> Vec<Prediction> {
     locate::anywhere(&scene::Scene::new(setup, orientation, true))

@@ -74,6 +74,7 @@ impl Scene {
     pub fn flight_shot(&self, tip_lift_m: f64, light: Light, seed: u64) -> Shot {
         let state = State {
             tip_lift_m,
+            second_mode_m: 0.0,
             load: self.load,
             tip_twist_rad: self.twist_rad_per_m * tip_lift_m,
             thermal_scale: self.setup.thermal.map_or(1.0, |thermal| thermal.scale()),

@@ -98,7 +98,7 @@ impl Wing {
         let stations = self.beam.stations();
         let last = (stations - 1) as f64;
         let ground: Vec<f64> = (0..stations).map(|i| self.slope_rad.at(i as f64 / last)).collect();
-        let bent = self.beam.bend(&ground, &state.load, state.tip_lift_m);
+        let bent = self.beam.bend(&ground, &state.load, state.tip_lift_m, state.second_mode_m);
         let Moved { camera_m, root_m, root_pitch_rad, root_slope_rad } = state.moved;
         let twist = self.beam.twist(state.tip_twist_rad);
         let slope: Vec<f64> =
@@ -127,6 +127,8 @@ impl Wing {
 pub struct State {
     /// Rise of the axis at its tip by bending, m.
     pub tip_lift_m: f64,
+    /// Swing in the second bending mode, at the tip, m; beside `tip_lift_m`.
+    pub second_mode_m: f64,
     /// Shape of the load.
     pub load: LoadShape,
     /// Nose up positive, rad.
@@ -153,7 +155,8 @@ pub struct Moved {
 impl State {
     /// At rest, at the temperature of the survey.
     pub fn ground(load: LoadShape) -> Self {
-        Self { tip_lift_m: 0.0, load, tip_twist_rad: 0.0, thermal_scale: 1.0, moved: Moved::default() }
+        let moved = Moved::default();
+        Self { tip_lift_m: 0.0, second_mode_m: 0.0, load, tip_twist_rad: 0.0, thermal_scale: 1.0, moved }
     }
 }
 
