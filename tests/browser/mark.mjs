@@ -106,7 +106,6 @@ const opened = async (page, url) => {
   await page.goto(url);
   const ready = page.waitForSelector("#photo[data-ready='0']", { timeout: 60000 });
   await ready.catch(async () => {
-    await picture(page, "not-ready");
     throw new Error(`the page is not ready: ${await page.textContent("#said")}`);
   });
 };
