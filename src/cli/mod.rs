@@ -18,6 +18,7 @@ mod frames;
 pub mod help;
 mod import;
 mod init;
+mod learn;
 mod logging;
 mod mount_check;
 #[cfg(any(not(feature = "boards"), not(feature = "upload")))]
@@ -35,6 +36,7 @@ mod service;
 mod simulate;
 mod solve;
 mod status;
+mod stored;
 mod stores;
 mod stress;
 mod time_check;
@@ -102,6 +104,8 @@ enum Command {
     Import(import::Args),
     /// Bending, torsion and positions, one result per image
     Solve(solve::Args),
+    /// What flights tell together of all that lasts: learnt.json
+    Learn(learn::Args),
     /// A flight's figures and tables as one HTML file
     Report(report::Args),
     /// Every checksum and every invariant of a store
@@ -210,6 +214,7 @@ pub fn main() -> ExitCode {
         Command::Plan(args) => plan::run(&args),
         Command::Import(args) => import::run(&args),
         Command::Solve(args) => solve::run(&args),
+        Command::Learn(args) => learn::run(&args),
         Command::Report(args) => report::run(&args),
         Command::Verify(args) => verify::run(&args),
         Command::Compare(args) => compare::run(&args),
@@ -304,6 +309,13 @@ const RIGHTS: &str = "check rights and space";
 fn say_doubts(installation: &Installation) {
     for doubt in installation::doubts(installation) {
         eprintln!("wingd: to be looked at: {doubt}");
+    }
+}
+
+/// Says on standard error with what earlier flights taught.
+fn say_learnt(installation: &Installation) {
+    if let Some(learnt) = &installation.learnt {
+        eprintln!("wingd: with what {} taught ({})", learnt.counted(), installation::LEARNT_FILE);
     }
 }
 
