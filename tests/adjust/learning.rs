@@ -88,7 +88,8 @@ fn together(lessons: &[ReducedNormals], setup: &Setup) -> Option<Taught> {
 /// without error: what is left is the frame's own.
 fn bound_m(drawn: &Drawn, of: &ReducedNormals, seen: &[Observation]) -> [f64; 3] {
     let n = of.unknowns.len();
-    let held = ReducedNormals { normal: DMatrix::identity(n, n) * 1e14, right: DVector::zeros(n), ..of.clone() };
+    let held =
+        ReducedNormals { normal: DMatrix::identity(n, n) * 1e14, right: DVector::zeros(n), ..of.clone() };
     // Nothing is tested: where the unknowns lie does not matter for what is left.
     let options = Options {
         snooping_alpha: 0.0,
@@ -131,7 +132,9 @@ fn table_of_what_flights_teach() {
     let word = |name: &str| std::env::var(name).unwrap_or_default();
     let number = |name: &str, usual: usize| word(name).parse().unwrap_or(usual);
     let wanted = word("SET_UP");
-    for set_up in crate::aircraft::SET_UPS.into_iter().filter(|s| wanted.is_empty() || format!("{s:?}") == wanted) {
+    for set_up in
+        crate::aircraft::SET_UPS.into_iter().filter(|s| wanted.is_empty() || format!("{s:?}") == wanted)
+    {
         let mut rng = rng(number("SEED", 8100) as u64);
         let mut shown: [Shown; 5] = Default::default();
         let mut solved: [Vec<Solution>; 5] = Default::default();
@@ -142,6 +145,18 @@ fn table_of_what_flights_teach() {
             let flights: Vec<Flown> = (0..5).map(|_| drawn.flies(&mut rng, FRAMES)).collect();
             let lessons: Vec<_> = flights.iter().filter_map(|f| drawn.learn(f, None)).collect();
             refused += 5 - lessons.len();
+            let others = |k: usize| {
+                let all = lessons.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, l)| l.clone());
+                together(&all.collect::<Vec<_>>(), &drawn.setup)
+            };
+            let again = |k: usize| {
+                drawn.learn(&flights[k], others(k)).unwrap_or_else(|| {
+                    println!("again refused");
+                    lessons[k].clone()
+                })
+            };
+            let lessons: Vec<_> =
+                if word("TWICE").is_empty() { lessons.clone() } else { (0..5).map(again).collect() };
             let last = drawn.flies(&mut rng, 1);
             let of = |n: usize| together(&lessons[..n.min(lessons.len())], &drawn.setup);
             let taught = [None, of(1), of(2), of(3), of(5)];
@@ -150,13 +165,17 @@ fn table_of_what_flights_teach() {
             for (k, taught) in taught.into_iter().enumerate() {
                 let solution = drawn.single(&last.seen[0], taught);
                 shown[k].add(&drawn.aircraft, drawn.now, &solution, &drawn.setup);
+                if word("SAY") == k.to_string() {
+                    println!("{:?} {} {:?}", solution.variance_factor, solution.redundancy, solution.remarks);
+                }
                 solved[k].push(solution);
             }
         }
         println!("{set_up:?}, {refused} flights taught nothing");
         for (k, name) in ["alone", "1 flight", "2", "3", "5"].iter().enumerate() {
             said(name, &shown[k]);
-            let doubted = solved[k].iter().filter(|s| s.remarks.iter().any(|r| r.contains("contradicts"))).count();
+            let doubted =
+                solved[k].iter().filter(|s| s.remarks.iter().any(|r| r.contains("contradicts"))).count();
             let out = solved[k].iter().filter(|s| s.remarks.iter().any(|r| r.contains("left out"))).count();
             println!("    {:?}, contradicted {doubted}, with markers left out {out}", budgets(&solved[k]));
         }
