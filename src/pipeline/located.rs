@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::{self, Detection, Detections, Expected, Prediction};
+use crate::measure::detect::{self, Detection, Detections, Expected, Looker, Prediction};
 use crate::measure::identify::{self, IdentifyError, Identities};
 use crate::measure::raster::Raster;
 use crate::measure::setup::{Orientation, Setup, Shape};
@@ -15,45 +15,67 @@ const ASIDE_PX: f64 = 100.0;
 /// quadrants, whose white is told less well.
 const SAME_SIZE: (f64, f64) = (0.05, 0.15);
 
-/// The markers of a picture of which some columns of each row were decoded, from the nearest outwards ([`identify::locate`]);
-/// `None` where that leads nowhere, or out of what was decoded.
-pub(super) fn detected(
-    raster: &Raster,
-    read: &[Range<usize>],
-    setup: &Setup,
-    orientation: &Orientation,
-) -> Option<Detections> {
-    let look = |sought: &[Prediction]| detect::detect_guided(raster, sought).markers;
-    let predictions = identify::locate(setup, orientation, look)?;
-    let needed = detect::columns_read(&predictions, raster.width(), raster.height());
-    let holds =
-        |(n, r): (&Range<usize>, &Range<usize>)| n.is_empty() || (r.start <= n.start && n.end <= r.end);
-    needed.iter().zip(read).all(holds).then(|| detect::detect_guided(raster, &predictions))
+/// A picture of which of each row some columns were decoded.
+pub(super) struct Part {
+    pub raster: Raster,
+    pub read: Vec<Range<usize>>,
 }
 
-/// Whether a marker that is missing shows aside of its place, so that the predictions are not to be trusted. What the ground
-/// frames did not show, no frame need show.
-pub(super) fn shows_aside(
-    raster: &Raster,
-    setup: &Setup,
-    orientation: &Orientation,
-    (found, identities): &(Detections, Identities),
-) -> bool {
-    let mut missing = identify::expect(setup, orientation, &found.markers, identities);
-    missing.retain(|e| e.found.is_none() && orientation.ground.iter().any(|sight| sight.marker == e.marker));
-    let wider = |e: Expected| Prediction { search_px: Vector2::repeat(ASIDE_PX), ..e.prediction };
-    let missing: Vec<Prediction> = missing.into_iter().map(wider).collect();
-    if missing.is_empty() {
-        return false;
+impl Part {
+    /// Its markers, from the nearest outwards ([`identify::locate`]); `None` where that leads nowhere, or out of what was decoded.
+    pub(super) fn detected(&self, setup: &Setup, orientation: &Orientation) -> Option<Detections> {
+        let mut looker = Looker::new(&self.raster);
+        let predictions = identify::locate(setup, orientation, |sought| looker.roughly(sought))?;
+        self.holds(&predictions).then(|| looker.closely(&predictions))
     }
-    let is_known =
-        |m: &Detection| found.markers.iter().any(|k| (k.centre_px - m.centre_px).norm() < identify::SAME_PX);
-    let is_like = |m: &Detection, p: &Prediction| {
-        let most = if m.shape == Shape::Circle { SAME_SIZE.0 } else { SAME_SIZE.1 };
-        m.shape == p.shape && (m.semi_major_px / p.semi_major_px - 1.0).abs() < most
-    };
-    let aside = detect::detect_guided(raster, &missing).markers;
-    aside.iter().any(|m| !is_known(m) && missing.iter().any(|p| is_like(m, p)))
+
+    /// Whether all was decoded that is looked at where markers are predicted.
+    fn holds(&self, predictions: &[Prediction]) -> bool {
+        let needed = detect::columns_read(predictions, self.raster.width(), self.raster.height());
+        let holds =
+            |(n, r): (&Range<usize>, &Range<usize>)| n.is_empty() || (r.start <= n.start && n.end <= r.end);
+        needed.iter().zip(&self.read).all(holds)
+    }
+
+    /// What shows aside of the places of markers that are missing and is like them. What the ground frames did not show, no frame
+    /// need show. `None` where that was not decoded.
+    pub(super) fn aside(
+        &self,
+        setup: &Setup,
+        orientation: &Orientation,
+        (found, identities): &(Detections, Identities),
+    ) -> Option<Vec<Detection>> {
+        let mut missing = identify::expect(setup, orientation, &found.markers, identities);
+        missing
+            .retain(|e| e.found.is_none() && orientation.ground.iter().any(|sight| sight.marker == e.marker));
+        let wider = |e: Expected| Prediction { search_px: Vector2::repeat(ASIDE_PX), ..e.prediction };
+        let missing: Vec<Prediction> = missing.into_iter().map(wider).collect();
+        if missing.is_empty() || !self.holds(&missing) {
+            return missing.is_empty().then(Vec::new);
+        }
+        let mut looker = Looker::again(&self.raster, found);
+        let is_known = |m: &Detection| {
+            found.markers.iter().any(|k| (k.centre_px - m.centre_px).norm() < identify::SAME_PX)
+        };
+        let like = |m: &Detection| missing.iter().find(|p| is_like(m, p)).filter(|_| !is_known(m)).cloned();
+        let there = looker.roughly(&missing).into_iter();
+        let there: Vec<Prediction> = there
+            .filter_map(|m| {
+                Some(Prediction {
+                    centre_px: m.centre_px,
+                    search_px: Vector2::repeat(identify::SAME_PX),
+                    ..like(&m)?
+                })
+            })
+            .collect();
+        Some(if there.is_empty() { Vec::new() } else { looker.closely(&there).markers })
+    }
+}
+
+/// Whether something has a marker's shape and size.
+fn is_like(found: &Detection, marker: &Prediction) -> bool {
+    let most = if found.shape == Shape::Circle { SAME_SIZE.0 } else { SAME_SIZE.1 };
+    found.shape == marker.shape && (found.semi_major_px / marker.semi_major_px - 1.0).abs() < most
 }
 
 /// Closer looks at most.

@@ -135,9 +135,9 @@ impl Scope<'_> {
         predictions.iter().zip(there).all(|(p, there)| there || !p.is_near(hypothesis))
     }
 
-    /// Whether all that is sought has been found, as only predictions can tell.
-    pub fn is_done(&self, found: &[Measured]) -> bool {
-        self.predictions().is_some_and(|sought| missing(found, sought).next().is_none())
+    /// What is sought and has not been found; `None` where that may be anything.
+    pub fn missing(&self, found: &[Measured]) -> Option<Vec<Prediction>> {
+        Some(missing(found, self.predictions()?).cloned().collect())
     }
 
     /// The quadrants that are still sought; `None` where that may be any.
