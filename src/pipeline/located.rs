@@ -37,38 +37,37 @@ impl Part {
         needed.iter().zip(&self.read).all(holds)
     }
 
-    /// What shows aside of the places of markers that are missing and is like them. What the ground frames did not show, no frame
-    /// need show. `None` where that was not decoded.
+    /// What shows aside of the places of markers that are missing and is like them, as far as that was decoded: however the wing is
+    /// bent. What the ground frames did not show, no frame need show.
     pub(super) fn aside(
         &self,
         setup: &Setup,
         orientation: &Orientation,
         (found, identities): &(Detections, Identities),
-    ) -> Option<Vec<Detection>> {
+    ) -> Vec<Detection> {
         let mut missing = identify::expect(setup, orientation, &found.markers, identities);
-        missing
-            .retain(|e| e.found.is_none() && orientation.ground.iter().any(|sight| sight.marker == e.marker));
+        let on_ground = |e: &Expected| orientation.ground.iter().any(|sight| sight.marker == e.marker);
+        missing.retain(|e| e.found.is_none() && on_ground(e));
         let wider = |e: Expected| Prediction { search_px: Vector2::repeat(ASIDE_PX), ..e.prediction };
-        let missing: Vec<Prediction> = missing.into_iter().map(wider).collect();
-        if missing.is_empty() || !self.holds(&missing) {
-            return missing.is_empty().then(Vec::new);
-        }
+        let mut missing: Vec<Prediction> = missing.into_iter().map(wider).collect();
+        missing.retain(|p| self.holds(std::slice::from_ref(p)));
         let mut looker = Looker::again(&self.raster, found);
-        let is_known = |m: &Detection| {
-            found.markers.iter().any(|k| (k.centre_px - m.centre_px).norm() < identify::SAME_PX)
+        let same =
+            |one: &Detection, other: &Detection| (one.centre_px - other.centre_px).norm() < identify::SAME_PX;
+        let search_px = Vector2::repeat(identify::SAME_PX);
+        let like = |m: &Detection| {
+            let like = missing
+                .iter()
+                .find(|p| is_like(m, p))
+                .filter(|_| !found.markers.iter().any(|known| same(known, m)));
+            like.map(|p| Prediction { centre_px: m.centre_px, search_px, ..p.clone() })
         };
-        let like = |m: &Detection| missing.iter().find(|p| is_like(m, p)).filter(|_| !is_known(m)).cloned();
-        let there = looker.roughly(&missing).into_iter();
-        let there: Vec<Prediction> = there
-            .filter_map(|m| {
-                Some(Prediction {
-                    centre_px: m.centre_px,
-                    search_px: Vector2::repeat(identify::SAME_PX),
-                    ..like(&m)?
-                })
-            })
-            .collect();
-        Some(if there.is_empty() { Vec::new() } else { looker.closely(&there).markers })
+        let there: Vec<Prediction> = if missing.is_empty() {
+            Vec::new()
+        } else {
+            looker.roughly(&missing).iter().filter_map(like).collect()
+        };
+        if there.is_empty() { Vec::new() } else { looker.closely(&there).markers }
     }
 }
 

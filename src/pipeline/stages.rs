@@ -188,7 +188,7 @@ fn look_located(
     let found = sighting.timed(Work::Detect, || part.detected(setup, orientation))?;
     let name = |found| identified(setup, orientation, &part.raster, found);
     let mut known = sighting.timed(Work::Identify, || name(found)).ok()?;
-    let aside = sighting.timed(Work::Detect, || part.aside(setup, orientation, &known))?;
+    let aside = sighting.timed(Work::Detect, || part.aside(setup, orientation, &known));
     if !aside.is_empty() {
         known.0.add(aside);
         known = sighting.timed(Work::Identify, || name(known.0)).ok()?;

@@ -102,6 +102,13 @@ impl Scope<'_> {
         Part::about(&windows, width, height)
     }
 
+    /// How long a thing may look that is sought, px.
+    pub fn longest_px(&self) -> f64 {
+        let Some(predictions) = self.predictions() else { return f64::INFINITY };
+        let long = |p: &Prediction| 2.0 * (WIDER * p.semi_major_px + ALIKE_PX);
+        predictions.iter().map(long).fold(0.0, f64::max)
+    }
+
     /// Of each row the columns that are read: about the markers, and all of the rows that tell the noise.
     pub fn columns(&self, width: usize, height: usize) -> Vec<Range<usize>> {
         if self.predictions().is_none() {

@@ -144,7 +144,8 @@ pub struct Progress<'a> {
 impl<'a> Progress<'a> {
     /// Nothing yet of a picture whose blobs are sought in the one that is seen.
     pub fn new(image: &'a Raster, seen: &Raster, look: Look<'a>) -> Self {
-        let gathered = Gathered::new(seen, look.scope.part(seen.width(), seen.height()));
+        let part = look.scope.part(seen.width(), seen.height());
+        let gathered = Gathered::new(seen, part, look.scope.longest_px());
         Self { image, gathered, look, found: Found::default() }
     }
 
