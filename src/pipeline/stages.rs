@@ -190,7 +190,7 @@ pub fn sight_whole(
 }
 
 /// Looks where the installation says, from the nearest markers outwards ([`identify::locate`]); only what may show markers is
-/// decoded. `None` where that leads nowhere, or where a marker is missing that is found aside of its place.
+/// decoded. What is like a marker that is missing, and shows aside of its place, is taken up. `None` where that leads nowhere.
 fn look_located(
     sighting: &mut Sighting,
     bytes: &[u8],
@@ -204,10 +204,14 @@ fn look_located(
     let raster = sighting.timed(Work::Decode, || decode::decode_part(bytes, format, &columns)).ok()?;
     sighting.size = Some(size).filter(|size| *size == (raster.width(), raster.height()));
     sighting.size?;
-    let found = sighting.timed(Work::Detect, || located::detected(&raster, &read, setup, orientation))?;
-    let known = sighting.timed(Work::Identify, || identified(setup, orientation, &raster, found)).ok()?;
-    if sighting.timed(Work::Detect, || located::shows_aside(&raster, setup, orientation, &known)) {
-        return None;
+    let part = located::Part { raster, read };
+    let found = sighting.timed(Work::Detect, || part.detected(setup, orientation))?;
+    let name = |found| identified(setup, orientation, &part.raster, found);
+    let mut known = sighting.timed(Work::Identify, || name(found)).ok()?;
+    let aside = sighting.timed(Work::Detect, || part.aside(setup, orientation, &known));
+    if !aside.is_empty() {
+        known.0.add(aside);
+        known = sighting.timed(Work::Identify, || name(known.0)).ok()?;
     }
     take_up(sighting, setup, orientation, Ok(known));
     Some(())
