@@ -5,6 +5,7 @@ mod blocks;
 mod budget;
 mod curve;
 mod estimated;
+mod factors;
 #[cfg(test)]
 mod example;
 mod flight;

@@ -31,7 +31,8 @@ pub fn dressed(
     solution.parameters.push(unmeasured("shape_departure", flight.assumed.departure));
     solution.parameters.push(unmeasured("mount_drift_rad", flight.assumed.drift_rad));
     remarks.extend(solution.remarks);
-    remarks.extend(widened_marks(flight.marks_factor));
+    remarks.extend(widened_marks(flight.factors.marks));
+    remarks.extend(flight.larger_than_usual());
     Solution { remarks, ..solution }
 }
 
