@@ -10,6 +10,7 @@ mod common;
 mod coverage;
 mod flight;
 mod identification;
+mod learning;
 mod live;
 mod live_start;
 mod long_flights;

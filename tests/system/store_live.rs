@@ -359,6 +359,7 @@ fn stress_counts_the_cycles_of_live_results() {
             run(&["stress", place, "--live", "--structure", text(&structure), "--json", "--bending-hz", hz]);
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(said.contains(": 1 live results were not solved"), "{said}");
+        crate::json_schemas::holds("stress", &output.stdout);
         serde_json::from_slice::<Value>(&output.stdout).unwrap()
     };
     let load = ask("0.5");

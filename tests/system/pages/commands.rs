@@ -11,10 +11,12 @@ use super::{Block, ROOT, blocks, pages};
 const BY_OTHERS: [(&str, &str); 1] = [("docs/fleet.md", "fleet/tests/test_page.py")];
 
 /// How a line of a `console` block begins, and what proves it. Nothing else may stand in one.
-const CONSOLE: [(&str, &str); 10] = [
+const CONSOLE: [(&str, &str); 12] = [
     ("make ", "a target of the Makefile, which `named` looks up"),
     ("cargo test ", "a test that `make test` runs, which `named` looks up"),
     ("cargo build --release --locked --features upload", "make fleet-test builds so"),
+    ("wingd mark ", "it serves until it is told to end: tests/system/marking.rs, tests/browser/mark.mjs"),
+    ("wingd orient --installation installation --observations ", "what was marked: tests/system/marking.rs"),
     ("python3.11 -m venv venv", "make fleet-test installs so, in a folder of its own"),
     (
         "wingd time-check store ",
@@ -106,9 +108,9 @@ fn examples(wanted: impl Fn(&str) -> bool) -> impl Iterator<Item = &'static str>
 }
 
 /// What asks the recorder, or needs a page; `upload` is in no program that `make test` builds (make fleet-test), and
-/// `time-check` needs photographs of a clock (tests/validation/time_check.py).
+/// `time-check` needs photographs of a clock (tests/validation/time_check.py); `mark` serves until it is told to end (marking).
 const RECORDER: [&str; 2] = ["status", "trigger"];
-const BESIDE: [&str; 3] = ["serve", "upload", "time-check"];
+const BESIDE: [&str; 4] = ["serve", "mark", "upload", "time-check"];
 
 /// The tutorial's recorder without its end, in live mode, with signatures.
 fn record(folder: &Path) {
