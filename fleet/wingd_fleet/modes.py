@@ -32,20 +32,22 @@ try:
 except ImportError as missing:
     raise FleetError(f"{missing.name} is not installed; pip install 'wingd-fleet[modes]'") from None
 
+# It says each step of each run.
+logging.getLogger("pyoma2").setLevel(logging.ERROR)
 # Points of the shape: the curve has some ten terms, so that more of them say the same again.
 POINTS = 6
 # Blocks that the jackknife leaves out in turn.
 BLOCKS = 12
 # Orders of the state-space model; two for a mode, the rest for the gusts' own spectrum and noise.
 ORDERS = range(4, 17, 2)
-# A pole is stable where the next order has it again: differences of frequency and damping, as shares; least MAC.
+# A pole is stable where further orders have it again: differences of frequency and damping, as shares; least MAC.
 STABLE = (0.02, 0.3, 0.98)
 # What is one mode in two orders or two parts of the data: difference of frequency as a share, and MAC.
 SAME = (0.1, 0.8)
 # A mode of a wing in air is damped by less than this, and all its points swing together: modal phase collinearity.
 MOST_DAMPING, LEAST_COLLINEARITY = 0.3, 0.8
-# A frequency that is told worse than this share is no mode that anybody could compare.
-MOST_SIGMA = 0.05
+# A frequency, or a shape as a whole, that is told worse than this share of itself is no mode that anybody could compare.
+MOST_SIGMA, MOST_SIGMA_SHAPE = 0.05, 0.3
 # Missing results in a row that an interpolation bridges; a longer gap parts the data.
 BRIDGED = 3
 # Part of a window that is identified at least.
@@ -96,7 +98,7 @@ def _poles(lifts: np.ndarray, rate_hz: float, lowest_hz: float) -> dict[int, lis
     """By order of the model the modes that may be some."""
     rows = max(10, round(2 * rate_hz / lowest_hz))
     setup = SingleSetup(lifts, rate_hz)
-    run = SSI(name="live", method="cov", br=rows, ordmin=ORDERS[0], ordmax=ORDERS[-1], step=2)
+    run = SSI(name="live", method="dat", br=rows, ordmin=ORDERS[0], ordmax=ORDERS[-1], step=2)
     setup.add_algorithms(run)
     setup.run_by_name("live")
     found = run.result
@@ -129,7 +131,7 @@ def _real(shape: np.ndarray) -> np.ndarray:
 
 
 def _stable(poles: dict[int, list[Mode]]) -> list[tuple[int, Mode]]:
-    """Modes that two further orders have again, each at the first order that has it, by frequency."""
+    """Modes that two of the next three orders have again, each at the first order that has it, by frequency."""
     accepted: list[tuple[int, Mode]] = []
     far, damped, alike = STABLE
     for order in ORDERS[:-2]:
@@ -141,10 +143,11 @@ def _stable(poles: dict[int, list[Mode]]) -> list[tuple[int, Mode]]:
                     and mac(other.shape, mode.shape) > alike
                     for other in poles[further]
                 )
-                for further in (order + 2, order + 4)
+                for further in ORDERS
+                if order < further <= order + 6
             ]
             known = any(_same(one, mode) for _, one in accepted)
-            if all(again) and not known:
+            if sum(again) >= 2 and not known:
                 accepted.append((order, mode))
     return sorted(accepted, key=lambda one: one[1].hz)
 
@@ -152,6 +155,14 @@ def _stable(poles: dict[int, list[Mode]]) -> list[tuple[int, Mode]]:
 def _same(one: Mode, other: Mode) -> bool:
     far, alike = SAME
     return abs(one.hz / other.hz - 1) < far and mac(one.shape, other.shape) > alike
+
+
+def _again(poles: dict[int, list[Mode]], order: int, mode: Mode) -> Mode | None:
+    """The mode in a part of the data: at its order, or at the first one after that has it."""
+    for further in range(order, ORDERS[-1] + 1, 2):
+        if same := [one for one in poles[further] if _same(one, mode)]:
+            return max(same, key=lambda one: mac(one.shape, mode.shape))
+    return None
 
 
 def identify(lifts: np.ndarray, rate_hz: float, lowest_hz: float, count: int) -> list[Mode]:
@@ -163,10 +174,7 @@ def identify(lifts: np.ndarray, rate_hz: float, lowest_hz: float, count: int) ->
     without = [_poles(np.delete(lifts, part, axis=0), rate_hz, lowest_hz) for part in parts] if stable else []
     modes = []
     for order, mode in stable:
-        found = [
-            max((m for m in one[order] if _same(m, mode)), key=lambda m: mac(m.shape, mode.shape), default=None)
-            for one in without
-        ]
+        found = [_again(one, order, mode) for one in without]
         if None in found:
             continue
 
@@ -176,7 +184,8 @@ def identify(lifts: np.ndarray, rate_hz: float, lowest_hz: float, count: int) ->
 
         mode.sigma_hz, mode.sigma_damping = float(sigma(lambda m: m.hz)), float(sigma(lambda m: m.damping))
         mode.sigma_shape = sigma(lambda m: m.shape)
-        if mode.sigma_hz < MOST_SIGMA * mode.hz:
+        unsure = np.linalg.norm(mode.sigma_shape) / np.linalg.norm(mode.shape)
+        if mode.sigma_hz < MOST_SIGMA * mode.hz and unsure < MOST_SIGMA_SHAPE:
             modes.append(mode)
     return modes[:count]
 
@@ -190,7 +199,7 @@ def even(times_s: np.ndarray, lifts: np.ndarray) -> list[tuple[np.ndarray, np.nd
     if len(times_s) < 2:
         return []
     interval = float(np.median(np.diff(times_s)))
-    ends = np.flatnonzero(np.diff(times_s) > (BRIDGED + 0.5) * interval) + 1
+    ends = np.flatnonzero(np.diff(times_s) > (BRIDGED + 1.5) * interval) + 1
     pieces = []
     for part in np.split(np.arange(len(times_s)), ends):
         if len(part) < 4:
@@ -271,7 +280,11 @@ def _rows(content: pa.Table, seconds: float, lowest_hz: float, count: int, kind:
             inside = content.filter(pa.array((times >= began) & (times <= ended)))
             about = _about(inside, began, ended, rate_hz, missing / len(grid), len(chosen))
             arcs = {labels[k]: _arc(inside, labels[k]) for k in chosen}
-            for number, mode in enumerate(identify(even_lifts[part], rate_hz, lowest_hz, count), 1):
+            try:
+                modes = identify(even_lifts[part], rate_hz, lowest_hz, count)
+            except np.linalg.LinAlgError as error:
+                raise FleetError(f"{about['began']}: {error}; take a higher --lowest-hz or longer --seconds") from None
+            for number, mode in enumerate(modes, 1):
                 found.append({**about, **_numbers(number, mode, arcs), **_aircraft(inside)})
     return found
 
@@ -330,7 +343,6 @@ def run(
     exports: list[Path], seconds: float, lowest_hz: float, count: int, kind: str, output: Path | None, stream
 ) -> int:
     """What the command does; 1 where no mode was found."""
-    logging.getLogger("pyoma2").setLevel(logging.ERROR)
     found = []
     for path in exports:
         found += rows(read(path), seconds, lowest_hz, count, kind)

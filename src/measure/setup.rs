@@ -90,7 +90,18 @@ impl Thermal {
     pub fn scale(&self) -> f64 {
         1.0 + self.expansion_per_k * (self.flight_temperature_c - self.ground_temperature_c)
     }
+
+    /// Its standard deviation.
+    pub fn scale_sigma(&self) -> f64 {
+        let difference = self.flight_temperature_c - self.ground_temperature_c;
+        let coefficient = self.expansion_sigma_per_k.unwrap_or(0.0) * difference;
+        let temperature = self.flight_temperature_sigma_k.unwrap_or(0.0) * self.expansion_per_k;
+        coefficient.hypot(temperature)
+    }
 }
+
+/// Standard deviation of the length in flight over that on ground where nothing is stated: all of what 70 K do to aluminium.
+pub const UNSTATED_SCALE_SIGMA: f64 = 23.1e-6 * 70.0;
 
 /// Two markers whose lifts give the change of the angle of attack (paper, section 4.3).
 #[derive(Clone, Debug, PartialEq)]

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::stages::{self, Search, Sighting, Stage, Work};
-use super::{Job, corrected, recording};
+use super::{Job, corrected, recording, taught};
 use crate::camera::Format;
 use crate::installation::Installation;
 use crate::measure::adjust::{AdjustError, Live, Parameter, Solution};
@@ -123,7 +123,8 @@ impl Tracker {
         orientation: Orientation,
         job: Job,
     ) -> Result<Self, AdjustError> {
-        let live = Live::begin(installation.setup.clone(), orientation.clone(), job.options.clone())?;
+        let (options, _) = taught::options(job.options.clone(), &installation, &[]);
+        let live = Live::begin(installation.setup.clone(), orientation.clone(), options)?;
         Ok(Self { installation, orientation, job, live, seen: None, last_s: None })
     }
 

@@ -319,6 +319,11 @@ impl Truth {
         self.wing.length_m
     }
 
+    /// Arc length of a marker's section as a share of the wing's.
+    pub fn share(&self, marker: usize) -> f64 {
+        self.stations[marker].0
+    }
+
     /// Survey-frame positions in flight. `fuel`: share of the fuel on board now.
     pub fn in_flight(&self, tip_lift_m: f64, fuel: f64) -> Vec<Vector3<f64>> {
         let w = self.wing;

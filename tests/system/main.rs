@@ -25,6 +25,7 @@ mod json_schemas;
 mod kill9;
 mod live;
 mod live_page;
+mod marking;
 mod mount_check_command;
 mod mutations;
 mod other_pictures;

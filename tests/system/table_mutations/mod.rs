@@ -156,7 +156,10 @@ fn program(kind: Kind, directory: &Path, text: &str, installation: &Installation
             let setup = &installation.setup;
             let row = |o: &wingd::installation::HandObservation| {
                 let id = Read::Text(setup.markers[o.marker].id.clone());
-                vec![id, number(o.pixel.x), number(o.pixel.y), number(o.sigma_px)]
+                let cell = |value: Option<f64>| value.map_or(Read::Text(String::new()), number);
+                let [u, v] = [0, 1].map(|k| o.place.map(|p| p.pixel[k]));
+                let sigma = o.place.map(|p| p.covariance_px2[(0, 0)].sqrt());
+                vec![id, cell(u), cell(v), cell(sigma)]
             };
             read_observations(&file, setup).map(|all| all.iter().map(row).collect()).map_err(said)
         }
