@@ -116,7 +116,8 @@ fn bound_to(sources: &[String; 2], digests: &[(String, String)]) -> BTreeMap<Str
 }
 
 /// What mends all of it.
-const AGAIN: &str = "remove the file, and run `wingd learn` again with the stores of the flights since the change";
+const AGAIN: &str =
+    "remove the file, and run `wingd learn` again with the stores of the flights since the change";
 
 /// Reads it where it lies beside an orientation.
 pub(super) fn read(reader: &mut Reader, setup: &Setup, sources: &[String; 2]) -> Option<Learnt> {
@@ -169,13 +170,15 @@ fn learnt(document: Document, setup: &Setup) -> Result<Learnt, Wrong> {
     let unknown = |unknown: Unknown| {
         let Unknown { term, index: of_term, marker } = unknown;
         let found = marker.as_deref().map(|id| index(id).ok_or(id));
-        let marker = found.transpose().map_err(|id| ("unknowns", format!("marker \"{id}\" is not in the survey")))?;
+        let marker =
+            found.transpose().map_err(|id| ("unknowns", format!("marker \"{id}\" is not in the survey")))?;
         Ok(Lasting { term: term.into(), index: of_term, marker })
     };
     let unknowns: Vec<Lasting> = document.unknowns.into_iter().map(unknown).collect::<Result<_, Wrong>>()?;
     let source = |entry: Entry| {
-        let normals = normals(&unknowns, &entry)
-            .ok_or_else(|| ("sources", format!("{} has other than one number for each unknown", entry.flight)))?;
+        let normals = normals(&unknowns, &entry).ok_or_else(|| {
+            ("sources", format!("{} has other than one number for each unknown", entry.flight))
+        })?;
         let Entry { store, flight, program, frames, .. } = entry;
         Ok(Source { store, flight, program, frames, normals })
     };
@@ -197,7 +200,11 @@ fn normals(unknowns: &[Lasting], entry: &Entry) -> Option<ReducedNormals> {
             normal[(j, i)] = normal[(i, j)];
         }
     }
-    Some(ReducedNormals { unknowns: unknowns.to_vec(), normal, right: DVector::from_column_slice(&entry.right) })
+    Some(ReducedNormals {
+        unknowns: unknowns.to_vec(),
+        normal,
+        right: DVector::from_column_slice(&entry.right),
+    })
 }
 
 /// Writes `learnt.json`, whole or not at all. The flights have the same unknowns ([`Learnt::of`]).

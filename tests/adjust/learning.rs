@@ -88,7 +88,8 @@ fn together(lessons: &[ReducedNormals], setup: &Setup) -> Option<Taught> {
 /// without error: what is left is the frame's own.
 fn bound_m(drawn: &Drawn, of: &ReducedNormals, seen: &[Observation]) -> [f64; 3] {
     let n = of.unknowns.len();
-    let held = ReducedNormals { normal: DMatrix::identity(n, n) * 1e14, right: DVector::zeros(n), ..of.clone() };
+    let held =
+        ReducedNormals { normal: DMatrix::identity(n, n) * 1e14, right: DVector::zeros(n), ..of.clone() };
     // Nothing is tested: where the unknowns lie does not matter for what is left.
     let options = Options {
         snooping_alpha: 0.0,
@@ -131,7 +132,9 @@ fn table_of_what_flights_teach() {
     let word = |name: &str| std::env::var(name).unwrap_or_default();
     let number = |name: &str, usual: usize| word(name).parse().unwrap_or(usual);
     let wanted = word("SET_UP");
-    for set_up in crate::aircraft::SET_UPS.into_iter().filter(|s| wanted.is_empty() || format!("{s:?}") == wanted) {
+    for set_up in
+        crate::aircraft::SET_UPS.into_iter().filter(|s| wanted.is_empty() || format!("{s:?}") == wanted)
+    {
         let mut rng = rng(number("SEED", 8100) as u64);
         let mut shown: [Shown; 5] = Default::default();
         let mut solved: [Vec<Solution>; 5] = Default::default();
@@ -156,7 +159,8 @@ fn table_of_what_flights_teach() {
         println!("{set_up:?}, {refused} flights taught nothing");
         for (k, name) in ["alone", "1 flight", "2", "3", "5"].iter().enumerate() {
             said(name, &shown[k]);
-            let doubted = solved[k].iter().filter(|s| s.remarks.iter().any(|r| r.contains("contradicts"))).count();
+            let doubted =
+                solved[k].iter().filter(|s| s.remarks.iter().any(|r| r.contains("contradicts"))).count();
             let out = solved[k].iter().filter(|s| s.remarks.iter().any(|r| r.contains("left out"))).count();
             println!("    {:?}, contradicted {doubted}, with markers left out {out}", budgets(&solved[k]));
         }

@@ -10,8 +10,8 @@ use std::borrow::Cow;
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-use super::{AdjustError, Estimate};
 use super::shapes::{burning_covariance, shape_covariance};
+use super::{AdjustError, Estimate};
 use crate::estimation::Known;
 use crate::setup::Setup;
 
@@ -147,7 +147,8 @@ impl Repeating {
 }
 
 fn inverse(matrix: DMatrix<f64>) -> Result<DMatrix<f64>, AdjustError> {
-    let lost = || AdjustError::Input("what flights taught has lost its numerical meaning; learn again".into());
+    let lost =
+        || AdjustError::Input("what flights taught has lost its numerical meaning; learn again".into());
     matrix.cholesky().map(|c| c.inverse()).ok_or_else(lost)
 }
 
@@ -164,7 +165,9 @@ impl Taught {
         let mut right = DVector::zeros(unknowns.len());
         for flight in flights {
             if flight.unknowns != unknowns {
-                return Err(AdjustError::Input("flights were learnt with different unknowns; learn again".into()));
+                return Err(AdjustError::Input(
+                    "flights were learnt with different unknowns; learn again".into(),
+                ));
             }
             let (mut own, mut own_right) = (flight.normal.clone(), flight.right.clone());
             repeating.part(&mut own, &mut own_right)?;
@@ -193,7 +196,8 @@ impl Taught {
         let weights = DVector::from_iterator(told.len(), told.iter().map(|k| eigenvalues[*k]));
         let along = axes.tr_mul(&right.component_mul(&unit)).component_div(&weights);
         let mean = (&axes * along).component_mul(&unit);
-        let rows = DMatrix::from_fn(told.len(), unit.len(), |i, j| weights[i].sqrt() * axes[(j, i)] * scale[j]);
+        let rows =
+            DMatrix::from_fn(told.len(), unit.len(), |i, j| weights[i].sqrt() * axes[(j, i)] * scale[j]);
         Self { unknowns, mean, information: rows.tr_mul(&rows), conditions: told.len(), flights }
     }
 
@@ -202,13 +206,16 @@ impl Taught {
         let flights = if self.flights == 1 { "a flight".into() } else { format!("{} flights", self.flights) };
         match used {
             true => format!("adjusted with what {flights} taught"),
-            false => format!("what {flights} taught is not used: it holds for another number of terms of the curvature"),
+            false => format!(
+                "what {flights} taught is not used: it holds for another number of terms of the curvature"
+            ),
         }
     }
 
     /// As knowledge of these columns among others, each with what is stated of it; `None` where one of them is not there.
     pub fn known(&self, placed: &[(Lasting, usize)], stated: &DVector<f64>) -> Option<Known> {
-        let of = |unknown: &Lasting| placed.iter().find(|(other, _)| other == unknown).map(|(_, column)| *column);
+        let of =
+            |unknown: &Lasting| placed.iter().find(|(other, _)| other == unknown).map(|(_, column)| *column);
         let columns: Vec<usize> = self.unknowns.iter().map(of).collect::<Option<_>>()?;
         let mut known = Known {
             mean: stated.clone(),

@@ -32,7 +32,8 @@ pub struct Begun {
 /// The first frame is a flight of one, with survey and ground frame, and what earlier flights taught unless it contradicts
 /// that.
 pub fn first(flight: &Flight) -> Result<Begun, AdjustError> {
-    let begin = |options: &Options| begun(Flight { input: Input { options, ..flight.input }, ..flight.clone() });
+    let begin =
+        |options: &Options| begun(Flight { input: Input { options, ..flight.input }, ..flight.clone() });
     unless_contradicted(flight.input.options, begin, |begun| std::slice::from_mut(&mut begun.solution))
 }
 
