@@ -1,14 +1,16 @@
-//! Detection guided by the frame before: what foretells it is looked at, again where that tells better, then the whole frame.
+//! A frame is searched where an earlier one says.
 
 use super::decode;
 use super::located::holds;
 use super::stages::{Sighting, Work, unseen};
 use crate::camera::Format;
 use crate::measure::detect::{self, Detection, Prediction};
+#[cfg(doc)]
+use crate::measure::identify;
 use crate::measure::raster::Raster;
 
-/// Decodes and detects markers that an earlier frame foretells ([`predict`](crate::measure::identify::predict)): only what lies about them is decoded and
-/// searched, and where one that was seen is missing, the whole frame. `rejected` stays empty unless it was.
+/// The markers of a frame that an earlier one foretells ([`identify::predict`]), without names: only what lies about them is
+/// decoded and searched, and where one that was seen is missing, the whole frame. `rejected` stays empty unless it was.
 pub fn detect_predicted(
     name: &str,
     bytes: &[u8],
