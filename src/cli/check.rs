@@ -172,6 +172,10 @@ impl Findings {
                 self.said.push(("installation", how));
                 self.said.extend(open_points(&installation.setup));
                 super::say_doubts(&installation);
+                let learnt = installation.learnt.as_ref();
+                self.said.extend(
+                    learnt.map(|learnt| ("learnt", format!("with what {} taught", learnt.counted()))),
+                );
                 match installation.require_orientation() {
                     Ok(_) => self.said.push(("orientation", "there".into())),
                     Err(fault) if flies => self.faults.push(fault),

@@ -19,6 +19,7 @@ mod frames;
 pub mod help;
 mod import;
 mod init;
+mod learn;
 mod logging;
 mod mark;
 mod mount_check;
@@ -37,6 +38,7 @@ mod service;
 mod simulate;
 mod solve;
 mod status;
+mod stored;
 mod stores;
 mod stress;
 mod time_check;
@@ -106,6 +108,8 @@ enum Command {
     Mark(mark::Args),
     /// Bending, torsion and positions, one result per image
     Solve(solve::Args),
+    /// What flights tell together of all that lasts: learnt.json
+    Learn(learn::Args),
     /// A flight's figures and tables as one HTML file
     Report(report::Args),
     /// Every checksum and every invariant of a store
@@ -215,6 +219,7 @@ pub fn main() -> ExitCode {
         Command::Import(args) => import::run(&args),
         Command::Mark(args) => mark::run(&args),
         Command::Solve(args) => solve::run(&args),
+        Command::Learn(args) => learn::run(&args),
         Command::Report(args) => report::run(&args),
         Command::Verify(args) => verify::run(&args),
         Command::Compare(args) => compare::run(&args),
@@ -309,6 +314,13 @@ const RIGHTS: &str = "check rights and space";
 fn say_doubts(installation: &Installation) {
     for doubt in installation::doubts(installation) {
         eprintln!("wingd: to be looked at: {doubt}");
+    }
+}
+
+/// Says on standard error with what earlier flights taught.
+fn say_learnt(installation: &Installation) {
+    if let Some(learnt) = &installation.learnt {
+        eprintln!("wingd: with what {} taught ({})", learnt.counted(), installation::LEARNT_FILE);
     }
 }
 

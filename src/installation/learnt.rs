@@ -85,6 +85,14 @@ impl Learnt {
         Ok(Self { sources, together })
     }
 
+    /// How many flights, in words.
+    pub fn counted(&self) -> String {
+        match self.sources.len() {
+            1 => "a flight".into(),
+            n => format!("{n} flights"),
+        }
+    }
+
     /// The flights that one of these frames (SHA-256) is of.
     pub fn sources_of<'a>(&'a self, frames: &[&str]) -> Vec<&'a Source> {
         self.sources.iter().filter(|source| frames.iter().any(|frame| source.has(frame))).collect()

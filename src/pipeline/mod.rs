@@ -15,6 +15,7 @@
 pub mod by_hand;
 pub mod decode;
 pub mod guard;
+pub mod guided;
 pub mod live;
 mod located;
 pub mod marking;

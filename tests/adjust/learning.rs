@@ -145,6 +145,18 @@ fn table_of_what_flights_teach() {
             let flights: Vec<Flown> = (0..5).map(|_| drawn.flies(&mut rng, FRAMES)).collect();
             let lessons: Vec<_> = flights.iter().filter_map(|f| drawn.learn(f, None)).collect();
             refused += 5 - lessons.len();
+            let others = |k: usize| {
+                let all = lessons.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, l)| l.clone());
+                together(&all.collect::<Vec<_>>(), &drawn.setup)
+            };
+            let again = |k: usize| {
+                drawn.learn(&flights[k], others(k)).unwrap_or_else(|| {
+                    println!("again refused");
+                    lessons[k].clone()
+                })
+            };
+            let lessons: Vec<_> =
+                if word("TWICE").is_empty() { lessons.clone() } else { (0..5).map(again).collect() };
             let last = drawn.flies(&mut rng, 1);
             let of = |n: usize| together(&lessons[..n.min(lessons.len())], &drawn.setup);
             let taught = [None, of(1), of(2), of(3), of(5)];
@@ -153,6 +165,9 @@ fn table_of_what_flights_teach() {
             for (k, taught) in taught.into_iter().enumerate() {
                 let solution = drawn.single(&last.seen[0], taught);
                 shown[k].add(&drawn.aircraft, drawn.now, &solution, &drawn.setup);
+                if word("SAY") == k.to_string() {
+                    println!("{:?} {} {:?}", solution.variance_factor, solution.redundancy, solution.remarks);
+                }
                 solved[k].push(solution);
             }
         }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::{Args, Output, job, report};
 use crate::cli::by_hand::ByHand;
-use crate::cli::{Done, Failure, frames, load_installation, pictures, places};
+use crate::cli::{Done, Failure, frames, load_installation, pictures, places, say_learnt};
 use crate::installation::{self, Fault, Installation, Mountings};
 use crate::measure::setup::Orientation;
 use crate::pipeline::{self, Job, Sighting, stages};
@@ -19,6 +19,7 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let files = pictures::expand(&args.images)?;
     let mountings = mountings(args, &files)?;
     let installation = load_installation(&directory)?;
+    say_learnt(&installation);
     let orientation = installation.require_orientation()?;
     let job = job(args);
     let mut output = Output::keeping(args);

@@ -1,6 +1,5 @@
 //! `wingd solve STORE` solves the frames of a store again, results beside the old ones.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde_json::{Map, Value};
@@ -8,19 +7,12 @@ use serde_json::{Map, Value};
 use super::marks::Marks;
 use super::{Args, Output, job, report};
 use crate::aircraft::Track;
-use crate::camera::Format;
-use crate::cli::{Done, Failure, frames, stores};
+use crate::cli::{Done, Failure, frames, say_learnt, stored, stores};
 use crate::installation::{self, Installation};
-use crate::measure::adjust::Mounting;
 use crate::measure::setup::Orientation;
-use crate::pipeline::{self, Job, Sighting, stages};
+use crate::pipeline::{self, Job, Sighting};
 use crate::record::{ImageRecord, Reason};
-use crate::report::aircraft;
-use crate::store::manifest::Cause;
-use crate::store::{self, Disk, FlightRef, FrameRef, Inputs, Store, StoreError, catalogue, sets};
-
-/// Kind of a shot's failure where the camera was unplugged or its power cut.
-const GONE: &str = "gone";
+use crate::store::{self, FlightRef, FrameRef, Inputs, Store, sets};
 
 pub(super) fn run(args: &Args, root: &Path) -> Result<Done, Failure> {
     // Opening would make a store where there is none.
@@ -59,9 +51,13 @@ fn installation_for(args: &Args, store: &Store, flight: &FlightRef) -> Result<In
 
 fn solve_flight(args: &Args, store: &Store, flight: &FlightRef, output: &mut Output) -> Result<(), Failure> {
     let installation = installation_for(args, store, flight)?;
+    say_learnt(&installation);
     let orientation = installation.require_orientation()?;
     let job = job(args);
-    let (track, digest) = aircraft_data(args, store, flight)?;
+    let (track, digest) = match args.no_aircraft_data {
+        true => (Track::default(), None),
+        false => stored::aircraft_data(store.disk(), store.root(), flight)?,
+    };
     let marks = Marks::read(args, store, flight, &installation)?;
     let work = Work {
         args,
@@ -92,23 +88,6 @@ struct Work<'a> {
     track: Track,
     digest: Option<String>,
     marks: Marks,
-}
-
-/// The aircraft's data of a flight, where they are wanted.
-fn aircraft_data(args: &Args, store: &Store, flight: &FlightRef) -> Result<(Track, Option<String>), Failure> {
-    if args.no_aircraft_data {
-        return Ok((Track::default(), None));
-    }
-    let (track, notes) = aircraft::track(store.disk(), store.root(), flight)?;
-    for note in notes {
-        eprintln!("wingd: {note}");
-    }
-    if track.is_empty() {
-        return Ok((track, None));
-    }
-    let digest = store::aircraft::digest(store.disk(), store.root(), flight)?;
-    eprintln!("wingd: {}: air and wing's temperature from {} aircraft samples", flight.id, track.len());
-    Ok((track, digest))
 }
 
 impl Work<'_> {
@@ -142,7 +121,7 @@ impl Work<'_> {
             return Ok(());
         }
         let mut sightings = Vec::with_capacity(frames.len());
-        let mountings = mountings(self.store.disk(), self.flight)?;
+        let mountings = stored::mountings(self.store.disk(), self.flight)?;
         let sight = |frame: &FrameRef, bytes: Result<&[u8], Reason>| {
             let mounting = mountings.get(&frame.entry.sha256).copied();
             Sighting { mounting, ..self.sight(frame, bytes) }
@@ -172,17 +151,9 @@ impl Work<'_> {
     }
 
     fn sight(&self, frame: &FrameRef, bytes: Result<&[u8], Reason>) -> Sighting {
-        let name = stores::name_of(frame);
-        let mut sighting = match (bytes, Format::of_manifest(&frame.entry.format)) {
-            (Ok(bytes), Ok(format)) => {
-                stages::sight(&name, bytes, Some(&format), self.installation, Some(self.orientation))
-            }
-            (Err(reason), _) => Sighting::failed(name, reason),
-            (_, Err(unknown)) => Sighting::failed(name, Reason::of(unknown)),
-        };
+        let mut sighting = stored::sight(frame, bytes, self.installation, self.orientation, &self.track);
         sighting.add_by_hand(self.marks.of(&stores::name_of(frame)));
-        let aircraft = self.track.at(&frame.stamp, frame.exposure.as_ref());
-        Sighting { aircraft, ..sighting }
+        sighting
     }
 
     /// As the recorder writes it: under the frame's own name.
@@ -200,23 +171,4 @@ impl Work<'_> {
         self.store.add_result(frame, inputs, value)?;
         output.take(record)
     }
-}
-
-/// Mounting of each frame by its digest: another one after a boot and from where the camera was gone, for nothing tells
-/// that it was not taken down then. The recorder opens it anew before each series by itself, which says nothing. Of
-/// imported pictures nothing is known: none of them stands here.
-fn mountings(disk: &dyn Disk, flight: &FlightRef) -> Result<BTreeMap<String, Mounting>, StoreError> {
-    let mut all = BTreeMap::new();
-    let (mut number, mut boot): (usize, Option<String>) = (0, None);
-    for series in catalogue::series(disk, flight)? {
-        let manifest = catalogue::manifest(disk, &series)?;
-        let shots = manifest.shots.into_iter().filter(|_| manifest.cause != Cause::Imported);
-        for shot in shots {
-            let gone = shot.failures.iter().any(|failure| failure.kind == GONE);
-            let booted = boot.replace(shot.stamp.boot_id.clone()).is_some_and(|b| b != shot.stamp.boot_id);
-            number += usize::from(gone || booted);
-            all.extend(shot.frame.map(|frame| (frame.sha256, Mounting::Numbered(number))));
-        }
-    }
-    Ok(all)
 }

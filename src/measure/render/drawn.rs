@@ -9,9 +9,7 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use super::random::Random;
 use super::scene::{Scene, Shot};
 use super::wing::Moved;
-use crate::setup::{
-    InFlight, Setup, SkinHeight, SurveyMarker, Thermal, UNSTATED_SCALE_SIGMA, Uncertainty, Vibration,
-};
+use crate::setup::{InFlight, Setup, SkinHeight, SurveyMarker, Thermal, UNSTATED_SCALE_SIGMA, Uncertainty};
 
 /// One aircraft of those that an installation allows, in one flight.
 #[derive(Clone, Debug)]
@@ -106,9 +104,10 @@ impl Drawn {
 
     /// Widths without what is never drawn.
     pub fn undrawn(widths: Uncertainty) -> Uncertainty {
-        let none = Vibration { amplitude: 0.0, frequency_hz: 0.0 };
+        let none = InFlight::NONE.vibration;
         let in_flight = InFlight {
             skin_motion_m: 0.0,
+            skin_by_frames: false,
             in_plane_m: 0.0,
             torque_rad: 0.0,
             readout_s: 0.0,

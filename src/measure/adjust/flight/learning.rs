@@ -27,8 +27,10 @@ pub fn learn(
     let Solved { setting, fit, judged } = &solved;
     let (omega, redundancy) = judged.map_or((fit.omega, fit.redundancy), |j| (j.omega, j.redundancy));
     if global_test(omega, redundancy, options.global_alpha) == GlobalTest::Rejected {
+        let beside = if options.taught.is_some() { " beside what other flights taught" } else { "" };
         return Err(AdjustError::Input(format!(
-            "the global test rejects the flight (variance factor {:.1}): what contradicts the model teaches nothing",
+            "the global test rejects it{beside} (variance factor {:.1}); what contradicts the model, or was flown with a \
+             changed installation, teaches nothing",
             omega / redundancy.max(1) as f64
         )));
     }

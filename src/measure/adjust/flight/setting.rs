@@ -88,7 +88,7 @@ impl Unknowns {
         let place = |mounting| OfMounting::place(input, mountings.stayed(mounting), &mut columns);
         let mountings = (0..mountings.count()).map(place).collect();
         let survey = columns.take(3 * input.setup.markers.len(), MISSING_GROUND);
-        let motions = Arc::new(Motions::place(input, flight.marks_factor, &mut columns));
+        let motions = Arc::new(Motions::place(input, &flight.factors, &mut columns));
         Self { columns, shared, head, shape, mountings, survey, motions, curvature_terms }
     }
 
@@ -100,7 +100,7 @@ impl Unknowns {
             terms::twist(input.options.twist_terms.min(MAX_TWIST_TERMS)),
             terms::own_rotation(&own_rotation_covariance(flight)),
         ];
-        let others = terms::of_frame(input, &flight.frames[frame]);
+        let others = terms::of_frame(input, &flight.frames[frame], &flight.factors);
         let mut local = Columns::local();
         own.into_iter().chain(others).map(|term| local.place(term)).collect()
     }
