@@ -5,9 +5,9 @@ mod blocks;
 mod budget;
 mod curve;
 mod estimated;
-mod factors;
 #[cfg(test)]
 mod example;
+mod factors;
 mod flight;
 pub mod ground;
 mod input;
