@@ -14,12 +14,12 @@ use crate::common::beam_truth::{
     Aircraft, Effects, Truth, When, median, normal, normal3, random_wing, remounted, rms, rng,
 };
 
-const NOISE_PX: f64 = 0.05;
-const SURVEY_M: f64 = 0.002;
+pub const NOISE_PX: f64 = 0.05;
+pub const SURVEY_M: f64 = 0.002;
 
 /// How the camera was set up.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum SetUp {
+pub enum SetUp {
     /// Remounted, widths as where an installation says nothing.
     Default,
     /// Remounted within half a millimetre, the wing known from good drawings.
@@ -30,10 +30,10 @@ enum SetUp {
     Fixed,
 }
 
-const SET_UPS: [SetUp; 4] = [SetUp::Default, SetUp::Careful, SetUp::Stayed, SetUp::Fixed];
+pub const SET_UPS: [SetUp; 4] = [SetUp::Default, SetUp::Careful, SetUp::Stayed, SetUp::Fixed];
 
 impl SetUp {
-    fn widths(self) -> Uncertainty {
+    pub fn widths(self) -> Uncertainty {
         let usual = Uncertainty::default();
         match self {
             SetUp::Careful => Uncertainty {
@@ -48,12 +48,12 @@ impl SetUp {
         }
     }
 
-    fn truth(self, rng: &mut StdRng) -> Truth {
+    pub fn truth(self, rng: &mut StdRng) -> Truth {
         let truth = Truth::new(random_wing(rng), 21);
         if self == SetUp::Fixed { truth.with_fixed_marks(4) } else { truth }
     }
 
-    fn mounting(self, rng: &mut StdRng, setup: &Setup) -> (Vector3<f64>, Vector3<f64>) {
+    pub fn mounting(self, rng: &mut StdRng, setup: &Setup) -> (Vector3<f64>, Vector3<f64>) {
         match self {
             SetUp::Stayed => (Vector3::zeros(), Vector3::zeros()),
             _ => (remounted(rng, setup), normal3(rng) * setup.uncertainty.mount_shift_m),
@@ -63,23 +63,23 @@ impl SetUp {
 
 /// What one wing or flight shows.
 #[derive(Default)]
-struct Shown {
+pub struct Shown {
     /// Errors of the lifts over their standard deviations: against survey, ground frame, root.
-    lifts: [Vec<f64>; 3],
-    twist: Vec<f64>,
+    pub lifts: [Vec<f64>; 3],
+    pub twist: Vec<f64>,
     /// Bending moments along the span, of a stiffness that is known.
-    moments: Vec<f64>,
+    pub moments: Vec<f64>,
     /// Of the same three.
-    tip_sigmas_m: [Vec<f64>; 3],
-    passed: Vec<f64>,
+    pub tip_sigmas_m: [Vec<f64>; 3],
+    pub passed: Vec<f64>,
     /// Errors of the tip's lift, m: of the same three.
-    tip_errors_m: [Vec<f64>; 3],
+    pub tip_errors_m: [Vec<f64>; 3],
     /// Per source of the tip's variance: its share, and the standard deviation if it were known, m.
     budget: BTreeMap<&'static str, Vec<(f64, f64)>>,
 }
 
 impl Shown {
-    fn add(&mut self, aircraft: &Aircraft, when: When, solution: &Solution, setup: &Setup) {
+    pub fn add(&mut self, aircraft: &Aircraft, when: When, solution: &Solution, setup: &Setup) {
         let lifts = aircraft.lifts_m(when);
         for marker in solution.markers.iter().filter(|m| m.used) {
             let found = [marker.lift_m, marker.lift_ground_m, marker.lift_root_m];
@@ -299,7 +299,7 @@ const KINDS: [Kind; 24] = [
 
 /// All of it at once, each drawn from its width; what is marked in survey.csv (an aileron) and what the shape of bending
 /// meets (steps, kinks, engines) too.
-fn all_together(rng: &mut StdRng) -> Effects {
+pub fn all_together(rng: &mut StdRng) -> Effects {
     let width = InFlight::USUAL;
     Effects {
         ground_bend_m: width.ground_bend_m * normal(rng),

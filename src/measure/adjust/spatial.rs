@@ -12,6 +12,7 @@ use self::frame::{Frame, Single, Start, Usage};
 use super::beam::MAX_CURVATURE_TERMS;
 use super::budget::{Blocks, with_sources};
 use super::factors::Factors;
+use super::flight;
 use super::input::{Input, by_marker, on_the_wing};
 use super::outcome::Outcome;
 use super::scene::Scene;
@@ -195,6 +196,9 @@ pub fn solve(
         return Err(AdjustError::TooFewMarkers { found, needed: FEWEST });
     }
     let input = Input { setup, orientation, scene: &scene, options };
+    if options.taught.is_some() && !options.variance_components {
+        return flight::one(&input, observations);
+    }
     let allowed = sights.iter().flatten().count() / LEFT_OUT;
     let terms = options.curvature_terms.map_or(USUAL_ORDER, |t| t.clamp(1, MAX_CURVATURE_TERMS));
     let usage = Usage::all(setup.markers.len());

@@ -12,7 +12,7 @@ mod camera;
 mod motion;
 mod wing;
 
-pub use camera::{repeatability_rad, rotation_of_mounting, stated_drift_rad};
+pub use camera::{LEAST_DRIFT_RAD, repeatability_rad, rotation_of_mounting, stated_drift_rad};
 pub use motion::{SHAKE, VIBRATION, common_cause, of_flight, of_frame, of_rows};
 pub use wing::{curvature, twist};
 

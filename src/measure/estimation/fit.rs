@@ -117,7 +117,8 @@ impl Fit {
 
     /// What it tells of the global parameters.
     pub fn known(&self) -> Known {
-        Known { mean: self.global.clone(), information: self.information.clone() }
+        let conditions = self.global.len();
+        Known { mean: self.global.clone(), information: self.information.clone(), conditions }
     }
 
     /// Functions of parameters alone, and their noise through the adjusted observations.
