@@ -149,6 +149,14 @@ fn moments(aircraft: &Aircraft, when: When, solution: &Solution, setup: &Setup) 
     SHARES.iter().zip(aircraft.curvature_per_m(when, &SHARES)).map(one).collect()
 }
 
+/// Tip's lift at a flight's start and end, m: what fuel burnt leaves, or as `LIFTS=4.0,-0.4` says.
+fn lifts_m() -> (f64, f64) {
+    let words = std::env::var("LIFTS").unwrap_or_default();
+    words
+        .split_once(',')
+        .map_or((3.2, 2.0), |(high, low)| (high.parse().expect("a lift, m"), low.parse().expect("a lift, m")))
+}
+
 /// Widths that `KNOWN=skin,readout` asks to be left out; `flight`: all of them.
 fn known(setup: &mut Setup) {
     let words = std::env::var("KNOWN").unwrap_or_default();
@@ -187,6 +195,7 @@ fn draw(
     effects: impl Fn(&mut StdRng) -> Effects,
 ) -> Shown {
     let mut rng = rng(seed);
+    let (high_m, low_m) = lifts_m();
     let mut shown = Shown::default();
     for _ in 0..wings {
         let effects = effects(&mut rng);
@@ -201,7 +210,7 @@ fn draw(
         let whens: Vec<When> = (0..frames)
             .map(|k| {
                 let share = k as f64 / (frames.max(2) - 1) as f64;
-                let lift_m = if frames == 1 { 2.9 } else { 3.2 - 1.2 * share };
+                let lift_m = if frames == 1 { 2.9 } else { high_m + (low_m - high_m) * share };
                 When::Flight { lift_m, fuel: fuel * (1.0 - 0.24 * share) }
             })
             .collect();

@@ -107,8 +107,9 @@ fn layout(single: &Single, amplitude_per_m: f64, columns: &mut Columns) -> Layou
     let shared = terms::shared(input, columns);
     let mounting = terms::of_mounting(input, stayed).into_iter().map(|term| columns.place(term));
     let mounting: Vec<_> = mounting.collect();
-    let others =
-        terms::of_frame(input, &single.sights, &single.factors).into_iter().map(|term| columns.place(term));
+    let others = terms::of_frame(input, &single.sights, &single.factors, false)
+        .into_iter()
+        .map(|term| columns.place(term));
     let others: Vec<_> = others.collect();
     let [curvature, twist, rotation] = &first;
     let head = columns.missing.len();

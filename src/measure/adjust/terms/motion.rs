@@ -177,13 +177,27 @@ fn shake(scene: &Scene, times_s: &[f64], of: Vibration) -> Option<Term> {
     (velocity > 0.0).then(|| moves(SHAKE, Instant::AtItsRow, fields, &sigmas))
 }
 
-/// What each frame has for itself beside bending, twist and rotation.
-pub fn of_frame(input: &Input, sights: &Sights, factors: &Factors) -> Vec<Term> {
-    let scene = input.scene;
+/// Of drag, and of the torque that trims an aircraft: the part of the standard deviation that a flight's frames have in
+/// common, and the part that each has for itself. A wing bends and twists alike in one flight but for gusts, flaps and turns.
+const OF_FLIGHT: (f64, f64) = (0.9, 0.436);
+
+fn in_plane_and_torque(input: &Input, share: f64) -> Vec<Term> {
     let width = &input.setup.uncertainty.in_flight;
-    let mut terms: Vec<_> =
-        in_plane(scene, width.in_plane_m).into_iter().chain(torques(width.torque_rad)).collect();
-    terms.extend(parts(scene, &input.setup.markers));
+    in_plane(input.scene, share * width.in_plane_m)
+        .into_iter()
+        .chain(torques(share * width.torque_rad))
+        .collect()
+}
+
+/// What a flight's frames have in common of what each has for itself.
+pub fn of_flight(input: &Input) -> Vec<Term> {
+    in_plane_and_torque(input, OF_FLIGHT.0)
+}
+
+/// What each frame has for itself beside bending, twist and rotation; `in_flight`: beside [`of_flight`].
+pub fn of_frame(input: &Input, sights: &Sights, factors: &Factors, in_flight: bool) -> Vec<Term> {
+    let mut terms = in_plane_and_torque(input, if in_flight { OF_FLIGHT.1 } else { 1.0 });
+    terms.extend(parts(input.scene, &input.setup.markers));
     terms.extend(of_rows(input, sights, factors));
     terms
 }
