@@ -16,6 +16,7 @@ pub mod guard;
 pub mod live;
 mod located;
 pub mod orienting;
+mod places;
 pub mod recording;
 pub mod shrink;
 pub mod stages;
@@ -197,6 +198,7 @@ pub fn solve_flight(
         record.timing_ms.solve = Some(recording::milliseconds(solve_ms));
         records.push(record);
     }
+    places::name(&mut records);
     records
 }
 
