@@ -19,7 +19,10 @@ const GROUPS: [(&str, &[&str]); 5] = [
         ],
     ),
     ("Record in flight", &["run", "status", "trigger"]),
-    ("Evaluate", &["import", "detect", "solve", "compare", "report", "export", "aircraft-data", "stress"]),
+    (
+        "Evaluate",
+        &["import", "detect", "solve", "learn", "compare", "report", "export", "aircraft-data", "stress"],
+    ),
     ("Keep and hand over", &["verify", "copy", "fetch", "serve", "upload", "prune"]),
     ("Try and learn", &["demo", "simulate", "completions", "man"]),
 ];
@@ -58,6 +61,7 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
             "wingd solve store --sigma prior",
         ],
     ),
+    ("learn", &["wingd learn store --installation installation"]),
     ("compare", &["wingd compare store"]),
     ("report", &["wingd report store --output report.html"]),
     (
