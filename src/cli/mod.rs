@@ -1,6 +1,7 @@
 //! Each command has a file. Results go to standard output, logs and progress to standard error.
 
 mod aircraft_data;
+mod by_hand;
 #[cfg(feature = "boards")]
 mod calibrate;
 #[cfg(feature = "gphoto")]
@@ -20,6 +21,7 @@ mod import;
 mod init;
 mod learn;
 mod logging;
+mod mark;
 mod mount_check;
 #[cfg(any(not(feature = "boards"), not(feature = "upload")))]
 mod not_built;
@@ -102,6 +104,8 @@ enum Command {
     Plan(plan::Args),
     /// Pictures of a camera's card into a store
     Import(import::Args),
+    /// Markers that a person sees, in a page: kept with who and why
+    Mark(mark::Args),
     /// Bending, torsion and positions, one result per image
     Solve(solve::Args),
     /// What flights tell together of all that lasts: learnt.json
@@ -213,6 +217,7 @@ pub fn main() -> ExitCode {
         Command::Orient(args) => orient::run(&args),
         Command::Plan(args) => plan::run(&args),
         Command::Import(args) => import::run(&args),
+        Command::Mark(args) => mark::run(&args),
         Command::Solve(args) => solve::run(&args),
         Command::Learn(args) => learn::run(&args),
         Command::Report(args) => report::run(&args),

@@ -58,7 +58,7 @@ pub use fault::{Fault, KeyFault};
 pub use keyed::Trouble;
 pub use learnt::{LEARNT_FILE, Learnt, Source, write_learnt};
 pub use mountings::{Mountings, read_mountings};
-pub use observations::{HandObservation, read_observations};
+pub use observations::{HandObservation, HandPlace, observations_text, read_observations};
 pub use orientation::write_orientation;
 pub use rows::{Row, RowsError, rows, separator_line};
 pub use structure::{Structure, read_stiffness};

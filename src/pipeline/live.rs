@@ -131,8 +131,10 @@ impl Tracker {
     /// The next frame, exposed `at_s` since boot. Whatever goes wrong with it is in the record; the state stays then.
     pub fn frame(&mut self, name: &str, bytes: &[u8], format: Option<&Format>, at_s: f64) -> Tracked {
         let tracked = guarded(|| {
-            let predictions = self.predicted(at_s);
-            self.solve(name, bytes, format, at_s, &predictions)
+            let seen = self.seen.take();
+            let predictions = seen.as_ref().map_or(vec![], |seen| self.predicted(seen, at_s));
+            let known = seen.map(|seen| seen.identities);
+            self.solve(name, bytes, format, at_s, (&predictions, known.as_ref()))
         });
         tracked.unwrap_or_else(|| {
             self.failed(&Sighting { image: name.into(), ..Sighting::default() }, BROKE_OFF)
@@ -140,8 +142,7 @@ impl Tracker {
     }
 
     /// Where this frame shows the markers: the longer ago the last one, the wider.
-    fn predicted(&mut self, at_s: f64) -> Vec<Prediction> {
-        let Some(seen) = self.seen.take() else { return vec![] };
+    fn predicted(&self, seen: &Seen, at_s: f64) -> Vec<Prediction> {
         let elapsed_s = at_s - seen.at_s;
         if !(0.0..=LONGEST_S).contains(&elapsed_s) {
             return vec![];
@@ -163,10 +164,13 @@ impl Tracker {
         bytes: &[u8],
         format: Option<&Format>,
         at_s: f64,
-        predictions: &[Prediction],
+        (predictions, known): (&[Prediction], Option<&Identities>),
     ) -> Tracked {
         let mut sighting = Sighting { image: name.into(), ..Sighting::default() };
-        let (raster, search) = stages::look_guided(&mut sighting, bytes, format, predictions);
+        let (setup, orientation) = (&self.installation.setup, &self.orientation);
+        // A tip that moves fast is not where it was, nor of the shape; the wing's root tells where it is.
+        let onwards = |found: &[Detection]| identify::onwards(setup, orientation, found, known?);
+        let (raster, search) = stages::look_guided(&mut sighting, bytes, format, predictions, onwards);
         if let Some(raster) = &raster {
             sighting.failure = stages::size_fault(raster, &self.installation);
         }

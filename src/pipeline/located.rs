@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use nalgebra::Vector2;
 
-use crate::measure::detect::{self, Detection, Detections, Expected, Prediction};
+use crate::measure::detect::{self, Detection, Detections, Expected, Looker, Prediction};
 use crate::measure::identify::{self, IdentifyError, Identities};
 use crate::measure::raster::Raster;
 use crate::measure::setup::{Orientation, Setup, Shape};
@@ -15,45 +15,71 @@ const ASIDE_PX: f64 = 100.0;
 /// quadrants, whose white is told less well.
 const SAME_SIZE: (f64, f64) = (0.05, 0.15);
 
-/// The markers of a picture of which some columns of each row were decoded, from the nearest outwards ([`identify::locate`]);
-/// `None` where that leads nowhere, or out of what was decoded.
-pub(super) fn detected(
-    raster: &Raster,
-    read: &[Range<usize>],
-    setup: &Setup,
-    orientation: &Orientation,
-) -> Option<Detections> {
-    let look = |sought: &[Prediction]| detect::detect_guided(raster, sought).markers;
-    let predictions = identify::locate(setup, orientation, look)?;
-    let needed = detect::columns_read(&predictions, raster.width(), raster.height());
+/// Whether what is needed of each row is among what was read.
+pub(super) fn holds(read: &[Range<usize>], needed: &[Range<usize>]) -> bool {
     let holds =
         |(n, r): (&Range<usize>, &Range<usize>)| n.is_empty() || (r.start <= n.start && n.end <= r.end);
-    needed.iter().zip(read).all(holds).then(|| detect::detect_guided(raster, &predictions))
+    needed.iter().zip(read).all(holds)
 }
 
-/// Whether a marker that is missing shows aside of its place, so that the predictions are not to be trusted. What the ground
-/// frames did not show, no frame need show.
-pub(super) fn shows_aside(
-    raster: &Raster,
-    setup: &Setup,
-    orientation: &Orientation,
-    (found, identities): &(Detections, Identities),
-) -> bool {
-    let mut missing = identify::expect(setup, orientation, &found.markers, identities);
-    missing.retain(|e| e.found.is_none() && orientation.ground.iter().any(|sight| sight.marker == e.marker));
-    let wider = |e: Expected| Prediction { search_px: Vector2::repeat(ASIDE_PX), ..e.prediction };
-    let missing: Vec<Prediction> = missing.into_iter().map(wider).collect();
-    if missing.is_empty() {
-        return false;
+/// A picture of which of each row some columns were decoded.
+pub(super) struct Part {
+    pub raster: Raster,
+    pub read: Vec<Range<usize>>,
+}
+
+impl Part {
+    /// Its markers, from the nearest outwards ([`identify::locate`]); `None` where that leads nowhere, or out of what was decoded.
+    pub(super) fn detected(&self, setup: &Setup, orientation: &Orientation) -> Option<Detections> {
+        let mut looker = Looker::new(&self.raster);
+        let predictions = identify::locate(setup, orientation, |sought| looker.roughly(sought))?;
+        self.holds(&predictions).then(|| looker.closely(&predictions))
     }
-    let is_known =
-        |m: &Detection| found.markers.iter().any(|k| (k.centre_px - m.centre_px).norm() < identify::SAME_PX);
-    let is_like = |m: &Detection, p: &Prediction| {
-        let most = if m.shape == Shape::Circle { SAME_SIZE.0 } else { SAME_SIZE.1 };
-        m.shape == p.shape && (m.semi_major_px / p.semi_major_px - 1.0).abs() < most
-    };
-    let aside = detect::detect_guided(raster, &missing).markers;
-    aside.iter().any(|m| !is_known(m) && missing.iter().any(|p| is_like(m, p)))
+
+    /// Whether all was decoded that is looked at where markers are predicted.
+    fn holds(&self, predictions: &[Prediction]) -> bool {
+        let needed = detect::columns_read(predictions, self.raster.width(), self.raster.height());
+        holds(&self.read, &needed)
+    }
+
+    /// What shows aside of the places of markers that are missing and is like them, as far as that was decoded: however the wing is
+    /// bent. What the ground frames did not show, no frame need show.
+    pub(super) fn aside(
+        &self,
+        setup: &Setup,
+        orientation: &Orientation,
+        (found, identities): &(Detections, Identities),
+    ) -> Vec<Detection> {
+        let mut missing = identify::expect(setup, orientation, &found.markers, identities);
+        let on_ground = |e: &Expected| orientation.ground.iter().any(|sight| sight.marker == e.marker);
+        missing.retain(|e| e.found.is_none() && on_ground(e));
+        let wider = |e: Expected| Prediction { search_px: Vector2::repeat(ASIDE_PX), ..e.prediction };
+        let mut missing: Vec<Prediction> = missing.into_iter().map(wider).collect();
+        missing.retain(|p| self.holds(std::slice::from_ref(p)));
+        let mut looker = Looker::again(&self.raster, found);
+        let same =
+            |one: &Detection, other: &Detection| (one.centre_px - other.centre_px).norm() < identify::SAME_PX;
+        let search_px = Vector2::repeat(identify::SAME_PX);
+        let like = |m: &Detection| {
+            let like = missing
+                .iter()
+                .find(|p| is_like(m, p))
+                .filter(|_| !found.markers.iter().any(|known| same(known, m)));
+            like.map(|p| Prediction { centre_px: m.centre_px, search_px, ..p.clone() })
+        };
+        let there: Vec<Prediction> = if missing.is_empty() {
+            Vec::new()
+        } else {
+            looker.roughly(&missing).iter().filter_map(like).collect()
+        };
+        if there.is_empty() { Vec::new() } else { looker.closely(&there).markers }
+    }
+}
+
+/// Whether something has a marker's shape and size.
+fn is_like(found: &Detection, marker: &Prediction) -> bool {
+    let most = if found.shape == Shape::Circle { SAME_SIZE.0 } else { SAME_SIZE.1 };
+    found.shape == marker.shape && (found.semi_major_px / marker.semi_major_px - 1.0).abs() < most
 }
 
 /// Closer looks at most.

@@ -6,15 +6,18 @@
 //! | measure | grey picture, installation | identified markers | [`measure`](self::stages) |
 //! | adjust | identified markers | solution | [`crate::measure::adjust`] |
 //! | orient | ground frames | orientation | [`orienting`] |
+//! | mark | one picture and what a person says of it | the same, with that | [`marking`] |
 //! | live | frames as they come | the same, one by one | [`live`] |
 //! | record | solution | the line of the results | [`recording`] |
 //!
 //! Beside them, [`shrink`] makes a frame small enough to be shown, and [`guard`] stands about libraries that may panic.
 
+pub mod by_hand;
 pub mod decode;
 pub mod guard;
 pub mod live;
 mod located;
+pub mod marking;
 pub mod orienting;
 pub mod recording;
 pub mod shrink;

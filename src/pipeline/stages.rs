@@ -2,14 +2,13 @@
 
 use std::time::Instant;
 
-use nalgebra::{Matrix2, Vector2};
 use sha2::{Digest, Sha256};
 
 use super::decode;
-use super::located::{self, looked_closer};
+use super::located::{self, holds, looked_closer};
 use crate::aircraft::State;
 use crate::camera::Format;
-use crate::installation::{HandObservation, Installation};
+use crate::installation::{HandObservation, HandPlace, Installation};
 use crate::measure::adjust::{Mounting, Observation};
 use crate::measure::detect::{self, Detection, Detections, Prediction};
 use crate::measure::identify::{self, IdentifyError, Identities, OrientationFit};
@@ -63,6 +62,10 @@ pub struct Sighting {
     pub identities: Option<Identities>,
     /// For the adjustment.
     pub observations: Vec<Observation>,
+    /// Markers of which a person said something: where they are (`None`), or why they are not to be used.
+    pub by_hand: Vec<(usize, Option<String>)>,
+    /// Whether the frame cannot be solved because nobody could name what was detected.
+    pub is_unnamed: bool,
     /// The camera's mounting, where it is known.
     pub mounting: Option<Mounting>,
     /// What the aircraft's data say of it; empty where nothing does.
@@ -81,12 +84,21 @@ impl Sighting {
         sighting
     }
 
-    /// Measurements by hand beside those that were detected: where both are of one marker, the hand's stands for it.
+    /// What a person says beside what was detected: where both are of one marker, the person's stands for it. A frame whose
+    /// detections nobody could name may be solved by what a person named in it.
     pub fn add_by_hand<'a>(&mut self, observations: impl IntoIterator<Item = &'a HandObservation>) {
         for o in observations {
-            self.observations.retain(|seen| seen.marker != o.marker);
-            let covariance_px2 = Matrix2::identity() * o.sigma_px * o.sigma_px;
-            self.observations.push(Observation { marker: o.marker, pixel: o.pixel, covariance_px2 });
+            let marker = o.marker;
+            self.observations.retain(|seen| seen.marker != marker);
+            let said = match o.place {
+                Some(HandPlace { pixel, covariance_px2 }) => {
+                    self.observations.push(Observation { marker, pixel, covariance_px2 });
+                    self.failure.take_if(|_| self.is_unnamed);
+                    None
+                }
+                None => Some(rejection(o)),
+            };
+            self.by_hand.push((marker, said));
         }
         self.observations.sort_by_key(|o| o.marker);
     }
@@ -132,6 +144,14 @@ impl Sighting {
     }
 }
 
+/// Why a marker is not used that a person rejected.
+pub(super) fn rejection(of: &HandObservation) -> String {
+    let [who, _, why] = &of.note;
+    let by = if who.is_empty() { String::new() } else { format!(" ({who})") };
+    let because = if why.is_empty() { String::new() } else { format!(": {why}") };
+    format!("rejected by hand{by}{because}")
+}
+
 /// Decodes and detects; with an orientation also identifies and removes the perspective bias.
 pub fn sight(
     name: &str,
@@ -170,7 +190,7 @@ pub fn sight_whole(
 }
 
 /// Looks where the installation says, from the nearest markers outwards ([`identify::locate`]); only what may show markers is
-/// decoded. `None` where that leads nowhere, or where a marker is missing that is found aside of its place.
+/// decoded. What is like a marker that is missing, and shows aside of its place, is taken up. `None` where that leads nowhere.
 fn look_located(
     sighting: &mut Sighting,
     bytes: &[u8],
@@ -184,10 +204,14 @@ fn look_located(
     let raster = sighting.timed(Work::Decode, || decode::decode_part(bytes, format, &columns)).ok()?;
     sighting.size = Some(size).filter(|size| *size == (raster.width(), raster.height()));
     sighting.size?;
-    let found = sighting.timed(Work::Detect, || located::detected(&raster, &read, setup, orientation))?;
-    let known = sighting.timed(Work::Identify, || identified(setup, orientation, &raster, found)).ok()?;
-    if sighting.timed(Work::Detect, || located::shows_aside(&raster, setup, orientation, &known)) {
-        return None;
+    let part = located::Part { raster, read };
+    let found = sighting.timed(Work::Detect, || part.detected(setup, orientation))?;
+    let name = |found| identified(setup, orientation, &part.raster, found);
+    let mut known = sighting.timed(Work::Identify, || name(found)).ok()?;
+    let aside = sighting.timed(Work::Detect, || part.aside(setup, orientation, &known));
+    if !aside.is_empty() {
+        known.0.add(aside);
+        known = sighting.timed(Work::Identify, || name(known.0)).ok()?;
     }
     take_up(sighting, setup, orientation, Ok(known));
     Some(())
@@ -209,7 +233,7 @@ pub fn detect_predicted(
     predictions: &[Prediction],
 ) -> Sighting {
     let mut sighting = unseen(name, bytes);
-    look_guided(&mut sighting, bytes, format, predictions);
+    look_guided(&mut sighting, bytes, format, predictions, |_| None);
     sighting
 }
 
@@ -223,13 +247,14 @@ pub enum Search {
     Guided,
 }
 
-/// Without predictions the whole frame is searched, and where guided detection misses one that was seen. The picture that
-/// comes back may be black where nothing was read.
+/// Without predictions the whole frame is searched, and where guided detection misses one that was seen, also where `onwards`
+/// says that it is by those found. The picture that comes back may be black where nothing was read.
 pub(super) fn look_guided(
     sighting: &mut Sighting,
     bytes: &[u8],
     format: Option<&Format>,
     predictions: &[Prediction],
+    onwards: impl FnOnce(&[Detection]) -> Option<Vec<Prediction>>,
 ) -> (Option<Raster>, Search) {
     if predictions.is_empty() {
         return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
@@ -239,10 +264,45 @@ pub(super) fn look_guided(
         || decode::decode_part(bytes, format, &columns),
         |raster| detect::detect_guided(raster, predictions),
     );
-    if part.is_some() && !detect::is_complete(&sighting.detections, predictions) {
-        return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
+    if part.is_none() {
+        return (None, Search::Guided);
     }
-    (part, Search::Guided)
+    if detect::is_complete(&sighting.detections, predictions) {
+        return (part, Search::Guided);
+    }
+    let better = onwards(&sighting.detections.markers);
+    look_again(sighting, bytes, format, (part, predictions, better))
+}
+
+/// With better predictions, in what was decoded if they lie there; and where that does not do, in the whole frame.
+fn look_again(
+    sighting: &mut Sighting,
+    bytes: &[u8],
+    format: Option<&Format>,
+    (part, predictions, better): (Option<Raster>, &[Prediction], Option<Vec<Prediction>>),
+) -> (Option<Raster>, Search) {
+    let better = better.unwrap_or_default();
+    let lies_there = |raster: &Raster| {
+        let [read, needed] =
+            [predictions, &better].map(|p| detect::columns_read(p, raster.width(), raster.height()));
+        holds(&read, &needed)
+    };
+    let part = part.filter(|raster| !better.is_empty() && lies_there(raster));
+    let is_whole = part.is_none();
+    let decoded = part.map_or_else(|| sighting.timed(Work::Decode, || decode::decode(bytes, format)), Ok);
+    let Ok(raster) = decoded else {
+        return (sighting.look(|| decode::decode(bytes, format), detect::detect), Search::Whole);
+    };
+    if !better.is_empty() {
+        let found = sighting.timed(Work::Detect, || detect::detect_guided(&raster, &better));
+        if detect::is_complete(&found, &better) {
+            sighting.detections = found;
+            return (Some(raster), Search::Guided);
+        }
+    }
+    let all =
+        if is_whole { Ok(raster) } else { sighting.timed(Work::Decode, || decode::decode(bytes, format)) };
+    (sighting.look(|| all, detect::detect), Search::Whole)
 }
 
 fn unseen(name: &str, bytes: &[u8]) -> Sighting {
@@ -309,7 +369,10 @@ fn take_up(
     known: Result<(Detections, Identities), IdentifyError>,
 ) {
     match known {
-        Err(error) => sighting.failure = Some(unidentified(setup, orientation, sighting, error)),
+        Err(error) => {
+            sighting.failure = Some(unidentified(setup, orientation, sighting, error));
+            sighting.is_unnamed = true;
+        }
         Ok((found, identities)) => {
             let centred = identify::remove_perspective_bias(setup, orientation, &found.markers, &identities);
             sighting.observations = observations(&centred, &identities);
@@ -348,21 +411,14 @@ fn observations(detections: &[Detection], identities: &Identities) -> Vec<Observ
 
 /// Where the ground frames show the identified markers: the weighted mean over the frames.
 pub fn ground_sights(setup: &Setup, frames: &[Vec<Detection>], fit: &OrientationFit) -> Vec<GroundSight> {
-    let mut sums: Vec<(Matrix2<f64>, Vector2<f64>)> =
-        vec![(Matrix2::zeros(), Vector2::zeros()); setup.markers.len()];
-    for (found, identities) in frames.iter().zip(&fit.identities) {
+    let sights = frames.iter().zip(&fit.identities).flat_map(|(found, identities)| {
         let centred = identify::remove_perspective_bias(setup, &fit.orientation, found, identities);
-        for seen in observations(&centred, identities) {
-            let weight = seen.covariance_px2.try_inverse();
-            if let (Some(weight), Some(sum)) = (weight, sums.get_mut(seen.marker)) {
-                sum.0 += weight;
-                sum.1 += weight * seen.pixel;
-            }
-        }
-    }
-    let mean = |(marker, (weight, sum)): (usize, &(Matrix2<f64>, Vector2<f64>))| {
-        let covariance_px2 = weight.try_inverse()?;
-        Some(GroundSight { marker, pixel: covariance_px2 * sum, covariance_px2 })
-    };
-    sums.iter().enumerate().filter_map(mean).collect()
+        observations(&centred, identities)
+    });
+    let sights = sights.map(|Observation { marker, pixel, covariance_px2 }| GroundSight {
+        marker,
+        pixel,
+        covariance_px2,
+    });
+    GroundSight::means(setup.markers.len(), sights)
 }

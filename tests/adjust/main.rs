@@ -14,6 +14,7 @@ mod learning;
 mod live;
 mod live_start;
 mod long_flights;
+mod modes;
 mod mountings;
 mod plan;
 mod profile_figures;

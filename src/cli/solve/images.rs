@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use super::by_hand::ByHand;
 use super::{Args, Output, job, report};
+use crate::cli::by_hand::ByHand;
 use crate::cli::{Done, Failure, frames, load_installation, pictures, places, say_learnt};
 use crate::installation::{self, Fault, Installation, Mountings};
 use crate::measure::setup::Orientation;
@@ -23,7 +23,8 @@ pub(super) fn run(args: &Args) -> Result<Done, Failure> {
     let orientation = installation.require_orientation()?;
     let job = job(args);
     let mut output = Output::keeping(args);
-    let by_hand = ByHand::read(args, &files, &installation)?;
+    let by_hand = args.observations.as_ref().map(|file| ByHand::read(file, &files, &installation.setup));
+    let by_hand = by_hand.transpose()?.unwrap_or_default();
     let known = Known { installation: &installation, orientation, mountings, by_hand };
     let outcome = match &args.observations {
         Some(file) if files.is_empty() => {

@@ -1,9 +1,10 @@
 //! `wingd solve STORE` solves the frames of a store again, results beside the old ones.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde_json::{Map, Value};
 
+use super::marks::Marks;
 use super::{Args, Output, job, report};
 use crate::aircraft::Track;
 use crate::cli::{Done, Failure, frames, say_learnt, stored, stores};
@@ -40,20 +41,12 @@ pub(super) fn run(args: &Args, root: &Path) -> Result<Done, Failure> {
 fn installation_for(args: &Args, store: &Store, flight: &FlightRef) -> Result<Installation, Failure> {
     let directory = match &args.installation {
         Some(directory) => directory.clone(),
-        None => kept(store, flight)?,
+        None => stores::installation_of(store.root(), flight)?,
     };
     let installation = installation::load(&directory)?;
     let files = installation.files()?;
     store.keep_installation(&files)?;
     Ok(installation)
-}
-
-fn kept(store: &Store, flight: &FlightRef) -> Result<PathBuf, Failure> {
-    let of_results = stores::kept(store.root(), flight)?;
-    of_results.map_or_else(|| stores::only_kept(store.root()), |kept| Ok(Some(kept)))?.ok_or_else(|| {
-        let (root, flight) = (store.root().display(), &flight.id);
-        Failure::Undone(format!("{root}: no installation is kept for {flight}; name one with --installation"))
-    })
 }
 
 fn solve_flight(args: &Args, store: &Store, flight: &FlightRef, output: &mut Output) -> Result<(), Failure> {
@@ -65,8 +58,18 @@ fn solve_flight(args: &Args, store: &Store, flight: &FlightRef, output: &mut Out
         true => (Track::default(), None),
         false => stored::aircraft_data(store.disk(), store.root(), flight)?,
     };
-    let work =
-        Work { args, store, flight, installation: &installation, orientation, job: &job, track, digest };
+    let marks = Marks::read(args, store, flight, &installation)?;
+    let work = Work {
+        args,
+        store,
+        flight,
+        installation: &installation,
+        orientation,
+        job: &job,
+        track,
+        digest,
+        marks,
+    };
     if args.together() { work.together(output) } else { work.one_by_one(output) }?;
     if let Some(warning) = sets::of_flight(store.disk(), flight)?.warning(&flight.id, None) {
         eprintln!("wingd: {warning}");
@@ -84,12 +87,13 @@ struct Work<'a> {
     /// The aircraft's data, and their digest where there are any.
     track: Track,
     digest: Option<String>,
+    marks: Marks,
 }
 
 impl Work<'_> {
     fn one_by_one(&self, output: &mut Output) -> Result<(), Failure> {
         let mut provenance = pipeline::inputs(self.installation, self.job);
-        self.name_aircraft(&mut provenance);
+        self.name_beside(&mut provenance);
         let inputs = Inputs::new(provenance);
         let frames = self.store.unsolved_of(self.flight, &inputs)?;
         self.announce(frames.len());
@@ -109,7 +113,7 @@ impl Work<'_> {
         let mut provenance = pipeline::inputs(self.installation, &job);
         let digests: String = frames.iter().map(|frame| format!("{}\n", frame.entry.sha256)).collect();
         provenance.insert("frames_together".into(), store::sha256(digests.as_bytes()).into());
-        self.name_aircraft(&mut provenance);
+        self.name_beside(&mut provenance);
         let inputs = Inputs::new(provenance);
         let left = self.store.unsolved_of(self.flight, &inputs)?;
         self.announce(left.len());
@@ -131,10 +135,11 @@ impl Work<'_> {
         pairs.try_for_each(|(frame, record)| self.add(frame, &inputs, record, output))
     }
 
-    /// A result follows from the aircraft's data too.
-    fn name_aircraft(&self, provenance: &mut Map<String, Value>) {
-        provenance
-            .extend(self.digest.iter().map(|digest| ("aircraft_data".to_owned(), digest.clone().into())));
+    /// A result follows from the aircraft's data and from what people marked, too.
+    fn name_beside(&self, provenance: &mut Map<String, Value>) {
+        let named = [("aircraft_data", &self.digest), ("marks", &self.marks.digest)];
+        let there = named.into_iter().filter_map(|(name, digest)| Some((name, digest.clone()?)));
+        provenance.extend(there.map(|(name, digest)| (name.to_owned(), digest.into())));
     }
 
     fn announce(&self, count: usize) {
@@ -146,7 +151,9 @@ impl Work<'_> {
     }
 
     fn sight(&self, frame: &FrameRef, bytes: Result<&[u8], Reason>) -> Sighting {
-        stored::sight(frame, bytes, self.installation, self.orientation, &self.track)
+        let mut sighting = stored::sight(frame, bytes, self.installation, self.orientation, &self.track);
+        sighting.add_by_hand(self.marks.of(&stores::name_of(frame)));
+        sighting
     }
 
     /// As the recorder writes it: under the frame's own name.

@@ -49,12 +49,13 @@ mod simd;
 
 use std::ops::Range;
 
-use crate::detect::accept::{consistency, correlated, dirt, found::Found};
+use crate::detect::accept::{correlated, dirt, found::Found};
 use crate::detect::detection::by_place;
+use crate::detect::estimate::overshoot::Sharpening;
 use crate::detect::image::{ellipse, noise};
 use crate::detect::revise::neighbours::inflate_unlike;
 use crate::detect::scope::Scope;
-use crate::detect::search::{Progress, is_faint};
+use crate::detect::search::{Look, Progress, is_faint};
 use crate::detect::segment::background;
 use crate::estimation::robust::median;
 use crate::raster::Raster;
@@ -68,48 +69,77 @@ const MAX_REJECTED: usize = 200;
 
 /// Finds the markers of a frame without help. Deterministic at any number of threads.
 pub fn detect(image: &Raster) -> Detections {
-    detections(image, find(image, Scope::Frame))
+    detections(image, find(image, Looker::new(image).look(Scope::Frame)))
 }
 
 /// Finds the predicted markers, looking only around them: for each that is there the answer of
 /// [`detect`]. Those that are not are missing.
 pub fn detect_guided(image: &Raster, predictions: &[Prediction]) -> Detections {
-    let mut all = find(image, Scope::Around(predictions));
-    scope::keep_predicted(&mut all.found, predictions);
-    detections(image, all)
+    Looker::new(image).closely(predictions)
 }
 
-/// What a search yields, with the frame's noise, grey levels, and how it was sharpened.
-struct All {
-    found: Found,
+/// Looks at a frame where markers are predicted, once or several times.
+pub struct Looker<'a> {
+    image: &'a Raster,
     noise: f64,
-    overshoot: Option<Overshoot>,
+    sharpening: Sharpening,
 }
 
-/// What is found, searched for at the usual levels and, where that is faint, at fainter ones.
-fn find(image: &Raster, scope: Scope) -> All {
-    let noise = noise::estimate(image);
-    let smooth = |from: f64| if noise > from { smoothed(image, scope) } else { None };
-    let usual = smooth(noise::FRAYING);
-    let seen = usual.as_ref().unwrap_or(image);
-    let mut progress = Progress::new(image, seen, scope, noise);
-    let mut look = |seen: &Raster, faint: bool| {
-        if !progress.search(seen, faint) {
-            return false;
-        }
-        consistency::without_blur_outliers(&mut progress.found);
-        consistency::without_orientation_outliers(&mut progress.found);
-        consistency::without_size_outliers(&mut progress.found);
-        let factor = background::factor(image.width(), image.height());
-        !faint && !scope.is_done(&progress.found.measured) && is_faint(&progress.found, factor)
-    };
-    if look(seen, false) {
-        let faint = if usual.is_none() { smooth(noise::FRAYING_FAINT) } else { None };
-        look(faint.as_ref().unwrap_or(seen), true);
+impl<'a> Looker<'a> {
+    /// At a frame in which nothing has been found.
+    pub fn new(image: &'a Raster) -> Self {
+        Self { image, noise: noise::estimate(image), sharpening: Sharpening::Open }
     }
-    let Progress { mut found, overshoot, .. } = progress;
+
+    /// At one in which something has been found.
+    pub fn again(image: &'a Raster, found: &Detections) -> Self {
+        let sharpening = found.overshoot.map_or(Sharpening::None, Sharpening::Of);
+        Self { image, noise: found.noise, sharpening }
+    }
+
+    /// The predicted markers, as [`detect_guided`] finds them.
+    pub fn closely(&self, predictions: &[Prediction]) -> Detections {
+        let mut all = find(self.image, self.look(Scope::Around(predictions)));
+        scope::keep_predicted(&mut all.found, predictions);
+        detections(self.image, all)
+    }
+
+    /// Those that show without effort, to some tenths of a pixel.
+    pub fn roughly(&mut self, predictions: &[Prediction]) -> Vec<Detection> {
+        let look = Look { rough: true, ..self.look(Scope::Around(predictions)) };
+        let All { mut found, sharpening, .. } = find(self.image, look);
+        self.sharpening = sharpening;
+        scope::keep_predicted(&mut found, predictions);
+        found.measured.into_iter().map(|m| m.detection).collect()
+    }
+
+    fn look<'p>(&self, scope: Scope<'p>) -> Look<'p> {
+        Look { scope, noise: self.noise, sharpening: self.sharpening, rough: false }
+    }
+}
+
+/// What is found, searched for at the usual levels and, where that is faint, at fainter ones: of what is predicted, what is
+/// missing.
+fn find(image: &Raster, look: Look) -> All {
+    let smooth = |scope, from: f64| if look.noise > from { smoothed(image, scope) } else { None };
+    let usual = smooth(look.scope, noise::FRAYING);
+    let seen = usual.as_ref().unwrap_or(image);
+    let mut progress = Progress::new(image, seen, look);
+    progress.search(seen, false);
+    let missing = look.scope.missing(&progress.found.measured);
+    let is_done = look.rough || missing.as_ref().is_some_and(Vec::is_empty);
+    if !is_done && is_faint(&progress.found, background::factor(image.width(), image.height())) {
+        let scope = missing.as_deref().map_or(look.scope, Scope::Around);
+        let faint = if usual.is_none() { smooth(scope, noise::FRAYING_FAINT) } else { None };
+        let seen = faint.as_ref().unwrap_or(seen);
+        if missing.is_some() {
+            progress = progress.within(seen, scope);
+        }
+        progress.search(seen, true);
+    }
+    let Progress { mut found, look: Look { noise, sharpening, .. }, .. } = progress;
     inflate_unlike(&mut found);
-    All { found, noise, overshoot }
+    All { found, noise, sharpening }
 }
 
 /// A frame without most of its noise, of which only that is seen which is read.
@@ -117,7 +147,14 @@ fn smoothed(image: &Raster, scope: Scope) -> Option<Raster> {
     noise::smoothed(image, &scope.columns(image.width(), image.height()))
 }
 
-fn detections(image: &Raster, All { mut found, noise, overshoot }: All) -> Detections {
+/// What a search yields, with the frame's noise, grey levels, and how it was sharpened.
+struct All {
+    found: Found,
+    noise: f64,
+    sharpening: Sharpening,
+}
+
+fn detections(image: &Raster, All { mut found, noise, sharpening }: All) -> Detections {
     let inflation = correlated::factor(&found.measured);
     let ellipses: Vec<ellipse::Ellipse> = found.measured.iter().map(|m| m.detection.ellipse()).collect();
     for measured in &mut found.measured {
@@ -131,6 +168,7 @@ fn detections(image: &Raster, All { mut found, noise, overshoot }: All) -> Detec
     let psf_sigma_px = median(found.measured.iter().map(|m| m.blur).collect());
     let mut markers: Vec<Detection> = found.measured.into_iter().map(|m| m.detection).collect();
     markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
+    let overshoot = sharpening.overshoot();
     Detections { markers, rejected: found.rejected, psf_sigma_px, noise, inflation, overshoot }
 }
 

@@ -102,6 +102,13 @@ impl Scope<'_> {
         Part::about(&windows, width, height)
     }
 
+    /// How long a thing may look that is sought, px.
+    pub fn longest_px(&self) -> f64 {
+        let Some(predictions) = self.predictions() else { return f64::INFINITY };
+        let long = |p: &Prediction| 2.0 * (WIDER * p.semi_major_px + ALIKE_PX);
+        predictions.iter().map(long).fold(0.0, f64::max)
+    }
+
     /// Of each row the columns that are read: about the markers, and all of the rows that tell the noise.
     pub fn columns(&self, width: usize, height: usize) -> Vec<Range<usize>> {
         if self.predictions().is_none() {
@@ -135,9 +142,9 @@ impl Scope<'_> {
         predictions.iter().zip(there).all(|(p, there)| there || !p.is_near(hypothesis))
     }
 
-    /// Whether all that is sought has been found, as only predictions can tell.
-    pub fn is_done(&self, found: &[Measured]) -> bool {
-        self.predictions().is_some_and(|sought| missing(found, sought).next().is_none())
+    /// What is sought and has not been found; `None` where that may be anything.
+    pub fn missing(&self, found: &[Measured]) -> Option<Vec<Prediction>> {
+        Some(missing(found, self.predictions()?).cloned().collect())
     }
 
     /// The quadrants that are still sought; `None` where that may be any.

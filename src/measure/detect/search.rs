@@ -2,9 +2,9 @@
 
 use crate::detect::accept::{consistency, found::Found, verdict::Measured};
 use crate::detect::attempt::ladder::{Ladder, Outcome};
-use crate::detect::attempt::measure::Bounds;
-use crate::detect::detection::{Overshoot, RejectReason, Rejected};
-use crate::detect::estimate::overshoot::{Sighting, agreed};
+use crate::detect::attempt::{measure::Bounds, sharpening, suspects::Suspects};
+use crate::detect::detection::{RejectReason, Rejected};
+use crate::detect::estimate::overshoot::Sharpening;
 use crate::detect::hypothesis::Hypothesis;
 use crate::detect::image::ellipse::Ellipse;
 use crate::detect::propose::gather::{self, Gathered};
@@ -120,22 +120,39 @@ impl Search<'_> {
     }
 }
 
+/// How a picture is looked at.
+#[derive(Clone, Copy)]
+pub struct Look<'a> {
+    /// What of it.
+    pub scope: Scope<'a>,
+    /// Noise of its grey values, grey levels.
+    pub noise: f64,
+    /// How it was sharpened, as far as its markers show it.
+    pub sharpening: Sharpening,
+    /// Whether places to some tenths of a pixel are enough, of what needs no second look.
+    pub rough: bool,
+}
+
 /// What has come of a picture at the levels that were searched so far.
 pub struct Progress<'a> {
     image: &'a Raster,
-    scope: Scope<'a>,
-    noise: f64,
     gathered: Gathered,
+    pub look: Look<'a>,
     pub found: Found,
-    /// How the frame was sharpened, as far as its markers show it.
-    pub overshoot: Option<Overshoot>,
 }
 
 impl<'a> Progress<'a> {
-    /// Nothing yet of a picture with some noise, grey levels, whose blobs are sought in the one that is seen.
-    pub fn new(image: &'a Raster, seen: &Raster, scope: Scope<'a>, noise: f64) -> Self {
-        let gathered = Gathered::new(seen, scope.part(seen.width(), seen.height()));
-        Self { image, scope, noise, gathered, found: Found::default(), overshoot: None }
+    /// Nothing yet of a picture whose blobs are sought in the one that is seen.
+    pub fn new(image: &'a Raster, seen: &Raster, look: Look<'a>) -> Self {
+        let part = look.scope.part(seen.width(), seen.height());
+        let gathered = Gathered::new(seen, part, look.scope.longest_px());
+        Self { image, gathered, look, found: Found::default() }
+    }
+
+    /// The same with other blobs: those of another part of the picture that is seen.
+    pub fn within(self, seen: &Raster, scope: Scope<'a>) -> Self {
+        let look = Look { scope, ..self.look };
+        Self { found: self.found, ..Self::new(self.image, seen, look) }
     }
 
     /// All stages, at the usual levels or at fainter ones too. Blobs are sought where no earlier call has; what was measured
@@ -146,20 +163,25 @@ impl<'a> Progress<'a> {
             return false;
         }
         let first = std::mem::take(&mut self.found.measured);
-        let (found, sightings) = self.measured(seen, first);
+        let (found, suspects) = self.measured(seen, first);
         self.found = found;
-        let shown = if self.overshoot.is_none() { agreed(&sightings) } else { None };
-        if shown.is_some() {
-            // All over again, with what is known now.
-            self.overshoot = shown;
-            self.found = self.measured(seen, Vec::new()).0;
+        if self.look.sharpening == Sharpening::Open {
+            self.look.sharpening = sharpening::told(suspects, self.image, self.look.noise);
+            if let Sharpening::Of(_) = self.look.sharpening {
+                // All over again, with what is known now.
+                self.found = self.measured(seen, Vec::new()).0;
+            }
         }
+        consistency::without_blur_outliers(&mut self.found);
+        consistency::without_orientation_outliers(&mut self.found);
+        consistency::without_size_outliers(&mut self.found);
         true
     }
 
-    /// What is found at the levels that were looked at, beside what was measured before; and what that shows of sharpening.
-    fn measured(&self, seen: &Raster, before: Vec<Measured>) -> (Found, Vec<Sighting>) {
-        let Self { image, scope, noise, overshoot, .. } = *self;
+    /// What is found at the levels that were looked at, beside what was measured before; and what tells of sharpening.
+    fn measured(&self, seen: &Raster, before: Vec<Measured>) -> (Found, Suspects) {
+        let Look { scope, noise, sharpening, rough } = self.look;
+        let bounds = Bounds { overshoot: sharpening.overshoot(), rough, ..Bounds::of(noise) };
         let blobs = self.gathered.blobs();
         let found = Found { measured: before, rejected: Vec::new() };
         let within = |blob: &Blob| found.holds(blob.centroid);
@@ -168,7 +190,7 @@ impl<'a> Progress<'a> {
             seen,
             blobs,
             pairs: moments::pairs(blobs),
-            ladder: Ladder::new(image, blobs, Bounds { overshoot, ..Bounds::of(noise) }),
+            ladder: Ladder::new(self.image, blobs, bounds),
             taken: blobs.iter().map(within).collect(),
             found,
             hidden: Vec::new(),
@@ -182,12 +204,14 @@ impl<'a> Progress<'a> {
             }
         }
         let Search { ladder, mut found, hidden, unsure, .. } = search;
-        let wanted = |hypothesis: &Hypothesis| scope.wants(hypothesis);
-        revise_with_size(&ladder, &mut found, hidden);
-        revise_with_edge_prior(&ladder, &mut found, unsure);
-        revise_under_decals(&ladder, &mut found, wanted);
-        find_against_one_level(&ladder, &mut found, seen, &self.gathered, wanted);
+        if !rough {
+            let wanted = |hypothesis: &Hypothesis| scope.wants(hypothesis);
+            revise_with_size(&ladder, &mut found, hidden);
+            revise_with_edge_prior(&ladder, &mut found, unsure);
+            revise_under_decals(&ladder, &mut found, wanted);
+            find_against_one_level(&ladder, &mut found, seen, &self.gathered, wanted);
+        }
         consistency::distinct(&mut found);
-        (found, ladder.sightings.take())
+        (found, ladder.notes.take())
     }
 }

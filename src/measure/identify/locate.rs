@@ -17,8 +17,6 @@ use crate::detect::{Detection, Prediction};
 const SIGMAS: (f64, f64) = (2.0, 4.0);
 /// Least by which a marker may be off its prediction, px: what the simple beam leaves.
 const LEAST_PX: f64 = 10.0;
-/// Rounds at most, each with markers farther out.
-const ROUNDS: usize = 5;
 /// Markers of the first round at least, nearest first: four tell a state, and one may be hidden.
 const FIRST: usize = 5;
 /// Markers of a later round at least.
@@ -85,8 +83,11 @@ pub(super) fn located(
     let mut looked = vec![false; where_to.len()];
     let mut found: Vec<Detection> = Vec::new();
     let mut last: Option<Refined> = None;
-    for round in 0..ROUNDS {
-        let next = next(&where_to, &looked, if round == 0 { FIRST } else { NEXT });
+    loop {
+        let next = next(&where_to, &looked, if looked.contains(&true) { NEXT } else { FIRST });
+        if next.is_empty() {
+            return last.map(|_| where_to.into_iter().flatten().collect());
+        }
         let sought: Vec<Prediction> = next.iter().filter_map(|&j| where_to[j].clone()).collect();
         next.iter().for_each(|&j| looked[j] = true);
         for new in look(&sought) {
@@ -104,12 +105,27 @@ pub(super) fn located(
         let Some(best) = further.or_else(|| solutions(&problem).into_iter().next()) else { continue };
         where_to = expected(scene, &best.state, &best.covariance, SIGMAS.1);
         let settled = |p: &Prediction| p.search_px.amax() < SETTLED_PX;
-        if where_to.iter().flatten().all(settled) || looked.iter().all(|l| *l) {
+        if where_to.iter().flatten().all(settled) {
             return Some(where_to.into_iter().flatten().collect());
         }
         last = Some(best);
     }
-    None
+}
+
+/// See [`super::onwards`].
+pub(super) fn onwards(
+    scene: &Scene<'_>,
+    found: &[Detection],
+    seen: &[Option<usize>],
+) -> Option<Vec<Prediction>> {
+    if found.len() < NEEDED {
+        return None;
+    }
+    let best = solutions(&Problem::new(scene, found)).into_iter().next()?;
+    let where_to = expected(scene, &best.state, &best.covariance, SIGMAS.1).into_iter().enumerate();
+    let known =
+        |(j, p): (usize, Option<Prediction>)| Some(Prediction { seen: seen.contains(&Some(j)), ..p? });
+    Some(where_to.filter_map(known).collect())
 }
 
 /// The markers to be looked for next: at least so many that have not been, those first whose place is known best.

@@ -1,6 +1,6 @@
 //! A wing with its camera, and one shot of it.
 
-use nalgebra::Rotation3;
+use nalgebra::{Rotation3, Vector2};
 
 use super::beam::LoadShape;
 use super::decals::Clutter;
@@ -9,8 +9,8 @@ use super::markers::{Marker, Placed};
 use super::picture::View;
 use super::random::Random;
 use super::sensor::Sensor;
-use super::wing::{Pose, State, Wing};
-use crate::geometry::WingFrame;
+use super::wing::{Moved, Pose, State, Wing};
+use crate::geometry::{Lens, WingFrame};
 use crate::raster::Raster;
 use crate::setup::Setup;
 
@@ -47,6 +47,8 @@ pub struct Shot {
     pub sensor: Sensor,
     /// Shift of the mount: rotates the camera frame, `exp([mount]x) * camera_from_survey`.
     pub mount: Rotation3<f64>,
+    /// Camera constant over that of the calibration, and shift of the principal point, px.
+    pub lens_change: (f64, Vector2<f64>),
     /// Indices of markers that are not there.
     pub hidden: Vec<usize>,
     /// Of the noise.
@@ -62,6 +64,7 @@ impl Scene {
             light_seed: seed,
             sensor: Sensor::default(),
             mount: Rotation3::identity(),
+            lens_change: (1.0, Vector2::zeros()),
             hidden: Vec::new(),
             seed,
         }
@@ -71,9 +74,11 @@ impl Scene {
     pub fn flight_shot(&self, tip_lift_m: f64, light: Light, seed: u64) -> Shot {
         let state = State {
             tip_lift_m,
+            second_mode_m: 0.0,
             load: self.load,
             tip_twist_rad: self.twist_rad_per_m * tip_lift_m,
             thermal_scale: self.setup.thermal.map_or(1.0, |thermal| thermal.scale()),
+            moved: Moved::default(),
         };
         Shot { state, light, ..self.ground_shot(seed) }
     }
@@ -98,7 +103,7 @@ impl Scene {
             .enumerate()
             .filter_map(|(i, marker)| (!shot.hidden.contains(&i)).then_some(marker))
             .collect();
-        let lens = &self.setup.lens;
+        let lens = &self.lens(shot);
         let radiance = View {
             pose: &pose,
             lens,
@@ -117,6 +122,13 @@ impl Scene {
 
     pub(super) fn placed(&self, pose: &Pose) -> Vec<Placed> {
         self.markers.iter().map(|marker| marker.placed(pose)).collect()
+    }
+
+    /// The lens in a shot.
+    pub(super) fn lens(&self, shot: &Shot) -> Lens {
+        let (scale, off) = shot.lens_change;
+        let lens = self.setup.lens;
+        Lens { fx: scale * lens.fx, fy: scale * lens.fy, cx: lens.cx + off.x, cy: lens.cy + off.y, ..lens }
     }
 
     /// True attitude of the camera in a shot.

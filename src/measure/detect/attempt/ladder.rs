@@ -6,7 +6,7 @@ use nalgebra::Vector2;
 
 use crate::detect::accept::verdict::{Answer, Measured};
 use crate::detect::appearance::parameters::Pattern;
-use crate::detect::attempt::measure::{Bounds, Sightings, measure, turn_down_at_once};
+use crate::detect::attempt::measure::{Bounds, Notes, measure, turn_down_at_once};
 use crate::detect::attempt::whole;
 use crate::detect::detection::RejectReason;
 use crate::detect::hypothesis::{Hypothesis, prior::Prior};
@@ -106,8 +106,8 @@ pub struct Ladder<'a> {
     pub image: &'a Raster,
     pub blobs: &'a [Blob],
     pub bounds: Bounds,
-    /// What markers show of sharpening, while it is looked for.
-    pub sightings: Sightings,
+    /// What tells of sharpening, while it is looked for.
+    pub notes: Notes,
     /// What blobs measured as whole discs, each once.
     whole: RefCell<Vec<Option<Answer>>>,
 }
@@ -123,7 +123,7 @@ impl<'a> Ladder<'a> {
     /// In a picture in which nothing has been measured.
     pub fn new(image: &'a Raster, blobs: &'a [Blob], bounds: Bounds) -> Self {
         let whole = RefCell::new(vec![None; blobs.len()]);
-        Self { image, blobs, bounds, sightings: Sightings::default(), whole }
+        Self { image, blobs, bounds, notes: Notes::default(), whole }
     }
 
     /// The same with nothing remembered, for discs that are measured through the glare over them.
@@ -171,7 +171,7 @@ impl<'a> Ladder<'a> {
         if let Some(Some(known)) = self.whole.borrow().get(index) {
             return known.clone();
         }
-        let measured = measure(self.image, self.blobs, disc, self.bounds, &self.sightings);
+        let measured = measure(self.image, self.blobs, disc, self.bounds, &self.notes);
         if let Some(slot) = self.whole.borrow_mut().get_mut(index) {
             *slot = Some(measured.clone());
         }
@@ -235,8 +235,8 @@ impl<'a> Climb<'a> {
         match self.blob {
             Some((index, _)) if proposed == self.seen => self.ladder.measure_whole(index, proposed),
             _ => {
-                let Ladder { image, blobs, bounds, sightings, .. } = self.ladder;
-                measure(image, blobs, proposed, *bounds, sightings)
+                let Ladder { image, blobs, bounds, notes, .. } = self.ladder;
+                measure(image, blobs, proposed, *bounds, notes)
             }
         }
     }

@@ -11,10 +11,11 @@ use crate::detect::appearance::parameters::{
     contrast,
 };
 use crate::detect::attempt::options::MEASURE;
+use crate::detect::attempt::suspects::{Suspect, Suspects};
 use crate::detect::detection::{Overshoot, RejectReason, covariance::Source};
 use crate::detect::estimate::gauss_newton::{Fit, fit, rough};
-use crate::detect::estimate::options::{OVERSHOT, PRIOR, WEIGHT};
-use crate::detect::estimate::overshoot::{self, Sighting};
+use crate::detect::estimate::options::{PRIOR, WEIGHT};
+use crate::detect::estimate::overshoot;
 use crate::detect::estimate::prior::{darkness_leaving, few_unknowns, unknowns, without_fine_light};
 use crate::detect::estimate::terms::{glare_spline, veiling_glare};
 use crate::detect::estimate::{lack_of_fit, outlined_quadrants};
@@ -41,17 +42,19 @@ pub struct Bounds {
     pub through_glare: bool,
     /// How the frame was sharpened.
     pub overshoot: Option<Overshoot>,
+    /// Whether a place to some tenths of a pixel is enough.
+    pub rough: bool,
 }
 
 impl Bounds {
     /// Of a frame in which nothing has been measured.
     pub fn of(noise: f64) -> Self {
-        Self { noise, blur: VERDICT.softest_px, through_glare: false, overshoot: None }
+        Self { noise, blur: VERDICT.softest_px, through_glare: false, overshoot: None, rough: false }
     }
 }
 
-/// What markers show of sharpening, while it is looked for.
-pub type Sightings = RefCell<Vec<Sighting>>;
+/// What tells of sharpening, while it is looked for.
+pub type Notes = RefCell<Suspects>;
 
 /// Fits the model to a hypothesis, and judges the answer; notes what it shows of sharpening where that is not known.
 pub fn measure(
@@ -59,14 +62,14 @@ pub fn measure(
     blobs: &[Blob],
     hypothesis: &Hypothesis,
     bounds: Bounds,
-    sightings: &Sightings,
+    notes: &Notes,
 ) -> Answer {
     turn_down_at_once(blobs, hypothesis)?;
-    let attempt = Attempt { image, blobs, hypothesis, bounds, sightings, floor: least_scale(bounds.noise) };
+    let attempt = Attempt { image, blobs, hypothesis, bounds, notes, floor: least_scale(bounds.noise) };
     let (near, scale) = attempt.first_fit()?;
     // A rough fit leaves at most twice what the last one may.
     if fits_poorly(image, hypothesis, 0.5 * scale, bounds.noise, (contrast(&near), near[OVERSHOOT])) {
-        attempt.note_overshoot(&place(hypothesis, &near), &near, scale);
+        attempt.note(&place(hypothesis, &near), &near, scale, false);
         return Err(RejectReason::PoorFit);
     }
     if near[BLUR] > bounds.blur && !may_be_out_of_focus(hypothesis, near[BLUR]) {
@@ -79,6 +82,9 @@ pub fn measure(
             return answer;
         }
         place = found;
+    }
+    if bounds.rough {
+        return judge(image, &place, &Fit::roughly(near, scale, MEASURE.rough_px), bounds.noise);
     }
     let tells = !place.is_in_glare() || place.prior.tells_all_of_size();
     if place.pattern == Pattern::Disc && !place.is_under_decal() && tells {
@@ -125,7 +131,7 @@ struct Attempt<'a> {
     blobs: &'a [Blob],
     hypothesis: &'a Hypothesis,
     bounds: Bounds,
-    sightings: &'a Sightings,
+    notes: &'a Notes,
     /// Least scale of residuals, grey levels.
     floor: f64,
 }
@@ -177,51 +183,28 @@ impl Attempt<'_> {
             bends.iter().for_each(|&k| unknowns.free[k] = false);
             bent.without(bends)
         };
-        self.note_overshoot(place, &result.parameters, result.rms);
+        let (plain, rms) = (result.parameters, result.rms);
         let floor = floor.max(WEIGHT.floor * contrast(near));
         // A field of light knows no overshoot.
         let bears_field = whole && bounds.overshoot.is_none();
         let result = lack_of_fit::improve(&pixels, result, &unknowns, floor, bears_field);
-        let plain = judge(image, place, &result, bounds.noise);
+        let answer = judge(image, place, &result, bounds.noise);
+        if matches!(answer, Ok(_) | Err(RejectReason::PoorFit)) {
+            self.note(place, &plain, rms, answer.is_ok());
+        }
         if bounds.through_glare && place.pattern == Pattern::Disc && place.is_in_glare() {
-            self.in_glare(place, &result, plain, floor)
+            self.in_glare(place, &result, answer, floor)
         } else {
-            plain
+            answer
         }
     }
 
-    /// Notes what a whole marker shows of sharpening, while that is not known and enough have not been looked at: from parameters
-    /// that leave residuals of some scale.
-    fn note_overshoot(&self, place: &Hypothesis, near: &Parameters, scale: f64) {
-        let Self { image, hypothesis, bounds, sightings, floor, .. } = *self;
-        let is_whole = place.excluded.is_empty() && hypothesis.prior == Prior::default();
-        let large = place.ellipse.minor > MEASURE.tells_overshoot_blurs * near[BLUR];
-        let at = Vector2::new(near[X], near[Y]);
-        let is_open = || {
-            let seen = sightings.borrow();
-            seen.len() < OVERSHOT.enough && !seen.iter().any(|known| known.is_of(&at))
-        };
-        if bounds.overshoot.is_some()
-            || !is_whole
-            || !large
-            || !overshoot::may_show(scale, contrast(near), bounds.noise)
-            || !is_open()
-        {
-            return;
+    /// Notes what may tell how the frame was sharpened, while that is not known: parameters that leave residuals of some scale.
+    fn note(&self, place: &Hypothesis, plain: &Parameters, scale: f64, is_marker: bool) {
+        if self.bounds.overshoot.is_none() && self.hypothesis.prior == Prior::default() {
+            let suspect = Suspect { place: place.clone(), plain: *plain, scale, is_marker };
+            self.notes.borrow_mut().note(suspect, self.bounds.noise);
         }
-        let (unknowns, bends) = unknowns(place);
-        let mut unknowns = unknowns;
-        bends.iter().for_each(|&k| unknowns.free[k] = false);
-        let sag = if place.edges.is_none() { near[SAG] } else { 0.0 };
-        let look = Look { crossing: at, blur: near[BLUR], sag };
-        let pixels = pixels(image, darker_than(near, floor), place, look, ALL);
-        let seen = pixels.map(|pixels| overshoot::sought(&pixels, near, scale, &unknowns, floor));
-        // What is none of a marker's then is a letter, and says nothing.
-        let is_marker = |seen: &Sighting| {
-            let (rms, amplitude) = seen.best();
-            !fits_poorly(image, hypothesis, rms, bounds.noise, (contrast(near), amplitude))
-        };
-        sightings.borrow_mut().extend(seen.filter(is_marker));
     }
 
     /// The answer of a disc with glare over it, from the fit to what glare leaves and what that was judged: through the glare
@@ -301,12 +284,12 @@ impl Attempt<'_> {
 }
 
 /// Least scale of residuals, grey levels.
-fn least_scale(noise: f64) -> f64 {
+pub fn least_scale(noise: f64) -> f64 {
     MEASURE.scale.1.max(MEASURE.scale.0 * noise)
 }
 
 /// What is darker than a fit's light by more than its residuals, whose least scale that is, and a part of the contrast.
-fn darker_than<'a>(m: &Parameters, floor: f64) -> Masked<'a> {
+pub fn darker_than<'a>(m: &Parameters, floor: f64) -> Masked<'a> {
     Masked::DarkerThan(*m, (WEIGHT.cut_scales * floor).max(MEASURE.foreign * contrast(m)))
 }
 

@@ -4,4 +4,6 @@ pub mod discs;
 pub mod ladder;
 pub mod measure;
 pub mod options;
+pub mod sharpening;
+pub mod suspects;
 pub mod whole;

@@ -37,6 +37,8 @@ numbers! {
         last_px: [f64; 2] = [1.0, 0.5],
         /// Fewer pixels are no beginning.
         least: usize = 20,
+        /// How far off a rough fit is where no more is wanted, px, standard deviation: few pixels, and seams among them.
+        rough_px: f64 = 0.2,
         /// A place through glare that moves less than so far from where its pixels were chosen stays, px.
         settled_px: f64 = 1.0,
         /// Scale of residuals over the frame's noise at least, a ratio, and grey levels: a grey value is rounded.

@@ -135,6 +135,14 @@ pub struct Detections {
     pub overshoot: Option<Overshoot>,
 }
 
+impl Detections {
+    /// Takes up more markers; they stay in order.
+    pub fn add(&mut self, more: Vec<Detection>) {
+        self.markers.extend(more);
+        self.markers.sort_by(|a, b| by_place(&a.centre_px, &b.centre_px));
+    }
+}
+
 /// How a picture was sharpened: an amplitude times its difference from a blurred copy was added.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Overshoot {

@@ -36,6 +36,26 @@ pub struct Fit {
 }
 
 impl Fit {
+    /// From a rough one, which leaves twice what the last one does, whose place is known to some standard deviation, px.
+    pub fn roughly(parameters: Parameters, scale: f64, sigma_px: f64) -> Self {
+        let white = Matrix2::identity() * sigma_px * sigma_px;
+        let mut covariance = Square::zeros();
+        covariance.fixed_view_mut::<2, 2>(X, X).copy_from(&white);
+        let rms = 0.5 * scale;
+        Self {
+            parameters,
+            covariance,
+            variance: rms * rms,
+            rms,
+            inliers: 1.0,
+            start: parameters,
+            images: Images::new(),
+            correlation: 1.0,
+            white,
+            beside: Matrix2::zeros(),
+        }
+    }
+
     /// The same fit under the condition that the parameters `zero` are 0: exact for a linear model,
     /// and the parameters in question are small.
     pub fn without(self, zero: &[usize]) -> Self {

@@ -226,8 +226,10 @@ numbers! {
         least: usize = 4,
         /// Share of the markers that were looked at that must show it.
         most_of: f64 = 0.6,
-        /// Markers that are looked at, at most: a bound on time.
+        /// Markers that tell enough.
         enough: usize = 10,
+        /// Things that may be markers and are looked at, at most, the largest: a bound on time.
+        looked_at: usize = 30,
         /// How far it differs from marker to marker at least, as a share: noise reduction and tone mapping by place.
         same: f64 = 0.1,
     }

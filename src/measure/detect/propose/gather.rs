@@ -21,6 +21,8 @@ pub struct Gathered {
     pub uneven: Vec<DarkRegion>,
     /// Blobs of dark regions that something larger has swallowed, taken up last.
     late: Vec<Blob>,
+    /// How long a region may be to be seen once more against what surrounds it, reduced px.
+    longest: f64,
 }
 
 /// The levels against one background.
@@ -42,17 +44,18 @@ impl Levels {
 }
 
 impl Gathered {
-    /// Nothing yet of a part of a picture.
-    pub fn new(image: &Raster, part: Part) -> Self {
+    /// Nothing yet of a part of a picture, in which nothing is sought that is longer than so many px.
+    pub fn new(image: &Raster, part: Part, longest_px: f64) -> Self {
         let near = background::reduce(image, part);
-        let mut far = near.clone();
-        far.look_far();
+        let far = near.seen_far();
+        let factor = near.factor as f64;
         Self {
             near: Levels::new(near, 0),
             far: Levels::new(far, BACKGROUND.thick),
             once: Once::default(),
             uneven: Vec::new(),
             late: Vec::new(),
+            longest: longest_px / factor,
         }
     }
 
@@ -73,9 +76,9 @@ impl Gathered {
         let end = new.last().map(|level| level + 1);
         let Some(end) = end else { return false };
         self.once.drop_provisional();
-        let Self { near, far, once, uneven, late } = self;
+        let Self { near, far, once, uneven, late, longest } = self;
         let budget = GATHER.frames * near.coarse.width * near.coarse.height;
-        let mut findings = Findings { once, uneven, late, budget, laxest: end - 1 };
+        let mut findings = Findings { once, uneven, late, budget, laxest: end - 1, longest: *longest };
         for (levels, darkness) in [(near, Some(darkness)), (far, None)] {
             let darkness = darkness.unwrap_or_else(|| levels.coarse.darkness(faint));
             for level in levels.next..end {
@@ -106,6 +109,8 @@ struct Findings<'a> {
     budget: usize,
     /// The last level that is looked at.
     laxest: usize,
+    /// How long a region may be to be seen once more against what surrounds it, reduced px.
+    longest: f64,
 }
 
 impl Findings<'_> {
@@ -135,7 +140,7 @@ impl Findings<'_> {
             let (blobs, cut) = blob::blobs(image, coarse, &region);
             let pale = region.least > GATHER.pale && width.min(height) >= BACKGROUND.thick / 2;
             let at_last = cut && level == self.laxest;
-            let once_more = at_last || (pale && !cut);
+            let once_more = (at_last || (pale && !cut)) && width.max(height) as f64 <= self.longest;
             if !once_more && coarse.is_uneven(&region) && !blobs.iter().any(is_disc) {
                 self.uneven.push(region.clone());
             }

@@ -1,6 +1,7 @@
 //! The frame reduced by block means, the local background, and dark regions against it.
 
 use std::ops::Range;
+use std::rc::Rc;
 
 use nalgebra::Vector2;
 
@@ -57,6 +58,16 @@ impl Part {
         Self { wanted, means }
     }
 
+    /// What is known of reduced pixels, `width` to a row, 0 elsewhere: of windows most of a frame is never touched.
+    fn copied(&self, from: &[u8], width: usize) -> Vec<u8> {
+        let mut out = vec![0; from.len()];
+        for (y, span) in &self.means {
+            let known = y * width + span.start..y * width + span.end;
+            out[known.clone()].copy_from_slice(&from[known]);
+        }
+        out
+    }
+
     /// Of each pixel row of a frame of `width` x `height` px the columns that are read, and about what is wanted a margin, px.
     pub fn columns(&self, width: usize, height: usize, margin: usize) -> Vec<Range<usize>> {
         let factor = factor(width, height);
@@ -104,7 +115,6 @@ fn spans(boxes: &[[Range<usize>; 2]], height: usize) -> Vec<Span> {
 }
 
 /// The reduced frame.
-#[derive(Clone)]
 pub struct Coarse {
     /// Side of a block, px.
     pub factor: usize,
@@ -113,7 +123,7 @@ pub struct Coarse {
     /// Rows.
     pub height: usize,
     /// Block means.
-    pub mean: Vec<u8>,
+    pub mean: Rc<Vec<u8>>,
     /// Local background: the brightest level that both sides of the pixel reach, along a row or
     /// a column, at one of the distances.
     pub background: Vec<u8>,
@@ -121,9 +131,13 @@ pub struct Coarse {
 }
 
 impl Coarse {
-    /// Raises the background to that of the farther distances.
-    pub fn look_far(&mut self) {
-        self.raise_by(&BACKGROUND.far);
+    /// With its background raised to that of the farther distances.
+    pub fn seen_far(&self) -> Self {
+        let Self { factor, width, height, ref mean, ref part, .. } = *self;
+        let (mean, part, background) = (Rc::clone(mean), part.clone(), part.copied(&self.background, width));
+        let mut far = Self { factor, width, height, mean, background, part };
+        far.raise_by(&BACKGROUND.far);
+        far
     }
 }
 
@@ -191,8 +205,8 @@ pub fn reduce(image: &Raster, part: Part) -> Coarse {
             means_of_4([row(0), row(1)], out);
         }
     }
-    let background = mean.clone();
-    let mut coarse = Coarse { factor, width, height, mean, background, part };
+    let background = part.copied(&mean, width);
+    let mut coarse = Coarse { factor, width, height, mean: Rc::new(mean), background, part };
     coarse.raise_by(&BACKGROUND.reach);
     coarse
 }
