@@ -21,7 +21,18 @@ const GROUPS: [(&str, &[&str]); 5] = [
     ("Record in flight", &["run", "status", "trigger"]),
     (
         "Evaluate",
-        &["import", "detect", "mark", "solve", "compare", "report", "export", "aircraft-data", "stress"],
+        &[
+            "import",
+            "detect",
+            "mark",
+            "solve",
+            "learn",
+            "compare",
+            "report",
+            "export",
+            "aircraft-data",
+            "stress",
+        ],
     ),
     ("Keep and hand over", &["verify", "copy", "fetch", "serve", "upload", "prune"]),
     ("Try and learn", &["demo", "simulate", "completions", "man"]),
@@ -62,6 +73,7 @@ pub const EXAMPLES: &[(&str, &[&str])] = &[
         ],
     ),
     ("mark", &["wingd mark store", "wingd mark --installation installation frames/flight-1.jpg"]),
+    ("learn", &["wingd learn store --installation installation"]),
     ("compare", &["wingd compare store"]),
     ("report", &["wingd report store --output report.html"]),
     (

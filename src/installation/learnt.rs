@@ -23,6 +23,7 @@ struct Document {
     /// File name -> SHA-256 of what it holds for.
     made_with: BTreeMap<String, String>,
     unknowns: Vec<Unknown>,
+    /// A flight each.
     sources: Vec<Entry>,
 }
 
@@ -32,6 +33,8 @@ struct Unknown {
     index: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
     marker: Option<String>,
+    /// Without the flights.
+    sigma: f64,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -175,8 +178,12 @@ fn stale(document: &Document, now: &BTreeMap<String, String>) -> Option<Wrong> {
 
 fn learnt(document: Document, setup: &Setup) -> Result<Learnt, Wrong> {
     let index = |id: &str| setup.markers.iter().position(|marker| marker.id == id);
+    let sigmas = DVector::from_iterator(document.unknowns.len(), document.unknowns.iter().map(|u| u.sigma));
+    if !sigmas.iter().all(|sigma| sigma.is_finite() && *sigma > 0.0) {
+        return Err(("unknowns", "have a sigma that is no positive number".into()));
+    }
     let unknown = |unknown: Unknown| {
-        let Unknown { term, index: of_term, marker } = unknown;
+        let Unknown { term, index: of_term, marker, .. } = unknown;
         let found = marker.as_deref().map(|id| index(id).ok_or(id));
         let marker =
             found.transpose().map_err(|id| ("unknowns", format!("marker \"{id}\" is not in the survey")))?;
@@ -184,7 +191,7 @@ fn learnt(document: Document, setup: &Setup) -> Result<Learnt, Wrong> {
     };
     let unknowns: Vec<Lasting> = document.unknowns.into_iter().map(unknown).collect::<Result<_, Wrong>>()?;
     let source = |entry: Entry| {
-        let normals = normals(&unknowns, &entry).ok_or_else(|| {
+        let normals = normals(&unknowns, &sigmas, &entry).ok_or_else(|| {
             ("sources", format!("{} has other than one number for each unknown", entry.flight))
         })?;
         let Entry { store, flight, program, frames, .. } = entry;
@@ -194,7 +201,7 @@ fn learnt(document: Document, setup: &Setup) -> Result<Learnt, Wrong> {
     Learnt::of(sources, setup).map_err(|error| ("sources", error.to_string()))
 }
 
-fn normals(unknowns: &[Lasting], entry: &Entry) -> Option<ReducedNormals> {
+fn normals(unknowns: &[Lasting], sigmas: &DVector<f64>, entry: &Entry) -> Option<ReducedNormals> {
     let n = unknowns.len();
     let finite = entry.normal.iter().chain(&entry.right).all(|value| value.is_finite());
     if entry.right.len() != n || entry.normal.len() != n * (n + 1) / 2 || !finite {
@@ -212,6 +219,7 @@ fn normals(unknowns: &[Lasting], entry: &Entry) -> Option<ReducedNormals> {
         unknowns: unknowns.to_vec(),
         normal,
         right: DVector::from_column_slice(&entry.right),
+        sigmas: sigmas.clone(),
     })
 }
 
@@ -221,12 +229,14 @@ fn normals(unknowns: &[Lasting], entry: &Entry) -> Option<ReducedNormals> {
 /// Where it cannot be written.
 pub fn write_learnt(installation: &Installation, learnt: &Learnt) -> std::io::Result<()> {
     let id = |marker: usize| installation.setup.markers.get(marker).map(|m: &SurveyMarker| m.id.clone());
-    let first = learnt.sources.first().map_or(&[][..], |source| &source.normals.unknowns);
-    let unknown = |lasting: &Lasting| Unknown {
+    let unknown = |(lasting, sigma): (&Lasting, &f64)| Unknown {
         term: lasting.term.to_string(),
         index: lasting.index,
         marker: lasting.marker.and_then(id),
+        sigma: *sigma,
     };
+    let first = learnt.sources.first().map(|source| &source.normals);
+    let unknowns = first.into_iter().flat_map(|first| first.unknowns.iter().zip(first.sigmas.iter()));
     let entry = |source: &Source| {
         let n = source.normals.right.len();
         let row = |i: usize| (i..n).map(move |j| source.normals.normal[(i, j)]);
@@ -242,7 +252,7 @@ pub fn write_learnt(installation: &Installation, learnt: &Learnt) -> std::io::Re
     let document = Document {
         format: FORMAT,
         made_with: bound_to(&installation.sources, &installation.digests),
-        unknowns: first.iter().map(unknown).collect(),
+        unknowns: unknowns.map(unknown).collect(),
         sources: learnt.sources.iter().map(entry).collect(),
     };
     let text = serde_json::to_string(&document)?;

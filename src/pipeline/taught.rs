@@ -8,6 +8,9 @@ use crate::measure::setup::Orientation;
 use crate::pipeline::guard::{BROKE_OFF, guarded};
 use crate::record::Reason;
 
+/// So much of a store's id tells it from others, characters.
+const STORE_SHOWN: usize = 8;
+
 /// Options for the adjustment of these frames, and what is to be said where they are of a flight that taught.
 pub(super) fn options(
     options: Options,
@@ -17,7 +20,11 @@ pub(super) fn options(
     let Some(learnt) = &installation.learnt else { return (options, vec![]) };
     let frames: Vec<&str> = sightings.iter().map(|s| s.digest.as_str()).filter(|d| !d.is_empty()).collect();
     let said = |source: &crate::installation::Source| {
-        format!("{} is among the flights that taught: what it told itself is left out", source.flight)
+        let store: String = source.store.chars().take(STORE_SHOWN).collect();
+        format!(
+            "{} of store {store} is among the flights that taught: what it told itself is left out",
+            source.flight
+        )
     };
     let remarks = learnt.sources_of(&frames).into_iter().map(said).collect();
     (Options { taught: learnt.beside(&frames, &installation.setup), ..options }, remarks)

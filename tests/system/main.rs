@@ -23,6 +23,7 @@ mod installation_faults;
 mod installation_geometry;
 mod json_schemas;
 mod kill9;
+mod learn_command;
 mod live;
 mod live_page;
 mod marking;

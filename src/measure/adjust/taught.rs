@@ -44,8 +44,9 @@ const REPEATED: f64 = 0.5;
 /// burning all the fuel changes. The rms of any share of the fuel about its mean is half of that change's, a quarter
 /// of its variance; payload, speed and the amplitude that the shape is counted at are taken to do as much again.
 const SHAPE_BETWEEN_FLIGHTS: f64 = 0.5;
-/// Directions of the summed normal equations, scaled to unit diagonal, that have less than this are not told: rounding.
-const LEAST_SHARE: f64 = 1e-11;
+/// Combinations of unknowns of which images tell less than this share of what is known beforehand are not told: rounding
+/// would have a say in them.
+const LEAST_SHARE: f64 = 1e-3;
 
 /// An unknown that flights have in common.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -67,6 +68,8 @@ pub struct ReducedNormals {
     pub normal: DMatrix<f64>,
     /// The right side.
     pub right: DVector<f64>,
+    /// Standard deviations of the unknowns without these images.
+    pub sigmas: DVector<f64>,
 }
 
 /// What a flight tells, and what is known with it.
@@ -182,22 +185,25 @@ impl Taught {
             let stated = inverse(inverse(repeating.repeated.clone())? + &repeating.own)?;
             repeating.add(&mut normal, &stated, -1.0);
         }
-        Ok(Some(Self::regular(unknowns, &normal, &right, flights.len())))
+        Ok(Some(Self::regular((unknowns, &first.sigmas), &normal, &right, flights.len())))
     }
 
-    /// Without directions of which nothing is told.
-    fn regular(unknowns: Vec<Lasting>, normal: &DMatrix<f64>, right: &DVector<f64>, flights: usize) -> Self {
-        let scale = normal.diagonal().map(|d| if d > 0.0 { d.sqrt() } else { 0.0 });
-        let unit = scale.map(|s| if s > 0.0 { 1.0 / s } else { 0.0 });
+    /// Without combinations of which nothing is told; in units of the unknowns' standard deviations.
+    fn regular(
+        (unknowns, unit): (Vec<Lasting>, &DVector<f64>),
+        normal: &DMatrix<f64>,
+        right: &DVector<f64>,
+        flights: usize,
+    ) -> Self {
         let scaled = DMatrix::from_fn(unit.len(), unit.len(), |i, j| unit[i] * normal[(i, j)] * unit[j]);
         let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(scaled);
         let told: Vec<usize> = (0..unit.len()).filter(|k| eigenvalues[*k] > LEAST_SHARE).collect();
         let axes = eigenvectors.select_columns(&told);
         let weights = DVector::from_iterator(told.len(), told.iter().map(|k| eigenvalues[*k]));
-        let along = axes.tr_mul(&right.component_mul(&unit)).component_div(&weights);
-        let mean = (&axes * along).component_mul(&unit);
+        let along = axes.tr_mul(&right.component_mul(unit)).component_div(&weights);
+        let mean = (&axes * along).component_mul(unit);
         let rows =
-            DMatrix::from_fn(told.len(), unit.len(), |i, j| weights[i].sqrt() * axes[(j, i)] * scale[j]);
+            DMatrix::from_fn(told.len(), unit.len(), |i, j| weights[i].sqrt() * axes[(j, i)] / unit[j]);
         Self { unknowns, mean, information: rows.tr_mul(&rows), conditions: told.len(), flights }
     }
 

@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use super::joint::Joint;
 use super::setting::Setting;
 use super::solving::Solved;
-use crate::adjust::taught::{Lasting, Lesson, ReducedNormals};
+use crate::adjust::taught::{Lasting, Lesson, ReducedNormals, SURVEY};
 use crate::adjust::{AdjustError, Estimate, GlobalTest, Observation, Options};
 use crate::estimation::quality::global_test;
 use crate::estimation::{Block, BlockFit, Fit, Group, GroupFit, Prior};
@@ -69,7 +69,28 @@ fn reduced(setting: &Setting, fit: &Fit) -> Option<ReducedNormals> {
     let value = fit.global.select_rows(&lasting) - setting.stated.select_rows(&lasting);
     let right = &normal * value - gradient.select_rows(&lasting);
     let unknowns: Vec<Lasting> = setting.lasting.iter().map(|(lasting, _)| lasting.clone()).collect();
-    Some(ReducedNormals { unknowns, normal, right })
+    Some(ReducedNormals { unknowns, normal, right, sigmas: sigmas(setting, fit) })
+}
+
+/// Of what flights have in common without their images, as stated; of the rotation on ground, which only the ground frames
+/// tell, as solved.
+fn sigmas(setting: &Setting, fit: &Fit) -> DVector<f64> {
+    let mut sigmas = fit.covariance.diagonal().map(|variance| variance.max(f64::MIN_POSITIVE).sqrt());
+    for prior in &setting.problem.priors {
+        let own = prior.columns.iter().enumerate();
+        own.for_each(|(k, column)| sigmas[*column] = prior.covariance[(k, k)].sqrt());
+    }
+    let ground = setting.problem.groups.last().into_iter().flat_map(|group| &group.blocks);
+    for (member, block) in setting.ground_members.iter().zip(ground) {
+        let of = |(lasting, _): &&(Lasting, usize)| {
+            lasting.term == SURVEY && lasting.marker == Some(member.marker)
+        };
+        for (lasting, column) in setting.lasting.iter().filter(of) {
+            sigmas[*column] = block.covariance[(lasting.index, lasting.index)].sqrt();
+        }
+    }
+    let lasting: Vec<usize> = setting.lasting.iter().map(|(_, column)| *column).collect();
+    sigmas.select_rows(&lasting)
 }
 
 /// Adds a frame's normal equations, reduced by its own unknowns, and the gradient of half its sum of squares.
